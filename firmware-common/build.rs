@@ -1,11 +1,12 @@
-//! The build id of an image: four bytes of the commit, then four bytes that stand for the sources as they are, the target, the
-//! profile and the image's name (`BALIZA_IMAGE`, such as `tag-dwm1001-ble`). Zeros on a desktop, which needs none.
+//! Computes the build id of an image: four bytes of the commit, then four bytes of a hash. The hash covers the present
+//! sources, the target, the profile and the image's name (`BALIZA_IMAGE`, such as `tag-dwm1001-ble`). The id is zeros
+//! on a desktop, which needs none.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
 
-/// What an image is made of beside crates, from the repository's root.
+/// The sources of an image beside its crates, relative to the repository's root.
 const SOURCES: [&str; 5] = [".cargo/config.toml", "Cargo.toml", "Cargo.lock", "memory.x", "boards"];
 
 fn main() {
@@ -25,13 +26,13 @@ fn main() {
     println!("cargo::rustc-env=BALIZA_BUILD_BYTES={list}");
 }
 
-/// The first bytes of the commit; zeros where there is no repository.
+/// The first four bytes of the commit, or zeros without a repository.
 fn commit(root: &Path) -> [u8; 4] {
     let git = |arguments: &[&str]| {
         let output = Command::new("git").arg("-C").arg(root).args(arguments).output().ok()?;
         output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
     };
-    // Written at each commit and each change of branch.
+    // Git writes this file at each commit and each change of branch.
     if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]) {
         println!("cargo::rerun-if-changed={}", root.join(log).display());
     }
@@ -55,24 +56,24 @@ fn everything_else(root: &Path) -> u32 {
     hash.0
 }
 
-/// Whether a directory has a crate that needs no operating system, as all in an image.
+/// Whether a directory has a crate that needs no operating system. All crates of an image are of this kind.
 fn is_no_std(directory: &Path) -> bool {
     let library = fs::read_to_string(directory.join("src/lib.rs"));
     library.is_ok_and(|source| source.lines().any(|line| line == "#![no_std]"))
 }
 
-/// FNV-1a.
+/// FNV-1a, 32 bits.
 struct Fnv(u32);
 
 impl Fnv {
     fn add(&mut self, bytes: &[u8]) {
-        // The length parts one text from the next.
+        // The length separates one text from the next.
         let length = (bytes.len() as u32).to_le_bytes();
         self.0 =
             length.iter().chain(bytes).fold(self.0, |hash, byte| (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193));
     }
 
-    /// A file, or all files below a directory in the order of their names.
+    /// Adds a file, or all files below a directory in the order of their names.
     fn add_path(&mut self, path: &Path) {
         if let Ok(entries) = fs::read_dir(path) {
             let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();

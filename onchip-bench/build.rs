@@ -1,4 +1,4 @@
-//! Linker scripts and memory map of the bare-metal images; nothing for a desktop.
+//! Sets the linker scripts and the memory map of the bare-metal images. It does nothing for a desktop.
 
 use std::path::PathBuf;
 use std::{env, fs};
@@ -23,7 +23,7 @@ fn main() -> std::io::Result<()> {
     }
     println!("cargo::rustc-link-search={}", out.display());
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
-    // The image that measures the log.
+    // Only the image that measures the log needs this script.
     println!("cargo::rustc-link-arg-bin=costs=-Tdefmt.x");
     Ok(())
 }

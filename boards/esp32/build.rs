@@ -1,4 +1,4 @@
-//! The linker's arguments: the chip is a feature.
+//! Sets the linker's arguments. A feature selects the chip.
 
 fn main() {
     let enabled = |chip: &&str| std::env::var_os(format!("CARGO_FEATURE_{}", chip.to_uppercase())).is_some();

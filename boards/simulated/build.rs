@@ -1,4 +1,4 @@
-//! The linker's arguments.
+//! Sets the linker's arguments.
 
 fn main() {
     baliza_board_link::qemu();

@@ -1,9 +1,9 @@
-//! Two drivers written in the manner of C, blocking, on two simulated chips: single-sided ranging over 30 m.
+//! Two blocking drivers written in the manner of C on two simulated chips: single-sided ranging over 30 m.
 //!
-//! A C driver knows its bus and its clock as a table of function pointers; here that table leads to [`World::block_on`] and
-//! [`World::run_for`]. One thread drives both in turn: while one driver waits for its bus or sleeps, everything else in the
-//! world goes on. With a real C driver, [`Operations`] is its own type (such as `dwOps_t`), and the rest of this file's first
-//! half stays as it is.
+//! A C driver accesses its bus and its clock through a table of function pointers. Here that table leads to
+//! [`World::block_on`] and [`World::run_for`]. One thread drives both drivers in turn: while one driver waits for its
+//! bus or sleeps, everything else in the world continues. With a real C driver, [`Operations`] is the driver's own type
+//! (such as `dwOps_t`), and the rest of this file's first half stays as it is.
 
 use dw1000_sim::{AirConfig, BoardProfile, ChipConfig, ClockConfig, NodeConfig, Path, SimSpi, World};
 use embedded_hal_async::spi::{Operation, SpiDevice};
@@ -11,7 +11,7 @@ use std::cell::RefCell;
 use std::slice;
 use std::time::Duration;
 
-/// What a C driver asks of its platform. `device` says which chip.
+/// The functions that a C driver needs from its platform. `device` selects the chip.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct Operations {
@@ -25,7 +25,7 @@ pub struct Operations {
     pub delay_us: extern "C" fn(micros: u32),
 }
 
-/// The platform: C callbacks have no closure to keep it in.
+/// The platform. C callbacks have no closure that could hold it.
 struct Platform {
     world: World,
     buses: Vec<SimSpi>,
@@ -48,14 +48,14 @@ fn transact(device: u32, operations: &mut [Operation<'_, u8>]) {
 }
 
 extern "C" fn read(device: u32, header: *const u8, header_length: usize, data: *mut u8, length: usize) {
-    // SAFETY: the driver passes two buffers of its own with their lengths, which nobody else uses during the call.
+    // SAFETY: the driver passes two buffers of its own with their lengths, and nothing else uses them during the call.
     let (header, data) =
         unsafe { (slice::from_raw_parts(header, header_length), slice::from_raw_parts_mut(data, length)) };
     transact(device, &mut [Operation::Write(header), Operation::Read(data)]);
 }
 
 extern "C" fn write(device: u32, header: *const u8, header_length: usize, data: *const u8, length: usize) {
-    // SAFETY: the driver passes two buffers of its own with their lengths, which nobody writes during the call.
+    // SAFETY: the driver passes two buffers of its own with their lengths, and nothing writes to them during the call.
     let (header, data) = unsafe { (slice::from_raw_parts(header, header_length), slice::from_raw_parts(data, length)) };
     transact(device, &mut [Operation::Write(header), Operation::Write(data)]);
 }
@@ -71,7 +71,7 @@ extern "C" fn delay_us(micros: u32) {
 
 const OPERATIONS: Operations = Operations { read, write, set_fast, delay_us };
 
-/// The driver: it knows registers and [`Operations`], and nothing of the simulation.
+/// The driver. It depends on registers and [`Operations`], and not on the simulation.
 struct Driver {
     device: u32,
     operations: Operations,
@@ -109,12 +109,12 @@ impl Driver {
 
     fn send(&self, body: &[u8]) {
         self.write(0x09, 0, body);
-        // 6.81 Mbit/s, PRF 16, 128 symbols; two check bytes more.
+        // 6.81 Mbit/s, PRF 16, 128 symbols; two check bytes are added.
         self.write(0x08, 0, &(0x0015_C000 | (body.len() as u32 + 2)).to_le_bytes());
         self.write(0x0D, 0, &0x0002u32.to_le_bytes());
     }
 
-    /// Looks until one of the `events` has happened; whether it has within 10 ms.
+    /// Polls until one of the `events` has happened. Returns whether it has within 10 ms.
     fn wait_for(&self, events: u32) -> bool {
         (0..1000).any(|_| {
             (self.operations.delay_us)(10);
@@ -136,13 +136,13 @@ impl Driver {
     }
 }
 
-/// One exchange between two chips `metres` apart; the distance that it measures.
+/// One exchange between two chips `metres` apart. Returns the measured distance.
 pub fn exchange(metres: f64) -> f64 {
     let world = World::new(1, AirConfig::ideal());
     let buses = [0.0, metres].map(|x| {
         let chip = ChipConfig {
             clock: ClockConfig::IDEAL,
-            // Antennas without delay spare the example its calibration.
+            // The antennas have no delay, so the example needs no calibration.
             tx_antenna_ticks: 0.0,
             rx_antenna_ticks: 0.0,
             ..ChipConfig::default()
@@ -186,7 +186,7 @@ mod tests {
     fn two_blocking_drivers_measure_their_distance() {
         for metres in [1.0, 30.0, 100.0] {
             let measured = exchange(metres);
-            // Each of two stamps is rounded to a tick, and their difference halved; a tick is 4.7 mm.
+            // Each of two time stamps is rounded to a tick, and their difference is halved. A tick is 4.7 mm.
             assert!((measured - metres).abs() < 0.01, "{metres}: {measured}");
         }
     }

@@ -1,8 +1,9 @@
 //! Random operations on two and three chips on one air: `random_operations [OPERATIONS] [SEED]`.
 //!
-//! Hosts write sense and nonsense to registers, start and stop transmitters and receivers, pull reset lines, send chips to
-//! sleep, take the supply away, change clocks and the air. Nothing may panic and no operation may last for ever. A failure is
-//! repeated by the seed that the last line names, which is that of the world and not of the run.
+//! Hosts write valid and invalid values to registers, start and stop transmitters and receivers, pull reset lines, send
+//! chips to sleep, switch off supplies, and change clocks and the air. Nothing may panic and no operation may last for
+//! ever. To repeat a failure, use the seed in the last line of the output. It is the seed of the world and not of the
+//! run.
 
 use dw1000_sim::{AirConfig, BoardProfile, ChipConfig, ClockConfig, Node, NodeConfig, Path, Peripherals, World};
 use embedded_hal::digital::OutputPin;
@@ -14,12 +15,12 @@ use std::time::{Duration, Instant};
 /// Operations in one world.
 const IN_A_WORLD: u64 = 400;
 
-/// Register files that do something, some of them more than once so that they are drawn more often.
+/// Register files that have an effect. Some are listed more than once so that they are drawn more often.
 const FILES: [u8; 26] = [
     0x01, 0x03, 0x04, 0x04, 0x08, 0x09, 0x0A, 0x0A, 0x0C, 0x0E, 0x0F, 0x17, 0x18, 0x1A, 0x1E, 0x1F, 0x21, 0x23, 0x27,
     0x28, 0x2A, 0x2C, 0x2D, 0x2E, 0x2F, 0x36,
 ];
-/// SYS_CTRL: TXSTRT, TXDLYS, TRXOFF, WAIT4RESP, RXENAB, RXDLYE, HRBPT and what goes together.
+/// SYS_CTRL: TXSTRT, TXDLYS, TRXOFF, WAIT4RESP, RXENAB, RXDLYE, HRBPT and combinations of them.
 const COMMANDS: [u32; 14] = [
     0x0002,
     0x0006,
@@ -55,7 +56,7 @@ fn main() {
     println!("{totals:?} from seed {seed} on in {:.0} s: nothing panicked", begin.elapsed().as_secs_f64());
 }
 
-/// What was done in all worlds.
+/// The totals of all worlds.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Totals {
     /// Operations.
@@ -64,7 +65,7 @@ pub struct Totals {
     pub transactions: u64,
     /// Transactions with chips that were off, in reset, asleep or slower than the bus.
     pub missed: u64,
-    /// Frames begun.
+    /// Frames whose transmission began.
     pub sent: u64,
     /// Preambles found.
     pub found: u64,
@@ -72,8 +73,8 @@ pub struct Totals {
     pub received: u64,
 }
 
-/// Runs worlds of seeds from `seed` on until as many `operations` are done. `progress` sees what was done before each world, and
-/// the world's seed.
+/// Runs worlds with seeds from `seed` on until `operations` operations are done. Before each world, `progress` receives
+/// the totals up to now and the world's seed.
 pub fn run(operations: u64, seed: u64, mut progress: impl FnMut(&Totals, u64)) -> Totals {
     let mut totals = Totals::default();
     let mut world_seed = seed;
@@ -114,7 +115,7 @@ fn one_world(seed: u64, totals: &mut Totals) {
     totals.received += air.received;
 }
 
-/// One sends while the others listen; perhaps it breaks off, and somebody else begins at once.
+/// One host sends while the others listen. Sometimes it stops early, and another host begins at once.
 fn exchange(hosts: &[Host], random: &mut impl Rng) {
     for host in hosts {
         host.command(0x0040);
@@ -179,7 +180,7 @@ impl Host {
         self.write(0x0D, 0, &bits.to_le_bytes());
     }
 
-    /// Microcode, a fast bus, and settings that chips may have in common, so that frames pass.
+    /// Microcode, a fast bus, and settings that the chips often share, so that frames are received.
     fn set_up(&self, random: &mut impl Rng) {
         self.write(0x36, 0, &[0x01, 0x03]);
         self.write(0x2D, 0x06, &[0x00, 0x80]);
@@ -201,7 +202,7 @@ impl Host {
         self.write(0x04, 0, &config.to_le_bytes());
     }
 
-    /// From whatever state it is in.
+    /// Brings the chip up from any state.
     fn bring_up(&self, random: &mut impl Rng) {
         self.node.power_on();
         let Peripherals { mut reset, spi, .. } = self.node.peripherals();
@@ -260,7 +261,7 @@ impl Host {
         }
     }
 
-    /// DX_TIME near the present, before or after it, or far from it; and a delayed start.
+    /// Writes DX_TIME near the present, before or after it, or far from it, and a delayed start.
     fn start_at(&self, random: &mut impl Rng) {
         let mut now = [0; 8];
         self.read(0x06, 0, &mut now[..5]);
@@ -320,7 +321,7 @@ mod tests {
     fn random_operations_never_panic() {
         let totals = run(1_000_000, 1, |_, _| {});
         assert!(totals.operations >= 1_000_000);
-        // They do something: frames leave and come through.
+        // The operations have an effect: frames are sent and received.
         assert!(totals.sent > 10_000 && totals.received > 1_000, "{totals:?}");
     }
 }

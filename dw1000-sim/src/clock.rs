@@ -1,27 +1,27 @@
-//! A node's oscillator: from true time to the counter of its DW1000 and back.
+//! A node's oscillator: the conversion between true time and the counter of its DW1000.
 //!
-//! The counter runs at 128 × 499.2 MHz × (1 + offset). The offset is a constant, a random walk and the swing of the
-//! temperature, held constant over segments of 50 ms; within a segment time and counter are proportional, so that the mapping
-//! can be inverted. Counts are held in 1/256 tick (61 fs) and do not wrap here: the chip shows 40 bits of them.
+//! The counter runs at 128 × 499.2 MHz × (1 + offset). The offset is the sum of a constant, a random walk and a swing
+//! by temperature. It is constant over segments of 50 ms. Within a segment, time and counter are proportional, so the
+//! conversion can be inverted. Counts are in 1/256 tick (61 fs) and do not wrap here; the chip shows 40 bits of them.
 
 use crate::random::Stream;
 use crate::time::{PS_PER_S, TrueTime};
 use rand_distr::{Distribution, StandardNormal};
 use std::collections::VecDeque;
 
-/// Ticks in a picosecond of a clock without drift: 63.8976 GHz.
+/// Ticks per picosecond of a clock without drift: 63.8976 GHz.
 pub const TICKS_PER_PS: f64 = 0.063_897_6;
 /// A segment's length.
 const SEGMENT_PS: u64 = PS_PER_S / 20;
-/// Segments kept: enough for a delayed transmission a counter's wrap ahead and for looking back a little.
+/// Segments kept: enough for a delayed transmission that is a counter's period ahead, and for looking back a little.
 const KEPT: usize = 8;
 
-/// How an oscillator is off.
+/// The error of an oscillator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClockConfig {
-    /// Constant offset, parts per million; positive runs fast.
+    /// Constant offset, parts per million. Positive: the clock is fast.
     pub offset_ppm: f64,
-    /// Deviation of the random walk after one second, parts per million.
+    /// Standard deviation of the random walk after one second, parts per million.
     pub walk_ppm: f64,
     /// Amplitude of a slow sine (temperature), parts per million.
     pub swing_ppm: f64,
@@ -33,13 +33,14 @@ impl ClockConfig {
     /// No drift at all.
     pub const IDEAL: Self = Self { offset_ppm: 0.0, walk_ppm: 0.0, swing_ppm: 0.0, swing_period_s: 1.0 };
 
-    /// A crystal that is `offset_ppm` off and wanders as crystals do within a room: 0.01 ppm a second, ±0.2 ppm in 5 min.
+    /// A crystal with an error of `offset_ppm` and the random walk of crystals within a room: 0.01 ppm per second, ±0.2
+    /// ppm in 5 min.
     pub const fn crystal(offset_ppm: f64) -> Self {
         Self { offset_ppm, walk_ppm: 0.01, swing_ppm: 0.2, swing_period_s: 300.0 }
     }
 }
 
-/// A count of 1/256 tick since the clock's own zero; does not wrap.
+/// A count of 1/256 tick since the clock's own zero. It does not wrap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Count(pub(crate) u64);
 
@@ -64,7 +65,7 @@ impl Count {
 struct Segment {
     start: u64,
     count: u64,
-    /// 1/256 ticks a picosecond.
+    /// 1/256 ticks per picosecond.
     rate: f64,
 }
 
@@ -106,13 +107,13 @@ impl Clock {
         Count(self.segment(|s| s.start <= ps).count_at(ps))
     }
 
-    /// When the clock shows `count`, to a picosecond.
+    /// The time at which the clock shows `count`, to a picosecond.
     pub fn time_of(&mut self, count: Count) -> TrueTime {
         self.extend_while(|last| last.count_at(last.start + SEGMENT_PS) <= count.0);
         TrueTime::from_ps(self.segment(|s| s.count <= count.0).ps_at(count.0))
     }
 
-    /// How far off the clock is at `time`, parts per million, positive fast.
+    /// The error of the clock at `time`, parts per million. Positive: fast.
     pub fn ppm_at(&mut self, time: TrueTime) -> f64 {
         let ps = time.as_ps();
         self.extend_while(|last| last.start + SEGMENT_PS <= ps);
@@ -134,7 +135,7 @@ impl Clock {
         self.segments.push_back(Segment { start, count: count.0, rate });
     }
 
-    /// The latest kept segment that `begun` accepts, else the earliest.
+    /// The latest kept segment that `begun` accepts, otherwise the earliest.
     fn segment(&self, begun: impl Fn(&Segment) -> bool) -> &Segment {
         self.segments.iter().rev().find(|s| begun(s)).unwrap_or(&self.segments[0])
     }

@@ -12,14 +12,14 @@ use std::future::poll_fn;
 use std::rc::Rc;
 use std::task::Poll;
 
-/// The level, its last edges, and who waits for one.
+/// The level, its last edges, and the tasks that wait for one.
 pub(crate) struct IrqLine {
     level: Cell<bool>,
     rises: Cell<u64>,
     falls: Cell<u64>,
     processor: Processor,
     waiting: RefCell<Option<Continuation>>,
-    /// When the task that waited goes on after the edge that woke it.
+    /// The time at which the task that waited continues after the edge that woke it.
     answered_at: Cell<Option<TrueTime>>,
 }
 
@@ -65,7 +65,7 @@ impl IrqPin {
         self.line.level.get()
     }
 
-    /// Waits until `due` holds and the processor, woken by that, has come to the task.
+    /// Waits until `due` holds and the processor, which that wakes, has reached the task.
     async fn until(&self, due: impl Fn(&IrqLine) -> bool) {
         let line = &self.line;
         line.answered_at.set(None);
@@ -78,12 +78,13 @@ impl IrqPin {
                 *line.waiting.borrow_mut() = Some(kernel.executor.continuation(cx.waker()));
                 return Poll::Pending;
             }
-            // No edge has woken the task where the line was as it should be before the wait began; the interrupt comes at once.
+            // If the level was right before the wait began, no edge has woken the task. The interrupt then comes at
+            // once.
             let at = line.answered_at.get().unwrap_or_else(|| line.processor.wake(self.world.now()));
             line.answered_at.set(Some(at));
             if self.world.now() < at {
-                // Another part of the same task may have been woken meanwhile; the edge's own wake-up is on its way, but may be for
-                // an earlier poll.
+                // Another part of the same task may have been woken meanwhile. The wake-up by the edge is pending, but
+                // it may be for an earlier poll.
                 kernel.schedule_wake(at, cx.waker());
                 return Poll::Pending;
             }
@@ -93,7 +94,7 @@ impl IrqPin {
     }
 }
 
-/// A wait that is given up wakes nobody.
+/// A cancelled wait wakes no task.
 struct Armed<'a>(&'a IrqLine);
 
 impl Drop for Armed<'_> {

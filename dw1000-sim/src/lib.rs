@@ -1,9 +1,11 @@
-//! DW1000 chips to test drivers on: registers behind SPI, interrupt and reset lines, drifting clocks, and the air between chips.
+//! DW1000 chips to test drivers with: registers behind SPI, interrupt and reset lines, drifting clocks, and the air
+//! between chips.
 //!
 //! A [`World`] holds virtual time, the [`air`] and the nodes. A node's application is an `async` function over the
-//! [`Peripherals`] of its board: an `embedded-hal-async` SPI device, the chip's IRQ and RSTn, a delay. Behind the SPI device is
-//! a [`chip`] that behaves as the DW1000 user manual says. Nothing here reads a wall clock: equal seeds give equal bytes. The crate
-//! depends on no firmware: a driver of any make, blocking or not, in any language, runs on it.
+//! [`Peripherals`] of its board: an `embedded-hal-async` SPI device, the chip's IRQ and RSTn, and a delay. Behind the
+//! SPI device is a [`chip`] that behaves as the DW1000 user manual says. No code here reads a wall clock: equal seeds
+//! give equal bytes. The crate does not depend on any firmware: any driver, blocking or not, in any language, can run
+//! on it.
 #![forbid(unsafe_code)]
 
 pub mod air;

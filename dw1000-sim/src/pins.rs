@@ -1,4 +1,4 @@
-//! The small peripherals of a board: the chip's reset line, and waiting.
+//! The small peripherals of a board: the chip's reset line and delays.
 
 use crate::chip::Chip;
 use crate::processor::Processor;
@@ -12,7 +12,7 @@ use std::convert::Infallible;
 use std::rc::Rc;
 use std::time::Duration;
 
-/// RSTn: an open drain, pulled low or let go.
+/// RSTn: an open drain, pulled low or released.
 pub struct ResetPin {
     pub(crate) world: World,
     pub(crate) chip: Rc<RefCell<Chip>>,
@@ -34,27 +34,28 @@ impl OutputPin for ResetPin {
     }
 }
 
-/// Waits in virtual time; true time, as a processor's crystal errs by parts per million.
+/// Waits in virtual time. This is true time, because a processor's crystal has an error of only parts per million.
 #[derive(Clone)]
 pub struct SimDelay {
     pub(crate) world: World,
-    /// The processor whose timer it is, if its costs count.
+    /// The processor whose timer it is, if its costs are modelled.
     pub(crate) processor: Option<Processor>,
 }
 
 impl SimDelay {
-    /// Waits `ms` milliseconds; unlike the trait's methods it counts from the call, not from the first poll, and costs the processor
-    /// nothing.
+    /// Waits `ms` milliseconds. Unlike the trait's methods, it counts from the call, not from the first poll, and costs
+    /// the processor nothing.
     pub fn pause_ms(&self, ms: u64) -> Sleep {
         self.pause(Duration::from_millis(ms))
     }
 
-    /// Waits from the call on; costs the processor nothing.
+    /// Waits from the call on. It costs the processor nothing.
     pub fn pause(&self, duration: Duration) -> Sleep {
         self.world.sleep_until(self.world.now() + duration)
     }
 
-    /// A delay for work in the background: it wakes no ranging and costs nothing, so that whoever waits charges what it does.
+    /// A delay for work in the background. It does not wake ranging and costs nothing, so the user of the delay must
+    /// charge its own work.
     pub fn for_background(&self) -> Self {
         Self { world: self.world.clone(), processor: None }
     }
@@ -64,7 +65,7 @@ impl SimDelay {
         &self.world
     }
 
-    /// Waits by the processor's timer, from the first poll on, and is then woken by it.
+    /// Waits by the processor's timer, from the first poll on. The timer then wakes the processor.
     async fn wait(&self, duration: Duration) {
         let Some(processor) = &self.processor else { return self.pause(duration).await };
         let end = processor.timer_end(self.world.now(), duration);
@@ -89,7 +90,7 @@ impl DelayNs for SimDelay {
     }
 }
 
-/// A wait that may be long enough to be slept through, also one that is given up.
+/// A wait during which the processor may sleep if it is long enough, also if it is cancelled.
 struct Resting<'a> {
     world: &'a World,
     processor: &'a Processor,

@@ -1,14 +1,17 @@
-//! A node's processor: what it is asked to do takes time, by the [`BoardProfile`].
+//! A node's processor: its work takes time, by the [`BoardProfile`].
 //!
-//! Code between two awaits runs in no time in a simulation. What it costs is [charged](Processor::charge) to the processor, in
-//! instructions, and is paid by whatever touches the outside world next: a transaction on the bus begins, a wait is armed, only when the
-//! processor has done what it was charged with. So the processor is ahead of true time by what it owes; nothing outside can tell.
+//! In a simulation, code between two awaits runs in zero time. Its cost is [charged](Processor::charge) to the
+//! processor, in instructions. The next access to the outside world pays the cost: a transaction on the bus, or the
+//! arming of a wait, begins only when the processor has done the charged work. The processor is thus ahead of true time
+//! by the unpaid cost, which nothing outside can detect.
 //!
-//! There are two priorities. **Ranging** (the high one) is whoever drives the chip: its charges, its transactions, which it waits for without
-//! sleeping, and the interrupts that wake it. **The background** is everything else ([`Processor::background`]): it goes on only while
-//! ranging does nothing. Above both may be [interrupts of a Bluetooth controller](Processor::interfere).
+//! There are two priorities. **Ranging** (the high one) is the code that drives the chip: its charges, its
+//! transactions, during which the processor does not sleep, and the interrupts that wake it. **The background** is
+//! everything else ([`Processor::background`]). It continues only while ranging does nothing. [Interrupts of a
+//! Bluetooth controller](Processor::interfere) have a higher priority than both.
 //!
-//! The processor adds up how long it ran, waited and slept ([`Processor::times`]), and from that the charge that the board takes.
+//! The processor adds up how long it ran, waited and slept ([`Processor::times`]). From that follows the charge that
+//! the board draws.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -27,28 +30,29 @@ pub struct Processor(Rc<State>);
 
 struct State {
     board: BoardProfile,
-    /// Charged and not paid, picoseconds.
+    /// Charged and unpaid work, picoseconds.
     debt_ps: Cell<u64>,
-    /// Until when ranging is busy.
+    /// The time until which ranging is busy.
     free_at: Cell<TrueTime>,
-    /// All that ranging was or will be busy up to `free_at`, picoseconds.
+    /// The total time that ranging was or will be busy up to `free_at`, picoseconds.
     busy_ps: Cell<u64>,
-    /// All that the background ran, picoseconds.
+    /// The total time that the background ran, picoseconds.
     background_ps: Cell<u64>,
-    /// All that interrupts from above took of either, and of sleep, picoseconds.
+    /// The total time that interrupts of higher priority took from either, and from sleep, picoseconds.
     stolen_ps: Cell<u64>,
-    /// All that was slept with the clocks off, picoseconds.
+    /// The total time asleep with the clocks off, picoseconds.
     asleep_ps: Cell<u64>,
-    /// Background work that runs or would like to, and work charged to it and not paid, picoseconds.
+    /// The background work that runs or is ready to run; and the work charged to the background and unpaid,
+    /// picoseconds.
     background_running: Cell<u32>,
     background_debt_ps: Cell<u64>,
     interference: RefCell<Option<Interference>>,
 }
 
-/// Interrupts above all priorities, of a Bluetooth controller that scans: so many a second, as a Poisson process.
+/// Interrupts of a scanning Bluetooth controller, above all priorities, as a Poisson process.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interrupts {
-    /// How many a second, in the mean.
+    /// Interrupts per second, in the mean.
     pub per_second: f64,
     /// How long each takes, before the board's slowdown.
     pub each: Duration,
@@ -60,7 +64,7 @@ struct Interference {
     random: Stream,
 }
 
-/// Where a processor's time went.
+/// The use of a processor's time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ProcessorTimes {
     /// Running.
@@ -72,7 +76,7 @@ pub struct ProcessorTimes {
 }
 
 impl ProcessorTimes {
-    /// What a board takes in these times, microcoulombs.
+    /// The charge that a board draws in these times, microcoulombs.
     pub fn charge_uc(&self, board: &BoardProfile) -> f64 {
         // A milliampere for a second is a millicoulomb.
         1e3 * (board.run_ma * self.running.as_secs_f64()
@@ -103,19 +107,19 @@ impl Processor {
         &self.0.board
     }
 
-    /// Ranging has run so many instructions; they are paid by what it does next.
+    /// Ranging has run this number of instructions. The next operation of ranging pays for them.
     pub fn charge(&self, instructions: u32) {
         let debt = &self.0.debt_ps;
         debt.set(debt.get() + self.0.board.instructions_ps(instructions.into()));
     }
 
-    /// The background has run so many instructions; they are paid by the next [`background`](Self::background).
+    /// The background has run this number of instructions. The next [`background`](Self::background) pays for them.
     pub fn charge_background(&self, instructions: u32) {
         let debt = &self.0.background_debt_ps;
         debt.set(debt.get() + self.0.board.instructions_ps(instructions.into()));
     }
 
-    /// Bluetooth's interrupts begin, or with `None` end.
+    /// Starts Bluetooth's interrupts, or ends them with `None`.
     pub fn interfere(&self, now: TrueTime, interrupts: Option<Interrupts>, random: Stream) {
         *self.0.interference.borrow_mut() = interrupts.map(|interrupts| {
             let mut interference = Interference { interrupts, next: now, random };
@@ -124,12 +128,12 @@ impl Processor {
         });
     }
 
-    /// When ranging has paid what it owes: not before `now`, which is true time.
+    /// The time at which ranging has paid its debt: not before `now`, which is true time.
     pub fn settle(&self, now: TrueTime) -> TrueTime {
         self.occupy(now, 0)
     }
 
-    /// Ranging pays what it owes and is then busy for so long; when it is done.
+    /// Ranging pays its debt and is then busy for this time. Returns when it is done.
     pub fn occupy(&self, now: TrueTime, picoseconds: u64) -> TrueTime {
         let state = &self.0;
         let begin = state.free_at.get().max(now);
@@ -143,7 +147,7 @@ impl Processor {
         end
     }
 
-    /// Ranging is woken by an interrupt that happens now; when its task goes on.
+    /// An interrupt wakes ranging now. Returns when its task continues.
     pub fn wake(&self, now: TrueTime) -> TrueTime {
         let state = &self.0;
         let board = &state.board;
@@ -152,7 +156,7 @@ impl Processor {
         self.occupy(now, board.stretched_ps(board.interrupt_latency_ns))
     }
 
-    /// When a wait of `duration` that ranging arms now ends: by the steps of the board's timer.
+    /// The end of a wait of `duration` that ranging arms now, in steps of the board's timer.
     pub(crate) fn timer_end(&self, now: TrueTime, duration: Duration) -> TrueTime {
         self.charge(self.0.board.wait_instructions);
         let end = self.settle(now) + duration;
@@ -165,7 +169,7 @@ impl Processor {
         }
     }
 
-    /// The clocks were off for so long, as far as a wait of that length is slept through on this board.
+    /// Counts this time as sleep with the clocks off, if the board sleeps during waits of this length.
     pub(crate) fn slept(&self, picoseconds: u64) {
         let long = |from: Duration| u128::from(picoseconds / 1000) >= from.as_nanos();
         if self.0.board.sleep_from.is_some_and(long) {
@@ -173,7 +177,7 @@ impl Processor {
         }
     }
 
-    /// The background runs so many instructions, and what it was charged with; done when it has had the time.
+    /// The background runs this number of instructions, and the work charged to it. Returns when it has had the time.
     pub async fn background(&self, world: &World, instructions: u32) {
         let state = &self.0;
         let mut left_ps = state.board.instructions_ps(instructions.into()) + state.background_debt_ps.take();
@@ -190,19 +194,19 @@ impl Processor {
         }
     }
 
-    /// How long ranging was busy up to `now`, picoseconds.
+    /// The time that ranging was busy up to `now`, picoseconds.
     fn busy_before(&self, now: TrueTime) -> u64 {
         self.0.busy_ps.get() - self.0.free_at.get().ps_since(now)
     }
 
-    /// When work that begins now is done, with the interrupts from above that fall into it.
+    /// The end of work that begins now, with the interrupts of higher priority that fall into it.
     fn interrupted(&self, begin: TrueTime, work_ps: u64) -> TrueTime {
         let mut end = begin.plus_ps(work_ps);
         let mut interference = self.0.interference.borrow_mut();
         let Some(interference) = interference.as_mut() else { return end };
         let each = (interference.interrupts.each.as_nanos() as f64 * 1e3 * self.0.board.slowdown) as u64;
         while interference.next < end {
-            // What began before this work may still be there when it begins.
+            // An interrupt that began before this work may still run when it begins.
             let stolen = interference.next.plus_ps(each).ps_since(begin).min(each);
             end = end.plus_ps(stolen);
             self.0.stolen_ps.set(self.0.stolen_ps.get() + each - stolen);
@@ -211,7 +215,7 @@ impl Processor {
         end
     }
 
-    /// Where the time went from the beginning of the simulation up to `now`.
+    /// The use of the time from the beginning of the simulation up to `now`.
     pub fn times(&self, now: TrueTime) -> ProcessorTimes {
         let state = &self.0;
         let all = now.as_ps();
@@ -226,7 +230,7 @@ impl Processor {
         }
     }
 
-    /// What was owed is forgotten: the processor is reset, or has lost its supply.
+    /// Drops the unpaid work: the processor is reset, or has lost its supply.
     pub fn reset(&self, now: TrueTime) {
         let state = &self.0;
         state.busy_ps.set(self.busy_before(now));
@@ -245,7 +249,7 @@ impl Interference {
     }
 }
 
-/// Counts background work, also work that is dropped on its way.
+/// Counts background work, also work that is dropped before its end.
 struct Running<'a>(&'a Cell<u32>);
 
 impl<'a> Running<'a> {
@@ -288,7 +292,7 @@ mod tests {
         processor.charge(2_000);
         processor.charge(1_000);
         assert_eq!(processor.occupy(at_us(10), 5_000_000), at_us(18));
-        // Nothing is owed any more, but the processor is busy until then.
+        // Nothing is unpaid any more, but the processor is busy until then.
         assert_eq!(processor.settle(at_us(12)), at_us(18));
         assert_eq!(processor.settle(at_us(20)), at_us(20));
     }
@@ -309,7 +313,7 @@ mod tests {
         let (w, p) = (world.clone(), processor.clone());
         world.spawn(async move {
             w.sleep_until(at_us(4)).await;
-            // Three microseconds of the background's ten.
+            // Ranging takes three microseconds of the background's ten.
             let end = p.occupy(w.now(), 3_000_000);
             w.sleep_until(end).await;
             w.sleep_until(at_us(12)).await;
@@ -339,7 +343,8 @@ mod tests {
         let processor = Processor::new(BOARD);
         let interrupts = Interrupts { per_second: 2_000.0, each: Duration::from_micros(50) };
         processor.interfere(TrueTime::ZERO, Some(interrupts), stream(1, Purpose::Scanner, 7));
-        // Ten seconds of work while a tenth of the time goes to interrupts: 11.1 s, within four deviations of a Poisson count of 22,000.
+        // Ten seconds of work while interrupts take a tenth of the time: 11.1 s, within four standard deviations of a
+        // Poisson count of 22,000.
         let end = processor.occupy(TrueTime::ZERO, 10 * PS_PER_S).as_secs_f64();
         assert!((end - 10.0 / 0.9).abs() < 4.0 * 22_000_f64.sqrt() * 50e-6 / 0.9, "{end}");
         processor.interfere(TrueTime::from_secs_f64(end), None, stream(1, Purpose::Scanner, 7));
@@ -351,7 +356,7 @@ mod tests {
     fn waits_end_at_steps_of_the_timer_after_what_is_owed() {
         let processor = Processor::new(BoardProfile { timer_ns: 1_000, wait_instructions: 200, ..BOARD });
         processor.charge(1_300);
-        // 1.5 µs of instructions, 10 µs of wait, up to the next whole microsecond.
+        // 1.5 µs of instructions and 10 µs of wait, up to the next whole microsecond.
         assert_eq!(processor.timer_end(TrueTime::ZERO, Duration::from_micros(10)), at_us(12));
     }
 

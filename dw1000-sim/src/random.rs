@@ -1,7 +1,7 @@
-//! Random numbers: one stream a purpose, so that one more draw for one thing changes nothing elsewhere.
+//! Random numbers: one stream per purpose, so that one more draw for one purpose changes nothing elsewhere.
 //!
-//! A stream is fixed by the simulation's seed, the purpose and an index (a node, a pair of nodes, a place). Equal seeds give
-//! equal streams on every machine.
+//! The simulation's seed, the purpose and an index (a node, a pair of nodes, a position) determine a stream. Equal
+//! seeds give equal streams on every machine.
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -9,30 +9,30 @@ use rand_pcg::Pcg64Mcg;
 /// The generator behind every stream.
 pub type Stream = Pcg64Mcg;
 
-/// What a stream is for.
+/// The purpose of a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
-    /// How a node's oscillator wanders.
+    /// The random walk of a node's oscillator.
     Oscillator = 1,
-    /// What a node's receiver adds: noise on stamps, losses, errors.
+    /// The effects of a node's receiver: noise on time stamps, losses, errors.
     Receiver = 2,
-    /// Walls, reflections and blocked paths between two places.
+    /// Walls, reflections and blocked paths between two positions.
     Channel = 3,
-    /// What a chip is born with: identity, the counter's value at power-up.
+    /// The fixed properties of a chip: identity, the counter's value at power-up.
     Birth = 4,
     /// Noise in one accumulator.
     Accumulator = 5,
     /// For applications and scenarios.
     Scenario = 6,
-    /// When a beacon sends.
+    /// The times of a beacon's advertisements.
     Advertiser = 7,
-    /// What a Bluetooth scanner adds: noise on levels, losses.
+    /// The effects of a Bluetooth scanner: noise on RSSI values, losses.
     Scanner = 8,
-    /// Levels of a beacon by place.
+    /// RSSI of a beacon by position.
     Shadowing = 9,
-    /// When a Bluetooth controller interrupts its processor.
+    /// The times of a Bluetooth controller's interrupts.
     Interrupts = 10,
-    /// What a motion sensor adds: its orientation, noise.
+    /// The effects of a motion sensor: its orientation, noise.
     MotionSensor = 11,
 }
 

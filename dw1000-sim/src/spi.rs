@@ -1,9 +1,10 @@
-//! The SPI bus between a processor and its chip, as `embedded-hal-async` has it.
+//! The SPI bus between a processor and its chip, with the traits of `embedded-hal-async`.
 //!
-//! A transaction begins when the [`Processor`] has done what it was charged with, and takes what the board needs to set it and each
-//! of its operations up, and eight clocks a byte, of virtual time. Data is read, and writes take effect, at
-//! its end; SYS_TIME alone is that of the first data byte. A transaction that the chip cannot follow (too fast before the PLL
-//! has locked, above 20 MHz at any time) reads garbage and writes nothing; a chip that is off or asleep reads as zeros.
+//! A transaction begins when the [`Processor`] has done the charged work. It takes the time that the board needs to set
+//! up the transaction and each of its operations, plus eight clocks per byte, in virtual time. Data is read, and writes
+//! take effect, at its end; only SYS_TIME is read at the first data byte. A transaction that the chip cannot follow
+//! (too fast before the PLL has locked, above 20 MHz at any time) reads garbage and writes nothing. A chip that is off
+//! or asleep reads as zeros.
 
 use crate::chip::{Address, Chip, Contact, Header};
 use crate::processor::Processor;
@@ -15,7 +16,7 @@ use std::cell::{Cell, RefCell};
 use std::convert::Infallible;
 use std::rc::Rc;
 
-/// What a processor holds of the bus.
+/// The processor's side of the bus.
 pub struct SimSpi {
     world: World,
     chip: Rc<RefCell<Chip>>,
@@ -23,7 +24,7 @@ pub struct SimSpi {
     processor: Processor,
 }
 
-/// A node's bus clock; applications keep a clone and speed up once the PLL has locked.
+/// A node's bus clock. Applications keep a clone and raise the clock when the PLL has locked.
 #[derive(Clone, Debug)]
 pub struct SpiClock(Rc<Cell<u32>>);
 
@@ -97,7 +98,7 @@ impl SimSpi {
     }
 }
 
-/// Takes the header's bytes off what is sent; the rest is data.
+/// Takes the header's bytes from the sent bytes. The rest is data.
 fn parse<'a>(header: &mut Header, address: &mut Option<Address>, sent: &'a [u8], pushed: &mut usize) -> &'a [u8] {
     let mut rest = sent;
     while let (None, [first, tail @ ..]) = (*address, rest) {
@@ -139,7 +140,7 @@ fn exchange(
     }
 }
 
-/// What a host reads when the chip does not answer.
+/// Fills the read buffers of a host if the chip does not respond.
 fn fill(operations: &mut [Operation<'_, u8>], byte: u8) {
     for operation in operations {
         match operation {

@@ -1,6 +1,6 @@
-//! True time: what a clock without drift would show, in picoseconds since the simulation began.
+//! True time: the time of a clock without drift, in picoseconds since the simulation began.
 //!
-//! A picosecond is 0.06 of a DW1000 tick (15.65 ps) or 0.3 mm of light; 64 bits of them last 213 days.
+//! A picosecond is 0.06 of a DW1000 tick (15.65 ps) or 0.3 mm of light. 64 bits of picoseconds last 213 days.
 
 use std::fmt;
 use std::ops::{Add, Sub};
@@ -46,7 +46,7 @@ impl TrueTime {
         self.0 as f64 / PS_PER_S as f64
     }
 
-    /// The instant `picoseconds` later; [`TrueTime::NEVER`] where that is beyond the range.
+    /// The instant `picoseconds` later; [`TrueTime::NEVER`] if that is beyond the range.
     pub const fn plus_ps(self, picoseconds: u64) -> Self {
         Self(self.0.saturating_add(picoseconds))
     }

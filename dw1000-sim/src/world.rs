@@ -47,7 +47,7 @@ pub(crate) enum Event {
     Chip { node: u32, event: ChipEvent },
     /// A frame reaches a point of its course at a receiver.
     Air(AirEvent),
-    /// The scenario does something: an action by its number, so that events stay small.
+    /// An action of the scenario, by its number, so that events stay small.
     Call(u32),
 }
 
@@ -62,17 +62,17 @@ type Action = Box<dyn FnOnce(&World)>;
 struct Shared {
     seed: u64,
     kernel: Kernel<Event>,
-    /// Actions to come, by number, and the next number.
+    /// The pending actions by number, and the next number.
     actions: RefCell<(BTreeMap<u32, Action>, u32)>,
     air: RefCell<Air>,
     nodes: RefCell<Vec<Node>>,
     clients: RefCell<Vec<Rc<RefCell<dyn AirClient>>>>,
 }
 
-/// What a node is.
+/// The settings of a node.
 #[derive(Clone)]
 pub struct NodeConfig {
-    /// Where it is, and goes.
+    /// Its position over time.
     pub path: Path,
     /// Its chip and oscillator.
     pub chip: ChipConfig,
@@ -109,7 +109,7 @@ pub struct Node {
     port: PortId,
 }
 
-/// What a board gives its application.
+/// The peripherals of a board for its application.
 pub struct Peripherals {
     /// The bus to the chip.
     pub spi: SimSpi,
@@ -119,9 +119,9 @@ pub struct Peripherals {
     pub reset: ResetPin,
     /// Waits.
     pub delay: SimDelay,
-    /// What the application charges for its code.
+    /// The processor, to which the application charges its code.
     pub processor: Processor,
-    /// The node, for tasks of its own.
+    /// The node, to spawn further tasks.
     pub node: Node,
 }
 
@@ -173,7 +173,7 @@ impl World {
         node
     }
 
-    /// Adds whoever is on the air without a board, as `client` makes it for the port it gets.
+    /// Adds a client of the air that has no board. `client` makes it for the port that it gets.
     pub fn add_client<C: AirClient + 'static>(
         &self,
         path: Path,
@@ -205,12 +205,12 @@ impl World {
         self.0.kernel.executor.spawn(future)
     }
 
-    /// Drops a task where it stands.
+    /// Drops a task in its present state.
     pub fn abort(&self, task: TaskId) {
         self.0.kernel.executor.abort(task);
     }
 
-    /// Does something at an instant: a fault, a change of the air.
+    /// Runs an action at an instant, such as a fault or a change of the air.
     pub fn at(&self, time: TrueTime, action: impl FnOnce(&World) + 'static) {
         let number = {
             let (actions, next) = &mut *self.0.actions.borrow_mut();
@@ -225,7 +225,7 @@ impl World {
         Sleep::new(self.clone(), time)
     }
 
-    /// Waits until `until`; within the poll if nothing else can happen.
+    /// Waits until `until`. Ends within the poll if nothing else can happen before.
     pub async fn pass(&self, until: TrueTime) {
         let mut armed = None;
         poll_fn(|cx| {
@@ -242,10 +242,10 @@ impl World {
         .await;
     }
 
-    /// Lets everything happen up to and at `time`.
+    /// Runs the world up to and including `time`.
     ///
     /// # Panics
-    /// Inside a task or an [`AirClient`], like [`World::block_on`].
+    /// Panics inside a task or an [`AirClient`], like [`World::block_on`].
     pub fn run_until(&self, time: TrueTime) {
         let kernel = &self.0.kernel;
         let _horizon = kernel.enter("run_until", time);
@@ -257,14 +257,15 @@ impl World {
         kernel.arrive_at_horizon();
     }
 
-    /// Lets everything happen until `future` is done, and gives its output; `None` if it waits for what can never happen.
+    /// Runs the world until `future` is done, and returns its output; `None` if it waits for something that can never
+    /// happen.
     ///
-    /// For tests and blocking drivers, which are driven from outside: from the code that runs the world, from an action of
-    /// [`World::at`] or from a sniffer. Nodes run with [`Node::boot`], and their tasks await.
+    /// This is for tests and blocking drivers, which are driven from outside: from the code that runs the world, from
+    /// an action of [`World::at`], or from a sniffer. Nodes run with [`Node::boot`], and their tasks await.
     ///
     /// # Panics
-    /// Inside a task (of [`Node::boot`], [`Node::spawn`], [`World::spawn`]) or an [`AirClient`]: the world waits there for the
-    /// caller, and so cannot go on.
+    /// Panics inside a task (of [`Node::boot`], [`Node::spawn`], [`World::spawn`]) or an [`AirClient`]: there the world
+    /// waits for the caller and so cannot continue.
     pub fn block_on<T>(&self, future: impl Future<Output = T>) -> Option<T> {
         let mut future = std::pin::pin!(future);
         let mut context = Context::from_waker(Waker::noop());
@@ -281,36 +282,36 @@ impl World {
         }
     }
 
-    /// Lets everything happen for a while.
+    /// Runs the world for a duration.
     pub fn run_for(&self, duration: Duration) {
         self.run_until(self.now() + duration);
     }
 
-    /// The air, for the statement it is called in.
+    /// The air, for the statement in which it is called.
     ///
     /// # Panics
-    /// If what an earlier call returned is still held: nothing that lets the world run may happen meanwhile either.
+    /// Panics if the result of an earlier call is still held. While it is held, nothing may run the world either.
     pub fn air(&self) -> RefMut<'_, Air> {
         self.0.air.borrow_mut()
     }
 
-    /// Begins a frame of `sender` now, which is `tx.start`; its number. Its bytes follow with [`Air::fill`].
+    /// Begins a frame of `sender` now, which is `tx.start`. Returns its number. Its bytes follow with [`Air::fill`].
     pub fn begin_frame(&self, sender: PortId, tx: TxStart) -> u32 {
         self.air().transmit(&self.0.kernel, sender, tx)
     }
 
-    /// Switches the receiver of a port without a chip on, now; [`Air::deafen`] switches it off.
+    /// Switches the receiver of a port without a chip on, now. [`Air::deafen`] switches it off.
     pub fn listen(&self, port: PortId, settings: RxSettings) {
         self.air().listen(&self.0.kernel, port, settings);
     }
 
-    /// What happened on the air so far.
+    /// Counts of what happened on the air so far.
     pub fn statistics(&self) -> AirStatistics {
         self.air().statistics()
     }
 
-    /// Calls `sniffer` for each frame on the air, in the order of their RMARKERs, at the RMARKER's instant but after whatever
-    /// sent it has gone on: it may use the air, the chips and the world.
+    /// Calls `sniffer` for each frame on the air, in the order of their RMARKERs. The call is at the instant of the
+    /// RMARKER, after the sender's code has run. The sniffer may use the air, the chips and the world.
     pub fn sniff(&self, sniffer: impl FnMut(&Sniffed) + 'static) {
         self.air().sniff(sniffer);
     }
@@ -323,7 +324,7 @@ impl World {
         &self.0.kernel
     }
 
-    /// Polls whoever is ready, and shows the sniffers what was sent.
+    /// Polls the ready tasks, and shows the sniffers what was sent.
     fn run_ready(&self) {
         loop {
             self.0.kernel.executor.run_ready();
@@ -365,10 +366,10 @@ impl Node {
         self.world.upgrade().map(World)
     }
 
-    /// A set of peripherals: what a test drives by hand. All sets of a node share its bus clock.
+    /// A set of peripherals, which a test drives by hand. All sets of a node share its bus clock.
     ///
     /// # Panics
-    /// If the world is gone.
+    /// Panics if the world is gone.
     pub fn peripherals(&self) -> Peripherals {
         let world = self.world().expect("a node outlived its world");
         let processor = self.processor.clone();
@@ -382,21 +383,21 @@ impl Node {
         }
     }
 
-    /// Runs `firmware` now, and again from its beginning whenever the node is switched on or reset; the bus clock is then the
-    /// board's again.
+    /// Runs `firmware` now, and again from its beginning each time the node is switched on or reset. The bus clock is
+    /// then the board's initial clock again.
     pub fn boot<F: Future<Output = ()> + 'static>(&self, firmware: impl Fn(Peripherals) -> F + 'static) {
         *self.firmware.borrow_mut() = Some(Rc::new(move |p| Box::pin(firmware(p))));
         self.restart();
     }
 
-    /// Runs a task that ends with the node's supply.
+    /// Runs a task that ends when the node's supply ends.
     pub fn spawn(&self, future: impl Future<Output = ()> + 'static) {
         if let Some(world) = self.world() {
             self.tasks.borrow_mut().push(world.spawn(future));
         }
     }
 
-    /// Supply off: tasks and registers are gone, what is on the air breaks off.
+    /// Switches the supply off: tasks and registers are lost, and a frame on the air is cut.
     pub fn power_off(&self) {
         self.powered.set(false);
         self.halt();
@@ -405,7 +406,7 @@ impl Node {
         }
     }
 
-    /// Supply on: chip and firmware start.
+    /// Switches the supply on: chip and firmware start.
     pub fn power_on(&self) {
         if let Some(world) = self.world()
             && !self.powered.replace(true)
@@ -415,14 +416,14 @@ impl Node {
         }
     }
 
-    /// The processor's reset: its firmware starts anew, the chip stays as it is.
+    /// Resets the processor: its firmware restarts, and the chip stays as it is.
     pub fn reset_processor(&self) {
         if self.powered.get() {
             self.restart();
         }
     }
 
-    /// Where the node is, metres.
+    /// The position of the node, metres.
     pub fn position(&self) -> [f64; 3] {
         self.world().map_or([0.0; 3], |w| {
             let now = w.now();
@@ -440,20 +441,20 @@ impl Node {
         &self.processor
     }
 
-    /// What the firmware did to its chip.
+    /// Counts of what the firmware did with its chip.
     pub fn chip_statistics(&self) -> ChipStatistics {
         self.chip.borrow().statistics()
     }
 
-    /// What its chip has drawn from the supply until now.
+    /// The charge that its chip has drawn from the supply until now.
     pub fn consumption(&self) -> Consumption {
         self.world().map_or_else(Consumption::default, |w| self.chip.borrow().consumption(w.now()))
     }
 
-    /// The chip itself, for what only a simulation can know; for the statement it is called in.
+    /// The chip itself, for what only a simulation can know, for the statement in which it is called.
     ///
     /// # Panics
-    /// If what an earlier call returned is still held: nothing that lets the world run may happen meanwhile either.
+    /// Panics if the result of an earlier call is still held. While it is held, nothing may run the world either.
     pub fn chip(&self) -> RefMut<'_, Chip> {
         self.chip.borrow_mut()
     }

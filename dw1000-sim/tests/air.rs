@@ -1,4 +1,5 @@
-//! The air between simulated chips: collisions, capture, chance, networks side by side, walls, movement, faults, repeatability.
+//! Tests of the air between simulated chips: collisions, capture, random loss, networks side by side, walls, movement,
+//! faults, repeatability.
 
 mod host;
 
@@ -13,7 +14,7 @@ use std::time::Duration;
 
 const RX_ANY: u64 = RXPHE | RXDFR | RXFCG | RXFCE | RXRFSL | RXSFDTO;
 
-/// Two senders at 0 m and `far` m, a receiver at `here` m; the second sends `later_us` after the first.
+/// Two senders at 0 m and `far` m and a receiver at `here` m. The second sender sends `later_us` after the first.
 fn contest(here: f64, far: f64, later_us: u64) -> (World, Host) {
     let world = World::new(11, quiet());
     let (a, b) = (ready(&world, 0.0, chip(0)), ready(&world, far, chip(0)));
@@ -32,8 +33,8 @@ fn contest(here: f64, far: f64, later_us: u64) -> (World, Host) {
 
 #[test]
 fn equally_strong_frames_destroy_each_other_where_they_overlap() {
-    // The first frame's preamble and delimiter end 145 µs after its command, its header at 167 µs, its payload at 195 µs. The
-    // second's preamble begins 15 µs after the time below: in the preamble, in the header, in the payload.
+    // The first frame's preamble and delimiter end 145 µs after its command, its header at 167 µs, and its payload at
+    // 195 µs. The second's preamble begins 15 µs after the times below: in the preamble, in the header, in the payload.
     for (later_us, expected) in [(20, RXSFDTO), (150, RXPHE), (170, RXRFSL | RXDFR)] {
         let (world, r) = contest(10.0, 20.0, later_us);
         if expected == RXSFDTO {
@@ -49,14 +50,14 @@ fn equally_strong_frames_destroy_each_other_where_they_overlap() {
 
 #[test]
 fn a_much_stronger_frame_survives_and_takes_over_early() {
-    // 2 m against 18 m: 19 dB. First, and the other over it.
+    // 2 m against 18 m: 19 dB. The stronger frame is first, and the other overlaps it.
     let (_, r) = contest(2.0, 20.0, 100);
     assert_eq!((r.status() & RX_ANY, r.received()), (RXDFR | RXFCG, [1; 20]));
-    // 40 µs later, still in the preamble of the weak one: the receiver changes over.
+    // 40 µs later, the weak frame is still in its preamble: the receiver changes to the strong one.
     let (world, r) = contest(18.0, 20.0, 40);
     assert_eq!((r.status() & RX_ANY, r.received()), (RXDFR | RXFCG, [2; 20]));
     assert_eq!(world.statistics().frames_collided, 1);
-    // After the delimiter of the weak one, both are lost.
+    // After the delimiter of the weak frame, both are lost.
     let (_, r) = contest(18.0, 20.0, 150);
     assert_eq!(r.status() & RXFCG, 0);
 }
@@ -92,7 +93,7 @@ fn chance_loses_its_share() {
             b.command(HRBPT);
         }
     }
-    // 1000 × 0.7 with a deviation of √(1000 · 0.3 · 0.7) = 14.5; four of them.
+    // 1000 × 0.7 with a standard deviation of √(1000 · 0.3 · 0.7) = 14.5. Four of them are allowed.
     let AirStatistics { received, lost_by_chance, .. } = world.statistics();
     assert!((642..=758).contains(&received), "{received}");
     assert_eq!(received + lost_by_chance, 1000);
@@ -100,8 +101,8 @@ fn chance_loses_its_share() {
 
 #[test]
 fn weak_frames_are_lost_and_far_ones_never_heard() {
-    // TX_POWER after reset gives −8.3 dBm for these short frames; Friis at channel 5. 105 m: −97.4 dBm, under the payload's
-    // sensitivity of −93 dBm, above the preamble's of −98 dBm. 160 m lies beyond the cut-off.
+    // TX_POWER after reset gives −8.3 dBm for these short frames; Friis at channel 5. 105 m give −97.4 dBm, which is
+    // below the payload's sensitivity of −93 dBm and above the preamble's of −98 dBm. 160 m is beyond the cut-off.
     let heard_at = |metres: f64| {
         let world = World::new(13, quiet());
         let (a, b) = (ready(&world, 0.0, chip(0)), ready(&world, metres, chip(0)));
@@ -140,10 +141,10 @@ fn walls_weaken_and_delay() {
     let (clear_m, clear_dbm) = range_and_power(None);
     let excess_only = Material { attenuation_db: 0.0, excess_m: 3.0 };
     let (far_m, same_dbm) = range_and_power(Some(excess_only));
-    // 3 m of wall, and what multipath adds: 0.09 m + four times 0.136 m, times log₁₀ 9.
+    // 3 m of wall, and the error by multipath: 0.09 m + four times 0.136 m, times log₁₀ 9.
     assert!((far_m - clear_m - 3.0).abs() < 0.7, "{far_m} {clear_m}");
     assert!((same_dbm - clear_dbm).abs() < 0.1);
-    // −75.3 dBm clear; 9 dB less lie on the flat part of figure 22 (−77 reads −85, −85 reads −87.5).
+    // −75.3 dBm in line of sight. With 9 dB less it is on the flat part of figure 22 (−77 reads −85, −85 reads −87.5).
     let (_, brick_dbm) = range_and_power(Some(Material::BRICK));
     assert!(clear_dbm - brick_dbm > 2.0, "{clear_dbm} {brick_dbm}");
 }
@@ -169,7 +170,7 @@ fn a_moving_node_is_where_its_path_says() {
         let stamps = b.read_u40(0x15, 0).wrapping_sub(a.read_u40(0x17, 0)).wrapping_sub(apart) & MASK;
         at[i] = (stamps as f64 - 2.0 * 16_436.0) * METRES_PER_TICK;
     }
-    // 10 m and 5 m/s: 20 m and 40 m, and 1 cm at most in the ms that sending takes.
+    // 10 m and 5 m/s: 20 m and 40 m, plus 1 cm at most in the millisecond that sending takes.
     assert!((at[0] - 20.0).abs() < 0.012 && (at[1] - 40.0).abs() < 0.012, "{at:?}");
 }
 
@@ -203,7 +204,8 @@ fn a_node_switched_off_is_silent_and_starts_anew() {
     assert_eq!(boots.get(), 3);
 }
 
-/// A blinking node and two that listen, on wandering clocks and a lossy air; every byte that any of them read.
+/// A node that sends blinks and two that listen, with wandering clocks and a lossy air. Returns all bytes that any of
+/// them read.
 fn trace(seed: u64) -> Vec<u8> {
     let world = World::new(seed, AirConfig { loss: 0.1, ..AirConfig::default() });
     let log = Rc::new(RefCell::new(Vec::new()));

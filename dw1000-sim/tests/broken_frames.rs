@@ -1,4 +1,4 @@
-//! Frames whose sender stops in the middle: what the receivers that follow them see.
+//! Frames whose sender stops in the middle: the effect on the receivers that follow them.
 
 mod host;
 
@@ -43,7 +43,7 @@ fn a_frame_cut_in_its_preamble_has_no_delimiter_and_ends_in_its_timeout() {
         a.command(TXSTRT);
         a.after_us(60);
         stop(&mut a, cause);
-        // Found after 14 symbols; DRX_SFDTOC is 4161 symbols of 993.59 ns after reset: 4134.3 µs.
+        // The preamble is found after 14 symbols. DRX_SFDTOC is 4161 symbols of 993.59 ns after reset: 4134.3 µs.
         b.after_us(4_050);
         assert_eq!(b.status() & (RXPRD | RXSFDD | RXPHE | RXSFDTO), RXPRD, "{cause:?}");
         assert_eq!(b.read::<1>(0x19, 2), [5], "still receives");
@@ -55,7 +55,8 @@ fn a_frame_cut_in_its_preamble_has_no_delimiter_and_ends_in_its_timeout() {
 
 #[test]
 fn a_frame_that_begins_where_a_cut_one_would_have_had_its_header_is_no_matter() {
-    // RMARKER 145 µs after the command, end of the header 167 µs; another frame begins in each microsecond between.
+    // The RMARKER is 145 µs after the command and the end of the header 167 µs after it. Another frame begins in each
+    // microsecond in between.
     for cause in [Cause::Trxoff, Cause::ResetLine, Cause::SupplyOff] {
         for begin_us in 40..90 {
             let (world, mut a, b, c) = three();
@@ -76,7 +77,7 @@ fn a_frame_that_begins_where_a_cut_one_would_have_had_its_header_is_no_matter() 
 
 #[test]
 fn a_preamble_that_ends_before_it_is_found_is_not_found() {
-    // It begins 10 µs after the command and takes 14 symbols to be found: cut after 5.
+    // The preamble begins 10 µs after the command and takes 14 symbols to be found. It is cut after 5.
     let (_, a, b, c) = three();
     a.prepare(&BODY);
     c.prepare(&BODY);
@@ -115,7 +116,8 @@ fn a_cut_frame_disturbs_others_only_until_it_was_cut() {
     a.command(TRXOFF);
     b.command(RXENAB);
     b.after_us(20);
-    // The first would have lasted for another 90 µs; the third is 15 m from the receiver, the first 30 m: 6.02 dB.
+    // The first frame would have lasted for another 90 µs. The third node is 15 m from the receiver, the first 30 m:
+    // 6.02 dB.
     c.command(TXSTRT);
     c.after_us(400);
     assert_ne!(b.status() & RXFCG, 0);

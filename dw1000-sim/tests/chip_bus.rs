@@ -1,4 +1,4 @@
-//! The chip's bus, clocks, reset, sleep and slow converters, as the user manual describes them.
+//! Tests of the chip's bus, clocks, reset, sleep and slow converters, as the user manual describes them.
 
 mod host;
 
@@ -95,8 +95,8 @@ fn a_transaction_takes_eight_clocks_a_byte_and_the_setting_up_of_its_operations(
     let slow = Host { world: world.clone(), p: node.peripherals(), node };
     let before = world.now();
     slow.status();
-    // Six bytes at 2 MHz; (20 + 2 · 40) instructions · 1.5 / 64 MHz and twice half a microsecond for the header's operation and the
-    // status'.
+    // Six bytes at 2 MHz, (20 + 2 · 40) instructions · 1.5 / 64 MHz, and twice half a microsecond for the operations of
+    // the header and the status.
     assert_eq!(world.now() - before, Duration::from_nanos(24_000 + 2_343 + 1_000));
 }
 
@@ -151,8 +151,9 @@ fn the_pin_wakes_its_task_after_the_boards_latency() {
     host.command(TXSTRT);
     let started = world.now();
     host.after_us(1000);
-    // 10 µs of start, 136 symbols of 993.59 ns, 21 bits of 1025.64 ns, 96 + 48 bits of 128.205 ns: 185.13 µs; the RMARKER waits
-    // for a multiple of 512 ticks (8 ns), the antenna is 16 436 ticks (257.2 ns) away; 4 µs of latency.
+    // 10 µs of start, 136 symbols of 993.59 ns, 21 bits of 1025.64 ns, 96 + 48 bits of 128.205 ns: 185.13 µs. The
+    // RMARKER waits for a multiple of 512 ticks (8 ns), the antenna delay is 16 436 ticks (257.2 ns), and the latency
+    // is 4 µs.
     let passed = woken.get().ps_since(started) as f64 / 1e6;
     let expected = 10.0 + 135.128 + 21.538 + 18.462 + 0.257 + 4.0;
     assert!((expected..expected + 0.009).contains(&passed), "{passed} {expected}");
@@ -169,7 +170,7 @@ fn reset_line_and_soft_reset_restore_defaults_and_forget_the_microcode() {
     host.p.reset.set_high().unwrap();
     host.after_us(3_100);
     assert_eq!(host.read_u32(0x03, 0), 0xFFFF_FFFF);
-    // Soft reset: from the crystal's clock, SOFTRESET to 0, then to 15 (user manual, 7.2.50.1).
+    // Soft reset: select the crystal's clock, then set SOFTRESET to 0, then to 15 (user manual, 7.2.50.1).
     host.write_u32(0x03, 0, 0);
     host.slow();
     host.write(0x36, 0, &[0x01]);
@@ -195,7 +196,7 @@ fn one_time_memory_temperature_and_supply() {
     };
     assert_eq!(word(0x006), 0xBEEF);
     assert_eq!((word(0x001), word(0x000)), (0x1122_3344, 0x5566_7788));
-    // User manual, 6.4: biases, then the conversion.
+    // User manual, 6.4: switch on the biases, then convert.
     host.write(0x28, 0x11, &[0x80]);
     host.write(0x28, 0x12, &[0x0A]);
     host.write(0x28, 0x12, &[0x0F]);

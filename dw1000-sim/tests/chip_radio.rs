@@ -1,4 +1,5 @@
-//! The chip's transmitter and receiver at the registers, with expected instants and values worked out by hand.
+//! Tests of the chip's transmitter and receiver at register level. The expected instants and values are calculated by
+//! hand.
 
 mod host;
 
@@ -40,12 +41,12 @@ fn a_frame_goes_through_every_status_bit() {
     let all = RXPRD | RXSFDD | LDEDONE | RXPHD | RXDFR | RXFCG;
     assert_eq!(b.status() & (all | RXFCE | RXPHE | RXRFSL), all);
     assert_eq!(b.received(), BODY);
-    // CRC-16/KERMIT over the ten bytes, bit by bit below; the chip uses a table.
+    // CRC-16/KERMIT over the ten bytes, computed bit by bit below; the chip uses a table.
     assert_eq!(b.received::<12>()[10..], kermit(&BODY).to_le_bytes());
     // RX_FINFO: 12 bytes, 6.81 Mbit/s, ranging bit, PRF 16, 128 symbols.
     let info = b.read_u32(0x10, 0);
     assert_eq!(info & 0x000F_FFFF, 12 | 1 << 11 | 2 << 13 | 1 << 15 | 1 << 16 | 1 << 18);
-    // 128 symbols less 14 to find the preamble, plus 5 of the delimiter.
+    // 128 symbols minus 14 to find the preamble, plus 5 of the delimiter.
     assert_eq!(info >> 20, 119);
     assert_eq!(b.read(0x27, 0x2C), 119u16.to_le_bytes());
 }
@@ -84,13 +85,13 @@ fn delayed_transmission_ignores_nine_bits_and_stamps_agree_with_the_distance() {
     assert_eq!(a.status() & (HPDWARN | TXPUTE), 0);
     assert_eq!(a.read_u40(0x17, 5), at & !511, "TX_RAWST");
     assert_eq!(a.read_u40(0x17, 0), (at & !511) + 16_436, "TX_STAMP");
-    // Counters started 6 000 apart (across the wrap), both chips at the same instant but for 5 ms and one transaction; take
-    // them from the chips themselves. 30 m are 6396.06 ticks.
+    // The counters were started 6 000 apart (across the wrap), at the same instant except for 5 ms and one transaction,
+    // so take them from the chips themselves. 30 m are 6396.06 ticks.
     let now = a.world.now();
     let apart = b.node.chip().counter(now).wrapping_sub(a.node.chip().counter(now)) & MASK;
     let flight = b.read_u40(0x15, 0).wrapping_sub(a.read_u40(0x17, 0)).wrapping_sub(apart) & MASK;
     assert!(flight.abs_diff(6396) <= 1, "{flight}");
-    // The raw stamp: on the 125 MHz clock, before the antenna delay is taken off.
+    // The raw time stamp: on the 125 MHz clock, without subtracting the antenna delay.
     let raw = b.read_u40(0x15, 9);
     assert_eq!(raw & 511, 0);
     assert!((b.read_u40(0x15, 0) + 16_436 - raw) & MASK < 512);
@@ -101,7 +102,7 @@ fn a_late_start_warns_and_stays_silent_until_switched_off() {
     let (world, a, _) = pair(quiet());
     a.write_u32(0x2F, 0, 1);
     a.prepare(&BODY);
-    // The RMARKER in 100 µs, but the preamble alone takes 135 µs.
+    // The RMARKER is due in 100 µs, but the preamble alone takes 135 µs.
     a.write_u40(0x0A, (a.read_u40(0x06, 0) + (120.0 * MICROSECOND) as u64) & MASK);
     a.command(TXSTRT | TXDLYS);
     assert_ne!(a.status() & HPDWARN, 0);
@@ -118,7 +119,8 @@ fn a_late_start_warns_and_stays_silent_until_switched_off() {
 fn a_start_that_leaves_no_time_to_power_up_is_told() {
     let (world, a, _) = pair(quiet());
     a.prepare(&BODY);
-    // 135.1 µs of preamble, a few of bus time for DX_TIME and SYS_CTRL (6 + 5 bytes, 11 µs) and 4 µs to spare.
+    // 135.1 µs of preamble, a few microseconds of bus time for DX_TIME and SYS_CTRL (6 + 5 bytes, 11 µs) and 4 µs to
+    // spare.
     a.write_u40(0x0A, (a.read_u40(0x06, 0) + (152.0 * MICROSECOND) as u64) & MASK);
     a.command(TXSTRT | TXDLYS);
     assert_eq!(a.status() & (TXPUTE | HPDWARN), TXPUTE);
@@ -167,7 +169,7 @@ fn a_delayed_reception_in_the_past_warns() {
 
 #[test]
 fn wait_for_response_turns_the_receiver_on_after_its_delay() {
-    // The answer's preamble begins 60 µs after the end of the first frame; one of 128 symbols lasts 127 µs.
+    // The answer's preamble begins 60 µs after the end of the first frame. A preamble of 128 symbols lasts 127 µs.
     for (turn_us, hears) in [(0u32, true), (40, true), (300, false)] {
         let (_, a, b) = pair(quiet());
         a.write_u32(0x1A, 0, turn_us);
@@ -222,7 +224,7 @@ fn preamble_timeout_counts_one_chunk_more() {
 #[test]
 fn another_delimiter_times_out() {
     let (_, a, b) = pair(quiet());
-    // DWSFD with 8 symbols at the receiver only; 200 symbols of patience.
+    // DWSFD with 8 symbols at the receiver only. The receiver waits for 200 symbols.
     b.write(0x21, 0, &[8]);
     b.write_u32(0x1F, 0, 0x2104_0055 | 1 << 17);
     b.write(0x27, 0x20, &200u16.to_le_bytes());
@@ -242,7 +244,7 @@ fn a_delimiter_must_come_within_its_timeout_which_zero_disables() {
         assert_eq!(b.status() & RXFCG != 0, hears, "{symbols}");
         assert_eq!(b.status() & RXSFDTO != 0, times_out, "{symbols}");
     }
-    // Disabled, and the delimiter is another one: the receiver waits for ever.
+    // The timeout is disabled, and the delimiter is another one: the receiver waits for ever.
     let (_, a, b) = pair(quiet());
     b.write(0x21, 0, &[8]);
     b.write_u32(0x1F, 0, 0x2104_0055 | 1 << 17);
@@ -278,7 +280,7 @@ fn a_header_in_another_mode_is_an_error() {
 
 #[test]
 fn long_frames_pass_in_long_mode() {
-    // 302 bytes take more than 500 µs: no smart power, hence the short way.
+    // 302 bytes take more than 500 µs: no smart power, hence the short distance.
     let world = World::new(9, quiet());
     let (a, b) = (ready(&world, 0.0, chip(0)), ready(&world, 3.0, chip(0)));
     for host in [&a, &b] {
@@ -295,7 +297,7 @@ fn long_frames_pass_in_long_mode() {
 fn wrong_check_bytes_are_told_and_offsets_work() {
     let (_, a, b) = pair(quiet());
     listen(&b);
-    // SFCST: the two last bytes come from the buffer, here from offset 16 on (TXBOFFS).
+    // SFCST: the last two bytes come from the buffer, here from offset 16 on (TXBOFFS).
     a.write(0x09, 16, &[9, 8, 7, 6, 5]);
     a.write_u32(0x08, 0, 0x0015_4000 | 5 | 16 << 22);
     a.command(TXSTRT | SFCST);
@@ -323,7 +325,7 @@ fn bytes_written_during_the_preamble_are_sent() {
 fn the_frame_filter_rejects_within_the_header_and_re_enables_if_told() {
     for (again, state) in [(0, 1), (1 << 29, 5)] {
         let (_, a, b) = pair(quiet());
-        // Filter on, data frames; PAN 0xDECA, we are 3, the frame is for 2.
+        // The filter is on and allows data frames. PAN 0xDECA; our address is 3, the frame is for 2.
         b.write_u32(0x03, 0, 0xDECA_0003);
         b.write_u32(0x04, 0, 0x1200 | 1 | 1 << 3 | again);
         b.write_u32(0x2F, 0, 1);
@@ -401,7 +403,7 @@ fn without_microcode_there_is_no_stamp() {
     assert_eq!(b.status() & (RXFCG | LDEDONE | LDEERR), RXFCG | LDEERR);
     assert_eq!(b.read_u40(0x15, 0), 0);
     assert_ne!(b.read_u40(0x15, 9), 0);
-    // Taken off the crystal's clock after 100 of its 150 µs, it is not whole.
+    // If the crystal's clock ends after 100 of its 150 µs, the microcode is incomplete.
     b.write(0x36, 0, &[0x01, 0x03]);
     b.write(0x2D, 0x06, &[0x00, 0x80]);
     b.after_us(100);
@@ -424,12 +426,13 @@ fn diagnostics_give_power_and_clock_offset_back() {
     let rx = 10.0 * (word(0x12, 6) * 131_072.0 / (n * n)).log10() - 113.77;
     let [f1, f2, f3] = [word(0x15, 7), word(0x12, 2), word(0x12, 4)];
     let fp = 10.0 * ((f1 * f1 + f2 * f2 + f3 * f3) / (n * n)).log10() - 113.77;
-    // TX_POWER after reset, 0x1E080222, with smart power and 185 µs of frame: BOOSTP250 = 0x08 = 22 dB against the recommended
-    // 0x48 = 16 dB: −8.3 dBm; Friis over 30 m at channel 5: 48.69 + 29.54 dB. −86.54 dBm read as −88.27 (figure 22).
+    // TX_POWER after reset, 0x1E080222, with smart power and 185 µs of frame: BOOSTP250 = 0x08 = 22 dB against the
+    // recommended 0x48 = 16 dB: −8.3 dBm. Friis over 30 m at channel 5: 48.69 + 29.54 dB. −86.54 dBm reads as −88.27
+    // dBm (figure 22).
     assert!((rx + 88.27).abs() < 0.1, "{rx}");
     assert!((fp - rx).abs() < 0.5, "{fp}");
-    // The sender is 20 ppm fast, so we run 20 ppm slow against it: −20 × 10⁻⁶ × 6489.6 MHz / 3.71933 Hz a step = −34 897 steps;
-    // noise of 0.05 ppm is 87 of them. It does not fit into 16 bits.
+    // The sender is 20 ppm fast, so our clock is 20 ppm slow against it: −20 × 10⁻⁶ × 6489.6 MHz / 3.71933 Hz per step
+    // = −34 897 steps. Noise of 0.05 ppm is 87 steps. The value does not fit into 16 bits.
     let [c0, c1, c2] = b.read(0x27, 0x28);
     let carrier = i32::from_le_bytes([c0, c1, c2, 0]) << 11 >> 11;
     assert!((carrier + 34_897).abs() < 400, "{carrier}");
@@ -460,7 +463,7 @@ fn the_accumulator_needs_its_clock_begins_with_a_dummy_and_matches_the_diagnosti
     assert_eq!([magnitude(0), magnitude(1), magnitude(2)], [word(0x12, 4), word(0x12, 2), word(0x15, 7)]);
     let peak = word(0x2E, 0x1000) - f64::from(edge);
     assert!((1.0..=3.0).contains(&peak), "{peak}");
-    // 992 samples at PRF 16; what lies beyond is nothing.
+    // 992 samples at PRF 16. Beyond the last sample the accumulator reads as zero.
     assert_eq!(b.read(0x25, 4 * 992), [0u8; 5]);
 }
 
@@ -476,7 +479,7 @@ fn temperature_and_supply_move_a_range() {
         b.read_u40(0x15, 0) as f64 * METRES_PER_TICK
     };
     let reference = stamp(23.0, 3.3);
-    // Half of 20 °C × 2.15 mm, and of 0.2 V × 5.35 cm; stamps are whole ticks of 4.7 mm.
+    // Half of 20 °C × 2.15 mm, and half of 0.2 V × 5.35 cm. Time stamps are whole ticks of 4.7 mm.
     assert!((stamp(43.0, 3.3) - reference - 0.0215).abs() < 0.005);
     assert!((stamp(23.0, 3.5) - reference - 0.005_35).abs() < 0.005);
 }
@@ -506,7 +509,8 @@ fn a_sniffer_sees_bytes_with_their_check_and_the_marker() {
     assert_eq!(bytes[..10], BODY);
     assert_eq!(bytes[10..], kermit(&BODY).to_le_bytes());
     assert!((power + 8.3).abs() < 1e-9, "{power}");
-    // Three transactions of 11, 5 and 5 bytes at 8 MHz, 10 µs, 136 symbols, 257 ns to the antenna, up to 8 ns of rounding.
+    // Three transactions of 11, 5 and 5 bytes at 8 MHz, 10 µs, 136 symbols, 257 ns of antenna delay, and up to 8 ns of
+    // rounding.
     let passed = marker.ps_since(before) as f64 / 1e6;
     assert!((166.385..166.394).contains(&passed), "{passed}");
 }

@@ -1,4 +1,4 @@
-//! What a chip is like after power-up, resets and sleep; its one-time memory.
+//! Tests of a chip's state after power-up, resets and sleep, and of its one-time memory.
 
 mod host;
 
@@ -25,7 +25,7 @@ enum Start {
 
 const STARTS: [Start; 4] = [Start::ResetLine, Start::SoftReset, Start::Supply, Start::Sleep];
 
-/// Starts it again; microseconds since its registers or counter began anew.
+/// Starts the chip again. Returns the microseconds since its registers or counter were reset.
 fn start_again(host: &mut Host, start: Start) -> f64 {
     host.slow();
     match start {
@@ -142,8 +142,9 @@ fn waking_leaves_the_high_byte_of_the_receive_delay_in_the_transmit_delay() {
 fn some_registers_fit_the_mode_after_reset() {
     let world = World::new(1, quiet());
     let host = started(&world, 0.0, chip(0));
-    // The user manual's 2.5.5 names what must be changed for channel 5, 6.8 Mbit/s, PRF 16, 128 symbols. These it does not name
-    // have the values of tables 30, 31, 32, 34 and 7.2.36.6: DRX_TUNE0b, 1a, 1b, 4H and AGC_TUNE3.
+    // The user manual's 2.5.5 lists what must be changed for channel 5, 6.8 Mbit/s, PRF 16, 128 symbols. The registers
+    // below are not in that list and have the values of tables 30, 31, 32, 34 and 7.2.36.6: DRX_TUNE0b, 1a, 1b, 4H and
+    // AGC_TUNE3.
     assert_eq!(host.read(0x27, 0x02), [0x01, 0x00]);
     assert_eq!(host.read(0x27, 0x04), [0x87, 0x00]);
     assert_eq!(host.read(0x27, 0x06), [0x20, 0x00]);
@@ -154,7 +155,8 @@ fn some_registers_fit_the_mode_after_reset() {
 #[test]
 fn words_of_the_one_time_memory_are_a_tests_to_choose() {
     let world = World::new(1, quiet());
-    // Transmit powers for channel 1, antenna delays, crystal trim; and calibrations of the converters unlike the model's own.
+    // Transmit powers for channel 1, antenna delays, crystal trim, and calibrations of the converters that differ from
+    // the model's own.
     let words = [(0x010, 0x1525_3545), (0x01C, 0x4034_4011), (0x01E, 0x12), (0x008, 0x90), (0x009, 0x70), (0x000, 7)];
     let config =
         ChipConfig { otp: words.to_vec(), trim: 5, eui: 0x1_0000_0001, temperature_c: 34.4, supply_v: 3.3, ..chip(0) };
@@ -166,7 +168,7 @@ fn words_of_the_one_time_memory_are_a_tests_to_choose() {
     assert_eq!(host.read(0x01, 0), 0x1_0000_0007u64.to_le_bytes(), "the identifier comes from there");
     host.write(0x28, 0x12, &[0x0F]);
     host.write(0x2A, 0x00, &[0x01]);
-    // 3.3 V is the calibration itself; 11.4 °C above 23 are ten steps of 1.14.
+    // 3.3 V is the calibration point itself. 11.4 °C above 23 °C are ten steps of 1.14 °C.
     assert_eq!(host.read(0x2A, 0x03), [0x90, 0x70 + 10]);
 }
 

@@ -1,4 +1,5 @@
-//! How long the bits of SYS_STATUS and SYS_CTRL stay, as the user manual (version 2.12) says it: pages 79, 81, 87, 91, 92 and 4.3.5.
+//! Tests of how long the bits of SYS_STATUS and SYS_CTRL stay set, as the user manual (version 2.12) specifies: pages
+//! 79, 81, 87, 91, 92 and 4.3.5.
 
 mod host;
 
@@ -28,12 +29,12 @@ fn send_damaged(host: &Host) {
     host.after_us(600);
 }
 
-/// DX_TIME `micros` from now.
+/// Sets DX_TIME to `micros` microseconds from now.
 fn aim(host: &Host, micros: f64) {
     host.write_u40(0x0A, (host.read_u40(0x06, 0) + (micros * MICROSECOND) as u64) & MASK);
 }
 
-/// Lets the world run until a bit of SYS_STATUS is set.
+/// Runs the world until a bit of SYS_STATUS is set.
 fn until_set(host: &Host, bit: u64) {
     let mut irq = host.node.peripherals().irq;
     host.write_u32(0x0E, 0, bit as u32);
@@ -59,15 +60,16 @@ fn a_delayed_start_clears_them_when_it_goes_out() {
     a.command(TXSTRT | TXDLYS);
     a.after_us(1_000);
     assert_eq!(a.status() & TRANSMITTED, TRANSMITTED);
-    // The preamble begins 135 µs before.
+    // The preamble begins 135 µs before the RMARKER.
     a.after_us(900);
     assert_eq!(a.status() & TRANSMITTED, TXFRB);
 }
 
 #[test]
 fn preamble_and_header_are_sent_when_they_are() {
-    // User manual, page 87. 110 kbit/s, PRF 16, 1024 symbols, 12 bytes. From the command on: 10 µs of start and 0.26 µs to the
-    // antenna, 1024 symbols of 993.59 ns, a delimiter of 64, 21 bits of 8.2051 µs, 96 + 48 bits; up to 8 ns of rounding.
+    // User manual, page 87. 110 kbit/s, PRF 16, 1024 symbols, 12 bytes. After the command: 10 µs of start and 0.26 µs
+    // of antenna delay, 1024 symbols of 993.59 ns, a delimiter of 64 symbols, 21 bits of 8.2051 µs, 96 + 48 bits, and
+    // up to 8 ns of rounding.
     let preamble = 10.257 + 1024.0 * 0.993_59;
     let header = preamble + 64.0 * 0.993_59 + 21.0 * 8.205_128;
     let frame = header + 144.0 * 8.205_128;
@@ -91,7 +93,7 @@ fn the_next_receiver_enable_clears_the_receivers_events() {
     assert_eq!(b.status() & RECEIVED, RECEIVED);
     b.command(RXENAB);
     assert_eq!(b.status() & RECEIVED, 0);
-    // So does one that the end of a transmission brings.
+    // An enabling by the end of a transmission has the same effect.
     b.command(TRXOFF);
     b.after_us(10);
     listen(&b);
@@ -155,13 +157,13 @@ fn the_half_period_warning_goes_when_half_a_period_is_left() {
     let (world, a, b) = pair();
     a.prepare(&BODY);
     for (host, command) in [(&a, TXSTRT | TXDLYS), (&b, RXENAB | RXDLYE)] {
-        // The preamble begins 135 µs before its instant; the receiver is aimed some 30 µs later than the sender.
+        // The preamble begins 135 µs before its instant. The receiver is aimed about 30 µs later than the sender.
         aim(host, if command & TXSTRT != 0 { 10_000_000.0 } else { 9_999_800.0 });
         host.write_u32(0x0E, 0, HPDWARN as u32);
         host.command(command);
         assert_ne!(host.status() & HPDWARN, 0);
     }
-    // Half a period is 2³⁹ ticks, 8.603720 s: 1.396280 s from here, less some 200 µs.
+    // Half a period is 2³⁹ ticks, 8.603720 s. That is 1.396280 s from here, minus about 200 µs.
     a.after_us(1_396_000);
     for host in [&a, &b] {
         assert!(host.p.irq.is_high());
@@ -202,7 +204,7 @@ fn the_power_up_error_belongs_to_its_start() {
     assert_eq!(a.status() & (TXPUTE | HPDWARN), 0);
     a.after_us(3_000);
     assert_ne!(a.status() & TXFRS, 0);
-    // The cancelled one had begun.
+    // The cancelled frame had begun.
     assert_eq!(world.statistics().frames_sent, 4);
 }
 
@@ -299,7 +301,8 @@ fn an_overrun_aborts_at_the_end_of_the_header() {
     assert_eq!(b.read::<1>(0x19, 2), [1]);
 }
 
-/// Microseconds from the receiver's first enabling to its frame wait timeout of 2000 units, when something comes after 1 ms.
+/// Microseconds from the first enabling of the receiver to its frame wait timeout of 2000 units. After 1 ms, `disturb`
+/// sends something.
 fn timeout_with(b_config: u32, disturb: impl Fn(&Host)) -> f64 {
     let (world, a, b) = pair();
     b.write(0x0C, 0, &2_000u16.to_le_bytes());
@@ -322,7 +325,7 @@ fn what_brings_no_data_does_not_stop_the_frame_wait_timer() {
         a.send(&BODY);
     });
     assert!((header_error - whole).abs() < 0.02, "{header_error}");
-    // User manual, page 79: frames that the filter rejects. This one is for somebody else.
+    // User manual, page 79: frames that the filter rejects. This frame is for another node.
     let rejected = timeout_with(0x1200 | 1 | 1 << 3, |a| a.send(&BODY));
     assert!((rejected - whole).abs() < 0.02, "{rejected}");
 }
@@ -330,6 +333,6 @@ fn what_brings_no_data_does_not_stop_the_frame_wait_timer() {
 #[test]
 fn a_frame_with_wrong_check_bytes_has_brought_data_and_the_timer_begins_anew() {
     let waited = timeout_with(0x1200, send_damaged);
-    // From the frame's end, some 1.2 ms after the beginning, and the receiver's turn-around: another 2051 µs.
+    // From the frame's end, about 1.2 ms after the beginning, and after the receiver's turn-around: another 2051 µs.
     assert!((3_200.0..3_400.0).contains(&waited), "{waited}");
 }

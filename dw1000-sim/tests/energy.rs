@@ -1,4 +1,5 @@
-//! What a chip draws from its supply, against times and currents multiplied by hand.
+//! Tests of the charge that a chip draws from its supply. The expected values are products of times and currents,
+//! calculated by hand.
 
 mod host;
 
@@ -9,7 +10,7 @@ use std::time::Duration;
 
 const BODY: [u8; 10] = [0x41, 0x88, 7, 0xCA, 0xDE, 2, 0, 1, 0, 0x55];
 
-/// Microcoulombs that `act` takes.
+/// The charge that `act` takes, microcoulombs.
 fn drawn(host: &Host, act: impl FnOnce(&Host)) -> f64 {
     let before = host.node.consumption().charge_uc;
     act(host);
@@ -23,8 +24,8 @@ fn assert_near(value: f64, expected: f64) {
 
 #[test]
 fn the_figures_quoted_from_the_data_sheet() {
-    // Data sheet 2.17, page 30, as public energy accounting quotes it: channel 2, PRF 64, 128 symbols, 6.8 Mbit/s; and its first
-    // page.
+    // Data sheet 2.17, page 30, as public energy accounting quotes it: channel 2, PRF 64, 128 symbols, 6.8 Mbit/s; and
+    // its first page.
     let currents = Currents::TYPICAL;
     assert_eq!((currents.transmit_preamble_64_ma, currents.transmit_data_fast_ma), (83.0, 52.0));
     assert_eq!((currents.receive_preamble_ma, currents.receive_data_fast_ma), (113.0, 118.0));
@@ -48,7 +49,7 @@ fn a_receiver_that_hears_nothing_draws_for_its_hunt() {
     let world = World::new(1, quiet());
     let host = ready(&world, 0.0, chip(0));
     host.command(RXENAB);
-    // It is on 16 µs after the command.
+    // The receiver is on 16 µs after the command.
     host.after_us(20);
     // 100 ms at 113 mA.
     assert_near(drawn(&host, |h| h.after_us(100_000)), 11_300.0);
@@ -74,14 +75,15 @@ fn a_frame_draws_for_its_preamble_and_its_data() {
     a.after_us(1_000);
     assert_ne!(b.status() & RXFCG, 0);
     let (sent, heard) = (a.node.consumption(), b.node.consumption());
-    // 136 symbols of 1017.63 ns: 138.397 µs at 83 mA. 21 bits of 1025.64 ns and 96 + 48 bits of 128.205 ns: 40.0 µs at 52 mA.
+    // 136 symbols of 1017.63 ns: 138.397 µs at 83 mA. 21 bits of 1025.64 ns and 96 + 48 bits of 128.205 ns: 40.0 µs at
+    // 52 mA.
     assert_near(sent.transmit_preamble_s - sent_before.transmit_preamble_s, 138.397e-6);
     assert_near(sent.transmit_data_s - sent_before.transmit_data_s, 40.0e-6);
     let idle_s = sent.idle_s - sent_before.idle_s;
     assert_near(sent.charge_uc - sent_before.charge_uc, 11.487 + 2.080 + idle_s * 18_000.0);
     assert_near(sent.transmit_uc - sent_before.transmit_uc, 11.487 + 2.080);
     assert_near(sent.receive_uc, 0.0);
-    // The receiver: the same 40 µs at 118 mA; before them it hunts and follows at 113.
+    // The receiver has the same 40 µs at 118 mA. Before, it searches and follows at 113 mA.
     assert_near(heard.receive_data_s - heard_before.receive_data_s, 40.0e-6);
     let hunt_s = heard.receive_preamble_s - heard_before.receive_preamble_s;
     let idle_s = heard.idle_s - heard_before.idle_s;
@@ -153,7 +155,7 @@ fn the_times_add_up_to_all_time() {
     } = b.node.consumption();
     let sum = off_s + deep_sleep_s + sleep_s + wake_up_s + init_s + idle_s;
     let all = sum + transmit_preamble_s + transmit_data_s + receive_preamble_s + receive_data_s;
-    // It was added 5 ms after the world's beginning and the first host's microcode.
+    // The chip was added 5 ms after the world's beginning, and after the first host's microcode was loaded.
     let since = world.now().as_secs_f64() - all;
     assert!((0.005..0.006).contains(&since), "{since}");
 }

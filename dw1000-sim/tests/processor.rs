@@ -1,4 +1,4 @@
-//! What code costs is seen at the bus, the interrupt line and the timer.
+//! The cost of code is visible at the bus, the interrupt line and the timer.
 
 use std::cell::Cell;
 use std::rc::Rc;
@@ -8,7 +8,8 @@ use dw1000_sim::{AirConfig, BoardProfile, NodeConfig, Peripherals, TrueTime, Wor
 use embedded_hal_async::delay::DelayNs;
 use embedded_hal_async::spi::SpiDevice;
 
-/// An instruction takes 10 ns, an interrupt 2 µs and 100 instructions; a transaction 50 instructions and each operation 100.
+/// An instruction takes 10 ns; an interrupt takes 2 µs and 100 instructions; a transaction takes 50 instructions and
+/// each of its operations 100.
 const BOARD: BoardProfile = BoardProfile {
     clock_hz: 100_000_000,
     cycles_per_instruction: 1.0,

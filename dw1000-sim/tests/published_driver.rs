@@ -1,4 +1,5 @@
-//! The simulated chip under a driver that its author never saw: the published `dw1000` crate, unmodified, blocking.
+//! The simulated chip with a driver whose author did not know the simulation: the published `dw1000` crate, unmodified,
+//! blocking.
 
 use dw1000::hl::SendTime;
 use dw1000::time::{Duration, Instant};
@@ -12,7 +13,7 @@ use std::cell::{Cell, RefCell};
 use std::convert::Infallible;
 use std::rc::Rc;
 
-/// embedded-hal 0.2 over the simulated bus: a transfer lets the world run until it is over.
+/// embedded-hal 0.2 over the simulated bus. A transfer runs the world until the transfer is over.
 struct Bus {
     spi: SimSpi,
     world: World,
@@ -39,7 +40,7 @@ impl Write<u8> for Bus {
     }
 }
 
-/// Chip select. Held low with no transfer, it is what wakes a sleeping chip.
+/// Chip select. Held low without a transfer, it wakes a sleeping chip.
 struct Select {
     spi: SimSpi,
     world: World,
@@ -101,7 +102,7 @@ fn rx() -> RxConfig {
     RxConfig { frame_filtering: false, ..RxConfig::default() }
 }
 
-/// Sends from `from`, hears at `to`; what each stamped, and the payload.
+/// Sends from `from` and receives at `to`. Returns both time stamps and the payload.
 fn exchange(world: &World, from: Radio, to: Radio, time: SendTime, data: &[u8]) -> (u64, u64, Vec<u8>, Radio, Radio) {
     let mut receiving = to.receive(rx()).expect("receive");
     let mut sending = from.send(data, None, time, TxConfig::default()).expect("send");
@@ -144,24 +145,24 @@ fn sends_receives_and_stamps_to_the_tick() {
         let (sent, heard, payload, back_a, back_b) = exchange(&world, radio_a, radio_b, time, &[round, 42, 7]);
         assert_eq!(payload, [round, 42, 7]);
         if round > 0 {
-            // The low nine bits are ignored, the antenna delay is added.
+            // The low nine bits are ignored, and the antenna delay is added.
             assert_eq!(sent, ((delayed.value() & !511) + u64::from(ANTENNA)) & 0xFF_FFFF_FFFF);
         }
-        // Counters are apart by what they started with, and the frame takes 30 m / 299 704 645 m/s × 63.8976 GHz
-        // = 6396.06 ticks.
+        // The counters differ by their initial counts, and the frame takes 30 m / 299 704 645 m/s × 63.8976 GHz =
+        // 6396.06 ticks.
         let apart = COUNTERS.1.wrapping_sub(COUNTERS.0);
         let flight = heard.wrapping_sub(sent).wrapping_sub(apart) & 0xFF_FFFF_FFFF;
         assert!((6395..=6397).contains(&flight), "{flight}");
         (radio_a, radio_b) = (back_a, back_b);
     }
-    // The sequence numbers count up on the air; the MAC parser has accepted the frames above.
+    // The sequence numbers on the air count up. The MAC parser has accepted the frames above.
     let frames = frames.borrow();
     assert_eq!(frames.iter().map(|f| f[2]).collect::<Vec<_>>(), [0, 1, 2]);
     let (sender, receiver) = (a.chip_statistics(), b.chip_statistics());
     assert_eq!((sender.too_fast, receiver.too_fast), (0, 0));
     assert_eq!(sender.mistuned, 0);
-    // At each of the three receptions the crate has set LDE_REPC for the preamble code after the one in use: 0x451E for code 4,
-    // where table 51 of the user manual has 0x428E.
+    // At each of the three receptions, the crate has set LDE_REPC for the preamble code after the one in use: 0x451E
+    // for code 4, for which table 51 of the user manual has 0x428E.
     assert_eq!(receiver.mistuned, 3);
     assert!(b.chip().mistuned().contains(&"LDE_REPC"));
 }
@@ -215,8 +216,9 @@ fn quality_and_power_read_as_sent() {
     sending.wait_transmit().unwrap();
     receiving.wait_receive(&mut [0; 127]).unwrap();
     let quality = receiving.read_rx_quality().unwrap();
-    // The crate sets TX_POWER 0x0E082848; the frame takes 175 µs, so BOOSTP250 counts: 6 dB above −14.3 dBm. Friis over 20 m at
-    // 6.4896 GHz takes 74.71 dB: −83.01 dBm arrive. Figure 22 at PRF 16: −85 reads −87.5 and −77 reads −85, hence −86.88.
+    // The crate sets TX_POWER 0x0E082848. The frame takes 175 µs, so BOOSTP250 applies: 6 dB above −14.3 dBm. Friis
+    // over 20 m at 6.4896 GHz takes 74.71 dB, so −83.01 dBm arrive. In figure 22 at PRF 16, −85 reads −87.5 and −77
+    // reads −85, hence −86.88 dBm.
     assert!((quality.rssi + 86.88).abs() < 0.2, "{}", quality.rssi);
     assert_eq!(quality.los_confidence_level, 1.0);
 }

@@ -1,4 +1,4 @@
-//! Tunings that are not the user manual's are counted and named.
+//! Tunings that differ from the user manual's are counted and named.
 
 mod host;
 
@@ -9,8 +9,8 @@ use host::*;
 fn after_reset_the_manuals_list_of_defaults_to_be_changed_is_named() {
     let world = World::new(1, quiet());
     let host = started(&world, 0.0, chip(0));
-    // User manual, 2.5.5.1 to 2.5.5.9, without NTM and TX_POWER, which are a matter of choice; and LDE_REPC, which it has no
-    // default for.
+    // User manual, 2.5.5.1 to 2.5.5.9, without NTM and TX_POWER, which may be chosen freely; and LDE_REPC, for which
+    // the manual has no default.
     let expected =
         ["AGC_TUNE1", "AGC_TUNE2", "DRX_TUNE2", "FS_PLLTUNE", "LDE_CFG2", "LDE_REPC", "RF_TXCTRL", "TC_PGDELAY"];
     assert_eq!(host.node.chip().mistuned(), expected);
@@ -39,7 +39,7 @@ fn enabling_counts_what_the_direction_needs() {
     host.after_us(50);
     host.command(TRXOFF);
     assert_eq!(host.node.chip_statistics().mistuned, 0);
-    // The replica coefficient is the receiver's affair.
+    // Only the receiver uses the replica coefficient.
     host.write(0x2E, 0x2804, &[0, 0]);
     host.send(&[1, 2, 3]);
     assert_eq!(host.node.chip_statistics().mistuned, 0);
@@ -48,7 +48,7 @@ fn enabling_counts_what_the_direction_needs() {
     assert_eq!(host.node.chip_statistics().mistuned, 1);
     host.command(TRXOFF);
     tune(&host);
-    // The pulse generator's delay is the transmitter's.
+    // Only the transmitter uses the pulse generator's delay.
     host.write(0x2A, 0x0B, &[0xC5]);
     host.send(&[1, 2, 3]);
     assert_eq!(host.node.chip_statistics().mistuned, 2);

@@ -1,4 +1,4 @@
-//! The world as test code uses it: what may run it from where, and what may be looked at meanwhile.
+//! Tests of the world as test code uses it: which code may run it, and what may be read meanwhile.
 
 mod host;
 
@@ -139,7 +139,7 @@ fn all_peripherals_of_a_node_share_its_bus_clock_which_a_restart_resets() {
     });
     world.run_for(Duration::from_millis(5));
     assert_eq!(node.peripherals().spi.clock().hz(), 8_000_000);
-    // One who knows only another handle reads whole words at the other's clock.
+    // Code that has only another handle reads whole words at the first handle's clock.
     assert_eq!(identifier(&world, &mut node.peripherals().spi), 0xDECA_0130);
     node.reset_processor();
     assert_eq!(*clocks.borrow(), [2_000_000, 2_000_000], "the board's own at each start");

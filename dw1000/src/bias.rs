@@ -1,10 +1,10 @@
-//! What the DW1000 adds to a distance by itself: by received power, temperature and supply.
+//! The bias that the DW1000 adds to a distance: by received power, temperature and supply.
 //!
 //! The first path of a strong signal is found too early, that of a weak one too late. The tables are those of
 //! Decawave's application note APS011 (Sources of error in DW1000 based two-way ranging schemes, table 2), in steps of
-//! 2 dB, between which is interpolated linearly; beyond their ends the end value holds. They go by the power received,
-//! of which the chip's own estimate falls short where it is high (DW1000 user manual, figure 22). True distance =
-//! measured − [`RangeBias::metres`].
+//! 2 dB. Values in between are interpolated linearly; beyond their ends the end value holds. The tables are indexed by
+//! the power actually received. The chip's own estimate of a high power is too low (DW1000 user manual, figure 22).
+//! True distance = measured − [`RangeBias::metres`].
 
 use crate::phy::{Channel, Prf};
 use crate::radio::Sensors;
@@ -13,7 +13,7 @@ use crate::{PhyConfig, decibels};
 
 /// Power of the tables' first entry, dBm.
 const FIRST_DBM: f32 = -61.0;
-/// From one entry to the next, dB downwards.
+/// Step from one entry to the next, dB downwards.
 const STEP_DB: f32 = 2.0;
 
 /// 500 MHz channels, PRF 16 MHz: metres, from −61 to −95 dBm.
@@ -37,8 +37,8 @@ const WIDE_64: [f32; 18] = [
     0.245, 0.264, 0.284,
 ];
 
-/// Points of the curve of estimates by power received, dBm, as read off figure 22: estimate, power. Below the first the
-/// estimate is right.
+/// Points of the curve of estimated power against received power, dBm, as read off figure 22: estimate, power. Below
+/// the first point the estimate is correct.
 type Estimates = [(f32, f32); 6];
 /// PRF 16 MHz.
 const ESTIMATES_16: Estimates =
@@ -52,12 +52,12 @@ const ESTIMATES_64: Estimates =
 pub struct RangeBias {
     table: &'static [f32; 18],
     estimates: &'static Estimates,
-    /// Power received over one clear metre, dBm.
+    /// Received power at a distance of one metre with a clear path, dBm.
     first_metre_dbm: f32,
 }
 
 impl RangeBias {
-    /// That of a configuration.
+    /// The bias of a configuration.
     pub const fn of(phy: &PhyConfig) -> Self {
         let (table, estimates) = match (phy.channel().is_wide(), phy.prf()) {
             (false, Prf::Mhz16) => (&NARROW_16, &ESTIMATES_16),
@@ -65,7 +65,7 @@ impl RangeBias {
             (true, Prf::Mhz16) => (&WIDE_16, &ESTIMATES_16),
             (true, Prf::Mhz64) => (&WIDE_64, &ESTIMATES_64),
         };
-        // −41.3 dBm/MHz sent, isotropic antennas, Friis (APS011, 3.2).
+        // −41.3 dBm/MHz transmitted, isotropic antennas, Friis (APS011, 3.2).
         let first_metre_dbm = match phy.channel() {
             Channel::Ch1 => -57.6,
             Channel::Ch2 => -58.8,
@@ -77,13 +77,14 @@ impl RangeBias {
         Self { table, estimates, first_metre_dbm }
     }
 
-    /// What a distance reads too long over a clear way of this length, metres: the power is reckoned and not measured.
+    /// The amount by which a distance over a clear path of this length is measured too long, metres. The power is
+    /// computed from the distance and not measured.
     pub fn expected(&self, distance_m: f32) -> f32 {
         self.at_power(self.first_metre_dbm - 2.0 * decibels(distance_m.max(0.1)))
     }
 
-    /// What a distance reads too long at this received power, as [`Diagnostics`](crate::Diagnostics) have it, metres; 0
-    /// where the power is not a number.
+    /// The amount by which a distance is measured too long at this received power, as in
+    /// [`Diagnostics`](crate::Diagnostics), metres; 0 if the power is not a number.
     pub fn metres(&self, rx_power_dbm: f32) -> f32 {
         if rx_power_dbm.is_nan() {
             return 0.0;
@@ -91,7 +92,7 @@ impl RangeBias {
         self.at_power(power_of(self.estimates, rx_power_dbm))
     }
 
-    /// By the table, at a power that is not an estimate.
+    /// From the table, at the actual power, which is not the chip's estimate.
     fn at_power(&self, power_dbm: f32) -> f32 {
         let place = ((FIRST_DBM - power_dbm) / STEP_DB).clamp(0.0, (self.table.len() - 1) as f32);
         let below = place as usize;
@@ -100,7 +101,7 @@ impl RangeBias {
     }
 }
 
-/// The power received, of which the chip makes this estimate; beyond the curve's end that of the end.
+/// The received power for which the chip gives this estimate; beyond the curve's end that of the end.
 fn power_of(estimates: &Estimates, estimate_dbm: f32) -> f32 {
     let mut last = estimates[0];
     if estimate_dbm <= last.0 {
@@ -115,36 +116,39 @@ fn power_of(estimates: &Estimates, estimate_dbm: f32) -> f32 {
     last.1
 }
 
-/// What a distance reads too long when both chips are warmer than at calibration, metres a degree Celsius (APS011, 4).
+/// The amount by which a distance is measured too long when both chips are warmer than at calibration, metres per
+/// degree Celsius (APS011, 4).
 pub const METRES_PER_DEGREE: f32 = 2.15e-3;
-/// What a distance reads too long when both supplies are higher than at calibration, metres a volt (APS011, 4).
+/// The amount by which a distance is measured too long when both supplies are higher than at calibration, metres per
+/// volt (APS011, 4).
 pub const METRES_PER_VOLT: f32 = 53.5e-3;
 
-/// How far chip and supply are from what they were when the antenna delay was calibrated.
+/// The difference of chip temperature and supply from their values at the calibration of the antenna delay.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Conditions {
-    /// Warmer by, °C.
+    /// Temperature above that of the calibration, °C.
     pub warmer_by_c: f32,
-    /// Supply higher by, V.
+    /// Supply above that of the calibration, V.
     pub higher_by_v: f32,
 }
 
 impl Conditions {
-    /// Those of a radio that was calibrated at 23 °C and 3.3 V, as the DW1000's maker does it. Readings that no working chip has count as
-    /// the nearest that one has: −40 to 85 °C, 2.8 to 3.6 V (data sheet).
+    /// The conditions of a radio that was calibrated at 23 °C and 3.3 V, as the DW1000's maker does. Readings outside
+    /// the limits of a working chip are clamped to them: −40 to 85 °C, 2.8 to 3.6 V (data sheet).
     pub fn of(sensors: &Sensors) -> Self {
         let (temperature, voltage) = (sensors.temperature_celsius.clamp(-40.0, 85.0), sensors.voltage.clamp(2.8, 3.6));
         Self { warmer_by_c: temperature - 23.0, higher_by_v: voltage - 3.3 }
     }
 
-    /// What a distance reads too long with one end under these conditions and the other under those of calibration:
-    /// half of what both ends would add.
+    /// The amount by which a distance is measured too long if one end has these conditions and the other those of
+    /// calibration: half of what both ends would add.
     pub fn metres(&self) -> f32 {
         0.5 * (self.warmer_by_c * METRES_PER_DEGREE + self.higher_by_v * METRES_PER_VOLT)
     }
 
-    /// By how much each of the chip's two antenna delays is longer, ticks: a distance has half of the sum of both.
+    /// The amount by which each of the chip's two antenna delays is longer, ticks: a distance contains half of the sum
+    /// of both.
     pub fn delay_ticks(&self) -> i16 {
         let ticks = self.metres() / METRES_PER_TICK as f32;
         // To the nearest; a saturating cast.
@@ -164,8 +168,9 @@ mod tests {
 
     #[test]
     fn a_clear_way_has_the_bias_of_the_power_that_comes_through_it() {
-        // Channel 5: −41.3 + 10·log 500 = −14.3 dBm sent, 20·log(4π·6489.6 MHz/c) = 48.7 dB over a metre: −63.0 dBm; 14 dB less at
-        // 5.0119 m, −77 dBm, where the table has none; 6 dB less than that at 10 m, −83 dBm, where it has 42 mm.
+        // Channel 5: −41.3 + 10·log 500 = −14.3 dBm transmitted, 20·log(4π·6489.6 MHz/c) = 48.7 dB over a metre: −63.0
+        // dBm; 14 dB less at 5.0119 m, −77 dBm, where the table has 0; 6 dB less than that at 10 m, −83 dBm, where it
+        // has 42 mm.
         let phy = PhyConfig::new(Channel::Ch5, Prf::Mhz64, DataRate::Kbps6810, PreambleLength::Symbols128).unwrap();
         let bias = RangeBias::of(&phy);
         assert!(bias.expected(5.0119).abs() < 1e-4, "{}", bias.expected(5.0119));
@@ -210,8 +215,7 @@ mod tests {
             RangeBias::of(&phy).metres(dbm)
         };
         // −93 dBm is −93; −81.25 is half way from −82.5 (−80) to −80 (−72.5), so −76.25: 3/8 of the way from −77 (0) to
-        // −75 (−2.7 cm). PRF 16: −85 is −77, where the table has −5.9 cm. −70 is more than the curve's end, so more
-        // than −61.
+        // −75 (−2.7 cm). PRF 16: −85 is −77, where the table has −5.9 cm. −70 is beyond the curve's end, so above −61.
         assert!((metres(Prf::Mhz64, -93.0) - 0.081).abs() < 1e-6);
         assert!((metres(Prf::Mhz64, -81.25) + 0.010_125).abs() < 1e-6);
         assert!((metres(Prf::Mhz16, -85.0) + 0.059).abs() < 1e-6);

@@ -1,8 +1,9 @@
-//! The DW1000 and what every protocol over it shares.
+//! The DW1000 and what all protocols on it share.
 //!
-//! [`Dw1000`] is the driver: async over an SPI device, an interrupt line, a reset line and a delay. It is a [`Radio`], the trait that
-//! protocols are written against, so that a simulated radio can stand in for it. [`PhyConfig`] says how frames are put on the air,
-//! [`RadioInstant`] and [`RadioDuration`] are the chip's time of 15.65 ps, [`RangeBias`] corrects ranges by received power.
+//! [`Dw1000`] is the driver: async over an SPI device, an interrupt line, a reset line and a delay. It implements
+//! [`Radio`], the trait that protocols use, so that a simulated radio can replace it. [`PhyConfig`] is the radio
+//! configuration of the frames. [`RadioInstant`] and [`RadioDuration`] are the chip's time in ticks of 15.65 ps.
+//! [`RangeBias`] corrects ranges by received power.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -23,7 +24,8 @@ pub use radio::{
 };
 pub use time::{RadioDuration, RadioInstant};
 
-/// 10 ⁄ ln 10: decibels a natural logarithm. A logarithm to the base of ten would be 256 bytes more in an image.
+/// 10 ⁄ ln 10: converts a natural logarithm to decibels. A logarithm to the base of ten would take 256 bytes more in an
+/// image.
 const DECIBELS: f32 = 4.342_944_8;
 
 /// A ratio of powers in decibels.

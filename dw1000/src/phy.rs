@@ -1,9 +1,9 @@
-//! How frames are put on the air: channel, pulse rate, data rate, preamble, start-of-frame delimiter; and how long they
-//! last.
+//! The radio configuration of frames: channel, pulse rate, data rate, preamble, start-of-frame delimiter. Also the
+//! frames' durations.
 //!
 //! A [`PhyConfig`] is valid by construction: its parts agree with each other as IEEE 802.15.4-2015 (clause 16) and the
-//! DW1000 user manual demand. Times are exact in ticks, because the standard counts every symbol in chips of 1/499.2
-//! MHz, and a tick is the 128th part of a chip.
+//! DW1000 user manual require. Times are exact in ticks, because the standard counts every symbol in chips of 1/499.2
+//! MHz, and a tick is 1/128 of a chip.
 
 use crate::RadioDuration;
 
@@ -11,11 +11,11 @@ use crate::RadioDuration;
 const TICKS_PER_CHIP: i64 = 128;
 /// Symbols of the PHY header: 13 bits, 6 check bits, 2 bits that flush the convolutional code (802.15.4-2015, 16.2.7).
 const PHR_SYMBOLS: i64 = 21;
-/// Data bits of a Reed-Solomon block, and the check bits each block, full or not, adds (16.3.3.1).
+/// Data bits of a Reed-Solomon block, and the check bits that each block adds, full or not (16.3.3.1).
 const REED_SOLOMON_DATA_BITS: i64 = 330;
 const REED_SOLOMON_CHECK_BITS: i64 = 48;
 
-/// A UWB channel that the DW1000 has.
+/// A UWB channel of the DW1000.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Channel {
@@ -34,7 +34,7 @@ pub enum Channel {
 }
 
 impl Channel {
-    /// The channel of a number, where the chip has it.
+    /// The channel with this number, if the chip has it.
     pub const fn from_number(number: u8) -> Option<Self> {
         Some(match number {
             1 => Self::Ch1,
@@ -77,8 +77,8 @@ impl Channel {
         }
     }
 
-    /// The preamble codes that the standard gives this channel at a pulse rate (802.15.4-2015, tables 16-6 to 16-8;
-    /// DW1000 user manual, table 61). The first is the one DecaRanging boards use.
+    /// The preamble codes of this channel in the standard, for a pulse rate (802.15.4-2015, tables 16-6 to 16-8; DW1000
+    /// user manual, table 61). DecaRanging boards use the first one.
     pub const fn preamble_codes(self, prf: Prf) -> &'static [u8] {
         match (prf, self) {
             (Prf::Mhz16, Self::Ch1) => &[1, 2],
@@ -102,7 +102,7 @@ pub enum Prf {
 }
 
 impl Prf {
-    /// The frequency of a number of MHz, 16 or 64.
+    /// The frequency for a number of MHz, 16 or 64.
     pub const fn from_mhz(mhz: u8) -> Option<Self> {
         match mhz {
             16 => Some(Self::Mhz16),
@@ -141,7 +141,7 @@ pub enum DataRate {
 }
 
 impl DataRate {
-    /// The rate of a number of kbit/s, 110, 850 or 6810.
+    /// The rate for a number of kbit/s, 110, 850 or 6810.
     pub const fn from_kbps(kbps: u16) -> Option<Self> {
         match kbps {
             110 => Some(Self::Kbps110),
@@ -202,7 +202,7 @@ pub enum PreambleLength {
 }
 
 impl PreambleLength {
-    /// The length of a number of symbols, where the chip sends so many.
+    /// The length for a number of symbols, if the chip supports it.
     pub const fn from_symbols(symbols: u16) -> Option<Self> {
         Some(match symbols {
             64 => Self::Symbols64,
@@ -227,7 +227,7 @@ impl PreambleLength {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Sfd {
-    /// That of the standard: 8 symbols, 64 at 110 kbit/s.
+    /// The delimiter of the standard: 8 symbols, 64 at 110 kbit/s.
     Standard,
     /// Decawave's own, more robust: 64 symbols at 110 kbit/s, 16 at 850; the manual defines none at 6.81 Mbit/s.
     Decawave,
@@ -269,7 +269,7 @@ impl Pac {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum PhyError {
-    /// The channel has no such preamble code at this pulse rate.
+    /// The channel does not have this preamble code at this pulse rate.
     PreambleCode(u8),
     /// At 110 kbit/s the receiver needs a preamble of at least 1024 symbols.
     PreambleTooShort(PreambleLength),
@@ -279,7 +279,7 @@ pub enum PhyError {
     PacTooLong(Pac),
 }
 
-/// One way of putting frames on the air; both ends of a link have the same.
+/// A radio configuration of frames. Both ends of a link must have the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PhyConfig {
@@ -293,12 +293,15 @@ pub struct PhyConfig {
 }
 
 impl PhyConfig {
-    /// Channel 5, 64 MHz, 6.81 Mbit/s, 128 preamble symbols: the shortest frames with margin, and the mode of the
-    /// figures of this project. Equal to EVK1000 mode 8.
+    /// Channel 5, 64 MHz, 6.81 Mbit/s, 128 preamble symbols: the shortest frames with margin. The figures of this
+    /// project are for this mode. Equal to EVK1000 mode 8.
     pub const FAST: Self = Self::recommended(Channel::Ch5, Prf::Mhz64, DataRate::Kbps6810, PreambleLength::Symbols128);
 
     /// A configuration with the recommended delimiter (DW1000 user manual, table 21), acquisition chunk (table 6) and
     /// the channel's first preamble code.
+    ///
+    /// # Errors
+    /// [`PhyError::PreambleTooShort`] at 110 kbit/s with fewer than 1024 preamble symbols.
     pub const fn new(
         channel: Channel,
         prf: Prf,
@@ -327,8 +330,8 @@ impl PhyConfig {
         }
     }
 
-    /// The mode that an EVK1000 running DecaRanging is in by its switches S1-5, S1-6, S1-7 (`true` is on), as seed
-    /// 000's table 5-1 lists them as modes 1 to 8.
+    /// The mode of an EVK1000 with DecaRanging for its switches S1-5, S1-6, S1-7 (`true` is on). Table 5-1 of P. M. de
+    /// Rojas Malpartida's thesis (Universidad de Sevilla, 2021) lists these modes as 1 to 8.
     pub const fn from_evk1000_switches(s1_5: bool, s1_6: bool, s1_7: bool) -> Self {
         let (data_rate, preamble_length) = if s1_5 {
             (DataRate::Kbps6810, PreambleLength::Symbols128)
@@ -340,7 +343,7 @@ impl PhyConfig {
         Self::recommended(channel, prf, data_rate, preamble_length)
     }
 
-    /// EVK1000 mode 1 to 8 (seed 000, table 5-1).
+    /// EVK1000 mode 1 to 8 (P. M. de Rojas Malpartida's thesis, 2021, table 5-1).
     pub const fn evk1000_mode(mode: u8) -> Option<Self> {
         match mode {
             1..=8 => {
@@ -351,7 +354,10 @@ impl PhyConfig {
         }
     }
 
-    /// The same with another of the channel's preamble codes: networks side by side hear each other less.
+    /// The same with another of the channel's preamble codes, so that neighbouring networks receive less of each other.
+    ///
+    /// # Errors
+    /// [`PhyError::PreambleCode`] if the channel does not have this code at this pulse rate.
     pub fn with_preamble_code(self, code: u8) -> Result<Self, PhyError> {
         if self.channel.preamble_codes(self.prf).contains(&code) {
             Ok(Self { preamble_code: code, ..self })
@@ -361,6 +367,9 @@ impl PhyConfig {
     }
 
     /// The same with another start-of-frame delimiter.
+    ///
+    /// # Errors
+    /// [`PhyError::SfdUndefined`] for Decawave's delimiter at 6.81 Mbit/s.
     pub const fn with_sfd(self, sfd: Sfd) -> Result<Self, PhyError> {
         match (sfd, self.data_rate) {
             (Sfd::Decawave, DataRate::Kbps6810) => Err(PhyError::SfdUndefined),
@@ -369,6 +378,9 @@ impl PhyConfig {
     }
 
     /// The same with another preamble acquisition chunk, of at most an eighth of the preamble.
+    ///
+    /// # Errors
+    /// [`PhyError::PacTooLong`] if the chunk is longer than an eighth of the preamble.
     pub const fn with_pac(self, pac: Pac) -> Result<Self, PhyError> {
         if pac.symbols() * 8 > self.preamble_length.symbols() {
             Err(PhyError::PacTooLong(pac))
@@ -427,7 +439,7 @@ impl PhyConfig {
         RadioDuration::from_ticks(symbols * self.prf.preamble_symbol_chips() * TICKS_PER_CHIP)
     }
 
-    /// From the RMARKER to the end of a frame of `frame_bytes` bytes, the two check bytes counted.
+    /// From the RMARKER to the end of a frame of `frame_bytes` bytes, including the two check bytes.
     pub const fn time_after_rmarker(&self, frame_bytes: u16) -> RadioDuration {
         let bits = frame_bytes as i64 * 8;
         let blocks = (bits + REED_SOLOMON_DATA_BITS - 1) / REED_SOLOMON_DATA_BITS;
@@ -436,7 +448,7 @@ impl PhyConfig {
         RadioDuration::from_ticks(chips * TICKS_PER_CHIP)
     }
 
-    /// From the first pulse to the last of a frame of `frame_bytes` bytes, the two check bytes counted.
+    /// From the first pulse to the last of a frame of `frame_bytes` bytes, including the two check bytes.
     pub const fn airtime(&self, frame_bytes: u16) -> RadioDuration {
         RadioDuration::from_ticks(self.time_to_rmarker().ticks() + self.time_after_rmarker(frame_bytes).ticks())
     }
@@ -487,7 +499,7 @@ mod tests {
 
     #[test]
     fn the_eight_modes_are_those_of_table_5_1() {
-        // Seed 000, table 5-1: mode, channel, rate, PRF, preamble.
+        // P. M. de Rojas Malpartida's thesis (2021), table 5-1: mode, channel, rate, PRF, preamble.
         let table = [
             (1, 2, DataRate::Kbps110, Prf::Mhz16, 1024),
             (2, 2, DataRate::Kbps6810, Prf::Mhz16, 128),
@@ -502,7 +514,8 @@ mod tests {
             let phy = PhyConfig::evk1000_mode(mode).unwrap();
             let seen = (phy.channel().number(), phy.data_rate(), phy.prf(), phy.preamble_length().symbols());
             assert_eq!(seen, (channel, rate, prf, preamble), "mode {mode}");
-            // DecaRanging: PAC 32 and Decawave's delimiter at 110 kbit/s, PAC 8 and the standard's at 6.81 Mbit/s.
+            // DecaRanging: PAC 32 and Decawave's delimiter at 110 kbit/s; PAC 8 and the standard's delimiter at 6.81
+            // Mbit/s.
             let (pac, sfd) = match rate {
                 DataRate::Kbps110 => (Pac::Symbols32, Sfd::Decawave),
                 DataRate::Kbps850 | DataRate::Kbps6810 => (Pac::Symbols8, Sfd::Standard),

@@ -1,7 +1,8 @@
-//! What a node needs of a radio: send a frame at a time, hear a frame with its time, nothing of chips or buses.
+//! What a node needs of a radio: to send a frame at an instant, and to receive a frame with its instant. This module
+//! knows no chips or buses.
 //!
-//! Frames pass without their two check bytes: the radio adds them and checks them. Instants are those of the RMARKER (the
-//! first pulse of the PHY header) at the antenna, in the radio's own clock, antenna delay included.
+//! Frames have no check bytes here: the radio adds and checks both. Instants are those of the RMARKER (the first pulse
+//! of the PHY header) at the antenna, in the radio's own clock, including the antenna delay.
 
 use crate::{RadioDuration, RadioInstant};
 
@@ -14,33 +15,40 @@ pub const MAX_FRAME: usize = 125;
 pub enum Start {
     /// At once.
     Now,
-    /// The RMARKER leaves (the receiver is on) at this instant; see [`Radio::departure`] for the instant a transmission gets.
+    /// At this instant the RMARKER leaves, or the receiver is on. See [`Radio::departure`] for the resulting instant of
+    /// a transmission.
     At(RadioInstant),
 }
 
-/// A radio that stamps frames.
+/// A radio that timestamps frames.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
 pub trait Radio {
-    /// What the bus or the chip may fail with.
+    /// An error of the bus or the chip.
     type Error: core::fmt::Debug;
 
     /// The radio's clock.
+    ///
+    /// # Errors
+    /// If the bus or the chip fails.
     async fn now(&mut self) -> Result<RadioInstant, Self::Error>;
 
-    /// The instant at which a frame's RMARKER will be at the antenna when it is sent with `Start::At(at)`: snapped to the
-    /// chip's step, antenna delay added. Frames that carry their own departure are filled with this.
+    /// The instant at which a frame's RMARKER will be at the antenna when it is sent with `Start::At(at)`: snapped to
+    /// the chip's step, plus the antenna delay. A frame that contains its own departure contains this instant.
     fn departure(&self, at: RadioInstant) -> RadioInstant;
 
-    /// From the snapped instant to the antenna: what [`departure`](Self::departure) adds. It may be known only once the radio has
-    /// started, where the module's maker measured it.
+    /// The delay from the snapped instant to the antenna, which [`departure`](Self::departure) adds. If the module's
+    /// maker measured it, it may be known only once the radio has started.
     fn antenna_delay(&self) -> RadioDuration {
         let snapped = RadioInstant::from_ticks(0);
         self.departure(snapped).since(snapped)
     }
 
-    /// Sends `frame` and returns once it has left, with its departure. With `listen`, the receiver is switched on by the chip
-    /// itself as soon as the frame has left; the next [`receive`](Self::receive) with [`Start::Now`] then hears what came in
-    /// between.
+    /// Sends `frame` and returns its departure once it has left. With `listen`, the chip itself switches the receiver
+    /// on as soon as the frame has left. The next [`receive`](Self::receive) with [`Start::Now`] then also returns a
+    /// frame that came in between.
+    ///
+    /// # Errors
+    /// If the frame was not sent, or this is not known; [`TransmitError`] has the reason.
     async fn transmit(
         &mut self,
         frame: &[u8],
@@ -48,9 +56,12 @@ pub trait Radio {
         listen: bool,
     ) -> Result<RadioInstant, TransmitError<Self::Error>>;
 
-    /// Hears one frame that passes the filter; gives up when `window` has passed since `start` (for [`Start::Now`], since the
-    /// receiver is on). With `keep_listening` the receiver is on again before the frame is handed over, so that the next
-    /// response of a round is not missed; else it is off.
+    /// Receives one frame that passes the filter. Gives up when `window` has passed since `start` (for [`Start::Now`],
+    /// since the receiver is on). With `keep_listening` the receiver is on again before this function returns the
+    /// frame, so that the next response of a round is not missed; else it is off.
+    ///
+    /// # Errors
+    /// If no frame was received; [`ReceiveError`] has the reason.
     async fn receive<'b>(
         &mut self,
         buffer: &'b mut [u8; MAX_FRAME],
@@ -60,22 +71,32 @@ pub trait Radio {
     ) -> Result<RxFrame<'b>, ReceiveError<Self::Error>>;
 
     /// Switches transmitter and receiver off.
+    ///
+    /// # Errors
+    /// If the bus or the chip fails.
     async fn idle(&mut self) -> Result<(), Self::Error>;
 
-    /// What the radio measured of its own node's pace in the last operation: nothing, where it does not measure.
+    /// What the radio measured of its own node's pace in the last operation: nothing if it does not measure.
     fn pace(&self) -> Pace {
         Pace::default()
     }
 
-    /// Measures the radio's temperature and supply, where it can, and corrects its antenna delays by them
-    /// ([`Conditions`](crate::bias::Conditions)); about a millisecond. Transmitter and receiver are off afterwards.
+    /// Measures the radio's temperature and supply, if it can, and corrects its antenna delays accordingly
+    /// ([`Conditions`](crate::bias::Conditions)). This takes about a millisecond. Transmitter and receiver are off
+    /// afterwards.
+    ///
+    /// # Errors
+    /// If the bus or the chip fails.
     async fn compensate(&mut self) -> Result<Option<Sensors>, Self::Error> {
         Ok(None)
     }
 
-    /// Gives `take` the channel impulse response of the last frame, sample by sample, as far as `window` reaches; answers with the
-    /// index of the first one. `None`: there is none, because the receiver was told to stay on after the frame and
-    /// accumulates anew, or the radio has none to give.
+    /// Passes the channel impulse response of the last frame to `take`, sample by sample, as far as `window` reaches.
+    /// Returns the index of the first sample. `None`: there is none, because the receiver stayed on after the frame and
+    /// accumulates a new one, or because the radio does not provide it.
+    ///
+    /// # Errors
+    /// If the bus or the chip fails.
     async fn impulse_response(
         &mut self,
         window: ResponseWindow,
@@ -86,21 +107,23 @@ pub trait Radio {
     }
 }
 
-/// How quickly a node handled its radio in the last operation, in the radio's own clock. A node learns from it how early it must
-/// decide, and how long its peers must give it.
+/// How quickly a node handled its radio in the last operation, in the radio's own clock. From this a node learns how
+/// early it must decide, and how much time its peers must give it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Pace {
-    /// When the command for the last transmission at an instant ([`Start::At`]) had reached the radio, also one that came too late.
+    /// When the command for the last transmission at an instant ([`Start::At`]) had reached the radio, even if it was
+    /// too late.
     pub armed: Option<RadioInstant>,
-    /// When the receiver was on again after the last frame that was received with `keep_listening`: measured now and then, because
-    /// measuring costs time.
+    /// When the receiver was on again after the last frame that was received with `keep_listening`. It is measured now
+    /// and then, because measuring takes time.
     pub listening: Option<RadioInstant>,
-    /// When the node had dealt with the last frame and could have turned to another: the loop of the node tells, not the radio.
+    /// When the node had processed the last frame and could have taken another. The loop of the node sets it, not the
+    /// radio.
     pub ready: Option<RadioInstant>,
 }
 
-/// What a radio's own sensors say, which its distances depend on: see [`Conditions`](crate::bias::Conditions).
+/// The readings of a radio's own sensors, on which its distances depend: see [`Conditions`](crate::bias::Conditions).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sensors {
@@ -112,11 +135,11 @@ pub struct Sensors {
     pub raw: [u8; 2],
 }
 
-/// Which samples of an impulse response are wanted. Near the ends of the accumulator they are moved inside.
+/// The requested samples of an impulse response. Near the ends of the accumulator the window is moved inside.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ResponseWindow {
-    /// Place of the first path, from the frame's diagnostics, samples.
+    /// Index of the first path, from the frame's diagnostics, samples.
     pub first_path_index: f32,
     /// Samples before that of the first path.
     pub before: u16,
@@ -186,12 +209,12 @@ impl<R: Radio> Radio for &mut R {
     }
 }
 
-/// A frame from the air.
+/// A received frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RxFrame<'b> {
     /// The bytes, without the check bytes.
     pub bytes: &'b [u8],
-    /// When its RMARKER was at the antenna.
+    /// The instant at which its RMARKER was at the antenna.
     pub rx_time: RadioInstant,
     /// What the receiver measured on it.
     pub diagnostics: Diagnostics,
@@ -205,17 +228,18 @@ pub struct Diagnostics {
     pub rx_power_dbm: f32,
     /// Power of the first path, dBm (4.7.1).
     pub first_path_power_dbm: f32,
-    /// Place of the first path in the accumulator, samples of 1.0016 ns.
+    /// Index of the first path in the accumulator, samples of 1.0016 ns.
     pub first_path_index: f32,
     /// FP_AMPL1, 2 and 3: magnitudes of the accumulator three, two and one samples after the first path's.
     pub first_path_amplitudes: [u16; 3],
     /// Sum of the squared magnitudes of the accumulator, the chip's unit (2¹⁷).
     pub cir_power: u16,
-    /// Preamble symbols accumulated.
+    /// Number of accumulated preamble symbols.
     pub preamble_count: u16,
     /// Standard deviation of the accumulator's noise.
     pub noise_deviation: u16,
-    /// The clock of the sender against ours, parts per million, positive where it is faster: from the carrier integrator.
+    /// The rate of the sender's clock relative to the receiver's, parts per million, positive if it is faster: from the
+    /// carrier integrator.
     pub clock_offset_ppm: f32,
 }
 
@@ -223,13 +247,13 @@ pub struct Diagnostics {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TransmitError<E> {
-    /// The start lay in the past, or too near for the chip to be ready: nothing was sent.
+    /// The start was in the past, or too near for the chip to be ready: nothing was sent.
     Late,
     /// The frame has more than [`MAX_FRAME`] bytes.
     TooLong,
     /// The chip did not report the end of the transmission in time; it was reset to idle.
     NoConfirmation,
-    /// Bus or chip.
+    /// An error of bus or chip.
     Radio(E),
 }
 
@@ -239,22 +263,28 @@ pub enum TransmitError<E> {
 pub enum ReceiveError<E> {
     /// The window passed.
     Timeout,
-    /// The start lay in the past: the receiver was not switched on.
+    /// The start was in the past: the receiver was not switched on.
     Late,
-    /// A frame came whose check bytes, Reed-Solomon code or header were wrong, or whose start was lost.
+    /// A frame was received whose check bytes, Reed-Solomon code or header were wrong, or whose start was lost.
     Corrupt,
-    /// Bus or chip.
+    /// An error of bus or chip.
     Radio(E),
 }
 
-/// A radio that can be brought up, again and again, whatever state it is in.
+/// A radio that can be started again and again from any state.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
 pub trait Restart: Radio {
-    /// Resets the chip and configures it; its clock starts anew.
+    /// Resets the chip and configures it; its clock restarts.
+    ///
+    /// # Errors
+    /// If the bus or the chip fails.
     async fn restart(&mut self) -> Result<(), Self::Error>;
 
-    /// Sleeps for so many microseconds, or until `roused` is done, where the radio can, may, and gains by it; its clock has begun anew
-    /// then. False: nothing was done, and no time has passed.
+    /// Sleeps for `micros` microseconds, or until `roused` is done, if the radio can, may and gains by it; then its
+    /// clock has restarted. Returns false if nothing was done and no time has passed.
+    ///
+    /// # Errors
+    /// If the bus or the chip fails.
     async fn sleep(&mut self, micros: u32, roused: impl Future<Output = ()>) -> Result<bool, Self::Error> {
         let _ = (micros, roused);
         Ok(false)

@@ -1,6 +1,6 @@
 //! The DW1000's clock: 40 bits that count 128 × 499.2 MHz = 63.8976 GHz and wrap every 17.2 s.
 //!
-//! Hardware times are newtypes, so that a tick is never taken for a nanosecond, and an instant never for a duration.
+//! Hardware times are newtypes, so that a tick is never mistaken for a nanosecond, nor an instant for a duration.
 
 /// Ticks a second: 128 × 499.2 MHz (DW1000 user manual, 4.1.7).
 pub const TICKS_PER_SECOND: u64 = 63_897_600_000;
@@ -43,19 +43,19 @@ impl RadioInstant {
         [b[0], b[1], b[2], b[3], b[4]]
     }
 
-    /// From `earlier` to `self` across any wrap; spans from −8.6 s to +8.6 s are told apart.
+    /// From `earlier` to `self` across any wrap, for durations from −8.6 s to +8.6 s.
     pub const fn since(self, earlier: Self) -> RadioDuration {
         let forward = self.0.wrapping_sub(earlier.0) & MASK;
         // Sign extension from 40 to 64 bits.
         RadioDuration(((forward << 24) as i64) >> 24)
     }
 
-    /// The instant `by` later (earlier where negative), wrapping.
+    /// The instant `by` later (earlier if negative), wrapping.
     pub const fn plus(self, by: RadioDuration) -> Self {
         Self(self.0.wrapping_add(by.0 as u64) & MASK)
     }
 
-    /// The instant at which the chip really starts when told to start at `self`: the low nine bits are ignored.
+    /// The instant at which the chip really starts for a programmed start at `self`: the low nine bits are ignored.
     pub const fn snapped(self) -> Self {
         Self(self.0 & !(DELAYED_STEP_TICKS - 1))
     }

@@ -1,7 +1,6 @@
-//! The anchor, whole: a board's binary brings a radio, a delay and a [`Reporter`], and calls [`run`].
+//! The complete anchor. A board's binary provides a radio, a delay and a [`Reporter`], and calls [`run`].
 //!
-//! Radio → machine of the exchange → changes of links, and the distances of tags where the exchange tells them to
-//! anchors.
+//! Radio → protocol → changes of links, and the distances of tags where the exchange sends them to anchors.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -19,7 +18,7 @@ use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 
 pub use ranging::node::Listener;
 
-/// Runs an anchor: `machine` is its side of the exchange.
+/// Runs an anchor with the protocol `machine`.
 pub async fn run<R: Restart>(
     mut radio: R,
     mut delay: impl DelayNs,
@@ -29,7 +28,7 @@ pub async fn run<R: Restart>(
     ranging::node::run(&mut radio, &mut delay, &mut machine, &mut listener).await
 }
 
-/// The listener of a board's anchor: everything goes to the node's reporter.
+/// The listener of a board's anchor. It passes all reports to the node's reporter.
 pub struct TelemetrySink<'r, M: RawMutex, const BYTES: usize, C = fn() -> u64>(pub &'r Reporter<M, BYTES, C>);
 
 impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Listener for TelemetrySink<'_, M, BYTES, C> {

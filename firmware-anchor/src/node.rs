@@ -1,5 +1,5 @@
-//! An anchor's program, but for what its board brings: the board's binary takes the board, starts the [`Node`], and spawns what
-//! [`Memory::anchor`] gives.
+//! An anchor's program without the parts of its board. The board's binary sets up the board, starts the [`Node`], and
+//! spawns the task with what [`Memory::anchor`] returns.
 
 use firmware_common::AnchorProtocol;
 use firmware_common::node::{Configured, Node, Reporter, Tasks};
@@ -8,28 +8,29 @@ use static_cell::StaticCell;
 use wire::config::Role;
 use wire::telemetry::Condition;
 
-/// What an anchor's task works on, for a `static`.
+/// The memory that an anchor's task works on, for a `static`.
 pub struct Memory {
     machine: StaticCell<AnchorProtocol>,
 }
 
-/// What an anchor's task is made of.
+/// The parts of an anchor's task.
 pub struct Anchor<R: 'static> {
     /// The radio's driver.
     pub radio: &'static mut R,
-    /// The anchor's side of the exchange.
+    /// The anchor's protocol.
     pub machine: &'static mut AnchorProtocol,
-    /// Where it reports to.
+    /// The reporter of the node.
     pub reporter: &'static Reporter,
 }
 
 impl Memory {
-    /// Nothing yet.
+    /// Empty memory.
     pub const fn new() -> Self {
         Self { machine: StaticCell::new() }
     }
 
-    /// The anchor that a record asks for, with the radio's driver that `radio` makes; `None`, and reported, where it is for another role.
+    /// The anchor that a record describes, with the radio's driver that `radio` creates. For a record of another role
+    /// the function reports the fault and returns `None`.
     pub fn anchor<R>(
         &'static self,
         node: &mut Node,

@@ -1,7 +1,8 @@
-//! The iBeacon, whole: a board's binary brings an advertiser, a delay, random numbers and a [`Reporter`], and calls [`run`].
+//! The complete iBeacon. A board's binary provides an advertiser, a delay, random numbers and a [`Reporter`], and calls
+//! [`run`].
 //!
-//! Node record and chip address → [`Settings`], checked → an [`Advertisement`] at the start and at each rotation → the board's
-//! [`Advertise`].
+//! Config record and chip address → checked [`Settings`] → an [`Advertisement`] at the start and at each rotation → the
+//! board's [`Advertise`].
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -22,29 +23,36 @@ pub use settings::{Advertisement, Channels, RANDOM_BYTES, Settings, SettingsErro
 /// A controller that advertises. Both methods may be called in any state.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
 pub trait Advertise {
-    /// What it fails with.
+    /// The error of a failed command.
     type Error: core::fmt::Debug;
 
-    /// Advertises this from now on, in place of what was advertised before: not connectable, not scannable.
+    /// Advertises this from now on, in place of the advertisement before: not connectable, not scannable.
+    ///
+    /// # Errors
+    /// The controller refuses or does not answer.
     async fn start(&mut self, advertisement: &Advertisement) -> Result<(), Self::Error>;
 
-    /// Advertises nothing from now on.
+    /// Stops advertising.
+    ///
+    /// # Errors
+    /// The controller refuses or does not answer.
     async fn stop(&mut self) -> Result<(), Self::Error>;
 }
 
-/// Who is told what the beacon does.
+/// Receives the beacon's events.
 pub trait Listener {
-    /// This is advertised from now on.
+    /// The beacon advertises this from now on.
     fn advertising(&mut self, advertisement: &Advertisement);
 
-    /// The controller failed, for the `failures`-th time in a row; it is tried again. No sign of life comes until it works.
+    /// The controller failed, for the `failures`-th time in a row. The command will be repeated. There is no heartbeat
+    /// until the controller works.
     fn failed(&mut self, error: &impl core::fmt::Debug, failures: u32);
 
-    /// The app is well.
+    /// The program is alive: a heartbeat.
     fn alive(&mut self);
 }
 
-/// The listener of a node's beacon: everything goes to its reporter.
+/// The listener of a node's beacon. It passes all events to the node's reporter.
 pub struct TelemetrySink<'r, M: RawMutex, const BYTES: usize, C = fn() -> u64>(pub &'r Reporter<M, BYTES, C>);
 
 impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Listener for TelemetrySink<'_, M, BYTES, C> {
@@ -56,7 +64,7 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Listener for TelemetrySink
     }
 
     fn failed(&mut self, error: &impl core::fmt::Debug, failures: u32) {
-        // No sign of life: where this goes on, the watchdog starts the chip anew.
+        // No heartbeat here: if the failures go on, the watchdog resets the chip.
         let _ = error;
         self.0.counts.radio_failures.add();
         self.0.event_log.state(self.0.now_us(), Condition::RadioFailed(failures));
@@ -67,14 +75,15 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Listener for TelemetrySink
     }
 }
 
-/// The longest time from one sign of life to the next while the controller works, milliseconds, without what its commands take.
+/// The longest time from one heartbeat to the next while the controller works, milliseconds, without the time of its
+/// commands.
 pub const HEARTBEAT_MS: u32 = 1000;
 
-/// The first pause after a failure, and what it grows to, milliseconds.
+/// The first pause after a failure, and the longest that it grows to, milliseconds.
 const SHORTEST_PAUSE_MS: u32 = 50;
 const LONGEST_PAUSE_MS: u32 = HEARTBEAT_MS;
 
-/// Runs a beacon. `random` fills a slice with random bytes of a good source.
+/// Runs a beacon. `random` fills a slice with random bytes from a good source.
 pub async fn run(
     mut advertiser: impl Advertise,
     mut delay: impl DelayNs,
@@ -103,13 +112,13 @@ pub async fn run(
     }
 }
 
-/// From one advertisement to the next; the address can only change while nothing is advertised.
+/// Replaces the advertisement. The address can only change while nothing is advertised.
 async fn change<A: Advertise>(advertiser: &mut A, advertisement: &Advertisement) -> Result<(), A::Error> {
     advertiser.stop().await?;
     advertiser.start(advertisement).await
 }
 
-/// Waits for the next rotation, for ever where there is none, and shows that it lives.
+/// Waits for the next rotation with heartbeats meanwhile. It waits for ever if there is no rotation.
 async fn wait(delay: &mut impl DelayNs, listener: &mut impl Listener, until_ms: Option<u32>) {
     let mut left_ms = until_ms;
     while left_ms != Some(0) {

@@ -1,29 +1,29 @@
-//! From the node record to what is advertised: pure, no clock, no chip.
+//! Derives the advertisement from the config record. It uses no clock and no chip.
 
 use core::fmt;
 
 use wire::ble::{Fresh, IBeacon, LENGTH, RotatingId};
 use wire::config::{Record, Role};
 
-/// Random bytes that an advertisement takes.
+/// The number of random bytes for one advertisement.
 pub const RANDOM_BYTES: usize = 14;
 
-/// Bounds of the standard for what is neither connectable nor scannable, milliseconds (Bluetooth Core 5.4, volume 4, part E,
-/// 7.8.5).
+/// The bounds of the interval in the standard for advertising that is neither connectable nor scannable, milliseconds
+/// (Bluetooth Core 5.4, volume 4, part E, 7.8.5).
 const SHORTEST_INTERVAL_MS: u16 = 20;
 const LONGEST_INTERVAL_MS: u16 = 10_240;
 
-/// Why a record is no beacon's.
+/// Why a record gives no beacon settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SettingsError {
-    /// It is for another role.
+    /// The record is for another role.
     OtherRole,
     /// This interval, milliseconds, is not from 20 to 10,240.
     Interval(u16),
-    /// These bits name no channel, or more than the three.
+    /// These bits name no channel, or a channel beyond the three.
     Channels(u8),
-    /// Identities are to rotate, and there is no key.
+    /// The record asks for rotating identifiers, and has no key for them.
     NoKey,
 }
 
@@ -40,13 +40,13 @@ impl fmt::Display for SettingsError {
     }
 }
 
-/// Some of the channels 37, 38 and 39: bits 0, 1, 2; at least one.
+/// Some of the channels 37, 38 and 39: bits 0, 1, 2. At least one bit is set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Channels(u8);
 
 impl Channels {
-    /// As in the record.
+    /// From the bits in the record. `None` if they are not valid.
     pub fn new(bits: u8) -> Option<Self> {
         (1..=0b111).contains(&bits).then_some(Self(bits))
     }
@@ -57,27 +57,27 @@ impl Channels {
     }
 }
 
-/// What the controller is told.
+/// What the controller is configured to advertise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Advertisement {
     /// Advertising data.
     pub data: [u8; LENGTH],
-    /// The random address under which it goes out, as on the air: the lowest byte first.
+    /// The random address of the sender, in the order on the air: the lowest byte first.
     pub address: [u8; 6],
-    /// From one to the next, milliseconds.
+    /// The interval from one advertisement to the next, milliseconds.
     pub interval_ms: u16,
-    /// On which channels.
+    /// The channels for advertising.
     pub channels: Channels,
-    /// Transmit power wanted, dBm.
+    /// The requested transmit power, dBm.
     pub tx_power_dbm: i8,
 }
 
-/// A beacon's settings, checked.
+/// The checked settings of a beacon.
 pub struct Settings {
     beacon: IBeacon,
     rotation: Option<Rotation>,
-    /// Random static, from the chip's.
+    /// A random static address, derived from the chip's address.
     address: [u8; 6],
     interval_ms: u16,
     channels: Channels,
@@ -90,7 +90,10 @@ struct Rotation {
 }
 
 impl Settings {
-    /// From the record, and from an address of 48 bits that is the chip's own, the highest byte first.
+    /// The settings of a record. `chip_address` is the chip's own address of 48 bits, the highest byte first.
+    ///
+    /// # Errors
+    /// The record is for another role, its interval or its channels are not valid, or it has no key for its rotation.
     pub fn of(record: &Record, chip_address: [u8; 6]) -> Result<Self, SettingsError> {
         let advertiser = match record.role {
             Role::Advertiser(advertiser) => advertiser,
@@ -121,17 +124,17 @@ impl Settings {
         })
     }
 
-    /// Transmit power wanted, dBm.
+    /// The requested transmit power, dBm.
     pub fn tx_power_dbm(&self) -> i8 {
         self.tx_power_dbm
     }
 
-    /// How long an advertisement is worn, milliseconds; `None`: for ever.
+    /// How long an advertisement is used, milliseconds. `None` means for ever.
     pub fn rotation_ms(&self) -> Option<u32> {
         self.rotation.as_ref().map(|rotation| rotation.period_ms)
     }
 
-    /// What is advertised next. Without rotation it is always the same.
+    /// The next advertisement. Without rotation it is always the same.
     pub fn advertisement(&self, random: &[u8; RANDOM_BYTES]) -> Advertisement {
         let &[a, b, c, d, e, f, g, h, ref address @ ..] = random;
         let (beacon, address) = match &self.rotation {
@@ -151,14 +154,16 @@ impl Settings {
     }
 }
 
-/// A random static address: the two highest bits are ones (Bluetooth Core 5.4, volume 6, part B, 1.3.2.1). The chip's own
+/// A random static address: the two highest bits are ones (Bluetooth Core 5.4, volume 6, part B, 1.3.2.1). The chip's
+/// own address need not be registered as a Bluetooth address.
 /// address need not be registered as a Bluetooth one.
 fn static_address(chip: [u8; 6]) -> [u8; 6] {
     let [a, b, c, d, e, f] = chip;
     [f, e, d, c, b, a | 0xC0]
 }
 
-/// A non-resolvable private address: the two highest bits are zeros, the others neither all zeros nor all ones (the same,
+/// A non-resolvable private address: the two highest bits are zeros. The others are neither all zeros nor all ones (the
+/// same, 1.3.2.2).
 /// 1.3.2.2).
 fn non_resolvable_address(random: [u8; 6]) -> [u8; 6] {
     let [a, b, c, d, e, f] = random;

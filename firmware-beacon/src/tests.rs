@@ -1,4 +1,4 @@
-//! The app against an advertiser that writes down what it is told, and may fail.
+//! Tests the beacon's program with an advertiser that records its commands and may fail.
 
 use core::cell::RefCell;
 use core::pin::pin;
@@ -60,13 +60,13 @@ enum Seen {
     Alive,
 }
 
-/// Everything that the app needs, writing into one list; its futures never wait.
+/// Everything that the program needs. All parts write into one list, and their futures never wait.
 #[derive(Clone)]
 struct Bench {
     seen: Rc<RefCell<Vec<Seen>>>,
-    /// How often `start` fails.
+    /// The number of calls of `start` that still fail.
     failures: Rc<RefCell<u32>>,
-    /// Delays before the test ends.
+    /// The number of delays before the test ends.
     delays: Rc<RefCell<u32>>,
 }
 
@@ -114,7 +114,8 @@ impl DelayNs for Bench {
     }
 }
 
-/// What the app does until its delay has been called so many times more; each call of `random` gives the next byte.
+/// What the program does until its delay has been called `delays` times more. Each call of `random` fills its bytes
+/// with the next number.
 fn observe(settings: &Settings, failures: u32, delays: u32) -> Vec<Seen> {
     let bench = Bench { seen: Rc::default(), failures: Rc::new(failures.into()), delays: Rc::new(delays.into()) };
     let mut next = 0;
@@ -138,7 +139,8 @@ fn an_open_beacon_starts_once_and_stays() {
     let settings = settings(|_| ()).expect("a beacon's");
     let seen = observe(&settings, 0, 100);
     let beacon = IBeacon { uuid: [0x11; 16], major: 3, minor: 7, measured_power_dbm: -59 };
-    // Random static: the chip's 60:55:F9:01:02:03 with the two highest bits set, 0x60 | 0xC0 = 0xE0, the lowest byte first.
+    // Random static: the chip's 60:55:F9:01:02:03 with the two highest bits set, 0x60 | 0xC0 = 0xE0, the lowest byte
+    // first.
     let expected = Advertisement {
         data: beacon.emit(),
         address: [0x03, 0x02, 0x01, 0xF9, 0x55, 0xE0],
@@ -154,7 +156,7 @@ fn an_open_beacon_starts_once_and_stays() {
 #[test]
 fn a_beacon_with_rotating_identifiers_changes_data_and_address_in_time_and_our_tags_know_it() {
     let settings = settings(|advertiser| advertiser.rotate_s = 3).expect("a beacon's");
-    // Three seconds an advertisement, in steps of one: seven delays are two rotations and a second.
+    // Three seconds for each advertisement, in steps of one second: seven delays are two rotations and a second.
     let seen = observe(&settings, 0, 7);
     let starts = starts(&seen);
     assert_eq!(starts.len(), 3);

@@ -1,12 +1,13 @@
-//! Which build an image is of: eight bytes that the node tells in each hello, and that its ELF file has in the section
-//! `.baliza.build`, so that a host knows whether both belong together.
+//! The build that an image comes from: eight bytes. The node sends them in each hello, and its ELF file has them in the
+//! section `.baliza.build`. So a host knows whether the node and the file belong together.
 #![allow(unsafe_code, reason = "a section of one's own is written in assembly")]
 
-/// The build id: four bytes of the commit, four that stand for the sources, the target and the image. Zeros on a desktop.
+/// The build id: four bytes of the commit, and four bytes of a hash of the sources, the target and the image. Zeros on
+/// a desktop.
 pub static BUILD: &[u8; 8] = &include!(concat!(env!("OUT_DIR"), "/build_id.rs"));
 
-// The same bytes in a section that is in the file and not in the chip: no linker script needs to know of it, and the linker
-// drops no section of this kind.
+// The same bytes in a section that is in the file and not in the chip. No linker script needs to list the section, and
+// the linker drops no section of this kind.
 #[cfg(target_os = "none")]
 core::arch::global_asm!(
     ".pushsection .baliza.build,\"\",%progbits",

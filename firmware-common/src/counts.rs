@@ -1,23 +1,24 @@
-//! What is counted from the node's start on: frames and their fates at the radio, and what was dropped for want of time.
+//! The counters of a node since its start: what became of its frames at the radio, and what was dropped for lack of
+//! time.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use ranging::exchange::Event;
 use wire::telemetry::Counters;
 
-/// A count that one task writes and any may read; it wraps.
+/// A counter that one task writes and any task may read. It wraps.
 #[derive(Debug, Default)]
 pub struct Tally(AtomicU32);
 
 impl Tally {
-    /// Nothing counted.
+    /// A counter at zero.
     pub const fn new() -> Self {
         Self(AtomicU32::new(0))
     }
 
-    /// One more.
+    /// Adds one.
     pub fn add(&self) {
-        // Load and store: some chips have no more, and there is one writer.
+        // Load and store: some chips have no other atomic operations, and only one task writes.
         self.0.store(self.get().wrapping_add(1), Ordering::Relaxed);
     }
 
@@ -27,7 +28,7 @@ impl Tally {
     }
 }
 
-/// All counts of a node, for a `static`; each has one task that writes it.
+/// All counters of a node, for a `static`. Each has one task that writes it.
 #[derive(Debug, Default)]
 #[allow(missing_docs, reason = "they are the fields of `wire::telemetry::Counters`")]
 pub struct Counts {
@@ -44,7 +45,7 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// Nothing counted.
+    /// All counters at zero.
     pub const fn new() -> Self {
         Self {
             sent: Tally::new(),
@@ -60,7 +61,7 @@ impl Counts {
         }
     }
 
-    /// What became of an action of the exchange.
+    /// Counts the outcome of an action of the exchange.
     pub fn event(&self, event: &Event<'_>) {
         match event {
             Event::Sent(_) => self.sent.add(),
@@ -73,7 +74,7 @@ impl Counts {
         }
     }
 
-    /// As they are told.
+    /// The counters as a telemetry message.
     pub fn told(&self, t_us: u64, telemetry_dropped: u32) -> Counters {
         Counters {
             t_us,

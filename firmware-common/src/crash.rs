@@ -1,7 +1,7 @@
-//! What a crash leaves in memory that a reset does not clear, and what the next start makes of it.
+//! The crash record. It lies in memory that a reset does not clear, and the next start reads it.
 //!
-//! The panic handler, the fault handler or the supervisor leaves a [`wire::telemetry::Crash`]; after the reset it is taken once, if
-//! magic and checksum say that it is one and not what the memory happened to hold when power came.
+//! The panic handler, the fault handler or the supervisor writes a [`wire::telemetry::Crash`]. After the reset it is
+//! taken once, if its magic number and its checksum are right. Otherwise the memory holds whatever it held at power-on.
 #![allow(unsafe_code, reason = "reads memory that nobody has initialised")]
 
 use core::mem::MaybeUninit;
@@ -12,7 +12,8 @@ use wire::telemetry::{Crash, CrashReason};
 
 const MAGIC: u32 = 0xBA71_2ADE;
 
-/// What is left. The board puts one, uninitialised, where a reset leaves the memory alone (`.uninit`, persistent RAM).
+/// The crash record in memory. The board places one, uninitialised, in memory that a reset does not change (`.uninit`,
+/// persistent RAM).
 #[derive(Clone, Copy)]
 #[repr(C)]
 pub struct Remains {
@@ -31,7 +32,7 @@ impl Remains {
     }
 }
 
-/// Leaves a crash for the next start.
+/// Writes a crash for the next start.
 pub fn leave(place: &mut MaybeUninit<Remains>, crash: Crash) {
     let Crash { reason, program_counter, line, file } = crash;
     let reason = match reason {
@@ -42,14 +43,15 @@ pub fn leave(place: &mut MaybeUninit<Remains>, crash: Crash) {
     };
     let mut remains = Remains { magic: MAGIC, reason, program_counter, line, file, check: 0 };
     remains.check = remains.checksum();
-    // SAFETY: a place of our own; volatile, because nobody in this life reads it again.
+    // SAFETY: the place is borrowed mutably. The write is volatile, because this run of the program does not read it
+    // again.
     unsafe { ptr::write_volatile(place.as_mut_ptr(), remains) };
 }
 
-/// Takes what the life before left, if it left anything.
+/// Takes the crash of the run before, if there is one.
 pub fn take(place: &mut MaybeUninit<Remains>) -> Option<Crash> {
-    // SAFETY: it consists of integers, which any content of memory is; volatile, so that the compiler does not take the content
-    // for undefined.
+    // SAFETY: it consists of integers, and any content of memory is a valid integer. The read is volatile, so that the
+    // compiler does not treat the content as undefined.
     let remains = unsafe { ptr::read_volatile(place.as_ptr()) };
     if remains.magic != MAGIC || remains.check != remains.checksum() {
         return None;
@@ -67,13 +69,14 @@ pub fn take(place: &mut MaybeUninit<Remains>) -> Option<Crash> {
     Some(Crash { reason, program_counter, line, file })
 }
 
-/// What a panic leaves. `return_address` is the address that the panic handler returns to, where the board can tell, else 0.
+/// The crash report of a panic. `return_address` is the address that the panic handler returns to if the board knows
+/// it, else 0.
 pub fn of_panic(panic: &PanicInfo<'_>, return_address: u32) -> Crash {
     let (line, file) = panic.location().map_or((0, 0), |at| (at.line(), file_hash(at.file())));
     Crash { reason: CrashReason::Panic, program_counter: return_address, line, file }
 }
 
-/// The hash by which a crash names a source file: FNV-1a, 32 bits.
+/// The hash of a source file's path in a crash report: FNV-1a, 32 bits.
 pub fn file_hash(path: &str) -> u32 {
     fnv(0x811C_9DC5, path.as_bytes())
 }
@@ -88,9 +91,9 @@ mod tests {
 
     const CRASH: Crash = Crash { reason: CrashReason::Stalled, program_counter: 0x0001_2345, line: 7, file: 9 };
 
-    /// The bytes of a place, flipped at one bit.
+    /// Flips one bit of a place.
     fn flip(place: &mut MaybeUninit<Remains>, byte: usize, bit: u8) {
-        // SAFETY: within the place, which has been written.
+        // SAFETY: the byte is within the place, which has been written.
         unsafe { *place.as_mut_ptr().cast::<u8>().add(byte) ^= 1 << bit };
     }
 

@@ -1,7 +1,8 @@
-//! What a node tells: one call makes of a fact a telemetry frame in a queue and, where a person wants to read it, a line of the log.
+//! The event log of a node. One call turns an event into a telemetry frame in a queue and, where a person wants to read
+//! it, into a line of the log.
 //!
-//! Writing never waits: a full queue drops its oldest frames and counts them. Whoever has a channel to the host takes the frames
-//! out with [`EventLog::drain`].
+//! Writing never waits: a full queue drops its oldest frames and counts them. The task with a channel to the host takes
+//! the frames out with [`EventLog::drain`].
 
 use core::cell::{Cell, RefCell};
 
@@ -16,11 +17,11 @@ use crate::Counts;
 use crate::lines::LinePace;
 use crate::supervision::{Lights, Lit};
 
-/// From one hello to the next, and from one telling of the counters to the next, seconds.
+/// From one hello to the next, and from one message with the counters to the next, seconds.
 const HELLO_S: u32 = 2;
 const COUNTERS_S: u32 = 5;
 
-/// The event log of a node, for a `static`: `BYTES` of frames wait at most.
+/// The event log of a node, for a `static`. At most `BYTES` of frames wait.
 pub struct EventLog<M: RawMutex, const BYTES: usize> {
     queue: Mutex<M, RefCell<Queue<BYTES>>>,
     lights: Mutex<M, Cell<Lights>>,
@@ -28,7 +29,7 @@ pub struct EventLog<M: RawMutex, const BYTES: usize> {
 }
 
 impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
-    /// An empty one.
+    /// An empty event log.
     pub const fn new() -> Self {
         Self {
             queue: Mutex::new(RefCell::new(Queue::new())),
@@ -37,19 +38,20 @@ impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
         }
     }
 
-    /// A fact that the log has a line of: its line, and its frame.
+    /// Writes an event that has a line in the log: the line and the telemetry frame.
     pub fn log(&self, body: impl Body + Line + Into<Message>) {
         body.log();
         self.send(body);
     }
 
-    /// A fact that the log has no line of: its frame alone.
+    /// Sends an event that has no line in the log: only the telemetry frame.
     pub fn send(&self, body: impl Into<Message>) {
         let message = body.into();
         self.queue.lock(|queue| queue.borrow_mut().push(&message));
     }
 
-    /// The result of a round in which `answered` anchors answered. The log has a line of it, where the last such line is old enough.
+    /// Sends the result of a round in which `answered` anchors answered. The log gets a line as well if its last such
+    /// line is old enough.
     pub fn fix(&self, fix: Fix, answered: u8) {
         if self.fix_lines.lock(|lines| lines.borrow_mut().is_due(fix.t_us)) {
             log::write(fix.severity(), &FixLine { fix, answered });
@@ -57,7 +59,7 @@ impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
         self.send(fix);
     }
 
-    /// A change of the node's state, now.
+    /// Reports a change of the node's state at `t_us`.
     pub fn state(&self, t_us: u64, is: Condition) {
         self.log(State { t_us, is });
         self.lights.lock(|lights| {
@@ -67,7 +69,7 @@ impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
         });
     }
 
-    /// A change of the node's link to its network, now.
+    /// Reports a change of the node's link to its network at `t_us`.
     pub fn link(&self, t_us: u64, link: Link) {
         let is = match link {
             Link::Paired(peer) => Condition::Paired(peer),
@@ -81,15 +83,15 @@ impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
         self.state(t_us, is);
     }
 
-    /// What the lights show of the state told last.
+    /// What the lights show of the state that was reported last.
     pub fn lit(&self, t_us: u64) -> Lit {
         self.lights.lock(Cell::get).at(t_us)
     }
 
-    /// Takes frames out, the oldest first, for as long as `write` takes each whole. It is called with the queue locked: a copy into
-    /// the channel's memory, no waiting.
+    /// Takes frames out, the oldest first, until `write` refuses one. `write` takes a whole frame or none. The queue is
+    /// locked while `write` runs: it may copy into the channel's memory, and must not wait.
     pub fn drain(&self, mut write: impl FnMut(&[u8]) -> bool) {
-        // The lock is let go between frames.
+        // The lock is released between frames.
         let one = |write: &mut dyn FnMut(&[u8]) -> bool| {
             self.queue.lock(|queue| {
                 let mut queue = queue.borrow_mut();
@@ -108,8 +110,8 @@ impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
         self.queue.lock(|queue| queue.borrow().dropped())
     }
 
-    /// Tells every few seconds who is speaking and what was counted, for ever; `hello`'s time is replaced. The first hello is
-    /// logged at the start.
+    /// Sends the hello and the counters every few seconds, for ever. `hello`'s time is replaced by the present time.
+    /// The first hello is not sent here: it is logged at the start.
     pub async fn keep_telling(
         &self,
         hello: Hello,
@@ -202,7 +204,7 @@ mod tests {
         assert!(event_log.dropped() > 0 && !left.is_empty());
     }
 
-    /// Passes a second at each wait.
+    /// A delay that advances the time by what it is asked to wait.
     struct Seconds<'c>(&'c Cell<u64>);
 
     impl DelayNs for Seconds<'_> {

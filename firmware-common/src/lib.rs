@@ -1,7 +1,8 @@
-//! What every node has in common above its board: settings from the record, the event log (telemetry and log), crash reports,
-//! supervision, what is counted.
+//! What all nodes have in common, independent of the board: settings from the record, the event log (telemetry and
+//! log), crash reports, supervision, and counters.
 //!
-//! Nothing here knows the time or a chip: instants are microseconds since the node started, handed in by whoever has a clock.
+//! Nothing here reads a clock or depends on a chip. Instants are microseconds since the node started, and the caller
+//! passes them in.
 #![no_std]
 #![deny(unsafe_code)]
 

@@ -1,4 +1,4 @@
-//! Telemetry messages of what ranging found.
+//! Telemetry messages with the results of ranging.
 
 use ranging::exchange;
 use wire::telemetry::quantised::{deviation, length, position};
@@ -17,7 +17,8 @@ pub fn range_message(t_us: u64, round: u16, range: &exchange::Range) -> Range {
     }
 }
 
-/// The messages of all differences of a round, published at `t_us`, microseconds since the node started; the reference comes first.
+/// The messages of all differences of a round, published at `t_us`, microseconds since the node started. The reference
+/// comes first.
 pub fn difference_messages<'r>(
     t_us: u64,
     round: &exchange::Differences<'r>,

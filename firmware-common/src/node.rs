@@ -1,4 +1,5 @@
-//! What every node's program does beside its role: says why it started and who it is, reads its record, and watches over its tasks.
+//! What every node's program does, whatever its role: it reports why it started and its identity, reads its record, and
+//! supervises its tasks.
 
 use core::convert::Infallible;
 
@@ -14,29 +15,30 @@ use wire::telemetry::{Condition, Crash, CrashReason, Hello, RecordError, ResetCa
 use crate::supervision::Lit;
 use crate::{Settings, introduce};
 
-/// Guards what tasks of two priorities share.
+/// The mutex for data that tasks of two priorities share.
 pub type Guard = CriticalSectionRawMutex;
 
-/// Bytes of telemetry that wait while the channel is full.
+/// Bytes of telemetry that can wait while the channel is full.
 pub const TELEMETRY_BYTES: usize = 1536;
 
-/// A node's reporter. Made at the start, in a `StaticCell`: as an initialised `static` it would lie in flash as well.
+/// A node's reporter. It is created at the start, in a `StaticCell`: an initialised `static` would take space in flash
+/// as well.
 pub type Reporter = crate::Reporter<Guard, TELEMETRY_BYTES>;
 
-/// From one look at telemetry, lights and tasks to the next, milliseconds: the channel holds 10 ms of the busiest tag …
+/// From one check of telemetry, lights and tasks to the next, milliseconds. The channel holds 10 ms of the busiest tag.
 const LOOK_MS: u32 = 10;
-/// … and from the first on that found nothing to send.
+/// The same after a check that found no telemetry to send.
 const QUIET_LOOK_MS: u32 = 100;
 
-/// What a board gives the DW1000's driver.
+/// What a board gives to the DW1000's driver.
 pub struct Uwb<S, I, R, D> {
-    /// SPI with the chip's select line.
+    /// The SPI bus with the chip's select line.
     pub bus: S,
-    /// High while the chip has something to say.
+    /// The interrupt line: high while the chip has an event to report.
     pub interrupt: I,
-    /// RSTn.
+    /// The reset line, RSTn.
     pub reset: R,
-    /// For the driver's waits.
+    /// The delay that the driver waits with.
     pub delay: D,
 }
 
@@ -47,46 +49,46 @@ impl<S: ClockedSpi, I: Wait, R: ResetLine, D: DelayNs> Uwb<S, I, R, D> {
     }
 }
 
-/// What a board knows at its start.
+/// What a board knows when it starts.
 pub struct Start {
     /// The board.
     pub board: Board,
-    /// Microseconds since the start.
+    /// The clock: microseconds since the start.
     pub clock: fn() -> u64,
-    /// From flash.
+    /// The config record from flash.
     pub record: Result<Record, LoadError>,
     /// The chip's own EUI-64.
     pub eui: u64,
     /// Why the node started.
     pub reset: ResetCause,
-    /// What a crash before the start left.
+    /// The crash report of the run before, if there is one.
     pub crash: Option<Crash>,
 }
 
-/// A record that the node follows, and what it means.
+/// A record that the node can use, and the settings derived from it.
 pub struct Configured {
     /// The record.
     pub record: Record,
-    /// Made of it.
+    /// The settings derived from the record.
     pub settings: Settings,
 }
 
-/// The tasks of a node that have to show that they are alive.
+/// The tasks of a node that the supervisor checks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tasks {
-    /// None: the node is quiet.
+    /// None: the node does not transmit.
     None,
-    /// An anchor's.
+    /// The task of an anchor.
     Ranging,
-    /// A tag's.
+    /// The tasks of a tag.
     RangingAndEngine,
 }
 
 /// A node that has started.
 pub struct Node {
-    /// Its board.
+    /// The board.
     pub board: Board,
-    /// What its tasks report to.
+    /// The reporter of its tasks.
     pub reporter: &'static Reporter,
     /// The tasks that were spawned.
     pub tasks: Tasks,
@@ -94,7 +96,8 @@ pub struct Node {
 }
 
 impl Node {
-    /// Reports why the node started, who it is and, if so, why its record cannot be followed. The node greets in any case.
+    /// Reports why the node started, its identity and, if so, why its record cannot be used. The node sends a hello in
+    /// any case.
     #[inline(never)]
     pub fn start(memory: &'static StaticCell<Reporter>, role: Role, start: Start) -> (Self, Option<Configured>) {
         let Start { board, clock, record, eui, reset, crash } = start;
@@ -110,7 +113,7 @@ impl Node {
         self.reporter.event_log.state(self.reporter.now_us(), condition);
     }
 
-    /// Reports that the record cannot be followed. Telemetry has the kind, the log what is wrong.
+    /// Reports that the record cannot be used. Telemetry has the kind of the fault, the log has the details.
     pub fn refuse(&self, what: &Invalid) {
         #[cfg(feature = "defmt")]
         defmt::error!("{}", what);
@@ -118,13 +121,14 @@ impl Node {
         self.report(Condition::NoRecord(RecordError::Invalid));
     }
 
-    /// Repeats who is speaking, and what was counted, for ever.
+    /// Repeats the hello and the counters, for ever.
     pub async fn keep_telling(&self, delay: impl DelayNs) -> Infallible {
         self.reporter.keep_telling(self.hello, delay).await
     }
 
-    /// The supervisor, for ever: lets telemetry out, shows the lights, and feeds the watchdog while all tasks are alive; the node greets
-    /// again now and then. The first task that misses its heartbeat is written to the crash record, and the watchdog resets the node.
+    /// The supervisor, for ever. It sends telemetry, shows the lights, and feeds the watchdog while all tasks are
+    /// alive. It also repeats the hello. When a task misses its heartbeat, the first such task is written to the crash
+    /// record, and the watchdog resets the node.
     pub async fn supervise<D: DelayNs + Clone>(
         self,
         delay: D,
@@ -155,7 +159,7 @@ impl Node {
             match self.tasks.alive(reporter) {
                 Ok(()) => feed(),
                 Err(task) => {
-                    // The task's number stands for a line.
+                    // The crash record has the task's number in the field of the line.
                     let line = u32::try_from(task).unwrap_or(u32::MAX);
                     leave(Crash { reason: CrashReason::Stalled, program_counter: 0, line, file: 0 });
                 }
@@ -166,7 +170,7 @@ impl Node {
 }
 
 impl Tasks {
-    /// Whether they are alive, or which is not.
+    /// Whether all tasks are alive, or else the number of the first that is not.
     fn alive(self, reporter: &Reporter) -> Result<(), usize> {
         match self {
             Self::None => Ok(()),

@@ -1,4 +1,4 @@
-//! A node's side of its network's exchange, whichever that is: one type for boards whose mode is in the record.
+//! A node's protocol, whatever its network's mode is: one type for boards whose mode is in the record.
 
 use ranging::exchange::{Action, Event, Guidance, Protocol};
 use ranging::native::{Rate, ReplyDelay};
@@ -7,10 +7,10 @@ use ranging::{Pace, RadioDuration, RadioInstant, decaranging, native};
 
 use crate::settings::{ProtocolConfig, Settings};
 
-/// Rounds a second of a DecaRanging tag that is told no rate: as often as such boards do with the shortest frames.
+/// Rounds in 100 s of a DecaRanging tag whose record gives no rate: the rate of such boards with the shortest frames.
 const DECARANGING_CHZ: u32 = 2_000;
 
-/// A tag's side.
+/// The protocol of a tag.
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant, reason = "there is one in a node")]
 pub enum TagProtocol {
@@ -22,7 +22,7 @@ pub enum TagProtocol {
     Listening(native::TdoaTag),
 }
 
-/// An anchor's side.
+/// The protocol of an anchor.
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant, reason = "there is one in a node")]
 pub enum AnchorProtocol {
@@ -32,18 +32,18 @@ pub enum AnchorProtocol {
     DecaRanging(decaranging::Anchor),
 }
 
-/// The rate of a record: rounds in 100 s; `None`: as many as there are slots for.
+/// The rate of a record: rounds in 100 s. `None` means as many rounds as there are slots.
 pub fn rate(chz: Option<u32>) -> Rate {
     chz.map_or(Rate::Greedy, |chz| Rate::Every(period(chz)))
 }
 
-/// From one round to the next, of so many in 100 s.
+/// From one round to the next, at `chz` rounds in 100 s.
 pub(crate) fn period(chz: u32) -> RadioDuration {
     RadioDuration::from_micros(100_000_000 / chz.max(1))
 }
 
 impl TagProtocol {
-    /// That of a tag with these settings.
+    /// The protocol of a tag with these settings.
     pub fn new(settings: &Settings, tag: &wire::config::Tag) -> Self {
         let network = settings.network;
         match settings.protocol {
@@ -81,7 +81,7 @@ impl TagProtocol {
 }
 
 impl AnchorProtocol {
-    /// That of an anchor with these settings, at this place in metres.
+    /// The protocol of an anchor with these settings, at this position in metres.
     pub fn new(settings: &Settings, position_m: Option<[f32; 3]>) -> Self {
         let (network, antenna_delay) = (settings.network, settings.antenna_delay());
         let native = |rounds| {
@@ -96,7 +96,7 @@ impl AnchorProtocol {
         match settings.protocol {
             ProtocolConfig::Native => native(None),
             ProtocolConfig::Listening { period } => native(Some(Rate::Every(period))),
-            // An anchor answers in the tag's variant.
+            // An anchor answers in the variant that the tag uses.
             ProtocolConfig::DecaRanging(_) => Self::DecaRanging(decaranging::Anchor::new(decaranging::AnchorConfig {
                 address: settings.address,
                 eui: settings.eui,

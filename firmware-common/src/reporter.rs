@@ -1,4 +1,5 @@
-//! All that a node's tasks tell the outside, in one place: the event log, the counts, their signs of life, by one clock.
+//! The reporter: the one object to which all tasks of a node report. It holds the event log, the counts, the tasks'
+//! heartbeats and the clock.
 
 use core::convert::Infallible;
 
@@ -12,24 +13,25 @@ use crate::messages::range_message;
 use crate::supervision::{Heartbeat, all_alive};
 use crate::{Counts, EventLog};
 
-/// The longest that a task may be silent that did not say that it rests: a receiver's window lasts 8 s at most.
+/// The longest time without a heartbeat of a task that has not announced a rest: a receiver's window lasts 8 s at most.
 const PATIENCE_MS: u32 = 10_000;
 
-/// For a `static`: what the tasks of one node tell. `BYTES` of telemetry wait for the channel at most; `C` is its clock.
+/// The reporter of one node's tasks, for a `static`. At most `BYTES` of telemetry wait for the channel. `C` is the
+/// node's clock.
 pub struct Reporter<M: RawMutex, const BYTES: usize, C = fn() -> u64> {
-    /// What is told.
+    /// The telemetry and the log.
     pub event_log: EventLog<M, BYTES>,
-    /// What is counted.
+    /// The counters.
     pub counts: Counts,
-    /// The sign of life of the task that has the radio.
+    /// The heartbeat of the task that owns the radio.
     pub ranging: Heartbeat,
-    /// The sign of life of the task that makes positions; an anchor has none.
+    /// The heartbeat of the task that computes positions. An anchor has no such task.
     pub engine: Heartbeat,
     clock: C,
 }
 
 impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Reporter<M, BYTES, C> {
-    /// Of a node whose `clock` tells the microseconds since its start.
+    /// A reporter of a node whose `clock` returns the microseconds since its start.
     pub const fn new(clock: C) -> Self {
         Self {
             event_log: EventLog::new(),
@@ -45,22 +47,22 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Reporter<M, BYTES, C> {
         (self.clock)()
     }
 
-    /// A step of the exchange: counted, and a sign of life.
+    /// Counts a step of the exchange and beats the heartbeat of ranging.
     pub fn step(&self, event: &Event<'_>) {
         self.counts.event(event);
         self.ranging.beat(self.now_us());
     }
 
-    /// The radio failed again: `failures` counts the failures in a row.
+    /// Reports that the radio failed again. `failures` is the number of failures in a row.
     pub fn radio_failed(&self, error: &impl core::fmt::Debug, failures: u32) {
         self.counts.radio_failures.add();
         self.ranging.beat(self.now_us());
-        // What it failed with is for a debugger.
+        // Only a debugger shows the error itself.
         let _ = error;
         self.event_log.state(self.now_us(), wire::telemetry::Condition::RadioFailed(failures));
     }
 
-    /// What a machine reports, where no positions are made of it: ranges and links as they are.
+    /// Sends what a protocol reports, in a node that computes no positions: ranges and links as they are.
     pub fn report(&self, report: Report<'_>) {
         let now = self.now_us();
         match report {
@@ -69,14 +71,16 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Reporter<M, BYTES, C> {
                     self.event_log.send(range_message(now, round.number, range));
                 }
             }
-            // Nobody but a tag listens to rounds of others, and it makes positions of them.
+            // Only a tag listens to rounds of others, and it computes positions from them.
             Report::Differences(_) => {}
             Report::Link(link) => self.event_log.link(now, link),
         }
     }
 
-    /// Whether the watchdog may be fed, in a node that makes positions and in one that does not; else which task is silent, by
-    /// its place: 0 for ranging, 1 for the engine.
+    /// Whether the watchdog may be fed, in a node that computes positions and in one that does not.
+    ///
+    /// # Errors
+    /// A task is silent: its number, 0 for ranging, 1 for the engine.
     pub fn all_alive(&self, makes_positions: bool) -> Result<(), usize> {
         let both = [&self.ranging, &self.engine];
         all_alive(self.now_us(), if makes_positions { &both } else { &both[..1] })

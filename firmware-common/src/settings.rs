@@ -1,4 +1,4 @@
-//! From the record in flash to what the node's parts are configured with, once, at the start.
+//! The settings of a node's parts, derived from the record in flash once, at the start.
 
 use ranging::RadioDuration;
 use ranging::dw1000::{self, FrameFilter, TxPower};
@@ -13,25 +13,26 @@ use crate::protocol;
 /// The time over which a transmitter's mean power is limited, microseconds.
 const MEAN_POWER_US: u32 = 1000;
 
-/// What a node is configured with.
+/// The settings of a node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// EUI-64.
     pub eui: u64,
     /// Short address.
     pub address: u16,
-    /// For the radio's driver.
+    /// The configuration of the radio's driver.
     pub radio: dw1000::Config,
-    /// How its network ranges.
+    /// How the node's network ranges.
     pub protocol: ProtocolConfig,
-    /// The network's PAN and frames, and the turnaround where the record pins one.
+    /// The network's PAN and frames, and the turnaround where the record fixes one.
     pub network: Network,
-    /// The least time from the start of one frame of this node's to that of its next, by the rules of its region.
+    /// The least time from the start of one of this node's frames to the start of the next, by the rules of its region.
     ///
-    /// Limits are mean powers of a millisecond (47 CFR 15.521 (d), EN 302 065), and smart power puts the power of a short frame's
-    /// whole millisecond into the frame: two in one would be too much (DW1000 User Manual 2.12, 7.2.31.2).
+    /// The limits are mean powers over a millisecond (47 CFR 15.521 (d), EN 302 065). Smart power puts the power of a
+    /// whole millisecond into one short frame, so two frames in a millisecond would exceed the limit (DW1000 User
+    /// Manual 2.12, 7.2.31.2).
     pub frame_spacing: Option<RadioDuration>,
-    /// What the node does.
+    /// The node's role.
     pub role: Role,
 }
 
@@ -43,18 +44,18 @@ pub enum ProtocolConfig {
     Native,
     /// DecaRanging, in this variant.
     DecaRanging(Variant),
-    /// Native mode among anchors, to which tags listen.
+    /// Native mode among anchors. Tags only listen.
     Listening {
-        /// From one round of an anchor to its next.
+        /// From one round of an anchor to its next round.
         period: RadioDuration,
     },
 }
 
 impl Settings {
-    /// Those of a record; `chip_eui` is the chip's own EUI-64, for records without one.
+    /// The settings of a record. `chip_eui` is the chip's own EUI-64, for records without one.
     ///
     /// # Errors
-    /// The radio cannot do what the record says, or the chip's EUI-64 would make an address that is everyone's.
+    /// The radio cannot do what the record says, or the short address is the broadcast address.
     pub fn of(record: &Record, chip_eui: u64) -> Result<Self, Invalid> {
         let (eui, address) = record.identity.on(chip_eui);
         if address == 0xFFFF {
@@ -82,9 +83,9 @@ impl Settings {
             filter: match (protocol, &record.role) {
                 (ProtocolConfig::Native, _)
                 | (ProtocolConfig::Listening { .. }, Role::Anchor { .. } | Role::Advertiser(_)) => FrameFilter::DATA,
-                // Answers to others are what there is to hear.
+                // The tag listens to answers that are addressed to others.
                 (ProtocolConfig::Listening { .. }, Role::Tag(_)) => FrameFilter::OFF,
-                // Blinks, and addresses that a tag learns when it is taken: everything is heard.
+                // Blinks, and addresses that a tag learns when it is paired: all frames are received.
                 (ProtocolConfig::DecaRanging(_), _) => FrameFilter::OFF,
             },
             sleeps: matches!(record.role, Role::Tag(Tag { sleep: true, .. })),
@@ -107,15 +108,15 @@ impl Settings {
         })
     }
 
-    /// What the radio adds to the snapped start of a transmission, as far as that is known before it has started: a module's own
-    /// delay counts more than the default.
+    /// The delay that the radio adds to the snapped start of a transmission, as far as it is known before the
+    /// transmission starts. A calibrated delay of the module replaces the default.
     pub fn antenna_delay(&self) -> RadioDuration {
         let default = dw1000::default_antenna_delay(self.network.phy.prf());
         RadioDuration::from_ticks(self.radio.tx_antenna_delay.unwrap_or(default).into())
     }
 }
 
-/// Whether a mean power over a millisecond is limited. Nobody knows of a region that is not given, so it is.
+/// Whether the region limits the mean power over a millisecond. A region that is not given counts as limited.
 fn is_limited(region: Option<Region>) -> bool {
     match region {
         None | Some(Region::Eu | Region::Us | Region::Japan) => true,
@@ -123,7 +124,7 @@ fn is_limited(region: Option<Region>) -> bool {
     }
 }
 
-/// What telemetry tells of a page that holds no record.
+/// The kind of fault that telemetry reports for a page without a valid record.
 pub fn told(fault: &LoadError) -> RecordError {
     match fault {
         LoadError::Missing => RecordError::Missing,
@@ -234,7 +235,7 @@ mod tests {
         assert_eq!(spacing(Some(Region::Us), 6810), millisecond);
         assert_eq!(spacing(None, 6810), millisecond);
         assert_eq!(spacing(Some(Region::Unchecked), 6810), None);
-        // At lower rates the chip boosts nothing.
+        // At lower rates the chip does not boost short frames.
         assert_eq!((spacing(Some(Region::Eu), 850), spacing(Some(Region::Eu), 110)), (None, None));
     }
 

@@ -1,7 +1,7 @@
-//! The start of every node: it says why it started and who it is, and turns its record into [`Settings`].
+//! The start of every node: it reports why it started and its identity, and derives [`Settings`] from its record.
 //!
-//! In flow what the board found at its start, out flow the record and what the node's parts are configured with. Boards, QEMU and the
-//! simulation begin here alike.
+//! Input: what the board found at its start. Output: the record and the settings of the node's parts. Boards, QEMU and
+//! the simulation all start this way.
 
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use wire::config::{LoadError, Record};
@@ -9,19 +9,20 @@ use wire::telemetry::{Board, Condition, Crash, Hello, Reset, ResetCause, Role};
 
 use crate::{Reporter, Settings, build, settings};
 
-/// What a node finds at its start.
+/// What a node finds when it starts.
 pub struct Start {
-    /// From flash.
+    /// The config record from flash.
     pub record: Result<Record, LoadError>,
     /// The chip's own EUI-64.
     pub eui: u64,
     /// Why the node started.
     pub reset: ResetCause,
-    /// What the life before left.
+    /// The crash report of the run before, if there is one.
     pub crash: Option<Crash>,
 }
 
-/// Reports why the node started, who it is and, if so, why its record cannot be followed. The node greets in any case.
+/// Reports why the node started, its identity and, if so, why its record cannot be used. The node sends a hello in any
+/// case.
 pub fn introduce<M: RawMutex, const BYTES: usize, C: Fn() -> u64>(
     reporter: &Reporter<M, BYTES, C>,
     board: Board,
@@ -38,7 +39,7 @@ pub fn introduce<M: RawMutex, const BYTES: usize, C: Fn() -> u64>(
     match followed {
         Ok((settings, record)) => (hello, Some((record, settings))),
         Err(fault) => {
-            // Telemetry has the kind, the log what is wrong.
+            // Telemetry has the kind of the fault, the log has the details.
             #[cfg(feature = "defmt")]
             if let LoadError::Invalid(what) = &fault {
                 defmt::error!("{}", what);

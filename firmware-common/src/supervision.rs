@@ -1,31 +1,33 @@
-//! Whether all tasks are alive, so that the watchdog may be fed; and what lights show of the node's state.
+//! Supervision: whether all tasks are alive, so that the watchdog may be fed, and what the lights show of the node's
+//! state.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use wire::telemetry::Condition;
 
-/// A sign of life of one task, for a `static`: the task beats, the supervisor looks.
+/// The heartbeat of one task, for a `static`. The task beats, and the supervisor checks.
 #[derive(Debug)]
 pub struct Heartbeat {
-    /// The last beat, milliseconds since the start, wrapping.
+    /// The last beat, milliseconds since the start. It wraps.
     last_ms: AtomicU32,
     patience_ms: u32,
 }
 
 impl Heartbeat {
-    /// Of a task that is given so many milliseconds from one beat to the next; the first counts from the start.
+    /// The heartbeat of a task that has `patience_ms` milliseconds from one beat to the next. The first period begins
+    /// at the start.
     pub const fn new(patience_ms: u32) -> Self {
         Self { last_ms: AtomicU32::new(0), patience_ms }
     }
 
-    /// The task is alive, or will be then: it may say beforehand that it rests until an instant less than 24 days ahead.
+    /// Notes that the task is alive at `t_us`. The time may lie less than 24 days ahead: so a task announces a rest.
     pub fn beat(&self, t_us: u64) {
         self.last_ms.store(millis(t_us), Ordering::Relaxed);
     }
 
     /// Whether the last beat is recent enough.
     pub fn is_alive(&self, t_us: u64) -> bool {
-        // A beat that comes while we look may lie ahead.
+        // A beat may come during this check, so that it is later than `t_us`.
         let since = millis(t_us).wrapping_sub(self.last_ms.load(Ordering::Relaxed)) as i32;
         since <= i32::try_from(self.patience_ms).unwrap_or(i32::MAX)
     }
@@ -36,22 +38,25 @@ fn millis(t_us: u64) -> u32 {
     (t_us / 1000) as u32
 }
 
-/// Whether the watchdog may be fed: every task is alive. Else the place of the first that is not.
+/// Whether the watchdog may be fed, because every task is alive.
+///
+/// # Errors
+/// A task is silent: the index of the first such task.
 pub fn all_alive(t_us: u64, heartbeats: &[&Heartbeat]) -> Result<(), usize> {
     heartbeats.iter().position(|heartbeat| !heartbeat.is_alive(t_us)).map_or(Ok(()), Err)
 }
 
-/// What is lit. A board with one light shows either.
+/// Which lights are on. A board with one light shows it if either is on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Lit {
-    /// The light that shows how far the node has come.
+    /// The light that shows the node's progress in joining its network.
     pub state: bool,
-    /// The light that asks for help.
+    /// The light that shows a fault.
     pub fault: bool,
 }
 
-/// What the lights show: a pure function of state and time.
+/// What the lights show. It depends on the state and the time only.
 ///
 /// | state | light | pattern |
 /// |---|---|---|
@@ -61,7 +66,7 @@ pub struct Lit {
 /// | synchronised, network-full | state | two flashes a second |
 /// | paired, joined, coordinating, following, advertising | state | on |
 ///
-/// A restarted scanner changes nothing, and neither does a map that is not used.
+/// A restart of the scanner does not change the lights. A map that is not used does not change them either.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lights {
     shown: Condition,
@@ -74,12 +79,12 @@ impl Default for Lights {
 }
 
 impl Lights {
-    /// A node that has told nothing yet.
+    /// The lights of a node that has reported no state yet.
     pub const fn new() -> Self {
         Self { shown: Condition::Searching }
     }
 
-    /// From now on this state is shown.
+    /// Shows this state from now on.
     pub fn show(&mut self, condition: Condition) {
         match condition {
             Condition::ScannerRestarted(_)
@@ -102,7 +107,7 @@ impl Lights {
         }
     }
 
-    /// What is lit at this time; 20 looks a second show every pattern.
+    /// Which lights are on at this time. 20 calls a second are enough to show every pattern.
     pub fn at(&self, t_us: u64) -> Lit {
         let ms = (t_us / 1000 % 1000) as u32;
         let (state, fault) = match self.shown {
@@ -165,7 +170,7 @@ mod tests {
 
     #[test]
     fn each_state_has_its_pattern() {
-        // Twenty looks a second: how many show each light lit.
+        // Twenty checks a second: in how many of them each light is on.
         let lit = |condition| {
             let mut lights = Lights::default();
             lights.show(condition);

@@ -1,4 +1,5 @@
-//! The tag's app in the small air's room, on a desktop: what the image for QEMU does, and writes the same telemetry.
+//! The tag's program in the small air's room, on a desktop. It does the same as the image for QEMU, and writes the same
+//! telemetry.
 //!
 //! `cargo run -p firmware-tag --example simulated -- FILE [SOLVER]`; it prints the positions' digest.
 

@@ -1,6 +1,6 @@
-//! What passes between a tag's tasks: rounds to the engine, guidance back to the exchange, sightings to the engine, and word of
-//! when the radio is quiet to the Bluetooth scan. Nobody waits for anybody: what is full drops its oldest. The guidance tells how long
-//! the engine will be busy, so that the exchange makes no rounds in vain.
+//! The channels between a tag's tasks. They carry rounds to the engine, guidance back to the exchange, sightings to the
+//! engine, and the radio's quiet times to the Bluetooth scan. No sender waits: a full channel drops its oldest item.
+//! The guidance contains how long the engine will be busy, so that the exchange makes no rounds that would be dropped.
 
 use core::cell::{Cell, RefCell};
 
@@ -19,33 +19,33 @@ use wire::ble::Advertised;
 use crate::Sounding;
 use crate::workload::Workload;
 
-/// Rounds that may wait for the engine: it is late by two at most, then the oldest go.
+/// Rounds that may wait for the engine. If the engine is late by more, the oldest rounds are dropped.
 const ROUNDS: usize = 2;
-/// Sightings that may wait.
+/// Sightings that may wait for the engine.
 const SIGHTINGS: usize = 8;
 
-/// What a round measured.
+/// The measurements of a round.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Measured<'a> {
     /// Ranges to the anchors that were asked.
     Ranges(exchange::Round<'a>),
-    /// Differences of arrivals among anchors that asked each other.
+    /// Differences of arrival times among anchors that ranged with each other.
     Differences(exchange::Differences<'a>),
-    /// RSSI values of beacons, heard in a window.
+    /// RSSI values of beacons, received in a window.
     RssiWindow(RssiWindow<'a>),
 }
 
-/// What was heard of beacons in a window.
+/// The RSSI values of beacons in a window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RssiWindow<'a> {
-    /// Goes on from the last round's number, wrapping.
+    /// Continues the numbers of the rounds. It wraps.
     pub number: u16,
     /// The listed beacons that were received, the nearest first.
     pub rssis: &'a [BeaconRssi],
 }
 
 impl<'a> Measured<'a> {
-    /// Counts the rounds, wrapping.
+    /// The round's number. It wraps.
     pub const fn number(&self) -> u16 {
         match self {
             Self::Ranges(round) => round.number,
@@ -54,7 +54,7 @@ impl<'a> Measured<'a> {
         }
     }
 
-    /// Anchors that were asked; none for RSSI values.
+    /// The number of anchors that were asked. It is zero for RSSI values.
     pub const fn asked(&self) -> u8 {
         match self {
             Self::Ranges(round) => round.asked,
@@ -63,7 +63,7 @@ impl<'a> Measured<'a> {
         }
     }
 
-    /// How many ranges, differences or RSSI values there are.
+    /// The number of ranges, differences or RSSI values.
     pub const fn count(&self) -> usize {
         match self {
             Self::Ranges(round) => round.ranges.len(),
@@ -72,7 +72,7 @@ impl<'a> Measured<'a> {
         }
     }
 
-    /// The ranges, if it is those that were measured.
+    /// The ranges, if the round measured ranges.
     pub const fn ranges(&self) -> &'a [Range] {
         match self {
             Self::Ranges(round) => round.ranges,
@@ -80,7 +80,7 @@ impl<'a> Measured<'a> {
         }
     }
 
-    /// The differences with their reference, if it is those that were measured.
+    /// The differences with their reference, if the round measured differences.
     pub const fn differences(&self) -> Option<&exchange::Differences<'a>> {
         match self {
             Self::Ranges(_) | Self::RssiWindow(_) => None,
@@ -89,17 +89,17 @@ impl<'a> Measured<'a> {
     }
 }
 
-/// A round that owns what it measured.
+/// A round that owns its measurements.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Round {
-    /// When the poll left or came, since the node started, microseconds.
+    /// When the poll was sent or received, microseconds since the node started.
     pub(crate) poll_us: u64,
-    /// The impulse response of its last frame, where it was read.
+    /// The impulse response of its last frame, if it was read.
     pub(crate) sounding: Option<Sounding>,
     owned: Owned,
 }
 
-/// A round with nothing in it, and beside it what belongs there.
+/// A round without its measurements, and the measurements beside it.
 #[derive(Clone, Debug, PartialEq)]
 enum Owned {
     Ranges(exchange::Round<'static>, Vec<Range, MAX_ROUND>),
@@ -128,15 +128,15 @@ impl Round {
     }
 }
 
-/// A beacon's advertisement, heard.
+/// A beacon's advertisement that was received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ReceivedAdvertisement {
-    /// When, since the node started, microseconds.
+    /// The time of reception, microseconds since the node started.
     pub t_us: u64,
-    /// What it says.
+    /// The content of the advertisement.
     pub beacon: Advertised,
-    /// dBm.
+    /// The RSSI, dBm.
     pub rssi_dbm: i8,
 }
 
@@ -147,7 +147,7 @@ pub(crate) struct Quiet {
     pub(crate) until_us: u64,
 }
 
-/// Between the tasks of one tag, for a `static`.
+/// The channels between the tasks of one tag, for a `static`.
 pub struct TaskChannels<M: RawMutex> {
     rounds: Channel<M, Round, ROUNDS>,
     guidance: Mutex<M, Cell<Guidance>>,
@@ -155,14 +155,14 @@ pub struct TaskChannels<M: RawMutex> {
     sightings: Channel<M, ReceivedAdvertisement, SIGHTINGS>,
     quiet: Signal<M, Quiet>,
     movement: Signal<M, ()>,
-    /// The rate that waits to be taken is not to wait for the next report.
+    /// The guidance has a rate that must be taken now and not at the next report.
     rouse: Signal<M, ()>,
-    /// Advertisements heard, whoever's: a sign that the scanner works.
+    /// Advertisements received from any sender: a sign that the scanner works.
     pub(crate) heard: Tally,
 }
 
 impl<M: RawMutex> TaskChannels<M> {
-    /// Nothing has happened yet.
+    /// Empty channels.
     pub const fn new() -> Self {
         Self {
             rounds: Channel::new(),
@@ -176,13 +176,14 @@ impl<M: RawMutex> TaskChannels<M> {
         }
     }
 
-    /// Hands a round to the engine, whose poll left or came at `poll_us`, microseconds since the node started, with the impulse response of
-    /// its last frame where that was read; how many older ones that cost.
+    /// Passes a round to the engine, with the impulse response of its last frame if it was read. The poll was sent or
+    /// received at `poll_us`, microseconds since the node started. Returns the number of older rounds that were
+    /// dropped.
     pub fn put_ranges(&self, round: &exchange::Round<'_>, poll_us: u64, sounding: Option<Sounding>) -> u32 {
         put(&self.rounds, Round::of_ranges(round, poll_us, sounding))
     }
 
-    /// The same of a round that was overheard.
+    /// The same for a round that was overheard.
     pub fn put_differences(&self, round: &Differences<'_>, poll_us: u64, sounding: Option<Sounding>) -> u32 {
         put(&self.rounds, Round::of_differences(round, poll_us, sounding))
     }
@@ -196,12 +197,12 @@ impl<M: RawMutex> TaskChannels<M> {
         self.workload.lock(|workload| workload.borrow_mut().begin(now_us));
     }
 
-    /// The engine is done with it.
+    /// The engine has finished the round.
     pub(crate) fn end(&self, now_us: u64) {
         self.workload.lock(|workload| workload.borrow_mut().end(now_us));
     }
 
-    /// The scanner has heard a beacon; how many older sightings that cost.
+    /// Passes a received beacon advertisement to the engine. Returns the number of older sightings that were dropped.
     pub(crate) fn put_sighting(&self, heard: ReceivedAdvertisement) -> u32 {
         put(&self.sightings, heard)
     }
@@ -210,18 +211,18 @@ impl<M: RawMutex> TaskChannels<M> {
         self.sightings.receive().await
     }
 
-    /// What the machine is to know from now on; a rate stays until it is taken.
+    /// Sets the guidance for the protocol from now on. A rate stays until it is taken.
     pub(crate) fn guide(&self, guidance: Guidance) {
         self.guidance.lock(|cell| cell.set(Guidance { rate: guidance.rate.or(cell.get().rate), ..guidance }));
     }
 
-    /// The tag is to range at this rate at once, whatever it waits for.
+    /// The tag must range at this rate at once, whatever it waits for.
     pub(crate) fn rouse(&self, rate: Rate) {
         self.guidance.lock(|cell| cell.set(Guidance { rate: Some(rate), ..cell.get() }));
         self.rouse.signal(());
     }
 
-    /// Done when somebody has roused the tag, and its rate was not taken since.
+    /// Returns when another task has roused the tag and its rate has not been taken since.
     pub(crate) async fn roused(&self, now_us: impl Fn() -> u64) -> Guidance {
         loop {
             self.rouse.wait().await;
@@ -248,7 +249,7 @@ impl<M: RawMutex> TaskChannels<M> {
         Guidance { busy: RadioDuration::from_micros(left_us), ..guidance }
     }
 
-    /// The radio is off the air until then.
+    /// The radio is off the air until the end of `quiet`.
     pub(crate) fn tell_quiet(&self, quiet: Quiet) {
         self.quiet.signal(quiet);
     }
@@ -264,12 +265,12 @@ impl<M: RawMutex> Default for TaskChannels<M> {
     }
 }
 
-/// Puts an item last, and drops the oldest while there is no room; how many.
+/// Adds an item at the end, and drops the oldest items while there is no room. Returns the number of dropped items.
 fn put<M: RawMutex, T, const N: usize>(channel: &Channel<M, T, N>, mut item: T) -> u32 {
     let mut dropped = 0;
     while let Err(embassy_sync::channel::TrySendError::Full(back)) = channel.try_send(item) {
         item = back;
-        // Taken meanwhile, there is room as well.
+        // If another task took an item meanwhile, there is room as well.
         dropped += u32::from(channel.try_receive().is_ok());
     }
     dropped
@@ -314,7 +315,7 @@ mod tests {
         channels.rouse(every);
         let taken = Guidance { position_m: Some([1.0, 2.0, 3.0]), rate: Some(every), ..Guidance::NONE };
         assert_eq!(block_on(channels.roused(|| 0)), taken);
-        // Taken by a report, it rouses nobody: the next one does.
+        // A rate that a report has taken rouses no task. The next rate does.
         channels.rouse(every);
         channels.take_guidance(0);
         assert_eq!(poll_once(channels.roused(|| 0)), core::task::Poll::Pending);

@@ -1,20 +1,21 @@
-//! A digest of positions to their last bit, by which two runs of a tag are compared: telemetry rounds to 0.1 mm.
+//! A digest of positions to their last bit, for the comparison of two runs of a tag: telemetry rounds to 0.1 mm.
 
 use core::cell::RefCell;
 
 use crate::{Observer, RoundOutcome};
 
-/// FNV-1a (64 bits; Fowler, Noll, Vo) of the positions so far, of their covariances, and of the reasons why there was none.
+/// FNV-1a (64 bits; Fowler, Noll, Vo) of the positions so far, of their covariances, and of the reasons for missing
+/// positions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Digest(u64);
 
 impl Digest {
-    /// Of nothing.
+    /// The digest of nothing.
     pub const fn new() -> Self {
         Self(0xCBF2_9CE4_8422_2325)
     }
 
-    /// With this epoch.
+    /// Adds this epoch.
     pub fn take(&mut self, epoch: &RoundOutcome<'_>) {
         match &epoch.outcome {
             Ok(position) => {
@@ -27,7 +28,7 @@ impl Digest {
         }
     }
 
-    /// The digest.
+    /// The value of the digest.
     pub const fn value(self) -> u64 {
         self.0
     }

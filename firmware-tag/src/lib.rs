@@ -1,11 +1,12 @@
-//! The tag, whole, in two tasks: [`ranging()`] owns the radio and the machine of the exchange, [`engine()`] makes positions. A board
-//! spawns them at two priorities; [`run_from_config`] joins them where there is one.
+//! The complete tag, in two tasks. [`ranging()`] owns the radio and the protocol, and [`engine()`] computes positions.
+//! A board spawns them at two priorities, and [`run_from_config`] runs both in one task.
 //!
-//! Radio → machine → a round of ranges, or of differences → [`TaskChannels`] → [`Tracker`] → an [`RoundOutcome`]: a position with its
-//! covariance, or the reason why there is none. Ranging never waits for the engine: where that is late, the oldest round goes, and is counted.
-//! Back flow the position, by which a tag chooses its anchors, and its [`RateControl`]. A motion sensor ([`motion`]) runs beside, so that a tag that
-//! is picked up ranges at once. A Bluetooth scan ([`scan`]) runs beside, and what it
-//! hears of listed beacons goes into the same track, so that a tag goes from anchors to beacons and back.
+//! Radio → protocol → a round of ranges or of differences → [`TaskChannels`] → [`Tracker`] → an [`RoundOutcome`]: a position
+//! with its covariance, or the reason why there is none. Ranging never waits for the engine: if the engine is late, the
+//! oldest round is dropped and counted. The position, by which a tag chooses its anchors, and the rate from
+//! [`RateControl`] flow back to the protocol. A motion sensor ([`motion`]) has a task beside, so that a tag that is
+//! picked up ranges at once. A Bluetooth scan ([`scan`]) has a task beside as well. The RSSI of listed beacons goes
+//! into the same track, so that a tag can move from anchors to beacons and back.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -57,62 +58,64 @@ pub use sounding::Sounding;
 pub use telemetry_sink::TelemetrySink;
 pub use tracker::{RoomReport, RoundOutcome, Tracker};
 
-/// Whether a tag heeds beacons: what it needs for them, 13 kB of code, is only in images with Bluetooth.
+/// Whether a tag uses beacons. The code for them, 13 kB, is only in images with Bluetooth.
 pub(crate) const HEARS_BEACONS: bool = cfg!(any(feature = "ble", test));
 
-/// Listed beacons that a tag follows.
+/// The number of listed beacons that a tag can follow.
 pub(crate) const LISTED: usize = if HEARS_BEACONS { wire::config::MAX_BEACONS } else { 0 };
 
-/// The engine's sign of life while no rounds come, milliseconds.
+/// The period of the engine's heartbeat while no rounds come, milliseconds.
 const IDLE_MS: u32 = 1000;
 
-/// Where a tag's results go, and what tells it the time. Both tasks have the same one.
+/// Takes a tag's results, and provides the time. Both tasks have the same one.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
 pub trait Sink {
     /// Microseconds since the node started.
     fn now_us(&self) -> u64;
 
-    /// A round is over, and what can be made of it is made.
+    /// A round is over, and its position has been computed if possible.
     async fn publish(&self, epoch: RoundOutcome<'_>);
 
-    /// What became of an action of the exchange.
+    /// The outcome of an action of the exchange.
     fn step(&self, event: &Event<'_>);
 
-    /// The exchange does nothing until then, microseconds since the node started: no step is a sign of its life before.
+    /// The exchange does nothing until this time, microseconds since the node started. No step shows that it is alive
+    /// before.
     fn rests(&self, until_us: u64);
 
     /// A link or the network has changed.
     fn link(&self, link: Link);
 
-    /// The radio failed for the `failures`-th time in a row; it is brought up again.
+    /// The radio failed for the `failures`-th time in a row. It will be restarted.
     fn radio_failed(&self, error: &impl core::fmt::Debug, failures: u32);
 
     /// The engine had no time for a round.
     fn round_dropped(&self);
 
-    /// A task is alive; that of ranging shows it by its steps.
+    /// A task is alive. The task of ranging shows this by its steps instead.
     fn alive(&self, task: Task);
 
-    /// A beacon that the tag knows was heard.
+    /// A beacon that the tag knows was received.
     fn sighting(&self, sighting: Sighting);
 
-    /// Something else is believed of a listed beacon.
+    /// The estimated condition of a listed beacon has changed.
     fn beacon(&self, word: Condition);
 
     /// The tag is in this room.
     fn room(&self, told: RoomReport);
 
-    /// What the motion sensor is good for from now on.
+    /// The usability of the motion sensor has changed.
     fn motion_sensor(&self, state: MotionSensor);
 
-    /// A beacon's advertisement was heard, which cost so many older ones their place.
+    /// A beacon's advertisement was received. To make room, `dropped` older ones were dropped.
     fn heard(&self, dropped: u32);
 
-    /// The scanner was silent and has been restarted; how many times so far.
+    /// The scanner was silent and has been restarted, `times` times so far.
     fn scanner_restarted(&self, times: u32);
 }
 
-/// Who sees what a tag reports, before it is reported: a display, a digest, a simulation that charges the time it takes.
+/// Sees what a tag reports, before it is reported. Examples: a display, a digest, a simulation that accounts for the
+/// time it takes.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
 pub trait Observer {
     /// A round is over.
@@ -125,21 +128,21 @@ pub trait Observer {
         let _ = link;
     }
 
-    /// A beacon that the tag knows was heard.
+    /// A beacon that the tag knows was received.
     fn sighting(&self) {}
 }
 
-/// Nobody.
+/// The observer that does nothing.
 impl Observer for () {}
 
-/// A task that shows that it is alive.
+/// A task that reports that it is alive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Task {
-    /// The one that makes positions.
+    /// The task that computes positions.
     Engine,
 }
 
-/// Runs a tag as its record says, in one task, and repeats for ever who it is. `observer` sees what is reported.
+/// Runs a tag as its record says, in one task, and repeats its hello for ever. `observer` sees what is reported.
 pub async fn run_from_config<R: Restart, D: DelayNs + Clone, M: RawMutex, const BYTES: usize>(
     radio: R,
     delay: D,
@@ -173,7 +176,7 @@ pub async fn ranging<R: Restart, M: RawMutex>(
     .await
 }
 
-/// The task that makes positions, sole owner of whatever that needs.
+/// The task that computes positions. It alone owns the solver and the track.
 pub async fn engine<M: RawMutex>(
     channels: &TaskChannels<M>,
     mut delay: impl DelayNs,
@@ -242,7 +245,7 @@ pub async fn engine<M: RawMutex>(
     }
 }
 
-/// What the loop of ranging reports to.
+/// What the ranging loop reports to.
 struct Ranging<'a, M: RawMutex, S> {
     channels: &'a TaskChannels<M>,
     sink: &'a S,
@@ -250,7 +253,7 @@ struct Ranging<'a, M: RawMutex, S> {
 }
 
 impl<M: RawMutex, S: Sink> Ranging<'_, M, S> {
-    /// Nothing is done with the radio for so long.
+    /// The radio is not used for this time.
     fn rest(&self, duration: RadioDuration) {
         let micros = u64::try_from(duration.as_micros()).unwrap_or(0);
         let until_us = self.sink.now_us().saturating_add(micros);
@@ -262,7 +265,7 @@ impl<M: RawMutex, S: Sink> Ranging<'_, M, S> {
 impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
     async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance {
         let now_us = self.sink.now_us();
-        // When a poll left or came.
+        // When a poll was sent or received.
         let poll_us =
             |poll: RadioInstant| now_us.saturating_sub(u64::try_from(present.since(poll).as_micros()).unwrap_or(0));
         let dropped = match report {

@@ -1,11 +1,11 @@
-//! Where a board's program keeps the trained classifier that lies in flash beside its record.
+//! The memory of a board's program for the trained classifier, which lies in flash beside the record.
 
 use embedded_storage::nor_flash::ReadNorFlash;
 use positioning_core::nlos::NodeModel;
 use static_cell::StaticCell;
 use wire::config::{Board, MODEL_BYTES};
 
-/// Room for one, for a `static`.
+/// Memory for one classifier, for a `static`.
 pub struct NlosModelStore {
     bytes: StaticCell<[u8; MODEL_BYTES]>,
     model: StaticCell<NodeModel>,
@@ -17,11 +17,11 @@ impl NlosModelStore {
         Self { bytes: StaticCell::new(), model: StaticCell::new() }
     }
 
-    /// Takes the classifier from flash, once a program; `None` where there is none, or none to be trusted: the log says why, and
-    /// the powers tell blocked links then.
+    /// Loads the classifier from flash, once in a program's run. `None` if there is none or if it is not valid: the log
+    /// then gives the reason, and received powers classify links instead.
     pub fn fill(&'static self, flash: &mut impl ReadNorFlash, board: Board) -> Option<&'static NodeModel> {
         let bytes = self.bytes.init_with(|| [0; MODEL_BYTES]);
-        // A node without record has no classifier either.
+        // A node without a record has no classifier either.
         let found = wire::config::load_model(flash, board.pages().offsets, bytes).ok().flatten()?;
         match NodeModel::decode(found) {
             Ok((model, _)) => {

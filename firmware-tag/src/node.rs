@@ -1,5 +1,5 @@
-//! A tag's program, but for what its board brings: the board's binary takes the board, starts the [`Node`], and spawns a task for each
-//! part of the [`Tag`] that [`Memory::tag`] gives.
+//! A tag's program without the parts of its board. The board's binary sets up the board, starts the [`Node`], and
+//! spawns a task for each part of the [`Tag`] that [`Memory::tag`] returns.
 
 use core::convert::Infallible;
 
@@ -21,7 +21,7 @@ pub use crate::nlos_model::NlosModelStore;
 
 type TaskChannels = crate::TaskChannels<Guard>;
 
-/// What a tag's tasks work on, for a `static`.
+/// The memory that a tag's tasks work on, for a `static`.
 pub struct Memory {
     machine: StaticCell<TagProtocol>,
     tag: StaticCell<Tag>,
@@ -33,22 +33,22 @@ pub struct Memory {
     surveyed: StaticCell<crate::SiteModels<'static>>,
 }
 
-/// What the task that owns the radio has for itself.
+/// What only the task that owns the radio uses.
 pub struct RangingParts<R: 'static> {
     /// The radio's driver.
     pub radio: &'static mut R,
-    /// The tag's side of the exchange.
+    /// The tag's protocol.
     pub machine: &'static mut TagProtocol,
 }
 
 /// What the tasks of a tag share.
 pub struct Tag {
-    /// What the record says.
+    /// The tag's settings in the record.
     pub config: wire::config::Tag,
     channels: &'static TaskChannels,
     reporter: &'static Reporter,
     anchors: &'static [AnchorPosition],
-    /// The classifier of line of sight that lies in flash beside the record, see [`NlosModelStore`].
+    /// The NLOS classifier that lies in flash beside the record, see [`NlosModelStore`].
     pub nlos_model: Option<&'static NodeModel>,
     #[cfg(feature = "ble")]
     record: &'static wire::config::Record,
@@ -57,7 +57,7 @@ pub struct Tag {
 }
 
 impl Memory {
-    /// Nothing yet.
+    /// Empty memory.
     pub const fn new() -> Self {
         Self {
             machine: StaticCell::new(),
@@ -71,7 +71,8 @@ impl Memory {
         }
     }
 
-    /// The tag that a record asks for, with the radio's driver that `radio` makes; `None`, and reported, where it is for another role.
+    /// The tag that a record describes, with the radio's driver that `radio` creates. For a record of another role the
+    /// function reports the fault and returns `None`.
     pub fn tag<R>(
         &'static self,
         node: &mut Node,
@@ -106,7 +107,7 @@ impl Memory {
         }
     }
 
-    /// Has the tag use what was surveyed of beacons, as it was found in flash; once a program.
+    /// Makes the tag use the survey's models of beacons from flash. May be called once in a program's run.
     #[cfg(feature = "ble")]
     pub fn use_beacon_models(
         &'static self,
@@ -127,7 +128,7 @@ impl Default for Memory {
 }
 
 impl Tag {
-    /// Where its tasks report to.
+    /// The sink that its tasks report to.
     pub fn sink(&self) -> TelemetrySink<'static, Guard, TELEMETRY_BYTES> {
         TelemetrySink::new(self.reporter, self.config.report_ranges)
     }
@@ -142,7 +143,7 @@ impl Tag {
         crate::ranging(exchange.radio, delay, exchange.machine, self.channels, sink).await
     }
 
-    /// The task that makes positions.
+    /// The task that computes positions.
     pub async fn locate(&self, delay: impl DelayNs, sink: &impl Sink) -> Infallible {
         let locator =
             LocatorConfig::new(self.config.height_m, self.anchors).by(self.config.solver).with_model(self.nlos_model);
@@ -156,12 +157,12 @@ impl Tag {
         crate::engine(self.channels, delay, locator, RateControl::of(&self.config), sink).await
     }
 
-    /// The task of a motion sensor, only where there is a rate for a tag that lies still.
+    /// The task of a motion sensor. It runs only if the record has a rate for a tag that lies still.
     pub async fn follow_motion(&self, sensor: impl MotionSensor, delay: impl DelayNs, sink: &impl Sink) {
         motion::run(self.channels, sensor, delay, sink).await;
     }
 
-    /// What a scanner has heard.
+    /// Takes an advertisement that a scanner has received.
     #[cfg(feature = "ble")]
     pub fn receive(&self, data: &[u8], rssi_dbm: i8, sink: &impl Sink) {
         crate::scan::receive(self.channels, sink, data, rssi_dbm);

@@ -1,10 +1,10 @@
-//! The Bluetooth scan of a tag: when it runs, and what happens when it falls silent.
+//! The Bluetooth scan of a tag: when it runs, and what happens when the scanner falls silent.
 //!
-//! UWB ranging needs the processor within microseconds; a Bluetooth controller takes it when it likes. So a scan's window begins
-//! where the radio has told that it is quiet for that long. A tag that is never quiet (it owns every slot) is scanned anyway, an
-//! interval late: what that costs are rounds, which are counted as late.
+//! UWB ranging needs the processor within microseconds, but a Bluetooth controller uses it at any time. So a scan's
+//! window begins when the radio has reported that it is quiet for that long. The radio of a tag that owns every slot is
+//! never quiet. Such a tag scans anyway, an interval late. This costs rounds, which are counted as late.
 //!
-//! [`Supervisor`] decides, sans-I/O; [`run`] does it.
+//! [`Supervisor`] decides, sans-I/O, and [`run`] carries out its decisions.
 
 use core::convert::Infallible;
 
@@ -16,27 +16,28 @@ use wire::ble::Advertised;
 use crate::channels::{ReceivedAdvertisement, TaskChannels};
 use crate::{Quiet, Sink};
 
-/// Scanned for so long without an advertisement, a scanner that has heard some is taken to hang, microseconds …
+/// After this time of scanning without an advertisement, a scanner that has received some before is assumed to hang,
+/// microseconds.
 const SILENT_US: u64 = 10_000_000;
-/// … and one that has never heard any: there may be nobody.
+/// The same for a scanner that has never received any: there may be no sender.
 const EVER_SILENT_US: u64 = 30_000_000;
 
-/// A Bluetooth scanner: passive, with duplicates. What it hears goes to [`hear`].
+/// A Bluetooth scanner: passive, with duplicates. Each advertisement that it receives goes to `receive`.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
 pub trait Scanner {
-    /// Scans from now on, without end.
+    /// Starts to scan, without end.
     async fn start(&mut self);
 
-    /// Scans no more.
+    /// Stops scanning.
     async fn stop(&mut self);
 }
 
 /// When a tag scans, microseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Plan {
-    /// From one window to the next.
+    /// From the start of one window to the start of the next.
     pub interval_us: u64,
-    /// How long a window is; all the time where it is not shorter than the interval.
+    /// The length of a window. If it is not shorter than the interval, the tag scans all the time.
     pub window_us: u64,
 }
 
@@ -53,7 +54,7 @@ impl From<wire::config::Scan> for Plan {
 pub enum Command {
     /// A window begins.
     Start,
-    /// It ends.
+    /// A window ends.
     Stop,
     /// The scanner hangs: stop it and start it again.
     Restart,
@@ -63,35 +64,35 @@ pub enum Command {
 #[derive(Clone, Debug)]
 pub struct Supervisor {
     plan: Plan,
-    /// Since when the scanner is on.
+    /// Since when the scanner is on; `None` while it is off.
     on_since_us: Option<u64>,
-    /// The next window is due then.
+    /// When the next window is due.
     due_us: u64,
     quiet_until_us: u64,
-    /// Scanned since the last advertisement or restart.
+    /// The scanning time since the last advertisement or restart.
     silent_us: u64,
-    /// Up to when that is counted.
+    /// The time up to which `silent_us` is counted.
     judged_us: u64,
     has_heard: bool,
 }
 
 impl Supervisor {
-    /// A scanner that is off.
+    /// A supervisor of a scanner that is off.
     pub const fn new(plan: Plan) -> Self {
         Self { plan, on_since_us: None, due_us: 0, quiet_until_us: 0, silent_us: 0, judged_us: 0, has_heard: false }
     }
 
-    /// Ranging pauses until then.
+    /// Ranging pauses until this time.
     pub fn quiet(&mut self, until_us: u64) {
         self.quiet_until_us = until_us;
     }
 
-    /// Some advertisement was heard.
+    /// An advertisement was received.
     pub fn heard(&mut self, now_us: u64) {
         (self.has_heard, self.silent_us, self.judged_us) = (true, 0, now_us);
     }
 
-    /// What is to be done now, and when to ask again at the latest.
+    /// The command for now, if any, and the time of the next call at the latest.
     pub fn step(&mut self, now_us: u64) -> (Option<Command>, u64) {
         let Plan { interval_us, window_us } = self.plan;
         let Some(since_us) = self.on_since_us else {
@@ -116,7 +117,7 @@ impl Supervisor {
         (Some(Command::Stop), self.due_us.max(now_us))
     }
 
-    /// The scanner is off.
+    /// The step while the scanner is off.
     fn begin(&mut self, now_us: u64) -> (Option<Command>, u64) {
         let Plan { interval_us, window_us } = self.plan;
         let latest_us = self.due_us + interval_us;
@@ -133,10 +134,10 @@ impl Supervisor {
     }
 }
 
-/// Takes the data of an advertisement that a scanner has heard just now.
+/// Takes the data of an advertisement that a scanner has just received.
 pub fn receive<M: RawMutex>(channels: &TaskChannels<M>, sink: &impl Sink, data: &[u8], rssi_dbm: i8) {
     channels.heard.add();
-    // Most advertisements are no beacons'.
+    // Most advertisements do not come from beacons.
     if let Ok(beacon) = Advertised::parse(data) {
         let dropped = channels.put_sighting(ReceivedAdvertisement { t_us: sink.now_us(), beacon, rssi_dbm });
         sink.heard(dropped);
@@ -186,7 +187,7 @@ mod tests {
 
     const PLAN: Plan = Plan { interval_us: 1_000_000, window_us: 100_000 };
 
-    /// Steps at the times it asks for, up to `end_us`; what was done and when.
+    /// Steps at the times that the supervisor asks for, up to `end_us`. Returns the commands and their times.
     fn commands(supervisor: &mut Supervisor, from_us: u64, end_us: u64) -> std::vec::Vec<(u64, Command)> {
         let (mut now, mut done) = (from_us, std::vec::Vec::new());
         while now < end_us {
@@ -214,7 +215,7 @@ mod tests {
     fn a_tag_that_is_never_quiet_is_scanned_an_interval_late() {
         let mut supervisor = Supervisor::new(PLAN);
         let done = commands(&mut supervisor, 0, 5_000_000);
-        // Due at 0, 2 s, 4 s: each begun a second later.
+        // Due at 0, 2 s, 4 s: each begins a second later.
         let expected = [1_000_000, 1_100_000, 3_000_000, 3_100_000];
         assert_eq!(done.iter().map(|(at, _)| *at).collect::<std::vec::Vec<_>>(), expected);
         assert_eq!((done[0].1, done[1].1), (Command::Start, Command::Stop));
@@ -244,7 +245,7 @@ mod tests {
         let mut supervisor = Supervisor::new(PLAN);
         supervisor.quiet(u64::MAX);
         supervisor.heard(0);
-        // A tenth of the time: ten seconds of scanning take a hundred.
+        // A tenth of the time: ten seconds of scanning take a hundred seconds.
         let done = commands(&mut supervisor, 0, 110_000_000);
         let restarts = done.iter().filter(|(_, command)| *command == Command::Restart).map(|(at, _)| *at);
         assert_eq!(restarts.collect::<std::vec::Vec<_>>(), [99_100_000]);

@@ -1,4 +1,4 @@
-//! The beacons that a tag knows: by their numbers, or by their rotating identifiers.
+//! The beacons that a tag knows, either by their numbers or by their rotating identifiers.
 
 use positioning_core::ble::signal::{BeaconList, ListedBeacon};
 use wire::ble::{Advertised, RotatingId};
@@ -9,35 +9,37 @@ use wire::telemetry::BeaconId;
 #[derive(Clone)]
 pub struct KnownBeacons<'r> {
     beacons: &'r [Beacon],
-    /// Of their rotating identifiers. It is expanded for each advertisement: that is time, of which there is more than of RAM.
+    /// The key of their rotating identifiers. It is expanded for each advertisement: this takes time, which is less
+    /// scarce than RAM.
     key: Option<&'r [u8; 16]>,
 }
 
-/// A beacon that is one of ours.
+/// A beacon that the tag knows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Known {
     pub(crate) id: BeaconId,
-    /// Its place in the list, if it is listed.
+    /// Its index in the list, if it is listed.
     pub(crate) place: Option<usize>,
 }
 
 impl<'r> KnownBeacons<'r> {
-    /// Those of a record.
+    /// The beacons of a record.
     pub fn of(record: &'r Record) -> Self {
         Self::new(&record.beacons, record.beacon_key.as_ref())
     }
 
-    /// These, and whoever has a rotating identifier by this key. With an empty list every beacon is known, and the place of none.
+    /// These beacons, and all beacons whose rotating identifiers match this key. With an empty list every beacon is
+    /// known, and none has an index.
     pub fn new(beacons: &'r [Beacon], key: Option<&'r [u8; 16]>) -> Self {
         Self { beacons, key }
     }
 
-    /// Those whose places are known.
+    /// The beacons whose positions are known.
     pub(crate) fn listed(&self) -> &'r [Beacon] {
         self.beacons
     }
 
-    /// Who it is, if it is one of ours.
+    /// Identifies the sender of an advertisement, if the tag knows it.
     pub(crate) fn identify(&self, heard: &Advertised) -> Option<Known> {
         let revealed = match (heard, self.key) {
             (Advertised::IBeacon(beacon), Some(key)) => RotatingId::new(key).reveal(beacon),
@@ -46,7 +48,7 @@ impl<'r> KnownBeacons<'r> {
         let told = heard.identity();
         let (major, minor) = revealed.map_or((told.major, told.minor), |true_one| (true_one.major, true_one.minor));
         let place = self.beacons.iter().position(|beacon| (beacon.major, beacon.minor) == (major, minor));
-        // The UUID of a rotating identifier says nothing.
+        // The UUID of a rotating identifier has no meaning.
         let network = if revealed.is_some() { 0 } else { told.network };
         let known = Known { id: BeaconId { network, major, minor }, place };
         (place.is_some() || self.beacons.is_empty()).then_some(known)

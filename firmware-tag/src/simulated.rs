@@ -1,4 +1,5 @@
-//! A tag's life in the small air's room, from its record to telemetry: in the image for QEMU, in its desktop twin, and in tests.
+//! The run of a simulated tag in the small air's room, from its record to telemetry. The image for QEMU, its desktop
+//! twin and tests use it.
 
 use core::cell::RefCell;
 use core::pin::pin;
@@ -12,20 +13,20 @@ use wire::telemetry::{Board, Condition, ResetCause};
 
 use crate::{Digest, LocatorConfig, TaskChannels, anchor_positions, run_from_config};
 
-/// Puts a tag into the room; none where the world is full.
+/// Puts a tag into the room. Returns `None` if the world is full.
 pub type TagIn = for<'w> fn(&'w World) -> Option<AirRadio<'w>>;
 
-/// What became of a tag's life, beside its telemetry.
+/// The results of a tag's run, beside its telemetry.
 #[derive(Clone, Copy, Debug)]
 pub struct Life {
-    /// Its positions'.
+    /// The digest of its positions.
     pub digest: Digest,
     /// How often its radio slept.
     pub naps: u32,
 }
 
-/// A life of so many microseconds, by what flash has; `take_out` may take telemetry out whenever time is about to move on. `None`: the tag
-/// was quiet, and has reported why.
+/// Runs a tag for `life_us` microseconds with the content of its flash. `take_out` may take telemetry out whenever the
+/// time is about to advance. `None` means that the tag did not transmit and has reported the reason.
 pub fn live<M: RawMutex, const BYTES: usize>(
     record: Result<Record, LoadError>,
     life_us: u64,

@@ -1,11 +1,11 @@
-//! The channel impulse response of a round's last frame: read while nothing else is awaited, and made the features of its
-//! shape, which go with the range.
+//! Reads the channel impulse response of a round's last frame. It reads while the radio awaits nothing else, and
+//! computes the features of the response's shape, which are reported with the range.
 //!
-//! The radio has one accumulator, which the next reception overwrites: inside a round there is no time to read it (0.8 ms on a
-//! DWM1001, where responses follow each other every 0.25 ms), at its end there is. So that every anchor has its turn, they take
-//! turns in being the last ([`Guidance::turns`](ranging::exchange::Guidance)); so that a tag that ranges all the time is not
-//! slowed down, the response of each is read so often and not more: what stands in the way of a link does not change every
-//! millisecond.
+//! The radio has one accumulator, and the next reception overwrites it. Inside a round there is no time to read it:
+//! reading takes 0.8 ms on a DWM1001, where responses follow each other every 0.25 ms. At the end of a round there is
+//! time. The anchors take turns in being the last ([`Guidance::turns`](ranging::exchange::Guidance)), so that the
+//! response of every anchor is read. The response of an anchor is read only once in a while, so that a tag that ranges
+//! all the time is not slowed down: an obstacle in a link does not change every millisecond.
 
 use heapless::Vec;
 use positioning_core::nlos::{BEFORE, Shape, WINDOW, magnitude};
@@ -13,34 +13,35 @@ use ranging::exchange::{Action, Event, Report};
 use ranging::native::MAX_ROUND;
 use ranging::{Radio, ResponseWindow};
 
-/// From one reading of an anchor's response to the next, at least, microseconds: with eight anchors four in a hundred of a
-/// DWM1001's time.
+/// The least time from one reading of an anchor's response to the next, microseconds. With eight anchors the readings
+/// take four per cent of a DWM1001's time.
 const EVERY_US: u64 = 150_000;
 
-/// What the impulse response of one frame tells.
+/// The shape of one frame's impulse response.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sounding {
-    /// Whose frame it was.
+    /// The sender of the frame.
     pub peer: u16,
-    /// Its shape.
+    /// The features of the shape.
     pub shape: Shape,
 }
 
-/// Reads impulse responses, where they are wanted.
+/// Reads impulse responses when they are wanted.
 #[derive(Debug, Default)]
 pub(crate) struct Sounder {
-    /// Whether anybody wants them.
+    /// Whether the engine wants them.
     pub(crate) wanted: bool,
     /// Anchors whose response was read, and when it may be read again, microseconds since the node started.
     read: Vec<(u16, u64), MAX_ROUND>,
-    /// Whose frame ended the round that is about to be reported, and the place of its first path.
+    /// The sender of the frame that ended the round to be reported, and the index of its first path.
     last: Option<(u16, f32)>,
     sounding: Option<Sounding>,
 }
 
 impl Sounder {
-    /// Sees what became of the last action, and what follows: a range made of the frame that just came, the round's last.
+    /// Observes the outcome of the last action, and the next action. It notes the frame that was just received if the
+    /// last range of the round comes from it.
     pub(crate) fn observe(&mut self, event: &Event<'_>, action: &Action<'_>) {
         self.last = match (event, action) {
             (Event::Received(frame), Action::Report(Report::Round(round))) => {
@@ -51,7 +52,7 @@ impl Sounder {
         };
     }
 
-    /// Reads what the radio still holds of that frame, where it is wanted and time.
+    /// Reads what the radio still holds of that frame, if it is wanted and due.
     pub(crate) async fn look<R: Radio>(&mut self, radio: &mut R, now_us: u64) -> Result<bool, R::Error> {
         self.sounding = None;
         let Some((peer, first_path_index)) = self.last.take().filter(|(peer, _)| self.is_due(*peer, now_us)) else {
@@ -77,7 +78,8 @@ impl Sounder {
         self.wanted && self.read.iter().all(|(read, next_us)| *read != peer || now_us >= *next_us)
     }
 
-    /// This anchor's response may be read again then; of more than a round asks, the one that waits for longest is forgotten.
+    /// Notes when this anchor's response may be read again. If the list is full, the entry that is due first is
+    /// replaced.
     fn note(&mut self, peer: u16, next_us: u64) {
         if let Some((_, next)) = self.read.iter_mut().find(|(read, _)| *read == peer) {
             *next = next_us;
@@ -88,7 +90,7 @@ impl Sounder {
         }
     }
 
-    /// What the round's last frame told.
+    /// Takes the features of the round's last frame.
     pub(crate) fn take(&mut self) -> Option<Sounding> {
         self.sounding.take()
     }
@@ -103,7 +105,7 @@ mod tests {
     use ranging::radio::MAX_FRAME;
     use ranging::{Diagnostics, RadioDuration, RadioInstant, ReceiveError, RxFrame, Sample, Start, TransmitError};
 
-    /// A radio with an accumulator and nothing else; it counts how often it is read.
+    /// A radio that has an accumulator and nothing else. It counts the readings.
     struct Accumulator {
         samples: std::vec::Vec<Sample>,
         holds: bool,
@@ -156,7 +158,7 @@ mod tests {
         Accumulator { samples: (0..1016).map(|at| Sample { i: sample(at), q: 0 }).collect(), holds: true, reads: 0 }
     }
 
-    /// A peak of 1000 at sample 752, noise of 0 to 6 elsewhere.
+    /// A peak of 1000 at sample 752, and noise of 0 to 6 elsewhere.
     fn peaked() -> Accumulator {
         with(|at| if at == 752 { 1000 } else { (at * 5 % 7) as i16 })
     }
@@ -200,7 +202,7 @@ mod tests {
     fn every_anchor_has_its_own_time() {
         let (mut sounder, mut radio) = (Sounder { wanted: true, ..Sounder::default() }, peaked());
         let mut due = |peer, now_us| look_at(peer, &mut sounder, &mut radio, 750.5, now_us).is_some();
-        // One more than are kept in mind: the one read first is forgotten, and due again.
+        // One more anchor than the list can hold: the one read first is removed, and is due again.
         assert!((0..=MAX_ROUND as u16).all(|peer| due(peer, peer.into())));
         assert!(!due(1, 10) && due(0, 10));
     }
@@ -213,7 +215,7 @@ mod tests {
         let mut sounder = Sounder { wanted: true, ..Sounder::default() };
         radio.holds = false;
         assert_eq!(look(&mut sounder, &mut radio, 750.5, 0), None);
-        // A window that passed after the frame: the accumulator may hold another.
+        // A window that ended after the frame: the accumulator may hold another frame.
         let round = Round { number: 1, poll: RadioInstant::default(), asked: 1, ranges: &[] };
         sounder.observe(&Event::Timeout, &Action::Report(Report::Round(round)));
         radio.holds = true;
@@ -231,7 +233,7 @@ mod tests {
             }
             let mut sounder = Sounder { wanted: true, ..Sounder::default() };
             let found = look(&mut sounder, &mut peaked(), first_path_index, u64::MAX);
-            // At the ends of the accumulator the window is moved inside, and the first path is still in it.
+            // At the ends of the accumulator the window is moved inside, and still contains the first path.
             assert_eq!(found.is_some(), (0.0..1016.0).contains(&first_path_index), "{first_path_index}");
         }
     }

@@ -1,4 +1,4 @@
-//! The sink of a node's tag: everything goes to its reporter, in the words of telemetry.
+//! The sink of a node's tag. It turns all results into telemetry for the node's reporter.
 
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use firmware_common::Reporter;
@@ -9,7 +9,7 @@ use wire::telemetry::{Condition, Fix, MotionSensor, Outcome, Sighting};
 
 use crate::{Measured, Observer, Position, RoomReport, RoundOutcome, Sink, Task};
 
-/// A tag's results, for its reporter.
+/// Passes a tag's results to its reporter.
 pub struct TelemetrySink<'r, M: RawMutex, const BYTES: usize, C = fn() -> u64, O = ()> {
     reporter: &'r Reporter<M, BYTES, C>,
     report_ranges: bool,
@@ -17,12 +17,12 @@ pub struct TelemetrySink<'r, M: RawMutex, const BYTES: usize, C = fn() -> u64, O
 }
 
 impl<'r, M: RawMutex, const BYTES: usize, C> TelemetrySink<'r, M, BYTES, C> {
-    /// To this reporter, with each range or without.
+    /// A sink for this reporter, with or without a message for each range.
     pub const fn new(reporter: &'r Reporter<M, BYTES, C>, report_ranges: bool) -> Self {
         Self { reporter, report_ranges, observer: () }
     }
 
-    /// The same, with somebody who sees it first.
+    /// The same, with an observer that sees each result first.
     pub fn with_observer<O: Observer>(self, observer: O) -> TelemetrySink<'r, M, BYTES, C, O> {
         TelemetrySink { reporter: self.reporter, report_ranges: self.report_ranges, observer }
     }
@@ -53,7 +53,7 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64, O: Observer> Sink for Tele
                 Measured::Differences(round) => {
                     difference_messages(t_us, round).for_each(|difference| event_log.send(difference));
                 }
-                // Sightings are told as they come.
+                // Sightings are reported when they come.
                 Measured::RssiWindow(_) => {}
             }
         }
@@ -106,7 +106,7 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64, O: Observer> Sink for Tele
     }
 
     fn room(&self, told: RoomReport) {
-        // The log has it where it is news.
+        // The log has a room only if it has changed.
         if told.is_news {
             self.reporter.event_log.log(told.room);
         } else {
@@ -128,7 +128,7 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64, O: Observer> Sink for Tele
     }
 }
 
-/// The record's solver in the words of telemetry.
+/// The solver of the record as telemetry's type.
 fn in_telemetry(solver: Solver) -> wire::telemetry::Solver {
     match solver {
         Solver::Track => wire::telemetry::Solver::Track,

@@ -1,21 +1,22 @@
-//! How long the engine will be busy: measured while it works, so that rounds are made when there is time to compute them.
+//! Estimates how long the engine will be busy. It measures the engine's rounds, so that the tag starts rounds only when
+//! there is time to compute them.
 
-/// The mean is exponential: a new round has this share, one in so many.
+/// The mean is exponential: a new round has a weight of 1 / `SMOOTHING`.
 const SMOOTHING: i64 = 8;
 /// A round that took longer was interrupted by something else, microseconds.
 const LONGEST_US: u64 = 200_000;
 
-/// What the engine is at.
+/// The state of the engine.
 #[derive(Debug)]
 pub(crate) struct Workload {
-    /// When it took the present round, microseconds.
+    /// When the engine took the present round, microseconds.
     begun_us: Option<u64>,
-    /// What a round takes in the mean, microseconds.
+    /// The mean time of a round, microseconds.
     round_us: i64,
 }
 
 impl Workload {
-    /// Nothing was done yet.
+    /// The state before the first round.
     pub(crate) const fn new() -> Self {
         Self { begun_us: None, round_us: 0 }
     }
@@ -25,14 +26,14 @@ impl Workload {
         self.begun_us = Some(now_us);
     }
 
-    /// It is done with it.
+    /// The engine has finished its round.
     pub(crate) fn end(&mut self, now_us: u64) {
         let Some(begun_us) = self.begun_us.take() else { return };
         let took = now_us.saturating_sub(begun_us).min(LONGEST_US) as i64;
         self.round_us += if self.round_us == 0 { took } else { (took - self.round_us) / SMOOTHING };
     }
 
-    /// When it will be done with the present round and those that wait, microseconds from now.
+    /// The time until the engine has finished the present round and those that wait, microseconds from now.
     pub(crate) fn left_us(&self, now_us: u64, waiting: usize) -> u32 {
         let present = self.begun_us.map_or(0, |begun_us| {
             let passed = now_us.saturating_sub(begun_us).min(LONGEST_US) as i64;
@@ -54,9 +55,9 @@ mod tests {
         workload.end(5_000);
         assert_eq!(workload.left_us(5_000, 1), 4_000);
         workload.begin(6_000);
-        // A millisecond of four has passed, and another round waits.
+        // One millisecond of four has passed, and another round waits.
         assert_eq!(workload.left_us(7_000, 1), 7_000);
-        // It takes longer than any before: nobody knows how long.
+        // The round takes longer than any before: the remaining time is unknown.
         assert_eq!(workload.left_us(20_000, 0), 0);
     }
 

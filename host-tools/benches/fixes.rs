@@ -1,6 +1,6 @@
-//! How many fixes a second one core of the desktop makes: 8 anchors in the plane, `f32`, half of the ranges blocked.
+//! Positions a second on one core of the desktop: 8 anchors in the plane, `f32`, half of the ranges blocked.
 //!
-//! `cargo bench -p host-tools`. One element is one fix.
+//! `cargo bench -p host-tools`. One element is one position.
 
 use std::hint::black_box;
 
@@ -11,7 +11,7 @@ use sim::alavi_pahlavan::{ANCHORS, anchors_m};
 const SOLVED: usize = 1000;
 const USED: usize = 8;
 
-/// Points of the thesis' room with ranges to 8 of its 12 anchors: two of every three.
+/// Points of the room in P. M. de Rojas Malpartida's thesis, with ranges to 8 of its 12 anchors: two of every three.
 fn epochs() -> Vec<[RangeSample<f32, 2>; USED]> {
     let anchors = anchors_m();
     let points = baliza_research::thesis::points(SOLVED, 1);

@@ -1,16 +1,17 @@
-//! The library behind `baliza`: recordings in, positions, figures and pictures out.
+//! The library of `baliza`: it reads recordings, and makes positions, figures and pictures.
 //!
 //! | module | what is in it |
 //! |---|---|
 //! | [`files`] | CSV rows, recordings, positions, captures of beacons, [`UserError`] |
-//! | [`locate`] | recordings into positions, through `positioning-core` with the `f32` of a node |
+//! | [`locate`] | positions from recordings, by `positioning-core` with the `f32` of a node |
 //! | [`node`] | probe, serial port, stream of telemetry, log, recordings of nodes, config records |
 //! | [`survey`] | fingerprints, coverage, path loss, rooms, positions for anchors |
 //! | [`train`] | NLOS classifiers |
 //! | [`simulate`] | what `baliza simulate` writes |
 //! | [`plot`] | pictures |
 //!
-//! Nothing here reads arguments or prints: the binary's module `cli` does, one file a subcommand.
+//! The library does not read arguments and does not print. The binary's module `cli` does both, with one file for each
+//! subcommand.
 #![forbid(unsafe_code)]
 
 pub mod files;

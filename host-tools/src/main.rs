@@ -1,7 +1,7 @@
-//! `baliza`: positions from recorded ranges, and what goes with them.
+//! `baliza`: positions from recorded ranges, and the commands around them.
 //!
-//! Data goes to standard output or files, diagnostics to standard error. Exit 0: done; 2: the input or the arguments are wrong, one
-//! line says how; 1: anything else, with its causes.
+//! Data goes to standard output or to files, diagnostics go to standard error. Exit code 0: success. Exit code 2: the
+//! input or the arguments are wrong, and one line says how. Exit code 1: any other error, with its causes.
 #![forbid(unsafe_code)]
 
 mod cli;
@@ -13,7 +13,7 @@ use clap::Parser;
 use clap::error::ErrorKind;
 use host_tools::UserError;
 
-/// Positions from UWB ranges and the levels of Bluetooth beacons, with honest uncertainty.
+/// Positions from UWB ranges and the RSSI values of Bluetooth beacons, with honest uncertainty.
 #[derive(Parser)]
 #[command(name = "baliza", version, max_term_width = 120, after_help = EXIT_CODES)]
 struct Arguments {
@@ -38,11 +38,11 @@ fn main() -> ExitCode {
     }
 }
 
-/// Help and version as they are; an error in the arguments on one line, without the usage.
+/// Prints help and version unchanged, and an error in the arguments on one line, without the usage.
 fn refuse(error: &clap::Error) -> ExitCode {
     match error.kind() {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
-            // A reader that went away needs no help.
+            // If the reader closed its end, the help is not needed.
             let _ = error.print();
             if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS }
         }
@@ -56,7 +56,7 @@ fn refuse(error: &clap::Error) -> ExitCode {
 }
 
 fn complain(code: u8, line: &str) -> ExitCode {
-    // Nothing is left to tell it to when standard error is closed.
+    // If standard error is closed, there is no way to report the error.
     let _ = writeln!(std::io::stderr(), "{line}");
     ExitCode::from(code)
 }

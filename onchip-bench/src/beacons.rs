@@ -1,5 +1,5 @@
-//! What is computed of the RSSI values of Bluetooth beacons: a room of [`cases`](crate::cases) with beacons on its walls, and a tag in it that
-//! hears them with deviations of some dB; the same on chip and desktop.
+//! The computations with RSSI values of Bluetooth beacons. A room of [`cases`](crate::cases) has beacons on its walls,
+//! and a tag in it receives them with deviations of some dB. The computations are the same on chip and desktop.
 
 use oorandom::Rand32;
 use positioning_core::ble::fingerprint::{self, MAX_NODE_POINTS, Map, Motion, Nearest, Point, Receiver, Walk};
@@ -11,30 +11,30 @@ use positioning_core::ble::rssi::{RssiLikelihood, RssiObservation};
 use positioning_core::ble::signal::{BeaconSignals, WINDOW_US};
 use positioning_core::{Area, Constraints, Real};
 
-/// Beacons that are heard.
+/// The number of received beacons.
 pub const HEARD: usize = 6;
-/// Beacons on the map.
+/// The number of beacons on the map.
 const KNOWN: usize = 12;
-/// Where the tag is, metres.
+/// The position of the tag, metres.
 const TAG_M: [f32; 2] = [3.1, 4.2];
 /// The room, metres.
 const ROOM: Area<f32, 2> = Area { min: [0.0, 0.0], max: [9.5, 7.5] };
-/// Between points of a map, metres.
+/// The distance between points of a map, metres.
 const STEP_M: f64 = 0.6;
-/// What beacons say that their RSSI is at a metre, dBm.
+/// The RSSI at one metre that beacons report, dBm.
 const POWER_DBM: i8 = -59;
-/// Between two adverts of a beacon, microseconds.
+/// From one advertisement of a beacon to its next, microseconds.
 const INTERVAL_US: u64 = 100_000;
-/// Rounds of adverts before anything is measured.
+/// The number of rounds of advertisements before the measurements.
 const WARM_UP: u64 = 20;
 
-/// Measures, or only makes, a computation on a state; its answer is one number.
+/// Measures a computation on a state, or only carries it out. The result is one number.
 pub trait Measure {
-    /// Makes `call` on copies of `state`.
+    /// Carries out `call` on copies of `state`.
     fn call<S: Clone>(&mut self, what: &str, state: &S, call: impl Fn(&mut S) -> f32);
 }
 
-/// Calls `measure` with one advert, after others; the beacons as they are before it.
+/// Calls `measure` with one advertisement, after others. Returns the beacons' state before it.
 #[inline(never)]
 pub fn for_advert(measure: &mut impl Measure) -> BeaconSignals<KNOWN> {
     let heard = heard();
@@ -62,7 +62,7 @@ pub fn for_each(measure: &mut impl Measure) {
     for round in 0..3 {
         step(&mut filter, round * 500_000, &heard);
     }
-    // One step that copies particles and one that does not; the dearer is the first.
+    // One step copies particles and one does not. The first is the more expensive one.
     let sir = Settings { resample_below: 1.0, ..Settings::walking() };
     let mut resampled = ParticleFilter::<f32, ON_NODE>::new(sir, 1);
     resampled.start_in(&ROOM);
@@ -92,7 +92,7 @@ pub fn for_each(measure: &mut impl Measure) {
     }
 }
 
-/// A map of a node: as many points as there is room for, and all beacons.
+/// A node's map with the greatest number of points, and with all beacons.
 #[derive(Clone)]
 struct Prints {
     bytes: [u8; 4096],
@@ -101,7 +101,8 @@ struct Prints {
 }
 
 impl Prints {
-    /// Points 0.6 m apart over the room, with deviations or without, whose RSSI values repeat every eight points; a scan near one of them.
+    /// Points 0.6 m apart in the room, with or without deviations, and a scan near one of them. The RSSI values repeat
+    /// every eight points.
     fn new(deviations: &[f64]) -> Self {
         let rssi = |row: usize, beacon: usize| -50.0 - ((row * 37 + beacon * 61) % 80) as f64 / 2.0;
         let rows: [[Option<f64>; KNOWN]; 8] =
@@ -137,14 +138,14 @@ fn lattice(map: &Map<'_>, scan: &[Option<f32>]) -> f32 {
     fingerprint::locate(map, scan, &Receiver::default()).map_or(f32::NAN, |found| found.position[0])
 }
 
-/// A step of the walk over it.
+/// A step of the walk over the lattice.
 #[inline(never)]
 fn walk(walk: &mut Walk<f32>, map: &Map<'_>, scan: &[Option<f32>], now_us: u64) -> f32 {
     let step = walk.step(map, scan, &Receiver::default(), &Motion::default(), &[], now_us);
     step.map_or(f32::NAN, |found| found.position[0])
 }
 
-/// What one advertisement takes: its RSSI is judged and smoothed.
+/// The cost of one advertisement: its RSSI is checked and smoothed.
 #[inline(never)]
 fn advert(beacons: &mut BeaconSignals<KNOWN>, now_us: u64, rssi_dbm: f32) -> f32 {
     beacons.receive(now_us, 0, rssi_dbm, POWER_DBM);

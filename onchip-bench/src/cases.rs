@@ -1,28 +1,29 @@
-//! The samples of every measurement: a room, a tag that jumps about in it, ranges with noise and with blocked paths.
+//! The samples of all measurements of solvers: a room, a tag at a random position in each epoch, and ranges with noise
+//! and with blocked paths.
 //!
-//! Made of additions, products and exact square roots only, so that chip and desktop hold the same bits.
+//! They are computed with additions, products and exact square roots only, so that chip and desktop have the same bits.
 
 use oorandom::Rand32;
 use positioning_core::{MAX_ANCHORS, RangeSample, Real};
 
-/// The numbers of anchors that are measured.
+/// The numbers of anchors in the measurements.
 pub const ANCHORS: [usize; 3] = [4, 8, 12];
-/// The epochs of one measurement: iterated methods cost more on some than on others.
+/// The number of epochs of one measurement: iterative methods cost more in some epochs than in others.
 pub const EPOCHS: u32 = 32;
 
-/// The room of the thesis' simulation (annex G), metres.
+/// The room in the simulation of P. M. de Rojas Malpartida's thesis (annex G), metres.
 const WIDTH_M: f32 = 9.5;
 const DEPTH_M: f32 = 7.5;
 /// Heights of anchors, metres: under the ceiling, and above the skirting board.
 const HIGH_M: f32 = 2.6;
 const LOW_M: f32 = 0.4;
-/// A direct range: what is left of the antenna delay, and the radio's noise, metres.
+/// The errors of a direct range, metres: the rest of the antenna delay, and the radio's noise.
 const BIAS_M: f32 = 0.04;
 const NOISE_M: f32 = 0.07;
-/// A blocked range is longer by so much, metres.
+/// The least and the greatest excess of a blocked range, metres.
 const LEAST_EXCESS_M: f32 = 0.3;
 const MOST_EXCESS_M: f32 = 2.0;
-/// Every so many anchors one is blocked, beginning with a random one.
+/// One anchor in `BLOCKED_EVERY` is blocked, beginning with a random one.
 const BLOCKED_EVERY: usize = 4;
 
 /// The ranges of one epoch.
@@ -35,8 +36,8 @@ pub struct Epoch<const D: usize> {
 impl<const D: usize> Epoch<D> {
     /// The ranges to `anchors` anchors at epoch number `number`, in the plane or in space.
     ///
-    /// The anchors stand evenly on the room's perimeter. In space they are under the ceiling in every other epoch, where
-    /// a position has a mirror image, and alternately high and low in the rest.
+    /// The anchors have equal distances along the room's perimeter. In space all of them are under the ceiling in every
+    /// other epoch, where a position has a mirror image. In the remaining epochs they are alternately high and low.
     pub fn new(anchors: usize, number: u32) -> Self {
         let mut random = Rand32::new(u64::from(number) << 8 | (anchors * D) as u64);
         let mut within = |low: f32, high: f32| low + (high - low) * random.rand_float();
@@ -55,7 +56,7 @@ impl<const D: usize> Epoch<D> {
                 square += (tag[axis] - anchor[axis]).squared();
             }
             let blocked = i % BLOCKED_EVERY == first_blocked;
-            // Four uniform numbers make a bell of variance 1/3.
+            // The sum of four uniform numbers is approximately normal. Its variance is 4/3, and 0.866 scales it to 1.
             let bell = within(-1.0, 1.0) + within(-1.0, 1.0) + within(-1.0, 1.0) + within(-1.0, 1.0);
             let noise = BIAS_M + NOISE_M * 0.866 * bell;
             let excess = within(LEAST_EXCESS_M, MOST_EXCESS_M);
@@ -71,7 +72,7 @@ impl<const D: usize> Epoch<D> {
     }
 }
 
-/// The place at a `part` of the way around the room, 0 to 1.
+/// The point at a `part` of the way around the room, 0 to 1.
 pub(crate) fn on_perimeter(part: f32) -> [f32; 2] {
     let way = part * 2.0 * (WIDTH_M + DEPTH_M);
     if way < WIDTH_M {

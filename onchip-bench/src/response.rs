@@ -5,14 +5,14 @@ use positioning_core::nlos::{
     Quantised, Shape, Skewness, WINDOW, magnitude,
 };
 
-/// Where the first path is in the window.
+/// The position of the first path in the window.
 pub const FIRST_PATH: f32 = BEFORE as f32 + 0.4;
-/// Prototypes of either class, two coordinates of two bytes each.
+/// The number of prototypes of each class. Each has two coordinates of two bytes.
 const PROTOTYPES: usize = 32;
-/// Of 2 inputs, layers of 46, 14 and 24, and 2 outputs.
+/// The number of weights: 2 inputs, layers of 46, 14 and 24, and 2 outputs.
 const WEIGHTS: usize = 46 * 3 + 14 * 47 + 24 * 15 + 2 * 25;
 
-/// Real and imaginary parts as the accumulator gives them: noise, a rise at the first path, a tail.
+/// Real and imaginary parts as in the accumulator: noise, a rise at the first path, and a tail.
 pub fn response() -> [[i16; 2]; WINDOW] {
     let mut random = oorandom::Rand32::new(7);
     core::array::from_fn(|at| {
@@ -22,13 +22,13 @@ pub fn response() -> [[i16; 2]; WINDOW] {
             Some(after) => 30_000 / after as i32,
         };
         let noise = |random: &mut oorandom::Rand32| (random.rand_range(0..240) as i32 - 120) as i16;
-        // Phases turn by about a radian a sample.
+        // The phase turns by about a radian from sample to sample.
         let [cos, sin] = [[100, 0], [54, 84], [-42, 91], [-99, 14], [-65, -76], [28, -96]][at % 6];
         [(level * cos / 100) as i16 + noise(&mut random), (level * sin / 100) as i16 + noise(&mut random)]
     })
 }
 
-/// What the node computes of a response: magnitudes, then features.
+/// The node's computations on a response: magnitudes, then features.
 #[inline(never)]
 pub fn features(response: &[[i16; 2]; WINDOW]) -> Features {
     let window: [u16; WINDOW] = core::array::from_fn(|at| magnitude(response[at][0], response[at][1]));

@@ -1,4 +1,5 @@
-//! What telling rooms apart costs: a classifier's decision, and the answer that does not flap; the same on chip and desktop.
+//! The cost of room estimates: a classifier's decision, and the hysteresis of the estimate. The computations are the
+//! same on chip and desktop.
 
 use positioning_core::ble::rooms::{
     Classifier, Nearest, Probabilities, RoomHysteresis, Settings, Svm, level_byte, likeliest,
@@ -8,26 +9,27 @@ use crate::beacons::Measure;
 
 const ROOMS: usize = 5;
 const BEACONS: usize = 12;
-/// A plane for each two rooms.
+/// The number of planes: one for each pair of rooms.
 const PLANES: usize = ROOMS * (ROOMS - 1) / 2;
-/// A plane: what is added, and a weight a beacon.
+/// The bytes of a plane: an offset, and a weight for each beacon.
 const PLANE: usize = 4 * (BEACONS + 1);
-/// Fingerprints of the neighbours: eight a room.
+/// The fingerprints of the nearest-neighbour classifier: eight for each room.
 const PRINTS: usize = 8 * ROOMS;
 const WEAKEST_DBM: f32 = -95.0;
-/// Between two answers, microseconds.
+/// From one room estimate to the next, microseconds.
 const WINDOW_US: u64 = 1_000_000;
 
-/// Calls `measure` with a decision of each classifier, and a step of the answers.
+/// Calls `measure` with a decision of each classifier, and with a step of the hysteresis.
 #[inline(never)]
 pub fn for_each(measure: &mut impl Measure) {
-    // Every beacon but one is heard, as between the first room's fingerprints and the second's.
+    // All beacons but one are received, with RSSI values between the fingerprints of the first room and those of the
+    // second.
     let scan: [Option<f32>; BEACONS] = core::array::from_fn(|beacon| {
         (beacon != 3).then(|| 0.6 * rssi(0, beacon) + 0.4 * rssi(1, beacon) + (beacon % 3) as f32 - 1.0)
     });
 
     let fallback = numbers::<{ 4 * BEACONS }>(|_| WEAKEST_DBM);
-    // About an offset that keeps margins within a few units, weights of both signs.
+    // Offsets that keep margins within a few units, and weights of both signs.
     let planes = numbers::<{ PLANES * PLANE }>(|at| match at % (BEACONS + 1) {
         0 => 0.5 - (at % 7) as f32 / 7.0,
         weight => ((at * 31 + weight * 17) % 13) as f32 * 0.005 - 0.03,
@@ -69,14 +71,14 @@ fn numbers<const BYTES: usize>(number: impl Fn(usize) -> f32) -> [u8; BYTES] {
     bytes
 }
 
-/// The likeliest room's number and its probability, as one number.
+/// The number of the most probable room and its probability, as one number.
 #[inline(never)]
 fn decide(classifier: &impl Classifier<Evidence = [Option<f32>]>, scan: &[Option<f32>; BEACONS]) -> f32 {
     let probabilities = classifier.probabilities(scan);
     probabilities.as_ref().and_then(likeliest).map_or(f32::NAN, |(room, p)| room as f32 + p)
 }
 
-/// The next answer: between the first two rooms.
+/// The next room estimate: between the first two rooms.
 #[inline(never)]
 fn answer(presence: &mut RoomHysteresis, told: &Probabilities) -> f32 {
     use positioning_core::ble::rooms::RoomEstimate::{Between, Room, Unknown};

@@ -1,22 +1,23 @@
-//! One step of weighted nonlinear least squares in the plane, Δ = (Σ w u uᵀ)⁻¹ Σ w u (d − ‖z − a‖) with u the unit vector
-//! from anchor to position, written thrice: by hand, with nalgebra as one would write it with care, and with nalgebra as a
-//! textbook has it. What they cost decides whether the solvers use a library for their matrices.
+//! One step of weighted nonlinear least squares in the plane, Δ = (Σ w u uᵀ)⁻¹ Σ w u (d − ‖z − a‖) with u the unit
+//! vector from anchor to position. It is written in three ways: by hand, with nalgebra in a careful form, and with
+//! nalgebra in the textbook's form. Their costs decide whether the solvers use a library for their matrices.
 
 use positioning_core::{MAX_ANCHORS, RangeSample};
 
-/// The arguments of the square roots that are compared.
+/// The arguments of the square roots in the comparison.
 pub const ROOTS_OF: [f32; 3] = [2.0, 100.0, 0.37];
 /// The number of anchors of the step.
 pub const ANCHORS: usize = 12;
-/// Where the step starts, metres.
+/// The starting point of the step, metres.
 pub const START: [f32; 2] = [4.0, 3.0];
 
-/// The weights of the step: they differ, so that no optimiser folds them.
+/// The weights of the step. They differ, so that an optimiser cannot merge them.
 pub fn weights() -> [f32; MAX_ANCHORS] {
     core::array::from_fn(|i| 1.0 / (0.01 + 0.001 * i as f32))
 }
 
-/// Accumulates the three distinct elements of the normal matrix and the two of the right-hand side, then solves by Cramer.
+/// Accumulates the three distinct elements of the normal matrix and the two of the right-hand side, then solves by
+/// Cramer's rule.
 #[inline(never)]
 pub fn by_hand(samples: &[RangeSample<f32, 2>], weights: &[f32], at: [f32; 2], root: impl Fn(f32) -> f32) -> [f32; 2] {
     let (mut xx, mut xy, mut yy, mut bx, mut by) = (0.0, 0.0, 0.0, 0.0, 0.0);
@@ -60,7 +61,7 @@ pub fn by_nalgebra_sums(
     Some((at + normal.try_inverse()? * rhs).into())
 }
 
-/// The formula as it is printed: (JᵀWJ)⁻¹JᵀWe with a 12 × 2 matrix J and a 12 × 12 matrix W.
+/// The formula as printed: (JᵀWJ)⁻¹JᵀWe with a 12 × 2 matrix J and a 12 × 12 matrix W.
 #[cfg(feature = "libraries")]
 #[inline(never)]
 pub fn by_nalgebra_matrices(

@@ -1,25 +1,25 @@
-//! The measurements of the engine's image: a tag that walks through the room of [`cases`](crate::cases), and rounds of ranges to the
-//! anchors on its walls, one in four blocked.
+//! The measurements for the engine's image: a tag that walks through the room of [`cases`](crate::cases), and rounds of
+//! ranges to the anchors on its walls. One link in four is blocked.
 //!
-//! Made of additions, products and exact square roots only, so that chip and desktop hold the same bits.
+//! They are computed with additions, products and exact square roots only, so that chip and desktop have the same bits.
 
 use oorandom::Rand32;
 use positioning_core::engine::{Dimensions, Engine, Measurement, Output, Range, Settings};
 use positioning_core::{Real, Side};
 
-/// The numbers of anchors that are measured.
+/// The numbers of anchors in the measurements.
 pub const ANCHORS: [u16; 3] = [4, 8, 16];
-/// Rounds before anything is measured.
+/// The number of rounds before the measurements.
 pub const WARM_UP: u32 = 30;
-/// Rounds of which every step is measured.
+/// The number of rounds of which every step is measured.
 pub const ROUNDS: u32 = 8;
 
-/// Between two rounds, microseconds.
+/// From one round to the next, microseconds.
 const ROUND_US: u64 = 20_000;
-/// Between two ranges of a round, microseconds.
+/// From one range of a round to the next, microseconds.
 const RANGE_US: u64 = 300;
 
-/// What one step was about.
+/// The kind of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     /// The end of the round that starts the track.
@@ -31,7 +31,7 @@ pub enum Step {
 }
 
 impl Step {
-    /// As the image prints it.
+    /// The name that the image prints.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Start => "start",
@@ -41,7 +41,8 @@ impl Step {
     }
 }
 
-/// Walks, in the plane or in space; `step` is called for every measurement, and makes it (or measures the making).
+/// Walks, in the plane or in space. `step` is called for every measurement. It gives the measurement to the engine, and
+/// may measure the cost.
 pub fn walk(
     anchors: u16,
     space: bool,
@@ -64,7 +65,7 @@ pub fn walk(
     }
 }
 
-/// A range to one of so many anchors on the walls, with an error by a number from 0 to 1.
+/// A range to one of `anchors` anchors on the walls. Its error is derived from `random`, a number from 0 to 1.
 pub fn range(anchor: u16, anchors: u16, tag: [f32; 3], random: f32) -> Range<f32> {
     let part = f32::from(anchor) / f32::from(anchors);
     let [x, y] = crate::cases::on_perimeter(part);

@@ -1,7 +1,7 @@
 //! The bounding box (Min-Max): the centre of the intersection of the boxes around the anchors (6-3, 6-4).
 //!
-//! Insensitive to ranges that are too long, biased towards the middle of the anchors ("perimeter effect"); its use here is
-//! to weigh the ranges of better methods and to start their iterations.
+//! It is insensitive to ranges that are too long, and biased towards the middle of the anchors ("perimeter effect").
+//! It is used here to weigh the ranges of better methods and to start their iterations.
 
 use crate::fix::conclude_equal;
 use crate::geometry::Survey;
@@ -10,7 +10,7 @@ use crate::{Constraints, Fix, RangeSample, Real, SolveError};
 /// The centre of [max(aᵢ − dᵢ), min(aᵢ + dᵢ)], axis by axis (6-3, 6-4): additions and comparisons only.
 ///
 /// # Errors
-/// See [`SolveError`].
+/// There is no position; [`SolveError`] has the reason.
 pub fn bounding_box<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,

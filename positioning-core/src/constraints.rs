@@ -1,14 +1,14 @@
-//! What is known of the tag's place before any range.
+//! What is known of the tag's position before any range.
 
 use crate::Real;
 
-/// What a solver may take for granted. The default is nothing.
+/// What a solver may assume. The default is nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Constraints<T, const D: usize> {
-    /// Which mirror image to take where the anchors lie on a plane.
+    /// Which of two mirror images to take where the anchors lie on a plane.
     pub side: Side<T, D>,
-    /// Where the tag can be at all. The iterated methods stay inside; the closed forms do not know it.
+    /// The area where the tag can be. The iterated methods stay inside; the closed forms do not use it.
     pub area: Option<Area<T, D>>,
 }
 
@@ -27,8 +27,8 @@ impl<T: Real, const D: usize> Constraints<T, D> {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Side<T, const D: usize> {
-    /// Not known: the one lower on the last axis, since anchors hang higher than tags; the covariance then reaches to the
-    /// other one.
+    /// Not known: the solver takes the image that is lower on the last axis, since anchors hang higher than tags. The
+    /// covariance then reaches to the other image.
     #[default]
     Unknown,
     /// The side of the anchors' plane on which this point lies: the last position, or a point of the floor.

@@ -1,11 +1,11 @@
-//! What a solver gives: a position with its uncertainty, or the reason why there is none.
+//! The result of a solver: a position with its uncertainty, or the reason why there is none.
 
 use crate::geometry::{Layout, centroid};
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_outer_full, add_scaled, dot, sub};
 use crate::sample::PerSample;
 use crate::{MAX_ANCHORS, RangeSample, Real};
 
-/// A set of anchors, as the places of their samples in the solver's input: bit i stands for sample i.
+/// A set of anchors, as the indices of their samples in the solver's input: bit i is sample i.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct AnchorSet(pub u16);
@@ -37,9 +37,9 @@ pub struct Fix<T, const D: usize> {
     pub covariance: [[T; D]; D],
     /// Dilution of precision per axis: metres of position per metre of range, all ranges weighing the same.
     pub dilution_of_precision: [T; D],
-    /// The anchors whose ranges made the position; the others were judged to be without line of sight.
+    /// The anchors whose ranges made the position. The others were classified as without line of sight.
     pub used: AnchorSet,
-    /// How far the ranges agree with the position, 0 to 1: the mean weight left to a range.
+    /// How far the ranges agree with the position, 0 to 1: the mean weight of a range.
     pub quality: T,
 }
 
@@ -50,7 +50,7 @@ impl<T: Real, const D: usize> Fix<T, D> {
     }
 }
 
-/// Why there is no position. Telemetry writes the variants by their numbers: new ones go to the end.
+/// Why there is no position. Telemetry writes the variants as numbers: add new ones at the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize, postcard::experimental::max_size::MaxSize))]
@@ -59,22 +59,22 @@ pub enum SolveError {
     TooFewAnchors,
     /// More than [`MAX_ANCHORS`](crate::MAX_ANCHORS) ranges.
     TooManyAnchors,
-    /// A number of the input is not finite, beyond a hundred kilometres, or a deviation under 0.1 mm.
+    /// A number of the input is not finite or beyond a hundred kilometres, or a deviation is under 0.1 mm.
     NotFinite,
-    /// All anchors at one place.
+    /// All anchors are at one position.
     CoincidentAnchors,
-    /// All anchors on one line: the position and its mirror image explain the ranges equally well.
+    /// All anchors are on one line: the position and its mirror image explain the ranges equally well.
     CollinearAnchors,
-    /// No place is near enough to every anchor: the ranges cannot meet.
+    /// No position is near enough to every anchor: the ranges cannot meet.
     RangesDisjoint,
     /// The geometry leaves the position undetermined, or the iteration left the room.
     Diverged,
-    /// An oracle method was asked for, and the line of sight of a range is not known.
+    /// An oracle method was chosen, and the line of sight of a range is not known.
     SightUnknown,
 }
 
 impl SolveError {
-    /// The reason as files and telemetry spell it.
+    /// The reason as it is written in files and telemetry.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::TooFewAnchors => "too-few-anchors",
@@ -97,12 +97,12 @@ impl core::fmt::Display for SolveError {
 
 impl core::error::Error for SolveError {}
 
-/// A range that misses the position by more than this was not used by a method that weighs, metres: the thesis' own bound
-/// between direct and blocked (table 8-9).
+/// A range whose residual exceeds this was not used by a weighted method, metres: the thesis' own bound between
+/// direct and blocked (table 8-9).
 const USED_M: f64 = 0.45;
-/// A range that ends this far short of the position cannot meet the others, metres.
+/// A range that is too short by this much cannot meet the others, metres.
 const SHORT_M: f64 = 1.0;
-/// A mean residual below this makes it worth while to ask whether the ranges can meet, metres.
+/// If the mean residual is below this, metres, the solver checks whether the ranges can meet.
 const SUSPECT_M: f64 = -0.25;
 
 /// [`conclude`] for a method that weighs all ranges alike, and so has used all of them.
@@ -113,7 +113,7 @@ pub(crate) fn conclude_equal<T: Real, const D: usize>(
     position: Vector<T, D>,
 ) -> Result<Fix<T, D>, SolveError> {
     let all = AnchorSet(((1_u32 << samples.len().min(MAX_ANCHORS)) - 1) as u16);
-    // One copy of the code for all weights.
+    // All weights share one copy of the code.
     Ok(Fix { used: all, ..conclude_weighted(samples, layout, position, &[T::ONE; MAX_ANCHORS])? })
 }
 
@@ -128,9 +128,9 @@ pub(crate) fn conclude_weighted<T: Real, const D: usize>(
     conclude(samples, layout, position, weights.iter().copied())
 }
 
-/// Judges a position and gives it its covariance, the sandwich H⁻¹ M H⁻¹ with H = Σ wᵢ uᵢ uᵢᵀ and M = Σ wᵢ² sᵢ² uᵢ uᵢᵀ (White,
-/// Econometrica 48, 1980), which is right for any weights; sᵢ² pools the squared residual, enlarged by N ⁄ (N − D), with the
-/// variance a range in line of sight has.
+/// Computes the quality and the covariance of a position. The covariance is the sandwich H⁻¹ M H⁻¹ with H = Σ wᵢ uᵢ
+/// uᵢᵀ and M = Σ wᵢ² sᵢ² uᵢ uᵢᵀ (White, Econometrica 48, 1980), which is right for any weights. sᵢ² pools the squared
+/// residual, enlarged by N ⁄ (N − D), with the variance of a range in line of sight.
 #[inline(always)]
 pub(crate) fn conclude<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
@@ -165,7 +165,7 @@ pub(crate) fn conclude<T: Real, const D: usize>(
     };
     let dilution = dilution.inverse();
     let mut covariance = sandwich(&hessian, scatter);
-    // Whatever was wrong with a sample has reached this sum.
+    // Any invalid number of a sample has reached this sum.
     let health = (0..D).fold(quality, |sum, axis| sum + covariance[axis][axis]);
     if !health.is_finite() {
         return Err(blame(samples, SolveError::Diverged));
@@ -180,14 +180,14 @@ pub(crate) fn conclude<T: Real, const D: usize>(
     })
 }
 
-/// The reason for a failure: the samples, where one is not a measurement at all, else `otherwise`. Asked only once something
-/// went wrong, so that good samples are not examined twice.
+/// The reason for a failure: an invalid sample, if there is one, else `otherwise`. It is called only after a failure,
+/// so that good samples are not examined twice.
 #[inline(never)]
 pub(crate) fn blame<T: Real, const D: usize>(samples: &[RangeSample<T, D>], otherwise: SolveError) -> SolveError {
     if samples.iter().all(RangeSample::is_sane) { otherwise } else { SolveError::NotFinite }
 }
 
-/// Whether more than half of the ranges end short of the position.
+/// Whether more than half of the ranges are too short to reach the position.
 #[inline(never)]
 fn cannot_meet<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
@@ -198,8 +198,8 @@ fn cannot_meet<T: Real, const D: usize>(
     2 * short > samples.len()
 }
 
-/// H⁻¹ M H⁻¹ as a sum of outer products, one for each column that is peeled off M (whose lower triangle is given), so that it
-/// stays positive whatever `f32` loses.
+/// H⁻¹ M H⁻¹ as a sum of outer products, one for each column that is removed from M (whose lower triangle is given).
+/// So it stays positive despite the rounding of `f32`.
 #[inline(always)]
 fn sandwich<T: Real, const D: usize>(hessian: &Ldl<T, D>, mut m: Matrix<T, D>) -> Matrix<T, D> {
     let mut product = [[T::ZERO; D]; D];
@@ -218,9 +218,9 @@ fn sandwich<T: Real, const D: usize>(hessian: &Ldl<T, D>, mut m: Matrix<T, D>) -
 
 /// The direction from the anchor to the position, and the residual of the range.
 ///
-/// Near the plane of coplanar anchors the ranges depend on the height by its square only; there the direction keeps a
-/// component √(σ ⁄ 2d) across the plane, the height at which the two terms are alike, so that the deviation of the height
-/// comes out large, not infinite.
+/// Near the plane of coplanar anchors the ranges depend on the height only by its square. There the direction keeps a
+/// component √(σ ⁄ 2d) across the plane: the height at which the two terms are equal. So the deviation of the height
+/// is large, but not infinite.
 #[inline(always)]
 fn sight<T: Real, const D: usize>(
     sample: &RangeSample<T, D>,
@@ -242,8 +242,8 @@ fn sight<T: Real, const D: usize>(
     }
 }
 
-/// Where the side of the anchors' plane was not known, the mirror image is as likely: half of its squared distance (2h)²
-/// joins the variance across the plane.
+/// If the side of the anchors' plane was not known, the mirror image is equally likely: half of its squared distance
+/// (2h)² is added to the variance across the plane.
 pub(crate) fn widen_to_mirror<T: Real, const D: usize>(
     covariance: &mut Matrix<T, D>,
     samples: &[RangeSample<T, D>],

@@ -1,25 +1,26 @@
-//! The first look at the samples: whether the anchors determine a position at all, which way it may be mirrored, the
-//! bounding box that every better method starts from, and the reference anchor of the closed forms. One pass gives it all.
+//! The survey of the samples: whether the anchors determine a position at all, in which direction it may be mirrored,
+//! the bounding box that every better method starts from, and the reference anchor of the closed forms. One pass
+//! computes all of it.
 
 use crate::linalg::{Matrix, Vector, add_outer, add_scaled, dot, sub, symmetric_eigen};
 use crate::{Constraints, MAX_ANCHORS, RangeSample, Real, Side, SolveError};
 
-/// Anchors closer together than this are one place, metres.
+/// Anchors closer together than this are at one position, metres.
 const COINCIDENT_M: f64 = 0.01;
 /// Anchors are on a line when their spread across it is less than this part of their spread along it.
 const COLLINEAR: f64 = 0.01;
-/// Anchors are on a plane when their spread across it is less than this part of the lesser spread within it: a height from
-/// such anchors is worse than the reach of the ranges by a factor of twenty.
+/// Anchors are on a plane when their spread across it is less than this part of the lesser spread within it. A height
+/// from such anchors has an error twenty times that of the ranges.
 const COPLANAR: f64 = 0.05;
 
 /// What is known before any method runs.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Survey<T, const D: usize> {
-    /// How the anchors lie.
+    /// The arrangement of the anchors.
     pub(crate) layout: Layout<T, D>,
-    /// The centre of the bounding box (6-4), across the anchors' plane where they lie on one.
+    /// The centre of the bounding box (6-4), moved across the anchors' plane where they lie on one.
     pub(crate) boxed: Vector<T, D>,
-    /// The sample of least range (6-16).
+    /// The index of the sample of least range (6-16).
     pub(crate) reference: usize,
 }
 
@@ -28,16 +29,16 @@ pub(crate) struct Survey<T, const D: usize> {
 pub(crate) enum Layout<T, const D: usize> {
     /// They span the space.
     Full,
-    /// They lie on a plane (three dimensions): a position and its mirror image explain the ranges alike.
+    /// They lie on a plane (three dimensions): a position and its mirror image explain the ranges equally well.
     Flat {
         /// Unit vector across the plane, towards the side that the tag is on.
         normal: Vector<T, D>,
-        /// Whether the caller knew the side.
+        /// Whether the caller gave the side.
         side_known: bool,
     },
 }
 
-/// The mean of the anchors' places.
+/// The mean of the anchors' positions.
 pub(crate) fn centroid<T: Real, const D: usize>(samples: &[RangeSample<T, D>]) -> Vector<T, D> {
     let mut sum = [T::ZERO; D];
     for sample in samples {
@@ -48,13 +49,13 @@ pub(crate) fn centroid<T: Real, const D: usize>(samples: &[RangeSample<T, D>]) -
 }
 
 impl<T: Real, const D: usize> Survey<T, D> {
-    /// Looks at samples in any order.
+    /// Surveys samples in any order.
     #[inline(never)]
     pub(crate) fn of(samples: &[RangeSample<T, D>], constraints: &Constraints<T, D>) -> Result<Self, SolveError> {
         Self::of_inlined(samples, constraints)
     }
 
-    /// The same for the one method that is worth the copy of the code.
+    /// The same, inlined, for the one method for which a copy of the code is worth it.
     #[inline(always)]
     pub(crate) fn of_inlined(
         samples: &[RangeSample<T, D>],
@@ -66,7 +67,7 @@ impl<T: Real, const D: usize> Survey<T, D> {
         let (Some(first), true) = (samples.first(), samples.len() > D) else {
             return Err(SolveError::TooFewAnchors);
         };
-        // The scatter of the anchors about the first one: as singular as that about their middle.
+        // The scatter of the anchors about the first one: as singular as that about their mean.
         let mut scatter: Matrix<T, D> = [[T::ZERO; D]; D];
         let (mut low, mut high) = (first.anchor, first.anchor);
         for axis in 0..D {
@@ -145,8 +146,9 @@ impl<T: Real, const D: usize> Layout<T, D> {
         }
     }
 
-    /// Moves a point to where the ranges want it across the anchors' plane: to the height h over their middle, where h² is
-    /// the mean of what Pythagoras leaves of each range. A point among anchors that span the space stays.
+    /// Moves a point across the anchors' plane to the height that fits the ranges: to the height h over the anchors'
+    /// mean, where h² is the mean of the remainder of each range by Pythagoras. A point among anchors that span the
+    /// space does not move.
     #[inline(always)]
     pub(crate) fn lift(&self, point: Vector<T, D>, samples: &[RangeSample<T, D>]) -> Vector<T, D> {
         match self.normal() {

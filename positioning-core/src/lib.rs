@@ -1,10 +1,13 @@
-//! All the mathematics of Baliza: positions from ranges to anchors.
+//! The mathematics of Baliza: positions from ranges to anchors and from the RSSI of beacons.
 //!
-//! No operating system, no heap, no I/O, no clock, no logger: numbers in, numbers out, so that a tag, a replay and a
-//! simulation run the same code. In flow [`RangeSample`]s, one a range; out flows a [`Fix`] with its covariance, or the
-//! reason why there is [`SolveError`]. Call [`solve`] with a [`Method`], or the method's own function. [`engine`] is what remembers: it
-//! takes measurements as they come, and tracks. [`locator`] is what a tag, a replay and a simulation call: it feeds the engine with
-//! ranges, differences of arrival and advertisements.
+//! The crate uses no operating system, no heap, no I/O, no clock and no logger. So a tag, a replay and a simulation
+//! run the same code.
+//!
+//! - Input of a solver: [`RangeSample`]s, one per range. Output: a [`Fix`] with its covariance, or a [`SolveError`]
+//!   with the reason. Call [`solve`] with a [`Method`], or the method's own function.
+//! - [`engine`] keeps a state: it takes measurements as they come, and tracks.
+//! - [`locator`] is called by a tag, a replay and a simulation: it gives the engine ranges, differences of arrival
+//!   and advertisements.
 //!
 //! Equation numbers are those of P. M. de Rojas Malpartida, *Evaluación de un sistema UWB frente a medidas sin línea de
 //! visión directa* (Universidad de Sevilla, 2021), unless another source is named.

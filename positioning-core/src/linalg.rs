@@ -1,5 +1,5 @@
-//! Small symmetric matrices, by hand: a D × D normal matrix (D ≤ 4) is accumulated row by row and solved once a
-//! position, in fewer instructions than a general library needs (`docs/design/host.md` has the counts).
+//! Small symmetric matrices. A D × D normal matrix (D ≤ 4) is accumulated row by row and solved once per position, in
+//! fewer instructions than a general library needs (`docs/design/host.md` has the counts).
 
 use crate::Real;
 
@@ -51,7 +51,7 @@ pub fn add_outer_full<T: Real, const D: usize>(m: &mut Matrix<T, D>, weight: T, 
     }
 }
 
-/// The factors of a symmetric positive definite matrix, M = L D Lᵀ: no square root needed.
+/// The factors of a symmetric positive definite matrix, M = L D Lᵀ, which need no square root.
 #[derive(Clone, Copy)]
 pub struct Ldl<T, const D: usize> {
     /// Below the diagonal: L. On it: 1 ⁄ D.
@@ -59,15 +59,15 @@ pub struct Ldl<T, const D: usize> {
 }
 
 impl<T: Real, const D: usize> Ldl<T, D> {
-    /// Factors the matrix whose lower triangle is `m`; `None` where a pivot falls under `D · ε` of its diagonal element,
-    /// that is, where the matrix is singular as far as `T` can tell.
+    /// Factors the matrix whose lower triangle is `m`. Returns `None` where a pivot is less than `D · ε` of its
+    /// diagonal element: the matrix is singular at the precision of `T`.
     #[inline(always)]
     pub fn new(mut m: Matrix<T, D>) -> Option<Self> {
         for column in 0..D {
             let diagonal = m[column][column];
             let mut pivot = diagonal;
             for k in 0..column {
-                // m[k][column] keeps L·D of the row in the unused upper triangle.
+                // m[k][column] holds L·D of the row in the unused upper triangle.
                 pivot -= m[column][k] * m[k][column];
             }
             let regular = pivot > T::of(8.0) * T::EPSILON * diagonal;
@@ -155,7 +155,7 @@ pub fn symmetric_eigen<T: Real, const D: usize>(m: &Matrix<T, D>) -> (Vector<T, 
     )
 }
 
-/// One Jacobi rotation that annuls a[p][q], applied to `a` and collected in `v`.
+/// One Jacobi rotation that sets a[p][q] to zero, applied to `a` and accumulated in `v`.
 fn rotate<T: Real, const D: usize>(a: &mut Matrix<T, D>, v: &mut Matrix<T, D>, p: usize, q: usize) {
     let off = a[p][q];
     if off == T::ZERO {

@@ -1,8 +1,8 @@
 //! The closed forms: linear least squares about a reference anchor, plain (LLS) and weighted (B-WLS and its variants).
 //!
-//! Subtracting the circle of the reference anchor r from the others leaves lines: with coordinates relative to the
-//! reference anchor, 2 aᵢ·z = d_r² − dᵢ² + |aᵢ|² (6-8, 6-9; the constants k shrink to |aᵢ|², which is what keeps the
-//! equations well conditioned in `f32`, however far the origin).
+//! Subtracting the circle of the reference anchor r from the others leaves lines. With coordinates relative to the
+//! reference anchor, 2 aᵢ·z = d_r² − dᵢ² + |aᵢ|² (6-8, 6-9). The constants k become |aᵢ|², which keeps the equations
+//! well conditioned in `f32`, for any distance of the origin.
 
 use crate::fix::{blame, conclude, conclude_equal, conclude_weighted};
 use crate::geometry::{Survey, centroid};
@@ -10,13 +10,15 @@ use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_scaled, dot, sub};
 use crate::sample::PerSample;
 use crate::{Constraints, Fix, MAX_ANCHORS, RangeSample, Real, SolveError};
 
-/// Joins every uncertainty as an independent part, metres: σ = 0 would divide by zero (6-13), and a single range that happens
-/// to agree with the weighing position to the millimetre must not outweigh all others.
+/// An independent part that is added to every uncertainty, metres. σ = 0 would divide by zero (6-13), and a single
+/// range that agrees with the weighing position to the millimetre must not outweigh all others.
 const SIGMA_FLOOR_M: f64 = 0.01;
-/// A range is judged direct when it differs from the weighing position by less than this, metres (table 8-9 and annex P).
+/// A range is classified as direct when it differs from the weighing position by less than this, metres (table 8-9
+/// and annex P).
 pub(crate) const DIRECT_M: f64 = 0.45;
 
-/// Passes of a closed form over coplanar anchors: what they are off the plane shrinks twentyfold a pass.
+/// The number of passes of a closed form over coplanar anchors. The anchors' distance from the plane has an effect
+/// that shrinks twentyfold per pass.
 const FLAT_PASSES: usize = 4;
 
 /// σ² with σ = d − ‖z − a‖, the uncertainty of a range as seen from `position` (6-14, 6-21).
@@ -54,11 +56,12 @@ struct Row<T> {
 
 type Rows<T> = heapless::Vec<Row<T>, MAX_ANCHORS>;
 
-/// z = ½ (AᵀC⁻¹A)⁻¹ AᵀC⁻¹p: 6-12 with the covariance 6-13 and σ² of each range from `variance`; 6-10, with C = 1, where there
-/// is none. The rows, empty before, are left to the caller.
+/// z = ½ (AᵀC⁻¹A)⁻¹ AᵀC⁻¹p. It is 6-12 with the covariance 6-13 and σ² of each range from `variance`. Without
+/// `variance` it is 6-10, with C = 1. The rows are empty before, and hold the samples' parts afterwards.
 ///
-/// C is a constant c plus a diagonal 1 ⁄ λᵢ, so by Sherman and Morrison AᵀC⁻¹A = Σ λᵢ (aᵢ − ā)(aᵢ − ā)ᵀ + Λ ⁄ (1 + c Λ) ā āᵀ,
-/// with Λ = Σ λᵢ and ā the mean weighted by λ: O(N), and a sum of positive terms, so that nothing cancels in `f32`.
+/// C is a constant c plus a diagonal 1 ⁄ λᵢ, so by Sherman and Morrison AᵀC⁻¹A = Σ λᵢ (aᵢ − ā)(aᵢ − ā)ᵀ + Λ ⁄ (1 + c
+/// Λ) ā āᵀ, with Λ = Σ λᵢ and ā the mean weighted by λ. This takes O(N) operations. It is a sum of positive terms, so
+/// nothing cancels in `f32`.
 #[inline(always)]
 fn solve_rows<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
@@ -77,13 +80,13 @@ fn solve_rows<T: Real, const D: usize>(
         let p = a.iter().fold(square - own_square, |p, component| p + component.squared());
         let (variance, lambda) = match &variance {
             Some(variance) => {
-                // 1 ⁄ (4 σ² d² + 2 σ⁴) (6-13), but for a factor that all of C has in common.
+                // 1 ⁄ (4 σ² d² + 2 σ⁴) (6-13), except for a factor that is common to all of C.
                 let variance = variance(i, sample);
                 (variance, T::ONE / (variance * (own_square + own_square + variance)))
             }
             None => (T::ONE, T::ONE),
         };
-        // The row of the reference anchor is zero: it takes part in the other sums without a trace.
+        // The row of the reference anchor is zero: it adds nothing to the other sums.
         if i != survey.reference {
             total += lambda;
         }
@@ -95,7 +98,7 @@ fn solve_rows<T: Real, const D: usize>(
     let share = T::ONE / total;
     a_mean = a_mean.map(|sum| sum * share);
     p_mean *= share;
-    // Λ ⁄ (1 + c Λ); without weights the reference anchor's noise is left out, c = 0.
+    // Λ ⁄ (1 + c Λ). Without weights the reference anchor's noise is left out: c = 0.
     let mut common = total;
     if let Some(row) = rows.get_mut(survey.reference) {
         if variance.is_some() {
@@ -117,8 +120,9 @@ fn solve_rows<T: Real, const D: usize>(
     let position = match survey.layout.normal() {
         None => Ldl::new(normal).map(|factors| add_scaled(&reference.anchor, half, &factors.solve(rhs))),
         Some(across) => {
-            // Lines say next to nothing across the plane of the anchors: hold the point at a height there, let the ranges lift
-            // it, and hold it at that height in the next pass, for anchors that are not quite on a plane.
+            // Lines give almost no information across the plane of the anchors. The point is held at a height there,
+            // then the ranges lift it. The next pass holds it at that height, for anchors that are not exactly on a
+            // plane.
             let trace = (0..D).fold(T::ZERO, |sum, axis| sum + normal[axis][axis]);
             add_outer(&mut normal, trace, across);
             Ldl::new(normal).map(|factors| {
@@ -175,7 +179,7 @@ fn solve_weighted<T: Real, const D: usize>(
 /// Linear least squares about the anchor of least range (6-8 to 6-10, 6-16).
 ///
 /// # Errors
-/// See [`SolveError`].
+/// There is no position; [`SolveError`] has the reason.
 pub fn lls<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
@@ -188,7 +192,7 @@ pub fn lls<T: Real, const D: usize>(
 /// Linear least squares weighted by the bounding box (6-12 to 6-16).
 ///
 /// # Errors
-/// See [`SolveError`].
+/// There is no position; [`SolveError`] has the reason.
 pub fn b_wls<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
@@ -200,7 +204,7 @@ pub fn b_wls<T: Real, const D: usize>(
     conclude(samples, &survey.layout, position, rows.iter().map(|row| T::ONE / row.variance))
 }
 
-/// [`b_wls`] by the functions that [`b_wls_r`] is made of, for images that hold both: the same position to the last bit with 6 kB less
+/// [`b_wls`] by the functions of [`b_wls_r`], for images that contain both: exactly the same position with 6 kB less
 /// code, and more instructions.
 pub(crate) fn b_wls_in_parts<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
@@ -210,10 +214,11 @@ pub(crate) fn b_wls_in_parts<T: Real, const D: usize>(
     solve_weighted(samples, &survey, &variances(samples, &survey.boxed))
 }
 
-/// B-WLS that treats the ranges judged direct alike (6.2.2.2): each |σ| under 0.45 m becomes the least |σ|, as in annex P.
+/// B-WLS with equal weights for the ranges classified as direct (6.2.2.2): each |σ| under 0.45 m becomes the least
+/// |σ|, as in annex P.
 ///
 /// # Errors
-/// See [`SolveError`].
+/// There is no position; [`SolveError`] has the reason.
 pub fn b_wls_c<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
@@ -227,10 +232,10 @@ pub fn b_wls_c<T: Real, const D: usize>(
     solve_weighted(samples, &survey, &variances)
 }
 
-/// B-WLS once more, weighted by its own answer instead of the bounding box (6.2.3.2, 6-21).
+/// B-WLS repeated, weighted by its own result instead of the bounding box (6.2.3.2, 6-21).
 ///
 /// # Errors
-/// See [`SolveError`].
+/// There is no position; [`SolveError`] has the reason.
 pub fn b_wls_r<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
@@ -264,7 +269,7 @@ mod tests {
             assert_eq!(inlined, in_parts);
             found += usize::from(inlined.is_ok());
         }
-        // Ranges at random mostly meet nowhere, and that is found too.
+        // Random ranges mostly do not meet, and that is found too.
         assert!(found > 100, "{found}");
     }
 

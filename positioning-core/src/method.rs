@@ -1,4 +1,4 @@
-//! The methods by name, and the one way to call any of them.
+//! The methods by name, and one function to call any of them.
 
 use crate::{Constraints, Fix, RangeSample, Real, SolveError};
 
@@ -17,13 +17,13 @@ pub enum Method {
     NlsCcv,
     /// Linear least squares weighted by the bounding box (6-12 to 6-16).
     BWls,
-    /// B-WLS with equal weights for the ranges judged direct (6.2.2.2).
+    /// B-WLS with equal weights for the ranges classified as direct (6.2.2.2).
     BWlsC,
-    /// B-WLS repeated with the weights of its own answer (6.2.3.2, 6-21).
+    /// B-WLS repeated with the weights of its own result (6.2.3.2, 6-21).
     BWlsR,
     /// Nonlinear least squares weighted by the bounding box (6-18, 6-19).
     BbNls,
-    /// BB-NLS with equal weights for the ranges judged direct (6-20).
+    /// BB-NLS with equal weights for the ranges classified as direct (6-20).
     BbNlsC,
     /// Nonlinear least squares weighted by B-WLS (6-21).
     BbNlsR,
@@ -119,10 +119,10 @@ impl Method {
     }
 }
 
-/// The position that explains `samples` (in any order) best by `method`.
+/// The position that explains `samples` (in any order) best by `method`. It does not panic on any input.
 ///
 /// # Errors
-/// The reason why there is no position; see [`SolveError`]. No input panics.
+/// There is no position; [`SolveError`] has the reason.
 pub fn solve<T: Real, const D: usize>(
     method: Method,
     samples: &[RangeSample<T, D>],

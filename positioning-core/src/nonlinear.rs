@@ -1,7 +1,8 @@
 //! Nonlinear least squares over ranges, Σ βᵢ (dᵢ − ‖z − aᵢ‖)² (6-5, 6-11), plain and weighted.
 //!
-//! The thesis searches a 0.1 m grid; here a damped Gauss-Newton iteration finds the same minimum without the grid's step.
-//! The grid's bounds matter as much as its step, so a known area of the tag is kept: see [`Constraints::area`].
+//! The thesis searches a 0.1 m grid. Here a damped Gauss-Newton iteration finds the same minimum without the grid's
+//! step. The grid's bounds matter as much as its step, so the position stays inside a known area: see
+//! [`Constraints::area`].
 
 use crate::fix::{blame, conclude_equal, conclude_weighted};
 use crate::geometry::Survey;
@@ -12,9 +13,9 @@ use crate::{Area, Constraints, Fix, MAX_ANCHORS, RangeSample, Real, SolveError};
 
 /// The iteration ends when a step is shorter than this, metres.
 const CONVERGED_M: f64 = 1.0e-4;
-/// No iteration takes longer: every second step may be one back.
+/// The most steps of an iteration: every second step may be a step back.
 const MAX_STEPS: usize = 40;
-/// The weight of a blocked range beside the 1 of a direct one (6.1.3.5).
+/// The weight of a blocked range, relative to 1 for a direct one (6.1.3.5).
 const BLOCKED_WEIGHT: f64 = 0.005;
 
 /// The cost at a point with its Gauss-Newton model.
@@ -22,7 +23,7 @@ struct Model<T, const D: usize> {
     cost: T,
     /// Σ β u uᵀ, lower triangle.
     hessian: Matrix<T, D>,
-    /// Σ β u (d − ‖z − a‖): downhill.
+    /// Σ β u (d − ‖z − a‖): the descent direction.
     descent: Vector<T, D>,
 }
 
@@ -34,7 +35,7 @@ fn model<T: Real, const D: usize>(
     let mut model = Model { cost: T::ZERO, hessian: [[T::ZERO; D]; D], descent: [T::ZERO; D] };
     for (sample, &beta) in samples.iter().zip(beta) {
         let across = sub(position, &sample.anchor);
-        // On top of an anchor no direction is better than another: any finite one will do.
+        // At the position of an anchor no direction is better than another: any finite one is valid.
         let distance = (dot(&across, &across) + T::EPSILON.squared()).sqrt();
         let scale = T::ONE / distance;
         let unit = across.map(|component| component * scale);
@@ -46,7 +47,7 @@ fn model<T: Real, const D: usize>(
     model
 }
 
-/// Freezes the axes that the area stops: their bound holds, and the others take their best step without them.
+/// Holds the axes that are at their bound of the area. The other axes take their best step without them.
 fn hold_bounds<T: Real, const D: usize>(model: &mut Model<T, D>, position: &Vector<T, D>, area: &Area<T, D>) {
     for axis in 0..D {
         let pull = model.descent[axis];
@@ -61,8 +62,8 @@ fn hold_bounds<T: Real, const D: usize>(model: &mut Model<T, D>, position: &Vect
     }
 }
 
-/// The minimum of Σ βᵢ (dᵢ − ‖z − aᵢ‖)² that is reached from the best of `starts`: Gauss-Newton, each step halved until it
-/// lowers the cost.
+/// The minimum of Σ βᵢ (dᵢ − ‖z − aᵢ‖)² that is reached from the best of `starts` by Gauss-Newton. Each step is
+/// halved until it lowers the cost.
 pub(crate) fn minimise<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     beta: &PerSample<T>,
@@ -87,7 +88,8 @@ pub(crate) fn minimise<T: Real, const D: usize>(
         let next = constraints.inside(add_scaled(&position, T::ONE, &step));
         let moved = sub(&next, &position);
         let there = model(samples, beta, &next);
-        // Near the minimum the cost no longer changes within the precision of the scalar, and the step is right all the same.
+        // Near the minimum the cost no longer changes within the precision of the scalar, but the step is still
+        // correct.
         if there.cost <= here.cost * (T::ONE + T::of(8.0) * T::EPSILON) {
             position = next;
             here = there;
@@ -110,7 +112,8 @@ fn gauss_newton_step<T: Real, const D: usize>(
     if let Some(area) = &constraints.area {
         hold_bounds(model, position, area);
     }
-    // A touch of damping (Levenberg) keeps the step finite where an axis is not seen at all: a tag in the anchors' plane.
+    // A small damping (Levenberg) keeps the step finite along an axis without information: a tag in the anchors'
+    // plane.
     let trace = (0..D).fold(T::ZERO, |sum, axis| sum + model.hessian[axis][axis]);
     for axis in 0..D {
         model.hessian[axis][axis] += T::of(1.0e-5) * trace;
@@ -118,8 +121,8 @@ fn gauss_newton_step<T: Real, const D: usize>(
     Some(Ldl::new(model.hessian)?.solve(model.descent))
 }
 
-/// The starts of every method: the bounding box, which no blocked range fools, and the closed form, which is exact where the
-/// ranges are, even far outside the anchors.
+/// The starts of every method. The bounding box is insensitive to blocked ranges. The closed form is exact where the
+/// ranges are exact, even far outside the anchors.
 fn starts<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     survey: &Survey<T, D>,
@@ -127,10 +130,10 @@ fn starts<T: Real, const D: usize>(
     Ok([survey.boxed, lls_position(samples, survey)?])
 }
 
-/// Nonlinear least squares, all ranges alike (6-5).
+/// Nonlinear least squares with equal weights for all ranges (6-5).
 ///
 /// # Errors
-/// See [`SolveError`].
+/// There is no position; [`SolveError`] has the reason.
 pub fn nls<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
@@ -141,8 +144,8 @@ pub fn nls<T: Real, const D: usize>(
     conclude_equal(samples, &survey.layout, position)
 }
 
-/// Nonlinear least squares that knows the truth about the line of sight (6-17): blocked ranges weigh 0.005. An oracle, the
-/// floor of what weighing can reach.
+/// Nonlinear least squares that knows the true line of sight (6-17): blocked ranges weigh 0.005. It is an oracle, and
+/// shows the least error that weighing can reach.
 ///
 /// # Errors
 /// [`SolveError::SightUnknown`] where a sample's `los` is `None`; else see [`SolveError`].
@@ -169,7 +172,7 @@ fn reciprocal_deviations<T: Real>(variances: &PerSample<T>) -> PerSample<T> {
 /// Nonlinear least squares weighted by the bounding box, β = 1 ⁄ |σ| (6-18, 6-19).
 ///
 /// # Errors
-/// See [`SolveError`].
+/// There is no position; [`SolveError`] has the reason.
 pub fn bb_nls<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
@@ -181,13 +184,13 @@ pub fn bb_nls<T: Real, const D: usize>(
     conclude_weighted(samples, &survey.layout, position, &beta)
 }
 
-/// BB-NLS that treats the ranges judged direct alike (6-20).
+/// BB-NLS with equal weights for the ranges classified as direct (6-20).
 ///
-/// The text judges a range direct when |σ| ≤ 0.45 m; the annexed code (J) compares |σ|·d with 0.45 instead, and its figures
-/// are the printed ones, so the code is followed here. The weight of a direct range is 1 ⁄ min |σ|.
+/// The text classifies a range as direct when |σ| ≤ 0.45 m. The annexed code (J) compares |σ|·d with 0.45 instead.
+/// Its figures are the printed ones, so this function follows the code. The weight of a direct range is 1 ⁄ min |σ|.
 ///
 /// # Errors
-/// See [`SolveError`].
+/// There is no position; [`SolveError`] has the reason.
 pub fn bb_nls_c<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
@@ -210,7 +213,7 @@ pub fn bb_nls_c<T: Real, const D: usize>(
 /// Nonlinear least squares weighted by B-WLS, β = 1 ⁄ |σ| (6-21, 6-11).
 ///
 /// # Errors
-/// See [`SolveError`].
+/// There is no position; [`SolveError`] has the reason.
 pub fn bb_nls_r<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,

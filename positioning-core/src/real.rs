@@ -1,7 +1,7 @@
 //! The scalar of every formula: `f32` on the node, `f64` as its reference on a desktop.
 //!
-//! A trait of its own and not `num_traits::Float`, because there `sqrt` is a software routine on a bare-metal target;
-//! here it is the FPU's own instruction where the target has one.
+//! It is a separate trait and not `num_traits::Float`, because there `sqrt` is a software routine on a bare-metal
+//! target. Here it is the FPU's own instruction where the target has one.
 
 use core::fmt::{Debug, Display};
 use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
@@ -39,11 +39,12 @@ pub trait Real:
 
     /// A constant of a formula, written as `f64` and rounded to the scalar.
     fn of(value: f64) -> Self;
-    /// A count, exactly: through 32-bit integers, for which an FPU of single precision has an instruction.
+    /// A count, exactly. It is converted through 32-bit integers, for which an FPU of single precision has an
+    /// instruction.
     fn count(number: usize) -> Self;
     /// The value as `f64`, exactly.
     fn to_f64(self) -> f64;
-    /// The whole part, from 0 to `u32::MAX`: less is 0, and so is NaN.
+    /// The whole part, from 0 to `u32::MAX`; 0 for smaller numbers and for NaN.
     fn truncated(self) -> u32;
     /// Square root, correctly rounded; NaN below zero.
     fn sqrt(self) -> Self;
@@ -51,21 +52,21 @@ pub trait Real:
     fn exp(self) -> Self;
     /// Natural logarithm.
     fn ln(self) -> Self;
-    /// The logarithm to base 2 of a positive number that is not denormal, within 1.2·10⁻⁴; of anything else some finite number.
-    /// 15 instructions of an FPU in place of a hundred.
+    /// The logarithm to base 2 of a positive number that is not denormal, within 1.2·10⁻⁴. For any other number the
+    /// result is finite. It takes 15 FPU instructions instead of a hundred.
     fn log2_about(self) -> Self;
     /// |x|.
     fn abs(self) -> Self;
     /// Neither NaN nor infinite.
     fn is_finite(self) -> bool;
 
-    /// The larger of two numbers; `self` where they do not compare.
+    /// The larger of two numbers; `self` if they cannot be compared.
     #[inline(always)]
     fn at_least(self, floor: Self) -> Self {
         if floor > self { floor } else { self }
     }
 
-    /// The smaller of two numbers; `self` where they do not compare.
+    /// The smaller of two numbers; `self` if they cannot be compared.
     #[inline(always)]
     fn at_most(self, ceiling: Self) -> Self {
         if ceiling < self { ceiling } else { self }
@@ -113,8 +114,8 @@ impl Real for f32 {
     }
     #[inline(always)]
     fn log2_about(self) -> Self {
-        // The exponent's bits, and log₂ (1 + t) of the mantissa's as t + t (1 − t) q(t), exact at both ends, q fitted for the least
-        // greatest error: 1.13·10⁻⁴.
+        // The exponent's bits, plus log₂ (1 + t) of the mantissa as t + t (1 − t) q(t). This is exact at both ends. q
+        // is fitted for the least greatest error: 1.13·10⁻⁴.
         let bits = self.to_bits();
         let exponent = (bits >> 23 & 0xff) as i32 - 127;
         let t = f32::from_bits(bits & 0x007f_ffff | 0x3f80_0000) - 1.0;
@@ -178,14 +179,15 @@ impl Real for f64 {
     }
 }
 
-/// `vsqrt.f32`, 14 cycles. Stable Rust has no `sqrt` in `core` and gives inline assembly no class for an FPU register on
-/// this target, so the argument goes through core registers and s0 is put back.
+/// `vsqrt.f32`, 14 cycles. Stable Rust has no `sqrt` in `core`, and inline assembly has no register class for an FPU
+/// register on this target. So the argument goes through core registers, and s0 is restored.
 #[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
 #[allow(unsafe_code)]
 #[inline(always)]
 fn sqrt_f32(x: f32) -> f32 {
     let mut bits = x.to_bits();
-    // SAFETY: touches only the two core registers it is given and s0, which it restores; no memory, no stack, no flags.
+    // SAFETY: this touches only the two core registers it is given and s0, which it restores; no memory, no stack, no
+    // flags.
     unsafe {
         core::arch::asm!(
             "vmov {kept}, s0", "vmov s0, {bits}", "vsqrt.f32 s0, s0", "vmov {bits}, s0", "vmov s0, {kept}",

@@ -1,15 +1,16 @@
-//! The default method: the posterior mean under a mixture of direct and blocked ranges and a bias common to all.
+//! The default method: the posterior mean under a mixture of direct and blocked ranges, with a bias common to all.
 //!
-//! A range is dᵢ = ‖z − aᵢ‖ + b + eᵢ. The bias b, an antenna delay that was never calibrated, has a zero-mean prior. The
-//! error eᵢ is direct (narrow, about zero) or blocked (wide, about a positive mean: nothing outruns light), each by
-//! a bell (1 + x² ⁄ 16)⁻⁸, x the error in units of its deviation: Student's shape, a Gaussian near its middle, a heavier tail for
-//! the wild, and no exponential to compute. The model of Alavi and Pahlavan (IEEE Commun. Lett. 10, 2006; equations 7-2 to 7-5)
-//! is its pattern.
+//! A range is dᵢ = ‖z − aᵢ‖ + b + eᵢ. The bias b, an antenna delay that was never calibrated, has a zero-mean prior.
+//! The error eᵢ is direct (narrow, about zero) or blocked (wide, about a positive mean, because a blocked path is
+//! longer). Each part has the density (1 + x² ⁄ 16)⁻⁸, where x is the error in units of its deviation: Student's
+//! shape, a Gaussian near its middle, with a heavier tail for outliers, and without an exponential to compute. It
+//! follows the model of Alavi and Pahlavan (IEEE Commun. Lett. 10, 2006; equations 7-2 to 7-5).
 //!
-//! Expectation-maximisation (each step a weighted Gauss-Newton step, the bias eliminated by its Schur complement, the narrow
-//! part widened at first) runs from three starts, since the posterior has several modes: B-WLS, LLS, and the middle of the
-//! anchors; starts that meet go on as one. The two modes of most evidence (Laplace's approximation) are refined and averaged
-//! by it: the mean of the posterior errs less than its mode, and their distance is part of the covariance.
+//! Expectation-maximisation runs from three starts, since the posterior has several modes: B-WLS, LLS, and the middle
+//! of the anchors. Each step is a weighted Gauss-Newton step. The bias is eliminated by its Schur complement, and the
+//! narrow part is widened at first. Starts that meet continue as one. The two modes with the most evidence (Laplace's
+//! approximation) are refined, and averaged with the evidence as weight. The mean of the posterior errs less than its
+//! mode, and the distance of the modes is part of the covariance.
 
 use crate::fix::{blame, conclude_weighted, widen_to_mirror};
 use crate::geometry::{Survey, centroid};
@@ -18,37 +19,40 @@ use crate::linear::{b_wls_position, lls_position};
 use crate::sample::PerSample;
 use crate::{Constraints, Fix, RangeSample, Real, SolveError};
 
-/// Deviation of a direct range beside its own `sigma`: a surveyed anchor, its antenna and the air add to the radio's noise.
+/// Deviation of a direct range relative to its own `sigma`: a surveyed anchor, its antenna and the air add to the
+/// radio's noise.
 const DIRECT_SCALE: f64 = 1.1;
 /// Mean excess of a blocked range, metres.
 const BLOCKED_MEAN_M: f64 = 0.9;
 /// Deviation of a blocked range, metres.
 const BLOCKED_SIGMA_M: f64 = 0.65;
-/// With this many ranges to spare, a range is as likely blocked as direct; with fewer, less likely in proportion. With none
-/// to spare nothing could tell one from the other, and every range is taken for direct.
+/// With this number of ranges to spare, a range is equally likely blocked or direct. With fewer, blocked is less
+/// likely in proportion. With none to spare the two cannot be distinguished, and every range counts as direct.
 const SPARE_RANGES: f64 = 3.0;
-/// Density of a range that is neither, per metre, beside the 1 of the direct part's whole.
+/// Density of a range that is neither direct nor blocked, per metre, relative to 1 for the whole direct part.
 const WILD_DENSITY: f64 = 2.0e-4;
 /// Prior deviation of the common bias, metres.
 const BIAS_SIGMA_M: f64 = 0.12;
-/// How much the narrow part is widened in the first steps from a start, so that it feels the pull of modes far away.
+/// The factor by which the narrow part is widened in the first steps from a start, so that distant modes have an
+/// effect.
 const APPROACH: [f64; 2] = [3.0, 2.0];
-/// The same in the steps that follow, unless another start has arrived at the same place.
+/// The same in the following steps, unless another start has arrived at the same position.
 const ENTRY: [f64; 2] = [1.4, 1.0];
 /// The longest step, metres.
 const STEP_LIMIT_M: f64 = 2.0;
-/// Modes closer than this are one, metres.
+/// Modes closer than this are the same mode, metres.
 const SAME_MODE_M: f64 = 0.2;
-/// A mode with less than this part of the best one's evidence is dropped before it is refined: its ln.
+/// A mode with less than this part of the best one's evidence is dropped before it is refined: ln of the part.
 const LEAST_LOG_EVIDENCE: f64 = -5.0;
-/// The steps count a range's part in the mixture as certain and so overrate the information (Louis, J. R. Stat. Soc. B 44,
-/// 1982); this factor on the covariance brings 95 % ellipses to hold 90-99 % of the truth, simulated and recorded.
+/// The steps treat a range's part in the mixture as certain, and so overestimate the information (Louis, J. R. Stat.
+/// Soc. B 44, 1982). With this factor on the covariance, 95 % ellipses contain 90-99 % of the true positions,
+/// simulated and recorded.
 const INFLATION: f64 = 1.8;
 
-/// The posterior mean under the mixture: the default, without knowing which ranges are blocked.
+/// The posterior mean under the mixture: the default method, which does not need to know which ranges are blocked.
 ///
 /// # Errors
-/// See [`SolveError`].
+/// There is no position; [`SolveError`] has the reason.
 pub fn robust<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
@@ -69,7 +73,7 @@ pub fn robust<T: Real, const D: usize>(
     let first = posterior.mode(first.next).ok_or_else(diverged)?;
     let second = second.and_then(|found| posterior.mode(found.next)).filter(|mode| !mode.state.is_near(&first.state));
 
-    // The second mode's share of the posterior, and the way to it.
+    // The second mode's share of the posterior, and the vector to it.
     let (share, apart) = second.map_or((T::ZERO, [T::ZERO; D]), |second| {
         let share = T::ONE / (T::ONE + (first.log_evidence - second.log_evidence).exp());
         (share, sub(&second.state.position, &first.state.position))
@@ -108,9 +112,9 @@ struct Expansion<T, const D: usize> {
     bias_information: T,
     /// Cross information of position and bias.
     cross: Vector<T, D>,
-    /// Downhill, position (bias eliminated).
+    /// Descent direction of the position (bias eliminated).
     descent: Vector<T, D>,
-    /// Downhill, bias.
+    /// Descent direction of the bias.
     bias_descent: T,
 }
 
@@ -132,16 +136,16 @@ struct Mode<T, const D: usize> {
     log_evidence: T,
 }
 
-/// A state near a mode, and the next one.
+/// A state near a mode, the next state, and the evidence.
 #[derive(Clone, Copy)]
 struct Found<T, const D: usize> {
     state: State<T, D>,
     next: State<T, D>,
-    /// As a mode's.
+    /// ln of the posterior mass, as in [`Mode`].
     log_evidence: T,
 }
 
-/// The two finds of most evidence that are not the same mode.
+/// The two states with the most evidence that do not belong to the same mode.
 struct Best<T, const D: usize> {
     first: Option<Found<T, D>>,
     second: Option<Found<T, D>>,
@@ -171,14 +175,15 @@ struct Share<T> {
     density: T,
     /// Probability of the narrow part.
     direct: T,
-    /// Precision that the narrow part lends, 1/m².
+    /// Precision by the narrow part, 1/m².
     direct_precision: T,
-    /// Precision that the wide part lends, 1/m².
+    /// Precision by the wide part, 1/m².
     blocked_precision: T,
 }
 
 impl<T: Real> Share<T> {
-    /// Of a residual (metres) of a range with this deviation (metres), blocked or direct with these odds.
+    /// The share for a residual (metres) of a range with this deviation (metres), with these odds of blocked to
+    /// direct.
     #[inline(always)]
     fn of(residual: T, sigma: T, odds: T) -> Self {
         let inverse = T::ONE / sigma;
@@ -198,7 +203,7 @@ impl<T: Real> Share<T> {
     }
 }
 
-/// Student's bell (1 + x² ⁄ 16)⁻⁸ and the weight 1 ⁄ (1 + x² ⁄ 16) by which its pull falls behind a Gaussian's.
+/// Student's density (1 + x² ⁄ 16)⁻⁸ and its weight 1 ⁄ (1 + x² ⁄ 16), relative to the pull of a Gaussian.
 #[inline(always)]
 fn bell<T: Real>(x: T) -> (T, T) {
     let weight = T::ONE / (T::ONE + T::of(0.0625) * x.squared());
@@ -209,7 +214,7 @@ fn bell<T: Real>(x: T) -> (T, T) {
 struct Posterior<'a, T, const D: usize> {
     samples: &'a [RangeSample<T, D>],
     constraints: &'a Constraints<T, D>,
-    /// Prior odds of a range to be blocked.
+    /// Prior odds that a range is blocked.
     odds: T,
 }
 
@@ -243,7 +248,7 @@ impl<T: Real, const D: usize> Posterior<'_, T, D> {
         Some(state)
     }
 
-    /// What lies at the end of a walk.
+    /// The state at the end of the steps, with its evidence.
     #[inline(never)]
     fn find(&self, state: State<T, D>) -> Option<Found<T, D>> {
         let here = self.expand(&state, T::ONE)?;
@@ -259,7 +264,7 @@ impl<T: Real, const D: usize> Posterior<'_, T, D> {
         Some(Mode { state, information: here.information, log_evidence })
     }
 
-    /// One step of expectation-maximisation: `state`, moved to where the expansion at it points.
+    /// One step of expectation-maximisation: moves `state` by the step that the expansion at it gives.
     #[inline(never)]
     fn advance(&self, state: &State<T, D>, here: &Expansion<T, D>) -> State<T, D> {
         let mut step = here.information.solve(here.descent);
@@ -275,7 +280,7 @@ impl<T: Real, const D: usize> Posterior<'_, T, D> {
         }
     }
 
-    /// Expands the posterior at `state`, the narrow part widened by `widening`.
+    /// Expands the posterior at `state`, with the narrow part widened by `widening`.
     #[inline(never)]
     fn expand(&self, state: &State<T, D>, widening: T) -> Option<Expansion<T, D>> {
         let prior = T::of(1.0 / (BIAS_SIGMA_M * BIAS_SIGMA_M));
@@ -286,7 +291,7 @@ impl<T: Real, const D: usize> Posterior<'_, T, D> {
         let mut bias_information = prior;
         let mut bias_descent = -prior * state.bias;
         let mut log_posterior = -T::of(0.5) * prior * state.bias.squared();
-        // A product of densities, and its logarithm only when it leaves the range that `f32` keeps.
+        // A product of densities. Its logarithm is taken only when it leaves the range of `f32`.
         let mut product = T::ONE;
         for sample in self.samples {
             let across = sub(&state.position, &sample.anchor);

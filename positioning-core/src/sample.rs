@@ -1,31 +1,32 @@
-//! What a solver takes: ranges to anchors at known places.
+//! The input of a solver: ranges to anchors at known positions.
 
 use crate::Real;
 
 /// The most ranges of one fix.
 pub const MAX_ANCHORS: usize = 16;
 
-/// One number a sample.
+/// One number per sample.
 pub(crate) type PerSample<T> = [T; MAX_ANCHORS];
 
-/// The largest sum of a sample's coordinates and range that is believed, metres: beyond it a DW1000 cannot be heard, and
-/// squares of an `f32` keep no centimetres.
+/// The largest valid sum of a sample's coordinates and range, metres. A DW1000 cannot be received at a greater
+/// distance, and squares of an `f32` keep no centimetres.
 const FARTHEST_M: f64 = 1.0e5;
-/// The least standard deviation that is believed, metres; squares of less vanish in `f32`.
+/// The least valid standard deviation, metres; squares of smaller ones vanish in `f32`.
 const LEAST_SIGMA_M: f64 = 1.0e-4;
 
 /// One range to one anchor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct RangeSample<T, const D: usize> {
-    /// Where the anchor is, metres.
+    /// The anchor's position, metres.
     pub anchor: [T; D],
     /// The measured range, metres. Slightly negative values happen at arm's length.
     pub range: T,
-    /// Standard deviation of the range in line of sight, metres, as far as it is known from its diagnostics; only ratios
-    /// between the ranges of one fix and [`DEFAULT_SIGMA_M`](Self::DEFAULT_SIGMA_M) matter.
+    /// Standard deviation of the range in line of sight, metres, as far as it is known from the diagnostics. Only its
+    /// ratio to the other ranges of one fix and to [`DEFAULT_SIGMA_M`](Self::DEFAULT_SIGMA_M) matters.
     pub sigma: T,
-    /// Ground truth of the line of sight, known in simulations and surveys only, read by the oracle method alone.
+    /// Ground truth of the line of sight. It is known in simulations and surveys only, and only the oracle method
+    /// reads it.
     pub los: Option<bool>,
 }
 
@@ -38,16 +39,16 @@ impl<T: Real, const D: usize> RangeSample<T, D> {
         Self { anchor, range, sigma: T::of(Self::DEFAULT_SIGMA_M), los: None }
     }
 
-    /// Whether every number is finite and believable.
+    /// Whether every number is finite and plausible.
     pub(crate) fn is_sane(&self) -> bool {
-        // One comparison for all: NaN and infinity survive a sum of magnitudes, and fail it.
+        // One comparison for all: NaN and infinity stay in a sum of magnitudes, so the comparison fails.
         let sum = self.anchor.iter().fold(self.range.abs() + self.sigma, |sum, component| sum + component.abs());
         sum <= T::of(FARTHEST_M) && self.sigma >= T::of(LEAST_SIGMA_M)
     }
 }
 
-/// The range in the plane at the tag's height: √(d² − Δz²), at least 0.1 m, where `dz` is the anchor's height above the tag,
-/// metres. NaN stays NaN.
+/// The range in the plane at the tag's height: √(d² − Δz²), at least 0.1 m, where `dz` is the anchor's height above
+/// the tag, metres. NaN stays NaN.
 pub fn flatten<T: Real>(range: T, dz: T) -> T {
     let least = T::of(0.1);
     let square = range.squared() - dz.squared();

@@ -1,51 +1,51 @@
-//! The frame of what a desktop trains and a node reads from its flash: a classifier, a model of rooms.
+//! The frame of data that a desktop trains and a node reads from its flash: a classifier, a model of rooms.
 //!
-//! Layout: two letters that say what it is, the version, the length of the rest as three bytes (little-endian), the value in
-//! postcard, and a CRC-16 (IBM-3740) of all before it. Several frames may follow each other without gap. Weights stay where they
-//! are: a value borrows the bytes it was read from.
+//! Layout: two letters for the content, the version, the length of the value as three bytes (little-endian), the
+//! value in postcard, and a CRC-16 (IBM-3740) of everything before it. Several frames may follow each other without a
+//! gap. A value borrows the bytes from which it was read, so weights are not copied.
 
 use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// Bytes before the value.
+/// The number of bytes before the value.
 pub(crate) const HEADER: usize = 6;
 pub(crate) const CHECKSUM: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 
-/// What a frame holds: its letters and its version; a reader takes no other.
+/// The content of a frame: its letters and its version. A reader accepts no other.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Content {
     pub(crate) magic: [u8; 2],
     pub(crate) version: u8,
 }
 
-/// What can be framed.
+/// A type that can be stored in a frame.
 pub(crate) trait Stored: Serialize {
     /// Its frame's letters and version.
     const CONTENT: Content;
 
-    /// Whether its numbers make a classifier.
+    /// Whether its numbers are valid.
     fn is_sane(&self) -> bool;
 }
 
-/// Why bytes are no model.
+/// Why bytes are not a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StoredError {
-    /// They do not begin like one, or there are none.
+    /// The bytes do not begin like a model, or there are none.
     Missing,
-    /// Of a version that is not read.
+    /// The model has a version that is not supported.
     Version {
-        /// That of the bytes.
+        /// The version of the bytes.
         found: u8,
-        /// That which is read.
+        /// The version that is supported.
         read: u8,
     },
-    /// They end early, or the checksum is wrong.
+    /// The bytes end early, or the checksum is wrong.
     Corrupt,
-    /// Well-formed, but its numbers make no classifier.
+    /// The model is well-formed, but its numbers are not valid.
     Invalid,
-    /// The buffer is too small to hold it.
+    /// The buffer is too small to hold the model.
     TooLong,
 }
 
@@ -81,7 +81,7 @@ pub(crate) fn encode<'b, T: Stored>(value: &T, buffer: &'b mut [u8]) -> Result<&
     buffer.get(..end + 2).ok_or(StoredError::TooLong)
 }
 
-/// Reads a value from the beginning of `bytes`; returns it and what follows.
+/// Reads a value from the beginning of `bytes`. Returns the value and the bytes after it.
 pub(crate) fn decode<'a, T: Stored + Deserialize<'a>>(bytes: &'a [u8]) -> Result<(T, &'a [u8]), StoredError> {
     let content = T::CONTENT;
     let Some((&[m0, m1, version, l0, l1, l2], _)) = bytes.split_first_chunk::<HEADER>() else {

@@ -1,4 +1,4 @@
-//! What the world answers.
+//! The answers of the world.
 
 use crate::{LinkError, Message, begin, put, seal, take};
 
@@ -7,33 +7,33 @@ use crate::{LinkError, Message, begin, put, seal, take};
 pub struct Answer<'a> {
     /// The world's time, nanoseconds.
     pub now_ns: u64,
-    /// [`Answer::IRQ_IS_HIGH`] and so on.
+    /// The flags: [`Answer::IRQ_IS_HIGH`] and so on.
     pub flags: u8,
-    /// The bytes received, or what the node is to be ([`Start`]).
+    /// The bytes received, or the settings of the node ([`Start`]).
     pub body: &'a [u8],
 }
 
-/// What the node is to be: the body of the answer to [`Request::Start`](crate::Request::Start).
+/// The settings of the node: the body of the answer to [`Request::Start`](crate::Request::Start).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Start<'a> {
-    /// What an instruction takes, picoseconds.
+    /// The duration of an instruction, picoseconds.
     pub instruction_ps: u32,
-    /// The beginning of a record's page.
+    /// The beginning of a config record's page.
     pub record: &'a [u8],
 }
 
 impl<'a> Answer<'a> {
     /// The chip's interrupt line is high.
     pub const IRQ_IS_HIGH: u8 = 1 << 0;
-    /// The background's work has not passed yet: no more of it now.
+    /// The background's work is not done yet: the image must not do more of it now.
     pub const BACKGROUND_IS_BUSY: u8 = 1 << 1;
-    /// The world ends: send the last telemetry, and end.
+    /// The world ends: the image sends the last telemetry and ends.
     pub const END: u8 = 1 << 2;
 
-    /// As a message.
+    /// Encodes the answer as a message.
     ///
     /// # Errors
-    /// [`LinkError::TooLong`].
+    /// [`LinkError::TooLong`] if the message would be longer than the maximum.
     pub fn encode(&self) -> Result<Message, LinkError> {
         let mut message = begin();
         put(&mut message, &self.now_ns.to_le_bytes())?;
@@ -42,10 +42,10 @@ impl<'a> Answer<'a> {
         Ok(seal(message))
     }
 
-    /// A message without its length.
+    /// Decodes a message without its length.
     ///
     /// # Errors
-    /// [`LinkError::Malformed`].
+    /// [`LinkError::Malformed`] if the message is too short.
     pub fn decode(mut bytes: &'a [u8]) -> Result<Self, LinkError> {
         let now_ns = u64::from_le_bytes(take(&mut bytes)?);
         let [flags] = take(&mut bytes)?;
@@ -54,20 +54,20 @@ impl<'a> Answer<'a> {
 }
 
 impl<'a> Start<'a> {
-    /// As a body: `into` is overwritten.
+    /// Encodes the settings as a body. `into` is overwritten.
     ///
     /// # Errors
-    /// [`LinkError::TooLong`].
+    /// [`LinkError::TooLong`] if the message would be longer than the maximum.
     pub fn encode(&self, into: &mut Message) -> Result<(), LinkError> {
         into.clear();
         put(into, &self.instruction_ps.to_le_bytes())?;
         put(into, self.record)
     }
 
-    /// Of an answer's body.
+    /// Decodes an answer's body.
     ///
     /// # Errors
-    /// [`LinkError::Malformed`].
+    /// [`LinkError::Malformed`] if the body is too short.
     pub fn decode(mut body: &'a [u8]) -> Result<Self, LinkError> {
         Ok(Self { instruction_ps: u32::from_le_bytes(take(&mut body)?), record: body })
     }

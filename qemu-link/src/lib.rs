@@ -1,21 +1,23 @@
-//! What a node's image in QEMU and the simulated world around it say to each other.
+//! The messages between a node's image in QEMU and the simulated world around it.
 //!
-//! The image asks, the world answers, one after the other. A request carries the instructions that the image has executed since the
-//! last answer, so that the world can let the time of the image's processor pass before it does what is asked. An answer carries the
-//! world's time. All numbers are little-endian; a message begins with the number of bytes that follow, 16 bits.
+//! The image sends a request and the world an answer, one after the other. A request carries the number of instructions
+//! that the image has executed since the last answer, so that the world can let the time of the image's processor pass
+//! before it does the request. An answer carries the world's time. All numbers are little-endian. A message begins with
+//! the number of bytes that follow, 16 bits.
 //!
 //! | request | byte 0 | bytes 1–4, 5–8 | body |
 //! |---|---|---|---|
 //! | all | kind | instructions of ranging, of the background | |
 //! | [`Request::Start`] | 0 | | |
-//! | [`Request::Transaction`] | 1 | | operations (1), for each its kind (1) and length or nanoseconds (4); the bytes sent |
+//! | [`Request::Transaction`] | 1 | | count (1); per operation its kind (1) and length or nanoseconds (4); bytes sent |
 //! | [`Request::Clock`] | 2 | | 1 where the bus is fast (1) |
 //! | [`Request::Reset`] | 3 | | 1 where the line is low (1) |
 //! | [`Request::Wait`] | 4 | | until, nanoseconds (8); bit 0: or an interrupt, bit 1: or the background's end (1) |
 //! | [`Request::Telemetry`] | 5 | | frames |
 //!
-//! An answer is the world's time in nanoseconds (8), [`Answer::IRQ_IS_HIGH`] and so on (1), and a body: for a transaction the bytes
-//! received, for a start the time of an instruction in picoseconds (4) and the node's record.
+//! An answer has the world's time in nanoseconds (8), [`Answer::IRQ_IS_HIGH`] and so on (1), and a body. The body of a
+//! transaction is the bytes received; the body of a start is the time of an instruction in picoseconds (4) and the
+//! node's config record.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -25,7 +27,7 @@ mod request;
 pub use answer::{Answer, Start};
 pub use request::{Asked, MAX_OPERATIONS, Operation, Request, Spent};
 
-/// The longest message, with its length.
+/// The maximum length of a message, with its length field.
 pub const MAX_MESSAGE: usize = 2048;
 
 /// A message: its length, then its bytes.
@@ -36,7 +38,7 @@ pub type Message = heapless::Vec<u8, MAX_MESSAGE>;
 pub enum LinkError {
     /// It is longer than [`MAX_MESSAGE`], or has more than [`MAX_OPERATIONS`].
     TooLong,
-    /// It ends too early, or says what nobody says.
+    /// It is too short, or has an invalid value.
     Malformed,
 }
 
@@ -51,10 +53,10 @@ impl core::fmt::Display for LinkError {
 
 impl core::error::Error for LinkError {}
 
-/// Writes a message: room for the length, which [`seal`] fills in.
+/// Begins a message with room for the length, which [`seal`] fills in.
 fn begin() -> Message {
     let mut message = Message::new();
-    // Two of more than a thousand bytes.
+    // There is room for two bytes: the capacity is more than a thousand bytes.
     let _ = message.extend_from_slice(&[0; 2]);
     message
 }
@@ -69,7 +71,7 @@ fn seal(mut message: Message) -> Message {
     message
 }
 
-/// Takes the first bytes off.
+/// Removes the first bytes and returns them.
 fn take<const N: usize>(bytes: &mut &[u8]) -> Result<[u8; N], LinkError> {
     let (first, rest) = bytes.split_first_chunk().ok_or(LinkError::Malformed)?;
     *bytes = rest;

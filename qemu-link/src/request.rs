@@ -1,16 +1,16 @@
-//! What an image asks the world for.
+//! The requests of an image to the world.
 
 use crate::{LinkError, Message, begin, put, seal, take};
 
-/// The most operations of a transaction.
+/// The maximum number of operations in a transaction.
 pub const MAX_OPERATIONS: usize = 4;
 
 /// Instructions executed since the last answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Spent {
-    /// At the priority of ranging: their time passes before what is asked is done.
+    /// At the priority of ranging: their time passes before the request is done.
     pub ranging: u32,
-    /// Below: their time passes while ranging waits.
+    /// At the lower priority: their time passes while ranging waits.
     pub background: u32,
 }
 
@@ -23,7 +23,7 @@ pub enum Operation {
     Read(u32),
     /// Bytes go out, and as many come in.
     Transfer(u32),
-    /// Nothing, for so many nanoseconds.
+    /// No transfer for this time, nanoseconds.
     DelayNs(u32),
 }
 
@@ -47,7 +47,7 @@ impl Operation {
         }
     }
 
-    /// Bytes that it sends.
+    /// Bytes that the operation sends.
     pub const fn sent(self) -> usize {
         match self {
             Self::Write(bytes) | Self::Transfer(bytes) => bytes as usize,
@@ -55,7 +55,7 @@ impl Operation {
         }
     }
 
-    /// Bytes that it receives.
+    /// Bytes that the operation receives.
     pub const fn received(self) -> usize {
         match self {
             Self::Read(bytes) | Self::Transfer(bytes) => bytes as usize,
@@ -64,42 +64,43 @@ impl Operation {
     }
 }
 
-/// What is asked.
+/// A request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request<'a> {
-    /// The image runs: what is it to be?
+    /// The image runs and asks for its settings.
     Start,
-    /// A transaction on the bus; the bytes that it sends, one operation's after the other's.
+    /// A transaction on the bus, with the bytes that it sends. The bytes of each operation follow those of the
+    /// operation before.
     Transaction {
-        /// In their order.
+        /// The operations in their order.
         operations: &'a [Operation],
-        /// Of all operations.
+        /// The bytes that all operations send.
         sent: &'a [u8],
     },
-    /// The bus clock is to be fast or slow.
+    /// Sets the bus clock to fast or slow.
     Clock {
-        /// Fast.
+        /// Whether the clock is fast.
         fast: bool,
     },
-    /// The chip's reset line is to be low, or floating.
+    /// Pulls the chip's reset line low, or lets it float.
     Reset {
-        /// Low.
+        /// Whether the line is low.
         low: bool,
     },
-    /// There is nothing to do until one of these.
+    /// The image has nothing to do until one of these happens.
     Wait {
         /// The world's time, nanoseconds; `u64::MAX`: never.
         until_ns: u64,
-        /// An interrupt of the chip.
+        /// Whether an interrupt of the chip ends the wait.
         interrupt: bool,
-        /// The end of the background's work.
+        /// Whether the end of the background's work ends the wait.
         background: bool,
     },
     /// Frames of telemetry.
     Telemetry(&'a [u8]),
 }
 
-/// A request as it was read.
+/// A request that was read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Asked<'a> {
     /// The instructions before it.
@@ -109,10 +110,10 @@ pub struct Asked<'a> {
 }
 
 impl Request<'_> {
-    /// As a message.
+    /// Encodes the request as a message.
     ///
     /// # Errors
-    /// [`LinkError::TooLong`].
+    /// [`LinkError::TooLong`] if the message would be longer than the maximum.
     pub fn encode(&self, spent: Spent) -> Result<Message, LinkError> {
         let mut message = begin();
         let kind = match self {
@@ -151,7 +152,7 @@ impl Request<'_> {
 }
 
 impl<'a> Asked<'a> {
-    /// A message without its length.
+    /// Decodes a message without its length.
     ///
     /// # Errors
     /// [`LinkError::Malformed`], or [`LinkError::TooLong`] for too many operations.
@@ -188,7 +189,7 @@ impl<'a> Asked<'a> {
         Ok(Self { spent: Spent { ranging, background }, operations, request })
     }
 
-    /// What is asked.
+    /// The request.
     pub fn request(&self) -> Request<'_> {
         match self.request {
             Request::Transaction { sent, .. } => Request::Transaction { operations: &self.operations, sent },

@@ -1,9 +1,11 @@
-//! The trade between frames and accuracy: `cargo run --release -p baliza-ranging --example schemes` prints the table.
+//! Compares schemes by number of frames and accuracy: `cargo run --release -p baliza-ranging --example schemes`
+//! prints the table.
 //!
-//! Monte Carlo: one tag, eight anchors at 10 m; the tag's clock 20 ppm fast and all anchors' 20 ppm slow,
-//! and the reverse; reception stamps with 0.1 ns (6.4 ticks, 3 cm) of noise and rounded to the tick, the carrier's reading
-//! with 0.2 ppm. Times on the air are those of a DWM1001 at 6.81 Mbit/s with 128 preamble symbols. The bias is that of the
-//! worst of the eight slots, the deviation that of all together. Each scheme meets each [`Case`].
+//! Monte Carlo: one tag, eight anchors at 10 m. The tag's clock is 20 ppm fast and all anchors' are 20 ppm slow, and
+//! the reverse. Reception timestamps have 0.1 ns (6.4 ticks, 3 cm) of noise and are rounded to the tick; the carrier's
+//! reading has 0.2 ppm of noise. Times on the air are those of a DWM1001 at 6.81 Mbit/s with 128 preamble symbols. The
+//! bias is that of the worst of the eight slots, the deviation is that of all slots together. Each scheme is simulated
+//! for each [`Case`].
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
@@ -25,52 +27,55 @@ const SILENCE_US: f64 = 1e6;
 const ROUNDS: usize = 2000;
 /// Rounds before one that counts, so that the filters have settled.
 const WARM_UP: usize = 100;
-/// By how much the anchors' clocks change from one round to the next and back again: what a draught or a touch does to a crystal, but at
-/// once.
+/// The change of the anchors' clocks from one round to the next and back again. A draught or a touch changes a crystal
+/// by as much, but not at once.
 const JUMP_PPM: f64 = 1.0;
-/// Deviation of what a clock's rate changes by in a second of silence, parts per million: a crystal in a room.
+/// Standard deviation of the change of a clock's rate in a second without rounds, parts per million: a crystal in a
+/// room.
 const WANDER_PPM: f64 = 0.05;
 
-/// Boards that answer within 304 µs of a frame's end, and hear again within 72 µs.
+/// Boards that answer within 304 µs of a frame's end, and receive again within 72 µs.
 fn layout(scheme: native::Scheme) -> Layout {
     let span = |micros| Span::at_least(RadioDuration::from_micros(micros));
     Layout { answer: span(304), listen_again: span(72), scheme }
 }
 
-/// A way of getting ranges to several anchors.
+/// A scheme to measure ranges to several anchors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scheme {
-    /// Poll and responses, four stamps.
+    /// Poll and responses, four timestamps.
     SingleSided,
-    /// The same, the responder's clock known by the carrier of each response.
+    /// The same, with the responder's clock estimated from the carrier of each response.
     WithCarrier,
-    /// The same, the responder's clock known by successive polls: native mode.
+    /// The same, with the responder's clock estimated from successive polls: native mode.
     WithPolls,
-    /// Poll, responses, one final for all, reports; the sum of seed 000, equation 5-2.
+    /// Poll, responses, one final for all, reports; with the sum of equation 5-2 of P. M. de Rojas Malpartida's thesis
+    /// (Universidad de Sevilla, 2021).
     SymmetricOneFinal,
     /// The same, the product form.
     AsymmetricOneFinal,
-    /// The product form; anchors tell of the final in their next response: native mode with `scheme = "double-sided"`.
+    /// The product form; anchors report the final's arrival in their next response: native mode with
+    /// `scheme = "double-sided"`.
     AsymmetricToldLater,
     /// Poll, response, final and report with one anchor after the other, the product form.
     AsymmetricEach,
 }
 
-/// What the clocks did before a round that counts.
+/// The clocks' behaviour before a round that counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Case {
     /// A round every 2.5 ms, steady clocks.
     Followed,
     /// A round a second. The clocks wander meanwhile.
     Silence,
-    /// Followed, and then the anchors' clocks change their rate at once: what was learned of them is wrong.
+    /// Followed, and then the anchors' clocks change their rate at once: the estimates of them are wrong.
     Jump,
 }
 
 /// The table's columns.
 pub const CASES: [Case; 3] = [Case::Followed, Case::Silence, Case::Jump];
 
-/// What one scheme gives.
+/// The errors of a scheme.
 #[derive(Debug)]
 pub struct Errors {
     /// Mean error in the slot where it is largest, metres.
@@ -120,7 +125,7 @@ impl Scheme {
             Timing::of(&phy, layout(if native { native::Scheme::DoubleSided } else { native::Scheme::SingleSided }));
         let air = |bytes: usize| phy.airtime(bytes as u16).ticks();
         let answer = timing.layout.answer.duration().ticks();
-        // Header and code 10, round 2, check bytes 2; five bytes an instant, four an interval.
+        // Header and code 10, round 2, check bytes 2; five bytes for each instant, four for each interval.
         let (poll, response, report) = (air(14 + 2), air(14 + 9), air(14 + 5));
         let finals = |n: usize| air(14 + 4 + 5 * n);
         let ticks = match self {
@@ -144,7 +149,7 @@ struct Clock {
 }
 
 impl Clock {
-    /// What it counts `time` ticks after the round's beginning.
+    /// Its count `time` ticks after the round's beginning.
     fn stamp(&self, time: f64, noise: f64) -> RadioInstant {
         RadioInstant::from_ticks((self.count + time * (1.0 + self.drift) + noise).round() as u64)
     }
@@ -187,12 +192,12 @@ fn simulate(scheme: Scheme, case: Case, sign: f64, rng: &mut Pcg64) -> Vec<Vec<f
         };
         for slot in 0..ANCHORS {
             let mut noise = || stamp_noise.sample(rng);
-            // Alone, every anchor is the first to answer.
+            // Polled alone, every anchor is the first to answer.
             let place = if scheme == Scheme::AsymmetricEach { 0 } else { slot };
             let last = if scheme == Scheme::AsymmetricEach { 0 } else { ANCHORS - 1 };
             let reply1 = timing.reply_in(place).ticks() as f64;
             let final_at = timing.reply_in(last).ticks() as f64 + timing.reply.ticks() as f64;
-            // True times of departure, so that the responder's and the tag's stamps are what they would be.
+            // True times of departure, from which the responder's and the tag's timestamps follow.
             let poll_tx = tag.stamp(0.0, 0.0);
             let poll_rx = anchor.stamp(flight, noise());
             let resp_at = flight + reply1;
@@ -257,7 +262,7 @@ pub fn errors(scheme: Scheme, case: Case) -> Errors {
     Errors { bias_m, deviation_m: mean(&squares).sqrt() }
 }
 
-/// A length in the unit that suits it.
+/// A length with a suitable unit.
 fn length(metres: f64) -> String {
     if metres.abs() < 1.0 { format!("{:.1} cm", metres.abs() * 100.0) } else { format!("{:.2} m", metres.abs()) }
 }
@@ -292,7 +297,8 @@ mod tests {
         }
         assert!(2 * polls.frames(8) <= double.frames(8));
         assert!(polls.micros(8) < 0.6 * double.micros(8));
-        // Two stamps of 3.0 cm, halved: 2.12 cm; what the rate adds over replies of 0.5 to 2.1 ms is below 2 mm.
+        // Two timestamps of 3.0 cm, halved: 2.12 cm. The error of the rate over replies of 0.5 to 2.1 ms adds less than
+        // 2 mm.
         let Errors { deviation_m, .. } = errors(polls, Case::Followed);
         assert!((deviation_m - 0.0212).abs() < 0.002, "{deviation_m}");
     }
@@ -307,7 +313,8 @@ mod tests {
 
     #[test]
     fn the_carrier_alone_is_coarse() {
-        // 0.2 ppm over half of 0.53 to 2.38 ms, root mean square 1.57 ms: 4.7 cm, with the stamps' 2.1 cm 5.2 cm.
+        // 0.2 ppm over half of 0.53 to 2.38 ms, root mean square 1.57 ms: 4.7 cm; with the timestamps' 2.1 cm it is 5.2
+        // cm.
         let Errors { bias_m, deviation_m } = errors(Scheme::WithCarrier, Case::Followed);
         assert!(bias_m.abs() < 0.01 && (deviation_m - 0.052).abs() < 0.003, "{bias_m}, {deviation_m}");
     }
@@ -335,10 +342,11 @@ mod tests {
 
     #[test]
     fn a_model_of_clocks_stands_a_second_of_silence_and_not_a_jump() {
-        // 0.05 ppm over half of up to 2.38 ms are 1.8 cm, of which the carrier and the poll itself leave less than half.
+        // 0.05 ppm over half of up to 2.38 ms are 1.8 cm. The carrier and the poll itself reduce this to less than
+        // half.
         let Errors { bias_m, deviation_m } = errors(Scheme::WithPolls, Case::Silence);
         assert!(bias_m.abs() < 0.01 && (0.0212..0.028).contains(&deviation_m), "{bias_m} m, {deviation_m} m");
-        // 1 ppm over half of 2.38 ms is 35.7 cm in the last slot: a single round tells nearly nothing of it.
+        // 1 ppm over half of 2.38 ms is 35.7 cm in the last slot: a single round gives nearly no information about it.
         let Errors { bias_m, .. } = errors(Scheme::WithPolls, Case::Jump);
         assert!((bias_m.abs() - 0.357).abs() < 0.01, "{bias_m} m");
         let Errors { bias_m, .. } = errors(Scheme::WithCarrier, Case::Jump);

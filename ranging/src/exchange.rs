@@ -1,10 +1,11 @@
-//! What an exchange asks of its node, and what the node answers: sans-I/O.
+//! The sans-I/O interface between an exchange and its node: what the exchange requests, and what the node answers.
 //!
-//! A [`Protocol`] (the tag's or the anchor's side of an exchange) is stepped with the time and an [`Event`], and answers with an
-//! [`Action`]. All but one action map one to one onto calls of [`Radio`](crate::Radio), a wait or a sleep; a [`Report`] is for the node
-//! itself. [`node::run`](crate::node::run) is the loop that does them.
+//! A [`Protocol`] is one side of an exchange, the tag's or the anchor's. The node steps it with the time and an
+//! [`Event`], and it returns an [`Action`]. Every action but one is one call of [`Radio`](crate::Radio), a wait or a
+//! sleep. The remaining one, a [`Report`], is for the node itself. [`node::run`](crate::node::run) is the loop that
+//! executes the actions.
 //!
-//! Every reception has a window and every wait an end: an exchange never stands still, whatever is lost.
+//! Every reception has a window and every wait has an end. So an exchange always goes on, whatever frame is lost.
 
 use crate::native::Rate;
 use crate::radio::Sensors;
@@ -13,25 +14,26 @@ use crate::{Diagnostics, Pace, RadioDuration, RadioInstant, RxFrame, Start};
 /// How long [`Action::Compensate`] takes at most: twice what a DWM1001 needs.
 pub(crate) const COMPENSATION: RadioDuration = RadioDuration::from_micros(3_000);
 
-/// What became of the last action.
+/// The result of the last action.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'b> {
-    /// The radio was started, was restarted after an error, or has slept: what was known of its clock is void. The first event of a
-    /// machine.
+    /// The radio was started, was restarted after an error, or has slept. Everything known of its clock is void. This
+    /// is the first event of a protocol.
     Started,
     /// The frame left at this instant.
     Sent(RadioInstant),
-    /// The frame did not leave, or nobody knows ([`TransmitError`](crate::TransmitError)'s `TooLong`, `NoConfirmation`).
+    /// The frame did not leave, or this is not known ([`TransmitError`](crate::TransmitError)'s `TooLong`,
+    /// `NoConfirmation`).
     NotSent,
-    /// A frame came.
+    /// A frame was received.
     Received(RxFrame<'b>),
-    /// A frame came broken.
+    /// A frame was received with errors.
     Corrupt,
     /// The reception's window passed.
     Timeout,
     /// The start of a transmission or reception lay in the past: nothing was done.
     Late,
-    /// The instant waited for is there, or the radio is done with what it was asked.
+    /// The wait has reached its instant, or the radio has finished what was requested.
     Woken,
     /// The report was taken.
     Reported,
@@ -44,7 +46,7 @@ pub enum Action<'m> {
     Transmit {
         /// The frame, without its check bytes.
         frame: &'m [u8],
-        /// When.
+        /// When to send it.
         start: Start,
         /// Whether the receiver is to be on as soon as the frame has left.
         listen: bool,
@@ -60,11 +62,12 @@ pub enum Action<'m> {
     },
     /// Radio off until this instant.
     WaitUntil(RadioInstant),
-    /// The radio may sleep and lose its clock. The next event is [`Event::Started`] where it slept, [`Event::Woken`] where it did not.
+    /// The radio may sleep and lose its clock. The next event is [`Event::Started`] if it slept, [`Event::Woken`] if
+    /// it did not.
     Sleep {
-        /// Since when.
+        /// Start of the sleep.
         from: RadioInstant,
-        /// For how long from then: minutes, too, which instants do not tell apart.
+        /// Length of the sleep from that start. It may be minutes, which is more than instants can distinguish.
         duration: RadioDuration,
     },
     /// [`Radio::compensate`](crate::Radio::compensate); the next event is [`Event::Woken`].
@@ -73,13 +76,14 @@ pub enum Action<'m> {
     Report(Report<'m>),
 }
 
-/// What a machine tells its node.
+/// What a protocol reports to its node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Report<'m> {
-    /// A round of ranging is over: the ranges had, at most one an anchor, perhaps none.
+    /// A round of ranging is over. It contains the measured ranges, at most one an anchor, perhaps none.
     Round(Round<'m>),
-    /// A round among anchors was heard: by how much they are farther than the one that asked, perhaps for none of them.
+    /// A round among anchors was received. It contains how much farther each answering anchor is than the asking one,
+    /// perhaps for no anchor.
     Differences(Differences<'m>),
     /// A change of state.
     Link(Link),
@@ -89,13 +93,13 @@ pub enum Report<'m> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Round<'m> {
-    /// Counts the rounds of this machine, wrapping.
+    /// Counts the rounds of this protocol, wrapping.
     pub number: u16,
-    /// When the poll left (an anchor's machine: came), in this radio's clock.
+    /// When the poll left, in this radio's clock. For an anchor's protocol: when the poll arrived.
     pub poll: RadioInstant,
     /// Peers that were asked.
     pub asked: u8,
-    /// The ranges had.
+    /// The measured ranges.
     pub ranges: &'m [Range],
 }
 
@@ -103,23 +107,23 @@ pub struct Round<'m> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Range {
-    /// Short address of the peer: to a tag the anchor, to an anchor the tag.
+    /// Short address of the peer. For a tag the peer is the anchor; for an anchor it is the tag.
     pub peer: u16,
-    /// Metres, bias by received power corrected; negative values happen at short range.
+    /// Metres, corrected for the bias by received power. Negative values occur at short range.
     pub distance_m: f32,
-    /// Standard deviation expected of it with line of sight, metres.
+    /// Its expected standard deviation with line of sight, metres.
     pub deviation_m: f32,
-    /// Where the peer says it stands, metres: anchors that know it.
+    /// The position that the peer reports, metres: only from anchors with a known position.
     pub position_m: Option<[f32; 3]>,
     /// What the receiver measured on the peer's last frame of the exchange.
     pub diagnostics: Diagnostics,
 }
 
-/// One round among anchors, heard by a tag that only listens.
+/// One round among anchors, received by a tag that only listens.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Differences<'m> {
-    /// Counts the rounds heard, wrapping.
+    /// Counts the received rounds, wrapping.
     pub number: u16,
     /// When the poll came, in this radio's clock.
     pub poll: RadioInstant,
@@ -127,13 +131,13 @@ pub struct Differences<'m> {
     pub asked: u8,
     /// Short address of the anchor that asked.
     pub reference: u16,
-    /// Where it stands, metres.
+    /// Position of the asking anchor, metres.
     pub reference_m: [f32; 3],
-    /// Standard deviation that all differences of the round have in common, metres: that of the poll's stamp.
+    /// Standard deviation that all differences of the round have in common, metres: that of the poll's timestamp.
     pub reference_deviation_m: f32,
     /// What the receiver measured on the poll.
     pub reference_diagnostics: Diagnostics,
-    /// The differences had, at most one an anchor asked.
+    /// The measured differences, at most one for each anchor asked.
     pub differences: &'m [Difference],
 }
 
@@ -143,11 +147,11 @@ pub struct Differences<'m> {
 pub struct Difference {
     /// Short address of the anchor.
     pub peer: u16,
-    /// Its distance less that of the reference, metres.
+    /// Its distance minus that of the reference, metres.
     pub difference_m: f32,
-    /// Standard deviation beside what all differences of the round have in common, metres.
+    /// Standard deviation without the part that all differences of the round have in common, metres.
     pub deviation_m: f32,
-    /// Where it stands, metres.
+    /// Position of the anchor, metres.
     pub position_m: [f32; 3],
     /// What the receiver measured on its answer.
     pub diagnostics: Diagnostics,
@@ -159,15 +163,16 @@ pub struct Difference {
 pub enum Link {
     /// DecaRanging: paired with this peer (its short address).
     Paired(u16),
-    /// DecaRanging: the peer was not heard for too long; looking for one again.
+    /// DecaRanging: the peer was silent for too long; searching for one again.
     Lost(u16),
-    /// Native: in step with the network that this anchor coordinates.
+    /// Native: synchronised with the network that this anchor coordinates.
     Synchronised(u16),
-    /// Native: no anchor was heard for too long; searching.
+    /// Native: no anchor was received for too long; searching.
     Unsynchronised,
     /// Native: the tag is a member and owns this many slots a superframe (as an average, rounded up).
     Joined(u8),
-    /// Native: the tag wants slots, and all places of the network are taken. Once, until it joins or searches again.
+    /// Native: the tag requests slots, but the network has no place for a further member. Reported once, until the tag
+    /// joins or searches again.
     NetworkFull,
     /// Native: this anchor has become the coordinator of its network.
     Coordinating,
@@ -177,15 +182,15 @@ pub enum Link {
 
 /// One side of an exchange.
 pub trait Protocol {
-    /// Takes what became of the last action, answers with the next.
+    /// Takes the result of the last action, returns the next action.
     ///
-    /// `now` is in the radio's clock and may be up to a few milliseconds old: for a frame that came, its arrival serves; for one
-    /// that left, its departure. Steps must follow each other within 8 s, or begin with [`Event::Started`] again: the clock
-    /// wraps after 17.2 s. After [`Action::Sleep`] the next step may come later.
+    /// `now` is in the radio's clock and may be up to a few milliseconds old: for a received frame its arrival can be
+    /// used, for a sent frame its departure. Steps must follow each other within 8 s, or begin with [`Event::Started`]
+    /// again: the clock wraps after 17.2 s. After [`Action::Sleep`] the next step may come later.
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_>;
 
-    /// Takes the antenna delay in force, before the step that tells of the start, and after [`Action::Compensate`]: what a frame says of its
-    /// own departure counts with it. It replaces what the machine was made with.
+    /// Takes the antenna delay in force, before the step with the start event and after [`Action::Compensate`]. A frame
+    /// that contains its own departure includes this delay. It replaces the delay of the configuration.
     fn calibrate(&mut self, antenna_delay: RadioDuration) {
         let _ = antenna_delay;
     }
@@ -195,24 +200,25 @@ pub trait Protocol {
         let _ = sensors;
     }
 
-    /// Takes what the radio measured of the node's pace in the last action, before the step that tells what became of the action.
+    /// Takes what the radio measured of the node's pace in the last action, before the step with the result of that
+    /// action.
     fn pace(&mut self, pace: Pace) {
         let _ = pace;
     }
 
-    /// Takes what the node knows by now. Machines that do not care ignore it.
+    /// Takes the node's current guidance. Protocols that do not need it ignore it.
     fn guide(&mut self, guidance: Guidance) {
         let _ = guidance;
     }
 
-    /// The wait that was asked for last ends before its time, because of what the node knows by now. The next step is that of its end;
-    /// where the radio slept, nobody has told the machine for how long.
+    /// Ends the last requested wait early because of new guidance. The next step is that of the end of the wait. If the
+    /// radio slept, the protocol does not know for how long.
     fn rouse(&mut self, guidance: Guidance) {
         self.guide(guidance);
     }
 }
 
-/// For machines in a `static`: an async function that took the machine by value would copy it into its future.
+/// For protocols in a `static`: an async function that took the protocol by value would copy it into its future.
 impl<M: Protocol + ?Sized> Protocol for &mut M {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         (**self).step(now, event)
@@ -239,23 +245,23 @@ impl<M: Protocol + ?Sized> Protocol for &mut M {
     }
 }
 
-/// What a node tells its machine between steps.
+/// What a node passes to its protocol between steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Guidance {
-    /// Where the node is, metres, where that is known: a tag chooses its next anchors by it.
+    /// Position of the node, metres, if known: a tag chooses its next anchors by it.
     pub position_m: Option<[f32; 3]>,
     /// How often a tag is to range from now on; `None`: as before.
     pub rate: Option<Rate>,
-    /// Whether anchors take turns in being the last that a round asks, so that the impulse response of each can be read now and
-    /// then ([`Radio::impulse_response`](crate::Radio::impulse_response)).
+    /// Whether the anchors of a round take turns in being the last one asked. The impulse response of each can then be
+    /// read now and then ([`Radio::impulse_response`](crate::Radio::impulse_response)).
     pub turns: bool,
-    /// How long the node will still compute with the rounds that it has: a tag that ranges as often as it can ends its next round no
-    /// sooner.
+    /// How long the node will still compute with the rounds that it has. A tag that ranges as often as possible ends
+    /// its next round no sooner.
     pub busy: RadioDuration,
 }
 
 impl Guidance {
-    /// Nothing is known, nothing is to change.
+    /// Nothing is known, nothing changes.
     pub const NONE: Self = Self { position_m: None, rate: None, turns: false, busy: RadioDuration::ZERO };
 }

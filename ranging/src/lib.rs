@@ -1,8 +1,9 @@
-//! Ranging over a DW1000, from its registers to a distance.
+//! Ranging with a DW1000, from its registers to a distance.
 //!
-//! Registers → driver → [`RxFrame`] → exchange state machine → time of flight → range. Exchanges do no I/O: they take events
-//! and the time, and answer with actions, so that a test, the simulation and the firmware drive the same machine; the node
-//! executes the actions on a [`Radio`], which is the DW1000 driver or a simulated radio straight on the air.
+//! Registers → driver → [`RxFrame`] → protocol → time of flight → range. Protocols do no I/O: they take events and the
+//! time, and return actions. So a test, the simulation and the firmware drive the same protocol. The node executes the
+//! actions on a [`Radio`], which is the DW1000 driver or a simulated radio that transmits straight on the simulated
+//! air.
 #![no_std]
 #![forbid(unsafe_code)]
 

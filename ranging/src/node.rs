@@ -1,7 +1,7 @@
-//! The loop of a node: a machine and a radio drive each other, for ever.
+//! The loop of a node: a protocol and a radio drive each other, for ever.
 //!
-//! Actions go to the radio, events back to the machine, reports to a [`Listener`]. An error of the radio ends nothing:
-//! the radio is brought up again, after a pause that grows from failure to failure, and the machine begins anew.
+//! Actions go to the radio, events back to the protocol, reports to a [`Listener`]. An error of the radio ends nothing:
+//! the loop starts the radio again, after a pause that grows from failure to failure, and the protocol starts again.
 
 use core::convert::Infallible;
 use core::future::pending;
@@ -13,37 +13,39 @@ use crate::exchange::{Action, Event, Guidance, Protocol, Report};
 use crate::radio::MAX_FRAME;
 use crate::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, Restart, Start, TransmitError};
 
-/// The first pause after a failure, and what it grows to, milliseconds: a chip that is back is used again within a
-/// second.
+/// The first pause after a failure, and the longest one, milliseconds: a chip that works again is used within a second.
 const SHORTEST_PAUSE_MS: u32 = 1;
 const LONGEST_PAUSE_MS: u32 = 250;
 
-/// Who takes what a node finds out. The exchange waits meanwhile: a listener that takes long makes it miss its slots.
+/// Receives the reports of a node. The exchange waits meanwhile: a slow listener makes it miss its slots.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
 pub trait Listener {
-    /// A round of ranging, or a change of a link, with the radio's present, so that the age of a round can be told. Answers with
-    /// what the machine is to know before its next step.
+    /// Takes a round of ranging, or a change of a link. `present` is the radio's time, which gives the age of a round.
+    /// Returns the guidance for the protocol's next step.
     async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance;
 
-    /// Before a report is handed over, the radio is the listener's: what it still holds of the last frame can be read. Answers whether
-    /// it was, which takes time. An error is the radio's own.
+    /// Before a report is handed over, the listener may use the radio, to read what it still holds of the last frame.
+    /// Returns whether it used the radio, which takes time. An error is the radio's own.
+    ///
+    /// # Errors
+    /// If the radio fails.
     async fn look<R: Radio>(&mut self, radio: &mut R, report: &Report<'_>) -> Result<bool, R::Error> {
         let _ = (radio, report);
         Ok(false)
     }
 
-    /// Sees, at each step, what became of the last action, and the next one before it is done: for counting, signs of life, and
-    /// whoever waits for the radio to be quiet. `now` is the step's.
+    /// Sees at each step the result of the last action, and the next action before it is done. Its uses are counting,
+    /// signs of life, and code that waits for a quiet radio. `now` is the step's time.
     fn observe(&mut self, now: RadioInstant, event: &Event<'_>, action: &Action<'_>) {
         let _ = (now, event, action);
     }
 
-    /// Done when the machine is to know something before the wait is over that it is in: that.
+    /// Completes when the protocol is to get new guidance before its current wait is over. Returns the guidance.
     async fn roused(&mut self) -> Guidance {
         pending().await
     }
 
-    /// The radio failed, for the `failures`-th time since it last worked; it is brought up again.
+    /// The radio failed, for the `failures`-th time since it last worked. The loop starts it again.
     async fn radio_failed(&mut self, error: &impl core::fmt::Debug, failures: u32);
 }
 
@@ -67,7 +69,7 @@ pub async fn run<R: Restart>(
     }
 }
 
-/// Brings the radio up and runs the node until the radio fails.
+/// Starts the radio and runs the node until the radio fails.
 async fn attempt<R: Restart>(
     radio: &mut R,
     delay: &mut impl DelayNs,
@@ -130,18 +132,18 @@ async fn attempt<R: Restart>(
         {
             roused = Some(guidance);
         }
-        // Who rouses does it once: an error of the radio may not lose why.
+        // The listener gives this guidance only once: an error of the radio must not lose it.
         if let Some(guidance) = roused {
             machine.rouse(guidance);
         }
         event = if slept? { Event::Started } else { Event::Woken };
         now = radio.now().await?;
-        // The radio did something, and did it well.
+        // The radio completed an action without an error.
         *failures = 0;
     }
 }
 
-/// What is left to do of an action that only lets time pass.
+/// The rest of an action that only lets time pass.
 struct Wait {
     from: RadioInstant,
     duration: RadioDuration,
@@ -182,14 +184,14 @@ async fn receive<'b, R: Radio>(
     Ok((radio.now().await?, event))
 }
 
-/// Switches the radio off, and answers how many microseconds are left of a wait of `duration` since `from`.
+/// Switches the radio off. Returns the microseconds left of a wait of `duration` since `from`.
 async fn left_of<R: Radio>(radio: &mut R, from: RadioInstant, duration: RadioDuration) -> Result<u32, R::Error> {
     radio.idle().await?;
     let passed = radio.now().await?.since(from);
     Ok(micros(RadioDuration::from_ticks(duration.ticks().saturating_sub(passed.ticks()))))
 }
 
-/// A microsecond begun is waited for, or a machine would be woken before its time again and again.
+/// Rounded up to a microsecond. Otherwise a protocol would be woken too early again and again.
 fn micros(wait: RadioDuration) -> u32 {
     u32::try_from(wait.as_micros()).map_or(0, |micros| micros.saturating_add(1))
 }

@@ -1,7 +1,8 @@
 //! Time of flight from the intervals of an exchange.
 //!
-//! An exchange is poll, response and, where double-sided, final. Each side measures two intervals in its own clock, from
-//! instants by [`RadioInstant::since`](crate::RadioInstant::since), which is safe across the counter's wrap:
+//! An exchange is poll, response and, if double-sided, final. Each side measures two intervals in its own clock. They
+//! are differences of instants by [`RadioInstant::since`](crate::RadioInstant::since), which is safe across the
+//! counter's wrap:
 //!
 //! | interval | measured by | from | to |
 //! |---|---|---|---|
@@ -10,9 +11,9 @@
 //! | `round2` | responder | response TX | final RX |
 //! | `reply2` | initiator | response RX | final TX |
 //!
-//! The errors told below are for clocks that run fast by the fractions e_A (initiator) and e_B (responder). All arithmetic is on
-//! integers and keeps 16 bits below the tick: nothing is rounded to 4.7 mm. A negative result is a value: at short range noise
-//! and bias exceed the flight.
+//! The errors below are for clocks that run fast by the fractions e_A (initiator) and e_B (responder). All arithmetic
+//! is on integers and keeps 16 bits below the tick: nothing is rounded to 4.7 mm. A negative result is valid: at short
+//! range noise and bias exceed the flight.
 
 use crate::RadioDuration;
 use crate::time::METRES_PER_TICK;
@@ -26,7 +27,7 @@ const FRACTION_BITS: u32 = 16;
 pub struct TimeOfFlight(i64);
 
 impl TimeOfFlight {
-    /// Of whole ticks, as DecaRanging's report has it.
+    /// From whole ticks, as in DecaRanging's report.
     pub const fn from_ticks(ticks: i64) -> Self {
         Self(ticks.saturating_mul(1 << FRACTION_BITS))
     }
@@ -36,51 +37,55 @@ impl TimeOfFlight {
         self.0.saturating_add(1 << (FRACTION_BITS - 1)) >> FRACTION_BITS
     }
 
-    /// In ticks with their fraction.
+    /// In ticks, including the fraction.
     pub fn ticks(self) -> f32 {
         self.0 as f32 / (1u32 << FRACTION_BITS) as f32
     }
 
-    /// How far it is from another one, as a distance, metres.
+    /// The difference to another time of flight, as a distance, metres.
     pub fn apart_from(self, other: Self) -> f32 {
         Self(self.0.saturating_sub(other.0).saturating_abs()).metres()
     }
 
-    /// The distance that light travels in it, in air, metres (seed 000, equation 5-1).
+    /// The distance that light travels in this time, in air, metres (P. M. de Rojas Malpartida's thesis, Universidad de
+    /// Sevilla, 2021, equation 5-1).
     pub fn metres(self) -> f32 {
         self.ticks() * METRES_PER_TICK as f32
     }
 }
 
-/// Times 2 to the power of `bits`, as far as 64 bits go: 128 would cost a node 1.4 kB.
+/// Times 2 to the power of `bits`, within 64 bits: 128 would cost a node 1.4 kB.
 fn shifted(ticks: i64, bits: u32) -> i64 {
     ticks.clamp(i64::MIN >> bits, i64::MAX >> bits) << bits
 }
 
-/// Single-sided: ½·(round1 − reply1) (seed 002, equation 3: ((T4 − T1) − (T3 − T2)) / 2).
+/// Single-sided: ½·(round1 − reply1) (A. Linde Cerezo's thesis, Universitat Oberta de Catalunya, 2024, equation 3: ((T4
+/// − T1) − (T3 − T2)) / 2).
 ///
 /// Error under drift: ½·(e_A − e_B)·reply1: 20 ppm at 400 µs are 1.2 m.
 pub fn single_sided(round1: RadioDuration, reply1: RadioDuration) -> TimeOfFlight {
     single_sided_corrected(round1, reply1, 0.0)
 }
 
-/// Single-sided with the responder's interval brought to the initiator's clock: ½·(round1 − reply1 / (1 + o)), where
-/// `clock_offset` o = (1 + e_B)/(1 + e_A) − 1 is the responder's clock against the initiator's as a fraction, positive where it
-/// is faster.
+/// Single-sided with the responder's interval converted to the initiator's clock: ½·(round1 − reply1 / (1 + o)). Here
+/// `clock_offset` o = (1 + e_B)/(1 + e_A) − 1 is the rate of the responder's clock relative to the initiator's as a
+/// fraction, positive if it is faster.
 ///
-/// Error under drift: ½·δ·reply1, δ the error of `clock_offset`: 0.1 ppm at 400 µs are 6 mm; and the flight itself is measured
-/// in the initiator's clock, e_A·ToF: 2 mm at 100 m and 20 ppm.
+/// Error under drift: ½·δ·reply1, where δ is the error of `clock_offset`: 0.1 ppm at 400 µs are 6 mm. The flight itself
+/// is measured in the initiator's clock, which adds e_A·ToF: 2 mm at 100 m and 20 ppm.
 pub fn single_sided_corrected(round1: RadioDuration, reply1: RadioDuration, clock_offset: f32) -> TimeOfFlight {
-    // The correction is some thousand ticks at most for a reply of milliseconds: f32 holds it to 10⁻³ ticks.
+    // For a reply of milliseconds the correction is some thousand ticks at most: f32 holds it to 10⁻³ ticks.
     let correction = reply1.ticks() as f32 * (clock_offset / (1.0 + clock_offset));
     let correction = (correction * (1_u32 << (FRACTION_BITS - 1)) as f32) as i64;
     let uncorrected = shifted(round1.ticks().saturating_sub(reply1.ticks()), FRACTION_BITS - 1);
     TimeOfFlight(uncorrected.saturating_add(correction))
 }
 
-/// Symmetric double-sided: ¼·(round1 − reply1 + round2 − reply2) (seed 000, equation 5-2).
+/// Symmetric double-sided: ¼·(round1 − reply1 + round2 − reply2) (P. M. de Rojas Malpartida's thesis, 2021, equation
+/// 5-2).
 ///
-/// Error under drift: ¼·(e_A − e_B)·(reply2 − reply1): none for equal replies, 1.5 m for 20 ppm and replies unequal by 1 ms.
+/// Error under drift: ¼·(e_A − e_B)·(reply2 − reply1): none for equal replies, 1.5 m for 20 ppm and a difference of 1
+/// ms between the replies.
 pub fn double_sided_symmetric(
     round1: RadioDuration,
     reply1: RadioDuration,
@@ -92,11 +97,11 @@ pub fn double_sided_symmetric(
     TimeOfFlight(shifted(sum, FRACTION_BITS - 2))
 }
 
-/// Asymmetric double-sided: (round1·round2 − reply1·reply2) / (round1 + round2 + reply1 + reply2), the product form of the
-/// DW1000 user manual, 12.3.2. `None` where the intervals make no sense: their sum is not positive, or rounds and replies
-/// differ by more than 2²³ ticks (130 µs) and last for seconds.
+/// Asymmetric double-sided: (round1·round2 − reply1·reply2) / (round1 + round2 + reply1 + reply2), the product form of
+/// the DW1000 user manual, 12.3.2. `None` if the intervals are impossible: their sum is not positive, or rounds and
+/// replies differ by more than 2²³ ticks (130 µs) and last for seconds.
 ///
-/// Error under drift: ½·(e_A + e_B)·ToF, whatever the replies: at most 2 mm at 100 m and 20 ppm.
+/// Error under drift: ½·(e_A + e_B)·ToF for any replies: at most 2 mm at 100 m and 20 ppm.
 pub fn double_sided_asymmetric(
     round1: RadioDuration,
     reply1: RadioDuration,
@@ -108,8 +113,8 @@ pub fn double_sided_asymmetric(
     if sum <= 0 {
         return None;
     }
-    // The same numerator, of factors that are small where the intervals belong to one exchange: 64 bits do, and a node is spared
-    // a division of 128.
+    // The same numerator, from factors that are small if the intervals belong to one exchange: 64 bits are enough, and
+    // a node needs no 128-bit division.
     let [excess1, excess2] = [round1.checked_sub(reply1)?, round2.checked_sub(reply2)?];
     let product = excess1.checked_mul(round2)?.checked_add(reply1.checked_mul(excess2)?)?;
     let whole = (product / sum).checked_mul(1 << FRACTION_BITS)?;
@@ -122,8 +127,9 @@ mod tests {
     use super::*;
     use crate::RadioInstant;
 
-    /// Two clocks fast by fractions e_a, e_b; a flight of `tof` ticks of true time; replies in ticks of true time. Instants near
-    /// a wrap of both counters. Returns round1, reply1, round2, reply2, rounded to the tick as the chip does.
+    /// Two clocks, fast by fractions e_a and e_b; a flight of `tof` ticks of true time; replies in ticks of true time.
+    /// The instants are near a wrap of both counters. Returns round1, reply1, round2, reply2, rounded to the tick as
+    /// the chip does.
     fn exchange(e_a: f64, e_b: f64, tof: f64, reply1: f64, reply2: f64) -> [RadioDuration; 4] {
         let stamp = |clock: f64, start: u64, t: f64| {
             RadioInstant::from_ticks(start.wrapping_add(((1.0 + clock) * t).round() as u64))
@@ -151,7 +157,7 @@ mod tests {
         // 50.5 ticks × 4.6904 mm (299792458 / 1.000293 / 63.8976e9) = 0.23686 m.
         assert!((tof.metres() - 0.236_86).abs() < 1e-4, "{}", tof.metres());
         assert_eq!(tof.to_ticks(), 51);
-        // Negative flights are values, with their fraction: (100 − 103) / 2.
+        // Negative flights are valid, with their fraction: (100 − 103) / 2.
         let negative = single_sided(RadioDuration::from_ticks(100), RadioDuration::from_ticks(103));
         assert_eq!((negative.ticks(), negative.to_ticks()), (-1.5, -1));
     }

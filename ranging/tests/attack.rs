@@ -1,5 +1,5 @@
-//! What one DW1000 without any key can do to native mode, and what it cannot: forged sync frames, requests and responses on a small air.
-//! `docs/security.md` says what is left.
+//! Attacks on native mode by one DW1000 without any key, successful or not: forged sync frames, requests and responses
+//! on a small simulated air. `docs/security.md` describes the remaining attacks.
 
 mod air;
 
@@ -16,7 +16,7 @@ use wire::uwb::native::{Frame, Member, Message, Position, Request, Response, Sha
 use wire::uwb::{BROADCAST, FrameBuffer};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
-/// Metres a second in air, and ticks a second.
+/// Metres that light travels in air in a tick: metres per second divided by ticks per second.
 const METRES_PER_TICK: f64 = 299_702_547.0 / 63_897_600_000.0;
 
 fn anchor(address: u16, position: [f64; 3], rounds: Option<Rate>) -> Boxed {
@@ -28,7 +28,7 @@ fn room(air: &mut Air, anchors: u16, rounds: Option<Rate>) -> Vec<usize> {
     anchors::room(air, NETWORK, anchors, rounds)
 }
 
-/// A machine on the air, and a handle to ask it what it refused.
+/// A protocol on the air, and a handle to read what it refused.
 fn shared<M: Protocol + 'static>(machine: M) -> (Boxed, Rc<RefCell<M>>) {
     let handle = Rc::new(RefCell::new(machine));
     let inner = Rc::clone(&handle);
@@ -58,11 +58,11 @@ fn bytes(source: u16, destination: u16, message: Message) -> Vec<u8> {
     out.bytes().to_vec()
 }
 
-/// What `forge` makes of a superframe's first sync frame heard, and of the last one of each anchor: frames, and when from the superframe's
-/// beginning they are sent.
+/// The frames to send and their times from the superframe's beginning. `forge` gets the first sync frame received in a
+/// superframe, and the last one of each anchor.
 type Forge = Box<dyn FnMut(&Timing, &SyncFrame, &BTreeMap<u16, SyncFrame>) -> Vec<(RadioDuration, Vec<u8>)>>;
 
-/// Listens, and from `armed` on sends what is forged. It follows the layout that sync frames tell.
+/// Listens, and from `armed` on sends the forged frames. It follows the layout in the sync frames.
 fn forger(armed: &Rc<Cell<bool>>, mut forge: Forge) -> Boxed {
     let armed = Rc::clone(armed);
     let mut known = BTreeMap::new();
@@ -99,7 +99,8 @@ fn forger(armed: &Rc<Cell<bool>>, mut forge: Forge) -> Boxed {
     })
 }
 
-/// Every anchor's sync frame again, in a shared slot or in a free one claimed for it, five metres aside.
+/// Repeats every anchor's sync frame with a position five metres aside, in a shared slot or in a free one claimed for
+/// it.
 fn five_metres_aside(own_slots: bool) -> Forge {
     Box::new(move |timing, heard, known| {
         let anchors =
@@ -120,7 +121,7 @@ fn five_metres_aside(own_slots: bool) -> Forge {
     })
 }
 
-/// How many of a tag's ranges came with a position that is not the anchor's, of how many.
+/// The number of a tag's ranges with a position that is not the anchor's, and the number of all its ranges.
 fn displaced(air: &Air, node: usize, from: f64, anchors: u16) -> (usize, usize) {
     let ranges = air.rounds(node, from).into_iter().flat_map(|(_, ranges)| ranges);
     let known: Vec<_> = ranges.filter_map(|range| Some((range.peer, range.position_m?))).collect();
@@ -144,7 +145,7 @@ fn forged_sync_frames_move_no_anchor_of_a_tag_that_has_heard_the_true_ones() {
         let (off, all) = displaced(&air, node, 2.0, 4);
         assert!(off == 0 && all > 4000, "own slots {own_slots}: {off} of {all}");
         assert!(air.rounds(node, 7.0).len() * 10 > before * 9, "{before}, then {}", air.rounds(node, 7.0).len());
-        // Four a superframe for six seconds, less what collides.
+        // Four in a superframe for six seconds, minus those that collide.
         let refused = handle.borrow().refused();
         assert!(refused.positions > 150, "{refused:?}");
     }
@@ -152,7 +153,7 @@ fn forged_sync_frames_move_no_anchor_of_a_tag_that_has_heard_the_true_ones() {
 
 #[test]
 fn a_later_term_does_not_end_a_network_whose_coordinator_is_heard() {
-    // One sync frame in so many superframes, that many terms ahead, of another coordinator or of none better.
+    // One sync frame in `every` superframes, that many terms ahead, of another coordinator or of none better.
     for (seed, every, ahead) in [(3, 1, 100), (4, 3, 100), (5, 3, 1), (6, 1, 2)] {
         let mut air = Air::new(NETWORK.phy, seed);
         let anchors = room(&mut air, 4, None);
@@ -210,7 +211,7 @@ fn tags_that_do_not_exist_neither_stay_nor_keep_others_out() {
         number += 1;
         let invent = |i: u16| 0x4000 + (2 * number + i) % 24;
         let request = Request { share: Share::Slots(1), wish: Layout::LEAST };
-        // A relay that nobody else hears of says that it heard them all, and passes one more request on.
+        // A relay that no other node receives reports that it received them all, and passes one more request on.
         let relay = SyncFrame {
             slot: 18,
             hops: heard.hops.saturating_add(3),
@@ -228,31 +229,31 @@ fn tags_that_do_not_exist_neither_stay_nor_keep_others_out() {
     air.run_until(1.5);
     armed.set(true);
     air.run_until(15.0);
-    // The flood goes on while another tag comes.
+    // The flood continues while another tag comes.
     let (node, _) = tag(&mut air, 0x100, Rate::Every(RadioDuration::from_micros(50_000)));
     air.run_until(25.0);
     let joined = air.links(node).into_iter().find(|(_, link)| matches!(link, Link::Joined(_)));
     let joined = joined.expect("a place").0;
     assert!(joined < 20.0, "after {} s", joined - 15.0);
-    // Twenty a second are asked for.
+    // Twenty a second are requested.
     assert!(air.rounds(node, 20.0).len() > 90, "{} rounds in 5 s", air.rounds(node, 20.0).len());
     assert!(air.rounds(old, 20.0).len() > 90, "{} rounds in 5 s", air.rounds(old, 20.0).len());
     assert!((2..=8).contains(&full.get()), "{} invented members", full.get());
 }
 
-/// What an impostor does in an anchor's name.
+/// A node that transmits with an anchor's address.
 #[derive(Clone, Copy)]
 struct Impostor {
     address: u16,
     position: [f32; 3],
-    /// What it adds to the distance by the reply that it tells, metres.
+    /// The amount that it adds to the distance by its reported reply, metres.
     told_m: f64,
     /// How much later than in its slot it answers, microseconds.
     late_us: f64,
 }
 
 impl Impostor {
-    /// Answers wherever polls name its address, and sends a sync frame for it.
+    /// Answers every poll that names its address, and sends a sync frame with it.
     fn boxed(self) -> Boxed {
         let (mut sent_for, mut timing) = (None, None);
         Box::new(move |now, _, event| {
@@ -267,7 +268,7 @@ impl Impostor {
                             let due = timing.reply_in(slot).ticks() + (self.late_us * 63_897.6) as i64;
                             let start = heard.rx_time.plus(ticks(due - ANTENNA_DELAY));
                             let departure = start.snapped().plus(ticks(ANTENNA_DELAY));
-                            // d = c (round − reply) / 2; what it is late by is told as on time.
+                            // d = c (round − reply) / 2; a late answer is reported as on time.
                             let add = (self.told_m * 2.0 / METRES_PER_TICK) as i64;
                             let late = (self.late_us * 63_897.6) as i64;
                             let reply = ticks(departure.since(heard.rx_time).ticks() - late - add);
@@ -319,7 +320,7 @@ impl Impostor {
 
 #[test]
 fn a_response_cannot_shorten_a_distance_by_more_than_the_transmitters_step() {
-    // Honest in all but its existence; then by the reply told; then by answering early or late.
+    // First with correct values; then with a false reply; then with an early or late answer.
     for (told_m, late_us, is_taken) in [
         (0.0, 0.0, true),
         (-8.0, 0.0, false),
@@ -358,7 +359,7 @@ fn another_crystal_does_not_answer_for_a_known_anchor() {
     let anchors = room(&mut air, 4, None);
     let (node, handle) = tag(&mut air, 0x100, Rate::Every(RadioDuration::from_micros(50_000)));
     air.run_until(4.0);
-    // Anchor 1 (+20 ppm) is silenced; another node (+5 ppm), elsewhere, takes its address.
+    // Anchor 1 (+20 ppm) is switched off; another node (+5 ppm) at another position takes its address.
     air.switch_off(anchors[0]);
     let position = corner(0, 4).map(|m| m as f32);
     air.add([0.0, 3.0, 1.0], 5.0, Impostor { address: 1, position, told_m: 0.0, late_us: 0.0 }.boxed());
@@ -367,7 +368,7 @@ fn another_crystal_does_not_answer_for_a_known_anchor() {
         let ranges = air.rounds(node, from).into_iter().flat_map(|(_, ranges)| ranges);
         ranges.filter(|range| range.peer == 1).count()
     };
-    // Twenty rounds a second: the fifty that would have it believed take more than two seconds.
+    // Twenty rounds a second: the fifty after which its carrier would be accepted take more than two seconds.
     assert_eq!(of_first(4.1), 0);
     assert!(handle.borrow().refused().carriers > 20, "{:?}", handle.borrow().refused());
     assert!(air.rounds(node, 4.1).iter().filter(|(_, ranges)| ranges.len() == 3).count() > 30);
@@ -402,7 +403,7 @@ fn two_networks_that_have_worked_for_long_still_merge_when_they_come_to_hear_eac
         let [dx, y, z] = corner(i, 3);
         [x + dx, y, z]
     };
-    // The coordinators are switched off once here, three times there: a term, and three.
+    // The coordinators are switched off once here, three times there: one term, and three.
     let mut nodes: Vec<usize> = Vec::new();
     for (first, x) in [(1, 0.0), (11, 200.0)] {
         nodes.extend((0..3).map(|i| air.add(place(i, x), 10.0, anchor(first + i, place(i, x), None))));
@@ -424,7 +425,7 @@ fn two_networks_that_have_worked_for_long_still_merge_when_they_come_to_hear_eac
     for (i, &node) in nodes[3..].iter().enumerate() {
         air.move_to(node, place(i as u16, 20.0));
     }
-    // Ten seconds of patience, and what a newcomer needs.
+    // Ten seconds of patience, and the time that a new node needs.
     air.run_until(together + 15.0);
     let before = air.collisions;
     air.run_until(together + 18.0);

@@ -1,4 +1,5 @@
-//! DecaRanging mode on a small air, against ourselves and against a board written from the frames' description alone.
+//! DecaRanging mode on a small simulated air, against this project's own nodes and against a board implemented from the
+//! frames' description alone.
 
 mod air;
 
@@ -12,7 +13,7 @@ use ranging::native::ReplyDelay;
 use ranging::{PhyConfig, RadioDuration, RadioInstant, Start};
 use wire::uwb::decaranging::Variant;
 
-/// What a board takes whose air is that of these tests.
+/// The reply delay of a board on the air of these tests.
 const QUICK: ReplyDelay = ReplyDelay {
     answer: RadioDuration::from_micros(250),
     listen_again: RadioDuration::from_micros(40),
@@ -58,7 +59,8 @@ fn assert_accurate(errors: &[f64], least: usize, what: &str) {
     assert!(bias.abs() < 0.01 && deviation < 0.03, "{what}: bias {bias:.4} m, deviation {deviation:.4} m");
 }
 
-/// A board as the facts describe it: its own bytes, its own arithmetic. `heard` gets the distances it would show, metres.
+/// A board implemented from its description, with its own bytes and its own arithmetic. `heard` gets the distances that
+/// it would show, metres.
 struct Board {
     variant: Variant,
     reply_us: u32,
@@ -71,7 +73,7 @@ struct Board {
     stamps: [RadioInstant; 4],
 }
 
-/// Metres a tick, by the board's own constants.
+/// Metres per tick, by the board's own constants.
 const BOARD_METRES: f64 = 299_702_547.0 / (499.2e6 * 128.0);
 
 fn ticks(later: RadioInstant, earlier: RadioInstant) -> f64 {
@@ -105,7 +107,7 @@ impl Board {
         vec![0x41, 0x88, self.sequence, 0xCA, 0xDE, p0, p1, o0, o1]
     }
 
-    /// Payload of a frame from the peer to us.
+    /// Payload of a frame from the peer to this board.
     fn payload<'f>(&self, bytes: &'f [u8]) -> Option<&'f [u8]> {
         let ours = bytes.len() > 9 && bytes[..2] == [0x41, 0x88] && bytes[3..5] == [0xCA, 0xDE];
         (ours && bytes[5..7] == self.own && bytes[7..9] == self.peer).then(|| &bytes[9..])
@@ -115,7 +117,7 @@ impl Board {
         rx.plus(RadioDuration::from_micros(self.reply_us))
     }
 
-    /// The instant that leaves the antenna for a start: low nine bits ignored, antenna delay added.
+    /// The instant at which a frame with this start leaves the antenna: low nine bits ignored, antenna delay added.
     fn leaves(at: RadioInstant) -> RadioInstant {
         RadioInstant::from_ticks((at.ticks() & !511) + ANTENNA_DELAY as u64)
     }
@@ -167,11 +169,12 @@ impl Board {
                     let [trp, tsr, _, _] = self.stamps;
                     let (tr_sr, ts_rr) = (ticks(frame.rx_time, tsr), ticks(tsr, trp));
                     let tof = if fast {
-                        // Product form on the two intervals told.
+                        // Product form on the two reported intervals.
                         let (reply2, round1) = (four(1), four(5));
                         (round1 * tr_sr - ts_rr * reply2) / (round1 + tr_sr + ts_rr + reply2)
                     } else {
-                        // Seed 000, equation 5-2: [(TRR − TSP) − (TSR − TRP) + (TRF − TSR) − (TSF − TRR)] / 4.
+                        // P. M. de Rojas Malpartida's thesis (2021), equation 5-2: [(TRR − TSP) − (TSR − TRP) + (TRF −
+                        // TSR) − (TSF − TRR)] / 4.
                         let (tsp, trr, tsf) = (five(1), five(6), five(11));
                         (ticks(trr, tsp) - ts_rr + tr_sr - ticks(tsf, trr)) / 4.0
                     };
@@ -284,7 +287,7 @@ fn our_tag_ranges_with_a_board() {
     ] {
         let phy = PhyConfig::evk1000_mode(mode).unwrap();
         let mut air = Air::new(phy, 40 + u64::from(mode));
-        // Where the range bias of the mode's pulse rate is none.
+        // The power at which the range bias of the mode's pulse rate is zero.
         air.power_dbm = if mode == 8 { -81.5 } else { -86.25 };
         let shown = Rc::default();
         let board = Board { millis, ..Board::new(variant, reply_us, &shown) };
@@ -294,8 +297,9 @@ fn our_tag_ranges_with_a_board() {
         let what = format!("mode {mode}, {variant:?}");
         assert_eq!(air.links(ours).len(), 1, "{what}: {:?}", air.links(ours));
         assert!(matches!(air.links(ours)[0], (time, Link::Paired(0x1077)) if time < 0.1), "{what}");
-        // Equal replies by two clocks 40 ppm apart differ by 40 ppm of themselves, which the sum of equation 5-2 feels by a
-        // quarter of 40 ppm: 1.8 cm for 150 ms. That is the board's error, and we show what it reports.
+        // Equal replies, measured by two clocks 40 ppm apart, differ by 40 ppm of themselves. A quarter of this
+        // difference enters the sum of equation 5-2: 1.8 cm for 150 ms. This is the board's error, and our anchor shows
+        // what the board reports.
         let own_error = match variant {
             Variant::Standard => 0.25 * 40e-6 * 40e-6 * f64::from(reply_us) * 1e-6 * 299_702_547.0,
             Variant::Fast => 0.0,
@@ -312,7 +316,7 @@ fn our_anchor_ranges_with_a_board() {
     for (mode, variant) in [(8, Variant::Fast), (8, Variant::Standard), (5, Variant::Standard), (3, Variant::Fast)] {
         let phy = PhyConfig::evk1000_mode(mode).unwrap();
         let mut air = Air::new(phy, 50 + u64::from(mode));
-        // Where the range bias of the mode's pulse rate is none.
+        // The power at which the range bias of the mode's pulse rate is zero.
         air.power_dbm = if matches!(mode, 8 | 3) { -81.5 } else { -86.25 };
         let shown = Rc::default();
         let ours = air.add([0.0, 0.0, 1.0], 20.0, anchor(phy));
@@ -369,13 +373,14 @@ fn counters_wrap_inside_exchanges() {
     for variant in [Variant::Standard, Variant::Fast] {
         let (mut air, anchor, tag) = pair(64, 10.0, variant, QUICK);
         air.run_until(1.0);
-        // A poll leaves every 50 ms and an exchange lasts about 1.5 ms: over some wraps at 0.3 ms apart one falls inside.
+        // A poll leaves every 50 ms and an exchange lasts about 1.5 ms. With wraps at steps of 0.3 ms, one falls inside
+        // an exchange.
         let exchange = air.sent.iter().rev().find(|flight| flight.sender == tag).unwrap().rmarker;
         for step in 0..12 {
             let next = exchange + 0.05 * f64::from(step + 1) - 0.003;
             air.run_until(next);
-            // 3 ms to the next poll, then 0 to 1.5 ms into the exchange: the machines see their clocks jump once, which loses
-            // at most that exchange.
+            // 3 ms to the next poll, then 0 to 1.5 ms into the exchange: the protocols see their clocks jump once,
+            // which loses at most that exchange.
             for node in [anchor, tag] {
                 air.set_clock(node, (1 << 40) - (63_897_600.0 * (3.0 + 0.12 * f64::from(step))) as u64);
             }
@@ -396,7 +401,7 @@ fn a_dead_link_is_paired_again_by_itself() {
     air.switch_on(tag_node, tag(phy, Variant::Fast));
     air.run_until(4.0);
     assert!(air.rounds(tag_node, 2.0)[0].0 < 2.2);
-    // The anchor is reset: the tag's polls are answered as soon as it listens.
+    // The anchor is reset: it answers the tag's polls as soon as it listens.
     air.switch_on(anchor_node, anchor(phy));
     air.run_until(6.0);
     assert!(air.rounds(anchor_node, 4.0)[0].0 < 4.2);
@@ -418,7 +423,7 @@ fn loss_stalls_nothing() {
         let (mut air, anchor, _) = pair(66, 5.0, variant, QUICK);
         air.loss = 0.3;
         air.run_until(30.0);
-        // Poll, response and final must come: 0.7³ = 34 % of 20 a second, from the pairing on.
+        // Poll, response and final must be received: 0.7³ = 34 % of 20 a second, from the pairing on.
         let times: Vec<f64> = air.rounds(anchor, 5.0).iter().map(|(time, _)| *time).collect();
         assert!(times.len() > 130, "{}", times.len());
         assert!(times.windows(2).all(|pair| pair[1] - pair[0] < 1.5));

@@ -1,4 +1,4 @@
-//! Whatever bytes come, in whatever order of events: nothing panics, and what is parsed is written back as it was.
+//! For any bytes and any order of events: nothing panics, and a parsed frame is written back unchanged.
 
 mod air;
 
@@ -15,7 +15,7 @@ const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: No
 const ADDRESS: u16 = 0x0101;
 const EUI: u64 = 0x1122_3344_5566_7788;
 
-/// Random bytes, or heads of frames that get past the first checks with random bytes behind, at random cut short.
+/// Random bytes, or heads of frames that pass the first checks followed by random bytes, cut at a random length.
 fn bytes(rng: &mut Pcg64) -> Vec<u8> {
     let mut bytes: Vec<u8> = Vec::new();
     let [pan, other] = [NETWORK.pan.to_le_bytes(), 0xDECAu16.to_le_bytes()];
@@ -81,10 +81,10 @@ fn parsers_take_any_bytes_and_give_back_what_they_took() {
 
 /// The longest wait, even with a clock that jumps: half a turn of the counter, and a superframe.
 const LONGEST_WAIT_US: i64 = 8_800_000;
-/// … and the longest between a search's windows.
+/// … and the longest sleep between a search's windows.
 const LONGEST_SLEEP_US: i64 = 65_000_000;
 
-/// Steps a machine with any events at any times; its waits must be bounded.
+/// Steps a protocol with any events at any times; its waits must be bounded.
 fn torment(mut machine: impl Protocol, seed: u64) {
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut now = RadioInstant::from_ticks(rng.random());
@@ -104,7 +104,7 @@ fn torment(mut machine: impl Protocol, seed: u64) {
             (_, 3) if wild => Event::Corrupt,
             (_, 4) if wild => Event::Timeout,
             (Owned::Transmit { .. }, _) => Event::Sent(now),
-            // The radio slept: its clock began anew.
+            // The radio slept: its clock restarted.
             (Owned::Sleep { .. }, 0..9) => Event::Started,
             (Owned::WaitUntil(_) | Owned::Sleep { .. } | Owned::Compensate, _) => Event::Woken,
             (Owned::Round { .. } | Owned::Differences { .. } | Owned::Link(_), _) => Event::Reported,

@@ -1,4 +1,4 @@
-//! Tags that only listen, on a small air: accuracy under drift, rates, losses, restarts.
+//! Tags that only listen, on a small simulated air: accuracy under drift, rates, losses, restarts.
 
 mod air;
 
@@ -14,7 +14,7 @@ fn listener() -> Boxed {
     boxed(TdoaTag::new(TdoaTagConfig { network: NETWORK, period: None }))
 }
 
-/// Anchors 1, 2, … on a circle of 10 m, their drifts ±20 ppm in turn, each asking so many times a second.
+/// Anchors 1, 2, … on a circle of 10 m, their drifts ±20 ppm in turn, each asking `hz` times a second.
 fn room(air: &mut Air, anchors: u16, hz: u32) -> Vec<usize> {
     anchors::room(air, NETWORK, anchors, Some(times_a_second(hz)))
 }
@@ -23,8 +23,9 @@ fn times_a_second(hz: u32) -> Rate {
     Rate::Every(RadioDuration::from_micros(1_000_000 / hz))
 }
 
-/// Errors of all differences heard from then on and the deviations told of them, metres. This air has frames of one power everywhere, so that what the machine
-/// takes for the bias of a clear way between anchors is not on it: it is added back.
+/// Errors of all differences received from `from` on and their reported deviations, metres. All frames on this air have
+/// the same power, so it does not have the bias of a clear path between anchors, which the protocol corrects: this
+/// function adds the bias back.
 fn errors(air: &Air, tag: usize, anchors: &[usize], from: f64) -> Vec<(f64, f64)> {
     let bias = ranging::RangeBias::of(&NETWORK.phy);
     let node = |address: u16| anchors[usize::from(address) - 1];
@@ -39,7 +40,7 @@ fn errors(air: &Air, tag: usize, anchors: &[usize], from: f64) -> Vec<(f64, f64)
     heard.iter().flat_map(|(reference, all)| all.iter().map(|one| of(*reference, one)).collect::<Vec<_>>()).collect()
 }
 
-/// No error beyond five of the deviations told.
+/// No error exceeds five times the reported deviation.
 fn assert_honest(errors: &[(f64, f64)]) {
     let wrong: Vec<_> = errors.iter().filter(|(error, deviation)| error.abs() > 5.0 * deviation).collect();
     assert!(wrong.is_empty(), "{} of {}: {wrong:?}", wrong.len(), errors.len());
@@ -53,14 +54,14 @@ fn differences_are_right_under_drift_and_as_uncertain_as_they_say() {
     air.run_until(4.0);
     let errors: Vec<f64> = errors(&air, tag, &anchors, 2.0).into_iter().map(|(error, _)| error).collect();
     let (bias, deviation) = moments(&errors);
-    // Three stamps of 0.1 ns: √3 · 3 cm = 5.2 cm, and what the clocks' rates add.
+    // Three timestamps of 0.1 ns: √3 · 3 cm = 5.2 cm, plus the errors of the clocks' rates.
     assert!(errors.len() > 900, "{} differences", errors.len());
     assert!(bias.abs() < 0.01, "bias {bias:.4} m");
     assert!((0.045..0.07).contains(&deviation), "deviation {deviation:.4} m");
     let told: Vec<f64> =
         air.heard(tag, 2.0).iter().flat_map(|(_, all)| all.clone()).map(|one| f64::from(one.deviation_m)).collect();
     let (told, _) = moments(&told);
-    // Beside the common stamp: √(5.2² − 3²) = 4.2 cm.
+    // Without the common timestamp: √(5.2² − 3²) = 4.2 cm.
     assert!((0.04..0.06).contains(&told), "told {told:.4} m");
 }
 
@@ -76,7 +77,8 @@ fn anchors_tell_how_far_they_measured_each_other() {
         for asked in poll.anchors {
             let metres = asked.distance.metres().expect("each was measured a few times");
             let truth = air.distance(flight.sender, anchors[usize::from(asked.address) - 1]);
-            // Twenty ranges and more, of two stamps of 3 cm halved and the carrier's 3 cm each: a centimetre; and 2 mm of rounding.
+            // Twenty ranges and more, each with two timestamps of 3 cm halved and the carrier's 3 cm: a centimetre; and
+            // 2 mm of rounding.
             assert!((f64::from(metres) + bias - truth).abs() < 0.04, "{metres} m of {truth} m");
             told += 1;
         }
@@ -91,7 +93,7 @@ fn every_listener_hears_every_round_and_nothing_collides() {
     let anchors = room(&mut air, 8, 10);
     let tags: Vec<usize> =
         (0..20).map(|i| air.add([f64::from(i) / 3.0 - 3.0, 1.0, 1.0], f64::from(i) - 10.0, listener())).collect();
-    // A tag that ranges, beside.
+    // A tag that ranges, at the same time.
     let ranging = TagConfig {
         address: 0x100,
         network: NETWORK,
@@ -129,7 +131,8 @@ fn loss_costs_differences_and_not_their_truth() {
 
 #[test]
 fn strange_frames_give_no_wrong_difference() {
-    // Of the low bits of a stamp none but the check bytes can tell that they were flipped: the draw is one that flips others.
+    // Only the check bytes show that low bits of a timestamp were flipped. With this random seed other bits are
+    // flipped.
     let mut air = Air::new(NETWORK.phy, 40);
     let anchors = room(&mut air, 6, 10);
     let tag = air.add([-1.0, 3.0, 1.5], 10.0, listener());

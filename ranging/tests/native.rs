@@ -1,4 +1,4 @@
-//! Native mode on a small air: rates, accuracy, faults, the life of a network.
+//! Native mode on a small simulated air: rates, accuracy, faults, the life of a network.
 
 mod air;
 
@@ -79,7 +79,7 @@ fn a_lone_tag_with_four_anchors_makes_300_fixes_a_second() {
     assert!(rounds.iter().all(|(_, ranges)| ranges.len() == 4));
     assert_accurate(&air, node, 1.0, &anchors);
     assert_eq!(air.collisions, 0);
-    // From nothing to the first fix: the anchors' search, a superframe to hear them, one to be listed.
+    // From the start to the first fix: the anchors' search, a superframe to receive them, one to be listed.
     assert!(air.rounds(node, 0.0)[0].0 < 0.6, "{}", air.rounds(node, 0.0)[0].0);
     for range in &rounds[0].1 {
         let (told, truth) = (range.position_m.unwrap(), corner(range.peer - 1, 4));
@@ -113,8 +113,9 @@ fn accuracy_holds_from_a_span_to_fifty_metres() {
         air.run_until(3.0);
         assert_accurate(&air, node, 1.0, &anchors);
         if distance == 0.1 {
-            // Ten centimetres with 2 cm of deviation: some flights in 10⁵ are negative; with the bias of a strong signal
-            // (the reading is 11 cm short at −61 dBm, which this air does not do) nearly all would be: see below.
+            // Ten centimetres with 2 cm of deviation: some flights in 10⁵ are negative. With the bias of a strong
+            // signal (the measured distance is 11 cm short at −61 dBm, which this air does not simulate) nearly all
+            // would be: see below.
             assert!(errors(&air, node, 1.0, anchors[0], 1).iter().all(|error| error.abs() < 0.2));
         }
     }
@@ -122,7 +123,7 @@ fn accuracy_holds_from_a_span_to_fifty_metres() {
 
 #[test]
 fn a_negative_flight_is_a_value() {
-    // At one centimetre half of the flights are around or below zero: none is thrown away, the mean stays right.
+    // At one centimetre half of the flights are around or below zero: none is discarded, and the mean stays correct.
     let mut air = Air::new(NETWORK.phy, 7);
     let anchors = room(&mut air, 4);
     air.move_to(anchors[0], [0.0, 0.0, 0.01]);
@@ -137,8 +138,8 @@ fn a_negative_flight_is_a_value() {
 
 #[test]
 fn strong_and_weak_signals_are_corrected_by_the_table() {
-    // Channel 5, PRF 64: −11.0 cm at −61 dBm (which the chip takes for less than −70), +8.1 cm at −93 dBm (APS011). The air adds
-    // no bias, so the corrected distance is off by as much, the other way.
+    // Channel 5, PRF 64: −11.0 cm at −61 dBm (which the chip estimates as less than −70), +8.1 cm at −93 dBm (APS011).
+    // The air adds no bias, so the corrected distance has the opposite error.
     for (power, bias) in [(-70.0, -0.110), (-93.0, 0.081)] {
         let mut air = Air::new(NETWORK.phy, 8);
         air.power_dbm = power;
@@ -156,7 +157,7 @@ fn counters_wrap_inside_rounds() {
     let anchors = room(&mut air, 4);
     let node = air.add([1.0, 2.0, 1.0], -20.0, tag(0x100, Rate::Greedy));
     air.run_until(1.0);
-    // 63 897 600 ticks are a millisecond: all counters wrap within the next ones, one after the other.
+    // 63 897 600 ticks are a millisecond: all counters wrap within the next milliseconds, one after the other.
     for (i, &each) in anchors.iter().chain([&node]).enumerate() {
         air.switch_off(each);
         let machine = if each == node { tag(0x100, Rate::Greedy) } else { anchor(i as u16 + 1, corner(i as u16, 4)) };
@@ -238,7 +239,8 @@ fn an_anchor_off_on_and_reset_moves_no_other_range() {
     air.run_until(7.0);
     let back = air.rounds(node, 5.0).iter().find(|(_, ranges)| ranges.iter().any(|r| r.peer == address)).unwrap().0;
     assert!(back < 6.0, "back after {} s", back - 5.0);
-    // A reset as short as a watchdog's: polls are answered from the first sync frame on, which tells how long an answer takes.
+    // A reset as short as a watchdog's: the anchor answers polls from the first sync frame on, which contains the
+    // answer time.
     air.switch_off(victim);
     air.run_until(7.01);
     air.switch_on(victim, anchor(address, corner(address - 1, 5)));
@@ -250,7 +252,7 @@ fn an_anchor_off_on_and_reset_moves_no_other_range() {
         let (mean, _) = moments(&others(&air, from, to));
         assert!((mean - truth).abs() < 0.01, "from {from} s: off by {} m", mean - truth);
     }
-    // The anchor itself is right from its first answer on, its new clock known by the carrier alone.
+    // The anchor itself is correct from its first answer on, with its new clock estimated from the carrier alone.
     let first = errors(&air, node, 7.01, victim, address)[0];
     assert!(first.abs() < 0.2, "{first} m");
     assert_accurate(&air, node, 7.1, &anchors[..3]);
@@ -264,10 +266,10 @@ fn a_tag_reset_ranges_again_within_a_second() {
     air.run_until(2.0);
     air.switch_on(node, tag(0x100, Rate::Greedy));
     air.run_until(3.0);
-    // Its slots are still its own: a sync frame is all it needs.
+    // It still owns its slots: a sync frame is all it needs.
     let back = air.rounds(node, 2.0)[0].0;
     assert!(back < 2.25, "after {} s", back - 2.0);
-    // Away for long, its lease is over: it asks again.
+    // After a long absence its lease is over: it requests slots again.
     air.switch_off(node);
     air.run_until(6.0);
     air.switch_on(node, tag(0x100, Rate::Greedy));
@@ -293,7 +295,7 @@ fn the_coordinator_is_replaced() {
     };
     let first = coordinator(&air, 0.0);
     air.switch_off(first);
-    // Just now another tag comes: it is let in within a second.
+    // Now another tag comes: it is accepted within a second.
     let late = air.add([0.0, 1.0, 1.0], -20.0, tag(0x200, Rate::Greedy));
     air.run_until(4.0);
     let second = coordinator(&air, 2.0);
@@ -311,7 +313,7 @@ fn the_coordinator_is_replaced() {
 
 #[test]
 fn time_and_grants_pass_from_anchor_to_anchor() {
-    // Anchors in a row, each hears its two neighbours on either side; the tag is four hops from the first.
+    // Anchors in a row, each receives its two neighbours on either side; the tag is four hops from the first.
     let mut air = Air::new(NETWORK.phy, 16);
     air.reach = 25.0;
     let anchors: Vec<usize> = (0..8u16)
@@ -342,7 +344,7 @@ fn time_and_grants_pass_from_anchor_to_anchor() {
 
 #[test]
 fn neighbouring_networks_are_apart_by_pan() {
-    // The same addresses, elsewhere, in the same air: ranges are to our own anchors only.
+    // The same addresses, at other positions, on the same air: ranges are to the tag's own anchors only.
     let mut air = Air::new(NETWORK.phy, 17);
     let other = Network { pan: 0x0BAD, ..NETWORK };
     let anchors = room(&mut air, 4);
@@ -509,7 +511,7 @@ fn a_round_without_answers_is_reported_empty() {
     air.run_until(4.0);
     let rounds = air.rounds(node, 2.0);
     assert!(rounds.iter().any(|(_, ranges): &(f64, Vec<Range>)| ranges.is_empty()));
-    // No sync frame for more than the holdover: no poll any more, for the plan may have changed.
+    // No sync frame for more than the holdover: the tag does not poll any more, because the plan may have changed.
     assert!(rounds.iter().all(|(time, _)| *time < 2.4));
     assert!(air.links(node).iter().any(|(time, link)| *time < 2.8 && *link == Link::Unsynchronised));
 }
@@ -539,7 +541,7 @@ fn one_slow_anchor_slows_the_others_and_silences_nobody() {
     air.run_until(6.0);
     let rounds = air.rounds(node, 5.0);
     assert!(rounds.len() >= 100 && rounds.iter().all(|(_, ranges)| ranges.len() == 4), "{} rounds", rounds.len());
-    // It leaves: the slots get shorter once nobody asks for long ones any more, 260 superframes later at most.
+    // It leaves: the slots get shorter once no node requests long ones any more, 260 superframes later at most.
     air.switch_off(anchors[2]);
     air.run_until(36.0);
     let without = air.rounds(node, 35.0);
@@ -568,7 +570,7 @@ fn double_sided(address: u16) -> Boxed {
 fn double_sided_rounds_need_no_model_of_clocks() {
     for (seed, carrier_noise) in [(34, 0.2), (35, 20.0)] {
         let mut air = Air::new(NETWORK.phy, seed);
-        // A carrier that tells nothing.
+        // A carrier without information.
         air.carrier_noise = carrier_noise;
         let anchors = room(&mut air, 4);
         let node = air.add([1.0, 2.0, 1.0], -20.0, double_sided(0x100));
@@ -595,7 +597,7 @@ fn a_lost_final_leaves_the_single_sided_range() {
     assert_accurate(&air, node, 2.5, &anchors);
     let rounds = air.rounds(node, 2.5);
     let ranges: usize = rounds.iter().map(|(_, ranges)| ranges.len()).sum();
-    // Poll and response come through: 0.8² = 64 % of five anchors, whatever became of the final.
+    // Poll and response are received: 0.8² = 64 % of five anchors, whether or not the final is.
     let mean = ranges as f64 / rounds.len() as f64;
     assert!((2.9..3.5).contains(&mean), "{mean} ranges a round");
 }
@@ -607,7 +609,7 @@ fn single_and_double_sided_tags_share_a_network() {
     let [single, double] =
         [tag(0x100, Rate::Greedy), double_sided(0x200)].map(|tag| air.add([1.0, 2.0, 1.0], 9.0, tag));
     air.run_until(2.0);
-    // Both asked for slots at once.
+    // Both requested slots at once.
     let before = air.collisions;
     air.run_until(4.0);
     for node in [single, double] {
@@ -646,7 +648,7 @@ fn a_coordinator_that_restarts_two_hundred_times_is_replaced_within_a_second() {
 
 #[test]
 fn an_anchor_tells_the_departure_with_the_delay_that_its_radio_has_in_force() {
-    // Made with 16436 ticks; the module's maker measured 16500.
+    // Configured with 16436 ticks; the module's maker measured 16500.
     let mut anchor = Anchor::new(AnchorConfig {
         address: 1,
         network: NETWORK,
@@ -656,7 +658,7 @@ fn an_anchor_tells_the_departure_with_the_delay_that_its_radio_has_in_force() {
     });
     anchor.calibrate(RadioDuration::from_ticks(16_500));
     let (mut now, mut event) = (RadioInstant::from_ticks(1 << 30), Event::Started);
-    // Nobody is there: it founds a network.
+    // No other node is there: it founds a network.
     while let Action::Receive { window, .. } = anchor.step(now, event) {
         (now, event) = (now.plus(window), Event::Timeout);
     }
@@ -670,6 +672,6 @@ fn an_anchor_tells_the_departure_with_the_delay_that_its_radio_has_in_force() {
         panic!("no answer");
     };
     let Ok(Frame { message: Message::Response(response), .. }) = Frame::parse(frame) else { panic!("no response") };
-    // The chip starts with the low nine bits of the instant at zero.
+    // The chip starts with the low nine bits of the instant set to zero.
     assert_eq!(response.reply.ticks(), start.snapped().since(now).ticks() + 16_500);
 }

@@ -1,4 +1,4 @@
-//! Tags that range at a certain rate, on a small air: their receiver is hardly on, and nothing is lost by it.
+//! Tags with a fixed low rate, on a small simulated air: their receiver is on only briefly, and no accuracy is lost.
 
 mod air;
 
@@ -39,7 +39,8 @@ fn sleeper(address: u16, period_ms: u32) -> Boxed {
     boxed_sleeper(tag)
 }
 
-/// Rounds a second, the share of the time for which the receiver was on, and the errors' mean and deviation, metres, from `from` on.
+/// Rounds a second, the fraction of time with the receiver on, and the errors' mean and deviation, metres, from `from`
+/// on.
 fn figures(air: &mut Air, tag: usize, anchors: &[usize], from: f64, to: f64) -> (f64, f64, (f64, f64)) {
     air.run_until(from);
     let before = air.received(tag);
@@ -61,7 +62,7 @@ fn ten_rounds_a_second_need_the_receiver_for_a_fiftieth_of_the_time() {
         let node = air.add([1.0, 2.0, 1.0], -20.0, tag);
         let (rate, share, (bias, deviation)) = figures(&mut air, node, &anchors, 5.0, 35.0);
         assert!(rate > 9.9, "{rate} rounds a second");
-        // Each four responses, 1.1 ms, each second a sync frame of 0.4 ms: 1.3 % of 100 ms.
+        // Four responses each time, 1.1 ms, and every second time a sync frame of 0.4 ms: 1.3 % of 100 ms.
         assert!((0.008..0.02).contains(&share), "{share}");
         assert!(bias.abs() < 0.01 && deviation < deviation_m, "{bias}, {deviation}");
         assert_eq!(air.collisions, 0);

@@ -1,4 +1,4 @@
-//! A tag whose frames have to be a millisecond apart, on a small air.
+//! A tag whose frames must be a millisecond apart, on a small simulated air.
 
 mod air;
 
@@ -9,7 +9,8 @@ use ranging::{PhyConfig, RadioDuration};
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 const SPACING_US: u32 = 1_000;
 
-/// A greedy tag's rounds in three seconds, and the shortest time from the beginning of one of its frames to that of the next, seconds.
+/// A greedy tag's rounds in three seconds, and the shortest time from the beginning of one of its frames to that of the
+/// next, seconds.
 fn rounds_and_spacing(anchors: u16, scheme: Scheme, is_spaced: bool) -> (usize, f64) {
     let mut air = Air::new(NETWORK.phy, 1);
     anchors::room(&mut air, NETWORK, anchors, None);
@@ -35,8 +36,8 @@ fn frames_of_a_tag_are_a_millisecond_apart_where_that_is_asked_for() {
         assert!(spacing_s < 0.95e-3, "{what}: {spacing_s} s without being asked");
         // The tag's clock is 20 ppm slow.
         assert!(spaced_s > 0.9999e-3, "{what}: {spaced_s} s");
-        // Three seconds less half of one to join, and a sixth for sync frames: 2.1 s. A round of one anchor takes a millisecond or a little more, a
-        // double-sided one of four anchors three and a half.
+        // Three seconds minus half a second to join, and minus a sixth for sync frames: 2.1 s. A round of one anchor
+        // takes a millisecond or a little more, a double-sided one of four anchors three and a half.
         assert!(spaced_rounds > 600 && spaced_rounds <= rounds, "{what}");
     }
 }

@@ -1,18 +1,20 @@
-//! What is wrong with a TOML file, from what `toml` and `serde` say of it: the line, the key, what stands there and what must.
+//! Explains an error in a TOML file from the messages of `toml` and `serde`: the line, the key, the found value and
+//! the expected one.
 
 use std::ops::Range;
 
 /// An error in a text, and its line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Explained {
-    /// From 1.
+    /// The line, from 1.
     pub line: usize,
     /// What is wrong, in one line.
     pub message: String,
 }
 
-/// Explains an error of `toml`: its span in the text and its message. An unknown key or name is answered with the known one that is near
-/// it, a value of the wrong kind with its key, itself and what it must be.
+/// Explains an error of `toml`, from its span in the text and its message. For an unknown key or name, the
+/// explanation has the nearest known one, if one is near. For a value of the wrong kind, it has the key, the value
+/// and the expected kind.
 pub fn explain(text: &str, span: Option<Range<usize>>, message: &str) -> Explained {
     let span = span.unwrap_or(0..0);
     let (key, value) =
@@ -45,7 +47,7 @@ pub fn line_of(text: &str, offset: usize) -> usize {
     1 + text.as_bytes().iter().take(offset).filter(|byte| **byte == b'\n').count()
 }
 
-/// The known name that an unknown one is nearest to, where it is near.
+/// The known name that is nearest to an unknown one, if one is near.
 pub fn nearest<'w>(unknown: &str, known: &[&'w str]) -> Option<&'w str> {
     let score = |word: &str| strsim::jaro_winkler(&unknown.to_lowercase(), word);
     let near = known.iter().copied().max_by(|a, b| score(a).total_cmp(&score(b)))?;
@@ -58,7 +60,7 @@ fn key_before(text: &str, offset: usize) -> &str {
     before.rsplit(|c: char| c.is_whitespace() || matches!(c, ',' | '{' | '.')).next().unwrap_or("")
 }
 
-/// What `serde` expects, for people.
+/// The expectation of `serde`, in plain terms.
 fn must_be(expected: &str) -> &str {
     match expected {
         "u8" => "a whole number, 0 to 255",

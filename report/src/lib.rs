@@ -1,4 +1,5 @@
-//! What a result is reported with: [`Statistics`] of errors, a [`MarkdownTable`], and what is wrong with a TOML file ([`explain`]).
+//! Reports of results: [`Statistics`] of errors, a [`MarkdownTable`], and explanations of errors in TOML files
+//! ([`explain`]).
 #![forbid(unsafe_code)]
 
 mod explain;

@@ -7,7 +7,8 @@ use std::fmt::{Arguments, Display, Write as _};
 pub struct MarkdownTable(String);
 
 impl MarkdownTable {
-    /// A table with these column titles; a title with a colon at its end is that of numbers, which are aligned to the right.
+    /// A table with these column titles. A title with a colon at its end is of a column of numbers, which is aligned
+    /// to the right.
     pub fn new<T: Display>(titles: impl IntoIterator<Item = T>) -> Self {
         let (mut head, mut rule) = (String::from("|"), String::from("|"));
         for title in titles {

@@ -1,20 +1,20 @@
-//! Errors of many positions in four figures, and the figures by themselves.
+//! Statistics of the errors of many positions: a struct of four figures, and a function for each.
 
-/// Figures of a set of errors, in their unit.
+/// Statistics of a set of errors, in their unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Statistics {
-    /// √ of the mean square.
+    /// Root of the mean square.
     pub rmse: f64,
     /// Mean.
     pub mae: f64,
     /// Median.
     pub p50: f64,
-    /// What nine of ten stay below.
+    /// 90th percentile.
     pub p90: f64,
 }
 
 impl Statistics {
-    /// The figures of errors that are not negative, in any order; `None` where there is none.
+    /// The statistics of errors that are not negative, in any order; `None` without errors.
     pub fn of(errors: &[f64]) -> Option<Self> {
         let mut sorted = errors.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -27,19 +27,19 @@ impl Statistics {
     }
 }
 
-/// The arithmetic mean; NaN of none.
+/// The arithmetic mean; NaN without values.
 pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
     let (sum, count) = values.into_iter().fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
     sum / count
 }
 
-/// √ of the mean square; NaN of none.
+/// Root of the mean square; NaN without values.
 pub fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
     mean(values.into_iter().map(|value| value * value)).sqrt()
 }
 
-/// The value of a sorted set below which `share` of it lies, between two neighbours interpolated linearly (Hyndman and Fan, The American
-/// Statistician 50(4), 1996, definition 7; NumPy's default); NaN of none.
+/// The value below which `share` of a sorted set lies, linearly interpolated between two neighbours (Hyndman and Fan,
+/// The American Statistician 50(4), 1996, definition 7; NumPy's default); NaN without values.
 pub fn percentile(sorted: &[f64], share: f64) -> f64 {
     let index = share * sorted.len().saturating_sub(1) as f64;
     match (sorted.get(index.floor() as usize), sorted.get(index.ceil() as usize)) {
@@ -54,7 +54,8 @@ mod tests {
 
     #[test]
     fn figures_are_those_of_a_hand_calculation() {
-        // Mean 20 ⁄ 5; squares 1 + 4 + 9 + 16 + 100 = 130, √26 = 5.09902; the third of five; 0.9 · 4 = 3.6: 4 + 0.6 · (10 − 4).
+        // Mean 20 ⁄ 5; squares 1 + 4 + 9 + 16 + 100 = 130, √26 = 5.09902; the third of five; 0.9 · 4 = 3.6: 4 + 0.6 ·
+        // (10 − 4).
         let figures = Statistics::of(&[10.0, 2.0, 3.0, 1.0, 4.0]).expect("five errors");
         assert_eq!((figures.mae, figures.p50), (4.0, 3.0));
         assert!((figures.rmse - 5.099_02).abs() < 1e-5 && (figures.p90 - 7.6).abs() < 1e-12, "{figures:?}");

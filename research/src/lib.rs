@@ -1,8 +1,9 @@
-//! Papers re-enacted on drawn data, and what they need that no node runs.
+//! Reproductions of published benchmarks on simulated data, and the code that only they need and no node runs.
 //!
 //! | module | what is in it |
 //! |---|---|
-//! | [`fusion`] | the filter of patent ES 2 397 388, which takes ranges and received powers together; [`fusion::bench`] compares it with the engine |
+//! | [`fusion`] | the filter of patent ES 2 397 388, of ranges and powers; [`fusion::bench`] compares it with the
+//! engine |
 //! | [`garcia`] | E. García et al.: differences of arrival with detection of blocked paths by their skewness |
 //! | [`barral`] | V. Barral et al.: classifiers and mitigators of blocked ranges |
 //! | [`linde`] | A. Linde Cerezo's thesis: four Bluetooth beacons in a room |

@@ -1,10 +1,12 @@
 //! Errors of UWB ranges indoors, as Alavi and Pahlavan modelled them (IEEE Communications Letters 10(4), 2006), and the
-//! simulated room in which P. M. de Rojas Malpartida compared positioning methods (*Evaluación de un sistema UWB frente a
-//! medidas sin línea de visión directa*, Universidad de Sevilla, 2021, equations 7-1 to 7-5, section 8.1, annexes A and G).
+//! simulated room in which P. M. de Rojas Malpartida compared positioning methods (*Evaluación de un sistema UWB frente
+//! a medidas sin línea de visión directa*, Universidad de Sevilla, 2021, equations 7-1 to 7-5, section 8.1, annexes A
+//! and G).
 //!
-//! In flow a true distance and a random stream, out flows a measured range. Where the thesis' text and its annexed code differ,
-//! this follows the code:
-//! - the mean of the multipath error stands outside of the logarithm (7-3 multiplies it), and the logarithm is decimal;
+//! The functions take a true distance and a random stream, and return a measured range. Where the thesis' text and its
+//! annexed code differ, this module follows the code:
+//! - the mean of the multipath error is added outside of the logarithm (equation 7-3 multiplies it by the logarithm),
+//!   and the logarithm is decimal;
 //! - a path is undetected (UDP) with probability ½ at every distance (the 0.064 and 0.620 of 7-4 cancel in the code);
 //! - the error of an undetected path may be negative (the text forbids it).
 
@@ -22,14 +24,14 @@ const UNDETECTED_SIGMA_M: f64 = 0.604;
 
 /// The room's sides, metres.
 pub const ROOM_M: [f64; 2] = [9.5, 7.5];
-/// How many anchors stand on the room's perimeter.
+/// The number of anchors on the room's perimeter.
 pub const ANCHORS: usize = 12;
 /// The box in which points are drawn, metres: least and greatest x and y.
 pub const POINTS_M: [[f64; 2]; 2] = [[0.5, 0.5], [9.0, 7.0]];
 
-/// The measured range over a true distance, both in metres, with the direct path detected or not (7-1, 7-2).
+/// The measured range for a true distance, both in metres. The direct path is detected or not (equations 7-1, 7-2).
 pub fn measured_m(distance_m: f64, detected: bool, random: &mut impl Rng) -> f64 {
-    // libm's logarithm, so that equal seeds give equal ranges on every machine.
+    // The logarithm is libm's, so that equal seeds give equal ranges on every machine.
     let multipath = MULTIPATH_MEAN_M + MULTIPATH_SIGMA_M * normal(random) * libm::log10(1.0 + distance_m);
     let undetected = if detected { 0.0 } else { UNDETECTED_MEAN_M + UNDETECTED_SIGMA_M * normal(random) };
     distance_m + multipath + undetected
@@ -53,13 +55,13 @@ pub struct Range {
 pub struct Point {
     /// Where the tag is, metres.
     pub position_m: [f64; 2],
-    /// What it measures, in the order of [`anchors_m`].
+    /// The measured ranges, in the order of [`anchors_m`].
     pub ranges: [Range; ANCHORS],
 }
 
-/// The anchors, evenly on the perimeter of the room, counter-clockwise from the corner (0, 0), metres.
+/// The anchors, metres. They are evenly spaced on the perimeter of the room, counter-clockwise from the corner (0, 0).
 ///
-/// The thesis says no more than "evenly"; it never printed the places.
+/// The thesis says only that they are evenly spaced; it does not print their positions.
 pub fn anchors_m() -> [[f64; 2]; ANCHORS] {
     let [width, depth] = ROOM_M;
     let spacing = 2.0 * (width + depth) / ANCHORS as f64;
@@ -71,7 +73,7 @@ pub fn anchors_m() -> [[f64; 2]; ANCHORS] {
     })
 }
 
-/// A point at a random place of [`POINTS_M`], every direct path of which is detected with probability ½.
+/// A point at a random position within [`POINTS_M`]. Each direct path is detected with probability ½.
 pub fn point(random: &mut impl Rng) -> Point {
     let [least, greatest] = POINTS_M;
     let position_m: [f64; 2] = std::array::from_fn(|axis| random.random_range(least[axis]..=greatest[axis]));
@@ -101,7 +103,7 @@ mod tests {
 
     #[test]
     fn a_detected_path_errs_by_the_multipath_model() {
-        // log10(1 + 9) = 1, log10(1 + 99) = 2. The mean of 200,000 draws scatters by σ ⁄ 447.
+        // log10(1 + 9) = 1, log10(1 + 99) = 2. The mean of 200,000 draws has the standard deviation σ ⁄ 447.
         let (mean, sigma) = error_at(9.0, true);
         assert!((mean - 0.09).abs() < 0.002 && (sigma - 0.136).abs() < 0.002, "{mean} {sigma}");
         let (mean, sigma) = error_at(99.0, true);
@@ -117,7 +119,8 @@ mod tests {
 
     #[test]
     fn anchors_are_evenly_on_the_perimeter() {
-        // Spacing 34 ⁄ 12 = 2.8333 m: three more fit on the side of 9.5 m (8.5), then two beyond the corner on that of 7.5 m …
+        // The spacing is 34 ⁄ 12 = 2.8333 m. Three more anchors fit on the side of 9.5 m (up to 8.5 m); the next two
+        // are beyond the corner, on the side of 7.5 m …
         let anchors = anchors_m();
         let expected = [
             [0.0, 0.0],
@@ -146,7 +149,7 @@ mod tests {
         // 60,000 fair coins: 30,000 ± 4 · √15,000.
         assert!((29_510..=30_490).contains(&detected), "{detected}");
         let mean_x = points.iter().map(|point| point.position_m[0]).sum::<f64>() / 5_000.0;
-        // Uniform on [0.5, 9]: mean 4.75, σ 8.5 ⁄ √12 = 2.454, of the mean 0.035.
+        // Uniform on [0.5, 9]: the mean is 4.75, σ is 8.5 ⁄ √12 = 2.454, and σ of the mean is 0.035.
         assert!((mean_x - 4.75).abs() < 0.14, "{mean_x}");
         assert!(points.iter().all(|point| (0.5..=9.0).contains(&point.position_m[0])));
         assert!(points.iter().all(|point| (0.5..=7.0).contains(&point.position_m[1])));

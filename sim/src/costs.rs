@@ -1,10 +1,12 @@
-//! What a node's code costs, in instructions: the table `costs.csv`, which `cargo xtask bench costs` makes in QEMU and from which that of
-//! `docs/performance.md` is made, too; and the radio and the machine that charge their node's [`Processor`] by it.
+//! What a node's code costs, in instructions, and the radio and the protocol that charge these costs to their node's
+//! [`Processor`]. The table is `costs.csv`, which `cargo xtask bench costs` makes in QEMU. The table in
+//! `docs/performance.md` is made from it too.
 //!
-//! Counted are the firmware's own crates as the firmware's profile compiles them: the driver over a bus that takes nothing, between one
-//! transaction and the next; each step of the exchange's machines by the frame it is about; waking by the executor, down to what
-//! the task waited for; a round in the engine, and telling of its position. What the board's own code adds (bus, interrupt handlers,
-//! timers) is the [`BoardProfile`](dw1000_sim::BoardProfile)'s. Nothing of it was measured on a board.
+//! The costs cover the firmware's own crates, compiled with the firmware's profile: the driver over a bus that takes no
+//! time, between one transaction and the next; each step of the exchange's protocols by the frame that it handles; the
+//! wake-up by the executor, down to the awaited operation; a round in the engine, and the report of its position. The
+//! board's own code (bus, interrupt handlers, timers) is part of the [`BoardProfile`](dw1000_sim::BoardProfile). None
+//! of these costs was measured on a board.
 
 use std::sync::LazyLock;
 
@@ -24,17 +26,18 @@ const CORES: [(&str, Core); 3] =
 /// Instructions on one kind of processor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Costs {
-    /// From a task's being marked ready to its first instruction after the wait, the executor's part included.
+    /// From the instant at which a task is marked ready to its first instruction after the wait, the executor's part
+    /// included.
     pub wake: u32,
     /// The driver's operations.
     pub driver: DriverCosts,
-    /// The steps of the exchange's machines.
+    /// The steps of the exchange's protocols.
     pub machine: ProtocolCosts,
-    /// What a tag does beside ranging.
+    /// What a tag does besides ranging.
     pub tag: TagCosts,
 }
 
-/// The driver's operations, beside their transactions.
+/// The driver's operations, without their transactions.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DriverCosts {
     /// Each transaction, without the bus.
@@ -49,65 +52,65 @@ pub struct DriverCosts {
     pub receive_begin: u32,
     /// The same with the receiver on already.
     pub receive_go_on: u32,
-    /// Receiving, from the interrupt on, with what the diagnostics are computed of.
+    /// Receiving, from the interrupt on, with the inputs of the diagnostics.
     pub receive_frame: u32,
     /// Receiving, from the interrupt on, when the window has passed.
     pub receive_timeout: u32,
-    /// Sent, from the interrupt on.
+    /// The end of a transmission, from the interrupt on.
     pub sent: u32,
     /// Switching the transceiver off.
     pub idle: u32,
 }
 
-/// The steps of the machines, by what they are about.
+/// The steps of the protocols, by the frame or event that they handle.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProtocolCosts {
     /// A tag makes its poll.
     pub poll_made: u32,
     /// An anchor answers a poll.
     pub poll_answered: u32,
-    /// A tag makes a range of a response.
+    /// A tag computes a range from a response.
     pub response_received: u32,
     /// The same with the last response, and the round is reported.
     pub round_ended: u32,
-    /// A beacon is taken in.
+    /// A sync frame is processed.
     pub beacon_received: u32,
-    /// An anchor makes its beacon.
+    /// An anchor makes its sync frame.
     pub beacon_made: u32,
-    /// A frame is left alone that is for somebody else.
+    /// A frame for another node is ignored.
     pub overheard: u32,
     /// Anything else: the next window or wait is chosen.
     pub scheduled: u32,
 }
 
-/// What a tag does beside ranging.
+/// What a tag does besides ranging.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TagCosts {
-    /// A round goes from ranging to the engine: ranging's part.
+    /// The handover of a round from ranging to the engine: ranging's part.
     pub handover: u32,
-    /// A round of 4 and of 8 ranges in the engine that tracks, in the plane, with its position published.
+    /// A round of 4 and of 8 ranges in the engine with tracking, in the plane, with its position published.
     pub track_plane: [u32; 2],
     /// The same in space.
     pub track_space: [u32; 2],
-    /// The same, each round solved by itself, by the most expensive method, `robust`.
+    /// The same, with each round solved by itself by the most expensive method, `robust`.
     pub solve_plane: [u32; 2],
     /// The same in space.
     pub solve_space: [u32; 2],
-    /// A range, published with it.
+    /// A range that is published with the position.
     pub publish_range: u32,
     /// A line of the log.
     pub line: u32,
-    /// The features of an impulse response that was read, its magnitudes included.
+    /// The features of an impulse response that was read, with the computation of its magnitudes.
     pub features: u32,
-    /// A beacon's advertisement, found in the list and smoothed.
+    /// An advertisement of a beacon: found in the list and smoothed.
     pub advert: u32,
 }
 
-/// The numbers of ranges of the table.
+/// The numbers of ranges that the table has costs for.
 const RANGES: [f64; 2] = [4.0, 8.0];
 
 impl TagCosts {
-    /// A round of `ranges` ranges, by the line through the table's.
+    /// The cost of a round of `ranges` ranges, by the straight line through the table's two values.
     pub fn round(&self, tracks: bool, space: bool, ranges: usize) -> u32 {
         let costs = match (tracks, space) {
             (true, false) => self.track_plane,
@@ -122,7 +125,7 @@ impl TagCosts {
 }
 
 impl Costs {
-    /// Those of a kind of processor.
+    /// The costs for a kind of processor.
     pub fn of(core: Core) -> &'static Self {
         static COSTS: LazyLock<[Costs; 3]> = LazyLock::new(|| {
             CORES.map(|(name, _)| match parse(TABLE, name) {
@@ -135,7 +138,7 @@ impl Costs {
     }
 }
 
-/// The column `name` of a table.
+/// Parses the column `name` of a table.
 fn parse(table: &str, name: &str) -> Result<Costs, String> {
     let mut lines = table.lines().map(|line| line.split(','));
     let header = lines.next().ok_or("empty")?;
@@ -186,35 +189,35 @@ fn parse(table: &str, name: &str) -> Result<Costs, String> {
     })
 }
 
-/// A machine, or a radio, whose code costs its node's processor time.
+/// A protocol or a radio whose code takes processor time of its node.
 pub struct Charged<T> {
     inner: T,
     processor: Processor,
     costs: &'static Costs,
-    /// Of a radio: the receiver stayed on after the last operation.
+    /// For a radio: the receiver stayed on after the last operation.
     listens: bool,
-    /// Of a machine: the last step reported a round, which goes to the engine before the next.
+    /// For a protocol: the last step reported a round, which is handed to the engine before the next step.
     hands_over: bool,
-    /// Of a machine: responses for others than this address it leaves alone. `None`: it takes all.
+    /// For a protocol: it ignores responses to other addresses than this one. `None`: it takes all responses.
     address: Option<u16>,
 }
 
 impl<T> Charged<T> {
-    /// Charges `processor` for what `inner` does.
+    /// Charges the costs of `inner` to `processor`.
     pub fn new(inner: T, processor: &Processor) -> Self {
         let costs = Costs::of(processor.board().core);
         Self { inner, processor: processor.clone(), costs, listens: false, hands_over: false, address: None }
     }
 
-    /// Of a machine that leaves alone what is for others than this address.
+    /// For a protocol that ignores responses to other addresses than this one.
     pub fn with_address(self, address: u16) -> Self {
         Self { address: Some(address), ..self }
     }
 }
 
 impl ProtocolCosts {
-    /// What a step was about. A frame of another exchange counts as the native one in its place: a blink or an answer as what is made or
-    /// received.
+    /// The cost of a step. A frame of another exchange counts as the native frame in its place: a blink or an answer
+    /// counts as the frame that is made or received.
     fn of_step(&self, address: Option<u16>, event: &Event<'_>, action: &Action<'_>) -> u32 {
         let message = |bytes: &[u8]| Frame::parse(bytes).ok().map(|frame| frame.message);
         let sent = match action {
@@ -269,7 +272,8 @@ impl ProtocolCosts {
 
 impl<M: Protocol> Protocol for Charged<M> {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
-        // The node's loop reads the clock before it hands a round over, so that this is paid after the step that reports it.
+        // The node's loop reads the clock before it hands a round over, so this is charged after the step that reports
+        // the round.
         let handover = if core::mem::take(&mut self.hands_over) { self.costs.tag.handover } else { 0 };
         let action = self.inner.step(now, event);
         self.hands_over = match &action {
@@ -414,7 +418,7 @@ mod tests {
     fn rounds_between_the_tables_are_on_a_line() {
         let tag = &Costs::of(Core::CortexM4F).tag;
         let costs = TagCosts { track_plane: [1000, 3000], ..tag.clone() };
-        // 500 a range.
+        // 500 instructions per range.
         let expected = [(0, 0), (3, 500), (4, 1000), (6, 2000), (8, 3000), (10, 4000)];
         for (ranges, instructions) in expected {
             assert_eq!(costs.round(true, false, ranges), instructions, "{ranges}");

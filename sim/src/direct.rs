@@ -1,8 +1,9 @@
-//! A radio straight on the air: [`ranging::Radio`] without a chip, a bus or an interrupt in between.
+//! A radio directly on the air: [`ranging::Radio`] without a chip, a bus or an interrupt in between.
 //!
-//! It hears, is deaf, is late and loses frames as the chip does, on the same air and with the same kind of clock, and takes the time
-//! that a board takes for the driver's transactions and interrupts, by the node's [`Processor`] and the table of [`Costs`]. A thousand
-//! nodes run in the time that a dozen take on simulated chips.
+//! It receives frames, misses frames, is late and loses frames as the chip does, on the same air and with the same kind
+//! of clock. Its operations take the time that the driver's transactions and interrupts take on a board, by the node's
+//! [`Processor`] and the table of [`Costs`]. A simulation of a thousand such nodes takes as long as one of a dozen
+//! nodes on simulated chips.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -35,42 +36,44 @@ use crate::random::{Purpose, stream};
 use crate::{Processor, TrueTime, World};
 
 const CHECK: Crc<u16> = Crc::<u16>::new(&CRC_16_KERMIT);
-/// From a command to the first preamble symbol, ticks (10 µs): a delayed start nearer than this is late.
+/// From a command to the first preamble symbol, ticks (10 µs): a delayed start that is nearer than this is late.
 const LEAD_TICKS: i64 = 638_976;
-/// Radiated power: the regulatory limit, −41.3 dBm/MHz over 500 MHz, and what short frames are boosted by (smart power,
-/// DW1000 user manual, 7.2.31.2).
+/// Radiated power: the regulatory limit, −41.3 dBm/MHz over 500 MHz. Below: how much short frames are boosted (smart
+/// power, DW1000 user manual, 7.2.31.2).
 const RADIATED_DBM: f64 = -14.3;
 const BOOSTS: [(f64, f64); 3] = [(125.0, 9.0), (250.0, 6.0), (500.0, 3.0)];
-/// Deviation of the clock offset that the carrier integrator shows, millionths.
+/// Standard deviation of the clock offset that the carrier integrator reports, parts per million.
 const CARRIER_DEVIATION_PPM: f64 = 0.05;
-/// Receptions that wait for the node at most, as in the chip's two buffers.
+/// The maximum number of receptions that wait for the node, as in the chip's two buffers.
 const BUFFERS: usize = 2;
-/// The driver's transactions and bytes on the bus, beside the frame's (`ranging::dw1000`, "What goes over the bus"): of sending at once
-/// and at an instant, what must be there before the frame can leave, and what follows when it has left; at an instant, also what is
-/// looked up while it leaves.
+/// The driver's transactions and bytes on the bus, without the frame's bytes (`ranging::dw1000`, "What goes over the
+/// bus"), for sending at once and at an instant: what must be written before the frame can leave, and what follows when
+/// it has left. For sending at an instant, also what is read while the frame leaves.
 const LOAD_NOW: (u64, usize) = (2, 3);
 const LOAD_AT: (u64, usize) = (3, 9);
 const ARMED: (u64, usize) = (2, 9);
 const SENT_NOW: (u64, usize) = (3, 10);
 const SENT_AT: (u64, usize) = (2, 4);
-/// Of receiving: the receiver on, with another wait in the chip's timer; of a frame, what comes before the receiver can be on again, that,
-/// and the rest; the end of a window.
+/// The same for receiving: switching the receiver on, with another wait in the chip's timer; for a frame, what precedes
+/// switching the receiver on again, the switching on, and the rest; the end of a window.
 const LISTEN: (u64, usize) = (2, 6);
 const FRAME_SEEN: (u64, usize) = (2, 13);
 const LISTEN_AGAIN: (u64, usize) = (1, 3);
 const FRAME_READ: (u64, usize) = (6, 31);
 const WINDOW_OVER: (u64, usize) = (4, 17);
-/// A receiver that listens is switched off: by itself, before a frame that is sent at once, and before one at an instant.
+/// The same for switching off a receiver that listens: by itself, before a frame that is sent at once, and before a
+/// frame that is sent at an instant.
 const STOP: (u64, usize) = (2, 7);
 const STOP_AND_SEND: (u64, usize) = (2, 8);
 const STOP_AND_SEND_AT: (u64, usize) = (1, 2);
-/// The chip's clock, read.
+/// The same for reading the chip's clock.
 const CLOCK: (u64, usize) = (1, 6);
-/// What the end of a window takes at least, ticks (1 µs): a node that asks again for what is left must not stop time.
+/// The minimum time that the end of a window takes, ticks (1 µs). Without it, a node that asks again for the rest of
+/// the window could stop time.
 const WINDOW_END_TICKS: i64 = 63_898;
 const WRAP: u64 = 1 << 40;
 
-/// A node's antenna and oscillator: what stays when the node is switched off and on.
+/// A node's antenna and oscillator, which persist when the node is switched off and on.
 #[derive(Clone)]
 pub struct Antenna {
     world: World,
@@ -81,28 +84,28 @@ pub struct Antenna {
     state: Rc<RefCell<State>>,
 }
 
-/// A radio on the air. Dropped, it hears nothing.
+/// A radio on the air. After it is dropped, nothing is received.
 pub struct Direct {
     antenna: Antenna,
     pace: Pace,
 }
 
-/// What the air talks to.
+/// The client of the air.
 struct State {
     port: PortId,
     settings: RxSettings,
-    /// Network and address, of those who want to hear nothing else.
+    /// Network and address, if only frames for them are received.
     filter: Option<(u16, u16)>,
     clock: Clock,
     /// The receiver is on.
     listening: bool,
     heard: VecDeque<Option<Received>>,
-    /// What was accumulated of the last frame, while the receiver is off after it.
+    /// The accumulator of the last frame, while the receiver is off after it.
     accumulated: Option<Response>,
     waiting: Option<Waker>,
 }
 
-/// A frame that came whole.
+/// A frame that was received without errors.
 struct Received {
     bytes: Rc<[u8]>,
     rx_time: RadioInstant,
@@ -111,9 +114,9 @@ struct Received {
 }
 
 impl Antenna {
-    /// An antenna that moves along `path`, at a board with this processor; its clock starts anywhere. Of the driver's configuration
-    /// it takes the PHY and, unless the filter is off, network and address: then data frames to this node and to everyone are
-    /// heard.
+    /// An antenna that moves along `path`, on a board with this processor. Its clock starts at a random count. It takes
+    /// the PHY from the driver's configuration and, unless the filter is off, the network and the address: then only
+    /// data frames to this node and to everyone are received.
     pub fn new(world: &World, path: Path, clock: ClockConfig, config: &Config, processor: Processor) -> Self {
         let phy = &config.phy;
         let air_phy = air_phy(phy);
@@ -142,7 +145,7 @@ impl Antenna {
         self.port
     }
 
-    /// The radio at this antenna; there is one at a time.
+    /// The radio at this antenna. Only one may exist at a time.
     pub fn radio(&self) -> Direct {
         Direct { antenna: self.clone(), pace: Pace::default() }
     }
@@ -162,7 +165,8 @@ impl Antenna {
         state.heard.clear();
     }
 
-    /// The processor has so many transactions, of so many bytes together; each of one operation.
+    /// Makes the processor spend the time of `transactions` transactions of `bytes` bytes together. Each transaction
+    /// has one operation.
     async fn bus(&self, (transactions, bytes): (u64, usize)) {
         let board = self.processor.board();
         self.processor.charge(self.costs.driver.transaction * transactions as u32);
@@ -183,18 +187,18 @@ impl Antenna {
         self.state.borrow_mut().clock.count_at(self.world.now()).ticks() as i64
     }
 
-    /// True time at which the counter, unwrapped, shows this.
+    /// The true time at which the unwrapped counter shows `ticks`.
     fn time_of(&self, ticks: i64) -> TrueTime {
         self.state.borrow_mut().clock.time_of(Count::from_ticks(ticks as u64))
     }
 
-    /// The unwrapped count of an instant within half a wrap of now.
+    /// The unwrapped count of an instant that is at most half a wrap from now.
     fn unwrap(&self, instant: RadioInstant) -> i64 {
         let now = self.ticks_now();
         now + instant.since(RadioInstant::from_ticks(now as u64)).ticks()
     }
 
-    /// The next thing heard by `until`.
+    /// The next reception up to `until`.
     async fn next(&self, until: TrueTime) -> Option<Option<Received>> {
         let mut timer = pin!(self.world.sleep_until(until));
         poll_fn(|context| {
@@ -233,7 +237,7 @@ impl State {
         }
         let stamp = self.clock.count_at(reception.marker).plus_ticks(reception.stamp_error_ps * TICKS_PER_PS);
         let response = Response::of(reception);
-        // What the chip would make of the powers.
+        // The chip's estimates of the powers.
         let (link, prf) = (&reception.link, reception.phy.prf);
         let rx_power_dbm = estimated_dbm(prf, link.power_dbm);
         let first_path_power_dbm = link.first_path_dbm + rx_power_dbm - link.power_dbm;
@@ -334,7 +338,7 @@ impl Radio for Direct {
         }
         let begin = antenna.time_of(marker - shr);
         if let Start::At(_) = start {
-            // While the frame leaves, if there is no time before.
+            // This is done while the frame leaves, if there is no time before.
             antenna.processor.charge(antenna.costs.driver.transaction * ARMED.0 as u32);
         }
         antenna.processor.settle(antenna.world.now());
@@ -397,7 +401,7 @@ impl Radio for Direct {
         let antenna = &self.antenna;
         antenna.listen();
         let until = antenna.time_of(begin + window.ticks().max(0) + WINDOW_END_TICKS);
-        // What was charged is done while the frame is waited for, and not after it.
+        // The charged work is done while the frame is awaited, not after it.
         antenna.processor.settle(antenna.world.now());
         let heard = antenna.next(until).await;
         antenna.wake().await;
@@ -511,7 +515,7 @@ fn settings(phy: &PhyConfig, air: &Phy) -> RxSettings {
         slow: air.rate == Rate::Kbps110,
         long_frames: false,
         pac: phy.pac().symbols(),
-        // Preamble, delimiter and one symbol more, less a chunk (DW1000 user manual, 4.1.3).
+        // Preamble, delimiter and one more symbol, minus one chunk (DW1000 user manual, 4.1.3).
         sfd_timeout: air.preamble + 1 + air.sfd.symbols - phy.pac().symbols(),
     }
 }

@@ -1,8 +1,8 @@
-//! A small recording to try things on: a tag is carried two rounds through a room of 9 × 6.5 × 2.8 m with eight anchors at
-//! different heights and a metal cupboard in its middle.
+//! A small example recording. A tag is carried two rounds through a room of 9 × 6.5 × 2.8 m with eight anchors at
+//! different heights and a metal cupboard in the middle.
 //!
-//! A range whose straight line meets the cupboard lacks its direct path; errors are those of [`alavi_pahlavan`]. A few
-//! ranges are lost, and for half a second most of them. In flows a seed, out flows the same recording on every machine.
+//! A range whose straight line meets the cupboard has no direct path. The errors are those of [`alavi_pahlavan`]. A few
+//! ranges are lost, and most of them during half a second. A seed gives the same recording on every machine.
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -28,14 +28,14 @@ const PERIOD_S: f64 = 0.1;
 /// Two rounds of about 16 m in 30 s: a walk.
 const ROUND_S: f64 = 15.0;
 const LOSS: f64 = 0.03;
-/// While another transmitter is on the air, hardly a range comes through.
+/// While another transmitter is on the air, most ranges are lost.
 const JAMMED_S: (f64, f64) = (14.0, 14.5);
 const LOSS_WHILE_JAMMED: f64 = 0.75;
 
 /// One range to one anchor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
-    /// Place of the anchor in [`ANCHORS_M`].
+    /// Index of the anchor in [`ANCHORS_M`].
     pub anchor: usize,
     /// The measured range, metres.
     pub range_m: f64,
@@ -48,7 +48,7 @@ pub struct Range {
 pub struct Epoch {
     /// Seconds since the walk began.
     pub t_s: f64,
-    /// Where the tag truly is, metres.
+    /// The true position of the tag, metres.
     pub position_m: [f64; 3],
     /// The ranges that came through.
     pub ranges: Vec<Range>,
@@ -76,7 +76,7 @@ fn measure(t_s: f64, random: &mut impl Rng) -> Epoch {
     Epoch { t_s, position_m, ranges }
 }
 
-/// Round the cupboard, once wider and once closer, the tag swaying in the hand.
+/// The path around the cupboard, once wider and once closer. The tag sways in the hand.
 fn walk(t_s: f64) -> [f64; 3] {
     let angle = std::f64::consts::TAU * t_s / ROUND_S;
     let wide = 1.0 + 0.12 * libm::cos(0.5 * angle);
@@ -87,8 +87,8 @@ fn walk(t_s: f64) -> [f64; 3] {
     ]
 }
 
-/// Whether the segment between two points meets a box along the axes: on every axis the segment is between the two faces for an
-/// interval of its length, and the three intervals must have a part in common.
+/// Whether the segment between two points meets a box along the axes. On every axis the segment is between the two
+/// faces for an interval of its length; the three intervals must have a common part.
 fn meets(from: &[f64; 3], to: &[f64; 3], [least, greatest]: &[[f64; 3]; 2]) -> bool {
     let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
     for axis in 0..3 {
@@ -138,7 +138,7 @@ mod tests {
         let ranges: Vec<&Range> = epochs.iter().flat_map(|epoch| &epoch.ranges).collect();
         let blocked = ranges.iter().filter(|range| !range.line_of_sight).count();
         assert!((300..900).contains(&blocked), "{blocked} of {}", ranges.len());
-        // 2,360 with three in a hundred lost, 40 with three in four: 2,299 ± 4 · √(68.7 + 7.5).
+        // 2,360 ranges with three in a hundred lost, 40 with three in four lost: 2,299 ± 4 · √(68.7 + 7.5).
         assert!((2_264..=2_334).contains(&ranges.len()), "{}", ranges.len());
         let few = epochs.iter().filter(|epoch| epoch.ranges.len() < 4).count();
         assert!((1..=5).contains(&few), "{few}");

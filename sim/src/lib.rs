@@ -1,8 +1,9 @@
-//! Desktop simulation: whole nodes, with drifting clocks, over register-level DW1000s and the air between them; and the error
-//! model of UWB ranges indoors, the room of the positioning benchmark, an example recording.
+//! Desktop simulation: whole nodes, with drifting clocks, on register-level DW1000s and the air between them. It also
+//! has the error model of UWB ranges indoors, the room of the positioning benchmark, and an example recording.
 //!
-//! Chips, air and virtual time are those of `dw1000-sim`, whose [`World`] this crate hands on. Beside them are the [`bluetooth`] air, of
-//! beacons and scanners, and a motion sensor, [`lis2dh12`]. Nothing here reads a wall clock: equal seeds give equal bytes.
+//! Chips, air and virtual time come from `dw1000-sim`, whose [`World`] this crate re-exports. This crate adds the
+//! [`bluetooth`] air with beacons and scanners, and a motion sensor, [`lis2dh12`]. No code here reads a wall clock:
+//! equal seeds give equal bytes.
 #![forbid(unsafe_code)]
 
 pub mod alavi_pahlavan;

@@ -1,4 +1,5 @@
-//! What a tag that sleeps takes from its supply, on register-level chips: the scenarios of `examples/battery*.toml`.
+//! The charge that a sleeping tag draws from its supply, on register-level chips, in the scenarios of
+//! `examples/battery*.toml`.
 
 use sim::scenario::{Charges, Scenario, Simulation, Summary};
 
@@ -42,6 +43,6 @@ fn a_tag_without_a_network_draws_a_third_of_a_milliampere_at_most() {
     assert_eq!(summary.fixes, 0);
     let current = summary.tag_mean_current_ma.unwrap();
     assert!(current < 0.3, "{summary:?}");
-    // It does look: 120 ms of 113 mA in 64 s are 0.21 mA.
+    // The tag does search for anchors: 120 ms of 113 mA in 64 s are 0.21 mA.
     assert!(current > 0.2, "{summary:?}");
 }

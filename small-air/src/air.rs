@@ -1,4 +1,4 @@
-//! Frames between nodes: who hears what, when by its own clock, and how.
+//! Frames between nodes: which nodes receive a frame, at which time of their own clocks, and with which diagnostics.
 
 use heapless::{Deque, HistoryBuf, Vec};
 use ranging::radio::MAX_FRAME;
@@ -8,36 +8,36 @@ use ranging::{Diagnostics, PhyConfig, RadioInstant};
 use crate::clock::{Crystal, micros, span, ticks};
 use crate::random::Random;
 
-/// Most nodes of a world.
+/// The maximum number of nodes in a world.
 pub const MAX_NODES: usize = 9;
-/// From the end of a frame until the node has read it, microseconds: with the 100 of [`STARTING_US`] less than the 250 that a
-/// DWM1001 is given for an answer.
+/// From the end of a frame until the node has read it, microseconds. Together with the 100 µs of [`STARTING_US`] this
+/// is less than the 250 µs that a DWM1001 has for an answer.
 const READING_US: u64 = 120;
 /// From a command until the first pulse can leave.
 pub const STARTING_US: u64 = 100;
-/// From the end of a frame until a receiver told to stay on hears the next.
+/// From the end of a frame until a receiver that stays on can receive the next one.
 const LISTEN_AGAIN_US: u64 = 30;
-/// From the end of a frame until it has passed every node: 900 m.
+/// From the end of a frame at the sender until it has passed every node: 900 m.
 const PASSED_US: u64 = 3;
-/// Frames kept for finding out what overlapped; more are not on the air at once.
+/// Frames kept to find overlaps. No more are on the air at the same time.
 const RECENT: usize = 16;
-/// Two receive buffers: the third frame before the first is read is lost.
+/// Two receive buffers: a third frame that ends before the first is read is lost.
 const BUFFERS: usize = 2;
-/// Standard deviation of a reception's stamp, thousandths of a tick: 0.1 ns.
+/// Standard deviation of a reception's time stamp, thousandths of a tick: 0.1 ns.
 const STAMP_NOISE: i64 = 6_400;
-/// Standard deviation of the carrier's reading, thousandths of a part in a billion: 0.2 ppm.
+/// Standard deviation of the carrier integrator's clock offset, thousandths of a part per billion: 0.2 ppm.
 const CARRIER_NOISE: i64 = 200_000;
-/// What the chip makes of −77 dBm, where its range bias is none (PRF 64).
+/// The chip's estimate for −77 dBm, where its range bias is zero (PRF 64).
 const RX_POWER_DBM: f32 = -81.5;
 /// Micrometres that light travels in a million ticks.
 const UM_IN_A_MILLION_TICKS: u64 = (METRES_PER_TICK * 1e12) as u64;
 
-/// Where a node is.
+/// The position of a node.
 #[derive(Clone, Copy, Debug)]
 pub enum Path {
-    /// Always here, millimetres.
+    /// A fixed position, millimetres.
     Fixed([i32; 3]),
-    /// Here after so many microseconds, millimetres.
+    /// The position after a time in microseconds, millimetres.
     Walk(fn(u64) -> [i32; 3]),
 }
 
@@ -50,45 +50,45 @@ impl Path {
     }
 }
 
-/// A node at its antenna.
+/// A node with its antenna.
 pub struct Node {
     place: Path,
     pub crystal: Crystal,
-    /// The receiver is on since then.
+    /// The time since which the receiver is on.
     pub listening: Option<u64>,
     /// The receiver stays on after a frame.
     pub stays_on: bool,
     pub heard: Deque<Arrival, BUFFERS>,
-    /// How often it slept.
+    /// The number of times it slept.
     pub naps: u32,
 }
 
 impl Node {
-    /// Transmitter and receiver off.
+    /// Switches transmitter and receiver off.
     pub fn switch_off(&mut self) {
         self.listening = None;
         self.heard.clear();
     }
 }
 
-/// A frame that came, or what is left of it.
+/// A frame that arrived, intact or broken.
 pub struct Arrival {
-    /// The node has read it.
+    /// The time at which the node has read it.
     pub ready: u64,
-    /// The receiver was on again, where it stayed on.
+    /// The time at which the receiver was on again, if it stayed on.
     pub listening: Option<u64>,
-    /// None: broken.
+    /// The frame; none if it is broken.
     pub frame: Option<Received>,
 }
 
-/// A frame that came whole.
+/// A frame that was received without errors.
 pub struct Received {
     pub bytes: Vec<u8, MAX_FRAME>,
     pub rx_time: RadioInstant,
     pub diagnostics: Diagnostics,
 }
 
-/// A frame on the air: first pulse, RMARKER, last pulse, in true time at the sender.
+/// A frame on the air: first pulse, RMARKER and last pulse, in true time at the sender.
 #[derive(Clone)]
 struct Flight {
     sender: usize,
@@ -98,7 +98,7 @@ struct Flight {
     bytes: Vec<u8, MAX_FRAME>,
 }
 
-/// When a frame was on the air.
+/// The time during which a frame was on the air.
 #[derive(Clone, Copy)]
 struct Span {
     sender: usize,
@@ -122,13 +122,13 @@ impl Air {
         Self { phy, random, loss_per_mille, nodes: Vec::new(), flying: Vec::new(), recent: HistoryBuf::new() }
     }
 
-    /// A node more; its number, or none where there is no room.
+    /// Adds a node. Returns its number, or none if there is no room.
     pub fn add(&mut self, place: Path, crystal: Crystal) -> Option<usize> {
         let node = Node { place, crystal, listening: None, stays_on: false, heard: Deque::new(), naps: 0 };
         self.nodes.push(node).ok().map(|()| self.nodes.len() - 1)
     }
 
-    /// Puts a frame on the air whose RMARKER leaves at `rmarker`; when it ends.
+    /// Puts a frame on the air whose RMARKER leaves at `rmarker`. Returns the time of its end.
     pub fn send(&mut self, sender: usize, rmarker: u64, bytes: &[u8]) -> u64 {
         let begin = rmarker - span(self.phy.time_to_rmarker());
         let end = rmarker + span(self.phy.time_after_rmarker(bytes.len() as u16 + 2));
@@ -139,12 +139,12 @@ impl Air {
         end
     }
 
-    /// When the next frame will have passed every node.
+    /// The time at which the next frame has passed every node.
     pub fn next(&self) -> Option<u64> {
         self.flying.iter().map(|flight| flight.end + ticks(PASSED_US)).min()
     }
 
-    /// Hands the frames that have passed by now to whom they reached.
+    /// Delivers the frames that have passed by now to the nodes that they reached.
     pub fn pass(&mut self, now: u64) {
         while let Some(index) = self.flying.iter().position(|flight| flight.end + ticks(PASSED_US) <= now) {
             let flight = self.flying.remove(index);
@@ -200,12 +200,12 @@ impl Air {
         })
     }
 
-    /// How long a signal flies between two nodes.
+    /// The flight time of a signal between two nodes.
     fn way(&self, a: usize, b: usize, time: u64) -> u64 {
         let place = |node: usize| self.nodes.get(node).map_or([0; 3], |node| node.place.at(time));
         let square: u64 =
             place(a).iter().zip(place(b)).map(|(a, b)| u64::from(a.abs_diff(b)) * u64::from(a.abs_diff(b))).sum();
-        // Square millimetres to micrometres.
+        // Square millimetres are converted to micrometres.
         let micrometres = (square * 1_000_000).isqrt();
         (micrometres * 1_000_000 + UM_IN_A_MILLION_TICKS / 2) / UM_IN_A_MILLION_TICKS
     }
@@ -222,7 +222,7 @@ mod tests {
         air.add(Path::Fixed([0, 0, 0]), crystal);
         air.add(Path::Fixed([3_000, 4_000, 0]), crystal);
         air.add(Path::Fixed([0, 0, 100_000]), crystal);
-        // 5 m at 299 704 645 m/s, 63.8976 ticks a nanosecond: 1066.0. A hundred metres: 21 320.2.
+        // 5 m at 299 704 645 m/s and 63.8976 ticks per nanosecond: 1066.0 ticks. A hundred metres: 21 320.2 ticks.
         assert_eq!((air.way(0, 1, 0), air.way(2, 0, 0)), (1066, 21_320));
     }
 }

@@ -1,43 +1,44 @@
-//! A node's clock: 40 bits that begin anywhere and run a little fast or slow. True time is in ticks of 1/63.8976 GHz since the
-//! beginning, unsigned 64-bit: nine years.
+//! A node's clock: 40 bits that begin at any count and run a little fast or slow. True time is in ticks of 1/63.8976
+//! GHz since the beginning, unsigned 64-bit: nine years.
 
 use ranging::{RadioDuration, RadioInstant};
 
 /// Ticks in ten microseconds.
 const TICKS_IN_10_US: u64 = 638_976;
-/// Parts in a billion.
+/// One in parts per billion.
 const BILLION: i64 = 1_000_000_000;
 
-/// Ticks of so many microseconds.
+/// Converts microseconds to ticks.
 pub const fn ticks(micros: u64) -> u64 {
     micros * TICKS_IN_10_US / 10
 }
 
-/// Microseconds of so many ticks.
+/// Converts ticks to microseconds.
 pub const fn micros(ticks: u64) -> u64 {
     (ticks as u128 * 10 / TICKS_IN_10_US as u128) as u64
 }
 
-/// What drives a node's clock.
+/// The crystal of a node's clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Crystal {
     /// The count at the beginning.
     pub start: u64,
-    /// Fast by this, parts in a billion.
+    /// How much the clock is fast, parts per billion.
     pub fast_ppb: i32,
 }
 
 impl Crystal {
-    /// What the clock shows at a time.
+    /// The count of the clock at a true time.
     pub fn local(&self, time: u64) -> RadioInstant {
         let gained = i128::from(time) * i128::from(self.fast_ppb) / i128::from(BILLION);
         RadioInstant::from_ticks(self.start.wrapping_add(time).wrapping_add(gained as u64))
     }
 
-    /// When the clock shows this, of all such times the one nearest to `near`.
+    /// The true time at which the clock shows `instant`; of all such times the one nearest to `near`.
     pub fn global(&self, instant: RadioInstant, near: u64) -> u64 {
         let mut time = near;
-        // The second step makes good what the first neglects, the clock's own rate: millionths of millionths are left.
+        // The first step neglects the clock's own rate; the second step corrects this. The remaining error is in
+        // millionths of millionths.
         for _ in 0..2 {
             let ahead = instant.since(self.local(time)).ticks();
             time = time.saturating_add_signed(ahead - ahead / BILLION * i64::from(self.fast_ppb));
@@ -46,7 +47,7 @@ impl Crystal {
     }
 }
 
-/// A span of a clock as true time: over the milliseconds of a window the rate does not matter.
+/// A duration of the clock as true time. Over the milliseconds of a window, the rate error does not matter.
 pub fn span(duration: RadioDuration) -> u64 {
     u64::try_from(duration.ticks()).unwrap_or(0)
 }

@@ -1,12 +1,13 @@
-//! A small air for nodes that run in one image: their whole apps over radios with drifting 40-bit clocks, flight times, noise, loss
-//! and collisions, in virtual time.
+//! A small air for nodes that run in one image. Their whole apps run over radios with drifting 40-bit clocks, flight
+//! times, noise, loss and collisions, in virtual time.
 //!
-//! In flow the nodes' futures, out flows the same on every machine: all arithmetic is on whole numbers, but for a few roundings
-//! that IEEE 754 prescribes, so that a Cortex-M4F, a RISC-V core without FPU and a desktop agree bit for bit. There is no heap
-//! and no executor: [`World::run`] polls one future, and where nothing is left to do now, moves time on to what comes next.
+//! The results are the same on every machine: all arithmetic is on integers, except for a few roundings that IEEE 754
+//! prescribes. A Cortex-M4F, a RISC-V core without FPU and a desktop therefore agree bit for bit. There is no heap and
+//! no executor: [`World::run`] polls one future. When nothing is left to do at the present time, it advances time to
+//! the next event.
 //!
-//! The air of `ranging`'s tests steps bare machines in `f64` with random numbers of their own making; `sim` has chips, walls and
-//! powers. This one is for what neither can do: run on the chip itself.
+//! The air of `ranging`'s tests steps bare protocols in `f64` with its own random numbers; `sim` has chips, walls and
+//! powers. This crate is for what neither of them can do: it runs on the chip itself.
 #![no_std]
 #![forbid(unsafe_code)]
 

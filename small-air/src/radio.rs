@@ -1,4 +1,4 @@
-//! A node's radio and its waits.
+//! A node's radio and its delays.
 
 use core::convert::Infallible;
 use core::future::{Future, poll_fn};
@@ -14,11 +14,11 @@ use crate::air::{Node, STARTING_US};
 use crate::clock::{Crystal, span, ticks};
 use crate::world::World;
 
-/// Transmitting antenna delay of every radio, ticks: that of DWM1000-like boards.
+/// The transmitting antenna delay of every radio, ticks, which is that of DWM1000-like boards.
 pub const ANTENNA_DELAY: RadioDuration = RadioDuration::from_ticks(16_436);
-/// From a command until the receiver hears.
+/// From a command until the receiver is on.
 const RECEIVER_ON_US: u64 = 5;
-/// A node is woken by a slow clock of 32 768 Hz: half a period late.
+/// A slow clock of 32 768 Hz wakes a node, half a period late.
 const WOKEN_LATE_US: u64 = 15;
 
 /// The radio of a node in a [`World`].
@@ -82,7 +82,7 @@ impl Radio for AirRadio<'_> {
             Start::At(at) => self.departure(at),
         };
         let rmarker = self.global(departure);
-        // One tick is lost between both clocks.
+        // One tick is lost in the conversion between the two clocks.
         if rmarker + 1 < soonest {
             return Err(TransmitError::Late);
         }
@@ -120,7 +120,7 @@ impl Radio for AirRadio<'_> {
             if ready.is_some_and(|ready| self.world.reached(ready)) {
                 return Poll::Ready(self.with(|node| node.heard.pop_front()).flatten());
             }
-            // A frame that is being read is waited for.
+            // If the node is reading a frame, the frame is awaited.
             if ready.is_none() && self.world.reached(until) { Poll::Ready(None) } else { Poll::Pending }
         })
         .await;
@@ -151,7 +151,7 @@ impl Restart for AirRadio<'_> {
         Ok(())
     }
 
-    /// As a chip does: afterwards its clock shows something else.
+    /// As on a chip, the clock shows another count after the sleep.
     async fn sleep(&mut self, micros: u32, roused: impl Future<Output = ()>) -> Result<bool, Infallible> {
         self.switch_off();
         select(self.world.wait_until(self.world.now() + ticks(micros.into())), roused).await;
@@ -163,7 +163,7 @@ impl Restart for AirRadio<'_> {
     }
 }
 
-/// Waits of a node in a [`World`].
+/// The delays of a node in a [`World`].
 #[derive(Clone)]
 pub struct AirDelay<'w>(&'w World);
 

@@ -1,4 +1,4 @@
-//! Numbers that look random and are the same everywhere: PCG-XSH-RR 64/32 (O'Neill, 2014).
+//! Pseudo-random numbers that are the same on every machine: PCG-XSH-RR 64/32 (O'Neill, 2014).
 
 /// A generator.
 #[derive(Clone, Debug)]
@@ -17,15 +17,15 @@ impl Random {
         mixed.rotate_right((state >> 59) as u32)
     }
 
-    /// True so many times in a thousand.
+    /// Returns true with a probability of `per_mille` in a thousand.
     pub fn happens(&mut self, per_mille: u32) -> bool {
         self.next() % 1000 < per_mille
     }
 
-    /// Nearly normal, with this standard deviation in thousandths, rounded: the sum of twelve uniform numbers.
+    /// A nearly normal number with this standard deviation in thousandths, rounded: the sum of twelve uniform numbers.
     pub fn normal(&mut self, deviation_thousandths: i64) -> i64 {
         let sum: i64 = (0..12).map(|_| i64::from(self.next() >> 16)).sum();
-        // Each uniform has the variance 2³²/12: together 65 536 is one standard deviation.
+        // Each uniform number has the variance 2³²/12. The standard deviation of the sum is 65 536.
         let value = (sum - 6 * 65_535) * deviation_thousandths;
         let half = if value < 0 { -32_768_000 } else { 32_768_000 };
         (value + half) / 65_536_000
@@ -42,7 +42,7 @@ mod tests {
         let values: std::vec::Vec<f64> = (0..20_000).map(|_| random.normal(6_400_000) as f64).collect();
         let mean = values.iter().sum::<f64>() / 20_000.0;
         let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / 20_000.0;
-        // The mean's own deviation is 6400 / √20 000 = 45; the deviation's 6400 / √40 000 = 32.
+        // The standard deviation of the mean is 6400 / √20 000 = 45; that of the deviation is 6400 / √40 000 = 32.
         assert!(mean.abs() < 180.0, "{mean}");
         assert!((variance.sqrt() - 6400.0).abs() < 130.0, "{}", variance.sqrt());
     }

@@ -1,4 +1,4 @@
-//! A room to try a tag in: six anchors on the walls, a tag that walks round in it, and the tag's record.
+//! A room to test a tag in: six anchors on the walls, a tag that walks round in it, and the tag's config record.
 
 use core::convert::Infallible;
 
@@ -14,31 +14,31 @@ use wire::config::{Calibration, Identity, Mode, Network, Phy, Record, Role, Solv
 use crate::radio::ANTENNA_DELAY;
 use crate::{AirDelay, AirRadio, Crystal, Path, World};
 
-/// How many anchors there are.
+/// The number of anchors.
 pub const ANCHORS: usize = 6;
-/// Receptions lost of a thousand.
+/// Receptions lost, per thousand.
 pub const LOSS_PER_MILLE: u32 = 20;
-/// How long a tag is tried in it, microseconds: a second until it has joined, then some ninety rounds.
+/// The duration of a test, microseconds: one second until the tag has joined, then about ninety rounds.
 pub const LIFE_US: u64 = 5_500_000;
 /// The seed of everything random.
 pub const SEED: u64 = 20_260_101;
-/// The tag's EUI-64; the last two bytes are its address.
+/// The tag's EUI-64. Its last two bytes are the short address.
 pub const TAG_EUI: u64 = 0xDECA_0000_0000_0100;
-/// From here the tag walks round, millimetres …
+/// The tag walks round from this corner, millimetres …
 const CORNER_MM: [i32; 3] = [1_500, 1_500, 1_200];
-/// … a rectangle of these sides …
+/// … along a rectangle with these sides …
 const SIDES_MM: [u64; 2] = [5_000, 3_000];
-/// … at this pace, millimetres a second.
+/// … at this speed, millimetres per second.
 const PACE_MM_S: u64 = 800;
-/// Alternately low and high, millimetres.
+/// The anchors' positions, alternately low and high, millimetres.
 const PLACES_MM: [[i32; 3]; ANCHORS] =
     [[0, 0, 2_600], [4_000, 0, 400], [8_000, 0, 2_500], [8_000, 6_000, 500], [4_000, 6_000, 2_700], [0, 6_000, 600]];
-/// Parts in a billion that their clocks are fast.
+/// How much the anchors' clocks are fast, parts per billion.
 const FAST_PPB: [i32; ANCHORS] = [3_000, -17_500, 12_250, -6_125, 19_000, -1_500];
-/// The tag's clock: fast, and about to wrap.
+/// The tag's clock, which is fast and about to wrap.
 const TAG_CRYSTAL: Crystal = Crystal { start: (1 << 40) - 40_000_000_000, fast_ppb: 8_750 };
 
-/// Where the tag is after so many microseconds, millimetres.
+/// The position of the tag after a time in microseconds, millimetres.
 pub fn walk(t_us: u64) -> [i32; 3] {
     let [width, depth] = SIDES_MM;
     let gone = t_us * PACE_MM_S / 1_000_000 % (2 * (width + depth));
@@ -54,7 +54,7 @@ pub fn walk(t_us: u64) -> [i32; 3] {
     [CORNER_MM[0] + x as i32, CORNER_MM[1] + y as i32, CORNER_MM[2]]
 }
 
-/// The tag's record, by which it makes its positions by this solver.
+/// The tag's config record, with the solver of its positions.
 pub fn record(solver: Solver) -> Record {
     Record {
         identity: Identity::default(),
@@ -85,22 +85,22 @@ pub fn record(solver: Solver) -> Record {
     }
 }
 
-/// The world of the room, empty yet, for nodes of this network.
+/// The world of the room, without nodes, for nodes of this network.
 pub fn world(network: &native::Network) -> World {
     World::new(network.phy, SEED, LOSS_PER_MILLE)
 }
 
-/// The radio of the tag that walks; none where the world is full.
+/// The radio of the tag that walks; none if the world is full.
 pub fn tag(world: &World) -> Option<AirRadio<'_>> {
     world.add(Path::Walk(walk), TAG_CRYSTAL)
 }
 
-/// The radio of a tag that lies for the first ten seconds, and then walks.
+/// The radio of a tag that lies still for the first ten seconds and then walks.
 pub fn lazy_tag(world: &World) -> Option<AirRadio<'_>> {
     world.add(Path::Walk(|t_us| walk(t_us.saturating_sub(10_000_000))), TAG_CRYSTAL)
 }
 
-/// Runs the anchors, whose places are told on the air.
+/// Runs the anchors. They report their positions on the air.
 pub async fn anchors(world: &World, network: native::Network) -> [Infallible; ANCHORS] {
     let anchors = core::array::from_fn(|i| {
         let position_m = PLACES_MM[i].map(|mm| mm as f32 / 1000.0);
@@ -111,7 +111,7 @@ pub async fn anchors(world: &World, network: native::Network) -> [Infallible; AN
             position_m: Some(position_m),
             rounds: None,
         };
-        // Counts far from each other.
+        // The initial counts differ widely.
         let crystal = Crystal { start: (i as u64 + 1) << 37, fast_ppb: FAST_PPB[i] };
         anchor(world, Path::Fixed(PLACES_MM[i]), crystal, config)
     });
@@ -121,7 +121,7 @@ pub async fn anchors(world: &World, network: native::Network) -> [Infallible; AN
 async fn anchor(world: &World, place: Path, crystal: Crystal, config: AnchorConfig) -> Infallible {
     let mut delay: AirDelay<'_> = world.delay();
     let Some(mut radio) = world.add(place, crystal) else {
-        // A world without room for it has one anchor less.
+        // If the world has no room for the radio, there is one anchor less.
         loop {
             delay.delay_ms(1000).await;
         }
@@ -129,7 +129,7 @@ async fn anchor(world: &World, place: Path, crystal: Crystal, config: AnchorConf
     node::run(&mut radio, &mut delay, &mut Anchor::new(config), &mut Silent).await
 }
 
-/// Tells nobody.
+/// Drops all reports.
 struct Silent;
 
 impl Listener for Silent {
@@ -154,7 +154,7 @@ mod tests {
     #[test]
     fn the_walk_goes_round_at_its_pace() {
         assert_eq!(walk(0), [1_500, 1_500, 1_200]);
-        // 0.8 m after a second; 5 m after 6.25 s; round after 16 m, 20 s.
+        // The tag walks 0.8 m in a second, 5 m in 6.25 s, and a whole lap of 16 m in 20 s.
         assert_eq!(walk(1_000_000), [2_300, 1_500, 1_200]);
         assert_eq!(walk(6_250_000), [6_500, 1_500, 1_200]);
         assert_eq!(walk(10_000_000), [6_500, 4_500, 1_200]);

@@ -1,4 +1,4 @@
-//! Virtual time: it stands still while there is something to do, and jumps to what comes next.
+//! Virtual time: it stops while there is something to do, and jumps to the next event.
 
 use core::cell::{Cell, RefCell};
 use core::future::{Future, poll_fn};
@@ -12,10 +12,10 @@ use crate::air::{Air, Path};
 use crate::clock::{Crystal, micros, ticks};
 use crate::{AirDelay, AirRadio};
 
-/// The time of the world that runs, microseconds, in halves: the processors have no 64-bit atomics.
+/// The time of the running world, microseconds, in two halves: the processors have no 64-bit atomics.
 static UPTIME_US: [AtomicU32; 2] = [AtomicU32::new(0), AtomicU32::new(0)];
 
-/// Microseconds since the beginning of the world that runs; one at a time.
+/// Microseconds since the beginning of the running world. Only one world may run at a time.
 pub fn uptime_us() -> u64 {
     let [low, high] = [0, 1].map(|half| u64::from(UPTIME_US[half].load(Ordering::Relaxed)));
     high << 32 | low
@@ -30,7 +30,7 @@ pub struct World {
 }
 
 impl World {
-    /// A world at its beginning, in which so many of a thousand receptions are lost.
+    /// A world at its beginning. `loss_per_mille` of a thousand receptions are lost.
     pub fn new(phy: PhyConfig, seed: u64, loss_per_mille: u32) -> Self {
         let air = RefCell::new(Air::new(phy, seed, loss_per_mille));
         let world = Self { now: Cell::new(0), next: Cell::new(0), air };
@@ -38,17 +38,17 @@ impl World {
         world
     }
 
-    /// A node more: its radio; none where there are too many.
+    /// Adds a node and returns its radio; none if there are too many nodes.
     pub fn add(&self, place: Path, crystal: Crystal) -> Option<AirRadio<'_>> {
         self.air.borrow_mut().add(place, crystal).map(|node| AirRadio::new(self, node))
     }
 
-    /// How often the radios have slept.
+    /// The number of times that the radios have slept.
     pub fn naps(&self) -> u32 {
         self.air.borrow().nodes.iter().map(|node| node.naps).sum()
     }
 
-    /// Waits in this world.
+    /// A delay in this world.
     pub fn delay(&self) -> AirDelay<'_> {
         AirDelay::new(self)
     }
@@ -65,7 +65,7 @@ impl World {
         UPTIME_US[1].store((us >> 32) as u32, Ordering::Relaxed);
     }
 
-    /// Ready at a time; whoever waits for something else as well registers both.
+    /// Ready at a time. A future that also waits for something else registers both.
     pub(crate) fn reached(&self, time: u64) -> bool {
         let reached = self.now.get() >= time;
         if !reached {
@@ -78,10 +78,10 @@ impl World {
         poll_fn(|_| if self.reached(time) { Poll::Ready(()) } else { Poll::Pending }).await;
     }
 
-    /// Lives for so many microseconds more, and calls `between` whenever time is about to move on.
+    /// Runs for `micros` more microseconds, and calls `between` each time before time advances.
     ///
-    /// Wakers do nothing here: every future is polled at every time that any of them waits for. One that wakes another within
-    /// the same time must come before it.
+    /// Wakers do nothing here: every future is polled at every time that any of them waits for. A future that wakes
+    /// another within the same time must be polled before it.
     pub fn run(&self, micros: u64, mut future: Pin<&mut impl Future>, mut between: impl FnMut()) {
         let end = self.now() + ticks(micros);
         let mut context = Context::from_waker(Waker::noop());

@@ -1,4 +1,4 @@
-//! What system tests share: a scenario run to its end, and questions to what it recorded.
+//! Shared code of the system tests: runs a scenario to its end and queries its records.
 #![forbid(unsafe_code)]
 
 use sim::scenario::{RangeRecord, Record, Scenario, SimulatedEpoch, Simulation, Summary, What};
@@ -6,7 +6,7 @@ use wire::telemetry::{Condition, Message, MotionSensor};
 
 /// A scenario that has been run.
 pub struct Run {
-    /// All that was recorded, in the order of time.
+    /// All records, in the order of time.
     pub records: Vec<Record>,
     /// The figures.
     pub summary: Summary,
@@ -21,10 +21,10 @@ impl Run {
         Self { records, summary: simulation.summary() }
     }
 
-    /// Runs a scenario file's text.
+    /// Runs the text of a scenario file.
     ///
     /// # Panics
-    /// The text is not a scenario.
+    /// Panics if the text is not a scenario.
     pub fn of_text(text: &str) -> Self {
         match Scenario::parse(text) {
             Ok(scenario) => Self::of(scenario),
@@ -47,7 +47,7 @@ impl Run {
         })
     }
 
-    /// What a tag came to believe of beacons, with the times.
+    /// A tag's reports on the condition of beacons, with the times.
     pub fn words(&self, tag: u16) -> Vec<(f64, Condition)> {
         let is_of_beacon = |is: &Condition| {
             matches!(
@@ -61,19 +61,19 @@ impl Run {
         self.states(tag).filter(|(_, is)| is_of_beacon(is)).collect()
     }
 
-    /// What was known of a tag's motion sensor, with the times.
+    /// The reported states of a tag's motion sensor, with the times.
     pub fn motion_sensor(&self, tag: u16) -> Vec<(f64, MotionSensor)> {
         let sensor = |is| if let Condition::MotionSensor(state) = is { Some(state) } else { None };
         self.states(tag).filter_map(|(t_s, is)| Some((t_s, sensor(is)?))).collect()
     }
 
-    /// When a tag had positions, within a time.
+    /// The times of a tag's positions within an interval.
     pub fn fix_times(&self, tag: u16, from_s: f64, to_s: f64) -> Vec<f64> {
         let within = |t_s: &f64| (from_s..=to_s).contains(t_s);
         self.epochs(tag).filter(|(_, epoch)| epoch.fix.reason().is_none()).map(|(t_s, _)| t_s).filter(within).collect()
     }
 
-    /// The longest time without a position within a time, seconds.
+    /// The longest time without a position within an interval, seconds.
     pub fn longest_gap(&self, tag: u16, from_s: f64, to_s: f64) -> f64 {
         let times = self.fix_times(tag, from_s, to_s);
         let ends = times.iter().copied().chain([to_s]);
@@ -81,13 +81,13 @@ impl Run {
         ends.map(|t_s| t_s - std::mem::replace(&mut last, t_s)).fold(0.0, f64::max)
     }
 
-    /// A tag's ranges to an anchor within a time, with their times.
+    /// A tag's ranges to an anchor within an interval.
     pub fn ranges(&self, tag: u16, anchor: u16, from_s: f64, to_s: f64) -> Vec<RangeRecord> {
         let epochs = self.epochs(tag).filter(|(t_s, _)| (from_s..=to_s).contains(t_s));
         epochs.flat_map(|(_, epoch)| &epoch.ranges).filter(|range| range.range.peer == anchor).copied().collect()
     }
 
-    /// Mean and standard deviation of measured less true distance, metres.
+    /// Mean and standard deviation of the measured minus the true distance, metres.
     pub fn range_error(&self, tag: u16, anchor: u16, from_s: f64, to_s: f64) -> (f64, f64) {
         let ranges = self.ranges(tag, anchor, from_s, to_s);
         moments(ranges.iter().map(|range| range.range.distance_m() - range.truth_m))
@@ -102,7 +102,8 @@ pub fn moments(values: impl Iterator<Item = f64>) -> (f64, f64) {
     (mean, variance.sqrt())
 }
 
-/// The text of a hall of 20 m × 12 m with `anchors` anchors around, without walls, in the plane; more text may follow.
+/// The text of a scenario in a hall of 20 m × 12 m with `anchors` anchors around, without walls, in the plane. More
+/// text may follow.
 pub fn hall(head: &str, anchors: usize, tags: &[&str]) -> String {
     let mut text = format!("height_m = 1.2\n{head}\n");
     for i in 0..anchors {
@@ -116,9 +117,9 @@ pub fn hall(head: &str, anchors: usize, tags: &[&str]) -> String {
     text
 }
 
-/// The first tag's address in a scenario that gives none.
+/// The first tag's address in a scenario without addresses.
 pub const TAG: u16 = 0x1001;
-/// A walk through the hall.
+/// A path through the hall.
 pub const WALK: &str = "[[4, 3, 1.2], [16, 3, 1.2], [16, 9, 1.2], [4, 9, 1.2]]";
-/// A place in the hall.
+/// A position in the hall.
 pub const STAND: &str = "[[8, 5, 1.2]]";

@@ -1,4 +1,5 @@
-//! How many frames a second one core of the desktop decodes and encodes. `cargo bench -p telemetry`. One element is one frame.
+//! How many frames per second one core of the desktop decodes and encodes. `cargo bench -p telemetry`. One element is
+//! one frame.
 
 use std::hint::black_box;
 

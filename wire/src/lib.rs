@@ -1,4 +1,5 @@
-//! Every byte format of Baliza, from bytes to validated representations and back. `docs/wire-format.md` has them byte by byte.
+//! Every byte format of Baliza, from bytes to validated representations and back. `docs/wire-format.md` describes them
+//! byte by byte.
 //!
 //! | module | between | format |
 //! |---|---|---|

@@ -1,8 +1,8 @@
 //! Literal bytes of every message, here and in `docs/wire-format.md`.
 //!
-//! They were made by an independent implementation, some thirty lines of Python that know nothing of this crate: varints by repeated
-//! division by 128, zigzag as 2n and −2n − 1, the CRC bit by bit with polynomial 0x1021 (it gives 0x29B1 for "123456789"), COBS as the
-//! lengths of the pieces between zeros; the fields of each message in the order of the page.
+//! They were made by an independent implementation, some thirty lines of Python that do not use this crate: varints by
+//! repeated division by 128; zigzag as 2n and −2n − 1; the CRC bit by bit with polynomial 0x1021 (it gives 0x29B1 for
+//! "123456789"); COBS as the lengths of the pieces between zeros; the fields of each message in the order of the page.
 
 use std::collections::BTreeMap;
 #[cfg(feature = "host")]
@@ -59,7 +59,7 @@ fn room(t_us: u64, is: RoomEstimate) -> Message {
     Message::Room(Room { t_us, is })
 }
 
-/// Every frame by the name that the page gives it, and its object of JSON with ' for ": its keys are what other people's programs read.
+/// Every frame with its name in the document, and its JSON object with ' for ": programs of users read its keys.
 fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
     let position = Outcome::Position {
         position_tenth_mm: [32_100, 40_500, 15_000],
@@ -296,7 +296,7 @@ fn the_page_has_the_golden_bytes() {
     });
     let golden: BTreeMap<_, _> = golden().into_iter().map(|(name, _, hex, _)| (name, bytes(hex))).collect();
     assert_eq!(rows.collect::<BTreeMap<_, _>>(), golden);
-    // The example that it explains byte by byte.
+    // The example that the document explains byte by byte.
     assert!(page.contains("The frame is `0B 01 04 80 89 7A 04 81 02 52 17 00`"));
 }
 
@@ -334,7 +334,8 @@ fn fields_that_a_newer_build_appends_are_ignored() {
 
 #[test]
 fn a_fix_of_a_build_without_solvers_or_of_one_with_more_is_read() {
-    // The fix without its last byte, as it was before there were solvers, and the same with 77 for a solver, by the same Python.
+    // The fix without its last byte, as in builds before there were solvers, and the same with 77 for a solver, by the
+    // same Python.
     let frames = [
         "0C 01 01 CE C2 F1 05 AC 02 B4 42 06 11 C8 F5 03 E8 F8 04 B0 EA 01 D8 04 F4 03 B0 09 20 06 C0 3B E6 9A 18 00",
         "0C 01 01 CE C2 F1 05 AC 02 B4 42 06 11 C8 F5 03 E8 F8 04 B0 EA 01 D8 04 F4 03 B0 09 20 07 C0 3B E6 4D 50 90 00",
@@ -358,8 +359,8 @@ fn a_fix_takes_at_most_49_bytes() {
     // 31 days of uptime, 1 s old, a kilometre from the origin, deviations of 10 m.
     let month_us = 31 * 24 * 3600 * 1_000_000;
     assert_eq!(longest(month_us, u16::MAX, 1_000_000, [-10_000_000; 3], [100_000; 3]), 49);
-    // No frame is longer: 1 schema, 1 message, varints of at most 10, 3 and 5 bytes, 1 asked, 1 outcome, 6 varints of 5, 3 correlations,
-    // a varint of 3, 1 quality, 1 solver, 2 checksum, 2 of COBS.
+    // No frame is longer: 1 schema, 1 message, varints of at most 10, 3 and 5 bytes, 1 asked, 1 outcome, 6 varints of
+    // 5, 3 correlations, a varint of 3, 1 quality, 1 solver, 2 checksum, 2 of COBS.
     let worst = longest(u64::MAX, u16::MAX, u32::MAX, [i32::MIN; 3], [u32::MAX; 3]);
     assert_eq!(worst, 1 + 1 + 10 + 3 + 5 + 1 + 1 + 30 + 3 + 3 + 1 + 1 + 2 + 2);
     assert!(worst <= MAX_FRAME);

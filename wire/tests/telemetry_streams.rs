@@ -1,10 +1,10 @@
-//! Streams as they come: from their middle, torn, with noise, text and `defmt` frames between.
+//! Streams as they occur: from their middle, torn, with noise, text and `defmt` frames in between.
 
 use baliza_wire::telemetry::*;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-/// Of this time, so that frames are told apart.
+/// A message with this time, so that frames can be distinguished.
 fn message(t_us: u64) -> Message {
     Message::State(State { t_us, is: Condition::Searching })
 }
@@ -13,7 +13,7 @@ fn frame(message: &Message) -> Vec<u8> {
     encode(message, &mut [0; MAX_FRAME]).to_vec()
 }
 
-/// What a decoder gives for a stream.
+/// A decoder's output for a stream.
 fn read(stream: &[u8]) -> (Vec<Result<Message, DecodeError>>, Counts) {
     let mut decoder = Decoder::new();
     let results = stream.iter().filter_map(|byte| decoder.feed(*byte)).collect();
@@ -70,7 +70,7 @@ fn an_interruption_loses_what_had_not_ended_and_begins_anew() {
 #[test]
 fn a_frame_whose_bytes_are_all_there_survives_what_ran_into_it() {
     let whole = frame(&message(2));
-    // A frame that a reset cut short, a boot loader's text, and more noise than a frame is long.
+    // A frame cut short by a reset, a boot loader's text, and more noise than the length of a frame.
     let torn = &frame(&message(1))[..5];
     let text = b"\x1b[0;32mESP-ROM:esp32c3-api1-20210207\r\n".repeat(40);
     let noise = [0x81].repeat(1000);
@@ -87,7 +87,7 @@ fn a_frame_whose_bytes_are_all_there_survives_what_ran_into_it() {
 
 #[test]
 fn defmt_frames_are_foreign() {
-    // As espflash has them: FF 00, rzCOBS, 00. What is within is of no matter.
+    // As espflash sends them: FF 00, rzCOBS, 00. The bytes within do not matter.
     let defmt = [0xFF, 0x00, 0x07, 0x81, 0xC3, 0x01, 0xFE, 0x00];
     let stream = [&defmt[..], &frame(&message(1)), &defmt, &defmt, &frame(&message(2)), b"\xFF\0\0"].concat();
     let expected = Counts { foreign: 3, foreign_bytes: 15, ..counts(2) };
@@ -114,7 +114,8 @@ fn whole_frames_of_other_builds_are_no_losses() {
 
 #[test]
 fn each_kind_of_damage_has_its_count() {
-    // The golden state: whole, a bit of its time flipped, its distance too long; then one whose body ends early, and 300 bytes of noise.
+    // The golden state: whole, a bit of its time flipped, its distance too long; then one whose body ends early, and
+    // 300 bytes of noise.
     let stream = [
         &b"\x0B\x01\x04\x80\x89\x7A\x04\x81\x02\x52\x17\0"[..],
         b"\x0B\x01\x04\x81\x89\x7A\x04\x81\x02\x52\x17\0",
@@ -298,7 +299,7 @@ fn any_message() -> impl Strategy<Value = Message> {
 }
 
 proptest! {
-    // Always the same cases: one damage in 65536 has a good checksum.
+    // Always the same cases: one damage in 65536 has a correct checksum.
     #![proptest_config(ProptestConfig { rng_seed: RngSeed::Fixed(1), ..ProptestConfig::default() })]
 
     #[test]
@@ -310,7 +311,8 @@ proptest! {
         prop_assert_eq!(results, messages.into_iter().map(Ok).collect::<Vec<_>>());
     }
 
-    /// Whatever flips: frames whose own bytes are whole come through, in order, nothing else does, and every byte is accounted for.
+    /// Whatever bytes flip: frames whose own bytes are whole are decoded, in order, nothing else is, and every byte is
+    /// counted.
     #[test]
     fn flipped_bytes_cost_the_frames_that_they_are_in(
         messages in proptest::collection::vec(any_message(), 1..20),
@@ -347,7 +349,7 @@ proptest! {
         let found = *decoder.counts();
         prop_assert_eq!(results, found.frames + found.malformed() + found.newer());
         let zeros = noise.iter().filter(|byte| **byte == 0).count();
-        // A chunk that ends with FF is a marker's.
+        // A chunk that ends with FF is counted as a marker.
         let markers = noise.windows(2).filter(|pair| **pair == [0xFF, 0]).count();
         let told = found.lost_bytes + found.foreign_bytes + decoder.pending() as u64 + zeros as u64;
         prop_assert!((told..=told + markers as u64).contains(&(noise.len() as u64)), "{} of {}", told, noise.len());

@@ -1,5 +1,5 @@
-//! How accurate the methods are: runs `baliza` on the thesis' simulation, on recordings, on recorded impulse responses and on a recorded
-//! floor's rooms, and makes tables of it.
+//! Accuracy of the methods: runs `baliza` on the simulation of P. M. de Rojas Malpartida's thesis, on recordings, on
+//! recorded impulse responses and on the rooms of a recorded floor, and makes tables of the results.
 
 use baliza_report::MarkdownTable;
 use std::path::{Path, PathBuf};
@@ -21,12 +21,18 @@ struct Score {
 }
 
 /// The thesis' simulation, and its figure.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn thesis() -> Result<Option<Made>> {
     let table = baliza(["bench", "thesis", "--points", "3000", "--seed", "1", "--plot", "docs/thesis.svg"])?;
     Ok(Made::one("thesis", table))
 }
 
 /// The rooms of a recorded floor.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn rooms() -> Result<Option<Made>> {
     let Some(floor) = recording("linde_floor") else { return Ok(None) };
     let words = ["ble", "rooms", "--leave-one-out", "--fingerprints"].map(PathBuf::from);
@@ -34,13 +40,16 @@ pub fn rooms() -> Result<Option<Made>> {
     Ok(Made::one("rooms", table))
 }
 
-/// What tells blocked ranges from direct ones in a recorded flat, and how far corrections learnt there carry.
+/// Classifiers of blocked ranges in a recorded flat, and the effect of corrections learnt there in other places.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn sight() -> Result<Option<Made>> {
     let Some(flat) = recording("apartment_cir") else { return Ok(None) };
     let begin = |command: &str| ["nlos", command, "--cir"].map(PathBuf::from).into_iter().chain([flat.join("cir.csv")]);
     let train = ["--folds", "file", "--out"].map(PathBuf::from).into_iter().chain([scratch("nlos.model")?]);
     let mut tables = baliza(begin("train").chain(train))?;
-    // The other building, where it is there.
+    // The other building, if it is recorded.
     let other = recording("leiria_128_los_pos1").map(|folder| files(&folder)).unwrap_or_default();
     tables.push('\n');
     tables += &baliza(begin("mitigation").chain(other))?;
@@ -48,6 +57,9 @@ pub fn sight() -> Result<Option<Made>> {
 }
 
 /// Every method on every recording, in the plane.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn recorded() -> Result<Option<Made>> {
     let folders = ranges();
     if folders.is_empty() {
@@ -62,7 +74,7 @@ fn solve(folder: &Path) -> Result<Vec<Score>> {
     json(words.into_iter().chain(files(folder)))
 }
 
-/// A row a method, a column a recording.
+/// One row a method, one column a recording.
 fn side_by_side(recordings: &[(String, Vec<Score>)]) -> String {
     let epochs = |scores: &[Score]| scores.first().map_or(0, |score| score.epochs);
     let titles = recordings.iter().map(|(name, scores)| format!("{name}, {} epochs:", epochs(scores)));

@@ -1,4 +1,4 @@
-//! Runs of `baliza`, and the recordings that it runs on.
+//! Runs of `baliza`, and its recordings.
 
 use std::env::{self, consts::EXE_EXTENSION};
 use std::ffi::OsStr;
@@ -11,7 +11,11 @@ use serde::de::DeserializeOwned;
 
 use crate::{cargo, printed, root, succeed, target_directory};
 
-/// What `baliza` prints with these arguments. It is built before the first run, and told of on standard error.
+/// The output of `baliza` with these arguments. The program is built before the first run, and each run is printed on
+/// standard error.
+///
+/// # Errors
+/// The program cannot be built, or its run fails.
 pub fn baliza(arguments: impl IntoIterator<Item: AsRef<OsStr>>) -> Result<String> {
     let mut command = Command::new(binary()?);
     command.args(arguments).current_dir(root());
@@ -21,11 +25,18 @@ pub fn baliza(arguments: impl IntoIterator<Item: AsRef<OsStr>>) -> Result<String
 }
 
 /// The JSON that `baliza` prints.
+///
+/// # Errors
+/// The run fails, or its output is not the expected JSON.
 pub fn json<T: DeserializeOwned>(arguments: impl IntoIterator<Item: AsRef<OsStr>>) -> Result<T> {
     serde_json::from_str(&baliza(arguments)?).context("baliza prints something else")
 }
 
-/// The program, built once: cargo would look at all sources again for each of a hundred runs, and take a time that some tables measure.
+/// The program, built once: cargo would check all sources again for each of a hundred runs, and take time that some
+/// tables measure.
+///
+/// # Errors
+/// The program cannot be built.
 pub fn binary() -> Result<PathBuf> {
     static BUILT: OnceLock<()> = OnceLock::new();
     if BUILT.get().is_none() {
@@ -35,12 +46,13 @@ pub fn binary() -> Result<PathBuf> {
     Ok(target_directory().join("release").join("baliza").with_extension(EXE_EXTENSION))
 }
 
-/// A recording: a folder in the one that `BALIZA_DATA` names, or beside the repository; `None` where it is not there.
+/// A recording: a folder in the one that `BALIZA_DATA` names, or beside the repository; `None` where it does not
+/// exist.
 pub fn recording(name: &str) -> Option<PathBuf> {
     Some(data().join(name)).filter(|folder| folder.is_dir())
 }
 
-/// The folders that hold recorded ranges, the anchors and the truth.
+/// The folders with recorded ranges, anchors and true positions.
 pub fn ranges() -> Vec<PathBuf> {
     let files = ["anchors.csv", "ranges.csv", "truth.csv"];
     let entries = data().read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
@@ -49,18 +61,21 @@ pub fn ranges() -> Vec<PathBuf> {
     folders
 }
 
-/// The arguments that name a folder's recorded ranges, the anchors and the truth.
+/// The arguments that name a folder's recorded ranges, anchors and true positions.
 pub fn files(folder: &Path) -> Vec<PathBuf> {
     let options = [("--anchors", "anchors.csv"), ("--ranges", "ranges.csv"), ("--truth", "truth.csv")];
     options.into_iter().flat_map(|(option, file)| [PathBuf::from(option), folder.join(file)]).collect()
 }
 
-/// What a folder is called.
+/// The name of a folder.
 pub fn name(folder: &Path) -> String {
     folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// A file among those that builds make, for what one run writes and another reads.
+/// A file in the folder of build outputs, which one run writes and another reads.
+///
+/// # Errors
+/// The folder cannot be made.
 pub fn scratch(name: &str) -> Result<PathBuf> {
     let folder = target_directory();
     std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;

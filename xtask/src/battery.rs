@@ -1,4 +1,4 @@
-//! What a tag takes from its battery, and for how long that lasts: runs `baliza simulate` and makes a table of it.
+//! Current drawn by a tag and life of its battery: runs `baliza simulate` and makes a table of the results.
 
 use anyhow::Result;
 use baliza_report::MarkdownTable;
@@ -7,7 +7,7 @@ use serde::Deserialize;
 use crate::baliza::json;
 use crate::bench::Made;
 
-/// What `baliza simulate --json` prints, as far as the table has it.
+/// The part of the output of `baliza simulate --json` that the table needs.
 #[derive(Clone, Copy, Debug, Deserialize)]
 struct Summary {
     tag_mean_current_ma: f64,
@@ -28,7 +28,7 @@ struct Currents {
     board: f64,
 }
 
-/// What the tag does, with which arguments, and what PANS takes for the same (measured by users of the module).
+/// The mode of the tag, the arguments, and the current of PANS in the same mode (measured by users of the module).
 const ROWS: [[&str; 3]; 5] = [
     ["10 rounds a second", "--scenario examples/battery.toml --rate 10", "2.23"],
     ["1 a second", "--scenario examples/battery.toml --rate 1 --seconds 3600", "about 0.22"],
@@ -40,7 +40,10 @@ const ROWS: [[&str; 3]; 5] = [
 const CR2477_MAH: f64 = 1000.0;
 const LIPO_MAH: f64 = 500.0;
 
-/// Currents and lives.
+/// Currents and battery lives.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn lives() -> Result<Option<Made>> {
     let mut table = MarkdownTable::new([
         "a tag",
@@ -76,7 +79,7 @@ fn row(what: &str, arguments: &str, others: &str, summary: &Summary) -> String {
     )
 }
 
-/// Hours in words.
+/// A number of hours as text.
 fn life(hours: f64) -> String {
     let days = hours / 24.0;
     if days < 100.0 { format!("{days:.0} days") } else { format!("{:.1} years", days / 365.25) }

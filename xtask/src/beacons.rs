@@ -1,5 +1,5 @@
-//! How good positions by the levels of Bluetooth beacons are: runs `baliza bench linde`, and `baliza calibrate path-loss` and `baliza ble solve` on
-//! the room of A. Linde Cerezo's thesis, and makes tables of it.
+//! Accuracy of positions by the RSSI of Bluetooth beacons: runs `baliza bench linde`, and `baliza calibrate
+//! path-loss` and `baliza ble solve` on the room of A. Linde Cerezo's thesis, and makes tables of the results.
 
 use baliza_report::MarkdownTable;
 use std::path::PathBuf;
@@ -10,7 +10,8 @@ use serde::Deserialize;
 use crate::baliza::{baliza, json, recording, scratch};
 use crate::bench::Made;
 
-/// Where the room's beacons are: tables 4.1 and 4.2, with beacons 6 and 8 exchanged, as their path losses of table 4.3 show.
+/// Positions of the room's beacons: tables 4.1 and 4.2, with beacons 6 and 8 exchanged, as their path losses of table
+/// 4.3 show.
 const ROOM: &str = "beacon,x_m,y_m\n1,0.45,3.22\n2,5.25,1.63\n6,3.70,6.55\n7,6.88,3.73\n8,2.30,0.12\n";
 
 /// One method, as `baliza ble solve --json` prints it.
@@ -24,11 +25,17 @@ struct Score {
 }
 
 /// The simulation of the thesis' annex, and its figure.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn linde() -> Result<Option<Made>> {
     Ok(Made::one("linde", baliza(["bench", "linde", "--seed", "1", "--plot", "research/linde.svg"])?))
 }
 
-/// The recorded room: its path losses, and its targets by them.
+/// The recorded room: its path losses, and the positions of its targets by them.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn by_path_loss() -> Result<Option<Made>> {
     let Some(room) = recording("linde_room") else { return Ok(None) };
     let (beacons, calibrated) = (scratch("room-beacons.csv")?, scratch("room-calibrated.csv")?);

@@ -1,4 +1,5 @@
-//! Every table and figure of the documents that a simulation, a recording or QEMU makes: which there are, and remaking them.
+//! All tables and figures of the documents that are made by a simulation, a recording or QEMU: a list of them, and
+//! their remaking.
 
 use std::time::Instant;
 
@@ -10,32 +11,32 @@ const PERFORMANCE: &str = "docs/performance.md";
 const SCENARIOS: &str = "docs/scenarios.md";
 const RESEARCH: &str = "research/README.md";
 
-/// Something that is remade as a whole.
+/// A group of tables that is remade as a whole.
 struct Part {
-    /// As the command line has it.
+    /// The name on the command line.
     name: &'static str,
-    /// What it is.
+    /// A description.
     what: &'static str,
-    /// The document that it is in.
+    /// The document of the tables.
     document: &'static str,
     make: fn() -> Result<Option<Made>>,
 }
 
-/// What was made.
+/// The result of a part.
 pub struct Made {
     /// The tables, each with the name of its place in the document.
     tables: Vec<(&'static str, String)>,
-    /// What is wrong with the figures.
+    /// A complaint about the figures.
     complaint: Option<&'static str>,
 }
 
 impl Made {
-    /// One table; `None` for a recording that is not there.
+    /// One table; `None` where the recording does not exist.
     pub fn one(name: &'static str, table: String) -> Option<Self> {
         Self::of(vec![(name, table)], None)
     }
 
-    /// Several, and what is wrong with their figures.
+    /// Several tables, and a complaint about their figures.
     pub fn of(tables: Vec<(&'static str, String)>, complaint: Option<&'static str>) -> Option<Self> {
         Some(Self { tables, complaint })
     }
@@ -48,7 +49,7 @@ const PARTS: [Part; 20] = [
         document: PERFORMANCE,
         make: onchip::made,
     },
-    // Before everything that simulates nodes: they are charged by it.
+    // Comes before all parts that simulate nodes, because simulations read these costs.
     Part { name: "costs", what: "what a node's code costs, in QEMU", document: PERFORMANCE, make: onchip::costs },
     Part { name: "simulation", what: "whole nodes, simulated", document: PERFORMANCE, make: simulation::rooms },
     Part { name: "schemes", what: "schemes of two-way ranging", document: PERFORMANCE, make: schemes::compared },
@@ -95,8 +96,11 @@ pub fn names() -> Vec<&'static str> {
     PARTS.iter().map(|part| part.name).collect()
 }
 
-/// Remakes these parts, or all where none is named, one after the other; one that fails does not keep the others from being made. Every
-/// table is printed whole; documents have an extract of it, or nothing ([`extract`](crate::extract)).
+/// Remakes these parts, or all where none is named, one after the other. A part that fails does not stop the others.
+/// Every table is printed whole; documents have an extract of it, or nothing ([`extract`](crate::extract)).
+///
+/// # Errors
+/// A part fails, after all have been tried.
 pub fn run(names: &[String]) -> Result<()> {
     let chosen: Vec<&Part> =
         PARTS.iter().filter(|part| names.is_empty() || names.iter().any(|name| name == part.name)).collect();

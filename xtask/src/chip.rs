@@ -1,4 +1,4 @@
-//! The chips that QEMU stands in for.
+//! The chips that QEMU simulates.
 
 use std::process::Command;
 
@@ -16,12 +16,12 @@ pub enum Chip {
 }
 
 impl Chip {
-    /// Those whose methods are measured, in the order of the documents.
+    /// Chips whose methods are measured, in the order of the documents.
     pub const ALL: [Self; 2] = [Self::CortexM4F, Self::RiscV32];
-    /// All whose nodes are simulated, in the order of the table of costs.
+    /// Chips whose nodes are simulated, in the order of the table of costs.
     pub const SIMULATED: [Self; 3] = [Self::CortexM4F, Self::CortexM3, Self::RiscV32];
 
-    /// As the names of its images call it.
+    /// Its name in the names of its images.
     pub fn name(self) -> &'static str {
         match self {
             Self::CortexM4F => "arm",
@@ -30,7 +30,7 @@ impl Chip {
         }
     }
 
-    /// As the documents call it.
+    /// Its name in the documents.
     pub fn title(self) -> &'static str {
         match self {
             Self::CortexM4F => "Cortex-M4F (nRF52832)",
@@ -39,7 +39,7 @@ impl Chip {
         }
     }
 
-    /// What code for it is compiled for.
+    /// The compilation target of its code.
     pub fn target(self) -> Target {
         match self {
             Self::CortexM4F => Target("thumbv7em-none-eabihf"),
@@ -48,8 +48,8 @@ impl Chip {
         }
     }
 
-    /// QEMU with a machine of this kind. Its clock advances by the same time each instruction (`-icount`), in the unit that
-    /// the images' `instrument` expects; nothing else makes its counts mean anything.
+    /// QEMU with a machine of this kind. Its clock advances by the same time for each instruction (`-icount`), in the
+    /// unit that the images' `instrument` expects. Its counts are meaningful only in this way.
     pub fn qemu(self) -> Command {
         let (program, machine) = match self {
             Self::CortexM4F => {

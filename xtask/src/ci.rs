@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 
 use crate::root;
 
-/// What a step proves, its command, and what is added to its environment.
+/// The name of the check, its command, and additions to its environment.
 type Step = (&'static str, &'static [&'static str], &'static [(&'static str, &'static str)]);
 
 const STEPS: [Step; 13] = [
@@ -27,11 +27,14 @@ const STEPS: [Step; 13] = [
     ("cost on the chip", &["cargo", "xtask", "bench", "--check"], &[]),
 ];
 
-/// The first command of the README, word by word.
+/// The first command of the README, exactly as there.
 const FIRST_COMMAND: [&str; 11] =
     ["cargo", "run", "--release", "-p", "host-tools", "--bin", "baliza", "--", "simulate", "--plot", "room.png"];
 
-/// Runs every step, even after one has failed, and ends with the list of what passed.
+/// Runs every step, even after one has failed, and ends with a list of the results.
+///
+/// # Errors
+/// A step fails, or its command cannot be started.
 pub fn run() -> Result<()> {
     let mut summary = String::new();
     let mut failed = 0;
@@ -52,7 +55,8 @@ pub fn run() -> Result<()> {
     Ok(())
 }
 
-/// The command of a step. A chore is run by this very program: cargo could not replace it while it runs.
+/// The command of a step. A subcommand of xtask is run by this same program: cargo could not replace it while it
+/// runs.
 fn command(words: &[&str]) -> Command {
     match (words, env::current_exe()) {
         (["cargo", "xtask", chore @ ..], Ok(this)) => {

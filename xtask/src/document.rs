@@ -7,7 +7,11 @@ use anyhow::{Context, Result};
 
 use crate::extract;
 
-/// Replaces what stands between `<!-- made: NAME -->` and `<!-- end: NAME -->` in the file by what documents have of the part, if anything.
+/// Replaces the text between `<!-- made: NAME -->` and `<!-- end: NAME -->` in the file by the extract of the part,
+/// if documents have one.
+///
+/// # Errors
+/// The file cannot be read or written, or has no such part.
 pub fn remake(file: &Path, name: &str, part: &str) -> Result<()> {
     let Some(part) = extract::of(name, part) else { return Ok(()) };
     let text = fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;

@@ -1,5 +1,5 @@
-//! What documents have of the tables that commands print: the rows and columns that readers ask for. A table's name and its text go in;
-//! its extract comes out, or nothing where the table is only printed.
+//! Extracts of printed tables for the documents: the rows and columns that readers need. The input is a table's name
+//! and its text. The output is the extract, or nothing where the table is only printed.
 
 /// The extract of a table, by the name of its place in the document.
 pub fn of(name: &str, text: &str) -> Option<String> {
@@ -11,19 +11,20 @@ pub fn of(name: &str, text: &str) -> Option<String> {
         "schemes" => Some(table(first, &[0, 1, 3, 5], all)),
         "battery" => Some(table(first, &[0, 2, 4, 5, 6, 7, 8], all)),
         "thesis" => Some(beside_printed(first)),
-        // An oracle has no positions where the truth about the line of sight is unknown.
+        // The method with an oracle has no positions where the true line of sight is unknown.
         "recordings" => Some(table(first, &[0, 1, 2, 3, 4], |row| row.iter().skip(1).any(|cell| cell != "no fix"))),
-        // The path losses of single beacons come before it.
+        // The path losses of single beacons come before this table.
         "beacons by path loss" => Some(table(tables.last()?, &[0, 1, 2, 3, 4], all)),
         // The thesis prints other numbers of neighbours too; the particle filter hardly changes anything.
         "fingerprints" => Some(table(first, &[0, 1, 2, 3, 5, 6, 7], |row| {
             row.first().is_some_and(|method| ["`w5nn`", "`5nn`", "`gp`", "`gp-walk`"].contains(&method.as_str()))
         })),
-        // Powers as such separate in this flat only, whose direct paths are short. Corrections of ranges follow it.
+        // Powers by themselves separate the classes only in this flat, because its direct paths are short.
+        // Corrections of ranges follow this table.
         "nlos" => Some(table(first, &[0, 1, 2, 4, 6], |row| row.iter().all(|cell| !cell.contains("power_mean_dbm")))),
-        // The confusion matrix follows it.
+        // The confusion matrix follows this table.
         "rooms" => Some(table(first, &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9], all)),
-        // Boards' images, without their targets.
+        // Images of boards, without their targets.
         "firmware" => Some(table(first, &[0, 2, 3, 4, 5, 6, 7], |row| {
             row.first().is_some_and(|image| !image.contains("-simulated-") && !image.contains("-wired-"))
         })),
@@ -42,7 +43,7 @@ pub fn of(name: &str, text: &str) -> Option<String> {
     }
 }
 
-/// The tables of a text, each as its rows of cells: a title, the line below it, and the rest.
+/// The tables of a text, each as its rows of cells: the titles, the line below them, and the rest.
 fn blocks(text: &str) -> Vec<Vec<Vec<String>>> {
     let mut tables = vec![Vec::new()];
     for line in text.lines() {
@@ -55,7 +56,7 @@ fn blocks(text: &str) -> Vec<Vec<Vec<String>>> {
     tables
 }
 
-/// A table with these columns, as far as there are such, and the rows that are wanted.
+/// A table with these columns, where they exist, and the wanted rows.
 fn table(rows: &[Vec<String>], columns: &[usize], wanted: impl Fn(&[String]) -> bool) -> String {
     let kept = rows.iter().enumerate().filter(|(at, row)| *at < 2 || wanted(row));
     kept.map(|(at, row)| line(columns.iter().filter_map(|&column| row.get(column)), at == 1)).collect()
@@ -68,12 +69,13 @@ fn line<'c>(cells: impl Iterator<Item = &'c String>, is_rule: bool) -> String {
     format!("|{cells}\n")
 }
 
-/// Left or right, whatever the width.
+/// Alignment to the left or right, without the width.
 fn rule(cell: &str) -> &'static str {
     if cell.ends_with(':') { "---:" } else { "---" }
 }
 
-/// Of the rows of a method and of what was printed for it, one below the other, the column of all points, side by side.
+/// The column over all points, for the rows of a method and the rows printed for it, which are one below the other in
+/// the text and side by side here.
 fn beside_printed(rows: &[Vec<String>]) -> String {
     let mut text = String::from("| method | RMSE, m | as printed, m |\n|---|---:|---:|\n");
     let mut rows = rows.iter().skip(2).peekable();
@@ -86,8 +88,9 @@ fn beside_printed(rows: &[Vec<String>]) -> String {
     text
 }
 
-/// Instructions of the methods with eight anchors, chip by chip and in the plane and in space, and the first chip's code. The text has a
-/// heading a chip, and below it two tables whose third column has eight anchors and whose last one has the code.
+/// Instructions of the methods with eight anchors, chip by chip, in the plane and in space, and the first chip's code
+/// size. The text has one heading a chip. Below it are two tables whose third column is for eight anchors and whose
+/// last one is the code size.
 fn methods(text: &str) -> Option<String> {
     let chips: Vec<(&str, Vec<Vec<Vec<String>>>)> =
         text.split("### ").skip(1).map(|chip| (chip.lines().next().unwrap_or_default(), blocks(chip))).collect();
@@ -97,7 +100,7 @@ fn methods(text: &str) -> Option<String> {
     }
     table += &format!(" code, 2D, bytes |\n|---|{}\n", "---:|".repeat(2 * chips.len() + 1));
     let plane = chips.first()?.1.first()?;
-    // The last row is of all methods together.
+    // The last row is for all methods together.
     for (at, row) in plane.iter().enumerate().take(plane.len().saturating_sub(1)).skip(2) {
         table += &format!("| {} |", row.first()?);
         for instructions in chips.iter().flat_map(|(_, tables)| tables).filter_map(|table| table.get(at)?.get(2)) {

@@ -1,5 +1,5 @@
-//! How good comparisons with fingerprints are: runs `baliza ble fingerprint` and `baliza ble map` on recorded surveys, and makes tables
-//! of it.
+//! Accuracy of comparisons with fingerprints: runs `baliza ble fingerprint` and `baliza ble map` on recorded surveys,
+//! and makes tables of the results.
 
 use baliza_report::MarkdownTable;
 use std::collections::BTreeMap;
@@ -12,7 +12,7 @@ use serde::de::DeserializeOwned;
 use crate::baliza::{json, recording, scratch};
 use crate::bench::Made;
 
-/// One method, as `baliza ble fingerprint --json` prints it; `ble map` prints the errors alone.
+/// One method, as `baliza ble fingerprint --json` prints it; `ble map` prints only the errors.
 #[derive(Clone, Debug, Deserialize)]
 struct Score {
     #[serde(default)]
@@ -21,7 +21,7 @@ struct Score {
     rmse_m: Option<f64>,
 }
 
-/// What is compared: a title, the recording, and the arguments; `{` stands for the recording's folder.
+/// One column each: a title, the recording, and the arguments; `{` is replaced by the recording's folder.
 const COLUMNS: [(&str, &str, &str); 6] = [
     ("linde_room, as in the thesis", "linde_room", "--targets {targets.csv --average trimmed --receiver-offset-db 0"),
     ("linde_room, targets", "linde_room", "--targets {targets.csv"),
@@ -31,7 +31,8 @@ const COLUMNS: [(&str, &str, &str); 6] = [
     ("kolakowski, held out", "kolakowski", "--hold-out 5 --block 100"),
 ];
 
-/// What the thesis printed for its first terminal without the particle filter (table 4.4): MAE and RMSE, metres.
+/// The figures printed in A. Linde Cerezo's thesis for its first terminal without the particle filter (table 4.4):
+/// MAE and RMSE, metres.
 const THESIS: [(&str, f64, f64); 6] = [
     ("w3nn", 1.32, 1.48),
     ("w4nn", 1.23, 1.39),
@@ -41,7 +42,7 @@ const THESIS: [(&str, f64, f64); 6] = [
     ("5nn", 1.21, 1.37),
 ];
 
-/// Maps of few points: the recording, what is known beside, and how many points.
+/// Maps of few points: the recording, the known plan, and the numbers of points.
 const MAPS: [(&str, &str, [u32; 4]); 5] = [
     ("linde_floor", "", [8, 12, 18, 24]),
     ("linde_floor", "--beacons {beacons.csv", [8, 12, 18, 24]),
@@ -51,6 +52,9 @@ const MAPS: [(&str, &str, [u32; 4]); 5] = [
 ];
 
 /// Every comparison on every survey.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn comparisons() -> Result<Option<Made>> {
     if !are_there(COLUMNS.iter().map(|(_, folder, _)| *folder)) {
         return Ok(None);
@@ -60,7 +64,7 @@ pub fn comparisons() -> Result<Option<Made>> {
     let mut scores: Vec<BTreeMap<String, String>> = Vec::new();
     for (_, folder, arguments) in COLUMNS {
         let rows: Vec<Score> = run("fingerprint --kernel all --json", folder, arguments)?;
-        // What goes through the particle filter has a name that says so.
+        // The name of a method with the particle filter shows that.
         let named = rows.iter().map(|row| (row.method.trim_start_matches("fp_").to_owned(), cell(row)));
         scores.push(named.collect());
     }
@@ -76,6 +80,9 @@ pub fn comparisons() -> Result<Option<Made>> {
 }
 
 /// A recorded walk with its floor plan and without.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn barriers() -> Result<Option<Made>> {
     let walk = "kolakowski";
     if !are_there([walk]) {
@@ -95,6 +102,9 @@ pub fn barriers() -> Result<Option<Made>> {
 }
 
 /// Maps of few points.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn maps() -> Result<Option<Made>> {
     if !are_there(MAPS.iter().map(|(folder, ..)| *folder)) {
         return Ok(None);
@@ -121,7 +131,7 @@ fn are_there(folders: impl IntoIterator<Item = &'static str>) -> bool {
     folders.into_iter().all(|folder| recording(folder).is_some())
 }
 
-/// What `baliza ble` makes of a recording's survey.
+/// The output of `baliza ble` for a recording's survey.
 fn run<T: DeserializeOwned>(command: &str, folder: &str, arguments: &str) -> Result<T> {
     let folder = recording(folder).context("no such recording")?;
     let argument = |word: &str| match word.strip_prefix('{') {

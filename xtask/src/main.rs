@@ -43,25 +43,29 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Chore {
-    /// Run all checks of continuous integration, one after the other, and say which passed. `.ci/setup` installs what they need.
+    /// Run all checks of continuous integration, one after the other, and say which passed. `.ci/setup` installs what
+    /// they need.
     Ci,
-    /// Build the crates that need no operating system for bare-metal Cortex-M4F and RISC-V, with and without their logging.
+    /// Build the crates that need no operating system for bare-metal Cortex-M4F and RISC-V, with and without their
+    /// logging.
     NoStd,
-    /// Check each crate that builds with an older Rust than the others with the one that its manifest names, where rustup has it.
+    /// Check each crate that builds with an older Rust than the others with the one that its manifest names,
+    /// where rustup has it.
     OldestRust,
-    /// Build the images of all roles, boards and variants into target/firmware, check what boards, bootloaders and probes look for
-    /// in them, and compare their sizes with their budgets.
+    /// Build the images of all roles, boards and variants into target/firmware, check what boards, bootloaders and
+    /// probes look for in them, and compare their sizes with their budgets.
     Firmware(firmware::Arguments),
     /// Print what the flash of images is spent on: driver, exchanges, engine, solvers, telemetry, Bluetooth and so on.
     Sizes(sizes::Arguments),
     /// Run nodes' images in QEMU.
     #[command(subcommand)]
     Qemu(Qemu),
-    /// Remake the tables and figures of docs/performance.md, docs/scenarios.md and research/README.md that simulations, recordings and QEMU
-    /// make: all, or those that are named. `cargo xtask firmware --document` makes that of the images.
+    /// Remake the tables and figures of docs/performance.md, docs/scenarios.md and research/README.md that simulations,
+    /// recordings and QEMU make: all, or those that are named. `cargo xtask firmware --document` makes that of the
+    /// images.
     ///
-    /// Recordings are looked for in the folder that BALIZA_DATA names, else in ../shared/data; tables of those that are not there stay as
-    /// they are. All together take some twenty minutes.
+    /// Recordings are looked for in the folder that BALIZA_DATA names, else in ../shared/data; tables of those that are
+    /// not there stay as they are. All together take some twenty minutes.
     Bench {
         /// Which.
         #[arg(value_name = "TABLE", value_parser = clap::builder::PossibleValuesParser::new(bench::names()))]
@@ -109,7 +113,7 @@ fn no_std() -> Result<()> {
     let packages = workspace::packages()?;
     for chip in Chip::ALL {
         let toolchain = Toolchain::find(chip.target())?;
-        // What a board needs, its images have.
+        // The images of a board build what the board needs.
         let is_library = |package: &&Package| package.is_no_std() && !package.name.starts_with(firmware::BOARDS);
         for Package { name, features, .. } in packages.iter().filter(is_library) {
             succeed(toolchain.cargo("build").args(["--package", name]))?;
@@ -123,7 +127,8 @@ fn no_std() -> Result<()> {
 
 fn oldest_rust() -> Result<()> {
     let packages = workspace::packages()?;
-    let usual = packages.iter().find(|package| package.name == "xtask").and_then(|package| package.rust_version.clone());
+    let usual =
+        packages.iter().find(|package| package.name == "xtask").and_then(|package| package.rust_version.clone());
     for Package { name, rust_version, .. } in packages.iter().filter(|package| package.rust_version != usual) {
         let Some(version) = rust_version else { bail!("{name} names no Rust version") };
         let mut rustup = Command::new("rustup");
@@ -145,19 +150,19 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("xtask is in the repository")
 }
 
-/// Where builds go.
+/// The folder of build outputs.
 fn target_directory() -> PathBuf {
     root().join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
 }
 
-/// The cargo that runs this program, at the repository.
+/// The cargo that runs this program, in the root of the repository.
 fn cargo() -> Command {
     let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     command.current_dir(root());
     command
 }
 
-/// What a command prints on its standard output; an error where it fails.
+/// The standard output of a command; an error where it fails.
 fn printed(command: &mut Command) -> Result<String> {
     let output = command.stderr(Stdio::inherit()).output().with_context(|| format!("cannot run {command:?}"))?;
     if !output.status.success() {

@@ -1,4 +1,4 @@
-//! Running an image to its end.
+//! Runs an image to its end.
 
 use std::io::Read;
 use std::path::Path;
@@ -10,15 +10,21 @@ use anyhow::{Context, Result, bail};
 
 use crate::chip::Chip;
 
-/// An image that takes longer hangs: each needs some seconds.
+/// Limit of an image's run time: each needs some seconds, so that a longer run hangs.
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// What the image prints until it ends; an error where it fails, or does not end.
+/// The output of an image until it ends.
+///
+/// # Errors
+/// QEMU cannot be started, or the image fails or does not end.
 pub fn run(chip: Chip, image: &Path) -> Result<String> {
     run_command(chip, image, chip.qemu())
 }
 
 /// The same for an image that opens files in this directory, and is started with this argument.
+///
+/// # Errors
+/// QEMU cannot be started, or the image fails or does not end.
 pub fn run_in(chip: Chip, image: &Path, directory: &Path, argument: &str) -> Result<String> {
     let mut command = chip.qemu();
     command.current_dir(directory).arg("-append").arg(argument);

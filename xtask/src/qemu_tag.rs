@@ -1,7 +1,9 @@
-//! `cargo xtask qemu tag`: the tag's images for boards without hardware run in QEMU, on both cores, and find the same positions
-//! as the same app on a desktop: by a track, and by B-WLS each round by itself; to the last bit, which a digest in the log tells.
+//! `cargo xtask qemu tag`: the tag's images for boards without hardware run in QEMU, on both cores. They must find
+//! the same positions as the same app on a desktop, once by a track, and once by B-WLS for each round by itself. The
+//! positions must agree to the last bit; a digest in the log shows that.
 //!
-//! What the images put into RTT's channels arrives in files; `baliza monitor` reads log and telemetry from them as from a probe.
+//! The output of the images on RTT's channels is written to files; `baliza monitor` reads log and telemetry from them
+//! as from a probe.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,21 +15,24 @@ use wire::telemetry::{Decoder, Message};
 use crate::chip::Chip;
 use crate::{cargo, firmware, qemu, target_directory};
 
-/// What the tag makes its positions by, one run after the other.
+/// The solvers of the tag, one run after the other.
 const SOLVERS: [Solver; 2] = [Solver::Track, Solver::BWls];
-/// Positions of a core and of the desktop are the same within this, metres.
+/// Greatest accepted difference between the positions of a core and of the desktop, metres.
 const SAME_M: f64 = 0.001;
-/// Fewer positions than this, and the tag did not work: it ranges twenty times a second for five seconds.
+/// Least number of positions: the tag ranges twenty times a second for five seconds.
 const LEAST_FIXES: usize = 90;
 
-/// Runs both images and compares.
+/// Runs both images and compares them with the desktop.
+///
+/// # Errors
+/// A build or a run fails, or the results differ.
 pub fn run() -> Result<()> {
     let references = SOLVERS.iter().map(|solver| desktop(*solver)).collect::<Result<Vec<_>>>()?;
     for chip in Chip::ALL {
         let name = match chip {
             Chip::CortexM4F => "tag-simulated-arm",
             Chip::RiscV32 => "tag-simulated-riscv",
-            // As good as the other Cortex-M.
+            // It would repeat the test of the other Cortex-M.
             Chip::CortexM3 => continue,
         };
         let elf = firmware::elf(name)?;
@@ -43,7 +48,8 @@ pub fn run() -> Result<()> {
     Ok(())
 }
 
-/// Compares what an image has left in its directory with the desktop's; what to say where they agree.
+/// Compares the files that an image left in its directory with the desktop's results; returns a text where they
+/// agree.
 fn examine(elf: &Path, directory: &Path, solver: Solver, reference: &Life) -> Result<String> {
     let (log, told) = (directory.join("tag-simulated.defmt"), directory.join("tag-simulated.telemetry"));
     let log = show(elf, &told, &log)?;
@@ -62,26 +68,26 @@ fn is_position_by(line: &str, solver: Solver) -> bool {
     line.contains("fix x=") && line.split(", ").any(|part| part.split_whitespace().next() == Some(solver.name()))
 }
 
-/// The digest that a line tells.
+/// The digest in a line.
 fn digest_in(line: &str) -> Option<&str> {
     line.split_once("digest ")?.1.split_whitespace().next()
 }
 
-/// A tag's life on the desktop.
+/// The record of a tag's run on the desktop.
 struct Life {
     messages: Vec<Message>,
     digest: String,
 }
 
-/// From one round's line in the log to the next one's, microseconds: at most 25 a second.
+/// Time from one round's line in the log to the next one's, microseconds: at most 25 a second.
 const LINE_US: u64 = 40_000;
 
-/// Where the channels' files are left.
+/// The folder of the channels' files.
 fn directory() -> PathBuf {
     target_directory().join("qemu")
 }
 
-/// What the app tells on a desktop.
+/// The telemetry of the app on a desktop.
 fn desktop(solver: Solver) -> Result<Life> {
     let file = directory().join("desktop.telemetry");
     fs::create_dir_all(directory()).with_context(|| format!("cannot make {}", directory().display()))?;
@@ -95,7 +101,7 @@ fn desktop(solver: Solver) -> Result<Life> {
     Ok(Life { messages: messages(&file)?, digest })
 }
 
-/// Prints the lines of the log, and gives them back.
+/// Prints the lines of the log, and returns them.
 fn show(elf: &Path, telemetry: &Path, log: &Path) -> Result<Vec<String>> {
     let mut command = cargo();
     command.args([
@@ -121,7 +127,7 @@ fn show(elf: &Path, telemetry: &Path, log: &Path) -> Result<Vec<String>> {
     Ok(logged)
 }
 
-/// All messages of a file; an error where something else is in it.
+/// All messages of a file; an error where the file contains something else.
 fn messages(file: &Path) -> Result<Vec<Message>> {
     let bytes = fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
     let mut decoder = Decoder::new();
@@ -129,7 +135,8 @@ fn messages(file: &Path) -> Result<Vec<Message>> {
     decoded.map(|message| message.with_context(|| format!("{} is torn", file.display()))).collect()
 }
 
-/// How many of the positions have a line in the log: it has one of rounds that are nearer to each other than [`LINE_US`].
+/// The number of positions with a line in the log. Rounds that are nearer to each other than [`LINE_US`] share one
+/// line.
 fn positions_in_log(messages: &[Message]) -> usize {
     let (mut last_us, mut positions) = (None, 0);
     for message in messages {
@@ -142,7 +149,7 @@ fn positions_in_log(messages: &[Message]) -> usize {
     positions
 }
 
-/// Compares message by message; what to say where they agree.
+/// Compares message by message; returns a text where they agree.
 fn compare(messages: &[Message], reference: &[Message]) -> Result<String> {
     ensure!(messages.len() == reference.len(), "{} messages, on the desktop {}", messages.len(), reference.len());
     let (mut farthest_m, mut equal, mut positions) = (0.0_f64, 0, 0);

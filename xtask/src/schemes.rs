@@ -1,4 +1,4 @@
-//! What schemes of two-way ranging cost and give: the table that an example of `ranging` prints.
+//! Costs and accuracy of schemes of two-way ranging: the table that an example of `ranging` prints.
 
 use anyhow::Result;
 
@@ -6,6 +6,9 @@ use crate::bench::Made;
 use crate::{cargo, printed};
 
 /// The table.
+///
+/// # Errors
+/// The example cannot be built, or fails.
 pub fn compared() -> Result<Option<Made>> {
     let table =
         printed(cargo().args(["run", "--quiet", "--release", "--package", "baliza-ranging", "--example", "schemes"]))?;

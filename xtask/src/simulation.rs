@@ -1,4 +1,4 @@
-//! How fast and how accurate whole nodes are: runs `baliza simulate` and makes tables of it.
+//! Speed and accuracy of whole nodes: runs `baliza simulate` and makes tables of the results.
 
 use std::time::Instant;
 
@@ -9,7 +9,7 @@ use serde::Deserialize;
 use crate::baliza::{binary, json};
 use crate::bench::Made;
 
-/// What `baliza simulate --json` prints, as far as the table has it.
+/// The part of the output of `baliza simulate --json` that the table needs.
 #[derive(Clone, Debug, Deserialize)]
 struct Summary {
     seconds: f64,
@@ -19,7 +19,7 @@ struct Summary {
     airtime_share: f64,
 }
 
-/// What is simulated, with which arguments, and what other systems do.
+/// The simulated case, its arguments, and the figure of other systems.
 const ROWS: [[&str; 3]; 12] = [
     ["1 tag, 4 anchors", "--tags 1 --anchors 4", "PANS 10, best field report 100 to 300"],
     ["1 tag, 8 anchors", "--tags 1 --anchors 8", "Loco Positioning, two-way: below 100"],
@@ -35,7 +35,7 @@ const ROWS: [[&str; 3]; 12] = [
     ["1,000 tags at 10 Hz, 200 anchors", "--tags 1000 --anchors 200 --rate 10 --fidelity air --seconds 10", ""],
 ];
 
-/// What `baliza simulate --json` prints of a scenario with beacons, as far as the table has it.
+/// The part of the output of `baliza simulate --json` for a scenario with beacons that the table needs.
 #[derive(Clone, Debug, Deserialize)]
 struct Scenario {
     fixes_per_s: f64,
@@ -55,17 +55,20 @@ struct Errors {
     rmse_m: Option<f64>,
 }
 
-/// Scenarios with anchors and beacons, and what they are.
+/// Scenarios with anchors and beacons, and their descriptions.
 const SCENARIOS: [[&str; 2]; 4] = [
     ["beacons.toml", "six beacons around 12 m × 8 m"],
     ["anchors.toml", "four anchors in the same room"],
     ["both.toml", "both in one room"],
     ["leaving.toml", "from four anchors behind steel and concrete to eight beacons"],
 ];
-/// Each is simulated with these seeds.
+/// Each scenario is simulated with these seeds.
 const SEEDS: [&str; 3] = ["1", "2", "3"];
 
 /// Tags among anchors and beacons.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn scenarios() -> Result<Option<Made>> {
     let mut table = MarkdownTable::new(["scenario", "positions a second:", "by anchors:", "by beacons:"]);
     for [file, what] in SCENARIOS {
@@ -77,7 +80,7 @@ pub fn scenarios() -> Result<Option<Made>> {
     Ok(Made::one("scenarios", table.into_text()))
 }
 
-/// The cells of a row: the seeds' errors side by side; nothing where no seed has a position.
+/// The cells of a row: the errors for each seed side by side; empty where no seed gives a position.
 fn scenario(file: &str, what: &str, runs: &[Scenario]) -> String {
     let errors = |of: fn(&Scenario) -> Option<f64>| {
         let metres = |metres: f64| if metres < 0.1 { format!("{metres:.3}") } else { format!("{metres:.2}") };
@@ -91,11 +94,14 @@ fn scenario(file: &str, what: &str, runs: &[Scenario]) -> String {
 }
 
 /// Rooms with tags and anchors.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn rooms() -> Result<Option<Made>> {
     let figures = ["positions a second:", "error P50, P90, m:", "on the air:", "times real time:"];
     let titles = ["what", "`baliza simulate …`"].into_iter().chain(figures).chain(["others"]);
     let mut table = MarkdownTable::new(titles);
-    // Built before any time is taken.
+    // Built before any time is measured.
     binary()?;
     for [what, arguments, others] in ROWS {
         let begun = Instant::now();

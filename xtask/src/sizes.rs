@@ -1,7 +1,8 @@
-//! `cargo xtask sizes`: what an image's flash is spent on. Images go in, out flows a table of kibibytes by purpose.
+//! `cargo xtask sizes`: where an image's flash is spent. The input is images. The output is a table of kibibytes by
+//! purpose.
 //!
-//! Code counts for the source that it was written in: of what the compiler has put into each other, the innermost that is not a library
-//! of use to all. What has no source is the makers' Bluetooth controllers.
+//! Code counts for the source in which it was written. Where the compiler has inlined functions, the innermost counts
+//! that is not in a general library. Code without a source is that of the makers' Bluetooth controllers.
 
 use baliza_report::MarkdownTable;
 use std::path::Path;
@@ -16,7 +17,7 @@ use crate::firmware;
 /// Images that users choose between.
 const IMAGES: [&str; 2] = ["tag-dwm1001", "tag-dwm1001-ble"];
 
-/// What an image is made of, and how the paths of its sources begin; the first that fits counts.
+/// Purposes of code, and the prefixes of the paths of their sources; the first match counts.
 const PURPOSES: [(&str, &[&str]); 10] = [
     ("DW1000: driver", &["dw1000/"]),
     ("Exchanges: frames, slots, networks, times of flight", &["ranging/", "wire/src/uwb"]),
@@ -53,7 +54,7 @@ const ARITHMETIC: &str = "Arithmetic and memory by software";
 const WITHOUT_SOURCE: &str = "Without source: Bluetooth controller, boot code";
 const CONSTANTS: &str = "Constants: tables, texts, places of panics, initial values";
 
-/// Sources that belong to whoever calls them, wherever they were put into a caller.
+/// General sources, whose code counts for its callers wherever it was inlined.
 const SHARED: [&str; 10] = [
     "rustc/",
     "library/",
@@ -75,20 +76,23 @@ pub struct Arguments {
     images: Vec<String>,
 }
 
-/// Builds, weighs, prints.
+/// Builds the images, sums their code, and prints the table.
+///
+/// # Errors
+/// An image cannot be built or read.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let weighed = arguments.images.iter().map(|name| weigh(&firmware::elf(name)?)).collect::<Result<Vec<_>>>()?;
     println!("\n{}", table(&arguments.images, &weighed));
     Ok(())
 }
 
-/// Every row of the table, from top to bottom.
+/// All rows of the table, from top to bottom.
 fn rows() -> impl Iterator<Item = &'static str> {
     let named = PURPOSES.iter().map(|(name, _)| *name);
     named.chain([BOARD, ARITHMETIC, WITHOUT_SOURCE, CONSTANTS])
 }
 
-/// Bytes of an image, a row each.
+/// Bytes of an image, one entry a row.
 fn weigh(file: &Path) -> Result<Vec<u64>> {
     let bytes = std::fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
     let image = File::parse(bytes.as_slice()).with_context(|| format!("{} is no ELF file", file.display()))?;

@@ -1,7 +1,7 @@
 //! A compiler for bare metal: one that has the target's `core`, or one that has the source of `core` to build it from.
 //!
-//! With rustup the first is a `rustup target add` away. Debian's `rustc-web` has no bare-metal targets but, with
-//! `rust-web-src`, the source: `-Zbuild-std`, which a stable compiler takes under `RUSTC_BOOTSTRAP=1`, does the rest.
+//! With rustup, `rustup target add` gives the first. Debian's `rustc-web` has no bare-metal targets. Its package
+//! `rust-web-src` has the source, and a stable compiler builds it with `-Zbuild-std` under `RUSTC_BOOTSTRAP=1`.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use anyhow::{Context, Result, bail};
 use crate::target::Target;
 use crate::{root, target_directory};
 
-/// The cargo profile of whatever runs on a chip.
+/// The cargo profile of code that runs on a chip.
 const PROFILE: &str = "firmware";
 
 /// A compiler with its cargo, for one target.
@@ -36,6 +36,9 @@ enum Core {
 
 impl Toolchain {
     /// The first toolchain that can build for `target`: the one on PATH, or else the system's.
+    ///
+    /// # Errors
+    /// No compiler can build for the target, or there is no linker for it.
     pub fn find(target: Target) -> Result<Self> {
         let installed = [("cargo", "rustc"), ("/usr/bin/cargo", "/usr/bin/rustc")];
         let with = |core| move |&(cargo, rustc): &_| Self { target, cargo, rustc, core };
@@ -61,16 +64,17 @@ impl Toolchain {
         Ok(Self { target, cargo, rustc, core: Core::Source { linker } })
     }
 
-    /// `cargo <subcommand>` for the target, in the repository's root, with its own target directory: a different compiler must
-    /// not make the desktop's builds stale.
+    /// `cargo <subcommand>` for the target, in the repository's root, with its own target directory, so that a
+    /// different compiler does not invalidate the desktop's builds.
     pub fn cargo(&self, subcommand: &str) -> Command {
         let mut command = Command::new(self.cargo);
         command.current_dir(root()).env("RUSTC", self.rustc);
-        // RUSTFLAGS, if set, were meant for the desktop. An image that says where it panicked names no folder of this machine.
+        // RUSTFLAGS, if set, are for the desktop. The paths in an image's panic messages must not name a folder of
+        // this machine.
         command.env("CARGO_ENCODED_RUSTFLAGS", remapped());
         if let (Some(headers), None) = (clang_headers(), env::var_os("BINDGEN_EXTRA_CLANG_ARGS")) {
-            // The bindings of Nordic's Bluetooth controller are made by libclang, which does not know where its own headers are
-            // where the compiler beside it is not installed.
+            // libclang makes the bindings of Nordic's Bluetooth controller. It does not find its own headers where
+            // the compiler of the same package is not installed.
             command.env("BINDGEN_EXTRA_CLANG_ARGS", format!("-isystem {} -ffreestanding", headers.display()));
         }
         command.args([subcommand, "--profile", PROFILE, "--target", self.target.triple(), "--target-dir"]);
@@ -87,8 +91,11 @@ impl Toolchain {
         command
     }
 
-    /// [`cargo`](Self::cargo) for an image that is flashed: on a Cortex-M, flip-link, where it is installed, puts the stack
-    /// below the variables, so that an overflow faults.
+    /// [`cargo`](Self::cargo) for an image that is flashed: on a Cortex-M, flip-link, where it is installed, puts the
+    /// stack below the variables, so that an overflow faults.
+    ///
+    /// # Errors
+    /// The PATH with a linker for flip-link cannot be made.
     pub fn cargo_image(&self, subcommand: &str) -> Result<Command> {
         let mut command = self.cargo(subcommand);
         if self.target.is_cortex_m() && is_installed("flip-link") {
@@ -100,17 +107,17 @@ impl Toolchain {
         Ok(command)
     }
 
-    /// Where [`cargo`](Self::cargo) leaves the binary `name`.
+    /// The file of the binary `name` that [`cargo`](Self::cargo) builds.
     pub fn binary(&self, name: &str) -> PathBuf {
         build_directory().join(self.target.triple()).join(PROFILE).join(name)
     }
 
-    /// Whether it came with the target's `core`, as rustup's do.
+    /// Whether the compiler came with the target's `core`, as rustup's do.
     pub fn is_rustups(&self) -> bool {
         self.core == Core::Compiled
     }
 
-    /// Whether clippy can look at code for the target: it comes with rustup's compilers only.
+    /// Whether clippy can check code for the target: only rustup's compilers have it.
     pub fn has_clippy(&self) -> bool {
         self.is_rustups() && output(self.cargo, &["clippy", "--version"]).is_some()
     }
@@ -129,7 +136,8 @@ fn linker_variable(target: Target) -> String {
     format!("CARGO_TARGET_{}_LINKER", target.variable())
 }
 
-/// Flags by which sources are named from the root of the repository and of the registry, and not of the machine.
+/// Flags that make the paths of sources start at the root of the repository or of the registry, without folders of
+/// this machine.
 fn remapped() -> OsString {
     let home = env::var_os("CARGO_HOME").map(PathBuf::from);
     let home = home.or_else(|| env::home_dir().map(|home| home.join(".cargo")));
@@ -145,7 +153,7 @@ fn remapped() -> OsString {
     flags
 }
 
-/// Where the headers of Debian's newest libclang are.
+/// The folder of the headers of Debian's newest libclang.
 fn clang_headers() -> Option<PathBuf> {
     let below = |directory: PathBuf| fs::read_dir(directory).into_iter().flatten().flatten().map(|entry| entry.path());
     let llvms = below("/usr/lib".into()).filter(|path| path.to_string_lossy().contains("/llvm-"));
@@ -153,7 +161,7 @@ fn clang_headers() -> Option<PathBuf> {
     clangs.filter(|include| include.join("stdint.h").is_file()).max()
 }
 
-/// PATH with LLVM's linker under the name that flip-link calls it by.
+/// PATH with LLVM's linker under the name that flip-link calls.
 fn path_with_linker() -> Result<OsString> {
     let directory = build_directory().join("linker");
     fs::create_dir_all(&directory)?;
@@ -192,14 +200,14 @@ fn sysroot(rustc: &str) -> Option<PathBuf> {
     output(rustc, &["--print", "sysroot"]).map(PathBuf::from)
 }
 
-/// Whether a program is on PATH. Not all say their version without being asked to work.
+/// Whether a program is on PATH. Some programs do not print a version.
 pub fn is_installed(program: &str) -> bool {
     let path = env::var_os("PATH").unwrap_or_default();
     let file = format!("{program}{}", env::consts::EXE_SUFFIX);
     env::split_paths(&path).any(|directory| directory.join(&file).is_file())
 }
 
-/// What a program prints, without the line's end; nothing where it fails.
+/// The output of a program, without the line's end; `None` where it fails.
 fn output(program: &str, arguments: &[&str]) -> Option<String> {
     let output = Command::new(Path::new(program)).args(arguments).output().ok()?;
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())

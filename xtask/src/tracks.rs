@@ -1,4 +1,5 @@
-//! How good tracks are: runs `baliza track`, `bench garcia`, `bench barral` and `bench fusion`, and makes tables of it.
+//! Accuracy of tracks: runs `baliza track`, `bench garcia`, `bench barral` and `bench fusion`, and makes tables of
+//! the results.
 
 use baliza_report::MarkdownTable;
 use std::path::{Path, PathBuf};
@@ -19,11 +20,11 @@ struct Score {
     nees: Option<f64>,
 }
 
-/// In the plane, at the height of the truth.
+/// In the plane, at the height of the true position.
 const PLANE: [&str; 3] = ["--dims", "2", "--height-from-truth"];
 /// In space.
 const SPACE: [&str; 2] = ["--dims", "3"];
-/// What is compared: a title, the arguments before the recording's, and those behind.
+/// One row each: a title, the arguments before the recording's, and those behind.
 const ROWS: [(&str, &[&str], &[&str]); 6] = [
     ("`baliza solve`", &["solve"], &PLANE),
     ("`baliza track`", &["track", "--consistency"], &PLANE),
@@ -34,26 +35,41 @@ const ROWS: [(&str, &[&str], &[&str]); 6] = [
 ];
 
 /// Differences of arrival, and their figure.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn garcia() -> Result<Option<Made>> {
     Ok(Made::one("garcia", baliza(["bench", "garcia", "--seed", "1", "--plot", "research/garcia.svg"])?))
 }
 
-/// Ranges, blocked ones among them, and their figure.
+/// Ranges, some of them blocked, and their figure.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn barral() -> Result<Option<Made>> {
     Ok(Made::one("barral", baliza(["bench", "barral", "--seed", "1", "--plot", "research/barral.svg"])?))
 }
 
 /// Anchors and beacons.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn fusion() -> Result<Option<Made>> {
     Ok(Made::one("fusion", baliza(["bench", "fusion", "--seed", "1"])?))
 }
 
 /// The same under other conditions.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn sweep() -> Result<Option<Made>> {
     Ok(Made::one("fusion sweep", baliza(["bench", "fusion", "--seed", "1", "--sweep", "--walks", "8"])?))
 }
 
 /// The engine on every recording.
+///
+/// # Errors
+/// A run of `baliza` fails.
 pub fn recorded() -> Result<Option<Made>> {
     let folders = ranges();
     if folders.is_empty() {

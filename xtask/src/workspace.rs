@@ -1,4 +1,4 @@
-//! The crates of this repository, as cargo knows them.
+//! The crates of this repository, as cargo lists them.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -22,7 +22,7 @@ pub struct Package {
     pub metadata: Option<serde_json::Value>,
 }
 
-/// What cargo makes of a crate: its library, a binary.
+/// A product of a crate: its library or a binary.
 #[derive(Debug, Deserialize)]
 pub struct Product {
     pub name: String,
@@ -31,7 +31,7 @@ pub struct Product {
 }
 
 impl Package {
-    /// Whether its library says that it needs no operating system.
+    /// Whether its library is `no_std`.
     pub fn is_no_std(&self) -> bool {
         let library = self.manifest_path.with_file_name("src").join("lib.rs");
         fs::read_to_string(library).is_ok_and(|source| source.lines().any(|line| line == "#![no_std]"))
@@ -39,6 +39,9 @@ impl Package {
 }
 
 /// All crates.
+///
+/// # Errors
+/// Cargo cannot list them.
 pub fn packages() -> Result<Vec<Package>> {
     #[derive(Deserialize)]
     struct Metadata {

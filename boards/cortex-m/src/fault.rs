@@ -1,32 +1,34 @@
-//! What a fault of a Cortex-M means: the fault's registers and the stack's bounds in, a [`CrashReason`] and the place of the
-//! stacked program counter out (ARMv7-M architecture reference manual, B1.5.6 and B3.2.15). Pure: the handler is elsewhere.
+//! Classifies a fault of a Cortex-M. Input: the fault's registers and the stack's bounds. Output: a [`CrashReason`] and
+//! the address of the stacked program counter (ARMv7-M architecture reference manual, B1.5.6 and B3.2.15). The
+//! functions are pure: the handler is elsewhere.
 
 use core::ops::Range;
 
 use wire::telemetry::CrashReason;
 
-/// The registers that tell what happened.
+/// The registers that describe a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Registers {
-    /// Main stack pointer in the handler, below what the processor stacked.
+    /// The main stack pointer in the handler, below the registers that the processor stacked.
     pub stack_pointer: u32,
     /// CFSR.
     pub status: u32,
-    /// BFAR: the address that could not be reached, where the status says that it holds.
+    /// BFAR: the address of the failed access, if the status marks it as valid.
     pub address: u32,
 }
 
 /// CFSR: stacking for an exception failed, at the memory protection unit or on the bus.
 const STACKING: u32 = 1 << 4 | 1 << 12;
-/// CFSR: BFAR holds.
+/// CFSR: BFAR is valid.
 const ADDRESS_VALID: u32 = 1 << 15;
 /// One instruction stores at most 14 registers, or 32 of the floating-point unit, below the stack pointer.
 const REACH: u32 = 4 * 32;
-/// Words that the processor stacks at least, and which of them is the program counter.
+/// The bytes that the processor stacks at least, and the offset of the program counter in them.
 const FRAME_BYTES: u32 = 4 * 8;
 const PROGRAM_COUNTER: u32 = 4 * 6;
 
-/// Whether the stack overflowed, or something else happened. `stack` is the stack's memory; the word below it is no RAM.
+/// Whether the stack overflowed, or something else happened. `stack` is the stack's memory. The word below it is no
+/// RAM.
 pub fn reason(registers: Registers, stack: &Range<u32>) -> CrashReason {
     let beyond = registers.stack_pointer < stack.start;
     let below = stack.start.saturating_sub(REACH)..stack.start;
@@ -38,7 +40,7 @@ pub fn reason(registers: Registers, stack: &Range<u32>) -> CrashReason {
     }
 }
 
-/// Where the program counter was stacked, if what was stacked lies in the stack.
+/// The address of the stacked program counter, if the stacked registers lie in the stack.
 pub fn stacked_program_counter(stack_pointer: u32, stack: &Range<u32>) -> Option<u32> {
     let end = stack_pointer.checked_add(FRAME_BYTES)?;
     let whole = stack.start <= stack_pointer && end <= stack.end && stack_pointer.is_multiple_of(4);
@@ -57,7 +59,7 @@ mod tests {
 
     #[test]
     fn a_bad_pointer_is_a_fault() {
-        // PRECISERR and BFARVALID, an address nowhere near the stack.
+        // PRECISERR and BFARVALID, with an address far from the stack.
         assert_eq!(reason(registers(0x2000_BF00, 0x8200, 0xFFFF_0000), &STACK), CrashReason::Fault);
         // UNDEFINSTR.
         assert_eq!(reason(registers(0x2000_BF00, 0x0001_0000, 0), &STACK), CrashReason::Fault);
@@ -70,9 +72,9 @@ mod tests {
 
     #[test]
     fn a_push_that_went_below_is_an_overflow_though_the_pointer_is_back() {
-        // `push {r4-r11}` at 0x2000_0010 would have stored at 0x1FFF_FFF0; the frame of the fault just fits.
+        // `push {r4-r11}` at 0x2000_0010 would have stored at 0x1FFF_FFF0. The frame of the fault just fits.
         assert_eq!(reason(registers(0x2000_0000, 0x8200, 0x1FFF_FFF0), &STACK), CrashReason::StackOverflow);
-        // The same address in a register whose validity bit is not set says nothing.
+        // The same address in a register that is not marked as valid has no meaning.
         assert_eq!(reason(registers(0x2000_0000, 0x0200, 0x1FFF_FFF0), &STACK), CrashReason::Fault);
     }
 

@@ -1,6 +1,8 @@
-//! An EUI-64 from what chips carry of themselves: marked as locally administered, for no manufacturer's range is ours.
+//! Derives an EUI-64 from a chip's own numbers. It is marked as locally administered, because this project has no
+//! manufacturer's range.
 
-/// Locally administered, and of one node, not a group: bits 1 and 0 of the first byte (IEEE 802, 8.2.2).
+/// Marks an EUI-64 as locally administered, and as that of one node, not a group: bits 1 and 0 of the first byte (IEEE
+/// 802, 8.2.2).
 fn local(eui: u64) -> u64 {
     eui & !(1 << 56) | 1 << 57
 }
@@ -10,7 +12,8 @@ pub fn of_random(device: u64) -> u64 {
     local(device)
 }
 
-/// From a number that counts chips, whose bits differ little from chip to chip (STM32: lot, wafer and place on it): its hash, FNV-1a.
+/// From a serial number whose bits differ little from chip to chip (STM32: lot, wafer, and coordinates on the wafer):
+/// its hash, FNV-1a.
 pub fn of_serial(serial: &[u8]) -> u64 {
     local(
         serial
@@ -31,7 +34,7 @@ mod tests {
 
     #[test]
     fn a_serial_is_hashed_as_published() {
-        // FNV-1a of "foobar" is 0x85944171f73967e8 (Fowler, Noll, Vo: test vectors); 0x85 becomes 0x86.
+        // FNV-1a of "foobar" is 0x85944171f73967e8 (Fowler, Noll, Vo: test vectors). 0x85 becomes 0x86.
         assert_eq!(of_serial(b"foobar"), 0x8694_4171_F739_67E8);
     }
 

@@ -1,5 +1,6 @@
-//! What the Cortex-M boards share: the log's clock, what a crash leaves, the critical section, SPI to the DW1000. What needs no chip
-//! ([`fault`], [`identity`], [`reset_cause`]) builds on a desktop too, where it is tested.
+//! The common parts of the Cortex-M boards: the log's clock, the crash record, the critical section, and SPI to the
+//! DW1000. The modules that need no chip ([`fault`], [`identity`], [`reset_cause`]) also build on a desktop, where they
+//! are tested.
 #![no_std]
 
 #[cfg(test)]

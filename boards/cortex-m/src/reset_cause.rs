@@ -1,11 +1,12 @@
-//! Why a chip was reset: its register of reset causes in, [`ResetCause`] out.
+//! Why a chip was reset. Input: its register of reset causes. Output: a [`ResetCause`].
 //!
-//! Neither chip tells a brown-out from power that came: both show the same flag, or none. What tells them apart is the RAM, which
-//! fades within seconds without power: `ram_survived` says that a pattern left there was still there.
+//! Neither chip's flags distinguish a brown-out from a power-on: both set the same flag, or none. The RAM distinguishes
+//! them, because it fades within seconds without power. `ram_survived` means that a pattern written there was still
+//! there.
 
 use wire::telemetry::ResetCause;
 
-/// Flags in the order in which they are believed, where more than one is set.
+/// The cause by the first flag that is set, in the order of `flags`.
 fn first(register: u32, flags: &[(u32, ResetCause)]) -> Option<ResetCause> {
     flags.iter().find(|(bit, _)| register & (1 << bit) != 0).map(|(_, cause)| *cause)
 }
@@ -14,14 +15,14 @@ fn power(ram_survived: bool) -> ResetCause {
     if ram_survived { ResetCause::BrownOut } else { ResetCause::PowerOn }
 }
 
-/// RESETREAS of an nRF52832 (product specification, 18.8); the firmware clears it at each start.
+/// RESETREAS of an nRF52832 (product specification, 18.8). The firmware clears it at each start.
 pub fn nrf52(resetreas: u32, ram_survived: bool) -> ResetCause {
     const FLAGS: [(u32, ResetCause); 8] = [
         (1, ResetCause::Watchdog),
         (3, ResetCause::Lockup),
         (2, ResetCause::Software),
         (0, ResetCause::Pin),
-        // Woken from System OFF: by a pin, the comparator, the debugger, a field.
+        // Woken from System OFF: by a pin, the comparator, the debugger, or an NFC field.
         (16, ResetCause::Wake),
         (17, ResetCause::Wake),
         (18, ResetCause::Wake),
@@ -34,9 +35,10 @@ pub fn nrf52(resetreas: u32, ram_survived: bool) -> ResetCause {
     }
 }
 
-/// RCC_CSR of an STM32F105 (reference manual RM0008, 8.3.10). Every reset pulls the pin, so that its flag counts last.
+/// RCC_CSR of an STM32F105 (reference manual RM0008, 8.3.10). Every reset pulls the pin, so the pin's flag counts only
+/// if no other is set.
 pub fn stm32f1(csr: u32, ram_survived: bool) -> ResetCause {
-    /// LPWRRSTF to PINRSTF.
+    /// The bits from LPWRRSTF to PINRSTF.
     const CAUSES: u32 = 0x3F << 26;
     let flags = [
         (29, ResetCause::Watchdog),
@@ -77,7 +79,7 @@ mod tests {
 
     #[test]
     fn stm32f1_tells_the_pin_only_when_it_is_alone() {
-        // PINRSTF alone, then with PORRSTF as after power, SFTRSTF, IWDGRSTF; LSI's bits below do not matter.
+        // PINRSTF alone, then with PORRSTF as after power-on, SFTRSTF, IWDGRSTF. LSI's bits below do not matter.
         assert_eq!(stm32f1(0x0400_0003, false), ResetCause::Pin);
         assert_eq!(stm32f1(0x0C00_0000, false), ResetCause::PowerOn);
         assert_eq!(stm32f1(0x0C00_0000, true), ResetCause::BrownOut);

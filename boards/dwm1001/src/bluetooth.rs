@@ -1,7 +1,7 @@
-//! Listening to Bluetooth advertisements: passive, each report told, duplicates too.
+//! Receives Bluetooth advertisements. The scan is passive, and reports each advertisement, duplicates too.
 //!
-//! The controller (Nordic's, in the nRF52832) is told what to do by HCI commands, without a host in between: a scanner needs five of
-//! them, and switching one on and off between two ranging slots is one command each.
+//! HCI commands control the controller (Nordic's, in the nRF52832), without a host in between. A scanner needs five
+//! commands. Switching it on or off between two ranging slots takes one command each.
 
 use core::convert::Infallible;
 
@@ -29,7 +29,7 @@ bind_interrupts!(struct Interrupts {
     RTC0 => mpsl::HighPrioInterruptHandler;
 });
 
-/// What the controller takes of the chip.
+/// The peripherals of the chip that the controller uses.
 pub struct Parts {
     pub(super) rtc0: Peri<'static, peripherals::RTC0>,
     pub(super) timer0: Peri<'static, peripherals::TIMER0>,
@@ -56,31 +56,32 @@ pub(super) struct Channels {
     pub ch31: Peri<'static, peripherals::PPI_CH31>,
 }
 
-/// An advertisement heard.
+/// A received advertisement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Advertisement<'a> {
     /// The sender's address, as on the air, lowest byte first.
     pub address: [u8; 6],
-    /// dBm.
+    /// The RSSI, dBm.
     pub rssi: i8,
     /// The advertising data: AD structures.
     pub data: &'a [u8],
 }
 
-/// The controller's memory: what its defaults ask for (3.2 kB: a link in each role, which nothing uses, an advertising set, 3 scan
-/// buffers) and three scan buffers more, for reports that wait while ranging has the processor.
+/// The controller's memory. Its default configuration takes 3.2 kB: a link in each role, which nothing uses, an
+/// advertising set, and 3 scan buffers. Three more scan buffers are for reports that wait while ranging has the
+/// processor.
 const MEMORY: usize = 4096;
 const SCAN_BUFFERS: u8 = 6;
 
-/// How long the controller listens on one of the three channels before the next, milliseconds: all the time.
+/// How long the controller listens on one of the three channels before the next, milliseconds. It listens all the time.
 const CHANNEL_MS: u32 = 100;
 
-/// A scanner, its controller running.
+/// A scanner with a running controller.
 pub struct Scanner {
     controller: SoftdeviceController<'static>,
 }
 
-/// Why the controller does not do what it is told.
+/// Why the controller does not carry out a command.
 pub type ScanError = bt_hci::cmd::Error<sdc::Error>;
 
 /// Why a scanner did not start.
@@ -88,7 +89,7 @@ pub type ScanError = bt_hci::cmd::Error<sdc::Error>;
 pub enum StartError {
     /// The controller refused.
     Controller(sdc::Error),
-    /// The layer below it did.
+    /// The layer below the controller refused.
     Layer(mpsl::Error),
 }
 
@@ -104,11 +105,15 @@ async fn serve(layer: &'static MultiprotocolServiceLayer<'static>) -> ! {
 }
 
 impl Scanner {
-    /// Starts the controller; once a program. `spawner` is the thread's, below all interrupts.
+    /// Starts the controller. May be called once in a program's run. `spawner` is that of the thread, below all
+    /// interrupts.
+    ///
+    /// # Errors
+    /// The controller or the layer below it refuses.
     pub async fn start(parts: Parts, spawner: Spawner) -> Result<Self, StartError> {
         let Parts { rtc0, timer0, temp, rng, ppi } = parts;
         let clock = mpsl::raw::mpsl_clock_lfclk_cfg_t {
-            // As the board started it.
+            // The clock as the board started it.
             source: mpsl::raw::MPSL_CLOCK_LF_SRC_SYNTH as u8,
             rc_ctiv: 0,
             rc_temp_ctiv: 0,
@@ -119,7 +124,7 @@ impl Scanner {
         let peripherals = mpsl::Peripherals::new(rtc0, timer0, temp, ppi.ch19, ppi.ch30, ppi.ch31);
         let layer = MultiprotocolServiceLayer::new(peripherals, Interrupts, clock).map_err(StartError::Layer)?;
         let layer: &'static _ = LAYER.init(layer);
-        // The crystal stays on: the 32 kHz clock and the ranging task's waits are made from it.
+        // The crystal stays on: the 32 kHz clock and the ranging task's waits are derived from it.
         core::mem::forget(layer.request_hfclk().await.map_err(StartError::Layer)?);
         if let Ok(task) = serve(layer) {
             spawner.spawn(task);
@@ -137,7 +142,7 @@ impl Scanner {
         Ok(Self { controller: builder.build(peripherals, random, layer, memory)? })
     }
 
-    /// Scans from now on, whatever it was doing before: the controller begins anew.
+    /// Starts to scan, whatever the controller did before: it starts anew.
     async fn start_scan(&self) -> Result<(), ScanError> {
         let controller = &self.controller;
         Reset::new().exec(controller).await?;
@@ -150,18 +155,18 @@ impl Scanner {
         LeSetScanEnable::new(true, filter_duplicates).exec(controller).await
     }
 
-    /// Scans no more.
+    /// Stops scanning.
     async fn stop_scan(&self) -> Result<(), ScanError> {
         LeSetScanEnable::new(false, false).exec(&self.controller).await
     }
 
-    /// Hands over each advertisement, for ever. Runs beside the commands.
+    /// Passes each advertisement to `heard`, for ever. It must run beside the commands.
     pub async fn listen(&self, mut heard: impl FnMut(Advertisement<'_>)) -> Infallible {
         let mut buffer = [0; sdc::raw::HCI_MSG_BUFFER_MAX_SIZE as usize];
         loop {
             match self.controller.read(&mut buffer).await {
                 Ok(packet) => tell(packet, &mut heard),
-                // A packet that nobody can read: the next one may do.
+                // A packet that cannot be parsed. The next one may be valid.
                 Err(error) => defmt::warn!("Bluetooth: {}", error),
             }
         }

@@ -1,10 +1,11 @@
-//! Waits to the microsecond: TIMER1, counting microseconds of the 32 MHz crystal, with two compare registers a delay.
+//! Waits with a resolution of a microsecond: TIMER1 counts microseconds of the 32 MHz crystal, with two compare
+//! registers for each delay.
 //!
-//! Where a node rests in long waits ([`Delay::rest`]), they are counted by the executor's clock, on the RTC, with TIMER1 and the crystal off
-//! until shortly before the end: some 0.6 mA less.
+//! If a node may rest in long waits ([`Delay::rest`]), the executor's clock on the RTC counts them. TIMER1 and the
+//! crystal are then off until shortly before the end, which saves some 0.6 mA.
 //!
-//! The executor's own clock has ticks of 30.5 µs, and a wait by it may end two of them late: 61 µs of the 150 that a node has
-//! between a decision to transmit and the first pulse.
+//! The executor's own clock has ticks of 30.5 µs, and its waits may end two ticks late: 61 µs of the 150 µs that a node
+//! has between a decision to transmit and the first pulse.
 
 use core::future::poll_fn;
 use core::pin::Pin;
@@ -22,16 +23,16 @@ use embedded_hal_async::delay::DelayNs;
 const DELAYS: usize = 2;
 static WAKERS: [AtomicWaker; DELAYS] = [const { AtomicWaker::new() }; DELAYS];
 
-/// The longest single wait, microseconds: less than half of what 32 bits count.
+/// The longest single wait, microseconds. It is less than half the range of 32 bits.
 const LONGEST_US: u32 = 1 << 30;
 
-/// Waits shorter than this keep TIMER1 and the crystal on, microseconds …
+/// Waits shorter than this keep TIMER1 and the crystal on, microseconds.
 const LONG_US: u32 = 3_000;
-/// … and so does the end of longer ones: the crystal starts within 0.4 ms.
+/// Longer waits keep them on for this time before their end: the crystal starts within 0.4 ms.
 const STARTING_US: u32 = 1_000;
-/// Long waits are rests.
+/// Whether long waits are rests.
 static RESTS: AtomicBool = AtomicBool::new(false);
-/// Waits in progress.
+/// The number of waits in progress.
 static WAITS: AtomicU8 = AtomicU8::new(0);
 
 /// One of two delays, for one task.
@@ -39,7 +40,7 @@ pub struct Delay {
     index: usize,
 }
 
-/// A wait in progress, also one that is given up.
+/// A wait in progress. It is dropped at its end, or when the wait is cancelled.
 struct Waiting;
 
 impl Waiting {
@@ -59,13 +60,13 @@ impl Drop for Waiting {
     }
 }
 
-/// TIMER1 and the crystal are off as long as this lives; the processor runs from the RC oscillator of 64 MHz.
+/// Keeps TIMER1 and the crystal off while it exists. The processor then runs from the RC oscillator of 64 MHz.
 struct FastClocksOff;
 
 impl FastClocksOff {
     fn begin() -> Self {
         TIMER1.tasks_stop().write_value(1);
-        // A timer that is only stopped keeps its clock requested (anomaly 78).
+        // A timer that is only stopped still requests its clock (anomaly 78).
         TIMER1.tasks_shutdown().write_value(1);
         CLOCK.tasks_hfclkstop().write_value(1);
         Self
@@ -92,12 +93,12 @@ impl Delay {
         TIMER1.tasks_start().write_value(1);
         typelevel::TIMER1::set_priority(Priority::P2);
         typelevel::TIMER1::unpend();
-        // SAFETY: its handler is bound.
+        // SAFETY: the interrupt's handler is bound.
         unsafe { typelevel::TIMER1::enable() };
         core::array::from_fn(|index| Self { index })
     }
 
-    /// The compare register of a delay, and the one that it reads the count by.
+    /// The compare register of a delay. The register after it captures the count.
     fn compare(&self) -> usize {
         2 * self.index
     }
@@ -109,12 +110,12 @@ impl Delay {
     }
 
     fn is_over(&mut self, end: u32) -> bool {
-        // Less than half a turn: the end lies behind.
+        // The end has passed if the difference is less than half the range.
         self.count().wrapping_sub(end) <= u32::MAX / 2
     }
 
-    /// Lets long waits be rests from now on, also those of the other delay. Only where the RTC has a crystal of its own, and nothing else
-    /// needs the fast one.
+    /// Lets long waits be rests from now on, also those of the other delay. Call this only if the RTC has a crystal of
+    /// its own and nothing else needs the 32 MHz crystal.
     pub fn rest(&self) {
         RESTS.store(true, Ordering::Relaxed);
     }
@@ -134,7 +135,7 @@ impl Delay {
         self.count_down(left).await;
     }
 
-    /// Rests for nearly so long; what is left.
+    /// Rests for nearly `us` microseconds. Returns the time that is left.
     async fn rested(us: u32) -> u32 {
         let begin = Instant::now();
         let fast_clocks = FastClocksOff::begin();
@@ -144,7 +145,7 @@ impl Delay {
     }
 
     async fn count_down(&mut self, us: u32) {
-        // The microsecond that has begun is none.
+        // The microsecond that has begun does not count.
         let end = self.count().wrapping_add(us).wrapping_add(1);
         let compare = self.compare();
         TIMER1.events_compare(compare).write_value(0);
@@ -174,7 +175,7 @@ impl DelayNs for Delay {
     }
 }
 
-/// A future whose code is there once: the driver of the DW1000 waits in many places.
+/// A future whose code exists only once in the image: the driver of the DW1000 waits in many places.
 struct Outlined<F>(F);
 
 impl<F: Future> Future for Outlined<F> {
@@ -187,7 +188,7 @@ impl<F: Future> Future for Outlined<F> {
     }
 }
 
-/// TIMER1's.
+/// The handler of TIMER1's interrupt.
 pub struct InterruptHandler;
 
 impl typelevel::Handler<typelevel::TIMER1> for InterruptHandler {

@@ -1,12 +1,13 @@
 //! DWM1001: nRF52832 with a DW1000, as a module or on the DWM1001-DEV.
 //!
-//! Priorities of interrupts: 0 and 4 are the Bluetooth controller's, 2 the drivers', 3 the ranging tasks' executor; the solver,
-//! telemetry and supervision run below all interrupts.
+//! Priorities of interrupts: 0 and 4 are the Bluetooth controller's, 2 the drivers', and 3 the ranging tasks'
+//! executor's. The solver, telemetry and supervision run below all interrupts.
 //!
-//! Clocks: the 32 MHz crystal runs, and the 32 kHz clock is made from it, unless there is a 32 kHz crystal: the module's documentation promises
-//! none, so it is tried at the start, for a second at most. The RC oscillator may be off by 2 %, so that a tag would miss its slot after a wait of
-//! half a superframe. A tag that sleeps between its rounds has the 32 MHz crystal, which costs some 0.3 mA, and TIMER1 off meanwhile where the
-//! 32 kHz crystal runs and Bluetooth does not.
+//! Clocks: the 32 MHz crystal runs. The 32 kHz clock comes from a 32 kHz crystal if there is one, and otherwise from
+//! the 32 MHz crystal. The module's documentation does not promise a 32 kHz crystal, so it is tried at the start, for a
+//! second at most. The RC oscillator is not used: it may be off by 2 %, so that a tag would miss its slot after a wait
+//! of half a superframe. A tag that sleeps between its rounds switches the 32 MHz crystal, which costs some 0.3 mA, and
+//! TIMER1 off meanwhile, if the 32 kHz crystal runs and Bluetooth does not.
 #![no_std]
 #![cfg(target_os = "none")]
 
@@ -34,7 +35,7 @@ pub use delay::Delay;
 pub use uwb::{Bus, Interrupt, Reset};
 pub use watchdog::Watchdog;
 
-/// As telemetry calls it.
+/// The board's name in telemetry.
 pub const BOARD: wire::config::Board = wire::config::Board::Dwm1001;
 
 /// The DW1000's driver.
@@ -43,7 +44,7 @@ pub type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 /// The DW1000's parts.
 pub type Uwb = node::Uwb<Bus, Interrupt, Reset, Delay>;
 
-// The Bluetooth controller brings its own.
+// The Bluetooth controller provides its own.
 #[cfg(not(feature = "ble"))]
 critical_section::set_impl!(cortex::critical::InterruptsOff);
 
@@ -53,23 +54,23 @@ bind_interrupts!(struct Interrupts {
     EGU1_SWI1 => RangingInterrupt;
 });
 
-/// The board, taken.
+/// The board after its start.
 pub struct Board {
     /// The DW1000's parts.
     pub uwb: Uwb,
-    /// For the exchange's waits.
+    /// The delay for the exchange's waits.
     pub delay: Delay,
     /// Whether long waits may be [rests](Delay::rest).
     pub may_rest: bool,
-    /// For the supervisor.
+    /// The parts of the supervisor.
     pub care: Care,
-    /// What the node starts with.
+    /// The inputs of the node's start.
     pub start: Start,
-    /// What the record is in, and what lies beside it.
+    /// The flash with the record and the models beside it.
     pub flash: Nvmc<'static>,
-    /// The motion sensor's.
+    /// The parts of the motion sensor.
     pub motion: motion::Parts,
-    /// Of the executor that ranging runs in, above the thread's.
+    /// The spawner of the executor for ranging, above the thread's executor.
     pub ranging: SendSpawner,
     /// The radio of the nRF52832.
     #[cfg(feature = "ble")]
@@ -77,22 +78,23 @@ pub struct Board {
 }
 
 impl Board {
-    /// Takes the board; once a program. The log works from here on, and the watchdog runs.
+    /// Takes the board. May be called once in a program's run. From here on the log works and the watchdog runs.
     pub fn take() -> Self {
         let reset = pac::POWER.resetreas().read().0;
-        // The flags add up until they are cleared, by ones.
+        // The flags add up until the program clears them by writing ones.
         pac::POWER.resetreas().write(|flags| flags.0 = reset);
         let reset = reset_cause::nrf52(reset, cortex::ram_survived());
         let crash = crash::take();
         let telemetry = baliza_board_rtt::start();
-        // Off after a reset. Without it each branch out of the flash's last line waits for up to two cycles.
+        // The cache is off after a reset. Without it each branch out of the flash's last line waits for up to two
+        // cycles.
         pac::NVMC.icachecnf().write(|cache| cache.set_cacheen(true));
 
         let mut config = Config::default();
         config.hfclk_source = HfclkSource::ExternalXtal;
         let may_rest = cfg!(not(feature = "ble")) && slow_crystal_runs();
         config.lfclk_source = if may_rest { LfclkSource::ExternalXtal } else { LfclkSource::Synthesized };
-        // The module has the converter's inductor.
+        // The module has the inductor that the DC/DC converter needs.
         config.dcdc.reg1 = true;
         config.gpiote_interrupt_priority = Priority::P2;
         config.time_interrupt_priority = Priority::P2;
@@ -161,14 +163,14 @@ impl Board {
     }
 }
 
-/// What the supervisor has of the board.
+/// The parts of the board that the supervisor uses.
 pub struct Care {
     leds: Leds,
     watchdog: Watchdog,
     telemetry: TelemetryChannel,
 }
 
-/// The supervisor: see [`Node::supervise`].
+/// Runs the supervisor: see [`Node::supervise`].
 #[embassy_executor::task]
 pub async fn supervise(node: Node, care: Care) {
     let Care { mut leds, mut watchdog, mut telemetry } = care;
@@ -176,15 +178,15 @@ pub async fn supervise(node: Node, care: Care) {
     node.supervise(embassy_time::Delay, write, |lit| leds.show(lit), feed, crash::leave).await;
 }
 
-/// The flash with models of beacons' levels, where the processor sees it: they are read where they lie.
+/// The flash with the models of the beacons' RSSI, in the processor's address space: the models are read in place.
 #[cfg(feature = "ble")]
 pub fn models() -> &'static [u8] {
     let at = const { BOARD.pages().models_address().unwrap() };
-    // SAFETY: flash of the chip that the linker gives to nothing else (`memory.x`), and that no program writes while it runs.
+    // SAFETY: the linker places nothing else in this flash (`memory.x`), and no program writes it while it runs.
     unsafe { core::slice::from_raw_parts(at as *const u8, wire::config::MODELS_BYTES) }
 }
 
-/// Whether the 32 kHz crystal is there and starts. The clock is off again then.
+/// Whether the 32 kHz crystal is present and starts. Afterwards the clock is off again.
 fn slow_crystal_runs() -> bool {
     const PATIENCE_MS: u32 = 1_000;
     const CYCLES_A_MS: u32 = 64_000;
@@ -208,12 +210,12 @@ fn device_id() -> u64 {
 
 static RANGING: InterruptExecutor = InterruptExecutor::new();
 
-/// Of EGU1_SWI1, a software interrupt that nothing else uses.
+/// The handler of EGU1_SWI1, a software interrupt that nothing else uses.
 struct RangingInterrupt;
 
 impl typelevel::Handler<typelevel::EGU1_SWI1> for RangingInterrupt {
     unsafe fn on_interrupt() {
-        // SAFETY: this is its interrupt, which is enabled by `start`.
+        // SAFETY: this is the executor's interrupt, which `start` enables.
         unsafe { RANGING.on_interrupt() }
     }
 }
@@ -223,14 +225,14 @@ fn start_ranging() -> SendSpawner {
     RANGING.start(interrupt::EGU1_SWI1)
 }
 
-/// The lights of the DWM1001-DEV, on when their pin is low; a bare module has none.
+/// The lights of the DWM1001-DEV. They are on when their pin is low. A bare module has none.
 pub struct Leds {
     state: Output<'static>,
     fault: Output<'static>,
 }
 
 impl Leds {
-    /// Green for the state (D9), red for a fault (D11).
+    /// Shows the state in green (D9), and a fault in red (D11).
     pub fn show(&mut self, lit: Lit) {
         self.state.set_level((!lit.state).into());
         self.fault.set_level((!lit.fault).into());

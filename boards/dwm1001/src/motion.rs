@@ -1,9 +1,11 @@
-//! The module's motion sensor, a LIS2DH12: its bus, which is on for as long as it is used, and its line INT1.
+//! The module's motion sensor, a LIS2DH12: its bus, which is on only while it is used, and its line INT1.
 //!
-//! SCL is P0.28, SDA P0.29, INT1 P0.25, and SA0 is high (the module's data sheet; `rust-dwm1001` and Zephyr's `decawave_dwm1001_dev` have the same
-//! pins). Of the two TWI masters, TWIM0: SPIM2 is the DW1000's.
+//! SCL is P0.28, SDA P0.29, INT1 P0.25, and SA0 is high (the module's data sheet; `rust-dwm1001` and Zephyr's
+//! `decawave_dwm1001_dev` have the same pins). The bus uses TWIM0 of the two TWI masters, because the DW1000 uses
+//! SPIM2.
 //!
-//! Afterwards the pin INT1 alone is watched, by its sense: the port's event needs no clock and no channel of GPIOTE.
+//! After the set-up only the pin INT1 is watched, by its sense mechanism: the port's event needs no clock and no
+//! channel of GPIOTE.
 
 use embassy_nrf::gpio::{Input, Pull};
 use embassy_nrf::interrupt::{InterruptExt, Priority};
@@ -21,7 +23,7 @@ bind_interrupts!(struct Interrupts {
 const SCL: usize = 28;
 const SDA: usize = 29;
 
-/// What the sensor takes of the chip.
+/// The peripherals of the chip that the sensor uses.
 pub struct Parts {
     pub(super) twi: Peri<'static, peripherals::TWISPI0>,
     pub(super) scl: Peri<'static, peripherals::P0_28>,
@@ -30,25 +32,25 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// The bus, on, and the line; once a program.
+    /// The bus, switched on, and the line. May be called once in a program's run.
     pub fn into_bus_and_line(self) -> (Bus, Input<'static>) {
-        // Where the driver sends from flash, which the DMA does not read: a register and its value.
+        // The buffer for data that the driver sends from flash, which the DMA cannot read: a register and its value.
         static SENT: StaticCell<[u8; 2]> = StaticCell::new();
         let mut config = twim::Config::default();
         config.frequency = twim::Frequency::K100;
-        // The lines are short, and at 100 kHz 13 kΩ are enough, whether the module has resistors of its own or not.
+        // The lines are short, and at 100 kHz 13 kΩ are enough, whether or not the module has resistors of its own.
         (config.scl_pullup, config.sda_pullup) = (true, true);
         interrupt::TWISPI0.set_priority(Priority::P2);
         let twi = Twim::new(self.twi, Interrupts, self.sda, self.scl, config, SENT.init([0; 2]));
-        // Low where nobody drives it.
+        // The pull-down keeps the line low while nothing drives it.
         (Bus { twi, _lines: Lines }, Input::new(self.int1, Pull::Down))
     }
 }
 
-/// The TWI to the sensor. Dropped, it is off.
+/// The TWI to the sensor. It is switched off when dropped.
 pub struct Bus {
     twi: Twim<'static>,
-    /// Dropped after it.
+    /// Dropped after the TWI.
     _lines: Lines,
 }
 

@@ -18,14 +18,15 @@ pub type Bus = spi::Bus<Master, Output<'static>>;
 
 /// The longest transfer of the nRF52832's EasyDMA: its counters have eight bits.
 const LONGEST: usize = 255;
-/// Where the RAM begins, which is all that the DMA reads.
+/// The beginning of the RAM. The DMA can read nothing but the RAM.
 const RAM: usize = 0x2000_0000;
 
-/// SPIM2 by its registers, while the processor waits: one start an operation and no interrupt.
+/// SPIM2, controlled by its registers while the processor waits: one start for each operation, and no interrupt.
 ///
-/// `Spim` sets the peripheral up and owns it. Its own transfers each begin with one of no bytes and wait for two interrupts: a remedy
-/// for anomaly 109, by which the first byte of a transfer may be wrong that starts while the processor sleeps, its 64 MHz clock off.
-/// Here it starts the transfer itself and does not sleep until its end.
+/// `Spim` sets the peripheral up and owns it. The transfers of `Spim` each begin with one of no bytes and wait for two
+/// interrupts. This is a remedy for anomaly 109: the first byte of a transfer may be wrong if the transfer starts while
+/// the processor sleeps with its 64 MHz clock off. Here the processor starts the transfer itself and does not sleep
+/// until its end.
 pub struct Master {
     _owned: Spim<'static>,
 }
@@ -36,7 +37,7 @@ impl Master {
         Self { _owned: spi }
     }
 
-    /// Sends and receives, as many bytes as each has; the shorter is filled up.
+    /// Sends and receives. If one buffer is shorter than the other, the peripheral fills it up.
     fn exchange(&mut self, sent: *const [u8], received: *mut [u8]) -> Result<(), Error> {
         let (from, to) = (sent.cast::<u8>(), received.cast::<u8>());
         if sent.len() > 0 && (from as usize) < RAM {
@@ -50,7 +51,7 @@ impl Master {
             SPIM2.dma().rx().ptr().write_value(to.wrapping_add(done) as u32);
             SPIM2.dma().rx().maxcnt().write(|w| w.set_maxcnt(part(received.len())));
             SPIM2.events_end().write_value(0);
-            // What is to be sent is in memory before, and what was received is read after.
+            // The data to be sent is in memory before the start, and the received data is read after the end.
             compiler_fence(Ordering::SeqCst);
             SPIM2.tasks_start().write_value(1);
             while SPIM2.events_end().read() == 0 {}
@@ -79,7 +80,7 @@ impl SpiBus for Master {
     }
 
     fn transfer_in_place(&mut self, words: &mut [u8]) -> Result<(), Error> {
-        // The DMA sends each byte before it writes the one that came for it.
+        // The DMA sends each byte before it writes the byte that is received for it.
         let words: *mut [u8] = words;
         self.exchange(words, words)
     }
@@ -89,9 +90,9 @@ impl SpiBus for Master {
     }
 }
 
-/// Of SPIM2.
+/// Sets the clock of SPIM2.
 pub(super) fn set_clock(_: &mut Master, clock: SpiClock) -> Result<(), Error> {
-    // The chip allows 20 MHz; this is the processor's fastest.
+    // The DW1000 allows 20 MHz. This is the fastest clock of the processor's SPI.
     let frequency = match clock {
         SpiClock::Slow => Frequency::M2,
         SpiClock::Fast => Frequency::M8,

@@ -1,18 +1,19 @@
-//! The watchdog: once started, only a power cycle or its own reset stops it; a software reset does not.
+//! The watchdog. Once started, only a power cycle or its own reset stops it. A software reset does not.
 
 use embassy_nrf::pac::{WDT, wdt::vals};
 use embassy_nrf::{Peri, peripherals};
 
-/// Ticks of the 32 kHz clock until it bites: 6 s, longer than Bluetooth's start and shorter than a person's patience.
+/// The watchdog's time-out in ticks of the 32 kHz clock: 6 s, longer than Bluetooth's start and shorter than a person
+/// would wait.
 const TICKS: u32 = 6 * 32_768;
 
-/// The watchdog. It stands still while a debugger halts the processor, and runs while the processor sleeps.
+/// The watchdog. It stops while a debugger halts the processor, and runs while the processor sleeps.
 pub struct Watchdog(());
 
 impl Watchdog {
     pub(super) fn start(_watchdog: Peri<'static, peripherals::WDT>) -> Self {
         let mut this = Self(());
-        // After a software reset it still runs, as it was configured then.
+        // After a software reset it still runs, with its configuration from before.
         if !WDT.runstatus().read().runstatus() {
             WDT.config().write(|w| {
                 w.set_sleep(vals::Sleep::Run);
@@ -26,9 +27,10 @@ impl Watchdog {
         this
     }
 
-    /// Keeps it from biting for another 6 s.
+    /// Restarts its time-out of 6 s.
     pub fn feed(&mut self) {
-        // All registers: another image may have started it with more than one. Those not enabled take no notice.
+        // All reload registers: another image may have started it with more than one. Reloads of disabled registers
+        // have no effect.
         for register in 0..8 {
             WDT.rr(register).write(|w| w.set_rr(vals::Rr::Reload));
         }

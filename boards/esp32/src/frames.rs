@@ -1,20 +1,20 @@
-//! A queue of bytes for a port that is slower than its writers: each frame goes in whole or not at all.
+//! A queue of bytes for a port that is slower than its writers. Each frame goes in whole or not at all.
 
 use heapless::Deque;
 
 /// A queue of `N` bytes.
 pub struct Frames<const N: usize> {
     bytes: Deque<u8, N>,
-    /// Bytes of the frame that is being written.
+    /// The bytes of the frame that is being written.
     open: usize,
-    /// That frame has found no room.
+    /// There was no room for that frame.
     spoiled: bool,
-    /// Frames that found no room; wraps.
+    /// The number of frames without room. It wraps.
     dropped: u32,
 }
 
 impl<const N: usize> Frames<N> {
-    /// An empty one.
+    /// An empty queue.
     pub const fn new() -> Self {
         Self { bytes: Deque::new(), open: 0, spoiled: false, dropped: 0 }
     }
@@ -26,11 +26,11 @@ impl<const N: usize> Frames<N> {
             return;
         }
         self.open += bytes.len();
-        // There is room: that has just been looked at.
+        // There is room, as checked above.
         self.bytes.extend(bytes.iter().copied());
     }
 
-    /// Ends a frame. Whether it is in the queue.
+    /// Ends a frame. Returns whether the frame is in the queue.
     pub fn end(&mut self) -> bool {
         let whole = !self.spoiled;
         if !whole {
@@ -44,7 +44,8 @@ impl<const N: usize> Frames<N> {
         whole
     }
 
-    /// Takes the oldest bytes, as many as there are and fit; how many. Not while a frame is being written.
+    /// Takes the oldest bytes, as many as there are and as fit into `into`. Returns their number. Must not be called
+    /// while a frame is being written.
     pub fn take(&mut self, into: &mut [u8]) -> usize {
         let mut taken = 0;
         for (place, byte) in into.iter_mut().zip(core::iter::from_fn(|| self.bytes.pop_front())) {
@@ -54,7 +55,7 @@ impl<const N: usize> Frames<N> {
         taken
     }
 
-    /// Frames that found no room; wraps.
+    /// The number of frames without room. It wraps.
     pub fn dropped(&self) -> u32 {
         self.dropped
     }
@@ -89,7 +90,7 @@ mod tests {
         let mut frames = Frames::<8>::new();
         frames.write(b"abcdef");
         assert!(frames.end());
-        // Two bytes fit, the third does not; and what fits after it does not come in alone.
+        // Two bytes fit, the third does not. Later bytes of the same frame that would fit are dropped too.
         frames.write(b"gh");
         frames.write(b"i");
         frames.write(b"");

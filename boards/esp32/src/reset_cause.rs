@@ -1,16 +1,17 @@
-//! Why a chip of Espressif was reset: the number that its ROM gives for it, in all of these chips the same (technical reference
-//! manuals, "Reset Source").
+//! Why a chip of Espressif was reset, by the number that its ROM returns. The numbers are the same in all of these
+//! chips (technical reference manuals, "Reset Source").
 
 use wire::telemetry::ResetCause;
 
-/// The cause of a number.
+/// The reset cause of a number.
 pub fn of(number: u32) -> ResetCause {
     match number {
-        // The enable pin is one with the power.
+        // The enable pin cannot be distinguished from power-on.
         0x01 => ResetCause::PowerOn,
         0x03 | 0x0C => ResetCause::Software,
         0x05 => ResetCause::Wake,
-        // Both timer groups', the RTC's and the super watchdog; of the system, the core or the processor.
+        // The watchdogs of both timer groups, of the RTC, and the super watchdog. They reset the system, the core or
+        // the processor.
         0x07 | 0x08 | 0x09 | 0x0B | 0x0D | 0x10 | 0x11 | 0x12 => ResetCause::Watchdog,
         0x0F => ResetCause::BrownOut,
         // By the built-in USB: serial lines or JTAG.
@@ -20,8 +21,9 @@ pub fn of(number: u32) -> ResetCause {
     }
 }
 
-/// Whether the stack overflowed: the cause of an exception (MCAUSE), and whether the watchpoint at the end of the running
-/// thread's stack was what was hit. esp-hal's start-up code uses the number 14 where the stack pointer had left the RAM.
+/// Whether an exception was an overflow of the stack. `cause` is the cause of the exception (MCAUSE). `watchpoint_hit`
+/// says whether the watchpoint at the end of the running thread's stack was hit. esp-hal's start-up code uses the
+/// number 14 if the stack pointer had left the RAM.
 pub fn is_overflow(cause: u32, watchpoint_hit: bool) -> bool {
     const BREAKPOINT: u32 = 3;
     const STACK_POINTER_LOST: u32 = 14;
@@ -59,7 +61,7 @@ mod tests {
         assert!(is_overflow(3, true));
         assert!(!is_overflow(3, false));
         assert!(is_overflow(14, false));
-        // An illegal instruction while an old hit still shows.
+        // An illegal instruction while an earlier hit is still recorded.
         assert!(!is_overflow(2, true));
     }
 }

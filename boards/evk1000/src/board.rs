@@ -1,7 +1,8 @@
 //! The board, taken once at the start of a program.
 //!
-//! Clocks: a crystal of 12 MHz, times six: 72 MHz for the processor and SPI1, 36 MHz for SPI2. Priorities of interrupts: the clock
-//! and the DW1000's pin above the ranging tasks' executor; solver, display, telemetry and supervision below all interrupts.
+//! Clocks: a crystal of 12 MHz, multiplied by six, gives 72 MHz for the processor and SPI1, and 36 MHz for SPI2.
+//! Priorities of interrupts: the clock and the DW1000's pin are above the ranging tasks' executor. Solver, display,
+//! telemetry and supervision run below all interrupts.
 
 use baliza_board_cortex_m::{self as cortex, crash, identity, reset_cause};
 use baliza_board_rtt::TelemetryChannel;
@@ -27,7 +28,7 @@ use crate::uwb::{self, Bus, Interrupt, Reset};
 
 pub use baliza_board_cortex_m::{restart, uptime_us};
 
-/// As telemetry calls it.
+/// The board's name in telemetry.
 pub const BOARD: wire::config::Board = wire::config::Board::Evk1000;
 
 /// The DW1000's driver.
@@ -38,7 +39,7 @@ pub type Uwb = node::Uwb<Bus, Interrupt, Reset, Delay>;
 
 critical_section::set_impl!(cortex::critical::InterruptsOff);
 
-/// Until the watchdog bites, microseconds by its own oscillator, which is between half and 1.5 times as fast as it should be.
+/// The watchdog's time-out, microseconds by its own oscillator, which runs at 0.5 to 1.5 times its nominal rate.
 const WATCHDOG_US: u32 = 6_000_000;
 
 bind_interrupts!(struct Interrupts {
@@ -52,28 +53,28 @@ pub type Flash = flash::Flash<'static, flash::Blocking>;
 /// The display, on SPI2.
 pub type Lcd = crate::lcd::Lcd<Spi<'static, Blocking, Master>, Output<'static>>;
 
-/// The board, taken.
+/// The board after its start.
 pub struct Board {
     /// The DW1000's parts.
     pub uwb: Uwb,
-    /// For the exchange's waits: ticks of 1 µs.
+    /// The delay for the exchange's waits: ticks of 1 µs.
     pub delay: Delay,
-    /// As they were at the start.
+    /// The positions of the switches at the start.
     pub switches: Switches,
-    /// For the supervisor.
+    /// The parts of the supervisor.
     pub care: Care,
     /// The display, not started.
     pub lcd: Lcd,
-    /// What the node starts with: there is always a record, made of the switches and of what is in flash.
+    /// The inputs of the node's start. There is always a record, made from the switches and the content of the flash.
     pub start: Start,
-    /// What the record is in, and what lies beside it.
+    /// The flash with the record and the models beside it.
     pub flash: Flash,
-    /// Of the executor that ranging runs in, above the thread's.
+    /// The spawner of the executor for ranging, above the thread's executor.
     pub ranging: SendSpawner,
 }
 
 impl Board {
-    /// Takes the board; once a program. The log works from here on, and the watchdog runs.
+    /// Takes the board. May be called once in a program's run. From here on the log works and the watchdog runs.
     pub fn take() -> Self {
         let reset = pac::RCC.csr().read().0;
         // The flags add up until they are cleared.
@@ -83,7 +84,7 @@ impl Board {
         let telemetry = baliza_board_rtt::start();
 
         let p = embassy_stm32::init(configuration());
-        // It stands still while a debugger halts the processor: DBG_IWDG_STOP (RM0008, 31.16.3).
+        // The watchdog stops while a debugger halts the processor: DBG_IWDG_STOP (RM0008, 31.16.3).
         pac::DBGMCU.cr().modify(|w| w.0 |= 1 << 8);
         let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
         watchdog.unleash();
@@ -105,7 +106,7 @@ impl Board {
         // 36 MHz / 128.
         spi.frequency = Hertz(281_250);
         spi.gpio_speed = Speed::Low;
-        // Writing only; nothing else drives the line.
+        // The bus only writes. Nothing else drives the line.
         core::mem::forget(Output::new(p.PB10, Level::Low, Speed::Low));
         let lcd = Lcd::new(
             Spi::new_blocking_txonly(p.SPI2, p.PB13, p.PB15, spi),
@@ -120,7 +121,7 @@ impl Board {
             Input::new(p.PC4, Pull::Up),
             Input::new(p.PC5, Pull::Up),
         ];
-        // The pull-ups charge the lines.
+        // Wait until the pull-ups have charged the lines.
         cortex_m::asm::delay(72 * 50);
         let [anchor, s1_5, s1_6, s1_7, native] = switches.map(|line| line.is_low());
 
@@ -156,7 +157,7 @@ impl Board {
     }
 }
 
-/// What the supervisor has of the board.
+/// The parts of the board that the supervisor uses.
 pub struct Care {
     /// The lights.
     pub leds: Leds,
@@ -164,7 +165,7 @@ pub struct Care {
     telemetry: TelemetryChannel,
 }
 
-/// The supervisor: see [`Node::supervise`].
+/// Runs the supervisor: see [`Node::supervise`].
 #[embassy_executor::task]
 pub async fn supervise(node: Node, care: Care) {
     let Care { mut leds, mut watchdog, mut telemetry } = care;
@@ -186,12 +187,12 @@ fn configuration() -> embassy_stm32::Config {
 
 static RANGING: InterruptExecutor = InterruptExecutor::new();
 
-/// Of UART5, which is not used.
+/// The handler of UART5's interrupt. UART5 itself is not used.
 struct RangingInterrupt;
 
 impl typelevel::Handler<typelevel::UART5> for RangingInterrupt {
     unsafe fn on_interrupt() {
-        // SAFETY: this is its interrupt, which is enabled by `start`.
+        // SAFETY: this is the executor's interrupt, which `start` enables.
         unsafe { RANGING.on_interrupt() }
     }
 }
@@ -201,17 +202,17 @@ fn start_ranging() -> SendSpawner {
     RANGING.start(interrupt::UART5)
 }
 
-/// The watchdog: once started, nothing stops it.
+/// The watchdog. Once started, it cannot be stopped.
 pub struct Watchdog(IndependentWatchdog<'static, peripherals::IWDG>);
 
 impl Watchdog {
-    /// Keeps it from biting for another 4 to 12 s.
+    /// Restarts its time-out of 4 to 12 s.
     pub fn feed(&mut self) {
         self.0.pet();
     }
 }
 
-/// The lights 5 to 8, on when their pin is high.
+/// The lights 5 to 8. They are on when their pin is high.
 pub struct Leds {
     anchor: Output<'static>,
     tag: Output<'static>,
@@ -220,13 +221,13 @@ pub struct Leds {
 }
 
 impl Leds {
-    /// LED 5 for an anchor, LED 6 for a tag.
+    /// Shows LED 5 for an anchor, LED 6 for a tag.
     pub fn show_role(&mut self, anchor: bool) {
         self.anchor.set_level(anchor.into());
         self.tag.set_level((!anchor).into());
     }
 
-    /// LED 7 for the state, LED 8 for a fault.
+    /// Shows the state on LED 7, and a fault on LED 8.
     pub fn show(&mut self, lit: Lit) {
         self.state.set_level(lit.state.into());
         self.fault.set_level(lit.fault.into());

@@ -1,4 +1,4 @@
-//! What the display shows, from what the exchange finds out.
+//! Shows results of the exchange on the display.
 
 use core::cell::RefCell;
 
@@ -13,24 +13,24 @@ use ranging::node::Listener;
 use crate::Lcd;
 use crate::panel::Panel;
 
-/// From one look at what is to be shown to the next, milliseconds.
+/// From one check for new content to the next, milliseconds.
 const LOOK_MS: u64 = 100;
 
-/// The panel, for a `static`: the exchange writes it, the display's task reads it.
+/// The panel, for a `static`. The exchange writes it, and the display's task reads it.
 pub struct SharedPanel(Mutex<Guard, RefCell<Panel>>);
 
 impl SharedPanel {
-    /// Shows what a panel says.
+    /// Shows the content of a panel.
     pub const fn new(panel: Panel) -> Self {
         Self(Mutex::new(RefCell::new(panel)))
     }
 
-    /// Distances of a round, metres.
+    /// Shows the distances of a round, metres.
     pub fn measured(&self, distances_m: impl Iterator<Item = f32>) {
         self.0.lock(|panel| distances_m.for_each(|distance_m| panel.borrow_mut().measured(distance_m)));
     }
 
-    /// The link has changed.
+    /// Shows a change of the link.
     pub fn link(&self, link: Link) {
         match link {
             Link::Lost(_) | Link::Unsynchronised => self.0.lock(|panel| panel.borrow_mut().lost()),
@@ -47,7 +47,7 @@ impl SharedPanel {
 /// Keeps the display up to date.
 #[embassy_executor::task]
 pub async fn display(mut lcd: Lcd, panel: &'static SharedPanel) {
-    // Its bus and pins cannot fail; a display that is not there is not missed.
+    // Its bus and pins cannot fail. A missing display is not detected.
     let _ = lcd.start(&mut Delay).await;
     loop {
         let text = panel.0.lock(|panel| panel.borrow().text());
@@ -56,11 +56,11 @@ pub async fn display(mut lcd: Lcd, panel: &'static SharedPanel) {
     }
 }
 
-/// A listener whose reports are shown as well.
+/// A listener that also shows its reports on the panel.
 pub struct Shown<L> {
-    /// Who gets the reports.
+    /// The listener that gets the reports.
     pub listener: L,
-    /// Where they are shown.
+    /// The panel that shows them.
     pub panel: &'static SharedPanel,
 }
 
@@ -68,7 +68,7 @@ impl<L: Listener> Listener for Shown<L> {
     async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance {
         match report {
             Report::Round(round) => self.panel.measured(round.ranges.iter().map(|range| range.distance_m)),
-            // Of what an anchor hears: it listens to no rounds of others.
+            // An anchor does not listen to rounds of others.
             Report::Differences(_) => {}
             Report::Link(link) => self.panel.link(link),
         }
@@ -84,7 +84,7 @@ impl<L: Listener> Listener for Shown<L> {
     }
 }
 
-/// What a tag's display shows: the ranges of its rounds, and its link.
+/// Shows a tag's results on the panel: the ranges of its rounds, and its link.
 #[derive(Clone, Copy)]
 pub struct OnPanel(pub &'static SharedPanel);
 

@@ -1,62 +1,67 @@
 //! A character display of two lines of sixteen, with a controller like the ST7036, on a bus that only writes.
 //!
-//! Text → commands and characters: bytes with the register line low are commands, with it high characters (ST7036 data sheet, 8).
-//! Only lines that have changed are written, each without clearing the display, so that nothing flickers.
+//! Text → commands and characters: bytes with the register line low are commands, bytes with the line high are
+//! characters (ST7036 data sheet, 8). Only lines that have changed are written. The display is not cleared before, so
+//! that it does not flicker.
 
 use embedded_hal::digital::OutputPin;
 use embedded_hal::spi::SpiBus;
 use embedded_hal_async::delay::DelayNs;
 
-/// Characters of a line.
+/// The characters of a line.
 pub const WIDTH: usize = 16;
 
-/// Both lines.
+/// The text of both lines.
 pub type Text = [[u8; WIDTH]; 2];
 
 /// An empty display.
 pub const EMPTY: Text = [[b' '; WIDTH]; 2];
 
-/// Two lines of 8-bit interface and instruction table 1, bias, contrast, booster, follower; table 0, display on, clear, cursor
-/// moves right. The values are the board maker's.
+/// The start sequence: 8-bit interface with two lines and instruction table 1, bias, contrast, booster, follower; table
+/// 0, display on, clear, cursor moves right. The values are the board maker's.
 const START: [u8; 9] = [0x39, 0x14, 0x55, 0x6D, 0x78, 0x38, 0x0C, 0x01, 0x06];
-/// The cursor home, and a clear display: each takes the controller 1.08 ms, every other command 27 µs, a byte of the bus.
+/// The commands for the cursor's home position and for a clear display. Each takes the controller 1.08 ms. Every other
+/// command takes 27 µs, which is a byte on the bus.
 const HOME: u8 = 0x02;
 const CLEAR: u8 = 0x01;
 const SLOW_MS: u32 = 2;
-/// Set the address of the next character; the second line begins at 0x40.
+/// The command for the address of the next character. The second line begins at 0x40.
 const ADDRESS: u8 = 0x80;
 const LINES: [u8; 2] = [0x00, 0x40];
-/// From power to the first command.
+/// From power-on to the first command.
 const POWER_MS: u32 = 40;
 
-/// Why nothing is shown.
+/// Why the text is not shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Error<S, P> {
-    /// The bus.
+    /// The bus failed.
     Bus(S),
-    /// A pin.
+    /// A pin failed.
     Pin(P),
 }
 
 /// The display.
 pub struct Lcd<S, P> {
     spi: S,
-    /// Low while bytes are for the display.
+    /// The select line: low while bytes are for the display.
     select: P,
-    /// High for characters, low for commands.
+    /// The register line: high for characters, low for commands.
     register: P,
-    /// What is on it.
+    /// The text on the display.
     shown: Text,
 }
 
 impl<S: SpiBus, P: OutputPin> Lcd<S, P> {
-    /// A display of which nothing is known; [`start`](Self::start) comes next. `spi` has mode 3 and at most 300 kHz, so that a
-    /// byte takes as long as a command; `select` is high.
+    /// A display in an unknown state. [`start`](Self::start) must be called next. `spi` has mode 3 and at most 300 kHz,
+    /// so that a byte takes as long as a command. `select` is high.
     pub fn new(spi: S, select: P, register: P) -> Self {
         Self { spi, select, register, shown: EMPTY }
     }
 
     /// Sets the controller up and clears the display.
+    ///
+    /// # Errors
+    /// The bus or a pin fails.
     pub async fn start(&mut self, delay: &mut impl DelayNs) -> Result<(), Error<S::Error, P::Error>> {
         delay.delay_ms(POWER_MS).await;
         self.write(false, &START)?;
@@ -70,6 +75,9 @@ impl<S: SpiBus, P: OutputPin> Lcd<S, P> {
     }
 
     /// Shows a text.
+    ///
+    /// # Errors
+    /// The bus or a pin fails.
     pub fn show(&mut self, text: &Text) -> Result<(), Error<S::Error, P::Error>> {
         for (i, (line, address)) in text.iter().zip(LINES).enumerate() {
             if self.shown.get(i) != Some(line) {
@@ -84,7 +92,7 @@ impl<S: SpiBus, P: OutputPin> Lcd<S, P> {
     fn write(&mut self, characters: bool, bytes: &[u8]) -> Result<(), Error<S::Error, P::Error>> {
         self.register.set_state(characters.into()).map_err(Error::Pin)?;
         self.select.set_low().map_err(Error::Pin)?;
-        // The last byte has left before the display is deselected.
+        // The flush ensures that the last byte has been sent before the display is deselected.
         let written = self.spi.write(bytes).and_then(|()| self.spi.flush()).map_err(Error::Bus);
         self.select.set_high().map_err(Error::Pin)?;
         written

@@ -1,5 +1,5 @@
-//! EVB1000, the board of Decawave's EVK1000: STM32F105RC with a DW1000, switches, four lights and a display. What needs no chip ([`lcd`],
-//! [`panel`]) builds on a desktop too, where it is tested.
+//! EVB1000, the board of Decawave's EVK1000: STM32F105RC with a DW1000, switches, four lights and a display. The
+//! modules that need no chip ([`lcd`], [`panel`]) also build on a desktop, where they are tested.
 #![no_std]
 
 #[cfg(test)]

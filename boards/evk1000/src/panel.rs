@@ -1,6 +1,7 @@
-//! The EVB1000 as its owner sees it: what the switches S1 ask for, and what the display says (seed 000, chapter 5).
+//! The EVB1000's user interface: what the switches S1 select, and what the display shows (P. M. de Rojas Malpartida's
+//! thesis, Universidad de Sevilla, 2021, chapter 5).
 //!
-//! Switches and a record, if there is one → the record that the node follows. Distances → two lines of text.
+//! Switches and a record, if there is one → the record that the node uses. Distances → two lines of text.
 
 use heapless::HistoryBuf;
 use ranging::PhyConfig;
@@ -22,7 +23,7 @@ pub struct Switches {
 /// The PAN of boards without a record.
 const PAN: u16 = 0xDECA;
 
-/// What boards without a record allow themselves, microseconds: a processor without floating-point unit.
+/// The reply delays of boards without a record, microseconds. They suit a processor without floating-point unit.
 const TURNAROUND: ReplyDelay = ReplyDelay { answer_us: 400, listen_again_us: 60, transmit_us: 250 };
 
 /// A tag without a record: two boards range as often as they can.
@@ -40,7 +41,7 @@ const TAG: Tag = Tag {
 };
 
 impl Switches {
-    /// The record that the node follows: what the switches say, the rest from `record` or, without one, a default.
+    /// The record that the node uses: the settings of the switches, and the rest from `record` or from a default.
     pub fn apply(self, record: Option<Record>) -> Record {
         let mut record = record.unwrap_or_else(|| Record {
             identity: Identity::default(),
@@ -92,18 +93,18 @@ impl Switches {
     }
 }
 
-/// What a board does that has no distance to show.
+/// What a board without a distance to show waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Awaiting {
-    /// An anchor: until a tag polls.
+    /// An anchor waits for a tag's poll.
     Poll,
-    /// A tag: until an anchor answers.
+    /// A tag waits for an anchor's answer.
     Response,
-    /// An image without the tag, while S1-4 asks for one: until that is switched on, and the board reset.
+    /// The image has no tag, and S1-4 selects one. The image waits until S1-4 is switched on and the board is reset.
     Switch,
 }
 
-/// What the display says.
+/// The content of the display.
 #[derive(Debug)]
 pub struct Panel {
     awaiting: Awaiting,
@@ -111,22 +112,22 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// Of a node that has no peer yet.
+    /// The panel of a node that has no peer yet.
     pub const fn new(awaiting: Awaiting) -> Self {
         Self { awaiting, distances: HistoryBuf::new() }
     }
 
-    /// A distance was measured, metres.
+    /// Adds a measured distance, metres.
     pub fn measured(&mut self, distance_m: f32) {
         self.distances.write(distance_m);
     }
 
-    /// There is no peer any more.
+    /// The peer is lost.
     pub fn lost(&mut self) {
         *self = Self::new(self.awaiting);
     }
 
-    /// The text: the last distance and the mean of the last eight, or what is being waited for.
+    /// The text: the last distance and the mean of the last eight, or what the board waits for.
     pub fn text(&self) -> Text {
         match (self.distances.recent(), self.awaiting) {
             (Some(last), _) => {
@@ -140,7 +141,7 @@ impl Panel {
     }
 }
 
-/// A line such as `LAST:   12.34 m `: two decimals, right-aligned; dashes for what has no room.
+/// A line such as `LAST:   12.34 m `: two decimals, right-aligned, or dashes for a number that is too long.
 fn distance(label: &[u8; 5], metres: f32) -> [u8; WIDTH] {
     let mut line = [b' '; WIDTH];
     line[..5].copy_from_slice(label);
@@ -183,7 +184,7 @@ mod tests {
             assert_eq!(record.role, Role::Anchor { position_m: None });
             assert_eq!(record.network.mode, Mode::DecaRanging { fast: false });
             let settings = Settings::of(&record, 0x0200_0000_0000_1234).unwrap();
-            // Table 5-1 of the seed has the modes in this order, as 1 to 8.
+            // Table 5-1 of de Rojas Malpartida's thesis has the modes in this order, as 1 to 8.
             assert_eq!(Some(settings.network.phy), PhyConfig::evk1000_mode(mode + 1));
             assert_eq!(settings.address, 0x1234);
         }
@@ -213,7 +214,7 @@ mod tests {
             (anchor.identity, anchor.calibration, anchor.network.pan),
             (record.identity, record.calibration, 0xBA12)
         );
-        // The switch has one position for both variants.
+        // The switch has only one position for both variants.
         assert_eq!(anchor.network.mode, Mode::DecaRanging { fast: true });
         assert_eq!(anchor.network.phy.rate_kbps, 6810);
 
@@ -236,7 +237,7 @@ mod tests {
         for distance_m in [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 9.5] {
             panel.measured(distance_m);
         }
-        // The first is forgotten: 37.5 / 8 = 4.6875.
+        // The first distance is no longer in the mean: 37.5 / 8 = 4.6875.
         assert_eq!(panel.text(), [*b"LAST:    9.50 m ", *b"AVG8:    4.69 m "]);
         panel.lost();
         assert_eq!(panel.text(), Panel::new(Awaiting::Response).text());

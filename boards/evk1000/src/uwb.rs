@@ -15,7 +15,7 @@ pub type Interrupt = ExtiInput<'static, Async>;
 /// SPI to the DW1000.
 pub type Bus = spi::Bus<Spi<'static, Blocking, Master>, Output<'static>>;
 
-/// The bus at a clock that the chip allows: 72 MHz / 32, and / 4.
+/// The bus at a clock that the DW1000 allows: 72 MHz / 32, or 72 MHz / 4.
 pub(super) fn config(clock: SpiClock) -> Config {
     let mut config = Config::default();
     config.frequency = match clock {
@@ -26,7 +26,7 @@ pub(super) fn config(clock: SpiClock) -> Config {
 }
 
 pub(super) fn set_clock(spi: &mut Spi<'static, Blocking, Master>, clock: SpiClock) -> Result<(), Error> {
-    // What it refuses are other modes than the one that it was made with.
+    // It refuses only another mode than the one that it was created with.
     spi.set_config(&config(clock)).map_err(|()| Error::ModeFault)
 }
 

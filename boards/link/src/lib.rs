@@ -1,23 +1,26 @@
-//! For the build scripts of the boards' crates: what the linker needs, which differs from one board to the next.
+//! The linker arguments for the build scripts of the boards' crates. They differ from one board to the next.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 
-/// Cortex-M. `--nmagic`: sections are not spread over pages of an operating system. `--icf`: functions of equal code become one.
+/// The arguments for Cortex-M. `--nmagic`: sections are not aligned to pages of an operating system. `--icf`: functions
+/// with equal code are merged.
 const CORTEX_M: [&str; 4] = ["--nmagic", "--icf=all", "-Tlink.x", "-Tdefmt.x"];
 
 /// The RAM in `memory.x` at the top of the repository.
 const TOP_RAM: Region = Region { origin: 0x2000_0000, length: 64 << 10 };
 
-/// The images of a Cortex-M board: `memory.x` in its crate's directory says where flash and RAM are; without that file it is a DWM1001,
-/// whose map is at the top of the repository.
+/// Links the images of a Cortex-M board. The file `memory.x` in its crate's directory gives the addresses of flash and
+/// RAM. Without that file the board is a DWM1001, whose map is at the top of the repository.
 ///
-/// The linker takes a `memory.x` of the directory that it runs in before any other, and cargo runs it at the top of the repository. So the
-/// numbers of another board's file go into the map at the top as symbols; but flip-link wants the RAM there in plain numbers. Of a larger
-/// RAM the variables get the first 64 KiB, the stack what lies behind them, or with flip-link the rest of the 64.
+/// The linker prefers a `memory.x` in the directory where it runs to any other, and cargo runs it at the top of the
+/// repository. So the numbers of another board's file become symbols for the map at the top. But flip-link needs the
+/// numbers of the RAM themselves in that map. Of a larger RAM, the variables get the first 64 KiB, and the stack gets
+/// the rest behind them. With flip-link the stack gets the rest of the 64 KiB instead.
 ///
 /// # Panics
-/// The file lacks a line of `FLASH` or `RAM` with plain numbers, or the RAM is not at the place of the DWM1001's or smaller.
+/// The file lacks a line of `FLASH` or `RAM` with plain numbers. Or its RAM begins at another address than that of the
+/// DWM1001, or is smaller.
 pub fn cortex_m() {
     if !is_image() {
         return;
@@ -37,14 +40,15 @@ pub fn cortex_m() {
     CORTEX_M.iter().for_each(|it| argument(it));
 }
 
-/// The images of an ESP: the memory map `memory-<chip>.x` in the crate's directory, and what esp-hal's `linkall.x` includes but for its own
-/// `memory.x`, for which the linker would take the DWM1001's.
+/// Links the images of an ESP: with the memory map `memory-<chip>.x` in the crate's directory, and with the files that
+/// esp-hal's `linkall.x` includes. Its own `memory.x` is left out, because the linker would take the DWM1001's file of
+/// that name.
 pub fn esp(chip: &str) {
     if !is_image() {
         return;
     }
     script(&directory().join(format!("memory-{chip}.x")));
-    // For the linker script `rwtext_hook.x`, which esp-hal's includes.
+    // The linker script `rwtext_hook.x`, which esp-hal's scripts include, is in this directory.
     search(&directory());
     if env::var("CARGO_CFG_TARGET_ARCH").as_deref() == Ok("xtensa") {
         argument("-Talias.x");
@@ -53,7 +57,7 @@ pub fn esp(chip: &str) {
     ["-Thal-defaults.x", "-Tdefmt.x"].iter().for_each(|it| argument(it));
 }
 
-/// The images of QEMU's machines.
+/// Links the images of QEMU's machines.
 pub fn qemu() {
     if !is_image() {
         return;
@@ -61,7 +65,7 @@ pub fn qemu() {
     if env::var("CARGO_CFG_TARGET_ARCH").as_deref() == Ok("riscv32") {
         script(&top().join("boards/link/riscv32.x"));
     } else {
-        // mps2-an386 has 4 MiB of flash, and as much RAM, from whose end the stack grows.
+        // mps2-an386 has 4 MiB of flash and 4 MiB of RAM. The stack grows from the end of the RAM.
         argument("--defsym=_flash_length=4M");
         argument("--defsym=_stack_start=0x20400000");
         search(&top());
@@ -69,14 +73,14 @@ pub fn qemu() {
     ["--nmagic", "-Tlink.x", "-Tdefmt.x"].iter().for_each(|it| argument(it));
 }
 
-/// Where a memory is, bytes.
+/// The address and size of a memory, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Region {
     origin: u64,
     length: u64,
 }
 
-/// The region of a name in a memory map of lines like `FLASH : ORIGIN = 0x08000000, LENGTH = 252K`.
+/// The region with this name in a memory map with lines like `FLASH : ORIGIN = 0x08000000, LENGTH = 252K`.
 fn region(map: &str, name: &str) -> Region {
     let numbers = map.lines().find_map(|line| {
         let rest = line.trim().strip_prefix(name)?.trim_start().strip_prefix(':')?;
@@ -99,7 +103,7 @@ fn number(text: &str) -> Option<u64> {
     digits.parse::<u64>().ok()?.checked_mul(unit)
 }
 
-/// Whether this is a build for a chip; a desktop's needs nothing.
+/// Whether this build is for a chip. A build for a desktop needs no arguments.
 fn is_image() -> bool {
     env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("none")
 }

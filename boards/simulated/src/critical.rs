@@ -1,10 +1,10 @@
-//! The critical section of a program with one thread and no interrupts: nothing.
+//! The critical section of a program with one thread and no interrupts. It does nothing.
 
 struct Alone;
 
 critical_section::set_impl!(Alone);
 
-// SAFETY: there is nobody to be kept out.
+// SAFETY: there is no other thread and no interrupt.
 unsafe impl critical_section::Impl for Alone {
     unsafe fn acquire() -> critical_section::RawRestoreState {
         Default::default()

@@ -1,8 +1,8 @@
-//! Two pages of NOR flash in memory: erasing sets bits, writing clears them, four bytes at a time.
+//! Two pages of NOR flash in memory. Erasing sets bits, and writing clears them, four bytes at a time.
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 
-/// Bytes of a page.
+/// The size of a page, bytes.
 const PAGE_BYTES: usize = crate::BOARD.pages().size as usize;
 const WORD: usize = 4;
 const BYTES: usize = 2 * PAGE_BYTES;
@@ -10,7 +10,7 @@ const BYTES: usize = 2 * PAGE_BYTES;
 /// The pages.
 pub struct Flash([u8; BYTES]);
 
-/// An access beyond the pages, or not at their boundaries.
+/// The error of an access beyond the pages, or not at their boundaries.
 #[derive(Clone, Copy, Debug)]
 pub struct Refused;
 
@@ -21,7 +21,7 @@ impl NorFlashError for Refused {
 }
 
 impl Flash {
-    /// As it leaves the factory.
+    /// Flash in its state from the factory.
     pub const fn erased() -> Self {
         Self([0xFF; BYTES])
     }

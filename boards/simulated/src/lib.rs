@@ -1,5 +1,6 @@
-//! A board without hardware, in QEMU: Cortex-M4F (mps2-an386) or RISC-V without FPU (virt). Its radio is the small air's; its
-//! flash is memory; its debug probe is itself: what RTT holds goes to two files of the host by semihosting.
+//! A board without hardware, in QEMU: Cortex-M4F (mps2-an386) or RISC-V without FPU (virt). Its radio is that of the
+//! small air, and its flash is memory. The program is its own debug probe: it copies RTT's channels to two files of the
+//! host by semihosting.
 #![no_std]
 #![cfg(target_os = "none")]
 
@@ -19,32 +20,33 @@ use probe::Probe;
 // Microseconds of virtual time, as in telemetry.
 defmt::timestamp!("{=u64:us}", uptime_us());
 
-/// As telemetry calls it.
+/// The board's name in telemetry.
 pub const BOARD: wire::config::Board = wire::config::Board::Simulated;
 
-/// Where the record is.
+/// The offsets of the record's pages.
 const PAGES: [u32; 2] = BOARD.pages().offsets;
 
-/// The board, once a program.
+/// The board. There is one in a program.
 pub struct Board {
-    /// What its flash holds.
+    /// The record in its flash.
     pub record: Result<Record, LoadError>,
     probe: Probe,
     telemetry: TelemetryChannel,
 }
 
 impl Board {
-    /// Takes the board, after somebody has written this record into its flash; none where the host takes no files.
+    /// Takes the board, after this record was written into its flash. `None` if the host refuses the files.
     pub fn take(provisioned: &Record) -> Option<Self> {
         let telemetry = baliza_board_rtt::start();
         let mut flash = Flash::erased();
-        // What cannot be stored is missed when it is loaded.
+        // A record that cannot be stored is missing when it is loaded.
         let _ = wire::config::store(&mut flash, PAGES, provisioned);
         let record = wire::config::load(&mut flash, PAGES);
         Probe::attach().map(|probe| Self { record, probe, telemetry })
     }
 
-    /// Puts telemetry into its channel, and what both channels hold into the host's files; false where the host does not take it.
+    /// Writes telemetry into its channel, and the content of both channels into the host's files. Returns false if the
+    /// host refuses it.
     pub fn take_out<M: RawMutex, const BYTES: usize>(&mut self, event_log: &EventLog<M, BYTES>) -> bool {
         let mut taken = true;
         let mut full = true;
@@ -60,7 +62,7 @@ impl Board {
     }
 }
 
-/// Ends the program, and QEMU with it.
+/// Ends the program and QEMU.
 pub fn exit(success: bool) -> ! {
     semihosting::process::exit(if success { 0 } else { 1 })
 }

@@ -1,12 +1,12 @@
-//! A debug probe within the program: finds RTT's control block as a host does, by its symbol, and takes what the channels hold
-//! to files of the host.
+//! A debug probe within the program. It finds RTT's control block by its symbol, as a host does, and copies the
+//! channels' content to files of the host.
 
 use core::ptr::{read_volatile, write_volatile};
 
 use semihosting::fs::File;
 use semihosting::io::Write;
 
-/// The files of the channels, in the directory that QEMU runs in.
+/// The files for the channels, in the directory that QEMU runs in.
 const FILES: [&core::ffi::CStr; 2] = [c"tag-simulated.defmt", c"tag-simulated.telemetry"];
 
 /// A channel from the program to the host (SEGGER, *Real Time Transfer*).
@@ -20,7 +20,7 @@ struct UpChannel {
     flags: usize,
 }
 
-/// The control block, with as many channels as there are files.
+/// The control block. It has as many channels as there are files.
 #[repr(C)]
 struct ControlBlock {
     id: [u8; 16],
@@ -40,7 +40,7 @@ pub struct Probe {
 }
 
 impl Probe {
-    /// Begins the files; none where the host refuses, or there is no control block.
+    /// Creates the files. `None` if the host refuses them, or if there is no control block.
     pub(super) fn attach() -> Option<Self> {
         // SAFETY: the block has been set up by `rtt_init!`, with two channels.
         let id = unsafe { read_volatile(&raw const CONTROL_BLOCK.id) };
@@ -51,11 +51,12 @@ impl Probe {
         Some(Self { files: [log?, telemetry?] })
     }
 
-    /// Takes what the channels hold to the files; false where the host does not take it.
+    /// Copies the channels' content to the files. Returns false if the host refuses it.
     pub fn drain(&mut self) -> bool {
         let mut taken = true;
         for (place, file) in self.files.iter_mut().enumerate() {
-            // SAFETY: within the block, which has that many channels; the program does nothing meanwhile.
+            // SAFETY: the index is within the block, which has that many channels. Nothing else in the program runs
+            // meanwhile.
             let channel = unsafe { &raw mut CONTROL_BLOCK.up[place] };
             taken &= drain(channel, file);
         }

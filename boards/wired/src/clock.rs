@@ -1,6 +1,6 @@
-//! Time: what the world said last, and the instructions since that the firmware has executed. QEMU's clock advances by the same time
-//! each instruction. What this board's own code executes is not counted: another board has other code in its place, which the
-//! world's profile of that board accounts for.
+//! The time: that of the simulated world's last answer, and the instructions that the firmware has executed since.
+//! QEMU's clock advances by the same time for each instruction. Instructions of this board's own code are not counted.
+//! Another board has other code in its place, and the world's profile of that board accounts for that code.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -8,22 +8,22 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use critical_section::Mutex;
 use qemu_link::Spent;
 
-/// What the instructions are executed for.
+/// The purpose of the executed instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
     /// Ranging.
     Ranging,
-    /// All else.
+    /// Everything else.
     Background,
 }
 
-/// Instructions since the last answer, of each [`Level`].
+/// Instructions since the last answer, for each [`Level`].
 static SPENT: [AtomicU32; 2] = [const { AtomicU32::new(0) }; 2];
-/// The level, as its place in [`SPENT`].
+/// The present level, as its index in [`SPENT`].
 static LEVEL: AtomicU32 = AtomicU32::new(0);
-/// How many pauses there are within each other. There is one from the start on: nothing is counted but by [`count`].
+/// The number of nested pauses. There is one from the start on: only [`count`] counts instructions.
 static PAUSES: AtomicU32 = AtomicU32::new(1);
-/// The count when counting was last begun.
+/// The counter when counting last began.
 static SINCE: AtomicU32 = AtomicU32::new(0);
 
 static ANSWERED_NS: Mutex<Cell<u64>> = Mutex::new(Cell::new(0));
@@ -34,16 +34,16 @@ pub fn start() {
     counter::start();
 }
 
-/// What an instruction takes, picoseconds.
+/// Sets the time of an instruction, picoseconds.
 pub fn set_instruction_ps(instruction_ps: u32) {
     INSTRUCTION_PS.store(instruction_ps, Ordering::Relaxed);
 }
 
-/// While it is there, nothing is counted.
+/// Nothing is counted while this exists.
 pub struct Pause(());
 
 impl Pause {
-    /// Counts what was executed up to here.
+    /// Begins a pause. It first counts the instructions up to here.
     #[inline(always)]
     pub fn begin() -> Self {
         let now = counter::now();
@@ -72,21 +72,21 @@ impl Drop for Pause {
     }
 }
 
-/// Counts what `work` executes.
+/// Counts the instructions that `work` executes.
 pub fn count<R>(level: Level, work: impl FnOnce() -> R) -> R {
     let place = match level {
         Level::Ranging => 0,
         Level::Background => 1,
     };
     LEVEL.store(place, Ordering::Relaxed);
-    // The pause that there is from the start on is interrupted.
+    // This interrupts the pause that exists from the start on.
     drop(Pause(()));
     let result = work();
     core::mem::forget(Pause::begin());
     result
 }
 
-/// What was counted since the last call.
+/// The counts since the last call.
 pub fn take_spent() -> Spent {
     let [ranging, background] = [0, 1].map(|level: usize| {
         let spent = &SPENT[level];
@@ -97,12 +97,12 @@ pub fn take_spent() -> Spent {
     Spent { ranging, background }
 }
 
-/// The world's time now.
+/// Sets the time of the simulated world.
 pub fn set(now_ns: u64) {
     critical_section::with(|token| ANSWERED_NS.borrow(token).set(now_ns));
 }
 
-/// The world's time, nanoseconds.
+/// The time of the simulated world, nanoseconds.
 pub fn now_ns() -> u64 {
     let _pause = Pause::begin();
     let answered = critical_section::with(|token| ANSWERED_NS.borrow(token).get());
@@ -110,7 +110,7 @@ pub fn now_ns() -> u64 {
     answered + instructions * u64::from(INSTRUCTION_PS.load(Ordering::Relaxed)) / 1000
 }
 
-/// The world's time, microseconds.
+/// The time of the simulated world, microseconds.
 pub fn uptime_us() -> u64 {
     let _pause = Pause::begin();
     now_ns() / 1000
@@ -142,9 +142,9 @@ mod counter {
         SYST::get_current()
     }
 
-    /// Fewer than 2.6 million.
+    /// The instructions between two stamps, fewer than 2.6 million.
     pub fn between(earlier: u32, later: u32) -> u32 {
-        // A tick less than 2²⁴ a turn: one part in 16 million.
+        // The counter has a period of one tick less than 2²⁴: an error of one part in 16 million.
         let ticks = earlier.wrapping_sub(later) & RELOAD;
         (ticks * NS_PER_TICK + NS_PER_INSTRUCTION / 2) / NS_PER_INSTRUCTION
     }

@@ -1,4 +1,4 @@
-//! The two executors, and what is done when neither has anything to do.
+//! The two executors, and the request to the simulated world when neither has anything to do.
 
 use core::cell::Cell;
 use core::ptr;
@@ -12,10 +12,10 @@ use super::clock::{self, Level, Pause};
 use super::pipe::PIPE;
 use super::{lines, timers};
 
-/// Which executor has something to do: ranging's, the background's.
+/// Whether each executor has something to do: ranging's, and the background's.
 static PENDING: [Mutex<Cell<bool>>; 2] = [const { Mutex::new(Cell::new(false)) }; 2];
 
-/// Called by an executor that has something to do; its context is its place in [`PENDING`].
+/// Called by an executor that has something to do. Its context is its index in [`PENDING`].
 #[unsafe(export_name = "__pender")]
 fn pend(context: *mut ()) {
     let _pause = Pause::begin();
@@ -39,18 +39,18 @@ impl Executor {
         critical_section::with(|token| PENDING[self.place].borrow(token).get())
     }
 
-    /// Runs what is ready; whether there was anything.
+    /// Runs the ready tasks. Returns whether there were any.
     fn step(&self) -> bool {
         let pending = critical_section::with(|token| PENDING[self.place].borrow(token).replace(false));
         if pending {
-            // SAFETY: not from within a poll: only `run` calls it, and no task calls that.
+            // SAFETY: this is never called within a poll: only `run` calls it, and no task calls `run`.
             clock::count(self.level, || unsafe { self.executor.poll() });
         }
         pending
     }
 }
 
-/// Both.
+/// Both executors.
 pub struct Executors {
     ranging: Executor,
     background: Executor,
@@ -65,17 +65,18 @@ impl Executors {
         Self { ranging: make(&RANGING, Level::Ranging, 0), background: make(&BACKGROUND, Level::Background, 1) }
     }
 
-    /// Of ranging's tasks.
+    /// The spawner of ranging's tasks.
     pub fn ranging(&self) -> Spawner {
         self.ranging.executor.spawner()
     }
 
-    /// Of all other tasks.
+    /// The spawner of all other tasks.
     pub fn background(&self) -> Spawner {
         self.background.executor.spawner()
     }
 
-    /// Runs what was spawned until the world ends; `after` each step of the lower executor, which is part of it, something else.
+    /// Runs the spawned tasks until the simulated world ends. It calls `after` after each step of the lower executor,
+    /// as a part of that step.
     pub(super) fn run(&self, mut after: impl FnMut()) {
         loop {
             while self.ranging.step() {}
@@ -92,7 +93,7 @@ impl Executors {
             if PIPE.says(Answer::END) {
                 return;
             }
-            // As a handler would.
+            // As an interrupt handler would.
             timers::ring(now_ns);
             if PIPE.says(Answer::IRQ_IS_HIGH) {
                 lines::wake();

@@ -1,8 +1,10 @@
-//! A board in QEMU whose DW1000 is simulated outside: every transaction on the bus, every interrupt and every wait is asked of a
-//! simulated world over a pipe ([`qemu_link`]), which lets the time of the instructions pass that were executed in between.
+//! A board in QEMU with a DW1000 that is simulated outside. For every transaction on the bus, every interrupt and every
+//! wait, the board sends a request to a simulated world over a pipe ([`qemu_link`]). The world advances its time by the
+//! instructions that were executed in between.
 //!
-//! As on a DWM1001 there are two executors: ranging in the upper one; engine, telemetry and the rest in the lower one. A step of the
-//! lower one is executed at once, but its time passes while the upper one waits, and until it has passed there is no other step.
+//! As on a DWM1001 there are two executors: ranging in the upper one; engine, telemetry and the rest in the lower one.
+//! A step of the lower executor is executed at once. Its time passes while the upper one waits, and there is no other
+//! step before its time has passed.
 #![no_std]
 #![cfg(target_os = "none")]
 
@@ -27,7 +29,7 @@ pub use clock::uptime_us;
 pub use lines::{Bus, Interrupt, Reset};
 pub use timers::Delay;
 
-/// As telemetry calls it.
+/// The board's name in telemetry.
 pub const BOARD: wire::config::Board = wire::config::Board::Simulated;
 
 /// The DW1000's driver.
@@ -38,26 +40,26 @@ defmt::timestamp!("{=u64:us}", uptime_us());
 /// The DW1000's parts.
 pub type Uwb = node::Uwb<Bus, Interrupt, Reset, Delay>;
 
-/// The board, taken.
+/// The board after its start.
 pub struct Board {
     /// The DW1000's parts.
     pub uwb: Uwb,
-    /// For the exchange's waits.
+    /// The delay for the exchange's waits.
     pub delay: Delay,
-    /// What the node starts with.
+    /// The inputs of the node's start.
     pub start: node::Start,
-    /// What runs the node's tasks.
+    /// The executors of the node's tasks.
     pub care: Care,
 }
 
-/// The executors, and telemetry's way out.
+/// The executors, and the channel of telemetry.
 pub struct Care {
     executors: Executors,
     telemetry: TelemetryChannel,
 }
 
 impl Board {
-    /// Takes the board; once a program.
+    /// Takes the board. May be called once in a program's run.
     pub fn take() -> Self {
         clock::start();
         let telemetry = baliza_board_rtt::start();
@@ -72,7 +74,7 @@ impl Board {
         Self {
             uwb: Uwb { bus: Bus, interrupt: Interrupt, reset: Reset, delay: driver_delay },
             delay,
-            // The record has its address.
+            // The record contains the node's address.
             start: node::Start {
                 board: BOARD,
                 clock: uptime_us,
@@ -87,23 +89,23 @@ impl Board {
 }
 
 impl Care {
-    /// Of ranging's tasks.
+    /// The spawner of ranging's tasks.
     pub fn ranging(&self) -> Spawner {
         self.executors.ranging()
     }
 
-    /// Of all other tasks.
+    /// The spawner of all other tasks.
     pub fn background(&self) -> Spawner {
         self.executors.background()
     }
 
-    /// Runs what was spawned until the world ends, and then the program and QEMU with it.
+    /// Runs the spawned tasks until the simulated world ends. Then it ends the program and QEMU.
     pub fn run(mut self, node: Node) -> ! {
         let reporter = node.reporter;
         self.background().spawn(keep_telling(node).unwrap());
         self.executors.run(|| {
             reporter.event_log.drain(|frame| {
-                // Nobody reads the channel: it is full soon, as on a board without a probe.
+                // The channel has no reader. It is full soon, as on a board without a probe.
                 self.telemetry.write(frame);
                 PIPE.ask(Request::Telemetry(frame), |_| ());
                 true
@@ -118,7 +120,7 @@ impl Care {
     }
 }
 
-/// Repeats who is speaking, and what was counted.
+/// Repeats the hello and the counters.
 #[embassy_executor::task]
 async fn keep_telling(node: Node) {
     node.keep_telling(embassy_time::Delay).await;

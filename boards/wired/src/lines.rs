@@ -16,7 +16,7 @@ use ranging::dw1000::{ClockedSpi, ResetLine, SpiClock};
 use super::clock::Pause;
 use super::pipe::PIPE;
 
-/// SPI to the DW1000. Transactions are not awaited, as on the boards.
+/// SPI to the DW1000. Transactions block, as on the boards.
 pub struct Bus;
 
 impl spi::ErrorType for Bus {
@@ -95,35 +95,35 @@ impl ResetLine for Reset {
     }
 }
 
-/// Who waits for the line to be high.
+/// The task that waits for the line to be high.
 static WAITING: Mutex<RefCell<Option<Waker>>> = Mutex::new(RefCell::new(None));
 
-/// Whether somebody waits for the line to be high.
+/// Whether a task waits for the line to be high.
 pub(super) fn is_awaited() -> bool {
     critical_section::with(|token| WAITING.borrow_ref(token).is_some())
 }
 
-/// The line was high: wakes who waits for it.
+/// The line was high: wakes the task that waits for it.
 pub(super) fn wake() {
     if let Some(waker) = critical_section::with(|token| WAITING.borrow_ref_mut(token).take()) {
         waker.wake();
     }
 }
 
-/// The DW1000's interrupt line: its level is that of the world's last answer.
+/// The DW1000's interrupt line. Its level is that of the world's last answer.
 pub struct Interrupt;
 
 impl digital::ErrorType for Interrupt {
     type Error = Infallible;
 }
 
-/// A wait that is over, or stopped, leaves nobody waiting.
+/// A wait for the line. When it is dropped, at its end or cancelled, no task waits any more.
 struct Waiting;
 
 impl Drop for Waiting {
     fn drop(&mut self) {
         let _pause = Pause::begin();
-        // The waker is dropped outside.
+        // The waker is dropped outside the critical section.
         let _ = critical_section::with(|token| WAITING.borrow_ref_mut(token).take());
     }
 }
@@ -146,7 +146,7 @@ impl Interrupt {
     }
 }
 
-/// Looked at each microsecond: the world tells of no falling edge, and the driver waits for none.
+/// Checks the line each microsecond: the world reports no falling edge, and the driver waits for none.
 async fn low() {
     while PIPE.says(Answer::IRQ_IS_HIGH) {
         embassy_time::Timer::after_micros(1).await;

@@ -1,4 +1,4 @@
-//! The pipe to the world: QEMU's standard input and output, opened by semihosting.
+//! The pipe to the simulated world: QEMU's standard input and output, opened by semihosting.
 
 use core::cell::{Cell, RefCell};
 
@@ -9,24 +9,24 @@ use semihosting::io::{Read, Write};
 
 use super::clock::{self, Pause};
 
-/// The pipe, once it is open.
+/// The open pipe.
 pub struct Pipe {
     to: File,
     from: File,
     buffer: [u8; MAX_MESSAGE],
 }
 
-/// The one pipe, and what was last answered.
+/// The only pipe, and the flags of the last answer.
 pub struct Shared {
     pipe: Mutex<RefCell<Option<Pipe>>>,
     flags: Mutex<Cell<u8>>,
 }
 
-/// The one.
+/// The only pipe.
 pub static PIPE: Shared = Shared { pipe: Mutex::new(RefCell::new(None)), flags: Mutex::new(Cell::new(0)) };
 
 impl Shared {
-    /// Opens it, and does something with it.
+    /// Opens the pipe, and calls `first` with it.
     pub fn open<R>(&self, first: impl FnOnce(&Self) -> R) -> R {
         let to = File::create(c"/dev/stdout").expect("QEMU's standard output is a pipe");
         let from = File::open(c"/dev/stdin").expect("QEMU's standard input is a pipe");
@@ -36,7 +36,7 @@ impl Shared {
         first(self)
     }
 
-    /// Asks the world; `take` has the answer.
+    /// Sends a request to the simulated world, and passes the answer to `take`.
     pub fn ask<R>(&self, request: Request<'_>, take: impl FnOnce(&Answer<'_>) -> R) -> R {
         let _pause = Pause::begin();
         let spent = clock::take_spent();
@@ -44,7 +44,7 @@ impl Shared {
             let mut pipe = self.pipe.borrow_ref_mut(token);
             let pipe = pipe.as_mut().expect("the pipe is open");
             let message = request.encode(spent).expect("requests are short");
-            // The world is gone: there is nothing to run for.
+            // The world has ended: the program ends too.
             if pipe.to.write_all(&message).is_err() {
                 semihosting::process::exit(1);
             }

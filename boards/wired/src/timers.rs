@@ -1,4 +1,5 @@
-//! Waits: two delays to the nanosecond, as a DWM1001 has them of a timer's compare registers, and the executors' own clock.
+//! Waits: two delays with a resolution of a nanosecond, like those of a DWM1001's timer with its compare registers, and
+//! the executors' own clock.
 
 use core::cell::RefCell;
 use core::future::poll_fn;
@@ -11,10 +12,10 @@ use embedded_hal_async::delay::DelayNs;
 use super::clock::{self, Pause};
 
 const DELAYS: usize = 2;
-/// Tasks that wait by the executors' clock at a time.
+/// The number of tasks that can wait by the executors' clock at a time.
 const TASKS: usize = 6;
 
-/// When somebody is to be woken.
+/// A task and the time when it must be woken.
 struct Alarm {
     at_ns: u64,
     waker: Waker,
@@ -23,12 +24,12 @@ struct Alarm {
 static ALARMS: Mutex<RefCell<[Option<Alarm>; DELAYS + TASKS]>> =
     Mutex::new(RefCell::new([const { None }; DELAYS + TASKS]));
 
-/// The first of all alarms, nanoseconds.
+/// The time of the earliest alarm, nanoseconds.
 pub(super) fn first_ns() -> Option<u64> {
     critical_section::with(|token| ALARMS.borrow_ref(token).iter().flatten().map(|alarm| alarm.at_ns).min())
 }
 
-/// Wakes whose time has come.
+/// Wakes the tasks whose time has come.
 pub(super) fn ring(now_ns: u64) {
     let due = |alarm: &mut Option<Alarm>| alarm.take_if(|alarm| alarm.at_ns <= now_ns);
     for place in 0..DELAYS + TASKS {
@@ -38,7 +39,7 @@ pub(super) fn ring(now_ns: u64) {
     }
 }
 
-/// One of two delays, for one task. One that was stopped rings all the same, unless the next one has begun.
+/// One of two delays, for one task. The alarm of a cancelled wait still wakes the task, unless the next wait has begun.
 pub struct Delay {
     index: usize,
 }
@@ -62,7 +63,7 @@ impl Delay {
     }
 }
 
-/// So many microseconds from now on, nanoseconds. The microsecond that has begun is none.
+/// The instant `us` microseconds from now, nanoseconds. The microsecond that has begun does not count.
 fn after_us(us: u64) -> u64 {
     let _pause = Pause::begin();
     (clock::uptime_us() + us + 1) * 1000
@@ -96,7 +97,7 @@ impl Driver for Ticks {
         critical_section::with(|token| {
             let mut alarms = ALARMS.borrow_ref_mut(token);
             let (_, tasks) = alarms.split_at_mut(DELAYS);
-            // A task that waits for several instants is woken at the first, and asks again.
+            // A task that waits for several instants is woken at the first, and then waits anew.
             let of_task = tasks.iter().position(|alarm| alarm.as_ref().is_some_and(|it| it.waker.will_wake(waker)));
             let place = of_task.or_else(|| tasks.iter().position(Option::is_none)).expect("there are few tasks");
             let at_ns = tasks[place].as_ref().map_or(at_ns, |alarm| alarm.at_ns.min(at_ns));

@@ -1,8 +1,8 @@
-//! How far a reception's stamp is off because of its power (Decawave APS011, tables 1 and 2).
+//! The error of a reception's time stamp that depends on its power (Decawave APS011, tables 1 and 2).
 //!
-//! The leading edge of a strong pulse crosses the detector's threshold earlier: a range reads short when strong and long when
-//! weak. `true range = reported − bias`; each of the two receptions of an exchange is shifted by the whole bias, their mean
-//! shifts the range by it.
+//! The leading edge of a strong pulse crosses the detector's threshold earlier, so a range is too short at high power
+//! and too long at low power. `true range = reported − bias`. Each of the two receptions of an exchange is shifted by
+//! the whole bias; their mean shifts the range by it.
 
 use super::phy::{Phy, Prf};
 
@@ -21,7 +21,7 @@ const WIDE_16: [f64; 18] =
 const WIDE_64: [f64; 18] =
     [28.4, 26.4, 24.5, 23.3, 19.7, 17.5, 15.3, 12.7, 9.1, 4.9, 0.0, -5.8, -10.0, -15.0, -19.9, -23.5, -26.6, -29.5];
 
-/// The bias at `power_dbm` at the receiver's input, metres; constant beyond the ends of the table.
+/// The bias at `power_dbm` at the receiver's input, metres. It is constant beyond the ends of the table.
 pub fn range_bias_m(channel: u8, prf: Prf, power_dbm: f64) -> f64 {
     let (table, first): (&[f64], f64) = match (Phy::is_wide(channel), prf) {
         (false, Prf::Mhz16) => (&NARROW_16, -93.0),

@@ -1,9 +1,9 @@
-//! The channel impulse response that a receiver gathers, and what its diagnostics say of it.
+//! The channel impulse response that a receiver accumulates, and the diagnostics that follow from it.
 //!
-//! The accumulator holds pulses at the first path and at its echoes, an exponential tail, with noise. Its energy and the first path's are those
-//! from which the user manual's formulae (4.7.1, 4.7.2) get the received and the first-path power back:
-//! `C · 2¹⁷ = Σ |h|² = N² · 10^((P + A) / 10)` and `F₁² + F₂² + F₃² = N² · 10^((P₁ + A) / 10)`, where P is the chip's own
-//! estimate: it reads low above −88 dBm or so (figure 22 of the manual).
+//! The accumulator contains pulses at the first path and at its echoes, an exponential tail, and noise. Its energy and
+//! the energy of the first path are chosen so that the user manual's formulae (4.7.1, 4.7.2) return the received and
+//! the first-path power: `C · 2¹⁷ = Σ |h|² = N² · 10^((P + A) / 10)` and `F₁² + F₂² + F₃² = N² · 10^((P₁ + A) / 10)`,
+//! where P is the chip's own estimate. The estimate is too low above about −88 dBm (figure 22 of the manual).
 
 use super::Reception;
 use super::phy::{Phy, Prf, Sfd, SfdKind};
@@ -11,34 +11,35 @@ use crate::random::mix;
 use std::f64::consts::TAU;
 use std::sync::LazyLock;
 
-/// Echoes beside the first path.
+/// Echoes besides the first path.
 const ECHOES: usize = 24;
-/// Samples from the detected edge to the pulse's peak: with any fraction of the edge's place, nearly all of the pulse then
-/// lies in the three samples of which the first-path power is made.
+/// Samples from the detected edge to the pulse's peak. With this value, and any fractional position of the edge, nearly
+/// all of the pulse lies in the three samples of the first-path power.
 const PEAK_AFTER_EDGE: f64 = 1.6;
-/// The accumulator stops when its energy reaches this CIR_PWR: what recordings of strong signals with long preambles show.
+/// The accumulator stops when its energy reaches this CIR_PWR, as in recordings of strong signals with long preambles.
 const FULL_CIR_POWER: f64 = 12_000.0;
-/// Received power against the chip's estimate of it, dBm (user manual, figure 22); straight on beyond the last.
+/// Received power and the chip's estimate of it, dBm (user manual, figure 22). Beyond the last point the curve is
+/// continued straight.
 const ESTIMATE_16: [(f64, f64); 5] = [(-90.0, -90.0), (-85.0, -87.5), (-77.0, -85.0), (-69.5, -82.5), (-64.0, -80.0)];
 const ESTIMATE_64: [(f64, f64); 6] =
     [(-90.0, -90.0), (-86.5, -87.5), (-83.5, -85.0), (-80.0, -82.5), (-72.5, -80.0), (-60.0, -77.5)];
 
-/// One way of the scattered power: samples after the first path, and its part of the amplitude.
+/// One path of the scattered power: samples after the first path, and its share of the amplitude.
 #[derive(Clone, Copy, Debug, Default)]
 struct Echo {
     delay: f64,
     weight: f64,
 }
 
-/// How the scattered power of one place arrives: the squares of the weights are 1 together.
+/// The arrival of the scattered power at one position. The sum of the squares of the weights is 1.
 #[derive(Debug)]
 struct Tail {
     echoes: [Echo; ECHOES],
-    /// The strongest of them.
+    /// The strongest echo.
     strongest: Echo,
 }
 
-/// An accumulator, sample by sample, and its summary.
+/// An accumulator, sample by sample, and its summary values.
 #[derive(Clone, Debug)]
 pub struct Response {
     /// Amplitude of the first path.
@@ -50,9 +51,9 @@ pub struct Response {
     noise_seed: u64,
     /// Samples: 992 or 1016.
     pub length: usize,
-    /// Deviation of the noise in each of the real and imaginary parts.
+    /// Standard deviation of the noise in each of the real and imaginary parts.
     pub noise: f64,
-    /// Place of the detected edge of the first path, samples.
+    /// The index of the detected edge of the first path, samples.
     pub first_path: f64,
     /// CIR_PWR.
     pub cir_power: u16,
@@ -63,7 +64,7 @@ pub struct Response {
 }
 
 impl Response {
-    /// What a receiver gathered of a frame.
+    /// The accumulator of a received frame.
     pub fn of(reception: &Reception) -> Self {
         let Phy { prf, channel, sfd, .. } = reception.phy;
         let constant_db = match prf {
@@ -82,7 +83,7 @@ impl Response {
         let energy = n * n * unit;
         let first_energy = (n * n * 10f64.powf((first_dbm + constant_db) / 10.0)).min(energy);
 
-        // A spread of 1 sample is 2.35 ns at half height: 500 MHz.
+        // A standard deviation of 1 sample is 2.35 ns at half height: 500 MHz.
         let pulse_width = if Phy::is_wide(channel) { 0.6 } else { 1.0 };
         let first_path = 742.0 + unit_of(mix(reception.noise_seed ^ 0xF1)) * 9.0;
         let first_path = (first_path * 64.0).floor() / 64.0;
@@ -136,13 +137,13 @@ impl Response {
         rounded((re * re + im * im).sqrt()) as u16
     }
 
-    /// Magnitudes one, two and three samples beyond the integer part of the first path's place.
+    /// Magnitudes one, two and three samples beyond the integer part of the first path's index.
     pub fn first_path_amplitudes(&self) -> [u16; 3] {
         let edge = self.first_path as usize;
         [edge + 1, edge + 2, edge + 3].map(|i| self.magnitude(i))
     }
 
-    /// Place and magnitude of the strongest sample.
+    /// Index and magnitude of the strongest sample.
     pub fn peak(&self) -> (u16, u16) {
         let Echo { delay, weight } = self.tail.strongest;
         let delay = if self.first >= self.scattered * weight { 0.0 } else { delay };
@@ -162,14 +163,14 @@ impl Response {
 }
 
 impl Tail {
-    /// Of a place: one of 256.
+    /// The tail of a position: one of 256.
     fn of(place: u64) -> &'static Self {
         static TAILS: LazyLock<Vec<Tail>> = LazyLock::new(|| (0..256).map(Tail::draw).collect());
         &TAILS[(mix(place) >> 56) as usize]
     }
 
-    /// Delays of 4 samples and more, 20 more in the mean, weaker with the delay: the power falls to a third every 13 ns or so, as it
-    /// does in a recorded flat (`README.md`).
+    /// Delays of 4 samples and more, plus 20 in the mean. Echoes are weaker the later they are: the power falls to a
+    /// third in about 13 ns, as in a recorded flat (`README.md`).
     fn draw(number: u64) -> Self {
         let mut echoes: [Echo; ECHOES] = std::array::from_fn(|k| {
             let random = mix(mix(number) ^ (k as u64 + 1));
@@ -183,7 +184,7 @@ impl Tail {
     }
 }
 
-/// What the chip makes of a received power.
+/// The chip's estimate of a received power.
 pub fn estimated_dbm(prf: Prf, power_dbm: f64) -> f64 {
     let table: &[(f64, f64)] = match prf {
         Prf::Mhz16 => &ESTIMATE_16,
@@ -197,7 +198,7 @@ pub fn estimated_dbm(prf: Prf, power_dbm: f64) -> f64 {
     a.1 + (b.1 - a.1) * (power_dbm - a.0) / (b.0 - a.0)
 }
 
-/// By how much RXPACC counts the delimiter too (user manual, table 18).
+/// The part of RXPACC that counts the delimiter (user manual, table 18).
 fn sfd_adjustment(sfd: Sfd) -> u16 {
     match (sfd.kind, sfd.symbols) {
         (SfdKind::Ieee, 64) => 64,
@@ -220,13 +221,13 @@ fn direction(hash: u64) -> [f64; 2] {
     ANGLES[(hash >> 56) as usize]
 }
 
-/// A hash as a number of mean 0 and deviation 1, nearly normal: the sum of four uniform ones.
+/// A hash as a nearly normal number of mean 0 and standard deviation 1: the sum of four uniform numbers.
 fn near_gauss(hash: u64) -> f64 {
     let sum: u64 = (0..4).map(|i| hash >> (16 * i) & 0xFFFF).sum();
     (sum as f64 / 65_536.0 - 2.0) * 3f64.sqrt()
 }
 
-/// To the nearest integer; `f64::round` is a library call on plain x86-64.
+/// Rounds to the nearest integer. `f64::round` is a library call on plain x86-64.
 fn rounded(x: f64) -> i64 {
     (x + 0.5f64.copysign(x)) as i64
 }
@@ -285,18 +286,18 @@ mod tests {
             let energy: f64 = (0..r.length).map(|i| f64::from(r.magnitude(i)).powi(2)).sum::<f64>() - noise;
             ratio += energy / (f64::from(r.cir_power) * 131_072.0) / 40.0;
         }
-        // Echoes that overlap add up or cancel with their phases; in the mean they do neither.
+        // Echoes that overlap add up or cancel, depending on their phases. In the mean they do neither.
         assert!((ratio - 1.0).abs() < 0.1, "{ratio}");
     }
 
     #[test]
     fn strong_signals_are_underestimated_as_the_manual_draws_it() {
-        // User manual, figure 22, PRF 64: −72.5 dBm reads −80, −60 dBm reads −77.5.
+        // User manual, figure 22, PRF 64: −72.5 dBm reads −80 dBm, −60 dBm reads −77.5 dBm.
         assert_eq!(estimated_dbm(Prf::Mhz64, -72.5), -80.0);
         assert_eq!(estimated_dbm(Prf::Mhz64, -60.0), -77.5);
         assert_eq!(estimated_dbm(Prf::Mhz64, -101.0), -101.0);
         assert_eq!(estimated_dbm(Prf::Mhz16, -64.0), -80.0);
-        // Beyond, with the last slope of 2.5 in 12.5 dB.
+        // Beyond the last point, with the last slope of 2.5 in 12.5 dB.
         assert!((estimated_dbm(Prf::Mhz64, -50.0) + 75.5).abs() < 1e-9);
     }
 
@@ -314,8 +315,8 @@ mod tests {
     #[test]
     fn a_weak_first_path_flattens_the_response_as_in_a_recorded_flat() {
         use positioning_core::nlos::{BEFORE, Shape, WINDOW};
-        // Kolakowski's flat: in line of sight, 3.8 dB under all power, the skewness near the maximum is 1.48 and the delay 6.6 ns in
-        // the mean; blocked, 9.3 dB under it, 0.92 and 10.7 ns.
+        // Kolakowski's flat. In line of sight, the first path is 3.8 dB below the total power, the skewness near the
+        // maximum is 1.48 and the delay 6.6 ns in the mean. If blocked, it is 9.3 dB below, with 0.92 and 10.7 ns.
         for (difference_db, skewness, delay_ns) in [(3.8, 1.48, 6.6), (9.3, 0.92, 10.7)] {
             let (mut found, mut delay) = (0.0, 0.0);
             for seed in 0..200 {

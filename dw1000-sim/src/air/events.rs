@@ -1,4 +1,4 @@
-//! What the air tells the receivers and the listeners at the side.
+//! The events that the air reports to receivers and to sniffers.
 
 use super::phy::Phy;
 use super::port::PortId;
@@ -7,9 +7,9 @@ use crate::time::TrueTime;
 use crate::world::World;
 use std::rc::Rc;
 
-/// Whoever is behind a port: a chip, or a radio straight on the air.
+/// The client of a port: a chip, or a radio directly on the air.
 pub trait AirClient {
-    /// Something was heard at `now`. May transmit and listen through `world`.
+    /// A reception event at `now`. The client may transmit and listen through `world`.
     fn on_air(&mut self, world: &World, now: TrueTime, heard: ReceptionEvent);
 }
 
@@ -18,17 +18,18 @@ pub trait AirClient {
 pub enum ReceptionEvent {
     /// A preamble of this receiver's code was found.
     Preamble,
-    /// No delimiter followed in time: another one, another rate, or lost under another frame. The receiver is off.
+    /// No delimiter was found in time: it was another one, had another rate, or was lost under another frame. The
+    /// receiver is off.
     SfdTimeout,
     /// The delimiter was found: this is the RMARKER.
     Sfd,
     /// The PHY header could not be read. The receiver is off.
     HeaderError,
-    /// The PHY header was read: what follows, for frame filters. The frame is not over.
+    /// The PHY header was read. The fields describe what follows; they are for frame filters. The frame has not ended.
     Header {
-        /// The bytes to come.
+        /// The bytes that will follow.
         bytes: Rc<[u8]>,
-        /// How they are sent.
+        /// The PHY settings of the sender.
         phy: Phy,
     },
     /// The frame is over. The receiver is off.
@@ -38,29 +39,29 @@ pub enum ReceptionEvent {
 /// A frame at its end.
 #[derive(Clone, Debug)]
 pub struct Reception {
-    /// The frame as sent, check bytes included, wherever they are due.
+    /// The frame as sent, with its check bytes.
     pub bytes: Rc<[u8]>,
-    /// How it was sent.
+    /// The PHY settings of the sender.
     pub phy: Phy,
     /// The ranging bit of its header.
     pub ranging: bool,
     /// When the RMARKER on the first detected path reached the antenna.
     pub marker: TrueTime,
-    /// What noise and the power's bias add to the stamp, picoseconds.
+    /// The error that noise and the power's bias add to the time stamp, picoseconds.
     pub stamp_error_ps: f64,
-    /// The way it came.
+    /// The path of the frame.
     pub link: Link,
     /// Offset of the sender's clock, parts per million of true time.
     pub sender_ppm: f64,
-    /// Preamble symbols gathered until the delimiter.
+    /// Preamble symbols accumulated until the delimiter.
     pub symbols: u16,
-    /// Whether the payload came through.
+    /// Whether the payload was received without errors.
     pub payload: Payload,
-    /// Seeds what differs from frame to frame in the accumulator.
+    /// The seed of what differs between frames in the accumulator.
     pub noise_seed: u64,
 }
 
-/// How a payload came through.
+/// The state of a received payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Payload {
     /// Intact.
@@ -71,7 +72,7 @@ pub enum Payload {
     Corrupted,
 }
 
-/// A point of a frame's course at a receiver.
+/// A point in a frame's course at a receiver.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct AirEvent {
     pub(crate) port: PortId,
@@ -89,24 +90,24 @@ pub(crate) enum Stage {
     End,
 }
 
-/// A frame as a sniffer beside the sender sees it.
+/// A frame as a sniffer beside the sender receives it.
 #[derive(Clone, Debug)]
 pub struct Sniffed {
     /// When its RMARKER left the antenna.
     pub marker: TrueTime,
     /// When its last bit left.
     pub end: TrueTime,
-    /// Who sent it.
+    /// The sender.
     pub sender: PortId,
-    /// The bytes, check bytes included.
+    /// The bytes, with check bytes.
     pub bytes: Rc<[u8]>,
-    /// How it was sent.
+    /// The PHY settings of the sender.
     pub phy: Phy,
     /// Radiated power, dBm.
     pub power_dbm: f64,
 }
 
-/// What happened on the air so far.
+/// Counts of what happened on the air so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AirStatistics {
     /// Frames sent.
@@ -115,16 +116,17 @@ pub struct AirStatistics {
     pub frames_collided: u64,
     /// Receptions begun: a preamble that a receiver could find.
     pub receptions: u64,
-    /// Receptions that came to a good end.
+    /// Receptions without errors.
     pub received: u64,
-    /// Receptions lost by the configured chance.
+    /// Receptions lost by the configured probability.
     pub lost_by_chance: u64,
-    /// Receptions lost for want of power, or because the sender stopped.
+    /// Receptions lost because the power was too low, or because the sender stopped.
     pub lost_to_noise: u64,
     /// Receptions lost under another frame.
     pub lost_to_collision: u64,
-    /// Receptions that the receiver itself gave up: switched off, another rate or delimiter.
+    /// Receptions that the receiver itself ended: it was switched off, or had another rate or delimiter.
     pub abandoned: u64,
-    /// Time that frames were on the air, summed over frames, seconds: its ratio to the time passed is the airtime share.
+    /// The time that frames were on the air, summed over frames, seconds. Divided by the time passed it is the airtime
+    /// share.
     pub airtime_s: f64,
 }

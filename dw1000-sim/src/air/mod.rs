@@ -1,9 +1,10 @@
-//! The air between the nodes: who hears whom, how strongly, how late, and what is lost.
+//! The air between the nodes: which nodes receive a frame, with what power and delay, and what is lost.
 //!
-//! A sender gives a frame its instants (first preamble symbol, RMARKER, end) in true time; each listening receiver goes through
-//! it in steps of the event queue: preamble found, delimiter, PHY header, end. A receiver follows one frame at a time. Another
-//! frame on the same band is interference: what it overlaps is lost unless the followed frame is stronger by the capture ratio;
-//! a stronger frame that comes while the first is still in its preamble takes the receiver over.
+//! A sender sets the instants of a frame (first preamble symbol, RMARKER, end) in true time. Each listening receiver
+//! goes through the frame in steps of the event queue: preamble found, delimiter, PHY header, end. A receiver follows
+//! one frame at a time. Another frame on the same band is interference: whatever it overlaps is lost, unless the
+//! followed frame is stronger by the capture ratio. A stronger frame that comes while the first is still in its
+//! preamble captures the receiver.
 
 pub mod bias;
 mod channel;
@@ -30,26 +31,26 @@ use std::collections::VecDeque;
 use std::collections::hash_map::Entry;
 use std::rc::Rc;
 
-/// How the air behaves.
+/// The settings of the air.
 #[derive(Clone, Debug)]
 pub struct AirConfig {
-    /// Probability that a reception is lost, whatever its power.
+    /// Probability that a reception is lost, at any power.
     pub loss: f64,
     /// Path loss exponent: 2 in free space.
     pub path_loss_exponent: f64,
-    /// Scattered power against the direct path's in clear sight, dB; −1.5 gives the 2-4 dB between received and first-path
-    /// power that recordings show.
+    /// Scattered power relative to the direct path's power in line of sight, dB. −1.5 dB gives the 2-4 dB between
+    /// received and first-path power that recordings show.
     pub scatter_db: f64,
-    /// How much stronger a frame must be than what overlaps it, dB.
+    /// How much stronger a frame must be than the frames that overlap it, dB.
     pub capture_db: f64,
-    /// How much less a frame of another preamble code disturbs, dB.
+    /// How much less a frame with another preamble code disturbs, dB.
     pub code_isolation_db: f64,
-    /// Beyond this distance nothing is heard and nothing disturbs, metres.
+    /// Beyond this distance nothing is received and nothing disturbs, metres.
     pub cut_off_m: f64,
-    /// Deviation of a reception's stamp at high power, metres: 0.027 gives double-sided ranges of 1.7 cm, as recorded with
-    /// DWM1001 in clear sight.
+    /// Standard deviation of a reception's time stamp at high power, metres. 0.027 gives double-sided ranges with 1.7
+    /// cm, as recorded with DWM1001 in line of sight.
     pub stamp_noise_m: f64,
-    /// Whether power biases stamps (APS011).
+    /// Whether the power biases time stamps (APS011).
     pub range_bias: bool,
     /// The floor plan.
     pub walls: Vec<Wall>,
@@ -72,16 +73,16 @@ impl Default for AirConfig {
 }
 
 impl AirConfig {
-    /// No noise, no bias, nothing lost but by power: for tests that compare stamps to the tick.
+    /// No noise, no bias, and losses only by power, for tests that compare time stamps to the tick.
     pub fn ideal() -> Self {
         Self { stamp_noise_m: 0.0, range_bias: false, ..Self::default() }
     }
 }
 
-/// A frame about to be sent, but for its bytes: they are due at the RMARKER.
+/// A frame that is about to be sent, without its bytes: they are needed at the RMARKER.
 #[derive(Clone, Copy, Debug)]
 pub struct TxStart {
-    /// How it is sent.
+    /// The PHY settings.
     pub phy: Phy,
     /// The ranging bit of its header.
     pub ranging: bool,
@@ -99,21 +100,21 @@ struct OnAir {
     sender: PortId,
     position: [f64; 3],
     sent: TxStart,
-    /// The end of its PHY header until the bytes are there, then that of its last bit, broken off or not.
+    /// Until the bytes are known, the end of its PHY header; then the end of its last bit. The frame may be cut before.
     end: TrueTime,
     bytes: Rc<[u8]>,
-    /// When its sender broke it off.
+    /// The time at which its sender cut it.
     cut: Option<TrueTime>,
     collided: bool,
 }
 
 impl OnAir {
-    /// When its sender's antenna falls silent.
+    /// The time from which its sender's antenna is silent.
     fn silent_from(&self) -> TrueTime {
         self.cut.map_or(self.end, |cut| cut.min(self.end))
     }
 
-    /// Whether it was broken off before its RMARKER: no delimiter has left.
+    /// Whether it was cut before its RMARKER, so that no delimiter was sent.
     fn has_no_delimiter(&self) -> bool {
         self.cut.is_some_and(|cut| cut < self.sent.marker)
     }
@@ -129,14 +130,14 @@ pub struct Air {
     frames: VecDeque<OnAir>,
     /// Number of `frames[0]`.
     first: u32,
-    /// Ports that listen and what they could hear, in no particular order.
+    /// The listening ports and their tunings, in no particular order.
     listening: Vec<(PortId, Tuning)>,
-    /// The ways between two ports where they last were.
+    /// The propagation paths between two ports at their last positions.
     paths: FxHashMap<(PortId, PortId), Paths>,
     statistics: AirStatistics,
     sniffers: Vec<Sniffer>,
     is_sniffed: bool,
-    /// What they have yet to be shown.
+    /// The frames that the sniffers have not received yet.
     sniffed: Vec<Sniffed>,
     nothing: Rc<[u8]>,
 }
@@ -164,7 +165,7 @@ impl Air {
         &self.config
     }
 
-    /// What happened so far.
+    /// Counts of what happened so far.
     pub fn statistics(&self) -> AirStatistics {
         self.statistics
     }
@@ -175,12 +176,12 @@ impl Air {
         self.sniffers.push(Box::new(sniffer));
     }
 
-    /// Where a port is.
+    /// The position of a port.
     pub fn position(&self, port: PortId, time: TrueTime) -> [f64; 3] {
         self.ports[port as usize].path.at(time)
     }
 
-    /// From now on frames are lost with this probability.
+    /// Sets the probability with which frames are lost from now on.
     pub fn set_loss(&mut self, probability: f64) {
         self.config.loss = probability;
     }
@@ -200,7 +201,7 @@ impl Air {
         id
     }
 
-    /// Begins a frame; call it at `tx.start`. Bytes follow with [`Air::fill`].
+    /// Begins a frame. Call it at `tx.start`. Its bytes follow with [`Air::fill`].
     pub(crate) fn transmit(&mut self, kernel: &Kernel<impl From<AirEvent>>, sender: PortId, tx: TxStart) -> u32 {
         self.forget(kernel.now());
         let id = self.first.wrapping_add(self.frames.len() as u32);
@@ -225,7 +226,8 @@ impl Air {
         id
     }
 
-    /// Gives a frame its bytes (check bytes included) and its end; call it at the RMARKER. A frame that was cut short has none.
+    /// Sets the bytes of a frame (with check bytes) and its end. Call it at the RMARKER. A frame that was cut before
+    /// has none.
     pub fn fill(&mut self, frame: u32, bytes: Rc<[u8]>, end: TrueTime) {
         let Some(on_air) = self.frames.get_mut(frame.wrapping_sub(self.first) as usize) else { return };
         on_air.bytes = bytes;
@@ -244,13 +246,13 @@ impl Air {
         }
     }
 
-    /// Frames that the sniffers have yet to be shown, and the sniffers, if there are such frames.
+    /// The frames that the sniffers have not received yet, and the sniffers, if there are such frames.
     pub(crate) fn take_sniffed(&mut self) -> Option<(Vec<Sniffed>, Vec<Sniffer>)> {
         let any = !self.sniffed.is_empty() && !self.sniffers.is_empty();
         any.then(|| (std::mem::take(&mut self.sniffed), std::mem::take(&mut self.sniffers)))
     }
 
-    /// Takes the sniffers back, before those that were added meanwhile.
+    /// Puts the sniffers back, before those that were added in the meantime.
     pub(crate) fn return_sniffers(&mut self, mut sniffers: Vec<Sniffer>) {
         sniffers.append(&mut self.sniffers);
         self.sniffers = sniffers;
@@ -286,7 +288,7 @@ impl Air {
         }
     }
 
-    /// Ends a port's session; whether it was at a frame.
+    /// Ends a port's session. Returns whether it was receiving a frame.
     fn close(&mut self, port: PortId) -> bool {
         let p = &mut self.ports[port as usize];
         p.session = p.session.wrapping_add(1);
@@ -301,7 +303,7 @@ impl Air {
         self.ports[port as usize].lock.take().is_some()
     }
 
-    /// Lets a listening port find a frame's preamble, if there is enough of it left.
+    /// Lets a listening port find a frame's preamble, if enough of it is left.
     fn offer(&mut self, kernel: &Kernel<impl From<AirEvent>>, port: PortId, frame: u32) {
         let Some((settings, since)) = self.ports[port as usize].listening else { return };
         let on_air = &self.frames[frame.wrapping_sub(self.first) as usize];
@@ -324,7 +326,7 @@ impl Air {
         }
     }
 
-    /// What a frame would have at a port with nothing in between, dBm.
+    /// The power of a frame at a port in line of sight, dBm.
     fn clear_dbm(&self, port: PortId, frame: u32, now: TrueTime) -> f64 {
         let on_air = &self.frames[frame.wrapping_sub(self.first) as usize];
         let distance_m = distance_m(on_air.position, self.position(port, now));
@@ -336,7 +338,7 @@ impl Air {
         )
     }
 
-    /// The way a frame takes to a port; `None` beyond the cut-off.
+    /// The path of a frame to a port; `None` beyond the cut-off distance.
     fn link_to(&mut self, port: PortId, frame: u32, now: TrueTime) -> Option<Link> {
         let on_air = &self.frames[frame.wrapping_sub(self.first) as usize];
         let (sent, from) = (on_air.sent, (on_air.sender, on_air.position));
@@ -354,7 +356,7 @@ impl Air {
         Some(paths.link(self.config.path_loss_exponent, distance_m, sent.phy.channel, sent.power_dbm))
     }
 
-    /// Drops frames that can no longer overlap anything still on the air, nor be followed by a receiver.
+    /// Drops frames that can no longer overlap another frame on the air, and that no receiver follows.
     fn forget(&mut self, now: TrueTime) {
         let flight_ps = self.longest_flight_ps();
         let over = |f: &OnAir| f.end.plus_ps(flight_ps) < now;
@@ -365,7 +367,7 @@ impl Air {
         }
     }
 
-    /// What a frame is under way at most: to the cut-off, and 300 m more for what obstacles add; picoseconds.
+    /// The maximum flight time of a frame, picoseconds: to the cut-off distance, plus 300 m for obstacles.
     fn longest_flight_ps(&self) -> u64 {
         (self.config.cut_off_m / SPEED_OF_LIGHT * 1e12) as u64 + 1_000_000
     }

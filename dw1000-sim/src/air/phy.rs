@@ -1,9 +1,10 @@
-//! The PHY of IEEE 802.15.4 UWB as far as the air cares: durations, bands, who can hear whom.
+//! The parts of the PHY of IEEE 802.15.4 UWB that the air needs: durations, bands, and which receivers can receive a
+//! frame.
 //!
-//! Durations are in ticks of the sender's clock (1 chip = 128 ticks). Sources: IEEE 802.15.4-2011, clause 14, and the DW1000
-//! user manual, 9.2 and 9.4.
+//! Durations are in ticks of the sender's clock (1 chip = 128 ticks). Sources: IEEE 802.15.4-2011, clause 14, and the
+//! DW1000 user manual, 9.2 and 9.4.
 
-/// Chips of 1/499.2 MHz have this many ticks.
+/// Ticks of a chip. A chip is 1/499.2 MHz.
 pub const TICKS_PER_CHIP: u64 = 128;
 
 /// Mean pulse repetition frequency.
@@ -26,7 +27,7 @@ pub enum Rate {
     Kbps6800,
 }
 
-/// The start-of-frame delimiter: a receiver hears only its own.
+/// The start-of-frame delimiter. A receiver detects only the delimiter that it is set to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Sfd {
     /// Which sequence.
@@ -35,18 +36,18 @@ pub struct Sfd {
     pub symbols: u16,
 }
 
-/// The sequences a DW1000 knows.
+/// The delimiter sequences that a DW1000 supports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SfdKind {
-    /// Of the standard.
+    /// The sequence of the standard.
     Ieee,
     /// Decawave's own.
     Decawave,
-    /// Written into USR_SFD.
+    /// A sequence written into USR_SFD.
     User,
 }
 
-/// How a frame is sent.
+/// The PHY settings of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Phy {
     /// Channel number: 1-5, 7.
@@ -66,7 +67,7 @@ pub struct Phy {
 }
 
 impl Prf {
-    /// Ticks a preamble symbol lasts: 496 chips (993.59 ns) or 508 chips (1017.63 ns).
+    /// Ticks per preamble symbol: 496 chips (993.59 ns) or 508 chips (1017.63 ns).
     pub const fn symbol_ticks(self) -> u64 {
         match self {
             Self::Mhz16 => 496 * TICKS_PER_CHIP,
@@ -76,7 +77,7 @@ impl Prf {
 }
 
 impl Rate {
-    /// Ticks a bit of the payload lasts: 64, 512 or 4096 chips.
+    /// Ticks per bit of the payload: 64, 512 or 4096 chips.
     pub const fn bit_ticks(self) -> u64 {
         match self {
             Self::Kbps110 => 4096 * TICKS_PER_CHIP,
@@ -85,7 +86,7 @@ impl Rate {
         }
     }
 
-    /// Ticks a bit of the PHY header lasts: at 6.81 Mbit/s it is sent at 850 kbit/s.
+    /// Ticks per bit of the PHY header. At 6.81 Mbit/s it is sent at 850 kbit/s.
     pub const fn header_bit_ticks(self) -> u64 {
         match self {
             Self::Kbps110 => 4096 * TICKS_PER_CHIP,
@@ -109,12 +110,12 @@ impl Phy {
         (self.preamble as u64 + self.sfd.symbols as u64) * self.prf.symbol_ticks()
     }
 
-    /// Ticks of the PHY header: 19 bits and two of its tail.
+    /// Ticks of the PHY header: 19 bits and two tail bits.
     pub const fn phr_ticks(&self) -> u64 {
         21 * self.rate.header_bit_ticks()
     }
 
-    /// Ticks of `bytes` bytes of payload (check bytes included) with 48 parity bits for each 330 bits begun.
+    /// Ticks of `bytes` bytes of payload (with check bytes), with 48 parity bits for each block of up to 330 bits.
     pub const fn payload_ticks(&self, bytes: usize) -> u64 {
         let bits = bytes as u64 * 8;
         (bits + 48 * bits.div_ceil(330)) * self.rate.bit_ticks()
@@ -131,23 +132,23 @@ impl Phy {
             1 => 3494.4e6,
             2 | 4 => 3993.6e6,
             3 => 4492.8e6,
-            // Channels 5 and 7; nothing else passes the chip.
+            // Channels 5 and 7. The chip accepts no others.
             _ => 6489.6e6,
         }
     }
 
-    /// Whether the channel is one of the two wide ones: 900 MHz of the pulse against 500 MHz.
+    /// Whether the channel is one of the two wide ones, whose pulse has 900 MHz instead of 500 MHz.
     pub const fn is_wide(channel: u8) -> bool {
         matches!(channel, 4 | 7)
     }
 
-    /// Whether two channels share spectrum: 2 lies within 4, 5 within 7.
+    /// Whether two channels share spectrum: 2 lies within 4, and 5 within 7.
     pub const fn share_band(a: u8, b: u8) -> bool {
         a == b || matches!((a, b), (2, 4) | (4, 2) | (5, 7) | (7, 5))
     }
 
-    /// The weakest preamble a receiver finds, dBm: −98 dBm with 128 symbols, 3 dB less for each doubling. An estimate from
-    /// the data sheet's longest ranges, where the preamble is not what limits the link.
+    /// The weakest preamble that a receiver finds, dBm: −98 dBm with 128 symbols, 3 dB less for each doubling. This is
+    /// an estimate from the data sheet's longest ranges, in which the preamble does not limit the link.
     pub fn preamble_sensitivity_dbm(&self) -> f64 {
         -98.0 - 10.0 * (f64::from(self.preamble) / 128.0).log10()
     }
@@ -168,7 +169,8 @@ mod tests {
 
     #[test]
     fn airtime_of_27_bytes_matches_the_published_figures() {
-        // Figures seen in public sources for PRF 64, in µs; delimiters of 8, 8 and 64 symbols; rounded there.
+        // Figures from public sources for PRF 64, in µs, with delimiters of 8, 8 and 64 symbols. The sources round
+        // them.
         for (rate, preamble, sfd, published) in [
             (Rate::Kbps6800, 64, 8, 129.0),
             (Rate::Kbps6800, 128, 8, 194.0),
@@ -190,7 +192,7 @@ mod tests {
         assert!((micros(p.shr_ticks()) - 135.128).abs() < 0.001);
         assert!((micros(p.phr_ticks()) - 21.538).abs() < 0.001);
         assert!((micros(p.payload_ticks(12)) - 18.462).abs() < 0.001);
-        // 42 bytes are 336 bits: a second block of parity.
+        // 42 bytes are 336 bits and need a second block of parity.
         assert_eq!(p.payload_ticks(42) - p.payload_ticks(41), (8 + 48) * p.rate.bit_ticks());
     }
 }

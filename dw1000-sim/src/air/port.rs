@@ -1,4 +1,4 @@
-//! A port of the air: one antenna with its receiver, whoever is behind it.
+//! A port of the air: one antenna with its receiver and its client.
 
 use super::phy::{Prf, Rate, Sfd};
 use super::propagation::Link;
@@ -9,14 +9,15 @@ use std::rc::Rc;
 /// A port's number.
 pub type PortId = u32;
 
-/// Where a node is.
+/// The position of a node.
 #[derive(Clone)]
 pub enum Path {
-    /// Always there; metres.
+    /// A fixed position, metres.
     Fixed([f64; 3]),
-    /// Straight between way-points (seconds, metres), at the first before, at the last after.
+    /// Straight lines between way-points (seconds, metres); before the first, the first point, and after the last, the
+    /// last point.
     Ways(Rc<[(f64, [f64; 3])]>),
-    /// Wherever a function of the time in seconds says.
+    /// A function of the time in seconds.
     Function(Rc<dyn Fn(f64) -> [f64; 3]>),
 }
 
@@ -43,7 +44,7 @@ fn between(ways: &[(f64, [f64; 3])], seconds: f64) -> [f64; 3] {
     }
 }
 
-/// What a receiver is set to.
+/// The settings of a receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RxSettings {
     /// Channel.
@@ -52,26 +53,26 @@ pub struct RxSettings {
     pub code: u8,
     /// Pulse repetition frequency.
     pub prf: Prf,
-    /// Delimiter it waits for.
+    /// The delimiter that it waits for.
     pub sfd: Sfd,
-    /// Whether it is set to 110 kbit/s; the header tells the other two rates apart.
+    /// Whether it is set to 110 kbit/s. The PHY header distinguishes the other two rates.
     pub slow: bool,
-    /// Whether it reads the header as Decawave's long-frame mode has it.
+    /// Whether it reads the PHY header in Decawave's long-frame mode.
     pub long_frames: bool,
     /// Preamble acquisition chunk, symbols.
     pub pac: u16,
-    /// Symbols from the found preamble until it gives up on the delimiter; 0: never.
+    /// Symbols from the found preamble until it stops waiting for the delimiter; 0: never.
     pub sfd_timeout: u16,
 }
 
 impl RxSettings {
-    /// Symbols from the start of a preamble until it is found: two chunks but for two symbols, so that a preamble of 128
-    /// leaves 114 for the accumulator, as recordings have it (RXPACC = 119 with the delimiter's part).
+    /// Symbols from the start of a preamble until it is found: two chunks minus two symbols. A preamble of 128 symbols
+    /// then leaves 114 for the accumulator, as in recordings (RXPACC = 119 with the delimiter's part).
     pub const fn detection_symbols(&self) -> u16 {
         2 * self.pac - 2
     }
 
-    /// When it gives up on the delimiter of a preamble that it found at `found`.
+    /// The time at which it stops waiting for the delimiter of a preamble that it found at `found`.
     pub(super) fn sfd_timeout_at(&self, found: TrueTime, prf: Prf) -> Option<TrueTime> {
         let symbols = u64::from(self.sfd_timeout);
         (symbols > 0).then(|| found.plus_ps(symbols * super::receiver::symbol_ps(prf)))
@@ -82,7 +83,7 @@ impl RxSettings {
     }
 }
 
-/// Channel, preamble code and PRF in one: what must agree for a preamble to be found.
+/// Channel, preamble code and PRF together, which must agree for a preamble to be found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Tuning(u16);
 
@@ -92,27 +93,27 @@ impl Tuning {
     }
 }
 
-/// The frame a receiver is at.
+/// The frame that a receiver follows.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lock {
     pub(super) frame: u32,
     pub(super) link: Link,
-    /// When the preamble was found.
+    /// The time at which the preamble was found.
     pub(super) found: TrueTime,
-    /// Preamble symbols gathered until the delimiter.
+    /// Preamble symbols accumulated until the delimiter.
     pub(super) symbols: u16,
-    /// Whether there is no delimiter to be found: lost under another frame, or never sent.
+    /// Whether the delimiter cannot be found: lost under another frame, or never sent.
     pub(super) lost: bool,
 }
 
 pub(super) struct Port {
     pub(super) path: Path,
     pub(super) listening: Option<(RxSettings, TrueTime)>,
-    /// Where it stands in the list of those that listen.
+    /// Its index in the list of listening ports.
     pub(super) place_in_list: usize,
-    /// Counts the times the receiver was switched on or off: events of an earlier time are stale.
+    /// Counts how often the receiver was switched on or off. Events with an earlier count are stale.
     pub(super) session: u32,
-    /// Frames whose preambles it may find, and how they come.
+    /// Frames whose preambles it may find, and their links.
     pub(super) offers: Vec<(u32, Link)>,
     pub(super) lock: Option<Lock>,
     pub(super) random: Stream,

@@ -1,31 +1,32 @@
-//! From positions and walls to power and delay: the direct path, the scattered rest, and which of them is detected.
+//! From positions and walls to power and delay: the direct path, the scattered power, and which path is detected.
 //!
-//! Free space follows Friis, `20 log₁₀(4π f / c)` for the first metre and `10 n log₁₀ d` beyond. Walls weaken the direct path
-//! by their attenuation and delay it by their excess length; the scattered power, which finds ways around, loses half as many
-//! decibels. An obstructed link errs as Alavi and Pahlavan measured indoors (IEEE Communications Letters 10(4), 2006; 1 GHz):
-//! multipath shifts it, and with a probability that grows beyond 10 m the direct path is not detected (UDP), so that the stamp
-//! belongs to a later one. All draws belong to the pair of nodes and to where they stand (cells of half a metre): the same in
-//! both directions, and again when the tag comes back.
+//! Free space follows Friis, `20 log₁₀(4π f / c)` for the first metre and `10 n log₁₀ d` beyond. Walls weaken the
+//! direct path by their attenuation and delay it by their excess length. The scattered power takes paths around the
+//! walls and loses half as many decibels. An obstructed link has the errors that Alavi and Pahlavan measured indoors
+//! (IEEE Communications Letters 10(4), 2006; 1 GHz): multipath shifts it and, with a probability that grows beyond 10
+//! m, the direct path is not detected (UDP), so that the time stamp belongs to a later path. All random draws belong to
+//! the pair of nodes and to their positions (cells of half a metre): they are the same in both directions, and the same
+//! again when the tag returns.
 
 use crate::random::{Purpose, Stream, mix, stream};
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Speed of light in air (refractive index 1.000293), metres a second.
+/// Speed of light in air (refractive index 1.000293), metres per second.
 pub const SPEED_OF_LIGHT: f64 = 299_792_458.0 / 1.000_293;
 /// Side of the cells within which a link's channel stays the same, metres.
 const CELL_M: f64 = 0.5;
-/// Nodes are never closer than this, metres.
+/// The model's minimum distance between nodes, metres.
 const NEAREST_M: f64 = 0.05;
-/// First-path power below which the leading-edge detector finds nothing, dBm.
+/// First-path power below which the leading-edge detector detects no path, dBm.
 const LEADING_EDGE_FLOOR_DBM: f64 = -107.0;
 
 /// What a wall is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
-    /// Loss of the direct path in passing once, dB.
+    /// Loss of the direct path per crossing, dB.
     pub attenuation_db: f64,
-    /// What passing once adds to the path, metres: thickness × (refractive index − 1).
+    /// Excess length of the path per crossing, metres: thickness × (refractive index − 1).
     pub excess_m: f64,
 }
 
@@ -58,7 +59,7 @@ pub struct Wall {
 }
 
 impl Wall {
-    /// Whether it stands between two places.
+    /// Whether the wall is between two positions.
     pub fn crosses(&self, a: [f64; 3], b: [f64; 3]) -> bool {
         let side = |p: [f64; 2], q: [f64; 2], x: f64, y: f64| (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]);
         let (from, to) = ([a[0], a[1]], [b[0], b[1]]);
@@ -67,41 +68,41 @@ impl Wall {
     }
 }
 
-/// How the direct path fares.
+/// The state of the direct path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sight {
-    /// Nothing between the nodes.
+    /// Nothing is between the nodes.
     Clear,
-    /// Walls between them, the direct path still detected.
+    /// Walls are between the nodes, and the direct path is still detected.
     ObstructedDetected,
     /// The first path detected is a later one.
     Undetected,
 }
 
-/// What belongs to a pair of places: walls between them, and what is drawn for them.
+/// The properties of a pair of positions: the walls in between, and the random draws.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Paths {
-    /// Names the two places.
+    /// Identifies the two positions.
     pub(crate) place: u64,
     attenuation_db: f64,
     excess_m: f64,
-    /// Scattered power against the direct path's in clear sight, dB.
+    /// Scattered power relative to the direct path's power in line of sight, dB.
     scatter_db: f64,
-    /// What multipath adds to an obstructed path, metres, by log₁₀(1 + d).
+    /// The error that multipath adds to an obstructed path, metres, per log₁₀(1 + d).
     multipath_m: f64,
-    /// Below it the direct path is not detected: to be compared with the probability at the distance.
+    /// A random draw. If it is below the probability at the distance, the direct path is not detected.
     undetected_draw: f64,
-    /// How much later the first path comes that is detected instead, metres.
+    /// How much later the path arrives that is detected instead, metres.
     late_m: f64,
-    /// How much weaker than all scattered power that path is, dB.
+    /// How much weaker that path is than all scattered power, dB.
     late_db: f64,
     obstructed: bool,
 }
 
-/// An end of a link: the port's number and where it is.
+/// An end of a link: the port's number and its position.
 pub(crate) type End = (u32, [f64; 3]);
 
-/// A frame's way to a receiver.
+/// The path of a frame to a receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Link {
     /// Power of all paths together at the receiver, dBm.
@@ -112,13 +113,13 @@ pub struct Link {
     pub delay_ps: f64,
     /// Straight distance, metres.
     pub distance_m: f64,
-    /// How the direct path fares.
+    /// The state of the direct path.
     pub sight: Sight,
-    /// Names the channel's echoes: equal for equal places.
+    /// Identifies the channel's echoes: equal for equal positions.
     pub(crate) place: u64,
 }
 
-/// What of the air's configuration shapes the ways.
+/// The parts of the air's configuration that determine the paths.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Medium<'a> {
     pub(crate) seed: u64,
@@ -150,7 +151,7 @@ impl Paths {
         }
     }
 
-    /// What a frame meets on its way over `distance_m`.
+    /// The link of a frame over `distance_m`.
     pub(crate) fn link(&self, exponent: f64, distance_m: f64, channel: u8, sent_dbm: f64) -> Link {
         let clear_dbm = clear_dbm(exponent, distance_m, channel, sent_dbm);
         let direct_dbm = clear_dbm - self.attenuation_db;
@@ -176,27 +177,27 @@ impl Paths {
     }
 }
 
-/// Power of the direct path with nothing in between, dBm.
+/// Power of the direct path in line of sight, dBm.
 pub(crate) fn clear_dbm(exponent: f64, distance_m: f64, channel: u8, sent_dbm: f64) -> f64 {
     sent_dbm - first_metre_db(channel) - 10.0 * exponent * distance_m.log10()
 }
 
-/// Alavi and Pahlavan at 1 GHz: how often the direct path of an obstructed link is not detected.
+/// The probability that the direct path of an obstructed link is not detected, by Alavi and Pahlavan at 1 GHz.
 fn undetected_probability(distance_m: f64) -> f64 {
     if distance_m > 10.0 { 0.62 } else { 0.064 }
 }
 
-/// How far two ends are apart, metres.
+/// The distance of two ends, metres.
 pub(crate) fn distance_m(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt().max(NEAREST_M)
 }
 
-/// The lower number first: what is drawn must not depend on the direction.
+/// Puts the lower number first: the draws must not depend on the direction.
 fn ordered(a: End, b: End) -> (End, End) {
     if a.0 <= b.0 { (a, b) } else { (b, a) }
 }
 
-/// Names the places of two ends.
+/// Identifies the positions of two ends.
 pub(crate) fn place_between(a: End, b: End) -> u64 {
     let (a, b) = ordered(a, b);
     place_of(a, b)
@@ -208,7 +209,7 @@ const fn first_metre_db(channel: u8) -> f64 {
         1 => 43.3178,
         2 | 4 => 44.4776,
         3 => 45.5007,
-        // Channels 5 and 7; nothing else passes the chip.
+        // Channels 5 and 7. The chip accepts no others.
         _ => 48.6947,
     }
 }
@@ -225,12 +226,12 @@ fn gauss(draws: &mut Stream) -> f64 {
     StandardNormal.sample(draws)
 }
 
-/// A power in milliwatts.
+/// Converts a power to milliwatts.
 pub(crate) fn milliwatts(dbm: f64) -> f64 {
     10f64.powf(dbm / 10.0)
 }
 
-/// A power in dBm.
+/// Converts a power to dBm.
 pub(crate) fn dbm(milliwatts: f64) -> f64 {
     10.0 * milliwatts.log10()
 }
@@ -283,13 +284,13 @@ mod tests {
         let wall = Wall { from: [5.0, -1.0], to: [5.0, 1.0], material: Material::CONCRETE };
         let (a, b) = ((3, [0.0; 3]), (9, [20.0, 0.0, 1.0]));
         assert_eq!(link(&[wall], a, b, 0.0), link(&[wall], b, a, 0.0));
-        // Somewhere else it is another channel.
+        // At another position the channel is another one.
         assert_ne!(link(&[wall], a, (9, [20.0, 1.0, 1.0]), 0.0).place, link(&[wall], a, b, 0.0).place);
     }
 
     #[test]
     fn obstructed_links_miss_the_direct_path_as_often_as_measured() {
-        // 0.064 up to 10 m and 0.62 beyond; 4000 places each give ±0.015 (2σ) and ±0.004.
+        // 0.064 up to 10 m and 0.62 beyond; 4000 positions each give ±0.015 (2σ) and ±0.004.
         for (distance, expected, tolerance) in [(6.0, 0.064, 0.012), (15.0, 0.62, 0.025)] {
             let missed = (0..4000)
                 .filter(|&i| {

@@ -1,4 +1,4 @@
-//! A receiver's way through a frame, step by step.
+//! A receiver's course through a frame, step by step.
 
 use super::bias::range_bias_m;
 use super::events::{AirEvent, Payload, Reception, ReceptionEvent, Stage};
@@ -22,7 +22,7 @@ pub(super) fn ticks_ps(ticks: u64) -> u64 {
 }
 
 impl Air {
-    /// Goes one step; what the port's client is to be told, if anything.
+    /// Does one step. Returns the event for the port's client, if there is one.
     pub(crate) fn step(&mut self, kernel: &Kernel<impl From<AirEvent>>, event: AirEvent) -> Option<ReceptionEvent> {
         if self.ports[event.port as usize].session != event.session {
             return None;
@@ -48,7 +48,7 @@ impl Air {
         let (_, link) = offers.swap_remove(offer);
         let index = event.frame.wrapping_sub(self.first) as usize;
         let sent = self.frames[index].sent;
-        // Broken off before it was found.
+        // The frame was cut before its preamble was found.
         if self.frames[index].silent_from().plus_ps(link.delay_ps as u64) < now {
             return None;
         }
@@ -56,10 +56,10 @@ impl Air {
         let (settings, _) = port.listening?;
         let (capture_db, loss) = (self.config.capture_db, self.config.loss);
         let taken_over = match port.lock {
-            // Past its delimiter the followed frame keeps the receiver, for better or worse.
+            // After its delimiter, the followed frame keeps the receiver, even if it is disturbed.
             Some(lock) => {
-                // A frame that is over and forgotten, or broken off, is followed still by a receiver that waits in vain
-                // for its delimiter.
+                // A receiver that waits in vain for a delimiter still follows its frame, even if the frame is over and
+                // dropped, or cut.
                 let followed = self.frames.get(lock.frame.wrapping_sub(self.first) as usize)?;
                 let preamble_end = followed.sent.marker.min(followed.silent_from());
                 let in_preamble = now < preamble_end.plus_ps(lock.link.delay_ps as u64);
@@ -76,7 +76,7 @@ impl Air {
             return None;
         }
         let margin_db = link.power_dbm - sent.phy.preamble_sensitivity_dbm();
-        // 11 dB above its sensitivity a receiver misses one preamble in 10⁹.
+        // 11 dB above its sensitivity, a receiver misses one preamble in 10⁹.
         if margin_db < 11.0 && !drawn_within(&mut port.random, 1.0 / (1.0 + (-2.0 * margin_db).exp())) {
             self.statistics.lost_to_noise += 1;
             return None;
@@ -189,7 +189,7 @@ impl Air {
         })
     }
 
-    /// Ends a reception that came to nothing for want of a matching setting.
+    /// Ends a reception that failed because of a setting that does not match.
     fn give_up(&mut self, port: PortId, heard: ReceptionEvent) -> ReceptionEvent {
         self.statistics.abandoned += 1;
         self.give_up_counted(port, heard)
@@ -207,7 +207,7 @@ impl Air {
         on_air.collided = true;
     }
 
-    /// Whether others between two instants at this port are too strong for the frame it follows.
+    /// Whether other frames between two instants at this port are too strong for the frame that it follows.
     fn drowned(&mut self, port: PortId, lock: Lock, from: TrueTime, to: TrueTime) -> bool {
         if self.frames.len() == 1 {
             return false;
@@ -226,7 +226,7 @@ impl Air {
             if !Phy::share_band(own.channel, phy.channel) {
                 continue;
             }
-            // Nothing a wall or an echo does lifts a frame 15 dB above what free space leaves of it.
+            // No wall and no echo lifts a frame by 15 dB above its power in free space.
             if self.clear_dbm(port, id, to) + 15.0 < lock.link.power_dbm - self.config.capture_db {
                 continue;
             }
@@ -243,14 +243,14 @@ impl Air {
 }
 
 fn drawn_within(random: &mut impl Rng, probability: f64) -> bool {
-    // Certain both ways without a draw worth the name.
+    // If the probability is almost 1, no draw is needed.
     probability > 1.0 - 1e-9 || random.random::<f64>() < probability
 }
 
-/// Probability that a payload comes through: nine in ten at the sensitivity for 20 bytes, one half 1 dB below.
+/// Probability that a payload is received: nine in ten at the sensitivity for 20 bytes, one half 1 dB below it.
 fn success(phy: &Phy, power_dbm: f64, bytes: usize) -> f64 {
     let margin_db = power_dbm - phy.rate.sensitivity_dbm();
-    // 12 dB above it, one in 10¹² is lost.
+    // 12 dB above the sensitivity, one payload in 10¹² is lost.
     if margin_db > 12.0 {
         return 1.0;
     }
@@ -258,8 +258,9 @@ fn success(phy: &Phy, power_dbm: f64, bytes: usize) -> f64 {
     for_20.powf(bytes as f64 / 20.0)
 }
 
-/// Deviation of a stamp: the configured one at high power; 1.41 times as much at −93 dBm on the first path when 114
-/// preamble symbols were gathered, as of 128. The noise in the accumulator falls with the symbols summed in it.
+/// Standard deviation of a time stamp: the configured one at high power; 1.41 times as much at −93 dBm on the first
+/// path with 114 accumulated preamble symbols, as a preamble of 128 gives. The noise in the accumulator falls with the
+/// number of symbols summed in it.
 fn stamp_deviation_m(at_high_power_m: f64, first_path_dbm: f64, symbols: u16) -> f64 {
     let noise = 10f64.powf((-93.0 - first_path_dbm) / 10.0) * 114.0 / f64::from(symbols.max(1));
     at_high_power_m * (1.0 + noise).sqrt()
@@ -286,7 +287,7 @@ mod tests {
     fn stamps_are_noisier_when_weak() {
         assert!((stamp_deviation_m(0.027, -93.0, 114) - 0.027 * 2f64.sqrt()).abs() < 1e-12);
         assert!((stamp_deviation_m(0.027, -73.0, 114) - 0.027 * 1.01f64.sqrt()).abs() < 1e-12);
-        // Eight times the symbols: an eighth of the noise.
+        // Eight times the symbols give an eighth of the noise.
         assert!((stamp_deviation_m(0.027, -93.0, 912) - 0.027 * 1.125f64.sqrt()).abs() < 1e-12);
     }
 }

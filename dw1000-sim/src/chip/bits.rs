@@ -1,4 +1,4 @@
-//! Bits of the registers that do something.
+//! Bits of the registers that have an effect.
 
 /// SYS_STATUS (0x0F), 40 bits.
 pub(super) mod status {
@@ -27,14 +27,14 @@ pub(super) mod status {
     pub const HSRBP: u64 = 1 << 30;
     pub const ICRBP: u64 = 1 << 31;
     pub const TXPUTE: u64 = 1 << 34;
-    /// Those that belong to a receive set and swing with it.
+    /// The bits that belong to a receive set and change with it.
     pub const OF_SET: u64 = LDEDONE | RXDFR | RXFCG | RXFCE;
-    /// Those that writing a one does not clear.
+    /// The bits that are not cleared by writing a one.
     pub const READ_ONLY: u64 = 1 | HPDWARN | HSRBP | ICRBP;
-    /// Those that the next transmitter enable clears.
+    /// The bits that are cleared when the transmitter is enabled next.
     pub const OF_TRANSMISSION: u64 = TXFRB | TXPRS | TXPHS | TXFRS;
-    /// Those that the next receiver enable clears, one of RXAUTR included. The manual says so of RXPRD and RXRSCS (pages 87
-    /// and 92); of the others it is assumed. RXOVRR goes with HRBPT (4.3.5).
+    /// The bits that are cleared when the receiver is enabled next, also by RXAUTR. The manual says so of RXPRD and
+    /// RXRSCS (pages 87 and 92); for the others it is assumed. RXOVRR is cleared by HRBPT (4.3.5).
     pub const OF_RECEPTION: u64 = RXPRD
         | RXSFDD
         | LDEDONE

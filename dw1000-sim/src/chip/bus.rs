@@ -1,8 +1,8 @@
-//! What SPI transactions do to the registers.
+//! The effect of SPI transactions on the registers.
 //!
-//! A transaction is a header of one to three bytes and the data: bit 7 of the first byte writes, bit 6 announces a second
-//! byte, the rest is the register file; bit 7 of the second announces a third; their 7 and 8 bits are the offset (user manual,
-//! 2.2.1.2).
+//! A transaction is a header of one to three bytes and the data. Bit 7 of the first byte means a write, bit 6 announces
+//! a second byte, and the rest is the register file. Bit 7 of the second byte announces a third. The other 7 bits of
+//! the second byte and the 8 bits of the third are the offset (user manual, 2.2.1.2).
 
 use super::bits::status;
 use super::registers::{copy_out, file};
@@ -10,14 +10,14 @@ use super::{Chip, Trx};
 use crate::time::TrueTime;
 use crate::world::World;
 
-/// A transaction's header as far as it came.
+/// A transaction's header as far as it was received.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Header {
     bytes: [u8; 3],
     count: usize,
 }
 
-/// Where a transaction reads or writes.
+/// The address of a transaction's read or write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Address {
     pub(crate) write: bool,
@@ -25,19 +25,19 @@ pub(crate) struct Address {
     pub(crate) offset: usize,
 }
 
-/// How a transaction got through.
+/// How well the chip followed a transaction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Contact {
     /// The chip follows.
     Whole,
-    /// Too fast for the chip: it misses edges.
+    /// Too fast for the chip, which misses edges.
     Garbled,
-    /// The chip is off, in reset, starting or asleep: its line stays low.
+    /// The chip is off, in reset, starting or asleep. Its line stays low.
     Silent,
 }
 
 impl Header {
-    /// Takes one more byte; the address when it was the last.
+    /// Takes one more byte. Returns the address if the byte was the last of the header.
     pub(crate) fn push(&mut self, byte: u8) -> Option<Address> {
         self.bytes[self.count.min(2)] = byte;
         self.count += 1;
@@ -56,7 +56,8 @@ impl Header {
 }
 
 impl Chip {
-    /// A transaction of `bytes` bytes that kept the chip selected for `picoseconds` has ended; how it got through.
+    /// A transaction of `bytes` bytes that kept the chip selected for `picoseconds` has ended. Returns how well the
+    /// chip followed it.
     pub(crate) fn transacted(&mut self, world: &World, bytes: usize, picoseconds: u64, hz: u32) -> Contact {
         self.statistics.transactions += 1;
         self.statistics.spi_bytes += bytes as u64;
@@ -91,7 +92,7 @@ impl Chip {
             file::SYS_CTRL => copy_out(&self.control_word().to_le_bytes(), offset, out),
             // Write-only.
             file::TX_BUFFER => out.fill(0),
-            // EVC_CTRL's two bits clear themselves to the eye.
+            // EVC_CTRL's two bits clear themselves and read as zero.
             file::DIG_DIAG if offset < 4 => {
                 copy_out(self.memory.file(file::DIG_DIAG), offset, out);
                 let control = (4 - offset).min(out.len());
@@ -162,8 +163,8 @@ impl Chip {
         }
     }
 
-    /// The accumulator: a dummy byte, then real and imaginary part of each sample, 16 bits each. Its clock must be forced on:
-    /// FACE, AMCE (PMSC_CTRL0 bits 6 and 15) and the receiver's clock from the PLL (bits 3:2 = 10).
+    /// The accumulator: a dummy byte, then real and imaginary part of each sample, 16 bits each. Its clock must be
+    /// forced on: FACE, AMCE (PMSC_CTRL0 bits 6 and 15), and the receiver's clock from the PLL (bits 3:2 = 10).
     fn read_accumulator(&mut self, offset: usize, out: &mut [u8]) {
         out.fill(0);
         let clocks = self.memory.u32(file::PMSC, 0);
@@ -204,7 +205,8 @@ mod tests {
 
     #[test]
     fn headers_of_the_manuals_examples() {
-        // User manual, 2.2.1.2: read 0x00; read two bytes of 0x00 from 2; write 0x21 at 265 (low 7 bits 9, high 8 bits 2).
+        // User manual, 2.2.1.2: read 0x00; read two bytes of 0x00 from 2; write 0x21 at 265 (low 7 bits 9, high 8 bits
+        // 2).
         assert_eq!(parse(&[0x00]), Some(Address { write: false, file: 0, offset: 0 }));
         assert_eq!(parse(&[0x40, 0x02]), Some(Address { write: false, file: 0, offset: 2 }));
         assert_eq!(parse(&[0xE1, 0x89, 0x02]), Some(Address { write: true, file: 0x21, offset: 265 }));

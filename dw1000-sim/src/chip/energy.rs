@@ -1,21 +1,21 @@
-//! What the chip draws from its supply: how long it was in each of its states, and the charge.
+//! The chip's supply current: the time that it spent in each state, and the charge.
 //!
-//! The time between a start command and the first preamble symbol, or a receiver that hears, counts as idle.
+//! The time between a start command and the first preamble symbol, or until the receiver is on, counts as idle.
 
 use super::Chip;
 use crate::air::{Prf, Rate};
 use crate::time::TrueTime;
 
-/// What the chip is at, as far as its current depends on it.
+/// The chip's activity, as far as its current depends on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activity {
     /// No supply.
     Off,
-    /// Asleep with nothing but the always-on memory.
+    /// Asleep; only the always-on memory is supplied.
     DeepSleep,
     /// Asleep with the sleep counter's oscillator running.
     Sleep,
-    /// Its crystal starts.
+    /// Its crystal is starting.
     WakeUp,
     /// On the crystal's clock, or held in reset.
     Init,
@@ -25,13 +25,13 @@ pub enum Activity {
     TransmitPreamble(Prf),
     /// Sending PHY header and payload.
     TransmitData(Rate),
-    /// Looking for a preamble, or following one until its delimiter.
+    /// Searching for a preamble, or following one until its delimiter.
     ReceivePreamble,
     /// Receiving PHY header and payload.
     ReceiveData(Rate),
 }
 
-/// Currents from a supply of 3.3 V, milliamperes.
+/// Supply currents at 3.3 V, milliamperes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Currents {
     /// In [`Activity::DeepSleep`].
@@ -61,21 +61,21 @@ pub struct Currents {
 }
 
 impl Currents {
-    /// Typical figures, not all equally sure:
+    /// Typical figures. They are not equally reliable:
     ///
     /// | state | mA | from |
     /// |---|---:|---|
     /// | deep sleep, sleep | 0.00005, 0.001 | data sheet, first page |
     /// | idle | 18 | data sheet 2.17, page 30, as the energy accounting of `contiki-uwb` quotes it |
     /// | channel 2, PRF 64, 128 symbols, 6.8 Mbit/s: sending preamble, data | 83, 52 | same |
-    /// | …receiving: preamble (looking for one, following one), data | 113, 118 | same |
+    /// | …receiving: preamble (searching, following), data | 113, 118 | same |
     /// | on the crystal | 4 | the data sheet's table of supply currents, from memory |
     /// | crystal starting | 3 | assumed: less than on the crystal |
     /// | sending a preamble at PRF 16; data at 110 and 850 kbit/s | 68, 35 | same page of the data sheet, from memory |
     /// | receiving data at 110 and 850 kbit/s | 59 | same |
     ///
-    /// Other channels and TX_POWER settings change the figures by some 10 % (the data sheet's extremes are 35 and 85 mA for
-    /// sending, 57 and 126 mA for receiving); that is not modelled. Whoever has measured a board sets
+    /// Other channels and TX_POWER settings change the figures by some 10 % (the data sheet's extremes are 35 and 85 mA
+    /// for sending, 57 and 126 mA for receiving); that is not modelled. With measured currents of a board, set
     /// [`ChipConfig::currents`](super::ChipConfig::currents).
     pub const TYPICAL: Self = Self {
         deep_sleep_ma: 50e-6,
@@ -112,14 +112,14 @@ impl Currents {
     }
 }
 
-/// What a chip has drawn since it was added to its world, and the seconds it spent in each state.
+/// The charge that a chip has drawn since it was added to its world, and the seconds it spent in each state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Consumption {
     /// Charge, microcoulombs: milliamperes times milliseconds.
     pub charge_uc: f64,
-    /// The part of it that went into sending.
+    /// The part of it for sending.
     pub transmit_uc: f64,
-    /// The part of it that went into receiving, or looking for something to receive.
+    /// The part of it for receiving and for searching for a preamble.
     pub receive_uc: f64,
     /// Without supply.
     pub off_s: f64,
@@ -127,7 +127,7 @@ pub struct Consumption {
     pub deep_sleep_s: f64,
     /// Asleep with its sleep counter running.
     pub sleep_s: f64,
-    /// With its crystal starting.
+    /// While its crystal starts.
     pub wake_up_s: f64,
     /// On the crystal's clock, or in reset.
     pub init_s: f64,
@@ -137,7 +137,7 @@ pub struct Consumption {
     pub transmit_preamble_s: f64,
     /// Sending PHY header and payload.
     pub transmit_data_s: f64,
-    /// Looking for a preamble or following one.
+    /// Searching for a preamble or following one.
     pub receive_preamble_s: f64,
     /// Receiving PHY header and payload.
     pub receive_data_s: f64,
@@ -172,7 +172,7 @@ impl Consumption {
     }
 }
 
-/// What has been drawn until the present activity began.
+/// The charge drawn until the present activity began.
 #[derive(Clone, Debug)]
 pub(super) struct Ledger {
     past: Consumption,
@@ -181,7 +181,7 @@ pub(super) struct Ledger {
 }
 
 impl Ledger {
-    /// Of a chip without supply.
+    /// The ledger of a chip without supply.
     pub(super) fn new(now: TrueTime) -> Self {
         Self { past: Consumption::default(), activity: Activity::Off, since: now }
     }
@@ -194,12 +194,12 @@ impl Ledger {
 }
 
 impl Chip {
-    /// What the chip has drawn until `now`, which is the present.
+    /// The charge drawn until `now`, which must be the present.
     pub fn consumption(&self, now: TrueTime) -> Consumption {
         self.ledger.at(now, &self.config.currents)
     }
 
-    /// Closes the account of the activity that was, if it is another one now.
+    /// Closes the account of the last activity if the activity has changed.
     pub(super) fn account(&mut self, now: TrueTime) {
         let activity = self.activity();
         if activity != self.ledger.activity {

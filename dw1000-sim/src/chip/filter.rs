@@ -1,11 +1,12 @@
-//! The frame filter (user manual, 5.2): which frames a receiver with FFEN keeps.
+//! The frame filter (user manual, 5.2), which selects the frames that a receiver with FFEN keeps.
 //!
-//! It looks at the MAC header alone: frame type allowed, version known, destination ours or everybody's.
+//! It reads the MAC header only. The frame type must be allowed, the version known, and the destination the receiver or
+//! everyone.
 
 const COORDINATOR: u32 = 1 << 1;
 const BROADCAST: u16 = 0xFFFF;
 
-/// Who the receiver is, and what it lets through.
+/// The receiver's identity, and the frames that it accepts.
 pub(super) struct Filter {
     /// SYS_CFG.
     pub(super) config: u32,
@@ -15,7 +16,7 @@ pub(super) struct Filter {
 }
 
 impl Filter {
-    /// Whether the frame passes; the bytes may be shorter than any header.
+    /// Whether the frame passes. The bytes may be shorter than any header.
     pub(super) fn passes(&self, frame: &[u8]) -> bool {
         let &[low, high, ..] = frame else { return false };
         let kind = low & 7;
@@ -47,7 +48,7 @@ impl Filter {
         let coordinator = self.config & COORDINATOR != 0;
         match to {
             0 => {
-                // Nobody named: a beacon of our network, or data for its coordinator.
+                // A frame without a destination: a beacon frame of our network, or data for its coordinator.
                 let ours = match from {
                     0 => false,
                     _ => word(3).is_some_and(|pan| pan == self.pan || (kind == 0 && self.pan == BROADCAST)),
@@ -68,7 +69,7 @@ impl Filter {
     }
 }
 
-/// Bytes of a frame's header up to where the filter has decided.
+/// The number of bytes of a frame's header after which the filter has decided.
 pub(super) fn header_length(frame: &[u8]) -> usize {
     let &[low, high, ..] = frame else { return frame.len() };
     if low & 7 > 3 {
@@ -122,7 +123,7 @@ mod tests {
         let blink = [0xC5, 1, 1, 2, 3, 4, 5, 6, 7, 8, 0, 0];
         assert!(!filter(DATA).passes(&blink));
         assert!(filter(1 << 8).passes(&blink));
-        // A beacon has only a source: its PAN must be ours.
+        // A beacon frame has only a source. Its PAN must be ours.
         let beacon = |pan: u8| [0x00, 0x80, 1, pan, 0xDE, 1, 0, 0, 0];
         assert!(filter(1 << 2).passes(&beacon(0xCA)));
         assert!(!filter(1 << 2).passes(&beacon(0xCB)));

@@ -1,8 +1,8 @@
-//! A DW1000 at register level: what a host sees through SPI and the IRQ pin, what the air hears.
+//! A DW1000 at register level: what a host sees through SPI and the IRQ pin, and what the air receives.
 //!
-//! Source: the DW1000 user manual; where it is silent, the constants below say what is assumed. Not modelled: automatic
-//! acknowledgement, GPIO, external synchronisation, sniff mode, the DIS_* switches of SYS_CFG but for the receive buffers.
-//! Where the model is more lenient than silicon: `README.md`.
+//! The source is the DW1000 user manual. Where it says nothing, the constants below state the assumptions. Not
+//! modelled: automatic acknowledgement, GPIO, external synchronisation, sniff mode, and the DIS_* switches of SYS_CFG
+//! except those of the receive buffers. `README.md` says where the model is more lenient than silicon.
 
 mod bits;
 mod bus;
@@ -37,17 +37,18 @@ use registers::{Memory, file};
 use std::rc::Rc;
 use transmit::Transmission;
 
-/// From reset, power-up or wake-up until the crystal runs and the chip answers, microseconds.
+/// From reset, power-up or wake-up until the crystal runs and the chip responds, microseconds.
 const CRYSTAL_START_US: u64 = 3_000;
 /// From then until the clock PLL has locked, microseconds.
 const PLL_LOCK_US: u64 = 40;
 /// From TXSTRT until the first preamble symbol, microseconds; a delayed start nearer than this raises TXPUTE.
 const TX_START_US: u64 = 10;
-/// From RXENAB until the receiver hears, microseconds.
+/// From RXENAB until the receiver is on, microseconds.
 const RX_START_US: u64 = 16;
-/// From the end of a transmission until the receiver hears, with WAIT4RESP and no W4R_TIM; and for automatic re-enabling.
+/// From the end of a transmission until the receiver is on, microseconds, with WAIT4RESP and no W4R_TIM; also for
+/// automatic re-enabling.
 const RX_TURN_US: u64 = 10;
-/// Time the LDE microcode takes to load.
+/// The time to load the LDE microcode.
 const LDE_LOAD_US: u64 = 150;
 
 const MASK_40: u64 = (1 << 40) - 1;
@@ -73,14 +74,14 @@ enum What {
     HeaderSent,
     TransmissionEnds,
     ReceiverOn,
-    /// The start is far: look again nearer to it.
+    /// The start is far away: check it again when it is nearer.
     Recheck,
     Reject,
     FrameTimeout,
     PreambleTimeout,
 }
 
-/// What makes an event stale: a counter a line.
+/// Counters that make scheduled events stale, one per line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Line {
     Power,
@@ -106,14 +107,14 @@ impl What {
     }
 }
 
-/// Which of the two is enabled.
+/// Which of transmitter and receiver is enabled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Direction {
     Send,
     Receive,
 }
 
-/// What transmitter and receiver are at.
+/// The state of transmitter and receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Trx {
     Idle,
@@ -146,13 +147,13 @@ pub struct Chip {
     port: PortId,
     config: ChipConfig,
     clock: Clock,
-    /// What the counter shows when it starts.
+    /// The count when the counter starts.
     first_count: u64,
-    /// What the clock showed when the counter stood at zero.
+    /// The count of the clock at which the counter was zero.
     counter_zero: Count,
     memory: Memory,
     status: u64,
-    /// HPDWARN and TXPUTE, which belong to the start that is pending.
+    /// HPDWARN and TXPUTE, which belong to the pending start.
     warnings: u64,
     trx: Trx,
     power: Power,
@@ -160,9 +161,9 @@ pub struct Chip {
     transmission: Option<Transmission>,
     receiver: Receiver,
     sets: [ReceiveSet; 2],
-    /// The set the host reads.
+    /// The receive set that the host reads.
     host: usize,
-    /// The set the chip fills.
+    /// The receive set that the chip fills.
     ic: usize,
     response: Option<Response>,
     random: Stream,
@@ -176,7 +177,7 @@ impl Chip {
         let mut birth = stream(seed, Purpose::Birth, u64::from(node));
         let drawn: u64 = birth.random();
         let first_count = config.counter.unwrap_or(drawn) & MASK_40;
-        // The clock starts so far on that the counter's zero is never reached backwards.
+        // The clock starts at a count so high that it stays positive at the counter's zero.
         let first = Count::from_ticks(1 << 41);
         let clock = Clock::new(config.clock, first, stream(seed, Purpose::Oscillator, u64::from(node)));
         let mut chip = Self {
@@ -208,7 +209,7 @@ impl Chip {
         chip
     }
 
-    /// What the host did wrong, and how much it used the bus.
+    /// Counts of the host's errors and of its use of the bus.
     pub fn statistics(&self) -> ChipStatistics {
         self.statistics
     }
@@ -218,7 +219,7 @@ impl Chip {
         self.ticks(time) & MASK_40
     }
 
-    /// How far the chip's clock is off at `time`, parts per million.
+    /// The error of the chip's clock at `time`, parts per million.
     pub fn clock_ppm(&mut self, time: TrueTime) -> f64 {
         self.clock.ppm_at(time)
     }
@@ -259,7 +260,7 @@ impl Chip {
         self.schedule(world, world.now() + std::time::Duration::from_micros(micros), what);
     }
 
-    /// Makes what was scheduled on `line` stale.
+    /// Makes the events scheduled on `line` stale.
     fn cancel(&mut self, line: Line) {
         let generation = &mut self.lines[line as usize];
         *generation = generation.wrapping_add(1);
@@ -270,7 +271,7 @@ impl Chip {
         self.counter_zero = Count(self.clock.count_at(now).0.wrapping_sub(Count::from_ticks(self.first_count).0));
     }
 
-    /// What the chip is at, for its current.
+    /// The chip's activity, which determines its current.
     fn activity(&self) -> Activity {
         let Some(powered) = self.power.activity(self.sleeps_with_counter()) else {
             return match (self.trx, &self.transmission) {
@@ -290,12 +291,12 @@ impl Chip {
         Count(self.clock.count_at(time).0.wrapping_sub(self.counter_zero.0)).ticks()
     }
 
-    /// When the unwrapped counter shows `ticks`.
+    /// The time at which the unwrapped counter shows `ticks`.
     fn time_of(&mut self, ticks: f64) -> TrueTime {
         self.clock.time_of(self.counter_zero.plus_ticks(ticks))
     }
 
-    /// Ticks from now until the counter shows `wanted` (40 bits) less `lead`; negative if that is past.
+    /// Ticks from now until the counter shows `wanted` (40 bits) minus `lead`. Negative if that is past.
     fn ticks_until(&mut self, now: TrueTime, wanted: u64, lead: u64) -> i64 {
         let ahead = wanted.wrapping_sub(lead).wrapping_sub(self.ticks(now)) & MASK_40;
         ((ahead << 24) as i64) >> 24
@@ -332,11 +333,11 @@ impl Chip {
     fn update_irq(&self, world: &World) {
         let active = self.power.answers() && self.status_word() & 1 != 0;
         let level = active == self.configured(cfg::HIRQ_POL);
-        // A chip that is off or asleep lets the line fall.
+        // A chip that is off or asleep drives the line low.
         self.irq.set(world, level && self.power.answers());
     }
 
-    /// Every operation ends with this.
+    /// Every operation calls this at its end.
     fn settle(&mut self, world: &World) {
         self.account(world.now());
         self.update_irq(world);

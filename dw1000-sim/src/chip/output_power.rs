@@ -1,15 +1,15 @@
-//! TX_POWER: what a frame is radiated with (user manual, 7.2.31).
+//! TX_POWER: the power with which a frame is radiated (user manual, 7.2.31).
 
 use super::Chip;
 use super::bits::config;
 use super::registers::file;
 use crate::air::{Phy, Prf, Rate};
 
-/// Power density at which the recommended gains arrive: −41.3 dBm/MHz over 500 MHz.
+/// The power that the recommended gains give: −41.3 dBm/MHz over 500 MHz.
 const REFERENCE_DBM: f64 = -14.3;
 
 impl Chip {
-    /// Radiated power before the antenna's gain: the recommended gain of channel and PRF gives the legal limit.
+    /// Radiated power without the antenna's gain. The recommended gain for channel and PRF gives the legal limit.
     pub(super) fn radiated_dbm(&self, phy: &Phy, length: usize) -> f64 {
         let register = self.memory.u32(file::TX_POWER, 0);
         let micros = phy.frame_ticks(length) as f64 / 63_897.6;
@@ -28,7 +28,8 @@ impl Chip {
     }
 }
 
-/// A byte of TX_POWER: 3 dB steps down from 18 dB in the upper three bits (111: off), half decibels up in the lower five.
+/// The gain of a byte of TX_POWER: the upper three bits are steps of 3 dB down from 18 dB (111: off), the lower five
+/// are half decibels up.
 fn gain_db(byte: u8) -> f64 {
     match byte >> 5 {
         7 => -60.0,
@@ -36,7 +37,7 @@ fn gain_db(byte: u8) -> f64 {
     }
 }
 
-/// TX_POWER without smart power, one of its equal bytes (user manual, table 20).
+/// TX_POWER without smart power: one of its equal bytes (user manual, table 20).
 const fn recommended_gain(channel: u8, prf: Prf) -> u8 {
     match (channel, prf) {
         (1 | 2, Prf::Mhz16) => 0x75,
@@ -58,7 +59,8 @@ mod tests {
 
     #[test]
     fn smart_power_adds_three_decibels_a_step() {
-        // User manual, table 19, channel 5: 0x0E082848 at PRF 16, 0x25456585 at PRF 64, against the manual setting.
+        // User manual, table 19, channel 5: 0x0E082848 at PRF 16, 0x25456585 at PRF 64; compared with the manual
+        // setting.
         for (register, reference) in [(0x0E08_2848u32, 0x48), (0x2545_6585, 0x85)] {
             let above: Vec<f64> = (0..4).map(|i| gain_db((register >> (8 * i)) as u8) - gain_db(reference)).collect();
             assert_eq!(above, [0.0, 3.0, 6.0, 9.0]);

@@ -7,17 +7,17 @@ use super::{Activity, CRYSTAL_START_US, Chip, LDE_LOAD_US, Line, PLL_LOCK_US, Tr
 use crate::time::{PS_PER_US, TrueTime};
 use crate::world::World;
 
-/// SPI clock that the chip follows on its crystal, and at most, Hz.
+/// The maximum SPI clock on the crystal's clock, and the maximum at all, Hz.
 const SLOW_SPI_HZ: u32 = 3_000_000;
 const FAST_SPI_HZ: u32 = 20_000_000;
 /// Chip select low for this long wakes a sleeping chip.
 const WAKE_SELECT_US: u64 = 500;
-/// Sleep counter: one count of SLEEP_TIM is 4096 periods of the low-power oscillator, 9.5 kHz or so.
+/// Sleep counter: one count of SLEEP_TIM is 4096 periods of the low-power oscillator, which has about 9.5 kHz.
 const SLEEP_COUNT_US: u64 = 431_000;
-/// What the one-time memory says the converters gave at 3.3 V and 23 °C.
+/// The codes of the converters at 3.3 V and 23 °C, as the one-time memory has them.
 const CALIBRATED_SUPPLY: u8 = 0x80;
 const CALIBRATED_TEMPERATURE: u8 = 0x88;
-/// Trim code against pull, parts per million (user manual, figure 29; the middle is 17).
+/// Trim code and its pull, parts per million (user manual, figure 29; the middle is 17).
 const TRIM: [(f64, f64); 5] = [(0.0, 30.0), (5.0, 20.0), (17.0, 0.0), (30.0, -18.0), (31.0, -19.4)];
 
 /// State of supply and clocks.
@@ -25,9 +25,9 @@ const TRIM: [(f64, f64); 5] = [(0.0, 30.0), (5.0, 20.0), (17.0, 0.0), (30.0, -18
 pub(super) struct Power {
     state: State,
     lde: Lde,
-    /// What SAVE put into the always-on memory.
+    /// The registers that SAVE copied into the always-on memory.
     kept: Option<Box<Memory>>,
-    /// Conversions done: supply and temperature codes.
+    /// The results of the last conversion: supply and temperature codes.
     converted: [u8; 2],
 }
 
@@ -42,7 +42,7 @@ enum State {
     Crystal,
     /// On the PLL's clock.
     Pll,
-    /// SOFTRESET is 0: nothing but PMSC_CTRL0 can be written.
+    /// SOFTRESET is 0: only PMSC_CTRL0 can be written.
     Held,
     Asleep,
 }
@@ -59,7 +59,7 @@ impl Power {
         Self { state: State::Off, lde: Lde::Absent, kept: None, converted: [0; 2] }
     }
 
-    /// Whether registers answer at all.
+    /// Whether the registers can be accessed.
     pub(super) fn answers(&self) -> bool {
         matches!(self.state, State::Crystal | State::Pll | State::Held)
     }
@@ -69,7 +69,7 @@ impl Power {
         self.state == State::Held
     }
 
-    /// What the supply feeds, if transmitter and receiver have no part in it.
+    /// The chip's activity, if neither transmitter nor receiver determines it.
     pub(super) fn activity(&self, sleep_counter: bool) -> Option<Activity> {
         match self.state {
             State::Off => Some(Activity::Off),
@@ -83,12 +83,12 @@ impl Power {
 }
 
 impl Chip {
-    /// Whether a transaction at this SPI clock gets through whole.
+    /// Whether the chip follows a transaction at this SPI clock.
     pub(super) fn follows_spi(&self, hz: u32) -> bool {
         hz <= if self.on_pll() { FAST_SPI_HZ } else { SLOW_SPI_HZ }
     }
 
-    /// Whether the digital part runs from the PLL, as transmitter, receiver and fast SPI need.
+    /// Whether the digital part runs from the PLL, which transmitter, receiver and fast SPI need.
     pub(super) fn on_pll(&self) -> bool {
         self.power.state == State::Pll && self.memory.u8(file::PMSC, 0) & 3 != 1
     }
@@ -102,7 +102,7 @@ impl Chip {
         }
     }
 
-    /// Supply on (it starts) or off.
+    /// Switches the supply on (the chip starts) or off.
     pub(crate) fn set_supply(&mut self, world: &World, on: bool) {
         match (on, self.power.state) {
             (true, State::Off) => self.start(world),
@@ -115,7 +115,7 @@ impl Chip {
         self.settle(world);
     }
 
-    /// RSTn pulled low, or let go.
+    /// Pulls RSTn low, or releases it.
     pub(crate) fn set_reset(&mut self, world: &World, low: bool) {
         match (low, self.power.state) {
             (_, State::Off) => {}
@@ -135,7 +135,7 @@ impl Chip {
         self.schedule_in(world, CRYSTAL_START_US, What::CrystalRuns);
     }
 
-    /// Everything that runs stops; the registers are at their defaults.
+    /// Stops everything that runs, and resets the registers to their defaults.
     fn stop(&mut self, world: &World) {
         self.idle(world);
         self.cancel(Line::Power);
@@ -164,7 +164,7 @@ impl Chip {
     pub(super) fn pll_locks(&mut self, world: &World) {
         self.power.state = State::Pll;
         self.status |= status::CPLOCK;
-        // ONW_RX; a reset leaves none.
+        // ONW_RX. After a reset it is not set.
         if self.memory.u16(file::AON, 0) & (1 << 1) != 0 {
             self.enable_receiver(world, Enable::Now);
         }
@@ -176,7 +176,7 @@ impl Chip {
         if control & 3 != 1
             && let Lde::Loading(since) = self.power.lde
         {
-            // Taken off the crystal's clock too early, the microcode is not whole.
+            // If the crystal's clock ended too early, the microcode is incomplete.
             let whole = world.now().ps_since(since) >= LDE_LOAD_US * PS_PER_US;
             self.power.lde = if whole { Lde::Loaded } else { Lde::Absent };
         }
@@ -193,7 +193,7 @@ impl Chip {
                 self.memory.write(file::PMSC, 3, &[0]);
             }
             (_, State::Held) => {}
-            // Bit 28 low alone resets the receiver.
+            // If only bit 28 is low, the receiver is reset.
             (0xE, _) => {
                 self.receiver.stale = false;
                 if matches!(self.trx, Trx::Rx | Trx::RxWait) {
@@ -204,7 +204,7 @@ impl Chip {
         }
     }
 
-    /// OTP_CTRL was written: read a word, or load the LDE's microcode.
+    /// OTP_CTRL was written: reads a word, or loads the LDE's microcode.
     pub(super) fn one_time_memory(&mut self, world: &World) {
         let control = self.memory.u16(file::OTP_IF, 0x06);
         if control & 0b11 == 0b11 {
@@ -223,7 +223,7 @@ impl Chip {
         match address {
             0x000 => self.config.eui as u32,
             0x001 => (self.config.eui >> 32) as u32,
-            // LDOTUNE: calibrated in production.
+            // LDOTUNE, which is calibrated in production.
             0x004 => 0x8888_8888,
             0x005 => 0x28,
             0x006 => self.config.part,
@@ -235,7 +235,7 @@ impl Chip {
         }
     }
 
-    /// TC_SARC was written: convert supply and temperature, if the converters' biases are on (0x28:12 = 0x0F).
+    /// TC_SARC was written: converts supply and temperature, if the converters' biases are on (0x28:12 = 0x0F).
     pub(super) fn convert(&mut self) {
         if self.memory.u8(file::TX_CAL, 0) & 1 != 0 && self.memory.u8(file::RF_CONF, 0x12) & 0x0F == 0x0F {
             let code = |steps: f64, zero: u8| (steps.round() + f64::from(zero)).clamp(0.0, 255.0) as u8;
@@ -267,12 +267,12 @@ impl Chip {
         }
     }
 
-    /// Whether sleep ends by the chip's own counter, which then runs.
+    /// Whether the chip's own counter ends the sleep. The counter then runs.
     pub(super) fn sleeps_with_counter(&self) -> bool {
         self.memory.u32(file::AON, 0x06) & (1 << 3) != 0 && self.memory.u16(file::AON, 0x0A) & 1 != 0
     }
 
-    /// As after ATXSLP or ARXSLP too.
+    /// Puts the chip to sleep, also after ATXSLP or ARXSLP.
     pub(super) fn sleep(&mut self, world: &World) {
         self.idle(world);
         self.cancel(Line::Power);
@@ -298,8 +298,8 @@ impl Chip {
         self.power.lde = Lde::Absent;
         if let Some(kept) = kept {
             let on_wake = kept.u16(file::AON, 0);
-            // ONW_LDC: all but the transmit buffer and the transmit antenna delay comes back; into the delay's low byte comes
-            // the high byte of LDE_RXANTD (user manual, 7.2.26).
+            // ONW_LDC: everything is restored except the transmit buffer and the transmit antenna delay. The low byte
+            // of that delay gets the high byte of LDE_RXANTD (user manual, 7.2.26).
             if on_wake & (1 << 6) != 0 {
                 self.memory = *kept;
                 self.memory.write(file::TX_BUFFER, 0, &[0; 1024]);
@@ -310,7 +310,7 @@ impl Chip {
                 self.power.lde = Lde::Loaded;
             }
         }
-        // Sleep is over, once: SLEEP_EN must be set again.
+        // SLEEP_EN is cleared and must be set again for the next sleep.
         let control = self.memory.u8(file::AON, 0x06) & !1;
         self.memory.write(file::AON, 0x06, &[control]);
         self.start(world);

@@ -13,24 +13,25 @@ use crate::world::World;
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// What the receiver is at.
+/// The state of the receiver.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Receiver {
-    /// Unwrapped counter at which it is switched on.
+    /// The unwrapped count at which it is switched on.
     pub(super) on_at: u64,
-    /// RXENAB and RXDLYE as commanded; none when it is switched on by itself.
+    /// RXENAB and RXDLYE as commanded; none if it is switched on automatically.
     pub(super) command: u32,
     preamble_found: bool,
     /// The rate of the PHY header or payload that is being received.
     pub(super) data: Option<Rate>,
-    /// The frame timeout runs on over automatic re-enabling.
+    /// The frame timeout continues over automatic re-enabling.
     waiting: bool,
-    /// After an error the next stamp is wrong unless the receiver was reset (user manual, 4.1.6).
+    /// After an error the next time stamp is wrong unless the receiver was reset (user manual, 4.1.6).
     pub(super) stale: bool,
 }
 
 impl Chip {
-    /// RXENAB. While a frame is being sent it is kept until the end: the manual is silent, but published drivers rely on it.
+    /// RXENAB. While a frame is being sent, the command is kept until the end. The manual does not say so, but
+    /// published drivers rely on it.
     pub(super) fn enable_receiver(&mut self, world: &World, enable: Enable) {
         if let (Trx::TxWait | Trx::Tx, Some(transmission)) = (self.trx, &mut self.transmission) {
             transmission.receive_after = Some(enable);
@@ -59,7 +60,7 @@ impl Chip {
         self.await_receiver(world, enable.command(), false);
     }
 
-    /// WAIT4RESP: on again after W4R_TIM.
+    /// WAIT4RESP: switches the receiver on after W4R_TIM.
     pub(super) fn listen_after_sending(&mut self, world: &World) {
         let wait = u64::from(self.memory.u32(file::ACK_RESP_T, 0) & 0xF_FFFF) * super::UNIT_TICKS;
         self.receiver.on_at = self.ticks(world.now()) + wait.max(RX_TURN_US * 638_976 / 10);
@@ -74,7 +75,8 @@ impl Chip {
         self.recheck(world);
     }
 
-    /// What an enabled receiver starts without; a received frame that the host has yet to take keeps its bits.
+    /// Clears the events that an enabled receiver starts without. A received frame that the host has not taken yet
+    /// keeps its bits.
     fn clear_reception_events(&mut self) {
         self.status &= !status::OF_RECEPTION;
         if !self.double_buffered() || !self.sets[self.ic].full {
@@ -115,14 +117,14 @@ impl Chip {
 
     pub(super) fn preamble_timeout(&mut self, world: &World) {
         if self.trx == Trx::Rx && !self.receiver.preamble_found {
-            // Like the other timeout, and unlike errors, it leaves the receiver off.
+            // Like the other timeout, and unlike errors, this leaves the receiver off.
             self.status |= status::RXPTO;
             self.count(Counter::PreambleTimeout);
             self.idle(world);
         }
     }
 
-    /// The frame filter has seen enough of a header.
+    /// The frame filter rejects the frame after its header.
     pub(super) fn reject(&mut self, world: &World) {
         if self.trx == Trx::Rx {
             world.air().deafen(self.port);
@@ -142,7 +144,7 @@ impl Chip {
             ReceptionEvent::SfdTimeout => self.fail(world, status::RXSFDTO, Counter::SfdTimeout, false),
             ReceptionEvent::Sfd => {
                 self.status |= status::RXSFDD;
-                // The PHY header tells 850 kbit/s and 6.8 Mbit/s apart.
+                // The PHY header distinguishes 850 kbit/s and 6.8 Mbit/s.
                 let slow = self.configured(config::RXM110K);
                 self.receiver.data = Some(if slow { Rate::Kbps110 } else { Rate::Kbps6800 });
             }
@@ -165,8 +167,8 @@ impl Chip {
         }
     }
 
-    /// A frame comes and the host has not released the buffer it would go to (user manual, 4.3.5): its reception is aborted,
-    /// and of the frames received before, RX_FINFO, RX_TIME and RX_FQUAL are no longer right.
+    /// A frame arrives and the host has not released its buffer (user manual, 4.3.5). The reception is aborted, and
+    /// RX_FINFO, RX_TIME and RX_FQUAL of the frames received before are no longer right.
     fn overrun(&mut self, world: &World) {
         world.air().deafen(self.port);
         for set in &mut self.sets {
@@ -184,7 +186,7 @@ impl Chip {
         Filter { config: self.configuration(), pan: (own >> 16) as u16, short: own as u16, eui }
     }
 
-    /// A reception that came to nothing: off, or on again by itself.
+    /// A reception failed: switches the receiver off, or on again automatically.
     fn fail(&mut self, world: &World, bit: u64, counter: Counter, stale: bool) {
         self.status |= bit;
         self.count(counter);
@@ -192,8 +194,8 @@ impl Chip {
         self.after_reception(world, self.configured(config::RXAUTR), true);
     }
 
-    /// On again by itself, or off. The frame timeout runs on (`waiting`) unless a frame's data came, good or bad: what does not
-    /// set RXDFR does not stop it (user manual, 7.2.14).
+    /// Switches the receiver on again automatically, or off. The frame timeout continues (`waiting`) unless a frame's
+    /// data came, with or without errors: a reception that does not set RXDFR does not stop it (user manual, 7.2.14).
     fn after_reception(&mut self, world: &World, again: bool, waiting: bool) {
         if again {
             self.receiver.on_at = self.ticks(world.now()) + RX_TURN_US * 638_976 / 10;
@@ -225,7 +227,7 @@ impl Chip {
         self.after_reception(world, again, false);
     }
 
-    /// Puts a frame into the chip's current set; whether its check bytes are right.
+    /// Puts a frame into the chip's current set. Returns whether its check bytes are right.
     fn store(&mut self, world: &World, reception: &Reception) -> bool {
         let now = world.now();
         let length = reception.bytes.len().min(1024);
@@ -262,7 +264,7 @@ impl Chip {
             set.status |= status::LDEDONE;
             set.time[..5].copy_from_slice(&stamps.adjusted.to_le_bytes()[..5]);
             set.time[5..7].copy_from_slice(&((response.first_path * 64.0) as u16).to_le_bytes());
-            // FP_AMPL1 lies three samples beyond the first path, FP_AMPL2 two, FP_AMPL3 one.
+            // FP_AMPL1 is three samples after the first path, FP_AMPL2 two, FP_AMPL3 one.
             set.time[7..9].copy_from_slice(&f[2].to_le_bytes());
             let noise = (response.noise * 2f64.sqrt()).round() as u16;
             for (slot, value) in [noise, f[1], f[0], response.cir_power].into_iter().enumerate() {
@@ -276,7 +278,7 @@ impl Chip {
             self.memory.write(file::LDE_IF, 0x1002, &height.to_le_bytes());
         }
         if !located && self.memory.u32(file::PMSC, 4) & (1 << 17) != 0 {
-            // LDERUNE without microcode: the detector runs into nothing.
+            // LDERUNE without microcode: the detector fails.
             self.status |= status::LDEERR;
         }
         self.response = Some(response);
@@ -297,7 +299,7 @@ impl Chip {
         Stamps { adjusted: adjusted.round() as u64 & MASK_40, raw: (arrived >> 8) & MASK_40 & !511 }
     }
 
-    /// RX_TTCKI, RXTOFS and DRX_CAR_INT: all positive where our clock runs faster than the sender's.
+    /// RX_TTCKI, RXTOFS and DRX_CAR_INT. All are positive if our clock runs faster than the sender's.
     fn clock_offset(&mut self, now: TrueTime, reception: &Reception) -> (u32, i32, i32) {
         let ours = self.clock.ppm_at(now) - reception.sender_ppm;
         let mut noisy = |deviation_ppm: f64| {
@@ -309,7 +311,7 @@ impl Chip {
             Prf::Mhz64 => 0x01FC_0000,
         };
         let offset = (noisy(0.2) * f64::from(interval)).round() as i32;
-        // User manual, 7.2.40.11: 998.4 MHz / 2 / 1024 / 2¹⁷ a step, an eighth of it at 110 kbit/s.
+        // User manual, 7.2.40.11: a step is 998.4 MHz / 2 / 1024 / 2¹⁷, and an eighth of it at 110 kbit/s.
         let chips = if reception.phy.rate == Rate::Kbps110 { 8192.0 } else { 1024.0 };
         let step_hz = 998.4e6 / 2.0 / chips / 131_072.0;
         let carrier = (noisy(0.05) * Phy::centre_hz(reception.phy.channel) / step_hz).round();
@@ -328,7 +330,7 @@ impl Chip {
         !self.configured(config::DIS_DRXB)
     }
 
-    /// What SYS_CFG, CHAN_CTRL and the tuning registers set the receiver to; `None` if they name nothing that exists.
+    /// The receiver settings in SYS_CFG, CHAN_CTRL and the tuning registers; `None` if they are not valid.
     fn rx_settings(&self) -> Option<RxSettings> {
         let channels = self.memory.u32(file::CHAN_CTRL, 0);
         let slow = self.configured(config::RXM110K);
@@ -348,8 +350,8 @@ impl Chip {
 }
 
 struct Stamps {
-    /// First path, antenna delay taken off.
+    /// The time of the first path minus the antenna delay.
     adjusted: u64,
-    /// On the 125 MHz clock, nothing taken off.
+    /// The time on the 125 MHz clock, without any correction.
     raw: u64,
 }

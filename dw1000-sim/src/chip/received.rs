@@ -1,12 +1,12 @@
-//! What the chip keeps of a received frame.
+//! The data of a received frame in the chip.
 
 use crate::air::{Prf, Rate, Reception};
 
-/// What the chip keeps of one frame; there are two, for double buffering (user manual, 4.3).
+/// The data of one received frame. There are two sets, for double buffering (user manual, 4.3).
 pub(super) struct ReceiveSet {
     /// LDEDONE, RXDFR, RXFCG, RXFCE.
     pub(super) status: u64,
-    /// Whether the host has yet to release it.
+    /// Whether the host has not released it yet.
     pub(super) full: bool,
     pub(super) buffer: Box<[u8; 1024]>,
     pub(super) info: [u8; 4],
@@ -47,7 +47,7 @@ pub(super) fn frame_info(reception: &Reception, length: usize, rxpacc: u16) -> u
         Prf::Mhz16 => 1,
         Prf::Mhz64 => 2,
     };
-    // RXPSR and RXNSPL: 16 × 4^k symbols, and the lengths between.
+    // RXPSR and RXNSPL: 16 × 4^k symbols, and the lengths in between.
     let (repetition, between) = match phy.preamble {
         0..128 => (1, 0),
         128..256 => (1, 1),

@@ -1,4 +1,4 @@
-//! The register files: where each lies in the chip's memory, how long it is, what it holds after a reset.
+//! The register files: their places in the chip's memory, their lengths, and their contents after a reset.
 //!
 //! Identifiers, lengths and reset values: DW1000 user manual, 7.1 and 7.2.
 
@@ -41,7 +41,7 @@ pub(super) mod file {
     pub const PMSC: u8 = 0x36;
 }
 
-/// Identifier and length of each file that is kept in memory as written; the others are made up when read.
+/// Identifier and length of each file that is kept in memory as written. The others are computed when they are read.
 const KEPT: [(u8, u16); 28] = [
     (file::DEV_ID, 4),
     (file::EUI, 8),
@@ -90,7 +90,7 @@ const fn layout() -> ([(u16, u16); 64], usize) {
 
 const LAYOUT: ([(u16, u16); 64], usize) = layout();
 
-/// File, offset and bytes after a reset; everything else is zero.
+/// File, offset and bytes after a reset. Everything else is zero.
 const RESET: [(u8, usize, &[u8]); 24] = [
     // 0xDECA0130.
     (file::DEV_ID, 0, &[0x30, 0x01, 0xCA, 0xDE]),
@@ -103,8 +103,8 @@ const RESET: [(u8, usize, &[u8]); 24] = [
     // Channel 5, PRF 16, preamble code 4.
     (file::CHAN_CTRL, 0, &[0x55, 0x00, 0x04, 0x21]),
     (0x23, 0x04, &[0x9B, 0x88]),
-    // AGC_TUNE3, DRX_TUNE0b, DRX_TUNE1a, DRX_TUNE1b, DRX_TUNE4H: the manual's 2.5.5 does not have them among what must be
-    // changed, so that they are taken to fit the mode after reset.
+    // AGC_TUNE3, DRX_TUNE0b, DRX_TUNE1a, DRX_TUNE1b, DRX_TUNE4H: the manual's 2.5.5 does not list them among the
+    // registers that must be changed. It is assumed that after a reset they fit the mode.
     (0x23, 0x12, &[0x35, 0x00]),
     (file::DRX_CONF, 0x02, &[0x01, 0x00, 0x87, 0x00, 0x20, 0x00]),
     // DRX_TUNE2: acquisition chunks of 8.
@@ -124,7 +124,7 @@ const RESET: [(u8, usize, &[u8]); 24] = [
     (file::PMSC, 0x04, &[0x38, 0x07, 0x02, 0x81]),
     (file::PMSC, 0x0C, &[0x40, 0x00]),
     (file::PMSC, 0x26, &[0x74, 0x0B]),
-    // PMSC_LEDC: a blink of 0x20 units, from memory.
+    // PMSC_LEDC: a blink of 0x20 units. This value is from memory, not from a document.
     (file::PMSC, 0x28, &[0x20, 0x00, 0x00, 0x00]),
 ];
 
@@ -152,7 +152,7 @@ impl Memory {
         &self.0[usize::from(start)..usize::from(start + length)]
     }
 
-    /// Writes into a file; what lies beyond its end is lost.
+    /// Writes into a file. Bytes beyond its end are dropped.
     pub(super) fn write(&mut self, file: u8, offset: usize, bytes: &[u8]) {
         let (start, length) = LAYOUT.0[usize::from(file & 0x3F)];
         let target = &mut self.0[usize::from(start)..usize::from(start + length)];
@@ -176,14 +176,14 @@ impl Memory {
         u32::from_le_bytes([f[offset], f[offset + 1], f[offset + 2], f[offset + 3]])
     }
 
-    /// Five bytes from the file's start.
+    /// The first five bytes of a file.
     pub(super) fn u40(&self, file: u8) -> u64 {
         let f = self.file(file);
         u64::from_le_bytes([f[0], f[1], f[2], f[3], f[4], 0, 0, 0])
     }
 }
 
-/// Copies what `offset` leaves of `image` to `out`, zeros beyond its end.
+/// Copies `image` from `offset` on to `out`, with zeros beyond its end.
 pub(super) fn copy_out(image: &[u8], offset: usize, out: &mut [u8]) {
     let rest = image.get(offset..).unwrap_or(&[]);
     let count = rest.len().min(out.len());

@@ -10,28 +10,29 @@ use crate::world::World;
 use crc::{CRC_16_KERMIT, CRC_16_MCRF4XX, Crc};
 use std::rc::Rc;
 
-/// The check of IEEE 802.15.4, and the same from FCS_INIT2F's seed.
+/// The check sequence of IEEE 802.15.4, and the same with FCS_INIT2F's initial value.
 const CHECK: Crc<u16> = Crc::<u16>::new(&CRC_16_KERMIT);
 const CHECK_FROM_ONES: Crc<u16> = Crc::<u16>::new(&CRC_16_MCRF4XX);
 /// Delayed starts ignore the low nine bits.
 const STEP: u64 = 512;
-/// Starts farther off than this are looked at again: the oscillator's wandering is not known that far ahead.
+/// Starts that are farther away than this are checked again later: the oscillator's random walk is not known that far
+/// ahead.
 const FAR_TICKS: i64 = 63_897_600 * 200;
 /// A frame being sent.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Transmission {
     phy: Phy,
-    /// The counter at the RMARKER, unwrapped ticks, before the antenna delay.
+    /// The unwrapped count at the RMARKER, ticks, without the antenna delay.
     marker: u64,
-    /// Check bytes included.
+    /// The length with check bytes.
     length: usize,
-    /// TXSTRT and TXDLYS, WAIT4RESP and SFCST as they were commanded.
+    /// TXSTRT and TXDLYS, WAIT4RESP and SFCST as commanded.
     command: u32,
-    /// RXENAB came meanwhile, perhaps with RXDLYE: it takes effect at the end.
+    /// RXENAB was commanded meanwhile, perhaps with RXDLYE. It takes effect at the end.
     pub(super) receive_after: Option<Enable>,
     frame: Option<u32>,
     past_marker: bool,
-    /// Status bits reached.
+    /// The status bits set so far.
     progress: u64,
 }
 
@@ -54,7 +55,7 @@ impl Enable {
 }
 
 impl Transmission {
-    /// What the sender is at, for its current: preamble and delimiter, or what follows the RMARKER.
+    /// The sender's activity, which determines its current: preamble and delimiter, or what follows the RMARKER.
     pub(super) fn activity(&self) -> Activity {
         if self.past_marker { Activity::TransmitData(self.phy.rate) } else { Activity::TransmitPreamble(self.phy.prf) }
     }
@@ -65,7 +66,7 @@ impl Transmission {
     }
 }
 
-/// What FCS a frame of these bytes has.
+/// The FCS of a frame with these bytes.
 pub(super) fn check_of(bytes: &[u8], from_ones: bool) -> u16 {
     if from_ones { CHECK_FROM_ONES.checksum(bytes) } else { CHECK.checksum(bytes) }
 }
@@ -86,7 +87,7 @@ impl Chip {
         }
     }
 
-    /// SYS_CTRL as it reads: the starts that are still to come (user manual, page 81).
+    /// SYS_CTRL as it reads: the starts that are still pending (user manual, page 81).
     pub(super) fn control_word(&self) -> u32 {
         let start = match (self.trx, &self.transmission) {
             (Trx::TxWait, Some(t)) => t.command & (control::TXSTRT | control::TXDLYS),
@@ -96,7 +97,7 @@ impl Chip {
         start | self.transmission.and_then(|t| t.receive_after).map_or(0, Enable::command)
     }
 
-    /// Transmitter and receiver off, at once.
+    /// Switches transmitter and receiver off at once.
     pub(super) fn idle(&mut self, world: &World) {
         if let Some(Transmission { progress, frame, .. }) = self.transmission.take() {
             self.status |= progress;
@@ -113,7 +114,7 @@ impl Chip {
         self.cancel(Line::Wait);
     }
 
-    /// Bits of SYS_STATUS that the running transmission has set so far.
+    /// The bits of SYS_STATUS that the running transmission has set so far.
     pub(super) fn transmit_progress(&self) -> u64 {
         self.transmission.map_or(0, |t| t.progress)
     }
@@ -134,7 +135,7 @@ impl Chip {
             } else if (preamble_in as u64) < lead {
                 self.late(Counter::PowerUp, status::TXPUTE);
             }
-            // A preamble whose begin is past waits for the counter to come round.
+            // If the start of the preamble is past, the transmission waits for the counter to come round.
             let ticks = self.ticks(now);
             ticks + (wanted.wrapping_sub(phy.shr_ticks()).wrapping_sub(ticks) & MASK_40) + phy.shr_ticks()
         } else {
@@ -164,7 +165,7 @@ impl Chip {
         self.count(counter);
     }
 
-    /// Schedules the start that is waited for, or another look at it; HPDWARN goes when half a period is left.
+    /// Schedules the pending start, or another check of it. HPDWARN is cleared when half a period is left.
     pub(super) fn recheck(&mut self, world: &World) {
         let (start, what) = match (self.trx, self.transmission) {
             (Trx::TxWait, Some(t)) => {
@@ -183,20 +184,21 @@ impl Chip {
         if next - ticks > FAR_TICKS as f64 {
             self.schedule(world, now.plus_ps(PS_PER_S / 10), What::Recheck);
         } else {
-            // One nanosecond more leaves no doubt that the instant is past; a start is exact.
+            // One more nanosecond makes sure that the instant is past. A start is exact.
             let spare_ps = if what == What::Recheck { 1_000 } else { 0 };
             let at = self.time_of(next).plus_ps(spare_ps);
             self.schedule(world, at, what);
         }
     }
 
-    /// Ticks from the chip to the antenna.
+    /// The delay from the chip to the antenna, ticks.
     fn tx_delay(&self) -> f64 {
         self.config.tx_antenna_ticks + self.delay_drift()
     }
 
-    /// Ticks that temperature and supply add to each of the two delays. The maker's 2.15 mm/°C and 5.35 cm/V (APS011) are read as what a range
-    /// gains where both chips are warmer: four delays, of which a range has half of the sum.
+    /// Ticks that temperature and supply add to each of the two delays. The manufacturer's 2.15 mm/°C and 5.35 cm/V
+    /// (APS011) are interpreted as the change of a range if both chips are warmer: a range contains half of the sum of
+    /// four delays.
     pub(super) fn delay_drift(&self) -> f64 {
         let metres = 0.00215 * (self.config.temperature_c - 23.0) + 0.0535 * (self.config.supply_v - 3.3);
         0.5 * metres / crate::air::SPEED_OF_LIGHT * 1e12 * TICKS_PER_PS
@@ -225,7 +227,7 @@ impl Chip {
         self.schedule(world, marker, What::Marker);
     }
 
-    /// The transmission has come to a point that a status bit tells.
+    /// The transmission has reached a point that a status bit reports.
     pub(super) fn sent_so_far(&mut self, bit: u64) {
         if let Some(t) = &mut self.transmission {
             t.progress |= bit;
@@ -253,7 +255,8 @@ impl Chip {
         self.schedule(world, end, What::TransmissionEnds);
     }
 
-    /// The frame's bytes out of the buffer, with check bytes. A frame of fewer than two bytes has nothing but its check.
+    /// The frame's bytes from the buffer, with check bytes. A frame of fewer than two bytes consists only of its check
+    /// bytes.
     fn outgoing(&self, t: &Transmission) -> Rc<[u8]> {
         let offset = (self.memory.u32(file::TX_FCTRL, 0) >> 22) as usize;
         let buffer = self.memory.file(file::TX_BUFFER);
@@ -282,7 +285,7 @@ impl Chip {
         }
     }
 
-    /// What CHAN_CTRL and TX_FCTRL say; `None` if they name nothing that exists.
+    /// The PHY settings in CHAN_CTRL and TX_FCTRL; `None` if they are not valid.
     fn transmit_phy(&self) -> Option<Phy> {
         let channels = self.memory.u32(file::CHAN_CTRL, 0);
         let fctrl = self.memory.u32(file::TX_FCTRL, 0);
@@ -319,7 +322,7 @@ impl Chip {
         matches!(number, 1..=5 | 7).then_some(number)
     }
 
-    /// The delimiter that CHAN_CTRL and SFD_LENGTH choose at a rate (user manual, table 21).
+    /// The delimiter that CHAN_CTRL and SFD_LENGTH select at a rate (user manual, table 21).
     pub(super) fn sfd(&self, user: bool, rate: Rate) -> Sfd {
         let decawave = self.memory.u32(file::CHAN_CTRL, 0) & channel::DWSFD != 0;
         let length = u16::from(self.memory.u8(file::USR_SFD, 0));
@@ -337,7 +340,7 @@ impl Chip {
     }
 }
 
-/// What two bits of TX_FCTRL or CHAN_CTRL say.
+/// The PRF in two bits of TX_FCTRL or CHAN_CTRL.
 pub(super) fn prf(bits: u32) -> Option<Prf> {
     match bits {
         1 => Some(Prf::Mhz16),
@@ -346,7 +349,7 @@ pub(super) fn prf(bits: u32) -> Option<Prf> {
     }
 }
 
-/// The instant of `micros` chip units after `now`.
+/// The instant `units` chip units after `now`.
 pub(super) fn units_after(now: TrueTime, units: u64) -> TrueTime {
     now.plus_ps((units as f64 * super::UNIT_TICKS as f64 / TICKS_PER_PS) as u64)
 }
@@ -359,7 +362,7 @@ mod tests {
     fn check_bytes_of_a_known_frame() {
         // The check value of CRC-16/KERMIT for "123456789" is 0x2189 (catalogue of parametrised CRC algorithms).
         assert_eq!(check_of(b"123456789", false), 0x2189);
-        // A frame with its check appended leaves zero.
+        // The check over a frame with its check bytes is zero.
         let mut frame = vec![0x41, 0x88, 0x01, 0xCA, 0xDE];
         frame.extend(check_of(&frame, false).to_le_bytes());
         assert_eq!(check_of(&frame, false), 0);

@@ -1,6 +1,6 @@
-//! The registers that the user manual wants set to values of its tables before transmitter or receiver are used.
+//! The registers that must have values of the user manual's tables before transmitter or receiver are used.
 //!
-//! Frames pass whatever is in them: the model only counts. Tables: user manual, 7.2.36 (AGC), 7.2.40 (digital receiver),
+//! Frames pass with any values; the model only counts. Tables: user manual, 7.2.36 (AGC), 7.2.40 (digital receiver),
 //! 7.2.41 (RF), 7.2.43 (pulse generator), 7.2.44 (synthesiser), 7.2.47 (leading edge detection).
 
 use super::bits::config;
@@ -11,13 +11,13 @@ use crate::air::{Phy, Prf, SfdKind};
 
 const AGC_CTRL: u8 = 0x23;
 
-/// LDE_REPC by preamble code from 1 on; an eighth of it at 110 kbit/s.
+/// LDE_REPC by preamble code from 1 on. At 110 kbit/s an eighth of it is used.
 const REPLICA_COEFFICIENT: [u32; 24] = [
     0x5998, 0x5998, 0x51EA, 0x428E, 0x451E, 0x2E14, 0x8000, 0x51EA, 0x28F4, 0x3332, 0x3AE0, 0x3D70, 0x3AE0, 0x35C2,
     0x2B84, 0x35C2, 0x3332, 0x35C2, 0x35C2, 0x47AE, 0x3AE0, 0x3850, 0x30A2, 0x3850,
 ];
 
-/// A register, where it is, how many bytes of it count, and what the manual allows it to be.
+/// A register, its address, the number of its bytes that count, and the values that the manual allows.
 struct Rule {
     name: &'static str,
     file: u8,
@@ -31,9 +31,9 @@ const fn rule(name: &'static str, file: u8, offset: usize, bytes: usize, only: u
 }
 
 impl Chip {
-    /// Registers whose contents are not what the user manual's tables have for the mode that is set, for sending and for
-    /// receiving. Where the receiver cannot know the mode (the rate below 110 kbit/s apart, the preamble's length), whatever
-    /// the manual has for one of them counts as right.
+    /// Names the registers whose contents differ from the user manual's tables for the current mode, for sending and
+    /// for receiving. If the receiver cannot know the mode (the rate above 110 kbit/s, the length of the preamble), the
+    /// manual's value for any of the modes counts as right.
     pub fn mistuned(&self) -> Vec<&'static str> {
         let mut names: Vec<_> = self.off_table(Direction::Send).chain(self.off_table(Direction::Receive)).collect();
         names.sort_unstable();
@@ -84,14 +84,14 @@ impl Chip {
         let of_prf = |sixteen: u32, sixty_four: u32| if fast { sixty_four } else { sixteen };
         let ieee =
             self.sfd(channels & super::bits::channel::RNSSFD != 0, crate::air::Rate::Kbps6800).kind == SfdKind::Ieee;
-        // For 110 kbit/s; else for 850 kbit/s and 6.8 Mbit/s.
+        // For 110 kbit/s; otherwise for 850 kbit/s and 6.8 Mbit/s.
         let sfd = match (slow, ieee) {
             (true, true) => [0x000A; 3],
             (true, false) => [0x0016; 3],
             (false, true) => [0x0001; 3],
             (false, false) => [0x0006, 0x0002, 0x0002],
         };
-        // For 1024 symbols and more at 110 kbit/s; else for up to 1024 symbols, and for 64.
+        // For 1024 symbols and more at 110 kbit/s; otherwise for up to 1024 symbols, and for 64.
         let length = if slow { [0x0064; 3] } else { [0x0020, 0x0010, 0x0010] };
         let chunks = match (self.memory.u8(file::DRX_CONF, 0x0B) >> 1 & 3, fast) {
             (0, false) => 0x311A_002D,

@@ -1,7 +1,7 @@
-//! The tasks and who is to be polled next.
+//! The tasks, and the queue of tasks to be polled.
 //!
-//! A future that waits for virtual time or a pin is woken without going through its waker; wakers work all the same, for
-//! channels and combinators that bring their own.
+//! A future that waits for virtual time or a pin is woken without its waker. Wakers also work, for channels and
+//! combinators that bring their own.
 
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
@@ -18,14 +18,14 @@ pub struct TaskId {
     generation: u32,
 }
 
-/// How to continue something that waits.
+/// How to continue a waiting future.
 #[derive(Clone)]
 pub(crate) enum Continuation {
     Task(TaskId),
     Waker(Waker),
 }
 
-/// What other wakers than ours leave for the executor.
+/// The tasks that other wakers than ours have woken.
 #[derive(Default)]
 struct Inbox {
     filled: AtomicBool,
@@ -43,7 +43,7 @@ impl Wake for TaskWaker {
     }
 
     fn wake_by_ref(self: &Arc<Self>) {
-        // A poisoned lock means that a panic is already on its way out.
+        // A poisoned lock means that a panic is already propagating.
         if let Ok(mut tasks) = self.inbox.tasks.lock() {
             tasks.push(self.task);
             self.inbox.filled.store(true, Ordering::Relaxed);
@@ -96,18 +96,18 @@ impl Executor {
         task
     }
 
-    /// Drops a task where it stands.
+    /// Drops a task in its present state.
     pub(crate) fn abort(&self, task: TaskId) {
         let mut slots = self.slots.borrow_mut();
         let Some(slot) = slots.get_mut(task.slot as usize).filter(|s| s.generation == task.generation) else { return };
-        // A task that ends itself is not here now: `poll` sees the new generation and drops it.
+        // A task that aborts itself is not here now: `poll` finds the new generation and drops it.
         slot.generation += 1;
         let future = slot.future.take();
         if self.current.get() != Some(task) {
             self.free.borrow_mut().push(task.slot);
         }
         drop(slots);
-        // Destructors may come back to the executor.
+        // Destructors may call the executor.
         drop(future);
     }
 
@@ -120,7 +120,7 @@ impl Executor {
         self.ready.borrow().is_empty() && !self.inbox.filled.load(Ordering::Relaxed)
     }
 
-    /// Polls whoever is ready, in order, until nobody is.
+    /// Polls the ready tasks in order, until none is ready.
     pub(crate) fn run_ready(&self) {
         loop {
             if self.inbox.filled.load(Ordering::Relaxed) {
@@ -137,7 +137,7 @@ impl Executor {
         }
     }
 
-    /// The cheap way to continue the task that `waker` stands for, if that is the task being polled.
+    /// The cheap way to continue the task of `waker`, if that is the task being polled.
     pub(crate) fn continuation(&self, waker: &Waker) -> Continuation {
         match self.current.get() {
             Some(task) if self.current_waker.borrow().will_wake(waker) => Continuation::Task(task),
@@ -175,7 +175,7 @@ impl Executor {
         };
         self.current.set(Some(task));
         self.current_waker.replace(waker);
-        // Only wakers are compared while it is borrowed, below in `continuation`.
+        // While it is borrowed, wakers are only compared, below in `continuation`.
         let poll = {
             let waker = self.current_waker.borrow();
             future.as_mut().poll(&mut Context::from_waker(&waker))
@@ -196,7 +196,7 @@ impl Executor {
                 }
                 self.free.borrow_mut().push(task.slot);
                 drop(slots);
-                // Destructors may come back to the executor.
+                // Destructors may call the executor.
                 drop(future);
             }
         }

@@ -1,7 +1,7 @@
 //! Virtual time: an event queue ordered by (time, sequence) and a single-threaded executor for the nodes' async code.
 //!
-//! Time moves only when nothing is left to do at the present instant. Events of equal time happen in the order in which they
-//! were scheduled, so that a run depends on its seed and on nothing else. What events are is up to whoever has the kernel.
+//! Time moves only when nothing is left to do at the present instant. Events of equal time happen in the order in which
+//! they were scheduled, so a run depends only on its seed. The user of the kernel defines the events.
 
 mod executor;
 mod queue;
@@ -17,9 +17,9 @@ use std::cell::{Cell, RefCell};
 use std::task::Waker;
 use timer::Timers;
 
-/// What happens at an instant.
+/// The next thing that happens.
 pub(crate) enum Next<E> {
-    /// A sleeping future's time has come.
+    /// The wake-up time of a sleeping future.
     Timer(Key),
     /// An event.
     Event(E),
@@ -29,7 +29,7 @@ pub(crate) enum Next<E> {
 pub(crate) struct Kernel<E> {
     now: Cell<TrueTime>,
     horizon: Cell<TrueTime>,
-    /// Whether something runs that the world cannot go on without.
+    /// Whether something runs without which the world cannot continue.
     held: Cell<bool>,
     queue: RefCell<Queue<Next<E>>>,
     timers: RefCell<Timers>,
@@ -86,8 +86,8 @@ impl<E> Kernel<E> {
         self.timers.borrow_mut().disarm(key);
     }
 
-    /// Moves time to `at` if nothing at all happens up to and at that instant, and tells whether it did. A transfer that
-    /// nobody can disturb thus ends within its poll, as with a driver that waits for its bus.
+    /// Moves time to `at` if nothing else happens up to and at that instant. Returns whether it did. A transfer that
+    /// nothing can disturb thus ends within its poll, as with a driver that blocks on its bus.
     pub(crate) fn advance_if_quiet(&self, at: TrueTime) -> bool {
         let quiet = at <= self.horizon.get() && self.executor.is_idle() && self.queue.borrow().head() > at;
         if quiet {
@@ -96,7 +96,7 @@ impl<E> Kernel<E> {
         quiet
     }
 
-    /// The next event up to the horizon; moves time to it.
+    /// The next event up to the horizon. Moves time to it.
     pub(crate) fn next_event(&self) -> Option<Next<E>> {
         let mut queue = self.queue.borrow_mut();
         if queue.head() > self.horizon.get() {
@@ -107,10 +107,10 @@ impl<E> Kernel<E> {
         Some(next)
     }
 
-    /// Lets time go on up to `horizon` until what is returned is dropped; then the horizon is again what it was.
+    /// Lets time continue up to `horizon` until the returned value is dropped. Then the former horizon is restored.
     ///
     /// # Panics
-    /// Where the world waits for the caller: inside a task, or under [`Kernel::hold`].
+    /// Panics if the world waits for the caller: inside a task, or under [`Kernel::hold`].
     pub(crate) fn enter(&self, caller: &str, horizon: TrueTime) -> Horizon<'_> {
         let waits = self.executor.is_polling() || self.held.get();
         assert!(
@@ -120,19 +120,19 @@ impl<E> Kernel<E> {
         Horizon { horizon: &self.horizon, before: self.horizon.replace(horizon) }
     }
 
-    /// Refuses [`Kernel::enter`] until what is returned is dropped.
+    /// Refuses [`Kernel::enter`] until the returned value is dropped.
     pub(crate) fn hold(&self) -> Hold<'_> {
         self.held.set(true);
         Hold(&self.held)
     }
 
-    /// Lets the time of the horizon come, after its last event.
+    /// Moves time to the horizon, after its last event.
     pub(crate) fn arrive_at_horizon(&self) {
         self.now.set(self.now.get().max(self.horizon.get()));
     }
 }
 
-/// Restores the horizon of whoever lets the world run around this.
+/// Restores the horizon of an outer caller that runs the world.
 pub(crate) struct Horizon<'a> {
     horizon: &'a Cell<TrueTime>,
     before: TrueTime,

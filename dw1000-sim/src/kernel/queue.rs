@@ -29,14 +29,14 @@ impl<E> Queue<E> {
         self.heap.pop().map(|e| (e.at, e.event))
     }
 
-    /// When the next event happens.
+    /// The time of the next event.
     pub(super) fn head(&self) -> TrueTime {
         self.heap.peek().map_or(TrueTime::NEVER, |e| e.at)
     }
 }
 
 impl<E> Ord for Entry<E> {
-    /// Reversed: the heap gives its greatest first.
+    /// Reversed: the heap returns its greatest element first.
     fn cmp(&self, other: &Self) -> Ordering {
         (other.at, other.sequence).cmp(&(self.at, self.sequence))
     }

@@ -1,4 +1,4 @@
-//! Timers that can be given up.
+//! Timers that can be cancelled.
 
 use super::executor::Continuation;
 
@@ -40,7 +40,7 @@ impl Timers {
         waiting.take()
     }
 
-    /// Continues something else when the timer fires.
+    /// Changes what continues when the timer fires.
     pub(super) fn retarget(&mut self, key: Key, continuation: Continuation) {
         let (generation, waiting) = &mut self.slots[key.slot as usize];
         if *generation == key.generation {

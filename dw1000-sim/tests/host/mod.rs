@@ -21,7 +21,7 @@ pub struct Host {
     pub p: Peripherals,
 }
 
-/// An air without noise, bias, chance or echoes.
+/// An air without noise, bias, random loss or echoes.
 pub fn quiet() -> AirConfig {
     AirConfig { scatter_db: -60.0, ..AirConfig::ideal() }
 }
@@ -114,10 +114,10 @@ impl Host {
         self.write(0x36, 0, &[0x00, 0x02]);
     }
 
-    /// Puts a frame into the buffer; its check bytes are left to the chip.
+    /// Puts a frame into the buffer. The chip adds its check bytes.
     pub fn prepare(&self, body: &[u8]) {
         self.write(0x09, 0, body);
-        // 6.81 Mbit/s, ranging bit, PRF 16, 128 symbols, as after reset but for the length.
+        // 6.81 Mbit/s, ranging bit, PRF 16, 128 symbols, as after reset except for the length.
         self.write_u32(0x08, 0, 0x0015_C000 | (body.len() as u32 + 2));
     }
 

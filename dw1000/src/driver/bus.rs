@@ -7,7 +7,7 @@ use embedded_hal_async::spi::{Operation, SpiDevice};
 use super::Error;
 use super::register::Register;
 
-/// How fast the chip lets itself be clocked.
+/// The greatest SPI clock that the chip accepts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SpiClock {
@@ -19,7 +19,10 @@ pub enum SpiClock {
 
 /// An SPI device whose clock the driver changes when the chip's own clock does.
 pub trait ClockedSpi: SpiDevice {
-    /// The following transactions are clocked as `clock` allows.
+    /// Sets the clock of the following transactions as `clock` allows.
+    ///
+    /// # Errors
+    /// If the bus cannot use this clock.
     fn set_clock(&mut self, clock: SpiClock) -> Result<(), Self::Error>;
 }
 
@@ -37,7 +40,7 @@ impl ResetLine for () {
     fn release(&mut self) {}
 }
 
-/// What has gone over the bus since the driver was made; wraps.
+/// The traffic on the bus since the driver was created; wraps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Traffic {
@@ -47,14 +50,15 @@ pub struct Traffic {
     pub bytes: u32,
 }
 
-/// The longest header, and the longest datum: a receive buffer's frame, and a part of the accumulator with its dummy byte.
+/// The longest header, and the longest data: a receive buffer's frame, or a part of the accumulator with its dummy
+/// byte.
 const LONGEST: usize = 3 + 129;
 
 pub(super) struct Bus<S> {
     pub spi: S,
     pub traffic: Traffic,
-    /// Header and datum as they are on the bus: every transaction is one operation on one piece of memory, which costs a bus with
-    /// direct memory access one start. It lies here, so that no future of the driver holds such a buffer.
+    /// Header and data as they are on the bus. Every transaction is one operation on one block of memory, which a bus
+    /// with direct memory access starts once. The buffer is here so that no future of the driver contains it.
     buffer: [u8; LONGEST],
 }
 
@@ -68,7 +72,8 @@ impl<S: SpiDevice> Bus<S> {
         self.traffic.bytes = self.traffic.bytes.wrapping_add(bytes as u32);
     }
 
-    /// Puts the header of an access to `length` bytes into the buffer; where in the buffer these bytes lie.
+    /// Writes the header of an access to `length` bytes into the buffer. Returns the range of these bytes in the
+    /// buffer.
     fn prepare(&mut self, register: Register, write: bool, length: usize) -> Range<usize> {
         let (header, header_length) = register.header(write);
         self.count(header_length + length);
@@ -84,10 +89,10 @@ impl<S: SpiDevice> Bus<S> {
         Ok(value)
     }
 
-    /// Reads up to 129 bytes; one piece of code for all lengths.
+    /// Reads up to 129 bytes; one function for all lengths.
     pub async fn read_slice(&mut self, register: Register, length: usize) -> Result<&[u8], Error<S::Error>> {
         let datum = self.prepare(register, false, length);
-        // What goes out behind the header is of no meaning to the chip.
+        // The chip ignores the bytes sent after the header.
         self.spi.transfer_in_place(&mut self.buffer[..datum.end]).await?;
         Ok(&self.buffer[datum])
     }

@@ -1,12 +1,12 @@
-//! What a node configures, and the register writes it becomes: once after reset, none for each frame.
+//! The configuration of a node, and its register writes: once after reset, none for each frame.
 
 use super::register::{self as reg, Register, status, sys_cfg};
 use super::startup::Factory;
 use super::tuning;
 use crate::phy::{Channel, DataRate, PhyConfig, Prf, Sfd};
 
-/// The antenna delay of a module before calibration, ticks in each direction. Decawave's software has 513.9067 ns at 16 MHz and
-/// 514.462 ns at 64 MHz for both directions together; a tick is 1/63.8976 ns.
+/// The antenna delay of a module before calibration, ticks in each direction. Decawave's software has 513.9067 ns at 16
+/// MHz and 514.462 ns at 64 MHz for both directions together; a tick is 1/63.8976 ns.
 pub const fn default_antenna_delay(prf: Prf) -> u16 {
     match prf {
         Prf::Mhz16 => 16_419,
@@ -17,16 +17,16 @@ pub const fn default_antenna_delay(prf: Prf) -> u16 {
 /// [`default_antenna_delay`] at 64 MHz.
 pub const DEFAULT_ANTENNA_DELAY: u16 = default_antenna_delay(Prf::Mhz64);
 
-/// Which frames the chip lets through (DW1000 user manual, 5.2); kinds are added with [`and`](Self::and). Frames of a
-/// kind that carries a destination pass only where it is this node's PAN and address, or broadcast.
+/// The frames that the chip accepts (DW1000 user manual, 5.2). Kinds are added with [`and`](Self::and). A frame of a
+/// kind with a destination is accepted only if the destination is this node's PAN and address, or broadcast.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FrameFilter(u16);
 
 impl FrameFilter {
-    /// No filter: every frame passes.
+    /// No filter: every frame is accepted.
     pub const OFF: Self = Self(0);
-    /// Frames without a destination pass where their PAN is this node's: it is the coordinator.
+    /// Frames without a destination are accepted if their PAN is this node's: it is the coordinator.
     pub const COORDINATOR: Self = Self(1 << 1);
     /// Beacon frames.
     pub const BEACON: Self = Self(1 << 2);
@@ -40,10 +40,10 @@ impl FrameFilter {
     pub const RESERVED: Self = Self(1 << 6);
     /// Frames of type 4.
     pub const TYPE_4: Self = Self(1 << 7);
-    /// Frames of type 5, of which blinks are.
+    /// Frames of type 5, which include blinks.
     pub const TYPE_5: Self = Self(1 << 8);
 
-    /// Both kinds pass.
+    /// Accepts both kinds.
     pub const fn and(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
@@ -57,8 +57,8 @@ impl FrameFilter {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TxPower {
-    /// As the module's maker calibrated it, or else the reference design's; short frames at 6.81 Mbit/s are boosted, which is
-    /// lawful below one frame a millisecond (smart power, DW1000 user manual, 7.2.31.2).
+    /// The values that the module's maker calibrated, or else those of the reference design. Short frames at 6.81
+    /// Mbit/s are boosted, which is lawful below one frame a millisecond (smart power, DW1000 user manual, 7.2.31.2).
     Smart,
     /// The same without the boost.
     Constant,
@@ -66,24 +66,24 @@ pub enum TxPower {
     Calibrated {
         /// The register's value.
         register: u32,
-        /// Whether its bytes are powers by frame length, the lowest without boost, or the powers of the frame's parts. At rates
-        /// that know no boost, the lowest byte of the former serves for the whole frame.
+        /// Whether its bytes are powers by frame length, the lowest without boost, or the powers of the frame's parts.
+        /// At rates without a boost, the lowest byte of the former applies to the whole frame.
         smart: bool,
     },
 }
 
-/// All that a node configures.
+/// The whole configuration of a node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Config {
-    /// How frames are put on the air.
+    /// The radio configuration of the frames.
     pub phy: PhyConfig,
     /// Transmit power.
     pub tx_power: TxPower,
-    /// From the chip's transmit time stamp to the antenna, ticks; `None`: the one measured by the module's maker, or
+    /// From the chip's transmit timestamp to the antenna, ticks; `None`: the one measured by the module's maker, or
     /// [`default_antenna_delay`].
     pub tx_antenna_delay: Option<u16>,
-    /// From the antenna to the chip's receive time stamp, ticks; likewise.
+    /// From the antenna to the chip's receive timestamp, ticks; likewise.
     pub rx_antenna_delay: Option<u16>,
     /// Crystal trim, 0 to 31; `None`: the one measured by the module's maker, or the middle.
     pub crystal_trim: Option<u8>,
@@ -93,14 +93,14 @@ pub struct Config {
     pub short_address: u16,
     /// This node's EUI-64.
     pub eui: u64,
-    /// Which frames pass.
+    /// Which frames are accepted.
     pub filter: FrameFilter,
-    /// Whether the chip sleeps in waits that its node's exchange survives without its clock.
+    /// Whether the chip sleeps in waits in which its node's protocol does not need the clock.
     pub sleeps: bool,
 }
 
 impl Config {
-    /// A node that hears every frame, with uncalibrated antennas.
+    /// A node that receives every frame, with uncalibrated antennas.
     pub const fn new(phy: PhyConfig) -> Self {
         Self {
             phy,
@@ -159,18 +159,19 @@ impl Config {
             TxPower::Calibrated { register, smart: true } => register,
             TxPower::Calibrated { register, smart: false } => return register,
         };
-        // Without smart power the bytes are the powers of the frame's parts: all the one without boost.
+        // Without smart power the bytes are the powers of the frame's parts: all have the value without boost.
         if self.smart_power() { by_length } else { (by_length & 0xFF) * 0x0101_0101 }
     }
 
-    /// The antenna delays as calibrated, from the chip's transmit time stamp to the antenna and from there to the receive time stamp, ticks.
+    /// The calibrated antenna delays, from the chip's transmit timestamp to the antenna and from the antenna to the
+    /// receive timestamp, ticks.
     pub(super) fn antenna_delays(&self, factory: &Factory) -> [u16; 2] {
         let prf = self.phy.prf();
         let of_module = factory.antenna_delay(prf).unwrap_or(default_antenna_delay(prf));
         [self.tx_antenna_delay, self.rx_antenna_delay].map(|delay| delay.unwrap_or(of_module))
     }
 
-    /// CHAN_CTRL (7.2.32): the delimiter's bits as table 21 has them.
+    /// CHAN_CTRL (7.2.32), with the delimiter's bits according to table 21.
     pub(super) const fn chan_ctrl(&self) -> u32 {
         const DWSFD: u32 = 1 << 17;
         const TNSSFD: u32 = 1 << 20;
@@ -185,12 +186,12 @@ impl Config {
         channel | channel << 4 | sfd | tuning::prf_bits(self.phy.prf()) << 18 | code << 22 | code << 27
     }
 
-    /// Preamble and delimiter, less what the receiver needs to see the preamble (7.2.40.7).
+    /// Preamble and delimiter, minus the part that the receiver needs to detect the preamble (7.2.40.7).
     const fn sfd_timeout(&self) -> u16 {
         self.phy.preamble_length().symbols() + self.phy.sfd_symbols() + 1 - self.phy.pac().symbols()
     }
 
-    /// The writes that make the chip so, in any order.
+    /// The writes of this configuration to the chip, in any order.
     pub(super) fn writes(&self, factory: &Factory, [tx_delay, rx_delay]: [u16; 2]) -> [Write; 27] {
         let phy = &self.phy;
         let (channel, prf) = (phy.channel(), phy.prf());
@@ -227,16 +228,17 @@ impl Config {
         ]
     }
 
-    /// Parts per million of clock difference in a step of the carrier integrator: positive where the sender is faster.
+    /// Parts per million of clock difference for a step of the carrier integrator: positive if the sender is faster.
     ///
-    /// A step is 998.4 MHz/2 / 2¹⁷ over 1024 samples (8192 at 110 kbit/s), and counts up where the receiver is faster
-    /// (DW1000 user manual, 7.2.40.11), relative to the carrier.
+    /// A step is 998.4 MHz/2 / 2¹⁷ over 1024 samples (8192 at 110 kbit/s), relative to the carrier. It is positive if
+    /// the receiver is faster (DW1000 user manual, 7.2.40.11).
     pub(super) const fn ppm_per_carrier_step(&self) -> f32 {
         let samples = match self.phy.data_rate() {
             DataRate::Kbps110 => 8192.0,
             DataRate::Kbps850 | DataRate::Kbps6810 => 1024.0,
         };
-        // All carriers are multiples of 499.2 MHz, half the sampling rate: a division of doubles would be 1.2 kB of code.
+        // All carriers are multiples of 499.2 MHz, half the sampling rate. A division of doubles would be 1.2 kB of
+        // code.
         let multiple = match self.phy.channel() {
             Channel::Ch1 => 7.0,
             Channel::Ch2 | Channel::Ch4 => 8.0,

@@ -1,11 +1,11 @@
-//! From the chip's diagnostic registers to [`Diagnostics`]: powers by the DW1000 user manual, 4.7, and the clock
-//! offset.
+//! From the chip's diagnostic registers to [`Diagnostics`]: powers according to the DW1000 user manual, 4.7, and the
+//! clock offset.
 
 use super::configuration::Config;
 use crate::phy::{DataRate, Prf, Sfd};
 use crate::{Diagnostics, decibels};
 
-/// The registers of one received frame as read, before any of it is believed.
+/// The registers of one received frame as read, before any check.
 pub(super) struct RawDiagnostics {
     /// RX_FINFO, four bytes: RXPACC in its upper twelve bits.
     pub frame_info: u32,
@@ -13,7 +13,7 @@ pub(super) struct RawDiagnostics {
     pub first_path: [u8; 4],
     /// RX_FQUAL: STD_NOISE, FP_AMPL2, FP_AMPL3, CIR_PWR.
     pub quality: [u8; 8],
-    /// DRX_CAR_INT (three bytes), two bytes of no interest to the host, RXPACC_NOSAT from the fifth byte.
+    /// DRX_CAR_INT (three bytes), two bytes that the host does not use, RXPACC_NOSAT from the fifth byte.
     pub carrier: [u8; 6],
 }
 
@@ -56,8 +56,8 @@ const fn power_offset_db(prf: Prf) -> f32 {
     }
 }
 
-/// N of 4.7.1: where the count has run on into the delimiter (it equals the unsaturated one), less the delimiter's
-/// share (table 18). At least one, whatever the chip counted.
+/// N of 4.7.1. If the count has included the delimiter (it equals the unsaturated one), the delimiter's share is
+/// subtracted (table 18). N is at least one, whatever the chip counted.
 fn accumulated_symbols(config: &Config, counted: u16, unsaturated: u16) -> f32 {
     let delimiter = match (config.phy.sfd(), config.phy.data_rate()) {
         (Sfd::Standard, DataRate::Kbps110) => 64,
@@ -131,14 +131,15 @@ mod tests {
 
     #[test]
     fn carrier_integrator_is_signed_with_21_bits() {
-        // 998.4e6/2/1024/2¹⁷ = 3.719330 Hz a step; 20 ppm of 6489.6 MHz = 129792 Hz = 34896.6 steps = 0x008850 (34896).
+        // 998.4e6/2/1024/2¹⁷ = 3.719330 Hz for each step; 20 ppm of 6489.6 MHz = 129792 Hz = 34896.6 steps = 0x008850
+        // (34896).
         let mut config = Config::new(PhyConfig::FAST);
         close(frame(1, 0, [0x50, 0x88, 0x00]).evaluate(&config).clock_offset_ppm, -20.0, 0.001);
         // −34896 in 21 bits: 2097152 − 34896 = 2062256 = 0x1F77B0.
         close(frame(1, 0, [0xB0, 0x77, 0x1F]).evaluate(&config).clock_offset_ppm, 20.0, 0.001);
         // Bits above the 21st are not part of it.
         close(frame(1, 0, [0xB0, 0x77, 0xFF]).evaluate(&config).clock_offset_ppm, 20.0, 0.001);
-        // Channel 2, 110 kbit/s: 0.4649162 Hz a step; 20 ppm of 3993.6 MHz = 79872 Hz = 171799 steps = 0x029F17.
+        // Channel 2, 110 kbit/s: 0.4649162 Hz for each step; 20 ppm of 3993.6 MHz = 79872 Hz = 171799 steps = 0x029F17.
         config.phy = PhyConfig::new(Channel::Ch2, Prf::Mhz64, DataRate::Kbps110, PreambleLength::Symbols1024).unwrap();
         close(frame(1, 0, [0x17, 0x9F, 0x02]).evaluate(&config).clock_offset_ppm, -20.0, 0.001);
 

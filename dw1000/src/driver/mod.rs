@@ -1,7 +1,7 @@
 //! Driver for the DW1000: async over an SPI device, an interrupt pin, a reset line and a delay.
 //!
 //! [`Dw1000::init`] resets the chip, loads its first-path detector and writes the [`Config`]; then the driver is a
-//! [`Radio`]. Register facts are the DW1000 user manual's, version 2.12, whose sections are named where they are used.
+//! [`Radio`]. Register facts are from the DW1000 user manual, version 2.12. The comments name its sections.
 //!
 //! # What goes over the bus
 //!
@@ -28,42 +28,44 @@
 //! | measure temperature and supply, once it is off: 1 ms | 7 | 19 |
 //! | …and write the antenna delays that follow, where they changed | +2 | +8 |
 //!
-//! Every transaction is one operation on one buffer. Of a transmission at an instant, all up to the command must be done in time:
-//! the frame, the instant, the command; with a receiver that was listening, its end before them. The buffer of the frame that is
-//! answered goes back after the command. A frame's two check bytes are
-//! neither written nor read. The configuration is written by [`Dw1000::init`] and
-//! [`Dw1000::configure`] only. The tests count all of this.
+//! Every transaction is one operation on one buffer. For a transmission at an instant, these transactions must be
+//! finished in time, up to the command: the frame, the instant, the command. If the receiver was listening, it is
+//! stopped before them. The buffer of the frame that is answered is released after the command. A frame's two check
+//! bytes are neither written nor read. Only [`Dw1000::init`] and [`Dw1000::configure`] write the configuration. The
+//! tests count all of this.
 //!
 //! # One frame after another
 //!
-//! Both receive buffers of the chip are in use, and the driver re-enables the receiver itself, because the chip's own
-//! re-enabling can spoil the next time stamp (and Decawave's software avoids it). Upon a frame the driver reads the
+//! Both receive buffers of the chip are in use. The driver re-enables the receiver itself, because the chip's own
+//! re-enabling can spoil the next timestamp (Decawave's software avoids it, too). After a frame the driver reads the
 //! status and the six bytes that are not double-buffered (carrier integrator, unsaturated preamble count), and switches
-//! the receiver on: three transactions, 16 bytes, 16 µs at 8 MHz. Only then it reads the frame, the time stamp and the
-//! quality, of which each buffer has its own, and the next operation gives the buffer back. With one buffer all must be read before. On
-//! simulated chips with the DWM1001's bus, frames of 27 bytes from several senders are heard with their whole preambles
-//! from 250 µs after one another on; with one buffer, from 330 µs on.
+//! the receiver on: three transactions, 16 bytes, 16 µs at 8 MHz. Only then does it read the frame, the timestamp and
+//! the quality, which each buffer has for itself. The next operation releases the buffer. With one buffer, all of this
+//! must be read before the receiver is on. On simulated chips with the DWM1001's bus, frames of 27 bytes from several
+//! senders are received with their whole preambles if they are at least 250 µs apart; with one buffer, at least 330 µs.
 //!
 //! The chip's overrun, which corrupts frames already received, cannot happen: the receiver stops after each frame, and
-//! the host switches it on again only when it has given the buffer of the frame before back. Host and chip are checked
-//! to point at different buffers upon each frame (if not, the frame counts as corrupt), and they are together again before the
-//! next reception: after every stop, and while a transmission that cut a reception off is under way.
+//! the host switches it on again only when it has released the buffer of the frame before. After each frame the driver
+//! checks that host and chip point at different buffers; if not, the frame counts as corrupt. Both point at the same
+//! buffer again before the next reception: after every stop, and during a transmission that interrupted a reception.
 //!
 //! # Every wait ends
 //!
-//! Windows are timed by the chip where its timer can hold them, and by the delay in any case; a transmission that
-//! reports nothing is looked up in the chip. An operation that failed, or whose future was dropped, leaves the driver
-//! knowing that it does not know: the next one first stops the chip's transceiver and resets its receiver.
+//! The chip times a window if its timer can hold it, and the delay times it in any case. If a transmission does not
+//! report its end, the driver reads the chip's status. After an operation that failed, or whose future was dropped, the
+//! driver marks the chip's state as unknown: the next operation first stops the chip's transceiver and resets its
+//! receiver.
 //!
 //! # What a node takes
 //!
-//! [`Radio::pace`] tells when the command of a transmission at an instant was in, by the chip's own clock, which is read once it
-//! is: the node waits for the frame to leave anyway. When the receiver was on again after a frame costs a transaction that the
-//! next frame may be short of, and is measured once in sixteen frames.
+//! [`Radio::pace`] reports when the chip had received the command of a transmission at an instant, by the chip's own
+//! clock. The driver reads this clock after the command: the node waits for the frame to leave anyway. To measure when
+//! the receiver was on again after a frame takes a transaction, which may delay the next frame. So the driver measures
+//! it once in sixteen frames.
 //!
 //! # Without an executor
 //!
-//! A future of this driver runs to its end under any `block_on` over pins and delays that poll:
+//! A future of this driver runs to its end under any `block_on`, if its pins and delays use polling:
 //!
 //! ```
 //! use core::{convert::Infallible, future::poll_fn, task::Poll};
@@ -139,7 +141,7 @@ use crate::{Radio, RadioDuration, RadioInstant, ReceiveError, Restart, RxFrame, 
 use bus::Bus;
 use register::{self as reg, status};
 
-/// What bus or chip failed with.
+/// An error of the bus or the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Error<E> {
@@ -147,7 +149,7 @@ pub enum Error<E> {
     Bus(E),
     /// The interrupt pin.
     InterruptPin,
-    /// This answered in place of a DW1000: all ones or zeros if nothing did.
+    /// This value was read in place of a DW1000's identifier: all ones or zeros if no chip answered.
     WrongChip(u32),
     /// The chip's clock PLL did not lock.
     PllNotLocked,
@@ -161,12 +163,12 @@ impl<E> From<E> for Error<E> {
     }
 }
 
-/// What the chip's transceiver does, as far as the driver knows.
+/// The state of the chip's transceiver, as far as the driver knows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Transceiver {
     /// Not initialised, or asleep.
     NotReady,
-    /// An operation failed or was abandoned in the middle.
+    /// An operation failed or was dropped before its end.
     Unknown,
     /// Idle.
     Off,
@@ -174,12 +176,12 @@ enum Transceiver {
     Listening,
 }
 
-/// What has become of the receiver after a reception that was cut off.
+/// The state of the receiver after an interrupted reception.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Receiver {
-    /// Fit for the next frame.
+    /// Ready for the next frame.
     Sound,
-    /// It met an error or a timeout: to be reset before the next frame.
+    /// It had an error or a timeout: it must be reset before the next frame.
     Spoilt,
 }
 
@@ -191,22 +193,22 @@ pub struct Dw1000<S, I, R, D> {
     delay: D,
     config: Config,
     transceiver: Transceiver,
-    /// The frame length in TX_FCTRL, so that it is written when it changes only.
+    /// The frame length in TX_FCTRL: it is written only when it changes.
     tx_length: u8,
-    /// RX_FWTO, and whether SYS_CFG has it enabled: likewise.
+    /// RX_FWTO, and whether SYS_CFG enables it: written only when they change.
     rx_timer: u16,
     rx_timer_on: bool,
     /// What the chip's maker measured on it.
     factory: startup::Factory,
-    /// By how much the antenna delays differ from those calibrated, ticks: what temperature and supply make of them.
+    /// The difference of the antenna delays from the calibrated ones, ticks, caused by temperature and supply.
     delay_drift: i16,
-    /// Whether the last frame's buffer is still the host's.
+    /// Whether the host still holds the last frame's buffer.
     holds_buffer: bool,
     /// What the last operation measured of the node.
     pace: Pace,
     /// Frames after which the receiver was switched on again: one of [`receive::PACE_EVERY`] is timed.
     kept_listening: u8,
-    /// What waking takes, as seen last, microseconds.
+    /// The last measured time of waking, microseconds.
     waking_us: u32,
 }
 
@@ -217,7 +219,7 @@ where
     R: ResetLine,
     D: DelayNs,
 {
-    /// A driver of a chip that nothing is known of yet; [`init`](Self::init) comes next.
+    /// A driver for a chip in an unknown state. Call [`init`](Self::init) next.
     pub fn new(spi: S, irq: I, reset: R, delay: D, config: Config) -> Self {
         Self {
             bus: Bus::new(spi),
@@ -243,12 +245,12 @@ where
         &self.config
     }
 
-    /// Transactions and bytes since the driver was made.
+    /// Transactions and bytes since the driver was created.
     pub fn traffic(&self) -> Traffic {
         self.bus.traffic
     }
 
-    /// The bus, reset line and the rest, given back.
+    /// Returns the bus, the reset line and the rest.
     pub fn release(self) -> (S, I, R, D) {
         (self.bus.spi, self.irq, self.reset, self.delay)
     }
@@ -272,9 +274,8 @@ where
         }
     }
 
-    /// Switches transmitter and receiver off, forgets what happened and resets the receiver, without which the next
-    /// time stamp after an error or timeout may be wrong (4.1.6); puts host and chip at the same receive buffer
-    /// (4.3.2).
+    /// Switches transmitter and receiver off, clears all flags and resets the receiver. Without the reset, the next
+    /// timestamp after an error or timeout may be wrong (4.1.6). Sets host and chip to the same receive buffer (4.3.2).
     async fn stop(&mut self) -> Result<(), Error<S::Error>> {
         self.transceiver = Transceiver::Unknown;
         self.bus.write(reg::SYS_CTRL, &[reg::sys_ctrl::TRXOFF]).await?;
@@ -292,7 +293,7 @@ where
     async fn reset_receiver(&mut self) -> Result<(), Error<S::Error>> {
         self.bus
             .write_each(&[
-                // HPDWARN and TXPUTE would make the next start at an instant look late.
+                // HPDWARN and TXPUTE would make the next start at an instant appear late.
                 (reg::SYS_STATUS, &[0xFF; 5]),
                 (reg::PMSC_CTRL0.plus(3), &[startup::RESET_RECEIVER]),
                 (reg::PMSC_CTRL0.plus(3), &[startup::RESET_NOTHING]),
@@ -300,19 +301,19 @@ where
             .await
     }
 
-    /// Switches a receiver off that listens. What it heard last is to be cleared before it is on again, by
-    /// [`clear_reception`](Self::clear_reception); a transmission may come first.
+    /// Switches a listening receiver off. Flags of its last reception must be cleared by
+    /// [`clear_reception`](Self::clear_reception) before it is on again; a transmission may come first.
     async fn cut_reception(&mut self) -> Result<(), Error<S::Error>> {
         self.transceiver = Transceiver::Unknown;
         self.bus.write(reg::SYS_CTRL, &[reg::sys_ctrl::TRXOFF]).await
     }
 
-    /// Clears what a reception left that was cut off: usually nothing. A frame that was received unseen is given up, so that host
-    /// and chip are at the same receive buffer again (4.3.2). A receiver that met an error is to be reset (4.1.6), which is not
-    /// done here: a transmission may be under way.
+    /// Clears the flags of an interrupted reception, usually none. A received frame that was not read is dropped, so
+    /// that host and chip are at the same receive buffer again (4.3.2). A receiver with an error must be reset (4.1.6).
+    /// This function does not reset it, because a transmission may be in progress.
     async fn clear_reception(&mut self, flags: u32) -> Result<Receiver, Error<S::Error>> {
         if flags & (status::RECEPTIONS | status::LDEDONE) != 0 {
-            // Not the transmitter's, which are in the first byte.
+            // Not the transmitter's flags, which are in the first byte.
             self.bus.write(reg::SYS_STATUS.plus(1), &[0xFF; 3]).await?;
         }
         if receive::buffers_differ(flags) {
@@ -322,7 +323,7 @@ where
         Ok(if spoilt { Receiver::Spoilt } else { Receiver::Sound })
     }
 
-    /// The host goes on to the other receive buffer.
+    /// The host changes to the other receive buffer.
     async fn change_buffer(&mut self) -> Result<(), Error<S::Error>> {
         self.bus.write(reg::SYS_CTRL.plus(3), &[reg::sys_ctrl::HRBPT]).await
     }
@@ -339,7 +340,7 @@ where
     }
 }
 
-/// The microseconds of a span, rounded up; none if it is negative.
+/// The microseconds of a duration, rounded up; 0 if it is negative.
 fn micros(span: RadioDuration) -> u32 {
     let ticks = u64::try_from(span.ticks()).unwrap_or(0);
     // 63 897.6 ticks a microsecond.

@@ -1,4 +1,4 @@
-//! Hearing a frame: window, receiver on, interrupt, and the registers of one reception (DW1000 user manual, 4).
+//! Receiving a frame: window, receiver on, interrupt, and the registers of one reception (DW1000 user manual, 4).
 
 use core::pin::pin;
 
@@ -14,11 +14,13 @@ use crate::{RadioDuration, RadioInstant, ReceiveError, RxFrame, Start};
 
 /// Ticks in a step of the chip's frame wait timer: 512 chips, 1.026 µs (7.2.14).
 const TIMER_STEP_TICKS: u64 = 512 * 128;
-/// How much later than the chip's timer the delay ends a wait: the chip's interrupt is on its way.
+/// The delay ends a wait this much later than the chip's timer, because the chip's interrupt needs time.
 const TIMER_MARGIN_US: u32 = 200;
-/// Of how many frames after which the receiver is on again it is measured when that was: it costs a transaction of six bytes.
+/// The driver measures when the receiver is on again after one of this number of frames: this costs a transaction of
+/// six bytes.
 pub(super) const PACE_EVERY: u8 = 16;
-/// How often, every 10 µs, the first-path detector is asked whether it is done, which takes it less than 100 µs.
+/// How often the driver checks, every 10 µs, whether the first-path detector is done. The detector takes less than 100
+/// µs.
 const DETECTOR_PATIENCE: usize = 20;
 
 /// Whether host and chip point at different receive buffers, as they do from a frame's end until it has been read.
@@ -26,7 +28,7 @@ pub(super) const fn buffers_differ(flags: u32) -> bool {
     (flags & status::HSRBP == 0) != (flags & status::ICRBP == 0)
 }
 
-/// What the status says of a reception.
+/// The event that the status shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Event {
     Frame,
@@ -85,7 +87,7 @@ where
             (Event::Frame, flags) => self.await_first_path(flags).await?,
             (Event::Lost, flags) => flags | status::LDEERR,
             (Event::TimedOut, flags) if !buffers_differ(flags) => {
-                // The chip has switched its receiver off, and nothing can have come since.
+                // The chip has switched its receiver off, so no other frame can have come since.
                 self.reset_receiver().await?;
                 self.transceiver = Transceiver::Off;
                 return Err(ReceiveError::Timeout);
@@ -95,7 +97,7 @@ where
                 return Err(ReceiveError::Timeout);
             }
         };
-        // A frame that did not move the chip to its other buffer is not where the host would read it.
+        // If a frame did not move the chip to its other buffer, the host would read the wrong buffer.
         if flags & status::LDEERR != 0 || !buffers_differ(flags) {
             self.stop().await?;
             if keep_listening {
@@ -106,7 +108,7 @@ where
         self.take_frame(buffer, keep_listening).await
     }
 
-    /// Switches the receiver on, now or at an instant; how long from now that is.
+    /// Switches the receiver on, now or at an instant. Returns the time until then.
     async fn start_receiver(&mut self, start: Start) -> Result<RadioDuration, ReceiveError<Error<S::Error>>> {
         match start {
             Start::Now => {
@@ -133,7 +135,7 @@ where
         Ok(())
     }
 
-    /// Sets the chip's own timer to a window, or switches it off for none and for one it cannot hold.
+    /// Sets the chip's own timer to a window. Switches it off for no window and for one that it cannot hold.
     pub(super) async fn set_rx_timer(&mut self, window: Option<RadioDuration>) -> Result<(), Error<S::Error>> {
         let steps =
             |window: RadioDuration| u64::try_from(window.ticks()).unwrap_or(0).max(1).div_ceil(TIMER_STEP_TICKS);
@@ -151,8 +153,8 @@ where
         Ok(())
     }
 
-    /// Waits until something happens or `patience_us` have passed; frames that the filter rejects do not count. The
-    /// status is looked at in the end even if no interrupt came.
+    /// Waits for an event or until `patience_us` have passed. Frames that the filter rejects do not count. At the end
+    /// the status is read even if no interrupt came.
     async fn await_event(&mut self, patience_us: u32) -> Result<(Event, u32), Error<S::Error>> {
         let mut patience = pin!(self.delay.delay_us(patience_us));
         loop {
@@ -166,7 +168,7 @@ where
                 happened @ (Event::Frame | Event::Lost | Event::TimedOut) => return Ok((happened, flags)),
                 quiet @ (Event::Rejected | Event::Nothing) if !interrupted => return Ok((quiet, flags)),
                 Event::Rejected => {
-                    // The chip may have stopped listening; it has not moved on to its other buffer.
+                    // The chip may have stopped listening; it has not changed to its other buffer.
                     self.bus
                         .write_each(&[
                             (reg::SYS_CTRL, &[sys_ctrl::TRXOFF]),
@@ -175,14 +177,14 @@ where
                         ])
                         .await?;
                 }
-                // A flag of the past.
+                // An old flag.
                 Event::Nothing => self.bus.write(reg::SYS_STATUS, &flags.to_le_bytes()).await?,
             }
         }
     }
 
-    /// The status once the first-path detector, which gives the time stamp and the amplitudes, is done; with LDEERR if
-    /// it never is.
+    /// The status after the first-path detector is done, which gives the timestamp and the amplitudes. With LDEERR if
+    /// the detector does not finish.
     async fn await_first_path(&mut self, mut flags: u32) -> Result<u32, Error<S::Error>> {
         for _ in 0..DETECTOR_PATIENCE {
             if flags & (status::LDEDONE | status::LDEERR) != 0 {
@@ -194,8 +196,8 @@ where
         Ok(flags | status::LDEERR)
     }
 
-    /// Reads the frame in the host's buffer. What only one buffer has comes first, then the receiver goes on, then the
-    /// rest.
+    /// Reads the frame in the host's buffer. First the data that is not double-buffered, then the receiver is switched
+    /// on, then the rest is read.
     async fn take_frame<'b>(
         &mut self,
         buffer: &'b mut [u8; MAX_FRAME],
@@ -211,12 +213,12 @@ where
         }
 
         let frame_info = u32::from_le_bytes(self.bus.read(reg::RX_FINFO).await?);
-        // Seven bits of length, the check bytes included.
+        // Seven bits of length, including the check bytes.
         let length = ((frame_info & 0x7F) as usize).checked_sub(2);
         let bytes = match length.and_then(|length| buffer.get_mut(..length)) {
             Some(bytes) => bytes,
             None => {
-                // The next frame may be in the other buffer, whose flags are to be cleared too.
+                // The next frame may be in the other buffer, whose flags must be cleared too.
                 self.holds_buffer = true;
                 self.stop().await?;
                 return Err(ReceiveError::Corrupt);
@@ -234,8 +236,8 @@ where
         })
     }
 
-    /// Gives the buffer of the last frame back, if that has not been done. Clears its flags, and only these, for the next frame may
-    /// be in the other buffer by now; then the chip may fill it again.
+    /// Releases the buffer of the last frame, if that has not been done. Clears its flags only, because the next frame
+    /// may already be in the other buffer. Then the chip may fill the buffer again.
     pub(super) async fn give_buffer_back(&mut self) -> Result<(), Error<S::Error>> {
         if self.holds_buffer {
             self.bus.write(reg::SYS_STATUS.plus(1), &[status::RECEIVED_IN_BYTE_1]).await?;

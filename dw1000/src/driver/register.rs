@@ -1,4 +1,4 @@
-//! The chip's registers and their bits, by the names of the DW1000 user manual, chapter 7, and the header that
+//! The chip's registers and their bits, with the names of the DW1000 user manual, chapter 7, and the header that
 //! addresses them on the bus (2.2.1.2).
 
 /// A place in the register map: a register file and an offset in bytes.
@@ -18,8 +18,8 @@ impl Register {
         at(self.file, self.offset + bytes)
     }
 
-    /// The header of a read or a write, and how many of the three bytes it has: one without an offset, two for an
-    /// offset below 128, three above.
+    /// The header of a read or a write, and its length in bytes: one without an offset, two for an offset below 128,
+    /// three for a greater one.
     pub const fn header(self, write: bool) -> ([u8; 3], usize) {
         let command = self.file | if write { 0x80 } else { 0 };
         let low = (self.offset & 0x7F) as u8;
@@ -67,7 +67,7 @@ pub(super) const DRX_TUNE4H: Register = at(0x27, 0x26);
 pub(super) const DRX_CAR_INT: Register = at(0x27, 0x28);
 pub(super) const RF_RXCTRLH: Register = at(0x28, 0x0B);
 pub(super) const RF_TXCTRL: Register = at(0x28, 0x0C);
-/// Biases of the temperature and voltage sensors: no name in the manual (6.4).
+/// Biases of the temperature and voltage sensors: the manual gives no name (6.4).
 pub(super) const RF_SENSOR_BIAS: Register = at(0x28, 0x11);
 pub(super) const TC_SARC: Register = at(0x2A, 0);
 pub(super) const TC_SARL: Register = at(0x2A, 0x03);
@@ -113,7 +113,7 @@ pub(super) mod sys_ctrl {
     pub const HRBPT: u8 = 1 << 0;
 }
 
-/// SYS_STATUS (7.2.17), its first four bytes; SYS_MASK has the same places.
+/// SYS_STATUS (7.2.17), its first four bytes; SYS_MASK has the same bits.
 pub(super) mod status {
     pub const CPLOCK: u32 = 1 << 1;
     pub const TXFRS: u32 = 1 << 7;
@@ -131,18 +131,18 @@ pub(super) mod status {
     pub const AFFREJ: u32 = 1 << 29;
     pub const HSRBP: u32 = 1 << 30;
     pub const ICRBP: u32 = 1 << 31;
-    /// Second byte: LDEDONE, RXDFR, RXFCG, RXFCE, of which each receive buffer has its own (4.3.3).
+    /// Second byte: LDEDONE, RXDFR, RXFCG, RXFCE; each receive buffer has its own (4.3.3).
     pub const RECEIVED_IN_BYTE_1: u8 = 0xE4;
     /// Fifth byte, bit 2: the transmitter had no time to power up.
     pub const TXPUTE_IN_BYTE_4: u8 = 1 << 2;
 
-    /// The frame was lost on the way.
+    /// Errors of a reception.
     pub const RX_ERRORS: u32 = RXPHE | RXFCE | RXRFSL | LDEERR | RXOVRR | RXSFDTO;
-    /// The receiver gave up.
+    /// Timeouts of a reception.
     pub const RX_TIMEOUTS: u32 = RXRFTO | RXPTO;
-    /// What a reception may end with.
+    /// All possible ends of a reception.
     pub const RECEPTIONS: u32 = RXFCG | AFFREJ | RX_ERRORS | RX_TIMEOUTS;
-    /// What raises the interrupt line.
+    /// The flags that raise the interrupt line.
     pub const INTERRUPTS: u32 = TXFRS | RECEPTIONS;
 }
 
@@ -152,8 +152,8 @@ mod tests {
 
     #[test]
     fn headers_are_one_two_or_three_bytes() {
-        // User manual, 2.2.1.2, figures 3 to 5: bit 7 writes, bit 6 says that an offset follows, bit 7 of the offset
-        // that it has a second byte, which holds its bits 7 to 14.
+        // User manual, 2.2.1.2, figures 3 to 5: bit 7 means a write; bit 6 means that an offset follows; bit 7 of the
+        // offset means that it has a second byte, which holds its bits 7 to 14.
         assert_eq!(DEV_ID.header(false), ([0x00, 0, 0], 1));
         assert_eq!(SYS_STATUS.header(true), ([0x8F, 0, 0], 1));
         assert_eq!(DRX_TUNE2.header(true), ([0xE7, 0x08, 0], 2));

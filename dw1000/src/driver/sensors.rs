@@ -1,5 +1,5 @@
-//! The chip's own temperature and supply voltage (DW1000 user manual, 6.4), which move a range by 2.15 mm/°C and 5.35
-//! cm/V, and the antenna delays that undo it.
+//! The chip's own temperature and supply voltage (DW1000 user manual, 6.4), which change a range by 2.15 mm/°C and 5.35
+//! cm/V, and the antenna delays that correct this.
 
 use embedded_hal_async::{delay::DelayNs, digital::Wait};
 
@@ -10,7 +10,8 @@ use super::{Dw1000, Error};
 use crate::bias::Conditions;
 use crate::radio::Sensors;
 
-/// The readings against the maker's at 23 °C and 3.3 V; where he left none, by the typical offset of Decawave's software.
+/// The readings relative to the maker's at 23 °C and 3.3 V. If the maker stored none: with the typical offset of
+/// Decawave's software.
 fn evaluate(voltage: u8, temperature: u8, factory: &Factory) -> Sensors {
     Sensors {
         temperature_celsius: match factory.temperature {
@@ -51,7 +52,7 @@ where
         Ok(evaluate(voltage, temperature, &self.factory))
     }
 
-    /// Measures both, and corrects the antenna delays by them.
+    /// Measures both, and corrects the antenna delays accordingly.
     pub(super) async fn compensate_delays(&mut self) -> Result<Sensors, Error<S::Error>> {
         let sensors = self.read_sensors().await?;
         let drift = Conditions::of(&sensors).delay_ticks();
@@ -63,7 +64,8 @@ where
         Ok(sensors)
     }
 
-    /// The antenna delays in force, from the transmitter's stamp to the antenna and from there to the receiver's, ticks.
+    /// The antenna delays in force, from the transmitter's timestamp to the antenna and from the antenna to the
+    /// receiver's timestamp, ticks.
     pub(super) fn antenna_delays(&self) -> [u16; 2] {
         self.config.antenna_delays(&self.factory).map(|delay| delay.saturating_add_signed(self.delay_drift))
     }

@@ -10,12 +10,12 @@ use super::register::{self as reg, Register};
 use super::startup::{CLOCK_CRYSTAL, CLOCK_SEQUENCED, CLOCKS_DEFAULT, DEVICE_ID, PLL_LOCK_DETECTION};
 use super::{Dw1000, Error, Transceiver};
 
-/// AON_WCFG: what the chip does on waking (7.2.45.1).
+/// AON_WCFG: the chip's actions on waking (7.2.45.1).
 const RESTORE_CONFIGURATION: u16 = 1 << 6;
 const LOAD_LENGTH_64_PARAMETERS: u16 = 1 << 7;
 const LOAD_DETECTOR: u16 = 1 << 11;
 const LOAD_LDO_TUNE: u16 = 1 << 12;
-/// AON_CFG0: how it sleeps and what wakes it (7.2.45.6).
+/// AON_CFG0: the kind of sleep and the sources of waking (7.2.45.6).
 const SLEEP_ENABLE: u8 = 1 << 0;
 const WAKE_BY_PIN: u8 = 1 << 1;
 const WAKE_BY_SPI: u8 = 1 << 2;
@@ -24,20 +24,21 @@ const WAKE_BY_COUNTER: u8 = 1 << 3;
 const CRYSTAL_START_MS: u32 = 5;
 /// How long the select line is held low, microseconds.
 const SELECT_US: u32 = 600;
-/// Crystals start within some 3 ms: from here on the chip is looked for, each 100 µs or so, because it takes 18 mA as soon as it is awake.
+/// Crystals start within some 3 ms. From here on the driver polls the chip about every 100 µs, because the chip takes
+/// 18 mA as soon as it is awake.
 const FIRST_LOOK_US: u32 = 2_500;
 const LOOK_US: u32 = 100;
 const LOOKS: u32 = 40;
-/// What a look takes on the bus, and what follows the crystal: the PLL, some registers.
+/// The time of a poll on the bus, and of the steps after the crystal's start: the PLL, some registers.
 const LOOKING_US: u32 = 40;
 const SETTLING_US: u32 = 300;
-/// What waking is believed to take before it was seen.
+/// The assumed time of waking before the first measurement.
 pub(super) const WAKING_US: u32 = SELECT_US + FIRST_LOOK_US + 6 * (LOOK_US + LOOKING_US) + SETTLING_US;
-/// Waits shorter than this are spent idle: idle takes 18 mA, the crystal alone 4 mA while it starts (data sheet, table 3), so that
-/// sleep gains something from about the time of waking on.
+/// The chip stays idle in waits shorter than this. Idle takes 18 mA, and the crystal alone takes 4 mA while it starts
+/// (data sheet, table 3). So sleep saves energy from about the time of waking on.
 const PAYS_FROM_US: u32 = 7_000;
 
-/// What wakes the chip from outside.
+/// The external source of waking.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum WakeBy {
@@ -51,14 +52,14 @@ pub enum WakeBy {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Wake {
-    /// Deep sleep, 50 nA: until woken from outside.
+    /// Deep sleep, 50 nA: until an external source wakes it.
     Outside(WakeBy),
-    /// Sleep, 1 µA: until woken from outside, or by itself after `counter` × 4096 periods of its low-power oscillator,
-    /// whose frequency is somewhere from 7 to 13 kHz: 0.3 to 0.6 s each.
+    /// Sleep, 1 µA: until an external source wakes it, or until `counter` × 4096 periods of its low-power oscillator
+    /// have passed. The oscillator's frequency is between 7 and 13 kHz: 0.3 to 0.6 s for each 4096 periods.
     Counter {
         /// Periods of 4096 cycles.
         counter: u16,
-        /// What may wake it earlier.
+        /// The source that may wake it earlier.
         or: WakeBy,
     },
 }
@@ -70,8 +71,11 @@ where
     R: ResetLine,
     D: DelayNs,
 {
-    /// Puts the chip to sleep. Its clock stops: time stamps before and after have nothing in common. Only
+    /// Puts the chip to sleep. Its clock stops, so timestamps before and after the sleep cannot be compared. Only
     /// [`wake`](Self::wake) and [`init`](Self::init) work until it wakes.
+    ///
+    /// # Errors
+    /// If the chip is not initialised, or asleep, or the bus fails.
     pub async fn sleep(&mut self, wake: Wake) -> Result<(), Error<S::Error>> {
         self.ensure_off().await?;
         self.transceiver = Transceiver::NotReady;
@@ -99,8 +103,8 @@ where
         self.save_always_on().await
     }
 
-    /// Sleeps for so long, waking included, or until `roused` is done, where the configuration lets it and the wait is worth it; answers
-    /// whether it did.
+    /// Sleeps for `micros` microseconds, including waking, or until `roused` is done. Sleeps only if the configuration
+    /// allows it and the wait is long enough. Returns whether it slept.
     pub(super) async fn sleep_for(
         &mut self,
         micros: u32,
@@ -115,8 +119,11 @@ where
         Ok(true)
     }
 
-    /// WakeUps the chip, if it does not wake by itself or by its pin, and makes it ready: 4 ms. Where it has lost its
-    /// configuration (its supply was off), it is initialised anew.
+    /// Wakes the chip, if it does not wake by itself or by its pin, and makes it ready: 4 ms. If it has lost its
+    /// configuration (its supply was off), it is initialised again.
+    ///
+    /// # Errors
+    /// If no DW1000 answers, or its PLL does not lock, or the bus fails.
     pub async fn wake(&mut self) -> Result<(), Error<S::Error>> {
         self.transceiver = Transceiver::NotReady;
         self.bus.spi.set_clock(SpiClock::Slow)?;
@@ -126,18 +133,19 @@ where
         if channel != self.config.chan_ctrl() {
             return self.init().await;
         }
-        // Perhaps not kept either, and the PLL is awaited by it.
+        // This register may not be kept either, and the wait for the PLL needs it.
         let (register, value) = PLL_LOCK_DETECTION;
         self.bus.write(register, value).await?;
         self.await_pll().await?;
         self.bus.spi.set_clock(SpiClock::Fast)?;
-        // The one register that is not kept, and is spoilt by the restoring of another (7.2.26).
+        // The only register that is not kept; restoring another register overwrites it (7.2.26).
         let [delay, _] = self.antenna_delays();
         self.bus.write(reg::TX_ANTD, &delay.to_le_bytes()).await?;
         self.stop().await
     }
 
-    /// Waits until the chip answers; who waits for longer than any crystal takes finds out by what it reads then.
+    /// Waits until the chip answers. If the wait is longer than any crystal needs, the following reads show the
+    /// failure.
     async fn await_crystal(&mut self) -> Result<(), Error<S::Error>> {
         self.delay.delay_us(FIRST_LOOK_US).await;
         for looks in 0..LOOKS {
@@ -157,7 +165,8 @@ where
         Ok(())
     }
 
-    /// The counter is set from the crystal's clock, in three uploads: off, its value, on (7.2.45.6).
+    /// The counter is set while the chip runs from the crystal's clock, in three uploads: off, its value, on
+    /// (7.2.45.6).
     async fn set_sleep_counter(&mut self, counter: u16) -> Result<(), Error<S::Error>> {
         self.bus.spi.set_clock(SpiClock::Slow)?;
         let upload: [(Register, &[u8]); 2] = [(reg::AON_CTRL, &[0x04]), (reg::AON_CTRL, &[0x00])];

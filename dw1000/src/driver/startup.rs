@@ -11,15 +11,15 @@ use crate::phy::{Channel, PreambleLength, Prf};
 /// DEV_ID of every DW1000.
 pub(super) const DEVICE_ID: u32 = 0xDECA_0130;
 
-/// SOFTRESET in PMSC_CTRL0's last byte: active low, by bit all of the chip, all but the receiver, or nothing.
+/// SOFTRESET in PMSC_CTRL0's last byte, active low: its bits reset the whole chip, only the receiver, or nothing.
 const RESET_ALL: u8 = 0x00;
 pub(super) const RESET_RECEIVER: u8 = 0xE0;
 pub(super) const RESET_NOTHING: u8 = 0xF0;
 
-/// PMSC_CTRL0's first byte: the system runs from the crystal, or by sequence from the PLL.
+/// PMSC_CTRL0's first byte: the system runs from the crystal, or from the PLL by automatic sequencing.
 pub(super) const CLOCK_CRYSTAL: u8 = 0x01;
 pub(super) const CLOCK_SEQUENCED: u8 = 0x00;
-/// Its second byte: as after reset, and with the clock that loading from the one-time memory needs.
+/// Its second byte: as after reset, and with the clock needed for loading from the one-time programmable memory.
 pub(super) const CLOCKS_DEFAULT: u8 = 0x02;
 const CLOCKS_LOADING: u8 = 0x03;
 
@@ -39,13 +39,13 @@ const KICK_PARAMETERS: u8 = 1 << 0;
 const PARAMETERS_LENGTH_64: u8 = 0 << 5;
 const PARAMETERS_DEFAULT: u8 = 2 << 5;
 
-/// The flag of the PLL's lock is reliable with EC_CTRL so (PLLLDT, 7.2.37.1).
+/// With this value of EC_CTRL the flag of the PLL's lock is reliable (PLLLDT, 7.2.37.1).
 pub(super) const PLL_LOCK_DETECTION: (Register, &[u8]) = (reg::EC_CTRL, &[0x04]);
 
 /// Crystal trim for a module without a measured one.
 const CRYSTAL_MIDDLE: u8 = 0x10;
 
-/// What the maker measured on this chip; zeros or ones where it did not.
+/// The maker's measurements of this chip; zeros or ones if there are none.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Factory {
     pub ldo_tuned: bool,
@@ -56,7 +56,7 @@ pub(super) struct Factory {
     pub temperature: u8,
     /// At 16 MHz and at 64 MHz.
     pub antenna_delays: [u16; 2],
-    /// By channel, then likewise.
+    /// By channel, then by pulse frequency as above.
     pub tx_powers: [[u32; 2]; 6],
 }
 
@@ -97,7 +97,10 @@ where
     R: ResetLine,
     D: DelayNs,
 {
-    /// Resets the chip, whatever it does or sleeps, and writes the configuration: 9 ms. May be called at any time.
+    /// Resets the chip in any state, also asleep, and writes the configuration: 9 ms. May be called at any time.
+    ///
+    /// # Errors
+    /// If no DW1000 answers, or its PLL does not lock, or the bus fails.
     pub async fn init(&mut self) -> Result<(), Error<S::Error>> {
         self.transceiver = Transceiver::NotReady;
         self.holds_buffer = false;
@@ -118,13 +121,16 @@ where
         self.load_first_path_detector().await?;
         self.await_pll().await?;
         self.bus.spi.set_clock(SpiClock::Fast)?;
-        // Reserved bits that keep deep sleep from working (7.2.45.7).
+        // Reserved bits that prevent deep sleep (7.2.45.7).
         self.bus.write(reg::AON_CFG1, &[0]).await?;
         self.write_configuration().await?;
         self.stop().await
     }
 
     /// Replaces the configuration of a running chip.
+    ///
+    /// # Errors
+    /// If the chip is not initialised, or asleep, or the bus fails.
     pub async fn configure(&mut self, config: Config) -> Result<(), Error<S::Error>> {
         self.ensure_off().await?;
         self.config = config;
@@ -135,6 +141,9 @@ where
     }
 
     /// Replaces the network and the short address, which a node learns when it joins: one write of four bytes.
+    ///
+    /// # Errors
+    /// If the chip is not initialised, or asleep, or the bus fails.
     pub async fn set_address(&mut self, pan: u16, short_address: u16) -> Result<(), Error<S::Error>> {
         self.ensure_off().await?;
         self.config.pan = pan;
@@ -147,7 +156,7 @@ where
         Ok(u32::from_le_bytes(self.bus.read(reg::DEV_ID).await?))
     }
 
-    /// Checks that a DW1000 answers; one that sleeps, because it has no reset line, is woken first.
+    /// Checks that a DW1000 answers. A chip that sleeps, because it has no reset line, is woken first.
     async fn identify(&mut self) -> Result<(), Error<S::Error>> {
         if self.device_id().await? == DEVICE_ID {
             return Ok(());
@@ -160,7 +169,7 @@ where
     }
 
     async fn soft_reset(&mut self) -> Result<(), Error<S::Error>> {
-        // Packet sequencing off; nothing is to be restored from, or kept in, the memory that survives the reset.
+        // Packet sequencing off. Nothing must be restored from, or kept in, the memory that survives the reset.
         self.bus
             .write_each(&[
                 (reg::PMSC_CTRL0, &[CLOCK_CRYSTAL]),
@@ -208,7 +217,7 @@ where
         self.set_clocks(CLOCK_SEQUENCED, CLOCKS_DEFAULT).await
     }
 
-    /// The first byte of PMSC_CTRL0 before the second, as Decawave's software has it.
+    /// Writes the first byte of PMSC_CTRL0 before the second, as Decawave's software does.
     pub(super) async fn set_clocks(&mut self, first: u8, second: u8) -> Result<(), Error<S::Error>> {
         self.bus.write_each(&[(reg::PMSC_CTRL0, &[first]), (reg::PMSC_CTRL0.plus(1), &[second])]).await
     }
@@ -236,7 +245,7 @@ where
             (None, 0) => CRYSTAL_MIDDLE,
             (None, trim) => trim,
         };
-        // The upper three bits are 011, or the chip malfunctions (7.2.44.5).
+        // The upper three bits must be 011, or the chip malfunctions (7.2.44.5).
         self.bus.write_each(&[(reg::FS_XTALT, &[0x60 | trim]), (reg::RX_FWTO, &[0, 0])]).await?;
         self.tx_length = 0;
         self.rx_timer = 0;
@@ -244,8 +253,8 @@ where
         self.load_operating_parameters().await
     }
 
-    /// The receiver's parameter set for preambles of 64 symbols, or for all others. While it loads, the chip runs from
-    /// its crystal, and the bus with it.
+    /// Loads the receiver's parameter set for preambles of 64 symbols, or for all others. While it loads, the chip runs
+    /// from its crystal, and the bus clock must fit it.
     async fn load_operating_parameters(&mut self) -> Result<(), Error<S::Error>> {
         let set = if self.config.phy.preamble_length() == PreambleLength::Symbols64 {
             PARAMETERS_LENGTH_64

@@ -13,7 +13,7 @@ use crate::{Radio, RadioDuration, RadioInstant, Start, TransmitError};
 
 /// The check bytes that the chip adds.
 const CHECK_BYTES: u8 = 2;
-/// How long after its last pulse a frame's interrupt is looked for in the chip.
+/// How long after a frame's last pulse the driver checks the chip for the missing interrupt.
 const PATIENCE_US: u32 = 5_000;
 
 impl<S, I, R, D> Dw1000<S, I, R, D>
@@ -35,7 +35,8 @@ where
             _ => return Err(TransmitError::TooLong),
         };
         self.pace = Pace::default();
-        // Of a receiver that listens nothing more is needed before the start than that it is off, of one that is off nothing.
+        // A listening receiver must only be switched off before the start. For a receiver that is off, nothing is
+        // needed.
         let listened = self.transceiver == Transceiver::Listening;
         match self.transceiver {
             Transceiver::Listening => self.cut_reception().await?,
@@ -50,7 +51,7 @@ where
         }
         let receiver = self.start_transmitter(start, listen, listened).await?;
         self.await_sent(start, length).await?;
-        // Only the transmitter's flags, for the receiver may already have something to tell.
+        // Only the transmitter's flags, because the receiver may already have set its own.
         self.bus.write(reg::SYS_STATUS, &[0xF8]).await?;
         let departed = match start {
             Start::Now => RadioInstant::from_le_bytes(self.bus.read(reg::TX_TIME).await?),
@@ -78,8 +79,8 @@ where
         Ok(())
     }
 
-    /// Starts the transmitter, gives the last frame's buffer back, and clears what came after that frame where the receiver
-    /// `listened`: there is time once the command is in, and the next reception has not begun.
+    /// Starts the transmitter, releases the last frame's buffer, and clears the flags that came after that frame if the
+    /// receiver `listened`. There is time for this after the command, and the next reception has not begun.
     async fn start_transmitter(
         &mut self,
         start: Start,
@@ -113,7 +114,8 @@ where
         Ok(if listened { self.clear_reception(flags).await? } else { Receiver::Sound })
     }
 
-    /// Waits for the interrupt; if it does not come, looks into the chip, and waits on while the start lies ahead.
+    /// Waits for the interrupt. If it does not come, reads the chip's status, and waits on while the start is in the
+    /// future.
     async fn await_sent(&mut self, start: Start, length: u8) -> Result<(), TransmitError<Error<S::Error>>> {
         let airtime = self.config.phy.airtime(u16::from(length));
         loop {
@@ -140,7 +142,7 @@ where
             if sent || !interrupted {
                 return Ok(sent);
             }
-            // Something else raised the line: nothing of interest while a frame leaves.
+            // Another event raised the line: it does not matter while a frame leaves.
             self.bus.write(reg::SYS_STATUS.plus(1), &[0xFF; 3]).await?;
         }
     }

@@ -131,13 +131,13 @@ pub(super) const fn lde_cfg2(prf: Prf) -> u16 {
     }
 }
 
-/// LDE_REPC, table 51: by the receiver's preamble code, an eighth at 110 kbit/s.
+/// LDE_REPC, table 51: by the receiver's preamble code; at 110 kbit/s an eighth of the value.
 pub(super) fn lde_repc(phy: &PhyConfig) -> u16 {
     const BY_CODE: [u16; 20] = [
         0x5998, 0x5998, 0x51EA, 0x428E, 0x451E, 0x2E14, 0x8000, 0x51EA, 0x28F4, 0x3332, 0x3AE0, 0x3D70, 0x3AE0, 0x35C2,
         0x2B84, 0x35C2, 0x3332, 0x35C2, 0x35C2, 0x47AE,
     ];
-    // A code is 1 to 20 by construction of the configuration.
+    // A code is 1 to 20: the constructor of the configuration checks this.
     let coefficient = BY_CODE.get(usize::from(phy.preamble_code()).wrapping_sub(1)).copied().unwrap_or(0x5998);
     match phy.data_rate() {
         DataRate::Kbps110 => coefficient / 8,
@@ -145,8 +145,8 @@ pub(super) fn lde_repc(phy: &PhyConfig) -> u16 {
     }
 }
 
-/// TX_POWER for reference hardware with smart power (table 20): its low byte is the power without the boost that short
-/// frames may have, and serves for the whole frame where smart power is off.
+/// TX_POWER for reference hardware with smart power (table 20). Its low byte is the power without the boost of short
+/// frames, and applies to the whole frame if smart power is off.
 pub(super) const fn tx_power(channel: Channel, prf: Prf) -> u32 {
     match (prf, channel) {
         (Prf::Mhz16, Channel::Ch1 | Channel::Ch2) => 0x1535_5575,
@@ -162,7 +162,7 @@ pub(super) const fn tx_power(channel: Channel, prf: Prf) -> u32 {
     }
 }
 
-/// The TXPSR and PE bits of a preamble length, four bits as TX_FCTRL has them from bit 18 (table 16).
+/// The TXPSR and PE bits of a preamble length, four bits as in TX_FCTRL from bit 18 (table 16).
 pub(super) const fn preamble_bits(preamble: PreambleLength) -> u32 {
     let (txpsr, pe) = match preamble {
         PreambleLength::Symbols64 => (0b01, 0b00),
@@ -177,7 +177,7 @@ pub(super) const fn preamble_bits(preamble: PreambleLength) -> u32 {
     txpsr | pe << 2
 }
 
-/// The two bits of a pulse frequency, as TX_FCTRL and CHAN_CTRL have them.
+/// The two bits of a pulse frequency, as in TX_FCTRL and CHAN_CTRL.
 pub(super) const fn prf_bits(prf: Prf) -> u32 {
     match prf {
         Prf::Mhz16 => 0b01,
@@ -185,7 +185,7 @@ pub(super) const fn prf_bits(prf: Prf) -> u32 {
     }
 }
 
-/// The two bits of a data rate, as TX_FCTRL has them.
+/// The two bits of a data rate, as in TX_FCTRL.
 pub(super) const fn rate_bits(rate: DataRate) -> u32 {
     match rate {
         DataRate::Kbps110 => 0b00,

@@ -1,9 +1,11 @@
-//! The LIS2DH12 as a motion sensor: it is configured once. Afterwards its line INT1 is high while it is accelerated, and its bus is silent.
+//! The LIS2DH12 as a motion sensor. It is configured once. Afterwards its line INT1 is high while it is accelerated,
+//! and its bus is silent.
 //!
-//! Registers are the driver's (`lis2dh`), what they do is the data sheet's (DocID025056) and AN5005's. Low-power mode, 10 Hz, ± 2 g: samples of 8
-//! bits, 16 mg each, at 3 µA. A high-pass filter of 0.08 Hz (HPCF 01 at 10 Hz) takes gravity away: a push of two seconds passes, and a change of
-//! orientation counts for some seconds. The first interrupt generator compares each axis with the threshold, one sample above it is enough, and
-//! nothing is latched: nobody has to read anything.
+//! The registers' names are those of the driver (`lis2dh`). Their functions are described in the data sheet
+//! (DocID025056) and in AN5005. The sensor runs in low-power mode, 10 Hz, ± 2 g: samples of 8 bits, 16 mg each, at 3
+//! µA. A high-pass filter of 0.08 Hz (HPCF 01 at 10 Hz) removes gravity: a push of two seconds passes the filter, and a
+//! change of orientation has an effect for some seconds. The first interrupt generator compares each axis with the
+//! threshold. One sample above it is enough. Nothing is latched, so that no register has to be read.
 
 use core::future::pending;
 
@@ -18,9 +20,9 @@ pub use lis2dh::Sa0Pad;
 
 /// WHO_AM_I.
 const IDENTITY: u8 = 0x33;
-/// Of 16 mg at ± 2 g. At rest a filtered sample is at most two of them off: a step of quantisation up, one down, and noise of some mg
-/// between. A person who picks something up, or walks with it, accelerates it by 100 mg and more; a trolley that is pushed off by 1 m/s²
-/// at most is at the limit, and its wheels shake it, too.
+/// In units of 16 mg, at ± 2 g. At rest a filtered sample is at most two units off: one step of quantisation up, one
+/// down, and noise of some mg between. A person who picks something up, or walks with it, accelerates it by 100 mg and
+/// more. A trolley that is pushed off by 1 m/s² at most is at the limit, and its wheels shake it, too.
 const THRESHOLD: u8 = 3;
 /// CTRL_REG1: LPen, and Xen, Yen, Zen.
 const LOW_POWER: u8 = 1 << 3;
@@ -31,15 +33,16 @@ const FILTERED: u8 = 1 << 0;
 const INT1_BY_GENERATOR: u8 = 1 << 6;
 /// INT1_CFG: XHIE, YHIE, ZHIE, any of them.
 const ANY_HIGH: u8 = 0b10_1010;
-/// All that matters, whole: the driver's own operations change bits one after the other, which takes 5 kB more of an image, and that of the
-/// filter never clears any. The generator is off and the sensor powered down meanwhile, so that the filter begins anew.
+/// All registers that matter, written whole. The driver's own operations change bits one after the other, which takes 5
+/// kB more of an image, and its operation for the filter never clears a bit. Meanwhile the generator is off and the
+/// sensor is powered down, so that the filter starts anew.
 const SET_UP: [(Register, u8); 10] = [
     (Register::Int1Cfg, 0),
     (Register::CtrlReg3, INT1_BY_GENERATOR),
     (Register::CtrlReg1, OutputDataRate::PowerDown as u8),
     (Register::CtrlReg2, HighPassCutoffFrequencySelection::Cfg1 as u8 | FILTERED),
     (Register::CtrlReg4, FullScale::Fs2g as u8),
-    // Neither FIFO nor latch.
+    // FIFO and latch are off.
     (Register::CtrlReg5, 0),
     // Active high.
     (Register::CtrlReg6, 0),
@@ -49,10 +52,10 @@ const SET_UP: [(Register, u8); 10] = [
 ];
 /// After power-on the sensor reads its calibration for 5 ms.
 const BOOT_MS: u32 = 10;
-/// The first samples have come: two periods of 100 ms.
+/// The time until the first samples are ready: two periods of 100 ms.
 const SETTLING_MS: u32 = 200;
 
-/// The sensor of a board: its bus, as long as that is needed, and its line INT1.
+/// The sensor of a board: its bus, which is dropped after the set-up, and its line INT1.
 pub struct Lis2dh12<B, P, D> {
     bus: Option<B>,
     address: Sa0Pad,
@@ -82,10 +85,10 @@ impl<B: I2c, P: Wait, D: DelayNs> MotionSensor for Lis2dh12<B, P, D> {
     }
 }
 
-/// Sets the sensor up, whatever it did before: a reset of the processor leaves its registers as they are.
+/// Sets the sensor up, whatever its state: a reset of the processor leaves the sensor's registers unchanged.
 ///
 /// # Errors
-/// It does not answer, or is another device.
+/// The sensor does not answer, or another device answers.
 async fn set_up<B: I2c>(bus: B, address: Sa0Pad, delay: &mut impl DelayNs) -> Result<(), MotionSensorError> {
     delay.delay_ms(BOOT_MS).await;
     let mut sensor = Lis2dh::new(bus, address);
@@ -101,7 +104,7 @@ async fn configure<B: I2c>(sensor: &mut Lis2dh<B>, delay: &mut impl DelayNs) -> 
         sensor.write_register(register, value).await?;
     }
     delay.delay_ms(SETTLING_MS).await;
-    // Gravity is what the filter starts from.
+    // This read makes the filter start from gravity.
     sensor.read_register(Register::Reference).await?;
     sensor.write_register(Register::Int1Cfg, ANY_HIGH).await
 }

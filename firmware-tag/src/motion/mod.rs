@@ -1,7 +1,8 @@
-//! The motion sensor of a tag: it is set up once, and what it reports goes to the engine, which wakes the tag.
+//! The motion sensor of a tag. It is set up once. Its reports go to the engine, which wakes the tag.
 //!
-//! It runs beside the engine, below ranging, and asks nothing of the sensor while that is quiet: whoever implements [`MotionSensor`] waits for
-//! a pin. A sensor that does not answer is reported once, and the tag goes by its positions.
+//! Its task runs beside the engine, below ranging, and does not poll a quiet sensor: an implementation of
+//! [`MotionSensor`] waits for a pin. A sensor that does not answer is reported once, and the tag then uses its
+//! positions alone.
 
 use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::raw::RawMutex;
@@ -13,21 +14,21 @@ use crate::{Sink, TaskChannels};
 #[cfg(feature = "lis2dh12")]
 pub mod lis2dh12;
 
-/// A sensor that is not set up after so long does not answer, milliseconds: its bus may be stuck.
+/// A sensor that is not set up after this time counts as silent, milliseconds: its bus may be stuck.
 const PATIENCE_MS: u32 = 1_000;
-/// From one report to the next, milliseconds: a movement that goes on costs no more.
+/// From one report to the next, milliseconds. A movement that goes on causes no more reports than this.
 const PAUSE_MS: u32 = 500;
 
-/// What tells that a tag moves.
+/// A sensor that reports movements of the tag.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
 pub trait MotionSensor {
     /// Sets the sensor up.
     ///
     /// # Errors
-    /// It is not to be had.
+    /// The sensor does not answer, or another device answers.
     async fn start(&mut self) -> Result<(), MotionSensorError>;
 
-    /// Done when the tag is accelerated; at once while that goes on.
+    /// Returns when the tag is accelerated. It returns at once while the acceleration lasts.
     async fn moved(&mut self);
 }
 
@@ -35,13 +36,13 @@ pub trait MotionSensor {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum MotionSensorError {
-    /// It does not answer.
+    /// The sensor does not answer.
     Silent,
-    /// Something else does.
+    /// Another device answers.
     Foreign,
 }
 
-/// Sets the sensor up, and hands its reports to the engine for ever. Ends where there is no sensor.
+/// Sets the sensor up, and passes its reports to the engine for ever. Returns if there is no sensor.
 pub async fn run<M: RawMutex>(
     channels: &TaskChannels<M>,
     mut sensor: impl MotionSensor,
@@ -57,7 +58,7 @@ pub async fn run<M: RawMutex>(
     if state != State::Ready {
         return;
     }
-    // The engine learns that there is one.
+    // This tells the engine that there is a sensor.
     channels.tell_movement();
     loop {
         sensor.moved().await;

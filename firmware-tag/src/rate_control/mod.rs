@@ -1,13 +1,18 @@
-//! How often a tag ranges. Input: its positions, and the movements that a motion sensor reports. Output: changes of the rate.
+//! Decides how often a tag ranges. Input: its positions, and the movements that a motion sensor reports. Output:
+//! changes of the rate.
 //!
-//! A tag whose positions stay for some seconds goes to its still rate. It counts as moving where a position leaves the running mean by more
-//! than two standard deviations (the errors of links are constant while a tag stands still), or where two rounds in a row give no position.
+//! A tag whose positions stay the same for some seconds changes to its still rate. It counts as moving if a position
+//! differs from the running mean by more than two standard deviations, or if two rounds in a row give no position. (The
+//! errors of links are constant while a tag does not move.)
 //!
-//! A motion sensor makes waking quick, and does not replace positions. A tag with one goes to its still rate when both say that it is still:
-//! a trolley at constant speed is not accelerated, and only positions see it. Where there are no positions, a sensor that is quiet is enough.
-//! A movement that begins wakes the tag at once. What goes on is no news: a sensor that shakes with a machine, or whose line is stuck,
-//! keeps a tag awake that stays where it is for two minutes, and is ignored then until it is quiet. Where movements begin again and again and
-//! the tag never leaves its place, it is deaf to them for longer each time, five minutes at most; positions still count.
+//! A motion sensor lets a tag wake quickly, but does not replace positions. A tag with a sensor changes to its still
+//! rate when both the positions and the sensor show no movement: a trolley at constant speed is not accelerated, and
+//! only positions show its movement. Where there are no positions, a quiet sensor is enough.
+//!
+//! The beginning of a movement wakes the tag at once. A movement that goes on does not wake it again: a sensor may
+//! shake with a machine, or its line may be stuck. Such a sensor keeps a tag that does not move awake for two minutes,
+//! and is then ignored until it is quiet. If movements begin again and again and the tag never leaves its place, the
+//! sensor is ignored for longer each time, for five minutes at most. Positions always count.
 
 mod sensor;
 
@@ -18,48 +23,51 @@ use ranging::native::Rate;
 use self::sensor::Movements;
 use crate::Position;
 
-/// How long a tag has to stay before it is still, microseconds.
+/// How long a tag has to stay before it counts as still, microseconds.
 const STILL_AFTER_US: u64 = 5_000_000;
-/// The same of a tag whose sensor reports movement all the time.
+/// The same for a tag whose sensor reports movement all the time.
 const STILL_AFTER_SHAKEN_US: u64 = 120_000_000;
-/// Off by more than this many standard deviations, it has moved …
+/// A tag has moved if its position is off by more than this number of standard deviations.
 const MOVED_SIGMAS: f32 = 2.0;
-/// … and by more than this many it has left its place for certain.
+/// A tag has certainly left its place if its position is off by more than this number of standard deviations.
 const LEFT_SIGMAS: f32 = 4.0;
-/// Rounds without a position after which the full rate is worth a try.
+/// The number of rounds without a position after which the tag tries its full rate.
 const FAILURES: u8 = 2;
-/// The mean forgets, so that creeping is not movement for ever: its newest position counts at least one in so many, …
+/// The mean forgets, so that slow creeping is not counted as movement for ever: the newest position has at most the
+/// weight 1 / `MEAN_OF`. The first positions have greater weights.
 const MEAN_OF: f32 = 32.0;
-/// … but at most as much as its time has of this, microseconds: the mean does not follow a tag that walks and ranges often.
+/// The weight is also at most the time since the last position divided by this time, microseconds. So the mean does not
+/// follow a tag that walks and ranges often.
 const MEAN_US: f32 = 3_200_000.0;
-/// After the first waking in vain the sensor is not listened to for so long, after each further one for twice as long, microseconds …
+/// After the first waking in vain the sensor is ignored for this time, microseconds. After each further one it is
+/// ignored for twice as long.
 const DEAF_US: u64 = 10_000_000;
-/// … up to the one of this number.
+/// The time of ignoring grows up to the waking of this number.
 const MOST_IN_VAIN: u8 = 6;
 
-/// The rates of a tag, and which it is at.
+/// The rates of a tag, and the one that is in use.
 #[derive(Clone, Debug)]
 pub struct RateControl {
     full: Rate,
-    /// None: the full one always.
+    /// The still rate. `None` means that the tag always has its full rate.
     still: Option<Rate>,
     is_still: bool,
     place: Option<MeanPosition>,
     failures: u8,
     /// Since when there has been no position.
     lost_since_us: Option<u64>,
-    /// What the sensor reports; `None`: there is none.
+    /// The reports of the sensor; `None` without a sensor.
     movements: Option<Movements>,
-    /// The sensor's movement goes on and is ignored.
+    /// The sensor reports movement without end and is ignored.
     is_shaken: bool,
-    /// Why the tag was last woken, and what came of it.
+    /// The cause of the last waking, and its outcome.
     waking: Option<Waking>,
-    /// Wakings by the sensor, in a row, after which the tag had not left its place.
+    /// The number of wakings by the sensor, in a row, after which the tag had not left its place.
     in_vain: u8,
     deaf_until_us: u64,
 }
 
-/// Where the tag stays.
+/// The mean position of a tag that stays.
 #[derive(Clone, Copy, Debug)]
 struct MeanPosition {
     since_us: u64,
@@ -68,7 +76,7 @@ struct MeanPosition {
     count: u32,
 }
 
-/// From the still rate to the full one.
+/// A change from the still rate to the full one.
 #[derive(Clone, Copy, Debug)]
 struct Waking {
     from: Option<MeanPosition>,
@@ -77,13 +85,13 @@ struct Waking {
 }
 
 impl RateControl {
-    /// That of a tag with this record.
+    /// The rates of a tag with this record.
     pub fn of(tag: &wire::config::Tag) -> Self {
         let still = tag.still_rate_chz.map(|chz| protocol::rate(Some(chz)));
         Self::new(protocol::rate(tag.rate_chz), still)
     }
 
-    /// A tag that ranges at the full rate, and at the still rate, if it has one, while it does not move.
+    /// A tag that ranges at the full rate. While it does not move, it ranges at the still rate, if there is one.
     pub const fn new(full: Rate, still: Option<Rate>) -> Self {
         Self {
             full,
@@ -105,12 +113,12 @@ impl RateControl {
         self.is_still
     }
 
-    /// Whether the sensor's movement goes on without end and is ignored.
+    /// Whether the sensor reports movement without end and is ignored.
     pub const fn is_shaken(&self) -> bool {
         self.is_shaken
     }
 
-    /// The sensor watches and reports movement, now; the rate from now on where that changes.
+    /// The sensor works and reports movement at `now_us`. Returns the new rate if it changes.
     pub fn moved(&mut self, now_us: u64) -> Option<Rate> {
         let begins = match &mut self.movements {
             None => {
@@ -129,7 +137,7 @@ impl RateControl {
         Some(self.wake(waking))
     }
 
-    /// A round is over, now; the rate from now on where that changes.
+    /// A round is over at `now_us`. Returns the new rate if it changes.
     pub fn after(&mut self, now_us: u64, position: Option<&Position>) -> Option<Rate> {
         let still = self.still?;
         let from = self.place;
@@ -172,7 +180,7 @@ impl RateControl {
         self.full
     }
 
-    /// The tag is still again: whether it was woken in vain.
+    /// The tag is still again: decides whether it was woken in vain.
     fn judge_waking(&mut self, now_us: u64) {
         let Some(waking) = self.waking.take() else { return };
         if waking.has_left {
@@ -216,7 +224,7 @@ mod tests {
 
     const SLOW: Rate = Rate::Every(RadioDuration::from_micros(1_000_000));
 
-    /// At x, with a standard deviation of 5 cm in the plane.
+    /// A position at x, with a standard deviation of 5 cm in the plane.
     fn at(x: f32) -> Position {
         let mut covariance_m2 = [[0.0; 3]; 3];
         // 0.03² + 0.04² = 0.05².
@@ -228,7 +236,7 @@ mod tests {
         RateControl::new(Rate::Greedy, Some(SLOW))
     }
 
-    /// Lies at 0 from `from_s` on until it is still; when that was, seconds.
+    /// Stays at 0 from `from_s` on until the tag counts as still. Returns that time in seconds.
     fn until_still(rates: &mut RateControl, from_s: f64) -> f64 {
         let mut t_s = from_s;
         loop {
@@ -248,7 +256,7 @@ mod tests {
         let mut rates = rates();
         let still_s = until_still(&mut rates, 1.0);
         assert!((5.9..6.2).contains(&still_s), "{still_s}");
-        // 9 cm are less than twice 5 cm, 12 cm more.
+        // 9 cm are less than twice 5 cm, 12 cm are more.
         assert_eq!(rates.after(8_000_000, Some(&at(0.09))), None);
         assert_eq!(rates.after(9_000_000, Some(&at(0.12))), Some(Rate::Greedy));
         let still_s = until_still(&mut rates, 10.0);
@@ -258,7 +266,7 @@ mod tests {
     #[test]
     fn a_tag_that_walks_is_never_still() {
         let mut rates = rates();
-        // 0.3 m/s, ten times a second and four hundred times.
+        // 0.3 m/s, with ten rounds a second and with four hundred.
         for (period_us, step_m) in [(100_000, 0.03), (2_500, 0.000_75)] {
             for step in 0..60_000_000 / period_us {
                 assert_eq!(rates.after(step * period_us, Some(&at(step_m * step as f32))), None);
@@ -282,7 +290,8 @@ mod tests {
         assert!((0..1000_u64).all(|step| rates.after(step * 100_000, Some(&at(0.0))).is_none()));
     }
 
-    /// Rounds each second with a position at x, and movements each half second, from `from_s` to `to_s`; when the rate changed, seconds.
+    /// Rounds each second with a position at x, and movements each half second, from `from_s` to `to_s`. Returns the
+    /// changes of the rate and their times in seconds.
     fn shaken(rates: &mut RateControl, x: f32, from_s: u64, to_s: u64) -> Vec<(u64, Rate)> {
         let mut changes = Vec::new();
         for second in from_s..to_s {
@@ -294,7 +303,7 @@ mod tests {
         changes
     }
 
-    /// A tag with a sensor that has been still since 6 s.
+    /// A tag with a sensor. The tag has been still since 6 s.
     fn watched() -> RateControl {
         let mut rates = rates();
         assert_eq!(rates.moved(0), None);
@@ -306,7 +315,7 @@ mod tests {
     fn a_movement_wakes_at_once_and_both_have_to_be_still() {
         let mut rates = watched();
         assert_eq!(rates.moved(20_000_000), Some(Rate::Greedy));
-        // It goes on until 23 s, while positions stay: quiet five seconds later.
+        // The movement goes on until 23 s, while positions stay: the sensor is quiet five seconds later.
         assert_eq!(rates.moved(23_000_000), None);
         assert_eq!(rates.after(27_900_000, Some(&at(0.0))), None);
         assert_eq!(rates.after(28_000_000, Some(&at(0.0))), Some(SLOW));
@@ -315,7 +324,7 @@ mod tests {
     #[test]
     fn a_trolley_at_constant_speed_is_never_still_though_the_sensor_is_quiet() {
         let mut rates = watched();
-        // A creeping start that the sensor misses: positions see it.
+        // A slow start that the sensor misses: positions show it.
         assert_eq!(rates.after(20_000_000, Some(&at(0.3))), Some(Rate::Greedy));
         for step in 1..600_u64 {
             assert_eq!(rates.after(20_000_000 + step * 100_000, Some(&at(0.3 + 0.03 * step as f32))), None);
@@ -328,9 +337,10 @@ mod tests {
         // It has stayed since 1 s: still again from 121 s on.
         assert_eq!(shaken(&mut rates, 0.0, 100, 200), [(100, Rate::Greedy), (121, SLOW)]);
         assert!(rates.is_shaken());
-        // No movement of those that go on wakes it, but positions do, and do not wait for two minutes again.
+        // The sensor's continuing movement does not wake the tag, but positions do. The tag then does not wait for two
+        // minutes again.
         assert_eq!(shaken(&mut rates, 1.0, 200, 220), [(200, Rate::Greedy), (205, SLOW)]);
-        // Quiet, it is believed again.
+        // After a quiet time the sensor counts again.
         assert_eq!(rates.after(230_000_000, Some(&at(1.0))), None);
         assert_eq!(rates.moved(231_000_000), Some(Rate::Greedy));
         assert!(!rates.is_shaken());
@@ -342,7 +352,7 @@ mod tests {
         let mut now_us = 20_000_000;
         let mut deaf_s = Vec::new();
         for _ in 0..8 {
-            // A knock each second that begins anew, as far as it is quiet for five seconds between.
+            // A knock each second. It is a new movement if the sensor was quiet for five seconds before.
             let asleep_us = now_us;
             while rates.moved(now_us).is_none() {
                 now_us += 6_000_000;
@@ -351,9 +361,9 @@ mod tests {
             now_us += 5_000_000;
             assert_eq!(rates.after(now_us, Some(&at(0.0))), Some(SLOW));
         }
-        // 10, 20, 40 … 320 s from falling asleep, at knocks each 6 s.
+        // 10, 20, 40 … 320 s from the change to the still rate, with knocks every 6 s.
         assert_eq!(deaf_s, [0, 12, 24, 42, 84, 162, 324, 324]);
-        // Carried off and put down elsewhere, it hears the next knock.
+        // After the tag was carried away and put down elsewhere, the next knock counts.
         assert_eq!(rates.after(now_us + 1_000_000, Some(&at(5.0))), Some(Rate::Greedy));
         assert_eq!(rates.after(now_us + 6_000_000, Some(&at(5.0))), Some(SLOW));
         assert_eq!(rates.moved(now_us + 11_000_000), Some(Rate::Greedy));
@@ -362,12 +372,12 @@ mod tests {
     #[test]
     fn without_positions_a_quiet_sensor_is_enough() {
         let mut rates = watched();
-        // Still it stays.
+        // The tag stays at its still rate.
         assert!((10..60_u64).all(|second| rates.after(second * 1_000_000, None).is_none()));
         assert_eq!(rates.moved(60_000_000), Some(Rate::Greedy));
         let changes: Vec<_> =
             (61..80_u64).filter_map(|second| Some((second, rates.after(second * 1_000_000, None)?))).collect();
-        // Without a position since 21 s, and quiet five seconds after 60 s.
+        // There was no position since 21 s, and the sensor is quiet five seconds after 60 s.
         assert_eq!(changes, [(65, SLOW)]);
     }
 }

@@ -1,6 +1,6 @@
-//! What a motion sensor has reported: when, and whether that was the beginning of a movement.
+//! The reports of a motion sensor: their times, and whether a report is the beginning of a movement.
 
-/// Without a report for so long the sensor is quiet, microseconds.
+/// The sensor counts as quiet after this time without a report, microseconds.
 const QUIET_US: u64 = 5_000_000;
 
 /// The reports of a sensor.
@@ -10,19 +10,19 @@ pub(super) struct Movements {
 }
 
 impl Movements {
-    /// The first.
+    /// The state after the first report.
     pub(super) const fn begin(now_us: u64) -> Self {
         Self { last_us: now_us }
     }
 
-    /// One more, now; whether a movement begins with it.
+    /// Notes a report at this time. Returns whether a movement begins with it.
     pub(super) const fn note(&mut self, now_us: u64) -> bool {
         let begins = self.is_quiet(now_us);
         self.last_us = now_us;
         begins
     }
 
-    /// Whether nothing has been reported for a while.
+    /// Whether there has been no report for `QUIET_US`.
     pub(super) const fn is_quiet(&self, now_us: u64) -> bool {
         now_us.saturating_sub(self.last_us) >= QUIET_US
     }

@@ -1,5 +1,6 @@
-//! What a survey of the site gave the tag: a fingerprint map and a classifier of rooms. Both lie in flash beside the record and are read
-//! where they lie; here they are bound to the record's list of beacons, for the locator.
+//! The results of a survey of the site: a fingerprint map and a classifier of rooms. Both lie in flash beside the
+//! record, and the tag reads them in place. This module matches their beacons with the record's list of beacons, for
+//! the locator.
 
 use heapless::Vec;
 use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map, MapError};
@@ -8,7 +9,8 @@ use positioning_core::locator::{ForBeacons, SiteModels};
 use wire::config::{Beacon, BeaconModel, LoadError, MAX_BEACONS, StoredSiteModels};
 use wire::telemetry::{Condition, RssiModelError};
 
-/// Those that flash has, for a tag with this list of beacons. What cannot be used is left out, and `complain` hears of it once.
+/// The models in flash, for a tag with this list of beacons. A model that cannot be used is left out, and `complain` is
+/// called once for it.
 pub fn site_models<'a>(
     models: Result<StoredSiteModels<'a>, LoadError>,
     list: &[Beacon],
@@ -61,7 +63,8 @@ fn rooms<'a>(of: &BeaconModel<'a>, list: &[Beacon]) -> Result<ForBeacons<Svm<'a>
     Ok(ForBeacons { model, beacons })
 }
 
-/// Where the record lists the beacons of a model that has so many; one that it does not list makes it a model of other beacons.
+/// The index in the record's list of each of the `count` beacons of a model. A model with a beacon that is not in the
+/// list is refused.
 fn indices(of: &BeaconModel<'_>, list: &[Beacon], count: usize) -> Result<Vec<u8, MAX_BEACONS>, RssiModelError> {
     let mut indices = Vec::new();
     for numbers in of.numbers() {

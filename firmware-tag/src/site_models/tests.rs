@@ -9,10 +9,10 @@ use super::*;
 use crate::channels::ReceivedAdvertisement;
 use crate::{KnownBeacons, LocatorConfig, Tracker};
 
-/// The corners of a square of 6 m, at the tag's height: beacons 1-1 to 1-4 stand there.
+/// The corners of a square of 6 m, at the tag's height: the positions of beacons 1-1 to 1-4.
 const CORNERS: [[f32; 2]; 4] = [[0.0, 0.0], [6.0, 0.0], [6.0, 6.0], [0.0, 6.0]];
 
-/// Listed in another order than the map has them, and with one that it does not know, 1-9, in the middle.
+/// The list has another order than the map. It has one beacon, 1-9, in the middle that the map does not know.
 fn list() -> Vec<Beacon> {
     let beacon = |minor, [x, y]: [f32; 2]| Beacon {
         major: 1,
@@ -26,7 +26,8 @@ fn list() -> Vec<Beacon> {
         .into()
 }
 
-/// What is heard of 1-1 to 1-4 at a place, dBm: −60 − 20 lg d, and the first is behind a wall that takes 12 dB.
+/// The RSSI of 1-1 to 1-4 at a position, dBm: −60 − 20 lg d. The first beacon is behind a wall that attenuates by 12
+/// dB.
 fn levels_at(place: [f32; 2]) -> [f64; 4] {
     core::array::from_fn(|beacon| {
         let [dx, dy] = [0, 1].map(|axis| f64::from(place[axis] - CORNERS[beacon][axis]));
@@ -35,7 +36,7 @@ fn levels_at(place: [f32; 2]) -> [f64; 4] {
     })
 }
 
-/// A lattice of 13 × 13 points, 0.5 m apart, of those levels with deviations of 1.5 dB.
+/// A lattice of 13 × 13 points, 0.5 m apart, of those RSSI values with deviations of 1.5 dB.
 fn map_bytes() -> Vec<u8> {
     let places: Vec<[f32; 2]> = (0..169_u8).map(|k| [f32::from(k / 13) * 0.5, f32::from(k % 13) * 0.5]).collect();
     let levels: Vec<[Option<f64>; 4]> = places.iter().map(|place| levels_at(*place).map(Some)).collect();
@@ -47,7 +48,7 @@ fn map_bytes() -> Vec<u8> {
     encode(&points, &[1, 2, 3, 4], &[-95.0; 4], Some(0.5), &mut [0; 4096]).expect("it fits").to_vec()
 }
 
-/// Two rooms, which the level of 1-1 tells apart: above −80 dBm the first. x = 5 · 0.2 · (level + 80).
+/// Two rooms, which the RSSI of 1-1 distinguishes: above −80 dBm the first. x = 5 · 0.2 · (RSSI + 80).
 fn rooms_bytes() -> Vec<u8> {
     let bytes = |numbers: &[f32]| -> Vec<u8> { numbers.iter().flat_map(|n| n.to_le_bytes()).collect() };
     let (fallback, planes) = (bytes(&[-95.0]), bytes(&[16.0, 0.2]));
@@ -70,7 +71,7 @@ fn region(minors: &[u8], map: &[u8], rooms: &[u8]) -> Vec<u8> {
     encode_models(&models, &mut [0; MODELS_BYTES]).expect("they fit").to_vec()
 }
 
-/// What a tag takes of a region, and what it complains of.
+/// What a tag uses of a region, and the faults that it reports.
 fn taken<'r>(region: &'r [u8], list: &[Beacon]) -> (SiteModels<'r>, Vec<Condition>) {
     let mut complaints = Vec::new();
     let site_models = site_models(decode_models(region), list, |condition| complaints.push(condition));
@@ -82,7 +83,7 @@ fn tracker<'a>(list: &'a [Beacon], models: &'a SiteModels<'a>) -> Tracker<'a> {
     config.with_site_models(models).tracker()
 }
 
-/// One window, in which each beacon is heard ten times with its level there; the position.
+/// One window, in which ten advertisements of each beacon are received with its RSSI there. Returns the position.
 fn window(tracker: &mut Tracker<'_>, from_us: u64, rssi_dbm: &[(u16, i8)]) -> Option<[f32; 3]> {
     for k in 0..10 {
         for (minor, rssi_dbm) in rssi_dbm {
@@ -116,7 +117,8 @@ fn a_tag_with_a_map_knows_walls_that_path_loss_does_not() {
     let by_map = window(&mut tracker(&list, &models), 0, &rounded(place)).expect("a position");
     let nothing = SiteModels::default();
     let by_path_loss = window(&mut tracker(&list, &nothing), 0, &rounded(place)).expect("a position");
-    // RssiWindow are rounded to a decibel, the lattice's to a half: at 2 m from the nearest beacon a decibel is 0.25 m.
+    // RSSI values are rounded to a decibel, those of the lattice to half a decibel: at 2 m from the nearest beacon a
+    // decibel is 0.25 m.
     assert!(off(by_map, place) < 0.4, "{by_map:?}");
     assert!(off(by_path_loss, place) > 0.8, "{by_path_loss:?}");
 }
@@ -128,11 +130,11 @@ fn a_beacon_that_the_map_does_not_know_changes_nothing_and_alone_it_is_heeded_by
     let place = [4.0, 2.0];
     let mut heard = rounded(place);
     let without = window(&mut tracker(&list, &models), 0, &heard).expect("a position");
-    // It seems to be 10 m off.
+    // The unknown beacon seems to be 10 m off.
     heard.push((9, -80));
     let mut with = tracker(&list, &models);
     assert_eq!(window(&mut with, 0, &heard), Some(without));
-    // Less of the map is heard than it knows.
+    // Fewer beacons are received than the map knows.
     let mut fewer = tracker(&list, &models);
     let found = window(&mut fewer, 0, &heard[1..4]).expect("a position");
     assert!(off(found, place) < 0.8, "{found:?}");
@@ -206,7 +208,7 @@ fn a_room_is_told_when_it_changes_and_every_five_seconds() {
         told.iter().flat_map(|(is, _)| is.rooms().to_vec()).all(|likely| likely.probability_255ths > 10),
         "{told:?}"
     );
-    // Nothing is heard any more: that is said after ten seconds, and then windows end.
+    // Nothing is received any more. The tag reports this after ten seconds, and then windows end.
     let mut last = None;
     for _ in 0..100 {
         let Some(end_us) = tracker.window_end_us() else { break };

@@ -1,7 +1,8 @@
-//! What a tag makes of its rounds and of the beacons that it receives: both go through the [`Locator`], and out comes an [`RoundOutcome`].
+//! Turns a tag's rounds and the beacons that it receives into epochs: both go through the [`Locator`], and the result
+//! is an [`RoundOutcome`].
 //!
-//! All that a round measured is of the time of its poll. What is known of a link's line of sight goes along: by a trained classifier,
-//! which may ask for the impulse response, or by the received powers.
+//! All measurements of a round have the time of its poll. Each has an estimate of its link's line of sight. It comes
+//! from a trained classifier, which may ask for the impulse response, or from the received powers.
 
 use positioning_core::SolveError;
 use positioning_core::ble::beacon_monitor::{BeaconHealth, HealthChange};
@@ -17,27 +18,28 @@ use wire::telemetry::{BeaconEvidence, Condition, Room, RoomProbability, Sighting
 use crate::channels::{ReceivedAdvertisement, RssiWindow};
 use crate::{HEARS_BEACONS, KnownBeacons, LISTED, Measured, Sounding};
 
-/// What became of one round, or of a window of beacons.
+/// The result of one round, or of a window of beacons.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoundOutcome<'a> {
     /// The round with its ranges or differences, or the RSSI values.
     pub measured: Measured<'a>,
-    /// When its poll left or came, or its window ended, since the node started, microseconds: the time of the position.
+    /// The time of the position, microseconds since the node started: when the round's poll was sent or received, or
+    /// when the window ended.
     pub poll_us: u64,
-    /// The position, or why there is none.
+    /// The position, or the reason why there is none.
     pub outcome: Result<Position, SolveError>,
-    /// The impulse response of its last frame, where it was read.
+    /// The impulse response of the round's last frame, if it was read.
     pub sounding: Option<&'a Sounding>,
-    /// What made the position.
+    /// The solver that computed the position.
     pub solver: Solver,
 }
 
-/// The room that the tag is in.
+/// The room estimate of a tag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RoomReport {
-    /// In which the tag is.
+    /// The room estimate.
     pub room: Room,
-    /// It is another than before.
+    /// Whether it differs from the one before.
     pub is_news: bool,
 }
 
@@ -52,20 +54,20 @@ pub struct Tracker<'a> {
 }
 
 impl<'a> Tracker<'a> {
-    /// Knows nothing of the tag yet: the parts of a [`LocatorConfig`](crate::LocatorConfig).
+    /// A tracker without information about the tag, made of the parts of a [`LocatorConfig`](crate::LocatorConfig).
     pub fn new(settings: Settings<'a>, solver: Solver, beacons: &'a KnownBeacons<'a>) -> Self {
         let settings = if HEARS_BEACONS { settings.with_beacons(beacons) } else { settings };
         Self { locator: Locator::new(settings), solver, beacons, number: 0 }
     }
 
-    /// Whether the impulse responses of frames are of use.
+    /// Whether the locator uses impulse responses of frames.
     pub fn wants_response(&self) -> bool {
         self.locator.wants_response()
     }
 
-    /// The position at the end of a round, whose poll left or came at `poll_us`. A round that measured nothing, or nothing that
-    /// could belong to the track, has none: where the track would be by itself is no news. `sounding` is the impulse response of
-    /// one of its frames.
+    /// The epoch at the end of a round, whose poll was sent or received at `poll_us`. A round without measurements, or
+    /// without any that fits the track, gives no position: a mere prediction of the track is not reported. `sounding`
+    /// is the impulse response of one of the round's frames.
     pub fn follow<'r>(
         &mut self,
         measured: Measured<'r>,
@@ -75,7 +77,7 @@ impl<'a> Tracker<'a> {
         match &measured {
             Measured::Ranges(round) => self.take_ranges(round, sounding, poll_us),
             Measured::Differences(round) => self.take_differences(round, poll_us),
-            // They went into the track when their window ended.
+            // The RSSI values went into the track when their window ended.
             Measured::RssiWindow(_) => {}
         }
         let outcome = self.locator.end_round(poll_us, measured.count()).position();
@@ -113,7 +115,7 @@ impl<'a> Tracker<'a> {
         }
     }
 
-    /// What the diagnostics of one reception say.
+    /// The features of one reception, from its diagnostics.
     fn reception(&self, diagnostics: &Diagnostics) -> Reception {
         let mut features = Features::default();
         features.set(Feature::PowerDifference, diagnostics.rx_power_dbm - diagnostics.first_path_power_dbm);
@@ -125,7 +127,7 @@ impl<'a> Tracker<'a> {
         Reception { features, power_dbm: diagnostics.rx_power_dbm }
     }
 
-    /// A beacon's advertisement was received; what there is to tell of it, if it is one of ours.
+    /// Takes a beacon's advertisement. Returns a sighting to report, if the tag knows the beacon.
     pub fn receive(&mut self, heard: &ReceivedAdvertisement) -> Option<Sighting> {
         let known = self.beacons.identify(&heard.beacon)?;
         let (rssi, measured_power) = (heard.rssi_dbm, heard.beacon.rssi_1m_dbm());
@@ -140,8 +142,9 @@ impl<'a> Tracker<'a> {
         self.locator.window_end_us()
     }
 
-    /// At a window's end, what was received of beacons goes into the track. An epoch comes of it where anchors gave no position
-    /// meanwhile: the position, or why there is none; also where nothing is received any more, until anchors answer.
+    /// At a window's end, puts the RSSI values of beacons into the track. It returns an epoch if anchors gave no
+    /// position meanwhile: the position, or the reason why there is none. It also returns an epoch if no beacon is
+    /// received any more, until anchors answer.
     pub fn window(&mut self, now_us: u64) -> Option<RoundOutcome<'_>> {
         let outcome = self.locator.end_window(now_us)?.position();
         self.number = self.number.wrapping_add(1);
@@ -149,7 +152,7 @@ impl<'a> Tracker<'a> {
         Some(RoundOutcome { measured, poll_us: now_us, outcome, sounding: None, solver: self.solver })
     }
 
-    /// In which room the tag is, where the last window had something to tell of that.
+    /// The room estimate, if the last window has one to report.
     pub fn room(&mut self) -> Option<RoomReport> {
         let update = self.locator.take_room()?;
         let [first, second] = update.probabilities;
@@ -164,7 +167,8 @@ impl<'a> Tracker<'a> {
         Some(RoomReport { room: Room { t_us: update.t_us, is }, is_news: update.is_new })
     }
 
-    /// What is new of a listed beacon since it was asked last: it is doubted, or believed again.
+    /// The change of a listed beacon's condition since the last call: its RSSI contradicts its listed position, or
+    /// agrees again.
     pub fn beacon_condition(&mut self) -> Option<Condition> {
         let HealthChange { beacon, health, seconds } = self.locator.take_beacon_news()?;
         let beacon = self.beacons.listed().get(beacon)?;

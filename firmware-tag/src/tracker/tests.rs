@@ -6,9 +6,9 @@ use ranging::RadioInstant;
 use ranging::exchange::{self, Difference};
 use std::vec::Vec;
 
-/// Four anchors at the corners of a room of 3 m × 4 m, 2 m up; their order is their address, 1 to 4.
+/// Four anchors at the corners of a room of 3 m × 4 m, 2 m up. Their addresses are 1 to 4, in this order.
 const CORNERS: [[f32; 3]; 4] = [[0.0, 0.0, 2.0], [3.0, 0.0, 2.0], [3.0, 4.0, 2.0], [0.0, 4.0, 2.0]];
-/// From the tag the corners are √(1+1+4), √(4+1+4), √(4+9+4), √(1+9+4) m away.
+/// The corners are √(1+1+4), √(4+1+4), √(4+9+4), √(1+9+4) m away from the tag.
 const TAG: [f32; 3] = [1.0, 1.0, 0.0];
 const FROM_TAG: [f32; 4] = [2.449_489_7, 3.0, 4.123_105_6, 3.741_657_4];
 
@@ -26,7 +26,7 @@ fn round(ranges: &[exchange::Range]) -> Measured<'_> {
     Measured::Ranges(Round { number: 1, poll: RadioInstant::default(), asked: 4, ranges })
 }
 
-/// To the others from the first.
+/// The differences of the other anchors to the first.
 fn differences(places: [[f32; 3]; 4]) -> Vec<Difference> {
     let of = |i: usize| Difference {
         peer: i as u16 + 1,
@@ -59,7 +59,7 @@ fn at_floor(anchors: &[AnchorPosition]) -> Tracker<'_> {
     LocatorConfig::new(Some(0.0), anchors).tracker()
 }
 
-/// After twenty rounds, 50 ms each.
+/// The position after twenty rounds, 50 ms apart.
 fn settled(mut tracker: Tracker<'_>, measured: Measured<'_>) -> Position {
     let outcomes: Vec<_> = (1..=20).map(|k| tracker.follow(measured, None, 50_000 * k).outcome).collect();
     outcomes.last().copied().unwrap().unwrap()
@@ -112,7 +112,7 @@ fn a_tag_that_solves_each_round_by_itself_needs_three_ranges_in_each() {
         for k in 1..=20 {
             let epoch = tracker.follow(round(&heard), None, 50_000 * k);
             let found = epoch.outcome.unwrap().position_m;
-            // Squares meet where circles do not: the box knows the tag to a metre.
+            // Squares intersect where circles do not: the bounding box is exact to a metre only.
             let [x, y, _] = [0, 1, 2].map(|axis| (found[axis] - TAG[axis]).abs());
             assert!(near(found, TAG) || solver == Solver::BoundingBox && x < 1.0 && y < 1.0, "{solver:?}: {found:?}");
             assert_eq!(epoch.solver, solver);
@@ -160,7 +160,8 @@ fn differences_find_a_tag_that_only_listens() {
 
 #[test]
 fn differences_between_anchors_that_tell_wrong_places_are_put_right() {
-    // The second says that it is 1 m farther off than it is, 4 m instead of 3 m: 1 m too much was taken off.
+    // The second anchor reports a position that is 1 m too far away, 4 m instead of 3 m. So 1 m too much was
+    // subtracted.
     let mut told = CORNERS;
     told[1] = [4.0, 0.0, 2.0];
     let mut all = differences(told);
@@ -172,7 +173,7 @@ fn differences_between_anchors_that_tell_wrong_places_are_put_right() {
 
 #[test]
 fn a_weak_first_path_is_a_doubt() {
-    // 10 dB are even odds, 20 dB 1/(1 + e^-3) = 0.953.
+    // 10 dB mean a probability of one half, 20 dB mean 1/(1 + e^-3) = 0.953.
     let of = |rx_power_dbm, first_path_power_dbm| {
         let told = Diagnostics { rx_power_dbm, first_path_power_dbm, ..Diagnostics::default() };
         let Reception { features, power_dbm } = at_floor(&[]).reception(&told);
@@ -195,7 +196,8 @@ fn what_the_impulse_response_tells_weighs_its_range() {
         let window: [u16; 30] = core::array::from_fn(|at| if (at == 16) == peak { 900 } else { 0 });
         Shape::of(&window, 16.0).unwrap()
     };
-    // Four anchors, the first of them half a metre too far: the same ranges, but its response says direct or blocked.
+    // Four anchors, the range of the first half a metre too long. The ranges are the same each time, but the response
+    // of the first indicates a direct or a blocked link.
     let mut heard = ranges(|i| Some(CORNERS[i]));
     heard[0].distance_m += 0.5;
     let mut error_m = |direct| {

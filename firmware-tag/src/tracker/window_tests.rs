@@ -3,7 +3,7 @@ use crate::LocatorConfig;
 use wire::ble::{Advertised, IBeacon};
 use wire::config::Beacon;
 
-/// In the corners of a square of 6 m, at the tag's height.
+/// Beacons in the corners of a square of 6 m, at the tag's height.
 fn corners() -> [Beacon; 4] {
     [[0.0, 0.0, 1.0], [6.0, 0.0, 1.0], [6.0, 6.0, 1.0], [0.0, 6.0, 1.0]].map(|position_m: [f32; 3]| Beacon {
         major: 1,
@@ -23,7 +23,7 @@ fn tracker(height_m: Option<f32>, list: &[Beacon]) -> Tracker<'_> {
     LocatorConfig::new(height_m, &[]).with_beacons(KnownBeacons::new(list, None)).tracker()
 }
 
-/// What the window after ten advertisements of each beacon brings.
+/// The result of the window after ten advertisements of each beacon.
 fn after(
     tracker: &mut Tracker<'_>,
     list: &[Beacon],
@@ -55,7 +55,7 @@ fn an_rssi_that_is_none_makes_no_position() {
     for rssi_dbm in [127, 0] {
         let mut tracker = self::tracker(Some(1.0), &list);
         assert_eq!(after(&mut tracker, &list, 0, |_| rssi_dbm), None);
-        // Good ones in between are not spoilt.
+        // Valid advertisements in between still count.
         let mixed = |place| if place == 3 { rssi_dbm } else { -73 };
         let found = after(&mut tracker, &list, 1_000_000, mixed).expect("an epoch").expect("a position");
         assert!((found[0] - 3.0).abs() < 1.0 && (found[1] - 3.0).abs() < 1.0, "{found:?}");
@@ -73,7 +73,8 @@ fn a_tag_that_hears_nothing_any_more_says_so_and_one_that_never_did_is_silent() 
         let end_us = tracker.window_end_us().expect("windows go on");
         told.extend(tracker.window(end_us).map(|epoch| (end_us, epoch.outcome.err())));
     }
-    // A scan may pause: two and a half seconds after the last advertisement, of 0.45 s.
+    // A scan may pause: windows without a position begin two and a half seconds after the last advertisement, which
+    // came at 0.45 s.
     assert!(
         told.iter().all(|(end_us, reason)| *end_us >= 2_950_000 && *reason == Some(SolveError::TooFewAnchors)),
         "{told:?}"

@@ -1,4 +1,5 @@
-//! A tag that ranges once a second and lets its radio sleep meanwhile: in step again each time, without a word of it.
+//! A tag that ranges once a second and lets its radio sleep meanwhile. Each time it is synchronised again, and reports
+//! no change of its link.
 
 use small_air::room;
 use wire::config::{Record, Role, Solver, Tag};
@@ -19,8 +20,8 @@ fn sleeper() -> Record {
 #[test]
 fn a_seldom_tag_sleeps_between_its_turns_and_loses_nothing_but_some_accuracy() {
     let (told, naps) = live(sleeper(), LIFE_S * 1_000_000, room::tag);
-    // A second's turn each, but for the first two; it naps until the beacon of
-    // each turn, and once it knows how well it wakes from there to the round.
+    // One round in each second, except for the first two. The radio sleeps until the sync frame before each round. Once
+    // the tag knows how exactly its radio wakes, the radio also sleeps from the sync frame to the round.
     let fixes: Vec<Fix> =
         told.iter().filter_map(|message| if let Message::Fix(fix) = message { Some(*fix) } else { None }).collect();
     assert!((LIFE_S - 3..=LIFE_S + 1).contains(&(fixes.len() as u64)), "{} rounds", fixes.len());
@@ -40,7 +41,8 @@ fn a_seldom_tag_sleeps_between_its_turns_and_loses_nothing_but_some_accuracy() {
         })
         .collect();
     assert!(errors.len() as u64 + 5 >= LIFE_S, "{} positions", errors.len());
-    // By the carrier alone ranges deviate by 4 to 6 cm with the length of the reply: 0.2 ppm of 2 ms are 6 cm, halved.
+    // With the correction by the carrier alone, ranges deviate by 4 to 6 cm with the reply delay: 0.2 ppm of 2 ms are 6
+    // cm, halved.
     let rms = (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt();
     assert!((0.03..0.16).contains(&rms), "{rms} m");
 }

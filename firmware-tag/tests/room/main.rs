@@ -1,4 +1,5 @@
-//! The tag's app, whole, from its record to telemetry, in the small air's room: six anchors, two receptions in a hundred lost.
+//! The complete program of a tag, from its record to telemetry, in the small air's room: six anchors, and two per cent
+//! of the receptions are lost.
 
 mod doze;
 mod pace;
@@ -14,9 +15,9 @@ use small_air::uptime_us;
 use wire::config::Record;
 use wire::telemetry::{Decoder, Message};
 
-/// What a tag reports in so many microseconds, and how often its radio sleeps.
+/// What a tag reports in `life_us` microseconds, and how often its radio sleeps.
 fn live(record: Record, life_us: u64, tag_in: TagIn) -> (Vec<Message>, u32) {
-    /// One life at a time: the world's clock is the program's.
+    /// One run at a time: the world's clock is global to the program.
     static CLOCK: Mutex<()> = Mutex::new(());
     let _clock = CLOCK.lock().unwrap_or_else(PoisonError::into_inner);
     let (channels, reporter) = (TaskChannels::new(), Reporter::<NoopRawMutex, 4096>::new(uptime_us));

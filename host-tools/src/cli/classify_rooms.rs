@@ -1,4 +1,4 @@
-//! `baliza classify-rooms`: in which room each position is.
+//! `baliza classify-rooms`: finds the room of each position.
 
 use std::collections::HashMap;
 use std::fmt::Write as _;
@@ -13,10 +13,10 @@ use positioning_core::ble::rooms::RoomEstimate;
 
 use super::{note, print, print_json, write};
 
-/// Tell in which room each position is, by the rooms' outlines
+/// Find the room of each position, by the rooms' outlines
 ///
-/// A position near a wall is in both rooms, by its standard deviations. The answer is what a tag says of one position after the other: a
-/// room, `between` two, or `unknown`; it does not flap where somebody stands in a doorway.
+/// A position near a wall is in both rooms, by its standard deviations. The answer is that of a tag for successive
+/// positions: a room, `between` two, or `unknown`. It does not change to and fro while a tag stays in a doorway.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  baliza classify-rooms --positions positions.csv --outlines rooms.csv --truth truth.csv"
@@ -34,13 +34,13 @@ pub struct Arguments {
     /// Write the rooms here and not to standard output: CSV with epoch,t_s,method,room,probability,answer,between
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Print JSON and no rows: a list, an object a method, with method, positions, outside, in_room, between, unknown, changes, and with
-    /// truth judged, accuracy (of the most probable room), wrong (answers of another room)
+    /// Print JSON and no rows: a list, an object a method, with method, positions, outside, in_room, between, unknown,
+    /// changes, and with truth judged, accuracy (of the most probable room), wrong (answers of another room)
     #[arg(long)]
     json: bool,
 }
 
-/// What is printed of a method.
+/// The printed summary of a method.
 #[derive(Default, serde::Serialize)]
 struct Summary {
     method: String,
@@ -55,6 +55,10 @@ struct Summary {
     wrong: Option<usize>,
 }
 
+/// Runs `baliza classify-rooms`.
+///
+/// # Errors
+/// A file is wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(file) = &arguments.out {
         output::check("--out", file)?;

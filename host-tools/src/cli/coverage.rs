@@ -1,4 +1,4 @@
-//! `baliza coverage`: what is heard where.
+//! `baliza coverage`: maps the reception of beacons.
 
 use baliza_report::{mean, percentile};
 use std::fmt::Write as _;
@@ -16,15 +16,15 @@ use host_tools::survey::fingerprint::{Average, Survey};
 use super::recording_args::{CornersM, finite};
 use super::{PictureFile, note, print, print_json, write};
 
-/// Map what is heard where: measured from fingerprints, simulated from beacons and walls, or both side by side
+/// Map the reception of beacons: measured from fingerprints, simulated from beacons and walls, or both side by side
 ///
-/// Simulated maps have the error that a position has at least (the bound of Cramér and Rao), too.
+/// Simulated maps also have the least possible error of a position (the Cramér-Rao bound).
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza coverage --fingerprints fingerprints.csv --plot measured.svg\n  \
                         baliza coverage --beacons calibrated.csv --walls walls.csv --of error --plot error.svg\n  \
                         baliza coverage --fingerprints fingerprints.csv --beacons calibrated.csv --of 3 --plot both.png")]
 pub struct Arguments {
-    /// What was heard at known points: CSV with point,x_m,y_m,beacon,rssi_dbm
+    /// RSSI values at known points: CSV with point,x_m,y_m,beacon,rssi_dbm
     #[arg(long, value_name = "FILE", required_unless_present = "beacons")]
     fingerprints: Option<PathBuf>,
     /// Beacons to simulate: CSV with beacon,x_m,y_m and, where known, rssi_1m_dbm,path_loss_exponent
@@ -33,19 +33,20 @@ pub struct Arguments {
     /// Walls: CSV with x1_m,y1_m,x2_m,y2_m and, where known, attenuation_db; or the corners of an outline, x_m,y_m
     #[arg(long, value_name = "FILE")]
     walls: Option<PathBuf>,
-    /// What a wall takes whose attenuation is not known, dB
+    /// The attenuation of a wall where it is not known, dB
     #[arg(long, value_name = "DB", default_value_t = USUAL_WALL_DB, value_parser = positive)]
     wall_db: f64,
-    /// Weaker is not heard, dBm
+    /// Weaker signals are not received, dBm
     #[arg(long, value_name = "DBM", default_value_t = -90.0, allow_negative_numbers = true, value_parser = finite)]
     sensitivity_dbm: f64,
     /// The side of a cell, metres
     #[arg(long, value_name = "M", default_value_t = 0.25, value_parser = positive)]
     cell_m: f64,
-    /// What is mapped, metres [default: what the files have, and a metre around]
+    /// The mapped area, metres [default: that of the files, and a metre around]
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
     area: Option<CornersM>,
-    /// What is drawn: `mean` (of all beacons' RSSI values), `heard` (how many), `error` (least error of a position), or a beacon by name
+    /// What is drawn: `mean` (of all beacons' RSSI values), `heard` (how many), `error` (least error of a position), or
+    /// a beacon by name
     #[arg(long, value_name = "WHAT", default_value = "mean")]
     of: String,
     /// Draw the map, as .svg or .png
@@ -54,8 +55,8 @@ pub struct Arguments {
     /// Write the cells: CSV with source,x_m,y_m,heard,error_m and a column a beacon with its RSSI, dBm
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Print JSON: a list of objects with source, cells, heard_mean, heard_least, three_heard, error_p50_m, error_p90_m, beacons (beacon,
-    /// heard, mean_dbm, bias_db, rms_db: simulated less measured)
+    /// Print JSON: a list of objects with source, cells, heard_mean, heard_least, three_heard, error_p50_m,
+    /// error_p90_m, beacons (beacon, heard, mean_dbm, bias_db, rms_db: simulated less measured)
     #[arg(long)]
     json: bool,
 }
@@ -67,7 +68,7 @@ pub(super) fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// What is printed of a map.
+/// The printed summary of a map.
 #[derive(serde::Serialize)]
 struct Summary {
     source: &'static str,
@@ -80,7 +81,7 @@ struct Summary {
     beacons: Vec<Row>,
 }
 
-/// What is printed of a beacon.
+/// The printed summary of a beacon.
 #[derive(serde::Serialize)]
 struct Row {
     beacon: String,
@@ -90,13 +91,17 @@ struct Row {
     rms_db: Option<f64>,
 }
 
-/// A map with what it is from, and the errors of its cells where they are known.
+/// A map with the name of its source, and the errors of its cells where they are known.
 struct Source {
     name: &'static str,
     map: Map,
     errors_m: Option<Vec<f64>>,
 }
 
+/// Runs `baliza coverage`.
+///
+/// # Errors
+/// Flags or a file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let picture = PictureFile::plot(arguments.plot.as_deref())?;
     if let Some(file) = &arguments.out {
@@ -151,7 +156,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// The beacons of a survey without a file of beacons; where they are is not known.
+/// The beacons of a survey without a file of beacons. Their positions are not known.
 fn heard_beacons(stays: &[Dwell]) -> Vec<Beacon> {
     let beacon = |name| Beacon {
         name,
@@ -267,7 +272,7 @@ fn cells(sources: &[Source]) -> Result<Vec<u8>> {
     writer.into_inner().map_err(|error| anyhow::Error::from(error.into_error()))
 }
 
-/// The map that is asked for; none of errors that are not known.
+/// Draws the selected map. Errors are drawn only where they are known.
 fn draw(
     arguments: &Arguments,
     source: &Source,
@@ -303,7 +308,7 @@ fn draw(
     })
 }
 
-/// The walls of a file, those without attenuation with `wall_db`, and as they are drawn.
+/// The walls of a file for signals and for pictures. Walls without an attenuation get `wall_db`.
 pub(super) fn barriers(
     file: Option<&Path>,
     wall_db: f64,

@@ -1,4 +1,4 @@
-//! `baliza decode`: any stream of bytes as the telemetry in it.
+//! `baliza decode`: decodes the telemetry in any stream of bytes.
 
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
@@ -9,11 +9,11 @@ use host_tools::node::decode::Stream;
 
 use super::stream::{Input, Writing, catch_ctrl_c, feed_stdout, stream_of};
 
-/// Decode telemetry: what nodes say, from any stream of bytes
+/// Decode telemetry: the messages of nodes, from any stream of bytes
 ///
-/// Messages go to standard output or --out, a count of what came and what was lost to standard error. Whatever the bytes are, the
-/// next whole frame is found; a stream that holds something else too (defmt frames, a boot loader's text) may do so.
-/// docs/wire-format.md has the format.
+/// Messages go to standard output or --out, a count of what was received and what was lost goes to standard error.
+/// After any damaged bytes, the next complete frame is decoded. The stream may also contain other data (defmt frames, a
+/// boot loader's text). docs/wire-format.md has the format.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -43,7 +43,7 @@ Examples:
   baliza decode telemetry.bin --json
   cat /dev/ttyACM0 | baliza decode";
 
-/// Where messages go.
+/// The destination of the messages.
 enum Sink {
     Nowhere,
     Stdout,
@@ -51,7 +51,7 @@ enum Sink {
 }
 
 impl Sink {
-    /// False where nobody reads on.
+    /// Writes bytes; false where the reader has closed its end.
     fn take(&mut self, bytes: &[u8]) -> Result<bool> {
         match self {
             Self::Nowhere => Ok(true),
@@ -61,6 +61,10 @@ impl Sink {
     }
 }
 
+/// Runs `baliza decode`.
+///
+/// # Errors
+/// Flags are wrong, the stream cannot be read, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let lines = arguments.writing.lines()?;
     if let Some(file) = &arguments.out {
@@ -73,7 +77,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         None => Sink::Stdout,
     };
     catch_ctrl_c()?;
-    // A bar among the messages is in their way.
+    // No progress bar between messages on a terminal.
     let shown = matches!(sink, Sink::Stdout) && std::io::stdout().is_terminal();
     let progress = if shown { None } else { input.progress() };
 

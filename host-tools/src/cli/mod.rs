@@ -1,7 +1,7 @@
-//! The subcommands, one module each: its arguments, and `run`, which reads, computes and reports.
+//! The subcommands, one module each. A module has its arguments and `run`, which reads, computes and reports.
 //!
-//! One more command is four files: its module; its `mod` line and its line in [`Command`] here; its test, and the `mod` line of that in
-//! `tests/baliza/main.rs`.
+//! A new command needs four changes: its module, its `mod` line and its line in [`Command`] here, its test, and the
+//! test's `mod` line in `tests/baliza/main.rs`.
 
 mod bench;
 mod ble;
@@ -28,8 +28,8 @@ mod track;
 
 use std::path::Path;
 
-/// The subcommands of one level as one list: each variant is a module with `Arguments`, which clap reads, and `run`, which does what
-/// they ask for.
+/// Declares the subcommands of one level. Each variant is a module with `Arguments`, which clap reads, and `run`, which
+/// executes the command.
 macro_rules! commands {
     ($(#[$about:meta])* enum $name:ident { $($(#[$kind:meta])* $variant:ident($module:ident),)* }) => {
         $(#[$about])*
@@ -38,7 +38,10 @@ macro_rules! commands {
             $($(#[$kind])* $variant($module::Arguments),)*
         }
 
-        /// Runs the command that was given.
+        /// Runs the given command.
+        ///
+        /// # Errors
+        /// The command returns an error.
         pub fn run(command: &$name) -> anyhow::Result<()> {
             match command {
                 $($name::$variant(arguments) => $module::run(arguments),)*
@@ -85,7 +88,7 @@ use host_tools::files::output;
 use host_tools::plot::Format;
 use serde_json::Value;
 
-/// The file of a picture: its name is looked at before any work, it is written after all of it.
+/// The file of a picture. Its name is checked before the work, and the file is written after the work.
 #[derive(Clone, Copy)]
 struct PictureFile<'a> {
     file: &'a Path,
@@ -93,7 +96,7 @@ struct PictureFile<'a> {
 }
 
 impl<'a> PictureFile<'a> {
-    /// The file that a flag names. It must be one that can be written, in a format that can be drawn.
+    /// The file that a flag names. Its format must be supported, and the file must be writable.
     fn of(flag: &'static str, file: &'a Path) -> Result<Self, UserError> {
         output::check(flag, file)?;
         Ok(Self { file, format: Format::of(flag, file)? })
@@ -109,7 +112,7 @@ impl<'a> PictureFile<'a> {
         write(self.file, &self.format.encode(svg)?)
     }
 
-    /// Writes the picture, and tells where it is.
+    /// Writes the picture, and prints its path.
     fn write_and_note(self, svg: String) -> Result<()> {
         self.write(svg)?;
         note(&format!("picture: {}\n", self.file.display()));
@@ -117,7 +120,7 @@ impl<'a> PictureFile<'a> {
     }
 }
 
-/// Writes a file as a whole.
+/// Writes a complete file.
 fn write(file: &Path, bytes: &[u8]) -> Result<()> {
     output::write_file(file, bytes).with_context(|| format!("cannot write {}", file.display()))
 }
@@ -127,7 +130,7 @@ fn print(bytes: &[u8]) -> Result<()> {
     output::write_stdout(bytes).context("cannot write to standard output")
 }
 
-/// Prints one JSON document, its numbers to the sixth decimal: a micrometre is finer than any error.
+/// Prints one JSON document. Its numbers have six decimals, because a micrometre is finer than any error.
 fn print_json(document: &impl serde::Serialize) -> Result<()> {
     let mut document = serde_json::to_value(document).context("cannot write JSON")?;
     round(&mut document);
@@ -136,10 +139,10 @@ fn print_json(document: &impl serde::Serialize) -> Result<()> {
     print(&text)
 }
 
-/// Tells the user something beside the data.
+/// Prints a message for the user, which is not part of the data.
 fn note(text: &str) {
     use std::io::Write;
-    // Without standard error nobody listens.
+    // If standard error is closed, the message is dropped.
     let _ = std::io::stderr().write_all(text.as_bytes());
 }
 

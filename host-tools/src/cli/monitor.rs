@@ -1,4 +1,4 @@
-//! `baliza monitor`: what a node says, as it says it.
+//! `baliza monitor`: shows a node's messages as they arrive.
 
 use std::io::{BufWriter, ErrorKind, IsTerminal, Stdout, Write};
 use std::path::{Path, PathBuf};
@@ -16,11 +16,11 @@ use wire::telemetry::Table;
 
 use super::stream::{self, STOP, SourceArguments, catch_ctrl_c, table_names};
 
-/// Show what a node says: its telemetry, and what its log has beside it
+/// Show a node's output: its telemetry, and its log where that has more
 ///
-/// By probe (the default), serial port, standard input or from files. With --elf, the very ELF file that was flashed, the log is
-/// shown too; without it telemetry alone. Unplugging, resets and new images are survived. Ctrl-C ends it, with a count of what
-/// came and what was lost.
+/// By probe (the default), serial port, standard input or from files. With --elf, the ELF file that was flashed, the
+/// log is shown too; without it only telemetry. Monitoring continues after unplugging, resets and new images. Ctrl-C
+/// ends it, with a count of what was received and what was lost.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -47,7 +47,7 @@ pub struct Arguments {
     /// Show the source location of each line of the log
     #[arg(long, alias = "places")]
     show_source: bool,
-    /// End after so many positions
+    /// End after N positions
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     fixes: Option<u64>,
 }
@@ -68,6 +68,10 @@ enum Format {
     Csv,
 }
 
+/// Runs `baliza monitor`.
+///
+/// # Errors
+/// Flags or the ELF file are wrong, the source fails, or the recording or the output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.table.is_some() && arguments.format != Format::Csv {
         return Err(UserError::flag("--table", "only with --format csv").into());
@@ -89,14 +93,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let (Some(recorder), Some(folder)) = (session.recorded(), &arguments.record) {
         recorder.finish().with_context(|| format!("cannot write the recording into {}", folder.display()))?;
     }
-    // A failure is one line, and follows.
+    // A failure is printed in one line after the output.
     if heard.is_ok() {
         super::note(&format!("{}\n", summary(&session.counts(), begun.elapsed())));
     }
     heard
 }
 
-/// Where the node's bytes come from, and whether it speaks now.
+/// The source of the node's bytes, and whether it is live.
 fn source(arguments: &Arguments, image: Option<&Image>) -> Result<(Box<dyn Source>, bool)> {
     if let Some(file) = arguments.source.file() {
         return Ok((Box::new(Files::open(&file, arguments.defmt_file.as_deref())?), false));
@@ -107,7 +111,7 @@ fn source(arguments: &Arguments, image: Option<&Image>) -> Result<(Box<dyn Sourc
     Ok((arguments.source.live(image, arguments.reset), true))
 }
 
-/// Reads the ELF file again, where it has changed since the last time.
+/// Reads the ELF file again if it has changed since the last time.
 fn reload(file: Option<&Path>) -> Reload {
     let changed = |file: &Path| -> Option<SystemTime> { std::fs::metadata(file).ok()?.modified().ok() };
     let mut read = file.and_then(changed);
@@ -121,20 +125,20 @@ fn reload(file: Option<&Path>) -> Reload {
     })
 }
 
-/// How what the node says is written.
+/// The format of the node's output.
 enum Writing {
     Text(Lines),
     Json,
     Csv(stream::Lines),
 }
 
-/// Standard output for what the node says, standard error for everything else.
+/// Writes the node's output to standard output, and everything else to standard error.
 struct Screen {
     writing: Writing,
     out: BufWriter<Stdout>,
     /// Hidden unless standard error is a terminal.
     bar: ProgressBar,
-    /// Positions counted, when, and how many a second there were before.
+    /// The number of positions, the time of counting, and the rate before that, positions per second.
     rate: (u64, Duration, f64),
 }
 
@@ -168,7 +172,7 @@ impl Screen {
         read_on(self.out.flush()).map(drop)
     }
 
-    /// What is written for what is said; empty where it is of no concern.
+    /// The text of one item of the node's output; empty where the item is not shown.
     fn text(&mut self, said: &Said) -> Result<Vec<u8>> {
         match &mut self.writing {
             Writing::Text(lines) => Ok(lines.line(said).unwrap_or_default().into_bytes()),
@@ -188,7 +192,7 @@ impl Screen {
     }
 }
 
-/// Whether someone reads on: a reader that went away (`| head`) has what it wanted.
+/// Whether the reader still reads. A reader that closed its end (`| head`) is not an error.
 fn read_on(written: std::io::Result<()>) -> Result<bool> {
     match written {
         Ok(()) => Ok(true),
@@ -204,7 +208,7 @@ impl Listener for Screen {
         if bar.is_hidden() || text.is_empty() {
             return read_on(out.write_all(&text));
         }
-        // A line and the bar may share the terminal.
+        // A line and the progress bar may be on the same terminal.
         read_on(bar.suspend(|| out.write_all(&text).and_then(|()| out.flush())))
     }
 

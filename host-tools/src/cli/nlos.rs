@@ -1,4 +1,4 @@
-//! `baliza nlos`: what tells blocked ranges from direct ones, trained and scored.
+//! `baliza nlos`: trains and scores classifiers of blocked and direct ranges.
 
 use baliza_report::MarkdownTable;
 use std::collections::HashMap;
@@ -46,8 +46,8 @@ pub struct Train {
     /// Where the models go
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Score every classifier by cross-validation too, with whole placements left out: those that this column tells
-    /// apart
+    /// Also score every classifier by cross-validation, with whole placements left out; this column distinguishes the
+    /// placements
     #[arg(long, value_name = "COLUMN")]
     folds: Option<String>,
     /// How many folds
@@ -81,11 +81,11 @@ pub struct Eval {
     json: bool,
 }
 
-/// Learn a range's error from range and power, and see how far the lesson carries
+/// Learn a range's error from range and power, and see how far the result can be transferred
 ///
-/// Gaussian process and perceptron, for direct and for blocked ranges, each told which is which: corrected are ranges
-/// from the placements that were learnt, from others in the same building, and from another building. A demonstration:
-/// neither a node nor a filter corrects ranges so.
+/// Gaussian process and perceptron, with separate models for direct and for blocked ranges, by their true labels.
+/// Ranges are corrected from the training placements, from other placements in the same building, and from another
+/// building. This is a demonstration: neither a node nor a filter corrects ranges so.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  baliza nlos mitigation --cir cir.csv --anchors anchors.csv --ranges ranges.csv --truth truth.csv"
@@ -111,7 +111,7 @@ pub struct Mitigation {
     json: bool,
 }
 
-/// What is printed of a classifier.
+/// The printed results of a classifier.
 #[derive(Debug, serde::Serialize)]
 struct Row {
     features: String,
@@ -141,6 +141,10 @@ impl Row {
     }
 }
 
+/// Runs `baliza nlos`.
+///
+/// # Errors
+/// Flags or a file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     match arguments {
         Arguments::Train(arguments) => train(arguments),
@@ -151,7 +155,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 impl Receptions {
     fn read(&self, placement: Option<&str>) -> Result<Samples, UserError> {
-        // Columns live as long as the program: there is one.
+        // The column's name is needed until the end of the program, and there is only one.
         let placement: &'static str = match placement {
             Some(column) => String::leak(column.to_owned()),
             None => train::DEFAULT_PLACEMENT,
@@ -166,7 +170,7 @@ impl Receptions {
         Ok(samples)
     }
 
-    /// The first file, which errors about all of them name.
+    /// The first file. Errors about all files name it.
     fn first(&self) -> PathBuf {
         self.cir.iter().chain(&self.ranges).next().cloned().unwrap_or_default()
     }
@@ -290,7 +294,7 @@ fn ranges_of(outcome: &mitigation::Outcome) -> &'static str {
     if outcome.blocked { "blocked" } else { "direct" }
 }
 
-/// Those that were asked for; all where none was.
+/// The selected classifiers; all where none is selected.
 fn recipes(names: &[String]) -> Result<Vec<&'static Recipe>, UserError> {
     for name in names {
         if !RECIPES.iter().any(|recipe| recipe.method.as_str() == name) {
@@ -305,7 +309,7 @@ fn recipes(names: &[String]) -> Result<Vec<&'static Recipe>, UserError> {
     Ok(RECIPES.iter().filter(asked).collect())
 }
 
-/// The rows in Markdown, as docs/performance.md has them.
+/// The results as a Markdown table, as in docs/performance.md.
 fn table(rows: &[Row]) -> String {
     let sizes = rows.iter().any(|row| row.bytes.is_some());
     let titles = ["classifier", "features", "AUC:", "accuracy:", "Brier:", "receptions:"];

@@ -1,4 +1,4 @@
-//! `baliza plan-anchors`: where to put beacons or anchors.
+//! `baliza plan-anchors`: finds positions for beacons or anchors.
 
 use baliza_report::percentile;
 use std::fmt::Write as _;
@@ -18,10 +18,10 @@ use super::recording_args::{CornersM, finite};
 use super::{PictureFile, print, print_json};
 use crate::cli::progress::Progress;
 
-/// Find places for beacons or anchors that leave the least error over an area
+/// Find positions for beacons or anchors that leave the least error over an area
 ///
-/// The error is the least that levels (of beacons) or ranges (to anchors) allow, with what is known beforehand: the tag is within the area.
-/// Places are added one after the other, then exchanged while that helps.
+/// The error is the least that RSSI values (of beacons) or ranges (to anchors) allow, given that the tag is within the
+/// area. Positions are added one after the other, then exchanged while that reduces the error.
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  baliza plan-anchors --count 5 --area 0,0,7,6.9 --candidates sockets.csv --plot places.svg\n  \
@@ -35,45 +35,45 @@ pub struct Arguments {
     /// What is placed
     #[arg(long, value_name = "KIND", default_value = "beacons")]
     kind: Kind,
-    /// Where one could be put: CSV with beacon,x_m,y_m and, where known, rssi_1m_dbm,path_loss_exponent [default: everywhere, by
-    /// --spacing-m]
+    /// Possible positions: CSV with beacon,x_m,y_m and, where known, rssi_1m_dbm,path_loss_exponent [default:
+    /// everywhere, by --spacing-m]
     #[arg(long, value_name = "FILE")]
     candidates: Option<PathBuf>,
     /// From one candidate to the next, metres
     #[arg(long, value_name = "M", default_value_t = 1.0, value_parser = positive, conflicts_with = "candidates")]
     spacing_m: f64,
-    /// Those that stand already: CSV with the same columns
+    /// Existing beacons or anchors: CSV with the same columns
     #[arg(long, value_name = "FILE")]
     fixed: Option<PathBuf>,
     /// Walls: CSV with x1_m,y1_m,x2_m,y2_m and, where known, attenuation_db; or the corners of an outline, x_m,y_m
     #[arg(long, value_name = "FILE")]
     walls: Option<PathBuf>,
-    /// What a wall takes whose attenuation is not known, dB
+    /// The attenuation of a wall where it is not known, dB
     #[arg(long, value_name = "DB", default_value_t = USUAL_WALL_DB, value_parser = positive)]
     wall_db: f64,
-    /// Where tags are, metres [default: about walls, candidates and those that stand already]
+    /// The area of the tags, metres [default: around walls, candidates and existing beacons or anchors]
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
     area: Option<CornersM>,
-    /// The side of a cell in which the error is looked at, metres
+    /// The side of a cell for which the error is computed, metres
     #[arg(long, value_name = "M", default_value_t = 0.5, value_parser = positive)]
     cell_m: f64,
-    /// Weaker beacons are not heard, dBm
+    /// Weaker beacons are not received, dBm
     #[arg(long, value_name = "DBM", default_value_t = -90.0, allow_negative_numbers = true, value_parser = finite)]
     sensitivity_dbm: f64,
-    /// Deviation of a range in sight, metres (anchors)
+    /// Standard deviation of a range in line of sight, metres (anchors)
     #[arg(long, value_name = "M", default_value_t = 0.1, value_parser = positive)]
     range_sigma_m: f64,
-    /// What each wall between adds to it, metres (anchors)
+    /// The increase of the standard deviation for each wall between, metres (anchors)
     #[arg(long, value_name = "M", default_value_t = 0.3, value_parser = positive)]
     wall_sigma_m: f64,
-    /// Farther anchors are not heard, metres
+    /// Farther anchors are not received, metres
     #[arg(long, value_name = "M", default_value_t = 30.0, value_parser = positive)]
     reach_m: f64,
-    /// Draw the error over the area with the places, as .svg or .png
+    /// Draw the error over the area with the positions, as .svg or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Print JSON: an object with kind, cells, candidates, before_m, error_mean_m, error_p50_m, error_p90_m, error_worst_m, exchanged,
-    /// places (name, x_m, y_m)
+    /// Print JSON: an object with kind, cells, candidates, before_m, error_mean_m, error_p50_m, error_p90_m,
+    /// error_worst_m, exchanged, places (name, x_m, y_m)
     #[arg(long)]
     json: bool,
 }
@@ -81,13 +81,13 @@ pub struct Arguments {
 /// `--kind`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Kind {
-    /// Bluetooth beacons: their levels
+    /// Bluetooth beacons: their RSSI values
     Beacons,
     /// UWB anchors: ranges to them
     Anchors,
 }
 
-/// A place that was chosen.
+/// A selected position.
 #[derive(serde::Serialize)]
 struct Chosen {
     name: String,
@@ -95,7 +95,7 @@ struct Chosen {
     y_m: f64,
 }
 
-/// What `--json` prints.
+/// The output of `--json`.
 #[derive(serde::Serialize)]
 struct Document {
     kind: &'static str,
@@ -110,12 +110,16 @@ struct Document {
     places: Vec<Chosen>,
 }
 
+/// Runs `baliza plan-anchors`.
+///
+/// # Errors
+/// Flags or a file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let picture = PictureFile::plot(arguments.plot.as_deref())?;
     let site = Site::read(arguments)?;
     let problem = site.problem(arguments);
     let count = arguments.count as usize;
-    // Adding all, and one round of exchanges.
+    // Steps for adding all positions, and for one round of exchanges.
     let progress = Progress::new(2 * count * site.candidates.len());
     let found = problem.solve(count, || progress.step());
     drop(progress);
@@ -134,7 +138,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
-/// What the files and flags say of the place.
+/// The data of the site from files and flags.
 struct Site {
     fixed: Vec<Beacon>,
     candidates: Vec<Beacon>,
@@ -166,7 +170,7 @@ impl Site {
         Ok(Self { fixed, candidates, walls, barriers, corners, grid })
     }
 
-    /// What is known in each cell, and what each candidate would add.
+    /// The known information in each cell, and the information that each candidate would add.
     fn problem(&self, arguments: &Arguments) -> Problem {
         let noise = match arguments.kind {
             Kind::Beacons => Noise::Level { sensitivity_dbm: arguments.sensitivity_dbm },
@@ -211,7 +215,7 @@ impl Site {
     }
 }
 
-/// Candidates everywhere, from border to border.
+/// Candidates over the whole area, including its borders.
 fn lattice([least, greatest]: [[f64; 2]; 2], spacing_m: f64) -> Result<Vec<Beacon>, UserError> {
     const MOST: usize = 1000;
     let steps: [f64; 2] = std::array::from_fn(|axis| ((greatest[axis] - least[axis]) / spacing_m).round().max(1.0));

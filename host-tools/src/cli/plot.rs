@@ -1,4 +1,4 @@
-//! `baliza plot`: a picture of a file of positions.
+//! `baliza plot`: draws a file of positions.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -12,7 +12,7 @@ use super::PictureFile;
 
 /// Draw positions: a map with error ellipses, and how large the errors are
 ///
-/// Errors are taken from the column error_m of the positions, or else from the truth of the same epoch.
+/// Errors come from the column error_m of the positions, or else from the truth of the same epoch.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  baliza plot --positions positions.csv --truth truth.csv --anchors anchors.csv --out room.png"
@@ -24,7 +24,7 @@ pub struct Arguments {
     /// Where the tag truly was: CSV with epoch,t_s,x_m,y_m,z_m
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
-    /// LoadedModels anchors: CSV with anchor,x_m,y_m,z_m
+    /// Surveyed anchors: CSV with anchor,x_m,y_m,z_m
     #[arg(long, value_name = "FILE")]
     anchors: Option<PathBuf>,
     /// The picture, as .svg or .png
@@ -32,6 +32,10 @@ pub struct Arguments {
     out: PathBuf,
 }
 
+/// Runs `baliza plot`.
+///
+/// # Errors
+/// A file is wrong, or the picture cannot be drawn or written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let file = PictureFile::of("--out", &arguments.out)?;
     let flat = |place: &Coordinates| [place.x_m, place.y_m];
@@ -54,7 +58,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     file.write_and_note(picture.to_svg()?)
 }
 
-/// The rows by method, in the order in which the methods appear.
+/// The rows by method, in the order in which the methods first appear.
 fn tracks(rows: &[PositionRow], truth: &HashMap<String, Coordinates>) -> Vec<Track> {
     let mut tracks: Vec<Track> = Vec::new();
     for row in rows {

@@ -1,4 +1,4 @@
-//! A progress bar for what takes longer than a second; `indicatif` itself stays silent where there is no terminal.
+//! A progress bar for work of more than a second. Without a terminal, `indicatif` shows nothing.
 
 use std::time::{Duration, Instant};
 
@@ -6,26 +6,26 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// A bar that shows itself late.
+/// A bar that appears only after some time.
 pub struct Progress {
     bar: ProgressBar,
     begun: Instant,
 }
 
 impl Progress {
-    /// For so many steps.
+    /// A bar for `steps` steps.
     pub fn new(steps: usize) -> Self {
         let bar = ProgressBar::with_draw_target(Some(steps as u64), ProgressDrawTarget::hidden());
         let style = ProgressStyle::with_template("{bar:40} {pos}/{len}, {eta} left");
         Self { bar: bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar())), begun: Instant::now() }
     }
 
-    /// One step is done.
+    /// Counts one step as done.
     pub fn step(&self) {
         self.advance(1);
     }
 
-    /// So many steps are done.
+    /// Counts `steps` steps as done.
     pub fn advance(&self, steps: u64) {
         if self.bar.is_hidden() && self.begun.elapsed() > PATIENCE {
             self.bar.set_draw_target(ProgressDrawTarget::stderr());

@@ -15,7 +15,7 @@ use host_tools::node::provision::{EXAMPLE, Node, Site, transfer, warnings};
 use host_tools::train::Chosen;
 use wire::config::{Board, Flasher, MODELS_BYTES, Record};
 
-/// Tell nodes who they are: make their records, write, show and check them
+/// Configure nodes: make their records, write, show and check them
 ///
 /// A record is made from a TOML file, `--config`; --example prints one to begin with. It goes to a file, --out, for
 /// espflash, probe-rs or any other flasher; or over a debug probe into the board, --write. docs/provisioning.md has all
@@ -35,7 +35,7 @@ pub struct Arguments {
     /// Where the record goes; a folder with --all
     #[arg(long, value_name = "PATH", conflicts_with_all = ["show", "read", "check"])]
     out: Option<PathBuf>,
-    /// As bytes, for the address that is told; or as Intel HEX, which has the addresses in it
+    /// As bytes, for the address that is printed; or as Intel HEX, which has the addresses in it
     #[arg(long, value_enum, default_value_t = Format::Bin, requires = "config")]
     format: Format,
     /// Writes the record over a debug probe, reads it back, compares, and starts the node anew
@@ -74,11 +74,15 @@ enum Format {
 
 fn boards() -> impl TypedValueParser<Value = Board> {
     PossibleValuesParser::new(Board::HARDWARE.map(Board::name)).map(|name| {
-        // The parser lets no other through.
+        // The argument parser accepts only known names.
         Board::from_name(&name).unwrap_or(Board::Dwm1001)
     })
 }
 
+/// Runs `baliza provision`.
+///
+/// # Errors
+/// A file or a record is wrong, the probe fails, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(file) = &arguments.config {
         return make(arguments, file);
@@ -105,7 +109,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
-/// `--config`: to files, to a board, or to standard output as it would be shown.
+/// `--config`: writes the records to files or to a board, or prints them as `--show` would.
 fn make(arguments: &Arguments, file: &Path) -> Result<()> {
     let site = Site::read(file)?;
     if arguments.all {
@@ -141,7 +145,7 @@ fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
         Format::Bin => "bin",
         Format::Hex => "hex",
     };
-    // All of them, or none.
+    // All files are written, or none.
     let mut files = Vec::new();
     for node in &site.nodes {
         let board = board_of(arguments, node)?;
@@ -162,7 +166,7 @@ fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
     report(arguments, &done)
 }
 
-/// A file that was made.
+/// A written file.
 #[derive(serde::Serialize)]
 struct Made {
     node: String,
@@ -198,7 +202,7 @@ fn report(arguments: &Arguments, files: &[Made]) -> Result<()> {
     if arguments.json { super::print_json(&files) } else { Ok(()) }
 }
 
-/// What a node gets: its record, and what goes beside it.
+/// The content of a node's flash: its record and its models.
 fn contents<'a>(node: &'a Node, record: &'a Record) -> Contents<'a> {
     Contents { record, model: node.model.as_ref().map(Chosen::bytes), site_models: node.site_models.as_deref() }
 }
@@ -210,7 +214,7 @@ fn encoded(format: Format, board: Board, contents: &Contents<'_>) -> Result<Vec<
     }
 }
 
-/// The board that a node's record is for.
+/// The board of a node's record.
 fn board_of(arguments: &Arguments, node: &Node) -> Result<Board> {
     arguments.board.or(node.board).ok_or_else(|| {
         let what = format!("say what {} is built on, here or by `board` in the file", node.name);

@@ -1,4 +1,4 @@
-//! `baliza record`: what a node tells, as files.
+//! `baliza record`: records a node's telemetry in files.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -14,11 +14,11 @@ use wire::telemetry::Message;
 
 use super::stream::{Input, STOP, SourceArguments, catch_ctrl_c};
 
-/// Record what a node tells, for solve, plot and replay
+/// Record a node's telemetry, for solve, plot and replay
 ///
-/// By probe (the default), serial port, standard input or from a file. The folder gets anchors.csv, ranges.csv and positions.csv,
-/// rssi.csv where beacons were heard, and telemetry.bin, the bytes themselves. Ctrl-C ends a recording; the files appear at its
-/// end. Times run on where the node restarts, and an epoch is a round.
+/// By probe (the default), serial port, standard input or from a file. The folder gets anchors.csv, ranges.csv and
+/// positions.csv, rssi.csv where beacons were received, and telemetry.bin, the received bytes. Ctrl-C ends a recording;
+/// the files appear at its end. Times continue where the node restarts, and an epoch is a round.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -27,7 +27,7 @@ pub struct Arguments {
     out: PathBuf,
     #[command(flatten)]
     source: SourceArguments,
-    /// Where anchors stand that do not say so themselves, by their short addresses: CSV with anchor,x_m,y_m,z_m
+    /// The positions of anchors that do not report theirs, by their short addresses: CSV with anchor,x_m,y_m,z_m
     #[arg(long, value_name = "FILE")]
     anchors: Option<PathBuf>,
     /// Print JSON: what came and what was lost, as decode prints it, and the rows that were recorded
@@ -42,7 +42,7 @@ Examples:
   baliza record --out walk --file telemetry.bin --anchors surveyed.csv
   baliza solve --anchors walk/anchors.csv --ranges walk/ranges.csv";
 
-/// What `--json` prints.
+/// The output of `--json`.
 #[derive(serde::Serialize)]
 struct Document<'a> {
     #[serde(flatten)]
@@ -50,6 +50,10 @@ struct Document<'a> {
     recorded: &'a Recorded,
 }
 
+/// Runs `baliza record`.
+///
+/// # Errors
+/// Flags or a file are wrong, the source fails, or the recording cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let anchors = match &arguments.anchors {
         Some(file) => read_anchors(file)?,
@@ -65,7 +69,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         None => listen(&arguments.source, &mut recording, &until),
     };
     let summary = recording.stream.summary();
-    // What came before a failure is worth its files.
+    // Data received before a failure is still written to the files.
     if summary.bytes == 0 && heard.is_err() {
         return heard;
     }
@@ -79,7 +83,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     heard
 }
 
-/// Takes what a file or a pipe has.
+/// Reads a file or a pipe to its end.
 fn read(input: &Input, recording: &mut Recording, until: &Deadline) -> Result<()> {
     let progress = input.progress();
     while !until.over()
@@ -93,7 +97,7 @@ fn read(input: &Input, recording: &mut Recording, until: &Deadline) -> Result<()
     Ok(())
 }
 
-/// Takes what a live node says, until it is enough.
+/// Listens to a live node until the deadline.
 fn listen(source: &SourceArguments, recording: &mut Recording, until: &Deadline) -> Result<()> {
     const PATIENCE: Duration = Duration::from_millis(50);
     let mut source = source.live(None, false);
@@ -101,7 +105,7 @@ fn listen(source: &SourceArguments, recording: &mut Recording, until: &Deadline)
         match source.next(PATIENCE)? {
             None => {}
             Some(Event::Bytes(Channel::Telemetry, bytes)) => recording.take(&bytes)?,
-            // Its log and its boot loader's text are for `monitor`; what is in flash does not matter here.
+            // The log and the boot loader's text are for `monitor`. The content of the flash does not matter here.
             Some(Event::Bytes(Channel::Log, _) | Event::Text(_) | Event::Flashed { .. } | Event::Restarted) => {}
             Some(Event::Connected(to)) => super::note(&format!("listening to {to}\n")),
             Some(Event::Lost(why)) => {
@@ -115,7 +119,7 @@ fn listen(source: &SourceArguments, recording: &mut Recording, until: &Deadline)
     Ok(())
 }
 
-/// When a recording ends by itself.
+/// The time at which a recording ends.
 struct Deadline {
     begun: Instant,
     limit: Option<Duration>,

@@ -1,4 +1,4 @@
-//! What `solve` and `track` have in common: the recording to read, and the space.
+//! The common arguments of `solve` and `track`: the recording to read, and the space.
 
 use std::path::PathBuf;
 
@@ -8,10 +8,10 @@ use host_tools::{Files, Half, Height, Recording, Setup, Space, UserError};
 
 use super::report::{ByMethod, Output, OutputArgs, Report, flat};
 
-/// The arguments of a command that makes positions of a recording.
+/// The arguments of a command that computes positions from a recording.
 #[derive(clap::Args)]
 pub struct RecordingArgs {
-    /// LoadedModels anchors: CSV with anchor,x_m,y_m,z_m
+    /// Surveyed anchors: CSV with anchor,x_m,y_m,z_m
     #[arg(long, value_name = "FILE")]
     anchors: PathBuf,
     /// Measured ranges: CSV with epoch,t_s,anchor,range_m and, where known, rx_power_dbm,fp_power_dbm,los
@@ -65,6 +65,10 @@ enum Side {
 pub struct CornersM(pub [[f64; 2]; 2]);
 
 impl CornersM {
+    /// Parses the argument of `--area`.
+    ///
+    /// # Errors
+    /// The text is not four numbers, or the least values are not below the greatest ones.
     pub fn parse(text: &str) -> Result<Self, String> {
         let numbers = text.split(',').map(finite).collect::<Result<Vec<_>, _>>()?;
         match numbers[..] {
@@ -75,6 +79,10 @@ impl CornersM {
     }
 }
 
+/// Parses a finite number.
+///
+/// # Errors
+/// The text is not a finite number.
 pub fn finite(text: &str) -> Result<f64, String> {
     match text.trim().parse::<f64>() {
         Ok(number) if number.is_finite() => Ok(number),
@@ -83,7 +91,7 @@ pub fn finite(text: &str) -> Result<f64, String> {
 }
 
 impl RecordingArgs {
-    /// What the flags say of space; flags that do not go together are refused.
+    /// The space that the flags select. Flags that cannot be combined are refused.
     fn space(&self) -> Result<Space, UserError> {
         match self.dims {
             Dims::Two if self.side.is_some() => Err(UserError::flag("--side", "only with --dims 3")),
@@ -101,10 +109,10 @@ impl RecordingArgs {
         }
     }
 
-    /// Checks where the report goes, and reads the recording.
+    /// Checks the destinations of the report, and reads the recording.
     ///
     /// # Errors
-    /// Flags do not go together, an output cannot be written, or the first line of a file that is wrong.
+    /// Flags cannot be combined, an output cannot be written, or a file is wrong; the error names the first wrong line.
     pub fn read(&self) -> Result<Input<'_>, UserError> {
         let setup = Setup { space: self.space()?, area_m: self.area.map(|CornersM(corners)| corners) };
         let output = self.output.check()?;
@@ -119,7 +127,7 @@ impl RecordingArgs {
     }
 }
 
-/// A recording, how it is to be solved, and where the report goes.
+/// A recording, the settings for solving it, and the destination of the report.
 pub struct Input<'a> {
     pub recording: Recording,
     pub setup: Setup,
@@ -128,7 +136,8 @@ pub struct Input<'a> {
 }
 
 impl Input<'_> {
-    /// Reports positions of the recording's epochs; with `consistency` their errors are compared with the uncertainties.
+    /// Reports positions of the recording's epochs. With `consistency`, their errors are compared with their
+    /// uncertainties.
     ///
     /// # Errors
     /// A file cannot be written.

@@ -1,4 +1,4 @@
-//! `baliza replay`: a recorded stream at its own pace.
+//! `baliza replay`: plays a recorded stream at its own pace.
 
 use std::path::PathBuf;
 use std::thread;
@@ -11,8 +11,8 @@ use super::stream::{Input, Writing, feed_stdout, stream_of};
 
 /// Play a recorded stream at its own pace
 ///
-/// The times in the messages say when each is due. Messages go to standard output as decode writes them, or with --raw the
-/// bytes, as the node sent them. In the end standard error has a count of what came and what was lost.
+/// The times in the messages say when each is due. Messages go to standard output as decode writes them, or with --raw
+/// the bytes, as the node sent them. In the end standard error has a count of what came and what was lost.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -41,12 +41,16 @@ fn speed(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Runs `baliza replay`.
+///
+/// # Errors
+/// Flags are wrong, the stream cannot be read, or the output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let lines = arguments.writing.lines()?;
     let input = Input::open(Some(&stream_of(&arguments.file)))?;
     let mut stream = Stream::default();
     let mut clock = Clock { speed: arguments.speed, begun: Instant::now(), first_t_s: None, last_t_s: f64::INFINITY };
-    // What is due, and after it the bytes that have not become a message.
+    // The output that is due, followed by the bytes that are not a complete message yet.
     let mut due = if arguments.raw { Vec::new() } else { lines.header()? };
     let mut bytes = Vec::new();
     while let Some(chunk) = input.next()? {
@@ -77,10 +81,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// A recorded pause longer than this is left out, seconds: nobody waits for a time that a node told wrongly.
+/// A longer recorded pause is left out, seconds, so that a wrong time from a node does not cause a long wait.
 const LONGEST_PAUSE_S: f64 = 3600.0;
 
-/// Turns recorded times into waits.
+/// Converts recorded times to waits.
 struct Clock {
     speed: f64,
     begun: Instant,
@@ -89,14 +93,14 @@ struct Clock {
 }
 
 impl Clock {
-    /// How long it is to a recorded time, from the first one on; `None` where it has come.
+    /// The wait until a recorded time, relative to the first recorded time; `None` where the time has passed.
     fn until(&mut self, t_s: f64) -> Option<Duration> {
         let first_t_s = self.first_t_s.get_or_insert(t_s);
         let pause_s = t_s - std::mem::replace(&mut self.last_t_s, t_s);
         if pause_s > LONGEST_PAUSE_S {
             *first_t_s += pause_s;
         }
-        // Beyond what a duration holds there is no end to wait for.
+        // Times beyond the range of a duration are limited to its maximum.
         let due = Duration::try_from_secs_f64(((t_s - *first_t_s) / self.speed).max(0.0)).unwrap_or(Duration::MAX);
         due.checked_sub(self.begun.elapsed()).filter(|wait| !wait.is_zero())
     }
@@ -110,7 +114,7 @@ mod tests {
     fn pauses_are_kept_and_absurd_ones_left_out() {
         let mut clock = Clock { speed: 2.0, begun: Instant::now(), first_t_s: None, last_t_s: f64::INFINITY };
         assert_eq!(clock.until(5.0), None);
-        // Half an hour at twice the speed: a quarter of one.
+        // Half an hour at twice the speed is a quarter of an hour.
         assert!(clock.until(1805.0).is_some_and(|wait| wait > Duration::from_secs(890)));
         let after = clock.until(1.8e12).map_or(Duration::ZERO, |wait| wait);
         assert!(after <= Duration::from_secs(900), "{after:?}");

@@ -1,4 +1,4 @@
-//! What a command that makes positions reports: a file of them, a picture, a summary.
+//! The report of a command that computes positions: a file of positions, a picture, and a summary.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -13,7 +13,7 @@ use host_tools::{Coordinates, Epoch, Solved, UserError};
 
 use super::PictureFile;
 
-/// Where a report goes.
+/// The destinations of a report.
 #[derive(clap::Args)]
 pub struct OutputArgs {
     /// Write the positions here and not to standard output
@@ -35,7 +35,10 @@ pub struct Output<'a> {
 }
 
 impl OutputArgs {
-    /// Refuses files that could not be written, before any work is done for them.
+    /// Refuses files that cannot be written, before any work is done for them.
+    ///
+    /// # Errors
+    /// A file cannot be written, or its picture format is not supported.
     pub fn check(&self) -> Result<Output<'_>, UserError> {
         if let Some(file) = &self.out {
             output::check("--out", file)?;
@@ -44,36 +47,36 @@ impl OutputArgs {
     }
 }
 
-/// Positions of all epochs, by a method.
+/// Positions of all epochs, by method.
 pub type ByMethod = Vec<(String, Vec<Solved>)>;
 
-/// What a command that makes positions reports.
+/// The content of a report.
 pub struct Report<'a> {
-    /// The epochs, one a position.
+    /// The epochs, with one position each.
     pub epochs: &'a [Epoch],
-    /// Names and places of what stands on the map.
+    /// Names and positions of the anchors or beacons on the map.
     pub anchors: Vec<(String, [f64; 2])>,
     /// Both ends of every wall, metres.
     pub walls_m: Vec<[[f64; 2]; 2]>,
-    /// Whether there was a truth.
+    /// Whether the true positions are known.
     pub with_errors: bool,
     /// Whether to compare the errors with the uncertainties.
     pub consistency: bool,
-    /// Of positions by beacons: how many neighbours each method has, where it has some.
+    /// For positions by beacons: the number of neighbours of each method, where the method has neighbours.
     pub neighbours: Option<Vec<Option<usize>>>,
     /// The positions.
     pub solved: &'a ByMethod,
 }
 
 impl Report<'_> {
-    /// Writes positions and picture, and prints the summary.
+    /// Writes the positions and the picture, and prints the summary.
     ///
     /// # Errors
     /// A file cannot be written.
     pub fn write(&self, output: &Output) -> Result<()> {
         let OutputArgs { out, plot, json } = output.arguments;
         let summaries = self.summaries();
-        // Drawn before anything is written: a picture that fails leaves no file.
+        // The picture is drawn before any file is written, so that an error in drawing leaves no file.
         let picture = match output.picture {
             Some(PictureFile { file, format }) => Some((file, format.encode(self.picture().to_svg()?)?)),
             None => None,
@@ -129,12 +132,12 @@ impl Report<'_> {
     }
 }
 
-/// A place as seen from above, metres.
+/// The horizontal coordinates of a position, metres.
 pub fn flat(place: &Coordinates) -> [f64; 2] {
     [place.x_m, place.y_m]
 }
 
-/// What `--json` prints of a method.
+/// The summary of a method for `--json`.
 #[derive(Debug, serde::Serialize)]
 struct Summary {
     method: String,
@@ -150,14 +153,14 @@ struct Summary {
     consistency: Option<Consistency>,
 }
 
-/// What only positions by beacons tell.
+/// The part of a summary that only positions by beacons have.
 #[derive(Debug, serde::Serialize)]
 struct ByBeacons {
     k: Option<usize>,
     points: usize,
 }
 
-/// How the horizontal errors go with the uncertainties.
+/// The comparison of the horizontal errors with the uncertainties.
 #[derive(Debug, serde::Serialize)]
 struct Consistency {
     /// The share of the errors inside the 1σ ellipse: 0.39 where the covariance is right.
@@ -198,7 +201,7 @@ impl Summary {
     }
 }
 
-/// The summaries for reading, with the reasons of what was not fixed.
+/// The summaries as text, with the reasons for epochs without a position.
 fn table(summaries: &[Summary], solved: &[(String, Vec<Solved>)]) -> String {
     let mut text = format!(
         "{:<16} {:>7} {:>7} {:>8} {:>8} {:>8} {:>8}\n",

@@ -28,9 +28,9 @@ use crate::cli::progress::Progress;
 /// Simulate whole nodes: tags that range to anchors and find their positions
 ///
 /// The firmware's own apps run, each over the driver on a simulated DW1000 behind SPI, with drifting clocks, walls,
-/// losses and collisions in between; beacons advertise beside them. Without --scenario, tags walk in a furnished room of 12 m by 8 m. Equal arguments
-/// print equal bytes. Positions go to standard output (on a terminal a table of some of them), a summary to standard
-/// error.
+/// losses and collisions in between; beacons advertise beside them. Without --scenario, tags walk in a furnished room
+/// of 12 m by 8 m. Equal arguments print equal bytes. Positions go to standard output (on a terminal a table of some of
+/// them), a summary to standard error.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -55,8 +55,8 @@ pub struct Arguments {
     /// How deep radios are simulated [default: the scenario's, or spi]
     #[arg(long, alias = "level", value_name = "FIDELITY")]
     fidelity: Option<FidelityName>,
-    /// What the nodes run on that the scenario gives no board of their own: what code, bus and interrupts take, and what current
-    /// (instant: nothing but the bus) [default: the scenario's, or dwm1001]
+    /// What the nodes run on that the scenario gives no board of their own: what code, bus and interrupts take, and
+    /// what current (instant: nothing but the bus) [default: the scenario's, or dwm1001]
     #[arg(long, value_name = "BOARD", value_parser = board())]
     board: Option<BoardProfile>,
     /// How many times longer everything on the nodes takes than estimated, but the bytes on their buses [default: 1]
@@ -65,21 +65,22 @@ pub struct Arguments {
     /// Positions a second that each tag wants [default: as many as it can get]
     #[arg(long, value_name = "HZ", value_parser = rate)]
     rate: Option<f64>,
-    /// Solve each round by itself, by any method of `baliza solve` [default: the scenario's, or as the tag does: by a track]
+    /// Solve each round by itself, by any method of `baliza solve` [default: the scenario's, or as the tag does: by a
+    /// track]
     #[arg(long, value_name = "METHOD")]
     method: Option<Method>,
-    /// How tags make their rounds: one poll and a response of each anchor; or with a final too, whose arrival anchors tell in their
-    /// next responses [default: the scenario's, or single-sided]
+    /// How tags make their rounds: one poll and a response of each anchor; or also with a final message, whose time of
+    /// arrival anchors report in their next responses [default: the scenario's, or single-sided]
     #[arg(long, value_name = "SCHEME", value_parser = schemes())]
     scheme: Option<Scheme>,
     /// What the tags' records say that they make their positions by [default: the scenario's method, or track]
     #[arg(long, value_name = "SOLVER", value_parser = solvers(), conflicts_with = "method")]
     solver: Option<Solver>,
-    /// Let all ranges count alike, whatever their powers tell of the line of sight
+    /// Give all ranges the same weight, whatever their powers show about the line of sight
     #[arg(long, alias = "ignore-powers")]
     no_power_weighting: bool,
-    /// A trained classifier that tells links without line of sight, in the tags: a file of `nlos train`. Where it asks for impulse
-    /// responses, tags read them, and --out has their features
+    /// A trained classifier that detects links without line of sight, in the tags: a file of `nlos train`. Where it
+    /// needs impulse responses, tags read them, and --out has their features
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// Which of the file's classifiers, where it has several
@@ -94,9 +95,9 @@ pub struct Arguments {
     /// The tags' height, metres (--dims 2) [default: the scenario's, or 1.2]
     #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = height)]
     height_m: Option<f32>,
-    /// A folder for anchors.csv, ranges.csv, truth.csv and positions.csv, as `baliza solve` reads and writes them, with beacons
-    /// also beacons.csv and rssi.csv; and for what nodes report, as `baliza decode`, `monitor` and `replay` read it: telemetry.bin
-    /// of the first tag, telemetry-ADDRESS.bin of each other node
+    /// A folder for anchors.csv, ranges.csv, truth.csv and positions.csv, as `baliza solve` reads and writes them, with
+    /// beacons also beacons.csv and rssi.csv; and for what nodes report, as `baliza decode`, `monitor` and `replay`
+    /// read it: telemetry.bin of the first tag, telemetry-ADDRESS.bin of each other node
     #[arg(long, value_name = "FOLDER")]
     out: Option<PathBuf>,
     /// Capture every frame on the air, for Wireshark
@@ -105,8 +106,8 @@ pub struct Arguments {
     /// Draw the tracks on the floor plan, as .svg or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Survey the beacons instead, and write the stays (fingerprints.csv): what `baliza ble map` and `baliza ble rooms` make the map and the
-    /// rooms of that the scenario names
+    /// Survey the beacons instead, and write the dwells (fingerprints.csv), from which `baliza ble map` and `baliza ble
+    /// rooms` make the map and the rooms that the scenario names
     #[arg(long, value_name = "FILE", requires = "scenario", conflicts_with_all = ["out", "pcap", "plot", "json"])]
     survey: Option<PathBuf>,
     /// From one point of the survey to the next, metres, 0.1 to 100
@@ -119,8 +120,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", requires = "survey")]
     survey_rooms: Option<PathBuf>,
     /// Print JSON and no positions: tags, anchors, seconds, fixes, fixes_per_s, rmse_m, p50_m, p90_m, frames_sent,
-    /// frames_lost, collisions, airtime_share, tag_mean_current_ma, charge_per_fix_uc and tag_currents_ma (board and DW1000, from
-    /// the first position on; none with --fidelity air); with beacons also bluetooth
+    /// frames_lost, collisions, airtime_share, tag_mean_current_ma, charge_per_fix_uc and tag_currents_ma (board and
+    /// DW1000, from the first position on; none with --fidelity air); with beacons also bluetooth
     #[arg(long)]
     json: bool,
 }
@@ -139,11 +140,11 @@ Examples:
   baliza simulate --mode tdoa --tags 100 --anchors 8 --fidelity air
   baliza simulate --fidelity air --tags 1000 --anchors 200 --rate 10 --json";
 
-/// The height of tags in the plane that nobody told, metres.
+/// The height of tags in the plane where none is configured, metres.
 const HEIGHT_M: f32 = 1.2;
-/// From one look at the simulation to the next, simulated seconds.
+/// The interval between two updates of the output, simulated seconds.
 const STEP_S: f64 = 0.1;
-/// From one row a tag of the table on a terminal to the next, seconds; and the tags that have rows.
+/// The interval between two rows of a tag in the table on a terminal, seconds; and the number of tags with rows.
 const ROW_S: f64 = 0.5;
 const ROW_TAGS: usize = 8;
 
@@ -161,7 +162,7 @@ enum FidelityName {
 enum ModeName {
     /// They ask anchors, and range to all that answer
     Native,
-    /// They only hear anchors ask each other: by differences of arrival, any number of tags in one room
+    /// They only receive the messages between anchors: by differences of arrival, any number of tags in one room
     #[value(alias = "tdoa")]
     Listening,
 }
@@ -176,7 +177,7 @@ fn solvers() -> impl TypedValueParser<Value = Solver> {
         .try_map(|name| Solver::from_name(&name).ok_or("there is no such solver"))
 }
 
-/// As many as addresses allow, which begin at 1 and 4097.
+/// The range of the number of nodes. Addresses begin at 1 and at 4097, which limits the number.
 fn count() -> clap::builder::RangedI64ValueParser<u16> {
     clap::value_parser!(u16).range(1..=4000)
 }
@@ -206,7 +207,7 @@ fn rate(text: &str) -> Result<f64, String> {
 
 fn board() -> impl TypedValueParser<Value = BoardProfile> {
     PossibleValuesParser::new(BoardProfile::ALL.map(|board| board.name)).map(|name| {
-        // One of them.
+        // The parser accepts only the name of one of the boards.
         BoardProfile::named(&name).unwrap_or(BoardProfile::DWM1001)
     })
 }
@@ -256,7 +257,7 @@ impl Arguments {
         }
         scenario.tag.rate_hz = self.rate.or(scenario.tag.rate_hz);
         scenario.tag.method = match self.solver {
-            // A track is no method.
+            // A track is not a method.
             Some(solver) => solver.name().parse().ok(),
             None => self.method.or(scenario.tag.method),
         };
@@ -268,7 +269,7 @@ impl Arguments {
         scenario.tag.weigh_nlos &= !self.no_power_weighting;
         if let Some(file) = &self.model {
             let chosen = Chosen::read(file, self.classifier.as_deref())?;
-            // It lives as long as the program: there is one.
+            // The model is needed until the end of the program, and there is only one.
             scenario.tag.model = Some(chosen.bytes().to_vec().leak());
         }
         scenario.tag.height_m = match (self.dims, self.height_m) {
@@ -296,6 +297,10 @@ fn read(file: &Path) -> Result<Scenario, UserError> {
     Scenario::parse(&text).map_err(|error| UserError::line(file, error.line as u64, error.message))
 }
 
+/// Runs `baliza simulate`.
+///
+/// # Errors
+/// Flags, the scenario or another file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let scenario = arguments.scenario()?;
     if let Some(file) = &arguments.survey {
@@ -359,14 +364,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// What goes to standard output while the simulation runs.
+/// The output to standard output while the simulation runs.
 enum Show {
     Nothing,
-    /// Every position, as a file.
+    /// Every position, in the format of a file.
     Rows {
         method: &'static str,
     },
-    /// On a terminal: now and then a line a tag, and whatever changes.
+    /// On a terminal: one line for each tag at intervals, and a line for every change.
     Lines {
         next_s: Vec<(u16, f64)>,
     },
@@ -442,7 +447,7 @@ fn epoch_text(epoch: &SimulatedEpoch) -> String {
     text
 }
 
-/// The summary for reading.
+/// The summary as text.
 fn told(summary: &Summary) -> String {
     let metres = |figure: Option<f64>| figure.map_or_else(|| "-".to_owned(), |m| format!("{m:.3} m"));
     let mut text = format!(

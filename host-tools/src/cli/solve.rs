@@ -1,4 +1,4 @@
-//! `baliza solve`: one fix an epoch, no memory between epochs.
+//! `baliza solve`: one fix for each epoch, without memory between epochs.
 
 use anyhow::Result;
 use host_tools::{Recording, Setup, Solver};
@@ -10,8 +10,8 @@ use crate::cli::progress::Progress;
 
 /// Solve every epoch of a recording on its own, as the tag's first fix does
 ///
-/// Rows of one `epoch` in the file of ranges make one fix. The positions go to standard output or --out as CSV, a summary to
-/// standard error. An epoch without position is a row with empty coordinates and a reason.
+/// Rows of one `epoch` in the file of ranges make one fix. The positions go to standard output or --out as CSV, a
+/// summary to standard error. An epoch without position is a row with empty coordinates and a reason.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -28,7 +28,7 @@ Examples:
   baliza solve --anchors anchors.csv --ranges ranges.csv --truth truth.csv --plot room.png
   baliza solve --anchors anchors.csv --ranges ranges.csv --truth truth.csv --dims 2 --height-from-truth --method all --json";
 
-/// `--method`: which ones.
+/// `--method`: the selected methods.
 #[derive(Clone, Debug)]
 struct Methods(Vec<Method>);
 
@@ -46,6 +46,10 @@ fn methods_help() -> String {
     format!("How ranges become a position: a name, several with commas, or all. Names: {names}")
 }
 
+/// Runs `baliza solve`.
+///
+/// # Errors
+/// Flags or a file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let input = arguments.recording.read()?;
     let solved = solve(&input.recording, &arguments.method.0, input.setup);

@@ -1,4 +1,5 @@
-//! What `monitor`, `record`, `decode` and `replay` share: where a stream comes from, how its messages are written, and Ctrl-C.
+//! The common parts of `monitor`, `record`, `decode` and `replay`: the source of a stream, the format of its messages,
+//! and Ctrl-C.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,7 +17,7 @@ use wire::telemetry::{Fix, Message, Table};
 
 use crate::cli::progress::Progress;
 
-/// Where what a node says comes from: a probe, if nothing else is told.
+/// The source of a node's bytes. The default is a probe.
 #[derive(Clone, Debug, clap::Args)]
 pub struct SourceArguments {
     #[command(flatten)]
@@ -33,7 +34,7 @@ pub struct SourceArguments {
     /// Read a stream from a file, or from a folder that record made
     #[arg(long, value_name = "FILE", group = "source", conflicts_with_all = BY_PROBE)]
     file: Option<PathBuf>,
-    /// End after so many seconds
+    /// End after N seconds
     #[arg(long, value_name = "N", value_parser = seconds)]
     pub seconds: Option<Duration>,
 }
@@ -41,12 +42,15 @@ pub struct SourceArguments {
 const BY_PROBE: [&str; 3] = ["probe", "chip", "speed"];
 
 impl SourceArguments {
-    /// The stream's file, if one is to be read.
+    /// The stream's file, if a file is to be read.
     pub fn file(&self) -> Option<PathBuf> {
         self.file.as_deref().map(stream_of)
     }
 
-    /// The file or standard input; `None` where a live node is meant.
+    /// The file or standard input; `None` for a live node.
+    ///
+    /// # Errors
+    /// The file cannot be opened.
     pub fn input(&self) -> Result<Option<Input>, UserError> {
         match self.file() {
             Some(file) => Input::open(Some(&file)).map(Some),
@@ -55,7 +59,8 @@ impl SourceArguments {
         }
     }
 
-    /// The live node, by serial port or probe. By probe its image is compared with what is in flash, and it can be reset first.
+    /// The live node, by serial port or probe. With a probe, its image is compared with the content of the flash, and
+    /// the node can be reset first.
     pub fn live(&self, image: Option<&Image>, reset: bool) -> Box<dyn Source> {
         match &self.serial {
             Some(name) => {
@@ -69,7 +74,7 @@ impl SourceArguments {
     }
 }
 
-/// A length of time from its seconds.
+/// Parses a duration in seconds.
 fn seconds(text: &str) -> Result<Duration, String> {
     let seconds: f64 = text.parse().map_err(|_| format!("\"{text}\" is not a number"))?;
     Duration::try_from_secs_f64(seconds).map_err(|error| error.to_string())
@@ -78,14 +83,17 @@ fn seconds(text: &str) -> Result<Duration, String> {
 /// A stream in a file or on standard input.
 pub struct Input {
     chunks: Chunks,
-    /// What is read, for errors.
+    /// The name of the input, for error messages.
     name: String,
     /// The file's length, bytes.
     length: usize,
 }
 
 impl Input {
-    /// Of a file; without one, standard input.
+    /// Opens a file; without a file, standard input.
+    ///
+    /// # Errors
+    /// The file cannot be opened.
     pub fn open(file: Option<&Path>) -> Result<Self, UserError> {
         let Some(path) = file else {
             let chunks = Chunks::new(std::io::stdin());
@@ -96,21 +104,28 @@ impl Input {
         Ok(Self { chunks: Chunks::new(file), name: path.display().to_string(), length })
     }
 
-    /// A bar for the whole of a file.
+    /// A progress bar for a complete file.
     pub fn progress(&self) -> Option<Progress> {
         (self.length > 0).then(|| Progress::new(self.length))
     }
 
     /// The next bytes; `None` at the end, or after Ctrl-C.
+    ///
+    /// # Errors
+    /// The input cannot be read.
     pub fn next(&self) -> Result<Option<Vec<u8>>> {
         self.chunks.next(&STOP).with_context(|| format!("cannot read {}", self.name))
     }
 }
 
-/// Ctrl-C was pressed.
+/// Whether Ctrl-C was pressed.
 pub static STOP: AtomicBool = AtomicBool::new(false);
 
-/// From now on Ctrl-C ends the reading and not the program, so that what came is written; pressed twice, it ends the program.
+/// From now on, Ctrl-C ends the reading but not the program, so that the received data is written. A second Ctrl-C ends
+/// the program.
+///
+/// # Errors
+/// The handler cannot be installed.
 pub fn catch_ctrl_c() -> Result<()> {
     ctrlc::set_handler(|| {
         if STOP.swap(true, Ordering::Relaxed) {
@@ -120,7 +135,7 @@ pub fn catch_ctrl_c() -> Result<()> {
     .context("cannot watch for Ctrl-C")
 }
 
-/// How messages are written.
+/// The format of the messages.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct Writing {
     /// How messages are written
@@ -140,20 +155,23 @@ enum Format {
     Csv,
 }
 
-/// A table's name, each with what its message says of it.
+/// The names of the tables, each with a description of its message.
 pub fn table_names() -> impl TypedValueParser<Value = Table> {
     PossibleValuesParser::new(Message::tables().map(|table| PossibleValue::new(table.name).help(table.about)))
         .try_map(|name| Message::tables().find(|table| table.name == name).ok_or("no such table"))
 }
 
-/// Makes text of messages.
+/// Formats messages as text.
 pub enum Lines {
     Json,
     Csv(Table),
 }
 
 impl Writing {
-    /// What the flags ask for; flags that do not go together are refused.
+    /// The format that the flags select.
+    ///
+    /// # Errors
+    /// The flags cannot be combined.
     pub fn lines(self) -> Result<Lines, UserError> {
         match (self.format, self.table) {
             (Format::Jsonl, Some(_)) => Err(UserError::flag("--table", "only with --format csv")),
@@ -164,12 +182,15 @@ impl Writing {
 }
 
 impl Lines {
-    /// The rows of a table, of positions where none is named.
+    /// The rows of a table; those of positions where no table is given.
     pub fn csv(table: Option<Table>) -> Self {
         Self::Csv(table.unwrap_or(Fix::POSITIONS))
     }
 
-    /// What stands before all messages.
+    /// The text before all messages.
+    ///
+    /// # Errors
+    /// The CSV writer returns an error.
     pub fn header(&self) -> Result<Vec<u8>> {
         match self {
             Self::Json => Ok(Vec::new()),
@@ -177,7 +198,10 @@ impl Lines {
         }
     }
 
-    /// Appends a message; nothing where it is of no concern.
+    /// Appends a message. A message that does not belong to the table is left out.
+    ///
+    /// # Errors
+    /// The message cannot be serialized.
     pub fn append(&self, text: &mut Vec<u8>, stamp: Stamp, message: &Message) -> Result<()> {
         match self {
             Self::Json => {
@@ -200,12 +224,15 @@ fn csv_row<T: AsRef<[u8]>>(fields: &[T]) -> Result<Vec<u8>> {
     writer.into_inner().map_err(|error| anyhow::Error::from(error.into_error()))
 }
 
-/// Writes to standard output; false where nobody reads on.
+/// Writes to standard output; false where the reader has closed its end.
+///
+/// # Errors
+/// Standard output cannot be written for another reason.
 pub fn feed_stdout(bytes: &[u8]) -> Result<bool> {
     output::feed_stdout(bytes).context("cannot write to standard output")
 }
 
-/// The file that is meant: of a folder that `record` made, its stream.
+/// The stream's file: for a folder that `record` made, the file in it.
 pub fn stream_of(path: &Path) -> PathBuf {
     if path.is_dir() { path.join("telemetry.bin") } else { path.to_owned() }
 }

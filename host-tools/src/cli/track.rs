@@ -1,4 +1,4 @@
-//! `baliza track`: the tag's own engine over the epochs in order.
+//! `baliza track`: sends the epochs in their order through the tag's own engine.
 
 use std::path::PathBuf;
 
@@ -14,25 +14,25 @@ use crate::cli::progress::Progress;
 
 /// Follow a tag through a recording, as the tag itself does: weighting, gates, filter
 ///
-/// The epochs go through the engine of the tag in their order. The first one is solved by itself; from then on every range
-/// changes the track. The positions go to standard output or --out as CSV, a summary to standard error.
+/// The epochs go through the engine of the tag in their order. The first one is solved by itself; from then on every
+/// range changes the track. The positions go to standard output or --out as CSV, a summary to standard error.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
     #[command(flatten)]
     recording: RecordingArgs,
-    /// What to make of the probability that a link is without line of sight, which comes from rx_power_dbm and fp_power_dbm,
+    /// How to use the probability that a link is without line of sight, which comes from rx_power_dbm and fp_power_dbm,
     /// or from --model
     #[arg(long, value_name = "HOW", default_value = "weigh")]
     nlos: Nlos,
-    /// A trained classifier that tells links without line of sight: a file of `nlos train`; where a range lacks what it
-    /// asks for, its powers tell
+    /// A trained classifier that detects links without line of sight: a file of `nlos train`; where a range lacks the
+    /// features for it, the powers are used
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// Which of the file's classifiers, where it has several
     #[arg(long, value_name = "NAME", requires = "model")]
     classifier: Option<String>,
-    /// Tell also how the errors go with the uncertainties (in JSON: inside_1_sigma, nees)
+    /// Also print how the errors agree with the uncertainties (in JSON: inside_1_sigma, nees)
     #[arg(long, requires = "truth")]
     consistency: bool,
 }
@@ -48,19 +48,23 @@ Examples:
 enum Nlos {
     /// A range's variance grows with it
     Weigh,
-    /// Ranges that are rather blocked are left out, but four are kept
+    /// Ranges that are more probably blocked than not are left out, but at least four are kept
     Ignore,
     /// Nothing
     Alike,
 }
 
-/// Whether a reception tells what the classifier asks for; what only time tells, the track knows.
+/// Whether a reception has the diagnostics that the classifier needs. The track itself knows features of time.
 fn could_tell(model: &Model<'_>, features: &Features) -> bool {
     let mut could = true;
     model.for_each_feature(&mut |feature| could &= features.get(feature).is_some() || feature.is_of_time());
     could
 }
 
+/// Runs `baliza track`.
+///
+/// # Errors
+/// Flags, the classifier or another file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let weighting = match arguments.nlos {
         Nlos::Weigh => Weighting::Weigh,
@@ -86,7 +90,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     input.report(&vec![("track".to_owned(), solved)], arguments.consistency)
 }
 
-/// Positions of the epochs, in the order of the file; the tracker gets them in the order of time.
+/// Positions of the epochs, in the order of the file. The tracker processes them in the order of time.
 fn track(recording: &Recording, setup: Setup, weighting: Weighting, model: Option<&Model<'_>>) -> Vec<Solved> {
     let settings = settings(&setup, weighting, model.is_some());
     let mut tracker = Tracker::new(&recording.anchors, setup, settings, model);

@@ -1,7 +1,8 @@
 //! The files of Bluetooth beacons: `beacons.csv`, `fingerprints.csv`, `targets.csv`, `rssi.csv`, `walls.csv`.
 //!
-//! Text flows in, rows grouped by point or epoch in the file's order flow out. RSSI values are passed on as they were reported, also those
-//! that no receiver can have measured: judging them is `positioning_core::ble`'s, the same for files and for the air.
+//! The functions read text and return rows, grouped by point or epoch, in the file's order. RSSI values are passed on
+//! as reported, including values that no receiver can have measured. `positioning_core::ble` checks them, in the same
+//! way for files and for received advertisements.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -12,9 +13,9 @@ use crate::{Column, Coordinates, NoPosition, Position, Row, Solved, Table, UserE
 /// A beacon, and what is known of its signal.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Beacon {
-    /// What the other files call it.
+    /// The beacon's name in the other files.
     pub name: String,
-    /// Where it is, metres.
+    /// Its position, metres.
     pub position_m: [f64; 2],
     /// Its height, metres.
     pub height_m: Option<f64>,
@@ -26,58 +27,59 @@ pub struct Beacon {
     pub deviation_db: Option<f64>,
 }
 
-/// One advertisement heard.
+/// One received advertisement.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sample {
-    /// Who sent it.
+    /// The beacon that sent it.
     pub beacon: String,
     /// Its RSSI as reported, dBm.
     pub rssi_dbm: f64,
-    /// When it came, seconds; where the file does not say, the time of the row before it, and 0 at first.
+    /// The time of reception, seconds. Where the file does not give it: the time of the row before, or 0 for the first
+    /// row.
     pub t_s: f64,
 }
 
-/// Samples taken at a known point: a fingerprint, or a target to be found.
+/// Samples taken at a known point: a fingerprint, or a target whose position is to be found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dwell {
-    /// What the file calls the point.
+    /// The point's name in the file.
     pub point: String,
-    /// The room that it is in.
+    /// The room of the point.
     pub room: Option<String>,
-    /// Where it is, metres.
+    /// The point's position, metres.
     pub position_m: [f64; 2],
-    /// What was heard there, in the file's order.
+    /// The samples received there, in the file's order.
     pub samples: Vec<Sample>,
 }
 
-/// Samples that make one position: an epoch of `rssi.csv`, or a stay whose point is not told to the solver.
+/// Samples that make one position: an epoch of `rssi.csv`, or a dwell whose position is not given to the solver.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Capture {
-    /// What the file calls it.
+    /// The capture's name in the file.
     pub name: String,
     /// The time of its first row, seconds.
     pub t_s: Option<f64>,
-    /// Where it truly was, metres.
+    /// The tag's true position, metres.
     pub truth_m: Option<[f64; 2]>,
-    /// Whether it is a stay at a point: nothing joins it to the capture before it.
+    /// Whether the capture is a dwell at a point. A dwell does not continue the capture before it.
     pub is_stay: bool,
-    /// What was heard, in the file's order.
+    /// The received samples, in the file's order.
     pub samples: Vec<Sample>,
 }
 
 /// A wall.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wall {
-    /// Its ends, metres.
+    /// The wall's two ends, metres.
     pub ends_m: [[f64; 2]; 2],
-    /// What it takes from a signal through it, dB.
+    /// The attenuation of a signal through the wall, dB.
     pub attenuation_db: Option<f64>,
 }
 
 /// Reads `beacons.csv`: `beacon,x_m,y_m` and, where known, `z_m,rssi_1m_dbm,path_loss_exponent,deviation_db`.
 ///
 /// # Errors
-/// The first line that is wrong: a beacon that stands twice, an exponent or a deviation that is not above 0.
+/// The first line that is wrong: a beacon that is listed twice, or an exponent or a deviation that is not above 0.
 pub fn read_beacons(file: &Path) -> Result<Vec<Beacon>, UserError> {
     let mut table = Table::open(file)?;
     let (beacon, x, y) = (table.column("beacon")?, table.column("x_m")?, table.column("y_m")?);
@@ -103,11 +105,11 @@ pub fn read_beacons(file: &Path) -> Result<Vec<Beacon>, UserError> {
     if beacons.is_empty() { Err(UserError::line(file, 1, "no beacons below the header")) } else { Ok(beacons) }
 }
 
-/// Reads `fingerprints.csv` or `targets.csv`: `point,x_m,y_m,beacon,rssi_dbm` and, where known, `t_s,room`. A row without an RSSI says
-/// that the beacon was not heard.
+/// Reads `fingerprints.csv` or `targets.csv`: `point,x_m,y_m,beacon,rssi_dbm` and, where known, `t_s,room`. A row
+/// without an RSSI means that the beacon was not received.
 ///
 /// # Errors
-/// The first line that is wrong: a point that is in two places or in two rooms.
+/// The first line that is wrong: a point that has two positions or two rooms.
 pub fn read_stays(file: &Path) -> Result<Vec<Dwell>, UserError> {
     let mut table = Table::open(file)?;
     let (point, x, y) = (table.column("point")?, table.column("x_m")?, table.column("y_m")?);
@@ -137,8 +139,8 @@ pub fn read_stays(file: &Path) -> Result<Vec<Dwell>, UserError> {
     if stays.is_empty() { Err(UserError::line(file, 1, "no samples below the header")) } else { Ok(stays) }
 }
 
-/// Reads `rssi.csv`: `epoch,t_s,beacon,rssi_dbm`, or a file of stays, whose points are their truth. `truth` is `truth.csv`; epochs
-/// that it alone has are captures that heard nothing, and come last.
+/// Reads `rssi.csv`: `epoch,t_s,beacon,rssi_dbm`, or a file of dwells, whose points are the true positions. `truth` is
+/// `truth.csv`. Epochs that are only in `truth.csv` become captures without samples, at the end of the list.
 ///
 /// # Errors
 /// The first line that is wrong.
@@ -178,11 +180,11 @@ fn read_epochs(file: &Path) -> Result<Vec<Capture>, UserError> {
     if captures.is_empty() { Err(UserError::line(file, 1, "no samples below the header")) } else { Ok(captures) }
 }
 
-/// Reads `walls.csv`: the corners of an outline in their order, `x_m,y_m` (or `x,y`), each joined to the next; or walls one by
-/// one, `x1_m,y1_m,x2_m,y2_m`, where known with `attenuation_db`.
+/// Reads `walls.csv`. The file has the corners of an outline in their order, `x_m,y_m` (or `x,y`), and each corner is
+/// joined to the next. Or the file has single walls, `x1_m,y1_m,x2_m,y2_m` and, where known, `attenuation_db`.
 ///
 /// # Errors
-/// The first line that is wrong; fewer than two corners; an attenuation below 0.
+/// The first line that is wrong, fewer than two corners, or an attenuation below 0.
 pub fn read_walls(file: &Path) -> Result<Vec<Wall>, UserError> {
     let mut table = Table::open(file)?;
     let mut walls = Vec::new();
@@ -209,7 +211,8 @@ pub fn read_walls(file: &Path) -> Result<Vec<Wall>, UserError> {
     if walls.is_empty() { Err(UserError::line(file, 1, "no wall below the header")) } else { Ok(walls) }
 }
 
-/// The places of captures in a list, by their time; stays are in the file's order, as each may have a clock of its own.
+/// The indices of captures, sorted by their time. Dwells keep the file's order, because each dwell may have a clock of
+/// its own.
 pub fn in_order(captures: &[Capture]) -> Vec<usize> {
     if captures.iter().any(|capture| capture.is_stay) {
         return (0..captures.len()).collect();
@@ -218,7 +221,7 @@ pub fn in_order(captures: &[Capture]) -> Vec<usize> {
 }
 
 impl Capture {
-    /// Its outcome, with the error where the truth is known.
+    /// The capture's outcome, with the error where the true position is known.
     pub(crate) fn solved(&self, outcome: Result<Position, NoPosition>) -> Solved {
         let truth = self.truth_m.map(|[x_m, y_m]| Coordinates { x_m, y_m, z_m: None });
         let error_m = outcome.ok().zip(truth).map(|(position, truth)| position.place.distance_m(&truth));
@@ -233,7 +236,7 @@ impl From<Dwell> for Capture {
     }
 }
 
-/// The columns of what was heard.
+/// The columns of the received samples.
 #[derive(Clone, Copy, Debug)]
 struct Signal {
     beacon: Column,
@@ -264,7 +267,7 @@ mod tests {
 
     use super::{read_beacons, read_captures, read_stays, read_walls};
 
-    /// Files in a folder that lives as long as the test.
+    /// Files in a folder that exists as long as the test runs.
     fn files<const N: usize>(texts: [&str; N]) -> (tempfile::TempDir, [PathBuf; N]) {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let mut index = 0;

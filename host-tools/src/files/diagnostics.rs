@@ -1,10 +1,11 @@
-//! The receiver's diagnostics of each reception in a file: [`Features`] computed from them, or in columns of their own names.
+//! The receiver's diagnostics of each reception in a file. [`Features`] are computed from them, or are read from
+//! columns with the features' names.
 
 use positioning_core::nlos::{Feature, Features, first_path_to_noise_db, power_difference_db};
 
 use crate::{Column, Row, Table, UserError};
 
-/// The columns, as far as a file has them.
+/// The columns that a file has.
 pub struct DiagnosticColumns {
     /// The range, metres.
     pub range: Column,
@@ -13,28 +14,28 @@ pub struct DiagnosticColumns {
     amplitudes: [Column; 3],
     cir_power: Column,
     noise: Column,
-    /// Features that stand in the file by their names.
+    /// Features that have a column of their own.
     named: [Column; Feature::ALL.len()],
 }
 
-/// The diagnostics of one row; NaN where a figure is not known.
+/// The diagnostics of one row; NaN where a value is not known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Diagnostics {
-    /// Of the reception itself.
+    /// The features of the reception.
     pub features: Features,
-    /// Metres.
+    /// The range, metres.
     pub range_m: f32,
-    /// dBm.
+    /// The received power, dBm.
     pub power_dbm: f32,
 }
 
 impl DiagnosticColumns {
-    /// Those of a `ranges.csv`.
+    /// The columns of a `ranges.csv`.
     pub fn of_ranges(table: &Table) -> Self {
         Self::of(table, ["rx_power_dbm", "fp_power_dbm", "std_noise"])
     }
 
-    /// Those of a `cir.csv`.
+    /// The columns of a `cir.csv`.
     pub fn of_responses(table: &Table) -> Self {
         Self::of(table, ["rsl_dbm", "fsl_dbm", "noise_std_est"])
     }
@@ -51,10 +52,10 @@ impl DiagnosticColumns {
         }
     }
 
-    /// The diagnostics of a row.
+    /// Reads the diagnostics of a row.
     ///
     /// # Errors
-    /// A field is no number.
+    /// A field is not a number.
     pub fn read(&self, row: &Row<'_>) -> Result<Diagnostics, UserError> {
         let known =
             |column| -> Result<f32, UserError> { Ok(row.number(column)?.map_or(f32::NAN, |number| number as f32)) };

@@ -1,4 +1,5 @@
-//! Files: rows of CSV, recordings, positions, captures of beacons; what is written, and what a person is told when a file is wrong.
+//! Files: rows of CSV, recordings, positions, captures of beacons, output files, and the error messages about wrong
+//! files.
 
 pub mod beacons;
 mod diagnostics;

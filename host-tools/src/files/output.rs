@@ -1,4 +1,4 @@
-//! Where results go: whole files or none, and a standard output that may be closed early.
+//! Outputs: each file is written completely or not at all, and standard output may be closed early.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, ErrorKind, Write};
@@ -8,10 +8,10 @@ use tempfile::NamedTempFile;
 
 use crate::UserError;
 
-/// Refuses an output file that could not be written, before any work is done for it.
+/// Refuses an output file that cannot be written, before any work is done for it.
 ///
 /// # Errors
-/// It is a folder, or its folder does not exist.
+/// The file is a folder, or its folder does not exist.
 pub fn check(flag: &'static str, file: &Path) -> Result<(), UserError> {
     if file.is_dir() {
         return Err(UserError::flag(flag, format!("{} is a folder", file.display())));
@@ -23,18 +23,19 @@ pub fn check(flag: &'static str, file: &Path) -> Result<(), UserError> {
     Ok(())
 }
 
-/// Writes a file as a whole: see [`Growing`].
+/// Writes a complete file: see [`Growing`].
 ///
 /// # Errors
-/// The file system's.
+/// The file system returns an error.
 pub fn write_file(file: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut growing = Growing::create(file)?;
     growing.write_all(bytes)?;
     growing.finish()
 }
 
-/// A file that is written beside its place, and put there once it is whole; until then, and if it never is, the place keeps
-/// what it had. A symbolic link stays one; what is not a regular file (a pipe, a terminal) is written to directly.
+/// A file that is written under another name in the same folder, and moved to its place when it is complete. Until then
+/// the place keeps its old content. A symbolic link stays a symbolic link. If the place is not a regular file (a pipe,
+/// a terminal), it is written to directly.
 #[derive(Debug)]
 pub struct Growing {
     file: BufWriter<Target>,
@@ -50,7 +51,7 @@ impl Growing {
     /// Begins a file.
     ///
     /// # Errors
-    /// The file system's.
+    /// The file system returns an error.
     pub fn create(file: &Path) -> io::Result<Self> {
         let target = fs::canonicalize(file).unwrap_or_else(|_| file.to_owned());
         if fs::metadata(&target).is_ok_and(|metadata| !metadata.is_file()) {
@@ -61,7 +62,8 @@ impl Growing {
         builder.prefix(".baliza-");
         #[cfg(unix)]
         {
-            // What any new file gets, less the process's mask: a temporary one would be its owner's alone.
+            // The permissions of any new file, without the bits of the process's mask. A temporary file would be
+            // readable by its owner only.
             use std::os::unix::fs::PermissionsExt;
             builder.permissions(fs::Permissions::from_mode(0o666));
         }
@@ -69,10 +71,10 @@ impl Growing {
         Ok(Self { file: BufWriter::new(Target::Beside(beside, target)) })
     }
 
-    /// Puts the file in its place.
+    /// Moves the file to its place.
     ///
     /// # Errors
-    /// The file system's.
+    /// The file system returns an error.
     pub fn finish(self) -> io::Result<()> {
         match self.file.into_inner().map_err(io::IntoInnerError::into_error)? {
             Target::Direct(_) => Ok(()),
@@ -107,7 +109,7 @@ impl Write for Target {
     }
 }
 
-/// Writes to standard output. A reader that went away (`| head`) has what it wanted.
+/// Writes to standard output. A reader that closed its end (`| head`) is not an error.
 ///
 /// # Errors
 /// Any other failure.
@@ -115,10 +117,10 @@ pub fn write_stdout(bytes: &[u8]) -> io::Result<()> {
     feed_stdout(bytes).map(drop)
 }
 
-/// Writes to standard output, and says whether anybody reads on.
+/// Writes to standard output, and returns whether the reader still reads.
 ///
 /// # Errors
-/// Any failure but a reader that went away.
+/// Any failure except a reader that closed its end.
 pub fn feed_stdout(bytes: &[u8]) -> io::Result<bool> {
     let mut stdout = io::stdout().lock();
     match stdout.write_all(bytes).and_then(|()| stdout.flush()) {

@@ -9,7 +9,10 @@ use crate::{Solved, Table, UserError};
 pub(crate) const COLUMNS: [&str; 11] =
     ["epoch", "t_s", "method", "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m", "sigma_z_m", "used", "reason"];
 
-/// The file as text, of every method the epochs in their order; with a column of errors or not.
+/// The file as text: for every method its epochs in their order. `with_errors` adds a column of errors.
+///
+/// # Errors
+/// The CSV writer returns an error.
 pub fn to_csv<'a>(
     epochs: &[Epoch],
     solved: impl IntoIterator<Item = (&'a str, &'a [Solved])>,
@@ -44,10 +47,11 @@ pub fn to_csv<'a>(
     writer.into_inner().map_err(|error| error.into_error().into())
 }
 
-/// Reads the positions of one method, by epoch: the place, metres, and the standard deviation of an axis; rows without a position are left out.
+/// Reads the positions of one method by epoch: the position and the standard deviation of an axis, both in metres. Rows
+/// without a position are left out.
 ///
 /// # Errors
-/// The first line that is wrong: an epoch that stands twice is of a second method.
+/// The first line that is wrong. An epoch that is listed twice belongs to a second method, which is an error.
 pub fn read_track(file: &Path) -> Result<HashMap<String, ([f64; 2], f64)>, UserError> {
     let mut table = Table::open(file)?;
     let [epoch, x, y] = [table.column("epoch")?, table.column("x_m")?, table.column("y_m")?];
@@ -78,9 +82,9 @@ fn metres(value: Option<f64>) -> String {
 pub struct PositionRow {
     /// The epoch's name.
     pub epoch: String,
-    /// Who found the position.
+    /// The method that found the position.
     pub method: String,
-    /// When, seconds.
+    /// The time, seconds.
     pub t_s: Option<f64>,
     /// The position; `None` where none was found.
     pub place: Option<Coordinates>,

@@ -1,7 +1,7 @@
-//! A recording: surveyed anchors, ranges by epoch, and where the tag truly was.
+//! A recording: surveyed anchors, ranges by epoch, and the tag's true positions.
 //!
-//! In flow `anchors.csv`, `ranges.csv` and, where there is one, `truth.csv`; out flow [`Epoch`]s in the order of their first
-//! range, and between them those of which only the truth is known.
+//! The input is `anchors.csv`, `ranges.csv` and, where there is one, `truth.csv`. The output is a list of [`Epoch`]s in
+//! the order of their first range. Epochs of which only the true position is known are placed between them.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -10,7 +10,7 @@ use crate::files::table::quoted;
 use crate::files::{DiagnosticColumns, Diagnostics};
 use crate::{Table, UserError};
 
-/// A place, metres; its height may be unknown.
+/// A position, metres. Its height may be unknown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coordinates {
     /// East, or along the room.
@@ -24,35 +24,35 @@ pub struct Coordinates {
 /// An anchor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Anchor {
-    /// What `ranges.csv` calls it.
+    /// The anchor's name in `ranges.csv`.
     pub name: String,
-    /// Where it is.
+    /// The anchor's position.
     pub place: Coordinates,
 }
 
-/// A range that was measured.
+/// A measured range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
-    /// Coordinates of the anchor in [`Recording::anchors`].
+    /// Index of the anchor in [`Recording::anchors`].
     pub anchor: usize,
-    /// Metres.
+    /// The range, metres.
     pub range_m: f64,
     /// Ground truth of the line of sight, where known.
     pub line_of_sight: Option<bool>,
-    /// What its receiver measured beside it.
+    /// The receiver's diagnostics of this range.
     pub diagnostics: Diagnostics,
 }
 
 /// The ranges that make one fix.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Epoch {
-    /// What the files call it.
+    /// The epoch's name in the files.
     pub name: String,
     /// Its time, seconds.
     pub t_s: Option<f64>,
     /// The ranges, in the order of the file.
     pub ranges: Vec<Measured>,
-    /// Where the tag truly was.
+    /// The tag's true position.
     pub truth: Option<Coordinates>,
 }
 
@@ -74,9 +74,9 @@ pub struct Files<'a> {
     pub ranges: &'a Path,
     /// `truth.csv`.
     pub truth: Option<&'a Path>,
-    /// Whether an anchor without height is an error.
+    /// Whether an anchor without a height is an error.
     pub anchor_heights: bool,
-    /// Whether a truth file without the column of heights is an error.
+    /// Whether a truth file without a column of heights is an error.
     pub truth_heights: bool,
 }
 
@@ -95,7 +95,7 @@ impl Recording {
         Ok(recording)
     }
 
-    /// Adds the epochs with their ranges; returns their places by name.
+    /// Adds the epochs with their ranges. Returns the epochs' indices by name.
     fn read_ranges(&mut self, file: &Path) -> Result<HashMap<String, usize>, UserError> {
         let mut by_name = HashMap::new();
         let places: HashMap<&str, usize> = self.anchors.iter().enumerate().map(|(i, a)| (a.name.as_str(), i)).collect();
@@ -122,7 +122,7 @@ impl Recording {
         if self.epochs.is_empty() { Err(UserError::line(file, 1, "no ranges below the header")) } else { Ok(by_name) }
     }
 
-    /// Epochs of which no range came through take their place after the one before them in the file of truth.
+    /// Epochs without a range are inserted after the epoch before them in the truth file.
     fn read_truth(&mut self, file: &Path, heights: bool, by_name: &HashMap<String, usize>) -> Result<(), UserError> {
         let mut unheard: Vec<Vec<Epoch>> = vec![Vec::new(); self.epochs.len() + 1];
         let mut next = 0;
@@ -147,15 +147,15 @@ impl Recording {
     }
 }
 
-/// Where the tag truly was at one time.
+/// The tag's true position at one time.
 struct TruthRow {
     epoch: String,
     t_s: Option<f64>,
     place: Coordinates,
 }
 
-/// The places of epochs in a list, by their times: they may stand in any order in a file. One of which nobody noted the time stays
-/// behind the one before it.
+/// The indices of epochs, sorted by their times, since a file may have them in any order. An epoch without a time stays
+/// behind the epoch before it.
 pub fn by_time(times_s: impl IntoIterator<Item = Option<f64>>) -> Vec<usize> {
     let mut last_s = f64::NEG_INFINITY;
     let known = times_s.into_iter().map(|t_s| {
@@ -167,7 +167,7 @@ pub fn by_time(times_s: impl IntoIterator<Item = Option<f64>>) -> Vec<usize> {
     places.into_iter().map(|(place, _)| place).collect()
 }
 
-/// Reads `truth.csv` as epochs and places, in the order of the file.
+/// Reads `truth.csv` as epochs and positions, in the order of the file.
 ///
 /// # Errors
 /// The first line that is wrong.
@@ -193,7 +193,7 @@ fn truth_rows(file: &Path, heights: bool) -> Result<Vec<TruthRow>, UserError> {
     if rows.is_empty() { Err(UserError::line(file, 1, "no positions below the header")) } else { Ok(rows) }
 }
 
-/// Reads `anchors.csv`; an anchor may lack its height.
+/// Reads `anchors.csv`. An anchor may lack its height.
 ///
 /// # Errors
 /// The first line that is wrong.

@@ -1,7 +1,7 @@
-//! A CSV file that anyone may have written: columns by name, rows one at a time, in bounded memory.
+//! A reader of CSV files from any program: columns by name, rows one at a time, in bounded memory.
 //!
-//! A row is a line: unlike general CSV, a quoted field ends on the line where it began. So no file, however broken, makes
-//! the reader hold more than [`LONGEST_LINE`], and every error knows its line.
+//! A row is a line: unlike in general CSV, a quoted field ends on the line where it began. So the reader never holds
+//! more than [`LONGEST_LINE`], however broken the file is, and every error has its line number.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Read};
@@ -11,10 +11,10 @@ use csv::{Reader, ReaderBuilder, StringRecord, Trim};
 
 use crate::UserError;
 
-/// The longest line that is read, bytes.
+/// The longest accepted line, bytes.
 pub const LONGEST_LINE: usize = 64 * 1024;
-/// A record that is read behind each line, and that no line can be: an open quote swallows its beginning, and a carriage return within
-/// the line puts another record before it.
+/// A record that is read after each line, and that no line can contain. An open quote in the line swallows the
+/// beginning of this record. A carriage return within the line puts another record before this one.
 const BEHIND: &str = "\n\".\n.\"\n";
 
 /// A CSV file whose header has been read.
@@ -30,7 +30,7 @@ pub struct Table {
     fields: StringRecord,
 }
 
-/// A column, found by its name; an optional one may be absent, and all its fields are empty then.
+/// A column, found by its name. An optional column may be absent; then all its fields are empty.
 #[derive(Clone, Copy, Debug)]
 pub struct Column {
     name: &'static str,
@@ -38,7 +38,7 @@ pub struct Column {
 }
 
 impl Column {
-    /// Whether the file has it.
+    /// Whether the file has the column.
     pub fn is_present(&self) -> bool {
         self.index.is_some()
     }
@@ -89,10 +89,10 @@ impl Table {
         &self.header
     }
 
-    /// A column that must be there.
+    /// A required column.
     ///
     /// # Errors
-    /// It is not.
+    /// The column is absent.
     pub fn column(&self, name: &'static str) -> Result<Column, UserError> {
         let column = self.optional(name);
         if column.is_present() {
@@ -106,7 +106,7 @@ impl Table {
         }
     }
 
-    /// A column that may be there.
+    /// An optional column.
     pub fn optional(&self, name: &'static str) -> Column {
         Column { name, index: self.header.iter().position(|column| column == name) }
     }
@@ -167,7 +167,7 @@ impl Table {
         }
     }
 
-    /// Splits the line that the cursor has; false where it is not one record.
+    /// Splits the line in the cursor; false where the line is not exactly one record.
     fn split(&mut self) -> bool {
         let mut behind = StringRecord::new();
         let mut next = |record| self.records.read_record(record).is_ok_and(|found| found);
@@ -181,12 +181,12 @@ impl Table {
 }
 
 impl<'a> Row<'a> {
-    /// The line of the file, from 1.
+    /// The row's line number in the file, from 1.
     pub fn line(&self) -> u64 {
         self.line
     }
 
-    /// The text of a field, without blanks around it; empty where it is unknown.
+    /// The text of a field, without blanks around it. It is empty where the value is unknown.
     pub fn text(&self, column: Column) -> &'a str {
         column.index.and_then(|index| self.fields.get(index)).unwrap_or("")
     }
@@ -194,7 +194,7 @@ impl<'a> Row<'a> {
     /// The text of a field that must not be empty.
     ///
     /// # Errors
-    /// It is.
+    /// The field is empty.
     pub fn some_text(&self, column: Column) -> Result<&'a str, UserError> {
         match self.text(column) {
             "" => Err(self.wrong(column, "is empty")),
@@ -205,7 +205,7 @@ impl<'a> Row<'a> {
     /// A finite number; `None` where the field is empty.
     ///
     /// # Errors
-    /// The field is something else.
+    /// The field is not empty and not a finite number.
     pub fn number(&self, column: Column) -> Result<Option<f64>, UserError> {
         match self.text(column) {
             "" => Ok(None),
@@ -217,10 +217,10 @@ impl<'a> Row<'a> {
         }
     }
 
-    /// A finite number that must be there.
+    /// A finite number that is required.
     ///
     /// # Errors
-    /// The field is empty or something else.
+    /// The field is empty or not a finite number.
     pub fn some_number(&self, column: Column) -> Result<f64, UserError> {
         self.number(column)?.ok_or_else(|| self.wrong(column, "is empty"))
     }
@@ -228,7 +228,7 @@ impl<'a> Row<'a> {
     /// 1 or 0, which some programs write as 1.0 or 0.0; `None` where the field is empty.
     ///
     /// # Errors
-    /// The field is something else.
+    /// The field has any other text.
     pub fn truth_value(&self, column: Column) -> Result<Option<bool>, UserError> {
         match self.text(column) {
             "" => Ok(None),
@@ -238,13 +238,13 @@ impl<'a> Row<'a> {
         }
     }
 
-    /// A field of this row is wrong.
+    /// The error of a wrong field in this row.
     pub fn wrong(&self, column: Column, what: &str) -> UserError {
         UserError::line(self.file, self.line, format!("{} {what}", column.name))
     }
 }
 
-/// Foreign text in an error: printable, on one line, and short.
+/// Text from a file for an error message: printable, on one line, and short.
 pub(crate) fn quoted(text: &str) -> String {
     const LONGEST: usize = 60;
     match text.char_indices().nth(LONGEST) {

@@ -1,50 +1,50 @@
-//! What a user did wrong, in one line: the binary prints it as it is and exits with 2.
+//! A user's mistake, in one line. The binary prints the line as it is and exits with code 2.
 
 use std::path::{Path, PathBuf};
 
 /// The input or the arguments are wrong.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UserError {
-    /// A line of a file.
+    /// An error in a line of a file.
     #[error("{}:{line}: {what}", file.display())]
     Line {
         /// The file, as the user named it.
         file: PathBuf,
-        /// The line, from 1.
+        /// The line number, from 1.
         line: u64,
-        /// What is wrong with it.
+        /// What is wrong with the line.
         what: String,
     },
-    /// A file as a whole.
+    /// An error of a whole file.
     #[error("{}: {what}", file.display())]
     File {
         /// The file, as the user named it.
         file: PathBuf,
-        /// What is wrong with it.
+        /// What is wrong with the file.
         what: String,
     },
-    /// An argument.
+    /// An error of an argument.
     #[error("{flag}: {what}")]
     Flag {
         /// The flag, with its dashes.
         flag: &'static str,
-        /// What is wrong with it.
+        /// What is wrong with the argument.
         what: String,
     },
 }
 
 impl UserError {
-    /// A line of a file is wrong.
+    /// The error of a wrong line in a file.
     pub fn line(file: &Path, line: u64, what: impl Into<String>) -> Self {
         Self::Line { file: file.to_owned(), line, what: what.into() }
     }
 
-    /// A file is wrong.
+    /// The error of a wrong file.
     pub fn file(file: &Path, what: impl Into<String>) -> Self {
         Self::File { file: file.to_owned(), what: what.into() }
     }
 
-    /// An argument is wrong.
+    /// The error of a wrong argument.
     pub fn flag(flag: &'static str, what: impl Into<String>) -> Self {
         Self::Flag { flag, what: what.into() }
     }

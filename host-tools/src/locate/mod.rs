@@ -1,4 +1,4 @@
-//! Recordings into positions: a fix for each epoch, a track, positions from beacons.
+//! Positions from recordings: a fix for each epoch, a track, and positions from beacons.
 
 pub mod ble;
 mod solve;

@@ -1,7 +1,7 @@
-//! One fix an epoch, no memory between epochs: the tag's own solver, in the tag's own `f32`.
+//! One fix for each epoch, without memory between epochs: the tag's own solver, in the tag's own `f32`.
 //!
-//! Coordinates are taken relative to the middle of the anchors before they become `f32`, so that a site grid with its origin
-//! far away costs no digits.
+//! Coordinates are taken relative to the middle of the anchors before they become `f32`. So a site grid with a distant
+//! origin does not lose digits.
 
 use positioning_core::ble::fingerprint;
 use positioning_core::engine::Missing;
@@ -9,24 +9,24 @@ use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Method, RangeSample,
 
 use crate::files::{Anchor, Coordinates, Epoch, Measured};
 
-/// In which space to solve.
+/// The space in which to solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Space {
-    /// In the plane; the tag's height says how far ranges reach in it.
+    /// In the plane. The tag's height gives the horizontal part of each range.
     Plane(Height),
-    /// In space; on which side of the anchors the tag is matters where they all lie on one plane. `None`: below, but the
-    /// uncertainty reaches to the image above.
+    /// In space. The side of the anchors on which the tag is matters where all anchors lie in one plane. `None`: below
+    /// the anchors, but the uncertainty reaches to the mirror image above.
     Full(Option<Half>),
 }
 
 /// The tag's height, for the plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Height {
-    /// Not known: ranges are taken as if they were in the plane.
+    /// Not known: ranges are treated as if they were in the plane.
     Unknown,
-    /// Always the same, metres.
+    /// A constant height, metres.
     Fixed(f64),
-    /// That of the truth, epoch by epoch.
+    /// The height of the true position of each epoch.
     FromTruth,
 }
 
@@ -42,40 +42,40 @@ pub enum Half {
 /// How to solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setup {
-    /// In which space.
+    /// The space.
     pub space: Space,
-    /// Where the tag can be at all: least and greatest x and y, metres.
+    /// The area in which the tag can be: least and greatest x and y, metres.
     pub area_m: Option<[[f64; 2]; 2]>,
 }
 
 /// A position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Position {
-    /// Where; in the plane without height.
+    /// The coordinates; without a height in the plane.
     pub place: Coordinates,
     /// Standard deviation of each coordinate, metres.
     pub sigma: Coordinates,
     /// Covariance of x and y, m².
     pub covariance_xy: f64,
-    /// How many anchors' ranges made it.
+    /// The number of anchors whose ranges were used.
     pub used: usize,
 }
 
 /// Why there is no position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoPosition {
-    /// The solver found none.
+    /// The solver found no position.
     SolveError(SolveError),
-    /// The truth of this epoch, from which the height should come, has none.
+    /// The height should come from the epoch's true position, which has no height.
     HeightUnknown,
-    /// The track has none.
+    /// The track has no position.
     Missing(Missing),
-    /// The map of levels has none for the scan.
+    /// The RSSI map has no position for the scan.
     Unmatched(fingerprint::NoPosition),
 }
 
 impl NoPosition {
-    /// The reason as files spell it.
+    /// The reason as written in files.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::SolveError(reason) => reason.as_str(),
@@ -86,21 +86,21 @@ impl NoPosition {
     }
 }
 
-/// What became of an epoch.
+/// The result of an epoch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solved {
     /// The position, or why there is none.
     pub outcome: Result<Position, NoPosition>,
-    /// Its distance from the truth, metres: in space where both have a height, else horizontal.
+    /// The distance from the true position, metres: in space where both have a height, else horizontal.
     pub error_m: Option<f64>,
 }
 
-/// Solves epoch after epoch with the same anchors.
+/// Solves one epoch after another with the same anchors.
 #[derive(Debug)]
 pub struct Solver<'a> {
     anchors: &'a [Anchor],
     setup: Setup,
-    /// What is zero for the solver, metres.
+    /// The solver's origin of coordinates, metres.
     origin: [f64; 3],
 }
 
@@ -110,7 +110,7 @@ impl<'a> Solver<'a> {
         Self { anchors, setup, origin: middle_m(anchors) }
     }
 
-    /// The position of one epoch by `method`, and its error where the truth is known.
+    /// The position of one epoch by `method`, and its error where the true position is known.
     pub fn solve(&self, method: Method, epoch: &Epoch) -> Solved {
         let outcome = match self.setup.space {
             _ if epoch.ranges.is_empty() => Err(NoPosition::SolveError(SolveError::TooFewAnchors)),
@@ -192,7 +192,7 @@ impl<'a> Solver<'a> {
     }
 }
 
-/// The middle of the anchors, metres; zero along an axis of which nothing is known.
+/// The middle of the anchors, metres. It is zero along an axis without known coordinates.
 pub(crate) fn middle_m(anchors: &[Anchor]) -> [f64; 3] {
     let middle = |coordinate: fn(&Coordinates) -> Option<f64>| {
         let (least, greatest) = anchors
@@ -204,7 +204,7 @@ pub(crate) fn middle_m(anchors: &[Anchor]) -> [f64; 3] {
     [middle(|p| Some(p.x_m)), middle(|p| Some(p.y_m)), middle(|p| p.z_m)]
 }
 
-/// Solves with the shortest ranges where there are more than a fix can take: a blocked range is a long one.
+/// Solves with the shortest ranges where there are more than a fix can take, because a blocked range is too long.
 fn solve<const D: usize>(
     method: Method,
     samples: impl Iterator<Item = RangeSample<f32, D>>,
@@ -219,8 +219,8 @@ fn solve<const D: usize>(
 }
 
 impl Position {
-    /// The squared horizontal error in units of its covariance: 2 in the mean where the covariance is right; the 1σ ellipse is
-    /// where it is 1. Not finite without a covariance.
+    /// The squared horizontal error in units of its covariance. Its mean is 2 where the covariance is right. It is 1 on
+    /// the 1σ ellipse. It is not finite without a covariance.
     pub fn normalised_square(&self, truth: &Coordinates) -> f64 {
         let (x, y) = (self.place.x_m - truth.x_m, self.place.y_m - truth.y_m);
         let (xx, yy, xy) = (self.sigma.x_m.powi(2), self.sigma.y_m.powi(2), self.covariance_xy);
@@ -229,7 +229,7 @@ impl Position {
 }
 
 impl Coordinates {
-    /// The distance of two places, metres: in space where both have a height, else horizontal.
+    /// The distance between two positions, metres: in space where both have a height, else horizontal.
     pub fn distance_m(&self, other: &Self) -> f64 {
         let up = self.z_m.zip(other.z_m).map_or(0.0, |(one, other)| one - other);
         ((self.x_m - other.x_m).powi(2) + (self.y_m - other.y_m).powi(2) + up.powi(2)).sqrt()

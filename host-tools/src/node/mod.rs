@@ -1,4 +1,5 @@
-//! A node at its probe, its serial port or its file: the stream of telemetry, the log, recordings of it, and its config record.
+//! A node at a debug probe, at a serial port or in a file: its telemetry stream, its log, recordings of it, and its
+//! config record.
 
 pub mod decode;
 pub mod monitor;

@@ -1,7 +1,7 @@
-//! Debug probes: which one, which chip, and a session with it.
+//! Debug probes: selects a probe and a chip, and opens a session.
 //!
-//! Arguments → [`ProbeArguments::attach`] → a `probe_rs::Session` that reads and writes the chip's memory; or one
-//! sentence that says what to do: plug in, set permissions, name one of several.
+//! Arguments → [`ProbeArguments::attach`] → a `probe_rs::Session` that reads and writes the chip's memory. An error is
+//! one sentence that says what to do: connect a probe, set permissions, or select one of several probes.
 
 use std::sync::Once;
 
@@ -33,8 +33,8 @@ impl ProbeArguments {
     /// finds out.
     ///
     /// # Errors
-    /// [`UserError`] where the arguments do not choose one probe and a known chip; else what did not work, and what may
-    /// help.
+    /// [`UserError`] where the arguments do not select one probe and a known chip. Otherwise an error that says which
+    /// step failed and what may help.
     pub fn attach(&self, default_chip: Option<&str>) -> Result<Session> {
         let registry = registry();
         let target = match (self.chip.as_deref(), default_chip) {
@@ -64,7 +64,7 @@ pub fn supports(chip: &str) -> bool {
     registry().get_target_by_name(chip).is_ok()
 }
 
-/// The chips that probe-rs knows, Espressif's counted.
+/// The chips that probe-rs knows, including those of Espressif.
 fn registry() -> Registry {
     static ESPRESSIF: Once = Once::new();
     ESPRESSIF.call_once(probe_rs_espressif::register_plugin);
@@ -75,7 +75,7 @@ fn find(registry: &Registry, name: &str) -> Result<probe_rs::Target> {
     registry.get_target_by_name(name).map_err(|error| {
         let what = match error {
             RegistryError::ChipNotFound(_) => {
-                // What begins like it, one letter less at a time.
+                // The chips whose names have the longest common beginning with this name.
                 let near = (2..name.chars().count()).rev().map(|length| name.chars().take(length).collect::<String>());
                 let near = near.map(|begin| registry.search_chips(&begin)).find(|near| !near.is_empty());
                 let near = near.unwrap_or_default().into_iter().take(4).collect::<Vec<_>>().join(", ");
@@ -91,7 +91,7 @@ fn find(registry: &Registry, name: &str) -> Result<probe_rs::Target> {
     })
 }
 
-/// The one probe that is meant.
+/// The selected probe.
 fn choose(found: Vec<ProbeListItem>, selector: Option<&DebugProbeSelector>) -> Result<DebugProbeInfo> {
     if found.is_empty() {
         return Err(anyhow!(
@@ -123,12 +123,13 @@ fn list(items: &[ProbeListItem]) -> String {
     items.iter().map(|item| describe(&item.info)).collect::<Vec<_>>().join(", ")
 }
 
-/// What `--probe` takes, and the probe's own name.
+/// The value for `--probe`, and the probe's own name.
 fn describe(info: &DebugProbeInfo) -> String {
     format!("{} ({})", DebugProbeSelector::from(info), info.identifier)
 }
 
-/// A probe that speaks both is told the language of the core; one that speaks only one refuses, and keeps its own.
+/// Selects the wire protocol of the core's type, JTAG or SWD. A probe with only one protocol refuses another one and
+/// keeps its own.
 fn prefer(probe: &mut Probe, core: Option<CoreType>) {
     let protocol = match core {
         Some(CoreType::Riscv | CoreType::Riscv64 | CoreType::Xtensa) => WireProtocol::Jtag,

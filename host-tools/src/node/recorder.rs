@@ -1,8 +1,9 @@
-//! A recording of what a node tells: the folder of tables that `solve`, `plot` and the commands for beacons read, and the bytes
-//! themselves, which `decode`, `monitor` and `replay` read.
+//! A recording of a node's telemetry: the folder of tables that `solve`, `plot` and the commands for beacons read, and
+//! the received bytes, which `decode`, `monitor` and `replay` read.
 //!
-//! In flow bytes and the messages that they are, from wherever; out come `telemetry.bin`, `anchors.csv`, `ranges.csv`, `positions.csv`, and
-//! a file of each further table of which a row came. Nothing is seen of them before [`Recorder::finish`].
+//! The input is the bytes, and the messages decoded from them, from any source. The output is `telemetry.bin`,
+//! `anchors.csv`, `ranges.csv`, `positions.csv`, and a file for each further table with at least one row. The files
+//! appear in the folder only at [`Recorder::finish`].
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -16,45 +17,48 @@ use crate::files::output::Growing;
 use crate::node::decode::{Stamp, row};
 use crate::{Anchor, UserError};
 
-/// Tables that a recording has in any case; others have a file from their first row on.
+/// Tables that every recording has. Each other table gets a file with its first row.
 const ALWAYS: [&str; 2] = ["positions", "ranges"];
 
 type Writer = csv::Writer<Growing>;
 
-/// A recording as it fills.
+/// A recording in progress.
 pub struct Recorder {
     folder: PathBuf,
     bytes: Growing,
-    /// By their names.
+    /// The tables by their names.
     tables: BTreeMap<&'static str, Writer>,
-    /// Columns beside those of telemetry, by the tables' names.
+    /// Columns in addition to those of telemetry, by the tables' names.
     more: BTreeMap<&'static str, Vec<&'static str>>,
-    /// By short address; what the user gives counts more than what the anchors say of themselves.
+    /// The configured positions of anchors, by short address. They have precedence over the positions that anchors
+    /// report.
     given: BTreeMap<u16, [f64; 3]>,
     reported: BTreeMap<u16, [f64; 3]>,
-    /// Ranges to anchors of which nobody has said where they stand.
+    /// Ranges to anchors whose positions are not known yet.
     waiting: BTreeMap<u16, Vec<Vec<String>>>,
     counts: Recorded,
 }
 
-/// What a recording has.
+/// The contents of a recording.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Recorded {
-    /// Rows of each table, by what its rows are called.
+    /// The number of rows of each table, by the name of its rows.
     #[serde(flatten)]
     pub rows: BTreeMap<&'static str, u64>,
     /// Rows of `anchors.csv`.
     pub anchors: u64,
-    /// Ranges that were left out, because nobody said where their anchor stands: how many by its short address.
+    /// The number of ranges that were left out because the position of their anchor was not known, by the anchor's
+    /// short address.
     pub left_out: BTreeMap<u16, u64>,
 }
 
 impl Recorder {
-    /// Begins a recording in a folder, which is made where it does not exist. `anchors` are those whose places are known, by their
-    /// short addresses.
+    /// Begins a recording in a folder, which is created where it does not exist. `anchors` are the anchors with known
+    /// positions, named by their short addresses.
     ///
     /// # Errors
-    /// The folder has a recording already, an anchor's name is no short address, or the file system's.
+    /// The folder already has a recording, an anchor's name is not a short address, or the file system returns an
+    /// error.
     pub fn create(folder: &Path, anchors: &[Anchor]) -> anyhow::Result<Self> {
         let given = anchors.iter().map(address_and_place).collect::<Result<_, _>>()?;
         let tables = Message::tables().map(|table| format!("{}.csv", table.name));
@@ -65,11 +69,11 @@ impl Recorder {
         Self::begin(folder, given, BTreeMap::new())
     }
 
-    /// Begins a recording that replaces the one in its folder. `given` are anchors whose positions are known, metres, by their short
-    /// addresses; `more` are columns that tables have beside those of telemetry, by the tables' names.
+    /// Begins a recording that replaces the recording in its folder. `given` are the known positions of anchors,
+    /// metres, by their short addresses. `more` are additional columns of the tables, by the tables' names.
     ///
     /// # Errors
-    /// The folder is none, or the file system's.
+    /// The path is not a folder, or the file system returns an error.
     pub fn begin(
         folder: &Path,
         given: BTreeMap<u16, [f64; 3]>,
@@ -99,26 +103,26 @@ impl Recorder {
         Ok(recorder)
     }
 
-    /// Takes bytes as they came.
+    /// Records received bytes, unchanged.
     ///
     /// # Errors
-    /// The file system's.
+    /// The file system returns an error.
     pub fn bytes(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.bytes.write_all(bytes)
     }
 
-    /// Takes a message.
+    /// Records a message.
     ///
     /// # Errors
-    /// The CSV writer's.
+    /// The CSV writer returns an error.
     pub fn message(&mut self, stamp: Stamp, message: &Message) -> csv::Result<()> {
         self.message_with(stamp, message, |_| ())
     }
 
-    /// Takes a message whose row `complete` fills up.
+    /// Records a message. `complete` adds fields to its row.
     ///
     /// # Errors
-    /// The CSV writer's.
+    /// The CSV writer returns an error.
     pub fn message_with(
         &mut self,
         stamp: Stamp,
@@ -143,7 +147,7 @@ impl Recorder {
         self.row(&table, &row)
     }
 
-    /// Takes note of where an anchor says that it stands.
+    /// Stores the position that an anchor reports.
     fn place(&mut self, anchor: u16, position_m: Option<[f64; 3]>) {
         self.reported.extend(position_m.map(|position_m| (anchor, position_m)));
     }
@@ -164,10 +168,10 @@ impl Recorder {
         }
     }
 
-    /// Puts all files in their places.
+    /// Moves all files to their places.
     ///
     /// # Errors
-    /// The file system's.
+    /// The file system returns an error.
     pub fn finish(mut self) -> anyhow::Result<Recorded> {
         let mut anchors = writer(&self.folder, "anchors.csv", &["anchor", "x_m", "y_m", "z_m"])?;
         self.reported.extend(self.given);
@@ -185,7 +189,7 @@ impl Recorder {
     }
 }
 
-/// Reads the places of anchors that are called by their short addresses.
+/// The short address and the position of an anchor whose name is its short address.
 fn address_and_place(anchor: &Anchor) -> Result<(u16, [f64; 3]), UserError> {
     let wrong = |what: &str| UserError::flag("--anchors", format!("anchor {:?} {what}", anchor.name));
     let address = anchor.name.parse().map_err(|_| wrong("is not called by its short address, 0 to 65535"))?;

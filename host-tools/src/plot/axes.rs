@@ -10,7 +10,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::Area;
 use super::style::{AXIS, GRID, number, pixels, stroke, text, title, upright};
 
-/// Room for axes and title around a chart, pixels; that on the left where its numbers are short.
+/// Room for axes and title around a chart, pixels; the left one is for short numbers.
 pub const LEFT: u32 = 66;
 pub const RIGHT: u32 = 18;
 pub const TOP: u32 = 40;
@@ -19,21 +19,24 @@ pub const BOTTOM: u32 = 52;
 /// A chart of numbers against numbers.
 pub type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
-/// What stands around a chart.
+/// The labels around a chart.
 pub struct Axes<'a> {
     pub title: &'a str,
-    /// What x and y are, with their units.
+    /// The names of x and y, with their units.
     pub names: [&'a str; 2],
-    /// Room for the upright axis, pixels.
+    /// Room for the vertical axis, pixels.
     pub left: u32,
-    /// Numbers along x and y, at most.
+    /// Greatest number of labels along x and y.
     pub ticks: [usize; 2],
-    /// What stands behind the numbers of y.
+    /// The unit behind the numbers of y.
     pub unit: &'a str,
 }
 
 impl Axes<'_> {
-    /// Draws them over the whole area; the chart in between is of these ranges.
+    /// Draws the axes over the whole area, and returns the chart between them, which has these ranges.
+    ///
+    /// # Errors
+    /// The drawing library fails.
     pub fn draw<'a, 'b>(&self, area: &'a Area<'b>, x: Range<f64>, y: Range<f64>) -> Result<Chart<'a, 'b>> {
         let mut chart = ChartBuilder::on(area)
             .margin_top(pixels(TOP))

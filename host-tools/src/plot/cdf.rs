@@ -1,4 +1,4 @@
-//! How many of the positions are closer to the truth than so much.
+//! The cumulative distribution of errors: the share of positions with a smaller error.
 
 use anyhow::Result;
 
@@ -6,12 +6,15 @@ use super::axes::{Axes, LEFT};
 use super::style::pen;
 use super::{Area, Track};
 
-/// The axis ends where this share of the errors of the worst method is, so that a few outliers do not flatten the rest.
+/// The axis ends at this quantile of the worst method's errors, so that a few outliers do not flatten the rest.
 const SHOWN: f64 = 0.97;
-/// Points of a curve; more are not to be seen.
+/// Number of points of a curve; more would not be visible.
 const POINTS: usize = 400;
 
 /// Draws the curves over the whole area.
+///
+/// # Errors
+/// The drawing library fails.
 pub fn draw(area: &Area, tracks: &[Track]) -> Result<()> {
     let sorted: Vec<Vec<f64>> = tracks
         .iter()
@@ -37,7 +40,7 @@ pub fn draw(area: &Area, tracks: &[Track]) -> Result<()> {
     Ok(())
 }
 
-/// The share of the sorted errors that are below, from zero to the end of the axis.
+/// The share of the sorted errors that is below a value, for values from zero to the end of the axis.
 fn curve(sorted: &[f64], end: f64) -> Vec<(f64, f64)> {
     let share = |error: f64| 100.0 * sorted.partition_point(|e| *e <= error) as f64 / sorted.len() as f64;
     (0..=POINTS).map(|i| end * i as f64 / POINTS as f64).map(|error| (error, share(error))).collect()

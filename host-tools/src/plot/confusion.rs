@@ -1,4 +1,5 @@
-//! A confusion matrix: a row a true class, a column an answer, each cell with its count and as dark as its share of the row.
+//! A confusion matrix: one row a true class, one column an answer. Each cell has its count, and is as dark as its
+//! share of the row.
 
 use anyhow::Result;
 use plotters::prelude::*;
@@ -15,7 +16,7 @@ const MARGIN: u32 = 24;
 /// Draws how often each class was answered for each true class; the last column of `counts` is no answer.
 ///
 /// # Errors
-/// The drawing library's.
+/// The drawing library fails.
 pub fn confusion(method: &str, classes: &[String], counts: &[Vec<usize>]) -> Result<String> {
     let (rows, columns) = (classes.len() as u32, classes.len() as u32 + 1);
     drawing((LEFT + columns * CELL + MARGIN, TOP + rows * CELL + MARGIN), |area| {
@@ -58,7 +59,7 @@ fn labels(
             (corner(0, 0).0 - gap, y + half),
         )?;
     }
-    // Long names of neighbours stand on two levels.
+    // Long names of neighbouring columns are printed at two heights.
     for (index, class) in (0..).zip(classes.iter().map(String::as_str).chain(["no answer"])) {
         let (x, y) = corner(0, index);
         let up = if index % 2 == 0 { 2 * gap } else { 5 * gap };

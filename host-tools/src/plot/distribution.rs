@@ -1,4 +1,4 @@
-//! The distribution of errors alone, with a key: how many positions err less than so much.
+//! The distribution of errors alone, with a legend.
 
 use anyhow::Result;
 
@@ -8,7 +8,7 @@ use super::{Track, cdf, drawing, legend};
 /// Draws the errors of the tracks; their positions are not shown.
 ///
 /// # Errors
-/// The drawing library's.
+/// The drawing library fails.
 pub fn distribution(tracks: &[Track]) -> Result<String> {
     drawing((920, 460), |area| {
         let (left, right) = area.split_horizontally(pixels(640));

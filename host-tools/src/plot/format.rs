@@ -1,4 +1,4 @@
-//! SVG as it is, or rendered to PNG.
+//! Pictures as SVG, or rendered to PNG.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use resvg::{tiny_skia, usvg};
 
 use crate::UserError;
 
-/// Text in PNG looks the same on every machine, and is there on those without fonts.
+/// The font of text in PNG, so that it is the same on every machine, also on those without fonts.
 const FONT: &[u8] = include_bytes!("../../assets/DejaVuSans.ttf");
 /// The font's own name.
 const FAMILY: &str = "DejaVu Sans";
@@ -25,10 +25,10 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format that the file's name asks for.
+    /// The format that belongs to the file's name.
     ///
     /// # Errors
-    /// Neither.
+    /// The name ends in neither of them.
     pub fn of(flag: &'static str, file: &Path) -> Result<Self, UserError> {
         match file.extension().and_then(|extension| extension.to_str()) {
             Some(extension) if extension.eq_ignore_ascii_case("svg") => Ok(Self::Svg),

@@ -1,4 +1,4 @@
-//! Maps of heat: a colour a cell, walls, marks, and a scale beside.
+//! Heat maps: one colour a cell, walls, marks, and a scale at the side.
 
 use anyhow::Result;
 use plotters::prelude::*;
@@ -13,35 +13,35 @@ const SCALE: u32 = 110;
 /// The longer side of a map, pixels.
 const LONGER: f64 = 640.0;
 
-/// A map.
+/// A heat map.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Heat {
-    /// What stands above it.
+    /// The title above it.
     pub title: String,
-    /// Corner with the least coordinates, metres.
+    /// The corner with the least coordinates, metres.
     pub least_m: [f64; 2],
     /// The side of a cell, metres.
     pub cell_m: f64,
-    /// Cells along x.
+    /// Number of cells along x.
     pub columns: usize,
-    /// Row by row; cells without a value stay white.
+    /// The values row by row; cells without a value stay white.
     pub values: Vec<Option<f64>>,
-    /// What the values are, with their unit.
+    /// The name of the values, with their unit.
     pub unit: String,
     /// Whether low values are good, as errors are.
     pub low_is_good: bool,
     /// Both ends of every wall, metres.
     pub walls_m: Vec<[[f64; 2]; 2]>,
-    /// Beacons or anchors by name, metres.
+    /// Beacons or anchors with their names, metres.
     pub stations: Vec<(String, [f64; 2])>,
-    /// Points where something was measured, metres.
+    /// Points of measurements, metres.
     pub points_m: Vec<[f64; 2]>,
 }
 
 /// Draws maps side by side, with one scale.
 ///
 /// # Errors
-/// The drawing library's.
+/// The drawing library fails.
 pub fn heat(maps: &[Heat]) -> Result<String> {
     let values = || maps.iter().flat_map(|map| map.values.iter().flatten().copied()).filter(|value| value.is_finite());
     let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
@@ -90,7 +90,7 @@ impl Heat {
         let cells = self.values.iter().enumerate().filter_map(|(index, value)| {
             let (column, row) = (index % self.columns.max(1), index / self.columns.max(1));
             let corner = (x + self.cell_m * column as f64, y + self.cell_m * row as f64);
-            // Cells overlap a little: between those that only touch, the ground would shine through.
+            // Cells overlap a little: the background would be visible between cells that only touch.
             let side = 1.04 * self.cell_m;
             let end = ((corner.0 + side).min(x + wide), (corner.1 + side).min(y + high));
             let value = (*value).filter(|value| value.is_finite())?;
@@ -130,12 +130,13 @@ fn draw_scale(area: &Area, unit: &str, low_is_good: bool, scale: (f64, f64), hei
     Ok(())
 }
 
-/// Where between the ends of a scale a value is, 0 to 1.
+/// The place of a value between the ends of a scale, 0 to 1.
 fn share(value: f64, (low, high): (f64, f64)) -> f64 {
     ((value - low) / (high - low)).clamp(0.0, 1.0)
 }
 
-/// From dark to light, light is good: the colours of Viridis (van der Walt and Smith), which the colour-blind can tell apart.
+/// From dark to light, where light is good: the colours of Viridis (van der Walt and Smith), which are also distinct
+/// for the colour-blind.
 fn shade(share: f64, low_is_good: bool) -> RGBColor {
     const STOPS: [[f64; 3]; 5] =
         [[68.0, 1.0, 84.0], [59.0, 82.0, 139.0], [33.0, 145.0, 140.0], [94.0, 201.0, 98.0], [253.0, 231.0, 37.0]];

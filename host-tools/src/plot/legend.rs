@@ -1,4 +1,4 @@
-//! The key of a picture: what is what, and each method's figures.
+//! The legend of a picture: symbols and names, and each method's figures.
 
 use anyhow::Result;
 use plotters::prelude::*;
@@ -11,15 +11,18 @@ use super::{Area, Picture, Track};
 /// The height of a line, pixels.
 const LINE: u32 = 24;
 const MARGIN: u32 = 20;
-/// Where the columns are, pixels from the left: symbol, name, and the right edges of the figures.
+/// Positions of the columns, pixels from the left: symbol, name, and the right edges of the figures.
 const SYMBOL: u32 = 66;
 const NAME: u32 = 110;
 const FIGURES: [u32; 4] = [276, 332, 394, 456];
 
-/// Where the first of a list of lines is that stands beside a chart, pixels from the top.
+/// The first line of a list beside a chart, pixels from the top.
 const BESIDE_CHART: u32 = 52;
 
-/// The lines of methods beside a chart, from the top of the area; where the next one would be, pixels.
+/// Draws the lines of methods beside a chart, from the top of the area; returns the place of the next line, pixels.
+///
+/// # Errors
+/// The drawing library fails.
 pub fn methods<'a>(area: &Area, names: impl Iterator<Item = &'a str>) -> Result<i32> {
     let style = text(Pos::new(HPos::Left, VPos::Center));
     let mut y = pixels(BESIDE_CHART) as i32;
@@ -32,14 +35,14 @@ pub fn methods<'a>(area: &Area, names: impl Iterator<Item = &'a str>) -> Result<
     Ok(y)
 }
 
-/// The entries of a key.
+/// The entries of a legend.
 pub struct Key<'a> {
     picture: &'a Picture,
     remarks: Vec<String>,
 }
 
 impl<'a> Key<'a> {
-    /// The key of a picture that shows the view.
+    /// The legend of a picture that shows the view.
     pub fn of(picture: &'a Picture, view: &View) -> Self {
         let outside = picture.tracks.iter().flat_map(|track| &track.dots).filter(|dot| !view.has(dot.at_m)).count();
         let remarks = match outside {
@@ -50,13 +53,16 @@ impl<'a> Key<'a> {
         Self { picture, remarks }
     }
 
-    /// How high it is, pixels.
+    /// Its height, pixels.
     pub fn height(&self) -> u32 {
         let lines = 4 + usize::from(!self.picture.beacons.is_empty()) + self.picture.tracks.len() + self.remarks.len();
         2 * MARGIN + LINE * lines as u32
     }
 
     /// Draws it into the upper left of the area.
+    ///
+    /// # Errors
+    /// The drawing library fails.
     pub fn draw(&self, area: &Area) -> Result<()> {
         let mut line = 0;
         let mut next = || {

@@ -1,4 +1,5 @@
-//! The map: anchors, beacons, truth, positions, ellipses, one metre as long in x as in y.
+//! The map: anchors, beacons, true positions, estimated positions and ellipses. One metre has the same length in x
+//! and y.
 
 use std::f64::consts::TAU;
 
@@ -12,11 +13,11 @@ use super::{Area, Picture, Track};
 
 /// The least and the greatest height of a map, pixels.
 const HEIGHTS: (u32, u32) = (260, 760);
-/// How many ellipses are drawn at most: more cover each other.
+/// Greatest number of ellipses: more would cover each other.
 const ELLIPSES: usize = 48;
-/// Of how many standard deviations an ellipse is.
+/// Radius of an ellipse in standard deviations.
 pub const SIGMAS: f64 = 2.0;
-/// A truth that stays within this box is a point and not a way, metres.
+/// A true position that stays within a box of this size is drawn as a point and not as a path, metres.
 const STILL_M: f64 = 0.02;
 
 /// A box in metres.
@@ -27,8 +28,8 @@ pub struct View {
 }
 
 impl View {
-    /// What the map shows: all anchors and the truth, and as many positions as lie within half as much around them; far outliers
-    /// would shrink the rest to a dot.
+    /// The area of the map: all anchors and true positions, and the positions within a margin of half that size.
+    /// Farther outliers are left out, because they would shrink the rest to a dot.
     pub fn of(picture: &Picture) -> Self {
         let dots = || picture.tracks.iter().flat_map(|track| &track.dots).map(|dot| dot.at_m);
         let known = Self::around(
@@ -57,7 +58,7 @@ impl View {
         })
     }
 
-    /// Larger on every side by a share of its longer side, and by so many metres at least.
+    /// Enlarged on every side by a share of its longer side, and by at least `least_m`.
     fn grown(self, share: f64, least_m: f64) -> Self {
         let [width, height] = self.sides();
         let more = (share * width.max(height)).max(least_m);
@@ -68,36 +69,36 @@ impl View {
         std::array::from_fn(|axis| self.greatest[axis] - self.least[axis])
     }
 
-    /// Whether a point is within.
+    /// Whether a point is inside.
     pub fn has(&self, at: [f64; 2]) -> bool {
         (0..2).all(|axis| (self.least[axis]..=self.greatest[axis]).contains(&at[axis]))
     }
 
-    /// Whether the map is better drawn over the whole width of a picture.
+    /// Whether the map should have the whole width of a picture.
     pub fn is_wide(&self) -> bool {
         let [width, height] = self.sides();
         width > 1.7 * height
     }
 
-    /// How wide the numbers along an axis are, pixels.
+    /// Width of the numbers along an axis, pixels.
     fn numbers_width(&self, axis: usize) -> u32 {
         let longest = [self.least[axis], self.greatest[axis]].map(|c| format!("{c:.0}").len()).into_iter().max();
         8 * (longest.unwrap_or(0) as u32).clamp(3, 16)
     }
 
-    /// Room for the upright axis, pixels: it grows with the numbers.
+    /// Room for the vertical axis, pixels: it grows with the numbers.
     fn left(&self) -> u32 {
         38 + self.numbers_width(1)
     }
 
-    /// How high a map of that width should be, pixels.
+    /// Height of a map of that width, pixels.
     pub fn height_for(&self, width: u32) -> u32 {
         let [metres_wide, metres_high] = self.sides();
         let plot = f64::from(width - self.left() - RIGHT) * metres_high / metres_wide;
         (plot as u32 + TOP + BOTTOM).clamp(HEIGHTS.0, HEIGHTS.1)
     }
 
-    /// Larger on two sides, so that it has the shape of the paper.
+    /// Enlarged on two sides to the shape of the paper.
     fn shaped(self, paper: [f64; 2]) -> Self {
         let sides = self.sides();
         let metres_a_pixel = (sides[0] / paper[0]).max(sides[1] / paper[1]);
@@ -122,18 +123,21 @@ fn middle(points: impl Iterator<Item = [f64; 2]>) -> impl Iterator<Item = [f64; 
     points.into_iter().filter(move |at| (0..2).all(|axis| (bounds[axis].0..=bounds[axis].1).contains(&at[axis])))
 }
 
-/// Every how manyth position of a picture has its ellipse.
+/// An ellipse is drawn for every n-th position of a picture: n.
 pub fn ellipse_step(picture: &Picture) -> usize {
     let ellipses = picture.tracks.iter().flat_map(|track| &track.dots).filter(|dot| dot.sigma_m.is_some()).count();
     ellipses.div_ceil(ELLIPSES).max(1)
 }
 
-/// Whether the truth is one point.
+/// Whether the true position is one point.
 pub fn is_still(truth_m: &[[f64; 2]]) -> bool {
     View::around(truth_m.iter().copied()).is_some_and(|view| view.sides().iter().all(|side| *side < STILL_M))
 }
 
 /// Draws the map over the whole area.
+///
+/// # Errors
+/// The drawing library fails.
 pub fn draw(area: &Area, picture: &Picture, view: &View) -> Result<()> {
     let (width, height) = area.dim_in_pixel();
     let left = view.left();
@@ -198,7 +202,7 @@ fn anchors(chart: &mut Chart, picture: &Picture, view: &View) -> Result<()> {
         let away = away.map(|steps| steps * pixels(1) as i32);
         EmptyElement::at((at[0], at[1])) + Text::new(printable(name), (away[0], away[1]), text(pos))
     };
-    // An anchor's name stands above it, that of a beacon, which may hang beside, on the side where there is more room.
+    // An anchor's name is above it. A beacon may be beside an anchor, so that its name is on the side with more room.
     for anchor in &picture.anchors {
         let name = named(anchor, Pos::new(HPos::Center, VPos::Bottom), [0, -7]);
         chart.draw_series([name + TriangleMarker::new((0, 0), pixels(6), INK.filled())])?;

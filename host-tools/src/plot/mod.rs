@@ -1,4 +1,5 @@
-//! Pictures of positions: a map with anchors, truth, positions and their error ellipses, and how large the errors are.
+//! Pictures of positions: a map with anchors, true positions, estimated positions and their error ellipses, and the
+//! distribution of the errors.
 //!
 //! A [`Picture`] becomes SVG text, drawn by `plotters`; PNG is that SVG, rendered by `resvg` with a font of its own.
 
@@ -29,33 +30,33 @@ pub use thesis::thesis;
 /// What to draw.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {
-    /// Names and places of the anchors, metres.
+    /// Names and positions of the anchors, metres.
     pub anchors: Vec<(String, [f64; 2])>,
-    /// Names and places of the beacons, metres.
+    /// Names and positions of the beacons, metres.
     pub beacons: Vec<(String, [f64; 2])>,
     /// The floor plan: both ends of every wall, metres.
     pub walls_m: Vec<[[f64; 2]; 2]>,
-    /// Where each tag truly was, in order of time, metres.
+    /// The true positions of each tag, in order of time, metres.
     pub truth_m: Vec<Vec<[f64; 2]>>,
-    /// What each method found.
+    /// The results of each method.
     pub tracks: Vec<Track>,
 }
 
-/// What one method found.
+/// The results of one method.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Track {
     /// The method's name.
     pub method: String,
     /// The positions in order of time.
     pub dots: Vec<Dot>,
-    /// Distances from the truth, metres.
+    /// Distances from the true positions, metres.
     pub errors_m: Vec<f64>,
 }
 
 /// A position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dot {
-    /// Where, metres.
+    /// Its coordinates, metres.
     pub at_m: [f64; 2],
     /// Standard deviation of x and y, metres.
     pub sigma_m: Option<[f64; 2]>,
@@ -65,14 +66,14 @@ impl Picture {
     /// The picture as SVG.
     ///
     /// # Errors
-    /// The drawing library's.
+    /// The drawing library fails.
     pub fn to_svg(&self) -> Result<String> {
         let has_errors = self.tracks.iter().any(|track| !track.errors_m.is_empty());
         let view = map::View::of(self);
         let key = legend::Key::of(self, &view);
         let key_height = key.height();
         if view.is_wide() {
-            // Below the wide map: the key, and the errors beside it.
+            // Below the wide map: the legend, and the errors beside it.
             let map_height = view.height_for(1200);
             let lower = if has_errors { key_height.max(360) } else { key_height };
             drawing((1200, map_height + lower), |area| {
@@ -85,7 +86,7 @@ impl Picture {
                 key.draw(&right)
             })
         } else {
-            // Beside the map: the errors above, the key below.
+            // Beside the map: the errors above, the legend below.
             let errors_height = if has_errors { 400 } else { 0 };
             let height = view.height_for(740).max(errors_height + key_height);
             drawing((1240, height), |area| {
@@ -107,10 +108,10 @@ impl Track {
     }
 }
 
-/// Where something is drawn.
+/// An area to draw on.
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
-/// An SVG document of so many pixels, drawn on a white ground.
+/// An SVG document of this size in pixels, with a white background.
 fn drawing(size: (u32, u32), draw: impl FnOnce(&Area) -> Result<()>) -> Result<String> {
     use plotters::prelude::IntoDrawingArea;
     let mut svg = String::new();
@@ -125,7 +126,7 @@ fn drawing(size: (u32, u32), draw: impl FnOnce(&Area) -> Result<()>) -> Result<S
     Ok(svg.replacen(&drawn, &shown, 1))
 }
 
-/// How the SVG backend writes the size of a document.
+/// The size of a document, as the SVG backend writes it.
 fn header((width, height): (u32, u32)) -> String {
     format!(r#"<svg width="{width}" height="{height}""#)
 }

@@ -1,4 +1,5 @@
-//! RSSI values against distance with the path loss by regression and, dotted, as it is learnt on line, a panel a beacon (the thesis' figure 4.5).
+//! RSSI values against distance, with the path loss by regression and, dotted, as a node learns it point by point;
+//! one panel a beacon (figure 4.5 of A. Linde Cerezo's thesis).
 
 use anyhow::Result;
 use plotters::prelude::*;
@@ -9,17 +10,17 @@ use super::drawing;
 use super::style::{INK, number, pen, stroke};
 use crate::survey::calibration::Calibrated;
 
-/// Panels beside each other.
+/// Number of panels side by side.
 const ACROSS: usize = 3;
 /// Size of a panel, pixels.
 const PANEL: (u32, u32) = (400, 300);
 /// Points of a curve.
 const POINTS: u32 = 120;
 
-/// Draws every beacon that was heard.
+/// Draws every beacon that was received.
 ///
 /// # Errors
-/// The drawing library's.
+/// The drawing library fails.
 pub fn path_loss(calibrated: &[Calibrated]) -> Result<String> {
     let heard: Vec<_> = calibrated.iter().filter_map(|beacon| Some((beacon, beacon.path_loss?))).collect();
     let across = heard.len().clamp(1, ACROSS);

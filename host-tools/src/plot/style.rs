@@ -1,21 +1,22 @@
-//! Colours, sizes, strokes: what the panels of a picture share.
+//! Colours, sizes and strokes that all panels of a picture share.
 
 use plotters::element::{DashedPathElement, DynElement, IntoDynElement};
 use plotters::prelude::*;
 use plotters::style::FontTransform;
 use plotters::style::text_anchor::Pos;
 
-/// `plotters` rounds to whole pixels; so everything is drawn so many times as large, and shown as small as it should be.
+/// Pictures are drawn larger by this factor, and shown at their right size, because `plotters` rounds to whole
+/// pixels.
 pub const FINE: u32 = 8;
 
-/// Everything that is drawn with a font.
+/// The colour of everything that is drawn with a font.
 pub const INK: RGBColor = RGBColor(40, 40, 40);
-/// Axes.
+/// The colour of axes.
 pub const AXIS: RGBColor = RGBColor(130, 130, 130);
-/// The lines behind a chart.
+/// The colour of the lines behind a chart.
 pub const GRID: RGBColor = RGBColor(232, 232, 232);
 
-// The colours of Okabe and Ito, which the colour-blind can tell apart.
+// The colours of Okabe and Ito, which are also distinct for the colour-blind.
 const GREY: RGBColor = RGBColor(120, 120, 120);
 const ORANGE: RGBColor = RGBColor(230, 159, 0);
 const VERMILION: RGBColor = RGBColor(213, 94, 0);
@@ -29,12 +30,12 @@ const TEXT: u32 = 13;
 /// Size of a panel's title, pixels.
 const TITLE: u32 = 16;
 
-/// Pixels of the shown picture as those of the drawn one.
+/// Converts pixels of the shown picture to pixels of the drawn one.
 pub fn pixels(shown: u32) -> u32 {
     shown * FINE
 }
 
-/// Fractions of a pixel, as radii and widths of lines.
+/// The same for fractions of a pixel, such as radii and widths of lines.
 pub fn stroke(shown: f64) -> u32 {
     (shown * f64::from(FINE)).round() as u32
 }
@@ -49,7 +50,7 @@ pub fn title(anchor: Pos) -> TextStyle<'static> {
     sized(TITLE, anchor)
 }
 
-/// The label of an upright axis.
+/// The label of a vertical axis.
 pub fn upright(anchor: Pos) -> TextStyle<'static> {
     text(anchor).transform(FontTransform::Rotate270)
 }
@@ -59,23 +60,23 @@ fn sized(size: u32, anchor: Pos) -> TextStyle<'static> {
     TextStyle::from(("sans-serif", 1.24 * f64::from(pixels(size))).into_font()).color(&INK).pos(anchor)
 }
 
-/// Foreign text, without what would break a drawing.
+/// Text from outside, without characters that would break a drawing.
 pub fn printable(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
 }
 
-/// How a method's line is broken.
+/// The dash pattern of a method's line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dash {
-    /// Not at all.
+    /// A solid line.
     Solid,
-    /// Into dashes.
+    /// Dashes.
     Dashed,
-    /// Into dots.
+    /// Dots.
     Dotted,
 }
 
-/// How a method is drawn.
+/// The pen of a method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pen {
     /// Its colour.
@@ -86,7 +87,7 @@ pub struct Pen {
     pub width: f64,
 }
 
-/// The pen of a method: a colour a family, a dash a variant.
+/// The pen of a method: one colour a family, one dash pattern a variant.
 pub fn pen(method: &str) -> Pen {
     let (color, dash) = match method {
         "bounding-box" => (GREY, Dash::Solid),
@@ -116,7 +117,7 @@ pub fn pen(method: &str) -> Pen {
     Pen { color, dash, width: if method == "robust" { 2.5 } else { 1.6 } }
 }
 
-/// Benchmarks with names of two parts: who, and with what.
+/// Benchmarks whose names have two parts: the algorithm, and what it uses.
 fn pair(method: &str) -> Option<(RGBColor, Dash)> {
     let (who, what) = method.rsplit_once(", ")?;
     let color = match who {
@@ -150,7 +151,7 @@ impl Pen {
     }
 }
 
-/// A number as short as it is exact to a thousandth.
+/// A number with as few digits as are exact to a thousandth.
 pub fn number(value: f64) -> String {
     let text = format!("{value:.3}");
     let text = text.trim_end_matches('0').trim_end_matches('.');

@@ -1,4 +1,5 @@
-//! The figure of the thesis' benchmark: error against the number of detected direct paths, ours and as printed.
+//! The figure for the benchmark of P. M. de Rojas Malpartida's thesis: error against the number of detected direct
+//! paths, ours and as printed.
 
 use anyhow::Result;
 use baliza_research::thesis::Score;
@@ -11,10 +12,10 @@ use super::axes::{Axes, LEFT};
 use super::style::{INK, pen, pixels, stroke, text};
 use super::{drawing, legend};
 
-/// Draws the scores of every method: a line ours, circles as printed.
+/// Draws the scores of every method: a line for ours, circles for the printed ones.
 ///
 /// # Errors
-/// The drawing library's.
+/// The drawing library fails.
 pub fn thesis(scores: &[Score]) -> Result<String> {
     let ours = |method: Method| -> Vec<(f64, f64)> {
         let of = |number| scores.iter().find(|s| s.method == method.as_str() && s.ddp_anchors == Some(number));

@@ -1,4 +1,4 @@
-//! Every frame on the air as a capture of IEEE 802.15.4 frames with their check bytes (link type 195), times in
+//! A capture of all frames on the air: IEEE 802.15.4 frames with their check bytes (link type 195), times in
 //! nanoseconds.
 
 use std::cell::RefCell;
@@ -13,16 +13,16 @@ use sim::scenario::Simulation;
 /// The longest frame of the standard, bytes.
 const LONGEST_FRAME: u32 = 127;
 
-/// When a frame's RMARKER left, since the beginning, and its bytes.
+/// The time of a frame's RMARKER since the beginning, and its bytes.
 type Frame = (Duration, Rc<[u8]>);
 
-/// A capture that fills while a simulation runs.
+/// A capture that collects frames while a simulation runs.
 pub struct Capture {
     frames: Rc<RefCell<Vec<Frame>>>,
 }
 
 impl Capture {
-    /// Of all frames from now on.
+    /// A capture of all frames from now on.
     pub fn of(simulation: &Simulation) -> Self {
         let frames: Rc<RefCell<Vec<Frame>>> = Rc::default();
         let filled = frames.clone();
@@ -36,7 +36,7 @@ impl Capture {
     /// The capture as a pcap file.
     ///
     /// # Errors
-    /// The writer's.
+    /// The pcap writer fails.
     pub fn to_pcap(&self) -> Result<Vec<u8>> {
         let header = PcapHeader {
             datalink: DataLink::IEEE802_15_4,

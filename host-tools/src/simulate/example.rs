@@ -1,14 +1,14 @@
-//! The example recording as files: what ships in `examples/room`.
+//! The example recording as files: the content of `examples/room`.
 
 use sim::example_room::{ANCHORS_M, record};
 
-/// Seed of the recording that ships.
+/// Seed of that recording.
 pub const SEED: u64 = 1;
 
 /// The three files by name and content.
 ///
 /// # Errors
-/// The CSV writer's.
+/// The CSV writer fails.
 pub fn files() -> csv::Result<[(&'static str, Vec<u8>); 3]> {
     let mut anchors = with_header(&["anchor", "x_m", "y_m", "z_m"])?;
     for (number, [x, y, z]) in ANCHORS_M.iter().enumerate() {

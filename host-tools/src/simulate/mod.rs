@@ -1,9 +1,9 @@
 //! A simulation as files: what `baliza simulate` writes beside its table.
 //!
-//! [`SimulatedRecording`] takes a simulation's records and makes the recording of its tags and the truth beside it, so that
-//! `solve`, `decode`, `monitor` and `replay` read what was simulated; [`Capture`] takes every frame on the air and makes a capture for Wireshark;
-//! [`picture`] draws the tracks on the floor plan. [`load_site_models`] gives tags the maps and room models that a scenario names,
-//! [`survey_csv`] makes the survey that they come from.
+//! [`SimulatedRecording`] makes the recording of the tags, and the true positions, from a simulation's records, so
+//! that `solve`, `decode`, `monitor` and `replay` read the simulated data. [`Capture`] makes a capture for Wireshark
+//! from every frame on the air. [`picture`] draws the tracks on the floor plan. [`load_site_models`] gives the tags
+//! the maps and room models that a scenario names. [`survey_csv`] makes the survey for these maps and models.
 
 mod capture;
 pub mod example;

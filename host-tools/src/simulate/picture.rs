@@ -1,10 +1,11 @@
-//! The tracks of a simulation on its floor plan; with beacons, what anchors found and what beacons found apart.
+//! The tracks of a simulation on its floor plan; with beacons, positions by anchors and by beacons are separate
+//! tracks.
 
 use sim::scenario::{Record, Scenario, SimulatedEpoch, Source};
 
 use crate::plot::{Dot, Picture, Track};
 
-/// Every position and the tags' true ways, among anchors, beacons and walls.
+/// Every position and the tags' true paths, among anchors, beacons and walls.
 pub fn picture(scenario: &Scenario, records: &[Record]) -> Picture {
     let epochs = || records.iter().filter_map(|record| Some((record.node, record.epoch()?)));
     let flat = |at: [f64; 3]| [at[0], at[1]];

@@ -1,5 +1,6 @@
-//! A simulation as the recording that its tags make, by the same [`Recorder`] as one of real nodes, and the truth beside it; each table
-//! has one more column, the tag. Epochs count through all tags, so that one number is one fix.
+//! The recording that a simulation's tags make, by the same [`Recorder`] as a recording of real nodes, and the true
+//! positions. Each table has one more column, the tag. Epochs count through all tags, so that each number belongs to
+//! one position.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -12,20 +13,20 @@ use crate::files::output::{Growing, write_file};
 use crate::node::decode::{Stamp, row};
 use crate::node::recorder::{Recorder, writer};
 
-/// A recording as it fills.
+/// A recording in progress.
 pub struct SimulatedRecording {
     folder: PathBuf,
     recorder: Recorder,
     truth: csv::Writer<Growing>,
     beacons: Option<csv::Writer<Growing>>,
-    /// What `telemetry.bin` has: the first tag's.
+    /// The tag in `telemetry.bin`: the first one.
     first_tag: Option<u16>,
-    /// What every other node reported, by its address: a stream is one node's.
+    /// The telemetry of every other node, by its address: a stream belongs to one node.
     others: BTreeMap<u16, Vec<u8>>,
-    /// The epoch under way.
+    /// The current epoch.
     epoch: u64,
     method: &'static str,
-    /// Features of impulse responses, which telemetry has not: none where tags read no responses.
+    /// Features of impulse responses, which telemetry does not contain; empty where tags read no responses.
     features: Vec<Feature>,
 }
 
@@ -33,7 +34,7 @@ impl SimulatedRecording {
     /// Begins the recording of a scenario in a folder, which is made where it does not exist.
     ///
     /// # Errors
-    /// The folder is none, or the file system's.
+    /// The path is no folder, or the file system fails.
     pub fn create(folder: &Path, scenario: &Scenario) -> anyhow::Result<Self> {
         let anchors = scenario.anchors.iter().map(|anchor| (anchor.address, anchor.at)).collect();
         let reads = scenario.tag.model.is_some();
@@ -59,10 +60,10 @@ impl SimulatedRecording {
         })
     }
 
-    /// Takes a record.
+    /// Adds a record.
     ///
     /// # Errors
-    /// The file system's.
+    /// The file system fails.
     pub fn take(&mut self, record: &Record) -> anyhow::Result<()> {
         for message in record.messages() {
             let mut frame = [0; MAX_FRAME];
@@ -89,7 +90,7 @@ impl SimulatedRecording {
             What::Message(message @ Message::Room(_)) => {
                 self.recorder.message_with(stamp, message, |row| row.push(tag))?;
             }
-            // Ranges without a round are those that tags tell anchors.
+            // Ranges without a round are those that tags report to anchors.
             What::Message(
                 Message::Hello(_)
                 | Message::Fix(_)
@@ -128,10 +129,10 @@ impl SimulatedRecording {
         self.truth.write_record([epoch.number.to_string(), format!("{:.6}", record.t_s), x, y, z, tag()])
     }
 
-    /// Puts all files in their places.
+    /// Moves all files to their places.
     ///
     /// # Errors
-    /// The file system's.
+    /// The file system fails.
     pub fn finish(self) -> anyhow::Result<()> {
         self.recorder.finish()?;
         for table in [Some(self.truth), self.beacons].into_iter().flatten() {
@@ -144,7 +145,7 @@ impl SimulatedRecording {
     }
 }
 
-/// Beacons as tags are told of them.
+/// The beacons that are configured on the tags.
 fn beacons(folder: &Path, scenario: &Scenario) -> csv::Result<csv::Writer<Growing>> {
     let columns = ["beacon", "x_m", "y_m", "z_m", "rssi_1m_dbm", "path_loss_exponent"];
     let mut beacons = writer(folder, "beacons.csv", &columns)?;
@@ -158,7 +159,7 @@ fn beacons(folder: &Path, scenario: &Scenario) -> csv::Result<csv::Writer<Growin
     Ok(beacons)
 }
 
-/// As a scenario's beacons are called in all its files: they are of one network.
+/// The short name of a scenario's beacon in all its files, because they are of one network.
 fn short_name(sighting: &Sighting) -> String {
     format!("{}-{}", sighting.beacon.major, sighting.beacon.minor)
 }
@@ -168,7 +169,7 @@ pub fn position_header() -> Vec<&'static str> {
     Fix::TABLE.iter().flat_map(Table::header).chain(["error_m", "tag"]).collect()
 }
 
-/// The fields of a position, or of the reason why there is none.
+/// The fields of a position, or of the reason for its absence.
 pub fn position_row(record: &Record, method: &str, epoch: &SimulatedEpoch) -> Vec<String> {
     let stamp = Stamp { t_s: record.t_s, epoch: epoch.number };
     let mut row = row(stamp, &Message::Fix(epoch.fix)).map_or_else(Vec::new, |(_, row)| row);

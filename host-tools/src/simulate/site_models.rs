@@ -1,5 +1,5 @@
-//! RSSI values on the spot in a simulation: what a scenario's tags know of them, from the files that it names; and the survey of its beacons, by
-//! which such files are made.
+//! Maps and room models in a simulation: loads the files that a scenario names into its tags, and makes the survey of
+//! its beacons for such files.
 
 use std::path::Path;
 
@@ -10,13 +10,14 @@ use crate::UserError;
 use crate::node::provision::site_models::{Part, encode, read_map, read_rooms};
 use crate::survey::presence::{Room, room_of};
 
-/// Places of a survey at most: receivers that are simulated at once.
+/// Greatest number of positions of a survey, which are receivers that are simulated at once.
 const MOST_PLACES: usize = 10_000;
 
-/// Reads what the scenario of this file names, and gives it to the tags, bound to the beacons that they are told of.
+/// Reads the files that the scenario of this file names, and gives them to the tags, bound to the beacons that are
+/// configured on them.
 ///
 /// # Errors
-/// A file is none, or not for these tags.
+/// A file cannot be read, or does not fit these tags.
 pub fn load_site_models(scenario: &mut Scenario, file: &Path) -> Result<(), UserError> {
     let files = &scenario.bluetooth.files;
     if files.map.is_none() && files.rooms.is_none() {
@@ -40,11 +41,11 @@ pub fn load_site_models(scenario: &mut Scenario, file: &Path) -> Result<(), User
     Ok(())
 }
 
-/// A survey of the scenario's beacons as `fingerprints.csv`: stays of so many seconds on a grid over the area between the beacons, at the
-/// tags' height; with outlines, the points within rooms alone.
+/// A survey of the scenario's beacons as `fingerprints.csv`: dwells of `stay_s` seconds on a grid over the area
+/// between the beacons, at the tags' height; with outlines, only the points within rooms.
 ///
 /// # Errors
-/// There are no beacons, or too many points; the CSV writer's.
+/// There are no beacons, or too many points, or the CSV writer fails.
 pub fn survey_csv(scenario: &Scenario, step_m: f64, stay_s: f64, rooms: Option<&[Room]>) -> Result<Vec<u8>> {
     let axis = |axis: usize| scenario.beacons.iter().filter_map(move |beacon| beacon.at.get(axis).copied());
     let [x, y] = [0, 1].map(|a| {
@@ -63,7 +64,7 @@ pub fn survey_csv(scenario: &Scenario, step_m: f64, stay_s: f64, rooms: Option<&
     let grid = (0..x.2).flat_map(|i| (0..y.2).map(move |j| (i, j)));
     let places = grid.map(|(i, j)| [x.0 + i as f64 * x.1, y.0 + j as f64 * y.1, height]);
     let room = |[x, y, _]: [f64; 3]| rooms.map(|rooms| room_of(rooms, [x, y]).and_then(|room| rooms.get(room)));
-    // Without outlines any place will do.
+    // Without outlines every position is used.
     let places: Vec<([f64; 3], Option<&Room>)> =
         places.filter_map(|at| room(at).map_or(Some((at, None)), |room| room.map(|room| (at, Some(room))))).collect();
     let at: Vec<[f64; 3]> = places.iter().map(|(at, _)| *at).collect();

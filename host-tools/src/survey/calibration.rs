@@ -1,8 +1,12 @@
 //! Path loss of every beacon from RSSI values at known points: what `baliza calibrate path-loss` does.
 //!
-//! Stays flow in, or a walk in pieces of a metre; a point counts once, with the mean of its RSSI values (section 4.3.1). Out flow RSSI at one metre and exponent of
-//! every beacon by regression on (1), robust against points in a shadow (Huber's weights), with a prior so wide that it matters for a
-//! handful of points alone. Beside it stands what a node learns that knows where it is, point by point in their order ([`OnlinePathLoss`]).
+//! The input is dwells at known points, or a walk cut into pieces of a metre. Each point counts once, with the mean
+//! of its RSSI values (section 4.3.1). The output is the RSSI at one metre and the exponent of every beacon, by
+//! regression on (1). The numbers of sections, tables and equations are those of A. Linde Cerezo's thesis.
+//!
+//! The regression is robust against points in a shadow (Huber's weights). Its prior is so wide that it matters only
+//! for a handful of points. The output also has what a node at known positions learns, point by point in their order
+//! ([`OnlinePathLoss`]).
 
 use baliza_report::mean;
 use positioning_core::ble::path_loss::{OnlinePathLoss, PathLoss, Wall, attenuation};
@@ -10,31 +14,32 @@ use positioning_core::ble::signal::rssi;
 
 use crate::files::beacons::{self as files, Beacon, Capture, Dwell};
 
-/// Distances are not told apart below this, metres.
+/// Shorter distances count as this one, metres.
 const NEAREST_M: f64 = 0.1;
 /// Bounds of an exponent.
 const EXPONENTS: (f64, f64) = (0.5, 6.0);
-/// What is believed before: an exponent to so much, an RSSI at one metre to so many dB.
+/// Prior: standard deviations of the exponent, and of the RSSI at one metre, dB.
 const PRIOR: (f64, f64) = (2.0, 30.0);
-/// What a node believes of a beacon before it has heard it: RSSI at one metre and exponent, standard deviations.
+/// Prior of a node for a beacon it has not received yet: standard deviations of the RSSI at one metre, dB, and of the
+/// exponent.
 const UNKNOWN: (f64, f64) = (8.0, 0.7);
 /// A piece of a walk, metres.
 const PIECE_M: f64 = 1.0;
-/// The usual deviation is worth so many points.
+/// The prior of the deviation counts as this number of points.
 const BELIEF: f64 = 2.0;
-/// A residual of so many deviations weighs less (P. Huber, *Robust Statistics*, 1981).
+/// A residual of more than this number of deviations weighs less (P. Huber, *Robust Statistics*, 1981).
 const HUBER: f64 = 1.5;
 /// How many attenuations of a wall are tried, in steps of half a dB.
 pub const WALL_STEPS: u32 = 31;
 /// Rounds of weighing.
 const ROUNDS: usize = 20;
 
-/// What was heard of a beacon at one point.
+/// RSSI of a beacon at one point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RssiAtDistance {
     /// Metres.
     pub distance_m: f64,
-    /// Mean RSSI, dBm; what walls took is put back.
+    /// Mean RSSI, dBm, with the attenuation of walls put back.
     pub rssi_dbm: f64,
     /// Standard deviation of the distance, metres.
     pub distance_sigma_m: f64,
@@ -49,7 +54,7 @@ pub struct Learnt {
     pub sigma: [f64; 2],
 }
 
-/// RSSI values at a place, and the standard deviation of the place, metres.
+/// RSSI values at a position, and the standard deviation of the position, metres.
 pub type Placed = (Dwell, f64);
 
 /// A position of a walk.
@@ -66,21 +71,21 @@ pub struct Step {
 pub struct Calibrated {
     /// The beacon.
     pub beacon: String,
-    /// Where it was heard.
+    /// Points at which it was received.
     pub points: Vec<RssiAtDistance>,
-    /// Its path loss; `None` where it was never heard.
+    /// Its path loss; `None` where it was never received.
     pub path_loss: Option<PathLoss<f64>>,
     /// Standard deviations of the RSSI at one metre, dB, and of the exponent.
     pub sigma: [f64; 2],
-    /// What was learnt on the way; `None` where it was never heard.
+    /// What a node learns point by point; `None` where the beacon was never received.
     pub online: Option<Learnt>,
 }
 
-/// A walk in pieces of a metre of way: RSSI values that are heard without moving share a shadow, and count once. Captures without a position
-/// are left out.
+/// Cuts a walk into pieces of a metre of way. RSSI values received without moving share a shadow, so that they count
+/// once. Captures without a position are left out.
 pub fn pieces(captures: &[Capture], step: impl Fn(&Capture) -> Option<Step>) -> Vec<Placed> {
     let mut pieces: Vec<Placed> = Vec::new();
-    // Where the last one began, and how many positions it is the mean of.
+    // Where the last piece began, and the number of positions in its mean.
     let (mut began, mut count) = ([f64::NAN; 2], 0.0);
     for (capture, step) in captures.iter().filter_map(|capture| Some((capture, step(capture)?))) {
         let [x, y] = step.position_m;
@@ -97,7 +102,7 @@ pub fn pieces(captures: &[Capture], step: impl Fn(&Capture) -> Option<Step>) -> 
             None => {
                 (began, count) = (step.position_m, 1.0);
                 let (point, samples) = (capture.name.clone(), capture.samples.clone());
-                // RSSI values of a piece come from half a metre around its place.
+                // The RSSI values of a piece come from half a metre around its position.
                 let sigma_m = step.sigma_m.hypot(PIECE_M / 4.0);
                 pieces.push((Dwell { point, room: None, position_m: step.position_m, samples }, sigma_m));
             }
@@ -106,8 +111,9 @@ pub fn pieces(captures: &[Capture], step: impl Fn(&Capture) -> Option<Step>) -> 
     pieces
 }
 
-/// Calibrates every beacon, in their order. Heights of beacons count where that of the tag is known. Walls that are given took what they
-/// take from the RSSI values (2), and `wall_db` where that is not known.
+/// Calibrates every beacon, in their order. Heights of beacons count where the height of the tag is known. The
+/// attenuation of the given walls is put back into the RSSI values (2); a wall of unknown attenuation counts
+/// `wall_db`.
 pub fn calibrate(
     beacons: &[Beacon],
     stays: &[Placed],
@@ -136,7 +142,7 @@ pub fn calibrate(
         .collect()
 }
 
-/// What a wall takes, dB, in steps of a half: the one with which all RSSI values are most likely.
+/// Attenuation of a wall, dB, in steps of half a decibel: the most likely one given all RSSI values.
 pub fn wall_attenuation(
     beacons: &[Beacon],
     stays: &[Placed],
@@ -171,7 +177,7 @@ fn heard(
     (!rssis.is_empty()).then_some(RssiAtDistance { distance_m, rssi_dbm: mean + taken, distance_sigma_m })
 }
 
-/// What is learnt of points in their order, by the node's own estimator; `None` without points.
+/// What the node's own estimator learns from points in their order; `None` without points.
 fn learn(points: &[RssiAtDistance]) -> Option<Learnt> {
     let mut online = OnlinePathLoss::<f64>::new(PathLoss::default(), UNKNOWN.0, UNKNOWN.1);
     for point in points {
@@ -193,7 +199,7 @@ pub fn fit(points: &[RssiAtDistance]) -> Option<(PathLoss<f64>, [f64; 2])> {
     let mut sigma = [0.0; 2];
     let mut weights = vec![1.0; points.len()];
     for _ in 0..ROUNDS {
-        // Normal equations of level₁ − n x, about the prior.
+        // Normal equations of RSSI₁ − n x, about the prior.
         let variance = model.deviation.powi(2);
         let (exponent, rssi) = (variance / PRIOR.0.powi(2), variance / PRIOR.1.powi(2));
         let (mut sum, mut x, mut xx) = (rssi, 0.0, exponent);
@@ -213,7 +219,7 @@ pub fn fit(points: &[RssiAtDistance]) -> Option<(PathLoss<f64>, [f64; 2])> {
         sigma = [(variance * xx / determinant).sqrt(), (variance * sum / determinant).sqrt()];
         let residuals: Vec<f64> = points.iter().map(|point| point.rssi_dbm - model.rssi(point.distance_m)).collect();
         let squares: f64 = residuals.iter().zip(&weights).map(|(residual, weight)| weight * residual * residual).sum();
-        // Two parameters were fitted, as far as there were points for them.
+        // The fit uses two degrees of freedom, where there are enough points.
         let freedom = (points.len() as f64 - 2.0).max(0.0);
         model.deviation = ((squares + BELIEF * usual.deviation.powi(2)) / (freedom + BELIEF)).sqrt();
         let most = HUBER * model.deviation;
@@ -222,11 +228,11 @@ pub fn fit(points: &[RssiAtDistance]) -> Option<(PathLoss<f64>, [f64; 2])> {
     Some((model, sigma))
 }
 
-/// The file of beacons with their path loss: `beacon,x_m,y_m,z_m,rssi_1m_dbm,path_loss_exponent,deviation_db`. What was never heard keeps
-/// what it had.
+/// The file of beacons with their path loss: `beacon,x_m,y_m,z_m,rssi_1m_dbm,path_loss_exponent,deviation_db`.
+/// Beacons that were never received keep their values.
 ///
 /// # Errors
-/// None but those of memory.
+/// The CSV writer fails; writing to memory does not fail otherwise.
 pub fn to_csv(beacons: &[Beacon], calibrated: &[Calibrated]) -> csv::Result<Vec<u8>> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(["beacon", "x_m", "y_m", "z_m", "rssi_1m_dbm", "path_loss_exponent", "deviation_db"])?;
@@ -269,15 +275,15 @@ mod tests {
         let mut rssis: Vec<_> = (1..=10).map(f64::from).map(|d| (d, -50.0 - 20.0 * d.log10())).collect();
         rssis[9].1 -= 30.0;
         let (found, _) = fit(&points(&rssis)).expect("points");
-        // Plain regression, by hand: x = 10 log₁₀ d has mean 6.5598 and Σ (x − x̄)² = 91.211; the last point's x − x̄ = 3.4402 adds
-        // 30 · 3.4402 ⁄ 91.211 = 1.132 to the exponent of 2.
+        // Plain regression, by hand: x = 10 log₁₀ d has mean 6.5598 and Σ (x − x̄)² = 91.211; the last point's x − x̄ =
+        // 3.4402 adds 30 · 3.4402 ⁄ 91.211 = 1.132 to the exponent of 2.
         assert!(found.exponent > 1.9 && found.exponent < 2.9, "{found:?}");
     }
 
     #[test]
     fn few_points_stay_sensible() {
         assert_eq!(fit(&[]), None);
-        // One point: its RSSI counts, the exponent is as believed before.
+        // One point: its RSSI counts, the exponent is that of the prior.
         let (found, sigma) = fit(&points(&[(1.0, -45.0)])).expect("a point");
         assert!((found.exponent - 2.4).abs() < 1e-9 && (found.level_1m + 45.0).abs() < 1.0, "{found:?}");
         assert!(sigma[1] > 1.5, "{sigma:?}");

@@ -1,4 +1,4 @@
-//! Surveys of a site: fingerprints, coverage, path loss, rooms, and where anchors should stand.
+//! Surveys of a site: fingerprints, coverage, path loss, rooms, and positions for anchors.
 
 pub mod calibration;
 pub mod campaign;

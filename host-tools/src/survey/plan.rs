@@ -1,39 +1,41 @@
-//! Where to put beacons or anchors: the places that leave the least error over an area.
+//! Where to put beacons or anchors: the positions with the least error over an area.
 //!
-//! Candidates flow in, each with what it would tell of a tag in every cell ([`Information`]); out flow those that were chosen, the best
-//! first. The search adds the candidate that lowers the mean error most, one after the other, and then exchanges chosen places for
-//! others while that helps. The second seed asks for such a search before a deployment (future work 5).
+//! The input is candidates, each with its information on a tag in every cell ([`Information`]). The output is the
+//! chosen ones, the best first. The search adds the candidate that lowers the mean error most, one after the other.
+//! Then it exchanges chosen positions for others while that helps. A. Linde Cerezo's thesis (Universitat Oberta de
+//! Catalunya, 2024) asks for such a search before a deployment (future work 5).
 
 use crate::survey::coverage::bound::Information;
 use baliza_report::mean;
 
-/// What candidates would tell in every cell; `None`: the cell does not hear it.
+/// The information of candidates in every cell; `None` where the cell does not receive the candidate.
 #[derive(Clone, Debug, Default)]
 pub struct Problem {
-    /// What is known in every cell before: the area, and stations that stand already.
+    /// The prior information in every cell: the area, and the stations that are already installed.
     pub known: Vec<Information>,
-    /// A candidate each.
+    /// One list a candidate.
     pub candidates: Vec<Vec<Option<Information>>>,
 }
 
-/// What was found.
+/// The result of a search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Found {
     /// Candidates by number, in the order in which they were added or exchanged in.
     pub chosen: Vec<usize>,
-    /// The mean error without any, and after each that was added, metres.
+    /// The mean error without any candidate, and after each that was added, metres.
     pub added_m: Vec<f64>,
     /// The mean error at the end, metres.
     pub error_m: f64,
-    /// How many were exchanged.
+    /// Number of exchanges.
     pub exchanged: usize,
 }
 
-/// An exchange must gain at least this share of the error, so that the search ends.
+/// Least share of the error that an exchange must gain, so that the search ends.
 const GAIN: f64 = 1e-6;
 
 impl Problem {
-    /// Chooses `count` candidates, or all where there are fewer; `step` is called for each mean error that is looked at.
+    /// Chooses `count` candidates, or all where there are fewer; `step` is called for each mean error that is
+    /// computed.
     pub fn solve(&self, count: usize, step: impl Fn()) -> Found {
         let mut found =
             Found { chosen: Vec::new(), added_m: Vec::new(), error_m: mean_error_m(&self.known), exchanged: 0 };
@@ -46,7 +48,7 @@ impl Problem {
             found.error_m = error_m;
             found.added_m.push(error_m);
         }
-        // Each round looks at every chosen place once.
+        // Each round tries to exchange every chosen candidate once.
         let mut improved = true;
         while improved {
             improved = false;
@@ -102,7 +104,7 @@ mod tests {
     use crate::survey::coverage::Grid;
     use crate::survey::coverage::bound::{Information, Noise, Station};
 
-    /// Anchors on the border and within of a square of 10 m, every 2.5 m; ranges of 0.1 m.
+    /// Anchors on the border of and within a square of 10 m, every 2.5 m; ranges of 0.1 m.
     fn square() -> Problem {
         let places = (0..25).map(|i| [2.5 * f64::from(i % 5), 2.5 * f64::from(i / 5)]);
         let grid = Grid { least_m: [0.0; 2], cell_m: 1.0, columns: 10, rows: 10 };
@@ -135,7 +137,7 @@ mod tests {
         }
         assert!(found.error_m < 1.02 * least, "{found:?}, the least of all is {least}");
         assert!((found.error_m - mean(&problem.errors_m(&found.chosen))).abs() < 1e-12);
-        // Nothing known: √(10²/12 + 10²/12).
+        // No information but the area: √(10²/12 + 10²/12).
         assert!((found.added_m[0] - (200.0_f64 / 12.0).sqrt()).abs() < 1e-9);
         assert!(found.added_m.windows(2).all(|pair| pair[1] < pair[0]), "{found:?}");
     }

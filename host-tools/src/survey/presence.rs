@@ -1,6 +1,7 @@
-//! In which room each position is: by the rooms' outlines, and what a tag would answer from one position to the next.
+//! The room of each position: by the rooms' outlines, and as the room estimate of a tag from one position to the
+//! next.
 //!
-//! Positions of any method flow in, of UWB or of beacons; `positioning_core::ble::rooms` judges them.
+//! The input is positions of any method, UWB or Bluetooth; `positioning_core::ble::rooms` classifies them.
 
 use std::path::Path;
 
@@ -23,16 +24,17 @@ pub struct Room {
 /// A position's room.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Found {
-    /// The most probable room, by its place in the list, and its probability; `None` outside of all.
+    /// The most probable room, by its index in the list, and its probability; `None` outside of all rooms.
     pub likeliest: Option<(usize, f32)>,
-    /// What a tag answers.
+    /// The room estimate of a tag.
     pub answer: RoomEstimate,
 }
 
 /// Reads `room,x_m,y_m`: the corners of each room in their order.
 ///
 /// # Errors
-/// The first line that is wrong; a room of fewer than three corners; more rooms than are told apart.
+/// A line is wrong (the first one is reported), a room has fewer than three corners, or there are more than
+/// [`MAX_ROOMS`] rooms.
 pub fn read_outlines(file: &Path) -> Result<Vec<Room>, UserError> {
     let mut table = Table::open(file)?;
     let (room, x, y) = (table.column("room")?, table.column("x_m")?, table.column("y_m")?);
@@ -56,13 +58,14 @@ pub fn read_outlines(file: &Path) -> Result<Vec<Room>, UserError> {
     }
 }
 
-/// The room of a place that is known for sure.
+/// The room of a position that is known exactly.
 pub fn room_of(rooms: &[Room], [x, y]: [f64; 2]) -> Option<usize> {
     let spot = Spot { position_m: [x as f32, y as f32], covariance_m2: [0.0; 3] };
     outlines(rooms, |outlines| outlines.probabilities(&spot)).as_ref().and_then(likeliest).map(|(room, _)| room)
 }
 
-/// The rooms of one method's positions, in order of time; the time is that of the row, else a second after the row before.
+/// The rooms of one method's positions, in order of time. The time is that of the row, or else a second after the row
+/// before.
 pub fn follow(rooms: &[Room], rows: &[PositionRow]) -> Vec<Found> {
     let mut presence = RoomHysteresis::new(Settings::default());
     let mut t_s = 0.0;
@@ -105,7 +108,7 @@ mod tests {
     #[test]
     fn a_walk_through_a_door_changes_rooms_once() {
         assert_eq!((room_of(&rooms(), [1.0, 1.0]), room_of(&rooms(), [9.0, 1.0])), (Some(0), None));
-        // Ten a second at 0.5 m/s through the wall at 4 m, to and fro by 0.2 m about the way.
+        // Ten positions a second at 0.5 m/s through the wall at 4 m, swinging by 0.2 m about the way.
         let row = |index: u32| {
             let t_s = f64::from(index) * 0.1;
             let sway = if index.is_multiple_of(2) { 0.2 } else { -0.2 };

@@ -1,12 +1,13 @@
-//! Trains perceptrons: value and gradient by backpropagation, minimised by scaled conjugate gradients. Written here
-//! because the machine-learning library has no perceptron, and those that have come with a tensor compiler.
+//! Trains perceptrons: value and gradient by backpropagation, minimised by scaled conjugate gradients. It is written
+//! here because the machine-learning library has no perceptron, and libraries that have one come with a tensor
+//! compiler.
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::conjugate_gradient::{Limits, minimise};
 
-/// What the last layer's sums mean.
+/// The meaning of the last layer's sums.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Goal {
     /// Two outputs, softmax, cross entropy: the target is 1 where the path is blocked, else 0.
@@ -16,7 +17,7 @@ pub enum Goal {
 }
 
 impl Goal {
-    /// How many outputs.
+    /// Number of outputs.
     pub fn outputs(self) -> usize {
         match self {
             Self::Classify => 2,
@@ -28,7 +29,8 @@ impl Goal {
 /// One example: inputs and target.
 pub type Example = (Vec<f64>, f64);
 
-/// Layers, without their weights. Weights lie layer by layer, neuron by neuron: the bias, then a weight an input.
+/// The layers, without their weights. Weights are ordered layer by layer, neuron by neuron: the bias, then a weight
+/// an input.
 #[derive(Clone, Debug)]
 pub struct Network {
     widths: Vec<usize>,
@@ -44,12 +46,12 @@ impl Network {
         Self { widths, goal }
     }
 
-    /// How many weights.
+    /// Number of weights.
     pub fn size(&self) -> usize {
         self.widths.windows(2).map(|pair| pair[1] * (pair[0] + 1)).sum()
     }
 
-    /// Weights fitted to `examples`, stopped early by `validation`.
+    /// Weights fitted to `examples`, with early stopping by `validation`.
     pub fn train(&self, examples: &[Example], validation: &[Example], seed: u64) -> Vec<f64> {
         let objective = |weights: &[f64], gradient: &mut [f64]| self.loss(weights, examples, Some(gradient));
         minimise(self.start(seed), Limits::default(), objective, |weights| self.loss(weights, validation, None))
@@ -173,7 +175,7 @@ mod tests {
             [(0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)].map(|(a, b)| (vec![a, b], f64::abs(a - b))).to_vec();
         let network = Network::new(2, &[6], Goal::Classify);
         let weights = network.train(&examples, &examples, 1);
-        // A coin costs ln 2 = 0.69.
+        // A guess by chance costs ln 2 = 0.69.
         let loss = network.loss(&weights, &examples, None);
         assert!(loss < 0.05, "{loss}");
         assert_eq!(weights, network.train(&examples, &examples, 1), "the same for the same seed");

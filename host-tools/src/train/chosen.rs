@@ -1,4 +1,4 @@
-//! One classifier out of a file of them, for whoever uses one: a track, a simulation, a node.
+//! Selects one classifier from a file of them, for a track, a simulation or a node.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use positioning_core::nlos::{Classifier, Model};
 use super::{features_of, models};
 use crate::UserError;
 
-/// A model that was chosen.
+/// A selected model.
 #[derive(Clone, Debug)]
 pub struct Chosen {
     file: PathBuf,
@@ -24,10 +24,10 @@ impl Chosen {
         Self::of(file, &all, name)
     }
 
-    /// The same of the bytes of a file.
+    /// The same for the bytes of a file.
     ///
     /// # Errors
-    /// As [`read`](Self::read).
+    /// As for [`read`](Self::read).
     pub fn of(file: &Path, all: &[u8], name: Option<&str>) -> Result<Self, UserError> {
         let models = models(all).map_err(|fault| UserError::file(file, fault.to_string()))?;
         let index = match name {
@@ -44,7 +44,8 @@ impl Chosen {
             };
             return Err(UserError::file(file, what));
         };
-        // The models follow each other without gap: the bytes of one are those that its successor does not have.
+        // The models follow each other without a gap: the bytes of a model are those that its successor does not
+        // have.
         let rest = |count: usize| {
             (0..count).try_fold(all, |bytes, _| Model::decode(bytes).map(|(_, rest)| rest)).unwrap_or_default()
         };
@@ -55,7 +56,7 @@ impl Chosen {
     /// The classifier.
     ///
     /// # Errors
-    /// None: it has been read before.
+    /// None in practice, because the model has been read before.
     pub fn model(&self) -> Result<Model<'_>, UserError> {
         match Model::decode(&self.bytes) {
             Ok((model, _)) => Ok(model),

@@ -1,16 +1,16 @@
-//! Scaled conjugate gradients (M. Møller, Neural Networks 6, 1993), which Barral et al. train their perceptrons with
+//! Scaled conjugate gradients (M. Møller, Neural Networks 6, 1993), with which Barral et al. train their perceptrons
 //! (table 3): no step length to choose, no line search.
 
-/// When to stop, and Møller's two constants (table 3 of Barral et al.).
+/// Stopping conditions, and Møller's two constants (table 3 of Barral et al.).
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Most epochs.
+    /// Greatest number of epochs.
     pub epochs: usize,
     /// The gradient's length below which the minimum is reached.
     pub gradient: f64,
-    /// After so many epochs without a better validation it ends.
+    /// Training stops after this number of epochs without a better validation.
     pub validation_checks: usize,
-    /// How far the second derivative is felt for.
+    /// Step for the finite difference of the second derivative.
     pub sigma: f64,
     /// The first damping.
     pub lambda: f64,
@@ -22,8 +22,9 @@ impl Default for Limits {
     }
 }
 
-/// Minimises a function from `start` on. `objective` returns the value and writes the gradient; `validate` is asked
-/// after every epoch that went downhill for the error elsewhere: the point with the least is returned.
+/// Minimises a function from `start` on. `objective` returns the value and writes the gradient. `validate` returns
+/// the validation error after every epoch that reduced the value; the result is the point with the least validation
+/// error.
 pub fn minimise(
     start: Vec<f64>,
     limits: Limits,
@@ -53,12 +54,12 @@ pub fn minimise(
         }
         let mu = -dot(&direction, &here.gradient);
         let next = Point::new(along(&here.at, &direction, mu / curvature), &mut objective);
-        // How well a parabola foretold the decrease.
+        // The ratio of the true decrease to that predicted by a parabola.
         let comparison = 2.0 * curvature * (here.value - next.value) / (mu * mu);
         success = comparison >= 0.0;
         if success {
             (lambda_bar, steps) = (0.0, steps + 1);
-            // Begun anew after as many steps as there are dimensions.
+            // Restarted after as many steps as there are dimensions.
             let conjugate = dot(&next.gradient, &next.gradient) - dot(&next.gradient, &here.gradient);
             let beta = if steps % size == 0 { 0.0 } else { conjugate / mu };
             direction = next.gradient.iter().zip(&direction).map(|(g, p)| beta * p - g).collect();
@@ -97,7 +98,7 @@ impl Point {
         Self { at, value, gradient }
     }
 
-    /// The second derivative along a direction, from the gradient `step` of it away.
+    /// The second derivative along a direction, from the gradient at `step` of the direction away.
     fn curvature(&self, direction: &[f64], step: f64, objective: &mut impl FnMut(&[f64], &mut [f64]) -> f64) -> f64 {
         let there = Self::new(along(&self.at, direction, step), objective);
         let changes = there.gradient.iter().zip(&self.gradient).zip(direction);
@@ -105,7 +106,7 @@ impl Point {
     }
 }
 
-/// The point with the least validation error, and how many epochs since had a greater one.
+/// The point with the least validation error, and the number of later epochs with a greater one.
 struct Best {
     at: Vec<f64>,
     error: f64,
@@ -164,7 +165,7 @@ mod tests {
 
     #[test]
     fn the_best_validation_is_what_is_returned() {
-        // Downhill towards 10, but the validation is best at 4: it ends near there.
+        // The minimum is at 10, but the validation is best at 4: training ends near there.
         let objective = |x: &[f64], g: &mut [f64]| {
             // A quartic, so that it takes many steps.
             g[0] = 4.0 * (x[0] - 10.0).powi(3);

@@ -1,4 +1,4 @@
-//! Which placements are held out together, and an even choice of receptions from the others.
+//! Folds of placements for cross-validation, and a balanced choice of receptions from the others.
 
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -6,8 +6,8 @@ use rand_pcg::Pcg64;
 
 use super::samples::Sample;
 
-/// Deals placements to `count` folds, direct and blocked ones apart, so that every fold leaves both to learn from.
-/// Returns the fold of each placement; the same for the same seed.
+/// Assigns placements to `count` folds, direct and blocked ones separately, so that the other folds always have both
+/// classes. Returns the fold of each placement; the result is the same for the same seed.
 pub fn deal(samples: &[&Sample], placements: usize, count: usize, seed: u64) -> Vec<usize> {
     let mut votes = vec![0_i64; placements];
     for sample in samples {
@@ -26,8 +26,8 @@ pub fn deal(samples: &[&Sample], placements: usize, count: usize, seed: u64) -> 
     folds
 }
 
-/// At most `most` receptions of either class, every placement of the class giving as many, spread evenly over it: a
-/// placement that was recorded for longer is no better proof.
+/// At most `most` receptions of either class. Every placement of the class gives the same number, spread evenly over
+/// it, because a longer recording of a placement is not more evidence.
 pub fn balanced<'a>(samples: &[&'a Sample], most: usize) -> Vec<&'a Sample> {
     let mut chosen = Vec::new();
     for class in [false, true] {
@@ -45,7 +45,8 @@ pub fn balanced<'a>(samples: &[&'a Sample], most: usize) -> Vec<&'a Sample> {
     chosen
 }
 
-/// A weight for each reception so that both classes weigh as much, and within a class every placement. They sum to one.
+/// Weights of receptions: both classes have the same sum, and within a class every placement has the same. All
+/// weights sum to one.
 pub fn weights(samples: &[&Sample]) -> Vec<f64> {
     let key = |sample: &Sample| (sample.blocked == Some(true), sample.placement);
     let mut counts = std::collections::BTreeMap::new();

@@ -6,12 +6,12 @@ use baliza_report::mean;
 use super::backpropagation::Example;
 use crate::train::regression::Regression;
 
-/// The kernel's numbers.
+/// The parameters of the kernel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Kernel {
     /// σ_f: deviation of the function.
     pub signal: f64,
-    /// σ_m: how far along each input values resemble each other.
+    /// σ_m: the correlation length along each input.
     pub lengths: Vec<f64>,
     /// Deviation of a measurement.
     pub noise: f64,
@@ -31,7 +31,7 @@ pub struct GaussianProcess {
     kernel: Kernel,
     points: Vec<Vec<f64>>,
     regression: Regression,
-    /// What is predicted far from every point.
+    /// The prediction far from every point.
     mean: f64,
 }
 
@@ -48,8 +48,9 @@ impl GaussianProcess {
         (!examples.is_empty()).then_some(Self { kernel, points, regression, mean })
     }
 
-    /// The process whose kernel makes the examples likeliest: lengths and deviation from a grid, one length each where
-    /// `each` (the mitigator of direct paths in table 1), else a common one (that of blocked paths).
+    /// The process with the kernel of the greatest likelihood: lengths and deviation from a grid. Each input has its
+    /// own length where `each` is true (the mitigator of direct paths in table 1), else all have the same (that of
+    /// blocked paths).
     pub fn fit(examples: &[Example], noise: f64, each: bool) -> Option<Self> {
         let inputs = examples.first()?.0.len();
         let steps = [0.3, 1.0, 3.0, 10.0_f64];
@@ -77,8 +78,8 @@ mod tests {
 
     #[test]
     fn predictions_are_those_of_scikit_learn() {
-        // GaussianProcessRegressor(0.25·Matern(length_scale=[1, 2], nu=0.5), alpha=0.01, optimizer=None), targets less
-        // their mean.
+        // GaussianProcessRegressor(0.25·Matern(length_scale=[1, 2], nu=0.5), alpha=0.01, optimizer=None), targets
+        // minus their mean.
         let examples: Vec<Example> =
             (0..12).map(f64::from).map(|i| (vec![(i * 1.3).sin() * 2.0, (i * 0.7).cos()], (i * 0.9).sin())).collect();
         let kernel = Kernel { signal: 0.5, lengths: vec![1.0, 2.0], noise: 0.1 };

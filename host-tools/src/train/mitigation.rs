@@ -1,7 +1,7 @@
-//! Predicting a range's error from range and received power (Barral et al., 3.1.1 and 3.1.2), and what becomes of the
-//! prediction where nobody trained: in other placements, in another building.
+//! Prediction of a range's error from range and received power (Barral et al., 3.1.1 and 3.1.2), and the quality of
+//! the prediction outside the training data: in other placements, in another building.
 //!
-//! This is a demonstration, and nothing on a node or in a filter calls it.
+//! This is a demonstration; no node and no filter calls it.
 
 use positioning_core::nlos::{Feature, Features, Input, Inputs, Perceptron};
 
@@ -12,12 +12,13 @@ use super::samples::{Sample, Samples};
 
 /// Inputs of table 1's and table 2's mitigators.
 const FEATURES: [Feature; 2] = [Feature::RangeMean, Feature::PowerMean];
-/// Receptions that a regressor is fitted to: a process of so many points takes a tenth of a second a kernel.
+/// Number of receptions to which a regressor is fitted: a process of this size takes a tenth of a second for each
+/// kernel.
 const MOST: usize = 200;
-/// Placements are held out in so many turns.
+/// Number of folds of placements.
 const FOLDS: usize = 8;
 
-/// What predicts the error.
+/// The method of prediction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Regressor {
     /// Gaussian process, table 1.
@@ -39,7 +40,7 @@ impl Regressor {
     }
 }
 
-/// Where the corrected receptions come from.
+/// Origin of the corrected receptions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Whence {
     /// From the placements that it was trained on, but not the receptions.
@@ -64,23 +65,23 @@ impl Whence {
 /// Errors before and after correction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome {
-    /// What corrected.
+    /// The method of prediction.
     pub regressor: Regressor,
     /// Whether the ranges are blocked.
     pub blocked: bool,
-    /// Where they come from.
+    /// The origin of the ranges.
     pub whence: Whence,
     /// Mean absolute error as measured, metres.
     pub before_m: f64,
     /// Mean absolute error as corrected, metres.
     pub after_m: f64,
-    /// Of how many receptions.
+    /// Number of receptions.
     pub count: usize,
 }
 
-/// Trains both regressors for direct and for blocked ranges of `own` and corrects with them ranges from the same
-/// placements, from other placements and from `other` buildings. In each building the median error of direct ranges is
-/// taken off beforehand: a common bias is a matter of calibration. Ranges of `other` whose sight is not known count as
+/// Trains both regressors for direct and for blocked ranges of `own`. Corrects ranges from the same placements, from
+/// other placements and from `other` buildings with them. In each building the median error of direct ranges is
+/// subtracted first: a common bias is a matter of calibration. Ranges of `other` with unknown line of sight count as
 /// direct.
 pub fn compare(own: &Samples, other: &Samples, seed: u64, mut progress: impl FnMut()) -> Vec<Outcome> {
     let (own_all, other_all) = (unbiased(own), unbiased(other));
@@ -119,11 +120,11 @@ pub fn compare(own: &Samples, other: &Samples, seed: u64, mut progress: impl FnM
     outcomes
 }
 
-/// How many times `compare` calls back.
+/// Number of calls of `progress` by `compare`.
 pub const STEPS: usize = 12;
 
-/// Features, placement, whether blocked, and the error without the building's common bias, of the receptions of which
-/// all is known.
+/// Features, placement, whether blocked, and the error without the building's common bias, of the receptions for
+/// which all of these are known.
 fn unbiased(samples: &Samples) -> Vec<(Features, usize, bool, f64)> {
     let known = |sample: &Sample| FEATURES.iter().all(|&feature| sample.features.get(feature).is_some());
     let all = samples.all.iter().filter(|sample| known(sample));
@@ -135,7 +136,7 @@ fn unbiased(samples: &Samples) -> Vec<(Features, usize, bool, f64)> {
     all.into_iter().map(|(features, place, blocked, error)| (features, place, blocked, error - bias)).collect()
 }
 
-/// Errors before and after, every placement corrected by a regressor that does not know it.
+/// Errors before and after, every placement corrected by a regressor that was trained without it.
 fn held_out(
     regressor: Regressor,
     blocked: bool,
@@ -154,10 +155,10 @@ fn held_out(
     pairs
 }
 
-/// The error that is predicted of a reception.
+/// The predicted error of a reception.
 type Correction<'a> = dyn Fn(&Features) -> Option<f64> + 'a;
 
-/// Errors of `test` before and after a correction learnt from `training`; none where there is nothing to learn from.
+/// Errors of `test` before and after a correction learnt from `training`; `None` where there is no training data.
 fn correct(
     regressor: Regressor,
     blocked: bool,
@@ -196,7 +197,7 @@ fn correct(
             let inputs = inputs.clone();
             Box::new(move |features| {
                 let (inputs, hidden) = (inputs.clone(), hidden.into_iter().collect());
-                // The node's own arithmetic.
+                // The same arithmetic as on the node.
                 Perceptron { inputs, hidden, outputs: 1, weights: &bytes }.correction_m(features).map(f64::from)
             })
         }
@@ -230,7 +231,7 @@ mod tests {
                 let mut features = Features::default();
                 features.set(Feature::RangeMean, range as f32);
                 features.set(Feature::PowerMean, -80.0 - range as f32);
-                // Direct ranges are right; blocked ones follow the curve.
+                // Direct ranges are exact; blocked ones follow the curve.
                 let blocked = i % 2 == 1;
                 let error = if blocked { 0.4 + 0.3 * (range * 2.5 + shift).sin() } else { 0.01 * f64::from(i % 3) };
                 samples.all.push(Sample { placement, blocked: Some(blocked), features, error_m: Some(error) });

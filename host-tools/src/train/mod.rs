@@ -1,8 +1,8 @@
-//! Trains and scores what tells blocked ranges from direct ones: files in, models and figures out.
+//! Trains and scores the classifiers of blocked ranges: reads files, returns models and figures.
 //!
-//! [`Samples`] reads receptions, [`train`] makes a classifier of every [`Recipe`] whose features they know,
-//! [`cross_validate`] scores recipes on placements held out, [`score`] scores models. The classifiers themselves are
-//! `positioning_core::nlos`, the same on the node.
+//! [`Samples`] reads receptions. [`train`] makes a classifier from every [`Recipe`] whose features the receptions
+//! have. [`cross_validate`] scores recipes on placements that are held out. [`score`] scores models. The classifiers
+//! themselves are `positioning_core::nlos`, the same as on the node.
 
 mod backpropagation;
 mod chosen;
@@ -24,28 +24,28 @@ pub use score::Score;
 
 use positioning_core::nlos::{Classifier, Feature, Model, Platt, StoredError};
 
-/// Parts into which placements are dealt for calibration.
+/// Number of folds of placements for calibration.
 const CALIBRATION_FOLDS: usize = 4;
 
-/// The names of a classifier's features, joined: what tables and commands call them.
+/// The names of a classifier's features, joined, as in tables and commands.
 pub fn features_of(classifier: &dyn Classifier) -> String {
     let mut names: Vec<&str> = Vec::new();
     classifier.for_each_feature(&mut |feature| names.push(feature.as_str()));
     names.join("+")
 }
 
-/// The same of a recipe.
+/// The same for a recipe.
 pub fn features_of_recipe(recipe: &Recipe) -> String {
     recipe.features.iter().map(|feature| Feature::as_str(*feature)).collect::<Vec<_>>().join("+")
 }
 
-/// The labelled ones.
+/// The labelled receptions.
 fn labelled(samples: &Samples) -> Vec<&Sample> {
     samples.all.iter().filter(|sample| sample.blocked.is_some()).collect()
 }
 
-/// Trains a recipe on labelled receptions and calibrates it: the score of every reception comes from a model that has
-/// not seen its placement. `None` where the recipe cannot be trained on them.
+/// Trains a recipe on labelled receptions and calibrates it. The scores for the calibration come from models that
+/// were trained without the reception's placement. `None` where the recipe cannot be trained on them.
 pub fn train(recipe: &Recipe, samples: &Samples, seed: u64) -> Option<Vec<u8>> {
     train_on(recipe, &labelled(samples), samples.placements.len(), seed)
 }
@@ -80,8 +80,9 @@ fn held_out<'a>(
     scored
 }
 
-/// Scores a recipe by cross-validation: `count` times trained and calibrated anew, each time with whole placements left
-/// out, and all receptions scored by the model that does not know them. `None` where it cannot be trained.
+/// Scores a recipe by cross-validation: it is trained and calibrated `count` times, each time without a fold of whole
+/// placements, and each reception is scored by the model that was trained without it. `None` where it cannot be
+/// trained.
 pub fn cross_validate(
     recipe: &Recipe,
     samples: &Samples,
@@ -97,7 +98,7 @@ pub fn cross_validate(
     Score::of(&pairs(&scored))
 }
 
-/// Scores a model on the labelled receptions that know its features; `None` where there are none.
+/// Scores a model on the labelled receptions that have its features; `None` where there are none.
 pub fn score(model: &Model<'_>, samples: &Samples) -> Option<Score> {
     let probability = |sample: &'_ Sample| model.nlos_probability(&sample.features);
     let scored: Vec<(f32, &Sample)> =
@@ -112,7 +113,7 @@ fn pairs(scored: &[(f32, &Sample)]) -> Vec<(f32, bool)> {
 /// Reads the models of a file, one after the other.
 ///
 /// # Errors
-/// There is none, or one of them cannot be trusted.
+/// There is no model, or one of them is not valid.
 pub fn models(mut bytes: &[u8]) -> Result<Vec<Model<'_>>, StoredError> {
     let mut models = Vec::new();
     loop {

@@ -1,4 +1,4 @@
-//! Fits [`Platt`]'s two numbers where the classifier was not trained.
+//! Fits the two parameters of [`Platt`] to receptions with which the classifier was not trained.
 
 use positioning_core::nlos::Platt;
 
@@ -7,8 +7,9 @@ use super::samples::Sample;
 
 /// Fits slope and offset to the scores of held-out receptions by Newton's method.
 ///
-/// Platt's targets, (n + 1)/(n + 2) and 1/(n + 2), take the number of placements for n and not that of receptions: what
-/// one placement shows a hundred times is still seen once, and a probability of 0.999 needs a thousand placements.
+/// In Platt's targets, (n + 1)/(n + 2) and 1/(n + 2), n is the number of placements and not that of receptions. A
+/// hundred receptions of one placement are still one observation, and a probability of 0.999 needs a thousand
+/// placements.
 pub fn fit(scored: &[(f32, &Sample)]) -> Platt {
     let samples: Vec<&Sample> = scored.iter().map(|(_, sample)| *sample).collect();
     let weights = weights(&samples);
@@ -29,7 +30,7 @@ pub fn fit(scored: &[(f32, &Sample)]) -> Platt {
 }
 
 /// Maximises Σ w (t ln p + (1 − t) ln(1 − p)) with p = σ(ax + b) for points (x, t, w). `None` where it does not
-/// converge or the slope is not positive: scores that point the wrong way must not be turned round, nor trusted.
+/// converge or the slope is not positive: scores with the wrong sign must neither be inverted nor used.
 fn newton(points: &[(f64, f64, f64)]) -> Option<Platt> {
     let loss = |a: f64, b: f64| -> f64 {
         points

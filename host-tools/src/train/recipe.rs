@@ -1,8 +1,8 @@
-//! Which classifiers are trained, on which features, and how.
+//! The classifiers that are trained, with their features and their training.
 //!
-//! Learnt ones get the skewness near the maximum and the difference of powers: neither depends on how far or how strong
-//! a signal is, so that what is learnt in one flat means something in the next. One pair gets what Barral et al. took,
-//! range and received power, to show the difference.
+//! Learnt classifiers use the skewness near the maximum and the difference of powers. Neither depends on the distance
+//! or the strength of a signal, so that a classifier learnt in one flat is useful in another. One pair of classifiers
+//! uses the features of Barral et al., range and received power, to show the difference.
 
 use baliza_report::mean;
 use positioning_core::nlos::{
@@ -17,16 +17,16 @@ use super::backpropagation::{Example, Goal, Network};
 use super::folds::{balanced, deal, weights};
 use super::samples::Sample;
 
-/// Receptions of either class that a learnt classifier is fitted to.
+/// Number of receptions of either class to which a learnt classifier is fitted.
 const MOST: usize = 600;
-/// Prototypes of either class on a node, and how many neighbours of them vote.
+/// Number of prototypes of either class on a node, and number of neighbours that vote.
 const PROTOTYPES: usize = 32;
 const PROTOTYPE_NEIGHBOURS: u8 = 5;
 /// Hidden layers of table 2 of Barral et al.
 const LAYERS: [u8; 3] = [46, 14, 24];
-/// Hidden neurons of the perceptron in bytes.
+/// Hidden neurons of the perceptron with weights of one byte.
 const SMALL_LAYER: [u8; 1] = [6];
-/// How strongly weights of the logistic regression are held down: ½·α·|w|² beside a sum over some 1,200 receptions.
+/// Penalty on the weights of the logistic regression: ½·α·|w|² beside a sum over some 1,200 receptions.
 const LOGISTIC_ALPHA: f64 = 1.0;
 
 /// How a classifier is made.
@@ -44,7 +44,7 @@ pub enum Method {
     NearestReduced,
     /// The large perceptron.
     Perceptron,
-    /// The perceptron in bytes.
+    /// The perceptron with weights of one byte.
     Quantised,
 }
 
@@ -66,16 +66,16 @@ impl Method {
 /// A classifier to train.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Recipe {
-    /// How.
+    /// Its method.
     pub method: Method,
-    /// On what.
+    /// Its features.
     pub features: &'static [Feature],
 }
 
 const SHAPE: &[Feature] = &[Feature::SkewnessNear, Feature::PowerDifference];
 const LEVEL: &[Feature] = &[Feature::RangeMean, Feature::PowerMean];
 
-/// All that are trained, where their features are known.
+/// All recipes; each is trained where its features are known.
 pub const RECIPES: [Recipe; 12] = [
     Recipe { method: Method::Skewness, features: &[Feature::SkewnessNear] },
     Recipe { method: Method::Skewness, features: &[Feature::Skewness] },
@@ -92,13 +92,13 @@ pub const RECIPES: [Recipe; 12] = [
 ];
 
 impl Recipe {
-    /// Whether all its features are known of a reception.
+    /// Whether a reception has all its features.
     pub fn knows(&self, features: &Features) -> bool {
         self.features.iter().all(|&feature| features.get(feature).is_some())
     }
 
-    /// Trains on the labelled receptions that know its features. Returns the bytes of the model with the calibration
-    /// that `calibrate` makes of it; `None` where there are not both classes to learn from.
+    /// Trains on the labelled receptions that have its features. Returns the bytes of the model with this
+    /// calibration; `None` where one of the classes is missing.
     pub fn train(&self, samples: &[&Sample], calibration: Platt, seed: u64) -> Option<Vec<u8>> {
         let known: Vec<&Sample> =
             samples.iter().copied().filter(|s| s.blocked.is_some() && self.knows(&s.features)).collect();
@@ -150,7 +150,7 @@ fn encode(model: &Model<'_>) -> Option<Vec<u8>> {
     Some(buffer)
 }
 
-/// Means and deviations of the features, both classes weighing as much.
+/// Means and deviations of the features, with equal weights for both classes.
 fn inputs(features: &[Feature], samples: &[&Sample]) -> Inputs {
     let input = |&feature: &Feature| {
         let (mean, deviation) = moments(feature, samples);
@@ -159,7 +159,7 @@ fn inputs(features: &[Feature], samples: &[&Sample]) -> Inputs {
     Inputs(features.iter().map(input).collect())
 }
 
-/// Weighted mean and deviation of a feature; a deviation of nothing is one.
+/// Weighted mean and deviation of a feature; a deviation of zero becomes one.
 fn moments(feature: Feature, samples: &[&Sample]) -> (f64, f64) {
     let values = samples.iter().map(|sample| f64::from(sample.features.get(feature).unwrap_or(0.0)));
     let weights = weights(samples);
@@ -233,14 +233,14 @@ fn examples(inputs: &Inputs, samples: &[&Sample]) -> Vec<Example> {
     samples.iter().filter_map(example).collect()
 }
 
-/// Trained on most placements, stopped early by the others.
+/// Trained on most placements, with early stopping by the others.
 fn perceptron(inputs: &Inputs, hidden: &[u8], known: &[&Sample], seed: u64) -> Vec<f64> {
     let placements = known.iter().map(|sample| sample.placement + 1).max().unwrap_or(0);
     let folds = deal(known, placements, 4, seed);
     let (validation, training): (Vec<&Sample>, Vec<&Sample>) =
         known.iter().copied().partition(|sample| folds[sample.placement] == 0);
     let [training, validation] = [training, validation].map(|part| examples(inputs, &balanced(&part, MOST)));
-    // Where all lies in one placement there is nothing else to stop by.
+    // Where all receptions are of one placement, it also serves for early stopping.
     let (training, validation) =
         if training.is_empty() { (validation.clone(), validation) } else { (training, validation) };
     Network::new(inputs.len(), hidden, Goal::Classify).train(&training, &validation, seed)
@@ -255,7 +255,7 @@ fn quantised(inputs: Inputs, known: &[&Sample], seed: u64) -> Option<Quantised> 
         .chunks_exact(inputs.len() + 1)
         .map(|row| Neuron::round(row[0] as f32, &single(&row[1..])))
         .collect::<Option<_>>()?;
-    // Softmax over two is a sigmoid of their difference: one output does.
+    // Softmax over two outputs is a sigmoid of their difference, so that one output is enough.
     let (direct, blocked) = outputs.split_at_checked(width + 1)?;
     let difference: Vec<f64> = blocked.iter().zip(direct).map(|(blocked, direct)| blocked - direct).collect();
     let output = Neuron::round(*difference.first()? as f32, &single(&difference[1..]))?;
@@ -268,7 +268,8 @@ mod tests {
 
     use super::*;
 
-    /// Sixty receptions in six placements: x = (1.5 sin 1.7i, cos 0.9i + 0.3 sin i), blocked where x₀ − 0.8x₁ + sin 5.3i > 0.2.
+    /// Sixty receptions in six placements: x = (1.5 sin 1.7i, cos 0.9i + 0.3 sin i), blocked where x₀ − 0.8x₁ + sin
+    /// 5.3i > 0.2.
     fn receptions() -> Vec<Sample> {
         (0..60)
             .map(|i| {
@@ -283,7 +284,7 @@ mod tests {
             .collect()
     }
 
-    /// The features as they are.
+    /// The features without normalisation.
     fn plain() -> Inputs {
         let input = |&feature: &Feature| Input { feature, mean: 0.0, deviation: 1.0 };
         Inputs(SHAPE.iter().map(input).collect())
@@ -348,7 +349,8 @@ mod tests {
 
     #[test]
     fn the_skewness_of_either_class_is_its_placements_mean() {
-        // Direct: one placement, 2 and 4: mean 3, variance 1. Blocked: placements of 0, 0, 0 and of 2: mean 1, variance 1.
+        // Direct: one placement, 2 and 4: mean 3, variance 1. Blocked: placements of 0, 0, 0 and of 2: mean 1, variance
+        // 1.
         let sample = |placement, blocked, value| {
             let mut features = Features::default();
             features.set(Feature::SkewnessNear, value);

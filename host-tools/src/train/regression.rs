@@ -1,5 +1,6 @@
-//! Regression by a Gaussian process, whatever its kernel (C. Rasmussen and C. Williams, *Gaussian Processes for Protocol Learning*, 2006,
-//! algorithm 2.1): covariances of the points and their targets in, means and variances elsewhere out.
+//! Regression by a Gaussian process with any kernel (C. Rasmussen and C. Williams, *Gaussian Processes for Machine
+//! Learning*, 2006, algorithm 2.1). The input is covariances of the points, and their targets. The output is means
+//! and variances at other points.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -14,8 +15,8 @@ pub struct Regression {
 }
 
 impl Regression {
-    /// The process whose points have these targets, y, and these covariances, K(i, j), the noise of the targets on its diagonal included;
-    /// `None` where K has no Cholesky root.
+    /// The process whose points have these targets, y, and these covariances, K(i, j), the noise of the targets on its
+    /// diagonal included; `None` where K has no Cholesky root.
     pub fn new(targets: &[f64], covariance: impl FnMut(usize, usize) -> f64) -> Option<Self> {
         let (count, targets) = (targets.len(), DVector::from_column_slice(targets));
         let root = Cholesky::new(DMatrix::from_fn(count, count, covariance))?;
@@ -30,7 +31,7 @@ impl Regression {
         self.weights.iter().zip(near).map(|(weight, near)| weight * near).sum()
     }
 
-    /// By how much the points lessen the variance there: nearᵀ K⁻¹ near.
+    /// Reduction of the variance there by the points: nearᵀ K⁻¹ near.
     pub fn explained(&self, near: &[f64]) -> f64 {
         let near = DVector::from_column_slice(near);
         self.root.l_dirty().solve_lower_triangular(&near).map_or(0.0, |half| half.norm_squared())
@@ -43,7 +44,8 @@ mod tests {
 
     #[test]
     fn two_points_are_those_of_a_hand_calculation() {
-        // K = [[4, 2], [2, 5]]: |K| = 16; K (1, 1) = (6, 7); yᵀ K⁻¹ y = 13. K⁻¹ (4, 2) = (1, 0), since it is the first column.
+        // K = [[4, 2], [2, 5]]: |K| = 16; K (1, 1) = (6, 7); yᵀ K⁻¹ y = 13. K⁻¹ (4, 2) = (1, 0), since it is the first
+        // column.
         let k = [[4.0, 2.0], [2.0, 5.0]];
         let process = Regression::new(&[6.0, 7.0], |i, j| k[i][j]).expect("a root");
         assert!((process.mean(&[1.0, 2.0]) - 3.0).abs() < 1e-12);

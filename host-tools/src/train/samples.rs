@@ -1,7 +1,8 @@
-//! Labelled receptions out of files: `cir.csv` with impulse responses, `ranges.csv` with the receiver's diagnostics.
+//! Labelled receptions from files: `cir.csv` with impulse responses, `ranges.csv` with the receiver's diagnostics.
 //!
-//! A placement is where receptions resemble each other because nothing moved: a `file` of `cir.csv`, an anchor of
-//! `ranges.csv`. Whoever scores a classifier on placements that it has seen scores its memory.
+//! A placement is a set of receptions that resemble each other because nothing moved: a `file` of `cir.csv`, an
+//! anchor of `ranges.csv`. A score on placements that were used in training measures only the memory of the
+//! classifier.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -14,13 +15,13 @@ use crate::{Table, UserError};
 /// One reception.
 #[derive(Clone, Debug)]
 pub struct Sample {
-    /// Coordinates in [`Samples::placements`].
+    /// Its index in [`Samples::placements`].
     pub placement: usize,
     /// Whether the direct path is blocked, where that is known.
     pub blocked: Option<bool>,
-    /// What was measured.
+    /// The measured features.
     pub features: Features,
-    /// Measured less true range, metres, where that is known.
+    /// Measured minus true range, metres, where the true one is known.
     pub error_m: Option<f64>,
 }
 
@@ -29,15 +30,15 @@ pub struct Sample {
 pub struct Samples {
     /// In the order of the files.
     pub all: Vec<Sample>,
-    /// Where they were received.
+    /// Names of the placements.
     pub placements: Vec<String>,
 }
 
 impl Samples {
-    /// Adds the receptions of a `cir.csv`; `placement` names the column that tells placements apart.
+    /// Adds the receptions of a `cir.csv`; `placement` names the column that identifies placements.
     ///
     /// # Errors
-    /// The first line that is wrong.
+    /// A line is wrong; the first one is reported.
     pub fn read_cir(&mut self, file: &Path, placement: &'static str) -> Result<(), UserError> {
         let mut table = Table::open(file)?;
         let label = table.column("label")?;
@@ -58,7 +59,7 @@ impl Samples {
             let mut features = complete(diagnostics.read(&row)?, links.entry(placement).or_default());
             let mut window = [0; WINDOW];
             for (sample, &column) in window.iter_mut().zip(&columns) {
-                // A magnitude that no accumulator has is the nearest that it has.
+                // A magnitude outside of the accumulator's range becomes the nearest possible one.
                 *sample = row.some_number(column)?.round() as u16;
             }
             let at = row.some_number(first_path)?;
@@ -74,11 +75,11 @@ impl Samples {
         if self.all.len() == before { Err(UserError::line(file, 1, "no receptions below the header")) } else { Ok(()) }
     }
 
-    /// Adds the receptions of a `ranges.csv`, an anchor a placement. `true_range_m` gives the true range of an epoch to
-    /// an anchor, where it is known.
+    /// Adds the receptions of a `ranges.csv`, with one placement an anchor. `true_range_m` gives the true range of an
+    /// epoch to an anchor, where it is known.
     ///
     /// # Errors
-    /// The first line that is wrong.
+    /// A line is wrong; the first one is reported.
     pub fn read_ranges(
         &mut self,
         file: &Path,
@@ -105,10 +106,10 @@ impl Samples {
         if self.all.len() == before { Err(UserError::line(file, 1, "no ranges below the header")) } else { Ok(()) }
     }
 
-    /// The place of a placement's name, which is new in each file.
+    /// The index of a placement's name; names are new in each file.
     fn placement(&mut self, file: &Path, name: &str) -> usize {
         let name = format!("{}:{name}", file.display());
-        // From the end: rows of one placement stand together.
+        // The search begins at the end, because rows of one placement follow each other.
         match self.placements.iter().rposition(|known| *known == name) {
             Some(place) => place,
             None => {
@@ -119,14 +120,14 @@ impl Samples {
     }
 }
 
-/// What a reception tells, with the moving means of its link.
+/// The features of a reception, with the moving means of its link.
 fn complete(diagnostics: Diagnostics, means: &mut Means) -> Features {
     let mut features = diagnostics.features;
     means.complete(&mut features, diagnostics.range_m, diagnostics.power_dbm);
     features
 }
 
-/// The column of `cir.csv` that tells placements apart, where it has one.
+/// The column of `cir.csv` that identifies placements, if there is one.
 pub const DEFAULT_PLACEMENT: &str = "file";
 
 /// `c-16` to `c135`.

@@ -1,21 +1,21 @@
-//! How well probabilities tell blocked from direct: area under the curve, accuracy, calibration.
+//! How well probabilities separate blocked from direct: area under the curve, accuracy, calibration.
 
 /// Figures of one classifier.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Score {
-    /// The part of receptions on the right side of ½.
+    /// The share of receptions on the right side of ½.
     pub accuracy: f64,
     /// The probability that a blocked reception has a higher score than a direct one (area under the receiver operating
     /// characteristic), a tie counting half. `None` where there is only one class.
     pub auc: Option<f64>,
-    /// Mean square of probability less truth (Brier).
+    /// Mean square of probability minus truth (Brier).
     pub brier: f64,
-    /// Of how many receptions.
+    /// Number of receptions.
     pub count: usize,
 }
 
 impl Score {
-    /// Of pairs of a probability and whether the path was blocked; `None` of none.
+    /// The score of pairs of a probability and whether the path was blocked; `None` without pairs.
     pub fn of(scored: &[(f32, bool)]) -> Option<Self> {
         let count = scored.len();
         if count == 0 {

@@ -1,4 +1,4 @@
-//! `baliza ble solve` and `baliza calibrate path-loss`: exact levels, impossible ones, and recordings.
+//! `baliza ble solve` and `baliza calibrate path-loss`: exact RSSI values, impossible values, and recordings.
 
 use std::fmt::Write as _;
 
@@ -10,12 +10,13 @@ const BEACONS: &str = "beacon,x_m,y_m,rssi_1m_dbm,path_loss_exponent,deviation_d
 const CORNERS: [(&str, [f64; 2]); 4] = [("a", [0.0, 0.0]), ("b", [6.0, 0.0]), ("c", [0.0, 8.0]), ("d", [6.0, 8.0])];
 const METHODS: [&str; 5] = ["weighted-linear", "nonlinear", "posterior", "particle-filter", "engine"];
 
-/// The level of a beacon at a distance in those files, dBm: equation 1.
+/// The RSSI of a beacon at a distance in those files, dBm: equation 1 of A. Linde Cerezo's thesis (Universitat Oberta
+/// de Catalunya, 2024).
 fn level([x, y]: [f64; 2], at: [f64; 2]) -> f64 {
     -50.0 - 20.0 * (x - at[0]).hypot(y - at[1]).log10()
 }
 
-/// Exact levels of ten seconds at (2, 3), ten adverts a second and beacon.
+/// Exact RSSI values of ten seconds at (2, 3), with ten adverts a second from each beacon.
 fn stay() -> String {
     let mut text = String::from("epoch,t_s,beacon,rssi_dbm\n");
     for advert in 0..100 {
@@ -38,9 +39,9 @@ fn exact_levels_are_solved_by_every_method() {
     let json = run.json();
     let methods: Vec<_> = json.as_array().expect("a list").iter().map(|row| row["method"].as_str()).collect();
     assert_eq!(methods, METHODS.map(Some));
-    // The mean of where the tag may be is drawn to the middle of the room, (3, 4), as far as levels are believed to err: an independent
-    // integral over the room has it at (2.649, 3.325), 0.73 m off. The tag believes path losses to 5 dB instead of 4, and knows the
-    // room to half a metre: (2.727, 3.457), 0.86 m.
+    // The posterior mean is drawn to the middle of the room, (3, 4), by the assumed deviation of the RSSI values. An
+    // independent integral over the room gives (2.649, 3.325), 0.73 m off. The tag assumes a deviation of 5 dB instead
+    // of 4, and knows the room to half a metre: (2.727, 3.457), 0.86 m off.
     for (row, reach) in json.as_array().expect("a list").iter().zip([1e-3, 5e-3, 0.8, 0.8, 0.9]) {
         assert_eq!((row["epochs"].as_u64(), row["fixed"].as_u64()), (Some(1), Some(1)), "{row}");
         for key in ["rmse_m", "mae_m", "p50_m", "p90_m"] {
@@ -67,7 +68,7 @@ fn a_beacon_that_is_unknown_mute_or_loud_is_told_and_does_no_harm() {
         stay().lines().filter(|line| !line.contains(",d,")).map(|line| format!("{line}\n")).collect();
     for advert in 0..5000 {
         let _ = writeln!(rssi, "7,{},stranger,-20", f64::from(advert) * 0.002);
-        // b screams: its level as it is, a thousand times as often.
+        // b sends a thousand times as often, with the same RSSI.
         let _ = writeln!(rssi, "7,{},b,{}", f64::from(advert) * 0.002, level([6.0, 0.0], [2.0, 3.0]));
     }
     let run = folder(&rssi).run("ble solve --beacons beacons.csv --rssi rssi.csv --truth truth.csv").ok();
@@ -128,7 +129,8 @@ fn what_is_wrong_is_said_in_one_line() {
 
 #[test]
 fn a_walk_whose_positions_are_known_calibrates_on_line_as_by_regression() {
-    // To and fro through the room in steps of 0.2 m; the beacons are -50 dBm and 2. Positions come as truth, or of a track.
+    // To and fro through the room in steps of 0.2 m. The beacons have -50 dBm and exponent 2. Positions are given as
+    // truth, or by a track.
     let (mut rssi, mut truth) = (String::from("epoch,t_s,beacon,rssi_dbm\n"), String::from("epoch,t_s,x_m,y_m\n"));
     let mut track =
         String::from("epoch,t_s,method,x_m,y_m,z_m,sigma_x_m,sigma_y_m,sigma_z_m,used,reason\nlost,0,track,,,,,,,,x\n");
@@ -153,8 +155,8 @@ fn a_walk_whose_positions_are_known_calibrates_on_line_as_by_regression() {
         let rows = folder.run(&format!("{calibrate} --plot p.svg --json")).ok().json();
         for row in rows.as_array().expect("a list") {
             let number = |key: &str| row[key].as_f64().expect("a number");
-            // A metre of way is one point, over which a level bends by a dB near a beacon. What a node expects before the first
-            // level, -59 dBm and 2.4, is worth as much as some points.
+            // Each metre of the way is one point. Near a beacon, the RSSI changes nonlinearly by one dB over this
+            // distance. The node's values before the first RSSI, -59 dBm and 2.4, have the weight of some points.
             for (key, truth, within) in [
                 ("rssi_1m_dbm", -50.0, 1.0),
                 ("path_loss_exponent", 2.0, 0.12),
@@ -177,7 +179,7 @@ fn a_walk_whose_positions_are_known_calibrates_on_line_as_by_regression() {
 
 #[test]
 fn a_calibration_is_what_solve_reads() {
-    // Sixteen points in the room; the beacons' path losses are unknown at first, and are -50 dBm and 2.
+    // Sixteen points in the room. The beacons' path losses are not known at first; they are -50 dBm and exponent 2.
     let mut stays = String::from("point,x_m,y_m,beacon,rssi_dbm,t_s\n");
     for point in 0..16 {
         let at = [0.7 + 1.5 * f64::from(point % 4), 0.9 + 2.0 * f64::from(point / 4)];
@@ -208,7 +210,7 @@ fn a_calibration_is_what_solve_reads() {
     let run = folder.run("ble solve --beacons found.csv --rssi rssi.csv --truth truth.csv --method nonlinear --json");
     let rows = run.ok().json();
     assert!(rows[0]["mae_m"].as_f64().expect("a number") < 0.2);
-    // Keys that scripts rely on; there are no neighbours here.
+    // Keys that scripts use. There are no neighbours here.
     assert!(rows[0]["k"].is_null() && rows[0]["points"] == rows[0]["epochs"] && rows[0]["rmse_m"].is_f64(), "{rows}");
 }
 
@@ -222,7 +224,7 @@ fn a_receiver_that_reads_six_too_soft_is_found_out_from_capture_to_capture() {
             let _ = writeln!(stays, "p{point},{},{},{name},{rssi},{}", at[0], at[1], f64::from(advert) * 0.1);
         }
     }
-    // Path losses that are known to a dB, so that the offset is what errs.
+    // The path losses are known to one dB, so that the offset dominates the error.
     let folder = Folder::with(&[("beacons.csv", &BEACONS.replace(",4\n", ",1\n")), ("rssi.csv", &stays)]);
     let errors = |offset: &str| -> Vec<f64> {
         let run = folder.run(&format!(
@@ -232,8 +234,8 @@ fn a_receiver_that_reads_six_too_soft_is_found_out_from_capture_to_capture() {
         rows.as_array().expect("a list").iter().map(|row| row["mae_m"].as_f64().expect("a number")).collect()
     };
     let (deaf, learnt) = (errors("0"), errors("4"));
-    // Nonlinear, posterior, particles; the linear form knows no offset. The tag believes no path loss to a dB, and the offset costs it
-    // little.
+    // Nonlinear, posterior and particles. The linear form has no offset. The tag does not assume path losses to be
+    // known to one dB, and the offset has little effect on it.
     assert!((1..4).all(|method| learnt[method] < 0.8 * deaf[method]), "{learnt:?} {deaf:?}");
     assert!(learnt[4] < 2.0 && deaf[4] < 2.0, "{learnt:?} {deaf:?}");
     assert_eq!(learnt[0], deaf[0]);
@@ -241,7 +243,7 @@ fn a_receiver_that_reads_six_too_soft_is_found_out_from_capture_to_capture() {
 
 #[test]
 fn what_a_wall_takes_is_found_and_heeded() {
-    // A wall at x = 3.1 takes 5 dB of the levels of a and c on its right, of b and d on its left.
+    // A wall at x = 3.1 attenuates a and c on its right side, and b and d on its left side, by 5 dB.
     let behind = |place: [f64; 2], at: [f64; 2]| if (place[0] < 3.1) == (at[0] < 3.1) { 0.0 } else { 5.0 };
     let mut stays = String::from("point,x_m,y_m,beacon,rssi_dbm,t_s\n");
     for point in 0..24 {
@@ -270,7 +272,7 @@ fn what_a_wall_takes_is_found_and_heeded() {
 
 #[test]
 fn a_beacon_that_was_moved_or_has_a_double_costs_metres_at_most() {
-    // d is heard as if it hung at (1, 1); or is heard twice, there and where it is.
+    // d is received as if it were at (1, 1), or twice: from there and from its own position.
     let moved = |advert: i32| level([1.0, 1.0], [2.0, 3.0]) + 0.01 * f64::from(advert % 2);
     for double in [false, true] {
         let mut rssi: String =
@@ -285,8 +287,8 @@ fn a_beacon_that_was_moved_or_has_a_double_costs_metres_at_most() {
     }
 }
 
-/// The thesis' room: places of tables 4.1 and 4.2, in the frame of its fingerprints; beacons 6 and 8 are exchanged there: only so do the
-/// path losses of table 4.3 come out.
+/// The room of the thesis: positions of tables 4.1 and 4.2, in the coordinates of its fingerprints. Beacons 6 and 8 are
+/// exchanged there: only with the exchange do the path losses of table 4.3 result.
 const ROOM: &str = "beacon,x_m,y_m\n1,0.45,3.22\n2,5.25,1.63\n6,3.70,6.55\n7,6.88,3.73\n8,2.30,0.12\n";
 
 #[test]
@@ -299,7 +301,7 @@ fn the_room_of_the_thesis_is_calibrated_and_its_targets_found() {
         file("fingerprints.csv")
     );
     let rows = folder.run(&calibrate).ok().json();
-    // Table 4.3, by plain regression; ours weighs points in a shadow less.
+    // Table 4.3, by plain regression. The calibration here gives less weight to points in a shadow.
     for (row, (exponent, level)) in rows.as_array().expect("a list").iter().zip([
         (1.34, -53.94),
         (1.54, -54.39),
@@ -310,7 +312,7 @@ fn the_room_of_the_thesis_is_calibrated_and_its_targets_found() {
         let off = |key: &str, printed: f64| (row[key].as_f64().expect("a number") - printed).abs();
         assert!(off("path_loss_exponent", exponent) < 0.15 && off("rssi_1m_dbm", level) < 1.2, "{row}");
     }
-    // The thesis has 1.20 m by multilateration, 1.15 m with its particle filter (table 4.4).
+    // The thesis has 1.20 m by multilateration, and 1.15 m with its particle filter (table 4.4).
     let solve = format!("ble solve --beacons calibrated.csv --rssi {} --json", file("targets.csv"));
     let rows = folder.run(&solve).ok().json();
     let posterior = rows.as_array().expect("a list").iter().find(|row| row["method"] == "posterior").expect("a row");
@@ -329,7 +331,7 @@ fn channels_are_calibrated_like_beacons() {
     for row in rows.as_array().expect("a list") {
         assert_eq!(row["points"].as_u64(), Some(12), "half a metre to six in steps of half a metre: {row}");
     }
-    // All channels together tell distances best (section 3.4.1.2): the least deviation.
+    // All channels together estimate distances best (section 3.4.1.2): they have the least deviation.
     let deviation = |at: usize| rows[at]["deviation_db"].as_f64().expect("a number");
     assert!((0..3).all(|at| deviation(3) < deviation(at)), "{rows}");
 }
@@ -346,12 +348,13 @@ fn the_study_of_feasibility_comes_out_as_printed_in_kind() {
         row.cloned().unwrap_or_else(|| panic!("no {parameter} {noise} {algorithm}"))
     };
     let mae = |row: &serde_json::Value| row["mae_m"].as_f64().expect("a number");
-    // Much of the simulation is not printed: within a factor of 1.8 of the printed mean errors.
+    // The thesis does not print many parameters of the simulation, so the limit is a factor of 1.8 of the printed mean
+    // errors.
     for (parameter, noise) in [("rssi", 5.0), ("rssi", 10.0), ("tof", 100.0)] {
         let [prints, circles] = ["fingerprinting", "multilateration"].map(|name| row(parameter, noise, name));
         let printed = prints["printed_mae_m"].as_f64().expect("a number");
         assert!((1.0 / 1.8..1.8).contains(&(mae(&prints) / printed)), "{prints}");
-        // As printed: fingerprints are better, and times of flight by multilateration are more than 5 m off.
+        // As printed: fingerprints are better, and multilateration with times of flight has errors of more than 5 m.
         assert!(mae(&prints) < mae(&circles), "{prints} {circles}");
         assert!(noise < 100.0 || mae(&circles) > 5.0, "{circles}");
     }

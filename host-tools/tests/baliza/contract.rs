@@ -1,4 +1,4 @@
-//! What scripts rely on: columns, keys, order, reasons, and positions that a hand calculation gives.
+//! What scripts use: columns, keys, order, reasons, and positions that agree with a calculation by hand.
 
 use crate::support::{Folder, Run};
 
@@ -6,7 +6,7 @@ use crate::support::{Folder, Run};
 const ANCHORS: &str = "anchor,x_m,y_m,z_m\na,0,0,0\nb,3,0,0\nc,0,4,0\nd,6,8,0\n";
 const RANGES: &str = "epoch,t_s,anchor,range_m\n7,0.5,a,5\n7,0.5,b,4\n7,0.5,c,3\n7,0.5,d,5\n";
 
-/// `solve` in the plane over these files.
+/// Runs `solve` in the plane on these files.
 fn solve(files: &[(&str, &str)], more: &str) -> Run {
     Folder::with(files).run(&format!("solve --anchors anchors.csv --ranges ranges.csv {more}")).ok()
 }
@@ -112,7 +112,8 @@ fn columns_are_found_by_name_whoever_wrote_the_file() {
 
 #[test]
 fn epochs_keep_their_order_and_none_is_missing() {
-    // Epoch 3 comes first, its rows are not together; 5 has two ranges; of 9's one is unknown; 4 and 6 are in the truth alone.
+    // Epoch 3 comes first, and its rows are not adjacent. Epoch 5 has two ranges. One range of epoch 9 is unknown.
+    // Epochs 4 and 6 are only in the truth.
     let ranges =
         "epoch,t_s,anchor,range_m\n3,0.1,a,5\n5,0.2,a,5\n3,,b,4\n5,,b,4\n3,,c,3\n3,,d,5\n9,0.9,a,5\n9,,b,\n9,,c,3\n";
     let truth = "epoch,t_s,x_m,y_m,z_m\n3,0.1,3,4,0\n4,0.15,3,4,0\n5,0.2,3,4,0\n6,0.25,3,4,0\n";
@@ -129,7 +130,7 @@ fn epochs_keep_their_order_and_none_is_missing() {
 
 #[test]
 fn a_height_flattens_the_ranges() {
-    // 2 m higher than the tag's plane at 2 m: √(5² + 12²) = 13, √(4² + 3²) = 5, √(3² + 4²) = 5, 5.
+    // Anchors above and below the tag's plane at 2 m: √(5² + 12²) = 13, √(4² + 3²) = 5, √(3² + 4²) = 5, 5.
     let anchors = "anchor,x_m,y_m,z_m\na,0,0,14\nb,3,0,5\nc,0,4,-2\nd,6,8,2\n";
     let ranges = "epoch,t_s,anchor,range_m\n7,0.5,a,13\n7,0.5,b,5\n7,0.5,c,5\n7,0.5,d,5\n";
     let truth = "epoch,t_s,x_m,y_m,z_m\n7,0.5,3,4,2\n";
@@ -175,7 +176,7 @@ fn errors_are_horizontal_in_the_plane_and_whole_in_space() {
 
 #[test]
 fn coplanar_anchors_leave_two_images_and_the_flag_chooses() {
-    // A ceiling at 3 m over (1, 1, 1): √(1 + 1 + 4), √(9 + 1 + 4), √(1 + 9 + 4), √(9 + 9 + 4).
+    // Anchors on a ceiling at 3 m, above the tag at (1, 1, 1): √(1 + 1 + 4), √(9 + 1 + 4), √(1 + 9 + 4), √(9 + 9 + 4).
     let anchors = "anchor,x_m,y_m,z_m\na,0,0,3\nb,4,0,3\nc,0,4,3\nd,4,4,3\n";
     let ranges = "epoch,t_s,anchor,range_m\n0,0,a,2.4494897\n0,0,b,3.7416574\n0,0,c,3.7416574\n0,0,d,4.6904158\n";
     let files = [("anchors.csv", anchors), ("ranges.csv", ranges)];
@@ -190,7 +191,7 @@ fn coplanar_anchors_leave_two_images_and_the_flag_chooses() {
 
 #[test]
 fn the_sixteen_shortest_of_many_ranges_are_taken() {
-    // Sixteen exact ranges to anchors on a circle of 5 m around (0, 0), and four that are 40 m long: the last in the circle.
+    // Sixteen exact ranges to anchors on a circle of 5 m around (0, 0), and four ranges of 40 m, which are too long.
     let mut anchors = String::from("anchor,x_m,y_m,z_m\n");
     let mut ranges = String::from("epoch,t_s,anchor,range_m\n");
     for i in 0..20 {
@@ -206,10 +207,10 @@ fn the_sixteen_shortest_of_many_ranges_are_taken() {
 
 #[test]
 fn the_oracle_needs_to_know_what_is_blocked() {
-    // The range to d is 2 m too long, and the file says so or not.
+    // The range to d is 2 m too long. The first file says that it is blocked, the second does not.
     let ranges = "epoch,t_s,anchor,range_m,los\n7,0.5,a,5,1\n7,0.5,b,4,1\n7,0.5,c,3,1.0\n7,0.5,d,7,0.0\n";
     let run = solve(&[("anchors.csv", ANCHORS), ("ranges.csv", ranges)], "--dims 2 --method nls-ccv");
-    // Four ranges, the blocked one of lesser weight: nearer to (3, 4) than the 2 m that the range is off.
+    // Four ranges, of which the blocked one has less weight: the error is less than the 2 m of the wrong range.
     assert!((run.numbers("x_m")[0] - 3.0).hypot(run.numbers("y_m")[0] - 4.0) < 0.2, "{}", run.stdout);
     let run = solve(&[("anchors.csv", ANCHORS), ("ranges.csv", RANGES)], "--dims 2 --method nls-ccv");
     assert_eq!(run.column("reason"), ["sight-unknown"]);

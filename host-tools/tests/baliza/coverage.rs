@@ -16,7 +16,8 @@ fn maps_are_measured_or_simulated_and_both_are_compared() {
         folder.run("coverage --fingerprints f.csv --beacons b.csv --walls w.csv --json --plot m.png --out m.csv").ok();
     let json = run.json();
     assert_eq!(json[1]["source"], "simulated");
-    // a: −60 at 1 m (1 dB more than measured), −60 − 13.979400 − 4 behind the wall at 5 m (5.979400 less): mean −2.489700.
+    // a: −60 at 1 m (1 dB more than measured), −60 − 13.979400 − 4 behind the wall at 5 m (5.979400 less): mean
+    // −2.489700.
     let bias = json[1]["beacons"][0]["bias_db"].as_f64().expect("a number");
     assert!((bias + 2.4897).abs() < 1e-4, "{json}");
     assert_eq!(json[1]["beacons"][2]["bias_db"], serde_json::Value::Null);
@@ -43,7 +44,7 @@ fn places_are_found_among_candidates_or_everywhere() {
     assert!(json["error_mean_m"].as_f64() < json["before_m"].as_f64(), "{json}");
     assert!(folder.read("p.svg").starts_with(b"<svg"));
 
-    // Two of three candidates: never the one that stands beside another.
+    // Two of three candidates are chosen, but never the candidate beside another one.
     let candidates = "beacon,x_m,y_m\nleft,0,3\nleft-too,0.1,3\nabove,4,6\n";
     folder.write("c.csv", candidates.as_bytes());
     let run = folder.run("plan-anchors --count 2 --kind anchors --candidates c.csv --area 0,0,8,6 --json").ok();

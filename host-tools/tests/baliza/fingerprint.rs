@@ -105,7 +105,7 @@ fn a_map_is_what_a_node_reads() {
         (summary["points"].as_u64(), summary["bytes"].as_u64()),
         (Some(map.points() as u64), Some(bytes.len() as u64))
     );
-    // SiteModelPart between the corners lie between theirs.
+    // RSSI values between the corners are between those of the corners.
     let nearest =
         map.positions::<f64>().position(|[x, y]| (x - 5.0).abs() < 0.5 && (y - 5.0).abs() < 0.5).expect("a middle");
     assert!(map.rssis::<f64>(nearest).all(|level| level.is_some_and(|level| (-76.0..=-62.0).contains(&level))));
@@ -179,7 +179,7 @@ fn maps_of_another_kind_or_with_other_names_are_refused() {
     refused("--map cut.map", "cut.map: a damaged map");
     refused("--map survey.csv", "survey.csv: not a map of levels");
     refused("--map lattice.map --beacon-names 7,8,9", "--beacon-names: 3 names of 2 beacons");
-    // Beacons that are called otherwise are the map's by their minors, or by their names in its order.
+    // Beacons with other names are matched to the map's beacons by their minor numbers, or by the order of their names.
     let named = TARGETS.replace(",7,", ",north,").replace(",8,", ",south,");
     folder.write("named.csv", named.as_bytes());
     folder.write("minors.csv", TARGETS.replace(",7,", ",1-7,").replace(",8,", ",1-8,").as_bytes());
@@ -188,7 +188,8 @@ fn maps_of_another_kind_or_with_other_names_are_refused() {
     assert_eq!(figures(&folder, "--map lattice.map --targets named.csv --beacon-names north,south"), wanted);
 }
 
-/// A corridor of eleven points, 1 m apart: beacon 7 is alike on both sides of its middle, beacon 8 tells them apart.
+/// A corridor of eleven points, 1 m apart. Beacon 7 has the same RSSI on both sides of the middle; beacon 8
+/// distinguishes the sides.
 fn corridor() -> String {
     let mut text = String::from("point,x_m,y_m,beacon,rssi_dbm,t_s\n");
     for x in 0..=10_i32 {
@@ -200,9 +201,10 @@ fn corridor() -> String {
 
 #[test]
 fn a_walker_does_not_pass_a_wall() {
-    // From x = 2, where both beacons are heard, up to the wall at 5.5, where the walker stands for a while, and back to 2. On the way
-    // there is beacon 7 alone, which says as well that the walker goes through the wall to 8. The other walker's levels jump to those
-    // of 8, which only who passes the wall can believe.
+    // The walker goes from x = 2, where both beacons are received, to the wall at 5.5, stays there for a while, and
+    // goes back to 2. On the way, only beacon 7 is received, whose RSSI values would also fit a way through the wall to
+    // x = 8. The RSSI values of the other walker change suddenly to those at x = 8, which fits only a way through the
+    // wall.
     let way = [2, 2, 3, 4, 5, 5, 5, 5, 5, 5, 4, 3, 2];
     let walk: Vec<(i32, bool)> = way.into_iter().enumerate().map(|(second, x)| (x, second < 2)).collect();
     let rssi = |epochs: &[(i32, bool)]| {
@@ -259,19 +261,19 @@ fn epochs_count_in_order_of_time_and_those_without_one_by_themselves() {
     for how in ["gp-walk", "knn --particle-filter"] {
         assert_eq!(of("walk.csv", how), of("mixed.csv", how), "{how}");
     }
-    // Nothing joins them: each is found as if it were alone.
+    // The captures are not connected: each is found as if it were alone.
     let timeless = of("timeless.csv", "gp-walk");
     assert!(timeless[0]["mae_m"].as_f64().is_some_and(|mae_m| mae_m < 1.0), "{timeless}");
 }
 
-/// Runs with the recording's files; a name in braces is one of them.
+/// Runs with the recording's files; a name in braces stands for one of them.
 fn replay(name: &str, arguments: &str) -> Option<Run> {
     let folder = recording(name)?;
     let arguments = arguments.replace('{', &format!("{}/", folder.display())).replace('}', ".csv");
     Some(Folder::with(&[]).run(&arguments).ok())
 }
 
-/// Asserts that the only method finds every point with at most so much mean absolute error, metres.
+/// Asserts that the only method finds every point with a mean absolute error of at most `reach_m`, metres.
 fn reaches(name: &str, arguments: &str, reach_m: f64) {
     let Some(run) = replay(name, &format!("ble fingerprint --fingerprints {{fingerprints}} {arguments} --json")) else {
         return;
@@ -291,7 +293,7 @@ fn recorded_targets_are_found() {
 
 #[test]
 fn another_receiver_is_found_as_well() {
-    // The recorded targets, all 8 dB weaker: the offset is learnt.
+    // The recorded targets, all 8 dB weaker: the offset is estimated.
     let Some(folder) = recording("linde_room") else { return };
     let targets = std::fs::read_to_string(folder.join("targets.csv")).expect("a file of text");
     let mut rows = targets.lines();

@@ -1,4 +1,4 @@
-//! `baliza` as a user runs it: arguments and files in; exit code, standard output, standard error and files out.
+//! Runs `baliza` as a user does: arguments and files in; exit code, standard output, standard error and files out.
 
 mod ble;
 mod contract;

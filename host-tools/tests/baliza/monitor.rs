@@ -1,4 +1,5 @@
-//! `baliza monitor` on files and standard input: the log and telemetry together, wrong and missing ELF files, spoilt streams.
+//! `baliza monitor` on files and standard input: the log and telemetry together, wrong and missing ELF files, damaged
+//! streams.
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::Stdio;
@@ -21,7 +22,7 @@ fn streams(build: [u8; 8]) -> (Vec<u8>, Vec<u8>) {
     (log, telemetry)
 }
 
-/// As an ESP image sends them, after its boot loader.
+/// The streams as an ESP image sends them, after its boot loader.
 fn mixture() -> Vec<u8> {
     let announced = |frame: Vec<u8>| [vec![0xFF, 0], frame].concat();
     let parts = [
@@ -151,7 +152,7 @@ fn spoilt_streams_are_counted_and_what_is_whole_is_shown() {
     };
     folder.write("good.bin", &good);
     assert_eq!(whole("good.bin"), 600);
-    // A frame of some 40 bytes is spoilt with a third of chance, by itself or by what stands before it.
+    // A frame of about 40 bytes is damaged with a probability of one third, by itself or by the bytes before it.
     let count = whole("flipped.bin");
     assert!((300..=540).contains(&count), "{count}");
     let run = folder.run("monitor --file flipped.bin --elf image.elf").ok();
@@ -169,7 +170,7 @@ fn it_ends_after_so_many_positions_or_seconds() {
     let run = folder.run("monitor --file telemetry.bin --fixes 1").ok();
     assert_eq!(run.stdout, [HELLO, FIXES[0]].concat());
 
-    // A pipe that stays open and silent.
+    // A pipe that stays open, without bytes.
     let mut command = folder.command("monitor --stdin --seconds 0.3");
     let mut child =
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("baliza runs");
@@ -191,7 +192,7 @@ fn ctrl_c_ends_it_cleanly_with_the_count() {
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("baliza runs");
     let mut pipe = child.stdin.take().expect("a pipe");
     pipe.write_all(&streams(BUILD).1).expect("written");
-    // It says something once it listens.
+    // The program prints a line when it listens.
     let mut first = [0; 10];
     std::io::Read::read_exact(child.stdout.as_mut().expect("a pipe"), &mut first).expect("a line");
     let killed =
@@ -208,9 +209,9 @@ fn ctrl_c_ends_it_cleanly_with_the_count() {
 fn a_serial_port_is_read_and_its_going_away_is_said() {
     use serialport::{SerialPort, TTYPort};
 
-    // Two ends of a pseudo terminal: ours, and one that the program opens by its name.
+    // The two ends of a pseudo terminal: one for the test, and one that the program opens by name.
     let (ours, theirs) = TTYPort::pair().expect("a pseudo terminal");
-    // The copy, unlike the original, is not inherited by the program, which would hold it open.
+    // Unlike the original, the copy is not inherited by the program, which would hold it open.
     let mut copy = ours.try_clone_native().expect("a copy");
     drop(ours);
     let name = theirs.name().expect("it has a name");

@@ -1,13 +1,13 @@
-//! `baliza nlos`: training, scoring, models that are damaged, receptions that are hostile.
+//! `baliza nlos`: training, scoring, damaged models, and malicious receptions.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use crate::support::{Folder, root};
 
-/// A file of impulse responses: so many placements of either class, so many receptions each. Direct ones have one
-/// strong path and a short tail; blocked ones a weak first path, a broad hump behind it and less power in the first
-/// path.
+/// A file of impulse responses: `placements` placements of each class, with `receptions` receptions each. Direct
+/// responses have one strong path and a short tail. Blocked responses have a weak first path, a broad hump behind it
+/// and less power in the first path.
 fn responses(placements: usize, receptions: usize) -> String {
     let mut csv = header();
     for placement in 0..2 * placements {
@@ -50,7 +50,7 @@ fn row(csv: &mut String, file: &str, label: &str, first_path: &str, amplitude: f
     csv.push('\n');
 }
 
-/// The objects of a list by classifier and features.
+/// The object of a list with this classifier and these features.
 fn find<'a>(list: &'a serde_json::Value, classifier: &str, features: &str) -> &'a serde_json::Value {
     let found = list.as_array().expect("a list").iter();
     found
@@ -72,7 +72,7 @@ fn what_was_trained_is_scored_with_the_keys_of_the_contract() {
         for key in ["features", "classifier", "accuracy", "auc", "n"] {
             assert!(!object[key].is_null(), "{key} of {object}");
         }
-        // 4 placements of 9.
+        // 4 placements of 9 receptions.
         assert_eq!(object["n"], 36);
     }
     for classifier in ["logistic", "nearest", "nearest-reduced", "perceptron", "quantised"] {
@@ -82,7 +82,7 @@ fn what_was_trained_is_scored_with_the_keys_of_the_contract() {
     for (classifier, features) in [("skewness", "skewness_near"), ("power-difference", "power_difference_db")] {
         assert_eq!(find(&list, classifier, features)["auc"], 1.0);
     }
-    // Range and power are the same everywhere: whoever goes by them knows nothing.
+    // Range and power are the same everywhere: a classifier that uses only these has no information.
     assert_eq!(find(&list, "nearest", "range_mean_m+power_mean_dbm")["auc"], 0.5);
 }
 
@@ -98,7 +98,8 @@ fn equal_seeds_give_equal_models() {
 
 #[test]
 fn folds_hold_whole_placements_out() {
-    // Every anchor is at another distance, and every second one blocked: a new one may be either, a known one is known.
+    // Every anchor has another distance, and every second one is blocked. So the class of a new anchor cannot be
+    // predicted, but that of a known anchor can.
     let mut csv = format!("{RANGES}\n");
     for epoch in 0..60 {
         for anchor in 0..8 {
@@ -156,7 +157,8 @@ fn ranges_with_diagnostics_train_what_needs_no_impulse_response() {
     let list = folder.run("nlos eval --model m --ranges ranges.csv --json").ok().json();
     assert_eq!(find(&list, "logistic", diagnostics)["auc"], 1.0);
 
-    // A model of impulse responses scores ranges by what both have, and says of the rest that it cannot.
+    // A model of impulse responses scores ranges by the features that both have. For the other features, it reports
+    // that it cannot.
     folder.run("nlos train --cir cir.csv --out c").ok();
     let list = folder.run("nlos eval --model c --ranges ranges.csv --json").ok().json();
     let skewness = find(&list, "skewness", "skewness_near");
@@ -176,7 +178,7 @@ fn hostile_receptions_are_no_panic() {
     let folder = Folder::with(&[("cir.csv", &csv)]);
     folder.run("nlos train --cir cir.csv --folds file --fold-count 3 --out m").ok();
     let list = folder.run("nlos eval --model m --cir cir.csv --json").ok().json();
-    // Flat windows have no shape: 24 of 34 receptions have.
+    // Flat windows have no shape: 24 of 34 receptions have a shape.
     assert_eq!(find(&list, "skewness", "skewness_near")["n"], 24);
 }
 
@@ -253,10 +255,10 @@ fn mitigation_tells_before_and_after() {
     let folder = Folder::with(&[("cir.csv", &responses(2, 6))]);
     let list = folder.run("nlos mitigation --cir cir.csv --json").ok().json();
     let list = list.as_array().expect("a list");
-    // Two regressors, two classes, two places: without another building.
+    // Two regressors, two classes, two places: the run has no other building.
     assert_eq!(list.len(), 8);
     for object in list {
-        // 3.2 m measured, 3.0 m true, everywhere: a common bias, nothing else.
+        // 3.2 m measured, 3.0 m true, everywhere: only a common bias.
         assert_eq!(object["before_mae_m"], 0.0, "{object}");
     }
     let run = folder.run("nlos mitigation --cir cir.csv --ranges cir.csv");
@@ -281,7 +283,7 @@ fn classifiers_that_fit_a_node_reach_their_figures_on_a_recorded_flat() {
         .ok()
         .json();
     let auc = |classifier, features| find(&list, classifier, features)["auc"].as_f64().expect("a number");
-    // The reach: .85 with whole placements held out.
+    // The limit: .85 with whole placements held out.
     for (classifier, features) in [("skewness", "skewness_near"), ("logistic", "skewness_near+power_difference_db")] {
         let auc = auc(classifier, features);
         assert!(auc >= 0.85, "{classifier}: {auc}");

@@ -1,4 +1,4 @@
-//! Pictures: the right kind of file, with what should be in it.
+//! Pictures: the file format and the expected content.
 
 use crate::support::Folder;
 
@@ -14,7 +14,7 @@ fn an_svg_names_anchors_methods_and_figures() {
     let folder = Folder::with(&FILES);
     folder.run("plot --positions positions.csv --truth truth.csv --anchors anchors.csv --out picture.svg").ok();
     let svg = String::from_utf8(folder.read("picture.svg")).expect("text");
-    // robust errs by 0.1 and 0.2 m: RMSE √(0.05 ⁄ 2) = 0.158, P50 0.150, P90 0.1 + 0.9 · 0.1 = 0.190.
+    // robust has errors of 0.1 and 0.2 m: RMSE √(0.05 ⁄ 2) = 0.158, P50 0.150, P90 0.1 + 0.9 · 0.1 = 0.190.
     for text in
         ["west &amp; co &lt;1&gt;", "robust", "lls", "0.158", "0.150", "0.190", "1 position lies outside of the map"]
     {

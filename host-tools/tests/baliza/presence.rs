@@ -12,10 +12,12 @@ fn each_position_has_its_room_and_the_tags_answer() {
     let truth = "epoch,t_s,x_m,y_m\n1,0,1,2\n2,1,3.9,2\n5,30,7,1\n";
     let folder = Folder::with(&[("p.csv", POSITIONS), ("r.csv", ROOMS), ("t.csv", truth)]);
     let run = folder.run("presence --positions p.csv --outlines r.csv").ok();
-    // 0.1 m beyond the wall with σ 0.5 m: the nodes at −1.356 σ and −2.857 σ are before it, 0.233 of the Gaussian.
+    // The position is 0.1 m beyond the wall, with σ 0.5 m. The quadrature nodes at −1.356 σ and −2.857 σ are before the
+    // wall, with 0.233 of the Gaussian.
     assert_eq!(run.column("room"), ["hall", "attic", "", "", "attic", "attic"]);
     assert_eq!(run.column("probability"), ["1.000", "0.767", "", "", "1.000", "1.000"]);
-    // One position beyond the wall changes nothing; after 27 s without a position in a room everything is new.
+    // One position beyond the wall does not change the answer. After 27 s without a position in a room, the answer
+    // begins anew.
     assert_eq!(run.column("answer"), ["hall", "hall", "hall", "hall", "attic", "attic"]);
 
     let json = folder.run("classify-rooms --positions p.csv --outlines r.csv --truth t.csv --json").ok().json();

@@ -1,4 +1,4 @@
-//! `baliza provision`: from a file that people write to a record, and back.
+//! `baliza provision`: from a file written by people to a record, and back.
 
 use std::fs;
 
@@ -19,7 +19,7 @@ antenna_delay_ticks = 16_436
 position_m = [1, 2.5, -0.5]
 "#;
 
-/// With every key that there is.
+/// A site with every key.
 const EVERYTHING: &str = r#"
 [network]
 pan = 0xBA11
@@ -100,7 +100,7 @@ fn provisioned(text: &str) -> Folder {
     folder
 }
 
-/// Asserts that a run was refused with one line that begins so.
+/// Asserts that a run was refused with one line that begins with this text.
 fn refused(run: &Run, begins: &str) {
     assert_eq!(run.code, Some(2), "{run:?}");
     assert!(run.stderr.starts_with(begins), "{}, not {begins}", run.stderr);
@@ -110,7 +110,7 @@ fn refused(run: &Run, begins: &str) {
 #[test]
 fn a_record_has_the_bytes_that_another_program_wrote() {
     let folder = provisioned(ANCHOR);
-    // See node-record's tests: a Python program wrote the body, and the header by its length 0x36, sequence 1, and
+    // See node-record's tests: a Python program wrote the body, and the header from its length 0x36, sequence 1, and
     // zlib's CRC-32.
     let body = "01 ef 9b af cd f8 ac d1 91 01  01 81 02   \
                 01 01 00 00 80 3f 00 00 20 40 00 00 00 bf \
@@ -189,7 +189,7 @@ fn show_and_provision_are_a_circle() {
             let board = if text == ANCHOR { "evk1000" } else { ["dwm1001", "esp32c6"][usize::from(node != "tag")] };
             folder.run(&format!("provision --config shown.toml --board {board} --out again.bin")).ok();
             assert!(folder.read("again.bin") == folder.read(&format!("records/{node}.bin")), "{}", shown.stdout);
-            // And what is shown of it is the same again.
+            // The new record is shown as the same text.
             let again = folder.run("provision --show again.bin --show-keys").ok();
             assert_eq!(again.stdout, shown.stdout);
         }
@@ -211,7 +211,7 @@ fn everything_that_is_said_is_in_the_record() {
             "still_rate_hz": 0.13, "sleep": true, "anchors_per_round": 3, "tell_distances": true, "report_ranges": false,
             "scan_interval_ms": 100, "scan_window_ms": 30, "solver": "b-wls-r", "scheme": "double-sided",
         }],
-        // Listed first, then the nodes that tags cannot learn of otherwise.
+        // The listed anchors come first, then the nodes whose positions tags cannot receive from the nodes.
         "anchor": [
             { "address": 0x0102, "position_m": [0.1, -0.7, 1000.0] },
             { "address": 0x0101, "position_m": [0.1, 2.0, 3.3] },
@@ -407,7 +407,7 @@ fn a_tag_is_told_of_24_beacons_at_most() {
     let beacons: String =
         (0..25).map(|n| format!("[[beacon]]\nmajor = 9\nminor = {n}\nposition_m = [0, 0, 0]\n")).collect();
     let folder = Folder::with(&[("site.toml", &format!("{EVERYTHING}{beacons}"))]);
-    // One is there, and each of these has four lines: the one with minor 23 is the 25th.
+    // The list has one beacon already, and each of these has four lines: the beacon with minor 23 is the 25th.
     let lines = EVERYTHING.lines().count();
     let run = folder.run("provision --config site.toml --all --out records");
     refused(&run, &format!("site.toml:{}: a tag can be told of 24 beacons, this is one more", lines + 1 + 23 * 4));
@@ -445,7 +445,7 @@ fn the_board_that_is_asked_for_counts_more_than_the_file_s() {
     let folder = Folder::with(&[("site.toml", EVERYTHING)]);
     let made = folder.run("provision --config site.toml --node tag --board esp32 --out tag.bin --json").ok().json();
     assert_eq!((&made[0]["board"], &made[0]["address"]), (&serde_json::json!("esp32"), &serde_json::json!(0x9000)));
-    // And is what the record is judged by: the EVK1000 has no Bluetooth.
+    // The record is also checked against the board: the EVK1000 has no Bluetooth.
     let run = folder.run("provision --config site.toml --node tag --board evk1000 --out other.bin");
     refused(&run, "site.toml:40: scan_interval_ms is 100: ");
     assert_eq!(folder.names(), ["site.toml", "tag.bin"]);
@@ -466,7 +466,7 @@ fn intel_hex_is_the_same_record_with_its_address() {
     refused(&folder.run("provision --show bad.hex"), "bad.hex:2: ");
 }
 
-/// Sets the checksum of the record at the beginning, by the definition of CRC-32.
+/// Sets the checksum of the record at the beginning of a page, by the definition of CRC-32.
 fn seal(page: &mut [u8]) {
     let length = usize::from(u16::from_le_bytes([page[6], page[7]]));
     let covered = page[..12].iter().chain(&page[16..16 + length]);
@@ -506,7 +506,7 @@ fn files_that_are_not_good_are_told_apart() {
             &flipped,
             "page 1 of 2: the record is damaged or cut short: its checksum is wrong; the other page is whole",
         );
-        // A node would go on with the other page, and so does --show.
+        // A node would continue with the other page, and so does --show.
         folder.run("provision --show x.bin").ok();
     }
     let mut both = good.clone();
@@ -532,7 +532,7 @@ fn probes_and_chips_that_are_not_there_are_said() {
     let folder = Folder::with(&[("site.toml", ANCHOR)]);
     let run = folder.run("provision --config site.toml --write --chip STM32F105XX");
     refused(&run, "--chip: probe-rs knows no chip STM32F105XX; near it are STM32F105");
-    // Whatever is plugged in here, it is not this.
+    // This probe is not connected, whatever else is.
     let run = folder.run("provision --config site.toml --write --probe ffff:ffff:nobody");
     assert!(run.code == Some(1) || run.code == Some(2), "{run:?}");
     let said = ["baliza: no debug probe found: plug in", "--probe: no probe ffff:ffff:nobody; found: "];
@@ -541,7 +541,7 @@ fn probes_and_chips_that_are_not_there_are_said() {
     refused(&folder.run("provision --read"), "the following required arguments were not provided: --board");
 }
 
-/// A tag, a beacon that is a node, and one that is listed.
+/// A tag, a beacon that is a node, and a listed beacon.
 const WITH_BEACONS: &str = r#"
 beacons_csv = "calibrated.csv"
 
@@ -569,7 +569,7 @@ fn calibrated_beacons_go_into_the_tags_record() {
     let folder = Folder::with(&[("site.toml", WITH_BEACONS), ("calibrated.csv", calibrated)]);
     folder.run("provision --config site.toml --out tag.bin").ok();
     let json = folder.run("provision --show tag.bin --json").ok().json();
-    // What is listed counts, and what it lacks comes from the calibration; the other beacon joins.
+    // The listed values have precedence, and the missing ones come from the calibration. The other beacon is added.
     let expected = serde_json::json!([
         { "major": 7, "minor": 1, "position_m": [1.0, 2.0, 3.0], "rssi_1m_dbm": -61.5, "path_loss_exponent": 2.5 },
         { "major": 7, "minor": 2, "position_m": [4.0, 5.0, 2.5], "rssi_1m_dbm": -55.0, "path_loss_exponent": 2.25 },
@@ -591,7 +591,7 @@ fn calibrated_beacons_go_into_the_tags_record() {
     );
 }
 
-/// A file of two classifiers that a node holds, one that is too large and one of a kind that it does not hold.
+/// A file of two classifiers that a node can hold, one that is too large and one of a kind that a node cannot hold.
 fn classifiers() -> Vec<u8> {
     use positioning_core::nlos::{Feature, Input, Inputs, Kind, Model, Nearest, Platt, PowerDifference, Skewness};
     let inputs = Inputs([Input { feature: Feature::Kurtosis, mean: 3.0, deviation: 1.0 }].into_iter().collect());
@@ -626,7 +626,7 @@ fn a_classifier_goes_beside_the_record_of_a_tag() {
         let run = folder.run(&format!("provision --check {file}")).ok();
         assert!(run.stdout.contains(", with skewness (skewness_near); version 2"), "{}", run.stdout);
     }
-    // The record itself is the same as without, and stands beside the 30 bytes of the classifier.
+    // The record itself is the same as without the classifier, and the 30 bytes of the classifier follow it.
     let (plain, with) = (folder.read("plain.bin"), folder.read("t.bin"));
     let model = folder.read("nlos.model");
     assert_eq!(plain[..1280], with[..1280]);

@@ -1,5 +1,5 @@
-//! Replays of recordings that are not part of the project. Each reach was measured by an independent implementation before this
-//! project began.
+//! Replays of recordings that are not part of the project. An independent implementation measured each error limit
+//! before this project began.
 
 use crate::support::replay;
 

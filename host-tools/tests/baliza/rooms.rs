@@ -2,7 +2,7 @@
 
 use crate::support::{Folder, TWO_ROOMS, recording};
 
-/// Two rooms with three points each, two beacons, ten adverts of each; the levels fall off towards the other room.
+/// Two rooms with three points each, two beacons, ten adverts of each. The RSSI values decrease towards the other room.
 fn survey() -> String {
     let mut text = String::from("point,room,x_m,y_m,beacon,rssi_dbm,t_s\n");
     for (point, room, x, levels) in TWO_ROOMS {
@@ -26,7 +26,7 @@ fn a_survey_judges_itself_and_other_stays() {
     assert_eq!((&json["method"], &json["accuracy"], &json["points"]), (&"svm".into(), &1.0.into(), &6.into()));
     assert_eq!(json["rooms"], serde_json::json!(["hall", "attic"]));
     assert_eq!(json["confusion_matrix"], serde_json::json!([[3, 0, 0], [0, 3, 0]]));
-    // Times from 0 to 4.75 s: four whole windows of a second.
+    // Times from 0 to 4.75 s: four complete windows of one second.
     assert_eq!((&json["windows"], &json["methods"][1]["method"]), (&24.into(), &"knn".into()));
     let model = folder.read("rooms.model");
     assert!(
@@ -38,7 +38,7 @@ fn a_survey_judges_itself_and_other_stays() {
     );
     assert!(folder.read("m.svg").starts_with(b"<svg"));
 
-    // The model that was written judges as the one that was taught.
+    // The written model gives the same results as the trained one.
     let of = |source: &str| folder.run(&format!("ble rooms --{source} --targets t.csv --json")).ok().json();
     let taught = of("fingerprints f.csv");
     let (first, row) = (&taught["methods"][0], of("model rooms.model"));
@@ -46,7 +46,8 @@ fn a_survey_judges_itself_and_other_stays() {
     folder.run("ble rooms --fingerprints f.csv --method knn --out knn.model").ok();
     assert_eq!(&of("model knn.model")["methods"][0], &taught["methods"][1]);
 
-    // q heard one beacon, the other reported what is no level; r heard none that is known, in a room that nobody surveyed.
+    // q received one beacon, and reports an invalid RSSI for the other. r received no known beacon, in a room that was
+    // not surveyed.
     let json = folder.run("ble rooms --fingerprints f.csv --targets t.csv --json").ok().json();
     assert_eq!(json["rooms"], serde_json::json!(["hall", "attic", "cellar"]));
     assert_eq!(json["confusion_matrix"], serde_json::json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]));
@@ -85,7 +86,7 @@ fn rooms_of_a_recorded_floor_are_told_apart() {
         .ok()
         .json();
     assert!(json["accuracy"].as_f64().is_some_and(|accuracy| accuracy >= 0.92), "{json}");
-    // The windows change their mind within a stay, the answers of the tag do not; those in a wrong room are few.
+    // The windows change their room within a dwell, but the answers of the tag do not. Few answers are a wrong room.
     assert!(json["window_changes"].as_u64() > Some(0) && json["settled"]["changes"] == 0, "{json}");
     assert!(json["settled"]["wrong"].as_u64() < Some(19), "{json}");
 }

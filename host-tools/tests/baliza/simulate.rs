@@ -1,4 +1,4 @@
-//! `baliza simulate`: what scripts rely on, files that `solve` reads, and errors that name their line.
+//! `baliza simulate`: what scripts use, files that `solve` reads, and errors with line numbers.
 
 use crate::support::Folder;
 
@@ -48,7 +48,7 @@ fn json_has_the_keys_of_the_contract_and_nothing_else_is_printed() {
     assert_eq!(object.len(), keys.len() + 1);
     let currents = object[PARTS].as_object().expect("currents by what they go for");
     let sum: f64 = currents.values().filter_map(serde_json::Value::as_f64).sum();
-    // Eight figures, each rounded to a millionth.
+    // Eight values, each rounded to a millionth.
     assert!((sum - object["tag_mean_current_ma"].as_f64().unwrap()).abs() < 4.1e-6, "{object:?}");
     assert!(keys.iter().all(|key| object.get(*key).is_some_and(serde_json::Value::is_number)), "{object:?}");
     assert_eq!((&object["tags"], &object["anchors"], &object["seconds"]), (&1.into(), &5.into(), &1.0.into()));
@@ -86,7 +86,7 @@ fn beacons_alone_give_positions_a_summary_of_theirs_and_files_for_ble_solve() {
     let bluetooth = &run.json()["bluetooth"];
     assert_eq!((&bluetooth["beacons"], &bluetooth["by_anchors"]["fixes"]), (&4.into(), &0.into()));
     let fixes = bluetooth["by_beacons"]["fixes"].as_u64().expect("a number");
-    // Two a second.
+    // Two positions a second.
     assert!((6..=8).contains(&fixes), "{fixes}");
     let run = folder.run("simulate --scenario beacons.toml --out out --plot room.svg").ok();
     assert!(run.stderr.contains("by beacons alone: "), "{}", run.stderr);
@@ -117,7 +117,8 @@ fn solve_reads_what_was_simulated_and_finds_what_the_tag_found() {
     let simulated = folder.run("simulate --scenario hall.toml --method nls --out out").ok();
     let files = "--anchors out/anchors.csv --ranges out/ranges.csv --truth out/truth.csv";
     let solved = folder.run(&format!("solve {files} --dims 2 --height-m 1.2 --method nls")).ok();
-    // The tag solves the same ranges by the same code, and weights are nothing to this method; files have four decimals.
+    // The tag solves the same ranges with the same code, and this method does not use weights. The files have four
+    // decimals.
     let by_epoch = |run: &crate::support::Run| -> Vec<(String, f64, f64)> {
         let (x, y) = (run.numbers("x_m"), run.numbers("y_m"));
         let rows = run.column("epoch").into_iter().map(str::to_owned).zip(x).zip(y);
@@ -125,7 +126,7 @@ fn solve_reads_what_was_simulated_and_finds_what_the_tag_found() {
     };
     let (tag, host) = (by_epoch(&simulated), by_epoch(&solved));
     assert!(tag.len() > 500);
-    // The first rounds may lend each other ranges.
+    // In the first rounds, ranges of one round may be used in another.
     for (tag, host) in tag.iter().zip(&host).skip(50) {
         assert_eq!(tag.0, host.0);
         assert!((tag.1 - host.1).abs() < 0.005 && (tag.2 - host.2).abs() < 0.005, "{tag:?} {host:?}");
@@ -138,7 +139,8 @@ fn telemetry_of_a_simulation_is_read_as_that_of_boards() {
     folder.run("simulate --scenario hall.toml --out out").ok();
     let simulated = String::from_utf8(folder.read("out/positions.csv")).expect("text");
     let columns = ["t_s", "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m", "sigma_z_m", "used", "reason"];
-    // Not the epoch's number, which counts through all tags, and not what a real node cannot know.
+    // The comparison leaves out the epoch's number, which counts the epochs of all tags, and values that a real node
+    // does not have.
     let positions = |text: &str| -> Vec<Vec<String>> {
         let mut rows = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
         let header = rows.next().expect("a header");
@@ -179,7 +181,7 @@ fn a_tag_that_listens_leaves_its_differences_beside_the_truth() {
         all += 1;
         close += usize::from(off < 0.5);
     }
-    // Every round has its reference; a wall makes some differences longer.
+    // Every round has a row for its reference anchor. A wall makes some differences longer.
     assert!(references > 20 && all > 3 * references && close * 10 > all * 8, "{references} {close} {all}");
 }
 
@@ -225,7 +227,7 @@ fn tags_with_a_classifier_read_impulse_responses_and_the_recording_trains_others
     let folder = walled();
     let plain = folder.run("simulate --scenario hall.toml --json").ok().json();
     let with = folder.run("simulate --scenario hall.toml --model nlos.model --out spi --json").ok().json();
-    // At most four anchors in 150 ms, of which each takes 0.8 ms.
+    // At most four anchors in 150 ms, each of which takes 0.8 ms.
     let share = with["fixes"].as_f64().unwrap() / plain["fixes"].as_f64().unwrap();
     assert!((0.95..=1.0).contains(&share), "{share} of the positions");
     let ranges = String::from_utf8(folder.read("spi/ranges.csv")).unwrap();
@@ -237,17 +239,17 @@ fn tags_with_a_classifier_read_impulse_responses_and_the_recording_trains_others
     for row in rows.filter(|row| !row[skewness].is_empty()) {
         *sounded.entry(row[anchor].to_owned()).or_default() += 1;
     }
-    // 1.6 s and more are left of two seconds once the tag has joined: ten of 150 ms.
+    // After the tag has joined, at least 1.6 s of the two seconds are left: ten rounds of 150 ms.
     assert_eq!(sounded.len(), 4, "{sounded:?}");
     assert!(sounded.values().all(|count| (8..=14).contains(count)), "{sounded:?}");
-    // Radios straight on the air have accumulators, too.
+    // The simulation without SPI also has accumulators.
     folder.run("simulate --scenario hall.toml --fidelity air --model nlos.model --out air --json").ok();
     folder.run("nlos train --ranges spi/ranges.csv --classifiers logistic --out own.model").ok();
     folder.run("nlos eval --ranges air/ranges.csv --model own.model").ok();
     let track =
         "track --anchors spi/anchors.csv --ranges spi/ranges.csv --truth spi/truth.csv --dims 2 --height-m 1.2 --json";
     let run = folder.run(&format!("{track} --model nlos.model")).ok();
-    // As the tag itself made of it, the same engine on the same ranges.
+    // The result agrees with the tag's own, because the same engine uses the same ranges.
     let (found, simulated) = (
         run.json()[0]["rmse_m"].as_f64().unwrap(),
         folder.run("simulate --scenario hall.toml --model nlos.model --json").ok().json(),

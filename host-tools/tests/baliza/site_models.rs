@@ -1,10 +1,12 @@
-//! A map of levels and a model of rooms, from a survey into the flash of a tag: by `baliza provision`, and in `baliza simulate`.
+//! An RSSI map and a model of rooms, from a survey into the flash of a tag, by `baliza provision` and in `baliza
+//! simulate`.
 
 use positioning_core::ble::fingerprint::{Point, encode};
 
 use crate::support::{Folder, TWO_ROOMS};
 
-/// Two rooms of three points, ten adverts each of the beacons 1-7 and 1-8, whose levels fall off towards the other room.
+/// Two rooms of three points, with ten adverts from each of the beacons 1-7 and 1-8. Their RSSI values decrease towards
+/// the other room.
 fn survey() -> String {
     let mut text = String::from("point,room,x_m,y_m,beacon,rssi_dbm,t_s\n");
     for (point, room, x, levels) in TWO_ROOMS {
@@ -19,7 +21,7 @@ fn survey() -> String {
 
 const MODELS: &str = "fingerprint_map = \"flat.map\"\nroom_model = \"flat.rooms\"\n";
 
-/// A tag with these lines from line 8 on, and a beacon of each major and minor.
+/// A tag with these lines from line 8 on, and a beacon for each major and minor number.
 fn site(lines: &str, beacons: &[(u16, u16)]) -> String {
     let head = "[network]\npan = 0xBA11\n\n[[node]]\nname = \"t\"\nboard = \"dwm1001\"\nrole = \"tag\"\n";
     let listed = |(major, minor): &(u16, u16)| {
@@ -28,7 +30,7 @@ fn site(lines: &str, beacons: &[(u16, u16)]) -> String {
     format!("{head}{lines}{}", beacons.iter().map(listed).collect::<String>())
 }
 
-/// With a scan, and at a height.
+/// A tag with a scan and a height.
 fn scanning(lines: &str) -> String {
     format!("{lines}scan_interval_ms = 100\nheight_m = 1.2\n")
 }
@@ -57,7 +59,7 @@ fn a_map_and_rooms_go_beside_the_record_of_a_tag() {
         let run = folder.run(&format!("provision --check {file}")).ok();
         assert!(run.stdout.contains(", with a map and rooms; version 2"), "{}", run.stdout);
     }
-    // The map as it is, behind 16 bytes of the header, `some`, and two beacons with their length.
+    // The map is unchanged, after 16 bytes of the header, `some`, and two beacons with their length.
     let (file, map) = (folder.read("t.bin"), folder.read("flat.map"));
     assert_eq!((file.len(), &file[..4], &file[8192..8196]), (16_384, &b"BLZB"[..], &b"BLZR"[..]));
     assert_eq!(file[16..26], [1, 8, 1, 0, 7, 0, 1, 0, 8, 0]);
@@ -139,12 +141,12 @@ fn a_scenario_is_surveyed_and_its_tags_get_what_comes_of_it() {
     folder.run(survey).ok();
     let stays = String::from_utf8(folder.read("f.csv")).expect("text");
     assert!(stays.starts_with("point,room,x_m,y_m,beacon,rssi_dbm,t_s\n"));
-    // Of nine points three have x = 4, which is in no room.
+    // Of nine points, three have x = 4, which is in no room.
     let points: std::collections::BTreeSet<_> =
         stays.lines().skip(1).map(|row| row.split(',').take(4).collect::<Vec<_>>().join(",")).collect();
     assert_eq!(points.len(), 6, "{points:?}");
     assert!(points.contains("p0,west,0.000,0.000") && points.contains("p5,east,2.000,4.000"), "{points:?}");
-    // Four beacons, ten a second, three seconds at six points, a third of the channels heard.
+    // Four beacons, ten adverts a second, three seconds at six points, and one third of the channels received.
     let rows = stays.lines().count();
     assert!((500..1000).contains(&rows), "{rows}");
     folder.run("ble map --fingerprints f.csv --points 20 --out s.map").ok();

@@ -1,4 +1,5 @@
-//! `baliza decode`, `record` and `replay`: a simulated tag's telemetry, whole, damaged, of other builds, and no telemetry at all.
+//! `baliza decode`, `record` and `replay`: a simulated tag's telemetry, complete, damaged, of other builds, and bytes
+//! without telemetry.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Write};
@@ -17,11 +18,12 @@ use wire::telemetry::{
 
 use crate::support::Folder;
 
-/// What a tag tells that walks for two seconds among six anchors, with ten positions a second and a beacon in sight.
+/// The telemetry of a tag that walks for two seconds among six anchors, with ten positions a second and one beacon in
+/// range.
 fn walk() -> Vec<Message> {
     let mut scenario = Scenario::rooms(6, 1);
     (scenario.seconds, scenario.tag.rate_hz) = (2.0, Some(10.0));
-    // Weights are nothing to it: files do not have them.
+    // This method does not use weights, which the files do not have.
     scenario.tag.method = Some(Method::Nls);
     let mut simulation = Simulation::new(scenario);
     let hello = |t_us| Hello {
@@ -62,7 +64,7 @@ fn stream(messages: &[Message]) -> Vec<u8> {
     messages.iter().flat_map(frame).collect()
 }
 
-/// With the walk's stream as `walk.bin`.
+/// A folder with the walk's stream as `walk.bin`.
 fn folder() -> Folder {
     let folder = Folder::with(&[]);
     folder.write("walk.bin", &stream(&walk()));
@@ -73,7 +75,7 @@ fn count(messages: &[Message], kind: &str) -> u64 {
     messages.iter().filter(|message| message.kind() == kind).count() as u64
 }
 
-/// Runs with bytes on standard input.
+/// Runs with `bytes` on standard input.
 fn run_with(folder: &Folder, arguments: &str, bytes: &[u8]) -> Output {
     let mut command = folder.command(arguments);
     let mut child =
@@ -86,7 +88,7 @@ fn run_with(folder: &Folder, arguments: &str, bytes: &[u8]) -> Output {
     output
 }
 
-/// The objects themselves are literal in the golden test of the crate `telemetry`.
+/// The golden test of the crate `telemetry` has the objects themselves as literals.
 #[test]
 fn every_message_is_a_line_of_json() {
     let messages = walk();
@@ -104,7 +106,7 @@ fn every_message_is_a_line_of_json() {
     assert!(run.stderr.starts_with(&told), "{}", run.stderr);
 }
 
-/// What a tag tells of a round that it overheard: the poll of anchor 257, and that 258 is 1.2345 m nearer.
+/// The telemetry of a tag about a round that it overheard: the poll of anchor 257, and that 258 is 1.2345 m nearer.
 fn overheard() -> Vec<Message> {
     let diagnostics = Diagnostics {
         rx_power_cdbm: -7925,
@@ -232,7 +234,8 @@ fn of_a_stream_with_one_byte_in_a_hundred_flipped_every_frame_that_is_whole_is_d
     let times: Vec<Value> =
         run.stdout.lines().map(|line| serde_json::from_str::<Value>(line).expect("JSON")["t_s"].clone()).collect();
     assert_eq!(times, untouched.iter().map(|message| Value::from(message.t_us() as f64 / 1e6)).collect::<Vec<_>>());
-    // A flip ends a frame early or joins it with the next, so that a damaged frame may count twice or not at all.
+    // A changed bit ends a frame early or joins it with the next frame, so that a damaged frame may count twice or not
+    // at all.
     let json = folder.run("decode --file damaged.bin --json").ok().json();
     let lost = messages.len() - untouched.len();
     let malformed = json["malformed"]["total"].as_u64().expect("a count") as usize;
@@ -254,7 +257,7 @@ fn random_bytes_give_counts_and_no_messages() {
         run.stderr
     );
     let json = folder.run("decode --file noise.bin --json").ok().json();
-    // A zero in 256 bytes ends a chunk: some four thousand, few of which are long enough to be too long.
+    // One zero in 256 bytes ends a chunk: about four thousand chunks, of which few are too long.
     assert!((3000..5000).contains(&json["malformed"]["total"].as_u64().expect("a count")), "{json}");
     for key in ["total", "too_long", "cobs", "checksum"] {
         assert!(json["malformed"][key].as_u64() > Some(0), "{key} in {json}");
@@ -266,7 +269,7 @@ fn random_bytes_give_counts_and_no_messages() {
 #[test]
 fn a_stream_of_another_build_is_told_from_a_broken_one() {
     let folder = Folder::with(&[]);
-    // The golden frames of docs/wire-format.md's state, of schema 2 and with message 99.
+    // The golden frames of the state message in docs/wire-format.md, with schema 2 and with message 99.
     let other = b"\x0B\x02\x04\x80\x89\x7A\x04\x81\x02\x27\xDF\0".repeat(3);
     folder.write("other.bin", &[&other[..], b"\x06\x01\x63\x05\x70\xF5\0"].concat());
     let run = folder.run("decode --file other.bin").ok();
@@ -332,7 +335,7 @@ fn messages_appear_as_they_come() {
     let mut lines = BufReader::new(stdout).lines();
     for message in &walk()[..3] {
         stdin.write_all(&frame(message)).expect("it reads");
-        // The stream goes on, and yet the line is there.
+        // The line appears although the stream has not ended.
         let line: Value = serde_json::from_str(&lines.next().expect("a line").expect("read")).expect("JSON");
         assert_eq!(line["type"], message.kind());
     }
@@ -357,7 +360,7 @@ fn out_is_a_whole_file_or_what_it_was_before() {
     assert_eq!(folder.read("out.jsonl"), folder.run("decode --file walk.bin").ok().stdout.into_bytes());
 }
 
-/// The stream goes on; the user has enough.
+/// The stream has not ended, but the user stops the recording.
 #[cfg(unix)]
 #[test]
 fn ctrl_c_ends_a_recording_with_its_files() {
@@ -375,7 +378,7 @@ fn ctrl_c_ends_a_recording_with_its_files() {
     assert_eq!(folder.read("walk/positions.csv"), told.stdout.as_bytes());
 }
 
-/// A file that opens, and whose reading fails.
+/// A file that can be opened, but not read.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_failure_to_read_leaves_no_file() {
@@ -403,7 +406,7 @@ fn what_is_recorded_is_solved_to_what_the_tag_found() {
     assert_eq!(folder.read("walk/rssi.csv"), rssi.stdout.as_bytes());
     let files = "--anchors walk/anchors.csv --ranges walk/ranges.csv";
     let solved = folder.run(&format!("solve {files} --dims 2 --height-m 1.2 --method nls")).ok();
-    // The tag solves the same ranges by the same code; the wire and files have four decimals.
+    // The tag solves the same ranges with the same code. The wire format and the files have four decimals.
     let by_epoch = |run: &crate::support::Run| -> BTreeMap<String, [f64; 2]> {
         let epochs = run.column("epoch").into_iter().map(str::to_owned);
         epochs.zip(run.numbers("x_m").into_iter().zip(run.numbers("y_m")).map(|(x, y)| [x, y])).collect()
@@ -424,7 +427,7 @@ fn ranges_to_anchors_of_unknown_place_are_left_out_unless_the_user_knows_it() {
         messages.iter().filter_map(|m| if let Message::Range(r) = m { Some(r.peer) } else { None }).collect();
     let silent = peers[0];
     let late = *peers.iter().find(|peer| **peer != silent).expect("several anchors");
-    // One never says where it stands, one not in its first range.
+    // One anchor never reports its position, and one does not report it in its first range.
     let mut heard = 0;
     for message in &mut messages {
         let Message::Range(range) = message else { continue };
@@ -511,7 +514,7 @@ fn a_replay_keeps_the_pace_of_the_recording() {
         came.push((line["t_s"].as_f64().expect("a time"), begun.elapsed().as_secs_f64()));
     }
     assert!(child.wait().expect("it ends").success());
-    // Never early; two seconds at four times the speed.
+    // No message is early; two seconds at four times the speed.
     assert!(came.iter().all(|(t_s, elapsed)| *elapsed >= (t_s - 0.001) / 4.0), "{came:?}");
     assert!(came.first().is_some_and(|first| came.last().is_some_and(|last| last.1 - first.1 > 0.4)), "{came:?}");
 }

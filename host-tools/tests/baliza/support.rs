@@ -1,4 +1,4 @@
-//! Runs the program in a folder of its own.
+//! Runs the program in a temporary folder.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 
 use tempfile::TempDir;
 
-/// What a run left.
+/// The results of a run.
 #[derive(Debug)]
 pub struct Run {
     pub code: Option<i32>,
@@ -26,7 +26,7 @@ impl Run {
         serde_json::from_str(&self.stdout).expect("one JSON document on standard output")
     }
 
-    /// The fields of a column of the CSV on standard output, found by its name.
+    /// The fields of a column of the CSV on standard output; the column is found by its name.
     pub fn column(&self, name: &str) -> Vec<&str> {
         let mut rows = self.stdout.lines().map(|line| line.split(',').collect::<Vec<_>>());
         let header = rows.next().expect("a header");
@@ -45,7 +45,7 @@ impl Run {
 pub struct Folder(TempDir);
 
 impl Folder {
-    /// With these files.
+    /// A folder with these files.
     pub fn with(files: &[(&str, &str)]) -> Self {
         let folder = Self(TempDir::new().expect("a temporary folder"));
         for (name, text) in files {
@@ -94,11 +94,11 @@ pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("host-tools is in the repository")
 }
 
-/// The recordings that the replays are judged by.
+/// The recordings that the replays use.
 pub const REPLAYED: [&str; 4] =
     ["leiria_128_los_pos1", "leiria_128_nlos_pos1", "leiria_128_move_slow", "cuhk_dynamic_mid"];
 
-/// A recording that is not part of the project; says so where it is not there.
+/// The folder of a recording that is not part of the project. Prints a message if it is missing.
 pub fn recording(name: &str) -> Option<PathBuf> {
     let data = std::env::var_os("BALIZA_DATA").map_or_else(|| root().join("../shared/data"), PathBuf::from);
     let recording = data.join(name);
@@ -109,9 +109,10 @@ pub fn recording(name: &str) -> Option<PathBuf> {
     Some(recording)
 }
 
-/// Replays recordings that are not part of the project with a subcommand, the tag's height known, and asserts that each epoch has
-/// a position, that the root mean square errors, metres, are at most `reach_m`, and whatever `check` wants of the summary. Where
-/// the recordings lie, `BALIZA_DATA` says, else they are looked for beside the repository.
+/// Replays recordings that are not part of the project with a subcommand, with the tag's height known. Asserts that
+/// each epoch has a position, that the root mean square errors, metres, are at most `reach_m`, and the conditions of
+/// `check` on the summary. `BALIZA_DATA` gives the folder of the recordings. Without it, they are expected beside the
+/// repository.
 pub fn replay(subcommand: &str, reach_m: [f64; REPLAYED.len()], check: impl Fn(&str, &serde_json::Value)) {
     for (name, reach) in REPLAYED.into_iter().zip(reach_m) {
         let Some(recording) = recording(name) else { continue };
@@ -126,7 +127,8 @@ pub fn replay(subcommand: &str, reach_m: [f64; REPLAYED.len()], check: impl Fn(&
     }
 }
 
-/// Two rooms of three points each: point, room, x in metres, and the levels of two beacons, dBm, that fall off towards the other room.
+/// Two rooms of three points each: point, room, x in metres, and the RSSI values of two beacons, dBm, which decrease
+/// towards the other room.
 pub const TWO_ROOMS: [(&str, &str, i32, [i32; 2]); 6] = [
     ("a", "hall", 1, [-52, -80]),
     ("b", "hall", 2, [-56, -77]),

@@ -4,7 +4,7 @@ use wire::telemetry::{BeaconId, MAX_FRAME, Message, Sighting, encode};
 
 use crate::support::Folder;
 
-/// A minute of two beacons, ten adverts a second each; the second one is away from 32 to 38 s.
+/// One minute of two beacons with ten adverts a second each. The second beacon is silent from 32 to 38 s.
 fn stream() -> Vec<u8> {
     let mut bytes = Vec::new();
     for advert in 0..600_u64 {
@@ -39,11 +39,11 @@ fn stays_of_a_recording_are_taken_or_refused_and_the_file_only_grows() {
     assert_eq!(json[1]["reasons"][0], "000000b0-7-2 is silent for 6.1 s from 1.9 s on");
     let text = String::from_utf8(folder.read("f.csv")).expect("text");
     assert!(text.starts_with(before), "{text}");
-    // Ten seconds of two beacons, ten adverts a second; columns are those that the file had.
+    // Ten seconds of two beacons with ten adverts a second. The columns are those of the existing file.
     assert_eq!(text.lines().count(), 2 + 200);
     assert_eq!(text.lines().nth(2), Some("a,1,2,000000b0-7-1,-64"));
 
-    // Again: nothing is left to do but what is refused, and the file stays as it is.
+    // Again: only the refused point is left, and the file does not change.
     let json = folder.run(&format!("{survey} --out f.csv --json")).ok().json();
     assert_eq!((json.as_array().map(Vec::len), &json[0]["point"]), (Some(1), &"b".into()));
     assert_eq!(String::from_utf8(folder.read("f.csv")).expect("text"), text);

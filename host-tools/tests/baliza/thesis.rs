@@ -1,4 +1,4 @@
-//! The benchmark on simulated ranges.
+//! The benchmark on the simulated ranges of P. M. de Rojas Malpartida's thesis (Universidad de Sevilla, 2021).
 
 use crate::support::Folder;
 
@@ -13,7 +13,7 @@ const INDEPENDENT_M: [(&str, f64); 8] = [
     ("bb-nls-r", 0.26),
     ("nls-ccv", 0.147),
 ];
-/// An independent search for the likeliest position came to 0.19 m.
+/// An independent search for the maximum of the likelihood had an error of 0.19 m.
 const ROBUST_M: f64 = 0.20;
 
 #[test]
@@ -62,7 +62,7 @@ fn equal_seeds_give_equal_bytes_and_others_do_not() {
 fn the_table_stands_beside_the_printed_figures() {
     let table = Folder::with(&[]).run("bench thesis --points 200").ok().stdout;
     let row = |name: &str| table.lines().skip_while(|line| !line.contains(name)).nth(1).unwrap_or("").to_owned();
-    // Table 8-1: LLS with 3 to 9 detected paths; over all points table 8-2.
+    // Table 8-1: LLS with 3 to 9 detected paths. Over all points: table 8-2.
     let figures = "0.741 | 0.898 | 0.912 | 0.794 | 0.710 | 0.673 | 0.606 | 0.560";
     assert!(row("`lls`").contains("as printed") && row("`lls`").contains(figures), "{table}");
 }

@@ -6,7 +6,8 @@ use crate::support::{Folder, replay};
 
 const ANCHORS: &str = "anchor,x_m,y_m,z_m\na,100,200,2.5\nb,110,200,2.5\nc,110,208,0.5\nd,100,208,0.5\n";
 
-/// A tag that goes east at 1 m/s from (102, 203, 1), 20 rounds a second, its ranges right to the millimetre; the third round is lost.
+/// A tag that goes east at 1 m/s from (102, 203, 1), with 20 rounds a second and ranges exact to the millimetre. The
+/// third round is lost.
 fn recording() -> (String, String) {
     let anchors = [[100.0, 200.0, 2.5], [110.0, 200.0, 2.5], [110.0, 208.0, 0.5], [100.0, 208.0, 0.5]];
     let (mut ranges, mut truth) = ("epoch,t_s,anchor,range_m\n".to_owned(), "epoch,t_s,x_m,y_m,z_m\n".to_owned());
@@ -40,13 +41,13 @@ fn a_walk_is_followed_and_a_lost_round_is_bridged() {
     keys.sort_unstable();
     assert_eq!(keys, ["epochs", "fixed", "mae_m", "method", "p50_m", "p90_m", "rmse_m"]);
     assert_eq!((&object["method"], &object["epochs"], &object["fixed"]), (&"track".into(), &60.into(), &60.into()));
-    // Epochs that stand in another order in the file are followed by their times.
+    // Epochs in another order in the file are processed in the order of their times.
     let (header, rows) = ranges.split_once('\n').expect("a header");
     let backwards: String = rows.lines().rev().map(|row| format!("{row}\n")).collect();
     folder.write("backwards.csv", format!("{header}\n{backwards}").as_bytes());
     let again = folder.run(&format!("{} --json", arguments.replace("r.csv", "backwards.csv"))).ok().json();
     assert_eq!((again[0]["epochs"].as_u64(), again[0]["fixed"].as_u64()), (Some(60), Some(60)), "{again}");
-    // Only the order of the anchors within a round differs.
+    // The runs differ only in the order of the anchors within a round.
     let [rmse_m, again_m] = [&json, &again].map(|json| json[0]["rmse_m"].as_f64().expect("a number"));
     assert!((rmse_m - again_m).abs() < 1e-3, "{rmse_m} {again_m}");
     let json = folder.run(&format!("{arguments} --consistency --json")).ok().json();
@@ -83,7 +84,7 @@ fn detection_in_the_papers_filter_takes_two_thirds_of_the_error_away() {
         let list = json["scores"].as_array().expect("a list");
         list.iter().find(|score| score["way"] == way).unwrap_or_else(|| panic!("no {way}")).clone()
     };
-    // Four rooms of 48 points of 100 measurements; table II.
+    // Four rooms of 48 points of 100 measurements; table II of E. Garcia et al. (2015).
     assert_eq!(score("ekf")["positions"], 19_200);
     assert_eq!((&score("ekf")["printed_x_m"], &score("no-mitigation")["printed_y_m"]), (&0.43.into(), &0.85.into()));
     assert!(score("ekf")["reduction"].as_f64().expect("a number") >= 0.67, "{json}");
@@ -101,10 +102,11 @@ fn leaving_blocked_ranges_out_brings_the_iterated_filter_to_the_printed_error() 
         let row = list.iter().find(|row| row["algorithm"] == algorithm && row["configuration"] == configuration);
         row.and_then(|row| row["mae_m"].as_f64()).unwrap_or_else(|| panic!("no {algorithm} {configuration}"))
     };
-    // Table 4: 0.381 m with all ranges, 0.084 m without those judged blocked.
+    // Table 4 of V. Barral et al. (Sensors 19, 2019): 0.381 m with all ranges, 0.084 m without those classified as
+    // blocked.
     assert!((0.25..0.55).contains(&mae("iekf", "no-ignore")), "{json}");
     assert!(mae("iekf", "ignore") <= 0.084, "{json}");
-    // Corrections from elsewhere spoil it.
+    // Corrections learnt elsewhere increase the error.
     assert!(mae("iekf", "ignore-mitigate") > mae("iekf", "ignore"));
     assert!(mae("engine", "weigh") < 0.9 * mae("engine", "no-ignore"));
 }

@@ -1,4 +1,4 @@
-//! What is wrong is said in one line, with exit code 2 and no output.
+//! Wrong input gives one line of error, exit code 2 and no output.
 
 use std::fs::File;
 use std::io::{Seek, SeekFrom, Write};
@@ -21,7 +21,7 @@ fn refused(run: &Run, line: &str) {
     assert_eq!((run.code, run.stdout.as_str(), run.stderr.as_str()), (Some(2), "", format!("{line}\n").as_str()));
 }
 
-/// Solves with one file replaced, which must be refused with this line, leaving no output.
+/// Solves with one file replaced. Asserts that this is refused with this line, without output.
 fn refuses(file: &str, bytes: impl AsRef<[u8]>, line: &str) {
     let folder = good();
     folder.write(file, bytes.as_ref());
@@ -113,7 +113,7 @@ fn a_file_that_is_no_csv() {
 fn a_line_of_a_gigabyte_is_refused_at_once() {
     for head in ["", RANGES, "epoch,t_s,anchor,range_m\n7,0.5,a,\""] {
         let folder = good();
-        // A sparse file: zeros without end, after a good beginning or from the start.
+        // A sparse file: very many zeros, after a valid beginning or from the start.
         let mut file = File::create(folder.path("ranges.csv")).expect("a file");
         file.write_all(head.as_bytes()).expect("written");
         file.seek(SeekFrom::Start(1 << 30)).expect("a file system with sparse files");

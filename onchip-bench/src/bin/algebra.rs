@@ -1,5 +1,5 @@
-//! Image: what libraries cost that positioning-core does without: square roots one by one, and one step of weighted least
-//! squares over twelve anchors written by hand and with nalgebra.
+//! Image: the costs of libraries that positioning-core does without. It measures square roots one by one, and one step
+//! of weighted least squares with twelve anchors, written by hand and with nalgebra.
 #![no_std]
 #![no_main]
 // The entry macros make a public function without documentation.
@@ -25,7 +25,7 @@ fn main() -> ! {
     semihosting::process::exit(0)
 }
 
-/// One way to write the step: samples and weights in, the position out.
+/// One way to write the step. Input: samples and weights. Output: the position.
 type Variant<'a> = dyn Fn(&[RangeSample<f32, 2>], &[f32]) -> Option<[f32; 2]> + 'a;
 
 fn compare(instrument: &mut Instrument, library: &str, root: impl Fn(f32) -> f32 + Copy) {

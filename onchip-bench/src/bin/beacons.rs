@@ -1,4 +1,5 @@
-//! Image: what levels of Bluetooth beacons cost: an advert, a scan, every way from levels to a position, and rooms.
+//! Image: the costs of the RSSI values of Bluetooth beacons: an advertisement, a scan, every method from RSSI values to
+//! a position, and rooms.
 #![no_std]
 #![no_main]
 // The entry macros make a public function without documentation.

@@ -1,4 +1,4 @@
-//! Image: what everything that a node runs costs, as simulations charge it.
+//! Image: the costs of all code that a node runs, as simulations account for them.
 #![no_std]
 #![no_main]
 // The entry macros make a public function without documentation.
@@ -13,7 +13,7 @@ use onchip_bench::response::{features, response};
 use rtt_target::{ChannelMode, rtt_init, set_defmt_channel};
 use semihosting::println;
 
-/// Prints a computation's cost as a tag's.
+/// Prints the cost of a computation as the cost of a tag.
 struct Costs<'a>(&'a mut Instrument);
 
 impl Measure for Costs<'_> {
@@ -28,7 +28,7 @@ impl Measure for Costs<'_> {
 #[cfg_attr(target_arch = "arm", cortex_m_rt::entry)]
 #[cfg_attr(target_arch = "riscv32", riscv_rt::entry)]
 fn main() -> ! {
-    // Room for the few lines that there are: nobody takes them out.
+    // There is room for all lines: no probe takes them out.
     let channels = rtt_init! { up: { 0: { size: 4096, mode: ChannelMode::NoBlockSkip, name: "defmt" } } };
     set_defmt_channel(channels.up.0);
     let mut instrument = Instrument::start();

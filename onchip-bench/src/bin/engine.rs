@@ -1,4 +1,4 @@
-//! Image: what the engine's steps cost, range by range, with so many links followed, in the plane and in space.
+//! Image: the costs of the engine's steps, range by range, for several numbers of links, in the plane and in space.
 #![no_std]
 #![no_main]
 // The entry macros make a public function without documentation.

@@ -1,4 +1,4 @@
-//! Image: what the machines of native mode cost, frame by frame: a tag ten metres from each of four anchors.
+//! Image: the costs of native mode's protocols, frame by frame, for a tag ten metres from each of four anchors.
 #![no_std]
 #![no_main]
 // The entry macros make a public function without documentation.
@@ -80,7 +80,7 @@ fn main() -> ! {
             rounds: None,
         });
         settle(anchor.step(departure, Event::Started));
-        // Of another anchor, so that it knows when to answer.
+        // The sync frame of another anchor tells this anchor when to answer.
         let beacon = beacon(asked.address as u8);
         settle(anchor.step(departure, Event::Received(heard(beacon.bytes(), departure))));
         let before = anchor.clone();
@@ -116,7 +116,7 @@ fn settle(action: Action<'_>) {
 }
 
 fn heard(bytes: &[u8], rx_time: RadioInstant) -> RxFrame<'_> {
-    // −81.5 dBm by the chip's reading is −77 dBm, where the range bias at PRF 64 is none (APS011).
+    // −81.5 dBm in the chip's estimate are −77 dBm, where the range bias at PRF 64 is zero (APS011).
     RxFrame { bytes, rx_time, diagnostics: Diagnostics { rx_power_dbm: -81.5, ..Diagnostics::default() } }
 }
 

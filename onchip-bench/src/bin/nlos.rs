@@ -1,4 +1,5 @@
-//! Image: what telling blocked paths from direct ones costs: the features of an impulse response, and every classifier.
+//! Image: the costs of telling blocked paths from direct ones: the features of an impulse response, and every
+//! classifier.
 #![no_std]
 #![no_main]
 // The entry macros make a public function without documentation.

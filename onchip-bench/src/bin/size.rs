@@ -1,6 +1,6 @@
-//! Image: never run, only weighed. It holds the methods that `ONCHIP_METHODS` names at compile time, in as many dimensions as
-//! `ONCHIP_DIMS` says: "none", "all", or the place of one in [`Method::ALL`]. What it weighs more than the one with none is the
-//! code of its methods with all that they call.
+//! Image: only its size matters, it never runs. It contains the methods that `ONCHIP_METHODS` selects at compile time:
+//! "none", "all", or the index of one in [`Method::ALL`]. `ONCHIP_DIMS` selects the number of dimensions. The
+//! difference to the size of the image with none is the code of the methods with all that they call.
 #![no_std]
 #![no_main]
 // The entry macros make a public function without documentation.
@@ -30,7 +30,7 @@ fn hold<const D: usize>() {
     let epoch = black_box(Epoch::<D>::new(8, 0));
     let samples = epoch.samples();
     let constraints = black_box(Constraints::default());
-    // The first of the answer's numbers is printed in every image, so that the formatting is not counted.
+    // Every image prints the first number of the result, so that the formatting is not counted.
     let bits = match METHODS.as_bytes() {
         b"none" => samples[0].range.to_bits(),
         b"all" => black_box(Method::ALL)
@@ -42,7 +42,7 @@ fn hold<const D: usize>() {
     println!("{bits:08x}");
 }
 
-/// The one method of an image that holds one.
+/// The method of an image with only one method.
 const ONE: Method = match usize::from_str_radix(METHODS, 10) {
     Ok(place) => Method::ALL[place],
     Err(_) => Method::ALL[0],

@@ -1,5 +1,5 @@
-//! Image: what every positioning method costs, for every number of anchors, in the plane and in space, epoch by epoch, and
-//! the positions it found.
+//! Image: the costs of every positioning method, for every number of anchors, in the plane and in space, epoch by
+//! epoch, with the positions found.
 #![no_std]
 #![no_main]
 // The entry macros make a public function without documentation.
@@ -31,7 +31,7 @@ fn main() -> ! {
 
 fn measure<const D: usize>(instrument: &mut Instrument, method: Method, anchors: usize, number: u32) {
     let epoch = Epoch::<D>::new(anchors, number);
-    // The method's own function, so that its stack is its own and not that of the largest.
+    // The method's own function, so that the measured stack is its own and not that of the largest method.
     let solver = black_box(method.solver::<f32, D>());
     let constraints = Constraints::default();
     let (cost, answer) = instrument.cost(|| solver(black_box(epoch.samples()), black_box(&constraints)));

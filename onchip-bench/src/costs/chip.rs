@@ -1,5 +1,5 @@
-//! A chip that the driver gets along with and that takes no instructions of the driver's: registers as far as it looks at them, frames
-//! and ends of windows whenever the script wants them, and every transaction noted.
+//! A simulated chip that the driver accepts and that adds no instructions to the driver's. It has the registers that
+//! the driver reads. Frames and ends of windows come when the script wants them. It counts every transaction.
 
 use core::cell::Cell;
 use core::convert::Infallible;
@@ -21,33 +21,33 @@ const RXRFTO: u32 = 1 << 17;
 const HSRBP: u32 = 1 << 30;
 const ICRBP: u32 = 1 << 31;
 
-/// A 27-byte frame's payload.
+/// The length of a 27-byte frame without its checksum.
 pub const FRAME: usize = 25;
 
-/// What the script wants to happen next.
+/// The next event that the script wants.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Next {
-    /// What was sent has left.
+    /// The frame has been sent.
     Sent,
-    /// A frame comes.
+    /// A frame is received.
     Frame,
     /// The window ends.
     Timeout,
 }
 
-/// The chip, and what is measured around it.
+/// The chip, and the measurements around it.
 pub struct Chip {
     status: Cell<u32>,
     time: u64,
-    /// Waits end at once: the chip is being started.
+    /// Whether waits end at once, because the chip is being started.
     pub starting: Cell<bool>,
-    /// The interrupt that the script lets come.
+    /// The next interrupt that the script lets come.
     pub next: Cell<Option<Next>>,
-    /// When the driver came to wait for the interrupt.
+    /// When the driver began to wait for the interrupt.
     pub waiting: Cell<Option<u32>>,
-    /// When the driver went on after it.
+    /// When the driver continued after the interrupt.
     pub resumed: Cell<u32>,
-    /// The counter's steps within transactions, and transactions, since they were last taken.
+    /// The counter's steps within transactions, and the number of transactions, since they were last taken.
     inside: Cell<(u32, u32)>,
 }
 
@@ -65,7 +65,7 @@ impl Chip {
         }
     }
 
-    /// Instructions that went into transactions, and their number, since the last call.
+    /// The instructions within transactions, and the number of transactions, since the last call.
     pub fn take_inside(&self) -> (u32, u32) {
         let (inside, transactions) = self.inside.take();
         (instructions(inside), transactions)
@@ -87,7 +87,7 @@ impl Chip {
             0x00 => bytes(0xDECA_0130),
             0x06 => bytes(self.time),
             0x0F => bytes(self.status.get().into()),
-            // 27 bytes, 118 preamble symbols; a strong first path among weak noise.
+            // 27 bytes, 118 preamble symbols, and a strong first path in weak noise.
             0x10 => bytes(FRAME as u64 + 2 | 118 << 20),
             0x11 => at as u8,
             0x12 => bytes(0x4E20_2328_2AF8_0034),
@@ -97,11 +97,11 @@ impl Chip {
         }
     }
 
-    /// A byte that is written.
+    /// Writes a byte of a register.
     fn set(&self, file: u8, at: usize, byte: u8) {
         let status = self.status.get();
         match (file, at) {
-            // Ones clear, but for what stays: the lock of the clock and the pointers.
+            // Written ones clear the bits, except for the lock of the clock and the pointers.
             (0x0F, 0..=3) => {
                 self.status.set(status & !(u32::from(byte) << (8 * at)) | status & (CPLOCK | HSRBP | ICRBP))
             }
@@ -151,7 +151,7 @@ impl Chip {
         }
     }
 
-    /// A byte either way at this place beyond the header's.
+    /// Exchanges a byte at this offset from the header's address.
     fn exchange(&self, header: &[u8; 3], offset: usize, byte: u8) -> u8 {
         let (file, begin) = (header[0] & 0x3F, sub_address(header));
         if header[0] & 0x80 != 0 {
@@ -168,7 +168,7 @@ impl Default for Chip {
     }
 }
 
-/// Bytes of a header (DW1000 user manual, 2.2.1.2).
+/// The bytes of a header (DW1000 user manual, 2.2.1.2).
 fn header_length(header: &[u8; 3]) -> usize {
     match (header[0] & 0x40 != 0, header[1] & 0x80 != 0) {
         (false, _) => 1,
@@ -209,7 +209,7 @@ impl ClockedSpi for Spi<'_> {
     }
 }
 
-/// The interrupt line: low until the script lets something happen.
+/// The interrupt line. It is low until the script lets an event happen.
 #[derive(Clone, Copy)]
 pub struct Irq<'a>(pub &'a Chip);
 
@@ -264,7 +264,7 @@ impl Wait for Irq<'_> {
     }
 }
 
-/// Waits: over at once while the chip is started, then never.
+/// The waits. They end at once while the chip is started, and later never.
 #[derive(Clone, Copy)]
 pub struct Delay<'a>(pub &'a Chip);
 

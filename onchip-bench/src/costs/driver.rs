@@ -1,5 +1,5 @@
-//! The driver under the node's own loop: a script in place of the exchange's machine lets it send, receive and wait, and every stretch
-//! between the machine, the bus and the waits is measured.
+//! Measures the driver in the node's own loop. A script takes the place of the protocol and lets the driver send,
+//! receive and wait. Every stretch between the protocol, the bus and the waits is measured.
 
 use core::cell::{Cell, RefCell};
 use core::pin::pin;
@@ -16,75 +16,75 @@ use super::chip::{Chip, Delay, Irq, Next, Spi};
 use super::{Mean, since};
 use crate::instrument::{between, stamp};
 
-/// What the driver's operations cost, instructions, beside their transactions'.
+/// The costs of the driver's operations, instructions, without their transactions.
 #[derive(Default)]
 pub struct Costs {
-    /// Each transaction.
+    /// A transaction.
     pub transaction: Mean,
-    /// The clock.
+    /// A reading of the clock.
     pub now: Mean,
-    /// Sending, from the machine's answer to the wait; and from the interrupt to the machine.
+    /// Sending at once, from the protocol's action to the wait.
     pub send_now: Mean,
-    /// See [`send_now`](Self::send_now).
+    /// Sending at a time, from the protocol's action to the wait.
     pub send_at: Mean,
-    /// See [`send_now`](Self::send_now).
+    /// The end of a transmission, from the interrupt to the protocol.
     pub sent: Mean,
-    /// Receiving with the receiver off before, from the machine's answer to the wait.
+    /// Receiving with the receiver off before, from the protocol's action to the wait.
     pub receive_begin: Mean,
-    /// The same with the receiver on already.
+    /// The same with the receiver already on.
     pub receive_go_on: Mean,
-    /// From the interrupt to the machine: a frame, the end of a window.
+    /// A received frame, from the interrupt to the protocol.
     pub receive_frame: Mean,
-    /// See [`receive_frame`](Self::receive_frame).
+    /// The end of a window, from the interrupt to the protocol.
     pub receive_timeout: Mean,
-    /// Switching off what is off.
+    /// Switching the radio off when it is already off.
     pub idle: Mean,
-    /// From the executor's call of the task to the wait that is over.
+    /// From the executor's call of the task to the end of the wait.
     pub resume: Mean,
 }
 
-/// A stretch: instructions without the bus, and transactions.
+/// A stretch: instructions without the bus, and the number of transactions.
 type Stretch = (u32, u32);
 
-/// What the script does, one after the other.
+/// An action of the script.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Act {
-    /// Receive in a window of so many milliseconds; with a frame, or without.
+    /// Receive in a window of `window_ms` milliseconds, with a frame or without.
     Receive { window_ms: u32, frame: bool, keep: bool },
-    /// Send so many bytes.
+    /// Send `bytes` bytes.
     Send { bytes: usize, at: bool, listen: bool },
 }
 
-/// Two rounds: the first finds registers as they are after the start.
+/// The script runs twice: in the first round, the registers still have the values of the start.
 const SCRIPT: [Act; 13] = [
     Act::Receive { window_ms: 5, frame: true, keep: true },
     Act::Receive { window_ms: 5, frame: true, keep: true },
     Act::Receive { window_ms: 5, frame: true, keep: false },
     Act::Receive { window_ms: 5, frame: false, keep: false },
-    // The same window, then another: one transaction more.
+    // The same window, then another one: one transaction more.
     Act::Receive { window_ms: 5, frame: false, keep: false },
     Act::Receive { window_ms: 4, frame: false, keep: false },
     Act::Send { bytes: 21, at: false, listen: true },
     Act::Receive { window_ms: 4, frame: false, keep: false },
     Act::Send { bytes: 21, at: true, listen: false },
     Act::Send { bytes: 21, at: true, listen: false },
-    // The same length, then another: one transaction more.
+    // The same length, then another one: one transaction more.
     Act::Send { bytes: 22, at: true, listen: false },
     Act::Send { bytes: 22, at: false, listen: false },
     Act::Receive { window_ms: 5, frame: false, keep: false },
 ];
 
-/// Where the script is.
+/// The progress of the script.
 struct Marks {
-    /// How many acts have begun, and when the last did.
+    /// The number of actions that have begun, and when the last one began.
     acts: Cell<usize>,
     begun: Cell<u32>,
-    /// Of each act: up to the wait, and from it.
+    /// The stretches of each action: up to the wait, and after it.
     stretches: RefCell<[[Stretch; 2]; 2 * SCRIPT.len()]>,
 }
 
 impl Marks {
-    /// What became of the last act must be what it was about, or something else was measured.
+    /// Checks that the event is the one that the last action expects. Otherwise something else was measured.
     fn check(&self, event: Event<'_>) {
         let last = self.acts.get().checked_sub(1).map(|act| SCRIPT[act % SCRIPT.len()]);
         let as_wanted = match (last, event) {
@@ -133,10 +133,10 @@ impl Protocol for Script<'_> {
     }
 }
 
-/// Measures.
+/// Measures the costs.
 ///
 /// # Panics
-/// The driver does something else than the script says.
+/// The driver does not do what the script expects.
 pub fn measure() -> Costs {
     let costs = Costs::default();
     let chip = Chip::new();
@@ -168,7 +168,7 @@ pub fn measure() -> Costs {
             }));
         }
     }
-    // The second round alone: the driver knows the chip's registers by then.
+    // Only the second round counts: the driver then knows the chip's registers.
     let stretches = marks.stretches.into_inner();
     let (_, stretches) = stretches.split_at(SCRIPT.len());
     for pair in [[4, 5], [9, 10]] {
@@ -205,7 +205,7 @@ pub fn measure() -> Costs {
     costs
 }
 
-/// The clock, and switching off what is off, called by themselves.
+/// Measures the clock and the switching-off alone.
 fn clock(costs: &Costs, transaction: u32) {
     let chip = Chip::new();
     let mut radio = Dw1000::new(Spi(&chip), Irq(&chip), (), Delay(&chip), Config::new(PhyConfig::FAST));

@@ -1,4 +1,5 @@
-//! Waking a task by embassy's executor: from an interrupt handler's waking of the task to the first instruction of the task.
+//! Measures the waking of a task by embassy's executor: from an interrupt handler's wake call to the first instruction
+//! of the task.
 #![allow(unsafe_code)]
 
 use core::future::Future;
@@ -17,7 +18,7 @@ static POLLED: AtomicU32 = AtomicU32::new(0);
 static TASK: TaskStorage<Waiting> = TaskStorage::new();
 const TIMES: u32 = 16;
 
-/// A task that waits for ever, and notes when it is polled.
+/// A task that waits for ever, and notes the time of each poll.
 struct Waiting;
 
 impl Future for Waiting {
@@ -30,20 +31,21 @@ impl Future for Waiting {
     }
 }
 
-/// What an executor of interrupts would pend.
+/// The function that would pend an executor's interrupt.
 #[unsafe(export_name = "__pender")]
 fn pend(_: *mut ()) {}
 
-/// Measures.
+/// Measures the cost.
 pub fn measure() -> Mean {
     let cost = Mean::new();
     let executor = Executor::new(core::ptr::null_mut());
-    // SAFETY: the executor outlives its task, which is never polled after this function, and nothing else is called meanwhile.
+    // SAFETY: the executor outlives its task. The task is never polled after this function, and nothing else is called
+    // meanwhile.
     let executor: &'static Executor = unsafe { &*core::ptr::from_ref(&executor) };
     if let Ok(token) = TASK.spawn(|| Waiting) {
         executor.spawner().spawn(token);
     }
-    // SAFETY: not called by itself, and by nobody else.
+    // SAFETY: `poll` is not called within itself, and no other code calls it.
     unsafe { executor.poll() };
     for _ in 0..TIMES {
         let begun = stamp();

@@ -1,7 +1,8 @@
-//! What everything that a node runs costs, piece by piece, as the table of the simulation has it: the driver over a chip that answers
-//! at once ([`driver`]), the protocols in a small air ([`protocol`]), waking ([`executor`]), and a tag's engine and telemetry ([`tag`]).
+//! Measures all code that a node runs, piece by piece, as the simulation's table lists it: the driver with a chip that
+//! answers at once ([`driver`]), the protocols in a small air ([`protocol`]), waking ([`executor`]), and a tag's engine
+//! and telemetry ([`tag`]).
 //!
-//! Intervals are measured between two looks at the counter; what a look costs is taken off.
+//! Intervals are measured between two readings of the counter. The cost of a reading is subtracted.
 
 pub mod chip;
 pub mod driver;
@@ -13,7 +14,7 @@ use core::cell::Cell;
 
 use crate::instrument::{between, stamp};
 
-/// Instructions summed up, and how many times.
+/// A sum of instructions, and the number of its terms.
 #[derive(Default)]
 pub struct Mean {
     sum: Cell<u32>,
@@ -21,36 +22,36 @@ pub struct Mean {
 }
 
 impl Mean {
-    /// Nothing yet.
+    /// An empty sum.
     pub const fn new() -> Self {
         Self { sum: Cell::new(0), count: Cell::new(0) }
     }
 
-    /// One more.
+    /// Adds one term.
     pub fn add(&self, instructions: u32) {
         self.sum.set(self.sum.get() + instructions);
         self.count.set(self.count.get() + 1);
     }
 
-    /// The mean, rounded; none of nothing.
+    /// The rounded mean. `None` for an empty sum.
     pub fn get(&self) -> Option<u32> {
         let (sum, count) = (self.sum.get(), self.count.get());
         (sum + count / 2).checked_div(count)
     }
 
-    /// How many there were.
+    /// The number of terms.
     pub fn count(&self) -> u32 {
         self.count.get()
     }
 }
 
-/// Instructions since `from`, without what looking at the counter costs.
+/// The instructions since `from`, without the cost of reading the counter.
 pub fn since(from: u32) -> u32 {
     let now = stamp();
     between(from, now).saturating_sub(look())
 }
 
-/// What two looks at the counter, one after the other, differ by.
+/// The difference of two consecutive readings of the counter.
 fn look() -> u32 {
     let (first, second) = (stamp(), stamp());
     between(first, second)

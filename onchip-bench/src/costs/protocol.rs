@@ -1,5 +1,6 @@
-//! The machines of native mode, step by step: a tag and four anchors in the small air, from the first beacon on, and every step by what it
-//! is about. The node's own loop runs them, so that the exchange may be whatever it likes.
+//! Measures the protocols of native mode, step by step: a tag and four anchors in the small air, from the first sync
+//! frame on. Each step is assigned to a kind. The node's own loop runs the protocols, so that the exchange may take any
+//! course.
 
 use core::convert::Infallible;
 use core::hint::black_box;
@@ -21,29 +22,29 @@ use crate::instrument::stamp;
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 const ANCHORS: usize = 4;
-/// Until a tag has joined, and some rounds.
+/// The time for the tag to join, and for some rounds.
 const LIFE_US: u64 = 1_500_000;
 
-/// What steps cost, instructions.
+/// The costs of the steps, instructions.
 #[derive(Default)]
 pub struct Costs {
     /// A tag makes its poll.
     pub poll_made: Mean,
     /// An anchor answers a poll.
     pub poll_answered: Mean,
-    /// A tag takes a response.
+    /// A tag receives a response.
     pub response_received: Mean,
-    /// A tag takes the last response and reports.
+    /// A tag receives the last response and reports the round.
     pub round_ended: Mean,
-    /// A beacon is taken in.
+    /// A sync frame is received.
     pub beacon_received: Mean,
-    /// A beacon is made.
+    /// A sync frame is made.
     pub beacon_made: Mean,
-    /// A frame is left alone that is for somebody else.
+    /// A frame for another node is ignored.
     pub overheard: Mean,
-    /// What is next is chosen.
+    /// The next action is chosen.
     pub scheduled: Mean,
-    /// From a tag's report of a round to the exchange's going on.
+    /// From a tag's report of a round to the continuation of the exchange.
     pub handover: Mean,
 }
 
@@ -94,7 +95,7 @@ impl Costs {
     }
 }
 
-/// A machine whose steps are measured.
+/// A protocol whose steps are measured.
 struct Measured<'a, M> {
     machine: M,
     address: u16,
@@ -134,7 +135,7 @@ impl<M: Protocol> Protocol for Measured<'_, M> {
     }
 }
 
-/// Measures.
+/// Measures the costs.
 ///
 /// # Panics
 /// The small air has no place for five nodes.

@@ -1,5 +1,5 @@
-//! What a tag does beside ranging: a round in the task of the engine, with its ranges' lines of sight judged and the position published,
-//! and a line of the log.
+//! Measures what a tag does beside ranging: a round in the engine's task, in which its links are classified and the
+//! position is published, and a line of the log.
 
 use core::convert::Infallible;
 use core::future::{Future, pending};
@@ -23,26 +23,28 @@ use super::{Mean, since};
 use crate::instrument::stamp;
 use crate::walk::{ROUNDS, WARM_UP, range};
 
-/// The numbers of ranges that are measured.
+/// The numbers of ranges in the measurements.
 pub const RANGES: [u16; 2] = [4, 8];
 const MOST: usize = 8;
 /// From one round to the next, microseconds.
 const ROUND_US: u64 = 20_000;
-/// Bytes of frames that wait.
+/// The capacity of the event log, bytes of frames.
 const BYTES: usize = 1024;
 
 type Guard = NoopRawMutex;
 
-/// A round in the task of the engine, and what is published of it, taken out of the event log again; instructions.
+/// The costs of a round in the engine's task, and of the frames that it publishes, taken out of the event log again;
+/// instructions.
 #[derive(Default)]
 pub struct Costs {
-    /// The round, with its position published.
+    /// A round with its published position.
     pub round: Mean,
-    /// A range, published with it.
+    /// A range that is published with the position.
     pub publish_range: Mean,
 }
 
-/// Range by range, as a tag has it that walks at a metre a second through a room of as many anchors; one in four is blocked, and its powers tell.
+/// The ranges of a tag that walks at a metre a second through a room with `ranges` anchors. One link in four is
+/// blocked, and its received powers indicate this.
 fn round(ranges: u16, number: u32, random: &mut Rand32) -> (u64, [Range; MOST]) {
     let poll_us = u64::from(number) * ROUND_US;
     let tag = [2.0 + 1.0e-6 * poll_us as f32, 3.0, 1.2];
@@ -60,11 +62,11 @@ fn round(ranges: u16, number: u32, random: &mut Rand32) -> (u64, [Range; MOST]) 
     (poll_us, made)
 }
 
-/// Measures rounds of so many ranges, tracked or each solved by itself, in the plane or in space.
+/// Measures rounds of `ranges` ranges, tracked or each solved by itself, in the plane or in space.
 pub fn measure(ranges: u16, tracks: bool, space: bool) -> Costs {
     let costs = Costs::default();
     let channels = [TaskChannels::<Guard>::new(), TaskChannels::new()];
-    // Every instant is the same one: no line of the log but the first.
+    // The time is constant, so that the log has a line for the first round only.
     let reporters = [Reporter::<Guard, BYTES>::new(|| 0), Reporter::new(|| 0)];
     let sinks =
         [false, true].map(|report_ranges| TelemetrySink::new(&reporters[usize::from(report_ranges)], report_ranges));
@@ -96,7 +98,8 @@ pub fn measure(ranges: u16, tracks: bool, space: bool) -> Costs {
     costs
 }
 
-/// Lets the engine take what there is, and the event log's frames out; instructions, and how many frames there were.
+/// Lets the engine take the waiting rounds, and takes the frames out of the event log. Returns the instructions and the
+/// number of frames.
 fn run(engine: Pin<&mut impl Future<Output = Infallible>>, reporter: &Reporter<Guard, BYTES>) -> (u32, u32) {
     let begun = stamp();
     let ended = engine.poll(&mut Context::from_waker(Waker::noop()));
@@ -111,7 +114,7 @@ fn run(engine: Pin<&mut impl Future<Output = Infallible>>, reporter: &Reporter<G
     (instructions, frames)
 }
 
-/// A delay that never ends: the engine waits for rounds alone.
+/// A delay that never ends: the engine then waits for rounds alone.
 #[derive(Clone)]
 struct Never;
 
@@ -121,7 +124,7 @@ impl DelayNs for Never {
     }
 }
 
-/// What a position's line of the log takes, instructions.
+/// The cost of the log line of a position, instructions.
 pub fn measure_line() -> u32 {
     let event_log = EventLog::<Guard, BYTES>::new();
     let outcome = Outcome::position([3.21, 4.05, 1.5], [[0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0; 3]], 0b1111, 0.9);

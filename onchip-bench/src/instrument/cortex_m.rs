@@ -28,7 +28,7 @@ impl Counter {
     #[inline(always)]
     pub fn reset(&mut self) {
         self.systick.clear_current();
-        // Zero until the next tick loads it anew.
+        // The counter is zero until the next tick reloads it.
         while SYST::get_current() == 0 {}
         self.start = SYST::get_current();
     }
@@ -41,19 +41,19 @@ impl Counter {
     }
 }
 
-/// The counter as it runs, between [`Counter::reset`]s.
+/// The present value of the counter, between [`Counter::reset`]s.
 #[inline(always)]
 pub fn stamp() -> u32 {
     SYST::get_current()
 }
 
-/// The counter's steps from one stamp to another, less than SysTick can count.
+/// The counter's steps between two stamps, fewer than SysTick's range.
 #[inline(always)]
 pub fn steps(from: u32, to: u32) -> u32 {
     from.wrapping_sub(to) & RELOAD
 }
 
-/// The instructions of so many steps.
+/// The instructions in `steps` steps.
 pub fn instructions(steps: u32) -> u32 {
     let ns = u64::from(steps) * u64::from(NS_PER_TICK);
     ((ns + u64::from(NS_PER_INSTRUCTION) / 2) / u64::from(NS_PER_INSTRUCTION)) as u32

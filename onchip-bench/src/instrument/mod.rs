@@ -1,8 +1,8 @@
-//! Instructions and stack of one call, on the chip.
+//! Counts the instructions of one call and measures its stack, on the chip.
 //!
-//! Instructions are counted by QEMU's clock, which with `-icount` advances by the same time for each instruction. Stack is
-//! painted: the memory below the stack pointer is filled with a pattern, and what the call has overwritten is what it used;
-//! a word that a call reserves and never writes is not seen.
+//! Instructions are counted by QEMU's clock, which with `-icount` advances by the same time for each instruction. The
+//! stack is painted: the memory below the stack pointer is filled with a pattern, and the call has used the part that
+//! it has overwritten. A word that a call reserves and never writes is not counted.
 #![allow(unsafe_code)]
 
 use core::hint::black_box;
@@ -14,25 +14,25 @@ mod chip;
 
 pub use chip::{instructions, stamp, steps};
 
-/// Instructions from one stamp to another.
+/// The instructions between two stamps.
 pub fn between(from: u32, to: u32) -> u32 {
     instructions(steps(from, to))
 }
 
-/// The memory below the stack pointer that is painted, in words. All images have ten times as much.
+/// The number of words below the stack pointer that are painted. All images have ten times as much stack.
 const PAINTED: usize = 1024;
 const PAINT: u32 = 0xC5A3_96E1;
 
-/// What one call costs.
+/// The cost of one call.
 #[derive(Clone, Copy, Debug)]
 pub struct Cost {
-    /// Instructions, the call and the return included.
+    /// The instructions, including the call and the return.
     pub instructions: u32,
-    /// Bytes of stack below the caller's frame. Arguments and the answer are in the caller's frame.
+    /// The bytes of stack below the caller's frame. The arguments and the result are in the caller's frame.
     pub stack: usize,
 }
 
-/// The one counter of the chip.
+/// The only counter of the chip.
 pub struct Instrument(chip::Counter);
 
 impl Instrument {
@@ -41,7 +41,7 @@ impl Instrument {
         Self(chip::Counter::start())
     }
 
-    /// What `call` costs, and its answer. It is called twice.
+    /// The cost of `call`, and its result. `call` is called twice.
     pub fn cost<R>(&mut self, call: impl Fn() -> R) -> (Cost, R) {
         let empty = self.count(|| ());
         let instructions = self.count(&call) - empty;
@@ -49,7 +49,7 @@ impl Instrument {
         (Cost { instructions, stack }, answer)
     }
 
-    /// What `call` costs, made on two copies of `state`.
+    /// The cost of `call`, measured on two copies of `state`.
     pub fn cost_on<S: Clone>(&mut self, state: &S, call: impl Fn(&mut S)) -> Cost {
         let empty = self.count(|| ());
         let mut copy = state.clone();
@@ -59,7 +59,7 @@ impl Instrument {
         Cost { instructions, stack }
     }
 
-    /// What a stretch of a thousand instructions is counted as.
+    /// The count for a stretch of a thousand instructions.
     pub fn calibration(&mut self) -> u32 {
         let empty = self.count(|| ());
         // SAFETY: does nothing.
@@ -81,7 +81,8 @@ impl Instrument {
 fn stack_of<R>(call: impl FnOnce() -> R) -> (usize, R) {
     let top = chip::stack_pointer() as *mut u32;
     // SAFETY: nothing below the stack pointer is in use, no interrupt is enabled, and the stack has PAINTED words left.
-    // Volatile, so that no call to a routine with a frame of its own takes the loop's place.
+    // The writes are volatile, so that the compiler does not replace the loop by a call of a routine with its own
+    // frame.
     unsafe { (1..=PAINTED).for_each(|word| top.sub(word).write_volatile(PAINT)) };
     let answer = black_box(call());
     // SAFETY: as above.

@@ -1,4 +1,5 @@
-//! RISC-V: the counter of retired instructions, which in QEMU is the virtual time in ns: `-icount shift=0`, one a nanosecond.
+//! RISC-V: the counter of retired instructions. In QEMU it is the virtual time in ns: `-icount shift=0`, one
+//! instruction in a nanosecond.
 
 use riscv::register::minstret;
 
@@ -22,19 +23,19 @@ impl Counter {
     }
 }
 
-/// The counter as it runs.
+/// The present value of the counter.
 #[inline(always)]
 pub fn stamp() -> u32 {
     minstret::read() as u32
 }
 
-/// The counter's steps from one stamp to another.
+/// The counter's steps between two stamps.
 #[inline(always)]
 pub fn steps(from: u32, to: u32) -> u32 {
     to.wrapping_sub(from)
 }
 
-/// The instructions of so many steps.
+/// The instructions in `steps` steps.
 pub fn instructions(steps: u32) -> u32 {
     steps
 }

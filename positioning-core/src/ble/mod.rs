@@ -1,10 +1,15 @@
 //! Positions from the RSSI values of Bluetooth beacons.
 //!
-//! Adverts flow in, one RSSI each: [`signal`] refuses what no receiver can have measured, smooths and averages it, and gives a
-//! *scan*, a slice of RSSI values in dBm by the beacons' order, `None` where a beacon is not heard. [`path_loss`] makes distances of
-//! RSSI values, [`multilateration`] and [`posterior`] positions of RSSI values, [`particles`] ways of positions; [`offset`] learns what is
-//! the receiver's own.
-//! [`fingerprint`] compares a scan with a map; [`rooms`] says in which room a scan or a position is.
+//! Input: adverts, one RSSI each.
+//!
+//! - [`signal`] refuses values that no receiver can have measured, smooths and averages the others, and gives a
+//!   *scan*: a slice of RSSI values in dBm in the beacons' order, with `None` for a beacon that is not received.
+//! - [`path_loss`] converts RSSI values to distances.
+//! - [`multilateration`] and [`posterior`] compute positions from RSSI values.
+//! - [`particles`] computes tracks from positions.
+//! - [`offset`] learns the receiver's own offset.
+//! - [`fingerprint`] compares a scan with a map.
+//! - [`rooms`] finds the room of a scan or of a position.
 //!
 //! Equation and table numbers are those of A. Linde Cerezo, *Desarrollo de un sistema de posicionamiento en interiores
 //! mediante Bluetooth Low Energy* (Universitat Oberta de Catalunya, 2024), unless another source is named.

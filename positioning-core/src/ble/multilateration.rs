@@ -1,8 +1,10 @@
-//! A position from the RSSI values of beacons at known places: weighted linear least squares (6), and nonlinear in the RSSI values themselves.
+//! A position from the RSSI values of beacons at known positions: weighted linear least squares (6), and nonlinear
+//! least squares in the RSSI values themselves.
 //!
-//! One RSSI a beacon flows in, each with its beacon's path loss; out flows a [`Fix`] whose covariance comes from the path loss'
-//! deviation and from how far the RSSI values agree. The nonlinear form minimises Σ (zᵢ − Lᵢ(‖p − bᵢ‖) − o)² ⁄ σᵢ² + o² ⁄ σₒ², where o is the
-//! receiver's own offset: shadowing is normal in dB, so that this is the most probable position, which (6) is not.
+//! Input: one RSSI per beacon, with its beacon's path loss. Output: a [`Fix`] whose covariance comes from the path
+//! loss' deviation and from how far the RSSI values agree. The nonlinear form minimises Σ (zᵢ − Lᵢ(‖p − bᵢ‖) − o)² ⁄
+//! σᵢ² + o² ⁄ σₒ², where o is the receiver's own offset. Shadowing is normal in dB, so this is the most probable
+//! position. The position of (6) is not.
 
 use heapless::Vec;
 
@@ -15,16 +17,19 @@ use crate::{AnchorSet, Constraints, Fix, MAX_ANCHORS, RangeSample, Real, SolveEr
 
 /// The iteration ends when a step is shorter than this, metres.
 const CONVERGED_M: f64 = 1.0e-3;
-/// No iteration takes longer.
+/// The most steps of an iteration.
 const MAX_STEPS: usize = 40;
-/// Distances are not told apart below this, metres: there the path loss ends, and its slope with it.
+/// Smaller distances count as this, metres: the path loss is constant there, and has no slope.
 const NEAREST_M: f64 = 0.3;
-/// So many RSSI values' worth of belief that the path loss' deviation is right, before the RSSI values say how far they agree.
+/// The weight of the path loss' own deviation, as a number of RSSI values, when it is pooled with how far the RSSI
+/// values agree.
 const BELIEF: f64 = 4.0;
-/// RSSI values at one place share shadows: so many of them are worth one (as [`PosteriorSettings`](super::posterior::PosteriorSettings) has it).
+/// RSSI values at one position share shadows: this number of them counts as one (the same as in
+/// [`PosteriorSettings`](super::posterior::PosteriorSettings)).
 const SHARED: f64 = 2.0;
 
-/// What an RSSI is off from a position, dB, and by how much it changes with each coordinate, dB a metre.
+/// The difference between an RSSI and its expected value at a position, dB, and its derivative by each coordinate, dB
+/// per metre.
 #[inline]
 fn residual<T: Real, const D: usize>(heard: &RssiObservation<T, D>, position: &Vector<T, D>) -> (T, Vector<T, D>) {
     let across = sub(position, &heard.beacon_m);
@@ -33,14 +38,16 @@ fn residual<T: Real, const D: usize>(heard: &RssiObservation<T, D>, position: &V
     (heard.rssi_dbm - heard.path_loss.rssi(square.sqrt()), across.map(|component| component * slope))
 }
 
-/// Weighted linear least squares about the nearest beacon (6); a distance's error grows with the distance, as the thesis assumes.
+/// Weighted linear least squares about the nearest beacon (6); a distance's error grows with the distance, as the
+/// thesis assumes.
 ///
 /// # Errors
-/// See [`SolveError`]: [`TooFewAnchors`](SolveError::TooFewAnchors) means fewer than three beacons in the plane.
+/// There is no position; [`SolveError`] has the reason. [`TooFewAnchors`](SolveError::TooFewAnchors) means fewer than
+/// three beacons in the plane.
 pub fn weighted_linear<T: Real, const D: usize>(heard: &[RssiObservation<T, D>]) -> Result<Fix<T, D>, SolveError> {
     let (ranges, survey) = surveyed(heard, &Constraints::default())?;
     let position = linear_position(heard, &ranges, &survey)?;
-    // What the closed form makes of an error: its weights on squared distances, seen as weights on distances.
+    // The covariance of the closed form: its weights on squared distances, converted to weights on distances.
     let weight = |heard: &RssiObservation<T, D>| {
         let (distance, relative) = (heard.distance_m(), heard.path_loss.relative_deviation());
         let variance = (distance * relative).squared();
@@ -72,11 +79,12 @@ pub fn weighted_linear<T: Real, const D: usize>(heard: &[RssiObservation<T, D>])
     conclude(heard, position, covariance, &agreement)
 }
 
-/// Nonlinear least squares in the RSSI values (see the module). `offset_deviation` is how far the receiver's own offset may be from none,
-/// dB: 0 for the receiver that the path losses were calibrated with, some 4 for another one. It keeps inside the known area.
+/// Nonlinear least squares in the RSSI values (see the module). `offset_deviation` is the standard deviation of the
+/// receiver's own offset, dB: 0 for the receiver with which the path losses were calibrated, about 4 for another one.
+/// The position stays inside the known area.
 ///
 /// # Errors
-/// See [`SolveError`].
+/// There is no position; [`SolveError`] has the reason.
 pub fn nonlinear<T: Real, const D: usize>(
     heard: &[RssiObservation<T, D>],
     offset_deviation: T,
@@ -101,7 +109,7 @@ pub fn nonlinear<T: Real, const D: usize>(
 
 type Ranges<T, const D: usize> = Vec<RangeSample<T, D>, MAX_ANCHORS>;
 
-/// The RSSI values as ranges, and the first look at them.
+/// The RSSI values as ranges, and the survey of them.
 fn surveyed<T: Real, const D: usize>(
     heard: &[RssiObservation<T, D>],
     constraints: &Constraints<T, D>,
@@ -128,7 +136,7 @@ fn linear_position<T: Real, const D: usize>(
     weighted_position(ranges, survey, &variances)
 }
 
-/// The cost at a position with its Gauss-Newton model, the offset at its best.
+/// The cost at a position with its Gauss-Newton model. The offset has its best value.
 struct Model<T, const D: usize> {
     cost: T,
     hessian: Matrix<T, D>,
@@ -202,7 +210,7 @@ fn descend<T: Real, const D: usize>(
 struct Agreement<T> {
     /// Σ (r ⁄ σ)².
     squares: T,
-    /// RSSI values more than unknowns.
+    /// The number of RSSI values minus the number of unknowns.
     freedom: T,
     quality: T,
 }
@@ -226,7 +234,7 @@ impl<T: Real> Agreement<T> {
         Self { squares, freedom, quality: quality / T::count(heard.len().max(1)) }
     }
 
-    /// What the variance is multiplied by: the mean square, pooled with the belief in the path loss' own deviation.
+    /// The factor on the variance: the mean square, pooled with the path loss' own deviation.
     fn inflation(&self) -> T {
         T::of(SHARED) * (self.squares + T::of(BELIEF)) / (self.freedom + T::of(BELIEF))
     }
@@ -246,7 +254,7 @@ fn conclude<T: Real, const D: usize>(
     }
     let dilution = Ldl::new(geometry).ok_or(SolveError::Diverged)?.inverse();
     let sum = position.iter().chain(covariance.iter().flatten()).fold(T::ZERO, |sum, number| sum + number.abs());
-    // Beyond a kilometre nobody hears a beacon: the linear form left the room.
+    // Beyond a kilometre no beacon is received: the linear form has left the room.
     if !(sum <= T::of(1.0e6)) || !(dot(&position, &position).sqrt() <= T::of(1.0e5)) {
         return Err(SolveError::Diverged);
     }
@@ -268,7 +276,8 @@ mod tests {
 
     const MODEL: PathLoss<f64> = PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 4.0 };
 
-    /// Exact RSSI values of beacons in the corners of a room of 6 m by 8 m, heard at (2, 3); `offset` dB too loud.
+    /// Exact RSSI values of beacons in the corners of a room of 6 m by 8 m, received at (2, 3), `offset` dB too
+    /// strong.
     fn heard(offset: f64) -> [RssiObservation<f64, 2>; 4] {
         // Distances √13, 5, √29, √41: RSSI values −50 − 10 log₁₀ of their squares.
         [([0.0, 0.0], 13.0_f64), ([6.0, 0.0], 25.0), ([0.0, 8.0], 29.0), ([6.0, 8.0], 41.0)].map(|(place, square)| {
@@ -297,9 +306,11 @@ mod tests {
     #[test]
     fn the_covariance_is_that_of_a_hand_calculation() {
         // Slopes (20 ⁄ ln 10) Δ ⁄ d² = 8.685890 Δ ⁄ d², Δ = (2, 3), (−4, 3), (2, −5), (−4, −5):
-        // (1.33629, 2.00444), (−1.38974, 1.04231), (0.59903, −1.49757), (−0.84740, −1.05925), in dB a metre, signs apart.
+        // (1.33629, 2.00444), (−1.38974, 1.04231), (0.59903, −1.49757), (−0.84740, −1.05925), in dB per metre, up to
+        // the sign.
         // Σ: xx 4.79395, xy 1.23047, yy 8.46893, over 16 dB²: 0.299622, 0.0769044, 0.529308.
-        // Inverse: determinant 0.152678; xx 3.46683, xy −0.503703, yy 1.96245. Residuals are 0: times 2 · 4 ⁄ (2 + 4).
+        // Inverse: determinant 0.152678; xx 3.46683, xy −0.503703, yy 1.96245.
+        // Residuals are 0: times 2 · 4 ⁄ (2 + 4).
         let fix = nonlinear(&heard(0.0), 0.0, &Constraints::default()).expect("a position");
         let expected = [4.0 / 3.0 * 3.46683, -4.0 / 3.0 * 0.503703, 4.0 / 3.0 * 1.96245];
         let found = [fix.covariance[0][0], fix.covariance[1][0], fix.covariance[1][1]];
@@ -317,7 +328,7 @@ mod tests {
 
     #[test]
     fn a_beacon_above_the_tag_is_nearer_than_its_level_says() {
-        // (2, 3) from corners 2 m above: squares grow by 4.
+        // (2, 3) from corners 2 m above: the squared distances grow by 4.
         let above = heard(0.0).map(|heard| {
             let square = 10_f64.powf((-50.0 - heard.rssi_dbm) / 10.0) + 4.0;
             RssiObservation { above_m: 2.0, rssi_dbm: -50.0 - 10.0 * square.log10(), ..heard }

@@ -1,17 +1,18 @@
-//! What a receiver reads too loud or too soft, alike from all beacons: another telephone than the one that calibrated errs by 0.3 to
-//! 0.4 m more in the thesis (tables 4.4 and 4.5). Learnt while positions are found.
+//! The offset of a receiver's RSSI, the same for all beacons. In the thesis, a telephone other than the calibrating
+//! one errs by 0.3 to 0.4 m more (tables 4.4 and 4.5). The offset is learnt while positions are found.
 //!
-//! What each scan says of the offset flows in, with what was known before ([`Posterior`](super::posterior::Posterior), or the RSSI values at a known
-//! place); out flows the offset in dB with its deviation. A scalar Kalman filter whose gain the posterior has: one receiver has
-//! one offset, that wanders hardly at all.
+//! Input: each scan's estimate of the offset, which includes the earlier knowledge
+//! ([`Posterior`](super::posterior::Posterior), or the RSSI values at a known position). Output: the offset in dB
+//! with its deviation. It is a scalar Kalman filter whose gain the posterior gives: one receiver has one offset,
+//! which hardly changes.
 
 use crate::Real;
 
-/// What is believed of a receiver before anything is heard, dB.
+/// The standard deviation of a receiver's offset before anything is received, dB.
 const PRIOR_DB: f64 = 4.0;
-/// By how much an offset wanders, dB² a scan: a hand, a pocket.
+/// The growth of the offset's variance, dB² per scan: by a hand, or a pocket.
 const WANDER: f64 = 0.05;
-/// An offset that is off by more deviations than this is no more surprising.
+/// An innovation of more deviations than this counts as this.
 const SURPRISE: f64 = 3.0;
 
 /// The offset of a receiver.
@@ -23,19 +24,20 @@ pub struct ReceiverOffset<T> {
 }
 
 impl<T: Real> Default for ReceiverOffset<T> {
-    /// A receiver of which nothing is known: as the calibration's, give or take 4 dB.
+    /// A receiver of which nothing is known: its offset from the calibration's receiver has a standard deviation of 4
+    /// dB.
     fn default() -> Self {
         Self::new(T::of(PRIOR_DB))
     }
 }
 
 impl<T: Real> ReceiverOffset<T> {
-    /// A receiver that is as the calibration's, give or take `deviation` dB.
+    /// A receiver whose offset from the calibration's receiver has the standard deviation `deviation`, dB.
     pub fn new(deviation: T) -> Self {
         Self { offset: T::ZERO, variance: deviation.squared() }
     }
 
-    /// By how much the receiver's RSSI values are too loud, dB.
+    /// By how much the receiver's RSSI values are too strong, dB.
     pub fn offset(&self) -> T {
         self.offset
     }
@@ -45,21 +47,23 @@ impl<T: Real> ReceiverOffset<T> {
         self.variance.sqrt()
     }
 
-    /// Takes what a scan says: it is `more` dB louder than is known, of this variance, dB², [`deviation`](Self::deviation) having been known before.
-    /// The beacons' shadows stay as long as the tag stays, so that scans count once in some metres of way. What is no number
-    /// teaches nothing.
+    /// Takes a scan's estimate: the scan is `more` dB stronger than the known offset explains, with the variance
+    /// `variance`, dB². [`deviation`](Self::deviation) was the prior of that estimate. The beacons' shadows stay as
+    /// long as the tag stays, so scans should be given once in some metres of movement. Values that are not finite
+    /// change nothing.
     pub fn learn(&mut self, more: T, variance: T) {
         if !(more.is_finite() && variance > T::ZERO && variance.is_finite()) {
             return;
         }
-        // The posterior says v = P R ⁄ (P + R), and K z of an innovation z: gain K = 1 − v ⁄ P, innovations of variance P ⁄ K.
+        // The posterior has the variance v = P R ⁄ (P + R), and the mean K z of an innovation z. The gain is K = 1 −
+        // v ⁄ P, the variance of innovations P ⁄ K.
         let gain = T::ONE - variance / self.variance.at_least(T::EPSILON);
         let most = T::of(SURPRISE) * (gain.at_least(T::ZERO) * self.variance).sqrt();
         self.offset += more.at_least(-most).at_most(most);
         self.variance = variance.at_most(self.variance) + T::of(WANDER);
     }
 
-    /// Takes the offset out of an RSSI.
+    /// Subtracts the offset from an RSSI.
     pub fn correct(&self, rssi: T) -> T {
         rssi - self.offset
     }
@@ -71,11 +75,13 @@ mod tests {
 
     #[test]
     fn what_a_scan_says_is_believed_as_far_as_it_is_no_wonder() {
-        // Known to 4 dB; a scan of variance 16 beside it halves that: 8 dB², and 6 dB louder than expected moves by 3.
+        // The prior is 4 dB. A scan of variance 16 halves the variance: 8 dB². 6 dB stronger than expected moves the
+        // offset by 3.
         let mut receiver = ReceiverOffset::<f64>::default();
         receiver.learn(3.0, 8.0);
         assert!((receiver.offset() - 3.0).abs() < 1e-12 && (receiver.deviation() - 8.05_f64.sqrt()).abs() < 1e-12);
-        // 60 dB louder would move by 30; a wonder of three deviations is √(16 + 16) · 3 = 16.97 dB, half of which is 8.485.
+        // 60 dB stronger would move the offset by 30. The limit of three deviations is √(16 + 16) · 3 = 16.97 dB,
+        // half of which is 8.485.
         let mut receiver = ReceiverOffset::<f64>::default();
         receiver.learn(30.0, 8.0);
         assert!((receiver.offset() - 8.485_281).abs() < 1e-5, "{receiver:?}");
@@ -83,7 +89,8 @@ mod tests {
 
     #[test]
     fn scans_after_each_other_go_to_the_mean() {
-        // Scans of variance 4 dB² that all read 6 dB too loud, each with what is known before: K = P ⁄ (P + 4).
+        // Scans of variance 4 dB² that are all 6 dB too strong, each with the prior of the scans before: K = P ⁄ (P +
+        // 4).
         let mut receiver = ReceiverOffset::<f32>::default();
         for _ in 0..50 {
             let before = receiver.deviation().powi(2);

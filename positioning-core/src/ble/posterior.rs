@@ -1,8 +1,10 @@
-//! The mean of where a tag may be, given the RSSI values it hears and the area it can be in: the integral over the area of position times
-//! likelihood, by two lattices, the second one where the first found the tag.
+//! The mean of a tag's possible positions, given the RSSI values that it receives and the area that it can be in: the
+//! integral over the area of position times likelihood. It uses two lattices. The second one covers the region where
+//! the first found the tag.
 //!
-//! Likelihoods of RSSI values are wide, bent and often in two parts. Their mean errs less than their maximum, which [`nonlinear`] finds, and
-//! their spread is an honest covariance however they are shaped; and one beacon alone already says something.
+//! Likelihoods of RSSI values are wide, bent and often in two parts. Their mean errs less than their maximum, which
+//! [`nonlinear`] finds. Their spread is a correct covariance for every shape. One beacon alone already gives
+//! information.
 //!
 //! [`nonlinear`]: super::multilateration::nonlinear
 
@@ -10,34 +12,35 @@ use super::path_loss::Wall;
 use super::rssi::{RssiLikelihood, RssiObservation, Term};
 use crate::{AnchorSet, Area, Fix, MAX_ANCHORS, Real, SolveError};
 
-/// Points of a lattice along each axis.
+/// The number of points of a lattice along each axis.
 const POINTS: usize = 16;
-/// A beacon is nowhere farther than an RSSI says that is so many deviations lower …
+/// A beacon is not farther than the distance of an RSSI that is lower by this number of deviations …
 const FARTHEST: f64 = 2.5;
-/// … and this far at least, metres.
+/// … but this bound is at least this distance, metres.
 const FARTHEST_AT_LEAST_M: f64 = 2.0;
-/// The second lattice reaches so many deviations about the first one's mean.
+/// The second lattice covers this number of deviations about the first one's mean.
 const REACH: f64 = 3.5;
 
-/// How RSSI values are believed.
+/// How RSSI values are weighted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PosteriorSettings<T> {
-    /// How far the receiver's own offset may be from none, dB.
+    /// The standard deviation of the receiver's own offset, dB.
     pub offset_deviation: T,
-    /// How much of the RSSI values' likelihood counts, up to 1: shadows of several beacons at one place are one another's, and the path loss
-    /// is not quite right.
+    /// The weight of the RSSI values' likelihood, up to 1: shadows of several beacons at one position depend on each
+    /// other, and the path loss is not exact.
     pub trust: T,
 }
 
 impl<T: Real> Default for PosteriorSettings<T> {
-    /// 2 dB and one half: least error over all fingerprints of a room and a flat, each located by the others.
+    /// 2 dB and one half: the least error over all fingerprints of a room and a flat, where each was located by the
+    /// others.
     fn default() -> Self {
         Self { offset_deviation: T::of(2.0), trust: T::of(0.5) }
     }
 }
 
-/// Where a tag is, and what its receiver reads too loud.
+/// The tag's position, and the offset of its receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Posterior<T> {
@@ -49,12 +52,12 @@ pub struct Posterior<T> {
     pub offset_variance: T,
 }
 
-/// Where the tag is within an area, by RSSI values of which the first [`MAX_ANCHORS`] count. Walls take their part of a signal (2), where any
-/// are given.
+/// The tag's position within an area, by RSSI values of which the first [`MAX_ANCHORS`] count. Walls attenuate
+/// signals (2), if any are given.
 ///
 /// # Errors
-/// [`SolveError::TooFewAnchors`] without an RSSI, [`SolveError::TooManyAnchors`] beyond [`MAX_ANCHORS`], [`SolveError::NotFinite`] where a number is none
-/// or the area is empty.
+/// [`SolveError::TooFewAnchors`] without an RSSI, [`SolveError::TooManyAnchors`] beyond [`MAX_ANCHORS`],
+/// [`SolveError::NotFinite`] where a number is invalid or the area is empty.
 #[inline(never)]
 pub fn posterior<T: Real>(
     heard: &[RssiObservation<T, 2>],
@@ -86,7 +89,7 @@ pub fn posterior<T: Real>(
     let fix = Fix {
         position: found.mean,
         covariance: found.covariance,
-        // Metres of position a metre of range have no meaning here.
+        // Metres of position per metre of range have no meaning here.
         dilution_of_precision: [T::ZERO; 2],
         used: AnchorSet(((1_u32 << heard.len()) - 1) as u16),
         quality: rssis.agreement(found.mean),
@@ -95,8 +98,8 @@ pub fn posterior<T: Real>(
     Ok(Posterior { fix, offset, offset_variance: spread + rssis.offset_variance() })
 }
 
-/// By how much an RSSI is too loud, dB, and the variance of that, dB², where others say how likely each place of an area is. `None`
-/// where nothing can be said.
+/// By how much an RSSI is too strong, dB, and the variance of that, dB², where other RSSI values give the likelihood
+/// of each position of an area. `None` where the result is not finite, or the input is not valid.
 #[inline(never)]
 pub(crate) fn too_loud<T: Real>(
     heard: &RssiObservation<T, 2>,
@@ -114,21 +117,22 @@ pub(crate) fn too_loud<T: Real>(
     (excess + variance).is_finite().then_some([excess, variance])
 }
 
-/// Whether an area is one.
+/// Whether an area is not empty and is finite.
 #[inline(never)]
 fn is_some<T: Real>(area: &Area<T, 2>) -> bool {
     (0..2).all(|axis| area.max[axis] > area.min[axis] && (area.max[axis] - area.min[axis]).is_finite())
 }
 
 impl<T: Real> PosteriorSettings<T> {
-    /// The likelihood of RSSI values. Their trust is no doubt of the offset.
+    /// The likelihood of RSSI values. `trust` does not increase the uncertainty of the offset.
     #[inline(never)]
     pub fn of<'a>(&self, heard: &[RssiObservation<T, 2>]) -> RssiLikelihood<'a, T> {
         RssiLikelihood::of(heard, self.offset_deviation * self.trust.sqrt(), self.trust)
     }
 
-    /// What of an area is near enough to the beacon that must be the nearest; all of it where that is nowhere. A lattice over a whole site
-    /// would be coarse. What is near enough to every beacon may be but a sliver, where they contradict each other.
+    /// The part of an area that is near enough to the beacon whose greatest possible distance is the least; the whole
+    /// area where that part is empty. A lattice over a whole site would be coarse. The part that is near enough to
+    /// every beacon may be very narrow where the beacons contradict each other.
     #[inline(never)]
     fn narrowed(&self, area: &Area<T, 2>, heard: &[RssiObservation<T, 2>]) -> Area<T, 2> {
         let mut near = *area;
@@ -154,9 +158,10 @@ struct Moments<T> {
     weight: T,
     mean: [T; 2],
     covariance: [[T; 2]; 2],
-    /// Mean, dB, and variance, dB², of the receiver's offset, or of what one more RSSI is too loud beside it.
+    /// Mean, dB, and variance, dB², of the receiver's offset, or of by how much one more RSSI is too strong with that
+    /// offset.
     decibels: [T; 2],
-    /// Between two points of the lattice.
+    /// The distance between two points of the lattice.
     spacing: [T; 2],
 }
 
@@ -165,7 +170,8 @@ impl<T: Real> Moments<T> {
     fn over(rssis: &RssiLikelihood<'_, T>, area: &Area<T, 2>, one_more: Option<&Term<T>>) -> Self {
         let spacing: [T; 2] = core::array::from_fn(|axis| (area.max[axis] - area.min[axis]) / T::count(POINTS));
         let half = T::of(0.5);
-        // Sums about the area's middle, scaled by the greatest likelihood so far: nothing underflows, and one pass does.
+        // Sums relative to the area's middle, scaled by the greatest likelihood so far: nothing underflows, and one
+        // pass is enough.
         let middle: [T; 2] = core::array::from_fn(|axis| half * (area.min[axis] + area.max[axis]));
         let mut greatest = None;
         let mut sums = [T::ZERO; 8];
@@ -197,7 +203,7 @@ impl<T: Real> Moments<T> {
         }
         let [weight, x, y, xx, xy, yy, db, squares] = sums;
         let (x, y, db) = (x / weight, y / weight, db / weight);
-        // A cell of the lattice is as wide as it is.
+        // The variance within a cell of the lattice.
         let own = |axis: usize| spacing[axis].squared() / T::of(12.0);
         let xy = xy / weight - x * y;
         Self {
@@ -212,7 +218,7 @@ impl<T: Real> Moments<T> {
         }
     }
 
-    /// How far the second lattice reaches along an axis.
+    /// Half the extent of the second lattice along an axis.
     fn reach(&self, axis: usize) -> T {
         T::of(REACH) * self.covariance[axis][axis].sqrt() + self.spacing[axis]
     }
@@ -267,7 +273,8 @@ mod tests {
 
     #[test]
     fn the_offset_and_what_one_more_is_too_loud_are_those_of_a_fine_integral() {
-        // By brute force over place, 5 cm, and offset, 0.1 dB; half of the RSSI values counts, and all of what is known of the offset, 3 dB.
+        // By brute force over position, 5 cm, and offset, 0.1 dB. Half of the RSSI values' likelihood counts, and the
+        // whole prior of the offset, 3 dB.
         let beacons = [heard([0.0, 0.0], -58.0), heard([6.0, 0.0], -62.0), heard([3.0, 8.0], -60.0)];
         let one_more = heard([0.0, 8.0], -75.0);
         let (mut weight, mut sums, mut squares) = (0.0, [0.0; 2], [0.0; 2]);
@@ -296,7 +303,7 @@ mod tests {
         let found = posterior(&beacons, &ROOM, &[], &belief).expect("a position");
         let off = [found.offset - mean[0], found.offset_variance / variance[0] - 1.0];
         assert!(off.iter().all(|off| off.abs() < 0.05), "{found:?} {mean:?} {variance:?}");
-        // The RSSI's own 4 dB join. This lattice is the coarse one.
+        // The RSSI's own 4 dB are added. This lattice is the coarse one.
         let [excess, doubt] = too_loud(&one_more, &beacons, &ROOM, &[], &belief).expect("three others");
         assert!(
             (excess - mean[1]).abs() < 0.15 && (doubt / (variance[1] + 16.0) - 1.0).abs() < 0.05,
@@ -307,8 +314,8 @@ mod tests {
 
     #[test]
     fn of_a_large_area_only_what_the_levels_reach_is_looked_at() {
-        // A kilometre: over it a lattice has 62 m between two points; over 80 m it has 5 m, where the RSSI values end at 40 m. Exact RSSI values
-        // at (2, 3), as in multilateration's tests.
+        // Over a kilometre a lattice has 62 m between two points. Over 80 m it has 5 m, and the RSSI values end at 40
+        // m. Exact RSSI values at (2, 3), as in multilateration's tests.
         let [site, near] = [500.0, 40.0].map(|half| Area { min: [-half; 2], max: [half; 2] });
         let beacons = [([0.0, 0.0], 13.09_f64), ([6.0, 0.0], 25.09), ([0.0, 8.0], 29.09), ([6.0, 8.0], 41.09)]
             .map(|(place, square)| heard(place, -50.0 - 10.0 * square.log10()));

@@ -1,47 +1,47 @@
-//! The height of a track in space, where ranges alone do not tell it.
+//! The height of a track in space, where ranges alone do not determine it.
 //!
-//! Anchors hang at about one height, as a rule. How far a tag is below them and how much too long all its ranges are then look
-//! alike, and the errors of links decide between the two: a track would find a height, keep to it, and err by half a metre
-//! (recorded). A round that is solved by itself is cautious: its solver leaves the common error near nothing unless ranges
-//! insist. So x and y are tracked, and the height follows those of the solved rounds, as far as these know height much worse
-//! than the rest. No number of rounds makes such a height surer than one round does.
+//! Anchors usually hang at about one height. A lower tag and a common error that makes all ranges longer then look
+//! alike, and the errors of links decide between the two. In recordings, a track found a height, kept it, and erred
+//! by half a metre. A round that is solved by itself is cautious: its solver leaves the common error near zero unless
+//! the ranges contradict that. So x and y are tracked. The height follows that of the solved rounds, while these know
+//! the height much worse than x and y. Any number of rounds makes such a height no more certain than one round does.
 
 use crate::measurement::Height;
 use crate::{Fix, Real};
 
-/// A solved height whose deviation is so many times that of x or y is not told by ranges.
+/// A solved height whose deviation is this many times that of x or y is not determined by the ranges.
 const AMBIGUOUS: f64 = 3.0;
-/// Deviation with which the track takes a solved height, metres: rounds scatter by about this.
+/// The deviation with which the track takes a solved height, metres: the heights of rounds scatter by about this.
 const SCATTER_M: f64 = 0.15;
 
-/// Where the height comes from.
+/// The source of the height.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum HeightSource<T> {
-    /// From ranges, or from whoever told it.
+    /// From ranges, or known from outside.
     Known,
-    /// From solved rounds; this is the variance of the last one, m².
+    /// From solved rounds; the value is the variance of the last one, m².
     Solved(T),
-    /// Somebody tells it; solved rounds are not needed.
+    /// Measured from outside; solved rounds are not needed.
     Told,
 }
 
 impl<T: Real> HeightSource<T> {
-    /// Until a round is solved, ranges are believed to tell it.
+    /// Until a round is solved, the ranges are assumed to determine the height.
     pub(super) fn new() -> Self {
         Self::Known
     }
 
-    /// Somebody has measured it.
+    /// The height has been measured from outside.
     pub(super) fn set_external(&mut self) {
         *self = Self::Told;
     }
 
-    /// Whether each round should be solved for it.
+    /// Whether each round should be solved for its height.
     pub(super) fn is_asked(&self) -> bool {
         matches!(self, Self::Solved(_))
     }
 
-    /// The height that a track should take of a solved round.
+    /// The height that a track should take from a solved round.
     pub(super) fn of(&mut self, fix: &Fix<T, 3>) -> Option<Height<T>> {
         if matches!(self, Self::Told) {
             return None;
@@ -52,7 +52,7 @@ impl<T: Real> HeightSource<T> {
         ambiguous.then_some(Height { height_m: fix.position[2], deviation_m: T::of(SCATTER_M) })
     }
 
-    /// A track's covariance, its height no surer than it can be.
+    /// A track's covariance, with a height that is no more certain than its source.
     pub(super) fn admit(&self, mut covariance: [[T; 3]; 3]) -> [[T; 3]; 3] {
         if let Self::Solved(variance) = *self {
             covariance[2][2] = covariance[2][2].at_least(variance);

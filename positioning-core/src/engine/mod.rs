@@ -1,9 +1,10 @@
-//! The engine: whatever is measured goes in with its time, the tag's position comes out. The tag, the replays and the
-//! simulation run this one.
+//! The engine. Input: measurements of all kinds with their times. Output: the tag's position. The tag, the replays
+//! and the simulation run this engine.
 //!
-//! [`Engine::step`] has no clock: microseconds are an argument. With [`Mode::Solve`] every round is solved by itself when it ends;
-//! with [`Mode::Track`] the first round (and the first after a track was given up) is solved, and from then on every
-//! measurement changes the track as it comes. Time without measurements makes the covariance grow; too much of it ends the track.
+//! [`Engine::step`] has no clock: microseconds are an argument. With [`Mode::Solve`] every round is solved by itself
+//! when it ends. With [`Mode::Track`] the first round (and the first after a track was given up) is solved. From then
+//! on every measurement changes the track as it comes. The covariance grows during a time without measurements. After
+//! too long a time the track ends.
 
 mod height;
 mod output;
@@ -23,29 +24,30 @@ use crate::track::{Filter, Supervisor};
 use height::HeightSource;
 use round::Round;
 
-/// A clock that goes back by more than this has begun anew, microseconds; by less, frames have overtaken each other.
+/// A clock that goes back by more than this has been reset, microseconds. By less, frames have overtaken each other.
 const OVERTAKING_US: u64 = 1_000_000;
-/// The orchestrator.
+/// The engine.
 #[derive(Clone, Debug)]
 pub struct Engine<T> {
     settings: Settings<T>,
     filter: Filter<T>,
     supervisor: Supervisor,
     round: Round<T>,
-    /// Where a track in space has its height from.
+    /// The source of the height of a track in space.
     height: HeightSource<T>,
-    /// Whether there is a track, and why not.
+    /// Whether there is a track, and if not, why.
     track: Result<(), Missing>,
     /// Why the next track will be started.
     next_start: Start,
-    /// The latest time seen.
+    /// The latest time of a measurement.
     now_us: u64,
-    /// When a measurement was used last.
+    /// The time of the last measurement that was used.
     used_us: u64,
 }
 
 impl Engine<f32> {
-    /// [`step`](Self::step), compiled in this crate and so optimised as it is, whatever the image is optimised for.
+    /// [`step`](Self::step), compiled in this crate so that it has the optimisation level of this crate and not that
+    /// of the image.
     #[inline(never)]
     pub fn step_on_node(&mut self, now_us: u64, measurement: &Measurement<f32>) -> Output<f32> {
         self.step(now_us, measurement)
@@ -53,7 +55,7 @@ impl Engine<f32> {
 }
 
 impl<T: Real> Engine<T> {
-    /// An engine that has seen nothing.
+    /// An engine without measurements.
     pub fn new(settings: Settings<T>) -> Self {
         Self {
             settings,
@@ -68,12 +70,12 @@ impl<T: Real> Engine<T> {
         }
     }
 
-    /// How it works.
+    /// The engine's settings.
     pub fn settings(&self) -> &Settings<T> {
         &self.settings
     }
 
-    /// Changes the height of a tag in the plane, metres; in space, and where it is no number, nothing happens.
+    /// Changes the height of a tag in the plane, metres. In space, or if the height is not a number, nothing happens.
     pub fn set_height(&mut self, height: T) {
         if let (Dimensions::Plane { height: known }, true) =
             (&mut self.settings.dimensions, Height { height_m: height, deviation_m: T::ONE }.is_sane())
@@ -83,7 +85,7 @@ impl<T: Real> Engine<T> {
         }
     }
 
-    /// Takes one measurement of the time `now_us`, microseconds. No input panics.
+    /// Takes one measurement of the time `now_us`, microseconds. It does not panic on any input.
     pub fn step(&mut self, now_us: u64, measurement: &Measurement<T>) -> Output<T> {
         self.watch_clock(now_us);
         if !measurement.is_sane() {
@@ -100,7 +102,7 @@ impl<T: Real> Engine<T> {
         Output { verdict, fix: self.fix() }
     }
 
-    /// Moves on to `now_us`; ends a track that did not outlive the time since.
+    /// Moves on to `now_us`. Ends a track after too long a gap, or when it has become too uncertain.
     fn watch_clock(&mut self, now_us: u64) {
         if now_us.saturating_add(OVERTAKING_US) < self.now_us {
             self.reset(Start::Clock);
@@ -130,7 +132,7 @@ impl<T: Real> Engine<T> {
         }
     }
 
-    /// The track's position now.
+    /// The track's current position.
     fn fix(&self) -> Result<TrackFix<T>, Missing> {
         self.track?;
         Ok(TrackFix {

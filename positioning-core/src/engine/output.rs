@@ -1,38 +1,39 @@
-//! What comes out of the engine.
+//! The outputs of the engine.
 
 use crate::{AnchorSet, Real, SolveError};
 
-/// After a measurement: what became of it, and where the tag is now.
+/// The result of a measurement: its verdict, and the tag's current position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Output<T> {
-    /// What became of the measurement.
+    /// The verdict on the measurement.
     pub verdict: Verdict,
     /// The position at the time of the step, or why there is none.
     pub fix: Result<TrackFix<T>, Missing>,
 }
 
-/// What became of a measurement. A refused one is no error: it is how doubt about a source is told.
+/// The verdict on a measurement. A refused measurement is not an error: its source is uncertain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Verdict {
     /// It changed the position.
     Used,
-    /// It changed the position, after its source had been refused for a while: that source's error is believed to be another now.
+    /// It changed the position after its source had been refused for a while. That source's error is assumed to have
+    /// changed.
     Readmitted,
     /// It cannot belong to the track.
     Refused,
     /// It is kept until the end of the round.
     Held,
-    /// It is rather without line of sight, and the settings ignore such.
+    /// It is probably without line of sight, and the settings ignore such measurements.
     Ignored,
-    /// It is no measurement: a number is not finite, absurdly large, or a deviation not positive.
+    /// It is not a valid measurement: a number is not finite or is absurdly large, or a deviation is not positive.
     NotSane,
-    /// There is no track that it could change.
+    /// There is no track to change.
     NoTrack,
-    /// The round's end made a position, or none.
+    /// The end of the round made a position, or none.
     Concluded,
-    /// The round's end started a track.
+    /// The end of the round started a track.
     Started(Start),
 }
 
@@ -40,31 +41,32 @@ pub enum Verdict {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Start {
-    /// It is the first.
+    /// It is the first track.
     First,
-    /// The last one contradicted the ranges.
+    /// The last track contradicted the ranges.
     Contradicted,
-    /// The last one had become too uncertain, or numbers had run out of it.
+    /// The last track had become too uncertain, or its numbers were no longer finite.
     Lost,
     /// Nothing had been measured for too long.
     Gap,
-    /// The clock had begun anew.
+    /// The clock had been reset.
     Clock,
 }
 
-/// A position at a time.
+/// A position of the track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TrackFix<T> {
-    /// Metres, in the anchors' frame.
+    /// The position, metres, in the anchors' frame.
     pub position: [T; 3],
-    /// Metres a second; zero where every round is solved by itself.
+    /// The velocity, metres per second; zero where every round is solved by itself.
     pub velocity: [T; 3],
-    /// The position's covariance, m²; zero in the row and column of a height that was given.
+    /// The position's covariance, m²; zero in the row and column of a known height.
     pub covariance: [[T; 3]; 3],
-    /// The ranges of this round that have made it so far: bit i is the i-th that was given.
+    /// The ranges of this round that have been used so far: bit i is the i-th range given.
     pub used: AnchorSet,
-    /// How far the round agrees with it, 0 to 1: its solver's word, or the share of what was given that was used.
+    /// How far the round agrees with the position, 0 to 1: the solver's quality, or the share of the given
+    /// measurements that was used.
     pub quality: T,
     /// The time since the last measurement that was used, microseconds.
     pub age_us: u64,
@@ -90,7 +92,7 @@ pub enum Missing {
 }
 
 impl Missing {
-    /// The reason as files and telemetry spell it.
+    /// The reason as it is written in files and telemetry.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::RoundOpen => "round-open",

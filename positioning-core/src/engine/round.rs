@@ -1,4 +1,4 @@
-//! What was given since the last round's end, and how it is solved by itself.
+//! The measurements since the end of the last round, and the solution of a round by itself.
 
 use heapless::Vec;
 
@@ -12,15 +12,15 @@ use crate::{AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, RangeSample, Real, S
 pub(super) struct Round<T> {
     pub(super) ranges: Vec<Range<T>, MAX_ANCHORS>,
     pub(super) tdoas: Vec<Tdoa<T>, MAX_ANCHORS>,
-    /// Where the RSSI values of beacons have the tag.
+    /// The tag's position by the RSSI values of beacons.
     pub(super) by_beacons: Option<BeaconPosition<T>>,
     /// The ranges that have changed the track.
     pub(super) used: u16,
-    /// Ranges have not been given to the track yet.
+    /// Whether ranges have not been given to the track yet.
     pub(super) waits: bool,
-    /// The measurements that were given.
+    /// The number of measurements that were given.
     pub(super) given: usize,
-    /// Those that were used.
+    /// The number of measurements that were used.
     pub(super) taken: usize,
 }
 
@@ -37,7 +37,7 @@ impl<T: Real> Round<T> {
         (self.used, self.given, self.taken) = (0, 0, 0);
     }
 
-    /// Counts a measurement that was used; `place` is that of a range.
+    /// Counts a measurement that was used; `place` is the index of a range in the round.
     pub(super) fn count(&mut self, place: Option<usize>) {
         self.taken = self.taken.saturating_add(1);
         if let Some(place) = place {
@@ -45,7 +45,8 @@ impl<T: Real> Round<T> {
         }
     }
 
-    /// Keeps a range; its place in the round. Beyond what a position can take, only the track sees it.
+    /// Keeps a range and returns its index in the round. Further ranges than a position can take go only to the
+    /// track.
     pub(super) fn keep(&mut self, range: &Range<T>) -> Option<usize> {
         self.ranges.push(*range).is_ok().then(|| self.ranges.len() - 1)
     }
@@ -67,12 +68,12 @@ impl<T: Real> Round<T> {
         if !self.tdoas.is_empty() {
             return self.solve_differences(settings);
         }
-        // The height is not theirs to tell.
+        // RSSI values do not determine the height.
         let by_beacons = self.by_beacons.as_ref().zip(settings.dimensions.height());
         by_beacons.map(|(position, height)| position.at(height)).ok_or(SolveError::TooFewAnchors)
     }
 
-    /// Which ranges a solver gets: all, or those in line of sight and so many of the least blocked that there are enough.
+    /// The ranges that a solver gets: all of them, or those in line of sight plus enough of the least blocked ones.
     fn chosen(&self, settings: &Settings<T>) -> u16 {
         let all = ((1_u32 << self.ranges.len()) - 1) as u16;
         let Blocked::Ignore { threshold, at_least } = settings.filter.blocked else { return all };
@@ -138,7 +139,7 @@ impl<T: Real> Round<T> {
         let mut samples: Vec<RangeSample<T, D>, MAX_ANCHORS> = Vec::new();
         for (place, range) in self.ranges.iter().enumerate() {
             if chosen >> place & 1 == 1 {
-                // There are as many places as ranges.
+                // There is room for as many samples as ranges.
                 let _ = samples.push(RangeSample { sigma: deviation(range, settings), ..sample(range) });
             }
         }
@@ -161,36 +162,37 @@ impl<T: Real> Round<T> {
             Dimensions::Space { side: Side::Unknown } | Dimensions::Plane { .. } => None,
         };
         let mut fix = hyperbolic(&samples, first.reference_m, sigma, settings.dimensions.height(), start)?;
-        // Hyperbolas know no bounds: where the tag cannot be, the nearest place where it can.
+        // Hyperbolas do not know the area. If the position is outside it, the nearest position inside is taken.
         fix.position = Constraints { side: Side::Unknown, area: settings.area }.inside(fix.position);
         Ok(fix)
     }
 }
 
-/// The bits of `used`, which counts the members of `chosen` alone, at their places among all.
+/// Moves the bits of `used`, which number the members of `chosen`, to their indices among all ranges.
 fn spread(used: AnchorSet, chosen: u16) -> AnchorSet {
     let members = (0..16_usize).filter(|place| chosen >> place & 1 == 1);
     AnchorSet(members.enumerate().filter(|(k, _)| used.contains(*k)).fold(0, |set, (_, place)| set | 1 << place))
 }
 
-/// A range as it is to be used.
+/// The length of a range as it is used.
 pub(super) fn length<T: Real>(range: &Range<T>, settings: &Settings<T>) -> T {
     let excess = if settings.mitigate { range.excess_m.unwrap_or(T::ZERO) } else { T::ZERO };
     range.distance_m - excess
 }
 
-/// The deviation of a single range, all its errors together.
+/// The deviation of a single range with all its errors.
 fn deviation<T: Real>(range: &Range<T>, settings: &Settings<T>) -> T {
     white(settings, range.deviation_m, probability(range.p_nlos))
 }
 
 fn white<T: Real>(settings: &Settings<T>, own: T, blocked: T) -> T {
     let noise = &settings.filter.noise;
-    // What nobody says weighs no range against another: a round by itself does without that doubt.
+    // An unknown probability adds no variance here. It would not weigh one range against another, and a round by
+    // itself does not need it.
     let both = |blocked: T| {
         let blocked = Some(blocked);
         let variance = noise.noise_variance(own.squared(), blocked) + noise.link_variance(blocked);
-        // As given, to the last bit, where there is nothing to add.
+        // Exactly as given where there is nothing to add.
         if variance > own.squared() { variance.sqrt() } else { own }
     };
     match settings.filter.blocked {

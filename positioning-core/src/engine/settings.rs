@@ -1,36 +1,37 @@
-//! How the engine is to work.
+//! The settings of the engine.
 
 use crate::linear::b_wls_in_parts;
 use crate::track::{Blocked, FilterSettings, Motion, Noise};
 use crate::{Area, Method, Real, Side, Solver};
 
-/// Whether there is a memory between rounds.
+/// Whether the engine keeps a state between rounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Mode {
-    /// None: every round is solved by itself, at its end.
+    /// No state: every round is solved by itself, at its end.
     Solve,
     /// A track: every measurement changes it as it comes.
     Track,
 }
 
-/// What of the position is to be found.
+/// The unknowns of the position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Dimensions<T> {
     /// x and y of a tag at a known height.
     Plane {
-        /// That height, metres.
+        /// The height, metres.
         height: T,
     },
     /// x, y and z.
     Space {
-        /// Which of two mirror images, where all anchors lie on a plane.
+        /// Which of two mirror images to take, where all anchors lie on a plane.
         side: Side<T, 3>,
     },
 }
 
-/// How a round is solved. Functions, and no [`Method`]: an image holds the methods that it names, and no other.
+/// How a round is solved. It holds functions and not a [`Method`], so that an image contains only the methods that it
+/// names.
 #[derive(Clone, Copy, Debug)]
 pub struct Solvers<T> {
     /// In the plane.
@@ -39,7 +40,7 @@ pub struct Solvers<T> {
     pub space: Solver<T, 3>,
 }
 
-/// The methods that a tag's image holds, for whoever chooses one when the tag runs.
+/// The methods that a tag's image contains, for a choice at run time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum NodeMethod {
@@ -54,7 +55,7 @@ pub enum NodeMethod {
 }
 
 impl NodeMethod {
-    /// Among all methods.
+    /// The corresponding [`Method`].
     pub const fn method(self) -> Method {
         match self {
             Self::Robust => Method::Robust,
@@ -66,7 +67,7 @@ impl NodeMethod {
 }
 
 impl Solvers<f32> {
-    /// By one of the methods that an image holds, compiled in this crate, as
+    /// One of the methods that an image contains, compiled in this crate, as
     /// [`Engine::step_on_node`](super::Engine::step_on_node) is.
     #[inline(never)]
     pub fn on_node(method: NodeMethod) -> Self {
@@ -80,45 +81,45 @@ impl Solvers<f32> {
 }
 
 impl<T: Real> Solvers<T> {
-    /// By `robust`.
+    /// The method `robust`.
     pub fn robust() -> Self {
         Self { plane: crate::robust, space: crate::robust }
     }
 
-    /// By any method.
+    /// Any method.
     pub fn of(method: Method) -> Self {
         Self { plane: method.solver(), space: method.solver() }
     }
 }
 
-/// How the engine is to work.
+/// The settings of the engine.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings<T> {
-    /// With a memory or without.
+    /// Whether the engine tracks.
     pub mode: Mode,
-    /// What is to be found.
+    /// The unknowns of the position.
     pub dimensions: Dimensions<T>,
-    /// How a round is solved: the first position, and in [`Mode::Solve`] each.
+    /// How a round is solved: the first one of a track, and in [`Mode::Solve`] each one.
     pub solvers: Solvers<T>,
-    /// Where a solved position can be at all.
+    /// The area where a solved position can be.
     pub area: Option<Area<T, 3>>,
-    /// How the filter of a track works.
+    /// The settings of a track's filter.
     pub filter: FilterSettings<T>,
-    /// Whether ranges are shortened by their `excess_m`. Off by default: what was learnt in one building is wrong in the next
-    /// (V. Barral et al. 2019, tables 4 and 5).
+    /// Whether ranges are shortened by their `excess_m`. It is off by default: the excess learnt in one building is
+    /// wrong in another (V. Barral et al. 2019, tables 4 and 5).
     pub mitigate: bool,
-    /// Variance of the first position, m² and axis; `None`: that of the solved position, and a bit.
+    /// Variance of the first position, m² per axis; `None`: that of the solved position, slightly increased.
     pub start_variance: Option<T>,
-    /// A track whose position has become more uncertain than this is given up, metres of standard deviation, all axes together.
+    /// A track is given up when its position is more uncertain than this, metres of standard deviation over all axes.
     pub lost: T,
-    /// A track of which nothing was measured for so long is given up, microseconds.
+    /// A track without measurements for this time is given up, microseconds.
     pub gap_us: u64,
     /// Whether a track that contradicts the solved rounds is started again.
     pub supervised: bool,
 }
 
 impl<T: Real> Settings<T> {
-    /// A tag that tracks.
+    /// The settings of a tag that tracks.
     pub fn track(dimensions: Dimensions<T>) -> Self {
         Self {
             mode: Mode::Track,
@@ -142,13 +143,15 @@ impl<T: Real> Settings<T> {
         }
     }
 
-    /// A tag that solves every round by itself. A range is taken to err by its own deviation and by its link's: solvers that
-    /// hear of the radio's noise alone trust single links too much (`robust` on a recording: 0.15 m against 0.09 m).
+    /// The settings of a tag that solves every round by itself. The error of a range consists of its own deviation
+    /// and that of its link. Solvers that know the radio's noise alone trust single links too much (`robust` on a
+    /// recording: 0.15 m against 0.09 m).
     pub fn solve(dimensions: Dimensions<T>, solvers: Solvers<T>) -> Self {
         Self { mode: Mode::Solve, solvers, ..Self::track(dimensions) }
     }
 
-    /// The textbook's filter: white noise, no gates, no supervisor, only what `motion`, `blocked` and `iterations` say.
+    /// The textbook's filter: white noise, no gates, no supervisor, and only the given `motion`, `blocked` and
+    /// `iterations`.
     pub fn plain(dimensions: Dimensions<T>, motion: Motion<T>, blocked: Blocked<T>, iterations: u8) -> Self {
         let tracking = Self::track(dimensions);
         let (noise, gate) = (Noise::white(), T::of(1.0e6));
@@ -156,12 +159,12 @@ impl<T: Real> Settings<T> {
         Self { filter, supervised: false, ..tracking }
     }
 
-    /// The same, where ranges err so.
+    /// The same settings with this noise of the ranges.
     pub fn with_noise(self, noise: Noise<T>) -> Self {
         Self { filter: FilterSettings { noise, ..self.filter }, ..self }
     }
 
-    /// The same, where a missing line of sight means this.
+    /// The same settings with this treatment of a missing line of sight.
     pub fn with_blocked(self, blocked: Blocked<T>) -> Self {
         Self { filter: FilterSettings { blocked, ..self.filter }, ..self }
     }

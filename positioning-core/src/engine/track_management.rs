@@ -5,17 +5,17 @@ use crate::measurement::{Observation as _, probability};
 use crate::track::{Blocked, Supervisor};
 use crate::{Fix, Real};
 
-/// A track's first position is taken to be so many times as uncertain as the solver says: the same ranges are about to enter
-/// the track, and must not count twice.
+/// The factor on the variance of a track's first position, relative to the solver's. The same ranges will enter the
+/// track, and must not count twice.
 const START_DOUBT: f64 = 9.0;
-/// And by this more, metres.
+/// A further deviation of the first position, metres.
 const START_SIGMA_M: f64 = 0.3;
-/// But no axis by more than about this, metres.
+/// The multiplied deviation of an axis is limited to about this, metres.
 const START_GREATEST_M: f64 = 1.0;
 
 /// A track that is more uncertain than this, metres, all axes together, is vague.
 const VAGUE_M: f64 = 1.5;
-/// It may be the same as a position within so many joint deviations.
+/// The greatest distance, in joint deviations, at which the track and a position may be the same.
 const AGREES: f64 = 4.0;
 
 impl<T: Real> Engine<T> {
@@ -30,7 +30,7 @@ impl<T: Real> Engine<T> {
         output
     }
 
-    /// The round's own position.
+    /// The position of the round by itself.
     fn solved(&self) -> Result<TrackFix<T>, Missing> {
         let fix = self.round.solve(&self.settings).map_err(Missing::SolveError)?;
         let Fix { position, covariance, used, quality, .. } = fix;
@@ -49,10 +49,10 @@ impl<T: Real> Engine<T> {
         }
     }
 
-    /// Starts a track near a solved position, and lets the round's measurements into it.
+    /// Starts a track near a solved position, and gives it the round's measurements.
     fn start_track(&mut self, fix: &Fix<T, 3>) -> Start {
-        // Where the solver did not know on which side of the anchors the tag is, its covariance reaches to the other one. The track
-        // is on this side, and a doubt of metres would lead its first linearisations astray.
+        // Where the solver did not know on which side of the anchors the tag is, its covariance reaches to the other
+        // side. The track is on this side. An uncertainty of metres would make its first linearisations wrong.
         let greatest = (0..3).fold(T::ZERO, |greatest, axis| greatest.at_least(fix.covariance[axis][axis]));
         let doubt = T::of(START_DOUBT).at_most(T::of(START_GREATEST_M * START_GREATEST_M) / greatest);
         let covariance: [[T; 3]; 3] = core::array::from_fn(|r| {
@@ -80,13 +80,14 @@ impl<T: Real> Engine<T> {
         start
     }
 
-    /// Whether the track is too uncertain for ranges to be straightened about it, one by one: among beacons it is, and then the
-    /// first of them would lead it beside the place where they meet. Such a round is solved first.
+    /// Whether the track is too uncertain to linearise ranges about it one by one. This is the case among beacons:
+    /// the first range would move the track away from the position where the ranges meet. Such a round is solved
+    /// first.
     pub(super) fn is_vague(&self) -> bool {
         self.filter.state.spread() > T::of(VAGUE_M * VAGUE_M)
     }
 
-    /// Whether a round's own position is surer than the track, and may be the same.
+    /// Whether the round's own position is more certain than the track, and may be the same.
     fn agrees(&self, fix: &Fix<T, 3>) -> bool {
         let (mut square, mut variance) = (T::ZERO, T::ZERO);
         for (axis, at) in self.filter.state.position().into_iter().enumerate() {
@@ -97,7 +98,7 @@ impl<T: Real> Engine<T> {
         variance < spread && square <= T::of(AGREES * AGREES) * (spread + variance)
     }
 
-    /// Lets the round's ranges into the track.
+    /// Gives the round's ranges to the track.
     fn check_ranges(&mut self) {
         for place in 0..self.round.ranges.len() {
             if let Some(range) = self.round.ranges.get(place).copied() {
@@ -106,7 +107,7 @@ impl<T: Real> Engine<T> {
         }
     }
 
-    /// Lets the position by beacons into the track, where the round has one.
+    /// Gives the position by beacons to the track, if the round has one.
     fn apply_beacon_position(&mut self) {
         if let (Some(position), Some(_)) = (self.round.by_beacons, self.settings.dimensions.height()) {
             let result = position.update(&mut self.filter, &self.settings.filter);
@@ -114,7 +115,7 @@ impl<T: Real> Engine<T> {
         }
     }
 
-    /// Lets the least blocked of the ignored ranges into the track, where the settings want a round to keep some.
+    /// Gives the least blocked of the ignored ranges to the track, if the settings keep some per round.
     fn apply_min_anchors(&mut self) {
         let Blocked::Ignore { threshold, at_least } = self.settings.filter.blocked else { return };
         let mut kept = 0_u16;
@@ -133,7 +134,7 @@ impl<T: Real> Engine<T> {
         }
     }
 
-    /// Ends a round of a track.
+    /// Ends a round with a track.
     #[inline(never)]
     fn update_track(&mut self) -> Output<T> {
         if core::mem::take(&mut self.round.waits) {
@@ -162,7 +163,7 @@ impl<T: Real> Engine<T> {
         Output { verdict: Verdict::Concluded, fix: self.fix() }
     }
 
-    /// Lets the track have the height of a solved round, where ranges alone do not tell it.
+    /// Gives the height of a solved round to the track, where ranges alone do not determine it.
     fn take_height(&mut self, fix: &Fix<T, 3>) {
         if self.settings.dimensions.height().is_none()
             && !self.round.ranges.is_empty()

@@ -1,4 +1,4 @@
-//! The update by one measurement: it goes into the track, or is kept for the end of the round.
+//! The update by one measurement: it goes into the track, or it is kept for the end of the round.
 
 use super::round::length;
 use super::{Engine, Mode, Verdict};
@@ -7,7 +7,7 @@ use crate::measurement::{BeaconPosition, ExternalPosition, Height, Observation, 
 use crate::track::{Blocked, UpdateResult};
 
 impl<T: Real> Engine<T> {
-    /// A measurement that changes a track by itself, and no round.
+    /// Takes a measurement that changes a track by itself, without a round.
     pub(super) fn observe(&mut self, observation: &impl Observation<T>) -> Verdict {
         if self.track.is_err() {
             return Verdict::NoTrack;
@@ -65,7 +65,8 @@ impl<T: Real> Engine<T> {
         self.conclude(result, None)
     }
 
-    /// Keeps a position by beacons for the round's end; of several the last. In space it has no height, and too little information.
+    /// Keeps a position by beacons for the round's end. If there are several, the last one counts. In space it is
+    /// ignored: it has no height, and too little information.
     pub(super) fn beacon_position(&mut self, position: &BeaconPosition<T>) -> Verdict {
         if self.settings.dimensions.height().is_none() {
             return Verdict::Ignored;
@@ -100,7 +101,7 @@ impl<T: Real> Engine<T> {
         }
     }
 
-    /// Counts what became of a measurement; `place` is that of a range in its round.
+    /// Counts the result of a measurement; `place` is the index of a range in its round.
     pub(super) fn conclude(&mut self, result: UpdateResult, place: Option<usize>) -> Verdict {
         self.supervisor.count(result == UpdateResult::Rejected);
         match result {

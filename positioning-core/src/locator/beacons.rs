@@ -1,4 +1,5 @@
-//! From advertisements of listed beacons to positions: once a window, what was received goes into the track of the tag's rounds.
+//! From advertisements of listed beacons to positions: once per window, the received RSSI values go into the track of
+//! the tag's rounds.
 
 use heapless::Vec;
 
@@ -10,12 +11,14 @@ use crate::ble::rssi::BeaconRssi;
 use crate::ble::signal::{BeaconList, BeaconSignals, NEAREST, Scan};
 use crate::engine::{self, Dimensions, Measurement, Mode};
 
-/// A tag that has received no beacon for so many windows is told to be without: a scan may pause for a while.
+/// A tag that has received no beacon for this number of windows is reported as without beacons: a scan may pause for
+/// a while.
 const SILENT: u64 = 5;
-/// A position by anchors that deviates by less, metres an axis, tells what RSSI values err by: a tenth of what these know.
+/// A position by anchors with a smaller deviation, metres per axis, determines the errors of RSSI values: it is a
+/// tenth of what these give.
 const SURE_M: f32 = 0.3;
 
-/// What a locator knows of beacons.
+/// The beacon state of a locator.
 #[derive(Clone)]
 pub(super) struct Beacons<'a, const N: usize> {
     list: &'a dyn BeaconList,
@@ -23,18 +26,18 @@ pub(super) struct Beacons<'a, const N: usize> {
     monitor: BeaconMonitor<N>,
     site: Option<Site<'a>>,
     models: Option<SiteTracker<'a>>,
-    /// Of the last window, the nearest first.
+    /// The RSSI values of the last window, the nearest beacon first.
     rssi: Vec<BeaconRssi, NEAREST>,
     window_us: u64,
-    /// When the window under way ends, microseconds; none before a listed beacon has been received.
+    /// When the current window ends, microseconds; `None` before a listed beacon has been received.
     end_us: Option<u64>,
-    /// When a listed beacon was received last, microseconds.
+    /// When a listed beacon was last received, microseconds.
     heard_us: u64,
-    /// Anchors have given a position since the last window.
+    /// Whether anchors have given a position since the last window.
     found_by_anchors: bool,
-    /// Where they had the tag, if they were sure of it.
+    /// The tag's position by anchors, if it was certain enough.
     by_anchors: Option<Known>,
-    /// The last update was by anchors.
+    /// Whether the last update was by anchors.
     after_anchors: bool,
 }
 
@@ -56,7 +59,7 @@ impl<'a, const N: usize> Beacons<'a, N> {
         }
     }
 
-    /// Anchors have given a position, or none.
+    /// Notes that anchors have given a position, or none.
     pub(super) fn note_anchors(&mut self, update: &TagUpdate) {
         self.after_anchors = true;
         let Ok(position) = update.position() else { return };
@@ -70,8 +73,8 @@ impl<'a, const N: usize> Beacons<'a, N> {
 }
 
 impl<const BEACONS: usize> Locator<'_, BEACONS> {
-    /// An advertisement of the listed beacon of this index was received, which says what its RSSI is at one metre, dBm. What is no RSSI
-    /// changes no position.
+    /// Takes an advertisement of the listed beacon of this index. `measured_power_dbm` is the RSSI at one metre that
+    /// the beacon advertises. A value that is no RSSI changes no position.
     pub fn advertisement(&mut self, t_us: u64, beacon: usize, rssi_dbm: f32, measured_power_dbm: i8) {
         if let engine::Settings { mode: Mode::Track, dimensions: Dimensions::Plane { .. }, .. } = self.engine.settings()
             && BEACONS > 0
@@ -83,13 +86,13 @@ impl<const BEACONS: usize> Locator<'_, BEACONS> {
         }
     }
 
-    /// When [`end_window`](Self::end_window) is to be called next, microseconds.
+    /// When [`end_window`](Self::end_window) must be called next, microseconds.
     pub fn window_end_us(&self) -> Option<u64> {
         self.beacons.end_us
     }
 
-    /// At a window's end, what was received of beacons goes into the track. An update comes of it where anchors gave no position
-    /// meanwhile; also where nothing is received any more, until anchors answer.
+    /// Ends a window: the received RSSI values of beacons go into the track. It gives an update if anchors gave no
+    /// position in the meantime. It also gives one if nothing is received any more, until anchors answer.
     pub fn end_window(&mut self, now_us: u64) -> Option<TagUpdate> {
         let beacons = &mut self.beacons;
         if BEACONS == 0 || now_us < beacons.end_us? {
@@ -121,7 +124,7 @@ impl<const BEACONS: usize> Locator<'_, BEACONS> {
         Some(update)
     }
 
-    /// Lets the position by a window's RSSI values into the track: by the map where there is one, else by path losses.
+    /// Gives the position by a window's RSSI values to the track: by the map if there is one, else by path losses.
     fn take_rssi(&mut self, now_us: u64, scan: &Scan<BEACONS>) {
         let Beacons { list, monitor, site, models, rssi, window_us, by_anchors, .. } = &mut self.beacons;
         let by_map =
@@ -149,12 +152,12 @@ impl<const BEACONS: usize> Locator<'_, BEACONS> {
         &self.beacons.rssi
     }
 
-    /// In which room the tag is, where the last window had something to tell of that.
+    /// The room of the tag, if the last window has an update of it.
     pub fn take_room(&mut self) -> Option<RoomUpdate> {
         self.beacons.models.as_mut()?.take_room()
     }
 
-    /// What is new of a listed beacon since it was asked last: it is doubted, or believed again.
+    /// The latest change of a listed beacon's state since the last call: it was excluded, or accepted again.
     pub fn take_beacon_news(&mut self) -> Option<HealthChange> {
         self.beacons.monitor.take_news()
     }

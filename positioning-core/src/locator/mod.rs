@@ -1,9 +1,10 @@
-//! The locator: whatever a tag measures goes in with its time, the tag's positions come out. The tag's task, the replays of recordings
-//! and the simulation's tag all call this one type, and nothing else.
+//! The locator. Input: all measurements of a tag with their times. Output: the tag's positions. The tag's task, the
+//! replays of recordings and the simulation's tag all call this one type.
 //!
-//! Ranges and differences of arrival come with what is known of their reception: the NLOS detector makes probabilities of it, the
-//! [`Engine`] a position at the end of the round ([`Locator::end_round`]). Advertisements of listed beacons are smoothed, and go into
-//! the same track once a window ([`Locator::end_window`]): by a fingerprint map where there is one, else by path losses.
+//! Ranges and differences of arrival come with the diagnostics of their reception. The NLOS detector converts these
+//! to probabilities. The [`Engine`] computes a position at the end of the round ([`Locator::end_round`]).
+//! Advertisements of listed beacons are smoothed. They go into the same track once per window
+//! ([`Locator::end_window`]): by a fingerprint map if there is one, else by path losses.
 
 mod beacons;
 mod settings;
@@ -20,31 +21,31 @@ use crate::nlos::{Feature, Features, NlosDetector};
 use beacons::Beacons;
 use update::Used;
 
-/// What a receiver knows of one frame.
+/// The receiver's diagnostics of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reception {
-    /// Powers, and the shape of the impulse response where that was read.
+    /// The powers, and the shape of the impulse response if it was read.
     pub features: Features,
     /// Received power, dBm; NaN where it is not known.
     pub power_dbm: f32,
 }
 
-/// Locates one tag, which knows up to `BEACONS` listed beacons; 0 leaves out whatever they need.
+/// Locates one tag with up to `BEACONS` listed beacons; 0 leaves out all code for beacons.
 #[derive(Clone)]
 pub struct Locator<'a, const BEACONS: usize> {
     engine: Engine<f32>,
     anchors: &'a [AnchorPosition],
     detector: NlosDetector<'a>,
-    /// The tag's position at the end of the last round or window, metres, where that is known.
+    /// The tag's position at the end of the last round or window, metres, if it is known.
     last_m: Option<[f32; 3]>,
-    /// The reference anchor of this round's differences, and the probability that it has no line of sight.
+    /// The reference anchor of this round's differences, and the probability that its link is without line of sight.
     reference: Option<(u16, Option<f32>)>,
     used: Used,
     beacons: Beacons<'a, BEACONS>,
 }
 
 impl<'a, const BEACONS: usize> Locator<'a, BEACONS> {
-    /// Knows nothing of the tag yet.
+    /// A locator without measurements.
     pub fn new(settings: Settings<'a>) -> Self {
         Self {
             engine: Engine::new(settings.engine),
@@ -57,12 +58,12 @@ impl<'a, const BEACONS: usize> Locator<'a, BEACONS> {
         }
     }
 
-    /// Whether the impulse responses of frames are of use.
+    /// Whether the impulse responses of frames are used.
     pub fn wants_response(&self) -> bool {
         self.detector.wants_response()
     }
 
-    /// Whether a feature of receptions is of use.
+    /// Whether a feature of receptions is used.
     pub fn asks(&self, feature: Feature) -> bool {
         self.detector.asks(feature)
     }
@@ -72,14 +73,14 @@ impl<'a, const BEACONS: usize> Locator<'a, BEACONS> {
         self.engine.set_height(height_m);
     }
 
-    /// The configured position of an anchor; else what it says of itself, metres.
+    /// The configured position of an anchor; without one, the position that the anchor reports, metres.
     pub fn anchor_m(&self, address: u16, own_m: Option<[f32; 3]>) -> Option<[f32; 3]> {
         let configured = self.anchors.iter().find(|anchor| anchor.address == address);
         configured.map(|anchor| anchor.position_m).or(own_m)
     }
 
-    /// Takes the round's range of this index. Its anchor's position is that of [`anchor_m`](Self::anchor_m); its probability of having no
-    /// line of sight comes from the reception.
+    /// Takes the round's range of this index. Its anchor's position is that of [`anchor_m`](Self::anchor_m). Its
+    /// probability of being without line of sight comes from the reception.
     pub fn range(&mut self, t_us: u64, index: usize, range: Range<f32>, reception: &Reception) -> Verdict {
         let ends_m = self.last_m.map(|last_m| [last_m, range.position_m]);
         let p_nlos = self.p_nlos(t_us, range.anchor, range.distance_m, ends_m, reception);
@@ -88,8 +89,9 @@ impl<'a, const BEACONS: usize> Locator<'a, BEACONS> {
         verdict
     }
 
-    /// Takes the round's difference of arrivals of this index, of which the anchors say their own positions; configured ones are used
-    /// instead. The receptions are that of the reference anchor, which counts once a round, and that of the anchor.
+    /// Takes the round's difference of arrivals of this index. It contains the positions that the anchors report;
+    /// configured ones are used instead. The receptions are that of the reference anchor, which counts once per
+    /// round, and that of the anchor.
     pub fn tdoa(&mut self, t_us: u64, index: usize, tdoa: Tdoa<f32>, receptions: [&Reception; 2]) -> Verdict {
         let reference = self.reference.filter(|(anchor, _)| *anchor == tdoa.reference);
         let (_, reference_p) = reference
@@ -106,7 +108,7 @@ impl<'a, const BEACONS: usize> Locator<'a, BEACONS> {
         verdict
     }
 
-    /// The position at the end of a round that measured so much.
+    /// The position at the end of a round with this number of measurements.
     pub fn end_round(&mut self, t_us: u64, measured: usize) -> TagUpdate {
         let update = self.conclude(t_us, measured);
         self.reference = None;
@@ -134,7 +136,8 @@ impl<'a, const BEACONS: usize> Locator<'a, BEACONS> {
     }
 }
 
-/// The difference between anchors at these positions, metres: it was found with the distance between those that they say of themselves.
+/// The difference between anchors at these positions, metres. It was computed with the distance between the positions
+/// that the anchors report.
 fn between(tdoa: &Tdoa<f32>, positions_m: [[f32; 3]; 2]) -> f32 {
     let own_m = [tdoa.reference_m, tdoa.position_m];
     if own_m == positions_m {

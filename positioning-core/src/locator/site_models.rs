@@ -1,5 +1,6 @@
-//! What a survey has learnt of beacons' RSSI: a fingerprint map, by which a tag is found instead of by path losses, and a classifier of
-//! rooms. Input: the smoothed RSSI values of a window. Output: a position with its covariance, and rooms.
+//! The models from a survey of the beacons' RSSI: a fingerprint map, which locates a tag instead of path losses, and
+//! a classifier of rooms. Input: the smoothed RSSI values of a window. Output: a position with its covariance, and
+//! room estimates.
 
 use heapless::Vec;
 
@@ -7,24 +8,24 @@ use crate::ble::fingerprint::{Map, Receiver, locate_on_node};
 use crate::ble::rooms::{self, Classifier as _, MAX_BEACONS, RoomEstimate, RoomHysteresis, Svm};
 use crate::measurement::BeaconPosition;
 
-/// What a map's RSSI values are off by where nothing was measured twice, dB²: recorded surveys have deviations of 3 to 5 dB. It stays
-/// while the tag does not move; the noise of a window comes beside.
+/// The variance of a map's RSSI values where nothing was measured twice, dB²: recorded surveys have deviations of 3
+/// to 5 dB. This error stays while the tag does not move. The noise of a window is added.
 const LASTING_DB2: f32 = 16.0;
-/// The receiver's offset is learnt from one window in so many: those between have the same shadows.
+/// The receiver's offset is learnt from one window in this number: those between have the same shadows.
 const LEARNT: u64 = 4;
-/// In which room the tag is, is told again after so long, microseconds.
+/// The room estimate is reported again after this time, microseconds.
 const REPEATED_US: u64 = 5_000_000;
 
-/// A model of beacons, and the index in the list of each of its beacons, in its order.
+/// A model of beacons, and the index in the list of each of its beacons, in the model's order.
 #[derive(Clone, Debug)]
 pub struct ForBeacons<M> {
     /// The model.
     pub model: M,
-    /// Indices.
+    /// The indices in the list.
     pub beacons: Vec<u8, MAX_BEACONS>,
 }
 
-/// What a survey of the site gives a tag.
+/// The models that a survey of the site gives a tag.
 #[derive(Clone, Debug, Default)]
 pub struct SiteModels<'a> {
     /// The fingerprint map.
@@ -36,27 +37,27 @@ pub struct SiteModels<'a> {
 /// The room that the tag is in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoomUpdate {
-    /// Since the clock's zero, microseconds.
+    /// The time since the clock's zero, microseconds.
     pub t_us: u64,
-    /// Which.
+    /// The room estimate.
     pub rooms: RoomEstimate,
-    /// Their smoothed probabilities, in the order of `rooms`; 0 where there are fewer.
+    /// The smoothed probabilities of the rooms, in the order of `rooms`; 0 where there are fewer.
     pub probabilities: [f32; 2],
-    /// It is another than before.
+    /// Whether it differs from the one before.
     pub is_new: bool,
 }
 
-/// What becomes of it from window to window.
+/// The state of the models from window to window.
 #[derive(Clone, Debug)]
 pub(super) struct SiteTracker<'a> {
     models: &'a SiteModels<'a>,
     receiver: Receiver<f32>,
-    /// When the receiver was learnt last.
+    /// When the receiver's offset was last learnt.
     learnt_us: Option<u64>,
     presence: RoomHysteresis,
-    /// What was told last of rooms, and when.
+    /// The last reported room estimate, and its time.
     told: Option<(RoomEstimate, u64)>,
-    /// What there is to tell.
+    /// The room estimate to be reported.
     update: Option<RoomUpdate>,
 }
 
@@ -68,7 +69,7 @@ impl<M> ForBeacons<M> {
 }
 
 impl<'a> SiteTracker<'a> {
-    /// Nothing was received yet.
+    /// Nothing has been received yet.
     pub(super) fn new(models: &'a SiteModels<'a>) -> Self {
         Self {
             models,
@@ -100,13 +101,13 @@ impl<'a> SiteTracker<'a> {
         Some(BeaconPosition { position_m: posterior.position, covariance_m2: posterior.covariance, lasting })
     }
 
-    /// Whether the map knows the beacon of this index in the list.
+    /// Whether the map has the beacon of this index in the list.
     pub(super) fn maps(&self, beacon: u16) -> bool {
         self.models.map.as_ref().is_some_and(|map| map.beacons.iter().any(|known| u16::from(*known) == beacon))
     }
 
-    /// Notes the room that belongs to these RSSI values, where there is a classifier: [`take_room`](Self::take_room) has what is to be
-    /// told.
+    /// Updates the room estimate with these RSSI values, if there is a classifier. [`take_room`](Self::take_room) has
+    /// the estimate to be reported.
     pub(super) fn note_room(&mut self, now_us: u64, rssi_dbm: &[Option<f32>]) {
         let Some(rooms) = &self.models.rooms else { return };
         let probabilities = rooms.model.probabilities(&rooms.ordered(rssi_dbm));
@@ -125,12 +126,12 @@ impl<'a> SiteTracker<'a> {
         self.update = Some(RoomUpdate { t_us: now_us, rooms, probabilities, is_new });
     }
 
-    /// What there is to tell of rooms.
+    /// The room estimate to be reported, if there is one.
     pub(super) fn take_room(&mut self) -> Option<RoomUpdate> {
         self.update.take()
     }
 
-    /// Whether it is in a room, as far as is known.
+    /// Whether the tag has a room estimate.
     pub(super) fn is_in_a_room(&self) -> bool {
         self.presence.answer() != RoomEstimate::Unknown
     }

@@ -1,4 +1,4 @@
-//! What a locator gives at the end of a round or window.
+//! The output of a locator at the end of a round or window.
 
 use heapless::Vec;
 
@@ -8,33 +8,34 @@ use crate::{MAX_ANCHORS, Real, SolveError};
 /// The end of a round, or of a window of beacons.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TagUpdate {
-    /// Where the engine has the tag now, or why it has it nowhere.
+    /// The engine's current position of the tag, or why there is none.
     pub fix: Result<TrackFix<f32>, Missing>,
-    /// What has made it: bit i is the i-th range, difference or RSSI.
+    /// The measurements that were used: bit i is the i-th range, difference or RSSI.
     pub used: u16,
-    /// How many of these there were.
+    /// The number of measurements.
     pub measured: usize,
 }
 
-/// A position in space; a tag at a known height has that height, and no variance in z.
+/// A position in space. A tag at a known height has that height, and no variance in z.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Position {
-    /// Metres, in the anchors' frame.
+    /// The position, metres, in the anchors' frame.
     pub position_m: [f32; 3],
-    /// Covariance, m²; zero in the row and column of a height that was given.
+    /// Covariance, m²; zero in the row and column of a known height.
     pub covariance_m2: [[f32; 3]; 3],
-    /// What of the round has made it: bit i is the i-th range, difference or RSSI.
+    /// The measurements of the round that were used: bit i is the i-th range, difference or RSSI.
     pub used: u16,
-    /// How far the round agrees with it, 0 to 1.
+    /// How far the round agrees with the position, 0 to 1.
     pub quality: f32,
 }
 
 impl TagUpdate {
-    /// The position that this round or window has made. Where a track would be by itself is no position.
+    /// The position that this round or window has made. A track that is only predicted is not a position.
     ///
     /// # Errors
-    /// Why there is none: [`SolveError::RangesDisjoint`] where nothing that was measured could belong to the track.
+    /// There is no position; the error has the reason. It is [`SolveError::RangesDisjoint`] if no measurement could
+    /// belong to the track.
     pub fn position(&self) -> Result<Position, SolveError> {
         match self.fix {
             Ok(fix) if fix.age_us == 0 => Ok(Position {
@@ -57,18 +58,18 @@ impl Position {
         core::array::from_fn(|axis| Real::sqrt(self.covariance_m2[axis][axis]))
     }
 
-    /// Whether the height was given and not found.
+    /// Whether the height was given and not computed.
     pub fn height_is_given(&self) -> bool {
         self.covariance_m2[2][2] == 0.0
     }
 }
 
-/// What the engine has taken of a round.
+/// The measurements of a round that the engine has used.
 #[derive(Clone, Default)]
 pub(super) struct Used {
     /// The index in the round of each range that the engine counts.
     ranges: Vec<u8, MAX_ANCHORS>,
-    /// The differences or RSSI values that were used, or wait for the round's end: bit i is the round's i-th.
+    /// The differences or RSSI values that were used, or that wait for the round's end: bit i is the round's i-th.
     others: u16,
 }
 
@@ -94,7 +95,7 @@ impl Used {
         }
     }
 
-    /// All that was used, by indices, at the end of the round.
+    /// All measurements that were used, by indices, at the end of the round.
     pub(super) fn of(self, end: &Output<f32>) -> u16 {
         let Ok(fix) = &end.fix else { return 0 };
         let ranges = self.ranges.iter().enumerate().filter(|(place, _)| fix.used.contains(*place));

@@ -1,28 +1,29 @@
-//! A position in the plane by the RSSI of beacons: z = p + b + n, where the error b stays while the tag does not move, since walls and
-//! people shadow what it receives.
+//! A position in the plane by the RSSI of beacons: z = p + b + n. The error b stays while the tag does not move,
+//! since walls and people shadow the signals that it receives.
 
 use super::position::components;
 use super::{ExternalPosition, LEAST_SIGMA_M, Observation};
 use crate::track::{Filter, FilterSettings, GateOf, UpdateResult};
 use crate::{AnchorSet, Fix, Real};
 
-/// The error that lasts is not a usual one beyond so many of its deviations.
+/// A lasting error of more deviations than this is unusual.
 const UNUSUAL: f64 = 3.0;
 
 /// A position in the plane by beacons.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BeaconPosition<T> {
-    /// Metres.
+    /// The position, metres.
     pub position_m: [T; 2],
     /// Covariance, m²: xx, xy, yy.
     pub covariance_m2: [T; 3],
-    /// The share of it that stays while the tag does not move, 0 to 1.
+    /// The share of the covariance that stays while the tag does not move, 0 to 1.
     pub lasting: T,
 }
 
 impl<T: Real> BeaconPosition<T> {
-    /// The same for a tag at this height, metres. Whoever located it has rated the beacons.
+    /// The same position for a tag at this height, metres. Its quality is not computed here: the beacons were tested
+    /// when the tag was located.
     pub(crate) fn at(&self, height_m: T) -> Fix<T, 3> {
         let ([x, y], [xx, xy, yy], zero) = (self.position_m, self.covariance_m2, T::ZERO);
         Fix {

@@ -1,4 +1,4 @@
-//! A height: z = p₃ + n. From a barometer, or from knowing how a tag is carried.
+//! A height: z = p₃ + n. It comes from a barometer, or from how a tag is carried.
 
 use super::{HEIGHT_GATE, Observation, sane, variance};
 use crate::Real;
@@ -9,13 +9,13 @@ use crate::track::{Filter, FilterSettings, Linearised, Model, UpdateResult};
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Height<T> {
-    /// Metres.
+    /// The height, metres.
     pub height_m: T,
     /// Standard deviation, metres.
     pub deviation_m: T,
 }
 
-/// The height alone.
+/// The model of a height.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct HeightModel<T> {
     pub(crate) height_m: T,

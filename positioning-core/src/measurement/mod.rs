@@ -1,8 +1,8 @@
-//! What can be measured, one file each: the data, whether they are sane, the expected number h(x) with its derivatives, and how the
-//! filter takes the measurement.
+//! The measurements, one file each: the data, whether they are sane, the expected number h(x) with its derivatives,
+//! and how the filter takes the measurement.
 //!
-//! A new kind of measurement is a file here that implements [`Model`] and [`Observation`], a variant of [`Measurement`], and an arm in
-//! [`Engine::step`](crate::engine::Engine::step).
+//! To add a kind of measurement, add a file here that implements [`Model`] and [`Observation`], a variant of
+//! [`Measurement`], and an arm in [`Engine::step`](crate::engine::Engine::step).
 
 mod beacon_position;
 mod height;
@@ -19,9 +19,9 @@ pub use tdoa::Tdoa;
 use crate::Real;
 use crate::track::{Filter, FilterSettings, GateOf, UpdateResult};
 
-/// Sums of magnitudes beyond this are no measurement, metres.
+/// A sum of magnitudes beyond this is not a valid measurement, metres.
 const FARTHEST_M: f64 = 1.0e5;
-/// No measurement counts as better than this, metres: `f32` keeps the covariance of ten metres beside it.
+/// The least deviation of a measurement, metres: `f32` keeps the covariance of ten metres beside it.
 const LEAST_SIGMA_M: f64 = 0.01;
 
 /// The gate of heights.
@@ -29,13 +29,13 @@ const HEIGHT_GATE: GateOf = GateOf::Own(0);
 /// The gates of the three components of a position.
 const POSITION_GATES: [GateOf; 3] = [GateOf::Own(1), GateOf::Own(2), GateOf::Own(3)];
 
-/// One thing that was measured.
+/// One measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Measurement<T> {
     /// A range to an anchor.
     Range(Range<T>),
-    /// All ranges, or differences, of a round have been given: the round's position is asked for.
+    /// The end of a round: all its ranges, or differences, have been given, and the round's position is computed.
     RoundEnd,
     /// A difference of two arrivals.
     Tdoa(Tdoa<T>),
@@ -43,12 +43,12 @@ pub enum Measurement<T> {
     BeaconPosition(BeaconPosition<T>),
     /// A height.
     Height(Height<T>),
-    /// A position from elsewhere.
+    /// A position from another source.
     Position(ExternalPosition<T>),
 }
 
 impl<T: Real> Measurement<T> {
-    /// Whether it is a measurement at all.
+    /// Whether it is a valid measurement.
     pub(crate) fn is_sane(&self) -> bool {
         match self {
             Self::Range(range) => range.is_sane(),
@@ -63,14 +63,14 @@ impl<T: Real> Measurement<T> {
 
 /// A measurement that changes a track by itself.
 pub(crate) trait Observation<T> {
-    /// Whether every number is finite and believable, and every deviation positive.
+    /// Whether every number is finite and plausible, and every deviation positive.
     fn is_sane(&self) -> bool;
 
-    /// Takes it into the track.
+    /// Takes the measurement into the track.
     fn update(&self, filter: &mut Filter<T>, settings: &FilterSettings<T>) -> UpdateResult;
 }
 
-/// A probability as it may be used; what is not finite counts as unknown.
+/// A probability, limited to 0 to 1; one that is not finite counts as unknown.
 pub(crate) fn known<T: Real>(p_nlos: Option<T>) -> Option<T> {
     p_nlos.filter(|p| p.is_finite()).map(|p| p.at_least(T::ZERO).at_most(T::ONE))
 }
@@ -85,7 +85,7 @@ fn variance<T: Real>(deviation_m: T) -> T {
     deviation_m.at_least(T::of(LEAST_SIGMA_M)).squared()
 }
 
-/// Whether all magnitudes are believable: NaN and infinity survive a sum, and fail it.
+/// Whether all magnitudes are plausible. NaN and infinity stay in a sum, so the comparison fails.
 fn sane<T: Real>(magnitudes: T, deviation: T) -> bool {
     magnitudes <= T::of(FARTHEST_M) && deviation > T::ZERO && deviation <= T::of(FARTHEST_M)
 }
@@ -94,7 +94,8 @@ fn magnitude<T: Real>(point: &[T; 3]) -> T {
     point[0].abs() + point[1].abs() + point[2].abs()
 }
 
-/// The distance of two points, metres, and the unit vector from the second to the first; on top of each other any finite one.
+/// The distance between two points, metres, and the unit vector from the second to the first. If the points are
+/// equal, the vector is finite.
 #[inline(always)]
 fn line_of_sight<T: Real>(from: &[T; 3], to: &[T; 3]) -> (T, [T; 3]) {
     let across: [T; 3] = core::array::from_fn(|axis| from[axis] - to[axis]);
@@ -125,7 +126,7 @@ mod tests {
         }
     }
 
-    /// A track with doubts about everything, none of them independent of the others.
+    /// A track with uncertain states that all depend on each other.
     fn doubtful() -> State<f64> {
         let mut state = State::new();
         let means =

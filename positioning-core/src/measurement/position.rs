@@ -1,17 +1,17 @@
-//! A position from elsewhere with its covariance: z = p + b + n, where b is an error that lasts, if there is one. Its three numbers
-//! are made independent first: with R = L D Lᵀ the components of L⁻¹ z have the variances D and depend on the position by the rows
-//! of L⁻¹.
+//! A position from another source with its covariance: z = p + b + n, where b is an error that lasts, if there is
+//! one. Its three numbers are made independent first. With R = L D Lᵀ the components of L⁻¹ z have the variances D,
+//! and depend on the position by the rows of L⁻¹.
 
 use super::{LEAST_SIGMA_M, Observation, POSITION_GATES, magnitude, sane};
 use crate::Real;
 use crate::track::state::STATES;
 use crate::track::{Filter, FilterSettings, Linearised, Model, UpdateResult};
 
-/// A position from elsewhere.
+/// A position from another source.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ExternalPosition<T> {
-    /// Metres.
+    /// The position, metres.
     pub position_m: [T; 3],
     /// Covariance, m².
     pub covariance_m2: [[T; 3]; 3],
@@ -22,12 +22,12 @@ pub struct ExternalPosition<T> {
 pub(crate) struct PositionModel<T> {
     row: [T; 3],
     value: T,
-    /// The state that is its lasting error.
+    /// The index of the state that is its lasting error.
     link: Option<usize>,
 }
 
 impl<T> PositionModel<T> {
-    /// The same with a lasting error.
+    /// The same component with a lasting error.
     pub(crate) fn with_link(self, link: usize) -> Self {
         Self { link: Some(link), ..self }
     }
@@ -87,8 +87,8 @@ impl<T: Real> Observation<T> for ExternalPosition<T> {
     }
 }
 
-/// Whether the lower triangle is that of a matrix without negative eigenvalues: no principal minor is negative, as far as
-/// rounding can tell.
+/// Whether the lower triangle is that of a matrix without negative eigenvalues: no principal minor is negative, apart
+/// from rounding.
 fn is_covariance<T: Real>(m: &[[T; 3]; 3]) -> bool {
     let slack = T::of(8.0) * T::EPSILON;
     let diagonal = (0..3).all(|axis| m[axis][axis] >= T::ZERO);

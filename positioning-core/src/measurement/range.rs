@@ -1,5 +1,5 @@
-//! A range: r = ‖p − a‖ + c + b + n, with the error c common to all ranges and the error b of the link (V. Barral et al., Sensors 19,
-//! 2019, equations 13 and 14, with the errors that last taken out of n).
+//! A range: r = ‖p − a‖ + c + b + n, with the error c common to all ranges and the error b of the link (V. Barral et
+//! al., Sensors 19, 2019, equations 13 and 14; here the lasting errors are separate from n).
 
 use super::{Observation, known, line_of_sight, magnitude, sane, variance};
 use crate::Real;
@@ -20,7 +20,7 @@ pub struct Range<T> {
     pub deviation_m: T,
     /// Probability, 0 to 1, that the link is without line of sight; `None`: unknown.
     pub p_nlos: Option<T>,
-    /// By how much the range is believed to be too long, metres; used only where the settings say so.
+    /// The estimated excess of the range, metres; it is used only where the settings say so.
     pub excess_m: Option<T>,
 }
 

@@ -1,8 +1,9 @@
-//! A difference of two arrivals: t = ‖p − a‖ − ‖p − a₁‖ + b − b₁ + n − n₁ (E. García et al., *A Robust UWB Indoor Positioning System
-//! for Highly Complex Environments*, equation 8).
+//! A difference of two arrivals: t = ‖p − a‖ − ‖p − a₁‖ + b − b₁ + n − n₁ (E. García et al., *A Robust UWB Indoor
+//! Positioning System for Highly Complex Environments*, equation 8).
 //!
-//! All differences to the same reception of the reference anchor share its error n₁. As a state of its own it gives them
-//! exactly the covariance of equation 6, σ₁² everywhere and σ₁² + σᵢ² on the diagonal, though they come in one by one.
+//! All differences to the same reception of the reference anchor share its error n₁. With n₁ as a state of its own,
+//! the differences have exactly the covariance of equation 6: σ₁² everywhere and σ₁² + σᵢ² on the diagonal, although
+//! they come one by one.
 
 use super::{Observation, known, line_of_sight, magnitude, sane, variance};
 use crate::Real;
@@ -17,11 +18,12 @@ pub struct Tdoa<T> {
     pub anchor: u16,
     /// The anchor's position, metres.
     pub position_m: [T; 3],
-    /// The reference anchor's address. Differences to it that are given at the same time share its arrival and so its error.
+    /// The reference anchor's address. Differences to it that are given at the same time share its arrival, and so
+    /// its error.
     pub reference: u16,
     /// The reference anchor's position, metres.
     pub reference_m: [T; 3],
-    /// The tag's distance to the anchor less that to the reference anchor, metres.
+    /// The tag's distance to the anchor minus that to the reference anchor, metres.
     pub difference_m: T,
     /// Standard deviations of the arrivals from the reference anchor and from the anchor, metres.
     pub deviations_m: [T; 2],

@@ -1,21 +1,21 @@
-//! From a score to a probability that means what it says, and from the probability to a variance.
+//! From a score to a calibrated probability, and from the probability to a variance.
 
 use super::sigmoid;
 use crate::Real;
 
 /// Platt's scaling: p ↦ σ(slope·logit(p) + offset) (J. Platt, *Probabilistic outputs for support vector machines*,
-/// 1999). Two numbers, fitted where the classifier was not: on placements held out.
+/// 1999). Its two numbers are fitted on held-out placements, on which the classifier was not trained.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Platt {
-    /// Positive: it never turns the order of two scores round.
+    /// The slope. It is positive, so the order of two scores is kept.
     pub slope: f32,
-    /// What is added.
+    /// The offset.
     pub offset: f32,
 }
 
 impl Platt {
-    /// Leaves a probability as it is.
+    /// The scaling that leaves a probability unchanged.
     pub const NONE: Self = Self { slope: 1.0, offset: 0.0 };
 
     /// The calibrated probability.
@@ -23,7 +23,7 @@ impl Platt {
         sigmoid(self.slope * Self::logit(probability) + self.offset)
     }
 
-    /// ln(p/(1 − p)), with p held within 10⁻⁶ of 0 and 1.
+    /// ln(p/(1 − p)), with p limited to 10⁻⁶ from 0 and 1.
     pub fn logit(probability: f32) -> f32 {
         let p = probability.at_least(1.0e-6).at_most(1.0 - 1.0e-6);
         Real::ln(p / (1.0 - p))
@@ -35,14 +35,14 @@ impl Platt {
     }
 }
 
-/// How much less a range is trusted that may be blocked.
+/// The increase of the variance of a range that may be blocked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Inflation {
-    /// Root mean square of the error that a blocked range has on top of a direct one's, metres. García et al. take
+    /// Root mean square of the additional error of a blocked range over a direct one, metres. García et al. take
     /// variances of 0.5 and 3 for their ranges. Over sixteen blocked placements in a furnished flat it is 0.8 m with
-    /// and 0.4 m without the one behind several walls.
+    /// the placement behind several walls, and 0.4 m without it.
     pub nlos_sigma_m: f32,
 }
 
@@ -53,8 +53,8 @@ impl Default for Inflation {
 }
 
 impl Inflation {
-    /// The variance of a range, m²: that in line of sight, σ², and what a blocked one has on top, weighed with its
-    /// probability: σ² + p·σₙ². A probability that is not known counts as none.
+    /// The variance of a range, m²: σ² + p·σₙ². It is that in line of sight, σ², plus the additional variance of a
+    /// blocked range, weighted by its probability. An unknown probability counts as zero.
     pub fn variance_m2(self, los_sigma_m: f32, nlos_probability: Option<f32>) -> f32 {
         let p = nlos_probability.unwrap_or(0.0).at_least(0.0).at_most(1.0);
         let p = if p.is_nan() { 0.0 } else { p };

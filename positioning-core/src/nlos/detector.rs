@@ -1,26 +1,32 @@
-//! What a node makes of its receptions one after the other: in flow what each told, out flows the probability that its
-//! direct path is blocked.
+//! Computes, for a sequence of receptions of one node, the probability that the direct path is blocked. Input: the
+//! diagnostics of each reception. Output: the probability.
 //!
-//! A [`NlosDetector`] adds what only time gives (the moving means of a link, the range against the track) and asks its model. Not
-//! every reception has an impulse response, for reading one takes time: what the last one said of a link holds for a
-//! second. Without a model the powers are asked ([`POWER_DIFFERENCE_PRIOR`]); also beside one that
-//! a reception does not tell enough, and then as the small part of a blocked link's variance that their doubt amounts to.
+//! A [`NlosDetector`] adds the features that depend on earlier receptions (the moving means of a link, the range
+//! minus the track's distance) and asks its model. Not every reception has an impulse response, because reading one
+//! takes time. The last probability of a link therefore holds for a second.
+//!
+//! Without a model the received powers give the probability ([`POWER_DIFFERENCE_PRIOR`]). They do so also with a
+//! model if the features of a reception are not sufficient. Then the probability is reduced to the small part of a
+//! blocked link's variance that the uncertainty by powers has.
 
 use heapless::Vec;
 
 use super::{Classifier, Feature, Features, MovingMean};
 use crate::{Noise, POWER_DIFFERENCE_PRIOR, Real};
 
-/// Links that are kept in mind, as many as a round has; of others the one not heard for longest goes.
+/// The number of links that are kept, the same as in a round. A further link replaces the one not received for
+/// longest.
 pub const LINKS: usize = 8;
-/// How long a judgement stands in for receptions without impulse response, microseconds: someone who walks goes a metre.
+/// How long a probability holds for receptions without impulse response, microseconds: a walking person moves one
+/// metre.
 const HOLD_US: u64 = 1_000_000;
 
-/// How likely a link is to be blocked before anything is known of it. Models are calibrated for one as likely as the other, which a
-/// tag's links are not: with one half, direct links are doubted so much that a track in a room of few walls errs twice as far.
+/// The prior probability that a link is blocked. Models are calibrated for equal probabilities, which is not right
+/// for a tag's links. With one half, direct links have so much uncertainty that a track in a room of few walls errs
+/// twice as much.
 const PRIOR: f32 = 0.1;
-/// And of a link heard for less than a second whose impulse response is yet to be read: a track is started from its first ranges, and
-/// believes them for long.
+/// The same for a link that has been received for less than a second and whose impulse response has not been read
+/// yet. A track is started from its first ranges, which keep their influence for a long time.
 const UNSEEN: f32 = 0.5;
 
 /// The moving means of one link.
@@ -31,29 +37,29 @@ pub struct Means {
 }
 
 impl Means {
-    /// Takes a range, metres, and its received power, dBm, and sets the means of the last five. What is not finite is passed
-    /// over, and its mean is not known: a mean is that of this reception.
+    /// Takes a range, metres, and its received power, dBm, and sets the means of the last five. A value that is not
+    /// finite is skipped, and its mean is unknown: a mean always includes this reception.
     pub fn complete(&mut self, features: &mut Features, range_m: f32, power_dbm: f32) {
         features.set_known(Feature::RangeMean, self.range_m.push(range_m).filter(|_| range_m.is_finite()));
         features.set_known(Feature::PowerMean, self.power_dbm.push(power_dbm).filter(|_| power_dbm.is_finite()));
     }
 }
 
-/// One reception as its receiver knows it.
+/// One reception with its receiver's diagnostics.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reception {
-    /// What it told by itself: powers, and the impulse response where that was read.
+    /// The features of this reception alone: powers, and the impulse response if it was read.
     pub features: Features,
     /// The range, metres; NaN where there is none, as with a difference of arrivals.
     pub range_m: f32,
     /// Received power, dBm; NaN where it is not known.
     pub power_dbm: f32,
-    /// Where the track has the tag, and where the anchor stands, metres, where both are known.
+    /// The tag's position by the track, and the anchor's position, metres, if both are known.
     pub ends_m: Option<[[f32; 3]; 2]>,
 }
 
 impl Reception {
-    /// The range less the distance that the track gives.
+    /// The range minus the distance that the track gives.
     fn residual_m(&self) -> Option<f32> {
         let [tag, anchor] = self.ends_m?;
         let square: f32 = tag.iter().zip(anchor).map(|(a, b)| (a - b) * (a - b)).sum();
@@ -61,7 +67,7 @@ impl Reception {
     }
 }
 
-/// Judges the receptions of one node.
+/// Computes the probability for the receptions of one node.
 #[derive(Clone)]
 pub struct NlosDetector<'a> {
     model: Option<&'a dyn Classifier>,
@@ -71,26 +77,26 @@ pub struct NlosDetector<'a> {
 #[derive(Clone, Debug)]
 struct Link {
     anchor: u16,
-    /// When it was first heard, and last.
+    /// When the link was first received, and last.
     since_us: u64,
     heard_us: u64,
     means: Means,
-    /// When the model last said something, and what.
+    /// When the model last gave a probability, and its value.
     judged: Option<(u64, f32)>,
 }
 
 impl<'a> NlosDetector<'a> {
-    /// One that asks this model; `None`: the powers alone.
+    /// A detector with this model; `None`: the powers alone.
     pub const fn new(model: Option<&'a dyn Classifier>) -> Self {
         Self { model, links: Vec::new() }
     }
 
-    /// Whether its model asks for the impulse response.
+    /// Whether its model uses the impulse response.
     pub fn wants_response(&self) -> bool {
         self.asks_for(Feature::is_of_response)
     }
 
-    /// Whether its model asks for this feature.
+    /// Whether its model uses this feature.
     pub fn asks(&self, feature: Feature) -> bool {
         self.asks_for(|asked| asked == feature)
     }
@@ -103,12 +109,12 @@ impl<'a> NlosDetector<'a> {
         asks
     }
 
-    /// The probability that the direct path of this reception from `anchor` is blocked; `None` where nothing tells. Time may
-    /// jump: then what is known of the link counts no more.
+    /// The probability that the direct path of this reception from `anchor` is blocked; `None` if it cannot be
+    /// estimated. If the time jumps, the earlier data of the link no longer count.
     pub fn blocked(&mut self, now_us: u64, anchor: u16, reception: &Reception) -> Option<f32> {
         let by_powers = POWER_DIFFERENCE_PRIOR.nlos_probability(&reception.features);
         let Some(model) = self.model else { return by_powers };
-        // That a range may be off by a decimetre is so much of the variance of a blocked one.
+        // An uncertainty of a decimetre is this part of the variance of a blocked range.
         let [doubt, blocked] =
             [Noise::by_powers(), Noise::by_model()].map(|noise: Noise<f32>| noise.blocked_link_sigma);
         let by_powers = by_powers.map(|p| p * (doubt / blocked) * (doubt / blocked));
@@ -128,7 +134,7 @@ impl<'a> NlosDetector<'a> {
         judged.or(if to_come { Some(UNSEEN) } else { by_powers })
     }
 
-    /// The link, which takes the place of the one not heard for longest where there is none left.
+    /// The link. If there is no room, it replaces the one not received for longest.
     fn link(&mut self, now_us: u64, anchor: u16) -> Option<&mut Link> {
         let new = Link { anchor, since_us: now_us, heard_us: now_us, means: Means::default(), judged: None };
         let place = match self.links.iter().position(|link| link.anchor == anchor) {
@@ -169,13 +175,13 @@ mod tests {
 
     fn reception(skewness: Option<f32>) -> Reception {
         let mut features = Features::default();
-        // Even odds, by powers.
+        // Equal odds, by powers.
         features.set(Feature::PowerDifference, POWER_DIFFERENCE_PRIOR.middle_db);
         features.set_known(Feature::SkewnessNear, skewness);
         Reception { features, range_m: 5.0, power_dbm: -80.0, ends_m: None }
     }
 
-    /// Even odds of what powers doubt, as a part of what a blocked link adds: with 0.1 m and 0.2 m 0.5/4.
+    /// Equal odds by powers, as a part of the variance that a blocked link adds: with 0.1 m and 0.2 m 0.5/4.
     fn part() -> f32 {
         let [doubt, blocked] = [Noise::<f32>::by_powers(), Noise::by_model()].map(|noise| noise.blocked_link_sigma);
         0.5 * (doubt / blocked).powi(2)
@@ -204,7 +210,7 @@ mod tests {
         close(judge.blocked(1_000_010, 1, &reception(None)), 0.039_271);
         close(judge.blocked(1_000_010, 2, &reception(None)), 0.5);
         close(judge.blocked(1_000_011, 1, &reception(None)), part());
-        // Time that goes back by more than a second has begun anew.
+        // A time that goes back by more than a second means a reset clock.
         judge.blocked(9_000_000, 1, &reception(Some(1.35)));
         close(judge.blocked(0, 1, &reception(None)), 0.5);
     }

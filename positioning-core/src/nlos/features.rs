@@ -1,9 +1,9 @@
-//! The features of one reception, by name: what is known of them.
+//! The features of one reception, by name.
 
 use super::Shape;
 use crate::Real;
 
-/// A feature. The order is that of stored models: new ones go to the end.
+/// A feature. The order is that of stored models: add new ones at the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -26,7 +26,7 @@ pub enum Feature {
     MeanExcessDelay,
     /// [`Shape::rms_delay_spread_ns`].
     RmsDelaySpread,
-    /// Received power less that of the first path, dB ([`power_difference_db`]).
+    /// Received power minus that of the first path, dB ([`power_difference_db`]).
     PowerDifference,
     /// The first path above the noise, dB ([`first_path_to_noise_db`]).
     FirstPathToNoise,
@@ -34,7 +34,7 @@ pub enum Feature {
     RangeMean,
     /// Mean of the last five received powers from the anchor, dBm.
     PowerMean,
-    /// The range less the distance from the anchor to where the track has the tag, metres.
+    /// The range minus the distance from the anchor to the tag's position by the track, metres.
     TrackResidual,
 }
 
@@ -57,7 +57,7 @@ impl Feature {
         Self::TrackResidual,
     ];
 
-    /// Whether it takes the impulse response to know it.
+    /// Whether the feature is computed from the impulse response.
     pub const fn is_of_response(self) -> bool {
         match self {
             Self::Skewness
@@ -77,7 +77,7 @@ impl Feature {
         }
     }
 
-    /// Whether one reception alone does not tell it, but those before.
+    /// Whether the feature depends on earlier receptions and not on one reception alone.
     pub const fn is_of_time(self) -> bool {
         matches!(self, Self::RangeMean | Self::PowerMean | Self::TrackResidual)
     }
@@ -103,10 +103,10 @@ impl Feature {
     }
 }
 
-/// What is known of one reception.
+/// The features of one reception.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Features {
-    /// NaN is not known.
+    /// NaN means unknown.
     values: [f32; Feature::ALL.len()],
 }
 
@@ -117,19 +117,19 @@ impl Default for Features {
 }
 
 impl Features {
-    /// Sets one; what is not finite is not known.
+    /// Sets one feature; a value that is not finite means unknown.
     pub fn set(&mut self, feature: Feature, value: f32) {
         if let Some(place) = self.values.get_mut(feature as usize) {
             *place = value;
         }
     }
 
-    /// Sets one, where it is known.
+    /// Sets one feature; `None` means unknown.
     pub fn set_known(&mut self, feature: Feature, value: Option<f32>) {
         self.set(feature, value.unwrap_or(f32::NAN));
     }
 
-    /// Sets all that the shape has.
+    /// Sets all features of the shape.
     pub fn set_shape(&mut self, shape: &Shape) {
         for (feature, value) in [
             (Feature::Skewness, shape.skewness),
@@ -146,29 +146,29 @@ impl Features {
         }
     }
 
-    /// The value, where it is known: finite.
+    /// The value, if it is known and finite.
     pub fn get(&self, feature: Feature) -> Option<f32> {
         self.values.get(feature as usize).copied().filter(|value| value.is_finite())
     }
 }
 
-/// Received power less that of the first path, dB: 10·log₁₀(C·2¹⁷/(F₁² + F₂² + F₃²)) (DW1000 user manual, 4.7.1 and
-/// 4.7.2: the count of symbols and the constant A stand in both powers and cancel, so that neither a saturated count
-/// nor one of zero matters). `None` where either power is nothing.
+/// Received power minus that of the first path, dB: 10·log₁₀(C·2¹⁷/(F₁² + F₂² + F₃²)) (DW1000 user manual, 4.7.1 and
+/// 4.7.2: the count of symbols and the constant A are in both powers and cancel, so neither a saturated count nor a
+/// zero count matters). `None` where either power is zero.
 pub fn power_difference_db(cir_power: f32, first_path_amplitudes: [f32; 3]) -> Option<f32> {
     let first_path: f32 = first_path_amplitudes.iter().map(|amplitude| amplitude * amplitude).sum();
     decibels(cir_power * 131_072.0 / first_path)
 }
 
 /// The largest of the first path's three amplitudes above the deviation of the noise, dB. `None` where either is
-/// nothing.
+/// zero.
 pub fn first_path_to_noise_db(first_path_amplitudes: [f32; 3], noise_deviation: f32) -> Option<f32> {
     let [a, b, c] = first_path_amplitudes;
     let ratio = a.at_least(b).at_least(c) / noise_deviation;
     decibels(ratio * ratio)
 }
 
-/// 10·log₁₀ of a ratio; `None` where there is none.
+/// 10·log₁₀ of a ratio; `None` where the ratio is not positive or not finite.
 fn decibels(ratio: f32) -> Option<f32> {
     // 10/ln 10.
     (ratio > 0.0 && ratio.is_finite()).then(|| 4.342_945 * Real::ln(ratio))

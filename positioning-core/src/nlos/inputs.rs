@@ -1,13 +1,13 @@
-//! From features to the inputs of a learnt classifier: chosen, centred, scaled.
+//! From features to the inputs of a trained classifier: selected, centred, scaled.
 
 use heapless::Vec;
 
 use super::{Feature, Features};
 use crate::Real;
 
-/// The most inputs of a learnt classifier.
+/// The most inputs of a trained classifier.
 pub const MAX_INPUTS: usize = 8;
-/// Inputs are held within so many deviations, so that a stray value outweighs nothing.
+/// Inputs are limited to this number of deviations, so that an outlier does not outweigh the others.
 const FARTHEST: f32 = 4.0;
 
 /// One input.
@@ -16,13 +16,13 @@ const FARTHEST: f32 = 4.0;
 pub struct Input {
     /// The feature.
     pub feature: Feature,
-    /// What is subtracted from it.
+    /// The mean, which is subtracted from the feature.
     pub mean: f32,
-    /// What it is divided by then.
+    /// The deviation, by which the difference is divided.
     pub deviation: f32,
 }
 
-/// The inputs of a learnt classifier, in order.
+/// The inputs of a trained classifier, in order.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Inputs(pub Vec<Input, MAX_INPUTS>);
@@ -33,23 +33,23 @@ impl Inputs {
         let mut values = Vec::new();
         for input in &self.0 {
             let value = (features.get(input.feature)? - input.mean) / input.deviation;
-            // As many as there are inputs, which fit.
+            // There is one value per input, and the inputs fit.
             values.push(value.at_least(-FARTHEST).at_most(FARTHEST)).ok()?;
         }
         Some(values)
     }
 
-    /// How many.
+    /// The number of inputs.
     pub fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no inputs.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// Whether there is one and all are believable.
+    /// Whether there are inputs and all their numbers are plausible.
     pub(crate) fn is_sane(&self) -> bool {
         !self.is_empty()
             && self.0.iter().all(|input| input.mean.is_finite() && input.deviation.is_finite() && input.deviation > 0.0)
@@ -75,7 +75,7 @@ mod tests {
         features.set(Feature::Kurtosis, 6.0);
         assert_eq!(inputs.of(&features), None, "one is not known");
         features.set(Feature::PowerDifference, -800.0);
-        // (6 − 3)/2 = 1.5; (−800 − 8)/4 = −202, held at −4.
+        // (6 − 3)/2 = 1.5; (−800 − 8)/4 = −202, limited to −4.
         assert_eq!(inputs.of(&features).as_deref(), Some(&[1.5, -4.0][..]));
     }
 }

@@ -4,15 +4,15 @@ use heapless::Vec;
 
 use super::{Classifier, Feature, Features, Inputs, MAX_INPUTS, sigmoid};
 
-/// A weight an input, and what is added.
+/// One weight per input, and the intercept.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Logistic {
     /// The inputs.
     pub inputs: Inputs,
-    /// A weight each.
+    /// One weight per input.
     pub weights: Vec<f32, MAX_INPUTS>,
-    /// What is added.
+    /// The constant of the sum.
     pub intercept: f32,
 }
 

@@ -1,14 +1,16 @@
-//! Whether a range came along the direct path: from what the receiver measured to a probability.
+//! Detection of blocked paths: from the diagnostics of a reception to the probability that its direct path is
+//! blocked.
 //!
-//! In flow the magnitudes of the channel impulse response around the first path ([`Shape`]), the receiver's diagnostics
-//! ([`power_difference_db`], [`first_path_to_noise_db`]) and the ranges and powers before ([`MovingMean`]); they are
-//! gathered as [`Features`]. A [`Classifier`] makes of them the probability that the direct path is blocked (NLOS), and
-//! [`Inflation`] makes of the probability the variance of the range. Nothing is rejected here: a blocked range weighs
-//! less.
+//! Input: the magnitudes of the channel impulse response around the first path ([`Shape`]), the receiver's
+//! diagnostics ([`power_difference_db`], [`first_path_to_noise_db`]), and the earlier ranges and powers
+//! ([`MovingMean`]). They are collected as [`Features`]. A [`Classifier`] computes from them the probability that the
+//! direct path is blocked (NLOS). [`Inflation`] converts the probability to the variance of the range. No range is
+//! rejected here: a blocked range weighs less.
 //!
-//! Classifiers are trained on a desktop; a node reads them as a [`NodeModel`], versioned and checksummed bytes in its
-//! flash (feature `serde`), and asks it by a [`NlosDetector`] that remembers what only time tells. Without a model, [`PowerDifference::default`] is the chip maker's own rule, and
-//! [`Skewness::default`] what a recorded flat taught.
+//! Classifiers are trained on a desktop. A node reads one as a [`NodeModel`], which is versioned and checksummed
+//! bytes in its flash (feature `serde`). A [`NlosDetector`] calls it and keeps the features that depend on earlier
+//! receptions. Without a model, [`PowerDifference::default`] is the chip maker's own rule, and [`Skewness::default`]
+//! was fitted to recordings in a flat.
 //!
 //! Sources: E. García et al., *A robust UWB indoor positioning system for highly complex environments* (equations 2 to
 //! 4: skewness); V. Barral et al., *Environmental cross-validation of NLOS machine learning classification/mitigation
@@ -48,19 +50,19 @@ pub use quantised::{MAX_HIDDEN, Neuron, Quantised};
 pub use shape::{BEFORE, NEAR, SAMPLE_NS, Shape, WINDOW, magnitude};
 pub use skewness::Skewness;
 
-/// What tells blocked ranges from direct ones.
+/// A classifier of blocked and direct ranges.
 pub trait Classifier {
-    /// Its name, as tables and commands call it.
+    /// Its name, as tables and commands use it.
     fn name(&self) -> &'static str;
 
-    /// Gives every feature that it needs to `visit`.
+    /// Calls `visit` for every feature that it needs.
     fn for_each_feature(&self, visit: &mut dyn FnMut(Feature));
 
-    /// The probability that the direct path is blocked, 0 to 1, where both are as likely beforehand; `None` where a
+    /// The probability that the direct path is blocked, 0 to 1, with equal prior probabilities; `None` where a
     /// feature that it needs is not known.
     fn nlos_probability(&self, features: &Features) -> Option<f32>;
 
-    /// Whether its numbers make a classifier.
+    /// Whether its numbers are valid for a classifier.
     fn is_sane(&self) -> bool;
 }
 

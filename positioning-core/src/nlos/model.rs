@@ -1,7 +1,7 @@
-//! A trained classifier as bytes: what a desktop writes and a node reads from its flash.
+//! A trained classifier as bytes: a desktop writes it and a node reads it from its flash.
 //!
-//! Layout: that of [`crate::stored`], with the letters `NL`: the [`Kind`] and its [`Platt`]. Several models follow each other without
-//! gap. Weights stay where they are: a model borrows the bytes it was read from.
+//! Layout: that of [`crate::stored`], with the letters `NL`: the [`Kind`] and its [`Platt`]. Several models follow
+//! each other without a gap. A model borrows the bytes from which it was read, so weights are not copied.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,11 +11,11 @@ use super::{
 pub use crate::stored::StoredError;
 use crate::stored::{self, Content, Stored};
 
-/// The version of the layout; a reader takes no other.
+/// The version of the layout. A reader accepts no other version.
 pub const VERSION: u8 = 1;
 
-/// A classifier; N and P are what stands for the two that are too large for a node. The order is that of stored models: new ones go
-/// to the end.
+/// A classifier. N and P are the types of the two kinds that are too large for a node. The order is that of stored
+/// models: add new ones at the end.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "there is no heap to box the small perceptron on")]
 pub enum Kind<N, P> {
@@ -38,16 +38,17 @@ pub enum Kind<N, P> {
 pub struct Trained<N, P> {
     /// The classifier.
     pub kind: Kind<N, P>,
-    /// What makes a probability of its score.
+    /// The conversion of its score to a probability.
     pub calibration: Platt,
 }
 
-/// Any classifier, trained.
+/// Any trained classifier.
 pub type Model<'a> = Trained<Nearest<'a>, Perceptron<'a>>;
-/// A classifier that a node holds, trained: without the large ones, which would take 3 kB of its image. Stored alike.
+/// A trained classifier on a node: without the large kinds, which would take 3 kB of its image. It is stored in the
+/// same way.
 pub type NodeModel = Trained<LeftOut, LeftOut>;
 
-/// A classifier that there is not.
+/// A classifier that is left out: the type has no values.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum LeftOut {}
 
@@ -90,15 +91,15 @@ where
     /// Writes the model to the beginning of `buffer` and returns those bytes.
     ///
     /// # Errors
-    /// The model is invalid, or the buffer too small.
+    /// The model is invalid, or the buffer is too small.
     pub fn encode<'b>(&self, buffer: &'b mut [u8]) -> Result<&'b [u8], StoredError> {
         stored::encode(self, buffer)
     }
 
-    /// Reads a model from the beginning of `bytes`; returns it and what follows.
+    /// Reads a model from the beginning of `bytes`. Returns the model and the bytes after it.
     ///
     /// # Errors
-    /// The bytes are no model, or not one that can be trusted.
+    /// The bytes are not a model, or the model is not valid.
     pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), StoredError> {
         stored::decode(bytes)
     }
@@ -280,7 +281,7 @@ mod tests {
             let length = random.random_range(0..80_u8);
             let mut bytes = std::vec![b'N', b'L', VERSION, length, 0, 0];
             bytes.extend((0..length).map(|_| random.random::<u8>()));
-            // Kinds in range, so that what is behind them is read.
+            // Kinds in range, so that the rest of the bytes is read.
             if let Some(kind) = bytes.get_mut(HEADER) {
                 *kind %= 6;
             }

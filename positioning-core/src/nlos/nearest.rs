@@ -1,8 +1,8 @@
-//! The k nearest neighbours (Barral et al., 3.1: k = 47, city-block distance, equation 1): the part of them that is
+//! The k nearest neighbours (Barral et al., 3.1: k = 47, city-block distance, equation 1): the share of them that is
 //! blocked.
 //!
-//! The same code with all receptions of a training on a desktop and with a reduced set of prototypes on a node:
-//! coordinates of 1/256 deviation, two bytes each, read where they lie in flash.
+//! The same code works with all receptions of a training on a desktop and with a reduced set of prototypes on a node.
+//! Coordinates are in steps of 1/256 deviation, two bytes each, read from flash without a copy.
 
 use heapless::Vec;
 
@@ -17,11 +17,11 @@ pub const MAX_NEIGHBOURS: usize = 47;
 pub struct Nearest<'a> {
     /// The inputs.
     pub inputs: Inputs,
-    /// k: how many neighbours vote, 1 to [`MAX_NEIGHBOURS`].
+    /// k: the number of neighbours that vote, 1 to [`MAX_NEIGHBOURS`].
     pub neighbours: u8,
-    /// Direct paths: for each a coordinate an input, made by [`Nearest::coordinate`].
+    /// Direct paths: for each, one coordinate per input, made by [`Nearest::coordinate`].
     pub los: &'a [u8],
-    /// Blocked paths, likewise.
+    /// Blocked paths, in the same form.
     pub nlos: &'a [u8],
 }
 
@@ -31,7 +31,7 @@ impl Nearest<'_> {
         steps(input).to_le_bytes()
     }
 
-    /// How many receptions there are.
+    /// The number of receptions.
     pub fn prototypes(&self) -> usize {
         (self.los.len() + self.nlos.len()) / (2 * self.inputs.len().max(1))
     }
@@ -42,7 +42,7 @@ fn steps(input: f32) -> i16 {
     (input * 256.0) as i16
 }
 
-/// A prototype that is near.
+/// A prototype among the nearest.
 #[derive(Clone, Copy)]
 struct Neighbour {
     distance: u32,
@@ -51,7 +51,7 @@ struct Neighbour {
 
 impl Classifier for Nearest<'_> {
     fn name(&self) -> &'static str {
-        // Fewer vote where prototypes stand for many receptions each.
+        // Fewer neighbours vote where each prototype represents many receptions.
         if usize::from(self.neighbours) == MAX_NEIGHBOURS { "nearest" } else { "nearest-reduced" }
     }
 
@@ -62,7 +62,7 @@ impl Classifier for Nearest<'_> {
     fn nlos_probability(&self, features: &Features) -> Option<f32> {
         let inputs = self.inputs.of(features)?;
         let most = usize::from(self.neighbours).min(MAX_NEIGHBOURS);
-        // The nearest so far, the nearest first.
+        // The nearest prototypes so far, the nearest first.
         let mut near: Vec<Neighbour, MAX_NEIGHBOURS> = Vec::new();
         for (prototypes, blocked) in [(self.los, false), (self.nlos, true)] {
             for prototype in prototypes.chunks_exact(2 * inputs.len().max(1)) {
@@ -78,7 +78,7 @@ impl Classifier for Nearest<'_> {
                     near.pop();
                 }
                 let place = near.iter().position(|other| other.distance > distance).unwrap_or(near.len());
-                // There is room: a full list has lost its last.
+                // There is room: a full list has lost its last entry.
                 let _ = near.insert(place, Neighbour { distance, blocked });
             }
         }
@@ -111,8 +111,8 @@ mod tests {
 
     #[test]
     fn neighbours_are_near_by_city_blocks() {
-        // From (0, 0): blocks 1.5 to the blocked (0.75, 0.75), 1.25 to the direct (1.25, 0); as the crow flies 1.06 and
-        // 1.25.
+        // From (0, 0), the city-block distance is 1.5 to the blocked (0.75, 0.75) and 1.25 to the direct (1.25, 0).
+        // The Euclidean distances are 1.06 and 1.25.
         let (los, nlos) = (bytes(&[[1.25, 0.0]]), bytes(&[[0.75, 0.75]]));
         let one = nearest(&los, &nlos, 1);
         assert_eq!(one.prototypes(), 2);
@@ -123,7 +123,7 @@ mod tests {
 
     #[test]
     fn votes_are_those_of_an_exhaustive_search() {
-        // A lattice of 200 points, blocked where (x + y) is large; the reference sorts them all.
+        // A lattice of 200 points, blocked where (x + y) is large. The reference sorts all of them.
         let points: std::vec::Vec<[f32; 2]> =
             (0..200).map(|i| [(i % 20) as f32 / 4.0 - 2.5, (i / 20) as f32 / 4.0 - 1.2]).collect();
         let (nlos, los): (std::vec::Vec<[f32; 2]>, std::vec::Vec<[f32; 2]>) =
@@ -142,7 +142,7 @@ mod tests {
             all.sort_by(|a, b| a.0.total_cmp(&b.0));
             let votes = all[..47].iter().filter(|(_, blocked)| *blocked).count() as f32;
             let p = classifier.nlos_probability(&at(x, y)).expect("known");
-            // The step of a coordinate may swap two that are as far, to 2/256.
+            // The step of a coordinate may swap two points of equal distance, within 2/256.
             assert!((p - (votes + 1.0) / 49.0).abs() <= 1.01 / 49.0, "{p} {votes}");
             seen[usize::from(votes > 23.0)] = true;
         }

@@ -1,8 +1,8 @@
-//! The multilayer perceptron of Barral et al. (3.1.2, table 2): layers of hyperbolic tangents, softmax over two
-//! outputs, or one linear output where it predicts a range's error.
+//! The multilayer perceptron of Barral et al. (3.1.2, table 2): layers of hyperbolic tangents, with softmax over two
+//! outputs, or with one linear output where it predicts a range's error.
 //!
-//! Weights are little-endian `f32`, layer by layer, neuron by neuron: the bias, then a weight an input; they are read
-//! where they lie in flash.
+//! Weights are little-endian `f32`, layer by layer, neuron by neuron: the bias, then one weight per input. They are
+//! read from flash without a copy.
 
 use heapless::Vec;
 
@@ -11,7 +11,7 @@ use crate::Real;
 
 /// The most hidden layers.
 pub const MAX_LAYERS: usize = 3;
-/// The most neurons of a layer: 65 and 69 predict the error of blocked ranges in table 2.
+/// The most neurons of a layer: 65 and 69 neurons predict the error of blocked ranges in table 2.
 pub const MAX_WIDTH: usize = 72;
 
 /// A perceptron.
@@ -29,7 +29,7 @@ pub struct Perceptron<'a> {
 }
 
 impl Perceptron<'_> {
-    /// How many weights a perceptron of these layers has.
+    /// The number of weights of a perceptron with these layers.
     pub fn weights_of(inputs: usize, hidden: &[u8], outputs: u8) -> usize {
         let widths = hidden.iter().chain([&outputs]).map(|&width| usize::from(width));
         widths.fold((inputs, 0), |(from, sum), width| (width, sum + width * (from + 1))).1
@@ -87,8 +87,8 @@ pub(super) fn tanh(x: f32) -> f32 {
 /// The predicted error of a range, from a perceptron with one linear output (table 2, "mitigation").
 impl Perceptron<'_> {
     /// Metres to add to the range; `None` where a feature is not known or the perceptron classifies. Barral et al.
-    /// found, and this project's recordings confirm, that it does not carry over to another building: nothing calls it
-    /// by default.
+    /// found that it does not carry over to another building, and this project's recordings confirm it: nothing calls
+    /// it by default.
     pub fn correction_m(&self, features: &Features) -> Option<f32> {
         match self.outputs(features)?.as_slice() {
             [correction] => Some(correction.at_least(-10.0).at_most(10.0)),
@@ -113,7 +113,7 @@ mod tests {
         let perceptron =
             Perceptron { inputs: two_inputs(), hidden: [2].into_iter().collect(), outputs: 2, weights: &weights };
         assert_eq!(Perceptron::weights_of(2, &[2], 2), 12);
-        // Of table 2 with two inputs: 46·3 + 14·47 + 24·15 + 2·25 = 138 + 658 + 360 + 50.
+        // The perceptron of table 2 with two inputs: 46·3 + 14·47 + 24·15 + 2·25 = 138 + 658 + 360 + 50.
         assert_eq!(Perceptron::weights_of(2, &[46, 14, 24], 2), 1206);
         // x = 1, y = 2: h1 = tanh(0.1) = 0.0996680, h2 = tanh(1.8) = 0.9468060.
         // o1 = 0.3 + 0.099668 − 0.946806 = −0.547138; o2 = −0.1 + 1.893612 = 1.793612; σ(2.340750) = 0.912205.

@@ -1,5 +1,5 @@
-//! The chip maker's rule: received power less that of the first path below 6 dB is probably a direct path, above 10 dB
-//! probably a blocked one (DW1000 user manual, 4.7).
+//! The chip maker's rule: if the received power minus that of the first path is below 6 dB, the path is probably
+//! direct. Above 10 dB it is probably blocked (DW1000 user manual, 4.7).
 
 use super::{Classifier, Feature, Features, sigmoid};
 
@@ -8,14 +8,14 @@ use super::{Classifier, Feature, Features, sigmoid};
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PowerDifference {
-    /// Where direct and blocked are as likely, dB.
+    /// The difference at which direct and blocked are equally likely, dB.
     pub middle_db: f32,
-    /// How fast the logarithm of the odds grows, 1/dB.
+    /// The growth of the logarithm of the odds, 1/dB.
     pub slope: f32,
 }
 
 impl Default for PowerDifference {
-    /// "Probably" read as nine in ten: ln 9 at 10 dB, −ln 9 at 6 dB.
+    /// "Probably" is taken as nine in ten: ln 9 at 10 dB, −ln 9 at 6 dB.
     fn default() -> Self {
         Self { middle_db: 8.0, slope: 1.098_612_3 }
     }

@@ -1,7 +1,7 @@
-//! A small perceptron in bytes: one hidden layer, weights and activations of eight bits, sums of integers, for a node.
+//! A small perceptron in bytes for a node: one hidden layer, weights and activations of eight bits, sums of integers.
 //!
-//! A weight is its byte times the neuron's step; inputs are held within ±4 and have steps of 4/127, hidden values steps
-//! of 1/127.
+//! A weight is its byte times the neuron's step. Inputs are limited to ±4 and have steps of 4/127. Hidden values have
+//! steps of 1/127.
 
 use heapless::Vec;
 
@@ -20,11 +20,11 @@ const HIDDEN_STEP: f32 = 1.0 / 127.0;
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Neuron<const N: usize> {
-    /// What is added.
+    /// The constant of the sum.
     pub bias: f32,
-    /// What one step of a weight is.
+    /// The size of one step of a weight.
     pub step: f32,
-    /// A weight an input, in steps.
+    /// One weight per input, in steps.
     pub weights: Vec<i8, N>,
 }
 
@@ -58,7 +58,7 @@ pub struct Quantised {
     pub inputs: Inputs,
     /// The hidden layer.
     pub hidden: Vec<Neuron<MAX_INPUTS>, MAX_HIDDEN>,
-    /// Blocked less direct.
+    /// The output neuron: blocked minus direct.
     pub output: Neuron<MAX_HIDDEN>,
 }
 
@@ -86,7 +86,7 @@ impl Classifier for Quantised {
     }
 }
 
-/// To the nearest integer, half away from zero; the conversion saturates.
+/// The nearest integer, half away from zero; the conversion saturates.
 fn rounded(x: f32) -> i8 {
     (x + if x < 0.0 { -0.5 } else { 0.5 }) as i8
 }
@@ -98,7 +98,7 @@ mod tests {
 
     #[test]
     fn weights_are_rounded_to_steps_of_the_largest() {
-        // The largest, 2.54, is 127 steps of 0.02; 1.0 is 50 of them; −0.03 is −1.5, rounded to −2.
+        // The largest, 2.54, is 127 steps of 0.02. 1.0 is 50 steps. −0.03 is −1.5 steps, rounded to −2.
         let neuron = Neuron::<3>::round(0.5, &[1.0, -2.54, -0.031]).expect("three");
         assert!((neuron.step - 0.02).abs() < 1.0e-6);
         assert_eq!(neuron.weights.as_slice(), [50, -127, -2]);

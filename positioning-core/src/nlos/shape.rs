@@ -1,27 +1,27 @@
-//! The shape of one channel impulse response: what does not depend on how strong the signal is or how far it came.
+//! The shape of one channel impulse response: the properties that do not depend on the strength of the signal or on
+//! its distance.
 //!
-//! **The window.** García et al. take the skewness over 201 samples of 0.2 ns, 40 ns centred on the maximum. The
-//! accumulator of a DW1000 has samples of 1.0016 ns, and what is read of it are [`WINDOW`] samples from [`BEFORE`]
-//! samples ahead of the first path: reading all 1016 takes 2 ms of a bus at 16 MHz. The widest window centred on the
-//! maximum that these always hold, wherever behind the first path the maximum is, has 16 samples on either side, 33 ns:
-//! [`NEAR`]. Recorded responses bear it out: with 14 to 17 samples on either side the skewness tells best, over all 152
-//! it tells less, because their tail is mostly noise.
+//! **The window.** García et al. take the skewness over 201 samples of 0.2 ns: 40 ns centred on the maximum. The
+//! accumulator of a DW1000 has samples of 1.0016 ns. Of these, [`WINDOW`] samples are read, from [`BEFORE`] samples
+//! ahead of the first path: reading all 1016 takes 2 ms of a bus at 16 MHz. The widest window centred on the maximum
+//! that is always within these samples has 16 samples on either side, 33 ns: [`NEAR`]. This holds for every position
+//! of the maximum behind the first path. Recorded responses confirm the choice: with 14 to 17 samples on either side
+//! the skewness classifies best. Over all 152 samples it classifies worse, because their tail is mostly noise.
 
 use crate::Real;
 
-/// Samples of the accumulator that are looked at.
+/// The number of samples of the accumulator that are read.
 pub const WINDOW: usize = 152;
-/// How many of them lie before the sample of the first path.
+/// The number of them before the sample of the first path.
 pub const BEFORE: usize = 16;
-/// Samples on either side of the maximum over which [`Shape::skewness_near`] is taken.
+/// The number of samples on either side of the maximum for [`Shape::skewness_near`].
 pub const NEAR: usize = 16;
-/// From one sample to the next, nanoseconds: half a period of 499.2 MHz.
+/// The time between two samples, nanoseconds: half a period of 499.2 MHz.
 pub const SAMPLE_NS: f32 = 1.001_602_6;
 
-/// Samples below this part of the maximum do not count for delays: −20 dB, above the noise of any frame that was
-/// received.
+/// Samples below this part of the maximum do not count for delays: −20 dB, above the noise of any received frame.
 const DELAY_FLOOR: f32 = 0.1;
-/// Bits of a sample that moments are made of: noise is some forty steps of them.
+/// The number of bits of a sample that moments use: noise is about forty steps of them.
 const BITS: u32 = 12;
 /// The rise goes from this part of the maximum to this one.
 const RISE: [f32; 2] = [0.1, 0.9];
@@ -30,7 +30,8 @@ const RISE: [f32; 2] = [0.1, 0.9];
 #[inline]
 pub fn magnitude(i: i16, q: i16) -> u16 {
     let (i, q) = (i32::from(i), i32::from(q));
-    // Two squares of at most 2³⁰ are 2³¹: it fits unsigned, and the root is at most 46,341.
+    // The sum of two squares of at most 2³⁰ each is at most 2³¹, which fits in an unsigned number. The root is at
+    // most 46,341.
     let square = (i * i) as u32 + (q * q) as u32;
     (Real::sqrt(square as f32) + 0.5) as u16
 }
@@ -47,26 +48,26 @@ pub struct Shape {
     pub skewness_near: f32,
     /// The kurtosis of [`NEAR`] samples on either side of the maximum.
     pub kurtosis_near: f32,
-    /// From the first path to the maximum, nanoseconds; a little below zero where the maximum is the first path
-    /// (APS006-3 has the distance in samples).
+    /// The time from the first path to the maximum, nanoseconds; slightly below zero where the maximum is the first
+    /// path (APS006-3 has the distance in samples).
     pub first_path_to_peak_ns: f32,
     /// The largest magnitude of the three samples after the first path's, as a part of the maximum.
     pub first_path_ratio: f32,
-    /// From the first sample of a tenth of the maximum to the first of nine tenths, nanoseconds (Marano et al.,
-    /// with both thresholds relative to the maximum, so that the level does not matter).
+    /// The time from the first sample of a tenth of the maximum to the first sample of nine tenths, nanoseconds
+    /// (Marano et al., with both thresholds relative to the maximum, so that the signal strength does not matter).
     pub rise_time_ns: f32,
-    /// Mean of the delay after the first path, weighted with power, nanoseconds (Marano et al.); only
-    /// samples from the first path on and above a tenth of the maximum count.
+    /// Mean of the delay after the first path, weighted with power, nanoseconds (Marano et al.). Only samples from
+    /// the first path on and above a tenth of the maximum count.
     pub mean_excess_delay_ns: f32,
-    /// Standard deviation of the delay, weighted so, nanoseconds (Marano et al.).
+    /// Standard deviation of the delay, with the same weights, nanoseconds (Marano et al.).
     pub rms_delay_spread_ns: f32,
 }
 
 impl Shape {
-    /// The shape of the magnitudes in `window`, of which the first path is number `first_path` (from 0, with fraction).
-    /// `None` where there is no shape: fewer than eight samples or more than [`WINDOW`], all of them equal (silent, or
-    /// all saturated), or a first path outside the window.
-    #[inline(never)] // With the optimisation of this crate, also where the image is small.
+    /// The shape of the magnitudes in `window`. `first_path` is the index of the first path (from 0, with a
+    /// fraction). Returns `None` where there is no shape: fewer than eight samples or more than [`WINDOW`], all
+    /// samples equal (silent, or all saturated), or a first path outside the window.
+    #[inline(never)] // So that it has the optimisation level of this crate, also in an image optimised for size.
     pub fn of(window: &[u16], first_path: f32) -> Option<Self> {
         let inside = (0.0..window.len() as f32).contains(&first_path);
         if !inside || !(8..=WINDOW).contains(&window.len()) {
@@ -78,7 +79,7 @@ impl Shape {
                 (peak_at, peak) = (at, sample);
             }
         }
-        // Sums of integers, also where there is no FPU: 152 squares of 12 bits fit 32, fourth powers 64.
+        // Sums of integers, also without an FPU: 152 squares of 12 bits fit in 32 bits, fourth powers in 64.
         let shift = (u16::BITS - peak.leading_zeros()).saturating_sub(BITS);
         let [skewness, kurtosis] = skewness_and_kurtosis(window, shift)?;
         let near = window.get(peak_at.saturating_sub(NEAR)..window.len().min(peak_at + NEAR + 1))?;
@@ -106,13 +107,14 @@ impl Shape {
     }
 }
 
-/// Third and fourth standardised moments of the samples, of which the lowest `shift` bits are left out; `None` where
-/// all are equal.
-#[inline(never)] // Twice the code would gain nothing.
+/// Third and fourth standardised moments of the samples without their lowest `shift` bits; `None` where all samples
+/// are equal.
+#[inline(never)] // A second copy of the code would gain nothing.
 fn skewness_and_kurtosis(samples: &[u16], shift: u32) -> Option<[f32; 2]> {
     let count = samples.len() as i32;
     let sum: i32 = samples.iter().map(|&sample| i32::from(sample >> shift)).sum();
-    // Powers of the deviations from the nearest integer, exactly; what the mean is beside it is put right below.
+    // Powers of the deviations from the integer nearest to the mean, exactly. The difference to the mean is corrected
+    // below.
     let middle = (sum + count / 2) / count;
     let (mut second, mut third, mut fourth) = (0_u32, 0_i64, 0_u64);
     for &sample in samples {
@@ -136,7 +138,7 @@ fn skewness_and_kurtosis(samples: &[u16], shift: u32) -> Option<[f32; 2]> {
 }
 
 /// Mean and deviation of the delay after the first path, nanoseconds, over the samples without their lowest `shift`
-/// bits; zeros where nothing reaches the floor behind it.
+/// bits; zeros where no sample after the first path reaches the floor.
 fn delays(window: &[u16], first_path: f32, peak: u16, shift: u32) -> [f32; 2] {
     let floor = (f32::from(peak) * DELAY_FLOOR) as u16;
     let first = first_path as usize;
@@ -156,7 +158,7 @@ fn delays(window: &[u16], first_path: f32, peak: u16, shift: u32) -> [f32; 2] {
     let power = power as f32;
     let mean = once as f32 / power;
     let variance = (twice as f32 / power - mean * mean).at_least(0.0);
-    // Sample `first` lies ahead of the first path by its fraction.
+    // Sample `first` is ahead of the first path by the fraction of its index.
     [(mean - (first_path - first as f32)) * SAMPLE_NS, Real::sqrt(variance) * SAMPLE_NS]
 }
 
@@ -184,14 +186,14 @@ mod tests {
         let shape = Shape::of(&[0, 0, 0, 0, 0, 0, 0, 80], 5.0).expect("a shape");
         close(shape.skewness, 2.267_787);
         close(shape.kurtosis, 6.142_857);
-        // All lie within 16 samples of the maximum.
+        // All samples are within 16 samples of the maximum.
         close(shape.skewness_near, 2.267_787);
         close(shape.kurtosis_near, 6.142_857);
     }
 
     #[test]
     fn moments_are_those_of_the_definition_in_doubles() {
-        // Equation 2 and its fourth-power sister as they stand, over windows of every strength.
+        // Equation 2 and the same with fourth powers, as they are written, over windows of every strength.
         let mut random = uniform(9);
         for scale in [3, 40, 700, 9000, 65535] {
             let window: [u16; WINDOW] = core::array::from_fn(|_| (random() * random() * f64::from(scale)) as u16);
@@ -214,7 +216,7 @@ mod tests {
         }
     }
 
-    /// Numbers below one.
+    /// Random numbers below one.
     fn uniform(seed: u64) -> impl FnMut() -> f64 {
         use rand::{Rng, SeedableRng};
         let mut random = rand_pcg::Pcg32::seed_from_u64(seed);
@@ -223,8 +225,8 @@ mod tests {
 
     #[test]
     fn only_samples_near_the_maximum_count_for_the_near_moments() {
-        // One sample of 41 is not zero, and of the 33 near it. One in n, p = 1/n, has the skewness (1 − 2p)/√(p(1 −
-        // p)).
+        // One sample of 41 is not zero, and one of the 33 near it. One in n, p = 1/n, has the skewness (1 − 2p)/√(p(1
+        // − p)).
         let mut window = [0; 41];
         window[20] = 1000;
         let shape = Shape::of(&window, 16.0).expect("a shape");
@@ -262,7 +264,7 @@ mod tests {
         let weak: [u16; 12] = [3, 1, 4, 1, 59, 26, 53, 58, 9, 7, 9, 3];
         let strong = weak.map(|sample| sample * 700);
         let (weak, strong) = (Shape::of(&weak, 3.5).expect("a shape"), Shape::of(&strong, 3.5).expect("a shape"));
-        // The strong one, of 41,300 at most, is without its four lowest bits.
+        // The strong response, of at most 41,300, has lost its four lowest bits.
         let near = |strong: f32, weak: f32| assert!((strong / weak - 1.0).abs() < 2.0e-3, "{strong} is not {weak}");
         near(strong.skewness, weak.skewness);
         near(strong.kurtosis, weak.kurtosis);
@@ -311,7 +313,7 @@ mod tests {
                 }
             }
         }
-        // Half of the saturated windows have nothing but saturated samples near the maximum.
+        // Half of the saturated windows have only saturated samples near the maximum.
         assert!(shapes > 300, "{shapes}");
     }
 }

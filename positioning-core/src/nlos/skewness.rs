@@ -1,7 +1,8 @@
 //! The skewness test: the likelihood ratio of García et al., equations 3 and 4.
 //!
-//! Both conditional densities are normal with one deviation, so that they cross once and the ratio is a sigmoid: a
-//! larger skewness is never less in favour of the direct path. Their threshold λ is where the probability is ½.
+//! Both conditional densities are normal with the same deviation, so they cross once and the ratio is a sigmoid. A
+//! larger skewness never makes the direct path less likely. Their threshold λ is the skewness at which the
+//! probability is ½.
 
 use super::{Classifier, Feature, Features, sigmoid};
 
@@ -16,21 +17,21 @@ pub struct Skewness {
     pub los_mean: f32,
     /// Mean of blocked paths.
     pub nlos_mean: f32,
-    /// Deviation of either.
+    /// The deviation of both.
     pub deviation: f32,
 }
 
 impl Default for Skewness {
-    /// Of 22 placements in a furnished flat (`docs/nlos.md`), its calibration by placements held out included: λ =
-    /// 1.29. It is what `baliza nlos train` finds there: means 1.497 and 0.909, deviation 0.322, then slope 0.648 and
-    /// offset 0.308. A slope divides the variance, and the offset moves λ.
+    /// Fitted to 22 placements in a furnished flat (`docs/nlos.md`), including its calibration by held-out
+    /// placements: λ = 1.29. `baliza nlos train` finds there the means 1.497 and 0.909 and the deviation 0.322, then
+    /// the slope 0.648 and the offset 0.308. The slope divides the variance, and the offset moves λ.
     fn default() -> Self {
         Self { feature: Feature::SkewnessNear, los_mean: 1.58, nlos_mean: 0.993, deviation: 0.4 }
     }
 }
 
 impl Skewness {
-    /// λ: the densities cross where both are as likely, between the means.
+    /// λ: the densities cross where both are equally likely, between the means.
     pub fn threshold(&self) -> f32 {
         (self.los_mean + self.nlos_mean) / 2.0
     }

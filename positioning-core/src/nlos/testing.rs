@@ -1,8 +1,8 @@
-//! Two features and their plane, for the classifiers' tests.
+//! Two features and their plane, for the tests of classifiers.
 
 use super::{Feature, Features, Input, Inputs};
 
-/// The features as they are.
+/// The features without scaling.
 pub fn two_inputs() -> Inputs {
     let input = |feature| Input { feature, mean: 0.0, deviation: 1.0 };
     Inputs([input(Feature::RangeMean), input(Feature::PowerMean)].into_iter().collect())

@@ -1,4 +1,4 @@
-//! The links that are being followed, to anchors and to beacons: who has which state, and what was seen of it.
+//! The links in use, to anchors and to beacons: the state of each link, and its observed noise.
 
 use super::gate::Gate;
 use super::noise::ObservedNoise;
@@ -17,13 +17,13 @@ pub(crate) enum Source {
 /// One link.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Link<T> {
-    /// Where from.
+    /// The far end.
     pub(crate) source: Source,
-    /// When it was measured last, microseconds.
+    /// The time of its last measurement, microseconds.
     pub(crate) measured_us: u64,
     /// Its own gate.
     pub(crate) gate: Gate<T>,
-    /// Its noise.
+    /// Its observed noise.
     pub(crate) shown: ObservedNoise<T>,
 }
 
@@ -34,23 +34,23 @@ pub(crate) struct Links<T> {
 }
 
 impl<T: Real> Links<T> {
-    /// None.
+    /// An empty table.
     pub(crate) fn new() -> Self {
         Self { links: heapless::Vec::new() }
     }
 
-    /// Forgets all.
+    /// Removes all links.
     pub(crate) fn clear(&mut self) {
         self.links.clear();
     }
 
-    /// The state of a place in the table.
+    /// The index of the state for a place in the table.
     pub(crate) fn state(place: usize) -> usize {
         LINKS + place
     }
 
-    /// The place of a source's link, and whether it is new: it then takes a free place, or that of the link which nobody has
-    /// measured for longest.
+    /// The place of a source's link, and whether it is new. A new link takes a free place, or that of the link that
+    /// was not measured for longest.
     pub(crate) fn place(&mut self, source: Source, now_us: u64) -> (usize, bool) {
         if let Some(place) = self.links.iter().position(|link| link.source == source) {
             return (place, false);
@@ -89,7 +89,7 @@ mod tests {
             assert_eq!(links.place(Source::Anchor(anchor), u64::from(100 - anchor)), (usize::from(anchor), true));
         }
         assert_eq!(links.place(Source::Anchor(7), 200), (7, false));
-        // An axis of the same number is another source.
+        // An axis of the same number is a different source.
         assert_eq!(links.place(Source::Beacons(7), 200), (15, true));
         assert_eq!(links.place(Source::Anchor(15), 201), (14, true));
     }

@@ -1,4 +1,5 @@
-//! The filter: carries the track to the time of a measurement, weighs the measurement, asks its gate, and takes it in.
+//! The filter: it predicts the track to the time of a measurement, compares the measurement with the track, checks
+//! its gate, and takes it in.
 
 use super::anchors::{Links, Source};
 use super::gate::{Gate, GateDecision};
@@ -8,35 +9,37 @@ use super::state::{COMMON, POSITION, REFERENCE, State, VELOCITY};
 use super::update::{Innovation, Model, update};
 use crate::Real;
 
-/// The velocity beyond which a link's error forgets no faster, metres a second: nobody runs faster indoors.
+/// The greatest speed that counts for the forgetting of a link's error, metres per second: people indoors are not
+/// faster.
 const FASTEST: f64 = 10.0;
-/// A link's error is not a usual one beyond so many of its deviations …
+/// A link's error is unusual beyond this number of its deviations …
 const UNUSUAL: f64 = 1.7;
 /// … and beyond this, metres.
 const UNUSUAL_M: f64 = 0.2;
-/// Numbers that have a gate of their own: a height, the three of a position, and as many more.
+/// The number of gates for single numbers: a height, the three of a position, and the rest for new kinds.
 const OWN_GATES: usize = 8;
 
-/// How the filter works.
+/// The settings of the filter.
 #[derive(Clone, Copy, Debug)]
 pub struct FilterSettings<T> {
-    /// How the tag moves.
+    /// The motion model of the tag.
     pub motion: Motion<T>,
-    /// How ranges err.
+    /// The errors of ranges.
     pub noise: Noise<T>,
-    /// What a missing line of sight means.
+    /// The treatment of a missing line of sight.
     pub blocked: Blocked<T>,
-    /// Linearisations of one measurement: 1 is the extended Kalman filter, more the iterated one.
+    /// Linearisations of one measurement: 1 is the extended Kalman filter; more is the iterated one.
     pub iterations: u8,
-    /// A measurement beyond so many deviations is refused.
+    /// A measurement beyond this number of deviations is refused.
     pub gate: T,
-    /// So many refused measurements of one source that are alike reopen its gate; ranges shorter than the way to the anchor do not.
+    /// This number of similar refused measurements of one source reopens its gate. Ranges that are shorter than the
+    /// distance to the anchor do not.
     pub patience: u8,
-    /// Deviation of the unknown velocity at the start, metres a second and axis.
+    /// Deviation of the unknown velocity at the start, metres per second and axis.
     pub speed: T,
 }
 
-/// Which gate a number has to pass.
+/// The gate that a number has to pass.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum GateOf {
     /// That of a range's link, by its place in the table; the link's noise is learnt.
@@ -45,11 +48,11 @@ pub(crate) enum GateOf {
     Tdoa(usize),
     /// That of an axis of positions by beacons.
     Beacons(usize),
-    /// One of its own.
+    /// A gate of its own.
     Own(usize),
 }
 
-/// A link whose error is carried to now.
+/// A link whose error is predicted to the current time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CarriedLink<T> {
     /// Its place in the table.
@@ -60,14 +63,14 @@ pub(crate) struct CarriedLink<T> {
     pub(crate) white: T,
 }
 
-/// What became of a measurement.
+/// The result of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum UpdateResult {
     /// Taken in.
     Accepted,
-    /// Taken in, after its gate had been shut: its error is believed to have changed.
+    /// Taken in after its gate had refused its source: its error is assumed to have changed.
     Readmitted,
-    /// Its gate is shut.
+    /// Refused by its gate.
     Rejected,
 }
 
@@ -76,18 +79,18 @@ pub(crate) enum UpdateResult {
 pub(crate) struct Filter<T> {
     pub(crate) state: State<T>,
     links: Links<T>,
-    /// The time that the state is of, microseconds.
+    /// The time of the state, microseconds.
     pub(crate) now_us: u64,
     surprise: Surprise<T>,
-    /// The reception of the reference anchor whose error is a state now.
+    /// The reception of the reference anchor whose error is currently a state.
     reference: Option<(u16, u64)>,
     own_gates: [Gate<T>; OWN_GATES],
-    /// The height is known.
+    /// Whether the height is known.
     flat: bool,
 }
 
 impl<T: Real> Filter<T> {
-    /// At the origin, knowing everything: to be started.
+    /// A filter at the origin without any uncertainty; it must be started.
     pub(crate) fn new() -> Self {
         Self {
             state: State::new(),
@@ -100,7 +103,8 @@ impl<T: Real> Filter<T> {
         }
     }
 
-    /// Starts at a position with its covariance, in the plane where `flat`; nothing is known of the velocity but that it is a tag's.
+    /// Starts at a position with its covariance, in the plane where `flat`. The velocity is unknown, within the
+    /// deviation of a tag's speed.
     #[inline(never)]
     pub(crate) fn start(
         &mut self,
@@ -129,7 +133,7 @@ impl<T: Real> Filter<T> {
         self.state.reset(COMMON, T::ZERO, settings.noise.common_sigma.squared());
     }
 
-    /// Carries the track forward; times before its own leave it where it is.
+    /// Predicts the track to a later time. Earlier times do not change it.
     pub(crate) fn advance(&mut self, now_us: u64, settings: &FilterSettings<T>) {
         let dt = seconds(now_us.saturating_sub(self.now_us));
         if dt > T::ZERO {
@@ -138,8 +142,8 @@ impl<T: Real> Filter<T> {
         }
     }
 
-    /// A link to an anchor, its error carried to now; `own` is the variance of the reception's noise in line of sight, m², and `p_nlos`
-    /// the probability that there is none, where that is known.
+    /// A link to an anchor, with its error predicted to the current time. `own` is the variance of the reception's
+    /// noise in line of sight, m². `p_nlos` is the probability of being without line of sight, if it is known.
     pub(crate) fn anchor_link(
         &mut self,
         anchor: u16,
@@ -164,7 +168,8 @@ impl<T: Real> Filter<T> {
         CarriedLink { place, state, white: variances.white }
     }
 
-    /// The error of positions by beacons along an axis, of this variance and usual up to this square, m², carried to now.
+    /// The error of positions by beacons along an axis, predicted to the current time. Its variance is the first
+    /// number, m²; the second is the largest usual square, m².
     pub(crate) fn beacon_link(
         &mut self,
         axis: u8,
@@ -177,7 +182,7 @@ impl<T: Real> Filter<T> {
         CarriedLink { place, state: Links::<T>::state(place), white: T::ZERO }
     }
 
-    /// Differences are to this reception of the reference anchor, whose noise has this variance, m².
+    /// Sets the reception of the reference anchor for the next differences. Its noise has this variance, m².
     pub(crate) fn set_reference(&mut self, anchor: u16, white: T) {
         if self.reference != Some((anchor, self.now_us)) {
             self.reference = Some((anchor, self.now_us));
@@ -185,13 +190,13 @@ impl<T: Real> Filter<T> {
         }
     }
 
-    /// Carries a link's error of this variance to now, which is `usual` up to this square; it is another `after` so many seconds, or
-    /// metres of way.
+    /// Predicts a link's error with this variance to the current time; `usual` is its largest usual square. `after`
+    /// is the time in seconds and the distance in metres after which the error is a different one.
     fn carry(&mut self, place: usize, fresh: bool, [mut variance, usual]: [T; 2], after: [T; 2]) {
         let state = Links::<T>::state(place);
         let Some(link) = self.links.at(place) else { return };
         let error = self.state.mean.get(state).copied().unwrap_or(T::ZERO);
-        // An error as large as this link's is no draw of what links usually err by: it will not go away by itself.
+        // An error as large as this link's is not a sample of the usual errors: it will not disappear by itself.
         if !fresh && error.squared() > usual {
             variance = error.squared();
         }
@@ -208,7 +213,7 @@ impl<T: Real> Filter<T> {
         link.measured_us = self.now_us;
     }
 
-    /// Weighs one number against the track, asks its gate, and takes it in; `white` is the variance of its noise.
+    /// Compares one number with the track, checks its gate, and takes it in; `white` is the variance of its noise.
     pub(crate) fn observe(
         &mut self,
         model: &impl Model<T>,
@@ -242,13 +247,13 @@ impl<T: Real> Filter<T> {
         self.take(model, &innovation, white, decision, link, settings)
     }
 
-    /// Sets the height that is known.
+    /// Sets the known height.
     pub(crate) fn set_height(&mut self, height: T) {
         self.state.mean[POSITION + 2] = height;
     }
 
-    /// Takes a measurement that its gate has judged. What insists is let in: by the error of its link, where it has one, else
-    /// by the doubt of the whole track.
+    /// Takes a measurement after the decision of its gate. If the gate reopens, the measurement is let in: the
+    /// variance of its link's error is increased, if it has a link, else the uncertainty of the whole track.
     fn take(
         &mut self,
         model: &impl Model<T>,
@@ -283,12 +288,13 @@ impl<T: Real> Filter<T> {
     }
 }
 
-/// Microseconds as seconds; an hour is as good as ever.
+/// Microseconds as seconds, at most an hour: longer times have the same effect.
 fn seconds<T: Real>(microseconds: u64) -> T {
     T::count(microseconds.min(3_600_000_000) as usize) * T::of(1.0e-6)
 }
 
-/// e⁻ˣ for x ≥ 0, by (1 + x ⁄ 8)⁻⁸: 1 for 0, falling, above 0, and within 1 % up to x = 0.4; no table, no branch.
+/// e⁻ˣ for x ≥ 0, approximately, by (1 + x ⁄ 8)⁻⁸. It is 1 for 0, falls, stays above 0, and is within 1 % up to x =
+/// 0.4. It needs no table and no branch.
 fn fading<T: Real>(x: T) -> T {
     (T::ONE / (T::ONE + T::of(0.125) * x)).squared().squared().squared()
 }

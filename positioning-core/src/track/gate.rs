@@ -1,31 +1,32 @@
-//! Gates: whether a measurement can belong to the track. Each source has its own, with its own memory, and it reopens: a
-//! source that insists on the same thing is believed at last, with an error of its own.
+//! Gates decide whether a measurement can belong to the track. Each source has its own gate with its own memory. A
+//! gate reopens: if a source repeats the same measurement, it is accepted in the end, with an error of its own.
 
 use crate::Real;
 
-/// What a gate says.
+/// The decision of a gate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum GateDecision {
-    /// It belongs to the track.
+    /// The measurement belongs to the track.
     Accept,
-    /// It does not.
+    /// The measurement does not belong to the track.
     Reject,
-    /// It did not, time and again, and always alike: the source has changed.
+    /// Several measurements in a row did not belong to the track, and they were similar: the source has changed.
     Reopen,
 }
 
 /// The gate of one source.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Gate<T> {
-    /// How many measurements in a row it has refused that were like each other.
+    /// The number of similar measurements that it has refused in a row.
     alike: u8,
-    /// The innovation of the last one that it refused.
+    /// The innovation of the last measurement that it refused.
     last: T,
 }
 
 impl<T: Real> Gate<T> {
-    /// As [`judge`](Self::judge), of a range that is `excess` longer than the way to the anchor: one that is shorter than that, by more
-    /// than `limit` deviations, never reopens the gate. Walls and detours lengthen a range; what shortens it is a fault or a forgery.
+    /// As `check`, for a range that is `excess` longer than the distance to the anchor. A range that is shorter than
+    /// the distance by more than `limit` deviations never reopens the gate. Walls and detours lengthen a range; only
+    /// a fault or a forgery shortens it.
     pub(crate) fn judge_range(&mut self, innovation: T, excess: T, s: T, limit: T, patience: u8) -> GateDecision {
         let is_short = excess < T::ZERO && excess.squared() > limit.squared() * s;
         match self.check(innovation, s, limit, patience) {
@@ -34,7 +35,8 @@ impl<T: Real> Gate<T> {
         }
     }
 
-    /// Judges an innovation of variance `s`: refused beyond `limit` deviations, unless the `patience`-th of its kind.
+    /// Checks an innovation of variance `s`. It is refused beyond `limit` deviations, unless it is the `patience`-th
+    /// similar one.
     pub(crate) fn check(&mut self, innovation: T, s: T, limit: T, patience: u8) -> GateDecision {
         let bound = limit.squared() * s;
         if innovation.squared() <= bound {
@@ -76,10 +78,11 @@ mod tests {
         for _ in 0..100 {
             assert_eq!(range(&mut gate, -1.0, -1.0), GateDecision::Reject);
         }
-        // One that is too long still does, and one that agrees passes.
+        // A range that is too long still reopens the gate, and a range that agrees passes.
         let heard = [1.0, 1.0, 1.0, -0.1].map(|innovation| range(&mut gate, innovation, innovation));
         assert_eq!(heard, [GateDecision::Reject, GateDecision::Reject, GateDecision::Reopen, GateDecision::Accept]);
-        // A wall that made it 2 m longer, and was expected to, is gone: shorter than expected, and as long as the way.
+        // A wall that made the range 2 m longer, as expected, is gone: the range is shorter than expected, and equal
+        // to the distance.
         let heard = [-2.0; 3].map(|innovation| range(&mut gate, innovation, 0.0));
         assert_eq!(heard, [GateDecision::Reject, GateDecision::Reject, GateDecision::Reopen]);
     }

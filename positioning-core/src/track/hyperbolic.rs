@@ -1,9 +1,9 @@
-//! The start from differences of arrival: weighted Gauss-Newton on hyperbolas (E. García et al., section II, after N. Sirola,
-//! *Closed-form algorithms in mobile positioning: myths and misconceptions*, WPNC 2010).
+//! The start from differences of arrival: weighted Gauss-Newton on hyperbolas (E. García et al., section II, after N.
+//! Sirola, *Closed-form algorithms in mobile positioning: myths and misconceptions*, WPNC 2010).
 //!
-//! All differences of a set have the same reference, and so the covariance of García et al., equation 6: R = σ₁² 1 1ᵀ + diag σᵢ².
-//! By Sherman and Morrison R⁻¹ = W − W 1 1ᵀ W ⁄ (1 ⁄ σ₁² + Σ w) with W = diag 1 ⁄ σᵢ²: the sums run over single differences, and
-//! no matrix larger than the position's is inverted.
+//! All differences of a set have the same reference, and so the covariance of García et al., equation 6:
+//! R = σ₁² 1 1ᵀ + diag σᵢ². By Sherman and Morrison R⁻¹ = W − W 1 1ᵀ W ⁄ (1 ⁄ σ₁² + Σ w) with W = diag 1 ⁄ σᵢ². So the
+//! sums are over single differences, and no matrix larger than the position's is inverted.
 
 use crate::linalg::{Ldl, Matrix, add_outer, add_scaled, dot, sub};
 use crate::{AnchorSet, Fix, MAX_ANCHORS, Real, SolveError};
@@ -11,30 +11,31 @@ use crate::{AnchorSet, Fix, MAX_ANCHORS, Real, SolveError};
 /// One difference of arrival.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TdoaSample<T> {
-    /// Where the anchor is, metres.
+    /// The anchor's position, metres.
     pub anchor: [T; 3],
-    /// Its distance less that of the reference anchor, metres.
+    /// Its distance minus that of the reference anchor, metres.
     pub difference: T,
     /// Deviation of the anchor's arrival, metres.
     pub sigma: T,
 }
 
-/// Iterations at most.
+/// The most iterations.
 const MAX_STEPS: usize = 30;
-/// The iteration ends when a step is shorter, metres.
+/// The iteration ends when a step is shorter than this, metres.
 const CONVERGED_M: f64 = 1.0e-4;
 /// The longest step, metres.
 const STEP_LIMIT_M: f64 = 5.0;
-/// A dilution beyond this leaves the position undetermined, metres of position per metre.
+/// A dilution of precision beyond this leaves the position undetermined, metres of position per metre.
 const WORST_DILUTION: f64 = 1.0e3;
-/// Sums of magnitudes beyond this are no measurement, metres.
+/// A sum of magnitudes beyond this is not a valid measurement, metres.
 const FARTHEST_M: f64 = 1.0e5;
 
-/// The position that explains differences to one reference anchor, whose arrival has the deviation `reference_sigma`. With a
-/// `height` only x and y are sought. `start` is where the search begins: the middle of the anchors, where nothing better is known.
+/// The position that explains differences to one reference anchor, whose arrival has the deviation `reference_sigma`.
+/// With a `height` only x and y are computed. `start` is the start of the search: the middle of the anchors, if no
+/// better position is known.
 ///
 /// # Errors
-/// See [`SolveError`]: fewer differences than coordinates, or anchors that do not determine the position.
+/// There are fewer differences than coordinates, or the anchors do not determine the position; see [`SolveError`].
 pub fn hyperbolic<T: Real>(
     samples: &[TdoaSample<T>],
     reference: [T; 3],
@@ -88,7 +89,7 @@ pub fn hyperbolic<T: Real>(
     problem.conclude(position, &here)
 }
 
-/// The differences, and what is known of the reference.
+/// The differences, and the data of the reference anchor.
 struct Problem<'a, T> {
     samples: &'a [TdoaSample<T>],
     reference: [T; 3],
@@ -170,7 +171,7 @@ impl<T: Real> Model<T> {
     }
 }
 
-/// The distance of two points, and the unit vector from the second to the first.
+/// The distance between two points, and the unit vector from the second to the first.
 fn sight<T: Real>(from: &[T; 3], to: &[T; 3]) -> (T, [T; 3]) {
     let across = sub(from, to);
     let distance = (dot(&across, &across) + T::of(1.0e-6)).sqrt();

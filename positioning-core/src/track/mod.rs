@@ -1,9 +1,11 @@
-//! Tracking: one filter over position, velocity and the errors that last, fed by whatever is measured, one number at a time.
+//! Tracking: one filter over position, velocity and the errors that last. It takes all kinds of measurements, one
+//! number at a time.
 //!
-//! `state` is what is tracked, `motion` what happens between measurements; `update` is the one way in which a measurement
-//! ([`crate::measurement`]) changes the track, and `filter` carries the track to a measurement's time and asks its gate. Around them
-//! stand `noise` (how far a measurement may err), `gate` (whether it can belong to the track) and `supervisor` (whether the track can
-//! be right at all). [`hyperbolic`] is the start from differences of arrival. The orchestrator is [`crate::engine`].
+//! `state` has the tracked states. `motion` predicts them between measurements. `update` is the one way in which a
+//! measurement ([`crate::measurement`]) changes the track. `filter` predicts the track to a measurement's time and
+//! checks its gate. `noise` has the variance of a measurement. `gate` decides whether a measurement can belong to the
+//! track. `supervisor` decides whether the track can be right at all. [`hyperbolic`] is the start from differences of
+//! arrival. The engine that calls them is [`crate::engine`].
 
 mod anchors;
 mod filter;

@@ -1,39 +1,40 @@
-//! How a tag moves between measurements.
+//! The motion of a tag between measurements.
 
 use super::state::State;
 use crate::Real;
 
-/// A model of motion. Densities are those of white noise: an acceleration of density √q leaves a velocity with the variance
-/// q Δt, and a position with q Δt³ ⁄ 3.
+/// A model of motion. Densities are those of white noise: an acceleration of density √q gives a velocity with the
+/// variance q Δt, and a position with q Δt³ ⁄ 3.
 ///
-/// V. Barral et al. (2019, equation 12) take an acceleration constant between two measurements instead, which makes the track
-/// depend on how often somebody measures.
+/// V. Barral et al. (2019, equation 12) take an acceleration that is constant between two measurements instead. The
+/// track then depends on the rate of the measurements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Motion<T> {
-    /// It lies still but for a slow wandering.
+    /// The tag is at rest, except for a slow drift.
     Static {
-        /// Metres in a second.
+        /// The drift, metres in one second (standard deviation; it grows with the square root of time).
         wander: T,
     },
-    /// It goes on as it goes.
+    /// The tag keeps its velocity.
     ConstantVelocity {
-        /// Root of the acceleration's density, m/s² in √Hz.
+        /// Root of the acceleration's density, m/s² per √Hz.
         acceleration: T,
     },
-    /// It goes on as it goes; the acceleration is `calm` while measurements are where they are expected, and grows to `brisk` as
-    /// they are not.
+    /// The tag keeps its velocity. The acceleration is `calm` while measurements agree with the prediction, and grows
+    /// to `brisk` if they do not.
     Adaptive {
-        /// Least root of the acceleration's density, m/s² in √Hz.
+        /// Least root of the acceleration's density, m/s² per √Hz.
         calm: T,
-        /// Greatest root of the acceleration's density, m/s² in √Hz.
+        /// Greatest root of the acceleration's density, m/s² per √Hz.
         brisk: T,
     },
 }
 
-/// The mean normalised squared innovation at which an adaptive motion begins to grow, and at which it has grown.
+/// The mean normalised squared innovation at which the acceleration of an adaptive motion begins to grow, and at
+/// which it is greatest.
 const SURPRISE: (f64, f64) = (0.8, 2.0);
-/// How much of the mean an innovation is.
+/// The weight of a new innovation in the mean.
 const FRESH: f64 = 0.05;
 
 /// How well the motion explains the measurements.
@@ -41,12 +42,12 @@ const FRESH: f64 = 0.05;
 pub(crate) struct Surprise<T>(T);
 
 impl<T: Real> Surprise<T> {
-    /// Nothing seen.
+    /// No innovation yet.
     pub(crate) fn none() -> Self {
         Self(T::ZERO)
     }
 
-    /// One squared innovation over its variance.
+    /// Adds one squared innovation, divided by its variance.
     pub(crate) fn add(&mut self, normalised: T) {
         self.0 += T::of(FRESH) * (normalised.at_most(T::of(9.0)) - self.0);
     }
@@ -61,7 +62,7 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// Moves the track on by `dt` seconds; without a height (`flat`) along x and y alone.
+    /// Predicts the track by `dt` seconds; without a height (`flat`) along x and y alone.
     pub(crate) fn advance(&self, state: &mut State<T>, dt: T, surprise: Surprise<T>, flat: bool) {
         let upright = |density: T| [density, density, if flat { T::ZERO } else { density }];
         match *self {

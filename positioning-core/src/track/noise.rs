@@ -1,38 +1,40 @@
-//! How far a range may err: by the white noise of one reception, and by the error of its link, which stays.
+//! The errors of a range: the white noise of one reception, and the error of its link, which lasts.
 //!
-//! Both grow with the probability that the link is without line of sight, sigma² = sigma_los² + p · sigma_nlos², and nothing is ever
-//! thrown away by that; a link of which nobody says anything has the doubt of its kind. They also grow where a link shows more noise
-//! than that: where two paths are alike strong, the first of them is found in some frames and missed in others, and such a
-//! link's mean is as doubtful as its single ranges. It needs no diagnostics to see that.
+//! Both grow with the probability that the link is without line of sight, sigma² = sigma_los² + p · sigma_nlos². No
+//! range is rejected for that. A link without a known probability has the uncertainty of its kind. Both also grow
+//! where a link shows more noise than expected. Where two paths are equally strong, the first one is detected in some
+//! frames and missed in others. The mean of such a link is as uncertain as its single ranges. No diagnostics are
+//! needed to detect this.
 
 use crate::Real;
 use crate::nlos::PowerDifference;
 
-/// How the received power less that of the first path becomes a doubt about a range; see [`Noise::by_powers`]. Far gentler than the
-/// chip maker's rule, which is after blocked paths: the squared errors of recorded ranges grow about evenly from 3 dB to 16 dB.
+/// How the received power minus that of the first path is converted to an uncertainty of a range; see
+/// [`Noise::by_powers`]. It is much less steep than the chip maker's rule, which is for blocked paths: the squared
+/// errors of recorded ranges grow about evenly from 3 dB to 16 dB.
 pub const POWER_DIFFERENCE_PRIOR: PowerDifference = PowerDifference { middle_db: 10.0, slope: 0.3 };
 
 /// What to do with the probability that a link is without line of sight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Blocked<T> {
-    /// Nothing: all ranges alike (V. Barral et al. 2019, "no ignore").
+    /// It has no effect: all ranges are treated alike (V. Barral et al. 2019, "no ignore").
     Alike,
-    /// Ranges that are rather blocked than not are left out (Barral et al. 2019, "ignore NLOS"), but of each round so many of the
-    /// least blocked are kept ("at least four anchors"; 0 keeps none).
+    /// Ranges that are probably blocked are left out (Barral et al. 2019, "ignore NLOS"). A minimum number of the
+    /// least blocked ranges is kept per round ("at least four anchors"; 0 keeps none).
     Ignore {
-        /// From this probability on a range is left out.
+        /// A range with at least this probability is left out.
         threshold: T,
-        /// As few ranges as a round keeps.
+        /// The least number of ranges that a round keeps.
         at_least: u8,
     },
-    /// Two variances in m², whatever the ranges say of themselves (E. García et al., 0.5 and 3).
+    /// Two variances in m², independent of the ranges' own deviations (E. García et al., 0.5 and 3).
     TwoVariances {
-        /// From this probability on a range is blocked.
+        /// A range with at least this probability is blocked.
         threshold: T,
-        /// Of a direct range, m².
+        /// The variance of a direct range, m².
         direct_m2: T,
-        /// Of a blocked range, m².
+        /// The variance of a blocked range, m².
         blocked_m2: T,
     },
     /// The variance grows with the probability.
@@ -50,35 +52,36 @@ impl<T: Real> Blocked<T> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Noise<T> {
-    /// Deviation of the error common to all ranges, metres; 0 where it is calibrated to nothing.
+    /// Deviation of the error common to all ranges, metres; 0 where it is calibrated.
     pub common_sigma: T,
     /// Deviation of the error of a link in line of sight, metres; 0 makes all errors white.
     pub link_sigma: T,
-    /// What a link without line of sight adds to that, metres.
+    /// The additional deviation of the error of a link without line of sight, metres.
     pub blocked_link_sigma: T,
-    /// What a link adds of which nobody says how likely it is without line of sight, metres.
+    /// The additional deviation of a link whose probability of being without line of sight is not known, metres.
     pub unasked_link_sigma: T,
-    /// What a link without line of sight adds to the noise of one range, metres.
+    /// The additional deviation of the noise of one range without line of sight, metres.
     pub blocked_noise_sigma: T,
-    /// How much of the variance that a link's ranges show beyond what is expected of them is taken to be variance of its error.
+    /// The share of the unexpected variance of a link's ranges that counts as variance of the link's error.
     pub noise_to_link: T,
-    /// How much of a link's measured noise a new range makes up, 0 to 1; 0 believes the deviation that comes with the range.
+    /// The weight of a new range in a link's measured noise, 0 to 1. With 0, the deviation given with the range is
+    /// used.
     pub learning: T,
-    /// After so many seconds two thirds of a link's error are others.
+    /// The time after which two thirds of a link's error have changed, seconds.
     pub link_seconds: T,
-    /// After so many metres of way two thirds of a link's error are others.
+    /// The distance after which two thirds of a link's error have changed, metres.
     pub link_metres: T,
-    /// After so many seconds two thirds of the error of a beacon's level are others: people move.
+    /// The time after which two thirds of the error of a position by beacons have changed, seconds: people move.
     pub beacon_seconds: T,
-    /// After so many metres of way two thirds of the error of a beacon's level are others: shadows end.
+    /// The distance after which two thirds of the error of a position by beacons have changed, metres: shadows end.
     pub beacon_metres: T,
-    /// Innovations have Student's distribution with so many degrees of freedom; 0: a Gaussian one.
+    /// The degrees of freedom of the Student's distribution of innovations; 0: a Gaussian distribution.
     pub degrees: T,
 }
 
 impl<T: Real> Noise<T> {
-    /// What fits a DW1000 indoors, with a probability that a link is without line of sight: tuned on one recording and checked on
-    /// others (`docs/performance.md`).
+    /// The noise of a DW1000 indoors, with a probability that a link is without line of sight. It was tuned on one
+    /// recording and checked on others (`docs/performance.md`).
     pub fn indoors() -> Self {
         Self {
             common_sigma: T::of(0.12),
@@ -96,8 +99,9 @@ impl<T: Real> Noise<T> {
         }
     }
 
-    /// The same with the probability of [`POWER_DIFFERENCE_PRIOR`], which powers alone give: not that the path is blocked, but that the range
-    /// may be off. A weak first path beside a strong rest is found early or late by a decimetre or two.
+    /// The same with the probability of [`POWER_DIFFERENCE_PRIOR`], which powers alone give. It is not the
+    /// probability that the path is blocked, but that the range has an error. A weak first path before a strong rest
+    /// is detected early or late by a decimetre or two.
     pub fn by_powers() -> Self {
         Self {
             link_sigma: T::of(0.055),
@@ -108,13 +112,14 @@ impl<T: Real> Noise<T> {
         }
     }
 
-    /// The same with the probability of a trained classifier that the link is blocked (`nlos::NlosDetector`). A wall adds half a metre now and
-    /// then; so much is not believed of it, because classifiers err, and a track with few links left errs more.
+    /// The same with the probability of a trained classifier that the link is blocked (`nlos::NlosDetector`). A wall
+    /// sometimes adds half a metre. The variance here is smaller, because classifiers err, and a track with few links
+    /// left errs more.
     pub fn by_model() -> Self {
         Self { blocked_link_sigma: T::of(0.2), ..Self::by_powers() }
     }
 
-    /// White noise alone, as the textbook has it.
+    /// White noise alone, as in the textbook.
     pub fn white() -> Self {
         Self {
             common_sigma: T::ZERO,
@@ -134,7 +139,8 @@ impl<T: Real> Noise<T> {
 }
 
 impl<T: Real> Noise<T> {
-    /// The variance of a link's error, m²; `blocked` is the probability that it is without line of sight, where somebody knows.
+    /// The variance of a link's error, m²; `blocked` is the probability that the link is without line of sight, if it
+    /// is known.
     #[inline(always)]
     pub(crate) fn link_variance(&self, blocked: Option<T>) -> T {
         let more = match blocked {
@@ -144,45 +150,45 @@ impl<T: Real> Noise<T> {
         self.link_sigma.squared() + more
     }
 
-    /// The variance of one range's noise, m², which is `own` in line of sight.
+    /// The variance of one range's noise, m²; `own` is that in line of sight.
     #[inline(always)]
     pub(crate) fn noise_variance(&self, own: T, blocked: Option<T>) -> T {
         own + blocked.map_or(T::ZERO, |blocked| blocked * self.blocked_noise_sigma.squared())
     }
 }
 
-/// The noise that a link has shown.
+/// The observed noise of a link.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ObservedNoise<T> {
     variance: T,
 }
 
-/// What becomes of one range.
+/// The variances of one range.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Variances<T> {
-    /// Of the reception, m².
+    /// Of the reception's noise, m².
     pub(crate) white: T,
     /// Of the link's error, m².
     pub(crate) link: T,
 }
 
 impl<T: Real> ObservedNoise<T> {
-    /// Nothing yet.
+    /// No noise observed yet.
     pub(crate) fn nothing() -> Self {
         Self { variance: T::ZERO }
     }
 
-    /// The variances of a range that says of itself that its variance is `own`, blocked with probability `blocked`.
+    /// The variances of a range that comes with the variance `own`, blocked with probability `blocked`.
     pub(crate) fn variances(&self, noise: &Noise<T>, own: T, blocked: Option<T>) -> Variances<T> {
         let link = noise.link_variance(blocked);
         let white = noise.noise_variance(own, blocked);
         let more = (self.variance - white).at_least(T::ZERO);
-        // Innovations scatter, and have tails: twice the expected is still no sign of a second path.
+        // Innovations scatter, and have tails: up to twice the expected variance is not a sign of a second path.
         let unlikely = (self.variance - T::of(2.0) * white).at_least(T::ZERO);
         Variances { white: white + more, link: link + noise.noise_to_link * unlikely }
     }
 
-    /// Learns from an innovation of variance `s`, of which `predicted` is the track's own uncertainty.
+    /// Learns from an innovation of variance `s`; `predicted` is the part of the track's own uncertainty.
     pub(crate) fn learn(&mut self, noise: &Noise<T>, innovation: T, predicted: T, s: T) {
         let seen = innovation.squared().at_most(T::of(9.0) * s) - predicted;
         self.variance += noise.learning * (seen.at_least(T::ZERO) - self.variance);
@@ -201,7 +207,7 @@ mod tests {
         // Half blocked: 0.03² + 0.5 · 0.2² = 0.0209, and 0.1² + 0.5 · 0.4² = 0.09.
         let half = shown.variances(&noise, 0.0009, Some(0.5));
         assert!((half.white - 0.0209).abs() < 1e-12 && (half.link - 0.09).abs() < 1e-12, "{half:?}");
-        // Nobody knows: 0.03², and 0.1² + 0.2² = 0.05.
+        // Unknown probability: 0.03², and 0.1² + 0.2² = 0.05.
         let unasked = shown.variances(&Noise { unasked_link_sigma: 0.2, ..noise }, 0.0009, None);
         assert!((unasked.white - 0.0009).abs() < 1e-12 && (unasked.link - 0.05).abs() < 1e-12, "{unasked:?}");
     }
@@ -215,7 +221,7 @@ mod tests {
             shown.learn(&noise, innovation, 0.0, 0.09);
         }
         let shown = shown.variances(&noise, 0.0009, Some(0.0));
-        // 0.1² and five times what is more than twice 0.03².
+        // 0.1² plus five times the part of the variance that exceeds twice 0.03².
         assert!((shown.white - 0.09).abs() < 1e-4 && (shown.link - 0.451).abs() < 1e-2, "{shown:?}");
     }
 }

@@ -1,38 +1,40 @@
-//! What a track is about: position, velocity, and the errors of ranges that outlast one range, with their joint covariance.
+//! The states of a track: position, velocity, and the errors of ranges that last longer than one range, with their
+//! joint covariance.
 //!
-//! The errors are states because they are what keeps a deviation honest: the multipath of one link stays for seconds, so
-//! a thousand ranges to an anchor are worth little more than one, and only a covariance that knows the link's error as one thing
-//! says so. A link's error changes the track of nothing else while nobody measures that link, so it is carried forward only
-//! when it is measured ([`State::renew`]); that is exact, and saves most of the work.
+//! The lasting errors are states because otherwise the deviation would be too small. The multipath of one link stays
+//! for seconds, so a thousand ranges to an anchor contain little more information than one. Only a covariance with
+//! the link's error as a state shows that. A link's error changes no other part of the track while that link is not
+//! measured. It is therefore predicted only when it is measured ([`State::renew`]). That is exact, and saves most of
+//! the work.
 
 use crate::{MAX_ANCHORS, Real};
 
-/// Place of the position's first coordinate, metres.
+/// Index of the position's first coordinate, metres.
 pub(crate) const POSITION: usize = 0;
-/// Place of the velocity's first coordinate, metres a second.
+/// Index of the velocity's first coordinate, metres per second.
 pub(crate) const VELOCITY: usize = 3;
-/// The error common to all ranges, metres: what is left of the tag's antenna delay.
+/// The error common to all ranges, metres: the remaining error of the tag's antenna delay.
 pub(crate) const COMMON: usize = 6;
-/// Place of the first link's error, metres.
+/// Index of the first link's error, metres.
 pub(crate) const LINKS: usize = 7;
-/// The error of one reception of the reference anchor, which all differences to it share, metres. Last, so that a track without
-/// differences does not carry it.
+/// The error of one reception of the reference anchor, which all differences to it share, metres. It is last, so that
+/// a track without differences does not process it.
 pub(crate) const REFERENCE: usize = LINKS + MAX_ANCHORS;
-/// All states.
+/// The number of states.
 pub(crate) const STATES: usize = REFERENCE + 1;
 
-/// Rows are as long as the next multiple of this, so that loops over them have no loose ends; what is beyond the diagonal
-/// means nothing.
+/// Each row is padded to the next multiple of this, so that loops over a row have no remainder. Elements beyond the
+/// diagonal have no meaning.
 const CHUNK: usize = 4;
 const PACKED: usize = row(STATES);
 
-/// Where row `row` of the packed lower triangle begins: four rows of one chunk, four of two, and so on.
+/// The start of row `row` of the packed lower triangle: four rows of one chunk, four of two, and so on.
 const fn row(row: usize) -> usize {
     let whole = row / CHUNK;
     CHUNK * (whole + 1) * (CHUNK * whole / 2 + row % CHUNK)
 }
 
-/// [`row`] of every row.
+/// [`row`] for every row.
 static ROWS: [usize; STATES] = {
     let mut rows = [0; STATES];
     let mut r = 0;
@@ -46,16 +48,16 @@ static ROWS: [usize; STATES] = {
 /// Mean and covariance of all states.
 #[derive(Clone, Debug)]
 pub(crate) struct State<T> {
-    /// By the places above.
+    /// The means, by the indices above.
     pub(crate) mean: [T; STATES],
-    /// The covariance's lower triangle, row by row: symmetric because there is no other half.
+    /// The covariance's lower triangle, row by row. It is symmetric because there is no other half.
     packed: [T; PACKED],
-    /// States from here on are not in use.
+    /// States from this index on are not in use.
     live: usize,
 }
 
 impl<T: Real> State<T> {
-    /// Everything known to be zero.
+    /// All states are zero without uncertainty.
     pub(crate) fn new() -> Self {
         Self { mean: [T::ZERO; STATES], packed: [T::ZERO; PACKED], live: LINKS }
     }
@@ -71,7 +73,7 @@ impl<T: Real> State<T> {
         [self.mean[POSITION], self.mean[POSITION + 1], self.mean[POSITION + 2]]
     }
 
-    /// The velocity, metres a second.
+    /// The velocity, metres per second.
     pub(crate) fn velocity(&self) -> [T; 3] {
         [self.mean[VELOCITY], self.mean[VELOCITY + 1], self.mean[VELOCITY + 2]]
     }
@@ -98,13 +100,13 @@ impl<T: Real> State<T> {
         }
     }
 
-    /// Forgets all about a state but its mean and its variance.
+    /// Resets a state to this mean and variance, without covariance with other states.
     pub(crate) fn reset(&mut self, state: usize, mean: T, variance: T) {
         if state >= STATES {
             return;
         }
         if state >= self.live {
-            // What lies there is of an earlier track.
+            // These elements are from an earlier track.
             self.packed[row(self.live)..row(state + 1)].fill(T::ZERO);
             self.mean[self.live..=state].fill(T::ZERO);
             self.live = state + 1;
@@ -114,7 +116,7 @@ impl<T: Real> State<T> {
         self.widen(state, variance);
     }
 
-    /// Forgets all links, and what was common to differences.
+    /// Resets all links, and the common error of differences.
     pub(crate) fn forget_links(&mut self) {
         self.live = LINKS;
     }
@@ -130,8 +132,8 @@ impl<T: Real> State<T> {
         }
     }
 
-    /// Carries a state that forgets itself forward: `kept` of it remains, and its variance goes to `variance` as `kept` goes to
-    /// zero (a Gauss-Markov process).
+    /// Predicts a state that forgets itself: the share `kept` of it remains, and its variance goes to `variance` as
+    /// `kept` goes to zero (a Gauss-Markov process).
     pub(crate) fn renew(&mut self, state: usize, kept: T, variance: T) {
         if state < STATES {
             self.scale(state, kept);
@@ -139,8 +141,8 @@ impl<T: Real> State<T> {
         }
     }
 
-    /// Moves the position on by the velocity for `dt` seconds, with an acceleration that is white noise of the given density
-    /// for each axis, m²/s³.
+    /// Moves the position by the velocity for `dt` seconds, with an acceleration that is white noise of the given
+    /// density for each axis, m²/s³.
     pub(crate) fn advance(&mut self, dt: T, density: [T; 3]) {
         for axis in 0..3 {
             self.mean[POSITION + axis] += dt * self.mean[VELOCITY + axis];
@@ -175,7 +177,7 @@ impl<T: Real> State<T> {
         }
     }
 
-    /// Writes the covariance with a point's distance along `slopes` to `sum`.
+    /// Writes to `sum` the covariance of all states with a point's distance along `slopes`.
     #[inline(always)]
     pub(crate) fn along_position(&self, sum: &mut [T; STATES], slopes: &[T; 3]) {
         let block = self.position_covariance();
@@ -207,7 +209,7 @@ impl<T: Real> State<T> {
         }
     }
 
-    /// Takes `share` times a rank-one matrix out of the covariance: P − c g gᵀ, where g is P hᵀ.
+    /// Subtracts `share` times a rank-one matrix from the covariance: P − c g gᵀ, where g is P hᵀ.
     #[inline(never)]
     pub(crate) fn absorb(&mut self, across: &[T; STATES], share: T) {
         let (chunks, _) = across.as_chunks::<CHUNK>();
@@ -229,22 +231,22 @@ impl<T: Real> State<T> {
         }
     }
 
-    /// Variances that rounding took below zero: such a state is known as well as numbers can tell, and nothing more can be learnt
-    /// of it by way of others.
+    /// Repairs variances that rounding took below zero. Such a state is known as well as the precision allows, and
+    /// measurements of other states cannot change it any more.
     #[inline(never)]
     fn repair(&mut self) {
         for state in 0..self.live {
             if !(self.packed[row(state) + state] >= T::ZERO) {
                 let mean = self.mean[state];
                 self.scale(state, T::ZERO);
-                // Not by scaling: what is not finite would stay so.
+                // Not by scaling: an element that is not finite would stay so.
                 self.packed[row(state)..=row(state) + state].fill(T::ZERO);
                 self.mean[state] = mean;
             }
         }
     }
 
-    /// Whether position and velocity are finite: whatever else is not has reached them.
+    /// Whether position and velocity are finite: any other state that is not finite has reached them.
     pub(crate) fn is_finite(&self) -> bool {
         self.mean.iter().take(COMMON).fold(T::ZERO, |sum, mean| sum + mean.abs()).is_finite()
     }
@@ -255,7 +257,7 @@ impl<T: Real> State<T> {
     }
 }
 
-// Chunks reach over the whole of a vector of states.
+// Chunks cover the whole of a vector of states.
 const _: () = assert!(STATES.is_multiple_of(CHUNK));
 
 #[cfg(test)]
@@ -275,7 +277,8 @@ mod tests {
         state.reset(POSITION, 1.0, 0.04);
         state.reset(VELOCITY, 0.5, 0.09);
         state.advance(2.0, [0.3, 0.0, 0.0]);
-        // Mean 1 + 2 · 0.5. Position 0.04 + 2² · 0.09 + 0.3 · 2³ ⁄ 3 = 1.2; both 2 · 0.09 + 0.3 · 2² ⁄ 2 = 0.78; velocity 0.09 + 0.6.
+        // Mean 1 + 2 · 0.5. Position 0.04 + 2² · 0.09 + 0.3 · 2³ ⁄ 3 = 1.2; both 2 · 0.09 + 0.3 · 2² ⁄ 2 = 0.78;
+        // velocity 0.09 + 0.6.
         assert!((state.mean[POSITION] - 2.0).abs() < 1e-12);
         for (one, other, expected) in [(0, 0, 1.2), (0, 3, 0.78), (3, 3, 0.69)] {
             assert!((state.covariance(one, other) - expected).abs() < 1e-12, "{one} {other}");

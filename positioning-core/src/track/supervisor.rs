@@ -1,20 +1,21 @@
-//! Whether the track can be right at all: where its own gates refuse much of a round, and from time to time anyway, the round is solved
-//! without the track, and a track that goes on contradicting such positions is given up.
+//! The supervisor checks whether the track can be right at all. If the track's gates refuse much of a round, and from
+//! time to time in any case, the round is solved without the track. A track that repeatedly contradicts such
+//! positions is given up.
 
 use crate::{Fix, Real};
 
-/// A round of which at least this share is refused is looked into: a third.
+/// A round is checked if at least this share of it is refused: a third.
 const REFUSED_THIRDS: u32 = 3;
-/// Every so many rounds one is looked into in any case.
+/// One round in this number is checked in any case.
 const AUDIT: u8 = 64;
-/// So many contradictions in a row end a track.
+/// The number of contradictions in a row that end a track.
 const STRIKES: u8 = 3;
-/// A position that is off by so many joint deviations contradicts.
+/// The distance of a position, in joint deviations, that is a contradiction.
 const CONTRADICTION: f64 = 4.0;
-/// No distance under this is a contradiction, metres.
+/// A smaller distance is never a contradiction, metres.
 const AGREEMENT_M: f64 = 0.5;
 
-/// The watch over one track.
+/// The supervisor of one track.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Supervisor {
     taken: u32,
@@ -33,7 +34,7 @@ impl Supervisor {
         }
     }
 
-    /// At the end of a round: whether it should be solved without the track.
+    /// Ends a round. Returns whether the round should be solved without the track.
     pub(crate) fn doubts(&mut self) -> bool {
         let (taken, refused) = (core::mem::take(&mut self.taken), core::mem::take(&mut self.refused));
         self.rounds = self.rounds.wrapping_add(1);
@@ -44,7 +45,7 @@ impl Supervisor {
         true
     }
 
-    /// Compares the track with a round's own position; whether the track is to be given up.
+    /// Compares the track with a round's own position. Returns whether the track is to be given up.
     pub(crate) fn rejects<T: Real>(&mut self, position: [T; 3], covariance: &[[T; 3]; 3], fix: &Fix<T, 3>) -> bool {
         let (mut square, mut variance) = (T::ZERO, T::ZERO);
         for axis in 0..3 {

@@ -1,41 +1,45 @@
-//! The one way in which a measurement changes the track: the update of an (iterated) extended Kalman filter, one number at a
-//! time (V. Barral et al., Sensors 19, 2019, equation 15, for one range; measurements that share an error share a state).
+//! The one way in which a measurement changes the track: the update of an (iterated) extended Kalman filter, one
+//! number at a time (V. Barral et al., Sensors 19, 2019, equation 15, for one range; measurements that share an error
+//! share a state).
 //!
-//! The covariance follows Joseph's form (I − K h) P (I − K h)ᵀ + r K Kᵀ. Its short brother (I − K h) P is right for the best gain only: a
-//! gain that is off by a rounding error δ makes it wrong by δ, and after thousands of ranges in `f32` it is no covariance any
-//! more; Joseph's form is wrong by s δ δᵀ, which is second order and never negative. For one number, with g = P hᵀ, s = h g + r and
-//! the gain K = κ g, where κ is 1 ⁄ s as far as numbers go, it multiplies out to P − κ (2 − s κ) g gᵀ: symmetric, of rank one, and one
-//! product an element. A factored form (U D Uᵀ) would keep more digits, but its prediction, and the forgetting of a link, cost a
-//! third power of the number of states; the digits are not needed, since no measurement counts as better than a centimetre.
+//! The covariance uses Joseph's form (I − K h) P (I − K h)ᵀ + r K Kᵀ. The short form (I − K h) P is right for the
+//! optimal gain only: a gain with a rounding error δ makes it wrong by δ. After thousands of ranges in `f32` it is no
+//! longer a covariance. Joseph's form is wrong by s δ δᵀ, which is second order and never negative.
+//!
+//! For one number, with g = P hᵀ, s = h g + r and the gain K = κ g, where κ is 1 ⁄ s apart from rounding, it
+//! multiplies out to P − κ (2 − s κ) g gᵀ. This is symmetric, of rank one, and costs one product per element.
+//!
+//! A factored form (U D Uᵀ) would keep more digits. But its prediction, and the forgetting of a link, cost a third
+//! power of the number of states. The digits are not needed, since no measurement counts as better than a centimetre.
 
 use super::state::{POSITION, STATES, State};
 use crate::Real;
 
-/// How a measurement depends on the states, near one of them.
+/// The dependence of a measurement on the states, linearised at a mean.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Linearised<T> {
-    /// The measured number less the expected one, in the measurement's unit.
+    /// The measured number minus the expected one, in the measurement's unit.
     pub(crate) innovation: T,
     /// Its derivative by the position.
     pub(crate) position: [T; 3],
-    /// Derivatives by other states: which, and how much. A zero is no dependence.
+    /// Derivatives by other states: the state's index, and the derivative. Zero means no dependence.
     pub(crate) others: [(usize, T); 3],
-    /// About how much the derivative by the position changes over a metre.
+    /// The approximate change of the derivative by the position over a metre.
     pub(crate) curvature: T,
 }
 
-/// One number that was measured.
+/// The model of one measured number.
 pub(crate) trait Model<T> {
-    /// How it depends on the states at `mean`.
+    /// Linearises the model at `mean`.
     fn linearise(&self, mean: &[T; STATES]) -> Linearised<T>;
 }
 
-/// A measurement against the track, before the track changes.
+/// A measurement compared with the track, before the track changes.
 #[derive(Clone, Debug)]
 pub(crate) struct Innovation<T> {
-    /// The measured number less the expected one.
+    /// The measured number minus the expected one.
     pub(crate) value: T,
-    /// The variance that the track's own uncertainty gives it.
+    /// Its variance by the track's own uncertainty.
     pub(crate) predicted: T,
     linearised: Linearised<T>,
     /// P hᵀ.
@@ -43,7 +47,7 @@ pub(crate) struct Innovation<T> {
 }
 
 impl<T: Real> Innovation<T> {
-    /// Compares.
+    /// Compares a measurement with the track.
     #[inline(always)]
     pub(crate) fn of(state: &State<T>, model: &impl Model<T>) -> Self {
         Self::at(state, model.linearise(&state.mean))
@@ -63,12 +67,14 @@ impl<T: Real> Innovation<T> {
         innovation
     }
 
-    /// Takes this out of the covariance; `s` is the innovation's variance, and `inverse` 1 ⁄ s.
+    /// Subtracts this measurement's information from the covariance; `s` is the innovation's variance, and `inverse`
+    /// 1 ⁄ s.
     fn absorb(&self, state: &mut State<T>, s: T, inverse: T) {
         state.absorb(&self.across, inverse * (T::of(2.0) - s * inverse));
     }
 
-    /// Whether a step of `scale` times [`across`](Self::across) goes so far that the measurement is no longer straight along it.
+    /// Whether a step of `scale` times [`across`](Self::across) is so long that the measurement is not linear along
+    /// it.
     fn bends(&self, scale: T, variance: T) -> bool {
         let [x, y, z, ..] = self.across;
         self.is_bent((x.squared() + y.squared() + z.squared()) * scale.squared(), variance)
@@ -94,11 +100,11 @@ impl<T: Real> Linearised<T> {
     }
 }
 
-/// A step whose neglected curvature is less than this part of the measurement's deviation is not repeated.
+/// A step is not repeated if its neglected curvature is less than this part of the measurement's deviation.
 const NEGLIGIBLE: f64 = 0.1;
 
-/// Takes a measurement of the given variance into the track. `iterations` over one make it the iterated filter: the measurement
-/// is linearised again where the last step arrived, as long as that matters.
+/// Takes a measurement of the given variance into the track. With `iterations` above one it is the iterated filter:
+/// the measurement is linearised again at the result of the last step, as long as that makes a difference.
 #[inline(always)]
 pub(crate) fn update<T: Real>(
     state: &mut State<T>,
@@ -172,7 +178,7 @@ mod tests {
 
     #[test]
     fn the_iterated_update_ends_at_the_likeliest_state_and_a_single_one_does_not() {
-        // A range of 1 m to an anchor 0.5 m away, to a tag known to 0.5 m: the step is as long as the distance.
+        // A range of 1 m to an anchor 0.5 m away; the tag is known to 0.5 m. The step is as long as the distance.
         let model = Distance { to: [0.0, 0.0, 0.0], metres: 1.0, link: LINKS };
         let variance = 0.0025;
         let start = || {
@@ -181,7 +187,7 @@ mod tests {
             state.reset(1, 0.4, 0.04);
             state
         };
-        // Half of the negative log posterior, minimised by hand of a grid that shrinks.
+        // Half of the negative log posterior, minimised with a grid that shrinks.
         let cost = |x: f64, y: f64| {
             (x - 0.3).powi(2) / 0.25 + (y - 0.4).powi(2) / 0.04 + (1.0 - x.hypot(y)).powi(2) / variance
         };

@@ -1,4 +1,5 @@
-//! Tracks that are as uncertain as they say: squared errors in units of the covariance, over many simulated tags.
+//! Tests that the errors of tracks agree with their covariance: squared errors in units of the covariance, over many
+//! simulated tags.
 
 use positioning_core::engine::{Engine, Measurement, Range, Settings};
 use positioning_core::{Blocked, Motion, Noise};
@@ -11,16 +12,17 @@ use crate::support::{normal, rng};
 /// Seconds between two rounds.
 const ROUND_S: f64 = 1.0e-6 * ROUND_US as f64;
 
-/// 200 errors of two coordinates: chi-squared of 400 degrees of freedom, whose 2.5 and 97.5 % points are 346.5 and 457.3 (Wilson and
-/// Hilferty: 400 (1 − 2⁄3600 ± 1.96 √(2⁄3600))³), over 200.
+/// 200 errors of two coordinates: chi-squared of 400 degrees of freedom, whose 2.5 and 97.5 % points are 346.5 and
+/// 457.3 (Wilson and Hilferty: 400 (1 − 2⁄3600 ± 1.96 √(2⁄3600))³), over 200.
 const BAND: std::ops::RangeInclusive<f64> = 1.73..=2.29;
 const TAGS: usize = 200;
 
-/// Squared errors in units of the covariance, a tag each.
+/// Squared errors in units of the covariance, one per tag.
 struct Errors(Vec<f64>);
 
 impl Errors {
-    /// Of the last round of `rounds` to each of many tags; `track` makes one and gives its ranges round by round.
+    /// The errors after the last of `rounds` rounds of each of many tags; `track` makes one and gives its ranges
+    /// round by round.
     fn of(settings: Settings<f32>, rounds: u64, seed: u64, mut tag: impl FnMut(&mut Pcg64) -> Tag) -> Self {
         let mut rng = rng(seed);
         let mut squares = Vec::new();
@@ -55,14 +57,15 @@ impl Errors {
     }
 }
 
-/// A tag and the errors of its links, as the settings believe them to be.
+/// A tag and the errors of its links, which follow the settings.
 struct Tag {
     noise: Noise<f32>,
     at: [f64; 2],
     velocity: [f64; 2],
-    /// Root of the acceleration's density, m/s² in √Hz.
+    /// Root of the acceleration's density, m/s² per √Hz.
     acceleration: f64,
-    /// How much of the velocity is gone after a second, and of the way from the middle of the room turns into acceleration.
+    /// The share of the velocity that is lost in a second, and the share of the distance from the middle of the room
+    /// that becomes acceleration.
     homing: f64,
     common: f64,
     links: [f64; 8],
@@ -87,10 +90,10 @@ impl Tag {
         (f64::from(self.noise.link_sigma).powi(2) + more).sqrt()
     }
 
-    /// Goes on to the next round; its links' errors forget with time and way.
+    /// Moves on to the next round. Its links' errors change with time and distance.
     fn walk(&mut self, rng: &mut Pcg64) {
         for axis in 0..2 {
-            // White acceleration over dt: velocity √(q dt), and of the position what is left beside half of that.
+            // White acceleration over dt: velocity √(q dt), and for the position the remainder beside half of that.
             let back = self.homing * (self.velocity[axis] + self.at[axis] - [5.0, 4.0][axis]);
             let kick = self.acceleration * ROUND_S.sqrt() * normal(rng) - ROUND_S * back;
             let aside = self.acceleration * (ROUND_S.powi(3) / 12.0).sqrt() * normal(rng);
@@ -109,7 +112,8 @@ impl Tag {
     fn range(&self, anchor: usize, rng: &mut Pcg64) -> Measurement<f32> {
         let p = f64::from(self.blocked[anchor].unwrap_or(0.0));
         let sigma = (0.03_f64.powi(2) + p * f64::from(self.noise.blocked_noise_sigma).powi(2)).sqrt();
-        // Student's distribution with a whole number of degrees: a normal number over the root of a mean of squares.
+        // Student's distribution with a whole number of degrees: a normal number divided by the root of a mean of
+        // squares.
         let degrees = self.noise.degrees as usize;
         let squares: f64 = (0..degrees).map(|_| normal(rng).powi(2)).sum();
         let spread = if degrees == 0 { 1.0 } else { (squares / degrees as f64).sqrt() };
@@ -140,12 +144,12 @@ fn a_filter_that_knows_of_lasting_errors_errs_as_much_as_it_says() {
     let tag = |rng: &mut Pcg64| Tag::new(noise, 0.3, 0.0, [None; 8], rng);
     let right = Errors::of(settings, 60, 12, tag).mean();
     assert!(BAND.contains(&right), "{right}");
-    // Without such states the same ranges would be believed far too well.
+    // Without such states the uncertainty from the same ranges would be far too small.
     let wrong = Errors::of(settings.with_noise(Noise::white()), 60, 12, tag).mean();
     assert!(wrong > 10.0, "{wrong}");
 }
 
-/// The settings of a tag, all of them: adaptive motion and noise, gates, supervisor.
+/// All settings of a tag: adaptive motion and noise, gates, supervisor.
 #[test]
 fn the_settings_of_a_tag_err_as_much_as_they_say() {
     let noise = Noise::<f32>::by_powers();
@@ -153,7 +157,7 @@ fn the_settings_of_a_tag_err_as_much_as_they_say() {
     for (way, acceleration, homing) in [("lies", 0.0, 0.0), ("strolls", 0.3, 0.25), ("walks", 0.8, 0.25)] {
         for (rounds, asked) in [(20, true), (60, true), (150, true), (60, false)] {
             let errors = Errors::of(settings, rounds, 13, |rng| {
-                // Most links are direct, some are doubtful.
+                // Most links are direct, some have a higher probability of being blocked.
                 let blocked = core::array::from_fn(|_| asked.then(|| rng.random::<f32>().powi(3)));
                 Tag::new(noise, acceleration, homing, blocked, rng)
             });

@@ -1,4 +1,4 @@
-//! The engine as its callers see it: gates that reopen, restarts, and hostile input.
+//! The engine as its callers use it: gates that reopen, restarts, and hostile input.
 
 use nalgebra::Matrix3;
 use positioning_core::engine::{
@@ -24,7 +24,7 @@ pub(crate) const ANCHORS: [[f64; 3]; 8] = [
 ];
 pub(crate) const HEIGHT: f64 = 1.2;
 pub(crate) const PLANE: Dimensions<f32> = Dimensions::Plane { height: HEIGHT as f32 };
-/// Between two rounds, microseconds.
+/// The time between two rounds, microseconds.
 pub(crate) const ROUND_US: u64 = 100_000;
 
 fn range(anchor: usize, distance: f64, blocked: Option<f32>) -> Measurement<f32> {
@@ -42,7 +42,7 @@ pub(crate) fn true_range(anchor: usize, tag: [f64; 2]) -> f64 {
     distance(&ANCHORS[anchor], &[tag[0], tag[1], HEIGHT])
 }
 
-/// One round of ranges, each changed by `error`, and its end; the horizontal error, metres.
+/// One round of ranges, each changed by `error`, and its end. Returns the horizontal error, metres.
 fn round(engine: &mut Engine<f32>, now_us: u64, tag: [f64; 2], mut error: impl FnMut(usize) -> f64) -> Option<f64> {
     for anchor in 0..ANCHORS.len() {
         engine.step(now_us, &range(anchor, true_range(anchor, tag) + error(anchor), None));
@@ -51,7 +51,7 @@ fn round(engine: &mut Engine<f32>, now_us: u64, tag: [f64; 2], mut error: impl F
     Some((f64::from(fix.position[0]) - tag[0]).hypot(f64::from(fix.position[1]) - tag[1]))
 }
 
-/// A tag that goes in a circle of 2.5 m at 1 m/s.
+/// A tag that moves in a circle of 2.5 m at 1 m/s.
 fn circle(now_us: u64) -> [f64; 2] {
     let angle = 1.0e-6 * now_us as f64 / 2.5;
     [5.0 + 2.5 * angle.cos(), 4.0 + 2.5 * angle.sin()]
@@ -127,7 +127,7 @@ fn ranges_that_are_shortened_alike_are_refused_for_ever_and_move_nothing() {
         let error = (f64::from(fix.position[0]) - tag[0]).hypot(f64::from(fix.position[1]) - tag[1]);
         assert!(error < 0.05, "round {k}: {error}");
     }
-    // The true range again is taken at once.
+    // The true range is accepted again at once.
     let output = engine.step(450 * ROUND_US, &range(2, true_range(2, tag), None));
     assert_eq!(output.verdict, Verdict::Used);
 }
@@ -221,7 +221,7 @@ fn blocked_ranges_are_ignored_unless_a_round_would_keep_too_few() {
         let mut used = 0;
         for k in 1..4 {
             for anchor in 0..ANCHORS.len() {
-                // Anchors 0, 2 and 4 are direct; of the others, 7 is the least blocked, and 6 the next.
+                // Anchors 0, 2 and 4 are direct. Of the others, 7 is the least blocked, and 6 the next.
                 let score = if [0, 2, 4].contains(&anchor) { 0.1 } else { 1.0 - 0.05 * anchor as f32 };
                 engine.step(k * ROUND_US, &range(anchor, true_range(anchor, [4.0, 3.0]), Some(score)));
             }
@@ -272,7 +272,7 @@ fn heights_and_positions_are_measurements_too() {
     assert!(fix.sigma()[2] < 0.03 && fix.sigma()[0] < first.sigma()[0]);
 }
 
-/// A tag that lies still.
+/// A tag at rest.
 fn lying(dimensions: Dimensions<f32>) -> Settings<f32> {
     let mut settings = Settings::track(dimensions);
     settings.filter.motion = Motion::Static { wander: 0.0 };
@@ -283,7 +283,7 @@ fn external(position_m: [f32; 3], covariance_m2: [[f32; 3]; 3]) -> Measurement<f
     Measurement::Position(ExternalPosition { position_m, covariance_m2 })
 }
 
-/// What a map of levels has a tag at.
+/// The tag's position by a map of RSSI values.
 fn located(covariance_m2: [f32; 3], lasting: f32) -> Measurement<f32> {
     Measurement::BeaconPosition(BeaconPosition { position_m: [4.0, 4.0], covariance_m2, lasting })
 }
@@ -297,7 +297,8 @@ fn a_position_of_a_map_starts_a_track_and_its_error_lasts() {
     assert_eq!(start.verdict, Verdict::Started(Start::First));
     assert_eq!(start.fix.expect("a track").position, [4.0, 4.0, 1.0]);
 
-    // Known within 3 m before; a thousand times 2 m that last are worth one, 2 · 3 ⁄ √13 = 1.664 m; of noise 2 ⁄ √1000 = 0.063 m.
+    // Known within 3 m before. A thousand values with a lasting error of 2 m count as one: 2 · 3 ⁄ √13 = 1.664 m.
+    // With noise: 2 ⁄ √1000 = 0.063 m.
     for (lasting, expected) in [(1.0, 1.664), (0.0, 0.063)] {
         let mut engine = Engine::new(settings());
         let covariance = [[9.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0; 3]];
@@ -409,7 +410,7 @@ fn whatever_comes_there_is_a_position_with_a_covariance_or_a_reason() {
                 assert!(finite && least >= -1e-5 * covariance.trace(), "{measurement:?} {fix:?} {least}");
             }
         }
-        // And it works on as if nothing had been.
+        // It then works as before.
         let begin = now.saturating_add(20_000_000).min(u64::MAX - 100 * ROUND_US);
         let mut error = None;
         for k in 0..20 {

@@ -1,4 +1,5 @@
-//! Input from a broken node, a bad file or an enemy: an answer or a reason, never a panic, never a position that is not one.
+//! Input from a broken node, a bad file or an attacker: the result is a valid position or a reason, and never a
+//! panic.
 
 use crate::support::{rng, room, samples};
 use positioning_core::{Area, Constraints, Fix, Method, RangeSample, Real, Side, SolveError, solve};
@@ -21,7 +22,7 @@ fn nasty<T: Real>(rng: &mut Pcg64) -> T {
     }
 }
 
-/// Mostly a plausible room with something wrong in it; sometimes nothing but wrong numbers.
+/// Mostly a plausible room with something wrong in it; sometimes only invalid numbers.
 fn case<T: Real, const D: usize>(rng: &mut Pcg64) -> (Vec<RangeSample<T, D>>, Constraints<T, D>) {
     let count = rng.random_range(0..=17);
     let (anchors, tag) = room::<D>(rng, count);

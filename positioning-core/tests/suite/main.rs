@@ -1,4 +1,4 @@
-//! The solvers as their callers see them.
+//! Tests of the solvers as their callers use them.
 
 mod consistency;
 mod engine;

@@ -1,12 +1,12 @@
-//! What every method owes to geometry: exactness, equivariance, and the same answer in either precision.
+//! The geometric properties of every method: exactness, equivariance, and the same result in either precision.
 
 use crate::support::{distance, error, normal, rng, room, samples};
 use positioning_core::{Constraints, Method, RangeSample, Real, Side, solve};
 use rand::Rng;
 use rand::seq::SliceRandom;
 
-/// The methods whose expected error is zero where the ranges are right: all but the bounding box, whose centre is elsewhere,
-/// and `robust`, whose prior expects blocked ranges (tested below on its own).
+/// The methods whose expected error is zero where the ranges are right: all but the bounding box, whose centre is
+/// elsewhere, and `robust`, whose prior expects blocked ranges (tested separately below).
 fn unbiased() -> impl Iterator<Item = Method> {
     Method::ALL.into_iter().filter(|&m| m != Method::BoundingBox && m != Method::Robust)
 }
@@ -38,8 +38,8 @@ fn exact_ranges_give_the_exact_position_in_space() {
     exact_ranges_give_the_exact_position::<3>();
 }
 
-/// With exact ranges the prior of `robust` still weighs the possibility that some are blocked, or all are biased: in the
-/// plane it costs centimetres, no more.
+/// With exact ranges the prior of `robust` still includes the possibility that some are blocked, or that all are
+/// biased. In the plane this costs only centimetres.
 #[test]
 fn robust_pays_centimetres_for_its_caution() {
     let mut rng = rng(2);
@@ -54,7 +54,7 @@ fn robust_pays_centimetres_for_its_caution() {
     assert!(errors[250] < 0.02 && errors[475] < 0.08, "median {}, P95 {}", errors[250], errors[475]);
 }
 
-/// Applies `map` to anchors and expects the answers to follow.
+/// Applies `map` to anchors, and tests that the positions follow.
 fn answers_follow(
     methods: impl Iterator<Item = Method> + Clone,
     tolerance: f64,
@@ -88,8 +88,8 @@ fn a_quarter_turn_turns_every_answer() {
     answers_follow(Method::ALL.into_iter(), 1e-6, |p, _| [-p[1], p[0]]);
 }
 
-/// Boxes along the axes do not turn with the anchors: the methods weighted by the bounding box are left out, and `robust`,
-/// which only starts from it, may end its last step elsewhere by a centimetre.
+/// Boxes along the axes do not turn with the anchors. So the methods weighted by the bounding box are left out.
+/// `robust`, which only starts from it, may end its last step a centimetre away.
 #[test]
 fn any_turn_turns_the_answers_without_a_box() {
     let turn = |p: &[f64; 2], rng: &mut rand_pcg::Pcg64| {
@@ -153,7 +153,8 @@ fn single_precision_agrees_with_double<const D: usize>(origin: f64, tolerance: f
             }
         }
     }
-    // Where weights of 1 to 10⁴ meet a poor height, f32 loses more: in one case of a thousand, and centimetres.
+    // Where weights of 1 to 10⁴ and a poorly determined height meet, f32 loses more: in one case of a thousand, and
+    // by centimetres.
     apart.sort_by(f64::total_cmp);
     let (most, worst) = (apart[apart.len() * 999 / 1000], apart[apart.len() - 1]);
     assert!(most < tolerance && worst < 0.1, "P99.9 {most}, worst {worst}");
@@ -169,14 +170,14 @@ fn single_precision_agrees_with_double_in_space() {
     single_precision_agrees_with_double::<3>(0.0, 2e-3);
 }
 
-/// A site grid whose origin is two kilometres away: f32 keeps 0.1 mm there, and differences to the reference anchor keep
-/// the squares small.
+/// A site grid whose origin is two kilometres away. f32 keeps 0.1 mm there, and differences to the reference anchor
+/// keep the squares small.
 #[test]
 fn single_precision_bears_a_far_origin() {
     single_precision_agrees_with_double::<2>(2048.0, 5e-3);
 }
 
-/// A ceiling of anchors at one height: the tag below is found with its mirror image in mind.
+/// A ceiling of anchors at one height: the tag is below, and its mirror image counts in the covariance.
 #[test]
 fn coplanar_anchors_find_the_side_and_own_up_to_the_mirror() {
     let anchors = [[0.0, 0.0, 3.0], [10.0, 0.0, 3.0], [10.0, 8.0, 3.0], [0.0, 8.0, 3.0], [5.0, 4.0, 3.0]];
@@ -196,7 +197,8 @@ fn coplanar_anchors_find_the_side_and_own_up_to_the_mirror() {
     }
 }
 
-/// At the height of coplanar anchors the ranges do not see the height at all: its deviation is large, and no lie.
+/// At the height of coplanar anchors the ranges do not determine the height at all: its deviation is large, which is
+/// correct.
 #[test]
 fn a_tag_in_the_anchors_plane_has_an_uncertain_height() {
     let anchors = [[0.0, 0.0, 1.0], [10.0, 0.0, 1.0], [10.0, 8.0, 1.0], [0.0, 8.0, 1.0]];

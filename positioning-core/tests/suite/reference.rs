@@ -1,5 +1,5 @@
-//! The solvers against independent implementations: the seed's formulas with full matrices, its grid search, and numbers
-//! worked by hand.
+//! The solvers against independent implementations: the formulas of P. M. de Rojas Malpartida's thesis (Universidad
+//! de Sevilla, 2021) with full matrices, its grid search, and numbers computed by hand.
 
 use crate::support::{distance, normal, rng, room, samples};
 use nalgebra::{DMatrix, DVector};
@@ -43,7 +43,7 @@ fn dense_linear(samples: &[RangeSample<f64, 2>], sigma: Option<&[f64]>) -> [f64;
     [z[0], z[1]]
 }
 
-/// |d − ‖z − a‖|, joined by the centimetre of the solver.
+/// |d − ‖z − a‖|, with the solver's centimetre added.
 fn deviations(samples: &[RangeSample<f64, 2>], z: &[f64; 2]) -> Vec<f64> {
     samples.iter().map(|s| (s.range - distance(&s.anchor, z)).hypot(0.01)).collect()
 }
@@ -70,7 +70,7 @@ fn closed_forms_agree_with_full_matrices() {
                 Ok(fix) => {
                     assert!(distance(&fix.position, &z) < 1e-6, "{method} {round}: {:?} not {z:?}", fix.position)
                 }
-                // A closed form thrown far off by blocked ranges is refused, and rightly so.
+                // A closed form with a large error by blocked ranges is refused, correctly.
                 Err(reason) => assert_eq!(reason, SolveError::RangesDisjoint, "{method} {round} at {z:?}"),
             }
         }
@@ -126,7 +126,7 @@ fn iterations_end_where_the_grid_search_does() {
                 .zip(&beta)
                 .map(|(s, b)| b * (s.range - distance(&s.anchor, &fix.position)).powi(2))
                 .sum();
-            // Either the same minimum, found without the grid's step, or (rarely) another local one.
+            // Either the same minimum, without the grid's step, or (rarely) another local one.
             apart.push((distance(&fix.position, &point), cost <= grid_cost));
         }
     }
@@ -134,8 +134,8 @@ fn iterations_end_where_the_grid_search_does() {
     assert!(same * 100 >= apart.len() * 98, "{same} of {}", apart.len());
 }
 
-/// Anchors (0,0), (4,0), (0,4), tag (1,1), exact ranges √2, √10, √10. Boxes: x from max(−√2, 4 − √10, −√10) = 0.83772 to
-/// min(√2, …) = 1.41421: 1.12597, and y the same.
+/// Anchors (0,0), (4,0), (0,4), tag (1,1), exact ranges √2, √10, √10. Boxes: x from max(−√2, 4 − √10, −√10) = 0.83772
+/// to min(√2, …) = 1.41421: 1.12597, and y the same.
 #[test]
 fn bounding_box_by_hand() {
     let samples: Vec<RangeSample<f64, 2>> = [([0.0, 0.0], 2.0_f64), ([4.0, 0.0], 10.0), ([0.0, 4.0], 10.0)]
@@ -145,9 +145,9 @@ fn bounding_box_by_hand() {
     assert!(distance(&fix.position, &[1.125_97, 1.125_97]) < 1e-5, "{:?}", fix.position);
 }
 
-/// Four anchors around the tag at distance 5, seen along ±x and ±y: JᵀJ = 2·1, so each axis has a dilution of √½, and with
-/// residuals of ±0.1 m on each the sandwich is ½ · (4 ⁄ 2 · 0.01 + 0.01) = 0.015 m² an axis (freedom N ⁄ (N − D) = 2, prior
-/// variance 0.1² m²).
+/// Four anchors around the tag at distance 5, along ±x and ±y: JᵀJ = 2·1, so each axis has a dilution of √½. With
+/// residuals of ±0.1 m on each, the sandwich is ½ · (4 ⁄ 2 · 0.01 + 0.01) = 0.015 m² per axis (freedom N ⁄ (N − D) =
+/// 2, prior variance 0.1² m²).
 #[test]
 fn covariance_and_dilution_by_hand() {
     let samples: Vec<RangeSample<f64, 2>> =
@@ -165,7 +165,7 @@ fn covariance_and_dilution_by_hand() {
     assert!((fix.quality - 0.9).abs() < 1e-6, "{}", fix.quality);
 }
 
-/// √(5² − 4²) = 3; a range shorter than the height, or none at all, leaves the least distance of the contract.
+/// √(5² − 4²) = 3. A range shorter than the height, or one that is not valid, gives the documented least distance.
 #[test]
 fn ranges_flatten_by_pythagoras() {
     assert_eq!(flatten(5.0_f64, -4.0), 3.0);
@@ -174,8 +174,8 @@ fn ranges_flatten_by_pythagoras() {
     assert!(flatten(f64::NAN, 1.0).is_nan());
 }
 
-/// Ranges with nothing but white noise: a 95 % ellipse holds the truth in about 95 of 100 cases, for the plain methods and
-/// for the default, which plans for worse than white noise and so claims less.
+/// Ranges with white noise alone: a 95 % ellipse contains the true position in about 95 of 100 cases for the plain
+/// methods. For the default method it does so more often, since that expects more than white noise.
 #[test]
 fn covariances_cover_the_truth() {
     let mut rng = rng(13);

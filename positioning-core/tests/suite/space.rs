@@ -1,4 +1,4 @@
-//! Tracks in space: a height that ranges do not tell, and rounds with holes.
+//! Tracks in space: a height that ranges do not determine, and rounds with missing ranges.
 
 use positioning_core::engine::{Dimensions, Engine, Height, Measurement, Range, Settings, Solvers};
 use positioning_core::{Noise, Side};
@@ -9,8 +9,8 @@ use crate::support::{distance, normal, rng};
 const SPACE: Dimensions<f32> = Dimensions::Space { side: Side::Unknown };
 const ROUNDS: u64 = 150;
 
-/// What came of many tags: root mean square errors across and of the height, metres, the share of rounds with a position, and the mean
-/// deviation of the height that was told, metres.
+/// The results of many tags: root mean square errors horizontally and of the height, metres, the share of rounds with
+/// a position, and the mean reported deviation of the height, metres.
 #[derive(Debug)]
 struct Score {
     across: f64,
@@ -19,8 +19,8 @@ struct Score {
     told: f64,
 }
 
-/// Tags that stroll under six anchors at these heights, each range lost with this probability, links wrong by 6 cm and all ranges
-/// together by 10 cm.
+/// Walking tags under six anchors at these heights. Each range is lost with this probability. Links have errors of 6
+/// cm, and all ranges together one of 10 cm.
 fn run(settings: Settings<f32>, heights: [f64; 2], loss: f64) -> Score {
     let mut rng = rng(21);
     let anchors: [[f64; 3]; 6] = core::array::from_fn(|i| {
@@ -85,7 +85,7 @@ fn anchors_at_two_heights_tell_the_tags() {
     let solved = run(Settings::solve(SPACE, Solvers::robust()), [2.6, 0.3], 0.3);
     let tracked = run(Settings::track(SPACE), [2.6, 0.3], 0.3);
     assert!(tracked.across < solved.across && tracked.height < solved.height, "{tracked:?} {solved:?}");
-    // The tag is told to decimetres, and about as well as that.
+    // The height is reported to decimetres, and its error is about as large as that.
     assert!(tracked.height < 0.2 && tracked.told < 0.3, "{tracked:?}");
 }
 
@@ -97,7 +97,7 @@ fn a_height_that_is_told_is_kept() {
     let mut sigma = f32::MAX;
     for k in 1..=60_u64 {
         for (anchor, place) in anchors.iter().enumerate() {
-            // All too long by 0.15 m: a tag that looked for its height would be too low.
+            // All ranges are too long by 0.15 m: a tag that estimated its height would be too low.
             let distance_m = (distance(place, &tag) + 0.15) as f32;
             let (anchor, position_m) = (anchor as u16, place.map(|c: f64| c as f32));
             let range = Range { anchor, position_m, distance_m, deviation_m: 0.03, p_nlos: None, excess_m: None };

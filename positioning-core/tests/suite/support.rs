@@ -55,7 +55,7 @@ pub fn samples<T: Real, const D: usize>(
         .collect()
 }
 
-/// Distance of a fix from the truth.
+/// Distance of a fix from the true position.
 pub fn error<T: Real, const D: usize>(position: &[T; D], tag: &[f64; D]) -> f64 {
     distance(&position.map(T::to_f64), tag)
 }

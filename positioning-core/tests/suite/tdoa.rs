@@ -1,4 +1,4 @@
-//! Differences of arrival against full matrices.
+//! Differences of arrival compared with full matrices.
 
 use nalgebra::{DMatrix, DVector, Matrix2};
 use positioning_core::engine::{Dimensions, Engine, ExternalPosition, Measurement, Settings, Tdoa};
@@ -6,7 +6,7 @@ use positioning_core::{Blocked, Motion, SolveError, TdoaSample, hyperbolic};
 
 use crate::support::{distance, normal, rng};
 
-/// The reference anchor first, metres.
+/// The anchors; the reference anchor is first, metres.
 const ANCHORS: [[f64; 3]; 5] = [[0.0, 0.0, 2.8], [8.0, 0.5, 2.5], [7.5, 6.0, 2.9], [0.5, 6.5, 0.4], [4.0, 7.0, 1.5]];
 /// Deviations of their arrivals, metres.
 const SIGMAS: [f64; 5] = [0.2, 0.1, 0.3, 0.15, 0.25];
@@ -15,7 +15,7 @@ fn difference(anchor: usize, at: &[f64; 3]) -> f64 {
     distance(&ANCHORS[anchor], at) - distance(&ANCHORS[0], at)
 }
 
-/// Equation 6 of García et al.: σ₁² everywhere, and σᵢ² more on the diagonal.
+/// Equation 6 of García et al.: σ₁² everywhere, plus σᵢ² on the diagonal.
 fn covariance() -> DMatrix<f64> {
     DMatrix::from_fn(4, 4, |r, c| SIGMAS[0].powi(2) + if r == c { SIGMAS[r + 1].powi(2) } else { 0.0 })
 }
@@ -42,7 +42,7 @@ fn the_start_is_the_weighted_least_squares_of_full_matrices() {
     for tag in [[3.0, 2.0, 1.0], [6.0, 5.0, 1.4], [1.0, 4.0, 0.8]] {
         let measured: Vec<f64> = (1..5).map(|i| difference(i, &tag) + 0.05 * normal(&mut rng)).collect();
         let fix = hyperbolic(&samples(&measured), ANCHORS[0], SIGMAS[0], Some(tag[2]), None).expect("four differences");
-        // Gauss and Newton with full matrices, from the truth.
+        // Gauss-Newton with full matrices, from the true position.
         let weight = covariance().try_inverse().expect("a covariance");
         let mut at = tag;
         for _ in 0..50 {
@@ -86,7 +86,7 @@ fn differences_one_by_one_make_the_update_of_their_full_covariance() {
         ..Settings::plain(Dimensions::Plane { height: 1.0 }, Motion::Static { wander: 0.0 }, Blocked::Alike, 1)
     };
     let mut engine = Engine::new(plain);
-    // A hair beside the truth, so that all linearisations are the same.
+    // Very near the true position, so that all linearisations are the same.
     let start = [3.000_02, 1.999_99, 1.0];
     engine.step(
         1,

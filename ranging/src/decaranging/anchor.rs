@@ -1,4 +1,4 @@
-//! The anchor of DecaRanging: takes tags that blink, answers polls, computes the time of flight, reports it.
+//! The anchor of DecaRanging: takes tags that blink, answers polls, computes the time of flight and reports it.
 
 use heapless::Vec;
 
@@ -12,7 +12,7 @@ use wire::uwb::decaranging::{
 };
 use wire::uwb::{Address, FrameBuffer, Header};
 
-/// What an anchor is told at its start.
+/// The configuration of an anchor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct AnchorConfig {
@@ -20,37 +20,39 @@ pub struct AnchorConfig {
     pub address: u16,
     /// EUI-64, for tags that use long addresses.
     pub eui: u64,
-    /// How frames are put on the air.
+    /// The radio configuration of the frames.
     pub phy: PhyConfig,
-    /// The quickness of the slower of this board and the tag's.
+    /// The reply delay of the slower board, this one or the tag's.
     pub turnaround: ReplyDelay,
-    /// What the radio adds to the snapped start of a transmission, as [`Radio::departure`](crate::Radio::departure) does.
+    /// What the radio adds to the snapped start of a transmission, as [`Radio::departure`](crate::Radio::departure)
+    /// does.
     pub antenna_delay: RadioDuration,
-    /// From a blink's arrival to the ranging init's departure, for EVK1000 tags: [`INIT_DELAY`](super::INIT_DELAY). Another init
-    /// follows after five times as long, for tags whose switch S1-8 is on.
+    /// From a blink's arrival to the ranging init's departure, for EVK1000 tags: [`INIT_DELAY`](super::INIT_DELAY).
+    /// Another init follows after five times this delay, for tags whose switch S1-8 is on.
     pub init_delay: RadioDuration,
 }
 
-/// A tag not heard for this long is lost.
+/// A tag that was not received for this long is lost.
 const LOST_AFTER: RadioDuration = RadioDuration::from_micros(3_000_000);
-/// The receiver is looked after at least this often.
+/// The anchor checks its receiver at least this often.
 const LISTEN: RadioDuration = RadioDuration::from_micros(1_000_000);
 /// The receiver is switched off this long before the first pulse of a frame to be sent: more than any board needs.
 const LEAD: RadioDuration = RadioDuration::from_micros(3_000);
-/// A frame to be sent later than this, or that long ago, is of another time: the clock has jumped.
+/// A frame that is due later than this, or was due longer ago than this, belongs to another time: the clock has jumped.
 const LONGEST_PENDING: RadioDuration = RadioDuration::from_micros(2_000_000);
-/// What a tag of newer software is given from the end of a response to the first pulse of its final: an EVK1000 gives itself 500 µs.
+/// The time that a tag of newer software gets from the end of a response to the first pulse of its final. An EVK1000
+/// gives itself 500 µs.
 const TAG_ANSWER: RadioDuration = RadioDuration::from_micros(1_000);
 
-/// Tags known at a time; when another one comes, it takes the place of the one unheard longest.
+/// Tags known at a time. A further tag replaces the one that was silent for the longest time.
 const MAX_TAGS: usize = 8;
 
-/// The anchor's side of DecaRanging. Its reports are rounds of one range, and pairings. It answers every tag that polls it.
+/// The anchor's side of DecaRanging. It answers every tag that polls it. It reports rounds of one range, and pairings.
 #[derive(Clone, Debug)]
 pub struct Anchor {
     config: AnchorConfig,
     bias: RangeBias,
-    /// From a poll to its response, as tags are told: whole microseconds.
+    /// From a poll to its response, in whole microseconds, as reported to tags.
     reply: RadioDuration,
     /// The tag whose response is leaving.
     responding: Option<u16>,
@@ -65,7 +67,7 @@ pub struct Anchor {
 }
 
 impl Anchor {
-    /// An anchor that has heard nobody yet.
+    /// An anchor that has not received any frame yet.
     pub fn new(config: AnchorConfig) -> Self {
         let reply = least_reply(&config.phy, &config.turnaround, LONGEST_BYTES);
         Self {
@@ -94,7 +96,7 @@ impl Anchor {
         self.sequence
     }
 
-    /// The start of a frame that is to leave so long after another's arrival.
+    /// The start of a frame that is to leave `delay` after another frame's arrival.
     fn after(&self, rx_time: RadioInstant, delay: RadioDuration) -> RadioInstant {
         rx_time.plus(delay).plus(RadioDuration::from_ticks(-self.config.antenna_delay.ticks()))
     }
@@ -114,7 +116,8 @@ impl Anchor {
         Message::RangingInit { tag, anchor_delay, tag_delay }
     }
 
-    /// What is known of a tag that is heard now; a new one takes the place of the one unheard longest where there is no other.
+    /// What is known of a tag that is received now. A new tag replaces the one that was silent for the longest time if
+    /// there is no other room.
     fn known(&mut self, tag: u16, now: RadioInstant) -> Option<&mut Known> {
         if let Some(index) = self.tags.iter().position(|known| known.tag == tag) {
             return self.tags.get_mut(index);
@@ -137,7 +140,7 @@ impl Anchor {
         }
         let Ok(heard @ Frame { header, message }) = Frame::parse(frame.bytes) else { return };
         let address = self.config.address;
-        // A tag that uses long addresses takes the short one of the ranging init for the end of a long one.
+        // A tag that uses long addresses takes the short address of the ranging init for the end of a long one.
         let ours = [Address::Short(address), Address::Extended(self.config.eui), Address::Extended(address.into())];
         if !ours.contains(&header.destination) {
             return;
@@ -145,13 +148,13 @@ impl Anchor {
         match message {
             Message::Poll(variant, readings) => self.on_poll(&heard, variant, readings.is_some(), frame.rx_time),
             Message::Final(told) => self.on_final(&heard, told, frame),
-            // An anchor's own.
+            // These messages are sent by anchors.
             Message::RangingInit { .. } | Message::Response(..) | Message::Report(..) => {}
         }
     }
 
     fn on_blink(&mut self, blink: &Blink, rx_time: RadioInstant) {
-        // Its short address is the end of its long one, unless that means something else.
+        // The short address is the end of the long address, unless that value has another meaning.
         let tag = match blink.tag as u16 {
             address if address == self.config.address || address >= 0xFFFE => self.config.address ^ 1,
             address => address,
@@ -229,7 +232,7 @@ impl Anchor {
         self.range = Some((exchange.poll_rx, [range]));
     }
 
-    /// The tag whose frame is to be sent first, and how long it is from now to when the receiver is to be off for it.
+    /// The tag whose frame is to be sent first, and the time from now until the receiver must be off for that frame.
     fn earliest(&mut self, now: RadioInstant) -> Option<(usize, RadioDuration)> {
         let off = LEAD.ticks() + self.config.phy.time_to_rmarker().ticks();
         for known in &mut self.tags {
@@ -243,7 +246,7 @@ impl Anchor {
         pending.min_by_key(|(_, spare)| *spare)
     }
 
-    /// Takes and writes a tag's frame; answers with its start.
+    /// Takes and writes a tag's frame. Returns its start.
     fn take(&mut self, index: usize) -> Option<RadioInstant> {
         let known = self.tags.get_mut(index)?;
         let Pending { frame, start, purpose } = known.pending.take()?;

@@ -1,17 +1,21 @@
-//! What an anchor knows of a tag: how the tag reads the delays that it was given, when it is to be answered, and with what.
+//! What an anchor knows of a tag: how the tag reads the delays of its ranging init, when to answer the tag, and with
+//! what.
 //!
-//! A blink does not tell which software the tag has. An EVK1000's tag may stay with the first ranging init that it hears until it is
-//! reset, so the inits are sent such that each is heard only by tags that read it rightly:
+//! A blink does not show which software the tag has. An EVK1000's tag may keep the first ranging init that it receives
+//! until it is reset. So the inits are sent such that each is received only by tags that read it correctly:
 //!
-//! 1. at once, with one delay in microseconds: for tags whose receiver is on after the blink, which are this project's own;
-//! 2. after the stock delay, in turn from blink to blink, as long as the tag goes on blinking:
-//!    - milliseconds, [`LATE`] after the instant: newer software listens for the init's length and 70 µs, older for 3 ms more;
+//! 1. at once, with one delay in microseconds: for tags whose receiver is on after the blink, which are this project's
+//!    own;
+//! 2. after the stock delay, alternating from blink to blink, as long as the tag goes on blinking:
+//!    - milliseconds, [`LATE`] after the instant: newer software listens for the init's length and 70 µs, older
+//!      software for 3 ms more;
 //!    - two delays, at the instant;
 //!    - milliseconds, at the instant;
 //! 3. after five times the stock delay, milliseconds: for older software with switch S1-8 on.
 //!
-//! Polls tell the rest: without readings they are those of newer software. A tag of older software that took the two delays has read
-//! the first as milliseconds, and is answered after as many, where that is a second at most.
+//! Polls show the rest: polls without readings are those of newer software. A tag of older software that took the two
+//! delays has read the first one as milliseconds. It is answered after that number of milliseconds if that is a second
+//! at most.
 
 use heapless::Vec;
 
@@ -20,17 +24,18 @@ use crate::{RadioDuration, RadioInstant};
 use wire::uwb::Header;
 use wire::uwb::decaranging::{Frame, Variant, delay_field};
 
-/// By how much an init for older software comes later than newer software listens for.
+/// The init for older software is sent this much later than the time for which newer software listens.
 const LATE: RadioDuration = RadioDuration::from_micros(1_500);
-/// With switch S1-8 on, the delay is this many times the stock one …
+/// With switch S1-8 on, the delay is this multiple of the stock delay …
 const LONG: i64 = 5;
 /// … where that is less than the time between two blinks.
 const LONGEST_DELAY: RadioDuration = RadioDuration::from_micros(900_000);
 /// An EVK1000 with older software switches its receiver on after at most this.
 const LONGEST_MILLIS: u16 = 1_000;
-/// The delay that is told in milliseconds: the stock one.
+/// The delay that is sent in milliseconds: the stock delay.
 pub(super) const STOCK_MILLIS: u16 = (INIT_DELAY.as_micros() / 1000) as u16;
-/// Exchanges without a final after which the tag is taken to read its delay in another way: while none had one, and later.
+/// After this number of exchanges without a final, the tag is assumed to read its delay in another way. This holds
+/// before the first final and later.
 const MISSES: u8 = 2;
 const MISSES_OF_PROVEN: u8 = 8;
 
@@ -50,7 +55,7 @@ pub(super) enum Reading {
 pub(super) struct Exchange {
     pub variant: Variant,
     pub software: Software,
-    /// The poll's header: whom to answer, and how it addresses us.
+    /// The poll's header: it gives the address to answer, and how the tag addresses this anchor.
     pub poll: Header,
     pub poll_rx: RadioInstant,
     /// Departure of the response, once it has left.
@@ -66,7 +71,7 @@ pub(super) enum Purpose {
     Report,
 }
 
-/// A frame that is to leave at an instant to come.
+/// A frame that is to leave at a future instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Pending {
     pub frame: Frame,
@@ -90,12 +95,12 @@ pub(super) struct Known {
     /// Its short address.
     pub tag: u16,
     pub heard: RadioInstant,
-    /// It has polled since its last blink, and was not lost since.
+    /// The tag has polled since its last blink, and was not lost since.
     pub paired: bool,
     pub mean: Mean,
     pub exchange: Option<Exchange>,
     pub pending: Option<Pending>,
-    /// What follows a first ranging init without a poll, the next one last.
+    /// The inits that follow a first ranging init without a poll, the next one last.
     later: Vec<Later, 2>,
     /// Time of flight, whole ticks, for the next response to newer software.
     pub tof: Option<RadioDuration>,
@@ -128,14 +133,15 @@ impl Known {
         }
     }
 
-    /// The clock has begun anew: nothing that hangs on it is left.
+    /// The clock was restarted: everything that depends on it is dropped.
     pub fn restarted(&mut self, now: RadioInstant) {
         self.heard = now;
         (self.exchange, self.pending) = (None, None);
         self.later.clear();
     }
 
-    /// The tag blinks: whatever was begun with it is over. `stock_delay` is from there to the second init.
+    /// The tag blinks: any exchange in progress with it is over. `stock_delay` is the time from the blink to the second
+    /// init.
     pub fn blinked(&mut self, blink_rx: RadioInstant, stock_delay: RadioDuration) {
         let fresh = Self::new(self.tag, blink_rx);
         *self = Self { stock: self.stock, blinks: self.blinks.wrapping_add(1) % 3, ..fresh };
@@ -154,7 +160,7 @@ impl Known {
         self.later = inits.into_iter().flatten().collect();
     }
 
-    /// A ranging init for this software leaves. Answers with the next.
+    /// A ranging init for this software leaves. Returns the next init.
     pub fn offered(&mut self, software: Software) -> Option<Later> {
         self.reading = match software {
             Software::Units => Reading::AsMeant,
@@ -165,8 +171,8 @@ impl Known {
         self.later.pop()
     }
 
-    /// The tag polls. Answers with its software and how long after the poll it expects the response, `meant` being the delay that
-    /// was meant.
+    /// The tag polls. Returns its software, and the time after the poll at which it expects the response. `meant` is
+    /// the delay that was meant.
     pub fn polled(&mut self, variant: Variant, readings: bool, meant: RadioDuration) -> (Software, RadioDuration) {
         self.pending = None;
         self.later.clear();
@@ -199,7 +205,7 @@ impl Known {
         }
     }
 
-    /// An exchange had its final: the tag's software is what it was taken for.
+    /// An exchange had its final: the tag has the software that was assumed.
     pub fn ranged(&mut self, exchange: &Exchange) {
         self.exchange = None;
         (self.misses, self.proven, self.blinks) = (0, true, 0);

@@ -1,18 +1,19 @@
-//! DecaRanging mode: ranging with EVK1000 boards as they are.
+//! DecaRanging mode: ranging with unmodified EVK1000 boards.
 //!
-//! A tag blinks every second until an anchor takes it with a ranging init. Then they range by poll, response and final; the
-//! anchor, which has all six instants then, reports the time of flight, so that both know the distance. Both show the mean of
-//! the last eight.
+//! A tag sends a blink every second until an anchor takes it with a ranging init. Then both range by poll, response and
+//! final. After the final the anchor has all six instants and reports the time of flight, so that both know the
+//! distance. Both show the mean of the last eight distances.
 //!
-//! The time of flight is the asymmetric product form ([`double_sided_asymmetric`]), which is as good as the sum of seed 000,
-//! equation 5-2, for equal replies, and stays so for unequal ones; a board at the other end that uses the sum gets equal
-//! replies from our tag, which answers after the time that the ranging init names.
+//! The time of flight is computed with the asymmetric product form ([`double_sided_asymmetric`]). For equal replies
+//! this form is as good as the sum of equation 5-2 of P. M. de Rojas Malpartida's thesis (Universidad de Sevilla,
+//! 2021), and it stays as good for unequal replies. A board at the other end that uses the sum gets equal replies from
+//! our tag: our tag answers after the time that the ranging init names.
 //!
-//! Boards are found with different software, older and newer; which one the other end has is told by its frames and by when it
-//! answers, and needs no setting.
+//! EVK1000 boards run different software, older and newer. This module recognises the software of the other end by its
+//! frames and by the time of its answers. No setting is needed.
 //!
-//! Nothing needs a reset: a tag without answers blinks again; an anchor that was restarted answers the polls it hears, and a
-//! blink of a tag that was restarted pairs it anew.
+//! Nothing needs a reset. A tag without answers blinks again. A restarted anchor answers the polls that it receives. A
+//! blink of a restarted tag pairs the tag again.
 
 mod anchor;
 mod known;
@@ -31,33 +32,34 @@ use crate::{PhyConfig, RadioDuration, RxFrame};
 use wire::uwb::decaranging::PAN;
 use wire::uwb::{Address, Header};
 
-/// From a blink's arrival to the ranging init's departure, RMARKER to RMARKER: an EVK1000's tag switches its receiver on only
-/// then.
+/// From a blink's arrival to the ranging init's departure, RMARKER to RMARKER. The tag of an EVK1000 switches its
+/// receiver on only then.
 pub const INIT_DELAY: RadioDuration = RadioDuration::from_micros(150_000);
 
-/// A board corrects its antenna delays for temperature and supply after this number of exchanges at first, …
+/// At first, a board corrects its antenna delays for temperature and supply after this number of exchanges.
 const COMPENSATE_AFTER: u16 = 16;
-/// … and once in this number from then on.
+/// Later, a board corrects its antenna delays once in this number of exchanges.
 const COMPENSATE_EVERY: u16 = 256;
 
-/// What a board says with the messages of DecaRanging.
+/// The software of a board that uses the messages of DecaRanging.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Software {
-    /// One delay, its unit in bit 15; a report of the time of flight after each final. This project's own.
+    /// This project's own software: one delay, with its unit in bit 15; a report of the time of flight after each
+    /// final.
     Units,
-    /// An EVK1000's older software: one delay in plain milliseconds; responses that announce a report, which is of the sum of both
-    /// rounds' excess over the replies, four times the time of flight.
+    /// An EVK1000's older software: one delay in plain milliseconds; responses that announce a report. The report holds
+    /// the sum of both rounds' excess over the replies, which is four times the time of flight.
     Millis,
-    /// An EVK1000's newer software: two delays with units; polls without readings; no report, the next response has the time of
-    /// flight.
+    /// An EVK1000's newer software: two delays with units; polls without readings; no report. The next response holds
+    /// the time of flight.
     Delays,
 }
 
 /// Times of flight in a report that was announced ([`REPORT_FOLLOWS`](wire::uwb::decaranging::REPORT_FOLLOWS)).
 const FLIGHTS_IN_SUM: i64 = 4;
 
-/// Standard deviation of a distance, metres: of three receptions the response's counts twice (in its round and in its reply),
-/// √(2² + 1 + 1) / 4 of one stamp's.
+/// Standard deviation of a distance, metres. Of the three receptions, that of the response counts twice (in its round
+/// and in its reply): √(2² + 1 + 1) / 4 of the deviation of one timestamp.
 const DEVIATION_M: f32 = 0.612_372_4 * STAMP_DEVIATION_TICKS * METRES_PER_TICK as f32;
 /// Ranges whose mean is shown.
 const MEAN_OF: usize = 8;
@@ -78,7 +80,7 @@ impl Compensation {
         self.due_in = self.due_in.saturating_sub(1);
     }
 
-    /// Whether it is due: true once for each time.
+    /// Whether a correction is due. Returns true once for each due correction.
     fn take(&mut self) -> bool {
         let is_due = self.due_in == 0;
         if is_due {
@@ -107,21 +109,23 @@ impl Mean {
     }
 }
 
-/// From the RMARKER of a frame heard, of so many bytes on the air, to that of the earliest answer.
+/// From the RMARKER of a received frame of `heard_bytes` bytes on the air to the RMARKER of the earliest answer.
 const fn least_reply(phy: &PhyConfig, turnaround: &ReplyDelay, heard_bytes: u16) -> RadioDuration {
     let tail = phy.time_after_rmarker(heard_bytes).ticks();
     RadioDuration::from_ticks(tail + turnaround.answer.ticks() + phy.time_to_rmarker().ticks())
 }
 
-/// Bytes on the air of a frame heard, its two check bytes counted.
+/// Bytes on the air of a received frame, including its two check bytes.
 fn bytes_on_air(frame: &RxFrame<'_>) -> u16 {
     frame.bytes.len() as u16 + 2
 }
 
-/// Both ways' flight and the clocks' drift may make a round longer than the reply in it by this, ticks: 100 µs.
+/// The flight in both directions and the clocks' drift may make a round longer than its reply by at most this, ticks:
+/// 100 µs.
 const LONGEST_EXCESS_TICKS: u64 = 6_389_760;
 
-/// The flight of an exchange, where its intervals belong together: not those of another exchange, repeated.
+/// The time of flight of an exchange, if its intervals belong together. Intervals that were repeated from another
+/// exchange do not.
 fn flight(
     round1: RadioDuration,
     reply1: RadioDuration,
@@ -137,7 +141,7 @@ fn flight(
     }
 }
 
-/// A board's short address; of a long one the end.
+/// A board's short address. For a long address: its low 16 bits.
 const fn short(address: Address) -> u16 {
     match address {
         Address::Short(address) => address,

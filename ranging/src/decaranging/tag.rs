@@ -1,5 +1,5 @@
-//! The tag of DecaRanging: blinks, polls, tells its instants, waits for the report, or for the next response that has the time of
-//! flight.
+//! The tag of DecaRanging: blinks, polls, sends its instants in the final, and waits for the report or for the next
+//! response, which has the time of flight.
 
 use super::paired::Paired;
 use super::{Compensation, DEVIATION_M, FLIGHTS_IN_SUM, Mean, Software, bytes_on_air, header, least_reply, short};
@@ -10,19 +10,20 @@ use crate::{PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, Start, T
 use wire::uwb::decaranging::{Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant};
 use wire::uwb::{Address, FrameBuffer, Header};
 
-/// What a tag is told at its start.
+/// The configuration of a tag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TagConfig {
     /// EUI-64.
     pub eui: u64,
-    /// Which messages.
+    /// The variant of the messages.
     pub variant: Variant,
-    /// How frames are put on the air.
+    /// The radio configuration of the frames.
     pub phy: PhyConfig,
-    /// The quickness of this board.
+    /// The reply delay of this board.
     pub turnaround: ReplyDelay,
-    /// What the radio adds to the snapped start of a transmission, as [`Radio::departure`](crate::Radio::departure) does.
+    /// What the radio adds to the snapped start of a transmission, as [`Radio::departure`](crate::Radio::departure)
+    /// does.
     pub antenna_delay: RadioDuration,
     /// From one poll to the next, 8 s at most.
     pub period: RadioDuration,
@@ -30,14 +31,15 @@ pub struct TagConfig {
 
 /// From one blink to the next.
 const BLINK_PERIOD: RadioDuration = RadioDuration::from_micros(1_000_000);
-/// Without an answer for this long, and for [`UNANSWERED`] polls, the tag blinks again.
+/// A tag without an answer for this long, and for [`UNANSWERED`] polls, blinks again.
 const LOST_AFTER: RadioDuration = RadioDuration::from_micros(1_000_000);
 const UNANSWERED: u8 = 8;
 
-/// The receiver is switched off where a response is further away than this, and on again as long before it.
+/// The receiver is switched off if a response is further away than this. It is switched on again this long before the
+/// response.
 const LEAD: RadioDuration = RadioDuration::from_micros(3_000);
 
-/// What is being waited for.
+/// What the tag is waiting for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum State {
     /// The next blink or poll.
@@ -50,13 +52,13 @@ enum State {
     Polling,
     /// The response, until then; it cannot come before `from`.
     AwaitingResponse { from: RadioInstant, until: RadioInstant },
-    /// A final is leaving; after it the report is awaited.
+    /// A final is leaving. The tag waits for the report after it.
     Finishing,
     /// The report, until then.
     AwaitingReport { until: RadioInstant },
 }
 
-/// The tag's side of DecaRanging. Its reports are rounds of one range, and pairings.
+/// The tag's side of DecaRanging. It reports rounds of one range, and pairings.
 #[derive(Clone, Debug)]
 pub struct Tag {
     config: TagConfig,
@@ -67,12 +69,12 @@ pub struct Tag {
     next: Option<RadioInstant>,
     poll_tx: RadioInstant,
     resp_rx: RadioInstant,
-    /// The radio's raw temperature and voltage, which polls of the standard variant tell.
+    /// The radio's raw temperature and voltage, which polls of the standard variant contain.
     readings: [u8; 2],
     compensation: Compensation,
     link: Option<Link>,
     number: u16,
-    /// Poll of the last exchange that was finished, of which no distance is known yet.
+    /// The poll of the last finished exchange whose distance is not known yet.
     finished: Option<RadioInstant>,
     /// The range to be reported, and its poll.
     range: Option<(RadioInstant, [Range; 1])>,
@@ -84,7 +86,7 @@ pub struct Tag {
 }
 
 impl Tag {
-    /// A tag that nobody has taken yet.
+    /// A tag that no anchor has taken yet.
     pub fn new(config: TagConfig) -> Self {
         Self {
             config,
@@ -147,7 +149,7 @@ impl Tag {
                 paired.tag_delay = paired.tag_delay.max(least);
                 self.resp_rx = frame.rx_time;
                 self.state = State::Finishing;
-                // It belongs to the exchange before, whose final may have been lost: 0 is none.
+                // The time of flight belongs to the exchange before, whose final may have been lost: 0 means none.
                 let tof = tof.filter(|tof| *tof != RadioDuration::ZERO);
                 if let (Some(tof), Some(poll)) = (tof, self.finished.take()) {
                     self.ranged(poll, tof, frame);
@@ -165,7 +167,8 @@ impl Tag {
     /// An anchor takes the tag.
     fn pair(&mut self, header: &Header, tag: u16, anchor_delay: u16, tag_delay: Option<u16>, heard: RadioInstant) {
         let anchor = header.source;
-        // Long addresses are kept where the anchor uses its own; short ones are those of the init. 0xFFFF and 0xFFFE are nobody's.
+        // Long addresses are kept if the anchor uses its own long address. Short addresses are those of the init.
+        // 0xFFFF and 0xFFFE belong to no node.
         let tag = match (anchor, tag) {
             (Address::Extended(_), _) => Address::Extended(self.config.eui),
             (Address::Short(_), 0..0xFFFE) => Address::Short(tag),
@@ -181,7 +184,7 @@ impl Tag {
         self.mean = Mean::new();
     }
 
-    /// An exchange has its distance, from what the anchor told.
+    /// The distance of an exchange is known, from the anchor's report.
     fn ranged(&mut self, poll: RadioInstant, told: RadioDuration, frame: &RxFrame<'_>) {
         let Some(paired) = &self.paired else { return };
         let diagnostics = frame.diagnostics;
@@ -192,13 +195,13 @@ impl Tag {
         self.range = Some((poll, [Range { peer, distance_m, deviation_m, position_m: None, diagnostics }]));
     }
 
-    /// A wait is over without what was waited for.
+    /// A wait has ended without the expected frame.
     fn give_up(&mut self, now: RadioInstant) {
         let awaited = matches!(self.state, State::AwaitingResponse { .. });
         self.state = State::Between;
         let Some(paired) = self.paired.as_mut().filter(|_| awaited) else { return };
         paired.unanswered = paired.unanswered.saturating_add(1);
-        // Where it was the response that was lost, a stock anchor is deaf until the final is due.
+        // If the response was lost, a stock anchor does not listen until the final is due.
         let deaf_until = now.plus(paired.delay(paired.tag_delay));
         if self.next.is_some_and(|next| deaf_until.since(next) > RadioDuration::ZERO) {
             self.next = Some(deaf_until);
@@ -213,7 +216,7 @@ impl Tag {
     fn finish(&mut self, paired: &Paired) -> Action<'_> {
         let delay = self.config.antenna_delay;
         let start = self.resp_rx.plus(paired.delay(paired.tag_delay)).plus(RadioDuration::from_ticks(-delay.ticks()));
-        // The chip starts at the snapped instant: that is what the anchor must be told.
+        // The chip starts at the snapped instant: the final must contain that instant.
         let final_tx = start.snapped().plus(delay);
         let (poll_tx, resp_rx) = (self.poll_tx, self.resp_rx);
         let told = match self.config.variant {
@@ -228,8 +231,8 @@ impl Tag {
     fn begin(&mut self, now: RadioInstant) -> Action<'_> {
         let due = *self.next.get_or_insert(now);
         if due.since(now) > RadioDuration::ZERO {
-            // Between exchanges nothing hangs on the clock, but for a distance that comes later: a restart begins with the next poll or
-            // blink.
+            // Between exchanges nothing depends on the clock, except a distance that comes later. A restart begins with
+            // the next poll or blink.
             return match self.finished {
                 None if due.since(now) > COMPENSATION && self.compensation.take() => Action::Compensate,
                 None => Action::Sleep { from: now, duration: due.since(now) },
@@ -250,7 +253,7 @@ impl Tag {
                     (Variant::Standard, Software::Delays) | (Variant::Fast, _) => None,
                 };
                 self.write(&paired, Message::Poll(self.config.variant, readings));
-                // After a pause the rhythm begins anew.
+                // After a pause a new rhythm begins.
                 let next = due.plus(self.config.period);
                 let late = now.since(next) > RadioDuration::ZERO;
                 self.next = Some(if late { now.plus(self.config.period) } else { next });
@@ -270,7 +273,7 @@ impl Protocol for Tag {
     fn guide(&mut self, guidance: Guidance) {
         match guidance.rate {
             Some(Rate::Every(period)) => self.config.period = period,
-            // There are no slots here to be used up.
+            // There are no slots here.
             Some(Rate::Greedy) | None => {}
         }
     }
@@ -313,7 +316,7 @@ impl Protocol for Tag {
             Event::Timeout | Event::Late | Event::NotSent => self.give_up(now),
             Event::Corrupt | Event::Woken | Event::Reported => {}
         }
-        // Nothing may keep the final waiting.
+        // Nothing may delay the final.
         if let (State::Finishing, Some(paired)) = (self.state, self.paired) {
             return self.finish(&paired);
         }
@@ -341,7 +344,7 @@ impl Protocol for Tag {
         }
         if self.state != State::Between {
             self.give_up(now);
-            // A link that has just been given up is reported at the next step.
+            // A link that has just been lost is reported at the next step.
         }
         self.begin(now)
     }

@@ -1,4 +1,4 @@
-//! The anchor in native mode: answers polls, keeps and relays time, and coordinates when nobody else does.
+//! The anchor in native mode: answers polls, keeps and relays time, and coordinates if no other anchor does.
 
 use heapless::Vec;
 
@@ -16,7 +16,7 @@ use wire::uwb::layout::Scheme;
 use wire::uwb::native::{FinalReceived, Frame, MAX_MEMBERS, Member, Message, Poll, Position, Response, SyncFrame};
 use wire::uwb::{BROADCAST, FrameBuffer};
 
-/// What an anchor is told at its start.
+/// The configuration of an anchor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct AnchorConfig {
@@ -27,25 +27,26 @@ pub struct AnchorConfig {
     /// What the radio adds to the snapped start of a transmission: its transmitting antenna's delay, as
     /// [`Radio::departure`](crate::Radio::departure) does.
     pub antenna_delay: RadioDuration,
-    /// Where it stands, metres, once surveyed.
+    /// Position, metres, once surveyed.
     pub position_m: Option<[f32; 3]>,
-    /// How often it asks the other anchors, for tags that only listen; `None`: never.
+    /// How often the anchor ranges to the other anchors, for tags that only listen; `None`: never.
     pub rounds: Option<Rate>,
 }
 
-/// Superframes to listen for a network before founding one …
+/// The anchor listens for a network for this number of superframes before it founds one …
 const SEARCH_SUPERFRAMES: i64 = 2;
-/// … and as many sync slots as the address says, of this many: of anchors switched on together, one is first.
+/// … and for a number of sync slots that follows from the address, less than this number. So one of several anchors
+/// switched on together is the first.
 const SEARCH_SPREAD: u16 = 128;
-/// What a distance told by a tag is worth: two stamps, halved (see [`tof`](crate::tof)).
+/// Standard deviation of a distance reported by a tag: two timestamps, halved (see [`tof`](crate::tof)).
 const DEVIATION_M: f32 = 0.5 * core::f32::consts::SQRT_2 * STAMP_DEVIATION_TICKS * METRES_PER_TICK as f32;
 
-/// What the anchor's last action was for.
+/// The purpose of the anchor's last action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Doing {
     /// Listening, reporting.
     Nothing,
-    /// Answers a poll that was over at this instant.
+    /// Answers a poll that ended at this instant.
     Answering(RadioInstant),
     /// Sends its sync frame.
     Syncing,
@@ -53,18 +54,18 @@ enum Doing {
     Polling,
 }
 
-/// The anchor's side of native mode. Its reports are changes of its place in the network, and rounds of one range where a tag
-/// tells what it measured.
+/// The anchor's side of native mode. It reports changes of its place in the network. Where a tag reports its
+/// measurements, it also reports rounds of one range.
 #[derive(Clone, Debug)]
 pub struct Anchor {
     config: AnchorConfig,
     meter: Meter,
     position: Option<Position>,
     network: Option<Coordinator>,
-    /// Without a network: when to found one.
+    /// Without a network: the instant at which to found one.
     found_at: Option<RadioInstant>,
     answer: Option<Answer>,
-    /// The last response to each tag, and the final that followed it.
+    /// The last response to each tag, and the final that followed the response.
     answered: Vec<Answered, MAX_MEMBERS>,
     rounds: AnchorRounds,
     compensation: Compensation,
@@ -73,25 +74,25 @@ pub struct Anchor {
     /// The one that the node is reading.
     reported: Option<ReportedRange>,
     doing: Doing,
-    /// When a window was to end so that a transmission can be made in time.
+    /// The end of a window that leaves enough time for a transmission.
     wake_at: Option<RadioInstant>,
     /// The first pulse of the poll that was waited for.
     pulse_at: Option<RadioInstant>,
-    /// The last decision was made at the end of a wait or a window, and not upon a frame.
+    /// The last decision was made at the end of a wait or a window, and not after a frame.
     was_awaited: bool,
-    /// The radio told when the command of the last transmission had reached it.
+    /// The radio reported when the command of the last transmission had reached it.
     was_measured: bool,
-    /// When the receiver was on again after the last frame, where the radio told.
+    /// When the receiver was on again after the last frame, if the radio reported it.
     listening_at: Option<RadioInstant>,
     sequence: u8,
     out: FrameBuffer,
 }
 
-/// A response to be sent at an instant.
+/// A response that is due at an instant.
 #[derive(Clone, Copy, Debug)]
 struct Answer {
     tag: u16,
-    /// When the poll was over.
+    /// The end of the poll.
     polled: RadioInstant,
     start: RadioInstant,
     response: Response,
@@ -106,7 +107,7 @@ struct Answered {
     final_heard: Option<FinalReceived>,
 }
 
-/// A distance that a tag has told.
+/// A distance that a tag has reported.
 #[derive(Clone, Copy, Debug)]
 struct ReportedRange {
     round: u16,
@@ -115,7 +116,7 @@ struct ReportedRange {
 }
 
 impl Anchor {
-    /// An anchor that has heard nobody yet.
+    /// An anchor that has not received any frame yet.
     pub fn new(config: AnchorConfig) -> Self {
         Self {
             config,
@@ -161,7 +162,7 @@ impl Anchor {
                 }
             }
             Message::Final { round } if everyone => self.on_final(told.source, round, frame.rx_time),
-            // Other anchors', and what is not for us.
+            // Messages for other anchors, or not addressed to this anchor.
             Message::Poll(_)
             | Message::Request(_)
             | Message::SyncFrame(_)
@@ -196,7 +197,7 @@ impl Anchor {
         }
     }
 
-    /// A response to a tag in a round leaves at `departure`: the final of the one before, if that was heard.
+    /// A response to a tag in a round leaves at `departure`. Returns the final of the round before, if it was received.
     fn note_response(&mut self, tag: u16, round: u16, departure: RadioInstant) -> Option<FinalReceived> {
         let last = self.answered.iter().position(|answered| answered.tag == tag);
         let final_heard = last.and_then(|place| self.answered.remove(place).final_heard);
@@ -210,7 +211,7 @@ impl Anchor {
     }
 
     fn on_poll(&mut self, tag: u16, poll: &Poll, frame: &RxFrame<'_>) {
-        // Who has no network knows no layout, and so not when to answer.
+        // An anchor without a network knows no layout, and so does not know when to answer.
         let Some(network) = &mut self.network else { return };
         network.on_tag(tag);
         network.wish(tag, poll.wish);
@@ -220,15 +221,15 @@ impl Anchor {
         let poll_rx = frame.rx_time;
         let antenna_delay = self.config.antenna_delay;
         let start = poll_rx.plus(timing.reply_in(slot)).plus(RadioDuration::from_ticks(-antenna_delay.ticks()));
-        // The chip starts at the snapped instant: that is what the tag must be told.
+        // The chip starts at the snapped instant: the response must contain that instant.
         let departure = start.snapped().plus(antenna_delay);
         let last_final = self.note_response(tag, poll.round, departure);
-        // A long response is for rounds that have room for it.
+        // A long response is only for rounds that have room for it.
         let last_final = last_final.filter(|_| timing.layout.scheme == Scheme::DoubleSided);
         let response = Response { round: poll.round, poll_rx, reply: departure.since(poll_rx), last_final };
         let polled = end_of(&self.config.network.phy, frame);
         self.answer = Some(Answer { tag, polled, start, response });
-        // What anchors tell is for tags that listen.
+        // The distances in another anchor's poll are for tags that only listen.
         let asked = poll.anchors.get(slot).filter(|_| !self.rounds.knows(tag));
         let distance = asked.and_then(|asked| asked.distance.metres());
         self.told = distance.map(|distance_m| ReportedRange {
@@ -255,7 +256,7 @@ impl Anchor {
         Action::Receive { start: Start::Now, window, keep_listening: true }
     }
 
-    /// What is next in the course of the superframe: the sync frame when it is due, else listening.
+    /// The next action in the superframe: the sync frame if it is due, else listening.
     fn schedule(&mut self, present: RadioInstant) -> Action<'_> {
         let (address, lead) = (self.config.address, self.meter.lead());
         let phy = &self.config.network.phy;
@@ -276,12 +277,12 @@ impl Anchor {
                 return Action::Report(Report::Link(Link::Coordinating));
             }
         };
-        // A superframe begins for us as early as we must decide on a sync frame in its first slot.
+        // A superframe begins early for this node, because it must decide in time on a sync frame in the first slot.
         let early = RadioDuration::from_ticks(lead.ticks() + SHORTEST_WAIT.ticks());
         network.advance(present.plus(early));
         let (timing, phase) = (network.course.timing, network.course.phase);
         let passed = present.since(phase.start).ticks();
-        // A clock that jumped may be anywhere: a window is never negative.
+        // A clock that jumped may have any value: a window is never negative.
         let rest = timing.superframe.ticks() - passed - early.ticks();
         let rest = RadioDuration::from_ticks(rest.max(SHORTEST_WAIT.ticks()));
         let Some(slot) = network.due() else { return self.among_rounds(RadioDuration::from_ticks(passed), rest) };
@@ -293,7 +294,8 @@ impl Anchor {
             return Self::listen(spare);
         }
         if until_pulse <= 0 {
-            // Awaited, and missed: there is another chance in this superframe. Else the slot was picked when it had passed.
+            // The slot was awaited and missed: there is another chance in this superframe. Otherwise the slot was
+            // chosen after it had passed.
             if let Some(wake) = self.wake_at.take() {
                 self.meter.overslept(present.since(wake));
                 network.was_late();
@@ -303,7 +305,7 @@ impl Anchor {
             return Self::listen(SHORTEST_WAIT);
         }
         let start = phase.at(rmarker).plus(RadioDuration::from_ticks(-self.config.antenna_delay.ticks()));
-        // Room for finals is for tags to ask.
+        // Tags ask for the room for finals.
         let wish = self.meter.wish(Scheme::SingleSided);
         let (sync_frame, takes_over) = network.compose(slot, self.position, wish);
         if takes_over {
@@ -314,7 +316,7 @@ impl Anchor {
         Action::Transmit { frame: self.out.bytes(), start: Start::At(start), listen: true }
     }
 
-    /// In the round slots: asks the other anchors in slots of its own, else listens.
+    /// In the round slots: ranges to the other anchors in slots of its own, else listens.
     fn among_rounds(&mut self, passed: RadioDuration, rest: RadioDuration) -> Action<'_> {
         let lead = self.meter.lead();
         let Some(network) = &mut self.network else { return Self::listen(rest) };
@@ -322,7 +324,7 @@ impl Anchor {
         self.rounds.plan(network, self.config.address);
         let phase = network.course.phase;
         let in_time = RadioDuration::from_ticks(passed.ticks() + lead.ticks());
-        // Woken for a round, the anchor makes it as long as its instant lies ahead.
+        // The anchor was woken for a round. It makes the round if the round's instant is still in the future.
         let spare = |pulse: RadioDuration| RadioDuration::from_ticks(pulse.ticks() - passed.ticks() - lead.ticks());
         let planned = self.pulse_at.take().map(|pulse| pulse.since(phase.start));
         if let Some(wake) = self.wake_at.filter(|_| planned.is_some_and(|pulse| pulse <= passed)) {
@@ -341,16 +343,17 @@ impl Anchor {
         }
         self.wake_at = self.wake_at.filter(|_| planned.is_some());
         let rmarker = pulse_at.plus(timing.to_rmarker);
-        // Its own lease.
+        // This anchor renews its own lease.
         network.on_tag(self.config.address);
         let poll = self.rounds.poll(&timing, pulse_at, self.meter.reading(), self.meter.wish(Scheme::SingleSided));
         self.doing = Doing::Polling;
         self.write(BROADCAST, Message::Poll(poll));
-        // At once would be before the slot, where the board is quicker than it must be: who listens goes by the slot.
+        // A start at once would be before the slot if the board is quicker than required. Listening tags rely on the
+        // slot.
         Action::Transmit { frame: self.out.bytes(), start: Start::At(rmarker), listen: true }
     }
 
-    /// What a late start teaches, where the radio did not measure it, and what it leaves to be done again.
+    /// Learns from a late start if the radio did not measure it, and repeats what was missed.
     fn was_late(&mut self) {
         match (self.doing, self.was_measured) {
             (Doing::Answering(_), false) => self.meter.answer_was_late(),

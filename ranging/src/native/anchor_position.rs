@@ -1,48 +1,50 @@
-//! Which position is believed of an anchor that a tag hears.
+//! Which position a tag accepts for an anchor that it receives.
 //!
-//! An anchor's sync frame tells where it stands. Sync frames are not authenticated: anybody can send one in an anchor's name. What such a sync frame
-//! must not do is to move an anchor that is known. So, as long as the tag follows one network without losing it (a session):
+//! An anchor's sync frame contains its position. Sync frames are not authenticated: anybody can send one with an
+//! anchor's address. Such a sync frame must not move a known anchor. So these rules hold as long as the tag follows one
+//! network without losing it (a session):
 //!
-//! - the position of a sync frame that came in the anchor's own slot is believed, and stays; one that came in a shared slot serves only
-//!   until then;
-//! - a sync frame that tells another position is ignored for positions and counted;
-//! - an anchor that was moved is believed once its own slot has told the same new position [`MOVED_AFTER`] times and the old one never in
-//!   between, or once it was forgotten because nobody heard it.
+//! - the tag accepts and keeps the position of a sync frame that came in the anchor's own slot; a position that came in
+//!   a shared slot is used only until then;
+//! - the tag ignores the position of a sync frame with another position, and counts it;
+//! - the tag accepts a moved anchor once the anchor's own slot has contained the same new position [`MOVED_AFTER`]
+//!   times and never the old one in between, or once the anchor was forgotten because it was silent.
 //!
-//! So a false position needs an anchor that is silent, or a tag that has just started.
+//! So a false position is possible only for a silent anchor, or in a tag that has just started.
 
 use wire::uwb::native::{Position, SyncFrame};
 
-/// A position within so much of another, in each axis, is the same, metres: anchors tell millimetres.
+/// Two positions are the same if they differ by less than this in each axis, metres. Anchors report positions in
+/// millimetres.
 const SAME_M: f32 = 0.01;
-/// An anchor was moved where its own slot has told the new position so many times: two seconds at 6.81 Mbit/s.
+/// An anchor was moved if its own slot has contained the new position this many times: two seconds at 6.81 Mbit/s.
 pub const MOVED_AFTER: u8 = 20;
 
-/// What an anchor has told of its position.
+/// What an anchor has reported of its position.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AnchorPosition {
     believed_m: Option<[f32; 3]>,
-    /// The anchor's own slot told it in this session.
+    /// The anchor's own slot contained the position in this session.
     is_settled: bool,
-    /// Another one that its own slot has told since …
+    /// Another position that the anchor's own slot has contained since …
     other_m: Option<[f32; 3]>,
     /// … this many times.
     repetitions: u8,
 }
 
 impl AnchorPosition {
-    /// The one that is believed, metres.
+    /// The accepted position, metres.
     pub const fn metres(&self) -> Option<[f32; 3]> {
         self.believed_m
     }
 
-    /// A sync frame of the anchor tells this position; whether that agrees with what is believed.
+    /// A sync frame of the anchor contains this position. Returns whether it agrees with the accepted one.
     pub fn receive(&mut self, told: Option<Position>, is_own_slot: bool) -> bool {
-        // Who tells nothing contradicts nothing.
+        // A sync frame without a position contradicts nothing.
         let Some(told_m) = told.map(Position::metres) else { return true };
         let agrees = self.believed_m.is_none_or(|believed_m| is_same(believed_m, told_m));
         if agrees || !self.is_settled && is_own_slot {
-            // The first one stays: small steps would add up.
+            // The first position stays: small steps would add up.
             self.believed_m = self.believed_m.filter(|_| agrees).or(Some(told_m));
             if is_own_slot {
                 *self = Self { believed_m: self.believed_m, is_settled: true, other_m: None, repetitions: 0 };
@@ -61,7 +63,7 @@ impl AnchorPosition {
         false
     }
 
-    /// The network was lost: the next own slot is believed, whatever it tells.
+    /// The network was lost: the position of the next own slot is accepted, whatever it is.
     pub fn end_session(&mut self) {
         self.is_settled = false;
     }
@@ -71,12 +73,13 @@ fn is_same(a: [f32; 3], b: [f32; 3]) -> bool {
     a.into_iter().zip(b).all(|(a, b)| (a - b).abs() <= SAME_M)
 }
 
-/// A byte that stands for an address in sync frames; never 0.
+/// A byte that represents an address in sync frames; never 0.
 pub fn hash(address: u16) -> u8 {
     (address % 255) as u8 + 1
 }
 
-/// Whether a sync frame came in a slot that belongs to its sender, as the sync frame itself tells. Shared slots belong to nobody.
+/// Whether a sync frame came in a slot that belongs to its sender, according to the sync frame itself. Shared slots
+/// belong to no anchor.
 pub fn is_own_slot(source: u16, sync_frame: &SyncFrame) -> bool {
     sync_frame.slot_owners.get(usize::from(sync_frame.slot)) == Some(&hash(source))
 }
@@ -115,12 +118,12 @@ mod tests {
     fn a_moved_anchor_is_believed_once_it_insists_and_the_old_position_is_told_no_more() {
         let mut position = AnchorPosition::default();
         position.receive(at(1.0), true);
-        // The old one is told in between: nothing moves, for ever.
+        // The old position comes in between: the anchor never moves.
         for _ in 0..10 * MOVED_AFTER {
             assert!(!position.receive(at(6.0), true));
             assert!(position.receive(at(1.0), true));
         }
-        // Another one each time: neither.
+        // Another position each time: none is accepted.
         for i in 0..10 * MOVED_AFTER {
             assert!(!position.receive(at(5.0 + f32::from(i)), true));
         }

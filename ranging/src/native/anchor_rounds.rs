@@ -1,8 +1,9 @@
-//! How an anchor asks the others, in slots of its own as a tag does, for tags that only listen. It is a member of the network
-//! beside being an anchor.
+//! How an anchor ranges to the other anchors, in slots of its own as a tag does, for tags that only listen. Such an
+//! anchor is also a member of the network.
 //!
-//! What it is answered makes ranges, and its polls tell the mean of each: by how much a frame between two anchors is late, behind
-//! walls, by antenna delays, is in every difference that a tag hears of the two, and in no other way known to it.
+//! The responses give ranges, and the anchor's polls contain the mean of each. These ranges show how late a frame
+//! between two anchors is because of walls or antenna delays. This delay is in every difference that a tag measures
+//! between the two, and a tag has no other way to know it.
 
 use heapless::Vec;
 
@@ -16,11 +17,11 @@ use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame};
 use wire::uwb::layout::{Layout, Scheme};
 use wire::uwb::native::{Distance, Member, Poll, Response};
 
-/// Anchors kept in mind.
+/// Anchors that are remembered.
 const MAX_HEARD: usize = 16;
-/// An anchor not heard for this many superframes is asked no more.
+/// An anchor that was silent for this many superframes is not asked any more.
 const FORGOTTEN_AFTER: u16 = 6;
-/// A distance that is told is the mean of about so many ranges: anchors stand, people between them do not.
+/// A reported distance is the mean of about this many ranges: anchors do not move, but people between them do.
 const MEAN_OF: u8 = 100;
 
 /// An anchor's rounds.
@@ -28,10 +29,10 @@ const MEAN_OF: u8 = 100;
 pub struct AnchorRounds {
     rate: Option<Rate>,
     heard: Vec<Other, MAX_HEARD>,
-    /// Whom the next round names first: with more anchors than a round has places, all have their turn.
+    /// The anchor that the next round names first: if there are more anchors than a round has places, all take turns.
     first: usize,
     round: RoundState,
-    /// Those who answered.
+    /// The anchors that answered.
     anchors: AnchorTable,
     bias: RangeBias,
     /// The superframe that `owned` is for.
@@ -39,7 +40,7 @@ pub struct AnchorRounds {
     owned: u64,
     /// Rounds begun in that superframe.
     rounds: u32,
-    /// When the answers of the last round are over.
+    /// When the responses of the last round are over.
     answered: Option<RadioInstant>,
 }
 
@@ -47,16 +48,16 @@ pub struct AnchorRounds {
 #[derive(Clone, Debug)]
 struct Other {
     address: u16,
-    /// Superframes since it was heard.
+    /// Superframes since its last frame.
     unheard: u16,
     /// Mean of the ranges to it, metres …
     apart_m: f32,
-    /// … and how many there are, at most [`MEAN_OF`].
+    /// … and the number of these ranges, at most [`MEAN_OF`].
     ranges: u8,
 }
 
 impl AnchorRounds {
-    /// Nobody heard yet.
+    /// No anchor received yet.
     pub fn new(rate: Option<Rate>, bias: RangeBias) -> Self {
         Self {
             rate,
@@ -72,7 +73,7 @@ impl AnchorRounds {
         }
     }
 
-    /// The radio was started: what was known of clocks is void.
+    /// The radio was started: everything known of clocks is void.
     pub fn restart(&mut self) {
         self.anchors.forget_clocks();
         self.round.forget();
@@ -82,14 +83,14 @@ impl AnchorRounds {
     pub fn receive(&mut self, anchor: u16) {
         match self.other(anchor) {
             Some(other) => other.unheard = 0,
-            // One more than is kept in mind is left to those nearer to it.
+            // An anchor beyond the remembered number is left to the anchors nearer to it.
             None => {
                 let _ = self.heard.push(Other { address: anchor, unheard: 0, apart_m: 0.0, ranges: 0 });
             }
         }
     }
 
-    /// Whether this is an anchor that was heard.
+    /// Whether this is an anchor that was received.
     pub fn knows(&self, address: u16) -> bool {
         self.heard.iter().any(|other| other.address == address)
     }
@@ -103,7 +104,7 @@ impl AnchorRounds {
         self.round.sent(departure);
     }
 
-    /// An answer came.
+    /// A response came.
     pub fn answer(&mut self, timing: &Timing, source: u16, response: Response, frame: &RxFrame<'_>) {
         let Self { round, anchors, bias, .. } = self;
         let Some(distance_m) = round.receive(timing, bias, anchors, source, response, frame) else { return };
@@ -113,7 +114,7 @@ impl AnchorRounds {
         }
     }
 
-    /// Once a superframe: asks for slots where it has not those it wants, and finds which are its own.
+    /// Once a superframe: requests slots if the anchor lacks some, and finds its own slots.
     pub fn plan(&mut self, network: &mut Coordinator, address: u16) {
         let Some(rate) = self.rate else { return };
         let timing = network.course.timing;
@@ -124,7 +125,7 @@ impl AnchorRounds {
         }) else {
             return;
         };
-        // Long past, and not to be mistaken for an instant to come once the clock has wrapped.
+        // Long past. It must not be mistaken for a future instant once the clock has wrapped.
         (self.answered, self.rounds) = (None, 0);
         self.anchors.advance(passed);
         for other in &mut self.heard {
@@ -138,11 +139,12 @@ impl AnchorRounds {
         };
     }
 
-    /// From the superframe's beginning to the first pulse of the next poll that can still be made `earliest` after it.
+    /// From the superframe's beginning to the first pulse of the next poll that is still possible `earliest` after that
+    /// beginning.
     pub fn next(&self, timing: &Timing, phase: Phase, earliest: RadioDuration) -> Option<RadioDuration> {
         let anchors = self.heard.len().min(MAX_ROUND);
         let answered = self.answered.map_or(earliest, |instant| instant.since(phase.start));
-        // Rounds of few anchors are shorter than slots: there are as many as slots.
+        // Rounds of few anchors are shorter than their slots: there are as many rounds as slots.
         let has_enough = self.rounds >= self.owned.count_ones();
         if anchors == 0 || has_enough {
             None
@@ -151,7 +153,7 @@ impl AnchorRounds {
         }
     }
 
-    /// The poll of a round whose first pulse is at `pulse`, by a node that has read a frame this long after its end.
+    /// The poll of a round whose first pulse is at `pulse`, by a node that has read a frame `reading` after its end.
     pub fn poll(&mut self, timing: &Timing, pulse: RadioInstant, reading: RadioDuration, wish: Layout) -> Poll {
         let length = timing.round(self.heard.len().min(MAX_ROUND)).ticks() + reading.ticks();
         self.answered = Some(pulse.plus(RadioDuration::from_ticks(length)));

@@ -1,9 +1,10 @@
-//! The anchors that a tag hears, and which of them it asks.
+//! The anchors that a tag receives, and which of them it asks.
 //!
-//! When more are heard than a round has places, those are asked whose ranges tell most about the position: one after the other
-//! the anchor that adds most information to those chosen (the largest determinant of the information matrix Σ w·u·uᵀ, u the
-//! direction to the anchor, w by received power and by how many of its answers come). The last place goes round among the
-//! others, so that a better one is found.
+//! If the tag receives more anchors than a round has places, it asks those whose ranges give most information about the
+//! position. It selects one anchor after the other: always the one that adds most information to those chosen (the
+//! largest determinant of the information matrix Σ w·u·uᵀ; u is the direction to the anchor, and w depends on received
+//! power and on the share of answered polls). The other anchors take turns in the last place, so that a better one is
+//! found.
 
 use heapless::Vec;
 
@@ -13,19 +14,19 @@ use super::clock::ClockModel;
 use crate::RadioInstant;
 use wire::uwb::native::SyncFrame;
 
-/// Anchors that a tag keeps in mind.
+/// Anchors that a tag remembers.
 pub const MAX_NEIGHBOURS: usize = 24;
-/// An anchor not heard for this many superframes is forgotten.
+/// An anchor that was silent for this many superframes is forgotten.
 const FORGOTTEN_AFTER: u16 = 6;
-/// Weight of a new reading in the mean power and in the share of answers.
+/// Weight of a new value in the mean power and in the share of answers.
 const SMOOTHING: f32 = 0.1;
 
-/// An anchor that the tag hears.
+/// An anchor that the tag receives.
 #[derive(Clone, Debug)]
 pub struct Neighbour {
     /// Short address.
     pub address: u16,
-    /// Where it says it stands.
+    /// The position that it reports.
     pub position: AnchorPosition,
     /// Its clock.
     pub clock: ClockModel,
@@ -35,31 +36,32 @@ pub struct Neighbour {
     power_dbm: f32,
     /// Share of polls that were answered.
     answers: f32,
-    /// Superframes since it was heard.
+    /// Superframes since its last frame.
     unheard: u16,
-    /// Superframes since it was asked.
+    /// Superframes since it was last asked.
     unasked: u16,
 }
 
-/// What a tag heard and did not believe since it was made: a sign that somebody forges frames, where it grows.
+/// What a tag received and refused since it was created. A growing count is a sign of forged frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Refused {
-    /// Sync frames that told another position of an anchor than the one that is known.
+    /// Sync frames with another position of an anchor than the known one.
     pub positions: u32,
-    /// Sync frames of a coordinator whose term prevails and that is not followed, because the one followed is heard.
+    /// Sync frames of a coordinator whose term prevails but which is not followed, because frames of the followed one
+    /// are received.
     pub coordinators: u32,
-    /// Responses that came off their slot, or told of a departure off it.
+    /// Responses that came outside their slot, or reported a departure outside it.
     pub off_slot: u32,
-    /// Responses whose carrier is not that of the anchor's crystal.
+    /// Responses whose carrier does not fit the anchor's crystal.
     pub carriers: u32,
 }
 
-/// The anchors that a tag hears.
+/// The anchors that a tag receives.
 #[derive(Clone, Debug, Default)]
 pub struct AnchorTable {
     anchors: Vec<Neighbour, MAX_NEIGHBOURS>,
-    /// What they, or others in their name, were not believed.
+    /// Frames of the anchors, or with their addresses, that were refused.
     pub refused: Refused,
 }
 
@@ -67,18 +69,18 @@ pub struct AnchorTable {
 pub type Team = Vec<u16, MAX_ROUND>;
 
 impl AnchorTable {
-    /// Nobody.
+    /// No anchor.
     pub const fn new() -> Self {
         let refused = Refused { positions: 0, coordinators: 0, off_slot: 0, carriers: 0 };
         Self { anchors: Vec::new(), refused }
     }
 
-    /// How many are heard.
+    /// How many anchors are received.
     pub fn len(&self) -> usize {
         self.anchors.len()
     }
 
-    /// The anchor of an address.
+    /// The anchor with an address.
     pub fn get_mut(&mut self, address: u16) -> Option<&mut Neighbour> {
         self.anchors.iter_mut().find(|anchor| anchor.address == address)
     }
@@ -90,14 +92,14 @@ impl AnchorTable {
         }
     }
 
-    /// The network was lost: where its anchors stand may be told anew.
+    /// The network was lost: its anchors may report new positions.
     pub fn end_session(&mut self) {
         for anchor in &mut self.anchors {
             anchor.position.end_session();
         }
     }
 
-    /// An anchor told of its position in a sync frame of the network that is followed.
+    /// An anchor reported its position in a sync frame of the followed network.
     pub fn on_sync_frame(&mut self, source: u16, sync_frame: &SyncFrame, power_dbm: f32) {
         let is_own_slot = is_own_slot(source, sync_frame);
         let Some(anchor) = self.receive(source, power_dbm) else { return };
@@ -106,7 +108,7 @@ impl AnchorTable {
         }
     }
 
-    /// `superframes` have begun: forgets who has not been heard.
+    /// `superframes` have begun: forgets the anchors that were silent too long.
     pub fn advance(&mut self, superframes: u16) {
         for anchor in &mut self.anchors {
             anchor.unheard = anchor.unheard.saturating_add(superframes);
@@ -115,7 +117,7 @@ impl AnchorTable {
         self.anchors.retain(|anchor| anchor.unheard <= FORGOTTEN_AFTER);
     }
 
-    /// An anchor was heard; a new one takes the place of the weakest where there is no other.
+    /// A frame of an anchor was received. A new anchor replaces the weakest one if there is no other room.
     pub fn receive(&mut self, address: u16, power_dbm: f32) -> Option<&mut Neighbour> {
         let known = self.anchors.iter().position(|anchor| anchor.address == address);
         let place = match known {
@@ -168,18 +170,18 @@ impl AnchorTable {
         }
     }
 
-    /// The tag's own radio slept for so many seconds.
+    /// The tag's own radio slept for `seconds`.
     pub fn sleep(&mut self, seconds: f32) {
         self.anchors.iter_mut().for_each(|anchor| anchor.clock.sleep(seconds));
     }
 
-    /// The anchors to ask, at most `places`, seen from `tag_m` where that is known.
+    /// The anchors to ask, at most `places`, as seen from `tag_m` if that is known.
     pub fn choose(&self, places: usize, tag_m: Option<[f32; 3]>) -> Team {
         let places = places.min(MAX_ROUND);
         let mut team = Team::new();
         if self.anchors.len() <= places {
             for anchor in self.anchors.iter().take(MAX_ROUND) {
-                // As many places as a round has.
+                // There are as many places as a round has.
                 let _ = team.push(anchor.address);
             }
             return team;
@@ -199,7 +201,7 @@ impl AnchorTable {
         team
     }
 
-    /// Tells which clock an anchor's stamps are of: for tests.
+    /// Adds an anchor with a position: for tests.
     #[cfg(test)]
     fn place(&mut self, address: u16, power_dbm: f32, position_m: [f32; 3]) {
         use wire::uwb::native::Position;
@@ -208,18 +210,18 @@ impl AnchorTable {
 }
 
 impl Neighbour {
-    /// It is there, though few of its sync frames are listened to.
+    /// The anchor is there, although the tag listens to few of its sync frames.
     pub fn keep(&mut self) {
         self.unheard = 0;
     }
 
-    /// What a range to it counts: less with little power, less where answers stay away.
+    /// The weight of a range to it: less with low power, less if responses are lost.
     fn weight(&self) -> f32 {
-        // From the receiver's limit, some −105 dBm, to where stamps do not get better.
+        // From the receiver's limit, some −105 dBm, to the power above which timestamps do not improve.
         ((self.power_dbm + 105.0) / 25.0).clamp(0.05, 1.0) * self.answers.max(0.01)
     }
 
-    /// Direction to it (not of unit length, any scale): none without both positions.
+    /// Direction to it (not of unit length, any scale). None without both positions.
     fn direction_from(&self, tag_m: Option<[f32; 3]>) -> Option<[f32; 3]> {
         let (anchor, tag) = (self.position.metres()?, tag_m?);
         Some(core::array::from_fn(|i| anchor[i] - tag[i]))
@@ -230,8 +232,8 @@ impl Neighbour {
         self.power_dbm
     }
 
-    /// A response told of a poll that left at `sent` and came at `heard` of the anchor's clock, and its carrier of the rate; false where
-    /// that carrier is of another crystal, and nothing of the response counts.
+    /// A response reported a poll that left at `sent` and arrived at `heard` in the anchor's clock, and its carrier
+    /// gave the rate. Returns false if that carrier is of another crystal; then nothing of the response counts.
     pub fn compare_clocks(&mut self, sent: RadioInstant, heard: RadioInstant, clock_offset_ppm: f32) -> bool {
         let is_of_anchor = self.clock.expects(clock_offset_ppm);
         if is_of_anchor {
@@ -242,7 +244,7 @@ impl Neighbour {
     }
 }
 
-/// The inverse of the information matrix of the anchors chosen, I/ε where there are none.
+/// The inverse of the information matrix of the chosen anchors, I/ε if there are none.
 struct Information([[f32; 3]; 3]);
 
 impl Information {
@@ -251,8 +253,8 @@ impl Information {
         Self([[INVERSE, 0.0, 0.0], [0.0, INVERSE, 0.0], [0.0, 0.0, INVERSE]])
     }
 
-    /// By how much the determinant grows: det(M + w·u·uᵀ) / det M − 1 = w·uᵀ·M⁻¹·u. The weight alone where there is no
-    /// direction.
+    /// The factor by which the determinant grows: det(M + w·u·uᵀ) / det M − 1 = w·uᵀ·M⁻¹·u. Without a direction: the
+    /// weight alone.
     fn gain(&self, weight: f32, direction: Option<[f32; 3]>) -> f32 {
         let Some(direction) = direction else { return weight };
         weight * dot(direction, self.times(direction)) / dot(direction, direction).max(1e-6)
@@ -291,7 +293,7 @@ mod tests {
         }
         anchors.place(5, -80.0, [0.0, 10.0, 1.0]);
         anchors.place(6, -80.0, [0.0, 0.0, 4.0]);
-        // Three by geometry, the fourth is one of the others.
+        // Three anchors are chosen by geometry, the fourth is one of the others.
         let team = anchors.choose(4, Some([0.0, 0.0, 1.0]));
         assert_eq!(team.len(), 4);
         assert!(team[..3].contains(&5) && team[..3].contains(&6), "{team:?}");
@@ -306,7 +308,7 @@ mod tests {
         let mut seen = std::collections::BTreeSet::new();
         for _ in 0..8 {
             let team = anchors.choose(3, None);
-            // By power alone: 1 and 2 are the strongest of −105 … −80 dBm? All are above: weights are equal; any two.
+            // By power alone: all powers are above −80 dBm, so all weights are equal and any two anchors are chosen.
             assert_eq!(team.len(), 3);
             for &address in &team {
                 anchors.asked(address, true);
@@ -331,7 +333,7 @@ mod tests {
         }
         let team = anchors.choose(3, None);
         assert!(!team[..2].contains(&1), "{team:?}");
-        // Not even heard any more: forgotten.
+        // The anchor is not received any more: forgotten.
         anchors.advance(4);
         for address in 2..=4 {
             anchors.receive(address, -75.0);

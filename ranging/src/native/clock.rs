@@ -1,46 +1,51 @@
-//! The rate of an anchor's clock against the tag's, from successive polls and from the carrier.
+//! The rate of an anchor's clock relative to the tag's, from successive polls and from the carrier.
 //!
-//! A poll leaves at a known instant of the tag's clock and arrives at one of the anchor's, which the response tells. From poll
-//! to poll the anchor's clock gains what its rate makes it gain. A Kalman filter of two states follows: how far the last stamp
-//! of the anchor was from the truth (ticks), and the rate (a fraction). Its noises: that of a reception's stamp; the tag's
-//! motion between polls, which changes the flight; the wander of both crystals. The carrier integrator gives the rate alone,
-//! twenty times coarser, but with the first response already; as measurements of one state both weigh in by their variances.
+//! A poll leaves at a known instant of the tag's clock and arrives at an instant of the anchor's clock, which the
+//! response contains. From poll to poll the anchor's clock gains or loses according to its rate. A Kalman filter
+//! follows two states: the error of the anchor's last timestamp (ticks), and the rate (a fraction). It has three
+//! noises: that of a reception's timestamp; the tag's motion between polls, which changes the time of flight; and the
+//! wander of both crystals. The carrier integrator measures the rate alone. It is twenty times coarser, but available
+//! with the first response. Both measure the same state, so the filter weights both by their variances.
 //!
-//! The carrier also tells whose frame it is: crystals differ by some millionths. Once an anchor's is known, a frame with another is not
-//! the anchor's ([`expects`](ClockModel::expects)).
+//! The carrier also identifies the sender of a frame: crystals differ by some millionths. Once an anchor's crystal is
+//! known, a frame with another carrier is not the anchor's ([`expects`](ClockModel::expects)).
 
 use crate::{RadioDuration, RadioInstant};
 
-/// Standard deviation of a reception's stamp, ticks: 0.1 ns (3 cm).
+/// Standard deviation of a reception's timestamp, ticks: 0.1 ns (3 cm).
 pub const STAMP_DEVIATION_TICKS: f32 = 6.4;
 /// Standard deviation of the rate by the carrier integrator.
 const CARRIER_DEVIATION: f32 = 0.2e-6;
-/// Standard deviation of a rate of which nothing is known: two crystals of ±20 ppm.
+/// Standard deviation of an unknown rate: two crystals of ±20 ppm.
 const UNKNOWN_RATE_DEVIATION: f32 = 40e-6;
-/// No two crystals in working order are farther apart than this.
+/// The rates of two intact crystals never differ by more than this.
 const IMPLAUSIBLE_RATE: f32 = 100e-6;
-/// A stamp may jump by this many ticks (100 m: another path of the signal) before the anchor must have been restarted.
+/// A timestamp may jump by this many ticks (100 m: another path of the signal). A larger jump means that the anchor was
+/// restarted.
 const IMPLAUSIBLE_JUMP_TICKS: f32 = 21_000.0;
-/// Wander of the rate, variance a second: 0.05 ppm after a second.
+/// Wander of the rate, variance per second: 0.05 ppm after a second.
 const RATE_WANDER: f32 = 2.5e-15;
-/// What a crystal that was off adds, variance: 0.1 ppm, until its temperature is what it was.
+/// Variance that is added for a crystal that was off: 0.1 ppm, until its temperature is the former one again.
 const SLEEP_WANDER: f32 = 1e-14;
-/// Wander of the flight by motion that is not steady, ticks² a second: 10 cm after a second.
+/// Wander of the time of flight by unsteady motion, ticks² per second: 10 cm after a second.
 const FLIGHT_WANDER: f32 = 454.0;
 /// An innovation beyond this many standard deviations is a jump.
 const GATE: f32 = 5.0;
-/// A carrier this far off is that of the same crystal in any case: what a crystal gains while it warms up.
+/// A carrier that differs by less than this is that of the same crystal in any case: a crystal changes by as much while
+/// it warms up.
 const SAME_CRYSTAL: f32 = 3e-6;
-/// The spread of carriers before any was measured.
+/// The spread of carriers before any measurement.
 const UNKNOWN_SPREAD: f32 = 2e-6;
-/// Weights of a new carrier in the spread of carriers: it rises quickly and sinks slowly, so that it is rather too large.
+/// Weights of a new carrier in the spread of carriers. The spread rises quickly and sinks slowly, so that the estimate
+/// is rather too large.
 const RISING: f32 = 0.2;
 const SINKING: f32 = 0.03;
-/// Carriers are gated once this many were taken.
+/// Carriers are gated once this many were measured.
 const SETTLED_AFTER: u8 = 20;
-/// A carrier that was refused this many times in a row, always alike, is that of the anchor: it was replaced, or is much colder.
+/// A carrier that was refused this many times in a row, always with a similar value, is accepted as the anchor's: its
+/// crystal was replaced, or is much colder.
 pub const RECOVERS_AFTER: u8 = 50;
-/// Ticks a second.
+/// Ticks per second.
 const TICKS_PER_SECOND: f32 = crate::time::TICKS_PER_SECOND as f32;
 
 /// What is known of an anchor's clock.
@@ -48,7 +53,7 @@ const TICKS_PER_SECOND: f32 = crate::time::TICKS_PER_SECOND as f32;
 pub struct ClockModel {
     /// The last poll: departure in the tag's clock, arrival in the anchor's.
     last: Option<(RadioInstant, RadioInstant)>,
-    /// True arrival − stamp of the last poll, ticks.
+    /// True arrival − timestamp of the last poll, ticks.
     offset: f32,
     /// (anchor's rate − tag's) / tag's.
     rate: f32,
@@ -56,13 +61,13 @@ pub struct ClockModel {
     offset_variance: f32,
     covariance: f32,
     rate_variance: f32,
-    /// Mean square of what carriers differed from the rate by.
+    /// Mean square of the difference between carriers and the rate.
     spread: f32,
-    /// Carriers taken, at most [`SETTLED_AFTER`].
+    /// Carriers measured, at most [`SETTLED_AFTER`].
     carriers: u8,
     /// The rate by the last carrier that was refused …
     refused_rate: f32,
-    /// … and how many in a row were refused that were like it.
+    /// … and the number of similar carriers refused in a row.
     refused: u8,
 }
 
@@ -89,10 +94,11 @@ impl ClockModel {
         }
     }
 
-    /// Whether a frame with this carrier, in parts per million, can be the anchor's: not where it is more than 5 deviations and 3 ppm
-    /// from the rate of a clock that is known. One that insists is believed, and the clock is begun with anew.
+    /// Whether a frame with this carrier, in parts per million, can be the anchor's. It cannot if the clock is known
+    /// and the carrier differs from its rate by more than 5 deviations and 3 ppm. A carrier that comes often enough is
+    /// accepted, and the model of the clock starts again.
     ///
-    /// To be asked before [`poll`](Self::poll) and [`carrier`](Self::carrier), which are for the anchor's frames.
+    /// Call it before [`poll`](Self::poll) and [`carrier`](Self::carrier), which are for the anchor's frames.
     pub fn expects(&mut self, clock_offset_ppm: f32) -> bool {
         let measured = clock_offset_ppm * 1e-6;
         if self.carriers < SETTLED_AFTER || measured.is_nan() {
@@ -114,14 +120,14 @@ impl ClockModel {
         insists
     }
 
-    /// The tag's radio slept for so many seconds: no interval reaches across, but its crystal is the same.
+    /// The tag's radio slept for `seconds`: no interval reaches across the sleep, but the crystal is the same.
     pub fn sleep(&mut self, seconds: f32) {
         let wander = RATE_WANDER * seconds + SLEEP_WANDER;
         let rate_variance = (self.rate_variance + wander).min(UNKNOWN_RATE_DEVIATION * UNKNOWN_RATE_DEVIATION);
         *self = Self { rate: self.rate, rate_variance, ..Self::new() };
     }
 
-    /// The anchor's clock against the tag's, as a fraction, positive where it is faster.
+    /// The rate of the anchor's clock relative to the tag's, as a fraction, positive if it is faster.
     pub const fn rate(&self) -> f32 {
         self.rate
     }
@@ -131,14 +137,14 @@ impl ClockModel {
         self.rate_variance
     }
 
-    /// A poll left at `sent` of the tag's clock and came at `heard` of the anchor's.
+    /// A poll left at `sent` of the tag's clock and arrived at `heard` of the anchor's.
     pub fn poll(&mut self, sent: RadioInstant, heard: RadioInstant) {
         let Some((last_sent, last_heard)) = self.last.replace((sent, heard)) else { return };
         let elapsed = sent.since(last_sent);
         let gained = RadioDuration::from_ticks(heard.since(last_heard).ticks() - elapsed.ticks()).ticks() as f32;
         let ticks = elapsed.ticks() as f32;
         if ticks <= 0.0 || (gained - self.offset).abs() > IMPLAUSIBLE_RATE * ticks + IMPLAUSIBLE_JUMP_TICKS {
-            // The anchor, or our own radio, has been restarted: its clock begins anew.
+            // The anchor or this tag's radio was restarted: its clock has a new origin.
             *self = Self { last: self.last, ..Self::new() };
             return;
         }
@@ -153,7 +159,7 @@ impl ClockModel {
         let innovation_variance = prior_offset_variance + stamp_variance;
         self.rate_variance = prior_rate_variance;
         if innovation * innovation > GATE * GATE * innovation_variance {
-            // The signal has found another path: the rate is what it was.
+            // The signal has found another path: the rate is unchanged.
             self.offset = 0.0;
             self.offset_variance = stamp_variance;
             self.covariance = 0.0;
@@ -168,7 +174,7 @@ impl ClockModel {
         self.rate_variance -= rate_gain * prior_covariance;
     }
 
-    /// The carrier of a frame from the anchor tells this rate, in parts per million.
+    /// The carrier of a frame from the anchor gives this rate, in parts per million.
     pub fn carrier(&mut self, clock_offset_ppm: f32) {
         let measured = clock_offset_ppm * 1e-6;
         if measured.is_nan() || measured.abs() > IMPLAUSIBLE_RATE {
@@ -176,7 +182,7 @@ impl ClockModel {
         }
         let innovation = measured - self.rate;
         if self.carriers > 0 {
-            // The first one has nothing to differ from.
+            // The first carrier has nothing to differ from.
             let excess = innovation * innovation - self.spread;
             self.spread += excess * if excess > 0.0 { RISING } else { SINKING };
         }
@@ -199,8 +205,8 @@ mod tests {
     use rand_distr::{Distribution, Normal};
     use rand_pcg::Pcg64;
 
-    /// Polls an anchor whose clock is fast by `rate`, every `period` s of the tag's clock; stamps with 0.1 ns of noise. Rate
-    /// and flight wander by these variances a second.
+    /// Polls an anchor whose clock is fast by `rate`, every `period` s of the tag's clock. Timestamps have 0.1 ns of
+    /// noise. Rate and time of flight wander by these variances per second.
     struct Polling {
         rng: Pcg64,
         rate: f64,
@@ -297,7 +303,7 @@ mod tests {
         for _ in 0..200 {
             polling.poll(&mut model, 0.2);
         }
-        // Five metres farther: 1066 ticks; as a rate over 2.5 ms it would be 6.7 ppm.
+        // Five metres farther: 1066 ticks. As a rate over 2.5 ms this would be 6.7 ppm.
         polling.anchor_start += 1066;
         for _ in 0..5 {
             polling.poll(&mut model, 0.2);
@@ -319,13 +325,14 @@ mod tests {
     #[test]
     fn a_frame_of_another_crystal_is_not_the_anchors() {
         let (mut model, _) = settled(20e-6, 0.2);
-        // 2 ppm by warmth pass; 5 ppm are another crystal, until it has insisted.
+        // A change of 2 ppm by warming is accepted. A change of 5 ppm is another crystal, until it was received often
+        // enough.
         assert!(model.expects(22.0));
         for _ in 0..3 * RECOVERS_AFTER {
             assert!(!model.expects(15.0));
             assert!(!model.expects(25.0));
         }
-        // The anchor's own frames in between: never.
+        // With the anchor's own frames in between it is never accepted.
         for _ in 0..3 * RECOVERS_AFTER {
             assert!(!model.expects(15.0));
             assert!(model.expects(20.1));

@@ -1,16 +1,16 @@
-//! When a node corrects its antenna delays for temperature and supply: at its start, a few times while the chip warms up, and then once a
-//! minute. It hears nothing meanwhile, so nodes do it at different times.
+//! When a node corrects its antenna delays for temperature and supply: at its start, a few times while the chip warms
+//! up, and then once a minute. A node receives nothing during a correction, so nodes do it at different times.
 
 use super::spread;
 
-/// From one time to the next, superframes, of the first times …
+/// Superframes between the first corrections …
 const SOON: u16 = 100;
-/// … which are so many, …
+/// … the number of these corrections …
 const SOON_TIMES: u8 = 6;
-/// … and later; a node takes up to a quarter more.
+/// … and superframes between later corrections. A node takes up to a quarter more.
 const LATER: u16 = 600;
 
-/// What a node remembers of it.
+/// A node's state of the correction.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Compensation {
     last: Option<u16>,
@@ -18,7 +18,7 @@ pub struct Compensation {
 }
 
 impl Compensation {
-    /// Whether the node of this address is to do it in this superframe: true once for each time.
+    /// Whether the node of this address is to correct in this superframe. Returns true once for each correction.
     pub fn take(&mut self, superframe: u16, address: u16) -> bool {
         let every = if self.times <= SOON_TIMES { SOON } else { LATER };
         let every = every + spread(address, 0, every / 4);

@@ -1,15 +1,17 @@
-//! How anchors keep one time, one coordinator and one list of members among themselves.
+//! How anchors share one time, one coordinator and one list of members.
 //!
-//! Each sync frame repeats the coordinator's last message, with its age in superframes (`age`) and the number of hops. An anchor follows the
-//! freshest message; its clock follows only senders that are nearer to the coordinator. If the age exceeds the limit, the coordinator is gone:
-//! the first anchor whose sync slot comes takes over, with a later term, the same time and the same list; those behind it hear that before
-//! their own slot. Which of two
-//! coordinators is followed, and when, is in [`election`](super::election). A coordinator that comes back hears that first, and follows.
+//! Each sync frame repeats the coordinator's last message, with its age in superframes (`age`) and the number of hops.
+//! An anchor follows the freshest message. Its clock follows only senders that are nearer to the coordinator. If the
+//! age exceeds the limit, the coordinator is gone. Then the first anchor whose sync slot comes takes over, with a later
+//! term, the same time and the same list. The anchors after it receive this before their own slot.
+//! [`election`](super::election) decides which of two coordinators is followed, and when. A coordinator that comes back
+//! receives the new coordinator's message first, and follows it.
 //!
-//! Polls that others heard count where those others tell of them in sync slots of their own, which they had before.
+//! Polls that other anchors received count if these anchors report them in sync slots of their own, which they had
+//! before.
 //!
-//! A sync slot is picked where nobody is heard or told of (each sync frame tells whom its sender hears in which slot). Who
-//! learns that a neighbour hears somebody else in its slot picks another.
+//! An anchor chooses a sync slot in which no other anchor was received or reported (each sync frame reports whom its
+//! sender receives in which slot). An anchor chooses another slot when a neighbour reports another sender in its slot.
 
 use super::anchor_position::{hash, is_own_slot};
 use super::election::{Choice, Election};
@@ -23,57 +25,58 @@ use crate::{PhyConfig, RadioInstant};
 use wire::uwb::layout::Layout;
 use wire::uwb::native::{Member, OWNED_SYNC_SLOTS, Position, SyncFrame};
 
-/// Word of the coordinator older than this many superframes, and two more a hop, means that it is gone.
+/// If the coordinator's last message is older than this many superframes, and two more for each hop, the coordinator is
+/// gone.
 const COORDINATOR_GONE: u8 = 3;
-/// An owner of a sync slot not heard or told of for this many superframes has left it.
+/// The owner of a sync slot that was neither received nor reported for this many superframes has left it.
 const SLOT_LEFT: u8 = 5;
 
-/// Owners of sync slots: a byte of the address's hash (0: nobody) and superframes since the last sign of it.
+/// Owners of sync slots: a byte of the address's hash (0: no owner) and superframes since the last sign of it.
 type Owners = [(u8, u8); OWNED_SYNC_SLOTS];
 
-/// An anchor's part in its network.
+/// An anchor's state in its network.
 #[derive(Clone, Debug)]
 pub struct Coordinator {
-    /// Where we are in time, and what counts there.
+    /// The time of the network, and the list and layout in force.
     pub course: Superframes,
     address: u16,
-    /// Who coordinates.
+    /// The coordinator of the network.
     election: Election,
-    /// Superframes listened to.
+    /// Superframes spent listening.
     listened: u16,
     slot: Option<u8>,
     heard_owners: Owners,
     told_owners: Owners,
-    /// Members of the newest list of whom a poll was heard, here or told by anchors farther from the coordinator.
+    /// Members of the newest list whose poll was received, here or according to anchors farther from the coordinator.
     heard_members: u32,
     leases: Leases,
-    /// What tags, and anchors farther from the coordinator, ask of the layout.
+    /// What tags, and anchors farther from the coordinator, request of the layout.
     wishes: LayoutRequests,
-    /// The last superframe whose sync frame is done with.
+    /// The last superframe whose sync frame is finished.
     told: Option<u16>,
-    /// The last superframe whose sync frame came too late in its own slot.
+    /// The last superframe whose sync frame was too late for its own slot.
     late: Option<u16>,
 }
 
-/// What a sync frame did to us.
+/// The effect of a sync frame on this anchor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FollowUpdate {
-    /// Nothing: of a network that does not prevail, or a repetition.
+    /// None: its network does not prevail, or it is a repetition.
     Ignored,
-    /// We follow as before.
+    /// This anchor follows as before.
     Followed,
-    /// We follow another coordinator now.
+    /// This anchor follows another coordinator now.
     Changed(Link),
 }
 
 impl Coordinator {
-    /// A network of its own, beginning at `start`, laid out for this anchor itself.
+    /// Founds a network that begins at `start`, with a layout for this anchor itself.
     pub fn found(address: u16, phy: &PhyConfig, layout: Layout, start: RadioInstant) -> Self {
         let slot = Some((usize::from(address) % OWNED_SYNC_SLOTS) as u8);
         Self { slot, ..Self::of_course(address, Superframes::begin(phy, layout, start)) }
     }
 
-    /// Into a network that was heard of, unless its layout is just changing.
+    /// Joins a network whose sync frame was received, unless its layout is just changing.
     pub fn join(
         address: u16,
         phy: &PhyConfig,
@@ -108,17 +111,19 @@ impl Coordinator {
         self.election.coordinator == self.address
     }
 
-    /// Takes a sync frame's coordinator for its own.
+    /// Accepts a sync frame's coordinator.
     fn follow(&mut self, source: u16, sync_frame: &SyncFrame) {
         self.election.follow(sync_frame);
         if sync_frame.coordinator == self.address {
-            // Word of our own from before a restart: we go on as the coordinator, by a later term, and all who follow us stay.
+            // A message of this anchor from before its restart: it goes on as the coordinator with a later term, and
+            // all followers stay.
             self.election.take_over(self.address);
         }
         self.note_owners(source, sync_frame);
     }
 
-    /// Into the network of a sync frame, as if nothing had been known; false in the middle of a change of its layout.
+    /// Joins the network of a sync frame without any earlier knowledge. Returns false in the middle of a change of its
+    /// layout.
     fn begin_anew(&mut self, phy: &PhyConfig, source: u16, sync_frame: &SyncFrame, rx_time: RadioInstant) -> bool {
         match Self::join(self.address, phy, source, sync_frame, rx_time) {
             Some(joined) => {
@@ -129,7 +134,7 @@ impl Coordinator {
         }
     }
 
-    /// A sync frame of our PAN came at `rx_time`.
+    /// A sync frame of this PAN arrived at `rx_time`.
     pub fn receive(
         &mut self,
         phy: &PhyConfig,
@@ -197,8 +202,9 @@ impl Coordinator {
         }
     }
 
-    /// What an anchor farther from the coordinator tells of tags. What it says it heard counts where it speaks in its own slot, and did
-    /// so before: a sync frame in a shared slot costs whoever forges it nothing.
+    /// Takes the report of tags by an anchor farther from the coordinator. Its report counts if it is sent in the
+    /// anchor's own slot, and the anchor had that slot before. A sync frame in a shared slot can be forged without any
+    /// cost.
     fn note_members(&mut self, source: u16, sync_frame: &SyncFrame) {
         if sync_frame.hops <= self.election.hops {
             return;
@@ -214,24 +220,24 @@ impl Coordinator {
         self.wishes.note(sync_frame.wish);
     }
 
-    /// A tag asks this of the layout.
+    /// A tag requests this layout.
     pub fn wish(&mut self, tag: u16, wish: Layout) {
         self.wishes.note_tag(tag, wish, self.course.membership.members());
     }
 
-    /// A tag asks for slots.
+    /// A tag requests slots.
     pub fn request(&mut self, request: Member) {
         self.leases.request(request, self.course.membership.members(), self.course.phase.number);
     }
 
-    /// A tag's poll was heard.
+    /// A tag's poll was received.
     pub fn on_tag(&mut self, tag: u16) {
         if let Some(place) = self.course.membership.members().iter().position(|member| member.tag == tag) {
             self.heard_members |= 1 << place;
         }
     }
 
-    /// Goes on to the superframe that `now` is in.
+    /// Advances to the superframe that contains `now`.
     pub fn advance(&mut self, now: RadioInstant) {
         let begun = self.course.advance(now);
         if begun == 0 {
@@ -257,7 +263,7 @@ impl Coordinator {
         }
     }
 
-    /// The coordinator's work of a superframe: leases end, requests are granted, slots are laid out.
+    /// The coordinator's work of a superframe: it ends leases, grants requests and sets the layout of the slots.
     fn coordinate(&mut self, begun: u16) {
         let Superframes { membership, phase, .. } = &mut self.course;
         let layout = self.wishes.better_than(membership.layout()).unwrap_or(membership.layout());
@@ -272,7 +278,8 @@ impl Coordinator {
         };
         let wished = (usize::from(self.address) % OWNED_SYNC_SLOTS) as u8;
         let all = 0..OWNED_SYNC_SLOTS as u8;
-        // At first the slot that goes with the address: addresses in a row never meet. Whoever was driven out of it draws.
+        // At first the anchor chooses the slot that corresponds to its address: consecutive addresses never collide. An
+        // anchor that had to leave its slot draws one at random.
         if free(&wished) && self.listened < 4 {
             return Some(wished);
         }
@@ -280,8 +287,8 @@ impl Coordinator {
         all.filter(free).nth(spread(self.address, self.course.phase.number, count).into())
     }
 
-    /// The sync slot of this superframe, unless that is done with. An anchor speaks in a shared slot where it came too late for its
-    /// own, and, now and then, where it has none of its own.
+    /// The sync slot of this superframe, unless its sync frame is finished. An anchor transmits in a shared slot if it
+    /// was too late for its own. An anchor without a slot of its own transmits in a shared slot now and then.
     pub fn due(&self) -> Option<u8> {
         let number = self.course.phase.number;
         if self.told == Some(number) {
@@ -299,19 +306,19 @@ impl Coordinator {
         }
     }
 
-    /// This superframe's sync frame is done with.
+    /// This superframe's sync frame is finished.
     pub fn skip(&mut self) {
         self.told = Some(self.course.phase.number);
     }
 
-    /// The sync frame that was due came too late: there is one more chance in this superframe, in a shared slot.
+    /// The sync frame was too late for its slot: there is one more chance in this superframe, in a shared slot.
     pub fn was_late(&mut self) {
         let number = self.course.phase.number;
         self.told = if self.late.replace(number) == Some(number) { Some(number) } else { None };
     }
 
-    /// The sync frame for a slot, to be sent now; and whether we have just become coordinator. `wish` is what this anchor itself asks of the
-    /// layout.
+    /// The sync frame for a slot, to be sent now; and whether this anchor has just become coordinator. `wish` is what
+    /// this anchor itself requests of the layout.
     pub fn compose(&mut self, slot: u8, position: Option<Position>, wish: Layout) -> (SyncFrame, bool) {
         self.skip();
         self.wishes.note(wish);
@@ -328,11 +335,11 @@ impl Coordinator {
         let (request, heard) = if self.coordinates() {
             (None, self.heard_members)
         } else {
-            // What is asked of the layout has its turn too.
+            // Requests of slots and requests of the layout take turns.
             let passes_request_on = self.course.phase.number.is_multiple_of(2) || self.wishes.all() == Layout::LEAST;
             let request = if passes_request_on { self.leases.pass_on() } else { None };
             let heard = self.heard_members;
-            // In a shared slot it does not count: it is told again.
+            // A transmission in a shared slot does not count: it is repeated.
             if usize::from(slot) < OWNED_SYNC_SLOTS {
                 self.heard_members = 0;
             }

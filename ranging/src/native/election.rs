@@ -1,41 +1,44 @@
-//! Which coordinator a node follows: an anchor that relays, the coordinator itself, or a tag.
+//! Which coordinator a node follows. The node is an anchor that relays, the coordinator itself, or a tag.
 //!
-//! Of two coordinators the later term is right, then the lower address: so two networks that meet become one, and an anchor that takes
-//! over from a silent coordinator is followed. Sync frames are not authenticated, and a single one with a later term must not end a network
-//! that works. So a coordinator that prevails is followed
+//! Of two coordinators, the one with the later term prevails; for equal terms, the one with the lower address. So two
+//! networks that meet become one, and nodes follow an anchor that takes over from a silent coordinator. Sync frames are
+//! not authenticated, and a single sync frame with a later term must not end a working network. So a node follows a
+//! coordinator that prevails
 //!
-//! - at once, where the one followed is silent: its word is older than a node that is so many hops away can have it;
-//! - at once, where it is the one followed, one term later: it was restarted. Once in [`RESTARTS_APART`] superframes at most;
-//! - at once, in the first [`YOUNG`] superframes of a network, when several anchors have just been switched on, and by an anchor that is
-//!   alone: there is nothing to lose;
-//! - else only after patience: its sync frames must come in [`NEAR_PATIENCE`] superframes, [`FAR_PATIENCE`] where it is more than one term
-//!   ahead, with none but single ones missing in between. That is how two networks that have worked for long, and come to hear each other, merge.
+//! - at once, if the followed coordinator is silent: its last message is older than the node's number of hops explains;
+//! - at once, if it is the followed coordinator with the next term: it was restarted. This is accepted at most once in
+//!   [`RESTARTS_APART`] superframes;
+//! - at once, in the first [`YOUNG`] superframes of a network, when several anchors have just been switched on; and
+//!   always if the node is a coordinator without members and without other anchors: then there is nothing to lose;
+//! - else only after patience: its sync frames must come in [`NEAR_PATIENCE`] superframes, or in [`FAR_PATIENCE`] if it
+//!   is more than one term ahead. Only single superframes may be missing in between. In this way two networks merge
+//!   that have worked for long and come into range of each other.
 
 use super::prevails;
 use super::timing::HOLDOVER_SUPERFRAMES;
 use wire::uwb::native::SyncFrame;
 
-/// Restarts of one coordinator are followed at once where they are so many superframes apart.
+/// Restarts of one coordinator are followed at once if they are this many superframes apart.
 const RESTARTS_APART: u8 = 2;
-/// A network is young for so many superframes.
+/// A network is young for this many superframes.
 const YOUNG: u16 = 10;
-/// Superframes with a sync frame of another coordinator of the same term, or one term ahead, until it is followed …
+/// Superframes with a sync frame of another coordinator of the same term, or one term ahead, before it is followed …
 const NEAR_PATIENCE: u8 = 10;
-/// … and of one that is farther ahead.
+/// … and of a coordinator that is farther ahead.
 const FAR_PATIENCE: u8 = 100;
-/// After more than so many superframes without its sync frame the patience begins anew.
+/// After more than this many superframes without its sync frame, the count starts again.
 const PAUSE: u8 = 1;
 
-/// The coordinator that is followed, and the one that may come after it.
+/// The followed coordinator, and the candidate that may replace it.
 #[derive(Clone, Copy, Debug)]
 pub struct Election {
     /// Counts changes of coordinator.
     pub term: u8,
-    /// Who coordinates.
+    /// The coordinator's address.
     pub coordinator: u16,
     /// Hops to it; 0: the node itself.
     pub hops: u8,
-    /// Superframes since what is known left it.
+    /// Superframes since the last known message left the coordinator.
     pub age: u8,
     /// Superframes since this network was joined or founded.
     superframes: u16,
@@ -48,22 +51,22 @@ pub struct Election {
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
     is: (u8, u16),
-    /// Superframes in which a sync frame of its network came.
+    /// Superframes in which a sync frame of its network was received.
     heard_in: u8,
     /// Superframes since the last one.
     unheard: u8,
 }
 
-/// What is to be done with a sync frame.
+/// How to treat a sync frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Choice {
-    /// It is of the coordinator that is followed.
+    /// It is from the followed coordinator.
     Same,
-    /// Its coordinator is to be followed from now on.
+    /// Follow its coordinator from now on.
     Change,
     /// Its coordinator does not prevail.
     Older,
-    /// Its coordinator prevails, and is not followed: not yet, or never.
+    /// Its coordinator prevails but is not followed: not yet, or never.
     Refused,
 }
 
@@ -92,7 +95,7 @@ impl Election {
         self.candidate = self.candidate.filter(|candidate| candidate.unheard <= PAUSE + 1);
     }
 
-    /// A sync frame came. `is_alone`: nobody would be left behind.
+    /// A sync frame was received. `is_alone`: a change would leave no other node behind.
     pub fn receive(&mut self, sync_frame: &SyncFrame, is_alone: bool) -> Choice {
         let (told, followed) = ((sync_frame.term, sync_frame.coordinator), (self.term, self.coordinator));
         if told == followed {
@@ -113,10 +116,10 @@ impl Election {
         if is_trusted || self.heard_in(told) >= patience { Choice::Change } else { Choice::Refused }
     }
 
-    /// In how many superframes the candidate was heard, now that a sync frame of `told` came.
+    /// The number of superframes in which the candidate was received, including a sync frame of `told` that came now.
     fn heard_in(&mut self, told: (u8, u16)) -> u8 {
         let candidate = self.candidate.get_or_insert(Candidate { is: told, heard_in: 0, unheard: 1 });
-        // Another one waits until this one is silent.
+        // Another candidate waits until this one is silent.
         if candidate.is != told {
             return 0;
         }
@@ -160,13 +163,13 @@ mod tests {
         election
     }
 
-    /// A superframe with a sync frame of the one followed.
+    /// A superframe with a sync frame of the followed coordinator.
     fn superframe(election: &mut Election) {
         election.advance(1);
         assert_eq!(election.receive(&sync_frame(election.term, election.coordinator), false), Choice::Same);
     }
 
-    /// Superframes until a sync frame in each of them is followed, of 1000.
+    /// Superframes, of 1000, until a sync frame in each of them is followed.
     fn patience(mut election: Election, told: &SyncFrame) -> Option<usize> {
         (0..1000).position(|_| {
             superframe(&mut election);
@@ -177,7 +180,7 @@ mod tests {
     #[test]
     fn a_later_term_is_followed_at_once_where_the_coordinator_is_silent() {
         let mut election = settled();
-        // Its word of the superframe before last, over one hop more, is none too old.
+        // A message from the superframe before last, over one more hop, is not too old.
         for age in 0..4 {
             assert_eq!(election.receive(&sync_frame(4, 9), false), Choice::Refused, "age {age}");
             election.advance(1);

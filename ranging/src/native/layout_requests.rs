@@ -1,4 +1,5 @@
-//! What nodes ask of the layout, collected over the last superframes: the coordinator lays the slots out by it, other anchors pass it on.
+//! What nodes request of the layout, collected over the last superframes. The coordinator sets the slot lengths by
+//! these requests; other anchors pass them on.
 
 use heapless::Vec;
 
@@ -6,40 +7,42 @@ use super::plan::{Members, lists};
 use wire::uwb::layout::Layout;
 use wire::uwb::native::MAX_MEMBERS;
 
-/// LayoutRequests of anchors, and of tags that are no members, are kept for one to two times this many superframes: anchors repeat them in
-/// their sync frames. Those of members are kept until they ask for something else, or leave.
+/// Requests of anchors, and of tags that are not members, are kept for one to two times this many superframes, because
+/// anchors repeat them in their sync frames. Requests of members are kept until the members request something else, or
+/// leave.
 const KEPT_SUPERFRAMES: u16 = 10;
-/// A layout may be made shorter from this superframe of a network on, or of an anchor's coordination: until then not all were heard.
+/// A layout may become shorter only from this superframe of a network, or of an anchor's coordination, on. Before that,
+/// not all nodes were received.
 const SETTLED_AFTER: u16 = 5;
-/// A layout is made shorter only where it is longer than what is asked by more than this many steps (of 3 to 6 % each): it would change
-/// with every breath otherwise.
+/// A layout becomes shorter only if it exceeds the requests by more than this many steps (of 3 to 6 % each). Otherwise
+/// every small variation would change it.
 const SPARE_STEPS: u8 = 3;
 
-/// The longest of what was asked for lately.
+/// The longest recent requests.
 #[derive(Clone, Debug)]
 pub struct LayoutRequests {
-    /// Tags that are members, and the byte by which they asked last.
+    /// Tags that are members, and the byte of their last request.
     members: Vec<(u16, u8), MAX_MEMBERS>,
     current: Layout,
     former: Layout,
-    /// Superframes that `current` was collected in.
+    /// Superframes in which `current` was collected.
     superframes: u16,
-    /// Everybody has had time to ask.
+    /// Every node has had time to send its request.
     is_settled: bool,
 }
 
 impl LayoutRequests {
-    /// Nobody has asked for anything.
+    /// No request yet.
     pub const fn new() -> Self {
         Self { members: Vec::new(), current: Layout::LEAST, former: Layout::LEAST, superframes: 0, is_settled: false }
     }
 
-    /// Somebody asks for this.
+    /// A node requests this.
     pub fn note(&mut self, wish: Layout) {
         self.current = self.current.max(wish);
     }
 
-    /// A tag asks for this, in place of what it asked for before.
+    /// A tag requests this, in place of its earlier request.
     pub fn note_tag(&mut self, tag: u16, wish: Layout, members: &Members) {
         if !lists(members, tag) {
             return self.note(wish);
@@ -71,13 +74,13 @@ impl LayoutRequests {
         }
     }
 
-    /// What serves all who asked.
+    /// The layout that serves all requests.
     pub fn all(&self) -> Layout {
         let of_members = self.members.iter().map(|(_, byte)| Layout::from_tag_byte(*byte));
         of_members.fold(self.current.max(self.former), Layout::max)
     }
 
-    /// The layout to change to, where the one that counts does not serve all, or serves all by far.
+    /// The layout to change to, if the one in force is too short for a request, or much longer than needed.
     pub fn better_than(&self, layout: Layout) -> Option<Layout> {
         let all = self.all();
         if all.max(layout) != layout {
@@ -90,7 +93,7 @@ impl LayoutRequests {
         let is_longer = is_far(layout.answer, all.answer)
             || is_far(layout.listen_again, all.listen_again)
             || layout.scheme != all.scheme;
-        // Nobody has measured one of them yet: it stays.
+        // No node has measured this span yet: it stays.
         let or_stay = |asked: super::Span, now: super::Span| if asked == super::Span::default() { now } else { asked };
         let shorter = Layout {
             answer: or_stay(all.answer, layout.answer),
@@ -136,7 +139,7 @@ mod tests {
         assert_eq!(wishes.better_than(layout(900)), None);
         wishes.advance(1);
         assert_eq!(wishes.better_than(layout(900)), Some(layout(300)));
-        // Only who has measured asks.
+        // Only nodes that have measured send requests.
         let mut silent = LayoutRequests::new();
         silent.advance(SETTLED_AFTER);
         assert_eq!(silent.better_than(layout(900)), None);
@@ -155,7 +158,7 @@ mod tests {
         for _ in 0..30 {
             wishes.advance(KEPT_SUPERFRAMES);
         }
-        // Tags ask for no answer.
+        // Tags request no answer time.
         assert_eq!(wishes.all(), Layout { scheme: Scheme::DoubleSided, answer: Span::default(), ..layout(0) });
         wishes.keep(&[member(1)].into_iter().collect());
         assert_eq!(wishes.all(), Layout::LEAST);

@@ -1,8 +1,9 @@
-//! Who is a member of the network and for how long: the coordinator's list of requests and leases.
+//! Who is a member of the network and for how long: the coordinator's requests and leases.
 //!
-//! A member keeps its slots as long as its polls are heard. A new member is on probation until one of them was: a request costs whoever
-//! forges it a single frame, so that tags that do not exist must neither stay nor take every place. Where more ask than there are
-//! places on probation, chance decides who gets one, nobody keeps one for long, and the others ask again.
+//! A member keeps its slots as long as its polls are received. A new member is on probation until one of its polls was
+//! received. A forged request costs a single frame, so tags that do not exist must neither stay nor take every place.
+//! If more tags request slots than there are places on probation, chance decides who gets one. No tag keeps such a
+//! place for long, and the others request again.
 
 use heapless::Vec;
 
@@ -11,39 +12,39 @@ use super::spread;
 use wire::uwb::layout::Layout;
 use wire::uwb::native::{MAX_MEMBERS, Member, Share};
 
-/// A member of whom no poll was heard for this many of its turns loses its slots.
+/// A member without a received poll for this many of its turns loses its slots.
 const LEASE_TURNS: u16 = 10;
-/// One on probation loses them after this many turns …
+/// A member on probation loses them after this many turns …
 const PROBATION_TURNS: u16 = 2;
-/// … and so many superframes: its list does not count at once, and relays take theirs until they have told of its poll.
+/// … and this many superframes: its list does not count at once, and relays need some superframes to report its poll.
 const PROBATION_SUPERFRAMES: u16 = 8;
 /// Members on probation at a time.
 const MAX_ON_PROBATION: usize = 8;
-/// Requests on their way.
+/// Pending requests.
 const MAX_REQUESTS: usize = 16;
 
-/// Requests, and as coordinator what is known of each member of the list.
+/// Pending requests, and for the coordinator what is known of each member of the list.
 #[derive(Clone, Debug)]
 pub struct Leases {
     requests: Vec<Member, MAX_REQUESTS>,
     /// Superframes since a poll of each member.
     unheard: [u16; MAX_MEMBERS],
-    /// Members (bit i: the list's i-th) of whom a poll was heard since they are members.
+    /// Members (bit i: the list's i-th) with a poll received since they became members.
     proven: u32,
 }
 
 impl Leases {
-    /// Nobody asks. The members of a list that is taken over are believed.
+    /// No requests. The members of a list that is taken over count as proven.
     pub const fn new() -> Self {
         Self { requests: Vec::new(), unheard: [0; MAX_MEMBERS], proven: u32::MAX }
     }
 
-    /// The list was another coordinator's: its members have their leases from now.
+    /// The list was another coordinator's: the leases of its members begin now.
     pub fn take_over(&mut self) {
         (self.unheard, self.proven) = ([0; MAX_MEMBERS], u32::MAX);
     }
 
-    /// A tag asks for a share; in superframe `number`.
+    /// A tag requests a share, in superframe `number`.
     pub fn request(&mut self, request: Member, members: &Members, number: u16) {
         let listed = members.iter().find(|member| member.tag == request.tag);
         if listed.map_or(Share::Release, |member| member.share) == request.share {
@@ -52,7 +53,7 @@ impl Leases {
         if let Some(known) = self.requests.iter_mut().find(|known| known.tag == request.tag) {
             *known = request;
         } else if self.requests.push(request).is_err() {
-            // Too many are on their way: another one asks again, no matter who came first.
+            // Too many requests are pending. The new one replaces a random one; its tag requests again.
             let place = usize::from(spread(request.tag, number, MAX_REQUESTS as u16));
             if let Some(other) = self.requests.get_mut(place) {
                 *other = request;
@@ -65,8 +66,8 @@ impl Leases {
         self.requests.pop()
     }
 
-    /// The coordinator's work when `begun` superframes have begun, up to `number`: leases end, requests are granted, and where the list
-    /// or the layout changes by that, the change is announced. `heard` are the members of whom a poll was heard.
+    /// The coordinator's work when `begun` superframes have begun, up to `number`: it ends leases, grants requests, and
+    /// announces the change if the list or the layout changes. `heard` are the members whose poll was received.
     pub fn renew(&mut self, membership: &mut Membership, layout: Layout, heard: u32, begun: u16, number: u16) {
         for (place, unheard) in self.unheard.iter_mut().enumerate() {
             *unheard = if heard >> place & 1 == 1 { 0 } else { unheard.saturating_add(begun) };
@@ -86,11 +87,11 @@ impl Leases {
             let lease = if is_proven(place) { lease(member.share) } else { probation(member.share, is_crowded) };
             unheard <= lease && !self.requests.iter().any(|request| request.tag == member.tag)
         };
-        // In the order of their addresses; a library's sort takes five kilobytes.
+        // In the order of their addresses. A library's sort takes five kilobytes.
         let mut list = Members::new();
         let mut insert = |member: Member| {
             let place = list.iter().position(|other: &Member| other.tag > member.tag).unwrap_or(list.len());
-            // A full network takes nobody.
+            // A full network accepts no further member.
             let _ = list.insert(place, member);
         };
         let mut on_probation = 0;
@@ -131,12 +132,13 @@ fn turn(share: Share) -> u16 {
     }
 }
 
-/// Superframes that a member keeps its slots without a poll heard.
+/// Superframes that a member keeps its slots without a received poll.
 fn lease(share: Share) -> u16 {
     LEASE_TURNS * turn(share)
 }
 
-/// Superframes that one on probation keeps them, its turn coming or not where others wait.
+/// Superframes that a member on probation keeps its slots. If other tags wait (`is_crowded`), the time ends even
+/// without a turn.
 fn probation(share: Share, is_crowded: bool) -> u16 {
     let turn = if is_crowded { 1 } else { turn(share) };
     PROBATION_TURNS * turn + PROBATION_SUPERFRAMES
@@ -146,7 +148,7 @@ fn probation(share: Share, is_crowded: bool) -> u16 {
 mod tests {
     use super::*;
 
-    /// A coordinator with nobody, and the superframes that pass.
+    /// A coordinator without members, and the superframes that pass.
     struct Coordinator {
         leases: Leases,
         membership: Membership,
@@ -162,7 +164,7 @@ mod tests {
             self.leases.request(Member { tag, share }, self.membership.members(), self.number);
         }
 
-        /// A superframe in which these tags were heard.
+        /// A superframe in which these tags were received.
         fn superframe(&mut self, heard: &[u16]) {
             let members = self.membership.members().iter().enumerate();
             let bits = members.filter(|(_, member)| heard.contains(&member.tag)).map(|(place, _)| 1 << place).sum();
@@ -200,7 +202,7 @@ mod tests {
         let real: std::vec::Vec<u16> = (1..=16).collect();
         let (mut invented, mut most) = (0x4000, 0);
         for _ in 0..600 {
-            // Six requests of new invented tags a superframe, and all real ones that are not members.
+            // Six requests of new invented tags in each superframe, and those of all real tags that are not members.
             for _ in 0..6 {
                 invented += 1;
                 coordinator.request(invented, Share::OneIn(127));

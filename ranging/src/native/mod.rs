@@ -1,24 +1,27 @@
-//! Native mode: a tag ranges to up to eight anchors with one frame more than anchors, in slots nobody else uses.
+//! Native mode: a tag ranges to up to eight anchors in slots of its own. A round needs one frame more than it has
+//! anchors.
 //!
-//! **Round.** The tag broadcasts one poll that names the anchors of the round, in slot order. Each answers in its slot with the
-//! poll's arrival and its answer's departure in its own clock. The tag has four timestamps a range (single-sided, seed 002,
-//! equation 3); what single-sided ranging lacks, the ratio of both clocks, it knows from the polls: their departures in its
-//! own clock against their arrivals in the anchor's, filtered over the rounds, and for an anchor it has never polled from the
-//! carrier of the answer. N + 1 frames give what double-sided ranging gives with 2 N + 1 or more. A lost answer costs one range.
-//! With [`Scheme::DoubleSided`] a final of the tag follows the responses, and each anchor tells in its next response when that came:
-//! N + 2 frames, and no model of clocks.
+//! **Round.** The tag broadcasts one poll that names the anchors of the round, in slot order. Each anchor answers in
+//! its slot. Its response contains the poll's arrival and the response's departure in the anchor's clock. So the tag
+//! has four timestamps for each range (single-sided: A. Linde Cerezo's thesis, Universitat Oberta de Catalunya, 2024,
+//! equation 3). Single-sided ranging also needs the ratio of both clocks. The tag estimates this ratio from the polls:
+//! it compares their departures in its own clock with their arrivals in the anchor's clock, and filters over the
+//! rounds. For an anchor that it has never polled, it uses the carrier of the response. N + 1 frames give what
+//! double-sided ranging gives with 2 N + 1 or more. A lost response costs one range. With [`Scheme::DoubleSided`] the
+//! tag sends a final after the responses, and each anchor reports the final's arrival in its next response: N + 2
+//! frames, and no model of clocks.
 //!
-//! **No hidden deadlines.** Each node measures how long it takes to answer, to hear again and to decide (`pace`), and asks for as
-//! much; the coordinator lays the slots out by what the slowest node asked for ([`Layout`]). What came too late is sent in the next
-//! slot there is.
+//! **No hidden deadlines.** Each node measures how long it takes to answer, to receive again and to decide (`pace`),
+//! and requests that time. The coordinator chooses the slot lengths by the request of the slowest node ([`Layout`]). A
+//! frame that is too late for its slot is sent in the next slot.
 //!
-//! **Superframe.** Anchors repeat a sync frame (time, coordinator, members, position); tags learn from it where they are in time,
-//! who is there, and which slots are theirs.
+//! **Superframe.** Anchors repeat a sync frame (time, coordinator, members, position). Tags learn from it the network
+//! time, the anchors, and their own slots.
 //!
-//! **Listening.** Anchors may ask each other as tags do, in slots of their own. Tags that only listen position themselves by the
-//! differences of arrival, any number of them.
+//! **Listening.** Anchors may range to each other as tags do, in slots of their own. Any number of tags that only
+//! listen can compute their position from the time differences of arrival.
 //!
-//! All nodes of a network are built with one [`Network`]; all times follow from it and from the layout.
+//! All nodes of a network are configured with the same [`Network`]. All times follow from it and from the layout.
 
 mod anchor;
 mod anchor_position;
@@ -52,11 +55,12 @@ pub use timing::{Network, ReplyDelay, Timing};
 pub use wire::uwb::MAX_ROUND;
 pub use wire::uwb::layout::{Layout, Scheme, Span};
 
-/// A window or a wait shorter than this is not worth its commands: the node decides at once.
+/// A window or a wait shorter than this costs more than it gives: the node decides at once.
 const SHORTEST_WAIT: crate::RadioDuration = crate::RadioDuration::from_micros(50);
 
-/// Whether what is told by a network of this term and coordinator is to be followed by one who follows that of `term` and
-/// `coordinator`: the same, a later term, or of one term the lower address.
+/// Whether a node that follows the network `followed` is to follow the network `told` (each a term and a coordinator).
+/// True if both are the same, if the term of `told` is later, or if the terms are equal and the address of `told` is
+/// lower.
 fn prevails(told: (u8, u16), followed: (u8, u16)) -> bool {
     match told.0.wrapping_sub(followed.0) {
         0 => told.1 <= followed.1,
@@ -64,7 +68,8 @@ fn prevails(told: (u8, u16), followed: (u8, u16)) -> bool {
     }
 }
 
-/// Spreads choices without a source of randomness: other nodes, and the same node next time, choose differently.
+/// Spreads choices without a source of randomness: other nodes choose differently, and so does the same node in another
+/// superframe.
 fn spread(address: u16, superframe: u16, choices: u16) -> u16 {
     // Finaliser of MurmurHash3.
     let mut hash = u32::from(address) << 16 | u32::from(superframe);

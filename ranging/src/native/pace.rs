@@ -1,25 +1,28 @@
 //! How quick this node is, measured while it runs.
 //!
-//! In flow instants of the radio's own clock ([`Pace`](crate::Pace)): when the command for a transmission had reached the chip, when
-//! the receiver was on again, when a frame had been dealt with. Out flow the lead by which the node decides before its own
-//! transmissions, and what it asks of the network's layout. A board that became slower (another task, flash, a compiler) shows it by a
-//! single late start; one that became quicker is believed slowly.
+//! Inputs are instants of the radio's own clock ([`Pace`](crate::Pace)): when the command for a transmission had
+//! reached the chip, when the receiver was on again, and when a frame had been processed. Outputs are the lead, which
+//! is the time before its own transmissions at which the node decides, and the node's request for the network's layout.
+//! A board that became slower (another task, flash, a compiler) shows it by a single late start. The estimate of a
+//! board that became quicker sinks slowly.
 
 use super::ReplyDelay;
 use crate::RadioDuration;
 use wire::uwb::layout::{Layout, Scheme, Span};
 
-/// What is added to a measured duration: the chip's own start (10 µs from the command to the first pulse), the steps of timers …
+/// Added to a measured duration: the chip's own start (10 µs from the command to the first pulse), the steps of timers
+/// …
 const MARGIN: RadioDuration = RadioDuration::from_micros(30);
-/// … and this part of it. To the time until the receiver is on again only this is added: a frame that it is late for has lost some symbols of
-/// its preamble.
+/// … and this fraction of the duration. To the time until the receiver is on again only this is added: if the receiver
+/// is slightly late for a frame, it has lost only some symbols of the preamble.
 const MARGIN_SHARE: i64 = 8;
-/// The part of its distance to a shorter sample by which a high quantile sinks.
+/// The quantile sinks by this fraction of its distance to a shorter sample.
 const DECAY: i64 = 64;
-/// A sample longer than this is no measure of a board.
+/// A longer sample does not measure the board.
 const LONGEST: RadioDuration = RadioDuration::from_micros(10_000);
 
-/// A high quantile of durations: it rises to a longer sample at once and sinks slowly, so that one of some dozens of samples is longer.
+/// A high quantile of durations: it rises to a longer sample at once and sinks slowly, so that about one in some dozens
+/// of samples is longer.
 #[derive(Clone, Copy, Debug)]
 struct Quantile {
     ticks: i64,
@@ -41,7 +44,7 @@ impl Quantile {
         self.is_measured = true;
     }
 
-    /// It was too short by nobody knows how much.
+    /// The quantile was too short by an unknown amount.
     fn grow(&mut self) {
         self.ticks = (self.ticks + self.ticks / 4).min(LONGEST.ticks());
     }
@@ -63,20 +66,20 @@ fn with_margin(duration: RadioDuration) -> RadioDuration {
     RadioDuration::from_ticks(with_share(duration).ticks() + MARGIN.ticks())
 }
 
-/// What the node has measured of itself, or what its record says instead.
+/// The node's measurements of itself, or the values of its config record instead.
 #[derive(Clone, Debug)]
 pub struct Meter {
     pinned: Option<ReplyDelay>,
     answer: Quantile,
     listen_again: Quantile,
     lead: Quantile,
-    /// As `lead`, of a frame that leaves as soon as it can.
+    /// As `lead`, for a frame that leaves as soon as possible.
     immediate: Quantile,
     reading: Quantile,
 }
 
 impl Meter {
-    /// Nothing measured yet. What is pinned is not measured.
+    /// Nothing measured yet. Pinned values are not measured.
     pub const fn new(pinned: Option<ReplyDelay>) -> Self {
         let start = match pinned {
             Some(pinned) => pinned,
@@ -102,7 +105,7 @@ impl Meter {
         self.listen_again.take(after);
     }
 
-    /// From the end of a frame until the node had dealt with it; the next one, which lasts `next`, comes meanwhile.
+    /// From the end of a frame until the node had processed it. The next frame, which lasts `next`, comes meanwhile.
     pub fn dealt_with(&mut self, after: RadioDuration, next: RadioDuration) {
         self.reading.take(after);
         self.listen_again.take(RadioDuration::from_ticks(with_margin(after).ticks() - next.ticks()));
@@ -113,32 +116,32 @@ impl Meter {
         self.immediate.take(after);
     }
 
-    /// From the instant at which the node was to wake until the command for a transmission had reached the chip. Where a frame was
-    /// being read then, the node may have decided before that instant: only a longer time counts.
+    /// From the instant at which the node was to wake until the command for a transmission had reached the chip. If the
+    /// node was reading a frame then, it may have decided before that instant: only a longer time counts.
     pub fn led(&mut self, after: RadioDuration, was_awaited: bool) {
         if was_awaited || after.ticks() > self.lead.ticks {
             self.lead.take(after);
         }
     }
 
-    /// The node came to its decision this long after the instant at which it was to wake, when it was too late for a transmission.
+    /// The node decided this long after the instant at which it was to wake, too late for a transmission.
     pub fn overslept(&mut self, after: RadioDuration) {
         self.lead.take(RadioDuration::from_ticks(self.lead.ticks.saturating_add(after.ticks().max(0))));
     }
 
-    /// An answer came too late, and the radio does not measure by how much.
+    /// An answer was too late, and the radio does not measure by how much.
     pub fn answer_was_late(&mut self) {
         self.answer.grow();
     }
 
-    /// A transmission came too late, and the radio does not measure by how much.
+    /// A transmission was too late, and the radio does not measure by how much.
     pub fn lead_was_short(&mut self) {
         self.lead.grow();
     }
 
-    /// How long before a transmission's first pulse the node is to wake and decide.
+    /// How long before a transmission's first pulse the node must wake and decide.
     ///
-    /// A pinned lead that proved too short gives way: the node would be silent for ever.
+    /// A pinned lead that proved too short is increased: otherwise the node would be silent for ever.
     pub fn lead(&self) -> RadioDuration {
         match self.pinned {
             Some(pinned) => pinned.transmit.max(RadioDuration::from_ticks(self.lead.ticks)),
@@ -146,23 +149,26 @@ impl Meter {
         }
     }
 
-    /// From a decision to transmit at once to the first pulse: as for any transmission, where none has left at once yet.
+    /// From a decision to transmit at once to the first pulse. If no frame has left at once yet: as for any
+    /// transmission.
     pub fn immediate(&self) -> RadioDuration {
         if self.immediate.is_measured { self.immediate.with_margin() } else { self.lead() }
     }
 
-    /// From the end of a frame until the node has dealt with it, about: half of what an answer takes, where that alone is known.
+    /// The approximate time from the end of a frame until the node has processed it. If only the time of an answer is
+    /// known: half of it.
     pub fn reading(&self) -> RadioDuration {
         let half = self.answer_or_lead().ticks / 2;
         RadioDuration::from_ticks(if self.reading.is_measured { self.reading.ticks } else { half })
     }
 
-    /// Who was never asked takes as long for an answer as for any transmission: both write a frame after a wake-up.
+    /// A node that was never asked takes as long for an answer as for any transmission: both write a frame after a
+    /// wake-up.
     fn answer_or_lead(&self) -> &Quantile {
         if self.answer.is_measured || !self.lead.is_measured { &self.answer } else { &self.lead }
     }
 
-    /// What this node asks of the network's layout: nothing where it has measured nothing.
+    /// This node's request for the network's layout: nothing if it has measured nothing.
     pub fn wish(&self, scheme: Scheme) -> Layout {
         let measured =
             |quantile: &Quantile, span| if quantile.is_measured { Span::at_least(span) } else { Span::default() };
@@ -216,7 +222,8 @@ mod tests {
         meter.listened(us(64));
         // 64 + 8 = 72 µs = (16 + 2) · 2².
         assert_eq!(meter.wish(Scheme::SingleSided).listen_again.duration(), us(72));
-        // A frame takes 320 µs, and the next one is there after 230: 320 + 40 + 30 − 230 = 160, and 20 more: (16 + 7) · 2³ = 184.
+        // A frame takes 320 µs, and the next one starts after 230: 320 + 40 + 30 − 230 = 160, and 20 more: (16 + 7) ·
+        // 2³ = 184.
         meter.dealt_with(us(320), us(230));
         assert_eq!(meter.wish(Scheme::SingleSided).listen_again.duration(), us(184));
     }
@@ -228,7 +235,7 @@ mod tests {
         meter.answered(us(900));
         meter.led(us(100), true);
         assert_eq!(meter.lead(), us(150));
-        // Too short, it gives way.
+        // A pinned value that is too short is increased.
         meter.led(us(900), true);
         assert_eq!(meter.lead(), us(900));
         let wish = meter.wish(Scheme::DoubleSided);

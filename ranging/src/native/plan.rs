@@ -1,7 +1,8 @@
-//! Who may range when: a network's list of members, and the plan of round slots that follows from it.
+//! Who may range when: a network's list of members, and the plan of round slots that follows from the list.
 //!
-//! Sync frames carry the list; every node makes the same plan of it, so no slot needs to be told. A changed list counts from a
-//! superframe far enough ahead for every node to have heard it; until then the former list does.
+//! Sync frames carry the list. Every node computes the same plan from it, so no slot needs to be announced. A changed
+//! list is in force from a superframe that is late enough for every node to have received the list. Until then the
+//! former list is in force.
 
 use heapless::Vec;
 
@@ -10,16 +11,16 @@ use crate::RadioDuration;
 use wire::uwb::layout::Layout;
 use wire::uwb::native::{MAX_MEMBERS, Member, Share, SyncFrame};
 
-/// A changed list counts this many superframes after it was first told.
+/// A changed list is in force this many superframes after its first announcement.
 pub const NOTICE_SUPERFRAMES: u8 = 4;
 
 /// How often a node ranges.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Rate {
-    /// A fair share of all slots: a lone member uses every one.
+    /// A fair share of all slots: a lone member uses all of them.
     Greedy,
-    /// At least once in this time, as long as there are slots for it.
+    /// At least once in this time, as long as there are enough slots.
     Every(RadioDuration),
 }
 
@@ -33,21 +34,21 @@ pub struct Membership {
     version: u8,
     /// The newest list …
     members: Members,
-    /// … and the layout that came with it.
+    /// … and its layout.
     layout: Layout,
-    /// The list before and its layout, as long as they count; `None` where they are not known, too.
+    /// The former list and its layout, as long as they are in force; `None` also if they are unknown.
     former: Option<(Members, Layout)>,
-    /// Superframes until the newest list counts.
+    /// Superframes until the newest list is in force.
     countdown: u8,
 }
 
 impl Membership {
-    /// Nobody yet, with this layout.
+    /// No members yet, with this layout.
     pub const fn new(layout: Layout) -> Self {
         Self { version: 0, members: Members::new(), layout, former: None, countdown: 0 }
     }
 
-    /// What a sync frame says to somebody who knew nothing.
+    /// What a node without any knowledge learns from a sync frame.
     pub fn from_sync_frame(sync_frame: &SyncFrame) -> Self {
         Self {
             version: sync_frame.version,
@@ -68,32 +69,32 @@ impl Membership {
         &self.members
     }
 
-    /// The layout that came with the newest list.
+    /// The layout of the newest list.
     pub const fn layout(&self) -> Layout {
         self.layout
     }
 
-    /// Superframes until the newest list counts.
+    /// Superframes until the newest list is in force.
     pub const fn countdown(&self) -> u8 {
         self.countdown
     }
 
-    /// The list that counts now, where it is known.
+    /// The list in force, if known.
     pub fn in_force(&self) -> Option<&Members> {
         if self.countdown == 0 { Some(&self.members) } else { self.former.as_ref().map(|(members, _)| members) }
     }
 
-    /// The list that counts now and goes on counting, as far as is known: no change has been announced.
+    /// The list that is in force and stays in force, as far as is known: no change has been announced.
     pub fn settled(&self) -> Option<&Members> {
         (self.countdown == 0).then_some(&self.members)
     }
 
-    /// The layout that counts now. Nobody follows a network in the middle of a change of its layout.
+    /// The layout in force. No node joins a network in the middle of a change of its layout.
     pub fn layout_in_force(&self) -> Layout {
         self.former.as_ref().filter(|_| self.countdown > 0).map_or(self.layout, |(_, layout)| *layout)
     }
 
-    /// Whether the layout changes when the newest list begins to count.
+    /// Whether the layout changes when the newest list comes into force.
     pub fn changes_layout(&self) -> bool {
         self.layout_in_force() != self.layout
     }
@@ -106,7 +107,7 @@ impl Membership {
         }
     }
 
-    /// What a sync frame says, if it is newer.
+    /// Takes the contents of a sync frame, if they are newer.
     pub fn receive(&mut self, sync_frame: &SyncFrame) {
         self.replace(
             sync_frame.version,
@@ -124,7 +125,8 @@ impl Membership {
         *self = Self { version, members: members.clone(), layout, former: former.filter(|_| countdown > 0), countdown };
     }
 
-    /// The coordinator changes list or layout: with notice, but at once where there was nobody whose slots could be taken.
+    /// The coordinator changes list or layout: with notice, but at once if there was no member whose slots could be
+    /// taken.
     pub fn change(&mut self, members: &Members, layout: Layout) {
         let nobody_is_affected = self.members.is_empty() && layout == self.layout;
         let notice = if nobody_is_affected { 0 } else { NOTICE_SUPERFRAMES };
@@ -139,8 +141,9 @@ pub fn lists(members: &Members, tag: u16) -> bool {
 
 /// The round slots that `tag` owns in a superframe: bit i for slot i.
 ///
-/// Slots are dealt in turn to the members that want one more, beginning with another member each superframe; when fewer are
-/// wanted than there are, they lie evenly in the superframe. All nodes compute this alike, from a list and a number.
+/// Slots are dealt in turn to the members that need one more, beginning with another member in each superframe. If
+/// fewer are needed than there are, they are spread evenly over the superframe. All nodes compute the same result from
+/// a list and a number.
 pub fn owned_slots(members: &Members, tag: u16, superframe: u16, slots: u8) -> u64 {
     let slots = slots.min(MAX_ROUND_SLOTS as u8);
     let mut wanted: Vec<(u16, u8), MAX_MEMBERS> = Vec::new();
@@ -161,7 +164,7 @@ pub fn owned_slots(members: &Members, tag: u16, superframe: u16, slots: u8) -> u
     let mut owned = 0;
     let mut turn = if wanted.is_empty() { 0 } else { usize::from(superframe) % wanted.len() };
     for deal in 0..dealt {
-        // As long as less is dealt than is wanted, somebody wants.
+        // As long as fewer slots are dealt than are needed, some member needs one.
         while let Some((_, 0)) = wanted.get(turn) {
             turn = (turn + 1) % wanted.len();
         }
@@ -175,8 +178,9 @@ pub fn owned_slots(members: &Members, tag: u16, superframe: u16, slots: u8) -> u
     owned
 }
 
-/// From the superframe's beginning to the first pulse of the next round of so many anchors that fits into owned slots and begins
-/// no sooner than `earliest`, of a node that may be off by `doubt` beside the guard.
+/// From the superframe's beginning to the first pulse of the next round. The round asks `anchors` anchors, fits into
+/// owned slots and begins no sooner than `earliest`. The node's clock may be off by `uncertainty` in addition to the
+/// guard.
 pub fn next_round(
     owned: u64,
     timing: &Timing,
@@ -207,13 +211,13 @@ fn runs(bits: u64) -> impl Iterator<Item = (usize, usize)> {
     })
 }
 
-/// What a rate needs of a superframe.
+/// The share of each superframe that a rate needs.
 pub fn share_of(rate: Rate, timing: &Timing) -> Share {
     match rate {
         Rate::Greedy => Share::Greedy,
         Rate::Every(period) => {
             let (period, superframe) = (period.ticks().max(1), timing.superframe.ticks());
-            // At least as often as wanted: slots rounded up, superframes down.
+            // At least as often as requested: slots rounded up, superframes down.
             match (period / superframe).min(127) as u8 {
                 0 | 1 => Share::Slots(((superframe + period - 1) / period).min(126) as u8),
                 superframes => Share::OneIn(superframes),
@@ -261,7 +265,7 @@ mod tests {
 
     #[test]
     fn shares_are_fair_over_superframes() {
-        // 15 tags, 37 slots: 37 / 15 = 2.47 a superframe; over 150 superframes 370 each.
+        // 15 tags, 37 slots: 37 / 15 = 2.47 a superframe; over 150 superframes, 370 slots each.
         let members = list(&[Share::Greedy; 15]);
         let mut counts = [0u32; 15];
         for superframe in 0..150 {
@@ -270,7 +274,7 @@ mod tests {
             }
         }
         assert_eq!(counts, [370; 15]);
-        // 24 tags, 10 slots: nobody starves, 10 / 24 a superframe.
+        // 24 tags, 10 slots: every tag gets slots, 10 / 24 a superframe.
         let members = list(&[Share::Greedy; 24]);
         let mut counts = [0u32; 24];
         for superframe in 0..240 {
@@ -338,7 +342,7 @@ mod tests {
         assert_eq!(newcomer.in_force(), None);
         (0..3).for_each(|_| newcomer.advance());
         assert_eq!(newcomer.in_force(), Some(&new));
-        // An older list, still relayed by somebody, changes nothing.
+        // An older list that another anchor still relays changes nothing.
         newcomer.receive(&sync_frame(1, 0, &old));
         assert_eq!(newcomer.members(), &new);
     }

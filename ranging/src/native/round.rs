@@ -1,9 +1,9 @@
-//! A round as the one who asks sees it, a tag or an anchor: one poll, then a response in each slot of those named, then perhaps a
-//! final.
+//! A round as its initiator, a tag or an anchor, sees it: one poll, then a response in each slot of the named anchors,
+//! then perhaps a final.
 //!
-//! Single-sided, a response makes a range at once. Double-sided, an anchor tells in its next response when it heard the final: a round's
-//! ranges are complete one round later, and that is when they are reported. Where the final was lost, or the next response, the range is
-//! the single-sided one of the same response.
+//! In single-sided ranging, a response gives a range at once. In double-sided ranging, an anchor reports in its next
+//! response when it received the final. So a round's ranges are complete and reported one round later. If the final or
+//! the next response was lost, the range is the single-sided one of the same response.
 
 use heapless::Vec;
 use positioning_core::Real;
@@ -18,15 +18,15 @@ use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 use wire::uwb::layout::{Layout, Scheme};
 use wire::uwb::native::{Asked, Distance, FinalReceived, Poll, Response};
 
-/// The round in progress, or the last.
+/// The current round, or the last one.
 #[derive(Clone, Debug)]
 pub struct RoundState {
     number: u16,
     poll_tx: RadioInstant,
     team: Team,
-    /// Whether its anchors take turns in being the last.
+    /// Whether its anchors take turns in the last slot.
     turns: bool,
-    /// How this round is made.
+    /// The scheme of this round.
     scheme: Scheme,
     /// Slots of the round whose response may still come.
     pending: u8,
@@ -34,23 +34,23 @@ pub struct RoundState {
     asked: u8,
     /// Responses of this round.
     answers: Vec<Answer, MAX_ROUND>,
-    /// When its final left.
+    /// Departure of its final.
     final_tx: Option<RadioInstant>,
     /// The double-sided round before, whose ranges are complete at the end of this one.
     former: Former,
     ranges: Vec<Range, MAX_ROUND>,
 }
 
-/// What a response gave.
+/// The result of a response.
 #[derive(Clone, Copy, Debug)]
 struct Answer {
     /// The first half's interval at the tag, poll TX to response RX …
     round1: RadioDuration,
     /// … and at the anchor, poll RX to response TX.
     reply1: RadioDuration,
-    /// When it came.
+    /// Arrival of the response.
     rx_time: RadioInstant,
-    /// What is added to a range by its received power, metres.
+    /// Bias of a range by its received power, metres.
     bias_m: f32,
     /// The single-sided range.
     range: Range,
@@ -84,7 +84,7 @@ impl RoundState {
         }
     }
 
-    /// Names the anchors of the next rounds, in the order of their slots.
+    /// Sets the anchors of the next rounds, in the order of their slots.
     pub fn set_team(&mut self, team: Team) {
         self.team = team;
         let turn = usize::from(self.number).checked_rem(self.team.len()).unwrap_or(0);
@@ -93,7 +93,7 @@ impl RoundState {
         }
     }
 
-    /// Whether anchors take turns in being the last, after whose response nothing is awaited.
+    /// Sets whether anchors take turns in the last slot, after whose response no other frame is awaited.
     pub fn set_turns(&mut self, turns: bool) {
         self.turns = turns;
     }
@@ -103,7 +103,7 @@ impl RoundState {
         self.team.len()
     }
 
-    /// Our own clock has begun anew: no interval reaches across.
+    /// This node's clock was restarted: no interval reaches across.
     pub fn forget(&mut self) {
         (self.final_tx, self.former) = (None, Former::default());
         self.answers.clear();
@@ -152,7 +152,7 @@ impl RoundState {
         self.final_tx = Some(departure);
     }
 
-    /// The round to end with a final, where there is one and anybody answered.
+    /// The round that a final must end, if the scheme has a final and an anchor answered.
     pub fn to_end(&self) -> Option<u16> {
         (self.scheme == Scheme::DoubleSided && self.final_tx.is_none() && !self.answers.is_empty())
             .then_some(self.number)
@@ -163,7 +163,8 @@ impl RoundState {
         self.pending = 0;
     }
 
-    /// A response came for us: where it is of this round, of an anchor asked and in its slot, it makes a range: its distance, metres.
+    /// A response for this node was received. If it belongs to this round, to an asked anchor and to its slot, it gives
+    /// a range; returns its distance, metres.
     pub fn receive(
         &mut self,
         timing: &Timing,
@@ -189,13 +190,14 @@ impl RoundState {
             anchors.refused.carriers = anchors.refused.carriers.saturating_add(1);
             return None;
         }
-        // Responses come in the order of their slots: those before have been lost.
+        // Responses come in the order of their slots: the earlier ones have been lost.
         self.pending &= !(u8::MAX >> (MAX_ROUND - 1 - slot));
         let flight = single_sided_corrected(round1, response.reply, anchor.clock.rate());
-        // A single estimate of the power is off by a decibel, which is several of the power itself where the signal is strong.
+        // A single estimate of the power has an error of a decibel, which corresponds to several decibels of the power
+        // itself for a strong signal.
         let bias_m = bias.metres(anchor.power_dbm());
         let distance_m = flight.metres() - bias_m;
-        // Noise of two stamps and of the rate over the reply, each by half (see `tof`).
+        // Noise of two timestamps and of the rate over the reply, each counted half (see `tof`).
         let reply = response.reply.ticks() as f32;
         let stamps = 2.0 * STAMP_DEVIATION_TICKS * STAMP_DEVIATION_TICKS;
         let variance = stamps + reply * reply * anchor.clock.rate_variance();
@@ -207,13 +209,13 @@ impl RoundState {
         };
         anchor.distance_m = Some(distance_m);
         let answer = Answer { round1, reply1: response.reply, rx_time: frame.rx_time, bias_m, range };
-        // One a slot at most: it fits.
+        // At most one for each slot: it fits.
         let _ = self.answers.push(answer);
         Some(distance_m)
     }
 
-    /// What follows while responses are awaited, the last frame being over since `ended`: more listening, or `None` when the round
-    /// is over.
+    /// The next action while responses are awaited, the last frame having ended at `ended`: more listening, or `None`
+    /// when the round is over.
     pub fn await_more(&self, timing: &Timing, ended: RadioInstant) -> Option<Action<'static>> {
         let last = self.team.len().checked_sub(1)?;
         let end = timing.reply_in(last).ticks() + timing.response_tail.ticks() + timing.guard.ticks();
@@ -226,20 +228,20 @@ impl RoundState {
         })
     }
 
-    /// When the first response begins, and how long after the poll the last is over.
+    /// When the first response begins, and how long after the poll the last one ends.
     pub fn responses(&self, timing: &Timing) -> (RadioInstant, RadioDuration) {
         let first = timing.reply.ticks() - timing.to_rmarker.ticks();
         let last = timing.reply_in(self.team.len().saturating_sub(1)).ticks() + timing.response_tail.ticks();
         (self.poll_tx.plus(RadioDuration::from_ticks(first)), RadioDuration::from_ticks(last + timing.guard.ticks()))
     }
 
-    /// Of the anchors of the round each, and whether it answered.
+    /// Each anchor of the round, and whether it answered.
     pub fn outcomes(&self) -> impl Iterator<Item = (u16, bool)> {
         let answered = |anchor| self.answers.iter().any(|answer| answer.range.peer == anchor);
         self.team.iter().map(move |&anchor| (anchor, answered(anchor)))
     }
 
-    /// The round is over: tells which anchors answered, and makes the ranges to report.
+    /// The round is over: records which anchors answered, and computes the ranges to report.
     pub fn close(&mut self, anchors: &mut AnchorTable) {
         for &anchor in &self.team {
             let answered = self.answers.iter().any(|answer| answer.range.peer == anchor);
@@ -257,7 +259,7 @@ impl RoundState {
         self.report().asked > 0
     }
 
-    /// What the round gave; double-sided, what the round before gave.
+    /// The result of the round; in double-sided ranging, of the round before.
     pub fn report(&self) -> Round<'_> {
         let (number, poll, asked) = match self.scheme {
             Scheme::SingleSided => (self.number, self.poll_tx, self.asked),
@@ -268,13 +270,15 @@ impl RoundState {
 }
 
 impl Former {
-    /// An anchor tells when it heard this round's final: its range is double-sided now; its distance, metres.
+    /// An anchor reports when it received this round's final: its range is double-sided now. Returns its distance,
+    /// metres.
     fn complete(&mut self, anchor: u16, heard: FinalReceived) -> Option<f32> {
         let final_tx = self.final_tx.filter(|_| heard.round == self.number as u8)?;
         let answer = self.answers.iter_mut().find(|answer| answer.range.peer == anchor)?;
         let (round2, reply2) = (heard.after_response, final_tx.since(answer.rx_time));
         let flight = double_sided_asymmetric(answer.round1, answer.reply1, round2, reply2)?;
-        // A response that was another frame's, a clock that began anew in between, a forged one: both differ by more than clocks explain.
+        // A response to another frame, a clock restarted in between, or a forged response: both ranges differ by more
+        // than clocks explain.
         let reply_m = answer.reply1.ticks() as f32 * METRES_PER_TICK as f32;
         let explained_m = 0.5 * reply_m * REPLY_DRIFT + STAMPS_M;
         if single_sided_corrected(answer.round1, answer.reply1, 0.0).apart_from(flight) > explained_m {
@@ -286,14 +290,16 @@ impl Former {
     }
 }
 
-/// Both kinds of range of one response differ by half of the clocks' drift over the reply, a fraction of it …
+/// The single-sided and the double-sided range of one response differ by half of the clocks' drift over the reply, as a
+/// fraction of it …
 const REPLY_DRIFT: f32 = 50e-6;
-/// … and by the noise of their stamps, metres.
+/// … and by the noise of their timestamps, metres.
 const STAMPS_M: f32 = 0.5;
 
-/// Standard deviation of an asymmetric double-sided range, metres. With a and b the parts of the final's and of the response's reply
-/// in both together, the flight moves by a/2 of the stamp of the poll, ½ of that of the response, b/2 of that of the final: the
-/// derivatives of the formula of the DW1000 user manual, 12.3.2, where the flight is short against the replies.
+/// Standard deviation of an asymmetric double-sided range, metres. Let a and b be the fractions of the final's and of
+/// the response's reply in the sum of both. Then the flight moves by a/2 of the timestamp of the poll, ½ of that of the
+/// response, and b/2 of that of the final. These are the derivatives of the formula of the DW1000 user manual, 12.3.2,
+/// for a flight that is short compared with the replies.
 fn deviation_m(reply1: RadioDuration, reply2: RadioDuration) -> f32 {
     let [reply1, reply2] = [reply1, reply2].map(|reply| reply.ticks().max(1) as f32);
     let [a, b] = [reply2, reply1].map(|reply| reply / (reply1 + reply2));
@@ -304,7 +310,7 @@ fn deviation_m(reply1: RadioDuration, reply2: RadioDuration) -> f32 {
 mod tests {
     use super::*;
 
-    /// Whom so many rounds ask last, a superframe each having chosen the team anew.
+    /// The anchors in the last slot of `rounds` rounds. In each superframe the team is chosen again.
     fn last_of(turns: bool, rounds: usize) -> std::vec::Vec<u16> {
         let (mut exchange, mut anchors) = (RoundState::new(), AnchorTable::new());
         exchange.set_turns(turns);
@@ -321,7 +327,7 @@ mod tests {
     fn anchors_take_turns_in_being_the_last_where_that_is_wanted() {
         assert_eq!(last_of(false, 4), [7; 4]);
         assert_eq!(last_of(true, 7), [5, 6, 7, 5, 6, 7, 5]);
-        // Several rounds a superframe go on where the last one ended.
+        // Several rounds in a superframe continue where the last one ended.
         let (mut exchange, mut anchors) = (RoundState::new(), AnchorTable::new());
         exchange.set_turns(true);
         exchange.set_team([5, 6, 7].into_iter().collect());

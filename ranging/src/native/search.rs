@@ -1,23 +1,24 @@
 //! When a tag without a network listens: all the time at first, then less and less often.
 //!
-//! Anchors repeat their sync frames each superframe: a little more than one is enough to hear whoever is there. With a receiver of some 115 mA, a
-//! superframe of 100 ms and a pause of a minute take 0.23 mA in the mean.
+//! Anchors repeat their sync frames each superframe: listening for a little more than one superframe is enough to
+//! receive every anchor in range. With a receiver of some 115 mA, a superframe of 100 ms and a pause of a minute take
+//! 0.23 mA in the mean.
 
 use super::timing::SUPERFRAME;
 use crate::{RadioDuration, RadioInstant};
 
-/// At first the tag listens for so long.
+/// At first the tag listens for this long.
 const FIRST: RadioDuration = RadioDuration::from_micros(2_000_000);
-/// From then on for a superframe and this part of it.
+/// Later it listens for a superframe and this fraction of one more.
 const MORE: i64 = 5;
-/// The first pause; each is twice as long as the one before, up to the longest.
+/// The first pause. Each pause is twice as long as the one before, up to the longest.
 const FIRST_PAUSE: RadioDuration = RadioDuration::from_micros(2_000_000);
 const LONGEST_PAUSE: RadioDuration = RadioDuration::from_micros(64_000_000);
 
 /// A search.
 #[derive(Clone, Debug, Default)]
 pub struct Search {
-    /// Until when the tag listens now.
+    /// The end of the current listening.
     until: Option<RadioInstant>,
     /// Pauses so far.
     pauses: u8,
@@ -26,14 +27,14 @@ pub struct Search {
 /// What a searching tag does next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Next {
-    /// It listens for so long.
+    /// It listens for this long.
     Listen(RadioDuration),
-    /// It does nothing for so long; its clock may be lost.
+    /// It does nothing for this long; its clock may be lost.
     Pause(RadioDuration),
 }
 
 impl Search {
-    /// What is next.
+    /// The next step.
     pub fn next(&mut self, present: RadioInstant) -> Next {
         let listening = if self.pauses == 0 { FIRST.ticks() } else { SUPERFRAME.ticks() + SUPERFRAME.ticks() / MORE };
         let until = *self.until.get_or_insert(present.plus(RadioDuration::from_ticks(listening)));

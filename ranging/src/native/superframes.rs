@@ -1,4 +1,4 @@
-//! Where a node is in the course of a network's superframes, and what counts there: phase, members, layout.
+//! The position of a node in the course of a network's superframes, and what is in force there: phase, members, layout.
 
 use super::plan::Membership;
 use super::timing::{Phase, Timing};
@@ -9,11 +9,11 @@ use wire::uwb::native::SyncFrame;
 /// The course of superframes as a node knows it.
 #[derive(Clone, Debug)]
 pub struct Superframes {
-    /// Where it is in time.
+    /// The phase: superframe and its beginning.
     pub phase: Phase,
     /// Who may range, and the layout of the slots.
     pub membership: Membership,
-    /// What follows from the layout that counts now.
+    /// The times that follow from the layout in force.
     pub timing: Timing,
     phy: PhyConfig,
 }
@@ -29,8 +29,8 @@ impl Superframes {
         }
     }
 
-    /// That of a sync frame that came at `rx_time`; `None` in the middle of a change of layout, when only those who follow already know
-    /// what counts.
+    /// The course from a sync frame that arrived at `rx_time`; `None` in the middle of a change of layout, when only
+    /// nodes that follow already know what is in force.
     pub fn of_sync_frame(phy: &PhyConfig, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Option<Self> {
         let membership = Membership::from_sync_frame(sync_frame);
         if sync_frame.layout_is_new && sync_frame.countdown > 0 {
@@ -41,8 +41,8 @@ impl Superframes {
         Some(Self { phase, membership, timing, phy: *phy })
     }
 
-    /// That of a sync frame that came at `rx_time` in the middle of a change of layout, of whoever knows what counted before and lost only the
-    /// time; `None` where another change may have been missed.
+    /// The course from a sync frame that arrived at `rx_time` in the middle of a change of layout, for a node that
+    /// knows what was in force before and lost only the time; `None` if the node may have missed another change.
     pub fn of_notice(&self, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Option<Self> {
         let is_next = sync_frame.version == self.membership.version().wrapping_add(1);
         if !is_next || self.membership.countdown() > 0 || sync_frame.countdown == 0 {
@@ -54,10 +54,10 @@ impl Superframes {
         Some(course)
     }
 
-    /// Goes on to the superframe that `now` is in; answers how many have begun since.
+    /// Advances to the superframe that contains `now`. Returns the number of superframes begun since.
     pub fn advance(&mut self, now: RadioInstant) -> u16 {
         let mut begun = 0;
-        // Instants are told apart within 8.6 s, which are some hundred superframes.
+        // Instants can be ordered within 8.6 s, which are some hundred superframes.
         while self.phase.ends_by(&self.timing, now) {
             self.next();
             begun += 1;
@@ -65,7 +65,7 @@ impl Superframes {
         begun
     }
 
-    /// Goes on to the next superframe.
+    /// Advances to the next superframe.
     pub fn next(&mut self) {
         self.phase.next(&self.timing);
         self.membership.advance();
@@ -75,13 +75,13 @@ impl Superframes {
         }
     }
 
-    /// Whether a sync frame that came at `rx_time` is of the superframe that this course is in then, begun at the same time: one that was
-    /// repeated later is not. The phase that it tells.
+    /// The phase of a sync frame that arrived at `rx_time`, if its superframe has the same number and beginning as this
+    /// course has then. A sync frame that was repeated later does not.
     pub fn in_step(&self, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Option<Phase> {
         self.in_step_within(RadioDuration::ZERO, sync_frame, rx_time)
     }
 
-    /// The same of a node that may be off by `doubt` itself.
+    /// The same for a node whose clock may be off by `uncertainty`.
     pub fn in_step_within(
         &self,
         uncertainty: RadioDuration,

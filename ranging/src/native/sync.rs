@@ -1,4 +1,4 @@
-//! How a tag follows the network that it hears: where it is in time, whose word counts, who may range when.
+//! How a tag follows a network: the time, the coordinator, and who may range when.
 
 use super::election::{Choice, Election};
 use super::plan::Members;
@@ -7,38 +7,38 @@ use super::timing::HOLDOVER_SUPERFRAMES;
 use crate::{PhyConfig, RadioDuration, RadioInstant};
 use wire::uwb::native::SyncFrame;
 
-/// The network that is followed.
+/// The followed network.
 #[derive(Clone, Debug)]
 pub struct Sync {
-    /// Where it is, and what counts there.
+    /// The time of the network, and the list and layout in force.
     pub course: Superframes,
-    /// Who coordinates.
+    /// The coordinator.
     pub election: Election,
-    /// Since when the phase is not known any more, after a doze: the next sync frame tells it.
+    /// The instant since which the phase is unknown, after a doze. The next sync frame gives the phase.
     pub adrift: Option<RadioInstant>,
-    /// How far off the phase may be, after naps: until the next sync frame.
+    /// The possible error of the phase, after naps, until the next sync frame.
     pub uncertainty: RadioDuration,
-    /// The superframe of the last sync frame heard.
+    /// The superframe of the last received sync frame.
     heard: u16,
 }
 
-/// What a sync frame did.
+/// The effect of a sync frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SyncUpdate {
-    /// Nothing: of a network that does not prevail, or a repetition.
+    /// None: its network does not prevail, or it is a repetition.
     Ignored,
-    /// Nothing: of a coordinator that prevails, while the one followed is heard.
+    /// None: its coordinator prevails, but the followed one is still received.
     Refused,
     /// The network is followed as before.
     Followed,
-    /// It has another coordinator now.
+    /// The network has another coordinator now.
     Changed,
-    /// Another network is followed, or the same in another time: everything is new.
+    /// Another network is followed, or the same with another time: everything is new.
     Anew,
 }
 
 impl Sync {
-    /// The network that this sync frame tells of; `None` in the middle of a change of its layout.
+    /// The network of this sync frame; `None` in the middle of a change of its layout.
     pub fn new(phy: &PhyConfig, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Option<Self> {
         Superframes::of_sync_frame(phy, sync_frame, rx_time).map(|course| Self::in_course(course, sync_frame))
     }
@@ -48,14 +48,14 @@ impl Sync {
         Self { course, election, adrift: None, uncertainty: RadioDuration::ZERO, heard }
     }
 
-    /// A sync frame came.
+    /// A sync frame was received.
     pub fn receive(&mut self, phy: &PhyConfig, sync_frame: &SyncFrame, rx_time: RadioInstant) -> SyncUpdate {
         let is_the_same = (sync_frame.term, sync_frame.coordinator) == (self.election.term, self.election.coordinator);
         if self.adrift.is_none() {
             self.advance(rx_time);
             let in_step = self.course.in_step_within(self.uncertainty, sync_frame, rx_time);
             let is_lost = self.silent() > HOLDOVER_SUPERFRAMES;
-            // A sync frame of the network that was repeated later says nothing of its coordinator.
+            // A sync frame of the network that was repeated later gives no information about its coordinator.
             let choice = match in_step {
                 None if is_the_same => Choice::Older,
                 None | Some(_) => self.election.receive(sync_frame, false),
@@ -86,7 +86,7 @@ impl Sync {
         if is_as_before { SyncUpdate::Followed } else { SyncUpdate::Anew }
     }
 
-    /// Goes on to the superframe that `now` is in; answers how many have begun since.
+    /// Advances to the superframe that contains `now`. Returns the number of superframes begun since.
     pub fn advance(&mut self, now: RadioInstant) -> u16 {
         let begun = self.course.advance(now);
         if begun > 0 {
@@ -95,32 +95,32 @@ impl Sync {
         begun
     }
 
-    /// Goes on by so many superframes, which are slept through: from here on the clock counts from the last of them. They count as one
-    /// in which no sync frame was heard.
+    /// Advances by `superframes`, which the tag sleeps through. From here on the clock counts from the last of them.
+    /// They count as one superframe without a received sync frame.
     pub fn hold_over(&mut self, superframes: u16) {
         (0..superframes).for_each(|_| self.course.next());
         self.election.advance(superframes);
         self.heard = self.course.phase.number.wrapping_sub(1);
     }
 
-    /// The same, after which the phase is not known any more.
+    /// The same, but afterwards the phase is unknown.
     pub fn doze(&mut self, superframes: u16, present: RadioInstant) {
         self.hold_over(superframes);
         self.adrift = Some(present);
     }
 
-    /// Superframes since a sync frame was heard.
+    /// Superframes since the last received sync frame.
     pub fn silent(&self) -> u16 {
         self.course.phase.number.wrapping_sub(self.heard)
     }
 
-    /// The radio's clock has begun anew: what was the instant `before` is `now`.
+    /// The radio's clock was restarted: the former instant `before` is now `now`.
     pub fn rebase(&mut self, before: RadioInstant, now: RadioInstant) {
         let passed = self.course.phase.start.since(before);
         self.course.phase.start = now.plus(passed);
     }
 
-    /// The list that counts in this superframe, unless it may have changed unheard.
+    /// The list in force in this superframe, unless it may have changed without the tag receiving the change.
     pub fn members(&self) -> Option<&Members> {
         self.course.membership.in_force().filter(|_| self.silent() <= HOLDOVER_SUPERFRAMES)
     }
@@ -134,7 +134,7 @@ mod tests {
 
     const PHY: PhyConfig = PhyConfig::FAST;
     const SLOT: u8 = 2;
-    /// Superframes until a new layout counts.
+    /// Superframes until a new layout is in force.
     const NOTICE: u8 = 3;
 
     fn layout(answer_us: u32) -> Layout {
@@ -147,8 +147,8 @@ mod tests {
         SyncFrame { superframe, slot, version, layout, countdown, layout_is_new, ..crate::native::blank_sync_frame() }
     }
 
-    /// A tag that has followed since superframe 10, whose slots are laid out for answers of 600 µs, and then dozed; when that superframe
-    /// began.
+    /// A tag that has followed since superframe 10, with a layout for answers of 600 µs, and then dozed; and the
+    /// beginning of that superframe.
     fn dozing() -> (Sync, RadioInstant) {
         let start = RadioInstant::from_ticks(5_000_000_000);
         let heard = start.plus(Timing::of(&PHY, layout(600)).sync_frame(SLOT.into()));
@@ -157,7 +157,7 @@ mod tests {
         (sync, start)
     }
 
-    /// When the same slot of superframe 20 is heard by a clock that was off by half a millisecond in between.
+    /// Arrival of the same slot in superframe 20, at a clock that became wrong by half a millisecond in between.
     fn heard_late(start: RadioInstant) -> RadioInstant {
         let timing = Timing::of(&PHY, layout(600));
         let ten = RadioDuration::from_ticks(10 * timing.superframe.ticks());
@@ -173,7 +173,8 @@ mod tests {
         let (former, new) = (Timing::of(&PHY, layout(600)), Timing::of(&PHY, layout(300)));
         assert_eq!(sync.course.timing, former);
         assert_eq!(sync.course.phase.at(former.sync_frame(SLOT.into())), rx_time);
-        // The new one counts from the third superframe on, which begins where the former one's third ends.
+        // The new layout is in force from the third superframe on, which begins where the former layout's third one
+        // ends.
         let third = RadioDuration::from_ticks(i64::from(NOTICE) * former.superframe.ticks());
         let begin = sync.course.phase.start.plus(third);
         sync.advance(begin);
@@ -185,7 +186,7 @@ mod tests {
         let (mut sync, start) = dozing();
         let rx_time = heard_late(start);
         assert_eq!(sync.receive(&PHY, &sync_frame(20, 9, layout(300), NOTICE), rx_time), SyncUpdate::Ignored);
-        // Another coordinator's is no notice to go by.
+        // Another coordinator's sync frame does not count as notice.
         let other = SyncFrame { coordinator: 2, ..sync_frame(20, 8, layout(300), NOTICE) };
         assert_eq!(sync.receive(&PHY, &other, rx_time), SyncUpdate::Ignored);
         assert!(sync.adrift.is_some());

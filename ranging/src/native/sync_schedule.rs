@@ -1,7 +1,7 @@
-//! Which sync frames a tag listens to that ranges at a certain rate: one is enough, of one anchor after the other.
+//! Which sync frames a tag with a fixed rate listens to: one is enough, from one anchor after the other.
 //!
-//! In flow sync frames, answers, and what did not come; out flows what to listen to in a superframe. All sync slots are listened to now and then,
-//! and sooner where few anchors are known.
+//! Inputs are sync frames, responses, and missing ones. The output is what to listen to in a superframe. The tag
+//! listens to all sync slots now and then, and sooner if it knows few anchors.
 
 use heapless::Vec;
 
@@ -9,12 +9,12 @@ use super::anchor_table::MAX_NEIGHBOURS;
 use super::timing::HOLDOVER_SUPERFRAMES;
 use wire::uwb::native::OWNED_SYNC_SLOTS;
 
-/// All sync slots are listened to once in so many superframes that the tag does not sleep through …
+/// The tag listens to all sync slots once in this many superframes that it does not sleep through …
 const ALL_AFTER: u16 = 600;
-/// … and once in so many where it knows fewer anchors than this.
+/// … and once in this many if it knows too few anchors.
 const ALL_SOON_AFTER: u16 = 20;
 const ENOUGH: usize = 4;
-/// An anchor that was awaited in vain so many times, one after the other, is given up.
+/// An anchor whose frame was missed this many times in a row is given up.
 const MOST_MISSES: u8 = 6;
 
 /// An anchor that has a sync slot of its own.
@@ -27,12 +27,12 @@ pub struct WatchedAnchor {
     misses: u8,
 }
 
-/// What is listened to in a superframe.
+/// What the tag listens to in a superframe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Listening {
     /// All sync slots.
     All,
-    /// This anchor's.
+    /// The sync slot of this anchor.
     One(WatchedAnchor),
     /// None.
     Nothing,
@@ -42,26 +42,26 @@ pub enum Listening {
 #[derive(Clone, Debug, Default)]
 pub struct SyncSchedule {
     anchors: Vec<WatchedAnchor, MAX_NEIGHBOURS>,
-    /// Whose turn it is.
+    /// The anchor whose turn it is.
     turn: usize,
-    /// Superframes since all slots were listened to.
+    /// Superframes since the tag listened to all slots.
     since_all: u16,
-    /// What was decided for a superframe.
+    /// The decision for a superframe.
     plan: Option<(u16, Listening)>,
 }
 
 impl SyncSchedule {
-    /// A sync frame came.
+    /// A sync frame was received.
     pub fn receive(&mut self, address: u16, slot: u8) {
         if usize::from(slot) >= OWNED_SYNC_SLOTS {
-            // Shared by all who have none: it comes now and then.
+            // A shared slot is used by all anchors without a slot of their own: it comes now and then.
             self.answered(address);
             return;
         }
         match self.anchors.iter_mut().find(|anchor| anchor.address == address) {
             Some(anchor) => *anchor = WatchedAnchor { address, slot, misses: 0 },
             None => {
-                // As many as anchors: who finds no place is none of them.
+                // There is room for as many anchors as in the anchor table: an anchor beyond that is ignored.
                 let _ = self.anchors.push(WatchedAnchor { address, slot, misses: 0 });
             }
         }
@@ -87,14 +87,14 @@ impl SyncSchedule {
         self.anchors.iter().map(|anchor| anchor.address)
     }
 
-    /// Whose sync frame is next.
+    /// The anchor whose sync frame is next.
     fn next(&mut self) -> Option<WatchedAnchor> {
         self.turn = (self.turn + 1).checked_rem(self.anchors.len())?;
         self.anchors.get(self.turn).copied()
     }
 
-    /// What to listen to in this superframe, the last sync frame having come `silent` superframes before it: asked again for the same superframe, the
-    /// answer is the same.
+    /// What to listen to in this superframe. The last sync frame came `silent` superframes before it. Another call for
+    /// the same superframe returns the same result.
     pub fn plan(&mut self, superframe: u16, silent: u16) -> Listening {
         if let Some((_, listening)) = self.plan.filter(|(planned, _)| *planned == superframe) {
             return listening;
@@ -115,7 +115,7 @@ impl SyncSchedule {
 
     /// What to listen to in the superframe that a doze ends with.
     pub fn after_doze(&mut self, superframe: u16) -> Listening {
-        // The clock is lost: a sync frame is needed, but not all.
+        // The clock is lost: one sync frame is needed, but not all.
         self.plan = None;
         match self.plan(superframe, HOLDOVER_SUPERFRAMES) {
             Listening::Nothing => Listening::All,
@@ -123,7 +123,7 @@ impl SyncSchedule {
         }
     }
 
-    /// What was planned for this superframe is over.
+    /// The plan for this superframe is done.
     pub fn is_over(&mut self, superframe: u16) {
         self.plan = Some((superframe, Listening::Nothing));
     }

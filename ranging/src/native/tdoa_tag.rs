@@ -1,18 +1,19 @@
-//! The listening tag: hears the rounds that anchors make among themselves, and finds from each how much farther every anchor
-//! is than the one that asked. It never sends, so that any number of tags share the rounds.
+//! The listening tag: receives the rounds that anchors make among themselves. From each round it computes how much
+//! farther every answering anchor is than the asking one. It never transmits, so any number of tags share the rounds.
 //!
-//! An anchor P at a known place polls; anchor i answers, and tells how long after the poll's arrival in its own clock (`reply`).
-//! SyncUpdate by the tag at t_P and t_i of the tag's clock,
+//! An anchor P at a known position polls. Anchor i answers, and reports how long after the poll's arrival, in its own
+//! clock (`reply`). The tag receives the poll and the answer at t_P and t_i of the tag's clock:
 //!
 //! d_i − d_P = c · (t_i − t_P − reply · (1 + r_i)) − D,
 //!
-//! D the distance that the anchor P measured to i, and tells in its poll: by what walls between the two and their antenna delays add, the
-//! answer was late as well. Until it has measured it, D is |P − i|.
+//! D is the distance that the anchor P measured to i, and reports in its poll. Walls between the two and their antenna
+//! delays add to this distance, and they delay the answer by the same time. Until P has measured it, D is |P − i|.
 //!
-//! r_i the rate of the tag's clock against anchor i's, which successive answers give: their departures in the anchor's clock
-//! against their arrivals in the tag's ([`ClockModel`](super::ClockModel)). No wires keep the anchors' time, and no long intervals are compared:
-//! a reply lasts 3 ms at most. The stamp t_P is common to all differences of a round: their errors are correlated (seed 003,
-//! equation 6).
+//! r_i is the rate of the tag's clock relative to anchor i's. It follows from successive answers: their departures in
+//! the anchor's clock are compared with their arrivals in the tag's ([`ClockModel`](super::ClockModel)). No wires
+//! synchronise the anchors, and no long intervals are compared: a reply lasts 3 ms at most. The timestamp t_P is common
+//! to all differences of a round, so their errors are correlated (E. Garcia et al., "A Robust UWB Indoor Positioning
+//! System for Highly Complex Environments", 2015, equation 6).
 
 use heapless::Vec;
 use positioning_core::Real;
@@ -31,20 +32,21 @@ use wire::uwb::native::{Asked, Frame, Message, Poll, Response, SyncFrame};
 
 /// Without a sync frame for this many superframes there is no network here.
 const LOST_AFTER: u16 = 5;
-/// One stamp, metres.
+/// Standard deviation of one timestamp, metres.
 const STAMP_DEVIATION_M: f32 = STAMP_DEVIATION_TICKS * METRES_PER_TICK as f32;
 
-/// What a listening tag is told at its start.
+/// The configuration of a listening tag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TdoaTagConfig {
     /// The network.
     pub network: Network,
-    /// From one round heard to the next, at least, 8 s at most; in between the radio is off. `None`: every round is heard.
+    /// The least time from one received round to the next, at most 8 s; in between the radio is off. `None`: every
+    /// round is received.
     pub period: Option<RadioDuration>,
 }
 
-/// A tag that only listens. Its reports are the differences of distances of each round heard, and changes of its link.
+/// A tag that only listens. It reports the differences of distances of each received round, and changes of its link.
 #[derive(Clone, Debug)]
 pub struct TdoaTag {
     config: TdoaTagConfig,
@@ -54,17 +56,17 @@ pub struct TdoaTag {
     link: Option<Link>,
     network: Option<Sync>,
     round: Option<Round>,
-    /// Counts the rounds heard.
+    /// Counts the received rounds.
     number: u16,
     differences: Vec<Difference, MAX_ROUND>,
-    /// The radio is off until then.
+    /// The radio is off until this instant.
     rest_until: Option<RadioInstant>,
 }
 
-/// A round being heard.
+/// A round that is being received.
 #[derive(Clone, Debug)]
 struct Round {
-    /// As the anchors count it.
+    /// The number that the anchors give it.
     number: u16,
     reference: u16,
     reference_m: [f32; 3],
@@ -76,7 +78,7 @@ struct Round {
 }
 
 impl TdoaTag {
-    /// A tag that has heard nobody yet.
+    /// A tag that has not received any frame yet.
     pub fn new(config: TdoaTagConfig) -> Self {
         Self {
             config,
@@ -92,7 +94,7 @@ impl TdoaTag {
         }
     }
 
-    /// What was heard and not believed since the start.
+    /// What the tag received and refused since the start.
     pub fn refused(&self) -> Refused {
         self.anchors.refused
     }
@@ -133,7 +135,7 @@ impl TdoaTag {
         self.anchors.on_sync_frame(source, sync_frame, frame.diagnostics.rx_power_dbm);
     }
 
-    /// A round begins that serves us, where an anchor asks in a slot of its own and its place is known.
+    /// A round that this tag can use begins, if an anchor with a known position asks in a slot of its own.
     fn on_poll(&mut self, source: u16, poll: &Poll, frame: &RxFrame<'_>) {
         let Some(reference_m) = self.anchors.get_mut(source).and_then(|anchor| anchor.position.metres()) else {
             return;
@@ -153,7 +155,7 @@ impl TdoaTag {
         });
     }
 
-    /// An answer within the round makes a difference; any answer tells of its sender's clock.
+    /// An answer within the round gives a difference. Any answer gives the rate of its sender's clock.
     fn on_response(&mut self, source: u16, destination: u16, response: Response, frame: &RxFrame<'_>) {
         let (Some(round), Some(network)) = (&mut self.round, &self.network) else { return };
         let timing = &network.course.timing;
@@ -169,11 +171,12 @@ impl TdoaTag {
             self.anchors.refused.off_slot = self.anchors.refused.off_slot.saturating_add(1);
             return;
         }
-        // Responses come in the order of their slots: those before have been lost.
+        // Responses come in the order of their slots: the earlier ones have been lost.
         round.pending &= !(u8::MAX >> (MAX_ROUND - 1 - slot));
         let diagnostics = frame.diagnostics;
         let Some(anchor) = self.anchors.receive(source, diagnostics.rx_power_dbm) else { return };
-        // The model's sender is the anchor, its receiver this tag: the rate is the tag's against the anchor's.
+        // In the model the sender is the anchor and the receiver is this tag: the rate is the tag's relative to the
+        // anchor's.
         if !anchor.clock.expects(-diagnostics.clock_offset_ppm) {
             self.anchors.refused.carriers = self.anchors.refused.carriers.saturating_add(1);
             return;
@@ -184,19 +187,22 @@ impl TdoaTag {
         let reply = response.reply.ticks() as f32;
         let excess = (between.ticks() - response.reply.ticks()) as f32 - reply * anchor.clock.rate();
         let apart_m = told.unwrap_or_else(|| distance(round.reference_m, position_m));
-        // Each stamp is late by what its frame's power makes of it; that of the poll at the anchor is known by their distance.
+        // The received power of each frame biases its timestamp. The bias of the poll's timestamp at the anchor follows
+        // from the distance of the two anchors.
         let bias_m = self.bias.metres(diagnostics.rx_power_dbm) - self.bias.metres(round.diagnostics.rx_power_dbm)
             + self.bias.expected(apart_m);
         let difference_m = excess * METRES_PER_TICK as f32 - apart_m - bias_m;
-        // The stamps of this frame and of the poll at the anchor, and the rate over the reply; that of the poll is common.
+        // The timestamps of this frame and of the poll at the anchor, and the rate over the reply. The timestamp of the
+        // poll at the tag is common to all.
         let rate_m = reply * METRES_PER_TICK as f32;
         let variance = 2.0 * STAMP_DEVIATION_M * STAMP_DEVIATION_M + rate_m * rate_m * anchor.clock.rate_variance();
         let deviation_m = Real::sqrt(variance);
-        // One a slot at most: it fits.
+        // At most one for each slot: it fits.
         let _ = self.differences.push(Difference { peer: source, difference_m, deviation_m, position_m, diagnostics });
     }
 
-    /// Whether a poll whose RMARKER came then is in a slot of its sender: one that was repeated later is not, as a rule.
+    /// Whether a poll whose RMARKER arrived at `rx_time` is in a slot of its sender. A poll that was repeated later
+    /// usually is not.
     fn may_poll(&mut self, anchor: u16, rx_time: RadioInstant) -> bool {
         let Some(network) = &mut self.network else { return false };
         let pulse = rx_time.plus(RadioDuration::from_ticks(-network.course.timing.to_rmarker.ticks()));
@@ -209,7 +215,7 @@ impl TdoaTag {
         network.members().map_or(0, owned).checked_shr(slot).is_some_and(|slots| slots & 1 == 1)
     }
 
-    /// Superframes pass, whether a sync frame is heard or not.
+    /// Superframes pass, whether a sync frame is received or not.
     fn advance(&mut self, present: RadioInstant) {
         let Some(network) = &mut self.network else { return };
         let begun = network.advance(present);
@@ -221,7 +227,8 @@ impl TdoaTag {
         }
     }
 
-    /// What is left of the round being heard since the last frame was over: a window to its end, nothing where there is none.
+    /// The rest of the current round since the end of the last frame: a window until the round's end, or `None` if
+    /// there is no round.
     fn rest_of_round(&self, ended: RadioInstant) -> Option<RadioDuration> {
         let round = self.round.as_ref()?;
         let last = round.asked.len().checked_sub(1)?;

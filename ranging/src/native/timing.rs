@@ -1,7 +1,9 @@
-//! When things happen in native mode: from the frames' time on the air and the layout, which follows the slowest node.
+//! When things happen in native mode. The times follow from the frames' time on the air and from the layout, which is
+//! set by the slowest node.
 //!
 //! ```text
-//! superframe: | 16 sync slots, one an anchor | 4 shared slots | round slots, each one poll, eight responses, perhaps a final |
+//! superframe: | 16 sync slots, one an anchor | 4 shared slots | round slots |
+//! round slot: | one poll, up to eight responses, perhaps a final |
 //! round:      | poll | answer time | response 0 | gap | response 1 | gap | … | answer time | final |
 //! ```
 
@@ -14,21 +16,24 @@ use wire::uwb::native::{
     FINAL_BYTES, LONG_RESPONSE_BYTES, OWNED_SYNC_SLOTS, POLL_BYTES, REQUEST_BYTES, RESPONSE_BYTES, SYNC_FRAME_BYTES,
 };
 
-/// How quick a board is, beside its frames' time on the air: interrupt latency, bus and computation together. In native mode each node
-/// measures it by itself while it runs, unless its record pins it; none of the values here was measured on a board.
+/// How quick a board is, without its frames' time on the air: interrupt latency, bus and computation together. In
+/// native mode each node measures this while it runs, unless its config record pins it. None of the values here was
+/// measured on a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ReplyDelay {
-    /// From the end of a frame heard to the first pulse of the answer.
+    /// From the end of a received frame to the first pulse of the answer.
     pub answer: RadioDuration,
-    /// From the end of a frame heard to the first pulse of the next frame that can be heard, the receiver being told to stay on.
+    /// From the end of a received frame to the first pulse of the next frame that can be received, with the receiver
+    /// set to stay on.
     pub listen_again: RadioDuration,
     /// From a decision to transmit to the first pulse.
     pub transmit: RadioDuration,
 }
 
 impl ReplyDelay {
-    /// What a node believes of itself before it has measured: half as much again as the simulation's cost of a DWM1001 comes to.
+    /// What a node assumes of itself before it has measured: half as much again as the cost of a DWM1001 in the
+    /// simulation.
     pub const START: Self = Self {
         answer: RadioDuration::from_micros(500),
         listen_again: RadioDuration::from_micros(120),
@@ -53,14 +58,14 @@ impl From<config::ReplyDelay> for ReplyDelay {
 pub struct Network {
     /// PAN identifier; frames of other networks are ignored.
     pub pan: u16,
-    /// How frames are put on the air.
+    /// The radio configuration of the frames.
     pub phy: PhyConfig,
-    /// What this node says of its own quickness instead of measuring it.
+    /// This node's configured reply delay, which replaces the measurement.
     pub pinned: Option<ReplyDelay>,
 }
 
 impl Network {
-    /// The layout of a network that this node founds, before anybody has measured anything.
+    /// The layout of a network that this node founds, before any node has measured anything.
     pub fn first_layout(&self) -> Layout {
         Meter::new(self.pinned).first_layout()
     }
@@ -80,48 +85,48 @@ impl TryFrom<&config::Record> for Network {
     }
 }
 
-/// Sync slots that nobody owns: for tags' requests, and sync frames of anchors that found no slot of their own.
+/// Sync slots without an owner: for tags' requests, and for sync frames of anchors that found no slot of their own.
 pub const SHARED_SLOTS: usize = 4;
 /// All sync slots.
 pub const SYNC_SLOTS: usize = OWNED_SYNC_SLOTS + SHARED_SLOTS;
 /// The most round slots of a superframe.
 pub const MAX_ROUND_SLOTS: usize = 64;
 
-/// The superframe lasts this long, where the sync slots leave enough of it.
+/// The superframe lasts this long, if the sync slots leave enough of it.
 pub const SUPERFRAME: RadioDuration = RadioDuration::from_micros(100_000);
-/// It lasts at least this many times the sync slots together.
+/// It lasts at least this multiple of all sync slots together.
 const BEACON_SHARE: i64 = 4;
-/// A response's arrival may be off by this power of one half of the reply, 61 ppm: the drift of two clocks, ±20 ppm each, and the noise
-/// of stamps. A shift, because the chip has no division of 64 bits.
+/// A response's arrival may be off by the reply times ½ to this power, 61 ppm: the drift of two clocks, ±20 ppm each,
+/// and the noise of timestamps. It is a shift, because the chip has no 64-bit division.
 const REPLY_DRIFT_SHIFT: u32 = 14;
 /// A delayed transmission starts at a multiple of this many ticks (DW1000 user manual, DX_TIME), 8 ns.
 const TX_STEP_TICKS: i64 = 512;
-/// Two clocks part by at most this many millionths (±20 ppm each) …
+/// Two clocks drift apart by at most this many millionths (±20 ppm each) …
 const DRIFT_PPM: i64 = 40;
-/// … for this many superframes without a sync frame heard.
+/// … for this many superframes without a received sync frame.
 pub const HOLDOVER_SUPERFRAMES: u16 = 2;
-/// What a byte takes on a board's bus, read or written (8 MHz): turnarounds are those of short frames.
+/// The time of a byte on a board's bus, read or written (8 MHz): reply delays are those of short frames.
 const BYTE: RadioDuration = RadioDuration::from_micros(1);
-/// The longest way to another node and back: 450 m, 3 µs.
+/// The longest flight to another node and back: 450 m, 3 µs.
 const WAY_THERE_AND_BACK: RadioDuration = RadioDuration::from_micros(3);
 
-/// When things happen; the same for all nodes of a network, by its PHY and its layout.
+/// When things happen. All nodes of a network with the same PHY and layout have the same times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Timing {
-    /// The layout that this follows from.
+    /// The layout from which the times follow.
     pub layout: Layout,
-    /// From the poll's RMARKER, heard, to that of the first response.
+    /// From the received poll's RMARKER to that of the first response.
     pub reply: RadioDuration,
     /// From one response's RMARKER to the next one's.
     pub response_slot: RadioDuration,
     /// From the RMARKER of a response to its end.
     pub response_tail: RadioDuration,
-    /// From the end of the last response to that of the final, where there is one.
+    /// From the end of the last response to that of the final, if there is one.
     pub finale: RadioDuration,
     /// From a frame's first pulse to its RMARKER.
     pub to_rmarker: RadioDuration,
-    /// What two nodes' ideas of a slot's beginning may differ by.
+    /// The greatest difference between two nodes' estimates of a slot's beginning.
     pub guard: RadioDuration,
     /// A sync slot.
     pub sync_slot: RadioDuration,
@@ -146,7 +151,7 @@ const fn times(a: RadioDuration, n: i64) -> RadioDuration {
 }
 
 impl Timing {
-    /// That of a network with this PHY and layout.
+    /// The times of a network with this PHY and layout.
     pub const fn of(phy: &PhyConfig, layout: Layout) -> Self {
         let to_rmarker = phy.time_to_rmarker();
         let answer = layout.answer.duration();
@@ -159,8 +164,8 @@ impl Timing {
         let response_slot = sum(phy.airtime(response_bytes), listen_again);
         let response_tail = phy.time_after_rmarker(response_bytes);
 
-        // The guard follows from the superframe's length, which hardly follows from the guard: one step is enough.
-        // Who has heard the sync frame of one slot must be able to send that of the next, both as long as can be.
+        // The guard follows from the superframe's length, which hardly depends on the guard: one step is enough. A node
+        // that received the sync frame of one slot must be able to send that of the next, both of the greatest length.
         let longer = times(BYTE, (SYNC_FRAME_BYTES - RESPONSE_BYTES) as i64);
         let sync_frame_answer = sum(answer, times(longer, 2));
         let sync_frame = phy.airtime(SYNC_FRAME_BYTES).ticks() + sync_frame_answer.ticks() + WAY_THERE_AND_BACK.ticks();
@@ -205,11 +210,12 @@ impl Timing {
         sum(responses, self.finale)
     }
 
-    /// Whether a response in this slot can have come so long after the poll: at its instant by the anchor's clock, up to a step of the
-    /// transmitter earlier, and later by the longest way there and back; all this within the drift of both clocks.
+    /// Whether a response in this slot can have come `after_poll` after the poll. It may come at its instant by the
+    /// anchor's clock, up to a step of the transmitter earlier, and later by the longest flight to another node and
+    /// back; all this within the drift of both clocks.
     ///
-    /// The same holds for who only listens: the triangle of poll, response and listener is never shorter than direct, and never longer
-    /// than the way between the anchors there and back.
+    /// The same limits hold for a node that only listens: the triangle of poll, response and listener is never shorter
+    /// than the direct path, and never longer than the path between the anchors there and back.
     pub fn is_in_slot(&self, slot: usize, after_poll: RadioDuration) -> bool {
         let due = self.reply_in(slot).ticks();
         let drift = due >> REPLY_DRIFT_SHIFT;
@@ -217,8 +223,8 @@ impl Timing {
         (-TX_STEP_TICKS - drift..=WAY_THERE_AND_BACK.ticks() + drift).contains(&late)
     }
 
-    /// Whether an anchor that answers in this slot can have sent its response so long after it heard the poll, by its own clock: exactly
-    /// then, but for the step of its transmitter.
+    /// Whether an anchor that answers in this slot can have sent its response `reply` after it received the poll, by
+    /// its own clock. The reply must be exact, except for the step of its transmitter.
     pub fn is_reply(&self, slot: usize, reply: RadioDuration) -> bool {
         (reply.ticks() - self.reply_in(slot).ticks()).abs() <= TX_STEP_TICKS
     }
@@ -229,7 +235,8 @@ impl Timing {
         sum(sum(times(self.sync_slot, slot as i64), half_guard), self.to_rmarker)
     }
 
-    /// From the beginning of the superframe to the RMARKER of a request in this of the [`request_slots`](Self::request_slots).
+    /// From the beginning of the superframe to the RMARKER of a request in one of the
+    /// [`request_slots`](Self::request_slots).
     pub const fn request(&self, slot: usize) -> RadioDuration {
         sum(self.sync_frame(OWNED_SYNC_SLOTS), times(self.request_slot, slot as i64))
     }
@@ -239,24 +246,24 @@ impl Timing {
         times(self.sync_slot, SYNC_SLOTS as i64)
     }
 
-    /// From the beginning of the superframe to that of this round slot (to its end: to the beginning of the next).
+    /// From the beginning of the superframe to that of this round slot. For its end: to the beginning of the next.
     pub const fn round_slot_begin(&self, slot: usize) -> RadioDuration {
         sum(self.rounds(), times(self.round_slot, slot as i64))
     }
 }
 
-/// Where a node is in the course of superframes, in its own clock.
+/// The position of a node in the course of superframes, in its own clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Phase {
     /// Number of the superframe, wrapping.
     pub number: u16,
-    /// When it began.
+    /// The instant of its beginning.
     pub start: RadioInstant,
 }
 
 impl Phase {
-    /// From a sync frame: sent in `slot` of superframe `number`, heard at `rx_time`.
+    /// From a sync frame that was sent in `slot` of superframe `number` and arrived at `rx_time`.
     pub fn from_sync_frame(timing: &Timing, number: u16, slot: u8, rx_time: RadioInstant) -> Self {
         let offset = timing.sync_frame(slot.into()).ticks();
         Self { number, start: rx_time.plus(RadioDuration::from_ticks(-offset)) }
@@ -267,7 +274,7 @@ impl Phase {
         now.since(self.start) >= timing.superframe
     }
 
-    /// Goes on to the next superframe.
+    /// Advances to the next superframe.
     pub fn next(&mut self, timing: &Timing) {
         self.number = self.number.wrapping_add(1);
         self.start = self.start.plus(timing.superframe);
@@ -279,9 +286,9 @@ impl Phase {
     }
 }
 
-/// When a frame that came was over.
+/// The end of a received frame.
 pub fn end_of(phy: &PhyConfig, frame: &RxFrame<'_>) -> RadioInstant {
-    // The two check bytes are not handed on.
+    // The two check bytes are not in `frame`.
     frame.rx_time.plus(phy.time_after_rmarker(frame.bytes.len() as u16 + 2))
 }
 
@@ -305,14 +312,14 @@ mod tests {
     fn times_at_6_81_mbit_s() {
         // 248 = 31 · 8 and 40 = 20 · 2 are spans.
         let timing = Timing::of(&PhyConfig::FAST, layout(248, 40, Scheme::SingleSided));
-        // To the RMARKER 136 × 1.01763 = 138.4 µs. Poll of 48 bytes: header 21 × 1.02564 = 21.54, payload (384 + 2 × 48) ×
-        // 0.12821 = 61.54 µs. Reply = 83.08 + 248 + 138.4.
+        // To the RMARKER 136 × 1.01763 = 138.4 µs. Poll of 48 bytes: header 21 × 1.02564 = 21.54, payload (384 + 2
+        // × 48) × 0.12821 = 61.54 µs. Reply = 83.08 + 248 + 138.4.
         assert!((micros(timing.reply) - 469.5).abs() < 0.1, "{}", micros(timing.reply));
         // Response of 23 bytes: 138.4 + 21.54 + (184 + 48) × 0.12821 = 189.68; + 40 + 3 µs.
         assert!((micros(timing.response_slot) - 232.7).abs() < 0.1, "{}", micros(timing.response_slot));
         // Four responses: 138.4 + 469.5 + 3 × 232.7 + 51.3 = 1357.
         assert!((micros(timing.round(4)) - 1357.3).abs() < 0.5, "{}", micros(timing.round(4)));
-        // Drift of 40 ppm over three superframes, 12 µs, and 3 µs of way.
+        // Drift of 40 ppm over three superframes, 12 µs, and 3 µs of flight.
         assert!((micros(timing.guard) - 15.0).abs() < 0.1, "{}", micros(timing.guard));
         assert_eq!(timing.superframe, RadioDuration::from_micros(100_000));
     }
@@ -321,8 +328,8 @@ mod tests {
     fn a_final_makes_rounds_longer_by_an_answer_and_two_frames() {
         let [single, double] = [Scheme::SingleSided, Scheme::DoubleSided]
             .map(|scheme| Timing::of(&PhyConfig::FAST, layout(248, 40, scheme)));
-        // Responses are 5 bytes longer, 40 bits of 0.12821 µs: 5.13 µs each. The final of 14 bytes: 138.4 + 21.54 + (112 + 48) ×
-        // 0.12821 = 180.45 µs, after 248 µs.
+        // Responses are 5 bytes longer, 40 bits of 0.12821 µs: 5.13 µs each. The final of 14 bytes: 138.4 + 21.54 +
+        // (112 + 48) × 0.12821 = 180.45 µs, after 248 µs.
         let longer = micros(double.round(4)) - micros(single.round(4));
         assert!((longer - (4.0 * 5.13 + 248.0 + 180.45)).abs() < 0.2, "{longer}");
     }
@@ -349,7 +356,7 @@ mod tests {
                     let last = timing.request(usize::from(timing.request_slots) - 1).ticks()
                         + phy.time_after_rmarker(REQUEST_BYTES).ticks();
                     assert!(last < timing.rounds().ticks(), "{name}");
-                    // A superframe is well within what instants tell apart.
+                    // A superframe is well within the range in which instants can be ordered.
                     assert!(
                         timing.superframe < RadioDuration::from_micros(3_000_000),
                         "{name}: {:?}",

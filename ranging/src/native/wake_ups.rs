@@ -1,21 +1,23 @@
-//! How well a node knows the time when its radio has slept.
+//! How well a node knows the time after its radio has slept.
 //!
-//! The radio's clock begins anew with each sleep. The node takes the instant that it asked to be woken at for the present; a sync frame tells by
-//! how much that was wrong: by what waking takes longer, the same each time, and by what the processor's clock gains. In flow sleeps and such
-//! errors, out flow the error to expect and the doubt that is left. The fit is by least mean squares, normalised, in both parameters.
+//! The radio's clock restarts with each sleep. The node assumes that the present is the instant at which it asked to be
+//! woken. A sync frame shows the error of this assumption. It has two parts: the additional time of waking, the same
+//! each time, and the drift of the processor's clock. Inputs are sleeps and such errors. Outputs are the expected error
+//! and the remaining uncertainty. The fit is by normalised least mean squares in both parameters.
 
 use crate::RadioDuration;
 use crate::time::TICKS_PER_SECOND;
 
-/// The doubt before anything was measured, and the most there is.
+/// The uncertainty before any measurement, and its maximum.
 const MOST: RadioDuration = RadioDuration::from_micros(2_000);
-/// The least: steps of a slow timer, interrupts.
+/// Its minimum: steps of a slow timer, interrupts.
 const LEAST: RadioDuration = RadioDuration::from_micros(50);
-/// The doubt is so many mean deviations.
+/// The uncertainty is this multiple of the mean deviation.
 const DEVIATIONS: f32 = 4.0;
 /// Weight of a new error in the fit.
 const STEP: f32 = 0.5;
-/// What a second's sleep weighs against one waking: clocks part by 40 µs in it, waking may be off by hundreds.
+/// The weight of a second's sleep relative to one waking: clocks drift by 40 µs in a second, waking may be off by
+/// hundreds.
 const SECOND: f32 = 0.1;
 
 /// Sleeps since the clock was last compared.
@@ -31,12 +33,12 @@ impl Slept {
         Self { times: 1, ticks: duration.ticks() }
     }
 
-    /// Both, one after the other.
+    /// Both sleeps, one after the other.
     pub const fn and(self, other: Self) -> Self {
         Self { times: self.times.saturating_add(other.times), ticks: self.ticks.saturating_add(other.ticks) }
     }
 
-    /// Whether the clock is that of the last comparison.
+    /// Whether the clock is still that of the last comparison.
     pub const fn is_none(self) -> bool {
         self.times == 0
     }
@@ -49,9 +51,10 @@ impl Slept {
 /// What is known of wake-ups.
 #[derive(Clone, Debug)]
 pub struct WakeUps {
-    /// Ticks that each waking is late, and ticks that each second of sleep adds, the latter by the weight of a second.
+    /// Lateness of each waking, ticks, and ticks that each second of sleep adds, the latter divided by the weight of a
+    /// second.
     late: [f32; 2],
-    /// Mean deviation of the errors from that, ticks.
+    /// Mean deviation of the errors from this estimate, ticks.
     deviation: f32,
 }
 
@@ -61,14 +64,14 @@ impl WakeUps {
         Self { late: [0.0; 2], deviation: MOST.ticks() as f32 / DEVIATIONS }
     }
 
-    /// How late the node is awake, to be expected after these sleeps.
+    /// The expected lateness of the node's waking after these sleeps.
     pub fn late(&self, slept: Slept) -> RadioDuration {
         let [each, second] = slept.weights();
         let late = (self.late[0] * each + self.late[1] * second) as i64;
         RadioDuration::from_ticks(late.clamp(-2 * MOST.ticks(), 2 * MOST.ticks()))
     }
 
-    /// How far off the node may be after these sleeps and what was expected of them.
+    /// The possible error of the node's time after these sleeps and the correction for them.
     pub fn uncertainty(&self, slept: Slept) -> RadioDuration {
         if slept.is_none() {
             return RadioDuration::ZERO;
@@ -77,7 +80,7 @@ impl WakeUps {
         RadioDuration::from_ticks(measured.ticks() + LEAST.ticks()).min(MOST)
     }
 
-    /// After these sleeps, and with what was expected of them, the node was later than it knew by `error`.
+    /// After these sleeps, and with the expected lateness corrected, the node was later than estimated by `error`.
     pub fn learn(&mut self, slept: Slept, error: RadioDuration) {
         let error = error.ticks().clamp(-2 * MOST.ticks(), 2 * MOST.ticks()) as f32;
         let weights = slept.weights();
@@ -87,12 +90,12 @@ impl WakeUps {
                 *late += STEP * error * weight / square;
             }
         }
-        // A larger error counts at once by half, smaller ones slowly.
+        // A larger error counts half at once; smaller errors count slowly.
         let above = error.abs() - self.deviation;
         self.deviation += above * if above > 0.0 { 0.5 } else { 0.3 };
     }
 
-    /// Nothing came where it was expected.
+    /// No frame came at the expected instant.
     pub fn missed(&mut self) {
         self.deviation = (1.25 * self.deviation).min(MOST.ticks() as f32 / DEVIATIONS);
     }
@@ -112,7 +115,7 @@ mod tests {
         let slept = Slept::once(us(1_000_000));
         assert_eq!(wakes.uncertainty(slept), MOST);
         for _ in 0..40 {
-            // 300 µs late each time, and 20 µs more or less.
+            // 300 µs late each time, ± 20 µs.
             for jitter in [-20, 20] {
                 let late = us(300).ticks() + jitter * us(1).ticks();
                 let error = RadioDuration::from_ticks(late - wakes.late(slept).ticks());
@@ -120,7 +123,7 @@ mod tests {
             }
         }
         assert!((280..=320).contains(&wakes.late(slept).as_micros()), "{wakes:?}");
-        // Nearly all of it is of waking, and so it is of a short sleep.
+        // Nearly all of the lateness is that of waking, and a short sleep has the same.
         assert!((270..=320).contains(&wakes.late(Slept::once(us(10_000))).as_micros()), "{wakes:?}");
         // Errors of 20 to 40 µs: four of them, and 50.
         assert!((120..=230).contains(&wakes.uncertainty(slept).as_micros()), "{:?}", wakes.uncertainty(slept));

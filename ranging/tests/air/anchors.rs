@@ -1,11 +1,11 @@
-//! Anchors of native mode on the air, and where the tests put them.
+//! Anchors of native mode on the air, and their positions in the tests.
 
 use ranging::RadioDuration;
 use ranging::native::{Anchor, AnchorConfig, Network, Rate};
 
 use super::{ANTENNA_DELAY, Air, Boxed, boxed};
 
-/// An anchor that knows where it stands, and asks the others as often as `rounds` says.
+/// An anchor with a known position, which ranges to the other anchors as often as `rounds` says.
 pub fn anchor(network: Network, address: u16, position: [f64; 3], rounds: Option<Rate>) -> Boxed {
     boxed(Anchor::new(AnchorConfig {
         address,
@@ -16,7 +16,7 @@ pub fn anchor(network: Network, address: u16, position: [f64; 3], rounds: Option
     }))
 }
 
-/// The position of anchor i of so many on a circle of 10 m.
+/// The position of anchor `i` of `anchors` anchors on a circle of 10 m.
 pub fn corner(i: u16, anchors: u16) -> [f64; 3] {
     let angle = f64::from(i) / f64::from(anchors) * std::f64::consts::TAU;
     [10.0 * angle.cos(), 10.0 * angle.sin(), 2.0 + f64::from(i % 2)]

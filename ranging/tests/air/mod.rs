@@ -1,7 +1,9 @@
-//! A small deterministic air for the exchanges: nodes with drifting 40-bit clocks, flight times, collisions, loss; no chip.
+//! A small deterministic model of the air for the protocols: nodes with drifting 40-bit clocks, flight times,
+//! collisions, loss; no chip.
 //!
-//! Time is true time in seconds since the beginning. A node executes its machine's actions as a radio would: delayed starts
-//! snap to 512 ticks, a start too near is late, a receiver hears one frame at a time and hands it over after reading it.
+//! Time is true time in seconds since the beginning. A node executes its protocol's actions as a radio would: delayed
+//! starts snap to 512 ticks, a start too near is late, and a receiver receives one frame at a time and returns it after
+//! reading it.
 #![allow(dead_code, reason = "each test file uses a part of it")]
 
 pub mod anchors;
@@ -15,22 +17,22 @@ use ranging::exchange::{Action, Difference, Event, Link, Protocol, Range, Report
 use ranging::{Diagnostics, Pace, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
 
 pub const TICKS: f64 = 63_897_600_000.0;
-/// Metres a second in air.
+/// Speed of light in air, metres per second.
 pub const LIGHT: f64 = 299_792_458.0 / 1.000_293;
-/// From the end of a frame until the node has read it, and from a command until the first pulse can leave, on a quick board; a node's
-/// slowness multiplies both.
+/// From the end of a frame until the node has read it, and from a command until the first pulse can leave, on a quick
+/// board. A node's slowness multiplies both.
 const READING: f64 = 120e-6;
 const STARTING: f64 = 100e-6;
 const COMPENSATING: f64 = 1.2e-3;
-/// From the end of one frame until a receiver told to stay on hears the next.
+/// From the end of one frame until a receiver that stays on can receive the next.
 const LISTEN_AGAIN: f64 = 30e-6;
 /// Transmitting antenna delay of every node, ticks.
 pub const ANTENNA_DELAY: i64 = 16_436;
 
-/// A machine that may be replaced or switched off between steps.
+/// A protocol that may be replaced or switched off between steps.
 pub type Boxed = Box<dyn FnMut(RadioInstant, Pace, Event<'_>) -> Owned>;
 
-/// An action that owns what it refers to.
+/// An action that owns its data.
 #[derive(Clone, Debug)]
 pub enum Owned {
     Transmit { frame: Vec<u8>, start: Start, listen: bool },
@@ -69,19 +71,20 @@ pub fn boxed(mut machine: impl Protocol + 'static) -> Boxed {
     })
 }
 
-/// As [`boxed`], on a radio that sleeps where it may: its clock begins anew then.
+/// As [`boxed`], on a radio that sleeps when it may: its clock restarts then.
 pub fn boxed_sleeper(mut machine: impl Protocol + 'static) -> Boxed {
     Box::new(move |now, pace, event| {
         machine.pace(pace);
         match machine.step(now, event).into() {
-            // As the driver's: shorter sleeps do not pay.
+            // As in the driver: shorter sleeps are not worth it.
             Owned::Sleep { from, duration, .. } => Owned::Sleep { from, duration, may: duration.as_micros() > 7_000 },
             action => action,
         }
     })
 }
 
-/// A node that hears every frame and sends some again: as they were, cut, with flipped bits, of another network, later.
+/// A node that receives every frame and sends some again: unchanged, cut, with flipped bits, with another PAN, or
+/// later.
 pub fn mischief(seed: u64) -> Boxed {
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut kept: Vec<Vec<u8>> = Vec::new();
@@ -124,7 +127,7 @@ pub fn moments(values: &[f64]) -> (f64, f64) {
     (mean, (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / n).sqrt())
 }
 
-/// What a node reported, and when.
+/// A node's report, and its time.
 #[derive(Clone, Debug)]
 pub struct Reported {
     pub time: f64,
@@ -153,7 +156,7 @@ struct Node {
     machine: Option<Boxed>,
     /// How many times slower than a quick board.
     slowness: f64,
-    /// What the next step is told of the node's pace.
+    /// The node's pace for the next step.
     pace: Pace,
     position: [f64; 3],
     /// Fast by this fraction.
@@ -161,9 +164,9 @@ struct Node {
     /// The clock's count at true time 0.
     start: u64,
     state: State,
-    /// The receiver is on since then.
+    /// The receiver is on since this time.
     listening: Option<f64>,
-    /// Frames heard and not yet handed over, with the time at which they can be: (when, outcome).
+    /// Frames received and not yet returned, with the time at which they can be: (when, outcome).
     heard: VecDeque<(f64, Received)>,
     /// How long its receiver was on, without what follows a transmission, seconds.
     received: f64,
@@ -172,9 +175,9 @@ struct Node {
 }
 
 enum State {
-    /// Steps the machine at this time with this event.
+    /// Steps the protocol at this time with this event.
     Step(f64, Plain),
-    /// Waits for a frame until then.
+    /// Waits for a frame until this time.
     Listening {
         until: f64,
         keep: bool,
@@ -205,20 +208,20 @@ enum Received {
     Corrupt,
 }
 
-/// The world.
+/// The simulated air with all nodes.
 pub struct Air {
     pub rng: Pcg64,
     pub phy: PhyConfig,
     /// Probability that a frame does not reach a node.
     pub loss: f64,
-    /// Probability that a frame reaches a node broken.
+    /// Probability that a frame reaches a node with errors.
     pub corruption: f64,
-    /// Standard deviation of reception stamps, ticks.
+    /// Standard deviation of reception timestamps, ticks.
     pub stamp_noise: f64,
     /// Standard deviation of the carrier's reading, ppm.
     pub carrier_noise: f64,
     pub power_dbm: f32,
-    /// Frames are not heard beyond this many metres.
+    /// Frames are not received beyond this many metres.
     pub reach: f64,
     pub now: f64,
     pub reports: Vec<Reported>,
@@ -238,7 +241,7 @@ impl Air {
             corruption: 0.0,
             stamp_noise: 6.4,
             carrier_noise: 0.2,
-            // What the chip makes of −77 dBm, where its range bias is none (PRF 64).
+            // The chip's estimate for −77 dBm, where its range bias is zero (PRF 64).
             power_dbm: -81.5,
             reach: f64::INFINITY,
             now: 0.0,
@@ -297,7 +300,7 @@ impl Air {
         node.heard.clear();
     }
 
-    /// Switches a node on (again): another clock count, everything forgotten.
+    /// Switches a node on (again): another clock count, all state lost.
     pub fn switch_on(&mut self, node: usize, machine: Boxed) {
         self.switch_off(node);
         let start = self.rng.random_range(0..1 << 40);
@@ -336,7 +339,7 @@ impl Air {
         }
     }
 
-    /// When something happens at a node.
+    /// The time of the next event at a node.
     fn due(&self, node: usize) -> f64 {
         let node = &self.nodes[node];
         match &node.state {
@@ -435,7 +438,7 @@ impl Air {
                 self.nodes[node].heard.clear();
                 let local_s = duration.ticks() as f64 / TICKS;
                 let end = self.global(node, from, now) + local_s / (1.0 + self.nodes[node].drift);
-                // The slow clock's steps, and where the radio sleeps, waking takes 300 µs longer than is known.
+                // The slow clock's steps. If the radio sleeps, waking takes 300 µs longer than the node knows.
                 let late = if may { 300e-6 } else { 0.0 } + self.rng.random_range(0.0..30e-6);
                 State::Step(end.max(now) + late, if may { Plain::Slept } else { Plain::Woken })
             }
@@ -532,7 +535,7 @@ impl Air {
             };
             let keeps = !matches!(self.nodes[node].state, State::Listening { keep: false, .. });
             let this = &mut self.nodes[node];
-            // Two receive buffers: the third frame before the first is read is lost.
+            // Two receive buffers: a third frame is lost if it comes before the first is read.
             if this.heard.len() < 2 {
                 let previous = this.heard.back().map_or(0.0, |(ready, _)| *ready);
                 this.heard.push_back((ready.max(previous + reading), heard));
@@ -542,7 +545,7 @@ impl Air {
         self.flying.remove(index);
     }
 
-    /// Rounds that a node reported from then on: (time, ranges).
+    /// Rounds that a node reported from `from` on: (time, ranges).
     pub fn rounds(&self, node: usize, from: f64) -> Vec<(f64, Vec<Range>)> {
         let of = |report: &Reported| match &report.what {
             What::Round { ranges, .. } if report.node == node && report.time >= from => {
@@ -553,7 +556,7 @@ impl Air {
         self.reports.iter().filter_map(of).collect()
     }
 
-    /// Rounds that a listening node reported from then on: (reference, differences).
+    /// Rounds that a listening node reported from `from` on: (reference, differences).
     pub fn heard(&self, node: usize, from: f64) -> Vec<(u16, Vec<Difference>)> {
         let of = |report: &Reported| match &report.what {
             What::Differences { reference, differences } if report.node == node && report.time >= from => {

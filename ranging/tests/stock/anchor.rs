@@ -1,5 +1,5 @@
-//! A stock anchor: takes the first tag that blinks, and no other. Its receiver is off until the ranging init has left, and from a
-//! response until the final is due.
+//! A stock anchor: takes the first tag that blinks, and no other. Its receiver is off until the ranging init has left,
+//! and from a response until the final is due.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -10,8 +10,8 @@ use ranging::{RadioDuration, RadioInstant, Start};
 use crate::air::{Boxed, Owned};
 use crate::kit::{Kit, METRES, START_UP_SYMBOLS, SYMBOL_US, Software, little, span, ticks};
 
-/// Of newer software. An anchor's is 150 µs, or more than 170 where it does not answer from its interrupt; a node of this air needs
-/// 220.
+/// The reply delay of newer software. An anchor's is 150 µs, or more than 170 if it does not answer from its interrupt;
+/// a node of this air needs 220.
 const ANCHOR_TURNAROUND_US: f64 = 250.0;
 const TAG_TURNAROUND_US: f64 = 500.0;
 
@@ -24,7 +24,7 @@ pub struct StockAnchor {
     poll_rx: u64,
     resp_tx: u64,
     responding: bool,
-    /// Time of flight that the next response has.
+    /// Time of flight for the next response.
     tof: i64,
 }
 
@@ -116,7 +116,8 @@ impl StockAnchor {
                 let [ra, db] = [ticks(resp_rx, poll_tx), ticks(self.resp_tx, self.poll_rx)];
                 let [rb, da] = [ticks(rx_time.ticks(), self.resp_tx), ticks(final_tx, resp_rx)];
                 if older {
-                    // Seed 000, equation 5-2, without its division by 4, which both ends do when they show it.
+                    // P. M. de Rojas Malpartida's thesis (2021), equation 5-2, without its division by 4, which both
+                    // ends do when they show the distance.
                     let sum = (ra - db) + (rb - da);
                     self.shown.borrow_mut().push(sum * 0.25 * METRES);
                     let mut data = vec![0x2A];

@@ -1,21 +1,22 @@
-//! What a stock board is, by the facts: which software, how it counts time, its bytes and its arithmetic. Nothing here comes from
-//! the crate's frames.
+//! A stock board, implemented from its description: its software, its timing, its bytes and its arithmetic. Nothing
+//! here uses the crate's frames.
 
 use ranging::{PhyConfig, RadioDuration, RadioInstant};
 
 use crate::air::ANTENNA_DELAY;
 
-/// Metres a tick, by the board's own constants.
+/// Metres per tick, by the board's own constants.
 pub const METRES: f64 = 299_702_547.0 / (499.2e6 * 128.0);
 /// The unit of the chip's timers: 512 periods of 499.2 MHz.
 pub const SYMBOL_US: f64 = 1.0256;
-/// The receiver is switched on this much before a frame is expected.
+/// The receiver is switched on this much before the expected frame.
 pub const START_UP_SYMBOLS: f64 = 16.0;
 
-/// Software that EVK1000 boards are found with.
+/// Known software of EVK1000 boards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Software {
-    /// A ranging init of 5 bytes with one delay in plain milliseconds; a report. Windows end 3000 symbols after the frame.
+    /// A ranging init of 5 bytes with one delay in plain milliseconds; a report. Windows end 3000 symbols after the
+    /// frame.
     Older { reply_ms: u16 },
     /// A ranging init of 7 bytes with two delays in microseconds. Windows end 50 symbols after the frame.
     NewerMicros,
@@ -32,7 +33,7 @@ pub struct Kit {
     pub long: bool,
     /// From a blink to the ranging init: 150 ms, 750 with S1-8 on.
     pub init_ms: u32,
-    /// A tag that takes no ranging init of another length than its own, and whose windows are shorter.
+    /// A tag that accepts only a ranging init of its own length, and whose windows are shorter.
     pub strict: bool,
 }
 
@@ -51,7 +52,7 @@ impl Kit {
         if self.long { 21 } else { 9 }
     }
 
-    /// The frame's time on the air, µs: header, what follows, and two check bytes.
+    /// The frame's time on the air, µs: header, the bytes that follow, and two check bytes.
     pub fn frame_us(&self, follows: u16) -> f64 {
         micros(self.phy.airtime(self.head_bytes() + follows + 2))
     }
@@ -72,7 +73,7 @@ impl Kit {
         out
     }
 
-    /// What follows the header in a frame to us; the chip's filter lets no other through.
+    /// The bytes after the header in a frame to this board. The chip's filter rejects all other frames.
     pub fn payload(&self, bytes: &[u8], own: u64) -> Option<(u64, Vec<u8>)> {
         let length = if self.long { 8 } else { 2 };
         let head = usize::from(self.head_bytes());
@@ -108,7 +109,8 @@ pub fn ticks(later: u64, earlier: u64) -> f64 {
     (later.wrapping_sub(earlier) & 0xFF_FFFF_FFFF) as f64
 }
 
-/// The instant that leaves the antenna for a programmed start: low nine bits ignored, antenna delay added.
+/// The instant at which a frame with this programmed start leaves the antenna: low nine bits ignored, antenna delay
+/// added.
 pub fn leaves(start: RadioInstant) -> u64 {
     ((start.ticks() & !511) + ANTENNA_DELAY as u64) & 0xFF_FFFF_FFFF
 }

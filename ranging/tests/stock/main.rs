@@ -1,5 +1,5 @@
-//! Our tag and our anchor against stock EVK1000 boards of every software there is, as the facts describe them: deaf but in their
-//! windows, strict in their delays, with bytes of their own.
+//! Our tag and our anchor against stock EVK1000 boards with every known software, implemented from their description:
+//! they receive only in their windows, are strict in their delays, and have bytes of their own.
 
 #[path = "../air/mod.rs"]
 mod air;
@@ -19,7 +19,7 @@ use ranging::{PhyConfig, RadioDuration};
 use tag::StockTag;
 use wire::uwb::decaranging::Variant;
 
-/// What a board takes whose air is that of these tests.
+/// The reply delay of a board on the air of these tests.
 const QUICK: ReplyDelay = ReplyDelay {
     answer: RadioDuration::from_micros(250),
     listen_again: RadioDuration::from_micros(40),
@@ -71,7 +71,7 @@ fn kits() -> Vec<Kit> {
 
 fn air_of(kit: &Kit, seed: u64) -> Air {
     let mut air = Air::new(kit.phy, seed);
-    // Where the range bias of the mode's pulse rate is none.
+    // The power at which the range bias of the mode's pulse rate is zero.
     air.power_dbm = if kit.phy == PhyConfig::FAST { -81.5 } else { -86.25 };
     air
 }
@@ -87,9 +87,9 @@ fn assert_accurate(errors: &[f64], least: usize, what: &str) {
     assert!(bias.abs() < 0.01 && deviation < 0.03, "{what}: bias {bias:.4} m, deviation {deviation:.4} m");
 }
 
-/// Older software's sum of both rounds feels a quarter of the offset of a difference of replies, which is the offset's part of them:
-/// for 150 ms and 40 ppm 1.8 cm. Whole ticks, cut, are 0.25 · 4.7 mm · ½ more for the sum and ½ · 4.7 mm for newer software: that
-/// is within the tolerance.
+/// The sum of older software, over both rounds, has an error of a quarter of the difference of replies that the clock
+/// offset causes: for 150 ms and 40 ppm it is 1.8 cm. Truncation to whole ticks adds 0.25 · 4.7 mm · ½ for the sum and
+/// ½ · 4.7 mm for newer software: that is within the tolerance.
 fn board_error(software: Software) -> f64 {
     match software {
         Software::Older { reply_ms } => 0.25 * 40e-6 * 40e-6 * f64::from(reply_ms) * 1e-3 * 299_702_547.0,
@@ -126,7 +126,7 @@ fn our_anchor_pairs_and_ranges_with_every_stock_tag() {
         air.add([12.0, 0.0, 1.0], -20.0, StockTag::boxed(kit, TAG_EUI, &shown));
         air.run_until(50.0);
         let links = air.links(ours);
-        // The third blink at the latest.
+        // Paired at the third blink at the latest.
         assert!(matches!(links[..], [(time, Link::Paired(0x1234))] if time < 3.0), "{what}: {links:?}");
         assert_accurate(&errors(&air, ours, 0.0, 12.0), 80, &what);
         let board: Vec<f64> = shown.borrow().iter().map(|metres: &f64| metres - 12.0).collect();
@@ -149,12 +149,12 @@ fn lost_frames_cost_their_exchanges_and_nothing_else() {
             };
             let ours = air.add([0.0, 0.0, 1.0], 20.0, ours);
             air.add([9.0, 0.0, 1.0], -20.0, stock);
-            // A stock tag that was taken blinks no more.
+            // A stock tag that was taken does not blink any more.
             air.run_until(4.0);
             air.loss = 0.1;
             air.run_until(60.0);
             let errors = errors(&air, ours, 4.0, truth);
-            // Of about 120 polls three frames each must come, a fourth to a tag: 0.9⁴ = 66 %.
+            // For each of about 120 polls three frames must be received, for a tag a fourth one: 0.9⁴ = 66 %.
             assert!(errors.len() > 60, "{what}: {}", errors.len());
             assert!(errors.iter().all(|error| error.abs() < 0.15), "{what}: {errors:?}");
             let links = air.links(ours);
@@ -173,13 +173,13 @@ fn ranging_inits_leave_at_once_and_150_and_750_ms_after_the_blink() {
     let kit = Kit { init_ms: 1, ..older(8) };
     let mut air = air_of(&kit, 300);
     let anchor = air.add([0.0, 0.0, 1.0], 20.0, our_anchor(kit.phy));
-    // A tag that listens too early for any.
+    // A tag whose window is too early for any init.
     let tag = air.add([9.0, 0.0, 1.0], -20.0, StockTag::boxed(kit, TAG_EUI, &Rc::default()));
     air.run_until(2.9);
     let of = |node: usize| air.sent.iter().filter(move |flight| flight.sender == node);
     let blinks: Vec<f64> = of(tag).map(|flight| flight.rmarker).collect();
     assert_eq!(blinks.len(), 3);
-    // The first is late, so that newer software does not hear it.
+    // The first init is late, so that newer software does not receive it.
     for (blink, expected_us) in blinks.into_iter().zip([151_500.0, 150_000.0, 150_000.0]) {
         let after = of(anchor).map(|flight| (flight.rmarker - blink) * 1e6).filter(|us| (0.0..900_000.0).contains(us));
         let after: Vec<f64> = after.collect();
@@ -199,7 +199,7 @@ fn older_software_that_took_two_delays_is_answered_as_it_read_them() {
     let shown = Rc::default();
     let ours = air.add([0.0, 0.0, 1.0], 20.0, our_anchor(kit.phy));
     let tag = air.add([12.0, 0.0, 1.0], -20.0, StockTag::boxed(kit, TAG_EUI, &shown));
-    // The init after the first blink is lost, which was in milliseconds; the one after the second is of newer software.
+    // The init after the first blink, in milliseconds, is lost; the one after the second is of newer software.
     air.run_until(0.1);
     air.loss = 1.0;
     air.run_until(0.9);
@@ -209,7 +209,7 @@ fn older_software_that_took_two_delays_is_answered_as_it_read_them() {
     let errors = errors(&air, ours, 0.0, 12.0);
     assert!((64..68).contains(&errors.len()), "{}", errors.len());
     assert!(moments(&errors).0.abs() < 0.02 && shown.borrow().len() >= 40);
-    // After a reset of the tag the anchor knows better: 150 ms, and an exchange every 0.4 s.
+    // After a reset of the tag the anchor has the correct delay: 150 ms, and an exchange every 0.4 s.
     air.switch_on(tag, StockTag::boxed(kit, TAG_EUI, &shown));
     air.run_until(120.0);
     assert!(air.rounds(ours, 60.0)[0].0 < 60.6);
@@ -246,7 +246,8 @@ fn while_a_stock_tag_waits_another_tag_ranges() {
         let rounds = air.rounds(anchor, 4.0).into_iter().flat_map(|(_, ranges)| ranges);
         rounds.filter(move |range| range.peer == peer).map(|range| f64::from(range.distance_m)).collect::<Vec<_>>()
     };
-    // 28 s at 13.6 a second, at all phases of the other's period; and every 0.4 s the stock tag's exchange of 0.3 s, of which the anchor is deaf for 4 ms three times, 3 %.
+    // 28 s at 13.6 a second, at all phases of the other's period. Every 0.4 s there is the stock tag's exchange of 0.3
+    // s, during which the anchor does not receive for 4 ms three times, 3 %.
     let [of_ours, of_stock] = [to(0x1235), to(0x1234)];
     assert!(of_ours.len() > 370, "{}", of_ours.len());
     assert!(of_stock.len() > 50, "{}", of_stock.len());
@@ -257,8 +258,9 @@ fn while_a_stock_tag_waits_another_tag_ranges() {
 
 #[test]
 fn our_tag_and_our_anchor_range_by_whatever_init_is_heard() {
-    // The first frame after the blink is lost; what comes 150 ms after the first blink is for older software, whose exchanges last
-    // 0.3 s; 150 ms after the second it is for newer. Else they range every 0.1 s.
+    // The first frame after the blink is lost. The frame 150 ms after the first blink is for older software, whose
+    // exchanges last 0.3 s; the one 150 ms after the second is for newer software. In the other case they range every
+    // 0.1 s.
     for (seed, blinks, at_least) in [(320, 0, 750), (321, 1, 250), (322, 2, 750)] {
         let kit = older(8);
         let mut air = air_of(&kit, seed);

@@ -1,5 +1,5 @@
-//! A stock tag. Its receiver is on in the windows that its timers open, and at no other time. Once it has taken an anchor it never
-//! blinks again, as some builds do: only a reset helps.
+//! A stock tag. Its receiver is on only in the windows that its timers open. Once it has taken an anchor it never
+//! blinks again, as in some builds: only a reset helps.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -29,7 +29,7 @@ pub struct StockTag {
     shown: Rc<RefCell<Vec<f64>>>,
     sequence: u8,
     state: State,
-    /// The anchor's address and our own, once it has taken us.
+    /// The anchor's address and this tag's own, once the anchor has taken it.
     peers: Option<(u64, u64)>,
     /// From poll to response, and from response (older) or poll (newer) to final, µs.
     delays_us: [f64; 2],
@@ -93,10 +93,11 @@ impl StockTag {
         matches!(self.kit.software, Software::Older { .. })
     }
 
-    /// The receiver is switched on so long after the end of the frame that left, and off when a frame of `frame_us` should have come.
+    /// The receiver is switched on `wait_us` after the end of the frame that left, and off when a frame of `frame_us`
+    /// should have come.
     fn window(&mut self, end: RadioInstant, wait_us: f64, frame_us: f64) -> Owned {
         self.state = State::Hearing;
-        // The timer has 20 bits: where the delay is shorter than the frame, it runs for any time.
+        // The timer has 20 bits: if the delay is shorter than the frame, it wraps and runs for a long time.
         let symbols = ((wait_us / SYMBOL_US) as i64 - START_UP_SYMBOLS as i64) & 0xF_FFFF;
         let start = Start::At(end.plus(span(symbols as f64 * SYMBOL_US)));
         let window = span(frame_us + (START_UP_SYMBOLS + self.kit.margin_symbols()) * SYMBOL_US);
@@ -108,7 +109,7 @@ impl StockTag {
         let end = |bytes: u16| departure.plus(kit.phy.time_after_rmarker(bytes));
         match self.state {
             State::Blinking => {
-                // Older software takes off the init's length, newer the blink's.
+                // Older software subtracts the init's length, newer software the blink's.
                 let length = if self.older() { kit.init_us() } else { micros(kit.phy.airtime(12)) };
                 self.window(end(12), f64::from(kit.init_ms) * 1000.0 - length, kit.init_us())
             }
@@ -163,7 +164,7 @@ impl StockTag {
         }
     }
 
-    /// The time of flight of the exchange before, where there is one.
+    /// The time of flight of the exchange before, if there is one.
     fn show(&mut self, tof: &[u8]) {
         assert_eq!(tof.len(), 5, "a response that newer software can read");
         if signed40(tof) != 0 {
@@ -171,7 +172,7 @@ impl StockTag {
         }
     }
 
-    /// The length is not looked at: what is missing is read from the check bytes and what was in the buffer.
+    /// The length is not checked: missing bytes are read from the check bytes and from the old contents of the buffer.
     fn on_init(&mut self, bytes: &[u8]) {
         let (kind, head) = (bytes.get(..2), if bytes[1] == 0xCC { 21 } else { 15 });
         let ours = matches!(kind, Some([0x41, 0x8C | 0xCC])) && bytes.len() > head + 4;

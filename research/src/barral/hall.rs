@@ -1,33 +1,36 @@
-//! What is drawn: a hall of 12 m × 8 m, five anchors on its walls at different heights, a tag that stands for a minute on each of nine
-//! points of a grid and walks between them. Five ranges are measured 25 times a second in turn, so that a round takes 0.2 s.
+//! The simulated data: a hall of 12 m × 8 m with five anchors on its walls at different heights. A tag stays for a
+//! minute at each of nine points of a grid and walks between them. Five ranges are measured in turn, 25 ranges a
+//! second, so that a round takes 0.2 s.
 //!
-//! - Direct: a lasting error of the link at the point, N(0, 0.04²) m, and noise N(0, 0.04²) m.
-//! - Blocked: an excess of the link at the point, 0.3 m + exponential of mean 0.6 m, and noise 0.15 m. Each link is blocked at
-//!   a point with probability 0.35, but never more than two of the five.
-//! - Classifier: a probability that is on the right side of ½ in 97 % of all cases, and means what it says: 0.94 to 1 for what it
-//!   takes for blocked, the complement for the rest (the paper finds its two sets "clearly separated").
-//! - Mitigator, learnt in another building: of a direct range it believes an excess of N(0.1, 0.05²) m, of a blocked one half of
-//!   what it is plus N(0.6, 0.4²) m; per link and point, since its inputs last as long as the link.
+//! - Direct: a constant error of the link at the point, N(0, 0.04²) m, and noise N(0, 0.04²) m.
+//! - Blocked: an excess of the link at the point, 0.3 m + exponential of mean 0.6 m, and noise 0.15 m. Each link is
+//!   blocked at a point with probability 0.35, but never more than two of the five.
+//! - Classifier: a probability of being blocked, which is on the right side of ½ in 97 % of all cases and is
+//!   calibrated. It is 0.94 to 1 for ranges classified as blocked, and the complement for the rest (the paper finds
+//!   its two sets "clearly separated").
+//! - Mitigator, trained in another building: for a direct range it estimates an excess of N(0.1, 0.05²) m, for a
+//!   blocked one half of the true excess plus N(0.6, 0.4²) m. The estimate is constant for a link at a point, like
+//!   its inputs.
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use crate::normal;
 
-/// Places of the anchors, metres.
+/// Positions of the anchors, metres.
 pub const ANCHORS_M: [[f64; 3]; 5] =
     [[0.0, 0.0, 2.9], [12.0, 0.5, 0.9], [11.5, 8.0, 2.7], [0.5, 7.5, 0.7], [6.0, 8.0, 1.9]];
 /// Deviation of a direct range's noise, metres.
 pub const DIRECT_SIGMA_M: f64 = 0.04;
 /// Root of the density of the filter's acceleration, m/s² in √Hz.
 pub const ACCELERATION: f32 = 0.05;
-/// Deviation of a direct link's lasting error, metres.
+/// Deviation of a direct link's constant error, metres.
 const DIRECT_LINK_SIGMA_M: f64 = 0.04;
 /// Probability that a link is blocked.
 const BLOCKED_SHARE: f64 = 0.35;
-/// At most so many of the five are.
+/// At most this number of the five links are blocked.
 const MOST_BLOCKED: usize = 2;
-/// Least excess of a blocked link, and the mean of what it is more, metres.
+/// Least excess of a blocked link, and the mean of the exponential part, metres.
 const EXCESS_M: [f64; 2] = [0.3, 0.6];
 /// Deviation of a blocked range's noise, metres.
 const BLOCKED_SIGMA_M: f64 = 0.15;
@@ -35,23 +38,23 @@ const BLOCKED_SIGMA_M: f64 = 0.15;
 const RIGHT: f64 = 0.97;
 /// The grid, metres.
 const GRID_M: [[f64; 3]; 2] = [[3.0, 6.0, 9.0], [2.0, 4.0, 6.0]];
-/// The tag's height, metres: known, so that x and y are sought.
+/// The tag's height, metres: known, so that only x and y are estimated.
 pub const HEIGHT_M: f64 = 1.2;
 /// Rounds at a point: a minute.
 const ROUNDS: usize = 300;
 /// Rounds from one point to the next: at most 3 m at 0.6 m/s.
 const WALK: usize = 25;
-/// Between two rounds, microseconds.
+/// Time between two rounds, microseconds.
 const ROUND_US: u64 = 200_000;
 
-/// One range, and what classifier and mitigator say of it.
+/// One range, with the outputs of classifier and mitigator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Received {
     /// Metres.
     pub range_m: f64,
-    /// 0 direct, 1 blocked.
+    /// Probability that the range is blocked: 0 direct, 1 blocked.
     pub blocked_score: f64,
-    /// By how much the mitigator believes it to be too long, metres.
+    /// The excess estimated by the mitigator, metres.
     pub excess_m: f64,
 }
 
@@ -60,15 +63,15 @@ pub struct Received {
 pub struct Round {
     /// Its time, microseconds.
     pub t_us: u64,
-    /// Where the tag is, metres.
+    /// The tag's position, metres.
     pub at_m: [f64; 3],
-    /// Whether it stands on a point of the grid.
+    /// Whether the tag is at a point of the grid.
     pub counts: bool,
     /// One range an anchor.
     pub ranges: [Received; ANCHORS_M.len()],
 }
 
-/// What lasts of a link while the tag stands.
+/// The properties of a link that are constant while the tag is at a point.
 #[derive(Clone, Copy, Debug)]
 struct Link {
     blocked: bool,
@@ -76,7 +79,7 @@ struct Link {
     believed_m: f64,
 }
 
-/// Draws the nine minutes and the ways between.
+/// Draws the nine minutes and the walks between.
 pub fn draw(seed: u64) -> Vec<Round> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let mut rounds: Vec<Round> = Vec::new();
@@ -158,11 +161,12 @@ mod tests {
         });
         let (blocked, direct): (Vec<_>, Vec<_>) = heard.partition(|(_, score)| *score > 0.5);
         let mean = |set: &[(f64, f64)]| set.iter().map(|(error, _)| error).sum::<f64>() / set.len() as f64;
-        // At most two of five with p = 0.35: Σ k C(5,k) p^k q^(5−k) ⁄ Σ C(5,k) p^k q^(5−k), k ≤ 2, over 5 = (0.3124 + 2 · 0.3364) ⁄ 0.7648 ⁄ 5
-        // = 0.2576; told: 0.97 of them and 0.03 of the others, 0.272.
+        // At most two of five with p = 0.35: Σ k C(5,k) p^k q^(5−k) ⁄ Σ C(5,k) p^k q^(5−k), k ≤ 2, over 5 = (0.3124 +
+        // 2 · 0.3364) ⁄ 0.7648 ⁄ 5 = 0.2576. Classified as blocked: 0.97 of them and 0.03 of the others, 0.272.
         let share = blocked.len() as f64 / (blocked.len() + direct.len()) as f64;
         assert!((share - 0.272).abs() < 0.02, "{share}");
-        // 0.3 + 0.6 m in (0.2576 · 0.97) ⁄ 0.272 of those told so, nothing in the rest: 0.827 m; 0.9 · 0.2576 · 0.03 ⁄ 0.728 = 0.0096 m.
+        // 0.3 + 0.6 m in (0.2576 · 0.97) ⁄ 0.272 of those classified as blocked, nothing in the rest: 0.827 m; 0.9 ·
+        // 0.2576 · 0.03 ⁄ 0.728 = 0.0096 m.
         assert!((mean(&blocked) - 0.827).abs() < 0.08, "{}", mean(&blocked));
         assert!((mean(&direct) - 0.0096).abs() < 0.01, "{}", mean(&direct));
     }

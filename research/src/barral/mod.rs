@@ -1,10 +1,10 @@
-//! The benchmark of V. Barral et al., *Environmental Cross-Validation of NLOS Protocol Learning Classification/Mitigation with Low-Cost
-//! UWB Positioning Systems* (Sensors 19, 2019): five anchors, nine points of a grid, and the configurations of tables 4 and 5, with the
-//! iterated filter and with least squares.
+//! The benchmark of V. Barral et al., *Environmental Cross-Validation of NLOS Machine Learning
+//! Classification/Mitigation with Low-Cost UWB Positioning Systems* (Sensors 19, 2019): five anchors, nine points of
+//! a grid, and the configurations of tables 4 and 5, with the iterated filter and with least squares.
 //!
-//! The recordings are not at hand, and neither are the places of the anchors; [`hall`] states what is drawn instead, the
-//! classifiers and mitigators included: those are given by their error rates, and what is compared is what a positioning
-//! engine makes of them.
+//! The recordings and the positions of the anchors are not available; [`hall`] describes the simulated data instead.
+//! Its classifiers and mitigators are given by their error rates. The benchmark compares what a positioning engine
+//! makes of them.
 
 pub mod hall;
 mod table;
@@ -17,35 +17,35 @@ use hall::{ANCHORS_M, Round};
 
 pub use table::to_markdown;
 
-/// Who makes positions of the ranges.
+/// How positions are computed from the ranges.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Algorithm {
     /// The iterated extended Kalman filter (section 4.2).
     Iekf,
-    /// Nonlinear least squares (section 4.1); where there is no new position the last one stays.
+    /// Nonlinear least squares (section 4.1); where there is no new position the last one is kept.
     Nls,
-    /// This project's engine as it tracks, errors of links and gates included.
+    /// This project's engine in tracking, with its errors of links and its gates.
     Engine,
 }
 
-/// What is done about blocked ranges.
+/// How blocked ranges are treated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Configuration {
     /// All ranges as they are.
     NoIgnore,
-    /// Ranges judged blocked are left out.
+    /// Ranges classified as blocked are left out.
     Ignore,
-    /// The same, but four are kept.
+    /// The same, but at least four ranges are kept.
     IgnoreMin4,
-    /// Left out, and the others corrected.
+    /// Blocked ranges are left out, and the others are corrected.
     IgnoreMitigate,
-    /// Left out but for four, and what is used is corrected.
+    /// Blocked ranges are left out down to four, and the used ones are corrected.
     IgnoreMin4Mitigate,
     /// All ranges, each corrected.
     Mitigate,
-    /// All ranges, weighted by the probability.
+    /// All ranges, weighted by the probability of being blocked.
     Weigh,
 }
 
@@ -68,13 +68,13 @@ pub const ROWS: [(Algorithm, Configuration, Option<[f64; 2]>); 12] = [
 /// The errors of one row.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Score {
-    /// Who.
+    /// The algorithm.
     pub algorithm: Algorithm,
-    /// With what done about blocked ranges.
+    /// The treatment of blocked ranges.
     pub configuration: Configuration,
     /// Mean error, metres.
     pub mae_m: f64,
-    /// Nine of ten positions err less, metres.
+    /// 90th percentile of the error, metres.
     pub p90_m: f64,
     /// The tables' mean error on measured ranges, metres.
     pub printed_measured_m: Option<f64>,
@@ -82,10 +82,10 @@ pub struct Score {
     pub printed_simulated_m: Option<f64>,
 }
 
-/// What came out of a row: the score, and the errors in order, metres.
+/// The result of a row: the score, and the errors in order, metres.
 pub type Row = (Score, Vec<f64>);
 
-/// Runs all rows in so many halls.
+/// Runs all rows in this number of halls.
 pub fn run(halls: u32, seed: u64) -> Vec<Row> {
     let halls: Vec<Vec<Round>> =
         (0..halls).map(|hall| hall::draw(seed.wrapping_mul(10_007).wrapping_add(hall.into()))).collect();

@@ -1,11 +1,11 @@
-//! Our figures beside the tables', in Markdown.
+//! Our figures beside those of the paper's tables, in Markdown.
 
 use baliza_report::MarkdownTable;
 
 use super::{Algorithm, Configuration, Row};
 
 impl Algorithm {
-    /// As the table has it.
+    /// The name in the table.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Iekf => "IEKF",
@@ -16,7 +16,7 @@ impl Algorithm {
 }
 
 impl Configuration {
-    /// As the table has it.
+    /// The name in the table.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::NoIgnore => "no ignore",
@@ -30,7 +30,7 @@ impl Configuration {
     }
 }
 
-/// A row an algorithm and configuration.
+/// One row an algorithm and configuration.
 pub fn to_markdown(rows: &[Row]) -> String {
     let mut table = MarkdownTable::new([
         "algorithm",

@@ -1,30 +1,32 @@
-//! What becomes of the hypotheses as a whole: links change, wide ones are divided, those that have become alike are merged.
+//! Operations on all hypotheses together: links change state, wide hypotheses are divided, those that have become
+//! alike are merged.
 
 use super::hypothesis::{Hypothesis, squared_over};
 use super::{Estimate, Fusion};
 use positioning_core::Real;
 use positioning_core::linalg::Ldl;
 
-/// Hypotheses whose positions are nearer than this, squared over both covariances, are at one place.
+/// Two hypotheses with a smaller squared distance than this, over both covariances, count as one position.
 const NEAR: f64 = 2.0;
-/// So near, squared, m², they are anyway.
+/// Two hypotheses with a smaller squared distance than this, m², always count as one position.
 const SAME: f64 = 0.01;
-/// A hypothesis is wider than this in no direction, metres: expectations are straightened over its width.
+/// Greatest width of a hypothesis in any direction, metres: the expected values are linearised over its width.
 const WIDTH_M: f64 = 0.7;
-/// Wider by this much in variance is not worth dividing.
+/// A hypothesis is divided only if its variance is greater than the allowed one by this factor.
 const SLACK: f64 = 1.2;
-/// In two halves, so much of the variance lies between them.
+/// The greatest share of the variance that lies between the two halves of a divided hypothesis.
 const BETWEEN: f64 = 0.64;
-/// A hypothesis gives way to half of a wide one that is so many times as probable.
+/// A hypothesis is replaced by half of a wide one that is more probable by this factor.
 const GIVES_WAY: f64 = 50.0;
-/// A probability below which nothing is kept.
+/// Hypotheses of a lower probability than this are dropped.
 const NOTHING: f64 = 1e-20;
-/// Less than this share changes nothing of what it is merged into.
+/// A share below this does not change the hypothesis that it is merged into.
 const NEGLIGIBLE: f64 = 1e-6;
 
 impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fusion<T, D, H, N, S> {
-    /// The link to a node changes with the probability `rate` times the share of what it changes to. Where the other state of the link is
-    /// already thought of at that place, probability moves over; else a new hypothesis takes it.
+    /// The link to a node changes with the probability `rate` times the share of the state that it changes to. Where
+    /// a hypothesis with the other state of the link exists at that position, probability moves over to it; else a
+    /// new hypothesis takes it.
     pub(super) fn branch(&mut self, at: usize, rate: T) {
         let bit = 1 << at;
         let mut moved = [T::ZERO; H];
@@ -59,7 +61,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         }
     }
 
-    /// Gives a hypothesis a place, where there is one or a less probable one has it.
+    /// Stores a hypothesis in a free entry, or in place of a less probable one.
     fn bring(&mut self, child: Hypothesis<T, N, S>) {
         if self.bank.is_full() {
             if let Some(least) = self.least().and_then(|least| self.bank.get_mut(least))
@@ -78,7 +80,8 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         weights.reduce(|least, other| if other.1 < least.1 { other } else { least }).map(|(index, _)| index)
     }
 
-    /// Merges what is at one place and thinks the same of all links, unless that would be too wide; forgets what is nothing.
+    /// Merges hypotheses at one position with the same state of all links, unless the result would be too wide; drops
+    /// the negligible ones.
     pub(super) fn merge(&mut self) {
         let widest = T::of(WIDTH_M * WIDTH_M);
         let mut one = 0;
@@ -100,7 +103,8 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         self.bank.retain(|hypothesis| hypothesis.weight > T::of(NOTHING));
     }
 
-    /// Divides hypotheses that are wide, the most probable first, as long as there is room; the others draw a place within theirs.
+    /// Divides wide hypotheses, the most probable first, as long as there is room; the others draw a position within
+    /// their own.
     pub(super) fn narrow(&mut self) {
         let limit = T::of(WIDTH_M * WIDTH_M);
         for _ in 0..H {
@@ -142,7 +146,8 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         }
     }
 
-    /// Makes probabilities of logarithms; gives the logarithm of their sum, or nothing where there is no number among them.
+    /// Turns logarithms into probabilities; returns the logarithm of their sum, or `None` where none of them is a
+    /// number.
     pub(super) fn normalise(&mut self) -> Option<T> {
         let first = self.bank.first()?.log;
         let greatest = self.bank.iter().fold(first, |greatest, hypothesis| greatest.at_least(hypothesis.log));
@@ -189,7 +194,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         }
     }
 
-    /// Where the density is greatest, of the places in the middle of a hypothesis.
+    /// The position of the greatest density, among the means of the hypotheses.
     fn mode(&self) -> [T; D] {
         let heaviest = self.bank.iter().fold(T::ZERO, |most, hypothesis| most.at_least(hypothesis.weight));
         let (mut mode, mut densest) = ([T::ZERO; D], T::ZERO);
@@ -219,7 +224,7 @@ fn is_wide<T: Real, const D: usize, const N: usize, const S: usize>(
     trace > T::of(SLACK) * limit && hypothesis.widest::<D>().1 > T::of(SLACK) * limit
 }
 
-/// Whether the less probable one of two may go into the other.
+/// Whether the less probable one of two may be merged into the other.
 fn alike<T: Real, const D: usize, const N: usize, const S: usize>(
     a: &Hypothesis<T, N, S>,
     b: &Hypothesis<T, N, S>,

@@ -1,48 +1,50 @@
-//! One hypothesis: which links are blocked, and given that a normal distribution over position, velocity and the biases of all nodes.
+//! One hypothesis: the state of all links, and, given that state, a normal distribution over position, velocity and
+//! the biases of all nodes.
 //!
-//! States are numbered: positions first, then velocities, then what the nodes need. Only the covariance's lower triangle is kept.
+//! States are numbered: positions first, then velocities, then the states of the nodes. Only the covariance's lower
+//! triangle is stored.
 
 use positioning_core::Real;
 use positioning_core::linalg::{Ldl, dot, symmetric_eigen};
 
-/// Whatever is farther out than this many deviations is not cut.
+/// A bound farther out than this number of deviations cuts nothing.
 const FAR_INSIDE: f64 = -3.0;
-/// What is farther outside is cut as if it were here.
+/// A mean farther outside the bound than this number of deviations is cut as if it were here.
 const FAR_OUTSIDE: f64 = 8.0;
 /// ln √2π.
 const LN_ROOT_TAU: f64 = 0.918_938_533_204_672_7;
 /// 1 ⁄ √2π: the greatest density of a standard normal number.
 pub(super) const PEAK: f64 = 0.398_942_28;
 
-/// A normal distribution over S states, and what else it presumes.
+/// A normal distribution over S states, with the assumed state of the links.
 #[derive(Clone, Debug)]
 pub(super) struct Hypothesis<T, const N: usize, const S: usize> {
     /// Bit n: the link to node n is blocked.
     pub(super) blocked: u16,
-    /// Natural logarithm of its weight while values come in.
+    /// Natural logarithm of its weight while values are processed.
     pub(super) log: T,
     /// Its probability.
     pub(super) weight: T,
     pub(super) mean: [T; S],
     covariance: [[T; S]; S],
-    /// Of each link, the share of time in which it has been blocked.
+    /// For each link, the share of time in which it has been blocked.
     pub(super) share: [T; N],
 }
 
-/// A value as a hypothesis expects it: linear in the position and one bias.
+/// The expected value under a hypothesis: linear in the position and one bias.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Expected<T, const D: usize> {
-    /// Value less expectation.
+    /// Value minus expectation.
     pub(super) innovation: T,
-    /// How the expectation changes with the position.
+    /// Derivative of the expectation by the position.
     pub(super) gradient: [T; D],
     /// The state that adds to it.
     pub(super) bias: usize,
-    /// Variance of the value, and of what is not linear.
+    /// Variance of the value, and of the non-linear part.
     pub(super) variance: T,
-    /// Density of values of another world.
+    /// Density of outliers.
     pub(super) stray: T,
-    /// A density to measure by.
+    /// Reference density, by which densities are divided.
     pub(super) peak: T,
 }
 
@@ -72,7 +74,7 @@ impl<T: Real, const N: usize, const S: usize> Hypothesis<T, N, S> {
         if a >= b { self.covariance[a][b] = value } else { self.covariance[b][a] = value }
     }
 
-    /// A state that has nothing to do with the others any more.
+    /// Makes a state independent of the others, with this mean and variance.
     pub(super) fn reset(&mut self, state: usize, mean: T, variance: T) {
         (0..S).for_each(|other| self.set(state, other, T::ZERO));
         self.set(state, state, variance);
@@ -104,7 +106,7 @@ impl<T: Real, const N: usize, const S: usize> Hypothesis<T, N, S> {
         self.set(a, b, self.covariance(a, b) + covariance);
     }
 
-    /// (x[a] − mean, x[b]) turned into `by` times itself.
+    /// Multiplies (x[a] − mean, x[b]) by the matrix `by`.
     pub(super) fn turn(&mut self, [a, b]: [usize; 2], mean: T, by: &[[T; 2]; 2], used: usize) {
         let (x, y) = (self.mean[a] - mean, self.mean[b]);
         self.mean[a] = mean + by[0][0] * x + by[0][1] * y;
@@ -121,7 +123,8 @@ impl<T: Real, const N: usize, const S: usize> Hypothesis<T, N, S> {
         self.set(b, b, of(&by[1], &by[1]));
     }
 
-    /// Takes a value: Kalman's update, as far as the value is not a stray; the two outcomes are merged by their moments.
+    /// Processes a value: Kalman's update, weighted by the probability that the value is no outlier; the two outcomes
+    /// are merged by their moments.
     pub(super) fn update<const D: usize>(&mut self, value: &Expected<T, D>, used: usize) {
         let mut gain = [T::ZERO; S];
         let mut variance = value.variance;
@@ -141,7 +144,8 @@ impl<T: Real, const N: usize, const S: usize> Hypothesis<T, N, S> {
         let total = density + value.stray;
         let sane = density / total;
         self.log += T::of(core::f64::consts::LN_2) * (total / value.peak).log2_about();
-        // Of the gain's outer product: less by what is learnt, more by the doubt whether it was a stray.
+        // The factor of the gain's outer product: less by the information of the value, more by the uncertainty
+        // whether it is an outlier.
         let less = sane * inverse * (T::ONE - (T::ONE - sane) * squared);
         let more = sane * inverse * value.innovation;
         self.spread(&gain, -less, used);
@@ -158,8 +162,9 @@ impl<T: Real, const N: usize, const S: usize> Hypothesis<T, N, S> {
         }
     }
 
-    /// Makes x[state] lie on the positive side of `bound` (on the negative one with the sign −1): the moments of a normal distribution
-    /// that is cut there (N. L. Johnson and S. Kotz, *Continuous Univariate Distributions 1*, 1970, chapter 13.7).
+    /// Makes x[state] lie on the positive side of `bound` (on the negative one with the sign −1): the moments of a
+    /// truncated normal distribution (N. L. Johnson and S. Kotz, *Continuous Univariate Distributions 1*, 1970,
+    /// chapter 13.7).
     pub(super) fn cut(&mut self, state: usize, bound: T, sign: T, used: usize) {
         let deviation = self.covariance(state, state).sqrt();
         if !(deviation > T::ZERO) {
@@ -189,8 +194,8 @@ impl<T: Real, const N: usize, const S: usize> Hypothesis<T, N, S> {
         core::array::from_fn(|r| (0..D).fold(T::ZERO, |sum, c| sum + self.covariance(r, c) * along[c]))
     }
 
-    /// Fixes a part of the variance `widest` along a direction of the position: what is left, given that it is `by` deviations of that part
-    /// off the mean.
+    /// Fixes a part of the variance `widest` along a direction of the position: the distribution that is left if that
+    /// part is `by` of its deviations off the mean.
     pub(super) fn fix<const D: usize>(&mut self, along: &[T; D], widest: T, part: T, by: T, used: usize) {
         let v = self.along(along);
         let scale = (part / widest).sqrt();
@@ -198,7 +203,7 @@ impl<T: Real, const N: usize, const S: usize> Hypothesis<T, N, S> {
         self.mean.iter_mut().zip(&v).for_each(|(m, &v)| *m += by * scale * v);
     }
 
-    /// The position's covariance, and that of another one's added.
+    /// The sum of the position's covariance and that of another hypothesis.
     fn sum<const D: usize>(&self, other: &Self) -> [[T; D]; D] {
         core::array::from_fn(|r| core::array::from_fn(|c| self.covariance(r, c) + other.covariance(r, c)))
     }
@@ -211,13 +216,13 @@ impl<T: Real, const N: usize, const S: usize> Hypothesis<T, N, S> {
         core::array::from_fn(|r| core::array::from_fn(|c| self.covariance(r, c)))
     }
 
-    /// How far the positions of two hypotheses are apart: the square of it over both covariances.
+    /// The squared distance between the positions of two hypotheses, over both covariances.
     pub(super) fn apart<const D: usize>(&self, other: &Self) -> T {
         let off: [T; D] = core::array::from_fn(|axis| self.mean[axis] - other.mean[axis]);
         squared_over(&self.sum(other), &off)
     }
 
-    /// Takes another one in: the moments of both.
+    /// Merges another hypothesis into this one, by the moments of both.
     pub(super) fn merge(&mut self, other: &Self, used: usize) {
         let total = self.weight + other.weight;
         let part = if total > T::ZERO { other.weight / total } else { T::ZERO };
@@ -232,12 +237,12 @@ impl<T: Real, const N: usize, const S: usize> Hypothesis<T, N, S> {
     }
 }
 
-/// dᵀ C⁻¹ d; nothing where C is singular.
+/// dᵀ C⁻¹ d; `None` where C is singular.
 pub(super) fn squared_over<T: Real, const D: usize>(covariance: &[[T; D]; D], d: &[T; D]) -> T {
     Ldl::new(*covariance).map_or(T::ZERO, |ldl| dot(&ldl.solve(*d), d))
 }
 
-/// Of a standard normal number: density over probability beyond `at`, and the logarithm of that probability.
+/// For a standard normal number: density over probability beyond `at`, and the logarithm of that probability.
 fn tail<T: Real>(at: T) -> (T, T) {
     let log_density = T::of(-0.5) * at.squared() - T::of(LN_ROOT_TAU);
     // M. Abramowitz and I. A. Stegun, *Handbook of Mathematical Functions*, 26.2.17 and, far out, 26.2.14.
@@ -263,7 +268,7 @@ mod tests {
 
     type Four = Hypothesis<f64, 1, 4>;
 
-    /// Position, velocity and a bias in the plane's first axis, with covariances of their own.
+    /// Position, velocity and a bias in the plane's first axis, with given covariances.
     fn some() -> (Four, SVector<f64, 4>, SMatrix<f64, 4, 4>) {
         let root = SMatrix::<f64, 4, 4>::from_fn(|r, c| if r >= c { 1.0 + (r * 3 + c * 2) as f64 * 0.1 } else { 0.0 });
         let (covariance, mean) = (root * root.transpose(), SVector::from([1.0, 2.0, -0.5, 0.3]));
@@ -319,7 +324,7 @@ mod tests {
     #[test]
     fn what_is_a_stray_changes_nothing() {
         let (mut hypothesis, mean, covariance) = some();
-        // Fifty deviations off.
+        // Fifty deviations off the expectation.
         let value =
             Expected { innovation: 400.0, gradient: [0.6, -0.8], bias: 3, variance: 0.5, stray: 1e-3, peak: 1.0 };
         hypothesis.update(&value, 4);
@@ -329,7 +334,7 @@ mod tests {
 
     #[test]
     fn a_normal_distribution_cut_in_the_middle_is_the_half_normal_one() {
-        // Mean √(2 ⁄ π) σ, variance (1 − 2 ⁄ π) σ²; half of it is there.
+        // Mean √(2 ⁄ π) σ, variance (1 − 2 ⁄ π) σ²; half of the probability is left.
         let mut hypothesis = Four::new(0.3);
         hypothesis.reset(1, 3.0, 4.0);
         hypothesis.cut(1, 3.0, 1.0, 4);
@@ -337,7 +342,7 @@ mod tests {
         assert!((hypothesis.mean[1] - 3.0 - 2.0 * (2.0 / pi).sqrt()).abs() < 1e-5, "{}", hypothesis.mean[1]);
         assert!((hypothesis.covariance(1, 1) - 4.0 * (1.0 - 2.0 / pi)).abs() < 1e-5);
         assert!((hypothesis.log - 0.5_f64.ln()).abs() < 1e-6);
-        // And from above.
+        // The same with the sign −1.
         hypothesis.reset(1, 3.0, 4.0);
         hypothesis.cut(1, 3.0, -1.0, 4);
         assert!((hypothesis.mean[1] - 3.0 + 2.0 * (2.0 / pi).sqrt()).abs() < 1e-5);

@@ -1,46 +1,49 @@
-//! The likelihood of how much the mean of a node's fresh values differs from what is expected at a distance: the mixture's
-//! product, marginalised over the bias, as a table.
+//! The likelihood of the difference between the mean of a node's fresh values and the value expected at a distance:
+//! the mixture's product, marginalised over the bias, as a table.
 
 use super::window::Mixture;
 use positioning_core::Real;
 
 /// Knots of a table.
 pub(super) const KNOTS: usize = 64;
-/// A table reaches to so many deviations on each side.
+/// A table reaches to this number of deviations on each side.
 const REACH: f64 = 4.5;
-/// A bell whose middle lies so many deviations outside the table is nothing in it.
+/// A bell whose centre lies more than this number of deviations outside the table is left out.
 const OUTSIDE: f64 = 6.0;
-/// The probability that a value is of another world.
+/// The probability that a value is an outlier.
 const STRAY: f64 = 0.01;
-/// Deviations of a Gaussian beyond which it is nothing.
+/// A Gaussian counts as zero beyond this number of deviations.
 const NOTHING: f64 = 4.0;
 
-/// Densities over the difference x of mean and expectation. Between knots they are linear; beyond the last they fall with 1 ⁄ x².
+/// Densities over the difference x of mean and expectation. Between knots they are linear; beyond the last they fall
+/// with 1 ⁄ x².
 #[derive(Clone, Debug)]
 pub(super) struct Likelihood<T> {
     direct: [T; KNOTS],
     blocked: [T; KNOTS],
     half: T,
     inverse_step: T,
-    /// 1 ⁄ the mean excess of a blocked link; 0: there is no such thing.
+    /// 1 ⁄ the mean excess of a blocked link; 0 where links cannot be blocked.
     decay: T,
 }
 
 impl<T: Real> Likelihood<T> {
-    /// Of a mixture, for a bias of this variance and, on a blocked link, of an excess of the mean `excess` on top.
+    /// The likelihood of a mixture, for a bias of this variance and, on a blocked link, an additional excess of the
+    /// mean `excess`.
     #[inline(never)]
     pub(super) fn new(mixture: &Mixture<T>, bias_variance: T, excess: Option<T>) -> Self {
         let count = T::count(mixture.fresh.len().max(1));
         let variance = mixture.variance / count;
         let half = T::of(REACH) * (variance + bias_variance).sqrt();
         let step = half * T::of(2.0 / (KNOTS - 1) as f64);
-        // Where the bias is far wider than the values, they are but a spike between two knots: no narrower than the knots can show.
+        // Where the bias is far wider than the values, the values are only a spike between two knots. The width must
+        // not be less than the knots can represent.
         let width = mixture.width.at_least(step * count.sqrt() * T::of(0.7));
         let mut product = [T::ONE; KNOTS];
         for &fresh in &mixture.fresh {
             let mut density = [T::ZERO; KNOTS];
             for &kernel in &mixture.kernels {
-                // The kernel about the mean; this value is `fresh` beside it.
+                // The kernel relative to the mean; `fresh` is the offset of this value.
                 add_bell(&mut density, kernel - fresh + half, step, width);
             }
             scale_to_peak(&mut density);
@@ -59,7 +62,7 @@ impl<T: Real> Likelihood<T> {
         this
     }
 
-    /// Scales to unit areas, makes the blocked density, and lets strays in.
+    /// Scales to unit areas, computes the blocked density, and adds the outliers.
     fn normalise(&mut self, step: T) {
         let area = self.direct.iter().fold(T::ZERO, |sum, &d| sum + d) * step;
         let scale = if area > T::ZERO { T::ONE / area } else { T::ZERO };
@@ -120,7 +123,7 @@ fn between<T: Real>(table: &[T; KNOTS], knot: usize, part: T) -> T {
     }
 }
 
-/// Adds exp(−(k·step − middle)² ⁄ 2 width²) to every knot k: three exponentials, and two products a knot.
+/// Adds exp(−(k·step − middle)² ⁄ 2 width²) to every knot k, with three exponentials, and two products a knot.
 fn add_bell<T: Real>(table: &mut [T; KNOTS], middle: T, step: T, width: T) {
     let unit = step / width;
     let nearest = ((middle / step + T::of(0.5)).at_least(T::ZERO).truncated() as usize).min(KNOTS - 1);
@@ -131,7 +134,7 @@ fn add_bell<T: Real>(table: &mut [T; KNOTS], middle: T, step: T, width: T) {
     let half = T::of(0.5);
     let curve = (-unit.squared()).exp();
     let peak = (-half * z.squared()).exp();
-    // From knot to knot the bell changes by a ratio, which changes by `curve`.
+    // From knot to knot the bell changes by a ratio; the ratio changes by `curve`.
     let mut up = (-z * unit - half * unit.squared()).exp();
     let mut down = (z * unit - half * unit.squared()).exp();
     let (below, above) = table.split_at_mut(nearest);
@@ -157,7 +160,7 @@ fn scale_to_peak<T: Real>(table: &mut [T; KNOTS]) {
     }
 }
 
-/// The table convolved with a Gaussian of so many knots.
+/// The table convolved with a Gaussian; its deviation is a number of knots.
 fn smooth<T: Real>(table: &[T; KNOTS], deviation: T) -> [T; KNOTS] {
     let mut bell = [T::ZERO; KNOTS];
     if deviation < T::of(0.1) {
@@ -191,7 +194,7 @@ mod tests {
         (-0.5 * x * x / variance).exp() / (TAU * variance).sqrt()
     }
 
-    /// A Gaussian and an exponential summed: (2λ)⁻¹ exp(σ² ⁄ 2λ² − x ⁄ λ) erfc((σ ⁄ λ − x ⁄ σ) ⁄ √2).
+    /// The sum of a Gaussian and an exponential number: (2λ)⁻¹ exp(σ² ⁄ 2λ² − x ⁄ λ) erfc((σ ⁄ λ − x ⁄ σ) ⁄ √2).
     fn late_bell(x: f64, variance: f64, mean: f64) -> f64 {
         let sigma = variance.sqrt();
         (0.5 * variance / mean.powi(2) - x / mean).exp() * libm::erfc((sigma / mean - x / sigma) / 2.0_f64.sqrt())
@@ -204,7 +207,8 @@ mod tests {
         window.mixture(noise).expect("fresh")
     }
 
-    /// The greatest difference of table and reference between −`far` and `far`, over the reference's greatest.
+    /// The greatest difference of table and reference between −`far` and `far`, relative to the reference's greatest
+    /// value.
     fn worst(far: f64, table: impl Fn(f32) -> f32, reference: impl Fn(f64) -> f64) -> f64 {
         let places = || (-400..=400).map(|k| f64::from(k) * far / 400.0);
         let peak = places().map(&reference).fold(0.0, f64::max);
@@ -213,7 +217,7 @@ mod tests {
 
     #[test]
     fn one_power_and_a_gaussian_bias_are_a_gaussian() {
-        // Variances 3² + 4² = 25, strays beside.
+        // Variances 3² + 4² = 25, and outliers.
         let table = Likelihood::new(&mixture(&[-60.0], 3.0), 16.0, None);
         let stray = STRAY / 45.0;
         let worst = worst(20.0, |x| table.direct(x), |x| bell(x, 25.0) + stray);
@@ -234,7 +238,7 @@ mod tests {
         });
         assert!(direct < 0.005, "{direct}");
         assert!(blocked < 0.02, "{blocked}");
-        // Far beyond the table the excess still falls like its exponential: e⁻¹ in 1.5 m, and the strays.
+        // Far beyond the table the excess still falls like its exponential: e⁻¹ in 1.5 m, and the outliers.
         let [near, far] = [3.0, 4.5].map(|x| f64::from(table.both(x)[1]));
         assert!((far / near - (-1.0_f64).exp()).abs() < 0.01, "{}", far / near);
     }

@@ -1,30 +1,35 @@
-//! Positions from received powers and delays together: patent ES 2 397 388 A2 ("Procedimiento para la determinación de la posición
-//! fusionando la información de los niveles de potencia y el retardo temporal de propagación de las señales recibidas").
+//! Positions from received powers and delays together: patent ES 2 397 388 A2 ("Procedimiento para la determinación
+//! de la posición fusionando la información de los niveles de potencia y el retardo temporal de propagación de las
+//! señales recibidas").
 //!
-//! In flow [`Observation`]s, one a value; [`Fusion::step`] makes of all values since the last step an [`Estimate`], or says why there is
-//! [`Missing`]. Powers alone, delays alone and both are the same call: a node counts with what it gives, and
-//! [`Sources`] can leave one kind out.
+//! The input is [`Observation`]s, one a value. [`Fusion::step`] computes an [`Estimate`] from all values since the
+//! last step, or gives the reason for having none ([`Missing`]). Powers alone, delays alone and both use the same
+//! call. A node counts with the values that it gives, and [`Sources`] can leave one kind out.
 //!
-//! The patent states its method in words; the equations and their numbers are ours.
+//! The patent describes its method in text; the equations and their numbers are ours.
 //!
-//! 1. **Mixture of kernels.** The recent values of a node (8, a line taken out) make the density of a value about its mean:
-//!    f(e) = n⁻¹ Σₖ N(e − eₖ; h²), h = s (4 ⁄ 3n)^(1⁄5). The patent leaves kernel and width open ("for example" a Gaussian one); the width follows
-//!    s², the variance of the recent values pooled with the expected one, so that it adapts. The mixture's variance is s².
-//! 2. **All fresh values**, independent draws: p(r | u) = Πᵢ f(rᵢ − u), with u the level without noise.
-//! 3. **The bias marginalised**: L(d) = ∫ p(r | m(d) + b) p(b) db. Powers: m(d) = p₁ − 10 n log₁₀ d, b Gaussian: the error of the channel's
-//!    parameters, and shadowing. Delays: m(d) = d after the affine model; b = 0 in line of sight but for what calibration left, and else positive:
-//!    exponential at first, then what the link showed so far.
+//! 1. **Mixture of kernels.** The recent values of a node (8, with a fitted line subtracted) give the density of a
+//!    value about its mean: f(e) = n⁻¹ Σₖ N(e − eₖ; h²), h = s (4 ⁄ 3n)^(1⁄5). The patent leaves kernel and width
+//!    open ("for example" a Gaussian one). The width follows s², the variance of the recent values pooled with the
+//!    expected one, so that it adapts. The mixture's variance is s².
+//! 2. **All fresh values** are independent draws: p(r | u) = Πᵢ f(rᵢ − u), where u is the value without noise.
+//! 3. **The bias is marginalised**: L(d) = ∫ p(r | m(d) + b) p(b) db. For powers, m(d) = p₁ − 10 n log₁₀ d, and b is
+//!    Gaussian: the error of the channel's parameters, and shadowing. For delays, m(d) = d after the affine model. In
+//!    line of sight b is only the residual error of calibration; else b is positive: exponential at first, then as
+//!    estimated from the link's values.
 //! 4. **Product over nodes**: VP(x) = Πⱼ Lⱼ(‖x − aⱼ‖).
-//! 5. **First position**: argmax VP in the box maxⱼ (aⱼ − ρⱼ) ≤ x ≤ minⱼ (aⱼ + ρⱼ), with ρⱼ the farthest from which the values can come, and whatever
-//!    else is nearly as likely.
-//! 6. **Motion**, a Taylor series: x(t + Δ) = x + v Δ + …, its remainder a white acceleration.
-//! 7. **Recursion**: p(xₜ | r₁…ₜ) ∝ VP(xₜ) ∫ p(xₜ | xₜ₋₁) p(xₜ₋₁ | r₁…ₜ₋₁) dxₜ₋₁, a mixture of normal distributions, one for each hypothesis of
-//!    which links are blocked and where; its mean, its mode and its covariance are the estimate.
+//! 5. **First position**: argmax VP in the box maxⱼ (aⱼ − ρⱼ) ≤ x ≤ minⱼ (aⱼ + ρⱼ), and all positions that are nearly
+//!    as likely. ρⱼ is the greatest distance from which the values can come.
+//! 6. **Motion**, a Taylor series: x(t + Δ) = x + v Δ + …, with a white acceleration as its remainder.
+//! 7. **Recursion**: p(xₜ | r₁…ₜ) ∝ VP(xₜ) ∫ p(xₜ | xₜ₋₁) p(xₜ₋₁ | r₁…ₜ₋₁) dxₜ₋₁, a mixture of normal distributions.
+//!    Each hypothesis on position and blocked links has one of them. The mean, the mode and the covariance of the
+//!    mixture are the estimate.
 //!
-//! The patent estimates the channel's parameters at every instant, and marginalises over their error. Here every hypothesis does both: the biases of all
-//! nodes are states beside position and velocity (a mixture Kalman filter: R. Chen and J. S. Liu, Journal of the Royal Statistical Society B
-//! 62(3), 2000). The mixtures of equation 1 enter it by their two moments. Errors that last therefore count once, and a beacon beside good
-//! anchors is calibrated as the tag walks. `research/README.md` has the reasons.
+//! The patent estimates the channel's parameters at every instant, and marginalises over their error. Here every
+//! hypothesis does both: the biases of all nodes are states beside position and velocity (a mixture Kalman filter: R.
+//! Chen and J. S. Liu, Journal of the Royal Statistical Society B 62(3), 2000). The mixtures of equation 1 enter it
+//! by their two moments. Constant errors therefore count once, and a beacon near good anchors is calibrated as the
+//! tag walks. `research/README.md` has the reasons.
 mod bank;
 pub mod bench;
 mod hypothesis;
@@ -49,47 +54,49 @@ use node::Node;
 use positioning_core::Real;
 use positioning_core::ble::particles::Random;
 
-/// Hypotheses on a node.
+/// Number of hypotheses on a node.
 pub const ON_NODE: usize = 24;
-/// Nodes that can be told apart.
+/// Largest number of nodes.
 const MOST_NODES: usize = 16;
 
-/// States for a plane (2) or for space (3), nodes that give powers, and nodes that give delays: the last parameter of [`Fusion`].
+/// Number of states for a plane (2) or for space (3), the nodes that give powers, and the nodes that give delays: the
+/// last parameter of [`Fusion`].
 pub const fn states(dimensions: usize, powers: usize, delays: usize) -> usize {
     2 * dimensions + powers + 2 * delays
 }
 
-/// A clock that goes back by more than this has begun anew, microseconds.
+/// A clock that goes back by more than this has restarted, microseconds.
 const OVERTAKING_US: u64 = 1_000_000;
-/// A node that was not heard for so long may lose its room to another, microseconds.
+/// A node that was not received for this long may be replaced by another, microseconds.
 const SILENT_US: u64 = 5_000_000;
-/// Below this evidence a node, a step's values are unexplained.
+/// Below this evidence a node, the values of a step count as unexplained.
 const UNEXPLAINED: f64 = -4.0;
-/// So many such steps in sequence end a track.
+/// This number of unexplained steps in sequence ends a track.
 const PATIENCE: u8 = 5;
 
-/// The fusion: H hypotheses ([`ON_NODE`] on a tag) in D dimensions (2: at a known height; 3), at most N nodes, and S [`states`].
+/// The fusion: H hypotheses ([`ON_NODE`] on a tag) in D dimensions (2: at a known height; 3), at most N nodes, and S
+/// [`states`].
 #[derive(Clone, Debug)]
 pub struct Fusion<T, const D: usize, const H: usize, const N: usize, const S: usize> {
     settings: Settings<T>,
     nodes: Vec<Node<T>, N>,
     bank: Vec<Hypothesis<T, N, S>, H>,
-    /// States that belong to something.
+    /// Number of states in use.
     used: usize,
-    /// Which delay's link may change next.
+    /// The delay whose link may change next.
     turn: usize,
     random: Random,
     tracking: bool,
     evidence: T,
     unexplained: u8,
-    /// The latest time seen, that of the last step, and that of the last step with values.
+    /// The time of the latest value, that of the last step, and that of the last step with values.
     now_us: u64,
     stepped_us: u64,
     used_us: u64,
 }
 
 impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fusion<T, D, H, N, S> {
-    /// A fusion that has heard nothing.
+    /// A fusion without values.
     #[inline(always)]
     pub fn new(settings: Settings<T>) -> Self {
         const { assert!(D == 2 || D == 3, "positions are in the plane or in space") };
@@ -112,7 +119,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         }
     }
 
-    /// Takes one value of the time `now_us`, microseconds. It counts at the next step.
+    /// Takes one value of the time `now_us`, microseconds. It is used at the next step.
     pub fn observe(&mut self, now_us: u64, observation: &Observation<T>) -> Verdict {
         if !observation.is_sane() {
             return Verdict::NotSane;
@@ -131,7 +138,10 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         Verdict::Held
     }
 
-    /// Moves on to `now_us` with all values since the last step.
+    /// Advances to `now_us` with all values since the last step.
+    ///
+    /// # Errors
+    /// There is no position; [`Missing`] gives the reason.
     pub fn step(&mut self, now_us: u64) -> Result<Estimate<T, D>, Missing> {
         self.watch_clock(now_us);
         let dt = self.now_us.saturating_sub(self.stepped_us);
@@ -186,7 +196,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         self.now_us = self.now_us.max(now_us);
     }
 
-    /// Ends a track that explains nothing of what is measured: the next step begins another.
+    /// Ends a track that does not explain the measured values: the next step begins another.
     fn watch(&mut self, evidence: T, fresh: usize) {
         self.evidence = evidence;
         let explained = evidence >= T::of(UNEXPLAINED) * T::count(fresh);
@@ -196,7 +206,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         }
     }
 
-    /// The place of a value's node, old or new.
+    /// The index of a value's node, old or new.
     fn room(&mut self, observation: &Observation<T>) -> Option<usize> {
         if let Some(at) = self.nodes.iter().position(|node| node.is(observation)) {
             if self.nodes.get(at).is_some_and(|node| node.place != observation.place) {
@@ -215,7 +225,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
             self.replace(at, observation);
             return Some(at);
         }
-        // The states of a node serve another one of its kind.
+        // The states of a replaced node are reused by a node of its kind.
         let alike = |node: &Node<T>| node.channel.is_power() == observation.channel.is_power();
         let nodes = self.nodes.iter().enumerate().filter(|(_, node)| alike(node));
         let (at, oldest) = nodes.min_by_key(|(_, node)| node.heard_us)?;
@@ -226,7 +236,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         Some(at)
     }
 
-    /// A node of which nothing is known yet.
+    /// Enters a node with unknown bias.
     fn replace(&mut self, at: usize, observation: &Observation<T>) {
         let Self { nodes, bank, settings, now_us, .. } = self;
         let Some(node) = nodes.get_mut(at) else { return };
@@ -251,7 +261,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
                 break;
             }
         }
-        // A link that is heard for the first time may be either.
+        // A link that is received for the first time may be in either state.
         for at in 0..self.nodes.len() {
             let new = |node: &Node<T>| !node.known && !node.channel.is_power() && node.window.has_fresh();
             if self.nodes.get(at).is_some_and(new) {

@@ -1,11 +1,11 @@
-//! Beacons and anchors: what is given of them, and what is kept.
+//! Beacons and anchors: what is configured for them, and their state.
 
 use super::window::Window;
 use positioning_core::Real;
 
-/// Magnitudes beyond this are no measurement, metres.
+/// A larger magnitude than this is not a measurement, metres.
 const FARTHEST_M: f64 = 1.0e5;
-/// Nearer than this a power says nothing more, metres.
+/// Nearer than this a power gives no more information, metres.
 const NEAREST_M: f64 = 0.1;
 /// ln 10 ⁄ 10.
 const PER_DECIBEL: f64 = core::f64::consts::LN_10 / 10.0;
@@ -15,16 +15,16 @@ const PER_DECIBEL: f64 = core::f64::consts::LN_10 / 10.0;
 pub enum Channel<T> {
     /// Received power in dBm: `at_1m` − 10 · `exponent` · log₁₀ d.
     Power {
-        /// At one metre, dBm.
+        /// The power at one metre, dBm.
         at_1m: T,
         /// The path loss exponent n.
         exponent: T,
     },
     /// A delay in any unit, affine in the distance: d = `offset` + `scale` · delay.
     Delay {
-        /// Metres.
+        /// The offset, metres.
         offset: T,
-        /// Metres a unit.
+        /// The scale, metres a unit of delay.
         scale: T,
     },
 }
@@ -34,9 +34,9 @@ pub enum Channel<T> {
 pub struct Observation<T> {
     /// The node's number. A node may give both powers and delays.
     pub node: u16,
-    /// Where it is, metres.
+    /// Its position, metres.
     pub place: [T; 3],
-    /// What its values mean, as well as it is known.
+    /// The channel of its values, as well as it is known.
     pub channel: Channel<T>,
     /// The value, in the channel's unit.
     pub value: T,
@@ -55,7 +55,7 @@ impl<T: Real> Channel<T> {
         }
     }
 
-    /// A value as a level: dBm, or metres.
+    /// A value in the unit of its kind: dBm, or metres.
     pub(super) fn level(&self, value: T) -> T {
         match *self {
             Self::Power { .. } => value,
@@ -63,11 +63,11 @@ impl<T: Real> Channel<T> {
         }
     }
 
-    /// The level that is expected at a squared distance, m².
+    /// The expected value at a squared distance, m².
     #[inline(always)]
     pub(super) fn expected(&self, squared: T) -> T {
         match *self {
-            // 10 log₁₀ d = 5 log₁₀ 2 · log₂ d²; a hundredth of a decibel is more than it errs by.
+            // 10 log₁₀ d = 5 log₁₀ 2 · log₂ d²; its error is less than a hundredth of a decibel.
             Self::Power { at_1m, exponent } => {
                 at_1m
                     - exponent
@@ -78,7 +78,7 @@ impl<T: Real> Channel<T> {
         }
     }
 
-    /// By how much a power changes with the natural logarithm of the distance, dB.
+    /// Change of a power with the natural logarithm of the distance, dB.
     pub(super) fn per_neper(&self) -> Option<T> {
         match *self {
             Self::Power { exponent, .. } => Some(exponent * T::of(-10.0 / core::f64::consts::LN_10)),
@@ -86,7 +86,7 @@ impl<T: Real> Channel<T> {
         }
     }
 
-    /// The distance at which a level is expected, metres; at most [`FARTHEST_M`].
+    /// The distance at which a value is expected, metres; at most [`FARTHEST_M`].
     pub(super) fn distance(&self, level: T) -> T {
         let distance = match *self {
             Self::Power { at_1m, exponent } => (T::of(PER_DECIBEL) * (at_1m - level) / exponent).exp(),
@@ -110,7 +110,7 @@ impl<T: Real> Observation<T> {
         let level = self.channel.level(self.value);
         let place = self.place.iter().fold(T::ZERO, |sum, c| sum + c.abs());
         let value = match self.channel {
-            // 127 means "unknown", and no receiver hears 0 dBm.
+            // 127 means "unknown", and no receiver reports 0 dBm.
             Channel::Power { .. } => level < T::ZERO && level > T::of(-128.0),
             Channel::Delay { .. } => level.abs() <= T::of(FARTHEST_M),
         };
@@ -118,18 +118,18 @@ impl<T: Real> Observation<T> {
     }
 }
 
-/// A node that is heard.
+/// A received node.
 #[derive(Clone, Debug)]
 pub(super) struct Node<T> {
     pub(super) id: u16,
     pub(super) place: [T; 3],
     pub(super) channel: Channel<T>,
     pub(super) window: Window<T>,
-    /// When it was heard last.
+    /// When it was last received.
     pub(super) heard_us: u64,
-    /// The state that is its bias.
+    /// The index of the state that is its bias.
     pub(super) bias: usize,
-    /// Of delays, the state that is the slope of the excess.
+    /// For delays, the index of the state that is the slope of the excess.
     pub(super) slope: Option<usize>,
     /// Whether values of it have been used.
     pub(super) known: bool,

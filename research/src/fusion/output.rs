@@ -1,15 +1,16 @@
-//! What comes out of the fusion.
+//! The output of the fusion.
 
 use positioning_core::Real;
 
-/// What became of a value. None is an error: values come from the air.
+/// What was done with a value. None of these is an error, because values come from the radio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// It is kept until the next step.
     Held,
-    /// It is no value: not finite, absurdly large, a power that is not negative, or its node has no place or no channel.
+    /// It is not a valid value: not finite, absurdly large, a power that is not negative, or its node has no position
+    /// or no channel.
     NotSane,
-    /// The settings ask for the other kind alone.
+    /// The settings allow only the other kind.
     Ignored,
     /// There is no room for another node.
     NoRoom,
@@ -22,24 +23,25 @@ pub enum Missing {
     TooFewNodes,
     /// No value for longer than the settings allow.
     Gap,
-    /// The numbers ran out.
+    /// The numbers overflowed or are not finite.
     Diverged,
 }
 
-/// A position with what is known of it.
+/// A position with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate<T, const D: usize> {
-    /// Mean of the posterior, metres: the least square error.
+    /// Mean of the posterior, metres: the estimate of the least square error.
     pub mean: [T; D],
-    /// Its mode, metres: the maximum a posteriori.
+    /// Its mode, metres: the maximum a posteriori estimate.
     pub mode: [T; D],
     /// Covariance of the posterior, m².
     pub covariance: [[T; D]; D],
     /// Mean velocity, metres a second.
     pub velocity: [T; D],
-    /// Natural logarithm of how probable the step's values were, over the greatest density of each node's; 0 without values.
+    /// Natural logarithm of the probability of the step's values, over the greatest density of each node's values; 0
+    /// without values.
     pub evidence: T,
-    /// Nodes that had fresh values.
+    /// Number of nodes that had fresh values.
     pub nodes: usize,
     /// Whether this is the first position of a track.
     pub started: bool,

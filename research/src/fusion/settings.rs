@@ -1,8 +1,8 @@
-//! How the fusion is to work.
+//! Settings of the fusion.
 
 use positioning_core::{Area, Real};
 
-/// Which values count.
+/// Which values are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sources {
     /// Powers alone.
@@ -13,66 +13,66 @@ pub enum Sources {
     Both,
 }
 
-/// How received powers err.
+/// Errors of received powers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PowerErrors<T> {
-    /// Deviation of a single value about its mean at a place, before values say otherwise, dB.
+    /// Deviation of a single value about its mean at a position, before it is estimated from values, dB.
     pub noise: T,
-    /// Deviation of the bias: the error of the channel's parameters and the shadowing of the place, dB.
+    /// Deviation of the bias: the error of the channel's parameters and the shadowing at the position, dB.
     pub bias: T,
-    /// After this way the bias is another one, metres.
+    /// Distance after which the bias is independent, metres.
     pub way: T,
-    /// After this time the bias is another one, seconds.
+    /// Time after which the bias is independent, seconds.
     pub time: T,
 }
 
-/// How delays err.
+/// Errors of delays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DelayErrors<T> {
-    /// Deviation of a single value, before values say otherwise, metres.
+    /// Deviation of a single value, before it is estimated from values, metres.
     pub noise: T,
-    /// Deviation of what the affine model leaves of the link's error, metres.
+    /// Deviation of the link's error after the affine model, metres.
     pub bias: T,
-    /// Share of links without line of sight, before a link's values say otherwise, 0 to 1.
+    /// Share of links without line of sight, before it is estimated from a link's values, 0 to 1.
     pub blocked: T,
     /// Mean of the positive bias of such a link, metres.
     pub excess: T,
     /// Deviation of it, metres.
     pub spread: T,
-    /// After this way the bias of a blocked link is another one, metres.
+    /// Distance after which the bias of a blocked link is independent, metres.
     pub way: T,
-    /// After this time too, seconds.
+    /// Time after which it is independent, seconds.
     pub time: T,
-    /// A link stays blocked, or direct, about so long, seconds.
+    /// Mean time that a link stays blocked, or direct, seconds.
     pub lasting: T,
-    /// Each link's own share of blocked time is that of about so long, seconds.
+    /// Time over which each link's own share of blocked time is averaged, seconds.
     pub learning: T,
 }
 
-/// How the fusion is to work.
+/// Settings of the fusion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings<T> {
-    /// Which values count.
+    /// Which values are used.
     pub sources: Sources,
-    /// The tag's height where x and y are sought, metres.
+    /// The tag's height where only x and y are estimated, metres.
     pub height: T,
-    /// Where the tag can be at all.
+    /// Where the tag can be.
     pub area: Option<Area<T, 3>>,
-    /// How powers err.
+    /// Errors of powers.
     pub power: PowerErrors<T>,
-    /// How delays err.
+    /// Errors of delays.
     pub delay: DelayErrors<T>,
-    /// No node is heard from farther, metres.
+    /// Greatest distance from which a node is received, metres.
     pub reach: T,
     /// Root of the density of the tag's acceleration, m/s² in √Hz.
     pub acceleration: T,
     /// Deviation of the unknown velocity at the start, metres a second and axis.
     pub speed: T,
-    /// Values older than this tell nothing of how values err now, microseconds.
+    /// Values older than this are not used to estimate the noise of values, microseconds.
     pub recent_us: u64,
-    /// After so long without a value the position is lost, microseconds.
+    /// After this time without a value the position is lost, microseconds.
     pub gap_us: u64,
-    /// Seed of the random numbers that places are drawn by.
+    /// Seed of the random numbers that draw positions.
     pub seed: u64,
 }
 

@@ -1,4 +1,5 @@
-//! The first position: the maximum of the likelihood in the box that the nodes' ranges allow (equation 5), and all that comes near it.
+//! The first position: the maximum of the likelihood in the box that the nodes' ranges allow (equation 5), and all
+//! positions of nearly that likelihood.
 
 use super::hypothesis::Hypothesis;
 use super::likelihood::Likelihood;
@@ -7,25 +8,28 @@ use super::{Fusion, Settings};
 use positioning_core::Real;
 use positioning_core::ble::particles::Random;
 
-/// Places of the box that are tried.
+/// Number of positions in the box that are tried.
 const PLACES: usize = 2048;
-/// Hypotheses are drawn by this power of their likelihood, and the rest of it is their weight: so the improbable ones are there too.
+/// Hypotheses are drawn by this power of their likelihood, and the rest of it is their weight, so that improbable
+/// ones are drawn too.
 const POWER: f64 = 0.4;
-/// No hypothesis begins narrower than this, metres.
+/// Least width of a hypothesis at the start, metres.
 const NARROWEST_M: f64 = 0.25;
-/// Steps of the sequence that fills squares and cubes evenly (M. Roberts, 2018: powers of 1 ⁄ g, g³ = g + 1 and g⁴ = g + 1).
+/// Steps of the sequence that fills squares and cubes evenly (M. Roberts, 2018: powers of 1 ⁄ g, g³ = g + 1 and g⁴ = g
+/// + 1).
 const EVEN: [[f64; 3]; 2] = [[0.754_877_67, 0.569_840_29, 0.0], [0.819_172_51, 0.671_043_61, 0.549_700_48]];
-/// Less than this is no likelihood.
+/// A likelihood below this counts as zero.
 const NOTHING: f64 = 1e-30;
 
-/// A node's values as places see them.
+/// A node's likelihood, as the tried positions use it.
 struct Seen<'a, T> {
     node: &'a Node<T>,
     mean: T,
     likelihood: Likelihood<T>,
 }
 
-/// A place and a state of all links: the logarithm of what it is drawn by, and of what remains as its weight.
+/// A position and a state of all links: the logarithm of the density that it is drawn by, and of the rest, which is
+/// its weight.
 struct Draw<T> {
     blocked: u16,
     drawn: T,
@@ -33,7 +37,7 @@ struct Draw<T> {
 }
 
 impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fusion<T, D, H, N, S> {
-    /// Tries an even sequence of places, and makes hypotheses of H of them.
+    /// Tries an even sequence of positions, and draws H hypotheses from them.
     #[inline(never)]
     pub(super) fn start(&mut self) {
         let (low, high) = self.ranges_box();
@@ -45,7 +49,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
                 low[axis] + T::of(turns - f64::from(T::of(turns).truncated())) * (high[axis] - low[axis])
             })
         };
-        // Between neighbours.
+        // The volume between neighbours.
         let volume = (0..D).fold(T::ONE, |volume, axis| volume * (high[axis] - low[axis]).at_least(T::of(NARROWEST_M)));
         let room = volume / T::count(PLACES);
         let width =
@@ -64,7 +68,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
             }
             sum += (draw.drawn - greatest).exp();
         }
-        // The same draws once more, of which every one that passes a mark stays.
+        // The same draws once more; every one that passes a mark is kept.
         *random = again;
         bank.clear();
         let scale = T::count(H) / sum;
@@ -96,7 +100,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         bank.iter_mut().for_each(|hypothesis| hypothesis.weight = (hypothesis.log - most).exp());
     }
 
-    /// No coordinate can be beyond that of a node and the farthest from which it is heard with these values.
+    /// No coordinate can be farther from a node than the greatest distance from which these values can be received.
     fn ranges_box(&self) -> ([T; D], [T; D]) {
         let reach = self.settings.reach;
         let (mut low, mut high) = ([T::of(-1e6); D], [T::of(1e6); D]);
@@ -123,7 +127,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         }
         for axis in 0..D {
             if !(low[axis] < high[axis]) {
-                // Nodes that contradict each other: somewhere between the two bounds.
+                // The nodes contradict each other: the box is between the two bounds.
                 (low[axis], high[axis]) = (high[axis] - T::ONE, low[axis] + T::ONE);
             }
         }
@@ -132,7 +136,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
 }
 
 impl<'a, T: Real> Seen<'a, T> {
-    /// What is expected is good to the width of a place.
+    /// The expected value is accurate to the width of a tried position.
     fn new(node: &'a Node<T>, settings: &Settings<T>, width: T) -> Option<Self> {
         let power = node.channel.is_power();
         let mixture = node.window.mixture(settings.noise(power))?;
@@ -146,7 +150,7 @@ impl<'a, T: Real> Seen<'a, T> {
     }
 }
 
-/// The product over the nodes at a place (equation 4), with a state drawn for every link.
+/// The product over the nodes at a position (equation 4), with a state drawn for every link.
 fn draw<T: Real, const D: usize>(
     place: &[T; D],
     seen: &[Seen<'_, T>],

@@ -1,4 +1,4 @@
-//! The fusion as a whole: against references that share nothing with it, and with hostile input.
+//! Tests of the whole fusion: against independent references, and with hostile input.
 
 use std::boxed::Box;
 use std::vec::Vec;
@@ -42,7 +42,7 @@ fn by_grid(density: impl Fn([f64; 2]) -> f64) -> ([f64; 2], f64) {
 
 #[test]
 fn the_first_position_by_powers_is_that_of_a_fine_grid() {
-    // One value a beacon: Gaussian of 3² + 5² dB², and one stray in a hundred over 9 deviations.
+    // One value a beacon: Gaussian of 3² + 5² dB², and one outlier in a hundred over 9 deviations.
     let values = [-79.0, -74.0, -73.0, -76.0];
     let (mean, spread) = by_grid(|p| {
         let variance: f64 = 9.0 + 25.0;
@@ -63,7 +63,8 @@ fn the_first_position_by_powers_is_that_of_a_fine_grid() {
             [distance(mean, estimate.mean), f64::from(estimate.spread()) / spread]
         })
         .collect();
-    // 24 places are drawn: their mean is good to a fifth of the spread, 1 ⁄ √24, the worst one of twenty to twice that.
+    // 24 positions are drawn: their mean is accurate to a fifth of the spread, 1 ⁄ √24, the worst one of twenty to
+    // twice that.
     let worst = errors.iter().map(|[error, _]| *error).fold(0.0, f64::max);
     assert!(worst < 0.45 * spread, "{worst} of {spread}");
     assert!(errors.iter().all(|[_, ratio]| (0.75..1.3).contains(ratio)), "{errors:?} {spread}");
@@ -71,8 +72,8 @@ fn the_first_position_by_powers_is_that_of_a_fine_grid() {
 
 #[test]
 fn straight_ranges_make_a_kalman_filter() {
-    // Anchors a kilometre off along the axes: distances are coordinates. The reference is the textbook's filter in f64, of position
-    // and velocity, with the same density of acceleration.
+    // Anchors a kilometre away along the axes, so that distances are coordinates. The reference is the textbook's
+    // filter in f64, of position and velocity, with the same density of acceleration.
     let anchors = [[-1000.0, 0.0], [1000.0, 0.0], [0.0, -1000.0], [0.0, 1000.0]];
     let settings = Settings {
         reach: 1200.0_f32,
@@ -91,7 +92,7 @@ fn straight_ranges_make_a_kalman_filter() {
         for (node, anchor) in anchors.iter().enumerate() {
             let noise: f64 = random.normal();
             let range = (distance(at, *anchor) + 0.1 * noise) as f32;
-            // Along x the one counts up, the other down.
+            // Along x one range grows and the other shrinks.
             match node {
                 0 => sum += f64::from(range) - 1000.0,
                 1 => sum += 1000.0 - f64::from(range),
@@ -115,7 +116,7 @@ fn straight_ranges_make_a_kalman_filter() {
             count += 1.0;
         }
     }
-    // The filter's deviation is 0.055 m. Kernels adapt to eight values, and particles are 2048.
+    // The filter's deviation is 0.055 m. Kernels adapt to eight values, and 2048 positions are tried at the start.
     let difference = (square / count).sqrt();
     assert!(difference < 0.02, "{difference} beside {}", p[0].sqrt());
 }
@@ -139,7 +140,7 @@ fn a_blocked_anchor_does_not_pull() {
 
 #[test]
 fn a_beacon_is_calibrated_while_anchors_know_better() {
-    // All powers 8 dB too strong: a factor of 2.5 in distance. Anchors for ten seconds, then beacons alone.
+    // All powers are 8 dB too strong: a factor of 2.5 in distance. Anchors for ten seconds, then beacons alone.
     let mut fusion = fusion(Sources::Both);
     let at = [4.0, 3.0];
     let mut last = None;
@@ -170,7 +171,7 @@ fn sources_are_heeded() {
 
 #[test]
 fn a_delay_in_ticks_is_its_affine_distance() {
-    // 300 ticks of 0.0047 m, less an antenna delay of 100 ticks.
+    // 300 ticks of 0.0047 m, minus an antenna delay of 100 ticks.
     let channel = Channel::Delay { offset: -0.47, scale: 0.0047 };
     assert!((channel.level(300.0_f64) - 0.94).abs() < 1e-12);
 }
@@ -213,7 +214,7 @@ fn nodes_at_one_place_make_a_ring_and_no_panic() {
         fusion.observe(0, &observation(node, [5.0, 5.0], Channel::range(), 3.0));
     }
     let estimate = fusion.step(0).expect("four nodes");
-    // All directions alike: the deviation is the radius.
+    // All directions are alike: the deviation is the radius.
     assert!((estimate.spread() - 3.0).abs() < 0.6, "{}", estimate.spread());
 }
 
@@ -294,8 +295,8 @@ fn space_has_four_anchors_and_three_coordinates() {
 
 #[test]
 fn a_node_has_room_for_it() {
-    // 24 hypotheses of 17 states: means, covariances, shares and weights are 24 · (17 + 17² + 9 + 3) numbers, 30.5 kB; windows of eight
-    // values with their times.
+    // 24 hypotheses of 17 states: means, covariances, shares and weights are 24 · (17 + 17² + 9 + 3) numbers, 30.5 kB;
+    // windows of eight values with their times.
     let size = size_of::<Fusion<f32, 2, ON_NODE, 9, { states(2, 5, 4) }>>();
     assert!(size < 33_000, "{size}");
 }

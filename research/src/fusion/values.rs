@@ -1,16 +1,16 @@
-//! How hypotheses move between two steps, and what the values of a step are worth to each of them (equations 1 to 4, 6 and 7).
+//! How hypotheses change between two steps, and how the values of a step weigh them (equations 1 to 4, 6 and 7).
 
 use super::hypothesis::{Expected, Hypothesis, PEAK};
 use super::node::Node;
 use super::{Fusion, Settings};
 use positioning_core::Real;
 
-/// The probability that values are of another world.
+/// The probability that values are outliers.
 const STRAY: f64 = 0.01;
-/// Over how much strays are spread: decibels, metres.
+/// The width over which outliers are spread: decibels, metres.
 const STRAYS_DB: f64 = 40.0;
 const STRAYS_M: f64 = 10.0;
-/// No link is believed to be blocked for a lesser or a greater share of the time.
+/// The share of blocked time of a link is at least this, and at most one minus this.
 const LEAST_SHARE: f64 = 0.03;
 const MOST_SHARE: f64 = 0.9;
 /// Nearer than this a distance has no direction, metres.
@@ -24,8 +24,8 @@ struct Drift<T> {
 }
 
 impl<T: Real> Drift<T> {
-    /// Over `way` metres of such a process with this deviation and length, metres (C. E. Rasmussen and C. K. I. Williams, *Gaussian
-    /// Processes for Protocol Learning*, 2006, equation 4.17, as a differential equation).
+    /// The change over `way` metres of such a process with this deviation and length, metres (C. E. Rasmussen and C.
+    /// K. I. Williams, *Gaussian Processes for Machine Learning*, 2006, equation 4.17, as a differential equation).
     fn new(way: T, deviation: T, length: T) -> Self {
         let rate = T::of(1.732_050_8) / length;
         let (passed, kept) = (rate * way, (-rate * way).exp());
@@ -33,7 +33,7 @@ impl<T: Real> Drift<T> {
         let [[a, b], [c, d]] = turn;
         let variance = deviation.squared();
         let slope = variance * rate.squared();
-        // What is there in the long run, less what of it is left.
+        // The stationary covariance, minus the part of it that is left.
         let noise = [
             (variance - a * a * variance - b * b * slope).at_least(T::ZERO),
             -a * c * variance - b * d * slope,
@@ -44,7 +44,7 @@ impl<T: Real> Drift<T> {
 }
 
 impl<T: Real, const N: usize, const S: usize> Hypothesis<T, N, S> {
-    /// Nothing is known of a node's bias but whether its link is blocked.
+    /// Makes a node's bias unknown but for the state of its link.
     pub(super) fn doubt(&mut self, node: &Node<T>, at: usize, settings: &Settings<T>) {
         let errors = &settings.delay;
         match node.slope {
@@ -62,7 +62,7 @@ impl<T: Real, const N: usize, const S: usize> Hypothesis<T, N, S> {
 }
 
 impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fusion<T, D, H, N, S> {
-    /// Moves on by `dt` seconds (equation 6); biases forget with the way and the time.
+    /// Advances by `dt` seconds (equation 6); biases decay with distance and time.
     #[inline(never)]
     pub(super) fn predict(&mut self, dt: T) {
         let speed = self.mean(D).iter().fold(T::ZERO, |sum, v| sum + v.squared()).sqrt();
@@ -76,7 +76,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         for hypothesis in bank {
             for axis in 0..D {
                 hypothesis.shear(axis, D + axis, dt, *used);
-                // Of a white acceleration.
+                // The covariance of a white acceleration.
                 hypothesis.add(axis, axis, q * dt.squared() * T::of(1.0 / 3.0));
                 hypothesis.add(axis, D + axis, T::of(0.5) * q * dt);
                 hypothesis.add(D + axis, D + axis, q);
@@ -101,7 +101,8 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         }
     }
 
-    /// Lets all fresh values of a step in: every node's mixture by its two moments, for they go into a normal distribution.
+    /// Processes all fresh values of a step. Each node's mixture enters by its two moments, because the hypotheses
+    /// are normal distributions.
     #[inline(never)]
     pub(super) fn weigh(&mut self) {
         let Self { settings, nodes, bank, used, .. } = self;
@@ -127,7 +128,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
                     hypothesis.cut(node.bias, T::ZERO, T::ONE, *used);
                 }
             }
-            // Nobody walks through the walls of the area.
+            // A tag does not walk through the walls of the area.
             if let Some(area) = &settings.area {
                 for axis in 0..D {
                     hypothesis.cut(axis, area.min[axis], T::ONE, *used);
@@ -142,12 +143,13 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
 struct SmoothedValue<T> {
     mean: T,
     variance: T,
-    /// A density to measure by.
+    /// Reference density, by which densities are divided.
     peak: T,
 }
 
-/// What a hypothesis expects of a node's values, to the second order in the position (A. H. Jazwinski, *Stochastic Processes and
-/// Filtering Theory*, 1970, chapter 9.3): the curvature's mean is taken off, its variance added.
+/// The value that a hypothesis expects of a node, to the second order in the position (A. H. Jazwinski, *Stochastic
+/// Processes and Filtering Theory*, 1970, chapter 9.3): the mean of the curvature is subtracted, its variance is
+/// added.
 #[inline(always)]
 fn expected<T: Real, const D: usize, const N: usize, const S: usize>(
     hypothesis: &Hypothesis<T, N, S>,
@@ -159,7 +161,7 @@ fn expected<T: Real, const D: usize, const N: usize, const S: usize>(
     let squared = node.squared(&position, height).at_least(T::of(NEAREST_M * NEAREST_M));
     let inverse = T::ONE / squared.sqrt();
     let unit: [T; D] = core::array::from_fn(|axis| (position[axis] - node.place[axis]) * inverse);
-    // d' = u and d'' = (1 − u uᵀ) ⁄ d; of k ln d: k u ⁄ d and k (1 − 2 u uᵀ) ⁄ d².
+    // d' = u and d'' = (1 − u uᵀ) ⁄ d; for k ln d: k u ⁄ d and k (1 − 2 u uᵀ) ⁄ d².
     let (slope, curvature, along) = match node.channel.per_neper() {
         None => (T::ONE, inverse, T::ONE),
         Some(per_neper) => (per_neper * inverse, per_neper * inverse.squared(), T::of(2.0)),
@@ -199,13 +201,13 @@ mod tests {
 
     #[test]
     fn an_excess_keeps_what_materns_covariance_says() {
-        // k(r) = σ² (1 + √3 r ⁄ l) exp(−√3 r ⁄ l), and the noise of half the way, carried on, and of the other half
-        // is that of the whole.
+        // k(r) = σ² (1 + √3 r ⁄ l) exp(−√3 r ⁄ l). The noise of half the way, carried on, plus the noise of the other
+        // half is the noise of the whole.
         let (way, deviation, length) = (1.3_f64, 2.0_f64, 4.0_f64);
         let Drift { turn, noise } = Drift::new(way, deviation, length);
         let r = 3.0_f64.sqrt() * way / length;
         assert!((turn[0][0] - (1.0 + r) * (-r).exp()).abs() < 1e-6, "{turn:?}");
-        // Half the way twice is all of it.
+        // Half the way twice equals the whole way.
         let half = Drift::new(0.5 * way, deviation, length);
         let twice: [[f64; 2]; 2] =
             core::array::from_fn(|i| core::array::from_fn(|j| (0..2).map(|k| half.turn[i][k] * half.turn[k][j]).sum()));

@@ -1,16 +1,17 @@
-//! The recent values of one node, and the mixture of kernels that they make.
+//! The recent values of one node, and their mixture of kernels.
 
 use heapless::Vec;
 
 use positioning_core::Real;
 
-/// Values that are kept.
+/// Number of values that are kept.
 pub(super) const WINDOW: usize = 8;
-/// The deviation that the settings expect counts like so many values.
+/// The expected deviation of the settings counts as this number of values.
 const EXPECTED_COUNTS: f64 = 4.0;
-/// From so many values on a line is taken out of them, since the tag moves.
+/// From this number of values on, a fitted line is subtracted from them, because the tag moves.
 const LINE: usize = 4;
-/// (4 ⁄ (3 n))^(1⁄5) for n values, at most 1: the normal reference rule (B. W. Silverman, *Density Estimation*, 1986, equation 3.28).
+/// (4 ⁄ (3 n))^(1⁄5) for n values, at most 1: the normal reference rule (B. W. Silverman, *Density Estimation*, 1986,
+/// equation 3.28).
 const REFERENCE_RULE: [f64; WINDOW] = [1.0, 0.922_1, 0.850_3, 0.802_7, 0.767_7, 0.740_2, 0.717_8, 0.698_8];
 
 /// A value and its time.
@@ -24,14 +25,14 @@ struct Value<T> {
 #[derive(Clone, Debug)]
 pub(super) struct Window<T> {
     values: Vec<Value<T>, WINDOW>,
-    /// So many of the last ones have not been used.
+    /// Number of the last ones that have not been used.
     fresh: usize,
 }
 
-/// What the values say of how a value errs: kernels about its mean, and the fresh values.
+/// The error of a value, as estimated from values: kernels about the mean, and the fresh values.
 #[derive(Clone, Debug)]
 pub(super) struct Mixture<T> {
-    /// Places of the kernels, relative to the mean.
+    /// Centres of the kernels, relative to the mean.
     pub(super) kernels: Vec<T, WINDOW>,
     /// Deviation of a kernel.
     pub(super) width: T,
@@ -55,7 +56,7 @@ impl<T: Real> Window<T> {
         Self { values: Vec::new(), fresh: 0 }
     }
 
-    /// Takes a value; forgets what is older than `recent_us`.
+    /// Adds a value; drops those older than `recent_us`.
     pub(super) fn push(&mut self, value: T, now_us: u64, recent_us: u64) {
         while self.values.is_full()
             || self.values.first().is_some_and(|first| now_us.saturating_sub(first.time_us) > recent_us)
@@ -71,12 +72,12 @@ impl<T: Real> Window<T> {
         self.fresh > 0
     }
 
-    /// The fresh values have been used.
+    /// Marks the fresh values as used.
     pub(super) fn used(&mut self) {
         self.fresh = 0;
     }
 
-    /// The mixture, for values that are expected to have the deviation `noise`; `None` without fresh values.
+    /// The mixture, for values with the expected deviation `noise`; `None` without fresh values.
     pub(super) fn mixture(&self, noise: T) -> Option<Mixture<T>> {
         if self.fresh == 0 {
             return None;
@@ -89,7 +90,7 @@ impl<T: Real> Window<T> {
         let variance = (expected * noise.squared() + squares) / (expected + T::count(degrees));
         let rule = REFERENCE_RULE.get(self.values.len().wrapping_sub(1)).copied().unwrap_or(1.0);
         let width = variance.sqrt() * T::of(rule);
-        // The kernels' places and the kernels' own width together have the variance.
+        // The variance of the kernels' centres and that of the kernel's own width together are `variance`.
         let between = (variance - width.squared()).at_least(T::ZERO);
         let scale = if squares > T::ZERO { (between * T::count(kernels.len()) / squares).sqrt() } else { T::ZERO };
         kernels.iter_mut().for_each(|e| *e *= scale);
@@ -98,7 +99,8 @@ impl<T: Real> Window<T> {
         Some(Mixture { kernels, width, variance, mean, fresh })
     }
 
-    /// What the values differ by from their line (from their mean where they are few), and in how many degrees of freedom.
+    /// The residuals of the values about their line (about their mean where they are few), and the number of degrees
+    /// of freedom.
     fn residuals(&self) -> (Vec<T, WINDOW>, usize) {
         let count = self.values.len();
         let inverse = T::ONE / T::count(count.max(1));
@@ -148,8 +150,8 @@ mod tests {
 
     #[test]
     fn the_variance_is_pooled_from_what_was_expected_and_what_came() {
-        // Three values: mean 2, squares 1 + 0 + 1 in two degrees of freedom; (4 · 3² + 2) ⁄ (4 + 2) = 19⁄3. Kernels at ±e carry
-        // 19⁄3 (1 − 0.8503²) = 1.7541 = 2 e² ⁄ 3, e = 1.6221.
+        // Three values: mean 2, squares 1 + 0 + 1 in two degrees of freedom; (4 · 3² + 2) ⁄ (4 + 2) = 19⁄3. Kernels at
+        // ±e carry 19⁄3 (1 − 0.8503²) = 1.7541 = 2 e² ⁄ 3, e = 1.6221.
         let mixture = window(&[1.0, 2.0, 3.0], 1000).mixture(3.0).expect("fresh");
         assert!((mixture.variance - 19.0 / 3.0).abs() < 1e-12);
         assert!((mixture.kernels[2] - 1.6221).abs() < 1e-3, "{}", mixture.kernels[2]);

@@ -1,45 +1,45 @@
-//! Drawn impulse responses of the paper's platform: 5 GS/s, pulses of 577 MHz, the arrival found where the response first exceeds 40 %
-//! of its peak, in a window of 201 samples about it.
+//! Simulated impulse responses of the paper's platform: 5 GS/s, pulses of 577 MHz. The arrival is where the response
+//! first exceeds 40 % of its peak, in a window of 201 samples around the peak.
 //!
-//! A link has paths that stay (furniture), and every reception adds some that do not (people), changes all amplitudes a
-//! little, and adds noise. The direct path of a link in line of sight is its strongest. A blocked one goes through something:
-//! it is attenuated by 6 to 20 dB and delayed by what it went through, and what is reflected comes into the open.
-//! Arrivals of reflections are Poisson's with exponentially falling power (A. Saleh and R. Valenzuela, IEEE JSAC 5(2), 1987, a single
-//! cluster).
+//! A link has constant paths (furniture). Every reception adds paths of its own (people), changes all amplitudes a
+//! little, and adds noise. The direct path of a link in line of sight is its strongest. A blocked direct path goes
+//! through an obstacle, which attenuates it by 6 to 20 dB and delays it; reflections are then stronger than it.
+//! Arrivals of reflections are a Poisson process with exponentially falling power (A. Saleh and R. Valenzuela, IEEE
+//! JSAC 5(2), 1987, a single cluster).
 
 use baliza_report::mean;
 use rand::Rng;
 
 use crate::normal;
 
-/// Between two samples, nanoseconds.
+/// Time between two samples, nanoseconds.
 const SAMPLE_NS: f64 = 0.2;
-/// Of the window, about its peak.
+/// Samples of the window, around the peak.
 const WINDOW: usize = 201;
-/// Of the response that is drawn.
+/// Samples of the simulated response.
 const LENGTH: usize = 500;
-/// Where the direct path lies in it.
+/// The sample of the direct path.
 const DIRECT: usize = 150;
-/// The arrival is where the response first exceeds so much of its peak.
+/// The arrival is where the response first exceeds this share of its peak.
 const THRESHOLD: f64 = 0.4;
 /// Root mean square width of a pulse of 577 MHz at −10 dB, nanoseconds.
 const PULSE_NS: f64 = 0.75;
-/// Reflections a nanosecond.
+/// Number of reflections a nanosecond.
 const PATHS_PER_NS: f64 = 0.35;
-/// After so many nanoseconds their power has fallen to 1 ⁄ e.
+/// After this number of nanoseconds the power of reflections has fallen to 1 ⁄ e.
 const DECAY_NS: f64 = 10.0;
-/// Amplitude of the first reflections beside a direct path.
+/// Amplitude of the first reflections, relative to a direct path.
 const REFLECTED: f64 = 0.35;
-/// Share of the reflections' power that stays from reception to reception.
+/// Share of the reflections' power that is constant from reception to reception.
 const STAYING: f64 = 0.7;
-/// Noise of a sample beside a direct path.
+/// Noise of a sample, relative to a direct path.
 const NOISE: f64 = 0.03;
-/// Metres a nanosecond.
+/// Speed of light, metres a nanosecond.
 const LIGHT_M_PER_NS: f64 = 0.299_792_458;
 
-/// What a direct arrival errs by, metres.
+/// Deviation of a direct arrival, metres.
 pub const DIRECT_SIGMA_M: f32 = 0.1;
-/// What a blocked arrival errs by on top, metres: its lasting and its changing part each.
+/// Additional deviation of a blocked arrival, metres, once for its constant part and once for its changing part.
 pub const BLOCKED_SIGMA_M: f32 = 1.2;
 
 /// A path: its delay behind the direct one, nanoseconds, and its amplitude.
@@ -48,19 +48,19 @@ type Path = (f64, f64);
 /// A link between a beacon and a point.
 #[derive(Clone, Debug)]
 pub struct Link {
-    /// The direct path when something stands in it.
+    /// The direct path through the obstacle.
     through: Path,
     reflections: Vec<Path>,
 }
 
-/// What one reception gave.
+/// The result of one reception.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reception {
     /// The arrival as a distance, metres.
     pub distance_m: f64,
     /// The skewness of the window (equation 2).
     pub skewness: f64,
-    /// The truth.
+    /// Whether the link was really blocked.
     pub blocked: bool,
 }
 
@@ -80,7 +80,7 @@ impl Link {
         let window = &response[begin..begin + WINDOW];
         let least = THRESHOLD * response[peak];
         let first = begin + window.iter().position(|&sample| sample > least).unwrap_or(0);
-        // A lone pulse exceeds 40 % of itself this long before its middle: the platform's calibration.
+        // A single pulse exceeds 40 % of its peak this long before its centre: the platform's calibration.
         let ahead_ns = PULSE_NS * (-2.0 * THRESHOLD.ln()).sqrt();
         let late_ns = (first as f64 - DIRECT as f64) * SAMPLE_NS + ahead_ns;
         Reception { distance_m: distance_m + LIGHT_M_PER_NS * late_ns, skewness: skewness(window), blocked }
@@ -138,7 +138,8 @@ mod tests {
 
     #[test]
     fn the_skewness_of_one_sample_out_of_four_is_that_of_a_hand_calculation() {
-        // Mean ¼; second moment (3 · 1⁄16 + 9⁄16) ⁄ 4 = 3⁄16; third (−3 · 1⁄64 + 27⁄64) ⁄ 4 = 6⁄64; (6⁄64) ⁄ (3⁄16)^1.5 = 1.1547.
+        // Mean ¼; second moment (3 · 1⁄16 + 9⁄16) ⁄ 4 = 3⁄16; third (−3 · 1⁄64 + 27⁄64) ⁄ 4 = 6⁄64; (6⁄64) ⁄ (3⁄16)^1.5
+        // = 1.1547.
         assert!((skewness(&[0.0, 0.0, 0.0, 1.0]) - 1.154_700_5).abs() < 1e-6);
     }
 
@@ -149,7 +150,7 @@ mod tests {
         let mut mean =
             |blocked: bool| (0..200).map(|_| link.receive(&mut random, 5.0, blocked).distance_m).sum::<f64>() / 200.0;
         assert!((mean(false) - 5.0).abs() < 0.1);
-        // Found where the reflection is, about ten nanoseconds late, or at a fleeting one before it.
+        // The detected arrival is a reflection, about ten nanoseconds late, or a transient path before it.
         assert!(mean(true) > 6.0);
     }
 }

@@ -1,11 +1,11 @@
-//! The benchmark of E. García et al., *A Robust UWB Indoor Positioning System for Highly Complex Environments*: four beacons at the
-//! coordinates of table I, 48 points at 1.57 m, a hundred measurements each, with and without detection of blocked paths,
-//! beside table II.
+//! The benchmark of E. García et al., *A Robust UWB Indoor Positioning System for Highly Complex Environments*: four
+//! beacons at the coordinates of table I, 48 points at 1.57 m, a hundred measurements each, with and without
+//! detection of blocked paths. The results are compared with table II.
 //!
-//! The paper's recordings are not to be had. [`channel`] draws the impulse responses instead; the arrival is found in them as the
-//! paper finds it, and the skewness of the same window (equation 2) tells blocked links from direct ones (equations 3 and 4),
-//! with a threshold learnt from responses of their own. Nothing else tells the two apart, and no bias is added by hand: a
-//! blocked first path is late because it is late or missed in the drawn response.
+//! The paper's recordings are not available. [`channel`] simulates the impulse responses instead. The arrival is
+//! detected in them as in the paper. The skewness of the same window (equation 2) classifies links as blocked or
+//! direct (equations 3 and 4), with a threshold learnt from separate responses. Nothing else separates the two, and
+//! no bias is added by hand: a blocked first path is late because it is late or missed in the simulated response.
 
 pub mod channel;
 mod table;
@@ -26,31 +26,33 @@ pub const BEACONS_M: [[f64; 3]; 4] =
     [[-0.281, 4.19, 2.80], [-0.226, -1.39, 2.80], [7.14, -1.38, 2.81], [5.84, 2.09, 2.82]];
 /// The antenna's height, metres.
 pub const HEIGHT_M: f64 = 1.57;
-/// Eight columns and six rows of points, every second floor tile of 0.4 m: metres. The paper shows its points in a figure only.
+/// Eight columns and six rows of points, every second floor tile of 0.4 m: metres. The paper shows its points in a
+/// figure only.
 pub const COLUMNS_M: [f64; 8] = [0.4, 1.2, 2.0, 2.8, 3.6, 4.4, 5.2, 6.0];
 /// The rows.
 pub const ROWS_M: [f64; 6] = [-1.2, -0.4, 0.4, 1.2, 2.0, 2.8];
 /// Measurements at a point.
 pub const MEASUREMENTS: usize = 100;
-/// How much of the time somebody or something stands in a link: drawn for each link and point between these. "It is a dynamic
-/// and complex environment, where people, furniture and different objects obstruct the arriving signals from most of the beacons."
+/// Share of the time in which a person or an object blocks a link: drawn for each link and point between these
+/// bounds. "It is a dynamic and complex environment, where people, furniture and different objects obstruct the
+/// arriving signals from most of the beacons."
 pub const BLOCKED_SHARE: (f64, f64) = (0.1, 0.9);
 /// Variance of the first position, m² (P₀ of the paper).
 const START_VARIANCE: f32 = 20.0;
-/// The room about the beacons, metres: a filter's first position that is outside is brought to its edge.
+/// The room around the beacons, metres: a filter's first position outside of it is moved to its edge.
 const AREA_M: Area<f32, 3> = Area { min: [-1.0, -2.0, 0.0], max: [8.0, 5.0, 3.0] };
-/// Receptions of either kind from which the skewness' distributions are learnt.
+/// Number of receptions of each kind from which the distributions of the skewness are learnt.
 const LEARNT: usize = 4000;
 
-/// How a point was found.
+/// How a position is computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Way {
-    /// Gauss-Newton on every measurement by itself: the paper's "no mitigation".
+    /// Gauss-Newton on every measurement by itself: "no mitigation" in the paper.
     NoMitigation,
-    /// The paper's filter, all variances 0.5 m²: how much of the improvement is averaging.
+    /// The paper's filter with all variances 0.5 m²: shows how much of the improvement is averaging.
     EkfWithoutDetection,
-    /// The paper's filter and variances, 0.5 and 3 m².
+    /// The paper's filter with its variances, 0.5 and 3 m².
     Ekf,
     /// The same filter with this project's errors of links, weighted by the same detection.
     Calibrated,
@@ -60,7 +62,7 @@ impl Way {
     /// All, in the order of the table.
     pub const ALL: [Self; 4] = [Self::NoMitigation, Self::EkfWithoutDetection, Self::Ekf, Self::Calibrated];
 
-    /// As the table has it.
+    /// The name in the table.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::NoMitigation => "no mitigation",
@@ -83,9 +85,9 @@ impl Way {
 /// Errors of one way over all points.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Score {
-    /// Which way.
+    /// The way.
     pub way: Way,
-    /// Positions.
+    /// Number of positions.
     pub positions: usize,
     /// Root mean square error along x, metres.
     pub rmse_x_m: f64,
@@ -93,7 +95,7 @@ pub struct Score {
     pub rmse_y_m: f64,
     /// Both together, metres.
     pub rmse_m: f64,
-    /// How much less that is than without mitigation, 0 to 1.
+    /// Reduction of that error against no mitigation, 0 to 1.
     pub reduction: f64,
     /// Table II, metres.
     pub printed_x_m: Option<f64>,
@@ -101,27 +103,27 @@ pub struct Score {
     pub printed_y_m: Option<f64>,
 }
 
-/// Everything that came out.
+/// All results.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Outcome {
-    /// A score a way.
+    /// One score a way.
     pub scores: Vec<Score>,
-    /// λ: the skewness at which direct and blocked are as likely.
+    /// λ: the skewness at which direct and blocked are equally likely.
     pub threshold: f64,
-    /// The share of receptions whose sight was told rightly.
+    /// The share of receptions that were classified rightly.
     pub detected: f64,
     /// The errors along x and y of each way, metres, point after point.
     #[serde(skip)]
     pub errors_m: Vec<(Way, Vec<[f64; 2]>)>,
 }
 
-/// What was received at a point: measurements of all beacons.
+/// Measurements of all beacons at a point.
 struct Point {
     at_m: [f64; 2],
     receptions: Vec<[Reception; BEACONS_M.len()]>,
 }
 
-/// Runs it in so many rooms, each with furniture of its own.
+/// Runs the benchmark in this number of rooms, each with furniture of its own.
 pub fn run(rooms: usize, seed: u64) -> Outcome {
     let detector = learn(&mut Pcg64Mcg::seed_from_u64(seed ^ 0x5EED));
     let mut random = Pcg64Mcg::seed_from_u64(seed);
@@ -162,7 +164,7 @@ impl Score {
     }
 }
 
-/// Learns the skewness of direct and of blocked receptions, each from responses that are used for nothing else.
+/// Learns the skewness of direct and of blocked receptions, each from separate responses.
 fn learn(random: &mut impl Rng) -> Skewness {
     let mut figures = |blocked: bool| {
         let skewness: Vec<f64> = (0..LEARNT)
@@ -209,7 +211,8 @@ impl Point {
         Self { at_m, receptions }
     }
 
-    /// The errors of all positions at this point, metres. Where there is none, the middle of the beacons stands for it.
+    /// The errors of all positions at this point, metres. Where there is no position, the middle of the beacons
+    /// counts instead.
     fn errors_m(&self, way: Way, detector: &Skewness) -> Vec<[f64; 2]> {
         let middle = [0, 1].map(|axis| BEACONS_M.iter().map(|beacon| beacon[axis]).sum::<f64>() / 4.0);
         let error = |position: Option<[f32; 3]>| {
@@ -274,7 +277,7 @@ fn settings(way: Way) -> Option<Settings<f32>> {
     }
 }
 
-/// The position of one set of differences, all beacons alike.
+/// The position from one set of differences, with equal weights for all beacons.
 fn gauss_newton(set: &[Reception; 4]) -> Option<[f32; 3]> {
     let sample = |i: usize| TdoaSample {
         anchor: BEACONS_M[i].map(|c| c as f32),

@@ -6,7 +6,7 @@ use baliza_report::MarkdownTable;
 
 use super::Outcome;
 
-/// A row a way.
+/// One row a way.
 pub fn to_markdown(outcome: &Outcome) -> String {
     let mut table =
         MarkdownTable::new(["way", "RMSE x, m:", "as printed:", "RMSE y, m:", "as printed:", "less than without:"]);

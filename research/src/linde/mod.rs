@@ -1,12 +1,14 @@
-//! The benchmark of A. Linde Cerezo's thesis (Universitat Oberta de Catalunya, 2024), annex A: four beacons at A, E, H and J of table 4.1, a mesh
-//! of receivers in the middle of the room, RSSI values and times of flight with Gaussian noise, found by fingerprints and by multilateration.
+//! The benchmark of A. Linde Cerezo's thesis (Universitat Oberta de Catalunya, 2024), annex A: four beacons at A, E,
+//! H and J of table 4.1, a mesh of receivers in the middle of the room, RSSI values and times of flight with Gaussian
+//! noise. Positions are computed by fingerprints and by multilateration.
 //!
 //! - RSSI (1): RSSI₀ − 10 n log₁₀(d ⁄ d₀) + N(0, σ²), RSSI₀ = −50 dBm at d₀ = 1 m, σ = 5 and 10 dB.
 //! - Time of flight (2): ToF₀ + (d − d₀) ⁄ c + N(0, σ²), ToF₀ = 1 ms, σ = 100 µs: 30 km.
 //!
-//! So much is printed. Assumed are: n = 2 where the beacon is seen and 3 where a wall of [`room`] is between, in the plane; the two meshes;
-//! a position from one measurement of each beacon; fingerprints that are means of a hundred measurements (ten seconds, section 4.2), compared
-//! by the five nearest weighted by 1 ⁄ d² (7). Multilateration knows RSSI₀ and n = 2 and is not told what is blocked.
+//! The thesis prints these. We assume the rest: n = 2 where the beacon is in line of sight and 3 where a wall of
+//! [`room`] is between, in the plane; the two meshes; a position from one measurement of each beacon; fingerprints
+//! that are means of a hundred measurements (ten seconds, section 4.2), compared by the five nearest weighted by 1 ⁄
+//! d² (7). Multilateration knows RSSI₀ and n = 2 and does not know which links are blocked.
 
 pub mod room;
 mod table;
@@ -27,33 +29,34 @@ pub use table::{name, to_markdown};
 
 /// The RSSI at one metre, dBm.
 const LEVEL_1M_DBM: f64 = -50.0;
-/// n where the beacon is seen, and where it is not.
+/// n where the beacon is in line of sight, and where it is not.
 const EXPONENTS: [f64; 2] = [2.0, 3.0];
 /// The time of flight at one metre, seconds.
 const TOF_1M_S: f64 = 1.0e-3;
-/// Metres a second.
+/// Speed of light, metres a second.
 const LIGHT_M_PER_S: f64 = 299_792_458.0;
-/// Measurements of which a fingerprint is the mean.
+/// Number of measurements in the mean of a fingerprint.
 const SURVEYED: usize = 100;
-/// By how many nearest fingerprints a position is found.
+/// Number of nearest fingerprints in a position.
 const NEIGHBOURS: usize = 5;
-/// A map holds RSSI values from −127.5 to −0.5 dBm; times stand in it about this one, with their deviation as so many decibels.
+/// A map holds RSSI values from −127.5 to −0.5 dBm. Times are mapped to values around the first number; the second
+/// number is their deviation, in decibels.
 const TOF_IN_MAP_DB: [f64; 2] = [-64.0, 20.0];
-/// What the RSSI values of a map end at, dBm.
+/// Least and greatest RSSI in a map, dBm.
 const MAP_DBM: [f64; 2] = [-127.0, -0.5];
-/// More bytes than the map takes: some 45 fingerprints of four beacons.
+/// More bytes than the map needs: some 45 fingerprints of four beacons.
 const MOST_BYTES: usize = 4096;
 
 /// What is measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Parameter {
-    /// RSSI values with so much noise, dB.
+    /// RSSI values with this noise, dB.
     Rssi(f64),
-    /// Times of flight with so much noise, microseconds.
+    /// Times of flight with this noise, microseconds.
     Tof(f64),
 }
 
-/// What is measured, without its noise.
+/// What is measured, without the noise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Measured {
@@ -63,25 +66,27 @@ pub enum Measured {
     Tof,
 }
 
-/// How a position is made of it.
+/// How a position is computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Algorithm {
     /// The nearest fingerprints, weighted.
     Fingerprinting,
-    /// Weighted linear least squares (6): of RSSI values as [`multilateration::weighted_linear`], of times as [`Method::BWls`].
+    /// Weighted linear least squares (6): for RSSI values [`multilateration::weighted_linear`], for times
+    /// [`Method::BWls`].
     Multilateration,
-    /// Nonlinear least squares within the box about the room: of RSSI values as [`multilateration::nonlinear`], of times as [`Method::Nls`].
+    /// Nonlinear least squares within the box around the room: for RSSI values [`multilateration::nonlinear`], for
+    /// times [`Method::Nls`].
     Nonlinear,
 }
 
 /// A row: what is measured, how it is solved, and RMSE and MAE as the annex prints them, metres.
 pub type Row = (Parameter, Algorithm, Option<[f64; 2]>);
 
-/// Where the annex prints "> 5 m" this stands in the rows, metres.
+/// The value in the rows where the annex prints "> 5 m", metres.
 pub const PRINTED_MOST_M: f64 = 5.0;
 
-/// The rows of the annex, each with the nonlinear form beside.
+/// The rows of the annex, each with the nonlinear form added.
 pub const ROWS: [Row; 9] = [
     (Parameter::Rssi(5.0), Algorithm::Fingerprinting, Some([1.32, 0.86])),
     (Parameter::Rssi(5.0), Algorithm::Multilateration, Some([2.08, 1.09])),
@@ -103,7 +108,7 @@ pub struct Score {
     pub noise: f64,
     /// Its unit: `dB` or `us`.
     pub unit: &'static str,
-    /// How positions were found.
+    /// How positions were computed.
     pub algorithm: Algorithm,
     /// Root mean square error, metres; none without positions.
     pub rmse_m: Option<f64>,
@@ -117,10 +122,10 @@ pub struct Score {
     pub printed_mae_m: Option<f64>,
 }
 
-/// What came out of a row: the score, and the errors in order, metres.
+/// The result of a row: the score, and the errors in order, metres.
 pub type Scored = (Score, Vec<f64>);
 
-/// Runs all rows, every receiver so many times. Rows of one parameter have the same measurements.
+/// Runs all rows, with this number of trials for every receiver. Rows of one parameter have the same measurements.
 ///
 /// # Errors
 /// A survey makes no map.
@@ -152,7 +157,7 @@ pub fn blocked() -> f64 {
     links.filter(|blocked| *blocked).count() as f64 / (receivers.len() * BEACONS_M.len()) as f64
 }
 
-/// RMSE and MAE of the mean of all receivers, metres: what a measurement must beat.
+/// RMSE and MAE of the mean of all receivers, metres: the errors without any measurement.
 pub fn unmeasured() -> [f64; 2] {
     let receivers = room::receivers();
     let middle = [0, 1].map(|axis| mean(receivers.iter().map(|at| at[axis])));
@@ -196,7 +201,7 @@ impl Parameter {
         }
     }
 
-    /// A measurement as a map has it, dBm.
+    /// A measurement as the map stores it, dBm.
     fn in_map(self, measured: f64) -> f64 {
         let rssi = match self {
             Self::Rssi(_) => measured,
@@ -233,7 +238,7 @@ impl Parameter {
         let [min, max] = room::BOX_M;
         let within = Constraints { side: Side::Unknown, area: Some(Area { min, max }) };
         let solve = |method, constraints: &Constraints<f64, 2>| {
-            // A distance is not negative, whatever the clocks say.
+            // A distance is not negative, even if the measured time is too short.
             let range = |time: f64| (1.0 + (time - TOF_1M_S) * LIGHT_M_PER_S).max(0.0);
             let samples: [_; BEACONS_M.len()] =
                 std::array::from_fn(|i| RangeSample::new(BEACONS_M[i], range(measured[i])));

@@ -1,4 +1,4 @@
-//! Our figures beside the annex', in Markdown.
+//! Our figures beside those of the annex, in Markdown.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,7 @@ use baliza_report::MarkdownTable;
 use super::{Algorithm, PRINTED_MOST_M, Parameter, ROWS, Scored, blocked, unmeasured};
 
 impl Algorithm {
-    /// As the table has it.
+    /// The name in the table.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Fingerprinting => "fingerprinting",
@@ -18,7 +18,7 @@ impl Algorithm {
 }
 
 impl Parameter {
-    /// As the table has it: what, and with how much noise.
+    /// The name and the noise in the table.
     pub fn words(self) -> [String; 2] {
         match self {
             Self::Rssi(db) => ["RSSI".to_owned(), format!("{db} dB")],
@@ -33,7 +33,7 @@ pub fn name(parameter: Parameter, algorithm: Algorithm) -> String {
     format!("{measured} {noise}, {}", algorithm.as_str())
 }
 
-/// A row a parameter, noise and algorithm.
+/// One row a parameter, noise and algorithm.
 pub fn to_markdown(rows: &[Scored]) -> String {
     let mut table = MarkdownTable::new([
         "parameter",

@@ -1,8 +1,8 @@
-//! The benchmark of P. M. de Rojas Malpartida's thesis (2021, chapter 8): every method on simulated ranges, half of which lack
-//! their direct path.
+//! The benchmark of P. M. de Rojas Malpartida's thesis (Universidad de Sevilla, 2021, chapter 8): every method on
+//! simulated ranges, half of which lack their direct path.
 //!
-//! The thesis' non-linear methods search a grid that covers the box in which points are drawn; here that box is the area in
-//! which a solver may look.
+//! The non-linear methods of the thesis search a grid that covers the box in which points are drawn; here that box is
+//! the search area of a solver.
 
 pub mod printed;
 mod table;
@@ -17,14 +17,14 @@ pub use table::to_markdown;
 
 const _: () = assert!(ANCHORS <= MAX_ANCHORS);
 
-/// Figures of one method over a set of points.
+/// Scores of one method over a set of points.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Score {
     /// The method's name.
     pub method: &'static str,
-    /// The points with so many detected direct paths; all of them where `None`.
+    /// The points with this number of detected direct paths; all of them where `None`.
     pub ddp_anchors: Option<usize>,
-    /// How many points they are.
+    /// Number of points.
     pub points: usize,
     /// Root mean square error, metres; `None` where no position was found.
     pub rmse_m: Option<f64>,
@@ -53,7 +53,8 @@ pub fn error_m(method: Method, point: &Point) -> Option<f64> {
     Some((x * x + y * y).sqrt())
 }
 
-/// Scores of one method: over all points first, then by the number of detected direct paths. `errors` are those of the points.
+/// Scores of one method: over all points first, then by the number of detected direct paths. `errors` are those of the
+/// points.
 pub fn score(method: Method, points: &[Point], errors: &[Option<f64>]) -> Vec<Score> {
     let detected = |point: &Point| point.ranges.iter().filter(|range| range.detected).count();
     let classes = std::iter::once(None).chain((0..=ANCHORS).map(Some));

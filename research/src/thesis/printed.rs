@@ -1,8 +1,8 @@
-//! What the thesis printed: root mean square errors of its own run of 1,000 points, metres.
+//! Root mean square errors that the thesis prints, from its own run of 1,000 points, metres.
 
 use positioning_core::Method;
 
-/// Of how many detected direct paths the columns of [`Printed::by_ddp`] are.
+/// The numbers of detected direct paths in the columns of [`Printed::by_ddp`].
 pub const DDP_ANCHORS: std::ops::RangeInclusive<usize> = 3..=9;
 
 /// One method's figures.
@@ -15,7 +15,7 @@ pub struct Printed {
 }
 
 impl Printed {
-    /// The figure over all points (`None`) or of a number of detected direct paths.
+    /// The figure over all points (`None`) or for a number of detected direct paths.
     pub fn rmse_m(&self, ddp_anchors: Option<usize>) -> Option<f64> {
         match ddp_anchors {
             None => Some(self.all),
@@ -24,9 +24,9 @@ impl Printed {
     }
 }
 
-/// Tables 8-1 (LLS, NLS, bounding box, B-WLS), 8-3 (NLS-CCV), 8-5 (BB-NLS), 8-11 (BB-NLS-R) and 8-13 (B-WLS-R); over all points
-/// the rows "at least 0 UDP" of tables 8-2, 8-4, 8-6, 8-12 and 8-14, and tables 8-7 and 8-10 for the variants with equal
-/// weights (table 8-8 prints 0.3158 for the same BB-NLS-C).
+/// Tables 8-1 (LLS, NLS, bounding box, B-WLS), 8-3 (NLS-CCV), 8-5 (BB-NLS), 8-11 (BB-NLS-R) and 8-13 (B-WLS-R). Over
+/// all points: the rows "at least 0 UDP" of tables 8-2, 8-4, 8-6, 8-12 and 8-14, and tables 8-7 and 8-10 for the
+/// variants with equal weights (table 8-8 prints 0.3158 for the same BB-NLS-C).
 pub fn printed(method: Method) -> Option<Printed> {
     let (all, by_ddp) = match method {
         Method::BoundingBox => (0.4322, Some([0.4939, 0.5127, 0.4354, 0.4405, 0.3859, 0.3682, 0.3901])),

@@ -1,4 +1,4 @@
-//! Our figures beside the thesis', as a Markdown table.
+//! Our figures beside those of the thesis, as a Markdown table.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,7 @@ use positioning_core::Method;
 use super::Score;
 use super::printed::{DDP_ANCHORS, printed};
 
-/// Root mean square errors by method and number of detected direct paths, a row ours and a row as printed.
+/// Root mean square errors by method and number of detected direct paths, one row ours and one row as printed.
 pub fn to_markdown(scores: &[Score]) -> String {
     let classes = || std::iter::once(None).chain(DDP_ANCHORS.map(Some));
     let mut text = String::from("| RMSE in metres |   all |");

@@ -1,4 +1,5 @@
-//! A beacon's radio: an event every interval and a random delay, in an event one channel after the other.
+//! A beacon's radio. It sends an event after every interval plus a random delay. An event uses one channel after the
+//! other.
 
 use std::cell::RefCell;
 use std::convert::Infallible;
@@ -19,19 +20,19 @@ const DELAY: Duration = Duration::from_millis(10);
 /// From the end of an advertisement on one channel to its beginning on the next.
 const HOP: Duration = Duration::from_micros(250);
 
-/// Where a beacon is and how strong.
+/// Where a beacon is and how strongly it sends.
 pub struct Sender {
-    /// Its number: what is drawn for it.
+    /// The beacon's number, which selects its random draws.
     pub number: u64,
     /// Metres.
     pub at: [f64; 3],
-    /// RSSI at 1 m in clear sight, the mean over all places, dBm.
+    /// RSSI at 1 m in line of sight, the mean over all positions, dBm.
     pub rssi_1m_dbm: f64,
     link: Link,
 }
 
 impl Sender {
-    /// Draws what belongs to the ways from it.
+    /// Draws the random fields of the paths from this beacon.
     pub fn new(medium: Medium, seed: u64, number: u64, at: [f64; 3], rssi_1m_dbm: f64) -> Self {
         Self { number, at, rssi_1m_dbm, link: Link::draw(medium, seed, number) }
     }
@@ -41,7 +42,7 @@ impl Sender {
     }
 }
 
-/// What goes out.
+/// What the radio sends.
 #[derive(Clone)]
 struct Going {
     data: Rc<[u8]>,
@@ -52,7 +53,7 @@ struct Going {
 #[derive(Default)]
 struct State {
     going: Option<Going>,
-    /// Counts the changes: an event under way ends.
+    /// Counts the changes. A change ends an event that is under way.
     changes: u64,
     waker: Option<Waker>,
 }
@@ -89,11 +90,11 @@ impl Advertiser {
         }
     }
 
-    /// Serves the radio, for ever.
+    /// Serves the radio for ever.
     pub async fn serve(&self) -> Infallible {
         let mut draws = stream(self.air.world.seed(), Purpose::Advertiser, self.sender.number);
         let interval = self.going().await.0.interval;
-        // Beacons have been switched on at any time.
+        // Beacons were switched on at arbitrary times, so the first event has a random delay.
         self.pause(interval.mul_f64(draws.random())).await;
         loop {
             let begun = self.air.world.now();
@@ -113,7 +114,7 @@ impl Advertiser {
         self.air.world.sleep_until(self.air.world.now() + duration).await;
     }
 
-    /// What is to go out, once there is something.
+    /// Waits until there is something to send, and returns it.
     async fn going(&self) -> (Going, u64) {
         std::future::poll_fn(|context| {
             let mut state = self.state.borrow_mut();

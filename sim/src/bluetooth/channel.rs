@@ -1,8 +1,10 @@
-//! How strong an advertisement arrives: `RSSI = RSSI₁ − 10 n lg d − Σ aᵢ + shadowing + fading + noise`, dBm (A. Linde, *Desarrollo de un
-//! sistema de posicionamiento en interiores mediante Bluetooth Low Energy*, 2024, equations 1 and 2).
+//! The RSSI of an advertisement at a receiver: `RSSI = RSSI₁ − 10 n lg d − Σ aᵢ + shadowing + fading + noise`, dBm (A.
+//! Linde, *Desarrollo de un sistema de posicionamiento en interiores mediante Bluetooth Low Energy*, 2024, equations 1
+//! and 2).
 //!
-//! Shadowing is a field of the place and alike on all channels. Fading, where paths meet, is another field for each channel, of
-//! centimetres: a tag that stands has other RSSI values on each channel, always the same. Noise is each reception's own.
+//! Shadowing is a field of the position and is the same on all channels. Fading (multipath) is another field for each
+//! channel and changes within centimetres. A tag that does not move therefore has a different, constant RSSI on each
+//! channel. Noise is drawn for each reception.
 
 use rand_distr::{Distribution, StandardNormal};
 
@@ -10,9 +12,9 @@ use super::field::Field;
 use crate::air::Wall;
 use crate::random::{Purpose, Stream, stream};
 
-/// A tag is never closer than this, metres.
+/// The model's minimum distance of a tag from a beacon, metres.
 const NEAREST_M: f64 = 0.1;
-/// Within so much two thirds of the fading are others, metres: the wavelength is 0.12 m.
+/// The correlation length of the fading, metres: at this distance the correlation is 1/e. The wavelength is 0.12 m.
 const FADING_M: f64 = 0.06;
 
 /// An advertising channel.
@@ -27,10 +29,10 @@ pub enum Channel {
 }
 
 impl Channel {
-    /// In the order in which an event goes through them.
+    /// All channels in the order in which an event uses them.
     pub const ALL: [Self; 3] = [Self::Ch37, Self::Ch38, Self::Ch39];
 
-    /// The deviation of the RSSI values on it while nothing moves, dB (Linde, table 3.1).
+    /// The standard deviation of the RSSI on this channel while nothing moves, dB (Linde, table 3.1).
     pub fn noise_db(self) -> f64 {
         match self {
             Self::Ch37 => 1.61,
@@ -40,28 +42,28 @@ impl Channel {
     }
 }
 
-/// How RSSI values fare between beacons and tags.
+/// The propagation of advertisements between beacons and tags.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Medium {
     /// The exponent n of the path loss.
     pub exponent: f64,
-    /// Deviation of the shadowing, dB.
+    /// Standard deviation of the shadowing, dB.
     pub shadowing_db: f64,
-    /// Within so much two thirds of the shadowing are others, metres.
+    /// Correlation length of the shadowing, metres: at this distance the correlation is 1/e.
     pub shadowing_m: f64,
-    /// Deviation of the fading of each channel, dB.
+    /// Standard deviation of the fading of each channel, dB.
     pub fading_db: f64,
 }
 
 impl Default for Medium {
-    /// Indoors. The fading is what table 3.1 leaves for it: all channels together deviate by 4.41 dB, each by 1.61, 1.87, 2.27, and
-    /// √(4.41² − (1.61² + 1.87² + 2.27²) ⁄ 3) = 3.96.
+    /// Indoors. The fading is what remains of the deviations in table 3.1: all channels together deviate by 4.41 dB,
+    /// each channel by 1.61, 1.87, 2.27 dB, and √(4.41² − (1.61² + 1.87² + 2.27²) ⁄ 3) = 3.96.
     fn default() -> Self {
         Self { exponent: 2.0, shadowing_db: 3.0, shadowing_m: 2.0, fading_db: 3.96 }
     }
 }
 
-/// The way from one beacon to wherever a tag is.
+/// The path from one beacon to any position of a tag.
 #[derive(Clone, Debug)]
 pub(super) struct Link {
     medium: Medium,
@@ -121,7 +123,7 @@ mod tests {
         let link = Link::draw(BARE, 1, 0);
         let rssi = |walls: &[Wall], to| link.rssi_dbm(walls, ([0.0; 3], -59.0), to, Channel::Ch38);
         assert!((rssi(&[], [1.0, 0.0, 0.0]) + 59.0).abs() < 1e-9);
-        // 10 · 2 · lg 10 = 20 dB; a wall of brick is 9 dB, one of drywall 3 dB, and one beside counts nothing.
+        // 10 · 2 · lg 10 = 20 dB. A brick wall is 9 dB, a drywall 3 dB, and a wall beside the path counts nothing.
         let wall = |x: f64, material| Wall { from: [x, -1.0], to: [x, 1.0], material };
         let walls = [wall(2.0, Material::BRICK), wall(3.0, Material::DRYWALL), wall(11.0, Material::METAL)];
         assert!((rssi(&walls, [6.0, 0.0, 8.0]) + 59.0 + 20.0 + 12.0).abs() < 1e-9);
@@ -130,7 +132,8 @@ mod tests {
 
     #[test]
     fn a_tag_that_stands_sees_what_the_table_has() {
-        // RSSI values of one place by channel deviate as table 3.1 has it, and over many places all of them together by 4.41 dB.
+        // The RSSI values of each channel at one position deviate as in table 3.1. Over many positions, the values of
+        // all channels together deviate by 4.41 dB.
         let mut draws = stream(3, Purpose::Scanner, 0);
         let mut all = Vec::new();
         for beacon in 0..600 {

@@ -1,9 +1,11 @@
-//! The Bluetooth air: beacons that advertise, scanners that hear them; beside the UWB air, in the same virtual time.
+//! The Bluetooth air: beacons that advertise and scanners that receive them. It runs beside the UWB air, in the same
+//! virtual time.
 //!
-//! A beacon sends an event every interval and 0 to 10 ms more, on its channels one after the other ([`Advertiser`]); a scanner listens to
-//! one channel after the other ([`Scanner`]). What it hears is the RSSI by [`Medium`] and by the walls in between, and the very bytes
-//! that were sent, with an RSSI in whole dBm as controllers give it. Two advertisements at once on a channel lose each other, unless one
-//! is much stronger. Equal seeds give equal runs.
+//! A beacon sends an event after every interval plus 0 to 10 ms, on its channels one after the other ([`Advertiser`]).
+//! A scanner listens to one channel after the other ([`Scanner`]). A scanner receives the bytes that were sent, and an
+//! RSSI in whole dBm, as controllers report it. The RSSI follows from [`Medium`] and from the walls in between. Two
+//! advertisements at the same time on one channel destroy each other, unless one is much stronger. Equal seeds give
+//! equal runs.
 
 mod advertiser;
 mod channel;
@@ -24,32 +26,34 @@ pub use advertiser::{Advertiser, Sender};
 pub use channel::{Channel, Medium};
 pub use scanner::Scanner;
 
-/// RSSI that says that it is not known (Bluetooth Core 5.4, volume 4, part E, 7.7.65.2).
+/// The RSSI value that means "not known" (Bluetooth Core 5.4, volume 4, part E, 7.7.65.2).
 const UNKNOWN: i8 = 127;
-/// An advertisement is heard beside another that is weaker by this, dB: what receivers do, and better than the standard's 21 dB asks
-/// (Bluetooth Core 5.4, volume 6, part A, 4.2).
+/// An advertisement is received if every overlapping one is weaker by at least this, dB. Real receivers do so, and this
+/// is better than the 21 dB of the standard (Bluetooth Core 5.4, volume 6, part A, 4.2).
 const CAPTURE_DB: f64 = 10.0;
-/// Bytes on the air beside the advertising data: preamble, access address, header, address, check; eight microseconds each.
+/// Bytes on the air besides the advertising data: preamble, access address, header, address, check. A byte takes eight
+/// microseconds.
 const OVERHEAD: u64 = 1 + 4 + 2 + 6 + 3;
 /// The longest advertisement, microseconds.
 const LONGEST_US: u64 = 8 * (OVERHEAD + 31);
-/// At the sensitivity 30.8 % are lost (Bluetooth Core 5.4, volume 6, part A, 4.1): 0.8 dB below this even odds.
+/// At the sensitivity 30.8 % of the receptions are lost (Bluetooth Core 5.4, volume 6, part A, 4.1). Half of them are
+/// lost 0.8 dB below it.
 const EVEN_ODDS_DB: f64 = 0.8;
 
 /// The air's configuration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BluetoothConfig {
-    /// How RSSI values fare.
+    /// The propagation.
     pub medium: Medium,
-    /// Probability that a reception is lost, whatever its power: to other users of the band.
+    /// Probability that a reception is lost to other users of the band, at any power.
     pub loss: f64,
-    /// The RSSI at which receivers lose 30.8 %, dBm.
+    /// The RSSI at which receivers lose 30.8 % of the receptions, dBm.
     pub sensitivity_dbm: f64,
-    /// Every receiver reads so much too high, dB.
+    /// The error of every receiver's RSSI, dB; positive values are too high.
     pub receiver_offset_db: f64,
-    /// Probability that a controller does not know an RSSI, and says so …
+    /// Probability that a controller does not know an RSSI and reports so …
     pub unknown_rssi: f64,
-    /// … by this: 127 as the standard has it, where some say 0.
+    /// … by this value: 127 in the standard; some controllers report 0.
     pub unknown_rssi_dbm: i8,
 }
 
@@ -69,11 +73,11 @@ impl Default for BluetoothConfig {
 /// What happened on the air.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BluetoothStatistics {
-    /// Advertisements sent, on every channel each.
+    /// Advertisements sent; each channel counts.
     pub sent: u64,
     /// Receptions.
     pub heard: u64,
-    /// Receptions lost for want of power.
+    /// Receptions lost because the power was too low.
     pub lost_to_noise: u64,
     /// Receptions lost by chance.
     pub lost_by_chance: u64,
@@ -92,10 +96,10 @@ pub struct Bluetooth {
 
 #[derive(Default)]
 struct Shared {
-    /// What is on the air, or was until just now.
+    /// The advertisements that are on the air or ended a short time ago.
     on_air: Vec<Packet>,
     ears: Vec<Ear>,
-    /// Numbers given to ears.
+    /// The number of the next receiver.
     next_ear: u64,
     statistics: BluetoothStatistics,
 }
@@ -116,13 +120,13 @@ type Hear = Rc<dyn Fn(&[u8], i8)>;
 struct Ear {
     number: u64,
     path: Path,
-    /// Since when it scans.
+    /// The time at which it began to scan.
     on_since: Option<TrueTime>,
     hear: Hear,
     draws: Stream,
 }
 
-/// What became of an advertisement at an ear.
+/// The result of an advertisement at a receiver.
 enum Reception {
     Received(i8),
     LostToNoise,
@@ -136,7 +140,7 @@ impl Bluetooth {
         Self { world: world.clone(), config: Rc::new(config), walls: walls.into(), shared: Rc::default() }
     }
 
-    /// How RSSI values fare.
+    /// The propagation.
     pub fn medium(&self) -> Medium {
         self.config.medium
     }
@@ -146,7 +150,8 @@ impl Bluetooth {
         self.shared.borrow().statistics
     }
 
-    /// A scanner that is off, of the node with this address, wherever its path says; `hear` gets what it hears.
+    /// A scanner for the node with this address. It is off at first. Its position follows `path`. Each reception calls
+    /// `hear`.
     pub fn scanner(&self, address: u16, path: Path, hear: impl Fn(&[u8], i8) + 'static) -> Scanner {
         let mut shared = self.shared.borrow_mut();
         let number = shared.next_ear;
@@ -173,14 +178,14 @@ impl Bluetooth {
         self.shared.borrow_mut().ears.retain(|other| other.number != ear);
     }
 
-    /// Sends on one channel, from now on; how long that takes.
+    /// Sends on one channel, from now on, and returns the duration.
     fn send(&self, sender: &Rc<Sender>, channel: Channel, data: &Rc<[u8]>) -> Duration {
         let took = Duration::from_micros(8 * (OVERHEAD + data.len() as u64));
         let from = self.world.now();
         let packet = Packet { from, to: from + took, channel, sender: sender.clone(), data: data.clone() };
         let mut shared = self.shared.borrow_mut();
         shared.statistics.sent += 1;
-        // What ended before the longest of those that are on the air began disturbs nobody any more.
+        // Drop an advertisement that ended before the longest one still on the air began: it can disturb no other.
         shared.on_air.retain(|other| other.to + Duration::from_micros(LONGEST_US) > from);
         shared.on_air.push(packet.clone());
         let air = self.clone();
@@ -188,7 +193,7 @@ impl Bluetooth {
         took
     }
 
-    /// An advertisement has ended: whoever listened to all of it has heard it.
+    /// An advertisement has ended. Every receiver that listened to all of it may have received it.
     fn arrive(&self, packet: &Packet) {
         let mut heard: Vec<(Hear, i8)> = Vec::new();
         {
@@ -223,7 +228,7 @@ impl Bluetooth {
         let at = ear.path.at(packet.to);
         let rssi = |packet: &Packet| packet.sender.rssi_dbm(&self.walls, at, packet.channel);
         let received_dbm = rssi(packet) + channel::noise_db(packet.channel, &mut ear.draws);
-        // Always as many draws: what one reception meets changes no other.
+        // The number of draws is always the same, so that the result of one reception changes no other.
         let (power, chance, known): (f64, f64, f64) = (ear.draws.random(), ear.draws.random(), ear.draws.random());
         let odds = (received_dbm - config.sensitivity_dbm + EVEN_ODDS_DB).exp();
         if power >= odds / (1.0 + odds) {
@@ -235,14 +240,14 @@ impl Bluetooth {
         } else if known < config.unknown_rssi {
             Reception::Received(config.unknown_rssi_dbm)
         } else {
-            // No controller says more than 20 dBm or less than −127.
+            // No controller reports more than 20 dBm or less than −127 dBm.
             Reception::Received((received_dbm + config.receiver_offset_db).round().clamp(-127.0, 20.0) as i8)
         }
     }
 }
 
 impl Ear {
-    /// Whether it listened to all of an advertisement.
+    /// Whether the receiver listened to all of an advertisement.
     fn listens(&self, packet: &Packet) -> bool {
         self.on_since.is_some_and(|since| scanner::is_on(since, packet.channel, packet.from, packet.to))
     }

@@ -1,13 +1,14 @@
-//! A scanner as controllers work: a stretch on one channel, then on the next, as long as it is on.
+//! A scanner that works as controllers do: while it is on, it listens to one channel for a fixed time, then to the
+//! next.
 
 use super::{Bluetooth, Channel};
 use crate::PS_PER_US;
 use crate::TrueTime;
 
-/// How long it stays on a channel, as on the ESP boards, microseconds.
+/// The time that it stays on a channel, microseconds; the same as on the ESP boards.
 const CHANNEL_US: u64 = 30_000;
 
-/// The scanner of one node; it is gone when this is.
+/// The scanner of one node. Dropping it removes the scanner.
 pub struct Scanner {
     air: Bluetooth,
     ear: u64,
@@ -35,7 +36,7 @@ impl Drop for Scanner {
     }
 }
 
-/// Whether a scanner that began at `since` is on the channel from `from` to `to`.
+/// Whether a scanner that was switched on at `since` is on the channel during all of `from` to `to`.
 pub(super) fn is_on(since: TrueTime, channel: Channel, from: TrueTime, to: TrueTime) -> bool {
     let stretch = |time: TrueTime| time.ps_since(since) / (CHANNEL_US * PS_PER_US);
     let on = Channel::ALL[(stretch(from) % 3) as usize];

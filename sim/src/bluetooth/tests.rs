@@ -1,4 +1,4 @@
-//! The air, with beacons and a scanner that writes down what it hears.
+//! Tests of the air, with beacons and a scanner whose receptions are recorded.
 
 use super::*;
 use firmware_tag::scan::Scanner as _;
@@ -10,8 +10,8 @@ fn ibeacon(minor: u16) -> [u8; 30] {
     IBeacon { uuid: [1; 16], major: 1, minor, measured_power_dbm: -59 }.emit()
 }
 
-/// A scanner at the origin that is on for ten seconds, and beacons at these distances with this interval; what was heard: when in
-/// seconds, the minor number, the RSSI.
+/// Runs a scanner at the origin for ten seconds, with beacons at these distances and this interval. Returns the
+/// receptions: time in seconds, minor number, RSSI.
 fn hear(config: BluetoothConfig, distances_m: &[f64], interval_ms: u64) -> (Vec<(f64, u16, i8)>, BluetoothStatistics) {
     let world = World::new(4, crate::AirConfig::default());
     let air = Bluetooth::new(&world, config.clone(), &[]);
@@ -45,15 +45,16 @@ fn still() -> BluetoothConfig {
 fn an_event_is_heard_once_and_comes_every_interval_and_up_to_10_ms_more() {
     let (heard, statistics) = hear(still(), &[2.0], 100);
     let gaps: Vec<f64> = heard.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
-    // 105 ms in the mean: 95 events in ten seconds; one in 30 or so falls between two channels. From one channel to the next are
-    // 0.6 ms, so that two events, one heard at once and the next on the last channel, are 1.3 ms farther apart.
+    // The interval is 105 ms in the mean, which gives 95 events in ten seconds. About one event in 30 falls between two
+    // channels. From one channel to the next are 0.6 ms, so two events can be 1.3 ms farther apart when the first is
+    // received on the first channel and the next on the last.
     assert!((85..=96).contains(&heard.len()), "{}", heard.len());
     assert!(gaps.iter().all(|gap| *gap >= 0.098), "{gaps:?}");
     let single: Vec<f64> = gaps.into_iter().filter(|gap| *gap < 0.15).collect();
     assert!(single.iter().all(|gap| *gap <= 0.112), "{single:?}");
     let mean = single.iter().sum::<f64>() / single.len() as f64;
     assert!((mean - 0.105).abs() < 0.001, "{mean} s");
-    // Eleven seconds on three channels; nothing is heard by a scanner that is off.
+    // Eleven seconds on three channels. A scanner that is off receives nothing.
     assert!((300..=318).contains(&statistics.sent), "{statistics:?}");
     assert_eq!(statistics.heard, heard.len() as u64);
 }
@@ -74,7 +75,8 @@ fn levels_are_those_of_the_model() {
 
 #[test]
 fn what_is_too_weak_or_unlucky_is_lost() {
-    // −59 − 20 lg 70.8 = −96 dBm: 30.8 % are lost, but for the noise of 2 dB; 0.3 with chance alone.
+    // −59 − 20 lg 70.8 = −96 dBm: 30.8 % are lost; the noise of 2 dB changes this a little. With chance alone, 0.3 are
+    // lost.
     let share = |statistics: &BluetoothStatistics, lost: u64| lost as f64 / (statistics.heard + lost) as f64;
     let (_, far) = hear(still(), &[70.8], 20);
     assert!((share(&far, far.lost_to_noise) - 0.308).abs() < 0.12, "{far:?}");
@@ -84,11 +86,13 @@ fn what_is_too_weak_or_unlucky_is_lost() {
 
 #[test]
 fn of_two_at_once_only_one_much_stronger_is_heard() {
-    // Forty beacons of 25 ms: another begins within ±368 µs of one with 39 · 2 · 0.368 / 25 = 115 %, but a third of the events shift
-    // so that channels differ. Alike strong, many are lost.
+    // Forty beacons with an interval of 25 ms: within ±368 µs of an advertisement, 39 · 2 · 0.368 / 25 = 115 % others
+    // begin in the mean, but a third of the events are shifted so that their channels differ. Beacons of equal strength
+    // lose many receptions.
     let (_, alike) = hear(still(), &[2.0; 40], 20);
     assert!(alike.lost_to_collision > alike.heard / 4, "{alike:?}");
-    // One near, 34 dB stronger than all others: it loses next to none, so that what it should have, it has.
+    // One beacon is near and 34 dB stronger than all others. It loses almost none, so nearly all its advertisements are
+    // received.
     let near_and_far: Vec<f64> = [0.1].into_iter().chain([5.0; 39]).collect();
     let (heard, _) = hear(still(), &near_and_far, 20);
     let near = heard.iter().filter(|(_, minor, _)| *minor == 0).count();

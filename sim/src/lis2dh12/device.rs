@@ -1,12 +1,15 @@
-//! The LIS2DH12 itself: registers, sampling, filter and interrupt generator (data sheet DocID025056, application note AN5005).
+//! The LIS2DH12 itself: registers, sampling, filter and interrupt generator (data sheet DocID025056, application note
+//! AN5005).
 //!
-//! Accelerations go in, one a sample, and the level of INT1 comes out. Modelled are power-down and the three modes, the data rates, full scales,
-//! the high-pass filter with its modes and cut-off frequencies, the first interrupt generator (OR and AND of high and low events, threshold,
-//! duration, latch) and data-ready on INT1, its polarity, the status and output registers. The second generator, 6D, click, activity, FIFO,
-//! self-test and temperature are not: their registers keep what is written.
+//! Its input is one acceleration per sample; its output is the level of INT1. Modelled are power-down and the three
+//! modes, the data rates, the full scales, the high-pass filter with its modes and cut-off frequencies, the first
+//! interrupt generator (OR and AND of high and low events, threshold, duration, latch), data-ready on INT1 and its
+//! polarity, and the status and output registers. Not modelled are the second generator, 6D, click, activity, FIFO,
+//! self-test and temperature: their registers keep what is written.
 //!
-//! Two things the documents leave open: the filter is of first order, with the pole that its cut-off frequency gives, and an event is what
-//! exceeds the threshold, by the filter's output before it is rounded.
+//! The documents do not specify two things. This model assumes that the filter is of first order, with the pole that
+//! its cut-off frequency gives, and that an event occurs when the filter's output exceeds the threshold before it is
+//! rounded.
 
 use std::time::Duration;
 
@@ -31,26 +34,28 @@ const ACTIVE_LOW: u8 = 1 << 1;
 const ALL_EVENTS: u8 = 1 << 7;
 /// INT1_SRC.
 const ACTIVE: u8 = 1 << 6;
-/// STATUS_REG: new data, all axes and each; the same for data that were overwritten.
+/// STATUS_REG: new data, for all axes and for each one; the same for data that were overwritten.
 const NEW: u8 = 0x0F;
 const OVERWRITTEN: u8 = 0xF0;
-/// The sub-address counts up with each byte.
+/// The sub-address is incremented with each byte.
 const INCREMENT: u8 = 0x80;
 
-/// Cut-off frequencies of the high-pass filter, Hz, by HPCF and the data rates from 1 to 400 Hz (AN5005, table of cut-off frequencies).
+/// Cut-off frequencies of the high-pass filter, Hz, by HPCF and the data rates from 1 to 400 Hz (AN5005, table of
+/// cut-off frequencies).
 const CUT_OFF_HZ: [[f64; 7]; 4] = [
     [0.02, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0],
     [0.008, 0.08, 0.2, 0.5, 1.0, 2.0, 4.0],
     [0.004, 0.04, 0.1, 0.2, 0.5, 1.0, 2.0],
     [0.002, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0],
 ];
-/// Data rates, Hz, by ODR; what is beyond has a rate by the mode.
+/// Data rates, Hz, by ODR. Higher ODR values have a rate that depends on the mode.
 const RATES_HZ: [f64; 8] = [0.0, 1.0, 10.0, 25.0, 50.0, 100.0, 200.0, 400.0];
-/// Supply current, microamperes, by ODR, in low-power mode and in the others (data sheet, table of current consumption).
+/// Supply current, microamperes, by ODR, in low-power mode and in the others (data sheet, table of current
+/// consumption).
 const LOW_POWER_UA: [f64; 8] = [0.5, 2.0, 3.0, 4.0, 6.0, 10.0, 18.0, 36.0];
 const OTHER_UA: [f64; 8] = [0.5, 2.0, 4.0, 6.0, 11.0, 20.0, 38.0, 73.0];
 
-/// What the sensor measures in.
+/// The sensor's measuring mode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mode {
     LowPower,
@@ -66,9 +71,9 @@ pub struct Device {
     address: u8,
     /// The last sample, as measured, mg.
     measured_mg: [f64; 3],
-    /// What the filter takes for constant, mg.
+    /// The constant part in the filter's state, mg.
     constant_mg: [f64; 3],
-    /// Samples in a row with the generator's condition.
+    /// The number of consecutive samples that met the generator's condition.
     lasting: u8,
 }
 
@@ -79,13 +84,13 @@ impl Default for Device {
 }
 
 impl Device {
-    /// After power-on: powered down.
+    /// A sensor after power-on: powered down.
     pub fn new() -> Self {
         let (measured_mg, constant_mg) = ([0.0; 3], [0.0; 3]);
         Self { registers: at_power_on(), address: 0, measured_mg, constant_mg, lasting: 0 }
     }
 
-    /// The same that says it is something else.
+    /// The same with the identity of another device.
     pub fn foreign() -> Self {
         let mut device = Self::new();
         device.registers[usize::from(WHO_AM_I)] = 0x44;
@@ -96,7 +101,8 @@ impl Device {
         self.registers[usize::from(register)]
     }
 
-    /// Bytes of one write on the bus: the sub-address, and data. Answers whether the data rate was written, with which sampling begins anew.
+    /// Bytes of one write on the bus: the sub-address, and data. Returns whether the data rate was written, which
+    /// restarts the sampling.
     pub fn write(&mut self, bytes: &[u8]) -> bool {
         let [address, data @ ..] = bytes else { return false };
         self.address = *address;
@@ -123,7 +129,7 @@ impl Device {
             match register {
                 REFERENCE if self.filter_mode() == 0 => self.constant_mg = self.measured_mg,
                 INT1_SRC => self.registers[usize::from(INT1_SRC)] = 0,
-                // The last byte of the last axis: the sample has been read.
+                // The last byte of the last axis was read: the sample is no longer new.
                 OUT_Z_H => self.registers[usize::from(STATUS_REG)] = 0,
                 _ => {}
             }
@@ -175,7 +181,7 @@ impl Device {
         table.get(self.rate()).copied().unwrap_or(fastest_ua)
     }
 
-    /// mg of a digit of the mode's resolution, and how many digits there are to each side (data sheet, sensitivity).
+    /// mg per digit in the mode's resolution, and the number of digits to each side (data sheet, sensitivity).
     fn digit(&self) -> (f64, f64) {
         let scale = usize::from(self.register(CTRL_REG4) >> 4 & 3);
         let high_resolution_mg = [1.0, 2.0, 4.0, 12.0][scale];
@@ -186,12 +192,12 @@ impl Device {
         }
     }
 
-    /// mg of a step of the threshold.
+    /// mg per step of the threshold.
     fn threshold_step_mg(&self) -> f64 {
         [16.0, 32.0, 62.0, 186.0][usize::from(self.register(CTRL_REG4) >> 4 & 3)]
     }
 
-    /// The acceleration of the sample's instant, mg along the sensor's axes, noise included.
+    /// Takes the acceleration at the sample's instant, mg along the sensor's axes, noise included.
     pub fn sample(&mut self, acceleration_mg: [f64; 3]) {
         let (digit_mg, most) = self.digit();
         let digits = acceleration_mg.map(|mg| (mg / digit_mg).round().clamp(-most, most - 1.0));
@@ -210,7 +216,7 @@ impl Device {
         self.evaluate(judged_mg);
     }
 
-    /// What is left without the constant part.
+    /// The acceleration without its constant part.
     fn filter(&mut self) -> [f64; 3] {
         if self.filter_mode() == 1 {
             let reference = f64::from(self.register(REFERENCE) as i8) * self.threshold_step_mg();
@@ -219,7 +225,7 @@ impl Device {
         let cut_off = usize::from(self.register(CTRL_REG2) >> 4 & 3);
         let rate = self.rate().clamp(1, 7);
         let pole = (-std::f64::consts::TAU * CUT_OFF_HZ[cut_off][rate - 1] / RATES_HZ[rate]).exp();
-        // y[n] = pole · (y[n−1] + x[n] − x[n−1]), by what it takes for constant, c = x − y.
+        // y[n] = pole · (y[n−1] + x[n] − x[n−1]), written with the constant part c = x − y.
         for axis in 0..3 {
             let output = pole * (self.measured_mg[axis] - self.constant_mg[axis]);
             self.constant_mg[axis] = self.measured_mg[axis] - output;

@@ -1,7 +1,8 @@
-//! A register-level LIS2DH12 in virtual time: behind a TWI that takes its time, with its line INT1, on a board that is carried about.
+//! A register-level LIS2DH12 in virtual time, on a board that is carried. It is behind a TWI with realistic timing and
+//! has its line INT1.
 //!
-//! [`Device`] is the chip; [`Sensor`] lets it sample, gives firmware its bus ([`Twi`]) and its line ([`Int1`]), and counts what it draws. What may
-//! be wrong with it is a [`Condition`].
+//! [`Device`] is the chip. [`Sensor`] makes it sample, gives the firmware its bus ([`Twi`]) and its line ([`Int1`]),
+//! and measures its current. A [`Condition`] says what is wrong with it.
 
 mod device;
 mod registers;
@@ -30,10 +31,11 @@ const TWI_HZ: u64 = 100_000;
 /// Start and stop, in clocks; each byte takes eight and one for the acknowledgement.
 const FRAME_CLOCKS: u64 = 2;
 const BYTE_CLOCKS: u64 = 9;
-/// Instructions of a transaction: the driver, the bus's own start by direct memory access, its interrupt. An estimate.
+/// Instructions of a transaction: the driver, the start of the bus by direct memory access, and its interrupt. An
+/// estimate.
 const TRANSACTION_INSTRUCTIONS: u32 = 600;
 
-/// What may be wrong with a sensor.
+/// The condition of a sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Condition {
     /// Nothing.
@@ -53,7 +55,7 @@ pub enum Condition {
 #[derive(Clone)]
 pub struct Sensor(Rc<State>);
 
-/// What it measures at a time in seconds: mg along its axes, noise included.
+/// The measured acceleration at a time in seconds: mg along the sensor's axes, noise included.
 type Acceleration = Box<dyn Fn(f64) -> [f64; 3]>;
 
 struct State {
@@ -64,7 +66,7 @@ struct State {
     is_supplied: Cell<bool>,
     sampling: RefCell<Option<TaskId>>,
     waiting: RefCell<Option<Waker>>,
-    /// Drawn up to `counted_to`, microcoulombs.
+    /// The charge drawn up to `counted_to`, microcoulombs.
     drawn_uc: Cell<f64>,
     counted_to: Cell<TrueTime>,
 }
@@ -87,7 +89,7 @@ impl Sensor {
         sensor
     }
 
-    /// Its supply is switched: it forgets everything.
+    /// Switches its supply. The sensor forgets everything.
     pub fn set_supply(&self, on: bool) {
         self.count();
         let fresh = if self.0.condition == Condition::Foreign { Device::foreign() } else { Device::new() };
@@ -106,7 +108,7 @@ impl Sensor {
         Int1 { sensor: self.clone(), processor: processor.clone() }
     }
 
-    /// What it has drawn, microcoulombs.
+    /// The charge that it has drawn, microcoulombs.
     pub fn drawn_uc(&self) -> f64 {
         self.count();
         self.0.drawn_uc.get()
@@ -129,7 +131,7 @@ impl Sensor {
         }
     }
 
-    /// The data rate has changed: sampling begins anew.
+    /// The data rate has changed: sampling restarts.
     fn sample_from_now(&self) {
         let state = &self.0;
         if let Some(task) = state.sampling.take() {
@@ -167,7 +169,7 @@ pub struct Twi {
     processor: Processor,
 }
 
-/// Nobody acknowledged.
+/// No device acknowledged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NoAcknowledge;
 
@@ -226,7 +228,7 @@ pub struct Int1 {
 }
 
 impl Int1 {
-    /// Waits for a level; what wakes the processor costs it.
+    /// Waits for a level. The processor pays the cost of the wake-up.
     async fn until(&self, is_due: impl Fn(bool) -> bool) {
         let mut has_waited = false;
         poll_fn(|context| {

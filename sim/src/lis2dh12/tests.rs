@@ -12,7 +12,7 @@ use firmware_tag::motion::{MotionSensor, MotionSensorError};
 
 use super::{Condition, Device, NoAcknowledge, Sensor};
 
-/// Lies flat.
+/// The acceleration of a sensor that lies flat.
 const FLAT_MG: [f64; 3] = [0.0, 0.0, 1000.0];
 
 fn read(device: &mut Device, register: u8) -> u8 {
@@ -53,7 +53,7 @@ fn registers_have_the_data_sheets_defaults_and_some_are_read_only() {
         device.write(&[register, 0x5A]);
         assert_eq!(read(&mut device, register), before, "{register:#x}");
     }
-    // The sub-address counts up where its highest bit is set, and only there.
+    // The sub-address is incremented only if its highest bit is set.
     device.write(&[0x32 | 0x80, 1, 2]);
     let mut both = [0; 2];
     device.write(&[0x32 | 0x80]);
@@ -66,7 +66,7 @@ fn registers_have_the_data_sheets_defaults_and_some_are_read_only() {
 
 #[test]
 fn rates_and_currents_are_the_data_sheets() {
-    // ODR 0 to 7 in low-power mode: the table of current consumption.
+    // ODR 0 to 7 in low-power mode: the data sheet's table of current consumption.
     let ua = [0.5, 2.0, 3.0, 4.0, 6.0, 10.0, 18.0, 36.0];
     let hz = [0.0, 1.0, 10.0, 25.0, 50.0, 100.0, 200.0, 400.0];
     for odr in 0..8_u8 {
@@ -76,7 +76,7 @@ fn rates_and_currents_are_the_data_sheets() {
         let expected = (odr > 0).then(|| Duration::from_secs_f64(1.0 / hz[usize::from(odr)]));
         assert_eq!(device.period(), expected);
     }
-    // 5.376 kHz in low-power mode, 1.344 kHz else.
+    // 5.376 kHz in low-power mode, 1.344 kHz otherwise.
     let mut device = Device::new();
     device.write(&[0x20, 0x9F]);
     assert_eq!(device.period(), Some(Duration::from_secs_f64(1.0 / 5376.0)));
@@ -86,7 +86,8 @@ fn rates_and_currents_are_the_data_sheets() {
 
 #[test]
 fn samples_are_left_justified_in_the_modes_resolution() {
-    // 350 mg: 350/16 = 21.9, 22 digits of 8 bits; 350/4 = 87.5, 88 of 10; 350 of 12.
+    // 350 mg is 350/16 = 21.9, i.e. 22 digits with 8 bits; 350/4 = 87.5, i.e. 88 digits with 10 bits; 350 digits with
+    // 12 bits.
     for (ctrl1, ctrl4, value) in [(0x2F, 0, 22 << 8), (0x27, 0, 88 << 6), (0x27, 0x08, 350 << 4)] {
         let mut device = Device::new();
         device.write(&[0x20, ctrl1]);
@@ -97,7 +98,7 @@ fn samples_are_left_justified_in_the_modes_resolution() {
         device.write(&[0x28 | 0x80]);
         device.read(&mut out);
         assert_eq!(i16::from_le_bytes([out[0], out[1]]), value);
-        // Beyond the range it is the range's end.
+        // An acceleration beyond the range reads as the end of the range.
         assert_eq!(i16::from_le_bytes([out[2], out[3]]), i16::MIN);
         assert_eq!(read(&mut device, 0x27), 0);
         device.sample(FLAT_MG);
@@ -118,9 +119,10 @@ fn the_filter_lets_a_step_decay_with_its_time_constant() {
         device.read(&mut out);
         x_mg.push(16.0 * f64::from(out[1] as i8));
     }
-    // 0.2 Hz: τ = 1/(2π · 0.2 Hz) = 0.796 s. After 0.8 s a step of 992 mg is down to 1/e, 365 mg, after 1.6 s to 134 mg; ± a digit.
+    // 0.2 Hz: τ = 1/(2π · 0.2 Hz) = 0.796 s. A step of 992 mg falls to 1/e, 365 mg, after 0.8 s, and to 134 mg after
+    // 1.6 s; ± a digit.
     assert!((x_mg[7] - 365.0).abs() <= 20.0 && (x_mg[15] - 134.0).abs() <= 20.0, "{x_mg:?}");
-    // Reading REFERENCE makes the present the reference.
+    // Reading REFERENCE makes the present acceleration the reference.
     read(&mut device, 0x26);
     device.sample([1000.0, 0.0, 1000.0]);
     device.write(&[0x28 | 0x80]);
@@ -133,7 +135,7 @@ fn int1_is_high_while_an_axis_is_above_the_threshold() {
     for axis in 0..3 {
         for sign in [-1.0, 1.0] {
             let mut device = waking();
-            // Three digits, 48 mg, do not exceed three steps; six do: 0.88 · 96 mg = 85 mg.
+            // Three digits, 48 mg, do not exceed three steps. Six digits do: 0.88 · 96 mg = 85 mg.
             let mut moved = FLAT_MG;
             moved[axis] += sign * 48.0;
             device.sample(moved);
@@ -212,7 +214,7 @@ fn driver(world: &World, sensor: &Sensor, processor: &Processor) -> impl MotionS
 #[test]
 fn the_driver_sets_up_low_power_waking_whatever_the_registers_held() {
     let (world, sensor, processor, _) = bench(Condition::Works);
-    // A former program: high resolution, filtered data, FIFO, latched, active low, axes off.
+    // The registers as a former program left them: high resolution, filtered data, FIFO, latched, active low, axes off.
     let mut twi = sensor.twi(&processor);
     for bytes in [[0x20, 0x70], [0x21, 0xFF], [0x23, 0x38], [0x24, 0x48], [0x25, 0x02], [0x33, 9]] {
         world.block_on(twi.write(0x19, &bytes)).unwrap().unwrap();
@@ -223,8 +225,8 @@ fn the_driver_sets_up_low_power_waking_whatever_the_registers_held() {
         world.block_on(twi.write_read(0x19, &[register], &mut byte)).unwrap().unwrap();
         byte[0]
     };
-    // By the data sheet: 10 Hz, low power, all axes; filter on the first generator, normal mode, HPCF 01; its interrupt on INT1; ± 2 g; no FIFO
-    // and no latch; active high; high events of all axes; 3 · 16 mg; no duration.
+    // By the data sheet: 10 Hz, low power, all axes; filter on the first generator, normal mode, HPCF 01; its interrupt
+    // on INT1; ± 2 g; no FIFO and no latch; active high; high events of all axes; 3 · 16 mg; no duration.
     let expected = [
         (0x20, 0x2F),
         (0x21, 0x11),
@@ -276,7 +278,7 @@ fn a_sensor_that_is_not_there_or_is_another_is_found_out() {
         Some(Err(NoAcknowledge)),
         "another address"
     );
-    // Nothing ever happens on a bus that hangs.
+    // A transaction on a bus that hangs never ends.
     let (world, sensor, processor, _) = bench(Condition::Hung);
     assert_eq!(world.block_on(driver(&world, &sensor, &processor).start()), None);
 }
@@ -285,7 +287,8 @@ fn a_sensor_that_is_not_there_or_is_another_is_found_out() {
 fn a_transfer_takes_its_bits_and_the_processors_time() {
     let (world, sensor, processor, _) = bench(Condition::Works);
     world.block_on(sensor.twi(&processor).write_read(0x19, &[0x0F], &mut [0])).unwrap().unwrap();
-    // Address and register, address and data: twice 2 + 2 · 9 clocks of 10 µs are 400 µs; 600 instructions of 1.5/64 µs are 14 µs.
+    // Address and register, address and data: 2 · (2 + 2 · 9) clocks of 10 µs are 400 µs. 600 instructions of 1.5/64 µs
+    // are 14 µs.
     let took_us = world.now().as_secs_f64() * 1e6;
     assert!((took_us - 414.0).abs() < 0.1, "{took_us} µs");
 }

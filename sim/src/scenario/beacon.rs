@@ -1,4 +1,5 @@
-//! The beacons of a scenario: the app of `firmware-beacon`, or a bought one that speaks Eddystone, on the Bluetooth air.
+//! The beacons of a scenario on the Bluetooth air: the app of `firmware-beacon`, or a commercial beacon that sends
+//! Eddystone.
 
 use std::cell::RefCell;
 use std::convert::Infallible;
@@ -23,35 +24,36 @@ use crate::{TaskId, World};
 /// A beacon.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Beacon {
-    /// Its number among the nodes: what faults name it by. It is not on the air.
+    /// Its number among the nodes, by which faults name it. It is not transmitted.
     pub address: u16,
-    /// Where it stands, metres.
+    /// Its position, metres.
     pub at: [f64; 3],
-    /// Its RSSI at 1 m in clear sight, dBm.
+    /// Its RSSI at 1 m in line of sight, dBm.
     pub rssi_1m_dbm: f64,
-    /// In which format it speaks.
+    /// The format of its advertisements.
     pub format: Format,
     /// What it advertises.
     pub advertiser: Advertiser,
-    /// What tags are told of it; `None`: nothing.
+    /// What tags have in their list about it; `None`: nothing.
     pub listed: Option<wire::config::Beacon>,
 }
 
 impl Beacon {
-    /// Its major and minor number, as files and pictures name it.
+    /// Its major and minor number, as files and pictures name the beacon.
     pub fn name(&self) -> String {
         format!("{}-{}", self.advertiser.major, self.advertiser.minor)
     }
 }
 
-/// How a beacon's advertisement is written.
+/// The format of a beacon's advertisement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// By the app.
+    /// As the app sends it.
     IBeacon,
-    /// By another maker's beacon.
+    /// As a beacon of another maker sends it.
     EddystoneUid,
-    /// By one that is broken: an iBeacon cut to every length, and with every wrong length in it, one after the other.
+    /// As a broken beacon sends it: an iBeacon cut to every length, and with every wrong length in it, one after the
+    /// other.
     Malformed,
 }
 
@@ -62,18 +64,19 @@ pub struct BluetoothSettings {
     pub air: BluetoothConfig,
     /// When tags scan.
     pub scan: Scan,
-    /// What tags know of levels on the spot, by the files' names.
+    /// The site models that tags have (RSSI by position), as file names.
     pub files: SiteModelFiles,
-    /// The same as a tag has it in flash (`wire::config::decode_models`), of the beacons that tags are told of; it should be sound.
+    /// The same as tags have it in flash (`wire::config::decode_models`), for the beacons in the tags' list. It should
+    /// be valid.
     pub site_models: Option<Rc<[u8]>>,
 }
 
-/// The files of what tags know of levels on the spot; their paths count from the scenario's.
+/// The files of the tags' site models. Their paths are relative to the scenario's.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SiteModelFiles {
-    /// A map, of `baliza ble map`.
+    /// A map, made by `baliza ble map`.
     pub map: Option<String>,
-    /// A model of rooms, of `baliza ble rooms`.
+    /// A model of rooms, made by `baliza ble rooms`.
     pub rooms: Option<String>,
 }
 
@@ -85,7 +88,7 @@ impl Default for BluetoothSettings {
     }
 }
 
-/// Why a record is no beacon's, in words.
+/// Checks a beacon. The error says why it cannot be one.
 pub(super) fn check(beacon: &Beacon) -> Result<(), String> {
     Scenario::beacon_record(beacon).validate().map_err(|invalid| invalid.to_string())
 }
@@ -100,7 +103,7 @@ pub(super) struct BeaconNode {
 }
 
 impl BeaconNode {
-    /// Puts a beacon into the world and starts it.
+    /// Adds a beacon to the world and starts it.
     pub(super) fn start(world: &World, air: &Bluetooth, beacon: &Beacon, outlet: Rc<Outlet>) -> Self {
         let (world, air, beacon) = (world.clone(), air.clone(), beacon.clone());
         let node = Self { world, air, beacon, outlet, task: RefCell::new(None) };
@@ -108,7 +111,7 @@ impl BeaconNode {
         node
     }
 
-    /// Does a fault to it.
+    /// Applies a fault to the beacon.
     pub(super) fn suffer(&self, fault: FaultKind) {
         match fault {
             FaultKind::Off => self.switch_off(),
@@ -184,7 +187,8 @@ async fn live(air: &Bluetooth, world: &World, beacon: &Beacon, outlet: &Outlet) 
     }
 }
 
-/// An advertisement cut to every length, and with every wrong length of the structure with its identity, which begins at byte 3.
+/// The advertisement cut to every length, and with every wrong length of the structure that has its identity and begins
+/// at byte 3.
 fn malformed(whole: &[u8]) -> Vec<Vec<u8>> {
     let cut = (0..whole.len()).map(|length| whole[..length].to_vec());
     let wrong = (0..=u8::MAX).filter(|length| *length != whole[3]).map(|length| {
@@ -195,7 +199,7 @@ fn malformed(whole: &[u8]) -> Vec<Vec<u8>> {
     cut.chain(wrong).collect()
 }
 
-/// What tags are told: the list of a record.
+/// The tags' list of beacons, as a record has it.
 pub(super) fn listed(beacons: &[Beacon]) -> impl Iterator<Item = wire::config::Beacon> {
     beacons.iter().filter_map(|beacon| beacon.listed)
 }

@@ -1,4 +1,4 @@
-//! The records by which a scenario's nodes start: what `baliza provision` would write into the flash of such boards.
+//! The config records of a scenario's nodes: what `baliza provision` would write into the flash of such boards.
 
 use ranging::PhyConfig;
 use ranging::dw1000::DEFAULT_ANTENNA_DELAY;
@@ -8,7 +8,8 @@ use wire::config::{Calibration, Identity, Invalid, MAX_ANCHORS, Mode, Network, P
 use super::beacon::listed;
 use super::{Anchor, Beacon, Fidelity, Scenario, Tag};
 
-/// The network of a scenario that says nothing of it. Simulated frames leave no room: nobody's rules hold for them.
+/// The network of a scenario that does not define one. Simulated frames stay in the simulation, so no radio regulations
+/// apply.
 pub const NETWORK: Network = Network {
     pan: 0xBA12,
     mode: Mode::Native,
@@ -17,21 +18,22 @@ pub const NETWORK: Network = Network {
     region: Some(Region::Unchecked),
 };
 
-/// Tags listen to anchors that ask once a superframe, ten times a second.
+/// Tags listen to anchors that range among each other once in each superframe, ten times a second.
 pub const LISTENING: Mode = Mode::Listening { rounds_chz: 1000 };
 
-/// The chip's own EUI-64 of the node with this short address; a record without an identity has both from it.
+/// The EUI-64 in the chip of the node with this short address. A record without an identity takes both from the chip.
 pub(super) fn eui(address: u16) -> u64 {
     0xDECA_0000_0000_0000 | u64::from(address)
 }
 
-/// Rounds a second as records have them: in 100 s.
+/// Rounds per second in the unit of config records: rounds in 100 s.
 pub(super) fn centihertz(hz: f64) -> u32 {
     (100.0 * hz).round() as u32
 }
 
 impl Scenario {
-    /// The record of a tag. Native anchors report where they are; a DecaRanging tag has to be told.
+    /// The config record of a tag. Native anchors report their positions; a DecaRanging tag must have them in its
+    /// record.
     pub fn tag_record(&self, tag: &Tag) -> Record {
         let network = self.network(tag.network);
         let still_rate_chz = match network.mode {
@@ -65,20 +67,20 @@ impl Scenario {
         Record { anchors, beacons, ..self.record(network, role) }
     }
 
-    /// The record of an anchor.
+    /// The config record of an anchor.
     pub fn anchor_record(&self, anchor: &Anchor) -> Record {
         self.record(self.network(anchor.network), Role::Anchor { position_m: Some(position(anchor)) })
     }
 
-    /// The record of a beacon; what it says of UWB is for others.
+    /// The config record of a beacon. Its UWB settings are not used.
     pub(super) fn beacon_record(beacon: &Beacon) -> Record {
         record(NETWORK, Role::Advertiser(beacon.advertiser), None)
     }
 
-    /// Checks that every node can do what its record says.
+    /// Checks that every node can follow its record.
     ///
     /// # Errors
-    /// The address of the first node that cannot, and why.
+    /// Returns the address of the first node that cannot, and the reason.
     pub fn validate(&self) -> Result<(), (u16, Invalid)> {
         let anchors = self.anchors.iter().map(|anchor| (anchor.address, self.anchor_record(anchor)));
         let tags = self.tags.iter().map(|tag| (tag.address, self.tag_record(tag)));
@@ -86,7 +88,7 @@ impl Scenario {
         all.try_for_each(|(address, record)| record.validate().map_err(|invalid| (address, invalid)))
     }
 
-    /// What the records of tags in this network name as solver: the scenario's method, where nodes have it.
+    /// The solver in the records of tags in this network: the scenario's method, if nodes have it.
     fn solver(&self, mode: Mode) -> Solver {
         match (mode, self.tag.method) {
             (Mode::Listening { .. }, _) | (_, None) => Solver::Track,
@@ -100,7 +102,8 @@ impl Scenario {
         self.networks.get(place).copied().unwrap_or(NETWORK)
     }
 
-    /// Simulated chips are calibrated: they have the default's delay at every pulse frequency, and a radio straight on the air has none.
+    /// Simulated chips are calibrated: they have the default's antenna delay at every pulse frequency. A radio directly
+    /// on the air has none.
     fn record(&self, network: Network, role: Role) -> Record {
         let antenna_delay = match self.fidelity {
             Fidelity::Spi => DEFAULT_ANTENNA_DELAY,
@@ -127,7 +130,7 @@ fn position(anchor: &Anchor) -> [f32; 3] {
     anchor.at.map(|metres| metres as f32)
 }
 
-/// How frames are put on the air, as a record has it.
+/// The PHY settings, as a config record has them.
 pub(super) fn phy(config: &PhyConfig) -> Phy {
     Phy {
         channel: config.channel().number(),
@@ -155,7 +158,7 @@ mod tests {
     fn a_rate_that_no_record_can_hold_is_found_out_with_its_node() {
         let mut scenario = Scenario::listening(4, 1);
         assert_eq!(scenario.validate(), Ok(()));
-        // A radio's clock cannot tell instants apart that lie farther from each other than 8.6 s.
+        // A radio's clock cannot distinguish instants that are more than 8.6 s apart.
         scenario.tag.rate_hz = Some(0.1);
         let (address, invalid) = scenario.validate().unwrap_err();
         assert_eq!((address, invalid.field), (0x1001, "tag.rate_hz"));

@@ -1,40 +1,40 @@
-//! What tags draw from their supplies, and for what.
+//! The charge that tags draw from their supplies, by consumer.
 
 use serde::Serialize;
 
 use crate::board::BoardProfile;
 use crate::{Consumption, Currents, ProcessorTimes, TrueTime};
 
-/// What a node has drawn up to an instant.
+/// The charge that a node has drawn up to an instant.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Draw {
     at_s: f64,
     charges: Charges,
 }
 
-/// Charges by what they went for; as mean currents milliamperes, else microcoulombs.
+/// Charges by consumer. For mean currents the unit is milliamperes, otherwise microcoulombs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Charges {
-    /// The DW1000 received, or looked for something to receive.
+    /// The DW1000 received, or searched for a preamble.
     pub receiving: f64,
     /// It sent.
     pub sending: f64,
     /// It was idle on its PLL's clock.
     pub idle: f64,
-    /// It started: its crystal, or on the crystal's clock.
+    /// It started: its crystal started, or it ran on the crystal's clock.
     pub waking: f64,
     /// It slept.
     pub sleeping: f64,
-    /// The rest of the board, its processor running.
+    /// The rest of the board while its processor runs.
     pub processor: f64,
     /// The motion sensor.
     pub motion_sensor: f64,
-    /// The rest of the board, its processor waiting or asleep.
+    /// The rest of the board while its processor waits or sleeps.
     pub board: f64,
 }
 
 impl Charges {
-    /// All together.
+    /// The sum of all.
     pub fn sum(&self) -> f64 {
         let radio = self.receiving + self.sending + self.idle + self.waking + self.sleeping;
         radio + self.processor + self.motion_sensor + self.board
@@ -55,7 +55,7 @@ impl Charges {
 }
 
 impl Draw {
-    /// From a node's beginning up to `now`.
+    /// From the node's start up to `now`.
     pub(super) fn new(now: TrueTime, times: ProcessorTimes, board: &BoardProfile, chip: &Consumption) -> Self {
         let Currents { deep_sleep_ma, sleep_ma, wake_up_ma, init_ma, idle_ma, .. } = Currents::TYPICAL;
         let running = ProcessorTimes { running: times.running, ..ProcessorTimes::default() }.charge_uc(board);
@@ -73,12 +73,12 @@ impl Draw {
         Self { at_s: now.as_secs_f64(), charges }
     }
 
-    /// The same with what its motion sensor has drawn, microcoulombs.
+    /// The same with the charge that the motion sensor has drawn, microcoulombs.
     pub(super) fn with_motion_sensor(self, motion_sensor: f64) -> Self {
         Self { charges: Charges { motion_sensor, ..self.charges }, ..self }
     }
 
-    /// What was drawn since an earlier instant, and for how many seconds.
+    /// The charge drawn since an earlier instant, and the seconds since then.
     pub(super) fn since(self, earlier: Option<Self>) -> (Charges, f64) {
         match earlier {
             Some(earlier) => (self.charges.each(earlier.charges, |a, b| a - b), self.at_s - earlier.at_s),
@@ -87,18 +87,18 @@ impl Draw {
     }
 }
 
-/// What all tags together drew, and in how long.
+/// The charge that all tags together drew, and the time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Drawn {
     pub(super) charges: Charges,
-    /// Each tag's seconds, added up.
+    /// The sum of all tags' seconds.
     pub(super) seconds: f64,
-    /// Positions found meanwhile.
+    /// Positions found in this time.
     pub(super) fixes: usize,
 }
 
 impl Drawn {
-    /// One tag more.
+    /// Adds one tag.
     pub(super) fn plus(self, (charges, seconds): (Charges, f64), fixes: usize) -> Self {
         Self {
             charges: self.charges.each(charges, |a, b| a + b),
@@ -107,7 +107,7 @@ impl Drawn {
         }
     }
 
-    /// Mean currents of a tag, milliamperes.
+    /// Mean currents per tag, milliamperes.
     pub(super) fn currents_ma(&self) -> Option<Charges> {
         let scale = 1e-3 / self.seconds;
         (self.seconds > 0.0).then(|| self.charges.each(self.charges, |charge, _| charge * scale))

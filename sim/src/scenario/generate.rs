@@ -1,4 +1,4 @@
-//! Scenarios without a file: furnished rooms, as many as the tags need.
+//! Scenarios without a file: as many furnished rooms as the tags need.
 
 use std::f64::consts::TAU;
 
@@ -11,30 +11,30 @@ use crate::board::BoardProfile;
 
 /// A room, metres.
 const ROOM: [f64; 2] = [12.0, 8.0];
-/// From a room's corner to the next one's, metres.
+/// From a room's corner to the corner of the next room, metres.
 const PITCH_M: f64 = 40.0;
-/// Tags of a room at most: a network takes 24.
+/// The maximum number of tags in a room; a network takes 24.
 const TAGS_A_ROOM: usize = 20;
-/// Anchors of a room at least, where there are several.
+/// The minimum number of anchors in a room, if there are several rooms.
 const ANCHORS_A_ROOM: usize = 4;
-/// Anchors hang this far from the walls, high and low in turns, metres.
+/// Anchors hang at this distance from the walls, alternately high and low, metres.
 const FROM_WALL_M: f64 = 0.2;
 const HEIGHTS_M: [f64; 2] = [2.6, 1.8];
-/// Tags are carried at this height, metres, and know it.
+/// The height at which tags are carried, metres. It is configured in the tags.
 const TAG_HEIGHT_M: f32 = 1.2;
-/// How fast they are carried, metres a second.
+/// The walking speed of the tags, metres per second.
 const WALKING_M_S: f64 = 1.0;
 
 impl Scenario {
-    /// So many tags, walking in a furnished room of 12 m × 8 m, among so many anchors on its walls; at least one of each.
-    /// More than twenty tags fill further rooms, as far as there are four anchors for each, with networks and channels of
-    /// their own.
+    /// `tags` tags that walk in a furnished room of 12 m × 8 m, with `anchors` anchors on its walls; at least one of
+    /// each. More than twenty tags fill further rooms, if there are four anchors for each. Each room has its own
+    /// network and channel.
     pub fn rooms(anchors: usize, tags: usize) -> Self {
         let rooms = tags.max(1).div_ceil(TAGS_A_ROOM).min(anchors / ANCHORS_A_ROOM).max(1);
         Self::in_rooms(rooms, anchors, tags)
     }
 
-    /// All in one room, and tags that only listen.
+    /// All nodes in one room, and tags that only listen.
     pub fn listening(anchors: usize, tags: usize) -> Self {
         let mut scenario = Self::in_rooms(1, anchors, tags);
         for network in &mut scenario.networks {
@@ -87,7 +87,7 @@ impl Scenario {
     }
 }
 
-/// Neighbouring rooms are on channels of their own, the next but one on preamble codes of their own.
+/// Rooms side by side have different channels; the rooms after those have different preamble codes.
 fn network(room: usize, column: usize, row: usize) -> Network {
     let channel = [Channel::Ch5, Channel::Ch2, Channel::Ch1, Channel::Ch3][column % 2 + 2 * (row % 2)];
     let codes = channel.preamble_codes(Prf::Mhz64);
@@ -96,7 +96,7 @@ fn network(room: usize, column: usize, row: usize) -> Network {
     Network { pan: NETWORK.pan.wrapping_add(room as u16), phy, ..NETWORK }
 }
 
-/// Concrete around, a partition, a cabinet of sheet metal, shelves, somebody standing in the middle.
+/// Concrete walls around, a partition, a cabinet of sheet metal, shelves, and a person who stands in the middle.
 fn walls([x, y]: [f64; 2]) -> [Wall; 8] {
     let wall = |from: [f64; 2], to: [f64; 2], material| Wall {
         from: [x + from[0], y + from[1]],
@@ -116,7 +116,7 @@ fn walls([x, y]: [f64; 2]) -> [Wall; 8] {
     ]
 }
 
-/// Places along the walls, equally far apart, beginning in a corner.
+/// Positions along the walls at equal distances, beginning in a corner.
 fn perimeter([x, y]: [f64; 2], count: usize) -> impl Iterator<Item = [f64; 3]> {
     let [w, h] = ROOM.map(|side| side - 2.0 * FROM_WALL_M);
     (0..count).map(move |i| {
@@ -131,8 +131,8 @@ fn perimeter([x, y]: [f64; 2], count: usize) -> impl Iterator<Item = [f64; 3]> {
     })
 }
 
-/// An ellipse around the room's middle as twelve straight steps, each tag's a little narrower, every other the other
-/// way round.
+/// An ellipse around the room's middle as twelve straight segments. The ellipse of each tag is a little narrower than
+/// the one before; every second tag walks in the opposite direction.
 fn walk([x, y]: [f64; 2], number: usize) -> Walk {
     let narrow = 1.0 - 0.04 * (number % TAGS_A_ROOM) as f64;
     let direction = if number.is_multiple_of(2) { 1.0 } else { -1.0 };
@@ -164,7 +164,7 @@ mod tests {
                 assert_ne!(a.pan, b.pan);
             }
         }
-        // Rooms 0 and 1 are side by side, 0 and 8 (a grid of 8 columns) one above the other.
+        // Rooms 0 and 1 are side by side; rooms 0 and 8 are one above the other (the grid has 8 columns).
         let channel = |room: usize| campus.networks[room].phy.channel;
         assert_ne!(channel(0), channel(1));
         assert_ne!(channel(0), channel(8));
@@ -176,7 +176,7 @@ mod tests {
         let inside = |p: [f64; 3]| p[0] > 0.0 && p[0] < ROOM[0] && p[1] > 0.0 && p[1] < ROOM[1];
         assert!(room.anchors.iter().all(|anchor| inside(anchor.at)));
         assert!(room.tags.iter().all(|tag| (0..600).all(|t| inside(tag.walk.at(f64::from(t) * 0.1)))));
-        // Four anchors hang a quarter of the way round from each other: 2·(11.6 + 7.6)/4 = 9.6 m along the first wall.
+        // Four anchors are a quarter of the perimeter from each other: 2·(11.6 + 7.6)/4 = 9.6 m along the first wall.
         let four: Vec<_> = perimeter([0.0; 2], 4).collect();
         assert!((four[1][0] - four[0][0] - 9.6).abs() < 1e-9 && four[1][1] == four[0][1], "{four:?}");
     }

@@ -1,4 +1,4 @@
-//! What a scenario's node runs on: the driver on a simulated chip, or a radio straight on the air.
+//! The hardware of a scenario's node: the driver on a simulated chip, or a radio directly on the air.
 
 use std::cell::RefCell;
 use std::convert::Infallible;
@@ -22,9 +22,9 @@ use crate::{
     ChipConfig, ClockConfig, Node, NodeConfig, Processor, ResetPin, SimDelay, SimSpi, TaskId, TrueTime, World,
 };
 
-/// A node's firmware on whatever radio it is given: an app from `firmware-tag` or `firmware-anchor`.
+/// A node's firmware on any radio: an app from `firmware-tag` or `firmware-anchor`.
 pub(super) trait Firmware: 'static {
-    /// What it runs on, beside its board.
+    /// The settings of its hardware, besides its board.
     fn plan(&self) -> NodePlan;
 
     /// Runs for ever, from a reset on.
@@ -40,12 +40,12 @@ pub(super) trait Firmware: 'static {
 pub(super) enum Hardware {
     /// Board, bus and chip.
     Board(Node),
-    /// A radio straight on the air.
+    /// A radio directly on the air.
     Bare(Bare),
 }
 
 impl Hardware {
-    /// Puts a node into the world and starts its firmware.
+    /// Adds a node to the world and starts its firmware.
     pub(super) fn start(
         world: &World,
         level: Fidelity,
@@ -56,9 +56,9 @@ impl Hardware {
         let node = firmware.plan();
         let firmware = Rc::new(firmware);
         let costs = Costs::of(board.core);
-        // Only a tag whose radio sleeps lets its own clocks be off.
+        // Only a tag whose radio sleeps allows its own clocks to stop.
         let sleep_from = board.sleep_from.filter(|_| node.config.sleeps);
-        // To the board's own handlers comes the executor's way to the task.
+        // The executor's path to the task is added to the board's own handlers.
         let board = BoardProfile { sleep_from, wake_instructions: board.wake_instructions + costs.wake, ..board };
         match level {
             Fidelity::Spi => {
@@ -96,7 +96,7 @@ impl Hardware {
         }
     }
 
-    /// What the node has taken from its supply since the simulation began. `None` without a chip.
+    /// The charge that the node has drawn from its supply since the simulation began. `None` without a chip.
     pub(super) fn draw(&self, now: TrueTime) -> Option<Draw> {
         match self {
             Self::Board(node) => {
@@ -107,7 +107,7 @@ impl Hardware {
         }
     }
 
-    /// The board, where there is one.
+    /// The board, if there is one.
     pub(super) fn board(&self) -> Option<&Node> {
         match self {
             Self::Board(node) => Some(node),
@@ -115,7 +115,7 @@ impl Hardware {
         }
     }
 
-    /// Does a fault to the node.
+    /// Applies a fault to the node.
     pub(super) fn suffer(&self, fault: FaultKind) {
         match (self, fault) {
             (Self::Board(node), FaultKind::Off) => node.power_off(),
@@ -141,7 +141,7 @@ impl Hardware {
 
 type BoardRadio = Dw1000<BoardSpi, IrqPin, Reset, SimDelay>;
 
-/// What a node is, beside its board.
+/// The settings of a node, besides its board.
 pub(super) struct NodePlan {
     pub(super) clock: ClockConfig,
     pub(super) config: Config,
@@ -171,7 +171,7 @@ impl Bare {
     }
 }
 
-/// The bus of a board that has two clocks for it, and the driver's instructions for each transaction.
+/// The bus of a board with two bus clocks, and the driver's instructions for each transaction.
 struct BoardSpi {
     bus: SimSpi,
     processor: Processor,

@@ -1,9 +1,9 @@
-//! Scenarios: a floor plan, anchors, beacons, tags on their ways, what goes wrong; and whole nodes in them.
+//! Scenarios: a floor plan, anchors, beacons, tags on their paths, and faults; and whole nodes that run in them.
 //!
-//! A scenario comes from a TOML file ([`Scenario::parse`]) or from [`Scenario::rooms`]; a [`Simulation`] of it runs the
-//! apps of `firmware-tag`, `firmware-anchor` and `firmware-beacon` as they are: each node starts by its record, as a board does, and what it
-//! reports is telemetry, which becomes [`Record`]s beside the truth. Equal scenarios with equal seeds yield
-//! equal records.
+//! A scenario comes from a TOML file ([`Scenario::parse`]) or from [`Scenario::rooms`]. A [`Simulation`] runs it with
+//! the unchanged apps of `firmware-tag`, `firmware-anchor` and `firmware-beacon`. Each node starts with its config
+//! record, as a board does, and reports telemetry, which becomes [`Record`]s beside the true values. Equal scenarios
+//! with equal seeds yield equal records.
 
 mod beacon;
 mod carrying;
@@ -41,25 +41,25 @@ pub use survey::{SurveySample, survey};
 /// What is simulated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
-    /// For how long, seconds.
+    /// The simulated time, seconds.
     pub seconds: f64,
     /// Seed of everything random.
     pub seed: u64,
-    /// Probability that a reception is lost, whatever its power.
+    /// Probability that a reception is lost, at any power.
     pub loss: f64,
-    /// How deep the radios are simulated.
+    /// How detailed the simulation of the radios is.
     pub fidelity: Fidelity,
-    /// Every crystal is off by something between −this and +this, millionths.
+    /// The maximum error of the crystals, parts per million. Each crystal has an error between −this and +this.
     pub clock_ppm: f64,
-    /// The board of nodes that have none of their own.
+    /// The board of nodes that name no board.
     pub board: BoardProfile,
     /// What tags do with their ranges.
     pub tag: TagSettings,
-    /// The networks, as records have them.
+    /// The networks, as config records have them.
     pub networks: Vec<Network>,
     /// The floor plan.
     pub walls: Vec<Wall>,
-    /// The Bluetooth air, and when tags scan; without beacons there is none.
+    /// The Bluetooth air, and when tags scan. Without beacons there is none.
     pub bluetooth: BluetoothSettings,
     /// The beacons.
     pub beacons: Vec<Beacon>,
@@ -67,12 +67,12 @@ pub struct Scenario {
     pub anchors: Vec<Anchor>,
     /// The tags.
     pub tags: Vec<Tag>,
-    /// What goes wrong, in the order of time.
+    /// The faults, in the order of time.
     pub faults: Vec<Fault>,
 }
 
 impl Scenario {
-    /// Makes every node's processor so many times slower.
+    /// Makes every node's processor `times` times slower.
     pub fn slow_down(&mut self, times: f64) {
         let own = self.anchors.iter_mut().map(|anchor| &mut anchor.board);
         let own = own.chain(self.tags.iter_mut().map(|tag| &mut tag.board)).flatten();
@@ -82,41 +82,42 @@ impl Scenario {
     }
 }
 
-/// How deep the radios are simulated.
+/// How detailed the simulation of the radios is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Fidelity {
     /// The driver on a register-level chip behind SPI.
     #[default]
     Spi,
-    /// A radio straight on the air: for many nodes.
+    /// A radio directly on the air, for many nodes.
     Air,
 }
 
 /// What tags do with their ranges.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TagSettings {
-    /// The height tags are known to be carried at, metres: positions in the plane. Without it, in space.
+    /// The known height at which tags are carried, metres: positions are in the plane. Without it, positions are in
+    /// space.
     pub height_m: Option<f32>,
-    /// How each round is solved by itself; without it, a track is followed.
+    /// The method by which each round is solved by itself. Without it, a track is kept.
     pub method: Option<Method>,
-    /// Whether a range counts less where its powers, or the classifier, tell of a path that may be blocked.
+    /// Whether a range has less weight if its powers, or the classifier, say that its path may be blocked.
     pub weigh_nlos: bool,
-    /// A trained classifier of line of sight, as a tag has it beside its record; it should be sound.
+    /// A trained line-of-sight classifier, as a tag has it beside its config record. It should be valid.
     pub model: Option<&'static [u8]>,
-    /// Rounds a second that a tag wants, or hears; without it, as many as it can get.
+    /// Rounds per second that a tag requests or listens to. Without it, as many as it can get.
     pub rate_hz: Option<f64>,
-    /// The same while it lies still; without it, there is no difference.
+    /// The same while the tag lies still. Without it, there is no difference.
     pub still_rate_hz: Option<f64>,
     /// Whether its DW1000 sleeps between rounds.
     pub sleep: bool,
     /// How native rounds are made.
     pub scheme: Scheme,
-    /// Anchors a round.
+    /// Anchors per round.
     pub anchors_per_round: u8,
 }
 
 impl TagSettings {
-    /// What makes the positions: `track`, or the method's name.
+    /// How the positions are computed: `track`, or the method's name.
     pub fn method_name(&self) -> &'static str {
         self.method.map_or("track", Method::as_str)
     }
@@ -143,11 +144,11 @@ impl Default for TagSettings {
 pub struct Anchor {
     /// Short address, unique among all nodes.
     pub address: u16,
-    /// Its network, by place in [`Scenario::networks`].
+    /// The index of its network in [`Scenario::networks`].
     pub network: usize,
-    /// Where it stands, metres.
+    /// Its position, metres.
     pub at: [f64; 3],
-    /// Its board, if it is not that of all.
+    /// Its board, if it is not the default board.
     pub board: Option<BoardProfile>,
 }
 
@@ -156,22 +157,22 @@ pub struct Anchor {
 pub struct Tag {
     /// Short address, unique among all nodes.
     pub address: u16,
-    /// Its network, by place in [`Scenario::networks`].
+    /// The index of its network in [`Scenario::networks`].
     pub network: usize,
-    /// Its way.
+    /// Its path.
     pub walk: Walk,
-    /// Its board, if it is not that of all.
+    /// Its board, if it is not the default board.
     pub board: Option<BoardProfile>,
-    /// What its motion sensor feels, beside its way.
+    /// What its motion sensor measures, besides the motion along its path.
     pub motion: Motion,
 }
 
-/// What a tag's motion sensor feels, and whether there is one.
+/// What a tag's motion sensor measures, and whether there is one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Motion {
     /// Who moves the tag.
     pub carrier: Carrier,
-    /// What it lies on, or is carried in, shakes: standard deviation of each axis, mg.
+    /// The vibration of the surface that the tag lies on or is carried in: standard deviation on each axis, mg.
     pub vibration_mg: f64,
     /// The sensor.
     pub sensor: MotionSensor,
@@ -183,14 +184,14 @@ pub enum Carrier {
     /// A person who walks.
     #[default]
     Person,
-    /// A trolley on a smooth floor, which is pushed off gently.
+    /// A trolley on a smooth floor that is accelerated gently.
     Trolley,
 }
 
 /// A tag's motion sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MotionSensor {
-    /// As its board has it: a DWM1001 has one that works, the others have none.
+    /// As on its board: a DWM1001 has a sensor that works, the other boards have none.
     #[default]
     OfBoard,
     /// There is none.
@@ -210,18 +211,18 @@ impl MotionSensor {
     }
 }
 
-/// Something that goes wrong.
+/// A fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fault {
-    /// When, seconds.
+    /// The time of the fault, seconds.
     pub at_s: f64,
-    /// Which node, by address.
+    /// The address of the node.
     pub node: u16,
-    /// What.
+    /// The kind of the fault.
     pub what: FaultKind,
 }
 
-/// What goes wrong.
+/// The kind of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FaultKind {
     /// The node loses its power.

@@ -1,10 +1,11 @@
-//! A walk through way-points at constant speed, begun at once or later.
+//! A walk through way-points at constant speed that begins at once or later.
 
-/// Way-points and a speed: where a node is at any time.
+/// Way-points and a speed, which give a node's position at any time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Walk {
     points: Vec<[f64; 3]>,
-    /// Time at which each point is reached, seconds; for a closed walk, one more for the first again.
+    /// The time at which each point is reached, seconds. A closed walk has one more time, for the return to the first
+    /// point.
     times: Vec<f64>,
     closed: bool,
     /// When it begins, seconds.
@@ -12,8 +13,8 @@ pub struct Walk {
 }
 
 impl Walk {
-    /// Through `points`, metres, at `speed_m_s`; a closed one returns to the first and goes round for ever, an open one
-    /// stops at the last. `None` without points, or with a speed that is not positive.
+    /// A walk through `points`, metres, at `speed_m_s`. A closed walk returns to the first point and goes round for
+    /// ever; an open one stops at the last point. `None` without points, or with a speed that is not positive.
     pub fn new(points: Vec<[f64; 3]>, speed_m_s: f64, closed: bool) -> Option<Self> {
         let first = *points.first()?;
         if speed_m_s.is_nan() || speed_m_s <= 0.0 {
@@ -30,12 +31,12 @@ impl Walk {
         Some(Self { points, times, closed, leaves_s: 0.0 })
     }
 
-    /// BeaconHealth at a point.
+    /// A node that stays at one point.
     pub fn standing(point: [f64; 3]) -> Self {
         Self { points: vec![point], times: vec![0.0], closed: false, leaves_s: 0.0 }
     }
 
-    /// The same that stands at the first point until then.
+    /// The same walk, begun at `leaves_s`; before, the node stays at the first point.
     pub fn leaving_at(self, leaves_s: f64) -> Self {
         Self { leaves_s, ..self }
     }
@@ -53,7 +54,7 @@ impl Walk {
         std::array::from_fn(|axis| from[axis] + part * (to[axis] - from[axis]))
     }
 
-    /// The place, of a walk that never leaves it.
+    /// The position, if the walk never leaves it.
     pub fn place(&self) -> Option<[f64; 3]> {
         match self.points[..] {
             [only] => Some(only),
@@ -62,7 +63,7 @@ impl Walk {
     }
 }
 
-/// Metres between two places.
+/// Metres between two positions.
 pub fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum::<f64>().sqrt()
 }

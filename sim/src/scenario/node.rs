@@ -1,4 +1,5 @@
-//! A scenario's nodes: the apps of tag and anchor, started by their records as on a board, each step of which costs processor time.
+//! A scenario's nodes: the apps of tag and anchor, started with their config records as on a board. Each step takes
+//! processor time.
 
 use std::cell::RefCell;
 use std::convert::Infallible;
@@ -35,12 +36,12 @@ use crate::lis2dh12::Sensor;
 use crate::random::{Purpose, stream};
 use crate::{ClockConfig, Interrupts, Processor, SimDelay, World};
 
-/// What every node has: its flash, and where its telemetry goes.
+/// What every node has: its flash, and the sink of its telemetry.
 struct App {
     world: World,
     scenario: Rc<Scenario>,
     address: u16,
-    /// The page of flash with its record.
+    /// The page of flash with its config record.
     page: Vec<u8>,
     outlet: Rc<Outlet>,
 }
@@ -141,11 +142,12 @@ impl TagApp {
     }
 }
 
-/// Interrupts of a Bluetooth controller while it scans: an assumption. Of each advertisement that comes, the access address, the end
-/// and what follows are served, and a timer now and then; with fifty a second, two hundred interrupts of 40 µs.
+/// Interrupts of a Bluetooth controller while it scans: an assumption. For each advertisement, the controller serves
+/// the access address, the end and the processing after it; in addition there is a timer. With fifty advertisements a
+/// second this is two hundred interrupts of 40 µs.
 const SCANNING: Interrupts = Interrupts { per_second: 200.0, each: Duration::from_micros(40) };
 
-/// A scanner whose interrupts go before all else while it is on.
+/// A scanner whose interrupts have the highest priority while it is on.
 struct Interfering<S> {
     scanner: S,
     world: World,
@@ -172,22 +174,25 @@ impl<S: scan::Scanner> scan::Scanner for Interfering<S> {
     }
 }
 
-/// Sees what a tag reports: notes where the tag is, and charges the time that making and reporting it takes.
+/// Observes a tag's reports: it notes the tag's true position, and charges the time that computing and reporting a
+/// position takes.
 struct Charging<'a> {
     tag: &'a TagApp,
     reporter: &'a Reporter,
     processor: &'a Processor,
-    /// Which positions a board would log.
+    /// Selects the positions that a board would log.
     lines: RefCell<LinePace>,
 }
 
 impl Observer for &Charging<'_> {
     async fn epoch(&self, epoch: &firmware_tag::RoundOutcome<'_>) {
         let App { world, scenario, outlet, .. } = &self.tag.app;
-        // The tag moves a few millimetres while the ranges of a round are made: this is the truth of their end.
+        // The tag moves a few millimetres during the ranges of a round. This is the true position at the end of the
+        // round.
         let truth_m = self.tag.walk.at(world.now().as_secs_f64());
         outlet.note_truth(epoch.measured.number(), truth_m, epoch.sounding.copied());
-        // The position has been made in no time; what it takes is waited for before anybody hears of it.
+        // In the simulation the position was computed in zero time. Its cost is awaited here, before the position is
+        // reported.
         let costs = &Costs::of(self.processor.board().core).tag;
         let (tracks, space) = (scenario.tag.method.is_none(), scenario.tag.height_m.is_none());
         let measured = epoch.measured.count();
@@ -201,7 +206,7 @@ impl Observer for &Charging<'_> {
     }
 }
 
-/// A tag's locator with what only a scenario has: methods that no node holds, and powers that are ignored.
+/// A tag's locator with the settings that only a scenario has: methods that no node has, and powers that are ignored.
 fn adapted<'a>(locator: LocatorConfig<'a>, settings: &TagSettings) -> LocatorConfig<'a> {
     let other = settings.method.filter(|method| method.as_str() != locator.solver.name());
     let mut locator = match other {
@@ -215,8 +220,8 @@ fn adapted<'a>(locator: LocatorConfig<'a>, settings: &TagSettings) -> LocatorCon
 }
 
 impl TagApp {
-    /// A tag's life: ranging, the engine in the background, and where there are beacons the scan beside them, as on a board. The motion
-    /// sensor runs beside it where there is one that serves a still rate.
+    /// The tasks of a tag: ranging, the engine in the background and, if there are beacons, the scan beside them, as on
+    /// a board. The motion sensor runs beside them if there is one that is used for a still rate.
     async fn live<R: Restart>(
         &self,
         (radio, delay, processor): (R, SimDelay, &Processor),

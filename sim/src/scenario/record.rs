@@ -1,4 +1,4 @@
-//! What a simulation yields: what nodes report beside the truth, and faults; and the sum of it.
+//! The output of a simulation: the nodes' reports beside the true values, the faults, and a summary.
 
 use positioning_core::nlos::Shape;
 use serde::Serialize;
@@ -8,19 +8,19 @@ use super::draw::{Charges, Drawn};
 use crate::air::AirStatistics;
 use crate::bluetooth::BluetoothStatistics;
 
-/// Something that a node reported, or that happened to it.
+/// A report of a node, or a fault of the node.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Record {
     /// When, seconds of true time.
     pub t_s: f64,
     /// The node, by its address.
     pub node: u16,
-    /// What.
+    /// The report or fault.
     pub what: What,
 }
 
 impl Record {
-    /// The epoch, where it is one.
+    /// The epoch, if it is one.
     pub fn epoch(&self) -> Option<&SimulatedEpoch> {
         match &self.what {
             What::Epoch(epoch) => Some(epoch),
@@ -28,7 +28,7 @@ impl Record {
         }
     }
 
-    /// The node's messages that it is made of, in their order.
+    /// The node's messages that the record is made of, in their order.
     pub fn messages(&self) -> impl Iterator<Item = Message> {
         let (epoch, message) = match &self.what {
             What::Epoch(epoch) => (Some(epoch), None),
@@ -44,10 +44,10 @@ impl Record {
     }
 }
 
-/// What a node reported, or what happened to it.
+/// A node's report or fault.
 #[derive(Clone, Debug, PartialEq)]
 pub enum What {
-    /// A tag finished a round, or a window of levels.
+    /// A tag finished a round, or a window of RSSI values.
     Epoch(SimulatedEpoch),
     /// A node reported anything else.
     Message(Message),
@@ -55,61 +55,61 @@ pub enum What {
     Fault(super::FaultKind),
 }
 
-/// By what a tag found itself.
+/// The sensors that gave a tag's position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// A round with anchors; what was heard of beacons meanwhile is in the track as well.
+    /// A round with anchors. Beacons received in the meantime are also in the track.
     Anchors,
-    /// A window of levels of beacons, while anchors gave no position.
+    /// A window of RSSI values of beacons, while anchors gave no position.
     Beacons,
 }
 
-/// A round of a tag, or a window of levels, and what it made of it.
+/// A round of a tag, or a window of RSSI values, and its result.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimulatedEpoch {
     /// Counts the epochs of all tags, from 0.
     pub number: u64,
-    /// Where the tag was, metres.
+    /// The true position of the tag, metres.
     pub truth_m: [f64; 3],
-    /// Where it thinks it is, or why it does not know.
+    /// The reported position, or the reason why there is none.
     pub fix: Fix,
-    /// The ranges had.
+    /// The measured ranges.
     pub ranges: Vec<RangeRecord>,
-    /// The differences had, where the tag only listens; the reference first.
+    /// The measured differences, if the tag only listens; the reference is first.
     pub differences: Vec<DifferenceRecord>,
 }
 
-/// A range beside the truth.
+/// A range beside the true distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RangeRecord {
     /// As the tag reported it.
     pub range: Range,
     /// The straight distance, metres.
     pub truth_m: f64,
-    /// Whether nothing stands in between.
+    /// Whether nothing is between the tag and the anchor.
     pub los: bool,
-    /// The shape of its impulse response, where that was read.
+    /// The shape of its impulse response, if it was read.
     pub shape: Option<Shape>,
 }
 
-/// A difference of arrivals beside the truth.
+/// A difference of arrivals beside the true difference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DifferenceRecord {
     /// As the tag reported it.
     pub difference: Difference,
-    /// The straight distance less that of the reference, metres.
+    /// The straight distance minus that of the reference, metres.
     pub truth_m: f64,
-    /// Whether nothing stands between the tag and the anchor.
+    /// Whether nothing is between the tag and the anchor.
     pub los: bool,
 }
 
 impl SimulatedEpoch {
-    /// By what the tag found itself.
+    /// The sensors that gave the position.
     pub fn source(&self) -> Source {
         if self.fix.asked == 0 { Source::Beacons } else { Source::Anchors }
     }
 
-    /// How far the position is from the truth, metres: in the plane where the height was given, else in space.
+    /// The position's error, metres: in the plane if the height was given, otherwise in space.
     pub fn error_m(&self) -> Option<f64> {
         let (position_m, deviation_m) = (self.fix.position_m()?, self.fix.deviation_m()?);
         let axes = if deviation_m[2] == 0.0 { 2 } else { 3 };
@@ -118,7 +118,7 @@ impl SimulatedEpoch {
     }
 }
 
-/// A simulation in figures. Metres and seconds.
+/// The figures of a simulation, in metres and seconds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
     /// Tags.
@@ -129,45 +129,45 @@ pub struct Summary {
     pub seconds: f64,
     /// Positions found.
     pub fixes: usize,
-    /// Positions found a second, by all tags together.
+    /// Positions found per second, by all tags together.
     pub fixes_per_s: f64,
-    /// Root mean square of the positions' errors; none without positions.
+    /// Root mean square of the positions' errors. `None` without positions.
     pub rmse_m: Option<f64>,
-    /// Half of the positions err less.
+    /// Median of the positions' errors.
     pub p50_m: Option<f64>,
-    /// Nine in ten err less.
+    /// 90th percentile of the positions' errors.
     pub p90_m: Option<f64>,
     /// Frames sent.
     pub frames_sent: u64,
-    /// Receptions that were begun and came to nothing: by the scenario's loss, for want of power, under another frame.
-    /// A frame to many receivers may count more than once.
+    /// Receptions that began and were lost: by the scenario's loss, by too little power, under another frame. A frame
+    /// to many receivers may count more than once.
     pub frames_lost: u64,
     /// Frames that another frame destroyed at one receiver or more.
     pub collisions: u64,
-    /// Time frames were on the air, summed over all channels, against the time passed.
+    /// The time that frames were on the air, summed over all channels, divided by the time passed.
     pub airtime_share: f64,
-    /// Mean current of a tag from its supply, board and DW1000 together, milliamperes: from its first position on, or where it found
-    /// none from the beginning. None where radios are straight on the air.
+    /// Mean current of a tag from its supply, board and DW1000 together, milliamperes. It counts from the tag's first
+    /// position on, or from the beginning if the tag found no position. `None` for radios directly on the air.
     pub tag_mean_current_ma: Option<f64>,
-    /// The same charge, a position that was found meanwhile, microcoulombs.
+    /// The same charge per position found in that time, microcoulombs.
     pub charge_per_fix_uc: Option<f64>,
-    /// What the mean current goes for.
+    /// The mean current by consumer.
     pub tag_currents_ma: Option<Charges>,
-    /// What there is to tell of beacons, where there are any.
+    /// The figures about beacons, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bluetooth: Option<BluetoothSummary>,
 }
 
-/// The part of beacons in a simulation.
+/// A simulation's figures about beacons.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BluetoothSummary {
     /// Beacons.
     pub beacons: usize,
-    /// Advertisements sent, each channel's counted.
+    /// Advertisements sent; each channel counts.
     pub adverts_sent: u64,
     /// Receptions.
     pub adverts_heard: u64,
-    /// Receptions that came to nothing: by the scenario's loss, for want of power, under another advertisement.
+    /// Lost receptions: by the scenario's loss, by too little power, under another advertisement.
     pub adverts_lost: u64,
     /// The positions of rounds with anchors.
     pub by_anchors: Cover,
@@ -175,16 +175,16 @@ pub struct BluetoothSummary {
     pub by_beacons: Cover,
 }
 
-/// The positions found by one means. Metres.
+/// The figures of the positions found by one kind of sensor, in metres.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Cover {
-    /// How many.
+    /// The number of positions.
     pub fixes: usize,
-    /// Root mean square of their errors; none without positions.
+    /// Root mean square of their errors. `None` without positions.
     pub rmse_m: Option<f64>,
-    /// Half of them err less.
+    /// Median of their errors.
     pub p50_m: Option<f64>,
-    /// Nine in ten err less.
+    /// 90th percentile of their errors.
     pub p90_m: Option<f64>,
 }
 
@@ -203,7 +203,7 @@ impl Cover {
 }
 
 impl BluetoothSummary {
-    /// Of so many beacons and the errors of all positions.
+    /// Makes the figures from the number of beacons and the errors of all positions.
     pub(super) fn new(beacons: usize, errors_m: &[(Source, f64)], air: BluetoothStatistics) -> Self {
         let by = |wanted: Source| {
             Cover::of(errors_m.iter().filter(|(source, _)| *source == wanted).map(|(_, error)| *error).collect())
@@ -220,7 +220,7 @@ impl BluetoothSummary {
 }
 
 impl Summary {
-    /// Of the errors of all positions, in any order.
+    /// Makes the figures from the errors of all positions, in any order.
     pub(super) fn new(nodes: [usize; 2], seconds: f64, errors_m: Vec<f64>, air: AirStatistics) -> Self {
         let Cover { fixes, rmse_m, p50_m, p90_m } = Cover::of(errors_m);
         let per_second = if seconds > 0.0 { 1.0 / seconds } else { 0.0 };
@@ -244,7 +244,7 @@ impl Summary {
         }
     }
 
-    /// With what all tags together drew.
+    /// Adds the charge that all tags together drew.
     pub(super) fn with_charge(self, drawn: Option<Drawn>) -> Self {
         let currents_ma = drawn.and_then(|drawn| drawn.currents_ma());
         let per_fix = |drawn: Drawn| drawn.charges.sum() / drawn.fixes as f64;
@@ -257,7 +257,7 @@ impl Summary {
     }
 }
 
-/// The value below which `part` of the sorted values lie, interpolated linearly between neighbours.
+/// The value below which a share of `part` of the sorted values lies, interpolated linearly between neighbours.
 fn percentile(sorted: &[f64], part: f64) -> Option<f64> {
     let place = part * sorted.len().checked_sub(1)? as f64;
     let below = sorted.get(place as usize)?;
@@ -291,7 +291,7 @@ mod tests {
     #[test]
     fn charge_is_shared_among_tags_and_positions() {
         let summary = Summary::new([2, 4], 5.0, vec![0.1; 4], AirStatistics::default());
-        // 20 mC by two tags in five seconds: 2 mA each; four positions: 5 mC each.
+        // 20 mC by two tags in five seconds: 2 mA each. Four positions: 5 mC each.
         let charges = Charges { receiving: 15_000.0, processor: 5_000.0, ..Charges::default() };
         let charged = summary.clone().with_charge(Some(Drawn { charges, seconds: 10.0, fixes: 4 }));
         assert_eq!(charged.tag_currents_ma.map(|currents| (currents.receiving, currents.processor)), Some((1.5, 0.5)));

@@ -1,4 +1,4 @@
-//! A scenario put into a world and run.
+//! A scenario that is put into a world and run.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
@@ -19,9 +19,9 @@ use crate::lis2dh12::Sensor;
 use crate::random::{Purpose, stream};
 use crate::{AirConfig, Node, TrueTime, World};
 
-/// How often it is looked for tags' first positions, seconds.
+/// The interval of the check for tags' first positions, seconds.
 const LOOK_S: f64 = 0.1;
-/// How often telemetry is taken out of the nodes, seconds, as boards take it out of their queues.
+/// The interval at which telemetry is taken from the nodes, seconds, as boards take it from their queues.
 const DRAIN_S: f64 = 0.01;
 
 /// A scenario that runs.
@@ -32,10 +32,10 @@ pub struct Simulation {
     outlets: Rc<BTreeMap<u16, Rc<Outlet>>>,
     addresses: HashMap<PortId, u16>,
     nodes: Rc<HashMap<u16, Hardware>>,
-    /// Of the tags that have one.
+    /// The sensors of the tags that have one.
     sensors: Rc<HashMap<u16, Sensor>>,
     bluetooth: Option<Bluetooth>,
-    /// What tags had drawn, and how many positions they had, soon after their first.
+    /// For each tag, soon after its first position: the charge drawn and the number of positions.
     settled: HashMap<u16, (Draw, usize)>,
 }
 
@@ -94,7 +94,7 @@ impl Simulation {
                     match fault.what {
                         FaultKind::Off => sensor.set_supply(false),
                         FaultKind::On => sensor.set_supply(true),
-                        // The processor's: the sensor stays as it is.
+                        // A reset of the processor leaves the sensor as it is.
                         FaultKind::Reset => {}
                     }
                 }
@@ -116,7 +116,7 @@ impl Simulation {
         self.world.now().as_secs_f64()
     }
 
-    /// Lets everything happen up to this time, seconds; what happened since the last call.
+    /// Runs the world up to this time, seconds, and returns what happened since the last call.
     pub fn run_until(&mut self, seconds: f64) -> Vec<Record> {
         while self.settled.len() < self.scenario.tags.len() && self.now_s() + LOOK_S < seconds {
             self.run_and_drain(self.now_s() + LOOK_S);
@@ -126,7 +126,7 @@ impl Simulation {
         self.log.borrow_mut().take()
     }
 
-    /// Lets everything happen up to this time, seconds, and takes out what nodes reported.
+    /// Runs the world up to this time, seconds, and takes the nodes' telemetry.
     fn run_and_drain(&self, seconds: f64) {
         loop {
             let next_s = seconds.min(self.now_s() + DRAIN_S);
@@ -138,7 +138,7 @@ impl Simulation {
         }
     }
 
-    /// Notes what tags have drawn that have a position.
+    /// Notes the charge drawn by each tag that has a position.
     fn note_settled(&mut self) {
         let log = self.log.borrow();
         for (&address, &fixes) in &log.fixes {
@@ -148,13 +148,13 @@ impl Simulation {
         }
     }
 
-    /// What a tag has drawn.
+    /// The charge that a tag has drawn.
     fn draw(&self, address: u16) -> Option<Draw> {
         let draw = self.nodes.get(&address)?.draw(self.world.now())?;
         Some(draw.with_motion_sensor(self.sensors.get(&address).map_or(0.0, Sensor::drawn_uc)))
     }
 
-    /// What all tags have drawn since they settled.
+    /// The charge that all tags have drawn since their first positions.
     fn drawn(&self) -> Option<Drawn> {
         let log = self.log.borrow();
         self.scenario.tags.iter().try_fold(Drawn::default(), |drawn, tag| {
@@ -175,12 +175,12 @@ impl Simulation {
         self.addresses.get(&port).copied()
     }
 
-    /// The node of an address: its chip and its processor. `None`: there is no such node, or it has no board.
+    /// The node with an address: its chip and its processor. `None` if there is no such node, or if it has no board.
     pub fn node(&self, address: u16) -> Option<&Node> {
         self.nodes.get(&address).and_then(Hardware::board)
     }
 
-    /// The figures so far.
+    /// The figures up to now.
     pub fn summary(&self) -> Summary {
         let nodes = [self.scenario.tags.len(), self.scenario.anchors.len()];
         let log = self.log.borrow();
@@ -193,7 +193,7 @@ impl Simulation {
     }
 }
 
-/// The motion sensor of a tag on a board, where there is one.
+/// The motion sensor of a tag on a board, if there is one.
 fn sensor(world: &World, tag: &Tag, board: &BoardProfile) -> Option<Sensor> {
     let condition = tag.motion.sensor.on(board)?;
     let random = stream(world.seed(), Purpose::MotionSensor, tag.address.into());

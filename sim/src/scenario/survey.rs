@@ -1,5 +1,6 @@
-//! A survey of a scenario's beacons: somebody stands at place after place and listens, as `baliza survey fingerprints` has it done. The
-//! levels are those that the scenario's tags will meet there: of the same seed, the same shadows.
+//! A survey of a scenario's beacons: a receiver stays at one position after the other and records the beacons' RSSI
+//! values, as in `baliza survey fingerprints`. The RSSI values are those that the scenario's tags will receive at these
+//! positions: the seed is the same, and therefore the shadowing.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -15,20 +16,21 @@ use crate::air::Path;
 use crate::bluetooth::{Bluetooth, BluetoothConfig};
 use crate::{AirConfig, TrueTime, World};
 
-/// An advertisement heard at a surveyed place.
+/// An advertisement received at a surveyed position.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SurveySample {
-    /// The place, by its number in the survey.
+    /// The number of the position in the survey.
     pub place: usize,
-    /// Since the stay began, seconds.
+    /// Time since the stay began, seconds.
     pub t_s: f64,
-    /// The beacon, as [`Beacon::name`](super::Beacon::name) has it.
+    /// The beacon's name, from [`Beacon::name`](super::Beacon::name).
     pub beacon: String,
-    /// dBm.
+    /// RSSI, dBm.
     pub rssi_dbm: i8,
 }
 
-/// What is heard at these places, metres, at each for so many seconds, by a receiver that reads as it should; in the order of time.
+/// The advertisements received during `seconds` at each of these positions (metres), in the order of time. The
+/// receiver's RSSI has no offset.
 pub fn survey(scenario: &Scenario, places: &[[f64; 3]], seconds: f64) -> Vec<SurveySample> {
     let world = World::new(scenario.seed, AirConfig::default());
     let config = BluetoothConfig { receiver_offset_db: 0.0, ..scenario.bluetooth.air.clone() };
@@ -38,7 +40,7 @@ pub fn survey(scenario: &Scenario, places: &[[f64; 3]], seconds: f64) -> Vec<Sur
         |beacon: &Beacon| BeaconNode::start(&world, &air, beacon, Outlet::new(beacon.address, &world, &of, &log));
     let _beacons: Vec<_> = scenario.beacons.iter().map(start).collect();
     let heard: Rc<RefCell<Vec<SurveySample>>> = Rc::default();
-    // All stays are at once: receivers do not disturb each other.
+    // All stays are simulated at the same time: receivers do not disturb each other.
     let scanners = places.iter().enumerate().map(|(place, at)| {
         let (world, heard) = (world.clone(), heard.clone());
         let hear = move |data: &[u8], rssi_dbm: i8| {

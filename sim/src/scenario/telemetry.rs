@@ -1,4 +1,5 @@
-//! What a node reports: the frames of telemetry out of its queue, as a host would take them from its channel, into records beside the truth.
+//! What a node reports: frames of telemetry are taken from its queue, as a host takes them from its channel, and become
+//! records beside the true values.
 
 use std::cell::RefCell;
 use std::collections::{HashMap, VecDeque};
@@ -12,7 +13,7 @@ use super::record::{DifferenceRecord, RangeRecord, Record, SimulatedEpoch, Sourc
 use super::{FaultKind, Scenario, distance};
 use crate::{Processor, TrueTime, World};
 
-/// Bytes of telemetry that wait in a node: ten times what the busiest tag reports from one look to the next.
+/// Bytes of telemetry that a node can queue: ten times what the busiest tag reports between two reads.
 const QUEUE_BYTES: usize = 1 << 14;
 
 /// A node's reporter.
@@ -21,7 +22,7 @@ pub(super) type Reporter = firmware_common::Reporter<NoopRawMutex, QUEUE_BYTES, 
 /// All that was recorded.
 #[derive(Default)]
 pub(super) struct Log {
-    /// Since they were last taken, each with the time from which on its node had reported it.
+    /// The records since they were last taken, each with the earliest time at which its node had reported it.
     records: Vec<(f64, Record)>,
     /// Epochs of all tags.
     epochs: u64,
@@ -32,7 +33,7 @@ pub(super) struct Log {
 }
 
 impl Log {
-    /// The records since they were last taken, in the order of time; the epochs of all tags count on.
+    /// Takes the records since the last call, in the order of time. The count of all tags' epochs continues.
     pub(super) fn take(&mut self) -> Vec<Record> {
         let mut records = std::mem::take(&mut self.records);
         records.sort_by(|(a, _), (b, _)| a.total_cmp(b));
@@ -47,20 +48,20 @@ impl Log {
     }
 }
 
-/// What reads a node's telemetry.
+/// The reader of a node's telemetry.
 pub(super) struct Outlet {
     node: u16,
     world: World,
     scenario: Rc<Scenario>,
     log: Rc<RefCell<Log>>,
-    /// Of the node's present life, and when that began, microseconds.
+    /// The reporter of the node's present run, and the time of its start, microseconds.
     life: RefCell<Option<(Rc<Reporter>, u64)>>,
-    /// What is in the log up to now, seconds.
+    /// The time up to which the log is complete, seconds.
     reported_s: RefCell<f64>,
     round: RefCell<Round>,
 }
 
-/// What belongs to a tag's round before its end is reported.
+/// The parts of a tag's round before its end is reported.
 #[derive(Default)]
 struct Round {
     truths: VecDeque<Truth>,
@@ -68,7 +69,7 @@ struct Round {
     differences: Vec<Difference>,
 }
 
-/// Where a tag was at the end of a round, and what it does not report of it.
+/// The true position of a tag at the end of a round, and what the tag does not report of the round.
 struct Truth {
     round: u16,
     at_m: [f64; 3],
@@ -92,7 +93,8 @@ impl Outlet {
         })
     }
 
-    /// A life of the node begins: its reporter, whose clock tells when the processor has got so far.
+    /// The node starts: makes its reporter. The reporter's clock gives the time at which the processor has done the
+    /// work charged so far.
     pub(super) fn boot(&self, processor: Option<Processor>) -> Rc<Reporter> {
         self.drain();
         let (world, boot_us) = (self.world.clone(), micros(self.world.now()));
@@ -105,18 +107,18 @@ impl Outlet {
         reporter
     }
 
-    /// A tag ends this round here, and is about to report it.
+    /// Notes that a tag ends this round at this position and is about to report it.
     pub(super) fn note_truth(&self, round: u16, at_m: [f64; 3], sounding: Option<Sounding>) {
         self.round.borrow_mut().truths.push_back(Truth { round, at_m, sounding });
     }
 
-    /// The scenario does this to the node: what it has reported is still to be had, what it would have reported is not.
+    /// The scenario applies this fault to the node. Reports made before it are kept; later ones are lost.
     pub(super) fn fault(&self, fault: FaultKind) {
         self.drain();
         self.write(self.world.now().as_secs_f64(), What::Fault(fault));
     }
 
-    /// Takes all frames that wait.
+    /// Takes all queued frames.
     pub(super) fn drain(&self) {
         let Some((reporter, boot_us)) = self.life.borrow().clone() else { return };
         reporter.event_log.drain(|frame| {
@@ -137,7 +139,7 @@ impl Outlet {
     fn message(&self, boot_us: u64, message: Message) {
         let mut round = self.round.borrow_mut();
         let what = match message {
-            // An anchor that is told of its tags' ranges makes no rounds of them.
+            // For an anchor that receives its tags' ranges, `truths` is empty: it has no rounds.
             Message::Range(range) if !round.truths.is_empty() => return round.ranges.push(range),
             Message::Difference(difference) if !round.truths.is_empty() => return round.differences.push(difference),
             Message::Fix(fix) => {
@@ -194,7 +196,7 @@ impl Outlet {
         Some(DifferenceRecord { difference, truth_m: to_m - from_m, los })
     }
 
-    /// How far an anchor is from there, metres, and whether nothing stands in between.
+    /// The distance of an anchor from a position, metres, and whether nothing is in between.
     fn sight(&self, anchor: u16, from_m: [f64; 3]) -> Option<(f64, bool)> {
         let at = self.scenario.anchors.iter().find(|known| known.address == anchor)?.at;
         Some((distance(at, from_m), !self.scenario.walls.iter().any(|wall| wall.crosses(at, from_m))))

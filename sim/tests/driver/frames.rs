@@ -2,8 +2,8 @@
 
 use crate::*;
 
-/// What a sender of `frames`, `gap` after one another (from RMARKER to RMARKER), got through to a receiver that keeps
-/// listening.
+/// Sends `count` frames, `gap` after one another (from RMARKER to RMARKER), to a receiver that keeps listening. Returns
+/// the times sent and the frames received.
 fn burst(count: u8, bytes: usize, gap: RadioDuration) -> (Vec<RadioInstant>, Vec<Received>, Node, Node) {
     let (world, a, b) = two_nodes(5.0);
     let (mut sender, mut receiver) = (driver(a.peripherals(), fast()), driver(b.peripherals(), fast()));
@@ -49,13 +49,13 @@ fn responses_of_a_round_are_all_heard() {
 
 #[test]
 fn responses_of_several_anchors_are_heard_from_their_first_symbol_on() {
-    // Frames of 27 bytes take 194 µs; 250 µs after one another leave 56 µs to be on again: 9 µs of interrupt, three transactions
-    // of 1.9 µs and 16 bytes, 16 µs for the receiver to start.
+    // Frames of 27 bytes take 194 µs. An interval of 250 µs leaves 56 µs to switch the receiver on again: 9 µs of
+    // interrupt, three transactions of 1.9 µs and 16 bytes, and 16 µs for the receiver to start.
     let world = World::new(7, AirConfig::ideal());
     let tag = node_at(&world, 0.0, 0.0);
     for number in 0..5_u8 {
         let mut config = NodeConfig::at([10.0, f64::from(number), 1.0]);
-        // Counters that start together: equal instants are equal times.
+        // The counters start together, so equal instants are equal times.
         config.chip = ChipConfig { clock: ClockConfig::IDEAL, counter: Some(0), ..ChipConfig::default() };
         let mut anchor = driver(world.add_node(config).peripherals(), fast());
         world.spawn(async move {
@@ -82,7 +82,8 @@ fn responses_of_several_anchors_are_heard_from_their_first_symbol_on() {
         async {},
     );
     assert_eq!(heard.iter().map(|h| h.0).collect::<Vec<_>>(), [0, 1, 2, 3, 4].repeat(4));
-    // The first was heard with the receiver long on; nobody with a symbol less.
+    // The receiver had been on for long when it received the first frame. No later frame was received with fewer
+    // symbols.
     assert!(heard.iter().all(|h| h.1 == heard[0].1), "{heard:?}");
     assert_well_treated(&tag);
 }
@@ -128,8 +129,8 @@ fn a_start_at_any_instant_leaves_the_next_one_in_time() {
             sender.init().await.unwrap();
             clock.pause_ms(20).await;
             let mut too_near = 0;
-            // From before the time that writing the frame takes until after it, through the microseconds in which the transmitter
-            // cannot power up.
+            // The start varies from before the time that writing the frame takes until after it, through the
+            // microseconds in which the transmitter cannot power up.
             for ahead in 60..260 {
                 let at = soon(&mut sender, us(ahead)).await;
                 too_near += u32::from(sender.transmit(b"near", Start::At(at), false).await == Err(TransmitError::Late));
@@ -150,7 +151,8 @@ fn windows_are_kept() {
         &world,
         async move {
             radio.init().await.unwrap();
-            // By the chip's timer, by the delay alone, delayed, and with a receiver that is on already.
+            // The window ends by the chip's timer, by the delay alone, with a delayed start, and with a receiver that
+            // is on already.
             for window in [us(300), us(5_000), us(66_000), us(200_000)] {
                 let begin = radio.now().await.unwrap();
                 assert_eq!(receive(&mut radio, Start::Now, window, true).await, Err(ReceiveError::Timeout));
@@ -237,7 +239,7 @@ fn the_filter_lets_its_own_through_and_the_window_stays_open() {
             for expected in 0..4 {
                 marks.push(receive(&mut receiver, Start::Now, us(60_000), true).await.map(|h| h.bytes[2]));
                 if expected == 2 {
-                    // It has joined and has another address; frame 7 passes by.
+                    // The node has joined and has another address; it does not receive frame 7.
                     clock.pause_ms(3).await;
                     receiver.set_address(0xDECA, 0x0042).await.unwrap();
                 }
@@ -245,7 +247,7 @@ fn the_filter_lets_its_own_through_and_the_window_stays_open() {
             marks
         },
     );
-    // A blink's byte after its sequence number is the first of its address.
+    // The byte after a blink's sequence number is the first byte of its address.
     assert_eq!(heard, [Ok(3), Ok(5), Ok(1), Ok(8)]);
     assert_well_treated(&b);
 }
@@ -258,7 +260,7 @@ fn collisions_are_told_and_the_next_stamp_is_right() {
     let mut receiver = driver(middle.peripherals(), fast());
     world.spawn(async move {
         two.init().await.unwrap();
-        // Every 5 ms against every 5.107 ms: each meets the other at some time.
+        // One sends every 5 ms, the other every 5.107 ms, so each collides with the other at some time.
         let mut at = soon(&mut two, us(32_000)).await;
         for _ in 0..50 {
             two.transmit(&[2; 100], Start::At(at), false).await.unwrap();
@@ -290,7 +292,7 @@ fn collisions_are_told_and_the_next_stamp_is_right() {
     );
     let corrupt = heard.iter().filter(|h| **h == Err(ReceiveError::Corrupt)).count();
     assert!(corrupt > 0, "frames met");
-    // Every frame that came through has the stamp that its sender's clock says, up to one offset between the clocks.
+    // Every received frame has the time stamp of its sender's clock, up to one constant offset between the clocks.
     let ones: Vec<_> = heard.iter().flatten().filter(|h| h.bytes[0] == 1).collect();
     assert!(ones.len() >= 20, "{}", ones.len());
     let mut offset = None;
@@ -298,9 +300,9 @@ fn collisions_are_told_and_the_next_stamp_is_right() {
         let since = |t: &RadioInstant| frame.rx_time.since(*t).ticks();
         let offsets: Vec<_> = sent.iter().map(since).collect();
         let reference = *offset.get_or_insert(offsets[0]);
-        // The first frame is clear of collisions, so the first heard is the first sent.
+        // The first frame collides with no other, so the first received frame is the first sent.
         let nearest = offsets.iter().map(|o| (o - reference).abs()).min().unwrap();
-        // Clocks without drift: a tick of rounding at each end.
+        // The clocks have no drift, so only a tick of rounding at each end remains.
         assert!(nearest <= 2, "a stamp is {nearest} ticks off");
     }
     assert_well_treated(&middle);
@@ -326,7 +328,7 @@ fn abandoned_operations_leave_a_radio_that_works() {
             receiver.init().await.unwrap();
             other_clock.pause_ms(20).await;
             let mut heard = 0;
-            // Receptions dropped anywhere, after times that drift through the frames.
+            // Receptions are cancelled at any point, after times that drift through the frames.
             for round in 0..150_u64 {
                 let mut buffer = [0; MAX_FRAME];
                 let attempt = receiver.receive(&mut buffer, Start::Now, us(5_000), round % 2 == 0);

@@ -1,4 +1,4 @@
-//! The DW1000 driver of `ranging` on simulated chips, at the registers, with the time that a board takes.
+//! Tests of the DW1000 driver of `ranging` on simulated chips at register level, with the timing of a board.
 
 mod frames;
 mod ranges;
@@ -70,14 +70,14 @@ fn us(micros: u32) -> RadioDuration {
     RadioDuration::from_micros(micros)
 }
 
-/// A node on the x axis whose clock is `ppm` off, and stays so.
+/// A node on the x axis whose clock has a constant error of `ppm`.
 fn node_at(world: &World, x: f64, ppm: f64) -> Node {
     let mut config = NodeConfig::at([x, 0.0, 1.0]);
     config.chip.clock = ClockConfig { offset_ppm: ppm, ..ClockConfig::IDEAL };
     world.add_node(config)
 }
 
-/// Two nodes, 10 m apart, whose clocks are ±`ppm` off.
+/// Two nodes, 10 m apart, whose clocks have errors of ±`ppm`.
 fn two_nodes(ppm: f64) -> (World, Node, Node) {
     let world = World::new(7, AirConfig::ideal());
     let (a, b) = (node_at(&world, 0.0, ppm), node_at(&world, 10.0, -ppm));
@@ -93,7 +93,7 @@ async fn soon(radio: &mut Driver, span: RadioDuration) -> RadioInstant {
     radio.now().await.unwrap().plus(span)
 }
 
-/// Nothing that the chip would not have taken.
+/// Checks that the host did nothing that the chip would not have accepted.
 fn assert_well_treated(node: &Node) {
     let seen = node.chip_statistics();
     assert_eq!((seen.too_fast, seen.deaf, seen.not_idle, seen.bad_stamps), (0, 0, 0, 0), "{seen:?}");
@@ -109,7 +109,7 @@ struct Received {
     first_path_power_dbm: f32,
 }
 
-/// Receives into something that can be kept.
+/// Receives a frame and copies it, so that it can be kept.
 async fn receive(
     radio: &mut Driver,
     start: Start,
@@ -127,7 +127,7 @@ async fn receive(
     })
 }
 
-/// Runs two applications to their ends; what they return.
+/// Runs two applications to their ends and returns their results.
 fn run<A: 'static, B: 'static>(
     world: &World,
     a: impl Future<Output = A> + 'static,

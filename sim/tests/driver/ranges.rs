@@ -1,8 +1,8 @@
-//! Distances over the air, in all modes.
+//! Distances measured over the air, in all modes.
 
 use crate::*;
 
-/// Poll and answer, single-sided; the distance that its four stamps and the carrier integrator give, metres.
+/// Poll and answer, single-sided. Returns the distance from the four time stamps and the carrier integrator, metres.
 fn ranged(config: Config, ppm: f64, reply: RadioDuration) -> (f64, Received, Node, Node) {
     let (world, a, b) = two_nodes(ppm);
     let (mut tag, mut anchor) = (driver(a.peripherals(), config), driver(b.peripherals(), config));
@@ -28,12 +28,12 @@ fn ranged(config: Config, ppm: f64, reply: RadioDuration) -> (f64, Received, Nod
     assert_eq!(response.bytes, b"response");
     let round = response.rx_time.since(poll_tx).ticks() as f64;
     let reply = response_tx.since(poll_rx).ticks() as f64;
-    // Seed 002, equation 3, the reply in the tag's clock by the anchor's offset against it.
+    // A. Linde's thesis, equation 3. The reply time is converted to the tag's clock by the anchor's clock offset.
     let tof = (round - reply * (1.0 - f64::from(response.ppm) * 1e-6)) / 2.0;
     (tof * METRES_PER_TICK, response, a, b)
 }
 
-/// A configuration with the antenna delays that simulated chips have at every pulse frequency.
+/// A configuration with the antenna delays of simulated chips at every pulse frequency.
 fn as_built(phy: PhyConfig) -> Config {
     Config { tx_antenna_delay: Some(16_436), rx_antenna_delay: Some(16_436), ..Config::new(phy) }
 }
@@ -41,7 +41,7 @@ fn as_built(phy: PhyConfig) -> Config {
 #[test]
 fn two_chips_measure_their_distance() {
     let (metres, response, a, b) = ranged(fast(), 10.0, us(500));
-    // The carrier integrator errs by 0.05 ppm: 500 µs × 0.05e-6 / 2 × c = 4 mm; a tick is 4.7 mm.
+    // The carrier integrator has an error of 0.05 ppm: 500 µs × 0.05e-6 / 2 × c = 4 mm. A tick is 4.7 mm.
     assert!((metres - 10.0).abs() < 0.02, "{metres}");
     // The anchor's clock runs 20 ppm slower than the tag's.
     assert!((response.ppm + 20.0).abs() < 0.3, "{}", response.ppm);
@@ -87,6 +87,6 @@ fn power_can_be_calibrated() {
     let smart = heard_at(TxPower::Smart);
     let constant = heard_at(TxPower::Constant);
     assert!(smart > constant + 1.0, "short frames are boosted: {smart} against {constant}");
-    // 0x85 without smart power is what channel 5 has anyway.
+    // 0x85 without smart power is the default of channel 5.
     assert_eq!(heard_at(TxPower::Calibrated { register: 0x8585_8585, smart: false }), constant);
 }

@@ -1,4 +1,4 @@
-//! Sleep, failures of the supply, sensors, the impulse response.
+//! Tests of sleep, supply failures, sensors, and the impulse response.
 
 use std::future::pending;
 
@@ -35,14 +35,15 @@ fn sleep_keeps_the_configuration_and_waking_restores_the_rest() {
             },
         );
         assert_eq!(heard, (Ok(b"awake".to_vec()), Ok(b"awake".to_vec())));
-        // The departures count the antenna delay: 16400 after a multiple of 512, told and read.
+        // The transmit times include the antenna delay: 16400 after a multiple of 512, for the delayed start and for
+        // the immediate one.
         assert_eq!(stamps.1, stamps.0.snapped().plus(RadioDuration::from_ticks(16_400)));
         assert_eq!((stamps.2.ticks() - 16_400) % 512, 0);
     }
 }
 
-/// Lets a chip sleep for so many microseconds, or until it is roused, and then send, which must be heard: whether it slept, and how long that
-/// took, milliseconds.
+/// Makes a chip sleep for `micros` microseconds, or until it is roused, and then send a frame, which must be received.
+/// Returns whether it slept, and how long that took, milliseconds.
 fn sleep_and_send<F: Future<Output = ()> + 'static>(
     sleeps: bool,
     micros: u32,
@@ -78,7 +79,8 @@ fn a_wait_is_slept_through_where_it_is_long_and_the_configuration_lets_it() {
     for (sleeps, wait_ms, expected) in [(false, 100, false), (true, 6, false), (true, 100, true)] {
         let (slept, took_ms) = sleep_and_send(sleeps, 1_000 * wait_ms, |_| pending());
         assert_eq!(slept, expected);
-        // Awake in time: what waking takes is within the wait, less than a millisecond of it unused.
+        // The chip is awake in time: the wake-up takes place within the wait, and leaves less than a millisecond of it
+        // unused.
         let expected_ms = if slept { 99.0..100.2 } else { 0.0..0.1 };
         assert!(expected_ms.contains(&took_ms), "{took_ms} ms");
     }
@@ -88,7 +90,7 @@ fn a_wait_is_slept_through_where_it_is_long_and_the_configuration_lets_it() {
 fn a_sleep_may_be_cut_short() {
     let (slept, took_ms) = sleep_and_send(true, 8_000_000, |world| world.delay().pause_ms(20));
     assert!(slept);
-    // After 20 ms, 0.6 ms of the select line and 3 to 4 ms of the crystal.
+    // 20 ms, then 0.6 ms of the select line and 3 to 4 ms of the crystal.
     assert!((23.0..25.0).contains(&took_ms), "{took_ms} ms");
 }
 
@@ -101,7 +103,7 @@ fn the_chip_may_go_and_come_back() {
         &world,
         async move {
             radio.init().await.unwrap();
-            // Its supply fails while it listens, and comes back: nothing hangs.
+            // The chip's supply fails while it listens, and returns: nothing hangs.
             let failing = node.clone();
             world_again.at(world_again.now() + Duration::from_millis(5), move |_| failing.power_off());
             assert!(receive(&mut radio, Start::Now, us(20_000), false).await.is_err());
@@ -125,7 +127,7 @@ fn a_board_without_a_reset_line_finds_its_chip_asleep() {
         async move {
             radio.init().await.unwrap();
             radio.sleep(Wake::Outside(WakeBy::ChipSelect)).await.unwrap();
-            // The processor restarts and knows nothing.
+            // The processor restarts and has lost its state.
             let (bus, irq, _, delay) = radio.release();
             let mut radio: Driver<()> = Dw1000::new(bus, irq, (), delay, fast());
             radio.init().await.unwrap();
@@ -180,14 +182,15 @@ fn sensors_and_trim() {
         async move {
             warm.init().await.unwrap();
             let seen = warm.compensate().await.unwrap().unwrap();
-            // Steps of 1.14 °C and 5.8 mV.
+            // The steps are 1.14 °C and 5.8 mV.
             assert!((seen.temperature_celsius - 41.0).abs() < 0.6 && (seen.voltage - 3.0).abs() < 0.003, "{seen:?}");
         },
         async move {
             cold.init().await.unwrap();
         },
     );
-    // The maker's trim of 5 pulls by 20 ppm in this simulation; none is the middle, a step of 1.6 ppm from zero.
+    // A factory trim of 5 pulls by 20 ppm in this simulation. Without a trim the middle is used, which is a step of 1.6
+    // ppm from zero.
     assert!((b.chip().clock_ppm(world.now()) - 20.0).abs() < 0.5);
     assert!(a.chip().clock_ppm(world.now()).abs() < 2.5);
 }

@@ -1,4 +1,4 @@
-//! Where anchors reach, where beacons reach, and between.
+//! Positions within the range of anchors, within the range of beacons, and between.
 
 use sim::scenario::{Scenario, Source};
 use system_tests::{Run, TAG};
@@ -19,14 +19,14 @@ fn a_tag_among_beacons_alone_has_positions_and_knows_how_good_they_are() {
     for seed in 1..=3 {
         let run = example(include_str!("../../../examples/beacons.toml"), seed);
         let epochs = by_beacons(&run, 0.0, 120.0);
-        // Two a second from the first half on.
+        // Two per second after the first half second.
         assert!(epochs.len() > 230, "{}", epochs.len());
         assert!(run.longest_gap(TAG, 0.0, 120.0) < 1.1);
         let (rmse_m, normalised) = errors(&epochs);
         squares += rmse_m * rmse_m / 3.0;
         over_sigma += normalised / 3.0;
     }
-    // Shadows of 3 dB of six beacons in 96 m². The thesis' room, of 37 m², has 1.33 m by multilateration.
+    // Shadowing of 3 dB, six beacons in 96 m². In Linde's thesis, the room of 37 m² has 1.33 m by multilateration.
     assert!(squares.sqrt() < 2.5, "{} m", squares.sqrt());
     assert!((0.4..1.8).contains(&over_sigma), "{over_sigma}");
 }
@@ -35,7 +35,7 @@ fn a_tag_among_beacons_alone_has_positions_and_knows_how_good_they_are() {
 fn beacons_beside_anchors_cost_nothing_and_give_no_epochs_of_their_own() {
     let alone = example(include_str!("../../../examples/anchors.toml"), 1);
     let both = example(include_str!("../../../examples/both.toml"), 1);
-    // Before the anchors have let the tag in, half a second after the start, beacons alone say where it is.
+    // The anchors admit the tag half a second after the start. Before that, its position comes from beacons alone.
     let in_network = |run: &Run| -> Vec<(f64, f64)> {
         let epochs = run.epochs(TAG).filter(|(t_s, _)| *t_s > 0.8);
         let by_anchors = epochs.inspect(|(t_s, epoch)| assert_eq!(epoch.source(), Source::Anchors, "at {t_s} s"));
@@ -43,7 +43,8 @@ fn beacons_beside_anchors_cost_nothing_and_give_no_epochs_of_their_own() {
     };
     let [with, without] = [&both, &alone].map(in_network);
     for rounds in [&with, &without] {
-        // A superframe lasts 100 ms and has one round of this tag: 592 in 59.2 s. Its slot moves by less than the half of one.
+        // A superframe lasts 100 ms and has one round of this tag: 592 rounds in 59.2 s. The tag's slot moves by less
+        // than half a superframe.
         assert!((591..=593).contains(&rounds.len()), "{} rounds", rounds.len());
         let gap = rounds.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(0.0, f64::max);
         assert!(gap < 0.15, "{gap} s without a round");
@@ -65,15 +66,16 @@ fn a_tag_goes_out_of_the_anchors_cover_into_the_beacons_and_back() {
         .collect();
     let gap = found.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(0.0, f64::max);
     assert!(gap < 1.1, "{gap} s without a position");
-    // What the beacons' RSSI values err by is known where the anchors' cover ends: it begins with centimetres, and grows with the way.
+    // The offset of the beacons' RSSI values is known where the anchors' range ends. The error begins with centimetres
+    // and grows with the distance walked.
     let left = found.windows(2).filter(|pair| (pair[0].1, pair[1].1) == (Source::Anchors, Source::Beacons));
     let first: Vec<_> = left.map(|pair| (pair[1].3, pair[1].2[0])).collect();
     assert!(!first.is_empty() && first.iter().all(|(error_m, sigma_m)| *error_m < 1.0 && *sigma_m < 1.0), "{first:?}");
-    // Nor does a track of beacons lead the first ranges astray.
+    // A track by beacons does not spoil the first ranges.
     let by_anchors = found.iter().filter(|(t_s, source, ..)| *t_s > 5.0 && *source == Source::Anchors);
     let greatest_m = by_anchors.map(|(.., error_m)| *error_m).fold(0.0, f64::max);
     assert!(greatest_m < 0.6, "{greatest_m} m");
-    // Back among the anchors it errs as ever.
+    // Back among the anchors, the error is as before.
     let later = found.iter().filter(|(t_s, source, ..)| *t_s > 50.0 && *t_s < 60.0 && *source == Source::Anchors);
     let errors_m: Vec<f64> = later.map(|(.., error_m)| *error_m).collect();
     assert!(errors_m.len() > 50, "{}", errors_m.len());
@@ -91,7 +93,8 @@ fn a_deaf_receiver_is_found_out_and_errs_no_more_than_another() {
         });
         (squares.sum::<f64>() / 4.0).sqrt()
     };
-    // `ble solve` on a recorded room has 1.07 m instead of 1.06 m where 6 dB are off and allowed for, and 1.31 m where they are not.
+    // `ble solve` on a recorded room has 1.07 m instead of 1.06 m if the RSSI is 6 dB off and this is allowed for, and
+    // 1.31 m if it is not allowed for.
     let (good_m, deaf_m, loud_m) = (rmse_m(0.0), rmse_m(-8.0), rmse_m(8.0));
     assert!(deaf_m < 1.05 * good_m && loud_m < 1.05 * good_m, "{good_m} m, {deaf_m} m, {loud_m} m");
 }
@@ -109,11 +112,11 @@ fn a_scan_of_a_tenth_of_the_time_is_enough() {
     let head = "seconds = 30\n[bluetooth]\nscan_interval_ms = 1000\nscan_window_ms = 100";
     let run = Run::of_text(&(room(head, &[]) + STANDS));
     let epochs = by_beacons(&run, 3.0, 30.0);
-    // A window of 100 ms hears a beacon of 100 ms as good as once.
+    // A window of 100 ms receives a beacon with an interval of 100 ms about once.
     assert!(epochs.iter().filter(|(_, epoch)| epoch.fix.reason().is_none()).count() > 10, "{}", epochs.len());
     let summary = run.summary.bluetooth.expect("there are beacons");
-    // Six beacons, 9.5 events a second each. A tag that looks for anchors is never quiet, so that every window is an interval late: a
-    // twentieth of the time.
+    // Six beacons with 9.5 events per second each. The radio of a tag that searches for anchors is never quiet, so each
+    // window is one interval late: a twentieth of the time.
     let expected = 6.0 * 9.5 * 30.0 / 20.0;
     assert!((0.5..1.5).contains(&(summary.adverts_heard as f64 / expected)), "{summary:?}");
 }

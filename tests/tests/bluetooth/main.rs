@@ -1,5 +1,5 @@
-//! Beacons, whole: tags that find themselves by them, alone and beside anchors, and what goes wrong with beacons. The apps of tag and
-//! beacon run as they are; each advertisement is the beacon's own bytes.
+//! System tests of beacons: tags that use them for positions, alone and beside anchors, and faults of beacons. The apps
+//! of tag and beacon run unchanged. Each advertisement has the bytes that the beacon makes.
 
 mod covers;
 mod site_models;
@@ -19,20 +19,20 @@ fn room(head: &str, beacons: &[&str]) -> String {
     text
 }
 
-/// A tag that goes round in it.
+/// A tag that walks round in the room.
 const ROUND: &str =
     "[[tag]]\npath = [[2, 2, 1.2], [10, 2, 1.2], [10, 6, 1.2], [2, 6, 1.2]]\nspeed_m_s = 0.8\nclosed = true\n";
-/// One that stands.
+/// A tag that does not move.
 const STANDS: &str = "[[tag]]\npath = [[5, 3, 1.2]]\n";
 
-/// The epochs by beacons within a time.
+/// The epochs by beacons within an interval.
 fn by_beacons(run: &Run, from_s: f64, to_s: f64) -> Vec<(f64, &SimulatedEpoch)> {
     let within =
         |(t_s, epoch): &(f64, &SimulatedEpoch)| (from_s..=to_s).contains(t_s) && epoch.source() == Source::Beacons;
     run.epochs(TAG).filter(within).collect()
 }
 
-/// Root mean square of the errors, metres, and the mean of their squares over what the tag's covariance says.
+/// Root mean square of the errors, metres, and the mean ratio of their squares to the variance in the tag's covariance.
 fn errors(epochs: &[(f64, &SimulatedEpoch)]) -> (f64, f64) {
     let errors: Vec<(f64, f64)> = epochs
         .iter()

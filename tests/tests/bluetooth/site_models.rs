@@ -14,7 +14,7 @@ const TEXT: &str = include_str!("../../../examples/fingerprints.toml");
 const MAP: &[u8] = include_bytes!("../../../examples/fingerprints.map");
 const ROOMS: &[u8] = include_bytes!("../../../examples/fingerprints.rooms");
 
-/// What lies in flash: map and rooms of the beacons 1-1 to 1-6.
+/// The site models in flash: map and rooms of the beacons 1-1 to 1-6.
 fn region(map: &[u8]) -> Vec<u8> {
     let beacons: Vec<u8> = (1..=6).flat_map(|minor| [1, 0, minor, 0]).collect();
     let model = positioning_core::ble::rooms::Model::decode(ROOMS).map(|(_, rest)| &ROOMS[..ROOMS.len() - rest.len()]);
@@ -26,7 +26,8 @@ fn region(map: &[u8]) -> Vec<u8> {
     encode_models(&models, &mut [0; MODELS_BYTES]).expect("they fit").to_vec()
 }
 
-/// The example with this in the tags' flash, and with receivers that are so much too loud.
+/// Runs the example with these site models in the tags' flash, and with receivers whose RSSI is too high by
+/// `receiver_offset_db`.
 fn run(rssis: Option<&[u8]>, receiver_offset_db: f64) -> Run {
     let mut scenario = Scenario::parse(TEXT).unwrap_or_else(|error| panic!("line {error}"));
     scenario.bluetooth.site_models = rssis.map(Rc::from);
@@ -34,7 +35,8 @@ fn run(rssis: Option<&[u8]>, receiver_offset_db: f64) -> Run {
     Run::of(scenario)
 }
 
-/// The root mean square of the errors of the map's own kernel, each half second of the run's RSSI values by itself in `f64`, metres.
+/// The root mean square of the errors of the map's own kernel, metres. Each half second of the run's RSSI values is
+/// solved by itself in `f64`.
 fn kernel_alone(run: &Run) -> f64 {
     let (map, _) = Map::decode(MAP).expect("the example's map");
     let truth: Vec<(f64, [f64; 3])> = run.epochs(TAG).map(|(t_s, epoch)| (t_s, epoch.truth_m)).collect();
@@ -64,15 +66,15 @@ fn a_tag_with_a_map_beats_path_loss_and_is_as_good_as_the_map_lets_it_be() {
         (errors(&by_beacons(&with, 0.0, 120.0)), errors(&by_beacons(&without, 0.0, 120.0)));
     assert!(rmse_m < 0.9 * by_path_loss_m, "{rmse_m} m, by path loss {by_path_loss_m} m");
     let alone_m = kernel_alone(&with);
-    // The tag smooths its RSSI values, which are late by 0.3 m at its speed; its track makes up for most of that.
+    // The tag smooths its RSSI values, which delays them by 0.3 m at its speed. Its track compensates most of that.
     assert!(rmse_m < 1.1 * alone_m, "{rmse_m} m, the kernel alone {alone_m} m");
     assert!((0.2..2.0).contains(&normalised), "{normalised}");
-    // A receiver that is 8 dB deaf is learnt: what it costs is a tenth at most.
+    // The offset of a receiver that reads 8 dB too low is estimated. It increases the error by a tenth at most.
     let (deaf_m, _) = errors(&by_beacons(&run(Some(&region(MAP)), -8.0), 0.0, 120.0));
     assert!(deaf_m < 1.1 * rmse_m, "{deaf_m} m, {rmse_m} m");
 }
 
-/// The changes of rooms of a tag with their times.
+/// The changes of a tag's room estimate with their times.
 fn rooms(run: &Run, tag: u16) -> Vec<(f64, RoomEstimate)> {
     let of_tag = run.records.iter().filter(|record| record.node == tag);
     let told = of_tag.filter_map(|record| match record.what {
@@ -81,7 +83,7 @@ fn rooms(run: &Run, tag: u16) -> Vec<(f64, RoomEstimate)> {
     });
     let mut told: Vec<_> = told.collect();
     let numbers = |is: &RoomEstimate| is.rooms().iter().map(|likely| likely.room).collect::<Vec<_>>();
-    // It is repeated every five seconds.
+    // The estimate is repeated every five seconds.
     told.dedup_by(|(_, next), (_, before)| numbers(next) == numbers(before));
     told
 }
@@ -113,7 +115,8 @@ fn tags_that_stay_in_their_rooms_are_told_there() {
 #[test]
 fn a_tag_that_walks_through_doors_changes_rooms_and_does_not_flap() {
     let told = rooms(&run(Some(&region(MAP)), 0.0), TAG);
-    // A lap takes some 50 s and goes through four doors; each may be *between* for a while: 2.4 laps, 4 doors, 2 changes.
+    // A lap takes about 50 s and goes through four doors. At each door the estimate may be *between* for a while: 2.4
+    // laps, 4 doors, 2 changes.
     assert!((4..=22).contains(&told.len()), "{told:?}");
     let visited: std::collections::BTreeSet<u8> = told
         .iter()

@@ -1,4 +1,5 @@
-//! What goes wrong with beacons: one vanishes, moves, is cloned, mute, or screams; RSSIs that are none.
+//! Faults of beacons: a beacon vanishes, is moved, is cloned, is mute or sends too much; RSSI values that mean "not
+//! known".
 
 use sim::scenario::What;
 use system_tests::{Run, TAG};
@@ -6,14 +7,15 @@ use wire::telemetry::{BeaconEvidence, Condition, Message, SolveError};
 
 use super::{ROUND, STANDS, by_beacons, errors, room};
 
-/// The first beacon's address, for faults.
+/// The first beacon's address, by which faults name it.
 const FIRST: u16 = 0x2001;
 
 fn off(at_s: f64, node: u16) -> String {
     format!("[[fault]]\nat_s = {at_s}\nnode = {node}\nwhat = \"off\"\n")
 }
 
-/// The error of a walk through the room, mean square over some seeds, metres, and the square over what the covariance says.
+/// The error of a walk through the room, root mean square over some seeds, metres, and the ratio of its square to the
+/// variance in the covariance.
 fn walked(beacons: &[&str], more: &str) -> (f64, f64) {
     let runs = (1..=4).map(|seed: u64| {
         let head = format!("seconds = 60\nseed = {seed}");
@@ -44,10 +46,12 @@ fn when_all_vanish_there_is_a_reason_and_no_old_value() {
     assert!(later.iter().all(|(_, epoch)| epoch.fix.reason() == Some(SolveError::TooFewAnchors)), "{later:?}");
 }
 
-/// What a guess at the room's middle errs by on the walk, metres: on its sides of 8 m, 2 m off the middle, √(2² + 4² ⁄ 3); on those of
-/// 4 m, 4 m off it, √(4² + 2² ⁄ 3); together √((16 · 9.33 + 8 · 17.33) ⁄ 24).
+/// The root mean square error of an estimate at the room's middle during the walk, metres. On the sides of 8 m, 2 m
+/// from the middle, it is √(2² + 4² ⁄ 3). On the sides of 4 m, 4 m from the middle, it is √(4² + 2² ⁄ 3). Together it
+/// is √((16 · 9.33 + 8 · 17.33) ⁄ 24).
 const GUESS_M: f64 = 3.46;
-/// Squares of errors over the variances told: 1 is honest. Shadows last, and four walks through them still leave a third of that open.
+/// The maximum mean ratio of squared errors to reported variances. 1 means that the variances are right. Shadowing
+/// lasts, and four walks through it still leave a third of that open.
 const HONEST: f64 = 1.7;
 
 #[test]
@@ -58,13 +62,13 @@ fn a_mute_beacon_is_as_if_it_were_not_there() {
 
 #[test]
 fn a_beacon_that_was_moved_is_doubted() {
-    // Carried to the other end of the room, 11 m, and its place in the list is the old one.
+    // The beacon is carried to the other end of the room, 11 m; the list still has its old position.
     let (error_m, normalised) = walked(&["listed_at = [11.0, 7.0, 2.2]"], "");
-    // A lie in six may double the variance.
+    // One wrong position in six beacons may double the variance.
     assert!(error_m < 1.2 * GUESS_M && normalised < 2.0 * HONEST, "{error_m} m, {normalised}");
 }
 
-/// A hall of 30 m × 8 m with eight beacons around; the first has 1-1 and more text.
+/// A hall of 30 m × 8 m with eight beacons around. The first has the numbers 1-1 and more text.
 fn hall(head: &str, first: &str) -> String {
     const PLACES: [[f64; 2]; 8] =
         [[0.3, 0.3], [10.0, 0.3], [20.0, 0.3], [29.7, 0.3], [29.7, 7.7], [20.0, 7.7], [10.0, 7.7], [0.3, 7.7]];
@@ -77,7 +81,8 @@ fn hall(head: &str, first: &str) -> String {
 
 #[test]
 fn a_beacon_that_was_moved_is_named_and_believed_when_it_is_back() {
-    // From the end where it is listed to the other one; after 80 s it is carried back, which a twin is there for.
+    // The beacon is carried from the end where it is listed to the other end. After 80 s it is carried back, which is
+    // simulated by a second beacon.
     let at_home = "[[beacon]]\nat = [29.0, 4.0, 2.2]\nminor = 1\nlisted = false\n";
     let on = format!("[[fault]]\nat_s = 80.0\nnode = {}\nwhat = \"on\"\n", FIRST + 8);
     for seed in 1..=3 {
@@ -90,7 +95,7 @@ fn a_beacon_that_was_moved_is_named_and_believed_when_it_is_back() {
         let (named_s, _) = found.unwrap_or_else(|| panic!("seed {seed}: {words:?}"));
         assert!(words.iter().any(|(t_s, word)| *t_s > 80.0 && believed(word)), "seed {seed}: {words:?}");
         assert!(words.iter().all(|(_, word)| named(word) || believed(word)), "seed {seed}: {words:?}");
-        // Seven make the positions meanwhile.
+        // Seven beacons give the positions in that time.
         let epochs = by_beacons(&run, named_s + 1.0, 80.0);
         let used = epochs.iter().filter_map(|(_, epoch)| epoch.fix.used()).map(u16::count_ones);
         assert!(used.max().is_some_and(|used| used <= 7), "seed {seed}");
@@ -127,27 +132,28 @@ fn a_clone_makes_its_twin_doubtful_and_no_more() {
 
 #[test]
 fn a_beacon_that_screams_drowns_nobody() {
-    // Fifty times a second and 15 dB louder than is told of it.
+    // Fifty advertisements per second, and 15 dB louder than listed.
     let screaming = ["interval_ms = 20\nrssi_1m_dbm = -44\nlisted_rssi_1m_dbm = -59"];
     let run = Run::of_text(&(room("seconds = 30", &screaming) + ROUND));
     let epochs = by_beacons(&run, 2.0, 30.0);
     let all = epochs.iter().filter_map(|(_, epoch)| epoch.fix.used()).filter(|used| used.count_ones() >= 5);
     assert!(all.count() > 40, "the others are heard");
     let (error_m, normalised) = walked(&screaming, "");
-    // Whoever believed it alone would be in its corner, 5.7 m and 3.7 m from the middle: √(3.46² + 5.7² + 3.7²) = 7.6 m off.
+    // A tag that used only this beacon would estimate a position in its corner, 5.7 m and 3.7 m from the middle:
+    // √(3.46² + 5.7² + 3.7²) = 7.6 m off.
     assert!(error_m < 0.75 * 7.6 && normalised < 2.0 * HONEST, "{error_m} m, {normalised}");
 }
 
 #[test]
 fn an_rssi_of_127_or_0_is_none() {
-    // Half of all: taken for an RSSI, each would be a distance of nothing.
+    // Half of all values. Each, taken as an RSSI, would be a distance of zero.
     for none in [127, 0] {
         let head = format!("seconds = 60\n[bluetooth]\nunknown_rssi = 0.5\nunknown_rssi_dbm = {none}");
         let run = Run::of_text(&(room(&head, &[]) + ROUND));
         let (error_m, normalised) = errors(&by_beacons(&run, 0.0, 60.0));
         assert!(error_m < GUESS_M && normalised < HONEST, "{none}: {error_m} m, {normalised}");
     }
-    // All of them: no position, and no epoch that says so before there was any.
+    // All values: there is no position, and no epoch reports that before the first position.
     let head = "seconds = 10\n[bluetooth]\nunknown_rssi = 1.0\nunknown_rssi_dbm = 0";
     let run = Run::of_text(&(room(head, &[]) + STANDS));
     assert!(run.fix_times(TAG, 0.0, 10.0).is_empty());
@@ -156,7 +162,8 @@ fn an_rssi_of_127_or_0_is_none() {
 
 #[test]
 fn adverts_of_every_malformed_length_are_nobodys() {
-    // Fifty times a second, with the identity of the first and as if next to the tag; all 285 of them come in six seconds.
+    // Fifty advertisements per second, with the identity of the first beacon and an RSSI as if next to the tag. All 285
+    // variants are sent in six seconds.
     let broken = "[[beacon]]\nat = [11.0, 7.0, 2.2]\nminor = 1\nlisted = false\ninterval_ms = 20\nformat = \"malformed\"\n\
                   rssi_1m_dbm = -40\n";
     let alone = "format = \"malformed\"\ninterval_ms = 20";
@@ -167,7 +174,7 @@ fn adverts_of_every_malformed_length_are_nobodys() {
         "a sighting of nothing"
     );
     assert!(run.summary.bluetooth.is_some_and(|bluetooth| bluetooth.adverts_heard > 1000), "the air is full");
-    // Among the sound ones it is noise on the air.
+    // Among valid advertisements it is only noise on the air.
     let (error_m, normalised) = walked(&[], broken);
     assert!(error_m < GUESS_M && normalised < HONEST, "{error_m} m, {normalised}");
 }

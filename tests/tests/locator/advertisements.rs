@@ -7,16 +7,16 @@ use wire::ble::IBeacon;
 
 use crate::tag;
 
-/// About zero, so that nothing is rounded differently, metres.
+/// The coordinates are around zero, so that nothing is rounded differently, metres.
 const CORNERS: [[f64; 3]; 4] = [[-4.0, -3.0, 2.5], [4.0, -3.0, 2.0], [4.0, 3.0, 2.5], [-4.0, 3.0, 2.25]];
 const HEIGHT_M: f64 = 1.0;
-/// The host's first advertisement is an hour after zero.
+/// The host's first advertisement is one hour after zero.
 const BEGIN_US: u64 = 3_600_000_000;
-/// Between two advertisements of a beacon, milliseconds: an eighth of a second is exact in the host's seconds.
+/// The interval of a beacon's advertisements, milliseconds. An eighth of a second is exact in the host's seconds.
 const INTERVAL_MS: u64 = 125;
 const WINDOW_MS: u64 = 500;
 
-/// When, of which beacon, dBm: twenty seconds of a walk, in which the third beacon falls silent for a while.
+/// Time, beacon and RSSI in dBm: twenty seconds of a walk in which the third beacon is silent for a while.
 fn received() -> Vec<(u64, usize, i8)> {
     let mut state = 7_u32;
     let mut noise = move || {
@@ -52,7 +52,7 @@ fn a_walk_among_beacons_has_the_same_bits_on_tag_and_host() {
         let mut advertisements = received.iter().peekable();
         for t_ms in 0..=20_000 {
             node.now_us.set(BEGIN_US + 1000 * t_ms);
-            // What is over by now, before what comes now.
+            // First the work that is due by now, then what happens now.
             work();
             while let Some((_, beacon, rssi_dbm)) = advertisements.next_if(|(at_ms, ..)| *at_ms == t_ms) {
                 let ibeacon = IBeacon { uuid: [1; 16], major: 1, minor: *beacon as u16, measured_power_dbm: -59 };
@@ -75,7 +75,7 @@ fn a_walk_among_beacons_has_the_same_bits_on_tag_and_host() {
         })
         .collect();
     let setup = Setup { window_s: 0.5, height_m: Some(HEIGHT_M), area_m: None, offset_db: 5.0, wall_db: 0.0, seed: 1 };
-    // One capture a window: its position is that of the window.
+    // One capture per window. Its position is that of the window.
     let captures: Vec<Capture> = received
         .chunk_by(|(a, ..), (b, ..)| a / WINDOW_MS == b / WINDOW_MS)
         .map(|chunk| Capture {

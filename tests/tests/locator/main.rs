@@ -1,4 +1,4 @@
-//! The tag's task and the host make the same positions of the same recording, to the last bit of `f32`.
+//! The tag's task and the host compute the same positions from the same recording, to the last bit of `f32`.
 
 mod advertisements;
 mod ranges;
@@ -20,7 +20,7 @@ use wire::telemetry::{Condition, MotionSensor, Sighting};
 
 type Outcome = Result<Position, SolveError>;
 
-/// What a tag's tasks have for a clock, and where its positions go.
+/// The clock of a tag's tasks, and the sink of its positions.
 #[derive(Default)]
 struct Node {
     now_us: Cell<u64>,
@@ -73,7 +73,8 @@ impl DelayNs for Delay<'_> {
     }
 }
 
-/// Runs the tag's task while `feed` sets the clock and gives it measurements; it works when `feed` says so. All its positions.
+/// Runs the tag's task while `feed` sets the clock and supplies measurements. The task works when `feed` says so.
+/// Returns all its positions.
 fn tag(
     config: LocatorConfig<'_>,
     feed: impl FnOnce(&Node, &TaskChannels<NoopRawMutex>, &mut dyn FnMut()),

@@ -15,7 +15,8 @@ use crate::tag;
 /// The tag's height, metres.
 const HEIGHT_M: f64 = 1.0;
 
-/// A walk under four anchors, 20 rounds a second, with a link that is half a metre too long and says so, and lost ranges.
+/// A walk under four anchors, 20 rounds per second. One link becomes half a metre too long, which its powers show, and
+/// ranges are lost.
 fn drawn() -> Recording {
     let corners = [[-5.0, -4.0, 2.5], [5.0, -4.0, 2.75], [5.0, 4.0, 0.5], [-5.0, 4.0, 2.25]];
     let anchor = |(i, [x_m, y_m, z_m]): (usize, [f64; 3])| Anchor {
@@ -48,7 +49,7 @@ fn row(range_m: f64, power_dbm: f32, first_path_dbm: f32) -> RowDiagnostics {
     RowDiagnostics { features, range_m: range_m as f32, power_dbm }
 }
 
-/// A recording that is not part of the project; says so where it is not there.
+/// A recording that is not part of the project. If it is missing, this is printed.
 fn recorded(name: &str) -> Option<Recording> {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
     let folder = std::env::var_os("BALIZA_DATA").map_or(beside, Into::into).join(name);
@@ -60,7 +61,7 @@ fn recorded(name: &str) -> Option<Recording> {
     let files = Files { anchors: &anchors, ranges: &ranges, truth: None, anchor_heights: true, truth_heights: false };
     let mut recording = Recording::read(&files).expect("a recording");
     for range in recording.epochs.iter_mut().flat_map(|epoch| &mut epoch.ranges) {
-        // As the tag has it: by the two powers alone.
+        // The diagnostics as the tag has them: the two powers alone.
         range.diagnostics = row(range.range_m, range.diagnostics.power_dbm, first_path_dbm(&range.diagnostics));
     }
     Some(recording)
@@ -70,7 +71,7 @@ fn first_path_dbm(row: &RowDiagnostics) -> f32 {
     row.power_dbm - row.features.get(Feature::PowerDifference).unwrap_or(f32::NAN)
 }
 
-/// The middle of the anchors along each axis, which is zero for the host's locator, metres.
+/// The middle of the anchors along each axis, metres. It is the zero of the host's locator.
 fn middle_m(anchors: &[Anchor]) -> [f64; 3] {
     let axes: [fn(&Coordinates) -> f64; 3] = [|p| p.x_m, |p| p.y_m, |p| p.z_m.expect("a height")];
     axes.map(|axis| {
@@ -110,7 +111,7 @@ fn has_the_same_bits(recording: &Recording) {
                     },
                 })
                 .collect();
-            // The host's first epoch is an hour after zero.
+            // The host's first epoch is one hour after zero.
             let now_us = ((epoch.t_s.expect("a time") - first_s + 3600.0) * 1.0e6) as u64;
             let round = Round { number, poll: RadioInstant::default(), asked: ranges.len() as u8, ranges: &ranges };
             assert_eq!(channels.put_ranges(&round, now_us, None), 0);
@@ -125,7 +126,8 @@ fn has_the_same_bits(recording: &Recording) {
     for (&at, (_, outcome)) in order.iter().zip(of_tag) {
         let epoch = &recording.epochs[at];
         let of_host = host.follow(epoch).outcome;
-        // Where nothing of a round was used, the host shows where the track is by itself, and the tag shows nothing.
+        // If no range of a round was used, the host reports the predicted position of the track, and the tag reports
+        // nothing.
         let Ok(position) = outcome else {
             assert!(
                 of_host.is_err() || of_host.is_ok_and(|position| position.used == 0),

@@ -1,9 +1,10 @@
-//! How true a range is, whole nodes on register-level chips: in line of sight, calibrated, clocks up to ±20 ppm off.
+//! The accuracy of ranges of whole nodes on register-level chips: in line of sight, calibrated, clocks up to ±20 ppm
+//! off.
 
 use sim::scenario::{Scenario, Simulation};
 use system_tests::{Run, TAG};
 
-/// One anchor, one tag: a range over so many metres in a mode of the network.
+/// One anchor and one tag: a range over `distance_m` metres in a mode of the network.
 fn over(distance_m: f64, network: &str, seconds: f64, seed: u64) -> Run {
     Run::of_text(&format!(
         "seconds = {seconds}\nseed = {seed}\nheight_m = 1.5\n[[network]]\n{network}\n\
@@ -60,8 +61,8 @@ fn ranges_are_true_again_soon_after_the_chips_have_warmed_up() {
         }
         records.extend(simulation.run_until(40.0));
         let run = Run { records, summary: simulation.summary() };
-        // 40 °C × 2.15 mm until a node measures its temperature, each 10 to 12.5 s. What is left are steps of 4.7 mm in four delays, and the
-        // sensor's of 1.14 °C.
+        // 40 °C × 2.15 mm, until a node measures its temperature, which it does every 10 to 12.5 s. The remaining
+        // errors are steps of 4.7 mm in four delays, and the sensor's steps of 1.14 °C.
         let (cold_m, _) = run.range_error(TAG, 1, 1.0, 14.9);
         let (warm_m, _) = run.range_error(TAG, 1, 15.1, 15.5);
         let (corrected_m, _) = run.range_error(TAG, 1, 30.0, 40.0);

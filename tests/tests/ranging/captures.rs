@@ -1,4 +1,5 @@
-//! Captures, as `tshark` reads them: every frame whole, addresses and networks as sent, blinks as blinks.
+//! Captures, as `tshark` reads them: every frame is complete, addresses and networks are as sent, and blinks are
+//! blinks.
 
 use std::path::Path;
 use std::process::Command;
@@ -7,8 +8,7 @@ use host_tools::simulate::Capture;
 use sim::scenario::{Scenario, Simulation};
 use system_tests::{STAND, hall};
 
-/// Fields of every frame of a capture, without some of `tshark`'s guesses at what payloads are; `None` where there is
-/// no
+/// Fields of every frame of a capture, without some of `tshark`'s heuristics for payloads; `None` if there is no
 /// `tshark`.
 fn dissected(capture: &Path, fields: &[&str], without: &[&str]) -> Option<Vec<Vec<String>>> {
     let mut command = Command::new("tshark");
@@ -32,7 +32,7 @@ fn dissected(capture: &Path, fields: &[&str], without: &[&str]) -> Option<Vec<Ve
     Some(text.lines().map(|line| line.split(',').map(str::to_owned).collect()).collect())
 }
 
-/// Runs a scenario and has its capture dissected.
+/// Runs a scenario and dissects its capture.
 fn frames_of(text: &str, fields: &[&str], without: &[&str]) -> Option<Vec<Vec<String>>> {
     let scenario = Scenario::parse(text).expect("the test's scenario");
     let seconds = scenario.seconds;
@@ -78,8 +78,8 @@ fn native_frames_are_data_frames_of_their_network() {
 
 #[test]
 fn decaranging_frames_are_those_of_the_boards() {
-    // The guess at ZigBee reads two bytes of every payload, also where there is one, as in a fast poll; the fast
-    // response's code is 6LoWPAN's for broadcasts.
+    // The ZigBee heuristic reads two bytes of every payload, even if there is only one byte, as in a fast poll. The
+    // fast response's code is 6LoWPAN's code for broadcasts.
     for (variant, without) in [("decaranging", &[][..]), ("decaranging-fast", &["zbee_nwk", "6lowpan"][..])] {
         let text = format!(
             "seconds = 3\n[[network]]\nmode = \"{variant}\"\n[[anchor]]\nat = [0, 0, 2]\n[[tag]]\npath = [[5, 0, 1]]\n"
@@ -90,7 +90,7 @@ fn decaranging_frames_are_those_of_the_boards() {
         for frame in &frames {
             assert!(frame[0].is_empty() && matches!(frame[1].as_str(), "1" | "True"), "{frame:?}");
         }
-        // A blink is of type 5, which the standard calls multipurpose: twelve bytes, the tag's long address, no
+        // A blink is a frame of type 5, which the standard calls multipurpose: twelve bytes, the tag's long address, no
         // network.
         let (blinks, others): (Vec<_>, Vec<_>) = frames.iter().partition(|frame| frame[2] == "0x0005");
         assert!(!blinks.is_empty());

@@ -1,9 +1,9 @@
-//! What the users of other systems complain about, each as a scenario: whole nodes, the driver on register-level chips.
+//! Complaints by users of other systems, each as a scenario of whole nodes: the driver on register-level chips.
 
 use system_tests::{Run, STAND, TAG, WALK, hall};
 use wire::telemetry::SolveError;
 
-/// After this long everybody has joined, seconds.
+/// The time after which all nodes have joined, seconds.
 const JOINED_S: f64 = 1.0;
 
 fn fault(at_s: f64, node: u16, what: &str) -> String {
@@ -34,7 +34,7 @@ fn an_anchor_that_is_switched_on_moves_no_other_range() {
     }
 }
 
-/// "An anchor needs a reset after a tag's reset": neither end needs one after the other's.
+/// "An anchor needs a reset after a tag's reset": neither end needs a reset after the other's reset.
 #[test]
 fn neither_end_needs_a_reset_after_the_others() {
     let text = hall("seconds = 7", 4, &[STAND]) + &fault(2.0, TAG, "reset") + &fault(4.5, 2, "reset");
@@ -50,10 +50,10 @@ fn neither_end_needs_a_reset_after_the_others() {
     }
 }
 
-/// The anchor that coordinates goes: another takes over.
+/// The anchor that coordinates vanishes: another one takes over.
 #[test]
 fn a_lost_coordinator_is_replaced_within_a_second() {
-    // Whoever coordinates after two seconds, it is one of the four; each is switched off in a run of its own.
+    // The coordinator after two seconds is one of the four anchors. Each anchor is switched off in its own run.
     for lost in 1..=4 {
         let text = hall("seconds = 6", 5, &[STAND]) + &fault(2.0, lost, "off") + &fault(4.0, lost, "on");
         let run = Run::of_text(&text);
@@ -73,8 +73,8 @@ fn a_lost_coordinator_is_replaced_within_a_second() {
 /// "A link at the edge of range dies for good."
 #[test]
 fn a_tag_that_comes_back_from_beyond_reach_is_found_again() {
-    // 300 m away and back at 60 m/s: nothing is heard beyond 150 m, and the edge is crossed slowly enough for the link
-    // to die by degrees. Gone from 2 s to about 10 s.
+    // 300 m away and back at 60 m/s: nothing is received beyond 150 m, and the edge is crossed slowly enough for the
+    // link to degrade gradually. The tag is out of range from 2 s to about 10 s.
     let text =
         hall("seconds = 14", 4, &[]) + "[[tag]]\npath = [[10, 6, 1.2], [310, 6, 1.2], [10, 6, 1.2]]\nspeed_m_s = 60\n";
     let run = Run::of_text(&text);
@@ -89,7 +89,7 @@ fn without_anchors_there_is_a_reason_and_no_old_value() {
     let run = Run::of_text(&(hall("seconds = 5", 4, &[STAND]) + &off));
     let positions: Vec<[f64; 3]> = run.epochs(TAG).filter_map(|(_, epoch)| epoch.fix.position_m()).collect();
     assert!(positions.len() > 300);
-    // They are told to 0.1 mm, so that two may be the same by chance.
+    // Positions are reported in steps of 0.1 mm, so two may be equal by chance.
     assert!(
         positions.windows(5).all(|five| five.iter().any(|one| *one != five[0])),
         "five positions are never the same"
@@ -100,7 +100,7 @@ fn without_anchors_there_is_a_reason_and_no_old_value() {
     assert!(later.iter().all(|(_, epoch)| epoch.fix.reason() == Some(SolveError::TooFewAnchors)), "a reason each time");
 }
 
-/// "5 s gaps every two minutes", and whatever wraps after 17.2 s.
+/// "5 s gaps every two minutes", and errors in anything that wraps after 17.2 s.
 #[test]
 fn five_minutes_have_no_gap() {
     let run = Run::of_text(&hall("seconds = 300\nlevel = \"air\"\nrate_hz = 10", 5, &[WALK]));
@@ -108,7 +108,7 @@ fn five_minutes_have_no_gap() {
     assert!(gap < 0.35, "{gap} s without a position");
 }
 
-/// Two networks side by side on one channel: neither follows the other, nobody's ranges suffer.
+/// Two networks side by side on one channel: neither follows the other, and the ranges of both are undisturbed.
 #[test]
 fn two_networks_side_by_side_keep_apart() {
     let second = "[[network]]\n[[network]]\npan = 0xBA13\ncode = 10\n\

@@ -1,14 +1,14 @@
-//! The same scenario on chips and straight on the air, on slow boards and on one that costs nothing: the same rounds.
+//! The same scenario on chips and directly on the air, on slow boards and on one without costs: the same rounds.
 
 use sim::BoardProfile;
 use sim::scenario::{Fidelity, Record, Scenario, Simulation};
 use wire::config::{Network, ReplyDelay};
 
-/// What a second of rounds brings, once everybody has joined.
+/// The results of a second of rounds, once all nodes have joined.
 #[derive(Debug)]
 struct Rounds {
     fixes_per_s: f64,
-    /// Ranges, or differences with their reference, a round.
+    /// Ranges per round, or differences including their reference.
     heard: f64,
     asked: f64,
     collisions: u64,
@@ -32,15 +32,15 @@ fn rounds(scenario: Scenario) -> Rounds {
     }
 }
 
-/// As many ranges within three in a hundred, and as many rounds: within five in a hundred where both have the same slots. Where nodes measure
-/// what slots they need, a network keeps slots that are longer by up to three steps of their code, of 3 to 6 % each: one level may keep them,
-/// and the other not.
+/// The number of ranges per round must agree within 3 %. The number of positions per second must agree within 5 % if
+/// both have the same slots. Nodes may also measure which slots they need; a network then keeps slots that are up to
+/// three steps of their code longer, of 3 to 6 % each. One of the two runs may keep such slots and the other not.
 fn alike(has_same_slots: bool, a: &Rounds, b: &Rounds) -> bool {
     let near = |a: f64, b: f64, share: f64| (a - b).abs() <= share * b;
     near(a.fixes_per_s, b.fixes_per_s, if has_same_slots { 0.05 } else { 0.18 }) && near(a.heard, b.heard, 0.03)
 }
 
-/// The same network with slots for boards that are as quick as this.
+/// The same network with fixed slots for boards with these reply delays.
 fn pinned(scenario: Scenario, answer_us: u16, listen_again_us: u16) -> Scenario {
     let turnaround = Some(ReplyDelay { answer_us, listen_again_us, transmit_us: 250 });
     let networks = scenario.networks.iter().map(|network| Network { turnaround, ..*network });
@@ -56,7 +56,7 @@ fn chips_and_air_make_the_same_rounds_on_every_board() {
             let is_free = board == BoardProfile::INSTANT;
             assert!(alike(is_free, &air, &chips), "{board:?}, {anchors} anchors, {tags} tags: {air:?} and {chips:?}");
             for all in [&chips, &air] {
-                // While slots are still being laid out, a slow board may miss one.
+                // While the slots are still being allocated, a slow board may miss one.
                 let missed = if board == BoardProfile::EVB1000 { 0.03 * all.asked } else { 1e-9 };
                 assert!((all.heard - all.asked).abs() < missed, "{board:?}: an answer is missed: {all:?}");
                 assert_eq!(all.collisions, 0, "{board:?}: {all:?}");
@@ -69,7 +69,7 @@ fn chips_and_air_make_the_same_rounds_on_every_board() {
 
 #[test]
 fn with_the_same_slots_chips_and_air_make_the_same_rounds() {
-    // A little more than what the boards ask for themselves.
+    // A little more than the boards request for themselves.
     for (board, answer_us, listen_again_us) in [(BoardProfile::DWM1001, 450, 120), (BoardProfile::EVB1000, 700, 550)] {
         for (anchors, tags, loss) in [(4, 1, 0.0), (8, 1, 0.0), (8, 3, 0.0), (4, 1, 0.1), (8, 3, 0.1)] {
             let of = |level| {
@@ -90,7 +90,7 @@ fn who_only_listens_hears_the_last_answer_too() {
         let (chips, air) = (of(Fidelity::Spi), of(Fidelity::Air));
         assert!(alike(false, &air, &chips), "{board:?}: {air:?} and {chips:?}");
         for all in [&chips, &air] {
-            // The reference comes with the differences.
+            // The reference is reported with the differences.
             let missed = if board == BoardProfile::EVB1000 { 0.03 * all.asked } else { 0.01 };
             assert!((all.heard - all.asked - 1.0).abs() < missed, "{board:?}: an answer is missed: {all:?}");
         }

@@ -1,10 +1,11 @@
-//! Tags that only listen, whole nodes: eight anchors ask each other, any number of tags find themselves.
+//! Tags that only listen, in whole nodes: eight anchors range among each other, and any number of tags computes
+//! positions from that.
 
 use sim::scenario::{Fidelity, LISTENING, NETWORK, Scenario, Simulation};
 use system_tests::Run;
 use wire::config::{Mode, Network};
 
-/// Positions a second and tag from the first second on, their errors' root mean square in metres, and collisions.
+/// Positions per second and tag after the first second, the root mean square of their errors in metres, and collisions.
 fn listen(level: Fidelity, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u64) {
     let mut simulation = Simulation::new(Scenario { fidelity: level, seconds, loss, ..Scenario::listening(8, tags) });
     simulation.run_until(1.0);
@@ -20,7 +21,7 @@ fn listen(level: Fidelity, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u
 #[test]
 fn a_hundred_tags_have_fifty_positions_a_second_each() {
     let (rate, rmse_m, collisions) = listen(Fidelity::Air, 100, 2.0, 0.0);
-    // Eight anchors, ten rounds a second each: eighty.
+    // Eight anchors with ten rounds per second each: eighty rounds.
     assert!(rate >= 50.0, "{rate} a second");
     assert!(rmse_m <= 0.15, "{rmse_m} m");
     assert_eq!(collisions, 0);
@@ -37,13 +38,13 @@ fn on_register_level_chips_as_well() {
 #[test]
 fn a_lost_frame_costs_a_difference_and_not_the_position() {
     let (rate, rmse_m, _) = listen(Fidelity::Air, 20, 4.0, 0.3);
-    // Seven polls in ten are heard.
+    // Seven polls in ten are received.
     assert!(rate >= 40.0, "{rate} a second");
     assert!(rmse_m <= 0.15, "{rmse_m} m");
 }
 
-/// What walls add to the ways between anchors is measured, and a tag that listens errs at most twice as much as one that asks: two links
-/// are in a difference, and no distance by itself.
+/// What walls add to the paths between anchors is measured. The error of a tag that listens is at most twice that of a
+/// tag that asks: a difference contains two links, and no distance by itself.
 #[test]
 fn walls_between_anchors_are_not_in_the_differences() {
     let mean_square = |mode: Mode| {

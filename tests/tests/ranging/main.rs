@@ -1,4 +1,4 @@
-//! Ranging, whole: the complaints that users of other systems have, the figures that are promised, and the captures.
+//! System tests of ranging: the complaints of users of other systems, the promised figures, and the captures.
 
 mod accuracy;
 mod captures;

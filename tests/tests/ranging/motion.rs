@@ -1,33 +1,36 @@
-//! Tags that lie still and are moved, with a motion sensor and without: the real driver and logic on a register-level LIS2DH12.
+//! Tags that lie still and are then moved, with and without a motion sensor: the real driver and logic on a
+//! register-level LIS2DH12.
 
 use sim::scenario::Scenario;
 use system_tests::{Run, TAG, hall};
 use wire::telemetry::MotionSensor;
 
-/// When the tag is carried off, seconds.
+/// The time at which the tag is carried away, seconds.
 const LEAVES_S: f64 = 61.0;
-/// A second at the still rate has no position, as a rule, or one; at the full rate a DWM1001 has more than three hundred.
+/// At the still rate, a second usually has no position, or one. At the full rate, a DWM1001 has more than three
+/// hundred.
 const AWAKE_HZ: f64 = 30.0;
 
-/// Four anchors, and a tag that ranges as often as it can, once in ten seconds while it lies still, and is carried off after a minute.
+/// Four anchors and a tag that ranges as often as it can, but once in ten seconds while it lies still. After a minute
+/// the tag is carried away.
 fn carried_off(head: &str, more: &str) -> Run {
     let head = format!("seconds = 73\nstill_rate_hz = 0.1\n{head}");
     let tag = format!("[[tag]]\npath = [[8, 5, 1.2], [16, 9, 1.2]]\nleaves_s = {LEAVES_S}\n{more}");
     Run::of(Scenario::parse(&(hall(&head, 4, &[]) + &tag)).unwrap())
 }
 
-/// The same tag that is never carried off.
+/// The same tag, never carried away.
 fn lying(seconds: f64, more: &str) -> Run {
     let head = format!("seconds = {seconds}\nstill_rate_hz = 0.1\nsleep = true");
     Run::of(Scenario::parse(&(hall(&head, 4, &[]) + "[[tag]]\npath = [[8, 5, 1.2]]\n" + more)).unwrap())
 }
 
-/// Positions a second within a time.
+/// Positions per second within an interval.
 fn rate(run: &Run, from_s: f64, to_s: f64) -> f64 {
     run.fix_times(TAG, from_s, to_s).len() as f64 / (to_s - from_s)
 }
 
-/// From an instant until a tenth of a second with at least ten positions, seconds.
+/// The time from an instant until a tenth of a second has at least ten positions, seconds.
 fn until_awake(run: &Run, since_s: f64) -> f64 {
     let times = run.fix_times(TAG, since_s, f64::INFINITY);
     let awake = times.windows(10).find(|ten| ten[9] - ten[0] < 0.1).map(|ten| ten[0]);
@@ -40,11 +43,11 @@ fn states(run: &Run) -> Vec<MotionSensor> {
 
 #[test]
 fn a_tag_that_is_picked_up_ranges_at_full_rate_within_a_second() {
-    // Its radio sleeps between rounds, or waits.
+    // The radio sleeps between rounds, or waits.
     for head in ["sleep = true", "sleep = false"] {
         let run = carried_off(head, "");
         assert_eq!(states(&run), [MotionSensor::Ready]);
-        // Still it ranges once in ten seconds, next 9 s after it is carried off.
+        // While it lies still, it ranges once in ten seconds, and next 9 s after it is carried away.
         assert!(rate(&run, 20.0, LEAVES_S) <= 0.125, "{head}: {}", rate(&run, 20.0, LEAVES_S));
         let awake_s = until_awake(&run, LEAVES_S);
         assert!(awake_s < 1.0, "{head}: {awake_s} s");
@@ -56,14 +59,14 @@ fn a_tag_that_is_picked_up_ranges_at_full_rate_within_a_second() {
 #[test]
 fn a_trolley_that_is_pushed_off_gently_wakes_its_tag_while_it_gains_speed() {
     let run = carried_off("sleep = true", "carried_by = \"trolley\"");
-    // 48 mg are exceeded before the middle of its two seconds, and a second later it ranges.
+    // 48 mg are exceeded before the middle of the two seconds of acceleration. One second later the tag ranges.
     let awake_s = until_awake(&run, LEAVES_S);
     assert!(awake_s < 2.0, "{awake_s} s");
 }
 
 #[test]
 fn a_trolley_at_constant_speed_is_not_taken_for_still() {
-    // 36 s at 0.25 m/s, which no accelerometer feels.
+    // 36 s at 0.25 m/s, which no accelerometer detects.
     let head = "seconds = 40\nstill_rate_hz = 0.1\nsleep = true";
     let tag = "[[tag]]\npath = [[4, 3, 1.2], [13, 3, 1.2]]\nspeed_m_s = 0.25\ncarried_by = \"trolley\"\n";
     let run = Run::of(Scenario::parse(&(hall(head, 4, &[]) + tag)).unwrap());
@@ -87,11 +90,11 @@ fn without_a_sensor_that_works_positions_wake_a_tag_at_its_next_round() {
         let run = carried_off("sleep = true", &format!("motion_sensor = \"{sensor}\""));
         assert_eq!(states(&run), expected, "{sensor}");
         assert!(rate(&run, 20.0, LEAVES_S) <= 0.125, "{sensor}: {}", rate(&run, 20.0, LEAVES_S));
-        // A round in ten seconds, and a second for more slots.
+        // One round in ten seconds, and one second to get more slots.
         let awake_s = until_awake(&run, LEAVES_S);
         assert!((5.0..11.0).contains(&awake_s), "{sensor}: {awake_s} s");
     }
-    // Other boards have none.
+    // Other boards have no motion sensor.
     let run = carried_off("sleep = true\nboard = \"esp32c3\"", "");
     assert_eq!(states(&run), []);
     assert!(until_awake(&run, LEAVES_S) > 5.0);
@@ -109,7 +112,7 @@ fn a_shaking_shelf_and_a_line_that_is_stuck_keep_a_tag_awake_for_two_minutes() {
 
 #[test]
 fn what_is_drawn_at_rest_has_the_sensors_three_microamperes() {
-    // The data sheet's current at 10 Hz in low-power mode; in power-down, with which it begins, 0.5 µA.
+    // The data sheet's current at 10 Hz in low-power mode. The sensor begins in power-down, with 0.5 µA.
     let sensor_ua = |run: &Run| 1e3 * run.summary.tag_currents_ma.map_or(0.0, |currents| currents.motion_sensor);
     let watched = sensor_ua(&lying(30.0, ""));
     assert!((2.9..=3.0).contains(&watched), "{watched} µA");

@@ -1,5 +1,5 @@
-//! How many positions a second, on DWM1001 boards unless said otherwise, at 6.81 Mbit/s with 128 preamble symbols, on register-level chips
-//! and processors that their code costs time.
+//! Positions per second, at 6.81 Mbit/s with 128 preamble symbols, on register-level chips and on processors whose code
+//! takes time. The boards are DWM1001 unless stated otherwise.
 
 use ::ranging::native::Scheme;
 use sim::BoardProfile;
@@ -22,7 +22,8 @@ fn one_tag_and_eight_anchors_make_a_hundred_and_eighty_a_second() {
     assert!(summary.fixes_per_s >= 180.0, "{summary:?}");
 }
 
-/// All anchors of a round answer in 95 of a hundred rounds, from `from` seconds on; positions a second.
+/// Checks that all anchors of a round answer in 95 of a hundred rounds, from `from` seconds on. Returns positions per
+/// second.
 fn positions_of_whole_rounds(run: &Run, anchors: usize, from: f64, to: f64) -> f64 {
     let rounds: Vec<usize> = run
         .epochs(TAG)
@@ -64,9 +65,9 @@ fn double_sided_rounds_keep_their_rate() {
 
 #[test]
 fn a_tag_whose_engine_is_slow_makes_no_rounds_in_vain() {
-    // A board without FPU, whose engine takes longer for a round than ranging does.
+    // A board without FPU, whose engine takes longer for a round than ranging takes.
     let summary = Run::of(Scenario { board: BoardProfile::EVB1000, ..Scenario::rooms(4, 1) }).summary;
-    // Ten beacons a second of each anchor; a poll and four responses a round.
+    // Ten sync frames per second from each anchor; a poll and four responses per round.
     let beacons = 10.0 * 4.0 * summary.seconds;
     let rounds = (summary.frames_sent as f64 - beacons) / 5.0;
     assert!(summary.fixes as f64 >= 0.9 * rounds, "of {rounds} rounds: {summary:?}");

@@ -1,4 +1,4 @@
-//! Equal scenarios and seeds give equal records, and the two levels tell the same story.
+//! Equal scenarios and seeds give equal records, and the two fidelities give equivalent results.
 
 use sim::scenario::{Fidelity, Scenario};
 use system_tests::Run;

@@ -1,5 +1,5 @@
-//! What a tag makes of an advertisement: a beacon of either format, by the numbers that a node record lists beacons by, and what it says
-//! of its power.
+//! A tag's view of an advertisement: a beacon of either format, with the numbers by which a config record lists
+//! beacons, and with its reported power.
 
 use core::fmt;
 
@@ -15,11 +15,11 @@ pub enum Advertised {
     EddystoneUid(EddystoneUid),
 }
 
-/// Who advertises.
+/// The identity of a beacon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Identity {
-    /// Whose beacon it is: the first four bytes of UUID or namespace, big-endian.
+    /// The owner of the beacon: the first four bytes of UUID or namespace, big-endian.
     pub network: u32,
     /// Major number; of an Eddystone-UID the third and fourth byte of the instance, big-endian.
     pub major: u16,
@@ -27,7 +27,7 @@ pub struct Identity {
     pub minor: u16,
 }
 
-/// Why an advertisement is no beacon's: what is wrong with it as one of either format.
+/// Why an advertisement is not from a beacon: the error of each format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct NoBeacon {
@@ -44,7 +44,10 @@ impl fmt::Display for NoBeacon {
 }
 
 impl Advertised {
-    /// From the data of an advertisement. An iBeacon counts before an Eddystone-UID beside it.
+    /// Parses the data of an advertisement. If it has both formats, the iBeacon counts.
+    ///
+    /// # Errors
+    /// If the data is of neither format; [`NoBeacon`] has the reasons.
     pub fn parse(advertising_data: &[u8]) -> Result<Self, NoBeacon> {
         match IBeacon::parse(advertising_data) {
             Ok(beacon) => Ok(Self::IBeacon(beacon)),
@@ -55,7 +58,7 @@ impl Advertised {
         }
     }
 
-    /// Who says it.
+    /// The identity of the sender.
     pub fn identity(&self) -> Identity {
         match self {
             Self::IBeacon(IBeacon { uuid: [a, b, c, d, ..], major, minor, .. }) => {
@@ -71,7 +74,7 @@ impl Advertised {
         }
     }
 
-    /// What it says its RSSI is at 1 m, dBm.
+    /// The RSSI at 1 m that it reports, dBm.
     pub fn rssi_1m_dbm(&self) -> i8 {
         match self {
             Self::IBeacon(beacon) => beacon.measured_power_dbm,
@@ -106,7 +109,7 @@ mod tests {
             let refused = Advertised::parse(other).expect_err("no beacon");
             assert!(matches!(refused.ibeacon, IBeaconError::OtherMaker(Some(_))), "{refused}");
             assert_eq!(refused.eddystone, EddystoneError::NoServiceData);
-            // Its structures before those of a beacon, without the flags.
+            // Their structures come before those of a beacon, without the flags.
             let both: Vec<u8> = other.iter().chain(&UID[3..]).copied().collect();
             assert!(matches!(Advertised::parse(&both), Ok(Advertised::EddystoneUid(_))));
         }
@@ -118,14 +121,14 @@ mod tests {
             for length in 0..whole.len() {
                 assert!(Advertised::parse(&whole[..length]).is_err(), "cut to {length}");
             }
-            // The length byte of the structure that matters, set to everything it can say. A structure that ends early is followed by
-            // bytes that are no beacon's; 0 ends the data.
+            // The length byte of the beacon's structure, set to every possible value. After a structure that ends early
+            // come bytes that belong to no beacon; 0 ends the data.
             let at = if whole.len() == IBEACON.len() { 3 } else { 7 };
             let right = whole[at];
             for length in (0..=u8::MAX).filter(|length| *length != right) {
                 let mut bytes = whole.to_vec();
                 bytes[at] = length;
-                // A UID without its two reserved bytes is one, whatever follows.
+                // A UID without its two reserved bytes is valid, whatever follows.
                 let short = at == 7 && length == right - 2;
                 assert_eq!(Advertised::parse(&bytes).is_ok(), short, "length {length}");
             }

@@ -1,8 +1,9 @@
-//! Eddystone-UID as a view over its bytes and as a representation, by Google's public specification of the frame
-//! (<https://github.com/google/eddystone/tree/master/eddystone-uid>).
+//! Eddystone-UID as a view over its bytes and as a representation, according to Google's public specification of the
+//! frame (<https://github.com/google/eddystone/tree/master/eddystone-uid>).
 //!
-//! It is service data of the 16-bit UUID 0xFEAA: a frame type, the power at 0 m, a namespace of ten bytes, an instance of six and two
-//! bytes that are reserved and that some beacons leave out. The other frames (URL, TLM, EID) say nothing to position by.
+//! It is service data of the 16-bit UUID 0xFEAA: a frame type, the power at 0 m, a namespace of ten bytes, an instance
+//! of six bytes, and two reserved bytes that some beacons leave out. The other frames (URL, TLM, EID) contain nothing
+//! that positioning needs.
 
 use core::fmt;
 
@@ -11,7 +12,7 @@ use crate::ble::structure::{Structures, Truncated};
 /// Bytes of an Eddystone-UID's advertising data.
 pub const EDDYSTONE_LENGTH: usize = 31;
 
-/// AD types.
+/// AD types (Bluetooth).
 const FLAGS: u8 = 0x01;
 const COMPLETE_LIST_OF_UUIDS: u8 = 0x03;
 const SERVICE_DATA: u8 = 0x16;
@@ -21,13 +22,13 @@ const DISCOVERABLE_LE_ONLY: u8 = 0x06;
 const EDDYSTONE: [u8; 2] = [0xAA, 0xFE];
 /// The frame type of a UID.
 const UID: u8 = 0x00;
-/// Bytes of the service data: UUID, type, power, namespace, instance; two more are reserved.
+/// Bytes of the service data: UUID, type, power, namespace, instance. Two more bytes are reserved.
 const DATA_LENGTH: usize = 20;
 const RESERVED: usize = 2;
-/// The power at 0 m is that at 1 m and this, dB: the specification's figure.
+/// The power at 0 m exceeds that at 1 m by this, dB, according to the specification.
 const FIRST_METRE_DB: i8 = 41;
 
-/// Why advertising data is not an Eddystone-UID's.
+/// Why advertising data is not that of an Eddystone-UID.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum EddystoneError {
@@ -35,9 +36,9 @@ pub enum EddystoneError {
     Truncated(Truncated),
     /// It has no service data of Eddystone.
     NoServiceData,
-    /// It is a frame of this other type, or too short to name one.
+    /// It is a frame of this other type, or too short to contain a type.
     OtherFrame(Option<u8>),
-    /// It says that it is a UID, but not in as many bytes: those of the service data, 20 or 22 in a UID.
+    /// Its type is UID, but it has this wrong number of bytes of service data; a UID has 20 or 22.
     Length(usize),
 }
 
@@ -65,12 +66,16 @@ impl From<Truncated> for EddystoneError {
     }
 }
 
-/// A view over the service data of an Eddystone-UID, whose frame has been checked.
+/// A view over the service data of an Eddystone-UID. Its frame has been checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UidPayload<'a>(&'a [u8; DATA_LENGTH]);
 
 impl<'a> UidPayload<'a> {
-    /// Finds it in advertising data, whatever else is there; if there are several frames of Eddystone, the refusal is the last one's.
+    /// Finds it in advertising data, which may contain other structures. If there are several frames of Eddystone, the
+    /// error is that of the last one.
+    ///
+    /// # Errors
+    /// If the data has no Eddystone-UID; [`EddystoneError`] has the reason.
     pub fn find(advertising_data: &'a [u8]) -> Result<Self, EddystoneError> {
         let mut refusal = EddystoneError::NoServiceData;
         for structure in Structures::new(advertising_data) {
@@ -102,31 +107,34 @@ impl<'a> UidPayload<'a> {
         i8::from_be_bytes([self.0[3]])
     }
 
-    /// Namespace: whose beacon it is.
+    /// Namespace: the owner of the beacon.
     pub fn namespace(&self) -> [u8; 10] {
         core::array::from_fn(|i| self.0[4 + i])
     }
 
-    /// Instance: which of them.
+    /// Instance: the beacon among those of its owner.
     pub fn instance(&self) -> [u8; 6] {
         core::array::from_fn(|i| self.0[14 + i])
     }
 }
 
-/// What an Eddystone-UID says. Every value of every field can be on the air.
+/// The contents of an Eddystone-UID. Every value of every field can be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct EddystoneUid {
-    /// Namespace: whose beacon it is.
+    /// Namespace: the owner of the beacon.
     pub namespace: [u8; 10],
-    /// Instance: which of them.
+    /// Instance: the beacon among those of its owner.
     pub instance: [u8; 6],
     /// RSSI at 0 m, dBm.
     pub power_0m_dbm: i8,
 }
 
 impl EddystoneUid {
-    /// From the data of an advertisement.
+    /// Parses the data of an advertisement.
+    ///
+    /// # Errors
+    /// If the data has no Eddystone-UID; [`EddystoneError`] has the reason.
     pub fn parse(advertising_data: &[u8]) -> Result<Self, EddystoneError> {
         UidPayload::find(advertising_data).map(Self::from)
     }
@@ -180,8 +188,8 @@ mod tests {
     use std::string::ToString;
     use std::vec::Vec;
 
-    /// Byte by byte as the specification's table has them: length, flags, flags' value; length, complete list, UUID; length, service
-    /// data, UUID, frame type, power (−18 = 0xEE − 256), namespace, instance, reserved.
+    /// Byte by byte as in the specification's table: length, flags, flags' value; length, complete list, UUID; length,
+    /// service data, UUID, frame type, power (−18 = 0xEE − 256), namespace, instance, reserved.
     const FRAME: [u8; 31] = hex!("02 01 06 03 03 AAFE 17 16 AAFE 00 EE 00010203040506070809 0A0B0C0D0E0F 0000");
 
     fn of_frame() -> EddystoneUid {
@@ -233,7 +241,7 @@ mod tests {
             prop_assert_eq!(EddystoneUid::parse(&uid.emit()), Ok(uid));
         }
 
-        /// Whatever is accepted holds the frame's bytes somewhere, so that nothing is made up.
+        /// Accepted data always contains the frame's bytes: the parser invents nothing.
         #[test]
         fn random_bytes_are_refused_or_hold_the_frame(bytes in proptest::collection::vec(any::<u8>(), 0..64)) {
             if let Ok(uid) = EddystoneUid::parse(&bytes) {
@@ -242,7 +250,7 @@ mod tests {
             }
         }
 
-        /// Cut anywhere, it is refused.
+        /// A frame cut anywhere is refused.
         #[test]
         fn a_cut_frame_is_refused(uid in any_uid(), length in 0_usize..31) {
             let cut: Vec<u8> = uid.emit()[..length].to_vec();

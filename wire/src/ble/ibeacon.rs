@@ -1,4 +1,5 @@
-//! iBeacon: 30 bytes of advertising data, flags and one structure of manufacturer data (Proximity Beacon Specification, R1).
+//! iBeacon: 30 bytes of advertising data, flags and one structure of manufacturer data (Proximity Beacon Specification,
+//! R1).
 //!
 //! | byte | what | value |
 //! |---|---|---|
@@ -24,13 +25,13 @@ const MANUFACTURER_DATA: u8 = 0xFF;
 /// Generally discoverable, no Bluetooth Classic.
 const DISCOVERABLE_LE_ONLY: u8 = 0x06;
 const APPLE: [u8; 2] = [0x4C, 0x00];
-/// Apple's number for a proximity beacon, and the bytes that follow the length.
+/// Apple's number for a proximity beacon, and the number of bytes that follow the length.
 const PROXIMITY: u8 = 0x02;
 const PROXIMITY_LENGTH: u8 = 0x15;
 /// Bytes of the manufacturer data: maker, kind, length, and the 21 bytes of the beacon.
 const DATA_LENGTH: usize = 4 + PROXIMITY_LENGTH as usize;
 
-/// Why advertising data is not an iBeacon's.
+/// Why advertising data is not that of an iBeacon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum IBeaconError {
@@ -38,13 +39,13 @@ pub enum IBeaconError {
     Truncated(Truncated),
     /// It has no manufacturer data.
     NoManufacturerData,
-    /// Its manufacturer data is of this maker, or too short to name one.
+    /// Its manufacturer data is from this maker, or too short to contain a maker.
     OtherMaker(Option<u16>),
-    /// It is Apple's, of this kind, or too short to name one.
+    /// It is Apple's, but of this kind, or too short to contain a kind.
     OtherKind(Option<u8>),
-    /// It says that it is an iBeacon, but not in as many bytes: those of the manufacturer data, 25 in an iBeacon.
+    /// Its kind is iBeacon, but it has this wrong number of bytes of manufacturer data; an iBeacon has 25.
     Length(usize),
-    /// It has an iBeacon's length and says that it has another.
+    /// It has an iBeacon's length, but its length field has this other value.
     InnerLength(u8),
 }
 
@@ -71,13 +72,16 @@ impl From<Truncated> for IBeaconError {
     }
 }
 
-/// A view over the manufacturer data of an iBeacon, whose frame has been checked.
+/// A view over the manufacturer data of an iBeacon. Its frame has been checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Payload<'a>(&'a [u8; DATA_LENGTH]);
 
 impl<'a> Payload<'a> {
-    /// Finds it in advertising data. Flags and other structures may stand before and behind it; if there are several
-    /// structures of manufacturer data, the refusal is the last one's.
+    /// Finds it in advertising data. Flags and other structures may come before and after it. If there are several
+    /// structures of manufacturer data, the error is that of the last one.
+    ///
+    /// # Errors
+    /// If the data has no iBeacon; [`IBeaconError`] has the reason.
     pub fn find(advertising_data: &'a [u8]) -> Result<Self, IBeaconError> {
         let mut refusal = IBeaconError::NoManufacturerData;
         for structure in Structures::new(advertising_data) {
@@ -92,7 +96,10 @@ impl<'a> Payload<'a> {
         Err(refusal)
     }
 
-    /// A view over manufacturer data as a Bluetooth stack may hand it out: from the maker's number on.
+    /// A view over manufacturer data as a Bluetooth stack may return it: from the maker's number on.
+    ///
+    /// # Errors
+    /// If the data is not that of an iBeacon; [`IBeaconError`] has the reason.
     pub fn of_manufacturer_data(data: &'a [u8]) -> Result<Self, IBeaconError> {
         let Some((&maker, rest)) = data.split_first_chunk() else {
             return Err(IBeaconError::OtherMaker(None));
@@ -132,7 +139,7 @@ impl<'a> Payload<'a> {
     }
 }
 
-/// What an iBeacon says. Every value of every field can be on the air.
+/// The contents of an iBeacon. Every value of every field can be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct IBeacon {
@@ -147,7 +154,10 @@ pub struct IBeacon {
 }
 
 impl IBeacon {
-    /// From the data of an advertisement.
+    /// Parses the data of an advertisement.
+    ///
+    /// # Errors
+    /// If the data has no iBeacon; [`IBeaconError`] has the reason.
     pub fn parse(advertising_data: &[u8]) -> Result<Self, IBeaconError> {
         Payload::find(advertising_data).map(Self::from)
     }
@@ -225,7 +235,7 @@ mod tests {
     #[test]
     fn flags_are_not_needed_and_others_may_stand_around() {
         assert_eq!(IBeacon::parse(&TABLE[3..]), Ok(of_table()));
-        // The transmit power before it, the name "b" behind it.
+        // The transmit power before it, the name "b" after it.
         let around: Vec<u8> = [&hex!("02 0A 00")[..], &TABLE, &hex!("02 09 62")].concat();
         assert_eq!(IBeacon::parse(&around), Ok(of_table()));
         // Another maker's data before it.
@@ -278,7 +288,7 @@ mod tests {
             prop_assert_eq!(IBeacon::parse(&beacon.emit()), Ok(beacon));
         }
 
-        /// Whatever is accepted holds the beacon's 27 bytes somewhere, so that nothing is made up.
+        /// Accepted data always contains the beacon's 27 bytes: the parser invents nothing.
         #[test]
         fn random_bytes_are_refused_or_hold_the_beacon(bytes in proptest::collection::vec(any::<u8>(), 0..64)) {
             if let Ok(beacon) = IBeacon::parse(&bytes) {
@@ -287,7 +297,7 @@ mod tests {
             }
         }
 
-        /// One byte changed: refused, or another beacon, unless the byte is the value of the flags.
+        /// With one byte changed, the data is refused or is another beacon, unless the byte is the value of the flags.
         #[test]
         fn a_changed_byte_is_never_the_same_beacon(beacon in any_beacon(), at in 0_usize..30, flip in 1_u8..) {
             let mut bytes = beacon.emit();
@@ -296,7 +306,7 @@ mod tests {
             prop_assert_eq!(IBeacon::parse(&bytes) == Ok(beacon), ignored);
         }
 
-        /// Cut anywhere, it is refused.
+        /// A beacon cut anywhere is refused.
         #[test]
         fn a_cut_beacon_is_refused(beacon in any_beacon(), length in 0_usize..30) {
             prop_assert!(IBeacon::parse(&beacon.emit()[..length]).is_err());

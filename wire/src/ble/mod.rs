@@ -1,8 +1,10 @@
 //! Advertisements of Bluetooth beacons, from and to the bytes on the air.
 //!
-//! Advertising data → [`Structures`], one AD structure after the other → [`Payload`] or [`UidPayload`], a view over those of an
-//! iBeacon or an Eddystone-UID → [`IBeacon`] or [`EddystoneUid`], the representations that go inward, either as [`Advertised`]; and
-//! back with [`IBeacon::emit`] and [`EddystoneUid::emit`]. A [`RotatingId`] hides an iBeacon's identity from everybody without its key.
+//! Advertising data is parsed in three steps. [`Structures`] yields one AD structure after the other. [`Payload`] or
+//! [`UidPayload`] is a view over the structure of an iBeacon or an Eddystone-UID. [`IBeacon`] or [`EddystoneUid`] is
+//! the representation that the other modules use, either as [`Advertised`]. [`IBeacon::emit`] and
+//! [`EddystoneUid::emit`] go back to bytes. A [`RotatingId`] hides an iBeacon's identity from everybody without its
+//! key.
 
 mod advertised;
 mod eddystone;

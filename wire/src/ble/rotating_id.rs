@@ -1,4 +1,4 @@
-//! Identities that rotate: others see a new beacon each time, and whoever has the key sees the same one.
+//! Identities that rotate: others see a new beacon each time, and a node with the key sees the same one.
 //!
 //! The proximity UUID is one block of AES-128 under the beacons' common key:
 //!
@@ -8,40 +8,41 @@
 //! | 8–9, 10–11 | the true major and minor number, big-endian |
 //! | 12–15 | random, new at each rotation |
 //!
-//! Major and minor number on the air are random. A reader decrypts the UUID of any iBeacon that it hears: if the mark comes
-//! out, the beacon is one of ours. There is no clock and no list of expected identities; a random UUID is taken for ours once
-//! in 2⁶⁴.
+//! Major and minor number on the air are random. A reader decrypts the UUID of every iBeacon that it receives: if the
+//! result has the mark, the beacon belongs to this site. There is no clock and no list of expected identities. A random
+//! UUID is mistaken for one of the site with a probability of 2⁻⁶⁴.
 //!
 //! # What it does and what it does not
 //!
-//! - To whoever does not have the key, two identifiers of a beacon have nothing in common but the measured power, which stays as it is,
-//!   since phones need it: give all beacons of a site the same one if that matters.
-//! - **The Bluetooth address must change with it**, or it tells what the UUID hides: a new non-resolvable private address at each
-//!   rotation. Between two rotations a beacon is recognisable, to anyone.
-//! - 32 random bits make a beacon have an identifier again after about 2¹⁶ rotations (at one a minute, six weeks). Whoever hears both learns
-//!   that it was the same beacon, and nothing more.
-//! - It hides, it does not prove: a rotating identifier that was recorded can be sent again elsewhere until the key is changed, and a reader
-//!   without clock cannot tell. Positions that matter do not rest on beacons alone.
-//! - A beacon can still be recognised by what is not in its bytes: where it is, how strong, the offset of its crystal.
-//! - All nodes of a site share the key: a node that is taken apart gives it away.
+//! - Without the key, two identifiers of a beacon have nothing in common but the measured power, which stays as it is,
+//!   since phones need it. If that matters, give all beacons of a site the same measured power.
+//! - **The Bluetooth address must change at the same time**, or it reveals what the UUID hides: use a new
+//!   non-resolvable private address at each rotation. Between two rotations anyone can recognise a beacon.
+//! - With 32 random bits, a beacon repeats an identifier after about 2¹⁶ rotations (at one a minute, six weeks). A
+//!   receiver of both learns that it was the same beacon, and nothing more.
+//! - It hides the identity, it does not prove it: a recorded identifier can be sent again elsewhere until the key is
+//!   changed, and a reader without a clock cannot detect this. Positions that matter must not depend on beacons alone.
+//! - A beacon can still be recognised by properties outside its bytes: its position, its power, the offset of its
+//!   crystal.
+//! - All nodes of a site share the key: the key can be read from any node that is taken apart.
 
 use aes::Aes128;
 use aes::cipher::{Block, BlockCipherDecrypt, BlockCipherEncrypt, KeyInit};
 
 use crate::ble::IBeacon;
 
-/// By which a reader knows that its key fits: the bytes 0 to 7 of the block.
+/// Shows a reader that its key fits: the bytes 0 to 7 of the block.
 const MARK: [u8; 8] = *b"BALIZA\x00\x01";
 
 /// The key that beacons and tags of a site share.
 #[derive(Clone)]
 pub struct RotatingId(Aes128);
 
-/// What is new in each identifier; from a good source of random numbers.
+/// The random part of each identifier. It must come from a good source of random numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Fresh {
-    /// In the block.
+    /// The salt in the block.
     pub salt: [u8; 4],
     /// The major number on the air.
     pub major: u16,
@@ -50,14 +51,14 @@ pub struct Fresh {
 }
 
 impl Fresh {
-    /// Out of random bytes.
+    /// From random bytes.
     pub fn new(random: [u8; 8]) -> Self {
         let [a, b, c, d, e, f, g, h] = random;
         Self { salt: [a, b, c, d], major: u16::from_be_bytes([e, f]), minor: u16::from_be_bytes([g, h]) }
     }
 }
 
-/// Who is behind a rotating identifier.
+/// The identity behind a rotating identifier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Revealed {
@@ -70,12 +71,13 @@ pub struct Revealed {
 }
 
 impl RotatingId {
-    /// With the key of the node record.
+    /// From the key of the config record.
     pub fn new(key: &[u8; 16]) -> Self {
         Self(Aes128::new(&(*key).into()))
     }
 
-    /// What `beacon` advertises until the next rotation. Its UUID goes nowhere: a reader learns major and minor number.
+    /// What `beacon` advertises until the next rotation. Its own UUID is not sent: a reader learns major and minor
+    /// number.
     pub fn rotate(&self, beacon: &IBeacon, fresh: Fresh) -> IBeacon {
         let mut block = [0; 16];
         block[..8].copy_from_slice(&MARK);
@@ -90,7 +92,7 @@ impl RotatingId {
         }
     }
 
-    /// Who is behind what was heard; `None`: nobody of ours, or no rotating identifier.
+    /// The identity behind a received identifier; `None`: not a beacon of this site, or not a rotating identifier.
     pub fn reveal(&self, heard: &IBeacon) -> Option<Revealed> {
         let block = self.decrypt(heard.uuid);
         let (mark, rest) = block.split_first_chunk()?;
@@ -137,7 +139,7 @@ mod tests {
         assert_eq!(rotating_id.decrypt(cipher), plain);
     }
 
-    /// The UUID is from `openssl enc -aes-128-ecb -nopad -K 000102030405060708090a0b0c0d0e0f` of the block
+    /// The UUID is the output of `openssl enc -aes-128-ecb -nopad -K 000102030405060708090a0b0c0d0e0f` for the block
     /// 42414c495a410001 0007 0102 a0a1a2a3.
     #[test]
     fn a_rotating_identifier_byte_by_byte() {

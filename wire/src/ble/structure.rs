@@ -1,5 +1,5 @@
-//! AD structures: advertising data is a row of them, each a length, a type and data (Bluetooth Core 5.4, volume 3, part C,
-//! section 11).
+//! AD structures: advertising data is a sequence of them. Each has a length, a type and data (Bluetooth Core 5.4,
+//! volume 3, part C, section 11).
 
 use core::fmt;
 
@@ -8,7 +8,7 @@ use core::fmt;
 pub struct Structure<'a> {
     /// The AD type, a number of the Bluetooth SIG.
     pub kind: u8,
-    /// What it says; may be empty.
+    /// Its contents; may be empty.
     pub data: &'a [u8],
 }
 
@@ -16,9 +16,9 @@ pub struct Structure<'a> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Truncated {
-    /// What it announces, bytes after the length.
+    /// The announced number of bytes after the length.
     pub announced: u8,
-    /// What there is, bytes after the length.
+    /// The number of bytes present after the length.
     pub present: usize,
 }
 
@@ -28,8 +28,8 @@ impl fmt::Display for Truncated {
     }
 }
 
-/// The structures of advertising data, in their order. A length of zero ends them early, as the standard has it; a truncated
-/// one ends them with an error.
+/// The structures of advertising data, in their order. A length of zero ends them early, according to the standard. A
+/// truncated structure ends them with an error.
 #[derive(Clone, Debug)]
 pub struct Structures<'a> {
     rest: &'a [u8],
@@ -64,7 +64,7 @@ mod tests {
 
     #[test]
     fn structures_come_in_their_order_until_a_length_of_zero() {
-        // Flags; the complete local name "tag"; an end; bytes that count no more.
+        // Flags; the complete local name "tag"; the end; bytes after the end, which are ignored.
         let bytes = [2, 0x01, 0x06, 4, 0x09, b't', b'a', b'g', 0, 9, 9];
         let found: Vec<_> = Structures::new(&bytes).collect();
         assert_eq!(found, [Ok(Structure { kind: 0x01, data: &[0x06] }), Ok(Structure { kind: 0x09, data: b"tag" })]);

@@ -1,6 +1,6 @@
-//! The boards: one table of what firmware, host programs and builds must agree on.
+//! The boards: one table of the facts that firmware, host programs and builds share.
 //!
-//! One more board is one more variant of [`Board`] and its row.
+//! To add a board, add a variant of [`Board`] and its row.
 
 use core::ops::RangeInclusive;
 
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::Pins;
 
-/// What a node is built on. Telemetry sends the variant's index: a new one goes to the end.
+/// The board of a node. Telemetry sends the variant's index, so a new variant goes to the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Board {
@@ -30,47 +30,50 @@ pub enum Board {
 /// A row of the table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BoardSpec {
-    /// Its name in commands, in files, and of its images.
+    /// Its name in commands, in files, and in the names of its images.
     pub name: &'static str,
     /// The compiler's target.
     pub target: &'static str,
-    /// What writes its flash.
+    /// The program that writes its flash.
     pub flasher: Flasher,
-    /// Where its record is.
+    /// Where its config record is.
     pub pages: Pages,
     /// Where its images may be.
     pub memory: Memory,
     /// Whether it has Bluetooth, so that a tag can scan.
     pub has_bluetooth: bool,
-    /// Whether there is an image of a beacon for it.
+    /// Whether there is a beacon image for it.
     pub advertises: bool,
-    /// Which pins the DW1000 may be wired to; `None`: the wires are the board's.
+    /// Which pins the DW1000 may be wired to; `None`: the board has fixed wiring.
     pub pins: Option<PinChoice>,
 }
 
 /// The program on the host that writes a board's flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flasher {
-    /// probe-rs by a debug probe, which also reads the flash; it knows the chip by this name.
+    /// probe-rs with a debug probe, which also reads the flash. The string is the chip's name in probe-rs.
     ProbeRs(&'static str),
-    /// espflash by the serial port; it and probe-rs know the chip by this name. A probe does not read the flash.
+    /// espflash over the serial port. The string is the chip's name in espflash and probe-rs. A probe does not read the
+    /// flash.
     Espflash(&'static str),
     /// QEMU loads the image itself.
     Qemu,
 }
 
-/// Where a board keeps its record: two pages of flash that nothing else uses.
+/// Where a board keeps its config record: two pages of flash that nothing else uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Pages {
-    /// Where the processor sees the flash's first byte, and where Intel HEX files and debug probes count from.
+    /// The processor's address of the flash's first byte. Intel HEX files and debug probes count from it.
     pub base: u32,
-    /// The pages, from the flash's beginning: what [`load`](crate::config::load) and [`store`](crate::config::store) take.
+    /// The offsets of the pages from the flash's beginning, as [`load`](crate::config::load) and
+    /// [`store`](crate::config::store) take them.
     pub offsets: [u32; 2],
-    /// The size of each, which the flash erases as a whole, bytes.
+    /// The size of each page, bytes. The flash erases a page as a whole.
     pub size: u32,
-    /// Where [`StoredSiteModels`](crate::config::StoredSiteModels) are, from the flash's beginning, [`MODELS_BYTES`](crate::config::MODELS_BYTES) long: beside
-    /// the pages, before or behind them. Boards without Bluetooth have none.
+    /// The offset of [`StoredSiteModels`](crate::config::StoredSiteModels) from the flash's beginning; they are
+    /// [`MODELS_BYTES`](crate::config::MODELS_BYTES) long, directly before or after the pages. `None` for boards
+    /// without Bluetooth.
     pub models: Option<u32>,
 }
 
@@ -90,15 +93,15 @@ pub struct Memory {
 /// The pins of a chip whose DW1000 is wired by the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PinChoice {
-    /// Those that are used where the record names none.
+    /// The pins that are used if the config record names none.
     pub default: Pins,
-    /// Those that can be inputs and outputs.
+    /// Pins that can be inputs and outputs.
     pub both_ways: &'static [RangeInclusive<u8>],
-    /// Those that can only be inputs.
+    /// Pins that can only be inputs.
     pub inputs: &'static [RangeInclusive<u8>],
 }
 
-/// The last two of 4 KiB pages in 512 KiB of flash are the record's, the two before them the models'.
+/// Of the 4 KiB pages in 512 KiB of flash, the last two are for the config record, the two before them for the models.
 const DWM1001: BoardSpec = BoardSpec {
     name: "dwm1001",
     target: "thumbv7em-none-eabihf",
@@ -110,7 +113,7 @@ const DWM1001: BoardSpec = BoardSpec {
     pins: None,
 };
 
-/// The last two of 2 KiB pages in 256 KiB of flash are the record's.
+/// Of the 2 KiB pages in 256 KiB of flash, the last two are for the config record.
 const EVK1000: BoardSpec = BoardSpec {
     name: "evk1000",
     target: "thumbv7m-none-eabi",
@@ -127,18 +130,21 @@ const EVK1000: BoardSpec = BoardSpec {
     pins: None,
 };
 
-/// The first two sectors of the partition `nvs` of espflash's default table are the record's, the next two of its six the models'.
+/// Of the six sectors of the partition `nvs` in espflash's default table, the first two are for the config record, the
+/// next two for the models.
 const ESP_PAGES: Pages = Pages { base: 0, offsets: [0x9000, 0xA000], size: 4096, models: Some(0xB000) };
 
-// Pins (the chips' data sheets, "Pin Overview"): left out are those of the flash, of the USB port and, on the ESP32, of the serial port.
-// The defaults also leave out those that the chip reads at reset, because the DW1000 or its reset line could make the chip start into its
-// loader. One exception: the ESP32-C3's own pin for MISO is GPIO2, which must not be low at reset; its modules and boards pull it up, and
-// the DW1000 leaves it alone while it is not selected.
+// Pins (the chips' data sheets, "Pin Overview"): the lists leave out the pins of the flash, of the USB port and, on the
+// ESP32, of the serial port. The defaults also leave out the pins that the chip reads at reset, because the DW1000 or
+// its reset line could make the chip start its loader. There is one exception: the ESP32-C3's own pin for MISO is
+// GPIO2, which must not be low at reset. The modules and boards of this chip pull it up, and the DW1000 does not drive
+// it while it is not selected.
 //
-// Memories (technical reference manuals, "System and Memory"): internal SRAM as data, 384 KiB after the cache's 16 on the C3, 512 KiB on
-// the C6; flash by the cache, as instructions and as data; SRAM as instructions; RTC memory.
+// Memories (technical reference manuals, "System and Memory"): internal SRAM as data, 384 KiB after the cache's 16 on
+// the C3, 512 KiB on the C6. The others are flash through the cache, as instructions and as data; SRAM as instructions;
+// RTC memory.
 
-/// GPIO2, 6, 7 and 10 are SPI2's own. Read at reset: 2, 8, 9.
+/// GPIO2, 6, 7 and 10 are SPI2's own pins. Read at reset: 2, 8, 9.
 const ESP32_C3: BoardSpec = BoardSpec {
     name: "esp32c3",
     target: "riscv32imc-unknown-none-elf",
@@ -159,7 +165,7 @@ const ESP32_C3: BoardSpec = BoardSpec {
     }),
 };
 
-/// GPIO2, 6 and 7 are SPI2's own. Read at reset: 4, 5, 8, 9, 15.
+/// GPIO2, 6 and 7 are SPI2's own pins. Read at reset: 4, 5, 8, 9, 15.
 const ESP32_C6: BoardSpec = BoardSpec {
     name: "esp32c6",
     target: "riscv32imac-unknown-none-elf",
@@ -178,8 +184,8 @@ const ESP32_C6: BoardSpec = BoardSpec {
     ..ESP32_C3
 };
 
-/// GPIO18, 19 and 23 are SPI3's own; so are boards wired that carry both chips. Read at reset: 0, 2, 5, 12, 15. From 34 on the pins have
-/// no pull resistors and cannot drive.
+/// GPIO18, 19 and 23 are SPI3's own pins; boards that carry both chips are wired in this way. Read at reset: 0, 2, 5,
+/// 12, 15. From 34 on the pins have no pull resistors and cannot drive.
 const ESP32: BoardSpec = BoardSpec {
     name: "esp32",
     target: "xtensa-esp32-none-elf",
@@ -198,7 +204,7 @@ const ESP32: BoardSpec = BoardSpec {
     ..ESP32_C3
 };
 
-/// QEMU's mps2-an386; two pages of memory stand in for flash.
+/// QEMU's mps2-an386; two pages of memory represent the flash.
 const SIMULATED: BoardSpec = BoardSpec {
     name: "simulated",
     target: "thumbv7em-none-eabihf",
@@ -211,7 +217,7 @@ const SIMULATED: BoardSpec = BoardSpec {
 };
 
 impl Board {
-    /// All that are hardware, whose flash holds a record.
+    /// All boards that are hardware, whose flash holds a config record.
     pub const HARDWARE: [Self; 5] = [Self::Dwm1001, Self::Evk1000, Self::Esp32C3, Self::Esp32C6, Self::Esp32];
 
     /// Its row.
@@ -227,24 +233,24 @@ impl Board {
         }
     }
 
-    /// Its name in commands, in files, and of its images.
+    /// Its name in commands, in files, and in the names of its images.
     pub const fn name(self) -> &'static str {
         self.spec().name
     }
 
-    /// Where it keeps its record.
+    /// Where it keeps its config record.
     pub const fn pages(self) -> Pages {
         self.spec().pages
     }
 
-    /// The hardware of a name.
+    /// The hardware board with this name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::HARDWARE.into_iter().find(|board| board.name() == name)
     }
 }
 
 impl Flasher {
-    /// The chip as probe-rs calls it.
+    /// The chip's name in probe-rs.
     pub const fn probe_chip(self) -> Option<&'static str> {
         match self {
             Self::ProbeRs(chip) | Self::Espflash(chip) => Some(chip),
@@ -252,7 +258,7 @@ impl Flasher {
         }
     }
 
-    /// Whether a debug probe reads the flash that the record is in.
+    /// Whether a debug probe reads the flash that contains the config record.
     pub const fn is_readable(self) -> bool {
         match self {
             Self::ProbeRs(_) => true,
@@ -262,12 +268,12 @@ impl Flasher {
 }
 
 impl Pages {
-    /// Where debug probes find the pages.
+    /// The addresses of the pages for debug probes.
     pub const fn addresses(&self) -> [u32; 2] {
         [self.base + self.offsets[0], self.base + self.offsets[1]]
     }
 
-    /// Where debug probes find the models.
+    /// The address of the models for debug probes.
     pub const fn models_address(&self) -> Option<u32> {
         match self.models {
             Some(models) => Some(self.base + models),
@@ -277,7 +283,7 @@ impl Pages {
 }
 
 impl PinChoice {
-    /// Whether a pin of this number can be an input, and an output too where `output`.
+    /// Whether a pin of this number can be an input, and also an output if `output`.
     pub fn allows(&self, pin: u8, output: bool) -> bool {
         let among = |ranges: &[RangeInclusive<u8>]| ranges.iter().any(|range| range.contains(&pin));
         among(self.both_ways) || (!output && among(self.inputs))
@@ -285,7 +291,7 @@ impl PinChoice {
 }
 
 impl Pins {
-    /// The pins with their names as the record's fields, and whether the processor drives them.
+    /// The pins with their names in the config record, and whether the processor drives them.
     pub const fn named(&self) -> [(&'static str, u8, bool); 6] {
         [
             ("pins.sck", self.sck, true),

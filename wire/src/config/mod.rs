@@ -1,8 +1,8 @@
-//! What a node is told once: its configuration in flash.
+//! The configuration of a node, stored in its flash.
 //!
-//! A [`Record`] is written by the host (`baliza provision`) as postcard with a header and a checksum ([`encode`]), into
-//! one of two flash pages in turn: a power cut during writing leaves the other page's record. A node takes it by
-//! [`load`]. What it knows of beacons' levels on the spot, [`StoredSiteModels`], lies beside.
+//! The host writes a [`Record`] (`baliza provision`) as postcard with a header and a checksum ([`encode`]). It uses two
+//! flash pages in turn: a power cut during writing leaves the other page's record. A node reads the record with
+//! [`load`]. The flash also contains [`StoredSiteModels`], the models of the beacons' RSSI at the site.
 
 mod board;
 mod models;
@@ -21,5 +21,5 @@ pub use record::*;
 pub use store::{Next, StoreError, load, load_model, model_of, newest, next, store};
 pub use validate::{Invalid, Value};
 
-/// The version of the records that are written; those of version 1 are read as well.
+/// The version of the config records that are written. Records of version 1 can also be read.
 pub const VERSION: u8 = 2;

@@ -1,6 +1,8 @@
-//! What a tag knows of beacons' RSSI values on the spot: a map of fingerprints and a model of rooms, in flash beside the record's pages.
+//! A tag's models of the beacons' RSSI at the site: a map of fingerprints and a model of rooms, in flash beside the
+//! config record's pages.
 //!
-//! A region is a page's header with other letters, as [`decode`](crate::config::decode) has it for records, and [`StoredSiteModels`] in postcard:
+//! A region is a page's header with other letters, as [`decode`](crate::config::decode) reads it for config records,
+//! and [`StoredSiteModels`] in postcard:
 //!
 //! | offset | bytes | what |
 //! |---|---|---|
@@ -12,8 +14,9 @@
 //! | 12 | 4 | CRC-32 of the twelve bytes before and of the models |
 //! | 16 | … | the models |
 //!
-//! There is one region. Its pages are written one after the other; the checksum is of all, so that a power cut leaves the models of
-//! before, the new ones, or none that is believed. What the models themselves hold has checksums of its own.
+//! There is one region. Its pages are written one after the other, and the checksum covers all of them. So a power cut
+//! leaves the former models, the new ones, or none with a valid checksum. The contents of the models have their own
+//! checksums.
 
 use embedded_storage::nor_flash::ReadNorFlash;
 use serde::{Deserialize, Serialize};
@@ -21,31 +24,32 @@ use serde::{Deserialize, Serialize};
 use crate::config::page::{Framed, HEADER_BYTES, Letters, parse, seal};
 use crate::config::{LoadError, MAX_BEACONS};
 
-/// The version of [`StoredSiteModels`]; a reader takes no other.
+/// The version of [`StoredSiteModels`]; a reader accepts no other.
 pub const MODELS_VERSION: u8 = 1;
-/// Bytes of flash for them: a map of 200 points and 12 beacons with deviations takes 4056, a model of thirteen rooms and twelve beacons
-/// 4120.
+/// Bytes of flash for the models: a map of 200 points and 12 beacons with deviations takes 4056, a model of thirteen
+/// rooms and twelve beacons 4120.
 pub const MODELS_BYTES: usize = 8192;
 
 const LETTERS: Letters = *b"BLZB";
 
-/// What a tag knows of RSSI values on the spot.
+/// A tag's models of the RSSI values at the site.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StoredSiteModels<'a> {
-    /// A map, as `positioning_core::ble::fingerprint::Map` lays it out.
+    /// A map, in the layout of `positioning_core::ble::fingerprint::Map`.
     #[serde(borrow)]
     pub map: Option<BeaconModel<'a>>,
-    /// A model of rooms, as `positioning_core::ble::rooms::Model` lays it out.
+    /// A model of rooms, in the layout of `positioning_core::ble::rooms::Model`.
     #[serde(borrow)]
     pub rooms: Option<BeaconModel<'a>>,
-    /// What the rooms are called, a line each.
+    /// The names of the rooms, one for each line.
     pub room_names: &'a str,
 }
 
-/// A model, and whose RSSI values it is of.
+/// A model, and the beacons to which its RSSI values belong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BeaconModel<'a> {
-    /// In the order of the model's scans: major and minor number, two bytes each, little-endian; at most [`MAX_BEACONS`] beacons.
+    /// In the order of the model's scans: major and minor number, two bytes each, little-endian; at most
+    /// [`MAX_BEACONS`] beacons.
     pub beacons: &'a [u8],
     /// The model.
     pub model: &'a [u8],
@@ -63,7 +67,8 @@ impl<'a> BeaconModel<'a> {
     }
 }
 
-/// The models as the beginning of a region; the rest of the buffer is 0xFF, as erased flash is. `None` where they do not fit.
+/// The models as the beginning of a region; the rest of the buffer is 0xFF, as in erased flash. `None` if they do not
+/// fit.
 pub fn encode_models<'b>(models: &StoredSiteModels<'_>, region: &'b mut [u8; MODELS_BYTES]) -> Option<&'b [u8]> {
     region.fill(0xFF);
     let (_, body) = region.split_at_mut(HEADER_BYTES);
@@ -74,7 +79,8 @@ pub fn encode_models<'b>(models: &StoredSiteModels<'_>, region: &'b mut [u8; MOD
 /// The models of a region.
 ///
 /// # Errors
-/// [`LoadError::Missing`]: it is erased; [`LoadError::Version`]: they are of another version; else [`LoadError::Corrupt`].
+/// [`LoadError::Missing`] if it is erased, [`LoadError::Version`] if the models are of another version, else
+/// [`LoadError::Corrupt`].
 pub fn decode_models(region: &[u8]) -> Result<StoredSiteModels<'_>, LoadError> {
     let (header, body) = parse(LETTERS, region)?;
     if header.version != MODELS_VERSION {
@@ -86,10 +92,11 @@ pub fn decode_models(region: &[u8]) -> Result<StoredSiteModels<'_>, LoadError> {
     }
 }
 
-/// The same from a flash that is not in memory: `region` is filled and kept by the models. `at` counts from the flash's beginning.
+/// The same from a flash that is not in memory: the models are read into `region` and borrow it. `at` counts from the
+/// flash's beginning.
 ///
 /// # Errors
-/// As [`decode_models`]; a flash that cannot be read is [`LoadError::Corrupt`].
+/// As [`decode_models`]; a flash that cannot be read gives [`LoadError::Corrupt`].
 pub fn load_models<'b>(
     flash: &mut impl ReadNorFlash,
     at: u32,

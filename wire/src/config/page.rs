@@ -1,4 +1,4 @@
-//! A page of flash with a record: its bytes.
+//! A page of flash with a config record: its bytes.
 //!
 //! | offset | bytes | what |
 //! |---|---|---|
@@ -12,26 +12,26 @@
 //!
 //! | 1280 | 400 | [`MODEL_AT`]: a tag's trained classifier of line of sight, with its own checksum, or erased |
 //!
-//! Version 2 is version 1 with [`Appended`] behind the record's fields, and zeros for a turnaround that is not pinned. Numbers are
-//! little-endian. The rest of the page is erased, 0xFF. The header stays the same in all versions, so that
-//! an unknown version is known to be one.
+//! Version 2 is version 1 with [`Appended`] after the record's fields, and zeros for a reply delay that is not pinned.
+//! Numbers are little-endian. The rest of the page is erased, 0xFF. The header stays the same in all versions, so that
+//! a reader can recognise an unknown version.
 
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{Invalid, Record, Region, ReplyDelay, Role, Scheme, Solver, VERSION};
 
-/// Bytes that a record in its page has room for; the rest of the page is left erased.
+/// Room for a config record in its page, bytes; the rest of the page is left erased.
 pub const MAX_BYTES: usize = 1280;
-/// Where the page has a tag's trained classifier of line of sight, as `positioning_core::nlos::Model` lays it out. Records of
-/// nodes that never had one are the same without it: nothing there is erased flash.
+/// The offset of a tag's trained classifier of line of sight, in the layout of `positioning_core::nlos::Model`. The
+/// field is optional: without a classifier this flash is erased, and the record is the same.
 pub const MODEL_AT: usize = MAX_BYTES;
-/// Bytes that a classifier has room for: the largest perceptron in bytes takes 389.
+/// Room for a classifier, bytes: the largest perceptron in bytes takes 389.
 pub const MODEL_BYTES: usize = 400;
 /// Bytes before the record.
 pub const HEADER_BYTES: usize = 16;
 
-/// What version 2 has behind the fields of version 1, whichever role the record is of.
+/// The fields that version 2 has after those of version 1, in records of every role.
 #[derive(Clone, Copy, Default, Serialize, Deserialize)]
 struct Appended {
     region: Option<Region>,
@@ -57,14 +57,14 @@ impl Appended {
     }
 }
 
-/// What a page begins with: whose it is.
+/// The first bytes of a page: they identify its format.
 pub(crate) type Letters = [u8; 4];
 
 const LETTERS: Letters = *b"BLZR";
-/// Bit by bit: a page is checked twice a start, which is not worth a table of 1 KiB.
+/// Computed bit by bit: a page is checked twice at each start, which is not worth a table of 1 KiB.
 const CRC: Crc<u32, Table<0>> = Crc::<u32, Table<0>>::new(&CRC_32_ISO_HDLC);
 
-/// Why there is no record.
+/// Why there is no config record.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LoadError {
@@ -74,7 +74,7 @@ pub enum LoadError {
     Version(u8),
     /// Its checksum is wrong, it is cut short, or it is something else.
     Corrupt,
-    /// It is whole, but what it says cannot be done.
+    /// It is whole, but a value in it is invalid.
     Invalid(Invalid),
 }
 
@@ -93,11 +93,11 @@ impl core::fmt::Display for LoadError {
 
 impl core::error::Error for LoadError {}
 
-/// What the header of a whole page says.
+/// The header of a whole page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Header {
     pub(crate) version: u8,
-    /// Later is greater, across the wrap.
+    /// The later number is greater, across the wrap.
     pub(crate) sequence: u32,
 }
 
@@ -109,27 +109,27 @@ impl Header {
     }
 }
 
-/// The record as the beginning of a page, at most [`MAX_BYTES`] long; the rest of the buffer is 0xFF, as erased flash
-/// is.
+/// The config record as the beginning of a page, at most [`MAX_BYTES`] long; the rest of the buffer is 0xFF, as in
+/// erased flash.
 pub fn encode<'a>(record: &Record, sequence: u32, page: &'a mut [u8; MAX_BYTES]) -> &'a [u8] {
     page.fill(0xFF);
     let (_, body) = page.split_at_mut(HEADER_BYTES);
     let length = match postcard::to_slice(&(record, Appended::of(record)), body) {
         Ok(written) => written.len(),
-        // MAX_BYTES holds the longest record there is: `the_longest_record_fits`.
+        // MAX_BYTES holds the longest possible record: `the_longest_record_fits`.
         Err(_) => unreachable!(),
     };
     seal(Framed { letters: LETTERS, version: VERSION, sequence }, length, page)
 }
 
-/// What stands in a header.
+/// The contents of a header.
 pub(crate) struct Framed {
     pub(crate) letters: Letters,
     pub(crate) version: u8,
     pub(crate) sequence: u32,
 }
 
-/// Writes the header before a body of this length, which is there already; both.
+/// Writes the header before a body of this length, which is already in `page`. Returns both.
 pub(crate) fn seal(framed: Framed, length: usize, page: &mut [u8]) -> &[u8] {
     let (header, body) = page.split_at_mut(HEADER_BYTES);
     let (checked, checksum) = header.split_at_mut(HEADER_BYTES - 4);
@@ -142,10 +142,10 @@ pub(crate) fn seal(framed: Framed, length: usize, page: &mut [u8]) -> &[u8] {
     &page[..HEADER_BYTES + length]
 }
 
-/// The record of a page, or of as much of its beginning as was read, and its sequence number.
+/// The config record of a page, or of the part of its beginning that was read, and its sequence number.
 ///
 /// # Errors
-/// There is none that is whole, of this version and valid.
+/// If no record in it is whole, of a known version and valid.
 pub fn decode(page: &[u8]) -> Result<(Record, u32), LoadError> {
     let (header, body) = parse(LETTERS, page)?;
     if !matches!(header.version, 1 | VERSION) {
@@ -153,7 +153,7 @@ pub fn decode(page: &[u8]) -> Result<(Record, u32), LoadError> {
     }
     let (mut record, mut rest) = postcard::take_from_bytes::<Record>(body).map_err(|_| LoadError::Corrupt)?;
     if header.version == 1 {
-        // It could not say that none is pinned: then it had the default's.
+        // Version 1 could not express that no delay is pinned: its default means that.
         record.network.turnaround = record.network.turnaround.filter(|pinned| *pinned != ReplyDelay::DWM1001);
     } else {
         let (appended, end) = postcard::take_from_bytes::<Appended>(rest).map_err(|_| LoadError::Corrupt)?;
@@ -167,20 +167,20 @@ pub fn decode(page: &[u8]) -> Result<(Record, u32), LoadError> {
     Ok((record, header.sequence))
 }
 
-/// The version that a page is of, or as much of its beginning as was read.
+/// The version of a page, or of the part of its beginning that was read.
 ///
 /// # Errors
-/// There is none that is whole.
+/// If no record in it is whole.
 pub fn version(page: &[u8]) -> Result<u8, LoadError> {
     header_of(page).map(|header| header.version)
 }
 
-/// The header of a record's page.
+/// The header of a config record's page.
 pub(crate) fn header_of(page: &[u8]) -> Result<Header, LoadError> {
     parse(LETTERS, page).map(|(header, _)| header)
 }
 
-/// The header and the body's bytes, where letters and checksum agree.
+/// The header and the body's bytes, if letters and checksum agree.
 pub(crate) fn parse(letters: Letters, page: &[u8]) -> Result<(Header, &[u8]), LoadError> {
     if page.iter().take(HEADER_BYTES).all(|byte| *byte == 0xFF) {
         return Err(LoadError::Missing);

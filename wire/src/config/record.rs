@@ -1,59 +1,59 @@
-//! What a node is told: who it is, what it does, its network, its calibration.
+//! The config record of a node: its identity, its role, its network, its calibration.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-/// Most anchors that a tag may be told the places of.
+/// The greatest number of anchors whose positions a tag may have configured.
 pub const MAX_ANCHORS: usize = 24;
-/// Most beacons that a tag may be told of.
+/// The greatest number of beacons that a tag may have configured.
 pub const MAX_BEACONS: usize = 24;
 
-/// Anchors that a tag is told the places of.
+/// Anchors with configured positions.
 pub type Anchors = Vec<Anchor, MAX_ANCHORS>;
-/// Beacons that a tag is told of.
+/// Beacons that a tag has configured.
 pub type Beacons = Vec<Beacon, MAX_BEACONS>;
 
-/// The record of one node.
+/// The config record of one node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Record {
-    /// Who it is.
+    /// Its identity.
     pub identity: Identity,
-    /// What it does.
+    /// Its role.
     pub role: Role,
     /// The network that it is part of.
     pub network: Network,
     /// What was calibrated on this board.
     pub calibration: Calibration,
-    /// Where the DW1000 is wired, where the board leaves that open (ESP32); else the board's default.
+    /// The wiring of the DW1000, if the board leaves it open (ESP32); `None`: the board's default.
     pub pins: Option<Pins>,
-    /// Where anchors stand that do not tell it themselves, or not rightly.
+    /// Positions of anchors that do not report theirs, or report a wrong one.
     pub anchors: Anchors,
     /// Beacons that a tag knows.
     pub beacons: Beacons,
-    /// By which beacons hide their identity from others, and our tags find it.
+    /// The key with which beacons hide their identity from others. With it, the site's own tags find the identity.
     pub beacon_key: Option<[u8; 16]>,
 }
 
-/// Who a node is.
+/// The identity of a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Identity {
-    /// EUI-64; else the chip's own.
+    /// EUI-64; `None`: the chip's own.
     pub eui: Option<u64>,
-    /// Short address, not 0xFFFF; else the lowest 16 bits of the EUI-64.
+    /// Short address, not 0xFFFF; `None`: the lowest 16 bits of the EUI-64.
     pub address: Option<u16>,
 }
 
-/// What a node does.
+/// The role of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Role {
-    /// Positions itself.
+    /// Computes its own position.
     Tag(Tag),
-    /// Stands and answers.
+    /// Stays at one position and answers.
     Anchor {
-        /// Where it stands, metres, once surveyed: told on the air.
+        /// Its position, metres, once surveyed; it is sent on the air.
         position_m: Option<[f32; 3]>,
     },
     /// Advertises.
@@ -64,9 +64,9 @@ pub enum Role {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Tag {
-    /// The height at which it is carried, metres: only x and y are found then.
+    /// The height at which the tag is carried, metres. If given, only x and y are estimated.
     pub height_m: Option<f32>,
-    /// Rounds a second, 0.01 Hz; `None`: as many as there are slots for.
+    /// Rounds a second, 0.01 Hz; `None`: as many as there are slots.
     pub rate_chz: Option<u32>,
     /// Rounds a second while it lies still, 0.01 Hz; `None`: the same.
     pub still_rate_chz: Option<u32>,
@@ -74,34 +74,34 @@ pub struct Tag {
     pub sleep: bool,
     /// Anchors a round, 1 to 8.
     pub anchors_per_round: u8,
-    /// Whether anchors are told their distances.
+    /// Whether the tag reports their distances to the anchors.
     pub tell_distances: bool,
-    /// Bluetooth scan: interval and window, 0.625 ms; `None`: no scan.
+    /// Bluetooth scan: interval and window; `None`: no scan.
     pub scan: Option<Scan>,
-    /// Whether each range is told to the host beside the fixes.
+    /// Whether the tag reports each range to the host in addition to the fixes.
     pub report_ranges: bool,
-    /// What makes its positions. Of version 2: `page` writes it behind the others.
+    /// The solver of its positions. From version 2 on: `page` writes it after the other fields.
     #[serde(skip)]
     pub solver: Solver,
-    /// How it measures its distances in native mode; `None`: as the image does by itself. Of version 2.
+    /// How it measures its distances in native mode; `None`: the image's default. From version 2 on.
     #[serde(skip)]
     pub scheme: Option<Scheme>,
 }
 
-/// What makes a tag's positions.
+/// The solver of a tag's positions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Solver {
-    /// A track, which every range changes.
+    /// A tracking filter, which every range updates.
     #[default]
     Track,
-    /// Each round by itself: maximum a posteriori under direct and blocked ranges.
+    /// Each round alone: maximum a posteriori with direct and blocked ranges.
     Robust,
-    /// Each round by itself: linear least squares weighted by the bounding box.
+    /// Each round alone: linear least squares weighted by the bounding box.
     BWls,
-    /// The same, repeated with the weights of its own answer.
+    /// The same, repeated with weights from its own result.
     BWlsR,
-    /// Each round by itself: the centre of the bounding box.
+    /// Each round alone: the centre of the bounding box.
     BoundingBox,
 }
 
@@ -130,7 +130,7 @@ impl Solver {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Scheme {
-    /// A poll and N responses; the clocks' rates are known by tracking.
+    /// A poll and N responses; the clocks' rates are estimated by tracking.
     SingleSided,
     /// A poll, N responses and a final: the clocks' rates cancel out.
     DoubleSided,
@@ -182,7 +182,7 @@ pub struct Advertiser {
     pub tx_power_dbm: i8,
     /// Channels 37, 38, 39 as bits 0, 1, 2.
     pub channels: u8,
-    /// A new identifier every so many seconds, with `beacon_key`; 0: never.
+    /// A new identifier every `rotate_s` seconds, with `beacon_key`; 0: never.
     pub rotate_s: u16,
 }
 
@@ -194,18 +194,19 @@ pub struct Network {
     pub pan: u16,
     /// How nodes range.
     pub mode: Mode,
-    /// How frames are put on the air.
+    /// The radio configuration of the frames.
     pub phy: Phy,
-    /// The quickness of the slowest board, from which the superframe's slots follow, where it is pinned; `None`: nodes measure
-    /// their own.
+    /// The reply delay of the slowest board, if it is pinned: the superframe's slots follow from it. `None`: nodes
+    /// measure their own.
     #[serde(with = "measured_as_zeros")]
     pub turnaround: Option<ReplyDelay>,
-    /// By whose rules nodes transmit; `None`: nobody said. Of version 2: `page` writes it behind the others.
+    /// The region whose rules apply to transmissions; `None`: not given. From version 2 on: `page` writes it after the
+    /// other fields.
     #[serde(skip)]
     pub region: Option<Region>,
 }
 
-/// By whose rules nodes transmit: `docs/regulation.md`.
+/// The region whose rules apply to transmissions: `docs/regulation.md`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Region {
@@ -215,7 +216,7 @@ pub enum Region {
     Us,
     /// Japan: ARIB STD-T91.
     Japan,
-    /// Nobody's: frames leave no shielded room or cable, or there is a licence for them.
+    /// No rules apply: frames do not leave a shielded room or cable, or there is a licence for them.
     Unchecked,
 }
 
@@ -245,19 +246,19 @@ impl Region {
 pub enum Mode {
     /// N + 1 frames a fix in a superframe.
     Native,
-    /// As EVK1000 boards do.
+    /// As with EVK1000 boards.
     DecaRanging {
         /// The variant with short payloads, of `crate::uwb::decaranging`.
         fast: bool,
     },
-    /// In the superframe of native mode, anchors ask each other; tags only listen, any number of them.
+    /// In the superframe of native mode, anchors range to each other; any number of tags only listen.
     Listening {
         /// Rounds a second that each anchor begins, 0.01 Hz.
         rounds_chz: u32,
     },
 }
 
-/// How frames are put on the air, in the numbers of the standard.
+/// The radio configuration of the frames, in the numbers of the standard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Phy {
@@ -277,20 +278,21 @@ pub struct Phy {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ReplyDelay {
-    /// From the end of a frame heard to the first pulse of the answer.
+    /// From the end of a received frame to the first pulse of the answer.
     pub answer_us: u16,
-    /// From the end of a frame heard to the next that can be heard.
+    /// From the end of a received frame to the next frame that can be received.
     pub listen_again_us: u16,
     /// From a decision to transmit to the first pulse.
     pub transmit_us: u16,
 }
 
 impl ReplyDelay {
-    /// A DWM1001's by the counts of `ranging::native::ReplyDelay::DWM1001`: what version 1 had where its file said nothing.
+    /// The values of a DWM1001 according to the counts of `ranging::native::ReplyDelay::DWM1001`. Version 1 used them
+    /// if its file had no values.
     pub const DWM1001: Self = Self { answer_us: 250, listen_again_us: 40, transmit_us: 150 };
 }
 
-/// In the bytes, a turnaround that is not pinned is three zeros, which are none that can be.
+/// In the bytes, three zeros represent a reply delay that is not pinned. No real delay is zero.
 mod measured_as_zeros {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -320,7 +322,7 @@ pub struct Calibration {
     pub tx_power: Option<u32>,
 }
 
-/// Where the DW1000 is wired, numbers of the processor's pins.
+/// The wiring of the DW1000, by numbers of the processor's pins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[allow(missing_docs, reason = "they are the signals' names")]
@@ -333,7 +335,7 @@ pub struct Pins {
     pub reset: u8,
 }
 
-/// Where an anchor stands.
+/// The position of an anchor.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Anchor {
@@ -353,7 +355,7 @@ pub struct Beacon {
     pub minor: u16,
     /// Metres.
     pub position_m: [f32; 3],
-    /// RSSI at 1 m, dBm; `None`: what the beacon says.
+    /// RSSI at 1 m, dBm; `None`: the value that the beacon reports.
     pub rssi_1m_dbm: Option<f32>,
     /// Path-loss exponent; `None`: 2.
     pub path_loss_exponent: Option<f32>,

@@ -1,10 +1,11 @@
-//! What regions allow: which channels a node may transmit on there at all. `docs/regulation.md` has the rules with their sources.
+//! What regions allow: the channels on which a node may transmit. `docs/regulation.md` has the rules with their
+//! sources.
 
 use crate::config::validate::{ensure, integer};
 use crate::config::{Invalid, Mode, Record, Region, Role};
 
 impl Record {
-    /// Whether the node ever transmits on UWB: beacons are Bluetooth's, and some tags only listen.
+    /// Whether the node ever transmits on UWB: beacons transmit on Bluetooth, and some tags only listen.
     pub fn transmits(&self) -> bool {
         match (&self.role, self.network.mode) {
             (Role::Advertiser(_), _) | (Role::Tag(_), Mode::Listening { rounds_chz: _ }) => false,
@@ -12,14 +13,16 @@ impl Record {
         }
     }
 
-    /// Whether the node may transmit on its channel at all. What a record cannot know, such as the level at the antenna, is not checked.
+    /// Checks whether the node may transmit on its channel. Properties that a config record cannot contain, such as the
+    /// power at the antenna, are not checked.
     ///
     /// # Errors
-    /// What the region forbids.
+    /// If the region forbids the channel.
     pub fn validate_region(&self) -> Result<(), Invalid> {
         let (lawful, must) = match self.network.region {
             None | Some(Region::Us | Region::Unchecked) => return Ok(()),
-            // An anchor's duty grows with the tags around it, and no machine of the exchange keeps an hour's account of it.
+            // An anchor's duty cycle grows with the number of tags in range, and no protocol keeps an account of it
+            // over an hour.
             Some(Region::Eu) => (
                 matches!(self.network.phy.channel, 5 | 7),
                 "5 or 7 in region \"eu\": on 1 to 4, nodes must keep to 5 % of a second and 0.5 % of an hour, and no mode does",

@@ -1,41 +1,41 @@
-//! Two pages of flash: the newer record counts, and the next one goes into the other page.
+//! Two pages of flash: the newer config record is in force, and the next one goes into the other page.
 //!
-//! A record is written with its header last. Whenever the power fails meanwhile, the page that was not touched still
-//! has the record before.
+//! The header of a record is written last. So if the power fails during writing, the other page still has the former
+//! record.
 
 use embedded_storage::nor_flash::{NorFlash, ReadNorFlash};
 
 use crate::config::page::{HEADER_BYTES, Header, MAX_BYTES, MODEL_AT, MODEL_BYTES, decode, encode, header_of};
 use crate::config::{Invalid, LoadError, Record};
 
-/// Bytes that are compared at once after writing.
+/// Number of bytes that are compared at a time after writing.
 const CHUNK: usize = 64;
 
 /// Why a record could not be stored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StoreError<E> {
-    /// It would be refused by the node that reads it.
+    /// A node would refuse the record.
     Invalid(Invalid),
     /// The flash's own error.
     Flash(E),
-    /// What was written is not what is read.
+    /// The data read back differs from the data written.
     Verify,
 }
 
-/// The page that a record goes into.
+/// The page for the next config record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Next {
-    /// Which of the two, 0 or 1.
+    /// Its number, 0 or 1.
     pub page: usize,
     /// The record's sequence number.
     pub sequence: u32,
 }
 
-/// The record that counts: that of the later page of those that are whole, whatever version that is.
+/// The config record in force: that of the later whole page, whatever its version.
 ///
 /// # Errors
-/// Neither page is whole, or the later one is of another version or invalid. A flash that cannot be read is
+/// If neither page is whole, or the later one is of another version or invalid. A flash that cannot be read gives
 /// [`LoadError::Corrupt`].
 pub fn load(flash: &mut impl ReadNorFlash, pages: [u32; 2]) -> Result<Record, LoadError> {
     let mut buffer = [0; MAX_BYTES];
@@ -45,11 +45,11 @@ pub fn load(flash: &mut impl ReadNorFlash, pages: [u32; 2]) -> Result<Record, Lo
     decode(&buffer).map(|(record, _)| record)
 }
 
-/// What stands beside the record that counts, for a trained classifier: `model` is filled and given back, `None` where it is
-/// erased. Whether it is a classifier, its own checksum says.
+/// The bytes of a trained classifier beside the config record in force. Reads them into `model` and returns it; `None`
+/// if they are erased. The classifier's own checksum shows whether they are valid.
 ///
 /// # Errors
-/// As [`load`], but for the record's version and content, which are not looked at.
+/// As [`load`], but the record's version and contents are not checked.
 pub fn load_model<'b>(
     flash: &mut impl ReadNorFlash,
     pages: [u32; 2],
@@ -61,17 +61,17 @@ pub fn load_model<'b>(
     Ok(model.iter().any(|byte| *byte != 0xFF).then_some(model))
 }
 
-/// The same of a page in memory, or of as much of its beginning as was read.
+/// The same for a page in memory, or for the part of its beginning that was read.
 pub fn model_of(page: &[u8]) -> Option<&[u8]> {
     let model = page.get(MODEL_AT..)?;
     let model = model.get(..MODEL_BYTES).unwrap_or(model);
     model.iter().any(|byte| *byte != 0xFF).then_some(model)
 }
 
-/// Writes a record, without a classifier, into the page that does not count, header last, and reads it back.
+/// Writes a config record, without a classifier, into the page that is not in force, header last, and reads it back.
 ///
 /// # Errors
-/// The record is invalid, the flash refuses, or does not keep what was written. The record before counts then.
+/// If the record is invalid, or the flash fails, or the data read back differs. Then the former record stays in force.
 pub fn store<F: NorFlash>(flash: &mut F, pages: [u32; 2], record: &Record) -> Result<(), StoreError<F::Error>> {
     const {
         assert!(HEADER_BYTES.is_multiple_of(F::WRITE_SIZE) && MAX_BYTES.is_multiple_of(F::WRITE_SIZE));
@@ -99,7 +99,7 @@ pub fn store<F: NorFlash>(flash: &mut F, pages: [u32; 2], record: &Record) -> Re
     Ok(())
 }
 
-/// The same choice as [`load`]'s, of two pages in memory: which page counts, its record, its sequence number.
+/// The same choice as [`load`]'s, for two pages in memory: which page is in force, its record, its sequence number.
 ///
 /// # Errors
 /// As [`load`].

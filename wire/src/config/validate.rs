@@ -1,4 +1,4 @@
-//! What a record must be so that a node can do as it says; and its parts in the words of the other crates.
+//! Checks that a node can work with a config record; and converts its parts to the types of the other crates.
 
 use core::fmt;
 
@@ -8,32 +8,33 @@ use baliza_dw1000::phy::{Channel, DataRate, PhyError, PreambleLength, Prf};
 use crate::config::{Advertiser, Board, Identity, Mode, Network, Pins, Record, Role, Scan, Solver, Tag};
 use crate::uwb::MAX_ROUND;
 
-/// Farthest that anything may be from the origin, metres.
+/// The greatest distance of anything from the origin, metres.
 const FARTHEST_M: f32 = 100_000.0;
-/// Farthest that an anchor may be that tells its place on the air, metres: three bytes of millimetres.
+/// The greatest distance from the origin of an anchor that sends its position on the air, metres: three bytes of
+/// millimetres.
 const FARTHEST_ON_AIR_M: f32 = 8_388.0;
-/// Slowest board, microseconds: superframes stay shorter than two seconds.
+/// The longest delay of a board, microseconds: so superframes stay shorter than two seconds.
 const SLOWEST_US: u16 = 20_000;
-/// Rounds a second, 0.01 Hz, and the same in words.
+/// Rounds a second, 0.01 Hz, and the same range as text.
 struct Rates(core::ops::RangeInclusive<u32>, &'static str);
-/// In native mode, whose tags count superframes.
+/// In native mode, in which tags count superframes.
 const NATIVE_RATES: Rates = Rates(1..=100_000, "0.01 to 1000");
-/// In other modes: the radio's clock tells instants apart that lie less than 8.6 s from each other.
+/// In other modes: the radio's clock can order instants that are less than 8.6 s apart.
 const OTHER_RATES: Rates = Rates(13..=100_000, "0.13 to 1000");
-/// The first short address that means nobody or, one later, everybody.
+/// The first reserved short address: it means no node, and the next one means all nodes.
 const NO_ADDRESS: u16 = 0xFFFE;
 
-/// A field that cannot be what it is.
+/// A field with an invalid value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Invalid {
-    /// The list that the field's owner is in, and its place from 0.
+    /// The list that contains the field's owner, and its index from 0.
     pub within: Option<(&'static str, u8)>,
-    /// The field, from the record or from the list's element, with points; on a node no words.
+    /// The path of the field in the record or in the list's element, with dots; empty text on a node.
     pub field: &'static str,
-    /// What it is.
+    /// Its value.
     pub value: Value,
-    /// What it must be; on a node no words.
+    /// The valid values; empty text on a node.
     pub must: &'static str,
 }
 
@@ -41,13 +42,13 @@ pub struct Invalid {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Value {
-    /// A number, or a truth as 0 or 1.
+    /// A number, or a Boolean as 0 or 1.
     Integer(u64),
     /// An address.
     Hexadecimal(u64),
     /// A number with a fraction.
     Real(f32),
-    /// A word of a list; on a node none.
+    /// An entry of a list of names; empty on a node.
     Word(&'static str),
     /// Nothing.
     Absent,
@@ -76,7 +77,7 @@ impl fmt::Display for Value {
 
 impl core::error::Error for Invalid {}
 
-/// Inlined, so that no words are left on a node.
+/// Inlined, so that no text is left on a node.
 #[inline(always)]
 pub(crate) fn ensure(holds: bool, field: &'static str, value: Value, must: &'static str) -> Result<(), Invalid> {
     if holds { Ok(()) } else { Err(invalid(field, value, must)) }
@@ -87,7 +88,7 @@ fn invalid(field: &'static str, value: Value, must: &'static str) -> Invalid {
     Invalid { within: None, field: words(field), value, must: words(must) }
 }
 
-/// Words are for the host: on a node they would cost two kilobytes of flash, and it has nobody to tell them to.
+/// Texts are for the host: on a node they would cost two kilobytes of flash, and a node cannot show them.
 #[inline(always)]
 const fn words(words: &'static str) -> &'static str {
     if cfg!(target_os = "none") { "" } else { words }
@@ -103,18 +104,18 @@ fn within(list: &'static str, place: usize) -> impl Fn(Invalid) -> Invalid {
 }
 
 impl Record {
-    /// How frames are put on the air.
+    /// The radio configuration of the frames.
     ///
     /// # Errors
-    /// The chip cannot do it.
+    /// If the chip does not support it.
     pub fn phy(&self) -> Result<PhyConfig, Invalid> {
         self.network.phy()
     }
 
-    /// Whether a node can do what the record says, on one board or another.
+    /// Checks whether a node can work with the config record, on at least one board.
     ///
     /// # Errors
-    /// The first field that cannot be what it is.
+    /// The first field with an invalid value.
     pub fn validate(&self) -> Result<(), Invalid> {
         self.identity.validate()?;
         self.validate_network()?;
@@ -128,10 +129,10 @@ impl Record {
         self.validate_beacons()
     }
 
-    /// Whether a node on this board can do what the record says.
+    /// Checks whether a node on this board can work with the config record.
     ///
     /// # Errors
-    /// As [`validate`](Self::validate); and the board lacks a pin, free pins or Bluetooth.
+    /// As [`validate`](Self::validate); also if the board lacks a pin, free pins or Bluetooth.
     pub fn validate_for(&self, board: Board) -> Result<(), Invalid> {
         self.validate()?;
         let board = board.spec();
@@ -193,7 +194,7 @@ impl Record {
         }
     }
 
-    /// Methods solve ranges; a tag that only listens has none.
+    /// Solvers work on ranges; a tag that only listens has none.
     fn validate_solver(&self, solver: Solver) -> Result<(), Invalid> {
         let fits = match (self.network.mode, solver) {
             (Mode::Native | Mode::DecaRanging { fast: _ }, _) | (Mode::Listening { .. }, Solver::Track) => true,
@@ -250,7 +251,7 @@ fn place(position_m: &[f32; 3], farthest_m: f32, field: &'static str, must: &'st
 }
 
 impl Identity {
-    /// The EUI-64 and the short address, on a chip of this EUI-64.
+    /// The EUI-64 and the short address, on a chip with this EUI-64.
     pub fn on(&self, chip_eui: u64) -> (u64, u16) {
         let eui = self.eui.unwrap_or(chip_eui);
         (eui, self.address.unwrap_or(eui as u16))
@@ -291,7 +292,7 @@ impl Network {
             PhyError::PreambleTooShort(length) => {
                 invalid("network.phy.preamble", integer(length.symbols()), "1024 or more at 110 kbit/s")
             }
-            // Delimiter and acquisition chunk are the recommended ones, which fit.
+            // Delimiter and acquisition chunk are the recommended ones, which are valid.
             PhyError::SfdUndefined | PhyError::PacTooLong(_) => {
                 invalid("network.phy.rate_kbps", integer(phy.rate_kbps), "one that delimiter and preamble fit")
             }

@@ -1,21 +1,22 @@
-//! A stream of bytes as messages, with what was lost on the way.
+//! Decodes a stream of bytes into messages, and counts what was lost.
 //!
-//! A frame ends at a zero, so the decoder finds its place again at the next one, whatever came before. Where the zero between two
-//! frames was lost, or text ran into a frame, the frame at the end of the chunk is found by its schema byte and checksum.
+//! A frame ends at a zero, so the decoder is synchronised again at the next zero, whatever came before. If the zero
+//! between two frames was lost, or a text precedes a frame without a zero, the decoder finds the frame at the end of
+//! the chunk by its schema byte and checksum.
 //!
-//! The stream may carry other things (a serial line that has `defmt` frames `FF 00 … 00` and a boot loader's text in it): they
-//! are foreign, not malformed.
+//! The stream may contain other data: a serial line also carries `defmt` frames `FF 00 … 00` and a boot loader's text.
+//! The decoder counts these as foreign, not as malformed.
 
 use crate::telemetry::{DecodeError, LONGEST_FRAME, Message, SCHEMA, decode};
 
-/// Without its zero.
+/// The longest frame without its zero.
 const KEPT: usize = LONGEST_FRAME - 1;
-/// Ends a chunk after which a `defmt` frame comes.
+/// Ends a chunk that is followed by a `defmt` frame.
 const DEFMT: u8 = 0xFF;
-/// Fewer printable bytes than this are not called a text.
+/// Fewer printable bytes than this are not classified as text.
 const LEAST_TEXT: usize = 8;
 
-/// What came through a [`Decoder`] since its start.
+/// Counts of a [`Decoder`] since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counts {
@@ -27,24 +28,26 @@ pub struct Counts {
     pub cobs: u64,
     /// Frames with a wrong checksum.
     pub checksum: u64,
-    /// Whole frames whose body is not what the schema says.
+    /// Whole frames whose body does not match the schema.
     pub body: u64,
-    /// Whole frames of another schema: of a newer node, or an older one.
+    /// Whole frames of another schema: from a newer or older node.
     pub schema: u64,
-    /// Whole frames with a message, or a value in one, that this build does not know: of a newer node.
+    /// Whole frames with a message, or a value in one, that this build does not know: from a newer node.
     pub unknown: u64,
-    /// Streams that began in the middle of a frame: each start or [`interruption`](Decoder::interrupted) makes at most one.
+    /// Streams that began in the middle of a frame: each start or [`interruption`](Decoder::interrupted) makes at most
+    /// one.
     pub torn_at_start: u64,
-    /// Chunks of something else: `defmt` frames, text.
+    /// Chunks of other data: `defmt` frames, text.
     pub foreign: u64,
     /// Bytes of those, without their markers and zeros.
     pub foreign_bytes: u64,
-    /// Bytes of malformed frames, and of those torn at the start, without their zeros. Whole frames of another node's build do not count.
+    /// Bytes of malformed frames, and of those torn at the start, without their zeros. Whole frames of another node's
+    /// build do not count.
     pub lost_bytes: u64,
 }
 
 impl Counts {
-    /// Frames that did not come whole, but for those torn at the start.
+    /// Frames that were not whole, except those torn at the start.
     pub fn malformed(&self) -> u64 {
         self.too_long + self.cobs + self.checksum + self.body
     }
@@ -55,18 +58,18 @@ impl Counts {
     }
 }
 
-/// Makes messages of bytes.
+/// Decodes bytes into messages.
 #[derive(Clone, Debug)]
 pub struct Decoder {
     /// The last bytes since the last zero.
     chunk: [u8; KEPT],
     kept: usize,
-    /// Bytes of the same chunk that came before those kept, and how many of them are no text.
+    /// Bytes of the same chunk that came before the kept ones, and how many of them are not text.
     dropped: usize,
     dropped_stray: usize,
     /// No zero has come yet.
     start: bool,
-    /// The last chunk ended as one before a `defmt` frame does.
+    /// The last chunk ended as a chunk before a `defmt` frame does.
     defmt: bool,
     counts: Counts,
 }
@@ -78,7 +81,7 @@ impl Default for Decoder {
 }
 
 impl Decoder {
-    /// At the start of a stream, which may be in the middle of a frame.
+    /// A decoder at the start of a stream, which may begin in the middle of a frame.
     pub const fn new() -> Self {
         const NONE: Counts = Counts {
             frames: 0,
@@ -96,9 +99,12 @@ impl Decoder {
         Self { chunk: [0; KEPT], kept: 0, dropped: 0, dropped_stray: 0, start: true, defmt: false, counts: NONE }
     }
 
-    /// Takes the next byte; `None` as long as no frame has ended with it.
+    /// Takes the next byte; `None` as long as it ends no frame.
     ///
-    /// What is foreign and what was torn at the start is counted, and gives `None`.
+    /// Foreign data and a frame torn at the start are counted, and give `None`.
+    ///
+    /// # Errors
+    /// If a frame has ended that cannot be decoded; [`DecodeError`] has the reason.
     #[inline]
     pub fn feed(&mut self, byte: u8) -> Option<Result<Message, DecodeError>> {
         if byte == 0 {
@@ -114,7 +120,7 @@ impl Decoder {
         None
     }
 
-    /// What came through so far.
+    /// The counts so far.
     pub fn counts(&self) -> &Counts {
         &self.counts
     }
@@ -124,14 +130,14 @@ impl Decoder {
         self.dropped + self.kept
     }
 
-    /// Bytes are missing from here on (a cable was unplugged): what has not ended never will, and what comes next may begin in the
-    /// middle of a frame.
+    /// Bytes are missing from here on (a cable was unplugged): a frame that has not ended is lost, and the next data
+    /// may begin in the middle of a frame.
     pub fn interrupted(&mut self) {
         self.counts.lost_bytes += self.pending() as u64;
         *self = Self { counts: self.counts, ..Self::new() };
     }
 
-    /// Room for a chunk that is longer than a frame: its last bytes may be one.
+    /// Makes room in a chunk that is longer than a frame: its last bytes may be a frame.
     fn drop_half(&mut self) {
         let half = KEPT / 2;
         self.dropped = self.dropped.saturating_add(half);
@@ -140,7 +146,7 @@ impl Decoder {
         self.kept = KEPT - half;
     }
 
-    /// A zero came.
+    /// A zero was received.
     fn end(&mut self) -> Option<Result<Message, DecodeError>> {
         let Self { chunk, kept, dropped, dropped_stray, start, defmt, .. } =
             core::mem::replace(self, Self { counts: self.counts, start: false, ..Self::new() });
@@ -166,7 +172,7 @@ impl Decoder {
 
         let found = frame_at_the_end(chunk);
         self.defmt = found.is_none() && last == DEFMT;
-        // What is not the frame that was found, nor the marker of the next one.
+        // The bytes that are neither in the found frame nor the marker of the next one.
         let rest = match found {
             Some((begin, _)) => chunk.get(..begin).unwrap_or(&[]),
             None if self.defmt => before_last,
@@ -176,7 +182,7 @@ impl Decoder {
         let text = bytes >= LEAST_TEXT && dropped_stray + strays(rest) == 0;
         let mut answer = None;
         if bytes == 0 {
-            // The marker alone.
+            // Only the marker.
         } else if defmt || text {
             self.counts.foreign += 1;
             self.counts.foreign_bytes += bytes as u64;
@@ -209,14 +215,14 @@ impl Decoder {
     }
 }
 
-/// A whole frame that ends where a chunk ends, and where it begins.
+/// A whole frame that ends at the end of a chunk, with the index of its beginning.
 fn frame_at_the_end(chunk: &[u8]) -> Option<(usize, Message)> {
-    // A frame's first byte is COBS's, its second the schema.
+    // The first byte of a frame belongs to COBS, the second is the schema.
     let schemas = chunk.iter().enumerate().skip(2).filter(|(_, byte)| **byte == SCHEMA);
     schemas.map(|(at, _)| at - 1).find_map(|begin| Some((begin, decode(chunk.get(begin..)?).ok()?)))
 }
 
-/// How many bytes are neither printable nor what goes with text (line ends, tabulators, colours).
+/// How many bytes are neither printable nor common in text (line ends, tabulators, colours).
 fn strays(bytes: &[u8]) -> usize {
     bytes.iter().filter(|byte| !matches!(byte, b'\t'..=b'\r' | 0x1B | b' '..=b'~')).count()
 }

@@ -1,7 +1,8 @@
-//! A message as a frame on the wire, and a frame as a message.
+//! Encodes a message as a frame on the wire, and decodes a frame into a message.
 //!
-//! The [`SCHEMA`] byte, the message as postcard writes it, a CRC-16 of both (CRC-16/IBM-3740, low byte first); all encoded by COBS
-//! (S. Cheshire and M. Baker, IEEE/ACM Transactions on Networking 7, 1999), so that the only zero is the one that ends the frame.
+//! A frame consists of the [`SCHEMA`] byte, the message in postcard and a CRC-16 of both (CRC-16/IBM-3740, low byte
+//! first). All of it is encoded by COBS (S. Cheshire and M. Baker, IEEE/ACM Transactions on Networking 7, 1999), so
+//! that the only zero is the one that ends the frame.
 
 use core::fmt;
 
@@ -18,26 +19,26 @@ const MAX_PLAIN: usize = 1 + Message::POSTCARD_MAX_SIZE + CRC_BYTES;
 /// The longest frame that this build makes, with COBS and the final zero, bytes.
 pub const MAX_FRAME: usize = cobs::max_encoding_length(MAX_PLAIN) + 1;
 
-/// The longest frame of any build, with COBS and the final zero, bytes: a reader keeps no more.
+/// The longest frame of any build, with COBS and the final zero, bytes: a reader keeps no more bytes.
 pub const LONGEST_FRAME: usize = 256;
 
 const _: () = assert!(MAX_FRAME <= LONGEST_FRAME);
 
-/// Why a frame gives no message.
+/// Why a frame cannot be decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum DecodeError {
-    /// No zero came for so long that it cannot be a frame.
+    /// Without a zero for more bytes than a frame can have.
     TooLong,
-    /// COBS was violated, or there is no room for schema and checksum.
+    /// Violates COBS, or has no room for schema and checksum.
     Cobs,
     /// The checksum is wrong.
     Checksum,
-    /// Whole, but of this other schema: a newer node, or an older one.
+    /// Whole, but of this other schema: from a newer or older node.
     Schema(u8),
-    /// Whole, but a message, or a value in one, that this build does not know: a newer node.
+    /// Whole, but with a message, or a value in one, that this build does not know: from a newer node.
     Unknown,
-    /// Whole, but its body is not what the schema says.
+    /// Whole, but its body does not match the schema.
     Body,
 }
 
@@ -69,19 +70,19 @@ pub fn encode<'a>(message: &Message, frame: &'a mut [u8; MAX_FRAME]) -> &'a [u8]
     }
     let plain = plain.get(..1 + body + CRC_BYTES).unwrap_or(&[]);
     let encoded = cobs::encode(plain, frame);
-    // COBS leaves no zero; the array's own byte after it may be one of an earlier frame.
+    // COBS leaves no zero. The array's byte after it may belong to an earlier frame.
     if let Some(end) = frame.get_mut(encoded) {
         *end = 0;
     }
     frame.get(..=encoded).unwrap_or(&[])
 }
 
-/// Reads a frame, with its final zero or without.
+/// Decodes a frame, with its final zero or without.
 ///
-/// Bytes of the body after what this build knows are fields of a newer one, and ignored.
+/// Bytes of the body after the known ones are fields of a newer build. They are ignored.
 ///
 /// # Errors
-/// The frame is not whole, or its message is not known.
+/// If the frame is not whole, or its message is not known.
 pub fn decode(frame: &[u8]) -> Result<Message, DecodeError> {
     if frame.len() > LONGEST_FRAME {
         return Err(DecodeError::TooLong);

@@ -1,4 +1,4 @@
-//! A message as an object of JSON, and as a row of a table.
+//! Converts a message to a JSON object, and to a row of a table.
 
 use std::string::String;
 use std::{format, vec::Vec};
@@ -8,15 +8,15 @@ use serde_json::{Value, json};
 /// A table of one kind of message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Table {
-    /// Its name: that of its file, without `.csv`.
+    /// Its name: the file name without `.csv`.
     pub name: &'static str,
-    /// What its rows are called where they are counted.
+    /// The name of its rows where they are counted.
     pub rows: &'static str,
-    /// The same for a person.
+    /// The same name for a person.
     pub counted: &'static str,
-    /// What it is for, for whoever chooses a table.
+    /// Its purpose, for a user who chooses a table.
     pub about: &'static str,
-    /// The columns behind `epoch` and `t_s`.
+    /// The columns after `epoch` and `t_s`.
     pub columns: &'static [&'static str],
 }
 
@@ -40,12 +40,12 @@ pub(crate) fn joined(mut first: Value, then: Value) -> Value {
     first
 }
 
-/// A length as fine as the wire has it.
+/// A length with the resolution of the wire format.
 pub fn metres(value: f64) -> String {
     format!("{value:.4}")
 }
 
-/// To so many parts of one.
+/// Rounded to multiples of 1 / `parts`.
 pub(crate) fn rounded(value: f64, parts: f64) -> f64 {
     (value * parts).round() / parts
 }

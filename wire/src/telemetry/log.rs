@@ -1,27 +1,28 @@
-//! The lines of a node's log that telemetry has as well: all of them are written here.
+//! The lines of a node's log that telemetry also carries: all of them are written here.
 //!
-//! So a host that shows telemetry knows by its place which line of the log it may leave out: [`SOURCE`].
+//! So a host that shows telemetry can leave out these lines of the log. It recognises them by their source file:
+//! [`SOURCE`].
 
 use crate::telemetry::Severity;
 
-/// This file, by the end of its path: the place of every line of the log that has its message in telemetry.
+/// The end of this file's path: the source of every line of the log whose message is also in telemetry.
 pub const SOURCE: &str = "wire/src/telemetry/log.rs";
 
-/// What can be a line of the log: anything that `defmt` can format, where there is `defmt`.
+/// A possible line of the log: anything that `defmt` can format, if there is `defmt`.
 #[cfg(feature = "defmt")]
 pub trait Line: defmt::Format {}
 
 #[cfg(feature = "defmt")]
 impl<T: defmt::Format> Line for T {}
 
-/// What can be a line of the log: anything that `defmt` can format, where there is `defmt`.
+/// A possible line of the log: anything that `defmt` can format, if there is `defmt`.
 #[cfg(not(feature = "defmt"))]
 pub trait Line {}
 
 #[cfg(not(feature = "defmt"))]
 impl<T> Line for T {}
 
-/// Writes a line of the log; without `defmt` there is none.
+/// Writes a line of the log. Without `defmt` there is no log.
 #[cfg(feature = "defmt")]
 #[inline]
 pub fn write(severity: Severity, line: &impl Line) {
@@ -33,7 +34,7 @@ pub fn write(severity: Severity, line: &impl Line) {
     }
 }
 
-/// Writes a line of the log; without `defmt` there is none.
+/// Writes a line of the log. Without `defmt` there is no log.
 #[cfg(not(feature = "defmt"))]
 #[inline]
 pub fn write(_: Severity, _: &impl Line) {}

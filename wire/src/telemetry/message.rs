@@ -1,25 +1,26 @@
-//! What each message brings, and what an enumeration of them hands on to it.
+//! What each message implements, and the enumeration that delegates to it.
 
 use core::fmt;
 
 use crate::telemetry::log::{self, Line};
 
-/// What a message brings beside its fields, of which each has `t_us`: when it was made, since the node started, microseconds. Its text ([`fmt::Display`]) is what a screen shows behind the label.
+/// The properties of a message beside its fields. Each message has a field `t_us`: its time since the node started,
+/// microseconds. Its text ([`fmt::Display`]) is what a screen shows after the label.
 pub trait Body: fmt::Display {
     /// Its kind: `type` in JSON.
     const KIND: &'static str;
-    /// What stands before its text on a screen, five letters at most.
+    /// The label before its text on a screen, five letters at most.
     const LABEL: &'static str = Self::KIND;
-    /// The table that has a row for each of them.
+    /// The table with a row for each message of this kind.
     #[cfg(feature = "host")]
     const TABLE: Option<crate::telemetry::Table> = None;
 
-    /// The round that it belongs to, by the node's wrapping number.
+    /// The round that it belongs to, as the node's wrapping number.
     fn round(&self) -> Option<u16> {
         None
     }
 
-    /// The level of its line in the log.
+    /// The severity of its line in the log.
     fn severity(&self) -> Severity {
         Severity::Info
     }
@@ -42,27 +43,27 @@ pub trait Body: fmt::Display {
         log::write(self.severity(), self);
     }
 
-    /// The keys of its JSON object behind `type` and `t_s`; every key is always there, `null` where nothing is known.
+    /// The keys of its JSON object after `type` and `t_s`. Every key is always present, `null` if nothing is known.
     #[cfg(feature = "host")]
     fn json(&self) -> serde_json::Value;
 
-    /// The fields of its row behind `epoch` and `t_s`; empty where it has no table.
+    /// The fields of its row after `epoch` and `t_s`; empty if it has no table.
     #[cfg(feature = "host")]
     fn fields(&self) -> std::vec::Vec<std::string::String> {
         std::vec::Vec::new()
     }
 }
 
-/// How much a fact matters to a person.
+/// How important a fact is to a person.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Severity {
     /// The node does not work.
     Error,
-    /// Something is wrong, and the node goes on without it.
+    /// Something is wrong, but the node goes on.
     Warning,
     /// It works.
     Info,
-    /// For whoever looks closely.
+    /// A detail for debugging.
     Debug,
 }
 
@@ -81,10 +82,10 @@ pub enum Tone {
     Error,
 }
 
-/// Makes the enumeration of a list of messages, and what it hands on to them.
+/// Defines the enumeration of a list of messages, and what it delegates to them.
 macro_rules! messages {
     ($($(#[$doc:meta])* $name:ident,)+) => {
-        /// What a node tells.
+        /// A message of a node.
         #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize)]
         #[cfg_attr(feature = "defmt", derive(defmt::Format))]
         pub enum Message {
@@ -101,22 +102,22 @@ macro_rules! messages {
             /// All kinds, in the order of their numbers on the wire.
             pub const KINDS: &'static [&'static str] = &[$($name::KIND),+];
 
-            /// Of which kind it is, as `type` in JSON.
+            /// Its kind, as `type` in JSON.
             pub fn kind(&self) -> &'static str {
                 match self { $(Self::$name(_) => $name::KIND,)+ }
             }
 
-            /// What stands before its text on a screen, five letters at most.
+            /// The label before its text on a screen, five letters at most.
             pub fn label(&self) -> &'static str {
                 match self { $(Self::$name(_) => $name::LABEL,)+ }
             }
 
-            /// When it was made, since the node started, microseconds.
+            /// Its time since the node started, microseconds.
             pub fn t_us(&self) -> u64 {
                 match self { $(Self::$name(body) => body.t_us,)+ }
             }
 
-            /// The round that it belongs to, by the node's wrapping number.
+            /// The round that it belongs to, as the node's wrapping number.
             pub fn round(&self) -> Option<u16> {
                 match self { $(Self::$name(body) => body.round(),)+ }
             }
@@ -127,7 +128,7 @@ macro_rules! messages {
             }
         }
 
-        /// The text behind the label.
+        /// The text after the label.
         impl fmt::Display for Message {
             fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
                 match self { $(Self::$name(body) => body.fmt(out),)+ }
@@ -141,12 +142,12 @@ macro_rules! messages {
                 [$($name::TABLE),+].into_iter().flatten()
             }
 
-            /// As an object of JSON.
+            /// The message as a JSON object.
             pub fn json(&self) -> serde_json::Value {
                 match self { $(Self::$name(body) => crate::telemetry::host::object($name::KIND, body.t_us, body.json()),)+ }
             }
 
-            /// The table that it is a row of, and the row's fields behind `epoch` and `t_s`.
+            /// The table that contains its row, and the row's fields after `epoch` and `t_s`.
             pub fn row(&self) -> Option<(crate::telemetry::Table, std::vec::Vec<std::string::String>)> {
                 match self { $(Self::$name(body) => $name::TABLE.map(|table| (table, body.fields())),)+ }
             }

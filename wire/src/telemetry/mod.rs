@@ -1,11 +1,13 @@
-//! What nodes tell the host: the one schema, its frames on a wire, the queue before it and the decoder behind it.
+//! Messages from nodes to the host: the schema, its frames on a wire, the queue before the wire and the decoder after
+//! it.
 //!
-//! A [`Message`] becomes a frame: the [`SCHEMA`] byte, the message as postcard writes it, a CRC-16, all COBS-encoded and ended by
-//! a zero byte. `docs/wire-format.md` has it byte by byte. On a node a [`Queue`] holds frames until the channel takes them; on the
-//! host a [`Decoder`] makes messages of them again.
+//! A [`Message`] becomes a frame: the [`SCHEMA`] byte, the message in postcard and a CRC-16, all COBS-encoded and ended
+//! by a zero byte. `docs/wire-format.md` describes it byte by byte. On a node a [`Queue`] holds frames until the
+//! channel takes them. On the host a [`Decoder`] decodes them into messages.
 //!
-//! Each message is one file in `messages/`: its fields, the conversions to SI units, its line for a person (the same on a node's log and
-//! on the host's screen) and, with the feature `host`, its JSON object and the row of its table. The list in `messages/mod.rs` names them all.
+//! Each message has one file in `messages/`. The file contains its fields, the conversions to SI units, its line for a
+//! person (the same in a node's log and on the host's screen) and, with the feature `host`, its JSON object and the row
+//! of its table. The list in `messages/mod.rs` contains all of them.
 
 mod decoder;
 mod framing;

@@ -1,28 +1,28 @@
-//! Between the quantised numbers of the wire and SI units.
+//! Conversions between the quantised numbers of the wire and SI units.
 //!
-//! Numbers beyond the wire's range become its greatest or least. One that is none (NaN) never becomes zero: a deviation becomes the
+//! Numbers beyond the wire's range become its greatest or least. NaN never becomes zero: a deviation becomes the
 //! greatest, a power [`UNKNOWN_POWER`].
 
-/// Of lengths.
+/// Units of a length per metre.
 const PER_METRE: f32 = 1e4;
-/// Of powers and of parts per million.
+/// Units of powers and of parts per million per unit.
 const HUNDREDTHS: f32 = 100.0;
 
-/// Stands for a power or an offset that is not known.
+/// Represents an unknown power or offset.
 pub const UNKNOWN_POWER: i16 = i16::MIN;
 
-/// To the nearest integer; what is none stays none.
+/// To the nearest integer; NaN stays NaN.
 pub(crate) fn nearest(value: f32) -> f32 {
-    // `as` cuts towards zero.
+    // `as` rounds towards zero.
     value + if value < 0.0 { -0.5 } else { 0.5 }
 }
 
-/// 0.1 mm, at the ends of the range saturated; NaN as the greatest.
+/// 0.1 mm, saturated at the ends of the range; NaN becomes the greatest.
 pub fn length(metres: f32) -> i32 {
     if metres.is_nan() { i32::MAX } else { nearest(metres * PER_METRE) as i32 }
 }
 
-/// 0.1 mm of a deviation; zero is for exactly known, so nothing else becomes it.
+/// 0.1 mm of a deviation. Zero means exactly known, so no other deviation becomes zero.
 pub fn deviation(metres: f32) -> u32 {
     if metres <= 0.0 {
         0
@@ -33,27 +33,27 @@ pub fn deviation(metres: f32) -> u32 {
     }
 }
 
-/// Of a length in 0.1 mm.
+/// From a length in 0.1 mm.
 pub(crate) fn metres(tenth_mm: i32) -> f64 {
     f64::from(tenth_mm) / f64::from(PER_METRE)
 }
 
-/// Of a deviation in 0.1 mm.
+/// From a deviation in 0.1 mm.
 pub(crate) fn deviation_m(tenth_mm: u32) -> f64 {
     f64::from(tenth_mm) / f64::from(PER_METRE)
 }
 
-/// Hundredths; NaN and infinities as [`UNKNOWN_POWER`], which no finite value becomes.
+/// Hundredths; NaN and infinities become [`UNKNOWN_POWER`], and no finite value does.
 pub(crate) fn hundredths(value: f32) -> i16 {
     if value.is_finite() { (nearest(value * HUNDREDTHS) as i16).max(-i16::MAX) } else { UNKNOWN_POWER }
 }
 
-/// Of hundredths.
+/// From hundredths.
 pub(crate) fn from_hundredths(value: i16) -> Option<f64> {
     (value != UNKNOWN_POWER).then(|| f64::from(value) / f64::from(HUNDREDTHS))
 }
 
-/// Three lengths in 0.1 mm, where all are numbers.
+/// Three lengths in 0.1 mm, if all are numbers.
 pub fn position(metres: [f32; 3]) -> Option<[i32; 3]> {
     metres.iter().all(|coordinate| coordinate.is_finite()).then(|| metres.map(length))
 }

@@ -1,7 +1,7 @@
-//! Frames that wait for the channel: whole ones, in order, and when there is no room the oldest go.
+//! Frames that wait for the channel: whole ones, in order. When there is no room, the oldest are dropped.
 //!
-//! A ring in which no frame is torn in two: one that does not fit before the end of the buffer is put at its beginning. A frame
-//! ends at its zero, so nothing is kept beside the frames themselves.
+//! A ring in which no frame is split: a frame that does not fit before the end of the buffer goes to its beginning. A
+//! frame ends at its zero, so the ring stores nothing but the frames.
 
 use crate::telemetry::{MAX_FRAME, Message, encode};
 
@@ -9,11 +9,11 @@ use crate::telemetry::{MAX_FRAME, Message, encode};
 #[derive(Clone, Debug)]
 pub struct Queue<const BYTES: usize> {
     bytes: [u8; BYTES],
-    /// Where the oldest frame begins.
+    /// Beginning of the oldest frame.
     front: usize,
-    /// Where the next frame goes.
+    /// Position of the next frame.
     back: usize,
-    /// Where the frames at the end of the buffer end, while newer ones stand at its beginning.
+    /// The end of the frames at the end of the buffer, while newer ones are at its beginning.
     seam: Option<usize>,
     frames: usize,
     dropped: u32,
@@ -32,7 +32,7 @@ impl<const BYTES: usize> Queue<BYTES> {
         Self { bytes: [0; BYTES], front: 0, back: 0, seam: None, frames: 0, dropped: 0 }
     }
 
-    /// Puts a message last, and drops as many of the oldest as it needs room.
+    /// Appends a message, and drops the oldest frames if it needs their room.
     pub fn push(&mut self, message: &Message) {
         let mut frame = [0; MAX_FRAME];
         let frame = encode(message, &mut frame);
@@ -50,7 +50,7 @@ impl<const BYTES: usize> Queue<BYTES> {
         self.frames += 1;
     }
 
-    /// Where a frame of this length goes without touching another.
+    /// The position for a frame of this length that touches no other frame.
     fn place(&mut self, length: usize) -> Option<usize> {
         if self.frames == 0 {
             (self.front, self.seam) = (0, None);
@@ -77,7 +77,7 @@ impl<const BYTES: usize> Queue<BYTES> {
         waiting.split_inclusive(|byte| *byte == 0).next()
     }
 
-    /// Takes the oldest frame out: it has been sent.
+    /// Removes the oldest frame: it has been sent.
     pub fn pop(&mut self) {
         let Some(length) = self.front().map(<[u8]>::len) else { return };
         self.front += length;
@@ -92,7 +92,7 @@ impl<const BYTES: usize> Queue<BYTES> {
         self.frames
     }
 
-    /// Whether none waits.
+    /// Whether no frame waits.
     pub fn is_empty(&self) -> bool {
         self.frames == 0
     }
@@ -144,7 +144,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever the order of pushes and pops: what is left are the newest, in order, and each lost one was counted.
+        /// For any order of pushes and pops, the newest frames remain, in order, and each lost one is counted.
         #[test]
         fn nothing_is_lost_uncounted(steps in proptest::collection::vec((any::<bool>(), any::<u64>()), 1..400)) {
             let mut queue = Queue::<100>::new();

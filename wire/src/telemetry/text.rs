@@ -1,8 +1,8 @@
 //! The texts of messages: the same through `defmt` on a node and `core::fmt` on a desktop.
 //!
-//! Numbers of the log are whole: `defmt` prints all digits of a float.
+//! Numbers in the log are integers: `defmt` prints all digits of a float.
 
-/// Gives a type its text, once for both: a match whose arms are a format and its arguments.
+/// Defines a type's text, once for both: a match whose arms are a format and its arguments.
 macro_rules! text {
     ($type:ty, |$this:ident| $subject:expr; $($pattern:pat => ($($text:tt)*),)+) => {
         impl core::fmt::Display for $type {
@@ -27,7 +27,7 @@ pub(crate) use text;
 pub(crate) struct Centimetres(i32);
 
 impl Centimetres {
-    /// Of a length in 0.1 mm, rounded.
+    /// From a length in 0.1 mm, rounded.
     pub(crate) fn of_tenth_mm(tenth_mm: i32) -> Self {
         let half = if tenth_mm < 0 { -50 } else { 50 };
         Self(tenth_mm.saturating_add(half) / 100)
@@ -54,7 +54,7 @@ mod tests {
         let shown = |value| Centimetres::of_tenth_mm(value).to_string();
         assert_eq!([149, 150, -149, -150].map(shown), ["0.01", "0.02", "-0.01", "-0.02"]);
         assert_eq!([49, -49].map(shown), ["0.00", "0.00"]);
-        // 2 147 483 647 · 0.1 mm, cut at the last.
+        // 2 147 483 647 · 0.1 mm, without the last digits.
         assert_eq!([i32::MAX, i32::MIN].map(shown), ["214748.36", "-214748.36"]);
     }
 }

@@ -1,16 +1,20 @@
-//! Frames of an EVK1000 that runs DecaRanging, in both variants and of all software there is. PAN identifier 0xDECA; the first
-//! byte of the payload is the function code.
+//! Frames of an EVK1000 with DecaRanging, in both variants and of all known software. The PAN identifier is 0xDECA. The
+//! first byte of the payload is the function code. The numbers in parentheses are bytes:
 //!
-//! | message | addresses | code (fast) | after the code |
-//! |---|---|---|---|
-//! | blink, tag | `C5`, sequence, EUI-64 | | (in the longer form: 6 bytes) |
-//! | ranging init, anchor → tag | 64, 16 or 64, 64 | 20 | tag's short address (2), anchor's delay (2), in newer software tag's delay (2) |
-//! | poll, tag → anchor | 16, 16 or 64, 64 | 21 (61) | temperature (1), voltage (1); newer software and fast: nothing |
-//! | response, anchor → tag | as the poll's | 10 (50) | option 02 (1), parameter (2), in newer software the last time of flight (5) (fast: nothing) |
-//! | final, tag → anchor | as the poll's | 29 (69) | poll TX (5), response RX (5), final TX (5). Fast: final TX − response RX (4), response RX − poll TX (4) |
-//! | report, anchor → tag | as the poll's | 2A (6A) | time of flight in ticks (5; fast: 4); newer software sends none |
+//! - blink, from a tag: `C5`, sequence, EUI-64; in the longer form 6 more bytes.
+//! - ranging init, anchor → tag. Addresses: 64-bit; 16 or 64; 64. Code 20. Data: tag's short address (2), anchor's
+//!   delay (2), in newer software tag's delay (2).
+//! - poll, tag → anchor. Addresses: 16-bit; 16 or 64; 64. Code 21 (fast: 61). Data: temperature (1), voltage (1); newer
+//!   software and fast: nothing.
+//! - response, anchor → tag. Addresses as the poll's. Code 10 (fast: 50). Data: option 02 (1), parameter (2), in newer
+//!   software the last time of flight (5) (fast: nothing).
+//! - final, tag → anchor. Addresses as the poll's. Code 29 (fast: 69). Data: poll TX (5), response RX (5), final TX
+//!   (5). Fast: final TX − response RX (4), response RX − poll TX (4).
+//! - report, anchor → tag. Addresses as the poll's. Code 2A (fast: 6A). Data: time of flight in ticks (5; fast: 4);
+//!   newer software sends no report.
 //!
-//! A delay's lower 15 bits are microseconds, or milliseconds where bit 15 is set; older software takes all 16 bits for milliseconds.
+//! A delay's lower 15 bits are microseconds, or milliseconds if bit 15 is set. Older software reads all 16 bits as
+//! milliseconds.
 
 use super::{FrameBuffer, FrameError, Header, Reader};
 use baliza_dw1000::{RadioDuration, RadioInstant};
@@ -30,7 +34,8 @@ const FAST_FINAL: u8 = 0x69;
 const FAST_REPORT: u8 = 0x6A;
 /// The response's option: no action.
 const NO_OPTION: u8 = 0x02;
-/// First byte of a response's parameter, in older software: a report will follow the final, with four times the time of flight.
+/// First byte of a response's parameter, in older software: a report follows the final, with four times the time of
+/// flight.
 pub const REPORT_FOLLOWS: u8 = 1;
 
 /// Which of the two sets of messages.
@@ -43,7 +48,7 @@ pub enum Variant {
     Fast,
 }
 
-/// A tag without an anchor makes itself known.
+/// The frame by which a tag without an anchor announces itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Blink {
     /// Sequence number.
@@ -53,10 +58,10 @@ pub struct Blink {
 }
 
 impl Blink {
-    /// The blink of bytes from the air, in the shorter or the longer form.
+    /// Parses a blink, in the shorter or the longer form.
     ///
     /// # Errors
-    /// What is wrong first.
+    /// The first error found.
     pub fn parse(bytes: &[u8]) -> Result<Self, FrameError> {
         let mut reader = Reader(bytes);
         let [kind, sequence] = reader.take()?;
@@ -68,7 +73,7 @@ impl Blink {
         }
     }
 
-    /// The bytes of the shorter form, in place of what `out` held.
+    /// Writes the shorter form, in place of what `out` held.
     pub fn emit(&self, out: &mut FrameBuffer) {
         out.clear();
         out.put(&[BLINK, self.sequence]);
@@ -81,11 +86,11 @@ impl Blink {
 pub struct Frame {
     /// Sequence, addresses; the PAN identifier is [`PAN`].
     pub header: Header,
-    /// What is said.
+    /// The message.
     pub message: Message,
 }
 
-/// What is said.
+/// The message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Message {
     /// An anchor takes a tag.
@@ -94,30 +99,30 @@ pub enum Message {
         tag: u16,
         /// From a poll's arrival to the response's departure: bits as in the frame.
         anchor_delay: u16,
-        /// From a response's arrival to the final's departure, where the frame has it; else it is as the anchor's.
+        /// From a response's arrival to the final's departure, if the frame has it; else it equals the anchor's.
         tag_delay: Option<u16>,
     },
     /// A tag begins an exchange; temperature and voltage are the chip's raw readings (none in the fast variant).
     Poll(Variant, Option<[u8; 2]>),
     /// The anchor answers.
     Response(Variant, Answer),
-    /// The tag tells its instants.
+    /// The tag sends its instants.
     Final(Final),
-    /// The anchor tells the time of flight, whole ticks; or four times it, see [`REPORT_FOLLOWS`].
+    /// The anchor reports the time of flight, whole ticks; or four times it, see [`REPORT_FOLLOWS`].
     Report(Variant, RadioDuration),
 }
 
-/// What a response says; all zero and none in the fast variant.
+/// The contents of a response; all zero and `None` in the fast variant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Answer {
     /// The option's parameter; see [`REPORT_FOLLOWS`].
     pub parameter: [u8; 2],
-    /// The time of flight of the exchange before, whole ticks; 0: there is none. Newer software.
+    /// The time of flight of the exchange before, whole ticks; 0: none. Newer software.
     pub tof: Option<RadioDuration>,
 }
 
-/// What the tag measured.
+/// The tag's measurements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Final {
     /// Standard variant: instants of the tag's clock.
@@ -139,10 +144,10 @@ pub enum Final {
 }
 
 impl Frame {
-    /// The frame of bytes from the air.
+    /// Parses a frame.
     ///
     /// # Errors
-    /// What is wrong first.
+    /// The first error found.
     pub fn parse(bytes: &[u8]) -> Result<Self, FrameError> {
         let (header, payload) = Header::parse(bytes)?;
         let mut reader = Reader(payload);
@@ -178,7 +183,7 @@ impl Frame {
         if header.pan == PAN { Ok(Self { header, message }) } else { Err(FrameError::Header) }
     }
 
-    /// The bytes of the frame, in place of what `out` held.
+    /// Writes the frame, in place of what `out` held.
     pub fn emit(&self, out: &mut FrameBuffer) {
         out.clear();
         self.header.emit(out);
@@ -231,7 +236,7 @@ impl Frame {
     }
 }
 
-/// 40 bits, signed: a negative flight is a value.
+/// 40 bits, signed: a negative flight is valid.
 const fn flight_of(bytes: [u8; 5]) -> RadioDuration {
     RadioInstant::from_le_bytes(bytes).since(RadioInstant::from_ticks(0))
 }
@@ -240,12 +245,13 @@ const fn flight_bytes(tof: RadioDuration) -> [u8; 5] {
     RadioInstant::from_ticks(0).plus(tof).to_le_bytes()
 }
 
-/// Bytes on the air of a blink's shorter form, its check bytes counted.
+/// Bytes on the air of a blink's shorter form, including its check bytes.
 pub const BLINK_BYTES: u16 = 12;
-/// Bytes on the air of the longest frame of an exchange with 16-bit addresses (the standard final), its check bytes counted.
+/// Bytes on the air of the longest frame of an exchange with 16-bit addresses (the standard final), including its check
+/// bytes.
 pub const LONGEST_BYTES: u16 = 9 + 16 + 2;
 
-/// A delay's field, from a time: microseconds, or whole milliseconds (rounded up) where those do not fit.
+/// A delay's field, from a time: microseconds, or whole milliseconds (rounded up) if those do not fit.
 pub const fn delay_field(time: RadioDuration) -> u16 {
     let micros = time.as_micros();
     if micros < 0 {
@@ -282,7 +288,7 @@ mod tests {
         let mut out = FrameBuffer::new();
         frame.emit(&mut out);
         assert_eq!(out.bytes(), bytes);
-        // Of three messages there is a shorter form.
+        // Three messages have a shorter form.
         let shorter = match message {
             Message::RangingInit { tag_delay: Some(_), .. } => 2,
             Message::Poll(_, Some(_)) => 2,
@@ -332,7 +338,7 @@ mod tests {
         golden(&LONG, &[0x20, 0x34, 0x12, 150, 0x80, 200, 0x80], 30, init);
         golden(&SHORT, &[0x21], 12, Message::Poll(Variant::Standard, None));
         golden(&LONG, &[0x21], 24, Message::Poll(Variant::Standard, None));
-        // 2132 ticks (10 m) are 0x0854; −21 are all ones but for 20.
+        // 2132 ticks (10 m) are 0x0854; −21 is all ones except for 20.
         golden(&SHORT, &[0x10, 2, 0, 0, 0x54, 0x08, 0, 0, 0], 20, response([0, 0], Some(2132)));
         golden(&LONG, &[0x10, 2, 0, 0, 0xEB, 0xFF, 0xFF, 0xFF, 0xFF], 32, response([0, 0], Some(-21)));
     }
@@ -343,7 +349,7 @@ mod tests {
         golden(&SHORT, &[0x50], 12, Message::Response(Variant::Fast, Answer::default()));
         let [reply2, round1] = [0x0403_0201, 0xF807_0605].map(RadioDuration::from_ticks);
         golden(&SHORT, &[0x69, 1, 2, 3, 4, 5, 6, 7, 0xF8], 20, Message::Final(Final::Intervals { reply2, round1 }));
-        // −21 ticks: a flight that noise has made negative.
+        // −21 ticks: a flight that is negative because of noise.
         let report = Message::Report(Variant::Fast, RadioDuration::from_ticks(-21));
         golden(&SHORT, &[0x6A, 0xEB, 0xFF, 0xFF, 0xFF], 16, report);
     }

@@ -1,27 +1,29 @@
-//! What all nodes of a network must agree on beside its PHY: how long an answer takes its slowest anchor, how soon its slowest node
-//! hears again, and whether a final follows the responses. Slots follow from it ([`Timing`](super::Timing)).
+//! What all nodes of a network must agree on beside its PHY: how long an answer takes its slowest anchor, how soon its
+//! slowest node receives again, and whether a final follows the responses. The slots follow from it
+//! ([`Timing`](super::Timing)).
 //!
-//! The coordinator lays the slots out by what the slowest node asks for, and its sync frames say how. A new layout counts from the
-//! superframe from which the list of members that came with it counts.
+//! The coordinator sets the slot lengths by the requests of the slowest node, and its sync frames contain them. A new
+//! layout is in force from the superframe from which the list of members that came with it is in force.
 
 use baliza_dw1000::RadioDuration;
 
-/// A turnaround as it is on the air: (16 + c mod 16) · 2^⌊c / 16⌋ µs for the code c of seven bits, 16 µs to 3.968 ms in steps of 3 to 6 %.
+/// A reply delay as it is on the air: (16 + c mod 16) · 2^⌊c / 16⌋ µs for the code c of seven bits, 16 µs to 3.968 ms
+/// in steps of 3 to 6 %.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Span(u8);
 
-/// As [`RadioDuration::from_micros`] rounds it up, so that a whole number of microseconds is its own span.
+/// Rounded up as in [`RadioDuration::from_micros`], so that a whole number of microseconds is its own span.
 const MICROSECOND: RadioDuration = RadioDuration::from_ticks(63_898);
 
 impl Span {
     /// The longest, 3.968 ms.
     pub const LONGEST: Self = Self(0x7F);
 
-    /// The shortest that lasts at least as long; the longest for what lasts longer than that.
+    /// The shortest span that is at least as long; for longer durations the longest span.
     pub const fn at_least(duration: RadioDuration) -> Self {
         let ticks = duration.ticks();
-        // Octave by octave, each of sixteen steps; the first begins at 16 µs.
+        // Octave by octave, each with sixteen steps; the first begins at 16 µs.
         let mut octave = 0;
         let mut step = MICROSECOND.ticks();
         while octave < 7 && ticks > 31 * step {
@@ -35,7 +37,7 @@ impl Span {
         Self(octave << 4 | within as u8)
     }
 
-    /// Of the lowest seven bits of a byte.
+    /// From the lowest seven bits of a byte.
     pub const fn from_code(code: u8) -> Self {
         Self(code & Self::LONGEST.0)
     }
@@ -45,25 +47,25 @@ impl Span {
         self.0
     }
 
-    /// How long it lasts.
+    /// Its duration.
     pub const fn duration(self) -> RadioDuration {
         RadioDuration::from_micros((16 + (self.0 as u32 & 0x0F)) << (self.0 >> 4))
     }
 }
 
-/// How a round is made.
+/// The scheme of a round.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Scheme {
-    /// A poll and a response of each anchor; the tag knows the anchors' clocks from poll to poll.
+    /// A poll and a response of each anchor; the tag estimates the anchors' clocks from poll to poll.
     #[default]
     SingleSided,
-    /// The same, and a final of the tag, whose arrival each anchor tells in its next response: asymmetric double-sided ranging,
-    /// which needs no model of clocks.
+    /// The same, and a final of the tag. Each anchor reports its arrival in its next response: asymmetric double-sided
+    /// ranging, which needs no model of clocks.
     DoubleSided,
 }
 
-/// The layout of a network's slots, or what a node asks of it.
+/// The layout of a network's slots, or a node's request for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Layout {
@@ -76,10 +78,10 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// Who asks for this asks for nothing.
+    /// A request for this layout has no effect.
     pub const LEAST: Self = Self { answer: Span(0), listen_again: Span(0), scheme: Scheme::SingleSided };
 
-    /// What serves both.
+    /// The layout that serves both.
     pub fn max(self, other: Self) -> Self {
         Self {
             answer: self.answer.max(other.answer),
@@ -88,7 +90,7 @@ impl Layout {
         }
     }
 
-    /// Of two bytes: code of the answer, code of listening again with the scheme in its highest bit.
+    /// From two bytes: code of the answer; code of receiving again, with the scheme in its highest bit.
     pub(crate) const fn from_bytes([answer, tag]: [u8; 2]) -> Self {
         Self { answer: Span::from_code(answer), ..Self::from_tag_byte(tag) }
     }
@@ -98,7 +100,7 @@ impl Layout {
         [self.answer.code(), self.tag_byte()]
     }
 
-    /// What a tag asks for: it answers nobody.
+    /// A tag's request: it answers no other node.
     pub const fn from_tag_byte(byte: u8) -> Self {
         let scheme = if byte & 0x80 == 0 { Scheme::SingleSided } else { Scheme::DoubleSided };
         Self { answer: Self::LEAST.answer, listen_again: Span::from_code(byte), scheme }
@@ -126,7 +128,7 @@ mod tests {
             let wanted = RadioDuration::from_micros(micros);
             let span = Span::at_least(wanted).duration();
             assert!(span >= wanted, "{micros}: {span:?}");
-            // A sixteenth where an octave begins; 16 µs are the least.
+            // Up to a sixteenth at the beginning of an octave; 16 µs is the minimum.
             assert!(span.as_micros() <= i64::from((micros + micros / 16 + 1).max(16)), "{micros}: {span:?}");
         }
         assert_eq!(Span::at_least(RadioDuration::from_micros(100_000)), Span::LONGEST);

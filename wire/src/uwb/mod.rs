@@ -1,8 +1,8 @@
-//! Frames as they are on the air, without their two check bytes: bytes in, a validated representation out, and back.
+//! Frames as they are on the air, without their two check bytes: from bytes to a validated representation, and back.
 //!
-//! A parser takes any bytes and says with a [`FrameError`] why they are not wholly a frame of its kind; what it returned, `emit`
-//! writes back byte for byte. The header is that of IEEE 802.15.4-2011 data frames (5.2.1): one PAN identifier, addresses of 16 or 64 bits,
-//! fields least significant byte first.
+//! A parser accepts any bytes. If they are not exactly a frame of its kind, it returns the reason as a [`FrameError`].
+//! `emit` writes a parsed frame back byte for byte. The header is that of IEEE 802.15.4-2011 data frames (5.2.1): one
+//! PAN identifier, addresses of 16 or 64 bits, fields least significant byte first.
 
 pub mod decaranging;
 pub mod layout;
@@ -12,10 +12,10 @@ use core::fmt;
 
 use baliza_dw1000::radio::MAX_FRAME;
 
-/// The most anchors of one round.
+/// The greatest number of anchors in one round.
 pub const MAX_ROUND: usize = 8;
 
-/// The 16-bit address that everyone listens to.
+/// The 16-bit address of all nodes.
 pub const BROADCAST: u16 = 0xFFFF;
 
 /// Why bytes are not a frame.
@@ -26,7 +26,7 @@ pub enum FrameError {
     Truncated,
     /// This many bytes follow the last field.
     TooLong(usize),
-    /// Not an IEEE 802.15.4 data frame within one PAN, or not with the addresses that its kind has.
+    /// Not an IEEE 802.15.4 data frame within one PAN, or not with the addresses of its kind.
     Header,
     /// No message has this code.
     Code(u8),
@@ -48,12 +48,12 @@ impl fmt::Display for FrameError {
 
 impl core::error::Error for FrameError {}
 
-/// A frame being written.
+/// A buffer for a frame that is being written.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FrameBuffer(heapless::Vec<u8, MAX_FRAME>);
 
 impl FrameBuffer {
-    /// An empty one.
+    /// An empty buffer.
     pub const fn new() -> Self {
         Self(heapless::Vec::new())
     }
@@ -74,7 +74,7 @@ impl FrameBuffer {
     }
 }
 
-/// Takes fields off the front of bytes; every taking may fail.
+/// Reads fields from the front of bytes; every read may fail.
 #[derive(Clone, Copy, Debug)]
 struct Reader<'a>(&'a [u8]);
 
@@ -101,7 +101,7 @@ impl<'a> Reader<'a> {
         self.take().map(u64::from_le_bytes)
     }
 
-    /// Whether nothing is left: a frame longer than its kind is not of its kind.
+    /// Checks that nothing is left: a frame longer than its kind is not of its kind.
     fn end(self) -> Result<(), FrameError> {
         if self.0.is_empty() { Ok(()) } else { Err(FrameError::TooLong(self.0.len())) }
     }
@@ -150,9 +150,9 @@ pub struct Header {
     pub sequence: u8,
     /// PAN identifier of both ends.
     pub pan: u16,
-    /// To whom.
+    /// The address of the receiver.
     pub destination: Address,
-    /// From whom.
+    /// The address of the sender.
     pub source: Address,
 }
 
@@ -160,10 +160,10 @@ pub struct Header {
 const DATA_IN_ONE_PAN: u8 = 0x41;
 
 impl Header {
-    /// Header and payload of a data frame.
+    /// Parses the header of a data frame. Returns it and the payload.
     ///
     /// # Errors
-    /// The bytes are too few, or another kind of frame.
+    /// If the bytes are too few, or another kind of frame.
     pub fn parse(bytes: &[u8]) -> Result<(Self, &[u8]), FrameError> {
         let mut reader = Reader(bytes);
         let [kind, addressing, sequence] = reader.take()?;

@@ -18,7 +18,7 @@ fn from_hex(text: &str) -> Vec<u8> {
     text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
 }
 
-// The pages below were written by a Python program of its own, which knows postcard only from its specification
+// The pages below were written by a separate Python program. It implements postcard from its specification only
 // (varints, options as 00 or 01, variants by number, floats little-endian) and takes the CRC-32 from zlib.
 
 #[test]
@@ -39,7 +39,7 @@ fn a_tag_s_page_has_these_bytes() {
     assert_eq!(page(&tag(), 1), from_hex(bytes));
 }
 
-/// A tag's page as version 1 had it, with these bytes for the turnaround.
+/// A tag's page of version 1, with these bytes for the reply delay.
 fn tag_of_version_1(checksum: &str, turnaround: &str) -> Vec<u8> {
     from_hex(&format!(
         "42 4c 5a 52 01 00 2d 00 01 00 00 00 {checksum} \
@@ -48,7 +48,7 @@ fn tag_of_version_1(checksum: &str, turnaround: &str) -> Vec<u8> {
     ))
 }
 
-/// What version 1 can say of `tag`.
+/// The part of `tag` that version 1 can express.
 fn tag_without_what_version_2_added(turnaround: Option<ReplyDelay>) -> Record {
     let mut record = tag();
     record.network = Network { turnaround, region: None, ..record.network };
@@ -114,7 +114,8 @@ fn the_longest_record_fits() {
     let record = longest();
     assert_eq!(record.validate(), Ok(()));
     // Identity 11 + 4; role 1 + 16 + 3 + 3 + 1 + 2 + 1 + 1 + 3; network 3 + 4 + 1 + 1 + 2 + 2 + 2 + 9; calibration 4 +
-    // 2 + 6; pins 7; 24 anchors of 3 + 12, 24 beacons of 3 + 3 + 12 + 5 + 5, a byte for each list's length; the key 17; a region 2, solver and scheme 1 each.
+    // 2 + 6; pins 7; 24 anchors of 3 + 12, 24 beacons of 3 + 3 + 12 + 5 + 5, a byte for each list's length; the key 17;
+    // a region 2; solver and scheme 1 each.
     let longest = 15 + 31 + 24 + 12 + 7 + (1 + 24 * 15) + (1 + 24 * 28) + 17 + 4;
     assert_eq!(page(&record, 1).len(), HEADER_BYTES + longest);
     assert_eq!(decode(&page(&record, 1)), Ok((record, 1)));
@@ -154,7 +155,8 @@ fn any_flipped_bit_is_noticed() {
     }
 }
 
-/// Rewrites a page's checksum, computed by the definition: bit by bit, from the lowest, the polynomial mirrored.
+/// Rewrites a page's checksum. It is computed from the definition: bit by bit, from the lowest, with the polynomial
+/// mirrored.
 fn seal(bytes: &mut [u8]) {
     let mut crc = u32::MAX;
     for byte in bytes[..12].iter().chain(&bytes[16..]) {

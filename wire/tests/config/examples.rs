@@ -1,4 +1,4 @@
-//! Records to test with.
+//! Config records for tests.
 
 use baliza_wire::config::{
     Advertiser, Anchor, Beacon, Calibration, Identity, MAX_ANCHORS, MAX_BEACONS, Mode, Network, Phy, Pins, Record,
@@ -27,7 +27,7 @@ pub fn anchor() -> Record {
     }
 }
 
-/// A tag that knows no place, with everything that version 2 added.
+/// A tag without configured positions, with all fields that version 2 added.
 pub fn tag() -> Record {
     let tag = Tag {
         height_m: Some(1.2),
@@ -50,7 +50,7 @@ pub fn tag() -> Record {
     }
 }
 
-/// A beacon with everything that can be there.
+/// A beacon with all optional fields.
 pub fn beacon() -> Record {
     let advertiser = Advertiser {
         uuid: core::array::from_fn(|index| index as u8),

@@ -1,4 +1,4 @@
-//! NOR flash: bits only fall, pages are erased as a whole, and the power may fail within any operation.
+//! NOR flash: writing only clears bits, pages are erased as a whole, and the power may fail within any operation.
 
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
@@ -39,7 +39,7 @@ impl<const WORD: usize, const PAGE: usize> Flash<WORD, PAGE> {
         Self { bytes: vec![0xFF; 4 * PAGE], power: None, operations: 0, random: Pcg32::new(1, 1) }
     }
 
-    /// The same, whose power fails within the operation of this number, from 0.
+    /// The same, but the power fails within operation number `operation`, counted from 0.
     pub fn cut_at(&self, operation: usize, seed: u64) -> Self {
         Self { power: Some(operation), operations: 0, random: Pcg32::new(seed, 2), ..self.clone() }
     }
@@ -52,7 +52,7 @@ impl<const WORD: usize, const PAGE: usize> Flash<WORD, PAGE> {
         &self.bytes[Self::PAGES[which] as usize..][..PAGE]
     }
 
-    /// Counts an operation: whether it is done, or half done, or there is no power.
+    /// Counts an operation. Returns whether it is completed or done in part; an error if there is no power.
     fn operate(&mut self) -> Result<bool, Failed> {
         let whole = match self.power {
             Some(power) if self.operations > power => return Err(Failed::NoPower),
@@ -91,7 +91,7 @@ impl<const WORD: usize, const PAGE: usize> NorFlash for Flash<WORD, PAGE> {
         for page in (from as usize..to as usize).step_by(PAGE) {
             let whole = self.operate()?;
             for byte in &mut self.bytes[page..page + PAGE] {
-                // Half erased, some of the bits have risen.
+                // Half erased: some of the bits have become 1.
                 *byte |= if whole { 0xFF } else { self.random.random::<u8>() | self.random.random::<u8>() };
             }
             if !whole {
@@ -110,7 +110,7 @@ impl<const WORD: usize, const PAGE: usize> NorFlash for Flash<WORD, PAGE> {
                 return Err(Failed::WrittenTwice);
             }
             for (byte, new) in place.iter_mut().zip(word) {
-                // Half written, some of the bits have fallen.
+                // Half written: some of the bits have become 0.
                 *byte &= if whole { *new } else { *new | self.random.random::<u8>() };
             }
             if !whole {

@@ -1,4 +1,4 @@
-//! The node record: its bytes, its way into flash and out of it, and what it refuses.
+//! The config record: its bytes, its storing in flash and loading from it, and the values that it refuses.
 
 mod bytes;
 mod examples;

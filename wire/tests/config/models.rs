@@ -1,4 +1,4 @@
-//! Models of beacons' levels: their bytes, and what is left of them where the power fails.
+//! Models of the beacons' RSSI: their bytes, and what remains of them after a power failure.
 
 use baliza_wire::config::{
     BeaconModel, LoadError, MODELS_BYTES, StoredSiteModels, decode_models, encode_models, load_models,
@@ -32,8 +32,8 @@ fn crc(bytes: &[u8]) -> u32 {
 
 #[test]
 fn the_bytes_are_these() {
-    // By the postcard specification: 01 (some), the length of the beacons, they, the length of the model, it; the same for rooms; the
-    // length of the names, they.
+    // By the postcard specification: 01 (some), the length of the beacons, the beacons, the length of the model, the
+    // model; the same for rooms; the length of the names, the names.
     let mut body = vec![1, 8];
     body.extend(BEACONS);
     body.extend([3, b'F', b'M', 9, 1, 4, 1, 0, 7, 0, 2, b'R', b'M', 10]);
@@ -103,7 +103,7 @@ fn write<const WORD: usize, const PAGE: usize>(flash: &mut Flash<WORD, PAGE>, by
 
 #[test]
 fn a_power_cut_leaves_the_models_of_before_or_the_new_ones_or_none() {
-    // More than a page each.
+    // More than one page each.
     let maps = [vec![0x5A; 5000], vec![0xA5; 4500]];
     let [old, new] = maps.each_ref().map(|map| encoded(&models(map)));
     for (before, after) in [(&[][..], new.as_slice()), (&old, &new), (&old, &[])] {

@@ -5,7 +5,7 @@ use baliza_wire::config::{LoadError, Record, load, store};
 use crate::examples::{anchor, beacon, tag};
 use crate::flash::Flash;
 
-/// Cuts the power within each operation of a store; the old record or the new one is whole, and the next store works.
+/// Cuts the power within each operation of a store. The old record or the new one is whole, and the next store works.
 fn every_cut<const WORD: usize, const PAGE: usize>(flash: &Flash<WORD, PAGE>, old: Result<Record, LoadError>) {
     let pages = Flash::<WORD, PAGE>::PAGES;
     let new = beacon();
@@ -47,7 +47,7 @@ fn every_cut_of_every_state<const WORD: usize, const PAGE: usize>() {
 
 #[test]
 fn a_power_cut_leaves_the_old_record_or_the_new_one() {
-    // STM32F105; nRF52832 and the ESPs; words of 16 bytes.
+    // STM32F105; nRF52832 and the ESPs; a flash with words of 16 bytes.
     every_cut_of_every_state::<2, 2048>();
     every_cut_of_every_state::<4, 4096>();
     every_cut_of_every_state::<16, 4096>();

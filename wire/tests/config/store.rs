@@ -1,4 +1,4 @@
-//! Which page counts, and which is written.
+//! Which page is in force, and which is written next.
 
 use baliza_wire::config::{
     LoadError, MAX_BYTES, MODEL_AT, MODEL_BYTES, Next, Record, StoreError, VERSION, encode, load, load_model, model_of,
@@ -42,7 +42,7 @@ fn pages_take_turns() {
 fn a_classifier_goes_with_its_record() {
     let mut model = [0; MODEL_BYTES];
     assert_eq!(load_model(&mut Nrf::erased(), Nrf::PAGES, &mut model), Err(LoadError::Missing));
-    // A record as it always was has none.
+    // A record without a classifier has none.
     let mut flash = with(Some((&tag(), 3)), Some((&tag(), 4)));
     assert_eq!(load_model(&mut flash, Nrf::PAGES, &mut model), Ok(None));
     for (page, byte) in Nrf::PAGES.into_iter().zip([b'a', b'b']) {
@@ -53,12 +53,12 @@ fn a_classifier_goes_with_its_record() {
     assert_eq!(load_model(&mut flash, Nrf::PAGES, &mut model), Ok(Some(&expected[..])));
     assert_eq!(model_of(flash.page(1)), Some(&expected[..]));
     assert_eq!(load(&mut flash, Nrf::PAGES), Ok(tag()), "the record does not mind it");
-    // That of a damaged page does not count; a new record takes its page whole.
+    // The classifier of a damaged page does not count; a new record takes the whole page.
     flash.bytes[Nrf::PAGES[1] as usize + 20] ^= 4;
     assert_eq!(load_model(&mut flash, Nrf::PAGES, &mut model).map(|model| model.map(|model| model[0])), Ok(Some(b'a')));
     store(&mut flash, Nrf::PAGES, &anchor()).unwrap();
     assert_eq!(load_model(&mut flash, Nrf::PAGES, &mut model), Ok(None));
-    // As much of a page as was read.
+    // The part of a page that was read.
     let page = flash.page(0);
     assert_eq!(model_of(&page[..MODEL_AT + 3]), Some(&b"aaa"[..]));
     assert_eq!((model_of(&page[..MODEL_AT]), model_of(&[])), (None, None));
@@ -84,7 +84,7 @@ fn a_damaged_page_leaves_the_other() {
     let mut flash = with(Some((&anchor(), 8)), Some((&tag(), 9)));
     flash.bytes[Nrf::PAGES[1] as usize + 20] ^= 4;
     assert_eq!(load(&mut flash, Nrf::PAGES), Ok(anchor()));
-    // And is the one that is written next.
+    // This page is also the one that is written next.
     store(&mut flash, Nrf::PAGES, &beacon()).unwrap();
     assert_eq!(newest([flash.page(0), flash.page(1)]), Ok((1, beacon(), 9)));
     flash.bytes[Nrf::PAGES[0] as usize] ^= 4;
@@ -100,7 +100,7 @@ fn a_damaged_page_leaves_the_other() {
 fn a_later_record_of_another_version_is_not_passed_over() {
     let mut flash = with(Some((&anchor(), 1)), Some((&tag(), 2)));
     let page = Nrf::PAGES[1] as usize;
-    // CRC-32 by its definition, bit by bit, less the final inversion.
+    // CRC-32 by its definition, bit by bit, without the final inversion.
     let seal = |bytes: &[u8]| {
         bytes.iter().fold(u32::MAX, |crc, byte| {
             (0..8).fold(crc ^ u32::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 })
@@ -111,9 +111,9 @@ fn a_later_record_of_another_version_is_not_passed_over() {
     let covered = [&flash.bytes[page..page + 12], &flash.bytes[page + 16..page + 16 + length]].concat();
     let checksum = !seal(&covered);
     flash.bytes[page + 12..page + 16].copy_from_slice(&checksum.to_le_bytes());
-    // What was told last does not count, what counted before is outdated: the node is to say so.
+    // The later page is of an unknown version, and the earlier one is outdated: the node must report it.
     assert_eq!(load(&mut flash, Nrf::PAGES), Err(LoadError::Version(VERSION + 1)));
-    // The next record takes the other page, and counts.
+    // The next record takes the other page, and is in force.
     store(&mut flash, Nrf::PAGES, &beacon()).unwrap();
     assert_eq!(newest([flash.page(0), flash.page(1)]), Ok((0, beacon(), 3)));
 }

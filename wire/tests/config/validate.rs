@@ -1,4 +1,4 @@
-//! What a record must be.
+//! Which values of a config record are valid.
 
 use baliza_dw1000::PhyConfig;
 use baliza_dw1000::phy::{Channel, DataRate, PreambleLength, Prf};
@@ -108,7 +108,7 @@ fn places_are_finite_and_near() {
         let said = refusal(tag(), |record| record.anchors.push(at([0.0, bad, 0.0])).unwrap());
         assert!(said.starts_with("anchors[0].position_m is "), "{said}");
     }
-    // An anchor tells its own place on the air, where a coordinate has three bytes of millimetres.
+    // An anchor sends its own position on the air, where a coordinate has three bytes of millimetres.
     let said = refusal(anchor(), |record| record.role = Role::Anchor { position_m: Some([0.0, 0.0, 8_389.0]) });
     assert!(said.starts_with("anchor.position_m is 8389: "), "{said}");
 }
@@ -171,11 +171,12 @@ fn a_region_refuses_what_it_forbids_and_only_of_nodes_that_transmit() {
         record.validate().map_err(|Invalid { field, .. }| field)
     };
     let refused = Err("network.phy.channel");
-    // Commission Implementing Decision (EU) 2019/785: 6.0 to 8.5 GHz without a limit of duty; channels 5 and 7 are in there.
+    // Commission Implementing Decision (EU) 2019/785: 6.0 to 8.5 GHz without a limit of the duty cycle; this band
+    // contains channels 5 and 7.
     for channel in [1, 2, 3, 4, 5, 7] {
         let eu = if channel < 5 { refused } else { Ok(()) };
         assert_eq!(on(anchor(), Some(Region::Eu), channel), eu, "{channel}");
-        // 7.25 GHz and up, or DAA: none of them.
+        // 7.25 GHz and above, or DAA: no channel fulfils this.
         assert_eq!(on(anchor(), Some(Region::Japan), channel), refused, "{channel}");
         for anywhere in [None, Some(Region::Us), Some(Region::Unchecked)] {
             assert_eq!(on(anchor(), anywhere, channel), Ok(()), "{channel}");

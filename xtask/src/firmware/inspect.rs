@@ -1,4 +1,5 @@
-//! What an ELF file takes, and whether what a probe, a bootloader or a host looks for is where they look.
+//! Memory use of an ELF file, and checks that the data for a probe, a bootloader or a host are where these look for
+//! them.
 
 use std::fs;
 use std::path::Path;
@@ -13,26 +14,32 @@ use super::matrix::{Platform, holds};
 /// The magic word of an ESP app descriptor.
 const APP_DESCRIPTOR: u32 = 0xABCD_5432;
 
-/// Bytes.
+/// Memory use, bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Takes {
     /// Code, constants and initial values.
     pub flash: u64,
     /// Variables, without stack.
     pub ram: u64,
-    /// Of the variables, the heap, where there is one.
+    /// The heap, which is a part of the variables, where there is one.
     pub heap: Option<u64>,
-    /// What is left of the RAM for the stack.
+    /// The RAM that is left for the stack.
     pub stack: u64,
 }
 
-/// Bytes of flash: all sections that are loaded, but not those that begin as zeros.
+/// Bytes of flash: all sections that are loaded, but not those that are filled with zeros at the start.
+///
+/// # Errors
+/// The file cannot be read, or is no ELF file.
 pub fn flash(file: &Path) -> Result<u64> {
     let bytes = fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
     Ok(flash_of(&parse(file, &bytes)?))
 }
 
 /// Reads an image for `platform`, and checks its landmarks.
+///
+/// # Errors
+/// The file cannot be read, is no ELF file, or lacks something that the platform needs.
 pub fn inspect(file: &Path, platform: Platform) -> Result<Takes> {
     let bytes = fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
     let elf = parse(file, &bytes)?;
@@ -57,7 +64,7 @@ fn takes(elf: &File<'_>, memory: Memory) -> Takes {
     let (ram_origin, ram_bytes) = (u64::from(memory.ram.0), u64::from(memory.ram.1));
     let in_ram = |address: u64| (ram_origin..ram_origin + ram_bytes).contains(&address);
     let sections = elf.sections().filter(|section| is_loaded(section.flags()) && in_ram(section.address()));
-    // What only keeps room for the stack is no variable.
+    // A section that only reserves the stack is not a variable.
     let ram = sections.filter(|section| section.name() != Ok(".stack")).map(|section| section.size()).sum();
     let heaps = elf.symbols().filter(|symbol| symbol.name().is_ok_and(|name| name.contains("HEAP")));
     let heap = heaps.filter(|symbol| in_ram(symbol.address())).map(|symbol| symbol.size()).max();
@@ -72,7 +79,7 @@ fn check(elf: &File<'_>, platform: Platform) -> Result<()> {
     let memory = platform.memory();
     let (ram_origin, ram_bytes) = (u64::from(memory.ram.0), u64::from(memory.ram.1));
     let ram = ram_origin..=ram_origin + ram_bytes;
-    // An image that was linked by another board's map has something elsewhere.
+    // An image linked with another board's memory map has a section elsewhere.
     for section in elf.sections().filter(|section| is_loaded(section.flags()) && section.size() > 0) {
         let (name, address, bytes) = (section.name()?, section.address(), section.size());
         ensure!(

@@ -1,5 +1,5 @@
-//! Every image that is built: role, board, variant, and what it may take. The boards' crates list theirs in the table
-//! `package.metadata.baliza` of their manifests.
+//! All images that are built: role, board, variant, and size budget. Each board's crate lists its images in the table
+//! `package.metadata.baliza` of its manifest.
 
 use anyhow::{Context, Result};
 use serde::Deserialize;
@@ -9,7 +9,7 @@ use crate::chip::Chip;
 use crate::target::Target;
 use crate::workspace::{self, Package};
 
-/// What the names of the boards' crates begin with.
+/// The prefix of the names of the boards' crates.
 pub const BOARDS: &str = "baliza-board-";
 
 /// What an image runs on.
@@ -21,7 +21,7 @@ pub enum Platform {
     Qemu(Chip),
 }
 
-/// QEMU's virt machine, as the images are linked.
+/// QEMU's virt machine, as the images are linked for it.
 const VIRT: Memory = Memory { image_origin: None, flash: &[], ram: (0x8000_0000, 4 << 20), other_ram: &[] };
 
 impl Platform {
@@ -32,7 +32,7 @@ impl Platform {
         }
     }
 
-    /// The chip's name to espflash, where that flashes it.
+    /// The chip's name for espflash, if espflash flashes it.
     pub fn espflash_chip(self) -> Option<&'static str> {
         let Self::Board(board) = self else { return None };
         match board.spec().flasher {
@@ -60,21 +60,21 @@ pub struct Image {
     /// The role.
     pub binary: String,
     pub platform: Platform,
-    /// Everything to be enabled, as cargo wants it.
+    /// All features to be enabled, in cargo's format.
     pub features: String,
     pub budget: Budget,
 }
 
-/// The most that an image may take, bytes; what has no budget is printed and not judged.
+/// The greatest size of an image, bytes; a value without a budget is printed but not checked.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Budget {
-    /// Code, constants and initial values; of an ESP the image that espflash makes.
+    /// Code, constants and initial values; for an ESP the image that espflash makes.
     pub flash: Option<u64>,
     /// Variables, without stack.
     pub ram: Option<u64>,
-    /// Of the variables, the heap.
+    /// The heap, which is a part of the variables.
     pub heap: Option<u64>,
-    /// What the flash was meant to be at most, where it could not be reached: then `flash` keeps it from growing further.
+    /// The intended limit of the flash, where it could not be met: then `flash` prevents further growth.
     pub missed: Option<u64>,
 }
 
@@ -91,7 +91,7 @@ struct Row {
     bin: String,
     /// A board's name …
     board: Option<String>,
-    /// … or that of a chip that QEMU stands in for.
+    /// … or the name of a chip that QEMU simulates.
     qemu: Option<String>,
     /// Features beside those that the binary and the board need.
     #[serde(default)]
@@ -137,6 +137,9 @@ impl Row {
 }
 
 /// All images: those of boards first, by roles.
+///
+/// # Errors
+/// Cargo cannot list the crates, or the table of a crate is wrong.
 pub fn images() -> Result<Vec<Image>> {
     let mut images = Vec::new();
     for package in workspace::packages()? {
@@ -158,7 +161,7 @@ pub fn images() -> Result<Vec<Image>> {
     Ok(images)
 }
 
-/// Whether so many bytes from an address on lie in one of the memories.
+/// Whether this number of bytes from an address on lies in one of the memories.
 pub fn holds(memory: &Memory, address: u64, bytes: u64) -> bool {
     let mut places = memory.flash.iter().chain([&memory.ram]).chain(memory.other_ram);
     places.any(|&(origin, length)| {

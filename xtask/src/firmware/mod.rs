@@ -1,4 +1,4 @@
-//! `cargo xtask firmware`: builds every image, checks that it is what a board can start, and compares what it takes with its
+//! `cargo xtask firmware`: builds every image, checks that its board can start it, and compares its size with its
 //! budget. The images are left in `target/firmware`.
 
 pub mod inspect;
@@ -30,7 +30,10 @@ pub struct Arguments {
     document: bool,
 }
 
-/// Builds and judges.
+/// Builds the images and checks their sizes.
+///
+/// # Errors
+/// No image has the name, a build fails, a board cannot start an image, or an image is over its budget.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let all = matrix::images()?;
     let wanted = |image: &&Image| arguments.filter.as_ref().is_none_or(|part| image.name.contains(part.as_str()));
@@ -65,11 +68,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 struct Row<'i> {
     image: &'i Image,
     takes: Takes,
-    /// What its compiler is granted beyond the budgets, in percent.
+    /// The tolerance for its compiler beyond the budgets, in percent.
     grant: u64,
 }
 
-/// The budgets are for rustup's compiler; a distribution's may be another version, which makes somewhat other code.
+/// The budgets are for rustup's compiler. A distribution's compiler may be another version, which makes slightly
+/// different code.
 const GRANT_OTHER_COMPILER: u64 = 5;
 
 impl Row<'_> {
@@ -81,19 +85,22 @@ impl Row<'_> {
     }
 }
 
-/// Where the images are left.
+/// The folder of the images.
 fn directory() -> PathBuf {
     target_directory().join("firmware")
 }
 
-/// Builds the image of a name; its ELF file.
+/// Builds the image of a name, and returns its ELF file.
+///
+/// # Errors
+/// There is no such image, or its build fails.
 pub fn elf(name: &str) -> Result<PathBuf> {
     let images = matrix::images()?;
     let image = images.iter().find(|image| image.name == name).with_context(|| format!("no image {name}"))?;
     build(image, &Toolchain::find(image.platform.target())?)
 }
 
-/// Builds an image; its ELF file.
+/// Builds an image, and returns its ELF file.
 fn build(image: &Image, toolchain: &Toolchain) -> Result<PathBuf> {
     let name = &image.name;
     let mut cargo = match image.platform {
@@ -102,7 +109,7 @@ fn build(image: &Image, toolchain: &Toolchain) -> Result<PathBuf> {
         Platform::Qemu(_) => toolchain.cargo("build"),
     };
     cargo.args(["--package", &image.package, "--bin", &image.binary, "--features", &image.features]);
-    // Part of the build id: images of one source are told apart.
+    // A part of the build id, so that images of one source have different ids.
     cargo.env("BALIZA_IMAGE", name);
     println!("building {name}");
     succeed(cargo.arg("--quiet"))?;
@@ -112,7 +119,7 @@ fn build(image: &Image, toolchain: &Toolchain) -> Result<PathBuf> {
     Ok(file)
 }
 
-/// Looks whether the board can start it; what it takes.
+/// Checks that the board can start the image, and returns its memory use.
 fn inspect(image: &Image, elf: &Path) -> Result<Takes> {
     let mut takes = inspect::inspect(elf, image.platform)?;
     if let Some(chip) = image.platform.espflash_chip() {
@@ -121,7 +128,7 @@ fn inspect(image: &Image, elf: &Path) -> Result<Takes> {
     Ok(takes)
 }
 
-/// Makes the image that the ESP's bootloader loads; its size.
+/// Makes the image that the ESP's bootloader loads, and returns its size.
 fn espflash_image(elf: &Path, chip: &str) -> Result<u64> {
     ensure!(
         toolchain::is_installed("espflash"),

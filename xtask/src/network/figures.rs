@@ -1,4 +1,4 @@
-//! What is compared.
+//! The figures that are compared.
 
 use dw1000_sim::{Node, TrueTime};
 use sim::scenario::{Scenario, Simulation, What};
@@ -6,10 +6,10 @@ use wire::telemetry::Message;
 
 use super::scene::Outcome;
 
-/// What a network did.
+/// The figures of a network.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Figures {
-    /// When the first position was there, seconds; the end, where there was none.
+    /// The time of the first position, seconds; the end, where there was none.
     pub first_s: f64,
     /// Positions a second, from the first one on.
     pub fixes_per_s: f64,
@@ -17,20 +17,20 @@ pub struct Figures {
     pub ranges_a_round: f64,
     /// Frames a second.
     pub frames_per_s: f64,
-    /// Starts that came too late, of all nodes, a second.
+    /// Late starts of all nodes, a second.
     pub late_per_s: f64,
     /// Transactions on the buses of all nodes, a second.
     pub transactions_per_s: f64,
-    /// What the tag's processor ran for each frame on the air, microseconds.
+    /// Run time of the tag's processor for each frame on the air, microseconds.
     pub tag_us_a_frame: f64,
-    /// The same of an anchor's, in the mean.
+    /// The same for an anchor's processor, on average.
     pub anchor_us_a_frame: f64,
 }
 
-/// One of them.
+/// One figure.
 type Figure = fn(&Figures) -> f64;
 
-/// A round: when its position was there, or the lack of one, and how many ranges it had.
+/// A round: the time of its position, or of the failure, and its number of ranges.
 struct Round {
     t_s: f64,
     ranges: usize,
@@ -38,7 +38,7 @@ struct Round {
 }
 
 impl Figures {
-    /// Of images.
+    /// The figures of images.
     pub fn of_images(outcome: &Outcome, seconds: f64) -> Self {
         let mut rounds = Vec::new();
         for tag in &outcome.tags {
@@ -58,7 +58,7 @@ impl Figures {
         Self::of(&rounds, seconds, outcome.air.frames_sent, &tags, &anchors)
     }
 
-    /// Of a simulation.
+    /// The figures of a simulation.
     pub fn of_simulation(scenario: &Scenario) -> Self {
         let mut simulation = Simulation::new(scenario.clone());
         let records = simulation.run_until(scenario.seconds);
@@ -104,7 +104,7 @@ impl Figures {
         }
     }
 
-    /// A table of the images' and the simulation's figures.
+    /// A table of the figures of images and simulation.
     pub fn table(&self, simulation: &Self) -> String {
         let rows: [(&str, Figure); 8] = [
             ("first position, s", |it| it.first_s),
@@ -125,7 +125,7 @@ impl Figures {
         text
     }
 
-    /// What is farther apart than `tolerance`, a share.
+    /// The figures that differ by more than `tolerance`, a share.
     pub fn disagreements(&self, simulation: &Self, tolerance: f64) -> Vec<String> {
         let mut found = Vec::new();
         let judged = [
@@ -137,7 +137,7 @@ impl Figures {
                 found.push(format!("{name}: images {ours:.1}, simulation {theirs:.1}"));
             }
         }
-        // A few of thousands may be late by chance: what counts is their share of all frames.
+        // A few of thousands may be late by chance, so that their share of all frames is compared.
         let (ours, theirs) = (self.late_per_s, simulation.late_per_s);
         if !((ours - theirs).abs() <= tolerance * ours.max(theirs).max(0.01 * simulation.frames_per_s)) {
             found.push(format!("late starts a second: images {ours:.1}, simulation {theirs:.1}"));
@@ -149,12 +149,12 @@ impl Figures {
     }
 }
 
-/// Zero of nothing.
+/// The quotient; zero where the divisor is zero.
 fn quotient(part: f64, of: f64) -> f64 {
     if of > 0.0 { part / of } else { 0.0 }
 }
 
-/// How much more `ours` is than `theirs`, as a share of it.
+/// The relative difference of `ours` from `theirs`.
 fn difference(ours: f64, theirs: f64) -> f64 {
     if ours == theirs { 0.0 } else { (ours - theirs) / theirs }
 }

@@ -1,7 +1,8 @@
 //! `cargo xtask qemu network`: a tag and its anchors as images in QEMU, on simulated DW1000s, beside `baliza simulate`.
 //!
-//! The simulation takes a table's word for what a node's code costs. Here the code itself runs, as compiled for each chip, and its
-//! instructions are counted as it goes. Clock, cycles an instruction, and what bus and interrupts take are the same in both.
+//! The simulation takes the cost of a node's code from a table. Here the code itself runs, as compiled for each chip,
+//! and its instructions are counted. Clock, cycles an instruction, and the times of bus and interrupts are the same
+//! in both.
 
 mod figures;
 mod guest;
@@ -22,13 +23,13 @@ use scene::{Images, Lived, Outcome};
 /// What `cargo xtask qemu network` is asked for.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Seconds of the world's time.
+    /// Simulated time, seconds.
     #[arg(long, default_value_t = 3.0)]
     seconds: f64,
     /// Only this board: dwm1001, evk1000 or esp32c3.
     #[arg(long)]
     board: Option<String>,
-    /// All that the processors do takes so many times as long.
+    /// Make the processors slower by this factor.
     #[arg(long, default_value_t = 1.0)]
     cpu_slowdown: f64,
     /// Print what the instructions of the tag and of the first anchor went to.
@@ -39,7 +40,10 @@ pub struct Arguments {
     tolerance: f64,
 }
 
-/// Runs both, and compares.
+/// Runs images and simulation, and compares them.
+///
+/// # Errors
+/// A build or a run fails, there is no such board, or the figures differ by more than the tolerance.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let mut disagreements = Vec::new();
     let mut ran = false;
@@ -81,7 +85,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// What the images' instructions went to.
+/// A table of where the images' instructions are spent.
 fn spent(outcome: &Outcome) -> String {
     let mut text = String::new();
     let mut messages = 0;

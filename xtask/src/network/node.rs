@@ -1,4 +1,5 @@
-//! A node of the world whose firmware is an image in QEMU: its requests are done with the node's bus, lines and time.
+//! A node of the simulated world whose firmware is an image in QEMU: its requests are carried out with the node's
+//! bus, lines and time.
 
 use std::cell::RefCell;
 use std::future::{Future, pending};
@@ -18,36 +19,36 @@ use wire::telemetry::Decoder;
 use super::guest::Guest;
 use super::steps::Steps;
 
-/// What became of a node.
+/// The record of a node's run.
 pub struct Life {
-    /// What it told, and when that was told.
+    /// Its telemetry, each message with its time.
     pub told: Vec<(TrueTime, wire::telemetry::Message)>,
-    /// What it asked for.
+    /// Its requests.
     pub work: Work,
-    /// What its instructions went to.
+    /// Where its instructions are spent.
     pub steps: Steps,
     /// Why it ended early.
     pub failure: Option<anyhow::Error>,
     decoder: Decoder,
 }
 
-/// What a node did.
+/// Counts of a node's work.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Work {
-    /// Requests.
+    /// Number of requests.
     pub messages: u64,
-    /// Transactions on the bus.
+    /// Number of transactions on the bus.
     pub transactions: u64,
-    /// Operations of transactions that carry bytes.
+    /// Number of operations that carry bytes, in these transactions.
     pub operations: u64,
-    /// Instructions of ranging, and below.
+    /// Instructions of ranging and of the code below it.
     pub ranging: u64,
-    /// Instructions of all else.
+    /// Instructions of all other code.
     pub background: u64,
 }
 
 impl Life {
-    /// Nothing yet.
+    /// An empty record.
     pub fn new() -> Self {
         Self {
             told: Vec::new(),
@@ -58,17 +59,17 @@ impl Life {
         }
     }
 
-    /// Frames that it sent or received, as it told at its end.
+    /// Number of frames sent or received, from its last telemetry counters.
     pub fn frames(&self) -> u64 {
         self.counters().map_or(0, |counters| u64::from(counters.sent) + u64::from(counters.received))
     }
 
-    /// Rounds that no position was computed of, as it told at its end.
+    /// Number of rounds without a computed position, from its last telemetry counters.
     pub fn rounds_dropped(&self) -> u32 {
         self.counters().map_or(0, |counters| counters.rounds_dropped)
     }
 
-    /// The last that it told.
+    /// The last counters in its telemetry.
     fn counters(&self) -> Option<&wire::telemetry::Counters> {
         self.told.iter().rev().find_map(|(_, message)| match message {
             wire::telemetry::Message::Counters(counters) => Some(counters),
@@ -85,7 +86,7 @@ impl Life {
 
     fn tell(&mut self, now: TrueTime, frames: &[u8]) {
         for byte in frames {
-            // The image's own frames are whole.
+            // A frame of the image itself is always complete.
             if let Some(Ok(message)) = self.decoder.feed(*byte) {
                 self.told.push((now, message));
             }
@@ -93,20 +94,20 @@ impl Life {
     }
 }
 
-/// A node in the world.
+/// A node in the simulated world.
 pub struct Node {
     /// Its processor.
     pub guest: Guest,
-    /// What it is: the beginning of a record's page.
+    /// The beginning of its config record's page.
     pub record: Vec<u8>,
-    /// When the world ends.
+    /// The end of the simulated time.
     pub end: TrueTime,
-    /// What becomes of it.
+    /// The record of its run.
     pub life: Rc<RefCell<Life>>,
 }
 
 impl Node {
-    /// Runs until the world ends.
+    /// Runs until the simulated time ends.
     pub async fn run(mut self, peripherals: Peripherals) {
         if let Err(error) = self.serve(peripherals).await {
             self.life.borrow_mut().failure = Some(error);
@@ -116,7 +117,7 @@ impl Node {
     async fn serve(&mut self, mut peripherals: Peripherals) -> Result<()> {
         let Self { guest, record, end, life } = self;
         let (world, processor) = (peripherals.delay.world().clone(), peripherals.processor.clone());
-        // A million of them, so that nothing is lost in rounding.
+        // A million of them, so that rounding loses nothing.
         let instruction_ps = u32::try_from(processor.board().instructions_ps(1_000_000) / 1_000_000)?;
         let mut background = Background::idle(&world, &processor, life);
         let mut body = Message::new();
@@ -127,7 +128,7 @@ impl Node {
             processor.charge(asked.spent.ranging);
             background.add(asked.spent.background);
             body.clear();
-            // Also by a line that is low again.
+            // True also for a line that is low again.
             let mut interrupted = false;
             match asked.request() {
                 Request::Start => Start { instruction_ps, record }.encode(&mut body)?,
@@ -182,7 +183,7 @@ impl Node {
     }
 }
 
-/// A wait by ranging's timer, as [`dw1000_sim::SimDelay`] is one, but until an instant.
+/// Waits with ranging's timer, as [`dw1000_sim::SimDelay`] does, but until an instant.
 async fn rest(world: &World, processor: &Processor, until: TrueTime) {
     if until == TrueTime::NEVER {
         return pending().await;
@@ -193,15 +194,15 @@ async fn rest(world: &World, processor: &Processor, until: TrueTime) {
     world.sleep_until(processor.wake(world.now())).await;
 }
 
-/// What a node does below ranging: a step at a time, which it tells of when it is done.
+/// A node's work below ranging: one step at a time, reported when it is done.
 struct Background<'a> {
     world: &'a World,
     processor: &'a Processor,
     life: &'a RefCell<Life>,
-    /// Of the next step.
+    /// Instructions of the next step.
     instructions: u32,
     telemetry: Vec<u8>,
-    /// The step that is being done.
+    /// The step in progress.
     step: Option<Pin<Box<dyn Future<Output = ()> + 'a>>>,
 }
 
@@ -222,7 +223,7 @@ impl<'a> Background<'a> {
         self.instructions > 0 || self.step.is_some()
     }
 
-    /// Does what there is to do, as far as ranging leaves time for it. It may be given up and gone on with.
+    /// Does the pending work, as far as ranging leaves time for it. It may be interrupted and continued.
     async fn pass(&mut self) {
         while self.is_busy() {
             let instructions = &mut self.instructions;
@@ -241,7 +242,7 @@ impl<'a> Background<'a> {
     }
 }
 
-/// Does a transaction; what was received is added to `received`. How many operations carried bytes.
+/// Does a transaction, appends received bytes to `received`, and returns the number of operations that carried bytes.
 async fn transact(
     spi: &mut impl SpiDevice<u8>,
     operations: &[Operation],

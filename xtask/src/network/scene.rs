@@ -19,39 +19,42 @@ use crate::chip::Chip;
 
 /// The images of a chip.
 pub struct Images {
-    /// Of tags.
+    /// The image of tags.
     pub tag: PathBuf,
-    /// Of anchors.
+    /// The image of anchors.
     pub anchor: PathBuf,
 }
 
-/// What came of it.
+/// The result of a run.
 pub struct Outcome {
     /// The tags.
     pub tags: Vec<Lived>,
     /// The anchors.
     pub anchors: Vec<Lived>,
-    /// Of the air.
+    /// Statistics of the air.
     pub air: AirStatistics,
-    /// What the run took.
+    /// The run's duration.
     pub took: Duration,
 }
 
-/// A node at the end.
+/// A node at the end of a run.
 pub struct Lived {
     /// Its chip and its processor.
     pub node: dw1000_sim::Node,
-    /// What it did and told.
+    /// The record of its run.
     pub life: Life,
 }
 
-/// The images take this long at most for a second of the world's.
+/// Limit of the images' run time for a second of simulated time.
 const PATIENCE_A_SECOND: Duration = Duration::from_secs(120);
 
-/// A node, and what becomes of it.
+/// A node, and the record of its run.
 type Running = (dw1000_sim::Node, Rc<RefCell<Life>>);
 
-/// Lets the scenario happen: a world as [`sim::scenario::Simulation`] makes it, but for the processors.
+/// Runs the scenario: a world as [`sim::scenario::Simulation`] makes it, with other processors.
+///
+/// # Errors
+/// QEMU cannot be started, or an image fails or takes too long.
 pub fn run(chip: Chip, images: &Images, scenario: &Scenario) -> Result<Outcome> {
     let air = AirConfig { loss: scenario.loss, walls: scenario.walls.clone(), ..AirConfig::default() };
     let world = World::new(scenario.seed, air);
@@ -63,7 +66,7 @@ pub fn run(chip: Chip, images: &Images, scenario: &Scenario) -> Result<Outcome> 
         let guest = Guest::start(chip, image)?;
         machines.push(guest.process());
         let life = Rc::new(RefCell::new(Life::new()));
-        // All machines are the same chip.
+        // All processors are the same chip.
         let record = Record { identity: Identity { eui: None, address: Some(address) }, ..record };
         let record = wire::config::encode(&record, 0, &mut [0; MAX_BYTES]).to_vec();
         let node = RefCell::new(Some(Node { guest, record, end, life: life.clone() }));
@@ -98,7 +101,7 @@ pub fn run(chip: Chip, images: &Images, scenario: &Scenario) -> Result<Outcome> 
         }
         hung
     });
-    // What is said last is said at the end.
+    // The last messages are sent at the end.
     world.run_until(end + Duration::from_millis(1));
     drop(done);
     if watchdog.join().ok().context("the watchdog panicked")? {

@@ -1,14 +1,14 @@
-//! What instructions are executed between: two requests of an image, such as two transactions on its bus.
+//! Where instructions are executed: between two requests of an image, such as two transactions on its bus.
 
 use std::collections::BTreeMap;
 use std::fmt;
 
 use qemu_link::{Asked, Request, Spent};
 
-/// How many are printed.
+/// Number of printed rows.
 const SHOWN: usize = 24;
 
-/// What was asked for, as far as its code differs.
+/// The kind of a request, as far as the code differs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Stage {
     /// The start, the bus clock, the reset line.
@@ -18,13 +18,13 @@ pub enum Stage {
     Read(u8, u16),
     /// The same, written.
     Write(u8, u16),
-    /// Nothing to do.
+    /// A wait, with nothing to do.
     Wait,
     /// Telemetry.
     Telemetry,
 }
 
-/// Instructions between each two places.
+/// Instructions between each two kinds of requests.
 #[derive(Default)]
 pub struct Steps {
     last: Stage,
@@ -48,7 +48,8 @@ impl Stage {
         }
     }
 
-    /// DW1000 user manual, 2.2.1.2: bit 7 write, bit 6 an offset follows, of which bit 7 says that it has eight bits more.
+    /// DW1000 user manual, 2.2.1.2: bit 7 is write, bit 6 means that an offset follows; bit 7 of the offset means
+    /// that it has eight more bits.
     fn of_header(sent: &[u8]) -> Self {
         let [first, rest @ ..] = sent else { return Self::Start };
         let (file, has_offset) = (first & 0x3F, first & 0x40 != 0);
@@ -85,7 +86,7 @@ impl Steps {
         self.last = place;
     }
 
-    /// The dearest.
+    /// A table of the most expensive ones.
     pub fn table(&self) -> String {
         let mut steps: Vec<_> = self.between.iter().collect();
         steps.sort_by_key(|(_, count)| std::cmp::Reverse(count.ranging + count.background));

@@ -1,8 +1,8 @@
-//! What a position may cost on the Cortex-M4F.
+//! Budgets of a position on the Cortex-M4F.
 
 use positioning_core::Method;
 
-/// The most that one call of a method may take.
+/// The limits of one call of a method.
 pub struct Budget {
     pub method: Method,
     pub dims: usize,
@@ -12,16 +12,17 @@ pub struct Budget {
     pub stack: usize,
 }
 
-/// Of calls.
+/// Budgets of calls.
 pub const CALLS: [Budget; 2] = [
     Budget { method: Method::BWls, dims: 2, anchors: 8, instructions: 1_500, stack: 512 },
     Budget { method: Method::Robust, dims: 2, anchors: 8, instructions: 15_000, stack: 1024 },
 ];
 
-/// Of the features of one impulse response, instructions.
+/// Budget of the features of one impulse response, instructions.
 pub const FEATURES: u64 = 12_000;
 
-/// Of the levels of beacons, instructions: what, its name in the tables, and the most that it may take.
+/// Budgets of the functions on the RSSI of beacons, instructions: the function, its name in the tables, and its
+/// limit.
 pub const BEACONS: [(&str, &str, u64); 5] = [
     ("advert", "an advert: judged, smoothed, a distance", 600),
     ("particles", "a step of 256 particles by the levels of 6 beacons", 400_000),
@@ -30,5 +31,5 @@ pub const BEACONS: [(&str, &str, u64); 5] = [
     ("walk", "a step of the walk over them", 250_000),
 ];
 
-/// Of the code of all methods together in the plane, bytes.
+/// Budget of the code of all methods together in the plane, bytes.
 pub const ALL_METHODS_2D: u64 = 24 * 1024;

@@ -1,5 +1,5 @@
-//! What a node's code costs, instruction by instruction: the image `costs` on every kind of processor, the table `sim/src/costs.csv` that
-//! simulations charge by, and the same in the document.
+//! Costs of a node's code in instructions: the image `costs` on every kind of processor. Writes the table
+//! `sim/src/costs.csv`, which simulations read, and the same table in the document.
 
 use baliza_report::MarkdownTable;
 use std::fmt::Write as _;
@@ -14,10 +14,10 @@ use crate::chip::Chip;
 use crate::root;
 use crate::toolchain::Toolchain;
 
-/// Where simulations have it from.
+/// The file that simulations read.
 const FILE: &str = "sim/src/costs.csv";
 
-/// What the rows are, for the document.
+/// Descriptions of the rows, for the document.
 const ROWS: [(&str, &str); 32] = [
     ("executor.wake", "executor and node's loop: from the interrupt handler's word to what the task waited for"),
     ("driver.transaction", "driver: a transaction, beside the bus's own code"),
@@ -53,7 +53,10 @@ const ROWS: [(&str, &str); 32] = [
     ("tag.advert", "a beacon's advertisement"),
 ];
 
-/// Measures, writes the table for simulations, and makes that of the document.
+/// Measures, writes the table for simulations, and makes the table of the document.
+///
+/// # Errors
+/// An image cannot be built or run, its rows are not the expected ones, or the file cannot be written.
 pub fn made() -> Result<Option<Made>> {
     let columns = Chip::SIMULATED.into_iter().map(measure).collect::<Result<Vec<_>>>()?;
     let mut table = String::from("what");

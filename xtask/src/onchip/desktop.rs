@@ -8,11 +8,13 @@ use positioning_core::{Constraints, Method, solve};
 
 use super::printed::{Call, Printed, Solve};
 
-/// Chip and desktop may differ by so much, metres.
+/// The greatest accepted difference between chip and desktop, metres.
 const TOLERANCE_M: f32 = 1.0e-3;
 
-/// Compares every answer of the chip with the desktop's. The greatest distance, metres; an error where it is too great, where
-/// only one of them has a position, or where the chip left a case out.
+/// Compares every answer of the chip with the desktop's, and returns the greatest distance, metres.
+///
+/// # Errors
+/// The distance is too great, only one of them has a position, or the chip left a case out.
 pub fn compare(chip: &Printed) -> Result<f32> {
     let mut greatest = 0.0_f32;
     let mut seen = Vec::new();
@@ -37,7 +39,10 @@ pub fn compare(chip: &Printed) -> Result<f32> {
     Ok(greatest)
 }
 
-/// Compares the features and every probability of the chip with the desktop's; an error where they differ or one is missing.
+/// Compares the features and every probability of the chip with the desktop's.
+///
+/// # Errors
+/// A value differs or is missing.
 pub fn compare_sight(chip: &Printed) -> Result<()> {
     let features = response::features(&response::response());
     let mut here = vec![("features".to_owned(), features.get(Feature::SkewnessNear))];
@@ -52,7 +57,10 @@ pub fn compare_sight(chip: &Printed) -> Result<()> {
     Ok(())
 }
 
-/// Compares what the chip made of the levels of beacons with the desktop's; an error where they differ or one is missing.
+/// Compares the chip's results of the functions on the RSSI of beacons with the desktop's.
+///
+/// # Errors
+/// A value differs or is missing.
 pub fn compare_beacons(chip: &Printed) -> Result<()> {
     struct Here(Vec<(String, f32)>);
     impl beacons::Measure for Here {

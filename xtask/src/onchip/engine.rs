@@ -1,4 +1,4 @@
-//! The engine's steps on the chip: compared with the desktop's, and their table.
+//! The engine's steps on the chip: the comparison with the desktop, and the table.
 
 use anyhow::{Result, ensure};
 use baliza_report::MarkdownTable;
@@ -8,17 +8,20 @@ use super::Measured;
 use super::printed::EngineStep;
 use super::tables::grouped;
 
-/// Chip and desktop may differ by so much, metres: errors of rounding go on from step to step.
+/// The greatest accepted difference between chip and desktop, metres: errors of rounding add up from step to step.
 const TOLERANCE_M: f32 = 5.0e-3;
 
-/// The most that a step with one range may take, with [`BUDGET_ANCHORS`] links followed.
+/// Budget of a step with one range, instructions, with [`BUDGET_ANCHORS`] tracked links.
 pub const STEP_INSTRUCTIONS: u64 = 4_000;
-/// Its stack, bytes.
+/// Budget of its stack, bytes.
 pub const STEP_STACK: u64 = 1_536;
-/// How many.
+/// Number of links of the budget.
 pub const BUDGET_ANCHORS: u16 = 8;
 
 /// Compares every position of the chip with the desktop's.
+///
+/// # Errors
+/// A position differs by more than the tolerance, or is missing.
 pub fn compare(steps: &[EngineStep]) -> Result<()> {
     let mut here = Vec::new();
     for space in [false, true] {

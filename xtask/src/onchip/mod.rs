@@ -1,5 +1,5 @@
-//! What the positioning methods cost on the chip: builds the images of `onchip-bench`, runs them in QEMU, compares their
-//! results with the desktop's and their costs with the budgets, and makes the tables of `docs/performance.md`.
+//! Costs of the positioning methods on the chip: builds the images of `onchip-bench`, runs them in QEMU, compares
+//! their results with the desktop's and their costs with the budgets, and makes the tables of `docs/performance.md`.
 
 mod budget;
 mod costs;
@@ -18,21 +18,21 @@ use crate::{qemu, succeed};
 use printed::Printed;
 use size::Sizes;
 
-/// Everything measured on one chip.
+/// All measurements on one chip.
 struct Measured {
     chip: Chip,
     compiler: String,
-    /// What the image `solvers` printed.
+    /// The output of the image `solvers`.
     solvers: Printed,
-    /// What the image `algebra` printed.
+    /// The output of the image `algebra`.
     algebra: Printed,
-    /// What the image `exchange` printed.
+    /// The output of the image `exchange`.
     exchange: Printed,
-    /// What the image `nlos` printed.
+    /// The output of the image `nlos`.
     sight: Printed,
-    /// What the image `beacons` printed.
+    /// The output of the image `beacons`.
     beacons: Printed,
-    /// What the image `engine` printed.
+    /// The output of the image `engine`.
     engine: Printed,
     sizes: Sizes,
     /// The greatest distance between a position of the chip and the desktop's, metres.
@@ -41,7 +41,10 @@ struct Measured {
 
 pub use costs::made as costs;
 
-/// Measures on every chip and prints the tables. An error where a figure is over its budget.
+/// Measures on every chip and prints the tables.
+///
+/// # Errors
+/// A measurement fails, or a figure is over its budget.
 pub fn check() -> Result<()> {
     let Tables { costs, budgets, algebra, frames, sight, beacons, engine, within } = Tables::measure()?;
     println!("{costs}{frames}{sight}{beacons}{engine}{algebra}{budgets}");
@@ -50,6 +53,9 @@ pub fn check() -> Result<()> {
 }
 
 /// The tables of the document.
+///
+/// # Errors
+/// A measurement fails.
 pub fn made() -> Result<Option<Made>> {
     let Tables { costs, budgets, algebra, frames, sight, beacons, engine, within } = Tables::measure()?;
     let tables = vec![

@@ -1,4 +1,4 @@
-//! What the images print: see `onchip_bench` for the lines.
+//! The output of the images: see `onchip_bench` for the lines.
 
 use anyhow::{Context, Result, bail, ensure};
 use positioning_core::Method;
@@ -39,7 +39,7 @@ pub struct Step {
     pub position: [f32; 2],
 }
 
-/// A machine's step upon a frame, or to one.
+/// A protocol's step after a received frame, or towards a sent one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
     pub name: String,
@@ -50,14 +50,15 @@ pub struct Frame {
     pub stack: usize,
 }
 
-/// One call whose answer is a number: of telling blocked paths from direct ones, or of the levels of beacons.
+/// One call that returns a number: of the classification of blocked paths, or of the functions on the RSSI of
+/// beacons.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Call {
     pub what: String,
     pub instructions: u32,
     /// Bytes.
     pub stack: usize,
-    /// Skewness, probability, coordinate, level.
+    /// Skewness, probability, coordinate or RSSI.
     pub value: f32,
 }
 
@@ -81,10 +82,10 @@ pub struct EngineStep {
     pub position: [f32; 3],
 }
 
-/// Everything that one image printed.
+/// The complete output of one image.
 #[derive(Clone, Debug, Default)]
 pub struct Printed {
-    /// What 1000 instructions were counted as.
+    /// The measured count for 1000 instructions.
     pub calibration: u32,
     pub solves: Vec<Solve>,
     pub roots: Vec<Root>,
@@ -95,12 +96,15 @@ pub struct Printed {
     pub engine: Vec<EngineStep>,
     /// Names and instructions of the image `costs`.
     pub costs: Vec<(String, u32)>,
-    /// Of the round of the image `exchange`, metres.
+    /// The ranges of the round in the image `exchange`, metres.
     pub ranges: Vec<f32>,
 }
 
 impl Printed {
-    /// Reads all lines; an error where one is not understood or the last is missing.
+    /// Reads all lines.
+    ///
+    /// # Errors
+    /// A line is not understood, or the last one is missing.
     pub fn parse(text: &str) -> Result<Self> {
         let mut printed = Self::default();
         let mut done = false;
@@ -113,7 +117,7 @@ impl Printed {
         Ok(printed)
     }
 
-    /// Takes one line; whether it was the last.
+    /// Reads one line; returns whether it was the last.
     fn add(&mut self, words: &[&str]) -> Result<bool> {
         match words {
             ["calibration", _, instructions] => self.calibration = instructions.parse()?,

@@ -1,4 +1,4 @@
-//! Code sizes: what an image with a method weighs more than the same image without.
+//! Code sizes: the difference between an image with a method and the same image without.
 
 use anyhow::Result;
 use positioning_core::Method;
@@ -17,6 +17,9 @@ pub struct Sizes {
 
 impl Sizes {
     /// Links one image for each method, one for all, and one for none, in the plane and in space.
+    ///
+    /// # Errors
+    /// An image cannot be built or read.
     pub fn measure(toolchain: &Toolchain) -> Result<Self> {
         let weigh =
             |methods: &str| -> Result<[u64; 2]> { Ok([weigh(toolchain, methods, 2)?, weigh(toolchain, methods, 3)?]) };
@@ -27,7 +30,7 @@ impl Sizes {
         Ok(Self { each, all: more(weigh("all")?) })
     }
 
-    /// Bytes of one method; none where it is not in [`Method::ALL`].
+    /// Bytes of one method; `None` where it is not in [`Method::ALL`].
     pub fn of(&self, method: Method, dims: usize) -> Option<u64> {
         let place = Method::ALL.iter().position(|&other| other == method)?;
         self.each.get(place).map(|sizes| sizes[dims - 2])

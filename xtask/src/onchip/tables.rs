@@ -40,7 +40,10 @@ pub fn costs(measured: &Measured) -> String {
     text
 }
 
-/// The budgets beside what was measured, and whether all are kept.
+/// The budgets beside the measurements, and whether all are kept.
+///
+/// # Errors
+/// A measurement is missing.
 pub fn budgets(measured: &[Measured]) -> Result<(String, bool)> {
     let chip = measured.iter().find(|measured| measured.chip == Chip::CortexM4F).context("no Cortex-M4F")?;
     let mut table = MarkdownTable::new(["what, Cortex-M4F", "measured:", "budget:", ""]);
@@ -75,6 +78,9 @@ pub fn budgets(measured: &[Measured]) -> Result<(String, bool)> {
 }
 
 /// Square roots and the step of weighted least squares, library by library.
+///
+/// # Errors
+/// A library has no measured square root.
 pub fn algebra(measured: &Measured) -> Result<String> {
     let printed = &measured.algebra;
     let mut roots = MarkdownTable::new(["square root", "instructions, worst:", "error, worst:"]);
@@ -101,7 +107,11 @@ pub fn algebra(measured: &Measured) -> Result<String> {
     Ok(format!("### {}\n\n{}\n{}\n", measured.chip.title(), roots.into_text(), steps.into_text()))
 }
 
-/// Native mode frame by frame: the machines' steps, and what the driver's sending or receiving of the frame takes on the bus.
+/// Native mode frame by frame: the protocols' steps, and the bus traffic of the driver for sending or receiving the
+/// frame.
+///
+/// # Errors
+/// The ranges of the exchange are wrong, or a frame is missing.
 pub fn frames(measured: &Measured) -> Result<String> {
     let printed = &measured.exchange;
     // The image's tag is ten metres from each of four anchors.
@@ -109,7 +119,8 @@ pub fn frames(measured: &Measured) -> Result<String> {
     ensure!(near == 4, "the exchange's ranges are {:?}", printed.ranges);
     let titles = ["step", "frame, bytes:", "instructions:", "stack:", "SPI transactions:", "SPI bytes:"];
     let mut table = MarkdownTable::new(titles);
-    // Transactions and bytes beside the frame's: `ranging::dw1000`, held by its test `costs_are_those_of_the_table`.
+    // Transactions, and bytes beside those of the frame: from `ranging::dw1000`, checked by its test
+    // `costs_are_those_of_the_table`.
     for (name, title, (transactions, beside)) in [
         ("poll", "tag makes the poll; sent at its instant", (5, 13)),
         ("answer", "anchor answers a poll; response sent at an instant", (6, 17)),
@@ -130,6 +141,9 @@ pub fn frames(measured: &Measured) -> Result<String> {
 }
 
 /// The features of an impulse response and every classifier, chip by chip.
+///
+/// # Errors
+/// A chip lacks a measurement.
 pub fn sight(measured: &[Measured]) -> Result<String> {
     calls(
         measured,
@@ -140,7 +154,10 @@ pub fn sight(measured: &[Measured]) -> Result<String> {
     )
 }
 
-/// What the levels of beacons take, chip by chip.
+/// Costs of the functions on the RSSI of beacons, chip by chip.
+///
+/// # Errors
+/// A chip lacks a measurement.
 pub fn beacons(measured: &[Measured]) -> Result<String> {
     calls(
         measured,
@@ -167,7 +184,7 @@ pub fn beacons(measured: &[Measured]) -> Result<String> {
     )
 }
 
-/// Calls whose answer is a number, chip by chip.
+/// Calls that return a number, chip by chip.
 fn calls(measured: &[Measured], of: impl Fn(&Measured) -> &[Call], title: impl Fn(&str) -> String) -> Result<String> {
     let titles =
         measured.iter().flat_map(|of| [format!("{}: instructions:", of.chip.title()), "stack, bytes:".to_owned()]);

@@ -1,6 +1,7 @@
-//! Panics and faults: what happened is left in memory that a reset does not clear, and the processor is reset.
+//! Panics and faults: a crash record is written to memory that a reset does not clear, and the processor is reset.
 //!
-//! Nothing is logged here, because the log itself may have been interrupted: the next start tells, by log and telemetry.
+//! Nothing is logged here, because the log itself may have been interrupted. The next start reports the crash, by log
+//! and telemetry.
 
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
@@ -14,26 +15,27 @@ use crate::fault::{self, Registers};
 static mut REMAINS: MaybeUninit<Remains> = MaybeUninit::uninit();
 
 unsafe extern "C" {
-    /// The stack's lowest address and the one above its highest: the linker's. With flip-link the stack ends where the RAM begins.
+    /// The stack's lowest address, and the address above its highest, from the linker. With flip-link the stack ends
+    /// where the RAM begins.
     static _stack_end: u32;
     static _stack_start: u32;
 }
 
-/// Leaves a crash for the next start, and resets the processor.
+/// Writes a crash for the next start, and resets the processor.
 pub fn end(crash: Crash) -> ! {
     cortex_m::interrupt::disable();
     leave(crash);
     super::restart()
 }
 
-/// Leaves a crash for the next start; the watchdog does the rest.
+/// Writes a crash for the next start. The watchdog then resets the processor.
 pub fn leave(crash: Crash) {
     let place = &raw mut REMAINS;
-    // SAFETY: one core. Tasks call this from one place, the supervisor; the other callers never return.
+    // SAFETY: there is one core. Tasks call this from one place only, the supervisor. The other callers never return.
     crash::leave(unsafe { &mut *place }, crash);
 }
 
-/// Takes what the life before left.
+/// Takes the crash of the run before.
 pub fn take() -> Option<Crash> {
     let place = &raw mut REMAINS;
     // SAFETY: called at the start, before there are tasks or interrupts.
@@ -46,7 +48,8 @@ fn panicked(panic: &PanicInfo<'_>) -> ! {
     end(crash::of_panic(panic, return_address))
 }
 
-/// The vector of faults. The stack may be what is broken: the handler gets a fresh one, for nothing returns to the old.
+/// The handler of faults. The fault may be in the stack itself, so the handler gets a new one: nothing returns to the
+/// old stack.
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 #[allow(non_snake_case, reason = "the vector table's name")]
@@ -62,7 +65,7 @@ unsafe extern "C" fn HardFault() -> ! {
     )
 }
 
-/// `stack_pointer`: where the processor stacked the registers.
+/// `stack_pointer` is where the processor stacked the registers.
 unsafe extern "C" fn faulted(stack_pointer: u32) -> ! {
     let stack = (&raw const _stack_end) as u32..(&raw const _stack_start) as u32;
     // SAFETY: the system control block's registers may be read at any time.
@@ -74,7 +77,7 @@ unsafe extern "C" fn faulted(stack_pointer: u32) -> ! {
     // SAFETY: in the stack's memory, aligned.
     let program_counter = at.map_or(0, |at| unsafe { (at as *const u32).read_volatile() });
     let reason = fault::reason(Registers { stack_pointer, status, address }, &stack);
-    // What an overflow stacked may have gone nowhere.
+    // At an overflow the stacked values may not have reached memory.
     let program_counter = if reason == CrashReason::StackOverflow { 0 } else { program_counter };
     end(Crash { reason, program_counter, line: 0, file: 0 })
 }

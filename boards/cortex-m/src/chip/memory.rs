@@ -1,7 +1,8 @@
-//! Copying and filling memory in 150 bytes of code: the compiler's own routines take 3 kB, tuned for sizes that a node never moves.
+//! Copies and fills memory in 150 bytes of code. The compiler's own routines take 3 kB, optimised for sizes that a node
+//! never moves.
 //!
-//! Words, then what is left as bytes; these processors read and write words at any address. The names and arguments are those of C
-//! and of the Arm run-time ABI (4.3.4), by which the compiler calls them.
+//! The routines move words, and then the rest as bytes. These processors read and write words at any address. The names
+//! and arguments are those of C and of the Arm run-time ABI (4.3.4), by which the compiler calls them.
 
 core::arch::global_asm!(
     ".syntax unified",
@@ -33,14 +34,14 @@ core::arch::global_asm!(
     "bne 3b",
     "4: mov r0, r12",
     "bx lr",
-    // (to, from, bytes) → to, which may overlap
+    // (to, from, bytes) → to, where both may overlap
     "routine memmove",
     "routine __aeabi_memmove",
     "routine __aeabi_memmove4",
     "routine __aeabi_memmove8",
     "subs r3, r0, r1",
     "cmp r3, r2",
-    // The destination begins before the source, or behind its end.
+    // The destination begins before the source, or after its end.
     "bhs memcpy",
     "add r0, r2",
     "add r1, r2",
@@ -56,7 +57,7 @@ core::arch::global_asm!(
     "strb r3, [r0, #-1]!",
     "subs r2, #1",
     "bne 3b",
-    // Back at its beginning.
+    // Back at the beginning.
     "4: bx lr",
     // (to, bytes)
     "routine __aeabi_memclr",

@@ -1,4 +1,4 @@
-//! What needs the processor.
+//! The parts that need the processor.
 
 pub mod crash;
 pub mod critical;
@@ -25,11 +25,11 @@ pub fn restart() -> ! {
 static mut PATTERN: MaybeUninit<[u32; 4]> = MaybeUninit::uninit();
 const PRESENT: [u32; 4] = [0x5AC3_0FF1, 0xA53C_F00E, 0x1DEA_D9B2, 0xE215_264D];
 
-/// Whether the RAM held what it held before the reset. Asks once: called again, it says yes.
+/// Whether the RAM kept its content over the reset. Valid for one call: each further call returns true.
 pub fn ram_survived() -> bool {
     let pattern = &raw mut PATTERN;
-    // SAFETY: only this function uses the pattern, once at the start of the program, before there are tasks; integers may hold
-    // anything, and volatile accesses keep the compiler from knowing better.
+    // SAFETY: only this function uses the pattern, once at the start of the program, before there are tasks. Any
+    // content of memory is a valid integer. Volatile accesses keep the compiler from assuming the content.
     unsafe {
         let survived = pattern.cast::<[u32; 4]>().read_volatile() == PRESENT;
         pattern.cast::<[u32; 4]>().write_volatile(PRESENT);

@@ -1,5 +1,6 @@
-//! Transactions with the DW1000, none of them awaited: a frame's bytes take 10 to 130 µs, less than the way into another task and
-//! back is worth, and one that is dropped on its way would leave the chip selected and the memory being written.
+//! Transactions with the DW1000. They block and are not awaited, for two reasons. A frame's bytes take 10 to 130 µs,
+//! less than a change to another task and back is worth. And a future that is dropped during a transaction would leave
+//! the chip selected and the memory being written.
 
 use core::pin::Pin;
 use core::task::{Context, Poll};
@@ -15,14 +16,14 @@ pub struct Bus<S: SpiBus, P> {
     pub spi: S,
     /// The chip's select line, high while it is not selected.
     pub select: P,
-    /// Clocks the following transactions as the chip allows.
+    /// Sets the bus clock for the following transactions, within the chip's limits.
     pub set_clock: fn(&mut S, SpiClock) -> Result<(), S::Error>,
-    /// Cycles of the processor a microsecond, in which waits are counted.
+    /// Processor cycles in a microsecond, for waits.
     pub cycles_per_us: u32,
 }
 
 impl<S: SpiBus, P: OutputPin> Bus<S, P> {
-    /// Selects the chip, does the operations, and deselects it.
+    /// Selects the chip, carries out the operations, and deselects the chip.
     fn transact(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), S::Error> {
         // The boards' pins do not fail.
         let _ = self.select.set_low();
@@ -57,7 +58,8 @@ impl<S: SpiBus, P: OutputPin> ClockedSpi for Bus<S, P> {
     }
 }
 
-/// A transaction, done at the first poll. An `async fn` would bring its states to each of the driver's transactions.
+/// A transaction that completes at its first poll. An `async fn` would add its states to each of the driver's
+/// transactions.
 struct Transaction<'b, 'a, 'o, S: SpiBus, P> {
     bus: &'b mut Bus<S, P>,
     operations: &'a mut [Operation<'o, u8>],
@@ -66,7 +68,7 @@ struct Transaction<'b, 'a, 'o, S: SpiBus, P> {
 impl<S: SpiBus, P: OutputPin> Future for Transaction<'_, '_, '_, S, P> {
     type Output = Result<(), S::Error>;
 
-    /// Not inlined: the driver of the DW1000 has some forty transactions.
+    /// Not inlined: the driver of the DW1000 has about forty transactions.
     #[inline(never)]
     fn poll(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Self::Output> {
         let this = self.get_mut();

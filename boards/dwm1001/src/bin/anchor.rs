@@ -1,4 +1,5 @@
-//! The anchor on a DWM1001: ranging in an executor above the thread's, telemetry and supervision in the thread's.
+//! The anchor on a DWM1001. Ranging runs in an executor above the thread's, telemetry and supervision run in the
+//! thread's.
 #![no_std]
 #![no_main]
 
@@ -19,7 +20,7 @@ async fn ranging(anchor: Anchor<Radio>, delay: Delay) {
     firmware_anchor::run(anchor.radio, delay, anchor.machine, TelemetrySink(anchor.reporter)).await;
 }
 
-/// Spawns all tasks; without a record to follow, only the one that says so.
+/// Spawns all tasks. Without a usable record it only spawns the task that reports this.
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let Board { uwb, delay, care, start, ranging: above, .. } = Board::take();

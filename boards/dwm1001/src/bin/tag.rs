@@ -1,5 +1,5 @@
-//! The tag on a DWM1001: ranging in an executor above the thread's; engine, motion sensor, Bluetooth, telemetry and supervision in the
-//! thread's.
+//! The tag on a DWM1001. Ranging runs in an executor above the thread's. Engine, motion sensor, Bluetooth, telemetry
+//! and supervision run in the thread's.
 #![no_std]
 #![no_main]
 
@@ -26,7 +26,7 @@ async fn engine(tag: &'static Tag) {
     tag.locate(embassy_time::Delay, &tag.sink()).await;
 }
 
-/// Only where there is a rate for a tag that lies still.
+/// Runs only if the record has a rate for a tag that lies still.
 #[embassy_executor::task]
 async fn follow_motion(tag: &'static Tag, parts: motion::Parts) {
     let (bus, int1) = parts.into_bus_and_line();
@@ -42,7 +42,7 @@ mod bluetooth {
     use firmware_tag::node::Tag;
     use firmware_tag::scan::Plan;
 
-    /// Scans; what is heard goes to the engine.
+    /// Scans, and passes received advertisements to the engine.
     #[embassy_executor::task]
     pub async fn scan(tag: &'static Tag, spawner: Spawner, parts: Parts, plan: Plan) {
         let sink = tag.sink();
@@ -56,7 +56,7 @@ mod bluetooth {
     }
 }
 
-/// Spawns all tasks; without a record to follow, only the one that says so.
+/// Spawns all tasks. Without a usable record it only spawns the task that reports this.
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let mut board = Board::take();

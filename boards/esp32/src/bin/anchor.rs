@@ -1,4 +1,5 @@
-//! The anchor on a chip of Espressif: ranging in a thread above all others, telemetry and supervision in the main one.
+//! The anchor on a chip of Espressif. Ranging runs in a thread above all others, telemetry and supervision run in the
+//! main thread.
 #![no_std]
 #![no_main]
 
@@ -20,7 +21,7 @@ async fn ranging(anchor: Anchor<Radio>) {
     firmware_anchor::run(anchor.radio, Delay, anchor.machine, TelemetrySink(anchor.reporter)).await;
 }
 
-/// Spawns all tasks; without a record to follow, only the one that says so.
+/// Spawns all tasks. Without a usable record it only spawns the task that reports this.
 fn start(spawner: Spawner) {
     let Board { uwb, care, start, .. } = Board::take(spawner);
     let (mut node, configured) = Node::start(&REPORTER, Role::Anchor, start);

@@ -1,4 +1,4 @@
-//! The beacon on a chip of Espressif: everything in the main thread, but the controller.
+//! The beacon on a chip of Espressif. Everything except the controller runs in the main thread.
 #![no_std]
 #![no_main]
 
@@ -14,7 +14,7 @@ use wire::telemetry::{Condition, RecordError, Role};
 
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
 
-/// The app's advertiser.
+/// The advertiser of the beacon's program.
 struct OnAir<'a>(&'a Advertiser);
 
 impl Advertise for OnAir<'_> {
@@ -35,7 +35,7 @@ async fn advertise(parts: Parts, settings: Settings, reporter: &'static Reporter
     let advertiser = match Advertiser::start(parts, settings.tx_power_dbm()) {
         Ok(advertiser) => advertiser,
         Err(error) => {
-            // The watchdog starts the chip anew.
+            // The watchdog then resets the chip.
             defmt::error!("no Bluetooth: {}", error);
             return;
         }
@@ -47,14 +47,14 @@ async fn advertise(parts: Parts, settings: Settings, reporter: &'static Reporter
     .await;
 }
 
-/// Spawns all tasks; without a record to follow, only the one that says so.
+/// Spawns all tasks. Without a usable record it only spawns the task that reports this.
 fn start(spawner: Spawner) {
     let Board { care, start, address, bluetooth, .. } = Board::take(spawner);
     let (mut node, configured) = Node::start(&REPORTER, Role::Beacon, start);
     if let Some(configured) = configured {
         match Settings::of(&configured.record, address) {
             Ok(settings) => {
-                // The app shows that it is alive as ranging does elsewhere.
+                // The program beats the heartbeat that ranging uses in other roles.
                 node.tasks = Tasks::Ranging;
                 spawner.spawn(advertise(bluetooth, settings, node.reporter).unwrap());
             }

@@ -1,5 +1,5 @@
-//! The tag on a chip of Espressif: ranging in a thread above all others; engine, Bluetooth scan, telemetry and supervision in the
-//! main one.
+//! The tag on a chip of Espressif. Ranging runs in a thread above all others. Engine, Bluetooth scan, telemetry and
+//! supervision run in the main thread.
 #![no_std]
 #![no_main]
 
@@ -34,7 +34,7 @@ mod bluetooth {
     use firmware_tag::node::Tag;
     use firmware_tag::scan::Plan;
 
-    /// Scans; what is heard goes to the engine.
+    /// Scans, and passes received advertisements to the engine.
     #[embassy_executor::task]
     pub async fn scan(tag: &'static Tag, parts: Parts, plan: Plan) {
         let sink = tag.sink();
@@ -48,7 +48,7 @@ mod bluetooth {
     }
 }
 
-/// Spawns all tasks; without a record to follow, only the one that says so.
+/// Spawns all tasks. Without a usable record it only spawns the task that reports this.
 fn start(spawner: Spawner) {
     let mut board = Board::take(spawner);
     let (mut node, configured) = Node::start(&REPORTER, Role::Tag, board.start);

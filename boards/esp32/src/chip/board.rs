@@ -20,10 +20,10 @@ use super::watchdog::{self, Watchdog};
 use super::{BOARD, Care, crash, uptime_us};
 use crate::{pins, reset_cause};
 
-// What the second-stage bootloader and espflash look for.
+// The application descriptor that the second-stage bootloader and espflash look for.
 esp_bootloader_esp_idf::esp_app_desc!();
 
-/// Bytes of the heap: threads' stacks, and what the Bluetooth controller takes.
+/// The size of the heap, bytes: for threads' stacks, and for the Bluetooth controller.
 const HEAP_BYTES: usize = if cfg!(feature = "ble") { 80 << 10 } else { 16 << 10 };
 
 const DEFAULT_PINS: Pins = match BOARD.spec().pins {
@@ -31,15 +31,15 @@ const DEFAULT_PINS: Pins = match BOARD.spec().pins {
     None => panic!("the user wires an ESP"),
 };
 
-/// The board, taken.
+/// The board after its start.
 pub struct Board {
-    /// Where a DW1000 may be wired.
+    /// The port that a DW1000 may be wired to.
     pub uwb: UwbPort,
-    /// For the supervisor.
+    /// The parts of the supervisor.
     pub care: Care,
-    /// What the node starts with.
+    /// The inputs of the node's start.
     pub start: Start,
-    /// What the record is in, and what lies beside it.
+    /// The flash with the record and the models beside it.
     pub flash: FlashStorage<'static>,
     /// The chip's factory address, the highest byte first.
     pub address: [u8; 6],
@@ -51,14 +51,14 @@ pub struct Board {
 /// The DW1000's parts.
 pub type Uwb = node::Uwb<Bus, Interrupt, Reset, Delay>;
 
-/// The SPI port, not yet wired.
+/// The SPI port before its pins are set.
 pub struct UwbPort(Port);
 
 impl UwbPort {
-    /// Wires it by the record, or by the chip's default.
+    /// Connects it to the pins of the record, or to the chip's default pins.
     ///
     /// # Errors
-    /// The record is for another board, or invalid.
+    /// The record is for another board, or is not valid.
     pub fn wire(self, record: &Record) -> Result<Uwb, Invalid> {
         record.validate_for(BOARD)?;
         let pins = record.pins.unwrap_or(DEFAULT_PINS);
@@ -68,7 +68,8 @@ impl UwbPort {
 }
 
 impl Board {
-    /// Takes the board; once a program. The log works from here on, and the watchdog runs. `spawner` is the main thread's.
+    /// Takes the board. May be called once in a program's run. From here on the log works and the watchdog runs.
+    /// `spawner` is the main thread's.
     pub fn take(spawner: Spawner) -> Self {
         let p = esp_hal::init(esp_hal::Config::default().with_cpu_clock(CpuClock::max()));
         esp_alloc::heap_allocator!(size: HEAP_BYTES);
@@ -112,10 +113,11 @@ impl Board {
     }
 }
 
-/// What was surveyed of beacons. The flash is not in the processor's memory: the bytes are copied, once a program.
+/// The survey's models of beacons. The flash is not in the processor's address space, so the bytes are copied. May be
+/// called once in a program's run.
 ///
 /// # Errors
-/// There are none, or they cannot be read.
+/// There are no models, or they cannot be read.
 #[cfg(feature = "ble")]
 pub fn models(flash: &mut FlashStorage<'_>) -> Result<StoredSiteModels<'static>, LoadError> {
     static BYTES: ConstStaticCell<[u8; MODELS_BYTES]> = ConstStaticCell::new([0; MODELS_BYTES]);
@@ -123,12 +125,13 @@ pub fn models(flash: &mut FlashStorage<'_>) -> Result<StoredSiteModels<'static>,
     wire::config::load_models(flash, at, BYTES.take())
 }
 
-/// Fills a slice with random bytes: from the radio's noise while Bluetooth is on; without it they can be guessed.
+/// Fills a slice with random bytes. They come from the radio's noise while Bluetooth is on. Without Bluetooth they can
+/// be guessed.
 pub fn random(bytes: &mut [u8]) {
     Rng::new().read(bytes);
 }
 
-/// The EUI-64 of an address of 48 bits: FF FE in its middle (IEEE, "Guidelines for Use of EUI").
+/// The EUI-64 of an address of 48 bits: FF FE is inserted in the middle (IEEE, "Guidelines for Use of EUI").
 fn eui_of([a, b, c, d, e, f]: [u8; 6]) -> u64 {
     u64::from_be_bytes([a, b, c, 0xFF, 0xFE, d, e, f])
 }

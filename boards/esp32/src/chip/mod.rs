@@ -24,7 +24,7 @@ pub use log::TelemetryChannel;
 pub use spi::{Bus, Interrupt, Reset};
 pub use watchdog::Watchdog;
 
-/// As telemetry calls it: the chip that this image is for.
+/// The board's name in telemetry: the chip that this image is for.
 pub const BOARD: wire::config::Board = if cfg!(feature = "esp32c3") {
     wire::config::Board::Esp32C3
 } else if cfg!(feature = "esp32c6") {
@@ -41,12 +41,13 @@ pub fn uptime_us() -> u64 {
     embassy_time::Instant::now().as_micros()
 }
 
-/// Resets the chip, but not the memory in which a crash is left.
+/// Resets the chip, but not the memory with the crash record.
 pub fn restart() -> ! {
     esp_hal::system::software_reset()
 }
 
-/// Makes a function the program: `entry!(start)` with a `fn(Spawner)` that spawns the tasks of the main thread.
+/// Makes a function the program's entry point: `entry!(start)` with a `fn(Spawner)` that spawns the tasks of the main
+/// thread.
 #[macro_export]
 macro_rules! entry {
     ($start:path) => {
@@ -69,13 +70,13 @@ pub fn run(start: fn(Spawner)) -> ! {
     EXECUTOR.init(Executor::new()).run(start)
 }
 
-/// What the supervisor has of the board.
+/// The parts of the board that the supervisor uses.
 pub struct Care {
     watchdog: Watchdog,
     telemetry: TelemetryChannel,
 }
 
-/// The supervisor: see [`Node::supervise`]. No light is known to be on any pin.
+/// Runs the supervisor: see [`Node::supervise`]. No pin is known to have a light.
 #[embassy_executor::task]
 pub async fn supervise(node: Node, care: Care) {
     let Care { mut watchdog, mut telemetry } = care;

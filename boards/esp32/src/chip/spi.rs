@@ -14,13 +14,13 @@ use esp_hal::time::Rate;
 use ranging::dw1000::{ClockedSpi, ResetLine, SpiClock};
 use wire::config::Pins;
 
-/// At most 3 MHz while the DW1000 runs from its crystal.
+/// The slow clock: at most 3 MHz are allowed while the DW1000 runs from its crystal.
 const SLOW_MHZ: u32 = 2;
 
 /// The DW1000's interrupt line.
 pub type Interrupt = Input<'static>;
 
-/// The SPI peripheral, not yet wired.
+/// The SPI peripheral before its pins are set.
 pub struct Port(AnySpi<'static>);
 
 impl Port {
@@ -28,15 +28,16 @@ impl Port {
         Self(spi.into())
     }
 
-    /// Wires it by pins that have been checked.
+    /// Connects it to pins that have been checked.
     pub fn wire(self, pins: &Pins, fast_mhz: u32) -> (Bus, Interrupt, Reset) {
-        // SAFETY: the pins are the chip's, none twice, and nobody else has any of them: the board gives no pins away.
+        // SAFETY: the pins exist on the chip, none occurs twice, and no other code has any of them: the board gives no
+        // pins away.
         let pin = |number: u8| unsafe { AnyPin::steal(number) };
-        // Idle levels before the peripheral takes the lines over: the DW1000 is not selected and not reset.
+        // Set the idle levels before the peripheral takes the lines over: the DW1000 is not selected and not reset.
         let select = Output::new(pin(pins.cs), Level::High, OutputConfig::default());
         let floating = OutputConfig::default().with_drive_mode(DriveMode::OpenDrain).with_pull(Pull::None);
         let reset = Output::new(pin(pins.reset), Level::High, floating);
-        // Low while the DW1000 has no power.
+        // The line is low while the DW1000 has no power.
         let irq = Input::new(pin(pins.irq), InputConfig::default().with_pull(Pull::Down));
         let clock = |mhz| Config::default().with_frequency(Rate::from_mhz(mhz)).with_mode(Mode::_0);
         let slow = clock(SLOW_MHZ);
@@ -48,10 +49,10 @@ impl Port {
 
 /// SPI with the DW1000's chip select.
 ///
-/// The processor fills and empties the peripheral's own buffer of 64 bytes and waits meanwhile: at 20 MHz 26 µs for 64 bytes, 4 µs
-/// for the ten of a usual register. Direct memory access would need descriptors and copies for each of these, and to be told of
-/// the end by an interrupt takes two changes of thread. Nor could a transaction be dropped on its way, which would leave the chip
-/// selected.
+/// The processor fills and empties the peripheral's own buffer of 64 bytes, and waits meanwhile: at 20 MHz 26 µs for 64
+/// bytes, or 4 µs for the ten bytes of a usual register access. Direct memory access would need descriptors and copies
+/// for each transaction, and an interrupt at the end would cost two changes of thread. Also, a future that is dropped
+/// during a transaction would leave the chip selected.
 pub struct Bus {
     spi: Spi<'static, Blocking>,
     select: Output<'static>,
@@ -60,7 +61,8 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// In RAM, as the peripheral's driver is, and so not inlined either: the driver of the DW1000 has some forty transactions.
+    /// In RAM, as the peripheral's driver is. It is therefore not inlined: the driver of the DW1000 has about forty
+    /// transactions.
     #[esp_hal::ram]
     fn transact(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Error> {
         self.select.set_low();
@@ -94,7 +96,8 @@ impl SpiDevice for Bus {
     }
 }
 
-/// A transaction, done at the first poll. An `async fn` would bring its states to each of the driver's transactions.
+/// A transaction that completes at its first poll. An `async fn` would add its states to each of the driver's
+/// transactions.
 struct Transaction<'b, 'a, 'o> {
     bus: &'b mut Bus,
     operations: &'a mut [Operation<'o, u8>],

@@ -1,5 +1,5 @@
-//! The RTC's watchdog: it interrupts first, so that the place where the processor hangs can be left behind, and resets the core
-//! shortly after, interrupt or not.
+//! The RTC's watchdog. It first raises an interrupt, whose handler records where the processor hangs. Shortly after, it
+//! resets the core, even if the interrupt was not served.
 
 use esp_hal::handler;
 use esp_hal::interrupt::Priority;
@@ -10,12 +10,12 @@ use wire::telemetry::{Crash, CrashReason};
 
 use super::crash;
 
-/// Until it bites: longer than Bluetooth's start and shorter than a person's patience.
+/// The time-out of the watchdog: longer than Bluetooth's start and shorter than a person would wait.
 const PATIENCE: Duration = Duration::from_secs(6);
 /// From the interrupt to the reset.
 const LAST_WORDS: Duration = Duration::from_millis(100);
 
-/// The watchdog. It stands still while the chip sleeps.
+/// The watchdog. It stops while the chip sleeps.
 pub struct Watchdog(Rtc<'static>);
 
 impl Watchdog {
@@ -26,14 +26,14 @@ impl Watchdog {
         watchdog.set_timeout(RwdtStage::Stage0, PATIENCE);
         watchdog.set_timeout(RwdtStage::Stage1, LAST_WORDS);
         watchdog.enable();
-        // The core without the RTC, in whose memory the crash is.
+        // The reset spares the RTC, because the crash record is in its memory.
         watchdog.set_stage_action(RwdtStage::Stage1, RwdtStageAction::ResetCore);
         watchdog.listen();
         this.feed();
         this
     }
 
-    /// Keeps it from biting for another 6 s.
+    /// Restarts its time-out of 6 s.
     pub fn feed(&mut self) {
         self.0.rwdt.feed();
     }
@@ -41,15 +41,16 @@ impl Watchdog {
 
 #[handler(priority = Priority::max())]
 fn ran_out() {
-    // The supervisor may have left which task stands still.
+    // The supervisor may already have recorded which task is silent.
     crash::leave_if_first(Crash { reason: CrashReason::Stalled, program_counter: interrupted_at(), line: 0, file: 0 });
-    // The reset comes by itself, and tells that it was the watchdog's.
+    // The reset follows by itself, and the reset cause is then the watchdog.
     loop {
         core::hint::spin_loop();
     }
 }
 
-/// Where the processor was: an interrupt of the highest priority is not interrupted itself, so that the register still holds.
+/// Where the processor was. An interrupt of the highest priority is not interrupted itself, so the register is still
+/// valid.
 #[cfg(target_arch = "riscv32")]
 fn interrupted_at() -> u32 {
     let address: u32;
@@ -58,14 +59,14 @@ fn interrupted_at() -> u32 {
     address
 }
 
-/// The register depends on the interrupt's level: unknown.
+/// Unknown: the register depends on the interrupt's level.
 #[cfg(target_arch = "xtensa")]
 fn interrupted_at() -> u32 {
     0
 }
 
-/// Lets a sagging supply reset the chip by its digital part, which remembers why; the analog part, which the bootloader may have
-/// made quicker, does not, and shows as power that came.
+/// Makes the digital part of the chip reset it at a brown-out, because that part remembers the cause. The analog part
+/// does not, and its reset looks like a power-on. The bootloader may have made the analog part the faster one.
 pub(super) fn reset_on_brown_out() {
     #[cfg(feature = "esp32c3")]
     esp_hal::peripherals::LPWR::regs()

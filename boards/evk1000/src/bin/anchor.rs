@@ -1,4 +1,5 @@
-//! The anchor on an EVB1000, by its switches and without a record if need be; the distance to the tag on the display.
+//! The anchor on an EVB1000. Its switches configure it, and it needs no record. The display shows the distance to the
+//! tag.
 #![no_std]
 #![no_main]
 
@@ -23,7 +24,7 @@ async fn ranging(anchor: Anchor<Radio>, panel: &'static SharedPanel) {
     firmware_anchor::run(anchor.radio, Delay, anchor.machine, Shown { listener, panel }).await;
 }
 
-/// Spawns all tasks; where S1-4 asks for a tag, only those that say what is wrong.
+/// Spawns all tasks. If S1-4 selects a tag, it only spawns the tasks that report the fault.
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let Board { uwb, switches, mut care, lcd, start, ranging: above, .. } = Board::take();

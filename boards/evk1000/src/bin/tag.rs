@@ -1,4 +1,4 @@
-//! Tag or anchor on an EVB1000, as S1-4 says at the start, without a record if need be; the distance on the display.
+//! Tag or anchor on an EVB1000, as S1-4 selects at the start. It needs no record. The display shows the distance.
 #![no_std]
 #![no_main]
 
@@ -47,7 +47,7 @@ async fn main(spawner: Spawner) {
     let (mut node, configured) = Node::start(&REPORTER, role, start);
     let radio = |config| RADIO.init_with(|| uwb.radio(config));
     match configured {
-        // The switches have made the record one of their role.
+        // The record's role comes from the switches.
         Some(configured) if switches.anchor => {
             if let Some(anchor) = ANCHOR.anchor(&mut node, &configured, radio) {
                 above.spawn(anchor_ranging(anchor, panel).unwrap());

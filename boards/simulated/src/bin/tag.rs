@@ -1,4 +1,5 @@
-//! The tag on a board without hardware: some seconds in the small air's room, told through RTT. Its solver is the program's argument.
+//! The tag on a board without hardware. It runs for some seconds in the small air's room, and reports through RTT. The
+//! program's argument is its solver.
 #![no_std]
 #![no_main]
 // The entry macros make a public function without documentation.
@@ -14,7 +15,7 @@ use small_air::{room, uptime_us};
 use wire::config::Solver;
 
 static REPORTER: Reporter<CriticalSectionRawMutex, 4096> = Reporter::new(uptime_us);
-/// The path of the image, and a word.
+/// The longest command line: the path of the image, and one argument.
 const COMMAND_LINE_BYTES: usize = 1024;
 
 static CHANNELS: TaskChannels<CriticalSectionRawMutex> = TaskChannels::new();
@@ -34,7 +35,8 @@ fn main() -> ! {
     exit(life.is_some() && told && REPORTER.all_alive(true).is_ok())
 }
 
-/// What the host asks for, the last word of the command line; a track where it asks for nothing, and none where that is no solver.
+/// The solver in the last argument of the command line. Without an argument the tag follows a track. `None` if the
+/// argument is no solver.
 fn solver() -> Option<Solver> {
     let arguments = args::<COMMAND_LINE_BYTES>().ok()?;
     (&arguments).skip(1).last().map_or(Some(Solver::Track), |name| Solver::from_name(name.ok()?))

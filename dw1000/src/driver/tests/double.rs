@@ -1,4 +1,4 @@
-//! A test double of the bus: it answers reads with what the test has put there, and writes everything down.
+//! A test double of the bus: it answers reads with prepared data, and records all transactions.
 
 use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
@@ -18,12 +18,12 @@ use crate::driver::{ClockedSpi, Config, Dw1000, SpiClock};
 
 pub const SYS_STATUS: &[u8] = &[0x0F];
 
-/// What went over the bus.
+/// A transaction on the bus.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Seen {
     /// Header and data.
     Write(Vec<u8>),
-    /// Header, and how many bytes were read.
+    /// Header, and the number of bytes read.
     Read(Vec<u8>, usize),
     /// The chip-select line held low, nanoseconds.
     Hold(u32),
@@ -43,7 +43,7 @@ struct Inner {
 pub struct Bus(Rc<RefCell<Inner>>);
 
 impl Bus {
-    /// The next read with this header is answered so; the last answer serves all further ones.
+    /// Sets the answer to the next read with this header; the last answer is used for all further ones.
     pub fn answer(&self, header: &[u8], data: &[u8]) {
         self.0.borrow_mut().answers.entry(header.to_vec()).or_default().push_back(data.to_vec());
     }
@@ -52,7 +52,7 @@ impl Bus {
         self.0.borrow_mut().answers.clear();
     }
 
-    /// All since the last call.
+    /// All transactions since the last call.
     pub fn seen(&self) -> Vec<Seen> {
         core::mem::take(&mut self.0.borrow_mut().seen)
     }
@@ -84,7 +84,7 @@ impl SpiDevice for Bus {
                 None => return Err(ErrorKind::Other),
             }
         }
-        // One stream of bytes out, with the places that the answer goes to.
+        // One stream of bytes out, with the positions that the answer goes to.
         let mut out = Vec::new();
         let mut hold = None;
         for operation in operations.iter() {
@@ -169,7 +169,7 @@ impl Wait for Line {
     }
 }
 
-/// A delay that notes what was waited for, and lets the interrupt line go first a number of times.
+/// A delay that records its waits, and lets the interrupt line act first a number of times.
 #[derive(Clone)]
 pub struct Delay {
     pub waits: Rc<RefCell<Vec<u32>>>,
@@ -199,7 +199,7 @@ impl DelayNs for Delay {
 
 pub type Driver = Dw1000<Bus, Line, (), Delay>;
 
-/// A driver that was initialised, with its bus, whose record is empty, and the waits.
+/// An initialised driver, with its bus, whose record is empty, and the waits.
 pub fn initialised(config: Config, interrupts: bool) -> (Driver, Bus, Delay) {
     let (bus, delay) = (Bus::default(), Delay::default());
     let mut driver = Dw1000::new(bus.clone(), Line(interrupts), (), delay.clone(), config);

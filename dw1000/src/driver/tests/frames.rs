@@ -8,11 +8,12 @@ use crate::driver::{Traffic, Transceiver};
 use crate::radio::{MAX_FRAME, Pace};
 use crate::{Radio, RadioDuration, RadioInstant, ReceiveError, Start, TransmitError};
 
-/// SYS_STATUS after a good frame: RXPRD, RXSFDD, LDEDONE, RXPHD, RXDFR, RXFCG; the chip one buffer ahead of the host.
+/// SYS_STATUS after a good frame: RXPRD, RXSFDD, LDEDONE, RXPHD, RXDFR, RXFCG; the chip is one buffer ahead of the
+/// host.
 const GOOD: [u8; 4] = [0x01, 0x6F, 0x00, 0x80];
 const WINDOW: RadioDuration = RadioDuration::from_micros(1000);
 
-/// Puts the frame `41 88 07` with time stamp 0x0605040302 into the chip.
+/// Puts the frame `41 88 07` with timestamp 0x0605040302 into the chip.
 fn put_frame(bus: &Bus) {
     bus.answer(SYS_STATUS, &GOOD);
     // RX_FINFO: 5 bytes with check bytes, RXPACC 118 = 0x076.
@@ -61,7 +62,7 @@ fn sends_at_an_instant_and_knows_the_departure() {
             write(&[0x8A, 0xFF, 0x23, 0x33, 0x44, 0x55]),
             // TXSTRT, TXDLYS, WAIT4RESP.
             write(&[0x8D, 0x86]),
-            // When that was; HPDWARN, TXPUTE; then TXFRS.
+            // The time of the command; HPDWARN, TXPUTE; then TXFRS.
             read(&[0x06], 5),
             read(&[0x0F], 5),
             read(&[0x0F], 1),
@@ -70,13 +71,14 @@ fn sends_at_an_instant_and_knows_the_departure() {
     );
 }
 
-/// What stops the transceiver: TRXOFF, status cleared, receiver reset and unreset, buffers compared.
+/// The transactions that stop the transceiver: TRXOFF, status cleared, receiver reset and released, buffers compared.
 fn stopping() -> [Seen; 5] {
     let [clear, reset, release] = resetting();
     [write(&[0x8D, 0x40]), clear, reset, release, read(&[0x4F, 0x03], 1)]
 }
 
-/// What makes a receiver fit again that is off: status cleared, all five bytes of it, receiver reset and unreset.
+/// The transactions that make a switched-off receiver ready again: all five bytes of the status cleared, receiver reset
+/// and released.
 fn resetting() -> [Seen; 3] {
     [write(&[0x8F, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF]), write(&[0xF6, 0x03, 0xE0]), write(&[0xF6, 0x03, 0xF0])]
 }
@@ -92,7 +94,7 @@ fn a_late_start_sends_nothing() {
         assert_eq!(block_on(radio.transmit(&[1], at, true)), Err(TransmitError::Late));
         let seen = bus.seen();
         assert_eq!(seen[seen.len() - 5..], stopping());
-        // The next one goes out without ado: 5 transactions, for the length is known.
+        // The next frame needs no more than 5 transactions, because its length is known.
         assert!(block_on(radio.transmit(&[1], Start::Now, false)).is_ok());
         assert_eq!(bus.seen().len(), 5);
     }
@@ -109,7 +111,7 @@ fn frames_without_a_place_are_refused() {
     assert_eq!(bus.seen()[1], write(&[0x88, 0x7F, 0xC0]));
 }
 
-/// What gives the buffer of a frame back: LDEDONE, RXDFR, RXFCG, RXFCE cleared; HRBPT.
+/// The transactions that release the buffer of a frame: LDEDONE, RXDFR, RXFCG, RXFCE cleared; HRBPT.
 fn giving_back() -> [Seen; 2] {
     [write(&[0xCF, 0x01, 0xE4]), write(&[0xCD, 0x03, 0x01])]
 }
@@ -141,10 +143,10 @@ fn receives_with_time_and_quality() {
             read(&[0x12], 8),
         ]
     );
-    // Its buffer goes back with the next operation.
+    // The next operation releases its buffer.
     block_on(radio.idle()).unwrap();
     assert_eq!(bus.seen(), giving_back());
-    // The delay's deadline lies behind the chip's.
+    // The delay's deadline is after the chip's.
     assert_eq!(*delay.waits.borrow(), [1200]);
 }
 
@@ -163,7 +165,7 @@ fn keep_listening_is_on_again_before_the_frame_is_read() {
     }
     // The first frame is one of those that are timed.
     assert_eq!(seen[on_again + 1], read(&[0x06], 5));
-    // From the interrupt to the receiver being on: three transactions, 16 bytes.
+    // From the interrupt until the receiver is on: three transactions, 16 bytes.
     let first = seen.iter().position(|s| *s == read(&[0x0F], 4)).unwrap();
     let bytes = |s: &Seen| match s {
         Seen::Write(bytes) => bytes.len(),
@@ -173,7 +175,8 @@ fn keep_listening_is_on_again_before_the_frame_is_read() {
     assert_eq!(on_again - first + 1, 3);
     assert_eq!(seen[first..=on_again].iter().map(bytes).sum::<usize>(), 16);
 
-    // The next reception finds the receiver on: it gives the buffer back and begins with the status, and the delay alone times it.
+    // At the next reception the receiver is already on: it releases the buffer and begins with the status, and only the
+    // delay times it.
     put_frame(&bus);
     delay.waits.borrow_mut().clear();
     block_on(radio.receive(&mut buffer, Start::Now, WINDOW, false)).unwrap();
@@ -233,21 +236,22 @@ fn costs_are_those_of_the_table() {
     let mut hear = |radio: &mut Driver, start, window, keep| {
         cost(radio, async |r| assert!(r.receive(&mut buffer, start, window, keep).await.is_ok()))
     };
-    // A first wait: timer and its enabling; a second, which gives the buffer of the first back; another window; one the timer cannot
-    // hold, and back.
+    // A first wait: timer and its enabling; a second, which releases the buffer of the first; another window; one that
+    // the timer cannot hold, and back.
     assert_eq!(hear(&mut radio, Start::Now, WINDOW, false), (6 + 1 + 2, 3 + 38 + 3 + 6));
     assert_eq!(hear(&mut radio, Start::Now, WINDOW, false), (8 + 1, 3 + 44 + 3));
     assert_eq!(hear(&mut radio, Start::Now, RadioDuration::from_micros(900), false), (8 + 2, 3 + 44 + 6));
     assert_eq!(hear(&mut radio, Start::Now, long, false), (8 + 2, 3 + 44 + 6));
     assert_eq!(hear(&mut radio, Start::Now, long, false), (8 + 1, 3 + 44 + 3));
     assert_eq!(hear(&mut radio, far, long, false), (8 + 1 + 3, 3 + 44 + 3 + 15));
-    // One frame in sixteen that are followed by listening is timed: the first.
+    // One frame in sixteen after which the receiver stays on is timed: the first.
     assert_eq!(hear(&mut radio, Start::Now, long, true), (9 + 1 + 1, 3 + 47 + 3 + 6));
     for _ in 1..16 {
         assert_eq!(hear(&mut radio, Start::Now, long, true), (9, 3 + 47));
     }
     assert_eq!(hear(&mut radio, Start::Now, long, true), (9 + 1, 3 + 47 + 6));
-    // Switching it off, before a transmission and else; a buffer to be given back costs the same whatever is done next.
+    // Switching it off, before a transmission and otherwise; the release of a buffer costs the same in whatever
+    // operation follows.
     bus.forget_answers();
     bus.answer(SYS_STATUS, &[0x81]);
     assert_eq!(cost(&mut radio, async |r| r.idle().await.unwrap()), (2 + 2, 7 + 6));
@@ -278,8 +282,9 @@ fn costs_are_those_of_the_table() {
 #[test]
 fn a_listening_receiver_is_only_switched_off_before_a_transmission() {
     let at = RadioInstant::from_ticks(1 << 32);
-    // What the status says once the command is in, and what is written for it: nothing of note; a frame in the buffer that the host
-    // has not seen (RXFCG, ICRBP): flags cleared, on to the other buffer; a frame that the filter rejected (AFFREJ).
+    // The status after the command, and the writes that follow from it: no flag; a frame in the buffer that the host
+    // has not read (RXFCG, ICRBP): flags cleared, change to the other buffer; a frame that the filter rejected
+    // (AFFREJ).
     let unseen = [write(&[0xCF, 0x01, 0xFF, 0xFF, 0xFF]), write(&[0xCD, 0x03, 0x01])];
     let cases: [([u8; 5], &[Seen]); 3] =
         [([0x01, 0, 0, 0, 0], &[]), ([0x01, 0x6F, 0, 0x80, 0], &unseen), ([0x01, 0, 0, 0x20, 0], &unseen[..1])];
@@ -304,7 +309,8 @@ fn a_listening_receiver_is_only_switched_off_before_a_transmission() {
 
 #[test]
 fn a_receiver_that_met_an_error_is_reset_once_the_frame_has_left() {
-    // RXPHE, RXSFDTO, RXRFTO: after these the next time stamp may be wrong without a reset (4.1.6), which must not meet the transmission.
+    // RXPHE, RXSFDTO, RXRFTO: after these the next timestamp may be wrong without a reset (4.1.6), which must not
+    // disturb the transmission.
     for flags in [[0, 0x10, 0, 0, 0], [0, 0, 0, 0x04, 0], [0, 0, 0x02, 0, 0]] {
         for (listen, start) in
             [(false, Start::Now), (true, Start::Now), (true, Start::At(RadioInstant::from_ticks(1 << 32)))]
@@ -336,7 +342,7 @@ fn what_a_node_takes_is_measured_in_the_chips_clock() {
     bus.answer(&[0x06], &[0x00, 0x02, 0, 0, 0]);
     block_on(radio.receive(&mut buffer, Start::Now, WINDOW, true)).unwrap();
     assert_eq!(radio.pace(), Pace { armed: None, listening: time(0x200), ready: None });
-    // The next frame is not timed, and what was measured does not stay.
+    // The next frame is not timed, and the former measurement does not stay.
     block_on(radio.receive(&mut buffer, Start::Now, WINDOW, true)).unwrap();
     assert_eq!(radio.pace(), Pace::default());
 
@@ -364,7 +370,7 @@ fn windows_end_by_the_chip_or_by_the_delay() {
     bus.answer(SYS_STATUS, &[0x01, 0x00, 0x02, 0x00]);
     assert_eq!(block_on(radio.receive(&mut buffer, Start::Now, WINDOW, true)), Err(ReceiveError::Timeout));
     let seen = bus.seen();
-    // Its receiver is off by then.
+    // Its receiver is off then.
     assert_eq!(seen[seen.len() - 4], read(&[0x0F], 4));
     assert_eq!(seen[seen.len() - 3..], resetting());
     // No interrupt at all.
@@ -372,10 +378,10 @@ fn windows_end_by_the_chip_or_by_the_delay() {
     assert_eq!(block_on(radio.receive(&mut buffer, Start::Now, WINDOW, true)), Err(ReceiveError::Timeout));
     let seen = bus.seen();
     assert_eq!(seen[seen.len() - 5..], stopping());
-    // An interrupt that is lost on the way loses no frame.
+    // A lost interrupt loses no frame.
     put_frame(&bus);
     assert!(block_on(radio.receive(&mut buffer, Start::Now, WINDOW, false)).is_ok());
-    // A window that is none ends too.
+    // A window of zero ends too.
     bus.forget_answers();
     for window in [0, -1, i64::MIN, i64::MAX] {
         let window = RadioDuration::from_ticks(window);
@@ -447,7 +453,7 @@ fn a_detector_that_is_late_is_waited_for() {
     put_frame(&bus);
     let mut buffer = [0; MAX_FRAME];
     assert!(block_on(radio.receive(&mut buffer, Start::Now, WINDOW, false)).is_ok());
-    // One that never finishes gives no time.
+    // A detector that never finishes gives no timestamp.
     let (mut radio, bus, _) = fast(true);
     bus.answer(SYS_STATUS, &unfinished);
     assert_eq!(block_on(radio.receive(&mut buffer, Start::Now, WINDOW, false)), Err(ReceiveError::Corrupt));

@@ -1,4 +1,4 @@
-//! Tests of the driver by the bytes on the bus; on simulated chips it is tested in the `sim` crate.
+//! Tests of the driver by the bytes on the bus. Tests on simulated chips are in the `sim` crate.
 
 mod double;
 mod frames;

@@ -11,7 +11,7 @@ use crate::driver::register::{self as reg, Register};
 use crate::driver::startup::Factory;
 use crate::phy::{Channel, DataRate, PhyConfig, PreambleLength, Prf, Sfd};
 
-/// Types that the crate's look-ups name in their errors.
+/// Types that the crate's look-up functions name in their errors.
 struct NoBus;
 
 impl spi::Transfer<u8> for NoBus {
@@ -75,7 +75,7 @@ fn theirs(phy: &PhyConfig) -> (UwbChannel, PulseRepetitionFrequency, BitRate, Th
     )
 }
 
-/// The eight modes of the EVK1000, and every other channel, at 850 kbit/s and with preambles of 64 symbols too.
+/// The eight modes of the EVK1000, and every other channel, also at 850 kbit/s and with preambles of 64 symbols.
 fn all() -> Vec<PhyConfig> {
     let mut all: Vec<_> = (1..=8).map(|mode| PhyConfig::evk1000_mode(mode).unwrap()).collect();
     for channel in [Channel::Ch1, Channel::Ch2, Channel::Ch3, Channel::Ch4, Channel::Ch5, Channel::Ch7] {
@@ -129,8 +129,8 @@ fn tuning_agrees_with_the_published_crate() {
 
 #[test]
 fn replica_coefficients_are_the_manuals() {
-    // User manual, table 51 (and Decawave's software): by code 1 to 12. The published crate looks its table, which
-    // begins with code 1, up from code 0, and has the next code's value for each.
+    // User manual, table 51 (and Decawave's software): by code 1 to 12. The published crate indexes its table from code
+    // 0 although it begins with code 1, so it has the next code's value for each code.
     let by_code = [
         (Channel::Ch1, Prf::Mhz16, 1, 0x5998),
         (Channel::Ch1, Prf::Mhz16, 2, 0x5998),

@@ -1,4 +1,4 @@
-//! After any failure, and after a future was dropped in the middle, the driver goes on.
+//! After any failure, and after a future was dropped before its end, the driver still works.
 
 use core::future::Future;
 use core::pin::pin;
@@ -27,7 +27,7 @@ fn the_bus_may_fail_anywhere() {
         bus.fail_after(None);
         bus.seen();
         assert!(block_on(radio.transmit(&[1, 2, 3], Start::Now, false)).is_ok());
-        // It begins by switching off what it does not know.
+        // It begins by switching off the transceiver, whose state it does not know.
         assert_eq!(bus.seen()[0], write(&[0x8D, 0x40]));
     }
     for transactions in 0..10 {
@@ -54,7 +54,7 @@ fn a_dropped_reception_is_stopped_before_the_next_operation() {
         assert!(reception.as_mut().poll(&mut Context::from_waker(Waker::noop())).is_pending());
     }
     bus.seen();
-    // The chip had filled a buffer in between (ICRBP, bit 31): the host follows it.
+    // The chip had filled a buffer in between (ICRBP, bit 31): the host changes to it.
     bus.answer(&[0x4F, 0x03], &[0x80]);
     block_on(radio.idle()).unwrap();
     let seen = bus.seen();
@@ -68,7 +68,7 @@ fn a_dropped_reception_is_stopped_before_the_next_operation() {
 fn a_transmission_without_an_end_is_given_up() {
     let (mut radio, bus, _) = fast(false);
     assert_eq!(block_on(radio.transmit(&[1], Start::Now, false)), Err(TransmitError::NoConfirmation));
-    // One whose interrupt alone was lost is a success.
+    // A transmission that lost only its interrupt is a success.
     bus.answer(SYS_STATUS, &[0x80]);
     assert!(block_on(radio.transmit(&[1], Start::Now, false)).is_ok());
 }
@@ -104,7 +104,7 @@ fn nothing_works_before_init_or_asleep() {
     block_on(radio.wake()).unwrap();
     let seen = bus.seen();
     assert_eq!(seen[1], Seen::Hold(600_000));
-    // The PLL's lock is awaited with its detection switched on.
+    // The wait for the PLL's lock has its detection switched on.
     let detection = seen.iter().position(|s| *s == write(&[0xA4, 0x04])).unwrap();
     assert!(detection < seen.iter().position(|s| *s == read(&[0x0F], 4)).unwrap());
     // TX_ANTD is not kept in sleep: 16436 = 0x4034.
@@ -148,7 +148,7 @@ fn impulse_response_is_read_around_the_first_path() {
             write(&[0xF6, 0x01, 0x02]),
         ]
     );
-    // At the ends the window moves inside 1016 samples, and it is never longer than all of them.
+    // At the ends the window is moved inside the 1016 samples, and it is never longer than all of them.
     let mut read = |first_path_index, count| {
         let mut given = 0;
         let window = ResponseWindow { first_path_index, before: 3, count };
@@ -160,7 +160,7 @@ fn impulse_response_is_read_around_the_first_path() {
     assert_eq!(read(f32::NAN, 1100), (Ok(Some(0)), 1016));
     assert_eq!(read(f32::INFINITY, u16::MAX), (Ok(Some(0)), 1016));
     assert_eq!(read(-5.0, 0), (Ok(Some(0)), 0));
-    // What a window of the features costs.
+    // The cost of a window for the features.
     let before = radio.traffic();
     let window = ResponseWindow { first_path_index: 750.9, before: 16, count: 152 };
     assert_eq!(block_on(radio.impulse_response(window, |_| ())), Ok(Some(734)));

@@ -1,4 +1,4 @@
-//! Initialisation: who answers, in which order, at which clock.
+//! Initialisation: which chip answers, in which order, at which clock.
 
 use embassy_futures::block_on;
 
@@ -16,7 +16,7 @@ fn another_chip_is_named() {
     let (mut radio, bus) = uninitialised();
     bus.answer(&[0x00], &[0xFF; 4]);
     assert_eq!(block_on(radio.init()), Err(Error::WrongChip(0xFFFF_FFFF)));
-    // It might have slept: the chip-select line was held, and it was asked again.
+    // The chip might have slept: the chip-select line was held, and the chip was read again.
     let seen = bus.seen();
     assert_eq!(seen[1..], [read(&[0x00], 4), Seen::Hold(600_000), read(&[0x00], 4)]);
 }
@@ -33,7 +33,7 @@ fn a_pll_that_does_not_lock_is_an_error() {
 fn the_bus_is_slow_until_the_pll_has_locked() {
     let (mut radio, bus) = uninitialised();
     bus.answer(&[0x00], &[0x30, 0x01, 0xCA, 0xDE]);
-    // Not at first, then locked.
+    // Not locked at first, then locked.
     bus.answer(SYS_STATUS, &[0, 0, 0, 0]);
     bus.answer(SYS_STATUS, &[0x02, 0, 0, 0]);
     block_on(radio.init()).unwrap();
@@ -42,7 +42,7 @@ fn the_bus_is_slow_until_the_pll_has_locked() {
     let fast = seen.iter().position(|s| *s == Seen::Clock(SpiClock::Fast)).unwrap();
     let locked = seen.iter().rposition(|s| *s == read(&[0x0F], 4)).unwrap();
     assert!(locked < fast);
-    // Whenever the chip is told to run from its crystal (PMSC_CTRL0 = 01), the bus is slow.
+    // Whenever the chip is set to run from its crystal (PMSC_CTRL0 = 01), the bus is slow.
     let mut clock = SpiClock::Slow;
     for seen in &seen {
         match seen {
@@ -56,7 +56,7 @@ fn the_bus_is_slow_until_the_pll_has_locked() {
     let load = seen.iter().position(|s| *s == write(&[0xED, 0x06, 0x00, 0x80])).unwrap();
     assert_eq!(seen[load - 2..load], [write(&[0xB6, 0x01]), write(&[0xF6, 0x01, 0x03])]);
     assert_eq!(seen[load + 1..load + 3], [write(&[0xB6, 0x00]), write(&[0xF6, 0x01, 0x02])]);
-    // No maker's crystal trim: the middle, with the upper bits 011.
+    // No crystal trim by the maker: the middle, with the upper bits 011.
     assert!(seen.contains(&write(&[0xEB, 0x0E, 0x70])));
 }
 
@@ -65,8 +65,9 @@ fn the_makers_trims_are_used() {
     let (mut radio, bus) = uninitialised();
     bus.answer(&[0x00], &[0x30, 0x01, 0xCA, 0xDE]);
     bus.answer(SYS_STATUS, &[0x02, 0, 0, 0]);
-    // One-time memory in the order it is asked: LDO tune, voltage, temperature, crystal (5 bits), antenna delays (PRF 16: 0x4001,
-    // PRF 64: 0x4055), powers of channels 1, 2, 3, 4, 5, 7 at PRF 16 and 64: that of channel 5 at 64 is the tenth.
+    // One-time programmable memory in the order of reading: LDO tune, voltage, temperature, crystal (5 bits), antenna
+    // delays (PRF 16: 0x4001, PRF 64: 0x4055), powers of channels 1, 2, 3, 4, 5, 7 at PRF 16 and 64: that of channel 5
+    // at 64 is the tenth.
     let words = [[0x28, 0, 0, 0], [173, 0, 0, 0], [116, 0, 0, 0], [0xF3, 0x01, 0, 0], [0x01, 0x40, 0x55, 0x40]];
     let powers = (1..=12).map(|nth| if nth == 10 { [0x87, 0x67, 0x47, 0x27] } else { [nth; 4] });
     for word in words.into_iter().chain(powers) {
@@ -81,12 +82,12 @@ fn the_makers_trims_are_used() {
     }
     assert!(seen.contains(&write(&[0x9E, 0x87, 0x67, 0x47, 0x27])));
     assert!(seen.contains(&write(&[0x98, 0x55, 0x40])) && seen.contains(&write(&[0xEE, 0x84, 0x30, 0x55, 0x40])));
-    // What the node tells is what the chip adds.
+    // The node reports the delay that the chip adds.
     assert_eq!(radio.antenna_delay().ticks(), 0x4055);
     assert_eq!(radio.departure(RadioInstant::from_ticks(0x1FF)).ticks(), 0x4055);
 }
 
-/// TX_ANTD and TX_POWER of a board whose one-time memory holds this as antenna delays and as power.
+/// TX_ANTD and TX_POWER of a board whose one-time programmable memory holds these antenna delays and this power.
 fn calibrated(config: Config, delays: [u8; 4], power: [u8; 4]) -> (u16, u32) {
     let bus = Bus::default();
     let mut radio: Driver = Dw1000::new(bus.clone(), Line(true), (), Delay::default(), config);

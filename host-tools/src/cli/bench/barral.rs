@@ -1,4 +1,4 @@
-//! `baliza bench barral`: what positioning makes of classifiers and mitigators, beside the printed figures.
+//! `baliza bench barral`: positioning with classifiers and mitigation of blocked ranges, beside the published figures.
 
 use anyhow::Result;
 use baliza_research::barral::{self, Row};
@@ -8,8 +8,8 @@ use super::Drawing;
 
 /// Ranges from five anchors with blocked ranges ignored, corrected or weighted, by filter and by least squares
 ///
-/// The configurations of V. Barral et al. (Sensors 19, 2019, tables 4 and 5), on ranges drawn with statistics that the documentation
-/// of the library's module `barral::hall` states; mean errors beside the tables'.
+/// The configurations of V. Barral et al. (Sensors 19, 2019, tables 4 and 5), on ranges drawn with statistics that the
+/// documentation of the library's module `barral::hall` states; mean errors beside the tables'.
 ///
 /// As JSON: a list of objects with algorithm, configuration, mae_m, p90_m, printed_measured_m, printed_simulated_m.
 #[derive(clap::Args)]
@@ -23,6 +23,10 @@ pub struct Arguments {
     drawing: Drawing,
 }
 
+/// Runs `baliza bench barral`.
+///
+/// # Errors
+/// The picture cannot be drawn or written, or the output cannot be printed.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let shown = arguments.drawing.check()?;
     let rows = barral::run(arguments.halls, arguments.drawing.seed);
@@ -30,7 +34,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     shown.show(&scores, || barral::to_markdown(&rows), || draw(&rows))
 }
 
-/// The rows that are drawn; the others lie between them.
+/// The configurations that are drawn. The results of the others are between theirs.
 const DRAWN: [&str; 7] = [
     "IEKF, no ignore",
     "IEKF, ignore NLOS",

@@ -9,13 +9,14 @@ use crate::cli::progress::Progress;
 
 /// A walking tag with ranges to anchors and powers of beacons: each alone, and both fused
 ///
-/// Three anchors, one of them without line of sight, and five beacons in a hall of 12 m × 8 m, as the documentation of the library's module
-/// `fusion::bench::world` states it. By the fusion of patent ES 2 397 388, with the hypotheses of a desktop and of a node, and by the engine's
-/// Kalman filter. With --sweep the fusion under other conditions instead.
+/// Three anchors, one of them without line of sight, and five beacons in a hall of 12 m × 8 m, as the documentation of
+/// the library's module `fusion::bench::world` states it. By the fusion of patent ES 2 397 388, with the hypotheses of
+/// a desktop and of a node, and by the engine's Kalman filter. With --sweep the fusion under other conditions instead.
 ///
-/// As JSON: a list of objects with algorithm, heard, rmse_m, mae_m, p90_m, answered, nees, inside_1_sigma; with --sweep anchors, blocked,
-/// range_sigma_m, excess_m, beacons, rmse_m (UWB, BLE, both), ratio, and of both nees, inside_1_sigma. NEES is the squared error over its
-/// covariance, on average: 2 where the covariance is honest, as 39 % of the errors are inside one sigma.
+/// As JSON: a list of objects with algorithm, heard, rmse_m, mae_m, p90_m, answered, nees, inside_1_sigma; with --sweep
+/// anchors, blocked, range_sigma_m, excess_m, beacons, rmse_m (UWB, BLE, both), ratio, and of both nees,
+/// inside_1_sigma. NEES is the squared error over its covariance, on average: 2 where the covariance is honest, as 39 %
+/// of the errors are inside one sigma.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza bench fusion\n  baliza bench fusion --sweep --walks 20\n  \
                         baliza bench fusion --plot fusion.svg --json")]
@@ -30,6 +31,10 @@ pub struct Arguments {
     drawing: Drawing,
 }
 
+/// Runs `baliza bench fusion`.
+///
+/// # Errors
+/// The picture cannot be drawn or written, or the output cannot be printed.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let shown = arguments.drawing.check()?;
     if arguments.sweep {

@@ -1,4 +1,4 @@
-//! `baliza bench garcia`: a filter that knows of blocked paths by their skewness, beside the printed figures.
+//! `baliza bench garcia`: a filter that detects blocked paths by their skewness, beside the published figures.
 
 use anyhow::Result;
 use baliza_research::garcia::{self, Outcome};
@@ -8,12 +8,13 @@ use super::Drawing;
 
 /// Differences of arrival from four beacons, with and without detection of blocked paths
 ///
-/// The experiment of E. García et al. (A Robust UWB Indoor Positioning System for Highly Complex Environments): the beacons of table
-/// I, 48 points at 1.57 m, a hundred measurements each, root mean square errors beside table II. Impulse responses are drawn (see the
-/// documentation of the library's module `garcia`), arrivals and skewness are found in them as the paper does.
+/// The experiment of E. García et al. (A Robust UWB Indoor Positioning System for Highly Complex Environments): the
+/// beacons of table I, 48 points at 1.57 m, a hundred measurements each, root mean square errors beside table II.
+/// Impulse responses are drawn (see the documentation of the library's module `garcia`), arrivals and skewness are
+/// found in them as the paper does.
 ///
-/// As JSON: an object with threshold, detected, and scores: a list of objects with way, positions, rmse_x_m, rmse_y_m, rmse_m,
-/// reduction, printed_x_m, printed_y_m.
+/// As JSON: an object with threshold, detected, and scores: a list of objects with way, positions, rmse_x_m, rmse_y_m,
+/// rmse_m, reduction, printed_x_m, printed_y_m.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza bench garcia\n  baliza bench garcia --rooms 50 --seed 7 --json\n  \
                         baliza bench garcia --plot garcia.svg")]
@@ -25,6 +26,10 @@ pub struct Arguments {
     drawing: Drawing,
 }
 
+/// Runs `baliza bench garcia`.
+///
+/// # Errors
+/// The picture cannot be drawn or written, or the output cannot be printed.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let shown = arguments.drawing.check()?;
     let outcome = garcia::run(arguments.rooms as usize, arguments.drawing.seed);

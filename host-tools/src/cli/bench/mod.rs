@@ -1,4 +1,4 @@
-//! `baliza bench …`: benchmarks on what is simulated, beside printed figures.
+//! `baliza bench …`: benchmarks on simulated data, beside published figures.
 
 mod barral;
 mod fusion;
@@ -13,7 +13,7 @@ use anyhow::Result;
 use super::PictureFile;
 
 super::commands! {
-    /// Benchmarks on simulated ranges and levels
+    /// Benchmarks on simulated ranges and RSSI values
     enum Arguments {
         Thesis(thesis),
         Garcia(garcia),
@@ -23,7 +23,7 @@ super::commands! {
     }
 }
 
-/// What is drawn, and how the figures are shown.
+/// What is simulated and drawn, and how the figures are printed.
 #[derive(clap::Args)]
 struct Drawing {
     /// Seed of the random numbers: equal seeds give equal figures
@@ -38,25 +38,25 @@ struct Drawing {
 }
 
 impl Drawing {
-    /// The picture's file, looked at before any work is done for it.
+    /// Checks the picture's file before the work begins.
     fn check(&self) -> Result<Output<'_>> {
         Ok(Output { json: self.json, picture: PictureFile::plot(self.plot.as_deref())? })
     }
 }
 
-/// Where figures go: files that can be written.
+/// The destinations of the figures. The files can be written.
 struct Output<'a> {
     json: bool,
     picture: Option<PictureFile<'a>>,
 }
 
 impl Output<'_> {
-    /// Prints the figures, as a document or as a table.
+    /// Prints the figures, as a JSON document or as a table.
     fn print(&self, document: &impl serde::Serialize, table: impl FnOnce() -> String) -> Result<()> {
         if self.json { super::print_json(document) } else { super::print(table().as_bytes()) }
     }
 
-    /// Prints the figures, and draws them.
+    /// Prints and draws the figures.
     fn show(
         self,
         document: &impl serde::Serialize,

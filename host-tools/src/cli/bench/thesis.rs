@@ -1,4 +1,5 @@
-//! `baliza bench thesis`: every method on the simulated ranges of a thesis, beside its printed figures.
+//! `baliza bench thesis`: every method on the simulated ranges of P. M. de Rojas Malpartida's thesis (Universidad de
+//! Sevilla, 2021), beside the published figures.
 
 use anyhow::Result;
 use baliza_research::thesis::{self, Score};
@@ -10,9 +11,9 @@ use crate::cli::progress::Progress;
 
 /// Every method on simulated ranges, half of which lack their direct path
 ///
-/// The benchmark of P. M. de Rojas Malpartida's thesis (Universidad de Sevilla, 2021, chapter 8): 12 anchors on the perimeter of a
-/// room of 9.5 × 7.5 m, errors as Alavi and Pahlavan modelled them. DDP is a detected direct path. The thesis never printed where its
-/// anchors were, so its figures are matched in kind and not to the digit.
+/// The benchmark of P. M. de Rojas Malpartida's thesis (Universidad de Sevilla, 2021, chapter 8): 12 anchors on the
+/// perimeter of a room of 9.5 × 7.5 m, errors as Alavi and Pahlavan modelled them. DDP is a detected direct path. The
+/// thesis never printed where its anchors were, so its figures are matched in kind and not to the digit.
 ///
 /// As JSON: a list of objects with method, ddp_anchors (null: all points), points, rmse_m, mae_m.
 #[derive(clap::Args)]
@@ -26,6 +27,10 @@ pub struct Arguments {
     drawing: Drawing,
 }
 
+/// Runs `baliza bench thesis`.
+///
+/// # Errors
+/// The picture cannot be drawn or written, or the output cannot be printed.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let shown = arguments.drawing.check()?;
     let scores = scores(arguments.points as usize, arguments.drawing.seed);

@@ -14,9 +14,9 @@ use crate::cli::report::{ByMethod, OutputArgs, Report};
 
 /// Positions by a survey of RSSI values: k nearest neighbours, and Gaussian processes
 ///
-/// A capture (the rows of one `point` or `epoch`) makes one position. Captures that follow each other within 2 s are of one walk, to
-/// `gp-walk` and to the particle filter, which start anew otherwise. The map is made of a survey (--fingerprints), or is one that
-/// `baliza ble map` made (--map).
+/// A capture (the rows of one `point` or `epoch`) makes one position. Captures that follow each other within 2 s are
+/// one walk for `gp-walk` and for the particle filter; otherwise these begin anew. The map is made from a survey
+/// (--fingerprints), or is a map of `baliza ble map` (--map).
 #[derive(clap::Args)]
 #[command(
     after_help = "RssiMethods:\n  knn      the K nearest points (7): w5nn, or 5nn without --weighted\n  gp       a Gaussian process of \
@@ -46,7 +46,8 @@ pub struct Arguments {
     /// Points of the survey that are held out together, with --hold-out
     #[arg(long, value_name = "POINTS", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), requires = "hold_out")]
     block: u32,
-    /// How scans are compared: knn, gp, gp-walk, or all [default: knn with --k, --weighted or --particle-filter, else gp-walk]
+    /// How scans are compared: knn, gp, gp-walk, or all [default: knn with --k, --weighted or --particle-filter, else
+    /// gp-walk]
     #[arg(long, value_name = "KERNEL")]
     kernel: Option<FingerprintMethod>,
     /// How many neighbours [default: 5; with --kernel all 3, 4 and 5]
@@ -61,8 +62,8 @@ pub struct Arguments {
     /// The particle filter's window of integration, milliseconds: 200 in a room, 500 over a floor
     #[arg(long, value_name = "MS", default_value_t = 200, value_parser = clap::value_parser!(u32).range(10..=60_000))]
     window_ms: u32,
-    /// How far the receiver's RSSI values may be off from the surveyor's, all alike, before the first capture, dB (standard deviation); it is
-    /// learnt from one capture to the next. 0: they are not off
+    /// How far the receiver's RSSI values may be off from the surveyor's, all alike, before the first capture, dB
+    /// (standard deviation); it is learnt from one capture to the next. 0: they are not off
     #[arg(long, value_name = "DB", allow_negative_numbers = true, default_value_t = 4.0, value_parser = super::solve::decibels, alias = "offset-db")]
     receiver_offset_db: f64,
     /// How RSSI values of one point are averaged
@@ -74,14 +75,14 @@ pub struct Arguments {
     output: OutputArgs,
 }
 
-/// Whose positions are asked for.
+/// The captures whose positions are asked for.
 #[derive(clap::Args)]
 #[group(required = true, multiple = false)]
 struct Asked {
-    /// Stays at known points, to be found: CSV with point,x_m,y_m,beacon,rssi_dbm and, where known, t_s
+    /// Dwells at known points, to be found: CSV with point,x_m,y_m,beacon,rssi_dbm and, where known, t_s
     #[arg(long, value_name = "FILE")]
     targets: Option<PathBuf>,
-    /// RSSI values heard: CSV with epoch,t_s,beacon,rssi_dbm
+    /// Received RSSI values: CSV with epoch,t_s,beacon,rssi_dbm
     #[arg(long, value_name = "FILE")]
     rssi: Option<PathBuf>,
     /// Each point of the survey by all the others
@@ -119,6 +120,10 @@ impl From<Averages> for Average {
     }
 }
 
+/// Runs `baliza ble fingerprint`.
+///
+/// # Errors
+/// Flags cannot be combined, a file is wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let output = arguments.output.check()?;
     let comparisons = arguments.comparisons()?;
@@ -170,7 +175,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     .write(&output)
 }
 
-/// Captures by maps, method by method.
+/// The positions of captures by maps, for each method.
 fn found(solver: &Solver, comparisons: &[Comparison], captures: &[Capture]) -> Result<Vec<Vec<Solved>>> {
     super::tell_strange(solver.maps.beacons(), captures, "the map");
     let progress = Progress::new(comparisons.len());
@@ -183,13 +188,13 @@ fn found(solver: &Solver, comparisons: &[Comparison], captures: &[Capture]) -> R
 }
 
 impl Arguments {
-    /// What is to be found, where that is not the survey itself.
+    /// The captures to be found; `None` where these are the points of the survey itself.
     fn captures(&self) -> Result<Option<Vec<Capture>>, UserError> {
         let Asked { targets, rssi, .. } = &self.asked;
         targets.as_ref().or(rssi.as_ref()).map(|file| read_captures(file, self.truth.as_deref())).transpose()
     }
 
-    /// Points of a survey by the others.
+    /// The positions of a survey's points, each found without its own block of points.
     fn held(
         &self,
         file: &Path,
@@ -214,7 +219,7 @@ impl Arguments {
         Ok((held.stays.into_iter().map(|stay| Capture::from(stays[stay].clone())).collect(), held.solved))
     }
 
-    /// The comparisons that a map from a file serves.
+    /// The comparisons that a map from a file supports.
     fn served(&self, file: &Path, maps: &Maps, comparisons: Vec<Comparison>) -> Result<Vec<Comparison>, UserError> {
         let of_points = Comparison::Nearest { k: 5, weighted: true };
         let nobody_chose = self.kernel.is_none() && comparisons == [Comparison::Walk] && maps.serve(of_points);
@@ -264,7 +269,8 @@ impl Arguments {
         })
     }
 
-    /// The thesis puts `fp_` before what went through the particle filter (table 4.4).
+    /// The method's name. A. Linde Cerezo's thesis (Universitat Oberta de Catalunya, 2024) puts `fp_` before the
+    /// methods with the particle filter (table 4.4).
     fn name(&self, comparison: Comparison) -> String {
         let filtered = self.particle_filter && comparison != Comparison::Walk;
         format!("{}{}", if filtered { "fp_" } else { "" }, comparison.name())

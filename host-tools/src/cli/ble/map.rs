@@ -1,4 +1,4 @@
-//! `baliza ble map`: a map of RSSI values for nodes.
+//! `baliza ble map`: makes an RSSI map for nodes.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -16,14 +16,15 @@ use super::{PlanArguments, survey_of};
 use crate::cli::progress::Progress;
 use crate::cli::{note, print_json, write};
 
-/// Points of larger surveys are found block by block.
+/// With more points than this, a survey's points are found in blocks and not one by one.
 const MOST_FOLDS: usize = 64;
 
 /// Make a map of RSSI values for nodes, and say how good it is
 ///
-/// Of a survey, a lattice of RSSI values between its points; with --beacons and --walls one that is predicted where the survey is thin: path
-/// loss along rays through walls, and what the points say beside. --survey-points takes only so many points, spread evenly, and tells how
-/// well the others are found; without it, each point is found by the others, of more than 64 points each block of them by the other blocks.
+/// From a survey, a lattice of RSSI values between its points. With --beacons and --walls, the map is predicted where
+/// the survey has few points, by path loss along rays through walls, corrected by the surveyed points. --survey-points
+/// takes only N points, spread evenly, and reports how well the others are found. Without it, each point is found by
+/// the other points. If there are more than 64 points, each block of points is found by the other blocks.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza ble map --fingerprints fingerprints.csv --out room.map\n  \
                         baliza ble map --fingerprints fingerprints.csv --out room.map --survey-points 8 --beacons beacons.csv --walls walls.csv")]
@@ -43,7 +44,7 @@ pub struct Arguments {
     /// The step of the lattice, metres, 0.05 to 10 [default: as small as the number of points allows]
     #[arg(long, value_name = "M", value_parser = clap::value_parser!(f64))]
     step_m: Option<f64>,
-    /// Take only so many points of the survey
+    /// Take only N points of the survey
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     survey_points: Option<u16>,
     /// How RSSI values of one point are averaged
@@ -51,12 +52,13 @@ pub struct Arguments {
     average: Averages,
     #[command(flatten)]
     place: PlanArguments,
-    /// Print JSON: beacons, points, bytes, step_m, survey_points, found_points, mae_m, rmse_m (null where no point was left to be found)
+    /// Print JSON: beacons, points, bytes, step_m, survey_points, found_points, mae_m, rmse_m (null where no point was
+    /// left to be found)
     #[arg(long)]
     json: bool,
 }
 
-/// What is printed.
+/// The printed summary.
 #[derive(serde::Serialize)]
 struct Summary {
     beacons: Vec<String>,
@@ -69,6 +71,10 @@ struct Summary {
     rmse_m: Option<f64>,
 }
 
+/// Runs `baliza ble map`.
+///
+/// # Errors
+/// Flags or a file are wrong, the survey makes no map, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     output::check("--out", &arguments.out)?;
     if arguments.step_m.is_some_and(|step_m| !(0.05..=10.0).contains(&step_m)) {

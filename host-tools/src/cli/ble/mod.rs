@@ -23,7 +23,7 @@ super::commands! {
     }
 }
 
-/// Names of beacons or rooms, with commas.
+/// Names of beacons or rooms, separated by commas.
 #[derive(Clone, Debug)]
 struct Names(Vec<String>);
 
@@ -37,7 +37,7 @@ impl Names {
         }
     }
 
-    /// The names, which must be so many.
+    /// The names, of which there must be `count`.
     fn of(&self, flag: &'static str, what: &str, count: usize) -> Result<Vec<String>, UserError> {
         let names = self.0.len();
         if names == count {
@@ -48,12 +48,12 @@ impl Names {
     }
 }
 
-/// The bytes of a map or a model.
+/// Reads the bytes of a map or a model.
 fn read_bytes(file: &Path) -> Result<Vec<u8>, UserError> {
     std::fs::read(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))
 }
 
-/// Names in a sentence.
+/// The names as part of a sentence.
 fn listed(names: BTreeSet<&str>) -> String {
     names.into_iter().collect::<Vec<_>>().join(", ")
 }
@@ -62,7 +62,7 @@ fn heard(captures: &[Capture]) -> BTreeSet<&str> {
     captures.iter().flat_map(|capture| &capture.samples).map(|sample| sample.beacon.as_str()).collect()
 }
 
-/// Tells of beacons that were heard and are none of these.
+/// Prints a note about received beacons that are not in `known`.
 fn tell_strange(known: &[impl AsRef<str>], captures: &[Capture], place: &str) {
     let known: BTreeSet<&str> = known.iter().map(AsRef::as_ref).collect();
     let strange: BTreeSet<&str> = heard(captures).difference(&known).copied().collect();
@@ -71,7 +71,7 @@ fn tell_strange(known: &[impl AsRef<str>], captures: &[Capture], place: &str) {
     }
 }
 
-/// Tells of what was heard and is not on the map, and of what is on the map and was never heard.
+/// Prints a note about received beacons that are not on the map, and about beacons on the map that were never received.
 fn tell_unknown(beacons: &[Beacon], captures: &[Capture]) {
     let names: Vec<&str> = beacons.iter().map(|beacon| beacon.name.as_str()).collect();
     tell_strange(&names, captures, "the map");
@@ -87,14 +87,15 @@ fn tell_unknown(beacons: &[Beacon], captures: &[Capture]) {
     }
 }
 
-/// What is known of a place beside its survey.
+/// Known data of a site in addition to its survey.
 #[derive(clap::Args)]
 struct PlanArguments {
-    /// Beacons whose places are known: CSV with beacon,x_m,y_m; RSSI values are then expected to follow path loss from them
+    /// Beacons whose positions are known: CSV with beacon,x_m,y_m; RSSI values are then expected to follow path loss
+    /// from them
     #[arg(long, value_name = "FILE")]
     beacons: Option<PathBuf>,
-    /// Walls, which nobody walks through, which take from the RSSI values of --beacons and are drawn: CSV with the corners of an outline,
-    /// x_m,y_m, or with x1_m,y1_m,x2_m,y2_m and, where known, attenuation_db
+    /// Walls, which no tag crosses, which attenuate the RSSI values of --beacons and are drawn: CSV with the corners of
+    /// an outline, x_m,y_m, or with x1_m,y1_m,x2_m,y2_m and, where known, attenuation_db
     #[arg(long, value_name = "FILE")]
     walls: Option<PathBuf>,
 }
@@ -106,7 +107,7 @@ impl PlanArguments {
     }
 }
 
-/// The survey of a file's stays; one that makes no map is refused.
+/// The survey of a file's dwells. A survey that makes no map is refused.
 fn survey_of(file: &Path, stays: &[Dwell], average: Average) -> Result<Survey, UserError> {
     let survey = Survey::of(stays, average);
     let names = survey.beacons.len();
@@ -122,7 +123,7 @@ fn survey_of(file: &Path, stays: &[Dwell], average: Average) -> Result<Survey, U
     Ok(survey)
 }
 
-/// A capture as the files of positions and the pictures know it.
+/// A capture as an epoch for the files of positions and for the pictures.
 fn epoch(capture: &Capture) -> Epoch {
     let truth = capture.truth_m.map(|[x_m, y_m]| host_tools::Coordinates { x_m, y_m, z_m: None });
     Epoch { name: capture.name.clone(), t_s: capture.t_s, ranges: Vec::new(), truth }

@@ -1,4 +1,4 @@
-//! `baliza ble rooms`: in which room a stay was.
+//! `baliza ble rooms`: finds the room of each dwell.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -14,28 +14,29 @@ use positioning_core::ble::rooms::Model;
 use crate::cli::progress::Progress;
 use crate::cli::{self, PictureFile};
 
-/// Tell in which room each stay was, by classifiers trained on fingerprints
+/// Find the room of each dwell, by classifiers trained on fingerprints
 ///
-/// A stay is judged by its mean RSSI values, its windows one by one, and by what the tag answers of them: a room, or between two rooms.
+/// A dwell is classified by its mean RSSI values, by each of its windows, and by what the tag answers from the windows:
+/// a room, or between two rooms.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza ble rooms --fingerprints fingerprints.csv --targets targets.csv\n  \
                         baliza ble rooms --fingerprints fingerprints.csv --leave-one-out --plot rooms.svg\n  \
                         baliza ble rooms --fingerprints fingerprints.csv --out rooms.model\n  \
                         baliza ble rooms --model rooms.model --targets targets.csv")]
 pub struct Arguments {
-    /// Where was heard what: CSV with point,room,x_m,y_m,beacon,rssi_dbm,t_s
+    /// Fingerprints: CSV with point,room,x_m,y_m,beacon,rssi_dbm,t_s
     #[arg(long, value_name = "FILE", required_unless_present = "model")]
     fingerprints: Option<PathBuf>,
-    /// A model that --out has written, and nothing to learn from
+    /// A model that --out has written, instead of fingerprints
     #[arg(long, value_name = "FILE", requires = "targets", conflicts_with_all = ["fingerprints", "leave_one_out", "method", "out"])]
     model: Option<PathBuf>,
-    /// Stays to be judged: CSV with the same columns
+    /// Dwells to be classified: CSV with the same columns
     #[arg(long, value_name = "FILE", conflicts_with = "leave_one_out")]
     targets: Option<PathBuf>,
-    /// NlosDetector each fingerprint by all the others
+    /// Classify each fingerprint by all the others
     #[arg(long)]
     leave_one_out: bool,
-    /// How rooms are told apart: its figures are printed first, its confusion is drawn, its model is written
+    /// The classifier: its figures are printed first, its confusion is drawn, its model is written
     #[arg(long, value_name = "METHOD", default_value = "svm")]
     method: MethodName,
     /// Integration time of a window, seconds
@@ -47,8 +48,9 @@ pub struct Arguments {
     /// Draw the confusion matrix, as .svg or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Print JSON: method, accuracy, points, rooms, confusion_matrix (a row a true room, a column a room answered, the last none),
-    /// window_s, window_accuracy, windows, window_changes, settled (right, wrong, between, changes); in methods the same of all
+    /// Print JSON: method, accuracy, points, rooms, confusion_matrix (a row a true room, a column a room answered, the
+    /// last none), window_s, window_accuracy, windows, window_changes, settled (right, wrong, between, changes); in
+    /// methods the same of all
     #[arg(long)]
     json: bool,
 }
@@ -78,7 +80,7 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// What `--json` prints of a method.
+/// A method's part of the output of `--json`.
 #[derive(serde::Serialize)]
 struct Row<'a> {
     method: &'static str,
@@ -101,7 +103,7 @@ struct Settled {
     changes: usize,
 }
 
-/// What `--json` prints.
+/// The output of `--json`.
 #[derive(serde::Serialize)]
 struct Document<'a> {
     #[serde(flatten)]
@@ -129,6 +131,10 @@ fn row<'a>(score: &'a Score, rooms: &'a [String], window_s: f64) -> Row<'a> {
     }
 }
 
+/// Runs `baliza ble rooms`.
+///
+/// # Errors
+/// Flags or a file are wrong, a model cannot be trained, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let picture = PictureFile::plot(arguments.plot.as_deref())?;
     if let Some(file) = &arguments.out {
@@ -169,7 +175,7 @@ fn by_model(file: &Path, targets: &Path, window_s: f64) -> Result<(Vec<Score>, V
 }
 
 impl Arguments {
-    /// The scores of all methods taught by a survey, the chosen one first, and the rooms' names.
+    /// Trains all methods on a survey. Returns their scores, those of the selected method first, and the rooms' names.
     fn learn(&self, file: &Path) -> Result<(Vec<Score>, Vec<String>)> {
         let window_s = self.window_s;
         let survey = Survey::of_fingerprints(file, &read_stays(file)?, window_s)?;
@@ -191,7 +197,7 @@ impl Arguments {
         Ok((scores, targets.unwrap_or(survey).rooms))
     }
 
-    /// Writes the model of all fingerprints, where it is asked for.
+    /// Writes the model of all fingerprints, if it is asked for.
     fn write(&self, method: Method, survey: &Survey) -> Result<()> {
         let Some(file) = &self.out else { return Ok(()) };
         let chosen: Vec<&Point> = survey.points.iter().collect();
@@ -209,7 +215,7 @@ impl Arguments {
     }
 }
 
-/// All methods, and the confusion of the first.
+/// The scores of all methods, and the confusion matrix of the first method.
 fn table(scores: &[Score], rooms: &[String]) -> String {
     let percent =
         |part: usize, whole: usize| share(part, whole).map_or("-".to_owned(), |s| format!("{:.1} %", 100.0 * s));

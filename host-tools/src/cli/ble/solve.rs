@@ -1,4 +1,4 @@
-//! `baliza ble solve`: positions from beacons whose places and path losses are known.
+//! `baliza ble solve`: positions from beacons whose positions and path losses are known.
 
 use std::path::PathBuf;
 
@@ -14,9 +14,10 @@ use crate::cli::report::{ByMethod, OutputArgs, Report};
 
 /// Positions by path loss: least squares, the posterior mean, a particle filter, the tag's engine
 ///
-/// The rows of one `epoch` make one position; of a file of stays (`point,x_m,y_m,…`) all rows of one point, whose place is its truth.
-/// Positions are in the plane. What beacons.csv does not know of a beacon's path loss is taken to be usual; `baliza calibrate path-loss`
-/// finds it. A beacon whose RSSI values contradict the others, because it was moved, say, is named by the engine.
+/// The rows of one `epoch` make one position. In a file of dwells (`point,x_m,y_m,…`), all rows of one point make one
+/// position, and the point is its truth. Positions are in the plane. Where beacons.csv does not give a beacon's path
+/// loss, the usual values are assumed; `baliza calibrate path-loss` finds the path loss. The engine names a beacon
+/// whose RSSI values contradict the others, for example because it was moved.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza ble solve --beacons beacons.csv --rssi rssi.csv --truth truth.csv\n  \
                         baliza ble solve --beacons beacons.csv --rssi targets.csv --plot room.png --json")]
@@ -24,16 +25,17 @@ pub struct Arguments {
     /// Beacons: CSV with beacon,x_m,y_m and, where known, z_m,rssi_1m_dbm,path_loss_exponent,deviation_db
     #[arg(long, value_name = "FILE")]
     beacons: PathBuf,
-    /// RSSI values heard: CSV with epoch,t_s,beacon,rssi_dbm, or a file of stays at known points
+    /// Received RSSI values: CSV with epoch,t_s,beacon,rssi_dbm, or a file of dwells at known points
     #[arg(long, value_name = "FILE")]
     rssi: PathBuf,
     /// Where the tag truly was: CSV with epoch,t_s,x_m,y_m; gives the errors
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
-    /// Walls, which are drawn, and barriers for particles: CSV with the corners of an outline, x_m,y_m, or with x1_m,y1_m,x2_m,y2_m
+    /// Walls, which are drawn, and barriers for particles: CSV with the corners of an outline, x_m,y_m, or with
+    /// x1_m,y1_m,x2_m,y2_m
     #[arg(long, value_name = "FILE")]
     walls: Option<PathBuf>,
-    /// What a wall takes from a signal, dB, where the file of walls does not say; for posterior and particle-filter
+    /// The attenuation of a wall, dB, where the file of walls does not give it; for posterior and particle-filter
     #[arg(long, value_name = "DB", default_value_t = 0.0, value_parser = decibels, requires = "walls")]
     wall_db: f64,
     /// How RSSI values become a position: a name, several with commas, or all
@@ -45,8 +47,8 @@ pub struct Arguments {
     /// The tag's height, metres: heights of beacons (z_m) count
     #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = finite)]
     height_m: Option<f64>,
-    /// Where the tag can be at all, metres: all but weighted-linear stay inside [default: of posterior and particle-filter, the
-    /// box around the beacons]
+    /// Where the tag can be at all, metres: all but weighted-linear stay inside [default: of posterior and
+    /// particle-filter, the box around the beacons]
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
     area: Option<CornersM>,
     /// How far the receiver's RSSI values may be off from those of the calibration, all alike, dB (standard deviation)
@@ -59,7 +61,7 @@ pub struct Arguments {
     output: OutputArgs,
 }
 
-/// Methods asked for.
+/// The selected methods.
 #[derive(Clone, Debug)]
 struct RssiMethods(Vec<RssiMethod>);
 
@@ -77,6 +79,10 @@ impl RssiMethods {
     }
 }
 
+/// Runs `baliza ble solve`.
+///
+/// # Errors
+/// Flags or a file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let output = arguments.output.check()?;
     let beacons = read_beacons(&arguments.beacons)?;
@@ -127,6 +133,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
+/// Parses a number of decibels.
+///
+/// # Errors
+/// The text is not a number from 0 to 100.
 pub fn decibels(text: &str) -> Result<f64, String> {
     let decibels = finite(text)?;
     if (0.0..=100.0).contains(&decibels) { Ok(decibels) } else { Err("it must be from 0 to 100".to_owned()) }

@@ -1,4 +1,4 @@
-//! `baliza calibrate`: what is to be known of a site before positions are good.
+//! `baliza calibrate`: finds the parameters of a site that good positions need.
 
 mod path_loss;
 

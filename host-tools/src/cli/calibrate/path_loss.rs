@@ -16,10 +16,12 @@ use crate::cli::progress::Progress;
 use crate::cli::recording_args::finite;
 use crate::cli::{PictureFile, note, print, print_json, write};
 
-/// RSSI at one metre and path loss exponent of every beacon, from fingerprints or a walk: by regression, and as a node learns it
+/// RSSI at one metre and path loss exponent of every beacon, from fingerprints or a walk: by regression, and as a node
+/// learns it
 ///
-/// A point counts once, with the mean of its RSSI values; of a walk whose positions are known, each metre of way. --out writes the file of beacons again, with what was found; `baliza ble solve` reads
-/// it. With few points the exponent stays near the usual one.
+/// A point counts once, with the mean of its RSSI values. In a walk with known positions, each metre of the way counts
+/// once. --out writes the file of beacons again, with the results; `baliza ble solve` reads it. With few points the
+/// exponent stays near the usual one.
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  baliza calibrate path-loss --beacons beacons.csv --fingerprints fingerprints.csv \
                   --out calibrated.csv --plot path-loss.svg\n  \
@@ -37,14 +39,14 @@ pub struct Arguments {
     /// Where the tag truly was: CSV with epoch,x_m,y_m
     #[arg(long, value_name = "FILE", requires = "rssi", required_unless_present_any = ["fingerprints", "positions"])]
     truth: Option<PathBuf>,
-    /// Where a UWB track had it: positions of one method, as `baliza track --out` and `baliza simulate --out` write them
+    /// Positions of the tag by UWB: those of one method, as `baliza track --out` and `baliza simulate --out` write them
     #[arg(long, value_name = "FILE", requires = "rssi", conflicts_with = "truth")]
     positions: Option<PathBuf>,
     /// The height at which RSSI values were taken, metres: heights of beacons (z_m) count
     #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = finite)]
     height_m: Option<f64>,
-    /// Walls: CSV with the corners of an outline, x_m,y_m, or with x1_m,y1_m,x2_m,y2_m and, where known, attenuation_db; what
-    /// they take, all alike, is found as well where it is not known
+    /// Walls: CSV with the corners of an outline, x_m,y_m, or with x1_m,y1_m,x2_m,y2_m and, where known,
+    /// attenuation_db; where it is not known, one attenuation for all these walls is estimated as well
     #[arg(long, value_name = "FILE")]
     walls: Option<PathBuf>,
     /// Write the beacons with their path loss here
@@ -53,13 +55,14 @@ pub struct Arguments {
     /// Draw RSSI values against distance, as .svg or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Print JSON: a list of objects with beacon, points, rssi_1m_dbm, path_loss_exponent, deviation_db, rssi_1m_sigma_db,
-    /// path_loss_exponent_sigma, the same learnt on line as online_… (null where the beacon was never heard) and, with --walls, wall_db
+    /// Print JSON: a list of objects with beacon, points, rssi_1m_dbm, path_loss_exponent, deviation_db,
+    /// rssi_1m_sigma_db, path_loss_exponent_sigma, the same as a node learns them as online_… (null where the beacon
+    /// was never received) and, with --walls, wall_db
     #[arg(long)]
     json: bool,
 }
 
-/// What is printed of a beacon.
+/// The printed results of a beacon.
 #[derive(Debug, serde::Serialize)]
 struct Row<'a> {
     beacon: &'a str,
@@ -100,6 +103,10 @@ impl<'a> Row<'a> {
     }
 }
 
+/// Runs `baliza calibrate path-loss`.
+///
+/// # Errors
+/// Flags or a file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(file) = &arguments.out {
         output::check("--out", file)?;
@@ -138,7 +145,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Points with RSSI values, each with the standard deviation of its place, metres; and the file that they are from.
+/// Points with RSSI values, each with the standard deviation of its position, metres, and the file of the points.
 fn points(arguments: &Arguments) -> Result<(Vec<Placed>, &Path), UserError> {
     if let Some(file) = &arguments.fingerprints {
         return Ok((read_stays(file)?.into_iter().map(|stay| (stay, 0.0)).collect(), file));
@@ -158,7 +165,7 @@ fn points(arguments: &Arguments) -> Result<(Vec<Placed>, &Path), UserError> {
     }
 }
 
-/// The rows in Markdown; below each what was learnt on line, where that is asked for.
+/// The results as a Markdown table. If `on_line` is set, the values that a node learns are below each row.
 fn table(rows: &[Row], on_line: bool) -> String {
     let titles = ["beacon", "points:", "level at 1 m, dBm:", "path loss exponent:", "deviation, dB:"];
     let mut table = MarkdownTable::new(titles);

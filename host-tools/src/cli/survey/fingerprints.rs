@@ -15,18 +15,20 @@ use indicatif::ProgressBar;
 use crate::cli::stream::{Input, STOP, SourceArguments, catch_ctrl_c};
 use crate::cli::{note, print_json};
 
-/// Survey fingerprints: go from point to point with a tag, and have written what it hears
+/// Survey fingerprints: go from point to point with a tag, and record the RSSI values that it receives
 ///
-/// The tag scans (its record has `scan`) and tells of its sightings by probe or serial port. At each point it is listened to for a while
-/// with live counts; a stay that would mislead (too few adverts, a beacon that falls silent, RSSI values that drift or jump, somebody who
-/// does not stand still) is refused and done again. Each point is written at once, behind what the file has; points that it has are
-/// not visited again, so that a survey can be gone on with. From a recording (--file, --stdin) stays begin at from_s of the points.
+/// The tag scans (its record has `scan`) and reports its sightings by probe or serial port. At each point the tool
+/// records them for a while, with live counts. A dwell that would mislead (too few adverts, a beacon that falls silent,
+/// RSSI values that drift or jump, a person who does not stand still) is refused and repeated. Each point is written
+/// immediately, at the end of the file. Points that the file already has are not visited again, so that a survey can be
+/// continued. From a recording (--file, --stdin) dwells begin at from_s of the points.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza survey fingerprints --points points.csv --out fingerprints.csv\n  \
                         baliza survey fingerprints --serial /dev/ttyACM0 --out fingerprints.csv\n  \
                         baliza survey fingerprints --file telemetry.bin --points points.csv --out fingerprints.csv")]
 pub struct Arguments {
-    /// Where to go: CSV with point,x_m,y_m and, where known, room,from_s; without it points are typed, `name x y room`
+    /// The points to visit: CSV with point,x_m,y_m and, where known, room,from_s; without it points are typed, `name x
+    /// y room`
     #[arg(long, value_name = "FILE", required_if_eq_any = [("stdin", "true")])]
     points: Option<PathBuf>,
     /// Where the fingerprints go: CSV with point,room,x_m,y_m,beacon,rssi_dbm,t_s
@@ -49,7 +51,7 @@ fn stay(text: &str) -> Result<f64, String> {
     }
 }
 
-/// What `--json` prints of a visit.
+/// The result of a visit for `--json`.
 #[derive(serde::Serialize)]
 struct Row {
     point: String,
@@ -59,6 +61,10 @@ struct Row {
     reasons: Vec<String>,
 }
 
+/// Runs `baliza survey fingerprints`.
+///
+/// # Errors
+/// Flags or a file are wrong, the source fails, or the output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let places = arguments.points.as_deref().map(read_points).transpose()?;
     let mut book = FingerprintFile::open("--out", &arguments.out)?;
@@ -86,7 +92,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Points that are still to be visited; says which are not.
+/// The points that are still to be visited. Prints the points that are not.
 fn missing<'p>(places: &'p [SurveyPoint], book: &FingerprintFile) -> Vec<&'p SurveyPoint> {
     let (there, missing): (Vec<_>, Vec<_>) = places.iter().partition(|place| book.has(&place.name));
     if !there.is_empty() {
@@ -140,7 +146,7 @@ fn recorded(
     Ok(visits)
 }
 
-/// Whoever sits at the terminal.
+/// Reads the lines that the user types at the terminal.
 struct Terminal {
     lines: Receiver<String>,
     bar: ProgressBar,
@@ -149,7 +155,7 @@ struct Terminal {
 impl Terminal {
     fn new() -> Self {
         let (to, lines) = channel();
-        // It lives as long as standard input: a terminal cannot be waited for with a limit.
+        // The thread lives as long as standard input, because waiting for a terminal has no timeout.
         std::thread::spawn(move || {
             for line in std::io::stdin().lines().map_while(Result::ok) {
                 if to.send(line).is_err() {

@@ -1,4 +1,4 @@
-//! `baliza survey`: what is measured on the spot, with a person.
+//! `baliza survey`: measurements on site, with a person.
 
 mod fingerprints;
 

@@ -1,4 +1,4 @@
-//! Methods with memory over captures: the tag's own locator, and the particle filter, window by window.
+//! Methods with memory over captures: the tag's own locator, and the particle filter, both window by window.
 
 use positioning_core::SolveError;
 use positioning_core::ble::beacon_monitor::{HealthChange, Site};
@@ -13,22 +13,27 @@ use super::{MOST_BEACONS, Solver, loudest, means};
 use crate::files::beacons::{Capture, Sample};
 use crate::{NoPosition, Position};
 
-/// The time at the start of the first capture, microseconds: times a little earlier are still times.
+/// The time of the start of the first capture, microseconds. It is large so that slightly earlier times are not
+/// negative.
 const BEGIN_US: u64 = 3_600_000_000;
-/// Between two stays, microseconds: a track ends meanwhile, and what is known of receiver and beacons stays.
+/// The time between two dwells, microseconds. It is long enough that a track ends; the estimates of the receiver's
+/// offset and of the beacons are kept.
 const BETWEEN_US: u64 = 60_000_000;
-/// After so many windows without an advertisement the rest of a pause is one window: a file may claim any span of time.
+/// After this number of windows without an advertisement, the rest of a pause is one window. This limits the work,
+/// because a file may have any span of times.
 const PAUSE: usize = 20;
-/// The time in which the RSSI values of scans one after the other count as much as one scan, seconds: shadows stay while a tag does.
+/// RSSI values of scans within this time count together as one scan, seconds: shadowing does not change while a tag
+/// stays where it is.
 const SHADOW_S: f64 = 5.0;
-/// What a beacon says of its RSSI at one metre of which the file does not know it, dBm: as iBeacons of 0 dBm are usually set.
+/// The RSSI at one metre that a beacon reports, where the file does not give it, dBm. This is the usual setting of
+/// iBeacons at 0 dBm.
 const USUAL_DBM: i8 = -59;
-/// The most advertisements of a beacon in a window; of one that screams the latest count.
+/// The maximum number of advertisements of a beacon in a window. Of a beacon with more, the latest are used.
 const INTEGRATED: usize = 14;
 
 const NONE_YET: NoPosition = NoPosition::SolveError(SolveError::TooFewAnchors);
 
-/// From the files' times to microseconds.
+/// Converts the files' times to microseconds.
 struct Clock {
     begin_us: u64,
     /// The first time, in the files' time, seconds.
@@ -42,14 +47,14 @@ impl Clock {
         Self { begin_us: BEGIN_US, first_s: None, now_us: BEGIN_US }
     }
 
-    /// The next capture has a time of its own.
+    /// Begins a dwell: the next capture has a time of its own.
     fn begin_stay(&mut self) {
         (self.begin_us, self.first_s) = (self.now_us.saturating_add(BETWEEN_US), None);
     }
 
     fn microseconds(&mut self, t_s: f64) -> u64 {
         let first_s = *self.first_s.get_or_insert(t_s);
-        // A float too large or negative becomes the largest or least integer.
+        // The conversion saturates: a float that is too large or negative becomes the largest or the least integer.
         let now_us = self.begin_us.saturating_add_signed(((t_s - first_s) * 1.0e6) as i64);
         self.now_us = self.now_us.max(now_us);
         now_us
@@ -63,7 +68,7 @@ fn in_time(capture: &Capture) -> Vec<&Sample> {
     samples
 }
 
-/// The beacons as a tag's record lists them.
+/// The beacons as a tag's config record lists them.
 pub(super) fn listed(solver: &Solver) -> Vec<ListedBeacon> {
     let beacons = solver.beacons.iter().map(|beacon| {
         let [x, y] = solver.local(beacon.position_m);
@@ -80,12 +85,12 @@ pub(super) struct Tag<'a> {
     solver: &'a Solver<'a>,
     locator: Box<Locator<'a, MOST_BEACONS>>,
     clock: Clock,
-    /// What it came to believe of beacons, in order.
+    /// The changes of the beacons' health, in order.
     pub(super) news: Vec<HealthChange>,
 }
 
 impl<'a> Tag<'a> {
-    /// Nothing received yet.
+    /// A locator without any received advertisement.
     pub(super) fn new(solver: &'a Solver<'a>, list: &'a dyn BeaconList) -> Self {
         let walls = solver.attenuating();
         let is_bounded = solver.setup.area_m.is_some() || !walls.is_empty();
@@ -98,7 +103,7 @@ impl<'a> Tag<'a> {
         Self { solver, locator: Box::new(Locator::new(settings)), clock: Clock::new(), news: Vec::new() }
     }
 
-    /// Goes through a capture; its position is that of the last window.
+    /// Processes a capture. Returns the position of its last window.
     pub(super) fn follow(&mut self, capture: &Capture) -> Result<Position, NoPosition> {
         if capture.is_stay {
             self.clock.begin_stay();
@@ -117,7 +122,7 @@ impl<'a> Tag<'a> {
         position
     }
 
-    /// Ends the windows until now.
+    /// Ends the windows that end up to `now_us`.
     fn end_windows(&mut self, now_us: u64, position: &mut Result<Position, NoPosition>) {
         for k in 0..=PAUSE {
             let Some(end_us) = self.locator.window_end_us().filter(|end_us| *end_us <= now_us) else { return };
@@ -137,7 +142,8 @@ impl<'a> Tag<'a> {
     }
 }
 
-/// The latest RSSI values of one beacon, smoothed (section 3.4.1.2), and averaged over a window (14).
+/// The latest RSSI values of one beacon, smoothed (section 3.4.1.2 of A. Linde Cerezo's thesis, Universitat Oberta de
+/// Catalunya, 2024), and averaged over a window (equation 14 of the thesis).
 #[derive(Clone, Default)]
 struct Smoothed {
     kalman: Kalman<f32>,
@@ -174,18 +180,18 @@ impl Smoothed {
     }
 }
 
-/// The particle filter, fed with captures; the receiver's offset is learnt on the way.
+/// The particle filter, fed with captures. The receiver's offset is estimated on the way.
 pub(super) struct Particles<'a> {
     solver: &'a Solver<'a>,
     beacons: Vec<Smoothed>,
     filter: Box<ParticleFilter<f32, ON_HOST>>,
-    /// What the receiver reads too loud.
+    /// The estimated offset of the receiver's RSSI values.
     receiver: ReceiverOffset<f32>,
     clock: Clock,
 }
 
 impl<'a> Particles<'a> {
-    /// Nothing received yet.
+    /// A filter without any received advertisement.
     pub(super) fn new(solver: &'a Solver<'a>) -> Self {
         Self {
             solver,
@@ -200,7 +206,7 @@ impl<'a> Particles<'a> {
         Box::new(ParticleFilter::new(particles::Settings::walking(), solver.setup.seed))
     }
 
-    /// Goes through a capture, window by window of those in which something was heard; its position is the last one.
+    /// Processes a capture, window by window, without the windows that received nothing. Returns the last position.
     pub(super) fn follow(&mut self, capture: &Capture) -> Result<Position, NoPosition> {
         if capture.is_stay {
             self.clock.begin_stay();
@@ -225,8 +231,8 @@ impl<'a> Particles<'a> {
             let scan: Vec<Option<f32>> = self.beacons.iter().map(|beacon| beacon.mean(now_us, window_us)).collect();
             position = self.step(now_us, &scan);
         }
-        // Each epoch's time since the first is counted again, so that particles spread far between epochs: by the true times they lose the
-        // tag (three recorded walks: a mean error of 4 m instead of 2.5 m).
+        // The time since the first epoch is added again for each epoch, so that particles spread far between epochs.
+        // With the true times they lose the tag (three recorded walks: a mean error of 4 m instead of 2.5 m).
         self.clock.begin_us = self.clock.microseconds(last_s);
         if let (Ok(found), true) = (&position, self.solver.setup.offset_db > 0.0) {
             self.learn(&capture.samples, found);
@@ -252,7 +258,7 @@ impl<'a> Particles<'a> {
         Ok(self.solver.global(estimate.position, &estimate.covariance, heard.len()))
     }
 
-    /// Learns the receiver's offset where a capture was found to be.
+    /// Estimates the receiver's offset at the position found for a capture.
     fn learn(&mut self, samples: &[Sample], found: &Position) {
         let heard = self.corrected(&means(self.solver.beacons, samples));
         let belief = PosteriorSettings { offset_deviation: self.receiver.deviation(), ..PosteriorSettings::default() };
@@ -261,7 +267,7 @@ impl<'a> Particles<'a> {
         self.receiver.learn(more, variance);
     }
 
-    /// What is heard, as the calibration's receiver would have it, the loudest of it.
+    /// The RSSI values of a scan, corrected for the receiver's offset. If there are too many, the strongest are kept.
     fn corrected(&self, scan: &[Option<f32>]) -> Vec<RssiObservation<f32, 2>> {
         let mut heard = self.solver.heard(scan);
         for one in &mut heard {

@@ -1,8 +1,11 @@
-//! Positions from the RSSI values of beacons whose places and path losses are known: what `baliza ble solve` does.
+//! Positions from the RSSI values of beacons whose positions and path losses are known: the methods of `baliza ble
+//! solve`.
 //!
-//! Captures flow in. A method without memory takes the mean of a capture's RSSI values (14); one with memory goes through it window by
-//! window, and the capture's position is its last one. The method `engine` is the tag's own: its locator receives the advertisements one
-//! by one. All positions are about the middle of the beacons, in `f32`.
+//! The input is captures. A method without memory takes the mean of a capture's RSSI values (equation 14). A method
+//! with memory processes the capture window by window, and the last position is the capture's position. The method
+//! `engine` is the tag's own: its locator receives the advertisements one by one. All positions are relative to the
+//! middle of the beacons, in `f32`. Equation numbers are those of A. Linde Cerezo's thesis (Universitat Oberta de
+//! Catalunya, 2024).
 
 mod follow;
 
@@ -19,30 +22,30 @@ use self::follow::{Particles, Tag, listed};
 use crate::files::beacons::{self as files, Beacon, Capture, Sample, in_order};
 use crate::{Coordinates, NoPosition, Position, Solved};
 
-/// The most beacons that are followed.
+/// The maximum number of beacons.
 pub const MOST_BEACONS: usize = 64;
 
 /// How RSSI values become a position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RssiMethod {
-    /// Weighted linear least squares (6).
+    /// Weighted linear least squares (equation 6).
     WeightedLinear,
     /// Nonlinear least squares in the RSSI values.
     Nonlinear,
-    /// The mean of where the tag may be.
+    /// The posterior mean of the position.
     Posterior,
-    /// The tag's locator: one beacon position a window.
+    /// The tag's locator: one position for each window.
     Engine,
     /// A particle filter over the RSSI values' likelihood, window by window.
     ParticleFilter,
 }
 
 impl RssiMethod {
-    /// All of them.
+    /// All methods.
     pub const ALL: [Self; 5] =
         [Self::WeightedLinear, Self::Nonlinear, Self::Posterior, Self::ParticleFilter, Self::Engine];
 
-    /// Its name.
+    /// The method's name.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::WeightedLinear => "weighted-linear",
@@ -54,18 +57,18 @@ impl RssiMethod {
     }
 }
 
-/// How to solve.
+/// The settings of a solver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setup {
     /// The window of integration, seconds.
     pub window_s: f64,
-    /// The tag's height, metres, where it is known; heights of beacons count only then.
+    /// The tag's height, metres, where it is known. The beacons' heights are used only if it is known.
     pub height_m: Option<f64>,
-    /// Where the tag can be at all: least and greatest x and y, metres.
+    /// The area in which the tag can be: least and greatest x and y, metres.
     pub area_m: Option<[[f64; 2]; 2]>,
-    /// How far the receiver's own offset may be from none, dB.
+    /// The standard deviation of the receiver's own offset, dB.
     pub offset_db: f64,
-    /// What a wall takes of which the file does not know it, dB.
+    /// The attenuation of a wall for which the file gives none, dB.
     pub wall_db: f64,
     /// Seed of the particles' random numbers.
     pub seed: u64,
@@ -76,14 +79,14 @@ pub struct Setup {
 pub struct Solver<'a> {
     pub(super) beacons: &'a [Beacon],
     pub(super) setup: Setup,
-    /// What is zero for the kernels, metres.
+    /// The kernels' origin of coordinates, metres.
     origin: [f64; 2],
-    /// Barriers for particles, and for signals what they take.
+    /// Barriers for particles. For signals, their attenuation counts.
     pub(super) walls: Vec<Wall<f32>>,
 }
 
 impl<'a> Solver<'a> {
-    /// A solver for these beacons, of which the first [`MOST_BEACONS`] count.
+    /// A solver for these beacons. Only the first [`MOST_BEACONS`] are used.
     pub fn new(beacons: &'a [Beacon], walls: &[files::Wall], setup: Setup) -> Self {
         let beacons = beacons.get(..MOST_BEACONS).unwrap_or(beacons);
         let origin = std::array::from_fn(|axis| {
@@ -98,8 +101,8 @@ impl<'a> Solver<'a> {
         solver
     }
 
-    /// The positions of all captures, in their order, and their errors where the truth is known; and what the engine came to believe of
-    /// beacons on the way, which it names by their places in the list.
+    /// The positions of all captures, in their order, with their errors where the true position is known, and the
+    /// changes of the beacons' health that the engine found. The changes name beacons by their indices in the list.
     pub fn solve(&self, kernel: RssiMethod, captures: &[Capture]) -> (Vec<Solved>, Vec<HealthChange>) {
         let offset = self.setup.offset_db as f32;
         let solved = match kernel {
@@ -130,7 +133,7 @@ impl<'a> Solver<'a> {
         (solved, Vec::new())
     }
 
-    /// A kernel without memory over the means of a capture's RSSI values.
+    /// A kernel without memory, applied to the means of a capture's RSSI values.
     fn at_once(
         &self,
         capture: &Capture,
@@ -143,7 +146,7 @@ impl<'a> Solver<'a> {
         Ok(self.global(fix.position, &fix.covariance, fix.used.len()))
     }
 
-    /// A scan with what is known of the beacons.
+    /// A scan, with the known parameters of the beacons.
     pub(super) fn heard(&self, scan: &[Option<f32>]) -> Vec<RssiObservation<f32, 2>> {
         let observation = |(beacon, rssi_dbm): (&Beacon, &Option<f32>)| {
             let (beacon_m, path_loss) = (self.local(beacon.position_m), path_loss(beacon));
@@ -152,12 +155,12 @@ impl<'a> Solver<'a> {
         self.beacons.iter().zip(scan).filter_map(observation).collect()
     }
 
-    /// How far a beacon is above the tag, metres; 0 where that is not known.
+    /// The height of a beacon above the tag, metres; 0 where it is not known.
     pub(super) fn above_m(&self, beacon: &Beacon) -> f32 {
         beacon.height_m.zip(self.setup.height_m).map_or(0.0, |(beacon, tag)| beacon - tag) as f32
     }
 
-    /// The walls, where any takes something from a signal.
+    /// The walls, if at least one attenuates signals; else none.
     pub(super) fn attenuating(&self) -> &[Wall<f32>] {
         if self.walls.iter().any(|wall| wall.attenuation > 0.0) { &self.walls } else { &[] }
     }
@@ -170,9 +173,9 @@ impl<'a> Solver<'a> {
         Constraints { side: Side::Unknown, area }
     }
 
-    /// Where the tag can be: the known area, else among the beacons.
+    /// The area in which the tag can be: the configured area, else the box around the beacons.
     pub(super) fn reach(&self) -> Area<f32, 2> {
-        /// At least so large, metres.
+        /// The least reach of the box from its origin along each axis, metres.
         const LEAST_M: f32 = 0.5;
         self.constraints().area.unwrap_or_else(|| {
             let places = self.beacons.iter().map(|beacon| self.local(beacon.position_m));
@@ -199,7 +202,7 @@ impl<'a> Solver<'a> {
     }
 }
 
-/// The positions of all captures, made in the order of time, in the order of the file.
+/// The positions of all captures. They are computed in the order of time, and returned in the order of the file.
 fn in_turn(captures: &[Capture], mut position: impl FnMut(&Capture) -> Result<Position, NoPosition>) -> Vec<Solved> {
     let mut solved = vec![None; captures.len()];
     for at in in_order(captures) {
@@ -208,7 +211,7 @@ fn in_turn(captures: &[Capture], mut position: impl FnMut(&Capture) -> Result<Po
     solved.into_iter().flatten().collect()
 }
 
-/// Of more RSSI values than a kernel can take, the loudest.
+/// Keeps the strongest RSSI values where there are more than a kernel can take.
 pub(super) fn loudest(heard: &mut Vec<RssiObservation<f32, 2>>) {
     if heard.len() > MAX_ANCHORS {
         heard.sort_by(|a, b| b.rssi_dbm.total_cmp(&a.rssi_dbm));
@@ -216,7 +219,7 @@ pub(super) fn loudest(heard: &mut Vec<RssiObservation<f32, 2>>) {
     }
 }
 
-/// What is known of a beacon's path loss, and the usual for what is not.
+/// The known path loss of a beacon, with usual values where a parameter is not known.
 pub fn path_loss(beacon: &Beacon) -> PathLoss<f32> {
     let usual = PathLoss::default();
     let known = |value: Option<f64>, usual: f32| value.map_or(usual, |value| value as f32);
@@ -227,7 +230,8 @@ pub fn path_loss(beacon: &Beacon) -> PathLoss<f32> {
     }
 }
 
-/// The mean RSSI of every beacon, by the beacons' order, dBm (14); what no receiver can have measured is left out.
+/// The mean RSSI of every beacon, in the order of the beacons, dBm (equation 14). Values that no receiver can have
+/// measured are left out.
 pub fn means(beacons: &[Beacon], samples: &[Sample]) -> Vec<Option<f32>> {
     let mean = |beacon: &Beacon| {
         let of_it = samples.iter().filter(|sample| sample.beacon == beacon.name);

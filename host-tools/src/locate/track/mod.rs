@@ -1,7 +1,9 @@
-//! A recording through the tag's own locator, epoch after epoch in order of time, in the tag's own `f32`: what `baliza track` does.
+//! `baliza track`: sends a recording through the tag's own locator, one epoch after another in the order of time, in
+//! the tag's own `f32`.
 //!
-//! In flow the ranges with their times; what a recording tells of a reception becomes the probability that the link is
-//! without line of sight, by a trained model or by its powers. Out flows the position at the end of every epoch.
+//! The input is the ranges with their times. The diagnostics of a reception give the probability that the link is
+//! without line of sight (p_nlos), by a trained model or by its powers. The output is the position at the end of every
+//! epoch.
 
 use positioning_core::Side;
 use positioning_core::engine::{Dimensions, Range, Settings};
@@ -12,25 +14,27 @@ use positioning_core::{Area, Blocked, Noise};
 use crate::files::{Anchor, Coordinates, Diagnostics, Epoch, Measured};
 use crate::locate::solve::{Half, Height, NoPosition, Position, Setup, Solved, Space, middle_m};
 
-/// Standard deviation of a DW1000 range's noise in line of sight, metres; what else it errs by, the engine knows.
+/// Standard deviation of the noise of a DW1000 range in line of sight, metres. The engine models all other range
+/// errors.
 const DEVIATION_M: f32 = 0.03;
-/// Between epochs of which nobody noted the time, seconds.
+/// The assumed interval between epochs without recorded times, seconds.
 const USUAL_S: f64 = 0.1;
-/// The engine's time of the first epoch, seconds: times a little earlier are still times.
+/// The engine's time of the first epoch, seconds. It is large so that slightly earlier times are not negative.
 const BEGIN_S: f64 = 3600.0;
 
-/// What is made of the powers.
+/// How the powers are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Weighting {
     /// The variance of a range grows with the probability that its link is blocked.
     Weigh,
-    /// Ranges that are rather blocked than not are left out, but four are kept.
+    /// Ranges whose link is more probably blocked than not are left out, but at least four ranges are kept.
     Ignore,
-    /// Nothing: all ranges alike.
+    /// Not at all: all ranges have equal weight.
     Alike,
 }
 
-/// The engine's settings for a recording; `trained` where a classifier tells blocked links, and not the powers alone.
+/// The engine's settings for a recording. `trained`: a trained classifier finds blocked links, and not the powers
+/// alone.
 pub fn settings(setup: &Setup, weighting: Weighting, trained: bool) -> Settings<f32> {
     let dimensions = match setup.space {
         Space::Plane(_) => Dimensions::Plane { height: 0.0 },
@@ -56,14 +60,14 @@ pub struct Tracker<'a> {
     anchors: &'a [Anchor],
     setup: Setup,
     locator: Locator<'a, 0>,
-    /// What is zero for the locator, metres.
+    /// The locator's origin of coordinates, metres.
     origin: [f64; 3],
-    /// The time of the first epoch, and of the last one, seconds.
+    /// The times of the first and of the last epoch, seconds.
     times_s: Option<(f64, f64)>,
 }
 
 impl<'a> Tracker<'a> {
-    /// Beginning with the next epoch; without a model the powers tell blocked links.
+    /// A tracker that begins with the next epoch. Without a model, the powers give the probability of a blocked link.
     pub fn new(anchors: &'a [Anchor], setup: Setup, mut settings: Settings<f32>, model: Option<&'a Model<'a>>) -> Self {
         let origin = middle_m(anchors);
         settings.area = setup.area_m.map(|[least, greatest]| {
@@ -78,7 +82,7 @@ impl<'a> Tracker<'a> {
         Self { anchors, setup, locator, origin, times_s: None }
     }
 
-    /// The position at the end of the next epoch, and its error where the truth is known.
+    /// The position at the end of the next epoch, and its error where the true position is known.
     pub fn follow(&mut self, epoch: &Epoch) -> Solved {
         let outcome = self.position(epoch);
         let error_m = outcome.ok().zip(epoch.truth).map(|(position, truth)| position.place.distance_m(&truth));
@@ -124,7 +128,7 @@ impl<'a> Tracker<'a> {
         });
         let now = epoch.t_s.unwrap_or(last + USUAL_S);
         self.times_s = Some((first, now));
-        // A float too large or negative becomes the largest or least integer.
+        // The conversion saturates: a float that is too large or negative becomes the largest or the least integer.
         ((now - first + BEGIN_S) * 1.0e6) as u64
     }
 

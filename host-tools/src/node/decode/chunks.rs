@@ -1,4 +1,4 @@
-//! A file or a pipe, read so that waiting for it can be given up.
+//! Reads a file or a pipe in a way that lets the caller stop waiting.
 
 use std::fs::File;
 use std::io::{self, ErrorKind, Read};
@@ -10,17 +10,17 @@ use std::time::Duration;
 
 use crate::UserError;
 
-/// Read at once, bytes.
+/// The number of bytes read at once.
 const CHUNK: usize = 1 << 16;
-/// Chunks read ahead.
+/// The number of chunks read ahead.
 const AHEAD: usize = 4;
-/// From one look at the wish to stop to the next.
+/// The interval between two checks whether to stop.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// Opens a stream's file; and its length, bytes.
+/// Opens a stream's file. Returns the file and its length in bytes.
 ///
 /// # Errors
-/// It cannot be opened, or is a folder.
+/// The file cannot be opened, or it is a folder.
 pub fn open_stream(path: &Path) -> Result<(File, u64), UserError> {
     let opened = File::open(path).and_then(|file| file.metadata().map(|metadata| (file, metadata)));
     let (file, metadata) = opened.map_err(|error| UserError::file(path, format!("cannot open it: {error}")))?;
@@ -30,24 +30,24 @@ pub fn open_stream(path: &Path) -> Result<(File, u64), UserError> {
     Ok((file, metadata.len()))
 }
 
-/// What came of waiting for bytes.
+/// The result of waiting for bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Waited {
-    /// Bytes.
+    /// Received bytes.
     Bytes(Vec<u8>),
-    /// None yet.
+    /// No bytes yet.
     Nothing,
-    /// There are no more.
+    /// The stream has ended.
     End,
 }
 
-/// What a reader gives, chunk by chunk.
+/// The bytes of a reader, chunk by chunk.
 pub struct Chunks {
     chunks: Receiver<io::Result<Vec<u8>>>,
 }
 
 impl Chunks {
-    /// Reads in a thread of its own, which lives until the reader ends: a pipe cannot be waited for with a limit.
+    /// Reads in a thread of its own, which lives until the reader ends, because waiting for a pipe has no timeout.
     pub fn new(mut from: impl Read + Send + 'static) -> Self {
         let (to, chunks) = sync_channel(AHEAD);
         thread::spawn(move || {
@@ -63,7 +63,7 @@ impl Chunks {
                     Err(error) => Err(error),
                 };
                 let failed = read.is_err();
-                // Where the receiver is gone nobody wants more.
+                // If the receiver is gone, the thread ends.
                 if to.send(read).is_err() || failed {
                     break;
                 }
@@ -72,10 +72,10 @@ impl Chunks {
         Self { chunks }
     }
 
-    /// The next bytes, waited for so long at most.
+    /// Waits for the next bytes, for `patience` at most.
     ///
     /// # Errors
-    /// The reader's.
+    /// The reader returns an error.
     pub fn wait(&self, patience: Duration) -> io::Result<Waited> {
         match self.chunks.recv_timeout(patience) {
             Ok(chunk) => chunk.map(Waited::Bytes),
@@ -84,10 +84,10 @@ impl Chunks {
         }
     }
 
-    /// The next bytes; `None` at the end, or when `stop` is wished for.
+    /// The next bytes; `None` at the end, or when `stop` is set.
     ///
     /// # Errors
-    /// The reader's.
+    /// The reader returns an error.
     pub fn next(&self, stop: &AtomicBool) -> io::Result<Option<Vec<u8>>> {
         while !stop.load(Ordering::Relaxed) {
             match self.wait(PATIENCE)? {

@@ -1,8 +1,8 @@
-//! A node's telemetry, from the bytes of a stream to messages in one time.
+//! A node's telemetry: from the bytes of a stream to messages on one time line.
 //!
-//! [`Chunks`] reads a file or a pipe; [`Stream`] takes the bytes and gives messages, each with its place in the recording's
-//! [`Timeline`]; [`row`] makes of a message the row of its table, and [`Summary`] tells what came and what was lost. The bytes are those of
-//! `docs/wire-format.md`.
+//! [`Chunks`] reads a file or a pipe. [`Stream`] takes the bytes and returns messages, each with its time in the
+//! recording's [`Timeline`]. [`row`] returns a message's row in its table. [`Summary`] counts what was received and
+//! what was lost. `docs/wire-format.md` specifies the bytes.
 
 mod chunks;
 mod summary;
@@ -14,7 +14,7 @@ pub use timeline::{Stamp, Timeline};
 
 use wire::telemetry::{Decoder, Hello, Message, Table};
 
-/// A stream, as it is read: the one decoder of telemetry for all commands.
+/// A telemetry stream that is being read. All commands use this decoder.
 #[derive(Clone, Debug, Default)]
 pub struct Stream {
     decoder: Decoder,
@@ -22,11 +22,11 @@ pub struct Stream {
     seen: Seen,
 }
 
-/// What came, beside what the decoder and the timeline count.
+/// Counts in addition to those of the decoder and the timeline.
 #[derive(Clone, Copy, Debug, Default)]
 struct Seen {
     bytes: u64,
-    /// Messages, in the order of [`Message::KINDS`].
+    /// The number of messages of each kind, in the order of [`Message::KINDS`].
     kinds: [u64; Message::KINDS.len()],
     positions: u64,
     telemetry_dropped: Option<u32>,
@@ -36,38 +36,38 @@ struct Seen {
 }
 
 impl Stream {
-    /// Takes the next byte; a message where one is whole with it.
+    /// Takes the next byte. Returns a message where the byte completes one.
     pub fn feed(&mut self, byte: u8) -> Option<(Stamp, Message)> {
         self.seen.bytes += 1;
-        // What is malformed is counted by the decoder.
+        // The decoder counts malformed frames.
         let message = self.decoder.feed(byte)?.ok()?;
         let stamp = self.timeline.place(&message);
         self.seen.message(&message, stamp);
         Some((stamp, message))
     }
 
-    /// Bytes are missing from here on: a connection was lost.
+    /// The connection was lost: bytes are missing from here on.
     pub fn interrupted(&mut self) {
         self.decoder.interrupted();
     }
 
-    /// The node has restarted: the source saw it.
+    /// The source has seen a restart of the node.
     pub fn restarted(&mut self) {
         self.decoder.interrupted();
         self.timeline.restart();
     }
 
-    /// How many times the node started anew.
+    /// The number of restarts of the node.
     pub fn restarts(&self) -> u64 {
         self.timeline.restarts()
     }
 
-    /// What became of the bytes so far.
+    /// The decoder's counts so far.
     pub fn counts(&self) -> &wire::telemetry::Counts {
         self.decoder.counts()
     }
 
-    /// What came so far.
+    /// The summary so far.
     pub fn summary(&self) -> Summary {
         Summary::of(&self.seen, &self.timeline, self.decoder.counts(), self.decoder.pending())
     }
@@ -92,7 +92,7 @@ impl Seen {
     }
 }
 
-/// The table that a message is a row of, and the row; `None` where it is in none.
+/// The table of a message, and the message's row in it; `None` where the message is in no table.
 pub fn row(stamp: Stamp, message: &Message) -> Option<(Table, Vec<String>)> {
     let (table, fields) = message.row()?;
     let start = [stamp.epoch.to_string(), format!("{:.6}", stamp.t_s)];

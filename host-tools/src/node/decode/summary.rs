@@ -1,4 +1,4 @@
-//! What came through a stream and what was lost, for people and for programs.
+//! A summary of what was received in a stream and what was lost, for people and for programs.
 
 use std::fmt::Write as _;
 
@@ -7,20 +7,20 @@ use wire::telemetry::{Body, Counts, Hello, Message};
 
 use super::{Seen, Timeline};
 
-/// What came through a stream.
+/// What was received in a stream, and what was lost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
-    /// All bytes.
+    /// The number of bytes.
     pub bytes: u64,
-    /// Messages by their kind.
+    /// The number of messages, by their kind.
     pub frames: Frames,
     /// Fixes with a position.
     pub positions: u64,
-    /// Frames that did not come whole, by what is wrong with them.
+    /// Incomplete or damaged frames, by the kind of error.
     pub malformed: Malformed,
-    /// Whole frames that this build cannot read.
+    /// Complete frames that this build cannot decode.
     pub newer: Newer,
-    /// How many times the stream began in the middle of a frame.
+    /// How many times the stream began within a frame.
     pub torn_at_start: u64,
     /// Bytes of frames that were malformed or torn at the start.
     pub lost_bytes: u64,
@@ -28,21 +28,21 @@ pub struct Summary {
     pub unfinished_bytes: u64,
     /// Chunks that are no telemetry: `defmt` frames and text.
     pub foreign: u64,
-    /// Their bytes.
+    /// The bytes of those chunks.
     pub foreign_bytes: u64,
-    /// How many times rounds are missing between two that came.
+    /// How many times rounds are missing between two received rounds.
     pub gaps: u64,
-    /// How many rounds.
+    /// The number of missing rounds.
     pub rounds_missed: u64,
-    /// How many times the node started anew.
+    /// The number of restarts of the node.
     pub restarts: u64,
-    /// Frames that the node dropped because its channel was full, as it told last.
+    /// Frames that the node dropped because its channel was full, as last reported.
     pub telemetry_dropped: Option<u32>,
-    /// Time of the first message; it runs on across restarts.
+    /// Time of the first message, seconds. The time line continues across restarts.
     pub first_t_s: Option<f64>,
-    /// Time of the last message.
+    /// Time of the last message, seconds.
     pub last_t_s: Option<f64>,
-    /// Who spoke, as it told last.
+    /// The node's last `Hello`.
     #[serde(serialize_with = "node")]
     pub node: Option<Hello>,
 }
@@ -50,9 +50,9 @@ pub struct Summary {
 /// Messages by their kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frames {
-    /// All.
+    /// All messages.
     pub total: u64,
-    /// Those of each kind, in the order of [`Message::KINDS`].
+    /// Messages of each kind, in the order of [`Message::KINDS`].
     pub kinds: [u64; Message::KINDS.len()],
 }
 
@@ -68,7 +68,7 @@ impl Serialize for Frames {
     }
 }
 
-/// Frames that did not come whole, as [`wire::telemetry::DecodeError`] calls them.
+/// Incomplete or damaged frames, by the names of [`wire::telemetry::DecodeError`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[allow(missing_docs, reason = "they are called as wire::telemetry::Counts calls them")]
 pub struct Malformed {
@@ -79,12 +79,12 @@ pub struct Malformed {
     pub body: u64,
 }
 
-/// Whole frames that this build cannot read.
+/// Complete frames that this build cannot decode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Newer {
     /// Of another schema.
     pub schema: u64,
-    /// Of this schema, but with a message or a value that is not known.
+    /// Of this schema, but with an unknown message or an unknown value.
     pub unknown: u64,
 }
 
@@ -118,7 +118,7 @@ impl Summary {
         }
     }
 
-    /// For reading: what came, then a line for each thing that is not as it should be.
+    /// The summary as text: what was received, then one line for each kind of error.
     pub fn told(&self) -> String {
         let mut text = format!("{} frames in {} bytes", self.frames.total, self.bytes);
         let mut separator = ": ";
@@ -159,7 +159,7 @@ impl Summary {
     }
 }
 
-/// Who spoke, with the keys of its message.
+/// Serializes the node's last `Hello`, with the keys of that message.
 fn node<S: Serializer>(hello: &Option<Hello>, serializer: S) -> Result<S::Ok, S::Error> {
     hello.map(|hello| hello.json()).serialize(serializer)
 }

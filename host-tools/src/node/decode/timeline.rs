@@ -1,31 +1,32 @@
-//! One time and one numbering of rounds for a whole recording: a node's clock starts anew when it restarts, and its rounds wrap.
+//! One time line and one numbering of rounds for a whole recording, although a node's clock begins anew at a restart,
+//! and its round numbers wrap.
 
 use wire::telemetry::Message;
 
-/// Messages of several tasks may pass each other by less than this, microseconds.
+/// Messages of several tasks may be out of order by less than this, microseconds.
 const SLACK_US: u64 = 1_000_000;
-/// A round that lies further back than this, or ahead by more than half of all numbers, begins a new count.
+/// A round farther back than this begins a new count, as does a round that is ahead by more than half of all numbers.
 const LATE: u16 = 8;
 
-/// Where a message stands in its recording.
+/// The time and the round of a message in its recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stamp {
-    /// Seconds; runs on across restarts of the node.
+    /// Seconds. The time continues across restarts of the node.
     pub t_s: f64,
-    /// The round that it belongs to, or the last one before it: unlike the node's number it never comes again.
+    /// The round of the message, or else the last round before it. Unlike the node's round number, it does not wrap.
     pub epoch: u64,
 }
 
-/// Places messages in time.
+/// Assigns times and rounds to messages.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Timeline {
     /// The time at which the node's clock was zero, microseconds.
     zero_us: u64,
-    /// The latest time of this run of the node, by its clock.
+    /// The latest time since the node's last restart, by its clock.
     latest_us: Option<u64>,
-    /// The latest round, by the node's number and by ours.
+    /// The latest round: the node's number and the recording's number.
     round: Option<(u16, u64)>,
-    /// The node has restarted since.
+    /// The node has restarted since the latest round.
     new_run: bool,
     restarts: u64,
     gaps: u64,
@@ -33,7 +34,7 @@ pub struct Timeline {
 }
 
 impl Timeline {
-    /// The place of the next message.
+    /// The time and the round of the next message.
     pub fn place(&mut self, message: &Message) -> Stamp {
         let t_us = message.t_us();
         if let Some(latest_us) = self.latest_us {
@@ -76,12 +77,12 @@ impl Timeline {
         epoch
     }
 
-    /// How many times the node started anew.
+    /// The number of restarts of the node.
     pub fn restarts(&self) -> u64 {
         self.restarts
     }
 
-    /// How many times rounds are missing between two that came, and how many rounds.
+    /// How many times rounds are missing between two received rounds, and the number of missing rounds.
     pub fn gaps(&self) -> (u64, u64) {
         (self.gaps, self.rounds_missed)
     }
@@ -117,7 +118,7 @@ mod tests {
 
     #[test]
     fn rounds_that_are_missing_are_counted_and_late_ones_keep_their_number() {
-        // 11 and 12 are missing; 12 comes late; 20 leaves out 14 to 19.
+        // Rounds 11 and 12 are missing; 12 arrives late; 14 to 19 are missing before 20.
         let (timeline, stamps) = places(&[fix(0, 10), fix(1, 13), fix(2, 12), fix(3, 13), fix(4, 20)]);
         assert_eq!(stamps.iter().map(|stamp| stamp.1).collect::<Vec<_>>(), [10, 13, 12, 13, 20]);
         assert_eq!(timeline.gaps(), (2, 8));
@@ -135,7 +136,7 @@ mod tests {
         let (timeline, stamps) = places(&[fix(5_000_000, 7), fix(300_000, 9)]);
         assert_eq!(stamps, [(5.0, 7), (5.3, 8)]);
         assert_eq!((timeline.gaps(), timeline.restarts()), ((0, 0), 1));
-        // A task that was overtaken is none, nor is the first report.
+        // An overtaken message of another task is not a restart, and neither is the first reset report.
         let (timeline, _) = places(&[reset(900), fix(5_000_000, 7), fix(4_999_000, 8)]);
         assert_eq!(timeline.restarts(), 0);
     }

@@ -1,28 +1,29 @@
-//! A serial line's mixture: frames of defmt, `FF 00 <rzcobs> 00` as espflash has them, between frames of telemetry, `<COBS> 00`,
-//! and the text of a boot loader. Bytes in, channels out.
+//! Separates the mixture on a serial line: frames of defmt, `FF 00 <rzcobs> 00` as espflash expects them, frames of
+//! telemetry, `<COBS> 00`, and the text of a boot loader. The input is bytes, the output is events of the channels.
 //!
-//! Zeros part the mixture, whatever it is. A piece that is exactly `FF` announces a frame of defmt: it is no frame of
-//! telemetry, since COBS would have 254 bytes follow. Where a piece was torn and `FF` stands at its end, it announces as well,
-//! unless the whole piece is a valid frame. So whatever is lost, the second frame after it is right again.
+//! Zeros separate the pieces of the mixture. A piece that is exactly `FF` announces a frame of defmt. It cannot be a
+//! frame of telemetry, because in COBS 254 bytes would follow `FF`. A damaged piece with `FF` at its end also announces
+//! a frame of defmt, unless the whole piece is a valid frame of telemetry. So the second frame after any loss is
+//! decoded correctly again.
 
 use super::source::{Channel, Event};
 use wire::telemetry::DecodeError;
 
-/// Longer than any frame: what has no zero for so long is none.
+/// Longer than any frame. A piece without a zero within this number of bytes is not a frame.
 const MAX_PIECE: usize = 4096;
-/// Announces a frame of defmt, with a zero behind it.
+/// Announces a frame of defmt; a zero follows it.
 const ANNOUNCEMENT: u8 = 0xFF;
 
-/// Parts a mixture.
+/// Separates a mixture.
 #[derive(Default)]
 pub struct Demux {
     piece: Vec<u8>,
-    /// The next piece is defmt's.
+    /// The next piece is a frame of defmt.
     announced: bool,
 }
 
 impl Demux {
-    /// Takes bytes, gives what became whole by them.
+    /// Takes bytes. Returns the events that they complete.
     pub fn feed(&mut self, bytes: &[u8]) -> Vec<Event> {
         let mut events = Vec::new();
         for &byte in bytes {
@@ -32,7 +33,7 @@ impl Demux {
                 _ => self.piece.push(byte),
             }
             if self.piece.len() >= MAX_PIECE {
-                // For telemetry's decoder to count.
+                // The decoder of telemetry counts this piece.
                 push(&mut events, Channel::Telemetry, &std::mem::take(&mut self.piece));
                 self.announced = false;
             }
@@ -40,7 +41,7 @@ impl Demux {
         events
     }
 
-    /// What is left when nothing comes any more, for the decoders to count.
+    /// Returns the rest when no more bytes come. The decoders count it.
     pub fn finish(&mut self) -> Vec<Event> {
         let mut events = Vec::new();
         let channel = if self.announced { Channel::Log } else { Channel::Telemetry };
@@ -68,8 +69,8 @@ impl Demux {
         push(events, channel, &piece);
     }
 
-    /// Whether the piece can only be text. A frame of telemetry has its schema, 1, as the second byte, which is no text; its
-    /// first byte may be anything, a line's end too.
+    /// Whether the piece can only be text. The second byte of a frame of telemetry is its schema, 1, which is not text.
+    /// The first byte of a frame may have any value, also that of a line end.
     fn is_text(&self) -> bool {
         let text = |byte: &u8| byte.is_ascii_graphic() || byte.is_ascii_whitespace();
         !self.announced && !self.piece.is_empty() && self.piece.iter().all(text)
@@ -83,12 +84,12 @@ impl Demux {
     }
 }
 
-/// Whole, though perhaps of a newer node.
+/// Whether the piece is a complete frame of telemetry, perhaps from a newer node.
 fn is_telemetry(piece: &[u8]) -> bool {
     matches!(wire::telemetry::decode(piece), Ok(_) | Err(DecodeError::Schema(_) | DecodeError::Unknown))
 }
 
-/// Joined to the last event where it is the same channel's.
+/// Adds a piece. It is appended to the last event where that has the same channel.
 fn push(events: &mut Vec<Event>, channel: Channel, piece: &[u8]) {
     if piece.is_empty() {
         return;
@@ -108,7 +109,7 @@ mod tests {
     use super::super::testing::{BUILD, fix, frame, hello, told};
     use super::Demux;
 
-    /// Log, telemetry and text of a mixture, fed in pieces of a size.
+    /// Log, telemetry and text of a mixture that is fed in pieces of `size` bytes.
     fn parted(mixture: &[u8], size: usize) -> (Vec<u8>, Vec<u8>, Vec<String>) {
         let mut demux = Demux::default();
         let mut events: Vec<_> = mixture.chunks(size).flat_map(|piece| demux.feed(piece)).collect();
@@ -125,7 +126,7 @@ mod tests {
         (log, telemetry, text)
     }
 
-    /// As espflash expects it.
+    /// A frame of defmt as espflash expects it.
     fn announced(frame: &[u8]) -> Vec<u8> {
         [&[0xFF, 0], frame].concat()
     }
@@ -133,7 +134,7 @@ mod tests {
     #[test]
     fn channels_part_whatever_the_pieces() {
         let (line, greeting, place) = (frame(1, 5, &[1]), told(&hello(4, BUILD)), told(&fix(6, 3.21)));
-        // The first frame of defmt begins with a zero of its own.
+        // The first frame of defmt begins with an extra zero.
         let first = announced(&[&[0], &line[..]].concat());
         let mixture = [&first[..], &greeting, &announced(&line), &announced(&line), &place].concat();
         for size in [1, 2, 7, 1000] {
@@ -163,7 +164,8 @@ mod tests {
 
     #[test]
     fn a_frame_that_begins_like_a_line_end_is_a_frame() {
-        // COBS begins with the distance to the first zero, here ten: a line feed. 0.1 mm · 0 makes the zeros.
+        // COBS begins with the distance to the first zero, here ten, which is also a line feed. The field 0.1 mm · 0
+        // gives the zeros.
         let of_distance = |distance: u8| {
             (0..1 << 20).step_by(9973).map(|t_us| told(&fix(t_us, 0.0))).find(|frame| frame.first() == Some(&distance))
         };
@@ -188,7 +190,8 @@ mod tests {
             }
         }
         let (log, telemetry, text) = parted(&flipped, 64);
-        // Of 300 each, of some 8, 40 and 5 bytes: one in twelve, three and twenty is hit, and as many follow one that is.
+        // 300 frames of each kind, of about 8, 40 and 5 bytes: one in twelve, one in three and one in twenty is
+        // damaged. The frame after a damaged frame may be lost too.
         let frames = telemetry.split(|byte| *byte == 0).filter(|frame| wire::telemetry::decode(frame).is_ok()).count();
         let lines = log.split(|byte| *byte == 0).filter(|line| [*line, &[0]].concat() == frame(1, 5, &[1])).count();
         let text = text.iter().filter(|line| *line == "text").count();

@@ -1,8 +1,8 @@
-//! Judges a frame of defmt before `defmt-decoder` sees it.
+//! Checks a frame of defmt before `defmt-decoder` decodes it.
 //!
-//! The decoder believes the numbers within a frame: a length of four thousand million in a frame that a torn line has spoiled
-//! has it ask for 170 GB, which ends the program; frames within frames have it recurse. So the frame is walked first, as its
-//! format strings say, and one whose numbers do not fit its bytes is malformed.
+//! The decoder does not check the numbers in a frame. In a damaged frame, a length of 4 000 000 000 makes it request
+//! 170 GB of memory, which ends the program, and nested frames make it recurse. So this module first walks through the
+//! frame along its format strings. A frame whose numbers do not fit its bytes is malformed.
 
 use std::collections::BTreeMap;
 
@@ -10,17 +10,17 @@ use defmt_parser::{Fragment, ParserMode, Type, get_max_bitfield_range};
 use object::{Object, ObjectSection, ObjectSymbol};
 use serde::Deserialize;
 
-/// Formats within formats; ours nest five deep.
+/// The maximum depth of nested formats. The formats of this project have a depth of five.
 const MAX_DEPTH: usize = 24;
 
-/// The format strings of an image, by the number that stands for them.
+/// The format strings of an image, by their numbers in frames.
 #[derive(Default)]
 pub(super) struct Formats {
     timestamp: Option<String>,
     formats: BTreeMap<u16, String>,
 }
 
-/// The name of a symbol of defmt's.
+/// The name of a symbol of defmt.
 #[derive(Deserialize)]
 struct Symbol {
     tag: String,
@@ -28,7 +28,7 @@ struct Symbol {
 }
 
 impl Formats {
-    /// As `defmt-decoder` finds them: the symbols of defmt's sections, whose names are JSON.
+    /// Finds the formats as `defmt-decoder` does: from the symbols in defmt's sections, whose names are JSON.
     pub(super) fn of(elf: &object::File<'_>) -> Self {
         let mut found = Self::default();
         let ours = |name: &str| name == ".defmt" || name.starts_with(".defmt.");
@@ -44,7 +44,7 @@ impl Formats {
                 // A value, not a format.
                 ("defmt_bitflags_value", _) => {}
                 (_, Ok(number)) => _ = found.formats.insert(number, data),
-                // Frames cannot name it.
+                // Frames cannot refer to this symbol.
                 (_, Err(_)) => {}
             }
         }
@@ -60,7 +60,8 @@ impl Formats {
 
 struct Walk<'a> {
     formats: &'a Formats,
-    /// Elements that a slice may have: as many as the frame has bytes, though some take none.
+    /// The maximum number of elements of a slice: the number of bytes of the frame, although some elements take no
+    /// bytes.
     most: usize,
     rest: &'a [u8],
 }
@@ -118,7 +119,7 @@ impl<'a> Walk<'a> {
         }
         for same in parameters.values() {
             match &same.first()?.ty {
-                // Several of one argument travel once, from the first byte needed to the last.
+                // Several bit fields of one argument are sent once, from the first byte needed to the last.
                 Type::BitField(_) if same.iter().all(|parameter| matches!(parameter.ty, Type::BitField(_))) => {
                     let (begin, end) = get_max_bitfield_range(same.iter())?;
                     let bytes = usize::from(end.checked_sub(1)? / 8).checked_sub(usize::from(begin / 8))? + 1;

@@ -1,4 +1,4 @@
-//! An image's ELF file: its build, where its RTT block lies, and what its log needs to be read.
+//! An image's ELF file: its build, the address of its RTT control block, and the table for its log.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -11,10 +11,10 @@ use object::{Object, ObjectSection, ObjectSegment, ObjectSymbol, SegmentFlags};
 use super::formats::Formats;
 use crate::UserError;
 
-/// Where an image keeps its build.
+/// The section in which an image has its build.
 const BUILD_SECTION: &str = ".baliza.build";
 
-/// Which build an image is.
+/// The build of an image.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Build(pub [u8; 8]);
 
@@ -30,31 +30,31 @@ impl fmt::Debug for Build {
     }
 }
 
-/// What a log line's place is, in the sources.
+/// The source location of a log line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SourceLocation {
-    /// The file, as the compiler was given it.
+    /// The file, as the compiler received it.
     pub file: String,
     /// The line, from 1.
     pub line: u64,
 }
 
-/// By what an image is known in a chip.
+/// The features by which a chip's memory is compared with an image.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Marks {
-    /// Where its RTT control block is.
+    /// The address of its RTT control block.
     pub rtt: Option<u64>,
-    /// Some of its code and constants, by their addresses; its build among them where it lies in one piece.
+    /// Samples of its code and constants, by their addresses. Its build is among them where its bytes are contiguous.
     pub flash: Vec<(u64, Vec<u8>)>,
 }
 
-/// What is needed of an ELF file.
+/// The data of an ELF file that the monitor needs.
 pub struct Image {
     /// The file, as the user named it.
     pub file: PathBuf,
-    /// Its build; `None`: it is none of ours.
+    /// Its build; `None`: the image is not from this project.
     pub build: Option<Build>,
-    /// What to look for in the chip.
+    /// The features to compare with the chip.
     pub marks: Marks,
     pub(super) table: Table,
     pub(super) formats: Formats,
@@ -65,7 +65,7 @@ impl Image {
     /// Reads an ELF file.
     ///
     /// # Errors
-    /// It cannot be read, is no ELF file, or has no log that can be read.
+    /// The file cannot be read, is not an ELF file, or has no log that can be read.
     pub fn read(file: &Path) -> Result<Self, UserError> {
         let bytes = fs::read(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))?;
         Self::parse(file, &bytes).map_err(|what| UserError::file(file, what))
@@ -87,7 +87,7 @@ impl Image {
         let build = build.and_then(|section| section.data().ok()?.first_chunk().copied()).map(Build);
         let rtt = elf.symbols().find(|symbol| symbol.name() == Ok("_SEGGER_RTT")).map(|symbol| symbol.address());
         let marks = Marks { rtt, flash: flash(&elf, build) };
-        // A stripped file has none; its log is as readable without.
+        // A stripped file has no locations. Its log can be read without them.
         let places = table.get_locations(bytes).unwrap_or_default();
         let places = places.into_iter().map(|(index, location)| {
             (index, SourceLocation { file: location.file.to_string_lossy().into_owned(), line: location.line })
@@ -96,13 +96,13 @@ impl Image {
     }
 }
 
-/// A window of each flash segment every so many bytes, and the build wherever it stands.
+/// Windows at equal intervals in each flash segment, and the build wherever it is.
 fn flash(elf: &object::File<'_>, build: Option<Build>) -> Vec<(u64, Vec<u8>)> {
     const WINDOW: usize = 64;
     const WINDOWS: usize = 8;
     let mut marks = Vec::new();
     for segment in elf.segments() {
-        // What may be written to does not stay as it is in the file.
+        // The contents of a writable segment do not stay as in the file.
         let writable = matches!(segment.flags(), SegmentFlags::Elf { p_flags } if p_flags & object::elf::PF_W != 0);
         let Ok(data) = segment.data() else { continue };
         if writable || data.is_empty() {
@@ -156,7 +156,8 @@ mod tests {
         assert!(refused(&without.write().expect("an ELF file")).starts_with("it has no defmt table"));
     }
 
-    /// An executable for a 32-bit little-endian machine: a header, and a program header for each segment (address, flags, bytes).
+    /// An executable for a 32-bit little-endian machine: a header, and a program header for each segment (address,
+    /// flags, bytes).
     fn executable(segments: &[(u32, u32, &[u8])]) -> Vec<u8> {
         let mut elf = b"\x7FELF\x01\x01\x01\0\0\0\0\0\0\0\0\0".to_vec();
         let half = |elf: &mut Vec<u8>, values: &[u16]| values.iter().for_each(|value| elf.extend(value.to_le_bytes()));
@@ -179,11 +180,11 @@ mod tests {
     fn marks_are_of_what_the_chip_cannot_change() {
         let mut code = vec![0x11; 1000];
         code[500..508].copy_from_slice(&BUILD);
-        // Readable and executable; readable and writable.
+        // One segment is readable and executable, the other readable and writable.
         let bytes = executable(&[(0x1000, 5, &code), (0x2000_0000, 6, &BUILD)]);
         let elf = object::File::parse(&bytes[..]).expect("an ELF file");
         let marks = flash(&elf, Some(Build(BUILD)));
-        // 1000 bytes, a window of 64 every 125; then the build.
+        // 1000 bytes have a window of 64 bytes every 125 bytes. The build follows.
         let expected: Vec<(u64, usize)> =
             (0..8).map(|window| (0x1000 + 125 * window, 64)).chain([(0x1000 + 500, 8)]).collect();
         assert_eq!(marks.iter().map(|(address, bytes)| (*address, bytes.len())).collect::<Vec<_>>(), expected);

@@ -1,14 +1,14 @@
-//! What a node says as one object of JSON: messages as `decode` writes them, and the log beside.
+//! The output of a node as JSON: messages in the format of `decode`, and the log's lines.
 
 use serde::Serialize;
 
 use super::session::Said;
 
-/// What a node said as one line of JSON, without the line's end. Its `type` is a message's kind, or `log`, `text` (a boot loader's
-/// line) or `unreadable` (the log cannot be read from here on).
+/// One item of a node's output as one line of JSON, without the line end. Its `type` is the message's kind, or `log`,
+/// `text` (a line of the boot loader) or `unreadable` (the log cannot be read from here on).
 ///
 /// # Errors
-/// The serializer's.
+/// The serializer returns an error.
 pub fn json(said: &Said) -> serde_json::Result<Vec<u8>> {
     let object = match said {
         Said::Message(_, message) => return serde_json::to_vec(&message.json()),

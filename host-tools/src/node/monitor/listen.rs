@@ -1,4 +1,4 @@
-//! The loop: from a source through a session to whoever listens, until an end that the user has set, or Ctrl-C.
+//! The main loop: from a source through a session to a listener, until a limit that the user has set, or Ctrl-C.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -9,40 +9,40 @@ use wire::telemetry::Message;
 use super::session::{Counts, Said, Session};
 use super::source::{Event, Source};
 
-/// When listening ends, beside the source's own end.
+/// The limits at which listening ends, besides the end of the source.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Limits {
-    /// After so long.
+    /// The maximum time.
     pub time: Option<Duration>,
-    /// After so many positions.
+    /// The maximum number of positions.
     pub fixes: Option<u64>,
 }
 
-/// Whoever listens.
+/// The receiver of the node's output.
 pub trait Listener {
-    /// What the node says, in the order of its arrival. `false`: enough.
+    /// Takes the node's output, in the order of its arrival. `false` ends the listening.
     ///
     /// # Errors
-    /// It cannot be written.
+    /// The output cannot be written.
     fn said(&mut self, said: &Said) -> Result<bool>;
 
-    /// A sentence beside the data.
+    /// Takes a message for the user, which is not part of the data.
     fn note(&mut self, note: &str);
 
-    /// How it stands, several times a second; time to let go of what is held back. `false`: enough.
+    /// Takes the current status, several times a second, and may write out held data. `false` ends the listening.
     ///
     /// # Errors
-    /// It cannot be written.
+    /// The output cannot be written.
     fn status(&mut self, session: &Session, elapsed: Duration) -> Result<bool>;
 }
 
-/// A source is asked for no longer than this, so that a log that waits is not late.
+/// The maximum wait for a source, so that waiting log lines are not late.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// Listens.
+/// Listens to a source.
 ///
 /// # Errors
-/// The source's and the listener's; what had come is said before.
+/// The source or the listener returns an error. All data received before is passed to the listener first.
 pub fn listen(
     source: &mut dyn Source,
     session: &mut Session,
@@ -76,7 +76,7 @@ pub fn listen(
                 return Ok(session.counts());
             }
         }
-        // What ended the wait for the node's build.
+        // The notes about the end of the wait for the node's build.
         while let Some(note) = session.note() {
             listener.note(&note);
         }

@@ -1,4 +1,4 @@
-//! The log: frames of defmt in, lines of text out, and what could not be read is counted.
+//! The log: decodes frames of defmt to lines of text, and counts the frames that cannot be read.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -13,29 +13,29 @@ const MAX_FRAME: usize = 4096;
 /// A line of the log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LogLine {
-    /// Since the node started, microseconds; `None`: the image stamps no times.
+    /// The time since the node started, microseconds; `None`: the image has no time stamps.
     pub t_us: Option<u64>,
-    /// `None`: printed without a level.
+    /// The level; `None`: printed without a level.
     pub level: Option<Level>,
-    /// What it says.
+    /// The text.
     pub text: String,
-    /// Where in the sources it is said, as far as the ELF file knows.
+    /// The source location, where the ELF file has it.
     pub place: Option<SourceLocation>,
-    /// Telemetry has it as well.
+    /// Whether telemetry has the same content.
     pub is_in_telemetry: bool,
 }
 
-/// Cuts the stream of defmt into frames, without a table.
+/// Splits the stream of defmt into frames, without a table.
 #[derive(Default)]
 pub struct Frames {
     frame: Vec<u8>,
-    /// The frame has become too long, and is passed over up to its end.
+    /// The current frame is too long. It is skipped up to its end.
     overlong: bool,
     malformed: u64,
 }
 
 impl Frames {
-    /// Takes bytes, gives the frames that became whole, each without its zero.
+    /// Takes bytes. Returns the completed frames, each without its zero.
     pub fn feed(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
         let mut whole = Vec::new();
         for &byte in bytes {
@@ -56,7 +56,7 @@ impl Frames {
         whole
     }
 
-    /// The beginning of a frame will not be ended: the connection was lost, or the stream has ended.
+    /// Drops an unfinished frame: the connection was lost, or the stream has ended.
     pub fn cut(&mut self) {
         if !self.frame.is_empty() {
             self.malformed += 1;
@@ -65,20 +65,21 @@ impl Frames {
         self.overlong = false;
     }
 
-    /// Frames that were none, by their length or because they were cut off.
+    /// The number of frames that were too long or cut off.
     pub fn malformed(&self) -> u64 {
         self.malformed
     }
 }
 
-/// Reads a frame by the table of an image; `None`: it is malformed.
+/// Decodes a frame by the table of an image; `None`: the frame is malformed.
 pub fn read(image: &Image, frame: &[u8]) -> Option<LogLine> {
     let plain = rzcobs::decode(frame).ok()?;
     if !image.formats.fit(&plain) {
         return None;
     }
     let (frame, _) = image.table.decode(&plain).ok()?;
-    // A time that no calendar holds, and the like: the decoder takes the program's own word for what it prints.
+    // The decoder panics on some values, for example on a time outside the calendar, because it does not check the
+    // values that it prints.
     let shown = catch_unwind(AssertUnwindSafe(|| {
         (frame.display_timestamp().map(|time| time.to_string()), frame.display_message().to_string())
     }));
@@ -95,7 +96,8 @@ pub fn read(image: &Image, frame: &[u8]) -> Option<LogLine> {
     })
 }
 
-/// What `{=u64:us}` prints, as a number again: seconds and six digits. The decoder gives it no other way.
+/// The inverse of `{=u64:us}`: its output, seconds with six digits, as a number of microseconds. The decoder returns
+/// the time only as text.
 fn microseconds(time: &str) -> Option<u64> {
     let (seconds, micros) = time.split_once('.')?;
     if micros.len() != 6 {
@@ -120,10 +122,10 @@ mod tests {
         Image::parse(Path::new("image"), &elf(Some(BUILD))).expect("an image")
     }
 
-    /// Time, level and text; `None`: malformed.
+    /// Time, level and text; `None`: the frame is malformed.
     type Line = Option<(Option<u64>, Option<Level>, String)>;
 
-    /// What a stream of whole frames says.
+    /// The lines of a stream of complete frames.
     fn lines(bytes: &[u8]) -> Vec<Line> {
         let image = image();
         let frames = Frames::default().feed(bytes);
@@ -137,10 +139,11 @@ mod tests {
 
     #[test]
     fn a_frame_written_by_hand() {
-        // Statement 1, 1 500 000 µs = 0x16E360, argument 42: 01 00 60 E3 16 00 00 00 00 00 2A. rzCOBS writes a group of seven
-        // bytes as those of it that are no zeros, then a byte with a bit for each, set for a zero, the first byte's the lowest:
-        // 01 00 60 E3 16 00 00 → 01 60 E3 16, zeros at 1, 5 and 6: 0110 0010 = 62; 00 00 00 2A → 2A, zeros at 0, 1 and 2, and
-        // the three that are missing count as zeros: 0111 0111 = 77.
+        // Statement 1, 1 500 000 µs = 0x16E360, argument 42: 01 00 60 E3 16 00 00 00 00 00 2A. rzCOBS writes a group of
+        // seven bytes as its nonzero bytes, followed by one byte with a bit for each byte of the group. A bit is set
+        // for a zero, and the lowest bit is for the first byte: 01 00 60 E3 16 00 00 → 01 60 E3 16, zeros at 1, 5 and
+        // 6: 0110 0010 = 62. 00 00 00 2A → 2A, zeros at 0, 1 and 2, and the three missing bytes count as zeros: 0111
+        // 0111 = 77.
         let by_hand = [0x01, 0x60, 0xE3, 0x16, 0x62, 0x2A, 0x77, 0x00];
         assert_eq!(lines(&by_hand), [Some((Some(1_500_000), Some(Level::Info), "hello 42".into()))]);
         assert_eq!(frame(1, 1_500_000, &[42]), by_hand);
@@ -149,9 +152,9 @@ mod tests {
     #[test]
     fn arguments_of_all_kinds() {
         assert_eq!(text(&frame(2, 0, b"\x03\0\0\0tag\x01")), Some("tag is true".into()));
-        // Two elements, printed by statement 5: 1 and 256.
+        // Two elements, 1 and 256, printed by statement 5.
         assert_eq!(text(&frame(3, 0, &[2, 0, 0, 0, 5, 0, 1, 0, 0, 1])), Some("values [1, 256]".into()));
-        // An enumeration's first variant, which holds a u16; its second.
+        // The first variant of an enumeration, which holds a u16, and the second variant.
         assert_eq!(text(&frame(4, 0, &[6, 0, 0, 5, 0, 9, 0])), Some("Some(9)".into()));
         assert_eq!(text(&frame(4, 0, &[6, 0, 1])), Some("None".into()));
         // 0x0A05: bits 0 to 3 are 5, bits 9 to 11 are 5.
@@ -160,7 +163,7 @@ mod tests {
 
     #[test]
     fn a_length_that_a_torn_line_made_up_takes_no_memory() {
-        // 4 294 967 295 elements, which by themselves would ask for 170 GB.
+        // 4 294 967 295 elements, for which a decoder without this check would request 170 GB.
         assert_eq!(text(&frame(3, 0, &[0xFF, 0xFF, 0xFF, 0xFF, 5, 0, 1, 0])), None);
         // A string longer than its frame.
         assert_eq!(text(&frame(2, 0, b"\xFF\xFF\xFF\x7Ftag\x01")), None);
@@ -168,7 +171,7 @@ mod tests {
 
     #[test]
     fn formats_within_formats_end() {
-        // Statement 7 prints a value by a format, here again statement 7, two thousand times.
+        // Statement 7 prints a value by a nested format. Here the format is statement 7 again, two thousand times.
         let nested: Vec<u8> = [7, 0].repeat(2000);
         assert_eq!(text(&frame(4, 0, &nested)), None);
     }
@@ -218,7 +221,8 @@ mod tests {
                 *(if read(&image, &frame).is_some() { &mut whole } else { &mut malformed }) += 1;
             }
         }
-        // Half of the rounds have 15 frames each, of some 13 bytes of which one in eight is flipped in each: most survive.
+        // Half of the rounds have 15 frames each, of about 13 bytes. One frame in eight is damaged in each round, so
+        // most frames are decoded.
         assert!(whole > 1000 * 15 / 2 && malformed > 1000, "{whole} {malformed}");
     }
 
@@ -226,7 +230,7 @@ mod tests {
     fn times_of_the_log() {
         assert_eq!(microseconds("12.345678"), Some(12_345_678));
         assert_eq!(microseconds("0.000001"), Some(1));
-        // Milliseconds, a clock's time, none, and more than there are.
+        // Milliseconds, a clock time, no time, and a time beyond the range.
         for other in ["12.345", "00:00:12.345678", "", "99999999999999999999.000000", "18446744073709.999999"] {
             assert_eq!(microseconds(other), None, "{other}");
         }

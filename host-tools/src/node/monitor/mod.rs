@@ -1,8 +1,9 @@
-//! What a node says, live or from files: its log and its telemetry together, in the order of their arrival.
+//! A node's log and its telemetry together, in the order of their arrival, live or from files.
 //!
-//! A [`Source`] gives bytes of two channels (a chip behind a [`Probed`] probe, a [`Serial`] port, a [`Piped`] stream, [`Files`]); a
-//! [`Session`] makes lines and messages of them and counts what was lost; [`listen()`] runs both until the end, and [`Lines`] is how a
-//! person reads it, without the log's lines that telemetry has as well. An [`Image`] is the ELF file without which the log cannot be read.
+//! A [`Source`] returns bytes of two channels: a chip behind a [`Probed`] probe, a [`Serial`] port, a [`Piped`] stream,
+//! or [`Files`]. A [`Session`] decodes them to lines and messages, and counts what was lost. [`listen()`] runs both
+//! until the end. [`Lines`] formats the result for a person, without the log's lines that telemetry also has. An
+//! [`Image`] is the ELF file; the log cannot be read without it.
 
 mod demux;
 mod formats;

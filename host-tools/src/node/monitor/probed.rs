@@ -1,8 +1,8 @@
-//! The source that is a chip behind a probe.
+//! The source for a chip behind a debug probe.
 //!
-//! Attached, it looks for the rings and polls them. Whatever fails then, a cable, the probe, the chip's power, ends in letting go of
-//! the probe and attaching again, at first at once and then ever more slowly. A control block that vanishes or begins anew is a
-//! node that restarts.
+//! After attaching, the source looks for the RTT rings and polls them. After any failure (a cable, the probe, the
+//! chip's power) it releases the probe and attaches again, at first immediately and then at longer and longer
+//! intervals. If the control block disappears or begins anew, the node has restarted.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -20,21 +20,21 @@ use crate::node::probe::ProbeArguments;
 
 /// Makes connections to a chip.
 pub trait Attach {
-    /// Attaches, and says to what in a few words.
+    /// Attaches. Returns the chip's memory and a short description of the connection.
     ///
     /// # Errors
-    /// There is no probe or no chip, in one sentence that says what to do.
+    /// There is no probe or no chip. The error is one sentence that says what to do.
     fn attach(&mut self) -> Result<(Box<dyn Memory>, String)>;
 }
 
 enum State {
-    /// Never attached yet: a failure is final.
+    /// Not attached yet: a failure ends the source.
     New,
-    /// Attached; the rings are sought.
+    /// Attached, and looking for the rings.
     Seeking { memory: Box<dyn Memory>, since: Instant, told: bool },
     /// Attached, and reading.
     Reading { memory: Box<dyn Memory>, rings: Rings },
-    /// Tries again at a time, then waits so long.
+    /// Tries again at the time `again`; the interval after that attempt is `wait`.
     Lost { again: Instant, wait: Duration },
 }
 
@@ -49,7 +49,8 @@ pub struct Probed<A> {
 }
 
 impl<A: Attach> Probed<A> {
-    /// Looks for `marks`, where there is an ELF file; resets the node once at the start if `reset`.
+    /// A source that looks for `marks`, where there is an ELF file. It resets the node once at the start if `reset` is
+    /// set.
     pub fn new(attach: A, marks: Option<Marks>, reset: bool, pace: Pace) -> Self {
         Self { attach, marks, reset, pace, state: State::New, ready: VecDeque::new() }
     }
@@ -92,7 +93,7 @@ impl<A: Attach> Probed<A> {
                     if anew {
                         self.ready.push_back(Event::Restarted);
                     }
-                    // Telemetry first: it says whether the log's lines are shown.
+                    // Telemetry first, because it decides which lines of the log are shown.
                     let events = bytes.into_iter().rev().map(|(channel, bytes)| Event::Bytes(channel, bytes));
                     self.ready.extend(events);
                     State::Reading { memory, rings }
@@ -123,7 +124,8 @@ impl<A: Attach> Probed<A> {
         State::Lost { again: Instant::now() + self.pace.retry, wait: self.pace.retry * 2 }
     }
 
-    /// Flash that cannot be read tells nothing: the node's own word will.
+    /// Compares the chip's flash with the ELF file. Flash that cannot be read gives no result; then the build that the
+    /// node reports decides.
     fn compare(&mut self, memory: &mut dyn Memory) {
         let Some(marks) = self.marks.as_ref().filter(|marks| !marks.flash.is_empty()) else { return };
         let mut same = true;
@@ -165,10 +167,10 @@ impl Attach for ProbeArguments {
     }
 }
 
-/// A chip by probe-rs; its first core, whose memory is the node's.
+/// A chip behind probe-rs. The memory is that of its first core, on which the node runs.
 struct Chip(Session);
 
-/// Where a chip's RAM is.
+/// The address ranges of a chip's RAM.
 fn ram(target: &Target) -> Vec<Range<u64>> {
     target.memory_map.iter().filter_map(MemoryRegion::as_ram_region).map(|region| region.range.clone()).collect()
 }
@@ -212,7 +214,7 @@ mod tests {
         silent: Duration::from_millis(20),
     };
 
-    /// A probe on a desk: whoever holds the other end changes what is behind it.
+    /// A simulated probe. The test changes the chip behind it.
     #[derive(Clone)]
     struct Desk(Rc<RefCell<Ram>>);
 
@@ -252,7 +254,7 @@ mod tests {
         }
     }
 
-    /// Everything up to a silence.
+    /// All events until the source has none.
     fn events(source: &mut dyn Source) -> Vec<Event> {
         std::iter::from_fn(|| source.next(Duration::from_millis(10)).expect("no failure")).collect()
     }
@@ -298,13 +300,13 @@ mod tests {
         let mut source = desk.source(None);
         desk.0.borrow_mut().say(0, b"before");
         events(&mut source);
-        // Another image, whose block is elsewhere.
+        // Another image, with its control block at another address.
         desk.0.borrow_mut().clear();
         assert_eq!(events(&mut source), [Event::Restarted]);
         desk.0.borrow_mut().start(0x800);
         desk.0.borrow_mut().say(0, b"after");
         assert_eq!(events(&mut source), [log("after")]);
-        // The same, faster than anyone looks.
+        // The same, but faster than the polling.
         desk.0.borrow_mut().start(0x800);
         desk.0.borrow_mut().say(0, b"again");
         assert_eq!(events(&mut source), [Event::Restarted, log("again")]);
@@ -328,7 +330,7 @@ mod tests {
         let desk = Desk::new();
         let mark = |expected: &[u8]| Marks { rtt: Some(Ram::BASE + 0x100), flash: vec![(0x1002, expected.to_vec())] };
         let seen = |expected: &[u8]| events(&mut desk.source(Some(mark(expected)))).pop();
-        // Flash that cannot be read tells nothing.
+        // Flash that cannot be read gives no result.
         assert_eq!(seen(b"ab"), Some(Event::Connected("chip".into())));
         desk.0.borrow_mut().flash.push((0x1000, b"..ab".to_vec()));
         assert_eq!(seen(b"ab"), Some(Event::Flashed { same: true }));
@@ -337,7 +339,7 @@ mod tests {
 
     #[test]
     fn the_rings_of_our_images_lie_in_what_probe_rs_calls_ram() {
-        // Where the linker put _SEGGER_RTT in the images of the tag.
+        // The addresses of _SEGGER_RTT in the images of the tag, as the linker assigned them.
         let images = [
             ("nRF52832_xxAA", 0x2000_4B98),
             ("STM32F105RC", 0x2000_0400),
@@ -345,7 +347,7 @@ mod tests {
             ("esp32c6", 0x4080_F240),
             ("esp32", 0x3FFB_0000),
         ];
-        // Espressif's are made known by the first question.
+        // The first query registers the chips of Espressif.
         assert!(images.iter().all(|(chip, _)| crate::node::probe::supports(chip)));
         let registry = probe_rs::config::Registry::from_builtin_families();
         for (chip, address) in images {

@@ -1,10 +1,10 @@
-//! The rings of RTT, read through a small view of the chip's memory.
+//! Reads the RTT rings through a small interface to the chip's memory.
 //!
-//! [`find`] looks for the control block, [`Rings::poll`] takes what the node has written and frees its room. probe-rs has a reader
-//! of its own (`probe_rs::rtt`); this one stands in its place because it must outlive the node: it reads the whole block in one
-//! access at every poll, so that a reset, a new image or a block that has moved shows at once as what it is, where the other
-//! holds on to the descriptors that it read when it attached and fails with an error; and because it runs on any [`Memory`], a
-//! test's as well.
+//! [`find`] looks for the control block. [`Rings::poll`] takes the bytes that the node has written, and frees their
+//! room. probe-rs has its own reader (`probe_rs::rtt`). This module does not use it for two reasons. First, the reader
+//! must continue across restarts of the node. This one reads the whole control block in one access at every poll, and
+//! so detects a reset, a new image or a moved block at once. The reader of probe-rs keeps the descriptors that it read
+//! when it attached, and fails with an error. Second, this one works with any [`Memory`], also with that of a test.
 
 use std::ops::Range;
 
@@ -12,48 +12,49 @@ use anyhow::{Result, anyhow};
 
 use super::source::Channel;
 
-/// What is needed of a chip.
+/// The functions of a chip that the monitor needs.
 pub trait Memory {
     /// Reads bytes.
     ///
     /// # Errors
-    /// The probe or the chip is gone, or there is no memory.
+    /// The probe or the chip does not answer, or there is no memory at the address.
     fn read(&mut self, address: u64, bytes: &mut [u8]) -> Result<()>;
 
-    /// Writes a word of 32 bits, in the chip's order of bytes.
+    /// Writes a 32-bit word in the chip's byte order.
     ///
     /// # Errors
-    /// As in reading.
+    /// As for reading.
     fn write_word(&mut self, address: u64, word: u32) -> Result<()>;
 
-    /// Where its RAM is.
+    /// The address ranges of its RAM.
     fn ram(&self) -> Vec<Range<u64>>;
 
-    /// Starts the chip anew.
+    /// Resets the chip.
     ///
     /// # Errors
-    /// As in reading.
+    /// As for reading.
     fn reset(&mut self) -> Result<()>;
 }
 
 const ID: &[u8; 16] = b"SEGGER RTT\0\0\0\0\0\0";
-/// The identifier and two numbers of channels.
+/// Size of the identifier and of the two numbers of channels, bytes.
 const HEADER: usize = 24;
-/// Name, buffer, size, write, read, flags.
+/// Size of name, buffer, size, write position, read position and flags, bytes.
 const DESCRIPTOR: usize = 24;
-/// Where a descriptor keeps the place that the host has read up to.
+/// The offset of the host's read position in a descriptor.
 const READ: u64 = 16;
-/// The log's and telemetry's.
+/// The channels of the log and of telemetry.
 const CHANNELS: [Channel; 2] = [Channel::Log, Channel::Telemetry];
-/// More channels than anyone has: what claims them is no control block.
+/// More channels than any node has. A block with more is not a control block.
 const MAX_CHANNELS: u32 = 32;
-/// Read at once while searching.
+/// The number of bytes read at once while searching.
 const STRIDE: usize = 4096;
 
-/// Looks for the control block: where the ELF file says, else in all of RAM. `None`: the node has not made it yet.
+/// Looks for the control block: at the address from the ELF file, else in all of RAM. `None`: the node has not created
+/// it yet.
 ///
 /// # Errors
-/// The memory's, where none of it can be read.
+/// No part of the memory can be read.
 pub fn find(memory: &mut dyn Memory, expected: Option<u64>) -> Result<Option<Rings>> {
     let ram = memory.ram();
     if let Some(address) = expected {
@@ -67,7 +68,7 @@ pub fn find(memory: &mut dyn Memory, expected: Option<u64>) -> Result<Option<Rin
         match search(memory, region, &ram) {
             Ok(Some(rings)) => return Ok(Some(rings)),
             Ok(None) => read_any = true,
-            // A bank that is switched off; the block may be in another.
+            // This bank may be switched off. The block may be in another bank.
             Err(error) => failed = Some(error),
         }
     }
@@ -92,7 +93,7 @@ fn search(memory: &mut dyn Memory, region: &Range<u64>, ram: &[Range<u64>]) -> R
                 }
             }
         }
-        // The identifier may lie across two windows.
+        // The identifier may extend over two windows.
         let step = if length == STRIDE { STRIDE - ID.len() } else { length };
         at += step as u64;
     }
@@ -103,21 +104,21 @@ fn search(memory: &mut dyn Memory, region: &Range<u64>, ram: &[Range<u64>]) -> R
 pub struct Rings {
     address: u64,
     ram: Vec<Range<u64>>,
-    /// Up to where this side has read, by channel.
+    /// The position up to which the host has read, by channel.
     read: [Option<u32>; 2],
 }
 
-/// What a look at the rings brought.
+/// The result of a poll of the rings.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Polled {
-    /// What the node has written since, by channel.
+    /// The bytes that the node has written since the last poll, by channel.
     Bytes {
-        /// The channels that had any.
+        /// The channels with new bytes.
         bytes: Vec<(Channel, Vec<u8>)>,
-        /// The rings begin anew: the node has restarted, or another program reads them as well.
+        /// The rings have begun anew: the node has restarted, or another program also reads them.
         anew: bool,
     },
-    /// There is no control block any more: the node is starting, or has another image.
+    /// There is no control block any more: the node is starting, or runs another image.
     Gone,
 }
 
@@ -135,15 +136,15 @@ impl Rings {
         Self { address, ram: ram.to_vec(), read: [None; 2] }
     }
 
-    /// Where the control block is.
+    /// The address of the control block.
     pub fn address(&self) -> u64 {
         self.address
     }
 
-    /// Takes what is there.
+    /// Takes the available bytes.
     ///
     /// # Errors
-    /// The memory's.
+    /// The memory cannot be read or written.
     pub fn poll(&mut self, memory: &mut dyn Memory) -> Result<Polled> {
         let Some(rings) = self.look(memory)? else { return Ok(Polled::Gone) };
         let (mut bytes, mut anew) = (Vec::new(), false);
@@ -155,8 +156,9 @@ impl Rings {
             *known = Some(ring.write);
             let taken = ring.take(memory)?;
             if !taken.is_empty() {
-                // Only now that it is here. A node that restarts in between gets a place of its former life, and says some
-                // nonsense once: the decoders step over it.
+                // The read position is written only after the bytes have been read. If the node restarts in between, it
+                // gets a read position from before the restart, and sends invalid bytes once. The decoders skip these
+                // bytes.
                 let place = self.address + (HEADER + ring.channel * DESCRIPTOR) as u64 + READ;
                 memory.write_word(place, ring.write)?;
                 bytes.push((*channel, taken));
@@ -165,7 +167,7 @@ impl Rings {
         Ok(Polled::Bytes { bytes, anew })
     }
 
-    /// The rings as they are, where the block is one.
+    /// The rings at present; `None` where the block is not a valid control block.
     fn look(&self, memory: &mut dyn Memory) -> Result<Option<Vec<Ring>>> {
         let mut block = [0; HEADER + CHANNELS.len() * DESCRIPTOR];
         memory.read(self.address, &mut block)?;
@@ -199,7 +201,7 @@ impl Rings {
 impl Ring {
     fn possible(&self, ram: &[Range<u64>]) -> bool {
         let end = self.buffer + u64::from(self.size);
-        // Regions that touch count as one: a buffer may lie across two banks.
+        // Adjacent regions count as one, because a buffer may extend over two banks.
         let inside = |address: u64| ram.is_empty() || ram.iter().any(|region| region.contains(&address));
         self.write < self.size && self.read < self.size && inside(self.buffer) && inside(end - 1)
     }
@@ -255,7 +257,7 @@ mod tests {
         ram.start(0);
         let mut rings = find(&mut ram, None).expect("memory").expect("a control block");
         assert!(bytes(rings.poll(&mut ram).expect("memory")).is_empty());
-        // Rings hold 63 bytes.
+        // Each ring holds 63 bytes.
         for round in 0..20_u8 {
             let (log, told) = (vec![round; 50], vec![round ^ 0x80; 17]);
             assert!(ram.say(0, &log) && ram.say(1, &told));
@@ -282,7 +284,8 @@ mod tests {
 
     #[test]
     fn what_only_looks_like_a_block_is_none() {
-        // Each word of the block in turn, made impossible: identifier, channels, size, write, read.
+        // Each word of the block in turn gets an impossible value: identifier, channels, size, write position, read
+        // position.
         for (word, value) in
             [(0, 0), (4, 0), (4, 33), (5, 99), (8, 0), (8, u32::MAX), (9, 64), (10, 64), (7, 0x1000_0000)]
         {

@@ -1,5 +1,5 @@
-//! The source that is a serial port: a mixture, parted by [`Demux`]. A port that goes away (a cable, a board that resets its own
-//! USB) is opened again.
+//! The source for a serial port, whose mixture [`Demux`] separates. A port that disappears (a cable, a board that
+//! resets its own USB) is opened again.
 
 use std::collections::VecDeque;
 use std::io::{ErrorKind, Read};
@@ -14,10 +14,10 @@ use crate::UserError;
 
 /// Opens a port.
 pub trait Open {
-    /// Opens it; its reads end with [`ErrorKind::TimedOut`] after a few milliseconds without bytes.
+    /// Opens the port. Its reads end with [`ErrorKind::TimedOut`] after a few milliseconds without bytes.
     ///
     /// # Errors
-    /// It is not there or not to be had, in one sentence that says what to do.
+    /// The port does not exist or cannot be opened. The error is one sentence that says what to do.
     fn open(&mut self) -> Result<Box<dyn Read>>;
 }
 
@@ -26,11 +26,11 @@ pub trait Open {
 pub struct Port {
     /// `/dev/ttyACM0`, `COM3`.
     pub name: String,
-    /// Bits a second.
+    /// The baud rate, bits per second.
     pub baud: u32,
 }
 
-/// A read returns after so long without bytes.
+/// A read returns after this time without bytes.
 const READ: Duration = Duration::from_millis(10);
 
 impl Open for Port {
@@ -83,7 +83,7 @@ pub struct Serial<O> {
 }
 
 impl<O: Open> Serial<O> {
-    /// Calls the port by `name`.
+    /// A source for a port, which messages call `name`.
     pub fn new(port: O, name: String, pace: Pace) -> Self {
         Self { port, name, demux: Demux::default(), state: State::New, pace, ready: VecDeque::new() }
     }
@@ -106,7 +106,7 @@ impl<O: Open> Serial<O> {
             State::Open(mut port) => {
                 let mut bytes = [0; 4096];
                 match port.read(&mut bytes) {
-                    // A terminal whose other end is gone.
+                    // The other end of the terminal is closed.
                     Ok(0) => self.lose("it is gone"),
                     Ok(count) => {
                         self.ready.extend(self.demux.feed(bytes.get(..count).unwrap_or_default()));
@@ -174,7 +174,7 @@ mod tests {
         silent: Duration::from_millis(20),
     };
 
-    /// A cable: each opening, and what its reads give. `None`: it is not there.
+    /// A simulated cable: what each opening gives, and what its reads give. `None`: the port does not exist.
     struct Cable(VecDeque<Option<Vec<Given>>>);
 
     type Given = Result<Vec<u8>, ErrorKind>;

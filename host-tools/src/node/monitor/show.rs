@@ -1,4 +1,4 @@
-//! What a node says as lines for a person.
+//! A node's output as lines of text for a person.
 
 use std::fmt::Write;
 use std::time::Duration;
@@ -17,7 +17,7 @@ const DIM: &str = "\x1b[2m";
 const PLAIN: &str = "";
 const RESET: &str = "\x1b[0m";
 
-/// Makes lines.
+/// Formats lines.
 pub struct Lines {
     colour: bool,
     places: bool,
@@ -25,12 +25,12 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// `colour`: for a terminal; `places`: where in the sources each line of the log is said.
+    /// `colour`: with colours for a terminal. `places`: with the source location of each line of the log.
     pub fn new(colour: bool, places: bool) -> Self {
         Self { colour, places, hello: None }
     }
 
-    /// A line with its end; `None` for a line of the log that telemetry has as well, and for a greeting that is only repeated.
+    /// A line with its end; `None` for a line of the log that telemetry also has, and for a repeated `Hello`.
     pub fn line(&mut self, said: &Said) -> Option<String> {
         let is_shown = match said {
             Said::Log(line) => !line.is_in_telemetry,
@@ -40,7 +40,7 @@ impl Lines {
         is_shown.then(|| self.render(said))
     }
 
-    /// Whether a greeting says something new; anything else does.
+    /// Whether a message is new: a `Hello` that differs from the last one, or any other message.
     fn greeted(&mut self, message: &Message) -> bool {
         let Message::Hello(hello) = message else { return true };
         let same = |before: wire::telemetry::Hello| {
@@ -68,7 +68,7 @@ impl Lines {
             let _ = write!(text, "  ({}:{})", place.file, place.line);
         }
         let time = t_us.map_or_else(String::new, |t_us| format!("{}.{:06}", t_us / 1_000_000, t_us % 1_000_000));
-        // A line of the log may have several lines; those after the first are set in.
+        // An entry of the log may have several lines. The lines after the first are indented.
         let text = text.trim_end().replace('\n', &format!("\n{:20}", ""));
         if self.colour && colour != PLAIN {
             format!("{DIM}{time:>13}{RESET} {colour}{label:<5}{RESET} {text}\n")
@@ -99,7 +99,7 @@ fn of_tone(tone: Tone) -> &'static str {
     }
 }
 
-/// What was counted, in one line.
+/// The counts, in one line.
 pub fn summary(counts: &Counts, elapsed: Duration) -> String {
     let Counts {
         fixes,

@@ -1,10 +1,10 @@
-//! Where a node's bytes come from: one trait, so that everything behind it runs without hardware.
+//! The source of a node's bytes: one trait, so that all code behind it runs without hardware.
 
 use std::time::Duration;
 
 use anyhow::Result;
 
-/// What a node says on: RTT's channel 0 and 1, or what a serial line mixes.
+/// A channel of a node: RTT channel 0 or 1, or its part of the mixture on a serial line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Channel {
     /// Frames of defmt.
@@ -13,55 +13,55 @@ pub enum Channel {
     Telemetry,
 }
 
-/// What a source brings.
+/// An event of a source.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Event {
     /// Bytes of a channel, not necessarily whole frames.
     Bytes(Channel, Vec<u8>),
-    /// A line of plain text that came beside: a boot loader's.
+    /// A line of plain text between the frames, from a boot loader.
     Text(String),
-    /// The connection stands: what to, in a few words.
+    /// The connection is established: a short description of the other end.
     Connected(String),
-    /// The connection is lost and is sought again: why.
+    /// The connection is lost, and the source tries to connect again: the reason.
     Lost(String),
-    /// The node has started anew, or waits for it.
+    /// The node has started anew, or is about to.
     Restarted,
     /// The node runs, but has no RTT rings.
     Silent,
-    /// Whether the chip's flash holds what the ELF file does, as far as was looked.
+    /// Whether the chip's flash agrees with the ELF file, in the parts that were compared.
     Flashed {
-        /// It does.
+        /// The flash agrees.
         same: bool,
     },
-    /// Nothing comes any more.
+    /// No more events follow.
     End,
 }
 
-/// Where a node's bytes come from.
+/// A source of a node's bytes.
 pub trait Source {
-    /// The next event; `None`: none came for as long as `patience`.
+    /// The next event; `None`: no event within `patience`.
     ///
     /// # Errors
-    /// What waiting does not cure: a chip that is not known, a file that cannot be read. Whatever may come back is
-    /// [`Event::Lost`] instead.
+    /// An error that waiting does not remove: an unknown chip, or a file that cannot be read. A failure that may pass
+    /// is reported as [`Event::Lost`] instead.
     fn next(&mut self, patience: Duration) -> Result<Option<Event>>;
 }
 
-/// How fast a source moves.
+/// The intervals of a source.
 #[derive(Clone, Copy, Debug)]
 pub struct Pace {
-    /// From one look at empty rings to the next.
+    /// The interval between two polls of empty rings.
     pub poll: Duration,
-    /// From a failure to the first new attempt; each further one waits twice as long.
+    /// The time from a failure to the first new attempt. The interval doubles for each further attempt.
     pub retry: Duration,
-    /// No wait between attempts is longer.
+    /// The longest interval between attempts.
     pub longest: Duration,
-    /// A node without a control block for so long is said to have none.
+    /// After this time without a control block, the node is reported as having none.
     pub silent: Duration,
 }
 
 impl Default for Pace {
-    /// A ring of a kilobyte holds half a second of a busy node.
+    /// A ring of one kilobyte holds the data of half a second of a busy node.
     fn default() -> Self {
         Self {
             poll: Duration::from_millis(10),

@@ -1,4 +1,4 @@
-//! The sources that are byte streams: standard input, and files.
+//! The sources for byte streams: standard input, and files.
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -13,12 +13,12 @@ use super::source::{Channel, Event, Source};
 use crate::UserError;
 use crate::node::decode::{Chunks, Waited, open_stream};
 
-/// Read at once.
+/// The number of bytes read at once.
 const CHUNK: usize = 8192;
-/// Of two files, which come from one node at the same time: so little of each that they stay side by side.
+/// The number of bytes read at once from two files of one node. It is small, so that the two files stay in step.
 const STEP: usize = 256;
 
-/// A mixture that comes through a pipe.
+/// A mixture from a pipe.
 pub struct Piped {
     chunks: Chunks,
     demux: Demux,
@@ -54,7 +54,7 @@ impl Source for Piped {
     }
 }
 
-/// Files: a mixture, and perhaps the log in one of its own.
+/// Files: a mixture, and optionally the log in a file of its own.
 pub struct Files {
     mixture: Part,
     log: Option<Part>,
@@ -67,16 +67,16 @@ struct Part {
     file: File,
     length: u64,
     read: u64,
-    /// Read at once, bytes.
+    /// The number of bytes read at once.
     step: usize,
     ended: bool,
 }
 
 impl Files {
-    /// Opens them.
+    /// Opens the files.
     ///
     /// # Errors
-    /// One cannot be opened.
+    /// A file cannot be opened.
     pub fn open(mixture: &Path, log: Option<&Path>) -> Result<Self, UserError> {
         Ok(Self {
             mixture: Part::open(mixture, if log.is_some() { STEP } else { CHUNK })?,
@@ -102,7 +102,8 @@ impl Part {
         Ok(chunk)
     }
 
-    /// How much of it is read, of 1. Both files are read in step: lines come in the order of their arrival.
+    /// The fraction of the file that is read. Both files are read in step, so that their lines come in the order of
+    /// their arrival.
     fn progress(&self) -> f64 {
         if self.ended { f64::INFINITY } else { self.read as f64 / self.length.max(1) as f64 }
     }

@@ -1,5 +1,5 @@
-//! A small image for tests: an ELF file with a log's symbols, written by the `object` crate, and the frames that its node would
-//! send, written byte by byte.
+//! A small image for tests: an ELF file with a log's symbols, written by the `object` crate, and the frames of its
+//! node, written byte by byte.
 
 use object::write::{Object, Symbol, SymbolSection};
 use object::{Architecture, BinaryFormat, Endianness, SectionKind, SymbolFlags, SymbolKind, SymbolScope};
@@ -13,7 +13,7 @@ pub const STATEMENTS: [(u16, &str, &str); 9] = [
     (2, "defmt_warn", "{=str} is {=bool}"),
     (3, "defmt_error", "values {=[?]}"),
     (4, "defmt_info", "{=?}"),
-    // Interned: what a value is printed by.
+    // Interned strings: the formats of values.
     (5, "defmt_prim", "{=u16}"),
     (6, "defmt_derived", "Some({=?})|None"),
     (7, "defmt_derived", "{=?}"),
@@ -21,7 +21,7 @@ pub const STATEMENTS: [(u16, &str, &str); 9] = [
     (9, "defmt_debug", "fix x={=u8}"),
 ];
 
-/// An ELF file with the statements, the time stamp of our images and a build.
+/// An ELF file with the statements, the time stamp of this project's images and a build.
 pub fn elf(build: Option<[u8; 8]>) -> Vec<u8> {
     elf_with(build, &STATEMENTS, "rzcobs")
 }
@@ -57,7 +57,8 @@ pub fn elf_with(build: Option<[u8; 8]>, statements: &[(u16, &str, &str)], encodi
     elf.write().expect("an ELF file")
 }
 
-/// A frame of the log, with its zero: the statement's number, the time and the arguments, little-endian, encoded by rzCOBS.
+/// A frame of the log, with its zero: the statement's number, the time and the arguments, little-endian, encoded by
+/// rzCOBS.
 pub fn frame(statement: u16, t_us: u64, arguments: &[u8]) -> Vec<u8> {
     let plain = [&statement.to_le_bytes(), &t_us.to_le_bytes()[..], arguments].concat();
     let mut frame = rzcobs::encode(&plain);

@@ -33,7 +33,7 @@ impl Ram {
         self.bytes[place..place + 10].copy_from_slice(b"SEGGER RTT");
     }
 
-    /// The node is being reset, and its block is not made yet.
+    /// The node is in reset, and its control block does not exist yet.
     pub fn clear(&mut self) {
         self.bytes.fill(0);
     }
@@ -42,7 +42,7 @@ impl Ram {
         self.plugged = false;
     }
 
-    /// The node says something; `false`: there is no room.
+    /// The node writes bytes; `false`: the ring has no room.
     pub fn say(&mut self, channel: usize, bytes: &[u8]) -> bool {
         let (write, read) = (self.get(channel, 3), self.get(channel, 4));
         if bytes.len() > (read + SIZE - write - 1) % SIZE {

@@ -1,4 +1,4 @@
-//! Beacons from a file of their own, `beacons_csv`: what `baliza calibrate path-loss` found, for the tags.
+//! Beacons from a separate file, `beacons_csv`, with the results of `baliza calibrate path-loss`, for the tags.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use wire::config::Beacon;
 use crate::UserError;
 use crate::files::beacons::read_beacons;
 
-/// A beacon of the file. Its height may not be known: then it stands elsewhere in the document.
+/// A beacon of the file. If its height is not known there, the document must list the beacon.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Calibrated {
     pub(super) beacon: Beacon,
@@ -17,7 +17,7 @@ pub(super) struct Calibrated {
 /// Reads the file.
 ///
 /// # Errors
-/// The file is wrong, or a name does not end in major and minor number.
+/// The file is wrong, or a name does not end in the major and the minor number.
 pub(super) fn read(file: &Path) -> Result<Vec<Calibrated>, UserError> {
     let beacon = |beacon: crate::files::beacons::Beacon| {
         let Some((major, minor)) = numbers(&beacon.name) else {
@@ -36,7 +36,7 @@ pub(super) fn read(file: &Path) -> Result<Vec<Calibrated>, UserError> {
     read_beacons(file)?.into_iter().map(beacon).collect()
 }
 
-/// Major and minor number at the end of a name.
+/// The major and the minor number at the end of a name.
 pub(super) fn numbers(name: &str) -> Option<(u16, u16)> {
     let (rest, minor) = name.rsplit_once('-')?;
     let major = rest.rsplit_once('-').map_or(rest, |(_, major)| major);

@@ -1,4 +1,4 @@
-//! A site's TOML file: its tables as types, its lines, and the errors that name them.
+//! A site's TOML file: its tables as types, its line numbers, and errors with line numbers.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ pub(super) struct Document<'d> {
 }
 
 impl Document<'_> {
-    /// The file as a type.
+    /// Parses the file to a type.
     pub(super) fn read<T: DeserializeOwned>(self) -> Result<T, UserError> {
         toml::from_str(self.text).map_err(|error| {
             let explained = explain(self.text, error.span(), error.message());
@@ -25,7 +25,7 @@ impl Document<'_> {
         })
     }
 
-    /// The lines of the outermost table, and of the tables within by their key, one after the other.
+    /// The line numbers of the outermost table, and those of the tables in it, by their keys and in their order.
     pub(super) fn lines(self) -> (Lines, BTreeMap<String, Vec<Lines>>) {
         let Ok(root) = DeTable::parse(self.text) else { return Default::default() };
         let line = |offset: usize| line_of(self.text, offset) as u64;
@@ -50,13 +50,13 @@ impl Document<'_> {
         UserError::line(self.file, line, what)
     }
 
-    /// A file that the document names: its path counts from the document's folder.
+    /// The path of a file that the document names. It is relative to the document's folder.
     pub(super) fn beside(self, name: &Path) -> PathBuf {
         self.file.parent().map_or_else(|| name.to_owned(), |folder| folder.join(name))
     }
 }
 
-/// The lines of a table and of its keys.
+/// The line numbers of a table and of its keys.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Lines {
     pub(super) line: u64,
@@ -64,18 +64,18 @@ pub(super) struct Lines {
 }
 
 impl Lines {
-    /// The line of a key, or of the table where it has none.
+    /// The line number of a key, or of the table where the table does not have the key.
     pub(super) fn of(&self, key: &str) -> u64 {
         self.keys.get(key).copied().unwrap_or(self.line)
     }
 }
 
-/// N bytes as hexadecimal digits; `-` and `:` may stand between them.
+/// N bytes as hexadecimal digits. `-` and `:` may separate the digits.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hex<const N: usize>(pub(super) [u8; N]);
 
 impl<const N: usize> Hex<N> {
-    /// The bytes of a text; the text itself where it is none.
+    /// The bytes of a text. The error is the text itself, where it is not valid.
     pub(super) fn from_text(text: &str) -> Result<Self, String> {
         let digits = text.chars().filter(|c| !matches!(c, '-' | ':')).map(|c| c.to_digit(16).map(|digit| digit as u8));
         let digits: Option<Vec<u8>> = digits.collect();
@@ -85,7 +85,7 @@ impl<const N: usize> Hex<N> {
         bytes.try_into().map(Self).map_err(|_| text.to_owned())
     }
 
-    /// The error of a text that is none.
+    /// The error of an invalid text.
     pub(super) fn refuse<E: serde::de::Error>(text: &str) -> E {
         let must = format!("{} hexadecimal digits in quotation marks", 2 * N);
         E::invalid_value(Unexpected::Str(text), &must.as_str())
@@ -98,7 +98,7 @@ impl<'de, const N: usize> Deserialize<'de> for Hex<N> {
     }
 }
 
-/// One of several, by its name.
+/// One of several values, by its name.
 pub(super) fn choice<'de, D: Deserializer<'de>, T: Copy>(
     from: D,
     all: &[T],

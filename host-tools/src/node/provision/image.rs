@@ -1,8 +1,8 @@
-//! Files with a record, and the models beside it: both pages of a board, as they are to be in flash, and where a tag knows beacons'
-//! levels the region with its models, before the pages or behind them as the board has it.
+//! Files with a config record and models: both pages of a board's flash, and, for a tag with RSSI models, the region
+//! with these models, before or after the pages as the board has it.
 //!
-//! The record is in both pages. So whatever was in flash before does not count any more, and a file that was half
-//! written leaves a whole page.
+//! The record is in both pages. So the earlier content of the flash is not used any more, and a partly written file
+//! leaves one valid page.
 
 use ihex::Record as Hex;
 use positioning_core::nlos::{Classifier, Model, NodeModel};
@@ -14,33 +14,33 @@ use wire::config::{
 use super::site_models;
 use crate::train::features_of;
 
-/// Bytes in a line of Intel HEX.
+/// Number of data bytes in a line of Intel HEX.
 const HEX_LINE: usize = 16;
 /// Two pages of 4096 bytes, and the models.
 const LONGEST: u64 = 8192 + MODELS_BYTES as u64;
-/// The sequence number of a record in a file: the flash forgets what it had.
+/// The sequence number of a record in a file. The file replaces the earlier records in flash.
 const FIRST: u32 = 1;
 
-/// What a node's flash is to hold.
+/// The intended content of a node's flash.
 #[derive(Clone, Copy, Debug)]
 pub struct Contents<'a> {
-    /// What it is told.
+    /// The node's config record.
     pub record: &'a Record,
     /// A classifier of line of sight.
     pub model: Option<&'a [u8]>,
-    /// Models of beacons' levels, as `wire::config::encode_models` writes them.
+    /// RSSI models of the site, as `wire::config::encode_models` writes them.
     pub site_models: Option<&'a [u8]>,
 }
 
 impl Contents<'_> {
-    /// A page as a board's flash has it, 0xFF where nothing is written.
+    /// A page as in the board's flash, with 0xFF where nothing is written.
     pub fn page(&self, board: Board, sequence: u32) -> Vec<u8> {
         let mut page = self.written(sequence);
         page.resize(board.pages().size as usize, 0xFF);
         page
     }
 
-    /// What of a page is not erased, from its beginning.
+    /// The bytes of a page up to the last written byte.
     fn written(&self, sequence: u32) -> Vec<u8> {
         let mut buffer = [0; MAX_BYTES];
         let mut page = encode(self.record, sequence, &mut buffer).to_vec();
@@ -51,7 +51,7 @@ impl Contents<'_> {
         page
     }
 
-    /// All that is to be in flash, piece by piece in the order of their addresses: what is not erased of each.
+    /// The content of the flash in pieces, by increasing address. Each piece has only the written bytes.
     fn pieces(&self, board: Board) -> Vec<(u32, Vec<u8>)> {
         let written = self.written(FIRST);
         let mut pieces: Vec<_> = board.pages().addresses().map(|address| (address, written.clone())).into();
@@ -62,12 +62,12 @@ impl Contents<'_> {
         pieces
     }
 
-    /// Where a file with it begins in flash.
+    /// The address in flash at which a file with this content begins.
     pub fn address(&self, board: Board) -> u32 {
         self.pieces(board).first().map_or(0, |(address, _)| *address)
     }
 
-    /// Both pages, and models beside them, one after the other, for the place of the first.
+    /// Both pages and the models in the order of their addresses, for the address of the first of them.
     pub fn binary(&self, board: Board) -> Vec<u8> {
         let page = board.pages().size as usize;
         let mut bytes = Vec::new();
@@ -80,14 +80,14 @@ impl Contents<'_> {
         bytes
     }
 
-    /// The same as Intel HEX, which says itself where it belongs.
+    /// The same content as Intel HEX, which includes the addresses.
     ///
     /// # Errors
-    /// None that a record can cause.
+    /// No record can cause an error.
     pub fn intel_hex(&self, board: Board) -> Result<String, ihex::WriterError> {
         let mut lines = Vec::new();
         for (address, bytes) in self.pieces(board) {
-            // A piece ends before the 64 KiB that the upper half of an address is for.
+            // A piece does not cross a boundary of 64 KiB, so one upper half of the address is enough.
             lines.push(Hex::ExtendedLinearAddress((address >> 16) as u16));
             lines.extend(bytes.chunks(HEX_LINE).enumerate().map(|(index, chunk)| Hex::Data {
                 offset: address as u16 + (index * HEX_LINE) as u16,
@@ -105,23 +105,23 @@ pub struct Image {
     bytes: Vec<u8>,
 }
 
-/// What an image holds.
+/// The content of an image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Held {
-    /// The record that a node with these pages would follow.
+    /// The record that a node with these pages would use.
     pub record: Record,
-    /// The version that it is written in.
+    /// The version of the record's format.
     pub version: u8,
     /// Its sequence number.
     pub sequence: u32,
-    /// What stands beside it, where that is not erased: a classifier, if it is whole.
+    /// The classifier after the record, where the bytes are not erased; valid or not.
     pub model: Option<Vec<u8>>,
-    /// Models of beacons' levels, whole or not, where there is something.
+    /// RSSI models, valid or not, where the region is not erased.
     pub site_models: Option<Vec<u8>>,
 }
 
 impl Held {
-    /// The classifier beside the record in words: its name and its features, or why it is none.
+    /// A description of the classifier: its name and its features, or why it is not valid.
     pub fn classifier(&self) -> Option<String> {
         let model = self.model.as_ref()?;
         Some(match Model::decode(model) {
@@ -130,13 +130,13 @@ impl Held {
         })
     }
 
-    /// The map and the rooms in words, each where there is one, or why it is none.
+    /// Descriptions of the map and of the rooms, where there are any, or why they are not valid.
     pub fn map_and_rooms(&self) -> [Option<String>; 2] {
         self.site_models.as_deref().map_or([None, None], site_models::words)
     }
 }
 
-/// The record that counts of two pages, and what of beacons' levels is in their region.
+/// The newest valid record of two pages, and the RSSI models in their region.
 ///
 /// # Errors
 /// There is no record.
@@ -149,10 +149,10 @@ pub fn held(pages: [&[u8]; 2], site_models: &[u8]) -> Result<Held, LoadError> {
 }
 
 impl Image {
-    /// From a file's bytes: one page or two, or Intel HEX.
+    /// An image from a file's bytes: one page or two pages, or Intel HEX.
     ///
     /// # Errors
-    /// What begins like Intel HEX is none: which line, and what is wrong.
+    /// The bytes begin like Intel HEX, but a line is not valid. The error is the line number and a message.
     pub fn new(bytes: &[u8]) -> Result<Self, (u64, String)> {
         match std::str::from_utf8(bytes) {
             Ok(text) if text.starts_with(':') => from_hex(text).map(|bytes| Self { bytes }),
@@ -160,30 +160,31 @@ impl Image {
         }
     }
 
-    /// The pages, and what of beacons' levels is before or behind them.
+    /// The pages, and the RSSI models before or after them.
     fn parts(&self) -> ([&[u8]; 2], &[u8]) {
         let (first, rest) = self.bytes.split_at_checked(MODELS_BYTES).unwrap_or((&self.bytes, &[]));
         let models_first = !rest.is_empty() && (first.starts_with(b"BLZB") || rest.starts_with(b"BLZR"));
         let (pages, site_models) = if models_first { (rest, first) } else { (first, rest) };
-        // A file of at most 4096 bytes has pages of 2048, or a single one.
+        // A file of at most 4096 bytes has pages of 2048 bytes, or a single page.
         let size = if pages.len() > 4096 { 4096 } else { 2048 };
         let (first, second) = pages.split_at_checked(size).unwrap_or((pages, &[]));
         ([first, second], site_models)
     }
 
-    /// The record that counts, whatever else is wrong with the file.
+    /// The newest valid record, although other parts of the file may be wrong.
     ///
     /// # Errors
-    /// There is none.
+    /// There is no valid record.
     pub fn read(&self) -> Result<Held, LoadError> {
         let (pages, site_models) = self.parts();
         held(pages, site_models)
     }
 
-    /// The record that counts, where all of the file is as it should be.
+    /// The newest valid record, if the complete file is correct.
     ///
     /// # Errors
-    /// In words: there is no record, or a page is damaged or of another version, or the file is cut short.
+    /// There is no record, or a page is damaged or of another version, or the file is cut short. The error is a
+    /// message.
     pub fn check(&self) -> Result<Held, String> {
         let held = self.read().map_err(|fault| match fault {
             LoadError::Corrupt if !self.parts().0[0].starts_with(b"BLZR") => {
@@ -209,7 +210,7 @@ impl Image {
     }
 }
 
-/// The bytes of Intel HEX from the first address that it has, page by page, 0xFF between.
+/// The bytes of Intel HEX from its first address on, in complete pages, with 0xFF in the gaps.
 fn from_hex(text: &str) -> Result<Vec<u8>, (u64, String)> {
     let mut upper = 0_u32;
     let mut pieces: Vec<(u32, Vec<u8>)> = Vec::new();
@@ -229,7 +230,7 @@ fn from_hex(text: &str) -> Result<Vec<u8>, (u64, String)> {
         return Err((1, format!("it spans {length} bytes: a record's pages and models are {LONGEST} at most")));
     }
     let mut bytes = vec![0xFF; (length as usize).next_multiple_of(2048)];
-    // Pages of 4096 bytes, of which the second begins there, are told by the length.
+    // The length shows whether pages have 4096 bytes: then the second page begins at that offset.
     for (address, piece) in pieces {
         let at = (address - first) as usize;
         if let Some(place) = bytes.get_mut(at..at + piece.len()) {
@@ -272,9 +273,10 @@ mod tests {
     fn intel_hex_says_where_it_belongs() {
         let text = of(&record(), None).intel_hex(Board::Evk1000).unwrap();
         let lines: Vec<_> = text.lines().collect();
-        // Upper half of the address 0x0803: 02 bytes, offset 0000, type 04; sum 2 + 4 + 8 + 3 = 0x11, checksum 0xEF.
+        // The upper half of the address is 0x0803: 02 bytes, offset 0000, type 04. Sum 2 + 4 + 8 + 3 = 0x11, checksum
+        // 0xEF.
         assert_eq!(lines[0], ":020000040803EF");
-        // Sixteen bytes at 0xF000, which begin with "BLZR".
+        // Sixteen bytes at 0xF000. They begin with "BLZR".
         assert!(lines[1].starts_with(":10F00000424C5A52"), "{}", lines[1]);
         assert_eq!(lines.last(), Some(&":00000001FF"));
         assert!(text.lines().any(|line| line.starts_with(":10F80000424C5A52")));
@@ -366,12 +368,12 @@ mod tests {
             damaged[place + 20] ^= 1;
             let said = Image::new(&damaged).unwrap().check().unwrap_err();
             assert_eq!(said, "the record is whole, but beside it is damaged models of beacons", "{board:?}");
-            // Flash as it was read, with nothing there.
+            // Flash as read from a board, with an erased region.
             let mut none = bytes;
             none[place..place + 8192].fill(0xFF);
             assert_eq!(Image::new(&none).unwrap().check().map(|held| held.site_models), Ok(None), "{board:?}");
         }
-        // A board without Bluetooth has no place for them.
+        // A board without Bluetooth has no region for the models.
         assert_eq!(Contents { site_models: Some(&region), ..of(&record(), None) }.binary(Board::Evk1000).len(), 4096);
     }
 }

@@ -1,4 +1,4 @@
-//! What tags are told of: `[[anchor]]` and `[[beacon]]`, and the nodes of the same file.
+//! The lists of a tag's record: `[[anchor]]` and `[[beacon]]`, and the nodes of the same file.
 
 use wire::config::{Anchor, Anchors, Beacon, Beacons, MAX_ANCHORS, MAX_BEACONS};
 
@@ -38,7 +38,7 @@ impl From<&BeaconTable> for Beacon {
     }
 }
 
-/// Anchors and beacons with the lines that they come from.
+/// Anchors and beacons with the numbers of their lines.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Lists {
     pub(super) anchors: Vec<(Anchor, u64)>,
@@ -46,14 +46,14 @@ pub(super) struct Lists {
 }
 
 impl Lists {
-    /// Adds an anchor that is a node, where it is not listed: what the list says counts.
+    /// Adds an anchor that is a node, unless it is listed: the list has precedence.
     pub(super) fn add_anchor(&mut self, anchor: Anchor, line: u64) {
         if self.anchors.iter().all(|(listed, _)| listed.address != anchor.address) {
             self.anchors.push((anchor, line));
         }
     }
 
-    /// Adds a beacon that is a node, where it is not listed.
+    /// Adds a beacon that is a node, unless it is listed.
     pub(super) fn add_beacon(&mut self, beacon: Beacon, line: u64) {
         let same = |listed: &Beacon| (listed.major, listed.minor) == (beacon.major, beacon.minor);
         if self.beacons.iter().all(|(listed, _)| !same(listed)) {
@@ -61,8 +61,8 @@ impl Lists {
         }
     }
 
-    /// Takes what was calibrated: beacons that are known already get what they lack, the others join them. The error is of a beacon
-    /// that cannot.
+    /// Adds calibrated beacons. Beacons that are listed already get the values that they lack, and the other beacons
+    /// are added. The error is about a beacon that cannot be added.
     pub(super) fn calibrate(&mut self, calibrated: &[Calibrated], line: u64) -> Result<(), String> {
         for Calibrated { beacon, height_is_known } in calibrated {
             let same = |listed: &Beacon| (listed.major, listed.minor) == (beacon.major, beacon.minor);
@@ -83,7 +83,7 @@ impl Lists {
         Ok(())
     }
 
-    /// The lists of a record. The error is of the first line that has no room.
+    /// The lists of a record. The error is about the first line for which the record has no room.
     pub(super) fn of_record(&self) -> Result<(Anchors, Beacons), (u64, String)> {
         let (mut anchors, mut beacons) = (Anchors::default(), Beacons::default());
         for (anchor, line) in &self.anchors {
@@ -97,7 +97,7 @@ impl Lists {
         Ok((anchors, beacons))
     }
 
-    /// The line of an element of a record's list.
+    /// The line number of an element of a record's list.
     pub(super) fn line(&self, list: &str, index: usize) -> Option<u64> {
         match list {
             "anchors" => self.anchors.get(index).map(|(_, line)| *line),

@@ -1,7 +1,7 @@
-//! Node records: from a file that people write to the flash of a node, and back.
+//! Node records: from a file written by people to the flash of a node, and back.
 //!
 //! `site.toml` → [`Site`], its [`Node`]s with their records → [`image`], a file for any flasher, or [`transfer`], over
-//! a debug probe. A page of flash → the record → [`show`], which prints what [`Site::parse`] reads.
+//! a debug probe. A page of flash → the record → [`show`], whose output [`Site::parse`] reads.
 
 mod calibrated;
 mod document;
@@ -19,5 +19,5 @@ pub use node::Node;
 pub use region::warnings;
 pub use site::Site;
 
-/// A file to begin with: four anchors, a tag and a beacon, with comments.
+/// An example file to start from: four anchors, a tag and a beacon, with comments.
 pub const EXAMPLE: &str = include_str!("site.toml");

@@ -1,4 +1,4 @@
-//! `[network]`: what all nodes of a site have in common.
+//! `[network]`: the settings that all nodes of a site share.
 
 use serde::de::{Deserialize, Deserializer, Error as _};
 use wire::config::{Mode, Network, Phy, Region, ReplyDelay};
@@ -6,7 +6,8 @@ use wire::config::{Mode, Network, Phy, Region, ReplyDelay};
 use super::document::{Document, Hex, Lines, choice};
 use crate::UserError;
 
-/// How nodes range, with how many rounds a second of an anchor that tags listen to where the file says nothing, 0.01 Hz: one a superframe.
+/// The ranging modes. For listening tags, the default rate of an anchor's rounds is one in a superframe, in units of
+/// 0.01 Hz.
 const MODES: [Mode; 4] = [
     Mode::Native,
     Mode::DecaRanging { fast: false },
@@ -14,7 +15,7 @@ const MODES: [Mode; 4] = [
     Mode::Listening { rounds_chz: 1000 },
 ];
 
-/// A mode as the file says it.
+/// The name of a mode in the file.
 pub(super) const fn name(mode: Mode) -> &'static str {
     match mode {
         Mode::Native => "native",
@@ -24,12 +25,13 @@ pub(super) const fn name(mode: Mode) -> &'static str {
     }
 }
 
-/// A rate in Hz as the record has it, 0.01 Hz. What does not fit saturates, and is refused as a rate.
+/// A rate in Hz as in the record, in units of 0.01 Hz. A value outside the range saturates, and the check of the record
+/// refuses it.
 pub(super) fn centihertz(hertz: f32) -> u32 {
     (f64::from(hertz) * 100.0).round() as u32
 }
 
-/// What stands in the place of a key that is not shown.
+/// The text in place of a hidden key.
 pub(super) const HIDDEN: &str = "hidden";
 
 /// `[network]`.

@@ -1,4 +1,4 @@
-//! `[[node]]`: one node's own part of a site.
+//! `[[node]]`: the settings of one node of a site.
 
 use std::path::PathBuf;
 
@@ -14,7 +14,7 @@ use super::site_models::{self, Files};
 use crate::UserError;
 use crate::train::Chosen;
 
-/// The keys of anchors, tags and beacons alone.
+/// The keys that are only for anchors, only for tags or only for beacons.
 const ROLE_KEYS: [(RoleName, &[&str]); 3] = [
     (RoleName::Anchor, &["position_m"]),
     (
@@ -72,7 +72,7 @@ impl RoleName {
     }
 }
 
-/// `[[node]]`: what all nodes may have, then what tags may, then what beacons may.
+/// `[[node]]`: the keys of all nodes, then those of tags, then those of beacons.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct NodeTable {
@@ -135,24 +135,24 @@ struct PinTable {
 /// A node with its record.
 #[derive(Clone, Debug)]
 pub struct Node {
-    /// What the file calls it.
+    /// The node's name in the file.
     pub name: String,
-    /// What it is built on, where the file says it.
+    /// The node's board, where the file gives it.
     pub board: Option<Board>,
-    /// What it is told.
+    /// The node's config record.
     pub record: Record,
-    /// What it tells blocked links by, where that is not their powers.
+    /// The classifier for p_nlos, where the node does not use the powers alone.
     pub model: Option<Chosen>,
-    /// What it knows of beacons' levels on the spot, as `wire::config::decode_models` reads it.
+    /// The RSSI models of the site, as `wire::config::decode_models` reads them.
     pub site_models: Option<Vec<u8>>,
     pub(super) file: PathBuf,
-    /// The lines of `[network]`, of this node's table, and of what it is told of.
+    /// The line numbers of `[network]`, of this node's table, and of its lists.
     pub(super) network_lines: Lines,
     pub(super) lines: Lines,
     pub(super) lists: Lists,
 }
 
-/// What `[[node]]` itself says.
+/// The content of `[[node]]` itself.
 #[derive(Clone, Debug)]
 pub(super) struct Own {
     pub(super) name: Option<String>,
@@ -163,16 +163,16 @@ pub(super) struct Own {
     pub(super) pins: Option<Pins>,
     pub(super) model: Option<Chosen>,
     pub(super) site_models: Files,
-    /// Where it stands, for those that list it.
+    /// Its position, for the nodes that list it.
     pub(super) position_m: Option<[f32; 3]>,
     pub(super) lines: Lines,
 }
 
 impl Node {
-    /// The record, if a node on this board, or on the file's where there is none given, can do as it says.
+    /// The record, if a node on this board can follow it. Without a given board, the file's board is used.
     ///
     /// # Errors
-    /// It cannot; the line says what is wrong.
+    /// The node cannot follow the record. The error has the line number and the reason.
     pub fn record_for(&self, board: Option<Board>) -> Result<&Record, UserError> {
         let judged = match board.or(self.board) {
             Some(board) => self.record.validate_for(board),
@@ -181,7 +181,7 @@ impl Node {
         judged.map(|()| &self.record).map_err(|invalid| self.wrong(&invalid))
     }
 
-    /// In the file's words.
+    /// The error with the file's line number and key.
     fn wrong(&self, invalid: &Invalid) -> UserError {
         let Invalid { within, field, value, must } = invalid;
         let (line, key) = match within {
@@ -210,10 +210,10 @@ fn key_of(field: &'static str) -> &'static str {
 }
 
 impl NodeTable {
-    /// What the table says, with the files that it names.
+    /// Reads the table and the files that it names.
     ///
     /// # Errors
-    /// A key is of another role, keys do not go together, or a file is wrong.
+    /// A key belongs to another role, keys cannot be combined, or a file is wrong.
     pub(super) fn read(&self, document: Document<'_>, lines: &Lines) -> Result<Own, UserError> {
         let is_of = |role: RoleName, key: &str| ROLE_KEYS.iter().any(|(of, keys)| *of == role && keys.contains(&key));
         let foreign = lines.keys.iter().filter(|(key, _)| !is_of(self.role, key));
@@ -288,7 +288,7 @@ impl NodeTable {
         })
     }
 
-    /// The classifier of a file, whose path counts from the site's.
+    /// The classifier of a file, whose path is relative to the site's file.
     fn model(&self, document: Document<'_>, lines: &Lines) -> Result<Option<Chosen>, UserError> {
         let Some(file) = &self.nlos_model else {
             let what = "nlos_classifier without nlos_model: it names one of the file's";
@@ -311,7 +311,7 @@ impl NodeTable {
     }
 }
 
-/// Names are those of files, too.
+/// A node's name must also be valid as a file name.
 fn name<'de, D: Deserializer<'de>>(from: D) -> Result<Option<String>, D::Error> {
     let text = String::deserialize(from)?;
     let plain = text.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_'));

@@ -1,11 +1,11 @@
-//! What is to be said of nodes under the rules of their region, where a record is not refused outright. `docs/regulation.md` has the
+//! Warnings about nodes under the rules of their region, where a record is not refused. `docs/regulation.md` has the
 //! rules with their sources.
 
 use wire::config::Region;
 
 use super::Node;
 
-/// Lines for whoever provisions these nodes, each once.
+/// Warnings for the user who provisions these nodes, each once.
 pub fn warnings<'n>(nodes: impl IntoIterator<Item = &'n Node>) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for line in nodes.into_iter().flat_map(of) {

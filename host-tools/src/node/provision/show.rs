@@ -1,4 +1,4 @@
-//! A record as the file that it could be made from: show, edit, provision.
+//! Writes a record as the file from which it could be made: show, edit, provision.
 
 use std::fmt::{Display, Write};
 
@@ -8,17 +8,17 @@ use super::image::Held;
 use super::network::{self, HIDDEN};
 use super::site_models::KEYS;
 
-/// What is shown of a record.
+/// Whether keys are shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Keys {
-    /// Keys are replaced by a word that is refused as one.
+    /// Keys are replaced by a text that is not a valid key.
     Hidden,
     /// Keys as they are.
     Shown,
 }
 
-/// The record as TOML that [`Site::parse`](super::Site::parse) reads; with its board, where that is known. A classifier, a map
-/// and a model of rooms are named in comments.
+/// The record as TOML that [`Site::parse`](super::Site::parse) reads, with its board where that is known. Comments name
+/// a classifier, a map and a model of rooms.
 pub fn toml(held: &Held, board: Option<Board>, keys: Keys) -> String {
     let record = &held.record;
     let mut text =
@@ -42,11 +42,11 @@ pub fn toml(held: &Held, board: Option<Board>, keys: Keys) -> String {
     text.0
 }
 
-/// The same as one JSON document, with the classifier's name and features as `nlos_model`, what the map is as `fingerprint_map`, and
-/// the rooms as `room_model`.
+/// The record as one JSON document. `nlos_model` has the classifier's name and features, `fingerprint_map` describes
+/// the map, and `room_model` describes the rooms.
 ///
 /// # Errors
-/// None that a record can cause.
+/// No record can cause an error.
 pub fn json(held: &Held, board: Option<Board>, keys: Keys) -> Result<serde_json::Value, toml::de::Error> {
     let mut document: serde_json::Value = toml::from_str(&toml(held, board, keys))?;
     if let (Some(classifier), Some(fields)) = (held.classifier(), document.as_object_mut()) {
@@ -59,7 +59,7 @@ pub fn json(held: &Held, board: Option<Board>, keys: Keys) -> Result<serde_json:
     Ok(document)
 }
 
-/// Who the node is, in a few words.
+/// A short description of the node.
 pub fn summary(held: &Held) -> String {
     let record = &held.record;
     let address = match (record.identity.address, record.identity.eui) {
@@ -88,7 +88,7 @@ pub fn summary(held: &Held) -> String {
     format!("{what}{classifier}{site_models}; version {}, sequence {}", held.version, held.sequence)
 }
 
-/// TOML that grows.
+/// The TOML text.
 struct Text(String);
 
 impl Text {
@@ -170,7 +170,7 @@ impl Text {
     }
 
     fn tag(&mut self, tag: &Tag) {
-        // A float keeps its point, so that it stays one.
+        // A float keeps its decimal point, so that it is read as a float.
         self.line_if("height_m", tag.height_m.map(|height| format!("{height:?}")));
         self.text("solver", tag.solver.name());
         if let Some(scheme) = tag.scheme {

@@ -31,7 +31,7 @@ struct SiteFile {
 /// The nodes of a network.
 #[derive(Clone, Debug)]
 pub struct Site {
-    /// In the file's order; at least one.
+    /// The nodes in the file's order; at least one.
     pub nodes: Vec<Node>,
 }
 
@@ -39,17 +39,17 @@ impl Site {
     /// Reads a file.
     ///
     /// # Errors
-    /// It cannot be read, or [`parse`](Self::parse) refuses it.
+    /// The file cannot be read, or [`parse`](Self::parse) refuses it.
     pub fn read(file: &Path) -> Result<Self, UserError> {
         let text = fs::read_to_string(file).map_err(|error| UserError::file(file, error.to_string()))?;
         Self::parse(file, &text)
     }
 
-    /// The site that a text describes; `file` is what errors call it.
+    /// The site that a text describes. Errors name `file`.
     ///
     /// # Errors
-    /// The first line that is wrong: it is no TOML, a key is unknown or missing, a value is not what it must be, two
-    /// nodes are the same, or a node could not do as it is told.
+    /// The first line that is wrong: the text is not TOML, a key is unknown or missing, a value is not valid, two nodes
+    /// are the same, or a node could not follow its record.
     pub fn parse(file: &Path, text: &str) -> Result<Self, UserError> {
         let document = Document { file, text };
         let site: SiteFile = document.read()?;
@@ -84,10 +84,10 @@ impl Site {
         Ok(Self { nodes })
     }
 
-    /// The node of a name, or the only one.
+    /// The node with this name, or the only node.
     ///
     /// # Errors
-    /// There are several and none is named, or there is none of that name.
+    /// There are several nodes and no name is given, or no node has this name.
     pub fn node(&self, name: Option<&str>) -> Result<&Node, UserError> {
         let names: Vec<_> = self.nodes.iter().map(|node| node.name.as_str()).collect();
         match (name, self.nodes.as_slice()) {
@@ -105,15 +105,15 @@ impl Site {
     }
 }
 
-/// What all nodes share.
+/// The settings that all nodes share.
 struct Shared {
     network: Network,
     beacon_key: Option<[u8; 16]>,
     lines: Lines,
 }
 
-/// What tags are told of: what is listed; then beacons that are nodes; and, in DecaRanging, where they do not tell it
-/// themselves, anchors that are nodes.
+/// The lists of a tag's record: the listed anchors and beacons, then beacons that are nodes. In DecaRanging mode,
+/// anchors that are nodes are added where they do not report their positions.
 fn told(mut lists: Lists, owns: &[Own], mode: Mode) -> Lists {
     for own in owns {
         match (&own.role, own.position_m) {
@@ -146,7 +146,7 @@ fn node(document: Document<'_>, own: &Own, shared: &Shared, told: &Lists, count:
             (lists, shared.beacon_key)
         }
         Role::Advertiser(_) => (Default::default(), shared.beacon_key),
-        // It has no use for the key, so it cannot lose it.
+        // An anchor does not use the key, so its record does not contain the key.
         Role::Anchor { .. } => (Default::default(), None),
     };
     let record = Record {
@@ -165,7 +165,7 @@ fn node(document: Document<'_>, own: &Own, shared: &Shared, told: &Lists, count:
     Ok(Node { name, board: own.board, record, model, site_models, file, network_lines, lines, lists })
 }
 
-/// No two nodes are called, or are, the same.
+/// Checks that no two nodes have the same name or the same identity.
 fn distinct(document: Document<'_>, nodes: &[Node]) -> Result<(), UserError> {
     for (index, node) in nodes.iter().enumerate() {
         for before in nodes.iter().take(index) {

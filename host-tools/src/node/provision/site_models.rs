@@ -1,5 +1,5 @@
-//! What a tag gets of beacons' levels on the spot: a map of fingerprints and a model of rooms, from the files that `baliza ble` made,
-//! bound to the beacons that the tag is told of; and what a node has of them, in words.
+//! The RSSI models of a tag: a map of fingerprints and a model of rooms, from the files of `baliza ble`, bound to the
+//! beacons of the tag's record. This module also describes the models of a node in words.
 
 use std::fs;
 use std::path::Path;
@@ -17,37 +17,37 @@ use crate::survey::rooms::ModelFile;
 /// The keys of a tag's section.
 pub(super) const KEYS: [&str; 2] = ["fingerprint_map", "room_model"];
 
-/// The files that a tag's section names, not yet bound to beacons.
+/// The files that a tag's section names, before they are bound to beacons.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Files {
     map: Option<Named<Vec<u8>>>,
     rooms: Option<Named<ModelFile>>,
 }
 
-/// A file's content, and the line that names it.
+/// A file's content, and the number of the line that names it.
 #[derive(Clone, Debug)]
 struct Named<T> {
     content: T,
     line: u64,
 }
 
-/// One of the two.
+/// One of the two models.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// The map of levels.
+    /// The RSSI map.
     Map,
     /// The model of rooms.
     Rooms,
 }
 
-/// A beacon as a model calls it: its minor, and its major where the name has one.
+/// A beacon's name in a model: its minor number, and its major number where the name has one.
 type Called = (Option<u16>, u16);
 
 impl Files {
     /// Reads the files that a tag's table names.
     ///
     /// # Errors
-    /// One cannot be read, is none, or none for a node.
+    /// A file cannot be read, is not of its kind, or is not suitable for a node.
     pub(super) fn read(table: &NodeTable, document: Document<'_>, lines: &Lines) -> Result<Self, UserError> {
         let files = [&table.fingerprint_map, &table.room_model];
         for (key, _) in KEYS.into_iter().zip(files).filter(|(_, file)| file.is_some()) {
@@ -70,7 +70,7 @@ impl Files {
         })
     }
 
-    /// The models as a node has them, bound to these beacons; `None` without any. The error is of a line.
+    /// The models as a node stores them, bound to these beacons; `None` without models. The error has a line number.
     pub(super) fn bound(&self, beacons: &[Beacon]) -> Result<Option<Vec<u8>>, (u64, String)> {
         let map = self.map.as_ref().map(|map| map.content.as_slice());
         let rooms = self.rooms.as_ref().map(|rooms| &rooms.content);
@@ -88,10 +88,11 @@ impl Files {
     }
 }
 
-/// A map and a model of rooms as a node has them, bound to the beacons that it is told of. The error says what is wrong with which.
+/// A map and a model of rooms as a node stores them, bound to the beacons of its record. The error is the model and
+/// what is wrong with it.
 ///
 /// # Errors
-/// A beacon of theirs is not among those, or two may be it; or they are too long.
+/// A beacon of the models is not among `beacons`, or two beacons match it, or the models are too long.
 pub fn encode(map: Option<&[u8]>, rooms: Option<&ModelFile>, beacons: &[Beacon]) -> Result<Vec<u8>, (Part, String)> {
     let (mut of_map, mut of_rooms) = (Vec::new(), Vec::new());
     if let Some(map) = map {
@@ -117,10 +118,10 @@ pub fn encode(map: Option<&[u8]>, rooms: Option<&ModelFile>, beacons: &[Beacon])
     })
 }
 
-/// A map for a node, from a file of `baliza ble map`.
+/// Reads a map for a node from a file of `baliza ble map`.
 ///
 /// # Errors
-/// In words: the file cannot be read, or it is no map for a node.
+/// The file cannot be read, or it is not a map for a node. The error is a message.
 pub fn read_map(file: &Path) -> Result<Vec<u8>, String> {
     let bytes = read(file)?;
     let (map, rest) = Map::decode(&bytes).map_err(|fault| fault.to_string())?;
@@ -136,10 +137,10 @@ pub fn read_map(file: &Path) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// A model of rooms, from a file of `baliza ble rooms --out`.
+/// Reads a model of rooms from a file of `baliza ble rooms --out`.
 ///
 /// # Errors
-/// In words: the file cannot be read, or it is none.
+/// The file cannot be read, or it is not a model of rooms for a node. The error is a message.
 pub fn read_rooms(file: &Path) -> Result<ModelFile, String> {
     let read = ModelFile::parse(&read(file)?)?;
     match NodeModel::decode(&read.model) {
@@ -152,7 +153,7 @@ fn read(file: &Path) -> Result<Vec<u8>, String> {
     fs::read(file).map_err(|error| format!("cannot open it: {error}"))
 }
 
-/// What the file of a key holds.
+/// The content of the file that a key names.
 fn named<T>(
     key: &str,
     name: &Path,
@@ -169,7 +170,7 @@ fn called(name: &str) -> Option<Called> {
     numbers(name).map(|(major, minor)| (Some(major), minor)).or_else(|| Some((None, name.parse().ok()?)))
 }
 
-/// Major and minor of each beacon, as the node stores them.
+/// The major and the minor number of each beacon, as the node stores them.
 fn bind(called: impl Iterator<Item = Option<Called>>, beacons: &[Beacon]) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
     for called in called {
@@ -195,18 +196,18 @@ fn bind(called: impl Iterator<Item = Option<Called>>, beacons: &[Beacon]) -> Res
     Ok(bytes)
 }
 
-/// What a region holds, in words: its map and its rooms, each where there is one, or why it is none.
+/// Descriptions of the map and the rooms in a region, where there are any, or why they are not valid.
 pub(super) fn words(region: &[u8]) -> [Option<String>; 2] {
     parts(region).map(|part| part.map(|held| held.unwrap_or_else(|fault| format!("none: {fault}"))))
 }
 
-/// Whether a region, if there is something in it, is whole in all its parts; else what is not.
+/// Checks that all parts of a region are valid, where there are any. The error names the invalid part.
 pub(super) fn check(region: &[u8]) -> Result<(), String> {
     let whole: Result<Vec<_>, _> = parts(region).into_iter().flatten().collect();
     whole.map(drop).map_err(|fault| format!("the record is whole, but beside it is {fault}"))
 }
 
-/// The map and the rooms of a region, each where there is one, in words, or what is wrong with it.
+/// Descriptions of the map and the rooms in a region, where there are any. The error is what is wrong with a part.
 fn parts(region: &[u8]) -> [Option<Result<String, String>>; 2] {
     let models = match decode_models(region) {
         Ok(models) => models,

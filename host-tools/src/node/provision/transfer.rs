@@ -1,9 +1,9 @@
-//! A record over a debug probe: into the flash of a board, and out of it.
+//! Writes a record to a board's flash over a debug probe, and reads it back.
 //!
-//! Both pages are read, the one that does not count is written, as the node itself would do it; then it is read back
-//! and compared, and the node starts anew. An ESP's flash is not in the chip's memory, so that probes write it without
-//! reading it: there the record goes into both pages, one after the other, and the chip compares it. What a tag knows of beacons' levels
-//! is written before its record; where the file has none, that of before is taken out.
+//! Both pages are read, and the page that is not in use is written, as the node itself does it. Then the page is read
+//! back and compared, and the node is restarted. The flash of an ESP is not in the chip's memory, so that probes write
+//! it without reading it. There the record is written to both pages, one after the other, and the chip compares it. A
+//! tag's RSSI models are written before its record. Where the file has no models, the models in flash are removed.
 
 use std::time::Duration;
 
@@ -14,24 +14,24 @@ use wire::config::{Board, LoadError, MODELS_BYTES, Next, Role, next};
 
 use super::image::{self, Contents, Held};
 
-/// A chip's flash, by whole pages.
+/// A chip's flash, in complete pages.
 pub trait Flash {
-    /// Reads from an address on.
+    /// Reads bytes from an address on.
     ///
     /// # Errors
-    /// The probe's.
+    /// The probe returns an error.
     fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<()>;
 
-    /// Erases a page and writes it; the flash's own check finds what did not hold.
+    /// Erases a page and writes it. The flash's own check finds bytes that were not written correctly.
     ///
     /// # Errors
-    /// The probe's.
+    /// The probe returns an error.
     fn write_page(&mut self, address: u32, page: &[u8]) -> Result<()>;
 
-    /// Starts the node anew.
+    /// Restarts the node.
     ///
     /// # Errors
-    /// The probe's.
+    /// The probe returns an error.
     fn restart(&mut self) -> Result<()>;
 }
 
@@ -52,18 +52,18 @@ impl Flash for Session {
 
     fn restart(&mut self) -> Result<()> {
         let mut core = self.core(0)?;
-        // What writes the flash left the core halted in it.
+        // After the write, the core is halted in the flash routine.
         core.reset_and_halt(Duration::from_millis(500))?;
         core.run()?;
         Ok(())
     }
 }
 
-/// Writes what a node is to hold, and restarts it; answers with the addresses of the record's pages that were written, and the record's
-/// sequence number.
+/// Writes the content of a node's flash, and restarts the node. Returns the addresses of the record's pages that were
+/// written, and the record's sequence number.
 ///
 /// # Errors
-/// The probe's; or the flash does not keep what was written.
+/// The probe returns an error, or the flash does not keep the written bytes.
 pub fn write(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -> Result<(Vec<u32>, u32)> {
     write_site_models(flash, board, contents)?;
     let addresses = board.pages().addresses();
@@ -94,13 +94,13 @@ pub fn write(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -> R
     Ok((written, sequence))
 }
 
-/// Writes a tag's models of beacons' levels, page by page; without any, only what stands there is made none. A page that is as it should
-/// be is left.
+/// Writes a tag's RSSI models, page by page. Without models, only the first page is erased, which makes the stored
+/// models invalid. A page that is correct already is not written.
 fn write_site_models(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -> Result<()> {
     let (Some(address), Role::Tag(_)) = (board.pages().models_address(), &contents.record.role) else { return Ok(()) };
     let size = board.pages().size as usize;
     let mut region = contents.site_models.unwrap_or_default().to_vec();
-    // Without its first page there is nothing.
+    // The region is invalid without its first page.
     region.resize(if region.is_empty() { size } else { MODELS_BYTES }, 0xFF);
     let before = if board.spec().flasher.is_readable() { read_site_models(flash, board)? } else { Vec::new() };
     let mut wrote = false;
@@ -117,16 +117,16 @@ fn write_site_models(flash: &mut impl Flash, board: Board, contents: &Contents<'
     Ok(())
 }
 
-/// Reads the record that counts.
+/// Reads the newest valid record.
 ///
 /// # Errors
-/// The probe's.
+/// The probe returns an error.
 pub fn read(flash: &mut impl Flash, board: Board) -> Result<Result<Held, LoadError>> {
     let (pages, site_models) = (read_pages(flash, board)?, read_site_models(flash, board)?);
     Ok(image::held([&pages[0], &pages[1]], &site_models))
 }
 
-/// The region of beacons' levels; empty where the board has none.
+/// The region of the RSSI models; empty where the board has none.
 fn read_site_models(flash: &mut impl Flash, board: Board) -> Result<Vec<u8>> {
     let Some(address) = board.pages().models_address() else { return Ok(Vec::new()) };
     let mut region = vec![0; MODELS_BYTES];
@@ -156,9 +156,9 @@ mod tests {
         pages: BTreeMap<u32, Vec<u8>>,
         writes: Vec<u32>,
         restarts: usize,
-        /// Forgets a bit of what it is given.
+        /// The flash changes a bit of each written page.
         worn: bool,
-        /// After so many pages the power fails, within the next one.
+        /// After this number of pages the power fails, within the next page.
         power: Option<usize>,
     }
 
@@ -174,7 +174,7 @@ mod tests {
 
         fn write_page(&mut self, address: u32, page: &[u8]) -> Result<()> {
             if self.power == Some(self.writes.len()) {
-                // Erased, and half of it written.
+                // The page is erased, and half of it is written.
                 self.pages.insert(address, [&page[..page.len() / 2], &vec![0xFF; page.len() / 2]].concat());
                 bail!("no power");
             }
@@ -200,14 +200,14 @@ mod tests {
         Contents { record, model: None, site_models: None }
     }
 
-    /// Models that fill more than a page, of this byte.
+    /// Models that fill more than a page with this byte.
     fn site_models(byte: u8) -> Vec<u8> {
         let map = Some(BeaconModel { beacons: &[], model: &[byte; 5000] });
         let models = StoredSiteModels { map, ..StoredSiteModels::default() };
         encode_models(&models, &mut [0; MODELS_BYTES]).expect("they fit").to_vec()
     }
 
-    /// The byte of the models that a node would take from its flash.
+    /// The byte of the models that a node would read from its flash.
     fn taken(memory: &mut Memory, board: Board) -> Result<u8, LoadError> {
         let mut region = vec![0; MODELS_BYTES];
         memory.read(board.pages().models_address().expect("it has Bluetooth"), &mut region).unwrap();
@@ -226,14 +226,14 @@ mod tests {
             if board.spec().flasher.is_readable() {
                 let held = read(&mut memory, board).unwrap().unwrap();
                 assert!(held.site_models.is_some_and(|region| region.starts_with(&site_models)));
-                // What is there already is not written again.
+                // Content that is correct already is not written again.
                 memory.writes.clear();
                 write(&mut memory, board, &Contents { site_models: Some(&site_models), ..of(tag) }).unwrap();
                 assert_eq!(memory.writes, [0x7F000]);
             }
             write(&mut memory, board, &of(tag)).unwrap();
             assert_eq!(taken(&mut memory, board), Err(LoadError::Missing));
-            // An anchor has no Bluetooth, and nobody looks there.
+            // An anchor has no Bluetooth, so its region is not changed.
             memory.writes.clear();
             write(&mut memory, board, &of(anchor)).unwrap();
             assert!(memory.writes.iter().all(|address| board.pages().addresses().contains(address)));

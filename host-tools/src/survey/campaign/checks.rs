@@ -1,37 +1,39 @@
-//! Whether what was heard at a point may stand for the point.
+//! Checks whether the adverts of a dwell represent its point without bias.
 //!
-//! Bounds are such that of 74 stays recorded in a flat (10 and 5 s, phone in hand) three are refused.
+//! The bounds refuse three of 74 dwells recorded in a flat (10 and 5 s, phone in hand).
 
 use baliza_report::mean;
 use std::fmt;
 
 use super::dwell::Dwell;
 
-/// The best-heard beacon has so many adverts a second at least.
+/// Least advert rate of the strongest beacon, Hz.
 const LEAST_RATE_HZ: f64 = 2.0;
-/// A beacon with fewer adverts than this is too rare for any judgement on itself.
+/// A beacon with fewer adverts than this is not checked by itself.
 const LEAST_JUDGED: usize = 10;
-/// Weaker beacons than this come and go, dBm.
+/// Beacons weaker than this are received irregularly, dBm.
 const STEADY_DBM: f64 = -85.0;
-/// A steady beacon is silent for so many of its intervals, and so many seconds, at most.
+/// A silence is refused where it is longer than this number of the beacon's usual intervals, and longer than
+/// `SILENT_S`.
 const SILENT_INTERVALS: f64 = 20.0;
 const SILENT_S: f64 = 2.5;
-/// Between its halves a beacon's mean RSSI changes by this at most, dB.
+/// Largest change of a beacon's mean RSSI between the halves of a dwell, dB.
 const SHIFT_DB: f64 = 8.0;
-/// Over the stay a straight line through its RSSI values rises or falls by this at most, dB; a shift of half as much between the halves.
+/// Largest rise or fall of a straight line through a beacon's RSSI values over the dwell, dB. The shift between the
+/// halves must be half as much, too.
 const DRIFT_DB: f64 = 12.0;
-/// Half of the beacons change by less than this between the halves while nobody moves, dB.
+/// While the receiver is still, half of the beacons change by less than this between the halves, dB.
 const STILL_DB: f64 = 4.0;
 
-/// Why a stay does not stand for its point.
+/// Why a dwell does not represent its point.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Bias {
-    /// Hardly anything was heard: adverts a second of the beacon that was heard best.
+    /// Too few adverts were received: advert rate of the beacon with the most adverts.
     TooFew {
         /// Adverts a second.
         rate_hz: f64,
     },
-    /// A beacon fell silent, or was not there from the start.
+    /// A beacon fell silent, or was silent from the start.
     Silent {
         /// The beacon.
         beacon: String,
@@ -44,7 +46,7 @@ pub enum Bias {
     Drift {
         /// The beacon.
         beacon: String,
-        /// By how much over the stay, dB.
+        /// By how much over the dwell, dB.
         by_db: f64,
     },
     /// A beacon's RSSI changed between the halves.
@@ -54,9 +56,9 @@ pub enum Bias {
         /// By how much, dB.
         by_db: f64,
     },
-    /// Most RSSI values changed: whoever holds the receiver moved.
+    /// Most RSSI values changed: the receiver moved.
     Moved {
-        /// How much half of the beacons changed at least, dB.
+        /// Half of the beacons changed by at least this, dB.
         by_db: f64,
     },
 }
@@ -80,7 +82,7 @@ impl fmt::Display for Bias {
     }
 }
 
-/// Why a stay does not stand for its point; nothing where it does.
+/// Why a dwell does not represent its point; empty where it does.
 pub fn biases(stay: &Dwell) -> Vec<Bias> {
     let beacons = stay.by_beacon();
     let most = beacons.values().map(Vec::len).max().unwrap_or(0);
@@ -106,7 +108,7 @@ pub fn biases(stay: &Dwell) -> Vec<Bias> {
         }
     }
     shifts.sort_by(f64::total_cmp);
-    // The lower of the two in the middle: one beacon of two is not most of them.
+    // The lower of the two in the middle: one beacon of two is not a majority.
     if let Some(&by_db) =
         shifts.get(shifts.len().saturating_sub(1) / 2).filter(|shift| **shift > STILL_DB && shifts.len() > 1)
     {
@@ -115,7 +117,7 @@ pub fn biases(stay: &Dwell) -> Vec<Bias> {
     biases
 }
 
-/// The longest silence, where it is no matter of chance: since when and how long, seconds.
+/// The longest silence that is not a matter of chance: its start and its length, seconds.
 fn silence(adverts: &[(f64, f64)], length_s: f64) -> Option<(f64, f64)> {
     let times = std::iter::once(0.0).chain(adverts.iter().map(|(t_s, _)| *t_s)).chain([length_s]);
     let times: Vec<f64> = times.collect();
@@ -126,7 +128,7 @@ fn silence(adverts: &[(f64, f64)], length_s: f64) -> Option<(f64, f64)> {
     (for_s > SILENT_S && for_s > SILENT_INTERVALS * usual).then_some((from_s, for_s))
 }
 
-/// By how much the mean RSSI of the second half is higher, dB; `None` where a half has too few.
+/// By how much the mean RSSI of the second half is higher, dB; `None` where a half has too few adverts.
 fn shift(adverts: &[(f64, f64)], middle_s: f64) -> Option<f64> {
     let (early, late) = adverts.split_at(adverts.partition_point(|(t_s, _)| *t_s < middle_s));
     let rssi = |half: &[(f64, f64)]| mean(half.iter().map(|(_, rssi)| *rssi));
@@ -149,7 +151,8 @@ mod tests {
     use super::{Bias, biases};
     use crate::survey::campaign::Dwell;
 
-    /// Ten seconds of three beacons at ten adverts a second; `rssi` says what the beacon has at a time, if it is heard.
+    /// Ten seconds of three beacons at ten adverts a second; `rssi` gives the RSSI of a beacon at a time, `None`
+    /// where it is not received.
     fn stay(rssi: impl Fn(usize, f64) -> Option<f64>) -> Dwell {
         let mut stay = Dwell::new(None, 10.0);
         for advert in 0..100 {
@@ -168,7 +171,7 @@ mod tests {
     #[test]
     fn a_steady_stay_is_taken() {
         assert_eq!(biases(&stay(|beacon, _| Some(-60.0 - 5.0 * beacon as f64))), []);
-        // A weak beacon comes and goes.
+        // A weak beacon is received only half of the time.
         assert_eq!(biases(&stay(|beacon, t_s| (beacon < 2 || t_s < 5.0).then_some([-60.0, -70.0, -90.0][beacon]))), []);
     }
 
@@ -187,12 +190,13 @@ mod tests {
         let found = biases(&stay(|beacon, t_s| Some(-60.0 - if beacon == 2 { 1.5 * t_s } else { 0.0 })));
         let [Bias::Drift { beacon, by_db }] = found.as_slice() else { panic!("{found:?}") };
         assert!(beacon == "2" && (by_db + 15.0).abs() < 0.1, "{by_db}");
-        // 9 dB from seven seconds on: the second half has a mean of 9 · 3/5 = 5.4 more, which is still taken; from five seconds on 9.
+        // 9 dB from seven seconds on: the mean of the second half is 9 · 3/5 = 5.4 dB higher, which is still
+        // accepted; from five seconds on it is 9 dB higher.
         let jump = |from_s: f64| {
             biases(&stay(move |beacon, t_s| Some(-60.0 + if beacon == 0 && t_s >= from_s { 9.0 } else { 0.0 })))
         };
         assert_eq!(jump(7.0), []);
-        // A straight line through a step of 9 rises by 1.5 · 9 = 13.5 over the stay.
+        // A straight line through a step of 9 rises by 1.5 · 9 = 13.5 over the dwell.
         let biases = jump(4.95);
         let [Bias::Drift { by_db, .. }] = biases.as_slice() else { panic!("{biases:?}") };
         assert!((by_db - 13.5).abs() < 0.3, "{by_db}");
@@ -200,7 +204,7 @@ mod tests {
 
     #[test]
     fn whoever_walks_is_told_to_stand_still() {
-        // All RSSI values change by 5 dB half way, one up and two down: too little for any beacon alone.
+        // All RSSI values change by 5 dB half way, one up and two down: too little for the check of a single beacon.
         let biases =
             biases(&stay(|beacon, t_s| Some(-60.0 + if t_s >= 4.95 { [5.0, -5.0, -5.0][beacon] } else { 0.0 })));
         let [Bias::Moved { by_db }] = biases.as_slice() else { panic!("{biases:?}") };

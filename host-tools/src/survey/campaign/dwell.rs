@@ -1,48 +1,48 @@
-//! What is heard at a point, from the first message there until the stay is long enough, in the node's own time.
+//! What a node receives at a point, from its first message until the dwell is long enough, in the node's own time.
 
 use baliza_report::mean;
 use std::collections::BTreeMap;
 
 use positioning_core::ble::signal::rssi;
 
-/// An advert heard.
+/// A received advert.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Advert {
-    /// Who sent it.
+    /// The beacon that sent it.
     pub beacon: String,
     /// Its RSSI, dBm.
     pub rssi_dbm: f64,
-    /// When it came, seconds since the stay began.
+    /// When it was received, seconds since the dwell began.
     pub t_s: f64,
 }
 
-/// A stay at a point.
+/// A dwell at a point.
 #[derive(Clone, Debug)]
 pub struct Dwell {
     from_s: Option<f64>,
-    /// How long it is, seconds.
+    /// Its length, seconds.
     pub length_s: f64,
-    /// What was heard.
+    /// The received adverts.
     pub adverts: Vec<Advert>,
-    /// Adverts whose RSSI none can have measured.
+    /// Number of adverts with an RSSI that no receiver can have measured.
     pub refused: usize,
     now_s: f64,
 }
 
 impl Dwell {
-    /// A stay of that length; it begins at that time, or with the first message.
+    /// A dwell of this length; it begins at `from_s`, or with the first message.
     pub fn new(from_s: Option<f64>, length_s: f64) -> Self {
         Self { from_s, length_s, adverts: Vec::new(), refused: 0, now_s: 0.0 }
     }
 
-    /// Something was said at that time; true once the stay is over. Whatever is said tells the time.
+    /// A message of any kind was received at that time; returns true once the dwell is over.
     pub fn at(&mut self, t_s: f64) -> bool {
         let since_s = t_s - *self.from_s.get_or_insert(t_s);
         self.now_s = self.now_s.max(since_s);
         since_s >= self.length_s
     }
 
-    /// An advert that came before the stay was over, and not before it began.
+    /// An advert; it counts if it was received within the dwell.
     pub fn receive(&mut self, t_s: f64, beacon: &str, rssi_dbm: f64) {
         let since_s = t_s - self.from_s.unwrap_or(t_s);
         if !(0.0..self.length_s).contains(&since_s) {
@@ -64,7 +64,7 @@ impl Dwell {
         beacons
     }
 
-    /// How it stands: seconds, and the count and mean RSSI of each beacon.
+    /// Progress: seconds, and the count and mean RSSI of each beacon.
     pub fn status(&self) -> String {
         let mut text = format!("{:.0} of {:.0} s", self.now_s.min(self.length_s), self.length_s);
         for (beacon, adverts) in self.by_beacon() {

@@ -1,4 +1,5 @@
-//! `fingerprints.csv`: what was there stays, byte by byte; stays are added behind it, and the file is replaced as a whole.
+//! `fingerprints.csv`. What the file already holds is kept byte by byte, dwells are appended, and the file is
+//! replaced as a whole.
 
 use std::collections::HashSet;
 use std::fs;
@@ -14,7 +15,7 @@ use crate::{Table, UserError};
 
 const COLUMNS: [&str; 7] = ["point", "room", "x_m", "y_m", "beacon", "rssi_dbm", "t_s"];
 
-/// The file, as it is on the disk.
+/// The file as it is on the disk.
 #[derive(Clone, Debug)]
 pub struct FingerprintFile {
     file: PathBuf,
@@ -24,10 +25,10 @@ pub struct FingerprintFile {
 }
 
 impl FingerprintFile {
-    /// Opens the file; one that is not there begins with its header.
+    /// Opens the file; a new file begins with its header.
     ///
     /// # Errors
-    /// It is not a file of fingerprints, or its folder does not exist.
+    /// The file is not a file of fingerprints, or its folder does not exist.
     pub fn open(flag: &'static str, file: &Path) -> Result<Self, UserError> {
         output::check(flag, file)?;
         let text = match fs::read(file) {
@@ -56,15 +57,15 @@ impl FingerprintFile {
         Ok(book)
     }
 
-    /// Whether the file has the point already.
+    /// Whether the file already has the point.
     pub fn has(&self, point: &str) -> bool {
         self.points.contains(point)
     }
 
-    /// Adds a stay, on the disk too; if that fails, the file is as before.
+    /// Appends a dwell, on the disk too; if that fails, the file is as before.
     ///
     /// # Errors
-    /// The file system's.
+    /// The file cannot be written.
     pub fn add(&mut self, place: &SurveyPoint, stay: &Dwell) -> Result<()> {
         let mut rows = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
         let [x, y] = place.position_m.map(|metres| metres.to_string());
@@ -78,7 +79,7 @@ impl FingerprintFile {
                 "beacon" => &advert.beacon,
                 "rssi_dbm" => &rssi,
                 "t_s" => &time,
-                // Somebody's own column.
+                // A column that the user has added.
                 _ => "",
             });
             rows.write_record(fields)?;

@@ -1,7 +1,9 @@
-//! A survey of fingerprints: from the adverts at a point to rows of `fingerprints.csv`, or the reasons why they are none.
+//! A survey of fingerprints: makes rows of `fingerprints.csv` from the adverts at a point, or gives the reasons to
+//! refuse them.
 //!
-//! [`read_points`] says where to go; a [`Dwell`] takes what a node hears there, in the node's own time, until it is long enough;
-//! [`judge`] refuses what is biased; [`FingerprintFile`] is the file, which only ever grows.
+//! [`read_points`] reads the points to visit. A [`Dwell`] collects what a node receives at a point, in the node's own
+//! time, until it is long enough. [`judge`] refuses a biased dwell. [`FingerprintFile`] is the file, which only ever
+//! grows.
 
 mod checks;
 mod dwell;

@@ -1,26 +1,26 @@
-//! The points of a survey: a file of them, or one typed.
+//! The points of a survey, from a file or typed by a person.
 
 use std::path::Path;
 
 use crate::{Table, UserError};
 
-/// A point to go to.
+/// A point to visit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SurveyPoint {
-    /// What it is called.
+    /// Its name.
     pub name: String,
     /// Its room.
     pub room: Option<String>,
-    /// Where it is, metres.
+    /// Its position, metres.
     pub position_m: [f64; 2],
-    /// When the stay there begins in a recording, seconds.
+    /// When the dwell begins in a recording, seconds.
     pub from_s: Option<f64>,
 }
 
 /// Reads `point,x_m,y_m` and, where known, `room,from_s`.
 ///
 /// # Errors
-/// The first line that is wrong; a point that stands twice.
+/// A line is wrong (the first one is reported), or a point is in the file twice.
 pub fn read_points(file: &Path) -> Result<Vec<SurveyPoint>, UserError> {
     let mut table = Table::open(file)?;
     let (point, x, y) = (table.column("point")?, table.column("x_m")?, table.column("y_m")?);
@@ -38,10 +38,10 @@ pub fn read_points(file: &Path) -> Result<Vec<SurveyPoint>, UserError> {
     if places.is_empty() { Err(UserError::line(file, 1, "no points below the header")) } else { Ok(places) }
 }
 
-/// A point that was typed: `name x y`, and the room behind, if it has one.
+/// Parses a typed point: `name x y`, and the room behind, if it has one.
 ///
 /// # Errors
-/// What is expected.
+/// The line has another form; the error says which one is expected.
 pub fn parse_point(line: &str) -> Result<SurveyPoint, String> {
     let expected = || "a point is: name x y, in metres, and its room, if it has one".to_owned();
     let mut words = line.split_whitespace();

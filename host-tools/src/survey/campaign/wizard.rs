@@ -1,4 +1,4 @@
-//! A survey with a person: from point to point, with what is heard, until each point is taken or left out.
+//! Guides a person through a survey from point to point, until each point is measured or left out.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -13,22 +13,22 @@ use super::points::SurveyPoint;
 use crate::node::decode::Stream;
 use crate::node::monitor::{Channel, Event, Source};
 
-/// A source is asked for no longer than this, so that a key is soon heard.
+/// Longest wait for a source at a time, so that a typed line is read soon.
 const PATIENCE: Duration = Duration::from_millis(50);
-/// A node that said nothing so many times, for ten seconds, is asked after.
+/// After this number of empty reads in a row, which is ten seconds, a note warns the person.
 const SILENT: u32 = 200;
 
-/// Who carries the node.
+/// The person who carries the node.
 pub trait Person {
-    /// Is told something.
+    /// Shows a message.
     fn note(&mut self, text: &str);
-    /// Is shown how it stands, several times a second.
+    /// Shows the progress, several times a second.
     fn show(&mut self, status: &str);
-    /// The line that was typed since; [`Typed::Nothing`] at once, if there is none.
+    /// The line typed since the last call; returns [`Typed::Nothing`] at once, if there is none.
     fn typed(&mut self) -> Typed;
 }
 
-/// Takes a message's time, seconds, and where it is an advert, who was heard how loud, dBm.
+/// Takes a message's time, seconds, and for an advert the beacon's name and its RSSI, dBm.
 pub type Take<'t> = dyn FnMut(f64, Option<(String, f64)>) + 't;
 
 /// What was typed.
@@ -38,30 +38,30 @@ pub enum Typed {
     Nothing,
     /// A line.
     Line(String),
-    /// Nothing ever again.
+    /// The input has ended.
     Closed,
 }
 
-/// What became of a point.
+/// The result of a visit to a point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Visit {
     /// The point.
     pub point: String,
-    /// Whether it is in the file now.
+    /// Whether the point is in the file now.
     pub taken: bool,
-    /// Adverts heard.
+    /// Number of received adverts.
     pub adverts: usize,
-    /// Beacons heard.
+    /// Number of received beacons.
     pub beacons: usize,
-    /// Why it was refused.
+    /// Why the dwell was refused.
     pub biases: Vec<Bias>,
 }
 
 impl Visit {
-    /// Judges a stay, and adds it to the file where nothing is to be said against it.
+    /// Checks a dwell, and adds it to the file if no check fails.
     ///
     /// # Errors
-    /// The file system's.
+    /// The file cannot be written.
     pub fn conclude(place: &SurveyPoint, stay: &Dwell, book: &mut FingerprintFile) -> Result<Self> {
         let biases = biases(stay);
         if biases.is_empty() {
@@ -76,7 +76,7 @@ impl Visit {
         })
     }
 
-    /// What is said of it.
+    /// The result as text.
     pub fn said(&self) -> String {
         let reasons: Vec<_> = self.biases.iter().map(ToString::to_string).collect();
         let heard = format!("{} adverts of {} beacons", self.adverts, self.beacons);
@@ -87,39 +87,39 @@ impl Visit {
     }
 }
 
-/// Why a visit ended without a stay.
+/// Why a visit ended without a dwell.
 enum Left {
     Skipped,
     Ended,
 }
 
-/// Leads a person.
+/// Guides a person.
 pub struct Wizard<'a> {
-    /// What the node says.
+    /// The node's messages.
     pub source: &'a mut dyn Source,
-    /// Who carries it.
+    /// The person who carries the node.
     pub person: &'a mut dyn Person,
-    /// How long a stay is, seconds.
+    /// Length of a dwell, seconds.
     pub stay_s: f64,
-    /// Ctrl-C was pressed.
+    /// Whether Ctrl-C was pressed.
     pub stop: &'a AtomicBool,
-    /// When the survey ends at the latest.
+    /// The latest end of the survey.
     pub until: Option<Instant>,
     stream: Stream,
-    /// How often in a row the node said nothing.
+    /// Number of reads in a row without a message.
     silent: u32,
 }
 
 impl<'a> Wizard<'a> {
-    /// A guide who has not begun.
+    /// A guide that has not begun.
     pub fn new(source: &'a mut dyn Source, person: &'a mut dyn Person, stay_s: f64, stop: &'a AtomicBool) -> Self {
         Self { source, person, stay_s, stop, until: None, stream: Stream::default(), silent: 0 }
     }
 
-    /// Visits a point until it is taken, left out, or the survey ends; `None`: it ends.
+    /// Visits a point until it is measured or left out; `None` where the survey ends.
     ///
     /// # Errors
-    /// The source's and the file system's.
+    /// The source cannot be read, or the file cannot be written.
     pub fn visit(
         &mut self,
         place: &SurveyPoint,
@@ -150,10 +150,10 @@ impl<'a> Wizard<'a> {
         }
     }
 
-    /// A line that is typed while the node's words pass by; `None`: none comes any more.
+    /// Waits for a typed line and discards the node's messages meanwhile; `None` where the input has ended.
     ///
     /// # Errors
-    /// The source's.
+    /// The source cannot be read.
     pub fn line(&mut self) -> Result<Option<String>> {
         loop {
             match self.person.typed() {
@@ -175,7 +175,7 @@ impl<'a> Wizard<'a> {
         })
     }
 
-    /// Listens until the stay is over; `None`: the node's words ended before.
+    /// Receives until the dwell is over; `None` where the source ended before.
     fn stay(&mut self) -> Result<Option<Dwell>> {
         let mut stay = Dwell::new(None, self.stay_s);
         let mut over = false;
@@ -194,7 +194,7 @@ impl<'a> Wizard<'a> {
         Ok(Some(stay))
     }
 
-    /// Takes what the node says next; `None`: nothing comes any more. Adverts are named.
+    /// Takes the node's next message; `None` where the source has ended. Adverts get their beacon's name.
     fn next(&mut self, take: &mut Take<'_>) -> Result<Option<()>> {
         if self.stop.load(Ordering::Relaxed) || self.until.is_some_and(|until| Instant::now() >= until) {
             return Ok(None);
@@ -219,7 +219,7 @@ impl<'a> Wizard<'a> {
     }
 }
 
-/// Gives each message of a stream.
+/// Calls `take` for each message of a stream.
 pub fn each_advert(stream: &mut Stream, bytes: &[u8], take: &mut Take<'_>) {
     for byte in bytes {
         if let Some((stamp, message)) = stream.feed(*byte) {
@@ -246,7 +246,7 @@ mod tests {
     use crate::node::monitor::{Channel, Event, Source};
     use crate::survey::campaign::{FingerprintFile, parse_point};
 
-    /// A node that hears one beacon ten times a second; it is silent while its clock is in the gap.
+    /// A node that receives one beacon ten times a second; it is silent while its clock is in the gap.
     struct Node {
         t_us: u64,
         gap_us: std::ops::Range<u64>,
@@ -265,7 +265,7 @@ mod tests {
         }
     }
 
-    /// Types lines one after the other, each when asked for the second time.
+    /// Types lines one after the other, each at the second request.
     struct Script {
         lines: VecDeque<&'static str>,
         asked: bool,
@@ -290,7 +290,7 @@ mod tests {
     fn a_refused_stay_is_tried_again_and_a_skipped_point_is_not_written() {
         let folder = tempfile::tempdir().expect("a folder");
         let mut book = FingerprintFile::open("--out", &folder.path().join("f.csv")).expect("none yet");
-        // The beacon is away from 4 s to 9 s of the node's clock: in the first stay.
+        // The beacon is silent from 4 s to 9 s of the node's clock: in the first dwell.
         let mut node = Node { t_us: 0, gap_us: 4_000_000..9_000_000 };
         let mut person = Script { lines: ["", "", "s", "q"].into(), asked: false, told: Vec::new() };
         let (stop, mut visits) = (AtomicBool::new(false), Vec::new());

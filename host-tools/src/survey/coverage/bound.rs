@@ -1,13 +1,14 @@
-//! The least error of a position (Cramér and Rao) from RSSI values or ranges whose noise is Gaussian and independent.
+//! The least error of a position (Cramér–Rao bound) from RSSI values or ranges with independent Gaussian noise.
 //!
-//! A station at the distance d in the direction u adds u uᵀ ⁄ s² to the information; s is the deviation of a range, or of a distance
-//! that is read from an RSSI, d σ ln 10 ⁄ (10 n). Close to a beacon that is too little: the tag is within d of it, whatever the direction,
-//! so that an RSSI tells 1 ⁄ d² across u, too. What is known beforehand, that the tag is within the area, is information too: without
-//! it, places that hear one station would have no error at all to compare.
+//! A station at the distance d in the direction u adds u uᵀ ⁄ s² to the information. s is the deviation of a range,
+//! or of a distance computed from an RSSI: d σ ln 10 ⁄ (10 n). Close to a beacon that is too little: the tag is
+//! within d of the beacon, whatever the direction, so that an RSSI also gives 1 ⁄ d² across u. The prior knowledge
+//! that the tag is within the area is information too. Without it, positions that receive one station would have no
+//! finite error to compare.
 
 use positioning_core::ble::path_loss::{PathLoss, Wall};
 
-/// Nearer than this an RSSI tells no more: path loss fails there, metres.
+/// Nearer than this an RSSI gives no more information, because path loss fails there, metres.
 const NEAREST_M: f64 = 0.5;
 
 /// Information of two coordinates, xx, xy, yy, 1 ⁄ m².
@@ -19,16 +20,16 @@ pub struct Information([f64; 3]);
 pub enum Noise {
     /// RSSI values of beacons.
     Level {
-        /// Weaker is not heard, dBm.
+        /// Weaker beacons are not received, dBm.
         sensitivity_dbm: f64,
     },
     /// Ranges to anchors.
     Range {
-        /// Deviation in sight, metres.
+        /// Deviation in line of sight, metres.
         deviation_m: f64,
-        /// What each wall between adds to the deviation, metres: a blocked range is too long by nobody knows how much.
+        /// Each wall between adds this to the deviation, metres, because the excess of a blocked range is unknown.
         wall_m: f64,
-        /// Farther is not heard, metres.
+        /// Farther anchors are not received, metres.
         reach_m: f64,
     },
 }
@@ -36,14 +37,14 @@ pub enum Noise {
 /// A station: a beacon or an anchor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Station {
-    /// Metres.
+    /// Its position, metres.
     pub at_m: [f64; 2],
-    /// What is known of its RSSI values.
+    /// Its path loss.
     pub path_loss: PathLoss<f64>,
 }
 
 impl Station {
-    /// What it tells of a tag at a place; `None` where the tag does not hear it.
+    /// Its information on a tag at a position; `None` where the tag does not receive it.
     pub fn information(&self, tag_m: [f64; 2], walls: &[Wall<f64>], noise: Noise) -> Option<Information> {
         let away: [f64; 2] = std::array::from_fn(|axis| tag_m[axis] - self.at_m[axis]);
         let distance = away[0].hypot(away[1]);
@@ -67,7 +68,7 @@ impl Station {
         Some(Information([along * x * x + across * y * y, (along - across) * x * y, along * y * y + across * x * x]))
     }
 
-    /// Its RSSI at a place, dBm.
+    /// Its RSSI at a position, dBm.
     pub fn rssi(&self, tag_m: [f64; 2], walls: &[Wall<f64>]) -> f64 {
         let distance = (tag_m[0] - self.at_m[0]).hypot(tag_m[1] - self.at_m[1]);
         let attenuation = positioning_core::ble::path_loss::attenuation(walls, self.at_m, tag_m);
@@ -76,13 +77,14 @@ impl Station {
 }
 
 impl Information {
-    /// That a tag is somewhere within a rectangle of those sides, metres: the variances of a uniform distribution.
+    /// The information that a tag is within a rectangle of those sides, metres: the variances of a uniform
+    /// distribution.
     pub fn of_area(sides_m: [f64; 2]) -> Self {
         let [x, y] = sides_m.map(|side| 12.0 / (side * side).max(1e-6));
         Self([x, 0.0, y])
     }
 
-    /// Both together.
+    /// The sum of both.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         Self(std::array::from_fn(|index| self.0[index] + other.0[index]))
@@ -94,7 +96,7 @@ impl Information {
         ((xx + yy) / (xx * yy - xy * xy)).sqrt()
     }
 
-    /// How the error of ranges with a deviation of one metre would be magnified (horizontal dilution of precision).
+    /// Magnification of the error of ranges with a deviation of one metre (horizontal dilution of precision).
     pub fn dilution(self, deviation_m: f64) -> f64 {
         self.error_m() / deviation_m
     }
@@ -138,13 +140,13 @@ mod tests {
 
     #[test]
     fn a_levels_error_grows_with_the_distance_and_ends_where_nothing_is_heard() {
-        // σ ln 10 ⁄ (10 n) = 4 · 2.302585 ⁄ 20 = 0.460517: at 5 m ±2.302585 m along one axis and ±5 m along the other, from two sides:
-        // 0.188611 + 0.04 = 0.228611 along both, √(2 ⁄ 0.228611) = 2.957783.
+        // σ ln 10 ⁄ (10 n) = 4 · 2.302585 ⁄ 20 = 0.460517: at 5 m ±2.302585 m along one axis and ±5 m along the other,
+        // from two sides: 0.188611 + 0.04 = 0.228611 along both, √(2 ⁄ 0.228611) = 2.957783.
         let noise = Noise::Level { sensitivity_dbm: -80.0 };
         let pair = [station([0.0, 5.0]), station([5.0, 0.0])];
         let error = together(&pair, [5.0, 5.0], &[], noise).error_m();
         assert!((error - 2.957_783).abs() < 1e-5, "{error}");
-        // −60 − 20 log₁₀ 10 = −80 is heard at 10 m, not beyond, nor through a wall.
+        // −60 − 20 log₁₀ 10 = −80 is received at 10 m, but not beyond, nor through a wall.
         assert!(pair[0].information([10.0, 5.0], &[], noise).is_some());
         assert!(pair[0].information([10.1, 5.0], &[], noise).is_none());
         let wall = Wall { ends: [[4.0, 0.0], [4.0, 9.0]], attenuation: 3.0 };

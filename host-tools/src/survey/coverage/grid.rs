@@ -2,7 +2,7 @@
 
 use crate::UserError;
 
-/// The most cells: more are not to be seen.
+/// Largest number of cells: smaller cells cannot be seen in a picture.
 const MOST_CELLS: usize = 40_000;
 
 /// Square cells over a rectangle, row by row.
@@ -22,7 +22,7 @@ impl Grid {
     /// Cells over a rectangle given by two corners; the last ones may reach beyond it.
     ///
     /// # Errors
-    /// There are too many cells; `flag` says of which size.
+    /// There are too many cells; the error names `flag`, which set the size.
     pub fn over(flag: &'static str, [least_m, greatest_m]: [[f64; 2]; 2], cell_m: f64) -> Result<Self, UserError> {
         let along = |axis: usize| ((greatest_m[axis] - least_m[axis]) / cell_m).ceil().max(1.0);
         let (columns, rows) = (along(0), along(1));
@@ -33,7 +33,7 @@ impl Grid {
         Ok(Self { least_m, cell_m, columns: columns as usize, rows: rows as usize })
     }
 
-    /// The rectangle about points, with a margin on all sides, metres; `None` without points.
+    /// The rectangle around points, with a margin on all sides, metres; `None` without points.
     pub fn about(points_m: impl Iterator<Item = [f64; 2]>, margin_m: f64) -> Option<[[f64; 2]; 2]> {
         let boxes = points_m.map(|at| [at, at]);
         let both = boxes.reduce(|a, b| {
@@ -42,7 +42,7 @@ impl Grid {
         both.map(|[least, greatest]| [least.map(|c| c - margin_m), greatest.map(|c| c + margin_m)])
     }
 
-    /// The middles of the cells, metres.
+    /// The centres of the cells, metres.
     pub fn middles(&self) -> impl Iterator<Item = [f64; 2]> {
         let Self { least_m: [x, y], cell_m, columns, rows } = *self;
         let along = move |from: f64, index: usize| from + cell_m * (index as f64 + 0.5);

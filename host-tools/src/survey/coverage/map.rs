@@ -8,11 +8,11 @@ use super::grid::Grid;
 use crate::files::beacons::{self, Beacon, Dwell};
 use crate::locate::ble::{means, path_loss};
 
-/// A wall of which nothing else is known takes this, dB: a light partition.
+/// Attenuation of a wall with no attenuation given, dB: a light partition.
 pub const USUAL_WALL_DB: f64 = 4.0;
-/// A cell is not measured where the nearest fingerprint is farther than this, metres.
+/// A cell counts as not measured where the nearest fingerprint is farther than this, metres.
 const FARTHEST_M: f64 = 3.0;
-/// Nearer than this two places are one, metres.
+/// Two positions closer than this count as one, metres.
 const NEAREST_M: f64 = 0.1;
 
 /// RSSI values over a grid.
@@ -22,30 +22,31 @@ pub struct Map {
     pub grid: Grid,
     /// Names of the beacons.
     pub beacons: Vec<String>,
-    /// For each cell an RSSI a beacon, dBm, `None` where it is not heard; nothing at all where nobody has measured.
+    /// For each cell one RSSI a beacon, dBm, `None` where the beacon is not received; `None` for a cell that was not
+    /// measured.
     pub rssis: Vec<Option<Vec<Option<f64>>>>,
 }
 
-/// How far a simulation is from what was measured.
+/// How far a simulation is from the measurements.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fitted {
     /// The beacon.
     pub beacon: String,
-    /// Mean of simulated less measured, dB.
+    /// Mean of simulated minus measured, dB.
     pub bias_db: f64,
     /// Root of the mean square, dB.
     pub rms_db: f64,
-    /// Points that hear it.
+    /// Number of points that receive it.
     pub points: usize,
 }
 
-/// Walls as the core has them; those whose attenuation is not known take `usual_db`.
+/// Walls as the core represents them; walls of unknown attenuation get `usual_db`.
 pub fn walls_of(walls: &[beacons::Wall], usual_db: f64) -> Vec<Wall<f64>> {
     walls.iter().map(|wall| Wall { ends: wall.ends_m, attenuation: wall.attenuation_db.unwrap_or(usual_db) }).collect()
 }
 
 impl Station {
-    /// A beacon of the file.
+    /// The station of a beacon in the file.
     pub fn of(beacon: &Beacon) -> Self {
         let PathLoss { level_1m, exponent, deviation } = path_loss(beacon);
         let path_loss =
@@ -55,8 +56,8 @@ impl Station {
 }
 
 impl Map {
-    /// Interpolates between fingerprints, by the inverse square of the distance (Shepard). Where fewer than half of the weights heard a
-    /// beacon, it is not heard.
+    /// Interpolates between fingerprints, with weights by the inverse square of the distance (Shepard). Where the
+    /// points that received a beacon have less than half of the weight, the beacon counts as not received.
     pub fn measured(grid: Grid, beacons: &[Beacon], stays: &[Dwell]) -> Self {
         let heard: Vec<_> = stays.iter().map(|stay| (stay.position_m, means(beacons, &stay.samples))).collect();
         let cell = |at: [f64; 2]| {
@@ -82,7 +83,7 @@ impl Map {
         Self { grid, beacons: names(beacons), rssis: grid.middles().map(cell).collect() }
     }
 
-    /// Simulates beacons behind walls; what is weaker than the sensitivity is not heard.
+    /// Simulates beacons behind walls; RSSI values below the sensitivity are not received.
     pub fn simulated(grid: Grid, beacons: &[Beacon], walls: &[Wall<f64>], sensitivity_dbm: f64) -> Self {
         let stations: Vec<Station> = beacons.iter().map(Station::of).collect();
         let cell = |at: [f64; 2]| {
@@ -92,17 +93,18 @@ impl Map {
         Self { grid, beacons: names(beacons), rssis: grid.middles().map(cell).collect() }
     }
 
-    /// A number a cell.
+    /// One number a cell.
     pub fn values(&self, of: impl Fn(&[Option<f64>]) -> Option<f64>) -> Vec<Option<f64>> {
         self.rssis.iter().map(|rssis| rssis.as_deref().and_then(&of)).collect()
     }
 
-    /// How many beacons are heard in each cell.
+    /// The number of beacons received in each cell.
     pub fn heard(&self) -> Vec<Option<f64>> {
         self.values(|rssis| Some(rssis.iter().flatten().count() as f64))
     }
 
-    /// The mean RSSI of all beacons in each cell, with the sensitivity for those that are not heard, dBm (figure 4.4).
+    /// The mean RSSI of all beacons in each cell, with the sensitivity for those that are not received, dBm (figure
+    /// 4.4 of A. Linde Cerezo's thesis).
     pub fn mean(&self, sensitivity_dbm: f64) -> Vec<Option<f64>> {
         self.values(|rssis| {
             let sum: f64 = rssis.iter().map(|rssi| rssi.unwrap_or(sensitivity_dbm)).sum();
@@ -122,7 +124,7 @@ pub fn errors_m(grid: Grid, stations: &[Station], walls: &[Wall<f64>], noise: No
     grid.middles().map(error).collect()
 }
 
-/// How far the path losses of beacons are from what was measured at the points.
+/// How far the path losses of beacons are from the measurements at the points.
 pub fn fitted(beacons: &[Beacon], walls: &[Wall<f64>], stays: &[Dwell]) -> Vec<Fitted> {
     let measured: Vec<_> = stays.iter().map(|stay| (stay.position_m, means(beacons, &stay.samples))).collect();
     let of = |(index, beacon): (usize, &Beacon)| {
@@ -171,7 +173,7 @@ mod tests {
     }
 
     fn grid() -> Grid {
-        // Middles at 1, 3 and 9 m.
+        // Centres at 1, 3 and 9 m.
         Grid { least_m: [0.0, -1.0], cell_m: 2.0, columns: 5, rows: 1 }
     }
 

@@ -1,7 +1,8 @@
-//! What is heard where: RSSI values over an area, measured or simulated, and how well they would tell a position.
+//! Coverage: measured or simulated RSSI values over an area, and how accurate a position from them would be.
 //!
-//! Fingerprints, or beacons and walls, flow in; out flows a [`Map`], an RSSI a beacon in each cell of a [`Grid`]. [`bound`] has the least
-//! error that those RSSI values, or ranges to anchors, allow; the search for places of beacons and anchors ([`crate::survey::plan`]) uses it too.
+//! The input is fingerprints, or beacons and walls. The output is a [`Map`]: one RSSI a beacon in each cell of a
+//! [`Grid`]. [`bound`] has the least error that those RSSI values, or ranges to anchors, allow. The search for
+//! positions of beacons and anchors ([`crate::survey::plan`]) uses it too.
 
 pub mod bound;
 mod grid;

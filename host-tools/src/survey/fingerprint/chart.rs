@@ -1,4 +1,4 @@
-//! A process as a map for the node: the RSSI values to be expected on a lattice, with their deviations.
+//! Exports a process as a map for the node: the expected RSSI values on a lattice, with their deviations.
 
 use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, MapError, Point};
 
@@ -7,33 +7,34 @@ use super::survey::{Survey, to_bytes};
 
 /// How far beyond the surveyed points a receiver may be, metres.
 const MARGIN_M: f64 = 0.25;
-/// The least step, metres: finer ones say no more.
+/// The least step, metres: a finer one adds nothing.
 const LEAST_STEP_M: f64 = 0.25;
-/// No point of the lattice is farther from a surveyed one, in distances between those; what nobody has walked through is a wall.
+/// Largest distance of a lattice point from a surveyed one, in multiples of the surveyed points' spacing; what is
+/// farther counts as a wall.
 const REACH: f64 = 2.0;
-/// Where points are close to each other, metres.
+/// Least value of that distance, where surveyed points are close to each other, metres.
 const LEAST_REACH_M: f64 = 0.5;
 
-/// What the lattice is like.
+/// The shape of the lattice.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Grid {
-    /// The most points; a node has room for [`MAX_NODE_POINTS`], which is the default.
+    /// Largest number of points; a node has room for [`MAX_NODE_POINTS`], which is the default.
     pub most: Option<usize>,
-    /// The step, metres; else as small as the number of points allows.
+    /// The step, metres; without it the step is as small as the number of points allows.
     pub step_m: Option<f64>,
 }
 
-/// The map of a process over the surveyed place.
+/// The map of a process over the surveyed area.
 ///
 /// # Errors
-/// No points, too many beacons, or a lattice of more points than allowed.
+/// There are no points, too many beacons, or more lattice points than allowed.
 pub fn chart(survey: &Survey, process: &Process, grid: Grid) -> Result<Vec<u8>, MapError> {
     let most = grid.most.unwrap_or(MAX_NODE_POINTS);
     let places_m: Vec<[f64; 2]> = survey.spots.iter().map(|spot| spot.position_m).collect();
     let (step_m, points_m) = match grid.step_m {
         Some(step_m) => (step_m, lattice(&places_m, step_m)),
         None => {
-            // Whole millimetres, as the map has them.
+            // Whole millimetres, as in the map.
             let steps = (0..).map(|power| (LEAST_STEP_M * 1.05_f64.powi(power) * 1000.0).round() / 1000.0);
             let mut tried = steps.map(|step_m| (step_m, lattice(&places_m, step_m)));
             tried.find(|(_, points_m)| points_m.len() <= most).ok_or(MapError::Invalid)?
@@ -58,13 +59,13 @@ pub fn chart(survey: &Survey, process: &Process, grid: Grid) -> Result<Vec<u8>, 
     to_bytes(&points, &survey.identities(), &survey.fallbacks(), Some(step_m))
 }
 
-/// Points of a lattice about the middle of places, column by column; fewer than 255 each way.
+/// Points of a lattice around the middle of positions, column by column; fewer than 255 each way.
 fn lattice(places_m: &[[f64; 2]], step_m: f64) -> Vec<[f64; 2]> {
     let axis = |axis: usize| places_m.iter().map(move |place_m| place_m[axis]);
     let sides = [0, 1].map(|a| {
         let low = axis(a).fold(f64::INFINITY, f64::min) - MARGIN_M;
         let high = axis(a).fold(f64::NEG_INFINITY, f64::max) + MARGIN_M;
-        // Each point stands for a square of the step's side.
+        // Each point represents a square of the step's side.
         let count = (((high - low) / step_m).ceil() as usize).clamp(1, 255);
         (0..count)
             .map(move |at| (low + high) / 2.0 + (at as f64 - (count - 1) as f64 / 2.0) * step_m)
@@ -76,9 +77,9 @@ fn lattice(places_m: &[[f64; 2]], step_m: f64) -> Vec<[f64; 2]> {
     all.filter(|at_m| places_m.iter().any(|place_m| apart(*place_m, *at_m) <= reach_m)).collect()
 }
 
-/// The median distance of a place to the next other one, metres; places that coincide do not count.
+/// The median distance from a position to the next other one, metres; positions that coincide do not count.
 fn spacing(places_m: &[[f64; 2]]) -> f64 {
-    // Of thousands, some hundreds say the same.
+    // Of thousands of positions, some hundreds give the same median.
     let some = places_m.iter().step_by(1 + places_m.len() / 500);
     let mut next: Vec<f64> = some
         .map(|a| places_m.iter().map(|b| apart(*a, *b)).filter(|apart_m| *apart_m > 0.1).fold(f64::INFINITY, f64::min))

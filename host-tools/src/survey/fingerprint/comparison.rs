@@ -1,31 +1,32 @@
-//! How scans are compared with a survey: names and choices.
+//! How scans are compared with a survey: names and options. The thesis is that of A. Linde Cerezo (Universitat Oberta
+//! de Catalunya, 2024).
 
 use positioning_core::ble::fingerprint::MAX_NEIGHBOURS;
 
 /// How a scan is compared with a survey.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Comparison {
-    /// With the K nearest points (7).
+    /// With the K nearest points (equation 7 of the thesis).
     Nearest {
         /// K, 1 to [`MAX_NEIGHBOURS`].
         k: usize,
-        /// By the inverse square of their distances, or alike.
+        /// Weighted by the inverse square of their distances, or all alike.
         weighted: bool,
     },
-    /// With a Gaussian process on a lattice.
+    /// With a Gaussian process on a lattice, each scan by itself.
     Process,
-    /// The same, from scan to scan.
+    /// With the same process, from scan to scan.
     Walk,
 }
 
 impl Comparison {
-    /// The thesis' neighbours, weighted and plain, and both uses of the process.
+    /// The neighbours of the thesis, weighted and plain, and both uses of the process.
     pub fn all() -> Vec<Self> {
         let nearest = [true, false].into_iter().flat_map(|weighted| [3, 4, 5].map(|k| Self::Nearest { k, weighted }));
         nearest.chain([Self::Process, Self::Walk]).collect()
     }
 
-    /// Its name; those of neighbours are the thesis' (table 4.4).
+    /// Its name; those of neighbours are the names in the thesis (table 4.4).
     pub fn name(self) -> String {
         match self {
             Self::Nearest { k, weighted: true } => format!("w{k}nn"),

@@ -1,4 +1,4 @@
-//! Surveys that judge themselves: positions of stays by the others.
+//! Cross-validation of a survey: positions of dwells by a map of the other dwells.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,11 +11,12 @@ use super::survey::Survey;
 use crate::Solved;
 use crate::files::beacons::{Capture, Dwell};
 
-/// Positions of stays that their solver has not seen, in the survey's order: every fold's stays by a survey of the others.
-/// `fold_of` tells which fold a stay is in, `None`: it is in every survey and never solved. `done` hears of each fold.
+/// Positions of dwells that their solver has not seen, in the survey's order: the dwells of each fold by a map of the
+/// others. `fold_of` gives the fold of a dwell; a dwell with `None` is in every map and is never solved. `done` is
+/// called after each fold.
 ///
 /// # Errors
-/// What is left of the survey makes no map.
+/// The remaining dwells of a fold make no map.
 pub fn held_out(
     stays: &[Dwell],
     making: Making,
@@ -26,7 +27,7 @@ pub fn held_out(
 ) -> Result<HeldOut, MapError> {
     let survey = Survey::of(stays, setup.average);
     let folds: BTreeSet<usize> = (0..stays.len()).filter_map(&fold_of).collect();
-    // The kernels of many folds are alike.
+    // The kernels of the folds are nearly equal, so that one is a guess for all.
     let guess = if folds.len() > 1 { kernel(&survey, making, comparisons)? } else { None };
     let mut solved: Vec<BTreeMap<usize, Solved>> = vec![BTreeMap::new(); comparisons.len()];
     for fold in folds {
@@ -43,10 +44,10 @@ pub fn held_out(
     Ok(HeldOut { stays, solved: solved.into_iter().map(|solved| solved.into_values().collect()).collect() })
 }
 
-/// What [`held_out`] solved.
+/// The result of [`held_out`].
 #[derive(Clone, Debug)]
 pub struct HeldOut {
-    /// Which stays, in their order.
+    /// The dwells, in their order.
     pub stays: Vec<usize>,
     /// Their positions, by each comparison.
     pub solved: Vec<Vec<Solved>>,

@@ -1,4 +1,4 @@
-//! The maps that comparisons read: made of a survey, only those that are asked for, or read from a file.
+//! The maps that comparisons read: made of a survey, only those that are needed, or read from a file.
 
 use std::collections::BTreeSet;
 
@@ -16,17 +16,17 @@ use crate::files::beacons::Capture;
 pub struct Making<'a> {
     /// The lattice of the process.
     pub grid: Grid,
-    /// RSSI values are expected to follow path loss from these beacons through these walls, where nothing was measured nearby; without a
-    /// plan, to be the same everywhere.
+    /// Where nothing was measured nearby, RSSI values are expected to follow path loss from these beacons through
+    /// these walls; without a plan, to be the same everywhere.
     pub plan: Option<&'a Plan>,
 }
 
-/// Maps of one place, as a node reads them.
+/// Maps of one site, as a node reads them.
 #[derive(Clone, Debug)]
 pub struct Maps {
     /// The names of the beacons, in the maps' order.
     beacons: Vec<String>,
-    /// LoadedModels points.
+    /// Surveyed points.
     points: Option<Vec<u8>>,
     /// A process on a lattice.
     lattice: Option<Vec<u8>>,
@@ -50,10 +50,10 @@ impl Maps {
         Ok(Self { beacons: survey.beacons.clone(), points, lattice })
     }
 
-    /// The map in a file's bytes, whose beacons have these names, in its order.
+    /// The map in a file's bytes; `beacons` are the names of its beacons, in its order.
     ///
     /// # Errors
-    /// The bytes are no map, or not one alone.
+    /// The bytes are no map, or more than one.
     pub fn read(bytes: Vec<u8>, beacons: Vec<String>) -> Result<Self, MapError> {
         let (map, rest) = Map::decode(&bytes)?;
         if !rest.is_empty() {
@@ -79,7 +79,7 @@ impl Maps {
     /// The map that a comparison reads.
     ///
     /// # Errors
-    /// It was not made, or not read.
+    /// The map was not made, or not read.
     pub(super) fn map(&self, comparison: Comparison) -> Result<Map<'_>, MapError> {
         Map::decode(self.bytes(comparison).ok_or(MapError::Missing)?).map(|(map, _)| map)
     }
@@ -90,7 +90,8 @@ impl Maps {
     }
 }
 
-/// The names of a map's beacons, of which it has numbers alone: what captures call those with these minors, else the numbers.
+/// The names of a map's beacons, of which the map has only numbers: the names in captures with these minors, or else
+/// the numbers.
 pub fn names_of(map: &Map, captures: &[Capture]) -> Vec<String> {
     let heard: BTreeSet<&String> =
         captures.iter().flat_map(|capture| &capture.samples).map(|sample| &sample.beacon).collect();
@@ -101,16 +102,16 @@ pub fn names_of(map: &Map, captures: &[Capture]) -> Vec<String> {
     map.identities().map(name).collect()
 }
 
-/// The kernel of a survey's process, where any of these comparisons reads it.
+/// The kernel of a survey's process, if any of these comparisons reads it.
 ///
 /// # Errors
-/// Nothing is heard anywhere.
+/// No point receives a beacon.
 pub(super) fn kernel(survey: &Survey, making: Making, comparisons: &[Comparison]) -> Result<Option<Kernel>, MapError> {
     let wanted = comparisons.iter().any(|comparison| comparison.wants_lattice());
     wanted.then(|| fitted(survey, making, None).map(|process| process.kernel())).transpose()
 }
 
-/// The process of a survey, about what its plan lets expect.
+/// The process of a survey, about the trend that its plan gives.
 fn fitted(survey: &Survey, making: Making, guess: Option<Kernel>) -> Result<Process, MapError> {
     let trends = making.plan.map_or_else(|| Trend::rssis(survey), |plan| Trend::rays(survey, plan));
     Process::fit(survey, trends, guess).ok_or(MapError::Invalid)

@@ -1,8 +1,9 @@
-//! Fingerprints: surveys in, maps and positions out.
+//! Fingerprints: makes maps and positions from surveys.
 //!
-//! A [`Survey`] has an RSSI a beacon and point; [`Process`] says what the RSSI values are between its points, `chart` makes of that the map
-//! that a node reads; [`Maps`] are those that a [`Comparison`] wants, or one from a file; [`Solver`] runs the node's own comparisons over
-//! captures, and [`held_out`] over parts of a survey that the maps have not seen.
+//! A [`Survey`] has one RSSI a beacon and point. [`Process`] predicts the RSSI values between its points, and `chart`
+//! makes of it the map that a node reads. [`Maps`] are the maps that a [`Comparison`] needs, or one from a file.
+//! [`Solver`] runs the node's own comparisons over captures. [`held_out`] runs them over parts of a survey that are
+//! not in the maps.
 
 mod chart;
 mod comparison;

@@ -1,9 +1,11 @@
-//! RSSI values between surveyed points: a Gaussian process a beacon, with one kernel for all of them.
+//! RSSI values between surveyed points: one Gaussian process a beacon, with one kernel for all of them.
 //!
-//! RSSI values at points flow in; at any place flows out the RSSI to be expected and its deviation. The kernel is Matérn's with ν = 3⁄2,
-//! whose functions have a slope but no curvature, as shadows of walls do; its three numbers make all beacons' RSSI values likeliest together
-//! (Rasmussen and Williams, *Gaussian Processes for Protocol Learning*, 2006, algorithm 2.1 and section 5.4.1). Points of one cell count
-//! as one, the surer the more stays it has; what stays of a cell differ by is a visit's scatter.
+//! The input is RSSI values at points. The output is the expected RSSI at any position, and its deviation. The kernel
+//! is Matérn's with ν = 3⁄2: its functions have a slope but no curvature, like the shadows of walls. The three
+//! parameters of the kernel maximise the likelihood of all beacons' RSSI values together (Rasmussen and Williams,
+//! *Gaussian Processes for Machine Learning*, 2006, algorithm 2.1 and section 5.4.1). Points of one cell count as
+//! one; its uncertainty falls with the number of dwells. The differences between dwells of a cell are the scatter of
+//! a visit.
 
 use std::collections::BTreeMap;
 
@@ -11,22 +13,24 @@ use super::survey::Survey;
 use super::trend::Trend;
 use crate::train::regression::Regression;
 
-/// The side of a cell, metres, and how many there may be before they grow: the work is cubic in them.
+/// The side of a cell, metres, and the number of cells beyond which cells grow: the work is cubic in that number.
 const CELL_M: f64 = 0.3;
 const MOST_CELLS: usize = 150;
-/// What the kernel's numbers are likely to be: the median and the spread of the logarithm. Weak: they decide where a survey is too small.
+/// Prior of the kernel's parameters: the median, and the spread of the logarithm. It is weak and matters only for a
+/// small survey.
 const USUAL: [(f64, f64); 3] = [(5.0, 0.7), (2.0, 0.7), (3.0, 0.5)];
-/// A point's own fading comes back differently at each visit: its variance counts for the survey's visit and for the next.
+/// A point's own fading is different at each visit, so that its variance counts twice: for the survey's visit and for
+/// the next.
 const VISITS: f64 = 2.0;
 
-/// The kernel's numbers.
+/// The kernel's parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kernel {
-    /// Deviation of the RSSI values over the place, dB.
+    /// Deviation of the RSSI values over the area, dB.
     pub signal_db: f64,
-    /// How far RSSI values resemble each other, metres.
+    /// Correlation length of RSSI values, metres.
     pub length_m: f64,
-    /// Deviation of what is a point's own, dB.
+    /// Deviation of the part that is a point's own, dB.
     pub noise_db: f64,
 }
 
@@ -50,16 +54,16 @@ impl Kernel {
 #[derive(Clone, Debug)]
 struct Cell {
     at_m: [f64; 2],
-    /// Mean RSSI and number of stays that heard it, of each beacon.
+    /// For each beacon the mean RSSI and the number of dwells that received it.
     rssis: Vec<Option<(f64, f64)>>,
 }
 
-/// A beacon's RSSI values over the place.
+/// A beacon's RSSI values over the area.
 #[derive(Clone, Debug)]
 struct Field {
-    /// The cells that heard it.
+    /// The cells that received it.
     places_m: Vec<[f64; 2]>,
-    /// Of RSSI values less the trend.
+    /// Regression of RSSI values minus the trend.
     rssis: Regression,
 }
 
@@ -69,13 +73,13 @@ pub struct Process {
     kernel: Kernel,
     trends: Vec<Trend>,
     fields: Vec<Field>,
-    /// Deviation between stays of a cell, dB, of each beacon.
+    /// Deviation between dwells of a cell, dB, of each beacon.
     scatter_db: Vec<f64>,
 }
 
 impl Process {
-    /// The process of a survey about trends, one a beacon, with the kernel that makes its RSSI values likeliest; the search begins at
-    /// `guess`. `None` where there is no point that hears anything.
+    /// Fits the process of a survey about trends, one a beacon, with the kernel of the greatest likelihood; the
+    /// search begins at `guess`. `None` where no point received anything.
     pub fn fit(survey: &Survey, trends: Vec<Trend>, guess: Option<Kernel>) -> Option<Self> {
         let (cells, scatter_db) = cells(survey);
         let beacons: Vec<Beacon> = (0..survey.beacons.len())
@@ -108,7 +112,7 @@ impl Process {
         self.kernel
     }
 
-    /// The RSSI of a beacon to be expected at a visit to a place, and its deviation, dBm and dB.
+    /// The expected RSSI of a beacon at a visit to a position, and its deviation, dBm and dB.
     pub fn predict(&self, beacon: usize, at_m: [f64; 2]) -> (f64, f64) {
         let (field, trend) = (&self.fields[beacon], &self.trends[beacon]);
         let near: Vec<f64> = field.places_m.iter().map(|place_m| self.kernel.at(apart(*place_m, at_m))).collect();
@@ -119,12 +123,12 @@ impl Process {
     }
 }
 
-/// What is known of a beacon.
+/// The data of a beacon.
 struct Beacon {
     places_m: Vec<[f64; 2]>,
-    /// Distances between them.
+    /// Distances between the cells.
     apart_m: Vec<Vec<f64>>,
-    /// RSSI values less the trend.
+    /// RSSI values minus the trend.
     residuals: Vec<f64>,
     /// Variances of the cells' means.
     variances: Vec<f64>,
@@ -152,7 +156,7 @@ impl Beacon {
     }
 }
 
-/// Downhill along one axis after the other, with ever smaller steps.
+/// Minimises along one axis after the other, with ever smaller steps.
 fn descend(start: [f64; 3], step: f64, cost: impl Fn([f64; 3]) -> f64) -> [f64; 3] {
     let (mut best, mut step) = (start, step);
     let mut least = cost(best);
@@ -176,7 +180,7 @@ fn descend(start: [f64; 3], step: f64, cost: impl Fn([f64; 3]) -> f64) -> [f64; 
     best
 }
 
-/// Points that share a cell, merged; and by how much their RSSI values differ within, dB, of each beacon.
+/// Merges the points that share a cell; also the deviation of RSSI values within cells, dB, of each beacon.
 fn cells(survey: &Survey) -> (Vec<Cell>, Vec<f64>) {
     let mut side_m = CELL_M;
     let groups = loop {
@@ -212,7 +216,7 @@ fn cells(survey: &Survey) -> (Vec<Cell>, Vec<f64>) {
     (cells, scatter.collect())
 }
 
-/// Metres between two places.
+/// Distance between two positions, metres.
 pub fn apart(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
@@ -234,8 +238,8 @@ mod tests {
 
     #[test]
     fn levels_and_deviations_are_those_of_scikit_learn() {
-        // GaussianProcessRegressor(36·Matern(length_scale=2.5, nu=1.5), alpha=4.0, optimizer=None), RSSI values less their mean; deviations
-        // √(predicted variance + 2 · 4). The survey has no two points in one cell.
+        // GaussianProcessRegressor(36·Matern(length_scale=2.5, nu=1.5), alpha=4.0, optimizer=None), RSSI values minus
+        // their mean; deviations √(predicted variance + 2 · 4). The survey has no two points in one cell.
         let survey = survey();
         let kernel = Kernel { signal_db: 6.0, length_m: 2.5, noise_db: 2.0 };
         let (cells, scatter_db) = cells(&survey);
@@ -260,7 +264,7 @@ mod tests {
 
     #[test]
     fn stays_at_one_place_are_one_cell_and_tell_their_scatter() {
-        // Two stays 2 dB apart: mean −61, scatter √(2 · 1² ⁄ 1) = 1.414; the lone one adds nothing.
+        // Two dwells 2 dB apart: mean −61, scatter √(2 · 1² ⁄ 1) = 1.414; the single one adds nothing.
         let spot = |x: f64, rssi: f64| Spot { position_m: [x, 0.1], rssis: vec![Some(rssi)] };
         let spots = vec![spot(0.1, -60.0), spot(0.1, -62.0), spot(3.0, -70.0)];
         let survey = Survey { beacons: vec!["a".to_owned()], spots };

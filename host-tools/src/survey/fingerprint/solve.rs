@@ -1,4 +1,5 @@
-//! Positions of captures by maps: what `baliza ble fingerprint` does, with the node's own code in the node's own `f32`.
+//! Positions of captures by maps: what `baliza ble fingerprint` does, with the node's own code in `f32` as on the
+//! node.
 
 use positioning_core::ble::fingerprint::{
     self, Map, MapError, Motion, Nearest, Posterior, Receiver, Vicinity, Walk, locate,
@@ -13,26 +14,26 @@ use super::windows::{Window, span_s, windows};
 use crate::files::beacons::{self, Capture, in_order};
 use crate::{Coordinates, NoPosition, Position, Solved};
 
-/// Captures that follow each other sooner than this are of one walk, seconds.
+/// Captures with a shorter gap than this belong to one walk, seconds.
 const ONE_WALK_S: f64 = 2.0;
-/// Deviation of a single RSSI, dB, that an offset of all is compared with.
+/// Deviation of a single RSSI, dB, to which the receiver's offset is compared.
 const LEVEL_DB: f32 = 3.0;
 /// Room for the points of a lattice.
 const ROOM: usize = 1000;
-/// Equal captures give equal positions.
+/// Fixed seed: equal captures give equal positions.
 const SEED: u64 = 1;
 
-/// How captures are solved.
+/// Options of the solver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setup<'a> {
     /// How the RSSI values of a capture become one.
     pub average: Average,
-    /// By how much the receiver may hear all beacons louder or weaker than the surveyor's did, dB (deviation).
+    /// Standard deviation of the receiver's offset against the surveyor's receiver, the same for all beacons, dB.
     pub offset_db: f64,
-    /// Send the comparison's positions through the particle filter (15), one a window of so many seconds; the position of a capture
-    /// is the filter's last one.
+    /// Sends the comparison's positions through the particle filter, one in each window of this number of seconds.
+    /// The position of a capture is the last one of the filter.
     pub particles_s: Option<f64>,
-    /// What nobody walks through: barriers for the walk and for particles.
+    /// Walls that are barriers for the walk and for particles.
     pub walls: &'a [beacons::Wall],
 }
 
@@ -42,20 +43,20 @@ impl Default for Setup<'_> {
     }
 }
 
-/// Solves captures with the maps of one place.
+/// Solves captures with the maps of one site.
 #[derive(Clone, Copy, Debug)]
 pub struct Solver<'a> {
     /// The maps.
     pub maps: &'a Maps,
-    /// How.
+    /// The options.
     pub setup: &'a Setup<'a>,
 }
 
 impl Solver<'_> {
-    /// The positions of captures, in their order, and their errors where the truth is known.
+    /// The positions of captures, in their order, and their errors where the true position is known.
     ///
     /// # Errors
-    /// The maps do not serve the comparison.
+    /// The maps lack the one that the comparison reads.
     pub fn solve(&self, comparison: Comparison, captures: &[Capture]) -> Result<Vec<Solved>, MapError> {
         let (origin_m, map) = self.maps.map(comparison)?.about_its_origin();
         let mut way = Way::new(self, comparison, map, origin_m);
@@ -75,15 +76,15 @@ impl Solver<'_> {
 
 const UNHEARD: fingerprint::NoPosition = fingerprint::NoPosition::Unheard;
 
-/// What is remembered from capture to capture, all of one receiver.
+/// State that is kept from capture to capture, all of one receiver.
 struct Way<'a> {
     beacons: &'a [String],
     setup: &'a Setup<'a>,
     comparison: Comparison,
     map: Map<'a>,
-    /// In the map's metres.
+    /// Walls in the map's metres.
     walls: Vec<Wall<f32>>,
-    /// Its offset is learnt from one capture to the next.
+    /// The receiver, whose offset is learnt from one capture to the next.
     receiver: Receiver<f32>,
     learnt_us: u64,
     timeline: Timeline,
@@ -158,7 +159,8 @@ impl<'a> Way<'a> {
         }
     }
 
-    /// Scans in quick succession are shadowed alike, and would pass their shadows off as an offset.
+    /// Learns the receiver's offset, but not from scans in quick succession: they have the same shadows, which would
+    /// be taken for an offset.
     fn learn(&mut self, found: &Found, now_us: u64, goes_on: bool) {
         let fading_us = (Motion::<f64>::default().fading_s * 1.0e6) as u64;
         if !goes_on || now_us.saturating_sub(self.learnt_us) >= fading_us {
@@ -172,7 +174,7 @@ fn single_precision(scan: Vec<Option<f64>>) -> Vec<Option<f32>> {
     scan.into_iter().map(|rssi| rssi.map(|rssi| rssi as f32)).collect()
 }
 
-/// A position in the map's metres, and what it says of the receiver.
+/// A position in the map's metres, and the offset of the receiver that it implies.
 #[derive(Clone, Copy, Debug)]
 struct Found {
     position: [f32; 2],
@@ -183,7 +185,7 @@ struct Found {
 }
 
 impl Found {
-    /// What neighbours say of the offset: their mean differences, as sure as so many RSSI values make it.
+    /// The offset from neighbours: their mean differences, with the uncertainty of a mean of `beacons` RSSI values.
     fn of(vicinity: Vicinity<f32>, before: &Receiver<f32>, beacons: usize) -> Self {
         let precision = beacons as f32 / LEVEL_DB.powi(2) + before.offset_deviation_db.powi(-2);
         Self {
@@ -208,7 +210,7 @@ impl From<Posterior<f32>> for Found {
     }
 }
 
-/// The thesis' particle filter over the positions of a comparison (15).
+/// The particle filter of A. Linde Cerezo's thesis (equation 15) over the positions of a comparison.
 struct Particles(Box<ParticleFilter<f32, ON_HOST>>);
 
 impl Particles {
@@ -219,7 +221,7 @@ impl Particles {
     fn step(&mut self, now_us: u64, found: Found, walls: &[Wall<f32>]) -> Found {
         let deviation = Settings::<f32>::thesis().position;
         if !self.0.is_started() {
-            // Where there are walls, none begins behind one.
+            // Where there are walls, no particle begins behind one.
             let around = if walls.is_empty() { deviation } else { 0.0 };
             self.0.start_at(found.position, [around; 2]);
         }
@@ -239,8 +241,8 @@ struct Timeline {
 }
 
 impl Timeline {
-    /// When the capture ends, since the walk began, microseconds; and whether it goes on with the walk before it. Captures that all end at
-    /// one time have none of their own.
+    /// When the capture ends, microseconds since the walk began, and whether it continues the walk of the capture
+    /// before. Captures that all end at one time have no time of their own.
     fn next(&mut self, capture: &Capture) -> (u64, bool) {
         let Some((first_s, last_s)) = span_s(capture) else {
             self.begun_s = None;

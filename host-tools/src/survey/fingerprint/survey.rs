@@ -1,4 +1,4 @@
-//! A survey: what the RSSI values were at known points, one number a beacon.
+//! A survey: the RSSI values at known points, one number a beacon.
 
 use baliza_report::{mean, percentile};
 use std::collections::BTreeSet;
@@ -9,22 +9,23 @@ use positioning_core::ble::signal::rssi;
 use super::process::apart;
 use crate::files::beacons::{Dwell, Sample};
 
-/// What counts for a beacon that no point ever heard, dBm.
+/// RSSI of a beacon that no point received, dBm.
 const NEVER_HEARD_DBM: f64 = -100.0;
 
-/// How the RSSI values of a stay become one.
+/// How the RSSI values of a dwell become one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Average {
-    /// The mean power. Fading is deep and narrow: the mean of decibels follows its notches, which differ from channel to channel and
-    /// from visit to visit, the mean of powers hardly does.
+    /// The mean power. Fading is deep and narrow. The mean of decibels follows its notches, which differ from channel
+    /// to channel and from visit to visit; the mean of powers hardly does.
     #[default]
     Power,
-    /// The mean of the decibels between the 10th and the 90th percentile, as in the thesis (section 4.3.2).
+    /// The mean of the decibels between the 10th and the 90th percentile, as in A. Linde Cerezo's thesis (section
+    /// 4.3.2).
     Trimmed,
 }
 
 impl Average {
-    /// The average of RSSI values, dBm; `None` of none.
+    /// The average of RSSI values, dBm; `None` without values.
     pub fn of(self, levels_dbm: &[f64]) -> Option<f64> {
         if levels_dbm.is_empty() {
             return None;
@@ -41,17 +42,17 @@ impl Average {
     }
 }
 
-/// An RSSI as a power.
+/// The power of an RSSI.
 pub fn milliwatts(dbm: f64) -> f64 {
     10.0_f64.powf(dbm / 10.0)
 }
 
-/// A power as an RSSI.
+/// The RSSI of a power.
 pub fn dbm(milliwatts: f64) -> f64 {
     10.0 * milliwatts.log10()
 }
 
-/// The minor that a beacon's name is, or ends in after a major.
+/// The minor of a beacon: its name, or the end of its name after a major.
 pub fn minor(name: &str) -> Option<u16> {
     name.rsplit_once('-').map_or(name, |(_, minor)| minor).parse().ok()
 }
@@ -59,9 +60,9 @@ pub fn minor(name: &str) -> Option<u16> {
 /// A surveyed point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Spot {
-    /// Where, metres.
+    /// Its position, metres.
     pub position_m: [f64; 2],
-    /// The RSSI of each beacon, dBm; `None`: not heard.
+    /// The RSSI of each beacon, dBm; `None` where it was not received.
     pub rssis: Vec<Option<f64>>,
 }
 
@@ -75,7 +76,7 @@ pub struct Survey {
 }
 
 impl Survey {
-    /// The survey of stays at known points. What is no RSSI is left out.
+    /// The survey of dwells at known points. Values that are not an RSSI are left out.
     pub fn of(stays: &[Dwell], average: Average) -> Self {
         let names: BTreeSet<&str> =
             stays.iter().flat_map(|stay| &stay.samples).map(|sample| sample.beacon.as_str()).collect();
@@ -104,7 +105,7 @@ impl Survey {
         [0, 1].map(|axis| self.spots.iter().map(|spot| spot.position_m[axis]).sum::<f64>() / count)
     }
 
-    /// The same survey elsewhere, metres.
+    /// The same survey shifted by this, metres.
     pub fn moved(&self, by_m: [f64; 2]) -> Self {
         let mut moved = self.clone();
         for spot in &mut moved.spots {
@@ -113,14 +114,15 @@ impl Survey {
         moved
     }
 
-    /// What counts for a beacon that is not heard: its weakest RSSI anywhere, dBm (table 5.3 has such RSSI values).
+    /// RSSI of a beacon that is not received: its weakest RSSI at any point, dBm (table 5.3 of the thesis has such
+    /// RSSI values).
     pub fn fallbacks(&self) -> Vec<f64> {
         let weakest = |beacon: usize| self.spots.iter().filter_map(|spot| spot.rssis[beacon]).reduce(f64::min);
         (0..self.beacons.len()).map(|beacon| weakest(beacon).unwrap_or(NEVER_HEARD_DBM)).collect()
     }
 
-    /// What the map calls the beacons: a tag's minors, the numbers that their names are or end in (`7`, `1-7`), where all have
-    /// one of their own; else their places in the order.
+    /// The numbers of the beacons in the map: a tag's minors, which are the numbers that their names are or end in
+    /// (`7`, `1-7`), if all of them are different; else their places in the order.
     pub fn identities(&self) -> Vec<u16> {
         let minors: Option<Vec<u16>> = self.beacons.iter().map(|name| minor(name)).collect();
         let distinct = |minors: &Vec<u16>| minors.iter().collect::<BTreeSet<_>>().len() == minors.len();
@@ -130,7 +132,7 @@ impl Survey {
     /// The points themselves as a map.
     ///
     /// # Errors
-    /// There are none, or too many beacons (more than [`MAX_BEACONS`]).
+    /// There are no points, or too many beacons (more than [`MAX_BEACONS`]).
     pub fn map(&self) -> Result<Vec<u8>, MapError> {
         let points: Vec<Point> = self
             .spots
@@ -141,7 +143,8 @@ impl Survey {
     }
 }
 
-/// Some points of a survey, spread over the place: the middle one, and then always the one farthest from those before.
+/// Some points of a survey, spread over the area: the middle one first, and then always the farthest from those
+/// before.
 pub fn spread(survey: &Survey, count: usize) -> BTreeSet<usize> {
     let place = |point: usize| survey.spots.get(point).map_or([f64::NAN; 2], |spot| spot.position_m);
     let middle_m = survey.middle_m();
@@ -158,7 +161,7 @@ pub fn spread(survey: &Survey, count: usize) -> BTreeSet<usize> {
     kept
 }
 
-/// The average RSSI of every beacon in samples, dBm; what no receiver can have measured is left out.
+/// The average RSSI of every beacon in samples, dBm; values that no receiver can have measured are left out.
 pub fn scan(beacons: &[String], samples: &[Sample], average: Average) -> Vec<Option<f64>> {
     let of = |name: &String| {
         let own = samples.iter().filter(|sample| sample.beacon == *name);
@@ -167,7 +170,10 @@ pub fn scan(beacons: &[String], samples: &[Sample], average: Average) -> Vec<Opt
     beacons.iter().map(of).collect()
 }
 
-/// A map's bytes, whatever room they take.
+/// A map's bytes, however long.
+///
+/// # Errors
+/// The points make no valid map.
 pub fn to_bytes(
     points: &[Point],
     identities: &[u16],

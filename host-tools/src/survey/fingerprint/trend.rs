@@ -1,4 +1,5 @@
-//! What RSSI values are about before any is measured nearby: their mean, or path loss through walls (1), (2).
+//! The expected RSSI values before anything is measured nearby: the mean, or path loss through walls (equations 1 and
+//! 2 of A. Linde Cerezo's thesis).
 
 use baliza_report::mean;
 use positioning_core::ble::path_loss::{PathLoss, Wall, attenuation};
@@ -7,26 +8,27 @@ use super::process::apart;
 use super::survey::Survey;
 use crate::files::beacons;
 
-/// How far beacons are above or below the receiver where nobody says, metres: nearer than this no RSSI rises any more.
+/// Height of beacons above or below the receiver where it is not given, metres: no RSSI rises any more nearer than
+/// this.
 const ABOVE_M: f64 = 1.0;
-/// A usual exponent, and how far it may be off.
+/// Prior of the exponent: mean and deviation.
 const EXPONENT: (f64, f64) = (2.0, 1.0);
-/// Deviation of RSSI values about path loss, dB, against which the exponent's prior counts.
+/// Deviation of RSSI values about path loss, dB; the exponent's prior is weighed against it.
 const SHADOWS_DB: f64 = 4.0;
-/// The most that an unknown wall is tried to take, dB.
+/// The greatest attenuation that is tried for an unknown wall, dB.
 const MOST_DB: u32 = 15;
 
-/// What is known of a place before it is surveyed.
+/// What is known of a site before it is surveyed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Plan {
-    /// Beacons whose places are known.
+    /// Beacons with known positions.
     pub beacons: Vec<beacons::Beacon>,
     /// The floor plan.
     pub walls: Vec<beacons::Wall>,
 }
 
 impl Plan {
-    /// The same elsewhere, metres.
+    /// The same plan shifted by this, metres.
     pub fn moved(&self, by_m: [f64; 2]) -> Self {
         let mut moved = self.clone();
         let ends = moved.walls.iter_mut().flat_map(|wall| &mut wall.ends_m);
@@ -42,9 +44,9 @@ impl Plan {
 pub enum Trend {
     /// The same everywhere, dBm.
     Level(f64),
-    /// Path loss from a known place through known walls.
+    /// Path loss from a known position through known walls.
     Rays {
-        /// Where the beacon is, metres.
+        /// The beacon's position, metres.
         place_m: [f64; 2],
         /// Its path loss.
         path_loss: PathLoss<f64>,
@@ -54,7 +56,7 @@ pub enum Trend {
 }
 
 impl Trend {
-    /// The trend at a place, dBm.
+    /// The trend at a position, dBm.
     pub fn at(&self, at_m: [f64; 2]) -> f64 {
         match self {
             Self::Level(rssi) => *rssi,
@@ -74,8 +76,8 @@ impl Trend {
         fallbacks.into_iter().enumerate().map(mean).collect()
     }
 
-    /// Path losses that fit the survey, of beacons whose places are known; the others keep their mean. Walls that do not say what they
-    /// take are given what fits all RSSI values best, the same to each.
+    /// Path losses that fit the survey, for beacons with known positions; the others keep their mean. Walls without
+    /// an attenuation all get the same one, which fits all RSSI values best.
     pub fn rays(survey: &Survey, plan: &Plan) -> Vec<Self> {
         let Plan { beacons, walls } = plan;
         let unknown = walls.iter().any(|wall| wall.attenuation_db.is_none());
@@ -89,13 +91,13 @@ impl Trend {
         tried.min_by(|(_, a), (_, b)| a.total_cmp(b)).map_or_else(|| Self::rssis(survey), |(trends, _)| trends)
     }
 
-    /// The trends through these walls, and the squares of what they leave, dB².
+    /// The trends through these walls, and the sum of the squared residuals, dB².
     fn rays_through(survey: &Survey, beacons: &[beacons::Beacon], walls: &[Wall<f64>]) -> (Vec<Self>, f64) {
         let mut left = 0.0;
         let trend = |((index, name), usual): ((usize, &String), Self)| {
             let beacon = beacons.iter().find(|beacon| beacon.name == *name)?;
             let place_m = beacon.position_m;
-            // RSSI = A − n x, x = 10 lg d, where walls have been given back.
+            // RSSI = A − n x, x = 10 lg d, with the attenuation of walls put back.
             let samples: Vec<(f64, f64)> = survey
                 .spots
                 .iter()
@@ -159,7 +161,7 @@ mod tests {
         // The prior of the exponent pulls a little toward 2.
         assert!((path_loss.exponent - 3.0).abs() < 0.15 && (path_loss.level_1m + 40.0).abs() < 1.5, "{path_loss:?}");
         assert!((found[0].attenuation - 6.0).abs() <= 1.0, "{found:?}");
-        // Without its place there is only the mean.
+        // Without its position there is only the mean.
         let mean = survey.spots.iter().filter_map(|spot| spot.rssis[0]).sum::<f64>() / 19.0;
         let Trend::Level(rssi) = Trend::rays(&survey, &Plan { beacons: Vec::new(), walls: walls.to_vec() })[0] else {
             panic!("no place")

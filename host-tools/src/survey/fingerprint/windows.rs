@@ -1,4 +1,4 @@
-//! A capture as a tag hears it: window by window, smoothed (sections 3.4 and 3.4.1.2).
+//! A capture as a tag receives it: window by window, smoothed (sections 3.4 and 3.4.1.2 of A. Linde Cerezo's thesis).
 
 use baliza_report::mean;
 use positioning_core::ble::signal::{Kalman, Smoothing, rssi};
@@ -6,9 +6,9 @@ use positioning_core::ble::signal::{Kalman, Smoothing, rssi};
 use super::survey::{Average, dbm, milliwatts};
 use crate::files::beacons::{Capture, Sample};
 
-/// A beacon keeps its RSSI for so many windows without an advertisement.
+/// A beacon keeps its RSSI for this number of windows without an advert.
 const KEPT: f64 = 10.0;
-/// A file may claim any span of time.
+/// Largest number of windows, because a file may claim any span of time.
 const MOST_WINDOWS: f64 = 1.0e5;
 
 /// A window of integration.
@@ -26,8 +26,8 @@ pub fn span_s(capture: &Capture) -> Option<(f64, f64)> {
     Some((first, last))
 }
 
-/// The windows of a capture, at least one; a capture shorter than one is as it is. Where RSSI values are averaged as powers, they are
-/// smoothed as powers.
+/// The windows of a capture, at least one; a capture shorter than one window is left as it is. Where RSSI values are
+/// averaged as powers, they are smoothed as powers.
 pub fn windows(beacons: &[String], capture: &Capture, window_s: f64, average: Average) -> Vec<Window> {
     let (first_s, last_s) = span_s(capture).unwrap_or((0.0, 0.0));
     let count = ((last_s - first_s) / window_s).min(MOST_WINDOWS) as usize;
@@ -85,8 +85,9 @@ mod tests {
 
     #[test]
     fn levels_are_smoothed_and_kept_for_a_while() {
-        // Smoothed as in the thesis' filter by hand: −60, then −57.990 after −56 (gain 0.502488). Windows of 0.2 s: the first has both,
-        // (−60 − 57.990) ⁄ 2 = −58.995, the next ten without an advertisement keep −57.990, and then it is silent.
+        // Smoothed by hand as with the filter of the thesis: −60, then −57.990 after −56 (gain 0.502488). Windows of
+        // 0.2 s: the first has both, (−60 − 57.990) ⁄ 2 = −58.995, the next ten without an advert keep −57.990, and
+        // then the beacon is silent.
         let capture = capture(&[(5.0, -60.0), (5.1, -56.0), (5.15, 127.0), (8.0, 0.0)]);
         let found = windows(&["a".to_owned()], &capture, 0.2, Average::Trimmed);
         assert_eq!(found.len(), 15);

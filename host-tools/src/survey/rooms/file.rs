@@ -1,11 +1,12 @@
-//! A file with a model of rooms: what a node reads, and behind it, for people and for provisioning, what the model's numbers stand for.
+//! The file of a room model: first the bytes that a node reads, then the names of the model's rooms and beacons, for
+//! people and for provisioning.
 //!
 //! The names are one line of JSON, `{"beacons":["1","2"],"rooms":["hall","attic"]}`, in the model's order.
 
 use positioning_core::ble::rooms::{Classifier, Model, StoredError};
 use serde::{Deserialize, Serialize};
 
-/// What a model's numbers stand for.
+/// The names of a model's rooms and beacons.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Names {
     /// The beacons, in the order of its scans.
@@ -17,17 +18,17 @@ pub struct Names {
 /// A model with its names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ModelFile {
-    /// The model alone, as a node reads it.
+    /// The model alone, in the format of the node.
     pub model: Vec<u8>,
-    /// What its numbers stand for.
+    /// The names of its rooms and beacons.
     pub names: Names,
 }
 
 impl ModelFile {
-    /// From a file's bytes.
+    /// Parses a file's bytes.
     ///
     /// # Errors
-    /// In words: they are no model, or its names are missing or too few or too many.
+    /// The bytes are no model, or its names are missing, too few or too many; the error is a text.
     pub fn parse(bytes: &[u8]) -> Result<Self, String> {
         let (model, rest) = Model::decode(bytes).map_err(|fault: StoredError| fault.to_string())?;
         let names: Names = serde_json::from_slice(rest)
@@ -39,10 +40,10 @@ impl ModelFile {
         Ok(Self { model, names })
     }
 
-    /// As a file has it.
+    /// The bytes of the file.
     ///
     /// # Errors
-    /// None that names can cause.
+    /// The names cannot be written as JSON, which no names cause.
     pub fn bytes(&self) -> serde_json::Result<Vec<u8>> {
         let mut bytes = self.model.clone();
         serde_json::to_writer(&mut bytes, &self.names)?;

@@ -1,7 +1,8 @@
-//! Rooms from fingerprints: classifiers trained, scored, and written for the node.
+//! Rooms from fingerprints: classifiers are trained, scored, and written for the node.
 //!
-//! Stays with the names of their rooms flow in ([`Survey`]); out flow models of `positioning_core::ble::rooms` ([`train`]) and how
-//! often they are right ([`score`]). What is scored is the model as the node reads it, in its `f32`.
+//! The input is dwells with the names of their rooms ([`Survey`]). The output is models of
+//! `positioning_core::ble::rooms` ([`train`]) and how often they are right ([`score`]). The scored model is the one
+//! that the node reads, in its `f32`.
 
 mod file;
 mod score;

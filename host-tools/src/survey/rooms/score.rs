@@ -1,4 +1,4 @@
-//! How often a model is right: of whole stays, of short windows, and of the answers that do not flap.
+//! How often a model is right: for whole dwells, for short windows, and for the room estimates with hysteresis.
 
 use anyhow::{Context, Result};
 use positioning_core::ble::rooms::{Classifier, Model, RoomEstimate, RoomHysteresis, Settings, likeliest};
@@ -6,35 +6,35 @@ use positioning_core::ble::rooms::{Classifier, Model, RoomEstimate, RoomHysteres
 use super::survey::{Point, Survey};
 use super::train::{Method, Trained, train};
 
-/// How a method did.
+/// The score of a method.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Score {
     /// The method.
     pub method: Method,
-    /// Points whose room is that of the whole stay.
+    /// Number of points with the right room from the whole dwell.
     pub right: usize,
-    /// For each true room how often each room was answered for a whole stay; the last column is no answer.
+    /// For each true room the number of answers of each room for a whole dwell; the last column is no answer.
     pub confusion: Vec<Vec<usize>>,
-    /// Windows whose room is right.
+    /// Number of windows with the right room.
     pub windows_right: usize,
-    /// Windows.
+    /// Number of windows.
     pub windows: usize,
-    /// How often the room changed from one window of a stay to the next, by the windows alone.
+    /// How often the room changed from one window of a dwell to the next, without hysteresis.
     pub changes: usize,
-    /// What [`RoomHysteresis`] made of the windows.
+    /// The answers of [`RoomHysteresis`] for the windows.
     pub settled: Settled,
 }
 
 /// Answers of [`RoomHysteresis`], one a window.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Settled {
-    /// In the right room.
+    /// Answers of the right room.
     pub right: usize,
-    /// In another one.
+    /// Answers of another one.
     pub wrong: usize,
-    /// Between two rooms, or not known.
+    /// Answers between two rooms, or unknown.
     pub between: usize,
-    /// How often a room followed another room within a stay.
+    /// How often a room followed another room within a dwell.
     pub changes: usize,
 }
 
@@ -51,7 +51,7 @@ impl Score {
         }
     }
 
-    /// How many points there were.
+    /// Number of points.
     pub fn points(&self) -> usize {
         self.confusion.iter().flatten().sum()
     }
@@ -96,17 +96,17 @@ impl Score {
     }
 }
 
-/// Learns from all points of a survey and answers for the targets; `step` is called for each.
+/// Trains on all points of a survey and classifies the targets; `step` is called for each.
 ///
 /// # Errors
-/// [`train`]'s.
+/// The training fails, as in [`train`].
 pub fn score(method: Method, survey: &Survey, targets: &Survey, window_s: f64, step: impl Fn()) -> Result<Score> {
     let chosen: Vec<&Point> = survey.points.iter().collect();
     let trained = train(method, survey, &chosen)?.context("the fingerprints are of one room")?;
     evaluate(method, &trained, targets, window_s, step)
 }
 
-/// Answers for the targets by a model; `step` is called for each.
+/// Classifies the targets by a model; `step` is called for each.
 ///
 /// # Errors
 /// The model cannot be read.
@@ -119,11 +119,11 @@ pub fn evaluate(method: Method, trained: &Trained, targets: &Survey, window_s: f
     Ok(score)
 }
 
-/// Answers for each point by a model of all the others; `step` is called for each. Nothing is taken from the point that is left out,
-/// neither fall-back RSSI values nor a choice.
+/// Classifies each point by a model of all the others; `step` is called for each. The model takes nothing from the
+/// point that is left out, neither fall-back RSSI values nor a choice.
 ///
 /// # Errors
-/// [`train`]'s.
+/// The training fails, as in [`train`].
 pub fn leave_one_out(method: Method, survey: &Survey, window_s: f64, step: impl Fn()) -> Result<Score> {
     let mut score = Score::new(method, survey.rooms.len());
     for (index, point) in survey.points.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! What a survey says of its points: each beacon's RSSI and deviation, and the scans of short windows.
+//! The data of a survey's points: each beacon's RSSI and deviation, and the scans of short windows.
 
 use baliza_report::{mean, rms};
 use std::path::Path;
@@ -11,9 +11,9 @@ use crate::UserError;
 use crate::files::beacons::{Dwell, Sample};
 use crate::survey::fingerprint::{self, Average, scan};
 
-/// RSSI values are averaged as those of maps are.
+/// RSSI values are averaged as in maps.
 const AVERAGE: Average = Average::Power;
-/// A file may claim any span of time.
+/// Largest number of windows, because a file may claim any span of time.
 const MOST_WINDOWS: f64 = 1e5;
 
 /// A beacon at a point.
@@ -28,13 +28,13 @@ pub struct MeanRssi {
 /// A point of a survey.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
-    /// What the file calls it.
+    /// Its name in the file.
     pub name: String,
-    /// Its room, by its place in [`Survey::rooms`].
+    /// Its room, by its index in [`Survey::rooms`].
     pub room: usize,
-    /// By the beacons' order.
+    /// One entry a beacon, in the beacons' order.
     pub heard: Vec<Option<MeanRssi>>,
-    /// One scan a window, in order of time; a window in which nothing is heard has no RSSI.
+    /// One scan a window, in order of time; a window without adverts has no RSSI.
     pub windows: Vec<Vec<Option<f32>>>,
 }
 
@@ -50,10 +50,10 @@ pub struct Survey {
 }
 
 impl Survey {
-    /// The survey that is learnt from.
+    /// The survey for training.
     ///
     /// # Errors
-    /// A point without a room; fewer than two rooms; more rooms or beacons than a model holds.
+    /// A point has no room, there are fewer than two rooms, or there are more rooms or beacons than a model holds.
     pub fn of_fingerprints(file: &Path, stays: &[Dwell], window_s: f64) -> Result<Self, UserError> {
         let beacons = fingerprint::Survey::of(stays, AVERAGE).beacons;
         let mut survey = Self { beacons, ..Self::default() };
@@ -75,15 +75,15 @@ impl Survey {
         }
     }
 
-    /// The names of a model, without points: what stays are to be found by.
+    /// The names of a model, without points: the base for dwells that are to be classified.
     pub fn of_names(names: &Names) -> Self {
         Self { beacons: names.beacons.clone(), rooms: names.rooms.clone(), points: Vec::new() }
     }
 
-    /// Stays to be found, with the beacons and rooms of this survey; rooms that it does not know are added behind its own.
+    /// Dwells to be classified, with the beacons and rooms of this survey; unknown rooms are appended to its own.
     ///
     /// # Errors
-    /// A point without a room.
+    /// A point has no room.
     pub fn targets(&self, file: &Path, stays: &[Dwell], window_s: f64) -> Result<Self, UserError> {
         let mut targets = Self { beacons: self.beacons.clone(), rooms: self.rooms.clone(), points: Vec::new() };
         targets.add(file, stays, window_s, false)?;
@@ -105,7 +105,7 @@ impl Survey {
                 self.rooms.len() - 1
             });
             let heard = heard(&stay.samples, &self.beacons);
-            // A point at which nothing is heard teaches nothing; to be found, it is a point that was not.
+            // A point without received beacons is useless for training; as a target it counts as not classified.
             if learnt && heard.iter().all(Option::is_none) {
                 continue;
             }
@@ -117,7 +117,7 @@ impl Survey {
 }
 
 impl Point {
-    /// The scan of the whole stay.
+    /// The scan of the whole dwell.
     pub fn scan(&self) -> Vec<Option<f32>> {
         self.heard.iter().map(|heard| heard.map(|heard| heard.mean_dbm as f32)).collect()
     }
@@ -137,7 +137,7 @@ fn heard(samples: &[Sample], beacons: &[String]) -> Vec<Option<MeanRssi>> {
     means.into_iter().zip(beacons).map(heard).collect()
 }
 
-/// The scans of successive windows; what is left at the end is no whole window.
+/// The scans of successive windows; an incomplete window at the end is dropped.
 fn windows(samples: &[Sample], beacons: &[String], window_s: f64) -> Vec<Vec<Option<f32>>> {
     let times = || samples.iter().map(|sample| sample.t_s);
     let (begin, end) = (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));
@@ -173,8 +173,9 @@ mod tests {
         ];
         let survey = Survey::of_fingerprints(Path::new("f"), &stays, 1.0).expect("good");
         assert_eq!((survey.beacons.join(","), survey.rooms.join(",")), ("2,10".into(), "hall,attic".into()));
-        // r heard nothing that is an RSSI. p: 1, 0.398107 and 0.1 nW, mean 0.499369, −63.0158 dBm; about the mean of the decibels,
-        // −64.667: 4.667² + 0.667² + 5.333² = 50.667, /3 = 16.889. The first window: 0.699054 nW, −61.5549 dBm.
+        // r received no valid RSSI. p: 1, 0.398107 and 0.1 nW, mean 0.499369, −63.0158 dBm; about the mean of the
+        // decibels, −64.667: 4.667² + 0.667² + 5.333² = 50.667, /3 = 16.889. The first window: 0.699054 nW, −61.5549
+        // dBm.
         assert_eq!(survey.points.len(), 2);
         let heard = survey.points[0].heard[1].expect("heard");
         assert!((heard.mean_dbm + 63.0158).abs() < 1e-4 && (heard.deviation_db - 16.888_889_f64.sqrt()).abs() < 1e-6);

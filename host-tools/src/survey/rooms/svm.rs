@@ -1,29 +1,30 @@
-//! The planes of a linear support vector machine, one for each two rooms.
+//! The planes of a linear support vector machine, one for each pair of rooms.
 //!
-//! Three samples a point: the mean RSSI values, and all of them a standard deviation higher and lower (section 5.3.4), so that a receiver
-//! that hears more or less than the surveyor's is still in the room. C = 0.001 (the same). Rooms count alike, however many points each
-//! of them has: the cost of a sample is C N / (K n), with n of the N points in its room.
+//! Each point gives three samples: the mean RSSI values, and all of them a standard deviation higher and lower
+//! (section 5.3.4 of A. Linde Cerezo's thesis), so that a receiver with another sensitivity than the surveyor's is
+//! still in the room. C = 0.001 (the same section). Rooms count alike, however many points each of them has: the cost
+//! of a sample is C N / (K n), with n of the N points in its room.
 
 use positioning_core::ble::rooms::pairs;
 
-/// C of section 5.3.4.
+/// C of section 5.3.4 of the thesis.
 const COST: f64 = 0.001;
-/// Margins are exact to this.
+/// Tolerance of the margins.
 const TOLERANCE: f64 = 1e-5;
-/// Steps of a training at most; those of a recorded floor take some hundred.
+/// Largest number of steps of a training; a recorded floor takes some hundred.
 const MOST_STEPS: usize = 200_000;
 
-/// A point: its room, and for each beacon the mean RSSI and the deviation, dB.
+/// A training point: its room, and for each beacon the mean RSSI and the deviation, dB.
 pub(super) struct Example {
     pub(super) room: usize,
     pub(super) rssis: Vec<(f64, f64)>,
 }
 
-/// For each pair of rooms, by [`pairs`], what is added and a weight a beacon. Each room has examples.
+/// For each pair of rooms, by [`pairs`], the offset and one weight a beacon. Each room has examples.
 pub(super) fn planes(rooms: usize, examples: &[Example]) -> Vec<Vec<f64>> {
     let beacons = examples.first().map_or(0, |example| example.rssis.len());
     let points = examples.len() as f64;
-    // Far from zero, a plane's offset is badly determined.
+    // RSSI values are centred, because the offset of a plane far from zero is badly determined.
     let mean = |beacon: usize| examples.iter().map(|example| example.rssis[beacon].0).sum::<f64>() / points;
     let centre: Vec<f64> = (0..beacons).map(mean).collect();
     pairs(rooms)
@@ -52,27 +53,28 @@ struct Sample {
     rssis: Vec<f64>,
     side: f64,
     cost: f64,
-    /// Lagrange's, 0 to the cost.
+    /// Lagrange's multiplier, 0 to the cost.
     multiplier: f64,
-    /// On the weights.
+    /// The projection on the weights.
     projection: f64,
 }
 
 impl Sample {
-    /// How far the sample may go towards its own side's sign, and how far the other way.
+    /// How far the multiplier may move towards the sign of its side, and how far the other way.
     fn ways(&self) -> (f64, f64) {
         let (grow, shrink) = (self.cost - self.multiplier, self.multiplier);
         if self.side > 0.0 { (grow, shrink) } else { (shrink, grow) }
     }
 
-    /// What the offset would be, were the sample on its margin.
+    /// The offset of the plane if the sample were on its margin.
     fn offset(&self) -> f64 {
         self.side - self.projection
     }
 }
 
-/// The offset and the weights of the plane between both sides: sequential minimal optimisation by the pair that violates the
-/// conditions most (Keerthi et al., *Improvements to Platt's SMO algorithm for SVM classifier design*, 2001), with a cost a sample.
+/// The offset and the weights of the plane between both sides: sequential minimal optimisation by the pair that
+/// violates the conditions most (Keerthi et al., *Improvements to Platt's SMO algorithm for SVM classifier design*,
+/// 2001), with one cost a sample.
 fn plane(mut samples: Vec<Sample>) -> (f64, Vec<f64>) {
     let mut weights = vec![0.0; samples.first().map_or(0, |sample| sample.rssis.len())];
     let mut offset = 0.0;
@@ -89,7 +91,7 @@ fn plane(mut samples: Vec<Sample>) -> (f64, Vec<f64>) {
         let difference: Vec<f64> =
             samples[up].rssis.iter().zip(&samples[down].rssis).map(|(up, down)| up - down).collect();
         let square: f64 = difference.iter().map(|d| d * d).sum();
-        // Samples of both sides at one place go as far as they may.
+        // Samples of both sides with the same values move as far as they may.
         let step = (violation / square.max(1e-12)).min(samples[up].ways().0).min(samples[down].ways().1);
         for (at, sign) in [(up, 1.0), (down, -1.0)] {
             let sample = &mut samples[at];
@@ -109,8 +111,8 @@ mod tests {
 
     #[test]
     fn planes_are_those_of_libsvm() {
-        // scikit-learn 1.9.1 (LIBSVM), SVC(kernel="linear", C=0.001, tol=1e-9) with sample_weight 7/(3 n) on these points and their
-        // means ± σ.
+        // scikit-learn 1.9.1 (LIBSVM), SVC(kernel="linear", C=0.001, tol=1e-9) with sample_weight 7/(3 n) on these
+        // points and their means ± σ.
         let example = |room, a, b| Example { room, rssis: vec![a, b] };
         let examples = [
             example(0, (-60.0, 3.0), (-80.0, 2.0)),

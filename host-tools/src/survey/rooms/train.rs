@@ -1,4 +1,4 @@
-//! A model of chosen points, as a node reads it.
+//! A model trained on chosen points, in the format that a node reads.
 
 use anyhow::{Context, Result};
 use positioning_core::ble::rooms::{Kind, Model, Nearest, Svm, level_byte};
@@ -6,20 +6,20 @@ use positioning_core::ble::rooms::{Kind, Model, Nearest, Svm, level_byte};
 use super::survey::{Point, Survey};
 use super::svm::{self, Example};
 
-/// How steep the sigmoid of a margin is: on the recorded floor, with points left out in turn, the logarithmic loss is flat between 3
-/// and 10.
+/// The slope of the sigmoid of a margin: on the recorded floor, with points left out in turn, the logarithmic loss is
+/// flat between 3 and 10.
 const SLOPE: f32 = 5.0;
-/// How many fingerprints vote.
+/// Number of fingerprints that vote.
 const NEIGHBOURS: u8 = 3;
-/// What is assumed of a beacon that no chosen point hears, dBm.
+/// Assumed RSSI of a beacon that no chosen point receives, dBm.
 const NEVER_HEARD_DBM: f64 = -100.0;
 /// Room for any model: 32 rooms and 24 beacons, or some two thousand fingerprints.
 const LONGEST: usize = 64 * 1024;
 
-/// How rooms are told apart.
+/// How rooms are classified.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// Linear support vector machine, one plane for each two rooms.
+    /// Linear support vector machine, one plane for each pair of rooms.
     Svm,
     /// The three nearest fingerprints.
     Nearest,
@@ -50,13 +50,13 @@ impl From<&Kind<'_>> for Method {
 /// A trained model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trained {
-    /// As the node reads it.
+    /// The bytes that the node reads.
     pub bytes: Vec<u8>,
-    /// The model's rooms, by their places in [`Survey::rooms`].
+    /// The model's rooms, by their indices in [`Survey::rooms`].
     pub rooms: Vec<usize>,
 }
 
-/// Learns from chosen points; `None` where they are not of two rooms at least.
+/// Trains on chosen points; `None` where they are of fewer than two rooms.
 ///
 /// # Errors
 /// There are too many points for a model.
@@ -67,7 +67,7 @@ pub fn train(method: Method, survey: &Survey, chosen: &[&Point]) -> Result<Optio
         return Ok(None);
     }
     let number = |room: usize| rooms.iter().position(|known| *known == room).unwrap_or(0);
-    // A beacon is missed where it is as weak as at the weakest of the points that hear it.
+    // A beacon that is not received counts as its weakest RSSI at the points that receive it.
     let fallback_dbm: Vec<f64> = (0..survey.beacons.len())
         .map(|beacon| {
             let means = chosen.iter().filter_map(|point| point.heard[beacon]).map(|heard| heard.mean_dbm);

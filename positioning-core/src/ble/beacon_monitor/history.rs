@@ -1,45 +1,48 @@
-//! Whether a beacon is where it is listed: E. S. Page's sum (*Continuous inspection schemes*, Biometrika 41, 1954) of how far its RSSI values
-//! contradict the position that others give.
+//! Tests whether a beacon is at its listed position. The test is E. S. Page's cumulative sum (*Continuous inspection
+//! schemes*, Biometrika 41, 1954) of how far the beacon's RSSI values contradict the position from other sources.
 
 use crate::Real;
 
-/// An RSSI that is off by more of its variances than this adds what it is off by beyond it, any other takes as much off …
+/// The expected squared error of an RSSI, in units of its variance. A larger error adds the difference to the sum. A
+/// smaller error subtracts the difference.
 const EXPECTED: f64 = 1.6;
-/// … and no RSSI is off by more.
+/// The greatest squared error that one RSSI can count for, in units of its variance.
 const MOST: f64 = 6.0;
-/// A beacon whose sum goes beyond this is doubted: two RSSI values at two places that are off by 2.5 deviations, or more that are off by
-/// less. A walk of minutes among shadows of 5 dB, which are expected, comes to it now and then; among such of 3 dB never (simulated).
+/// A beacon whose sum exceeds this is excluded. Two RSSI values at two positions that are off by 2.5 deviations
+/// suffice, or more values that are off by less. In simulation, a walk of minutes among shadows of 5 dB, which are
+/// expected, reaches this sum now and then. Among shadows of 3 dB it never does.
 const DOUBTED: f64 = 8.0;
-/// Under this it is believed again.
+/// An excluded beacon whose sum falls below this is accepted again.
 const BELIEVED: f64 = 1.0;
-/// No sum goes beyond this: what is believed again should be so in as short a time.
+/// The greatest sum. It limits the time after which an excluded beacon can be accepted again.
 const FULL: f64 = 10.0;
 
-/// What is believed of a listed beacon.
+/// The state of a listed beacon.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum BeaconHealth {
-    /// It is where it is listed.
+    /// The beacon is at its listed position.
     #[default]
     Agrees,
-    /// Its RSSI values are those of another place, or of another power.
+    /// The beacon's RSSI values fit another position or another transmit power.
     Elsewhere,
-    /// Its RSSI values jump between those of two places: two senders have its identity.
+    /// The beacon's RSSI values jump between those of two positions: two senders have its identity.
     TwoPlaces,
 }
 
-/// What was found of one beacon.
+/// The test record of one beacon.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct History<T> {
     sum: T,
-    /// When it began to contradict, seconds.
+    /// When the current run of contradictions or agreements began, seconds.
     since_s: u32,
     pub(super) health: BeaconHealth,
 }
 
 impl<T: Real> History<T> {
-    /// An RSSI that is off by so many of its variances, or that of two senders; worth `weight` of one at a place of its own. What is
-    /// believed from now on, if it is another thing, and for how many seconds the RSSI values have told so.
+    /// Takes an RSSI whose squared error is `variances` times its variance, or an RSSI from two senders (`is_torn`).
+    /// The RSSI counts `weight` times as much as one at a new position. Returns the new state, if it has changed, and
+    /// for how many seconds the RSSI values have supported the new state.
     pub(super) fn take(&mut self, now_us: u64, variances: T, is_torn: bool, weight: T) -> Option<(BeaconHealth, u32)> {
         let now_s = u32::try_from(now_us / 1_000_000).unwrap_or(u32::MAX);
         let off = if is_torn { T::of(MOST) } else { variances.at_most(T::of(MOST)) };
@@ -67,7 +70,7 @@ impl<T: Real> History<T> {
         changed.then(|| (standing, now_s.saturating_sub(self.since_s)))
     }
 
-    /// Forgets a doubt that has not come to a word: another beacon was its cause.
+    /// Clears the sum of a beacon that is not excluded: another beacon was the cause of its errors.
     pub(super) fn clear_suspicion(&mut self) {
         if self.health == BeaconHealth::Agrees {
             self.sum = T::ZERO;
@@ -98,11 +101,11 @@ mod tests {
     #[test]
     fn one_place_counts_once_and_agreement_between_forgets() {
         let mut record = History::<f32>::default();
-        // Ten looks at one place, a tenth each, are worth one, 4.4.
+        // Ten RSSI values at one position, a tenth each, count as one: 4.4.
         for _ in 0..10 {
             assert_eq!(record.take(0, 9.0, false, 0.1), None);
         }
-        // Two deviations, 2.4 more, and twice agreement, 3.2 off: it never comes to 8.
+        // An error of two deviations adds 2.4. Agreement, twice, subtracts 3.2. The sum never reaches 8.
         for _ in 0..100 {
             assert_eq!(record.take(0, 0.0, false, 1.0), None);
             assert_eq!(record.take(0, 0.0, false, 1.0), None);

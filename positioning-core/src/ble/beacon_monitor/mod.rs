@@ -1,9 +1,12 @@
-//! What a tag knows of the listed beacons around it, learnt as it goes: what its receiver reads too loud, and whether each beacon is
-//! where it is listed. The tag, its simulation and the replays find themselves by this one.
+//! What a tag learns about the listed beacons around it while it runs: the offset of its receiver's RSSI, and whether
+//! each beacon is at its listed position. The tag, its simulation and the replays locate themselves with this
+//! monitor.
 //!
-//! The RSSI values of a window flow in, with the tag's position where anchors give one; out flows the position by the RSSI values
-//! ([`posterior`]), as the engine wants it, and now and then [`HealthChange`] of a beacon. A beacon is judged by the position without it, one of them a
-//! window, since that takes a lattice of its own; what is doubted makes no position until it agrees again.
+//! Input: the RSSI values of a window, and the tag's position where anchors give one. Output: the position by the
+//! RSSI values ([`posterior`]), in the engine's form, and from time to time a [`HealthChange`] of a beacon.
+//!
+//! A beacon is tested against the position without it. One beacon is tested per window, since each test needs a
+//! lattice of its own. An excluded beacon makes no position until it agrees again.
 
 mod history;
 
@@ -19,31 +22,33 @@ use crate::measurement::BeaconPosition;
 use crate::{Area, MAX_ANCHORS, Real, SolveError};
 use history::History;
 
-/// Beacons are judged no sooner again, microseconds.
+/// The shortest time between the starts of two passes of tests, microseconds.
 const PASS_US: u64 = 3_000_000;
-/// After so many metres of way the shadows are others …
+/// After the tag has moved this far, metres, the shadows are different …
 const SHADOW_M: f32 = 2.0;
-/// … and after so many seconds: people move.
+/// … and after this time, seconds, because people move.
 const SHADOW_S: f32 = 60.0;
-/// A tag may be so far outside of the box around all that stands, metres.
+/// How far outside the box around the known positions a tag can be, metres.
 const MARGIN_M: f32 = 0.5;
-/// A position that so few others give judges nobody.
+/// A beacon is tested against others only if at least this number of others give the position.
 const JUDGES: usize = 3;
-/// What others say of a beacon counts so much beside what anchors say: their own path losses are not quite right either. Over two
-/// recordings with calibrated beacons none is named by it, two of thirteen would be by 1.
+/// The weight of a test against other beacons, relative to a test against anchors: the path losses of the other
+/// beacons are not exact either. With this weight, no beacon is excluded in two recordings with calibrated beacons.
+/// With a weight of 1, two of thirteen would be.
 const PEERS: f32 = 0.5;
 
-/// Where a tag can be.
+/// The region where a tag can be.
 #[derive(Clone, Copy, Debug)]
 pub struct Site<'a> {
     /// The box around it.
     pub area: Area<f32, 2>,
-    /// What takes something from a signal.
+    /// The walls that attenuate signals.
     pub walls: &'a [Wall<f32>],
 }
 
 impl Site<'_> {
-    /// The box around all that stands in a place of which nothing else is known: beacons hang on the walls of what they cover.
+    /// The box around these positions, for a site of which nothing else is known: beacons hang on the walls of the
+    /// area that they cover.
     pub fn around(places: impl Iterator<Item = [f32; 2]>) -> Option<Self> {
         let of_one = |place| Area { min: place, max: place };
         let boxed = places.fold(None, |area: Option<Area<f32, 2>>, place| {
@@ -54,7 +59,7 @@ impl Site<'_> {
     }
 }
 
-/// The box around two.
+/// The smallest box around two boxes.
 fn both(one: &Area<f32, 2>, other: &Area<f32, 2>) -> Area<f32, 2> {
     Area {
         min: core::array::from_fn(|axis| one.min[axis].at_most(other.min[axis])),
@@ -62,41 +67,41 @@ fn both(one: &Area<f32, 2>, other: &Area<f32, 2>) -> Area<f32, 2> {
     }
 }
 
-/// A position that beacons have not made.
+/// A position that was found without beacons.
 #[derive(Clone, Copy, Debug)]
 pub struct Known {
-    /// Metres.
+    /// The position, metres.
     pub position_m: [f32; 2],
-    /// Variance of an axis, m².
+    /// The variance per axis, m².
     pub variance_m2: f32,
 }
 
 impl Known {
-    /// As a box of the same variance.
+    /// A box of the same variance.
     fn area(&self) -> Area<f32, 2> {
         let half = Real::sqrt(3.0 * self.variance_m2);
         Area { min: self.position_m.map(|middle| middle - half), max: self.position_m.map(|middle| middle + half) }
     }
 }
 
-/// Where the RSSI values have a tag.
+/// The tag's position by the RSSI values.
 #[derive(Clone, Copy, Debug)]
 pub struct Located {
-    /// For the engine.
+    /// The position, in the form that the engine takes.
     pub position: BeaconPosition<f32>,
-    /// What made it: bit i is the window's i-th RSSI.
+    /// The RSSI values that made the position: bit i is the window's i-th RSSI.
     pub used: u16,
 }
 
-/// Something else is believed of a beacon from now on.
+/// A change of a beacon's state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct HealthChange {
-    /// Its place in the list.
+    /// The beacon's index in the list.
     pub beacon: usize,
-    /// What is believed.
+    /// The new state.
     pub health: BeaconHealth,
-    /// For how long its RSSI values have told so, seconds.
+    /// For how long the beacon's RSSI values have supported the new state, seconds.
     pub seconds: u32,
 }
 
@@ -107,34 +112,35 @@ pub struct BeaconMonitor<const N: usize> {
     histories: [History<f32>; N],
 }
 
-/// What is known of all of them together.
+/// What is known of all beacons together.
 #[derive(Clone, Debug)]
 struct State {
     receiver: ReceiverOffset<f32>,
     pass: Pass,
-    /// Positions that the receiver's offset has not been learnt at.
+    /// The weight of the positions at which the receiver's offset has not yet been learnt.
     due: f32,
-    /// The box around all positions that anchors have given the tag: where it was, it can be.
+    /// The box around all positions that anchors have given the tag. The tag can be there again.
     been: Option<Area<f32, 2>>,
     news: Option<HealthChange>,
 }
 
-/// Once through all beacons.
+/// One pass of tests through all beacons.
 #[derive(Clone, Copy, Debug)]
 struct Pass {
     began_us: u64,
-    /// Where it began, metres.
+    /// The tag's position at the start of the pass, metres.
     at_m: Option<[f32; 2]>,
-    /// How much of what is received was not received in the last one.
+    /// The share of the received RSSI values that is new since the last pass, by distance moved and by time.
     weight: f32,
-    /// The same for what only another position changes: how channels fade.
+    /// The share that is new by distance moved alone: the fading of the channels changes only with the position.
     moved: f32,
-    /// The next beacon to be rated is this one, or one after it.
+    /// The next beacon to be tested is the one with this index or, if it is not received, the next one after it.
     next: u16,
 }
 
 impl<const N: usize> BeaconMonitor<N> {
-    /// All are where they are listed, and the receiver is as the calibration's, give or take `deviation_db`; 0: it is.
+    /// Assumes that all beacons are at their listed positions, and that the receiver's offset from the calibration's
+    /// receiver has the standard deviation `deviation_db`. With 0 there is no offset.
     pub fn new(deviation_db: f32) -> Self {
         let state = State {
             receiver: ReceiverOffset::new(deviation_db),
@@ -146,25 +152,26 @@ impl<const N: usize> BeaconMonitor<N> {
         Self { state, histories: [History::default(); N] }
     }
 
-    /// What the receiver reads too loud.
+    /// The receiver's offset.
     pub fn receiver(&self) -> &ReceiverOffset<f32> {
         &self.state.receiver
     }
 
-    /// What is believed of a beacon; nothing bad of one that is not listed.
+    /// The state of a beacon; [`BeaconHealth::Agrees`] for one that is not listed.
     pub fn health(&self, beacon: usize) -> BeaconHealth {
         standing(&self.histories, beacon)
     }
 
-    /// What is new of a beacon since it was asked last.
+    /// The latest change of a beacon's state since the last call.
     pub fn take_news(&mut self) -> Option<HealthChange> {
         self.state.news.take()
     }
 
-    /// The position by the RSSI values of a window, of which the first [`MAX_ANCHORS`] count. `known` is where anchors have the tag.
+    /// The position by the RSSI values of a window, of which the first [`MAX_ANCHORS`] count. `known` is the tag's
+    /// position by anchors.
     ///
     /// # Errors
-    /// As [`posterior`]; [`SolveError::TooFewAnchors`] also where all that are received are doubted.
+    /// As [`posterior`]; [`SolveError::TooFewAnchors`] also where all received beacons are excluded.
     pub fn locate(
         &mut self,
         now_us: u64,
@@ -172,7 +179,8 @@ impl<const N: usize> BeaconMonitor<N> {
         site: &Site<'_>,
         known: Option<&Known>,
     ) -> Result<Located, SolveError> {
-        // Not generic: compiled in this crate, and so optimised as it is, whatever the image is optimised for.
+        // Not generic: compiled in this crate, so that it has the optimisation level of this crate and not that of
+        // the image.
         self.state.locate(&mut self.histories, now_us, window, site, known)
     }
 }
@@ -227,8 +235,8 @@ impl State {
         Ok(Located { position, used })
     }
 
-    /// The RSSI values that make positions, with their index in the window and as [`corrected`](Self::corrected): sane ones, of
-    /// beacons that agree.
+    /// The RSSI values that make positions, with their index in the window, and as [`corrected`](Self::corrected)
+    /// gives them: the sane RSSI values of the beacons that agree.
     fn believed<'l>(
         &'l self,
         histories: &'l [History<f32>],
@@ -239,7 +247,7 @@ impl State {
         counted.map(|(index, rssi)| (index, rssi, self.corrected(rssi))).filter(|(_, _, one)| one.is_sane())
     }
 
-    /// An RSSI as the calibration's receiver would have it, with all of its deviation.
+    /// An RSSI as the calibration's receiver would measure it, with its whole deviation.
     #[inline(never)]
     fn corrected(&self, rssi: &BeaconRssi) -> RssiObservation<f32, 2> {
         let mut heard = rssi.observation;
@@ -248,7 +256,7 @@ impl State {
         heard
     }
 
-    /// Begins the next pass where the last one has ended.
+    /// Begins the next pass, if enough time has gone by since the last one began.
     fn begin_pass(&mut self, now_us: u64, at_m: [f32; 2]) {
         let since_us = now_us.saturating_sub(self.pass.began_us);
         let mut moved = 1.0;
@@ -266,7 +274,7 @@ impl State {
         self.pass = Pass { began_us: now_us, at_m: Some(at_m), weight, moved, next: 0 };
     }
 
-    /// Rates the next of the beacons that are received.
+    /// Tests the next of the received beacons.
     #[inline(never)]
     fn rate_next(
         &mut self,
@@ -282,7 +290,7 @@ impl State {
         let Some((index, rssi)) = candidates.min_by_key(|(_, rssi)| rssi.beacon) else { return };
         self.pass.next = rssi.beacon.saturating_add(1);
         let one = self.corrected(rssi);
-        // Anchors need no others, and the receiver's offset is doubted as far as it is known.
+        // A test against anchors needs no other beacons. The uncertainty of the receiver's offset still counts.
         let off = match known {
             Some(known) => too_loud(&one, &[], &known.area(), site.walls, belief),
             None => {
@@ -291,21 +299,21 @@ impl State {
                 if others.len() < JUDGES {
                     return;
                 }
-                // Where one beacon is does not depend on how many others share a shadow.
+                // The test of one beacon does not depend on how many others share a shadow.
                 too_loud(&one, &others, &site.area, site.walls, &PosteriorSettings { trust: 1.0, ..*belief })
             }
         };
         let (Some([excess, variance]), Some(record)) = (off, histories.get_mut(usize::from(rssi.beacon))) else {
             return;
         };
-        // Where a tag stands, the RSSI values of three channels may be as far apart as those of two senders.
+        // While a tag does not move, the RSSI values of three channels may differ as much as those of two senders.
         let weight = if rssi.is_torn { self.pass.moved } else { self.pass.weight };
         let weight = if known.is_some() { weight } else { weight * PEERS };
         let change = record.take(now_us, excess.squared() / variance, rssi.is_torn, weight);
         let Some((standing, seconds)) = change else { return };
         self.news = Some(HealthChange { beacon: rssi.beacon.into(), health: standing, seconds });
         if known.is_none() {
-            // What it has spoilt is no sign against the others.
+            // An error that this beacon caused does not count against the others.
             histories.iter_mut().for_each(History::clear_suspicion);
         }
     }

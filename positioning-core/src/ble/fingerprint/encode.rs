@@ -1,25 +1,27 @@
-//! Points and RSSI values in, a map's bytes out.
+//! Encodes points and RSSI values as the bytes of a map.
 
 use super::map::{CHECKSUM, DEVIATIONS_DB, HEADER, MAGIC, MAX_BEACONS, MapError, VERSION, WITH_DEVIATIONS, stride};
 
-/// A point for a map.
+/// A point of a map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point<'a> {
-    /// Where it is, metres.
+    /// The position, metres.
     pub position_m: [f64; 2],
-    /// An RSSI each beacon, dBm; `None`: not heard there.
+    /// One RSSI per beacon, dBm; `None`: not received there.
     pub rssis: &'a [Option<f64>],
-    /// How far an RSSI may be off at a visit, dB, each beacon; empty for a map of surveyed points.
+    /// The standard deviation of each beacon's RSSI at a visit, dB; empty for a map of surveyed points.
     pub deviations: &'a [f64],
 }
 
 /// Writes a map to the beginning of `buffer` and returns its bytes.
 ///
-/// `identities` name the beacons and `fallbacks` are what counts for one that is not heard, dBm (table 5.3). A lattice's points are
-/// multiples of `unit_m` apart, at most 255 each way; without it, the unit is as small as the points' extent allows.
+/// `identities` name the beacons. `fallbacks` are the RSSI values that count for beacons that are not received, dBm
+/// (table 5.3). The points of a lattice are multiples of `unit_m` apart, at most 255 in each direction. Without
+/// `unit_m`, the unit is as small as the extent of the points allows.
 ///
 /// # Errors
-/// Points or beacons are missing or too many, lists differ in length, numbers are none or out of range; the buffer is too small.
+/// Points or beacons are missing or too many, lists differ in length, numbers are not finite or out of range, or the
+/// buffer is too small.
 pub fn encode<'b>(
     points: &[Point<'_>],
     identities: &[u16],
@@ -34,7 +36,7 @@ pub fn encode<'b>(
         return Err(MapError::Invalid);
     }
     let axis = |axis: usize| points.iter().filter_map(move |point| point.position_m.get(axis).copied());
-    // Centimetres are finer than a map is good for.
+    // Centimetres are finer than the accuracy of a map.
     let down = |low: f64| rounded(libm::floor(low * 100.0 + 1.0e-6), i32::MIN, i32::MAX);
     let [x0, y0] = [0, 1].map(|a| down(axis(a).fold(f64::INFINITY, f64::min)));
     let origin_cm = [x0?, y0?];
@@ -90,7 +92,7 @@ fn code(rssi_dbm: f64) -> Result<u8, MapError> {
     u8::try_from(rounded(-2.0 * rssi_dbm, 1, 255)?).map_err(|_| MapError::Invalid)
 }
 
-/// A deviation's half byte; what is too small or too large for one is the least or the largest.
+/// A deviation's half byte; a deviation outside its range becomes the least or the greatest.
 fn half(deviation_db: f64) -> Result<u8, MapError> {
     let steps = deviation_db / DEVIATIONS_DB - 1.0;
     if !steps.is_finite() {
@@ -99,13 +101,13 @@ fn half(deviation_db: f64) -> Result<u8, MapError> {
     u8::try_from(rounded(steps.clamp(0.0, 15.0), 0, 15)?).map_err(|_| MapError::Invalid)
 }
 
-/// To the nearest whole number, where that is in the range.
+/// The nearest whole number, if it is in the range.
 fn rounded(value: f64, least: i32, most: i32) -> Result<i32, MapError> {
     let nearest = libm::round(value);
     if nearest >= f64::from(least) && nearest <= f64::from(most) { Ok(nearest as i32) } else { Err(MapError::Invalid) }
 }
 
-/// Up to a whole number, at least 1.
+/// The next whole number upwards, at least 1.
 fn up(value: f64) -> f64 {
     libm::ceil(value - 1.0e-6).max(1.0)
 }

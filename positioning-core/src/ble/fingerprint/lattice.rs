@@ -1,9 +1,13 @@
-//! Where a scan is on a lattice whose RSSI values are a Gaussian process: the posterior's mean, not the likeliest point.
+//! The position of a scan on a lattice whose RSSI values are a Gaussian process: the posterior's mean, not the most
+//! likely point.
 //!
-//! At each point the RSSI values z are normal about the map's m with its deviations σ, and share the receiver's offset o, normal too, which
-//! is integrated out: with d = z − m − ō, w = 1 ⁄ σ², W = Σ w, R = Σ w d and the offset's precision π,
-//! ln L = −½ (Σ w d² − R² ⁄ (W + π)) − ½ ln((W + π) ⁄ π) − Σ ln σ, and the offset there is R ⁄ (W + π) ± 1 ⁄ √(W + π). Deviations have
-//! sixteen values, so that their reciprocals and logarithms are a table; no matrix is left for the node.
+//! At each point the RSSI values z are normal about the map's m with the map's deviations σ. They share the
+//! receiver's offset o, which is normal too and is integrated out. With d = z − m − ō, w = 1 ⁄ σ², W = Σ w, R = Σ w d
+//! and the offset's precision π:
+//! ln L = −½ (Σ w d² − R² ⁄ (W + π)) − ½ ln((W + π) ⁄ π) − Σ ln σ, and the offset at the point is R ⁄ (W + π) ± 1 ⁄
+//! √(W + π).
+//! Deviations have sixteen values, so their reciprocals and logarithms are a table, and the node has no matrix to
+//! compute.
 
 use heapless::Vec;
 
@@ -11,38 +15,39 @@ use super::map::Row;
 use super::{Codes, DEVIATIONS_DB, MAX_BEACONS, Map, NoPosition};
 use crate::Real;
 
-/// No offset is learnt better than this, dB.
+/// The least standard deviation of a learnt offset, dB.
 const LEAST_OFFSET_DB: f64 = 1.0;
-/// Points less likely than the likeliest by more than this (as a logarithm) are worth nothing: 200 of them would be worth 10⁻⁵.
+/// A point whose log-likelihood is below the greatest by more than this counts for nothing: 200 such points together
+/// would weigh 10⁻⁵.
 const NOTHING: f64 = 17.0;
 
-/// What is believed of the receiver before the scan.
+/// What is known of the receiver before the scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Receiver<T> {
-    /// By how much it hears all beacons stronger than the surveyor's receiver did, dB.
+    /// By how much the receiver measures all beacons stronger than the surveyor's receiver did, dB.
     pub offset_db: T,
-    /// Deviation of that, dB; 0: it is known.
+    /// The standard deviation of that, dB; 0: the offset is known.
     pub offset_deviation_db: T,
-    /// Variance of the scan's RSSI values beyond the map's deviations, dB²: of a short window.
+    /// The variance of the scan's RSSI values beyond the map's deviations, dB²: that of a short window.
     pub noise_db2: T,
 }
 
 impl<T: Real> Default for Receiver<T> {
-    /// An unknown one: as loud as the surveyor's within 4 dB; whole stays.
+    /// An unknown receiver: its offset from the surveyor's has a standard deviation of 4 dB.
     fn default() -> Self {
         Self { offset_db: T::ZERO, offset_deviation_db: T::of(4.0), noise_db2: T::ZERO }
     }
 }
 
 impl<T: Real> Receiver<T> {
-    /// Takes what a scan has said of the offset, for the next one.
+    /// Takes the offset that a scan has given, for the next scan.
     pub fn learn(&mut self, posterior: &Posterior<T>) {
         self.set_offset(posterior.offset_db, posterior.offset_deviation_db);
     }
 
-    /// Takes an offset that was found otherwise, with its deviation, dB; one that is known stays as it is. Scans at one place are shadowed
-    /// alike, so that the deviation is kept from vanishing: some five scans count.
+    /// Takes an offset that was found otherwise, with its deviation, dB. An offset that is known stays as it is.
+    /// Scans at one position have the same shadows, so the deviation has a lower bound: about five scans count.
     pub fn set_offset(&mut self, offset_db: T, offset_deviation_db: T) {
         if self.offset_deviation_db > T::ZERO && offset_db.is_finite() {
             self.offset_db = offset_db;
@@ -51,11 +56,11 @@ impl<T: Real> Receiver<T> {
     }
 }
 
-/// Where the receiver is.
+/// The position of the receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Posterior<T> {
-    /// The mean, metres: the least squared error to be expected.
+    /// The mean, metres: it has the least expected squared error.
     pub position: [T; 2],
     /// Its covariance, m²: xx, xy, yy.
     pub covariance: [T; 3],
@@ -63,14 +68,14 @@ pub struct Posterior<T> {
     pub offset_db: T,
     /// Its deviation, dB.
     pub offset_deviation_db: T,
-    /// How many beacons of the map are heard.
+    /// The number of the map's beacons that are received.
     pub heard: usize,
 }
 
 /// The position of one scan by itself.
 ///
 /// # Errors
-/// No beacon of the map is heard, or the map's RSSI values have no deviations.
+/// No beacon of the map is received, or the map's RSSI values have no deviations.
 pub fn locate<T: Real>(map: &Map<'_>, scan: &[Option<T>], receiver: &Receiver<T>) -> Result<Posterior<T>, NoPosition> {
     let likelihood = Likelihood::new(map, scan, receiver)?;
     let mut moments = Moments::default();
@@ -81,7 +86,7 @@ pub fn locate<T: Real>(map: &Map<'_>, scan: &[Option<T>], receiver: &Receiver<T>
     Ok(moments.posterior(map, &likelihood))
 }
 
-/// [`locate`], compiled in this crate and so optimised as it is, whatever the image is optimised for.
+/// [`locate`], compiled in this crate so that it has the optimisation level of this crate and not that of the image.
 ///
 /// # Errors
 /// As [`locate`].
@@ -94,18 +99,19 @@ pub fn locate_on_node(
     locate(map, scan, receiver)
 }
 
-/// How likely a scan is at the points of a map.
+/// The likelihood of a scan at the points of a map.
 pub(super) struct Likelihood<T> {
-    /// Of each beacon that is heard: its place in the map, its RSSI, and what it has where a point did not hear it.
+    /// For each received beacon: its index in the map, its RSSI, and the fall-back code for a point that did not
+    /// receive it.
     heard: Vec<(usize, T, u8), MAX_BEACONS>,
     /// 1 ⁄ σ² and ln σ of each half byte, in the map's half decibels.
     table: [(T, T); 16],
-    /// π, or nothing where the offset is known.
+    /// π; `None` where the offset is known.
     precision: Option<T>,
     offset: T,
 }
 
-/// A scan, seen from a point.
+/// The likelihood of a scan at one point.
 pub(super) struct Seen<T> {
     pub log: T,
     offset: T,
@@ -113,12 +119,16 @@ pub(super) struct Seen<T> {
 }
 
 impl<T: Real> Likelihood<T> {
+    /// The likelihood of `scan` at the points of `map`, with the prior of `receiver`.
+    ///
+    /// # Errors
+    /// No beacon of the map is received, or the map's RSSI values have no deviations.
     pub fn new(map: &Map<'_>, scan: &[Option<T>], receiver: &Receiver<T>) -> Result<Self, NoPosition> {
         if !map.has_deviations() {
             return Err(NoPosition::NoDeviations);
         }
         let codes = Codes::of(scan, map.beacons())?;
-        // In half decibels from here on. Codes count downward: a stronger receiver's are lower.
+        // In half decibels from here on. Codes count downward: those of a stronger receiver are lower.
         let offset = receiver.offset_db + receiver.offset_db;
         let offset = if offset.is_finite() { offset } else { T::ZERO };
         let beacons = codes.codes.iter().zip(codes.heard).zip(map.fallbacks()).enumerate();
@@ -166,7 +176,7 @@ impl<T: Real> Likelihood<T> {
     }
 }
 
-/// Sums over points whose weights are told by their logarithms; the largest so far counts as one.
+/// Sums over points whose weights are given by their logarithms. The largest weight so far counts as one.
 #[derive(Clone, Copy)]
 pub(super) struct Moments<T> {
     top: Option<T>,
@@ -223,7 +233,7 @@ impl<T: Real> Moments<T> {
         let [xx, xy, yy] = self.second.map(|sum| sum / self.total);
         let [offset, offsets] = self.offset.map(|sum| sum / self.total);
         let square = map.unit::<T>().squared();
-        // A point stands for the square around it.
+        // A point represents the square around it.
         let within = T::of(1.0 / 12.0);
         let covariance = [(xx - x * x).at_least(T::ZERO) + within, xy - x * y, (yy - y * y).at_least(T::ZERO) + within];
         let half = T::of(0.5);
@@ -255,8 +265,9 @@ pub(super) mod tests {
 
     #[test]
     fn mean_and_covariance_are_those_of_bayes() {
-        // One beacon, no offset, σ 3: at −60 the points −60 and −66 have the weights 1 and e^−2 = 0.135335, so that the mean lies at
-        // 0.135335 ⁄ 1.135335 = 0.119203 of the way of 2 m, the variance is p (1 − p) 2² = 0.419974, and 2² ⁄ 12 beside.
+        // One beacon, no offset, σ 3. At −60 the points −60 and −66 have the weights 1 and e^−2 = 0.135335. The mean
+        // lies at 0.135335 ⁄ 1.135335 = 0.119203 of the distance of 2 m. The variance is p (1 − p) 2² = 0.419974,
+        // plus 2² ⁄ 12.
         let bytes = row_of(&[-60.0, -66.0], 2.0);
         let (map, _) = Map::decode(&bytes).expect("a map");
         let known = Receiver { offset_deviation_db: 0.0, ..Receiver::default() };
@@ -264,11 +275,11 @@ pub(super) mod tests {
         assert!((found.position[0] - 0.238_406).abs() < 1e-5 && (found.position[1] - 1.0).abs() < 1e-9, "{found:?}");
         assert!((found.covariance[0] - 0.419_974 - 1.0 / 3.0).abs() < 1e-5, "{found:?}");
         assert!((found.covariance[2] - 1.0 / 3.0).abs() < 1e-9 && found.covariance[1].abs() < 1e-9, "{found:?}");
-        // The receiver is known to hear 6 dB less: now it is the second.
+        // The receiver is known to measure 6 dB less: now the second point is the likelier one.
         let deaf = Receiver { offset_db: -6.0, ..known };
         let found = locate(&map, &[Some(-66.0)], &deaf).expect("found");
         assert!((found.position[0] - 0.238_406).abs() < 1e-5 && found.offset_db == -6.0, "{found:?}");
-        // Half the variance more: e^(−36 ⁄ 2 ⁄ 18) = e^−1: 0.367879 ⁄ 1.367879 · 2 m.
+        // With twice the variance: e^(−36 ⁄ 2 ⁄ 18) = e^−1: 0.367879 ⁄ 1.367879 · 2 m.
         let noisy = Receiver { noise_db2: 9.0, ..known };
         let found = locate(&map, &[Some(-60.0)], &noisy).expect("found");
         assert!((found.position[0] - 0.537_883).abs() < 1e-5, "{found:?}");
@@ -276,8 +287,9 @@ pub(super) mod tests {
 
     #[test]
     fn an_offset_common_to_all_beacons_is_found_and_forgiven() {
-        // Two points whose beacons differ by 10 dB in opposite ways; scipy.stats.multivariate_normal with the covariance
-        // diag(9, 9) + 16 for all entries gives ln L = −6.518 at the first and −12.074 at the second, thus a weight of 0.003851.
+        // Two points whose beacons differ by 10 dB in opposite directions. scipy.stats.multivariate_normal with the
+        // covariance diag(9, 9) + 16 for all entries gives ln L = −6.518 at the first point and −12.074 at the
+        // second: a weight of 0.003851.
         let rssis = [[Some(-50.0), Some(-60.0)], [Some(-60.0), Some(-50.0)]];
         let point =
             |index: usize| Point { position_m: [index as f64, 0.0], rssis: &rssis[index], deviations: &[3.0, 3.0] };
@@ -294,8 +306,9 @@ pub(super) mod tests {
 
     #[test]
     fn an_offset_is_learnt_from_scan_to_scan() {
-        // One point, one beacon, always 6 dB too weak: the offset's prior is 4 dB, an RSSI's deviation 3 dB. By hand: gain 16 ⁄ 25, offset
-        // −3.84, deviation √(16 · 9 ⁄ 25) = 2.4; then 5.76 ⁄ 14.76 of the rest, −4.683, √(5.76 · 9 ⁄ 14.76) = 1.874; at last −6 ± 1.
+        // One point, one beacon, always 6 dB too weak. The offset's prior is 4 dB, an RSSI's deviation 3 dB. By hand:
+        // gain 16 ⁄ 25, offset −3.84, deviation √(16 · 9 ⁄ 25) = 2.4. Then 5.76 ⁄ 14.76 of the rest, −4.683, √(5.76 ·
+        // 9 ⁄ 14.76) = 1.874. Finally −6 ± 1.
         let bytes = row_of(&[-60.0], 1.0);
         let (map, _) = Map::decode(&bytes).expect("a map");
         let mut receiver = Receiver { offset_deviation_db: 4.0, ..Receiver::<f64>::default() };

@@ -1,23 +1,30 @@
-//! A map as bytes: what the host writes and a node reads from its flash, without a copy in memory.
+//! A map as bytes: the host writes it, and a node reads it from its flash without a copy in memory.
 //!
-//! Layout, numbers little-endian: `"FM"`, the version, flags (bit 0: with deviations), the number of points in two bytes, that of
-//! beacons in one, 0; the place of the origin, two times four bytes of centimetres; the unit of coordinates in two bytes of millimetres;
-//! a beacon's identity each in two bytes; a beacon's fall-back RSSI each in one; then the points: x and y in units in one byte each,
-//! a byte an RSSI, and with deviations half a byte each, the lower half first; at the end a CRC-16 (IBM-3740) of all before it. A
-//! RSSI's byte counts half decibels below 0 dBm, 0 stands for a beacon that is not heard there. 200 points × 12 beacons are 2.8 kB,
-//! with deviations 4.0 kB.
+//! The layout, with little-endian numbers:
+//! - `"FM"`, the version, flags (bit 0: with deviations), the number of points in two bytes, the number of beacons in
+//!   one, 0;
+//! - the origin's position, two times four bytes of centimetres;
+//! - the unit of coordinates in two bytes of millimetres;
+//! - the identity of each beacon in two bytes;
+//! - the fall-back RSSI of each beacon in one byte;
+//! - the points: x and y in units, one byte each; one byte per RSSI; with deviations, half a byte per RSSI, the lower
+//!   half first;
+//! - a CRC-16 (IBM-3740) of everything before it.
+//!
+//! The byte of an RSSI counts half decibels below 0 dBm. 0 means that the beacon is not received there. A map of 200
+//! points × 12 beacons has 2.8 kB, with deviations 4.0 kB.
 
 use core::fmt;
 
 use crate::Real;
 
-/// The version of the layout; a reader takes no other.
+/// The version of the layout. A reader accepts no other version.
 pub const VERSION: u8 = 1;
-/// Most beacons of a map: as many as a tag may be told of.
+/// The most beacons of a map: the number that a tag may be configured with.
 pub const MAX_BEACONS: usize = 24;
-/// Most points of a map for a node.
+/// The most points of a map for a node.
 pub const MAX_NODE_POINTS: usize = 200;
-/// What a deviation's half byte counts, dB; it begins at one.
+/// The step of a deviation's half byte, dB. Half byte 0 is one step.
 pub const DEVIATIONS_DB: f64 = 0.75;
 
 pub(super) const MAGIC: [u8; 2] = *b"FM";
@@ -25,19 +32,19 @@ pub(super) const HEADER: usize = 18;
 pub(super) const WITH_DEVIATIONS: u8 = 1;
 pub(super) const CHECKSUM: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 
-/// Why bytes are no map, or numbers make none.
+/// Why bytes are not a map, or numbers do not make one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum MapError {
-    /// They do not begin like one, or there are none.
+    /// The bytes do not begin like a map, or there are none.
     Missing,
-    /// Of a version that is not read.
+    /// The map has a version that is not supported.
     Version(u8),
-    /// They end early, or the checksum is wrong.
+    /// The bytes end early, or the checksum is wrong.
     Corrupt,
-    /// Well-formed, but without points or beacons, with too many beacons, or with numbers that are none.
+    /// The map is well-formed, but has no points or no beacons, too many beacons, or invalid numbers.
     Invalid,
-    /// The buffer is too small to hold it.
+    /// The buffer is too small to hold the map.
     TooLong,
 }
 
@@ -55,10 +62,10 @@ impl fmt::Display for MapError {
 
 impl core::error::Error for MapError {}
 
-/// A map that has been checked; it borrows the bytes it was read from.
+/// A map that has been checked; it borrows the bytes from which it was read.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Map<'a> {
-    /// All of the map, for passing on.
+    /// The bytes of the whole map, for passing on.
     bytes: &'a [u8],
     identities: &'a [u8],
     fallbacks: &'a [u8],
@@ -72,17 +79,17 @@ pub struct Map<'a> {
 pub(super) struct Row<'a> {
     /// Coordinates in units.
     pub units: [u8; 2],
-    /// RSSI values in half decibels below 0 dBm, 0: not heard.
+    /// RSSI values in half decibels below 0 dBm; 0: not received.
     pub rssis: &'a [u8],
-    /// Half bytes of the deviations, or none.
+    /// The half bytes of the deviations; empty without deviations.
     pub deviations: &'a [u8],
 }
 
 impl<'a> Map<'a> {
-    /// Reads a map from the beginning of `bytes`; returns it and what follows.
+    /// Reads a map from the beginning of `bytes`. Returns the map and the bytes after it.
     ///
     /// # Errors
-    /// The bytes are no map, or not one that can be trusted.
+    /// The bytes are not a map, or the map is not valid.
     pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), MapError> {
         let Some((&[m0, m1, version, flags, p0, p1, beacons, reserved, x0, x1, x2, x3, y0, y1, y2, y3, u0, u1], body)) =
             bytes.split_first_chunk::<HEADER>()
@@ -120,49 +127,51 @@ impl<'a> Map<'a> {
         self.bytes
     }
 
-    /// The place that its coordinates count from, metres, and the map about it: a site grid that begins far away costs no digits of an
-    /// `f32` then.
+    /// The origin of the map's coordinates, metres, and the map relative to that origin. An origin far from a site's
+    /// grid then costs no digits of an `f32`.
     pub fn about_its_origin(self) -> ([f64; 2], Self) {
         (self.origin_cm.map(|cm| f64::from(cm) / 100.0), Self { origin_cm: [0; 2], ..self })
     }
 
-    /// How many points it has; at least one.
+    /// The number of points; at least one.
     pub fn points(&self) -> usize {
         self.points.len() / self.stride()
     }
 
-    /// How many beacons it has; at least one, at most [`MAX_BEACONS`].
+    /// The number of beacons; at least one, at most [`MAX_BEACONS`].
     pub fn beacons(&self) -> usize {
         self.fallbacks.len()
     }
 
-    /// Whether its RSSI values have deviations: [`locate`](super::locate) needs them.
+    /// Whether the map's RSSI values have deviations: [`locate`](super::locate) needs them.
     pub fn has_deviations(&self) -> bool {
         self.deviations
     }
 
-    /// Which beacons it has, in their order: what the map's maker calls them, on a tag their minor.
+    /// The identities of the beacons, in their order, as the map's maker numbers them. On a tag the identity is the
+    /// beacon's minor.
     pub fn identities(&self) -> impl Iterator<Item = u16> + 'a {
         self.identities.as_chunks::<2>().0.iter().map(|&bytes| u16::from_le_bytes(bytes))
     }
 
-    /// Where the points are, metres, in their order.
+    /// The positions of the points, metres, in their order.
     pub fn positions<T: Real>(&self) -> impl Iterator<Item = [T; 2]> + '_ {
         self.rows().map(|row| self.place(row.units.map(|units| T::count(units.into()))))
     }
 
-    /// The RSSI values of a point, dBm, in the order of beacons; `None`: not heard there. Empty where there is no such point.
+    /// The RSSI values of a point, dBm, in the order of beacons; `None`: not received there. Empty where there is no
+    /// such point.
     pub fn rssis<T: Real>(&self, point: usize) -> impl Iterator<Item = Option<T>> + '_ {
         let rssis = self.rows().nth(point).map_or(&[][..], |row| row.rssis);
         rssis.iter().map(|&code| (code != 0).then(|| T::of(-0.5) * T::count(code.into())))
     }
 
-    /// The step between the lattice's points, or to which surveyed points are rounded, metres.
+    /// The step between the lattice's points, or the step to which surveyed points are rounded, metres.
     pub fn unit<T: Real>(&self) -> T {
         T::of(0.001) * T::count(self.unit_mm.into())
     }
 
-    /// The RSSI values of beacons that are not heard, in the map's own numbers.
+    /// The RSSI values that count for beacons that are not received, in the map's own numbers.
     pub(super) fn fallbacks(&self) -> &'a [u8] {
         self.fallbacks
     }
@@ -177,7 +186,7 @@ impl<'a> Map<'a> {
         })
     }
 
-    /// A place in units, as metres.
+    /// Coordinates in units, as metres.
     pub(super) fn place<T: Real>(&self, units: [T; 2]) -> [T; 2] {
         let [x, y] = units.map(|units| units * self.unit());
         let [x0, y0] = self.origin_cm.map(|cm| T::of(0.01) * T::of(f64::from(cm)));
@@ -189,7 +198,7 @@ impl<'a> Map<'a> {
     }
 }
 
-/// Bytes of a point.
+/// The number of bytes of a point.
 pub(super) fn stride(beacons: usize, deviations: bool) -> usize {
     2 + beacons + if deviations { beacons.div_ceil(2) } else { 0 }
 }
@@ -214,7 +223,8 @@ pub(super) mod tests {
 
     #[test]
     fn bytes_are_as_documented() {
-        // Two beacons, two points: 1.00 m and 3.55 m apart in x by 255 units of 10 mm; −60 dBm is 120 half decibels, −70.5 dBm 141.
+        // Two beacons, two points. The points are 1.00 m and 3.55 m in x, in 255 units of 10 mm. −60 dBm is 120 half
+        // decibels, −70.5 dBm 141.
         let bytes = surveyed(&[([1.0, 2.0], &[Some(-60.0), None]), ([3.55, 2.0], &[Some(-70.5), Some(-95.0)])]);
         let expected = [
             b'F', b'M', 1, 0, 2, 0, 2, 0, 100, 0, 0, 0, 200, 0, 0, 0, 10, 0, // header

@@ -1,12 +1,15 @@
 //! Positions by comparing a scan with a map of RSSI values (section 2.2.3).
 //!
-//! A [`Map`] lies as bytes in flash and is read where it lies: points, and the RSSI of each beacon there. [`Nearest`] compares a scan
-//! with surveyed points (7). [`locate`] takes a map whose RSSI values have deviations, a Gaussian process that the host has evaluated on a
-//! lattice, for the likelihood of the scan at each point of it: out flow the posterior's mean and covariance, and what the receiver's
-//! own offset seems to be. [`Walk`] does so from scan to scan.
+//! A [`Map`] lies as bytes in flash and is read there. It has points, and the RSSI of each beacon at each point.
 //!
-//! A scan is a slice of RSSI values in dBm by the map's order of beacons, `None` where one is not heard; what is no RSSI
-//! ([`signal::rssi`](super::signal::RSSI)) counts as not heard.
+//! - [`Nearest`] compares a scan with surveyed points (7).
+//! - [`locate`] takes a map whose RSSI values have deviations: a Gaussian process that the host has evaluated on a
+//!   lattice. It computes the likelihood of the scan at each point. Output: the posterior's mean and covariance, and
+//!   the estimate of the receiver's own offset.
+//! - [`Walk`] does the same from scan to scan.
+//!
+//! A scan is a slice of RSSI values in dBm in the map's order of beacons, with `None` for a beacon that is not
+//! received. A value that is no RSSI ([`signal::rssi`](super::signal::RSSI)) counts as not received.
 
 mod encode;
 mod lattice;
@@ -27,16 +30,16 @@ use crate::Real;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum NoPosition {
-    /// No beacon of the map is heard.
+    /// No beacon of the map is received.
     Unheard,
-    /// The map's RSSI values have no deviations: it is one of surveyed points.
+    /// The map's RSSI values have no deviations: it is a map of surveyed points.
     NoDeviations,
     /// The map has more points than there is room for.
     TooManyPoints,
 }
 
 impl NoPosition {
-    /// The reason as files spell it.
+    /// The reason as it is written in files.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Unheard => "no-beacon-heard",
@@ -62,7 +65,7 @@ struct Codes<T> {
 }
 
 impl<T: Real> Codes<T> {
-    /// A beacon that is not heard has the code 0 here.
+    /// A beacon that is not received has the code 0 here.
     fn of(scan: &[Option<T>], beacons: usize) -> Result<Self, NoPosition> {
         let mut codes = Self { codes: [T::ZERO; MAX_BEACONS], heard: [false; MAX_BEACONS], count: 0 };
         for ((code, heard), scanned) in codes.codes.iter_mut().zip(&mut codes.heard).zip(scan).take(beacons) {

@@ -1,65 +1,69 @@
 //! The K nearest points of a survey (7).
 //!
-//! The distance between a scan z and a point f is √Σ (zᵢ − fᵢ)², as in the thesis; with an unknown offset of the receiver it is that
-//! of Mahalanobis, Σ dᵢ² − (Σ dᵢ)² ⁄ (N + ρ), d = z − f: a normal offset with the variance 1 ⁄ ρ of an RSSI's has been integrated out.
+//! The distance between a scan z and a point f is √Σ (zᵢ − fᵢ)², as in the thesis. With an unknown offset of the
+//! receiver it is the Mahalanobis distance: its square is Σ dᵢ² − (Σ dᵢ)² ⁄ (N + ρ), d = z − f. A normal offset whose
+//! variance is 1 ⁄ ρ times that of an RSSI has been integrated out.
 
 use heapless::Vec;
 
 use super::{Codes, Map, NoPosition};
 use crate::Real;
 
-/// Most neighbours.
+/// The most neighbours.
 pub const MAX_NEIGHBOURS: usize = 15;
-/// A distance counts as no smaller than a half decibel's, to which the map's RSSI values are rounded (a quarter of a dB²).
+/// The least distance that counts: half a decibel, to which the map's RSSI values are rounded (a quarter of a dB²).
 const LEAST_SQUARE: f64 = 1.0;
 
 /// How neighbours make a position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Nearest<T> {
-    /// K, how many neighbours: 1 to [`MAX_NEIGHBOURS`], 3 to 5 in the thesis.
+    /// K, the number of neighbours: 1 to [`MAX_NEIGHBOURS`], 3 to 5 in the thesis.
     pub neighbours: usize,
-    /// Weighted by 1 ⁄ d² (7), or all alike.
+    /// Whether neighbours are weighted by 1 ⁄ d² (7), or all alike.
     pub weighted: bool,
-    /// How far the receiver's RSSI values may be from the surveyor's all together, in deviations of a single RSSI; 0: none.
+    /// The standard deviation of the receiver's common offset from the surveyor's receiver, in deviations of a single
+    /// RSSI; 0: no offset.
     pub offset: T,
 }
 
-/// Where a scan's neighbours are.
+/// The position of a scan's neighbours.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Vicinity<T> {
     /// Their weighted mean, metres.
     pub position: [T; 2],
-    /// Their scatter about it, m²: xx, xy, yy, and a unit's square beside; hardly more with one neighbour, where no more is known.
+    /// Their scatter about the mean, m²: xx, xy, yy, plus a unit's square. With one neighbour it is hardly more than
+    /// that, because no more is known.
     pub scatter: [T; 3],
-    /// The nearest point's place in the map.
+    /// The nearest point's index in the map.
     pub nearest: usize,
     /// Its distance, dB.
     pub distance_db: T,
-    /// By how much the scan is louder than the neighbours, weighted as they are, where the receiver's offset is unknown, dB.
+    /// By how much the scan is stronger than the neighbours, with the weights of the neighbours, where the receiver's
+    /// offset is unknown, dB.
     pub offset_db: T,
-    /// How many beacons of the map are heard.
+    /// The number of the map's beacons that are received.
     pub heard: usize,
 }
 
-/// A point that is near so far.
+/// One of the nearest points found so far.
 struct Neighbour<T> {
     /// The square of its distance, in the map's half decibels.
     square: T,
-    /// Its place in the map.
+    /// Its index in the map.
     index: usize,
     units: [u8; 2],
-    /// What the scan differs by from it, all beacons together.
+    /// The difference between the scan and the point, summed over all beacons.
     sum: T,
 }
 
 impl<T: Real> Nearest<T> {
-    /// Compares a scan with every point of the map; the map's fall-back RSSI values stand for what is not heard, in the scan and at a point.
-    /// Among points alike far the first are taken.
+    /// Compares a scan with every point of the map. The map's fall-back RSSI values replace the values of beacons
+    /// that are not received, in the scan and at a point. Among points at the same distance the first ones are taken.
     ///
     /// # Errors
-    /// No beacon of the map is heard.
+    /// No beacon of the map is received.
     pub fn locate(&self, map: &Map<'_>, scan: &[Option<T>]) -> Result<Vicinity<T>, NoPosition> {
         let codes = Codes::of(scan, map.beacons())?;
         let fallbacks = map.fallbacks();
@@ -90,7 +94,7 @@ impl<T: Real> Nearest<T> {
                     near.pop();
                 }
                 let at = near.iter().position(|other| square < other.square).unwrap_or(near.len());
-                // There is room: at most 15, and the farthest is gone.
+                // There is room: at most 15 are kept, and the farthest has been removed.
                 let _ = near.insert(at, Neighbour { square, index, units: row.units, sum });
                 if near.len() == most {
                     farthest = near.last().map_or(farthest, |last| last.square);
@@ -126,7 +130,7 @@ impl<T: Real> Nearest<T> {
         }
         let square_m2 = map.unit::<T>().squared();
         let [xx, xy, yy] = scatter.map(|sum| sum / total);
-        // A place was rounded to a unit's square.
+        // A position was rounded to a unit's square.
         let within = T::of(1.0 / 12.0);
         let scatter = [xx + within, xy, yy + within].map(|sum| sum * square_m2);
         let distance_db = T::of(0.5) * square.at_least(T::ZERO).sqrt();
@@ -147,8 +151,8 @@ mod tests {
 
     #[test]
     fn weights_are_those_of_equation_7() {
-        // Distances by hand: to A √(2² + 0²) = 2, to B √(0² + 4²) = 4, to C √(10² + 10²) = 14.14. K = 2: weights ¼ and ¹⁄₁₆, so 0.8
-        // and 0.2 of the way: x = 0.2 · 10 = 2, y 0; scatter 0.8 · 2² + 0.2 · 8² = 16.
+        // Distances by hand: to A √(2² + 0²) = 2, to B √(0² + 4²) = 4, to C √(10² + 10²) = 14.14. K = 2: weights ¼
+        // and ¹⁄₁₆, so the mean is 0.8 A + 0.2 B: x = 0.2 · 10 = 2, y 0; scatter 0.8 · 2² + 0.2 · 8² = 16.
         let bytes = surveyed(&[
             ([0.0, 0.0], &[Some(-60.0), Some(-70.0)]),
             ([10.0, 0.0], &[Some(-62.0), Some(-74.0)]),
@@ -157,7 +161,7 @@ mod tests {
         let (map, _) = Map::decode(&bytes).expect("a map");
         let nearest = Nearest { neighbours: 2, weighted: true, ..PLAIN };
         let found = nearest.locate(&map, &[Some(-62.0), Some(-70.0)]).expect("found");
-        // Places are rounded to units of 40 mm (10 m ⁄ 255, up).
+        // Positions are rounded to units of 40 mm (10 m ⁄ 255, rounded up).
         assert!((found.position[0] - 2.0).abs() < 0.01 && found.position[1].abs() < 0.01, "{found:?}");
         assert!((found.scatter[0] - 16.0).abs() < 0.1 && found.scatter[2].abs() < 0.1, "{found:?}");
         assert_eq!((found.nearest, found.heard, found.distance_db), (0, 2, 2.0));
@@ -167,7 +171,7 @@ mod tests {
 
     #[test]
     fn a_receiver_that_hears_all_weaker_is_where_it_is() {
-        // 8 dB below B's RSSI values, and nearer to C's as they stand.
+        // 8 dB below B's RSSI values; without an offset, nearer to C's.
         let bytes = surveyed(&[
             ([0.0, 0.0], &[Some(-50.0), Some(-80.0), Some(-60.0)]),
             ([10.0, 0.0], &[Some(-60.0), Some(-60.0), Some(-60.0)]),
@@ -180,7 +184,8 @@ mod tests {
         // By hand: 3 · 8² − 24² ⁄ (3 + ¹⁄₉) = 192 − 185.143 = 6.857 dB².
         assert_eq!(found.nearest, 1);
         assert!((found.distance_db.powi(2) - 6.857).abs() < 0.001, "{found:?}");
-        // The offset of the nearest one is −24 ⁄ (3 + ¹⁄₉) = −7.714 dB; nobody asks for it where it is known.
+        // The offset of the nearest point is −24 ⁄ (3 + ¹⁄₉) = −7.714 dB. Where the offset is known, it is not
+        // computed.
         let one = Nearest { offset: 3.0, neighbours: 1, ..PLAIN }.locate(&map, &scan).expect("found");
         assert!((one.offset_db + 7.714).abs() < 0.001, "{one:?}");
         assert_eq!(PLAIN.locate(&map, &scan).expect("found").offset_db, 0.0);
@@ -234,7 +239,7 @@ mod tests {
         for scan in [&[][..], &[None, None], &[Some(f64::NAN), Some(127.0)], &[None, None, Some(-60.0)]] {
             assert_eq!(PLAIN.locate(&map, scan), Err(NoPosition::Unheard), "{scan:?}");
         }
-        // Points alike: their mean, and a scan that fits exactly divides by nothing.
+        // Points with the same values give their mean. A scan that fits exactly does not divide by zero.
         let found = Nearest { weighted: true, ..PLAIN }.locate(&map, &[Some(-60.0)]).expect("found");
         assert!((found.position[0] - 0.5).abs() < 0.01 && found.heard == 1, "{found:?}");
     }

@@ -1,8 +1,9 @@
-//! Where a receiver that walks is, from scan to scan: a Bayes filter over the points of a lattice.
+//! The position of a walking receiver, from scan to scan: a Bayes filter over the points of a lattice.
 //!
-//! Between scans the belief spreads to the neighbours of each point, as it does on a random walk, but not through walls; a scan
-//! multiplies it by its likelihood. Fading stands still with the receiver, so that scans in quick succession err alike: each counts for
-//! the share of the fading's own time that has passed since the last.
+//! Between scans the probability spreads to the neighbours of each point, as on a random walk, but not through walls.
+//! A scan multiplies the probability by its likelihood. Fading does not change while the receiver stands still, so
+//! scans in quick succession have the same errors. Each scan therefore counts for the time since the last scan, as a
+//! share of the fading's time constant.
 
 use heapless::Vec;
 
@@ -11,23 +12,24 @@ use super::{MAX_NODE_POINTS, Map, NoPosition};
 use crate::Real;
 use crate::ble::path_loss::Wall;
 
-/// A pass moves at most so much of a point's belief to each neighbour.
+/// The largest share of a point's probability that one pass moves to each neighbour.
 const MOST_A_PASS: f64 = 0.2;
-/// After more passes than this anything is possible again.
+/// If more passes than this are needed, the probability becomes uniform again.
 const MOST_PASSES: usize = 100;
-/// The share of the belief that is put everywhere alike before a scan, so that a lost receiver is found again.
+/// The share of the probability that is spread uniformly before a scan, so that a lost receiver is found again.
 const LOST: f64 = 1.0e-3;
 
-/// Beliefs below this say nothing of the mean.
+/// Probabilities below this do not count in the mean.
 const NOTHING: f64 = 1.0e-6;
 
 /// How a receiver walks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Motion<T> {
-    /// How far it goes along each axis in a second, metres (deviation; with the square root of time).
+    /// How far the receiver goes along each axis in a second, metres (standard deviation; it grows with the square
+    /// root of time).
     pub spread_m: T,
-    /// How long RSSI values err alike, seconds.
+    /// How long errors of RSSI values stay the same, seconds.
     pub fading_s: T,
 }
 
@@ -38,7 +40,7 @@ impl<T: Real> Default for Motion<T> {
     }
 }
 
-/// The belief over a map's points; `N` is the room for them.
+/// The probability over a map's points; `N` is the room for points.
 #[derive(Clone, Debug, Default)]
 pub struct Walk<T, const N: usize = MAX_NODE_POINTS> {
     belief: Vec<T, N>,
@@ -52,12 +54,13 @@ impl<T: Real, const N: usize> Walk<T, N> {
         Self { belief: Vec::new(), next: Vec::new(), at_us: 0 }
     }
 
-    /// Takes the scan of `now_us`. The map is a lattice whose points stand column by column; another one than before, or a clock that
-    /// was set back, starts anew. PosteriorSettings does not spread through walls, in the map's metres; where the scans insist, a receiver is found
-    /// again behind one all the same. A scan that is refused changes nothing.
+    /// Takes the scan of `now_us`. The map is a lattice whose points are ordered column by column. If the map has
+    /// another number of points than before, or the clock was set back, the filter starts anew. The probability does
+    /// not spread through walls, which are in the map's coordinates. Where the scans contradict that repeatedly, a
+    /// receiver is still found again behind a wall. A scan that is refused changes nothing.
     ///
     /// # Errors
-    /// See [`NoPosition`].
+    /// There is no position; [`NoPosition`] has the reason.
     pub fn step(
         &mut self,
         map: &Map<'_>,
@@ -93,7 +96,7 @@ impl<T: Real, const N: usize> Walk<T, N> {
         let mut moments = Moments::default();
         for (belief, row) in self.belief.iter_mut().zip(map.rows()) {
             *belief /= total;
-            // Where it hardly can be, the likelihood need not be known again.
+            // Where the probability is negligible, the likelihood need not be computed again.
             if *belief > T::of(NOTHING) {
                 moments.add_weighted(*belief, &likelihood.at(&row), row.units);
             }
@@ -101,15 +104,15 @@ impl<T: Real, const N: usize> Walk<T, N> {
         Ok(moments.posterior(map, &likelihood))
     }
 
-    /// Everything is possible; a first scan counts for one.
+    /// Sets the probability to uniform. The first scan counts in full.
     fn start(&mut self, points: usize) -> T {
         self.belief.clear();
-        // No more points than room.
+        // There are no more points than room.
         let _ = self.belief.resize(points, T::ONE / T::count(points));
         T::ONE
     }
 
-    /// Lets the belief walk until `now_us`; for how much a scan then counts.
+    /// Spreads the probability until `now_us`. Returns the share for which a scan then counts.
     fn spread(&mut self, map: &Map<'_>, motion: &Motion<T>, walls: &[Wall<T>], now_us: u64) -> T {
         let passed_us = u32::try_from(now_us.saturating_sub(self.at_us)).unwrap_or(u32::MAX);
         let passed_s = T::of(1.0e-6) * T::count(passed_us as usize);
@@ -130,7 +133,8 @@ impl<T: Real, const N: usize> Walk<T, N> {
         if counts < T::ONE { counts } else { T::ONE }
     }
 
-    /// Neighbours give each other a share of their belief. What would leave the lattice, or go through a wall, stays.
+    /// Neighbours exchange a share of their probability. The part that would leave the lattice or pass through a wall
+    /// stays.
     fn pass(&mut self, map: &Map<'_>, walls: &[Wall<T>], share: T) {
         let place = |units: [u8; 2]| map.place(units.map(|units| T::count(units.into())));
         let is_open = |a: [u8; 2], b: [u8; 2]| {
@@ -182,8 +186,9 @@ mod tests {
 
     #[test]
     fn scans_count_for_the_time_between_them() {
-        // Weights 1 and e^−2 of a scan (see `locate`); a second one 0.5 s later counts for half: e^−2 · e^−1 = e^−3 in all, and
-        // 0.1 % of lost belief beside: 0.1192 → (0.119203 + 0.0005) · e^−1 ⁄ ((0.880797 + 0.0005) + …) = 0.04758.
+        // A scan has the weights 1 and e^−2 (see `locate`). A second scan 0.5 s later counts for half: e^−2 · e^−1 =
+        // e^−3 in all. With 0.1 % of probability spread uniformly: 0.1192 → (0.119203 + 0.0005) · e^−1 ⁄ ((0.880797 +
+        // 0.0005) + …) = 0.04758.
         let bytes = row_of(&[-60.0, -66.0], 2.0);
         let (map, _) = Map::decode(&bytes).expect("a map");
         let mut walk = Walk::<f64, 2>::new();
@@ -191,15 +196,16 @@ mod tests {
         assert!((first.position[0] - 0.238_406).abs() < 1e-5, "{first:?}");
         let second = walk.step(&map, &[Some(-60.0)], &receiver(), &STILL, &[], 5_500_000).expect("found");
         assert!((second.position[0] / 2.0 - 0.047_58).abs() < 1e-4, "{second:?}");
-        // The clock is set back: anew.
+        // The clock is set back: the filter starts anew.
         let third = walk.step(&map, &[Some(-60.0)], &receiver(), &STILL, &[], 0).expect("found");
         assert!((third.position[0] - 0.238_406).abs() < 1e-5, "{third:?}");
     }
 
     #[test]
     fn belief_spreads_as_a_random_walk_and_none_is_lost() {
-        // RSSI values that say nothing, but the first scan: 41 points, the middle one sure. After 1 s with 0.5 m ⁄ √s on 0.5 m the
-        // variance is (0.5 m)², that of the belief within a point's square apart.
+        // RSSI values without information, except for the first scan: 41 points, of which the middle one is certain.
+        // After 1 s with 0.5 m ⁄ √s on 0.5 m the variance is (0.5 m)², apart from the variance within a point's
+        // square.
         let mut rssis = [-90.0; 41];
         rssis[20] = -40.0;
         let bytes = row_of(&rssis, 0.5);
@@ -217,7 +223,8 @@ mod tests {
 
     #[test]
     fn neighbours_are_found_across_gaps() {
-        // An L of five points, column by column: (0,0) (0,1) (0,2) (1,0) (2,0). Sure of (0,0); a pass of 0.1 reaches (0,1) and (1,0).
+        // An L of five points, column by column: (0,0) (0,1) (0,2) (1,0) (2,0). (0,0) is certain; a pass of 0.1
+        // reaches (0,1) and (1,0).
         let places = [[0.0, 0.0], [0.0, 1.0], [0.0, 2.0], [1.0, 0.0], [2.0, 0.0]];
         let points =
             places.map(|position_m| super::super::Point { position_m, rssis: &[Some(-60.0)], deviations: &[3.0] });
@@ -228,7 +235,8 @@ mod tests {
         walk.pass(&map, &[], 0.1);
         let expected = [0.8, 0.1, 0.0, 0.1, 0.0];
         assert!(walk.belief.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{:?}", walk.belief);
-        // A wall through (1, 0), which is on its left: nothing comes to (2, 0), and the other four share all.
+        // A wall through (1, 0); the point is on the wall's left. Nothing reaches (2, 0), and the other four points
+        // share everything.
         let walls = [Wall { ends: [[1.0, -1.0], [1.0, 3.0]], attenuation: 0.0 }];
         let mut walk = Walk::<f64, 5> { belief: Vec::from_array([1.0, 0.0, 0.0, 0.0, 0.0]), ..Walk::new() };
         for _ in 0..200 {
@@ -240,9 +248,10 @@ mod tests {
 
     #[test]
     fn a_walker_does_not_pass_a_wall() {
-        // A corridor of eleven points, 1 m apart, alike on both sides of its middle: RSSI values fall from −50 there by 4 dB a metre. The
-        // belief is put to x = 2, the receiver comes up to the middle and goes back to −62. Without a wall both ends are as likely, and
-        // the mean is the middle; with a wall at x = 5.5 it is x = 2, where −62 is.
+        // A corridor of eleven points, 1 m apart, symmetric about its middle: RSSI values fall from −50 at the middle
+        // by 4 dB per metre. The probability starts at x = 2. The receiver walks to the middle and goes back to −62.
+        // Without a wall both ends are equally likely, and the mean is the middle. With a wall at x = 5.5 the mean is
+        // x = 2, where −62 is.
         let rssis: std::vec::Vec<f64> = (0..11).map(|x| -50.0 - 4.0 * f64::from((x - 5_i32).abs())).collect();
         let bytes = row_of(&rssis, 1.0);
         let (map, _) = Map::decode(&bytes).expect("a map");

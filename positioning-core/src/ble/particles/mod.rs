@@ -1,8 +1,9 @@
-//! The particle filter (15): ways from whatever says how likely a place is.
+//! The particle filter (15): tracks from any likelihood of positions.
 //!
-//! Likelihoods of places flow in, one a window of integration; out flow position and covariance. What is likely is the caller's: a
-//! position that a kernel found ([`Towards`], the thesis' way), RSSI values through their path loss ([`RssiLikelihood`]), a map of fingerprints, a room:
-//! any [`Likelihood`]. `N` particles of five numbers each, no more memory; randomness from a seed.
+//! Input: likelihoods of positions, one per window of integration. Output: position and covariance. The caller
+//! chooses the likelihood: a position that a kernel found ([`Towards`], as in the thesis), RSSI values through their
+//! path loss ([`RssiLikelihood`]), a map of fingerprints, a room, or any [`Likelihood`]. The filter has `N` particles
+//! of five numbers each, and needs no more memory. Its random numbers come from a seed.
 
 mod random;
 mod resample;
@@ -13,19 +14,20 @@ use super::path_loss::Wall;
 use super::rssi::RssiLikelihood;
 use crate::{Area, Real};
 
-/// Particles of a filter on a node.
+/// The number of particles of a filter on a node.
 pub const ON_NODE: usize = 256;
-/// Particles of the thesis (section 3.4.1.1).
+/// The number of particles in the thesis (section 3.4.1.1).
 pub const ON_HOST: usize = 500;
 
-/// No step is taken to be longer, seconds: what a particle knows of its velocity is older then than it is worth.
+/// The longest step, seconds. After a longer time a particle's velocity is out of date.
 const LONGEST_S: f64 = 2.0;
-/// Steps shorter than this leave velocities as they are, seconds.
+/// Steps shorter than this do not change velocities, seconds.
 const SHORTEST_S: f64 = 0.001;
 
-/// How likely places are.
+/// The likelihood of positions.
 pub trait Likelihood<T> {
-    /// The natural logarithm of the likelihood of a place, up to a constant; what is no number makes the place impossible.
+    /// The natural logarithm of the likelihood of a position, up to a constant. A result that is not a number makes
+    /// the position impossible.
     fn ln_at(&self, position: [T; 2]) -> T;
 }
 
@@ -46,9 +48,9 @@ impl<T: Real> Likelihood<T> for RssiLikelihood<'_, T> {
 /// The likelihood around a position that a kernel found, the same in all directions (11, 15).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Towards<T> {
-    /// Where, metres.
+    /// The position, metres.
     pub position: [T; 2],
-    /// Its standard deviation, metres and axis; in the thesis that of the position's noise.
+    /// Its standard deviation, metres per axis; in the thesis that of the position's noise.
     pub deviation: T,
 }
 
@@ -64,24 +66,27 @@ impl<T: Real> Likelihood<T> for Towards<T> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Settings<T> {
-    /// σₚ, noise of the position, metres a step and axis.
+    /// σₚ, noise of the position, metres per step and axis.
     pub position: T,
-    /// Noise of the position that grows with the time, metres in √s and axis.
+    /// Noise of the position that grows with the time, metres per √s and axis.
     pub wander: T,
-    /// σᵥ, noise of the speed, metres a second.
+    /// σᵥ, noise of the speed, metres per second.
     pub speed: T,
     /// σₐ, noise of the direction, radians, less than 0.75.
     pub heading: T,
-    /// Which share of its way to the estimate a particle goes in a step: ½ in (15).
+    /// The share of its way to the estimate that a particle covers in a step: ½ in (15).
     pub approach: T,
-    /// Particles are resampled when fewer than this share of them count: 1 is at every step, the thesis' SIR.
+    /// Particles are resampled when the effective share of them is below this: 1 resamples at every step, which is
+    /// the thesis' SIR.
     pub resample_below: T,
-    /// Copies are moved apart by this share of the cloud's deviation (roughening, N. Gordon et al., IEE Proceedings F 140(2), 1993).
+    /// Copies are moved apart by this share of the cloud's deviation (roughening, N. Gordon et al., IEE Proceedings F
+    /// 140(2), 1993).
     pub roughening: T,
 }
 
 impl<T: Real> Settings<T> {
-    /// The thesis' own (section 3.4.1.1): 2.5 m, 0.2 m/s, π ⁄ 4, resampled at every step. The direction's noise is held at 0.75.
+    /// The values of the thesis (section 3.4.1.1): 2.5 m, 0.2 m/s, π ⁄ 4, resampled at every step. The noise of the
+    /// direction is limited to 0.75.
     pub fn thesis() -> Self {
         Self {
             position: T::of(2.5),
@@ -94,7 +99,8 @@ impl<T: Real> Settings<T> {
         }
     }
 
-    /// A person who walks, where the likelihood is that of the measurements themselves and no kernel smooths before.
+    /// A person who walks. The likelihood is that of the measurements themselves, without a kernel that smooths
+    /// before.
     pub fn walking() -> Self {
         Self {
             position: T::ZERO,
@@ -108,7 +114,7 @@ impl<T: Real> Settings<T> {
     }
 }
 
-/// One guess of where the tag is.
+/// One hypothesis of the tag's position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Particle<T> {
     at: [T; 2],
@@ -116,7 +122,7 @@ struct Particle<T> {
     weight: T,
 }
 
-/// Where the particles are.
+/// The distribution of the particles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Estimate<T> {
@@ -124,10 +130,10 @@ pub struct Estimate<T> {
     pub position: [T; 2],
     /// Their covariance, m².
     pub covariance: [[T; 2]; 2],
-    /// The share of them that counts: 1 where all weigh the same, 1 ⁄ N where one has it all.
+    /// The effective share of the particles: 1 where all weigh the same, 1 ⁄ N where one has all the weight.
     pub effective: T,
-    /// The logarithm of the likelihood where it was greatest: a likelihood that no particle meets says that the filter is lost, and
-    /// wants to be started again.
+    /// The logarithm of the greatest likelihood. If no particle meets the likelihood, the filter is lost and must be
+    /// started again.
     pub best: T,
 }
 
@@ -137,13 +143,13 @@ pub struct ParticleFilter<T, const N: usize> {
     settings: Settings<T>,
     particles: [Particle<T>; N],
     random: Random,
-    /// The time of the latest step, once there are particles.
+    /// The time of the latest step; `None` before the first.
     at_us: Option<u64>,
     started: bool,
 }
 
 impl<T: Real, const N: usize> ParticleFilter<T, N> {
-    /// A filter without particles. Equal seeds and inputs give equal ways.
+    /// A filter without particles. The same seed and the same inputs give the same track.
     pub fn new(settings: Settings<T>, seed: u64) -> Self {
         let particles = [Particle::default(); N];
         Self { settings, particles, random: Random::new(seed), at_us: None, started: false }
@@ -154,12 +160,13 @@ impl<T: Real, const N: usize> ParticleFilter<T, N> {
         self.started
     }
 
-    /// Puts the particles around a position, normally, metres.
+    /// Puts the particles around a position, with a normal distribution, metres.
     pub fn start_at(&mut self, position: [T; 2], deviation: [T; 2]) {
         self.start(|random| core::array::from_fn(|axis| position[axis] + deviation[axis] * random.normal::<T>()));
     }
 
-    /// Puts the particles anywhere in a box, evenly, metres: what the tag hears is in reach (ES 2397388).
+    /// Puts the particles in a box, with a uniform distribution, metres: what the tag receives is in reach (ES
+    /// 2397388).
     pub fn start_in(&mut self, area: &Area<T, 2>) {
         let side = |axis: usize| area.max[axis] - area.min[axis];
         self.start(|random| core::array::from_fn(|axis| area.min[axis] + side(axis) * random.uniform::<T>()));
@@ -174,9 +181,9 @@ impl<T: Real, const N: usize> ParticleFilter<T, N> {
         self.started = self.particles.iter().all(|particle| (particle.at[0] + particle.at[1]).is_finite());
     }
 
-    /// Moves the particles on to `now_us`, weighs them by the likelihood, and replaces the unlikely ones. Walls are barriers: a particle
-    /// that would go through one stays. `None` where there are no particles, or all are impossible; then nothing has changed but their
-    /// places.
+    /// Moves the particles on to `now_us`, weighs them by the likelihood, and replaces the unlikely ones. Walls are
+    /// barriers: a particle that would pass through one stays. Returns `None` where there are no particles, or where
+    /// all are impossible. Then only the positions of the particles have changed.
     pub fn step(&mut self, now_us: u64, walls: &[Wall<T>], likelihood: &impl Likelihood<T>) -> Option<Estimate<T>> {
         if !self.started {
             return None;
@@ -194,8 +201,8 @@ impl<T: Real, const N: usize> ParticleFilter<T, N> {
         Some(estimate)
     }
 
-    /// Moves every particle, and adds the likelihood of where it is to the logarithm of its weight, which stands in its weight until
-    /// [`Self::weigh`]; the greatest.
+    /// Moves every particle, and adds the log-likelihood of its position to the logarithm of its weight, which the
+    /// weight field holds until [`Self::weigh`]. Returns the greatest.
     fn predict(&mut self, dt: T, walls: &[Wall<T>], likelihood: &impl Likelihood<T>) -> Option<T> {
         let noise = (self.settings.position.squared() + self.settings.wander.squared() * dt).sqrt();
         let even = T::ONE / T::count(N.max(1));
@@ -225,12 +232,12 @@ impl<T: Real, const N: usize> ParticleFilter<T, N> {
         best
     }
 
-    /// Logarithms to weights that add up to 1 (12).
+    /// Converts logarithms to weights that add up to 1 (12).
     fn weigh(&mut self, best: T) {
         let mut sum = T::ZERO;
         for particle in &mut self.particles {
             let below = particle.weight - best;
-            // What weighs less than e⁻²⁰ of the best is dead, and not worth an exponential.
+            // A particle with less than e⁻²⁰ of the best weight gets none, which saves an exponential.
             particle.weight = if below > T::of(-20.0) { below.exp() } else { T::ZERO };
             sum += particle.weight;
         }
@@ -241,7 +248,7 @@ impl<T: Real, const N: usize> ParticleFilter<T, N> {
     }
 
     fn estimate(&self, best: T) -> Option<Estimate<T>> {
-        // About one of them, so that a site grid with its origin far away costs no digits.
+        // Relative to one of the particles: a site grid with a distant origin then costs no digits.
         let origin = self.particles.first()?.at;
         let (mut mean, mut squares) = ([T::ZERO; 2], T::ZERO);
         for particle in &self.particles {
@@ -262,7 +269,7 @@ impl<T: Real, const N: usize> ParticleFilter<T, N> {
         (position[0] + position[1] + xx + yy).is_finite().then_some(estimate)
     }
 
-    /// Turns every particle towards the estimate (15), at the speed that covers its share of the way in such a step.
+    /// Turns every particle towards the estimate (15), at the speed that covers its share of the way in one step.
     fn turn(&mut self, dt: T, estimate: [T; 2]) {
         if dt < T::of(SHORTEST_S) {
             return;
@@ -279,7 +286,7 @@ impl<T: Real, const N: usize> ParticleFilter<T, N> {
         }
     }
 
-    /// Copies the likely ones over the others, and moves the copies apart, as far as walls let them.
+    /// Copies the likely particles over the others, and moves the copies apart, as far as walls allow.
     fn resample(&mut self, estimate: &Estimate<T>, walls: &[Wall<T>]) {
         let spread: [T; 2] =
             core::array::from_fn(|axis| self.settings.roughening * estimate.covariance[axis][axis].sqrt());
@@ -306,11 +313,12 @@ impl<T: Real, const N: usize> ParticleFilter<T, N> {
     }
 }
 
-/// The logarithm of a weight that stands for none: finite, so that no arithmetic with it makes a NaN.
+/// The logarithm that represents a weight of zero: it is finite, so that no arithmetic with it makes a NaN.
 const IMPOSSIBLE: f64 = -1.0e30;
 
-/// Cosine and sine of an angle up to 2.6 radians, always of unit length: through the tangent of its half by a continued fraction, whose
-/// error at 2.6 turns by 0.8 %. Directions of particles are noise.
+/// Cosine and sine of an angle up to 2.6 radians, always of unit length. They are computed from the tangent of the
+/// half angle, by a continued fraction, whose error at 2.6 turns the result by 0.8 %. Directions of particles are
+/// noise, so this is enough.
 fn turned<T: Real>(angle: T) -> [T; 2] {
     let half = T::of(0.5) * angle;
     let square = half.squared();

@@ -1,5 +1,6 @@
-//! Random numbers that a node can afford: M. O'Neill's PCG-XSH-RR of 32 bits (*PCG: A Family of Simple Fast Space-Efficient
-//! Statistically Good Algorithms for Random Number Generation*, Harvey Mudd College, 2014). Equal seeds give equal numbers.
+//! Random numbers at a low cost for a node: M. O'Neill's PCG-XSH-RR of 32 bits (*PCG: A Family of Simple Fast
+//! Space-Efficient Statistically Good Algorithms for Random Number Generation*, Harvey Mudd College, 2014). The same
+//! seed gives the same numbers.
 
 use rand_pcg::Lcg64Xsh32;
 use rand_pcg::rand_core::RngCore;
@@ -14,7 +15,7 @@ pub struct Random(Lcg64Xsh32);
 const STREAM: u64 = 721_347_520_444_481_703;
 
 impl Random {
-    /// A stream of its own for every seed.
+    /// A separate stream for every seed.
     pub fn new(seed: u64) -> Self {
         Self(Lcg64Xsh32::new(seed, STREAM))
     }
@@ -31,8 +32,8 @@ impl Random {
         T::count((self.bits() >> 8) as usize) * T::of(1.0 / 16_777_216.0)
     }
 
-    /// A number of mean 0 and variance 1, as the sum of four even ones: a bell that ends at ±3.46, of kurtosis 2.7 where the normal one
-    /// has 3. It is meant for noise, where neither matters.
+    /// A number of mean 0 and variance 1, as the sum of four uniform ones. The distribution ends at ±3.46 and has a
+    /// kurtosis of 2.7, where the normal one has 3. It is for noise, where neither matters.
     #[inline]
     pub fn normal<T: Real>(&mut self) -> T {
         let (a, b) = (self.bits(), self.bits());
@@ -48,7 +49,8 @@ mod tests {
 
     #[test]
     fn the_stream_is_that_of_the_paper() {
-        // Computed apart from PCG-XSH-RR as the paper prints it: state = increment + 7, one step, then the output of each step's old state.
+        // Computed separately from PCG-XSH-RR as the paper prints it: state = increment + 7, one step, then the
+        // output of the old state of each step.
         let mut random = Random::new(7);
         assert_eq!([0, 1, 2, 3].map(|_: i32| random.bits()), [0x4be7_88d7, 0xfa6a_c9dc, 0x68ef_91ea, 0xe32a_3f28]);
     }

@@ -1,11 +1,12 @@
-//! Systematic resampling, in place: every particle is copied as often as its weight has room for evenly spaced marks (G. Kitagawa, Journal
-//! of Computational and Graphical Statistics 5(1), 1996). One random number, two passes, no second set of particles. Its copies vary
-//! less than those of the thesis' multinomial SIR.
+//! Systematic resampling, in place: every particle is copied once for each evenly spaced mark that falls within its
+//! weight (G. Kitagawa, Journal of Computational and Graphical Statistics 5(1), 1996). It takes one random number,
+//! two passes, and no second set of particles. The numbers of copies vary less than those of the thesis' multinomial
+//! SIR.
 
 use crate::Real;
 
-/// Resamples particles whose weights add up to 1; `start`, from 0 to below 1, places the marks. `copied` is told of every copy beyond
-/// the first of a particle.
+/// Resamples particles whose weights add up to 1. `start`, from 0 to below 1, positions the marks. `copied` is called
+/// for every copy of a particle after the first.
 pub(super) fn systematic<T: Real, P: Copy, const N: usize>(
     particles: &mut [P; N],
     start: T,
@@ -22,7 +23,7 @@ pub(super) fn systematic<T: Real, P: Copy, const N: usize>(
             marked += 1;
         }
     }
-    // What rounding left over goes to the last one that has any.
+    // The last particle that has copies takes those that rounding left over.
     if let Some(last) = copies.iter_mut().rev().find(|copies| **copies > 0) {
         *last += (N - marked) as u16;
     }
@@ -50,7 +51,8 @@ mod tests {
 
     #[test]
     fn copies_are_as_many_as_the_weights_say() {
-        // Marks at 0.5, 1.5 … 4.5 of the weights times five, which reach 2.5, 2.5, 3.0, 4.75, 5: two, none, one, two, none.
+        // Marks at 0.5, 1.5 … 4.5 of the weights times five, which reach 2.5, 2.5, 3.0, 4.75, 5: two, none, one, two,
+        // none.
         let mut particles = [('a', 0.5), ('b', 0.0), ('c', 0.1), ('d', 0.35), ('e', 0.05)];
         let mut copied = 0;
         systematic(&mut particles, 0.5_f64, |particle| particle.1, |_| copied += 1);

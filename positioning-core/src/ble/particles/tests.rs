@@ -16,7 +16,8 @@ fn still(wander: f64) -> Settings<f64> {
 
 #[test]
 fn one_step_is_the_product_of_prior_and_likelihood() {
-    // A normal prior of 2 m about (0, 0) and a likelihood of 1 m about (3, 0): the mean is 3 · 4 ⁄ 5 = 2.4, the variance 4 ⁄ 5.
+    // A normal prior of 2 m about (0, 0) and a likelihood of 1 m about (3, 0): the mean is 3 · 4 ⁄ 5 = 2.4, the
+    // variance 4 ⁄ 5.
     let mut filter = ParticleFilter::<f64, 20_000>::new(still(0.0), 3);
     filter.start_at([0.0, 0.0], [2.0, 2.0]);
     let estimate = filter.step(0, &[], &Towards { position: [3.0, 0.0], deviation: 1.0 }).expect("particles");
@@ -27,7 +28,7 @@ fn one_step_is_the_product_of_prior_and_likelihood() {
 
 #[test]
 fn noise_of_the_position_grows_with_the_time() {
-    // 0.5 m in √s over 2 s: a variance of 0.5 a axis, whatever the steps.
+    // 0.5 m per √s over 2 s: a variance of 0.5 per axis, for all lengths of steps.
     for step_us in [200_000, 1_000_000] {
         let mut filter = ParticleFilter::<f64, 5_000>::new(still(0.5), 4);
         filter.start_at([1.0, 1.0], [0.0, 0.0]);
@@ -57,7 +58,7 @@ fn the_thesis_filter_settles_where_the_kernel_points() {
 
 #[test]
 fn particles_stay_on_their_side_of_a_wall() {
-    // A wall without end at x = 5; the likelihood pulls to the other side.
+    // A very long wall at x = 5; the likelihood pulls to the other side.
     let wall = [Wall { ends: [[5.0, -1.0e3], [5.0, 1.0e3]], attenuation: 0.0 }];
     let mut filter = ParticleFilter::<f64, 300>::new(Settings::walking(), 6);
     filter.start_in(&Area { min: [0.0, 0.0], max: [4.9, 8.0] });
@@ -94,7 +95,7 @@ fn impossible_likelihoods_and_times_leave_a_filter_that_works() {
     // Half of the room is impossible.
     let half = |at: [f64; 2]| if at[0] < 5.0 { -at[0].abs() } else { f64::NAN };
     assert!(filter.step(10_400_000, &[], &half).expect("particles").position[0] < 5.0);
-    // Far away from all particles: the weights do not vanish, and `best` tells.
+    // Far away from all particles: the weights do not vanish, and `best` shows it.
     let far = filter.step(10_600_000, &[], &Towards { position: [1.0e4, 0.0], deviation: 1.0 }).expect("particles");
     assert!(far.best < -1.0e6, "{far:?}");
     filter.start_in(&ROOM);

@@ -1,7 +1,7 @@
 //! RSSI values and distances: the log-distance path loss (1), with walls (2).
 //!
-//! Metres go in and dBm come out, or back. A beacon's parameters come from a calibration, from its adverts (the RSSI at one metre),
-//! or are estimated while positions are known otherwise: [`OnlinePathLoss`].
+//! Input: metres; output: dBm; and the reverse. A beacon's parameters come from a calibration, or from its adverts
+//! (the RSSI at one metre), or are estimated while positions are known from another source: [`OnlinePathLoss`].
 
 mod online;
 
@@ -9,11 +9,11 @@ pub use online::OnlinePathLoss;
 
 use crate::Real;
 
-/// Distances are not told apart below this, metres: within arm's length the model fails.
+/// Smaller distances count as this, metres: the model fails within arm's length.
 const NEAREST_M: f64 = 0.1;
-/// Nor above this, metres: beyond a beacon's reach.
+/// Greater distances count as this, metres: it is beyond a beacon's reach.
 const FARTHEST_M: f64 = 300.0;
-/// 10 ⁄ ln 10: dB a natural logarithm of power.
+/// 10 ⁄ ln 10: dB per unit of the natural logarithm of power.
 const DB: f64 = 10.0 / core::f64::consts::LN_10;
 
 /// The parameters of one beacon.
@@ -25,20 +25,21 @@ pub struct PathLoss<T> {
     pub level_1m: T,
     /// n, the path loss exponent: 2 in free space, 1 to 5 indoors.
     pub exponent: T,
-    /// Standard deviation of an RSSI about the model, dB: X_σ, mostly what shadows and reflections do at a place.
+    /// Standard deviation of an RSSI about the model, dB: X_σ. It comes mostly from shadows and reflections at a
+    /// position.
     pub deviation: T,
 }
 
 impl<T: Real> Default for PathLoss<T> {
-    /// What is expected of a beacon of which nothing is known: −59 dBm at one metre, as iBeacons of 0 dBm are usually set, about the
-    /// mean exponent of tables 4.3 and 5.4, and the deviation of a furnished flat.
+    /// The expected values for a beacon of which nothing is known: −59 dBm at one metre, the usual setting of
+    /// iBeacons of 0 dBm; about the mean exponent of tables 4.3 and 5.4; and the deviation of a furnished flat.
     fn default() -> Self {
         Self { level_1m: T::of(-59.0), exponent: T::of(2.4), deviation: T::of(6.0) }
     }
 }
 
 impl<T: Real> PathLoss<T> {
-    /// Whether all numbers are believable: finite, an exponent and a deviation above zero.
+    /// Whether all numbers are plausible: finite, with an exponent and a deviation above zero.
     pub fn is_sane(&self) -> bool {
         self.level_1m.abs() <= T::of(200.0)
             && self.exponent >= T::of(0.1)
@@ -47,24 +48,24 @@ impl<T: Real> PathLoss<T> {
             && self.deviation <= T::of(100.0)
     }
 
-    /// The RSSI at a distance in metres, dBm (1); distances are held within 0.1 m and 300 m.
+    /// The RSSI at a distance in metres, dBm (1). Distances are limited to 0.1 m to 300 m.
     pub fn rssi(&self, distance: T) -> T {
         let distance = distance.at_least(T::of(NEAREST_M)).at_most(T::of(FARTHEST_M));
         self.level_1m - self.exponent * T::of(DB) * distance.ln()
     }
 
-    /// The RSSI behind walls that take `attenuation` dB together, dBm (2).
+    /// The RSSI behind walls that attenuate by `attenuation` dB together, dBm (2).
     pub fn level_through(&self, distance: T, attenuation: T) -> T {
         self.rssi(distance) - attenuation
     }
 
-    /// The distance of an RSSI in dBm, metres: (1) read backwards, within 0.1 m and 300 m.
+    /// The distance of an RSSI in dBm, metres: the inverse of (1), limited to 0.1 m to 300 m.
     pub fn distance(&self, rssi: T) -> T {
         let nepers = (self.level_1m - rssi) / (self.exponent * T::of(DB));
         nepers.exp().at_least(T::of(NEAREST_M)).at_most(T::of(FARTHEST_M))
     }
 
-    /// The distance of an RSSI through walls that take `attenuation` dB together, metres.
+    /// The distance of an RSSI through walls that attenuate by `attenuation` dB together, metres.
     pub fn distance_through(&self, rssi: T, attenuation: T) -> T {
         self.distance(rssi + attenuation)
     }
@@ -81,20 +82,22 @@ impl<T: Real> PathLoss<T> {
 pub struct Wall<T> {
     /// Its ends, metres.
     pub ends: [[T; 2]; 2],
-    /// What it takes from a signal through it, dB: the aᵢ of (2).
+    /// The attenuation of a signal through it, dB: the aᵢ of (2).
     pub attenuation: T,
 }
 
 impl<T: Real> Wall<T> {
-    /// Whether the straight way between two points goes through the wall; to touch it is not to go through.
+    /// Whether the straight line between two points passes through the wall. A line that only touches the wall does
+    /// not pass through it.
     #[inline]
     pub fn is_crossed(&self, from: [T; 2], to: [T; 2]) -> bool {
         let [a, b] = self.ends;
         side(a, b, from) * side(a, b, to) < T::ZERO && side(from, to, a) * side(from, to, b) < T::ZERO
     }
 
-    /// Whether the two points are on different sides of the wall. A point on it is on one of its sides, and the end of a wall belongs to
-    /// one of the sides of a way past it: nothing slips through by steps of which one ends on the wall, nor where two walls meet.
+    /// Whether the two points are on different sides of the wall. A point on the wall is on one of its sides, and the
+    /// end of a wall belongs to one of the sides of a line past it. So nothing passes through by steps of which one
+    /// ends on the wall, or where two walls meet.
     pub fn parts(&self, from: [T; 2], to: [T; 2]) -> bool {
         let is_left = |a, b, p| side(a, b, p) >= T::ZERO;
         let [a, b] = self.ends;
@@ -108,7 +111,7 @@ fn side<T: Real>(a: [T; 2], b: [T; 2], p: [T; 2]) -> T {
     (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
 }
 
-/// What the walls between two points take together, dB: the sum of (2).
+/// The attenuation of the walls between two points together, dB: the sum of (2).
 pub fn attenuation<T: Real>(walls: &[Wall<T>], from: [T; 2], to: [T; 2]) -> T {
     walls.iter().filter(|wall| wall.is_crossed(from, to)).fold(T::ZERO, |sum, wall| sum + wall.attenuation)
 }
@@ -152,7 +155,7 @@ mod tests {
     fn a_barrier_has_no_hole_on_it_nor_where_walls_meet() {
         let barrier = |ends| Wall { ends, attenuation: 0.0 };
         let wall = barrier([[1.0, 0.0], [1.0, 2.0]]);
-        // Two steps, the first of which ends on the wall: one of them goes through, whichever way.
+        // Two steps, of which the first ends on the wall: one of them passes through, in both directions.
         for way in [[0.5, 1.0, 1.5], [1.5, 1.0, 0.5]] {
             let passed = way.windows(2).filter(|step| wall.parts([step[0], 1.0], [step[1], 1.0])).count();
             assert_eq!(passed, 1, "{way:?}");
@@ -174,8 +177,8 @@ mod tests {
             wall([[0.0, 0.5], [3.0, 0.5]], 9.0),
             wall([[1.0, 0.0], [1.0, 2.0]], 11.0),
         ];
-        // The way from (0, 0) to (3, 0) goes through the first two, ends before the third, beside the fourth, and touches the end of
-        // the last.
+        // The line from (0, 0) to (3, 0) passes through the first two walls, ends before the third, passes beside the
+        // fourth, and touches the end of the last.
         assert_eq!(attenuation(&walls, [0.0, 0.0], [3.0, 0.0]), 8.0);
         assert_eq!(attenuation(&walls, [f64::NAN, 0.0], [3.0, 0.0]), 0.0);
     }

@@ -1,17 +1,18 @@
-//! A beacon's parameters, estimated while the tag's position is known otherwise (ES 2397388, step b of the claim: the parameters of
-//! every channel are estimated dynamically, without a calibration before).
+//! A beacon's parameters, estimated while the tag's position is known from another source (ES 2397388, step b of the
+//! claim: the parameters of every channel are estimated dynamically, without a calibration before).
 //!
-//! Pairs of RSSI and distance flow in; recursive least squares (a Kalman filter of two constant states) with a prior and bounds
-//! gives RSSI at one metre and exponent.
+//! Input: pairs of RSSI and distance. Output: RSSI at one metre and exponent. The method is recursive least squares
+//! (a Kalman filter of two constant states) with a prior and bounds.
 
 use super::{DB, NEAREST_M, PathLoss};
 use crate::Real;
 
-/// What an exponent can be indoors: below (1) the thesis has 1 to 5.
+/// The range of an exponent indoors: below (1) the thesis has 1 to 5.
 const EXPONENTS: (f64, f64) = (1.0, 5.0);
-/// What the RSSI at one metre can be, dBm: −20 is louder than 20 dBm, the most that Bluetooth allows.
+/// The range of the RSSI at one metre, dBm. Even a sender of 20 dBm, the most that Bluetooth allows, has less than
+/// −20.
 const LEVELS_DBM: (f64, f64) = (-100.0, -20.0);
-/// An RSSI so many deviations away is no more surprising than this.
+/// An innovation of more deviations than this counts as this.
 const SURPRISE: f64 = 3.0;
 
 /// The estimate of one beacon's parameters.
@@ -25,14 +26,14 @@ pub struct OnlinePathLoss<T> {
 }
 
 impl<T: Real> OnlinePathLoss<T> {
-    /// Starts from `model`, which is believed to so many dB and so much of an exponent (standard deviations); 8 dB and 0.7 where
-    /// nothing is known.
+    /// Starts from `model` with the standard deviations of its RSSI at one metre, dB, and of its exponent. Use 8 dB
+    /// and 0.7 where nothing is known.
     pub fn new(model: PathLoss<T>, level_deviation: T, exponent_deviation: T) -> Self {
         let model = if model.is_sane() { model } else { PathLoss::default() };
         Self { model, variances: [level_deviation.squared(), exponent_deviation.squared()], covariance: T::ZERO }
     }
 
-    /// The parameters as they are believed to be.
+    /// The current estimate of the parameters.
     pub fn model(&self) -> &PathLoss<T> {
         &self.model
     }
@@ -42,7 +43,8 @@ impl<T: Real> OnlinePathLoss<T> {
         self.variances.map(|variance| variance.at_least(T::ZERO).sqrt())
     }
 
-    /// Lets `drift` dB² and `drift` ⁄ 100 of an exponent's square go by: a beacon's battery fades, furniture moves.
+    /// Adds `drift` dB² to the variance of the RSSI and `drift` ⁄ 100 to that of the exponent: a beacon's battery
+    /// fades, and furniture moves.
     pub fn forget(&mut self, drift: T) {
         if drift > T::ZERO && drift.is_finite() {
             self.variances[0] += drift;
@@ -50,17 +52,18 @@ impl<T: Real> OnlinePathLoss<T> {
         }
     }
 
-    /// Takes an RSSI in dBm that was heard at a distance known to `distance_deviation`, metres. False where the numbers are none, and
-    /// nothing was learnt.
+    /// Takes an RSSI in dBm that was received at a distance known to `distance_deviation`, metres. Returns false
+    /// where the numbers are invalid and nothing was learnt.
     ///
-    /// The shadow of a place lasts: RSSI values heard without moving are worth little more than one. Give one a metre of way.
+    /// The shadow at a position lasts: several RSSI values received without moving count little more than one. Give
+    /// one per metre of movement.
     pub fn learn(&mut self, rssi: T, distance: T, distance_deviation: T) -> bool {
         let sum = rssi.abs() + distance + distance_deviation;
         if !(sum.is_finite() && distance > T::ZERO && distance_deviation >= T::ZERO) {
             return false;
         }
         let distance = distance.at_least(T::of(NEAREST_M));
-        // z = level₁ − n x with x = 10 log₁₀ d; what the distance errs by joins the noise.
+        // z = level₁ − n x with x = 10 log₁₀ d; the error of the distance is added to the noise.
         let x = T::of(DB) * distance.ln();
         let of_distance = self.model.exponent * T::of(DB) * distance_deviation / distance;
         let [level_variance, exponent_variance] = self.variances;
@@ -108,7 +111,7 @@ mod tests {
             let start = PathLoss { deviation: 1.0, ..PathLoss::default() };
             let mut online = OnlinePathLoss::<f32>::new(start, 20.0, 1.0);
             for step in 0..400_i16 {
-                // From one metre to eleven and back, with an RSSI off by 1 dB now above, now below.
+                // From one metre to eleven and back, with an RSSI whose error alternates between +1 dB and −1 dB.
                 let distance = 1.0 + 0.05 * f32::from(if step < 200 { step } else { 400 - step });
                 let noise = if step % 2 == 0 { 1.0 } else { -1.0 };
                 online.learn(truth.rssi(distance) + noise, distance, 0.2);
@@ -120,8 +123,9 @@ mod tests {
 
     #[test]
     fn what_is_learnt_level_by_level_is_what_least_squares_make_of_all() {
-        // Batch: (XᵀX ⁄ R + P⁻¹) θ = Xᵀz ⁄ R + P⁻¹ θ₀ with rows (1, −10 log₁₀ d), R = 4², P = diag(8², 0.7²), θ₀ = (−59, 2.4). RSSI values by
-        // −52 dBm and 2.9, off by ±3 dB in turn: no wonders, which would be clipped.
+        // Batch: (XᵀX ⁄ R + P⁻¹) θ = Xᵀz ⁄ R + P⁻¹ θ₀ with rows (1, −10 log₁₀ d), R = 4², P = diag(8², 0.7²), θ₀ =
+        // (−59, 2.4). RSSI values of −52 dBm and 2.9, off by ±3 dB in turn: no errors so large that they would be
+        // clipped.
         let start = PathLoss { level_1m: -59.0, exponent: 2.4, deviation: 4.0 };
         let mut online = OnlinePathLoss::<f64>::new(start, 8.0, 0.7);
         let (mut a, mut b, mut d) = (1.0 / 64.0, 0.0, 1.0 / 0.49);

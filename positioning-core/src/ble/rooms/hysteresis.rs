@@ -1,13 +1,14 @@
-//! From probabilities one after the other to answers that do not flap: in a room, between two rooms, or not known.
+//! Converts a sequence of probabilities to room estimates that do not flap: in a room, between two rooms, or not
+//! known.
 //!
-//! Probabilities are smoothed over time. A room is entered when it is very probable, and left only when it has become improbable;
-//! whoever has left one and is not yet in another is between the two most probable. A tag in a doorway, whose rooms take turns in being
-//! the most probable, stays where it was.
+//! Probabilities are smoothed over time. A room is entered when it is very probable, and left only when it has become
+//! improbable. A tag that has left one room and is not yet in another is between the two most probable rooms. A tag
+//! in a doorway, where the most probable room alternates, stays in its room estimate.
 
 use super::{MAX_ROOMS, Probabilities};
 use crate::Real;
 
-/// How answers are made.
+/// The settings of the room estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Settings {
@@ -17,31 +18,31 @@ pub struct Settings {
     pub enter: f32,
     /// A room is left when its smoothed probability falls below this.
     pub leave: f32,
-    /// Without evidence for so long, nothing is known any more, microseconds.
+    /// Without evidence for this time, the room becomes unknown, microseconds.
     pub forgotten_us: u32,
 }
 
 impl Default for Settings {
-    /// Two seconds, 0.9 and 0.1, ten seconds: a tag that walks from one room into another is there after five seconds, and one that
-    /// stands in the doorway changes rooms every ten minutes.
+    /// Two seconds, 0.9 and 0.1, ten seconds. A tag that walks from one room into another has the new room estimate
+    /// after five seconds. The room estimate of a tag in the doorway changes every ten minutes.
     fn default() -> Self {
         Self { smoothing_us: 2_000_000, enter: 0.9, leave: 0.1, forgotten_us: 10_000_000 }
     }
 }
 
-/// Where a tag is.
+/// The room estimate of a tag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum RoomEstimate {
-    /// Nothing was heard lately.
+    /// Nothing was received lately.
     Unknown,
-    /// In that room, by its number.
+    /// In the room with this number.
     Room(u8),
-    /// Between two rooms, the more probable one first.
+    /// Between two rooms; the more probable one is first.
     Between(u8, u8),
 }
 
-/// Where a tag is, as the evidence comes.
+/// The room estimate of a tag over time.
 #[derive(Clone, Debug)]
 pub struct RoomHysteresis {
     settings: Settings,
@@ -56,8 +57,8 @@ impl RoomHysteresis {
         Self { settings, smoothed: Probabilities::new(), answer: RoomEstimate::Unknown, at_us: 0 }
     }
 
-    /// Takes what a classifier says at `now_us`, `None` where it says nothing, and answers. Probabilities that are no numbers say
-    /// nothing.
+    /// Takes a classifier's probabilities at `now_us`, `None` where it has no result, and returns the room estimate.
+    /// Probabilities that are not numbers count as no result.
     pub fn step(&mut self, now_us: u64, probabilities: Option<&Probabilities>) -> RoomEstimate {
         let since_us = now_us.saturating_sub(self.at_us);
         if since_us > u64::from(self.settings.forgotten_us) {
@@ -67,7 +68,7 @@ impl RoomHysteresis {
         let told = probabilities.filter(|told| told.iter().all(|p| p.is_finite() && *p >= 0.0));
         let Some(told) = told.filter(|told| !told.is_empty()) else { return self.answer };
         if self.smoothed.len() == told.len() {
-            // What is forgotten is within 32 bits.
+            // A time that is not forgotten fits in 32 bits.
             let (since, constant) = (since_us as f32, self.settings.smoothing_us as f32);
             let kept = if constant > 0.0 { Real::exp(-since / constant) } else { 0.0 };
             for (smoothed, new) in self.smoothed.iter_mut().zip(told) {
@@ -81,12 +82,12 @@ impl RoomHysteresis {
         self.answer
     }
 
-    /// The last answer.
+    /// The last room estimate.
     pub fn answer(&self) -> RoomEstimate {
         self.answer
     }
 
-    /// The smoothed probability of a room, 0 where there is none of that number.
+    /// The smoothed probability of a room; 0 where there is no room of that number.
     pub fn probability(&self, room: u8) -> f32 {
         self.smoothed.get(usize::from(room)).copied().unwrap_or(0.0)
     }
@@ -111,7 +112,7 @@ impl RoomHysteresis {
                     RoomEstimate::Room(first)
                 } else {
                     match self.answer {
-                        // Which of the two is the more probable is no news.
+                        // A change of which of the two is the more probable is not a new room estimate.
                         RoomEstimate::Between(one, other)
                             if [(first, second), (second, first)].contains(&(one, other)) =>
                         {
@@ -142,8 +143,9 @@ mod tests {
 
     #[test]
     fn a_room_is_entered_at_once_and_left_when_it_has_become_improbable() {
-        // After the change each second keeps e^−½ = 0.6065: the old room's 0.96 falls towards 0.04 as 0.04 + 0.92 · 0.6065ⁿ, to
-        // 0.598, 0.378, 0.245, 0.165, 0.116, 0.086 (n = 6, left; the new one has 0.914 and is entered).
+        // After the change each second keeps e^−½ = 0.6065. The old room's 0.96 falls towards 0.04 as 0.04 + 0.92 ·
+        // 0.6065ⁿ: 0.598, 0.378, 0.245, 0.165, 0.116, 0.086 (at n = 6 it is left; the new room has 0.914 and is
+        // entered).
         let mut presence = RoomHysteresis::new(Settings::default());
         assert_eq!(presence.step(SECOND, Some(&told(&[0.96, 0.04]))), RoomEstimate::Room(0));
         let answers: std::vec::Vec<_> =
@@ -154,8 +156,8 @@ mod tests {
 
     #[test]
     fn whoever_is_in_neither_room_is_between_them() {
-        // Three rooms: the first falls as before and is left at n = 6; the others have 0.476 and 0.438 then, and 0.367 and 0.565 a
-        // second later.
+        // Three rooms: the first falls as before and is left at n = 6. The others then have 0.476 and 0.438, and one
+        // second later 0.367 and 0.565.
         let mut presence = RoomHysteresis::new(Settings::default());
         presence.step(SECOND, Some(&told(&[0.96, 0.02, 0.02])));
         let mut answer = RoomEstimate::Unknown;
@@ -176,8 +178,9 @@ mod tests {
         assert_eq!(presence.answer(), RoomEstimate::Unknown);
     }
 
-    /// A tag in the doorway for ten minutes: both beacons alike but for noise of 4 dB that lasts for some three seconds (a body that
-    /// turns) and a little of its own each second. The classifier alone changes its mind all the time.
+    /// A tag in the doorway for ten minutes. Both beacons are equal except for noise of 4 dB that lasts for about
+    /// three seconds (a body that turns) and a little noise each second. The classifier alone changes its result all
+    /// the time.
     #[test]
     fn a_tag_in_a_doorway_does_not_flap() {
         let bytes = |numbers: &[f32]| -> std::vec::Vec<u8> { numbers.iter().flat_map(|n| n.to_le_bytes()).collect() };
@@ -185,7 +188,7 @@ mod tests {
         let svm = Svm { rooms: 2, slope: 5.0, fallback_dbm: &fallback, planes: &planes };
         for seed in 0..5 {
             let mut random = rand_pcg::Pcg32::seed_from_u64(seed);
-            // Twelve uniform numbers less six: mean 0, deviation 1.
+            // Twelve uniform numbers minus six: mean 0, deviation 1.
             let mut gaussian = move || (0..12).map(|_| random.random::<f32>()).sum::<f32>() - 6.0;
             let mut presence = RoomHysteresis::new(Settings::default());
             let mut lasting = [0.0; 2];

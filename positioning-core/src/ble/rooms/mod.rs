@@ -1,15 +1,16 @@
-//! In which room a tag is.
+//! The room estimate of a tag.
 //!
-//! In flows a scan (RSSI values in dBm by the beacons' order, `None` where a beacon is not heard), or a position with its covariance. A
-//! [`Classifier`] makes of it a probability a room: [`Svm`], the linear support vector machine of the thesis (section 3.5),
-//! [`Nearest`], the k nearest fingerprints, or [`Outlines`], the walls about the position. [`RoomHysteresis`] makes answers of
-//! probabilities that come one after the other: a room, or *between* two of them, and none that flaps.
+//! Input: a scan (RSSI values in dBm in the beacons' order, `None` where a beacon is not received), or a position
+//! with its covariance. A [`Classifier`] converts it to one probability per room: [`Svm`], the linear support vector
+//! machine of the thesis (section 3.5), [`Nearest`], the k nearest fingerprints, or [`Outlines`], the walls about the
+//! position. [`RoomHysteresis`] converts a sequence of probabilities to a room, or to *between* two rooms, without
+//! flapping.
 //!
-//! Classifiers are trained on a desktop; a node reads them as a [`Model`], versioned and checksummed bytes in its flash (feature
-//! `serde`).
+//! Classifiers are trained on a desktop; a node reads them as a [`Model`], versioned and checksummed bytes in its
+//! flash (feature `serde`).
 //!
-//! Section and table numbers are those of A. Linde Cerezo, *Desarrollo de un sistema de posicionamiento en interiores mediante
-//! Bluetooth Low Energy* (Universitat Oberta de Catalunya, 2024), unless another source is named.
+//! Section and table numbers are those of A. Linde Cerezo, *Desarrollo de un sistema de posicionamiento en interiores
+//! mediante Bluetooth Low Energy* (Universitat Oberta de Catalunya, 2024), unless another source is named.
 
 mod hysteresis;
 #[cfg(feature = "serde")]
@@ -32,19 +33,19 @@ pub const MAX_ROOMS: usize = 32;
 /// The most beacons of a model.
 pub const MAX_BEACONS: usize = 24;
 
-/// A probability a room, in the model's order; they add up to 1.
+/// One probability per room, in the model's order; they add up to 1.
 pub type Probabilities = Vec<f32, MAX_ROOMS>;
 
-/// What tells rooms apart.
+/// A classifier of rooms.
 pub trait Classifier {
-    /// What it judges by.
+    /// The input that it classifies.
     type Evidence: ?Sized;
 
-    /// How many rooms it tells apart.
+    /// The number of rooms.
     fn rooms(&self) -> usize;
 
-    /// A probability a room, each as likely beforehand; `None` where the evidence says nothing: no beacon of the model is heard, the
-    /// position is outside of all rooms or no number.
+    /// One probability per room, with equal prior probabilities. `None` where the evidence has no information: no
+    /// beacon of the model is received, or the position is outside all rooms or not a number.
     fn probabilities(&self, evidence: &Self::Evidence) -> Option<Probabilities>;
 }
 
@@ -59,7 +60,7 @@ pub fn likeliest(probabilities: &Probabilities) -> Option<(usize, f32)> {
     best
 }
 
-/// Divides by their sum; `None` where there is none to divide by.
+/// Divides by their sum; `None` where the sum is not positive or not finite.
 fn normalised(mut shares: Probabilities) -> Option<Probabilities> {
     let sum: f32 = shares.iter().sum();
     if !(sum > 0.0 && sum.is_finite()) {
@@ -69,8 +70,8 @@ fn normalised(mut shares: Probabilities) -> Option<Probabilities> {
     Some(shares)
 }
 
-/// The RSSI values of a scan with fall-back RSSI values for beacons that are not heard (table 5.3); `None` where none is heard. An RSSI that is
-/// no number counts as not heard.
+/// The RSSI values of a scan, with fall-back RSSI values for beacons that are not received (table 5.3); `None` where
+/// no beacon is received. An RSSI that is not a number counts as not received.
 fn filled(scan: &[Option<f32>], fallback_dbm: impl Iterator<Item = f32>) -> Option<Vec<f32, MAX_BEACONS>> {
     let mut heard = false;
     let mut rssis = Vec::new();

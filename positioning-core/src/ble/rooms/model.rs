@@ -1,7 +1,7 @@
-//! A classifier of rooms as bytes: what a desktop writes and a node reads from its flash.
+//! A classifier of rooms as bytes: a desktop writes it and a node reads it from its flash.
 //!
-//! Layout: that of [`crate::stored`], with the letters `RM`: the [`Kind`]. Names of rooms and beacons stay with the desktop: a node
-//! numbers them, by the order in which it was trained.
+//! Layout: that of [`crate::stored`], with the letters `RM`: the [`Kind`]. The names of rooms and beacons stay on the
+//! desktop. A node numbers them in the order in which the model was trained.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,10 +9,10 @@ use super::{Classifier, Nearest, Probabilities, Svm};
 pub use crate::stored::StoredError;
 use crate::stored::{self, Content, Stored};
 
-/// The version of the layout; a reader takes no other.
+/// The version of the layout. A reader accepts no other version.
 pub const MODEL_VERSION: u8 = 1;
 
-/// A classifier. The order is that of stored models: new ones go to the end.
+/// A classifier. The order is that of stored models: add new ones at the end.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Kind<'a> {
     /// A support vector machine.
@@ -22,7 +22,7 @@ pub enum Kind<'a> {
     Nearest(Nearest<'a>),
 }
 
-/// A classifier that is stored.
+/// A stored classifier.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Model<'a> {
     /// The classifier.
@@ -34,22 +34,22 @@ impl<'a> Model<'a> {
     /// Writes the model to the beginning of `buffer` and returns those bytes.
     ///
     /// # Errors
-    /// The model is invalid, or the buffer too small.
+    /// The model is invalid, or the buffer is too small.
     pub fn encode<'b>(&self, buffer: &'b mut [u8]) -> Result<&'b [u8], StoredError> {
         stored::encode(self, buffer)
     }
 
-    /// Reads a model from the beginning of `bytes`; returns it and what follows.
+    /// Reads a model from the beginning of `bytes`. Returns the model and the bytes after it.
     ///
     /// # Errors
-    /// The bytes are no model, or not one that can be trusted.
+    /// The bytes are not a model, or the model is not valid.
     pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), StoredError> {
         stored::decode(bytes)
     }
 }
 
 impl Model<'_> {
-    /// How many beacons a scan has.
+    /// The number of beacons of a scan.
     pub fn beacons(&self) -> usize {
         match &self.kind {
             Kind::Svm(kind) => kind.fallback_dbm.len() / 4,
@@ -58,8 +58,8 @@ impl Model<'_> {
     }
 }
 
-/// A classifier as a node holds it: of the kinds of [`Model`] the support vector machine alone, so that an image has no code for the
-/// others. Its bytes are those of the same [`Model`].
+/// A classifier as a node holds it. Of the kinds of [`Model`] it has the support vector machine alone, so that an
+/// image has no code for the others. Its bytes are those of the same [`Model`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum NodeModel<'a> {
     /// A support vector machine.
@@ -68,15 +68,15 @@ pub enum NodeModel<'a> {
 }
 
 impl<'a> NodeModel<'a> {
-    /// Reads a model from the beginning of `bytes`; returns it and what follows.
+    /// Reads a model from the beginning of `bytes`. Returns the model and the bytes after it.
     ///
     /// # Errors
-    /// The bytes are no model, or not one that can be trusted; one of another kind is [`StoredError::Invalid`].
+    /// The bytes are not a model, or the model is not valid. A model of another kind is [`StoredError::Invalid`].
     pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), StoredError> {
         stored::decode(bytes)
     }
 
-    /// How many beacons a scan has.
+    /// The number of beacons of a scan.
     pub fn beacons(&self) -> usize {
         let Self::Svm(svm) = self;
         svm.fallback_dbm.len() / 4
@@ -153,8 +153,8 @@ mod tests {
 
     #[test]
     fn the_bytes_of_a_model_are_these() {
-        // By the postcard specification: variant 0, two rooms, then 5.0 = 40A00000, four bytes −90.0 = C2B40000 and eight bytes
-        // 1.5 = 3FC00000, −0.25 = BE800000, all little-endian. Length 1 + 1 + 4 + 1 + 4 + 1 + 8 = 20.
+        // By the postcard specification: variant 0, two rooms, then 5.0 = 40A00000, four bytes −90.0 = C2B40000 and
+        // eight bytes 1.5 = 3FC00000, −0.25 = BE800000, all little-endian. Length 1 + 1 + 4 + 1 + 4 + 1 + 8 = 20.
         let mut expected = std::vec![b'R', b'M', 1, 20, 0, 0, 0, 2];
         expected.extend(0x40A0_0000_u32.to_le_bytes());
         expected.push(4);

@@ -1,4 +1,5 @@
-//! The k nearest fingerprints vote for their rooms, the nearer the more (the weights of equation 7, 1 ⁄ distance).
+//! The k nearest fingerprints vote for their rooms. Nearer ones have a greater weight (the weights of equation 7, 1 ⁄
+//! distance).
 
 use heapless::Vec;
 
@@ -7,12 +8,12 @@ use crate::Real;
 
 /// The most neighbours that vote.
 const MAX_NEIGHBOURS: usize = 15;
-/// Nearer than this, dB, is as near: a fingerprint that is met exactly does not outvote all others for ever.
+/// Smaller distances count as this, dB, so that a fingerprint that is met exactly does not outvote all others.
 const NEAREST_DB: f32 = 0.5;
-/// The byte of a beacon that is not heard.
+/// The byte of a beacon that is not received.
 pub const UNHEARD: u8 = 0;
 
-/// The byte of an RSSI: half dB above −128 dBm.
+/// The byte of an RSSI: half decibels above −128 dBm.
 pub fn level_byte(rssi_dbm: Option<f32>) -> u8 {
     // The conversion saturates.
     rssi_dbm.map_or(UNHEARD, |rssi| (2.0 * (rssi + 128.0) + 0.5) as u8)
@@ -22,17 +23,17 @@ fn level_of(byte: u8) -> Option<f32> {
     (byte != UNHEARD).then(|| 0.5 * f32::from(byte) - 128.0)
 }
 
-/// Fingerprints with their rooms, read where they lie in flash.
+/// Fingerprints with their rooms, read from flash without a copy.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Nearest<'a> {
-    /// How many rooms: 2 to [`MAX_ROOMS`].
+    /// The number of rooms: 2 to [`MAX_ROOMS`].
     pub rooms: u8,
-    /// k: how many neighbours vote, 1 to 15.
+    /// k: the number of neighbours that vote, 1 to 15.
     pub neighbours: u8,
-    /// A [`level_byte`] a beacon for where it is not heard.
+    /// One [`level_byte`] per beacon, for where the beacon is not received.
     pub fallback: &'a [u8],
-    /// A fingerprint after the other: its room, then a [`level_byte`] a beacon.
+    /// The fingerprints one after the other: the room, then one [`level_byte`] per beacon.
     pub fingerprints: &'a [u8],
 }
 
@@ -81,7 +82,7 @@ impl Classifier for Nearest<'_> {
                 near.pop();
             }
             let place = near.iter().position(|(other, _)| *other > distance).unwrap_or(near.len());
-            // There is room: a full list has lost its last.
+            // There is room: a full list has lost its last entry.
             let _ = near.insert(place, (distance, room));
         }
         let mut shares: Probabilities = core::iter::repeat_n(0.0, self.rooms().min(MAX_ROOMS)).collect();
@@ -105,8 +106,8 @@ mod tests {
 
     #[test]
     fn votes_are_those_of_a_hand_calculation() {
-        // From (−60, −70): room 0 at (−63, −74) is 5 dB away, room 1 at (−60, −68) 2 dB, room 0 at (−60, none = −90) 20 dB.
-        // Three vote: 1/5 + 1/20 = 0.25 against 1/2: 1/3 and 2/3. Two vote: 0.2 against 0.5.
+        // From (−60, −70): room 0 at (−63, −74) is 5 dB away, room 1 at (−60, −68) 2 dB, room 0 at (−60, none = −90)
+        // 20 dB. Three vote: 1/5 + 1/20 = 0.25 against 1/2: 1/3 and 2/3. Two vote: 0.2 against 0.5.
         let mut fingerprints = std::vec::Vec::new();
         for (room, rssis) in
             [(0, [Some(-63.0), Some(-74.0)]), (1, [Some(-60.0), Some(-68.0)]), (0, [Some(-60.0), None])]
@@ -121,7 +122,7 @@ mod tests {
         nearest.neighbours = 2;
         let p = nearest.probabilities(&[Some(-60.0), Some(-70.0)]).expect("heard");
         assert!((p[0] - 2.0 / 7.0).abs() < 1e-6, "{p:?}");
-        // Exactly a fingerprint: as if half a decibel away, 1/0.5 against 1/√(9 + 36).
+        // Exactly a fingerprint: it counts as half a decibel away, 1/0.5 against 1/√(9 + 36).
         let p = nearest.probabilities(&[Some(-60.0), Some(-68.0)]).expect("heard");
         assert!((p[1] - 2.0 / (2.0 + 1.0 / 45.0_f32.sqrt())).abs() < 1e-6, "{p:?}");
         assert_eq!(nearest.probabilities(&[None; 2]), None);

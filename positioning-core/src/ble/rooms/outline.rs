@@ -1,13 +1,14 @@
-//! The walls about a position: how much of the position's probability lies within each room's outline.
+//! The walls about a position: the share of the position's probability that lies within each room's outline.
 //!
-//! The Gaussian of the position is taken at 25 places, five along each of its axes (Gauss-Hermite quadrature), and each place asked
-//! whether it is within, by counting the walls to one side of it. So a position near a wall is in both rooms.
+//! The Gaussian of the position is sampled at 25 points, five along each of its axes (Gauss-Hermite quadrature). For
+//! each point, the walls on one side of it are counted to find whether it is within an outline. So a position near a
+//! wall is in both rooms.
 
 use super::{Classifier, MAX_ROOMS, Probabilities, normalised};
 use crate::Real;
 
-/// Nodes, in standard deviations, and weights of Gauss-Hermite quadrature of fifth order (Abramowitz and Stegun, table 25.10,
-/// x √2 and w ⁄ √π).
+/// Nodes, in standard deviations, and weights of Gauss-Hermite quadrature of fifth order (Abramowitz and Stegun,
+/// table 25.10, x √2 and w ⁄ √π).
 const NODES: [(f32, f32); 5] = [
     (-2.856_97, 0.011_257_4),
     (-1.355_626_2, 0.222_075_9),
@@ -16,23 +17,23 @@ const NODES: [(f32, f32); 5] = [
     (2.856_97, 0.011_257_4),
 ];
 
-/// A position and how sure it is.
+/// A position and its covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spot {
-    /// Metres.
+    /// The position, metres.
     pub position_m: [f32; 2],
-    /// Covariance xx, xy, yy, m².
+    /// The covariance xx, xy, yy, m².
     pub covariance_m2: [f32; 3],
 }
 
-/// The outlines of all rooms: corners in their order, metres, the last joined to the first.
+/// The outlines of all rooms: corners in their order, metres. The last corner is joined to the first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outlines<'a> {
-    /// An outline a room.
+    /// One outline per room.
     pub rooms: &'a [&'a [[f32; 2]]],
 }
 
-/// Whether a point is within an outline (the rule of even and odd); on the wall it is on one side or the other.
+/// Whether a point is within an outline (the even-odd rule). A point on the wall is on one side or the other.
 fn is_within(outline: &[[f32; 2]], [x, y]: [f32; 2]) -> bool {
     let mut within = false;
     let mut before = outline.last();
@@ -60,7 +61,7 @@ impl Classifier for Outlines<'_> {
         if ![x, y, xx, xy, yy].iter().all(|number| number.is_finite()) {
             return None;
         }
-        // Cholesky; what rounding makes negative is 0.
+        // Cholesky; values that rounding makes negative become 0.
         let l_xx = Real::sqrt(xx.at_least(0.0));
         let l_xy = if l_xx > 0.0 { xy / l_xx } else { 0.0 };
         let l_yy = Real::sqrt((yy - l_xy * l_xy).at_least(0.0));
@@ -86,7 +87,7 @@ mod tests {
 
     const LEFT: [[f32; 2]; 4] = [[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]];
     const RIGHT: [[f32; 2]; 4] = [[4.0, 0.0], [4.0, 3.0], [9.0, 3.0], [9.0, 0.0]];
-    /// A room about a corner.
+    /// An L-shaped room about a corner.
     const ANGLE: [[f32; 2]; 6] = [[0.0, 3.0], [9.0, 3.0], [9.0, 5.0], [2.0, 5.0], [2.0, 8.0], [0.0, 8.0]];
 
     fn probabilities(position_m: [f32; 2], deviation_m: f32) -> Option<std::vec::Vec<f32>> {
@@ -123,7 +124,8 @@ mod tests {
 
     #[test]
     fn correlation_turns_the_ellipse() {
-        // Along the diagonal through the corner (4, 3), half the mass lies beyond it to either side and nothing in RIGHT.
+        // Along the diagonal through the corner (4, 3), half the mass lies beyond it to either side and nothing in
+        // RIGHT.
         let outlines = Outlines { rooms: &[&LEFT, &RIGHT, &ANGLE] };
         let p = outlines
             .probabilities(&Spot { position_m: [3.9, 2.9], covariance_m2: [1.0, 0.9999, 1.0] })

@@ -1,28 +1,31 @@
-//! The linear support vector machine (section 3.5): one plane for each two rooms, and what the planes say together.
+//! The linear support vector machine (section 3.5): one plane for each pair of rooms, and the combination of the
+//! planes.
 //!
-//! A plane's margin becomes the probability of its one room against its other by a sigmoid (Platt, *Probabilistic outputs for support
-//! vector machines*, 1999, without offset), and those of all pairs become the probabilities of the rooms by the rule of Price, Knerr,
-//! Personnaz and Dreyfus (*Pairwise neural network classifiers with probabilistic outputs*, 1994): p_i ∝ 1 ⁄ (Σ_j 1 ⁄ r_ij − (K − 2)).
+//! A sigmoid converts a plane's margin to the probability of one room against the other (Platt, *Probabilistic
+//! outputs for support vector machines*, 1999, without offset). The probabilities of all pairs are combined to the
+//! probabilities of the rooms by the rule of Price, Knerr, Personnaz and Dreyfus (*Pairwise neural network
+//! classifiers with probabilistic outputs*, 1994): p_i ∝ 1 ⁄ (Σ_j 1 ⁄ r_ij − (K − 2)).
 
 use heapless::Vec;
 
 use super::{Classifier, MAX_BEACONS, MAX_ROOMS, Probabilities, filled, normalised};
 use crate::Real;
 
-/// A sigmoid's argument beyond this is as good as certain: one plane alone does not rule a room out for ever.
+/// The limit of a sigmoid's argument, so that one plane alone does not exclude a room for ever.
 const CERTAIN: f32 = 12.0;
 
-/// A support vector machine. Numbers are little-endian `f32`, read where they lie in flash.
+/// A support vector machine. Numbers are little-endian `f32`, read from flash without a copy.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Svm<'a> {
-    /// K, how many rooms: 2 to [`MAX_ROOMS`].
+    /// K, the number of rooms: 2 to [`MAX_ROOMS`].
     pub rooms: u8,
-    /// How steep the sigmoid of a margin is; above 0.
+    /// The steepness of the sigmoid of a margin; above 0.
     pub slope: f32,
-    /// An RSSI a beacon, dBm, where it is not heard; 1 to [`MAX_BEACONS`].
+    /// One RSSI per beacon, dBm, for where the beacon is not received; 1 to [`MAX_BEACONS`].
     pub fallback_dbm: &'a [u8],
-    /// For each pair of rooms, by [`pairs`]: what is added, then a weight a beacon, 1 ⁄ dBm. Positive is the first room.
+    /// For each pair of rooms, in the order of [`pairs`]: the constant, then one weight per beacon, 1 ⁄ dBm. A
+    /// positive margin is for the first room.
     pub planes: &'a [u8],
 }
 
@@ -36,7 +39,7 @@ fn numbers(bytes: &[u8]) -> impl Iterator<Item = f32> + '_ {
 }
 
 impl Svm<'_> {
-    /// The margin of each pair of rooms; `None` where no beacon is heard.
+    /// The margin of each pair of rooms; `None` where no beacon is received.
     fn margins<'s>(&'s self, scan: &[Option<f32>]) -> Option<impl Iterator<Item = f32> + 's> {
         let rssis: Vec<f32, MAX_BEACONS> = filled(scan, numbers(self.fallback_dbm))?;
         let planes = self.planes.chunks_exact(4 * (rssis.len() + 1));
@@ -98,8 +101,10 @@ mod tests {
 
     #[test]
     fn three_rooms_and_two_beacons_by_hand() {
-        // Planes of rooms 0|1, 0|2, 1|2 at the scan −60, (−90): 1 + 0.1 · −60 − 0.05 · −90 = −0.5; 4 − 6 + 1.8 = −0.2; 0.4.
-        // Slope 2: x = −1, −0.4, 0.8. Doubts: 1 + e¹ + e^0.4 = 5.210107; 1 + e⁻¹ + e^−0.8 = 1.817208; 1 + e^−0.4 + e^0.8 = 3.895861.
+        // Planes of rooms 0|1, 0|2, 1|2 at the scan −60, (−90):
+        // 1 + 0.1 · −60 − 0.05 · −90 = −0.5; 4 − 6 + 1.8 = −0.2; 0.4.
+        // Slope 2: x = −1, −0.4, 0.8.
+        // Sums 1 + Σ e⁻ˣ: 1 + e¹ + e^0.4 = 5.210107; 1 + e⁻¹ + e^−0.8 = 1.817208; 1 + e^−0.4 + e^0.8 = 3.895861.
         // Their inverses 0.191935, 0.550295, 0.256683 add up to 0.998913.
         let (fallback, planes) = (bytes(&[-80.0, -90.0]), bytes(&[1.0, 0.1, -0.05, 4.0, 0.1, -0.02, 0.4, 0.0, 0.0]));
         let svm = Svm { rooms: 3, slope: 2.0, fallback_dbm: &fallback, planes: &planes };
@@ -112,7 +117,8 @@ mod tests {
 
     #[test]
     fn two_rooms_are_a_sigmoid() {
-        // x = 3 · (−58 + 60) ⁄ 4 = 1.5; σ(1.5) = 0.817574. Doubts 1 + e⁻ˣ and 1 + eˣ are the inverses of σ(x) and σ(−x).
+        // x = 3 · (−58 + 60) ⁄ 4 = 1.5; σ(1.5) = 0.817574. The sums 1 + e⁻ˣ and 1 + eˣ are the inverses of σ(x) and
+        // σ(−x).
         let (fallback, planes) = (bytes(&[-80.0]), bytes(&[15.0, 0.25]));
         let svm = Svm { rooms: 2, slope: 3.0, fallback_dbm: &fallback, planes: &planes };
         let p = svm.probabilities(&[Some(-58.0)]).expect("a beacon is heard");

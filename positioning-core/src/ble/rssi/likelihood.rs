@@ -1,7 +1,8 @@
-//! The likelihood of a place by the RSSI values heard there: the path loss (1) with normal shadowing, and the receiver's own offset
-//! integrated out.
+//! The likelihood of a position by the RSSI values received there: the path loss (1) with normal shadowing. The
+//! receiver's own offset is integrated out.
 //!
-//! It is asked for every particle, so it is a sum of squares over the beacons with one approximate logarithm each.
+//! It is computed for every particle. It is therefore a sum of squares over the beacons, with one approximate
+//! logarithm each.
 
 use heapless::Vec;
 
@@ -9,10 +10,10 @@ use super::RssiObservation;
 use crate::ble::path_loss::{Wall, attenuation};
 use crate::{MAX_ANCHORS, Real};
 
-/// Distances are not told apart below this, metres.
+/// Smaller distances count as this, metres.
 const NEAREST_M: f64 = 0.3;
 
-/// One beacon: its RSSI is off by `base + slope · log₂ d²`, dB.
+/// One beacon. Its RSSI differs from the expected one by `base + slope · log₂ d²`, dB.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Term<T> {
     beacon_m: [T; 2],
@@ -28,18 +29,18 @@ pub struct RssiLikelihood<'a, T> {
     terms: Vec<Term<T>, MAX_ANCHORS>,
     /// 1 ⁄ (Σ w + 1 ⁄ σₒ²), of the offset that is integrated out.
     share: T,
-    /// −½ of the RSSI values' trust.
+    /// −½ times the `trust` in the RSSI values.
     factor: T,
-    /// What stands between beacons and tag.
+    /// The walls between beacons and tag.
     walls: &'a [Wall<T>],
 }
 
 impl<'a, T: Real> RssiLikelihood<'a, T> {
-    /// Of RSSI values that were heard, at most [`MAX_ANCHORS`] of them; what is not sane is left out.
+    /// Takes received RSSI values, at most [`MAX_ANCHORS`] of them. Values that are not sane are left out.
     ///
-    /// `offset_deviation` is how far the receiver's own offset may be from none, dB. `trust`, up to 1, is how much of it is news: what
-    /// shadows an RSSI at a place is there in the next scan again, and counts once in the time it takes to leave the place (a
-    /// second or two), not once a scan.
+    /// `offset_deviation` is the standard deviation of the receiver's own offset, dB. `trust`, up to 1, is the share
+    /// of the information that is new. The shadows at a position are the same in the next scan. They count once in
+    /// the time it takes to leave the position (a second or two), not once per scan.
     pub fn of(heard: &[RssiObservation<T, 2>], offset_deviation: T, trust: T) -> Self {
         let (mut terms, mut weights) = (Vec::new(), T::ZERO);
         for heard in heard.iter().filter(|heard| heard.is_sane()) {
@@ -53,12 +54,12 @@ impl<'a, T: Real> RssiLikelihood<'a, T> {
         Self { terms, share: variance / (weights * variance + T::ONE), factor: T::of(-0.5) * trust, walls: &[] }
     }
 
-    /// The same with walls that take their part of a signal (2): every wall is looked at for every beacon and place.
+    /// The same with walls that attenuate signals (2). Every wall is checked for every beacon and position.
     pub fn through(self, walls: &'a [Wall<T>]) -> Self {
         Self { walls, ..self }
     }
 
-    /// The logarithm of the likelihood of a place, and the most likely offset of the receiver there, dB.
+    /// The logarithm of the likelihood of a position, and the most likely offset of the receiver there, dB.
     #[inline(always)]
     pub(crate) fn seen_from(&self, position: [T; 2]) -> (T, T) {
         let (mut squares, mut sum) = (T::ZERO, T::ZERO);
@@ -71,18 +72,19 @@ impl<'a, T: Real> RssiLikelihood<'a, T> {
         (self.factor * (squares - offset * sum), offset)
     }
 
-    /// What is known of the receiver's offset at a known place: mean, dB, and variance, dB².
+    /// The estimate of the receiver's offset at a known position: mean, dB, and variance, dB².
     #[inline(never)]
     pub fn offset_at(&self, position: [T; 2]) -> (T, T) {
         (self.seen_from(position).1, self.offset_variance())
     }
 
-    /// The variance of the receiver's offset where the place is known, dB².
+    /// The variance of the receiver's offset where the position is known, dB².
     pub(crate) fn offset_variance(&self) -> T {
         self.share / (self.factor + self.factor).abs()
     }
 
-    /// By how much an RSSI is too loud for a place, dB. Near the beacon, where the model ends, the distance is rounded off.
+    /// By how much an RSSI is too strong for a position, dB. Near the beacon, where the model ends, the distance has
+    /// a smooth lower bound.
     #[inline(always)]
     pub(crate) fn residual(&self, term: &Term<T>, position: [T; 2]) -> T {
         let (x, y) = (position[0] - term.beacon_m[0], position[1] - term.beacon_m[1]);
@@ -90,12 +92,12 @@ impl<'a, T: Real> RssiLikelihood<'a, T> {
         if self.walls.is_empty() { residual } else { residual + attenuation(self.walls, term.beacon_m, position) }
     }
 
-    /// How many RSSI values it holds.
+    /// The number of RSSI values.
     pub fn len(&self) -> usize {
         self.terms.len()
     }
 
-    /// How far the RSSI values agree with a place, 0 to 1, as the quality of a [`Fix`](crate::Fix).
+    /// How far the RSSI values agree with a position, 0 to 1, as the quality of a [`Fix`](crate::Fix).
     #[inline(never)]
     pub(crate) fn agreement(&self, position: [T; 2]) -> T {
         let mut weights = T::ZERO;
@@ -106,14 +108,14 @@ impl<'a, T: Real> RssiLikelihood<'a, T> {
         count / (count + weights)
     }
 
-    /// Whether it holds none, and so knows nothing.
+    /// Whether there are no RSSI values, and so no information.
     pub fn is_empty(&self) -> bool {
         self.terms.is_empty()
     }
 }
 
 impl<T: Real> Term<T> {
-    /// Of an RSSI that is sane.
+    /// The term of an RSSI that is sane.
     #[inline(never)]
     pub(crate) fn of(heard: &RssiObservation<T, 2>) -> Self {
         let path_loss = &heard.path_loss;
@@ -144,10 +146,12 @@ mod tests {
 
     #[test]
     fn the_likelihood_is_that_of_a_hand_calculation() {
-        // At 5 m, d² = 25 + 0.09: residual −66 + 50 + 10 log₁₀ 25.09 = −2.004993, squared 4.019998, −½ · 4.019998 ⁄ 16 = −0.125625.
+        // At 5 m, d² = 25 + 0.09: residual −66 + 50 + 10 log₁₀ 25.09 = −2.004993, squared 4.019998, −½ · 4.019998 ⁄
+        // 16 = −0.125625.
         let one = RssiLikelihood::of(&[heard([0.0, 0.0], -66.0)], 0.0, 1.0).seen_from([3.0, 4.0]).0;
         assert!((one + 0.125_625).abs() < 1e-6, "{one}");
-        // From (0, 4) d² is 25.09 and 52.09; the second residual −62 + 50 + 10 log₁₀ 52.09 = 5.167544, squared 26.703507: −0.960110.
+        // From (0, 4) d² is 25.09 and 52.09; the second residual −62 + 50 + 10 log₁₀ 52.09 = 5.167544, squared
+        // 26.703507: −0.960110.
         let both = [heard([3.0, 0.0], -66.0), heard([6.0, 0.0], -62.0)];
         let at = |offset_deviation, trust| RssiLikelihood::of(&both, offset_deviation, trust).seen_from([0.0, 4.0]).0;
         assert!((at(0.0, 1.0) + 0.960_110).abs() < 1e-6, "{}", at(0.0, 1.0));
@@ -158,7 +162,8 @@ mod tests {
 
     #[test]
     fn a_wall_makes_the_places_behind_it_as_much_louder_as_it_takes() {
-        // Without: residual -2.004993 at (3, 4). A wall of 5 dB between: 2.995007, squared 8.970067, −½ · 8.970067 ⁄ 16 = −0.280315.
+        // Without: residual -2.004993 at (3, 4). A wall of 5 dB between: 2.995007, squared 8.970067, −½ · 8.970067 ⁄
+        // 16 = −0.280315.
         let walls = [Wall { ends: [[1.0, 0.0], [1.0, 9.0]], attenuation: 5.0 }];
         let rssis = RssiLikelihood::of(&[heard([0.0, 0.0], -66.0)], 0.0, 1.0).through(&walls);
         assert!((rssis.seen_from([3.0, 4.0]).0 + 0.280_315).abs() < 1e-6, "{}", rssis.seen_from([3.0, 4.0]).0);

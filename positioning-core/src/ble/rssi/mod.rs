@@ -1,5 +1,6 @@
-//! What a receiver measures of Bluetooth beacons: the RSSI of each with what is known of its beacon, and how likely that makes a
-//! position. All solvers by path loss, and the beacon monitor, use this observation and this likelihood.
+//! What a receiver measures of Bluetooth beacons: the RSSI of each with the data of its beacon, and the likelihood of
+//! a position by these RSSI values. All solvers by path loss, and the beacon monitor, use this observation and this
+//! likelihood.
 
 mod likelihood;
 
@@ -9,27 +10,27 @@ pub(crate) use likelihood::Term;
 use super::path_loss::PathLoss;
 use crate::{Real, flatten};
 
-/// The RSSI of one beacon, with what is known of the beacon.
+/// The RSSI of one beacon, with the data of the beacon.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct RssiObservation<T, const D: usize> {
     /// The beacon's position, metres.
     pub beacon_m: [T; D],
-    /// How far above or below the tag it is, metres, in the plane; 0 where that is not known, and in space.
+    /// The height difference between beacon and tag, metres, in the plane; 0 where it is not known, and in space.
     pub above_m: T,
-    /// dBm.
+    /// The RSSI, dBm.
     pub rssi_dbm: T,
     /// The beacon's path loss.
     pub path_loss: PathLoss<T>,
 }
 
 impl<T: Real, const D: usize> RssiObservation<T, D> {
-    /// The distance along the plane (or in space) that belongs to the RSSI, metres.
+    /// The distance along the plane (or in space) that corresponds to the RSSI, metres.
     pub fn distance_m(&self) -> T {
         flatten(self.path_loss.distance(self.rssi_dbm), self.above_m)
     }
 
-    /// Whether every number is finite and believable.
+    /// Whether every number is finite and plausible.
     #[inline(never)]
     pub(crate) fn is_sane(&self) -> bool {
         let sum =
@@ -44,10 +45,10 @@ impl<T: Real, const D: usize> RssiObservation<T, D> {
 pub struct BeaconRssi {
     /// The beacon's index in the list.
     pub beacon: u16,
-    /// The RSSI; the deviation of its path loss is of what stays while the tag does not move.
+    /// The RSSI. The deviation of its path loss is that of the error that stays while the tag does not move.
     pub observation: RssiObservation<f32, 2>,
     /// The deviation of the RSSI by noise, dB.
     pub noise_db: f32,
-    /// Single values jump about as those of two senders do.
+    /// Whether single values jump as much as those of two senders.
     pub is_torn: bool,
 }

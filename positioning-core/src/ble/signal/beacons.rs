@@ -1,9 +1,10 @@
-//! All listed beacons, by their index in the list. Input: advertisements, as the controller reports them. Output, once a window: one
-//! smoothed RSSI a beacon, with its standard deviation.
+//! All listed beacons, by their index in the list. Input: advertisements, as the controller reports them. Output,
+//! once per window: one smoothed RSSI per beacon, with its standard deviation.
 //!
-//! An RSSI is judged and smoothed by the Kalman filter of its beacon, and goes with the beacon's path loss. The noise of its error is
-//! averaged away; the shadow of walls and people stays while the tag does not move. A beacon whose RSSI jumps more than noise does,
-//! because it moves, or because two have one identity, gets a larger deviation by as much.
+//! The Kalman filter of its beacon checks and smooths an RSSI, which is then used with the beacon's path loss. The
+//! noise part of its error is averaged away. The shadow of walls and people stays while the tag does not move. A
+//! beacon may have an RSSI that jumps more than noise does, because the beacon moves, or because two beacons have one
+//! identity. Its deviation is increased accordingly.
 
 use heapless::Vec;
 
@@ -12,35 +13,40 @@ use crate::Real;
 use crate::ble::path_loss::PathLoss;
 use crate::ble::rssi::{BeaconRssi, RssiObservation};
 
-/// As many of the nearest beacons make a position: each costs it 512 evaluations of a logarithm, and farther ones say little more.
+/// The number of nearest beacons that make a position. Each costs 512 evaluations of a logarithm per position, and
+/// farther ones add little.
 pub const NEAREST: usize = 8;
-/// From one position by beacons to the next, microseconds: the thesis' time of integration for a floor (section 5.3).
+/// The time from one position by beacons to the next, microseconds: the thesis' time of integration for a floor
+/// (section 5.3).
 pub const WINDOW_US: u64 = 500_000;
 
-/// The deviation of single RSSI values at one position, all channels together, dB (table 3.1).
+/// The deviation of single RSSI values at one position, over all channels, dB (table 3.1).
 const NOISE_DB: f32 = 4.41;
-/// Q ⁄ R of the smoothing. The thesis has 0.01 (section 3.4.1.2) for terminals that lie; a tag is carried, and the engine smooths as well.
-/// In the simulated room of `examples/beacons.toml` the tag errs 1.95 m instead of 2.20 m, and no more with 0.2.
+/// Q ⁄ R of the smoothing. The thesis has 0.01 (section 3.4.1.2) for terminals at rest. A tag is carried, and the
+/// engine smooths as well. In the simulated room of `examples/beacons.toml` the tag errs by 1.95 m instead of 2.20 m.
+/// A value of 0.2 is no better.
 const PROCESS: f32 = 0.05;
-/// An interval of advertising, microseconds (section 4.2).
+/// The advertising interval, microseconds (section 4.2).
 const INTERVAL_US: u32 = 100_000;
-/// The deviation of what stays while the tag does not move, dB: shadowing, and how far the path loss is from the beacon's own.
+/// The deviation of the error that stays while the tag does not move, dB: shadowing, and the difference between the
+/// path loss and the beacon's own.
 const LASTING_DB: f32 = 5.0;
-/// Single values of one sender scatter by noise, and by what a step changes; beyond this, dB, there are two senders.
+/// Single values of one sender scatter by noise, and by the change over a step. A larger scatter than this, dB, means
+/// two senders.
 const TORN_DB: f32 = 8.0;
-/// How much a new value counts in what a beacon's values are seen to deviate by.
+/// The weight of a new value in the observed scatter of a beacon's values.
 const LEARNING: f32 = 0.1;
-/// A path-loss exponent that nobody has calibrated.
+/// The path-loss exponent without a calibration.
 const EXPONENT: f32 = 2.0;
-/// After so many windows of silence a beacon starts anew: it may have been moved by then.
+/// After this number of windows without an advertisement, a beacon starts anew: it may have been moved.
 const FORGOTTEN: u64 = 10;
 
-/// What is known of a listed beacon.
+/// The data of a listed beacon.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ListedBeacon {
     /// Its position, metres.
     pub position_m: [f32; 3],
-    /// Its RSSI at one metre, dBm; `None`: as it says itself.
+    /// Its RSSI at one metre, dBm; `None`: the value that the beacon advertises.
     pub rssi_1m_dbm: Option<f32>,
     /// Its path-loss exponent; `None`: 2.
     pub path_loss_exponent: Option<f32>,
@@ -58,19 +64,19 @@ impl BeaconList for &[ListedBeacon] {
     }
 }
 
-/// What was received of one beacon.
+/// The received data of one beacon.
 #[derive(Clone, Copy, Debug, Default)]
 struct Signal {
     kalman: Kalman<f32>,
-    /// Mean square of how far single values are from the smoothed one, dB².
+    /// Mean square of the difference between single values and the smoothed one, dB².
     spread_db2: f32,
-    /// What it says its RSSI is at 1 m, dBm.
+    /// The RSSI at 1 m that the beacon advertises, dBm.
     measured_power_dbm: i8,
-    /// Received since the last window.
+    /// Whether the beacon was received since the last window.
     is_fresh: bool,
 }
 
-/// What was received of up to `N` listed beacons.
+/// The received data of up to `N` listed beacons.
 #[derive(Clone, Debug)]
 pub struct BeaconSignals<const N: usize> {
     smoothing: Smoothing<f32>,
@@ -81,21 +87,22 @@ pub struct BeaconSignals<const N: usize> {
 /// The RSSI values of a window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scan<const N: usize> {
-    /// Smoothed, dBm, by the beacons' index in the list; `None`: not received in it.
+    /// Smoothed, dBm, by the beacons' index in the list; `None`: not received in the window.
     pub rssi_dbm: [Option<f32>; N],
-    /// Their mean variance by noise, dB².
+    /// Their mean variance of noise, dB².
     pub noise_db2: f32,
 }
 
 impl<const N: usize> BeaconSignals<N> {
-    /// Nothing received yet; windows are so long, microseconds.
+    /// Nothing has been received yet. Windows have this length, microseconds.
     pub fn new(window_us: u64) -> Self {
         let measurement = NOISE_DB * NOISE_DB;
         let smoothing = Smoothing { measurement, process: PROCESS * measurement, interval_us: INTERVAL_US };
         Self { smoothing, window_us, signals: [Signal::default(); N] }
     }
 
-    /// A beacon was received with this RSSI, and says what it should be at 1 m, dBm. What is no RSSI changes nothing.
+    /// Takes an advertisement of a beacon with this RSSI, and with the RSSI at 1 m that it advertises, dBm. A value
+    /// that is no RSSI changes nothing.
     pub fn receive(&mut self, t_us: u64, beacon: usize, rssi_dbm: f32, measured_power_dbm: i8) {
         let (Ok(rssi_dbm), Some(signal)) = (rssi(rssi_dbm), self.signals.get_mut(beacon)) else { return };
         if t_us.saturating_sub(signal.kalman.heard_us()) > self.window_us.saturating_mul(FORGOTTEN) {
@@ -109,7 +116,7 @@ impl<const N: usize> BeaconSignals<N> {
         (signal.measured_power_dbm, signal.is_fresh) = (measured_power_dbm, true);
     }
 
-    /// What the window has until now.
+    /// The scan of the window until now.
     pub fn scan(&self, now_us: u64) -> Scan<N> {
         let mut scan = Scan { rssi_dbm: [None; N], noise_db2: 0.0 };
         let mut count = 0.0;
@@ -122,7 +129,8 @@ impl<const N: usize> BeaconSignals<N> {
         scan
     }
 
-    /// The window ends: the nearest of the beacons received in it, the nearest first, for a tag at this height, metres.
+    /// Ends the window. Returns the nearest of the beacons received in it, nearest first, for a tag at this height,
+    /// metres.
     pub fn take(&mut self, now_us: u64, list: &dyn BeaconList, height_m: f32) -> Vec<BeaconRssi, NEAREST> {
         let mut nearest: Vec<(f32, BeaconRssi), NEAREST> = Vec::new();
         for (index, signal) in (0_u16..).zip(self.signals.iter_mut()) {
@@ -198,7 +206,7 @@ mod tests {
         let heard = take(&mut signals, 9_900_000, &[beacon(1.0)]);
         let [BeaconRssi { beacon: 0, observation, noise_db, is_torn: false }] = heard[..] else { panic!("{heard:?}") };
         assert_eq!((observation.rssi_dbm, observation.beacon_m, observation.above_m), (-80.0, [1.0, 0.0], 1.5));
-        // 20 dB at an exponent of 2: 10 m, by the list's RSSI at 1 m.
+        // 20 dB at an exponent of 2: 10 m, with the list's RSSI at 1 m.
         assert!((observation.path_loss.distance(-80.0) - 10.0).abs() < 1e-3, "{observation:?}");
         // The gain of Q ⁄ R = 0.05 goes to 0.2 (k² = 0.05 (1 − k)): √0.2 · 4.41 = 1.972 dB.
         assert!((noise_db - 1.972).abs() < 1e-2 && observation.path_loss.deviation == 5.0, "{heard:?}");
@@ -233,8 +241,8 @@ mod tests {
             signals.receive(k * 50_000, 0, if k % 2 == 0 { -50.0 } else { -80.0 }, -59);
         }
         let rssi = take(&mut signals, 9_950_000, &[beacon(1.0)])[0];
-        // Half an interval apart the gain is 0.146 (k² = 0.025 (1 − k)). ± 15 dB, and the smoothed RSSI with them by
-        // ± 0.146 · 15 ⁄ (2 − 0.146) = 1.18: √(25 + 16.18² − 4.41²) = 16.35 dB.
+        // Half an interval apart the gain is 0.146 (k² = 0.025 (1 − k)). The values alternate by ± 15 dB, and the
+        // smoothed RSSI with them by ± 0.146 · 15 ⁄ (2 − 0.146) = 1.18: √(25 + 16.18² − 4.41²) = 16.35 dB.
         assert!((rssi.observation.path_loss.deviation - 16.35).abs() < 0.1 && rssi.is_torn, "{rssi:?}");
     }
 
@@ -243,7 +251,7 @@ mod tests {
         let list: std::vec::Vec<ListedBeacon> = (0..12_u8).map(|x_m| beacon(x_m.into())).collect();
         let mut signals = signals();
         for index in 0..12_u8 {
-            // The loudest in the middle.
+            // The strongest is in the middle.
             signals.receive(1, index.into(), -60.0 - 2.0 * f32::from(index.abs_diff(6)), -59);
         }
         let order: std::vec::Vec<u16> = take(&mut signals, 1, &list).iter().map(|rssi| rssi.beacon).collect();

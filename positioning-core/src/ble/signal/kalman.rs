@@ -1,11 +1,13 @@
 //! The scalar Kalman filter of one beacon's RSSI (section 3.4.1.2): x' = x, z = x, with the thesis' R and Q.
 //!
-//! The thesis adds Q once an advert. Here the variance grows with the time instead, Q an interval of the beacon's, so that a beacon
-//! of which adverts are missed is believed anew the faster, the longer it was silent; where all are heard, both are the same.
+//! The thesis adds Q once per advert. Here the variance grows with the time instead, by Q per advertising interval.
+//! So a beacon with missed adverts follows new values faster, the longer it was silent. Where all adverts are
+//! received, both are the same.
 
 use crate::Real;
 
-/// A time that lies behind by less is an advert that was overtaken; by more, the clock was set anew. Microseconds.
+/// A time that is earlier by less than this belongs to an overtaken advert. By more, the clock was reset.
+/// Microseconds.
 const OVERTAKING_US: u64 = 1_000_000;
 
 /// How an RSSI is smoothed.
@@ -14,26 +16,26 @@ const OVERTAKING_US: u64 = 1_000_000;
 pub struct Smoothing<T> {
     /// R, the variance of one advert's RSSI, dB². The gain depends on Q ⁄ R alone.
     pub measurement: T,
-    /// Q, by how much the RSSI's variance grows in an interval, dB².
+    /// Q, the growth of the RSSI's variance per interval, dB².
     pub process: T,
-    /// The beacon's interval of advertising, microseconds; above 0.
+    /// The beacon's advertising interval, microseconds; above 0.
     pub interval_us: u32,
 }
 
 impl<T: Real> Default for Smoothing<T> {
-    /// R = 1, Q = 0.01, an advert every 100 ms: the thesis' own.
+    /// R = 1, Q = 0.01, an advert every 100 ms: the values of the thesis.
     fn default() -> Self {
         Self { measurement: T::ONE, process: T::of(0.01), interval_us: 100_000 }
     }
 }
 
-/// What an advert did to the filter.
+/// The effect of an advert on the filter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Step {
-    /// The first advert, or the first after a clock that was set back.
+    /// It was the first advert, or the first after a clock that was set back.
     Started,
-    /// One more.
+    /// It was one more advert.
     Smoothed,
 }
 
@@ -54,7 +56,7 @@ impl<T: Real> Default for Kalman<T> {
 }
 
 impl<T: Real> Kalman<T> {
-    /// Takes an RSSI that [`rssi`](super::RSSI) has judged, dBm, heard at `now_us`.
+    /// Takes an RSSI that [`rssi`](super::RSSI) has accepted, dBm, received at `now_us`.
     #[inline]
     pub fn receive(&mut self, now_us: u64, rssi: T, smoothing: &Smoothing<T>) -> Step {
         if self.variance < T::ZERO || now_us.saturating_add(OVERTAKING_US) < self.at_us {
@@ -76,13 +78,13 @@ impl<T: Real> Kalman<T> {
 
     /// The RSSI's variance at `now_us`, dB²; negative before the first advert.
     pub fn variance_at(&self, now_us: u64, smoothing: &Smoothing<T>) -> T {
-        // A count of microseconds beyond 32 bits is over an hour of silence: the variance is as good as infinite by then.
+        // Microseconds beyond 32 bits are over an hour of silence: the variance is practically infinite then.
         let silent_us = u32::try_from(now_us.saturating_sub(self.at_us)).unwrap_or(u32::MAX);
         let intervals = T::count(silent_us as usize) / T::count(smoothing.interval_us as usize).at_least(T::ONE);
         self.variance + smoothing.process * intervals
     }
 
-    /// When the latest advert came, microseconds.
+    /// The time of the latest advert, microseconds.
     pub fn heard_us(&self) -> u64 {
         self.at_us
     }
@@ -107,7 +109,7 @@ mod tests {
 
     #[test]
     fn after_silence_the_next_advert_counts_for_more() {
-        // P 1 after the first; 20 s are 200 intervals: P⁻ 1 + 2 = 3, K 3/4.
+        // P is 1 after the first advert; 20 s are 200 intervals: P⁻ 1 + 2 = 3, K 3/4.
         let (mut kalman, smoothing) = (Kalman::<f64>::default(), Smoothing::default());
         kalman.receive(0, -60.0, &smoothing);
         kalman.receive(20_000_000, -80.0, &smoothing);

@@ -1,7 +1,8 @@
-//! From advertisements to scans: each RSSI is judged, and smoothed by a Kalman filter of its beacon.
+//! From advertisements to scans: each RSSI is checked, and smoothed by a Kalman filter of its beacon.
 //!
-//! Reported RSSI values flow in with their times; out flows a scan, the RSSI of every beacon now, `None` where it is not heard. What no
-//! receiver can have measured is refused with its reason, and changes nothing.
+//! Input: reported RSSI values with their times. Output: a scan, the current RSSI of every beacon, with `None` for a
+//! beacon that is not received. A value that no receiver can have measured is refused with its reason, and changes
+//! nothing.
 
 mod beacons;
 mod kalman;
@@ -11,29 +12,29 @@ pub use kalman::{Kalman, Smoothing, Step};
 
 use crate::Real;
 
-/// What a controller reports where it does not know the RSSI (Bluetooth Core, HCI LE Advertising Report).
+/// The value that a controller reports where it does not know the RSSI (Bluetooth Core, HCI LE Advertising Report).
 const UNAVAILABLE_DBM: f64 = 127.0;
-/// The least RSSI that a controller can report, dBm (the same).
+/// The least RSSI that a controller can report, dBm (same source).
 const LEAST_DBM: f64 = -127.0;
 
-/// Why an RSSI is no measurement.
+/// Why a value is not an RSSI.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum RssiError {
-    /// 127: the controller says that it does not know.
+    /// 127: the controller reports that it does not know the RSSI.
     Unavailable,
-    /// 0 dBm or more: no beacon is that loud, and drivers report 0 for what they did not measure.
+    /// 0 dBm or more: no beacon is that strong, and drivers report 0 for an RSSI that they did not measure.
     NotNegative,
-    /// Below −127 dBm: less than a report can say.
+    /// Below −127 dBm: less than the least value of a report.
     TooWeak,
     /// NaN or infinite.
     NotFinite,
 }
 
-/// The RSSI, where a receiver can have measured it, dBm.
+/// Returns the RSSI, dBm, if a receiver can have measured it.
 ///
 /// # Errors
-/// See [`RssiError`].
+/// The value is not an RSSI; [`RssiError`] has the reason.
 pub fn rssi<T: Real>(rssi_dbm: T) -> Result<T, RssiError> {
     if !rssi_dbm.is_finite() {
         Err(RssiError::NotFinite)

@@ -1,4 +1,4 @@
-//! The tag in native mode: hears sync frames, asks for slots, ranges in its own.
+//! The tag in native mode: receives sync frames, requests slots, ranges in its own slots.
 
 mod seldom;
 
@@ -20,7 +20,7 @@ use wire::uwb::layout::Scheme;
 use wire::uwb::native::{Frame, MAX_MEMBERS, Message, RESPONSE_BYTES, Request, Share, SyncFrame};
 use wire::uwb::{BROADCAST, FrameBuffer};
 
-/// What a tag is told at its start.
+/// The configuration of a tag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TagConfig {
@@ -28,24 +28,24 @@ pub struct TagConfig {
     pub address: u16,
     /// The network.
     pub network: Network,
-    /// Anchors a round, at most [`MAX_ROUND`](super::MAX_ROUND).
+    /// Anchors in a round, at most [`MAX_ROUND`](super::MAX_ROUND).
     pub anchors: u8,
     /// How often it wants to range.
     pub rate: Rate,
-    /// How its rounds are made, as soon as the network has room for it.
+    /// The scheme of its rounds, as soon as the network has room for it.
     pub scheme: Scheme,
-    /// Whether polls tell the anchors the last distance to each.
+    /// Whether polls report to the anchors the last distance to each.
     pub tell_distances: bool,
 }
 
-/// Without a sync frame for this many superframes the tag searches anew.
+/// Without a sync frame for this many superframes the tag searches again.
 const LOST_AFTER: u16 = 5;
-/// Superframes from a request until the list can tell of it: to a relay, from there to the coordinator, and back.
+/// Superframes from a request until the list can contain it: to a relay, from there to the coordinator, and back.
 const REQUEST_PATIENCE: u16 = 4;
-/// What the tag's last action was for.
+/// The purpose of the tag's last action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Doing {
-    /// Listening, waiting, reporting: nothing hangs on its outcome.
+    /// Listening, waiting, reporting: nothing depends on its result.
     Nothing,
     /// A request for slots is on its way.
     Requesting,
@@ -64,11 +64,11 @@ enum Ended {
     Final,
     /// There are ranges to report.
     Report,
-    /// It was the first of its kind, whose ranges come with the next.
+    /// It was the first of its kind. Its ranges come with the next round.
     Nothing,
 }
 
-/// The tag's side of native mode. Its reports are rounds of ranges to anchors, and changes of its link to the network.
+/// The tag's side of native mode. It reports rounds of ranges to anchors, and changes of its link to the network.
 #[derive(Clone, Debug)]
 pub struct Tag {
     config: TagConfig,
@@ -80,46 +80,46 @@ pub struct Tag {
     network: Option<Followed>,
     anchors: AnchorTable,
     position_m: Option<[f32; 3]>,
-    /// How long the node computes with the last round and those before it, …
+    /// How long the node computes with the last round and earlier ones, …
     busy: RadioDuration,
-    /// … and so until when.
+    /// … and the end of this computation.
     free_at: Option<RadioInstant>,
     round: RoundState,
-    /// From the first pulse of a frame of this tag to that of its next, at least, where that is limited, …
+    /// The least time from the first pulse of a frame of this tag to that of its next frame, if limited, …
     spacing: Option<RadioDuration>,
-    /// … and so the first pulse of the next, at the earliest.
+    /// … and the earliest first pulse of the next frame.
     next_pulse: Option<RadioInstant>,
     /// Whether the radio's clock may be lost between turns.
     dozes: bool,
-    /// The last action was a wait in which it may.
+    /// The last action was a wait in which the clock may be lost.
     nap: Option<Nap>,
     compensation: Compensation,
-    /// What the present doze ends with.
+    /// The end of the current doze.
     aim: Option<Aim>,
-    /// Whose sync frame the last action awaits.
+    /// The anchor whose sync frame the last action awaits.
     awaited: Option<Awaited>,
-    /// Which sync frames are listened to.
+    /// The sync frames that the tag listens to.
     watch: SyncSchedule,
-    /// How well it wakes …
+    /// The timing errors of its wake-ups …
     wakes: WakeUps,
     /// … and its sleeps since the last sync frame.
     slept: Slept,
     search: Search,
     /// The receiver was off after the poll.
     is_off_after_poll: bool,
-    /// When a wait, or a window, was to end so that a transmission can be made in time.
+    /// The end of a wait or a window that leaves enough time for a transmission.
     wake_at: Option<RadioInstant>,
     /// The first pulse of the poll that was waited for.
     pulse_at: Option<RadioInstant>,
-    /// When a poll that leaves at once was decided on.
+    /// When the tag decided on a poll that leaves at once.
     decided_at: Option<RadioInstant>,
-    /// The last decision was made at the end of a wait or a window, and not upon a frame.
+    /// The last decision was made at the end of a wait or a window, and not after a frame.
     was_awaited: bool,
-    /// The radio told when the command of the last transmission had reached it.
+    /// The radio reported when the command of the last transmission had reached it.
     was_measured: bool,
-    /// When the receiver was on again after the last frame, where the radio told.
+    /// When the receiver was on again after the last frame, if the radio reported it.
     listening_at: Option<RadioInstant>,
-    /// The end of the frame that was received last, until something else happens.
+    /// The end of the last received frame, until something else happens.
     ended_at: Option<RadioInstant>,
     sequence: u8,
     out: FrameBuffer,
@@ -129,25 +129,25 @@ pub struct Tag {
 #[derive(Clone, Debug)]
 struct Followed {
     sync: Sync,
-    /// From this superframe on slots may be asked for.
+    /// From this superframe on the tag may request slots.
     request_from: u16,
     /// Requests without effect.
     requests: u8,
     /// The superframe that `owned` is for.
     planned: Option<u16>,
-    /// Round slots of our own in this superframe: bit i for slot i.
+    /// This tag's round slots in this superframe: bit i for slot i.
     owned: u64,
     /// Rounds begun in this superframe.
     rounds: u32,
     joined: bool,
-    /// That the network is full was reported.
+    /// The tag has reported that the network is full.
     is_full: bool,
-    /// Superframes followed, as far as it matters.
+    /// Superframes followed, counted only as far as needed.
     followed: u16,
 }
 
 impl Tag {
-    /// A tag that has heard nobody yet.
+    /// A tag that has not received any frame yet.
     pub fn new(config: TagConfig) -> Self {
         Self {
             config,
@@ -186,29 +186,30 @@ impl Tag {
         }
     }
 
-    /// Ranges more or less often from now on; `None` gives the slots back and ranges no more.
+    /// Ranges more or less often from now on; `None` returns the slots and stops ranging.
     pub fn set_rate(&mut self, rate: Option<Rate>) {
         self.rate = rate;
     }
 
-    /// A tag that ranges at a certain rate lets its radio sleep between its rounds from now on, and while it searches a network. What that
-    /// costs: clocks are compared by the carrier alone, so that the ranges of a round deviate up to twice as much, and a network is found
-    /// up to a minute after it has come.
+    /// From now on, a tag with a fixed rate lets its radio sleep between its rounds and while it searches for a
+    /// network. This has two costs. Clocks are compared by the carrier alone, so that the ranges of a round deviate up
+    /// to twice as much. And a network is found up to a minute after it has come.
     pub fn doze(&mut self) {
         self.dozes = true;
     }
 
-    /// From now on the tag begins no frame sooner than this after the beginning of its last: what limits of mean power ask for.
+    /// From now on, the first pulses of two frames of the tag are at least this far apart. Limits of mean power require
+    /// this.
     pub fn space_frames(&mut self, spacing: RadioDuration) {
         self.spacing = Some(spacing);
     }
 
-    /// What was heard and not believed since the tag was made.
+    /// What the tag received and refused since it was created.
     pub fn refused(&self) -> Refused {
         self.anchors.refused
     }
 
-    /// How many anchors are heard.
+    /// How many anchors are received.
     pub fn anchors_heard(&self) -> usize {
         self.anchors.len()
     }
@@ -228,7 +229,7 @@ impl Tag {
                 let timing = &network.sync.course.timing;
                 self.round.receive(timing, &self.bias, &mut self.anchors, told.source, response, frame);
             }
-            // Other tags', and what is not for us.
+            // Messages for other tags, or not addressed to this tag.
             Message::SyncFrame(_)
             | Message::Response(_)
             | Message::Poll(_)
@@ -288,7 +289,7 @@ impl Tag {
         self.anchors.on_sync_frame(source, sync_frame, frame.diagnostics.rx_power_dbm);
     }
 
-    /// The responses are there, or will not come, or the final has left: what is to be done then.
+    /// The responses were received or will not come, or the final has left. Returns what is to be done then.
     fn end_round(&mut self) -> Ended {
         if self.doing == Doing::Collecting
             && let Some(round) = self.round.to_end()
@@ -314,7 +315,7 @@ impl Tag {
         Action::Receive { start: Start::Now, window, keep_listening: true }
     }
 
-    /// What is next in the course of the superframe, no round being in progress.
+    /// The next action in the superframe, when no round is in progress.
     fn schedule(&mut self, present: RadioInstant) -> Action<'_> {
         let lead = self.meter.lead();
         let is_seldom = self.is_seldom();
@@ -322,7 +323,7 @@ impl Tag {
         self.free_at = self.free_at.filter(|free_at| is_greedy && free_at.since(present) > RadioDuration::ZERO);
         let Some(network) = &mut self.network else { return self.search(present) };
         let superframe = network.sync.course.timing.superframe;
-        // A superframe begins for us as early as we must decide what to send first in it.
+        // A superframe begins early for this node, because it must decide in time what to send first.
         let early = RadioDuration::from_ticks(lead.ticks() + SHORTEST_WAIT.ticks());
         if let Some(since) = network.sync.adrift {
             network.sync.advance(present.plus(early));
@@ -345,7 +346,7 @@ impl Tag {
         let Sync { course, .. } = &network.sync;
         let timing = course.timing;
         let passed = present.since(course.phase.start);
-        // The sync slots end as early as we must decide on a round in the first round slot.
+        // The sync slots end early, because the tag must decide in time on a round in the first round slot.
         let sync_end = RadioDuration::from_ticks(timing.rounds().ticks() - early.ticks());
         if passed < sync_end {
             if !is_seldom {
@@ -376,14 +377,14 @@ impl Tag {
         self.among_rounds(passed)
     }
 
-    /// Nobody was heard for too long.
+    /// No anchor was received for too long.
     fn lose_network(&mut self) -> Action<'static> {
         self.network = None;
         self.anchors.end_session();
         Action::Report(Report::Link(Link::Unsynchronised))
     }
 
-    /// In the sync slots: listening, and asking for slots where those of the list are not those wanted.
+    /// In the sync slots: listens, and requests slots if the listed share differs from the wanted one.
     fn among_sync_frames(&mut self, passed: RadioDuration, end: RadioDuration) -> Action<'_> {
         let (lead, rate) = (self.meter.lead(), self.rate);
         let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
@@ -411,14 +412,14 @@ impl Tag {
             return Self::listen(spare);
         }
         if until_pulse <= 0 {
-            // This superframe's instant has passed.
+            // The request's instant in this superframe has passed.
             network.request_from = number.wrapping_add(1);
             if let Some(wake) = self.wake_at.take() {
                 self.meter.overslept(phase.at(passed).since(wake));
             }
             return Self::listen(rest);
         }
-        // Whoever collides waits longer each time, one not as long as the other.
+        // After each collision a tag waits longer, and each tag a different time.
         let patience = spread(number, address, 2 << network.requests.min(3));
         network.request_from = number.wrapping_add(REQUEST_PATIENCE + patience);
         network.requests = network.requests.saturating_add(1);
@@ -428,7 +429,8 @@ impl Tag {
         Action::Transmit { frame: self.out.bytes(), start: Start::At(phase.at(rmarker)), listen: true }
     }
 
-    /// In the round slots: a round where one fits in slots of our own, else off until the next of them or the next superframe.
+    /// In the round slots: a round if one fits in this tag's slots, else off until the next of them or the next
+    /// superframe.
     fn among_rounds(&mut self, passed: RadioDuration) -> Action<'_> {
         let lead = self.meter.lead();
         let is_greedy = self.rate == Some(Rate::Greedy);
@@ -438,25 +440,26 @@ impl Tag {
         if is_greedy && self.compensation.take(phase.number, self.config.address) {
             return Action::Compensate;
         }
-        // Rounds of few anchors are shorter than slots: who wants a certain rate makes as many as it has slots.
+        // Rounds of few anchors are shorter than slots. A tag with a fixed rate makes as many rounds as it has slots.
         let has_enough = !is_greedy && network.rounds >= network.owned.count_ones();
         let anchors = if has_enough { 0 } else { self.round.asked() };
         let after = |earliest: RadioDuration| {
             next_round(network.owned, &timing, earliest, anchors, uncertainty).filter(|_| anchors > 0)
         };
         let immediate = RadioDuration::from_ticks(passed.ticks() + self.meter.immediate().ticks());
-        // Who has to wait with its next frame sends it at an instant.
+        // A tag that must wait with its next frame sends it at an instant.
         let spaced = self.next_pulse.map(|pulse| pulse.since(phase.start)).filter(|pulse| *pulse > passed);
         let in_lead = RadioDuration::from_ticks(passed.ticks() + lead.ticks());
         let soonest = spaced.map_or(immediate, |pulse| pulse.max(in_lead));
-        // What is measured before it can be computed is measured in vain. From the round's end to its report takes about as long as two frames.
+        // A measurement before the end of the computation would be wasted. The time from the round's end to its report
+        // is about that of two frames.
         let computed = self.free_at.map_or(RadioDuration::ZERO, |free_at| free_at.since(phase.start));
         let takes = timing.round(anchors).ticks() + 2 * self.meter.reading().ticks();
         let in_time = soonest.max(RadioDuration::from_ticks(computed.ticks() - takes));
-        // But while sync frames are heard there is time to compute what is measured now.
+        // But during the sync frames there is time to compute what is measured now.
         let next_rounds = RadioDuration::from_ticks(timing.superframe.ticks() + timing.rounds().ticks());
         let in_time = if after(in_time).is_none() && computed < next_rounds { soonest } else { in_time };
-        // Woken for a round, the tag makes it as long as its instant lies ahead.
+        // The tag was woken for a round. It makes the round if the round's instant is still in the future.
         let spare = |pulse: RadioDuration| RadioDuration::from_ticks(pulse.ticks() - passed.ticks() - lead.ticks());
         let planned = self.pulse_at.take().map(|pulse| pulse.since(phase.start));
         let is_in_time = |pulse: &RadioDuration| *pulse > passed && 2 * spare(*pulse).ticks() > -lead.ticks();
@@ -491,7 +494,7 @@ impl Tag {
         self.rest(passed)
     }
 
-    /// What a late start teaches, where the radio did not measure it, and what it leaves to be done again.
+    /// Learns from a late start if the radio did not measure it, and repeats what was missed.
     fn was_late(&mut self) {
         if !self.was_measured {
             self.meter.lead_was_short();
@@ -503,7 +506,7 @@ impl Tag {
 }
 
 impl Followed {
-    /// Nothing asked for, nothing owned.
+    /// Nothing requested, nothing owned.
     fn begin(sync: Sync) -> Self {
         let request_from = sync.course.phase.number;
         Self {
@@ -525,7 +528,8 @@ impl Followed {
         members.len() == MAX_MEMBERS && !lists(members, tag)
     }
 
-    /// Finds out which slots are ours in this superframe: none where the plan may have changed unheard.
+    /// Determines this tag's slots in this superframe: none if the plan may have changed without the tag receiving the
+    /// change.
     fn plan(&mut self, config: &TagConfig, timing: &Timing) {
         let number = self.sync.course.phase.number;
         if self.planned == Some(number) {

@@ -1,5 +1,6 @@
-//! What a tag does that ranges at a certain rate, so that its receiver is on for as short as can be: it listens to one sync frame, is off
-//! until its round and between its rounds, and where it may, its radio sleeps meanwhile and begins its clock anew.
+//! What a tag with a fixed rate does so that its receiver is on as briefly as possible. It listens to one sync frame,
+//! and is off until its round and between its rounds. Where possible, its radio sleeps meanwhile and restarts its
+//! clock.
 
 use super::super::SHORTEST_WAIT;
 use super::super::plan::{next_round, owned_slots, share_of};
@@ -14,19 +15,23 @@ use crate::{RadioDuration, RadioInstant, Start};
 use wire::uwb::layout::Scheme;
 use wire::uwb::native::{POLL_BYTES, SYNC_FRAME_BYTES, Share};
 
-/// A dozing tag gives up its clock between turns that are at least so many superframes apart: fewer it naps, and counts on its clock.
+/// A dozing tag gives up its clock between turns that are at least this many superframes apart. For fewer superframes
+/// it naps, and relies on its clock.
 const DOZE_FROM: u16 = 2;
-/// The tag makes a turn without a sync frame before it where it has slept for no longer than this: who else ranges may change meanwhile.
+/// The tag makes a turn without a sync frame before it if it has slept for no longer than this: the set of ranging
+/// nodes may change meanwhile.
 const LONGEST_HOLDOVER: RadioDuration = RadioDuration::from_micros(20_000_000);
-/// Waits shorter than this are not worth a sleep, of which the node wakes with a doubt.
+/// Waits shorter than this are not worth a sleep, after which the node's time has an uncertainty.
 const NAP_FROM: RadioDuration = RadioDuration::from_micros(7_000);
-/// The tag listens to all sync frames for so many superframes before it is content with one: to know all anchors.
+/// The tag listens to all sync frames for this many superframes before it listens to single ones: so it knows all
+/// anchors.
 const ACQUAINTING: u16 = 10;
 /// From a decision until a receiver is ready to start at an instant.
 const ARMING: RadioDuration = RadioDuration::from_micros(250);
-/// The receiver starts so much before what it is to hear: its own start takes 16 µs.
+/// The receiver starts this long before the expected frame: its own start takes 16 µs.
 const RECEIVER_START: RadioDuration = RadioDuration::from_micros(20);
-/// The coordinator ends a lease after ten turns without a poll: who ranges even more seldom than its share says makes use of half of them.
+/// The coordinator ends a lease after ten turns without a poll. A tag that ranges even less often than its share uses
+/// half of these turns.
 const TURNS_A_POLL: i64 = 5;
 
 /// A wait through which the radio may sleep.
@@ -34,18 +39,18 @@ const TURNS_A_POLL: i64 = 5;
 pub(super) struct Nap {
     from: RadioInstant,
     duration: RadioDuration,
-    /// It ended before that, nobody knows when.
+    /// It ended early, at an unknown instant.
     is_cut: bool,
 }
 
-/// What a doze ends with.
+/// The purpose at the end of a doze.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Aim {
     superframe: u16,
     listening: Listening,
 }
 
-/// An anchor whose sync frame is awaited, and until when.
+/// An anchor whose sync frame is awaited, and the end of the wait.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Awaited {
     address: u16,
@@ -61,7 +66,8 @@ const fn difference(a: RadioDuration, b: RadioDuration) -> RadioDuration {
 }
 
 impl Tag {
-    /// When, from its beginning, the receiver is on in a superframe for the sync frame of a slot, by a node that may be off by `doubt`.
+    /// The start and end of the receiver's window for the sync frame of a slot, from the beginning of the superframe.
+    /// The node's clock may be off by `uncertainty`.
     fn sync_window(&self, timing: &Timing, slot: u8, uncertainty: RadioDuration) -> [RadioDuration; 2] {
         let rmarker = timing.sync_frame(slot.into());
         let early = sum(timing.to_rmarker, sum(uncertainty, RECEIVER_START));
@@ -69,7 +75,8 @@ impl Tag {
         [difference(rmarker, early), sum(rmarker, late)]
     }
 
-    /// Waits, asleep where the tag dozes and the radio likes to: it is to be awake in time, so it is woken as much earlier as it is late.
+    /// Waits. The radio sleeps if the tag dozes and the radio allows it. The node must be awake in time, so its wake-up
+    /// is set earlier by the expected lateness.
     pub(super) fn pause(&mut self, present: RadioInstant, wait: RadioDuration) -> Action<'static> {
         if !self.dozes || wait < NAP_FROM {
             return Action::WaitUntil(present.plus(wait));
@@ -79,7 +86,7 @@ impl Tag {
         Action::Sleep { from: present, duration }
     }
 
-    /// The wait that was asked for last ends before its time. What it was to end with is given up: the tag listens to the next sync frame.
+    /// The last requested wait ends early. Its purpose is given up: the tag listens to the next sync frame.
     pub(super) fn cut_wait(&mut self) {
         (self.aim, self.wake_at, self.pulse_at) = (None, None, None);
         if let Some(nap) = &mut self.nap {
@@ -87,7 +94,7 @@ impl Tag {
         }
     }
 
-    /// The radio has slept, nobody knows for how long.
+    /// The radio has slept for an unknown time.
     fn lose_time(&mut self, now: RadioInstant) {
         (self.slept, self.search) = (Slept::default(), Search::default());
         if let Some(network) = &mut self.network {
@@ -95,7 +102,7 @@ impl Tag {
         }
     }
 
-    /// The radio has slept: its clock has begun anew.
+    /// The radio has slept: its clock was restarted.
     pub(super) fn woke(&mut self, nap: Nap, now: RadioInstant) {
         self.anchors.sleep(nap.duration.ticks() as f32 / TICKS_PER_SECOND as f32);
         if nap.is_cut {
@@ -112,14 +119,14 @@ impl Tag {
         self.resume(now);
     }
 
-    /// A wait is over. Who dozed listens from now on.
+    /// A wait is over. A tag that dozed listens from now on.
     pub(super) fn resume(&mut self, now: RadioInstant) {
         if let Some(since) = self.network.as_mut().and_then(|network| network.sync.adrift.as_mut()) {
             *since = now;
         }
     }
 
-    /// What a searching tag does.
+    /// The action of a searching tag.
     pub(super) fn search(&mut self, present: RadioInstant) -> Action<'static> {
         if !self.dozes {
             return Self::listen(SUPERFRAME);
@@ -131,7 +138,7 @@ impl Tag {
         }
     }
 
-    /// Whether the tag has the share that it wants, of a certain rate, and knows who is there.
+    /// Whether the tag has a fixed rate and the share that it wants, and knows the anchors.
     pub(super) fn is_seldom(&self) -> bool {
         let (Some(rate @ Rate::Every(_)), Some(network)) = (self.rate, &self.network) else { return false };
         if network.followed < ACQUAINTING {
@@ -149,7 +156,7 @@ impl Tag {
         Action::Receive { start, window: close.since(begin), keep_listening: false }
     }
 
-    /// The window for a sync frame could not be opened in time: at once, then.
+    /// The window for a sync frame could not be opened in time: opens it at once.
     pub(super) fn receive_late(&mut self, awaited: Awaited, present: RadioInstant) -> Option<Action<'static>> {
         let window = awaited.until.since(present);
         (window > RadioDuration::ZERO).then(|| {
@@ -169,7 +176,8 @@ impl Tag {
         }
     }
 
-    /// In a doze: waits on for the sync frame that ends it, and listens for it. `None` where there is none, or no more.
+    /// In a doze: waits further for the sync frame that ends it, and listens for it. `None` if there is no such sync
+    /// frame, or not any more.
     pub(super) fn end_doze(&mut self, present: RadioInstant) -> Option<Action<'static>> {
         let Aim { superframe, listening } = self.aim?;
         let course = &self.network.as_ref()?.sync.course;
@@ -205,7 +213,7 @@ impl Tag {
         Some(Self::listen_between(present, present.plus(open), present.plus(close)))
     }
 
-    /// In the sync slots, before `end`: listens to what is planned. `None`: to nothing more.
+    /// In the sync slots, before `end`: listens to what is planned. `None`: nothing more to listen to.
     pub(super) fn among_few_sync_frames(
         &mut self,
         passed: RadioDuration,
@@ -234,7 +242,7 @@ impl Tag {
         Some(Self::listen_between(present, phase.at(open), phase.at(close)))
     }
 
-    /// Where a round `pulse` from the superframe's beginning is to wait for: the end of a nap from which it can still be made.
+    /// The end of a nap from which a round `pulse` after the superframe's beginning is still possible.
     pub(super) fn nap_before(&mut self, pulse: RadioDuration, passed: RadioDuration) -> Option<Action<'static>> {
         let wait = difference(difference(pulse, passed), self.meter.lead());
         if !self.dozes || wait < NAP_FROM || !self.is_seldom() {
@@ -249,7 +257,7 @@ impl Tag {
         Some(self.pause(phase.at(passed), difference(until, passed)))
     }
 
-    /// Nothing more is to be done in this superframe: off until what is next.
+    /// Nothing more is to be done in this superframe: off until the next task.
     pub(super) fn rest(&mut self, passed: RadioDuration) -> Action<'static> {
         let lead = self.meter.lead();
         let is_seldom = self.is_seldom();
@@ -272,13 +280,13 @@ impl Tag {
             network.sync.doze(turns, present);
             let superframe = phase.number.wrapping_add(turns);
             let listening = self.watch.after_doze(superframe);
-            // What is slept through counts as one.
+            // The superframes slept through count as one.
             self.age_anchors(1, true);
             self.aim = Some(Aim { superframe, listening });
             let until = RadioDuration::from_ticks(i64::from(turns) * timing.superframe.ticks());
             return self.doze_until(difference(until, passed), listening, present).unwrap_or(Action::WaitUntil(begin));
         }
-        // After a nap the clock is in doubt: a round needs room for that, or a sync frame before it.
+        // After a nap the clock has an uncertainty: a round needs room for it, or a sync frame before the round.
         let uncertainty =
             if self.dozes { self.wakes.uncertainty(Slept::once(timing.superframe)) } else { network.sync.uncertainty };
         let number = phase.number.wrapping_add(1);
@@ -297,8 +305,9 @@ impl Tag {
         self.pause(present, next.plus(wake).since(present))
     }
 
-    /// Nothing more is to be done before the turn in `turns` superframes: sleeps until its round, which it makes without a sync frame before it.
-    /// `None` where this turn had none either, where the list changes, or where the round has no room for the doubt.
+    /// Nothing more is to be done before the turn in `turns` superframes: the tag sleeps until its round, which it
+    /// makes without a sync frame before it. `None` if this turn had no sync frame either, if the list changes, or if
+    /// the round has no room for the uncertainty.
     fn hold_over(&mut self, present: RadioInstant, turns: u16) -> Option<Action<'static>> {
         let (lead, uncertainty) = (self.meter.lead(), self.wakes.uncertainty(Slept::once(LONGEST_HOLDOVER)));
         let network = self.network.as_mut().filter(|network| network.sync.silent() == 0)?;
@@ -311,12 +320,12 @@ impl Tag {
         self.pulse_at = Some(phase.at(sum(begin, pulse)));
         network.sync.hold_over(turns);
         let wait = difference(sum(begin, difference(pulse, sum(lead, uncertainty))), present.since(phase.start));
-        // What is slept through counts as one.
+        // The superframes slept through count as one.
         self.age_anchors(1, true);
         Some(self.pause(present, wait))
     }
 
-    /// The poll has left: off until the first response, where that is worth it.
+    /// The poll has left: the receiver is off until the first response, if this saves enough.
     pub(super) fn await_first_response(&self, departure: RadioInstant) -> Option<Action<'static>> {
         let timing = &self.network.as_ref()?.sync.course.timing;
         let (first, length) = self.round.responses(timing);
@@ -334,7 +343,7 @@ impl Tag {
         self.doing == Doing::Polling && scheme == Scheme::SingleSided && self.is_seldom()
     }
 
-    /// `superframes` have begun. Who listens seldom keeps those that it awaits in turn.
+    /// `superframes` have begun. A tag that listens seldom keeps the anchors that it awaits in turn.
     pub(super) fn age_anchors(&mut self, superframes: u16, is_seldom: bool) {
         for address in self.watch.anchors().filter(|_| is_seldom) {
             if let Some(anchor) = self.anchors.get_mut(address) {
@@ -344,7 +353,7 @@ impl Tag {
         self.anchors.advance(superframes);
     }
 
-    /// A round is over: who answered is there.
+    /// A round is over: the anchors that answered are there.
     pub(super) fn note_outcomes(&mut self) {
         for (anchor, answered) in self.round.outcomes() {
             if answered {
@@ -357,8 +366,8 @@ impl Tag {
 }
 
 impl super::Followed {
-    /// From the beginning of the superframe in so many to the first pulse of a tag's round of so many anchors in it, as far as that is settled,
-    /// by a tag that may be off by `doubt`.
+    /// From the beginning of a superframe to the first pulse of the tag's round of `anchors` anchors in it, as far as
+    /// that is settled. The superframe is `superframes` ahead, and the tag's clock may be off by `uncertainty`.
     fn round_in(
         &self,
         superframes: u16,
@@ -372,7 +381,7 @@ impl super::Followed {
         next_round(owned, timing, timing.rounds(), anchors, uncertainty)
     }
 
-    /// In how many superframes a tag's next turn is, as far as that is settled.
+    /// The number of superframes until a tag's next turn, as far as that is settled.
     fn next_turn(&self, address: u16, rate: Rate) -> Option<u16> {
         let course = &self.sync.course;
         let members = course.membership.settled()?;

@@ -1,8 +1,9 @@
-//! The benchmark of fusion: a walking tag with ranges to anchors and powers of beacons, each alone and both together, by the fusion of
-//! patent ES 2 397 388 ([`super::Fusion`]) and by the tag's locator.
+//! The benchmark of fusion: a walking tag with ranges to anchors and RSSI values of beacons, each alone and both
+//! together. It compares the fusion of patent ES 2 397 388 ([`super::Fusion`]) with the tag's locator.
 //!
-//! [`world`] states what is drawn. Everybody knows the hall, the tag's height, places and the noise of ranges; nobody is told which
-//! anchors are blocked. Errors are horizontal, from the fifth second of each walk on, of the mean of what the filter believes.
+//! [`world`] describes the simulated data. The algorithms know the hall, the tag's height, the positions of anchors
+//! and beacons, and the noise of ranges. They do not know which anchors are blocked. Errors are horizontal, from the
+//! fifth second of each walk on, of the mean of the filter's posterior.
 
 mod table;
 pub mod world;
@@ -22,18 +23,18 @@ pub use table::{sweep_to_markdown, to_markdown};
 
 /// Three anchors, one of them blocked, and five beacons.
 pub const BASE: Conditions = Conditions { anchors: 3, blocked: 1, range_sigma_m: 0.1, excess_m: 1.0, beacons: 5 };
-/// Hypotheses on a desktop.
+/// Number of hypotheses on a desktop.
 pub const ON_HOST: usize = 64;
-/// Seconds of a walk.
+/// Length of a walk, seconds.
 const SECONDS: u32 = 120;
-/// From here on errors count, microseconds.
+/// Errors count from this time on, microseconds.
 const BEGIN_US: u64 = 5_000_000;
-/// Nodes that are heard, anchors and beacons.
+/// Number of received nodes, anchors and beacons.
 const NODES: usize = 12;
 /// States of the fusion: eight beacons and four anchors in the plane.
 const STATES: usize = fusion::states(2, 8, 4);
 
-/// What is listened to.
+/// Which nodes are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Inputs {
@@ -58,13 +59,13 @@ impl Inputs {
     }
 }
 
-/// Who makes positions of it.
+/// How positions are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Algorithm {
-    /// The fusion with the hypotheses of a desktop.
+    /// The fusion with the number of hypotheses of a desktop.
     Fusion,
-    /// The fusion with those of a node.
+    /// The fusion with the number of hypotheses of a node.
     FusionOnNode,
     /// The engine's track.
     Engine,
@@ -75,24 +76,24 @@ impl Algorithm {
     pub const ALL: [Self; 3] = [Self::Fusion, Self::FusionOnNode, Self::Engine];
 }
 
-/// The errors of one algorithm in one state of things.
+/// The errors of one algorithm under one choice of nodes.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Score {
-    /// Who.
+    /// The algorithm.
     pub algorithm: Algorithm,
-    /// With what heard.
+    /// The nodes that were used.
     pub heard: Inputs,
     /// Root mean square error, metres; none without positions.
     pub rmse_m: Option<f64>,
     /// Mean error, metres.
     pub mae_m: Option<f64>,
-    /// Nine of ten positions err less, metres.
+    /// 90th percentile of the error, metres.
     pub p90_m: Option<f64>,
     /// The share of rounds with a position.
     pub answered: f64,
-    /// The squared error over the covariance, on average: 2 is honest.
+    /// The mean of the squared error over the covariance; 2 is consistent.
     pub nees: Option<f64>,
-    /// The share of errors inside the ellipse of one sigma: 0.39 is honest.
+    /// The share of errors inside the ellipse of one sigma; 0.39 is consistent.
     pub inside_1_sigma: Option<f64>,
 }
 
@@ -105,27 +106,27 @@ pub type Scored = (Score, Vec<f64>);
 /// The fusion's errors under one set of conditions.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Swept {
-    /// Anchors.
+    /// Number of anchors.
     pub anchors: usize,
-    /// How many of them are blocked.
+    /// Number of blocked anchors.
     pub blocked: usize,
     /// Noise of a range, metres.
     pub range_sigma_m: f64,
     /// Mean excess of a blocked range, metres.
     pub excess_m: f64,
-    /// Beacons.
+    /// Number of beacons.
     pub beacons: usize,
     /// Root mean square errors with anchors alone, beacons alone and both, metres; none without positions.
     pub rmse_m: [Option<f64>; 3],
-    /// That of both over the lesser of the other two.
+    /// The error with both, divided by the lesser of the other two.
     pub ratio: Option<f64>,
-    /// The squared error over the covariance, on average, with both: 2 is honest.
+    /// The mean of the squared error over the covariance, with both; 2 is consistent.
     pub nees: Option<f64>,
-    /// The share of errors inside one sigma, with both: 0.39 is honest.
+    /// The share of errors inside one sigma, with both; 0.39 is consistent.
     pub inside_1_sigma: Option<f64>,
 }
 
-/// Runs all algorithms on so many walks under [`BASE`].
+/// Runs all algorithms on this number of walks under [`BASE`].
 pub fn run(walks: u32, seed: u64, progress: impl Fn()) -> Vec<Scored> {
     let drawn = draw(&BASE, walks, seed);
     let mut scores = Vec::new();
@@ -138,8 +139,8 @@ pub fn run(walks: u32, seed: u64, progress: impl Fn()) -> Vec<Scored> {
     scores
 }
 
-/// The conditions of the sweep: two to four anchors, with all in sight, with one blocked, with one badly blocked and much noise;
-/// few beacons and many.
+/// The conditions of the sweep: two to four anchors, with all in line of sight, with one blocked, with one badly
+/// blocked and much noise; few beacons and many.
 pub fn conditions() -> impl Iterator<Item = Conditions> {
     [2, 3, 4].into_iter().flat_map(|anchors| {
         [(0, 0.1, 1.0), (1, 0.1, 1.0), (1, 0.3, 3.0)].into_iter().flat_map(move |(blocked, range_sigma_m, excess_m)| {
@@ -219,7 +220,7 @@ fn single(place: [f64; 3]) -> [f32; 3] {
     place.map(|component| component as f32)
 }
 
-/// A position a round by the fusion.
+/// The fusion's position for each round.
 fn fused<const H: usize>(rounds: &[Round], heard: Inputs, conditions: &Conditions, seed: u64) -> Vec<Option<Found>> {
     let mut settings = Settings::indoors(HEIGHT_M as f32);
     settings.sources = heard.sources();
@@ -245,7 +246,7 @@ fn fused<const H: usize>(rounds: &[Round], heard: Inputs, conditions: &Condition
         .collect()
 }
 
-/// A position a round by the locator of a tag.
+/// The position of a tag's locator for each round.
 fn located(rounds: &[Round], heard: Inputs, conditions: &Conditions) -> Vec<Option<Found>> {
     let engine = engine::Settings::track(Dimensions::Plane { height: HEIGHT_M as f32 });
     let [rssi_1m_dbm, path_loss_exponent] = BELIEVED.map(|believed| Some(believed as f32));
@@ -256,7 +257,7 @@ fn located(rounds: &[Round], heard: Inputs, conditions: &Conditions) -> Vec<Opti
     let list: &[ListedBeacon] = &list;
     let settings = locator::Settings {
         site: Some(Site { area: Area { min: [0.0; 2], max: HALL_M.map(|side| side as f32) }, walls: &[] }),
-        // Nobody's receiver is off here.
+        // Receivers have no offset here.
         receiver_db: 0.0,
         window_us: world::ROUND_US,
         ..locator::Settings::new(engine::Settings { area: Some(area()), ..engine }).with_beacons(&list)
@@ -308,7 +309,7 @@ mod tests {
 
     #[test]
     fn beside_a_blocked_anchor_errors_stay_small_and_the_covariance_nearly_honest() {
-        // Walks that no constant was chosen on.
+        // Walks that were not used to choose constants.
         let drawn = draw(&BASE, 4, 1);
         let both = score(Algorithm::FusionOnNode, Inputs::Both, &BASE, &drawn).0;
         assert!(both.rmse_m.is_some_and(|rmse| rmse < 0.6), "{both:?}");

@@ -5,7 +5,7 @@ use baliza_report::MarkdownTable;
 use super::{Algorithm, Inputs, Scored, Swept};
 
 impl Algorithm {
-    /// As the table has it.
+    /// The name in the table.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Fusion => "fusion, 64 hypotheses",
@@ -16,7 +16,7 @@ impl Algorithm {
 }
 
 impl Inputs {
-    /// As the table has it.
+    /// The name in the table.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Uwb => "UWB",
@@ -30,14 +30,14 @@ fn metres(figure: Option<f64>) -> String {
     figure.map_or_else(|| "–".to_owned(), |metres| format!("{metres:.3}"))
 }
 
-/// How the errors go with the covariance, in two cells.
+/// How the errors agree with the covariance, in two cells.
 fn consistency(inside_1_sigma: Option<f64>, nees: Option<f64>) -> String {
     let inside = inside_1_sigma.map_or_else(|| "–".to_owned(), |inside| format!("{:.0} %", 100.0 * inside));
     let nees = nees.map_or_else(|| "–".to_owned(), |nees| format!("{nees:.1}"));
     format!("{inside} | {nees}")
 }
 
-/// A row an algorithm and what it hears.
+/// One row an algorithm and choice of nodes.
 pub fn to_markdown(scores: &[Scored]) -> String {
     let mut table = MarkdownTable::new([
         "algorithm",
@@ -75,7 +75,7 @@ pub fn to_markdown(scores: &[Scored]) -> String {
     table.into_text()
 }
 
-/// A row a set of conditions.
+/// One row a set of conditions.
 pub fn sweep_to_markdown(rows: &[Swept]) -> String {
     let mut table = MarkdownTable::new([
         "anchors:",

@@ -1,12 +1,15 @@
-//! What is drawn: a hall of 12 m × 8 m, a tag that walks in it at 1 m/s from one random place to the next, anchors and beacons on
-//! the walls, and what the tag measures five times a second.
+//! The simulated data: a hall of 12 m × 8 m, a tag that walks in it at 1 m/s from one random position to the next,
+//! anchors and beacons on the walls, and the tag's measurements, five times a second.
 //!
-//! - Range of a direct link: distance, what calibration left of it for the whole walk, N(0, 0.03²) m, and noise N(0, σ²).
-//! - Range of a blocked link: the same, and an excess. Its distribution is exponential, of mean 1 m in the base case; it changes
-//!   with the place, with a length of correlation of 2 m (through a Gaussian field and its distribution function).
-//! - Power: log-distance, p₁ − 10 n log₁₀ d. The receiver believes −59 dBm and n = 2; each beacon has p₁ of N(−59, 2²) dBm and n of
-//!   N(2, 0.15²). Shadowing is a Gaussian field over the place for each beacon, 3 dB, with a length of correlation of
-//!   2 m; fading N(0, 2.5²) dB is new with each advertisement, ten a second, of which one in five is lost. A value is in whole dBm.
+//! - Range of a direct link: distance, the residual error of calibration for the whole walk, N(0, 0.03²) m, and noise
+//!   N(0, σ²).
+//! - Range of a blocked link: the same, and an excess. The distribution of the excess is exponential, of mean 1 m in
+//!   the base case. The excess changes with the position, with a correlation length of 2 m (through a Gaussian field
+//!   and its distribution function).
+//! - RSSI: log-distance, p₁ − 10 n log₁₀ d. The receiver assumes −59 dBm and n = 2; each beacon has p₁ of N(−59, 2²)
+//!   dBm and n of N(2, 0.15²). Shadowing is a Gaussian field over the position for each beacon, 3 dB, with a
+//!   correlation length of 2 m. Fading N(0, 2.5²) dB is new with each advert, ten a second, of which one in five is
+//!   lost. A value is in whole dBm.
 //! - A range is lost with a probability of 0.05, over a blocked link of 0.2.
 
 use rand::{Rng, SeedableRng};
@@ -18,15 +21,15 @@ use crate::normal;
 pub const HALL_M: [f64; 2] = [12.0, 8.0];
 /// The tag's height, metres: known.
 pub const HEIGHT_M: f64 = 1.2;
-/// What the receiver believes of every beacon: power at one metre, dBm, and path loss exponent.
+/// The receiver's assumption for every beacon: RSSI at one metre, dBm, and path loss exponent.
 pub const BELIEVED: [f64; 2] = [-59.0, 2.0];
-/// Between two rounds, microseconds.
+/// Time between two rounds, microseconds.
 pub const ROUND_US: u64 = 200_000;
-/// Places of anchors, metres; the first so many are there.
+/// Positions of anchors, metres; the first n of them are used.
 const ANCHORS_M: [[f64; 3]; 4] = [[0.0, 0.0, 2.6], [12.0, 1.0, 2.4], [5.0, 8.0, 2.8], [12.0, 8.0, 2.2]];
-/// Beacons of which places are given.
+/// Number of beacons with a position.
 pub const MOST_BEACONS: usize = 8;
-/// Places of beacons, metres; the first so many are there.
+/// Positions of beacons, metres; the first n of them are used.
 const BEACONS_M: [[f64; 3]; MOST_BEACONS] = [
     [3.0, 0.0, 2.2],
     [9.0, 0.0, 2.2],
@@ -37,40 +40,40 @@ const BEACONS_M: [[f64; 3]; MOST_BEACONS] = [
     [6.0, 0.0, 2.2],
     [10.0, 8.0, 2.2],
 ];
-/// Length of correlation of fields, metres.
+/// Correlation length of fields, metres.
 const LENGTH_M: f64 = 2.0;
 const SHADOWING_DB: f64 = 3.0;
 const FADING_DB: f64 = 2.5;
-/// Deviations of power at one metre, dB, and of the exponent.
+/// Deviations of the RSSI at one metre, dB, and of the exponent.
 const CHANNEL_ERRORS: [f64; 2] = [2.0, 0.15];
 const LINK_SIGMA_M: f64 = 0.03;
-/// Advertisements between two rounds, and the probability that one is lost.
+/// Adverts between two rounds, and the probability that one is lost.
 const ADVERTS: usize = 2;
 const ADVERT_LOSS: f64 = 0.2;
-/// Probabilities that a range over a direct and over a blocked link is lost.
+/// Probabilities that a range is lost over a direct and over a blocked link.
 const RANGE_LOSS: [f64; 2] = [0.05, 0.2];
 const SPEED_M_S: f64 = 1.0;
-/// The velocity follows what is wanted of it so late, seconds.
+/// Time constant of the velocity, which follows the wanted velocity, seconds.
 const TURNING_S: f64 = 0.5;
-/// A goal is reached so near, metres.
+/// A goal counts as reached within this distance, metres.
 const NEAR_M: f64 = 0.5;
-/// No goal is nearer to a wall, metres.
+/// Least distance of a goal from a wall, metres.
 const MARGIN_M: f64 = 1.0;
-/// Waves of a field.
+/// Number of waves in a field.
 const WAVES: usize = 40;
 
-/// What is there and how good it is.
+/// The installed nodes and the errors of their measurements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conditions {
-    /// Anchors, up to 4.
+    /// Number of anchors, up to 4.
     pub anchors: usize,
-    /// How many of them are blocked: the last ones.
+    /// Number of blocked anchors: the last ones.
     pub blocked: usize,
     /// Noise of a range, metres.
     pub range_sigma_m: f64,
     /// Mean excess of a blocked range, metres.
     pub excess_m: f64,
-    /// Beacons, up to 8.
+    /// Number of beacons, up to 8.
     pub beacons: usize,
 }
 
@@ -79,20 +82,20 @@ pub struct Conditions {
 pub struct Round {
     /// Its time, microseconds.
     pub t_us: u64,
-    /// Where the tag is, metres.
+    /// The tag's position, metres.
     pub at_m: [f64; 3],
     /// Anchor, and range in metres.
     pub ranges: Vec<(usize, f64)>,
-    /// Time in microseconds, beacon, and power in dBm.
+    /// Time in microseconds, beacon, and RSSI in dBm.
     pub powers: Vec<(u64, usize, f64)>,
 }
 
-/// The place of an anchor, metres.
+/// The position of an anchor, metres.
 pub fn anchor_m(anchor: usize) -> [f64; 3] {
     ANCHORS_M[anchor % ANCHORS_M.len()]
 }
 
-/// The place of a beacon, metres.
+/// The position of a beacon, metres.
 pub fn beacon_m(beacon: usize) -> [f64; 3] {
     BEACONS_M[beacon % BEACONS_M.len()]
 }
@@ -126,7 +129,7 @@ struct Beacon {
     field: Field,
 }
 
-/// Draws a walk of so many seconds.
+/// Draws a walk of this number of seconds.
 pub fn draw(conditions: &Conditions, seconds: u32, seed: u64) -> Vec<Round> {
     let random = &mut Pcg64Mcg::seed_from_u64(seed);
     let links: Vec<Link> = (0..conditions.anchors.min(ANCHORS_M.len()))
@@ -181,7 +184,7 @@ pub fn draw(conditions: &Conditions, seconds: u32, seed: u64) -> Vec<Round> {
 
 impl Link {
     fn range(&self, random: &mut impl Rng, conditions: &Conditions, at_m: &[f64; 3], anchor_m: &[f64; 3]) -> f64 {
-        // A normal number's distribution function makes it uniform, the logarithm of that exponential.
+        // The distribution function of a normal number makes it uniform, and the logarithm makes that exponential.
         let share = 0.5 * libm::erfc(self.field.at(at_m) / std::f64::consts::SQRT_2);
         let excess = -conditions.excess_m * share.max(f64::MIN_POSITIVE).ln();
         let noise = conditions.range_sigma_m * normal(random);
@@ -201,7 +204,7 @@ fn goal(random: &mut impl Rng) -> [f64; 3] {
     [x, y, HEIGHT_M]
 }
 
-/// Metres.
+/// The distance, metres.
 pub fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
@@ -230,13 +233,14 @@ mod tests {
         let mean = |set: &[f64]| set.iter().sum::<f64>() / set.len() as f64;
         let [direct, blocked] = [error(0), error(2)];
         let square = direct.iter().map(|e| e * e).sum::<f64>() / direct.len() as f64;
-        // 0.1² + 0.03²; an exponential of mean 1 m, in some 900 independent places: ± 0.03 m.
+        // 0.1² + 0.03²; an exponential of mean 1 m, at some 900 independent positions: ± 0.03 m.
         assert!((square - 0.0109).abs() < 0.001, "{square}");
         assert!((mean(&blocked) - 1.0).abs() < 0.12, "{}", mean(&blocked));
         // Lost: 5 % and 20 %.
         let share = |set: &[f64]| set.len() as f64 / walks.len() as f64;
         assert!((share(&direct) - 0.95).abs() < 0.01 && (share(&blocked) - 0.8).abs() < 0.015);
-        // 3² shadowing, 2.5² fading, 2² and (0.15 · 10 log₁₀ 6 m = 1.2 dB)² for the beacon, and rounding's 1 ⁄ 12: 21 dB².
+        // 3² shadowing, 2.5² fading, 2² and (0.15 · 10 log₁₀ 6 m = 1.2 dB)² for the beacon, and rounding's 1 ⁄ 12: 21
+        // dB².
         let powers: Vec<f64> = walks
             .iter()
             .flat_map(|round| round.powers.iter().map(move |(_, beacon, power)| (round, *beacon, *power)))

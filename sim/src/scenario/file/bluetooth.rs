@@ -7,7 +7,7 @@ use super::values::{decibels, level, not_negative, optional_place, place, positi
 use crate::bluetooth::{BluetoothConfig, Medium};
 use crate::scenario::{Beacon, BluetoothSettings, Format, SiteModelFiles, beacon};
 
-/// The UUID of a scenario's beacons; Eddystone has its first ten bytes as namespace.
+/// The UUID of a scenario's beacons. Eddystone uses its first ten bytes as namespace.
 const UUID: [u8; 16] = *b"baliza scenario\0";
 /// Channels 37, 38, 39.
 const CHANNELS: std::ops::RangeInclusive<u8> = 37..=39;
@@ -142,8 +142,8 @@ fn yes() -> bool {
 }
 
 impl BeaconTable {
-    /// The beacon at this address; `number` is its place in the file, from 1. Tags are told what a calibration would find, unless the
-    /// file says something else.
+    /// The beacon with this address. `number` is its index in the file, from 1. The tags' list has what a calibration
+    /// would find, unless the file says something else.
     pub(super) fn beacon(&self, address: u16, number: u16, air: &BluetoothConfig) -> Result<Beacon, String> {
         let mut channels = 0;
         for channel in &self.channels {
@@ -187,7 +187,7 @@ impl BeaconTable {
     }
 }
 
-/// Whether tags can be told of these, as a record has it.
+/// Checks that tags can have these beacons in a config record's list.
 pub(super) fn check_list(beacons: &[Beacon]) -> Result<(), (usize, String)> {
     let mut listed: Vec<wire::config::Beacon> = Vec::new();
     for (place, beacon) in beacons.iter().enumerate() {

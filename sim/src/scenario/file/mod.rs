@@ -1,4 +1,5 @@
-//! Scenarios as TOML: `examples/every-key.toml` has every key. Text in, a [`Scenario`] or the line that is wrong out.
+//! Scenarios as TOML: `examples/every-key.toml` has every key. A text is parsed to a [`Scenario`] or to an error with
+//! its line.
 
 mod bluetooth;
 mod motion;
@@ -26,14 +27,14 @@ use super::{Anchor, Fault, FaultKind, Fidelity, Motion, NETWORK, Scenario, Tag, 
 use crate::air::{Material, Wall};
 use crate::board::BoardProfile;
 
-/// The addresses of nodes without one of their own: anchors from the first, tags from the second, beacons from the third, by their
-/// place in the file.
+/// The addresses of nodes that have none in the file: anchors from the first, tags from the second, beacons from the
+/// third, in the order of the file.
 const FIRST_ANCHOR: u16 = 0x0001;
 const FIRST_TAG: u16 = 0x1001;
 const FIRST_BEACON: u16 = 0x2001;
 /// The address of everyone.
 const BROADCAST: u16 = 0xFFFF;
-/// How fast a tag walks that says nothing else, metres a second.
+/// The default walking speed of a tag, metres per second.
 const WALKING_M_S: f64 = 1.0;
 
 /// What is wrong with a scenario, and where.
@@ -54,10 +55,10 @@ impl fmt::Display for ScenarioError {
 impl std::error::Error for ScenarioError {}
 
 impl Scenario {
-    /// The scenario of a TOML text.
+    /// Parses the scenario of a TOML text.
     ///
     /// # Errors
-    /// The first line that is wrong.
+    /// Returns the first error in the text, with its line.
     pub fn parse(text: &str) -> Result<Self, ScenarioError> {
         let file: File = toml::from_str(text).map_err(|error| {
             let Explained { line, message } = explain(text, error.span(), error.message());
@@ -229,7 +230,7 @@ enum FaultName {
 }
 
 impl File {
-    /// The board of a node that names one, or a slowdown of its own: both stand in for the file's.
+    /// The board of a node that names a board or a slowdown of its own; both replace those of the file.
     fn own_board(&self, board: Option<BoardProfile>, cpu_slowdown: Option<f64>) -> Option<BoardProfile> {
         let differs = board.is_some() || cpu_slowdown.is_some();
         differs.then(|| board.unwrap_or(self.board).slowed(cpu_slowdown.unwrap_or(self.cpu_slowdown)))
@@ -342,7 +343,7 @@ fn wrong<T>(table: &Spanned<T>, message: String) -> SpanError {
     SpanError { span: table.span(), message }
 }
 
-/// The nodes so far.
+/// The nodes that were parsed so far.
 struct Nodes {
     networks: usize,
     addresses: HashSet<u16>,

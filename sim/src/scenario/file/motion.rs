@@ -1,4 +1,4 @@
-//! What a scenario's `[[tag]]` says of its motion sensor.
+//! The keys of a scenario's `[[tag]]` about its motion sensor.
 
 use serde::Deserialize;
 

@@ -1,4 +1,4 @@
-//! A scenario's `[[network]]`: its numbers in, the network of records or what is wrong out.
+//! A scenario's `[[network]]`: the table becomes the network of the config records, or an error.
 
 use ranging::PhyConfig;
 use serde::Deserialize;
@@ -35,7 +35,7 @@ enum ModeName {
 }
 
 impl NetworkTable {
-    /// The network that is meant, or what does not go together.
+    /// The network, or an error that says which values do not fit together.
     pub(super) fn network(&self) -> Result<Network, String> {
         let mode = match (self.mode, self.rounds_hz) {
             (ModeName::Native, None) => Mode::Native,

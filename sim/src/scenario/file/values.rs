@@ -1,4 +1,4 @@
-//! The values of a scenario's keys: what TOML has in, a number in its range or what it has to be out.
+//! The values of a scenario's keys: numbers that are checked against their ranges.
 
 use positioning_core::Method;
 use ranging::native::Scheme;
@@ -7,7 +7,7 @@ use serde::de::{Deserializer, Error as _};
 
 use crate::board::BoardProfile;
 
-/// A number that passes, or what it has to be.
+/// A number that passes the check. The error says what the number must be.
 fn number<'de, D: Deserializer<'de>>(from: D, what: &str, passes: impl Fn(f64) -> bool) -> Result<f64, D::Error> {
     let value = f64::deserialize(from)?;
     if passes(value) { Ok(value) } else { Err(D::Error::custom(format!("{value} is not {what}"))) }
@@ -92,7 +92,7 @@ pub(super) fn places<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<[f64; 3]>
     Vec::<[f64; 3]>::deserialize(from)?.into_iter().map(within_reach).collect()
 }
 
-/// Frames carry millimetres in 24 bits: 8388 m.
+/// Frames carry millimetres in 24 bits, which reach 8388 m.
 fn within_reach<const N: usize, E: serde::de::Error>(place: [f64; N]) -> Result<[f64; N], E> {
     match place.iter().find(|x| x.is_nan() || x.abs() > 8388.0) {
         Some(x) => Err(E::custom(format!("{x} is not a coordinate within 8388 m"))),

@@ -1,4 +1,4 @@
-//! What was counted since the start.
+//! Counts since the start.
 
 use postcard::experimental::max_size::MaxSize;
 use serde::{Deserialize, Serialize};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::telemetry::text::text;
 use crate::telemetry::{Body, Severity};
 
-/// What was counted since the start; all wrap.
+/// Counts since the start; all wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub struct Counters {
     /// Since the node started, microseconds.
@@ -17,7 +17,7 @@ pub struct Counters {
     pub received: u32,
     /// Windows that passed without a frame.
     pub timeouts: u32,
-    /// Frames that came broken.
+    /// Frames received with errors.
     pub corrupt: u32,
     /// Transmissions or receptions whose start lay in the past.
     pub late: u32,
@@ -29,9 +29,9 @@ pub struct Counters {
     pub rounds_dropped: u32,
     /// Telemetry frames dropped because the channel was full.
     pub telemetry_dropped: u32,
-    /// Advertisements heard.
+    /// Advertisements received.
     pub sightings: u32,
-    /// Advertisements dropped because nobody took them in time.
+    /// Advertisements dropped because they were not processed in time.
     pub sightings_dropped: u32,
 }
 

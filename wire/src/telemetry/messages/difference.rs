@@ -1,4 +1,4 @@
-//! A difference of arrivals of a round that was overheard.
+//! A difference of arrivals of a received round among anchors.
 
 use core::fmt;
 
@@ -9,8 +9,9 @@ use super::reception::{Diagnostics, Reception};
 use crate::telemetry::quantised::{deviation_m, metres};
 use crate::telemetry::{Body, Tone};
 
-/// How much farther an anchor is than the reference anchor, whose poll began the round. The reference itself comes first, with a
-/// difference of zero: its place, the deviation that all differences of the round share, and what the receiver measured on the poll.
+/// How much farther an anchor is than the reference anchor, whose poll began the round. The reference itself comes
+/// first, with a difference of zero. Its message contains its position, the deviation that all differences of the round
+/// share, and what the receiver measured on the poll.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Difference {
@@ -22,11 +23,11 @@ pub struct Difference {
     pub reference: u16,
     /// Short address of the anchor.
     pub peer: u16,
-    /// The distance to the anchor less that to the reference, 0.1 mm.
+    /// The distance to the anchor minus that to the reference, 0.1 mm.
     pub difference_tenth_mm: i32,
-    /// Standard deviation expected with line of sight, beside the reference's, 0.1 mm.
+    /// Expected standard deviation with line of sight, without the reference's, 0.1 mm.
     pub deviation_tenth_mm: u32,
-    /// Where the anchor says it stands, 0.1 mm.
+    /// The position that the anchor reports, 0.1 mm.
     pub position_tenth_mm: Option<[i32; 3]>,
     /// What the receiver measured.
     pub diagnostics: Diagnostics,
@@ -38,12 +39,12 @@ impl Difference {
         metres(self.difference_tenth_mm)
     }
 
-    /// Standard deviation expected with line of sight, beside the reference's, metres.
+    /// Expected standard deviation with line of sight, without the reference's, metres.
     pub fn deviation_m(&self) -> f64 {
         deviation_m(self.deviation_tenth_mm)
     }
 
-    /// Where the anchor says it stands, metres.
+    /// The position that the anchor reports, metres.
     pub fn position_m(&self) -> Option<[f64; 3]> {
         Some(self.position_tenth_mm?.map(metres))
     }

@@ -10,7 +10,7 @@ use crate::telemetry::quantised::{deviation, deviation_m, metres, nearest, posit
 use crate::telemetry::text::{Centimetres, text};
 use crate::telemetry::{Body, Tone};
 
-/// Of correlations.
+/// Units of a correlation of 1.
 const FULL: f32 = 127.0;
 
 /// A position, or why there is none.
@@ -23,36 +23,36 @@ pub struct Fix {
     pub round: u16,
     /// From the poll to the publication, microseconds.
     pub age_us: u32,
-    /// Anchors asked; none: it is by beacons, and `round` goes on from the last round's.
+    /// Anchors asked. Zero: the position is from beacons, and `round` continues from the last round's number.
     pub asked: u8,
-    /// What came of the round.
+    /// The result of the round.
     pub outcome: Outcome,
-    /// What made the position.
+    /// The solver of the position.
     #[serde(deserialize_with = "or_unknown")]
     pub solver: Solver,
 }
 
-/// What makes a tag's positions.
+/// The solver of a tag's positions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Solver {
-    /// Not known: the node is of an older build, which does not say it, or of a newer one.
+    /// Unknown: the node is of an older build, which does not report it, or of a newer one.
     #[default]
     Unknown,
-    /// A track, which every range changes.
+    /// A tracking filter, which every range updates.
     Track,
-    /// `robust`, each round by itself.
+    /// `robust`, each round alone.
     Robust,
-    /// `b-wls`, each round by itself.
+    /// `b-wls`, each round alone.
     BWls,
-    /// `b-wls-r`, each round by itself.
+    /// `b-wls-r`, each round alone.
     BWlsR,
-    /// `bounding-box`, each round by itself.
+    /// `bounding-box`, each round alone.
     BoundingBox,
 }
 
 impl Solver {
-    /// Its name, as the record spells it; none where it is not known.
+    /// Its name, as in the config record; `None` if it is unknown.
     pub fn as_str(self) -> Option<&'static str> {
         match self {
             Self::Unknown => None,
@@ -65,13 +65,13 @@ impl Solver {
     }
 }
 
-/// A field that was appended to the end of its message: a body that ends before it is an older build's, and a number that is not known
-/// a newer one's.
+/// A field that was appended to the end of its message. A body that ends before it is from an older build, and an
+/// unknown number is from a newer one.
 fn or_unknown<'de, D: Deserializer<'de>>(from: D) -> Result<Solver, D::Error> {
     Ok(Solver::deserialize(from).unwrap_or_default())
 }
 
-/// What came of a round.
+/// The result of a round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Outcome {
@@ -79,29 +79,31 @@ pub enum Outcome {
     Position {
         /// 0.1 mm.
         position_tenth_mm: [i32; 3],
-        /// Standard deviations, 0.1 mm; zero for a height that was given.
+        /// Standard deviations, 0.1 mm; zero for a configured height.
         deviation_tenth_mm: [u32; 3],
         /// Correlations xy, xz, yz in 1/127.
         correlation_127ths: [i8; 3],
         /// Bit i: the round's i-th range, or the i-th nearest beacon, was used.
         used: u16,
-        /// How far the ranges agree with it, in 1/255.
+        /// Agreement of the ranges with the position, in 1/255.
         quality_255ths: u8,
     },
-    /// None, with the reason.
+    /// No position, with the reason.
     Reason(SolveError),
 }
 
 impl Outcome {
-    /// A position, metres, with its covariance, m²; bit i of `used` is the round's i-th range, `quality` is from 0 to 1.
+    /// A position, metres, with its covariance, m². Bit i of `used` is the round's i-th range; `quality` is from 0 to
+    /// 1.
     ///
-    /// A variance of zero is one of a coordinate that was given. A position that is none becomes [`SolveError::NotFinite`].
+    /// A variance of zero is that of a configured coordinate. A position that is not finite becomes
+    /// [`SolveError::NotFinite`].
     pub fn position(position_m: [f32; 3], covariance_m2: [[f32; 3]; 3], used: u16, quality: f32) -> Self {
         let Some(position_tenth_mm) = position(position_m) else { return Self::Reason(SolveError::NotFinite) };
         let [[xx, xy, xz], [_, yy, yz], [_, _, zz]] = covariance_m2;
-        // A variance below zero is zero that rounding moved.
+        // A variance below zero is a zero with a rounding error.
         let [x, y, z] = [xx, yy, zz].map(|variance| if variance < 0.0 { 0.0 } else { Real::sqrt(variance) });
-        // Where a deviation is zero or none, so is the quotient none, which `as` makes 0.
+        // If a deviation is zero or not a number, the quotient is not a number either, and `as` makes it 0.
         let correlation_127ths =
             [xy / (x * y), xz / (x * z), yz / (y * z)].map(|rho| nearest(rho.clamp(-1.0, 1.0) * FULL) as i8);
         let quality_255ths = nearest(quality * f32::from(u8::MAX)) as u8;
@@ -119,7 +121,7 @@ impl Fix {
         }
     }
 
-    /// Standard deviation of each coordinate, metres; zero for a height that was given.
+    /// Standard deviation of each coordinate, metres; zero for a configured height.
     pub fn deviation_m(&self) -> Option<[f64; 3]> {
         match self.outcome {
             Outcome::Position { deviation_tenth_mm, .. } => Some(deviation_tenth_mm.map(deviation_m)),
@@ -144,7 +146,7 @@ impl Fix {
         }
     }
 
-    /// How far the ranges agree with the position, 0 to 1.
+    /// Agreement of the ranges with the position, 0 to 1.
     pub fn quality(&self) -> Option<f64> {
         match self.outcome {
             Outcome::Position { quality_255ths, .. } => Some(f64::from(quality_255ths) / f64::from(u8::MAX)),
@@ -165,7 +167,7 @@ impl Fix {
         f64::from(self.age_us) / 1e6
     }
 
-    /// What a line shows of it: the position, or why there is none.
+    /// The part that a line shows: the position, or why there is none.
     fn found(&self) -> Result<Found, SolveError> {
         let Outcome::Position { position_tenth_mm, deviation_tenth_mm, used, .. } = self.outcome else {
             return Err(self.reason().unwrap_or(SolveError::NotFinite));
@@ -184,8 +186,8 @@ impl Fix {
     }
 }
 
-/// A position with its standard deviation (of the distance to the true one: in the plane where the height was given, else in space), the
-/// anchors used, its age, ms, and what made it.
+/// A position with its standard deviation (of the distance to the true position: in the plane if the height was
+/// configured, else in space), the anchors used, its age in ms, and its solver.
 enum Found {
     Space { position: [Centimetres; 3], deviation: Centimetres, used: u32, age_ms: u32, by: By },
     Plane { position: [Centimetres; 3], deviation: Centimetres, used: u32, age_ms: u32, by: By },
@@ -198,7 +200,7 @@ text!(Found, |this| this;
         ("x={} y={} z={} (given) ±{} m, {} anchors, {} ms{}", x, y, z, deviation, used, age_ms, by),
 );
 
-/// What made a position, where that is known.
+/// The solver of a position, if known.
 struct By(Solver);
 
 text!(By, |this| this.0.as_str();
@@ -272,7 +274,7 @@ impl Body for Fix {
             "z_m": z,
             "sigma_x_m": sigma_x,
             "sigma_y_m": sigma_y,
-            // A height that was given has none.
+            // A configured height has none.
             "sigma_z_m": sigma_z.filter(|sigma| *sigma != 0.0),
             "covariance_m2": self.covariance_m2().map(|rows| rows.map(|row| row.map(|value| rounded(value, 1e9)))),
             "used": self.used().map(u16::count_ones),
@@ -290,7 +292,7 @@ impl Body for Fix {
             values.map_or([const { String::new() }; 3], |of| of.map(crate::telemetry::metres))
         };
         let [sigma_x, sigma_y, sigma_z] = known(self.deviation_m());
-        // A height that was given has no deviation.
+        // A configured height has no deviation.
         let is_given = self.deviation_m().is_some_and(|[.., z]| z == 0.0);
         let mut fields = std::vec!["tag".to_string()];
         fields.extend(known(self.position_m()));
@@ -307,7 +309,7 @@ mod tests {
 
     use super::*;
 
-    /// A fix of a position alone.
+    /// A fix with only a position.
     fn fix(position_m: [f32; 3], covariance_m2: [[f32; 3]; 3]) -> Fix {
         Fix {
             t_us: 0,
@@ -384,7 +386,7 @@ mod tests {
         // √(300² + 400² + 350²) = 610: 6.1 cm. √(300² + 400²) = 500: 5 cm.
         assert_eq!(line([300, 400, 350]), "fix x=3.21 y=-0.05 z=1.50 ±0.06 m, 6 anchors, 12 ms, b-wls");
         assert_eq!(line([300, 400, 0]), "fix x=3.21 y=-0.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms, b-wls");
-        // The root of three times the square of the longest is longer than a length can be.
+        // The root of three times the square of the longest is more than a length can be.
         assert!(line([u32::MAX; 3]).contains("±214748.36 m"));
     }
 

@@ -1,4 +1,4 @@
-//! Who is speaking.
+//! The identity of the sender.
 
 use postcard::experimental::max_size::MaxSize;
 use serde::{Deserialize, Serialize};
@@ -7,12 +7,12 @@ use crate::config::Board;
 use crate::telemetry::Body;
 use crate::telemetry::text::text;
 
-/// Who is speaking.
+/// The identity of the sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub struct Hello {
     /// Since the node started, microseconds.
     pub t_us: u64,
-    /// The chip's EUI-64, or the record's.
+    /// The chip's EUI-64, or that of the config record.
     pub eui: u64,
     /// Short address.
     pub address: u16,
@@ -20,8 +20,8 @@ pub struct Hello {
     pub role: Role,
     /// Its board.
     pub board: Board,
-    /// The build: made of the commit and the sources when the image is built. An ELF file has the same bytes in its section
-    /// `.baliza.build`.
+    /// The build: derived from the commit and the sources when the image is built. An ELF file has the same bytes in
+    /// its section `.baliza.build`.
     pub build: [u8; 8],
 }
 
@@ -52,13 +52,13 @@ impl Body for Hello {
     }
 }
 
-/// What a node is.
+/// The role of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Role {
-    /// Positions itself.
+    /// Computes its own position.
     Tag,
-    /// Stands and answers.
+    /// Stays at one position and answers.
     Anchor,
     /// Advertises.
     Beacon,

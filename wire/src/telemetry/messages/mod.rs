@@ -1,8 +1,8 @@
-//! The messages, as they go over the wire: quantised, so that they are short, with accessors in SI units. A field's name has the unit of
-//! its number.
+//! The messages as they are sent over the wire: quantised, so that they are short, with accessors in SI units. A
+//! field's name contains the unit of its number.
 //!
-//! Variants and fields are append-only: a variant's number is its place in the list, and never changes. What cannot be kept so takes
-//! another [`SCHEMA`](crate::telemetry::SCHEMA) number.
+//! Variants and fields are append-only: a variant's number is its index in the list, and never changes. An incompatible
+//! change takes another [`SCHEMA`](crate::telemetry::SCHEMA) number.
 
 mod counters;
 mod difference;
@@ -36,22 +36,22 @@ pub use sighting::{BeaconId, Sighting};
 pub use state::{BeaconEvidence, Condition, MotionSensor, RecordError, RssiModelError, SiteModelPart, State};
 
 messages! {
-    /// Who is speaking: sent at the start and every few seconds, so that a listener who comes late knows.
+    /// The identity of the sender: sent at the start and every few seconds, for a listener that starts later.
     Hello,
     /// A position, or why there is none.
     Fix,
     /// A range of a round.
     Range,
-    /// An advertisement heard.
+    /// A received advertisement.
     Sighting,
     /// A change of the node's state.
     State,
-    /// What was counted since the start.
+    /// Counts since the start.
     Counters,
     /// Why the node started.
     Reset,
-    /// A difference of arrivals of a round that was overheard.
+    /// A difference of arrivals of a received round among anchors.
     Difference,
-    /// In which room a tag is.
+    /// The room estimate of a tag.
     Room,
 }

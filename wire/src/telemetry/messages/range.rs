@@ -21,26 +21,26 @@ pub struct Range {
     pub peer: u16,
     /// 0.1 mm.
     pub distance_tenth_mm: i32,
-    /// Standard deviation expected with line of sight, 0.1 mm.
+    /// Expected standard deviation with line of sight, 0.1 mm.
     pub deviation_tenth_mm: u32,
-    /// Where the anchor says it stands, 0.1 mm.
+    /// The position that the anchor reports, 0.1 mm.
     pub position_tenth_mm: Option<[i32; 3]>,
     /// What the receiver measured.
     pub diagnostics: Diagnostics,
 }
 
 impl Range {
-    /// Metres; slightly negative values happen at arm's length.
+    /// Metres. Slightly negative values occur at distances below a metre.
     pub fn distance_m(&self) -> f64 {
         metres(self.distance_tenth_mm)
     }
 
-    /// Standard deviation expected with line of sight, metres.
+    /// Expected standard deviation with line of sight, metres.
     pub fn deviation_m(&self) -> f64 {
         deviation_m(self.deviation_tenth_mm)
     }
 
-    /// Where the anchor says it stands, metres.
+    /// The position that the anchor reports, metres.
     pub fn position_m(&self) -> Option<[f64; 3]> {
         Some(self.position_tenth_mm?.map(metres))
     }

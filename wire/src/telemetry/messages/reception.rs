@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::telemetry::quantised::{from_hundredths, hundredths, nearest};
 
-/// Of indices in the accumulator.
+/// Units of an index in the accumulator, per sample.
 const PER_SAMPLE: f32 = 64.0;
 
 /// What the receiver measured on a frame: `baliza_dw1000::Diagnostics`.
@@ -18,7 +18,7 @@ pub struct Diagnostics {
     pub rx_power_cdbm: i16,
     /// Power of the first path, 0.01 dBm.
     pub first_path_power_cdbm: i16,
-    /// Place of the first path in the accumulator, 1/64 sample.
+    /// Index of the first path in the accumulator, 1/64 sample.
     pub first_path_index_64ths: u16,
     /// FP_AMPL1 to 3.
     pub first_path_amplitudes: [u16; 3],
@@ -28,27 +28,28 @@ pub struct Diagnostics {
     pub preamble_count: u16,
     /// STD_NOISE.
     pub noise_deviation: u16,
-    /// The sender's clock against ours, 0.01 ppm.
+    /// The rate of the sender's clock relative to the receiver's, 0.01 ppm.
     pub clock_offset_cppm: i16,
 }
 
 impl Diagnostics {
-    /// Received power, dBm; `None` where the receiver gave none.
+    /// Received power, dBm; `None` if the receiver gave none.
     pub fn rx_power_dbm(&self) -> Option<f64> {
         from_hundredths(self.rx_power_cdbm)
     }
 
-    /// Power of the first path, dBm; `None` where the receiver gave none.
+    /// Power of the first path, dBm; `None` if the receiver gave none.
     pub fn first_path_power_dbm(&self) -> Option<f64> {
         from_hundredths(self.first_path_power_cdbm)
     }
 
-    /// Place of the first path in the accumulator, samples.
+    /// Index of the first path in the accumulator, samples.
     pub fn first_path_index(&self) -> f64 {
         f64::from(self.first_path_index_64ths) / f64::from(PER_SAMPLE)
     }
 
-    /// The sender's clock against ours, parts per million, positive where it is faster; `None` where the receiver gave none.
+    /// The rate of the sender's clock relative to the receiver's, parts per million, positive if it is faster; `None`
+    /// if the receiver gave none.
     pub fn clock_offset_ppm(&self) -> Option<f64> {
         from_hundredths(self.clock_offset_cppm)
     }
@@ -69,7 +70,7 @@ impl From<baliza_dw1000::Diagnostics> for Diagnostics {
     }
 }
 
-/// What is not known becomes NaN.
+/// Unknown values become NaN.
 impl From<Diagnostics> for baliza_dw1000::Diagnostics {
     fn from(quantised: Diagnostics) -> Self {
         let known = |value: Option<f64>| value.map_or(f32::NAN, |value| value as f32);
@@ -86,7 +87,7 @@ impl From<Diagnostics> for baliza_dw1000::Diagnostics {
     }
 }
 
-/// What the receiver measured of a peer, and where the peer says it stands: the end of a line.
+/// What the receiver measured of a peer, and the position that the peer reports: the end of a line.
 pub(super) struct Reception {
     pub(super) diagnostics: Diagnostics,
     pub(super) position_m: Option<[f64; 3]>,
@@ -111,7 +112,8 @@ impl fmt::Display for Reception {
     }
 }
 
-/// The columns of what the receiver measured, as `solve` reads them, and the deviation of what came of it, behind a table's own.
+/// The columns of the receiver's measurements, as `solve` reads them, and of the result's deviation. They follow a
+/// table's own columns.
 #[cfg(feature = "host")]
 macro_rules! reception_columns {
     ($($own:literal),+) => {
@@ -126,7 +128,7 @@ pub(super) use reception_columns;
 
 #[cfg(feature = "host")]
 impl Reception {
-    /// An object's keys, behind its own.
+    /// An object's keys, after `own`.
     pub(super) fn json(&self, own: serde_json::Value, sigma_m: f64) -> serde_json::Value {
         let [peer_x, peer_y, peer_z] = self.position_m.map_or([None; 3], |position| position.map(Some));
         let Diagnostics { first_path_amplitudes: [amp1, amp2, amp3], .. } = self.diagnostics;
@@ -149,7 +151,7 @@ impl Reception {
         crate::telemetry::host::joined(own, received)
     }
 
-    /// A row's fields, behind its own.
+    /// A row's fields, after its own.
     pub(super) fn fields(
         &self,
         own: impl IntoIterator<Item = std::string::String>,

@@ -11,9 +11,9 @@ use crate::telemetry::{Body, Severity, Tone, log};
 pub struct Reset {
     /// Since the node started, microseconds.
     pub t_us: u64,
-    /// What the chip says.
+    /// The cause as the chip reports it.
     pub cause: ResetCause,
-    /// What the firmware left before.
+    /// What the firmware recorded before.
     pub crash: Option<Crash>,
 }
 
@@ -21,13 +21,13 @@ pub struct Reset {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ResetCause {
-    /// Power came.
+    /// Power was switched on.
     PowerOn,
-    /// Power sagged.
+    /// The supply voltage dropped.
     BrownOut,
     /// The reset pin, or a debugger.
     Pin,
-    /// The firmware asked for it.
+    /// The firmware requested it.
     Software,
     /// The watchdog.
     Watchdog,
@@ -40,7 +40,7 @@ pub enum ResetCause {
 }
 
 impl ResetCause {
-    /// Its name, without what it carries.
+    /// Its name, without its contents.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::PowerOn => "power-on",
@@ -75,7 +75,7 @@ impl ResetCause {
 pub struct Crash {
     /// Why.
     pub reason: CrashReason,
-    /// Where: the program counter, or for a panic the address that it returns to.
+    /// The program counter, or for a panic its return address.
     pub program_counter: u32,
     /// For a panic: its line, and a hash (FNV-1a, 32 bits) of its file's name; else zeros.
     pub line: u32,
@@ -93,7 +93,7 @@ pub enum CrashReason {
     Fault,
     /// The stack overflowed.
     StackOverflow,
-    /// A task stood still, and the watchdog was let run out.
+    /// A task was blocked, and the watchdog expired on purpose.
     Stalled,
 }
 

@@ -1,4 +1,4 @@
-//! In which room a tag is.
+//! The room estimate of a tag.
 
 use core::fmt;
 
@@ -10,20 +10,20 @@ use crate::telemetry::log;
 use crate::telemetry::quantised::nearest;
 use crate::telemetry::text::text;
 
-/// In which room a tag is, by its model of rooms.
+/// The room estimate of a tag, by its model of rooms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Room {
     /// Since the node started, microseconds.
     pub t_us: u64,
-    /// Where it is from now on.
+    /// The estimate from now on.
     pub is: RoomEstimate,
 }
 
-/// Where a tag is, in rooms. They are numbered as in the model; a probability is in 1/255, as it has been smoothed.
+/// The room of a tag. Rooms are numbered as in the model; a smoothed probability is in 1/255.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub enum RoomEstimate {
-    /// No beacon of the model has been heard lately.
+    /// No beacon of the model was received recently.
     Unknown,
     /// In this room.
     Room(RoomProbability),
@@ -41,7 +41,7 @@ impl RoomEstimate {
         }
     }
 
-    /// The rooms that it names, the more probable one first.
+    /// The rooms of the estimate, the more probable one first.
     pub fn rooms(&self) -> &[RoomProbability] {
         match self {
             Self::Unknown => &[],
@@ -62,13 +62,13 @@ pub struct RoomProbability {
 }
 
 impl RoomProbability {
-    /// A room with its probability, 0 to 1; what is beyond, or no number, as the nearest, or 0.
+    /// A room with its probability, 0 to 1. Values outside this range become the nearest limit; NaN becomes 0.
     pub fn new(room: u8, probability: f32) -> Self {
         // The conversion saturates.
         Self { room, probability_255ths: nearest(probability * 255.0) as u8 }
     }
 
-    /// How probable it is, 0 to 1.
+    /// Its probability, 0 to 1.
     pub fn probability(self) -> f64 {
         f64::from(self.probability_255ths) / 255.0
     }
@@ -85,7 +85,7 @@ text!(RoomEstimate, |this| this;
         ("{} ({} %) or {} ({} %)", one.room, one.percent(), other.room, other.percent()),
 );
 
-/// In which room a tag is, as a line of the log.
+/// The room estimate of a tag, as a line of the log.
 pub struct RoomLine(pub RoomEstimate);
 
 text!(RoomLine, |this| this;

@@ -1,4 +1,4 @@
-//! An advertisement heard.
+//! A received advertisement.
 
 use core::fmt;
 
@@ -7,25 +7,25 @@ use serde::{Deserialize, Serialize};
 
 use crate::telemetry::{Body, Tone};
 
-/// An advertisement heard.
+/// A received advertisement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sighting {
-    /// When it was heard, since the node started, microseconds.
+    /// Time of reception, since the node started, microseconds.
     pub t_us: u64,
     /// Which beacon.
     pub beacon: BeaconId,
     /// dBm.
     pub rssi_dbm: i8,
-    /// What the beacon says its RSSI is at 1 m, dBm.
+    /// The RSSI at 1 m that the beacon reports, dBm.
     pub measured_power_dbm: i8,
 }
 
-/// A beacon by what it advertises.
+/// A beacon, identified by what it advertises.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BeaconId {
-    /// The first four bytes of the UUID, big-endian: enough to tell networks apart.
+    /// The first four bytes of the UUID, big-endian: enough to distinguish networks.
     pub network: u32,
     /// Major number.
     pub major: u16,
@@ -33,7 +33,7 @@ pub struct BeaconId {
     pub minor: u16,
 }
 
-/// As files name a beacon: network, major and minor number.
+/// A beacon's name in files: network, major and minor number.
 impl fmt::Display for BeaconId {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(out, "{:08x}-{}-{}", self.network, self.major, self.minor)

@@ -14,22 +14,22 @@ use crate::telemetry::{Body, Severity, log};
 pub struct State {
     /// Since the node started, microseconds.
     pub t_us: u64,
-    /// What it is from now on.
+    /// The condition from now on.
     pub is: Condition,
 }
 
-/// What a node may be in.
+/// A condition of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub enum Condition {
-    /// There is no valid record in flash: the node is quiet.
+    /// There is no valid config record in flash: the node does not transmit.
     NoRecord(RecordError),
-    /// The record is for another role or board than this image: the node is quiet.
+    /// The config record is for another role or board than this image: the node does not transmit.
     WrongRecord,
     /// Looking for peers.
     Searching,
     /// DecaRanging: paired with this peer.
     Paired(u16),
-    /// Native: in step with the network that this anchor coordinates.
+    /// Native: synchronised with the network that this anchor coordinates.
     Synchronised(u16),
     /// Native: a member with this many slots a superframe.
     Joined(u8),
@@ -37,28 +37,28 @@ pub enum Condition {
     Coordinating,
     /// Native: this anchor follows that coordinator.
     Following(u16),
-    /// The radio failed for the n-th time in a row, and is brought up again.
+    /// The radio failed for the n-th time in a row, and is started again.
     RadioFailed(u32),
-    /// The Bluetooth scanner was silent and has been restarted, for the n-th time.
+    /// The Bluetooth scanner was silent and was restarted, for the n-th time.
     ScannerRestarted(u32),
     /// Advertises.
     Advertising,
-    /// What a tag knows of beacons' levels on the spot is not used: all of it, or a part.
+    /// The models of the beacons' RSSI at the site are not used: all of them, or a part.
     Unused(SiteModelPart, RssiModelError),
-    /// A listed beacon's levels contradict the place where it is listed: it makes no positions.
+    /// A listed beacon's RSSI values contradict its configured position: it is not used for positions.
     BeaconMoved(BeaconEvidence),
-    /// A listed beacon's levels are those of two senders: it makes no positions.
+    /// A listed beacon's RSSI values are those of two senders: it is not used for positions.
     BeaconDuplicated(BeaconEvidence),
-    /// A listed beacon that was doubted agrees again.
+    /// A listed beacon that was excluded agrees with its configuration again.
     BeaconRestored(BeaconEvidence),
     /// Native: the tag gets no slots, because all places of the network are taken.
     NetworkFull,
-    /// What a tag's motion sensor is good for.
+    /// The state of a tag's motion sensor.
     MotionSensor(MotionSensor),
 }
 
 impl Condition {
-    /// How much it matters.
+    /// Its severity.
     pub fn severity(self) -> Severity {
         match self {
             Self::NoRecord(_) | Self::WrongRecord => Severity::Error,
@@ -83,7 +83,8 @@ impl Condition {
         }
     }
 
-    /// Whether the node is in it from now on; what is said of a beacon or a sensor leaves the node in the state before.
+    /// Whether the node is in this condition from now on. A condition of a beacon or a sensor does not change that of
+    /// the node.
     pub fn is_of_node(self) -> bool {
         match self {
             Self::BeaconMoved(_) | Self::BeaconDuplicated(_) | Self::BeaconRestored(_) | Self::MotionSensor(_) => false,
@@ -103,7 +104,7 @@ impl Condition {
         }
     }
 
-    /// Its name, without what it carries.
+    /// Its name, without its contents.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::NoRecord(_) => "no-record",
@@ -233,25 +234,26 @@ impl Body for State {
     }
 }
 
-/// What a tag's motion sensor is good for.
+/// The state of a tag's motion sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum MotionSensor {
-    /// It is set up, and its movements count.
+    /// It is set up, and its reports of movement are used.
     Ready,
-    /// It does not answer: positions alone tell whether the tag moves.
+    /// It does not answer: only positions show whether the tag moves.
     Silent,
-    /// Something else answers at its address: the same.
+    /// Another chip answers at its address: only positions show whether the tag moves.
     Foreign,
-    /// It has reported movement for minutes, and positions say that the tag stays: the same, until it reports none for some seconds.
+    /// It has reported movement for minutes although the positions do not change: only positions show whether the tag
+    /// moves, until the sensor reports no movement for some seconds.
     Endless,
 }
 
-/// What a tag knows of beacons' levels on the spot.
+/// A tag's models of the beacons' RSSI at the site.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SiteModelPart {
-    /// All of it.
+    /// All models.
     All,
     /// The map of fingerprints.
     Map,
@@ -260,7 +262,7 @@ pub enum SiteModelPart {
 }
 
 impl SiteModelPart {
-    /// What it is.
+    /// The name of the model.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::All => "models of beacons",
@@ -278,14 +280,14 @@ pub enum RssiModelError {
     Version(u8),
     /// A checksum is wrong, or it is cut short.
     Corrupt,
-    /// It is whole, and not what a tag can use.
+    /// It is whole, but a tag cannot use it.
     Invalid,
-    /// It is of beacons that the record does not list.
+    /// It is for beacons that the config record does not list.
     OtherBeacons,
 }
 
 impl RssiModelError {
-    /// Its name, without what it carries.
+    /// Its name, without its contents.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Version(_) => "version",
@@ -296,7 +298,7 @@ impl RssiModelError {
     }
 }
 
-/// A listed beacon of which something else is believed.
+/// A listed beacon whose classification has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BeaconEvidence {
@@ -304,11 +306,11 @@ pub struct BeaconEvidence {
     pub major: u16,
     /// Minor number.
     pub minor: u16,
-    /// For how long its levels have told so, seconds.
+    /// For how long its RSSI values have shown this, seconds.
     pub seconds: u16,
 }
 
-/// What is wrong with the record in flash.
+/// What is wrong with the config record in flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum RecordError {
@@ -318,12 +320,12 @@ pub enum RecordError {
     Version(u8),
     /// Its checksum is wrong, or it is cut short.
     Corrupt,
-    /// It is whole, but what it says cannot be done.
+    /// It is whole, but a value in it is invalid.
     Invalid,
 }
 
 impl RecordError {
-    /// Its name, without what it carries.
+    /// Its name, without its contents.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Missing => "missing",

@@ -1,17 +1,22 @@
-//! Frames of native mode. All are data frames with 16-bit addresses; the first byte of the payload is the message's code.
+//! Frames of native mode. All are data frames with 16-bit addresses. The first byte of the payload is the message's
+//! code. The messages have these codes and this payload after the code, with numbers of bytes in parentheses:
 //!
-//! | message | code | payload after the code |
-//! |---|---|---|
-//! | poll, tag → all | 30 | round (2), number of anchors (high nibble) and options (1), what the tag asks of the layout (1), anchors in slot order (2 each); with option 1, the last distance to each (2 each) |
-//! | response, anchor → tag | 31 | round (2), poll RX (5), response TX − poll RX (4); if the anchor heard the final of an earlier round: low byte of that round (1), final RX − response TX (4) |
-//! | sync frame, anchor → all | 32 | superframe (2), term (1), age (1), hops (1), coordinator (2), slot (low five bits) and countdown (high three) (1), slot owners (16), request or what is asked of the layout (3), heard (3), version (1), layout (2), position (9), number of members, with the highest bit where a request is told (1), members (3 each) |
-//! | request, tag → all | 33 | share (1), what the tag asks of the layout (1) |
-//! | final, tag → all | 34 | round (2) |
+//! - 30, poll, tag → all: round (2), number of anchors (high nibble) and options (1), the tag's request for the layout
+//!   (1), anchors in slot order (2 each); with option 1, the last distance to each (2 each).
+//! - 31, response, anchor → tag: round (2), poll RX (5), response TX − poll RX (4); if the anchor received the final of
+//!   an earlier round: low byte of that round (1), final RX − response TX (4).
+//! - 32, sync frame, anchor → all: superframe (2), term (1), age (1), hops (1), coordinator (2), slot (low five bits)
+//!   and countdown (high three) (1), slot owners (16), request for slots or request for the layout (3), heard (3),
+//!   version (1), layout (2), position (9), number of members, with the highest bit set if a request for slots is
+//!   passed on (1), members (3 each).
+//! - 33, request, tag → all: share (1), the tag's request for the layout (1).
+//! - 34, final, tag → all: round (2).
 //!
 //! Times are in ticks. A distance is in units of 4 mm, signed; 0x8000 is unknown. A position is three times 24 bits,
-//! millimetres, signed; (−2²³, 0, 0) is unknown. A layout is the code of the answer (7 bits) and of listening again (7 bits), each
-//! (16 + c mod 16) · 2^⌊c / 16⌋ µs for the code c, with the highest bit of the first where the layout counts with the list of members only,
-//! and that of the second where rounds have a final. A tag asks by the second byte alone.
+//! millimetres, signed; (−2²³, 0, 0) is unknown. A layout is the code of the answer (7 bits) and of receiving again (7
+//! bits), each (16 + c mod 16) · 2^⌊c / 16⌋ µs for the code c. The highest bit of the first byte is set if the layout
+//! is in force only with the list of members, and that of the second if rounds have a final. A tag's request contains
+//! only the second byte.
 
 mod values;
 
@@ -29,7 +34,7 @@ pub const OWNED_SYNC_SLOTS: usize = 16;
 /// The most tags of a network: as many as a sync frame can list.
 pub const MAX_MEMBERS: usize = 24;
 
-// Codes that no protocol above 802.15.4 begins its payload with: an analyser takes them for data and for nothing else.
+// No protocol above 802.15.4 begins its payload with these codes: an analyser shows them as data and as nothing else.
 const POLL: u8 = 0x30;
 const RESPONSE: u8 = 0x31;
 const SYNC: u8 = 0x32;
@@ -44,13 +49,13 @@ const WITH_DISTANCES: u8 = 1;
 pub struct Frame {
     /// Sequence number.
     pub sequence: u8,
-    /// The network.
+    /// The PAN identifier of the network.
     pub pan: u16,
-    /// To whom: 0xFFFF is everyone.
+    /// The address of the receiver; 0xFFFF means all nodes.
     pub destination: u16,
-    /// From whom.
+    /// The address of the sender.
     pub source: u16,
-    /// What is said.
+    /// The message.
     pub message: Message,
 }
 
@@ -65,9 +70,9 @@ pub enum Message {
     Poll(Poll),
     /// An anchor answers.
     Response(Response),
-    /// An anchor keeps the network together.
+    /// An anchor sends the network's time, coordinator and members.
     SyncFrame(SyncFrame),
-    /// A tag asks for slots.
+    /// A tag requests slots.
     Request(Request),
     /// A tag ends a double-sided round.
     Final {
@@ -79,20 +84,20 @@ pub enum Message {
 /// A tag asks anchors to answer, each in its slot.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Poll {
-    /// Number of the round: answers repeat it.
+    /// Number of the round: responses repeat it.
     pub round: u16,
-    /// What the tag asks of the network's layout.
+    /// The tag's request for the network's layout.
     pub wish: Layout,
-    /// Who is to answer, in the order of the slots.
+    /// The anchors that are to answer, in the order of the slots.
     pub anchors: Vec<Asked, MAX_ROUND>,
 }
 
-/// A tag asks for slots.
+/// A tag requests slots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Request {
-    /// How many.
+    /// The requested share.
     pub share: Share,
-    /// What the tag asks of the network's layout.
+    /// The tag's request for the network's layout.
     pub wish: Layout,
 }
 
@@ -101,8 +106,8 @@ pub struct Request {
 pub struct Asked {
     /// Its short address.
     pub address: u16,
-    /// How far it is: a tag's last distance, for anchors that want to know, or an anchor's mean, for tags that listen. A poll carries
-    /// all or none.
+    /// The distance to it: a tag's last distance, for anchors that use it, or an anchor's mean, for tags that listen. A
+    /// poll carries all distances or none.
     pub distance: Distance,
 }
 
@@ -111,20 +116,21 @@ pub struct Asked {
 pub struct Response {
     /// Number of the poll's round.
     pub round: u16,
-    /// When the poll came, in the anchor's clock.
+    /// Arrival of the poll, in the anchor's clock.
     pub poll_rx: RadioInstant,
     /// From the poll's arrival to this frame's departure, in the anchor's clock: below 67 ms.
     pub reply: RadioDuration,
-    /// The last final of this tag that the anchor heard.
+    /// The last final of this tag that the anchor received.
     pub last_final: Option<FinalReceived>,
 }
 
-/// When an anchor heard a final.
+/// When an anchor received a final.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FinalReceived {
     /// Low byte of the number of the final's round.
     pub round: u8,
-    /// From the departure of the anchor's response in that round to the arrival of the final, in the anchor's clock: below 67 ms.
+    /// From the departure of the anchor's response in that round to the arrival of the final, in the anchor's clock:
+    /// below 67 ms.
     pub after_response: RadioDuration,
 }
 
@@ -133,33 +139,34 @@ pub struct FinalReceived {
 pub struct SyncFrame {
     /// Number of the superframe.
     pub superframe: u16,
-    /// Counts changes of coordinator: the higher term (across a wrap) is right.
+    /// Counts changes of coordinator: the higher term (across a wrap) prevails.
     pub term: u8,
-    /// Superframes since what is told here left the coordinator.
+    /// Superframes since this information left the coordinator.
     pub age: u8,
     /// Hops to the coordinator; 0 is the coordinator itself.
     pub hops: u8,
-    /// Who coordinates.
+    /// The coordinator's address.
     pub coordinator: u16,
     /// The sync slot in which this frame is sent.
     pub slot: u8,
-    /// Who owns the sync slots, as far as the sender hears: a byte of the address's hash each, 0 is nobody.
+    /// Owners of the sync slots, as far as the sender receives them: a byte of the address's hash each; 0 is no owner.
     pub slot_owners: [u8; OWNED_SYNC_SLOTS],
     /// A tag's request on its way to the coordinator.
     pub request: Option<Member>,
-    /// What the sender, and those farther from the coordinator, ask of the layout; not told beside a request.
+    /// What the sender, and anchors farther from the coordinator, request of the layout; not sent together with a
+    /// request for slots.
     pub wish: Layout,
-    /// Members (bit i: the list's i-th) of whom a poll was heard here or farther from the coordinator.
+    /// Members (bit i: the list's i-th) whose poll was received here or farther from the coordinator.
     pub heard: u32,
     /// Number of the list of members.
     pub version: u8,
-    /// Superframes, from this one, until the list counts, at most 7; until then the list before does.
+    /// Superframes, from this one, until the list is in force, at most 7; until then the former list is in force.
     pub countdown: u8,
     /// The layout of the slots …
     pub layout: Layout,
-    /// … which counts with the list of members only, and another one until then.
+    /// … which is in force only with the list of members; another layout is in force until then.
     pub layout_is_new: bool,
-    /// Where the sender stands.
+    /// The position of the sender.
     pub position: Option<Position>,
     /// The tags of the network, by address.
     pub members: Vec<Member, MAX_MEMBERS>,
@@ -171,15 +178,15 @@ pub struct SyncFrame {
 pub struct Member {
     /// Short address of the tag.
     pub tag: u16,
-    /// How many slots it has asked for.
+    /// The share that it requested.
     pub share: Share,
 }
 
 impl Frame {
-    /// The frame of bytes from the air.
+    /// Parses a frame.
     ///
     /// # Errors
-    /// What is wrong first.
+    /// The first error found.
     pub fn parse(bytes: &[u8]) -> Result<Self, FrameError> {
         let (header, payload) = Header::parse(bytes)?;
         let (Address::Short(destination), Address::Short(source)) = (header.destination, header.source) else {
@@ -209,7 +216,7 @@ impl Frame {
         Ok(Self { sequence: header.sequence, pan: header.pan, destination, source, message })
     }
 
-    /// The bytes of the frame, in place of what `out` held.
+    /// Writes the frame, in place of what `out` held.
     pub fn emit(&self, out: &mut FrameBuffer) {
         out.clear();
         let [destination, source] = [self.destination, self.source].map(Address::Short);
@@ -229,29 +236,29 @@ impl Frame {
 
 /// Bytes of header and code.
 const HEAD: u16 = 10;
-/// Bytes of the longest poll on the air, its check bytes counted: eight anchors with distances.
+/// Bytes of the longest poll on the air, including its check bytes: eight anchors with distances.
 pub const POLL_BYTES: u16 = HEAD + 4 + 4 * MAX_ROUND as u16 + 2;
-/// Bytes of a response on the air, its check bytes counted.
+/// Bytes of a response on the air, including its check bytes.
 pub const RESPONSE_BYTES: u16 = HEAD + 11 + 2;
-/// The same where it tells of a final.
+/// The same for a response that reports a final.
 pub const LONG_RESPONSE_BYTES: u16 = RESPONSE_BYTES + 5;
-/// Bytes of a final on the air, its check bytes counted.
+/// Bytes of a final on the air, including its check bytes.
 pub const FINAL_BYTES: u16 = HEAD + 2 + 2;
-/// Bytes of a request on the air, its check bytes counted.
+/// Bytes of a request on the air, including its check bytes.
 pub const REQUEST_BYTES: u16 = HEAD + 2 + 2;
-/// Bytes of the longest sync frame on the air, its check bytes counted.
+/// Bytes of the longest sync frame on the air, including its check bytes.
 pub const SYNC_FRAME_BYTES: u16 = HEAD + 43 + 3 * MAX_MEMBERS as u16 + 2;
 
-/// In the byte with the number of members: a request is passed on, and not what is asked of the layout.
+/// In the byte with the number of members: the frame passes on a request for slots, and not one for the layout.
 const PASSES_REQUEST_ON: u8 = 0x80;
-/// In the first byte of the layout: another one counts until the list of members does.
+/// In the first byte of the layout: another layout is in force until the list of members is.
 const LAYOUT_IS_NEW: u8 = 0x80;
-/// Of the byte with slot and countdown.
+/// Mask of the slot in the byte with slot and countdown.
 const SLOT: u8 = 0x1F;
 const COUNTDOWN_SHIFT: u8 = 5;
 
 impl Poll {
-    /// After the code.
+    /// Parses what follows the code.
     fn parse(mut reader: Reader<'_>) -> Result<Self, FrameError> {
         let round = reader.u16()?;
         let [count, options] = reader.u8().map(|byte| [byte >> 4, byte & 0x0F])?;
@@ -347,7 +354,7 @@ impl SyncFrame {
             members.push(Member::parse(&mut reader)?).map_err(|_| FrameError::Field)?;
         }
         reader.end()?;
-        // In the order of addresses, each once: all nodes make the same plan of it.
+        // In the order of addresses, each once: all nodes make the same plan from it.
         if !members.is_sorted_by(|a: &Member, b| a.tag < b.tag) {
             return Err(FrameError::Field);
         }

@@ -1,4 +1,5 @@
-//! Values that frames of native mode carry: distances, shares of the slots, positions; each of anything in, on the air and back.
+//! Values in frames of native mode: distances, shares of the slots, positions. Each converts to and from its bytes on
+//! the air.
 
 use crate::uwb::FrameError;
 
@@ -14,7 +15,7 @@ pub enum Distance {
 }
 
 impl Distance {
-    /// Of metres; what does not fit is unknown.
+    /// From metres; a distance that does not fit becomes unknown.
     pub fn from_metres(metres: f32) -> Self {
         let units = metres * 250.0;
         if units > -32_767.5 && units < 32_767.0 {
@@ -33,7 +34,7 @@ impl Distance {
     }
 }
 
-/// How many slots a tag asks for: on the air one byte.
+/// How many slots a tag requests: one byte on the air.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Share {
@@ -41,7 +42,7 @@ pub enum Share {
     Release,
     /// This many a superframe, 1 to 126: bytes 1 to 126.
     Slots(u8),
-    /// As many as fairness allows: byte 127.
+    /// As many as a fair division allows: byte 127.
     Greedy,
     /// One slot in this many superframes, 2 to 127: the byte plus 128.
     OneIn(u8),
@@ -80,7 +81,7 @@ impl Position {
     const LIMIT: i32 = (1 << 23) - 1;
     const UNKNOWN: [i32; 3] = [-Self::LIMIT - 1, 0, 0];
 
-    /// Of metres; what is not a number or farther than 8388 m does not fit.
+    /// From metres; `None` for a value that is not a number or beyond 8388 m.
     pub fn from_metres(metres: [f32; 3]) -> Option<Self> {
         let millimetres = metres.map(|m| m * 1e3);
         let fits = millimetres.iter().all(|mm| mm.abs() < Self::LIMIT as f32);

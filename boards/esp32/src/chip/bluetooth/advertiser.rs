@@ -1,4 +1,5 @@
-//! A beacon's advertiser: not connectable, not scannable, legacy advertising, which all receivers understand.
+//! A beacon's advertiser. It uses legacy advertising, not connectable and not scannable, which all receivers
+//! understand.
 
 use core::convert::Infallible;
 
@@ -10,26 +11,34 @@ use esp_radio::ble::TxPower;
 
 use super::{Controller, Error, Parts, StartError};
 
-/// The longest advertising data.
+/// The longest advertising data, bytes.
 const MOST_BYTES: usize = 31;
 
-/// An advertiser, its controller running.
+/// An advertiser with a running controller.
 pub struct Advertiser(Controller);
 
 impl Advertiser {
-    /// Starts the controller, with the power level next below `tx_power_dbm` or the lowest; once a program.
+    /// Starts the controller, with the highest power level that does not exceed `tx_power_dbm`, or with the lowest
+    /// level. May be called once in a program's run.
+    ///
+    /// # Errors
+    /// The controller does not start.
     pub fn start(parts: Parts, tx_power_dbm: i8) -> Result<Self, StartError> {
         Controller::start(parts, config(tx_power_dbm)).map(Self)
     }
 
-    /// Carries commands, for ever; without it none ends.
+    /// Processes the answers to commands, for ever. No command ends while this does not run.
     pub async fn serve(&self) -> Infallible {
-        // Nobody is listened to.
+        // Advertisements of others are ignored.
         self.0.listen(|_| ()).await
     }
 
-    /// Advertises the first 31 bytes of `data` under the random `address`, after [`stop`](Self::stop). `channels` are 37, 38, 39 as
-    /// bits 0, 1, 2. The controller adds up to 10 ms to each interval, at random.
+    /// Advertises the first 31 bytes of `data` under the random `address`. Must be called after [`stop`](Self::stop).
+    /// `channels` has a bit for each channel: 37, 38, 39 are bits 0, 1, 2. The controller adds up to 10 ms to each
+    /// interval, at random.
+    ///
+    /// # Errors
+    /// The controller refuses a command or does not answer.
     pub async fn advertise(&self, data: &[u8], address: [u8; 6], interval_ms: u16, channels: u8) -> Result<(), Error> {
         let mut bytes = [0; MOST_BYTES];
         let mut length = 0;
@@ -43,7 +52,7 @@ impl Advertiser {
             interval,
             AdvKind::AdvNonconnInd,
             AddrKind::RANDOM,
-            // Of whom it is directed to: nobody.
+            // The advertisement is not directed to a peer.
             AddrKind::PUBLIC,
             BdAddr::default(),
             channel_map(channels),
@@ -55,7 +64,10 @@ impl Advertiser {
         self.0.command(LeSetAdvEnable::new(true)).await
     }
 
-    /// Advertises nothing from now on.
+    /// Stops advertising.
+    ///
+    /// # Errors
+    /// The controller refuses the command or does not answer.
     pub async fn stop(&self) -> Result<(), Error> {
         self.0.command(LeSetAdvEnable::new(false)).await
     }
@@ -68,7 +80,7 @@ fn channel_map(channels: u8) -> AdvChannelMap {
         .enable_channel_39(channels & 1 << 2 != 0)
 }
 
-/// The levels of the controller.
+/// The power levels of the controller.
 #[cfg(not(feature = "esp32"))]
 const LEVELS: [(i8, TxPower); 13] = [
     (-15, TxPower::N15),
@@ -92,7 +104,7 @@ fn config(tx_power_dbm: i8) -> Config {
     Config::default().with_default_tx_power(level.map_or(TxPower::N15, |(_, level)| *level))
 }
 
-/// The ESP32's controller has one level.
+/// The ESP32's controller has only one level.
 #[cfg(feature = "esp32")]
 fn config(_: i8) -> Config {
     Config::default()

@@ -1,7 +1,8 @@
-//! Bluetooth: esp-radio's controller, for a tag that listens and a beacon that advertises.
+//! Bluetooth: esp-radio's controller, for a tag that scans and for a beacon that advertises.
 //!
-//! The controller is told what to do by HCI commands, without a host in between: a scanner needs five of them, an advertiser seven,
-//! and trouble-host, a host with links, would add 54 kB of code. The controller's threads have priorities below the ranging thread's.
+//! HCI commands control the controller, without a host in between. A scanner needs five commands, an advertiser seven.
+//! trouble-host, a host with links, would add 54 kB of code. The controller's threads have priorities below the ranging
+//! thread's.
 
 mod advertiser;
 mod scanner;
@@ -27,63 +28,63 @@ use esp_radio::ble::controller::{BleConnector, BleConnectorError, BleInitError};
 pub use advertiser::Advertiser;
 pub use scanner::Scanner;
 
-/// The chip's radio, off.
+/// The chip's radio, switched off.
 pub struct Parts(pub(super) BT<'static>);
 
 /// Why the controller did not start.
 pub type StartError = BleInitError;
 
-/// What a command failed with.
+/// Why a command failed.
 #[derive(Debug, defmt::Format)]
 pub enum Error {
-    /// The controller refused, with this number of HCI (Bluetooth Core 5.4, volume 1, part F).
+    /// The controller refused, with this HCI error code (Bluetooth Core 5.4, volume 1, part F).
     Refused(u8),
-    /// It could not be reached.
+    /// The controller could not be reached.
     Unreachable(BleConnectorError),
-    /// It did not answer.
+    /// The controller did not answer.
     Silent,
 }
 
-/// An advertisement heard.
+/// A received advertisement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Advertisement<'a> {
     /// The sender's address, as on the air, lowest byte first.
     pub address: [u8; 6],
-    /// dBm.
+    /// The RSSI, dBm.
     pub rssi: i8,
     /// The advertising data: AD structures.
     pub data: &'a [u8],
 }
 
-/// The longest packet of HCI, bytes.
+/// The longest HCI packet, bytes.
 const PACKET: usize = 259;
-/// The longest command here, bytes: the one that sets advertising data.
+/// The longest command used here, bytes: the one that sets the advertising data.
 const COMMAND: usize = 3 + 32;
-/// A controller that answers does so within milliseconds.
+/// The time-out of a command. A working controller answers within milliseconds.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// The controller, running.
+/// The running controller.
 struct Controller {
     connector: BleConnector<'static>,
-    /// The opcode of the command that was answered last, and what became of it.
+    /// The opcode of the command that was answered last, and its status.
     answer: Signal<NoopRawMutex, (Opcode, Status)>,
-    /// It has been reset, and no command has failed since.
+    /// The controller has been reset, and no command has failed since.
     is_ready: Cell<bool>,
 }
 
 impl Controller {
-    /// Starts it; once a program.
+    /// Starts the controller. May be called once in a program's run.
     fn start(parts: Parts, config: Config) -> Result<Self, StartError> {
         Ok(Self { connector: BleConnector::new(parts.0, config)?, answer: Signal::new(), is_ready: Cell::new(false) })
     }
 
-    /// Reads what it has to tell, for ever; without this no command ends.
+    /// Reads the controller's events for ever. No command ends while this does not run.
     async fn listen(&self, mut heard: impl FnMut(Advertisement<'_>)) -> Infallible {
         let mut buffer = [0; PACKET];
         loop {
             match self.connector.read(&mut buffer).await {
                 Ok(ControllerToHostPacket::Event(event)) => self.take(event, &mut heard),
-                // There are no links to send data.
+                // Data packets need links, and there are none.
                 Ok(_) => {}
                 Err(error) => {
                     defmt::warn!("Bluetooth: {}", error);
@@ -93,7 +94,7 @@ impl Controller {
         }
     }
 
-    /// Of all events there are two that matter; to parse each as what it is would be 8 kB of code.
+    /// Handles an event. Only two kinds of events matter. A parser for all kinds would take 8 kB of code.
     fn take(&self, event: EventPacket<'_>, heard: &mut impl FnMut(Advertisement<'_>)) {
         if event.kind == EventKind::CommandComplete {
             let complete =
@@ -106,7 +107,7 @@ impl Controller {
         }
     }
 
-    /// Executes a command; before the first one, and after a failure, the controller is reset.
+    /// Executes a command. Before the first command, and after a failure, it resets the controller.
     async fn command(&self, command: impl Cmd) -> Result<(), Error> {
         let result = self.after_reset(&Bytes::of(&command)).await;
         self.is_ready.set(result.is_ok());
@@ -128,7 +129,7 @@ impl Controller {
             self.connector.write(command).await.map_err(Error::Unreachable)?;
             loop {
                 let (opcode, status) = self.answer.wait().await;
-                // Another may be the late answer to a command given up.
+                // Another opcode may be the late answer to a command that timed out.
                 if opcode == command.opcode {
                     return match status {
                         Status::SUCCESS => Ok(()),
@@ -141,7 +142,7 @@ impl Controller {
     }
 }
 
-/// A command as its bytes: one type for all of them, so that there is the code to send one only once.
+/// A command as bytes: one type for all commands, so that the code for sending exists only once.
 struct Bytes {
     opcode: Opcode,
     bytes: [u8; COMMAND],
@@ -153,7 +154,7 @@ impl Bytes {
         const { assert!(size_of::<C::Params>() + 3 <= COMMAND) };
         let mut bytes = [0; COMMAND];
         let written = command.write_hci(bytes.as_mut_slice());
-        // It fits: that has been asserted.
+        // It fits, as asserted above.
         debug_assert!(written.is_ok());
         Self { opcode: C::OPCODE, bytes, length: command.size().min(COMMAND) }
     }
@@ -181,7 +182,7 @@ impl HostToControllerPacket for Bytes {
     const KIND: PacketKind = PacketKind::Cmd;
 }
 
-/// Hands the advertisements of a "meta event" over, if it has any.
+/// Passes the advertisements in a "meta event" to `heard`, if it has any.
 fn tell(event: &[u8], heard: &mut impl FnMut(Advertisement<'_>)) {
     let Some((&LeAdvertisingReport::SUBEVENT_CODE, data)) = event.split_first() else { return };
     let Ok(event) = LeAdvertisingReport::from_hci_bytes_complete(data) else { return };

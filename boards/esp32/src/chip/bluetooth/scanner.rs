@@ -1,4 +1,4 @@
-//! A tag's scanner: passive, every advertisement told as often as it is heard.
+//! A tag's scanner. The scan is passive, and reports every advertisement, duplicates too.
 
 use core::convert::Infallible;
 
@@ -9,35 +9,38 @@ use firmware_tag::scan;
 
 use super::{Advertisement, Controller, Error, Parts, StartError};
 
-/// How long the scanner stays on a channel before it goes to the next, milliseconds: of a window of 90, each gets a part. A beacon's
-/// advertisement is on all its channels within a millisecond or two.
+/// How long the scanner stays on a channel before the next, milliseconds. In a window of 90 ms each channel has a part.
+/// A beacon sends its advertisement on all its channels within a millisecond or two.
 const CHANNEL_MS: u32 = 30;
 
-/// A scanner, its controller running.
+/// A scanner with a running controller.
 pub struct Scanner(Controller);
 
 impl Scanner {
-    /// Starts the controller; once a program.
+    /// Starts the controller. May be called once in a program's run.
+    ///
+    /// # Errors
+    /// The controller does not start.
     pub fn start(parts: Parts) -> Result<Self, StartError> {
         Controller::start(parts, Config::default()).map(Self)
     }
 
-    /// Listens for ever; without it no command ends. `heard` is called for each advertisement.
+    /// Receives for ever, and calls `heard` for each advertisement. No command ends while this does not run.
     pub async fn listen(&self, heard: impl FnMut(Advertisement<'_>)) -> Infallible {
         self.0.listen(heard).await
     }
 
-    /// Scans from now on, all the time.
+    /// Starts to scan, all the time.
     async fn start_scan(&self) -> Result<(), Error> {
         let time = Duration::from_millis(CHANNEL_MS);
         let anybody = ScanningFilterPolicy::BasicUnfiltered;
-        // A passive scanner sends nothing: the kind of its address does not matter.
+        // A passive scanner sends nothing, so the kind of its address does not matter.
         self.0.command(LeSetScanParams::new(LeScanKind::Passive, time, time, AddrKind::PUBLIC, anybody)).await?;
-        // Without a filter of duplicates.
+        // Duplicates are not filtered.
         self.0.command(LeSetScanEnable::new(true, false)).await
     }
 
-    /// Scans no more.
+    /// Stops scanning.
     async fn stop_scan(&self) -> Result<(), Error> {
         self.0.command(LeSetScanEnable::new(false, false)).await
     }

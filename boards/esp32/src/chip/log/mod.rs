@@ -1,4 +1,5 @@
-//! Where the log and the telemetry go: RTT, or with the feature `log-serial` the serial port. Neither is ever waited for.
+//! The channel of log and telemetry: RTT, or the serial port with the feature `log-serial`. The program never waits for
+//! either.
 
 // Microseconds since the start, as in telemetry.
 defmt::timestamp!("{=u64:us}", super::uptime_us());

@@ -1,7 +1,9 @@
-//! One listening: events of a source in, what the node says in the order of its arrival out, with counts and sentences for the user.
+//! A session: takes the events of a source, and returns the node's output in the order of its arrival, with counts and
+//! with messages for the user.
 //!
-//! Time is an argument. The log is read with the table of an ELF file only while nothing says that the node runs another build:
-//! its `Hello` says which it runs, a few seconds after the first word at the latest, and until then all waits behind the log's first line.
+//! Time is an argument. The log is decoded with the table of an ELF file unless it is known that the node runs another
+//! build. The node's `Hello` gives its build, a few seconds after the first bytes at the latest. Until then, everything
+//! from the log's first line on waits.
 
 #[cfg(test)]
 mod tests;
@@ -18,12 +20,13 @@ use crate::UserError;
 use crate::node::decode::{Stamp, Stream};
 use crate::node::recorder::Recorder;
 
-/// A node says who it is every two seconds. Who has not heard it by now need not wait for it any longer.
+/// A node sends `Hello` every two seconds. After this time without `Hello`, the session does not wait for it any
+/// longer.
 const HELLO_WITHIN: Duration = Duration::from_secs(3);
-/// What waits meanwhile at most.
+/// The maximum number of waiting items.
 const MOST_WAITING: usize = 1 << 14;
 
-/// What a node said.
+/// One item of a node's output.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Said {
     /// A line of its log.
@@ -32,32 +35,33 @@ pub enum Said {
     Message(Stamp, Message),
     /// A line of its boot loader.
     Text(String),
-    /// The log says something that cannot be read from here on; said once for each reason.
+    /// A line of the log that cannot be decoded, and the same holds for the following lines. It is reported once for
+    /// each reason.
     Unreadable,
 }
 
-/// What was counted.
+/// The counts of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Positions.
     pub fixes: u64,
-    /// Rounds without one.
+    /// Rounds without a position.
     pub no_fixes: u64,
     /// Other messages.
     pub others: u64,
     /// Lines of the log.
     pub log_lines: u64,
-    /// Frames of the log that are no frames.
+    /// Malformed frames of the log.
     pub log_malformed: u64,
-    /// Frames of the log for which there was no table, or the wrong one.
+    /// Frames of the log without a table, or with the table of another build.
     pub log_unreadable: u64,
     /// Restarts of the node.
     pub restarts: u64,
     /// Connections that were lost.
     pub lost: u64,
-    /// Telemetry frames that the node dropped because the channel was full, as it last said.
+    /// Telemetry frames that the node dropped because the channel was full, as last reported.
     pub node_dropped: u64,
-    /// What came of the telemetry's bytes.
+    /// The decoder's counts of the telemetry bytes.
     pub telemetry: wire::telemetry::Counts,
 }
 
@@ -68,32 +72,32 @@ impl Counts {
     }
 }
 
-/// Rereads an ELF file that may have been built anew since.
+/// Reads an ELF file again if it may have been rebuilt.
 pub type Reload = Box<dyn FnMut(&Image) -> Option<Result<Image, UserError>>>;
 
-/// What came, in its order.
+/// A received item, in the order of arrival.
 enum Waiting {
     Said(Said),
-    /// A frame of the log that came then, not read yet.
+    /// A frame of the log with its time of arrival, not decoded yet.
     Log(Duration, Vec<u8>),
 }
 
-/// Whether the ELF file is the node's.
+/// Whether the ELF file is that of the node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ImageMatch {
-    /// Not known yet; with what was seen in the chip's flash.
+    /// Not known yet; with the result of the comparison with the chip's flash.
     Unknown { flash: Option<bool> },
-    /// It is.
+    /// The ELF file is that of the node.
     Same,
-    /// It is another's; whether the user has seen a word of it.
+    /// The ELF file is that of another build; whether an unreadable line was reported to the user.
     Other { is_shown: bool },
 }
 
-/// One listening to a node.
+/// A session of listening to a node.
 pub struct Session {
     image: Option<Image>,
     reload: Reload,
-    /// The node speaks now: there is no end to wait for.
+    /// The source is live: it has no end to wait for.
     live: bool,
     image_match: ImageMatch,
     frames: Frames,
@@ -102,7 +106,7 @@ pub struct Session {
     waiting: VecDeque<Waiting>,
     ended: bool,
     connected_before: bool,
-    /// The node's build that the user has been told of.
+    /// The node's build that was reported to the user.
     reported: Option<Build>,
     hinted: bool,
     silent_reported: bool,
@@ -112,7 +116,7 @@ pub struct Session {
 }
 
 impl Session {
-    /// Reads the log with `image`, where there is one.
+    /// A session that decodes the log with `image`, where there is one.
     pub fn new(image: Option<Image>, reload: Reload, live: bool) -> Self {
         let mut session = Self {
             image,
@@ -144,20 +148,20 @@ impl Session {
         session
     }
 
-    /// Records the telemetry that comes from now on.
+    /// Records the telemetry that is received from now on.
     pub fn record(&mut self, recorder: Recorder) {
         self.recorder = Some(recorder);
     }
 
-    /// Gives the recorder back.
+    /// Returns the recorder.
     pub fn recorded(&mut self) -> Option<Recorder> {
         self.recorder.take()
     }
 
-    /// Takes an event.
+    /// Processes an event.
     ///
     /// # Errors
-    /// It cannot be recorded.
+    /// The event cannot be recorded.
     pub fn accept(&mut self, now: Duration, event: Event) -> csv::Result<()> {
         match event {
             Event::Bytes(Channel::Telemetry, bytes) => self.telemetry(&bytes)?,
@@ -171,7 +175,7 @@ impl Session {
                 let again = if self.connected_before { "again " } else { "" };
                 self.connected_before = true;
                 self.notes.push_back(format!("connected {again}to {to}"));
-                // Another image may run from here on.
+                // Another image may run after a new connection.
                 if self.image.as_ref().is_some_and(|image| image.build.is_some()) {
                     self.image_match = ImageMatch::Unknown { flash: None };
                 }
@@ -213,7 +217,7 @@ impl Session {
         Ok(())
     }
 
-    /// What the node said next, as far as it can be read at `now`; `None`: for now nothing.
+    /// The next item of the node's output that can be decoded at `now`; `None`: no item at present.
     pub fn next(&mut self, now: Duration) -> Option<Said> {
         loop {
             let (came, frame) = match self.waiting.pop_front()? {
@@ -234,12 +238,12 @@ impl Session {
         }
     }
 
-    /// Sentences for the user, beside the data.
+    /// The next message for the user, which is not part of the data.
     pub fn note(&mut self) -> Option<String> {
         self.notes.pop_front()
     }
 
-    /// What was counted so far.
+    /// The counts so far.
     pub fn counts(&self) -> Counts {
         Counts {
             log_malformed: self.counts.log_malformed + self.frames.malformed(),
@@ -248,7 +252,7 @@ impl Session {
         }
     }
 
-    /// The node's state, as it last said.
+    /// The node's state, as last reported.
     pub fn state(&self) -> Option<String> {
         self.state.map(|is| is.to_string())
     }
@@ -300,7 +304,7 @@ impl Session {
         }
     }
 
-    /// What a frame of the log says; `None`: nothing that can be read, which is counted.
+    /// The log line of a frame; `None`: the frame cannot be decoded, and is counted.
     fn log_line(&mut self, frame: &[u8]) -> Option<Said> {
         if let ImageMatch::Other { is_shown } = &mut self.image_match {
             self.counts.log_unreadable += 1;
@@ -311,12 +315,12 @@ impl Session {
             return None;
         };
         self.counts.log_lines += 1;
-        // Where there is telemetry.
+        // Only if there is telemetry.
         line.is_in_telemetry &= self.stream.counts().frames > 0;
         Some(Said::Log(line))
     }
 
-    /// The node says which build it runs.
+    /// Compares the build that the node reports with the ELF file.
     fn compare(&mut self, node: Build) {
         let Some(image) = &self.image else { return };
         let Some(build) = image.build else { return };
@@ -324,7 +328,7 @@ impl Session {
             return self.is_same();
         }
         if self.reported != Some(node) {
-            // Whoever flashes while we listen has built before.
+            // A user who flashes a new image while the session runs has rebuilt the ELF file before.
             if let Some(Ok(newer)) = (self.reload)(image)
                 && newer.build == Some(node)
             {
@@ -353,7 +357,8 @@ impl Session {
         }
     }
 
-    /// No word of the node says which build it runs: what was seen of its flash decides, else the user is believed.
+    /// Decides without a build reported by the node: by the comparison with its flash, else the ELF file is accepted as
+    /// the user gave it.
     fn decide(&mut self, flash: Option<bool>) {
         if flash != Some(false) {
             return self.is_same();

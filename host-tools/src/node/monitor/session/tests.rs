@@ -1,4 +1,4 @@
-//! One listening, event by event.
+//! Tests of a session, event by event.
 
 use std::path::Path;
 use std::time::Duration;
@@ -36,7 +36,7 @@ fn tell(session: &mut Session, now: Duration, message: &Message) {
     accept(session, now, Event::Bytes(Channel::Telemetry, told(message)));
 }
 
-/// What is said, in short.
+/// The session's output, in short form.
 fn said(session: &mut Session, now: Duration) -> Vec<String> {
     let short = |said| match said {
         Said::Log(line) => line.text,
@@ -82,7 +82,7 @@ fn a_wrong_elf_file_is_said_in_one_sentence_and_telemetry_goes_on() {
     );
     assert_eq!((session.counts().log_unreadable, session.counts().log_lines, session.counts().fixes), (4, 0, 1));
 
-    // It is flashed.
+    // The node is flashed.
     accept(&mut session, ms(600), Event::Restarted);
     tell(&mut session, ms(601), &hello(1, BUILD));
     log(&mut session, ms(602), 2, 3);
@@ -215,7 +215,7 @@ fn random_bytes_on_both_channels_are_counted_and_do_no_harm() {
         while session.next(ms(now)).is_some() {}
     }
     let counts = session.counts();
-    // One byte in 256 ends a frame: of 100 000, some 390 on each channel.
+    // One byte in 256 ends a frame: 100 000 bytes give about 390 frames on each channel.
     assert!((300..500).contains(&(counts.log_malformed + counts.log_lines)), "{counts:?}");
     assert!(counts.telemetry.lost_bytes > 90_000 && counts.lost_frames() > 600, "{counts:?}");
     assert_eq!(counts.fixes, 0);
@@ -235,7 +235,7 @@ fn a_line_of_the_log_that_telemetry_has_is_marked_where_there_is_telemetry() {
         said.filter_map(|said| if let Said::Log(line) = said { Some(line.is_in_telemetry) } else { None })
             .collect::<Vec<_>>()
     };
-    // As the compiler is given it, and as it makes it absolute.
+    // The path as the compiler receives it, and as an absolute path.
     for file in ["wire/src/telemetry/log.rs", "/home/ada/baliza/wire/src/telemetry/log.rs"] {
         assert_eq!((is_marked(file, true), is_marked(file, false)), (vec![true], vec![false]));
     }

@@ -1,9 +1,9 @@
-//! The serial port: built-in USB where a host is on it, else UART0 at 115,200 bit/s.
+//! The serial port: built-in USB if a host is connected to it, else UART0 at 115,200 bit/s.
 //!
-//! Log and telemetry share the port. A log line goes out as `espflash monitor --log-format defmt` wants it, FF 00 before
-//! defmt's own bytes, which end in 00; a frame of telemetry as it is, ended by 00 as well. Each is written whole or not at all
-//! into a queue, which a task of the main thread empties: what follows a 00 is a log line if it begins with FF 00, which no frame
-//! does.
+//! Log and telemetry share the port. A log line is sent in the format of `espflash monitor --log-format defmt`: FF 00,
+//! then defmt's own bytes, which end in 00. A frame of telemetry is sent unchanged, and ends in 00 as well. Each is
+//! written whole or not at all into a queue, which a task of the main thread empties. The bytes after a 00 are a log
+//! line if they begin with FF 00. No frame begins so.
 
 use core::cell::RefCell;
 
@@ -20,19 +20,19 @@ use crate::frames::Frames;
 
 mod port;
 
-/// Bytes that wait for the port.
+/// The capacity of the queue, bytes.
 const QUEUE: usize = 2048;
-/// Bytes that go to the port at once: a packet of USB.
+/// The bytes that go to the port at once: a packet of USB.
 const PACKET: usize = 64;
 
 struct Shared {
     frames: Frames<QUEUE>,
     encoder: defmt::Encoder,
-    /// A log line is being written, and the critical section held since.
+    /// Set while a log line is being written: the critical section is then held.
     section: Option<RestoreState>,
 }
 
-/// No other is called so: `_baliza_serial_log` tells that this image's log is on the serial port.
+/// No other symbol has this name: `_baliza_serial_log` shows that this image's log is on the serial port.
 #[unsafe(export_name = "_baliza_serial_log")]
 static SHARED: Mutex<RefCell<Shared>> =
     Mutex::new(RefCell::new(Shared { frames: Frames::new(), encoder: defmt::Encoder::new(), section: None }));
@@ -41,7 +41,7 @@ static NEWS: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 #[defmt::global_logger]
 struct Logger;
 
-// SAFETY: from `acquire` to `release` the critical section is held.
+// SAFETY: the critical section is held from `acquire` to `release`.
 unsafe impl defmt::Logger for Logger {
     fn acquire() {
         // SAFETY: released in `release`.
@@ -78,11 +78,11 @@ fn with<T>(f: impl FnOnce(&mut Shared) -> T) -> T {
     critical_section::with(|section| f(&mut SHARED.borrow_ref_mut(section)))
 }
 
-/// Frames of telemetry, between the lines of the log.
+/// The channel of telemetry: frames between the lines of the log.
 pub struct TelemetryChannel(());
 
 impl TelemetryChannel {
-    /// Writes a whole frame, or nothing where it has no room now.
+    /// Writes a whole frame, or nothing if the queue has no room now. Returns whether it was written.
     pub fn write(&mut self, frame: &[u8]) -> bool {
         let written = with(|shared| {
             shared.frames.write(frame);
@@ -117,7 +117,7 @@ async fn empty_into(mut port: impl Write) {
         let taken = with(|shared| shared.frames.take(&mut packet));
         match packet.get(..taken) {
             None | Some([]) => NEWS.wait().await,
-            // What a port has lost, it has lost: the host finds its way at the next 00.
+            // Bytes that the port loses are not repeated: the host resynchronises at the next 00.
             Some(bytes) => drop(port.write_all(bytes).await),
         }
     }

@@ -1,4 +1,4 @@
-//! Which serial port: built-in USB where the chip has it and a host is on it, else UART0.
+//! The choice of the serial port: built-in USB if the chip has it and a host is connected to it, else UART0.
 
 use esp_hal::Async;
 use esp_hal::peripherals::UART0;
@@ -13,16 +13,16 @@ use esp_hal::peripherals::GPIO16 as ConsolePin;
 #[cfg(feature = "esp32c3")]
 use esp_hal::peripherals::GPIO21 as ConsolePin;
 
-/// What there is to choose from.
+/// The ports to choose from.
 pub struct Port {
     /// Built-in USB.
     #[cfg(not(feature = "esp32"))]
     pub usb: USB_DEVICE<'static>,
-    /// Its output is the console's pin.
+    /// UART0, whose output is the console's pin.
     pub uart: UART0<'static>,
 }
 
-/// What was chosen.
+/// The chosen port.
 pub enum Opened {
     #[cfg(not(feature = "esp32"))]
     Usb(UsbSerialJtag<'static, Async>),
@@ -30,20 +30,20 @@ pub enum Opened {
 }
 
 impl Port {
-    /// Chooses; takes some milliseconds where there is USB.
+    /// Chooses the port. With USB this takes some milliseconds.
     pub async fn open(self) -> Opened {
         #[cfg(not(feature = "esp32"))]
         if host_is_there().await {
             return Opened::Usb(UsbSerialJtag::new(self.usb).into_async());
         }
-        // SAFETY: the console's pin, which the board gives to nobody else.
+        // SAFETY: this is the console's pin, which the board gives to no other driver.
         let pin = unsafe { ConsolePin::steal() };
         let uart = UartTx::new(self.uart, Config::default()).expect("115,200 bit/s is the default");
         Opened::Uart(uart.with_tx(pin).into_async())
     }
 }
 
-/// A host on USB starts a frame each millisecond.
+/// Whether a host is connected: a host on USB starts a frame each millisecond.
 #[cfg(not(feature = "esp32"))]
 async fn host_is_there() -> bool {
     let device = USB_DEVICE::regs();
