@@ -1,5 +1,5 @@
 //! A board in QEMU with a DW1000 that is simulated outside. For every transaction on the bus, every interrupt and every
-//! wait, the board sends a request to a simulated world over a pipe ([`qemu_link`]). The world advances its time by the
+//! wait, the board sends a request to a simulated world over a pipe (`qemu_link`). The world advances its time by the
 //! instructions that were executed in between.
 //!
 //! As on a DWM1001 there are two executors: ranging in the upper one; engine, telemetry and the rest in the lower one.

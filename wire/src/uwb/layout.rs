@@ -1,6 +1,6 @@
 //! What all nodes of a network must agree on beside its PHY: how long an answer takes its slowest anchor, how soon its
 //! slowest node receives again, and whether a final follows the responses. The slots follow from it
-//! ([`Timing`](super::Timing)).
+//! (`ranging::native::Timing`).
 //!
 //! The coordinator sets the slot lengths by the requests of the slowest node, and its sync frames contain them. A new
 //! layout is in force from the superframe from which the list of members that came with it is in force.

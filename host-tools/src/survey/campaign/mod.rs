@@ -2,7 +2,7 @@
 //! refuse them.
 //!
 //! [`read_points`] reads the points to visit. A [`Dwell`] collects what a node receives at a point, in the node's own
-//! time, until it is long enough. [`judge`] refuses a biased dwell. [`FingerprintFile`] is the file, which only ever
+//! time, until it is long enough. [`biases`] refuses a biased dwell. [`FingerprintFile`] is the file, which only ever
 //! grows.
 
 mod checks;

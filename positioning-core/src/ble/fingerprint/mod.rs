@@ -9,7 +9,7 @@
 //! - [`Walk`] does the same from scan to scan.
 //!
 //! A scan is a slice of RSSI values in dBm in the map's order of beacons, with `None` for a beacon that is not
-//! received. A value that is no RSSI ([`signal::rssi`](super::signal::RSSI)) counts as not received.
+//! received. A value that is no RSSI ([`signal::rssi`](super::signal::rssi)) counts as not received.
 
 mod encode;
 mod lattice;

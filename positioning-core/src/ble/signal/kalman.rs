@@ -56,7 +56,7 @@ impl<T: Real> Default for Kalman<T> {
 }
 
 impl<T: Real> Kalman<T> {
-    /// Takes an RSSI that [`rssi`](super::RSSI) has accepted, dBm, received at `now_us`.
+    /// Takes an RSSI that [`rssi`](super::rssi) has accepted, dBm, received at `now_us`.
     #[inline]
     pub fn receive(&mut self, now_us: u64, rssi: T, smoothing: &Smoothing<T>) -> Step {
         if self.variance < T::ZERO || now_us.saturating_add(OVERTAKING_US) < self.at_us {
