@@ -11,7 +11,7 @@ use ranging::exchange::{Action, Event, Protocol, Report};
 use ranging::native::{Anchor, AnchorConfig, Layout, Network, Rate, Scheme, Tag, TagConfig, Timing};
 use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
 use semihosting::println;
-use wire::uwb::native::{Beacon, Frame, Member, Message, OWNED_SYNC_SLOTS, Share};
+use wire::uwb::native::{Frame, Member, Message, OWNED_SYNC_SLOTS, Share, SyncFrame};
 use wire::uwb::{BROADCAST, FrameBuffer};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
@@ -38,14 +38,14 @@ fn main() -> ! {
     settle(tag.step(now, Event::Started));
     let timing = Timing::of(&NETWORK.phy, NETWORK.first_layout());
     for anchor in 0..ANCHORS {
-        let beacon = beacon(anchor as u8);
-        let rx_time = now.plus(timing.beacon(anchor.into()));
-        settle(tag.step(rx_time, Event::Received(heard(beacon.bytes(), rx_time))));
+        let sync_frame = sync_frame(anchor as u8);
+        let rx_time = now.plus(timing.sync_frame(anchor.into()));
+        settle(tag.step(rx_time, Event::Received(heard(sync_frame.bytes(), rx_time))));
         if anchor == 0 {
             settle(tag.step(rx_time, Event::Reported));
         }
     }
-    now = now.plus(timing.beacon(ANCHORS.into()));
+    now = now.plus(timing.sync_frame(ANCHORS.into()));
     let mut event = Event::Timeout;
     let mut poll = FrameBuffer::new();
     let poll_frame = loop {
@@ -81,8 +81,8 @@ fn main() -> ! {
         });
         settle(anchor.step(departure, Event::Started));
         // The sync frame of another anchor tells this anchor when to answer.
-        let beacon = beacon(asked.address as u8);
-        settle(anchor.step(departure, Event::Received(heard(beacon.bytes(), departure))));
+        let sync_frame = sync_frame(asked.address as u8);
+        settle(anchor.step(departure, Event::Received(heard(sync_frame.bytes(), departure))));
         let before = anchor.clone();
         let poll_rx = departure.plus(FLIGHT);
         let frame = heard(poll_frame.bytes(), poll_rx);
@@ -120,8 +120,8 @@ fn heard(bytes: &[u8], rx_time: RadioInstant) -> RxFrame<'_> {
     RxFrame { bytes, rx_time, diagnostics: Diagnostics { rx_power_dbm: -81.5, ..Diagnostics::default() } }
 }
 
-fn beacon(slot: u8) -> FrameBuffer {
-    let beacon = Beacon {
+fn sync_frame(slot: u8) -> FrameBuffer {
+    let sync_frame = SyncFrame {
         superframe: 7,
         term: 1,
         age: 0,
@@ -145,7 +145,7 @@ fn beacon(slot: u8) -> FrameBuffer {
         pan: NETWORK.pan,
         destination: BROADCAST,
         source: u16::from(slot) + 1,
-        message: Message::SyncFrame(beacon),
+        message: Message::SyncFrame(sync_frame),
     }
     .emit(&mut out);
     out

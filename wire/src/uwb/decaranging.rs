@@ -62,6 +62,7 @@ impl Blink {
     ///
     /// # Errors
     /// The first error found.
+    #[inline]
     pub fn parse(bytes: &[u8]) -> Result<Self, FrameError> {
         let mut reader = Reader(bytes);
         let [kind, sequence] = reader.take()?;
@@ -74,6 +75,7 @@ impl Blink {
     }
 
     /// Writes the shorter form, in place of what `out` held.
+    #[inline]
     pub fn emit(&self, out: &mut FrameBuffer) {
         out.clear();
         out.put(&[BLINK, self.sequence]);
@@ -148,6 +150,7 @@ impl Frame {
     ///
     /// # Errors
     /// The first error found.
+    #[inline]
     pub fn parse(bytes: &[u8]) -> Result<Self, FrameError> {
         let (header, payload) = Header::parse(bytes)?;
         let mut reader = Reader(payload);
@@ -184,6 +187,7 @@ impl Frame {
     }
 
     /// Writes the frame, in place of what `out` held.
+    #[inline]
     pub fn emit(&self, out: &mut FrameBuffer) {
         out.clear();
         self.header.emit(out);
@@ -230,6 +234,7 @@ impl Frame {
     }
 
     /// The frame that answers this one: to its source, from its destination.
+    #[inline]
     pub const fn answer(&self, sequence: u8, message: Message) -> Self {
         let Header { pan, destination, source, .. } = self.header;
         Self { header: Header { sequence, pan, destination: source, source: destination }, message }
@@ -237,10 +242,12 @@ impl Frame {
 }
 
 /// 40 bits, signed: a negative flight is valid.
+#[inline]
 const fn flight_of(bytes: [u8; 5]) -> RadioDuration {
     RadioInstant::from_le_bytes(bytes).since(RadioInstant::from_ticks(0))
 }
 
+#[inline]
 const fn flight_bytes(tof: RadioDuration) -> [u8; 5] {
     RadioInstant::from_ticks(0).plus(tof).to_le_bytes()
 }
@@ -252,6 +259,7 @@ pub const BLINK_BYTES: u16 = 12;
 pub const LONGEST_BYTES: u16 = 9 + 16 + 2;
 
 /// A delay's field, from a time: microseconds, or whole milliseconds (rounded up) if those do not fit.
+#[inline]
 pub const fn delay_field(time: RadioDuration) -> u16 {
     let micros = time.as_micros();
     if micros < 0 {
@@ -265,6 +273,7 @@ pub const fn delay_field(time: RadioDuration) -> u16 {
 }
 
 /// The time of a delay's field.
+#[inline]
 pub const fn delay_of(field: u16) -> RadioDuration {
     let value = (field & 0x7FFF) as u32;
     RadioDuration::from_micros(if field & 0x8000 == 0 { value } else { value * 1000 })

@@ -21,6 +21,7 @@ impl Span {
     pub const LONGEST: Self = Self(0x7F);
 
     /// The shortest span that is at least as long; for longer durations the longest span.
+    #[inline]
     pub const fn at_least(duration: RadioDuration) -> Self {
         let ticks = duration.ticks();
         // Octave by octave, each with sixteen steps; the first begins at 16 µs.
@@ -38,16 +39,19 @@ impl Span {
     }
 
     /// From the lowest seven bits of a byte.
+    #[inline]
     pub const fn from_code(code: u8) -> Self {
         Self(code & Self::LONGEST.0)
     }
 
     /// Seven bits.
+    #[inline]
     pub const fn code(self) -> u8 {
         self.0
     }
 
     /// Its duration.
+    #[inline]
     pub const fn duration(self) -> RadioDuration {
         RadioDuration::from_micros((16 + (self.0 as u32 & 0x0F)) << (self.0 >> 4))
     }
@@ -82,6 +86,7 @@ impl Layout {
     pub const LEAST: Self = Self { answer: Span(0), listen_again: Span(0), scheme: Scheme::SingleSided };
 
     /// The layout that serves both.
+    #[inline]
     pub fn max(self, other: Self) -> Self {
         Self {
             answer: self.answer.max(other.answer),
@@ -91,22 +96,26 @@ impl Layout {
     }
 
     /// From two bytes: code of the answer; code of receiving again, with the scheme in its highest bit.
+    #[inline]
     pub(crate) const fn from_bytes([answer, tag]: [u8; 2]) -> Self {
         Self { answer: Span::from_code(answer), ..Self::from_tag_byte(tag) }
     }
 
     /// Two bytes; the highest bit of the first is free.
+    #[inline]
     pub(crate) const fn bytes(self) -> [u8; 2] {
         [self.answer.code(), self.tag_byte()]
     }
 
     /// A tag's request: it answers no other node.
+    #[inline]
     pub const fn from_tag_byte(byte: u8) -> Self {
         let scheme = if byte & 0x80 == 0 { Scheme::SingleSided } else { Scheme::DoubleSided };
         Self { answer: Self::LEAST.answer, listen_again: Span::from_code(byte), scheme }
     }
 
     /// [`from_tag_byte`](Self::from_tag_byte)'s byte.
+    #[inline]
     pub const fn tag_byte(self) -> u8 {
         let double_sided = match self.scheme {
             Scheme::SingleSided => 0,

@@ -54,19 +54,23 @@ pub struct FrameBuffer(heapless::Vec<u8, MAX_FRAME>);
 
 impl FrameBuffer {
     /// An empty buffer.
+    #[inline]
     pub const fn new() -> Self {
         Self(heapless::Vec::new())
     }
 
     /// The bytes written.
+    #[inline]
     pub fn bytes(&self) -> &[u8] {
         &self.0
     }
 
+    #[inline]
     fn clear(&mut self) {
         self.0.clear();
     }
 
+    #[inline]
     fn put(&mut self, bytes: &[u8]) {
         // The types of the representations bound their lengths to MAX_FRAME; the tests emit the longest of each.
         let fits = self.0.extend_from_slice(bytes).is_ok();
@@ -79,29 +83,35 @@ impl FrameBuffer {
 struct Reader<'a>(&'a [u8]);
 
 impl<'a> Reader<'a> {
+    #[inline]
     fn take<const N: usize>(&mut self) -> Result<[u8; N], FrameError> {
         let (head, rest) = self.0.split_first_chunk().ok_or(FrameError::Truncated)?;
         self.0 = rest;
         Ok(*head)
     }
 
+    #[inline]
     fn u8(&mut self) -> Result<u8, FrameError> {
         self.take().map(|[byte]| byte)
     }
 
+    #[inline]
     fn u16(&mut self) -> Result<u16, FrameError> {
         self.take().map(u16::from_le_bytes)
     }
 
+    #[inline]
     fn u32(&mut self) -> Result<u32, FrameError> {
         self.take().map(u32::from_le_bytes)
     }
 
+    #[inline]
     fn u64(&mut self) -> Result<u64, FrameError> {
         self.take().map(u64::from_le_bytes)
     }
 
     /// Checks that nothing is left: a frame longer than its kind is not of its kind.
+    #[inline]
     fn end(self) -> Result<(), FrameError> {
         if self.0.is_empty() { Ok(()) } else { Err(FrameError::TooLong(self.0.len())) }
     }
@@ -119,6 +129,7 @@ pub enum Address {
 
 impl Address {
     /// The addressing mode's two bits.
+    #[inline]
     const fn mode(self) -> u8 {
         match self {
             Self::Short(_) => 0b10,
@@ -126,6 +137,7 @@ impl Address {
         }
     }
 
+    #[inline]
     fn parse(mode: u8, reader: &mut Reader<'_>) -> Result<Self, FrameError> {
         match mode {
             0b10 => reader.u16().map(Self::Short),
@@ -134,6 +146,7 @@ impl Address {
         }
     }
 
+    #[inline]
     fn emit(self, out: &mut FrameBuffer) {
         match self {
             Self::Short(address) => out.put(&address.to_le_bytes()),
@@ -164,6 +177,7 @@ impl Header {
     ///
     /// # Errors
     /// If the bytes are too few, or another kind of frame.
+    #[inline]
     pub fn parse(bytes: &[u8]) -> Result<(Self, &[u8]), FrameError> {
         let mut reader = Reader(bytes);
         let [kind, addressing, sequence] = reader.take()?;
@@ -177,6 +191,7 @@ impl Header {
         Ok((Self { sequence, pan, destination, source }, reader.0))
     }
 
+    #[inline]
     fn emit(&self, out: &mut FrameBuffer) {
         let addressing = self.destination.mode() << 2 | self.source.mode() << 6;
         out.put(&[DATA_IN_ONE_PAN, addressing, self.sequence]);

@@ -187,6 +187,7 @@ impl Frame {
     ///
     /// # Errors
     /// The first error found.
+    #[inline]
     pub fn parse(bytes: &[u8]) -> Result<Self, FrameError> {
         let (header, payload) = Header::parse(bytes)?;
         let (Address::Short(destination), Address::Short(source)) = (header.destination, header.source) else {
@@ -217,6 +218,7 @@ impl Frame {
     }
 
     /// Writes the frame, in place of what `out` held.
+    #[inline]
     pub fn emit(&self, out: &mut FrameBuffer) {
         out.clear();
         let [destination, source] = [self.destination, self.source].map(Address::Short);
@@ -259,6 +261,7 @@ const COUNTDOWN_SHIFT: u8 = 5;
 
 impl Poll {
     /// Parses what follows the code.
+    #[inline]
     fn parse(mut reader: Reader<'_>) -> Result<Self, FrameError> {
         let round = reader.u16()?;
         let [count, options] = reader.u8().map(|byte| [byte >> 4, byte & 0x0F])?;
@@ -286,6 +289,7 @@ impl Poll {
         if anchors.is_empty() { Err(FrameError::Field) } else { Ok(Self { round, wish, anchors }) }
     }
 
+    #[inline]
     fn emit(&self, out: &mut FrameBuffer) {
         let with_distances = self.anchors.iter().any(|asked| asked.distance != Distance::Unsent);
         let options = if with_distances { WITH_DISTANCES } else { 0 };
@@ -306,6 +310,7 @@ impl Poll {
 }
 
 impl Response {
+    #[inline]
     fn parse(mut reader: Reader<'_>) -> Result<Self, FrameError> {
         let round = reader.u16()?;
         let poll_rx = RadioInstant::from_le_bytes(reader.take()?);
@@ -318,6 +323,7 @@ impl Response {
         Ok(Self { round, poll_rx, reply, last_final })
     }
 
+    #[inline]
     fn emit(&self, out: &mut FrameBuffer) {
         out.put(&[RESPONSE]);
         out.put(&self.round.to_le_bytes());
@@ -331,6 +337,7 @@ impl Response {
 }
 
 impl SyncFrame {
+    #[inline]
     fn parse(mut reader: Reader<'_>) -> Result<Self, FrameError> {
         let superframe = reader.u16()?;
         let [term, age, hops] = reader.take()?;
@@ -378,6 +385,7 @@ impl SyncFrame {
         })
     }
 
+    #[inline]
     fn emit(&self, out: &mut FrameBuffer) {
         out.put(&[SYNC]);
         out.put(&self.superframe.to_le_bytes());
@@ -409,10 +417,12 @@ impl SyncFrame {
 }
 
 impl Member {
+    #[inline]
     fn parse(reader: &mut Reader<'_>) -> Result<Self, FrameError> {
         Ok(Self { tag: reader.u16()?, share: Share::parse(reader.u8()?)? })
     }
 
+    #[inline]
     fn emit(&self, out: &mut FrameBuffer) {
         out.put(&self.tag.to_le_bytes());
         out.put(&[self.share.byte()]);

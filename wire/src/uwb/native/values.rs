@@ -16,6 +16,7 @@ pub enum Distance {
 
 impl Distance {
     /// From metres; a distance that does not fit becomes unknown.
+    #[inline]
     pub fn from_metres(metres: f32) -> Self {
         let units = metres * 250.0;
         if units > -32_767.5 && units < 32_767.0 {
@@ -26,6 +27,7 @@ impl Distance {
     }
 
     /// In metres.
+    #[inline]
     pub fn metres(self) -> Option<f32> {
         match self {
             Self::Unsent | Self::Unknown => None,
@@ -51,6 +53,7 @@ pub enum Share {
 impl Share {
     const GREEDY: u8 = 127;
 
+    #[inline]
     pub(super) fn parse(byte: u8) -> Result<Self, FrameError> {
         match byte {
             0 => Ok(Self::Release),
@@ -61,6 +64,7 @@ impl Share {
         }
     }
 
+    #[inline]
     pub(super) fn byte(self) -> u8 {
         match self {
             Self::Release => 0,
@@ -82,6 +86,7 @@ impl Position {
     const UNKNOWN: [i32; 3] = [-Self::LIMIT - 1, 0, 0];
 
     /// From metres; `None` for a value that is not a number or beyond 8388 m.
+    #[inline]
     pub fn from_metres(metres: [f32; 3]) -> Option<Self> {
         let millimetres = metres.map(|m| m * 1e3);
         let fits = millimetres.iter().all(|mm| mm.abs() < Self::LIMIT as f32);
@@ -89,11 +94,13 @@ impl Position {
     }
 
     /// In metres.
+    #[inline]
     pub fn metres(self) -> [f32; 3] {
         self.0.map(|mm| mm as f32 / 1e3)
     }
 
     /// `None` is a position that its sender does not know.
+    #[inline]
     pub(super) fn parse(bytes: [u8; 9]) -> Result<Option<Self>, FrameError> {
         let coordinate = |i: usize| i32::from_le_bytes([0, bytes[i], bytes[i + 1], bytes[i + 2]]) >> 8;
         let place = [0, 3, 6].map(coordinate);
@@ -106,6 +113,7 @@ impl Position {
         }
     }
 
+    #[inline]
     pub(super) fn bytes(position: Option<Self>) -> [u8; 9] {
         let [x, y, z] = position.map_or(Self::UNKNOWN, |p| p.0).map(i32::to_le_bytes);
         [x[0], x[1], x[2], y[0], y[1], y[2], z[0], z[1], z[2]]
