@@ -14,7 +14,7 @@ use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 use ranging::native::{Anchor, AnchorConfig, Network, Rate, Scheme, Tag, TagConfig};
 use ranging::node::{self, Listener};
 use ranging::{Pace, PhyConfig, RadioInstant};
-use small_air::{ANTENNA_DELAY, Crystal, Place, World, uptime_us};
+use small_air::{ANTENNA_DELAY, Crystal, Path, World, uptime_us};
 use wire::uwb::native::{Frame, Message};
 
 use super::{Mean, since};
@@ -144,7 +144,7 @@ pub fn measure() -> Costs {
     let world = World::new(NETWORK.phy, 1, 0);
     let anchors = core::array::from_fn::<_, ANCHORS, _>(|i| anchor(&world, i, &costs));
     let tag = async {
-        let radio = world.add(Place::Fixed([2_000, 3_000, 1_200]), Crystal { start: 5, fast_ppb: 8_000 });
+        let radio = world.add(Path::Fixed([2_000, 3_000, 1_200]), Crystal { start: 5, fast_ppb: 8_000 });
         let config = TagConfig {
             address: 0x100,
             network: NETWORK,
@@ -166,7 +166,7 @@ pub fn measure() -> Costs {
 async fn anchor(world: &World, number: usize, costs: &Costs) -> Infallible {
     let place = [[0, 0, 2_500], [8_000, 0, 2_000], [8_000, 6_000, 2_500], [0, 6_000, 2_000]][number % 4];
     let crystal = Crystal { start: (number as u64 + 1) << 37, fast_ppb: [3_000, -17_500, 12_250, -6_125][number % 4] };
-    let mut radio = world.add(Place::Fixed(place), crystal).expect("the air has room");
+    let mut radio = world.add(Path::Fixed(place), crystal).expect("the air has room");
     let config = AnchorConfig {
         address: number as u16 + 1,
         network: NETWORK,
