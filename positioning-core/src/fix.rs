@@ -41,6 +41,18 @@ pub struct Fix<T, const D: usize> {
     pub used: AnchorSet,
     /// How far the ranges agree with the position, 0 to 1: the mean weight of a range.
     pub quality: T,
+    /// The second of two places that explain the ranges, if there are two: `position` is their mean.
+    pub alternative: Option<Alternative<T, D>>,
+}
+
+/// Two places that both explain the ranges of an epoch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Alternative<T, const D: usize> {
+    /// The vector from the likelier place to the other one, metres.
+    pub apart: [T; D],
+    /// The probability of the other one, at most one half.
+    pub share: T,
 }
 
 impl<T: Real, const D: usize> Fix<T, D> {
@@ -177,6 +189,7 @@ pub(crate) fn conclude<T: Real, const D: usize>(
         dilution_of_precision: core::array::from_fn(|axis| dilution[axis][axis].sqrt()),
         used: AnchorSet(used as u16),
         quality,
+        alternative: None,
     })
 }
 

@@ -9,9 +9,15 @@ use crate::{Constraints, MAX_ANCHORS, RangeSample, Real, Side, SolveError};
 const COINCIDENT_M: f64 = 0.01;
 /// Anchors are on a line when their spread across it is less than this part of their spread along it.
 const COLLINEAR: f64 = 0.01;
+/// The same in the plane, where anchors a few centimetres off a line still leave two places, which `robust` returns.
+const COLLINEAR_IN_PLANE: f64 = 0.001;
 /// Anchors are on a plane when their spread across it is less than this part of the lesser spread within it. A height
 /// from such anchors has an error twenty times that of the ranges.
 const COPLANAR: f64 = 0.05;
+
+/// Anchors in the plane leave the two sides of a line alike when their spread across it is less than this part of their
+/// spread along it.
+const ELONGATED: f64 = 0.2;
 
 /// What is known before any method runs.
 #[derive(Clone, Copy, Debug)]
@@ -46,6 +52,27 @@ pub(crate) fn centroid<T: Real, const D: usize>(samples: &[RangeSample<T, D>]) -
     }
     let share = T::ONE / T::count(samples.len());
     sum.map(|component| component * share)
+}
+
+/// The two places on both sides of the anchors' line, in the plane, that fit the ranges best: at the height over the line
+/// that [`Layout::lift`] takes. `None` where the anchors' spread across the line is more than [`ELONGATED`] of that along
+/// it. Near the line itself the ranges say nothing of the direction across, so no method gets away from there.
+#[inline(never)]
+pub(crate) fn both_sides<T: Real, const D: usize>(
+    point: Vector<T, D>,
+    samples: &[RangeSample<T, D>],
+) -> Option<[Vector<T, D>; 2]> {
+    let centre = centroid(samples);
+    let mut scatter: Matrix<T, D> = [[T::ZERO; D]; D];
+    for sample in samples {
+        add_outer(&mut scatter, T::ONE, &sub(&sample.anchor, &centre));
+    }
+    let (values, vectors) = symmetric_eigen(&scatter);
+    if values[0] > T::of(ELONGATED * ELONGATED) * values[1] {
+        return None;
+    }
+    let normal = vectors[0];
+    Some([normal, normal.map(|c| -c)].map(|normal| lift_along(&normal, point, samples)))
 }
 
 impl<T: Real, const D: usize> Survey<T, D> {
@@ -100,7 +127,6 @@ impl<T: Real, const D: usize> Layout<T, D> {
         scatter: &Matrix<T, D>,
         constraints: &Constraints<T, D>,
     ) -> Result<Self, SolveError> {
-        let collinear = T::of(COLLINEAR).squared();
         let trace = (0..D).fold(T::ZERO, |sum, axis| sum + scatter[axis][axis]);
         if trace < T::count(samples.len()) * T::of(COINCIDENT_M).squared() {
             return Err(SolveError::CoincidentAnchors);
@@ -108,6 +134,7 @@ impl<T: Real, const D: usize> Layout<T, D> {
         if D == 2 {
             // For λ₀ ≪ λ₁, det ⁄ trace² is λ₀ ⁄ λ₁: no eigenvalues needed.
             let det = scatter[0][0] * scatter[1][1] - scatter[1][0].squared();
+            let collinear = T::of(COLLINEAR_IN_PLANE).squared();
             return if det < collinear * trace.squared() { Err(SolveError::CollinearAnchors) } else { Ok(Self::Full) };
         }
         Self::of_space(samples, constraints)

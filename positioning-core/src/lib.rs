@@ -25,6 +25,7 @@ mod fix;
 mod geometry;
 pub mod linalg;
 mod linear;
+mod link_error;
 pub mod locator;
 mod measurement;
 mod method;
@@ -39,7 +40,7 @@ mod track;
 
 pub use bounding_box::bounding_box;
 pub use constraints::{Area, Constraints, Side};
-pub use fix::{AnchorSet, Fix, SolveError};
+pub use fix::{Alternative, AnchorSet, Fix, SolveError};
 pub use linear::{b_wls, b_wls_c, b_wls_r, lls};
 pub use method::{Method, Solver, UnknownMethod, solve};
 pub use nonlinear::{bb_nls, bb_nls_c, bb_nls_r, nls, nls_ccv};

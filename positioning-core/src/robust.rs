@@ -13,26 +13,18 @@
 //! mode, and the distance of the modes is part of the covariance.
 
 use crate::fix::{blame, conclude_weighted, widen_to_mirror};
-use crate::geometry::{Survey, centroid};
+use crate::geometry::{Survey, both_sides, centroid};
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_outer_full, add_scaled, dot, sub};
 use crate::linear::{b_wls_position, lls_position};
+use crate::link_error::{BLOCKED_MEAN_M, BLOCKED_SIGMA_M, WILD_DENSITY, bell};
 use crate::sample::PerSample;
-use crate::{Constraints, Fix, RangeSample, Real, SolveError};
+use crate::{Alternative, Constraints, Fix, RangeSample, Real, SolveError};
 
-/// Deviation of a direct range relative to its own `sigma`: a surveyed anchor, its antenna and the air add to the
-/// radio's noise.
-const DIRECT_SCALE: f64 = 1.1;
-/// Mean excess of a blocked range, metres.
-const BLOCKED_MEAN_M: f64 = 0.9;
-/// Deviation of a blocked range, metres.
-const BLOCKED_SIGMA_M: f64 = 0.65;
-/// With this number of ranges to spare, a range is equally likely blocked or direct. With fewer, blocked is less
+/// With this number of ranges to spare, the odds of a blocked link are those of its prior. With fewer, blocked is less
 /// likely in proportion. With none to spare the two cannot be distinguished, and every range counts as direct.
 const SPARE_RANGES: f64 = 3.0;
-/// Density of a range that is neither direct nor blocked, per metre, relative to 1 for the whole direct part.
-const WILD_DENSITY: f64 = 2.0e-4;
 /// Prior deviation of the common bias, metres.
-const BIAS_SIGMA_M: f64 = 0.12;
+const BIAS_SIGMA_M: f64 = 0.15;
 /// The factor by which the narrow part is widened in the first steps from a start, so that distant modes have an
 /// effect.
 const APPROACH: [f64; 2] = [3.0, 2.0];
@@ -61,11 +53,14 @@ pub fn robust<T: Real, const D: usize>(
     let spare = T::count(samples.len() - D - 1);
     let posterior =
         Posterior { samples, constraints, odds: spare.at_most(T::of(SPARE_RANGES)) * T::of(1.0 / SPARE_RANGES) };
-    let starts = [
-        b_wls_position(samples, &survey).ok(),
-        lls_position(samples, &survey).ok(),
-        Some(survey.layout.lift(centroid(samples), samples)),
-    ];
+    let by_box = b_wls_position(samples, &survey).ok();
+    let middle = || Some(survey.layout.lift(centroid(samples), samples));
+    // Anchors near a line leave its two sides alike.
+    let sides = by_box.filter(|_| D == 2).and_then(|place| both_sides(place, samples));
+    let starts = match sides {
+        Some([one, other]) => [Some(one), Some(other), by_box],
+        None => [by_box, lls_position(samples, &survey).ok(), middle()],
+    };
     let Best { first, second } = posterior.search(starts);
     let diverged = || blame(samples, SolveError::Diverged);
     let first = first.ok_or_else(diverged)?;
@@ -85,6 +80,7 @@ pub fn robust<T: Real, const D: usize>(
     fix.covariance = first.information.inverse().map(|row| row.map(|element| T::of(INFLATION) * element));
     add_outer_full(&mut fix.covariance, share * (T::ONE - share), &apart);
     widen_to_mirror(&mut fix.covariance, samples, &survey.layout, &position);
+    fix.alternative = (share > T::ZERO).then_some(Alternative { apart, share });
     Ok(fix)
 }
 
@@ -187,8 +183,8 @@ impl<T: Real> Share<T> {
     #[inline(always)]
     fn of(residual: T, sigma: T, odds: T) -> Self {
         let inverse = T::ONE / sigma;
-        let (narrow, narrow_weight) = bell(residual * inverse);
-        let (wide, wide_weight) = bell((residual - T::of(BLOCKED_MEAN_M)) * T::of(1.0 / BLOCKED_SIGMA_M));
+        let (narrow, narrow_weight) = bell((residual * inverse).squared());
+        let (wide, wide_weight) = bell(((residual - T::of(BLOCKED_MEAN_M)) * T::of(1.0 / BLOCKED_SIGMA_M)).squared());
         let narrow = narrow * inverse;
         let wide = odds * T::of(1.0 / BLOCKED_SIGMA_M) * wide;
         let density = narrow + wide + T::of(WILD_DENSITY);
@@ -203,22 +199,21 @@ impl<T: Real> Share<T> {
     }
 }
 
-/// Student's density (1 + x² ⁄ 16)⁻⁸ and its weight 1 ⁄ (1 + x² ⁄ 16), relative to the pull of a Gaussian.
-#[inline(always)]
-fn bell<T: Real>(x: T) -> (T, T) {
-    let weight = T::ONE / (T::ONE + T::of(0.0625) * x.squared());
-    (weight.squared().squared().squared(), weight)
-}
-
 /// The posterior of one epoch.
 struct Posterior<'a, T, const D: usize> {
     samples: &'a [RangeSample<T, D>],
     constraints: &'a Constraints<T, D>,
-    /// Prior odds that a range is blocked.
+    /// The factor on the prior odds that a link is blocked.
     odds: T,
 }
 
 impl<T: Real, const D: usize> Posterior<'_, T, D> {
+    /// The odds that a sample's link is blocked.
+    #[inline(always)]
+    fn odds(&self, sample: &RangeSample<T, D>) -> T {
+        self.odds * sample.p_blocked / (T::ONE - sample.p_blocked).at_least(T::of(0.01))
+    }
+
     /// The best modes that are reached from `starts`.
     #[inline(never)]
     fn search(&self, starts: [Option<Vector<T, D>>; 3]) -> Best<T, D> {
@@ -284,7 +279,6 @@ impl<T: Real, const D: usize> Posterior<'_, T, D> {
     #[inline(never)]
     fn expand(&self, state: &State<T, D>, widening: T) -> Option<Expansion<T, D>> {
         let prior = T::of(1.0 / (BIAS_SIGMA_M * BIAS_SIGMA_M));
-        let scale = T::of(DIRECT_SCALE) * widening;
         let mut hessian: Matrix<T, D> = [[T::ZERO; D]; D];
         let mut cross = [T::ZERO; D];
         let mut descent = [T::ZERO; D];
@@ -299,7 +293,7 @@ impl<T: Real, const D: usize> Posterior<'_, T, D> {
             let inverse = T::ONE / distance;
             let unit = across.map(|component| component * inverse);
             let residual = sample.range - distance - state.bias;
-            let share = Share::of(residual, scale * sample.sigma, self.odds);
+            let share = Share::of(residual, widening * sample.sigma, self.odds(sample));
             product *= share.density;
             if product < T::of(1.0e-24) {
                 log_posterior += product.ln();
@@ -331,7 +325,7 @@ impl<T: Real, const D: usize> Posterior<'_, T, D> {
             self.samples.get(i).map_or(T::ZERO, |sample| {
                 let across = sub(&state.position, &sample.anchor);
                 let residual = sample.range - dot(&across, &across).sqrt() - state.bias;
-                Share::of(residual, T::of(DIRECT_SCALE) * sample.sigma, self.odds).direct
+                Share::of(residual, sample.sigma, self.odds(sample)).direct
             })
         })
     }

@@ -1,6 +1,8 @@
 //! The input of a solver: ranges to anchors at known positions.
 
 use crate::Real;
+use crate::link_error::{DIRECT_SIGMA_M, prior_blocked};
+use crate::measurement::known;
 
 /// The most ranges of one fix.
 pub const MAX_ANCHORS: usize = 16;
@@ -25,6 +27,8 @@ pub struct RangeSample<T, const D: usize> {
     /// Standard deviation of the range in line of sight, metres, as far as it is known from the diagnostics. Only its
     /// ratio to the other ranges of one fix and to [`DEFAULT_SIGMA_M`](Self::DEFAULT_SIGMA_M) matters.
     pub sigma: T,
+    /// Prior probability, 0 to 1, that the link is blocked; only `robust` reads it.
+    pub p_blocked: T,
     /// Ground truth of the line of sight. It is known in simulations and surveys only, and only the oracle method
     /// reads it.
     pub los: Option<bool>,
@@ -32,17 +36,26 @@ pub struct RangeSample<T, const D: usize> {
 
 impl<T: Real, const D: usize> RangeSample<T, D> {
     /// Standard deviation of a DW1000 range in line of sight, metres.
-    pub const DEFAULT_SIGMA_M: f64 = 0.1;
+    pub const DEFAULT_SIGMA_M: f64 = DIRECT_SIGMA_M;
 
     /// A range of which nothing else is known.
     pub fn new(anchor: [T; D], range: T) -> Self {
-        Self { anchor, range, sigma: T::of(Self::DEFAULT_SIGMA_M), los: None }
+        Self { anchor, range, sigma: T::of(DIRECT_SIGMA_M), p_blocked: prior_blocked(None), los: None }
+    }
+
+    /// The same range, whose diagnostics give this probability, 0 to 1, of being without line of sight; `None`: they
+    /// are not known.
+    pub fn with_p_nlos(self, p_nlos: Option<T>) -> Self {
+        Self { p_blocked: prior_blocked(known(p_nlos)), ..self }
     }
 
     /// Whether every number is finite and plausible.
     pub(crate) fn is_sane(&self) -> bool {
         // One comparison for all: NaN and infinity stay in a sum of magnitudes, so the comparison fails.
-        let sum = self.anchor.iter().fold(self.range.abs() + self.sigma, |sum, component| sum + component.abs());
+        let sum = self
+            .anchor
+            .iter()
+            .fold(self.range.abs() + self.sigma + self.p_blocked, |sum, component| sum + component.abs());
         sum <= T::of(FARTHEST_M) && self.sigma >= T::of(LEAST_SIGMA_M)
     }
 }

@@ -264,6 +264,7 @@ fn conclude<T: Real, const D: usize>(
         dilution_of_precision: core::array::from_fn(|axis| dilution[axis][axis].at_least(T::ZERO).sqrt()),
         used: AnchorSet(((1_u32 << heard.len().min(MAX_ANCHORS)) - 1) as u16),
         quality: agreement.quality,
+        alternative: None,
     })
 }
 

@@ -93,6 +93,7 @@ pub fn posterior<T: Real>(
         dilution_of_precision: [T::ZERO; 2],
         used: AnchorSet(((1_u32 << heard.len()) - 1) as u16),
         quality: rssis.agreement(found.mean),
+        alternative: None,
     };
     let [offset, spread] = found.decibels;
     Ok(Posterior { fix, offset, offset_variance: spread + rssis.offset_variance() })

@@ -3,10 +3,12 @@
 //!
 //! [`Engine::step`] has no clock: microseconds are an argument. With [`Mode::Solve`] every round is solved by itself
 //! when it ends. With [`Mode::Track`] the first round (and the first after a track was given up) is solved. From then
-//! on every measurement changes the track as it comes. The covariance grows during a time without measurements. After
+//! on every measurement changes the track as it comes. A round that contradicts the track makes a second hypothesis
+//! (`hypotheses`). The covariance grows during a time without measurements. After
 //! too long a time the track ends.
 
 mod height;
+mod hypotheses;
 mod output;
 mod round;
 mod settings;
@@ -20,8 +22,9 @@ pub use settings::{Dimensions, Mode, NodeMethod, Settings, Solvers};
 
 use crate::Real;
 use crate::measurement::Observation as _;
-use crate::track::{Filter, Supervisor};
+use crate::track::Filter;
 use height::HeightSource;
+use hypotheses::Rival;
 use round::Round;
 
 /// A clock that goes back by more than this has been reset, microseconds. By less, frames have overtaken each other.
@@ -31,7 +34,8 @@ const OVERTAKING_US: u64 = 1_000_000;
 pub struct Engine<T> {
     settings: Settings<T>,
     filter: Filter<T>,
-    supervisor: Supervisor,
+    /// The second hypothesis, while there is one.
+    rival: Option<Rival<T>>,
     round: Round<T>,
     /// The source of the height of a track in space.
     height: HeightSource<T>,
@@ -60,7 +64,7 @@ impl<T: Real> Engine<T> {
         Self {
             settings,
             filter: Filter::new(),
-            supervisor: Supervisor::default(),
+            rival: None,
             round: Round::new(),
             height: HeightSource::new(),
             track: Err(Missing::RoundOpen),
@@ -117,7 +121,11 @@ impl<T: Real> Engine<T> {
                 self.round.clear();
                 return;
             }
-            self.filter.advance(self.now_us, &self.settings.filter);
+            for filter in
+                [Some(&mut self.filter), self.rival.as_mut().map(|rival| &mut rival.filter)].into_iter().flatten()
+            {
+                filter.advance(self.now_us, &self.settings.filter);
+            }
             if !(self.filter.state.spread() <= self.settings.lost.squared()) || !self.filter.state.is_finite() {
                 self.reset(Start::Lost);
             }
@@ -128,17 +136,18 @@ impl<T: Real> Engine<T> {
         if self.track.is_ok() {
             self.track = Err(Missing::Lost(reason));
             self.next_start = reason;
-            self.supervisor = Supervisor::default();
+            self.rival = None;
         }
     }
 
     /// The track's current position.
     fn fix(&self) -> Result<TrackFix<T>, Missing> {
         self.track?;
+        let (position, covariance) = self.mixture();
         Ok(TrackFix {
-            position: self.filter.state.position(),
+            position,
             velocity: self.filter.state.velocity(),
-            covariance: self.height.admit(self.filter.state.position_covariance()),
+            covariance: self.height.admit(covariance),
             used: crate::AnchorSet(self.round.used),
             quality: self.round.quality(),
             age_us: self.now_us.saturating_sub(self.used_us),

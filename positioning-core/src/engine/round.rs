@@ -5,12 +5,28 @@ use heapless::Vec;
 use super::settings::{Dimensions, Settings};
 use crate::measurement::{BeaconPosition, Range, Tdoa, probability};
 use crate::track::{Blocked, TdoaSample, hyperbolic};
-use crate::{AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, RangeSample, Real, Side, SolveError, Solver, flatten};
+use crate::{
+    Alternative, AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, RangeSample, Real, Side, SolveError, Solver, flatten,
+};
+
+/// A range of an earlier round helps to solve a round with too few ranges for this time, microseconds: a person walks a
+/// metre meanwhile.
+const RECENT_US: u64 = 1_000_000;
+
+/// A range of this round, or of one shortly before.
+#[derive(Clone, Copy, Debug)]
+struct Kept<T> {
+    range: Range<T>,
+    t_us: u64,
+    /// Its index in this round; `None`: it is of an earlier one.
+    place: Option<u8>,
+}
 
 /// The measurements of a round.
 #[derive(Clone, Debug)]
 pub(super) struct Round<T> {
-    pub(super) ranges: Vec<Range<T>, MAX_ANCHORS>,
+    /// The nearest sixteen.
+    ranges: Vec<Kept<T>, MAX_ANCHORS>,
     pub(super) tdoas: Vec<Tdoa<T>, MAX_ANCHORS>,
     /// The tag's position by the RSSI values of beacons.
     pub(super) by_beacons: Option<BeaconPosition<T>>,
@@ -22,19 +38,51 @@ pub(super) struct Round<T> {
     pub(super) given: usize,
     /// The number of measurements that were used.
     pub(super) taken: usize,
+    /// The number of ranges that were given.
+    ranged: u8,
+    /// The number of ranges since the hypotheses were compared.
+    pub(super) unjudged: usize,
+    /// Whether an anchor has been ranged twice since the ranges were last dropped.
+    repeats: bool,
 }
 
 impl<T: Real> Round<T> {
     pub(super) fn new() -> Self {
-        Self { ranges: Vec::new(), tdoas: Vec::new(), by_beacons: None, used: 0, waits: false, given: 0, taken: 0 }
+        Self {
+            ranges: Vec::new(),
+            tdoas: Vec::new(),
+            by_beacons: None,
+            used: 0,
+            waits: false,
+            given: 0,
+            taken: 0,
+            ranged: 0,
+            unjudged: 0,
+            repeats: false,
+        }
     }
 
+    /// Drops all measurements.
     pub(super) fn clear(&mut self) {
         self.ranges.clear();
+        self.repeats = false;
+        self.end();
+    }
+
+    /// Begins the next round; the ranges stay for it.
+    pub(super) fn end(&mut self) {
+        self.ranges.iter_mut().for_each(|kept| kept.place = None);
         self.tdoas.clear();
         self.by_beacons = None;
         self.waits = false;
+        self.ranged = 0;
         (self.used, self.given, self.taken) = (0, 0, 0);
+    }
+
+    /// Whether the kept ranges are as many as a round with one to spare, or all that there are.
+    pub(super) fn is_complete(&self, dimensions: &Dimensions<T>) -> bool {
+        let least = if dimensions.height().is_some() { 4 } else { 5 };
+        self.repeats || self.ranges.len() >= least || !self.tdoas.is_empty()
     }
 
     /// Counts a measurement that was used; `place` is the index of a range in the round.
@@ -45,10 +93,40 @@ impl<T: Real> Round<T> {
         }
     }
 
-    /// Keeps a range and returns its index in the round. Further ranges than a position can take go only to the
-    /// track.
-    pub(super) fn keep(&mut self, range: &Range<T>) -> Option<usize> {
-        self.ranges.push(*range).is_ok().then(|| self.ranges.len() - 1)
+    /// Keeps a range for the solver, which takes the nearest sixteen, and returns its index in the round. A recent range
+    /// to the same anchor in an earlier round makes room.
+    pub(super) fn keep(&mut self, range: &Range<T>, t_us: u64) -> usize {
+        let place = self.ranged;
+        self.ranged = self.ranged.saturating_add(1);
+        self.unjudged = self.unjudged.saturating_add(1);
+        let before = self.ranges.len();
+        self.ranges.retain(|kept| {
+            let recent = t_us.saturating_sub(kept.t_us) <= RECENT_US;
+            kept.place.is_some() || recent && kept.range.anchor != range.anchor
+        });
+        self.repeats |= self.ranges.len() < before;
+        let kept = Kept { range: *range, t_us, place: Some(place) };
+        if self.ranges.push(kept).is_err() {
+            let farther = |a: &&mut Kept<T>, b: &&mut Kept<T>| {
+                a.range.distance_m.partial_cmp(&b.range.distance_m).unwrap_or(core::cmp::Ordering::Equal)
+            };
+            if let Some(farthest) = self.ranges.iter_mut().max_by(farther)
+                && range.distance_m < farthest.range.distance_m
+            {
+                *farthest = kept;
+            }
+        }
+        place.into()
+    }
+
+    /// The ranges that a solver gets.
+    pub(super) fn ranges(&self) -> impl Iterator<Item = &Range<T>> {
+        self.ranges.iter().map(|kept| &kept.range)
+    }
+
+    /// The ranges of this round, with their indices in it.
+    pub(super) fn given_ranges(&self) -> impl Iterator<Item = (usize, &Range<T>)> {
+        self.ranges.iter().filter_map(|kept| Some((kept.place?.into(), &kept.range)))
     }
 
     /// The share of the measurements that were used.
@@ -77,16 +155,27 @@ impl<T: Real> Round<T> {
     fn chosen(&self, settings: &Settings<T>) -> u16 {
         let all = ((1_u32 << self.ranges.len()) - 1) as u16;
         let Blocked::Ignore { threshold, at_least } = settings.filter.blocked else { return all };
-        let direct = |place: usize| self.ranges.get(place).is_some_and(|r| probability(r.p_nlos) < threshold);
+        let direct =
+            |place: usize| self.ranges.get(place).is_some_and(|kept| probability(kept.range.p_nlos) < threshold);
         let chosen = (0..self.ranges.len()).filter(|&place| direct(place)).fold(0_u16, |set, place| set | 1 << place);
         self.with_least_blocked(chosen, at_least.into())
     }
 
+    /// The ranges of this round that are probably blocked, and that are needed for `enough` ranges, with their indices.
+    pub(super) fn least_blocked_beyond(&self, threshold: T, enough: usize) -> Vec<(usize, Range<T>), MAX_ANCHORS> {
+        let direct = |kept: &Kept<T>| probability(kept.range.p_nlos) < threshold;
+        let set =
+            (0..).zip(&self.ranges).filter(|(_, kept)| direct(kept)).fold(0_u16, |set, (index, _)| set | bit(index));
+        let more = self.with_least_blocked(set, enough) & !set;
+        let chosen = (0..).zip(&self.ranges).filter(|(index, _)| more & bit(*index) != 0);
+        chosen.filter_map(|(_, kept)| Some((kept.place?.into(), kept.range))).collect()
+    }
+
     /// Adds the least blocked ranges to a set until it has `enough`.
-    pub(super) fn with_least_blocked(&self, mut set: u16, enough: usize) -> u16 {
+    fn with_least_blocked(&self, mut set: u16, enough: usize) -> u16 {
         while (set.count_ones() as usize) < enough {
             let mut least: Option<(usize, T)> = None;
-            for (place, range) in self.ranges.iter().enumerate() {
+            for (place, Kept { range, .. }) in self.ranges.iter().enumerate() {
                 let blocked = probability(range.p_nlos);
                 if set >> place & 1 == 0 && least.is_none_or(|(_, other)| blocked < other) {
                     least = Some((place, blocked));
@@ -103,7 +192,7 @@ impl<T: Real> Round<T> {
         let area = settings.area.map(|area| Area { min: [area.min[0], area.min[1]], max: [area.max[0], area.max[1]] });
         let fix =
             self.solve_in(settings, settings.solvers.plane, &Constraints { side: Side::Unknown, area }, |range| {
-                let distance = flatten(length(range, settings), range.position_m[2] - height);
+                let distance = flatten(range.distance_m, range.position_m[2] - height);
                 RangeSample::new([range.position_m[0], range.position_m[1]], distance)
             })?;
         let [x, y] = fix.position;
@@ -118,13 +207,16 @@ impl<T: Real> Round<T> {
             dilution_of_precision: [dx, dy, T::ZERO],
             used: fix.used,
             quality: fix.quality,
+            alternative: fix
+                .alternative
+                .map(|Alternative { apart: [x, y], share }| Alternative { apart: [x, y, T::ZERO], share }),
         })
     }
 
     #[inline(never)]
     fn solve_space(&self, settings: &Settings<T>, side: Side<T, 3>) -> Result<Fix<T, 3>, SolveError> {
         self.solve_in(settings, settings.solvers.space, &Constraints { side, area: settings.area }, |range| {
-            RangeSample::new(range.position_m, length(range, settings))
+            RangeSample::new(range.position_m, range.distance_m)
         })
     }
 
@@ -137,14 +229,19 @@ impl<T: Real> Round<T> {
     ) -> Result<Fix<T, D>, SolveError> {
         let chosen = self.chosen(settings);
         let mut samples: Vec<RangeSample<T, D>, MAX_ANCHORS> = Vec::new();
-        for (place, range) in self.ranges.iter().enumerate() {
+        for (place, Kept { range, .. }) in self.ranges.iter().enumerate() {
             if chosen >> place & 1 == 1 {
                 // There is room for as many samples as ranges.
-                let _ = samples.push(RangeSample { sigma: deviation(range, settings), ..sample(range) });
+                let sigma = deviation(settings, range.deviation_m, range.p_nlos);
+                let alike = matches!(settings.filter.blocked, Blocked::Alike);
+                let p_nlos = range.p_nlos.filter(|_| !alike);
+                let _ = samples.push(RangeSample { sigma, ..sample(range) }.with_p_nlos(p_nlos));
             }
         }
         let mut fix = solver(&samples, constraints)?;
-        fix.used = spread(fix.used, chosen);
+        let used = spread(fix.used, chosen);
+        let places = self.ranges.iter().enumerate().filter(|(index, _)| used.contains(*index));
+        fix.used = AnchorSet(places.filter_map(|(_, kept)| kept.place).fold(0, |set, place| set | bit(place)));
         Ok(fix)
     }
 
@@ -153,10 +250,10 @@ impl<T: Real> Round<T> {
         let Some(first) = self.tdoas.first() else { return Err(SolveError::TooFewAnchors) };
         let mut samples: Vec<TdoaSample<T>, MAX_ANCHORS> = Vec::new();
         for tdoa in self.tdoas.iter().filter(|tdoa| tdoa.reference == first.reference) {
-            let sigma = white(settings, tdoa.deviations_m[1], probability(tdoa.p_nlos[1]));
+            let sigma = deviation(settings, tdoa.deviations_m[1], tdoa.p_nlos[1]);
             let _ = samples.push(TdoaSample { anchor: tdoa.position_m, difference: tdoa.difference_m, sigma });
         }
-        let sigma = white(settings, first.deviations_m[0], probability(first.p_nlos[0]));
+        let sigma = deviation(settings, first.deviations_m[0], first.p_nlos[0]);
         let start = match settings.dimensions {
             Dimensions::Space { side: Side::Of(point) } => Some(point),
             Dimensions::Space { side: Side::Unknown } | Dimensions::Plane { .. } => None,
@@ -168,42 +265,28 @@ impl<T: Real> Round<T> {
     }
 }
 
+/// The bit of a range in a set; none beyond sixteen.
+fn bit(place: u8) -> u16 {
+    1_u16.checked_shl(place.into()).unwrap_or(0)
+}
+
 /// Moves the bits of `used`, which number the members of `chosen`, to their indices among all ranges.
 fn spread(used: AnchorSet, chosen: u16) -> AnchorSet {
     let members = (0..16_usize).filter(|place| chosen >> place & 1 == 1);
     AnchorSet(members.enumerate().filter(|(k, _)| used.contains(*k)).fold(0, |set, (_, place)| set | 1 << place))
 }
 
-/// The length of a range as it is used.
-pub(super) fn length<T: Real>(range: &Range<T>, settings: &Settings<T>) -> T {
-    let excess = if settings.mitigate { range.excess_m.unwrap_or(T::ZERO) } else { T::ZERO };
-    range.distance_m - excess
-}
-
-/// The deviation of a single range with all its errors.
-fn deviation<T: Real>(range: &Range<T>, settings: &Settings<T>) -> T {
-    white(settings, range.deviation_m, probability(range.p_nlos))
-}
-
-fn white<T: Real>(settings: &Settings<T>, own: T, blocked: T) -> T {
+/// The deviation of a single measurement with the error of a direct link, metres.
+fn deviation<T: Real>(settings: &Settings<T>, own: T, p_nlos: Option<T>) -> T {
     let noise = &settings.filter.noise;
-    // An unknown probability adds no variance here. It would not weigh one range against another, and a round by
-    // itself does not need it.
-    let both = |blocked: T| {
-        let blocked = Some(blocked);
-        let variance = noise.noise_variance(own.squared(), blocked) + noise.link_variance(blocked);
-        // Exactly as given where there is nothing to add.
-        if variance > own.squared() { variance.sqrt() } else { own }
-    };
     match settings.filter.blocked {
         Blocked::TwoVariances { threshold, direct_m2, blocked_m2 } => {
-            if blocked >= threshold {
-                blocked_m2.sqrt()
-            } else {
-                direct_m2.sqrt()
-            }
+            let variance = if probability(p_nlos) >= threshold { blocked_m2 } else { direct_m2 };
+            variance.sqrt()
         }
-        Blocked::Alike => both(T::ZERO),
-        Blocked::Ignore { .. } | Blocked::Weigh => both(blocked),
+        Blocked::Alike | Blocked::Ignore { .. } | Blocked::Weigh => {
+            // Exactly as given where there is nothing to add.
+            if noise.lasts() { (own.squared() + noise.direct_sigma.squared()).sqrt() } else { own }
+        }
     }
 }

@@ -127,7 +127,7 @@ impl<T: Real> Settings<T> {
             solvers: Solvers::robust(),
             area: None,
             filter: FilterSettings {
-                motion: Motion::Adaptive { calm: T::of(0.3), brisk: T::of(3.0) },
+                motion: Motion::Adaptive { calm: T::of(0.5), brisk: T::of(3.0) },
                 noise: Noise::indoors(),
                 blocked: Blocked::Weigh,
                 iterations: 3,

@@ -1,9 +1,9 @@
 //! Track management at the end of a round: a track is started, checked or given up, or the round is solved by itself.
 
 use super::{Engine, HeightSource, Missing, Mode, Output, Start, TrackFix, Verdict};
-use crate::measurement::{Observation as _, probability};
-use crate::track::{Blocked, Supervisor};
-use crate::{Fix, Real};
+use crate::measurement::{Observation as _, Range};
+use crate::track::{Blocked, Filter};
+use crate::{Fix, MAX_ANCHORS, Real};
 
 /// The factor on the variance of a track's first position, relative to the solver's. The same ranges will enter the
 /// track, and must not count twice.
@@ -12,6 +12,9 @@ const START_DOUBT: f64 = 9.0;
 const START_SIGMA_M: f64 = 0.3;
 /// The multiplied deviation of an axis is limited to about this, metres.
 const START_GREATEST_M: f64 = 1.0;
+
+/// The number of sweeps over the links of a new track.
+const SWEEPS: usize = 2;
 
 /// A track that is more uncertain than this, metres, all axes together, is vague.
 const VAGUE_M: f64 = 1.5;
@@ -26,7 +29,12 @@ impl<T: Real> Engine<T> {
             Mode::Track if self.track.is_err() => self.begin(),
             Mode::Track => self.update_track(),
         };
-        self.round.clear();
+        // Where single ranges come one by one, those of the last second make a round together.
+        if self.settings.mode == Mode::Solve || self.round.is_complete(&self.settings.dimensions) {
+            self.round.clear();
+        } else {
+            self.round.end();
+        }
         output
     }
 
@@ -49,8 +57,39 @@ impl<T: Real> Engine<T> {
         }
     }
 
-    /// Starts a track near a solved position, and gives it the round's measurements.
+    /// Starts a track at a solved position with the round's measurements.
     fn start_track(&mut self, fix: &Fix<T, 3>) -> Start {
+        let start = self.start(fix.position, &fix.covariance);
+        let mut first = *fix;
+        if let Some(alternative) = fix.alternative {
+            // The position is the mean of two places, and the covariance reaches from one to the other.
+            let spread = alternative.share * (T::ONE - alternative.share);
+            for axis in 0..3 {
+                first.position[axis] = fix.position[axis] - alternative.share * alternative.apart[axis];
+                for other in 0..3 {
+                    first.covariance[axis][other] =
+                        fix.covariance[axis][other] - spread * alternative.apart[axis] * alternative.apart[other];
+                }
+            }
+        }
+        self.filter = self.begun_at(&first);
+        (self.round.used, self.round.taken, self.round.unjudged) = (0, 0, 0);
+        let places: heapless::Vec<usize, MAX_ANCHORS> = self.round.given_ranges().map(|(place, _)| place).collect();
+        places.into_iter().for_each(|place| self.round.count(Some(place)));
+        self.round.taken += self.round.tdoas.len();
+        self.add_alternative(&first);
+        self.take_height(&first);
+        self.apply_beacon_position();
+        self.used_us = self.now_us;
+        start
+    }
+
+    /// A filter that begins at a solved position with the round's ranges.
+    ///
+    /// The solver knows which links are probably blocked. So the links get their priors by their residuals at the
+    /// position first; then the position is made uncertain, since the same ranges must not count twice, and the ranges
+    /// determine it again, link errors and all. Some sweeps over the links make priors and position agree.
+    pub(super) fn begun_at(&self, fix: &Fix<T, 3>) -> Filter<T> {
         // Where the solver did not know on which side of the anchors the tag is, its covariance reaches to the other
         // side. The track is on this side. An uncertainty of metres would make its first linearisations wrong.
         let greatest = (0..3).fold(T::ZERO, |greatest, axis| greatest.at_least(fix.covariance[axis][axis]));
@@ -64,20 +103,28 @@ impl<T: Real> Engine<T> {
                 }
             })
         });
-        let start = self.start(fix.position, &covariance);
-        self.take_height(fix);
-        (self.round.used, self.round.taken) = (0, 0);
-        self.check_ranges();
-        for place in 0..self.round.tdoas.len() {
-            if let Some(tdoa) = self.round.tdoas.get(place).copied() {
-                self.check_tdoa(&tdoa);
+        let settings = &self.settings.filter;
+        let flat = self.settings.dimensions.height().is_some();
+        let mut filter = Filter::new();
+        filter.start(self.now_us, fix.position, &fix.covariance, flat, settings);
+        let used = |range: &&Range<T>| self.admits(range);
+        if settings.noise.lasts() {
+            self.round.ranges().filter(used).for_each(|range| filter.prepare_range(&range.for_filter(), settings));
+        }
+        filter.set_position(fix.position, &covariance);
+        self.round.ranges().filter(used).for_each(|range| {
+            range.update(&mut filter, settings);
+        });
+        if settings.noise.lasts() {
+            for _ in 0..SWEEPS {
+                self.round.ranges().filter(used).for_each(|range| filter.refresh_range(&range.for_filter(), settings));
             }
         }
-        self.apply_beacon_position();
-        self.apply_min_anchors();
-        self.supervisor = Supervisor::default();
-        self.used_us = self.now_us;
-        start
+        for tdoa in self.round.tdoas.iter().filter(|tdoa| self.admits_tdoa(tdoa)) {
+            tdoa.update(&mut filter, settings);
+        }
+        filter.log_evidence = T::ZERO;
+        filter
     }
 
     /// Whether the track is too uncertain to linearise ranges about it one by one. This is the case among beacons:
@@ -100,17 +147,17 @@ impl<T: Real> Engine<T> {
 
     /// Gives the round's ranges to the track.
     fn check_ranges(&mut self) {
-        for place in 0..self.round.ranges.len() {
-            if let Some(range) = self.round.ranges.get(place).copied() {
-                self.check_range(&range, Some(place));
-            }
-        }
+        let given: heapless::Vec<(usize, Range<T>), MAX_ANCHORS> =
+            self.round.given_ranges().map(|(place, range)| (place, *range)).collect();
+        given.iter().for_each(|(place, range)| {
+            self.check_range(range, *place);
+        });
     }
 
     /// Gives the position by beacons to the track, if the round has one.
     fn apply_beacon_position(&mut self) {
         if let (Some(position), Some(_)) = (self.round.by_beacons, self.settings.dimensions.height()) {
-            let result = position.update(&mut self.filter, &self.settings.filter);
+            let result = self.apply(&position);
             self.conclude(result, None);
         }
     }
@@ -118,19 +165,8 @@ impl<T: Real> Engine<T> {
     /// Gives the least blocked of the ignored ranges to the track, if the settings keep some per round.
     fn apply_min_anchors(&mut self) {
         let Blocked::Ignore { threshold, at_least } = self.settings.filter.blocked else { return };
-        let mut kept = 0_u16;
-        for (place, range) in self.round.ranges.iter().enumerate() {
-            if probability(range.p_nlos) < threshold {
-                kept |= 1 << place;
-            }
-        }
-        let more = self.round.with_least_blocked(kept, at_least.into()) & !kept;
-        for place in 0..self.round.ranges.len() {
-            if more >> place & 1 == 1
-                && let Some(range) = self.round.ranges.get(place).copied()
-            {
-                self.track_range(&range, Some(place));
-            }
+        for (place, range) in self.round.least_blocked_beyond(threshold, at_least.into()) {
+            self.track_range(&range, place);
         }
     }
 
@@ -148,16 +184,16 @@ impl<T: Real> Engine<T> {
         }
         self.apply_min_anchors();
         self.apply_beacon_position();
-        let doubts = self.settings.supervised && self.supervisor.doubts();
-        if (doubts || self.height.is_asked())
+        if self.settings.supervised
+            && self.round.is_complete(&self.settings.dimensions)
+            && let Some(start) = self.compare()
+        {
+            self.used_us = self.now_us;
+            return Output { verdict: Verdict::Started(start), fix: self.fix() };
+        }
+        if self.height.is_asked()
             && let Ok(fix) = self.round.solve(&self.settings)
         {
-            let covariance = self.filter.state.position_covariance();
-            if doubts && self.supervisor.rejects(self.filter.state.position(), &covariance, &fix) {
-                self.reset(Start::Contradicted);
-                let start = self.start_track(&fix);
-                return Output { verdict: Verdict::Started(start), fix: self.fix() };
-            }
             self.take_height(&fix);
         }
         Output { verdict: Verdict::Concluded, fix: self.fix() }
@@ -166,10 +202,10 @@ impl<T: Real> Engine<T> {
     /// Gives the height of a solved round to the track, where ranges alone do not determine it.
     fn take_height(&mut self, fix: &Fix<T, 3>) {
         if self.settings.dimensions.height().is_none()
-            && !self.round.ranges.is_empty()
+            && self.round.ranges().next().is_some()
             && let Some(height) = self.height.of(fix)
         {
-            height.update(&mut self.filter, &self.settings.filter);
+            self.apply(&height);
         }
     }
 
@@ -178,7 +214,7 @@ impl<T: Real> Engine<T> {
         let flat = self.settings.dimensions.height().is_some();
         self.filter.start(self.now_us, position, covariance, flat, &self.settings.filter);
         self.height = HeightSource::new();
-        self.supervisor = Supervisor::default();
+        self.rival = None;
         self.track = Ok(());
         self.used_us = self.now_us;
         self.next_start

@@ -1,6 +1,5 @@
 //! The update by one measurement: it goes into the track, or it is kept for the end of the round.
 
-use super::round::length;
 use super::{Engine, Mode, Verdict};
 use crate::Real;
 use crate::measurement::{BeaconPosition, ExternalPosition, Height, Observation, Range, Tdoa, probability};
@@ -12,57 +11,69 @@ impl<T: Real> Engine<T> {
         if self.track.is_err() {
             return Verdict::NoTrack;
         }
-        let result = observation.update(&mut self.filter, &self.settings.filter);
+        let result = self.apply(observation);
         self.conclude(result, None)
     }
 
+    /// Takes a measurement into both hypotheses; the result is that of the track.
+    #[inline(always)]
+    pub(super) fn apply(&mut self, observation: &impl Observation<T>) -> UpdateResult {
+        if let Some(rival) = &mut self.rival {
+            observation.update(&mut rival.filter, &self.settings.filter);
+        }
+        observation.update(&mut self.filter, &self.settings.filter)
+    }
+
     pub(super) fn range(&mut self, range: &Range<T>) -> Verdict {
-        let place = self.round.keep(range);
+        let excess = if self.settings.mitigate { range.excess_m.unwrap_or(T::ZERO) } else { T::ZERO };
+        let range = Range { distance_m: range.distance_m - excess, ..*range };
+        let place = self.round.keep(&range, self.now_us);
         self.round.given = self.round.given.saturating_add(1);
         if self.track.is_err() {
             return Verdict::Held;
         }
-        if place.is_some() && self.is_vague() {
+        if self.is_vague() {
             self.round.waits = true;
             return Verdict::Held;
         }
-        self.check_range(range, place)
+        self.check_range(&range, place)
     }
 
-    /// Takes a range into the track, unless it is to be ignored.
-    pub(super) fn check_range(&mut self, range: &Range<T>, place: Option<usize>) -> Verdict {
+    /// Whether a range is used, and not ignored because it is probably blocked.
+    pub(super) fn admits(&self, range: &Range<T>) -> bool {
         match self.settings.filter.blocked {
-            Blocked::Ignore { threshold, .. } if probability(range.p_nlos) >= threshold => Verdict::Ignored,
-            Blocked::Ignore { .. } | Blocked::Alike | Blocked::TwoVariances { .. } | Blocked::Weigh => {
-                self.track_range(range, place)
-            }
+            Blocked::Ignore { threshold, .. } => probability(range.p_nlos) < threshold,
+            Blocked::Alike | Blocked::TwoVariances { .. } | Blocked::Weigh => true,
         }
     }
 
+    /// The same for a difference.
+    pub(super) fn admits_tdoa(&self, tdoa: &Tdoa<T>) -> bool {
+        match self.settings.filter.blocked {
+            Blocked::Ignore { threshold, .. } => tdoa.p_nlos.iter().all(|&p_nlos| probability(p_nlos) < threshold),
+            Blocked::Alike | Blocked::TwoVariances { .. } | Blocked::Weigh => true,
+        }
+    }
+
+    /// Takes a range into the track, unless it is to be ignored.
+    pub(super) fn check_range(&mut self, range: &Range<T>, place: usize) -> Verdict {
+        if self.admits(range) { self.track_range(range, place) } else { Verdict::Ignored }
+    }
+
     /// Takes a range into the track.
-    pub(super) fn track_range(&mut self, range: &Range<T>, place: Option<usize>) -> Verdict {
-        let shortened = Range { distance_m: length(range, &self.settings), ..*range };
-        let result = shortened.update(&mut self.filter, &self.settings.filter);
-        self.conclude(result, place)
+    pub(super) fn track_range(&mut self, range: &Range<T>, place: usize) -> Verdict {
+        let result = self.apply(range);
+        self.conclude(result, Some(place))
     }
 
     pub(super) fn tdoa(&mut self, tdoa: &Tdoa<T>) -> Verdict {
         self.round.given = self.round.given.saturating_add(1);
+        self.round.unjudged = self.round.unjudged.saturating_add(1);
+        let held = self.round.tdoas.push(*tdoa).is_ok();
         if self.track.is_err() {
-            return if self.round.tdoas.push(*tdoa).is_ok() { Verdict::Held } else { Verdict::NoTrack };
+            return if held { Verdict::Held } else { Verdict::NoTrack };
         }
-        self.check_tdoa(tdoa)
-    }
-
-    /// Takes a difference into the track, unless it is to be ignored.
-    pub(super) fn check_tdoa(&mut self, tdoa: &Tdoa<T>) -> Verdict {
-        if let Blocked::Ignore { threshold, .. } = self.settings.filter.blocked
-            && tdoa.p_nlos.iter().any(|&p_nlos| probability(p_nlos) >= threshold)
-        {
-            return Verdict::Ignored;
-        }
-        let result = tdoa.update(&mut self.filter, &self.settings.filter);
-        self.conclude(result, None)
+        if self.admits_tdoa(tdoa) { self.observe(tdoa) } else { Verdict::Ignored }
     }
 
     /// Keeps a position by beacons for the round's end. If there are several, the last one counts. In space it is
@@ -103,9 +114,9 @@ impl<T: Real> Engine<T> {
 
     /// Counts the result of a measurement; `place` is the index of a range in its round.
     pub(super) fn conclude(&mut self, result: UpdateResult, place: Option<usize>) -> Verdict {
-        self.supervisor.count(result == UpdateResult::Rejected);
         match result {
             UpdateResult::Rejected => Verdict::Refused,
+            UpdateResult::NoPlace => Verdict::Ignored,
             UpdateResult::Accepted | UpdateResult::Readmitted => {
                 self.used_us = self.now_us;
                 self.round.count(place);

@@ -69,7 +69,7 @@ impl<'a> Settings<'a> {
             None => Dimensions::Space { side: Side::Unknown },
         };
         let solvers = Solvers::on_node(NodeMethod::Robust);
-        let track = engine::Settings::track(dimensions).with_noise(Noise::by_powers());
+        let track = engine::Settings::track(dimensions).with_noise(Noise::indoors());
         Self::new(engine::Settings { solvers, ..track })
     }
 
@@ -82,8 +82,7 @@ impl<'a> Settings<'a> {
 
     /// The same settings with this classifier of links, if there is one.
     pub fn with_classifier(self, classifier: Option<&'a dyn Classifier>) -> Self {
-        let engine = if classifier.is_some() { self.engine.with_noise(Noise::by_model()) } else { self.engine };
-        Self { engine, classifier, ..self }
+        Self { classifier, ..self }
     }
 
     /// The same settings with these beacons. By beacons alone a track has an uncertainty of metres, and is still a

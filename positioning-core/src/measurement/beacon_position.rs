@@ -32,6 +32,7 @@ impl<T: Real> BeaconPosition<T> {
             dilution_of_precision: [zero; 3],
             used: AnchorSet(0),
             quality: T::ONE,
+            alternative: None,
         }
     }
 }
@@ -51,7 +52,8 @@ impl<T: Real> Observation<T> for BeaconPosition<T> {
         let mut result = UpdateResult::Accepted;
         for (axis, (model, variance)) in (0_u8..2).zip(components(position, &covariance, least)) {
             let shadow = self.lasting * variance;
-            let link = filter.beacon_link(axis, [shadow, T::of(UNUSUAL * UNUSUAL) * shadow], settings);
+            let usual = T::of(UNUSUAL * UNUSUAL) * shadow;
+            let Some(link) = filter.beacon_link(axis, [shadow, usual], settings) else { return UpdateResult::NoPlace };
             let white = (variance - shadow).at_least(least);
             let taken = filter.observe(&model.with_link(link.state), white, GateOf::Beacons(link.place), settings);
             if taken != UpdateResult::Accepted {

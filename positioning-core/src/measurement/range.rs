@@ -1,10 +1,10 @@
 //! A range: r = ‖p − a‖ + c + b + n, with the error c common to all ranges and the error b of the link (V. Barral et
 //! al., Sensors 19, 2019, equations 13 and 14; here the lasting errors are separate from n).
 
-use super::{Observation, known, line_of_sight, magnitude, sane, variance};
+use super::{Observation, line_of_sight, magnitude, sane, variance};
 use crate::Real;
 use crate::track::state::{COMMON, STATES};
-use crate::track::{Filter, FilterSettings, GateOf, Linearised, Model, UpdateResult};
+use crate::track::{AnchorRange, Filter, FilterSettings, Linearised, Model, UpdateResult};
 
 /// A range to an anchor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,7 +52,18 @@ impl<T: Real> Observation<T> for Range<T> {
     }
 
     fn update(&self, filter: &mut Filter<T>, settings: &FilterSettings<T>) -> UpdateResult {
-        let link = filter.anchor_link(self.anchor, variance(self.deviation_m), known(self.p_nlos), settings);
-        filter.observe(&RangeModel { range: self, link: link.state }, link.white, GateOf::Range(link.place), settings)
+        filter.observe_range(&self.for_filter(), settings)
+    }
+}
+
+impl<T: Real> Range<T> {
+    /// The range as the filter takes it.
+    pub(crate) fn for_filter(&self) -> AnchorRange<'_, T> {
+        AnchorRange {
+            range: self,
+            anchor: self.anchor,
+            distance_m: self.distance_m,
+            own_m2: variance(self.deviation_m),
+        }
     }
 }

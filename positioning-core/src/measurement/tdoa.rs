@@ -67,10 +67,18 @@ impl<T: Real> Observation<T> for Tdoa<T> {
     fn update(&self, filter: &mut Filter<T>, settings: &FilterSettings<T>) -> UpdateResult {
         let [of_reference, own] = self.deviations_m.map(variance);
         let [reference_p, p] = self.p_nlos.map(known);
-        let reference = filter.anchor_link(self.reference, of_reference, reference_p, settings);
         let link = filter.anchor_link(self.anchor, own, p, settings);
+        let Some((reference, link)) = filter.anchor_link(self.reference, of_reference, reference_p, settings).zip(link)
+        else {
+            return UpdateResult::NoPlace;
+        };
         filter.set_reference(self.reference, reference.white);
         let model = TdoaModel { tdoa: self, link: link.state, reference_link: reference.state };
-        filter.observe(&model, link.white, GateOf::Tdoa(link.place), settings)
+        let result = filter.observe(&model, link.white, GateOf::Link(link.place), settings);
+        if settings.noise.lasts() {
+            filter.refresh(link.place, &settings.noise.link_prior(p));
+            filter.refresh(reference.place, &settings.noise.link_prior(reference_p));
+        }
+        result
     }
 }

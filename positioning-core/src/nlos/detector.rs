@@ -6,13 +6,12 @@
 //! takes time. The last probability of a link therefore holds for a second.
 //!
 //! Without a model the received powers give the probability ([`POWER_DIFFERENCE_PRIOR`]). They do so also with a
-//! model if the features of a reception are not sufficient. Then the probability is reduced to the small part of a
-//! blocked link's variance that the uncertainty by powers has.
+//! model if the features of a reception are not sufficient.
 
 use heapless::Vec;
 
 use super::{Classifier, Feature, Features, MovingMean};
-use crate::{Noise, POWER_DIFFERENCE_PRIOR, Real};
+use crate::{POWER_DIFFERENCE_PRIOR, Real};
 
 /// The number of links that are kept, the same as in a round. A further link replaces the one not received for
 /// longest.
@@ -114,10 +113,6 @@ impl<'a> NlosDetector<'a> {
     pub fn blocked(&mut self, now_us: u64, anchor: u16, reception: &Reception) -> Option<f32> {
         let by_powers = POWER_DIFFERENCE_PRIOR.nlos_probability(&reception.features);
         let Some(model) = self.model else { return by_powers };
-        // An uncertainty of a decimetre is this part of the variance of a blocked range.
-        let [doubt, blocked] =
-            [Noise::by_powers(), Noise::by_model()].map(|noise: Noise<f32>| noise.blocked_link_sigma);
-        let by_powers = by_powers.map(|p| p * (doubt / blocked) * (doubt / blocked));
         let wants_response = self.wants_response();
         let Some(link) = self.link(now_us, anchor) else { return by_powers };
         let mut features = reception.features;
@@ -181,12 +176,6 @@ mod tests {
         Reception { features, range_m: 5.0, power_dbm: -80.0, ends_m: None }
     }
 
-    /// Equal odds by powers, as a part of the variance that a blocked link adds: with 0.1 m and 0.2 m 0.5/4.
-    fn part() -> f32 {
-        let [doubt, blocked] = [Noise::<f32>::by_powers(), Noise::by_model()].map(|noise| noise.blocked_link_sigma);
-        0.5 * (doubt / blocked).powi(2)
-    }
-
     fn close(found: Option<f32>, expected: f32) {
         assert!(found.is_some_and(|p| (p - expected).abs() < 1.0e-4), "{found:?} is not {expected}");
     }
@@ -209,7 +198,7 @@ mod tests {
         close(judge.blocked(10, 1, &reception(Some(1.35))), 0.039_271);
         close(judge.blocked(1_000_010, 1, &reception(None)), 0.039_271);
         close(judge.blocked(1_000_010, 2, &reception(None)), 0.5);
-        close(judge.blocked(1_000_011, 1, &reception(None)), part());
+        close(judge.blocked(1_000_011, 1, &reception(None)), 0.5);
         // A time that goes back by more than a second means a reset clock.
         judge.blocked(9_000_000, 1, &reception(Some(1.35)));
         close(judge.blocked(0, 1, &reception(None)), 0.5);
@@ -225,7 +214,7 @@ mod tests {
         let model = by(Feature::TrackResidual);
         let mut judge = NlosDetector::new(Some(&model));
         assert!(!judge.wants_response());
-        close(judge.blocked(0, 1, &reception(None)), part());
+        close(judge.blocked(0, 1, &reception(None)), 0.5);
         // 5 m where √(4/9 + 16/9 + 16/9) = 2 m are expected: odds of 1/e, times one to nine.
         let ends_m = Some([[2.0 / 3.0, 0.0, 0.0], [0.0, 4.0 / 3.0, 4.0 / 3.0]]);
         close(judge.blocked(0, 1, &Reception { ends_m, ..reception(None) }), 0.039_271);

@@ -4,18 +4,21 @@
 use super::anchors::{Links, Source};
 use super::gate::{Gate, GateDecision};
 use super::motion::{Motion, Surprise};
-use super::noise::{Blocked, Noise, Variances};
-use super::state::{COMMON, POSITION, REFERENCE, State, VELOCITY};
+use super::noise::{Blocked, Noise};
+use super::state::{COMMON, POSITION, REFERENCE, STATES, State, VELOCITY};
 use super::update::{Innovation, Model, update};
 use crate::Real;
+use crate::link_error::{Gaussian, LinkPrior, WILD_DENSITY, density};
+use crate::measurement::{Range, RangeModel, Tdoa, TdoaModel, known};
 
 /// The greatest speed that counts for the forgetting of a link's error, metres per second: people indoors are not
 /// faster.
 const FASTEST: f64 = 10.0;
-/// A link's error is unusual beyond this number of its deviations …
-const UNUSUAL: f64 = 1.7;
-/// … and beyond this, metres.
-const UNUSUAL_M: f64 = 0.2;
+/// The part of the way to a link's new prior that one measurement goes: the error of one link changes what is believed
+/// of the others, and they take turns.
+const DAMPING: f64 = 0.5;
+/// A likelihood of a link's error that is less certain than its prior by this factor does not change the prior.
+const VAGUE: f64 = 0.02;
 /// The number of gates for single numbers: a height, the three of a position, and the rest for new kinds.
 const OWN_GATES: usize = 8;
 
@@ -42,14 +45,34 @@ pub struct FilterSettings<T> {
 /// The gate that a number has to pass.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum GateOf {
-    /// That of a range's link, by its place in the table; the link's noise is learnt.
-    Range(usize),
-    /// That of a difference's link; the link's noise is learnt.
-    Tdoa(usize),
+    /// That of a link to an anchor; the link's noise is learnt.
+    Link(usize),
     /// That of an axis of positions by beacons.
     Beacons(usize),
     /// A gate of its own.
     Own(usize),
+}
+
+/// A range as the filter takes it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AnchorRange<'a, T> {
+    pub(crate) range: &'a Range<T>,
+    pub(crate) anchor: u16,
+    pub(crate) distance_m: T,
+    /// The variance of its noise in line of sight, m².
+    pub(crate) own_m2: T,
+}
+
+impl<T: Real> AnchorRange<'_, T> {
+    /// Its model with this state as its link's error.
+    fn model(&self, link: usize) -> RangeModel<'_, T> {
+        RangeModel { range: self.range, link }
+    }
+
+    /// The probability that it is without line of sight, if it is known and has an effect.
+    fn p_nlos(&self, settings: &FilterSettings<T>) -> Option<T> {
+        known(self.range.p_nlos).filter(|_| !matches!(settings.blocked, Blocked::Alike))
+    }
 }
 
 /// A link whose error is predicted to the current time.
@@ -70,8 +93,10 @@ pub(crate) enum UpdateResult {
     Accepted,
     /// Taken in after its gate had refused its source: its error is assumed to have changed.
     Readmitted,
-    /// Refused by its gate.
+    /// Refused by its gate, or a wild range.
     Rejected,
+    /// There is no place for its link: nearer anchors say more.
+    NoPlace,
 }
 
 /// A track.
@@ -87,6 +112,8 @@ pub(crate) struct Filter<T> {
     own_gates: [Gate<T>; OWN_GATES],
     /// Whether the height is known.
     flat: bool,
+    /// ln of the likelihood of the ranges since this was last taken.
+    pub(crate) log_evidence: T,
 }
 
 impl<T: Real> Filter<T> {
@@ -100,6 +127,7 @@ impl<T: Real> Filter<T> {
             reference: None,
             own_gates: [Gate::default(); OWN_GATES],
             flat: false,
+            log_evidence: T::ZERO,
         }
     }
 
@@ -122,15 +150,22 @@ impl<T: Real> Filter<T> {
         self.now_us = now_us;
         let speed = if settings.motion.moves() { settings.speed.squared() } else { T::ZERO };
         for axis in 0..3 {
-            let known = flat && axis == 2;
+            self.state.reset(VELOCITY + axis, T::ZERO, if flat && axis == 2 { T::ZERO } else { speed });
+        }
+        self.set_position(position, covariance);
+        self.state.reset(COMMON, T::ZERO, settings.noise.common_sigma.squared());
+    }
+
+    /// Sets the position and its covariance, independent of all other states.
+    pub(crate) fn set_position(&mut self, position: [T; 3], covariance: &[[T; 3]; 3]) {
+        for axis in 0..3 {
+            let known = self.flat && axis == 2;
             self.state.reset(POSITION + axis, position[axis], if known { T::ZERO } else { covariance[axis][axis] });
-            self.state.reset(VELOCITY + axis, T::ZERO, if known { T::ZERO } else { speed });
             for other in 0..axis {
                 let both = if known { T::ZERO } else { covariance[axis][other] };
                 self.state.set_covariance(POSITION + axis, POSITION + other, both);
             }
         }
-        self.state.reset(COMMON, T::ZERO, settings.noise.common_sigma.squared());
     }
 
     /// Predicts the track to a later time. Earlier times do not change it.
@@ -142,30 +177,172 @@ impl<T: Real> Filter<T> {
         }
     }
 
-    /// A link to an anchor, with its error predicted to the current time. `own` is the variance of the reception's
-    /// noise in line of sight, m². `p_nlos` is the probability of being without line of sight, if it is known.
+    /// A link to an anchor with its error predicted to the current time, for differences of arrival. `own` is the
+    /// variance of the reception's noise in line of sight, m². `p_nlos` is the probability of being without line of
+    /// sight, if it is known. A new link is direct until the differences say otherwise. `None`: there is no place for
+    /// it.
     pub(crate) fn anchor_link(
         &mut self,
         anchor: u16,
         own: T,
         p_nlos: Option<T>,
         settings: &FilterSettings<T>,
-    ) -> CarriedLink<T> {
+    ) -> Option<CarriedLink<T>> {
+        let (place, fresh) = self.carry_anchor(anchor, T::ZERO, settings)?;
+        if fresh {
+            let direct_m2 = settings.noise.direct_sigma.squared();
+            self.renew(place, Gaussian { mean: T::ZERO, variance: direct_m2 }, T::ZERO);
+        }
+        let white = self.links.at(place)?.white(own, p_nlos, settings);
+        Some(CarriedLink { place, state: Links::<T>::state(place), white })
+    }
+
+    /// The place of an anchor's link, with its error predicted to the current time, and whether the link is new. The
+    /// error of a new link is zero without uncertainty until it has a prior.
+    fn carry_anchor(&mut self, anchor: u16, distance_m: T, settings: &FilterSettings<T>) -> Option<(usize, bool)> {
         let noise = &settings.noise;
-        let (place, fresh) = self.links.place(Source::Anchor(anchor), self.now_us);
+        let (place, fresh) = self.links.place(Source::Anchor(anchor), distance_m, self.now_us)?;
+        let link = self.links.at(place)?;
+        link.distance_m = distance_m;
+        if fresh {
+            self.state.reset(Links::<T>::state(place), T::ZERO, T::ZERO);
+        } else {
+            let site = link.site;
+            self.carry(place, site, [noise.link_seconds, noise.link_metres]);
+        }
+        Some((place, fresh))
+    }
+
+    /// Gives a link another error with this prior, whatever it was before.
+    fn renew(&mut self, place: usize, site: Gaussian<T>, blocked: T) {
+        if let Some(link) = self.links.at(place) {
+            (link.site, link.blocked) = (site, blocked);
+            self.state.reset(Links::<T>::state(place), site.mean, site.variance);
+        }
+    }
+
+    /// Gives the link of a range its prior by the range's residual, without a change of the track.
+    pub(crate) fn prepare_range(&mut self, range: &AnchorRange<'_, T>, settings: &FilterSettings<T>) {
+        let Some((place, _)) = self.carry_anchor(range.anchor, range.distance_m, settings) else { return };
         let state = Links::<T>::state(place);
-        let Some(link) = self.links.at(place) else { return CarriedLink { place, state, white: own } };
-        let variances = match settings.blocked {
-            Blocked::TwoVariances { threshold, direct_m2, blocked_m2 } => {
-                let white = if p_nlos.is_some_and(|p_nlos| p_nlos >= threshold) { blocked_m2 } else { direct_m2 };
-                Variances { white, link: noise.link_sigma.squared() }
-            }
-            Blocked::Alike => link.shown.variances(noise, own, None),
-            Blocked::Ignore { .. } | Blocked::Weigh => link.shown.variances(noise, own, p_nlos),
+        self.state.reset(state, T::ZERO, T::ZERO);
+        let innovation = Innovation::of(&self.state, &range.model(state));
+        let residual = Gaussian { mean: innovation.value, variance: innovation.predicted + range.own_m2 };
+        let posterior = settings.noise.link_prior(range.p_nlos(settings)).posterior(residual);
+        self.renew(place, posterior.site, posterior.blocked);
+    }
+
+    /// Takes a range whose link's error lasts. Three explanations compete: the link is as before; it has another error,
+    /// direct or blocked; or the range is wild. Each has its probability and its density, and the likeliest one counts.
+    pub(crate) fn observe_range(&mut self, range: &AnchorRange<'_, T>, settings: &FilterSettings<T>) -> UpdateResult {
+        let noise = &settings.noise;
+        let Some((place, fresh)) = self.carry_anchor(range.anchor, range.distance_m, settings) else {
+            return UpdateResult::NoPlace;
         };
-        let usual = (T::of(UNUSUAL * UNUSUAL) * variances.link).at_least(T::of(UNUSUAL_M * UNUSUAL_M));
-        self.carry(place, fresh, [variances.link, usual], [noise.link_seconds, noise.link_metres]);
-        CarriedLink { place, state, white: variances.white }
+        let Some(link) = self.links.at(place) else { return UpdateResult::NoPlace };
+        let p_nlos = range.p_nlos(settings);
+        let white = link.white(range.own_m2, p_nlos, settings);
+        let state = Links::<T>::state(place);
+        let model = range.model(state);
+        if !noise.lasts() {
+            return self.observe(&model, white, GateOf::Link(place), settings);
+        }
+        let prior = noise.link_prior(p_nlos);
+
+        let mut innovation = Innovation::of(&self.state, &model);
+        let s = innovation.predicted + white;
+        let error = Gaussian { mean: self.state.mean[state], variance: self.state.covariance(state, state) };
+        // The residual without the link's error: what the track says of that error by itself.
+        let residual = Gaussian {
+            mean: innovation.value + error.mean,
+            variance: (s - T::of(2.0) * innovation.across(state) + error.variance).at_least(white),
+        };
+        let posterior = prior.posterior(residual);
+        let as_before = if fresh { T::ZERO } else { density(innovation.value.squared(), s) };
+        let renewal = if fresh { T::ONE } else { noise.renewal };
+        let renewed = renewal * posterior.density;
+        let wild = T::of(WILD_DENSITY);
+        // A wild range that repeats itself is one surprise and not many: its repetition was to be expected.
+        let repeated = link.gate.from_last(innovation.value).map_or(T::ZERO, |step| density(step.squared(), s + white));
+        self.log_evidence += (as_before + renewed + wild + repeated).ln();
+        let is_wild = wild > as_before && wild > renewed;
+        if is_wild {
+            // A wild range that repeats itself is a new error after all, unless it is too short: walls lengthen a range,
+            // only a fault or a forgery shortens it.
+            let decision = link.gate.check(innovation.value, s, settings.gate, settings.patience);
+            let insists = decision == GateDecision::Reopen && residual.mean > T::ZERO;
+            if !insists {
+                if fresh {
+                    self.renew(place, posterior.site, posterior.blocked);
+                }
+                self.surprise.add(innovation.value.squared() / s);
+                return UpdateResult::Rejected;
+            }
+        } else {
+            link.gate = Gate::default();
+        }
+        let mut result = UpdateResult::Accepted;
+        if is_wild || renewed > as_before {
+            self.renew(place, posterior.site, posterior.blocked);
+            innovation = Innovation::of(&self.state, &model);
+            if !fresh {
+                result = UpdateResult::Readmitted;
+            }
+        } else if let Some(link) = self.links.at(place) {
+            link.shown.learn(noise, innovation.value, innovation.predicted, s);
+        }
+        self.absorb(&model, &innovation, white, settings);
+        self.refresh(place, &prior);
+        result
+    }
+
+    /// ln of the density of a range at the track's position, where its link is a new one.
+    pub(crate) fn log_density(&self, range: &AnchorRange<'_, T>, settings: &FilterSettings<T>) -> T {
+        let residual = range.model(STATES).linearise(&self.state.mean).innovation;
+        let prior = settings.noise.link_prior(range.p_nlos(settings));
+        let posterior = prior.posterior(Gaussian { mean: residual, variance: range.own_m2 });
+        (posterior.density + T::of(WILD_DENSITY)).ln()
+    }
+
+    /// The same for a difference of arrivals, between two direct links.
+    pub(crate) fn log_density_of_tdoa(&self, tdoa: &Tdoa<T>, settings: &FilterSettings<T>) -> T {
+        let model = TdoaModel { tdoa, link: STATES, reference_link: STATES };
+        let residual = model.linearise(&self.state.mean).innovation + self.state.mean[REFERENCE];
+        let [reference, own] = tdoa.deviations_m.map(|deviation| deviation.squared());
+        let variance = reference + own + T::of(2.0) * settings.noise.direct_sigma.squared();
+        (density(residual.squared(), variance) + T::of(WILD_DENSITY)).ln()
+    }
+
+    /// Gives the link of a range the prior that the mixture is, seen from all that is known of the link's error by now.
+    pub(crate) fn refresh_range(&mut self, range: &AnchorRange<'_, T>, settings: &FilterSettings<T>) {
+        if let Some((place, false)) = self.links.place(Source::Anchor(range.anchor), range.distance_m, self.now_us) {
+            self.refresh(place, &settings.noise.link_prior(range.p_nlos(settings)));
+        }
+    }
+
+    /// One step of expectation propagation: divides a link's error by the Gaussian that stands for its prior, and
+    /// multiplies it by the one that stands for it now.
+    #[inline(never)]
+    pub(crate) fn refresh(&mut self, place: usize, prior: &LinkPrior<T>) {
+        let state = Links::<T>::state(place);
+        let (mean, variance) = (self.state.mean[state], self.state.covariance(state, state));
+        let Some(link) = self.links.at(place) else { return };
+        let before = T::ONE / link.site.variance;
+        let weight = before * link.site.mean;
+        let rest = T::ONE / variance - before;
+        if !(rest > T::of(VAGUE) * before) {
+            return;
+        }
+        let likelihood = Gaussian { mean: (mean / variance - weight) / rest, variance: T::ONE / rest };
+        let posterior = prior.posterior(likelihood);
+        let now = T::ONE / posterior.site.variance;
+        let (more, more_weight) =
+            (T::of(DAMPING) * (now - before), T::of(DAMPING) * (now * posterior.site.mean - weight));
+        if self.state.inform(state, more, more_weight) {
+            let precision = before + more;
+            link.site = Gaussian { mean: (weight + more_weight) / precision, variance: T::ONE / precision };
+            link.blocked = posterior.blocked;
+        }
     }
 
     /// The error of positions by beacons along an axis, predicted to the current time. Its variance is the first
@@ -173,13 +350,22 @@ impl<T: Real> Filter<T> {
     pub(crate) fn beacon_link(
         &mut self,
         axis: u8,
-        variance_and_usual: [T; 2],
+        [variance, usual]: [T; 2],
         settings: &FilterSettings<T>,
-    ) -> CarriedLink<T> {
+    ) -> Option<CarriedLink<T>> {
         let noise = &settings.noise;
-        let (place, fresh) = self.links.place(Source::Beacons(axis), self.now_us);
-        self.carry(place, fresh, variance_and_usual, [noise.beacon_seconds, noise.beacon_metres]);
-        CarriedLink { place, state: Links::<T>::state(place), white: T::ZERO }
+        let (place, fresh) = self.links.place(Source::Beacons(axis), T::ZERO, self.now_us)?;
+        let state = Links::<T>::state(place);
+        let error = self.state.mean.get(state).copied().unwrap_or(T::ZERO);
+        // An error as large as this one is not a sample of the usual errors: it will not disappear by itself.
+        let variance = if !fresh && error.squared() > usual { error.squared() } else { variance };
+        let site = Gaussian { mean: T::ZERO, variance };
+        if fresh {
+            self.renew(place, site, T::ZERO);
+        } else {
+            self.carry(place, site, [noise.beacon_seconds, noise.beacon_metres]);
+        }
+        Some(CarriedLink { place, state, white: T::ZERO })
     }
 
     /// Sets the reception of the reference anchor for the next differences. Its noise has this variance, m².
@@ -190,27 +376,19 @@ impl<T: Real> Filter<T> {
         }
     }
 
-    /// Predicts a link's error with this variance to the current time; `usual` is its largest usual square. `after`
-    /// is the time in seconds and the distance in metres after which the error is a different one.
-    fn carry(&mut self, place: usize, fresh: bool, [mut variance, usual]: [T; 2], after: [T; 2]) {
-        let state = Links::<T>::state(place);
+    /// Predicts a link's error to the current time. `after` is the time in seconds and the distance in metres after
+    /// which the error is a different one of the same prior.
+    fn carry(&mut self, place: usize, site: Gaussian<T>, after: [T; 2]) {
         let Some(link) = self.links.at(place) else { return };
-        let error = self.state.mean.get(state).copied().unwrap_or(T::ZERO);
-        // An error as large as this link's is not a sample of the usual errors: it will not disappear by itself.
-        if !fresh && error.squared() > usual {
-            variance = error.squared();
-        }
-        if fresh {
-            self.state.reset(state, T::ZERO, variance);
-        } else if variance > T::ZERO {
-            let age: T = seconds(self.now_us.saturating_sub(link.measured_us));
+        let age: T = seconds(self.now_us.saturating_sub(link.measured_us));
+        link.measured_us = self.now_us;
+        if age > T::ZERO && site.variance > T::ZERO {
             let velocity = self.state.velocity();
             let square = velocity[0].squared() + velocity[1].squared() + velocity[2].squared();
             let speed = square.at_most(T::of(FASTEST * FASTEST)).sqrt();
             let lapse = age * (T::ONE / after[0] + speed / after[1]);
-            self.state.renew(state, fading(lapse), variance);
+            self.state.renew(Links::<T>::state(place), fading(lapse), site);
         }
-        link.measured_us = self.now_us;
     }
 
     /// Compares one number with the track, checks its gate, and takes it in; `white` is the variance of its noise.
@@ -226,14 +404,13 @@ impl<T: Real> Filter<T> {
         let s = predicted + white;
         let (limit, patience) = (settings.gate, settings.patience);
         let (decision, link) = match gate {
-            GateOf::Range(place) | GateOf::Tdoa(place) | GateOf::Beacons(place) => {
+            GateOf::Link(place) | GateOf::Beacons(place) => {
                 let state = Links::<T>::state(place);
-                let excess = value + self.state.mean.get(state).copied().unwrap_or(T::ZERO);
-                let Some(link) = self.links.at(place) else { return UpdateResult::Rejected };
-                let decision = match gate {
-                    GateOf::Range(_) => link.gate.judge_range(value, excess, s, limit, patience),
-                    GateOf::Tdoa(_) | GateOf::Beacons(_) | GateOf::Own(_) => link.gate.check(value, s, limit, patience),
-                };
+                let Some(link) = self.links.at(place) else { return UpdateResult::NoPlace };
+                let decision = link.gate.check(value, s, limit, patience);
+                if matches!(gate, GateOf::Link(_)) {
+                    self.log_evidence += (density(value.squared(), s) + T::of(WILD_DENSITY)).ln();
+                }
                 if decision == GateDecision::Accept && !matches!(gate, GateOf::Beacons(_)) {
                     link.shown.learn(&settings.noise, value, predicted, s);
                 }
@@ -252,6 +429,14 @@ impl<T: Real> Filter<T> {
         self.state.mean[POSITION + 2] = height;
     }
 
+    /// Takes a measurement into the state.
+    fn absorb(&mut self, model: &impl Model<T>, innovation: &Innovation<T>, white: T, settings: &FilterSettings<T>) {
+        let normalised = innovation.value.squared() / (innovation.predicted + white);
+        self.surprise.add(normalised);
+        let tail = if settings.noise.degrees > T::ZERO { normalised / settings.noise.degrees } else { T::ZERO };
+        update(&mut self.state, model, innovation, white * (T::ONE + tail), settings.iterations);
+    }
+
     /// Takes a measurement after the decision of its gate. If the gate reopens, the measurement is let in: the
     /// variance of its link's error is increased, if it has a link, else the uncertainty of the whole track.
     fn take(
@@ -267,10 +452,7 @@ impl<T: Real> Filter<T> {
         match decision {
             GateDecision::Reject => UpdateResult::Rejected,
             GateDecision::Accept => {
-                let normalised = square / (innovation.predicted + white);
-                self.surprise.add(normalised);
-                let tail = if settings.noise.degrees > T::ZERO { normalised / settings.noise.degrees } else { T::ZERO };
-                update(&mut self.state, model, innovation, white * (T::ONE + tail), settings.iterations);
+                self.absorb(model, innovation, white, settings);
                 UpdateResult::Accepted
             }
             GateDecision::Reopen => {

@@ -24,15 +24,9 @@ pub(crate) struct Gate<T> {
 }
 
 impl<T: Real> Gate<T> {
-    /// As `check`, for a range that is `excess` longer than the distance to the anchor. A range that is shorter than
-    /// the distance by more than `limit` deviations never reopens the gate. Walls and detours lengthen a range; only
-    /// a fault or a forgery shortens it.
-    pub(crate) fn judge_range(&mut self, innovation: T, excess: T, s: T, limit: T, patience: u8) -> GateDecision {
-        let is_short = excess < T::ZERO && excess.squared() > limit.squared() * s;
-        match self.check(innovation, s, limit, patience) {
-            GateDecision::Reopen if is_short => GateDecision::Reject,
-            passage @ (GateDecision::Accept | GateDecision::Reject | GateDecision::Reopen) => passage,
-        }
+    /// How far an innovation is from the last one that was refused, if that was the last one of all.
+    pub(crate) fn from_last(&self, innovation: T) -> Option<T> {
+        (self.alike > 0).then(|| innovation - self.last)
     }
 
     /// Checks an innovation of variance `s`. It is refused beyond `limit` deviations, unless it is the `patience`-th
@@ -69,22 +63,6 @@ mod tests {
         let heard = [0.29, 1.0, 1.1, 0.9, 1.0, 0.0].map(|innovation| check(&mut gate, innovation));
         use GateDecision::{Accept, Reject, Reopen};
         assert_eq!(heard, [Accept, Reject, Reject, Reopen, Reject, Accept]);
-    }
-
-    #[test]
-    fn a_range_shorter_than_the_way_never_reopens_its_gate() {
-        let range = |gate: &mut Gate<f64>, innovation, excess| gate.judge_range(innovation, excess, 0.01, 3.0, 3);
-        let mut gate = Gate::default();
-        for _ in 0..100 {
-            assert_eq!(range(&mut gate, -1.0, -1.0), GateDecision::Reject);
-        }
-        // A range that is too long still reopens the gate, and a range that agrees passes.
-        let heard = [1.0, 1.0, 1.0, -0.1].map(|innovation| range(&mut gate, innovation, innovation));
-        assert_eq!(heard, [GateDecision::Reject, GateDecision::Reject, GateDecision::Reopen, GateDecision::Accept]);
-        // A wall that made the range 2 m longer, as expected, is gone: the range is shorter than expected, and equal
-        // to the distance.
-        let heard = [-2.0; 3].map(|innovation| range(&mut gate, innovation, 0.0));
-        assert_eq!(heard, [GateDecision::Reject, GateDecision::Reject, GateDecision::Reopen]);
     }
 
     #[test]

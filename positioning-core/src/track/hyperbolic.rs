@@ -156,6 +156,7 @@ impl<T: Real> Problem<'_, T> {
             dilution_of_precision: core::array::from_fn(|axis| (covariance[axis][axis] / unit).sqrt()),
             used: AnchorSet(((1_u32 << self.samples.len()) - 1) as u16),
             quality: T::of(9.0) / (T::of(9.0) + normalised),
+            alternative: None,
         })
     }
 }

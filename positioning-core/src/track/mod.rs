@@ -4,8 +4,8 @@
 //! `state` has the tracked states. `motion` predicts them between measurements. `update` is the one way in which a
 //! measurement ([`crate::measurement`]) changes the track. `filter` predicts the track to a measurement's time and
 //! checks its gate. `noise` has the variance of a measurement. `gate` decides whether a measurement can belong to the
-//! track. `supervisor` decides whether the track can be right at all. [`hyperbolic`] is the start from differences of
-//! arrival. The engine that calls them is [`crate::engine`].
+//! track. [`hyperbolic`] is the start from differences of arrival. The engine that calls them is [`crate::engine`]; it
+//! also decides whether the track can be right at all.
 
 mod anchors;
 mod filter;
@@ -14,7 +14,6 @@ mod hyperbolic;
 mod motion;
 mod noise;
 pub(crate) mod state;
-mod supervisor;
 pub(crate) mod update;
 
 pub use filter::FilterSettings;
@@ -22,6 +21,5 @@ pub use hyperbolic::{TdoaSample, hyperbolic};
 pub use motion::Motion;
 pub use noise::{Blocked, Noise, POWER_DIFFERENCE_PRIOR};
 
-pub(crate) use filter::{Filter, GateOf, UpdateResult};
-pub(crate) use supervisor::Supervisor;
+pub(crate) use filter::{AnchorRange, Filter, GateOf, UpdateResult};
 pub(crate) use update::{Linearised, Model};

@@ -1,12 +1,12 @@
-//! The errors of a range: the white noise of one reception, and the error of its link, which lasts.
+//! The errors of a range: the white noise of one reception, and the error of its link, which lasts
+//! ([`LinkPrior`]).
 //!
-//! Both grow with the probability that the link is without line of sight, sigma² = sigma_los² + p · sigma_nlos². No
-//! range is rejected for that. A link without a known probability has the uncertainty of its kind. Both also grow
-//! where a link shows more noise than expected. Where two paths are equally strong, the first one is detected in some
-//! frames and missed in others. The mean of such a link is as uncertain as its single ranges. No diagnostics are
-//! needed to detect this.
+//! The noise of a link grows with the probability that the link is blocked, and where the link shows more noise than
+//! expected. Where two paths are equally strong, the first one is detected in some frames and missed in others. No
+//! diagnostics are needed to detect this.
 
 use crate::Real;
+use crate::link_error::{DIRECT_SIGMA_M, LinkPrior, prior_blocked};
 use crate::nlos::PowerDifference;
 
 /// How the received power minus that of the first path is converted to an uncertainty of a range; see
@@ -54,16 +54,10 @@ impl<T: Real> Blocked<T> {
 pub struct Noise<T> {
     /// Deviation of the error common to all ranges, metres; 0 where it is calibrated.
     pub common_sigma: T,
-    /// Deviation of the error of a link in line of sight, metres; 0 makes all errors white.
-    pub link_sigma: T,
-    /// The additional deviation of the error of a link without line of sight, metres.
-    pub blocked_link_sigma: T,
-    /// The additional deviation of a link whose probability of being without line of sight is not known, metres.
-    pub unasked_link_sigma: T,
-    /// The additional deviation of the noise of one range without line of sight, metres.
+    /// Deviation of the error of a direct link, metres; 0 makes all errors white, and no link is ever blocked.
+    pub direct_sigma: T,
+    /// The additional deviation of the noise of one range of a blocked link, metres.
     pub blocked_noise_sigma: T,
-    /// The share of the unexpected variance of a link's ranges that counts as variance of the link's error.
-    pub noise_to_link: T,
     /// The weight of a new range in a link's measured noise, 0 to 1. With 0, the deviation given with the range is
     /// used.
     pub learning: T,
@@ -71,6 +65,8 @@ pub struct Noise<T> {
     pub link_seconds: T,
     /// The distance after which two thirds of a link's error have changed, metres.
     pub link_metres: T,
+    /// The probability that a link's error is a new one at the next range: somebody steps between.
+    pub renewal: T,
     /// The time after which two thirds of the error of a position by beacons have changed, seconds: people move.
     pub beacon_seconds: T,
     /// The distance after which two thirds of the error of a position by beacons have changed, metres: shadows end.
@@ -80,57 +76,32 @@ pub struct Noise<T> {
 }
 
 impl<T: Real> Noise<T> {
-    /// The noise of a DW1000 indoors, with a probability that a link is without line of sight. It was tuned on one
-    /// recording and checked on others (`docs/performance.md`).
+    /// The noise of a DW1000 indoors (`docs/design/tracking.md` has the reasons, `docs/performance.md` the checks).
     pub fn indoors() -> Self {
         Self {
-            common_sigma: T::of(0.12),
-            link_sigma: T::of(0.1),
-            blocked_link_sigma: T::of(0.6),
-            unasked_link_sigma: T::of(0.1),
-            blocked_noise_sigma: T::of(0.3),
-            noise_to_link: T::of(5.0),
+            common_sigma: T::of(0.15),
+            direct_sigma: T::of(DIRECT_SIGMA_M),
+            blocked_noise_sigma: T::of(0.2),
             learning: T::of(0.03),
             link_seconds: T::of(2.0),
-            link_metres: T::of(0.6),
+            link_metres: T::of(0.4),
+            renewal: T::of(0.02),
             beacon_seconds: T::of(60.0),
             beacon_metres: T::of(2.0),
             degrees: T::of(10.0),
         }
     }
 
-    /// The same with the probability of [`POWER_DIFFERENCE_PRIOR`], which powers alone give. It is not the
-    /// probability that the path is blocked, but that the range has an error. A weak first path before a strong rest
-    /// is detected early or late by a decimetre or two.
-    pub fn by_powers() -> Self {
-        Self {
-            link_sigma: T::of(0.055),
-            blocked_link_sigma: T::of(0.1),
-            unasked_link_sigma: T::of(0.135),
-            blocked_noise_sigma: T::of(0.25),
-            ..Self::indoors()
-        }
-    }
-
-    /// The same with the probability of a trained classifier that the link is blocked (`nlos::NlosDetector`). A wall
-    /// sometimes adds half a metre. The variance here is smaller, because classifiers err, and a track with few links
-    /// left errs more.
-    pub fn by_model() -> Self {
-        Self { blocked_link_sigma: T::of(0.2), ..Self::by_powers() }
-    }
-
     /// White noise alone, as in the textbook.
     pub fn white() -> Self {
         Self {
             common_sigma: T::ZERO,
-            link_sigma: T::ZERO,
-            blocked_link_sigma: T::ZERO,
-            unasked_link_sigma: T::ZERO,
+            direct_sigma: T::ZERO,
             blocked_noise_sigma: T::ZERO,
-            noise_to_link: T::ZERO,
             learning: T::ZERO,
             link_seconds: T::ONE,
             link_metres: T::ONE,
+            renewal: T::ZERO,
             beacon_seconds: T::ONE,
             beacon_metres: T::ONE,
             degrees: T::ZERO,
@@ -139,21 +110,24 @@ impl<T: Real> Noise<T> {
 }
 
 impl<T: Real> Noise<T> {
-    /// The variance of a link's error, m²; `blocked` is the probability that the link is without line of sight, if it
-    /// is known.
+    /// Whether links have errors that last.
     #[inline(always)]
-    pub(crate) fn link_variance(&self, blocked: Option<T>) -> T {
-        let more = match blocked {
-            Some(blocked) => blocked * self.blocked_link_sigma.squared(),
-            None => self.unasked_link_sigma.squared(),
-        };
-        self.link_sigma.squared() + more
+    pub(crate) fn lasts(&self) -> bool {
+        self.direct_sigma > T::ZERO
     }
 
-    /// The variance of one range's noise, m²; `own` is that in line of sight.
+    /// The prior of a link's error; `p_nlos` is the probability of being without line of sight by the diagnostics, if
+    /// it is known.
     #[inline(always)]
-    pub(crate) fn noise_variance(&self, own: T, blocked: Option<T>) -> T {
-        own + blocked.map_or(T::ZERO, |blocked| blocked * self.blocked_noise_sigma.squared())
+    pub(crate) fn link_prior(&self, p_nlos: Option<T>) -> LinkPrior<T> {
+        LinkPrior { direct_m2: self.direct_sigma.squared(), blocked: prior_blocked(p_nlos) }
+    }
+
+    /// The variance of one range's noise, m²; `own` is that in line of sight, `blocked` the probability that its link
+    /// is blocked.
+    #[inline(always)]
+    pub(crate) fn noise_variance(&self, own: T, blocked: T) -> T {
+        own + blocked * self.blocked_noise_sigma.squared()
     }
 }
 
@@ -163,29 +137,15 @@ pub(crate) struct ObservedNoise<T> {
     variance: T,
 }
 
-/// The variances of one range.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Variances<T> {
-    /// Of the reception's noise, m².
-    pub(crate) white: T,
-    /// Of the link's error, m².
-    pub(crate) link: T,
-}
-
 impl<T: Real> ObservedNoise<T> {
     /// No noise observed yet.
     pub(crate) fn nothing() -> Self {
         Self { variance: T::ZERO }
     }
 
-    /// The variances of a range that comes with the variance `own`, blocked with probability `blocked`.
-    pub(crate) fn variances(&self, noise: &Noise<T>, own: T, blocked: Option<T>) -> Variances<T> {
-        let link = noise.link_variance(blocked);
-        let white = noise.noise_variance(own, blocked);
-        let more = (self.variance - white).at_least(T::ZERO);
-        // Innovations scatter, and have tails: up to twice the expected variance is not a sign of a second path.
-        let unlikely = (self.variance - T::of(2.0) * white).at_least(T::ZERO);
-        Variances { white: white + more, link: link + noise.noise_to_link * unlikely }
+    /// The variance of a range's noise, m², where `expected` is expected.
+    pub(crate) fn variance(&self, expected: T) -> T {
+        expected.at_least(self.variance)
     }
 
     /// Learns from an innovation of variance `s`; `predicted` is the part of the track's own uncertainty.
@@ -200,28 +160,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_blocked_link_is_doubted_in_proportion() {
-        let noise =
-            Noise::<f64> { link_sigma: 0.1, blocked_link_sigma: 0.4, blocked_noise_sigma: 0.2, ..Noise::white() };
-        let shown = ObservedNoise::nothing();
-        // Half blocked: 0.03² + 0.5 · 0.2² = 0.0209, and 0.1² + 0.5 · 0.4² = 0.09.
-        let half = shown.variances(&noise, 0.0009, Some(0.5));
-        assert!((half.white - 0.0209).abs() < 1e-12 && (half.link - 0.09).abs() < 1e-12, "{half:?}");
-        // Unknown probability: 0.03², and 0.1² + 0.2² = 0.05.
-        let unasked = shown.variances(&Noise { unasked_link_sigma: 0.2, ..noise }, 0.0009, None);
-        assert!((unasked.white - 0.0009).abs() < 1e-12 && (unasked.link - 0.05).abs() < 1e-12, "{unasked:?}");
-    }
-
-    #[test]
     fn a_link_that_jumps_about_is_found_out() {
         let noise = Noise::<f64>::indoors();
         let mut shown = ObservedNoise::nothing();
+        assert_eq!(shown.variance(0.0009), 0.0009);
         for k in 0..400 {
             let innovation = if k % 2 == 0 { 0.3 } else { -0.3 };
             shown.learn(&noise, innovation, 0.0, 0.09);
         }
-        let shown = shown.variances(&noise, 0.0009, Some(0.0));
-        // 0.1² plus five times the part of the variance that exceeds twice 0.03².
-        assert!((shown.white - 0.09).abs() < 1e-4 && (shown.link - 0.451).abs() < 1e-2, "{shown:?}");
+        // 0.3² whatever is expected.
+        assert!((shown.variance(0.0009) - 0.09).abs() < 1e-4, "{shown:?}");
     }
 }

@@ -7,6 +7,7 @@
 //! measured. It is therefore predicted only when it is measured ([`State::renew`]). That is exact, and saves most of
 //! the work.
 
+use crate::link_error::Gaussian;
 use crate::{MAX_ANCHORS, Real};
 
 /// Index of the position's first coordinate, metres.
@@ -132,13 +133,30 @@ impl<T: Real> State<T> {
         }
     }
 
-    /// Predicts a state that forgets itself: the share `kept` of it remains, and its variance goes to `variance` as
-    /// `kept` goes to zero (a Gauss-Markov process).
-    pub(crate) fn renew(&mut self, state: usize, kept: T, variance: T) {
+    /// Predicts a state that forgets itself: the share `kept` of it remains, and mean and variance go to those of `prior`
+    /// as `kept` goes to zero (a Gauss-Markov process).
+    pub(crate) fn renew(&mut self, state: usize, kept: T, prior: Gaussian<T>) {
         if state < STATES {
             self.scale(state, kept);
-            self.widen(state, variance * (T::ONE - kept.squared()));
+            self.mean[state] += (T::ONE - kept) * prior.mean;
+            self.widen(state, prior.variance * (T::ONE - kept.squared()));
         }
+    }
+
+    /// Multiplies the density by that of a Gaussian of one state, with this precision and precision times mean. A
+    /// negative precision takes information away; where it would take all, nothing changes, and the result is false.
+    #[inline(never)]
+    pub(crate) fn inform(&mut self, state: usize, precision: T, weight: T) -> bool {
+        let mut across = [T::ZERO; STATES];
+        self.add_column(&mut across, state, T::ONE);
+        let denominator = T::ONE + precision * across[state];
+        if !(denominator > T::of(0.05)) {
+            return false;
+        }
+        let inverse = T::ONE / denominator;
+        self.shift(&across, inverse * (weight - precision * self.mean[state]));
+        self.absorb(&across, inverse * precision);
+        true
     }
 
     /// Moves the position by the velocity for `dt` seconds, with an acceleration that is white noise of the given
@@ -291,11 +309,29 @@ mod tests {
         state.reset(LINKS, 0.4, 0.01);
         state.reset(POSITION, 0.0, 1.0);
         state.set_covariance(POSITION, LINKS, 0.05);
-        // Half is kept: variance 0.25 · 0.01 + 0.75 · 0.09.
-        state.renew(LINKS, 0.5, 0.09);
-        assert!((state.mean[LINKS] - 0.2).abs() < 1e-12);
+        // Half is kept: mean 0.5 · 0.4 + 0.5 · 0.1, variance 0.25 · 0.01 + 0.75 · 0.09.
+        state.renew(LINKS, 0.5, Gaussian { mean: 0.1, variance: 0.09 });
+        assert!((state.mean[LINKS] - 0.25).abs() < 1e-12);
         assert!((state.covariance(LINKS, LINKS) - 0.07).abs() < 1e-12);
         assert!((state.covariance(POSITION, LINKS) - 0.025).abs() < 1e-12);
+    }
+
+    #[test]
+    fn information_about_one_state_is_given_and_taken_away() {
+        let mut state = State::<f64>::new();
+        state.reset(LINKS, 0.4, 0.01);
+        state.reset(POSITION, 1.0, 1.0);
+        state.set_covariance(POSITION, LINKS, 0.05);
+        // Precision 100 at 0.6: variance 1 ⁄ (100 + 100), mean 0.5; the position moves by 0.05 ⁄ 0.01 · 0.1, and keeps
+        // 1 − 0.05² · 0.5 ⁄ 0.01.
+        assert!(state.inform(LINKS, 100.0, 60.0));
+        let found = [state.mean[LINKS], state.covariance(LINKS, LINKS), state.mean[POSITION], state.covariance(0, 0)];
+        let expected = [0.5, 0.005, 1.5, 0.875];
+        assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
+        assert!(state.inform(LINKS, -100.0, -60.0));
+        assert!((state.mean[POSITION] - 1.0).abs() < 1e-12 && (state.covariance(0, 0) - 1.0).abs() < 1e-12);
+        // More than there is cannot be taken.
+        assert!(!state.inform(LINKS, -100.0, -60.0));
     }
 
     #[test]

@@ -67,6 +67,11 @@ impl<T: Real> Innovation<T> {
         innovation
     }
 
+    /// The covariance of a state with the expected number.
+    pub(crate) fn across(&self, state: usize) -> T {
+        self.across.get(state).copied().unwrap_or(T::ZERO)
+    }
+
     /// Subtracts this measurement's information from the covariance; `s` is the innovation's variance, and `inverse`
     /// 1 ⁄ s.
     fn absorb(&self, state: &mut State<T>, s: T, inverse: T) {

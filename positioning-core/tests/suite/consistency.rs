@@ -15,6 +15,8 @@ const ROUND_S: f64 = 1.0e-6 * ROUND_US as f64;
 /// 200 errors of two coordinates: chi-squared of 400 degrees of freedom, whose 2.5 and 97.5 % points are 346.5 and
 /// 457.3 (Wilson and Hilferty: 400 (1 − 2⁄3600 ± 1.96 √(2⁄3600))³), over 200.
 const BAND: std::ops::RangeInclusive<f64> = 1.73..=2.29;
+/// The same for a tag's settings: the motion adapts, and mixtures are collapsed to Gaussians.
+const TAG_BAND: std::ops::RangeInclusive<f64> = 1.5..=2.5;
 const TAGS: usize = 200;
 
 /// Squared errors in units of the covariance, one per tag.
@@ -69,25 +71,29 @@ struct Tag {
     homing: f64,
     common: f64,
     links: [f64; 8],
-    blocked: [Option<f32>; 8],
+    p_nlos: [Option<f32>; 8],
+    is_blocked: [bool; 8],
 }
 
 impl Tag {
-    fn new(noise: Noise<f32>, acceleration: f64, homing: f64, blocked: [Option<f32>; 8], rng: &mut Pcg64) -> Self {
+    fn new(noise: Noise<f32>, acceleration: f64, homing: f64, p_nlos: [Option<f32>; 8], rng: &mut Pcg64) -> Self {
+        let blocks = noise.direct_sigma > 0.0;
         let common = f64::from(noise.common_sigma) * normal(rng);
         let at = [rng.random_range(3.0..7.0), rng.random_range(2.5..5.5)];
         let velocity = if acceleration > 0.0 { [0.2, 0.1] } else { [0.0; 2] };
-        let mut tag = Self { noise, at, velocity, acceleration, homing, common, links: [0.0; 8], blocked };
-        tag.links = core::array::from_fn(|anchor| tag.link_sigma(anchor) * normal(rng));
+        // The probability that a link is blocked, by its diagnostics.
+        let is_blocked = p_nlos.map(|p| blocks && rng.random_bool(p.map_or(0.1, |p| 0.1 + 0.65 * f64::from(p))));
+        let mut tag = Self { noise, at, velocity, acceleration, homing, common, links: [0.0; 8], p_nlos, is_blocked };
+        tag.links = core::array::from_fn(|anchor| {
+            let (mean, sigma) = tag.link(anchor);
+            mean + sigma * normal(rng)
+        });
         tag
     }
 
-    fn link_sigma(&self, anchor: usize) -> f64 {
-        let more = match self.blocked[anchor] {
-            Some(p) => f64::from(p) * f64::from(self.noise.blocked_link_sigma).powi(2),
-            None => f64::from(self.noise.unasked_link_sigma).powi(2),
-        };
-        (f64::from(self.noise.link_sigma).powi(2) + more).sqrt()
+    /// The mean and the deviation of a link's error, metres: those of `docs/design/tracking.md`.
+    fn link(&self, anchor: usize) -> (f64, f64) {
+        if self.is_blocked[anchor] { (0.5, 0.5) } else { (0.0, f64::from(self.noise.direct_sigma)) }
     }
 
     /// Moves on to the next round. Its links' errors change with time and distance.
@@ -104,14 +110,15 @@ impl Tag {
         let gone = ROUND_S / f64::from(self.noise.link_seconds) + way / f64::from(self.noise.link_metres);
         let kept = (-gone).exp();
         for anchor in 0..8 {
-            let fresh = self.link_sigma(anchor) * (1.0 - kept * kept).sqrt() * normal(rng);
-            self.links[anchor] = kept * self.links[anchor] + fresh;
+            let (mean, sigma) = self.link(anchor);
+            let fresh = sigma * (1.0 - kept * kept).sqrt() * normal(rng);
+            self.links[anchor] = mean + kept * (self.links[anchor] - mean) + fresh;
         }
     }
 
     fn range(&self, anchor: usize, rng: &mut Pcg64) -> Measurement<f32> {
-        let p = f64::from(self.blocked[anchor].unwrap_or(0.0));
-        let sigma = (0.03_f64.powi(2) + p * f64::from(self.noise.blocked_noise_sigma).powi(2)).sqrt();
+        let more = if self.is_blocked[anchor] { f64::from(self.noise.blocked_noise_sigma) } else { 0.0 };
+        let sigma = 0.03_f64.hypot(more);
         // Student's distribution with a whole number of degrees: a normal number divided by the root of a mean of
         // squares.
         let degrees = self.noise.degrees as usize;
@@ -120,7 +127,7 @@ impl Tag {
         let error = self.common + self.links[anchor] + sigma * normal(rng) / spread;
         let position_m = ANCHORS[anchor].map(|c| c as f32);
         let distance_m = (true_range(anchor, self.at) + error) as f32;
-        let (anchor, p_nlos) = (anchor as u16, self.blocked[anchor]);
+        let (anchor, p_nlos) = (anchor as u16, self.p_nlos[anchor]);
         Measurement::Range(Range { anchor, position_m, distance_m, deviation_m: 0.03, p_nlos, excess_m: None })
     }
 }
@@ -139,7 +146,7 @@ fn a_plain_filter_errs_as_much_as_it_says() {
 fn a_filter_that_knows_of_lasting_errors_errs_as_much_as_it_says() {
     let motion = Motion::ConstantVelocity { acceleration: 0.3 };
     let noise =
-        Noise { common_sigma: 0.12, link_sigma: 0.1, link_seconds: 1.0e6, link_metres: 1.0e6, ..Noise::white() };
+        Noise { common_sigma: 0.12, direct_sigma: 0.1, link_seconds: 1.0e6, link_metres: 1.0e6, ..Noise::white() };
     let settings = Settings::plain(PLANE, motion, Blocked::Alike, 3).with_noise(noise);
     let tag = |rng: &mut Pcg64| Tag::new(noise, 0.3, 0.0, [None; 8], rng);
     let right = Errors::of(settings, 60, 12, tag).mean();
@@ -149,12 +156,12 @@ fn a_filter_that_knows_of_lasting_errors_errs_as_much_as_it_says() {
     assert!(wrong > 10.0, "{wrong}");
 }
 
-/// All settings of a tag: adaptive motion and noise, gates, supervisor.
+/// All settings of a tag: adaptive motion and noise, links that are direct or blocked, two hypotheses.
 #[test]
 fn the_settings_of_a_tag_err_as_much_as_they_say() {
-    let noise = Noise::<f32>::by_powers();
+    let noise = Noise::<f32>::indoors();
     let settings = Settings::track(PLANE).with_noise(noise);
-    for (way, acceleration, homing) in [("lies", 0.0, 0.0), ("strolls", 0.3, 0.25), ("walks", 0.8, 0.25)] {
+    for (way, acceleration, homing) in [("lies", 0.0, 0.0), ("strolls", 0.5, 0.25), ("walks", 0.8, 0.25)] {
         for (rounds, asked) in [(20, true), (60, true), (150, true), (60, false)] {
             let errors = Errors::of(settings, rounds, 13, |rng| {
                 // Most links are direct, some have a higher probability of being blocked.
@@ -162,7 +169,7 @@ fn the_settings_of_a_tag_err_as_much_as_they_say() {
                 Tag::new(noise, acceleration, homing, blocked, rng)
             });
             let (mean, inside) = (errors.mean(), errors.inside());
-            assert!(BAND.contains(&mean), "{way}, {rounds} rounds, asked {asked}: {mean}");
+            assert!(TAG_BAND.contains(&mean), "{way}, {rounds} rounds, asked {asked}: {mean}");
             assert!((0.30..=0.50).contains(&inside), "{way}, {rounds} rounds, asked {asked}: {inside}");
         }
     }

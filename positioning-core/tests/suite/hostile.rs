@@ -39,6 +39,7 @@ fn case<T: Real, const D: usize>(rng: &mut Pcg64) -> (Vec<RangeSample<T, D>>, Co
             3 => list[i] = list[j],
             4 => list[i].sigma = nasty(rng),
             5 => list[i].los = None,
+            7 => list[i].p_blocked = nasty(rng),
             6 => list.iter_mut().for_each(|s| s.range = T::ZERO),
             _ => {
                 let axis = rng.random_range(0..D);
@@ -53,6 +54,7 @@ fn case<T: Real, const D: usize>(rng: &mut Pcg64) -> (Vec<RangeSample<T, D>>, Co
                 anchor: core::array::from_fn(|_| nasty(rng)),
                 range: nasty(rng),
                 sigma: nasty(rng),
+                p_blocked: nasty(rng),
                 los: rng.random::<bool>().then_some(true),
             };
         }

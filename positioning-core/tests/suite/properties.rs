@@ -140,6 +140,7 @@ fn single_precision_agrees_with_double<const D: usize>(origin: f64, tolerance: f
                 anchor: s.anchor.map(f64::from),
                 range: f64::from(s.range),
                 sigma: f64::from(s.sigma),
+                p_blocked: f64::from(s.p_blocked),
                 los: s.los,
             })
             .collect();

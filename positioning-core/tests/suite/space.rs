@@ -1,7 +1,7 @@
 //! Tracks in space: a height that ranges do not determine, and rounds with missing ranges.
 
+use positioning_core::Side;
 use positioning_core::engine::{Dimensions, Engine, Height, Measurement, Range, Settings, Solvers};
-use positioning_core::{Noise, Side};
 use rand::Rng;
 
 use crate::support::{distance, normal, rng};
@@ -29,7 +29,7 @@ fn run(settings: Settings<f32>, heights: [f64; 2], loss: f64) -> Score {
     });
     let (mut across, mut height, mut fixed, mut told, mut rounds) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for _ in 0..40 {
-        let mut engine = Engine::new(settings.with_noise(Noise::by_powers()));
+        let mut engine = Engine::new(settings);
         let common = 0.1 * normal(&mut rng);
         let links: [f64; 6] = core::array::from_fn(|_| 0.06 * normal(&mut rng));
         let (from, turn) = (rng.random_range(0.0..6.3), rng.random_range(-0.4..0.4));

@@ -51,8 +51,8 @@ pub fn settings(setup: &Setup, weighting: Weighting, trained: bool) -> Settings<
         Weighting::Ignore => Blocked::Ignore { threshold: 0.5, at_least: 4 },
         Weighting::Alike => Blocked::Alike,
     };
-    let noise = if trained { Noise::by_model() } else { Noise::by_powers() };
-    Settings::track(dimensions).with_blocked(blocked).with_noise(noise)
+
+    Settings::track(dimensions).with_blocked(blocked).with_noise(Noise::indoors())
 }
 
 /// Follows a tag through a recording.

@@ -1,0 +1,148 @@
+//! Two hypotheses about where the tag is: the track, and a rival where the ranges of a round fit another place.
+//!
+//! A track can be wrong: it began at a mirror image, somebody carried the tag while the radio was off, or most links
+//! changed at once. Then a fresh start explains the round better. Its evidence is the likelihood of the round's ranges,
+//! integrated over the place (Laplace's approximation), times the probability that a tag is somewhere else. The evidence
+//! of the track is the product of the densities that it predicted. Where neither wins, both are followed, and the
+//! position is their mixture, so its deviation shows the doubt. The log odds are summed from round to round and slowly
+//! forgotten, because the errors of consecutive rounds are not independent.
+//!
+//! The second of a solver's two places at a start is a rival too.
+
+use super::{Dimensions, Engine, Start};
+use crate::linalg::{Ldl, Matrix};
+use crate::track::Filter;
+use crate::track::state::{COMMON, POSITION};
+use crate::{Fix, Real};
+
+/// ln of the odds at which a hypothesis has won.
+const SURE: f64 = 4.0;
+/// The part of the log odds that is kept from one round to the next.
+const KEPT: f64 = 0.9;
+/// The log odds are limited to this.
+const GREATEST: f64 = 20.0;
+/// ln of the probability, per square metre and round, that the tag is somewhere else: once in a thousand rounds,
+/// anywhere in a thousand square metres.
+const LOG_ELSEWHERE: f64 = -13.8;
+/// ln of the density of a range that a new hypothesis explains very well: the round of a good track needs no solver.
+const LOG_WELL_EXPLAINED: f64 = 2.2;
+/// ln (2π) ⁄ 2.
+const HALF_LOG_TURN: f64 = 0.918_938_5;
+/// A place within this number of deviations of the track is the track's own.
+const SAME: f64 = 2.0;
+
+/// A second hypothesis.
+#[derive(Clone, Debug)]
+pub(super) struct Rival<T> {
+    pub(super) filter: Filter<T>,
+    /// ln of the odds of the track against it.
+    lead: T,
+}
+
+impl<T: Real> Engine<T> {
+    /// The current position by both hypotheses, and its covariance.
+    pub(super) fn mixture(&self) -> ([T; 3], [[T; 3]; 3]) {
+        let state = &self.filter.state;
+        let (position, covariance) = (state.position(), state.position_covariance());
+        let Some(rival) = &self.rival else { return (position, covariance) };
+        let share = T::ONE / (T::ONE + rival.lead.exp());
+        let (other, of_other) = (rival.filter.state.position(), rival.filter.state.position_covariance());
+        let apart: [T; 3] = core::array::from_fn(|axis| other[axis] - position[axis]);
+        let spread = share * (T::ONE - share);
+        (
+            core::array::from_fn(|axis| position[axis] + share * apart[axis]),
+            core::array::from_fn(|r| {
+                core::array::from_fn(|c| {
+                    covariance[r][c] + share * (of_other[r][c] - covariance[r][c]) + spread * apart[r] * apart[c]
+                })
+            }),
+        )
+    }
+
+    /// Compares the hypotheses at the end of a round. Returns why a track was started, if the rival has won.
+    #[inline(never)]
+    pub(super) fn compare(&mut self) -> Option<Start> {
+        let mine = core::mem::replace(&mut self.filter.log_evidence, T::ZERO);
+        let ranges = core::mem::take(&mut self.round.unjudged);
+        if let Some(rival) = &mut self.rival {
+            let other = core::mem::replace(&mut rival.filter.log_evidence, T::ZERO);
+            let lead = T::of(KEPT) * rival.lead + mine - other;
+            rival.lead = lead.at_least(T::of(-GREATEST)).at_most(T::of(GREATEST));
+            return self.decide();
+        }
+        // No hypothesis explains ranges better than this, so that most rounds need no solver.
+        let best = T::count(ranges) * T::of(LOG_WELL_EXPLAINED) + T::of(LOG_ELSEWHERE);
+        if !(mine < best) {
+            return None;
+        }
+        let fix = self.round.solve(&self.settings).ok()?;
+        if self.is_at(&fix) {
+            return None;
+        }
+        let filter = self.begun_at(&fix);
+        // A single round proves nothing: a gateway that mixes up the anchors of one round makes a perfect fix elsewhere.
+        // The next round decides; meanwhile the position is between both, and its deviation reaches to both.
+        let lead = (mine - self.log_evidence(&filter) - T::of(LOG_ELSEWHERE)).at_least(T::ZERO);
+        self.rival = Some(Rival { filter, lead });
+        self.decide()
+    }
+
+    /// Drops the hypothesis that has lost. Returns why a track was started, if the rival has won.
+    fn decide(&mut self) -> Option<Start> {
+        let lead = self.rival.as_ref()?.lead;
+        if lead.abs() < T::of(SURE) {
+            return None;
+        }
+        let rival = self.rival.take()?;
+        (lead < T::ZERO).then(|| {
+            self.filter = rival.filter;
+            Start::Contradicted
+        })
+    }
+
+    /// Adds the second place of a fix as a rival to the track that was started at the first one.
+    pub(super) fn add_alternative(&mut self, fix: &Fix<T, 3>) {
+        let Some(alternative) = fix.alternative else { return };
+        let mut other = *fix;
+        for axis in 0..3 {
+            other.position[axis] = fix.position[axis] + alternative.apart[axis];
+        }
+        let filter = self.begun_at(&other);
+        let lead = ((T::ONE - alternative.share) / alternative.share).ln();
+        self.rival = Some(Rival { filter, lead });
+    }
+
+    /// Whether a fix is where the track is.
+    fn is_at(&self, fix: &Fix<T, 3>) -> bool {
+        let position = self.filter.state.position();
+        let square = (0..3).fold(T::ZERO, |sum, axis| sum + (position[axis] - fix.position[axis]).squared());
+        square < T::of(SAME * SAME) * self.filter.state.spread()
+    }
+
+    /// ln of the evidence of the round's ranges for a filter that began with them, up to the probability of its place:
+    /// the likelihood at its state, times the volume of its posterior (Laplace's approximation).
+    fn log_evidence(&self, filter: &Filter<T>) -> T {
+        let settings = &self.settings.filter;
+        let likelihood =
+            self.round.ranges().fold(T::ZERO, |sum, range| sum + filter.log_density(&range.for_filter(), settings));
+        let likelihood =
+            self.round.tdoas.iter().fold(likelihood, |sum, tdoa| sum + filter.log_density_of_tdoa(tdoa, settings));
+        let sigma = settings.noise.common_sigma.at_least(T::of(1.0e-3));
+        let common = filter.state.mean[COMMON] / sigma;
+        let prior = -T::of(0.5) * common.squared() - sigma.ln();
+        let volume = match self.settings.dimensions {
+            Dimensions::Plane { .. } => log_volume(filter, [POSITION, POSITION + 1, COMMON]),
+            Dimensions::Space { .. } => log_volume(filter, [POSITION, POSITION + 1, POSITION + 2, COMMON]),
+        };
+        likelihood + prior + volume
+    }
+}
+
+/// ln of the volume of the posterior of these states, of which the last is the common error, whose prior has the same
+/// factor √2π.
+fn log_volume<T: Real, const N: usize>(filter: &Filter<T>, states: [usize; N]) -> T {
+    let covariance: Matrix<T, N> =
+        core::array::from_fn(|r| core::array::from_fn(|c| filter.state.covariance(states[r], states[c])));
+    let determinant = Ldl::new(covariance).map_or(T::EPSILON, |factors| factors.determinant());
+    T::of(0.5) * determinant.ln() + T::count(N - 1) * T::of(HALF_LOG_TURN)
+}
