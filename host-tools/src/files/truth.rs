@@ -17,7 +17,7 @@ const LONGEST_GAP_S: f64 = 1.0;
 const MOVES_M: f64 = 0.1;
 /// Rows of the same epoch are of the same instant where their times differ by no more than this, seconds: files round.
 const SAME_INSTANT_S: f64 = 1.0e-3;
-/// The truth counts the epochs of the ranges where the times of most of the common epochs differ by less than this,
+/// The truth counts the epochs of the ranges where most of them are in it, with times that differ by less than this,
 /// seconds.
 const SAME_EPOCHS_S: f64 = 0.5;
 
@@ -166,14 +166,14 @@ impl Truth {
         self.rows.get(*self.by_name.get(name)?)
     }
 
-    /// Whether rows and epochs of the same name are mostly of the same time.
+    /// Whether most epochs have a row of their name, and most of these rows have their time.
     fn counts_the_epochs_of(&self, epochs: &[Epoch]) -> bool {
         let common = epochs.iter().filter_map(|epoch| {
             let row = self.named(&epoch.name)?;
             Some((row.t_s? - epoch.t_s?).abs() < SAME_EPOCHS_S)
         });
         let (agree, all) = common.fold((0_usize, 0_usize), |(agree, all), same| (agree + usize::from(same), all + 1));
-        all > 0 && 2 * agree > all
+        2 * all > epochs.len() && 2 * agree > all
     }
 
     fn insert_unheard(&self, epochs: &mut Vec<Epoch>, offset_s: f64) {
