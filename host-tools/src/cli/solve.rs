@@ -10,8 +10,9 @@ use crate::cli::progress::Progress;
 
 /// Solve every epoch of a recording on its own, as the tag's first fix does
 ///
-/// Rows of one `epoch` in the file of ranges make one fix; single ranges are made into rounds. The positions go to standard output or --out as CSV, a
-/// summary to standard error. An epoch without position is a row with empty coordinates and a reason.
+/// Rows of one `epoch` in the file of ranges make one fix; single ranges are made into rounds. The positions go to
+/// standard output or --out as CSV, a summary to standard error. An epoch without position is a row with empty
+/// coordinates and a reason.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {

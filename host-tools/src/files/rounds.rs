@@ -30,8 +30,8 @@ pub fn round_s(epochs: &[Epoch]) -> Option<f64> {
     Some((PATIENCE * anchors as f64 * baliza_report::percentile(&steps_s, 0.5)).clamp(least_s, most_s))
 }
 
-/// The ranges of all epochs in rounds. A round ends where an anchor repeats, or where more than `longest_s` seconds have
-/// passed since its first range. It has the name of its last range's epoch, and that range's time. Epochs without
+/// The ranges of all epochs in rounds. A round ends where an anchor repeats, or where more than `longest_s` seconds
+/// have passed since its first range. It has the name of its last range's epoch, and that range's time. Epochs without
 /// ranges make no round.
 pub fn rounds(epochs: Vec<Epoch>, longest_s: f64) -> Vec<Epoch> {
     let order = by_time(epochs.iter().map(|epoch| epoch.t_s));
