@@ -20,9 +20,11 @@ mod record;
 mod recording_args;
 mod replay;
 mod report;
+mod residuals;
 mod simulate;
 mod solve;
 mod stream;
+mod summary;
 mod survey;
 mod track;
 

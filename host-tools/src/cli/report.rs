@@ -1,17 +1,18 @@
 //! The report of a command that computes positions: a file of positions, a picture, and a summary.
 
-use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::Result;
-use baliza_report::{Statistics, mean};
 use host_tools::files::output;
 use host_tools::files::positions;
+use host_tools::locate::residuals::AnchorResiduals;
 use host_tools::plot::{Dot, Picture, Track};
 use host_tools::{Coordinates, Epoch, Solved, UserError};
 
 use super::PictureFile;
+use super::residuals::Row;
+use super::summary::{ByBeacons, Summary, table};
 
 /// The destinations of a report.
 #[derive(clap::Args)]
@@ -23,7 +24,8 @@ pub struct OutputArgs {
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Print JSON and no positions: a list, an object a method, with method, epochs, fixed, rmse_m, mae_m, p50_m, p90_m
-    /// (null without truth)
+    /// (null without truth); with truth also the same figures of x and y (_xy_m), of z (_z_m), inside_1_sigma (0.39 is
+    /// right), nees (2 is right; nees_z: 1) and time_offset_s
     #[arg(long)]
     json: bool,
 }
@@ -47,6 +49,13 @@ impl OutputArgs {
     }
 }
 
+impl Output<'_> {
+    /// Whether JSON is printed and no table.
+    pub fn is_json(&self) -> bool {
+        self.arguments.json
+    }
+}
+
 /// Positions of all epochs, by method.
 pub type ByMethod = Vec<(String, Vec<Solved>)>;
 
@@ -60,8 +69,10 @@ pub struct Report<'a> {
     pub walls_m: Vec<[[f64; 2]; 2]>,
     /// Whether the true positions are known.
     pub with_errors: bool,
-    /// Whether to compare the errors with the uncertainties.
-    pub consistency: bool,
+    /// The seconds that were added to the times of the truth, where it was joined by time.
+    pub time_offset_s: Option<f64>,
+    /// The residuals by method and anchor, where they are asked for.
+    pub residuals: Option<&'a [Vec<AnchorResiduals>]>,
     /// For positions by beacons: the number of neighbours of each method, where the method has neighbours.
     pub neighbours: Option<Vec<Option<usize>>>,
     /// The positions.
@@ -105,11 +116,17 @@ impl Report<'_> {
         Ok(())
     }
 
-    fn summaries(&self) -> Vec<Summary> {
-        let epochs = self.consistency.then_some(self.epochs);
-        let neighbours = self.neighbours.iter().flatten().copied().map(Some).chain(std::iter::repeat(None));
-        let by_method = self.solved.iter().zip(neighbours);
-        by_method.map(|((method, solved), neighbours)| Summary::of(method, solved, epochs, neighbours)).collect()
+    fn summaries(&self) -> Vec<Summary<'_>> {
+        let mut summaries = Vec::new();
+        for (at, (method, solved)) in self.solved.iter().enumerate() {
+            let k = self.neighbours.as_ref().map(|neighbours| neighbours.get(at).copied().flatten());
+            let by_beacons = k.map(|k| ByBeacons { k, points: solved.len() });
+            let anchors = self.residuals.and_then(|residuals| residuals.get(at));
+            let anchors = anchors.map(|anchors| anchors.iter().map(Row::of).collect());
+            let summary = Summary::of(method, solved, self.epochs, by_beacons);
+            summaries.push(summary.with(self.time_offset_s, anchors));
+        }
+        summaries
     }
 
     fn picture(&self) -> Picture {
@@ -135,94 +152,4 @@ impl Report<'_> {
 /// The horizontal coordinates of a position, metres.
 pub fn flat(place: &Coordinates) -> [f64; 2] {
     [place.x_m, place.y_m]
-}
-
-/// The summary of a method for `--json`.
-#[derive(Debug, serde::Serialize)]
-struct Summary {
-    method: String,
-    #[serde(flatten)]
-    by_beacons: Option<ByBeacons>,
-    epochs: usize,
-    fixed: usize,
-    rmse_m: Option<f64>,
-    mae_m: Option<f64>,
-    p50_m: Option<f64>,
-    p90_m: Option<f64>,
-    #[serde(flatten)]
-    consistency: Option<Consistency>,
-}
-
-/// The part of a summary that only positions by beacons have.
-#[derive(Debug, serde::Serialize)]
-struct ByBeacons {
-    k: Option<usize>,
-    points: usize,
-}
-
-/// The comparison of the horizontal errors with the uncertainties.
-#[derive(Debug, serde::Serialize)]
-struct Consistency {
-    /// The share of the errors inside the 1σ ellipse: 0.39 where the covariance is right.
-    inside_1_sigma: f64,
-    /// The mean of the squared errors in units of their covariance: 2 where the covariance is right.
-    nees: f64,
-}
-
-impl Consistency {
-    fn of(solved: &[Solved], epochs: &[Epoch]) -> Option<Self> {
-        let positions = solved.iter().zip(epochs);
-        let squares: Vec<f64> = positions
-            .filter_map(|(solved, epoch)| Some(solved.outcome.as_ref().ok()?.normalised_square(epoch.truth.as_ref()?)))
-            .filter(|square| square.is_finite())
-            .collect();
-        let count = squares.len() as f64;
-        let inside = squares.iter().filter(|square| **square <= 1.0).count() as f64;
-        (!squares.is_empty()).then(|| Self { inside_1_sigma: inside / count, nees: mean(squares.iter().copied()) })
-    }
-}
-
-impl Summary {
-    fn of(method: &str, solved: &[Solved], epochs: Option<&[Epoch]>, neighbours: Option<Option<usize>>) -> Self {
-        let errors: Vec<f64> = solved.iter().filter_map(|solved| solved.error_m).collect();
-        let figures = Statistics::of(&errors);
-        let of = |figure: fn(&Statistics) -> f64| figures.as_ref().map(figure);
-        Self {
-            method: method.to_owned(),
-            by_beacons: neighbours.map(|k| ByBeacons { k, points: solved.len() }),
-            epochs: solved.len(),
-            fixed: solved.iter().filter(|solved| solved.outcome.is_ok()).count(),
-            rmse_m: of(|figures| figures.rmse),
-            mae_m: of(|figures| figures.mae),
-            p50_m: of(|figures| figures.p50),
-            p90_m: of(|figures| figures.p90),
-            consistency: epochs.and_then(|epochs| Consistency::of(solved, epochs)),
-        }
-    }
-}
-
-/// The summaries as text, with the reasons for epochs without a position.
-fn table(summaries: &[Summary], solved: &[(String, Vec<Solved>)]) -> String {
-    let mut text = format!(
-        "{:<16} {:>7} {:>7} {:>8} {:>8} {:>8} {:>8}\n",
-        "method", "epochs", "fixed", "rmse_m", "mae_m", "p50_m", "p90_m"
-    );
-    for (summary, (_, solved)) in summaries.iter().zip(solved) {
-        let _ = write!(text, "{:<16} {:>7} {:>7}", summary.method, summary.epochs, summary.fixed);
-        for figure in [summary.rmse_m, summary.mae_m, summary.p50_m, summary.p90_m] {
-            let _ = write!(text, " {:>8}", figure.map_or_else(|| "-".to_owned(), |metres| format!("{metres:.3}")));
-        }
-        if let Some(Consistency { inside_1_sigma, nees }) = summary.consistency {
-            let _ = write!(text, "  {:.0} % inside 1 sigma, NEES {nees:.2}", 100.0 * inside_1_sigma);
-        }
-        let mut reasons = BTreeMap::new();
-        for reason in solved.iter().filter_map(|solved| solved.outcome.as_ref().err()) {
-            *reasons.entry(reason.as_str()).or_insert(0_usize) += 1;
-        }
-        for (reason, count) in reasons {
-            let _ = write!(text, "  {count} {reason}");
-        }
-        text.push('\n');
-    }
-    text
 }

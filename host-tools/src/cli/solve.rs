@@ -4,14 +4,15 @@ use anyhow::Result;
 use host_tools::{Recording, Setup, Solver};
 use positioning_core::Method;
 
-use super::recording_args::RecordingArgs;
+use super::recording_args::{RecordingArgs, SingleRanges};
 use super::report::ByMethod;
 use crate::cli::progress::Progress;
 
 /// Solve every epoch of a recording on its own, as the tag's first fix does
 ///
-/// Rows of one `epoch` in the file of ranges make one fix. The positions go to standard output or --out as CSV, a
-/// summary to standard error. An epoch without position is a row with empty coordinates and a reason.
+/// Rows of one `epoch` in the file of ranges make one fix; single ranges are made into rounds. The positions go to
+/// standard output or --out as CSV, a summary to standard error. An epoch without position is a row with empty
+/// coordinates and a reason.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -26,6 +27,7 @@ const EXAMPLES: &str = "\
 Examples:
   baliza solve --anchors anchors.csv --ranges ranges.csv > positions.csv
   baliza solve --anchors anchors.csv --ranges ranges.csv --truth truth.csv --plot room.png
+  baliza solve --anchors anchors.csv --ranges ranges.csv --truth truth.csv --time-offset-s auto --residuals
   baliza solve --anchors anchors.csv --ranges ranges.csv --truth truth.csv --dims 2 --height-from-truth --method all --json";
 
 /// `--method`: the selected methods.
@@ -51,9 +53,9 @@ fn methods_help() -> String {
 /// # Errors
 /// Flags or a file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let input = arguments.recording.read()?;
+    let input = arguments.recording.read(SingleRanges::Group)?;
     let solved = solve(&input.recording, &arguments.method.0, input.setup);
-    input.report(&solved, false)
+    input.report(&solved)
 }
 
 fn solve(recording: &Recording, methods: &[Method], setup: Setup) -> ByMethod {

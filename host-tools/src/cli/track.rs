@@ -9,7 +9,7 @@ use host_tools::train::{Chosen, features_of};
 use host_tools::{Recording, Setup, Solved, by_time};
 use positioning_core::nlos::{Classifier, Features, Model};
 
-use super::recording_args::RecordingArgs;
+use super::recording_args::{RecordingArgs, SingleRanges};
 use crate::cli::progress::Progress;
 
 /// Follow a tag through a recording, as the tag itself does: weighting, gates, filter
@@ -32,15 +32,12 @@ pub struct Arguments {
     /// Which of the file's classifiers, where it has several
     #[arg(long, value_name = "NAME", requires = "model")]
     classifier: Option<String>,
-    /// Also print how the errors agree with the uncertainties (in JSON: inside_1_sigma, nees)
-    #[arg(long, requires = "truth")]
-    consistency: bool,
 }
 
 const EXAMPLES: &str = "\
 Examples:
   baliza track --anchors anchors.csv --ranges ranges.csv > positions.csv
-  baliza track --anchors anchors.csv --ranges ranges.csv --truth truth.csv --dims 2 --height-from-truth --consistency --json
+  baliza track --anchors anchors.csv --ranges ranges.csv --truth truth.csv --dims 2 --height-from-truth --time-offset-s auto --json
   baliza track --anchors anchors.csv --ranges ranges.csv --model nlos.model --classifier logistic";
 
 /// `--nlos`.
@@ -73,21 +70,20 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let chosen =
         arguments.model.as_ref().map(|file| Chosen::read(file, arguments.classifier.as_deref())).transpose()?;
-    let model = chosen.as_ref().map(Chosen::model).transpose()?;
-    let input = arguments.recording.read()?;
-    if let Some(model) = &model
-        && !input
-            .recording
-            .epochs
-            .iter()
-            .flat_map(|epoch| &epoch.ranges)
-            .any(|range| could_tell(model, &range.diagnostics.features))
-    {
-        let asked = features_of(model);
+    let mut model = chosen.as_ref().map(Chosen::model).transpose()?;
+    let input = arguments.recording.read(SingleRanges::Keep)?;
+    if let Some(unused) = model.take_if(|model| !tells(&input.recording, model)) {
+        let asked = features_of(&unused);
         super::note(&format!("no range of the recording tells what the classifier asks for: {asked}\n"));
     }
     let solved = track(&input.recording, input.setup, weighting, model.as_ref());
-    input.report(&vec![("track".to_owned(), solved)], arguments.consistency)
+    input.report(&vec![("track".to_owned(), solved)])
+}
+
+/// Whether any range of a recording has the diagnostics that the classifier needs. Without them it changes nothing.
+fn tells(recording: &Recording, model: &Model<'_>) -> bool {
+    let mut ranges = recording.epochs.iter().flat_map(|epoch| &epoch.ranges);
+    ranges.any(|range| could_tell(model, &range.diagnostics.features))
 }
 
 /// Positions of the epochs, in the order of the file. The tracker processes them in the order of time.

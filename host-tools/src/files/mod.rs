@@ -6,10 +6,14 @@ mod diagnostics;
 pub mod output;
 pub mod positions;
 mod recording;
+mod rounds;
 mod table;
+mod truth;
 mod user_error;
 
 pub use diagnostics::{DiagnosticColumns, Diagnostics};
-pub use recording::{Anchor, Coordinates, Epoch, Files, Measured, Recording, by_time, read_anchors, read_truth};
+pub use recording::{Anchor, Coordinates, Epoch, Files, Measured, Recording, by_time, read_anchors};
+pub use rounds::{round_s, rounds};
 pub use table::{Column, Row, Table};
+pub use truth::{Joined, Truth, read_truth};
 pub use user_error::UserError;

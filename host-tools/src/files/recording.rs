@@ -1,14 +1,15 @@
 //! A recording: surveyed anchors, ranges by epoch, and the tag's true positions.
 //!
 //! The input is `anchors.csv`, `ranges.csv` and, where there is one, `truth.csv`. The output is a list of [`Epoch`]s in
-//! the order of their first range. Epochs of which only the true position is known are placed between them.
+//! the order of their first range. Epochs of which only the true position is known are placed between them: see
+//! [`Truth`].
 
 use std::collections::HashMap;
 use std::path::Path;
 
 use crate::files::table::quoted;
 use crate::files::{DiagnosticColumns, Diagnostics};
-use crate::{Table, UserError};
+use crate::{Table, Truth, UserError};
 
 /// A position, metres. Its height may be unknown.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,6 +38,8 @@ pub struct Measured {
     pub anchor: usize,
     /// The range, metres.
     pub range_m: f64,
+    /// The time of the range itself, seconds, where its row has one: asynchronous ranges of one epoch have several.
+    pub t_s: Option<f64>,
     /// Ground truth of the line of sight, where known.
     pub line_of_sight: Option<bool>,
     /// The receiver's diagnostics of this range.
@@ -48,7 +51,7 @@ pub struct Measured {
 pub struct Epoch {
     /// The epoch's name in the files.
     pub name: String,
-    /// Its time, seconds.
+    /// Its time, seconds: the latest of its rows.
     pub t_s: Option<f64>,
     /// The ranges, in the order of the file.
     pub ranges: Vec<Measured>,
@@ -88,15 +91,15 @@ impl Recording {
     pub fn read(files: &Files) -> Result<Self, UserError> {
         let anchors = anchor_rows(files.anchors, files.anchor_heights)?;
         let mut recording = Self { anchors, epochs: Vec::new() };
-        let by_name = recording.read_ranges(files.ranges)?;
+        recording.read_ranges(files.ranges)?;
         if let Some(truth) = files.truth {
-            recording.read_truth(truth, files.truth_heights, &by_name)?;
+            Truth::read(truth, files.truth_heights)?.join(&mut recording.epochs, 0.0);
         }
         Ok(recording)
     }
 
-    /// Adds the epochs with their ranges. Returns the epochs' indices by name.
-    fn read_ranges(&mut self, file: &Path) -> Result<HashMap<String, usize>, UserError> {
+    /// Adds the epochs with their ranges.
+    fn read_ranges(&mut self, file: &Path) -> Result<(), UserError> {
         let mut by_name = HashMap::new();
         let places: HashMap<&str, usize> = self.anchors.iter().enumerate().map(|(i, a)| (a.name.as_str(), i)).collect();
         let mut table = Table::open(file)?;
@@ -109,49 +112,19 @@ impl Recording {
                 self.epochs.push(Epoch { name: name.to_owned(), t_s, ranges: Vec::new(), truth: None });
                 self.epochs.len() - 1
             });
+            self.epochs[at].t_s = [self.epochs[at].t_s, t_s].into_iter().flatten().reduce(f64::max);
             let name = row.some_text(anchor)?;
             let Some(&anchor) = places.get(name) else {
                 return Err(row.wrong(anchor, &format!("{} is not in the file of anchors", quoted(name))));
             };
             let line_of_sight = row.truth_value(sight)?;
             if let Some(range_m) = row.number(range)? {
-                let measured = Measured { anchor, range_m, line_of_sight, diagnostics: columns.read(&row)? };
+                let measured = Measured { anchor, range_m, t_s, line_of_sight, diagnostics: columns.read(&row)? };
                 self.epochs[at].ranges.push(measured);
             }
         }
-        if self.epochs.is_empty() { Err(UserError::line(file, 1, "no ranges below the header")) } else { Ok(by_name) }
+        if self.epochs.is_empty() { Err(UserError::line(file, 1, "no ranges below the header")) } else { Ok(()) }
     }
-
-    /// Epochs without a range are inserted after the epoch before them in the truth file.
-    fn read_truth(&mut self, file: &Path, heights: bool, by_name: &HashMap<String, usize>) -> Result<(), UserError> {
-        let mut unheard: Vec<Vec<Epoch>> = vec![Vec::new(); self.epochs.len() + 1];
-        let mut next = 0;
-        for row in truth_rows(file, heights)? {
-            match by_name.get(&row.epoch) {
-                Some(&at) => {
-                    self.epochs[at].truth = Some(row.place);
-                    next = at + 1;
-                }
-                None => unheard[next].push(Epoch {
-                    name: row.epoch,
-                    t_s: row.t_s,
-                    ranges: Vec::new(),
-                    truth: Some(row.place),
-                }),
-            }
-        }
-        let heard = std::mem::take(&mut self.epochs).into_iter().map(Some).chain([None]);
-        self.epochs =
-            unheard.into_iter().zip(heard).flat_map(|(before, epoch)| before.into_iter().chain(epoch)).collect();
-        Ok(())
-    }
-}
-
-/// The tag's true position at one time.
-struct TruthRow {
-    epoch: String,
-    t_s: Option<f64>,
-    place: Coordinates,
 }
 
 /// The indices of epochs, sorted by their times, since a file may have them in any order. An epoch without a time stays
@@ -165,32 +138,6 @@ pub fn by_time(times_s: impl IntoIterator<Item = Option<f64>>) -> Vec<usize> {
     let mut places: Vec<(usize, f64)> = known.enumerate().collect();
     places.sort_by(|(_, a), (_, b)| a.total_cmp(b));
     places.into_iter().map(|(place, _)| place).collect()
-}
-
-/// Reads `truth.csv` as epochs and positions, in the order of the file.
-///
-/// # Errors
-/// The first line that is wrong.
-pub fn read_truth(file: &Path) -> Result<Vec<(String, Coordinates)>, UserError> {
-    Ok(truth_rows(file, false)?.into_iter().map(|row| (row.epoch, row.place)).collect())
-}
-
-fn truth_rows(file: &Path, heights: bool) -> Result<Vec<TruthRow>, UserError> {
-    let mut table = Table::open(file)?;
-    let (epoch, x, y) = (table.column("epoch")?, table.column("x_m")?, table.column("y_m")?);
-    let z = if heights { table.column("z_m")? } else { table.optional("z_m") };
-    let time = table.optional("t_s");
-    let mut rows = Vec::new();
-    let mut lines: HashMap<String, u64> = HashMap::new();
-    while let Some(row) = table.next_row()? {
-        let name = row.some_text(epoch)?;
-        if let Some(line) = lines.insert(name.to_owned(), row.line()) {
-            return Err(row.wrong(epoch, &format!("{} stands in line {line} already", quoted(name))));
-        }
-        let place = Coordinates { x_m: row.some_number(x)?, y_m: row.some_number(y)?, z_m: row.number(z)? };
-        rows.push(TruthRow { epoch: name.to_owned(), t_s: row.number(time)?, place });
-    }
-    if rows.is_empty() { Err(UserError::line(file, 1, "no positions below the header")) } else { Ok(rows) }
 }
 
 /// Reads `anchors.csv`. An anchor may lack its height.

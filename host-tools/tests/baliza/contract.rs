@@ -54,9 +54,9 @@ fn json_is_one_list_with_the_keys_of_the_contract() {
     let run = solve(&files, "--dims 2 --truth truth.csv --method nls --json");
     let list = run.json();
     let object = list[0].as_object().expect("an object");
-    let mut keys: Vec<_> = object.keys().map(String::as_str).collect();
-    keys.sort_unstable();
-    assert_eq!(keys, ["epochs", "fixed", "mae_m", "method", "p50_m", "p90_m", "rmse_m"]);
+    for key in ["epochs", "fixed", "mae_m", "method", "p50_m", "p90_m", "rmse_m"] {
+        assert!(object.contains_key(key), "{key}");
+    }
     assert_eq!((&object["method"], &object["epochs"], &object["fixed"]), (&"nls".into(), &2.into(), &1.into()));
     near(object["rmse_m"].as_f64().expect("a number"), 0.0, 0.001);
     assert_eq!(run.stderr, "");

@@ -8,7 +8,7 @@ use crate::support::{Folder, root};
 /// A file of impulse responses: `placements` placements of each class, with `receptions` receptions each. Direct
 /// responses have one strong path and a short tail. Blocked responses have a weak first path, a broad hump behind it
 /// and less power in the first path.
-fn responses(placements: usize, receptions: usize) -> String {
+pub fn responses(placements: usize, receptions: usize) -> String {
     let mut csv = header();
     for placement in 0..2 * placements {
         let blocked = placement % 2 == 1;

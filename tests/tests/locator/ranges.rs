@@ -36,7 +36,7 @@ fn drawn() -> Recording {
             let distance: f64 = at.iter().zip(corner).map(|(a, c)| (a - c) * (a - c)).sum::<f64>().sqrt();
             let range_m = distance + 0.1 * noise() + if blocked { 0.5 } else { 0.0 };
             let diagnostics = row(range_m, -80.0, if blocked { -96.0 } else { -81.5 });
-            (noise() < 0.4).then_some(Measured { anchor, range_m, line_of_sight: None, diagnostics })
+            (noise() < 0.4).then_some(Measured { anchor, range_m, t_s: None, line_of_sight: None, diagnostics })
         });
         Epoch { name: k.to_string(), t_s: Some(t_s), ranges: ranges.collect(), truth: None }
     });

@@ -168,7 +168,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         anchors: plan.beacons.iter().map(|beacon| (beacon.name.clone(), beacon.position_m)).collect(),
         walls_m: plan.walls.iter().map(|wall| wall.ends_m).collect(),
         with_errors: captures.iter().any(|capture| capture.truth_m.is_some()),
-        consistency: true,
+        time_offset_s: None,
+        residuals: None,
         neighbours: Some(comparisons.iter().map(|comparison| comparison.k()).collect()),
         solved: &solved,
     }

@@ -114,7 +114,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         anchors: beacons.iter().map(|beacon| (beacon.name.clone(), beacon.position_m)).collect(),
         walls_m: walls.iter().map(|wall| wall.ends_m).collect(),
         with_errors: captures.iter().any(|capture| capture.truth_m.is_some()),
-        consistency: true,
+        time_offset_s: None,
+        residuals: None,
         neighbours: Some(vec![None; solved.len()]),
         solved: &solved,
     }

@@ -11,7 +11,7 @@ use positioning_core::locator::{self, Locator, Reception};
 use positioning_core::nlos::Model;
 use positioning_core::{Area, Blocked, Noise};
 
-use crate::files::{Anchor, Coordinates, Diagnostics, Epoch, Measured};
+use crate::files::{Anchor, Coordinates, Diagnostics, Epoch, Measured, by_time};
 use crate::locate::solve::{Half, Height, NoPosition, Position, Setup, Solved, Space, middle_m};
 
 /// Standard deviation of the noise of a DW1000 range in line of sight, metres. The engine models all other range
@@ -103,10 +103,13 @@ impl<'a> Tracker<'a> {
                 false
             }
         };
-        for (index, measured) in epoch.ranges.iter().enumerate() {
+        // Asynchronous ranges have times of their own.
+        for index in by_time(epoch.ranges.iter().map(|measured| measured.t_s)) {
+            let Some(measured) = epoch.ranges.get(index) else { continue };
             if let Some(range) = self.range(measured) {
                 let Diagnostics { features, power_dbm, .. } = measured.diagnostics;
-                self.locator.range(now_us, index, range, &Reception { features, power_dbm });
+                let t_us = measured.t_s.map_or(now_us, |t_s| self.clock_us(t_s));
+                self.locator.range(t_us, index, range, &Reception { features, power_dbm });
             }
         }
         let fix = self.locator.end_round(now_us, epoch.ranges.len()).fix.map_err(NoPosition::Missing)?;
@@ -120,7 +123,7 @@ impl<'a> Tracker<'a> {
         })
     }
 
-    /// The time of an epoch.
+    /// The time of an epoch, on the engine's clock.
     fn microseconds(&mut self, epoch: &Epoch) -> u64 {
         let (first, last) = self.times_s.unwrap_or_else(|| {
             let begin = epoch.t_s.unwrap_or(0.0);
@@ -128,8 +131,14 @@ impl<'a> Tracker<'a> {
         });
         let now = epoch.t_s.unwrap_or(last + USUAL_S);
         self.times_s = Some((first, now));
+        self.clock_us(now)
+    }
+
+    /// A time of the recording, seconds, on the engine's clock.
+    fn clock_us(&self, t_s: f64) -> u64 {
+        let first_s = self.times_s.map_or(t_s, |(first_s, _)| first_s);
         // The conversion saturates: a float that is too large or negative becomes the largest or the least integer.
-        ((now - first + BEGIN_S) * 1.0e6) as u64
+        ((t_s - first_s + BEGIN_S) * 1.0e6) as u64
     }
 
     fn range(&self, measured: &Measured) -> Option<Range<f32>> {

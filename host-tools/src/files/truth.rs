@@ -1,0 +1,275 @@
+//! The tag's true positions: `truth.csv`, joined to epochs by time.
+//!
+//! The truth may have its own rate and its own numbers of epochs. Between two of its rows a position is interpolated
+//! linearly. Where the ranges or the truth have no times, the rows are joined by the epochs' names.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use crate::files::table::quoted;
+use crate::{Coordinates, Epoch, Table, UserError};
+
+/// A true position holds for this time before and after its row where it cannot be interpolated, seconds.
+const HOLDS_S: f64 = 0.1;
+/// The longest time between two rows of a moving tag that is interpolated, seconds.
+const LONGEST_GAP_S: f64 = 1.0;
+/// A tag moves where two rows are farther apart than this, metres: more than the noise of a survey.
+const MOVES_M: f64 = 0.1;
+/// Rows of the same epoch are of the same instant where their times differ by no more than this, seconds: files round.
+const SAME_INSTANT_S: f64 = 1.0e-3;
+/// The truth counts the epochs of the ranges where most of them are in it, with times that differ by less than this,
+/// seconds.
+const SAME_EPOCHS_S: f64 = 0.5;
+
+/// The tag's true position at one time.
+#[derive(Clone, Debug, PartialEq)]
+struct Row {
+    epoch: String,
+    t_s: Option<f64>,
+    place: Coordinates,
+}
+
+/// The tag's true positions.
+#[derive(Clone, Debug, Default)]
+pub struct Truth {
+    /// In the order of the file.
+    rows: Vec<Row>,
+    by_name: HashMap<String, usize>,
+    /// The rows with a time, in the order of time.
+    by_time: Vec<(f64, Coordinates)>,
+}
+
+/// How the truth was joined to epochs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Joined {
+    /// By time.
+    ByTime,
+    /// By the epochs' names, because the truth or the epochs have no times.
+    ByEpoch,
+    /// By the epochs' names, although both have times: their clocks have no second in common.
+    ByEpochDespiteTimes,
+}
+
+impl Truth {
+    /// Reads `truth.csv`. With `heights`, a file without a column of heights is an error.
+    ///
+    /// # Errors
+    /// The first line that is wrong.
+    pub fn read(file: &Path, heights: bool) -> Result<Self, UserError> {
+        let mut table = Table::open(file)?;
+        let (epoch, x, y) = (table.column("epoch")?, table.column("x_m")?, table.column("y_m")?);
+        let z = if heights { table.column("z_m")? } else { table.optional("z_m") };
+        let time = table.optional("t_s");
+        let mut truth = Self::default();
+        let mut lines: HashMap<String, u64> = HashMap::new();
+        while let Some(row) = table.next_row()? {
+            let name = row.some_text(epoch)?;
+            if let Some(line) = lines.insert(name.to_owned(), row.line()) {
+                return Err(row.wrong(epoch, &format!("{} stands in line {line} already", quoted(name))));
+            }
+            let place = Coordinates { x_m: row.some_number(x)?, y_m: row.some_number(y)?, z_m: row.number(z)? };
+            truth.by_name.insert(name.to_owned(), truth.rows.len());
+            truth.rows.push(Row { epoch: name.to_owned(), t_s: row.number(time)?, place });
+        }
+        if truth.rows.is_empty() {
+            return Err(UserError::line(file, 1, "no positions below the header"));
+        }
+        truth.by_time = truth.rows.iter().filter_map(|row| Some((row.t_s?, row.place))).collect();
+        truth.by_time.sort_by(|(one, _), (other, _)| one.total_cmp(other));
+        Ok(truth)
+    }
+
+    /// All positions, in the order of the file.
+    pub fn places(&self) -> impl Iterator<Item = &Coordinates> {
+        self.rows.iter().map(|row| &row.place)
+    }
+
+    /// The position at a time of the truth's clock, seconds. There is none before the first row and after the last one,
+    /// and none in a gap of more than a second during which the tag moved; but each row holds for a tenth of a second.
+    pub fn at(&self, t_s: f64) -> Option<Coordinates> {
+        let next = self.by_time.partition_point(|(row_s, _)| *row_s < t_s);
+        let before = next.checked_sub(1).and_then(|at| self.by_time.get(at));
+        let after = self.by_time.get(next);
+        if let (Some((from_s, from)), Some((to_s, to))) = (before, after) {
+            let gap_s = to_s - from_s;
+            if gap_s <= LONGEST_GAP_S || (from.x_m - to.x_m).hypot(from.y_m - to.y_m) <= MOVES_M {
+                let share = (t_s - from_s) / gap_s;
+                let between = |from: f64, to: f64| from + share * (to - from);
+                return Some(Coordinates {
+                    x_m: between(from.x_m, to.x_m),
+                    y_m: between(from.y_m, to.y_m),
+                    z_m: from.z_m.zip(to.z_m).map(|(from, to)| between(from, to)),
+                });
+            }
+        }
+        let near = [before, after].into_iter().flatten().filter(|(row_s, _)| (row_s - t_s).abs() <= HOLDS_S);
+        near.min_by(|(one, _), (other, _)| (one - t_s).abs().total_cmp(&(other - t_s).abs())).map(|(_, place)| *place)
+    }
+
+    /// The position of each epoch, by its name and its time. `offset_s` is added to the times of the truth, seconds.
+    ///
+    /// If the two clocks have no second in common and no offset is asked for, the epochs are joined by their names.
+    pub fn of_epochs<'a>(
+        &self,
+        epochs: impl Iterator<Item = (&'a str, Option<f64>)> + Clone,
+        offset_s: f64,
+    ) -> (Vec<Option<Coordinates>>, Joined) {
+        let timed = |(name, t_s): (&str, f64)| match self.named(name) {
+            // Several tags may take turns in one file, so a row of the same epoch and instant is better than its
+            // neighbours.
+            Some(Row { t_s: Some(row_s), place, .. }) if (row_s + offset_s - t_s).abs() <= SAME_INSTANT_S => {
+                Some(*place)
+            }
+            Some(Row { t_s: None, place, .. }) => Some(*place),
+            Some(_) | None => self.at(t_s - offset_s),
+        };
+        let place = |(name, t_s): (&str, Option<f64>)| match t_s {
+            Some(t_s) if !self.by_time.is_empty() => timed((name, t_s)),
+            Some(_) | None => self.named(name).map(|row| row.place),
+        };
+        let has_times = !self.by_time.is_empty() && epochs.clone().any(|(_, t_s)| t_s.is_some());
+        let places: Vec<_> = epochs.clone().map(place).collect();
+        match has_times {
+            false => (places, Joined::ByEpoch),
+            true if offset_s == 0.0 && places.iter().all(Option::is_none) => {
+                let places: Vec<_> = epochs.map(|(name, _)| self.named(name).map(|row| row.place)).collect();
+                let common = places.iter().any(Option::is_some);
+                (places, if common { Joined::ByEpochDespiteTimes } else { Joined::ByTime })
+            }
+            true => (places, Joined::ByTime),
+        }
+    }
+
+    /// Gives the epochs their true positions. `offset_s` is added to the times of the truth, seconds.
+    pub fn join_heard(&self, epochs: &mut [Epoch], offset_s: f64) -> Joined {
+        let named = epochs.iter().map(|epoch| (epoch.name.as_str(), epoch.t_s));
+        let (places, joined) = self.of_epochs(named, offset_s);
+        for (epoch, place) in epochs.iter_mut().zip(places) {
+            epoch.truth = place;
+        }
+        joined
+    }
+
+    /// Gives the epochs their true positions, as [`join_heard`](Self::join_heard) does.
+    ///
+    /// Where the truth counts the epochs as the ranges do, its epochs without ranges are inserted, each after the epoch
+    /// before it in the file of the truth. A round without any range is a position that could not be had.
+    pub fn join(&self, epochs: &mut Vec<Epoch>, offset_s: f64) -> Joined {
+        let joined = self.join_heard(epochs, offset_s);
+        if joined != Joined::ByTime || self.counts_the_epochs_of(epochs) {
+            self.insert_unheard(epochs, offset_s);
+        }
+        joined
+    }
+
+    fn named(&self, name: &str) -> Option<&Row> {
+        self.rows.get(*self.by_name.get(name)?)
+    }
+
+    /// Whether most epochs have a row of their name, and most of these rows have their time.
+    fn counts_the_epochs_of(&self, epochs: &[Epoch]) -> bool {
+        let common = epochs.iter().filter_map(|epoch| {
+            let row = self.named(&epoch.name)?;
+            Some((row.t_s? - epoch.t_s?).abs() < SAME_EPOCHS_S)
+        });
+        let (agree, all) = common.fold((0_usize, 0_usize), |(agree, all), same| (agree + usize::from(same), all + 1));
+        2 * all > epochs.len() && 2 * agree > all
+    }
+
+    fn insert_unheard(&self, epochs: &mut Vec<Epoch>, offset_s: f64) {
+        let heard_at: HashMap<&str, usize> =
+            epochs.iter().enumerate().map(|(at, epoch)| (epoch.name.as_str(), at)).collect();
+        let mut unheard: Vec<Vec<Epoch>> = vec![Vec::new(); epochs.len() + 1];
+        let mut next = 0;
+        for Row { epoch, t_s, place } in &self.rows {
+            match heard_at.get(epoch.as_str()) {
+                Some(at) => next = at + 1,
+                None => unheard[next].push(Epoch {
+                    name: epoch.clone(),
+                    t_s: t_s.map(|t_s| t_s + offset_s),
+                    ranges: Vec::new(),
+                    truth: Some(*place),
+                }),
+            }
+        }
+        let heard = std::mem::take(epochs).into_iter().map(Some).chain([None]);
+        *epochs = unheard.into_iter().zip(heard).flat_map(|(before, epoch)| before.into_iter().chain(epoch)).collect();
+    }
+}
+
+/// Reads `truth.csv` as epochs and positions, in the order of the file.
+///
+/// # Errors
+/// The first line that is wrong.
+pub fn read_truth(file: &Path) -> Result<Vec<(String, Coordinates)>, UserError> {
+    Ok(Truth::read(file, false)?.rows.into_iter().map(|row| (row.epoch, row.place)).collect())
+}
+
+#[cfg(test)]
+impl Truth {
+    /// A truth of these times and positions, whose epochs are numbered from 0.
+    pub(crate) fn of(rows: impl IntoIterator<Item = (f64, [f64; 3])>) -> Self {
+        let mut truth = Self::default();
+        for (number, (t_s, [x_m, y_m, z_m])) in rows.into_iter().enumerate() {
+            let place = Coordinates { x_m, y_m, z_m: Some(z_m) };
+            truth.by_name.insert(number.to_string(), number);
+            truth.by_time.push((t_s, place));
+            truth.rows.push(Row { epoch: number.to_string(), t_s: Some(t_s), place });
+        }
+        truth
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Joined, Truth};
+    use crate::{Coordinates, Epoch};
+
+    fn x_m(place: Option<Coordinates>) -> Option<f64> {
+        place.map(|place| (place.x_m * 1.0e6).round() / 1.0e6)
+    }
+
+    #[test]
+    fn a_position_is_interpolated_but_not_extrapolated_nor_in_a_gap() {
+        // 1 m/s for a second, nothing known for two seconds, then at rest for ten.
+        let truth = Truth::of([
+            (0.0, [0.0, 0.0, 1.0]),
+            (1.0, [1.0, 0.0, 2.0]),
+            (3.0, [5.0, 0.0, 2.0]),
+            (13.0, [5.05, 0.0, 2.0]),
+        ]);
+        assert_eq!((x_m(truth.at(0.25)), truth.at(0.25).and_then(|place| place.z_m)), (Some(0.25), Some(1.25)));
+        assert_eq!([-0.3, -0.05, 0.0, 1.0].map(|t_s| x_m(truth.at(t_s))), [None, Some(0.0), Some(0.0), Some(1.0)]);
+        assert_eq!([1.05, 2.0, 2.95, 3.0].map(|t_s| x_m(truth.at(t_s))), [Some(1.0), None, Some(5.0), Some(5.0)]);
+        assert_eq!([8.0, 13.05, 13.5].map(|t_s| x_m(truth.at(t_s))), [Some(5.025), Some(5.05), None]);
+    }
+
+    fn epochs(times_s: &[Option<f64>]) -> Vec<Epoch> {
+        let named = times_s.iter().enumerate();
+        named.map(|(at, &t_s)| Epoch { name: at.to_string(), t_s, ranges: Vec::new(), truth: None }).collect()
+    }
+
+    #[test]
+    fn numbers_of_another_rate_neither_join_nor_add_epochs() {
+        // The tag goes at 1 m/s. The truth has ten rows a second, the ranges two epochs a second.
+        let truth = Truth::of((0..100).map(|k| (0.1 * f64::from(k), [0.1 * f64::from(k), 0.0, 0.0])));
+        let mut heard = epochs(&(0..19).map(|k| Some(0.5 * f64::from(k) + 0.05)).collect::<Vec<_>>());
+        assert_eq!(truth.join(&mut heard, 0.0), Joined::ByTime);
+        assert_eq!(heard.len(), 19);
+        assert_eq!([x_m(heard[0].truth), x_m(heard[18].truth)], [Some(0.05), Some(9.05)]);
+        // Rows that are stamped 0.2 s late need -0.2 s.
+        truth.join(&mut heard, -0.2);
+        assert_eq!([x_m(heard[1].truth), x_m(heard[18].truth)], [Some(0.75), Some(9.25)]);
+    }
+
+    #[test]
+    fn epochs_without_times_or_of_other_clocks_are_joined_by_name() {
+        let truth = Truth::of([(0.0, [7.0, 0.0, 0.0]), (0.5, [8.0, 0.0, 0.0]), (1.0, [9.0, 0.0, 0.0])]);
+        let mut heard = epochs(&[None, None]);
+        assert_eq!(truth.join(&mut heard, 0.0), Joined::ByEpoch);
+        assert_eq!(heard.iter().map(|epoch| x_m(epoch.truth)).collect::<Vec<_>>(), [Some(7.0), Some(8.0), Some(9.0)]);
+        let mut heard = epochs(&[Some(500.0), Some(501.0)]);
+        assert_eq!(truth.join(&mut heard, 0.0), Joined::ByEpochDespiteTimes);
+        assert_eq!(x_m(heard[1].truth), Some(8.0));
+    }
+}
