@@ -88,7 +88,7 @@ fn tells(recording: &Recording, model: &Model<'_>) -> bool {
 
 /// Positions of the epochs, in the order of the file. The tracker processes them in the order of time.
 fn track(recording: &Recording, setup: Setup, weighting: Weighting, model: Option<&Model<'_>>) -> Vec<Solved> {
-    let settings = settings(&setup, weighting, model.is_some());
+    let settings = settings(&setup, weighting);
     let mut tracker = Tracker::new(&recording.anchors, setup, settings, model);
     let progress = Progress::new(recording.epochs.len());
     let mut solved = vec![None; recording.epochs.len()];

@@ -5,7 +5,10 @@
 
 use positioning_core::ble::fingerprint;
 use positioning_core::engine::Missing;
-use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Method, RangeSample, Side, SolveError, flatten};
+use positioning_core::nlos::Classifier as _;
+use positioning_core::{
+    Area, Constraints, Fix, MAX_ANCHORS, Method, POWER_DIFFERENCE_PRIOR, RangeSample, Side, SolveError, flatten,
+};
 
 use crate::files::{Anchor, Coordinates, Epoch, Measured};
 
@@ -127,7 +130,7 @@ impl<'a> Solver<'a> {
             Height::Fixed(z) => Some(z),
             Height::FromTruth => Some(epoch.truth.and_then(|truth| truth.z_m).ok_or(NoPosition::HeightUnknown)?),
         };
-        let sample = |measured: &Measured| {
+        let of = |measured: &Measured| {
             let place = &self.anchors.get(measured.anchor)?.place;
             let range = measured.range_m as f32;
             let range = match tag_z {
@@ -135,13 +138,13 @@ impl<'a> Solver<'a> {
                 None => range,
             };
             let anchor = [self.local(0, place.x_m), self.local(1, place.y_m)];
-            Some(RangeSample { los: measured.line_of_sight, ..RangeSample::new(anchor, range) })
+            Some(sample(measured, anchor, range))
         };
         let area = self.setup.area_m.map(|corners| {
             let [min, max] = corners.map(|[x, y]| [self.local(0, x), self.local(1, y)]);
             Area { min, max }
         });
-        let fix = solve(method, epoch.ranges.iter().filter_map(sample), &Constraints { side: Side::Unknown, area })?;
+        let fix = solve(method, epoch.ranges.iter().filter_map(of), &Constraints { side: Side::Unknown, area })?;
         let [sigma_x, sigma_y] = fix.sigma().map(f64::from);
         Ok(Position {
             place: Coordinates {
@@ -158,10 +161,10 @@ impl<'a> Solver<'a> {
     fn in_space(&self, method: Method, epoch: &Epoch, half: Option<Half>) -> Result<Position, NoPosition> {
         /// Farther below or above than any anchor, metres.
         const AWAY_M: f32 = 1.0e4;
-        let sample = |measured: &Measured| {
+        let of = |measured: &Measured| {
             let place = &self.anchors.get(measured.anchor)?.place;
             let anchor = [self.local(0, place.x_m), self.local(1, place.y_m), self.local(2, place.z_m?)];
-            Some(RangeSample { los: measured.line_of_sight, ..RangeSample::new(anchor, measured.range_m as f32) })
+            Some(sample(measured, anchor, measured.range_m as f32))
         };
         let side = match half {
             None => Side::Unknown,
@@ -172,7 +175,7 @@ impl<'a> Solver<'a> {
             min: [self.local(0, least[0]), self.local(1, least[1]), f32::NEG_INFINITY],
             max: [self.local(0, greatest[0]), self.local(1, greatest[1]), f32::INFINITY],
         });
-        let fix = solve(method, epoch.ranges.iter().filter_map(sample), &Constraints { side, area })?;
+        let fix = solve(method, epoch.ranges.iter().filter_map(of), &Constraints { side, area })?;
         let [x_m, y_m, z_m] = std::array::from_fn(|axis| self.global(axis, fix.position[axis]));
         let [sigma_x, sigma_y, sigma_z] = fix.sigma().map(f64::from);
         Ok(Position {
@@ -202,6 +205,12 @@ pub(crate) fn middle_m(anchors: &[Anchor]) -> [f64; 3] {
         if least <= greatest { 0.5 * least + 0.5 * greatest } else { 0.0 }
     };
     [middle(|p| Some(p.x_m)), middle(|p| Some(p.y_m)), middle(|p| p.z_m)]
+}
+
+/// A range as a sample of a solver. Its powers, where they are known, say how probably its link is blocked.
+fn sample<const D: usize>(measured: &Measured, anchor: [f32; D], range_m: f32) -> RangeSample<f32, D> {
+    let by_powers = POWER_DIFFERENCE_PRIOR.nlos_probability(&measured.diagnostics.features);
+    RangeSample { los: measured.line_of_sight, ..RangeSample::new(anchor, range_m).with_p_nlos(by_powers) }
 }
 
 /// Solves with the shortest ranges where there are more than a fix can take, because a blocked range is too long.

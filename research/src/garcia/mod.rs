@@ -264,8 +264,6 @@ fn settings(way: Way) -> Option<Settings<f32>> {
         Way::Ekf => Some(plain(Blocked::garcia())),
         Way::Calibrated => {
             let noise = Noise {
-                link_sigma: 0.1,
-                blocked_link_sigma: channel::BLOCKED_SIGMA_M,
                 blocked_noise_sigma: channel::BLOCKED_SIGMA_M,
                 link_seconds: 1.0e3,
                 ..Noise::indoors()

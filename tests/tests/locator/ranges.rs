@@ -120,7 +120,7 @@ fn has_the_same_bits(recording: &Recording) {
         }
     });
     let setup = Setup { space: Space::Plane(Height::Fixed(HEIGHT_M)), area_m: None };
-    let mut host = Tracker::new(&recording.anchors, setup, settings(&setup, Weighting::Weigh, false), None);
+    let mut host = Tracker::new(&recording.anchors, setup, settings(&setup, Weighting::Weigh), None);
     assert_eq!(of_tag.len(), order.len());
     let mut found = 0;
     for (&at, (_, outcome)) in order.iter().zip(of_tag) {

@@ -9,7 +9,7 @@ use positioning_core::Side;
 use positioning_core::engine::{Dimensions, Range, Settings};
 use positioning_core::locator::{self, Locator, Reception};
 use positioning_core::nlos::Model;
-use positioning_core::{Area, Blocked, Noise};
+use positioning_core::{Area, Blocked};
 
 use crate::files::{Anchor, Coordinates, Diagnostics, Epoch, Measured, by_time};
 use crate::locate::solve::{Half, Height, NoPosition, Position, Setup, Solved, Space, middle_m};
@@ -25,7 +25,7 @@ const BEGIN_S: f64 = 3600.0;
 /// How the powers are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Weighting {
-    /// The variance of a range grows with the probability that its link is blocked.
+    /// They move the prior probability that a link is blocked.
     Weigh,
     /// Ranges whose link is more probably blocked than not are left out, but at least four ranges are kept.
     Ignore,
@@ -33,9 +33,8 @@ pub enum Weighting {
     Alike,
 }
 
-/// The engine's settings for a recording. `trained`: a trained classifier finds blocked links, and not the powers
-/// alone.
-pub fn settings(setup: &Setup, weighting: Weighting, trained: bool) -> Settings<f32> {
+/// The engine's settings for a recording.
+pub fn settings(setup: &Setup, weighting: Weighting) -> Settings<f32> {
     let dimensions = match setup.space {
         Space::Plane(_) => Dimensions::Plane { height: 0.0 },
         Space::Full(half) => Dimensions::Space {
@@ -51,8 +50,7 @@ pub fn settings(setup: &Setup, weighting: Weighting, trained: bool) -> Settings<
         Weighting::Ignore => Blocked::Ignore { threshold: 0.5, at_least: 4 },
         Weighting::Alike => Blocked::Alike,
     };
-
-    Settings::track(dimensions).with_blocked(blocked).with_noise(Noise::indoors())
+    Settings::track(dimensions).with_blocked(blocked)
 }
 
 /// Follows a tag through a recording.
