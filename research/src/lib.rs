@@ -7,12 +7,14 @@
 //! | [`garcia`] | E. García et al.: differences of arrival with detection of blocked paths by their skewness |
 //! | [`barral`] | V. Barral et al.: classifiers and mitigators of blocked ranges |
 //! | [`linde`] | A. Linde Cerezo's thesis: four Bluetooth beacons in a room |
+//! | [`accuracy`] | statistics of the accuracy protocol: blocks, ratios, verdicts, settings that leave a site out |
 //! | [`prior`] | recordings of ranges drawn from broad distributions, on which no setting was chosen |
 //! | [`thesis`] | P. M. de Rojas Malpartida's thesis: every method on simulated ranges |
 //!
 //! Each benchmark draws its data from a seed and returns scores and a Markdown table; `baliza bench` prints them.
 #![forbid(unsafe_code)]
 
+pub mod accuracy;
 pub mod barral;
 mod field;
 pub mod fusion;
