@@ -12,7 +12,7 @@ mod verdict;
 pub use blocks::{Block, LogRatio, Measure, blocks, over_recordings, ratio};
 pub use figures::{Excursion, Figures};
 pub use left_out::{Choice, choices};
-pub use verdict::{Outcome, Verdict, outcome, verdict};
+pub use verdict::{LEAST_ANSWERED, Outcome, Verdict, outcome, verdict};
 
 /// A silence of this length begins a new block, and whoever follows the tag begins anew, seconds.
 const SILENCE_S: f64 = 10.0;
@@ -26,6 +26,13 @@ pub struct Scored {
     pub error_m: Option<f64>,
     /// The squared horizontal error in units of its covariance; `None` without a position or a covariance.
     pub normalised_square: Option<f64>,
+}
+
+/// Two methods' results of the same epochs, where both have a position.
+pub fn both_fixed(one: &[Scored], other: &[Scored]) -> [Vec<Scored>; 2] {
+    let both = one.iter().zip(other).filter(|(one, other)| one.error_m.is_some() && other.error_m.is_some());
+    let (one, other) = both.map(|(one, other)| (*one, *other)).unzip();
+    [one, other]
 }
 
 /// Whether an epoch does not follow the one before: after a silence, or where the time does not advance.

@@ -4,6 +4,8 @@ use super::LogRatio;
 
 /// A change that answers fewer epochs than this share of those before is worse, however small its errors are.
 const ANSWERED: f64 = 0.99;
+/// Errors of a method that answers less than this share of the epochs are not compared.
+pub const LEAST_ANSWERED: f64 = 0.05;
 
 /// The effect of a change at a site.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -31,13 +33,13 @@ pub struct Verdict {
 }
 
 /// The effect of a change at a site, by the ratio of its errors and by the shares of epochs with a position, new and
-/// old.
+/// old. Where errors cannot be compared, more positions are better.
 pub fn outcome(ratio: Option<LogRatio>, [new, old]: [f64; 2]) -> Outcome {
     match ratio {
         _ if new < ANSWERED * old => Outcome::Worse,
         Some(LogRatio { value, deviation }) if value < -deviation => Outcome::Better,
         Some(LogRatio { value, deviation }) if value > deviation => Outcome::Worse,
-        None if old == 0.0 && new > 0.0 => Outcome::Better,
+        None if old < ANSWERED * new => Outcome::Better,
         Some(_) | None => Outcome::Undecided,
     }
 }
@@ -68,7 +70,7 @@ mod tests {
         let halved = Some(LogRatio { value: -0.7, deviation: 0.1 });
         assert_eq!(outcome(halved, [0.9, 1.0]), Outcome::Worse);
         assert_eq!(outcome(halved, [0.995, 1.0]), Outcome::Better);
-        assert_eq!(outcome(None, [0.5, 0.0]), Outcome::Better);
+        assert_eq!(outcome(None, [0.5, 0.001]), Outcome::Better);
         assert_eq!(outcome(None, [0.0, 0.0]), Outcome::Undecided);
         assert_eq!(outcome(None, [0.0, 0.5]), Outcome::Worse);
     }

@@ -63,6 +63,8 @@ pub enum Layout {
         y_m: f64,
         /// Deviation of the anchors from the line, metres.
         off_m: f64,
+        /// Whether the last anchor is on a wall somewhere else.
+        but_one: bool,
     },
 }
 
@@ -146,7 +148,8 @@ impl Conditions {
         let anchors = random.random_range(least..=greatest);
         let layout = match group {
             Group::Collinear => {
-                Layout::Line { y_m: width * between(random, 0.0, 0.5), off_m: between(random, 0.01, 0.05) }
+                let (y_m, off_m) = (width * between(random, 0.0, 0.5), between(random, 0.01, 0.05));
+                Layout::Line { y_m, off_m, but_one: happens(random, 0.5) }
             }
             Group::Walk | Group::Rest | Group::Teleport | Group::Asynchronous | Group::ManyAnchors | Group::Space => {
                 if happens(random, 0.8) {
@@ -209,13 +212,14 @@ impl Conditions {
             .map(|number| {
                 // One in each of as many equal parts of the wall.
                 let share = (number as f64 + between(random, 0.1, 0.9)) / self.anchors as f64;
+                let around = begin + share * 2.0 * (length + width);
                 let [x, y] = match self.layout {
-                    Layout::Walls => {
-                        let along = begin + share * 2.0 * (length + width);
-                        on_the_walls([length, width], along, between(random, 0.05, 0.3))
+                    Layout::Walls => on_the_walls([length, width], around, between(random, 0.05, 0.3)),
+                    Layout::Line { but_one: true, .. } if number + 1 == self.anchors => {
+                        on_the_walls([length, width], around, between(random, 0.05, 0.3))
                     }
                     Layout::OneWall => [share * length, between(random, 0.05, 0.5)],
-                    Layout::Line { y_m, off_m } => [share * length, y_m + off_m * normal(random)],
+                    Layout::Line { y_m, off_m, .. } => [share * length, y_m + off_m * normal(random)],
                 };
                 let place = [x, y, between(random, lowest, height - CLEAR_M)];
                 place.map(|coordinate| (coordinate * 1e3).round() / 1e3)
@@ -294,7 +298,8 @@ impl Layout {
         match self {
             Self::Walls => "walls",
             Self::OneWall => "one-wall",
-            Self::Line { .. } => "line",
+            Self::Line { but_one: false, .. } => "line",
+            Self::Line { but_one: true, .. } => "line-but-one",
         }
     }
 }

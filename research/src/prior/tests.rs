@@ -46,8 +46,10 @@ fn rooms_anchors_and_rates_are_within_their_bounds() {
 #[test]
 fn anchors_are_almost_on_a_line_in_their_group() {
     for case in some().iter().filter(|case| case.conditions.group == Group::Collinear) {
+        let Layout::Line { but_one, .. } = case.conditions.layout else { panic!("a line") };
+        let on_it = &case.anchors_m[..case.anchors_m.len() - usize::from(but_one)];
         // The smaller eigenvalue of the covariance of x and y is the variance across the best line.
-        let [x, y] = [0, 1].map(|axis: usize| case.anchors_m.iter().map(|at| at[axis]).collect::<Vec<_>>());
+        let [x, y] = [0, 1].map(|axis: usize| on_it.iter().map(|at| at[axis]).collect::<Vec<_>>());
         let covariance = |a: &[f64], b: &[f64]| {
             let (p, q) = (mean(a), mean(b));
             mean(&a.iter().zip(b).map(|(a, b)| (a - p) * (b - q)).collect::<Vec<_>>())
@@ -124,8 +126,12 @@ fn blocked_and_wild_ranges_have_the_shares_and_sizes_that_are_stated() {
     let blocked: Vec<f64> = cases.iter().map(|case| share(case, |range| range.blocked)).collect();
     // The mean of U(0, 0.4), a little less because blocked ranges are lost more often.
     assert!((mean(&blocked) - 0.19).abs() < 0.06, "{}", mean(&blocked));
-    let wild: Vec<f64> = cases.iter().map(|case| share(case, |range| range.wild) - case.conditions.wild).collect();
-    assert!(wild.iter().all(|share| share.abs() < 0.012) && mean(&wild).abs() < 0.001, "{wild:?}");
+    for case in &cases {
+        // Within four deviations of a share of this number of ranges.
+        let (expected, count) = (case.conditions.wild, errors(case).count() as f64);
+        let wild = share(case, |range| range.wild);
+        assert!((wild - expected).abs() < 4.0 * (expected / count).sqrt() + 1.0 / count, "{wild}, {expected}");
+    }
     for case in &cases {
         let Conditions { common_m, .. } = case.conditions;
         for (_, error) in errors(case).filter(|(range, _)| range.blocked && !range.wild) {

@@ -23,7 +23,7 @@ use host_tools::UserError;
 use host_tools::files::output;
 
 use crate::cli::progress::Progress;
-use results::{Compared, Earlier, Score};
+use results::{Compared, Earlier, Pair, Score};
 use settings::{LeftOut, Tried};
 use sites::Ranged;
 use variations::VARIATIONS;
@@ -134,7 +134,7 @@ impl Results {
                 tables::RANGES.into_iter().zip([ranges::solve(&ranged), ranges::track(&ranged, |_| ())])
             {
                 let scored = ranges::scored(&ranged.recording.epochs, &solved);
-                let score = Score::of([&ranged.site, &ranged.name, method], Measure::Rmse, &scored);
+                let score = Score::of([&ranged.site, &ranged.name, method], Measure::Rmse, scored);
                 scores.push(Score { simulated: ranged.simulated, offset_s, ..score });
                 progress.step();
             }
@@ -145,7 +145,7 @@ impl Results {
         if let Some(data) = &arguments.data {
             for beacons::Beaconed { site, name, scored } in beacons::recorded(data, || progress.step())? {
                 let methods = beacons::METHODS.map(|method| method.name());
-                let of = methods.iter().zip(&scored);
+                let of = methods.iter().zip(scored);
                 scores.extend(of.map(|(method, scored)| Score::of([site, &name, method], Measure::Mean, scored)));
             }
         }
@@ -153,18 +153,20 @@ impl Results {
     }
 
     /// The track against the solver, at all sites.
-    fn track_to_solve(&self) -> Vec<Compared> {
+    fn track_to_solve<'r>(&'r self) -> Vec<Compared> {
         let [solve, track] = tables::RANGES;
-        let old = |score: &Score| {
-            let same = |other: &&Score| other.recording == score.recording && other.method == solve;
-            self.scores.iter().find(same).map(|solve| solve.blocks.as_slice())
+        let of = |method| self.scores.iter().filter(move |score| score.method == method);
+        let pair = |score: &'r Score| {
+            let solved = of(solve).find(|other| other.recording == score.recording);
+            Some(Pair::with_other(score, solved?))
         };
-        results::compare(self.scores.iter().filter(|score| score.method == track), old)
+        results::compare(of(track).filter_map(pair))
     }
 
     /// This version against an earlier one, at all sites.
     fn comparison<'r>(&'r self, earlier: &'r Earlier) -> Vec<Compared> {
-        results::compare(&self.scores, |score| earlier.blocks(&score.recording, &score.method))
+        let pair = |score: &'r Score| Some(Pair::with_earlier(score, earlier.blocks(&score.recording, &score.method)?));
+        results::compare(self.scores.iter().filter_map(pair))
     }
 
     fn tables(&self, earlier: Option<&Earlier>) -> String {

@@ -1,13 +1,15 @@
 //! Results of the protocol: one method on one recording, its file of blocks, and the comparison of two methods or two
 //! versions.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::Result;
 use baliza_research::accuracy::{
-    Block, Figures, LogRatio, Measure, Outcome, Scored, blocks, outcome, over_recordings, ratio,
+    Block, Figures, LEAST_ANSWERED, LogRatio, Measure, Outcome, Scored, blocks, both_fixed, outcome, over_recordings,
+    ratio,
 };
 use host_tools::{Table, UserError};
 
@@ -29,16 +31,18 @@ pub struct Score {
     pub offset_s: f64,
     /// The figures.
     pub figures: Figures,
+    /// The results of the epochs, in the order of time.
+    pub scored: Vec<Scored>,
     /// The blocks.
     pub blocks: Vec<Block>,
 }
 
 impl Score {
     /// The score of epochs in the order of time.
-    pub fn of([site, recording, method]: [&str; 3], measure: Measure, scored: &[Scored]) -> Self {
+    pub fn of([site, recording, method]: [&str; 3], measure: Measure, scored: Vec<Scored>) -> Self {
         let [site, recording, method] = [site, recording, method].map(str::to_owned);
-        let (figures, blocks) = (Figures::of(scored), blocks(scored));
-        Self { site, simulated: false, recording, method, measure, offset_s: 0.0, figures, blocks }
+        let (figures, blocks) = (Figures::of(&scored), blocks(&scored));
+        Self { site, simulated: false, recording, method, measure, offset_s: 0.0, figures, scored, blocks }
     }
 }
 
@@ -112,42 +116,64 @@ pub struct Compared {
     pub outcome: Outcome,
 }
 
-/// Compares the scores of a method with their old blocks, site by site, in the order of the scores. Recordings without
-/// old blocks are left out.
-pub fn compare<'s>(
-    scores: impl IntoIterator<Item = &'s Score>,
-    old: impl Fn(&Score) -> Option<&'s [Block]>,
-) -> Vec<Compared> {
+/// New and old blocks of a method on a recording, which are pairs, and the shares of epochs with a position.
+pub struct Pair<'s> {
+    pub new: &'s Score,
+    pub blocks: [Cow<'s, [Block]>; 2],
+    pub answered: [f64; 2],
+}
+
+impl<'s> Pair<'s> {
+    /// Against the blocks of an earlier run.
+    pub fn with_earlier(new: &'s Score, old: &'s [Block]) -> Self {
+        Self { new, blocks: [new.blocks.as_slice().into(), old.into()], answered: [&new.blocks, old].map(answered) }
+    }
+
+    /// Against another method of the same run: only epochs where both have a position.
+    pub fn with_other(new: &'s Score, old: &'s Score) -> Self {
+        let both = both_fixed(&new.scored, &old.scored).map(|scored| blocks(&scored).into());
+        Self { new, blocks: both, answered: [&new.blocks, &old.blocks].map(|blocks| answered(blocks)) }
+    }
+
+    fn ratio(&self) -> Option<LogRatio> {
+        let [new, old] = &self.blocks;
+        let enough = self.answered.iter().all(|share| *share >= LEAST_ANSWERED);
+        enough.then(|| ratio(self.new.measure, new, old)).flatten()
+    }
+}
+
+/// The share of epochs with a position.
+fn answered(blocks: &[Block]) -> f64 {
+    let Block { epochs, fixed, .. } = Block::sum(blocks);
+    fixed as f64 / epochs.max(1) as f64
+}
+
+/// Compares pairs site by site and method by method, in their order.
+pub fn compare<'s>(pairs: impl IntoIterator<Item = Pair<'s>>) -> Vec<Compared> {
     let mut sites: Vec<Vec<Pair>> = Vec::new();
-    for score in scores {
-        let Some(blocks) = old(score) else { continue };
+    for pair in pairs {
         let same = |pairs: &&mut Vec<Pair>| {
-            pairs.iter().any(|(other, _)| other.site == score.site && other.method == score.method)
+            pairs.iter().any(|other| other.new.site == pair.new.site && other.new.method == pair.new.method)
         };
         match sites.iter_mut().find(same) {
-            Some(pairs) => pairs.push((score, blocks)),
-            None => sites.push(vec![(score, blocks)]),
+            Some(pairs) => pairs.push(pair),
+            None => sites.push(vec![pair]),
         }
     }
     sites.iter().filter_map(|pairs| compare_site(pairs)).collect()
 }
 
-/// A new score and its old blocks.
-type Pair<'s> = (&'s Score, &'s [Block]);
-
 fn compare_site(pairs: &[Pair]) -> Option<Compared> {
-    let (first, _) = pairs.first()?;
-    let ratios: Vec<_> = pairs.iter().filter_map(|(new, old)| ratio(new.measure, &new.blocks, old)).collect();
-    let sums: Vec<[Block; 2]> = pairs.iter().map(|(new, old)| [Block::sum(&new.blocks), Block::sum(*old)]).collect();
-    let answered = [0, 1].map(|which: usize| {
-        let share = |sums: &[Block; 2]| sums[which].fixed as f64 / sums[which].epochs.max(1) as f64;
-        baliza_report::mean(sums.iter().map(share))
+    let Score { site, simulated, method, measure, .. } = pairs.first()?.new;
+    let ratios: Vec<_> = pairs.iter().filter_map(Pair::ratio).collect();
+    let compared = || pairs.iter().filter(|pair| pair.ratio().is_some());
+    let errors_m = [0, 1].map(|which: usize| {
+        geometric_mean(compared().filter_map(|pair| Block::sum(pair.blocks[which].iter()).error_m(*measure)))
     });
-    let errors_m =
-        [0, 1].map(|which: usize| geometric_mean(sums.iter().filter_map(|sums| sums[which].error_m(first.measure))));
+    let answered = [0, 1].map(|which: usize| baliza_report::mean(pairs.iter().map(|pair| pair.answered[which])));
     let ratio = over_recordings(&ratios);
-    let (site, method, outcome) = (first.site.clone(), first.method.clone(), outcome(ratio, answered));
-    Some(Compared { site, simulated: first.simulated, method, errors_m, ratio, outcome })
+    let (site, method, outcome) = (site.clone(), method.clone(), outcome(ratio, answered));
+    Some(Compared { site, simulated: *simulated, method, errors_m, ratio, outcome })
 }
 
 /// The geometric mean; `None` without values.
@@ -160,7 +186,7 @@ pub fn geometric_mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
 mod tests {
     use baliza_research::accuracy::{Measure, Outcome, Scored};
 
-    use super::{Earlier, Score, compare, to_csv};
+    use super::{Earlier, Pair, Score, compare, to_csv};
 
     fn score(recording: &str, method: &str, error_m: f64) -> Score {
         let epoch = |at| Scored {
@@ -169,7 +195,7 @@ mod tests {
             normalised_square: None,
         };
         let scored: Vec<_> = (0..30).map(epoch).collect();
-        Score { offset_s: 0.28, ..Score::of(["a, b", recording, method], Measure::Rmse, &scored) }
+        Score { offset_s: 0.28, ..Score::of(["a, b", recording, method], Measure::Rmse, scored) }
     }
 
     #[test]
@@ -187,12 +213,25 @@ mod tests {
     #[test]
     fn recordings_of_a_site_are_compared_together() {
         let old = [score("one", "track", 0.2), score("two", "track", 0.1)];
-        let new = [score("one", "track", 0.1), score("two", "track", 0.1), score("three", "track", 0.1)];
-        let find = |score: &Score| old.iter().find(|old| old.recording == score.recording).map(|old| &old.blocks[..]);
-        let [site] = &compare(&new, find)[..] else { panic!("one site") };
+        let new = [score("one", "track", 0.1), score("two", "track", 0.1)];
+        let pairs = new.iter().zip(&old).map(|(new, old)| Pair::with_earlier(new, &old.blocks));
+        let [site] = &compare(pairs)[..] else { panic!("one site") };
         // Half at one of two: √½.
         let ratio = site.ratio.expect("a ratio");
         assert!((ratio.value - 0.5 * 0.5_f64.ln()).abs() < 1e-9 && ratio.deviation < 1e-9, "{ratio:?}");
         assert_eq!(site.outcome, Outcome::Better);
+    }
+
+    #[test]
+    fn two_methods_are_compared_where_both_have_a_position() {
+        let (mut track, mut solve) = (score("one", "track", 0.1), score("one", "solve", 0.2));
+        // The solver has no position in the ten epochs where the track errs by 5 m.
+        for at in 5..15 {
+            track.scored[at].error_m = Some(5.0);
+            solve.scored[at].error_m = None;
+        }
+        let [site] = &compare([Pair::with_other(&track, &solve)])[..] else { panic!("one site") };
+        let ratio = site.ratio.expect("a ratio");
+        assert!((ratio.value - 0.5_f64.ln()).abs() < 1e-9, "{ratio:?}");
     }
 }

@@ -1,6 +1,6 @@
 //! The choice of settings that leaves a site out.
 
-use baliza_research::accuracy::{Figures, choices};
+use baliza_research::accuracy::{Figures, LEAST_ANSWERED, choices};
 
 use super::ranges::{scored, track};
 use super::results::geometric_mean;
@@ -15,9 +15,10 @@ pub struct Tried {
 }
 
 /// Tracks a recording with every variation. `default` has the figures of the first one. `None` where the default has
-/// no position. `done` is called after each variation.
+/// hardly a position. `done` is called after each variation.
 pub fn tried(ranged: &Ranged, default: &Figures, done: impl Fn()) -> Option<Tried> {
-    let default_m = default.rmse_m?;
+    let answered = default.fixed as f64 >= LEAST_ANSWERED * default.epochs as f64;
+    let default_m = default.rmse_m.filter(|_| answered)?;
     let rmse_m = VARIATIONS.iter().skip(1).map(|(_, change)| {
         let figures = Figures::of(&scored(&ranged.recording.epochs, &track(ranged, change)));
         done();
