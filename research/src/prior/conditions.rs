@@ -149,7 +149,7 @@ impl Conditions {
         let layout = match group {
             Group::Collinear => {
                 let (y_m, off_m) = (width * between(random, 0.0, 0.5), between(random, 0.01, 0.05));
-                Layout::Line { y_m, off_m, but_one: happens(random, 0.5) }
+                Layout::Line { y_m, off_m, but_one: happens(random, 0.7) }
             }
             Group::Walk | Group::Rest | Group::Teleport | Group::Asynchronous | Group::ManyAnchors | Group::Space => {
                 if happens(random, 0.8) {

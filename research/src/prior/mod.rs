@@ -8,7 +8,7 @@
 //! |---|---|
 //! | room | length logU(5, 40) m; width U(0.3, 1) of it and at least 4 m; height U(2.4, 4) m, above 15 m of length up to 4 m more |
 //! | anchors | U{4 … 12}; *many anchors*: U{13 … 19}; *3D*: U{5 … 12}; *collinear*: U{4 … 8} |
-//! | their layout | spread around the walls (0.8) or along one wall (0.2), inset U(0.05, 0.3) or U(0.05, 0.5) m; *collinear*: along a line in the near half of the room, off it by N(0, s²), s of U(0.01, 0.05) m; in half of the cases, the last one on a wall somewhere else |
+//! | their layout | spread around the walls (0.8) or along one wall (0.2), inset U(0.05, 0.3) or U(0.05, 0.5) m; *collinear*: along a line in the near half of the room, off it by N(0, s²), s of U(0.01, 0.05) m; in seven of ten cases, the last one on a wall somewhere else |
 //! | their heights | U(1.5 m, room − 0.2 m); *3D*: U(0.2 m, room − 0.2 m) |
 //! | movement | walk (0.7) or rest (0.3); *walk*, *rest*, *teleport*: that one |
 //! | walk | from one random position to the next at U(0.3, 1.5) m/s, turning within 0.5 s; at three of ten positions a stop of U(1, 6) s |

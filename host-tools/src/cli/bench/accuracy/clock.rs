@@ -15,6 +15,8 @@ const OFFSETS_S: (f64, f64) = (1.5, 0.02);
 const CLIPPED_M: f64 = 1.0;
 /// Where the tag moves less than this in all, there is no offset to be seen, metres.
 const MOVED_M: f64 = 2.0;
+/// An offset must reduce the mean squared error to this share: lasting errors of a slow tag look like small offsets.
+const WORTH: f64 = 0.98;
 
 /// The true positions of a recording, by time.
 pub struct Truth(Vec<(f64, Coordinates)>);
@@ -65,7 +67,7 @@ impl Truth {
         }
     }
 
-    /// By how much the truth's clock is ahead, seconds: the offset with which solved positions err least.
+    /// By how much the truth's clock is ahead, seconds: the offset with which solved positions err least, or 0.
     pub fn offset_s(&self, epochs: &[Epoch], solved: &[Solved]) -> f64 {
         let way: f64 = self.0.windows(2).map(|pair| horizontal_m(&pair[0].1, &pair[1].1)).sum();
         if way < MOVED_M {
@@ -83,7 +85,8 @@ impl Truth {
         let count = (most_s / step_s) as i32;
         let offsets = (-count..=count).map(|step| f64::from(step) * step_s);
         let costs = offsets.map(|offset_s| (offset_s, cost(offset_s))).filter(|(_, cost)| cost.is_finite());
-        costs.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0.0, |(offset_s, _)| offset_s)
+        let best = costs.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, least)| *least < WORTH * cost(0.0));
+        best.map_or(0.0, |(offset_s, _)| offset_s)
     }
 }
 
