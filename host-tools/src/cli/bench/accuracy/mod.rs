@@ -24,7 +24,7 @@ use host_tools::files::output;
 
 use crate::cli::progress::Progress;
 use results::{Compared, Earlier, Pair, Score};
-use settings::{LeftOut, Tried};
+use settings::{LeftOut, Tried, Varied};
 use sites::Ranged;
 use variations::VARIATIONS;
 
@@ -38,9 +38,9 @@ const QUICK: usize = 2;
 /// Settings of the engine are varied: for each site the variation is chosen that is best at all other sites.
 ///
 /// As JSON: an object with recordings (site, recording, method, offset_s, epochs, fixed, rmse_m, mae_m, p90_m,
-/// inside_1_sigma, nees, nees_settled, excursion), settings (site, default_rmse_m, elsewhere, elsewhere_rmse_m, here,
-/// here_rmse_m), track_to_solve and comparison (site, method, new_m, old_m, log_ratio, standard_error, outcome), and
-/// verdicts (method, sites, better, worse, counts).
+/// inside_1_sigma, nees, nees_settled, excursion), variations (variation, ratio, better, worse), settings (site,
+/// default_rmse_m, elsewhere, elsewhere_rmse_m, here, here_rmse_m), track_to_solve and comparison (site, method, new_m,
+/// old_m, log_ratio, standard_error, outcome), and verdicts (method, sites, better, worse, counts).
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza bench accuracy --data ../shared/data --out before.csv\n  \
                         baliza bench accuracy --data ../shared/data --against before.csv\n  \
@@ -119,6 +119,7 @@ fn write_prior(folder: &Path, cases: &[Case]) -> Result<()> {
 /// All results of a run.
 struct Results {
     scores: Vec<Score>,
+    varied: Vec<Varied>,
     left_out: Vec<LeftOut>,
 }
 
@@ -149,7 +150,8 @@ impl Results {
                 scores.extend(of.map(|(method, scored)| Score::of([site, &name, method], Measure::Mean, scored)));
             }
         }
-        Ok(Self { scores, left_out: settings::left_out(&tried) })
+        let (varied, left_out) = settings::left_out(&tried);
+        Ok(Self { scores, varied, left_out })
     }
 
     /// The track against the solver, at all sites.
@@ -178,7 +180,7 @@ impl Results {
             parts.push(tables::beacons(&self.scores, &methods));
         }
         if !self.left_out.is_empty() {
-            parts.push(tables::settings(&self.left_out));
+            parts.push(tables::settings(&self.varied, &self.left_out));
         }
         if let Some(earlier) = earlier {
             let compared = self.comparison(earlier);
@@ -193,6 +195,7 @@ impl Results {
         let verdicts = tables::verdicts(&compared).into_iter();
         Document {
             recordings: self.scores.iter().map(RecordingFigures::of).collect(),
+            variations: &self.varied,
             settings: &self.left_out,
             track_to_solve: self.track_to_solve().iter().map(SiteRatio::of).collect(),
             verdicts: verdicts.map(|(method, [verdict, _])| MethodVerdict { method, verdict }).collect(),
@@ -205,6 +208,7 @@ impl Results {
 #[derive(serde::Serialize)]
 struct Document<'r> {
     recordings: Vec<RecordingFigures<'r>>,
+    variations: &'r [Varied],
     settings: &'r [LeftOut],
     track_to_solve: Vec<SiteRatio>,
     comparison: Vec<SiteRatio>,

@@ -43,8 +43,19 @@ pub struct LeftOut {
     pub here_rmse_m: f64,
 }
 
-/// The choice for each site.
-pub fn left_out(tried: &[Tried]) -> Vec<LeftOut> {
+/// A variation over all sites.
+#[derive(Debug, serde::Serialize)]
+pub struct Varied {
+    pub variation: &'static str,
+    /// The geometric mean over sites of the error, relative to the default.
+    pub ratio: f64,
+    /// At how many sites it is better and worse than the default, at all.
+    pub better: usize,
+    pub worse: usize,
+}
+
+/// The variations over all sites, and the choice for each site.
+pub fn left_out(tried: &[Tried]) -> (Vec<Varied>, Vec<LeftOut>) {
     let mut sites: Vec<&str> = Vec::new();
     for of in tried {
         if !sites.contains(&of.site.as_str()) {
@@ -59,6 +70,12 @@ pub fn left_out(tried: &[Tried]) -> Vec<LeftOut> {
     let cost = |variation: usize, site: &str| (error_m(variation, site) / error_m(0, site)).ln();
     let costs: Vec<Vec<f64>> =
         (0..VARIATIONS.len()).map(|variation| sites.iter().map(|site| cost(variation, site)).collect()).collect();
+    let varied = VARIATIONS.iter().zip(&costs).skip(1).map(|((variation, _), costs)| Varied {
+        variation,
+        ratio: baliza_report::mean(costs.iter().copied()).exp(),
+        better: costs.iter().filter(|cost| **cost < 0.0).count(),
+        worse: costs.iter().filter(|cost| **cost > 0.0).count(),
+    });
     let chosen = choices(&costs);
     let of = |(site, choice): (&&str, &baliza_research::accuracy::Choice)| LeftOut {
         site: (*site).to_owned(),
@@ -68,5 +85,6 @@ pub fn left_out(tried: &[Tried]) -> Vec<LeftOut> {
         here: VARIATIONS[choice.here].0,
         here_rmse_m: error_m(choice.here, site),
     };
-    sites.iter().zip(&chosen).map(of).collect()
+    let varied = if sites.is_empty() { Vec::new() } else { varied.collect() };
+    (varied, sites.iter().zip(&chosen).map(of).collect())
 }

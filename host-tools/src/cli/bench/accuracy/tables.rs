@@ -6,7 +6,7 @@ use baliza_report::MarkdownTable;
 use baliza_research::accuracy::{Excursion, Figures, Outcome, Verdict, verdict};
 
 use super::results::{Compared, Score, geometric_mean};
-use super::settings::LeftOut;
+use super::settings::{LeftOut, Varied};
 
 /// The methods that recorded ranges go through.
 pub const RANGES: [&str; 2] = ["solve", "track"];
@@ -158,8 +158,12 @@ pub fn verdict_lines(verdicts: &[(String, [Verdict; 2])]) -> String {
     text
 }
 
-/// A row a site: the settings chosen without it.
-pub fn settings(left_out: &[LeftOut]) -> String {
+/// A row a variation of the settings, and a row a site: the settings chosen without it.
+pub fn settings(varied: &[Varied], left_out: &[LeftOut]) -> String {
+    let mut variations = MarkdownTable::new(["settings", "RMSE ÷ default:", "sites better:", "worse:"]);
+    for Varied { variation, ratio, better, worse } in varied {
+        variations.row(format_args!("{variation} | {ratio:.3} | {better} | {worse}"));
+    }
     let titles = [
         "site left out",
         "default, m:",
@@ -174,7 +178,12 @@ pub fn settings(left_out: &[LeftOut]) -> String {
             "{site} | {default_rmse_m:.3} | {elsewhere} | {elsewhere_rmse_m:.3} | {here} | ({here_rmse_m:.3})"
         ));
     }
-    table.into_text()
+    let better = left_out.iter().filter(|of| of.elsewhere_rmse_m < of.default_rmse_m).count();
+    let sites = left_out.len();
+    let (variations, table) = (variations.into_text(), table.into_text());
+    format!(
+        "{variations}\n{table}\nThe settings chosen at other sites are better than the default at {better} of {sites} sites.\n"
+    )
 }
 
 #[cfg(test)]
