@@ -4,26 +4,31 @@
 //! U is an even distribution, logU one whose logarithm is even, N a normal one. A *field* is a Gaussian field over the
 //! tag's position, of correlation exp(−d² ⁄ 2 l²); each link has its own.
 //!
-//! | what | distribution |
-//! |---|---|
-//! | room | length logU(5, 40) m; width U(0.3, 1) of it and at least 4 m; height U(2.4, 4) m, above 15 m of length up to 4 m more |
-//! | anchors | U{4 … 12}; *many anchors*: U{13 … 19}; *3D*: U{5 … 12}; *collinear*: U{4 … 8} |
-//! | their layout | spread around the walls (0.8) or along one wall (0.2), inset U(0.05, 0.3) or U(0.05, 0.5) m; *collinear*: along a line in the near half of the room, off it by N(0, s²), s of U(0.01, 0.05) m; in seven of ten cases, the last one on a wall somewhere else |
-//! | their heights | U(1.5 m, room − 0.2 m); *3D*: U(0.2 m, room − 0.2 m) |
-//! | movement | walk (0.7) or rest (0.3); *walk*, *rest*, *teleport*: that one |
-//! | walk | from one random position to the next at U(0.3, 1.5) m/s, turning within 0.5 s; at three of ten positions a stop of U(1, 6) s |
-//! | rest | three stays at random positions, a minute of silence between |
-//! | teleport | a walk or a rest at one place, with one or two jumps to a random position at least 3 m away, in a small room 0.4 of its diagonal |
-//! | tag's height | U(0.3, 1.8) m, known; *3D*: changes with the walk, U(0.3, 2) m |
-//! | rounds | logU(2, 50) Hz, *asynchronous*: logU(2, 10) Hz; for U(40, 80) s, at most 1500 rounds or 4000 single ranges |
-//! | lost ranges | U(0, 0.25); of a blocked link 0.1 more |
-//! | error common to all ranges | N(0, 0.1²) m |
-//! | lasting error of a link | a field of U(0.2, 1) m, rms U(0.03, 0.12) m, new for each link |
-//! | white error | N(0, s²), s of U(0.02, 0.08) m |
-//! | blocked regions | a share of U(0, 0.4) of the positions, new for each link, by a field of U(1, 4) m |
-//! | excess of a blocked link | logU(0.2, 1.5) m, by a field of the same length; half of the links are *noisy*: \|N(0, s²)\| more with each range, s of U(0.1, 0.5) m |
-//! | wild ranges | a share of U(0, 0.03): 1 m and an exponential of mean 3 m too long (0.8) or too short (0.2) |
-//! | powers | see [`Powers`] |
+//! - Room: length logU(5, 40) m; width U(0.3, 1) of it and at least 4 m; height U(2.4, 4) m, above 15 m of length up to
+//!   4 m more.
+//! - Anchors: U{4 … 12}; *many anchors*: U{13 … 19}; *3D*: U{5 … 12}; *collinear*: U{4 … 8}.
+//! - Their layout: spread around the walls (0.8) or along one wall (0.2), inset U(0.05, 0.3) or U(0.05, 0.5) m;
+//!   *collinear*: along a line in the near half of the room, off it by N(0, s²), s of U(0.01, 0.05) m; in seven of ten
+//!   cases, the last one on a wall somewhere else.
+//! - Their heights: U(1.5 m, room − 0.2 m); *3D*: U(0.2 m, room − 0.2 m).
+//! - Movement: walk (0.7) or rest (0.3); *walk*, *rest*, *teleport*: that one.
+//! - Walk: from one random position to the next at U(0.3, 1.5) m/s, turning within 0.5 s; at three of ten positions a
+//!   stop of U(1, 6) s.
+//! - Rest: three stays at random positions, a minute of silence between.
+//! - Teleport: a walk or a rest at one place, with one or two jumps to a random position at least 3 m away, in a small
+//!   room 0.4 of its diagonal.
+//! - Tag's height: U(0.3, 1.8) m, known; *3D*: changes with the walk, U(0.3, 2) m.
+//! - Rounds: logU(2, 50) Hz, *asynchronous*: logU(2, 10) Hz; for U(40, 80) s, at most 1500 rounds or 4000 single
+//!   ranges.
+//! - Lost ranges: U(0, 0.25); of a blocked link 0.1 more.
+//! - Error common to all ranges: N(0, 0.1²) m.
+//! - Lasting error of a link: a field of U(0.2, 1) m, rms U(0.03, 0.12) m, new for each link.
+//! - White error: N(0, s²), s of U(0.02, 0.08) m.
+//! - Blocked regions: a share of U(0, 0.4) of the positions, new for each link, by a field of U(1, 4) m.
+//! - Excess of a blocked link: logU(0.2, 1.5) m, by a field of the same length; half of the links are *noisy*: each
+//!   range is longer by the size of a number of N(0, s²), s of U(0.1, 0.5) m.
+//! - Wild ranges: a share of U(0, 0.03): 1 m and an exponential of mean 3 m too long (0.8) or too short (0.2).
+//! - Powers: see [`Powers`].
 //!
 //! *Asynchronous*: the anchors of a round come one after the other, each range an epoch of its own.
 

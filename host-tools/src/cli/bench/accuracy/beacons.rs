@@ -44,7 +44,7 @@ const SITES: [(&str, &str, &str, Asked); 4] = [
         ]),
     ),
 ];
-/// Every so manieth block of points is held out, and the points of a block.
+/// One of this number of blocks is held out, and the points of a block.
 const HELD_OUT: [usize; 2] = [5, 100];
 
 /// The errors on one recording.
