@@ -49,13 +49,14 @@ pub fn binary() -> Result<PathBuf> {
 /// A recording: a folder in the one that `BALIZA_DATA` names, or beside the repository; `None` where it does not
 /// exist.
 pub fn recording(name: &str) -> Option<PathBuf> {
-    Some(data().join(name)).filter(|folder| folder.is_dir())
+    Some(data()?.join(name)).filter(|folder| folder.is_dir())
 }
 
 /// The folders with recorded ranges, anchors and true positions.
 pub fn ranges() -> Vec<PathBuf> {
     let files = ["anchors.csv", "ranges.csv", "truth.csv"];
-    let entries = data().read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
+    let entries =
+        data().and_then(|folder| folder.read_dir().ok()).into_iter().flatten().flatten().map(|entry| entry.path());
     let mut folders: Vec<_> = entries.filter(|folder| files.iter().all(|file| folder.join(file).is_file())).collect();
     folders.sort();
     folders
@@ -82,6 +83,8 @@ pub fn scratch(name: &str) -> Result<PathBuf> {
     Ok(folder.join(name))
 }
 
-fn data() -> PathBuf {
-    env::var_os("BALIZA_DATA").map_or_else(|| root().join("../shared/data"), PathBuf::from)
+/// The folder of recordings, where it exists.
+pub fn data() -> Option<PathBuf> {
+    let folder = env::var_os("BALIZA_DATA").map_or_else(|| root().join("../shared/data"), PathBuf::from);
+    folder.is_dir().then_some(folder)
 }

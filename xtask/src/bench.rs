@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 
-use crate::{accuracy, battery, beacons, document, fingerprints, onchip, root, schemes, simulation, tracks};
+use crate::{accuracy, battery, beacons, document, fingerprints, onchip, protocol, root, schemes, simulation, tracks};
 
 const PERFORMANCE: &str = "docs/performance.md";
 const SCENARIOS: &str = "docs/scenarios.md";
@@ -42,7 +42,7 @@ impl Made {
     }
 }
 
-const PARTS: [Part; 20] = [
+const PARTS: [Part; 21] = [
     Part {
         name: "chip",
         what: "what the methods cost on the chip, in QEMU",
@@ -68,6 +68,7 @@ const PARTS: [Part; 20] = [
         make: accuracy::recorded,
     },
     Part { name: "tracks", what: "the engine on recorded ranges", document: PERFORMANCE, make: tracks::recorded },
+    Part { name: "accuracy", what: "the accuracy protocol", document: PERFORMANCE, make: protocol::made },
     Part {
         name: "garcia",
         what: "differences of arrival with blocked paths",

@@ -13,6 +13,8 @@ pub fn of(name: &str, text: &str) -> Option<String> {
         "thesis" => Some(beside_printed(first)),
         // The method with an oracle has no positions where the true line of sight is unknown.
         "recordings" => Some(table(first, &[0, 1, 2, 3, 4], |row| row.iter().skip(1).any(|cell| cell != "no fix"))),
+        // Comparisons of sites, beacons and settings follow this table.
+        "accuracy" => Some(table(first, &[0, 2, 3, 5, 6, 7], all)),
         // The path losses of single beacons come before this table.
         "beacons by path loss" => Some(table(tables.last()?, &[0, 1, 2, 3, 4], all)),
         // The thesis prints other numbers of neighbours too; the particle filter hardly changes anything.

@@ -13,6 +13,7 @@ mod fingerprints;
 mod firmware;
 mod network;
 mod onchip;
+mod protocol;
 mod qemu;
 mod qemu_tag;
 mod schemes;
@@ -60,6 +61,9 @@ enum Chore {
     /// Run nodes' images in QEMU.
     #[command(subcommand)]
     Qemu(Qemu),
+    /// Compare the accuracy of solver, track and fingerprints with an earlier version, over all recordings and a
+    /// simulated set: docs/design/accuracy.md.
+    Accuracy(protocol::Arguments),
     /// Remake the tables and figures of docs/performance.md, docs/scenarios.md and research/README.md that simulations,
     /// recordings and QEMU make: all, or those that are named. `cargo xtask firmware --document` makes that of the
     /// images.
@@ -104,6 +108,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Sizes(arguments) => sizes::run(arguments),
         Chore::Qemu(Qemu::Tag) => qemu_tag::run(),
         Chore::Qemu(Qemu::Network(arguments)) => network::run(arguments),
+        Chore::Accuracy(arguments) => protocol::run(arguments),
         Chore::Bench { check: true, .. } => onchip::check(),
         Chore::Bench { check: false, tables } => bench::run(tables),
     }

@@ -1,5 +1,6 @@
 //! Runs `baliza` as a user does: arguments and files in; exit code, standard output, standard error and files out.
 
+mod accuracy;
 mod ble;
 mod contract;
 mod coverage;

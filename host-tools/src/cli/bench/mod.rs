@@ -1,5 +1,6 @@
 //! `baliza bench …`: benchmarks on simulated data, beside published figures.
 
+mod accuracy;
 mod barral;
 mod fusion;
 mod garcia;
@@ -20,6 +21,7 @@ super::commands! {
         Barral(barral),
         Fusion(fusion),
         Linde(linde),
+        Accuracy(accuracy),
     }
 }
 

@@ -15,7 +15,8 @@
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use crate::normal;
+use crate::field::Field;
+use crate::{normal, uniform};
 
 /// The hall, metres.
 pub const HALL_M: [f64; 2] = [12.0, 8.0];
@@ -59,8 +60,6 @@ const TURNING_S: f64 = 0.5;
 const NEAR_M: f64 = 0.5;
 /// Least distance of a goal from a wall, metres.
 const MARGIN_M: f64 = 1.0;
-/// Number of waves in a field.
-const WAVES: usize = 40;
 
 /// The installed nodes and the errors of their measurements.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -100,33 +99,16 @@ pub fn beacon_m(beacon: usize) -> [f64; 3] {
     BEACONS_M[beacon % BEACONS_M.len()]
 }
 
-/// A Gaussian field over the hall, of mean 0, variance 1 and the correlation exp(−d² ⁄ 2 l²): a sum of waves.
-struct Field(Vec<[f64; 3]>);
-
-impl Field {
-    fn draw(random: &mut impl Rng) -> Self {
-        let wave = |random: &mut _| {
-            [normal(random) / LENGTH_M, normal(random) / LENGTH_M, uniform(random) * std::f64::consts::TAU]
-        };
-        Self((0..WAVES).map(|_| wave(random)).collect())
-    }
-
-    fn at(&self, place: &[f64; 3]) -> f64 {
-        let sum: f64 = self.0.iter().map(|[x, y, phase]| (x * place[0] + y * place[1] + phase).cos()).sum();
-        sum * (2.0 / WAVES as f64).sqrt()
-    }
-}
-
 struct Link {
     error_m: f64,
     blocked: bool,
-    field: Field,
+    field: Field<2>,
 }
 
 struct Beacon {
     at_1m: f64,
     exponent: f64,
-    field: Field,
+    field: Field<2>,
 }
 
 /// Draws a walk of this number of seconds.
@@ -136,14 +118,14 @@ pub fn draw(conditions: &Conditions, seconds: u32, seed: u64) -> Vec<Round> {
         .map(|anchor| Link {
             error_m: LINK_SIGMA_M * normal(random),
             blocked: anchor + conditions.blocked >= conditions.anchors,
-            field: Field::draw(random),
+            field: Field::draw(random, LENGTH_M),
         })
         .collect();
     let beacons: Vec<Beacon> = (0..conditions.beacons.min(BEACONS_M.len()))
         .map(|_| Beacon {
             at_1m: BELIEVED[0] + CHANNEL_ERRORS[0] * normal(random),
             exponent: BELIEVED[1] + CHANNEL_ERRORS[1] * normal(random),
-            field: Field::draw(random),
+            field: Field::draw(random, LENGTH_M),
         })
         .collect();
     let mut at_m = goal(random);
@@ -185,7 +167,7 @@ pub fn draw(conditions: &Conditions, seconds: u32, seed: u64) -> Vec<Round> {
 impl Link {
     fn range(&self, random: &mut impl Rng, conditions: &Conditions, at_m: &[f64; 3], anchor_m: &[f64; 3]) -> f64 {
         // The distribution function of a normal number makes it uniform, and the logarithm makes that exponential.
-        let share = 0.5 * libm::erfc(self.field.at(at_m) / std::f64::consts::SQRT_2);
+        let share = 0.5 * libm::erfc(self.field.at(&[at_m[0], at_m[1]]) / std::f64::consts::SQRT_2);
         let excess = -conditions.excess_m * share.max(f64::MIN_POSITIVE).ln();
         let noise = conditions.range_sigma_m * normal(random);
         distance(at_m, anchor_m) + self.error_m + noise + if self.blocked { excess } else { 0.0 }
@@ -195,7 +177,7 @@ impl Link {
 impl Beacon {
     fn power(&self, random: &mut impl Rng, at_m: &[f64; 3], beacon_m: &[f64; 3]) -> f64 {
         let loss = 10.0 * self.exponent * distance(at_m, beacon_m).log10();
-        (self.at_1m - loss + SHADOWING_DB * self.field.at(at_m) + FADING_DB * normal(random)).round()
+        (self.at_1m - loss + SHADOWING_DB * self.field.at(&[at_m[0], at_m[1]]) + FADING_DB * normal(random)).round()
     }
 }
 
@@ -207,10 +189,6 @@ fn goal(random: &mut impl Rng) -> [f64; 3] {
 /// The distance, metres.
 pub fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
-}
-
-fn uniform(random: &mut impl Rng) -> f64 {
-    random.random_range(f64::MIN_POSITIVE..1.0)
 }
 
 #[cfg(test)]
