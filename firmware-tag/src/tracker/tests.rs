@@ -90,7 +90,9 @@ fn a_range_to_an_anchor_of_unknown_place_is_left_out_and_the_others_keep_their_b
     let heard = ranges(|i| (i != 1).then_some(CORNERS[i]));
     let position = settled(at_floor(&[]), round(&heard));
     assert_eq!(position.used, 0b1101);
-    assert!(near(position.position_m, TAG), "{position:?}");
+    // With three ranges nothing shows whether one of them is blocked, and too long: the mean over both is a little off.
+    let off = position.position_m.iter().zip(TAG).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt();
+    assert!(off < 0.05 && off < position.deviation_m()[0], "{position:?}");
 }
 
 #[test]

@@ -9,7 +9,9 @@
 //!
 //! The second of a solver's two places at a start is a rival too.
 
-use super::{Dimensions, Engine, Start};
+use super::round::Round;
+use super::track_management::begin;
+use super::{Dimensions, Engine, Settings, Start};
 use crate::linalg::{Ldl, Matrix};
 use crate::track::Filter;
 use crate::track::state::{COMMON, POSITION};
@@ -31,12 +33,27 @@ const HALF_LOG_TURN: f64 = 0.918_938_5;
 /// A place within this number of deviations of the track is the track's own.
 const SAME: f64 = 2.0;
 
-/// A second hypothesis.
+/// A second hypothesis. Its filter has a place of its own, because filters are too large to be moved about.
 #[derive(Clone, Debug)]
 pub(super) struct Rival<T> {
     pub(super) filter: Filter<T>,
-    /// ln of the odds of the track against it.
-    lead: T,
+    /// ln of the odds of the track against it, while there is one.
+    lead: Option<T>,
+}
+
+impl<T: Real> Rival<T> {
+    pub(super) fn none() -> Self {
+        Self { filter: Filter::new(), lead: None }
+    }
+
+    pub(super) fn end(&mut self) {
+        self.lead = None;
+    }
+
+    /// Its filter, if there is one.
+    pub(super) fn filter(&mut self) -> Option<&mut Filter<T>> {
+        self.lead.map(|_| &mut self.filter)
+    }
 }
 
 impl<T: Real> Engine<T> {
@@ -44,9 +61,9 @@ impl<T: Real> Engine<T> {
     pub(super) fn mixture(&self) -> ([T; 3], [[T; 3]; 3]) {
         let state = &self.filter.state;
         let (position, covariance) = (state.position(), state.position_covariance());
-        let Some(rival) = &self.rival else { return (position, covariance) };
-        let share = T::ONE / (T::ONE + rival.lead.exp());
-        let (other, of_other) = (rival.filter.state.position(), rival.filter.state.position_covariance());
+        let Some(lead) = self.rival.lead else { return (position, covariance) };
+        let share = T::ONE / (T::ONE + lead.exp());
+        let (other, of_other) = (self.rival.filter.state.position(), self.rival.filter.state.position_covariance());
         let apart: [T; 3] = core::array::from_fn(|axis| other[axis] - position[axis]);
         let spread = share * (T::ONE - share);
         (
@@ -64,11 +81,10 @@ impl<T: Real> Engine<T> {
     pub(super) fn compare(&mut self) -> Option<Start> {
         let mine = core::mem::replace(&mut self.filter.log_evidence, T::ZERO);
         let ranges = core::mem::take(&mut self.round.unjudged);
-        if let Some(rival) = &mut self.rival {
-            let other = core::mem::replace(&mut rival.filter.log_evidence, T::ZERO);
-            let lead = T::of(KEPT) * rival.lead + mine - other;
-            rival.lead = lead.at_least(T::of(-GREATEST)).at_most(T::of(GREATEST));
-            return self.decide();
+        if let Some(lead) = self.rival.lead {
+            let other = core::mem::replace(&mut self.rival.filter.log_evidence, T::ZERO);
+            let lead = T::of(KEPT) * lead + mine - other;
+            return self.decide(lead.at_least(T::of(-GREATEST)).at_most(T::of(GREATEST)));
         }
         // No hypothesis explains ranges better than this, so that most rounds need no solver.
         let best = T::count(ranges) * T::of(LOG_WELL_EXPLAINED) + T::of(LOG_ELSEWHERE);
@@ -79,37 +95,32 @@ impl<T: Real> Engine<T> {
         if self.is_at(&fix) {
             return None;
         }
-        let filter = self.begun_at(&fix);
+        begin(&mut self.rival.filter, &fix, &self.round, &self.settings, self.now_us);
+        let other = log_evidence(&self.rival.filter, &self.round, &self.settings) + T::of(LOG_ELSEWHERE);
         // A single round proves nothing: a gateway that mixes up the anchors of one round makes a perfect fix elsewhere.
         // The next round decides; meanwhile the position is between both, and its deviation reaches to both.
-        let lead = (mine - self.log_evidence(&filter) - T::of(LOG_ELSEWHERE)).at_least(T::ZERO);
-        self.rival = Some(Rival { filter, lead });
-        self.decide()
+        self.decide((mine - other).at_least(T::ZERO))
     }
 
-    /// Drops the hypothesis that has lost. Returns why a track was started, if the rival has won.
-    fn decide(&mut self) -> Option<Start> {
-        let lead = self.rival.as_ref()?.lead;
-        if lead.abs() < T::of(SURE) {
-            return None;
-        }
-        let rival = self.rival.take()?;
-        (lead < T::ZERO).then(|| {
-            self.filter = rival.filter;
+    /// Follows the hypothesis that has won with these log odds of the track, or both. Returns why a track was started,
+    /// if the rival has won.
+    fn decide(&mut self, lead: T) -> Option<Start> {
+        self.rival.lead = (lead.abs() < T::of(SURE)).then_some(lead);
+        (lead <= T::of(-SURE)).then(|| {
+            core::mem::swap(&mut self.filter, &mut self.rival.filter);
             Start::Contradicted
         })
     }
 
     /// Adds the second place of a fix as a rival to the track that was started at the first one.
-    pub(super) fn add_alternative(&mut self, fix: &Fix<T, 3>) {
-        let Some(alternative) = fix.alternative else { return };
-        let mut other = *fix;
+    pub(super) fn add_alternative(&mut self, first: &Fix<T, 3>) {
+        let Some(alternative) = first.alternative else { return };
+        let mut other = *first;
         for axis in 0..3 {
-            other.position[axis] = fix.position[axis] + alternative.apart[axis];
+            other.position[axis] += alternative.apart[axis];
         }
-        let filter = self.begun_at(&other);
-        let lead = ((T::ONE - alternative.share) / alternative.share).ln();
-        self.rival = Some(Rival { filter, lead });
+        begin(&mut self.rival.filter, &other, &self.round, &self.settings, self.now_us);
+        self.rival.lead = Some(((T::ONE - alternative.share) / alternative.share).ln());
     }
 
     /// Whether a fix is where the track is.
@@ -118,24 +129,26 @@ impl<T: Real> Engine<T> {
         let square = (0..3).fold(T::ZERO, |sum, axis| sum + (position[axis] - fix.position[axis]).squared());
         square < T::of(SAME * SAME) * self.filter.state.spread()
     }
+}
 
-    /// ln of the evidence of the round's ranges for a filter that began with them, up to the probability of its place:
-    /// the likelihood at its state, times the volume of its posterior (Laplace's approximation).
-    fn log_evidence(&self, filter: &Filter<T>) -> T {
-        let settings = &self.settings.filter;
-        let likelihood =
-            self.round.ranges().fold(T::ZERO, |sum, range| sum + filter.log_density(&range.for_filter(), settings));
-        let likelihood =
-            self.round.tdoas.iter().fold(likelihood, |sum, tdoa| sum + filter.log_density_of_tdoa(tdoa, settings));
-        let sigma = settings.noise.common_sigma.at_least(T::of(1.0e-3));
-        let common = filter.state.mean[COMMON] / sigma;
-        let prior = -T::of(0.5) * common.squared() - sigma.ln();
-        let volume = match self.settings.dimensions {
-            Dimensions::Plane { .. } => log_volume(filter, [POSITION, POSITION + 1, COMMON]),
-            Dimensions::Space { .. } => log_volume(filter, [POSITION, POSITION + 1, POSITION + 2, COMMON]),
-        };
-        likelihood + prior + volume
+/// ln of the evidence of a round for a filter that began with it, up to the probability of its place: the likelihood at
+/// its state, times the volume of its posterior (Laplace's approximation).
+fn log_evidence<T: Real>(filter: &Filter<T>, round: &Round<T>, settings: &Settings<T>) -> T {
+    let mut likelihood = T::ZERO;
+    for range in round.ranges() {
+        likelihood += filter.log_density(&range.for_filter(), &settings.filter);
     }
+    for tdoa in &round.tdoas {
+        likelihood += filter.log_density_of_tdoa(tdoa, &settings.filter);
+    }
+    let sigma = settings.filter.noise.common_sigma.at_least(T::of(1.0e-3));
+    let common = filter.state.mean[COMMON] / sigma;
+    let prior = -T::of(0.5) * common.squared() - sigma.ln();
+    let volume = match settings.dimensions {
+        Dimensions::Plane { .. } => log_volume(filter, [POSITION, POSITION + 1, COMMON]),
+        Dimensions::Space { .. } => log_volume(filter, [POSITION, POSITION + 1, POSITION + 2, COMMON]),
+    };
+    likelihood + prior + volume
 }
 
 /// ln of the volume of the posterior of these states, of which the last is the common error, whose prior has the same

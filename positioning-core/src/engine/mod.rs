@@ -34,8 +34,7 @@ const OVERTAKING_US: u64 = 1_000_000;
 pub struct Engine<T> {
     settings: Settings<T>,
     filter: Filter<T>,
-    /// The second hypothesis, while there is one.
-    rival: Option<Rival<T>>,
+    rival: Rival<T>,
     round: Round<T>,
     /// The source of the height of a track in space.
     height: HeightSource<T>,
@@ -64,7 +63,7 @@ impl<T: Real> Engine<T> {
         Self {
             settings,
             filter: Filter::new(),
-            rival: None,
+            rival: Rival::none(),
             round: Round::new(),
             height: HeightSource::new(),
             track: Err(Missing::RoundOpen),
@@ -121,10 +120,9 @@ impl<T: Real> Engine<T> {
                 self.round.clear();
                 return;
             }
-            for filter in
-                [Some(&mut self.filter), self.rival.as_mut().map(|rival| &mut rival.filter)].into_iter().flatten()
-            {
-                filter.advance(self.now_us, &self.settings.filter);
+            self.filter.advance(self.now_us, &self.settings.filter);
+            if let Some(rival) = self.rival.filter() {
+                rival.advance(self.now_us, &self.settings.filter);
             }
             if !(self.filter.state.spread() <= self.settings.lost.squared()) || !self.filter.state.is_finite() {
                 self.reset(Start::Lost);
@@ -136,7 +134,7 @@ impl<T: Real> Engine<T> {
         if self.track.is_ok() {
             self.track = Err(Missing::Lost(reason));
             self.next_start = reason;
-            self.rival = None;
+            self.rival.end();
         }
     }
 

@@ -124,9 +124,18 @@ impl<T: Real> Round<T> {
         self.ranges.iter().map(|kept| &kept.range)
     }
 
-    /// The ranges of this round, with their indices in it.
-    pub(super) fn given_ranges(&self) -> impl Iterator<Item = (usize, &Range<T>)> {
-        self.ranges.iter().filter_map(|kept| Some((kept.place?.into(), &kept.range)))
+    /// The kept range of this index, with its index in this round, if it is of this round.
+    pub(super) fn given_range(&self, index: usize) -> Option<(usize, Range<T>)> {
+        let kept = self.ranges.get(index)?;
+        Some((kept.place?.into(), kept.range))
+    }
+
+    /// Counts all measurements as used.
+    pub(super) fn count_all(&mut self) {
+        let places = self.ranges.iter().filter_map(|kept| kept.place);
+        self.used = places.fold(0, |set, place| set | bit(place));
+        self.taken = self.used.count_ones() as usize + self.tdoas.len();
+        self.unjudged = 0;
     }
 
     /// The share of the measurements that were used.
@@ -161,14 +170,12 @@ impl<T: Real> Round<T> {
         self.with_least_blocked(chosen, at_least.into())
     }
 
-    /// The ranges of this round that are probably blocked, and that are needed for `enough` ranges, with their indices.
-    pub(super) fn least_blocked_beyond(&self, threshold: T, enough: usize) -> Vec<(usize, Range<T>), MAX_ANCHORS> {
+    /// The kept ranges that are probably blocked, and that are needed for `enough` ranges: bit i is the range of index i.
+    pub(super) fn least_blocked_beyond(&self, threshold: T, enough: usize) -> u16 {
         let direct = |kept: &Kept<T>| probability(kept.range.p_nlos) < threshold;
         let set =
             (0..).zip(&self.ranges).filter(|(_, kept)| direct(kept)).fold(0_u16, |set, (index, _)| set | bit(index));
-        let more = self.with_least_blocked(set, enough) & !set;
-        let chosen = (0..).zip(&self.ranges).filter(|(index, _)| more & bit(*index) != 0);
-        chosen.filter_map(|(_, kept)| Some((kept.place?.into(), kept.range))).collect()
+        self.with_least_blocked(set, enough) & !set
     }
 
     /// Adds the least blocked ranges to a set until it has `enough`.

@@ -1,6 +1,7 @@
 //! The settings of the engine.
 
 use crate::linear::b_wls_in_parts;
+use crate::measurement::probability;
 use crate::track::{Blocked, FilterSettings, Motion, Noise};
 use crate::{Area, Method, Real, Side, Solver};
 
@@ -157,6 +158,14 @@ impl<T: Real> Settings<T> {
         let (noise, gate) = (Noise::white(), T::of(1.0e6));
         let filter = FilterSettings { motion, blocked, iterations, noise, gate, ..tracking.filter };
         Self { filter, supervised: false, ..tracking }
+    }
+
+    /// Whether a measurement whose link is without line of sight with this probability is used, and not ignored.
+    pub(crate) fn admits(&self, p_nlos: Option<T>) -> bool {
+        match self.filter.blocked {
+            Blocked::Ignore { threshold, .. } => probability(p_nlos) < threshold,
+            Blocked::Alike | Blocked::TwoVariances { .. } | Blocked::Weigh => true,
+        }
     }
 
     /// The same settings with this noise of the ranges.

@@ -1,7 +1,8 @@
 //! Track management at the end of a round: a track is started, checked or given up, or the round is solved by itself.
 
-use super::{Engine, HeightSource, Missing, Mode, Output, Start, TrackFix, Verdict};
-use crate::measurement::{Observation as _, Range};
+use super::round::Round;
+use super::{Engine, HeightSource, Missing, Mode, Output, Settings, Start, TrackFix, Verdict};
+use crate::measurement::Observation as _;
 use crate::track::{Blocked, Filter};
 use crate::{Fix, MAX_ANCHORS, Real};
 
@@ -72,59 +73,13 @@ impl<T: Real> Engine<T> {
                 }
             }
         }
-        self.filter = self.begun_at(&first);
-        (self.round.used, self.round.taken, self.round.unjudged) = (0, 0, 0);
-        let places: heapless::Vec<usize, MAX_ANCHORS> = self.round.given_ranges().map(|(place, _)| place).collect();
-        places.into_iter().for_each(|place| self.round.count(Some(place)));
-        self.round.taken += self.round.tdoas.len();
+        begin(&mut self.filter, &first, &self.round, &self.settings, self.now_us);
+        self.round.count_all();
         self.add_alternative(&first);
         self.take_height(&first);
         self.apply_beacon_position();
         self.used_us = self.now_us;
         start
-    }
-
-    /// A filter that begins at a solved position with the round's ranges.
-    ///
-    /// The solver knows which links are probably blocked. So the links get their priors by their residuals at the
-    /// position first; then the position is made uncertain, since the same ranges must not count twice, and the ranges
-    /// determine it again, link errors and all. Some sweeps over the links make priors and position agree.
-    pub(super) fn begun_at(&self, fix: &Fix<T, 3>) -> Filter<T> {
-        // Where the solver did not know on which side of the anchors the tag is, its covariance reaches to the other
-        // side. The track is on this side. An uncertainty of metres would make its first linearisations wrong.
-        let greatest = (0..3).fold(T::ZERO, |greatest, axis| greatest.at_least(fix.covariance[axis][axis]));
-        let doubt = T::of(START_DOUBT).at_most(T::of(START_GREATEST_M * START_GREATEST_M) / greatest);
-        let covariance: [[T; 3]; 3] = core::array::from_fn(|r| {
-            core::array::from_fn(|c| {
-                let on_diagonal = if r == c { T::ONE } else { T::ZERO };
-                match self.settings.start_variance {
-                    Some(variance) => variance * on_diagonal,
-                    None => doubt * fix.covariance[r][c] + T::of(START_SIGMA_M * START_SIGMA_M) * on_diagonal,
-                }
-            })
-        });
-        let settings = &self.settings.filter;
-        let flat = self.settings.dimensions.height().is_some();
-        let mut filter = Filter::new();
-        filter.start(self.now_us, fix.position, &fix.covariance, flat, settings);
-        let used = |range: &&Range<T>| self.admits(range);
-        if settings.noise.lasts() {
-            self.round.ranges().filter(used).for_each(|range| filter.prepare_range(&range.for_filter(), settings));
-        }
-        filter.set_position(fix.position, &covariance);
-        self.round.ranges().filter(used).for_each(|range| {
-            range.update(&mut filter, settings);
-        });
-        if settings.noise.lasts() {
-            for _ in 0..SWEEPS {
-                self.round.ranges().filter(used).for_each(|range| filter.refresh_range(&range.for_filter(), settings));
-            }
-        }
-        for tdoa in self.round.tdoas.iter().filter(|tdoa| self.admits_tdoa(tdoa)) {
-            tdoa.update(&mut filter, settings);
-        }
-        filter.log_evidence = T::ZERO;
-        filter
     }
 
     /// Whether the track is too uncertain to linearise ranges about it one by one. This is the case among beacons:
@@ -147,11 +102,11 @@ impl<T: Real> Engine<T> {
 
     /// Gives the round's ranges to the track.
     fn check_ranges(&mut self) {
-        let given: heapless::Vec<(usize, Range<T>), MAX_ANCHORS> =
-            self.round.given_ranges().map(|(place, range)| (place, *range)).collect();
-        given.iter().for_each(|(place, range)| {
-            self.check_range(range, *place);
-        });
+        for index in 0..MAX_ANCHORS {
+            if let Some((place, range)) = self.round.given_range(index) {
+                self.check_range(&range, place);
+            }
+        }
     }
 
     /// Gives the position by beacons to the track, if the round has one.
@@ -165,8 +120,11 @@ impl<T: Real> Engine<T> {
     /// Gives the least blocked of the ignored ranges to the track, if the settings keep some per round.
     fn apply_min_anchors(&mut self) {
         let Blocked::Ignore { threshold, at_least } = self.settings.filter.blocked else { return };
-        for (place, range) in self.round.least_blocked_beyond(threshold, at_least.into()) {
-            self.track_range(&range, place);
+        let more = self.round.least_blocked_beyond(threshold, at_least.into());
+        for index in (0..MAX_ANCHORS).filter(|index| more >> index & 1 == 1) {
+            if let Some((place, range)) = self.round.given_range(index) {
+                self.track_range(&range, place);
+            }
         }
     }
 
@@ -214,9 +172,56 @@ impl<T: Real> Engine<T> {
         let flat = self.settings.dimensions.height().is_some();
         self.filter.start(self.now_us, position, covariance, flat, &self.settings.filter);
         self.height = HeightSource::new();
-        self.rival = None;
+        self.rival.end();
         self.track = Ok(());
         self.used_us = self.now_us;
         self.next_start
     }
+}
+
+/// Begins a filter at a solved position with a round's measurements.
+///
+/// The solver knows which links are probably blocked. So the links get their priors by their residuals at the position
+/// first. Then the position is made uncertain, since the same ranges must not count twice, and the ranges determine it
+/// again, with the errors of their links. Some sweeps over the links make priors and position agree.
+#[inline(never)]
+pub(super) fn begin<T: Real>(
+    filter: &mut Filter<T>,
+    fix: &Fix<T, 3>,
+    round: &Round<T>,
+    settings: &Settings<T>,
+    now_us: u64,
+) {
+    // Where the solver did not know on which side of the anchors the tag is, its covariance reaches to the other side.
+    // The track is on this side. An uncertainty of metres would make its first linearisations wrong.
+    let greatest = (0..3).fold(T::ZERO, |greatest, axis| greatest.at_least(fix.covariance[axis][axis]));
+    let doubt = T::of(START_DOUBT).at_most(T::of(START_GREATEST_M * START_GREATEST_M) / greatest);
+    let covariance: [[T; 3]; 3] = core::array::from_fn(|r| {
+        core::array::from_fn(|c| {
+            let on_diagonal = if r == c { T::ONE } else { T::ZERO };
+            match settings.start_variance {
+                Some(variance) => variance * on_diagonal,
+                None => doubt * fix.covariance[r][c] + T::of(START_SIGMA_M * START_SIGMA_M) * on_diagonal,
+            }
+        })
+    });
+    let flat = settings.dimensions.height().is_some();
+    let lasts = settings.filter.noise.lasts();
+    filter.start(now_us, fix.position, &fix.covariance, flat, &settings.filter);
+    for range in round.ranges().filter(|range| lasts && settings.admits(range.p_nlos)) {
+        filter.prepare_range(&range.for_filter(), &settings.filter);
+    }
+    filter.set_position(fix.position, &covariance);
+    for range in round.ranges().filter(|range| settings.admits(range.p_nlos)) {
+        range.update(filter, &settings.filter);
+    }
+    for _ in 0..if lasts { SWEEPS } else { 0 } {
+        for range in round.ranges().filter(|range| settings.admits(range.p_nlos)) {
+            filter.refresh_range(&range.for_filter(), &settings.filter);
+        }
+    }
+    for tdoa in round.tdoas.iter().filter(|tdoa| tdoa.p_nlos.iter().all(|&p_nlos| settings.admits(p_nlos))) {
+        tdoa.update(filter, &settings.filter);
+    }
+    filter.log_evidence = T::ZERO;
 }

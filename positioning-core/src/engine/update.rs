@@ -2,8 +2,8 @@
 
 use super::{Engine, Mode, Verdict};
 use crate::Real;
-use crate::measurement::{BeaconPosition, ExternalPosition, Height, Observation, Range, Tdoa, probability};
-use crate::track::{Blocked, UpdateResult};
+use crate::measurement::{BeaconPosition, ExternalPosition, Height, Observation, Range, Tdoa};
+use crate::track::UpdateResult;
 
 impl<T: Real> Engine<T> {
     /// Takes a measurement that changes a track by itself, without a round.
@@ -18,8 +18,8 @@ impl<T: Real> Engine<T> {
     /// Takes a measurement into both hypotheses; the result is that of the track.
     #[inline(always)]
     pub(super) fn apply(&mut self, observation: &impl Observation<T>) -> UpdateResult {
-        if let Some(rival) = &mut self.rival {
-            observation.update(&mut rival.filter, &self.settings.filter);
+        if let Some(rival) = self.rival.filter() {
+            observation.update(rival, &self.settings.filter);
         }
         observation.update(&mut self.filter, &self.settings.filter)
     }
@@ -39,25 +39,9 @@ impl<T: Real> Engine<T> {
         self.check_range(&range, place)
     }
 
-    /// Whether a range is used, and not ignored because it is probably blocked.
-    pub(super) fn admits(&self, range: &Range<T>) -> bool {
-        match self.settings.filter.blocked {
-            Blocked::Ignore { threshold, .. } => probability(range.p_nlos) < threshold,
-            Blocked::Alike | Blocked::TwoVariances { .. } | Blocked::Weigh => true,
-        }
-    }
-
-    /// The same for a difference.
-    pub(super) fn admits_tdoa(&self, tdoa: &Tdoa<T>) -> bool {
-        match self.settings.filter.blocked {
-            Blocked::Ignore { threshold, .. } => tdoa.p_nlos.iter().all(|&p_nlos| probability(p_nlos) < threshold),
-            Blocked::Alike | Blocked::TwoVariances { .. } | Blocked::Weigh => true,
-        }
-    }
-
     /// Takes a range into the track, unless it is to be ignored.
     pub(super) fn check_range(&mut self, range: &Range<T>, place: usize) -> Verdict {
-        if self.admits(range) { self.track_range(range, place) } else { Verdict::Ignored }
+        if self.settings.admits(range.p_nlos) { self.track_range(range, place) } else { Verdict::Ignored }
     }
 
     /// Takes a range into the track.
@@ -73,7 +57,11 @@ impl<T: Real> Engine<T> {
         if self.track.is_err() {
             return if held { Verdict::Held } else { Verdict::NoTrack };
         }
-        if self.admits_tdoa(tdoa) { self.observe(tdoa) } else { Verdict::Ignored }
+        if tdoa.p_nlos.iter().all(|&p_nlos| self.settings.admits(p_nlos)) {
+            self.observe(tdoa)
+        } else {
+            Verdict::Ignored
+        }
     }
 
     /// Keeps a position by beacons for the round's end. If there are several, the last one counts. In space it is

@@ -74,11 +74,6 @@ impl<T: Real> Observation<T> for Tdoa<T> {
         };
         filter.set_reference(self.reference, reference.white);
         let model = TdoaModel { tdoa: self, link: link.state, reference_link: reference.state };
-        let result = filter.observe(&model, link.white, GateOf::Link(link.place), settings);
-        if settings.noise.lasts() {
-            filter.refresh(link.place, &settings.noise.link_prior(p));
-            filter.refresh(reference.place, &settings.noise.link_prior(reference_p));
-        }
-        result
+        filter.observe(&model, link.white, GateOf::Link(link.place), settings)
     }
 }

@@ -179,8 +179,8 @@ impl<T: Real> Filter<T> {
 
     /// A link to an anchor with its error predicted to the current time, for differences of arrival. `own` is the
     /// variance of the reception's noise in line of sight, m². `p_nlos` is the probability of being without line of
-    /// sight, if it is known. A new link is direct until the differences say otherwise. `None`: there is no place for
-    /// it.
+    /// sight, if it is known. Links count as direct: of two links that make one difference, none shows which is blocked.
+    /// `None`: there is no place for it.
     pub(crate) fn anchor_link(
         &mut self,
         anchor: u16,

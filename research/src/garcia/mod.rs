@@ -263,11 +263,8 @@ fn settings(way: Way) -> Option<Settings<f32>> {
         }
         Way::Ekf => Some(plain(Blocked::garcia())),
         Way::Calibrated => {
-            let noise = Noise {
-                blocked_noise_sigma: channel::BLOCKED_SIGMA_M,
-                link_seconds: 1.0e3,
-                ..Noise::indoors()
-            };
+            let noise =
+                Noise { blocked_noise_sigma: channel::BLOCKED_SIGMA_M, link_seconds: 1.0e3, ..Noise::indoors() };
             let mut settings = Settings::track(dimensions).with_noise(noise);
             (settings.filter.motion, settings.area) = (still, Some(AREA_M));
             Some(settings)

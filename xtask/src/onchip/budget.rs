@@ -15,7 +15,7 @@ pub struct Budget {
 /// Budgets of calls.
 pub const CALLS: [Budget; 2] = [
     Budget { method: Method::BWls, dims: 2, anchors: 8, instructions: 1_500, stack: 512 },
-    Budget { method: Method::Robust, dims: 2, anchors: 8, instructions: 15_000, stack: 1024 },
+    Budget { method: Method::Robust, dims: 2, anchors: 8, instructions: 18_000, stack: 1024 },
 ];
 
 /// Budget of the features of one impulse response, instructions.

@@ -12,7 +12,7 @@ use super::tables::grouped;
 const TOLERANCE_M: f32 = 5.0e-3;
 
 /// Budget of a step with one range, instructions, with [`BUDGET_ANCHORS`] tracked links.
-pub const STEP_INSTRUCTIONS: u64 = 4_000;
+pub const STEP_INSTRUCTIONS: u64 = 6_000;
 /// Budget of its stack, bytes.
 pub const STEP_STACK: u64 = 1_536;
 /// Number of links of the budget.
