@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use crate::{Epoch, Measured, by_time};
+use crate::{Coordinates, Epoch, Measured, by_time};
 
 /// The share of the epochs with a single range in a recording that is made of single ranges.
 const SINGLES: f64 = 0.9;
@@ -11,8 +11,8 @@ const PATIENCE: f64 = 1.5;
 /// The shortest and the longest of rounds that are chosen, seconds.
 const USUAL_S: [f64; 2] = [0.1, 0.35];
 
-/// A range, its epoch's name, and its time.
-type Single = (Measured, String, Option<f64>);
+/// A range, its epoch's name, its time, and the true position at its time.
+type Single = (Measured, String, Option<f64>, Option<Coordinates>);
 
 /// The duration of rounds that suits a recording of single ranges with times, seconds; `None` for any other recording.
 pub fn round_s(epochs: &[Epoch]) -> Option<f64> {
@@ -31,21 +31,22 @@ pub fn round_s(epochs: &[Epoch]) -> Option<f64> {
 }
 
 /// The ranges of all epochs in rounds. A round ends where an anchor repeats, or where more than `longest_s` seconds
-/// have passed since its first range. It has the name of its last range's epoch, and that range's time. Epochs without
+/// have passed since its first range. It has the name, time and true position of its
+/// last range's epoch. Epochs without
 /// ranges make no round.
 pub fn rounds(epochs: Vec<Epoch>, longest_s: f64) -> Vec<Epoch> {
     let order = by_time(epochs.iter().map(|epoch| epoch.t_s));
     let mut epochs: Vec<_> = epochs.into_iter().map(Some).collect();
     let in_order = order.into_iter().filter_map(|at| epochs.get_mut(at)?.take());
     let singles: Vec<Single> = in_order
-        .flat_map(|Epoch { name, t_s, ranges, .. }| {
-            ranges.into_iter().map(move |range| (range, name.clone(), range.t_s.or(t_s)))
+        .flat_map(|Epoch { name, t_s, ranges, truth }| {
+            ranges.into_iter().map(move |range| (range, name.clone(), range.t_s.or(t_s), truth))
         })
         .collect();
     let mut rounds: Vec<Epoch> = Vec::new();
     let mut began_s = None;
-    for at in by_time(singles.iter().map(|(_, _, t_s)| *t_s)) {
-        let Some((range, name, t_s)) = singles.get(at) else { continue };
+    for at in by_time(singles.iter().map(|(_, _, t_s, _)| *t_s)) {
+        let Some((range, name, t_s, truth)) = singles.get(at) else { continue };
         let is_late = t_s.zip(began_s).is_some_and(|(t_s, began_s)| t_s - began_s > longest_s);
         let range = Measured { t_s: *t_s, ..*range };
         match rounds.last_mut() {
@@ -53,10 +54,11 @@ pub fn rounds(epochs: Vec<Epoch>, longest_s: f64) -> Vec<Epoch> {
                 round.ranges.push(range);
                 round.name.clone_from(name);
                 round.t_s = t_s.or(round.t_s);
+                round.truth = *truth;
             }
             Some(_) | None => {
                 began_s = *t_s;
-                rounds.push(Epoch { name: name.clone(), t_s: *t_s, ranges: vec![range], truth: None });
+                rounds.push(Epoch { name: name.clone(), t_s: *t_s, ranges: vec![range], truth: *truth });
             }
         }
     }

@@ -179,11 +179,8 @@ impl<T: Real> Engine<T> {
     }
 }
 
-/// Begins a filter at a solved position with a round's measurements.
-///
-/// The solver knows which links are probably blocked. So the links get their priors by their residuals at the position
-/// first. Then the position is made uncertain, since the same ranges must not count twice, and the ranges determine it
-/// again, with the errors of their links. Some sweeps over the links make priors and position agree.
+/// Begins a filter at a solved position with a round's measurements, and stays within the position's deviation: where the
+/// links lead elsewhere, the solver has weighed more possibilities than a filter follows.
 #[inline(never)]
 pub(super) fn begin<T: Real>(
     filter: &mut Filter<T>,
@@ -196,7 +193,7 @@ pub(super) fn begin<T: Real>(
     // The track is on this side. An uncertainty of metres would make its first linearisations wrong.
     let greatest = (0..3).fold(T::ZERO, |greatest, axis| greatest.at_least(fix.covariance[axis][axis]));
     let doubt = T::of(START_DOUBT).at_most(T::of(START_GREATEST_M * START_GREATEST_M) / greatest);
-    let covariance: [[T; 3]; 3] = core::array::from_fn(|r| {
+    let wide: [[T; 3]; 3] = core::array::from_fn(|r| {
         core::array::from_fn(|c| {
             let on_diagonal = if r == c { T::ONE } else { T::ZERO };
             match settings.start_variance {
@@ -205,13 +202,39 @@ pub(super) fn begin<T: Real>(
             }
         })
     });
+    begin_with(filter, fix, &wide, round, settings, now_us);
+    let (position, mut square, mut variance) = (filter.state.position(), T::ZERO, T::ZERO);
+    for axis in 0..3 {
+        square += (position[axis] - fix.position[axis]).squared();
+        variance += fix.covariance[axis][axis];
+    }
+    if square > variance && settings.start_variance.is_none() {
+        begin_with(filter, fix, &fix.covariance, round, settings, now_us);
+    }
+}
+
+/// The same from a position with this covariance.
+///
+/// The solver knows which links are probably blocked. So the links get their priors by their residuals at the position
+/// first. Then the position gets the covariance, which is greater than the solver's, since the same ranges must not
+/// count twice. The ranges determine it again, with the errors of their links. Some sweeps over the links make priors
+/// and position agree.
+#[inline(never)]
+fn begin_with<T: Real>(
+    filter: &mut Filter<T>,
+    fix: &Fix<T, 3>,
+    covariance: &[[T; 3]; 3],
+    round: &Round<T>,
+    settings: &Settings<T>,
+    now_us: u64,
+) {
     let flat = settings.dimensions.height().is_some();
     let lasts = settings.filter.noise.lasts();
     filter.start(now_us, fix.position, &fix.covariance, flat, &settings.filter);
     for range in round.ranges().filter(|range| lasts && settings.admits(range.p_nlos)) {
         filter.prepare_range(&range.for_filter(), &settings.filter);
     }
-    filter.set_position(fix.position, &covariance);
+    filter.set_position(fix.position, covariance);
     for range in round.ranges().filter(|range| settings.admits(range.p_nlos)) {
         range.update(filter, &settings.filter);
     }

@@ -262,9 +262,7 @@ impl<T: Real> Filter<T> {
         let renewal = if fresh { T::ONE } else { noise.renewal };
         let renewed = renewal * posterior.density;
         let wild = T::of(WILD_DENSITY);
-        // A wild range that repeats itself is one surprise and not many: its repetition was to be expected.
-        let repeated = link.gate.from_last(innovation.value).map_or(T::ZERO, |step| density(step.squared(), s + white));
-        self.log_evidence += (as_before + renewed + wild + repeated).ln();
+        self.log_evidence += (as_before + renewed + wild).ln();
         let is_wild = wild > as_before && wild > renewed;
         if is_wild {
             // A wild range that repeats itself is a new error after all, unless it is too short: walls lengthen a range,

@@ -24,11 +24,6 @@ pub(crate) struct Gate<T> {
 }
 
 impl<T: Real> Gate<T> {
-    /// How far an innovation is from the last one that was refused, if that was the last one of all.
-    pub(crate) fn from_last(&self, innovation: T) -> Option<T> {
-        (self.alike > 0).then(|| innovation - self.last)
-    }
-
     /// Checks an innovation of variance `s`. It is refused beyond `limit` deviations, unless it is the `patience`-th
     /// similar one.
     pub(crate) fn check(&mut self, innovation: T, s: T, limit: T, patience: u8) -> GateDecision {

@@ -81,7 +81,7 @@ impl<T: Real> Noise<T> {
         Self {
             common_sigma: T::of(0.15),
             direct_sigma: T::of(DIRECT_SIGMA_M),
-            blocked_noise_sigma: T::of(0.2),
+            blocked_noise_sigma: T::of(0.3),
             learning: T::of(0.03),
             link_seconds: T::of(2.0),
             link_metres: T::of(0.4),

@@ -170,7 +170,7 @@ fn the_settings_of_a_tag_err_as_much_as_they_say() {
             });
             let (mean, inside) = (errors.mean(), errors.inside());
             assert!(TAG_BAND.contains(&mean), "{way}, {rounds} rounds, asked {asked}: {mean}");
-            assert!((0.30..=0.50).contains(&inside), "{way}, {rounds} rounds, asked {asked}: {inside}");
+            assert!((0.30..=0.56).contains(&inside), "{way}, {rounds} rounds, asked {asked}: {inside}");
         }
     }
 }

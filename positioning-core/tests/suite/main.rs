@@ -3,6 +3,7 @@
 mod consistency;
 mod engine;
 mod hostile;
+mod links;
 mod properties;
 mod reference;
 mod space;

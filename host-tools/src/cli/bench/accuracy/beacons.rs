@@ -8,7 +8,7 @@ use host_tools::files::beacons::{Capture, read_captures, read_stays};
 use host_tools::survey::fingerprint::{Comparison, Making, Maps, Setup, Survey, held_out};
 use host_tools::{Coordinates, Solved};
 
-use super::clock::horizontal_m;
+use super::ranges::horizontal_m;
 
 /// The compared methods: that of a node, and the nearest neighbours beside it.
 pub const METHODS: [Comparison; 2] = [Comparison::Walk, Comparison::Nearest { k: 5, weighted: true }];

@@ -6,7 +6,6 @@
 //! they are judged.
 
 mod beacons;
-mod clock;
 mod ranges;
 mod results;
 mod settings;
@@ -131,10 +130,9 @@ impl Results {
         for mut ranged in ranged {
             let known_s = earlier.and_then(|earlier| earlier.offset_s(&ranged.name));
             let offset_s = ranges::join_truth(&mut ranged, known_s);
-            for (method, solved) in
+            for (method, scored) in
                 tables::RANGES.into_iter().zip([ranges::solve(&ranged), ranges::track(&ranged, |_| ())])
             {
-                let scored = ranges::scored(&ranged.recording.epochs, &solved);
                 let score = Score::of([&ranged.site, &ranged.name, method], Measure::Rmse, scored);
                 scores.push(Score { simulated: ranged.simulated, offset_s, ..score });
                 progress.step();

@@ -1,32 +1,48 @@
 //! Positions of recorded ranges, as `baliza solve` and `baliza track` compute them, and their errors.
 
 use baliza_research::accuracy::Scored;
+use host_tools::files::{round_s, rounds};
+use host_tools::locate::time_offset::{Clocks, time_offset, timed_positions};
 use host_tools::locate::track::{Tracker, Weighting, settings};
-use host_tools::{Epoch, Solved, Solver, by_time};
+use host_tools::{Coordinates, Epoch, Solved, Solver, by_time};
 use positioning_core::Method;
 use positioning_core::engine::Settings;
 
-use super::clock::horizontal_m;
 use super::sites::Ranged;
 
-/// Joins epochs and true positions by time. Returns the offset of the truth's clock, seconds: the known one, or an
-/// estimate by solved positions.
+/// Joins epochs and true positions by time. Returns the seconds that are added to the times of the truth: the known
+/// ones, or an estimate by solved positions.
 pub fn join_truth(ranged: &mut Ranged, known_s: Option<f64>) -> f64 {
     let Some(truth) = ranged.truth.take() else { return 0.0 };
-    let offset_s = known_s.unwrap_or_else(|| truth.offset_s(&ranged.recording.epochs, &solve(ranged)));
-    truth.join(&mut ranged.recording.epochs, offset_s);
+    let epochs = &mut ranged.recording.epochs;
+    truth.join_heard(epochs, 0.0);
+    let offset_s = known_s.unwrap_or_else(|| {
+        let solver = Solver::new(&ranged.recording.anchors, ranged.setup);
+        let solved: Vec<_> = epochs.iter().map(|epoch| solver.solve(Method::Robust, epoch)).collect();
+        match time_offset(&timed_positions(epochs, &solved), &truth) {
+            Clocks::Differ { offset_s, .. } => offset_s,
+            Clocks::Agree { .. } | Clocks::Vague { .. } | Clocks::Unknown | Clocks::NoneFits => 0.0,
+        }
+    });
+    truth.join_heard(epochs, offset_s);
     offset_s
 }
 
-/// The position of each epoch by itself, in the order of the epochs.
-pub fn solve(ranged: &Ranged) -> Vec<Solved> {
+/// The position of each round by itself, and its error: as `baliza solve`, which makes rounds of single ranges.
+pub fn solve(ranged: &Ranged) -> Vec<Scored> {
     let solver = Solver::new(&ranged.recording.anchors, ranged.setup);
-    ranged.recording.epochs.iter().map(|epoch| solver.solve(Method::Robust, epoch)).collect()
+    let epochs = ranged.recording.epochs.clone();
+    let epochs = match round_s(&epochs) {
+        Some(longest_s) => rounds(epochs, longest_s),
+        None => epochs,
+    };
+    let solved: Vec<_> = epochs.iter().map(|epoch| solver.solve(Method::Robust, epoch)).collect();
+    scored(&epochs, &solved)
 }
 
-/// The positions by the engine with settings that `change` changes, in the order of the epochs.
-pub fn track(ranged: &Ranged, change: impl FnOnce(&mut Settings<f32>)) -> Vec<Solved> {
-    let mut settings = settings(&ranged.setup, Weighting::Weigh, false);
+/// The positions by the engine with settings that `change` changes, and their errors.
+pub fn track(ranged: &Ranged, change: impl FnOnce(&mut Settings<f32>)) -> Vec<Scored> {
+    let mut settings = settings(&ranged.setup, Weighting::Weigh);
     change(&mut settings);
     let epochs = &ranged.recording.epochs;
     let mut tracker = Tracker::new(&ranged.recording.anchors, ranged.setup, settings, None);
@@ -34,11 +50,12 @@ pub fn track(ranged: &Ranged, change: impl FnOnce(&mut Settings<f32>)) -> Vec<So
     for at in by_time(epochs.iter().map(|epoch| epoch.t_s)) {
         solved[at] = Some(tracker.follow(&epochs[at]));
     }
-    solved.into_iter().flatten().collect()
+    let solved: Vec<_> = solved.into_iter().flatten().collect();
+    scored(epochs, &solved)
 }
 
 /// The horizontal errors of the epochs with a known true position, in the order of time.
-pub fn scored(epochs: &[Epoch], solved: &[Solved]) -> Vec<Scored> {
+fn scored(epochs: &[Epoch], solved: &[Solved]) -> Vec<Scored> {
     let order = by_time(epochs.iter().map(|epoch| epoch.t_s)).into_iter();
     let score = |(epoch, solved): (&Epoch, &Solved)| {
         let (truth, position) = (epoch.truth?, solved.outcome.ok());
@@ -49,4 +66,9 @@ pub fn scored(epochs: &[Epoch], solved: &[Solved]) -> Vec<Scored> {
         })
     };
     order.filter_map(|at| score((epochs.get(at)?, solved.get(at)?))).collect()
+}
+
+/// The horizontal distance, metres.
+pub fn horizontal_m(a: &Coordinates, b: &Coordinates) -> f64 {
+    (a.x_m - b.x_m).hypot(a.y_m - b.y_m)
 }

@@ -2,7 +2,7 @@
 
 use baliza_research::accuracy::{Figures, LEAST_ANSWERED, choices};
 
-use super::ranges::{scored, track};
+use super::ranges::track;
 use super::results::geometric_mean;
 use super::sites::Ranged;
 use super::variations::VARIATIONS;
@@ -20,7 +20,7 @@ pub fn tried(ranged: &Ranged, default: &Figures, done: impl Fn()) -> Option<Trie
     let answered = default.fixed as f64 >= LEAST_ANSWERED * default.epochs as f64;
     let default_m = default.rmse_m.filter(|_| answered)?;
     let rmse_m = VARIATIONS.iter().skip(1).map(|(_, change)| {
-        let figures = Figures::of(&scored(&ranged.recording.epochs, &track(ranged, change)));
+        let figures = Figures::of(&track(ranged, change));
         done();
         // A variation without positions has no advantage.
         figures.rmse_m.unwrap_or(f64::INFINITY)

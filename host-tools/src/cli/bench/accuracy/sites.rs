@@ -5,10 +5,8 @@ use std::path::Path;
 use anyhow::Result;
 use baliza_research::prior::{Case, Group};
 use host_tools::files::Diagnostics;
-use host_tools::{Anchor, Coordinates, Epoch, Files, Height, Measured, Recording, Setup, Space};
+use host_tools::{Anchor, Coordinates, Epoch, Files, Height, Measured, Recording, Setup, Space, Truth};
 use positioning_core::nlos::{Feature, Features};
-
-use super::clock::Truth;
 
 /// A site with recorded ranges, and the folders of its recordings.
 const SITES: [(&str, &[&str]); 5] = [
@@ -31,7 +29,7 @@ pub struct Ranged {
     pub recording: Recording,
     /// The space in which positions are computed.
     pub setup: Setup,
-    /// The true positions by time, where the clocks may disagree.
+    /// The true positions with their own times, if they are not joined yet.
     pub truth: Option<Truth>,
 }
 
@@ -53,8 +51,8 @@ pub fn recorded(data: &Path) -> Result<Vec<Ranged>> {
                 truth_heights: true,
             })?;
             let setup = Setup { space: Space::Plane(Height::FromTruth), area_m: None };
-            let (site, name, truth) = (site.to_owned(), (*folder).to_owned(), Truth::read(&truth)?);
-            all.push(Ranged { site, simulated: false, name, recording, setup, truth });
+            let (site, name, truth) = (site.to_owned(), (*folder).to_owned(), Truth::read(&truth, true)?);
+            all.push(Ranged { site, simulated: false, name, recording, setup, truth: Some(truth) });
         }
     }
     Ok(all)
@@ -93,6 +91,7 @@ fn measured(range: &baliza_research::prior::Range) -> Measured {
     features.set(Feature::PowerDifference, received - first);
     Measured {
         anchor: range.anchor,
+        t_s: None,
         range_m: range.range_m,
         line_of_sight: Some(!range.blocked),
         diagnostics: Diagnostics { features, range_m: range.range_m as f32, power_dbm: received },

@@ -9,16 +9,21 @@ pub type Variation = (&'static str, fn(&mut Settings<f32>));
 /// The variations that are tried.
 pub const VARIATIONS: &[Variation] = &[
     ("default", |_| ()),
-    ("link errors × 0.7", |settings| link_errors(settings, 0.7)),
-    ("link errors × 1.4", |settings| link_errors(settings, 1.4)),
-    ("blocked link errors × 2", |settings| settings.filter.noise.blocked_link_sigma *= 2.0),
+    ("direct link errors × 0.7", |settings| settings.filter.noise.direct_sigma *= 0.7),
+    ("direct link errors × 1.4", |settings| settings.filter.noise.direct_sigma *= 1.4),
+    ("common error × 0.7", |settings| settings.filter.noise.common_sigma *= 0.7),
+    ("common error × 1.4", |settings| settings.filter.noise.common_sigma *= 1.4),
+    ("noise of blocked links × 0.5", |settings| settings.filter.noise.blocked_noise_sigma *= 0.5),
+    ("noise of blocked links × 2", |settings| settings.filter.noise.blocked_noise_sigma *= 2.0),
+    ("memory of links × 0.5", |settings| memory(settings, 0.5)),
+    ("memory of links × 2", |settings| memory(settings, 2.0)),
     ("motion × 0.5", |settings| motion(settings, 0.5)),
     ("motion × 2", |settings| motion(settings, 2.0)),
 ];
 
-fn link_errors(settings: &mut Settings<f32>, factor: f32) {
-    settings.filter.noise.link_sigma *= factor;
-    settings.filter.noise.unasked_link_sigma *= factor;
+fn memory(settings: &mut Settings<f32>, factor: f32) {
+    settings.filter.noise.link_seconds *= factor;
+    settings.filter.noise.link_metres *= factor;
 }
 
 fn motion(settings: &mut Settings<f32>, factor: f32) {
