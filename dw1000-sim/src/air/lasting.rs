@@ -1,0 +1,237 @@
+//! Errors that averaging does not remove: they stay with a link and a position, with a bearing, or with a node.
+//!
+//! Each link has two random fields over the positions of its ends. A field is a sum of plane waves (spectral
+//! representation; Shinozuka and Deodatis, *Applied Mechanics Reviews* 44(4), 1991): wave vectors from a bank that all
+//! links share, phases from the link's number. So a field is a function of seed, link and positions, without memory.
+//! The first field shifts the range to both sides. The second one has a real and an imaginary part, as narrow-band
+//! fading has: their power is the first path's loss; where the real part is high, an object is in the way, and the
+//! range is too long, by decimetres and quietly. Each node has an antenna delay that turns with the bearing, and a
+//! remainder of its calibration. A person who carries a node shadows the links behind him or her.
+
+use super::propagation::{End, Material};
+use crate::random::{Purpose, Stream, mix, stream};
+use rand::Rng;
+use rand_distr::{Distribution, StandardNormal};
+use std::f64::consts::TAU;
+
+/// The size of lasting errors. [`LastingErrors::RECORDED`] has the source of each number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LastingErrors {
+    /// Standard deviation of what calibration left of a node's antenna delay, metres.
+    pub calibration_m: f64,
+    /// Standard deviation of a node's antenna delay over all bearings, metres.
+    pub bearing_m: f64,
+    /// Standard deviation of a receiver's bias by power, as a share of the published bias.
+    pub bias_share: f64,
+    /// Standard deviation of a link's error over positions, metres …
+    pub link_m: f64,
+    /// … and the movement after which its correlation is 1/e, metres.
+    pub link_length_m: f64,
+    /// The same for the part that changes within a wavelength, metres.
+    pub fine_m: f64,
+    /// Its correlation length, metres.
+    pub fine_length_m: f64,
+    /// Mean loss of the first path by fading, dB …
+    pub fading_db: f64,
+    /// … and the movement after which it is another one, metres.
+    pub fading_length_m: f64,
+    /// How many standard deviations high the fading's real part is where an object is in the way. 1.28: one link in
+    /// ten.
+    pub blocked_above: f64,
+    /// By how much a link is too long, per standard deviation above, metres.
+    pub blocked_m: f64,
+}
+
+impl LastingErrors {
+    /// As in recordings in line of sight: a laboratory with DWM1001 (`leiria_128_los_pos1`, `leiria_128_move_slow`:
+    /// ipleiria-robotics/indoor_positioning_uwb) and a motion-capture room (`cuhk_static`, `cuhk_dynamic_mid`:
+    /// LIAS-CUHKSZ). `docs/simulation.md` has the statistics of both sides.
+    pub const RECORDED: Self = Self {
+        // Means of links differ by 0.055 to 0.066 m between anchors of a recording: two nodes, and bearings.
+        calibration_m: 0.03,
+        // "10 to 15 cm variation with rotation" of the antenna that Decawave sells (forum.qorvo.com/t/1872); ±15 cm
+        // of a link with DWM1000 at both ends (bitcraze/crazyflie-firmware#680).
+        bearing_m: 0.035,
+        // The mean rises by 0.05 to 0.08 m from 2 m to 5 m in the motion-capture room. Published: 0.11 m (APS011).
+        bias_share: 0.3,
+        link_m: 0.06,
+        link_length_m: 0.4,
+        // Half the squared difference of two ranges 2 to 5 cm apart, less the white part: 0.035 to 0.07 m.
+        fine_m: 0.035,
+        fine_length_m: 0.02,
+        // Received less first-path power in the laboratory: 3 to 5 dB in a third of ranges, above 10 dB in a seventh.
+        fading_db: 5.0,
+        fading_length_m: 0.7,
+        // Above 0.25 m in 0.5 % (motion capture) to 5.5 % (laboratory) of ranges, for 0.3 to 0.8 m of the way.
+        blocked_above: 1.28,
+        blocked_m: 0.45,
+    };
+}
+
+/// Waves in each bank, and waves of each field.
+const BANK: usize = 256;
+const WAVES: usize = 8;
+const FINE_WAVES: usize = 4;
+/// No error changes within less than this, metres: a wavelength of channel 5 is 0.046 m.
+const SHORTEST_M: f64 = 0.05;
+/// A shadow reaches this far to each side of the bearing away from the body: the cosine of 60°.
+const SHADOW_EDGE: f64 = 0.5;
+
+/// A wave's vector over the positions of both ends, radians per metre.
+#[derive(Clone, Copy, Debug)]
+struct Wave {
+    by_end: [[f64; 3]; 2],
+}
+
+impl Wave {
+    /// A wave of a field whose covariance over the movement h of one end is exp(−h²/2L²).
+    fn smooth(length_m: f64, draws: &mut Stream) -> Self {
+        Self { by_end: [(); 2].map(|()| [(); 3].map(|()| gauss(draws) / length_m)) }
+    }
+
+    /// A wave of a field whose covariance is exp(−h/L): its vectors are Cauchy-distributed (Student's t with one degree
+    /// of freedom), here up to the shortest wavelength.
+    fn rough(length_m: f64, draws: &mut Stream) -> Self {
+        loop {
+            let wave = Self::smooth(length_m * gauss(draws).abs(), draws);
+            let size = |k: [f64; 3]| k.iter().map(|x| x * x).sum::<f64>().sqrt();
+            if wave.by_end.iter().all(|&k| size(k) < TAU / SHORTEST_M) {
+                return wave;
+            }
+        }
+    }
+
+    fn phase(&self, a: [f64; 3], b: [f64; 3]) -> f64 {
+        let [by_a, by_b] = self.by_end;
+        (0..3).map(|i| by_a[i] * a[i] + by_b[i] * b[i]).sum()
+    }
+}
+
+/// The banks of waves.
+struct Banks {
+    link: Vec<Wave>,
+    fine: Vec<Wave>,
+    fading: Vec<Wave>,
+}
+
+/// What lasting errors do to a link.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Lasting {
+    /// The excess of its length, metres.
+    pub(crate) excess_m: f64,
+    /// The loss of the first path, dB.
+    pub(crate) first_path_loss_db: f64,
+    /// The loss of the scattered power, dB.
+    pub(crate) scattered_loss_db: f64,
+}
+
+/// An antenna, by its node's number: a first and a second harmonic of the bearing.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Antenna {
+    calibration_m: f64,
+    bearing_m: f64,
+    phases: [f64; 2],
+    /// The factor of the bias by power at its receiver.
+    pub(crate) bias_factor: f64,
+}
+
+impl Antenna {
+    /// The excess length at a bearing from the antenna's front, radians.
+    fn excess_m(&self, bearing: f64) -> f64 {
+        let [first, second] = self.phases;
+        self.calibration_m + self.bearing_m * ((bearing + first).cos() + (2.0 * bearing + second).cos())
+    }
+}
+
+/// An end of a link, and how its node stands.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Posture {
+    pub(crate) end: End,
+    pub(crate) antenna: Antenna,
+    /// Where its front points, radians from the x axis.
+    pub(crate) heading: f64,
+    /// Whether a person carries it before him or her.
+    pub(crate) worn: bool,
+}
+
+/// The lasting errors of all links of an air.
+pub(crate) struct LastingField {
+    errors: LastingErrors,
+    seed: u64,
+    banks: Banks,
+}
+
+impl LastingField {
+    pub(crate) fn new(errors: LastingErrors, seed: u64) -> Self {
+        let mut draws = stream(seed, Purpose::Lasting, 0);
+        let mut bank = |draw: fn(f64, &mut Stream) -> Wave, length_m| {
+            (0..BANK).map(|_| draw(length_m, &mut draws)).collect::<Vec<_>>()
+        };
+        let banks = Banks {
+            link: bank(Wave::rough, errors.link_length_m),
+            fine: bank(Wave::smooth, errors.fine_length_m),
+            fading: bank(Wave::smooth, errors.fading_length_m),
+        };
+        Self { errors, seed, banks }
+    }
+
+    /// The antenna of a port.
+    pub(crate) fn antenna(&self, port: u32) -> Antenna {
+        let mut draws = stream(self.seed, Purpose::Lasting, 1 + u64::from(port));
+        Antenna {
+            calibration_m: self.errors.calibration_m * gauss(&mut draws),
+            bearing_m: self.errors.bearing_m,
+            phases: [TAU * draws.random::<f64>(), TAU * draws.random::<f64>()],
+            bias_factor: 1.0 + self.errors.bias_share * gauss(&mut draws),
+        }
+    }
+
+    /// The lasting errors of a link. They are the same in both directions.
+    pub(crate) fn between(&self, a: Posture, b: Posture) -> Lasting {
+        let (a, b) = if a.end.0 <= b.end.0 { (a, b) } else { (b, a) };
+        let link = mix(mix(self.seed ^ 0x1A57) ^ (u64::from(a.end.0) << 32 | u64::from(b.end.0)));
+        let at = (a.end.1, b.end.1);
+        let (shift, _) = sum(&self.banks.link, WAVES, mix(link ^ 1), at);
+        let (fine, _) = sum(&self.banks.fine, FINE_WAVES, mix(link ^ 2), at);
+        let (real, imaginary) = sum(&self.banks.fading, WAVES, mix(link ^ 3), at);
+        let LastingErrors { link_m, fine_m, fading_db, blocked_above, blocked_m, .. } = self.errors;
+        let own_m = link_m * shift + fine_m * fine + blocked_m * (real - blocked_above).max(0.0);
+        let mut lasting = Lasting {
+            excess_m: own_m,
+            // The power of two normal numbers is exponential, with a mean of 2.
+            first_path_loss_db: 0.5 * fading_db * (real * real + imaginary * imaginary),
+            scattered_loss_db: 0.0,
+        };
+        for (here, there) in [(a, b), (b, a)] {
+            let away = [there.end.1[0] - here.end.1[0], there.end.1[1] - here.end.1[1]];
+            let bearing = away[1].atan2(away[0]) - here.heading;
+            lasting.excess_m += here.antenna.excess_m(bearing);
+            if here.worn {
+                let shadow = ((-bearing.cos() - SHADOW_EDGE) / (1.0 - SHADOW_EDGE)).max(0.0);
+                lasting.excess_m += Material::BODY.excess_m * shadow;
+                lasting.first_path_loss_db += Material::BODY.attenuation_db * shadow;
+                lasting.scattered_loss_db += 0.5 * Material::BODY.attenuation_db * shadow;
+            }
+        }
+        lasting
+    }
+}
+
+/// The sum of `count` waves of the bank, with phases by `hash`: real and imaginary part, each of standard deviation 1.
+fn sum(bank: &[Wave], count: usize, hash: u64, (a, b): ([f64; 3], [f64; 3])) -> (f64, f64) {
+    let (mut real, mut imaginary) = (0.0, 0.0);
+    for number in 0..count {
+        let random = mix(hash ^ (number as u64) << 8);
+        // The bank has as many waves as a byte has values.
+        let Some(wave) = bank.get((random & 0xFF) as usize) else { continue };
+        let (sin, cos) = (wave.phase(a, b) + TAU * (random >> 11) as f64 / (1u64 << 53) as f64).sin_cos();
+        real += cos;
+        imaginary += sin;
+    }
+    let scale = (2.0 / count as f64).sqrt();
+    (scale * real, scale * imaginary)
+}
+
+fn gauss(draws: &mut Stream) -> f64 {
+    StandardNormal.sample(draws)
+}
