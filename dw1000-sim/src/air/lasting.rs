@@ -59,7 +59,7 @@ impl LastingErrors {
         // A link's error less its mean: 0.070 m (motion capture) to 0.12 m (laboratory), with the parts below; its
         // correlation falls to 1/e within 0.3 to 0.5 m.
         link_m: 0.05,
-        link_length_m: 0.25,
+        link_length_m: 0.2,
         // The root of half the mean squared difference of two ranges 2 to 5 cm apart is 0.041 to 0.073 m, of which
         // 0.025 m are white.
         fine_m: 0.03,
@@ -67,11 +67,11 @@ impl LastingErrors {
         // Received less first-path power in the laboratory: 3, 5, 11 dB at the 10th, 50th, 90th percentile; an error
         // hardly shows in it (mean 5.5 dB below 0.1 m, 9 dB above 0.4 m).
         fading_db: 5.0,
-        fading_length_m: 0.5,
+        fading_length_m: 0.4,
         // Too long by more than 0.25 m: 0.5 % (motion capture) to 5.5 % (laboratory) of ranges, for 0.3 to 0.8 m of
         // the way, with a white part of 0.02 to 0.05 m.
         blocked_above: 1.28,
-        blocked_m: 0.28,
+        blocked_m: 0.26,
     };
 }
 

@@ -1,13 +1,19 @@
 //! Tags that only listen, in whole nodes: eight anchors range among each other, and any number of tags computes
 //! positions from that.
 
-use sim::scenario::{Fidelity, LISTENING, NETWORK, Scenario, Simulation};
+use sim::scenario::{AirModel, Fidelity, LISTENING, NETWORK, Scenario, Simulation};
 use system_tests::Run;
 use wire::config::{Mode, Network};
 
-/// Positions per second and tag after the first second, the root mean square of their errors in metres, and collisions.
+/// Positions per second and tag after the first second, the root mean square of their errors in metres, and collisions,
+/// on the ideal air.
 fn listen(level: Fidelity, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u64) {
-    let mut simulation = Simulation::new(Scenario { fidelity: level, seconds, loss, ..Scenario::listening(8, tags) });
+    listen_on(AirModel::Ideal, level, tags, seconds, loss)
+}
+
+fn listen_on(air: AirModel, level: Fidelity, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u64) {
+    let scenario = Scenario { air, fidelity: level, seconds, loss, ..Scenario::listening(8, tags) };
+    let mut simulation = Simulation::new(scenario);
     simulation.run_until(1.0);
     let joined = simulation.summary();
     let records = simulation.run_until(seconds);
@@ -41,6 +47,13 @@ fn a_lost_frame_costs_a_difference_and_not_the_position() {
     // Seven polls in ten are received.
     assert!(rate >= 40.0, "{rate} a second");
     assert!(rmse_m <= 0.15, "{rmse_m} m");
+}
+
+#[test]
+fn on_an_air_as_recorded_they_err_by_a_decimetre() {
+    let (_, rmse_m, _) = listen_on(AirModel::Recorded, Fidelity::Air, 20, 6.0, 0.0);
+    // A difference has the lasting errors of three links: two to the tag, one between anchors.
+    assert!((0.05..0.30).contains(&rmse_m), "{rmse_m} m");
 }
 
 /// What walls add to the paths between anchors is measured. The error of a tag that listens is at most twice that of a

@@ -24,7 +24,7 @@ struct Recorded {
 
 const RECORDED: [Recorded; 4] = [
     Recorded { folder: "leiria_128_los_pos1", late_s: 0.0, moves: false },
-    Recorded { folder: "leiria_128_move_slow", late_s: 0.7, moves: true },
+    Recorded { folder: "leiria_128_move_slow", late_s: 0.4, moves: true },
     Recorded { folder: "cuhk_static", late_s: 0.0, moves: false },
     Recorded { folder: "cuhk_dynamic_mid", late_s: 0.28, moves: true },
 ];
