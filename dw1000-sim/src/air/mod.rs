@@ -380,14 +380,17 @@ impl Air {
 
     /// The lasting errors between two ends.
     fn lasting(&mut self, from: End, to: End, now: TrueTime) -> Lasting {
-        let Some(field) = &self.lasting else { return Lasting::default() };
-        let [from, to] = [from, to].map(|end| {
+        let Some(field) = &mut self.lasting else { return Lasting::default() };
+        if let Some(known) = field.known(from, to) {
+            return known;
+        }
+        let [a, b] = [from, to].map(|end| {
             let port = &mut self.ports[end.0 as usize];
             port.turn(end.1, now);
             port.posture(end)
         });
-        match (from, to) {
-            (Some(from), Some(to)) => field.between(from, to),
+        match (a, b) {
+            (Some(a), Some(b)) => field.renew(a, b),
             (None, _) | (_, None) => Lasting::default(),
         }
     }
