@@ -167,13 +167,16 @@ pub(crate) struct Posture {
     pub(crate) worn: bool,
 }
 
+/// The last positions of a link's two ends, and its errors there.
+type Known = ([[f64; 3]; 2], Lasting);
+
 /// The lasting errors of all links of an air.
 pub(crate) struct LastingField {
     errors: LastingErrors,
     seed: u64,
     banks: Banks,
-    /// The last positions of two ports, the lower number first, and their errors there.
-    known: FxHashMap<(u32, u32), ([[f64; 3]; 2], Lasting)>,
+    /// By the numbers of two ports, the lower one first.
+    known: FxHashMap<(u32, u32), Known>,
 }
 
 impl LastingField {
