@@ -34,6 +34,10 @@ pub enum Purpose {
     Interrupts = 10,
     /// The effects of a motion sensor: its orientation, noise.
     MotionSensor = 11,
+    /// Errors of ranges that stay with a link, a bearing or a node.
+    Lasting = 12,
+    /// The error of a node's surveyed position.
+    Survey = 13,
 }
 
 /// The stream of `purpose` number `index` in the simulation seeded with `seed`.

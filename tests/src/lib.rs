@@ -102,10 +102,10 @@ pub fn moments(values: impl Iterator<Item = f64>) -> (f64, f64) {
     (mean, variance.sqrt())
 }
 
-/// The text of a scenario in a hall of 20 m × 12 m with `anchors` anchors around, without walls, in the plane. More
-/// text may follow.
+/// The text of a scenario in a hall of 20 m × 12 m with `anchors` anchors around, without walls, in the plane, on the
+/// ideal air. More text may follow.
 pub fn hall(head: &str, anchors: usize, tags: &[&str]) -> String {
-    let mut text = format!("height_m = 1.2\n{head}\n");
+    let mut text = format!("height_m = 1.2\nair = \"ideal\"\n{head}\n");
     for i in 0..anchors {
         let angle = std::f64::consts::TAU * i as f64 / anchors as f64;
         let (x, y) = (10.0 + 9.0 * angle.cos(), 6.0 + 5.0 * angle.sin());

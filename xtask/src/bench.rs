@@ -5,7 +5,9 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 
-use crate::{accuracy, battery, beacons, document, fingerprints, onchip, protocol, root, schemes, simulation, tracks};
+use crate::{
+    accuracy, air, battery, beacons, document, fingerprints, onchip, protocol, root, schemes, simulation, tracks,
+};
 
 const PERFORMANCE: &str = "docs/performance.md";
 const SCENARIOS: &str = "docs/scenarios.md";
@@ -52,6 +54,7 @@ const PARTS: [Part; 21] = [
     // Comes before all parts that simulate nodes, because simulations read these costs.
     Part { name: "costs", what: "what a node's code costs, in QEMU", document: PERFORMANCE, make: onchip::costs },
     Part { name: "simulation", what: "whole nodes, simulated", document: PERFORMANCE, make: simulation::rooms },
+    Part { name: "air", what: "simulated and recorded links", document: PERFORMANCE, make: air::compared },
     Part { name: "schemes", what: "schemes of two-way ranging", document: PERFORMANCE, make: schemes::compared },
     Part { name: "battery", what: "currents and battery lives", document: PERFORMANCE, make: battery::lives },
     Part {

@@ -1,6 +1,7 @@
 //! The project's own chores: `cargo xtask --help`.
 
 mod accuracy;
+mod air;
 mod baliza;
 mod battery;
 mod beacons;

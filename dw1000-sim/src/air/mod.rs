@@ -9,6 +9,7 @@
 pub mod bias;
 mod channel;
 mod events;
+mod lasting;
 pub mod phy;
 mod port;
 mod propagation;
@@ -17,6 +18,7 @@ mod receiver;
 pub use channel::{Response, estimated_dbm};
 pub use events::{AirClient, AirStatistics, Payload, Reception, ReceptionEvent, Sniffed};
 pub(crate) use events::{AirEvent, Stage};
+pub use lasting::LastingErrors;
 pub use phy::{Phy, Prf, Rate, Sfd, SfdKind};
 pub use port::{Path, PortId, RxSettings};
 pub use propagation::{Link, Material, SPEED_OF_LIGHT, Sight, Wall};
@@ -24,8 +26,9 @@ pub use propagation::{Link, Material, SPEED_OF_LIGHT, Sight, Wall};
 use crate::kernel::Kernel;
 use crate::random::{Purpose, stream};
 use crate::time::TrueTime;
+use lasting::{Lasting, LastingField};
 use port::{Port, Tuning};
-use propagation::{Medium, Paths, distance_m, place_between};
+use propagation::{End, Medium, Paths, distance_m, place_between};
 use rustc_hash::FxHashMap;
 use std::collections::VecDeque;
 use std::collections::hash_map::Entry;
@@ -52,6 +55,8 @@ pub struct AirConfig {
     pub stamp_noise_m: f64,
     /// Whether the power biases time stamps (APS011).
     pub range_bias: bool,
+    /// Errors that averaging does not remove.
+    pub lasting: Option<LastingErrors>,
     /// The floor plan.
     pub walls: Vec<Wall>,
 }
@@ -67,6 +72,7 @@ impl Default for AirConfig {
             cut_off_m: 150.0,
             stamp_noise_m: 0.027,
             range_bias: true,
+            lasting: None,
             walls: Vec::new(),
         }
     }
@@ -76,6 +82,11 @@ impl AirConfig {
     /// No noise, no bias, and losses only by power, for tests that compare time stamps to the tick.
     pub fn ideal() -> Self {
         Self { stamp_noise_m: 0.0, range_bias: false, ..Self::default() }
+    }
+
+    /// With the errors of recordings in line of sight.
+    pub fn recorded() -> Self {
+        Self { lasting: Some(LastingErrors::RECORDED), ..Self::default() }
     }
 }
 
@@ -134,6 +145,7 @@ pub struct Air {
     listening: Vec<(PortId, Tuning)>,
     /// The propagation paths between two ports at their last positions.
     paths: FxHashMap<(PortId, PortId), Paths>,
+    lasting: Option<LastingField>,
     statistics: AirStatistics,
     sniffers: Vec<Sniffer>,
     is_sniffed: bool,
@@ -145,6 +157,7 @@ pub struct Air {
 impl Air {
     pub(crate) fn new(config: AirConfig, seed: u64) -> Self {
         Self {
+            lasting: config.lasting.map(|errors| LastingField::new(errors, seed)),
             config,
             seed,
             ports: Vec::new(),
@@ -186,6 +199,11 @@ impl Air {
         self.config.loss = probability;
     }
 
+    /// A person carries the port's node before him or her, and shadows the links behind.
+    pub fn wear(&mut self, port: PortId) {
+        self.ports[port as usize].worn = true;
+    }
+
     pub(crate) fn add_port(&mut self, path: Path) -> PortId {
         let id = self.ports.len() as PortId;
         let random = stream(self.seed, Purpose::Receiver, u64::from(id));
@@ -197,6 +215,9 @@ impl Air {
             offers: Vec::new(),
             lock: None,
             random,
+            antenna: self.lasting.as_ref().map(|lasting| lasting.antenna(id)),
+            heading: 0.0,
+            worn: false,
         });
         id
     }
@@ -353,7 +374,25 @@ impl Air {
             Entry::Occupied(known) if known.get().place == place => *known.get(),
             other => *other.insert_entry(Paths::between(medium, from, to)).get(),
         };
-        Some(paths.link(self.config.path_loss_exponent, distance_m, sent.phy.channel, sent.power_dbm))
+        let lasting = self.lasting(from, to, now);
+        Some(paths.link(self.config.path_loss_exponent, distance_m, lasting, (sent.phy.channel, sent.power_dbm)))
+    }
+
+    /// The lasting errors between two ends.
+    fn lasting(&mut self, from: End, to: End, now: TrueTime) -> Lasting {
+        let Some(field) = &mut self.lasting else { return Lasting::default() };
+        if let Some(known) = field.known(from, to) {
+            return known;
+        }
+        let [a, b] = [from, to].map(|end| {
+            let port = &mut self.ports[end.0 as usize];
+            port.turn(end.1, now);
+            port.posture(end)
+        });
+        match (a, b) {
+            (Some(a), Some(b)) => field.renew(a, b),
+            (None, _) | (_, None) => Lasting::default(),
+        }
     }
 
     /// Drops frames that can no longer overlap another frame on the air, and that no receiver follows.

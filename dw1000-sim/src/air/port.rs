@@ -1,9 +1,10 @@
 //! A port of the air: one antenna with its receiver and its client.
 
+use super::lasting::{Antenna, Posture};
 use super::phy::{Prf, Rate, Sfd};
-use super::propagation::Link;
+use super::propagation::{End, Link};
 use crate::random::Stream;
-use crate::time::TrueTime;
+use crate::time::{PS_PER_US, TrueTime};
 use std::rc::Rc;
 
 /// A port's number.
@@ -117,6 +118,36 @@ pub(super) struct Port {
     pub(super) offers: Vec<(u32, Link)>,
     pub(super) lock: Option<Lock>,
     pub(super) random: Stream,
+    /// Its antenna, where antennas have errors.
+    pub(super) antenna: Option<Antenna>,
+    /// Where its front points, radians from the x axis: along its last movement.
+    pub(super) heading: f64,
+    /// Whether a person carries it.
+    pub(super) worn: bool,
+}
+
+/// A port turns with the movement of the last half second, if it moved so far.
+const TURN_PS: u64 = 500_000 * PS_PER_US;
+const MOVED_M: f64 = 0.01;
+
+impl Port {
+    /// Turns it to the direction in which it moved up to `at`.
+    pub(super) fn turn(&mut self, at: [f64; 3], now: TrueTime) {
+        if let Path::Fixed(_) = self.path {
+            return;
+        }
+        let before = self.path.at(TrueTime::from_ps(now.as_ps().saturating_sub(TURN_PS)));
+        let moved = [at[0] - before[0], at[1] - before[1]];
+        if moved[0].hypot(moved[1]) > MOVED_M {
+            self.heading = moved[1].atan2(moved[0]);
+        }
+    }
+
+    /// How its node stands at a position; `None` where antennas have no errors.
+    pub(super) fn posture(&self, end: End) -> Option<Posture> {
+        let Self { antenna, heading, worn, .. } = *self;
+        antenna.map(|antenna| Posture { end, antenna, heading, worn })
+    }
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@
 //! the pair of nodes and to their positions (cells of half a metre): they are the same in both directions, and the same
 //! again when the tag returns.
 
+use super::lasting::Lasting;
 use crate::random::{Purpose, Stream, mix, stream};
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -152,13 +153,19 @@ impl Paths {
     }
 
     /// The link of a frame over `distance_m`.
-    pub(crate) fn link(&self, exponent: f64, distance_m: f64, channel: u8, sent_dbm: f64) -> Link {
+    pub(crate) fn link(
+        &self,
+        exponent: f64,
+        distance_m: f64,
+        lasting: Lasting,
+        (channel, sent_dbm): (u8, f64),
+    ) -> Link {
         let clear_dbm = clear_dbm(exponent, distance_m, channel, sent_dbm);
-        let direct_dbm = clear_dbm - self.attenuation_db;
-        let scattered_dbm = clear_dbm - 0.5 * self.attenuation_db + self.scatter_db;
+        let direct_dbm = clear_dbm - self.attenuation_db - lasting.first_path_loss_db;
+        let scattered_dbm = clear_dbm - 0.5 * self.attenuation_db + self.scatter_db - lasting.scattered_loss_db;
         let blocked = self.obstructed && self.undetected_draw < undetected_probability(distance_m);
         let multipath_m = if self.obstructed { self.multipath_m * (1.0 + distance_m).log10() } else { 0.0 };
-        let direct_m = distance_m + self.excess_m + multipath_m;
+        let direct_m = (distance_m + self.excess_m + multipath_m + lasting.excess_m).max(0.0);
         let (first_path_dbm, length_m, sight) = if blocked || direct_dbm < LEADING_EDGE_FLOOR_DBM {
             (scattered_dbm - self.late_db, direct_m + self.late_m, Sight::Undetected)
         } else if self.obstructed {
@@ -246,7 +253,7 @@ mod tests {
     }
 
     fn link(walls: &[Wall], a: End, b: End, sent_dbm: f64) -> Link {
-        Paths::between(medium(walls), a, b).link(2.0, distance_m(a.1, b.1), 5, sent_dbm)
+        Paths::between(medium(walls), a, b).link(2.0, distance_m(a.1, b.1), Lasting::default(), (5, sent_dbm))
     }
 
     #[test]

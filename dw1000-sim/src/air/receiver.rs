@@ -168,10 +168,11 @@ impl Air {
             (false, true) => self.statistics.lost_to_noise += 1,
             (false, false) => self.statistics.received += 1,
         }
+        let bias_factor = self.ports[event.port as usize].antenna.map_or(1.0, |antenna| antenna.bias_factor);
         let first_path_dbm = lock.link.first_path_dbm;
         let stamp_m = gauss * stamp_deviation_m(self.config.stamp_noise_m, first_path_dbm, lock.symbols)
             + if self.config.range_bias {
-                range_bias_m(sent.phy.channel, sent.phy.prf, lock.link.power_dbm)
+                bias_factor * range_bias_m(sent.phy.channel, sent.phy.prf, lock.link.power_dbm)
             } else {
                 0.0
             };

@@ -17,7 +17,7 @@ use host_tools::train::Chosen;
 use positioning_core::Method;
 use sim::BoardProfile;
 use sim::scenario::{
-    BluetoothSummary, Cover, Fidelity, LISTENING, Record, Scenario, SimulatedEpoch, Simulation, Summary, What,
+    AirModel, BluetoothSummary, Cover, Fidelity, LISTENING, Record, Scenario, SimulatedEpoch, Simulation, Summary, What,
 };
 use wire::config::{Mode, Scheme, Solver};
 use wire::telemetry::{Message, RoomLine, SolveError};
@@ -55,6 +55,9 @@ pub struct Arguments {
     /// How deep radios are simulated [default: the scenario's, or spi]
     #[arg(long, alias = "level", value_name = "FIDELITY")]
     fidelity: Option<FidelityName>,
+    /// How the air treats ranges [default: the scenario's, or recorded]
+    #[arg(long, value_name = "AIR")]
+    air: Option<AirName>,
     /// What the nodes run on that the scenario gives no board of their own: what code, bus and interrupts take, and
     /// what current (instant: nothing but the bus) [default: the scenario's, or dwm1001]
     #[arg(long, value_name = "BOARD", value_parser = board())]
@@ -157,6 +160,15 @@ enum FidelityName {
     Air,
 }
 
+/// `--air`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum AirName {
+    /// Links err as in recordings in line of sight: by as much at each visit of a position, some by decimetres
+    Recorded,
+    /// White noise and the bias by power only, and anchors exactly where they are said to be
+    Ideal,
+}
+
 /// `--mode`.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum ModeName {
@@ -248,6 +260,11 @@ impl Arguments {
             Some(FidelityName::Spi) => Fidelity::Spi,
             Some(FidelityName::Air) => Fidelity::Air,
             None => scenario.fidelity,
+        };
+        scenario.air = match self.air {
+            Some(AirName::Recorded) => AirModel::Recorded,
+            Some(AirName::Ideal) => AirModel::Ideal,
+            None => scenario.air,
         };
         if let Some(board) = self.board {
             scenario.board = board.slowed(scenario.board.slowdown);

@@ -36,7 +36,7 @@ impl SimulatedRecording {
     /// # Errors
     /// The path is no folder, or the file system fails.
     pub fn create(folder: &Path, scenario: &Scenario) -> anyhow::Result<Self> {
-        let anchors = scenario.anchors.iter().map(|anchor| (anchor.address, anchor.at)).collect();
+        let anchors = scenario.anchors.iter().map(|anchor| (anchor.address, scenario.surveyed_m(anchor))).collect();
         let reads = scenario.tag.model.is_some();
         let features: Vec<_> = Feature::ALL.into_iter().filter(|feature| reads && feature.is_of_response()).collect();
         let of_ranges = ["los", "tag"].into_iter().chain(features.iter().map(|feature| feature.as_str()));

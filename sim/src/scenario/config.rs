@@ -59,7 +59,7 @@ impl Scenario {
             Mode::Native | Mode::Listening { .. } => Default::default(),
             Mode::DecaRanging { .. } => {
                 let own = self.anchors.iter().filter(|anchor| anchor.network == tag.network).take(MAX_ANCHORS);
-                own.map(|anchor| wire::config::Anchor { address: anchor.address, position_m: position(anchor) })
+                own.map(|anchor| wire::config::Anchor { address: anchor.address, position_m: self.position(anchor) })
                     .collect()
             }
         };
@@ -69,7 +69,7 @@ impl Scenario {
 
     /// The config record of an anchor.
     pub fn anchor_record(&self, anchor: &Anchor) -> Record {
-        self.record(self.network(anchor.network), Role::Anchor { position_m: Some(position(anchor)) })
+        self.record(self.network(anchor.network), Role::Anchor { position_m: Some(self.position(anchor)) })
     }
 
     /// The config record of a beacon. Its UWB settings are not used.
@@ -98,6 +98,11 @@ impl Scenario {
         }
     }
 
+    /// An anchor's position as records have it.
+    fn position(&self, anchor: &Anchor) -> [f32; 3] {
+        self.surveyed_m(anchor).map(|metres| metres as f32)
+    }
+
     fn network(&self, place: usize) -> Network {
         self.networks.get(place).copied().unwrap_or(NETWORK)
     }
@@ -124,10 +129,6 @@ pub(super) fn record(network: Network, role: Role, antenna_delay: Option<u16>) -
         beacons: Default::default(),
         beacon_key: None,
     }
-}
-
-fn position(anchor: &Anchor) -> [f32; 3] {
-    anchor.at.map(|metres| metres as f32)
 }
 
 /// The PHY settings, as a config record has them.

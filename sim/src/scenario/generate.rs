@@ -5,7 +5,9 @@ use std::f64::consts::TAU;
 use ranging::phy::{Channel, Prf};
 use wire::config::{Network, Phy};
 
-use super::{Anchor, BluetoothSettings, Fidelity, LISTENING, Motion, NETWORK, Scenario, Tag, TagSettings, Walk};
+use super::{
+    AirModel, Anchor, BluetoothSettings, Fidelity, LISTENING, Motion, NETWORK, Scenario, Tag, TagSettings, Walk,
+};
 use crate::air::{Material, Wall};
 use crate::board::BoardProfile;
 
@@ -51,6 +53,7 @@ impl Scenario {
             seed: 1,
             loss: 0.0,
             fidelity: Fidelity::Spi,
+            air: AirModel::default(),
             clock_ppm: 20.0,
             board: BoardProfile::DWM1001,
             tag: TagSettings { height_m: Some(TAG_HEIGHT_M), ..TagSettings::default() },

@@ -5,6 +5,7 @@
 //! record, as a board does, and reports telemetry, which becomes [`Record`]s beside the true values. Equal scenarios
 //! with equal seeds yield equal records.
 
+mod air;
 mod beacon;
 mod carrying;
 mod config;
@@ -27,6 +28,7 @@ use crate::air::Wall;
 use crate::board::BoardProfile;
 use crate::lis2dh12;
 
+pub use air::AirModel;
 pub use beacon::{Beacon, BluetoothSettings, Format, SiteModelFiles};
 pub use config::{LISTENING, NETWORK};
 pub use draw::Charges;
@@ -49,6 +51,8 @@ pub struct Scenario {
     pub loss: f64,
     /// How detailed the simulation of the radios is.
     pub fidelity: Fidelity,
+    /// How the air treats ranges.
+    pub air: AirModel,
     /// The maximum error of the crystals, parts per million. Each crystal has an error between −this and +this.
     pub clock_ppm: f64,
     /// The board of nodes that name no board.
@@ -146,7 +150,7 @@ pub struct Anchor {
     pub address: u16,
     /// The index of its network in [`Scenario::networks`].
     pub network: usize,
-    /// Its position, metres.
+    /// Its true position, metres. Its config record has [`Scenario::surveyed_m`].
     pub at: [f64; 3],
     /// Its board, if it is not the default board.
     pub board: Option<BoardProfile>,

@@ -17,7 +17,7 @@ use crate::bluetooth::Bluetooth;
 use crate::board::BoardProfile;
 use crate::lis2dh12::Sensor;
 use crate::random::{Purpose, stream};
-use crate::{AirConfig, Node, TrueTime, World};
+use crate::{Node, TrueTime, World};
 
 /// The interval of the check for tags' first positions, seconds.
 const LOOK_S: f64 = 0.1;
@@ -42,8 +42,7 @@ pub struct Simulation {
 impl Simulation {
     /// A scenario at its beginning: all nodes are switched on now.
     pub fn new(scenario: Scenario) -> Self {
-        let air = AirConfig { loss: scenario.loss, walls: scenario.walls.clone(), ..AirConfig::default() };
-        let world = World::new(scenario.seed, air);
+        let world = World::new(scenario.seed, scenario.air_config());
         let scenario = Rc::new(scenario);
         let log: Rc<RefCell<Log>> = Rc::default();
         let settings = &scenario.bluetooth;
@@ -76,7 +75,11 @@ impl Simulation {
             let sensor = sensor(&world, tag, &board);
             sensors.extend(sensor.clone().map(|sensor| (tag.address, sensor)));
             let app = TagApp::new(&world, &scenario, tag, outlet(tag.address), (ears, sensor));
-            nodes.insert(tag.address, Hardware::start(&world, scenario.fidelity, board, path, app));
+            let hardware = Hardware::start(&world, scenario.fidelity, board, path, app);
+            if tag.is_worn() {
+                world.air().wear(hardware.port());
+            }
+            nodes.insert(tag.address, hardware);
         }
         let addresses = nodes.iter().map(|(&address, node)| (node.port(), address)).collect();
         let (nodes, sensors, beacons, outlets) = (Rc::new(nodes), Rc::new(sensors), Rc::new(beacons), Rc::new(outlets));

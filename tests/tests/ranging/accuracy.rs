@@ -1,5 +1,5 @@
-//! The accuracy of ranges of whole nodes on register-level chips: in line of sight, calibrated, clocks up to ±20 ppm
-//! off.
+//! What nodes add to the errors of the air: the accuracy of ranges of whole nodes on register-level chips, calibrated,
+//! with clocks up to ±20 ppm off, on the ideal air.
 
 use sim::scenario::{Scenario, Simulation};
 use system_tests::{Run, TAG};
@@ -7,7 +7,7 @@ use system_tests::{Run, TAG};
 /// One anchor and one tag: a range over `distance_m` metres in a mode of the network.
 fn over(distance_m: f64, network: &str, seconds: f64, seed: u64) -> Run {
     Run::of_text(&format!(
-        "seconds = {seconds}\nseed = {seed}\nheight_m = 1.5\n[[network]]\n{network}\n\
+        "seconds = {seconds}\nseed = {seed}\nair = \"ideal\"\nheight_m = 1.5\n[[network]]\n{network}\n\
          [[anchor]]\nat = [0, 0, 1.5]\n[[tag]]\npath = [[{distance_m}, 0, 1.5]]\n"
     ))
 }
@@ -52,7 +52,7 @@ fn decaranging_ranges_are_true_from_0_3_to_50_metres_in_every_mode() {
 fn ranges_are_true_again_soon_after_the_chips_have_warmed_up() {
     for mode in ["native", "decaranging"] {
         let text = format!(
-            "seconds = 40\nheight_m = 1.5\n[[network]]\nmode = \"{mode}\"\n[[anchor]]\nat = [0, 0, 1.5]\n[[tag]]\npath = [[10, 0, 1.5]]\n"
+            "seconds = 40\nair = \"ideal\"\nheight_m = 1.5\n[[network]]\nmode = \"{mode}\"\n[[anchor]]\nat = [0, 0, 1.5]\n[[tag]]\npath = [[10, 0, 1.5]]\n"
         );
         let mut simulation = Simulation::new(Scenario::parse(&text).unwrap());
         let mut records = simulation.run_until(15.0);

@@ -1,13 +1,19 @@
 //! Tags that only listen, in whole nodes: eight anchors range among each other, and any number of tags computes
 //! positions from that.
 
-use sim::scenario::{Fidelity, LISTENING, NETWORK, Scenario, Simulation};
+use sim::scenario::{AirModel, Fidelity, LISTENING, NETWORK, Scenario, Simulation};
 use system_tests::Run;
 use wire::config::{Mode, Network};
 
-/// Positions per second and tag after the first second, the root mean square of their errors in metres, and collisions.
+/// Positions per second and tag after the first second, the root mean square of their errors in metres, and collisions,
+/// on the ideal air.
 fn listen(level: Fidelity, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u64) {
-    let mut simulation = Simulation::new(Scenario { fidelity: level, seconds, loss, ..Scenario::listening(8, tags) });
+    listen_on(AirModel::Ideal, level, tags, seconds, loss)
+}
+
+fn listen_on(air: AirModel, level: Fidelity, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u64) {
+    let scenario = Scenario { air, fidelity: level, seconds, loss, ..Scenario::listening(8, tags) };
+    let mut simulation = Simulation::new(scenario);
     simulation.run_until(1.0);
     let joined = simulation.summary();
     let records = simulation.run_until(seconds);
@@ -43,8 +49,16 @@ fn a_lost_frame_costs_a_difference_and_not_the_position() {
     assert!(rmse_m <= 0.15, "{rmse_m} m");
 }
 
+#[test]
+fn on_an_air_as_recorded_they_err_by_a_decimetre() {
+    let (_, rmse_m, _) = listen_on(AirModel::Recorded, Fidelity::Air, 20, 6.0, 0.0);
+    // A difference has the lasting errors of three links: two to the tag, one between anchors.
+    assert!((0.05..0.30).contains(&rmse_m), "{rmse_m} m");
+}
+
 /// What walls add to the paths between anchors is measured. The error of a tag that listens is at most twice that of a
-/// tag that asks: a difference contains two links, and no distance by itself.
+/// tag that asks: a difference contains two links, and no distance by itself. The ideal air adds nothing to what walls
+/// do.
 #[test]
 fn walls_between_anchors_are_not_in_the_differences() {
     let mean_square = |mode: Mode| {
@@ -54,7 +68,8 @@ fn walls_between_anchors_are_not_in_the_differences() {
                 Err(error) => panic!("line {error}"),
             };
             let networks = vec![Network { mode, ..NETWORK }];
-            let run = Run::of(Scenario { fidelity: Fidelity::Air, seed, networks, ..scenario });
+            let scenario = Scenario { air: AirModel::Ideal, fidelity: Fidelity::Air, seed, networks, ..scenario };
+            let run = Run::of(scenario);
             run.summary.rmse_m.map_or(f64::NAN, |rmse_m| rmse_m * rmse_m)
         });
         squares.sum::<f64>() / 3.0

@@ -8,7 +8,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use dw1000_sim::{AirConfig, AirStatistics, ChipConfig, ClockConfig, NodeConfig, Path, TrueTime, World};
+use dw1000_sim::{AirStatistics, ChipConfig, ClockConfig, NodeConfig, Path, TrueTime, World};
 use rand::Rng;
 use sim::scenario::Scenario;
 use wire::config::{Identity, MAX_BYTES, Record};
@@ -56,8 +56,7 @@ type Running = (dw1000_sim::Node, Rc<RefCell<Life>>);
 /// # Errors
 /// QEMU cannot be started, or an image fails or takes too long.
 pub fn run(chip: Chip, images: &Images, scenario: &Scenario) -> Result<Outcome> {
-    let air = AirConfig { loss: scenario.loss, walls: scenario.walls.clone(), ..AirConfig::default() };
-    let world = World::new(scenario.seed, air);
+    let world = World::new(scenario.seed, scenario.air_config());
     let end = TrueTime::from_secs_f64(scenario.seconds);
     let mut machines = Vec::new();
     let mut add = |address: u16, path: Path, record: Record, image: &PathBuf| -> Result<Running> {

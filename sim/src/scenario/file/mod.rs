@@ -23,7 +23,7 @@ use self::values::{
     anchors_per_round, board, clock_offset, method, not_negative, optional_board, optional_finite, optional_positive,
     optional_rate, place, places, positive, probability, scheme,
 };
-use super::{Anchor, Fault, FaultKind, Fidelity, Motion, NETWORK, Scenario, Tag, TagSettings, Walk};
+use super::{AirModel, Anchor, Fault, FaultKind, Fidelity, Motion, NETWORK, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
 use crate::board::BoardProfile;
 
@@ -85,6 +85,7 @@ struct File {
     loss: f64,
     #[serde(alias = "level")]
     fidelity: FidelityName,
+    air: AirName,
     #[serde(deserialize_with = "clock_offset")]
     clock_ppm: f64,
     #[serde(deserialize_with = "optional_finite")]
@@ -122,6 +123,7 @@ impl Default for File {
             seed: 1,
             loss: 0.0,
             fidelity: FidelityName::Spi,
+            air: AirName::Recorded,
             clock_ppm: 20.0,
             height_m: tag.height_m,
             method: tag.method,
@@ -149,6 +151,13 @@ impl Default for File {
 enum FidelityName {
     Spi,
     Air,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum AirName {
+    Recorded,
+    Ideal,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -307,6 +316,10 @@ impl File {
             fidelity: match self.fidelity {
                 FidelityName::Spi => Fidelity::Spi,
                 FidelityName::Air => Fidelity::Air,
+            },
+            air: match self.air {
+                AirName::Recorded => AirModel::Recorded,
+                AirName::Ideal => AirModel::Ideal,
             },
             clock_ppm: self.clock_ppm,
             board: self.board.slowed(self.cpu_slowdown),

@@ -1,0 +1,55 @@
+//! How a scenario's air treats ranges, and the surveyed positions of its anchors.
+
+use rand_distr::{Distribution, StandardNormal};
+
+use super::{Anchor, Carrier, Scenario, Tag};
+use crate::AirConfig;
+use crate::random::{Purpose, stream};
+
+/// Standard deviation of a surveyed coordinate, metres: an assumption, for tape and laser. In recordings it cannot be
+/// told from the anchors' antenna delays.
+const SURVEY_M: f64 = 0.02;
+
+/// How the air treats ranges.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AirModel {
+    /// With the errors of recordings in line of sight ([`crate::air::LastingErrors`]): links err by as much at each
+    /// visit of a position, some are too long by decimetres, antennas and bodies turn, and anchors are surveyed to
+    /// centimetres.
+    #[default]
+    Recorded,
+    /// Only white noise, and the published bias by power. Anchors are where they are said to be.
+    Ideal,
+}
+
+impl Scenario {
+    /// The air's configuration.
+    pub fn air_config(&self) -> AirConfig {
+        let air = match self.air {
+            AirModel::Recorded => AirConfig::recorded(),
+            AirModel::Ideal => AirConfig::default(),
+        };
+        AirConfig { loss: self.loss, walls: self.walls.clone(), ..air }
+    }
+
+    /// The position of an anchor according to its survey, metres: what its config record has, and a recording.
+    pub fn surveyed_m(&self, anchor: &Anchor) -> [f64; 3] {
+        match self.air {
+            AirModel::Ideal => anchor.at,
+            AirModel::Recorded => {
+                let mut draws = stream(self.seed, Purpose::Survey, anchor.address.into());
+                anchor.at.map(|metres| {
+                    let error: f64 = StandardNormal.sample(&mut draws);
+                    metres + SURVEY_M * error
+                })
+            }
+        }
+    }
+}
+
+impl Tag {
+    /// Whether a person carries it, whose body shadows links.
+    pub fn is_worn(&self) -> bool {
+        self.motion.carrier == Carrier::Person && self.walk.place().is_none()
+    }
+}
