@@ -2,7 +2,7 @@
 //! node.
 
 use positioning_core::ble::fingerprint::{
-    self, Map, MapError, Motion, Nearest, Posterior, Receiver, Vicinity, Walk, locate,
+    self, Map, MapError, Motion, Nearest, OffsetFilter, Posterior, Receiver, Vicinity, Walk, locate,
 };
 use positioning_core::ble::particles::{ON_HOST, ParticleFilter, Settings, Towards};
 use positioning_core::ble::path_loss::Wall;
@@ -87,6 +87,8 @@ struct Way<'a> {
     /// The receiver, whose offset is learnt from one capture to the next.
     receiver: Receiver<f32>,
     learnt_us: u64,
+    /// The receiver as a tag learns it, for the process without memory.
+    offset: OffsetFilter<f32>,
     timeline: Timeline,
     walk: Walk<f32, ROOM>,
     particles: Particles,
@@ -97,14 +99,16 @@ impl<'a> Way<'a> {
         let Solver { maps, setup } = *solver;
         let local = |end: [f64; 2]| [0, 1].map(|axis: usize| (end[axis] - origin_m[axis]) as f32);
         let barrier = |wall: &beacons::Wall| Wall { ends: wall.ends_m.map(local), attenuation: 0.0 };
+        let receiver = Receiver { offset_deviation_db: setup.offset_db as f32, ..Receiver::default() };
         Self {
             beacons: maps.beacons(),
             setup,
             comparison,
             map,
             walls: setup.walls.iter().map(barrier).collect(),
-            receiver: Receiver { offset_deviation_db: setup.offset_db as f32, ..Receiver::default() },
+            receiver,
             learnt_us: 0,
+            offset: OffsetFilter::new(receiver),
             timeline: Timeline::default(),
             walk: Walk::new(),
             particles: Particles::new(),
@@ -117,11 +121,16 @@ impl<'a> Way<'a> {
         }
         let (now_us, goes_on) = self.timeline.next(capture);
         if !goes_on {
-            self.walk = Walk::new();
+            // The time of a walk begins with its first capture.
+            self.walk = if now_us > 0 { Walk::since(0) } else { Walk::new() };
             self.particles = Particles::new();
+            self.offset.leave();
         }
         let scan = single_precision(scan(self.beacons, &capture.samples, self.setup.average));
-        let before = self.receiver;
+        let before = match self.comparison {
+            Comparison::Process => *self.offset.receiver(),
+            Comparison::Nearest { .. } | Comparison::Walk => self.receiver,
+        };
         let found = match self.comparison {
             Comparison::Walk => {
                 let step = self.walk.step(&self.map, &scan, &before, &Motion::default(), &self.walls, now_us);
@@ -130,7 +139,7 @@ impl<'a> Way<'a> {
             Comparison::Nearest { .. } | Comparison::Process => self.at_once(&scan, &before),
         };
         if let Ok(found) = &found {
-            self.learn(found, now_us, goes_on);
+            self.learn(&scan, found, now_us, goes_on);
         }
         match (self.comparison, self.setup.particles_s) {
             (Comparison::Walk, _) | (_, None) => found,
@@ -160,12 +169,19 @@ impl<'a> Way<'a> {
     }
 
     /// Learns the receiver's offset, but not from scans in quick succession: they have the same shadows, which would
-    /// be taken for an offset.
-    fn learn(&mut self, found: &Found, now_us: u64, goes_on: bool) {
+    /// be taken for an offset. A walk learns by itself, and only tells the next walk.
+    fn learn(&mut self, scan: &[Option<f32>], found: &Found, now_us: u64, goes_on: bool) {
         let fading_us = (Motion::<f64>::default().fading_s * 1.0e6) as u64;
-        if !goes_on || now_us.saturating_sub(self.learnt_us) >= fading_us {
-            self.learnt_us = now_us;
-            self.receiver.set_offset(found.offset_db, found.offset_deviation_db);
+        if goes_on && self.comparison != Comparison::Walk && now_us.saturating_sub(self.learnt_us) < fading_us {
+            return;
+        }
+        self.learnt_us = now_us;
+        match self.comparison {
+            // A scan that has a position can be learnt from.
+            Comparison::Process => drop(self.offset.learn(&self.map, scan, 0.0, now_us)),
+            Comparison::Nearest { .. } | Comparison::Walk => {
+                self.receiver.set_offset(found.offset_db, found.offset_deviation_db);
+            }
         }
     }
 }
@@ -242,14 +258,16 @@ struct Timeline {
 
 impl Timeline {
     /// When the capture ends, microseconds since the walk began, and whether it continues the walk of the capture
-    /// before. Captures that all end at one time have no time of their own.
+    /// before. Captures that all end at one time have no time of their own. A dwell that lasts is a stay, one position
+    /// over all its scans, and no walk: its scans are one, and nobody knows how the receiver came there.
     fn next(&mut self, capture: &Capture) -> (u64, bool) {
         let Some((first_s, last_s)) = span_s(capture) else {
             self.begun_s = None;
             return (0, false);
         };
         let gap_s = first_s - self.ended_s;
-        let follows = (0.0..=ONE_WALK_S).contains(&gap_s) && last_s > self.ended_s;
+        let is_stay = capture.is_stay && last_s - first_s >= Motion::default().fading_s;
+        let follows = !is_stay && (0.0..=ONE_WALK_S).contains(&gap_s) && last_s > self.ended_s;
         let begun_s = self.begun_s.filter(|_| follows);
         let goes_on = begun_s.is_some();
         let begun_s = begun_s.unwrap_or(first_s);
