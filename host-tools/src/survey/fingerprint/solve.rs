@@ -10,12 +10,11 @@ use positioning_core::ble::path_loss::Wall;
 use super::comparison::Comparison;
 use super::maps::Maps;
 use super::survey::{Average, scan};
-use super::windows::{Window, span_s, windows};
+use super::windows::{Window, windows};
 use crate::files::beacons::{self, Capture, in_order};
+use crate::locate::ble::walk_clock::{WalkClock, is_stay};
 use crate::{Coordinates, NoPosition, Position, Solved};
 
-/// Captures with a shorter gap than this belong to one walk, seconds.
-const ONE_WALK_S: f64 = 2.0;
 /// Deviation of a single RSSI, dB, to which the receiver's offset is compared.
 const LEVEL_DB: f32 = 3.0;
 /// Room for the points of a lattice.
@@ -31,7 +30,7 @@ pub struct Setup<'a> {
     /// Standard deviation of the receiver's offset against the surveyor's receiver, the same for all beacons, dB.
     pub offset_db: f64,
     /// Sends the comparison's positions through the particle filter, one in each window of this number of seconds.
-    /// The position of a capture is the last one of the filter.
+    /// The position of a capture is the last one of the filter, or of a stay the mean of all.
     pub particles_s: Option<f64>,
     /// Walls that are barriers for the walk and for particles.
     pub walls: &'a [beacons::Wall],
@@ -89,7 +88,7 @@ struct Way<'a> {
     learnt_us: u64,
     /// The receiver as a tag learns it, for the process without memory.
     offset: OffsetFilter<f32>,
-    timeline: Timeline,
+    timeline: WalkClock,
     walk: Walk<f32, ROOM>,
     particles: Particles,
 }
@@ -109,7 +108,7 @@ impl<'a> Way<'a> {
             receiver,
             learnt_us: 0,
             offset: OffsetFilter::new(receiver),
-            timeline: Timeline::default(),
+            timeline: WalkClock::default(),
             walk: Walk::new(),
             particles: Particles::new(),
         }
@@ -144,13 +143,13 @@ impl<'a> Way<'a> {
         match (self.comparison, self.setup.particles_s) {
             (Comparison::Walk, _) | (_, None) => found,
             (Comparison::Nearest { .. } | Comparison::Process, Some(window_s)) => {
-                let mut last = Err(UNHEARD);
+                let (mut last, mut mean) = (Err(UNHEARD), Mean::default());
                 for Window { before_us, scan } in windows(self.beacons, capture, window_s, self.setup.average) {
                     let found = self.at_once(&single_precision(scan), &before);
                     let now_us = now_us.saturating_sub(before_us);
-                    last = found.map(|found| self.particles.step(now_us, found, &self.walls)).or(last);
+                    last = found.map(|found| mean.add(self.particles.step(now_us, found, &self.walls))).or(last);
                 }
-                last
+                last.map(|last| if is_stay(capture) { mean.of(last) } else { last })
             }
         }
     }
@@ -226,6 +225,30 @@ impl From<Posterior<f32>> for Found {
     }
 }
 
+/// The mean of a stay's positions: their distributions, each counted alike, are the particles' of the whole stay.
+#[derive(Default)]
+struct Mean {
+    count: f32,
+    first: [f32; 2],
+    second: [f32; 3],
+}
+
+impl Mean {
+    fn add(&mut self, found: Found) -> Found {
+        let ([x, y], [xx, xy, yy]) = (found.position, found.covariance);
+        self.count += 1.0;
+        self.first = [self.first[0] + x, self.first[1] + y];
+        self.second = [self.second[0] + xx + x * x, self.second[1] + xy + x * y, self.second[2] + yy + y * y];
+        found
+    }
+
+    fn of(&self, last: Found) -> Found {
+        let [x, y] = self.first.map(|sum| sum / self.count);
+        let [xx, xy, yy] = self.second.map(|sum| sum / self.count);
+        Found { position: [x, y], covariance: [xx - x * x, xy - x * y, yy - y * y], ..last }
+    }
+}
+
 /// The particle filter of A. Linde Cerezo's thesis (equation 15) over the positions of a comparison.
 struct Particles(Box<ParticleFilter<f32, ON_HOST>>);
 
@@ -246,32 +269,5 @@ impl Particles {
             let [[xx, xy], [_, yy]] = estimate.covariance;
             Found { position: estimate.position, covariance: [xx, xy, yy], ..found }
         })
-    }
-}
-
-/// Which captures are of one walk, and when they end.
-#[derive(Default)]
-struct Timeline {
-    begun_s: Option<f64>,
-    ended_s: f64,
-}
-
-impl Timeline {
-    /// When the capture ends, microseconds since the walk began, and whether it continues the walk of the capture
-    /// before. Captures that all end at one time have no time of their own. A dwell that lasts is a stay, one position
-    /// over all its scans, and no walk: its scans are one, and nobody knows how the receiver came there.
-    fn next(&mut self, capture: &Capture) -> (u64, bool) {
-        let Some((first_s, last_s)) = span_s(capture) else {
-            self.begun_s = None;
-            return (0, false);
-        };
-        let gap_s = first_s - self.ended_s;
-        let is_stay = capture.is_stay && last_s - first_s >= Motion::default().fading_s;
-        let follows = !is_stay && (0.0..=ONE_WALK_S).contains(&gap_s) && last_s > self.ended_s;
-        let begun_s = self.begun_s.filter(|_| follows);
-        let goes_on = begun_s.is_some();
-        let begun_s = begun_s.unwrap_or(first_s);
-        (self.begun_s, self.ended_s) = (Some(begun_s), last_s);
-        (((last_s - begun_s) * 1.0e6) as u64, goes_on)
     }
 }
