@@ -86,6 +86,14 @@ impl<T: Real> Part<T> {
         }
     }
 
+    fn minus(self, other: Self) -> Self {
+        Self {
+            belief: self.belief - other.belief,
+            offset: self.offset - other.offset,
+            square: self.square - other.square,
+        }
+    }
+
     /// With an offset of this mean and variance.
     fn of(belief: T, mean: T, variance: T) -> Self {
         Self { belief, offset: belief * mean, square: belief * (variance + mean * mean) }
@@ -240,7 +248,9 @@ impl<T: Real, const N: usize> Walk<T, N> {
                 !walls.iter().any(|wall| wall.parts(a, b))
             }
         };
-        self.next.clone_from(&self.cells);
+        self.next.clear();
+        // There is as much room as for the cells. A clone would pass through the stack.
+        let _ = self.next.extend_from_slice(&self.cells);
         let mut beside = map.rows().enumerate().peekable();
         let mut after = map.rows().skip(1);
         for (index, row) in map.rows().enumerate() {
@@ -261,13 +271,13 @@ impl<T: Real, const N: usize> Walk<T, N> {
 
     fn exchange(&mut self, one: usize, other: usize, shares: [T; 2]) {
         let [Some(a), Some(b)] = [one, other].map(|at| self.cells.get(at).copied()) else { return };
-        for (gait, share) in shares.into_iter().enumerate() {
-            let [out, back] = [a, b].map(|cell| cell[gait].map(|sum| sum * share));
-            for (at, more, less) in [(one, back, out), (other, out, back)] {
-                if let Some(cell) = self.next.get_mut(at) {
-                    cell[gait] = cell[gait].plus(more).plus(less.map(|sum| -sum));
-                }
-            }
+        let flow = |gait: usize, share: T| a[gait].minus(b[gait]).map(|sum| sum * share);
+        let flows = [flow(0, shares[0]), flow(1, shares[1])];
+        if let Some([lingers, walks]) = self.next.get_mut(one) {
+            (*lingers, *walks) = (lingers.minus(flows[0]), walks.minus(flows[1]));
+        }
+        if let Some([lingers, walks]) = self.next.get_mut(other) {
+            (*lingers, *walks) = (lingers.plus(flows[0]), walks.plus(flows[1]));
         }
     }
 }
