@@ -320,6 +320,39 @@ fn the_room_of_the_thesis_is_calibrated_and_its_targets_found() {
     assert!(posterior["nees"].as_f64().expect("a number") <= 2.0, "{posterior}");
 }
 
+/// Error and NEES of the particle filter on a recorded walk, or on the scans of a robot at each point.
+fn particles(recording: &std::path::Path, survey: &str, captures: &str) -> [f64; 2] {
+    let folder = Folder::with(&[]);
+    let path = |file: &str| recording.join(file).display().to_string();
+    let (beacons, survey) = (path("beacons.csv"), path(survey));
+    folder.run(&format!("calibrate path-loss --beacons {beacons} --fingerprints {survey} --out calibrated.csv")).ok();
+    let captures = captures.replace('{', &format!("{}/", recording.display()));
+    let solve = format!("ble solve --beacons calibrated.csv {captures} --method particle-filter --json");
+    let rows = folder.run(&solve).ok().json();
+    ["mae_m", "nees"].map(|key| rows[0][key].as_f64().expect("a number"))
+}
+
+#[test]
+fn particles_follow_recorded_walks_and_average_stays() {
+    if let Some(floor) = recording("danis") {
+        for epochs in ["", "_500"] {
+            let captures = format!("--rssi {{straight_05/rssi{epochs}.csv --truth {{straight_05/truth{epochs}.csv");
+            let [mae_m, nees] = particles(&floor, "survey/fingerprints.csv", &captures);
+            assert!(mae_m < 1.5 && nees < 2.0, "{mae_m} m, NEES {nees}");
+        }
+    }
+    // A robot's scans at points on its way are a walk. Each by itself they give 2.66 m.
+    if let Some(flat) = recording("kolakowski") {
+        let [mae_m, nees] = particles(&flat, "fingerprints.csv", "--rssi {fingerprints.csv");
+        assert!(mae_m < 2.1 && nees < 2.5, "{mae_m} m, NEES {nees}");
+    }
+    // Dwells of ten seconds: the last window has a NEES of 2.2.
+    if let Some(floor) = recording("linde_floor") {
+        let [mae_m, nees] = particles(&floor, "fingerprints.csv", "--rssi {fingerprints.csv");
+        assert!(mae_m < 1.15 && nees < 1.5, "{mae_m} m, NEES {nees}");
+    }
+}
+
 #[test]
 fn channels_are_calibrated_like_beacons() {
     let Some(channels) = recording("linde_channels") else { return };

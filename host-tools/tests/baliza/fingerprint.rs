@@ -325,6 +325,46 @@ fn a_recorded_robot_is_followed() {
     reaches("kolakowski", "--hold-out 5 --block 100 --kernel gp-walk", 0.85);
 }
 
+/// The summary of a recorded walk whose epochs are in the files with this ending. All RSSI values are `more_db`
+/// stronger.
+fn walk(name: &str, epochs: &str, more_db: f64) -> Option<serde_json::Value> {
+    let floor = recording("danis")?;
+    let rssi = std::fs::read_to_string(floor.join(format!("{name}/rssi{epochs}.csv"))).expect("a file of text");
+    let (header, rows) = rssi.split_once('\n').expect("a header");
+    let stronger = rows.lines().map(|row| {
+        let (before, rssi_dbm) = row.rsplit_once(',').expect("fields");
+        format!("{before},{}\n", rssi_dbm.parse::<f64>().expect("a number") + more_db)
+    });
+    let folder = Folder::with(&[("rssi.csv", &format!("{header}\n{}", stronger.collect::<String>()))]);
+    let file = |file: &str| floor.join(file).display().to_string();
+    let (survey, truth) = (file("survey/fingerprints.csv"), file(&format!("{name}/truth{epochs}.csv")));
+    let how = format!("--fingerprints {survey} --rssi rssi.csv --truth {truth} --kernel gp-walk");
+    Some(figures(&folder, &how)[0].clone())
+}
+
+#[test]
+fn recorded_walks_are_followed_alike_in_short_and_in_long_epochs() {
+    for epochs in ["", "_500"] {
+        let (mut sum_m, mut count) = (0.0, 0.0);
+        for name in ["straight_01", "straight_04", "straight_05"] {
+            let Some(found) = walk(name, epochs, 0.0) else { return };
+            let [mae_m, epochs, nees] = ["mae_m", "epochs", "nees"].map(|key| found[key].as_f64().expect("a number"));
+            assert!(nees < 3.0, "{name}: {found}");
+            (sum_m, count) = (sum_m + epochs * mae_m, count + epochs);
+        }
+        assert!(sum_m / count <= 1.2, "epochs{epochs}: {} m", sum_m / count);
+    }
+}
+
+#[test]
+fn another_receiver_walks_alike() {
+    // Within what the prior of the offset says in the first seconds.
+    let Some(same) = walk("straight_05", "_500", 0.0) else { return };
+    let Some(other) = walk("straight_05", "_500", 8.0) else { return };
+    let [same, other] = [same, other].map(|found| found["mae_m"].as_f64().expect("a number"));
+    assert!((same - other).abs() < 0.1, "{same} m, {other} m");
+}
+
 #[test]
 fn a_map_of_few_points_is_predicted() {
     let few = "ble map --fingerprints {fingerprints} --survey-points 12 --beacons {beacons} --out few.map --json";

@@ -125,10 +125,10 @@ fn is_some<T: Real>(area: &Area<T, 2>) -> bool {
 }
 
 impl<T: Real> PosteriorSettings<T> {
-    /// The likelihood of RSSI values. `trust` does not increase the uncertainty of the offset.
+    /// The likelihood of RSSI values.
     #[inline(never)]
     pub fn of<'a>(&self, heard: &[RssiObservation<T, 2>]) -> RssiLikelihood<'a, T> {
-        RssiLikelihood::of(heard, self.offset_deviation * self.trust.sqrt(), self.trust)
+        RssiLikelihood::of(heard, self.offset_deviation, self.trust)
     }
 
     /// The part of an area that is near enough to the beacon whose greatest possible distance is the least; the whole

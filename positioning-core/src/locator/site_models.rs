@@ -4,14 +4,14 @@
 
 use heapless::Vec;
 
-use crate::ble::fingerprint::{Map, Receiver, locate_on_node};
+use crate::ble::fingerprint::{Map, OffsetFilter, Receiver, locate_on_node};
 use crate::ble::rooms::{self, Classifier as _, MAX_BEACONS, RoomEstimate, RoomHysteresis, Svm};
 use crate::measurement::BeaconPosition;
 
 /// The variance of a map's RSSI values where nothing was measured twice, dB²: recorded surveys have deviations of 3
 /// to 5 dB. This error stays while the tag does not move. The noise of a window is added.
 const LASTING_DB2: f32 = 16.0;
-/// The receiver's offset is learnt from one window in this number: those between have the same shadows.
+/// The receiver's offset is learnt from one window in this number: those between have the same fading.
 const LEARNT: u64 = 4;
 /// The room estimate is reported again after this time, microseconds.
 const REPEATED_US: u64 = 5_000_000;
@@ -51,7 +51,7 @@ pub struct RoomUpdate {
 #[derive(Clone, Debug)]
 pub(super) struct SiteTracker<'a> {
     models: &'a SiteModels<'a>,
-    receiver: Receiver<f32>,
+    offset: OffsetFilter<f32>,
     /// When the receiver's offset was last learnt.
     learnt_us: Option<u64>,
     presence: RoomHysteresis,
@@ -73,7 +73,7 @@ impl<'a> SiteTracker<'a> {
     pub(super) fn new(models: &'a SiteModels<'a>) -> Self {
         Self {
             models,
-            receiver: Receiver::default(),
+            offset: OffsetFilter::default(),
             learnt_us: None,
             presence: RoomHysteresis::new(rooms::Settings::default()),
             told: None,
@@ -90,11 +90,12 @@ impl<'a> SiteTracker<'a> {
         noise_db2: f32,
     ) -> Option<BeaconPosition<f32>> {
         let map = self.models.map.as_ref()?;
-        let believed = Receiver { noise_db2, ..self.receiver };
-        let posterior = locate_on_node(&map.model, &map.ordered(rssi_dbm), &believed).ok()?;
+        let believed = Receiver { noise_db2, ..*self.offset.receiver() };
+        let scan = map.ordered(rssi_dbm);
+        let posterior = locate_on_node(&map.model, &scan, &believed).ok()?;
         let pause_us = window_us.saturating_mul(LEARNT);
         if self.learnt_us.is_none_or(|before_us| now_us.saturating_sub(before_us) >= pause_us) {
-            self.receiver.learn(&posterior);
+            self.offset.learn_on_node(&map.model, &scan, noise_db2, now_us).ok()?;
             self.learnt_us = Some(now_us);
         }
         let lasting = LASTING_DB2 / (LASTING_DB2 + noise_db2);

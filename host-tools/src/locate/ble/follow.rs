@@ -1,15 +1,15 @@
 //! Methods with memory over captures: the tag's own locator, and the particle filter, both window by window.
 
-use positioning_core::SolveError;
 use positioning_core::ble::beacon_monitor::{HealthChange, Site};
-use positioning_core::ble::offset::ReceiverOffset;
 use positioning_core::ble::particles::{self, Likelihood, ON_HOST, ParticleFilter};
 use positioning_core::ble::posterior::PosteriorSettings;
-use positioning_core::ble::rssi::{RssiLikelihood, RssiObservation};
+use positioning_core::ble::rssi::RssiLikelihood;
 use positioning_core::ble::signal::{BeaconList, Kalman, ListedBeacon, Smoothing, Step, rssi};
 use positioning_core::locator::{self, Locator};
+use positioning_core::{Area, SolveError};
 
-use super::{MOST_BEACONS, Solver, loudest, means};
+use super::walk_clock::{WalkClock, is_stay, span_s};
+use super::{MOST_BEACONS, Solver, loudest};
 use crate::files::beacons::{Capture, Sample};
 use crate::{NoPosition, Position};
 
@@ -22,9 +22,11 @@ const BETWEEN_US: u64 = 60_000_000;
 /// After this number of windows without an advertisement, the rest of a pause is one window. This limits the work,
 /// because a file may have any span of times.
 const PAUSE: usize = 20;
-/// RSSI values of scans within this time count together as one scan, seconds: shadowing does not change while a tag
-/// stays where it is.
-const SHADOW_S: f64 = 5.0;
+/// RSSI values of a walk's scans within this time count together as one scan, seconds: shadowing changes with the
+/// position. All scans of a stay are one, which counts as for the posterior.
+const SHADOW_S: f32 = 5.0;
+/// The growth of the variance of the receiver's offset, dB² per second: in an hour as much as receivers differ, 4 dB.
+const DRIFT_DB2_S: f32 = 16.0 / 3600.0;
 /// The RSSI at one metre that a beacon reports, where the file does not give it, dBm. This is the usual setting of
 /// iBeacons at 0 dBm.
 const USUAL_DBM: i8 = -59;
@@ -180,14 +182,21 @@ impl Smoothed {
     }
 }
 
-/// The particle filter, fed with captures. The receiver's offset is estimated on the way.
+/// The particle filter, fed with captures. Each particle has its own estimate of the receiver's offset.
 pub(super) struct Particles<'a> {
     solver: &'a Solver<'a>,
     beacons: Vec<Smoothed>,
     filter: Box<ParticleFilter<f32, ON_HOST>>,
-    /// The estimated offset of the receiver's RSSI values.
-    receiver: ReceiverOffset<f32>,
-    clock: Clock,
+    /// The mean of the offset with which particles start, dB.
+    offset_db: f32,
+    /// The variance of the offset of a particle, dB², and of that of all particles.
+    variances_db2: [f32; 2],
+    walk: WalkClock,
+    /// The time in which RSSI values count as one scan, seconds.
+    shadow_s: f32,
+    /// When the last walk or stay ended, and the last window of this one.
+    begin_us: u64,
+    window_end_us: Option<u64>,
 }
 
 impl<'a> Particles<'a> {
@@ -196,84 +205,104 @@ impl<'a> Particles<'a> {
         Self {
             solver,
             beacons: vec![Smoothed::default(); solver.beacons.len()],
-            filter: Self::filter(solver),
-            receiver: ReceiverOffset::new(solver.setup.offset_db as f32),
-            clock: Clock::new(),
+            filter: Box::new(ParticleFilter::new(particles::Settings::walking(), solver.setup.seed)),
+            offset_db: 0.0,
+            variances_db2: [(solver.setup.offset_db as f32).powi(2); 2],
+            walk: WalkClock::default(),
+            shadow_s: SHADOW_S,
+            begin_us: BEGIN_US,
+            window_end_us: None,
         }
     }
 
-    fn filter(solver: &Solver) -> Box<ParticleFilter<f32, ON_HOST>> {
-        Box::new(ParticleFilter::new(particles::Settings::walking(), solver.setup.seed))
-    }
-
-    /// Processes a capture, window by window, without the windows that received nothing. Returns the last position.
+    /// Processes a capture, window by window, without the windows that received nothing. Returns the last position: of
+    /// a stay, whose particles do not move, it is the position by all its windows.
     pub(super) fn follow(&mut self, capture: &Capture) -> Result<Position, NoPosition> {
-        if capture.is_stay {
-            self.clock.begin_stay();
-            self.filter = Self::filter(self.solver);
-            self.beacons.fill(Smoothed::default());
+        let (end_us, goes_on) = self.walk.next(capture);
+        if !goes_on {
+            self.start(capture);
         }
         let samples = in_time(capture);
         let (Some(first), Some(last)) = (samples.first(), samples.last()) else { return Err(NONE_YET) };
         let (first_s, last_s, window_s) = (first.t_s, last.t_s, self.solver.setup.window_s);
         let window_us = (window_s * 1.0e6) as u64;
+        // The conversion saturates: a negative float becomes 0.
+        let end_us = self.begin_us.saturating_add(end_us);
+        let clock = |t_s: f64| end_us.saturating_sub(((last_s - t_s) * 1.0e6) as u64);
         let window = |sample: &Sample| ((sample.t_s - first_s) / window_s).floor();
         let mut position = Err(NONE_YET);
         for samples in samples.chunk_by(|a, b| window(a) == window(b)) {
             for sample in samples {
-                let now_us = self.clock.microseconds(sample.t_s);
+                let now_us = clock(sample.t_s);
                 if let Some(beacon) = self.solver.beacons.iter().position(|beacon| beacon.name == sample.beacon) {
                     self.beacons[beacon].receive(now_us, sample.rssi_dbm as f32, window_us);
                 }
             }
             let end_s = samples.last().map_or(last_s, |sample| first_s + (window(sample) + 1.0) * window_s);
-            let now_us = self.clock.microseconds(end_s.min(last_s));
+            let now_us = clock(end_s.min(last_s));
             let scan: Vec<Option<f32>> = self.beacons.iter().map(|beacon| beacon.mean(now_us, window_us)).collect();
             position = self.step(now_us, &scan);
-        }
-        // The time since the first epoch is added again for each epoch, so that particles spread far between epochs.
-        // With the true times they lose the tag (three recorded walks: a mean error of 4 m instead of 2.5 m).
-        self.clock.begin_us = self.clock.microseconds(last_s);
-        if let (Ok(found), true) = (&position, self.solver.setup.offset_db > 0.0) {
-            self.learn(&capture.samples, found);
         }
         position
     }
 
+    /// Begins a walk or a stay at an unknown position: the receiver's offset is kept.
+    fn start(&mut self, capture: &Capture) {
+        self.begin_us = self.window_end_us.map_or(BEGIN_US, |end_us| end_us.saturating_add(BETWEEN_US));
+        self.window_end_us = None;
+        let settings = if is_stay(capture) {
+            let lasting_s = span_s(capture).map_or(0.0, |(first_s, last_s)| last_s - first_s);
+            self.shadow_s = lasting_s as f32 / PosteriorSettings::<f32>::default().trust;
+            particles::Settings::staying()
+        } else {
+            self.shadow_s = SHADOW_S;
+            particles::Settings::walking()
+        };
+        *self.filter = ParticleFilter::new(settings, self.solver.setup.seed);
+        self.filter.start_in(&self.solver.reach());
+        self.filter.set_offset(self.offset_db);
+        self.variances_db2[0] = self.variances_db2[1];
+        self.beacons.fill(Smoothed::default());
+    }
+
     fn step(&mut self, now_us: u64, scan: &[Option<f32>]) -> Result<Position, NoPosition> {
-        let heard = self.corrected(scan);
+        let mut heard = self.solver.heard(scan);
+        loudest(&mut heard);
         if heard.is_empty() {
             return Err(NONE_YET);
         }
-        let reach = self.solver.reach();
-        if !self.filter.is_started() {
-            self.filter.start_in(&reach);
-        }
-        let trust = (self.solver.setup.window_s / SHADOW_S).min(1.0) as f32;
-        let rssis = RssiLikelihood::of(&heard, self.receiver.deviation(), trust).through(self.solver.attenuating());
-        let within = |at: [f32; 2]| (0..2).all(|axis| (reach.min[axis]..=reach.max[axis]).contains(&at[axis]));
-        let likelihood = |at| if within(at) { rssis.ln_at(at) } else { f32::NAN };
+        let window_us = (self.solver.setup.window_s * 1.0e6) as u64;
+        let before_us = self.window_end_us.unwrap_or(now_us.saturating_sub(window_us));
+        self.window_end_us = Some(now_us);
+        let passed_s = now_us.saturating_sub(before_us) as f32 * 1.0e-6;
+        let [variance, _] = self.variances_db2;
+        let variance = if variance > 0.0 { variance + DRIFT_DB2_S * passed_s } else { 0.0 };
+        let trust = (passed_s / self.shadow_s).min(1.0);
+        let rssis = RssiLikelihood::of(&heard, variance.sqrt(), trust).through(self.solver.attenuating());
+        let likelihood = Within { reach: self.solver.reach(), rssis: &rssis };
         let estimate = self.filter.step(now_us, &self.solver.walls, &likelihood);
         let estimate = estimate.ok_or(NoPosition::SolveError(SolveError::Diverged))?;
+        let [offset_db, among] = estimate.offset;
+        self.offset_db = offset_db;
+        let left = if trust > 0.0 { rssis.offset_variance() } else { variance };
+        self.variances_db2 = [left, left + among];
         Ok(self.solver.global(estimate.position, &estimate.covariance, heard.len()))
     }
+}
 
-    /// Estimates the receiver's offset at the position found for a capture.
-    fn learn(&mut self, samples: &[Sample], found: &Position) {
-        let heard = self.corrected(&means(self.solver.beacons, samples));
-        let belief = PosteriorSettings { offset_deviation: self.receiver.deviation(), ..PosteriorSettings::default() };
-        let at = self.solver.local([found.place.x_m, found.place.y_m]);
-        let (more, variance) = belief.of(&heard).through(self.solver.attenuating()).offset_at(at);
-        self.receiver.learn(more, variance);
+/// The likelihood of positions in an area.
+struct Within<'a> {
+    reach: Area<f32, 2>,
+    rssis: &'a RssiLikelihood<'a, f32>,
+}
+
+impl Likelihood<f32> for Within<'_> {
+    fn ln_at(&self, at: [f32; 2]) -> f32 {
+        self.update(at, &mut 0.0)
     }
 
-    /// The RSSI values of a scan, corrected for the receiver's offset. If there are too many, the strongest are kept.
-    fn corrected(&self, scan: &[Option<f32>]) -> Vec<RssiObservation<f32, 2>> {
-        let mut heard = self.solver.heard(scan);
-        for one in &mut heard {
-            one.rssi_dbm = self.receiver.correct(one.rssi_dbm);
-        }
-        loudest(&mut heard);
-        heard
+    fn update(&self, at: [f32; 2], offset: &mut f32) -> f32 {
+        let within = (0..2).all(|axis| (self.reach.min[axis]..=self.reach.max[axis]).contains(&at[axis]));
+        if within { self.rssis.update(at, offset) } else { f32::NAN }
     }
 }

@@ -8,6 +8,7 @@
 //! Catalunya, 2024).
 
 mod follow;
+pub(crate) mod walk_clock;
 
 use baliza_report::mean;
 use positioning_core::ble::beacon_monitor::HealthChange;

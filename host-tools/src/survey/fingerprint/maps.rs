@@ -17,7 +17,7 @@ pub struct Making<'a> {
     /// The lattice of the process.
     pub grid: Grid,
     /// Where nothing was measured nearby, RSSI values are expected to follow path loss from these beacons through
-    /// these walls; without a plan, to be the same everywhere.
+    /// these walls, where that makes the survey likelier; without a plan, to be the same everywhere.
     pub plan: Option<&'a Plan>,
 }
 
@@ -113,6 +113,10 @@ pub(super) fn kernel(survey: &Survey, making: Making, comparisons: &[Comparison]
 
 /// The process of a survey, about the trend that its plan gives.
 fn fitted(survey: &Survey, making: Making, guess: Option<Kernel>) -> Result<Process, MapError> {
-    let trends = making.plan.map_or_else(|| Trend::rssis(survey), |plan| Trend::rays(survey, plan));
-    Process::fit(survey, trends, guess).ok_or(MapError::Invalid)
+    let levels = Trend::rssis(survey);
+    let process = match making.plan {
+        Some(plan) => Process::fit_likelier(survey, Trend::rays(survey, plan), levels, guess),
+        None => Process::fit(survey, levels, guess),
+    };
+    process.ok_or(MapError::Invalid)
 }

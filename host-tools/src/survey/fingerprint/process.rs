@@ -75,9 +75,39 @@ pub struct Process {
     fields: Vec<Field>,
     /// Deviation between dwells of a cell, dB, of each beacon.
     scatter_db: Vec<f64>,
+    /// The logarithm of the likelihood of each beacon's RSSI values, without a constant.
+    likelihoods: Vec<f64>,
 }
 
 impl Process {
+    /// Fits the process about these trends, or about those `instead` for the beacons whose RSSI values they do not
+    /// make more likely: a listed position that is wrong explains no RSSI. The trends have a parameter more, which
+    /// counts as in the Bayesian information criterion (G. Schwarz, Annals of Statistics 6(2), 1978).
+    pub fn fit_likelier(
+        survey: &Survey,
+        trends: Vec<Trend>,
+        instead: Vec<Trend>,
+        guess: Option<Kernel>,
+    ) -> Option<Self> {
+        let simple = Self::fit(survey, instead, guess)?;
+        let process = Self::fit(survey, trends, guess)?;
+        let likelier = |beacon: usize| {
+            let points = process.fields[beacon].places_m.len().max(1) as f64;
+            process.likelihoods[beacon] - 0.5 * points.ln() > simple.likelihoods[beacon]
+        };
+        let chosen: Vec<bool> = (0..process.trends.len()).map(likelier).collect();
+        if chosen.iter().all(|chosen| *chosen) {
+            return Some(process);
+        }
+        if !chosen.contains(&true) {
+            return Some(simple);
+        }
+        let Self { trends, kernel, .. } = process;
+        let both = trends.into_iter().zip(simple.trends).zip(chosen);
+        let trends = both.map(|((trend, instead), chosen)| if chosen { trend } else { instead }).collect();
+        Self::fit(survey, trends, Some(kernel))
+    }
+
     /// Fits the process of a survey about trends, one a beacon, with the kernel of the greatest likelihood; the
     /// search begins at `guess`. `None` where no point received anything.
     pub fn fit(survey: &Survey, trends: Vec<Trend>, guess: Option<Kernel>) -> Option<Self> {
@@ -102,9 +132,9 @@ impl Process {
     }
 
     fn with(beacons: &[Beacon], trends: Vec<Trend>, scatter_db: Vec<f64>, kernel: Kernel) -> Option<Self> {
-        let fields: Option<Vec<Field>> =
-            beacons.iter().map(|beacon| beacon.field(&kernel).map(|(field, _)| field)).collect();
-        Some(Self { kernel, trends, fields: fields?, scatter_db })
+        let fields: Option<Vec<(Field, f64)>> = beacons.iter().map(|beacon| beacon.field(&kernel)).collect();
+        let (fields, likelihoods) = fields?.into_iter().map(|(field, cost)| (field, -cost)).unzip();
+        Some(Self { kernel, trends, fields, scatter_db, likelihoods })
     }
 
     /// The kernel.
@@ -291,6 +321,34 @@ mod tests {
         let nothing =
             Survey { beacons: vec!["a".to_owned()], spots: vec![Spot { position_m: [0.0; 2], rssis: vec![None] }] };
         assert!(Process::fit(&nothing, Trend::rssis(&nothing), None).is_none());
+    }
+
+    #[test]
+    fn a_wrong_position_of_a_beacon_explains_nothing() {
+        // Two beacons at (0, 0) and (10, 8), of which the second is listed at (0, 8).
+        let rssi = |at: [f64; 2], beacon: [f64; 2]| -45.0 - 12.5 * (apart(at, beacon).powi(2) + 1.0).log10();
+        let spot = |i: u32| {
+            let position_m = [f64::from(i % 6) * 2.0, f64::from(i / 6) * 2.0];
+            let wiggle = f64::from(i * i).sin();
+            let rssis = [[0.0, 0.0], [10.0, 8.0]].map(|beacon| Some(rssi(position_m, beacon) + wiggle));
+            Spot { position_m, rssis: rssis.to_vec() }
+        };
+        let survey = Survey { beacons: vec!["a".to_owned(), "b".to_owned()], spots: (0..30).map(spot).collect() };
+        let beacon = |name: &str, position_m| crate::files::beacons::Beacon {
+            name: name.to_owned(),
+            position_m,
+            height_m: None,
+            rssi_1m_dbm: None,
+            path_loss_exponent: None,
+            deviation_db: None,
+        };
+        let plan = super::super::trend::Plan {
+            beacons: vec![beacon("a", [0.0, 0.0]), beacon("b", [0.0, 8.0])],
+            walls: Vec::new(),
+        };
+        let (rays, levels) = (Trend::rays(&survey, &plan), Trend::rssis(&survey));
+        let process = Process::fit_likelier(&survey, rays, levels, None).expect("a process");
+        assert!(matches!(process.trends[..], [Trend::Rays { .. }, Trend::Level(_)]), "{:?}", process.trends);
     }
 
     #[test]

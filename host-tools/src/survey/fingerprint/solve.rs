@@ -2,7 +2,7 @@
 //! node.
 
 use positioning_core::ble::fingerprint::{
-    self, Map, MapError, Motion, Nearest, Posterior, Receiver, Vicinity, Walk, locate,
+    self, Map, MapError, Motion, Nearest, OffsetFilter, Posterior, Receiver, Vicinity, Walk, locate,
 };
 use positioning_core::ble::particles::{ON_HOST, ParticleFilter, Settings, Towards};
 use positioning_core::ble::path_loss::Wall;
@@ -10,12 +10,11 @@ use positioning_core::ble::path_loss::Wall;
 use super::comparison::Comparison;
 use super::maps::Maps;
 use super::survey::{Average, scan};
-use super::windows::{Window, span_s, windows};
+use super::windows::{Window, windows};
 use crate::files::beacons::{self, Capture, in_order};
+use crate::locate::ble::walk_clock::{WalkClock, is_stay};
 use crate::{Coordinates, NoPosition, Position, Solved};
 
-/// Captures with a shorter gap than this belong to one walk, seconds.
-const ONE_WALK_S: f64 = 2.0;
 /// Deviation of a single RSSI, dB, to which the receiver's offset is compared.
 const LEVEL_DB: f32 = 3.0;
 /// Room for the points of a lattice.
@@ -31,7 +30,7 @@ pub struct Setup<'a> {
     /// Standard deviation of the receiver's offset against the surveyor's receiver, the same for all beacons, dB.
     pub offset_db: f64,
     /// Sends the comparison's positions through the particle filter, one in each window of this number of seconds.
-    /// The position of a capture is the last one of the filter.
+    /// The position of a capture is the last one of the filter, or of a stay the mean of all.
     pub particles_s: Option<f64>,
     /// Walls that are barriers for the walk and for particles.
     pub walls: &'a [beacons::Wall],
@@ -87,7 +86,9 @@ struct Way<'a> {
     /// The receiver, whose offset is learnt from one capture to the next.
     receiver: Receiver<f32>,
     learnt_us: u64,
-    timeline: Timeline,
+    /// The receiver as a tag learns it, for the process without memory.
+    offset: OffsetFilter<f32>,
+    timeline: WalkClock,
     walk: Walk<f32, ROOM>,
     particles: Particles,
 }
@@ -97,15 +98,17 @@ impl<'a> Way<'a> {
         let Solver { maps, setup } = *solver;
         let local = |end: [f64; 2]| [0, 1].map(|axis: usize| (end[axis] - origin_m[axis]) as f32);
         let barrier = |wall: &beacons::Wall| Wall { ends: wall.ends_m.map(local), attenuation: 0.0 };
+        let receiver = Receiver { offset_deviation_db: setup.offset_db as f32, ..Receiver::default() };
         Self {
             beacons: maps.beacons(),
             setup,
             comparison,
             map,
             walls: setup.walls.iter().map(barrier).collect(),
-            receiver: Receiver { offset_deviation_db: setup.offset_db as f32, ..Receiver::default() },
+            receiver,
             learnt_us: 0,
-            timeline: Timeline::default(),
+            offset: OffsetFilter::new(receiver),
+            timeline: WalkClock::default(),
             walk: Walk::new(),
             particles: Particles::new(),
         }
@@ -117,11 +120,16 @@ impl<'a> Way<'a> {
         }
         let (now_us, goes_on) = self.timeline.next(capture);
         if !goes_on {
-            self.walk = Walk::new();
+            // The time of a walk begins with its first capture.
+            self.walk = if now_us > 0 { Walk::since(0) } else { Walk::new() };
             self.particles = Particles::new();
+            self.offset.leave();
         }
         let scan = single_precision(scan(self.beacons, &capture.samples, self.setup.average));
-        let before = self.receiver;
+        let before = match self.comparison {
+            Comparison::Process => *self.offset.receiver(),
+            Comparison::Nearest { .. } | Comparison::Walk => self.receiver,
+        };
         let found = match self.comparison {
             Comparison::Walk => {
                 let step = self.walk.step(&self.map, &scan, &before, &Motion::default(), &self.walls, now_us);
@@ -130,18 +138,18 @@ impl<'a> Way<'a> {
             Comparison::Nearest { .. } | Comparison::Process => self.at_once(&scan, &before),
         };
         if let Ok(found) = &found {
-            self.learn(found, now_us, goes_on);
+            self.learn(&scan, found, now_us, goes_on);
         }
         match (self.comparison, self.setup.particles_s) {
             (Comparison::Walk, _) | (_, None) => found,
             (Comparison::Nearest { .. } | Comparison::Process, Some(window_s)) => {
-                let mut last = Err(UNHEARD);
+                let (mut last, mut mean) = (Err(UNHEARD), Mean::default());
                 for Window { before_us, scan } in windows(self.beacons, capture, window_s, self.setup.average) {
                     let found = self.at_once(&single_precision(scan), &before);
                     let now_us = now_us.saturating_sub(before_us);
-                    last = found.map(|found| self.particles.step(now_us, found, &self.walls)).or(last);
+                    last = found.map(|found| mean.add(self.particles.step(now_us, found, &self.walls))).or(last);
                 }
-                last
+                last.map(|last| if is_stay(capture) { mean.of(last) } else { last })
             }
         }
     }
@@ -160,12 +168,19 @@ impl<'a> Way<'a> {
     }
 
     /// Learns the receiver's offset, but not from scans in quick succession: they have the same shadows, which would
-    /// be taken for an offset.
-    fn learn(&mut self, found: &Found, now_us: u64, goes_on: bool) {
+    /// be taken for an offset. A walk learns by itself, and only tells the next walk.
+    fn learn(&mut self, scan: &[Option<f32>], found: &Found, now_us: u64, goes_on: bool) {
         let fading_us = (Motion::<f64>::default().fading_s * 1.0e6) as u64;
-        if !goes_on || now_us.saturating_sub(self.learnt_us) >= fading_us {
-            self.learnt_us = now_us;
-            self.receiver.set_offset(found.offset_db, found.offset_deviation_db);
+        if goes_on && self.comparison != Comparison::Walk && now_us.saturating_sub(self.learnt_us) < fading_us {
+            return;
+        }
+        self.learnt_us = now_us;
+        match self.comparison {
+            // A scan that has a position can be learnt from.
+            Comparison::Process => drop(self.offset.learn(&self.map, scan, 0.0, now_us)),
+            Comparison::Nearest { .. } | Comparison::Walk => {
+                self.receiver.set_offset(found.offset_db, found.offset_deviation_db);
+            }
         }
     }
 }
@@ -210,6 +225,30 @@ impl From<Posterior<f32>> for Found {
     }
 }
 
+/// The mean of a stay's positions: their distributions, each counted alike, are the particles' of the whole stay.
+#[derive(Default)]
+struct Mean {
+    count: f32,
+    first: [f32; 2],
+    second: [f32; 3],
+}
+
+impl Mean {
+    fn add(&mut self, found: Found) -> Found {
+        let ([x, y], [xx, xy, yy]) = (found.position, found.covariance);
+        self.count += 1.0;
+        self.first = [self.first[0] + x, self.first[1] + y];
+        self.second = [self.second[0] + xx + x * x, self.second[1] + xy + x * y, self.second[2] + yy + y * y];
+        found
+    }
+
+    fn of(&self, last: Found) -> Found {
+        let [x, y] = self.first.map(|sum| sum / self.count);
+        let [xx, xy, yy] = self.second.map(|sum| sum / self.count);
+        Found { position: [x, y], covariance: [xx - x * x, xy - x * y, yy - y * y], ..last }
+    }
+}
+
 /// The particle filter of A. Linde Cerezo's thesis (equation 15) over the positions of a comparison.
 struct Particles(Box<ParticleFilter<f32, ON_HOST>>);
 
@@ -230,30 +269,5 @@ impl Particles {
             let [[xx, xy], [_, yy]] = estimate.covariance;
             Found { position: estimate.position, covariance: [xx, xy, yy], ..found }
         })
-    }
-}
-
-/// Which captures are of one walk, and when they end.
-#[derive(Default)]
-struct Timeline {
-    begun_s: Option<f64>,
-    ended_s: f64,
-}
-
-impl Timeline {
-    /// When the capture ends, microseconds since the walk began, and whether it continues the walk of the capture
-    /// before. Captures that all end at one time have no time of their own.
-    fn next(&mut self, capture: &Capture) -> (u64, bool) {
-        let Some((first_s, last_s)) = span_s(capture) else {
-            self.begun_s = None;
-            return (0, false);
-        };
-        let gap_s = first_s - self.ended_s;
-        let follows = (0.0..=ONE_WALK_S).contains(&gap_s) && last_s > self.ended_s;
-        let begun_s = self.begun_s.filter(|_| follows);
-        let goes_on = begun_s.is_some();
-        let begun_s = begun_s.unwrap_or(first_s);
-        (self.begun_s, self.ended_s) = (Some(begun_s), last_s);
-        (((last_s - begun_s) * 1.0e6) as u64, goes_on)
     }
 }

@@ -5,6 +5,7 @@ use positioning_core::ble::signal::{Kalman, Smoothing, rssi};
 
 use super::survey::{Average, dbm, milliwatts};
 use crate::files::beacons::{Capture, Sample};
+use crate::locate::ble::walk_clock::span_s;
 
 /// A beacon keeps its RSSI for this number of windows without an advert.
 const KEPT: f64 = 10.0;
@@ -17,13 +18,6 @@ pub struct Window {
     pub before_us: u64,
     /// The RSSI of each beacon, dBm.
     pub scan: Vec<Option<f64>>,
-}
-
-/// First and last time of a capture, seconds.
-pub fn span_s(capture: &Capture) -> Option<(f64, f64)> {
-    let times = || capture.samples.iter().map(|sample| sample.t_s).chain(capture.t_s).filter(|t_s| t_s.is_finite());
-    let (first, last) = (times().reduce(f64::min)?, times().reduce(f64::max)?);
-    Some((first, last))
 }
 
 /// The windows of a capture, at least one; a capture shorter than one window is left as it is. Where RSSI values are

@@ -2,10 +2,10 @@
 //! likely point.
 //!
 //! At each point the RSSI values z are normal about the map's m with the map's deviations σ. They share the
-//! receiver's offset o, which is normal too and is integrated out. With d = z − m − ō, w = 1 ⁄ σ², W = Σ w, R = Σ w d
-//! and the offset's precision π:
-//! ln L = −½ (Σ w d² − R² ⁄ (W + π)) − ½ ln((W + π) ⁄ π) − Σ ln σ, and the offset at the point is R ⁄ (W + π) ± 1 ⁄
-//! √(W + π).
+//! receiver's offset o, which is normal too, N(ō, v), and is integrated out. With d = z − m − ō, w = 1 ⁄ σ², W = Σ w,
+//! R = Σ w d and the gain G = v ⁄ (1 + v W):
+//! ln L = −½ (Σ w d² − G R²) − ½ ln(1 + v W) − Σ ln σ, and the offset at the point is N(ō + G R, G).
+//! If a scan counts for a share of its information, w and ln σ are multiplied by this share.
 //! Deviations have sixteen values, so their reciprocals and logarithms are a table, and the node has no matrix to
 //! compute.
 
@@ -15,8 +15,8 @@ use super::map::Row;
 use super::{Codes, DEVIATIONS_DB, MAX_BEACONS, Map, NoPosition};
 use crate::Real;
 
-/// The least standard deviation of a learnt offset, dB.
-const LEAST_OFFSET_DB: f64 = 1.0;
+/// The growth of the variance of a learnt offset from one position to the next, dB²: by a hand, or a pocket.
+const SWAY_DB2: f64 = 0.05;
 /// A point whose log-likelihood is below the greatest by more than this counts for nothing: 200 such points together
 /// would weigh 10⁻⁵.
 const NOTHING: f64 = 17.0;
@@ -41,17 +41,24 @@ impl<T: Real> Default for Receiver<T> {
 }
 
 impl<T: Real> Receiver<T> {
+    /// The offset's mean and variance in half decibels; an invalid offset is none.
+    fn prior(&self) -> [T; 2] {
+        let (mean, deviation) = (self.offset_db + self.offset_db, self.offset_deviation_db + self.offset_deviation_db);
+        let mean = if mean.is_finite() { mean } else { T::ZERO };
+        [mean, if deviation > T::ZERO && deviation.is_finite() { deviation.squared() } else { T::ZERO }]
+    }
+
     /// Takes the offset that a scan has given, for the next scan.
     pub fn learn(&mut self, posterior: &Posterior<T>) {
         self.set_offset(posterior.offset_db, posterior.offset_deviation_db);
     }
 
     /// Takes an offset that was found otherwise, with its deviation, dB. An offset that is known stays as it is.
-    /// Scans at one position have the same shadows, so the deviation has a lower bound: about five scans count.
+    /// Scans at one position have the same shadows: they must be given once per position.
     pub fn set_offset(&mut self, offset_db: T, offset_deviation_db: T) {
-        if self.offset_deviation_db > T::ZERO && offset_db.is_finite() {
+        if self.offset_deviation_db > T::ZERO && (offset_db + offset_deviation_db).is_finite() {
             self.offset_db = offset_db;
-            self.offset_deviation_db = offset_deviation_db.at_least(T::of(LEAST_OFFSET_DB));
+            self.offset_deviation_db = (offset_deviation_db.squared() + T::of(SWAY_DB2)).sqrt();
         }
     }
 }
@@ -106,16 +113,43 @@ pub(super) struct Likelihood<T> {
     heard: Vec<(usize, T, u8), MAX_BEACONS>,
     /// 1 ⁄ σ² and ln σ of each half byte, in the map's half decibels.
     table: [(T, T); 16],
-    /// π; `None` where the offset is known.
-    precision: Option<T>,
-    offset: T,
+    /// ō and v.
+    prior: [T; 2],
 }
 
-/// The likelihood of a scan at one point.
+/// The sums over the received beacons at one point, with d = z − m.
+#[derive(Clone, Copy)]
+pub(super) struct Sums<T> {
+    weights: T,
+    sum: T,
+    square: T,
+    logs: T,
+}
+
+/// The likelihood of a scan at one point, and the offset there in half decibels.
+#[derive(Clone, Copy)]
 pub(super) struct Seen<T> {
     pub log: T,
-    offset: T,
-    offset_variance: T,
+    pub offset: T,
+    pub offset_variance: T,
+}
+
+impl<T: Real> Sums<T> {
+    /// The likelihood where the offset is normal with this mean and variance, in half decibels. The scan counts for
+    /// `share` of its information.
+    #[inline]
+    pub fn seen(&self, mean: T, variance: T, share: T) -> Seen<T> {
+        let sum = self.sum - self.weights * mean;
+        let square = self.square - mean * (self.sum + sum);
+        let spread = T::ONE + share * variance * self.weights;
+        let gain = variance / spread;
+        let sum = share * sum;
+        let half = T::of(0.5);
+        let log = -half * (share * square - gain * sum * sum)
+            - T::of(0.5 * core::f64::consts::LN_2) * spread.log2_about()
+            - share * self.logs;
+        Seen { log, offset: mean + gain * sum, offset_variance: gain }
+    }
 }
 
 impl<T: Real> Likelihood<T> {
@@ -128,12 +162,9 @@ impl<T: Real> Likelihood<T> {
             return Err(NoPosition::NoDeviations);
         }
         let codes = Codes::of(scan, map.beacons())?;
-        // In half decibels from here on. Codes count downward: those of a stronger receiver are lower.
-        let offset = receiver.offset_db + receiver.offset_db;
-        let offset = if offset.is_finite() { offset } else { T::ZERO };
         let beacons = codes.codes.iter().zip(codes.heard).zip(map.fallbacks()).enumerate();
         let heard = beacons.filter(|(_, ((_, heard), _))| *heard);
-        let heard = heard.map(|(beacon, ((code, _), fallback))| (beacon, *code + offset, *fallback)).collect();
+        let heard = heard.map(|(beacon, ((code, _), fallback))| (beacon, *code, *fallback)).collect();
         let four = T::of(4.0);
         let noise = if receiver.noise_db2 > T::ZERO { four * receiver.noise_db2 } else { T::ZERO };
         let table = core::array::from_fn(|half| {
@@ -141,19 +172,29 @@ impl<T: Real> Likelihood<T> {
             let variance = deviation * deviation + noise;
             (T::ONE / variance, T::of(0.5) * variance.ln())
         });
-        let deviation = receiver.offset_deviation_db;
-        let precision = (deviation > T::ZERO).then(|| T::ONE / (four * deviation * deviation));
-        Ok(Self { heard, table, precision, offset })
+        Ok(Self { heard, table, prior: receiver.prior() })
+    }
+
+    /// ō and v, in half decibels and their square.
+    pub fn prior(&self) -> [T; 2] {
+        self.prior
     }
 
     #[inline]
     pub fn at(&self, row: &Row<'_>) -> Seen<T> {
+        let [mean, variance] = self.prior;
+        self.sums(row).seen(mean, variance, T::ONE)
+    }
+
+    #[inline]
+    pub fn sums(&self, row: &Row<'_>) -> Sums<T> {
         let (mut weights, mut sum, mut square, mut logs) = (T::ZERO, T::ZERO, T::ZERO, T::ZERO);
         for (beacon, scanned, fallback) in &self.heard {
             let (Some(code), Some(halves)) = (row.rssis.get(*beacon), row.deviations.get(*beacon / 2)) else { break };
             let code = if *code == 0 { *fallback } else { *code };
             let half = usize::from(if *beacon % 2 == 0 { halves & 15 } else { halves >> 4 });
             let (weight, log) = self.table[half & 15];
+            // Codes count downward: those of a stronger receiver are lower.
             let apart = T::count(code.into()) - *scanned;
             let weighted = weight * apart;
             weights += weight;
@@ -161,18 +202,7 @@ impl<T: Real> Likelihood<T> {
             square += weighted * apart;
             logs += log;
         }
-        let half = T::of(0.5);
-        match self.precision {
-            Some(precision) => {
-                let total = weights + precision;
-                let offset = sum / total;
-                let log = -half * (square - sum * offset)
-                    - T::of(0.5 * core::f64::consts::LN_2) * (total / precision).log2_about()
-                    - logs;
-                Seen { log, offset, offset_variance: T::ONE / total }
-            }
-            None => Seen { log: -half * square - logs, offset: T::ZERO, offset_variance: T::ZERO },
-        }
+        Sums { weights, sum, square, logs }
     }
 }
 
@@ -184,11 +214,26 @@ pub(super) struct Moments<T> {
     first: [T; 2],
     second: [T; 3],
     offset: [T; 2],
+    /// Of the offset with x and y.
+    cross: [T; 2],
+}
+
+/// Means and covariances of position and offset, in the map's units and half decibels.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Joint<T> {
+    pub position: [T; 2],
+    /// xx, xy, yy.
+    pub covariance: [T; 3],
+    pub offset: T,
+    pub offset_variance: T,
+    /// Of the offset with x and y.
+    pub cross: [T; 2],
 }
 
 impl<T: Real> Default for Moments<T> {
     fn default() -> Self {
-        Self { top: None, total: T::ZERO, first: [T::ZERO; 2], second: [T::ZERO; 3], offset: [T::ZERO; 2] }
+        let zero = [T::ZERO; 2];
+        Self { top: None, total: T::ZERO, first: zero, second: [T::ZERO; 3], offset: zero, cross: zero }
     }
 }
 
@@ -219,6 +264,7 @@ impl<T: Real> Moments<T> {
         self.first = [self.first[0] + wx, self.first[1] + wy];
         self.second = [self.second[0] + wx * x, self.second[1] + wx * y, self.second[2] + wy * y];
         self.offset = [self.offset[0] + wo, self.offset[1] + wo * seen.offset + weight * seen.offset_variance];
+        self.cross = [self.cross[0] + wo * x, self.cross[1] + wo * y];
     }
 
     fn scale(&mut self, factor: T) {
@@ -226,22 +272,33 @@ impl<T: Real> Moments<T> {
         self.first = self.first.map(|sum| sum * factor);
         self.second = self.second.map(|sum| sum * factor);
         self.offset = self.offset.map(|sum| sum * factor);
+        self.cross = self.cross.map(|sum| sum * factor);
     }
 
-    pub fn posterior(&self, map: &Map<'_>, likelihood: &Likelihood<T>) -> Posterior<T> {
+    pub fn joint(&self) -> Joint<T> {
         let [x, y] = self.first.map(|sum| sum / self.total);
         let [xx, xy, yy] = self.second.map(|sum| sum / self.total);
         let [offset, offsets] = self.offset.map(|sum| sum / self.total);
-        let square = map.unit::<T>().squared();
+        let [ox, oy] = self.cross.map(|sum| sum / self.total);
         // A point represents the square around it.
         let within = T::of(1.0 / 12.0);
-        let covariance = [(xx - x * x).at_least(T::ZERO) + within, xy - x * y, (yy - y * y).at_least(T::ZERO) + within];
-        let half = T::of(0.5);
+        Joint {
+            position: [x, y],
+            covariance: [(xx - x * x).at_least(T::ZERO) + within, xy - x * y, (yy - y * y).at_least(T::ZERO) + within],
+            offset,
+            offset_variance: (offsets - offset * offset).at_least(T::ZERO),
+            cross: [ox - offset * x, oy - offset * y],
+        }
+    }
+
+    pub fn posterior(&self, map: &Map<'_>, likelihood: &Likelihood<T>) -> Posterior<T> {
+        let joint = self.joint();
+        let (half, square) = (T::of(0.5), map.unit::<T>().squared());
         Posterior {
-            position: map.place([x, y]),
-            covariance: covariance.map(|entry| entry * square),
-            offset_db: half * (offset + likelihood.offset),
-            offset_deviation_db: half * (offsets - offset * offset).at_least(T::ZERO).sqrt(),
+            position: map.place(joint.position),
+            covariance: joint.covariance.map(|entry| entry * square),
+            offset_db: half * joint.offset,
+            offset_deviation_db: half * joint.offset_variance.sqrt(),
             heard: likelihood.heard.len(),
         }
     }
@@ -278,7 +335,7 @@ pub(super) mod tests {
         // The receiver is known to measure 6 dB less: now the second point is the likelier one.
         let deaf = Receiver { offset_db: -6.0, ..known };
         let found = locate(&map, &[Some(-66.0)], &deaf).expect("found");
-        assert!((found.position[0] - 0.238_406).abs() < 1e-5 && found.offset_db == -6.0, "{found:?}");
+        assert!((found.position[0] - 0.238_406).abs() < 1e-5 && (found.offset_db + 6.0).abs() < 1e-9, "{found:?}");
         // With twice the variance: e^(−36 ⁄ 2 ⁄ 18) = e^−1: 0.367879 ⁄ 1.367879 · 2 m.
         let noisy = Receiver { noise_db2: 9.0, ..known };
         let found = locate(&map, &[Some(-60.0)], &noisy).expect("found");
@@ -307,8 +364,8 @@ pub(super) mod tests {
     #[test]
     fn an_offset_is_learnt_from_scan_to_scan() {
         // One point, one beacon, always 6 dB too weak. The offset's prior is 4 dB, an RSSI's deviation 3 dB. By hand:
-        // gain 16 ⁄ 25, offset −3.84, deviation √(16 · 9 ⁄ 25) = 2.4. Then 5.76 ⁄ 14.76 of the rest, −4.683, √(5.76 ·
-        // 9 ⁄ 14.76) = 1.874. Finally −6 ± 1.
+        // gain 16 ⁄ 25, offset −3.84, variance 16 · 9 ⁄ 25 + 0.05 = 5.81, deviation 2.4104. Then 5.81 ⁄ 14.81 of the
+        // rest, −4.6874, √(5.81 · 9 ⁄ 14.81 + 0.05) = 1.8923. Finally v = 9 v ⁄ (9 + v) + 0.05: v = 0.6963, 0.8344 dB.
         let bytes = row_of(&[-60.0], 1.0);
         let (map, _) = Map::decode(&bytes).expect("a map");
         let mut receiver = Receiver { offset_deviation_db: 4.0, ..Receiver::<f64>::default() };
@@ -316,12 +373,12 @@ pub(super) mod tests {
             receiver.learn(&locate(&map, &[Some(-66.0)], &receiver).expect("found"));
             (receiver.offset_db, receiver.offset_deviation_db)
         };
-        for (offset, deviation) in [(-3.84, 2.4), (-4.683, 1.874)] {
+        for (offset, deviation) in [(-3.84, 2.4104), (-4.6874, 1.8923)] {
             let found = scan();
             assert!((found.0 - offset).abs() < 1e-3 && (found.1 - deviation).abs() < 1e-3, "{found:?}");
         }
         let last = (0..60).map(|_| scan()).last().expect("some");
-        assert!((last.0 + 6.0).abs() < 0.01 && last.1 == 1.0, "{last:?}");
+        assert!((last.0 + 6.0).abs() < 0.01 && (last.1 - 0.8344).abs() < 1e-3, "{last:?}");
         let mut known = Receiver { offset_db: 2.0, offset_deviation_db: 0.0, ..receiver };
         known.learn(&locate(&map, &[Some(-66.0)], &known).expect("found"));
         assert_eq!(known.offset_db, 2.0);

@@ -7,6 +7,7 @@
 //!   lattice. It computes the likelihood of the scan at each point. Output: the posterior's mean and covariance, and
 //!   the estimate of the receiver's own offset.
 //! - [`Walk`] does the same from scan to scan.
+//! - [`OffsetFilter`] learns the receiver's offset from scan to scan.
 //!
 //! A scan is a slice of RSSI values in dBm in the map's order of beacons, with `None` for a beacon that is not
 //! received. A value that is no RSSI ([`signal::rssi`](super::signal::rssi)) counts as not received.
@@ -15,12 +16,14 @@ mod encode;
 mod lattice;
 mod map;
 mod nearest;
+mod offset;
 mod walk;
 
 pub use encode::{Point, encode};
 pub use lattice::{Posterior, Receiver, locate, locate_on_node};
 pub use map::{DEVIATIONS_DB, MAX_BEACONS, MAX_NODE_POINTS, Map, MapError, VERSION};
 pub use nearest::{MAX_NEIGHBOURS, Nearest, Vicinity};
+pub use offset::OffsetFilter;
 pub use walk::{Motion, Walk};
 
 use super::signal::rssi;

@@ -29,6 +29,14 @@ pub trait Likelihood<T> {
     /// The natural logarithm of the likelihood of a position, up to a constant. A result that is not a number makes
     /// the position impossible.
     fn ln_at(&self, position: [T; 2]) -> T;
+
+    /// The same for a particle with this offset of the receiver, dB, which is updated. The offset's variance does not
+    /// depend on the particle (Rao-Blackwellised filter). A likelihood without an offset leaves it as it is.
+    #[inline(always)]
+    fn update(&self, position: [T; 2], offset: &mut T) -> T {
+        let _ = offset;
+        self.ln_at(position)
+    }
 }
 
 impl<T, F: Fn([T; 2]) -> T> Likelihood<T> for F {
@@ -42,6 +50,13 @@ impl<T: Real> Likelihood<T> for RssiLikelihood<'_, T> {
     #[inline]
     fn ln_at(&self, position: [T; 2]) -> T {
         self.seen_from(position).0
+    }
+
+    #[inline]
+    fn update(&self, position: [T; 2], offset: &mut T) -> T {
+        let (ln, after) = self.seen_with(position, *offset);
+        *offset = after;
+        ln
     }
 }
 
@@ -99,15 +114,22 @@ impl<T: Real> Settings<T> {
         }
     }
 
-    /// A person who walks. The likelihood is that of the measurements themselves, without a kernel that smooths
-    /// before.
+    /// A receiver that stays where it is: only copies are moved apart.
+    pub fn staying() -> Self {
+        let zero = T::ZERO;
+        Self { wander: zero, speed: zero, heading: zero, approach: zero, ..Self::walking() }
+    }
+
+    /// A person who walks, and keeps a direction for about a second. The likelihood is that of the measurements
+    /// themselves, without a kernel that smooths before. Particles do not approach the estimate: they are its
+    /// distribution, and would lose the positions that a later scan finds.
     pub fn walking() -> Self {
         Self {
             position: T::ZERO,
-            wander: T::of(0.7),
+            wander: T::ONE,
             speed: T::of(0.2),
             heading: T::of(0.75),
-            approach: T::of(0.1),
+            approach: T::ZERO,
             resample_below: T::of(0.5),
             roughening: T::of(0.1),
         }
@@ -120,6 +142,8 @@ struct Particle<T> {
     at: [T; 2],
     velocity: [T; 2],
     weight: T,
+    /// The receiver's offset if it is there, dB.
+    offset: T,
 }
 
 /// The distribution of the particles.
@@ -132,6 +156,8 @@ pub struct Estimate<T> {
     pub covariance: [[T; 2]; 2],
     /// The effective share of the particles: 1 where all weigh the same, 1 ⁄ N where one has all the weight.
     pub effective: T,
+    /// Mean and variance of the receiver's offset over the particles, dB and dB².
+    pub offset: [T; 2],
     /// The logarithm of the greatest likelihood. If no particle meets the likelihood, the filter is lost and must be
     /// started again.
     pub best: T,
@@ -175,10 +201,17 @@ impl<T: Real, const N: usize> ParticleFilter<T, N> {
     fn start(&mut self, mut place: impl FnMut(&mut Random) -> [T; 2]) {
         let weight = T::ONE / T::count(N.max(1));
         for particle in &mut self.particles {
-            *particle = Particle { at: place(&mut self.random), velocity: [T::ZERO; 2], weight };
+            *particle = Particle { at: place(&mut self.random), velocity: [T::ZERO; 2], weight, offset: T::ZERO };
         }
         self.at_us = None;
         self.started = self.particles.iter().all(|particle| (particle.at[0] + particle.at[1]).is_finite());
+    }
+
+    /// Gives all particles this offset of the receiver, dB. After a start it is 0.
+    pub fn set_offset(&mut self, offset: T) {
+        for particle in &mut self.particles {
+            particle.offset = offset;
+        }
     }
 
     /// Moves the particles on to `now_us`, weighs them by the likelihood, and replaces the unlikely ones. Walls are
@@ -216,7 +249,7 @@ impl<T: Real, const N: usize> ParticleFilter<T, N> {
             } else {
                 particle.at = next;
             }
-            let ln = likelihood.ln_at(particle.at);
+            let ln = likelihood.update(particle.at, &mut particle.offset);
             let earlier = if particle.weight == even { T::ZERO } else { (particle.weight / even).ln() };
             let ln = if ln.is_finite() { ln + earlier } else { T::of(IMPOSSIBLE) };
             particle.weight = ln;
@@ -250,8 +283,11 @@ impl<T: Real, const N: usize> ParticleFilter<T, N> {
     fn estimate(&self, best: T) -> Option<Estimate<T>> {
         // Relative to one of the particles: a site grid with a distant origin then costs no digits.
         let origin = self.particles.first()?.at;
-        let (mut mean, mut squares) = ([T::ZERO; 2], T::ZERO);
+        let (mut mean, mut squares, mut offset, mut offsets) = ([T::ZERO; 2], T::ZERO, T::ZERO, T::ZERO);
         for particle in &self.particles {
+            let weighted = particle.weight * particle.offset;
+            offset += weighted;
+            offsets += weighted * particle.offset;
             mean[0] += particle.weight * (particle.at[0] - origin[0]);
             mean[1] += particle.weight * (particle.at[1] - origin[1]);
             squares += particle.weight.squared();
@@ -264,8 +300,9 @@ impl<T: Real, const N: usize> ParticleFilter<T, N> {
             xy += particle.weight * x * y;
             yy += particle.weight * y * y;
         }
-        let estimate =
-            Estimate { position, covariance: [[xx, xy], [xy, yy]], effective: T::ONE / (squares * T::count(N)), best };
+        let effective = T::ONE / (squares * T::count(N));
+        let offset = [offset, (offsets - offset * offset).at_least(T::ZERO)];
+        let estimate = Estimate { position, covariance: [[xx, xy], [xy, yy]], effective, offset, best };
         (position[0] + position[1] + xx + yy).is_finite().then_some(estimate)
     }
 

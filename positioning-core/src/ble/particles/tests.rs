@@ -2,7 +2,8 @@
 
 use super::{Estimate, ParticleFilter, Settings, Towards, turned};
 use crate::Area;
-use crate::ble::path_loss::Wall;
+use crate::ble::path_loss::{PathLoss, Wall};
+use crate::ble::rssi::{RssiLikelihood, RssiObservation};
 
 const ROOM: Area<f64, 2> = Area { min: [0.0, 0.0], max: [10.0, 8.0] };
 
@@ -39,6 +40,57 @@ fn noise_of_the_position_grows_with_the_time() {
         let estimate = last.expect("particles");
         assert!((estimate.covariance[0][0] - 0.5).abs() < 0.05 && estimate.effective > 0.999, "{estimate:?}");
     }
+}
+
+#[test]
+fn walkers_spread_and_do_not_approach_their_mean() {
+    // Nothing is received for 10 s: 4² + 1² · 10 = 26 m² per axis, and 0.2² · 0.5² · 20 = 0.2 m² by the speed's noise,
+    // half of it per axis. A filter whose particles approach their mean has 3 m² instead.
+    let mut filter = ParticleFilter::<f64, 5_000>::new(Settings::walking(), 6);
+    filter.start_at([0.0, 0.0], [4.0, 4.0]);
+    let steps = (0..=20).map(|step| filter.step(step * 500_000, &[], &|_: [f64; 2]| 0.0).expect("particles"));
+    let last = steps.last().expect("some");
+    assert!((last.covariance[0][0] - 26.1).abs() < 1.5 && (last.covariance[1][1] - 26.1).abs() < 1.5, "{last:?}");
+}
+
+#[test]
+fn each_particle_has_the_offset_of_its_position() {
+    // Three scans at (2, 6) of three beacons, 5 dB too strong, each counted half, against a grid of 0.1 m and 0.2 dB
+    // over positions and offsets. The shared variance is 1 ⁄ (1 ⁄ 16 + 3 · ½ · 3 ⁄ 9) = 1.7778 dB².
+    let beacons = [[0.0, 0.0], [10.0, 1.0], [4.0, 8.0]];
+    let path_loss = PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 3.0 };
+    let at = |beacon: [f64; 2], at: [f64; 2]| {
+        let square = (beacon[0] - at[0]).powi(2) + (beacon[1] - at[1]).powi(2) + 0.09;
+        -50.0 - 10.0 * square.log10()
+    };
+    let heard = beacons.map(|beacon_m| RssiObservation {
+        beacon_m,
+        above_m: 0.0,
+        rssi_dbm: at(beacon_m, [2.0, 6.0]) + 5.0,
+        path_loss,
+    });
+    let mut filter = ParticleFilter::<f64, 20_000>::new(Settings { roughening: 0.0, ..Settings::staying() }, 7);
+    filter.start_in(&ROOM);
+    let (mut variance, mut last) = (16.0_f64, None);
+    for step in 0..3 {
+        let rssis = RssiLikelihood::of(&heard, variance.sqrt(), 0.5);
+        last = filter.step(step, &[], &rssis);
+        variance = rssis.offset_variance();
+    }
+    let found = last.expect("particles");
+    assert!((variance - 1.777_8).abs() < 1e-3, "{variance}");
+    let (mut sum, mut mean) = (0.0, [0.0; 3]);
+    for (x, y) in (0..100).flat_map(|x| (0..80).map(move |y| (f64::from(x) * 0.1 + 0.05, f64::from(y) * 0.1 + 0.05))) {
+        for offset in (-100..=100).map(|offset| f64::from(offset) * 0.2) {
+            let misfit: f64 = heard.iter().map(|one| (one.rssi_dbm - at(one.beacon_m, [x, y]) - offset).powi(2)).sum();
+            let weight = (-0.5 * (1.5 * misfit / 9.0 + offset * offset / 16.0)).exp();
+            sum += weight;
+            mean = [mean[0] + weight * x, mean[1] + weight * y, mean[2] + weight * offset];
+        }
+    }
+    let mean = mean.map(|each| each / sum);
+    assert!(is_near(&found, [mean[0], mean[1]], 0.1), "{found:?} {mean:?}");
+    assert!((found.offset[0] - mean[2]).abs() < 0.1, "{found:?} {mean:?}");
 }
 
 #[test]

@@ -27,7 +27,9 @@ pub(crate) struct Term<T> {
 #[derive(Clone, Debug)]
 pub struct RssiLikelihood<'a, T> {
     terms: Vec<Term<T>, MAX_ANCHORS>,
-    /// 1 ⁄ (Σ w + 1 ⁄ σₒ²), of the offset that is integrated out.
+    /// Σ w.
+    weights: T,
+    /// 1 ⁄ (Σ w + 1 ⁄ (t σₒ²)) for a trust t, of the offset that is integrated out.
     share: T,
     /// −½ times the `trust` in the RSSI values.
     factor: T,
@@ -39,7 +41,7 @@ impl<'a, T: Real> RssiLikelihood<'a, T> {
     /// Takes received RSSI values, at most [`MAX_ANCHORS`] of them. Values that are not sane are left out.
     ///
     /// `offset_deviation` is the standard deviation of the receiver's own offset, dB. `trust`, up to 1, is the share
-    /// of the information that is new. The shadows at a position are the same in the next scan. They count once in
+    /// of the information that is new, on the position and on the offset. The shadows at a position are the same in the next scan. They count once in
     /// the time it takes to leave the position (a second or two), not once per scan.
     pub fn of(heard: &[RssiObservation<T, 2>], offset_deviation: T, trust: T) -> Self {
         let (mut terms, mut weights) = (Vec::new(), T::ZERO);
@@ -50,8 +52,9 @@ impl<'a, T: Real> RssiLikelihood<'a, T> {
             }
             weights += term.weight;
         }
-        let variance = offset_deviation.squared();
-        Self { terms, share: variance / (weights * variance + T::ONE), factor: T::of(-0.5) * trust, walls: &[] }
+        let variance = trust * offset_deviation.squared();
+        let share = variance / (weights * variance + T::ONE);
+        Self { terms, weights, share, factor: T::of(-0.5) * trust, walls: &[] }
     }
 
     /// The same with walls that attenuate signals (2). Every wall is checked for every beacon and position.
@@ -62,14 +65,22 @@ impl<'a, T: Real> RssiLikelihood<'a, T> {
     /// The logarithm of the likelihood of a position, and the most likely offset of the receiver there, dB.
     #[inline(always)]
     pub(crate) fn seen_from(&self, position: [T; 2]) -> (T, T) {
+        self.seen_with(position, T::ZERO)
+    }
+
+    /// The same where the receiver's offset is expected to be `before`, dB.
+    #[inline(always)]
+    pub(crate) fn seen_with(&self, position: [T; 2], before: T) -> (T, T) {
         let (mut squares, mut sum) = (T::ZERO, T::ZERO);
         for term in &self.terms {
             let residual = self.residual(term, position);
             squares += term.weight * residual.squared();
             sum += term.weight * residual;
         }
-        let offset = self.share * sum;
-        (self.factor * (squares - offset * sum), offset)
+        let left = sum - self.weights * before;
+        let squares = squares - before * (sum + left);
+        let more = self.share * left;
+        (self.factor * (squares - more * left), before + more)
     }
 
     /// The estimate of the receiver's offset at a known position: mean, dB, and variance, dB².
@@ -78,8 +89,8 @@ impl<'a, T: Real> RssiLikelihood<'a, T> {
         (self.seen_from(position).1, self.offset_variance())
     }
 
-    /// The variance of the receiver's offset where the position is known, dB².
-    pub(crate) fn offset_variance(&self) -> T {
+    /// The variance of the receiver's offset where the position is known, dB². It is the same at all positions.
+    pub fn offset_variance(&self) -> T {
         self.share / (self.factor + self.factor).abs()
     }
 
@@ -158,6 +169,10 @@ mod tests {
         assert!((at(0.0, 0.25) + 0.25 * 0.960_110).abs() < 1e-6);
         // An offset of any size explains their mean, 1.581275; left are ∓3.586268: −½ · 25.722643 ⁄ 16 = −0.803833.
         assert!((at(1.0e6, 1.0) + 0.803_833).abs() < 1e-6, "{}", at(1.0e6, 1.0));
+        // An offset of 2 ± 2 dB before: the residuals are −4.004993 and 3.167544 from (0, 4) with 2 dB less: −½ ⁄ 16 ·
+        // (16.039965 + 10.033335 − 0.837449² ⁄ (2 + 16 ⁄ 4)) = −0.811138, and the offset 2 − 0.837449 ⁄ 6 = 1.860425.
+        let (ln, offset) = RssiLikelihood::of(&both, 2.0, 1.0).seen_with([0.0, 4.0], 2.0);
+        assert!((ln + 0.811_138).abs() < 1e-5 && (offset - 1.860_425).abs() < 1e-5, "{ln} {offset}");
     }
 
     #[test]
