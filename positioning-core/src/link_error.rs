@@ -15,9 +15,9 @@ use crate::Real;
 /// (0.06 to 0.10 m; `docs/design/tracking.md`).
 pub(crate) const DIRECT_SIGMA_M: f64 = 0.1;
 /// Mean error of a blocked link, metres.
-pub(crate) const BLOCKED_MEAN_M: f64 = 0.5;
+pub(crate) const BLOCKED_MEAN_M: f64 = 0.8;
 /// Deviation of the error of a blocked link, metres.
-pub(crate) const BLOCKED_SIGMA_M: f64 = 0.5;
+pub(crate) const BLOCKED_SIGMA_M: f64 = 0.65;
 /// Density of a range that is neither direct nor blocked, per metre.
 pub(crate) const WILD_DENSITY: f64 = 2.0e-3;
 /// The prior probability that a link is blocked, if diagnostics indicate line of sight …
@@ -148,15 +148,15 @@ mod tests {
             let precision = 1.0 / found.site.variance + 1.0 / likelihood.variance;
             let moment = (found.site.mean / found.site.variance + likelihood.mean / likelihood.variance) / precision;
             assert!((moment - first).abs() < 0.01, "{mean}: {found:?}, {first}");
-            assert!((precision.recip() - second).abs() < 0.1 * second, "{mean}: {found:?}, {second}");
+            assert!((precision.recip() - second).abs() < 0.15 * second, "{mean}: {found:?}, {second}");
         }
     }
 
     #[test]
     fn a_likelihood_that_leaves_both_kinds_open_makes_a_wide_site() {
-        // 0.3 m: three deviations of a direct link, 0.4 of a blocked one.
+        // 2.1 joint deviations of a direct link, 0.8 of a blocked one.
         let prior = LinkPrior { direct_m2: 0.01, blocked: 0.2 };
-        let found = prior.posterior(Gaussian { mean: 0.25, variance: 0.01 });
+        let found = prior.posterior(Gaussian { mean: 0.3, variance: 0.01 });
         assert!((0.2..0.8).contains(&found.blocked) && found.site.variance > 0.02, "{found:?}");
     }
 
@@ -171,7 +171,7 @@ mod tests {
         for mean in [-1.0e5, -3.0, 0.0, 3.0, 1.0e5] {
             for variance in [1.0e-8, 1.0e-4, 1.0, 1.0e6] {
                 let found = prior.posterior(Gaussian { mean, variance });
-                assert!(found.site.variance > 0.0 && found.site.variance < 1.0, "{found:?}");
+                assert!(found.site.variance > 0.0 && found.site.variance < 1.1, "{found:?}");
                 assert!(found.site.mean.abs() < 3.0 && (0.0..=1.0).contains(&found.blocked), "{found:?}");
             }
         }

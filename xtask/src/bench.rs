@@ -44,7 +44,7 @@ impl Made {
     }
 }
 
-const PARTS: [Part; 21] = [
+const PARTS: [Part; 22] = [
     Part {
         name: "chip",
         what: "what the methods cost on the chip, in QEMU",

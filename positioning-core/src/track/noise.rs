@@ -83,7 +83,7 @@ impl<T: Real> Noise<T> {
             direct_sigma: T::of(DIRECT_SIGMA_M),
             blocked_noise_sigma: T::of(0.3),
             learning: T::of(0.03),
-            link_seconds: T::of(2.0),
+            link_seconds: T::of(1.0),
             link_metres: T::of(0.4),
             renewal: T::of(0.02),
             beacon_seconds: T::of(60.0),

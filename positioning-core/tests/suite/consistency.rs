@@ -93,7 +93,7 @@ impl Tag {
 
     /// The mean and the deviation of a link's error, metres: those of `docs/design/tracking.md`.
     fn link(&self, anchor: usize) -> (f64, f64) {
-        if self.is_blocked[anchor] { (0.5, 0.5) } else { (0.0, f64::from(self.noise.direct_sigma)) }
+        if self.is_blocked[anchor] { (0.8, 0.65) } else { (0.0, f64::from(self.noise.direct_sigma)) }
     }
 
     /// Moves on to the next round. Its links' errors change with time and distance.

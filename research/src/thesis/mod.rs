@@ -44,7 +44,8 @@ pub fn error_m(method: Method, point: &Point) -> Option<f64> {
     let samples: [RangeSample<f32, 2>; ANCHORS] = std::array::from_fn(|i| {
         let range = point.ranges[i];
         let anchor = anchors[i].map(|coordinate| coordinate as f32);
-        RangeSample { los: Some(range.detected), ..RangeSample::new(anchor, range.range_m as f32) }
+        // Annex G blocks every second range, and `robust` may know how many are blocked, though not which.
+        RangeSample { los: Some(range.detected), p_blocked: 0.5, ..RangeSample::new(anchor, range.range_m as f32) }
     });
     let [min, max] = POINTS_M.map(|corner| corner.map(|coordinate| coordinate as f32));
     let constraints = Constraints { side: Side::Unknown, area: Some(Area { min, max }) };
