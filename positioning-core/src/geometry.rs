@@ -67,10 +67,13 @@ pub(crate) fn both_sides<T: Real, const D: usize>(
     for sample in samples {
         add_outer(&mut scatter, T::ONE, &sub(&sample.anchor, &centre));
     }
-    let (values, vectors) = symmetric_eigen(&scatter);
-    if values[0] > T::of(ELONGATED * ELONGATED) * values[1] {
+    // For λ₀ ≪ λ₁, det ⁄ trace² is λ₀ ⁄ λ₁: no eigenvalues needed.
+    let trace = scatter[0][0] + scatter[1][1];
+    let det = scatter[0][0] * scatter[1][1] - scatter[1][0].squared();
+    if det > T::of(ELONGATED * ELONGATED) * trace.squared() {
         return None;
     }
+    let (_, vectors) = symmetric_eigen(&scatter);
     let normal = vectors[0];
     Some([normal, normal.map(|c| -c)].map(|normal| lift_along(&normal, point, samples)))
 }

@@ -9,7 +9,7 @@
 //! Expectation-maximisation runs from three starts, since the posterior has several modes: B-WLS, LLS, and the middle
 //! of the anchors. Each step is a weighted Gauss-Newton step. The bias is eliminated by its Schur complement, and the
 //! narrow part is widened at first. Starts that meet continue as one. The two modes with the most evidence (Laplace's
-//! approximation) are refined, and averaged with the evidence as weight. The mean of the posterior errs less than its
+//! approximation) are averaged with the evidence as weight. The mean of the posterior errs less than its
 //! mode, and the distance of the modes is part of the covariance.
 
 use crate::fix::{blame, conclude_weighted, widen_to_mirror};
@@ -35,7 +35,7 @@ const STEP_LIMIT_M: f64 = 2.0;
 /// Modes closer than this are the same mode, metres.
 const SAME_MODE_M: f64 = 0.2;
 /// A mode with less than this part of the best one's evidence is dropped before it is refined: ln of the part.
-const LEAST_LOG_EVIDENCE: f64 = -5.0;
+const LEAST_LOG_EVIDENCE: f64 = -4.0;
 /// The steps treat a range's part in the mixture as certain, and so overestimate the information (Louis, J. R. Stat.
 /// Soc. B 44, 1982). With this factor on the covariance, 95 % ellipses contain 90-99 % of the true positions,
 /// simulated and recorded.
@@ -51,8 +51,12 @@ pub fn robust<T: Real, const D: usize>(
 ) -> Result<Fix<T, D>, SolveError> {
     let survey = Survey::of(samples, constraints)?;
     let spare = T::count(samples.len() - D - 1);
-    let posterior =
-        Posterior { samples, constraints, odds: spare.at_most(T::of(SPARE_RANGES)) * T::of(1.0 / SPARE_RANGES) };
+    let common = spare.at_most(T::of(SPARE_RANGES)) * T::of(1.0 / SPARE_RANGES);
+    let odds = core::array::from_fn(|i| {
+        let of = |p: T| common * p / (T::ONE - p).at_least(T::of(0.01));
+        samples.get(i).map_or(T::ZERO, |sample| of(sample.p_blocked))
+    });
+    let posterior = Posterior { samples, constraints, odds };
     let by_box = b_wls_position(samples, &survey).ok();
     let middle = || Some(survey.layout.lift(centroid(samples), samples));
     // Anchors near a line leave its two sides alike.
@@ -66,12 +70,12 @@ pub fn robust<T: Real, const D: usize>(
     let first = first.ok_or_else(diverged)?;
     let second = second.filter(|second| second.log_evidence - first.log_evidence > T::of(LEAST_LOG_EVIDENCE));
     let first = posterior.mode(first.next).ok_or_else(diverged)?;
-    let second = second.and_then(|found| posterior.mode(found.next)).filter(|mode| !mode.state.is_near(&first.state));
+    let second = second.filter(|found| !found.next.is_near(&first.state));
 
     // The second mode's share of the posterior, and the vector to it.
     let (share, apart) = second.map_or((T::ZERO, [T::ZERO; D]), |second| {
-        let share = T::ONE / (T::ONE + (first.log_evidence - second.log_evidence).exp());
-        (share, sub(&second.state.position, &first.state.position))
+        let share = T::ONE / (T::ONE + (first.log_evidence - second.log_evidence).at_least(T::ZERO).exp());
+        (share, sub(&second.next.position, &first.state.position))
     });
     let position = add_scaled(&first.state.position, share, &apart);
     let weights = posterior.direct_probabilities(&State { position, bias: first.state.bias });
@@ -203,17 +207,11 @@ impl<T: Real> Share<T> {
 struct Posterior<'a, T, const D: usize> {
     samples: &'a [RangeSample<T, D>],
     constraints: &'a Constraints<T, D>,
-    /// The factor on the prior odds that a link is blocked.
-    odds: T,
+    /// The prior odds that each link is blocked.
+    odds: PerSample<T>,
 }
 
 impl<T: Real, const D: usize> Posterior<'_, T, D> {
-    /// The odds that a sample's link is blocked.
-    #[inline(always)]
-    fn odds(&self, sample: &RangeSample<T, D>) -> T {
-        self.odds * sample.p_blocked / (T::ONE - sample.p_blocked).at_least(T::of(0.01))
-    }
-
     /// The best modes that are reached from `starts`.
     #[inline(never)]
     fn search(&self, starts: [Option<Vector<T, D>>; 3]) -> Best<T, D> {
@@ -287,13 +285,13 @@ impl<T: Real, const D: usize> Posterior<'_, T, D> {
         let mut log_posterior = -T::of(0.5) * prior * state.bias.squared();
         // A product of densities. Its logarithm is taken only when it leaves the range of `f32`.
         let mut product = T::ONE;
-        for sample in self.samples {
+        for (sample, odds) in self.samples.iter().zip(&self.odds) {
             let across = sub(&state.position, &sample.anchor);
             let distance = (dot(&across, &across) + T::EPSILON.squared()).sqrt();
             let inverse = T::ONE / distance;
             let unit = across.map(|component| component * inverse);
             let residual = sample.range - distance - state.bias;
-            let share = Share::of(residual, widening * sample.sigma, self.odds(sample));
+            let share = Share::of(residual, widening * sample.sigma, *odds);
             product *= share.density;
             if product < T::of(1.0e-24) {
                 log_posterior += product.ln();
@@ -325,7 +323,7 @@ impl<T: Real, const D: usize> Posterior<'_, T, D> {
             self.samples.get(i).map_or(T::ZERO, |sample| {
                 let across = sub(&state.position, &sample.anchor);
                 let residual = sample.range - dot(&across, &across).sqrt() - state.bias;
-                Share::of(residual, sample.sigma, self.odds(sample)).direct
+                Share::of(residual, sample.sigma, self.odds[i]).direct
             })
         })
     }

@@ -42,16 +42,19 @@ pub(crate) struct Link<T> {
 }
 
 impl<T: Real> Link<T> {
-    /// The variance of the noise of its next range, m²; `own` is that in line of sight.
-    pub(crate) fn white(&self, own: T, p_nlos: Option<T>, settings: &FilterSettings<T>) -> T {
+    /// The variance of the noise of its next measurement, m²; `own` is that in line of sight, `blocked` the probability
+    /// that the link is blocked.
+    pub(crate) fn white(&self, own: T, blocked: T, settings: &FilterSettings<T>) -> T {
         match settings.blocked {
             Blocked::TwoVariances { threshold, direct_m2, blocked_m2 } => {
-                if p_nlos.is_some_and(|p_nlos| p_nlos >= threshold) { blocked_m2 } else { direct_m2 }
+                if blocked >= threshold {
+                    blocked_m2
+                } else {
+                    direct_m2
+                }
             }
             Blocked::Alike | Blocked::Ignore { .. } | Blocked::Weigh => {
-                let noise = &settings.noise;
-                let blocked = if noise.lasts() { self.blocked } else { p_nlos.unwrap_or(T::ZERO) };
-                self.shown.variance(noise.noise_variance(own, blocked))
+                self.shown.variance(settings.noise.noise_variance(own, blocked))
             }
         }
     }

@@ -19,6 +19,9 @@ const FASTEST: f64 = 10.0;
 const DAMPING: f64 = 0.5;
 /// A likelihood of a link's error that is less certain than its prior by this factor does not change the prior.
 const VAGUE: f64 = 0.02;
+/// A change of a link's prior that changes its error's variance, or its mean in deviations, by less than this part is
+/// left out.
+const WORTH: f64 = 0.03;
 /// The number of gates for single numbers: a height, the three of a position, and the rest for new kinds.
 const OWN_GATES: usize = 8;
 
@@ -193,7 +196,7 @@ impl<T: Real> Filter<T> {
             let direct_m2 = settings.noise.direct_sigma.squared();
             self.renew(place, Gaussian { mean: T::ZERO, variance: direct_m2 }, T::ZERO);
         }
-        let white = self.links.at(place)?.white(own, p_nlos, settings);
+        let white = self.links.at(place)?.white(own, p_nlos.unwrap_or(T::ZERO), settings);
         Some(CarriedLink { place, state: Links::<T>::state(place), white })
     }
 
@@ -241,7 +244,9 @@ impl<T: Real> Filter<T> {
         };
         let Some(link) = self.links.at(place) else { return UpdateResult::NoPlace };
         let p_nlos = range.p_nlos(settings);
-        let white = link.white(range.own_m2, p_nlos, settings);
+        // What is known of the link by now says more than the diagnostics of one reception.
+        let blocked = if noise.lasts() { link.blocked } else { p_nlos.unwrap_or(T::ZERO) };
+        let white = link.white(range.own_m2, blocked, settings);
         let state = Links::<T>::state(place);
         let model = range.model(state);
         if !noise.lasts() {
@@ -336,6 +341,11 @@ impl<T: Real> Filter<T> {
         let now = T::ONE / posterior.site.variance;
         let (more, more_weight) =
             (T::of(DAMPING) * (now - before), T::of(DAMPING) * (now * posterior.site.mean - weight));
+        // Most links are what they were: a change of a small part of the error's deviation is not worth its cost.
+        let (narrows, moves) = (more * variance, more_weight - more * mean);
+        if narrows.abs() < T::of(WORTH) && moves.squared() * variance < T::of(WORTH * WORTH) {
+            return;
+        }
         if self.state.inform(state, more, more_weight) {
             let precision = before + more;
             link.site = Gaussian { mean: (weight + more_weight) / precision, variance: T::ONE / precision };

@@ -56,8 +56,9 @@ fn on_an_air_as_recorded_they_err_by_a_decimetre() {
     assert!((0.05..0.30).contains(&rmse_m), "{rmse_m} m");
 }
 
-/// What walls add to the paths between anchors is measured. The error of a tag that listens is at most twice that of a
-/// tag that asks: a difference contains two links, and no distance by itself. The ideal air adds nothing to what walls
+/// What walls add to the paths between anchors is measured. The error of a tag that listens is at most two and a half
+/// times that of a tag that asks: a difference contains two links, neither shows which one is blocked, and there is no
+/// distance by itself. The ideal air adds nothing to what walls
 /// do.
 #[test]
 fn walls_between_anchors_are_not_in_the_differences() {
@@ -75,5 +76,5 @@ fn walls_between_anchors_are_not_in_the_differences() {
         squares.sum::<f64>() / 3.0
     };
     let (asks, listens) = (mean_square(Mode::Native), mean_square(LISTENING));
-    assert!(listens <= 4.0 * asks, "{listens} m² and {asks} m²");
+    assert!(listens <= 6.25 * asks, "{listens} m² and {asks} m²");
 }

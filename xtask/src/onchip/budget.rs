@@ -28,7 +28,7 @@ pub const BEACONS: [(&str, &str, u64); 5] = [
     ("particles", "a step of 256 particles by the levels of 6 beacons", 400_000),
     ("nearest", "5 nearest of 200 points, 12 beacons", 60_000),
     ("lattice", "the posterior over 200 points, 12 beacons", 120_000),
-    ("walk", "a step of the walk over them", 250_000),
+    ("walk", "a step of the walk over them", 600_000),
 ];
 
 /// Budget of the code of all methods together in the plane, bytes.
