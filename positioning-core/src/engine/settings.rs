@@ -151,7 +151,7 @@ impl<T: Real> Settings<T> {
         Self { mode: Mode::Solve, solvers, ..Self::track(dimensions) }
     }
 
-    /// The textbook's filter: white noise, no gates, no supervisor, and only the given `motion`, `blocked` and
+    /// The textbook's filter: white noise, no gates, one hypothesis, and only the given `motion`, `blocked` and
     /// `iterations`.
     pub fn plain(dimensions: Dimensions<T>, motion: Motion<T>, blocked: Blocked<T>, iterations: u8) -> Self {
         let tracking = Self::track(dimensions);
