@@ -84,6 +84,11 @@ impl<T: Real> Engine<T> {
         if let Some(lead) = self.rival.lead {
             let other = core::mem::replace(&mut self.rival.filter.log_evidence, T::ZERO);
             let lead = T::of(KEPT) * lead + mine - other;
+            if self.is_at(self.rival.filter.state.position()) {
+                // Both have come to the same place.
+                self.rival.end();
+                return None;
+            }
             return self.decide(lead.at_least(T::of(-GREATEST)).at_most(T::of(GREATEST)));
         }
         // No hypothesis explains ranges better than this, so that most rounds need no solver.
@@ -92,7 +97,7 @@ impl<T: Real> Engine<T> {
             return None;
         }
         let fix = self.round.solve(&self.settings).ok()?;
-        if self.is_at(&fix) {
+        if self.is_at(fix.position) {
             return None;
         }
         begin(&mut self.rival.filter, &fix, &self.round, &self.settings, self.now_us);
@@ -123,10 +128,10 @@ impl<T: Real> Engine<T> {
         self.rival.lead = Some(((T::ONE - alternative.share) / alternative.share).ln());
     }
 
-    /// Whether a fix is where the track is.
-    fn is_at(&self, fix: &Fix<T, 3>) -> bool {
+    /// Whether another position is where the track is.
+    fn is_at(&self, other: [T; 3]) -> bool {
         let position = self.filter.state.position();
-        let square = (0..3).fold(T::ZERO, |sum, axis| sum + (position[axis] - fix.position[axis]).squared());
+        let square = (0..3).fold(T::ZERO, |sum, axis| sum + (position[axis] - other[axis]).squared());
         square < T::of(SAME * SAME) * self.filter.state.spread()
     }
 }

@@ -267,7 +267,7 @@ impl<T: Real> Filter<T> {
         let renewal = if fresh { T::ONE } else { noise.renewal };
         let renewed = renewal * posterior.density;
         let wild = T::of(WILD_DENSITY);
-        self.log_evidence += (as_before + renewed + wild).ln();
+        self.log_evidence += log(as_before + renewed + wild);
         let is_wild = wild > as_before && wild > renewed;
         if is_wild {
             // A wild range that repeats itself is a new error after all, unless it is too short: walls lengthen a range,
@@ -304,7 +304,7 @@ impl<T: Real> Filter<T> {
         let residual = range.model(STATES).linearise(&self.state.mean).innovation;
         let prior = settings.noise.link_prior(range.p_nlos(settings));
         let posterior = prior.posterior(Gaussian { mean: residual, variance: range.own_m2 });
-        (posterior.density + T::of(WILD_DENSITY)).ln()
+        log(posterior.density + T::of(WILD_DENSITY))
     }
 
     /// The same for a difference of arrivals, between two direct links.
@@ -313,7 +313,7 @@ impl<T: Real> Filter<T> {
         let residual = model.linearise(&self.state.mean).innovation + self.state.mean[REFERENCE];
         let [reference, own] = tdoa.deviations_m.map(|deviation| deviation.squared());
         let variance = reference + own + T::of(2.0) * settings.noise.direct_sigma.squared();
-        (density(residual.squared(), variance) + T::of(WILD_DENSITY)).ln()
+        log(density(residual.squared(), variance) + T::of(WILD_DENSITY))
     }
 
     /// Gives the link of a range the prior that the mixture is, seen from all that is known of the link's error by now.
@@ -417,7 +417,7 @@ impl<T: Real> Filter<T> {
                 let Some(link) = self.links.at(place) else { return UpdateResult::NoPlace };
                 let decision = link.gate.check(value, s, limit, patience);
                 if matches!(gate, GateOf::Link(_)) {
-                    self.log_evidence += (density(value.squared(), s) + T::of(WILD_DENSITY)).ln();
+                    self.log_evidence += log(density(value.squared(), s) + T::of(WILD_DENSITY));
                 }
                 if decision == GateDecision::Accept && !matches!(gate, GateOf::Beacons(_)) {
                     link.shown.learn(&settings.noise, value, predicted, s);
@@ -476,6 +476,11 @@ impl<T: Real> Filter<T> {
             }
         }
     }
+}
+
+/// The natural logarithm of a density, near enough to compare hypotheses.
+fn log<T: Real>(density: T) -> T {
+    T::of(core::f64::consts::LN_2) * density.log2_about()
 }
 
 /// Microseconds as seconds, at most an hour: longer times have the same effect.
