@@ -10,7 +10,7 @@ use serde::Deserialize;
 use crate::baliza::{baliza, files, json, name, ranges};
 use crate::bench::Made;
 
-/// One recording, as `baliza track --consistency --json` prints it.
+/// One recording, as `baliza track --json` prints it.
 #[derive(Clone, Debug, Deserialize)]
 struct Score {
     epochs: u64,
@@ -27,11 +27,11 @@ const SPACE: [&str; 2] = ["--dims", "3"];
 /// One row each: a title, the arguments before the recording's, and those behind.
 const ROWS: [(&str, &[&str], &[&str]); 6] = [
     ("`baliza solve`", &["solve"], &PLANE),
-    ("`baliza track`", &["track", "--consistency"], &PLANE),
-    ("`baliza track --nlos alike`", &["track", "--consistency", "--nlos", "alike"], &PLANE),
-    ("`baliza track --nlos ignore`", &["track", "--consistency", "--nlos", "ignore"], &PLANE),
+    ("`baliza track`", &["track"], &PLANE),
+    ("`baliza track --nlos alike`", &["track", "--nlos", "alike"], &PLANE),
+    ("`baliza track --nlos ignore`", &["track", "--nlos", "ignore"], &PLANE),
     ("`baliza solve --dims 3`", &["solve"], &SPACE),
-    ("`baliza track --dims 3`", &["track", "--consistency"], &SPACE),
+    ("`baliza track --dims 3`", &["track"], &SPACE),
 ];
 
 /// Differences of arrival, and their figure.

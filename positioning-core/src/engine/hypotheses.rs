@@ -109,6 +109,7 @@ impl<T: Real> Engine<T> {
 
     /// Follows the hypothesis that has won with these log odds of the track, or both. Returns why a track was started,
     /// if the rival has won.
+    #[inline(never)]
     fn decide(&mut self, lead: T) -> Option<Start> {
         self.rival.lead = (lead.abs() < T::of(SURE)).then_some(lead);
         (lead <= T::of(-SURE)).then(|| {
@@ -138,6 +139,7 @@ impl<T: Real> Engine<T> {
 
 /// ln of the evidence of a round for a filter that began with it, up to the probability of its place: the likelihood at
 /// its state, times the volume of its posterior (Laplace's approximation).
+#[inline(never)]
 fn log_evidence<T: Real>(filter: &Filter<T>, round: &Round<T>, settings: &Settings<T>) -> T {
     let mut likelihood = T::ZERO;
     for range in round.ranges() {

@@ -16,7 +16,6 @@ impl<T: Real> Engine<T> {
     }
 
     /// Takes a measurement into both hypotheses; the result is that of the track.
-    #[inline(always)]
     pub(super) fn apply(&mut self, observation: &impl Observation<T>) -> UpdateResult {
         if let Some(rival) = self.rival.filter() {
             observation.update(rival, &self.settings.filter);

@@ -46,6 +46,7 @@ impl<T: Real> Observation<T> for BeaconPosition<T> {
             && (T::ZERO..=T::ONE).contains(&self.lasting)
     }
 
+    #[inline(never)]
     fn update(&self, filter: &mut Filter<T>, settings: &FilterSettings<T>) -> UpdateResult {
         let Fix { position, covariance, .. } = self.at(T::ZERO);
         let least = T::of(LEAST_SIGMA_M * LEAST_SIGMA_M);

@@ -38,6 +38,7 @@ impl<T: Real> Observation<T> for Height<T> {
         sane(self.height_m.abs(), self.deviation_m)
     }
 
+    #[inline(never)]
     fn update(&self, filter: &mut Filter<T>, settings: &FilterSettings<T>) -> UpdateResult {
         let model = HeightModel { height_m: self.height_m };
         filter.observe(&model, variance(self.deviation_m), HEIGHT_GATE, settings)

@@ -74,6 +74,7 @@ impl<T: Real> Observation<T> for ExternalPosition<T> {
         sane(sum, T::ONE) && is_covariance(&self.covariance_m2)
     }
 
+    #[inline(never)]
     fn update(&self, filter: &mut Filter<T>, settings: &FilterSettings<T>) -> UpdateResult {
         let mut result = UpdateResult::Accepted;
         let components = components(self.position_m, &self.covariance_m2, T::of(LEAST_SIGMA_M * LEAST_SIGMA_M));

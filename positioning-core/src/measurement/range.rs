@@ -51,6 +51,7 @@ impl<T: Real> Observation<T> for Range<T> {
         sane(magnitude(&self.position_m) + self.distance_m.abs() + excess.abs(), self.deviation_m)
     }
 
+    #[inline(never)]
     fn update(&self, filter: &mut Filter<T>, settings: &FilterSettings<T>) -> UpdateResult {
         filter.observe_range(&self.for_filter(), settings)
     }

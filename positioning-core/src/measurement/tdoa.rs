@@ -64,6 +64,7 @@ impl<T: Real> Observation<T> for Tdoa<T> {
             && sane(T::ZERO, self.deviations_m[1])
     }
 
+    #[inline(never)]
     fn update(&self, filter: &mut Filter<T>, settings: &FilterSettings<T>) -> UpdateResult {
         let [of_reference, own] = self.deviations_m.map(variance);
         let [reference_p, p] = self.p_nlos.map(known);

@@ -184,6 +184,7 @@ impl<T: Real> Filter<T> {
     /// variance of the reception's noise in line of sight, m². `p_nlos` is the probability of being without line of
     /// sight, if it is known. Links count as direct: of two links that make one difference, none shows which is blocked.
     /// `None`: there is no place for it.
+    #[inline(never)]
     pub(crate) fn anchor_link(
         &mut self,
         anchor: u16,
@@ -202,6 +203,7 @@ impl<T: Real> Filter<T> {
 
     /// The place of an anchor's link, with its error predicted to the current time, and whether the link is new. The
     /// error of a new link is zero without uncertainty until it has a prior.
+    #[inline(never)]
     fn carry_anchor(&mut self, anchor: u16, distance_m: T, settings: &FilterSettings<T>) -> Option<(usize, bool)> {
         let noise = &settings.noise;
         let (place, fresh) = self.links.place(Source::Anchor(anchor), distance_m, self.now_us)?;
@@ -217,6 +219,7 @@ impl<T: Real> Filter<T> {
     }
 
     /// Gives a link another error with this prior, whatever it was before.
+    #[inline(never)]
     fn renew(&mut self, place: usize, site: Gaussian<T>, blocked: T) {
         if let Some(link) = self.links.at(place) {
             (link.site, link.blocked) = (site, blocked);
@@ -237,6 +240,7 @@ impl<T: Real> Filter<T> {
 
     /// Takes a range whose link's error lasts. Three explanations compete: the link is as before; it has another error,
     /// direct or blocked; or the range is wild. Each has its probability and its density, and the likeliest one counts.
+    #[inline(never)]
     pub(crate) fn observe_range(&mut self, range: &AnchorRange<'_, T>, settings: &FilterSettings<T>) -> UpdateResult {
         let noise = &settings.noise;
         let Some((place, fresh)) = self.carry_anchor(range.anchor, range.distance_m, settings) else {
@@ -386,6 +390,7 @@ impl<T: Real> Filter<T> {
 
     /// Predicts a link's error to the current time. `after` is the time in seconds and the distance in metres after
     /// which the error is a different one of the same prior.
+    #[inline(never)]
     fn carry(&mut self, place: usize, site: Gaussian<T>, after: [T; 2]) {
         let Some(link) = self.links.at(place) else { return };
         let age: T = seconds(self.now_us.saturating_sub(link.measured_us));
@@ -400,6 +405,7 @@ impl<T: Real> Filter<T> {
     }
 
     /// Compares one number with the track, checks its gate, and takes it in; `white` is the variance of its noise.
+    #[inline(never)]
     pub(crate) fn observe(
         &mut self,
         model: &impl Model<T>,
@@ -438,6 +444,7 @@ impl<T: Real> Filter<T> {
     }
 
     /// Takes a measurement into the state.
+    #[inline(never)]
     fn absorb(&mut self, model: &impl Model<T>, innovation: &Innovation<T>, white: T, settings: &FilterSettings<T>) {
         let normalised = innovation.value.squared() / (innovation.predicted + white);
         self.surprise.add(normalised);
