@@ -16,15 +16,13 @@ use crate::fix::{blame, conclude_weighted, widen_to_mirror};
 use crate::geometry::{Survey, both_sides, centroid};
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_outer_full, add_scaled, dot, sub};
 use crate::linear::{b_wls_position, lls_position};
-use crate::link_error::{BLOCKED_MEAN_M, BLOCKED_SIGMA_M, WILD_DENSITY, bell};
+use crate::link_error::{BLOCKED_MEAN_M, BLOCKED_SIGMA_M, COMMON_SIGMA_M, WILD_DENSITY, bell};
 use crate::sample::PerSample;
 use crate::{Alternative, Constraints, Fix, RangeSample, Real, SolveError};
 
 /// With this number of ranges to spare, the odds of a blocked link are those of its prior. With fewer, blocked is less
 /// likely in proportion. With none to spare the two cannot be distinguished, and every range counts as direct.
 const SPARE_RANGES: f64 = 3.0;
-/// Prior deviation of the common bias, metres.
-const BIAS_SIGMA_M: f64 = 0.15;
 /// The factor by which the narrow part is widened in the first steps from a start, so that distant modes have an
 /// effect.
 const APPROACH: [f64; 2] = [3.0, 2.0];
@@ -35,7 +33,7 @@ const STEP_LIMIT_M: f64 = 2.0;
 /// Modes closer than this are the same mode, metres.
 const SAME_MODE_M: f64 = 0.2;
 /// A mode with less than this part of the best one's evidence is dropped before it is refined: ln of the part.
-const LEAST_LOG_EVIDENCE: f64 = -4.0;
+const LEAST_LOG_EVIDENCE: f64 = -5.0;
 /// The steps treat a range's part in the mixture as certain, and so overestimate the information (Louis, J. R. Stat.
 /// Soc. B 44, 1982). With this factor on the covariance, 95 % ellipses contain 90-99 % of the true positions,
 /// simulated and recorded.
@@ -276,7 +274,7 @@ impl<T: Real, const D: usize> Posterior<'_, T, D> {
     /// Expands the posterior at `state`, with the narrow part widened by `widening`.
     #[inline(never)]
     fn expand(&self, state: &State<T, D>, widening: T) -> Option<Expansion<T, D>> {
-        let prior = T::of(1.0 / (BIAS_SIGMA_M * BIAS_SIGMA_M));
+        let prior = T::of(1.0 / (COMMON_SIGMA_M * COMMON_SIGMA_M));
         let mut hessian: Matrix<T, D> = [[T::ZERO; D]; D];
         let mut cross = [T::ZERO; D];
         let mut descent = [T::ZERO; D];

@@ -6,7 +6,7 @@
 //! diagnostics are needed to detect this.
 
 use crate::Real;
-use crate::link_error::{DIRECT_SIGMA_M, LinkPrior, prior_blocked};
+use crate::link_error::{COMMON_SIGMA_M, DIRECT_SIGMA_M, LinkPrior, prior_blocked};
 use crate::nlos::PowerDifference;
 
 /// How the received power minus that of the first path is converted to an uncertainty of a range; see
@@ -79,7 +79,7 @@ impl<T: Real> Noise<T> {
     /// The noise of a DW1000 indoors (`docs/design/tracking.md` has the reasons, `docs/performance.md` the checks).
     pub fn indoors() -> Self {
         Self {
-            common_sigma: T::of(0.15),
+            common_sigma: T::of(COMMON_SIGMA_M),
             direct_sigma: T::of(DIRECT_SIGMA_M),
             blocked_noise_sigma: T::of(0.3),
             learning: T::of(0.03),
