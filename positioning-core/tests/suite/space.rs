@@ -113,3 +113,46 @@ fn a_height_that_is_told_is_kept() {
     }
     assert!(sigma < 0.05, "{sigma}");
 }
+
+#[test]
+fn behind_walls_a_track_in_space_errs_no_more_than_its_rounds_and_its_deviation_tells() {
+    let mut rng = rng(22);
+    let anchors: [[f64; 3]; 8] = core::array::from_fn(|i| {
+        let [x, y] =
+            [[0.0, 0.0], [6.0, 0.0], [12.0, 0.0], [12.0, 4.0], [12.0, 8.0], [6.0, 8.0], [0.0, 8.0], [0.0, 4.0]][i];
+        [x, y, if i % 2 == 0 { 2.7 } else { 0.4 }]
+    });
+    let (mut tracked, mut solved, mut consistency, mut rounds) = (0.0, 0.0, 0.0, 0.0);
+    for _ in 0..40 {
+        let mut engines = [Settings::track(SPACE), Settings::solve(SPACE, Solvers::robust())].map(Engine::<f32>::new);
+        // Two links pass walls, which lengthen them by 0.3 to 1 m and add no noise.
+        let walls: [usize; 2] = [rng.random_range(0..4), rng.random_range(4..8)];
+        let links: [f64; 8] = core::array::from_fn(|i| {
+            0.06 * normal(&mut rng) + if walls.contains(&i) { rng.random_range(0.3..1.0) } else { 0.0 }
+        });
+        let from = rng.random_range(0.0..6.3);
+        for k in 1..=ROUNDS {
+            let angle = from + 0.02 * k as f64;
+            let tag = [6.0 + 3.0 * angle.cos(), 4.0 + 2.0 * angle.sin(), 1.2];
+            let fixes = engines.each_mut().map(|engine| {
+                for (anchor, place) in anchors.iter().enumerate() {
+                    let distance_m = (distance(place, &tag) + links[anchor] + 0.02 * normal(&mut rng)) as f32;
+                    let (anchor, position_m) = (anchor as u16, place.map(|c| c as f32));
+                    let range =
+                        Range { anchor, position_m, distance_m, deviation_m: 0.03, p_nlos: None, excess_m: None };
+                    engine.step(100_000 * k, &Measurement::Range(range));
+                }
+                engine.step(100_000 * k, &Measurement::RoundEnd).fix.expect("eight ranges")
+            });
+            let off = |axis: usize, fix: usize| f64::from(fixes[fix].position[axis]) - tag[axis];
+            let [square, of_solved] = [0, 1].map(|fix| off(0, fix).powi(2) + off(1, fix).powi(2));
+            let c = fixes[0].covariance.map(|row| row.map(f64::from));
+            let (x, y) = (off(0, 0), off(1, 0));
+            let determinant = c[0][0] * c[1][1] - c[0][1] * c[1][0];
+            consistency += (c[1][1] * x * x - 2.0 * c[0][1] * x * y + c[0][0] * y * y) / determinant;
+            (tracked, solved, rounds) = (tracked + square, solved + of_solved, rounds + 1.0);
+        }
+    }
+    assert!(tracked <= solved, "{} {}", (tracked / rounds).sqrt(), (solved / rounds).sqrt());
+    assert!((0.5..4.0).contains(&(consistency / rounds)), "{}", consistency / rounds);
+}
