@@ -9,9 +9,9 @@ use crate::Real;
 use crate::link_error::{COMMON_SIGMA_M, DIRECT_SIGMA_M, LinkPrior, prior_blocked};
 use crate::nlos::PowerDifference;
 
-/// How the received power minus that of the first path is converted to an uncertainty of a range; see
-/// [`Noise::by_powers`]. It is much less steep than the chip maker's rule, which is for blocked paths: the squared
-/// errors of recorded ranges grow about evenly from 3 dB to 16 dB.
+/// How the received power minus that of the first path is converted to a probability that a link is blocked. It is much
+/// less steep than the chip maker's rule, which is for blocked paths: the squared errors of recorded ranges grow about
+/// evenly from 3 dB to 16 dB.
 pub const POWER_DIFFERENCE_PRIOR: PowerDifference = PowerDifference { middle_db: 10.0, slope: 0.3 };
 
 /// What to do with the probability that a link is without line of sight.
