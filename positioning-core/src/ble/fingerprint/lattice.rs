@@ -48,12 +48,7 @@ impl<T: Real> Receiver<T> {
         [mean, if deviation > T::ZERO && deviation.is_finite() { deviation.squared() } else { T::ZERO }]
     }
 
-    /// Takes the offset that a scan has given, for the next scan.
-    pub fn learn(&mut self, posterior: &Posterior<T>) {
-        self.set_offset(posterior.offset_db, posterior.offset_deviation_db);
-    }
-
-    /// Takes an offset that was found otherwise, with its deviation, dB. An offset that is known stays as it is.
+    /// Takes the offset that a scan has given, with its deviation, dB, for the next scan. An offset that is known stays.
     /// Scans at one position have the same shadows: they must be given once per position.
     pub fn set_offset(&mut self, offset_db: T, offset_deviation_db: T) {
         if self.offset_deviation_db > T::ZERO && (offset_db + offset_deviation_db).is_finite() {
@@ -71,7 +66,7 @@ pub struct Posterior<T> {
     pub position: [T; 2],
     /// Its covariance, m²: xx, xy, yy.
     pub covariance: [T; 3],
-    /// The receiver's offset, dB, for [`Receiver::learn`].
+    /// The receiver's offset, dB, for [`Receiver::set_offset`].
     pub offset_db: T,
     /// Its deviation, dB.
     pub offset_deviation_db: T,
@@ -370,7 +365,8 @@ pub(super) mod tests {
         let (map, _) = Map::decode(&bytes).expect("a map");
         let mut receiver = Receiver { offset_deviation_db: 4.0, ..Receiver::<f64>::default() };
         let mut scan = || {
-            receiver.learn(&locate(&map, &[Some(-66.0)], &receiver).expect("found"));
+            let found = locate(&map, &[Some(-66.0)], &receiver).expect("found");
+            receiver.set_offset(found.offset_db, found.offset_deviation_db);
             (receiver.offset_db, receiver.offset_deviation_db)
         };
         for (offset, deviation) in [(-3.84, 2.4104), (-4.6874, 1.8923)] {
@@ -380,7 +376,8 @@ pub(super) mod tests {
         let last = (0..60).map(|_| scan()).last().expect("some");
         assert!((last.0 + 6.0).abs() < 0.01 && (last.1 - 0.8344).abs() < 1e-3, "{last:?}");
         let mut known = Receiver { offset_db: 2.0, offset_deviation_db: 0.0, ..receiver };
-        known.learn(&locate(&map, &[Some(-66.0)], &known).expect("found"));
+        let found = locate(&map, &[Some(-66.0)], &known).expect("found");
+        known.set_offset(found.offset_db, found.offset_deviation_db);
         assert_eq!(known.offset_db, 2.0);
     }
 

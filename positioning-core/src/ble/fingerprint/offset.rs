@@ -7,14 +7,12 @@
 //! with a mean that is linear in the position. This is [`Walk`](super::Walk) with a distribution of nine numbers.
 
 use super::lattice::{Joint, Likelihood, Moments, Receiver};
-use super::walk::{DRIFT, seconds};
+use super::walk::{DRIFT, FADING_S, seconds};
 use super::{Map, NoPosition};
 use crate::Real;
 
 /// How far a receiver goes along each axis in a second, metres.
 const SPREAD_M: f64 = 0.7;
-/// How long errors of RSSI values stay the same, seconds, as in [`Motion`](super::Motion).
-const FADING_S: f64 = 1.3;
 /// A point beyond this squared Mahalanobis distance is as likely as at this distance, e⁻⁷, and independent of the
 /// offset: the receiver may have been carried there.
 const FAR: f64 = 14.0;

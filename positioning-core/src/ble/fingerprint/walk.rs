@@ -27,6 +27,8 @@ const MOST_PASSES: usize = 100;
 const LOST: f64 = 1.0e-3;
 /// The growth of the offset's variance, (½ dB)² per second: in an hour as much as receivers differ, (4 dB)².
 pub(super) const DRIFT: f64 = 64.0 / 3600.0;
+/// How long errors of RSSI values stay the same, seconds.
+pub(super) const FADING_S: f64 = 1.3;
 
 /// Probabilities below this do not count in the mean.
 const NOTHING: f64 = 1.0e-6;
@@ -47,7 +49,7 @@ pub struct Motion<T> {
 impl<T: Real> Default for Motion<T> {
     /// A person or a robot indoors.
     fn default() -> Self {
-        Self { spread_m: [0.4, 1.2].map(T::of), gait_s: T::of(3.0), fading_s: T::of(1.3) }
+        Self { spread_m: [0.4, 1.2].map(T::of), gait_s: T::of(3.0), fading_s: T::of(FADING_S) }
     }
 }
 
