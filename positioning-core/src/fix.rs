@@ -62,6 +62,25 @@ impl<T: Real, const D: usize> Fix<T, D> {
     }
 }
 
+impl<T: Real, const D: usize> Fix<T, D> {
+    /// The variances of all axes together, m².
+    pub(crate) fn spread(&self) -> T {
+        (0..D).fold(T::ZERO, |sum, axis| sum + self.covariance[axis][axis])
+    }
+
+    /// The likelier of two places, with the covariance about it, and the other place with its share. Where there is only
+    /// one, it is the fix itself.
+    pub(crate) fn places(&self) -> (Self, Option<(Self, T)>) {
+        let Some(Alternative { apart, share }) = self.alternative else { return (*self, None) };
+        let mut likelier = *self;
+        // The position is the mean of both, and the covariance reaches from one to the other.
+        likelier.position = add_scaled(&self.position, -share, &apart);
+        add_outer_full(&mut likelier.covariance, -(share * (T::ONE - share)), &apart);
+        let other = Self { position: add_scaled(&likelier.position, T::ONE, &apart), ..likelier };
+        (likelier, Some((other, share)))
+    }
+}
+
 /// Why there is no position. Telemetry writes the variants as numbers: add new ones at the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -62,11 +62,7 @@ pub(crate) fn both_sides<T: Real, const D: usize>(
     point: Vector<T, D>,
     samples: &[RangeSample<T, D>],
 ) -> Option<[Vector<T, D>; 2]> {
-    let centre = centroid(samples);
-    let mut scatter: Matrix<T, D> = [[T::ZERO; D]; D];
-    for sample in samples {
-        add_outer(&mut scatter, T::ONE, &sub(&sample.anchor, &centre));
-    }
+    let (_, scatter) = spread_of_anchors(samples);
     // For λ₀ ≪ λ₁, det ⁄ trace² is λ₀ ⁄ λ₁: no eigenvalues needed.
     let trace = scatter[0][0] + scatter[1][1];
     let det = scatter[0][0] * scatter[1][1] - scatter[1][0].squared();
@@ -76,6 +72,16 @@ pub(crate) fn both_sides<T: Real, const D: usize>(
     let (_, vectors) = symmetric_eigen(&scatter);
     let normal = vectors[0];
     Some([normal, normal.map(|c| -c)].map(|normal| lift_along(&normal, point, samples)))
+}
+
+/// The mean of the anchors and their scatter about it.
+fn spread_of_anchors<T: Real, const D: usize>(samples: &[RangeSample<T, D>]) -> (Vector<T, D>, Matrix<T, D>) {
+    let centre = centroid(samples);
+    let mut scatter: Matrix<T, D> = [[T::ZERO; D]; D];
+    for sample in samples {
+        add_outer(&mut scatter, T::ONE, &sub(&sample.anchor, &centre));
+    }
+    (centre, scatter)
 }
 
 impl<T: Real, const D: usize> Survey<T, D> {
@@ -146,11 +152,7 @@ impl<T: Real, const D: usize> Layout<T, D> {
     /// The same for three dimensions, where the anchors may lie on a plane.
     #[inline(never)]
     fn of_space(samples: &[RangeSample<T, D>], constraints: &Constraints<T, D>) -> Result<Self, SolveError> {
-        let centre = centroid(samples);
-        let mut scatter: Matrix<T, D> = [[T::ZERO; D]; D];
-        for sample in samples {
-            add_outer(&mut scatter, T::ONE, &sub(&sample.anchor, &centre));
-        }
+        let (centre, scatter) = spread_of_anchors(samples);
         let (values, vectors) = symmetric_eigen(&scatter);
         if values[1] <= T::of(COLLINEAR).squared() * values[D - 1] {
             return Err(SolveError::CollinearAnchors);

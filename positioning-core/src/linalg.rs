@@ -24,6 +24,12 @@ pub fn sub<T: Real, const D: usize>(a: &Vector<T, D>, b: &Vector<T, D>) -> Vecto
     core::array::from_fn(|axis| a[axis] - b[axis])
 }
 
+/// The squared distance of two points, |a − b|².
+pub fn distance_squared<T: Real, const D: usize>(a: &Vector<T, D>, b: &Vector<T, D>) -> T {
+    let apart = sub(a, b);
+    dot(&apart, &apart)
+}
+
 /// a + scale · b.
 #[inline(always)]
 pub fn add_scaled<T: Real, const D: usize>(a: &Vector<T, D>, scale: T, b: &Vector<T, D>) -> Vector<T, D> {

@@ -7,14 +7,14 @@
 //! follows the model of Alavi and Pahlavan (IEEE Commun. Lett. 10, 2006; equations 7-2 to 7-5).
 //!
 //! Expectation-maximisation runs from three starts, since the posterior has several modes: B-WLS, LLS, and the middle
-//! of the anchors. Each step is a weighted Gauss-Newton step. The bias is eliminated by its Schur complement, and the
+//! of the anchors; for anchors near a line in the plane, B-WLS and a place on each side of the line. Each step is a weighted Gauss-Newton step. The bias is eliminated by its Schur complement, and the
 //! narrow part is widened at first. Starts that meet continue as one. The two modes with the most evidence (Laplace's
 //! approximation) are averaged with the evidence as weight. The mean of the posterior errs less than its
 //! mode, and the distance of the modes is part of the covariance.
 
 use crate::fix::{blame, conclude_weighted, widen_to_mirror};
 use crate::geometry::{Survey, both_sides, centroid};
-use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_outer_full, add_scaled, dot, sub};
+use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_outer_full, add_scaled, distance_squared, dot, sub};
 use crate::linear::{b_wls_position, lls_position};
 use crate::link_error::{BLOCKED_MEAN_M, BLOCKED_SIGMA_M, COMMON_SIGMA_M, WILD_DENSITY, bell};
 use crate::sample::PerSample;
@@ -32,7 +32,7 @@ const ENTRY: [f64; 2] = [1.4, 1.0];
 const STEP_LIMIT_M: f64 = 2.0;
 /// Modes closer than this are the same mode, metres.
 const SAME_MODE_M: f64 = 0.2;
-/// A mode with less than this part of the best one's evidence is dropped before it is refined: ln of the part.
+/// A second mode with less than this part of the best one's evidence is dropped: ln of the part.
 const LEAST_LOG_EVIDENCE: f64 = -5.0;
 /// The steps treat a range's part in the mixture as certain, and so overestimate the information (Louis, J. R. Stat.
 /// Soc. B 44, 1982). With this factor on the covariance, 95 % ellipses contain 90-99 % of the true positions,
@@ -95,8 +95,7 @@ struct State<T, const D: usize> {
 
 impl<T: Real, const D: usize> State<T, D> {
     fn is_near(&self, other: &Self) -> bool {
-        let apart = sub(&self.position, &other.position);
-        dot(&apart, &apart) < T::of(SAME_MODE_M).squared()
+        distance_squared(&self.position, &other.position) < T::of(SAME_MODE_M).squared()
     }
 }
 

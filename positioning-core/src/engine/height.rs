@@ -22,7 +22,7 @@ pub(super) enum HeightSource<T> {
     /// From solved rounds; the value is the variance of the last one, m².
     Solved(T),
     /// Measured from outside; solved rounds are not needed.
-    Told,
+    External,
 }
 
 impl<T: Real> HeightSource<T> {
@@ -33,7 +33,7 @@ impl<T: Real> HeightSource<T> {
 
     /// The height has been measured from outside.
     pub(super) fn set_external(&mut self) {
-        *self = Self::Told;
+        *self = Self::External;
     }
 
     /// Whether each round should be solved for its height.
@@ -43,7 +43,7 @@ impl<T: Real> HeightSource<T> {
 
     /// The height that a track should take from a solved round.
     pub(super) fn of(&mut self, fix: &Fix<T, 3>) -> Option<Height<T>> {
-        if matches!(self, Self::Told) {
+        if matches!(self, Self::External) {
             return None;
         }
         let variances: [T; 3] = core::array::from_fn(|axis| fix.covariance[axis][axis]);

@@ -12,7 +12,7 @@
 use super::round::Round;
 use super::track_management::begin;
 use super::{Dimensions, Engine, Settings, Start};
-use crate::linalg::{Ldl, Matrix};
+use crate::linalg::{Ldl, Matrix, distance_squared};
 use crate::track::Filter;
 use crate::track::state::{COMMON, POSITION};
 use crate::{Fix, Real};
@@ -118,22 +118,16 @@ impl<T: Real> Engine<T> {
         })
     }
 
-    /// Adds the second place of a fix as a rival to the track that was started at the first one.
-    pub(super) fn add_alternative(&mut self, first: &Fix<T, 3>) {
-        let Some(alternative) = first.alternative else { return };
-        let mut other = *first;
-        for axis in 0..3 {
-            other.position[axis] += alternative.apart[axis];
-        }
-        begin(&mut self.rival.filter, &other, &self.round, &self.settings, self.now_us);
-        self.rival.lead = Some(((T::ONE - alternative.share) / alternative.share).ln());
+    /// Adds the second place of a fix, with its share of the probability, as a rival to the track that was started at the
+    /// first one.
+    pub(super) fn add_rival(&mut self, other: &Fix<T, 3>, share: T) {
+        begin(&mut self.rival.filter, other, &self.round, &self.settings, self.now_us);
+        self.rival.lead = Some(((T::ONE - share) / share).ln());
     }
 
     /// Whether another position is where the track is.
     fn is_at(&self, other: [T; 3]) -> bool {
-        let position = self.filter.state.position();
-        let square = (0..3).fold(T::ZERO, |sum, axis| sum + (position[axis] - other[axis]).squared());
-        square < T::of(SAME * SAME) * self.filter.state.spread()
+        distance_squared(&self.filter.state.position(), &other) < T::of(SAME * SAME) * self.filter.state.spread()
     }
 }
 
@@ -143,7 +137,7 @@ impl<T: Real> Engine<T> {
 fn log_evidence<T: Real>(filter: &Filter<T>, round: &Round<T>, settings: &Settings<T>) -> T {
     let mut likelihood = T::ZERO;
     for range in round.ranges() {
-        likelihood += filter.log_density(&range.for_filter(), &settings.filter);
+        likelihood += filter.log_density(range, &settings.filter);
     }
     for tdoa in &round.tdoas {
         likelihood += filter.log_density_of_tdoa(tdoa, &settings.filter);

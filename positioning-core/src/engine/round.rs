@@ -89,7 +89,7 @@ impl<T: Real> Round<T> {
     pub(super) fn count(&mut self, place: Option<usize>) {
         self.taken = self.taken.saturating_add(1);
         if let Some(place) = place {
-            self.used |= 1_u16.checked_shl(place as u32).unwrap_or(0);
+            self.used |= bit(place);
         }
     }
 
@@ -133,7 +133,7 @@ impl<T: Real> Round<T> {
     /// Counts all measurements as used.
     pub(super) fn count_all(&mut self) {
         let places = self.ranges.iter().filter_map(|kept| kept.place);
-        self.used = places.fold(0, |set, place| set | bit(place));
+        self.used = places.fold(0, |set, place| set | bit(place.into()));
         self.taken = self.used.count_ones() as usize + self.tdoas.len();
         self.unjudged = 0;
     }
@@ -164,18 +164,19 @@ impl<T: Real> Round<T> {
     fn chosen(&self, settings: &Settings<T>) -> u16 {
         let all = ((1_u32 << self.ranges.len()) - 1) as u16;
         let Blocked::Ignore { threshold, at_least } = settings.filter.blocked else { return all };
-        let direct =
-            |place: usize| self.ranges.get(place).is_some_and(|kept| probability(kept.range.p_nlos) < threshold);
-        let chosen = (0..self.ranges.len()).filter(|&place| direct(place)).fold(0_u16, |set, place| set | 1 << place);
-        self.with_least_blocked(chosen, at_least.into())
+        self.with_least_blocked(self.direct(threshold), at_least.into())
+    }
+
+    /// The kept ranges whose probability of a blocked link is below a threshold: bit i is the range of index i.
+    fn direct(&self, threshold: T) -> u16 {
+        let direct = self.ranges.iter().enumerate().filter(|(_, kept)| probability(kept.range.p_nlos) < threshold);
+        direct.fold(0, |set, (index, _)| set | bit(index))
     }
 
     /// The kept ranges that are probably blocked, and that are needed for `enough` ranges: bit i is the range of index i.
     pub(super) fn least_blocked_beyond(&self, threshold: T, enough: usize) -> u16 {
-        let direct = |kept: &Kept<T>| probability(kept.range.p_nlos) < threshold;
-        let set =
-            (0..).zip(&self.ranges).filter(|(_, kept)| direct(kept)).fold(0_u16, |set, (index, _)| set | bit(index));
-        self.with_least_blocked(set, enough) & !set
+        let direct = self.direct(threshold);
+        self.with_least_blocked(direct, enough) & !direct
     }
 
     /// Adds the least blocked ranges to a set until it has `enough`.
@@ -248,7 +249,7 @@ impl<T: Real> Round<T> {
         let mut fix = solver(&samples, constraints)?;
         let used = spread(fix.used, chosen);
         let places = self.ranges.iter().enumerate().filter(|(index, _)| used.contains(*index));
-        fix.used = AnchorSet(places.filter_map(|(_, kept)| kept.place).fold(0, |set, place| set | bit(place)));
+        fix.used = AnchorSet(places.filter_map(|(_, kept)| kept.place).fold(0, |set, place| set | bit(place.into())));
         Ok(fix)
     }
 
@@ -273,8 +274,8 @@ impl<T: Real> Round<T> {
 }
 
 /// The bit of a range in a set; none beyond sixteen.
-fn bit(place: u8) -> u16 {
-    1_u16.checked_shl(place.into()).unwrap_or(0)
+fn bit(place: usize) -> u16 {
+    1_u16.checked_shl(place as u32).unwrap_or(0)
 }
 
 /// Moves the bits of `used`, which number the members of `chosen`, to their indices among all ranges.
@@ -286,14 +287,10 @@ fn spread(used: AnchorSet, chosen: u16) -> AnchorSet {
 /// The deviation of a single measurement with the error of a direct link, metres.
 fn deviation<T: Real>(settings: &Settings<T>, own: T, p_nlos: Option<T>) -> T {
     let noise = &settings.filter.noise;
-    match settings.filter.blocked {
-        Blocked::TwoVariances { threshold, direct_m2, blocked_m2 } => {
-            let variance = if probability(p_nlos) >= threshold { blocked_m2 } else { direct_m2 };
-            variance.sqrt()
-        }
-        Blocked::Alike | Blocked::Ignore { .. } | Blocked::Weigh => {
-            // Exactly as given where there is nothing to add.
-            if noise.lasts() { (own.squared() + noise.direct_sigma.squared()).sqrt() } else { own }
-        }
+    match settings.filter.blocked.variance(probability(p_nlos)) {
+        Some(variance) => variance.sqrt(),
+        // Exactly as given where there is nothing to add.
+        None if noise.lasts() => (own.squared() + noise.direct_sigma.squared()).sqrt(),
+        None => own,
     }
 }

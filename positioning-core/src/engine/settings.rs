@@ -1,7 +1,7 @@
 //! The settings of the engine.
 
 use crate::linear::b_wls_in_parts;
-use crate::measurement::probability;
+use crate::measurement::{Tdoa, probability};
 use crate::track::{Blocked, FilterSettings, Motion, Noise};
 use crate::{Area, Method, Real, Side, Solver};
 
@@ -166,6 +166,11 @@ impl<T: Real> Settings<T> {
             Blocked::Ignore { threshold, .. } => probability(p_nlos) < threshold,
             Blocked::Alike | Blocked::TwoVariances { .. } | Blocked::Weigh => true,
         }
+    }
+
+    /// Whether a difference of arrivals may be used: both of its receptions may.
+    pub(crate) fn admits_difference(&self, tdoa: &Tdoa<T>) -> bool {
+        tdoa.p_nlos.iter().all(|&p_nlos| self.admits(p_nlos))
     }
 
     /// The same settings with this noise of the ranges.

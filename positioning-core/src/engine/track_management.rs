@@ -2,6 +2,7 @@
 
 use super::round::Round;
 use super::{Engine, HeightSource, Missing, Mode, Output, Settings, Start, TrackFix, Verdict};
+use crate::linalg::distance_squared;
 use crate::measurement::Observation as _;
 use crate::track::{Blocked, Filter};
 use crate::{Fix, MAX_ANCHORS, Real};
@@ -60,25 +61,15 @@ impl<T: Real> Engine<T> {
 
     /// Starts a track at a solved position with the round's measurements.
     fn start_track(&mut self, fix: &Fix<T, 3>) -> Start {
-        let start = self.start(fix.position, &fix.covariance);
-        let mut first = *fix;
-        if let Some(alternative) = fix.alternative {
-            // The position is the mean of two places, and the covariance reaches from one to the other.
-            let spread = alternative.share * (T::ONE - alternative.share);
-            for axis in 0..3 {
-                first.position[axis] = fix.position[axis] - alternative.share * alternative.apart[axis];
-                for other in 0..3 {
-                    first.covariance[axis][other] =
-                        fix.covariance[axis][other] - spread * alternative.apart[axis] * alternative.apart[other];
-                }
-            }
-        }
-        begin(&mut self.filter, &first, &self.round, &self.settings, self.now_us);
+        let start = self.forget_former_track();
+        let (likelier, other) = fix.places();
+        begin(&mut self.filter, &likelier, &self.round, &self.settings, self.now_us);
         self.round.count_all();
-        self.add_alternative(&first);
-        self.take_height(&first);
+        if let Some((other, share)) = other {
+            self.add_rival(&other, share);
+        }
+        self.take_height(&likelier);
         self.apply_beacon_position();
-        self.used_us = self.now_us;
         start
     }
 
@@ -91,12 +82,8 @@ impl<T: Real> Engine<T> {
 
     /// Whether the round's own position is more certain than the track, and may be the same.
     fn agrees(&self, fix: &Fix<T, 3>) -> bool {
-        let (mut square, mut variance) = (T::ZERO, T::ZERO);
-        for (axis, at) in self.filter.state.position().into_iter().enumerate() {
-            square += (at - fix.position[axis]).squared();
-            variance += fix.covariance[axis][axis];
-        }
-        let spread = self.filter.state.spread();
+        let (spread, variance) = (self.filter.state.spread(), fix.spread());
+        let square = distance_squared(&self.filter.state.position(), &fix.position);
         variance < spread && square <= T::of(AGREES * AGREES) * (spread + variance)
     }
 
@@ -167,10 +154,15 @@ impl<T: Real> Engine<T> {
         }
     }
 
-    /// Starts a track.
+    /// Starts a track at a position without measurements.
     pub(super) fn start(&mut self, position: [T; 3], covariance: &[[T; 3]; 3]) -> Start {
         let flat = self.settings.dimensions.height().is_some();
         self.filter.start(self.now_us, position, covariance, flat, &self.settings.filter);
+        self.forget_former_track()
+    }
+
+    /// Drops what the engine has learnt along a former track.
+    fn forget_former_track(&mut self) -> Start {
         self.height = HeightSource::new();
         self.rival.end();
         self.track = Ok(());
@@ -203,12 +195,8 @@ pub(super) fn begin<T: Real>(
         })
     });
     begin_with(filter, fix, &wide, round, settings, now_us);
-    let (position, mut square, mut variance) = (filter.state.position(), T::ZERO, T::ZERO);
-    for axis in 0..3 {
-        square += (position[axis] - fix.position[axis]).squared();
-        variance += fix.covariance[axis][axis];
-    }
-    if square > variance && settings.start_variance.is_none() {
+    let square = distance_squared(&filter.state.position(), &fix.position);
+    if square > fix.spread() && settings.start_variance.is_none() {
         begin_with(filter, fix, &fix.covariance, round, settings, now_us);
     }
 }
@@ -232,7 +220,7 @@ fn begin_with<T: Real>(
     let lasts = settings.filter.noise.lasts();
     filter.start(now_us, fix.position, &fix.covariance, flat, &settings.filter);
     for range in round.ranges().filter(|range| lasts && settings.admits(range.p_nlos)) {
-        filter.prepare_range(&range.for_filter(), &settings.filter);
+        filter.prepare_range(range, &settings.filter);
     }
     filter.set_position(fix.position, covariance);
     for range in round.ranges().filter(|range| settings.admits(range.p_nlos)) {
@@ -240,10 +228,10 @@ fn begin_with<T: Real>(
     }
     for _ in 0..if lasts { SWEEPS } else { 0 } {
         for range in round.ranges().filter(|range| settings.admits(range.p_nlos)) {
-            filter.refresh_range(&range.for_filter(), &settings.filter);
+            filter.refresh_range(range, &settings.filter);
         }
     }
-    for tdoa in round.tdoas.iter().filter(|tdoa| tdoa.p_nlos.iter().all(|&p_nlos| settings.admits(p_nlos))) {
+    for tdoa in round.tdoas.iter().filter(|tdoa| settings.admits_difference(tdoa)) {
         tdoa.update(filter, &settings.filter);
     }
     filter.log_evidence = T::ZERO;

@@ -56,11 +56,7 @@ impl<T: Real> Engine<T> {
         if self.track.is_err() {
             return if held { Verdict::Held } else { Verdict::NoTrack };
         }
-        if tdoa.p_nlos.iter().all(|&p_nlos| self.settings.admits(p_nlos)) {
-            self.observe(tdoa)
-        } else {
-            Verdict::Ignored
-        }
+        if self.settings.admits_difference(tdoa) { self.observe(tdoa) } else { Verdict::Ignored }
     }
 
     /// Keeps a position by beacons for the round's end. If there are several, the last one counts. In space it is

@@ -14,7 +14,6 @@ pub use beacon_position::BeaconPosition;
 pub use height::Height;
 pub use position::ExternalPosition;
 pub use range::Range;
-pub(crate) use range::RangeModel;
 pub use tdoa::Tdoa;
 pub(crate) use tdoa::TdoaModel;
 

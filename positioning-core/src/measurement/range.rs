@@ -1,10 +1,10 @@
 //! A range: r = ‖p − a‖ + c + b + n, with the error c common to all ranges and the error b of the link (V. Barral et
 //! al., Sensors 19, 2019, equations 13 and 14; here the lasting errors are separate from n).
 
-use super::{Observation, line_of_sight, magnitude, sane, variance};
+use super::{Observation, known, line_of_sight, magnitude, sane, variance};
 use crate::Real;
 use crate::track::state::{COMMON, STATES};
-use crate::track::{AnchorRange, Filter, FilterSettings, Linearised, Model, UpdateResult};
+use crate::track::{Blocked, Filter, FilterSettings, Linearised, Model, UpdateResult};
 
 /// A range to an anchor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,18 +53,23 @@ impl<T: Real> Observation<T> for Range<T> {
 
     #[inline(never)]
     fn update(&self, filter: &mut Filter<T>, settings: &FilterSettings<T>) -> UpdateResult {
-        filter.observe_range(&self.for_filter(), settings)
+        filter.observe_range(self, settings)
     }
 }
 
 impl<T: Real> Range<T> {
-    /// The range as the filter takes it.
-    pub(crate) fn for_filter(&self) -> AnchorRange<'_, T> {
-        AnchorRange {
-            range: self,
-            anchor: self.anchor,
-            distance_m: self.distance_m,
-            own_m2: variance(self.deviation_m),
-        }
+    /// Its model with this state as its link's error.
+    pub(crate) fn model(&self, link: usize) -> RangeModel<'_, T> {
+        RangeModel { range: self, link }
+    }
+
+    /// The variance of its noise in line of sight, m².
+    pub(crate) fn own_m2(&self) -> T {
+        variance(self.deviation_m)
+    }
+
+    /// The probability that it is without line of sight, if it is known and has an effect.
+    pub(crate) fn p_nlos_for(&self, settings: &FilterSettings<T>) -> Option<T> {
+        known(self.p_nlos).filter(|_| !matches!(settings.blocked, Blocked::Alike))
     }
 }

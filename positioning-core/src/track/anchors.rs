@@ -2,7 +2,7 @@
 
 use super::filter::FilterSettings;
 use super::gate::Gate;
-use super::noise::{Blocked, ObservedNoise};
+use super::noise::ObservedNoise;
 use super::state::LINKS;
 use crate::link_error::Gaussian;
 use crate::{MAX_ANCHORS, Real};
@@ -45,18 +45,8 @@ impl<T: Real> Link<T> {
     /// The variance of the noise of its next measurement, m²; `own` is that in line of sight, `blocked` the probability
     /// that the link is blocked.
     pub(crate) fn white(&self, own: T, blocked: T, settings: &FilterSettings<T>) -> T {
-        match settings.blocked {
-            Blocked::TwoVariances { threshold, direct_m2, blocked_m2 } => {
-                if blocked >= threshold {
-                    blocked_m2
-                } else {
-                    direct_m2
-                }
-            }
-            Blocked::Alike | Blocked::Ignore { .. } | Blocked::Weigh => {
-                self.shown.variance(settings.noise.noise_variance(own, blocked))
-            }
-        }
+        let variance = || self.shown.variance(settings.noise.noise_variance(own, blocked));
+        settings.blocked.variance(blocked).unwrap_or_else(variance)
     }
 }
 

@@ -9,7 +9,7 @@ use super::state::{COMMON, POSITION, REFERENCE, STATES, State, VELOCITY};
 use super::update::{Innovation, Model, update};
 use crate::Real;
 use crate::link_error::{Gaussian, LinkPrior, WILD_DENSITY, density};
-use crate::measurement::{Range, RangeModel, Tdoa, TdoaModel, known};
+use crate::measurement::{Range, Tdoa, TdoaModel};
 
 /// The greatest speed that counts for the forgetting of a link's error, metres per second: people indoors are not
 /// faster.
@@ -54,28 +54,6 @@ pub(crate) enum GateOf {
     Beacons(usize),
     /// A gate of its own.
     Own(usize),
-}
-
-/// A range as the filter takes it.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct AnchorRange<'a, T> {
-    pub(crate) range: &'a Range<T>,
-    pub(crate) anchor: u16,
-    pub(crate) distance_m: T,
-    /// The variance of its noise in line of sight, m².
-    pub(crate) own_m2: T,
-}
-
-impl<T: Real> AnchorRange<'_, T> {
-    /// Its model with this state as its link's error.
-    fn model(&self, link: usize) -> RangeModel<'_, T> {
-        RangeModel { range: self.range, link }
-    }
-
-    /// The probability that it is without line of sight, if it is known and has an effect.
-    fn p_nlos(&self, settings: &FilterSettings<T>) -> Option<T> {
-        known(self.range.p_nlos).filter(|_| !matches!(settings.blocked, Blocked::Alike))
-    }
 }
 
 /// A link whose error is predicted to the current time.
@@ -228,29 +206,29 @@ impl<T: Real> Filter<T> {
     }
 
     /// Gives the link of a range its prior by the range's residual, without a change of the track.
-    pub(crate) fn prepare_range(&mut self, range: &AnchorRange<'_, T>, settings: &FilterSettings<T>) {
+    pub(crate) fn prepare_range(&mut self, range: &Range<T>, settings: &FilterSettings<T>) {
         let Some((place, _)) = self.carry_anchor(range.anchor, range.distance_m, settings) else { return };
         let state = Links::<T>::state(place);
         self.state.reset(state, T::ZERO, T::ZERO);
         let innovation = Innovation::of(&self.state, &range.model(state));
-        let residual = Gaussian { mean: innovation.value, variance: innovation.predicted + range.own_m2 };
-        let posterior = settings.noise.link_prior(range.p_nlos(settings)).posterior(residual);
+        let residual = Gaussian { mean: innovation.value, variance: innovation.predicted + range.own_m2() };
+        let posterior = settings.noise.link_prior(range.p_nlos_for(settings)).posterior(residual);
         self.renew(place, posterior.site, posterior.blocked);
     }
 
     /// Takes a range whose link's error lasts. Three explanations compete: the link is as before; it has another error,
     /// direct or blocked; or the range is wild. Each has its probability and its density, and the likeliest one counts.
     #[inline(never)]
-    pub(crate) fn observe_range(&mut self, range: &AnchorRange<'_, T>, settings: &FilterSettings<T>) -> UpdateResult {
+    pub(crate) fn observe_range(&mut self, range: &Range<T>, settings: &FilterSettings<T>) -> UpdateResult {
         let noise = &settings.noise;
         let Some((place, fresh)) = self.carry_anchor(range.anchor, range.distance_m, settings) else {
             return UpdateResult::NoPlace;
         };
         let Some(link) = self.links.at(place) else { return UpdateResult::NoPlace };
-        let p_nlos = range.p_nlos(settings);
+        let p_nlos = range.p_nlos_for(settings);
         // What is known of the link by now says more than the diagnostics of one reception.
         let blocked = if noise.lasts() { link.blocked } else { p_nlos.unwrap_or(T::ZERO) };
-        let white = link.white(range.own_m2, blocked, settings);
+        let white = link.white(range.own_m2(), blocked, settings);
         let state = Links::<T>::state(place);
         let model = range.model(state);
         if !noise.lasts() {
@@ -304,10 +282,10 @@ impl<T: Real> Filter<T> {
     }
 
     /// ln of the density of a range at the track's position, where its link is a new one.
-    pub(crate) fn log_density(&self, range: &AnchorRange<'_, T>, settings: &FilterSettings<T>) -> T {
+    pub(crate) fn log_density(&self, range: &Range<T>, settings: &FilterSettings<T>) -> T {
         let residual = range.model(STATES).linearise(&self.state.mean).innovation;
-        let prior = settings.noise.link_prior(range.p_nlos(settings));
-        let posterior = prior.posterior(Gaussian { mean: residual, variance: range.own_m2 });
+        let prior = settings.noise.link_prior(range.p_nlos_for(settings));
+        let posterior = prior.posterior(Gaussian { mean: residual, variance: range.own_m2() });
         log(posterior.density + T::of(WILD_DENSITY))
     }
 
@@ -321,9 +299,9 @@ impl<T: Real> Filter<T> {
     }
 
     /// Gives the link of a range the prior that the mixture is, seen from all that is known of the link's error by now.
-    pub(crate) fn refresh_range(&mut self, range: &AnchorRange<'_, T>, settings: &FilterSettings<T>) {
+    pub(crate) fn refresh_range(&mut self, range: &Range<T>, settings: &FilterSettings<T>) {
         if let Some((place, false)) = self.links.place(Source::Anchor(range.anchor), range.distance_m, self.now_us) {
-            self.refresh(place, &settings.noise.link_prior(range.p_nlos(settings)));
+            self.refresh(place, &settings.noise.link_prior(range.p_nlos_for(settings)));
         }
     }
 

@@ -46,6 +46,16 @@ impl<T: Real> Blocked<T> {
     pub fn garcia() -> Self {
         Self::TwoVariances { threshold: T::of(0.5), direct_m2: T::of(0.5), blocked_m2: T::of(3.0) }
     }
+
+    /// The variance of a range with this probability of a blocked link, m², where it is independent of the range's own.
+    pub(crate) fn variance(&self, p_nlos: T) -> Option<T> {
+        match *self {
+            Self::TwoVariances { threshold, direct_m2, blocked_m2 } => {
+                Some(if p_nlos >= threshold { blocked_m2 } else { direct_m2 })
+            }
+            Self::Alike | Self::Ignore { .. } | Self::Weigh => None,
+        }
+    }
 }
 
 /// The errors of ranges.
