@@ -2,22 +2,25 @@
 
 use std::path::Path;
 
-use host_tools::{Files, Recording, Setup, Solver, Space, UserError};
+use host_tools::{Files, Recording, Setup, Solver, Source, Space, UserError};
 use positioning_core::Method;
 
 fn main() -> Result<(), UserError> {
     let folder = Path::new("examples/room");
     let (anchors, ranges) = (folder.join("anchors.csv"), folder.join("ranges.csv"));
-    let files = Files { anchors: &anchors, ranges: &ranges, truth: None, anchor_heights: true, truth_heights: false };
-    let recording = Recording::read(&files)?;
-    let solver = Solver::new(&recording.anchors, Setup { space: Space::Full(None), area_m: None });
-    for epoch in &recording.epochs {
-        match solver.solve(Method::Robust, epoch).outcome {
-            Ok(position) => {
-                let (at, sigma) = (position.place, position.sigma);
-                println!("{}: {:.2} ± {:.2} m, {:.2} ± {:.2} m", epoch.name, at.x_m, sigma.x_m, at.y_m, sigma.y_m);
+    let measured = Source::Ranges(&ranges);
+    let files = Files { anchors: &anchors, measured, truth: None, anchor_heights: true, truth_heights: false };
+    // One recording a tag.
+    for recording in Recording::read(&files)? {
+        let solver = Solver::new(&recording.anchors, Setup { space: Space::Full(None), area_m: None });
+        for epoch in &recording.epochs {
+            match solver.solve(Method::Robust, epoch).outcome {
+                Ok(position) => {
+                    let (at, sigma) = (position.place, position.sigma);
+                    println!("{}: {:.2} ± {:.2} m, {:.2} ± {:.2} m", epoch.name, at.x_m, sigma.x_m, at.y_m, sigma.y_m);
+                }
+                Err(reason) => println!("{}: no position: {}", epoch.name, reason.as_str()),
             }
-            Err(reason) => println!("{}: no position: {}", epoch.name, reason.as_str()),
         }
     }
     Ok(())

@@ -1,14 +1,14 @@
 //! `baliza classify-rooms`: finds the room of each position.
 
-use std::collections::HashMap;
+use std::collections::HashSet;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::Result;
+use host_tools::Truths;
 use host_tools::files::output;
 use host_tools::files::positions::{self, PositionRow};
 use host_tools::survey::presence::{Found, Room, follow, read_outlines, room_of};
-use host_tools::{Coordinates, read_truth};
 use positioning_core::ble::rooms::RoomEstimate;
 
 use super::{note, print, print_json, write};
@@ -22,7 +22,8 @@ use super::{note, print, print_json, write};
     after_help = "Example:\n  baliza classify-rooms --positions positions.csv --outlines rooms.csv --truth truth.csv"
 )]
 pub struct Arguments {
-    /// Positions as solve, track or ble write them: CSV with epoch,t_s,method,x_m,y_m,sigma_x_m,sigma_y_m
+    /// Positions as solve, track or ble write them: CSV with epoch,t_s,method,x_m,y_m,sigma_x_m,sigma_y_m and, where known,
+    /// tag
     #[arg(long, value_name = "FILE")]
     positions: PathBuf,
     /// The corners of each room, in their order: CSV with room,x_m,y_m
@@ -42,8 +43,10 @@ pub struct Arguments {
 
 /// The printed summary of a method.
 #[derive(Default, serde::Serialize)]
-struct Summary {
-    method: String,
+struct Summary<'a> {
+    method: &'a str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tag: Option<&'a str>,
     positions: usize,
     outside: usize,
     in_room: usize,
@@ -65,27 +68,35 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let rooms = read_outlines(&arguments.outlines)?;
     let rows = positions::read(&arguments.positions)?;
-    let truth = arguments.truth.as_deref().map(read_truth).transpose()?;
-    let truth: Option<HashMap<String, Coordinates>> = truth.map(|truth| truth.into_iter().collect());
-    let room_then = |epoch: &str| {
-        truth.as_ref().and_then(|truth| truth.get(epoch)).and_then(|at| room_of(&rooms, [at.x_m, at.y_m]))
-    };
-    let mut methods: Vec<String> = Vec::new();
+    let truths = arguments.truth.as_deref().map(|file| Truths::read(file, false)).transpose()?;
+    // The room memory of each tag is its own.
+    let mut walks: Vec<(&str, Option<&str>)> = Vec::new();
+    let mut known = HashSet::new();
     for row in &rows {
-        if !methods.contains(&row.method) {
-            methods.push(row.method.clone());
+        let walk = (row.method.as_str(), row.tag.as_deref());
+        if known.insert(walk) {
+            walks.push(walk);
         }
     }
+    let with_tags = walks.iter().any(|(_, tag)| tag.is_some());
     let (mut writer, mut summaries) = (csv::Writer::from_writer(Vec::new()), Vec::new());
-    writer.write_record(["epoch", "t_s", "method", "room", "probability", "answer", "between"])?;
-    for method in methods {
-        let of_it: Vec<PositionRow> = rows.iter().filter(|row| row.method == method).cloned().collect();
+    let header = ["epoch", "t_s", "method", "room", "probability", "answer", "between"];
+    writer.write_record(header.into_iter().chain(with_tags.then_some("tag")))?;
+    for (method, tag) in walks {
+        let of_it: Vec<PositionRow> =
+            rows.iter().filter(|row| row.method == method && row.tag.as_deref() == tag).cloned().collect();
         let found = follow(&rooms, &of_it);
         for (row, found) in of_it.iter().zip(&found) {
-            writer.write_record(fields(&rooms, row, found))?;
+            let tag = with_tags.then(|| tag.unwrap_or_default().to_owned());
+            writer.write_record(fields(&rooms, row, found).into_iter().chain(tag))?;
         }
-        let truths = of_it.iter().map(|row| room_then(&row.epoch));
-        summaries.push(summary(method, &found, truth.is_some().then(|| truths.collect())));
+        let truth = truths.as_ref().map(|truths| truths.of(tag)).transpose()?.flatten();
+        let room_then = |row: &PositionRow| {
+            let at = truth?.of_epoch(&row.epoch, row.t_s, 0.0)?;
+            room_of(&rooms, [at.x_m, at.y_m])
+        };
+        let judged = truths.is_some().then(|| of_it.iter().map(room_then).collect());
+        summaries.push(summary(method, tag, &found, judged));
     }
     let csv = writer.into_inner().map_err(|error| anyhow::Error::from(error.into_error()))?;
     match &arguments.out {
@@ -115,8 +126,13 @@ fn fields(rooms: &[Room], row: &PositionRow, found: &Found) -> [String; 7] {
     [row.epoch.clone(), time, row.method.clone(), room, probability, answer, between]
 }
 
-fn summary(method: String, found: &[Found], truths: Option<Vec<Option<usize>>>) -> Summary {
-    let mut summary = Summary { method, positions: found.len(), ..Summary::default() };
+fn summary<'a>(
+    method: &'a str,
+    tag: Option<&'a str>,
+    found: &[Found],
+    truths: Option<Vec<Option<usize>>>,
+) -> Summary<'a> {
+    let mut summary = Summary { method, tag, positions: found.len(), ..Summary::default() };
     let mut before = None;
     for found in found {
         summary.outside += usize::from(found.likeliest.is_none());
@@ -147,9 +163,10 @@ fn summary(method: String, found: &[Found], truths: Option<Vec<Option<usize>>>) 
 fn table(summaries: &[Summary]) -> String {
     let mut text = String::new();
     for summary in summaries {
+        let tag = summary.tag.map_or_else(String::new, |tag| format!(", tag {tag}"));
         let _ = write!(
             text,
-            "{}: {} positions, {} outside of all rooms; answers: {} in a room, {} between, {} unknown, {} changes of room",
+            "{}{tag}: {} positions, {} outside of all rooms; answers: {} in a room, {} between, {} unknown, {} changes of room",
             summary.method,
             summary.positions,
             summary.outside,

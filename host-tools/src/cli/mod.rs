@@ -10,6 +10,7 @@ mod classify_rooms;
 mod coverage;
 mod decode;
 mod example;
+mod folder;
 mod monitor;
 mod nlos;
 mod plan_anchors;

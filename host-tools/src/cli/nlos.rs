@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use host_tools::files::output;
 use host_tools::train::{self, Method, RECIPES, Recipe, Samples, Score, mitigation};
-use host_tools::{Coordinates, UserError, read_anchors, read_truth};
+use host_tools::{Coordinates, Truths, UserError, read_anchors};
 use positioning_core::nlos::Classifier;
 
 use crate::cli::progress::Progress;
@@ -165,7 +165,7 @@ impl Receptions {
             samples.read_cir(file, placement)?;
         }
         for file in &self.ranges {
-            samples.read_ranges(file, placement, |_, _| None)?;
+            samples.read_ranges(file, placement, |_| None)?;
         }
         Ok(samples)
     }
@@ -254,9 +254,11 @@ fn mitigate(arguments: &Mitigation) -> Result<()> {
     if let (Some(anchors), Some(ranges), Some(truth)) = (&arguments.anchors, &arguments.ranges, &arguments.truth) {
         let anchors: HashMap<String, Coordinates> =
             read_anchors(anchors)?.into_iter().map(|anchor| (anchor.name, anchor.place)).collect();
-        let truth: HashMap<String, Coordinates> = read_truth(truth)?.into_iter().collect();
-        other.read_ranges(ranges, train::DEFAULT_PLACEMENT, |epoch, anchor| {
-            let (tag, anchor) = (truth.get(epoch)?, anchors.get(anchor)?);
+        let truths = Truths::read(truth, true)?;
+        other.read_ranges(ranges, train::DEFAULT_PLACEMENT, |measured| {
+            let truth = truths.of(measured.tag).ok()??;
+            let tag = truth.of_epoch(measured.epoch, measured.t_s, 0.0)?;
+            let anchor = anchors.get(measured.anchor)?;
             let dz = tag.z_m? - anchor.z_m?;
             Some((tag.x_m - anchor.x_m).hypot(tag.y_m - anchor.y_m).hypot(dz))
         })?;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use host_tools::files::positions::{self, PositionRow};
 use host_tools::plot::{Dot, Picture, Track};
-use host_tools::{Coordinates, Truth, read_anchors};
+use host_tools::{Coordinates, Truths, UserError, read_anchors};
 
 use super::PictureFile;
 use super::recording_args::finite;
@@ -51,9 +51,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let file = PictureFile::of("--out", &arguments.out)?;
     let flat = |place: &Coordinates| [place.x_m, place.y_m];
     let rows = positions::read(&arguments.positions)?;
-    let truth = arguments.truth.as_deref().map(|file| Truth::read(file, false)).transpose()?.unwrap_or_default();
-    let named = rows.iter().map(|row| (row.epoch.as_str(), row.t_s));
-    let (places, _) = truth.of_epochs(named, arguments.time_offset_s);
+    let truths = arguments.truth.as_deref().map(|file| Truths::read(file, false)).transpose()?;
+    let place = |row: &PositionRow| {
+        let truth = truths.as_ref().map(|truths| truths.of(row.tag.as_deref())).transpose()?.flatten();
+        Ok(truth.and_then(|truth| truth.of_epoch(&row.epoch, row.t_s, arguments.time_offset_s)))
+    };
+    let places = rows.iter().map(place).collect::<Result<Vec<_>, UserError>>()?;
     let anchors = match &arguments.anchors {
         Some(file) => read_anchors(file)?,
         None => Vec::new(),
@@ -62,7 +65,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         anchors: anchors.into_iter().map(|anchor| (anchor.name, flat(&anchor.place))).collect(),
         beacons: Vec::new(),
         walls_m: Vec::new(),
-        truth_m: vec![truth.places().map(flat).collect()],
+        truth_m: truths.iter().flat_map(Truths::by_tag).map(|(_, truth)| truth.places().map(flat).collect()).collect(),
         tracks: tracks(&rows, &places),
     };
     file.write_and_note(picture.to_svg()?)

@@ -4,31 +4,40 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::ValueEnum;
+use host_tools::files::beacons::{Wall, read_walls};
+use host_tools::files::folder::RecordingSettings;
 use host_tools::files::{Joined, round_s, rounds};
-use host_tools::locate::residuals::{AnchorResiduals, Reference, residuals};
-use host_tools::locate::time_offset::{Clocks, REACH_S, time_offset, timed_positions};
-use host_tools::{Files, Half, Height, Recording, Setup, Solver, Space, Truth, UserError};
-use positioning_core::Method;
+use host_tools::locate::residuals::{Reference, residuals};
+use host_tools::locate::time_offset::{Clocks, REACH_S, clocks};
+use host_tools::{Files, Half, Height, Recording, Setup, Solved, Source, Space, Truth, Truths, UserError};
 
-use super::report::{ByMethod, Output, OutputArgs, Report, flat};
+use super::folder::FolderFiles;
+use super::report::{Output, OutputArgs, Report, TagReport, flat};
 use super::residuals::table;
 
 /// The arguments of a command that computes positions from a recording.
 #[derive(clap::Args)]
 pub struct RecordingArgs {
+    /// A recording: a folder with anchors.csv, ranges.csv (or differences.csv) and, where there are, truth.csv, walls.csv
+    /// and recording.toml, which says --dims and --height-m
+    #[arg(value_name = "FOLDER")]
+    folder: Option<PathBuf>,
     /// Surveyed anchors: CSV with anchor,x_m,y_m,z_m
-    #[arg(long, value_name = "FILE")]
-    anchors: PathBuf,
-    /// Measured ranges: CSV with epoch,t_s,anchor,range_m and, where known, rx_power_dbm,fp_power_dbm,los
-    #[arg(long, value_name = "FILE")]
-    ranges: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "folder")]
+    anchors: Option<PathBuf>,
+    /// Measured ranges: CSV with epoch,t_s,anchor,range_m and, where known, tag,rx_power_dbm,fp_power_dbm,los
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["folder", "differences"])]
+    ranges: Option<PathBuf>,
+    /// Differences of arrivals, of tags that only listen: CSV with epoch,t_s,reference,anchor,difference_m
+    #[arg(long, value_name = "FILE", conflicts_with = "ranges")]
+    differences: Option<PathBuf>,
     /// Where the tag truly was: CSV with epoch,t_s,x_m,y_m,z_m; gives the errors. It may have its own rate and epochs: a
     /// position is interpolated in time; without times it is that of the same epoch
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
     /// Added to the times of the truth, whose clock may differ from that of the ranges: seconds, or `auto`, which
     /// estimates them (at most 2 s) from the positions of each epoch by itself and gives 0 where the tag moves too little
-    #[arg(long, value_name = "SECONDS|auto", default_value = "0", allow_hyphen_values = true, requires = "truth")]
+    #[arg(long, value_name = "SECONDS|auto", default_value = "0", allow_hyphen_values = true)]
     time_offset_s: TimeOffset,
     /// Make rounds of single ranges: a round ends where an anchor repeats, or after these seconds; 0: as in the file
     /// [default: where nearly all epochs have one range, `solve` makes rounds of .1 to .35 s, `track` none]
@@ -41,14 +50,14 @@ pub struct RecordingArgs {
     /// The consistency of errors and uncertainties is always printed.
     #[arg(long, hide = true)]
     consistency: bool,
-    /// Solve in the plane (2) or in space (3)
-    #[arg(long, value_name = "2|3", default_value = "3")]
-    dims: Dims,
+    /// Solve in the plane (2) or in space (3) [default: as recording.toml says, else 3]
+    #[arg(long, value_name = "2|3")]
+    dims: Option<Dims>,
     /// The tag's height, metres: ranges are flattened to the plane (--dims 2)
     #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = finite, conflicts_with = "height_from_truth")]
     height_m: Option<f64>,
     /// Take the tag's height of each epoch from the truth (--dims 2)
-    #[arg(long, requires = "truth")]
+    #[arg(long)]
     height_from_truth: bool,
     /// On which side of the anchors the tag is, where they all lie on one plane (--dims 3) [default: below, with an
     /// uncertainty that reaches to the mirror image]
@@ -145,11 +154,16 @@ fn seconds(text: &str) -> Result<f64, String> {
 }
 
 impl RecordingArgs {
-    /// The space that the flags select. Flags that cannot be combined are refused.
-    fn space(&self) -> Result<Space, UserError> {
-        match self.dims {
+    /// The space that the flags select, or else the folder's settings. Flags that cannot be combined are refused.
+    fn space(&self, settings: &RecordingSettings) -> Result<Space, UserError> {
+        let by_flags = self.height_m.is_some() || self.height_from_truth;
+        let dims = self.dims.unwrap_or(match settings.dims {
+            Some(2) => Dims::Two,
+            Some(_) | None => Dims::Three,
+        });
+        match dims {
             Dims::Two if self.side.is_some() => Err(UserError::flag("--side", "only with --dims 3")),
-            Dims::Two => Ok(Space::Plane(match self.height_m {
+            Dims::Two => Ok(Space::Plane(match self.height_m.or(settings.height_m.filter(|_| !by_flags)) {
                 Some(height_m) => Height::Fixed(height_m),
                 None if self.height_from_truth => Height::FromTruth,
                 None => Height::Unknown,
@@ -163,31 +177,86 @@ impl RecordingArgs {
         }
     }
 
+    /// The files that the flags name, or else those of the folder.
+    fn sources(&self) -> Result<Sources, UserError> {
+        let folder = FolderFiles::open(self.folder.as_deref())?;
+        let settings = folder.settings();
+        let of_differences = self.ranges.is_none() && settings.mode.as_deref() == Some("differences");
+        let measured = match self.differences.is_some() || of_differences {
+            true => Measurements::Differences(folder.file(&self.differences, "differences.csv")?),
+            false => Measurements::Ranges(folder.file(&self.ranges, "ranges.csv")?),
+        };
+        let anchors = folder.file(&self.anchors, "anchors.csv")?;
+        let truth = folder.find(&self.truth, "truth.csv");
+        for (flag, given) in [
+            ("--height-from-truth", self.height_from_truth),
+            ("--time-offset-s", !matches!(self.time_offset_s, TimeOffset::Seconds(0.0))),
+        ] {
+            if given && truth.is_none() {
+                return Err(UserError::flag(flag, "only with --truth"));
+            }
+        }
+        Ok(Sources { anchors, measured, truth, walls: folder.find(&None, "walls.csv"), settings })
+    }
+
     /// Checks the destinations of the report, and reads the recording.
     ///
     /// # Errors
     /// Flags cannot be combined, an output cannot be written, or a file is wrong; the error names the first wrong line.
     pub fn read(&self, singles: SingleRanges) -> Result<Input<'_>, UserError> {
-        let setup = Setup { space: self.space()?, area_m: self.area.map(|CornersM(corners)| corners) };
+        let sources = self.sources()?;
+        let setup = Setup { space: self.space(&sources.settings)?, area_m: self.area.map(|CornersM(corners)| corners) };
         let output = self.output.check()?;
-        let mut recording = Recording::read(&Files {
-            anchors: &self.anchors,
-            ranges: &self.ranges,
+        let recordings = Recording::read(&Files {
+            anchors: &sources.anchors,
+            measured: match &sources.measured {
+                Measurements::Ranges(file) => Source::Ranges(file),
+                Measurements::Differences(file) => Source::Differences(file),
+            },
             truth: None,
             anchor_heights: setup.space != Space::Plane(Height::Unknown),
             truth_heights: false,
         })?;
         let heights = setup.space == Space::Plane(Height::FromTruth);
-        let truth = self.truth.as_deref().map(|file| Truth::read(file, heights)).transpose()?;
+        let truths = sources.truth.as_deref().map(|file| Truths::read(file, heights)).transpose()?;
+        let walls = sources.walls.as_deref().map(read_walls).transpose()?.unwrap_or_default();
         let mut notes = Vec::new();
+        let mut tags = Vec::new();
+        for recording in recordings {
+            let truth = truths.as_ref().map(|truths| truths.of(recording.tag.as_deref())).transpose()?.flatten();
+            let mut told = Vec::new();
+            tags.push(self.joined(recording, truth, setup, singles, &mut told));
+            let tag = tags.last().and_then(|of: &OfTag| of.recording.tag.as_deref());
+            let told =
+                told.into_iter().map(|line| tag.map_or_else(|| line.clone(), |tag| format!("tag {tag}: {line}")));
+            notes.extend(told);
+        }
+        let differences = matches!(sources.measured, Measurements::Differences(_));
+        if differences && self.residuals {
+            return Err(UserError::flag("--residuals", "only for ranges"));
+        }
+        let with_errors = truths.is_some();
+        Ok(Input { tags, differences, setup, walls, with_errors, residuals: self.residuals, notes, output })
+    }
+
+    /// A tag's recording in rounds, with its true positions. Lines for the user go to `notes`.
+    fn joined(
+        &self,
+        mut recording: Recording,
+        truth: Option<&Truth>,
+        setup: Setup,
+        singles: SingleRanges,
+        notes: &mut Vec<String>,
+    ) -> OfTag {
         let usual_s = round_s(&recording.epochs);
         let longest_s = match self.group_s {
             Some(longest_s) => Some(longest_s).filter(|longest_s| *longest_s > 0.0),
             None => usual_s.filter(|_| singles == SingleRanges::Group),
         };
         let of_rounds = |recording: &Recording, longest_s| Recording {
-            epochs: rounds(recording.epochs.clone(), longest_s),
+            tag: recording.tag.clone(),
             anchors: recording.anchors.clone(),
+            epochs: rounds(recording.epochs.clone(), longest_s),
         };
         if let Some(longest_s) = longest_s {
             recording = of_rounds(&recording, longest_s);
@@ -200,54 +269,71 @@ impl RecordingArgs {
                 (TimeOffset::Seconds(offset_s), _, _) => offset_s,
                 // The offset comes from fixes, which single ranges do not make.
                 (TimeOffset::Auto, None, Some(usual_s)) => {
-                    offset_s(of_rounds(&recording, usual_s), setup, &truth, &mut notes)
+                    offset_s(clocks(&of_rounds(&recording, usual_s), setup, truth), notes)
                 }
-                (TimeOffset::Auto, _, _) => offset_s(recording.clone(), setup, &truth, &mut notes),
+                (TimeOffset::Auto, _, _) => offset_s(clocks(&recording, setup, truth), notes),
             };
-            let joined = match longest_s {
-                // Epochs that are no more are not lost.
-                Some(_) => truth.join_heard(&mut recording.epochs, offset_s),
-                None => truth.join(&mut recording.epochs, offset_s),
-            };
+            let joined = truth.join(&mut recording.epochs, offset_s);
             if joined == Joined::ByEpochDespiteTimes {
                 notes.push("the truth has no time in common with the ranges: joined by epoch".to_owned());
             }
-            JoinedTruth { truth, offset_s: (joined == Joined::ByTime).then_some(offset_s) }
+            JoinedTruth { truth: truth.clone(), offset_s: (joined == Joined::ByTime).then_some(offset_s) }
         });
-        Ok(Input { recording, setup, truth, residuals: self.residuals, notes, output })
+        OfTag { recording, truth }
     }
 }
 
-/// The offset of the truth's clock, by positions of single epochs. Adds a line about it to the notes.
-fn offset_s(mut recording: Recording, setup: Setup, truth: &Truth, notes: &mut Vec<String>) -> f64 {
-    // Heights change slowly, so those of the unshifted truth are good enough here.
-    truth.join_heard(&mut recording.epochs, 0.0);
-    let solver = Solver::new(&recording.anchors, setup);
-    let solved: Vec<_> = recording.epochs.iter().map(|epoch| solver.solve(Method::Robust, epoch)).collect();
-    let (offset_s, found) = match time_offset(&timed_positions(&recording.epochs, &solved), truth) {
-        Clocks::Differ { offset_s, deviation_s } => {
-            (offset_s, format!("{offset_s:.3} ± {deviation_s:.3} s is added to the times of the truth"))
-        }
-        Clocks::Agree { deviation_s } => (0.0, format!("0 s: the clocks agree, ± {deviation_s:.3} s")),
-        Clocks::Vague { offset_s, deviation_s } => {
-            (0.0, format!("0 s: the tag moves too little to be sure of {offset_s:.2} ± {deviation_s:.2} s"))
-        }
-        Clocks::Unknown => (0.0, "0 s: the tag rests, or too few positions have a time and a truth".to_owned()),
-        Clocks::NoneFits => (0.0, format!("0 s: none within {REACH_S} s fits")),
-    };
-    notes.push(format!("time offset: {found}"));
-    offset_s
+/// The files of a recording, and its settings.
+struct Sources {
+    anchors: PathBuf,
+    measured: Measurements,
+    truth: Option<PathBuf>,
+    walls: Option<PathBuf>,
+    settings: RecordingSettings,
 }
 
-/// A recording, the settings for solving it, and the destination of the report.
+/// The file of what was measured.
+enum Measurements {
+    Ranges(PathBuf),
+    Differences(PathBuf),
+}
+
+/// The offset of the truth's clock, seconds. Adds a line about it to the notes.
+fn offset_s(clocks: Clocks, notes: &mut Vec<String>) -> f64 {
+    let found = match clocks {
+        Clocks::Differ { offset_s, deviation_s } => {
+            format!("{offset_s:.3} ± {deviation_s:.3} s is added to the times of the truth")
+        }
+        Clocks::Agree { deviation_s } => format!("0 s: the clocks agree, ± {deviation_s:.3} s"),
+        Clocks::Vague { offset_s, deviation_s } => {
+            format!("0 s: the tag moves too little to be sure of {offset_s:.2} ± {deviation_s:.2} s")
+        }
+        Clocks::Unknown => "0 s: the tag rests, or too few positions have a time and a truth".to_owned(),
+        Clocks::NoneFits => format!("0 s: none within {REACH_S} s fits"),
+    };
+    notes.push(format!("time offset: {found}"));
+    clocks.offset_s()
+}
+
+/// The recordings of all tags, the settings for solving them, and the destination of the report.
 pub struct Input<'a> {
-    pub recording: Recording,
+    /// One a tag.
+    pub tags: Vec<OfTag>,
+    /// Whether differences of arrivals were measured, and no ranges.
+    pub differences: bool,
     pub setup: Setup,
-    truth: Option<JoinedTruth>,
+    walls: Vec<Wall>,
+    with_errors: bool,
     residuals: bool,
     /// Lines for the user.
     notes: Vec<String>,
     output: Output<'a>,
+}
+
+/// The recording of a tag.
+pub struct OfTag {
+    pub recording: Recording,
+    truth: Option<JoinedTruth>,
 }
 
 /// The truth, after it was joined to the epochs.
@@ -258,32 +344,25 @@ struct JoinedTruth {
 }
 
 impl Input<'_> {
-    /// Reports positions of the recording's epochs.
+    /// Reports positions: for each tag, those of its epochs by each method.
     ///
     /// # Errors
     /// A file cannot be written.
-    pub fn report(&self, solved: &ByMethod) -> Result<()> {
-        let epochs = &self.recording.epochs;
-        let residuals = self.residuals.then(|| self.residuals(solved));
-        let places = self.recording.anchors.iter().map(|anchor| (anchor.name.clone(), flat(&anchor.place)));
-        Report {
-            epochs,
-            anchors: places.collect(),
-            walls_m: Vec::new(),
-            with_errors: self.truth.is_some(),
-            time_offset_s: self.truth.as_ref().and_then(|truth| truth.offset_s),
-            residuals: residuals.as_deref(),
+    pub fn report(&self, methods: Vec<String>, solved: &[Vec<Vec<Solved>>]) -> Result<()> {
+        let tags: Vec<TagReport> =
+            self.tags.iter().zip(solved).map(|(of, solved)| self.tag_report(of, solved)).collect();
+        let anchors = self.tags.first().map_or(&[][..], |of| &of.recording.anchors);
+        let report = Report {
+            methods,
+            anchors: anchors.iter().map(|anchor| (anchor.name.clone(), flat(&anchor.place))).collect(),
+            walls_m: self.walls.iter().map(|wall| wall.ends_m).collect(),
+            with_errors: self.with_errors,
             neighbours: None,
-            solved,
-        }
-        .write(&self.output)?;
-        // Residuals against the truth are the same for all methods.
-        let tables = residuals.iter().flatten().take(if self.truth.is_some() { 1 } else { solved.len() });
+            tags,
+        };
+        report.write(&self.output)?;
         if !self.output.is_json() {
-            for (anchors, (method, _)) in tables.zip(solved) {
-                let against = if self.truth.is_some() { "the truth" } else { method };
-                super::note(&format!("\nresiduals of the ranges against {against}:\n{}", table(anchors)));
-            }
+            self.print_residuals(&report);
         }
         for line in &self.notes {
             super::note(&format!("{line}\n"));
@@ -291,15 +370,28 @@ impl Input<'_> {
         Ok(())
     }
 
-    /// The residuals by method and anchor.
-    fn residuals(&self, solved: &ByMethod) -> Vec<Vec<AnchorResiduals>> {
-        let Recording { anchors, epochs } = &self.recording;
+    fn tag_report<'a>(&self, of: &'a OfTag, solved: &'a [Vec<Solved>]) -> TagReport<'a> {
+        let OfTag { recording: Recording { tag, anchors, epochs }, truth } = of;
         let against = |reference| residuals(anchors, epochs, &self.setup, reference);
-        match &self.truth {
+        let residuals = self.residuals.then(|| match truth {
             Some(JoinedTruth { truth, offset_s }) => {
                 vec![against(Reference::Truth(truth, offset_s.unwrap_or(0.0))); solved.len()]
             }
-            None => solved.iter().map(|(_, solved)| against(Reference::Solved(solved))).collect(),
+            None => solved.iter().map(|solved| against(Reference::Solved(solved))).collect(),
+        });
+        let time_offset_s = truth.as_ref().and_then(|truth| truth.offset_s);
+        TagReport { tag: tag.as_deref(), epochs, solved, time_offset_s, residuals }
+    }
+
+    fn print_residuals(&self, report: &Report) {
+        for of in &report.tags {
+            let residuals = of.residuals.iter().flatten().zip(&report.methods);
+            // Residuals against the truth are the same for all methods.
+            for (anchors, method) in residuals.take(if self.with_errors { 1 } else { usize::MAX }) {
+                let against = if self.with_errors { "the truth" } else { method };
+                let tag = of.tag.map_or_else(String::new, |tag| format!(" of tag {tag}"));
+                super::note(&format!("\nresiduals of the ranges{tag} against {against}:\n{}", table(anchors)));
+            }
         }
     }
 }

@@ -5,14 +5,14 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use host_tools::files::output;
-use host_tools::files::positions;
+use host_tools::files::positions::{self, Rows};
 use host_tools::locate::residuals::AnchorResiduals;
 use host_tools::plot::{Dot, Picture, Track};
 use host_tools::{Coordinates, Epoch, Solved, UserError};
 
 use super::PictureFile;
 use super::residuals::Row;
-use super::summary::{ByBeacons, Summary, table};
+use super::summary::{Of, Summary, table};
 
 /// The destinations of a report.
 #[derive(clap::Args)]
@@ -23,7 +23,7 @@ pub struct OutputArgs {
     /// Draw the positions, as .svg or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Print JSON and no positions: a list, an object a method, with method, epochs, fixed, rmse_m, mae_m, p50_m, p90_m
+    /// Print JSON and no positions: results, an object a method and tag, with method, tag (null: all of them), epochs, fixed, rmse_m, mae_m, p50_m, p90_m
     /// (null without truth); with truth also the same figures of x and y (_xy_m), of z (_z_m), inside_1_sigma (0.39 is
     /// right), nees (2 is right; nees_z: 1) and time_offset_s
     #[arg(long)]
@@ -56,27 +56,34 @@ impl Output<'_> {
     }
 }
 
-/// Positions of all epochs, by method.
-pub type ByMethod = Vec<(String, Vec<Solved>)>;
-
 /// The content of a report.
 pub struct Report<'a> {
-    /// The epochs, with one position each.
-    pub epochs: &'a [Epoch],
+    /// The names of the methods.
+    pub methods: Vec<String>,
     /// Names and positions of the anchors or beacons on the map.
     pub anchors: Vec<(String, [f64; 2])>,
     /// Both ends of every wall, metres.
     pub walls_m: Vec<[[f64; 2]; 2]>,
     /// Whether the true positions are known.
     pub with_errors: bool,
+    /// For positions by beacons: the number of neighbours of each method, where the method has neighbours.
+    pub neighbours: Option<Vec<Option<usize>>>,
+    /// The positions, one a tag.
+    pub tags: Vec<TagReport<'a>>,
+}
+
+/// The positions of a tag.
+pub struct TagReport<'a> {
+    /// The tag's name, where it is known.
+    pub tag: Option<&'a str>,
+    /// The epochs.
+    pub epochs: &'a [Epoch],
+    /// By method: the position of each epoch.
+    pub solved: &'a [Vec<Solved>],
     /// The seconds that were added to the times of the truth, where it was joined by time.
     pub time_offset_s: Option<f64>,
     /// The residuals by method and anchor, where they are asked for.
-    pub residuals: Option<&'a [Vec<AnchorResiduals>]>,
-    /// For positions by beacons: the number of neighbours of each method, where the method has neighbours.
-    pub neighbours: Option<Vec<Option<usize>>>,
-    /// The positions.
-    pub solved: &'a ByMethod,
+    pub residuals: Option<Vec<Vec<AnchorResiduals>>>,
 }
 
 impl Report<'_> {
@@ -86,15 +93,13 @@ impl Report<'_> {
     /// A file cannot be written.
     pub fn write(&self, output: &Output) -> Result<()> {
         let OutputArgs { out, plot, json } = output.arguments;
-        let summaries = self.summaries();
         // The picture is drawn before any file is written, so that an error in drawing leaves no file.
         let picture = match output.picture {
             Some(PictureFile { file, format }) => Some((file, format.encode(self.picture().to_svg()?)?)),
             None => None,
         };
         if out.is_some() || !json {
-            let by_method = self.solved.iter().map(|(method, solved)| (method.as_str(), solved.as_slice()));
-            let csv = positions::to_csv(self.epochs, by_method, self.with_errors)?;
+            let csv = positions::to_csv(self.rows(), self.with_errors)?;
             match out {
                 Some(file) => super::write(file, &csv)?,
                 None => super::print(&csv)?,
@@ -103,10 +108,11 @@ impl Report<'_> {
         if let Some((file, bytes)) = &picture {
             super::write(file, bytes)?;
         }
+        let summaries = self.summaries();
         if *json {
             return super::print_json(&summaries);
         }
-        let mut said = table(&summaries, self.solved);
+        let mut said = table(&summaries);
         for (what, file) in [("positions", out), ("picture", plot)] {
             if let Some(file) = file {
                 let _ = writeln!(said, "{what}: {}", file.display());
@@ -116,22 +122,39 @@ impl Report<'_> {
         Ok(())
     }
 
+    /// The positions by method, and of each method by tag.
+    fn rows(&self) -> impl Iterator<Item = Rows<'_>> + Clone {
+        self.methods.iter().enumerate().flat_map(|(at, method)| {
+            self.tags
+                .iter()
+                .filter_map(move |of| Some(Rows { tag: of.tag, method, epochs: of.epochs, solved: of.solved.get(at)? }))
+        })
+    }
+
+    /// A summary a method: of each tag, and of all of them where there are several.
     fn summaries(&self) -> Vec<Summary<'_>> {
         let mut summaries = Vec::new();
-        for (at, (method, solved)) in self.solved.iter().enumerate() {
+        for (at, method) in self.methods.iter().enumerate() {
             let k = self.neighbours.as_ref().map(|neighbours| neighbours.get(at).copied().flatten());
-            let by_beacons = k.map(|k| ByBeacons { k, points: solved.len() });
-            let anchors = self.residuals.and_then(|residuals| residuals.get(at));
-            let anchors = anchors.map(|anchors| anchors.iter().map(Row::of).collect());
-            let summary = Summary::of(method, solved, self.epochs, by_beacons);
-            summaries.push(summary.with(self.time_offset_s, anchors));
+            let parts: Vec<_> = self.tags.iter().filter_map(|of| Some((of, of.solved.get(at)?))).collect();
+            for (of, solved) in &parts {
+                let anchors = of.residuals.as_ref().and_then(|residuals| residuals.get(at));
+                let anchors = anchors.map(|anchors| anchors.iter().map(Row::of).collect());
+                let tag = of.tag.map(Of::Tag);
+                let summary = Summary::of(method, tag, [(of.epochs, solved.as_slice())].into_iter(), k);
+                summaries.push(summary.with(of.time_offset_s, anchors));
+            }
+            if parts.len() > 1 {
+                let all = parts.iter().map(|(of, solved)| (of.epochs, solved.as_slice()));
+                summaries.push(Summary::of(method, Some(Of::All), all, k));
+            }
         }
         summaries
     }
 
     fn picture(&self) -> Picture {
-        let tracks = self.solved.iter().map(|(method, solved)| Track {
-            method: method.clone(),
+        let tracks = self.rows().map(|Rows { method, solved, .. }| Track {
+            method: method.to_owned(),
             dots: solved
                 .iter()
                 .filter_map(|solved| solved.outcome.as_ref().ok())
@@ -139,11 +162,13 @@ impl Report<'_> {
                 .collect(),
             errors_m: solved.iter().filter_map(|solved| solved.error_m).collect(),
         });
+        let truths =
+            self.tags.iter().map(|of| of.epochs.iter().filter_map(|epoch| epoch.truth.as_ref().map(flat)).collect());
         Picture {
             anchors: self.anchors.clone(),
             beacons: Vec::new(),
             walls_m: self.walls_m.clone(),
-            truth_m: vec![self.epochs.iter().filter_map(|epoch| epoch.truth.as_ref().map(flat)).collect()],
+            truth_m: truths.collect(),
             tracks: tracks.collect(),
         }
     }

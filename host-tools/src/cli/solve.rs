@@ -1,11 +1,11 @@
 //! `baliza solve`: one fix for each epoch, without memory between epochs.
 
 use anyhow::Result;
-use host_tools::{Recording, Setup, Solver};
+use host_tools::locate::track::{Tracker, settings_of_single_epochs};
+use host_tools::{Recording, Setup, Solved, Solver, UserError};
 use positioning_core::Method;
 
 use super::recording_args::{RecordingArgs, SingleRanges};
-use super::report::ByMethod;
 use crate::cli::progress::Progress;
 
 /// Solve every epoch of a recording on its own, as the tag's first fix does
@@ -18,13 +18,14 @@ use crate::cli::progress::Progress;
 pub struct Arguments {
     #[command(flatten)]
     recording: RecordingArgs,
-    /// How ranges become a position: a name, several with commas, or all
-    #[arg(long, value_name = "METHOD", default_value = "robust", value_parser = Methods::parse, long_help = methods_help())]
-    method: Methods,
+    /// How ranges become a position: a name, several with commas, or all [default: robust]
+    #[arg(long, value_name = "METHOD", value_parser = Methods::parse, long_help = methods_help())]
+    method: Option<Methods>,
 }
 
 const EXAMPLES: &str = "\
 Examples:
+  baliza solve run/
   baliza solve --anchors anchors.csv --ranges ranges.csv > positions.csv
   baliza solve --anchors anchors.csv --ranges ranges.csv --truth truth.csv --plot room.png
   baliza solve --anchors anchors.csv --ranges ranges.csv --truth truth.csv --time-offset-s auto --residuals
@@ -45,7 +46,7 @@ impl Methods {
 
 fn methods_help() -> String {
     let names = Method::ALL.map(Method::as_str).join(", ");
-    format!("How ranges become a position: a name, several with commas, or all. Names: {names}")
+    format!("How ranges become a position: a name, several with commas, or all [default: robust]. Names: {names}")
 }
 
 /// Runs `baliza solve`.
@@ -54,14 +55,31 @@ fn methods_help() -> String {
 /// Flags or a file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let input = arguments.recording.read(SingleRanges::Group)?;
-    let solved = solve(&input.recording, &arguments.method.0, input.setup);
-    input.report(&solved)
+    let methods = match (&arguments.method, input.differences) {
+        (None, false) => vec![Method::Robust],
+        (Some(Methods(methods)), false) => methods.clone(),
+        (None, true) => Vec::new(),
+        (Some(_), true) => {
+            return Err(UserError::flag("--method", "only for ranges: differences have one method, hyperbolic").into());
+        }
+    };
+    let names =
+        if input.differences { vec!["hyperbolic"] } else { methods.iter().map(|method| method.as_str()).collect() };
+    let epochs: usize = input.tags.iter().map(|of| of.recording.epochs.len()).sum();
+    let progress = Progress::new(names.len() * epochs);
+    let solve = |recording: &Recording| match input.differences {
+        true => vec![hyperbolic(recording, input.setup, &progress)],
+        false => solve(recording, &methods, input.setup, &progress),
+    };
+    let solved: Vec<_> = input.tags.iter().map(|of| solve(&of.recording)).collect();
+    drop(progress);
+    input.report(names.into_iter().map(str::to_owned).collect(), &solved)
 }
 
-fn solve(recording: &Recording, methods: &[Method], setup: Setup) -> ByMethod {
+/// The positions of each epoch by each method.
+fn solve(recording: &Recording, methods: &[Method], setup: Setup, progress: &Progress) -> Vec<Vec<Solved>> {
     let solver = Solver::new(&recording.anchors, setup);
-    let progress = Progress::new(methods.len() * recording.epochs.len());
-    let by = |method| {
+    let by = |&method| {
         let epochs = recording.epochs.iter();
         epochs
             .map(|epoch| {
@@ -70,5 +88,17 @@ fn solve(recording: &Recording, methods: &[Method], setup: Setup) -> ByMethod {
             })
             .collect()
     };
-    methods.iter().map(|&method| (method.as_str().to_owned(), by(method))).collect()
+    methods.iter().map(by).collect()
+}
+
+/// The positions where the hyperbolas of each epoch meet.
+fn hyperbolic(recording: &Recording, setup: Setup, progress: &Progress) -> Vec<Solved> {
+    let mut tracker = Tracker::new(&recording.anchors, setup, settings_of_single_epochs(&setup), None);
+    let epochs = recording.epochs.iter();
+    epochs
+        .map(|epoch| {
+            progress.step();
+            tracker.follow(epoch)
+        })
+        .collect()
 }

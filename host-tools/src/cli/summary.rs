@@ -12,6 +12,8 @@ use super::residuals;
 #[derive(Debug, serde::Serialize)]
 pub struct Summary<'a> {
     method: &'a str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tag: Option<Of<'a>>,
     #[serde(flatten)]
     by_beacons: Option<ByBeacons>,
     epochs: usize,
@@ -30,13 +32,26 @@ pub struct Summary<'a> {
     time_offset_s: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     anchors: Option<Vec<residuals::Row<'a>>>,
+    /// The reasons for epochs without a position, with their numbers.
+    #[serde(skip)]
+    reasons: BTreeMap<&'static str, usize>,
+}
+
+/// The tags of a summary, where their names are known. In JSON it is the name, or null.
+#[derive(Clone, Copy, Debug, serde::Serialize)]
+#[serde(untagged)]
+pub enum Of<'a> {
+    /// One tag.
+    Tag(&'a str),
+    /// All tags of the recording.
+    All,
 }
 
 /// The part of a summary that only positions by beacons have.
 #[derive(Debug, serde::Serialize)]
-pub struct ByBeacons {
-    pub k: Option<usize>,
-    pub points: usize,
+struct ByBeacons {
+    k: Option<usize>,
+    points: usize,
 }
 
 /// The errors in x and y.
@@ -68,23 +83,20 @@ struct Consistency {
     nees: f64,
 }
 
-/// The positions with their true positions.
-fn known<'a>(solved: &'a [Solved], epochs: &'a [Epoch]) -> impl Iterator<Item = (&'a Position, &'a Coordinates)> {
-    solved.iter().zip(epochs).filter_map(|(solved, epoch)| Some((solved.outcome.as_ref().ok()?, epoch.truth.as_ref()?)))
-}
+/// A position and its true position.
+type Known<'a> = (&'a Position, &'a Coordinates);
 
 impl Horizontal {
-    fn of(solved: &[Solved], epochs: &[Epoch]) -> Option<Self> {
-        let errors = known(solved, epochs)
-            .map(|(Position { place, .. }, truth)| (place.x_m - truth.x_m).hypot(place.y_m - truth.y_m));
+    fn of(known: &[Known]) -> Option<Self> {
+        let errors = known.iter().map(|(position, truth)| position.place.horizontal_m(truth));
         let Statistics { rmse, mae, p50, p90 } = Statistics::of(&errors.collect::<Vec<_>>())?;
         Some(Self { rmse_xy_m: rmse, mae_xy_m: mae, p50_xy_m: p50, p90_xy_m: p90 })
     }
 }
 
 impl Vertical {
-    fn of(solved: &[Solved], epochs: &[Epoch]) -> Option<Self> {
-        let heights = known(solved, epochs).filter_map(|(Position { place, sigma, .. }, truth)| {
+    fn of(known: &[Known]) -> Option<Self> {
+        let heights = known.iter().filter_map(|(Position { place, sigma, .. }, truth)| {
             let error_m = (place.z_m? - truth.z_m?).abs();
             Some((error_m, (error_m / sigma.z_m?).powi(2)))
         });
@@ -97,8 +109,8 @@ impl Vertical {
 }
 
 impl Consistency {
-    fn of(solved: &[Solved], epochs: &[Epoch]) -> Option<Self> {
-        let squares = known(solved, epochs).map(|(position, truth)| position.normalised_square(truth));
+    fn of(known: &[Known]) -> Option<Self> {
+        let squares = known.iter().map(|(position, truth)| position.normalised_square(truth));
         let squares: Vec<f64> = squares.filter(|square| square.is_finite()).collect();
         let count = squares.len() as f64;
         let inside = squares.iter().filter(|square| **square <= 1.0).count() as f64;
@@ -107,27 +119,44 @@ impl Consistency {
 }
 
 impl<'a> Summary<'a> {
-    /// The summary of a method's positions of the epochs.
-    pub fn of(method: &'a str, solved: &[Solved], epochs: &[Epoch], by_beacons: Option<ByBeacons>) -> Self {
-        let errors: Vec<f64> = solved.iter().filter_map(|solved| solved.error_m).collect();
+    /// The summary of a method's positions of epochs. `neighbours` is `None` where positions come from ranges, else the
+    /// number of neighbours that the method has, if it has neighbours.
+    pub fn of(
+        method: &'a str,
+        tag: Option<Of<'a>>,
+        parts: impl Iterator<Item = (&'a [Epoch], &'a [Solved])>,
+        neighbours: Option<Option<usize>>,
+    ) -> Self {
+        let all: Vec<(&Epoch, &Solved)> = parts.flat_map(|(epochs, solved)| epochs.iter().zip(solved)).collect();
+        let known: Vec<Known> = all
+            .iter()
+            .filter_map(|(epoch, solved)| Some((solved.outcome.as_ref().ok()?, epoch.truth.as_ref()?)))
+            .collect();
+        let errors: Vec<f64> = all.iter().filter_map(|(_, solved)| solved.error_m).collect();
         let figures = Statistics::of(&errors);
         let of = |figure: fn(&Statistics) -> f64| figures.as_ref().map(figure);
+        let mut reasons = BTreeMap::new();
+        for reason in all.iter().filter_map(|(_, solved)| solved.outcome.as_ref().err()) {
+            *reasons.entry(reason.as_str()).or_insert(0_usize) += 1;
+        }
         // Positions by beacons are horizontal, and so are their errors.
-        let of_ranges = by_beacons.is_none();
+        let of_ranges = neighbours.is_none();
         Self {
             method,
-            by_beacons,
-            epochs: solved.len(),
-            fixed: solved.iter().filter(|solved| solved.outcome.is_ok()).count(),
+            tag,
+            by_beacons: neighbours.map(|k| ByBeacons { k, points: all.len() }),
+            epochs: all.len(),
+            fixed: all.iter().filter(|(_, solved)| solved.outcome.is_ok()).count(),
             rmse_m: of(|figures| figures.rmse),
             mae_m: of(|figures| figures.mae),
             p50_m: of(|figures| figures.p50),
             p90_m: of(|figures| figures.p90),
-            horizontal: Horizontal::of(solved, epochs).filter(|_| of_ranges),
-            vertical: Vertical::of(solved, epochs).filter(|_| of_ranges),
-            consistency: Consistency::of(solved, epochs),
+            horizontal: Horizontal::of(&known).filter(|_| of_ranges),
+            vertical: Vertical::of(&known).filter(|_| of_ranges),
+            consistency: Consistency::of(&known),
             time_offset_s: None,
             anchors: None,
+            reasons,
         }
     }
 
@@ -139,19 +168,33 @@ impl<'a> Summary<'a> {
 
 /// The summaries as text, with the reasons for epochs without a position. Errors in the plane and in height are
 /// apart where heights are compared.
-pub fn table(summaries: &[Summary], solved: &[(String, Vec<Solved>)]) -> String {
+pub fn table(summaries: &[Summary]) -> String {
     let heights = summaries.iter().any(|summary| summary.vertical.is_some());
+    let tags = summaries.iter().any(|summary| summary.tag.is_some());
+    let tag = |name: &str| if tags { format!("{name:<16} ") } else { String::new() };
     let mut text = format!(
-        "{:<16} {:>7} {:>7} {:>8} {:>8} {:>8} {:>8}",
-        "method", "epochs", "fixed", "rmse_m", "mae_m", "p50_m", "p90_m"
+        "{:<16} {}{:>7} {:>7} {:>8} {:>8} {:>8} {:>8}",
+        "method",
+        tag("tag"),
+        "epochs",
+        "fixed",
+        "rmse_m",
+        "mae_m",
+        "p50_m",
+        "p90_m"
     );
     if heights {
         let _ = write!(text, " {:>9} {:>8}", "rmse_xy_m", "rmse_z_m");
     }
     text.push('\n');
     let metres = |figure: Option<f64>| figure.map_or_else(|| "-".to_owned(), |metres| format!("{metres:.3}"));
-    for (summary, (_, solved)) in summaries.iter().zip(solved) {
-        let _ = write!(text, "{:<16} {:>7} {:>7}", summary.method, summary.epochs, summary.fixed);
+    for summary in summaries {
+        let of = match summary.tag {
+            Some(Of::Tag(name)) => name,
+            Some(Of::All) => "all",
+            None => "",
+        };
+        let _ = write!(text, "{:<16} {}{:>7} {:>7}", summary.method, tag(of), summary.epochs, summary.fixed);
         for figure in [summary.rmse_m, summary.mae_m, summary.p50_m, summary.p90_m] {
             let _ = write!(text, " {:>8}", metres(figure));
         }
@@ -166,11 +209,7 @@ pub fn table(summaries: &[Summary], solved: &[(String, Vec<Solved>)]) -> String 
         if let Some(nees_z) = vertical.and_then(|vertical| vertical.nees_z) {
             let _ = write!(text, ", of z {nees_z:.2}");
         }
-        let mut reasons = BTreeMap::new();
-        for reason in solved.iter().filter_map(|solved| solved.outcome.as_ref().err()) {
-            *reasons.entry(reason.as_str()).or_insert(0_usize) += 1;
-        }
-        for (reason, count) in reasons {
+        for (reason, count) in &summary.reasons {
             let _ = write!(text, "  {count} {reason}");
         }
         text.push('\n');

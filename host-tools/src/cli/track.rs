@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::ValueEnum;
+use host_tools::files::Diagnostics;
 use host_tools::locate::track::{Tracker, Weighting, settings};
 use host_tools::train::{Chosen, features_of};
 use host_tools::{Recording, Setup, Solved, by_time};
@@ -36,6 +37,7 @@ pub struct Arguments {
 
 const EXAMPLES: &str = "\
 Examples:
+  baliza track run/
   baliza track --anchors anchors.csv --ranges ranges.csv > positions.csv
   baliza track --anchors anchors.csv --ranges ranges.csv --truth truth.csv --dims 2 --height-from-truth --time-offset-s auto --json
   baliza track --anchors anchors.csv --ranges ranges.csv --model nlos.model --classifier logistic";
@@ -72,25 +74,37 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         arguments.model.as_ref().map(|file| Chosen::read(file, arguments.classifier.as_deref())).transpose()?;
     let mut model = chosen.as_ref().map(Chosen::model).transpose()?;
     let input = arguments.recording.read(SingleRanges::Keep)?;
-    if let Some(unused) = model.take_if(|model| !tells(&input.recording, model)) {
+    let recordings = || input.tags.iter().map(|of| &of.recording);
+    if let Some(unused) = model.take_if(|model| !recordings().any(|recording| tells(recording, model))) {
         let asked = features_of(&unused);
         super::note(&format!("no range of the recording tells what the classifier asks for: {asked}\n"));
     }
-    let solved = track(&input.recording, input.setup, weighting, model.as_ref());
-    input.report(&vec![("track".to_owned(), solved)])
+    let progress = Progress::new(recordings().map(|recording| recording.epochs.len()).sum());
+    let follow = |recording| vec![track(recording, input.setup, weighting, model.as_ref(), &progress)];
+    let solved: Vec<_> = recordings().map(follow).collect();
+    drop(progress);
+    input.report(vec!["track".to_owned()], &solved)
 }
 
 /// Whether any range of a recording has the diagnostics that the classifier needs. Without them it changes nothing.
 fn tells(recording: &Recording, model: &Model<'_>) -> bool {
-    let mut ranges = recording.epochs.iter().flat_map(|epoch| &epoch.ranges);
-    ranges.any(|range| could_tell(model, &range.diagnostics.features))
+    let has = |diagnostics: &Diagnostics| could_tell(model, &diagnostics.features);
+    recording.epochs.iter().any(|epoch| {
+        epoch.ranges.iter().any(|range| has(&range.diagnostics))
+            || epoch.differences.iter().any(|difference| has(&difference.diagnostics))
+    })
 }
 
 /// Positions of the epochs, in the order of the file. The tracker processes them in the order of time.
-fn track(recording: &Recording, setup: Setup, weighting: Weighting, model: Option<&Model<'_>>) -> Vec<Solved> {
+fn track(
+    recording: &Recording,
+    setup: Setup,
+    weighting: Weighting,
+    model: Option<&Model<'_>>,
+    progress: &Progress,
+) -> Vec<Solved> {
     let settings = settings(&setup, weighting);
     let mut tracker = Tracker::new(&recording.anchors, setup, settings, model);
-    let progress = Progress::new(recording.epochs.len());
     let mut solved = vec![None; recording.epochs.len()];
     for at in by_time(recording.epochs.iter().map(|epoch| epoch.t_s)) {
         solved[at] = Some(tracker.follow(&recording.epochs[at]));

@@ -8,7 +8,8 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use crate::files::table::quoted;
-use crate::{Column, Coordinates, NoPosition, Position, Row, Solved, Table, UserError, by_time, read_truth};
+use crate::files::tags::{ByTag, tag_of};
+use crate::{Column, Coordinates, NoPosition, Position, Row, Solved, Table, Truths, UserError, by_time};
 
 /// A beacon, and what is known of its signal.
 #[derive(Clone, Debug, PartialEq)]
@@ -139,45 +140,57 @@ pub fn read_stays(file: &Path) -> Result<Vec<Dwell>, UserError> {
     if stays.is_empty() { Err(UserError::line(file, 1, "no samples below the header")) } else { Ok(stays) }
 }
 
-/// Reads `rssi.csv`: `epoch,t_s,beacon,rssi_dbm`, or a file of dwells, whose points are the true positions. `truth` is
-/// `truth.csv`. Epochs that are only in `truth.csv` become captures without samples, at the end of the list.
+/// The captures of one tag.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Captured {
+    /// The tag's name; `None` where the file has no column `tag`.
+    pub tag: Option<String>,
+    /// Its captures, in the order of the file.
+    pub captures: Vec<Capture>,
+}
+
+/// Reads `rssi.csv`: `epoch,t_s,beacon,rssi_dbm` and, where there are several tags, `tag`; or a file of dwells, whose
+/// points are the true positions. `truth` is `truth.csv`. There is at least one tag.
 ///
 /// # Errors
 /// The first line that is wrong.
-pub fn read_captures(file: &Path, truth: Option<&Path>) -> Result<Vec<Capture>, UserError> {
-    let mut captures = if Table::open(file)?.optional("point").is_present() {
-        read_stays(file)?.into_iter().map(Capture::from).collect()
+pub fn read_captures(file: &Path, truth: Option<&Path>) -> Result<Vec<Captured>, UserError> {
+    let mut tags = if Table::open(file)?.optional("point").is_present() {
+        vec![Captured { tag: None, captures: read_stays(file)?.into_iter().map(Capture::from).collect() }]
     } else {
         read_epochs(file)?
     };
     if let Some(truth) = truth {
-        let by_name: HashMap<String, usize> =
-            captures.iter().enumerate().map(|(at, capture)| (capture.name.clone(), at)).collect();
-        for (name, place) in read_truth(truth)? {
-            let truth_m = Some([place.x_m, place.y_m]);
-            match by_name.get(&name) {
-                Some(&at) => captures[at].truth_m = truth_m,
-                None => captures.push(Capture { name, t_s: None, truth_m, is_stay: false, samples: Vec::new() }),
+        let truths = Truths::read(truth, false)?;
+        for Captured { tag, captures } in &mut tags {
+            let Some(truth) = truths.of(tag.as_deref())? else { continue };
+            let named = captures.iter().map(|capture| (capture.name.as_str(), capture.t_s));
+            let (places, _) = truth.of_epochs(named, 0.0);
+            for (capture, place) in captures.iter_mut().zip(places) {
+                // A dwell is at its point.
+                capture.truth_m = place.map(|place| [place.x_m, place.y_m]).or(capture.truth_m);
             }
         }
     }
-    Ok(captures)
+    Ok(tags)
 }
 
-fn read_epochs(file: &Path) -> Result<Vec<Capture>, UserError> {
+fn read_epochs(file: &Path) -> Result<Vec<Captured>, UserError> {
     let mut table = Table::open(file)?;
-    let epoch = table.column("epoch")?;
+    let (epoch, tag) = (table.column("epoch")?, table.optional("tag"));
     let signal = Signal::of(&table)?;
-    let (mut captures, mut by_name) = (Vec::<Capture>::new(), HashMap::<String, usize>::new());
+    let (mut tags, mut by_name) = (ByTag::<Captured>::default(), HashMap::<(usize, String), usize>::new());
     while let Some(row) = table.next_row()? {
-        let (name, t_s) = (row.some_text(epoch)?, row.number(signal.time)?);
-        let at = *by_name.entry(name.to_owned()).or_insert_with(|| {
-            captures.push(Capture { name: name.to_owned(), t_s, truth_m: None, is_stay: false, samples: Vec::new() });
+        let (name, t_s) = (row.some_text(epoch)?.to_owned(), row.number(signal.time)?);
+        let (of, Captured { captures, .. }) = tags.of(tag_of(&row, tag), |tag| Captured { tag, ..Captured::default() });
+        let at = *by_name.entry((of, name)).or_insert_with_key(|(_, name)| {
+            captures.push(Capture { name: name.clone(), t_s, truth_m: None, is_stay: false, samples: Vec::new() });
             captures.len() - 1
         });
         signal.read(&row, &mut captures[at].samples)?;
     }
-    if captures.is_empty() { Err(UserError::line(file, 1, "no samples below the header")) } else { Ok(captures) }
+    let tags = tags.in_order();
+    if tags.is_empty() { Err(UserError::line(file, 1, "no samples below the header")) } else { Ok(tags) }
 }
 
 /// Reads `walls.csv`. The file has the corners of an outline in their order, `x_m,y_m` (or `x,y`), and each corner is
@@ -292,16 +305,20 @@ mod tests {
     }
 
     #[test]
-    fn an_epoch_that_only_the_truth_knows_heard_nothing() {
+    fn each_tag_has_its_own_epochs_and_truth_and_the_truth_alone_makes_none() {
         let (_folder, [rssi, truth]) = files([
-            "epoch,t_s,beacon,rssi_dbm\n4,0.5,a,-60\n4,0.6,b,-70\n",
-            "epoch,t_s,x_m,y_m\n4,0.5,1,2\n5,1.0,3,4\n",
+            "epoch,t_s,beacon,rssi_dbm,tag\n4,0.5,a,-60,7\n4,0.5,b,-70,8\n4,0.6,b,-71,7\n",
+            "epoch,t_s,x_m,y_m,tag\n4,0.5,1,2,7\n4,0.5,9,9,8\n5,1.0,3,4,7\n",
         ]);
-        let captures = read_captures(&rssi, Some(&truth)).expect("read");
-        assert_eq!((captures[0].t_s, captures[0].truth_m, captures[0].samples.len()), (Some(0.5), Some([1.0, 2.0]), 2));
+        let tags = read_captures(&rssi, Some(&truth)).expect("read");
+        assert_eq!(tags.iter().map(|of| of.tag.as_deref()).collect::<Vec<_>>(), [Some("7"), Some("8")]);
+        let each = tags.iter().map(|of| {
+            let capture = &of.captures[0];
+            (of.captures.len(), capture.t_s, capture.truth_m, capture.samples.len())
+        });
         assert_eq!(
-            (captures[1].name.as_str(), captures[1].truth_m, captures[1].samples.len()),
-            ("5", Some([3.0, 4.0]), 0)
+            each.collect::<Vec<_>>(),
+            [(1, Some(0.5), Some([1.0, 2.0]), 2), (1, Some(0.5), Some([9.0, 9.0]), 1)]
         );
     }
 

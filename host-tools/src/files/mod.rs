@@ -3,17 +3,21 @@
 
 pub mod beacons;
 mod diagnostics;
+mod differences;
+pub mod folder;
 pub mod output;
 pub mod positions;
 mod recording;
 mod rounds;
 mod table;
+pub(crate) mod tags;
 mod truth;
 mod user_error;
 
 pub use diagnostics::{DiagnosticColumns, Diagnostics};
-pub use recording::{Anchor, Coordinates, Epoch, Files, Measured, Recording, by_time, read_anchors};
+pub use differences::MeasuredDifference;
+pub use recording::{Anchor, Coordinates, Epoch, Files, Measured, Recording, Source, by_time, read_anchors};
 pub use rounds::{round_s, rounds};
 pub use table::{Column, Row, Table};
-pub use truth::{Joined, Truth, read_truth};
+pub use truth::{Joined, Truth, Truths};
 pub use user_error::UserError;

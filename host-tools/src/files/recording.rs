@@ -1,15 +1,16 @@
 //! A recording: surveyed anchors, ranges by epoch, and the tag's true positions.
 //!
-//! The input is `anchors.csv`, `ranges.csv` and, where there is one, `truth.csv`. The output is a list of [`Epoch`]s in
-//! the order of their first range. Epochs of which only the true position is known are placed between them: see
-//! [`Truth`].
+//! The input is `anchors.csv`, `ranges.csv` or `differences.csv` and, where there is one, `truth.csv`. The output is a [`Recording`] a tag, with
+//! its [`Epoch`]s in the order of their first range. A file without a column `tag` is of one tag.
 
 use std::collections::HashMap;
 use std::path::Path;
 
+use crate::files::differences::{MeasuredDifference, read_differences};
 use crate::files::table::quoted;
+use crate::files::tags::{ByTag, tag_of};
 use crate::files::{DiagnosticColumns, Diagnostics};
-use crate::{Table, Truth, UserError};
+use crate::{Column, Row, Table, Truths, UserError};
 
 /// A position, metres. Its height may be unknown.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,7 +48,7 @@ pub struct Measured {
 }
 
 /// The ranges that make one fix.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Epoch {
     /// The epoch's name in the files.
     pub name: String,
@@ -55,13 +56,17 @@ pub struct Epoch {
     pub t_s: Option<f64>,
     /// The ranges, in the order of the file.
     pub ranges: Vec<Measured>,
+    /// Differences of arrivals, of a tag that only listens.
+    pub differences: Vec<MeasuredDifference>,
     /// The tag's true position.
     pub truth: Option<Coordinates>,
 }
 
-/// Anchors and epochs.
+/// The anchors, and the epochs of one tag.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
+    /// The tag's name; `None` where the file of ranges has no column `tag`.
+    pub tag: Option<String>,
     /// The anchors, in the order of the file.
     pub anchors: Vec<Anchor>,
     /// The epochs, in the order of their first range.
@@ -73,8 +78,8 @@ pub struct Recording {
 pub struct Files<'a> {
     /// `anchors.csv`.
     pub anchors: &'a Path,
-    /// `ranges.csv`.
-    pub ranges: &'a Path,
+    /// What was measured.
+    pub measured: Source<'a>,
     /// `truth.csv`.
     pub truth: Option<&'a Path>,
     /// Whether an anchor without a height is an error.
@@ -83,48 +88,100 @@ pub struct Files<'a> {
     pub truth_heights: bool,
 }
 
+/// The file of what was measured.
+#[derive(Clone, Copy, Debug)]
+pub enum Source<'a> {
+    /// `ranges.csv`.
+    Ranges(&'a Path),
+    /// `differences.csv`.
+    Differences(&'a Path),
+}
+
 impl Recording {
-    /// Reads a recording.
+    /// Reads the recordings of all tags, in the order of their first rows: at least one.
     ///
     /// # Errors
     /// The first line of a file that is wrong.
-    pub fn read(files: &Files) -> Result<Self, UserError> {
+    pub fn read(files: &Files) -> Result<Vec<Self>, UserError> {
         let anchors = anchor_rows(files.anchors, files.anchor_heights)?;
-        let mut recording = Self { anchors, epochs: Vec::new() };
-        recording.read_ranges(files.ranges)?;
+        let mut recordings = match files.measured {
+            Source::Ranges(file) => read_ranges(file, &anchors)?,
+            Source::Differences(file) => read_differences(file, &anchors)?,
+        };
         if let Some(truth) = files.truth {
-            Truth::read(truth, files.truth_heights)?.join(&mut recording.epochs, 0.0);
-        }
-        Ok(recording)
-    }
-
-    /// Adds the epochs with their ranges.
-    fn read_ranges(&mut self, file: &Path) -> Result<(), UserError> {
-        let mut by_name = HashMap::new();
-        let places: HashMap<&str, usize> = self.anchors.iter().enumerate().map(|(i, a)| (a.name.as_str(), i)).collect();
-        let mut table = Table::open(file)?;
-        let (epoch, anchor, range) = (table.column("epoch")?, table.column("anchor")?, table.column("range_m")?);
-        let (time, sight) = (table.optional("t_s"), table.optional("los"));
-        let columns = DiagnosticColumns::of_ranges(&table);
-        while let Some(row) = table.next_row()? {
-            let (name, t_s) = (row.some_text(epoch)?, row.number(time)?);
-            let at = *by_name.entry(name.to_owned()).or_insert_with(|| {
-                self.epochs.push(Epoch { name: name.to_owned(), t_s, ranges: Vec::new(), truth: None });
-                self.epochs.len() - 1
-            });
-            self.epochs[at].t_s = [self.epochs[at].t_s, t_s].into_iter().flatten().reduce(f64::max);
-            let name = row.some_text(anchor)?;
-            let Some(&anchor) = places.get(name) else {
-                return Err(row.wrong(anchor, &format!("{} is not in the file of anchors", quoted(name))));
-            };
-            let line_of_sight = row.truth_value(sight)?;
-            if let Some(range_m) = row.number(range)? {
-                let measured = Measured { anchor, range_m, t_s, line_of_sight, diagnostics: columns.read(&row)? };
-                self.epochs[at].ranges.push(measured);
+            let truths = Truths::read(truth, files.truth_heights)?;
+            for Self { tag, epochs, .. } in &mut recordings {
+                if let Some(truth) = truths.of(tag.as_deref())? {
+                    truth.join(epochs, 0.0);
+                }
             }
         }
-        if self.epochs.is_empty() { Err(UserError::line(file, 1, "no ranges below the header")) } else { Ok(()) }
+        Ok(recordings)
     }
+}
+
+/// The epochs of a file with the columns `epoch` and, where known, `t_s` and `tag`: those of each tag, in the order of
+/// their first rows.
+pub(crate) struct Epochs<'a> {
+    epoch: Column,
+    time: Column,
+    tag: Column,
+    anchors: &'a [Anchor],
+    recordings: ByTag<Recording>,
+    by_name: HashMap<(usize, String), usize>,
+}
+
+impl<'a> Epochs<'a> {
+    /// No epochs yet, of a recording with these anchors.
+    pub(crate) fn of(table: &Table, anchors: &'a [Anchor]) -> Result<Self, UserError> {
+        let (epoch, time, tag) = (table.column("epoch")?, table.optional("t_s"), table.optional("tag"));
+        Ok(Self { epoch, time, tag, anchors, recordings: ByTag::default(), by_name: HashMap::new() })
+    }
+
+    /// The epoch of a row, and the time of the row itself, seconds.
+    pub(crate) fn of_row(&mut self, row: &Row) -> Result<(&mut Epoch, Option<f64>), UserError> {
+        let (name, t_s) = (row.some_text(self.epoch)?.to_owned(), row.number(self.time)?);
+        let new = |tag| Recording { tag, anchors: self.anchors.to_vec(), epochs: Vec::new() };
+        let (of, Recording { epochs, .. }) = self.recordings.of(tag_of(row, self.tag), new);
+        let at = *self.by_name.entry((of, name)).or_insert_with_key(|(_, name)| {
+            epochs.push(Epoch { name: name.clone(), ..Epoch::default() });
+            epochs.len() - 1
+        });
+        let epoch = &mut epochs[at];
+        epoch.t_s = [epoch.t_s, t_s].into_iter().flatten().reduce(f64::max);
+        Ok((epoch, t_s))
+    }
+
+    /// The recordings; `None` without any row.
+    pub(crate) fn recordings(self) -> Option<Vec<Recording>> {
+        Some(self.recordings.in_order()).filter(|recordings| !recordings.is_empty())
+    }
+}
+
+/// The index of the anchor that a row names.
+pub(crate) fn anchor_of(row: &Row, column: Column, places: &HashMap<&str, usize>) -> Result<usize, UserError> {
+    let name = row.some_text(column)?;
+    let place = places.get(name).copied();
+    place.ok_or_else(|| row.wrong(column, &format!("{} is not in the file of anchors", quoted(name))))
+}
+
+/// The recordings of a file of ranges, one a tag.
+fn read_ranges(file: &Path, anchors: &[Anchor]) -> Result<Vec<Recording>, UserError> {
+    let places: HashMap<&str, usize> = anchors.iter().enumerate().map(|(i, a)| (a.name.as_str(), i)).collect();
+    let mut table = Table::open(file)?;
+    let mut epochs = Epochs::of(&table, anchors)?;
+    let (anchor, range, sight) = (table.column("anchor")?, table.column("range_m")?, table.optional("los"));
+    let columns = DiagnosticColumns::of_ranges(&table);
+    while let Some(row) = table.next_row()? {
+        let (epoch, t_s) = epochs.of_row(&row)?;
+        let anchor = anchor_of(&row, anchor, &places)?;
+        let line_of_sight = row.truth_value(sight)?;
+        if let Some(range_m) = row.number(range)? {
+            let measured = Measured { anchor, range_m, t_s, line_of_sight, diagnostics: columns.read(&row)? };
+            epoch.ranges.push(measured);
+        }
+    }
+    epochs.recordings().ok_or_else(|| UserError::line(file, 1, "no ranges below the header"))
 }
 
 /// The indices of epochs, sorted by their times, since a file may have them in any order. An epoch without a time stays

@@ -31,15 +31,14 @@ pub fn round_s(epochs: &[Epoch]) -> Option<f64> {
 }
 
 /// The ranges of all epochs in rounds. A round ends where an anchor repeats, or where more than `longest_s` seconds
-/// have passed since its first range. It has the name, time and true position of its
-/// last range's epoch. Epochs without
+/// have passed since its first range. It has the name, time and true position of its last range's epoch. Epochs without
 /// ranges make no round.
 pub fn rounds(epochs: Vec<Epoch>, longest_s: f64) -> Vec<Epoch> {
     let order = by_time(epochs.iter().map(|epoch| epoch.t_s));
     let mut epochs: Vec<_> = epochs.into_iter().map(Some).collect();
     let in_order = order.into_iter().filter_map(|at| epochs.get_mut(at)?.take());
     let singles: Vec<Single> = in_order
-        .flat_map(|Epoch { name, t_s, ranges, truth }| {
+        .flat_map(|Epoch { name, t_s, ranges, truth, .. }| {
             ranges.into_iter().map(move |range| (range, name.clone(), range.t_s.or(t_s), truth))
         })
         .collect();
@@ -58,7 +57,13 @@ pub fn rounds(epochs: Vec<Epoch>, longest_s: f64) -> Vec<Epoch> {
             }
             Some(_) | None => {
                 began_s = *t_s;
-                rounds.push(Epoch { name: name.clone(), t_s: *t_s, ranges: vec![range], truth: *truth });
+                rounds.push(Epoch {
+                    name: name.clone(),
+                    t_s: *t_s,
+                    ranges: vec![range],
+                    truth: *truth,
+                    ..Epoch::default()
+                });
             }
         }
     }

@@ -4,9 +4,10 @@
 //! linearly. Where the ranges or the truth have no times, the rows are joined by the epochs' names.
 
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::files::table::quoted;
+use crate::files::tags::{ByTag, tag_of};
 use crate::{Coordinates, Epoch, Table, UserError};
 
 /// A true position holds for this time before and after its row where it cannot be interpolated, seconds.
@@ -17,10 +18,6 @@ const LONGEST_GAP_S: f64 = 1.0;
 const MOVES_M: f64 = 0.1;
 /// Rows of the same epoch are of the same instant where their times differ by no more than this, seconds: files round.
 const SAME_INSTANT_S: f64 = 1.0e-3;
-/// The truth counts the epochs of the ranges where most of them are in it, with times that differ by less than this,
-/// seconds.
-const SAME_EPOCHS_S: f64 = 0.5;
-
 /// The tag's true position at one time.
 #[derive(Clone, Debug, PartialEq)]
 struct Row {
@@ -50,7 +47,16 @@ pub enum Joined {
     ByEpochDespiteTimes,
 }
 
-impl Truth {
+/// The true positions of all tags in a file.
+#[derive(Clone, Debug)]
+pub struct Truths {
+    file: PathBuf,
+    /// Whether the file says whose position a row is.
+    has_tags: bool,
+    by_tag: Vec<(Option<String>, Truth)>,
+}
+
+impl Truths {
     /// Reads `truth.csv`. With `heights`, a file without a column of heights is an error.
     ///
     /// # Errors
@@ -59,24 +65,54 @@ impl Truth {
         let mut table = Table::open(file)?;
         let (epoch, x, y) = (table.column("epoch")?, table.column("x_m")?, table.column("y_m")?);
         let z = if heights { table.column("z_m")? } else { table.optional("z_m") };
-        let time = table.optional("t_s");
-        let mut truth = Self::default();
-        let mut lines: HashMap<String, u64> = HashMap::new();
+        let (time, tag) = (table.optional("t_s"), table.optional("tag"));
+        let mut by_tag: ByTag<(Option<String>, Truth)> = ByTag::default();
+        let mut lines: HashMap<(usize, String), u64> = HashMap::new();
         while let Some(row) = table.next_row()? {
             let name = row.some_text(epoch)?;
-            if let Some(line) = lines.insert(name.to_owned(), row.line()) {
+            let (of, (_, truth)) = by_tag.of(tag_of(&row, tag), |tag| (tag, Truth::default()));
+            if let Some(line) = lines.insert((of, name.to_owned()), row.line()) {
                 return Err(row.wrong(epoch, &format!("{} stands in line {line} already", quoted(name))));
             }
             let place = Coordinates { x_m: row.some_number(x)?, y_m: row.some_number(y)?, z_m: row.number(z)? };
             truth.by_name.insert(name.to_owned(), truth.rows.len());
             truth.rows.push(Row { epoch: name.to_owned(), t_s: row.number(time)?, place });
         }
-        if truth.rows.is_empty() {
+        let mut by_tag = by_tag.in_order();
+        if by_tag.is_empty() {
             return Err(UserError::line(file, 1, "no positions below the header"));
         }
-        truth.by_time = truth.rows.iter().filter_map(|row| Some((row.t_s?, row.place))).collect();
-        truth.by_time.sort_by(|(one, _), (other, _)| one.total_cmp(other));
-        Ok(truth)
+        by_tag.iter_mut().for_each(|(_, truth)| truth.sort());
+        Ok(Self { file: file.to_owned(), has_tags: tag.is_present(), by_tag })
+    }
+
+    /// The true positions of a tag. A file without a column `tag` is of any tag.
+    ///
+    /// # Errors
+    /// The file is of several tags, and the name of the tag is not known.
+    pub fn of(&self, tag: Option<&str>) -> Result<Option<&Truth>, UserError> {
+        match (self.by_tag.as_slice(), tag) {
+            ([(_, only)], None) => Ok(Some(only)),
+            ([(_, only)], Some(_)) if !self.has_tags => Ok(Some(only)),
+            (several, None) => {
+                let what = format!("it is of {} tags, and the other file has no column tag", several.len());
+                Err(UserError::file(&self.file, what))
+            }
+            (each, Some(_)) => Ok(each.iter().find(|(of, _)| of.as_deref() == tag).map(|(_, truth)| truth)),
+        }
+    }
+
+    /// The names of the tags, and their true positions.
+    pub fn by_tag(&self) -> impl Iterator<Item = (Option<&str>, &Truth)> {
+        self.by_tag.iter().map(|(tag, truth)| (tag.as_deref(), truth))
+    }
+}
+
+impl Truth {
+    /// Sorts the rows that have a time.
+    fn sort(&mut self) {
+        self.by_time = self.rows.iter().filter_map(|row| Some((row.t_s?, row.place))).collect();
+        self.by_time.sort_by(|(one, _), (other, _)| one.total_cmp(other));
     }
 
     /// All positions, in the order of the file.
@@ -106,6 +142,19 @@ impl Truth {
         near.min_by(|(one, _), (other, _)| (one - t_s).abs().total_cmp(&(other - t_s).abs())).map(|(_, place)| *place)
     }
 
+    /// The position of an epoch, by its time, or else by its name. `offset_s` is added to the times of the truth, seconds.
+    pub fn of_epoch(&self, name: &str, t_s: Option<f64>, offset_s: f64) -> Option<Coordinates> {
+        let Some(t_s) = t_s.filter(|_| !self.by_time.is_empty()) else { return self.named(name).map(|row| row.place) };
+        match self.named(name) {
+            // Times may be rounded: a row of the same epoch and instant is better than its neighbours.
+            Some(Row { t_s: Some(row_s), place, .. }) if (row_s + offset_s - t_s).abs() <= SAME_INSTANT_S => {
+                Some(*place)
+            }
+            Some(Row { t_s: None, place, .. }) => Some(*place),
+            Some(_) | None => self.at(t_s - offset_s),
+        }
+    }
+
     /// The position of each epoch, by its name and its time. `offset_s` is added to the times of the truth, seconds.
     ///
     /// If the two clocks have no second in common and no offset is asked for, the epochs are joined by their names.
@@ -114,19 +163,7 @@ impl Truth {
         epochs: impl Iterator<Item = (&'a str, Option<f64>)> + Clone,
         offset_s: f64,
     ) -> (Vec<Option<Coordinates>>, Joined) {
-        let timed = |(name, t_s): (&str, f64)| match self.named(name) {
-            // Several tags may take turns in one file, so a row of the same epoch and instant is better than its
-            // neighbours.
-            Some(Row { t_s: Some(row_s), place, .. }) if (row_s + offset_s - t_s).abs() <= SAME_INSTANT_S => {
-                Some(*place)
-            }
-            Some(Row { t_s: None, place, .. }) => Some(*place),
-            Some(_) | None => self.at(t_s - offset_s),
-        };
-        let place = |(name, t_s): (&str, Option<f64>)| match t_s {
-            Some(t_s) if !self.by_time.is_empty() => timed((name, t_s)),
-            Some(_) | None => self.named(name).map(|row| row.place),
-        };
+        let place = |(name, t_s): (&str, Option<f64>)| self.of_epoch(name, t_s, offset_s);
         let has_times = !self.by_time.is_empty() && epochs.clone().any(|(_, t_s)| t_s.is_some());
         let places: Vec<_> = epochs.clone().map(place).collect();
         match has_times {
@@ -141,7 +178,7 @@ impl Truth {
     }
 
     /// Gives the epochs their true positions. `offset_s` is added to the times of the truth, seconds.
-    pub fn join_heard(&self, epochs: &mut [Epoch], offset_s: f64) -> Joined {
+    pub fn join(&self, epochs: &mut [Epoch], offset_s: f64) -> Joined {
         let named = epochs.iter().map(|epoch| (epoch.name.as_str(), epoch.t_s));
         let (places, joined) = self.of_epochs(named, offset_s);
         for (epoch, place) in epochs.iter_mut().zip(places) {
@@ -150,59 +187,9 @@ impl Truth {
         joined
     }
 
-    /// Gives the epochs their true positions, as [`join_heard`](Self::join_heard) does.
-    ///
-    /// Where the truth counts the epochs as the ranges do, its epochs without ranges are inserted, each after the epoch
-    /// before it in the file of the truth. A round without any range is a position that could not be had.
-    pub fn join(&self, epochs: &mut Vec<Epoch>, offset_s: f64) -> Joined {
-        let joined = self.join_heard(epochs, offset_s);
-        if joined != Joined::ByTime || self.counts_the_epochs_of(epochs) {
-            self.insert_unheard(epochs, offset_s);
-        }
-        joined
-    }
-
     fn named(&self, name: &str) -> Option<&Row> {
         self.rows.get(*self.by_name.get(name)?)
     }
-
-    /// Whether most epochs have a row of their name, and most of these rows have their time.
-    fn counts_the_epochs_of(&self, epochs: &[Epoch]) -> bool {
-        let common = epochs.iter().filter_map(|epoch| {
-            let row = self.named(&epoch.name)?;
-            Some((row.t_s? - epoch.t_s?).abs() < SAME_EPOCHS_S)
-        });
-        let (agree, all) = common.fold((0_usize, 0_usize), |(agree, all), same| (agree + usize::from(same), all + 1));
-        2 * all > epochs.len() && 2 * agree > all
-    }
-
-    fn insert_unheard(&self, epochs: &mut Vec<Epoch>, offset_s: f64) {
-        let heard_at: HashMap<&str, usize> =
-            epochs.iter().enumerate().map(|(at, epoch)| (epoch.name.as_str(), at)).collect();
-        let mut unheard: Vec<Vec<Epoch>> = vec![Vec::new(); epochs.len() + 1];
-        let mut next = 0;
-        for Row { epoch, t_s, place } in &self.rows {
-            match heard_at.get(epoch.as_str()) {
-                Some(at) => next = at + 1,
-                None => unheard[next].push(Epoch {
-                    name: epoch.clone(),
-                    t_s: t_s.map(|t_s| t_s + offset_s),
-                    ranges: Vec::new(),
-                    truth: Some(*place),
-                }),
-            }
-        }
-        let heard = std::mem::take(epochs).into_iter().map(Some).chain([None]);
-        *epochs = unheard.into_iter().zip(heard).flat_map(|(before, epoch)| before.into_iter().chain(epoch)).collect();
-    }
-}
-
-/// Reads `truth.csv` as epochs and positions, in the order of the file.
-///
-/// # Errors
-/// The first line that is wrong.
-pub fn read_truth(file: &Path) -> Result<Vec<(String, Coordinates)>, UserError> {
-    Ok(Truth::read(file, false)?.rows.into_iter().map(|row| (row.epoch, row.place)).collect())
 }
 
 #[cfg(test)]
@@ -246,7 +233,7 @@ mod tests {
 
     fn epochs(times_s: &[Option<f64>]) -> Vec<Epoch> {
         let named = times_s.iter().enumerate();
-        named.map(|(at, &t_s)| Epoch { name: at.to_string(), t_s, ranges: Vec::new(), truth: None }).collect()
+        named.map(|(at, &t_s)| Epoch { name: at.to_string(), t_s, ..Epoch::default() }).collect()
     }
 
     #[test]
@@ -267,7 +254,7 @@ mod tests {
         let truth = Truth::of([(0.0, [7.0, 0.0, 0.0]), (0.5, [8.0, 0.0, 0.0]), (1.0, [9.0, 0.0, 0.0])]);
         let mut heard = epochs(&[None, None]);
         assert_eq!(truth.join(&mut heard, 0.0), Joined::ByEpoch);
-        assert_eq!(heard.iter().map(|epoch| x_m(epoch.truth)).collect::<Vec<_>>(), [Some(7.0), Some(8.0), Some(9.0)]);
+        assert_eq!(heard.iter().map(|epoch| x_m(epoch.truth)).collect::<Vec<_>>(), [Some(7.0), Some(8.0)]);
         let mut heard = epochs(&[Some(500.0), Some(501.0)]);
         assert_eq!(truth.join(&mut heard, 0.0), Joined::ByEpochDespiteTimes);
         assert_eq!(x_m(heard[1].truth), Some(8.0));

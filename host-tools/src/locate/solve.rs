@@ -60,6 +60,10 @@ pub struct Position {
     pub sigma: Coordinates,
     /// Covariance of x and y, m².
     pub covariance_xy: f64,
+    /// Covariances of x and z and of y and z, m²; `None` in the plane.
+    pub covariance_z: Option<[f64; 2]>,
+    /// The velocity, metres per second, where the method has one; without a vertical part in the plane.
+    pub velocity_m_s: Option<Coordinates>,
     /// The number of anchors whose ranges were used.
     pub used: usize,
 }
@@ -154,6 +158,8 @@ impl<'a> Solver<'a> {
             },
             sigma: Coordinates { x_m: sigma_x, y_m: sigma_y, z_m: None },
             covariance_xy: fix.covariance[0][1].into(),
+            covariance_z: None,
+            velocity_m_s: None,
             used: fix.used.len(),
         })
     }
@@ -182,6 +188,8 @@ impl<'a> Solver<'a> {
             place: Coordinates { x_m, y_m, z_m: Some(z_m) },
             sigma: Coordinates { x_m: sigma_x, y_m: sigma_y, z_m: Some(sigma_z) },
             covariance_xy: fix.covariance[0][1].into(),
+            covariance_z: Some([fix.covariance[0][2], fix.covariance[1][2]].map(f64::from)),
+            velocity_m_s: None,
             used: fix.used.len(),
         })
     }
@@ -238,6 +246,11 @@ impl Position {
 }
 
 impl Coordinates {
+    /// The horizontal distance between two positions, metres.
+    pub fn horizontal_m(&self, other: &Self) -> f64 {
+        (self.x_m - other.x_m).hypot(self.y_m - other.y_m)
+    }
+
     /// The distance between two positions, metres: in space where both have a height, else horizontal.
     pub fn distance_m(&self, other: &Self) -> f64 {
         let up = self.z_m.zip(other.z_m).map_or(0.0, |(one, other)| one - other);

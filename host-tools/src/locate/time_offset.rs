@@ -12,7 +12,9 @@ use std::collections::HashMap;
 
 use baliza_report::{mean, percentile};
 
-use crate::{Coordinates, Epoch, Measured, Solved, Truth};
+use positioning_core::Method;
+
+use crate::{Coordinates, Epoch, Measured, Recording, Setup, Solved, Solver, Truth};
 
 /// The greatest offset that is searched for, seconds.
 pub const REACH_S: f64 = 2.0;
@@ -72,8 +74,28 @@ pub enum Clocks {
     NoneFits,
 }
 
+impl Clocks {
+    /// The seconds to add to the times of the truth; 0 without a sure estimate.
+    pub fn offset_s(self) -> f64 {
+        match self {
+            Self::Differ { offset_s, .. } => offset_s,
+            Self::Agree { .. } | Self::Vague { .. } | Self::Unknown | Self::NoneFits => 0.0,
+        }
+    }
+}
+
+/// The clocks of a recording and of its truth, by the positions of single epochs.
+pub fn clocks(recording: &Recording, setup: Setup, truth: &Truth) -> Clocks {
+    let mut epochs = recording.epochs.clone();
+    // Heights change slowly, so those of the unshifted truth are good enough here.
+    truth.join(&mut epochs, 0.0);
+    let solver = Solver::new(&recording.anchors, setup);
+    let solved: Vec<_> = epochs.iter().map(|epoch| solver.solve(Method::Robust, epoch)).collect();
+    time_offset(&timed_positions(&epochs, &solved), truth)
+}
+
 /// The positions with a time: the mean time of their ranges.
-pub fn timed_positions(epochs: &[Epoch], solved: &[Solved]) -> Vec<TimedPosition> {
+fn timed_positions(epochs: &[Epoch], solved: &[Solved]) -> Vec<TimedPosition> {
     let timed = epochs.iter().zip(solved).filter_map(|(epoch, solved)| {
         let Coordinates { x_m, y_m, .. } = solved.outcome.ok()?.place;
         let times_s = epoch.ranges.iter().map(|Measured { t_s, .. }| t_s.or(epoch.t_s)).collect::<Option<Vec<_>>>()?;
@@ -83,7 +105,7 @@ pub fn timed_positions(epochs: &[Epoch], solved: &[Solved]) -> Vec<TimedPosition
 }
 
 /// The seconds to add to the times of the truth.
-pub fn time_offset(positions: &[TimedPosition], truth: &Truth) -> Clocks {
+fn time_offset(positions: &[TimedPosition], truth: &Truth) -> Clocks {
     if positions.len() < FEWEST.0 {
         return Clocks::Unknown;
     }

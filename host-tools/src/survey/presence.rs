@@ -115,6 +115,7 @@ mod tests {
             let place = Some(Coordinates { x_m: 1.0 + 0.5 * t_s + sway, y_m: 2.0, z_m: None });
             PositionRow {
                 epoch: index.to_string(),
+                tag: None,
                 method: String::new(),
                 t_s: Some(t_s),
                 place,

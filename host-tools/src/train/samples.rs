@@ -9,6 +9,7 @@ use std::path::Path;
 
 use positioning_core::nlos::{BEFORE, Features, Means, Shape, WINDOW};
 
+use crate::files::tags::tag_of;
 use crate::files::{DiagnosticColumns, Diagnostics};
 use crate::{Table, UserError};
 
@@ -75,8 +76,8 @@ impl Samples {
         if self.all.len() == before { Err(UserError::line(file, 1, "no receptions below the header")) } else { Ok(()) }
     }
 
-    /// Adds the receptions of a `ranges.csv`, with one placement an anchor. `true_range_m` gives the true range of an
-    /// epoch to an anchor, where it is known.
+    /// Adds the receptions of a `ranges.csv`, with one placement an anchor. `true_range_m` gives the true range where it
+    /// is known.
     ///
     /// # Errors
     /// A line is wrong; the first one is reported.
@@ -84,22 +85,28 @@ impl Samples {
         &mut self,
         file: &Path,
         placement: &'static str,
-        true_range_m: impl Fn(&str, &str) -> Option<f64>,
+        true_range_m: impl Fn(&Measurement) -> Option<f64>,
     ) -> Result<(), UserError> {
         let mut table = Table::open(file)?;
         let anchor = table.column("anchor")?;
         let place = if placement == DEFAULT_PLACEMENT { anchor } else { table.column(placement)? };
-        let (sight, epoch) = (table.optional("los"), table.optional("epoch"));
+        let [sight, epoch, time, tag] = ["los", "epoch", "t_s", "tag"].map(|name| table.optional(name));
         table.column("range_m")?;
         let diagnostics = DiagnosticColumns::of_ranges(&table);
-        let mut links: HashMap<String, Means> = HashMap::new();
+        let mut links: HashMap<(String, String), Means> = HashMap::new();
         let before = self.all.len();
         while let Some(row) = table.next_row()? {
             let blocked = row.truth_value(sight)?.map(|direct| !direct);
-            let link = links.entry(row.some_text(anchor)?.to_owned()).or_default();
+            let ends = (row.text(tag).to_owned(), row.some_text(anchor)?.to_owned());
+            let link = links.entry(ends).or_default();
             let features = complete(diagnostics.read(&row)?, link);
             let placement = self.placement(file, row.text(place));
-            let truth = true_range_m(row.text(epoch), row.text(anchor));
+            let truth = true_range_m(&Measurement {
+                tag: tag_of(&row, tag),
+                epoch: row.text(epoch),
+                t_s: row.number(time)?,
+                anchor: row.text(anchor),
+            });
             let error_m = row.number(diagnostics.range)?.zip(truth).map(|(range, truth)| range - truth);
             self.all.push(Sample { placement, blocked, features, error_m });
         }
@@ -118,6 +125,19 @@ impl Samples {
             }
         }
     }
+}
+
+/// A row of `ranges.csv`.
+#[derive(Clone, Copy, Debug)]
+pub struct Measurement<'a> {
+    /// The tag's name, where the file has it.
+    pub tag: Option<&'a str>,
+    /// The epoch's name.
+    pub epoch: &'a str,
+    /// The time, seconds.
+    pub t_s: Option<f64>,
+    /// The anchor's name.
+    pub anchor: &'a str,
 }
 
 /// The features of a reception, with the moving means of its link.

@@ -98,9 +98,9 @@ fn an_epoch_without_position_is_a_row_with_its_reason() {
         ("truth.csv", "epoch,t_s,x_m,y_m\n7,0,2,3\n8,1,2,3\n9,2,2,3\n"),
     ]);
     let run = folder.run("ble solve --beacons beacons.csv --rssi rssi.csv --truth truth.csv --method nonlinear").ok();
-    assert_eq!(run.column("epoch"), ["7", "8", "9"]);
-    assert_eq!(run.column("reason"), ["too-few-anchors"; 3]);
-    assert_eq!(run.column("x_m"), [""; 3]);
+    assert_eq!(run.column("epoch"), ["7", "8"], "the truth alone makes no epoch");
+    assert_eq!(run.column("reason"), ["too-few-anchors"; 2]);
+    assert_eq!(run.column("x_m"), [""; 2]);
 }
 
 #[test]

@@ -19,6 +19,7 @@ mod site_models;
 mod streams;
 mod support;
 mod survey;
+mod tags;
 mod thesis;
 mod time;
 mod track;

@@ -5,7 +5,7 @@ use std::path::Path;
 use firmware_tag::{AnchorPosition, LocatorConfig};
 use host_tools::files::Diagnostics as RowDiagnostics;
 use host_tools::locate::track::{Tracker, Weighting, settings};
-use host_tools::{Anchor, Coordinates, Epoch, Files, Height, Measured, Recording, Setup, Space, by_time};
+use host_tools::{Anchor, Coordinates, Epoch, Files, Height, Measured, Recording, Setup, Source, Space, by_time};
 use positioning_core::nlos::{Feature, Features};
 use ranging::exchange::{Range, Round};
 use ranging::{Diagnostics, RadioInstant};
@@ -38,9 +38,10 @@ fn drawn() -> Recording {
             let diagnostics = row(range_m, -80.0, if blocked { -96.0 } else { -81.5 });
             (noise() < 0.4).then_some(Measured { anchor, range_m, t_s: None, line_of_sight: None, diagnostics })
         });
-        Epoch { name: k.to_string(), t_s: Some(t_s), ranges: ranges.collect(), truth: None }
+        Epoch { name: k.to_string(), t_s: Some(t_s), ranges: ranges.collect(), ..Epoch::default() }
     });
-    Recording { anchors: corners.into_iter().enumerate().map(anchor).collect(), epochs: epochs.collect() }
+    let anchors = corners.into_iter().enumerate().map(anchor).collect();
+    Recording { tag: None, anchors, epochs: epochs.collect() }
 }
 
 fn row(range_m: f64, power_dbm: f32, first_path_dbm: f32) -> RowDiagnostics {
@@ -58,8 +59,9 @@ fn recorded(name: &str) -> Option<Recording> {
         return None;
     }
     let (anchors, ranges) = (folder.join("anchors.csv"), folder.join("ranges.csv"));
-    let files = Files { anchors: &anchors, ranges: &ranges, truth: None, anchor_heights: true, truth_heights: false };
-    let mut recording = Recording::read(&files).expect("a recording");
+    let measured = Source::Ranges(&ranges);
+    let files = Files { anchors: &anchors, measured, truth: None, anchor_heights: true, truth_heights: false };
+    let mut recording = Recording::read(&files).expect("a recording").remove(0);
     for range in recording.epochs.iter_mut().flat_map(|epoch| &mut epoch.ranges) {
         // The diagnostics as the tag has them: the two powers alone.
         range.diagnostics = row(range.range_m, range.diagnostics.power_dbm, first_path_dbm(&range.diagnostics));

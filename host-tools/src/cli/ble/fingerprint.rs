@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use host_tools::files::beacons::{Capture, Dwell, read_captures, read_stays};
+use host_tools::files::beacons::{Capture, Captured, Dwell, read_captures, read_stays};
 use host_tools::survey::fingerprint::{Average, Comparison, Making, Maps, Setup, Solver, held_out, names_of};
 use host_tools::{Solved, UserError};
 use positioning_core::ble::fingerprint::Map;
 
-use super::{Names, PlanArguments, epoch, read_bytes, survey_of};
+use super::{Found, Names, PlanArguments, read_bytes, survey_of};
 use crate::cli::progress::Progress;
-use crate::cli::report::{ByMethod, OutputArgs, Report};
+use crate::cli::report::OutputArgs;
 
 /// Positions by a survey of RSSI values: k nearest neighbours, and Gaussian processes
 ///
@@ -133,64 +133,61 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let setup = Setup { average, offset_db, particles_s, walls: &plan.walls };
     let making = Making { plan: (!plan.beacons.is_empty()).then_some(&plan), ..Making::default() };
 
-    let (comparisons, captures, solved) = match (&arguments.fingerprints, &arguments.map) {
+    let (comparisons, tags, solved) = match (&arguments.fingerprints, &arguments.map) {
         (Some(file), _) => {
             let stays = read_stays(file)?;
             let survey = survey_of(file, &stays, average)?;
-            if let Some(captures) = arguments.captures()? {
+            if let Some(tags) = arguments.captures()? {
                 let maps = Maps::of(&survey, making, &comparisons, None);
                 let maps = maps.map_err(|fault| UserError::line(file, 1, fault.to_string()))?;
-                let solved = found(&Solver { maps: &maps, setup: &setup }, &comparisons, &captures)?;
-                (comparisons, captures, solved)
+                let solved = found(&Solver { maps: &maps, setup: &setup }, &comparisons, &tags)?;
+                (comparisons, tags, solved)
             } else {
                 let (captures, solved) = arguments.held(file, &stays, making, &setup, &comparisons)?;
-                (comparisons, captures, solved)
+                (comparisons, vec![Captured { tag: None, captures }], vec![solved])
             }
         }
         (None, Some(file)) => {
             let bytes = read_bytes(file)?;
             let (map, _) = Map::decode(&bytes).map_err(|fault| UserError::file(file, fault.to_string()))?;
-            let captures = arguments.captures()?.unwrap_or_default();
+            let tags = arguments.captures()?.unwrap_or_default();
             let names = match &arguments.beacon_names {
                 Some(names) => names.of("--beacon-names", "beacons", map.beacons())?,
-                None => names_of(&map, &captures),
+                None => names_of(&map, tags.iter().flat_map(|of| &of.captures)),
             };
             let maps = Maps::read(bytes, names).map_err(|fault| UserError::file(file, fault.to_string()))?;
             let comparisons = arguments.served(file, &maps, comparisons)?;
-            let solved = found(&Solver { maps: &maps, setup: &setup }, &comparisons, &captures)?;
-            (comparisons, captures, solved)
+            let solved = found(&Solver { maps: &maps, setup: &setup }, &comparisons, &tags)?;
+            (comparisons, tags, solved)
         }
         (None, None) => return Err(UserError::flag("--fingerprints", "a survey or --map is needed").into()),
     };
-    let solved: ByMethod = comparisons.iter().map(|comparison| arguments.name(*comparison)).zip(solved).collect();
-    Report {
-        epochs: &captures.iter().map(epoch).collect::<Vec<_>>(),
-        anchors: plan.beacons.iter().map(|beacon| (beacon.name.clone(), beacon.position_m)).collect(),
-        walls_m: plan.walls.iter().map(|wall| wall.ends_m).collect(),
-        with_errors: captures.iter().any(|capture| capture.truth_m.is_some()),
-        time_offset_s: None,
-        residuals: None,
-        neighbours: Some(comparisons.iter().map(|comparison| comparison.k()).collect()),
+    Found {
+        methods: comparisons.iter().map(|comparison| arguments.name(*comparison)).collect(),
+        neighbours: comparisons.iter().map(|comparison| comparison.k()).collect(),
+        tags: &tags,
         solved: &solved,
+        beacons: &plan.beacons,
+        walls: &plan.walls,
     }
-    .write(&output)
+    .report(&output)
 }
 
-/// The positions of captures by maps, for each method.
-fn found(solver: &Solver, comparisons: &[Comparison], captures: &[Capture]) -> Result<Vec<Vec<Solved>>> {
-    super::tell_strange(solver.maps.beacons(), captures, "the map");
-    let progress = Progress::new(comparisons.len());
-    let solved = comparisons.iter().map(|comparison| {
-        let solved = solver.solve(*comparison, captures);
+/// The positions of each tag's captures by maps, for each method.
+fn found(solver: &Solver, comparisons: &[Comparison], tags: &[Captured]) -> Result<Vec<Vec<Vec<Solved>>>> {
+    super::tell_strange(solver.maps.beacons(), tags, "the map");
+    let progress = Progress::new(comparisons.len() * tags.len());
+    let by = |of: &Captured, comparison: &Comparison| {
+        let solved = solver.solve(*comparison, &of.captures)?;
         progress.step();
-        solved
-    });
-    Ok(solved.collect::<Result<_, _>>()?)
+        Ok(solved)
+    };
+    tags.iter().map(|of| comparisons.iter().map(|comparison| by(of, comparison)).collect()).collect()
 }
 
 impl Arguments {
     /// The captures to be found; `None` where these are the points of the survey itself.
-    fn captures(&self) -> Result<Option<Vec<Capture>>, UserError> {
+    fn captures(&self) -> Result<Option<Vec<Captured>>, UserError> {
         let Asked { targets, rssi, .. } = &self.asked;
         targets.as_ref().or(rssi.as_ref()).map(|file| read_captures(file, self.truth.as_deref())).transpose()
     }

@@ -8,10 +8,13 @@ mod solve;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use host_tools::files::beacons::{Beacon, Capture, Dwell, read_beacons, read_walls};
+use anyhow::Result;
+use host_tools::files::beacons::{Beacon, Capture, Captured, Dwell, Wall, read_beacons, read_walls};
 use host_tools::survey::fingerprint::{Average, Plan, Survey};
-use host_tools::{Epoch, UserError};
+use host_tools::{Epoch, Solved, UserError};
 use positioning_core::ble::fingerprint::MAX_BEACONS;
+
+use crate::cli::report::{Output, Report, TagReport};
 
 super::commands! {
     /// Positions from the RSSI values of Bluetooth beacons
@@ -58,24 +61,25 @@ fn listed(names: BTreeSet<&str>) -> String {
     names.into_iter().collect::<Vec<_>>().join(", ")
 }
 
-fn heard(captures: &[Capture]) -> BTreeSet<&str> {
-    captures.iter().flat_map(|capture| &capture.samples).map(|sample| sample.beacon.as_str()).collect()
+fn heard(tags: &[Captured]) -> BTreeSet<&str> {
+    let captures = tags.iter().flat_map(|of| &of.captures);
+    captures.flat_map(|capture| &capture.samples).map(|sample| sample.beacon.as_str()).collect()
 }
 
 /// Prints a note about received beacons that are not in `known`.
-fn tell_strange(known: &[impl AsRef<str>], captures: &[Capture], place: &str) {
+fn tell_strange(known: &[impl AsRef<str>], tags: &[Captured], place: &str) {
     let known: BTreeSet<&str> = known.iter().map(AsRef::as_ref).collect();
-    let strange: BTreeSet<&str> = heard(captures).difference(&known).copied().collect();
+    let strange: BTreeSet<&str> = heard(tags).difference(&known).copied().collect();
     if !strange.is_empty() {
         super::note(&format!("heard, but not on {place}: {}\n", listed(strange)));
     }
 }
 
 /// Prints a note about received beacons that are not on the map, and about beacons on the map that were never received.
-fn tell_unknown(beacons: &[Beacon], captures: &[Capture]) {
+fn tell_unknown(beacons: &[Beacon], tags: &[Captured]) {
     let names: Vec<&str> = beacons.iter().map(|beacon| beacon.name.as_str()).collect();
-    tell_strange(&names, captures, "the map");
-    let (known, heard) = (BTreeSet::from_iter(names), heard(captures));
+    tell_strange(&names, tags, "the map");
+    let (known, heard) = (BTreeSet::from_iter(names), heard(tags));
     let mute: BTreeSet<&str> = known.difference(&heard).copied().collect();
     if !mute.is_empty() {
         super::note(&format!("on the map, but never heard: {}\n", listed(mute)));
@@ -123,8 +127,43 @@ fn survey_of(file: &Path, stays: &[Dwell], average: Average) -> Result<Survey, U
     Ok(survey)
 }
 
+/// The positions of tags by their captures, and what is drawn with them.
+struct Found<'a> {
+    methods: Vec<String>,
+    /// The number of neighbours of each method, where the method has neighbours.
+    neighbours: Vec<Option<usize>>,
+    tags: &'a [Captured],
+    /// By tag and method: the position of each capture.
+    solved: &'a [Vec<Vec<Solved>>],
+    beacons: &'a [Beacon],
+    walls: &'a [Wall],
+}
+
+impl Found<'_> {
+    /// Writes the positions and the picture, and prints the summary.
+    fn report(self, output: &Output) -> Result<()> {
+        let epochs: Vec<Vec<Epoch>> = self.tags.iter().map(|of| of.captures.iter().map(epoch).collect()).collect();
+        let tags = self.tags.iter().zip(&epochs).zip(self.solved).map(|((of, epochs), solved)| TagReport {
+            tag: of.tag.as_deref(),
+            epochs,
+            solved,
+            time_offset_s: None,
+            residuals: None,
+        });
+        let report = Report {
+            methods: self.methods,
+            anchors: self.beacons.iter().map(|beacon| (beacon.name.clone(), beacon.position_m)).collect(),
+            walls_m: self.walls.iter().map(|wall| wall.ends_m).collect(),
+            with_errors: epochs.iter().flatten().any(|epoch| epoch.truth.is_some()),
+            neighbours: Some(self.neighbours),
+            tags: tags.collect(),
+        };
+        report.write(output)
+    }
+}
+
 /// A capture as an epoch for the files of positions and for the pictures.
 fn epoch(capture: &Capture) -> Epoch {
     let truth = capture.truth_m.map(|[x_m, y_m]| host_tools::Coordinates { x_m, y_m, z_m: None });
-    Epoch { name: capture.name.clone(), t_s: capture.t_s, ranges: Vec::new(), truth }
+    Epoch { name: capture.name.clone(), t_s: capture.t_s, truth, ..Epoch::default() }
 }

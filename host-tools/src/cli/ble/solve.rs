@@ -3,14 +3,15 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use host_tools::Epoch;
-use host_tools::files::beacons::{read_beacons, read_captures, read_walls};
+use host_tools::files::beacons::{Captured, read_beacons, read_captures, read_walls};
 use host_tools::locate::ble::{RssiMethod, Setup, Solver};
 use positioning_core::ble::beacon_monitor::{BeaconHealth, HealthChange};
 
+use super::Found;
+use crate::cli::folder::FolderFiles;
 use crate::cli::note;
 use crate::cli::recording_args::{CornersM, finite};
-use crate::cli::report::{ByMethod, OutputArgs, Report};
+use crate::cli::report::OutputArgs;
 
 /// Positions by path loss: least squares, the posterior mean, a particle filter, the tag's engine
 ///
@@ -19,15 +20,20 @@ use crate::cli::report::{ByMethod, OutputArgs, Report};
 /// loss, the usual values are assumed; `baliza calibrate path-loss` finds the path loss. The engine names a beacon
 /// whose RSSI values contradict the others, for example because it was moved.
 #[derive(clap::Args)]
-#[command(after_help = "Examples:\n  baliza ble solve --beacons beacons.csv --rssi rssi.csv --truth truth.csv\n  \
-                        baliza ble solve --beacons beacons.csv --rssi targets.csv --plot room.png --json")]
+#[command(
+    after_help = "Examples:\n  baliza ble solve run/\n  baliza ble solve --beacons beacons.csv --rssi rssi.csv --truth truth.csv\n  \
+                        baliza ble solve --beacons beacons.csv --rssi targets.csv --plot room.png --json"
+)]
 pub struct Arguments {
+    /// A recording: a folder with beacons.csv, rssi.csv and, where there are, truth.csv and walls.csv
+    #[arg(value_name = "FOLDER")]
+    folder: Option<PathBuf>,
     /// Beacons: CSV with beacon,x_m,y_m and, where known, z_m,rssi_1m_dbm,path_loss_exponent,deviation_db
-    #[arg(long, value_name = "FILE")]
-    beacons: PathBuf,
-    /// Received RSSI values: CSV with epoch,t_s,beacon,rssi_dbm, or a file of dwells at known points
-    #[arg(long, value_name = "FILE")]
-    rssi: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "folder")]
+    beacons: Option<PathBuf>,
+    /// Received RSSI values: CSV with epoch,t_s,beacon,rssi_dbm and, where known, tag; or a file of dwells at known points
+    #[arg(long, value_name = "FILE", required_unless_present = "folder")]
+    rssi: Option<PathBuf>,
     /// Where the tag truly was: CSV with epoch,t_s,x_m,y_m; gives the errors
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
@@ -36,7 +42,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     walls: Option<PathBuf>,
     /// The attenuation of a wall, dB, where the file of walls does not give it; for posterior and particle-filter
-    #[arg(long, value_name = "DB", default_value_t = 0.0, value_parser = decibels, requires = "walls")]
+    #[arg(long, value_name = "DB", default_value_t = 0.0, value_parser = decibels)]
     wall_db: f64,
     /// How RSSI values become a position: a name, several with commas, or all
     #[arg(long, value_name = "METHOD", default_value = "all", value_parser = RssiMethods::parse)]
@@ -85,10 +91,12 @@ impl RssiMethods {
 /// Flags or a file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let output = arguments.output.check()?;
-    let beacons = read_beacons(&arguments.beacons)?;
-    let captures = read_captures(&arguments.rssi, arguments.truth.as_deref())?;
-    let walls = arguments.walls.as_deref().map(read_walls).transpose()?.unwrap_or_default();
-    super::tell_unknown(&beacons, &captures);
+    let folder = FolderFiles::open(arguments.folder.as_deref())?;
+    let beacons = read_beacons(&folder.file(&arguments.beacons, "beacons.csv")?)?;
+    let truth = folder.find(&arguments.truth, "truth.csv");
+    let tags = read_captures(&folder.file(&arguments.rssi, "rssi.csv")?, truth.as_deref())?;
+    let walls = folder.find(&arguments.walls, "walls.csv").as_deref().map(read_walls).transpose()?.unwrap_or_default();
+    super::tell_unknown(&beacons, &tags);
     let solver = Solver::new(
         &beacons,
         &walls,
@@ -101,25 +109,23 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             seed: arguments.seed,
         },
     );
-    let mut solved = ByMethod::new();
     let mut news = Vec::new();
-    for kernel in &arguments.method.0 {
-        let (positions, told) = solver.solve(*kernel, &captures);
-        solved.push((kernel.as_str().to_owned(), positions));
+    let mut solve = |of: &Captured, kernel: &RssiMethod| {
+        let (positions, told) = solver.solve(*kernel, &of.captures);
         news.extend(told);
-    }
-    let epochs: Vec<Epoch> = captures.iter().map(super::epoch).collect();
-    Report {
-        epochs: &epochs,
-        anchors: beacons.iter().map(|beacon| (beacon.name.clone(), beacon.position_m)).collect(),
-        walls_m: walls.iter().map(|wall| wall.ends_m).collect(),
-        with_errors: captures.iter().any(|capture| capture.truth_m.is_some()),
-        time_offset_s: None,
-        residuals: None,
-        neighbours: Some(vec![None; solved.len()]),
+        positions
+    };
+    let methods = &arguments.method.0;
+    let solved: Vec<Vec<_>> = tags.iter().map(|of| methods.iter().map(|kernel| solve(of, kernel)).collect()).collect();
+    Found {
+        methods: methods.iter().map(|kernel| kernel.as_str().to_owned()).collect(),
+        neighbours: vec![None; methods.len()],
+        tags: &tags,
         solved: &solved,
+        beacons: &beacons,
+        walls: &walls,
     }
-    .write(&output)?;
+    .report(&output)?;
     for HealthChange { beacon, health, seconds } in news {
         let name = beacons.get(beacon).map_or("?", |beacon| &beacon.name);
         let found = match health {

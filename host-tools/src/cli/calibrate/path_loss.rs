@@ -4,7 +4,7 @@ use baliza_report::MarkdownTable;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use host_tools::files::beacons::{read_beacons, read_captures, read_stays, read_walls};
+use host_tools::files::beacons::{Capture, read_beacons, read_captures, read_stays, read_walls};
 use host_tools::files::output;
 use host_tools::files::positions;
 use host_tools::survey::calibration::{
@@ -153,12 +153,16 @@ fn points(arguments: &Arguments) -> Result<(Vec<Placed>, &Path), UserError> {
     let Some(file) = &arguments.rssi else {
         return Err(UserError::flag("--rssi", "there are no levels: give this, or --fingerprints"));
     };
-    let captures = read_captures(file, arguments.truth.as_deref())?;
+    let tags = read_captures(file, arguments.truth.as_deref())?;
     let tracked = arguments.positions.as_deref().map(positions::read_track).transpose()?;
-    let walked = pieces(&captures, |capture| match &tracked {
-        Some(tracked) => tracked.get(&capture.name).map(|&(position_m, sigma_m)| Step { position_m, sigma_m }),
+    let step = |tag: &Option<String>, capture: &Capture| match &tracked {
+        Some(tracked) => {
+            let found = tracked.get(&(tag.clone(), capture.name.clone()));
+            found.map(|&(position_m, sigma_m)| Step { position_m, sigma_m })
+        }
         None => capture.truth_m.map(|position_m| Step { position_m, sigma_m: 0.0 }),
-    });
+    };
+    let walked: Vec<_> = tags.iter().flat_map(|of| pieces(&of.captures, |capture| step(&of.tag, capture))).collect();
     match walked.is_empty() {
         true => Err(UserError::file(file, "no epoch of it has a known position".to_owned())),
         false => Ok((walked, file)),

@@ -198,6 +198,8 @@ impl<'a> Solver<'a> {
             place: Coordinates { x_m, y_m, z_m: None },
             sigma: Coordinates { x_m: sigma_x, y_m: sigma_y, z_m: None },
             covariance_xy: covariance[0][1].into(),
+            covariance_z: None,
+            velocity_m_s: None,
             used,
         }
     }

@@ -6,12 +6,12 @@
 //! epoch.
 
 use positioning_core::Side;
-use positioning_core::engine::{Dimensions, Range, Settings};
+use positioning_core::engine::{Dimensions, Mode, Range, Settings, Solvers, Tdoa};
 use positioning_core::locator::{self, Locator, Reception};
-use positioning_core::nlos::Model;
+use positioning_core::nlos::{Features, Model};
 use positioning_core::{Area, Blocked};
 
-use crate::files::{Anchor, Coordinates, Diagnostics, Epoch, Measured, by_time};
+use crate::files::{Anchor, Coordinates, Diagnostics, Epoch, Measured, MeasuredDifference, by_time};
 use crate::locate::solve::{Half, Height, NoPosition, Position, Setup, Solved, Space, middle_m};
 
 /// Standard deviation of the noise of a DW1000 range in line of sight, metres. The engine models all other range
@@ -53,11 +53,19 @@ pub fn settings(setup: &Setup, weighting: Weighting) -> Settings<f32> {
     Settings::track(dimensions).with_blocked(blocked)
 }
 
+/// The engine's settings for a recording of differences without memory between the epochs: each position is where the
+/// hyperbolas meet.
+pub fn settings_of_single_epochs(setup: &Setup) -> Settings<f32> {
+    Settings::solve(settings(setup, Weighting::Weigh).dimensions, Solvers::robust())
+}
+
 /// Follows a tag through a recording.
 pub struct Tracker<'a> {
     anchors: &'a [Anchor],
     setup: Setup,
     locator: Locator<'a, 0>,
+    /// Whether the engine follows a track, and so knows a velocity.
+    follows: bool,
     /// The locator's origin of coordinates, metres.
     origin: [f64; 3],
     /// The times of the first and of the last epoch, seconds.
@@ -75,9 +83,10 @@ impl<'a> Tracker<'a> {
                 max: [local(0, greatest[0]), local(1, greatest[1]), f32::INFINITY],
             }
         });
+        let follows = settings.mode == Mode::Track;
         let classifier = model.map(|model| model as _);
         let locator = Locator::new(locator::Settings { classifier, ..locator::Settings::new(settings) });
-        Self { anchors, setup, locator, origin, times_s: None }
+        Self { anchors, setup, locator, follows, origin, times_s: None }
     }
 
     /// The position at the end of the next epoch, and its error where the true position is known.
@@ -110,15 +119,53 @@ impl<'a> Tracker<'a> {
                 self.locator.range(t_us, index, range, &Reception { features, power_dbm });
             }
         }
-        let fix = self.locator.end_round(now_us, epoch.ranges.len()).fix.map_err(NoPosition::Missing)?;
+        self.differences(now_us, epoch);
+        let measured = epoch.ranges.len() + epoch.differences.len();
+        let update = self.locator.end_round(now_us, measured);
+        let fix = update.fix.map_err(NoPosition::Missing)?;
         let [x_m, y_m, z_m] = std::array::from_fn(|axis| f64::from(fix.position[axis]) + self.origin[axis]);
         let [sigma_x, sigma_y, sigma_z] = fix.sigma().map(f64::from);
         Ok(Position {
             place: Coordinates { x_m, y_m, z_m: in_space.then_some(z_m) },
             sigma: Coordinates { x_m: sigma_x, y_m: sigma_y, z_m: in_space.then_some(sigma_z) },
             covariance_xy: fix.covariance[0][1].into(),
-            used: fix.used.len(),
+            covariance_z: in_space.then(|| [fix.covariance[0][2], fix.covariance[1][2]].map(f64::from)),
+            velocity_m_s: self.follows.then(|| {
+                let [x_m, y_m, z_m] = fix.velocity.map(f64::from);
+                Coordinates { x_m, y_m, z_m: in_space.then_some(z_m) }
+            }),
+            used: update.used.count_ones() as usize,
         })
+    }
+
+    /// Gives the differences of an epoch to the locator, each with the receptions of its two anchors.
+    fn differences(&mut self, now_us: u64, epoch: &Epoch) {
+        let reception = |of: &MeasuredDifference| {
+            let Diagnostics { features, power_dbm, .. } = of.diagnostics;
+            Reception { features, power_dbm }
+        };
+        let own =
+            |reference: usize| epoch.differences.iter().find(|of| of.anchor == reference && of.reference == reference);
+        for (index, difference) in epoch.differences.iter().enumerate() {
+            let &MeasuredDifference { reference, anchor, difference_m, .. } = difference;
+            let places = self.local_m(reference).zip(self.local_m(anchor));
+            let (Some((reference_m, position_m)), true) = (places, reference != anchor) else { continue };
+            let (Ok(reference_address), Ok(anchor)) = (u16::try_from(reference), u16::try_from(anchor)) else {
+                continue;
+            };
+            let tdoa = Tdoa {
+                anchor,
+                position_m,
+                reference: reference_address,
+                reference_m,
+                difference_m: difference_m as f32,
+                deviations_m: [DEVIATION_M; 2],
+                p_nlos: [None; 2],
+            };
+            let unknown = Reception { features: Features::default(), power_dbm: f32::NAN };
+            let of_reference = own(reference).map_or(unknown, reception);
+            self.locator.tdoa(now_us, index, tdoa, [&of_reference, &reception(difference)]);
+        }
     }
 
     /// The time of an epoch, on the engine's clock.
@@ -139,12 +186,17 @@ impl<'a> Tracker<'a> {
         ((t_s - first_s + BEGIN_S) * 1.0e6) as u64
     }
 
-    fn range(&self, measured: &Measured) -> Option<Range<f32>> {
-        let place = &self.anchors.get(measured.anchor)?.place;
+    /// The position of an anchor relative to the origin, metres.
+    fn local_m(&self, anchor: usize) -> Option<[f32; 3]> {
+        let place = &self.anchors.get(anchor)?.place;
         let flat = self.setup.space == Space::Plane(Height::Unknown);
         let z_m = if flat { self.origin[2] } else { place.z_m? };
         let local = |axis: usize, coordinate: f64| (coordinate - self.origin[axis]) as f32;
-        let position_m = [local(0, place.x_m), local(1, place.y_m), local(2, z_m)];
+        Some([local(0, place.x_m), local(1, place.y_m), local(2, z_m)])
+    }
+
+    fn range(&self, measured: &Measured) -> Option<Range<f32>> {
+        let position_m = self.local_m(measured.anchor)?;
         let (anchor, distance_m) = (u16::try_from(measured.anchor).ok()?, measured.range_m as f32);
         Some(Range { anchor, position_m, distance_m, deviation_m: DEVIATION_M, p_nlos: None, excess_m: None })
     }

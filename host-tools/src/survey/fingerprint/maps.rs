@@ -92,9 +92,8 @@ impl Maps {
 
 /// The names of a map's beacons, of which the map has only numbers: the names in captures with these minors, or else
 /// the numbers.
-pub fn names_of(map: &Map, captures: &[Capture]) -> Vec<String> {
-    let heard: BTreeSet<&String> =
-        captures.iter().flat_map(|capture| &capture.samples).map(|sample| &sample.beacon).collect();
+pub fn names_of<'a>(map: &Map, captures: impl Iterator<Item = &'a Capture>) -> Vec<String> {
+    let heard: BTreeSet<&String> = captures.flat_map(|capture| &capture.samples).map(|sample| &sample.beacon).collect();
     let name = |identity: u16| {
         let spelt = heard.iter().find(|name| minor(name) == Some(identity));
         spelt.map_or_else(|| identity.to_string(), |name| (*name).clone())

@@ -65,7 +65,14 @@ impl Solver<'_> {
                 let [x_m, y_m] = [0, 1].map(|axis: usize| f64::from(found.position[axis]) + origin_m[axis]);
                 let [xx, xy, yy] = found.covariance.map(f64::from);
                 let sigma = Coordinates { x_m: xx.max(0.0).sqrt(), y_m: yy.max(0.0).sqrt(), z_m: None };
-                Position { place: Coordinates { x_m, y_m, z_m: None }, sigma, covariance_xy: xy, used: found.used }
+                Position {
+                    place: Coordinates { x_m, y_m, z_m: None },
+                    sigma,
+                    covariance_xy: xy,
+                    covariance_z: None,
+                    velocity_m_s: None,
+                    used: found.used,
+                }
             });
             solved[at] = Some(captures[at].solved(outcome));
         }

@@ -8,8 +8,6 @@ use host_tools::files::beacons::{Capture, read_captures, read_stays};
 use host_tools::survey::fingerprint::{Comparison, Making, Maps, Setup, Survey, held_out};
 use host_tools::{Coordinates, Solved};
 
-use super::ranges::horizontal_m;
-
 /// The compared methods: that of a node, and the nearest neighbours beside it.
 pub const METHODS: [Comparison; 2] = [Comparison::Walk, Comparison::Nearest { k: 5, weighted: true }];
 
@@ -94,7 +92,8 @@ fn of_site(site: &'static str, folder: &Path, survey: &str, asked: &Asked) -> Re
     let by_survey = |rssi: &str, truth: Option<&str>| -> Result<(Vec<Capture>, Vec<Vec<Solved>>)> {
         let maps = Maps::of(&Survey::of(&stays, setup.average), making, &METHODS, None)?;
         let truth = truth.map(|truth| folder.join(truth));
-        let captures = read_captures(&folder.join(rssi), truth.as_deref())?;
+        let tags = read_captures(&folder.join(rssi), truth.as_deref())?;
+        let captures: Vec<_> = tags.into_iter().flat_map(|of| of.captures).collect();
         let solver = host_tools::survey::fingerprint::Solver { maps: &maps, setup: &setup };
         let solved = METHODS.iter().map(|method| solver.solve(*method, &captures)).collect::<Result<_, _>>()?;
         Ok((captures, solved))
@@ -126,7 +125,7 @@ fn scored(captures: &[Capture], solved: &[Solved]) -> Vec<Scored> {
         let (truth, position) = (Coordinates { x_m, y_m, z_m: None }, solved.outcome.ok());
         Some(Scored {
             t_s: capture.t_s,
-            error_m: position.map(|position| horizontal_m(&position.place, &truth)),
+            error_m: position.map(|position| position.place.horizontal_m(&truth)),
             normalised_square: position.map(|position| position.normalised_square(&truth)).filter(|s| s.is_finite()),
         })
     };

@@ -2,9 +2,9 @@
 
 use baliza_research::accuracy::Scored;
 use host_tools::files::{round_s, rounds};
-use host_tools::locate::time_offset::{Clocks, time_offset, timed_positions};
+use host_tools::locate::time_offset::clocks;
 use host_tools::locate::track::{Tracker, Weighting, settings};
-use host_tools::{Coordinates, Epoch, Solved, Solver, by_time};
+use host_tools::{Epoch, Solved, Solver, by_time};
 use positioning_core::Method;
 use positioning_core::engine::Settings;
 
@@ -14,17 +14,8 @@ use super::sites::Ranged;
 /// ones, or an estimate by solved positions.
 pub fn join_truth(ranged: &mut Ranged, known_s: Option<f64>) -> f64 {
     let Some(truth) = ranged.truth.take() else { return 0.0 };
-    let epochs = &mut ranged.recording.epochs;
-    truth.join_heard(epochs, 0.0);
-    let offset_s = known_s.unwrap_or_else(|| {
-        let solver = Solver::new(&ranged.recording.anchors, ranged.setup);
-        let solved: Vec<_> = epochs.iter().map(|epoch| solver.solve(Method::Robust, epoch)).collect();
-        match time_offset(&timed_positions(epochs, &solved), &truth) {
-            Clocks::Differ { offset_s, .. } => offset_s,
-            Clocks::Agree { .. } | Clocks::Vague { .. } | Clocks::Unknown | Clocks::NoneFits => 0.0,
-        }
-    });
-    truth.join_heard(epochs, offset_s);
+    let offset_s = known_s.unwrap_or_else(|| clocks(&ranged.recording, ranged.setup, &truth).offset_s());
+    truth.join(&mut ranged.recording.epochs, offset_s);
     offset_s
 }
 
@@ -61,14 +52,9 @@ fn scored(epochs: &[Epoch], solved: &[Solved]) -> Vec<Scored> {
         let (truth, position) = (epoch.truth?, solved.outcome.ok());
         Some(Scored {
             t_s: epoch.t_s,
-            error_m: position.map(|position| horizontal_m(&position.place, &truth)),
+            error_m: position.map(|position| position.place.horizontal_m(&truth)),
             normalised_square: position.map(|position| position.normalised_square(&truth)).filter(|s| s.is_finite()),
         })
     };
     order.filter_map(|at| score((epochs.get(at)?, solved.get(at)?))).collect()
-}
-
-/// The horizontal distance, metres.
-pub fn horizontal_m(a: &Coordinates, b: &Coordinates) -> f64 {
-    (a.x_m - b.x_m).hypot(a.y_m - b.y_m)
 }

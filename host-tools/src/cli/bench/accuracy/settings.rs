@@ -66,7 +66,7 @@ pub fn left_out(tried: &[Tried]) -> (Vec<Varied>, Vec<LeftOut>) {
         let here = tried.iter().filter(|of| of.site == site);
         geometric_mean(here.filter_map(|of| of.rmse_m.get(variation).copied())).unwrap_or(f64::INFINITY)
     };
-    // The cost of a variation: the mean log error relative to the default. The engine's log evidence would come here.
+    // The cost of a variation: the mean log error relative to the default.
     let cost = |variation: usize, site: &str| (error_m(variation, site) / error_m(0, site)).ln();
     let costs: Vec<Vec<f64>> =
         (0..VARIATIONS.len()).map(|variation| sites.iter().map(|site| cost(variation, site)).collect()).collect();

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::Result;
 use baliza_research::prior::{Case, Group};
 use host_tools::files::Diagnostics;
-use host_tools::{Anchor, Coordinates, Epoch, Files, Height, Measured, Recording, Setup, Space, Truth};
+use host_tools::{Anchor, Coordinates, Epoch, Files, Height, Measured, Recording, Setup, Source, Space, Truth, Truths};
 use positioning_core::nlos::{Feature, Features};
 
 /// A site with recorded ranges, and the folders of its recordings.
@@ -43,16 +43,20 @@ pub fn recorded(data: &Path) -> Result<Vec<Ranged>> {
         for folder in folders.iter().filter(|folder| data.join(folder).is_dir()) {
             let [anchors, ranges, truth] =
                 ["anchors.csv", "ranges.csv", "truth.csv"].map(|file| data.join(folder).join(file));
-            let recording = Recording::read(&Files {
+            let recordings = Recording::read(&Files {
                 anchors: &anchors,
-                ranges: &ranges,
+                measured: Source::Ranges(&ranges),
                 truth: Some(&truth),
                 anchor_heights: true,
                 truth_heights: true,
             })?;
             let setup = Setup { space: Space::Plane(Height::FromTruth), area_m: None };
-            let (site, name, truth) = (site.to_owned(), (*folder).to_owned(), Truth::read(&truth, true)?);
-            all.push(Ranged { site, simulated: false, name, recording, setup, truth: Some(truth) });
+            let truths = Truths::read(&truth, true)?;
+            for recording in recordings {
+                let truth = truths.of(recording.tag.as_deref())?.cloned();
+                let (site, name) = (site.to_owned(), (*folder).to_owned());
+                all.push(Ranged { site, simulated: false, name, recording, setup, truth });
+            }
         }
     }
     Ok(all)
@@ -68,6 +72,7 @@ pub fn simulated(case: &Case, seed: u64) -> Ranged {
         t_s: Some(epoch.t_s),
         ranges: epoch.ranges.iter().map(measured).collect(),
         truth: Some(place(epoch.at_m)),
+        ..Epoch::default()
     });
     let space = match case.conditions.group {
         Group::Space => Space::Full(None),
@@ -79,7 +84,7 @@ pub fn simulated(case: &Case, seed: u64) -> Ranged {
         site: format!("simulated, {}", case.conditions.group.as_str()),
         simulated: true,
         name: format!("{} of seed {seed}", case.name()),
-        recording: Recording { anchors, epochs: epochs.collect() },
+        recording: Recording { tag: None, anchors, epochs: epochs.collect() },
         setup: Setup { space, area_m: None },
         truth: None,
     }
