@@ -252,7 +252,6 @@ fn what_is_wrong_is_said_in_one_line() {
         ("--file telemetry.bin --defmt-file log.bin", "--elf"),
         ("--baud 9600", "--serial"),
         ("--serial /dev/nosuch", "--serial: no port /dev/nosuch: plug in the board"),
-        ("--chip nosuch", "--chip: probe-rs knows no chip nosuch"),
         ("--stdin --seconds soon", "--seconds"),
         ("--stdin --table ranges", "--table: only with --format csv"),
         ("--stdin --fixes 0", "--fixes"),

@@ -5,11 +5,7 @@
 //! it without reading it. There the record is written to both pages, one after the other, and the chip compares it. A
 //! tag's RSSI models are written before its record. Where the file has no models, the models in flash are removed.
 
-use std::time::Duration;
-
 use anyhow::{Context, Result, bail};
-use probe_rs::flashing::DownloadOptions;
-use probe_rs::{MemoryInterface, Session};
 use wire::config::{Board, LoadError, MODELS_BYTES, Next, Role, next};
 
 use super::image::{self, Contents, Held};
@@ -33,30 +29,6 @@ pub trait Flash {
     /// # Errors
     /// The probe returns an error.
     fn restart(&mut self) -> Result<()>;
-}
-
-impl Flash for Session {
-    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<()> {
-        self.core(0)?.read(address.into(), bytes)?;
-        Ok(())
-    }
-
-    fn write_page(&mut self, address: u32, page: &[u8]) -> Result<()> {
-        let mut loader = self.target().flash_loader();
-        loader.add_data(address.into(), page)?;
-        let mut options = DownloadOptions::default();
-        options.verify = true;
-        loader.commit(self, options)?;
-        Ok(())
-    }
-
-    fn restart(&mut self) -> Result<()> {
-        let mut core = self.core(0)?;
-        // After the write, the core is halted in the flash routine.
-        core.reset_and_halt(Duration::from_millis(500))?;
-        core.run()?;
-        Ok(())
-    }
 }
 
 /// Writes the content of a node's flash, and restarts the node. Returns the addresses of the record's pages that were
@@ -146,7 +118,6 @@ fn read_pages(flash: &mut impl Flash, board: Board) -> Result<[Vec<u8>; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::node::probe::supports;
     use crate::node::provision::{EXAMPLE, Site};
     use std::collections::BTreeMap;
     use wire::config::{BeaconModel, Record, StoredSiteModels, decode_models, encode_models};
@@ -300,12 +271,5 @@ mod tests {
         assert!(error.to_string().starts_with("the flash does not keep what was written at 0x0803F800"), "{error}");
         assert_eq!(read(&mut memory, Board::Evk1000).unwrap().unwrap().record, records[0]);
         assert_eq!(memory.restarts, 1);
-    }
-
-    #[test]
-    fn probe_rs_knows_the_boards_chips() {
-        for board in Board::HARDWARE {
-            assert!(board.spec().flasher.probe_chip().is_some_and(supports), "{board:?}");
-        }
     }
 }

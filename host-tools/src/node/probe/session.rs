@@ -1,51 +1,41 @@
-//! Debug probes: selects a probe and a chip, and opens a session.
+//! Probes by probe-rs: selects a probe and a chip, opens a session, and reads and writes the chip's memory.
 //!
-//! Arguments → [`ProbeArguments::attach`] → a `probe_rs::Session` that reads and writes the chip's memory. An error is
-//! one sentence that says what to do: connect a probe, set permissions, or select one of several probes.
+//! An error is one sentence that says what to do: connect a probe, set permissions, or select one of several probes.
 
+use std::ops::Range;
 use std::sync::Once;
+use std::time::Duration;
 
 use anyhow::{Result, anyhow};
 use probe_rs::architecture::arm::ArmError;
-use probe_rs::config::{Registry, RegistryError, TargetSelector};
+use probe_rs::config::{MemoryRegion, Registry, RegistryError, TargetSelector};
+use probe_rs::flashing::DownloadOptions;
 use probe_rs::probe::list::{Accessibility, Lister, ProbeListItem};
-use probe_rs::probe::{DebugProbeError, DebugProbeInfo, DebugProbeSelector, Probe, ProbeCreationError, WireProtocol};
-use probe_rs::{CoreType, Permissions, Session};
+use probe_rs::probe::{DebugProbeError, DebugProbeInfo, DebugProbeSelector, ProbeCreationError, WireProtocol};
+use probe_rs::{CoreType, MemoryInterface, Permissions, Session, Target};
 
+use super::ProbeArguments;
 use crate::UserError;
+use crate::node::monitor::Memory;
+use crate::node::provision::transfer::Flash;
 
-/// Chooses a probe and its chip.
-#[derive(Clone, Debug, Default, clap::Args)]
-pub struct ProbeArguments {
-    /// The probe, where there are several; its vendor and product as hexadecimal numbers
-    #[arg(long, value_name = "VID:PID[:SERIAL]")]
-    pub probe: Option<DebugProbeSelector>,
-    /// The chip, in probe-rs's words [default: the board's, else what the probe finds out]
-    #[arg(long, value_name = "NAME")]
-    pub chip: Option<String>,
-    /// The probe's clock, kHz [default: the probe's own choice]
-    #[arg(long, value_name = "KHZ", value_parser = clap::value_parser!(u32).range(1..))]
-    pub speed: Option<u32>,
-}
+/// A chip behind a debug probe. Its memory is that of its first core, on which the node runs.
+pub struct Probe(Session);
 
-impl ProbeArguments {
+impl Probe {
     /// Opens the probe and attaches to the chip, which runs on: `--chip`, else `default_chip`, else what the probe
     /// finds out.
-    ///
-    /// # Errors
-    /// [`UserError`] where the arguments do not select one probe and a known chip. Otherwise an error that says which
-    /// step failed and what may help.
-    pub fn attach(&self, default_chip: Option<&str>) -> Result<Session> {
+    pub(super) fn attach(arguments: &ProbeArguments, default_chip: Option<&str>) -> Result<Self> {
         let registry = registry();
-        let target = match (self.chip.as_deref(), default_chip) {
-            (Some(name), _) => TargetSelector::Specified(find(&registry, name)?),
-            (None, Some(name)) => TargetSelector::Specified(find(&registry, name)?),
-            (None, None) => TargetSelector::Auto,
+        let target = match arguments.chip.as_deref().or(default_chip) {
+            Some(name) => TargetSelector::Specified(find(&registry, name)?),
+            None => TargetSelector::Auto,
         };
-        let chosen = choose(Lister::new().list_all_with_access(), self.probe.as_ref())?;
+        let selector = arguments.probe.as_deref().map(selector).transpose()?;
+        let chosen = choose(Lister::new().list_all_with_access(), selector.as_ref())?;
         let name = describe(&chosen);
         let mut probe = chosen.open().map_err(|error| not_opened(error, &name))?;
-        if let Some(khz) = self.speed {
+        if let Some(khz) = arguments.speed {
             probe
                 .set_speed(khz)
                 .map_err(|error| UserError::flag("--speed", format!("{name} refuses {khz} kHz: {error}")))?;
@@ -53,15 +43,67 @@ impl ProbeArguments {
         if let TargetSelector::Specified(target) = &target {
             prefer(&mut probe, target.cores.first().map(|core| core.core_type));
         }
-        probe
+        let session = probe
             .attach_with_registry(target, Permissions::default(), &registry)
-            .map_err(|error| not_attached(error, &name))
+            .map_err(|error| not_attached(error, &name))?;
+        Ok(Self(session))
+    }
+
+    /// The chip's name, in probe-rs's words.
+    pub fn chip(&self) -> String {
+        self.0.target().name.clone()
     }
 }
 
-/// Whether probe-rs can attach to the chip of this name.
-pub fn supports(chip: &str) -> bool {
-    registry().get_target_by_name(chip).is_ok()
+impl Memory for Probe {
+    fn read(&mut self, address: u64, bytes: &mut [u8]) -> Result<()> {
+        Ok(self.0.core(0)?.read(address, bytes)?)
+    }
+
+    fn write_word(&mut self, address: u64, word: u32) -> Result<()> {
+        Ok(self.0.core(0)?.write_word_32(address, word)?)
+    }
+
+    fn ram(&self) -> Vec<Range<u64>> {
+        ram(self.0.target())
+    }
+
+    fn reset(&mut self) -> Result<()> {
+        Ok(self.0.core(0)?.reset()?)
+    }
+}
+
+impl Flash for Probe {
+    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<()> {
+        Ok(self.0.core(0)?.read(address.into(), bytes)?)
+    }
+
+    fn write_page(&mut self, address: u32, page: &[u8]) -> Result<()> {
+        let mut loader = self.0.target().flash_loader();
+        loader.add_data(address.into(), page)?;
+        let mut options = DownloadOptions::default();
+        options.verify = true;
+        loader.commit(&mut self.0, options)?;
+        Ok(())
+    }
+
+    fn restart(&mut self) -> Result<()> {
+        let mut core = self.0.core(0)?;
+        // After the write, the core is halted in the flash routine.
+        core.reset_and_halt(Duration::from_millis(500))?;
+        core.run()?;
+        Ok(())
+    }
+}
+
+/// The address ranges of a chip's RAM.
+fn ram(target: &Target) -> Vec<Range<u64>> {
+    target.memory_map.iter().filter_map(MemoryRegion::as_ram_region).map(|region| region.range.clone()).collect()
+}
+
+/// The probe that `--probe` names.
+fn selector(text: &str) -> Result<DebugProbeSelector, UserError> {
+    text.parse().map_err(|error| UserError::flag("--probe", format!("\"{text}\": {error}")))
 }
 
 /// The chips that probe-rs knows, including those of Espressif.
@@ -130,7 +172,7 @@ fn describe(info: &DebugProbeInfo) -> String {
 
 /// Selects the wire protocol of the core's type, JTAG or SWD. A probe with only one protocol refuses another one and
 /// keeps its own.
-fn prefer(probe: &mut Probe, core: Option<CoreType>) {
+fn prefer(probe: &mut probe_rs::probe::Probe, core: Option<CoreType>) {
     let protocol = match core {
         Some(CoreType::Riscv | CoreType::Riscv64 | CoreType::Xtensa) => WireProtocol::Jtag,
         Some(_) => WireProtocol::Swd,
@@ -174,19 +216,42 @@ fn not_attached(error: probe_rs::Error, name: &str) -> anyhow::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use wire::config::Board;
 
     #[test]
     fn probe_rs_knows_the_chips() {
+        let registry = registry();
+        let supports = |chip: &str| registry.get_target_by_name(chip).is_ok();
         for chip in ["nRF52832_xxAA", "STM32F105RC", "esp32c3", "esp32c6", "esp32"] {
             assert!(supports(chip), "{chip}");
         }
         assert!(!supports("nRF9999"));
+        for board in Board::HARDWARE {
+            assert!(board.spec().flasher.probe_chip().is_some_and(supports), "{board:?}");
+        }
+    }
+
+    #[test]
+    fn the_rings_of_our_images_lie_in_what_probe_rs_calls_ram() {
+        // The addresses of _SEGGER_RTT in the images of the tag, as the linker assigned them.
+        let images = [
+            ("nRF52832_xxAA", 0x2000_4B98),
+            ("STM32F105RC", 0x2000_0400),
+            ("esp32c3", 0x3FC8_F240),
+            ("esp32c6", 0x4080_F240),
+            ("esp32", 0x3FFB_0000),
+        ];
+        let registry = registry();
+        for (chip, address) in images {
+            let target = registry.get_target_by_name(chip).expect("a chip");
+            assert!(ram(&target).iter().any(|region| region.contains(&address)), "{chip}");
+        }
     }
 
     #[test]
     fn an_unknown_chip_is_refused_with_its_neighbours() {
         let arguments = ProbeArguments { chip: Some("nRF52832_xxZZ".into()), ..ProbeArguments::default() };
-        let error = arguments.attach(None).expect_err("there is no such chip");
+        let error = arguments.attach(None).err().expect("there is no such chip");
         let wrong = error.downcast_ref::<UserError>().expect("the argument is wrong").to_string();
         assert!(wrong.starts_with("--chip: probe-rs knows no chip nRF52832_xxZZ; near it are "), "{wrong}");
         assert!(wrong.contains("nRF52832_xxAA"), "{wrong}");
