@@ -9,26 +9,17 @@ mod cli;
 use std::io::Write;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::FromArgMatches;
 use clap::error::ErrorKind;
 use host_tools::UserError;
 
-/// Positions from UWB ranges and the RSSI values of Bluetooth beacons, with honest uncertainty.
-#[derive(Parser)]
-#[command(name = "baliza", version, max_term_width = 120, after_help = EXIT_CODES)]
-struct Arguments {
-    #[command(subcommand)]
-    command: cli::Command,
-}
-
-const EXIT_CODES: &str = "Exit code: 0 done; 2 the input or the arguments are wrong, one line on standard error says where and \
-                          how; 1 anything else.";
-
 fn main() -> ExitCode {
-    let arguments = match Arguments::try_parse() {
+    let parsed = cli::Arguments::grouped().try_get_matches();
+    let arguments = match parsed.and_then(|matches| cli::Arguments::from_arg_matches(&matches)) {
         Ok(arguments) => arguments,
         Err(error) => return refuse(&error),
     };
+    arguments.verbosity.apply();
     match cli::run(&arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => match error.downcast_ref::<UserError>() {
@@ -50,9 +41,22 @@ fn refuse(error: &clap::Error) -> ExitCode {
             let text = error.render().to_string();
             let said = text.split("\n\nUsage:").next().unwrap_or(&text);
             let said = said.split("\n\nFor more information").next().unwrap_or(said);
-            complain(2, &said.trim_start_matches("error: ").split_whitespace().collect::<Vec<_>>().join(" "))
+            let said = said.trim_start_matches("error: ").split_whitespace().collect::<Vec<_>>().join(" ");
+            complain(2, &format!("{said}; see {} --help", called()))
         }
     }
+}
+
+/// The command that the arguments name, such as `baliza ble solve`.
+fn called() -> String {
+    let mut command = cli::Arguments::grouped();
+    let mut name = command.get_name().to_owned();
+    for argument in std::env::args_os().skip(1) {
+        let Some(sub) = command.find_subcommand(argument) else { continue };
+        name = format!("{name} {}", sub.get_name());
+        command = sub.clone();
+    }
+    name
 }
 
 fn complain(code: u8, line: &str) -> ExitCode {
@@ -63,11 +67,8 @@ fn complain(code: u8, line: &str) -> ExitCode {
 
 #[cfg(test)]
 mod tests {
-    use super::Arguments;
-    use clap::CommandFactory;
-
     #[test]
     fn the_arguments_are_consistent() {
-        Arguments::command().debug_assert();
+        crate::cli::Arguments::grouped().debug_assert();
     }
 }

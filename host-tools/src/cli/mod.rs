@@ -1,16 +1,19 @@
 //! The subcommands, one module each. A module has its arguments and `run`, which reads, computes and reports.
 //!
-//! A new command needs four changes: its module, its `mod` line and its line in [`Command`] here, its test, and the
-//! test's `mod` line in `tests/baliza/main.rs`.
+//! A new command needs five changes: its module, its `mod` line and its line in [`Command`] here, its group in `help`,
+//! its test, and the test's `mod` line in `tests/baliza/main.rs`.
 
 mod bench;
 mod ble;
 mod calibrate;
 mod classify_rooms;
+mod completions;
 mod coverage;
 mod decode;
 mod example;
 mod folder;
+mod help;
+mod man;
 mod monitor;
 mod nlos;
 mod plan_anchors;
@@ -28,6 +31,7 @@ mod stream;
 mod summary;
 mod survey;
 mod track;
+mod verbosity;
 
 use std::path::Path;
 
@@ -82,14 +86,41 @@ commands! {
         Decode(decode),
         Record(record),
         Replay(replay),
+        Completions(completions),
+        Man(man),
     }
 }
 
 use anyhow::{Context, Result};
+use clap::CommandFactory;
 use host_tools::UserError;
 use host_tools::files::output;
 use host_tools::plot::Format;
 use serde_json::Value;
+use verbosity::Verbosity;
+
+/// The version, and the commit where it is known.
+pub const VERSION: &str = env!("BALIZA_VERSION");
+
+/// Positions from UWB ranges and the RSSI values of Bluetooth beacons, with honest uncertainty.
+#[derive(clap::Parser)]
+#[command(name = "baliza", version = VERSION, max_term_width = 120, after_help = EXIT_CODES)]
+pub struct Arguments {
+    #[command(subcommand)]
+    pub command: Command,
+    #[command(flatten)]
+    pub verbosity: Verbosity,
+}
+
+const EXIT_CODES: &str = "Exit code: 0 done; 2 the input or the arguments are wrong, one line on standard error says where and \
+                          how; 1 anything else.";
+
+impl Arguments {
+    /// The command line, whose help has the commands in groups.
+    pub fn grouped() -> clap::Command {
+        help::grouped(Self::command())
+    }
+}
 
 /// The file of a picture. Its name is checked before the work, and the file is written after the work.
 #[derive(Clone, Copy)]
@@ -142,11 +173,23 @@ fn print_json(document: &impl serde::Serialize) -> Result<()> {
     print(&text)
 }
 
-/// Prints a message for the user, which is not part of the data.
+/// Prints a message for the user, which is not part of the data. With `--quiet` it is not printed.
 fn note(text: &str) {
+    if !verbosity::is_quiet() {
+        prompt(text);
+    }
+}
+
+/// Prints what the user must do, also with `--quiet`.
+fn prompt(text: &str) {
     use std::io::Write;
     // If standard error is closed, the message is dropped.
     let _ = std::io::stderr().write_all(text.as_bytes());
+}
+
+/// Whether standard output shows colours: it is a terminal that can, and `NO_COLOR` is not set.
+fn stdout_has_colours() -> bool {
+    anstream::AutoStream::choice(&std::io::stdout()) != anstream::ColorChoice::Never
 }
 
 fn round(value: &mut Value) {

@@ -1,6 +1,6 @@
 //! `baliza monitor`: shows a node's messages as they arrive.
 
-use std::io::{BufWriter, ErrorKind, IsTerminal, Stdout, Write};
+use std::io::{BufWriter, ErrorKind, Stdout, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
@@ -15,6 +15,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget};
 use wire::telemetry::Table;
 
 use super::stream::{self, STOP, SourceArguments, catch_ctrl_c, table_names};
+use super::verbosity::is_quiet;
 
 /// Show a node's output: its telemetry, and its log where that has more
 ///
@@ -145,14 +146,11 @@ struct Screen {
 impl Screen {
     fn new(arguments: &Arguments, live: bool) -> Self {
         let writing = match arguments.format {
-            Format::Text => {
-                let plain = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
-                Writing::Text(Lines::new(std::io::stdout().is_terminal() && !plain, arguments.show_source))
-            }
+            Format::Text => Writing::Text(Lines::new(super::stdout_has_colours(), arguments.show_source)),
             Format::Jsonl => Writing::Json,
             Format::Csv => Writing::Csv(stream::Lines::csv(arguments.table)),
         };
-        let bar = if live {
+        let bar = if live && !is_quiet() {
             ProgressBar::new_spinner()
         } else {
             ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden())

@@ -1,8 +1,11 @@
-//! A progress bar for work of more than a second. Without a terminal, `indicatif` shows nothing.
+//! A progress bar for work of more than a second. Without a terminal, `indicatif` shows nothing; with `--quiet`, this
+//! module does not either.
 
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use super::verbosity::is_quiet;
 
 const PATIENCE: Duration = Duration::from_secs(1);
 
@@ -27,7 +30,7 @@ impl Progress {
 
     /// Counts `steps` steps as done.
     pub fn advance(&self, steps: u64) {
-        if self.bar.is_hidden() && self.begun.elapsed() > PATIENCE {
+        if self.bar.is_hidden() && !is_quiet() && self.begun.elapsed() > PATIENCE {
             self.bar.set_draw_target(ProgressDrawTarget::stderr());
         }
         self.bar.inc(steps);

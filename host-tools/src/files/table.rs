@@ -59,6 +59,7 @@ impl Table {
     /// The file cannot be opened, is empty, or its first line is not a CSV header.
     pub fn open(file: &Path) -> Result<Self, UserError> {
         let input = File::open(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))?;
+        log::info!("reading {}", file.display());
         let mut table = Self {
             file: file.to_owned(),
             input: BufReader::new(input),

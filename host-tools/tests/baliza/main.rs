@@ -6,6 +6,7 @@ mod contract;
 mod coverage;
 mod example;
 mod fingerprint;
+mod manners;
 mod monitor;
 mod nlos;
 mod pictures;

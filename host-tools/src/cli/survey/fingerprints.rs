@@ -13,7 +13,7 @@ use host_tools::survey::campaign::{
 use indicatif::ProgressBar;
 
 use crate::cli::stream::{Input, STOP, SourceArguments, catch_ctrl_c};
-use crate::cli::{note, print_json};
+use crate::cli::{note, print_json, prompt};
 
 /// Survey fingerprints: go from point to point with a tag, and record the RSSI values that it receives
 ///
@@ -170,7 +170,7 @@ impl Terminal {
 impl Person for Terminal {
     fn note(&mut self, text: &str) {
         self.bar.set_message("");
-        self.bar.suspend(|| note(&format!("{text}\n")));
+        self.bar.suspend(|| prompt(&format!("{text}\n")));
     }
 
     fn show(&mut self, status: &str) {

@@ -27,6 +27,7 @@ pub fn open_stream(path: &Path) -> Result<(File, u64), UserError> {
     if metadata.is_dir() {
         return Err(UserError::file(path, "it is a folder"));
     }
+    log::info!("reading {}, {} bytes", path.display(), metadata.len());
     Ok((file, metadata.len()))
 }
 
