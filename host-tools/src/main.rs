@@ -14,6 +14,7 @@ use clap::error::ErrorKind;
 use host_tools::UserError;
 
 fn main() -> ExitCode {
+    cli::json::begin(&called());
     let parsed = cli::Arguments::grouped().try_get_matches();
     let arguments = match parsed.and_then(|matches| cli::Arguments::from_arg_matches(&matches)) {
         Ok(arguments) => arguments,
@@ -22,11 +23,22 @@ fn main() -> ExitCode {
     arguments.verbosity.apply();
     match cli::run(&arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => match error.downcast_ref::<UserError>() {
-            Some(wrong) => complain(2, &wrong.to_string()),
-            None => complain(1, &format!("baliza: {error:#}")),
-        },
+        Err(error) => {
+            if wants_json() {
+                // If standard output is closed, the line on standard error is left.
+                let _ = cli::json::print_error(&error);
+            }
+            match error.downcast_ref::<UserError>() {
+                Some(wrong) => complain(2, &wrong.to_string()),
+                None => complain(1, &format!("baliza: {error:#}")),
+            }
+        }
     }
+}
+
+/// Whether errors are JSON too. The arguments may be wrong, so they are read as they are.
+fn wants_json() -> bool {
+    std::env::args_os().any(|argument| argument == "--json")
 }
 
 /// Prints help and version unchanged, and an error in the arguments on one line, without the usage.
@@ -42,21 +54,24 @@ fn refuse(error: &clap::Error) -> ExitCode {
             let said = text.split("\n\nUsage:").next().unwrap_or(&text);
             let said = said.split("\n\nFor more information").next().unwrap_or(said);
             let said = said.trim_start_matches("error: ").split_whitespace().collect::<Vec<_>>().join(" ");
-            complain(2, &format!("{said}; see {} --help", called()))
+            if wants_json() {
+                let _ = cli::json::print_argument_error(&said);
+            }
+            complain(2, &format!("{said}; see {} --help", format!("baliza {}", called()).trim_end()))
         }
     }
 }
 
-/// The command that the arguments name, such as `baliza ble solve`.
+/// The command that the arguments name, such as `ble solve`.
 fn called() -> String {
     let mut command = cli::Arguments::grouped();
-    let mut name = command.get_name().to_owned();
+    let mut words = Vec::new();
     for argument in std::env::args_os().skip(1) {
         let Some(sub) = command.find_subcommand(argument) else { continue };
-        name = format!("{name} {}", sub.get_name());
+        words.push(sub.get_name().to_owned());
         command = sub.clone();
     }
-    name
+    words.join(" ")
 }
 
 fn complain(code: u8, line: &str) -> ExitCode {

@@ -24,12 +24,27 @@ pub fn baliza(arguments: impl IntoIterator<Item: AsRef<OsStr>>) -> Result<String
     printed(&mut command)
 }
 
-/// The JSON that `baliza` prints.
+/// What `--json` prints.
+#[derive(serde::Deserialize)]
+struct Envelope<T> {
+    results: Vec<T>,
+}
+
+/// The results that `baliza --json` prints.
 ///
 /// # Errors
 /// The run fails, or its output is not the expected JSON.
-pub fn json<T: DeserializeOwned>(arguments: impl IntoIterator<Item: AsRef<OsStr>>) -> Result<T> {
-    serde_json::from_str(&baliza(arguments)?).context("baliza prints something else")
+pub fn json<T: DeserializeOwned>(arguments: impl IntoIterator<Item: AsRef<OsStr>>) -> Result<Vec<T>> {
+    let printed: Envelope<T> = serde_json::from_str(&baliza(arguments)?).context("baliza prints something else")?;
+    Ok(printed.results)
+}
+
+/// The only result of a run.
+///
+/// # Errors
+/// The run fails, or its output is not one result.
+pub fn result<T: DeserializeOwned>(arguments: impl IntoIterator<Item: AsRef<OsStr>>) -> Result<T> {
+    json(arguments)?.pop().context("baliza prints no result")
 }
 
 /// The program, built once: cargo would check all sources again for each of a hundred runs, and take time that some

@@ -4,7 +4,7 @@ use anyhow::Result;
 use baliza_report::MarkdownTable;
 use serde::Deserialize;
 
-use crate::baliza::json;
+use crate::baliza::result;
 use crate::bench::Made;
 
 /// The part of the output of `baliza simulate --json` that the table needs.
@@ -57,7 +57,7 @@ pub fn lives() -> Result<Option<Made>> {
         "PANS, mA:",
     ]);
     for [what, arguments, others] in ROWS {
-        let summary: Summary = json(["simulate", "--json"].into_iter().chain(arguments.split(' ')))?;
+        let summary: Summary = result(["simulate", "--json"].into_iter().chain(arguments.split(' ')))?;
         table.row(format_args!("{}", row(what, arguments, others, &summary)));
     }
     Ok(Made::one("battery", table.into_text()))

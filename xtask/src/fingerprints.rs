@@ -119,7 +119,8 @@ pub fn maps() -> Result<Option<Made>> {
         };
         let cells = points.map(|count| {
             let map = format!("map --survey-points {count} --json --out {}", out.display());
-            Ok(format!("{count} points: {}", cell(&run(&map, folder, known)?)))
+            let scores: Vec<Score> = run(&map, folder, known)?;
+            Ok(format!("{count} points: {}", cell(scores.first().context("no score")?)))
         });
         let cells = cells.into_iter().collect::<Result<Vec<_>>>()?;
         table.row(format_args!("{folder} | {beside} | {}", cells.join("; ")));
@@ -132,7 +133,7 @@ fn are_there(folders: impl IntoIterator<Item = &'static str>) -> bool {
 }
 
 /// The output of `baliza ble` for a recording's survey.
-fn run<T: DeserializeOwned>(command: &str, folder: &str, arguments: &str) -> Result<T> {
+fn run<T: DeserializeOwned>(command: &str, folder: &str, arguments: &str) -> Result<Vec<T>> {
     let folder = recording(folder).context("no such recording")?;
     let argument = |word: &str| match word.strip_prefix('{') {
         Some(file) => folder.join(file).into_os_string(),

@@ -6,7 +6,7 @@ use anyhow::Result;
 use baliza_report::MarkdownTable;
 use serde::Deserialize;
 
-use crate::baliza::{binary, json};
+use crate::baliza::{binary, result};
 use crate::bench::Made;
 
 /// The part of the output of `baliza simulate --json` that the table needs.
@@ -73,7 +73,7 @@ pub fn scenarios() -> Result<Option<Made>> {
     let mut table = MarkdownTable::new(["scenario", "positions a second:", "by anchors:", "by beacons:"]);
     for [file, what] in SCENARIOS {
         let path = format!("examples/{file}");
-        let run = |seed| json(["simulate", "--json", "--scenario", path.as_str(), "--seed", seed]);
+        let run = |seed| result(["simulate", "--json", "--scenario", path.as_str(), "--seed", seed]);
         let runs = SEEDS.into_iter().map(run).collect::<Result<Vec<Scenario>>>()?;
         table.row(format_args!("{}", scenario(file, what, &runs)));
     }
@@ -105,7 +105,7 @@ pub fn rooms() -> Result<Option<Made>> {
     binary()?;
     for [what, arguments, others] in ROWS {
         let begun = Instant::now();
-        let summary: Summary = json(["simulate", "--json"].into_iter().chain(arguments.split(' ')))?;
+        let summary: Summary = result(["simulate", "--json"].into_iter().chain(arguments.split(' ')))?;
         let took_s = begun.elapsed().as_secs_f64();
         table.row(format_args!("{}", row(what, arguments, others, &summary, took_s)));
     }

@@ -13,6 +13,7 @@ mod decode;
 mod example;
 mod folder;
 mod help;
+pub mod json;
 mod man;
 mod monitor;
 mod nlos;
@@ -96,7 +97,6 @@ use clap::CommandFactory;
 use host_tools::UserError;
 use host_tools::files::output;
 use host_tools::plot::Format;
-use serde_json::Value;
 use verbosity::Verbosity;
 
 /// The version, and the commit where it is known.
@@ -159,18 +159,11 @@ fn write(file: &Path, bytes: &[u8]) -> Result<()> {
     output::write_file(file, bytes).with_context(|| format!("cannot write {}", file.display()))
 }
 
+use self::json::print_results as print_json;
+
 /// Writes to standard output.
 fn print(bytes: &[u8]) -> Result<()> {
     output::write_stdout(bytes).context("cannot write to standard output")
-}
-
-/// Prints one JSON document. Its numbers have six decimals, because a micrometre is finer than any error.
-fn print_json(document: &impl serde::Serialize) -> Result<()> {
-    let mut document = serde_json::to_value(document).context("cannot write JSON")?;
-    round(&mut document);
-    let mut text = serde_json::to_vec_pretty(&document).context("cannot write JSON")?;
-    text.push(b'\n');
-    print(&text)
 }
 
 /// Prints a message for the user, which is not part of the data. With `--quiet` it is not printed.
@@ -190,16 +183,4 @@ fn prompt(text: &str) {
 /// Whether standard output shows colours: it is a terminal that can, and `NO_COLOR` is not set.
 fn stdout_has_colours() -> bool {
     anstream::AutoStream::choice(&std::io::stdout()) != anstream::ColorChoice::Never
-}
-
-fn round(value: &mut Value) {
-    match value {
-        Value::Number(number) if number.is_f64() => {
-            let rounded = number.as_f64().map(|exact| (exact * 1e6).round() / 1e6);
-            *value = rounded.into();
-        }
-        Value::Array(values) => values.iter_mut().for_each(round),
-        Value::Object(fields) => fields.values_mut().for_each(round),
-        Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => {}
-    }
 }

@@ -7,7 +7,7 @@ fn a_version_is_neither_better_nor_worse_than_itself() {
     let folder = Folder::with(&[]);
     let before = folder.run("bench accuracy --quick --out before.csv").ok().stdout;
     assert!(before.starts_with("| recording | epochs | `solve`: RMSE (P90), m |"), "{before}");
-    let run = folder.run("bench accuracy --quick --against before.csv --json").ok().json();
+    let run = folder.run("bench accuracy --quick --against before.csv --json").ok().object();
     let compared = run["comparison"].as_array().expect("a list");
     // Seven groups, each with solver and track.
     assert_eq!(compared.len(), 14);
@@ -43,7 +43,7 @@ fn the_simulated_set_is_written_as_recordings() {
     let files = "--anchors cases/00-walk/anchors.csv --ranges cases/00-walk/ranges.csv --truth cases/00-walk/truth.csv";
     let run = folder.run(&format!("track {files} --dims 2 --height-from-truth --json")).ok().json();
     // The bench itself reads no files: the same case, the same figures.
-    let bench = folder.run("bench accuracy --cases 1 --quick --json").ok().json();
+    let bench = folder.run("bench accuracy --cases 1 --quick --json").ok().object();
     let recordings = bench["recordings"].as_array().expect("a list");
     let track = recordings.iter().find(|of| of["recording"] == "00-walk of seed 1" && of["method"] == "track");
     let of = |score: &serde_json::Value| score["rmse_m"].as_f64().expect("a number");

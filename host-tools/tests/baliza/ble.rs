@@ -123,7 +123,7 @@ fn what_is_wrong_is_said_in_one_line() {
     );
     refused(
         "ble solve --beacons beacons.csv --rssi stays.csv --receiver-offset-db -1",
-        "invalid value '-1' for '--receiver-offset-db <DB>': it must be from 0 to 100",
+        "invalid value '-1' for '--receiver-offset-db <DB>': it must be from 0 to 100; see baliza ble solve --help",
     );
 }
 

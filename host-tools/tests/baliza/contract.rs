@@ -266,3 +266,30 @@ fn help_tells_of_every_command_and_method() {
     let help = folder.run("solve --help").ok().stdout;
     assert!(help.contains("bb-nls-r, robust") && help.contains("Examples:"), "{help}");
 }
+
+#[test]
+fn every_document_says_its_schema_and_its_command_and_so_does_an_error() {
+    let folder =
+        Folder::with(&[("anchors.csv", ANCHORS), ("ranges.csv", RANGES), ("bad.csv", "epoch,anchor,range_m\n1,a,x\n")]);
+    let document = folder.run("solve . --dims 2 --json").ok().document();
+    assert_eq!((&document["schema"], &document["command"]), (&1.into(), &"solve".into()));
+    assert_eq!(document["results"].as_array().map(Vec::len), Some(1));
+    let document = folder.run("simulate --seconds 0.2 --json").ok().document();
+    assert_eq!((&document["command"], document["results"].as_array().map(Vec::len)), (&"simulate".into(), Some(1)));
+    let of = |arguments: &str| {
+        let run = folder.run(arguments);
+        let document = run.document();
+        assert!(document["results"].is_null(), "{document}");
+        (run.code, document["command"].clone(), document["error"].clone(), run.stderr)
+    };
+    let (code, command, error, stderr) = of("solve --anchors anchors.csv --ranges bad.csv --json");
+    assert_eq!((code, command), (Some(2), "solve".into()));
+    assert_eq!(error, serde_json::json!({ "file": "bad.csv", "line": 2, "message": "range_m \"x\" is not a number" }));
+    assert_eq!(stderr, "bad.csv:2: range_m \"x\" is not a number\n");
+    let (code, command, error, _) = of("ble solve . --json");
+    assert_eq!((code, command), (Some(2), "ble solve".into()));
+    assert_eq!(error, serde_json::json!({ "file": ".", "line": null, "message": "the folder has no beacons.csv" }));
+    let (code, command, error, _) = of("solve --json --methods nls");
+    assert_eq!((code, command), (Some(2), "solve".into()));
+    assert!(error["message"].as_str().is_some_and(|said| said.contains("--methods")), "{error}");
+}

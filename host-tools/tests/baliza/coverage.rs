@@ -39,7 +39,7 @@ fn maps_are_measured_or_simulated_and_both_are_compared() {
 #[test]
 fn places_are_found_among_candidates_or_everywhere() {
     let folder = Folder::with(&[("b.csv", BEACONS)]);
-    let json = folder.run("plan-anchors --count 1 --fixed b.csv --area 0,0,8,6 --plot p.svg --json").ok().json();
+    let json = folder.run("plan-anchors --count 1 --fixed b.csv --area 0,0,8,6 --plot p.svg --json").ok().object();
     assert_eq!((&json["kind"], &json["cells"], &json["candidates"]), (&"beacons".into(), &192.into(), &63.into()));
     assert!(json["error_mean_m"].as_f64() < json["before_m"].as_f64(), "{json}");
     assert!(folder.read("p.svg").starts_with(b"<svg"));
@@ -48,7 +48,7 @@ fn places_are_found_among_candidates_or_everywhere() {
     let candidates = "beacon,x_m,y_m\nleft,0,3\nleft-too,0.1,3\nabove,4,6\n";
     folder.write("c.csv", candidates.as_bytes());
     let run = folder.run("plan-anchors --count 2 --kind anchors --candidates c.csv --area 0,0,8,6 --json").ok();
-    let names: Vec<_> = run.json()["places"].as_array().expect("a list").iter().map(|p| p["name"].clone()).collect();
+    let names: Vec<_> = run.object()["places"].as_array().expect("a list").iter().map(|p| p["name"].clone()).collect();
     assert!(names.contains(&"above".into()), "{names:?}");
     assert!(folder.run("place --count 2 --candidates c.csv").ok().stdout.contains("3 candidates"));
     let run = folder.run("place --count 2");

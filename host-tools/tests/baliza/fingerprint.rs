@@ -96,7 +96,7 @@ fn equal_runs_print_equal_bytes_and_draw() {
 fn a_map_is_what_a_node_reads() {
     let folder = room();
     let run = folder.run("ble map --fingerprints survey.csv --out room.map --json").ok();
-    let summary = run.json();
+    let summary = run.object();
     let bytes = folder.read("room.map");
     let (map, rest) = Map::decode(&bytes).expect("a map");
     assert!(map.has_deviations() && rest.is_empty() && map.points() <= 200);
@@ -369,7 +369,7 @@ fn another_receiver_walks_alike() {
 fn a_map_of_few_points_is_predicted() {
     let few = "ble map --fingerprints {fingerprints} --survey-points 12 --beacons {beacons} --out few.map --json";
     let Some(run) = replay("linde_floor", few) else { return };
-    let summary = run.json();
+    let summary = run.object();
     assert_eq!((summary["survey_points"].as_u64(), summary["found_points"].as_u64()), (Some(12), Some(25)));
     assert!(summary["mae_m"].as_f64().expect("a number") < 2.0, "{summary}");
 }

@@ -199,7 +199,7 @@ fn show_and_provision_are_a_circle() {
 #[test]
 fn everything_that_is_said_is_in_the_record() {
     let folder = provisioned(EVERYTHING);
-    let tag = folder.run("provision --show records/tag.bin --show-keys --json --board dwm1001").ok().json();
+    let tag = folder.run("provision --show records/tag.bin --show-keys --json --board dwm1001").ok().object();
     let expected = serde_json::json!({
         "network": {
             "pan": 0xBA11, "region": "us", "mode": "decaranging-fast", "channel": 2, "prf_mhz": 16, "rate_kbps": 850,
@@ -223,7 +223,7 @@ fn everything_that_is_said_is_in_the_record() {
     });
     assert_eq!(tag, expected);
 
-    let anchor = folder.run("provision --show records/anchor.bin --json").ok().json();
+    let anchor = folder.run("provision --show records/anchor.bin --json").ok().object();
     let expected = serde_json::json!([{
         "name": "anchor-0101", "role": "anchor", "eui": "0011223344556677", "address": 0x0101, "antenna_delay_ticks": 16450,
         "crystal_trim": 14, "uwb_tx_power": 0x1F1F_1F1F, "position_m": [0.1, 2.0, 3.3],
@@ -256,7 +256,7 @@ fn the_region_is_asked_for_once_and_only_of_nodes_that_transmit() {
 #[test]
 fn native_anchors_tell_their_places_themselves() {
     let text = EVERYTHING.replace("decaranging-fast", "native");
-    let tag = provisioned(&text).run("provision --show records/tag.bin --json").ok().json();
+    let tag = provisioned(&text).run("provision --show records/tag.bin --json").ok().object();
     assert_eq!(tag["anchor"], serde_json::json!([{ "address": 0x0102, "position_m": [0.1, -0.7, 1000.0] }]));
 }
 
@@ -264,7 +264,7 @@ fn native_anchors_tell_their_places_themselves() {
 fn a_network_to_listen_to_has_rounds() {
     for (said, rounds_hz) in [("listening\"", 10.0), ("listening\"\nrounds_hz = 6.25", 6.25)] {
         let text = EVERYTHING.replace("decaranging-fast\"", said).replace("b-wls-r", "track");
-        let tag = provisioned(&text).run("provision --show records/tag.bin --json").ok().json();
+        let tag = provisioned(&text).run("provision --show records/tag.bin --json").ok().object();
         assert_eq!(tag["network"]["mode"], "listening");
         assert_eq!(tag["network"]["rounds_hz"], rounds_hz);
     }
@@ -486,7 +486,7 @@ fn files_that_are_not_good_are_told_apart() {
         refused(&run, &format!("x.bin: {said}"));
         assert_eq!(run.stdout, "");
         let json = folder.run("provision --check x.bin --json");
-        assert_eq!((json.code, &json.json()["good"]), (Some(2), &serde_json::json!(false)));
+        assert_eq!((json.code, &json.object()["good"]), (Some(2), &serde_json::json!(false)));
     };
     let mut old = good.clone();
     for page in old.chunks_mut(2048) {
@@ -515,7 +515,7 @@ fn files_that_are_not_good_are_told_apart() {
     check(&both, "the record is damaged or cut short: its checksum is wrong");
     refused(&folder.run("provision --show x.bin"), "x.bin: the record is damaged");
     refused(&folder.run("provision --check missing.bin"), "missing.bin: ");
-    let run = folder.run("provision --check records/a.bin --json").ok().json();
+    let run = folder.run("provision --check records/a.bin --json").ok().object();
     assert_eq!((&run["good"], &run["sequence"]), (&serde_json::json!(true), &serde_json::json!(1)));
 }
 
@@ -588,7 +588,7 @@ fn calibrated_beacons_go_into_the_tags_record() {
         "beacon,x_m,y_m,z_m,rssi_1m_dbm,path_loss_exponent\n000000b0-7-1,9,9,,-61.5,3\n7-2,4,5,2.5,-55,2.25\n";
     let folder = Folder::with(&[("site.toml", WITH_BEACONS), ("calibrated.csv", calibrated)]);
     folder.run("provision --config site.toml --out tag.bin").ok();
-    let json = folder.run("provision --show tag.bin --json").ok().json();
+    let json = folder.run("provision --show tag.bin --json").ok().object();
     // The listed values have precedence, and the missing ones come from the calibration. The other beacon is added.
     let expected = serde_json::json!([
         { "major": 7, "minor": 1, "position_m": [1.0, 2.0, 3.0], "rssi_1m_dbm": -61.5, "path_loss_exponent": 2.5 },
@@ -642,7 +642,7 @@ fn a_classifier_goes_beside_the_record_of_a_tag() {
         let run = folder.run(&format!("provision --show {file}")).ok();
         assert!(run.stdout.contains("\n# nlos_model: skewness (skewness_near)\n"), "{}", run.stdout);
         let run = folder.run(&format!("provision --show {file} --json")).ok();
-        assert_eq!(run.json()["nlos_model"], "skewness (skewness_near)");
+        assert_eq!(run.object()["nlos_model"], "skewness (skewness_near)");
         let run = folder.run(&format!("provision --check {file}")).ok();
         assert!(run.stdout.contains(", with skewness (skewness_near); version 2"), "{}", run.stdout);
     }

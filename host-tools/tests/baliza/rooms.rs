@@ -22,7 +22,7 @@ fn a_survey_judges_itself_and_other_stays() {
                  p,hall,1,0,1,-54,0\np,hall,1,0,2,-79,0.1\nq,attic,7,0,1,127,0\nq,attic,7,0,2,-55,0.3\nr,cellar,9,0,3,-50,0\n";
     let folder = Folder::with(&[("f.csv", &survey()), ("t.csv", stays)]);
     let run = folder.run("ble rooms --fingerprints f.csv --leave-one-out --json --plot m.svg --out rooms.model").ok();
-    let json = run.json();
+    let json = run.object();
     assert_eq!((&json["method"], &json["accuracy"], &json["points"]), (&"svm".into(), &1.0.into(), &6.into()));
     assert_eq!(json["rooms"], serde_json::json!(["hall", "attic"]));
     assert_eq!(json["confusion_matrix"], serde_json::json!([[3, 0, 0], [0, 3, 0]]));
@@ -39,7 +39,7 @@ fn a_survey_judges_itself_and_other_stays() {
     assert!(folder.read("m.svg").starts_with(b"<svg"));
 
     // The written model gives the same results as the trained one.
-    let of = |source: &str| folder.run(&format!("ble rooms --{source} --targets t.csv --json")).ok().json();
+    let of = |source: &str| folder.run(&format!("ble rooms --{source} --targets t.csv --json")).ok().object();
     let taught = of("fingerprints f.csv");
     let (first, row) = (&taught["methods"][0], of("model rooms.model"));
     assert_eq!((&row["methods"][0], row["methods"].as_array().map(Vec::len)), (first, Some(1)));
@@ -48,7 +48,7 @@ fn a_survey_judges_itself_and_other_stays() {
 
     // q received one beacon, and reports an invalid RSSI for the other. r received no known beacon, in a room that was
     // not surveyed.
-    let json = folder.run("ble rooms --fingerprints f.csv --targets t.csv --json").ok().json();
+    let json = folder.run("ble rooms --fingerprints f.csv --targets t.csv --json").ok().object();
     assert_eq!(json["rooms"], serde_json::json!(["hall", "attic", "cellar"]));
     assert_eq!(json["confusion_matrix"], serde_json::json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]));
     assert!(folder.run("ble rooms --fingerprints f.csv --targets t.csv").ok().stdout.contains("66.7 %"));
@@ -84,7 +84,7 @@ fn rooms_of_a_recorded_floor_are_told_apart() {
     let json = Folder::with(&[])
         .run(&format!("ble rooms --fingerprints {} --leave-one-out --json", file.display()))
         .ok()
-        .json();
+        .object();
     assert!(json["accuracy"].as_f64().is_some_and(|accuracy| accuracy >= 0.92), "{json}");
     // The windows change their room within a dwell, but the answers of the tag do not. Few answers are a wrong room.
     assert!(json["window_changes"].as_u64() > Some(0) && json["settled"]["changes"] == 0, "{json}");

@@ -43,7 +43,7 @@ fn json_has_the_keys_of_the_contract_and_nothing_else_is_printed() {
         "charge_per_fix_uc",
     ];
     const PARTS: &str = "tag_currents_ma";
-    let json = run.json();
+    let json = run.object();
     let object = json.as_object().expect("an object");
     assert_eq!(object.len(), keys.len() + 1);
     let currents = object[PARTS].as_object().expect("currents by what they go for");
@@ -83,7 +83,7 @@ fn beacons_alone_give_positions_a_summary_of_theirs_and_files_for_ble_solve() {
     let folder = folder();
     folder.write("beacons.toml", BEACONS.as_bytes());
     let run = folder.run("simulate --scenario beacons.toml --json").ok();
-    let bluetooth = &run.json()["bluetooth"];
+    let bluetooth = &run.object()["bluetooth"];
     assert_eq!((&bluetooth["beacons"], &bluetooth["by_anchors"]["fixes"]), (&4.into(), &0.into()));
     let fixes = bluetooth["by_beacons"]["fixes"].as_u64().expect("a number");
     // Two positions a second.
@@ -159,7 +159,7 @@ fn telemetry_of_a_simulation_is_read_as_that_of_boards() {
     let recorded = String::from_utf8(folder.read("out/ranges.csv")).expect("text");
     assert_eq!(ranges.stdout.lines().count(), recorded.lines().count());
     // Every node reports who it is.
-    let summary = folder.run("decode out/telemetry-3.bin --json").ok().json();
+    let summary = folder.run("decode out/telemetry-3.bin --json").ok().object();
     assert_eq!((&summary["node"]["role"], &summary["node"]["address"]), (&"anchor".into(), &3.into()), "{summary:?}");
 }
 
@@ -225,8 +225,8 @@ fn walled() -> Folder {
 #[test]
 fn tags_with_a_classifier_read_impulse_responses_and_the_recording_trains_others() {
     let folder = walled();
-    let plain = folder.run("simulate --scenario hall.toml --json").ok().json();
-    let with = folder.run("simulate --scenario hall.toml --model nlos.model --out spi --json").ok().json();
+    let plain = folder.run("simulate --scenario hall.toml --json").ok().object();
+    let with = folder.run("simulate --scenario hall.toml --model nlos.model --out spi --json").ok().object();
     // At most four anchors in 150 ms, each of which takes 0.8 ms.
     let share = with["fixes"].as_f64().unwrap() / plain["fixes"].as_f64().unwrap();
     assert!((0.95..=1.0).contains(&share), "{share} of the positions");
@@ -252,7 +252,7 @@ fn tags_with_a_classifier_read_impulse_responses_and_the_recording_trains_others
     // The result agrees with the tag's own, because the same engine uses the same ranges.
     let (found, simulated) = (
         run.json()[0]["rmse_m"].as_f64().unwrap(),
-        folder.run("simulate --scenario hall.toml --model nlos.model --json").ok().json(),
+        folder.run("simulate --scenario hall.toml --model nlos.model --json").ok().object(),
     );
     assert!((found / simulated["rmse_m"].as_f64().unwrap() - 1.0).abs() < 0.1, "{found} against {simulated}");
     let run = folder.run(&format!("{track} --model own.model"));

@@ -54,7 +54,7 @@ fn a_map_and_rooms_go_beside_the_record_of_a_tag() {
         assert!(run.stdout.contains("\n# room_model: 2 rooms: hall, attic; beacons 1-7, 1-8\n"), "{}", run.stdout);
         let map = run.stdout.lines().find(|line| line.starts_with("# fingerprint_map: ")).expect("a map");
         assert!(map.ends_with(" m; beacons 1-7, 1-8"), "{map}");
-        let json = folder.run(&format!("provision --show {file} --json")).ok().json();
+        let json = folder.run(&format!("provision --show {file} --json")).ok().object();
         assert_eq!(json["room_model"], "2 rooms: hall, attic; beacons 1-7, 1-8");
         let run = folder.run(&format!("provision --check {file}")).ok();
         assert!(run.stdout.contains(", with a map and rooms; version 2"), "{}", run.stdout);
@@ -153,7 +153,7 @@ fn a_scenario_is_surveyed_and_its_tags_get_what_comes_of_it() {
     folder.run("ble rooms --fingerprints f.csv --out s.rooms").ok();
     let with = |lines: &str| text.replace("level", &format!("bluetooth = {{ {lines} }}\nlevel"));
     folder.write("s.toml", with("map = \"s.map\", rooms = \"s.rooms\"").as_bytes());
-    let json = folder.run("simulate --scenario s.toml --json").ok().json();
+    let json = folder.run("simulate --scenario s.toml --json").ok().object();
     assert!(json["bluetooth"]["by_beacons"]["fixes"].as_u64() > Some(6), "{json}");
 
     let refused = |text: &str, said: &str| {

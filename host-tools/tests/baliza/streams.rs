@@ -190,7 +190,7 @@ fn json_is_one_document_of_what_came_and_what_was_lost() {
     let messages = walk();
     let run = folder().run("decode --file walk.bin --json").ok();
     assert_eq!(run.stderr, "");
-    let json = run.json();
+    let json = run.object();
     assert_eq!(
         (&json["frames"]["total"], &json["frames"]["fix"]),
         (&messages.len().into(), &count(&messages, "fix").into())
@@ -236,7 +236,7 @@ fn of_a_stream_with_one_byte_in_a_hundred_flipped_every_frame_that_is_whole_is_d
     assert_eq!(times, untouched.iter().map(|message| Value::from(message.t_us() as f64 / 1e6)).collect::<Vec<_>>());
     // A changed bit ends a frame early or joins it with the next frame, so that a damaged frame may count twice or not
     // at all.
-    let json = folder.run("decode --file damaged.bin --json").ok().json();
+    let json = folder.run("decode --file damaged.bin --json").ok().object();
     let lost = messages.len() - untouched.len();
     let malformed = json["malformed"]["total"].as_u64().expect("a count") as usize;
     assert!((lost / 2..=2 * lost).contains(&malformed), "{malformed} of {lost}");
@@ -256,7 +256,7 @@ fn random_bytes_give_counts_and_no_messages() {
         "{}",
         run.stderr
     );
-    let json = folder.run("decode --file noise.bin --json").ok().json();
+    let json = folder.run("decode --file noise.bin --json").ok().object();
     // One zero in 256 bytes ends a chunk: about four thousand chunks, of which few are too long.
     assert!((3000..5000).contains(&json["malformed"]["total"].as_u64().expect("a count")), "{json}");
     for key in ["total", "too_long", "cobs", "checksum"] {
@@ -278,7 +278,7 @@ fn a_stream_of_another_build_is_told_from_a_broken_one() {
     assert!(
         run.stderr.contains("\n1 frames with a message that this program does not know: the node's build is newer\n")
     );
-    let json = folder.run("decode --file other.bin --json").ok().json();
+    let json = folder.run("decode --file other.bin --json").ok().object();
     assert_eq!((&json["newer"]["schema"], &json["newer"]["unknown"]), (&3.into(), &1.into()));
     assert_eq!((&json["malformed"]["total"], &json["lost_bytes"]), (&0.into(), &0.into()));
 }
@@ -294,6 +294,7 @@ fn defmt_frames_and_text_of_a_serial_line_are_foreign() {
         .collect();
     let output = run_with(&Folder::with(&[]), "decode --json", &mixed);
     let json: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let json = &json["results"][0];
     assert_eq!(json["frames"]["total"], messages.len() + 1);
     assert_eq!((&json["malformed"]["total"], &json["torn_at_start"]), (&0.into(), &0.into()));
     assert_eq!(
@@ -439,7 +440,7 @@ fn ranges_to_anchors_of_unknown_place_are_left_out_unless_the_user_knows_it() {
     let folder = Folder::with(&[("known.csv", &format!("anchor,x_m,y_m,z_m\n{silent},1,2,3\n"))]);
     folder.write("walk.bin", &stream(&messages));
     let run = folder.run("record --file walk.bin --out walk --json").ok();
-    let json = run.json();
+    let json = run.object();
     let left_out = peers.iter().filter(|peer| **peer == silent).count();
     assert_eq!(json["recorded"]["left_out"], serde_json::json!({ silent.to_string(): left_out }));
     assert_eq!(
@@ -447,7 +448,7 @@ fn ranges_to_anchors_of_unknown_place_are_left_out_unless_the_user_knows_it() {
         (&(peers.len() - left_out).into(), &5.into())
     );
     folder.run("solve --anchors walk/anchors.csv --ranges walk/ranges.csv --dims 2 --height-m 1.2").ok();
-    let json = folder.run("record --file walk.bin --out known --anchors known.csv --json").ok().json();
+    let json = folder.run("record --file walk.bin --out known --anchors known.csv --json").ok().object();
     assert_eq!(
         (&json["recorded"]["ranges"], &json["recorded"]["left_out"]),
         (&peers.len().into(), &serde_json::json!({}))
@@ -479,7 +480,7 @@ fn a_recording_without_beacons_has_no_file_of_them_and_a_second_one_does_not_go_
 fn a_restart_of_the_node_starts_no_epoch_again() {
     let folder = Folder::with(&[]);
     folder.write("walk.bin", &[stream(&walk()), stream(&walk())].concat());
-    let json = folder.run("record --file walk.bin --out walk --json").ok().json();
+    let json = folder.run("record --file walk.bin --out walk --json").ok().object();
     assert_eq!((&json["restarts"], &json["rounds_missed"]), (&1.into(), &0.into()));
     assert_eq!(json["last_t_s"], 4.0002);
     let positions = folder.run("decode --file walk --format csv").ok();

@@ -21,9 +21,23 @@ impl Run {
         self
     }
 
-    /// Standard output as JSON.
-    pub fn json(&self) -> serde_json::Value {
+    /// The JSON document on standard output.
+    pub fn document(&self) -> serde_json::Value {
         serde_json::from_str(&self.stdout).expect("one JSON document on standard output")
+    }
+
+    /// The results of the JSON document: a list.
+    pub fn json(&self) -> serde_json::Value {
+        let document = self.document();
+        assert_eq!((&document["schema"], document["results"].is_array()), (&1.into(), true), "{document}");
+        document["results"].clone()
+    }
+
+    /// The only result of the JSON document.
+    pub fn object(&self) -> serde_json::Value {
+        let results = self.json();
+        assert_eq!(results.as_array().map(Vec::len), Some(1), "{results}");
+        results[0].clone()
     }
 
     /// The fields of a column of the CSV on standard output; the column is found by its name.

@@ -50,7 +50,7 @@ fn stays_of_a_recording_are_taken_or_refused_and_the_file_only_grows() {
 
     // A new file can be read as fingerprints with rooms.
     folder.run(&format!("{survey} --out new.csv")).ok();
-    let json = folder.run("ble rooms --fingerprints new.csv --targets new.csv --json").ok().json();
+    let json = folder.run("ble rooms --fingerprints new.csv --targets new.csv --json").ok().object();
     assert_eq!((&json["rooms"], &json["points"]), (&serde_json::json!(["hall", "attic"]), &2.into()));
 }
 

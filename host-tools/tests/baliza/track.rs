@@ -104,7 +104,7 @@ fn the_engine_reaches_its_accuracy_on_recorded_ranges_and_knows_it() {
 #[test]
 fn detection_in_the_papers_filter_takes_two_thirds_of_the_error_away() {
     let folder = Folder::with(&[]);
-    let json = folder.run("bench garcia --rooms 4 --seed 2 --json").ok().json();
+    let json = folder.run("bench garcia --rooms 4 --seed 2 --json").ok().object();
     let score = |way: &str| {
         let list = json["scores"].as_array().expect("a list");
         list.iter().find(|score| score["way"] == way).unwrap_or_else(|| panic!("no {way}")).clone()

@@ -10,7 +10,7 @@ use baliza_report::MarkdownTable;
 use serde::Deserialize;
 
 use self::residuals::{Residuals, Statistics, Truth};
-use crate::baliza::{json, recording, scratch};
+use crate::baliza::{json, recording, result, scratch};
 use crate::bench::Made;
 
 /// A recording in line of sight.
@@ -88,7 +88,7 @@ fn recorded(of: &Recorded, folder: &Path) -> Result<Column> {
 fn simulation(seed: &str) -> Result<Vec<Column>> {
     let folder = scratch("air-simulated")?;
     let words = ["simulate", "--seconds", "20", "--json", "--seed", seed, "--out"].map(PathBuf::from);
-    let track: Track = json(words.into_iter().chain([folder.clone()]))?;
+    let track: Track = result(words.into_iter().chain([folder.clone()]))?;
     TAGS.into_iter().map(|tag| Ok(column(Residuals::read(&folder, Some(tag), 0.0)?.statistics(), track))).collect()
 }
 

@@ -1,0 +1,90 @@
+//! What `--json` prints: one object with the schema's number, the command, and its results or its error.
+
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::{Context, Result};
+use host_tools::UserError;
+use serde_json::{Value, json};
+
+/// The number of the schema. A change that a reader of the former one would misunderstand gets the next number.
+const SCHEMA: u32 = 1;
+
+/// The running command, `ble solve` for example.
+static COMMAND: OnceLock<String> = OnceLock::new();
+
+/// Whether a document was printed: there is one at most. Results may be followed by an error, which is then only on
+/// standard error.
+static PRINTED: AtomicBool = AtomicBool::new(false);
+
+/// Notes which command runs: its words without `baliza`.
+pub fn begin(command: &str) {
+    // It is set once.
+    let _ = COMMAND.set(command.to_owned());
+}
+
+/// Prints results: a list, or one object, which becomes a list of one. Numbers have six decimals, because a micrometre
+/// is finer than any error.
+///
+/// # Errors
+/// Standard output cannot be written.
+pub fn print_results(results: &impl serde::Serialize) -> Result<()> {
+    let mut results = serde_json::to_value(results).context("cannot write JSON")?;
+    round(&mut results);
+    if !results.is_array() {
+        results = Value::Array(vec![results]);
+    }
+    print(&json!({ "schema": SCHEMA, "command": command(), "results": results }))
+}
+
+/// Prints an error.
+///
+/// # Errors
+/// Standard output cannot be written.
+pub fn print_error(error: &anyhow::Error) -> Result<()> {
+    let (file, line, message) = match error.downcast_ref::<UserError>() {
+        Some(UserError::Line { file, line, what }) => (Some(file.display().to_string()), Some(*line), what.clone()),
+        Some(UserError::File { file, what }) => (Some(file.display().to_string()), None, what.clone()),
+        Some(flag @ UserError::Flag { .. }) => (None, None, flag.to_string()),
+        None => (None, None, format!("{error:#}")),
+    };
+    print_error_of(file, line, &message)
+}
+
+/// Prints an error of the arguments.
+///
+/// # Errors
+/// Standard output cannot be written.
+pub fn print_argument_error(message: &str) -> Result<()> {
+    print_error_of(None, None, message)
+}
+
+fn print_error_of(file: Option<String>, line: Option<u64>, message: &str) -> Result<()> {
+    let error = json!({ "file": file, "line": line, "message": message });
+    print(&json!({ "schema": SCHEMA, "command": command(), "error": error }))
+}
+
+fn command() -> &'static str {
+    COMMAND.get().map_or("", String::as_str)
+}
+
+fn print(document: &Value) -> Result<()> {
+    if PRINTED.swap(true, Ordering::Relaxed) {
+        return Ok(());
+    }
+    let mut text = serde_json::to_vec_pretty(document).context("cannot write JSON")?;
+    text.push(b'\n');
+    super::print(&text)
+}
+
+fn round(value: &mut Value) {
+    match value {
+        Value::Number(number) if number.is_f64() => {
+            let rounded = number.as_f64().map(|exact| (exact * 1e6).round() / 1e6);
+            *value = rounded.into();
+        }
+        Value::Array(values) => values.iter_mut().for_each(round),
+        Value::Object(fields) => fields.values_mut().for_each(round),
+        Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => {}
+    }
+}
