@@ -289,7 +289,7 @@ fn mitigate(arguments: &Mitigation) -> Result<()> {
         let (before, after, count) = (outcome.before_m, outcome.after_m, outcome.count);
         table.row(format_args!("{regressor} | {ranges} | {whence} | {before:.3} | {after:.3} | {count}"));
     }
-    super::print(table.into_text().as_bytes())
+    super::print(table.into_columns().as_bytes())
 }
 
 fn ranges_of(outcome: &mitigation::Outcome) -> &'static str {
@@ -324,5 +324,5 @@ fn table(rows: &[Row]) -> String {
         let (classifier, n) = (&row.classifier, row.n);
         table.row(format_args!("`{classifier}` | {features} | {auc} | {accuracy} | {brier} | {n}{bytes}"));
     }
-    table.into_text()
+    table.into_columns()
 }

@@ -1,14 +1,16 @@
 //! The report of a command that computes positions: a file of positions, a picture, and a summary.
 
 use std::fmt::Write as _;
+use std::io::IsTerminal;
 use std::path::PathBuf;
 
 use anyhow::Result;
+use baliza_report::MarkdownTable;
 use host_tools::files::output;
 use host_tools::files::positions::{self, Rows};
 use host_tools::locate::residuals::AnchorResiduals;
 use host_tools::plot::{Dot, Picture, Track};
-use host_tools::{Coordinates, Epoch, Solved, UserError};
+use host_tools::{Coordinates, Epoch, Position, Solved, UserError};
 
 use super::PictureFile;
 use super::residuals::Row;
@@ -29,6 +31,9 @@ pub struct OutputArgs {
     #[arg(long)]
     json: bool,
 }
+
+/// At most this number of positions is printed on a terminal.
+const PREVIEW: usize = 15;
 
 /// Outputs that can be written.
 pub struct Output<'a> {
@@ -102,6 +107,7 @@ impl Report<'_> {
             let csv = positions::to_csv(self.rows(), self.with_errors)?;
             match out {
                 Some(file) => super::write(file, &csv)?,
+                None if std::io::stdout().is_terminal() => super::print(self.preview().as_bytes())?,
                 None => super::print(&csv)?,
             }
         }
@@ -120,6 +126,38 @@ impl Report<'_> {
         }
         super::note(&said);
         Ok(())
+    }
+
+    /// A few positions for reading, at equal intervals.
+    fn preview(&self) -> String {
+        let mut table = MarkdownTable::new(["t_s:", "tag", "method", "x_m:", "y_m:", "z_m:", "sigma_m:", "error_m:"]);
+        let rows: usize = self.rows().map(|rows| rows.solved.len()).sum();
+        let each = rows.div_ceil(PREVIEW).max(1);
+        let all = self.rows().flat_map(|Rows { tag, method, epochs, solved }| {
+            epochs.iter().zip(solved).map(move |(epoch, solved)| (tag, method, epoch, solved))
+        });
+        let figure = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.2}"));
+        for (tag, method, epoch, solved) in all.step_by(each) {
+            let (time, tag) =
+                (epoch.t_s.map_or_else(|| epoch.name.clone(), |t_s| format!("{t_s:.3}")), tag.unwrap_or(""));
+            let [x, y, z, sigma] = match &solved.outcome {
+                Ok(Position { place, sigma, .. }) => {
+                    let joint = (sigma.x_m.powi(2) + sigma.y_m.powi(2) + sigma.z_m.unwrap_or(0.0).powi(2)).sqrt();
+                    [figure(Some(place.x_m)), figure(Some(place.y_m)), figure(place.z_m), figure(Some(joint))]
+                }
+                Err(reason) => ["-", "-", reason.as_str(), ""].map(str::to_owned),
+            };
+            table.row(format_args!(
+                "{time} | {tag} | {method} | {x} | {y} | {z} | {sigma} | {}",
+                figure(solved.error_m)
+            ));
+        }
+        let rest = if each > 1 {
+            format!("every {each}th of {rows} positions; --out FILE writes all\n\n")
+        } else {
+            "\n".to_owned()
+        };
+        table.into_columns() + &rest
     }
 
     /// The positions by method, and of each method by tag.

@@ -468,13 +468,13 @@ fn epoch_text(epoch: &SimulatedEpoch) -> String {
 fn told(summary: &Summary) -> String {
     let metres = |figure: Option<f64>| figure.map_or_else(|| "-".to_owned(), |m| format!("{m:.3} m"));
     let mut text = format!(
-        "{} tags, {} anchors, {} s: {} positions, {:.1} a second\n\
-         error: RMSE {}, half below {}, nine in ten below {}\n\
+        "{}, {}, {} s: {}, {:.1} a second\n\
+         accuracy: RMSE {}, half below {}, nine in ten below {}\n\
          air: {} frames, {} receptions lost, {} frames collided, {:.1} % of the time\n",
-        summary.tags,
-        summary.anchors,
+        counted(summary.tags, "tag"),
+        counted(summary.anchors, "anchor"),
         summary.seconds,
-        summary.fixes,
+        counted(summary.fixes, "position"),
         summary.fixes_per_s,
         metres(summary.rmse_m),
         metres(summary.p50_m),
@@ -498,9 +498,15 @@ fn told(summary: &Summary) -> String {
             let [rmse, p50, p90] = [*rmse_m, *p50_m, *p90_m].map(metres);
             let _ = writeln!(
                 text,
-                "by {by}: {fixes} positions; error: RMSE {rmse}, half below {p50}, nine in ten below {p90}"
+                "by {by}: {}; accuracy: RMSE {rmse}, half below {p50}, nine in ten below {p90}",
+                counted(*fixes, "position")
             );
         }
     }
     text
+}
+
+/// A number of things, in words.
+fn counted(number: usize, what: &str) -> String {
+    format!("{number} {what}{}", if number == 1 { "" } else { "s" })
 }

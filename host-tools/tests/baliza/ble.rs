@@ -168,7 +168,7 @@ fn a_walk_whose_positions_are_known_calibrates_on_line_as_by_regression() {
             assert!(number("points") >= 30.0 && number("online_deviation_db") < 1.5, "{row}");
         }
         let table = folder.run(&calibrate).ok().stdout;
-        assert!(table.contains("| a, on line |"), "{table}");
+        assert!(table.lines().any(|line| line.starts_with("a, on line ")), "{table}");
     }
     let run = folder.run("calibrate path-loss --beacons beacons.csv --rssi rssi.csv --positions twice.csv");
     assert_eq!(run.code, Some(2), "{run:?}");

@@ -1,9 +1,9 @@
 //! `baliza ble rooms`: finds the room of each dwell.
 
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
+use baliza_report::MarkdownTable;
 use clap::ValueEnum;
 use host_tools::files::beacons::read_stays;
 use host_tools::files::output;
@@ -219,16 +219,22 @@ impl Arguments {
 fn table(scores: &[Score], rooms: &[String]) -> String {
     let percent =
         |part: usize, whole: usize| share(part, whole).map_or("-".to_owned(), |s| format!("{:.1} %", 100.0 * s));
-    let mut text = format!(
-        "| {:<6} | {:>6} | {:>7} | {:>7} | {:>7} | {:>7} | {:>7} | {:>8} | {:>7} | {:>7} |\n",
-        "method", "points", "right", "windows", "right", "changes", "settled", "in wrong", "between", "changes"
-    );
-    text += "|--------|-------:|--------:|--------:|--------:|--------:|--------:|---------:|--------:|--------:|\n";
+    let mut table = MarkdownTable::new([
+        "method",
+        "points:",
+        "right:",
+        "windows:",
+        "right windows:",
+        "changes:",
+        "settled right:",
+        "settled wrong:",
+        "between:",
+        "changes when settled:",
+    ]);
     for score in scores {
         let settled = score.settled;
-        let _ = writeln!(
-            text,
-            "| {:<6} | {:>6} | {:>7} | {:>7} | {:>7} | {:>7} | {:>7} | {:>8} | {:>7} | {:>7} |",
+        table.row(format_args!(
+            "{} | {} | {} | {} | {} | {} | {} | {} | {} | {}",
             score.method.as_str(),
             score.points(),
             percent(score.right, score.points()),
@@ -239,20 +245,17 @@ fn table(scores: &[Score], rooms: &[String]) -> String {
             percent(settled.wrong, score.windows),
             percent(settled.between, score.windows),
             settled.changes
-        );
+        ));
     }
+    let mut text = table.into_columns();
     let Some(first) = scores.first() else { return text };
-    let width = rooms.iter().map(|room| room.chars().count()).max().unwrap_or(0).max(9);
-    let _ = write!(text, "\n| {:<width$} |", first.method.as_str());
-    let heads = rooms.iter().map(String::as_str).chain(["no answer"]);
-    heads.for_each(|room| _ = write!(text, " {room:>width$} |"));
-    let _ = write!(text, "\n|{:-<1$}|", "", width + 2);
-    (0..=rooms.len()).for_each(|_| _ = write!(text, "{:->1$}:|", "", width + 1));
-    text.push('\n');
+    let heads = rooms.iter().map(|room| format!("{room}:")).chain(["no answer:".to_owned()]);
+    let mut confusion = MarkdownTable::new([format!("by {}, in", first.method.as_str())].into_iter().chain(heads));
     for (room, row) in rooms.iter().zip(&first.confusion) {
-        let _ = write!(text, "| {room:<width$} |");
-        row.iter().for_each(|count| _ = write!(text, " {count:>width$} |"));
-        text.push('\n');
+        let counts: Vec<String> = row.iter().map(ToString::to_string).collect();
+        confusion.row(format_args!("{room} | {}", counts.join(" | ")));
     }
+    text.push('\n');
+    text += &confusion.into_columns();
     text
 }

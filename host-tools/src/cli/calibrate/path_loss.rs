@@ -169,7 +169,7 @@ fn points(arguments: &Arguments) -> Result<(Vec<Placed>, &Path), UserError> {
     }
 }
 
-/// The results as a Markdown table. If `on_line` is set, the values that a node learns are below each row.
+/// The results as a table. If `on_line` is set, the values that a node learns are below each row.
 fn table(rows: &[Row], on_line: bool) -> String {
     let titles = ["beacon", "points:", "level at 1 m, dBm:", "path loss exponent:", "deviation, dB:"];
     let mut table = MarkdownTable::new(titles);
@@ -190,5 +190,5 @@ fn table(rows: &[Row], on_line: bool) -> String {
             table.row(format_args!("{}, on line | {} | {rssi} | {exponent} | {deviation}", row.beacon, row.points));
         }
     }
-    table.into_text()
+    table.into_columns()
 }
