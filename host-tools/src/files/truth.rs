@@ -115,6 +115,11 @@ impl Truth {
         self.by_time.sort_by(|(one, _), (other, _)| one.total_cmp(other));
     }
 
+    /// Whether any position has a time.
+    pub fn has_times(&self) -> bool {
+        !self.by_time.is_empty()
+    }
+
     /// All positions, in the order of the file.
     pub fn places(&self) -> impl Iterator<Item = &Coordinates> {
         self.rows.iter().map(|row| &row.place)
