@@ -10,7 +10,7 @@ use super::map::drawn;
 use super::pens::methods;
 use super::style::{Pen, stroke};
 use super::view::View;
-use super::{Dot, Picture, Series};
+use super::{Dot, Picture, Series, thin};
 
 /// Radius of an ellipse in standard deviations.
 pub const SIGMAS: f64 = 2.0;
@@ -18,7 +18,9 @@ pub const SIGMAS: f64 = 2.0;
 const MOST: usize = 60;
 /// With more methods, only the first one has ellipses.
 const METHODS: usize = 2;
-/// An ellipse is left out where its middle is nearer to that of the one before, in units of its greater radius.
+/// Greatest number of positions that are compared.
+const COMPARED: usize = 800;
+/// An ellipse is left out where its middle is nearer to that of another one, in units of its greater radius.
 const APART: f64 = 0.8;
 /// Corners of an outline.
 const CORNERS: u32 = 48;
@@ -83,12 +85,15 @@ pub fn draw(chart: &mut Chart, view: &View, picture: &Picture, series: &Series, 
 
 /// Positions whose ellipses do not cover each other, at most `most`, spread over the series.
 fn chosen<'a>(dots: &'a [Dot], view: &View, most: usize) -> Vec<&'a Dot> {
+    let inside: Vec<&Dot> = dots.iter().filter(|dot| view.has(dot.at_m) && dot.covariance_m2.is_some()).collect();
+    // Each is compared with those before, so that they are thinned first.
+    let points: Vec<[f64; 2]> = inside.iter().map(|dot| dot.at_m).collect();
+    let candidates = thin::points(&points, view.longer_side() / 200.0, COMPARED);
     let mut apart: Vec<&Dot> = Vec::new();
-    for dot in dots.iter().filter(|dot| view.has(dot.at_m)) {
-        let Some([xx, _, yy]) = dot.covariance_m2 else { continue };
-        let radius = SIGMAS * xx.max(yy).max(0.0).sqrt();
-        let far = |last: &&Dot| (dot.at_m[0] - last.at_m[0]).hypot(dot.at_m[1] - last.at_m[1]) > APART * radius;
-        if apart.last().is_none_or(far) {
+    for dot in candidates.into_iter().map(|index| inside[index]) {
+        let [xx, _, yy] = dot.covariance_m2.unwrap_or_default();
+        let reach = APART * SIGMAS * xx.max(yy).max(0.0).sqrt();
+        if apart.iter().all(|other| (dot.at_m[0] - other.at_m[0]).hypot(dot.at_m[1] - other.at_m[1]) > reach) {
             apart.push(dot);
         }
     }

@@ -148,12 +148,15 @@ mod tests {
     #[test]
     fn a_name_is_above_its_mark_unless_a_wall_another_name_or_the_border_is_there() {
         let view = View { least: [0.0; 2], greatest: [10.0; 2] };
-        let side = |labels: &mut Labels, at| labels.place(at, "A1", true).map(|away| away.map(f64::signum));
+        let side = |labels: &mut Labels, at| {
+            labels.place(at, "A1", true).map(|away| away.map(|c| if c == 0.0 { 0.0 } else { c.signum() }))
+        };
         let mut free = Labels::new(&view, 0.05, &[]);
         assert_eq!(free.place([5.0, 5.0], "A1", true), Some([0.0, 15.5]));
         assert_eq!(side(&mut free, [5.0, 5.0]), Some([1.0, 0.0]));
-        assert_eq!(side(&mut free, [5.0, 9.9]), Some([1.0, 0.0]));
-        assert_eq!(side(&mut free, [9.9, 9.9]), Some([-1.0, 0.0]));
+        // Two pixels below the border, and in the corner.
+        assert_eq!(side(&mut free, [5.0, 9.9]), Some([0.0, -1.0]));
+        assert_eq!(side(&mut free, [9.9, 9.9]), Some([-1.0, -1.0]));
         assert_eq!(side(&mut free, [11.0, 9.9]), None);
         // All sides are taken.
         for _ in 0..8 {

@@ -24,9 +24,10 @@ const LINE_CELL: f64 = 0.7;
 /// The distance between two arrows on a path, pixels, and their greatest number.
 const ARROWS_APART: f64 = 130.0;
 const MOST_ARROWS: usize = 10;
-/// Positions without truth are joined by a line where it is shorter than this multiple of their area's diagonal: else
-/// the line would fill the area.
-const SMOOTH: f64 = 15.0;
+/// Positions without truth are joined by a line where they are at least so many, and the line through every eighth one
+/// has at least this share of its length: else it would show more of the noise than of the way.
+const LEAST_PATH: usize = 24;
+const SMOOTH: f64 = 0.5;
 
 /// The map of a picture.
 pub struct Map<'a> {
@@ -97,8 +98,8 @@ impl Map<'_> {
             beneath.put(plan, &view, chart.plotting_area().get_pixel_range());
         }
         self.contents(&mut chart, &view, metres_a_pixel)?;
-        frames(&mut chart, &view, metres_a_pixel, framed)?;
-        self.names(&mut chart, &view, metres_a_pixel)
+        self.names(&mut chart, &view, metres_a_pixel, !framed.is_empty() || self.zooms.is_empty())?;
+        frames(&mut chart, &view, metres_a_pixel, framed)
     }
 
     fn contents(&self, chart: &mut Chart, view: &View, metres_a_pixel: f64) -> Result<()> {
@@ -129,15 +130,14 @@ impl Map<'_> {
 
     /// Whether positions are joined by a line: without truth, and where the line shows a way.
     fn is_path(&self, series: &Series, view: &View) -> bool {
-        if self.picture.truth.iter().any(|way| way.tag == series.tag) {
+        if series.dots.len() < LEAST_PATH || self.picture.truth.iter().any(|way| way.tag == series.tag) {
             return false;
         }
-        let steps = series.dots.windows(2).map(|ends| length([ends[0].at_m, ends[1].at_m]));
-        let dots = series.dots.iter().map(|dot| dot.at_m).filter(|at| view.has(*at));
-        View::around(dots).is_some_and(|around| {
-            let [width, height] = around.sides();
-            steps.sum::<f64>() < SMOOTH * width.hypot(height)
-        })
+        let every = |step: usize| -> f64 {
+            let points: Vec<[f64; 2]> = series.dots.iter().map(|dot| dot.at_m).step_by(step).collect();
+            points.windows(2).map(|ends| length([ends[0], ends[1]])).sum()
+        };
+        series.dots.iter().any(|dot| view.has(dot.at_m)) && every(8) >= SMOOTH * every(1)
     }
 
     /// The lines from the points where a tag dwelt to their estimates.
@@ -198,8 +198,8 @@ impl Map<'_> {
         }
     }
 
-    /// Anchors and beacons with their names, and the beginnings of the tags' ways.
-    fn names(&self, chart: &mut Chart, view: &View, metres_a_pixel: f64) -> Result<()> {
+    /// Anchors and beacons with their names, and `with_tags` the beginnings of the tags' ways.
+    fn names(&self, chart: &mut Chart, view: &View, metres_a_pixel: f64, with_tags: bool) -> Result<()> {
         let Picture { anchors, beacons, truth, series, walls_m, .. } = self.picture;
         let mut labels = Labels::new(view, metres_a_pixel, walls_m);
         let shown = |list: &[(String, [f64; 2])]| -> Vec<(String, [f64; 2])> {
@@ -221,7 +221,7 @@ impl Map<'_> {
             labels.draw(chart, *at, name, INK, true)?;
         }
         let tags = tags(self.picture);
-        if tags.len() <= 1 && truth.iter().any(|way| way.are_dwells || is_still(way)) {
+        if !with_tags || tags.len() <= 1 && truth.iter().any(|way| way.are_dwells || is_still(way)) {
             return Ok(());
         }
         for tag in &tags {

@@ -49,7 +49,7 @@ pub fn draw(picture: &Picture) -> Result<String> {
         // the legend. The map keeps its height beside a long legend.
         let left_width = 740;
         let (key_below, zoom_width) = match zooms.len() {
-            1 => (true, left_width),
+            1 if has_errors => (true, left_width),
             _ => (false, left_width + LEGEND),
         };
         let beside = errors_height + if key_below { 0 } else { key_height };
