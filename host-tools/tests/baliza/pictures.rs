@@ -286,7 +286,7 @@ fn a_folder_is_a_picture_by_two_words() {
     let run = folder.run("plot walls.csv");
     assert_eq!(
         (run.code, run.stderr.as_str()),
-        (Some(2), "walls.csv: it is not a folder; a file of positions needs --positions\n")
+        (Some(2), "walls.csv: this is no folder; a recording is a folder with anchors.csv and ranges.csv\n")
     );
 }
 
@@ -307,4 +307,48 @@ fn a_plan_lies_beneath_at_its_scale() {
         let run = folder.run(&format!("plot --positions positions.csv {more} --out no.svg"));
         assert!(run.code == Some(2) && run.stderr.contains(said), "{run:?}");
     }
+}
+
+#[test]
+fn commands_draw_each_tag_of_a_recording() {
+    let folder = Folder::with(&[]);
+    folder.run("simulate --tags 2 --seconds 1 --out run --plot simulated.svg").ok();
+    folder.run("track run --plot tracked.svg").ok();
+    folder.run("solve run --plot solved.svg").ok();
+    for (picture, said) in
+        [("simulated.svg", "2 tags by track"), ("tracked.svg", "2 tags by track"), ("solved.svg", "2 tags by robust")]
+    {
+        let svg = String::from_utf8(folder.read(picture)).expect("text");
+        for text in [said, "\n4097\n", "\n4098\n", BLUE, VERMILION, DARK[0], DARK[1]] {
+            assert!(svg.contains(text), "{picture}: {text}");
+        }
+        assert_inside(&svg);
+    }
+}
+
+#[test]
+fn beacons_are_beacons_and_each_method_has_a_colour() {
+    let levels = |point: &str, at: [f64; 2]| -> String {
+        let beacons = [("b1", [0.0, 0.0]), ("b2", [6.0, 0.0]), ("b3", [3.0, 5.0])];
+        let row = |(name, [x, y]): (&str, [f64; 2])| {
+            let rssi = -59.0 - 20.0 * (at[0] - x).hypot(at[1] - y).log10();
+            format!("{point},{},{},{name},{rssi:.0},0.1\n", at[0], at[1])
+        };
+        beacons.into_iter().map(row).collect()
+    };
+    let rows = levels("p", [2.0, 1.0]) + &levels("q", [4.0, 2.0]);
+    let folder = Folder::with(&[
+        ("b.csv", "beacon,x_m,y_m,rssi_1m_dbm,path_loss_exponent\nb1,0,0,-59,2\nb2,6,0,-59,2\nb3,3,5,-59,2\n"),
+        ("targets.csv", &format!("point,x_m,y_m,beacon,rssi_dbm,t_s\n{rows}")),
+    ]);
+    folder.run("ble solve --beacons b.csv --rssi targets.csv --plot picture.svg").ok();
+    let svg = String::from_utf8(folder.read("picture.svg")).expect("text");
+    assert!(svg.contains("\nbeacons\n") && !svg.contains("\nanchors\n") && svg.contains("targets.csv"));
+    let methods = ["weighted-linear", "nonlinear", "posterior", "particle-filter", "engine"];
+    for (method, colour) in methods.iter().zip([BLUE, VERMILION, "#009E73", "#CC79A7", "#BE8200"]) {
+        assert!(svg.contains(method));
+        // A mark in the legend; estimates are marks, too.
+        assert!(!elements(&svg, "circle", &[&format!("fill=\"{colour}\"")]).is_empty(), "{method}");
+    }
+    assert_inside(&svg);
 }
