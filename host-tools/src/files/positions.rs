@@ -23,7 +23,7 @@ pub struct Rows<'a> {
     pub solved: &'a [Solved],
 }
 
-/// The columns of a file, beside [`COLUMNS`].
+/// The columns of a file, beside those that every file has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct More {
     /// `error_m`.
