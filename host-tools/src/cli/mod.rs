@@ -11,6 +11,7 @@ mod completions;
 mod coverage;
 mod decode;
 mod example;
+mod floor_plan;
 mod folder;
 mod help;
 pub mod json;

@@ -1,88 +1,169 @@
-//! `baliza plot`: draws a file of positions.
+//! `baliza plot`: draws a file of positions, or a folder.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
+use host_tools::files::beacons::read_beacons;
+use host_tools::files::folder::RecordingSettings;
 use host_tools::files::positions::{self, PositionRow};
-use host_tools::plot::{Dot, Picture, Track};
-use host_tools::{Coordinates, Truths, UserError, read_anchors};
+use host_tools::locate::track::Weighting;
+use host_tools::plot::{Dot, Errors, Picture, PictureBuilder};
+use host_tools::{Files, Height, Recording, Setup, Source, Space, Truths, read_anchors};
 
 use super::PictureFile;
+use super::floor_plan::FloorPlanArgs;
+use super::folder::FolderFiles;
+use super::progress::Progress;
 use super::recording_args::finite;
+use super::report::flat;
 
 /// Draw positions: a map with error ellipses, and how large the errors are
 ///
-/// Errors come from the column error_m of the positions, or else from the truth: at their time where both have times,
-/// else of the same epoch.
+/// With a folder, as `simulate --out` makes it, the files in it are drawn: positions.csv, truth.csv, anchors.csv,
+/// beacons.csv, walls.csv; without positions.csv, the track of ranges.csv. Each tag (column `tag`) has a colour of its
+/// own, with one tag each method. Errors come from the column error_m of the positions, or else from the truth: at
+/// their time where both have times, else of the same epoch. A truth without times is of dwells: crosses.
 #[derive(clap::Args)]
-#[command(
-    after_help = "Example:\n  baliza plot --positions positions.csv --truth truth.csv --anchors anchors.csv --out room.png"
-)]
+#[command(after_help = "Examples:\n  baliza plot walk\n  \
+                        baliza plot --positions positions.csv --truth truth.csv --anchors anchors.csv --out room.png\n  \
+                        baliza plot walk --plan floor.png --plan-scale 0.02 --plan-corner=-1.5,0 --out walk.svg")]
 pub struct Arguments {
+    /// A folder of a recording; flags replace its files
+    #[arg(value_name = "FOLDER")]
+    folder: Option<PathBuf>,
     /// Positions, as solve writes them
-    #[arg(long, value_name = "FILE")]
-    positions: PathBuf,
-    /// Where the tag truly was: CSV with epoch,t_s,x_m,y_m,z_m
+    #[arg(long, value_name = "FILE", required_unless_present = "folder")]
+    positions: Option<PathBuf>,
+    /// Where the tags truly were: CSV with epoch,t_s,x_m,y_m and, with several tags, tag
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
     /// Added to the times of the truth, seconds
-    #[arg(
-        long,
-        value_name = "SECONDS",
-        default_value_t = 0.0,
-        allow_negative_numbers = true,
-        value_parser = finite,
-        requires = "truth"
-    )]
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite)]
     time_offset_s: f64,
     /// Surveyed anchors: CSV with anchor,x_m,y_m,z_m
     #[arg(long, value_name = "FILE")]
     anchors: Option<PathBuf>,
-    /// The picture, as .svg or .png
+    /// Beacons: CSV with beacon,x_m,y_m
     #[arg(long, value_name = "FILE")]
-    out: PathBuf,
+    beacons: Option<PathBuf>,
+    #[command(flatten)]
+    floor_plan: FloorPlanArgs,
+    /// The picture, as .svg or .png [default: picture.png in the folder]
+    #[arg(long, value_name = "FILE", required_unless_present = "folder")]
+    out: Option<PathBuf>,
 }
+
+/// The picture's name in a folder.
+const IN_FOLDER: &str = "picture.png";
 
 /// Runs `baliza plot`.
 ///
 /// # Errors
 /// A file is wrong, or the picture cannot be drawn or written.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let file = PictureFile::of("--out", &arguments.out)?;
-    let flat = |place: &Coordinates| [place.x_m, place.y_m];
-    let rows = positions::read(&arguments.positions)?;
-    let truths = arguments.truth.as_deref().map(|file| Truths::read(file, false)).transpose()?;
-    let place = |row: &PositionRow| {
-        let truth = truths.as_ref().map(|truths| truths.of(row.tag.as_deref())).transpose()?.flatten();
-        Ok(truth.and_then(|truth| truth.of_epoch(&row.epoch, row.t_s, arguments.time_offset_s)))
-    };
-    let places = rows.iter().map(place).collect::<Result<Vec<_>, UserError>>()?;
-    let anchors = match &arguments.anchors {
-        Some(file) => read_anchors(file)?,
-        None => Vec::new(),
-    };
-    let picture = Picture {
-        anchors: anchors.into_iter().map(|anchor| (anchor.name, flat(&anchor.place))).collect(),
-        beacons: Vec::new(),
-        walls_m: Vec::new(),
-        truth_m: truths.iter().flat_map(Truths::by_tag).map(|(_, truth)| truth.places().map(flat).collect()).collect(),
-        tracks: tracks(&rows, &places),
-    };
-    file.write_and_note(picture.to_svg()?)
+    let in_folder = || arguments.folder.as_ref().map(|folder| folder.join(IN_FOLDER));
+    let files = FolderFiles::open(arguments.folder.as_deref())?;
+    let out = arguments.out.clone().or_else(in_folder).unwrap_or_default();
+    let file = PictureFile::of("--out", &out)?;
+    file.write_and_note(arguments.picture(&files)?.to_svg()?)
 }
 
-/// The rows by method, in the order in which the methods first appear, with their true positions.
-fn tracks(rows: &[PositionRow], truth: &[Option<Coordinates>]) -> Vec<Track> {
-    let mut tracks: Vec<Track> = Vec::new();
-    for (row, truth) in rows.iter().zip(truth) {
-        let at = tracks.iter().position(|track| track.method == row.method).unwrap_or_else(|| {
-            tracks.push(Track { method: row.method.clone(), ..Track::default() });
-            tracks.len() - 1
+impl Arguments {
+    fn picture(&self, files: &FolderFiles) -> Result<Picture> {
+        let (rows, source) = self.rows(files)?;
+        let truth_file = files.find(&self.truth, "truth.csv");
+        let truths = truth_file.as_deref().map(|file| Truths::read(file, false)).transpose()?;
+        let anchors_file = files.find(&self.anchors, "anchors.csv");
+        let anchors = anchors_file.as_deref().map(read_anchors).transpose()?.unwrap_or_default();
+        let beacons_file = files.find(&self.beacons, "beacons.csv");
+        let beacons = beacons_file.as_deref().map(read_beacons).transpose()?.unwrap_or_default();
+        let floor_plan = self.floor_plan.read(files.find(&None, "walls.csv").as_deref())?;
+
+        let mut builder = PictureBuilder::new(Picture {
+            source,
+            anchors: anchors.into_iter().map(|anchor| (anchor.name, flat(&anchor.place))).collect(),
+            beacons: beacons.into_iter().map(|beacon| (beacon.name, beacon.position_m)).collect(),
+            walls_m: floor_plan.walls_m,
+            plan: floor_plan.plan,
+            errors: errors(&rows, truths.as_ref()),
+            ..Picture::default()
         });
-        let Some(place) = row.place else { continue };
-        tracks[at].dots.push(Dot { at_m: [place.x_m, place.y_m], sigma_m: row.sigma_m });
-        let error_m = row.error_m.or_else(|| Some(place.distance_m(truth.as_ref()?)));
-        tracks[at].errors_m.extend(error_m);
+        for (tag, truth) in truths.iter().flat_map(Truths::by_tag) {
+            truth.places().for_each(|place| builder.truth(tag.unwrap_or(""), flat(place), !truth.has_times()));
+        }
+        for row in &rows {
+            let truth = truths.as_ref().map(|truths| truths.of(row.tag.as_deref())).transpose()?.flatten();
+            let truth = truth.and_then(|truth| truth.of_epoch(&row.epoch, row.t_s, self.time_offset_s));
+            let dot = row.place.map(|place| Dot {
+                at_m: flat(&place),
+                truth_m: truth.as_ref().map(flat),
+                covariance_m2: row.covariance_m2(),
+            });
+            let error_m = row.place.and_then(|place| row.error_m.or_else(|| Some(place.distance_m(truth.as_ref()?))));
+            builder.position(&row.method, row.tag.as_deref().unwrap_or(""), dot, error_m);
+            row.t_s.into_iter().for_each(|t_s| builder.time(t_s));
+        }
+        Ok(builder.finish())
     }
-    tracks
+
+    /// The positions, and where they come from: without a file of them, the track of the folder's recording.
+    fn rows(&self, files: &FolderFiles) -> Result<(Vec<PositionRow>, String)> {
+        if let Some(file) = files.find(&self.positions, "positions.csv") {
+            return Ok((positions::read(&file)?, file.display().to_string()));
+        }
+        let (settings, anchors) = (files.settings(), files.file(&self.anchors, "anchors.csv")?);
+        let (measured, rows) = if settings.mode.as_deref() == Some("differences") {
+            let file = files.file(&None, "differences.csv")?;
+            (file.display().to_string(), track(&settings, &anchors, Source::Differences(&file))?)
+        } else {
+            let file = files.file(&None, "ranges.csv")?;
+            (file.display().to_string(), track(&settings, &anchors, Source::Ranges(&file))?)
+        };
+        Ok((rows, format!("track of {measured}")))
+    }
+}
+
+/// The space of the errors: without truth that of the positions, as far as it is known.
+fn errors(rows: &[PositionRow], truths: Option<&Truths>) -> Errors {
+    // A height that was given has no deviation, where the other coordinates have one.
+    let was_given = |row: &PositionRow| row.sigma_m.is_some() && row.sigma_z_m.unwrap_or(0.0) == 0.0;
+    let has_height = |row: &PositionRow| row.place.is_some_and(|place| place.z_m.is_some());
+    let heights = rows.iter().any(|row| has_height(row) && !was_given(row));
+    let mut of_truth = truths.into_iter().flat_map(Truths::by_tag).flat_map(|(_, truth)| truth.places());
+    match truths {
+        None if heights => Errors::Unknown,
+        Some(_) | None => Errors::between(heights, of_truth.any(|place| place.z_m.is_some())),
+    }
+}
+
+/// The track of each tag of a recording, in the space that its settings say.
+fn track(settings: &RecordingSettings, anchors: &Path, measured: Source) -> Result<Vec<PositionRow>> {
+    let space = match settings.dims {
+        Some(2) => Space::Plane(settings.height_m.map_or(Height::Unknown, Height::Fixed)),
+        Some(_) | None => Space::Full(None),
+    };
+    let anchor_heights = space != Space::Plane(Height::Unknown);
+    let files = Files { anchors, measured, truth: None, anchor_heights, truth_heights: false };
+    let recordings = Recording::read(&files)?;
+    let setup = Setup { space, area_m: None };
+    let progress = Progress::new(recordings.iter().map(|recording| recording.epochs.len()).sum());
+    let mut rows = Vec::new();
+    for recording in &recordings {
+        let solved = super::track::track(recording, setup, Weighting::Weigh, None, &progress);
+        rows.extend(recording.epochs.iter().zip(solved).map(|(epoch, solved)| {
+            let position = solved.outcome.ok();
+            PositionRow {
+                epoch: epoch.name.clone(),
+                tag: recording.tag.clone(),
+                method: "track".to_owned(),
+                t_s: epoch.t_s,
+                place: position.map(|position| position.place),
+                sigma_m: position.map(|position| flat(&position.sigma)),
+                sigma_z_m: position.and_then(|position| position.sigma.z_m),
+                cov_xy_m2: position.map(|position| position.covariance_xy),
+                error_m: None,
+            }
+        }));
+    }
+    Ok(rows)
 }

@@ -4,15 +4,15 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::ValueEnum;
-use host_tools::files::beacons::{Wall, read_walls};
 use host_tools::files::folder::RecordingSettings;
 use host_tools::files::{Joined, round_s, rounds};
 use host_tools::locate::residuals::{Reference, residuals};
 use host_tools::locate::time_offset::{Clocks, REACH_S, clocks};
 use host_tools::{Files, Half, Height, Recording, Setup, Solved, Source, Space, Truth, Truths, UserError};
 
+use super::floor_plan::{FloorPlan, FloorPlanArgs};
 use super::folder::FolderFiles;
-use super::report::{Output, OutputArgs, Report, TagReport, flat};
+use super::report::{Output, OutputArgs, Report, Site, TagReport, flat};
 use super::residuals::table;
 
 /// The arguments of a command that computes positions from a recording.
@@ -66,6 +66,8 @@ pub struct RecordingArgs {
     /// Where the tag can be at all, metres; the iterated methods stay inside
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
     area: Option<CornersM>,
+    #[command(flatten)]
+    floor_plan: FloorPlanArgs,
     #[command(flatten)]
     output: OutputArgs,
 }
@@ -219,7 +221,9 @@ impl RecordingArgs {
         })?;
         let heights = setup.space == Space::Plane(Height::FromTruth);
         let truths = sources.truth.as_deref().map(|file| Truths::read(file, heights)).transpose()?;
-        let walls = sources.walls.as_deref().map(read_walls).transpose()?.unwrap_or_default();
+        let floor_plan = self.floor_plan.read(sources.walls.as_deref())?;
+        let (Measurements::Ranges(file) | Measurements::Differences(file)) = &sources.measured;
+        let source = file.display().to_string();
         let mut notes = Vec::new();
         let mut tags = Vec::new();
         for recording in recordings {
@@ -236,7 +240,17 @@ impl RecordingArgs {
             return Err(UserError::flag("--residuals", "only for ranges"));
         }
         let with_errors = truths.is_some();
-        Ok(Input { tags, differences, setup, walls, with_errors, residuals: self.residuals, notes, output })
+        Ok(Input {
+            tags,
+            differences,
+            setup,
+            source,
+            floor_plan,
+            with_errors,
+            residuals: self.residuals,
+            notes,
+            output,
+        })
     }
 
     /// A tag's recording in rounds, with its true positions. Lines for the user go to `notes`.
@@ -322,7 +336,9 @@ pub struct Input<'a> {
     /// Whether differences of arrivals were measured, and no ranges.
     pub differences: bool,
     pub setup: Setup,
-    walls: Vec<Wall>,
+    /// The file of what was measured.
+    source: String,
+    floor_plan: FloorPlan,
     with_errors: bool,
     residuals: bool,
     /// Lines for the user.
@@ -354,8 +370,12 @@ impl Input<'_> {
         let anchors = self.tags.first().map_or(&[][..], |of| &of.recording.anchors);
         let report = Report {
             methods,
-            anchors: anchors.iter().map(|anchor| (anchor.name.clone(), flat(&anchor.place))).collect(),
-            walls_m: self.walls.iter().map(|wall| wall.ends_m).collect(),
+            site: Site {
+                source: self.source.clone(),
+                anchors: anchors.iter().map(|anchor| (anchor.name.clone(), flat(&anchor.place))).collect(),
+                floor_plan: self.floor_plan.clone(),
+                ..Site::default()
+            },
             with_errors: self.with_errors,
             neighbours: None,
             tags,

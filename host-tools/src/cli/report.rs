@@ -9,10 +9,11 @@ use baliza_report::MarkdownTable;
 use host_tools::files::output;
 use host_tools::files::positions::{self, Rows};
 use host_tools::locate::residuals::AnchorResiduals;
-use host_tools::plot::{Dot, Picture, Track};
+use host_tools::plot::{Dot, Errors, Picture, PictureBuilder};
 use host_tools::{Coordinates, Epoch, Position, Solved, UserError};
 
 use super::PictureFile;
+use super::floor_plan::FloorPlan;
 use super::residuals::Row;
 use super::summary::{Of, Summary, table};
 
@@ -61,14 +62,27 @@ impl Output<'_> {
     }
 }
 
+/// What a picture shows beside the positions.
+#[derive(Clone, Debug, Default)]
+pub struct Site {
+    /// The file that the positions come from.
+    pub source: String,
+    /// Names and positions of the anchors, metres.
+    pub anchors: Vec<(String, [f64; 2])>,
+    /// Names and positions of the beacons, metres.
+    pub beacons: Vec<(String, [f64; 2])>,
+    /// Walls, and the image of the plan.
+    pub floor_plan: FloorPlan,
+    /// Whether the epochs are dwells at separate points.
+    pub are_dwells: bool,
+}
+
 /// The content of a report.
 pub struct Report<'a> {
     /// The names of the methods.
     pub methods: Vec<String>,
-    /// Names and positions of the anchors or beacons on the map.
-    pub anchors: Vec<(String, [f64; 2])>,
-    /// Both ends of every wall, metres.
-    pub walls_m: Vec<[[f64; 2]; 2]>,
+    /// What the picture shows beside the positions.
+    pub site: Site,
     /// Whether the true positions are known.
     pub with_errors: bool,
     /// For positions by beacons: the number of neighbours of each method, where the method has neighbours.
@@ -191,24 +205,32 @@ impl Report<'_> {
     }
 
     fn picture(&self) -> Picture {
-        let tracks = self.rows().map(|Rows { method, solved, .. }| Track {
-            method: method.to_owned(),
-            dots: solved
-                .iter()
-                .filter_map(|solved| solved.outcome.as_ref().ok())
-                .map(|position| Dot { at_m: flat(&position.place), sigma_m: Some(flat(&position.sigma)) })
-                .collect(),
-            errors_m: solved.iter().filter_map(|solved| solved.error_m).collect(),
-        });
-        let truths =
-            self.tags.iter().map(|of| of.epochs.iter().filter_map(|epoch| epoch.truth.as_ref().map(flat)).collect());
-        Picture {
-            anchors: self.anchors.clone(),
-            beacons: Vec::new(),
-            walls_m: self.walls_m.clone(),
-            truth_m: truths.collect(),
-            tracks: tracks.collect(),
+        let Site { source, anchors, beacons, floor_plan, are_dwells } = self.site.clone();
+        let has_height = |place: &Coordinates| place.z_m.is_some();
+        let mut found = self.rows().flat_map(|rows| rows.solved).filter_map(|solved| solved.outcome.as_ref().ok());
+        let mut truths = self.tags.iter().flat_map(|of| of.epochs).filter_map(|epoch| epoch.truth.as_ref());
+        let errors = Errors::between(found.any(|position| has_height(&position.place)), truths.any(has_height));
+        let FloorPlan { walls_m, plan } = floor_plan;
+        let picture = Picture { source, anchors, beacons, walls_m, plan, errors, ..Picture::default() };
+        let mut builder = PictureBuilder::new(picture);
+        for TagReport { tag, epochs, .. } in &self.tags {
+            for epoch in *epochs {
+                epoch.truth.iter().for_each(|truth| builder.truth(tag.unwrap_or(""), flat(truth), are_dwells));
+                // Each dwell may have a clock of its own.
+                epoch.t_s.filter(|_| !are_dwells).into_iter().for_each(|t_s| builder.time(t_s));
+            }
         }
+        for Rows { tag, method, epochs, solved } in self.rows() {
+            for (epoch, solved) in epochs.iter().zip(solved) {
+                let dot = solved.outcome.as_ref().ok().map(|position| Dot {
+                    at_m: flat(&position.place),
+                    truth_m: epoch.truth.as_ref().map(flat),
+                    covariance_m2: Some(position.covariance_m2()),
+                });
+                builder.position(method, tag.unwrap_or(""), dot, solved.error_m);
+            }
+        }
+        builder.finish()
     }
 }
 

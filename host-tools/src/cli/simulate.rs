@@ -365,7 +365,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         super::write(file, &capture.to_pcap()?)?;
     }
     if let Some(drawing) = drawing {
-        drawing.write(picture(simulation.scenario(), &drawn).to_svg()?)?;
+        let source = arguments.scenario.as_ref().map_or("simulation".into(), |file| file.display().to_string());
+        drawing.write(picture(source, simulation.scenario(), &drawn).to_svg()?)?;
     }
     let summary = simulation.summary();
     if arguments.json {

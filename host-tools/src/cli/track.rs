@@ -96,7 +96,7 @@ fn tells(recording: &Recording, model: &Model<'_>) -> bool {
 }
 
 /// Positions of the epochs, in the order of the file. The tracker processes them in the order of time.
-fn track(
+pub fn track(
     recording: &Recording,
     setup: Setup,
     weighting: Weighting,

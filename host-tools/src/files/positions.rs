@@ -23,7 +23,7 @@ pub struct Rows<'a> {
     pub solved: &'a [Solved],
 }
 
-/// The columns of a file, beside [`COLUMNS`].
+/// The columns of a file, beside those that every file has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct More {
     /// `error_m`.
@@ -153,7 +153,7 @@ fn metres(value: Option<f64>) -> String {
 }
 
 /// One row of the file.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PositionRow {
     /// The epoch's name.
     pub epoch: String,
@@ -167,8 +167,20 @@ pub struct PositionRow {
     pub place: Option<Coordinates>,
     /// Standard deviation of x and y, metres.
     pub sigma_m: Option<[f64; 2]>,
+    /// Standard deviation of z, metres; none where the height was given.
+    pub sigma_z_m: Option<f64>,
+    /// Covariance of x and y, m².
+    pub cov_xy_m2: Option<f64>,
     /// Distance from the truth, metres.
     pub error_m: Option<f64>,
+}
+
+impl PositionRow {
+    /// The variance of x, the covariance of x and y (0 where it is not known), and the variance of y, m².
+    pub fn covariance_m2(&self) -> Option<[f64; 3]> {
+        let [x, y] = self.sigma_m?;
+        Some([x * x, self.cov_xy_m2.unwrap_or(0.0), y * y])
+    }
 }
 
 /// Reads a file of positions.
@@ -180,6 +192,7 @@ pub fn read(file: &Path) -> Result<Vec<PositionRow>, UserError> {
     let (epoch, x, y) = (table.column("epoch")?, table.column("x_m")?, table.column("y_m")?);
     let [method, time, z, sigma_x, sigma_y, error, tag] =
         ["method", "t_s", "z_m", "sigma_x_m", "sigma_y_m", "error_m", "tag"].map(|name| table.optional(name));
+    let (sigma_z, cov_xy) = (table.optional("sigma_z_m"), table.optional("cov_xy_m2"));
     let mut rows = Vec::new();
     while let Some(row) = table.next_row()? {
         let z_m = row.number(z)?;
@@ -190,6 +203,8 @@ pub fn read(file: &Path) -> Result<Vec<PositionRow>, UserError> {
             t_s: row.number(time)?,
             place: row.number(x)?.zip(row.number(y)?).map(|(x_m, y_m)| Coordinates { x_m, y_m, z_m }),
             sigma_m: row.number(sigma_x)?.zip(row.number(sigma_y)?).map(|(x, y)| [x, y]),
+            sigma_z_m: row.number(sigma_z)?,
+            cov_xy_m2: row.number(cov_xy)?,
             error_m: row.number(error)?,
         });
     }

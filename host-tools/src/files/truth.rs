@@ -67,15 +67,18 @@ impl Truths {
         let z = if heights { table.column("z_m")? } else { table.optional("z_m") };
         let (time, tag) = (table.optional("t_s"), table.optional("tag"));
         let mut by_tag: ByTag<(Option<String>, Truth)> = ByTag::default();
-        let mut lines: HashMap<(usize, String), u64> = HashMap::new();
+        // By tag and row: the line.
+        let mut lines: Vec<Vec<u64>> = Vec::new();
         while let Some(row) = table.next_row()? {
             let name = row.some_text(epoch)?;
             let (of, (_, truth)) = by_tag.of(tag_of(&row, tag), |tag| (tag, Truth::default()));
-            if let Some(line) = lines.insert((of, name.to_owned()), row.line()) {
+            lines.resize_with(lines.len().max(of + 1), Vec::new);
+            lines[of].push(row.line());
+            if let Some(before) = truth.by_name.insert(name.to_owned(), truth.rows.len()) {
+                let line = lines[of][before];
                 return Err(row.wrong(epoch, &format!("{} stands in line {line} already", quoted(name))));
             }
             let place = Coordinates { x_m: row.some_number(x)?, y_m: row.some_number(y)?, z_m: row.number(z)? };
-            truth.by_name.insert(name.to_owned(), truth.rows.len());
             truth.rows.push(Row { epoch: name.to_owned(), t_s: row.number(time)?, place });
         }
         let mut by_tag = by_tag.in_order();
@@ -113,6 +116,11 @@ impl Truth {
     fn sort(&mut self) {
         self.by_time = self.rows.iter().filter_map(|row| Some((row.t_s?, row.place))).collect();
         self.by_time.sort_by(|(one, _), (other, _)| one.total_cmp(other));
+    }
+
+    /// Whether any position has a time.
+    pub fn has_times(&self) -> bool {
+        !self.by_time.is_empty()
     }
 
     /// All positions, in the order of the file.

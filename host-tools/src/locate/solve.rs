@@ -236,11 +236,16 @@ fn solve<const D: usize>(
 }
 
 impl Position {
+    /// The variance of x, the covariance of x and y, and the variance of y, m².
+    pub fn covariance_m2(&self) -> [f64; 3] {
+        [self.sigma.x_m.powi(2), self.covariance_xy, self.sigma.y_m.powi(2)]
+    }
+
     /// The squared horizontal error in units of its covariance. Its mean is 2 where the covariance is right. It is 1 on
     /// the 1σ ellipse. It is not finite without a covariance.
     pub fn normalised_square(&self, truth: &Coordinates) -> f64 {
         let (x, y) = (self.place.x_m - truth.x_m, self.place.y_m - truth.y_m);
-        let (xx, yy, xy) = (self.sigma.x_m.powi(2), self.sigma.y_m.powi(2), self.covariance_xy);
+        let [xx, xy, yy] = self.covariance_m2();
         (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
     }
 }

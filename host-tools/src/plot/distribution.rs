@@ -2,18 +2,19 @@
 
 use anyhow::Result;
 
-use super::style::pixels;
-use super::{Track, cdf, drawing, legend};
+use super::style::{pen, pixels};
+use super::{Series, cdf, drawing, legend};
 
-/// Draws the errors of the tracks; their positions are not shown.
+/// Draws the errors of the series; their positions are not shown.
 ///
 /// # Errors
 /// The drawing library fails.
-pub fn distribution(tracks: &[Track]) -> Result<String> {
+pub fn distribution(series: &[Series]) -> Result<String> {
     drawing((920, 460), |area| {
         let (left, right) = area.split_horizontally(pixels(640));
-        cdf::draw(&left, tracks)?;
-        legend::methods(&right, tracks.iter().map(|track| track.method.as_str()))?;
+        let curves: Vec<_> = series.iter().map(|series| (pen(&series.method), series.errors_m.as_slice())).collect();
+        cdf::draw(&left, &curves, "error")?;
+        legend::methods_beside(&right, series.iter().map(|series| series.method.as_str()))?;
         Ok(())
     })
 }

@@ -4,9 +4,11 @@ use anyhow::Result;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::axes::{Axes, BOTTOM, LEFT, RIGHT, TOP};
-use super::style::{AXIS, INK, number, pixels, printable, stroke, text};
-use super::{Area, drawing};
+use super::axes::{Axes, BOTTOM, LEFT, RIGHT, Scale, TOP};
+use super::labels::Labels;
+use super::style::{AXIS, FINE, INK, pixels, printable, stroke, text};
+use super::view::View;
+use super::{Area, drawing, ticks};
 
 /// Room for the scale, pixels.
 const SCALE: u32 = 110;
@@ -46,6 +48,8 @@ pub fn heat(maps: &[Heat]) -> Result<String> {
     let values = || maps.iter().flat_map(|map| map.values.iter().flatten().copied()).filter(|value| value.is_finite());
     let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
     let scale = if low <= high { (low, high.max(low + 1e-9)) } else { (0.0, 1.0) };
+    let mut corners = maps.iter().flat_map(|map| map.least_m.into_iter().chain(map.sides_m()));
+    anyhow::ensure!(corners.all(|c| c.abs() < 1e15), "the area is too large for a picture");
     let sizes: Vec<[u32; 2]> = maps.iter().map(Heat::size).collect();
     let width: u32 = sizes.iter().map(|[width, _]| width + LEFT + RIGHT).sum();
     let height = sizes.iter().map(|[_, height]| height + TOP + BOTTOM).max().unwrap_or(200);
@@ -78,14 +82,17 @@ impl Heat {
     }
 
     fn draw(&self, area: &Area, scale: (f64, f64)) -> Result<()> {
+        let unknown = if self.values.iter().any(Option::is_none) { "; white: not known" } else { "" };
         let ([x, y], [wide, high]) = (self.least_m, self.sides_m());
         let axes = Axes {
-            title: &printable(&self.title),
+            title: &printable(&format!("{}{unknown}", self.title)),
             names: ["x, metres", "y, metres"],
             left: LEFT,
             ticks: [8, 8],
+            x_scale: Scale::Linear,
             unit: "",
         };
+        let view = View { least: [x, y], greatest: [x + wide, y + high] };
         let mut chart = axes.draw(area, x..x + wide, y..y + high)?;
         let cells = self.values.iter().enumerate().filter_map(|(index, value)| {
             let (column, row) = (index % self.columns.max(1), index / self.columns.max(1));
@@ -97,16 +104,25 @@ impl Heat {
             Some(Rectangle::new([corner, end], shade(share(value, scale), self.low_is_good).filled()))
         });
         chart.draw_series(cells)?;
-        let walls = self.walls_m.iter().map(|ends| ends.map(|at| (at[0], at[1])).to_vec());
+        let walls = self.walls_m.iter().filter_map(|ends| view.cut(*ends));
+        let walls = walls.map(|ends| ends.map(|at| (at[0], at[1])).to_vec());
         chart.draw_series(walls.map(|wall| PathElement::new(wall, AXIS.stroke_width(stroke(3.0)))))?;
-        let points = self.points_m.iter().map(|at| Circle::new((at[0], at[1]), pixels(2), INK.filled()));
+        let points = self
+            .points_m
+            .iter()
+            .filter(|at| view.has(**at))
+            .map(|at| Circle::new((at[0], at[1]), pixels(2), INK.filled()));
         chart.draw_series(points)?;
-        for (name, at) in &self.stations {
-            let style = text(Pos::new(HPos::Center, VPos::Bottom));
+        let metres_a_pixel = wide / f64::from(self.size()[0]);
+        let mut labels = Labels::new(&view, metres_a_pixel, &self.walls_m);
+        self.stations.iter().for_each(|(_, at)| labels.avoid(*at));
+        for (_, at) in self.stations.iter().filter(|(_, at)| view.has(*at)) {
             chart.draw_series([EmptyElement::at((at[0], at[1]))
                 + TriangleMarker::new((0, 0), pixels(7), WHITE.filled())
-                + TriangleMarker::new((0, 0), pixels(5), INK.filled())
-                + Text::new(printable(name), (0, -(pixels(8) as i32)), style)])?;
+                + TriangleMarker::new((0, 0), pixels(5), INK.filled())])?;
+        }
+        for (name, at) in &self.stations {
+            labels.draw(&mut chart, *at, name, INK, true)?;
         }
         Ok(())
     }
@@ -119,12 +135,15 @@ fn draw_scale(area: &Area, unit: &str, low_is_good: bool, scale: (f64, f64), hei
     let (left, right) = (pixels(6) as i32, pixels(24) as i32);
     for step in 0..STEPS {
         let colour = shade((f64::from(step) + 0.5) / f64::from(STEPS), low_is_good);
-        area.draw(&Rectangle::new([(left, at(step + 1)), (right, at(step))], colour.filled()))?;
+        // Steps overlap a little, as cells do.
+        let top = (at(step + 1) - FINE as i32).max(top);
+        area.draw(&Rectangle::new([(left, top), (right, at(step))], colour.filled()))?;
     }
     let style = text(Pos::new(HPos::Left, VPos::Center));
-    for step in [0, STEPS / 2, STEPS] {
-        let value = scale.0 + (scale.1 - scale.0) * f64::from(step) / f64::from(STEPS);
-        area.draw_text(&number((100.0 * value).round() / 100.0), &style, (right + left, at(step)))?;
+    for (value, number) in ticks::linear(&(scale.0..scale.1), 8) {
+        let y = bottom - (f64::from(bottom - top) * share(value, scale)).round() as i32;
+        area.draw(&PathElement::new(vec![(right - left, y), (right, y)], INK.stroke_width(stroke(1.0))))?;
+        area.draw_text(&number, &style, (right + left, y))?;
     }
     area.draw_text(unit, &style, (left, pixels(TOP / 2) as i32))?;
     Ok(())

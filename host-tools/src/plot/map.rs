@@ -1,217 +1,317 @@
-//! The map: anchors, beacons, true positions, estimated positions and ellipses. One metre has the same length in x
-//! and y.
-
-use std::f64::consts::TAU;
+//! The map: walls, anchors, beacons, true positions, estimated positions and ellipses. One metre has the same length in
+//! x and y.
 
 use anyhow::Result;
 use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::axes::{Axes, BOTTOM, Chart, RIGHT, TOP};
-use super::style::{AXIS, INK, pen, pixels, printable, stroke, text};
-use super::{Area, Picture, Track};
+use super::axes::{Axes, BOTTOM, Chart, RIGHT, Scale, TOP};
+use super::labels::Labels;
+use super::pens::tags;
+use super::plan::Beneath;
+use super::style::{AXIS, INK, Pen, darker, pixels, stroke};
+use super::view::View;
+use super::{Area, Picture, Series, Way, ellipses, thin};
 
-/// The least and the greatest height of a map, pixels.
-const HEIGHTS: (u32, u32) = (260, 760);
-/// Greatest number of ellipses: more would cover each other.
-const ELLIPSES: usize = 48;
-/// Radius of an ellipse in standard deviations.
-pub const SIGMAS: f64 = 2.0;
 /// A true position that stays within a box of this size is drawn as a point and not as a path, metres.
 const STILL_M: f64 = 0.02;
+/// Greatest number of marks, of points of lines, and of walls in a picture.
+pub const MOST_MARKS: usize = 9000;
+const MOST_POINTS: usize = 40_000;
+const MOST_ANCHORS: usize = 1000;
+/// The side of a cell in which one mark is drawn, and one point of a line, pixels.
+const MARK_CELL: f64 = 1.0;
+const LINE_CELL: f64 = 0.7;
+/// The distance between two arrows on a path, pixels, and their greatest number.
+const ARROWS_APART: f64 = 130.0;
+const MOST_ARROWS: usize = 10;
+/// Positions without truth are joined by a line where they are at least so many, and the line through every eighth one
+/// has at least this share of its length: else it would show more of the noise than of the way.
+const LEAST_PATH: usize = 24;
+const SMOOTH: f64 = 0.5;
 
-/// A box in metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct View {
-    least: [f64; 2],
-    greatest: [f64; 2],
-}
-
-impl View {
-    /// The area of the map: all anchors and true positions, and the positions within a margin of half that size.
-    /// Farther outliers are left out, because they would shrink the rest to a dot.
-    pub fn of(picture: &Picture) -> Self {
-        let dots = || picture.tracks.iter().flat_map(|track| &track.dots).map(|dot| dot.at_m);
-        let known = Self::around(
-            picture
-                .anchors
-                .iter()
-                .chain(&picture.beacons)
-                .map(|(_, at)| *at)
-                .chain(picture.truth_m.iter().flatten().copied())
-                .chain(picture.walls_m.iter().flatten().copied()),
-        );
-        let view = match known {
-            Some(known) => {
-                let reach = known.grown(0.5, 1.0);
-                Self::around([known.least, known.greatest].into_iter().chain(dots().filter(|at| reach.has(*at))))
-            }
-            None => Self::around(middle(dots())),
-        };
-        view.unwrap_or(Self { least: [0.0; 2], greatest: [1.0; 2] }).grown(0.05, 0.5)
-    }
-
-    fn around(points: impl Iterator<Item = [f64; 2]>) -> Option<Self> {
-        points.map(|at| Self { least: at, greatest: at }).reduce(|a, b| Self {
-            least: std::array::from_fn(|axis| a.least[axis].min(b.least[axis])),
-            greatest: std::array::from_fn(|axis| a.greatest[axis].max(b.greatest[axis])),
-        })
-    }
-
-    /// Enlarged on every side by a share of its longer side, and by at least `least_m`.
-    fn grown(self, share: f64, least_m: f64) -> Self {
-        let [width, height] = self.sides();
-        let more = (share * width.max(height)).max(least_m);
-        Self { least: self.least.map(|c| c - more), greatest: self.greatest.map(|c| c + more) }
-    }
-
-    fn sides(&self) -> [f64; 2] {
-        std::array::from_fn(|axis| self.greatest[axis] - self.least[axis])
-    }
-
-    /// Whether a point is inside.
-    pub fn has(&self, at: [f64; 2]) -> bool {
-        (0..2).all(|axis| (self.least[axis]..=self.greatest[axis]).contains(&at[axis]))
-    }
-
-    /// Whether the map should have the whole width of a picture.
-    pub fn is_wide(&self) -> bool {
-        let [width, height] = self.sides();
-        width > 1.7 * height
-    }
-
-    /// Width of the numbers along an axis, pixels.
-    fn numbers_width(&self, axis: usize) -> u32 {
-        let longest = [self.least[axis], self.greatest[axis]].map(|c| format!("{c:.0}").len()).into_iter().max();
-        8 * (longest.unwrap_or(0) as u32).clamp(3, 16)
-    }
-
-    /// Room for the vertical axis, pixels: it grows with the numbers.
-    fn left(&self) -> u32 {
-        38 + self.numbers_width(1)
-    }
-
-    /// Height of a map of that width, pixels.
-    pub fn height_for(&self, width: u32) -> u32 {
-        let [metres_wide, metres_high] = self.sides();
-        let plot = f64::from(width - self.left() - RIGHT) * metres_high / metres_wide;
-        (plot as u32 + TOP + BOTTOM).clamp(HEIGHTS.0, HEIGHTS.1)
-    }
-
-    /// Enlarged on two sides to the shape of the paper.
-    fn shaped(self, paper: [f64; 2]) -> Self {
-        let sides = self.sides();
-        let metres_a_pixel = (sides[0] / paper[0]).max(sides[1] / paper[1]);
-        let more: [f64; 2] = std::array::from_fn(|axis| 0.5 * (metres_a_pixel * paper[axis] - sides[axis]));
-        Self {
-            least: std::array::from_fn(|axis| self.least[axis] - more[axis]),
-            greatest: std::array::from_fn(|axis| self.greatest[axis] + more[axis]),
-        }
-    }
-}
-
-/// The points whose coordinates are both among the middle 98 %.
-fn middle(points: impl Iterator<Item = [f64; 2]>) -> impl Iterator<Item = [f64; 2]> {
-    let points: Vec<_> = points.collect();
-    let bounds: [(f64, f64); 2] = std::array::from_fn(|axis| {
-        let mut sorted: Vec<f64> = points.iter().map(|at| at[axis]).collect();
-        sorted.sort_by(f64::total_cmp);
-        let cut = sorted.len() / 100;
-        let kept = sorted.get(cut..sorted.len() - cut).unwrap_or(&[]);
-        (kept.first().copied().unwrap_or(0.0), kept.last().copied().unwrap_or(0.0))
-    });
-    points.into_iter().filter(move |at| (0..2).all(|axis| (bounds[axis].0..=bounds[axis].1).contains(&at[axis])))
-}
-
-/// An ellipse is drawn for every n-th position of a picture: n.
-pub fn ellipse_step(picture: &Picture) -> usize {
-    let ellipses = picture.tracks.iter().flat_map(|track| &track.dots).filter(|dot| dot.sigma_m.is_some()).count();
-    ellipses.div_ceil(ELLIPSES).max(1)
+/// The map of a picture.
+pub struct Map<'a> {
+    /// The picture.
+    pub picture: &'a Picture,
+    /// The pen of each series.
+    pub pens: &'a [Pen],
+    /// The parts that are shown enlarged, with their tags.
+    pub zooms: &'a [(String, View)],
 }
 
 /// Whether the true position is one point.
-pub fn is_still(truth_m: &[[f64; 2]]) -> bool {
-    View::around(truth_m.iter().copied()).is_some_and(|view| view.sides().iter().all(|side| *side < STILL_M))
+pub fn is_still(way: &Way) -> bool {
+    View::around(way.points_m.iter().copied()).is_some_and(|view| view.longer_side() < STILL_M)
 }
 
-/// Draws the map over the whole area.
-///
-/// # Errors
-/// The drawing library fails.
-pub fn draw(area: &Area, picture: &Picture, view: &View) -> Result<()> {
-    let (width, height) = area.dim_in_pixel();
-    let left = view.left();
-    let paper = [width - pixels(left + RIGHT), height - pixels(TOP + BOTTOM)].map(f64::from);
-    let view = view.shaped(paper);
-    let ticks = |axis: usize, spacing: u32| (paper[axis] / f64::from(pixels(spacing))).ceil() as usize;
-    let axes = Axes {
-        title: "Positions",
-        names: ["x, metres", "y, metres"],
-        left,
-        ticks: [ticks(0, 46 + view.numbers_width(0)), ticks(1, 70)],
-        unit: "",
-    };
-    let mut chart = axes.draw(area, view.least[0]..view.greatest[0], view.least[1]..view.greatest[1])?;
+impl Map<'_> {
+    /// Draws the map over the whole area.
+    ///
+    /// # Errors
+    /// The drawing library fails.
+    pub fn draw(&self, area: &Area, view: &View, beneath: &mut Beneath) -> Result<()> {
+        self.panel(area, view, "Positions", self.zooms, beneath)
+    }
 
-    let walls = picture.walls_m.iter().map(|ends| ends.map(|at| (at[0], at[1])).to_vec());
-    chart.draw_series(walls.map(|wall| PathElement::new(wall, AXIS.stroke_width(stroke(3.0)))))?;
-    let step = ellipse_step(picture);
-    for track in &picture.tracks {
-        ellipses(&mut chart, track, &view, step)?;
+    /// Draws the enlarged parts side by side.
+    ///
+    /// # Errors
+    /// The drawing library fails.
+    pub fn draw_zooms(&self, area: &Area, beneath: &mut Beneath) -> Result<()> {
+        if self.zooms.is_empty() {
+            return Ok(());
+        }
+        for (panel, (tag, view)) in area.split_evenly((1, self.zooms.len())).iter().zip(self.zooms) {
+            let title = if tag.is_empty() { "Enlarged".to_owned() } else { format!("Enlarged: {tag}") };
+            self.panel(panel, view, &title, &[], beneath)?;
+        }
+        Ok(())
     }
-    for track in &picture.tracks {
-        let color = pen(&track.method).color.mix(0.6).filled();
-        let dots = track.dots.iter().filter(|dot| view.has(dot.at_m));
-        chart.draw_series(dots.map(|dot| Circle::new((dot.at_m[0], dot.at_m[1]), stroke(2.0), color)))?;
-    }
-    for way in &picture.truth_m {
-        truth(&mut chart, way)?;
-    }
-    anchors(&mut chart, picture, &view)
-}
 
-fn ellipses(chart: &mut Chart, track: &Track, view: &View, step: usize) -> Result<()> {
-    let color = pen(&track.method).color;
-    for dot in track.dots.iter().step_by(step) {
-        let Some(sigma_m) = dot.sigma_m else { continue };
-        let outline: Vec<(f64, f64)> = (0..48)
-            .map(|i| (TAU * f64::from(i) / 48.0).sin_cos())
-            .map(|(sin, cos)| (dot.at_m[0] + SIGMAS * sigma_m[0] * cos, dot.at_m[1] + SIGMAS * sigma_m[1] * sin))
-            .collect();
-        if outline.iter().all(|(x, y)| view.has([*x, *y])) {
-            chart.draw_series([Polygon::new(outline.clone(), color.mix(0.08))])?;
-            let closed = outline.iter().chain(outline.first()).copied().collect::<Vec<_>>();
-            chart.draw_series([PathElement::new(closed, color.mix(0.45).stroke_width(stroke(0.7)))])?;
+    /// A map with frames around parts of it.
+    fn panel(
+        &self,
+        area: &Area,
+        view: &View,
+        title: &str,
+        framed: &[(String, View)],
+        beneath: &mut Beneath,
+    ) -> Result<()> {
+        let (width, height) = area.dim_in_pixel();
+        // Numbers with decimals are wider.
+        let left = view.left().max(if view.longer_side() < 5.0 { 76 } else { 0 });
+        let paper = [(width, left + RIGHT), (height, TOP + BOTTOM)];
+        let paper = paper.map(|(whole, margin)| f64::from(whole.saturating_sub(pixels(margin)).max(pixels(1))));
+        let view = view.shaped(paper);
+        let ticks = |axis: usize, spacing: u32| (paper[axis] / f64::from(pixels(spacing))).ceil() as usize;
+        let axes = Axes {
+            title,
+            names: ["x, metres", "y, metres"],
+            left,
+            ticks: [ticks(0, 50 + view.numbers_width(0)), ticks(1, 70)],
+            x_scale: Scale::Linear,
+            unit: "",
+        };
+        let mut chart = axes.draw(area, view.least[0]..view.greatest[0], view.least[1]..view.greatest[1])?;
+        let metres_a_pixel = view.sides()[0] / paper[0] * f64::from(pixels(1));
+        if let Some(plan) = &self.picture.plan {
+            beneath.put(plan, &view, chart.plotting_area().get_pixel_range());
+        }
+        self.contents(&mut chart, &view, metres_a_pixel)?;
+        self.names(&mut chart, &view, metres_a_pixel, !framed.is_empty() || self.zooms.is_empty())?;
+        frames(&mut chart, &view, metres_a_pixel, framed)
+    }
+
+    fn contents(&self, chart: &mut Chart, view: &View, metres_a_pixel: f64) -> Result<()> {
+        let Picture { series, truth, walls_m, .. } = self.picture;
+        for (series, pen) in series.iter().zip(self.pens) {
+            ellipses::draw(chart, view, self.picture, series, pen)?;
+        }
+        let walls = walls_m.iter().filter_map(|wall| view.cut(*wall)).take(MOST_POINTS);
+        chart.draw_series(walls.map(|wall| PathElement::new(drawn(&wall), AXIS.stroke_width(stroke(3.0)))))?;
+        for (series, pen) in series.iter().zip(self.pens) {
+            self.dwell_lines(chart, view, series, pen)?;
+        }
+        let most = MOST_MARKS / series.len().max(1);
+        for (series, pen) in series.iter().zip(self.pens) {
+            let inside: Vec<[f64; 2]> = series.dots.iter().map(|dot| dot.at_m).filter(|at| view.has(*at)).collect();
+            if self.is_path(series, view) {
+                let points: Vec<[f64; 2]> = series.dots.iter().map(|dot| dot.at_m).collect();
+                self.path(chart, view, &points, pen.color, 0.8, metres_a_pixel)?;
+            }
+            let kept = thin::points(&inside, MARK_CELL * metres_a_pixel, most).into_iter();
+            chart.draw_series(pen.marks(kept.map(|index| (inside[index][0], inside[index][1])), 2.0))?;
+        }
+        for way in truth {
+            self.way(chart, view, way, metres_a_pixel)?;
+        }
+        Ok(())
+    }
+
+    /// Whether positions are joined by a line: without truth, and where the line shows a way.
+    fn is_path(&self, series: &Series, view: &View) -> bool {
+        if series.dots.len() < LEAST_PATH || self.picture.truth.iter().any(|way| way.tag == series.tag) {
+            return false;
+        }
+        let every = |step: usize| -> f64 {
+            let points: Vec<[f64; 2]> = series.dots.iter().map(|dot| dot.at_m).step_by(step).collect();
+            points.windows(2).map(|ends| length([ends[0], ends[1]])).sum()
+        };
+        series.dots.iter().any(|dot| view.has(dot.at_m)) && every(8) >= SMOOTH * every(1)
+    }
+
+    /// The lines from the points where a tag dwelt to their estimates.
+    fn dwell_lines(&self, chart: &mut Chart, view: &View, series: &Series, pen: &Pen) -> Result<()> {
+        if !self.picture.truth.iter().any(|way| way.are_dwells && way.tag == series.tag) {
+            return Ok(());
+        }
+        let lines = series.dots.iter().filter_map(|dot| view.cut([dot.truth_m?, dot.at_m]));
+        let lines = lines.take(MOST_MARKS / self.picture.series.len().max(1));
+        let style = pen.color.mix(0.55).stroke_width(stroke(0.8));
+        chart.draw_series(lines.map(|line| PathElement::new(drawn(&line), style)))?;
+        Ok(())
+    }
+
+    fn way(&self, chart: &mut Chart, view: &View, way: &Way, metres_a_pixel: f64) -> Result<()> {
+        let colour = self.colour_of_truth(&way.tag);
+        if way.are_dwells || is_still(way) {
+            let most = if way.are_dwells { MOST_MARKS / 4 } else { 1 };
+            let inside: Vec<[f64; 2]> = way.points_m.iter().copied().filter(|at| view.has(*at)).collect();
+            let kept = thin::points(&inside, 2.0 * metres_a_pixel, most.max(4)).into_iter().take(most);
+            let (size, width) = if way.are_dwells { (4, 1.4) } else { (6, 2.2) };
+            let cross = |index: usize| {
+                Cross::new((inside[index][0], inside[index][1]), pixels(size), colour.stroke_width(stroke(width)))
+            };
+            chart.draw_series(kept.map(cross))?;
+            return Ok(());
+        }
+        self.path(chart, view, &way.points_m, colour, 1.3, metres_a_pixel)
+    }
+
+    /// A line with arrows in the direction of time.
+    fn path(
+        &self,
+        chart: &mut Chart,
+        view: &View,
+        points: &[[f64; 2]],
+        colour: RGBColor,
+        width: f64,
+        metres_a_pixel: f64,
+    ) -> Result<()> {
+        let most = MOST_POINTS / (self.picture.truth.len() + self.picture.series.len()).max(1);
+        let style = colour.stroke_width(stroke(width));
+        for piece in thin::line(points, LINE_CELL * metres_a_pixel, most) {
+            let pieces = view.cut_line(&piece).into_iter();
+            chart.draw_series(pieces.map(|piece| PathElement::new(drawn(&piece), style)))?;
+        }
+        let heads = arrows(points, metres_a_pixel).into_iter().filter(|head| head.iter().all(|at| view.has(*at)));
+        chart.draw_series(heads.map(|head| Polygon::new(drawn(&head), colour.filled())))?;
+        Ok(())
+    }
+
+    /// The colour of a tag's truth: that of the tag, but darker.
+    fn colour_of_truth(&self, tag: &str) -> RGBColor {
+        let series = self.picture.series.iter().zip(self.pens).find(|(series, _)| series.tag == tag);
+        match series {
+            Some((_, pen)) if tags(self.picture).len() > 1 => darker(pen.color),
+            Some(_) | None => INK,
         }
     }
+
+    /// Anchors and beacons with their names, and `with_tags` the beginnings of the tags' ways.
+    fn names(&self, chart: &mut Chart, view: &View, metres_a_pixel: f64, with_tags: bool) -> Result<()> {
+        let Picture { anchors, beacons, truth, series, walls_m, .. } = self.picture;
+        let mut labels = Labels::new(view, metres_a_pixel, walls_m);
+        let shown = |list: &[(String, [f64; 2])]| -> Vec<(String, [f64; 2])> {
+            list.iter().filter(|(_, at)| view.has(*at)).take(MOST_ANCHORS).cloned().collect()
+        };
+        let (anchors, beacons) = (shown(anchors), shown(beacons));
+        anchors.iter().chain(&beacons).for_each(|(_, at)| labels.avoid(*at));
+        let marks = anchors.iter().map(|(_, at)| TriangleMarker::new((at[0], at[1]), pixels(6), INK.filled()));
+        chart.draw_series(marks)?;
+        let ring = INK.stroke_width(stroke(1.6));
+        chart.draw_series(beacons.iter().map(|(_, at)| Circle::new((at[0], at[1]), pixels(5), ring)))?;
+        for way in truth {
+            labels.avoid_crowd(&way.points_m);
+        }
+        for series in series {
+            labels.avoid_crowd(&series.dots.iter().map(|dot| dot.at_m).collect::<Vec<_>>());
+        }
+        for (name, at) in anchors.iter().chain(&beacons) {
+            labels.draw(chart, *at, name, INK, true)?;
+        }
+        let tags = tags(self.picture);
+        if !with_tags || tags.len() <= 1 && truth.iter().any(|way| way.are_dwells || is_still(way)) {
+            return Ok(());
+        }
+        for tag in &tags {
+            let way = truth.iter().find(|way| way.tag == *tag && !way.points_m.is_empty());
+            let mut dots = series.iter().filter(|series| series.tag == *tag && self.is_path(series, view));
+            let first = match way {
+                Some(way) => way.points_m.first().copied(),
+                None => dots.find_map(|series| series.dots.first()).map(|dot| dot.at_m),
+            };
+            let Some(first) = first.filter(|at| view.has(*at)) else { continue };
+            let colour = self.colour_of_truth(tag);
+            let name = if tags.len() > 1 { tag.as_str() } else { "start" };
+            let mark = Circle::new((first[0], first[1]), pixels(4), colour.stroke_width(stroke(1.6)));
+            chart.draw_series([mark])?;
+            labels.draw(chart, first, name, colour, false)?;
+        }
+        Ok(())
+    }
+}
+
+/// Frames around parts of a map, which may be small on it.
+fn frames(chart: &mut Chart, view: &View, metres_a_pixel: f64, framed: &[(String, View)]) -> Result<()> {
+    /// The least side of a frame, pixels.
+    const LEAST: f64 = 22.0;
+    for (_, part) in framed {
+        let more = 0.5 * (LEAST * metres_a_pixel - part.longer_side()).max(0.0);
+        let ([x0, y0], [x1, y1]) = (part.least.map(|c| c - more), part.greatest.map(|c| c + more));
+        let frame = [[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]];
+        let pieces = view.cut_line(&frame).into_iter();
+        let line = INK.stroke_width(stroke(0.8));
+        chart.draw_series(pieces.map(|piece| PathElement::new(drawn(&piece), line)))?;
+    }
     Ok(())
 }
 
-fn truth(chart: &mut Chart, truth_m: &[[f64; 2]]) -> Result<()> {
-    let points = || truth_m.iter().map(|at| (at[0], at[1]));
-    if is_still(truth_m) {
-        chart.draw_series(points().take(1).map(|at| Cross::new(at, pixels(6), INK.stroke_width(stroke(2.2)))))?;
-    } else {
-        chart.draw_series(LineSeries::new(points(), INK.stroke_width(stroke(1.3))))?;
-    }
-    Ok(())
+/// Points as the drawing library takes them.
+pub fn drawn(points: &[[f64; 2]]) -> Vec<(f64, f64)> {
+    points.iter().map(|at| (at[0], at[1])).collect()
 }
 
-fn anchors(chart: &mut Chart, picture: &Picture, view: &View) -> Result<()> {
-    let named = |(name, at): &(String, [f64; 2]), pos: Pos, away: [i32; 2]| {
-        let away = away.map(|steps| steps * pixels(1) as i32);
-        EmptyElement::at((at[0], at[1])) + Text::new(printable(name), (away[0], away[1]), text(pos))
-    };
-    // An anchor's name is above it. A beacon may be beside an anchor, so that its name is on the side with more room.
-    for anchor in &picture.anchors {
-        let name = named(anchor, Pos::new(HPos::Center, VPos::Bottom), [0, -7]);
-        chart.draw_series([name + TriangleMarker::new((0, 0), pixels(6), INK.filled())])?;
+fn length([from, to]: [[f64; 2]; 2]) -> f64 {
+    (to[0] - from[0]).hypot(to[1] - from[1])
+}
+
+/// Heads of arrows along a path, at equal distances: three corners each.
+fn arrows(points: &[[f64; 2]], metres_a_pixel: f64) -> Vec<[[f64; 2]; 3]> {
+    /// Length and half the width of a head, pixels.
+    const HEAD: [f64; 2] = [10.0, 4.5];
+    let whole: f64 = points.windows(2).map(|ends| length([ends[0], ends[1]])).sum();
+    let apart = (ARROWS_APART * metres_a_pixel).max(whole / MOST_ARROWS as f64);
+    let mut heads = Vec::new();
+    let (mut gone, mut next) = (0.0, 0.5 * apart);
+    // The direction is that of a piece as long as a head: neighbouring points may be equal, or noisy.
+    let mut tail = points.first().copied();
+    for ends in points.windows(2) {
+        gone += length([ends[0], ends[1]]);
+        let Some(from) = tail else { break };
+        let piece = length([from, ends[1]]);
+        if piece < HEAD[0] * metres_a_pixel {
+            continue;
+        }
+        tail = Some(ends[1]);
+        if gone < next || heads.len() >= MOST_ARROWS || !piece.is_finite() {
+            continue;
+        }
+        next = gone + apart;
+        let along: [f64; 2] = std::array::from_fn(|axis| (ends[1][axis] - from[axis]) / piece);
+        let middle: [f64; 2] = std::array::from_fn(|axis| 0.5 * (ends[1][axis] + from[axis]));
+        let corner = |forward: f64, left: f64| {
+            let [forward, left] = [forward, left].map(|pixels| pixels * metres_a_pixel);
+            [middle[0] + forward * along[0] - left * along[1], middle[1] + forward * along[1] + left * along[0]]
+        };
+        heads.push([corner(0.5 * HEAD[0], 0.0), corner(-0.5 * HEAD[0], HEAD[1]), corner(-0.5 * HEAD[0], -HEAD[1])]);
     }
-    for beacon in &picture.beacons {
-        let right = beacon.1[0] < 0.5 * (view.least[0] + view.greatest[0]);
-        let (side, away) = if right { (HPos::Left, 9) } else { (HPos::Right, -9) };
-        let name = named(beacon, Pos::new(side, VPos::Center), [away, 0]);
-        chart.draw_series([name + Circle::new((0, 0), pixels(5), INK.stroke_width(stroke(1.6)))])?;
+    heads
+}
+
+#[cfg(test)]
+mod tests {
+    use super::arrows;
+
+    #[test]
+    fn arrows_point_where_the_tag_goes() {
+        // 10 m to the right at 100 pixels a metre: heads after 65 pixels and each 130 pixels more.
+        let walk: Vec<[f64; 2]> = (0..=1000).map(|k| [0.01 * f64::from(k), 3.0]).collect();
+        let heads = arrows(&walk, 0.01);
+        assert!((7..=8).contains(&heads.len()), "{}", heads.len());
+        for [tip, one, other] in heads {
+            assert!(tip[0] > one[0] && tip[1] == 3.0 && (one[1] + other[1] - 6.0).abs() < 1e-9);
+        }
+        assert!(arrows(&[[1.0, 1.0]; 50], 0.01).is_empty());
     }
-    Ok(())
 }

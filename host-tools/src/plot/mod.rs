@@ -1,65 +1,116 @@
 //! Pictures of positions: a map with anchors, true positions, estimated positions and their error ellipses, and the
 //! distribution of the errors.
 //!
-//! A [`Picture`] becomes SVG text, drawn by `plotters`; PNG is that SVG, rendered by `resvg` with a font of its own.
+//! A [`Picture`] has a list of [`Series`], one a method and tag, and a list of [`Way`]s, one a tag; a
+//! [`PictureBuilder`] makes it of positions one at a time. It becomes SVG
+//! text, drawn by `plotters`; PNG is that SVG, rendered by `resvg` with a font of its own. The size of a picture does
+//! not grow with the recording: marks that would cover each other are left out (`thin`). Coordinates and errors may be
+//! any numbers: what is on no map is counted in the legend, and never reaches `plotters`.
 
 mod axes;
+mod builder;
 mod cdf;
 mod confusion;
 mod distribution;
+mod ellipses;
 mod format;
 mod heat;
+mod labels;
 mod legend;
 mod map;
+mod page;
 mod path_loss;
+mod pens;
+mod plan;
 mod style;
 mod thesis;
+mod thin;
+mod ticks;
+mod view;
 
 use anyhow::Result;
 use baliza_report::Statistics;
 use plotters::coord::Shift;
 use plotters::prelude::{DrawingArea, SVGBackend};
 
+pub use builder::PictureBuilder;
 pub use confusion::confusion;
 pub use distribution::distribution;
 pub use format::Format;
 pub use heat::{Heat, heat};
 pub use path_loss::path_loss;
+pub use plan::Plan;
 pub use thesis::thesis;
 
 /// What to draw.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {
+    /// What is drawn, for the legend: the file of the positions, say.
+    pub source: String,
     /// Names and positions of the anchors, metres.
     pub anchors: Vec<(String, [f64; 2])>,
     /// Names and positions of the beacons, metres.
     pub beacons: Vec<(String, [f64; 2])>,
-    /// The floor plan: both ends of every wall, metres.
+    /// The walls: both ends of each, metres.
     pub walls_m: Vec<[[f64; 2]; 2]>,
-    /// The true positions of each tag, in order of time, metres.
-    pub truth_m: Vec<Vec<[f64; 2]>>,
-    /// The results of each method.
-    pub tracks: Vec<Track>,
+    /// The image of the floor plan.
+    pub plan: Option<Plan>,
+    /// The true positions, a tag each.
+    pub truth: Vec<Way>,
+    /// The estimated positions, a method and tag each.
+    pub series: Vec<Series>,
+    /// In which space the errors are.
+    pub errors: Errors,
+    /// The first and the last time of the positions, seconds.
+    pub times_s: Option<[f64; 2]>,
 }
 
-/// The results of one method.
+/// The true positions of a tag.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Track {
+pub struct Way {
+    /// The tag's name; empty where there is only one tag.
+    pub tag: String,
+    /// The positions in the order of time, metres.
+    pub points_m: Vec<[f64; 2]>,
+    /// Whether the tag dwelt at these points, and was not followed on its way from one to the next: they are drawn as
+    /// crosses, each with a line to its estimates.
+    pub are_dwells: bool,
+}
+
+/// The results of one method for one tag.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Series {
     /// The method's name.
     pub method: String,
-    /// The positions in order of time.
+    /// The tag's name; empty where there is only one tag.
+    pub tag: String,
+    /// The positions in the order of time.
     pub dots: Vec<Dot>,
     /// Distances from the true positions, metres.
     pub errors_m: Vec<f64>,
 }
 
 /// A position.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Dot {
     /// Its coordinates, metres.
     pub at_m: [f64; 2],
-    /// Standard deviation of x and y, metres.
-    pub sigma_m: Option<[f64; 2]>,
+    /// The true position at its time, metres.
+    pub truth_m: Option<[f64; 2]>,
+    /// The variance of x, the covariance of x and y, and the variance of y, m².
+    pub covariance_m2: Option<[f64; 3]>,
+}
+
+/// The space of errors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Errors {
+    /// Of x and y.
+    Horizontal,
+    /// Of x, y and z.
+    Spatial,
+    /// Not known.
+    #[default]
+    Unknown,
 }
 
 impl Picture {
@@ -68,41 +119,30 @@ impl Picture {
     /// # Errors
     /// The drawing library fails.
     pub fn to_svg(&self) -> Result<String> {
-        let has_errors = self.tracks.iter().any(|track| !track.errors_m.is_empty());
-        let view = map::View::of(self);
-        let key = legend::Key::of(self, &view);
-        let key_height = key.height();
-        if view.is_wide() {
-            // Below the wide map: the legend, and the errors beside it.
-            let map_height = view.height_for(1200);
-            let lower = if has_errors { key_height.max(360) } else { key_height };
-            drawing((1200, map_height + lower), |area| {
-                let (upper, lower) = area.split_vertically(style::pixels(map_height));
-                let (left, right) = lower.split_horizontally(style::pixels(if has_errors { 680 } else { 0 }));
-                map::draw(&upper, self, &view)?;
-                if has_errors {
-                    cdf::draw(&left, &self.tracks)?;
-                }
-                key.draw(&right)
-            })
-        } else {
-            // Beside the map: the errors above, the legend below.
-            let errors_height = if has_errors { 400 } else { 0 };
-            let height = view.height_for(740).max(errors_height + key_height);
-            drawing((1240, height), |area| {
-                let (left, right) = area.split_horizontally(style::pixels(740));
-                let (upper, lower) = right.split_vertically(style::pixels(errors_height));
-                map::draw(&left, self, &view)?;
-                if has_errors {
-                    cdf::draw(&upper, &self.tracks)?;
-                }
-                key.draw(&lower)
-            })
+        page::draw(self)
+    }
+
+    fn has_errors(&self) -> bool {
+        self.series.iter().any(|series| !series.errors_m.is_empty())
+    }
+}
+
+impl Errors {
+    /// The space of errors between positions and truth: in space where both have heights.
+    pub fn between(positions_have_heights: bool, truth_has_heights: bool) -> Self {
+        if positions_have_heights && truth_has_heights { Self::Spatial } else { Self::Horizontal }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Horizontal => "horizontal error (x, y)",
+            Self::Spatial => "3-D error (x, y, z)",
+            Self::Unknown => "error",
         }
     }
 }
 
-impl Track {
+impl Series {
     fn statistics(&self) -> Option<Statistics> {
         Statistics::of(&self.errors_m)
     }
@@ -113,17 +153,25 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
 /// An SVG document of this size in pixels, with a white background.
 fn drawing(size: (u32, u32), draw: impl FnOnce(&Area) -> Result<()>) -> Result<String> {
+    drawing_over(size, |area, _| draw(area))
+}
+
+/// The same, with something beneath.
+fn drawing_over(size: (u32, u32), draw: impl FnOnce(&Area, &mut plan::Beneath) -> Result<()>) -> Result<String> {
     use plotters::prelude::IntoDrawingArea;
     let mut svg = String::new();
+    let mut beneath = plan::Beneath::default();
     let fine = (style::FINE * size.0, style::FINE * size.1);
     {
         let area = SVGBackend::with_string(&mut svg, fine).into_drawing_area();
         area.fill(&plotters::style::WHITE)?;
-        draw(&area)?;
+        draw(&area, &mut beneath)?;
         area.present()?;
     }
     let (drawn, shown) = (header(fine), header(size));
-    Ok(svg.replacen(&drawn, &shown, 1))
+    let svg = svg.replacen(&drawn, &shown, 1);
+    // The background is the first empty element.
+    Ok(if beneath.0.is_empty() { svg } else { svg.replacen("/>", &format!("/>{}", beneath.0), 1) })
 }
 
 /// The size of a document, as the SVG backend writes it.

@@ -16,14 +16,18 @@ pub const AXIS: RGBColor = RGBColor(130, 130, 130);
 /// The colour of the lines behind a chart.
 pub const GRID: RGBColor = RGBColor(232, 232, 232);
 
-// The colours of Okabe and Ito, which are also distinct for the colour-blind.
+// The colours of Okabe and Ito, which are also distinct for the colour-blind. Orange and sky blue are darker, so that
+// thin lines have a contrast of 3:1 on white.
 const GREY: RGBColor = RGBColor(120, 120, 120);
-const ORANGE: RGBColor = RGBColor(230, 159, 0);
+const ORANGE: RGBColor = RGBColor(190, 130, 0);
 const VERMILION: RGBColor = RGBColor(213, 94, 0);
 const GREEN: RGBColor = RGBColor(0, 158, 115);
 const PURPLE: RGBColor = RGBColor(204, 121, 167);
 const BLUE: RGBColor = RGBColor(0, 114, 178);
-const SKY: RGBColor = RGBColor(86, 180, 233);
+const SKY: RGBColor = RGBColor(50, 150, 205);
+
+/// The colours of series, in the order of their use.
+pub const PALETTE: [RGBColor; 7] = [BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, GREY];
 
 /// Size of text, pixels.
 const TEXT: u32 = 13;
@@ -76,7 +80,18 @@ pub enum Dash {
     Dotted,
 }
 
-/// The pen of a method.
+/// The mark of a position.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mark {
+    /// A filled circle.
+    Dot,
+    /// An empty circle.
+    Ring,
+    /// A cross.
+    Cross,
+}
+
+/// The pen of a series.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pen {
     /// Its colour.
@@ -85,11 +100,23 @@ pub struct Pen {
     pub dash: Dash,
     /// The line's width, pixels.
     pub width: f64,
+    /// Its positions.
+    pub mark: Mark,
 }
 
 /// The pen of a method: one colour a family, one dash pattern a variant.
 pub fn pen(method: &str) -> Pen {
-    let (color, dash) = match method {
+    let (color, dash) = own(method).unwrap_or((SKY, Dash::Solid));
+    Pen { color, dash, width: if method == "robust" { 2.5 } else { 1.6 }, mark: Mark::Dot }
+}
+
+/// Whether a method has a pen of its own.
+pub fn known(method: &str) -> bool {
+    own(method).is_some()
+}
+
+fn own(method: &str) -> Option<(RGBColor, Dash)> {
+    Some(match method {
         "bounding-box" => (GREY, Dash::Solid),
         "lls" => (ORANGE, Dash::Solid),
         "nls" => (VERMILION, Dash::Solid),
@@ -112,9 +139,8 @@ pub fn pen(method: &str) -> Pen {
         "NLS, ignore NLOS, min. 4" => (GREEN, Dash::Dashed),
         "engine, no ignore" => (BLUE, Dash::Dashed),
         "calibrated" | "engine, weigh" => (BLUE, Dash::Solid),
-        _ => pair(method).unwrap_or((SKY, Dash::Solid)),
-    };
-    Pen { color, dash, width: if method == "robust" { 2.5 } else { 1.6 } }
+        _ => return pair(method),
+    })
 }
 
 /// Benchmarks whose names have two parts: the algorithm, and what it uses.
@@ -149,6 +175,28 @@ impl Pen {
     fn stroke(self) -> ShapeStyle {
         self.color.stroke_width(stroke(self.width))
     }
+
+    /// The marks of points.
+    pub fn marks<'a, C: Clone + 'static>(
+        self,
+        points: impl Iterator<Item = C>,
+        radius: f64,
+    ) -> Vec<DynElement<'static, SVGBackend<'a>, C>> {
+        let (radius, filled) = (stroke(radius), self.color.mix(0.75).filled());
+        let mark = |at: C| match self.mark {
+            Mark::Dot => Circle::new(at, radius, filled).into_dyn(),
+            Mark::Ring => Circle::new(at, radius, self.color.stroke_width(stroke(1.0))).into_dyn(),
+            Mark::Cross => Cross::new(at, radius, self.color.stroke_width(stroke(1.0))).into_dyn(),
+        };
+        points.map(mark).collect()
+    }
+}
+
+/// A colour of the same hue for the truth of a series.
+pub fn darker(color: RGBColor) -> RGBColor {
+    let RGBColor(red, green, blue) = color;
+    let half = |part: u8| (f64::from(part) * 0.55) as u8;
+    RGBColor(half(red), half(green), half(blue))
 }
 
 /// A number with as few digits as are exact to a thousandth.
@@ -161,6 +209,25 @@ pub fn number(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The contrast of a colour on white, by WCAG 2.2.
+    fn contrast(RGBColor(red, green, blue): RGBColor) -> f64 {
+        let linear = |part: u8| {
+            let share = f64::from(part) / 255.0;
+            if share <= 0.04045 { share / 12.92 } else { ((share + 0.055) / 1.055).powf(2.4) }
+        };
+        1.05 / (0.2126 * linear(red) + 0.7152 * linear(green) + 0.0722 * linear(blue) + 0.05)
+    }
+
+    #[test]
+    fn every_colour_has_a_contrast_of_three_to_one_on_white() {
+        // The two ends of the scale: black 21, white 1.
+        assert_eq!((contrast(BLACK), contrast(WHITE)), (21.0, 1.0));
+        for color in PALETTE {
+            assert!(contrast(color) >= 3.0, "{color:?}: {}", contrast(color));
+        }
+    }
+
     use baliza_research::fusion::bench as fusion;
     use baliza_research::linde;
 

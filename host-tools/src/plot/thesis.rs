@@ -8,7 +8,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use positioning_core::Method;
 
-use super::axes::{Axes, LEFT};
+use super::axes::{Axes, LEFT, Scale};
 use super::style::{INK, pen, pixels, stroke, text};
 use super::{drawing, legend};
 
@@ -35,6 +35,7 @@ pub fn thesis(scores: &[Score]) -> Result<String> {
             names: ["anchors of 12 whose direct path is detected", "RMSE, metres"],
             left: LEFT,
             ticks: [8, 10],
+            x_scale: Scale::Linear,
             unit: "",
         };
         let mut chart = axes.draw(&left, first - 0.2..last + 0.2, 0.0..highest)?;
@@ -44,7 +45,7 @@ pub fn thesis(scores: &[Score]) -> Result<String> {
             let ring = pen.color.stroke_width(stroke(1.2));
             chart.draw_series(theirs(method).into_iter().map(|at| Circle::new(at, stroke(3.5), ring)))?;
         }
-        let y = legend::methods(&right, Method::ALL.iter().map(|method| method.as_str()))?;
+        let y = legend::methods_beside(&right, Method::ALL.iter().map(|method| method.as_str()))?;
         right.draw(&Circle::new((pixels(20) as i32, y), stroke(3.5), INK.stroke_width(stroke(1.2))))?;
         let style = text(Pos::new(HPos::Left, VPos::Center));
         right.draw_text("as printed", &style, (pixels(48) as i32, y))?;

@@ -3,40 +3,50 @@
 
 use sim::scenario::{Record, Scenario, SimulatedEpoch, Source};
 
-use crate::plot::{Dot, Picture, Track};
+use crate::plot::{Dot, Errors, Picture, PictureBuilder};
 
-/// Every position and the tags' true paths, among anchors, beacons and walls.
-pub fn picture(scenario: &Scenario, records: &[Record]) -> Picture {
-    let epochs = || records.iter().filter_map(|record| Some((record.node, record.epoch()?)));
+/// Every position and the tags' true paths, among anchors, beacons and walls. `source` names the scenario.
+pub fn picture(source: String, scenario: &Scenario, records: &[Record]) -> Picture {
     let flat = |at: [f64; 3]| [at[0], at[1]];
-    let dot = |epoch: &SimulatedEpoch| {
-        let (at_m, sigma_m) = (epoch.fix.position_m()?, epoch.fix.deviation_m());
-        Some(Dot { at_m: flat(at_m), sigma_m: sigma_m.map(flat) })
-    };
-    let way = |tag: u16| epochs().filter(|(node, _)| *node == tag).map(|(_, epoch)| flat(epoch.truth_m)).collect();
-    let track = |method: &str, source: Option<Source>| {
-        let of = |epoch: &&SimulatedEpoch| source.is_none_or(|source| epoch.source() == source);
-        let taken = || epochs().map(|(_, epoch)| epoch).filter(of);
-        Track {
-            method: method.to_owned(),
-            dots: taken().filter_map(dot).collect(),
-            errors_m: taken().filter_map(SimulatedEpoch::error_m).collect(),
-        }
-    };
-    let tracks = if scenario.beacons.is_empty() {
-        vec![track(scenario.tag.method_name(), None)]
-    } else {
-        let both = [("by anchors", Source::Anchors), ("by beacons", Source::Beacons)];
-        both.map(|(name, source)| track(name, Some(source)))
-            .into_iter()
-            .filter(|track| !track.dots.is_empty())
-            .collect()
-    };
-    Picture {
+    let mut builder = PictureBuilder::new(Picture {
+        source,
         walls_m: scenario.walls.iter().map(|wall| [wall.from, wall.to]).collect(),
         anchors: scenario.anchors.iter().map(|anchor| (anchor.address.to_string(), flat(anchor.at))).collect(),
         beacons: scenario.beacons.iter().map(|beacon| (beacon.name(), flat(beacon.at))).collect(),
-        truth_m: scenario.tags.iter().map(|tag| way(tag.address)).collect(),
-        tracks,
+        errors: if scenario.tag.height_m.is_some() { Errors::Horizontal } else { Errors::Spatial },
+        ..Picture::default()
+    });
+    // The tags' order, and so their colours, is that of the scenario.
+    let epochs = |tag: u16| {
+        let of_tag = records.iter().filter(move |record| record.node == tag);
+        of_tag.filter_map(|record| Some((record.t_s, record.epoch()?)))
+    };
+    for tag in scenario.tags.iter().map(|tag| tag.address) {
+        let name = tag.to_string();
+        for (t_s, epoch) in epochs(tag) {
+            builder.truth(&name, flat(epoch.truth_m), false);
+            builder.time(t_s);
+        }
     }
+    let methods = if scenario.beacons.is_empty() {
+        vec![(scenario.tag.method_name(), None)]
+    } else {
+        vec![("by anchors", Some(Source::Anchors)), ("by beacons", Some(Source::Beacons))]
+    };
+    for (method, source) in methods {
+        for tag in scenario.tags.iter().map(|tag| tag.address) {
+            let taken = epochs(tag).filter(|(_, epoch)| source.is_none_or(|source| epoch.source() == source));
+            for (_, epoch) in taken.filter(|(_, epoch)| epoch.fix.position_m().is_some()) {
+                builder.position(method, &tag.to_string(), dot(epoch), epoch.error_m());
+            }
+        }
+    }
+    builder.finish()
+}
+
+fn dot(epoch: &SimulatedEpoch) -> Option<Dot> {
+    let [x, y, _] = epoch.fix.position_m()?;
+    let [truth_x, truth_y, _] = epoch.truth_m;
+    let covariance_m2 = epoch.fix.covariance_m2().map(|[[xx, xy, _], [_, yy, _], _]| [xx, xy, yy]);
+    Some(Dot { at_m: [x, y], truth_m: Some([truth_x, truth_y]), covariance_m2 })
 }

@@ -115,12 +115,10 @@ mod tests {
             let place = Some(Coordinates { x_m: 1.0 + 0.5 * t_s + sway, y_m: 2.0, z_m: None });
             PositionRow {
                 epoch: index.to_string(),
-                tag: None,
-                method: String::new(),
                 t_s: Some(t_s),
                 place,
                 sigma_m: Some([0.1; 2]),
-                error_m: None,
+                ..PositionRow::default()
             }
         };
         let found = follow(&rooms(), &(0..120).map(row).collect::<Vec<_>>());

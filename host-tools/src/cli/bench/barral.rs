@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use baliza_research::barral::{self, Row};
-use host_tools::plot::{self, Track};
+use host_tools::plot::{self, Series};
 
 use super::Drawing;
 
@@ -47,10 +47,10 @@ const DRAWN: [&str; 7] = [
 
 /// The distribution of the errors, as in the paper's figure 4.
 fn draw(rows: &[Row]) -> Result<String> {
-    let tracks = rows.iter().map(|(score, errors_m)| Track {
+    let tracks = rows.iter().map(|(score, errors_m)| Series {
         method: format!("{}, {}", score.algorithm.as_str(), score.configuration.as_str()),
-        dots: Vec::new(),
         errors_m: errors_m.clone(),
+        ..Series::default()
     });
     plot::distribution(&tracks.filter(|track| DRAWN.contains(&track.method.as_str())).collect::<Vec<_>>())
 }

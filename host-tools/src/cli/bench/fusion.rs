@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use baliza_research::fusion::bench::{self, Algorithm, Inputs, Scored};
-use host_tools::plot::{self, Track};
+use host_tools::plot::{self, Series};
 
 use super::Drawing;
 use crate::cli::progress::Progress;
@@ -52,10 +52,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 /// The distribution of the errors.
 fn draw(scores: &[Scored]) -> Result<String> {
-    let tracks = scores.iter().map(|(score, errors_m)| Track {
+    let tracks = scores.iter().map(|(score, errors_m)| Series {
         method: format!("{}, {}", score.algorithm.as_str(), score.heard.as_str()),
-        dots: Vec::new(),
         errors_m: errors_m.clone(),
+        ..Series::default()
     });
     plot::distribution(&tracks.collect::<Vec<_>>())
 }

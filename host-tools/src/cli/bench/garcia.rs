@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use baliza_research::garcia::{self, Outcome};
-use host_tools::plot::{self, Track};
+use host_tools::plot::{self, Series};
 
 use super::Drawing;
 
@@ -38,10 +38,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 /// The distribution of the horizontal errors.
 fn draw(outcome: &Outcome) -> Result<String> {
-    let tracks = outcome.errors_m.iter().map(|(way, errors)| Track {
+    let tracks = outcome.errors_m.iter().map(|(way, errors)| Series {
         method: way.as_str().to_owned(),
-        dots: Vec::new(),
         errors_m: errors.iter().map(|[x, y]| x.hypot(*y)).collect(),
+        ..Series::default()
     });
     plot::distribution(&tracks.collect::<Vec<_>>())
 }

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result};
 use baliza_research::linde::{self, Algorithm, Parameter, Scored};
-use host_tools::plot::{self, Track};
+use host_tools::plot::{self, Series};
 
 use super::Drawing;
 
@@ -40,7 +40,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 /// The distribution of the errors, without times by multilateration, whose large errors would flatten the other curves.
 fn draw(rows: &[Scored]) -> Result<String> {
     let named = rows.iter().zip(linde::ROWS).map(|((_, errors_m), (parameter, algorithm, _))| {
-        let track = Track { method: linde::name(parameter, algorithm), dots: Vec::new(), errors_m: errors_m.clone() };
+        let track =
+            Series { method: linde::name(parameter, algorithm), errors_m: errors_m.clone(), ..Series::default() };
         (track, matches!((parameter, algorithm), (Parameter::Tof(_), Algorithm::Multilateration)))
     });
     let drawn = named.filter(|(_, far)| !far).map(|(track, _)| track);

@@ -162,7 +162,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
         (None, None) => return Err(UserError::flag("--fingerprints", "a survey or --map is needed").into()),
     };
+    let Asked { targets, rssi, .. } = &arguments.asked;
     Found {
+        source: targets.as_deref().or(rssi.as_deref()).or(arguments.fingerprints.as_deref()),
         methods: comparisons.iter().map(|comparison| arguments.name(*comparison)).collect(),
         neighbours: comparisons.iter().map(|comparison| comparison.k()).collect(),
         tags: &tags,

@@ -14,7 +14,8 @@ use host_tools::survey::fingerprint::{Average, Plan, Survey};
 use host_tools::{Epoch, Solved, UserError};
 use positioning_core::ble::fingerprint::MAX_BEACONS;
 
-use crate::cli::report::{Output, Report, TagReport};
+use crate::cli::floor_plan::FloorPlan;
+use crate::cli::report::{Output, Report, Site, TagReport};
 
 super::commands! {
     /// Positions from the RSSI values of Bluetooth beacons
@@ -129,6 +130,8 @@ fn survey_of(file: &Path, stays: &[Dwell], average: Average) -> Result<Survey, U
 
 /// The positions of tags by their captures, and what is drawn with them.
 struct Found<'a> {
+    /// The file of the captures.
+    source: Option<&'a Path>,
     methods: Vec<String>,
     /// The number of neighbours of each method, where the method has neighbours.
     neighbours: Vec<Option<usize>>,
@@ -152,8 +155,13 @@ impl Found<'_> {
         });
         let report = Report {
             methods: self.methods,
-            anchors: self.beacons.iter().map(|beacon| (beacon.name.clone(), beacon.position_m)).collect(),
-            walls_m: self.walls.iter().map(|wall| wall.ends_m).collect(),
+            site: Site {
+                source: self.source.map_or_else(String::new, |file| file.display().to_string()),
+                beacons: self.beacons.iter().map(|beacon| (beacon.name.clone(), beacon.position_m)).collect(),
+                floor_plan: FloorPlan::of_walls(self.walls),
+                are_dwells: self.tags.iter().flat_map(|of| &of.captures).any(|capture| capture.is_stay),
+                ..Site::default()
+            },
             with_errors: epochs.iter().flatten().any(|epoch| epoch.truth.is_some()),
             neighbours: Some(self.neighbours),
             tags: tags.collect(),

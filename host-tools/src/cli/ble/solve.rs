@@ -94,7 +94,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let folder = FolderFiles::open(arguments.folder.as_deref())?;
     let beacons = read_beacons(&folder.file(&arguments.beacons, "beacons.csv")?)?;
     let truth = folder.find(&arguments.truth, "truth.csv");
-    let tags = read_captures(&folder.file(&arguments.rssi, "rssi.csv")?, truth.as_deref())?;
+    let rssi = folder.file(&arguments.rssi, "rssi.csv")?;
+    let tags = read_captures(&rssi, truth.as_deref())?;
     let walls = folder.find(&arguments.walls, "walls.csv").as_deref().map(read_walls).transpose()?.unwrap_or_default();
     super::tell_unknown(&beacons, &tags);
     let solver = Solver::new(
@@ -118,6 +119,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let methods = &arguments.method.0;
     let solved: Vec<Vec<_>> = tags.iter().map(|of| methods.iter().map(|kernel| solve(of, kernel)).collect()).collect();
     Found {
+        source: Some(&rssi),
         methods: methods.iter().map(|kernel| kernel.as_str().to_owned()).collect(),
         neighbours: vec![None; methods.len()],
         tags: &tags,
