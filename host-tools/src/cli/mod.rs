@@ -17,6 +17,7 @@ pub mod json;
 mod man;
 mod monitor;
 mod nlos;
+pub mod paths;
 mod plan_anchors;
 mod plot;
 mod progress;

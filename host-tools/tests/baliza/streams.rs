@@ -469,10 +469,10 @@ fn a_recording_without_beacons_has_no_file_of_them_and_a_second_one_does_not_go_
         .map(|entry| entry.expect("an entry").file_name().into_string().expect("UTF-8"))
         .collect();
     names.sort();
-    assert_eq!(names, ["anchors.csv", "positions.csv", "ranges.csv", "telemetry.bin"]);
+    assert_eq!(names, ["anchors.csv", "positions.csv", "ranges.csv", "telemetry.bin", "telemetry.times.csv"]);
     let before = folder.read("walk/ranges.csv");
     let run = folder.run("record --file walk.bin --out walk");
-    assert_eq!((run.code, run.stderr.as_str()), (Some(2), "--out: walk has anchors.csv already\n"));
+    assert_eq!((run.code, run.stderr.as_str()), (Some(2), "--out: walk has anchors.csv already; --force replaces it\n"));
     assert_eq!(folder.read("walk/ranges.csv"), before);
 }
 

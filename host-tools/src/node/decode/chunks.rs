@@ -1,14 +1,10 @@
 //! Reads a file or a pipe in a way that lets the caller stop waiting.
 
-use std::fs::File;
 use std::io::{self, ErrorKind, Read};
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread;
 use std::time::Duration;
-
-use crate::UserError;
 
 /// The number of bytes read at once.
 const CHUNK: usize = 1 << 16;
@@ -16,20 +12,6 @@ const CHUNK: usize = 1 << 16;
 const AHEAD: usize = 4;
 /// The interval between two checks whether to stop.
 const PATIENCE: Duration = Duration::from_millis(50);
-
-/// Opens a stream's file. Returns the file and its length in bytes.
-///
-/// # Errors
-/// The file cannot be opened, or it is a folder.
-pub fn open_stream(path: &Path) -> Result<(File, u64), UserError> {
-    let opened = File::open(path).and_then(|file| file.metadata().map(|metadata| (file, metadata)));
-    let (file, metadata) = opened.map_err(|error| UserError::file(path, format!("cannot open it: {error}")))?;
-    if metadata.is_dir() {
-        return Err(UserError::file(path, "it is a folder"));
-    }
-    log::info!("reading {}, {} bytes", path.display(), metadata.len());
-    Ok((file, metadata.len()))
-}
 
 /// The result of waiting for bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
