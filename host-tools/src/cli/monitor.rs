@@ -83,12 +83,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let image = arguments.elf.as_deref().map(Image::read).transpose()?;
     let (mut source, live) = source(arguments, image.as_ref())?;
     let file = arguments.source.file().filter(|_| !live);
+    catch_signals()?;
     let recorder = arguments.record.as_deref().map(|folder| {
         let settings = Settings { file: file.map(Path::to_owned), force: arguments.force, ..Settings::default() };
         Recorder::create("--record", folder, settings)
     });
     let recorder = recorder.transpose()?;
-    catch_signals()?;
     let limits = Limits { time: arguments.source.seconds, fixes: arguments.fixes };
     let mut session = Session::new(image, reload(arguments.elf.as_deref()), live);
     if let Some(recorder) = recorder {

@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use host_tools::node::decode::Summary;
+use host_tools::node::decode::{Summary, Waited};
 use host_tools::node::monitor::{Channel, Event};
 use host_tools::node::recorder::{Recorded, Recorder, Rotation, Settings, make_tables};
 use host_tools::read_anchors;
@@ -112,8 +112,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 fn record(arguments: &Arguments, folder: &Path, settings: Settings) -> Result<()> {
     let input = arguments.source.input()?;
     let file = input.as_ref().and_then(Input::finished_file).map(Path::to_owned);
-    let mut recorder = Recorder::create("--out", folder, Settings { file: file.clone(), ..settings })?;
     catch_signals()?;
+    let mut recorder = Recorder::create("--out", folder, Settings { file: file.clone(), ..settings })?;
     let until = Deadline { begun: Instant::now(), limit: arguments.source.seconds };
     let heard = match input {
         Some(input) => read(&input, &mut recorder, &until),
@@ -137,15 +137,22 @@ fn record(arguments: &Arguments, folder: &Path, settings: Settings) -> Result<()
     }
 }
 
+/// The interval between two looks at the time and at the signals.
+const PATIENCE: Duration = Duration::from_millis(50);
+
 /// Reads a file or a pipe to its end.
 fn read(input: &Input, recorder: &mut Recorder, until: &Deadline) -> Result<()> {
     let progress = input.progress();
-    while !until.over()
-        && let Some(bytes) = input.next()?
-    {
-        recorder.take(&bytes)?;
-        if let Some(progress) = &progress {
-            progress.advance(bytes.len() as u64);
+    while !until.over() {
+        match input.wait(PATIENCE)? {
+            Waited::Bytes(bytes) => {
+                recorder.take(&bytes)?;
+                if let Some(progress) = &progress {
+                    progress.advance(bytes.len() as u64);
+                }
+            }
+            Waited::Nothing => recorder.tick()?,
+            Waited::End => break,
         }
     }
     Ok(())
@@ -153,11 +160,10 @@ fn read(input: &Input, recorder: &mut Recorder, until: &Deadline) -> Result<()> 
 
 /// Listens to a live node until the deadline.
 fn listen(source: &SourceArguments, recorder: &mut Recorder, until: &Deadline) -> Result<()> {
-    const PATIENCE: Duration = Duration::from_millis(50);
     let mut source = source.live(None, false);
     while !until.over() && !STOP.load(Ordering::Relaxed) {
         match source.next(PATIENCE)? {
-            None => {}
+            None => recorder.tick()?,
             Some(Event::Bytes(Channel::Telemetry, bytes)) => recorder.take(&bytes)?,
             // The log and the boot loader's text are for `monitor`. The content of the flash does not matter here.
             Some(Event::Bytes(Channel::Log, _) | Event::Text(_) | Event::Flashed { .. } | Event::Restarted) => {}

@@ -12,7 +12,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use host_tools::Interrupted;
 use host_tools::UserError;
 use host_tools::files::output;
-use host_tools::node::decode::{Chunks, Stamp, StreamFiles, row};
+use host_tools::node::decode::{Chunks, Stamp, StreamFiles, Waited, row};
 use host_tools::node::monitor::{Image, Pace, Port, Probed, Serial, Source};
 use host_tools::node::probe::ProbeArguments;
 use wire::telemetry::{Fix, Message, Table};
@@ -131,11 +131,25 @@ impl Input {
     /// # Errors
     /// The input cannot be read, or a signal ends the reading of a file ([`Interrupted`]).
     pub fn next(&self) -> Result<Option<Vec<u8>>> {
-        let next = self.chunks.next(&STOP).with_context(|| format!("cannot read {}", self.name.display()))?;
-        if next.is_none() && !self.is_live {
-            refuse_interrupted()?;
+        const PATIENCE: Duration = Duration::from_millis(50);
+        loop {
+            match self.wait(PATIENCE)? {
+                Waited::Bytes(bytes) => return Ok(Some(bytes)),
+                Waited::Nothing => {}
+                Waited::End => return Ok(None),
+            }
         }
-        Ok(next)
+    }
+
+    /// As [`Input::next`], but waits no longer than `patience`.
+    ///
+    /// # Errors
+    /// As those of [`Input::next`].
+    pub fn wait(&self, patience: Duration) -> Result<Waited> {
+        if STOP.load(Ordering::Relaxed) {
+            return if self.is_live { Ok(Waited::End) } else { Err(Interrupted.into()) };
+        }
+        self.chunks.wait(patience).with_context(|| format!("cannot read {}", self.name.display()))
     }
 }
 

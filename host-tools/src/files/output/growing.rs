@@ -92,9 +92,9 @@ pub(super) fn permissions(_mode: u32) -> Option<Permissions> {
 
 /// The system's error, without the name of the temporary file, which the user does not know.
 pub(super) fn without_path(error: io::Error) -> io::Error {
-    let system = error.get_ref().and_then(|inner| inner.source()).and_then(|inner| inner.downcast_ref::<io::Error>());
-    match system.and_then(io::Error::raw_os_error) {
-        Some(code) => io::Error::from_raw_os_error(code),
+    let text = error.to_string();
+    match text.split_once(" at path ") {
+        Some((what, _)) => io::Error::new(error.kind(), what),
         None => error,
     }
 }

@@ -1,7 +1,6 @@
 //! Reads a file or a pipe in a way that lets the caller stop waiting.
 
 use std::io::{self, ErrorKind, Read};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread;
 use std::time::Duration;
@@ -10,8 +9,6 @@ use std::time::Duration;
 const CHUNK: usize = 1 << 16;
 /// The number of chunks read ahead.
 const AHEAD: usize = 4;
-/// The interval between two checks whether to stop.
-const PATIENCE: Duration = Duration::from_millis(50);
 
 /// The result of waiting for bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -65,20 +62,5 @@ impl Chunks {
             Err(RecvTimeoutError::Timeout) => Ok(Waited::Nothing),
             Err(RecvTimeoutError::Disconnected) => Ok(Waited::End),
         }
-    }
-
-    /// The next bytes; `None` at the end, or when `stop` is set.
-    ///
-    /// # Errors
-    /// The reader returns an error.
-    pub fn next(&self, stop: &AtomicBool) -> io::Result<Option<Vec<u8>>> {
-        while !stop.load(Ordering::Relaxed) {
-            match self.wait(PATIENCE)? {
-                Waited::Bytes(bytes) => return Ok(Some(bytes)),
-                Waited::Nothing => {}
-                Waited::End => return Ok(None),
-            }
-        }
-        Ok(None)
     }
 }

@@ -64,8 +64,9 @@ pub fn listen(
             })
         };
         let ended = event == Some(Event::End);
-        if let Some(event) = event {
-            session.accept(begun.elapsed(), event)?;
+        match event {
+            Some(event) => session.accept(begun.elapsed(), event)?,
+            None => session.tick()?,
         }
         while let Some(note) = session.note() {
             listener.note(&note);

@@ -211,6 +211,14 @@ impl Recorder {
         Ok(())
     }
 
+    /// Writes the rows of the last second, where no bytes come.
+    ///
+    /// # Errors
+    /// The file system returns an error.
+    pub fn tick(&mut self) -> Result<()> {
+        self.part.as_mut().map_or(Ok(()), Part::tick)
+    }
+
     /// The connection was lost: bytes are missing from here on.
     pub fn interrupted(&mut self) {
         self.stream.interrupted();
@@ -289,6 +297,15 @@ impl Part {
         for frame in frames {
             self.tables.message(frame.stamp, &frame.message)?;
         }
+        Ok(self.flush()?)
+    }
+
+    fn tick(&mut self) -> Result<()> {
+        self.flush().with_context(|| self.cannot_write())
+    }
+
+    /// Writes the rows so far to their files, once a second.
+    fn flush(&mut self) -> csv::Result<()> {
         if self.flushed.elapsed() >= FLUSH_EVERY {
             self.flushed = Instant::now();
             self.tables.flush()?;

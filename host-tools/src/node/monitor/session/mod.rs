@@ -163,6 +163,14 @@ impl Session {
         self.recorder = Some(recorder);
     }
 
+    /// Lets the recording write the rows of the last second, where no bytes come.
+    ///
+    /// # Errors
+    /// The recording cannot be written.
+    pub fn tick(&mut self) -> Result<()> {
+        self.recorder.as_mut().map_or(Ok(()), Recorder::tick)
+    }
+
     /// Returns the recorder.
     pub fn recorded(&mut self) -> Option<Recorder> {
         self.recorder.take()
