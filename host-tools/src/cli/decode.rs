@@ -28,7 +28,7 @@ pub struct Arguments {
     stdin: bool,
     #[command(flatten)]
     writing: Writing,
-    /// Write the messages here and not to standard output
+    /// Write the messages here and not to standard output (-)
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Print JSON and no messages: what came, by kind, and what was lost, by what was wrong with it
@@ -71,7 +71,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         output::check("--out", file)?;
     }
     let input = Input::open(arguments.file.as_deref().or(arguments.stream.as_deref()))?;
-    let mut sink = match &arguments.out {
+    let out = arguments.out.as_ref().filter(|file| file.as_os_str() != output::STANDARD);
+    let mut sink = match out {
         Some(file) => Sink::File(Growing::create(file).with_context(|| format!("cannot write {}", file.display()))?),
         None if arguments.json => Sink::Nowhere,
         None => Sink::Stdout,
@@ -108,7 +109,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         sink.take(&text)?;
     }
 
-    if let (Sink::File(growing), Some(file)) = (sink, &arguments.out) {
+    if let (Sink::File(growing), Some(file)) = (sink, out) {
         growing.finish().with_context(|| format!("cannot write {}", file.display()))?;
     }
     if arguments.json {

@@ -16,10 +16,13 @@ use crate::files::output::Growing;
 /// The longest frame of the standard, bytes.
 const LONGEST_FRAME: u32 = 127;
 
+/// The file of a capture, or the first error in writing it.
+type Written = Result<PcapWriter<Growing>, PcapError>;
+
 /// A capture that is written while a simulation runs. Its file appears when it is finished.
 pub struct Capture {
-    /// The file, or the first error in writing it; taken when it is finished.
-    file: Rc<RefCell<Option<Result<PcapWriter<Growing>, PcapError>>>>,
+    /// Taken when it is finished.
+    file: Rc<RefCell<Option<Written>>>,
 }
 
 impl Capture {

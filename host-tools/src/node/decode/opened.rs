@@ -43,6 +43,7 @@ impl StreamFiles {
         }
         let mut rest = VecDeque::from(files);
         let first = rest.pop_front().unwrap_or_else(|| path.join(STREAM));
+        log::info!("reading {}, {length} bytes", path.display());
         let current =
             File::open(&first).map_err(|error| UserError::file(&first, format!("cannot open it: {error}")))?;
         Ok(Self { current, rest, length, is_live })

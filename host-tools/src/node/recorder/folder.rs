@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 
 use wire::telemetry::Message;
 
+use crate::files::folder::SETTINGS;
+
 /// The received bytes.
 pub const STREAM: &str = "telemetry.bin";
 /// When the host received each frame of [`STREAM`].
@@ -25,7 +27,7 @@ pub fn is_table(name: &str) -> bool {
 pub fn is_of_recording(name: &str) -> bool {
     let address = name.strip_prefix("telemetry-").and_then(|rest| rest.strip_suffix(".bin"));
     let is_of_another_node = address.is_some_and(|address| address.parse::<u16>().is_ok());
-    is_table(name) || is_of_another_node || [STREAM, TIMES, TRUTH, "beacons.csv"].contains(&name)
+    is_table(name) || is_of_another_node || [STREAM, TIMES, TRUTH, SETTINGS, "beacons.csv"].contains(&name)
 }
 
 /// The name of a part of a rotated recording: `000001`.
@@ -49,9 +51,8 @@ pub fn parts(folder: &Path) -> Vec<(u32, PathBuf)> {
 
 /// The folders of a recording in their order: the parts of a rotated one, else the folder itself.
 pub fn folders(folder: &Path) -> Vec<PathBuf> {
-    let parts = parts(folder);
-    if parts.is_empty() || folder.join(STREAM).exists() {
-        return vec![folder.to_owned()];
-    }
-    parts.into_iter().map(|(_, part)| part).collect()
+    // A part may have been cut short before its first byte.
+    let parts: Vec<_> =
+        parts(folder).into_iter().map(|(_, part)| part).filter(|part| part.join(STREAM).exists()).collect();
+    if parts.is_empty() || folder.join(STREAM).exists() { vec![folder.to_owned()] } else { parts }
 }

@@ -196,7 +196,6 @@ impl Recorder {
         } else {
             clear(&folder, &is_of_recording).with_context(|| format!("cannot replace {}", folder.display()))?;
         }
-        self.frame_at = 0;
         let reported = std::mem::take(&mut self.reported);
         let part = Part::create(&folder, &self.settings, reported);
         part.with_context(|| format!("cannot write the recording into {}", folder.display()))
@@ -208,6 +207,7 @@ impl Recorder {
         let (recorded, reported) = part.finish().context(cannot)?;
         self.recorded.add(recorded);
         self.reported = reported;
+        self.frame_at = 0;
         Ok(())
     }
 

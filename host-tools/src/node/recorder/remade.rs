@@ -21,8 +21,8 @@ const CHUNK: usize = 1 << 16;
 /// positions of anchors, metres, by their short addresses; those of an existing `anchors.csv` are known, too.
 ///
 /// # Errors
-/// The folder has no recording or a simulated one, its bytes are no telemetry, `stop` was set ([`Interrupted`]), or the file system
-/// returns an error.
+/// The folder has no recording or a simulated one, its bytes are no telemetry, `stop` was set ([`Interrupted`]), or the
+/// file system returns an error.
 pub fn make_tables(folder: &Path, given: &BTreeMap<u16, [f64; 3]>, stop: &AtomicBool) -> Result<(Summary, Recorded)> {
     let mut stream = Stream::default();
     let mut recorded = Recorded::default();

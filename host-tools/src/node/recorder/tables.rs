@@ -208,9 +208,6 @@ impl Tables {
     pub fn finish(mut self) -> Result<(Recorded, BTreeMap<u16, [f64; 3]>)> {
         let left_out = self.waited()?;
         self.flush()?;
-        for table in self.tables.values() {
-            table.get_ref().sync_all()?;
-        }
         let anchors = self.anchors().len() as u64;
         Ok((Recorded { rows: self.rows, anchors, left_out }, self.reported))
     }
