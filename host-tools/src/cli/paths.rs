@@ -116,7 +116,7 @@ mod tests {
             let own = own.map(|argument| argument.get_id().to_string());
             own.chain(command.get_subcommands().flat_map(ids)).collect()
         }
-        let ids = ids(&crate::Arguments::command());
+        let ids = ids(&crate::cli::Arguments::command());
         for (id, _) in OUTPUTS {
             assert!(ids.iter().any(|found| found == id), "no command has the output {id}");
         }
