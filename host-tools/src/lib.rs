@@ -23,7 +23,7 @@ pub mod survey;
 pub mod train;
 
 pub use files::{
-    Anchor, Column, Coordinates, Epoch, Files, Measured, Recording, Row, Source, Table, Truth, Truths, UserError,
-    by_time, read_anchors,
+    Anchor, Column, Coordinates, Epoch, Files, Interrupted, Measured, Recording, Row, Source, Table, Truth, Truths,
+    UserError, by_time, read_anchors,
 };
 pub use locate::{Half, Height, NoPosition, Position, Setup, Solved, Solver, Space};

@@ -11,17 +11,20 @@ use std::process::ExitCode;
 
 use clap::FromArgMatches;
 use clap::error::ErrorKind;
-use host_tools::UserError;
+use host_tools::{Interrupted, UserError};
 
 fn main() -> ExitCode {
     cli::json::begin(&called());
-    let parsed = cli::Arguments::grouped().try_get_matches();
-    let arguments = match parsed.and_then(|matches| cli::Arguments::from_arg_matches(&matches)) {
-        Ok(arguments) => arguments,
+    let mut command = cli::Arguments::grouped();
+    let parsed = command.try_get_matches_from_mut(std::env::args_os());
+    let parsed = parsed.and_then(|matches| Ok((cli::Arguments::from_arg_matches(&matches)?, matches)));
+    let (arguments, matches) = match parsed {
+        Ok(parsed) => parsed,
         Err(error) => return refuse(&error),
     };
     arguments.verbosity.apply();
-    match cli::run(&arguments.command) {
+    let checked = cli::paths::check(&command, &matches).map_err(anyhow::Error::from);
+    match checked.and_then(|()| cli::run(&arguments.command)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             if wants_json() {
@@ -30,6 +33,7 @@ fn main() -> ExitCode {
             }
             match error.downcast_ref::<UserError>() {
                 Some(wrong) => complain(2, &wrong.to_string()),
+                None if error.is::<Interrupted>() => complain(130, &format!("baliza: {error}")),
                 None => complain(1, &format!("baliza: {error:#}")),
             }
         }

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use host_tools::files::output::{self, Growing};
 use host_tools::node::decode::Stream;
 
-use super::stream::{Input, Writing, catch_ctrl_c, feed_stdout, stream_of};
+use super::stream::{Input, Writing, catch_signals, feed_stdout};
 
 /// Decode telemetry: the messages of nodes, from any stream of bytes
 ///
@@ -28,7 +28,7 @@ pub struct Arguments {
     stdin: bool,
     #[command(flatten)]
     writing: Writing,
-    /// Write the messages here and not to standard output
+    /// Write the messages here and not to standard output (-)
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Print JSON and no messages: what came, by kind, and what was lost, by what was wrong with it
@@ -70,22 +70,23 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(file) = &arguments.out {
         output::check("--out", file)?;
     }
-    let input = Input::open(arguments.file.as_deref().or(arguments.stream.as_deref()).map(stream_of).as_deref())?;
-    let mut sink = match &arguments.out {
+    let input = Input::open(arguments.file.as_deref().or(arguments.stream.as_deref()))?;
+    let out = arguments.out.as_ref().filter(|file| file.as_os_str() != output::STANDARD);
+    let mut sink = match out {
         Some(file) => Sink::File(Growing::create(file).with_context(|| format!("cannot write {}", file.display()))?),
         None if arguments.json => Sink::Nowhere,
         None => Sink::Stdout,
     };
-    catch_ctrl_c()?;
+    catch_signals()?;
     // No progress bar between messages on a terminal.
     let shown = matches!(sink, Sink::Stdout) && std::io::stdout().is_terminal();
     let progress = if shown { None } else { input.progress() };
 
     let mut stream = Stream::default();
-    let mut read_on = sink.take(&lines.header()?)?;
-    let mut text = Vec::new();
+    let mut read_on = true;
+    // The header waits for the first frame, because there may be none.
+    let mut text = lines.header()?;
     while read_on && let Some(bytes) = input.next()? {
-        text.clear();
         for byte in &bytes {
             if let Some((stamp, message)) = stream.feed(*byte)
                 && !matches!(sink, Sink::Nowhere)
@@ -93,17 +94,24 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                 lines.append(&mut text, stamp, &message)?;
             }
         }
-        read_on = sink.take(&text)?;
+        if stream.counts().frames > 0 {
+            read_on = sink.take(&text)?;
+            text.clear();
+        }
         if let Some(progress) = &progress {
             progress.advance(bytes.len() as u64);
         }
     }
     drop(progress);
+    let summary = stream.summary();
+    summary.is_of_telemetry(input.name())?;
+    if read_on {
+        sink.take(&text)?;
+    }
 
-    if let (Sink::File(growing), Some(file)) = (sink, &arguments.out) {
+    if let (Sink::File(growing), Some(file)) = (sink, out) {
         growing.finish().with_context(|| format!("cannot write {}", file.display()))?;
     }
-    let summary = stream.summary();
     if arguments.json {
         return super::print_json(&summary);
     }

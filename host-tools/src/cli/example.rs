@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
+use host_tools::files::output::OutputFolder;
+use host_tools::node::recorder::is_of_recording;
 use host_tools::simulate::example;
 
 /// Write the example recording: a walk through a simulated room
@@ -14,6 +16,9 @@ pub struct Arguments {
     /// The folder for the three files; it is made where it does not exist
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
+    /// Replace the recording that is there
+    #[arg(long)]
+    force: bool,
 }
 
 /// Runs `baliza example`.
@@ -22,10 +27,11 @@ pub struct Arguments {
 /// The folder cannot be made, or a file cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let folder = &arguments.out;
-    std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    let output = OutputFolder::begin("--out", folder, is_of_recording, arguments.force)?;
     for (name, bytes) in example::files()? {
-        super::write(&folder.join(name), &bytes)?;
+        output.write(name, &bytes)?;
     }
+    output.finish()?;
     super::note(&format!("anchors.csv, ranges.csv and truth.csv are in {}\n", folder.display()));
     Ok(())
 }

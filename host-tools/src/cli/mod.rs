@@ -1,7 +1,8 @@
 //! The subcommands, one module each. A module has its arguments and `run`, which reads, computes and reports.
 //!
 //! A new command needs five changes: its module, its `mod` line and its line in [`Command`] here, its group in `help`,
-//! its test, and the test's `mod` line in `tests/baliza/main.rs`.
+//! its test, and the test's `mod` line in `tests/baliza/main.rs`. An argument of the type `PathBuf` is an input, unless
+//! [`paths`] knows it as an output.
 
 mod bench;
 mod ble;
@@ -18,6 +19,7 @@ pub mod json;
 mod man;
 mod monitor;
 mod nlos;
+pub mod paths;
 mod plan_anchors;
 mod plot;
 mod progress;
@@ -114,7 +116,7 @@ pub struct Arguments {
 }
 
 const EXIT_CODES: &str = "Exit code: 0 done; 2 the input or the arguments are wrong, one line on standard error says where and \
-                          how; 1 anything else.";
+                          how; 130 interrupted; 1 anything else.";
 
 impl Arguments {
     /// The command line, whose help has the commands in groups.

@@ -8,13 +8,13 @@ use anyhow::{Context, Result};
 use clap::ValueEnum;
 use host_tools::UserError;
 use host_tools::node::monitor::{
-    Files, Image, Limits, Lines, Listener, Piped, Reload, Said, Session, Source, json, listen, summary,
+    Counts, Files, Image, Limits, Lines, Listener, Piped, Reload, Said, Session, Source, json, listen, summary,
 };
-use host_tools::node::recorder::Recorder;
+use host_tools::node::recorder::{Recorder, Settings};
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use wire::telemetry::Table;
 
-use super::stream::{self, STOP, SourceArguments, catch_ctrl_c, table_names};
+use super::stream::{self, STOP, SourceArguments, catch_signals, refuse_interrupted, table_names};
 use super::verbosity::is_quiet;
 
 /// Show a node's output: its telemetry, and its log where that has more
@@ -45,6 +45,9 @@ pub struct Arguments {
     /// Record as well, as `baliza record` does, into this folder
     #[arg(long, value_name = "FOLDER")]
     record: Option<PathBuf>,
+    /// Replace the recording that is in that folder, at the first byte
+    #[arg(long, requires = "record")]
+    force: bool,
     /// Show the source location of each line of the log
     #[arg(long, alias = "places")]
     show_source: bool,
@@ -79,8 +82,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let image = arguments.elf.as_deref().map(Image::read).transpose()?;
     let (mut source, live) = source(arguments, image.as_ref())?;
-    let recorder = arguments.record.as_deref().map(|folder| Recorder::create(folder, &[])).transpose()?;
-    catch_ctrl_c()?;
+    let file = arguments.source.file().filter(|_| !live);
+    catch_signals()?;
+    let recorder = arguments.record.as_deref().map(|folder| {
+        let settings = Settings { file: file.map(Path::to_owned), force: arguments.force, ..Settings::default() };
+        Recorder::create("--record", folder, settings)
+    });
+    let recorder = recorder.transpose()?;
     let limits = Limits { time: arguments.source.seconds, fixes: arguments.fixes };
     let mut session = Session::new(image, reload(arguments.elf.as_deref()), live);
     if let Some(recorder) = recorder {
@@ -90,21 +98,37 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let begun = Instant::now();
     let heard =
         screen.begin().and_then(|()| listen(source.as_mut(), &mut session, &mut screen, limits, &STOP).map(drop));
-    screen.end()?;
-    if let (Some(recorder), Some(folder)) = (session.recorded(), &arguments.record) {
-        recorder.finish().with_context(|| format!("cannot write the recording into {}", folder.display()))?;
+    let shown = screen.end();
+    // The recording is completed even where the terminal is closed.
+    let recorded = session.recorded().map(Recorder::finish).transpose();
+    heard?;
+    recorded?;
+    shown?;
+    let counts = session.counts();
+    if let Some(file) = file {
+        refuse_interrupted()?;
+        refuse_without_content(file, &counts)?;
     }
-    // A failure is printed in one line after the output.
-    if heard.is_ok() {
-        super::note(&format!("{}\n", summary(&session.counts(), begun.elapsed())));
+    super::note(&format!("{}\n", summary(&counts, begun.elapsed())));
+    Ok(())
+}
+
+/// Refuses a file that has neither telemetry nor a log.
+fn refuse_without_content(file: &Path, counts: &Counts) -> Result<(), UserError> {
+    let telemetry = &counts.telemetry;
+    let is_empty = std::fs::metadata(file).is_ok_and(|metadata| metadata.len() == 0);
+    if is_empty || telemetry.frames + telemetry.newer() + counts.log_lines > 0 {
+        return Ok(());
     }
-    heard
+    Err(UserError::file(file, "this is no telemetry, and no log: there is no frame in it"))
 }
 
 /// The source of the node's bytes, and whether it is live.
 fn source(arguments: &Arguments, image: Option<&Image>) -> Result<(Box<dyn Source>, bool)> {
     if let Some(file) = arguments.source.file() {
-        return Ok((Box::new(Files::open(&file, arguments.defmt_file.as_deref())?), false));
+        let files = Files::open(file, arguments.defmt_file.as_deref())?;
+        let is_live = files.is_live();
+        return Ok((Box::new(files), is_live));
     }
     if arguments.source.stdin {
         return Ok((Box::new(Piped::new(std::io::stdin())), true));
@@ -211,7 +235,12 @@ impl Listener for Screen {
     }
 
     fn note(&mut self, note: &str) {
-        self.bar.suspend(|| super::note(&format!("{note}\n")));
+        let (bar, out) = (&self.bar, &mut self.out);
+        bar.suspend(|| {
+            // The next write reports an error.
+            let _ = out.flush();
+            super::note(&format!("{note}\n"));
+        });
     }
 
     fn status(&mut self, session: &Session, elapsed: Duration) -> Result<bool> {

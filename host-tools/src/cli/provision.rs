@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use host_tools::UserError;
-use host_tools::files::output;
+use host_tools::files::output::{self, OutputFolder};
 use host_tools::node::probe::ProbeArguments;
 use host_tools::node::provision::image::{Contents, Held, Image};
 use host_tools::node::provision::show::{self, Keys};
@@ -35,6 +35,9 @@ pub struct Arguments {
     /// Where the record goes; a folder with --all
     #[arg(long, value_name = "PATH", conflicts_with_all = ["show", "read", "check"])]
     out: Option<PathBuf>,
+    /// Replace the records that are in the folder (--all), or a file that is no record
+    #[arg(long, requires = "out")]
+    force: bool,
     /// As bytes, for the address that is printed; or as Intel HEX, which has the addresses in it
     #[arg(long, value_enum, default_value_t = Format::Bin, requires = "config")]
     format: Format,
@@ -126,11 +129,24 @@ fn make(arguments: &Arguments, file: &Path) -> Result<()> {
         return Err(UserError::flag("--config", "say where the record goes: --out FILE, or --write").into());
     };
     output::check("--out", out)?;
+    if !arguments.force {
+        refuse_other_content(out)?;
+    }
     let board = board_of(arguments, node)?;
     let contents = contents(node, record);
-    super::write(out, &encoded(arguments.format, board, &contents)?)?;
+    write_record(out, &contents, &encoded(arguments.format, board, &contents)?)?;
     warn([node]);
     report(arguments, &[made(node, board, &contents, out)])
+}
+
+/// Refuses a file that has something else than a record: the site, a model that it names, notes.
+fn refuse_other_content(out: &Path) -> Result<(), UserError> {
+    let is_file = fs::metadata(out).is_ok_and(|metadata| metadata.is_file() && metadata.len() > 0);
+    let holds_record = || fs::read(out).is_ok_and(|bytes| Image::new(&bytes).is_ok_and(|image| image.read().is_ok()));
+    if is_file && !holds_record() {
+        return Err(UserError::flag("--out", format!("{} is no record; --force replaces it", out.display())));
+    }
+    Ok(())
 }
 
 fn warn<'n>(nodes: impl IntoIterator<Item = &'n Node>) {
@@ -145,25 +161,41 @@ fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
         Format::Bin => "bin",
         Format::Hex => "hex",
     };
-    // All files are written, or none.
+    let mut made_files = Vec::new();
     let mut files = Vec::new();
     for node in &site.nodes {
         let board = board_of(arguments, node)?;
         let contents = contents(node, node.record_for(Some(board))?);
-        let file = folder.join(format!("{}.{extension}", node.name));
-        let bytes = encoded(arguments.format, board, &contents)?;
-        files.push((made(node, board, &contents, &file), file, bytes));
+        let name = format!("{}.{extension}", node.name);
+        made_files.push(made(node, board, &contents, &folder.join(&name)));
+        files.push((name, has_key(&contents), encoded(arguments.format, board, &contents)?));
     }
-    if folder.exists() && !folder.is_dir() {
-        return Err(UserError::flag("--out", format!("{} is no folder", folder.display())).into());
+    let names: Vec<_> = site.nodes.iter().map(|node| node.name.clone()).collect();
+    let ours = move |file: &str| {
+        let name = file.strip_suffix(".bin").or_else(|| file.strip_suffix(".hex"));
+        name.is_some_and(|name| names.iter().any(|node| node == name))
+    };
+    let output = OutputFolder::begin("--out", folder, ours, arguments.force)?;
+    let cannot = || format!("cannot write the records into {}", folder.display());
+    for (name, has_key, bytes) in &files {
+        let written = if *has_key { output.write_private(name, bytes) } else { output.write(name, bytes) };
+        written.with_context(cannot)?;
     }
-    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    for (_, file, bytes) in &files {
-        super::write(file, bytes)?;
-    }
+    output.finish().with_context(cannot)?;
     warn(&site.nodes);
-    let done: Vec<_> = files.into_iter().map(|(made, ..)| made).collect();
-    report(arguments, &done)
+    report(arguments, &made_files)
+}
+
+fn has_key(contents: &Contents<'_>) -> bool {
+    contents.record.beacon_key.is_some()
+}
+
+/// Writes a record to a file; one with a key is for its owner only.
+fn write_record(file: &Path, contents: &Contents<'_>, bytes: &[u8]) -> Result<()> {
+    if !has_key(contents) {
+        return super::write(file, bytes);
+    }
+    output::write_private_file(file, bytes).with_context(|| format!("cannot write {}", file.display()))
 }
 
 /// A written file.
@@ -292,5 +324,5 @@ fn check(arguments: &Arguments, file: &Path) -> Result<()> {
 }
 
 fn read_file(file: &Path) -> Result<Vec<u8>> {
-    Ok(fs::read(file).map_err(|error| UserError::file(file, error.to_string()))?)
+    Ok(fs::read(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))?)
 }

@@ -1,35 +1,48 @@
 //! `baliza record`: records a node's telemetry in files.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
-use host_tools::node::decode::{Stream, Summary};
+use anyhow::Result;
+use host_tools::node::decode::{Summary, Waited};
 use host_tools::node::monitor::{Channel, Event};
-use host_tools::node::recorder::{Recorded, Recorder};
+use host_tools::node::recorder::{Recorded, Recorder, Rotation, Settings, make_tables};
 use host_tools::read_anchors;
 use wire::telemetry::Message;
 
-use super::stream::{Input, STOP, SourceArguments, catch_ctrl_c};
+use super::stream::{Input, STOP, SourceArguments, catch_signals};
 
 /// Record a node's telemetry, for solve, plot and replay
 ///
-/// By probe (the default), serial port, standard input or from a file. The folder gets anchors.csv, ranges.csv and
-/// positions.csv, rssi.csv where beacons were received, and telemetry.bin, the received bytes. Ctrl-C ends a recording;
-/// the files appear at its end. Times continue where the node restarts, and an epoch is a round.
+/// By probe (the default), serial port, standard input or from a file. The folder gets telemetry.bin, the received
+/// bytes, from the first one on; telemetry.times.csv, when each frame of a live node was received (UTC); and the tables
+/// anchors.csv, ranges.csv and positions.csv, and rssi.csv where beacons were received, a second behind. Ctrl-C, `kill`
+/// or a closed terminal end a recording well. After a loss of power, --finish makes the tables of what telemetry.bin
+/// has. Times continue where the node restarts, and an epoch is a round.
 #[derive(clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = EXAMPLES, group = clap::ArgGroup::new("folder").required(true).args(["out", "finish"]))]
 pub struct Arguments {
     /// The folder for the files; it is made where it does not exist
     #[arg(long, value_name = "FOLDER")]
-    out: PathBuf,
+    out: Option<PathBuf>,
+    /// Make the tables of a recording again from its telemetry.bin: where it was cut short, or with other --anchors
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["source", "rotate", "force", "seconds", "probe", "chip", "speed"])]
+    finish: Option<PathBuf>,
     #[command(flatten)]
     source: SourceArguments,
     /// The positions of anchors that do not report theirs, by their short addresses: CSV with anchor,x_m,y_m,z_m
     #[arg(long, value_name = "FILE")]
     anchors: Option<PathBuf>,
+    /// Begin another part after this time or size (30s, 15min, 1h, 1d; 100kB, 100MB, 1GB). Each part is a recording in a
+    /// folder of its own: 000001, 000002 … in --out, after the parts that are there. decode, replay and monitor read
+    /// --out as one stream; solve and plot read one part
+    #[arg(long, value_name = "TIME|SIZE", value_parser = rotation)]
+    rotate: Option<Rotation>,
+    /// Replace the recording that is in the folder, at the first byte
+    #[arg(long, conflicts_with = "rotate")]
+    force: bool,
     /// Print JSON: what came and what was lost, as decode prints it, and the rows that were recorded
     #[arg(long)]
     json: bool,
@@ -40,7 +53,30 @@ Examples:
   baliza record --out walk --chip nRF52832_xxAA
   baliza record --out walk --serial /dev/ttyACM0 --seconds 60
   baliza record --out walk --file telemetry.bin --anchors surveyed.csv
+  baliza record --out site --serial /dev/ttyACM0 --rotate 1h
+  baliza record --finish walk
   baliza solve --anchors walk/anchors.csv --ranges walk/ranges.csv";
+
+/// Parses a time or a size. Sizes are decimal, as those of disks.
+fn rotation(text: &str) -> Result<Rotation, String> {
+    let unit_at = text.find(|letter: char| letter.is_ascii_alphabetic()).unwrap_or(text.len());
+    let (number, unit) = text.split_at(unit_at);
+    let wrong = || format!("{text:?} is not a time or a size as 15min, 1h, 100MB");
+    let number: u32 = number.trim().parse().map_err(|_| wrong())?;
+    let seconds = |of_unit| Ok(Rotation::Time(Duration::from_secs(u64::from(number) * of_unit)));
+    let bytes = |of_unit| Ok(Rotation::Bytes(u64::from(number) * of_unit));
+    match unit {
+        _ if number == 0 => Err(wrong()),
+        "s" => seconds(1),
+        "min" => seconds(60),
+        "h" => seconds(3600),
+        "d" => seconds(86_400),
+        "kB" => bytes(1_000),
+        "MB" => bytes(1_000_000),
+        "GB" => bytes(1_000_000_000),
+        _ => Err(wrong()),
+    }
+}
 
 /// The output of `--json`.
 #[derive(serde::Serialize)]
@@ -59,57 +95,81 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Some(file) => read_anchors(file)?,
         None => Vec::new(),
     };
+    let settings = Settings { rotation: arguments.rotate, force: arguments.force, ..Settings::of(&anchors)? };
+    match (&arguments.out, &arguments.finish) {
+        (Some(folder), _) => record(arguments, folder, settings),
+        (None, Some(folder)) => {
+            catch_signals()?;
+            let (summary, recorded) = make_tables(folder, &settings.anchors, &STOP)?;
+            report(arguments, folder, &summary, &recorded)
+        }
+        // One of them is required.
+        (None, None) => Ok(()),
+    }
+}
+
+/// `--out`: records what comes.
+fn record(arguments: &Arguments, folder: &Path, settings: Settings) -> Result<()> {
     let input = arguments.source.input()?;
-    let recorder = Recorder::create(&arguments.out, &anchors)?;
-    catch_ctrl_c()?;
-    let mut recording = Recording { recorder, stream: Stream::default() };
+    let file = input.as_ref().and_then(Input::finished_file).map(Path::to_owned);
+    catch_signals()?;
+    let mut recorder = Recorder::create("--out", folder, Settings { file: file.clone(), ..settings })?;
     let until = Deadline { begun: Instant::now(), limit: arguments.source.seconds };
     let heard = match input {
-        Some(input) => read(&input, &mut recording, &until),
-        None => listen(&arguments.source, &mut recording, &until),
+        Some(input) => read(&input, &mut recorder, &until),
+        None => listen(&arguments.source, &mut recorder, &until),
     };
-    let summary = recording.stream.summary();
-    // Data received before a failure is still written to the files.
+    let summary = recorder.summary();
     if summary.bytes == 0 && heard.is_err() {
         return heard;
     }
-    let written = || format!("cannot write the recording into {}", arguments.out.display());
-    let recorded = recording.recorder.finish().with_context(written)?;
-    if arguments.json {
-        super::print_json(&Document { summary: &summary, recorded: &recorded })?;
-    } else {
-        super::note(&told(arguments, &summary, &recorded));
+    if let (Some(file), true) = (file, heard.is_ok()) {
+        summary.is_of_telemetry(&file)?;
     }
-    heard
+    // What was received before a failure is still made into tables.
+    match (heard, recorder.finish()) {
+        (heard, Ok(recorded)) => {
+            report(arguments, folder, &summary, &recorded)?;
+            heard
+        }
+        (Err(first), Err(_)) => Err(first),
+        (Ok(()), Err(error)) => Err(error),
+    }
 }
 
+/// The interval between two looks at the time and at the signals.
+const PATIENCE: Duration = Duration::from_millis(50);
+
 /// Reads a file or a pipe to its end.
-fn read(input: &Input, recording: &mut Recording, until: &Deadline) -> Result<()> {
+fn read(input: &Input, recorder: &mut Recorder, until: &Deadline) -> Result<()> {
     let progress = input.progress();
-    while !until.over()
-        && let Some(bytes) = input.next()?
-    {
-        recording.take(&bytes)?;
-        if let Some(progress) = &progress {
-            progress.advance(bytes.len() as u64);
+    while !until.over() {
+        match input.wait(PATIENCE)? {
+            Waited::Bytes(bytes) => {
+                recorder.take(&bytes)?;
+                if let Some(progress) = &progress {
+                    progress.advance(bytes.len() as u64);
+                }
+            }
+            Waited::Nothing => recorder.tick()?,
+            Waited::End => break,
         }
     }
     Ok(())
 }
 
 /// Listens to a live node until the deadline.
-fn listen(source: &SourceArguments, recording: &mut Recording, until: &Deadline) -> Result<()> {
-    const PATIENCE: Duration = Duration::from_millis(50);
+fn listen(source: &SourceArguments, recorder: &mut Recorder, until: &Deadline) -> Result<()> {
     let mut source = source.live(None, false);
     while !until.over() && !STOP.load(Ordering::Relaxed) {
         match source.next(PATIENCE)? {
-            None => {}
-            Some(Event::Bytes(Channel::Telemetry, bytes)) => recording.take(&bytes)?,
+            None => recorder.tick()?,
+            Some(Event::Bytes(Channel::Telemetry, bytes)) => recorder.take(&bytes)?,
             // The log and the boot loader's text are for `monitor`. The content of the flash does not matter here.
             Some(Event::Bytes(Channel::Log, _) | Event::Text(_) | Event::Flashed { .. } | Event::Restarted) => {}
             Some(Event::Connected(to)) => super::note(&format!("listening to {to}\n")),
             Some(Event::Lost(why)) => {
-                recording.stream.interrupted();
+                recorder.interrupted();
                 super::note(&format!("connection lost: {why}\n"));
             }
             Some(Event::Silent) => super::note("the node runs, but has no RTT rings: is it one of our images?\n"),
@@ -131,24 +191,15 @@ impl Deadline {
     }
 }
 
-struct Recording {
-    recorder: Recorder,
-    stream: Stream,
-}
-
-impl Recording {
-    fn take(&mut self, bytes: &[u8]) -> Result<()> {
-        self.recorder.bytes(bytes).context("cannot write telemetry.bin")?;
-        for byte in bytes {
-            if let Some((stamp, message)) = self.stream.feed(*byte) {
-                self.recorder.message(stamp, &message).context("cannot write a row")?;
-            }
-        }
-        Ok(())
+fn report(arguments: &Arguments, folder: &Path, summary: &Summary, recorded: &Recorded) -> Result<()> {
+    if arguments.json {
+        return super::print_json(&Document { summary, recorded });
     }
+    super::note(&told(folder, summary, recorded));
+    Ok(())
 }
 
-fn told(arguments: &Arguments, summary: &Summary, recorded: &Recorded) -> String {
+fn told(folder: &Path, summary: &Summary, recorded: &Recorded) -> String {
     let mut text = summary.told();
     let Recorded { rows, anchors, left_out } = recorded;
     let count = |name: &str| rows.get(name).copied().unwrap_or(0);
@@ -156,7 +207,7 @@ fn told(arguments: &Arguments, summary: &Summary, recorded: &Recorded) -> String
     let _ = writeln!(
         text,
         "recorded: {positions} rounds, {ranges} ranges to {anchors} anchors, {sightings} sightings, in {}",
-        arguments.out.display()
+        folder.display()
     );
     for table in Message::tables().filter(|table| !["positions", "ranges", "rssi"].contains(&table.name)) {
         if count(table.rows) > 0 {
@@ -173,4 +224,18 @@ fn told(arguments: &Arguments, summary: &Summary, recorded: &Recorded) -> String
         );
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_part_ends_after_a_time_or_a_size() {
+        assert_eq!(rotation("15min"), Ok(Rotation::Time(Duration::from_secs(900))));
+        assert_eq!(rotation("100MB"), Ok(Rotation::Bytes(100_000_000)));
+        for wrong in ["", "h", "0h", "1", "-1h", "1.5h", "1 year"] {
+            assert!(rotation(wrong).is_err(), "{wrong}");
+        }
+    }
 }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use host_tools::node::decode::Stream;
 
-use super::stream::{Input, Writing, feed_stdout, stream_of};
+use super::stream::{Input, Writing, feed_stdout};
 
 /// Play a recorded stream at its own pace
 ///
@@ -47,7 +47,7 @@ fn speed(text: &str) -> Result<f64, String> {
 /// Flags are wrong, the stream cannot be read, or the output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let lines = arguments.writing.lines()?;
-    let input = Input::open(Some(&stream_of(&arguments.file)))?;
+    let input = Input::open(Some(&arguments.file))?;
     let mut stream = Stream::default();
     let mut clock = Clock { speed: arguments.speed, begun: Instant::now(), first_t_s: None, last_t_s: f64::INFINITY };
     // The output that is due, followed by the bytes that are not a complete message yet.
@@ -75,8 +75,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.raw {
         due.append(&mut bytes);
     }
+    let summary = stream.summary();
+    summary.is_of_telemetry(input.name())?;
     if feed_stdout(&due)? {
-        super::note(&stream.summary().told());
+        super::note(&summary.told());
     }
     Ok(())
 }

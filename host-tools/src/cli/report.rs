@@ -20,7 +20,7 @@ use super::summary::{Of, Summary, table};
 /// The destinations of a report.
 #[derive(clap::Args)]
 pub struct OutputArgs {
-    /// Write the positions here and not to standard output
+    /// Write the positions here and not to standard output (-)
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Draw the positions, as .svg or .png
@@ -134,7 +134,7 @@ impl Report<'_> {
         }
         let mut said = table(&summaries);
         for (what, file) in [("positions", out), ("picture", plot)] {
-            if let Some(file) = file {
+            if let Some(file) = file.as_deref().filter(|file| file.as_os_str() != output::STANDARD) {
                 let _ = writeln!(said, "{what}: {}", file.display());
             }
         }

@@ -4,11 +4,12 @@ use std::fmt::{Display, Write as _};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use host_tools::UserError;
-use host_tools::files::output;
+use host_tools::files::output::{self, OutputFolder};
+use host_tools::node::recorder::is_of_recording;
 use host_tools::simulate::{
     Capture, SimulatedRecording, load_site_models, picture, position_header, position_row, survey_csv,
 };
@@ -23,6 +24,7 @@ use wire::config::{Mode, Scheme, Solver};
 use wire::telemetry::{Message, RoomLine, SolveError};
 
 use super::PictureFile;
+use super::stream::{catch_signals, refuse_interrupted};
 use crate::cli::progress::Progress;
 
 /// Simulate whole nodes: tags that range to anchors and find their positions
@@ -103,6 +105,9 @@ pub struct Arguments {
     /// read it: telemetry.bin of the first tag, telemetry-ADDRESS.bin of each other node
     #[arg(long, value_name = "FOLDER")]
     out: Option<PathBuf>,
+    /// Replace the recording that is in --out
+    #[arg(long, requires = "out")]
+    force: bool,
     /// Capture every frame on the air, for Wireshark
     #[arg(long, value_name = "FILE")]
     pcap: Option<PathBuf>,
@@ -233,6 +238,12 @@ fn height(text: &str) -> Result<f32, String> {
 }
 
 impl Arguments {
+    /// Begins the recording in a folder.
+    fn recording(&self, folder: &Path, scenario: &Scenario) -> Result<SimulatedRecording> {
+        let output = OutputFolder::begin("--out", folder, is_of_recording, self.force)?;
+        SimulatedRecording::create(output, scenario).context("cannot write the recording")
+    }
+
     fn scenario(&self) -> Result<Scenario, UserError> {
         let mut scenario = match &self.scenario {
             Some(file) => read(file)?,
@@ -332,37 +343,38 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(file) = &arguments.pcap {
         output::check("--pcap", file)?;
     }
-    let mut recording =
-        arguments.out.as_ref().map(|folder| SimulatedRecording::create(folder, &scenario)).transpose()?;
+    let mut recording = arguments.out.as_ref().map(|folder| arguments.recording(folder, &scenario)).transpose()?;
     let mut drawn = Vec::new();
     let mut show = Show::new(arguments.json, &scenario);
     show.begin()?;
 
     let mut simulation = Simulation::new(scenario);
-    let capture = arguments.pcap.as_ref().map(|_| Capture::of(&simulation));
+    let capture = arguments.pcap.as_ref().map(|file| Capture::begin(&simulation, file)).transpose()?;
     let seconds = simulation.scenario().seconds;
     let steps = (seconds / STEP_S).ceil() as usize;
     let progress = Progress::new(steps);
+    catch_signals()?;
     for step in 1..=steps {
+        refuse_interrupted()?;
         let records = simulation.run_until(seconds.min(step as f64 * STEP_S));
         for record in &records {
             if let Some(recording) = &mut recording {
-                recording.take(record)?;
+                recording.take(record).context("cannot write the recording")?;
             }
         }
         show.take(&records)?;
         if drawing.is_some() {
-            drawn.extend(records);
+            drawn.extend(records.into_iter().filter_map(drawable));
         }
         progress.step();
     }
     drop(progress);
 
     if let Some(recording) = recording {
-        recording.finish()?;
+        recording.finish().context("cannot write the recording")?;
     }
-    if let (Some(file), Some(capture)) = (&arguments.pcap, capture) {
-        super::write(file, &capture.to_pcap()?)?;
+    if let Some(capture) = capture {
+        capture.finish()?;
     }
     if let Some(drawing) = drawing {
         let source = arguments.scenario.as_ref().map_or("simulation".into(), |file| file.display().to_string());
@@ -380,6 +392,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     super::note(&said);
     Ok(())
+}
+
+/// What a picture needs of a record.
+fn drawable(mut record: Record) -> Option<Record> {
+    let What::Epoch(epoch) = &mut record.what else { return None };
+    (epoch.ranges, epoch.differences) = (Vec::new(), Vec::new());
+    Some(record)
 }
 
 /// The output to standard output while the simulation runs.

@@ -1,16 +1,18 @@
 //! The common parts of `monitor`, `record`, `decode` and `replay`: the source of a stream, the format of its messages,
-//! and Ctrl-C.
+//! and the signals that end the program.
 
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use host_tools::Interrupted;
 use host_tools::UserError;
 use host_tools::files::output;
-use host_tools::node::decode::{Chunks, Stamp, open_stream, row};
+use host_tools::node::decode::{Chunks, Stamp, StreamFiles, Waited, row};
 use host_tools::node::monitor::{Image, Pace, Port, Probed, Serial, Source};
 use host_tools::node::probe::ProbeArguments;
 use wire::telemetry::{Fix, Message, Table};
@@ -35,7 +37,7 @@ pub struct SourceArguments {
     #[arg(long, value_name = "FILE", group = "source", conflicts_with_all = BY_PROBE)]
     file: Option<PathBuf>,
     /// End after N seconds
-    #[arg(long, value_name = "N", value_parser = seconds)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = seconds)]
     pub seconds: Option<Duration>,
 }
 
@@ -43,8 +45,8 @@ const BY_PROBE: [&str; 3] = ["probe", "chip", "speed"];
 
 impl SourceArguments {
     /// The stream's file, if a file is to be read.
-    pub fn file(&self) -> Option<PathBuf> {
-        self.file.as_deref().map(stream_of)
+    pub fn file(&self) -> Option<&Path> {
+        self.file.as_deref()
     }
 
     /// The file or standard input; `None` for a live node.
@@ -53,7 +55,7 @@ impl SourceArguments {
     /// The file cannot be opened.
     pub fn input(&self) -> Result<Option<Input>, UserError> {
         match self.file() {
-            Some(file) => Input::open(Some(&file)).map(Some),
+            Some(file) => Input::open(Some(file)).map(Some),
             None if self.stdin => Input::open(None).map(Some),
             None => Ok(None),
         }
@@ -77,6 +79,9 @@ impl SourceArguments {
 /// Parses a duration in seconds.
 fn seconds(text: &str) -> Result<Duration, String> {
     let seconds: f64 = text.parse().map_err(|_| format!("\"{text}\" is not a number"))?;
+    if seconds <= 0.0 {
+        return Err("it must be above 0".to_owned());
+    }
     Duration::try_from_secs_f64(seconds).map_err(|error| error.to_string())
 }
 
@@ -84,24 +89,36 @@ fn seconds(text: &str) -> Result<Duration, String> {
 pub struct Input {
     chunks: Chunks,
     /// The name of the input, for error messages.
-    name: String,
+    name: PathBuf,
     /// The file's length, bytes.
     length: usize,
+    /// It is a pipe or a device: its bytes may come from a node now.
+    is_live: bool,
 }
 
 impl Input {
-    /// Opens a file; without a file, standard input.
+    /// Opens a file, or the folder of a recording; without a file, or with `-`, standard input.
     ///
     /// # Errors
     /// The file cannot be opened.
     pub fn open(file: Option<&Path>) -> Result<Self, UserError> {
-        let Some(path) = file else {
-            let chunks = Chunks::new(std::io::stdin());
-            return Ok(Self { chunks, name: "standard input".to_owned(), length: 0 });
+        let Some(path) = file.filter(|file| file.as_os_str() != output::STANDARD) else {
+            let (name, is_live) = ("standard input".into(), is_live_stdin());
+            return Ok(Self { chunks: Chunks::new(std::io::stdin()), name, length: 0, is_live });
         };
-        let (file, length) = open_stream(path)?;
-        let length = usize::try_from(length).unwrap_or(usize::MAX);
-        Ok(Self { chunks: Chunks::new(file), name: path.display().to_string(), length })
+        let file = StreamFiles::open(path)?;
+        let (length, is_live) = (usize::try_from(file.length()).unwrap_or(usize::MAX), file.is_live());
+        Ok(Self { chunks: Chunks::new(file), name: path.to_owned(), length, is_live })
+    }
+
+    /// Its name, where it is not live.
+    pub fn finished_file(&self) -> Option<&Path> {
+        (!self.is_live).then_some(&self.name)
+    }
+
+    /// Its name, for error messages.
+    pub fn name(&self) -> &Path {
+        &self.name
     }
 
     /// A progress bar for a complete file.
@@ -109,30 +126,73 @@ impl Input {
         (self.length > 0).then(|| Progress::new(self.length))
     }
 
-    /// The next bytes; `None` at the end, or after Ctrl-C.
+    /// The next bytes; `None` at the end. A signal ends the stream of a live node.
     ///
     /// # Errors
-    /// The input cannot be read.
+    /// The input cannot be read, or a signal ends the reading of a file ([`Interrupted`]).
     pub fn next(&self) -> Result<Option<Vec<u8>>> {
-        self.chunks.next(&STOP).with_context(|| format!("cannot read {}", self.name))
+        const PATIENCE: Duration = Duration::from_millis(50);
+        loop {
+            match self.wait(PATIENCE)? {
+                Waited::Bytes(bytes) => return Ok(Some(bytes)),
+                Waited::Nothing => {}
+                Waited::End => return Ok(None),
+            }
+        }
+    }
+
+    /// As [`Input::next`], but waits no longer than `patience`.
+    ///
+    /// # Errors
+    /// As those of [`Input::next`].
+    pub fn wait(&self, patience: Duration) -> Result<Waited> {
+        if STOP.load(Ordering::Relaxed) {
+            return if self.is_live { Ok(Waited::End) } else { Err(Interrupted.into()) };
+        }
+        self.chunks.wait(patience).with_context(|| format!("cannot read {}", self.name.display()))
     }
 }
 
-/// Whether Ctrl-C was pressed.
+/// Whether standard input is a pipe, a terminal or a device, and not a file.
+fn is_live_stdin() -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::fd::AsFd;
+        let stdin = std::io::stdin().as_fd().try_clone_to_owned().map(std::fs::File::from);
+        !stdin.and_then(|file| file.metadata()).is_ok_and(|metadata| metadata.is_file())
+    }
+    #[cfg(not(unix))]
+    true
+}
+
+/// Whether a signal came that ends the program.
 pub static STOP: AtomicBool = AtomicBool::new(false);
 
-/// From now on, Ctrl-C ends the reading but not the program, so that the received data is written. A second Ctrl-C ends
-/// the program.
+/// A terminal that is closed sends the same signal twice within this time.
+const TWICE: Duration = Duration::from_secs(1);
+
+/// From now on, the signals that end a program (Ctrl-C, a closed terminal, `kill`) end the work but not the program, so
+/// that outputs are completed, or stay as they were. A second signal, a second later, ends the program.
 ///
 /// # Errors
 /// The handler cannot be installed.
-pub fn catch_ctrl_c() -> Result<()> {
+pub fn catch_signals() -> Result<()> {
+    static FIRST: OnceLock<Instant> = OnceLock::new();
     ctrlc::set_handler(|| {
-        if STOP.swap(true, Ordering::Relaxed) {
+        STOP.store(true, Ordering::Relaxed);
+        if FIRST.get_or_init(Instant::now).elapsed() >= TWICE {
             std::process::exit(130);
         }
     })
     .context("cannot watch for Ctrl-C")
+}
+
+/// Ends the work where a signal came.
+///
+/// # Errors
+/// A signal came.
+pub fn refuse_interrupted() -> Result<(), Interrupted> {
+    if STOP.load(Ordering::Relaxed) { Err(Interrupted) } else { Ok(()) }
 }
 
 /// The format of the messages.
@@ -230,9 +290,4 @@ fn csv_row<T: AsRef<[u8]>>(fields: &[T]) -> Result<Vec<u8>> {
 /// Standard output cannot be written for another reason.
 pub fn feed_stdout(bytes: &[u8]) -> Result<bool> {
     output::feed_stdout(bytes).context("cannot write to standard output")
-}
-
-/// The stream's file: for a folder that `record` made, the file in it.
-pub fn stream_of(path: &Path) -> PathBuf {
-    if path.is_dir() { path.join("telemetry.bin") } else { path.to_owned() }
 }

@@ -5,6 +5,7 @@ pub mod beacons;
 mod diagnostics;
 mod differences;
 pub mod folder;
+mod interrupted;
 pub mod output;
 pub mod positions;
 mod recording;
@@ -16,6 +17,7 @@ mod user_error;
 
 pub use diagnostics::{DiagnosticColumns, Diagnostics};
 pub use differences::MeasuredDifference;
+pub use interrupted::Interrupted;
 pub use recording::{Anchor, Coordinates, Epoch, Files, Measured, Recording, Source, by_time, read_anchors};
 pub use rounds::{round_s, rounds};
 pub use table::{Column, Row, Table};

@@ -4,12 +4,13 @@
 //! more than [`LONGEST_LINE`], however broken the file is, and every error has its line number.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, Cursor, Read};
+use std::io::{self, BufRead, BufReader, Cursor, Read, Stdin};
 use std::path::{Path, PathBuf};
 
 use csv::{Reader, ReaderBuilder, StringRecord, Trim};
 
 use crate::UserError;
+use crate::files::output::STANDARD;
 
 /// The longest accepted line, bytes.
 pub const LONGEST_LINE: usize = 64 * 1024;
@@ -21,13 +22,29 @@ const BEHIND: &str = "\n\".\n.\"\n";
 #[derive(Debug)]
 pub struct Table {
     file: PathBuf,
-    input: BufReader<File>,
+    input: BufReader<Input>,
     header: Vec<String>,
     line: u64,
     text: Vec<u8>,
     /// Splits one line after the other.
     records: Reader<Cursor<Vec<u8>>>,
     fields: StringRecord,
+}
+
+/// The source of a table.
+#[derive(Debug)]
+enum Input {
+    File(File),
+    Standard(Stdin),
+}
+
+impl Read for Input {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        match self {
+            Self::File(file) => file.read(buffer),
+            Self::Standard(stdin) => stdin.read(buffer),
+        }
+    }
 }
 
 /// A column, found by its name. An optional column may be absent; then all its fields are empty.
@@ -53,12 +70,17 @@ pub struct Row<'a> {
 }
 
 impl Table {
-    /// Opens a file and reads its header.
+    /// Opens a file, or with `-` standard input, and reads its header.
     ///
     /// # Errors
     /// The file cannot be opened, is empty, or its first line is not a CSV header.
     pub fn open(file: &Path) -> Result<Self, UserError> {
-        let input = File::open(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))?;
+        let (file, input) = if file.as_os_str() == STANDARD {
+            (Path::new("standard input"), Input::Standard(io::stdin()))
+        } else {
+            let opened = File::open(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))?;
+            (file, Input::File(opened))
+        };
         log::info!("reading {}", file.display());
         let mut table = Self {
             file: file.to_owned(),

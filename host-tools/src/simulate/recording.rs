@@ -1,28 +1,26 @@
-//! The recording that a simulation's tags make, by the same [`Recorder`] as a recording of real nodes, and the true
+//! The recording that a simulation's tags make, with the same [`Tables`] as a recording of real nodes, and the true
 //! positions. Each table has one more column, the tag. Epochs count through all tags, so that each number belongs to
-//! one position.
+//! one position. The memory that it takes does not depend on the length of the simulation.
 
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use positioning_core::nlos::{Feature, Features};
 use sim::scenario::{Record, Scenario, SimulatedEpoch, What};
 use wire::telemetry::{Body, Fix, MAX_FRAME, Message, Sighting, Table, encode, metres};
 
-use crate::files::output::{Growing, write_file};
+use crate::files::output::OutputFolder;
 use crate::node::decode::{Stamp, row};
-use crate::node::recorder::{Recorder, writer};
+use crate::node::recorder::{STREAM, Tables, writer};
 
 /// A recording in progress.
 pub struct SimulatedRecording {
-    folder: PathBuf,
-    recorder: Recorder,
-    truth: csv::Writer<Growing>,
-    beacons: Option<csv::Writer<Growing>>,
-    /// The tag in `telemetry.bin`: the first one.
-    first_tag: Option<u16>,
-    /// The telemetry of every other node, by its address: a stream belongs to one node.
-    others: BTreeMap<u16, Vec<u8>>,
+    output: OutputFolder,
+    tables: Tables,
+    truth: csv::Writer<File>,
+    streams: Streams,
     /// The current epoch.
     epoch: u64,
     method: &'static str,
@@ -31,11 +29,12 @@ pub struct SimulatedRecording {
 }
 
 impl SimulatedRecording {
-    /// Begins the recording of a scenario in a folder, which is made where it does not exist.
+    /// Begins the recording of a scenario.
     ///
     /// # Errors
-    /// The path is no folder, or the file system fails.
-    pub fn create(folder: &Path, scenario: &Scenario) -> anyhow::Result<Self> {
+    /// The file system fails.
+    pub fn create(output: OutputFolder, scenario: &Scenario) -> anyhow::Result<Self> {
+        let folder = output.path();
         let anchors = scenario.anchors.iter().map(|anchor| (anchor.address, scenario.surveyed_m(anchor))).collect();
         let reads = scenario.tag.model.is_some();
         let features: Vec<_> = Feature::ALL.into_iter().filter(|feature| reads && feature.is_of_response()).collect();
@@ -47,13 +46,14 @@ impl SimulatedRecording {
             ("rssi", vec!["tag"]),
             ("rooms", vec!["tag"]),
         ]);
+        if !scenario.beacons.is_empty() {
+            write_beacons(folder, scenario)?;
+        }
         Ok(Self {
-            recorder: Recorder::begin(folder, anchors, more)?,
+            tables: Tables::create(folder, anchors, more)?,
             truth: writer(folder, "truth.csv", &["epoch", "t_s", "x_m", "y_m", "z_m", "tag"])?,
-            beacons: (!scenario.beacons.is_empty()).then(|| beacons(folder, scenario)).transpose()?,
-            folder: folder.to_owned(),
-            first_tag: scenario.tags.first().map(|tag| tag.address),
-            others: BTreeMap::new(),
+            streams: Streams::create(folder, scenario.tags.first().map(|tag| tag.address))?,
+            output,
             epoch: 0,
             method: scenario.tag.method_name(),
             features,
@@ -66,13 +66,7 @@ impl SimulatedRecording {
     /// The file system fails.
     pub fn take(&mut self, record: &Record) -> anyhow::Result<()> {
         for message in record.messages() {
-            let mut frame = [0; MAX_FRAME];
-            let frame = encode(&message, &mut frame);
-            if self.first_tag == Some(record.node) {
-                self.recorder.bytes(frame)?;
-            } else {
-                self.others.entry(record.node).or_default().extend(frame);
-            }
+            self.streams.take(record.node, encode(&message, &mut [0; MAX_FRAME]))?;
         }
         let tag = record.node.to_string();
         let stamp = Stamp { t_s: record.t_s, epoch: self.epoch };
@@ -82,13 +76,13 @@ impl SimulatedRecording {
                 self.take_epoch(record, epoch)?;
             }
             What::Message(message @ Message::Sighting(sighting)) => {
-                self.recorder.message_with(stamp, message, |row| {
+                self.tables.message_with(stamp, message, |row| {
                     row.splice(2..3, [short_name(sighting)]);
                     row.push(tag);
                 })?;
             }
             What::Message(message @ Message::Room(_)) => {
-                self.recorder.message_with(stamp, message, |row| row.push(tag))?;
+                self.tables.message_with(stamp, message, |row| row.push(tag))?;
             }
             // Ranges without a round are those that tags report to anchors.
             What::Message(
@@ -113,40 +107,76 @@ impl SimulatedRecording {
             let mut shape = Features::default();
             measured.shape.iter().for_each(|of| shape.set_shape(of));
             let features = self.features.iter().map(|&of| shape.get(of).map_or_else(String::new, |x| x.to_string()));
-            self.recorder.message_with(stamp, &Message::Range(measured.range), |row| {
+            self.tables.message_with(stamp, &Message::Range(measured.range), |row| {
                 row.extend([los(measured.los), tag()].into_iter().chain(features));
             })?;
         }
         for measured in &epoch.differences {
-            self.recorder.message_with(stamp, &Message::Difference(measured.difference), |row| {
+            self.tables.message_with(stamp, &Message::Difference(measured.difference), |row| {
                 row.extend([los(measured.los), metres(measured.truth_m), tag()]);
             })?;
         }
-        self.recorder.message_with(stamp, &Message::Fix(epoch.fix), |row| {
+        self.tables.message_with(stamp, &Message::Fix(epoch.fix), |row| {
             complete_position(row, record.node, self.method, epoch);
         })?;
         let [x, y, z] = epoch.truth_m.map(metres);
         self.truth.write_record([epoch.number.to_string(), format!("{:.6}", record.t_s), x, y, z, tag()])
     }
 
-    /// Moves all files to their places.
+    /// Completes the files, and lets them appear in their folder.
     ///
     /// # Errors
     /// The file system fails.
-    pub fn finish(self) -> anyhow::Result<()> {
-        self.recorder.finish()?;
-        for table in [Some(self.truth), self.beacons].into_iter().flatten() {
-            table.into_inner().map_err(csv::IntoInnerError::into_error)?.finish()?;
-        }
-        for (node, bytes) in self.others {
-            write_file(&self.folder.join(format!("telemetry-{node}.bin")), &bytes)?;
-        }
-        Ok(())
+    pub fn finish(mut self) -> anyhow::Result<()> {
+        self.tables.finish()?;
+        self.truth.flush()?;
+        self.streams.flush()?;
+        Ok(self.output.finish()?)
     }
 }
 
-/// The beacons that are configured on the tags.
-fn beacons(folder: &Path, scenario: &Scenario) -> csv::Result<csv::Writer<Growing>> {
+/// The telemetry of each node in a file of its own, because a stream belongs to one node. A simulation may have more
+/// nodes than a process may have open files, so a file is open only while it is written.
+struct Streams {
+    folder: PathBuf,
+    /// The tag in `telemetry.bin`: the first one.
+    first_tag: Option<u16>,
+    /// What is not written yet, by the address of the node.
+    held: BTreeMap<u16, Vec<u8>>,
+}
+
+impl Streams {
+    /// The greatest number of bytes that are held for a node.
+    const MOST_HELD: usize = 1 << 14;
+
+    /// Begins with an empty stream of the first tag.
+    fn create(folder: &Path, first_tag: Option<u16>) -> io::Result<Self> {
+        File::create_new(folder.join(STREAM))?;
+        Ok(Self { folder: folder.to_owned(), first_tag, held: BTreeMap::new() })
+    }
+
+    fn take(&mut self, node: u16, frame: &[u8]) -> io::Result<()> {
+        let held = self.held.entry(node).or_default();
+        held.extend(frame);
+        if held.len() < Self::MOST_HELD {
+            return Ok(());
+        }
+        let bytes = std::mem::take(held);
+        self.append(node, &bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        std::mem::take(&mut self.held).into_iter().try_for_each(|(node, bytes)| self.append(node, &bytes))
+    }
+
+    fn append(&self, node: u16, bytes: &[u8]) -> io::Result<()> {
+        let name = if self.first_tag == Some(node) { STREAM.to_owned() } else { format!("telemetry-{node}.bin") };
+        File::options().append(true).create(true).open(self.folder.join(name))?.write_all(bytes)
+    }
+}
+
+/// Writes the beacons that are configured on the tags.
+fn write_beacons(folder: &Path, scenario: &Scenario) -> csv::Result<()> {
     let columns = ["beacon", "x_m", "y_m", "z_m", "rssi_1m_dbm", "path_loss_exponent"];
     let mut beacons = writer(folder, "beacons.csv", &columns)?;
     for beacon in &scenario.beacons {
@@ -156,7 +186,7 @@ fn beacons(folder: &Path, scenario: &Scenario) -> csv::Result<csv::Writer<Growin
         let (rssi, exponent) = (figure(listed.rssi_1m_dbm), figure(listed.path_loss_exponent));
         beacons.write_record([beacon.name(), x, y, z, rssi, exponent])?;
     }
-    Ok(beacons)
+    Ok(beacons.flush()?)
 }
 
 /// The short name of a scenario's beacon in all its files, because they are of one network.

@@ -12,7 +12,7 @@ fn the_files_that_ship_are_those_that_the_command_makes() {
         let shipped = fs::read(root().join("examples/room").join(name)).expect("it ships");
         assert!(
             folder.read(&format!("made/{name}")) == shipped,
-            "{name} differs: run `baliza example --out examples/room`"
+            "{name} differs: run `baliza example --out examples/room --force`"
         );
     }
 }

@@ -160,8 +160,9 @@ fn spoilt_streams_are_counted_and_what_is_whole_is_shown() {
         run.stderr.contains("malformed frames of the log") && run.stderr.contains("malformed telemetry frames"),
         "{run:?}"
     );
-    let run = folder.run("monitor --file noise.bin --elf image.elf").ok();
-    assert!(run.stderr.contains(": 0 fixes, ") && run.stderr.contains("bytes of telemetry lost"), "{}", run.stderr);
+    let run = folder.run("monitor --file noise.bin --elf image.elf");
+    assert_eq!(run.code, Some(2));
+    assert_eq!(run.stderr, "noise.bin: this is no telemetry, and no log: there is no frame in it\n");
 }
 
 #[test]
@@ -236,6 +237,21 @@ fn a_serial_port_is_read_and_its_going_away_is_said() {
     );
 }
 
+/// Two lives of a node, in one read of the file.
+#[cfg(unix)]
+#[test]
+fn a_restart_is_said_where_it_is_among_the_messages() {
+    let folder = Folder::with(&[]);
+    let life = [told(&fix(5_000_000, 3.21)), told(&fix(9_000_000, 3.25))].concat();
+    folder.write("lives.bin", &life.repeat(2));
+    let script = format!("{} monitor --file lives.bin 2>&1", env!("CARGO_BIN_EXE_baliza"));
+    let output = std::process::Command::new("sh").args(["-c", &script]).current_dir(folder.path(".")).output();
+    let text = String::from_utf8(output.expect("sh runs").stdout).expect("UTF-8");
+    let lines: Vec<_> = text.lines().map(|line| line.split(" y=").next().unwrap_or_default().trim()).collect();
+    let fixes = ["5.000000 fix   x=3.21", "9.000000 fix   x=3.25"];
+    assert_eq!(lines[..5], [fixes[0], fixes[1], "the node has restarted", fixes[0], fixes[1]]);
+}
+
 #[test]
 fn what_is_wrong_is_said_in_one_line() {
     let folder = folder();
@@ -252,6 +268,8 @@ fn what_is_wrong_is_said_in_one_line() {
         ("--file telemetry.bin --defmt-file log.bin", "--elf"),
         ("--baud 9600", "--serial"),
         ("--serial /dev/nosuch", "--serial: no port /dev/nosuch: plug in the board"),
+        ("--serial /dev/null", "--serial: /dev/null is not a serial port"),
+        ("--stdin --seconds -1", "invalid value '-1' for '--seconds <N>': it must be above 0"),
         ("--stdin --seconds soon", "--seconds"),
         ("--stdin --table ranges", "--table: only with --format csv"),
         ("--stdin --fixes 0", "--fixes"),

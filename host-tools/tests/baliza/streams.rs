@@ -20,7 +20,7 @@ use crate::support::Folder;
 
 /// The telemetry of a tag that walks for two seconds among six anchors, with ten positions a second and one beacon in
 /// range.
-fn walk() -> Vec<Message> {
+pub fn walk() -> Vec<Message> {
     let mut scenario = Scenario::rooms(6, 1);
     (scenario.seconds, scenario.tag.rate_hz) = (2.0, Some(10.0));
     // This method does not use weights, which the files do not have.
@@ -56,11 +56,11 @@ fn walk() -> Vec<Message> {
     told
 }
 
-fn frame(message: &Message) -> Vec<u8> {
+pub fn frame(message: &Message) -> Vec<u8> {
     encode(message, &mut [0; MAX_FRAME]).to_vec()
 }
 
-fn stream(messages: &[Message]) -> Vec<u8> {
+pub fn stream(messages: &[Message]) -> Vec<u8> {
     messages.iter().flat_map(frame).collect()
 }
 
@@ -244,19 +244,26 @@ fn of_a_stream_with_one_byte_in_a_hundred_flipped_every_frame_that_is_whole_is_d
 }
 
 #[test]
-fn random_bytes_give_counts_and_no_messages() {
+fn random_bytes_are_counted_around_a_frame_and_refused_without_one() {
     let mut noise = vec![0; 1 << 20];
     Pcg64Mcg::seed_from_u64(2).fill_bytes(&mut noise);
     let folder = Folder::with(&[]);
     folder.write("noise.bin", &noise);
-    let run = folder.run("decode --file noise.bin").ok();
-    assert_eq!(run.stdout, "");
-    assert!(
-        run.stderr.starts_with("0 frames in 1048576 bytes\n") && run.stderr.contains("malformed: "),
-        "{}",
-        run.stderr
-    );
+    let said = "noise.bin: this is no telemetry: there is no frame in 1048576 bytes\n";
+    for command in [
+        "decode noise.bin",
+        "decode noise.bin --format csv --out a.csv",
+        "replay noise.bin",
+        "record --file noise.bin --out walk",
+    ] {
+        let run = folder.run(command);
+        assert_eq!((run.code, run.stdout.as_str(), run.stderr.as_str()), (Some(2), "", said), "{command}");
+    }
+    assert_eq!(folder.names(), ["noise.bin", "walk"]);
+    assert_eq!(std::fs::read_dir(folder.path("walk")).expect("a folder").count(), 0);
+    folder.write("noise.bin", &[&noise[..], &[0], &frame(&walk()[0])].concat());
     let json = folder.run("decode --file noise.bin --json").ok().object();
+    assert_eq!(json["frames"]["total"], 1);
     // One zero in 256 bytes ends a chunk: about four thousand chunks, of which few are too long.
     assert!((3000..5000).contains(&json["malformed"]["total"].as_u64().expect("a count")), "{json}");
     for key in ["total", "too_long", "cobs", "checksum"] {
@@ -469,10 +476,13 @@ fn a_recording_without_beacons_has_no_file_of_them_and_a_second_one_does_not_go_
         .map(|entry| entry.expect("an entry").file_name().into_string().expect("UTF-8"))
         .collect();
     names.sort();
-    assert_eq!(names, ["anchors.csv", "positions.csv", "ranges.csv", "telemetry.bin"]);
+    assert_eq!(names, ["anchors.csv", "positions.csv", "ranges.csv", "telemetry.bin", "telemetry.times.csv"]);
     let before = folder.read("walk/ranges.csv");
     let run = folder.run("record --file walk.bin --out walk");
-    assert_eq!((run.code, run.stderr.as_str()), (Some(2), "--out: walk has anchors.csv already\n"));
+    assert_eq!(
+        (run.code, run.stderr.as_str()),
+        (Some(2), "--out: walk has anchors.csv already; --force replaces it\n")
+    );
     assert_eq!(folder.read("walk/ranges.csv"), before);
 }
 

@@ -87,7 +87,7 @@ fn recorded(of: &Recorded, folder: &Path) -> Result<Column> {
 /// The figures of each tag; the track's are those of all tags.
 fn simulation(seed: &str) -> Result<Vec<Column>> {
     let folder = scratch("air-simulated")?;
-    let words = ["simulate", "--seconds", "20", "--json", "--seed", seed, "--out"].map(PathBuf::from);
+    let words = ["simulate", "--seconds", "20", "--json", "--seed", seed, "--force", "--out"].map(PathBuf::from);
     let track: Track = result(words.into_iter().chain([folder.clone()]))?;
     TAGS.into_iter().map(|tag| Ok(column(Residuals::read(&folder, Some(tag), 0.0)?.statistics(), track))).collect()
 }

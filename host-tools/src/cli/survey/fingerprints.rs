@@ -12,7 +12,7 @@ use host_tools::survey::campaign::{
 };
 use indicatif::ProgressBar;
 
-use crate::cli::stream::{Input, STOP, SourceArguments, catch_ctrl_c};
+use crate::cli::stream::{Input, STOP, SourceArguments, catch_signals};
 use crate::cli::{note, print_json, prompt};
 
 /// Survey fingerprints: go from point to point with a tag, and record the RSSI values that it receives
@@ -112,7 +112,7 @@ fn recorded(
         let wrong = format!("point {:?} has no from_s: when does its stay begin in the recording?", place.name);
         return Err(UserError::file(file, wrong).into());
     }
-    catch_ctrl_c()?;
+    catch_signals()?;
     let mut stays: Vec<_> = missing(places, book)
         .into_iter()
         .map(|place| (place, Dwell::new(place.from_s, arguments.dwell_s), false))
@@ -188,7 +188,7 @@ impl Person for Terminal {
 }
 
 fn live(arguments: &Arguments, places: Option<Vec<SurveyPoint>>, book: &mut FingerprintFile) -> Result<Vec<Visit>> {
-    catch_ctrl_c()?;
+    catch_signals()?;
     let mut source = arguments.source.live(None, false);
     let mut person = Terminal::new();
     let mut guide = Wizard::new(source.as_mut(), &mut person, arguments.dwell_s, &STOP);

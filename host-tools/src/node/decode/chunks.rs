@@ -1,35 +1,14 @@
 //! Reads a file or a pipe in a way that lets the caller stop waiting.
 
-use std::fs::File;
 use std::io::{self, ErrorKind, Read};
-use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread;
 use std::time::Duration;
-
-use crate::UserError;
 
 /// The number of bytes read at once.
 const CHUNK: usize = 1 << 16;
 /// The number of chunks read ahead.
 const AHEAD: usize = 4;
-/// The interval between two checks whether to stop.
-const PATIENCE: Duration = Duration::from_millis(50);
-
-/// Opens a stream's file. Returns the file and its length in bytes.
-///
-/// # Errors
-/// The file cannot be opened, or it is a folder.
-pub fn open_stream(path: &Path) -> Result<(File, u64), UserError> {
-    let opened = File::open(path).and_then(|file| file.metadata().map(|metadata| (file, metadata)));
-    let (file, metadata) = opened.map_err(|error| UserError::file(path, format!("cannot open it: {error}")))?;
-    if metadata.is_dir() {
-        return Err(UserError::file(path, "it is a folder"));
-    }
-    log::info!("reading {}, {} bytes", path.display(), metadata.len());
-    Ok((file, metadata.len()))
-}
 
 /// The result of waiting for bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -83,20 +62,5 @@ impl Chunks {
             Err(RecvTimeoutError::Timeout) => Ok(Waited::Nothing),
             Err(RecvTimeoutError::Disconnected) => Ok(Waited::End),
         }
-    }
-
-    /// The next bytes; `None` at the end, or when `stop` is set.
-    ///
-    /// # Errors
-    /// The reader returns an error.
-    pub fn next(&self, stop: &AtomicBool) -> io::Result<Option<Vec<u8>>> {
-        while !stop.load(Ordering::Relaxed) {
-            match self.wait(PATIENCE)? {
-                Waited::Bytes(bytes) => return Ok(Some(bytes)),
-                Waited::Nothing => {}
-                Waited::End => return Ok(None),
-            }
-        }
-        Ok(None)
     }
 }

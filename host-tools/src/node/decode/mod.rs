@@ -1,15 +1,18 @@
 //! A node's telemetry: from the bytes of a stream to messages on one time line.
 //!
-//! [`Chunks`] reads a file or a pipe. [`Stream`] takes the bytes and returns messages, each with its time in the
+//! [`StreamFiles`] opens files, and [`Chunks`] reads them or a pipe. [`Stream`] takes the bytes and returns messages, each with its time in the
 //! recording's [`Timeline`]. [`row`] returns a message's row in its table. [`Summary`] counts what was received and
 //! what was lost. `docs/wire-format.md` specifies the bytes.
 
 mod chunks;
+mod opened;
 mod summary;
 mod timeline;
 
-pub use chunks::{Chunks, Waited, open_stream};
+pub use chunks::{Chunks, Waited};
+pub use opened::StreamFiles;
 pub use summary::Summary;
+pub(crate) use summary::no_telemetry;
 pub use timeline::{Stamp, Timeline};
 
 use wire::telemetry::{Decoder, Hello, Message, Table};

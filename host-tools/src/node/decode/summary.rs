@@ -1,11 +1,13 @@
 //! A summary of what was received in a stream and what was lost, for people and for programs.
 
 use std::fmt::Write as _;
+use std::path::Path;
 
 use serde::{Serialize, Serializer};
 use wire::telemetry::{Body, Counts, Hello, Message};
 
 use super::{Seen, Timeline};
+use crate::UserError;
 
 /// What was received in a stream, and what was lost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -118,6 +120,18 @@ impl Summary {
         }
     }
 
+    /// Refuses a file that is not empty, but has no frame. A frame of a newer node is a frame.
+    ///
+    /// # Errors
+    /// The file has no telemetry.
+    pub fn is_of_telemetry(&self, file: &Path) -> Result<(), UserError> {
+        let Newer { schema, unknown } = self.newer;
+        if self.bytes > 0 && self.frames.total + schema + unknown == 0 {
+            return Err(no_telemetry(file, self.bytes));
+        }
+        Ok(())
+    }
+
     /// The summary as text: what was received, then one line for each kind of error.
     pub fn told(&self) -> String {
         let mut text = format!("{} frames in {} bytes", self.frames.total, self.bytes);
@@ -157,6 +171,11 @@ impl Summary {
         line(self.telemetry_dropped.unwrap_or(0).into(), "frames dropped by the node, its channel being full");
         text
     }
+}
+
+/// The error of a file without a frame.
+pub(crate) fn no_telemetry(file: &Path, bytes: u64) -> UserError {
+    UserError::file(file, format!("this is no telemetry: there is no frame in {bytes} bytes"))
 }
 
 /// Serializes the node's last `Hello`, with the keys of that message.

@@ -3,10 +3,10 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use wire::telemetry::Message;
 
-use super::session::{Counts, Said, Session};
+use super::session::{Counts, Output, Said, Session};
 use super::source::{Event, Source};
 
 /// The limits at which listening ends, besides the end of the source.
@@ -26,7 +26,7 @@ pub trait Listener {
     /// The output cannot be written.
     fn said(&mut self, said: &Said) -> Result<bool>;
 
-    /// Takes a message for the user, which is not part of the data.
+    /// Takes a message for the user, which is not part of the data: after all output before it.
     fn note(&mut self, note: &str);
 
     /// Takes the current status, several times a second, and may write out held data. `false` ends the listening.
@@ -64,13 +64,21 @@ pub fn listen(
             })
         };
         let ended = event == Some(Event::End);
-        if let Some(event) = event {
-            session.accept(begun.elapsed(), event).context("cannot write the recording")?;
+        match event {
+            Some(event) => session.accept(begun.elapsed(), event)?,
+            None => session.tick()?,
         }
         while let Some(note) = session.note() {
             listener.note(&note);
         }
-        while let Some(said) = session.next(begun.elapsed()) {
+        while let Some(output) = session.next(begun.elapsed()) {
+            let said = match output {
+                Output::Said(said) => said,
+                Output::Note(note) => {
+                    listener.note(&note);
+                    continue;
+                }
+            };
             fixes += u64::from(is_position(&said));
             if !listener.said(&said)? || limits.fixes.is_some_and(|most| fixes >= most) {
                 return Ok(session.counts());

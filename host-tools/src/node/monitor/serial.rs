@@ -60,6 +60,10 @@ fn refused(name: &str, error: serialport::Error) -> anyhow::Error {
         }
         Kind::NoDevice => anyhow::Error::new(error)
             .context(format!("{name} is in use by another program (espflash, minicom?): end that one")),
+        // The system has no settings of a serial line for it.
+        Kind::Io(_) | Kind::Unknown if error.description == "Not a typewriter" => {
+            UserError::flag("--serial", format!("{name} is not a serial port")).into()
+        }
         Kind::InvalidInput | Kind::Io(_) | Kind::Unknown => {
             anyhow::Error::new(error).context(format!("cannot open {name}"))
         }

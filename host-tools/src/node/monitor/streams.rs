@@ -1,7 +1,6 @@
 //! The sources for byte streams: standard input, and files.
 
 use std::collections::VecDeque;
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -11,7 +10,7 @@ use anyhow::{Context, Result};
 use super::demux::Demux;
 use super::source::{Channel, Event, Source};
 use crate::UserError;
-use crate::node::decode::{Chunks, Waited, open_stream};
+use crate::node::decode::{Chunks, StreamFiles, Waited};
 
 /// The number of bytes read at once.
 const CHUNK: usize = 8192;
@@ -64,8 +63,7 @@ pub struct Files {
 
 struct Part {
     path: PathBuf,
-    file: File,
-    length: u64,
+    file: StreamFiles,
     read: u64,
     /// The number of bytes read at once.
     step: usize,
@@ -87,10 +85,17 @@ impl Files {
     }
 }
 
+impl Files {
+    /// Whether the mixture is a pipe or a device, whose bytes may come from a node now.
+    pub fn is_live(&self) -> bool {
+        self.mixture.file.is_live()
+    }
+}
+
 impl Part {
     fn open(path: &Path, step: usize) -> Result<Self, UserError> {
-        let (file, length) = open_stream(path)?;
-        Ok(Self { path: path.to_owned(), file, length, read: 0, step, ended: false })
+        let file = StreamFiles::open(path)?;
+        Ok(Self { path: path.to_owned(), file, read: 0, step, ended: false })
     }
 
     fn read(&mut self) -> Result<Vec<u8>> {
@@ -105,7 +110,7 @@ impl Part {
     /// The fraction of the file that is read. Both files are read in step, so that their lines come in the order of
     /// their arrival.
     fn progress(&self) -> f64 {
-        if self.ended { f64::INFINITY } else { self.read as f64 / self.length.max(1) as f64 }
+        if self.ended { f64::INFINITY } else { self.read as f64 / self.file.length().max(1) as f64 }
     }
 }
 

@@ -31,6 +31,9 @@ impl FingerprintFile {
     /// The file is not a file of fingerprints, or its folder does not exist.
     pub fn open(flag: &'static str, file: &Path) -> Result<Self, UserError> {
         output::check(flag, file)?;
+        if file.as_os_str() == output::STANDARD {
+            return Err(UserError::flag(flag, "a survey needs a file, which it can continue"));
+        }
         let text = match fs::read(file) {
             Ok(text) => text,
             Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),

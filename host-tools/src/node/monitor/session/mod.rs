@@ -11,6 +11,7 @@ mod tests;
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use anyhow::Result;
 use wire::telemetry::{Condition, Message, State};
 
 use super::image::{Build, Image};
@@ -75,9 +76,18 @@ impl Counts {
 /// Reads an ELF file again if it may have been rebuilt.
 pub type Reload = Box<dyn FnMut(&Image) -> Option<Result<Image, UserError>>>;
 
+/// An item of a session, in the order of its arrival.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Output {
+    /// The node's output.
+    Said(Said),
+    /// A message for the user that belongs between two items of the node's output: a restart.
+    Note(String),
+}
+
 /// A received item, in the order of arrival.
 enum Waiting {
-    Said(Said),
+    Output(Output),
     /// A frame of the log with its time of arrival, not decoded yet.
     Log(Duration, Vec<u8>),
 }
@@ -153,6 +163,14 @@ impl Session {
         self.recorder = Some(recorder);
     }
 
+    /// Lets the recording write the rows of the last second, where no bytes come.
+    ///
+    /// # Errors
+    /// The recording cannot be written.
+    pub fn tick(&mut self) -> Result<()> {
+        self.recorder.as_mut().map_or(Ok(()), Recorder::tick)
+    }
+
     /// Returns the recorder.
     pub fn recorded(&mut self) -> Option<Recorder> {
         self.recorder.take()
@@ -162,7 +180,7 @@ impl Session {
     ///
     /// # Errors
     /// The event cannot be recorded.
-    pub fn accept(&mut self, now: Duration, event: Event) -> csv::Result<()> {
+    pub fn accept(&mut self, now: Duration, event: Event) -> Result<()> {
         match event {
             Event::Bytes(Channel::Telemetry, bytes) => self.telemetry(&bytes)?,
             Event::Bytes(Channel::Log, bytes) => {
@@ -170,7 +188,7 @@ impl Session {
                     self.log_frame(now, frame);
                 }
             }
-            Event::Text(line) => self.waiting.push_back(Waiting::Said(Said::Text(line))),
+            Event::Text(line) => self.waiting.push_back(Waiting::Output(Output::Said(Said::Text(line)))),
             Event::Connected(to) => {
                 let again = if self.connected_before { "again " } else { "" };
                 self.connected_before = true;
@@ -182,12 +200,15 @@ impl Session {
             }
             Event::Lost(why) => {
                 self.counts.lost += 1;
-                self.stream.interrupted();
+                self.interrupted();
                 self.frames.cut();
                 self.notes.push_back(format!("connection lost ({why}); it is sought again until Ctrl-C"));
             }
             Event::Restarted => {
                 self.stream.restarted();
+                if let Some(recorder) = &mut self.recorder {
+                    recorder.restarted();
+                }
                 self.frames.cut();
             }
             Event::Silent => {
@@ -205,23 +226,28 @@ impl Session {
                 }
             }
             Event::End => {
-                self.stream.interrupted();
+                self.interrupted();
                 self.frames.cut();
                 self.ended = true;
             }
         }
-        while self.counts.restarts < self.stream.restarts() {
-            self.counts.restarts += 1;
-            self.notes.push_back("the node has restarted".into());
-        }
+        self.note_restarts();
         Ok(())
     }
 
+    /// Bytes are missing from here on.
+    fn interrupted(&mut self) {
+        self.stream.interrupted();
+        if let Some(recorder) = &mut self.recorder {
+            recorder.interrupted();
+        }
+    }
+
     /// The next item of the node's output that can be decoded at `now`; `None`: no item at present.
-    pub fn next(&mut self, now: Duration) -> Option<Said> {
+    pub fn next(&mut self, now: Duration) -> Option<Output> {
         loop {
             let (came, frame) = match self.waiting.pop_front()? {
-                Waiting::Said(said) => return Some(said),
+                Waiting::Output(output) => return Some(output),
                 Waiting::Log(came, frame) => (came, frame),
             };
             if let ImageMatch::Unknown { flash } = self.image_match {
@@ -233,12 +259,12 @@ impl Session {
                 self.decide(flash);
             }
             if let Some(said) = self.log_line(&frame) {
-                return Some(said);
+                return Some(Output::Said(said));
             }
         }
     }
 
-    /// The next message for the user, which is not part of the data.
+    /// The next message for the user that has no place among the node's output.
     pub fn note(&mut self) -> Option<String> {
         self.notes.pop_front()
     }
@@ -257,19 +283,25 @@ impl Session {
         self.state.map(|is| is.to_string())
     }
 
-    fn telemetry(&mut self, bytes: &[u8]) -> csv::Result<()> {
+    fn telemetry(&mut self, bytes: &[u8]) -> Result<()> {
         if let Some(recorder) = &mut self.recorder {
-            recorder.bytes(bytes)?;
+            recorder.take(bytes)?;
         }
         for byte in bytes {
             let Some((stamp, message)) = self.stream.feed(*byte) else { continue };
-            if let Some(recorder) = &mut self.recorder {
-                recorder.message(stamp, &message)?;
-            }
+            self.note_restarts();
             self.message(&message);
-            self.waiting.push_back(Waiting::Said(Said::Message(stamp, message)));
+            self.waiting.push_back(Waiting::Output(Output::Said(Said::Message(stamp, message))));
         }
         Ok(())
+    }
+
+    /// Notes the restarts of the node before what it has sent since.
+    fn note_restarts(&mut self) {
+        while self.counts.restarts < self.stream.restarts() {
+            self.counts.restarts += 1;
+            self.waiting.push_back(Waiting::Output(Output::Note("the node has restarted".into())));
+        }
     }
 
     fn message(&mut self, message: &Message) {

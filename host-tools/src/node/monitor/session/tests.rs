@@ -7,7 +7,7 @@ use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 use wire::telemetry::Message;
 
-use super::{Said, Session};
+use super::{Output, Said, Session};
 use crate::node::monitor::image::{Image, SourceLocation};
 use crate::node::monitor::source::{Channel, Event};
 use crate::node::monitor::testing::{BUILD, OTHER_BUILD, elf, fix, frame, hello, told};
@@ -38,11 +38,12 @@ fn tell(session: &mut Session, now: Duration, message: &Message) {
 
 /// The session's output, in short form.
 fn said(session: &mut Session, now: Duration) -> Vec<String> {
-    let short = |said| match said {
-        Said::Log(line) => line.text,
-        Said::Message(_, message) => format!("{} {}", message.kind(), message.t_us()),
-        Said::Text(text) => text,
-        Said::Unreadable => "unreadable".into(),
+    let short = |output| match output {
+        Output::Said(Said::Log(line)) => line.text,
+        Output::Said(Said::Message(_, message)) => format!("{} {}", message.kind(), message.t_us()),
+        Output::Said(Said::Text(text)) => text,
+        Output::Said(Said::Unreadable) => "unreadable".into(),
+        Output::Note(note) => format!("({note})"),
     };
     std::iter::from_fn(|| session.next(now)).map(short).collect()
 }
@@ -86,8 +87,7 @@ fn a_wrong_elf_file_is_said_in_one_sentence_and_telemetry_goes_on() {
     accept(&mut session, ms(600), Event::Restarted);
     tell(&mut session, ms(601), &hello(1, BUILD));
     log(&mut session, ms(602), 2, 3);
-    assert_eq!(said(&mut session, ms(900)), ["hello 1", "hello 3"]);
-    assert_eq!(notes(&mut session), ["the node has restarted"]);
+    assert_eq!(said(&mut session, ms(900)), ["(the node has restarted)", "hello 1", "hello 3"]);
 }
 
 #[test]
@@ -198,8 +198,11 @@ fn a_clock_that_falls_back_is_a_restart() {
     }
     accept(&mut session, ms(0), Event::End);
     let life = |life: u8| ["hello 1000".into(), format!("hello {life}"), "fix 9000000".into(), format!("hello {life}")];
-    assert_eq!(said(&mut session, ms(0)), [life(0), life(1), life(2)].concat());
-    assert_eq!((session.counts().restarts, notes(&mut session).len()), (2, 2));
+    // Each restart is noted where it is, although all bytes come before all output.
+    let restarted = vec!["(the node has restarted)".to_owned()];
+    let all = [life(0).to_vec(), restarted.clone(), life(1).to_vec(), restarted, life(2).to_vec()];
+    assert_eq!(said(&mut session, ms(0)), all.concat());
+    assert_eq!((session.counts().restarts, notes(&mut session).len()), (2, 0));
 }
 
 #[test]
@@ -232,7 +235,7 @@ fn a_line_of_the_log_that_telemetry_has_is_marked_where_there_is_telemetry() {
         }
         log(&mut session, ms(0), 2, 1);
         let said = std::iter::from_fn(|| session.next(ms(0)));
-        said.filter_map(|said| if let Said::Log(line) = said { Some(line.is_in_telemetry) } else { None })
+        said.filter_map(|said| if let Output::Said(Said::Log(line)) = said { Some(line.is_in_telemetry) } else { None })
             .collect::<Vec<_>>()
     };
     // The path as the compiler receives it, and as an absolute path.

@@ -1,0 +1,125 @@
+//! What holds for the paths of all commands: an output is none of the inputs, nor another output.
+//!
+//! Arguments of the type `PathBuf` are inputs, but those that are called as in [`OUTPUTS`].
+
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::{Arg, ArgMatches, Command, ValueHint};
+use host_tools::UserError;
+use host_tools::files::output::STANDARD;
+use host_tools::node::recorder::{folders, is_of_recording};
+
+/// The flags of outputs, by name and as the user writes them.
+const OUTPUTS: [(&str, &str); 5] =
+    [("out", "--out"), ("plot", "--plot"), ("pcap", "--pcap"), ("survey", "--survey"), ("record", "--record")];
+
+/// Refuses paths that cannot be used together.
+///
+/// # Errors
+/// An output is an input or another output, or two paths stand for the same standard stream.
+pub fn check(command: &Command, matches: &ArgMatches) -> Result<(), UserError> {
+    if let Some((name, matches)) = matches.subcommand() {
+        return command.find_subcommand(name).map_or(Ok(()), |command| check(command, matches));
+    }
+    let given: Vec<_> = command.get_arguments().flat_map(|argument| paths(argument, matches)).collect();
+    let outputs = || given.iter().filter_map(|given| Some((flag_of(given)?, given.path)));
+    for (at, (flag, output)) in outputs().enumerate() {
+        for input in given.iter().filter(|given| flag_of(given).is_none()) {
+            if is_at_risk(output, input.path, has_flag(matches, "force")) {
+                let what = format!("{} is the input {}; name another file", output.display(), input.name);
+                return Err(UserError::flag(flag, what));
+            }
+        }
+        if let Some((other, _)) = outputs().take(at).find(|(_, other)| is_same(output, other)) {
+            return Err(UserError::flag(flag, format!("{} is also {other}", output.display())));
+        }
+        let prints_more = flag != "--out" || has_flag(matches, "json");
+        if output.as_os_str() == STANDARD && prints_more {
+            return Err(UserError::flag(flag, "standard output has something else already; name a file"));
+        }
+    }
+    let standard = given.iter().filter(|given| flag_of(given).is_none() && given.path.as_os_str() == STANDARD);
+    if standard.count() > 1 {
+        return Err(UserError::flag("-", "standard input can be one file only"));
+    }
+    Ok(())
+}
+
+/// A path among the arguments.
+struct Given<'a> {
+    id: &'a str,
+    /// As the user writes it.
+    name: String,
+    path: &'a Path,
+}
+
+fn paths<'a>(argument: &'a Arg, matches: &'a ArgMatches) -> Vec<Given<'a>> {
+    // Clap gives this hint to every argument of the type `PathBuf`.
+    if argument.get_value_hint() != ValueHint::AnyPath {
+        return Vec::new();
+    }
+    let id = argument.get_id().as_str();
+    let name = argument.get_long().map_or_else(|| id.to_uppercase(), |long| format!("--{long}"));
+    let values = matches.get_raw(id).into_iter().flatten();
+    values.map(|path: &OsStr| Given { id, name: name.clone(), path: Path::new(path) }).collect()
+}
+
+fn flag_of(given: &Given) -> Option<&'static str> {
+    OUTPUTS.iter().find(|(id, _)| *id == given.id).map(|(_, flag)| *flag)
+}
+
+fn has_flag(matches: &ArgMatches, id: &str) -> bool {
+    matches.try_get_one::<bool>(id).is_ok_and(|flag| flag == Some(&true))
+}
+
+/// Whether writing to `output` would change `input`: both are one file, or the output is a file of the recording in the
+/// folder that is the input, or the input is a file of the recording that the output replaces.
+fn is_at_risk(output: &Path, input: &Path, replaces: bool) -> bool {
+    let is_in = |file: &Path, folder: &Path| {
+        let name = file.file_name().and_then(OsStr::to_str);
+        let is_there = |folder: &PathBuf| name.is_some_and(|name| is_same(&folder.join(name), file));
+        name.is_some_and(is_of_recording) && folder.is_dir() && folders(folder).iter().any(is_there)
+    };
+    is_same(output, input) || is_in(output, input) || replaces && is_in(input, output)
+}
+
+/// Whether two paths lead to one file or folder. A pipe, a terminal or `/dev/null` may be both input and output.
+fn is_same(one: &Path, other: &Path) -> bool {
+    let (Ok(of_one), Ok(of_other)) = (fs::metadata(one), fs::metadata(other)) else {
+        // A file that does not exist yet is the same by its name only.
+        return one.as_os_str() != STANDARD && one == other;
+    };
+    let is_kept = of_one.is_file() || of_one.is_dir();
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        is_kept && (of_one.dev(), of_one.ino()) == (of_other.dev(), of_other.ino())
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = of_other;
+        is_kept && fs::canonicalize(one).is_ok_and(|one| fs::canonicalize(other).is_ok_and(|other| one == other))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_paths_of_all_commands_are_found() {
+        fn ids(command: &Command) -> Vec<String> {
+            let own = command.get_arguments().filter(|argument| argument.get_value_hint() == ValueHint::AnyPath);
+            let own = own.map(|argument| argument.get_id().to_string());
+            own.chain(command.get_subcommands().flat_map(ids)).collect()
+        }
+        let ids = ids(&crate::cli::Arguments::command());
+        for (id, _) in OUTPUTS {
+            assert!(ids.iter().any(|found| found == id), "no command has the output {id}");
+        }
+        assert!(["ranges", "config", "scenario", "stream"].iter().all(|id| ids.iter().any(|found| found == id)));
+    }
+}

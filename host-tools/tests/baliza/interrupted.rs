@@ -1,0 +1,175 @@
+//! Commands that are killed at any instant: each output is the old one or the new one, and a recording loses nothing
+//! that is older than a second. `BALIZA_KILLS` is the number of kills [default: 40].
+
+#![cfg(unix)]
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::os::unix::process::ExitStatusExt;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64;
+
+use crate::streams::{frame, stream, walk};
+use crate::support::Folder;
+
+/// Ctrl-C, a closed terminal, `kill`, and the kill that no program can catch.
+const SIGNALS: [(&str, i32); 4] = [("INT", 2), ("HUP", 1), ("TERM", 15), ("KILL", 9)];
+
+/// The number of kills of each of the commands.
+fn kills() -> u64 {
+    let all: u64 = std::env::var("BALIZA_KILLS").map_or(40, |number| number.parse().expect("BALIZA_KILLS is a number"));
+    all.div_ceil(4)
+}
+
+fn signal(child: &Child, name: &str) {
+    let status = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status();
+    assert!(status.expect("kill runs").success());
+}
+
+/// The files of a folder that are not hidden, by name.
+fn files(folder: &Folder, of: &str) -> BTreeMap<String, Vec<u8>> {
+    let entries = std::fs::read_dir(folder.path(of)).into_iter().flatten();
+    let names = entries.map(|entry| entry.expect("an entry").file_name().into_string().expect("UTF-8"));
+    names
+        .filter(|name| !name.starts_with('.'))
+        .map(|name| (name.clone(), folder.read(&format!("{of}/{name}"))))
+        .collect()
+}
+
+/// Kills a command that writes into the folder `out` again and again: after each kill, the folder is as the first
+/// command makes it, or as the second one does.
+fn is_old_or_new(folder: &Folder, old: &str, new: &str, seed: u64) {
+    let made = |command: &str| {
+        let begun = Instant::now();
+        folder.run(command).ok();
+        (files(folder, "out"), begun.elapsed())
+    };
+    let ((before, _), (after, mut takes)) = (made(old), made(new));
+    assert!(before != after && !after.is_empty());
+    let mut random = Pcg64::seed_from_u64(seed);
+    let mut seen = [0_u32; 2];
+    for kill in 0..kills() {
+        let (name, number) = SIGNALS[kill as usize % SIGNALS.len()];
+        made(old);
+        let mut child = folder.command(new).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("baliza runs");
+        // Three of four kills are near the instant at which the files appear.
+        let is_near = random.random_bool(0.75);
+        std::thread::sleep(takes.mul_f64(if is_near { random.random_range(0.97..1.03) } else { random.random() }));
+        signal(&child, name);
+        let status = child.wait().expect("it ends");
+        let now = files(folder, "out");
+        let is = [now == before, now == after];
+        assert!(is[0] || is[1], "kill {kill} ({name}): {:?} are neither old nor new", now.keys());
+        seen.iter_mut().zip(is).for_each(|(seen, is)| *seen += u32::from(is));
+        if is_near {
+            takes = takes.mul_f64(if is[0] { 1.05 } else { 0.95 });
+        }
+        let ended = [status.code() == Some(0), status.code() == Some(130), status.signal() == Some(number)];
+        assert!(ended.contains(&true), "{name}: {status:?}");
+        // A command that says that it is done, has done it.
+        assert!(!ended[0] || is[1], "{name}: done, but {:?} are old", now.keys());
+    }
+    eprintln!("{new}: {} times old, {} times new", seen[0], seen[1]);
+}
+
+#[test]
+fn a_simulation_leaves_the_old_recording_or_the_new_one() {
+    let folder = Folder::with(&[]);
+    let simulate = "simulate --tags 1 --anchors 4 --fidelity air --force --out out --seconds";
+    is_old_or_new(&folder, &format!("{simulate} 0.5 --mode tdoa"), &format!("{simulate} 3"), 1);
+}
+
+#[test]
+fn records_are_the_old_ones_or_the_new_ones() {
+    let folder = Folder::with(&[]);
+    folder.run("provision --example --out site.toml").ok();
+    let provision = "provision --config site.toml --all --out out --force --format";
+    is_old_or_new(&folder, &format!("{provision} bin"), &format!("{provision} hex"), 2);
+}
+
+#[test]
+fn solved_positions_are_the_old_ones_or_the_new_ones() {
+    let folder = Folder::with(&[]);
+    folder.run("example --out room").ok();
+    std::fs::create_dir(folder.path("out")).expect("made");
+    let solve = "solve --anchors room/anchors.csv --ranges room/ranges.csv --out out/positions.csv --method";
+    is_old_or_new(&folder, &format!("{solve} lls"), &format!("{solve} lls,nls"), 3);
+}
+
+/// The stream of a node that sends a frame each millisecond, killed at any instant.
+#[test]
+fn a_recording_keeps_all_that_is_older_than_a_second() {
+    let mut random = Pcg64::seed_from_u64(4);
+    let sent: Vec<Vec<u8>> = walk().iter().cycle().take(1000).map(frame).collect();
+    for kill in 0..kills() {
+        let folder = Folder::with(&[]);
+        let (name, number) = SIGNALS[kill as usize % SIGNALS.len()];
+        let mut command = folder.command("record --stdin --out out");
+        let mut child = command.stdin(Stdio::piped()).stderr(Stdio::null()).spawn().expect("baliza runs");
+        let mut stdin = child.stdin.take().expect("piped");
+        // The folder is there when signals are caught.
+        while !folder.path("out").is_dir() {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let lives = Duration::from_millis(random.random_range(100..1000));
+        let begun = Instant::now();
+        let mut times = Vec::new();
+        let mut bytes = Vec::new();
+        for frame in &sent {
+            stdin.write_all(frame).expect("it reads");
+            bytes.extend(frame);
+            times.push((Instant::now(), bytes.len()));
+            if begun.elapsed() >= lives {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        // Half of the recordings end a second after the last byte.
+        if random.random() {
+            std::thread::sleep(Duration::from_millis(1000));
+        }
+        let killed = Instant::now();
+        signal(&child, name);
+        let status = child.wait().expect("it ends");
+        let kept = std::fs::read(folder.path("out/telemetry.bin")).unwrap_or_default();
+        assert!(bytes.starts_with(&kept), "kill {kill} ({name})");
+        let of_old = times.iter().rev().find(|(sent, _)| killed.duration_since(*sent) >= Duration::from_secs(1));
+        let old = of_old.map_or(0, |(_, length)| *length);
+        assert!(kept.len() >= old, "kill {kill} ({name}): {} bytes are left of {old}", kept.len());
+        if number == 9 {
+            assert_eq!(status.signal(), Some(number));
+            if !kept.is_empty() {
+                folder.run("record --finish out").ok();
+            }
+        } else {
+            // A signal ends the recording of a live node well.
+            assert_eq!(status.code(), Some(0), "{name}");
+        }
+        if !kept.is_empty() {
+            let told = folder.run("decode out --format csv").ok();
+            assert_eq!(folder.read("out/positions.csv"), told.stdout.as_bytes(), "kill {kill} ({name})");
+        }
+    }
+}
+
+/// A part of a file is not the whole.
+#[test]
+fn an_interrupted_command_says_so_and_keeps_the_old_file() {
+    let folder = Folder::with(&[]);
+    folder.write("long.bin", &stream(&walk()).repeat(2000));
+    for (name, _) in SIGNALS.into_iter().take(3) {
+        folder.write("out.jsonl", b"before");
+        let mut command = folder.command("decode --file long.bin --out out.jsonl");
+        let child = command.stderr(Stdio::piped()).spawn().expect("baliza runs");
+        std::thread::sleep(Duration::from_millis(500));
+        signal(&child, name);
+        let output = child.wait_with_output().expect("it ends");
+        let said = String::from_utf8(output.stderr).expect("UTF-8");
+        assert_eq!((output.status.code(), said.as_str()), (Some(130), "baliza: interrupted\n"), "{name}");
+        assert_eq!(folder.names(), ["long.bin", "out.jsonl"]);
+        assert_eq!(folder.read("out.jsonl"), b"before");
+    }
+}
