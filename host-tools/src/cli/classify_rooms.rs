@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use host_tools::files::output;
 use host_tools::files::positions::{self, PositionRow};
+use host_tools::locate::advice;
 use host_tools::survey::presence::{Found, Room, follow, read_outlines, room_of};
 use host_tools::{Coordinates, read_truth};
 use positioning_core::ble::rooms::RoomEstimate;
@@ -65,6 +66,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let rooms = read_outlines(&arguments.outlines)?;
     let rows = positions::read(&arguments.positions)?;
+    super::warn(advice::of_outlines(&rooms).into_iter().chain(advice::of_positions(&rows)));
     let truth = arguments.truth.as_deref().map(read_truth).transpose()?;
     let truth: Option<HashMap<String, Coordinates>> = truth.map(|truth| truth.into_iter().collect());
     let room_then = |epoch: &str| {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use host_tools::files::positions::{self, PositionRow};
+use host_tools::locate::advice;
 use host_tools::plot::{Dot, Picture, Track};
 use host_tools::{Coordinates, Truth, read_anchors};
 
@@ -51,6 +52,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let file = PictureFile::of("--out", &arguments.out)?;
     let flat = |place: &Coordinates| [place.x_m, place.y_m];
     let rows = positions::read(&arguments.positions)?;
+    super::warn(advice::of_positions(&rows));
     let truth = arguments.truth.as_deref().map(|file| Truth::read(file, false)).transpose()?.unwrap_or_default();
     let named = rows.iter().map(|row| (row.epoch.as_str(), row.t_s));
     let (places, _) = truth.of_epochs(named, arguments.time_offset_s);

@@ -7,11 +7,11 @@ use anyhow::{Context, Result};
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use host_tools::UserError;
-use host_tools::files::output;
+use host_tools::files::{IMAGE_BYTES, output, read_limited};
 use host_tools::node::probe::ProbeArguments;
 use host_tools::node::provision::image::{Contents, Held, Image};
 use host_tools::node::provision::show::{self, Keys};
-use host_tools::node::provision::{EXAMPLE, Node, Site, transfer, warnings};
+use host_tools::node::provision::{EXAMPLE, Node, Site, oddities, transfer, warnings};
 use host_tools::train::Chosen;
 use wire::config::{Board, Flasher, MODELS_BYTES, Record};
 
@@ -119,7 +119,7 @@ fn make(arguments: &Arguments, file: &Path) -> Result<()> {
     let record = node.record_for(arguments.board)?;
     if arguments.write {
         write(arguments, node, board_of(arguments, node)?, &contents(node, record))?;
-        warn([node]);
+        warn(&site, [node]);
         return Ok(());
     }
     let Some(out) = &arguments.out else {
@@ -129,12 +129,12 @@ fn make(arguments: &Arguments, file: &Path) -> Result<()> {
     let board = board_of(arguments, node)?;
     let contents = contents(node, record);
     super::write(out, &encoded(arguments.format, board, &contents)?)?;
-    warn([node]);
+    warn(&site, [node]);
     report(arguments, &[made(node, board, &contents, out)])
 }
 
-fn warn<'n>(nodes: impl IntoIterator<Item = &'n Node>) {
-    warnings(nodes).iter().for_each(|line| super::note(&format!("warning: {line}\n")));
+fn warn<'n>(site: &Site, nodes: impl IntoIterator<Item = &'n Node>) {
+    super::warn(warnings(nodes).into_iter().chain(oddities(site)));
 }
 
 fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
@@ -161,7 +161,7 @@ fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
     for (_, file, bytes) in &files {
         super::write(file, bytes)?;
     }
-    warn(&site.nodes);
+    warn(site, &site.nodes);
     let done: Vec<_> = files.into_iter().map(|(made, ..)| made).collect();
     report(arguments, &done)
 }
@@ -292,5 +292,5 @@ fn check(arguments: &Arguments, file: &Path) -> Result<()> {
 }
 
 fn read_file(file: &Path) -> Result<Vec<u8>> {
-    Ok(fs::read(file).map_err(|error| UserError::file(file, error.to_string()))?)
+    Ok(read_limited(file, IMAGE_BYTES)?)
 }

@@ -4,10 +4,11 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::ValueEnum;
-use host_tools::files::{Joined, round_s, rounds};
+use host_tools::files::{Joined, drop_repeats, round_s, rounds};
+use host_tools::locate::advice;
 use host_tools::locate::residuals::{AnchorResiduals, Reference, residuals};
 use host_tools::locate::time_offset::{Clocks, REACH_S, time_offset, timed_positions};
-use host_tools::{Files, Half, Height, Recording, Setup, Solver, Space, Truth, UserError};
+use host_tools::{Files, Half, Height, Recording, Setup, Solved, Solver, Space, Truth, UserError};
 use positioning_core::Method;
 
 use super::report::{ByMethod, Output, OutputArgs, Report, flat};
@@ -177,9 +178,11 @@ impl RecordingArgs {
             anchor_heights: setup.space != Space::Plane(Height::Unknown),
             truth_heights: false,
         })?;
+        let repeats = drop_repeats(&mut recording.epochs);
+        let warnings = advice::of_recording(&recording, setup.space).into_iter().chain(advice::of_repeats(repeats));
+        let mut notes: Vec<String> = warnings.map(|warning| format!("warning: {warning}")).collect();
         let heights = setup.space == Space::Plane(Height::FromTruth);
         let truth = self.truth.as_deref().map(|file| Truth::read(file, heights)).transpose()?;
-        let mut notes = Vec::new();
         let usual_s = round_s(&recording.epochs);
         let longest_s = match self.group_s {
             Some(longest_s) => Some(longest_s).filter(|longest_s| *longest_s > 0.0),
@@ -288,7 +291,9 @@ impl Input<'_> {
         for line in &self.notes {
             super::note(&format!("{line}\n"));
         }
-        Ok(())
+        let all: Vec<Solved> = solved.iter().flat_map(|(_, solved)| solved).copied().collect();
+        let in_space = matches!(self.setup.space, Space::Full(_));
+        super::report::some_position(advice::nothing_solved(&all, "anchors", in_space))
     }
 
     /// The residuals by method and anchor.

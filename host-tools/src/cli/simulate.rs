@@ -8,7 +8,7 @@ use anyhow::Result;
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use host_tools::UserError;
-use host_tools::files::output;
+use host_tools::files::{output, read_text};
 use host_tools::simulate::{
     Capture, SimulatedRecording, load_site_models, picture, position_header, position_row, survey_csv,
 };
@@ -309,9 +309,7 @@ impl Arguments {
 }
 
 fn read(file: &Path) -> Result<Scenario, UserError> {
-    let text =
-        std::fs::read_to_string(file).map_err(|error| UserError::file(file, format!("cannot read it: {error}")))?;
-    Scenario::parse(&text).map_err(|error| UserError::line(file, error.line as u64, error.message))
+    Scenario::parse(&read_text(file)?).map_err(|error| UserError::line(file, error.line as u64, error.message))
 }
 
 /// Runs `baliza simulate`.

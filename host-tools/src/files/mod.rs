@@ -3,6 +3,7 @@
 
 pub mod beacons;
 mod diagnostics;
+mod limited;
 pub mod output;
 pub mod positions;
 mod recording;
@@ -12,8 +13,9 @@ mod truth;
 mod user_error;
 
 pub use diagnostics::{DiagnosticColumns, Diagnostics};
+pub use limited::{DOCUMENT_BYTES, IMAGE_BYTES, limited_bytes, read_limited, read_text};
 pub use recording::{Anchor, Coordinates, Epoch, Files, Measured, Recording, by_time, read_anchors};
-pub use rounds::{round_s, rounds};
+pub use rounds::{drop_repeats, round_s, rounds};
 pub use table::{Column, Row, Table};
 pub use truth::{Joined, Truth, read_truth};
 pub use user_error::UserError;

@@ -2,10 +2,12 @@
 
 mod accuracy;
 mod ble;
+mod causes;
 mod contract;
 mod coverage;
 mod example;
 mod fingerprint;
+mod limits;
 mod monitor;
 mod nlos;
 mod pictures;

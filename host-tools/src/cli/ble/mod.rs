@@ -9,6 +9,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use host_tools::files::beacons::{Beacon, Capture, Dwell, read_beacons, read_walls};
+use host_tools::files::{DOCUMENT_BYTES, read_limited};
 use host_tools::survey::fingerprint::{Average, Plan, Survey};
 use host_tools::{Epoch, UserError};
 use positioning_core::ble::fingerprint::MAX_BEACONS;
@@ -50,7 +51,7 @@ impl Names {
 
 /// Reads the bytes of a map or a model.
 fn read_bytes(file: &Path) -> Result<Vec<u8>, UserError> {
-    std::fs::read(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))
+    read_limited(file, DOCUMENT_BYTES)
 }
 
 /// The names as part of a sentence.

@@ -3,14 +3,15 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use host_tools::Epoch;
 use host_tools::files::beacons::{read_beacons, read_captures, read_walls};
+use host_tools::locate::advice;
 use host_tools::locate::ble::{RssiMethod, Setup, Solver};
+use host_tools::{Epoch, Solved};
 use positioning_core::ble::beacon_monitor::{BeaconHealth, HealthChange};
 
 use crate::cli::note;
 use crate::cli::recording_args::{CornersM, finite};
-use crate::cli::report::{ByMethod, OutputArgs, Report};
+use crate::cli::report::{ByMethod, OutputArgs, Report, some_position};
 
 /// Positions by path loss: least squares, the posterior mean, a particle filter, the tag's engine
 ///
@@ -131,7 +132,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         };
         note(&format!("engine: after {seconds} s beacon {name} {found}\n"));
     }
-    Ok(())
+    let all: Vec<Solved> = solved.into_iter().flat_map(|(_, solved)| solved).collect();
+    some_position(advice::nothing_solved(&all, "beacons", false))
 }
 
 /// Parses a number of decibels.
