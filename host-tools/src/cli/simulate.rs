@@ -10,7 +10,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use host_tools::UserError;
 use host_tools::files::{output, read_text};
 use host_tools::simulate::{
-    Capture, SimulatedRecording, load_site_models, picture, position_header, position_row, survey_csv,
+    Attempts, Capture, SimulatedRecording, load_site_models, picture, position_header, position_row, survey_csv,
 };
 use host_tools::survey::presence::read_outlines;
 use host_tools::train::Chosen;
@@ -333,6 +333,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut recording =
         arguments.out.as_ref().map(|folder| SimulatedRecording::create(folder, &scenario)).transpose()?;
     let mut drawn = Vec::new();
+    let mut attempts = Attempts::default();
     let mut show = Show::new(arguments.json, &scenario);
     show.begin()?;
 
@@ -344,6 +345,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for step in 1..=steps {
         let records = simulation.run_until(seconds.min(step as f64 * STEP_S));
         for record in &records {
+            attempts.take(record);
             if let Some(recording) = &mut recording {
                 recording.take(record)?;
             }
@@ -366,6 +368,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         drawing.write(picture(simulation.scenario(), &drawn).to_svg()?)?;
     }
     let summary = simulation.summary();
+    if summary.fixes == 0 {
+        super::warn([format!("no positions: {}", attempts.why_none(simulation.scenario()))]);
+    }
     if arguments.json {
         return super::print_json(&summary);
     }

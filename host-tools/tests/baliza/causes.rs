@@ -186,3 +186,19 @@ fn negative_deviations_and_outlines_that_cross_are_named() {
     let over = "the outlines of the rooms hall and attic cross: a position in both counts for both";
     assert_eq!(warnings(&of("over.csv")), [over, negative]);
 }
+
+#[test]
+fn a_simulation_without_positions_says_why() {
+    let why = |arguments: &str, scenario: &str| {
+        let folder = Folder::with(&[("s.toml", scenario)]);
+        let run = folder.run(&format!("simulate --fidelity air --json {arguments}")).ok();
+        assert_eq!(run.json()["fixes"], 0, "{run:?}");
+        warnings(&run).join("|")
+    };
+    let few = "no positions: a tag has 2 anchors in its network, and a position needs 3: add anchors";
+    assert_eq!(why("--anchors 2 --seconds 1", ""), few);
+    let anchors = ["0, 0", "9, 0", "9, 9", "0, 9"].map(|at| format!("[[anchor]]\nat = [{at}, 2]\n")).concat();
+    // 4000 m from the nearest anchor.
+    let far = why("--scenario s.toml --seconds 1", &format!("{anchors}[[tag]]\npath = [[4009, 9, 2]]\n"));
+    assert!(far.starts_with("no positions: no anchor answered any tag; the nearest is 4000 m away"), "{far}");
+}
