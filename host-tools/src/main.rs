@@ -49,9 +49,14 @@ fn wants_json() -> bool {
 fn refuse(error: &clap::Error) -> ExitCode {
     match error.kind() {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
-            // If the reader closed its end, the help is not needed.
-            let _ = error.print();
-            if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS }
+            match error.print().and_then(|()| std::io::stdout().flush()) {
+                // If the reader closed its end, the help is not needed.
+                Err(unwritten) if unwritten.kind() != std::io::ErrorKind::BrokenPipe => {
+                    complain(1, &format!("baliza: cannot write to standard output: {unwritten}"))
+                }
+                Ok(()) | Err(_) if error.use_stderr() => ExitCode::from(2),
+                Ok(()) | Err(_) => ExitCode::SUCCESS,
+            }
         }
         _ => {
             let text = error.render().to_string();

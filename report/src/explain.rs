@@ -33,8 +33,11 @@ pub fn explain(text: &str, span: Option<Range<usize>>, message: &str) -> Explain
             let hint = nearest(name, &known).map_or_else(String::new, |near| format!("; {near} is near it"));
             format!("{key} is \"{name}\": it must be one of \"{}\"{hint}", known.join("\", \""))
         }
-        (Some("invalid"), Some(_)) if value.starts_with('[') && message.contains("type: map") => {
-            format!("there may be several of {value}: put it in two brackets")
+        (Some("invalid"), Some(expected)) if value.starts_with('[') && message.contains("type: map") => {
+            match expected {
+                LIST => format!("there may be several of {value}: put it in two brackets"),
+                _ => format!("{value} begins a table: it must be {expected}, as a key"),
+            }
         }
         (Some("invalid"), Some(expected)) => format!("{key} is {value}: it must be {expected}"),
         (_, _) => message.lines().collect::<Vec<_>>().join(", "),
@@ -60,6 +63,9 @@ fn key_before(text: &str, offset: usize) -> &str {
     before.rsplit(|c: char| c.is_whitespace() || matches!(c, ',' | '{' | '.')).next().unwrap_or("")
 }
 
+/// What is expected where several tables may stand.
+const LIST: &str = "a list";
+
 /// The expectation of `serde`, in plain terms.
 fn must_be(expected: &str) -> &str {
     match expected {
@@ -72,7 +78,7 @@ fn must_be(expected: &str) -> &str {
         "a string" => "text in quotation marks",
         "an array of length 2" => "two numbers, [x, y]",
         "an array of length 3" => "three numbers, [x, y, z]",
-        "a sequence" => "a list",
+        "a sequence" => LIST,
         structure if structure.starts_with("struct ") => "a table, { … }",
         other => other,
     }

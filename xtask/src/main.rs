@@ -12,6 +12,7 @@ mod document;
 mod extract;
 mod fingerprints;
 mod firmware;
+mod fuzz;
 mod network;
 mod onchip;
 mod protocol;
@@ -65,6 +66,8 @@ enum Chore {
     /// Compare the accuracy of solver, track and fingerprints with an earlier version, over all recordings and a
     /// simulated set: docs/design/accuracy.md.
     Accuracy(protocol::Arguments),
+    /// Fuzz what comes from the air, wires, flash and files.
+    Fuzz(fuzz::Arguments),
     /// Remake the tables and figures of docs/performance.md, docs/scenarios.md and research/README.md that simulations,
     /// recordings and QEMU make: all, or those that are named. `cargo xtask firmware --document` makes that of the
     /// images.
@@ -110,6 +113,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Qemu(Qemu::Tag) => qemu_tag::run(),
         Chore::Qemu(Qemu::Network(arguments)) => network::run(arguments),
         Chore::Accuracy(arguments) => protocol::run(arguments),
+        Chore::Fuzz(arguments) => fuzz::run(arguments),
         Chore::Bench { check: true, .. } => onchip::check(),
         Chore::Bench { check: false, tables } => bench::run(tables),
     }

@@ -8,6 +8,7 @@ use anyhow::Result;
 use host_tools::Truths;
 use host_tools::files::output;
 use host_tools::files::positions::{self, PositionRow};
+use host_tools::locate::advice;
 use host_tools::survey::presence::{Found, Room, follow, read_outlines, room_of};
 use positioning_core::ble::rooms::RoomEstimate;
 
@@ -68,6 +69,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let rooms = read_outlines(&arguments.outlines)?;
     let rows = positions::read(&arguments.positions)?;
+    super::warn(advice::of_outlines(&rooms).into_iter().chain(advice::of_positions(&rows)));
     let truths = arguments.truth.as_deref().map(|file| Truths::read(file, false)).transpose()?;
     // The room memory of each tag is its own.
     let mut walks: Vec<(&str, Option<&str>)> = Vec::new();

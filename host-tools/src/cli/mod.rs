@@ -183,6 +183,11 @@ fn prompt(text: &str) {
     let _ = std::io::stderr().write_all(text.as_bytes());
 }
 
+/// Prints warnings, each on a line of its own.
+fn warn(warnings: impl IntoIterator<Item = String>) {
+    warnings.into_iter().for_each(|warning| note(&format!("warning: {warning}\n")));
+}
+
 /// Whether standard output shows colours: it is a terminal that can, and `NO_COLOR` is not set.
 fn stdout_has_colours() -> bool {
     anstream::AutoStream::choice(&std::io::stdout()) != anstream::ColorChoice::Never

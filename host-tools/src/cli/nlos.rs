@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 
 use anyhow::Result;
-use host_tools::files::output;
+use host_tools::files::{DOCUMENT_BYTES, output, read_limited};
 use host_tools::train::{self, Method, RECIPES, Recipe, Samples, Score, mitigation};
 use host_tools::{Coordinates, Truths, UserError, read_anchors};
 use positioning_core::nlos::Classifier;
@@ -228,7 +228,7 @@ fn train(arguments: &Train) -> Result<()> {
 
 fn eval(arguments: &Eval) -> Result<()> {
     let file = &arguments.model;
-    let bytes = std::fs::read(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))?;
+    let bytes = read_limited(file, DOCUMENT_BYTES)?;
     let models = train::models(&bytes).map_err(|fault| UserError::file(file, fault.to_string()))?;
     let samples = arguments.receptions.read(None)?;
     if samples.all.iter().all(|sample| sample.blocked.is_none()) {

@@ -6,6 +6,7 @@ use anyhow::Result;
 use host_tools::files::beacons::read_beacons;
 use host_tools::files::folder::RecordingSettings;
 use host_tools::files::positions::{self, PositionRow};
+use host_tools::locate::advice;
 use host_tools::locate::track::Weighting;
 use host_tools::plot::{Dot, Errors, Picture, PictureBuilder};
 use host_tools::{Files, Height, Recording, Setup, Source, Space, Truths, read_anchors};
@@ -71,6 +72,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 impl Arguments {
     fn picture(&self, files: &FolderFiles) -> Result<Picture> {
         let (rows, source) = self.rows(files)?;
+        super::warn(advice::of_positions(&rows));
         let truth_file = files.find(&self.truth, "truth.csv");
         let truths = truth_file.as_deref().map(|file| Truths::read(file, false)).transpose()?;
         let anchors_file = files.find(&self.anchors, "anchors.csv");

@@ -8,10 +8,11 @@ use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use host_tools::UserError;
 use host_tools::files::output::{self, OutputFolder};
+use host_tools::files::{IMAGE_BYTES, read_limited};
 use host_tools::node::probe::ProbeArguments;
 use host_tools::node::provision::image::{Contents, Held, Image};
 use host_tools::node::provision::show::{self, Keys};
-use host_tools::node::provision::{EXAMPLE, Node, Site, transfer, warnings};
+use host_tools::node::provision::{EXAMPLE, Node, Site, oddities, transfer, warnings};
 use host_tools::train::Chosen;
 use wire::config::{Board, Flasher, MODELS_BYTES, Record};
 
@@ -122,7 +123,7 @@ fn make(arguments: &Arguments, file: &Path) -> Result<()> {
     let record = node.record_for(arguments.board)?;
     if arguments.write {
         write(arguments, node, board_of(arguments, node)?, &contents(node, record))?;
-        warn([node]);
+        warn(&site, [node]);
         return Ok(());
     }
     let Some(out) = &arguments.out else {
@@ -135,7 +136,7 @@ fn make(arguments: &Arguments, file: &Path) -> Result<()> {
     let board = board_of(arguments, node)?;
     let contents = contents(node, record);
     write_record(out, &contents, &encoded(arguments.format, board, &contents)?)?;
-    warn([node]);
+    warn(&site, [node]);
     report(arguments, &[made(node, board, &contents, out)])
 }
 
@@ -149,8 +150,8 @@ fn refuse_other_content(out: &Path) -> Result<(), UserError> {
     Ok(())
 }
 
-fn warn<'n>(nodes: impl IntoIterator<Item = &'n Node>) {
-    warnings(nodes).iter().for_each(|line| super::note(&format!("warning: {line}\n")));
+fn warn<'n>(site: &Site, nodes: impl IntoIterator<Item = &'n Node>) {
+    super::warn(warnings(nodes).into_iter().chain(oddities(site)));
 }
 
 fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
@@ -182,7 +183,7 @@ fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
         written.with_context(cannot)?;
     }
     output.finish().with_context(cannot)?;
-    warn(&site.nodes);
+    warn(site, &site.nodes);
     report(arguments, &made_files)
 }
 
@@ -324,5 +325,5 @@ fn check(arguments: &Arguments, file: &Path) -> Result<()> {
 }
 
 fn read_file(file: &Path) -> Result<Vec<u8>> {
-    Ok(fs::read(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))?)
+    Ok(read_limited(file, IMAGE_BYTES)?)
 }

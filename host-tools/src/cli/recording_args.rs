@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::ValueEnum;
 use host_tools::files::folder::RecordingSettings;
-use host_tools::files::{Joined, round_s, rounds};
+use host_tools::files::{Joined, drop_repeats, round_s, rounds};
+use host_tools::locate::advice;
 use host_tools::locate::residuals::{Reference, residuals};
 use host_tools::locate::time_offset::{Clocks, REACH_S, clocks};
 use host_tools::{Files, Half, Height, Recording, Setup, Solved, Source, Space, Truth, Truths, UserError};
@@ -226,9 +227,11 @@ impl RecordingArgs {
         let source = file.display().to_string();
         let mut notes = Vec::new();
         let mut tags = Vec::new();
-        for recording in recordings {
+        for mut recording in recordings {
             let truth = truths.as_ref().map(|truths| truths.of(recording.tag.as_deref())).transpose()?.flatten();
-            let mut told = Vec::new();
+            let repeats = drop_repeats(&mut recording.epochs);
+            let warnings = advice::of_recording(&recording, setup.space).into_iter().chain(advice::of_repeats(repeats));
+            let mut told: Vec<String> = warnings.map(|warning| format!("warning: {warning}")).collect();
             tags.push(self.joined(recording, truth, setup, singles, &mut told));
             let tag = tags.last().and_then(|of: &OfTag| of.recording.tag.as_deref());
             let told =
@@ -387,7 +390,9 @@ impl Input<'_> {
         for line in &self.notes {
             super::note(&format!("{line}\n"));
         }
-        Ok(())
+        let all: Vec<Solved> = solved.iter().flatten().flatten().copied().collect();
+        let in_space = matches!(self.setup.space, Space::Full(_));
+        super::report::some_position(advice::nothing_solved(&all, "anchors", in_space))
     }
 
     fn tag_report<'a>(&self, of: &'a OfTag, solved: &'a [Vec<Solved>]) -> TagReport<'a> {

@@ -234,6 +234,14 @@ impl Report<'_> {
     }
 }
 
+/// An error with the reason why there is no position at all, where there is such a reason.
+///
+/// # Errors
+/// There is a reason.
+pub fn some_position(nothing: Option<String>) -> Result<()> {
+    nothing.map_or(Ok(()), |why| Err(anyhow::Error::msg(why)))
+}
+
 /// The horizontal coordinates of a position, metres.
 pub fn flat(place: &Coordinates) -> [f64; 2] {
     [place.x_m, place.y_m]

@@ -9,9 +9,10 @@ use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use host_tools::UserError;
 use host_tools::files::output::{self, OutputFolder};
+use host_tools::files::read_text;
 use host_tools::node::recorder::is_of_recording;
 use host_tools::simulate::{
-    Capture, SimulatedRecording, load_site_models, picture, position_header, position_row, survey_csv,
+    Attempts, Capture, SimulatedRecording, load_site_models, picture, position_header, position_row, survey_csv,
 };
 use host_tools::survey::presence::read_outlines;
 use host_tools::train::Chosen;
@@ -320,9 +321,7 @@ impl Arguments {
 }
 
 fn read(file: &Path) -> Result<Scenario, UserError> {
-    let text =
-        std::fs::read_to_string(file).map_err(|error| UserError::file(file, format!("cannot read it: {error}")))?;
-    Scenario::parse(&text).map_err(|error| UserError::line(file, error.line as u64, error.message))
+    Scenario::parse(&read_text(file)?).map_err(|error| UserError::line(file, error.line as u64, error.message))
 }
 
 /// Runs `baliza simulate`.
@@ -345,6 +344,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let mut recording = arguments.out.as_ref().map(|folder| arguments.recording(folder, &scenario)).transpose()?;
     let mut drawn = Vec::new();
+    let mut attempts = Attempts::default();
     let mut show = Show::new(arguments.json, &scenario);
     show.begin()?;
 
@@ -358,6 +358,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         refuse_interrupted()?;
         let records = simulation.run_until(seconds.min(step as f64 * STEP_S));
         for record in &records {
+            attempts.take(record);
             if let Some(recording) = &mut recording {
                 recording.take(record).context("cannot write the recording")?;
             }
@@ -381,6 +382,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         drawing.write(picture(source, simulation.scenario(), &drawn).to_svg()?)?;
     }
     let summary = simulation.summary();
+    if summary.fixes == 0 {
+        super::warn([format!("no positions: {}", attempts.why_none(simulation.scenario()))]);
+    }
     if arguments.json {
         return super::print_json(&summary);
     }

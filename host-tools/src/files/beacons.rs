@@ -4,12 +4,25 @@
 //! as reported, including values that no receiver can have measured. `positioning_core::ble` checks them, in the same
 //! way for files and for received advertisements.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
+
+use positioning_core::ble::signal::rssi;
 
 use crate::files::table::quoted;
 use crate::files::tags::{ByTag, tag_of};
 use crate::{Column, Coordinates, NoPosition, Position, Row, Solved, Table, Truths, UserError, by_time};
+
+/// The largest number of beacons of a site.
+const MOST_BEACONS: usize = 4096;
+/// The largest number of walls of a site: every link is tested against every wall.
+const MOST_WALLS: usize = 10_000;
+/// The largest number of RSSI values of a survey, one for each point and beacon: a survey is a matrix in memory.
+const MOST_VALUES: usize = 10_000_000;
+
+/// Receivers report at most this RSSI, or this one where they did not measure it, dBm (Bluetooth Core Specification).
+const LOUDEST_DBM: f64 = 20.0;
+const UNAVAILABLE_DBM: f64 = 127.0;
 
 /// A beacon, and what is known of its signal.
 #[derive(Clone, Debug, PartialEq)]
@@ -101,9 +114,26 @@ pub fn read_beacons(file: &Path) -> Result<Vec<Beacon>, UserError> {
         }
         let position_m = [row.some_number(x)?, row.some_number(y)?];
         let (height_m, rssi_1m_dbm) = (row.number(z)?, row.number(rssi)?);
+        if let Some(rssi_dbm) = rssi_1m_dbm.filter(|rssi_dbm| *rssi_dbm > LOUDEST_DBM) {
+            return Err(row.wrong(rssi, &no_level(rssi_dbm)));
+        }
         beacons.push(Beacon { name, position_m, height_m, rssi_1m_dbm, path_loss_exponent, deviation_db });
     }
+    at_most(file, "beacons", beacons.len(), MOST_BEACONS)?;
     if beacons.is_empty() { Err(UserError::line(file, 1, "no beacons below the header")) } else { Ok(beacons) }
+}
+
+/// What is said of a level that no beacon has.
+fn no_level(rssi_dbm: f64) -> String {
+    format!("{rssi_dbm} is no level in dBm, which is below 0: is the minus sign missing?")
+}
+
+fn at_most(file: &Path, what: &str, count: usize, most: usize) -> Result<(), UserError> {
+    if count > most {
+        Err(UserError::file(file, format!("{count} {what}, where at most {most} are allowed")))
+    } else {
+        Ok(())
+    }
 }
 
 /// Reads `fingerprints.csv` or `targets.csv`: `point,x_m,y_m,beacon,rssi_dbm` and, where known, `t_s,room`. A row
@@ -137,7 +167,14 @@ pub fn read_stays(file: &Path) -> Result<Vec<Dwell>, UserError> {
         }
         signal.read(&row, &mut stay.samples)?;
     }
-    if stays.is_empty() { Err(UserError::line(file, 1, "no samples below the header")) } else { Ok(stays) }
+    let beacons =
+        stays.iter().flat_map(|stay| &stay.samples).map(|sample| &sample.beacon).collect::<HashSet<_>>().len();
+    if stays.is_empty() {
+        return Err(UserError::line(file, 1, "no samples below the header"));
+    }
+    at_most(file, "beacons", beacons, MOST_BEACONS)?;
+    at_most(file, "points times beacons", stays.len() * beacons, MOST_VALUES)?;
+    Ok(stays)
 }
 
 /// The captures of one tag.
@@ -221,7 +258,20 @@ pub fn read_walls(file: &Path) -> Result<Vec<Wall>, UserError> {
             walls.extend(corner.replace(next).map(|corner| Wall { ends_m: [corner, next], attenuation_db: None }));
         }
     }
+    at_most(file, "walls", walls.len(), MOST_WALLS)?;
     if walls.is_empty() { Err(UserError::line(file, 1, "no wall below the header")) } else { Ok(walls) }
+}
+
+/// The RSSI values of every beacon in samples, in their order, dBm. Values that no receiver can have measured are left
+/// out, and so are beacons without any other value.
+pub fn rssis_by_beacon(samples: &[Sample]) -> HashMap<&str, Vec<f64>> {
+    let mut heard: HashMap<&str, Vec<f64>> = HashMap::new();
+    for sample in samples {
+        if let Ok(rssi_dbm) = rssi(sample.rssi_dbm) {
+            heard.entry(&sample.beacon).or_default().push(rssi_dbm);
+        }
+    }
+    heard
 }
 
 /// The indices of captures, sorted by their time. Dwells keep the file's order, because each dwell may have a clock of
@@ -267,6 +317,9 @@ impl Signal {
         let beacon = row.some_text(self.beacon)?;
         let (rssi, time) = (row.number(self.rssi)?, row.number(self.time)?);
         if let Some(rssi_dbm) = rssi {
+            if rssi_dbm > LOUDEST_DBM && rssi_dbm != UNAVAILABLE_DBM {
+                return Err(row.wrong(self.rssi, &no_level(rssi_dbm)));
+            }
             let t_s = time.or(samples.last().map(|sample| sample.t_s)).unwrap_or(0.0);
             samples.push(Sample { beacon: beacon.to_owned(), rssi_dbm, t_s });
         }

@@ -1,12 +1,14 @@
 //! The file of positions: what `solve` writes and `plot` reads.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use crate::files::recording::{Coordinates, Epoch};
 use crate::files::tags::tag_of;
 use crate::{Position, Solved, Table, UserError};
 
+/// The largest number of methods in a file: a picture gives each one a line of its legend.
+const MOST_METHODS: usize = 64;
 pub(crate) const COLUMNS: [&str; 11] =
     ["epoch", "t_s", "method", "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m", "sigma_z_m", "used", "reason"];
 
@@ -194,7 +196,14 @@ pub fn read(file: &Path) -> Result<Vec<PositionRow>, UserError> {
         ["method", "t_s", "z_m", "sigma_x_m", "sigma_y_m", "error_m", "tag"].map(|name| table.optional(name));
     let (sigma_z, cov_xy) = (table.optional("sigma_z_m"), table.optional("cov_xy_m2"));
     let mut rows = Vec::new();
+    let mut methods: HashSet<String> = HashSet::new();
     while let Some(row) = table.next_row()? {
+        if !methods.contains(row.text(method)) {
+            methods.insert(row.text(method).to_owned());
+            if methods.len() > MOST_METHODS {
+                return Err(row.wrong(method, &format!("has more than {MOST_METHODS} names in this file")));
+            }
+        }
         let z_m = row.number(z)?;
         rows.push(PositionRow {
             epoch: row.some_text(epoch)?.to_owned(),

@@ -1,6 +1,6 @@
 //! Rounds of asynchronous ranges: some recordings have one range an epoch, which makes no fix.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use crate::{Coordinates, Epoch, Measured, by_time};
 
@@ -28,6 +28,31 @@ pub fn round_s(epochs: &[Epoch]) -> Option<f64> {
     steps_s.sort_by(f64::total_cmp);
     let [least_s, most_s] = USUAL_S;
     Some((PATIENCE * anchors as f64 * baliza_report::percentile(&steps_s, 0.5)).clamp(least_s, most_s))
+}
+
+/// Of several ranges of one anchor at one time in an epoch, keeps the median (of two, the shorter one, because a blocked
+/// range is too long). Returns how many were dropped.
+pub fn drop_repeats(epochs: &mut [Epoch]) -> usize {
+    let key = |range: &Measured| (range.anchor, range.t_s.map(f64::to_bits));
+    let mut dropped = 0;
+    for epoch in epochs {
+        let mut alike: HashMap<_, Vec<usize>> = HashMap::new();
+        for (at, range) in epoch.ranges.iter().enumerate() {
+            alike.entry(key(range)).or_default().push(at);
+        }
+        if alike.len() == epoch.ranges.len() {
+            continue;
+        }
+        let median = |places: &mut Vec<usize>| {
+            places.sort_by(|a, b| epoch.ranges[*a].range_m.total_cmp(&epoch.ranges[*b].range_m));
+            places[(places.len() - 1) / 2]
+        };
+        let mut kept: Vec<usize> = alike.values_mut().map(median).collect();
+        kept.sort_unstable();
+        dropped += epoch.ranges.len() - kept.len();
+        epoch.ranges = kept.into_iter().map(|at| epoch.ranges[at]).collect();
+    }
+    dropped
 }
 
 /// The ranges of all epochs in rounds. A round ends where an anchor repeats, or where more than `longest_s` seconds

@@ -121,11 +121,27 @@ impl Table {
         if column.is_present() {
             Ok(column)
         } else {
-            Err(UserError::line(
-                &self.file,
-                1,
-                format!("no column {name} in the header {}", quoted(&self.header.join(","))),
-            ))
+            let missing = format!("no column {name} in the header {}", quoted(&self.header.join(",")));
+            Err(UserError::line(&self.file, 1, missing + self.other_separator()))
+        }
+    }
+
+    /// Whether decimal commas may have split the numbers of the row: it has too many fields, none has a point, and two
+    /// neighbours are whole numbers.
+    fn has_decimal_commas(&self) -> bool {
+        let fields: Vec<&str> = self.fields.iter().collect();
+        let is_whole = |text: &&str| text.parse::<i64>().is_ok();
+        fields.len() > self.header.len()
+            && !fields.iter().any(|text| text.contains('.'))
+            && fields.windows(2).any(|pair| pair.iter().all(is_whole))
+    }
+
+    /// A question for the user where the header seems to be separated by another character than a comma.
+    fn other_separator(&self) -> &'static str {
+        match &self.header[..] {
+            [name] if name.contains(';') => "; separated by `;`? commas are expected",
+            [name] if name.contains('\t') => "; separated by tabs? commas are expected",
+            _ => "",
         }
     }
 
@@ -144,7 +160,8 @@ impl Table {
         }
         if self.fields.len() != self.header.len() {
             let (found, expected) = (self.fields.len(), self.header.len());
-            return Err(self.wrong(format!("{found} fields where the header has {expected}")));
+            let hint = if self.has_decimal_commas() { "; decimal commas? points are expected" } else { "" };
+            return Err(self.wrong(format!("{found} fields where the header has {expected}{hint}")));
         }
         Ok(Some(Row { file: &self.file, line: self.line, fields: &self.fields }))
     }
@@ -225,25 +242,32 @@ impl<'a> Row<'a> {
         }
     }
 
-    /// A finite number; `None` where the field is empty.
+    /// A number within the [bound](Bound) of its column; `None` where the field is empty.
     ///
     /// # Errors
-    /// The field is not empty and not a finite number.
+    /// The field is not empty and not such a number.
     pub fn number(&self, column: Column) -> Result<Option<f64>, UserError> {
-        match self.text(column) {
-            "" => Ok(None),
-            text => match text.parse::<f64>() {
-                Ok(number) if number.is_finite() => Ok(Some(number)),
-                Ok(_) => Err(self.wrong(column, &format!("{} is not finite", quoted(text)))),
-                Err(_) => Err(self.wrong(column, &format!("{} is not a number", quoted(text)))),
-            },
+        let text = match self.text(column) {
+            "" => return Ok(None),
+            text => text,
+        };
+        let bound = Bound::of(column.name);
+        let is_wrong = |what: &str| Err(self.wrong(column, &format!("{} {what}", quoted(text))));
+        match text.parse::<f64>() {
+            Ok(number) if number.abs() <= bound.most => Ok(Some(number)),
+            Ok(number) if number.is_finite() => is_wrong(&format!("is not within ±{}", bound.text)),
+            Ok(_) => is_wrong("is not finite"),
+            Err(_) if text.replace(',', ".").parse::<f64>().is_ok() => {
+                is_wrong("is not a number; a decimal comma? a point is expected")
+            }
+            Err(_) => is_wrong("is not a number"),
         }
     }
 
-    /// A finite number that is required.
+    /// A number that is required, within the [bound](Bound) of its column.
     ///
     /// # Errors
-    /// The field is empty or not a finite number.
+    /// The field is empty or not such a number.
     pub fn some_number(&self, column: Column) -> Result<f64, UserError> {
         self.number(column)?.ok_or_else(|| self.wrong(column, "is empty"))
     }
@@ -264,6 +288,33 @@ impl<'a> Row<'a> {
     /// The error of a wrong field in this row.
     pub fn wrong(&self, column: Column, what: &str) -> UserError {
         UserError::line(self.file, self.line, format!("{} {what}", column.name))
+    }
+}
+
+/// The largest magnitude of the numbers in a column. Beyond it no position, level or time makes sense, and arithmetic
+/// and pictures would fail in ways that hide the wrong line.
+struct Bound {
+    most: f64,
+    /// The bound with its unit, for messages.
+    text: &'static str,
+}
+
+impl Bound {
+    /// The bound of the column with this name, by the unit at the name's end.
+    fn of(column: &str) -> Self {
+        let has_unit = |unit: &str| column.ends_with(unit);
+        let (most, text) = match column {
+            "range_m" => (1.0e4, "10 km"),
+            "path_loss_exponent" => (100.0, "100"),
+            // Coordinates may be those of a national grid.
+            "x" | "y" => (1.0e7, "10000 km"),
+            _ if has_unit("_m") => (1.0e7, "10000 km"),
+            _ if has_unit("_db") || has_unit("_dbm") => (1.0e3, "1000 dB"),
+            _ if has_unit("_s") => (1.0e11, "1e11 s"),
+            // What is computed in f32.
+            _ => (1.0e30, "1e30"),
+        };
+        Self { most, text }
     }
 }
 

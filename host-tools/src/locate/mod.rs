@@ -1,5 +1,6 @@
 //! Positions from recordings: a fix for each epoch, a track, and positions from beacons.
 
+pub mod advice;
 pub mod ble;
 pub mod residuals;
 mod solve;

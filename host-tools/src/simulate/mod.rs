@@ -4,14 +4,17 @@
 //! that `solve`, `decode`, `monitor` and `replay` read the simulated data. [`Capture`] makes a capture for Wireshark
 //! from every frame on the air. [`picture`] draws the tracks on the floor plan. [`load_site_models`] gives the tags
 //! the maps and room models that a scenario names. [`survey_csv`] makes the survey for these maps and models.
+//! [`Attempts`] says why there is no position.
 
 mod capture;
 pub mod example;
+mod no_position;
 mod picture;
 mod recording;
 mod site_models;
 
 pub use capture::Capture;
+pub use no_position::Attempts;
 pub use picture::picture;
 pub use recording::{SimulatedRecording, position_header, position_row};
 pub use site_models::{load_site_models, survey_csv};

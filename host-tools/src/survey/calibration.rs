@@ -8,11 +8,12 @@
 //! for a handful of points. The output also has what a node at known positions learns, point by point in their order
 //! ([`OnlinePathLoss`]).
 
+use std::collections::HashMap;
+
 use baliza_report::mean;
 use positioning_core::ble::path_loss::{OnlinePathLoss, PathLoss, Wall, attenuation};
-use positioning_core::ble::signal::rssi;
 
-use crate::files::beacons::{self as files, Beacon, Capture, Dwell};
+use crate::files::beacons::{self as files, Beacon, Capture, Dwell, rssis_by_beacon};
 
 /// Shorter distances count as this one, metres.
 const NEAREST_M: f64 = 0.1;
@@ -121,25 +122,19 @@ pub fn calibrate(
     walls: &[files::Wall],
     wall_db: f64,
 ) -> Vec<Calibrated> {
-    let walls: Vec<Wall<f64>> = walls
-        .iter()
-        .map(|wall| Wall { ends: wall.ends_m, attenuation: wall.attenuation_db.unwrap_or(wall_db) })
-        .collect();
-    beacons
-        .iter()
-        .map(|beacon| {
-            let heard = |(stay, sigma_m): &Placed| heard(beacon, stay, *sigma_m, height_m, &walls);
-            let points: Vec<RssiAtDistance> = stays.iter().filter_map(heard).collect();
-            let fitted = fit(&points);
-            Calibrated {
-                beacon: beacon.name.clone(),
-                online: learn(&points),
-                points,
-                path_loss: fitted.map(|(path_loss, _)| path_loss),
-                sigma: fitted.map_or([0.0; 2], |(_, sigma)| sigma),
-            }
-        })
-        .collect()
+    let links = links(beacons, stays, height_m, walls);
+    let calibrated = |(beacon, links): (&Beacon, &Vec<Link>)| {
+        let points: Vec<RssiAtDistance> = links.iter().map(|link| link.behind(wall_db)).collect();
+        let fitted = fit(&points);
+        Calibrated {
+            beacon: beacon.name.clone(),
+            online: learn(&points),
+            points,
+            path_loss: fitted.map(|(path_loss, _)| path_loss),
+            sigma: fitted.map_or([0.0; 2], |(_, sigma)| sigma),
+        }
+    };
+    beacons.iter().zip(&links).map(calibrated).collect()
 }
 
 /// Attenuation of a wall, dB, in steps of half a decibel: the most likely one given all RSSI values.
@@ -150,31 +145,57 @@ pub fn wall_attenuation(
     walls: &[files::Wall],
     step: impl Fn(),
 ) -> f64 {
+    let links = links(beacons, stays, height_m, walls);
     let likelihood = |half: u32| {
         step();
-        let calibrated = calibrate(beacons, stays, height_m, walls, f64::from(half) / 2.0);
-        let of_one = |beacon: &Calibrated| Some(-(beacon.points.len() as f64) * beacon.path_loss?.deviation.ln());
-        calibrated.iter().filter_map(of_one).sum::<f64>()
+        let of_one = |links: &Vec<Link>| {
+            let points: Vec<RssiAtDistance> = links.iter().map(|link| link.behind(f64::from(half) / 2.0)).collect();
+            fit(&points).map(|(path_loss, _)| -(points.len() as f64) * path_loss.deviation.ln())
+        };
+        links.iter().filter_map(of_one).sum::<f64>()
     };
     let most = (0..WALL_STEPS).map(|half| (half, likelihood(half))).max_by(|a, b| a.1.total_cmp(&b.1));
     most.map_or(0.0, |(half, _)| f64::from(half) / 2.0)
 }
 
-fn heard(
-    beacon: &Beacon,
-    stay: &Dwell,
-    distance_sigma_m: f64,
-    height_m: Option<f64>,
-    walls: &[Wall<f64>],
-) -> Option<RssiAtDistance> {
-    let of_it = stay.samples.iter().filter(|sample| sample.beacon == beacon.name);
-    let rssis: Vec<f64> = of_it.filter_map(|sample| rssi(sample.rssi_dbm).ok()).collect();
-    let up = beacon.height_m.zip(height_m).map_or(0.0, |(beacon, tag)| beacon - tag);
-    let [x, y] = [0, 1].map(|axis: usize| stay.position_m[axis] - beacon.position_m[axis]);
-    let distance_m = (x * x + y * y + up * up).sqrt().max(NEAREST_M);
-    let taken = attenuation(walls, beacon.position_m, stay.position_m);
-    let mean = mean(rssis.iter().copied());
-    (!rssis.is_empty()).then_some(RssiAtDistance { distance_m, rssi_dbm: mean + taken, distance_sigma_m })
+/// What was received of a beacon at one point.
+struct Link {
+    /// Without the attenuation of walls whose attenuation is not known.
+    received: RssiAtDistance,
+    /// The number of these walls.
+    unknown_walls: f64,
+}
+
+impl Link {
+    /// The RSSI without any wall, if a wall of unknown attenuation takes `wall_db`.
+    fn behind(&self, wall_db: f64) -> RssiAtDistance {
+        RssiAtDistance { rssi_dbm: self.received.rssi_dbm + self.unknown_walls * wall_db, ..self.received }
+    }
+}
+
+/// The links to each beacon, in the order of the points.
+fn links(beacons: &[Beacon], stays: &[Placed], height_m: Option<f64>, walls: &[files::Wall]) -> Vec<Vec<Link>> {
+    let of_walls = |attenuation: fn(&files::Wall) -> f64| -> Vec<Wall<f64>> {
+        walls.iter().map(|wall| Wall { ends: wall.ends_m, attenuation: attenuation(wall) }).collect()
+    };
+    let known = of_walls(|wall| wall.attenuation_db.unwrap_or(0.0));
+    let unknown = of_walls(|wall| if wall.attenuation_db.is_none() { 1.0 } else { 0.0 });
+    let places: HashMap<&str, usize> = beacons.iter().enumerate().map(|(at, b)| (b.name.as_str(), at)).collect();
+    let mut links: Vec<Vec<Link>> = beacons.iter().map(|_| Vec::new()).collect();
+    for (stay, distance_sigma_m) in stays {
+        for (name, rssis) in rssis_by_beacon(&stay.samples) {
+            let Some(&at) = places.get(name) else { continue };
+            let beacon = &beacons[at];
+            let up = beacon.height_m.zip(height_m).map_or(0.0, |(beacon, tag)| beacon - tag);
+            let [x, y] = [0, 1].map(|axis: usize| stay.position_m[axis] - beacon.position_m[axis]);
+            let distance_m = (x * x + y * y + up * up).sqrt().max(NEAREST_M);
+            let through = |walls: &[Wall<f64>]| attenuation(walls, beacon.position_m, stay.position_m);
+            let rssi_dbm = mean(rssis.iter().copied()) + through(&known);
+            let received = RssiAtDistance { distance_m, rssi_dbm, distance_sigma_m: *distance_sigma_m };
+            links[at].push(Link { received, unknown_walls: through(&unknown) });
+        }
+    }
+    links
 }
 
 /// What the node's own estimator learns from points in their order; `None` without points.

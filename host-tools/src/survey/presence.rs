@@ -3,6 +3,7 @@
 //!
 //! The input is positions of any method, UWB or Bluetooth; `positioning_core::ble::rooms` classifies them.
 
+use std::collections::HashMap;
 use std::path::Path;
 
 use positioning_core::ble::rooms::{
@@ -11,6 +12,9 @@ use positioning_core::ble::rooms::{
 
 use crate::files::positions::PositionRow;
 use crate::{Table, UserError};
+
+/// The largest number of corners of a room.
+const MOST_CORNERS: usize = 1000;
 
 /// A room and its outline.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,11 +43,16 @@ pub fn read_outlines(file: &Path) -> Result<Vec<Room>, UserError> {
     let mut table = Table::open(file)?;
     let (room, x, y) = (table.column("room")?, table.column("x_m")?, table.column("y_m")?);
     let mut rooms: Vec<Room> = Vec::new();
+    let mut by_name: HashMap<String, usize> = HashMap::new();
     while let Some(row) = table.next_row()? {
         let (name, corner) = (row.some_text(room)?, [row.some_number(x)? as f32, row.some_number(y)? as f32]);
-        match rooms.iter_mut().find(|room| room.name == name) {
-            Some(room) => room.corners_m.push(corner),
-            None => rooms.push(Room { name: name.to_owned(), corners_m: vec![corner] }),
+        let at = *by_name.entry(name.to_owned()).or_insert_with(|| {
+            rooms.push(Room { name: name.to_owned(), corners_m: Vec::new() });
+            rooms.len() - 1
+        });
+        rooms[at].corners_m.push(corner);
+        if rooms[at].corners_m.len() > MOST_CORNERS {
+            return Err(row.wrong(room, &format!("{name:?} has more than {MOST_CORNERS} corners")));
         }
     }
     if let Some(room) = rooms.iter().find(|room| room.corners_m.len() < 3) {

@@ -6,6 +6,7 @@ use positioning_core::nlos::{Classifier, Model};
 
 use super::{features_of, models};
 use crate::UserError;
+use crate::files::{DOCUMENT_BYTES, read_limited};
 
 /// A selected model.
 #[derive(Clone, Debug)]
@@ -20,7 +21,7 @@ impl Chosen {
     /// # Errors
     /// The file cannot be read, is no file of models, has none of this name, or several where none is named.
     pub fn read(file: &Path, name: Option<&str>) -> Result<Self, UserError> {
-        let all = std::fs::read(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))?;
+        let all = read_limited(file, DOCUMENT_BYTES)?;
         Self::of(file, &all, name)
     }
 

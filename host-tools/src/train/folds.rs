@@ -1,5 +1,7 @@
 //! Folds of placements for cross-validation, and a balanced choice of receptions from the others.
 
+use std::collections::BTreeMap;
+
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
@@ -9,11 +11,11 @@ use super::samples::Sample;
 /// Assigns placements to `count` folds, direct and blocked ones separately, so that the other folds always have both
 /// classes. Returns the fold of each placement; the result is the same for the same seed.
 pub fn deal(samples: &[&Sample], placements: usize, count: usize, seed: u64) -> Vec<usize> {
-    let mut votes = vec![0_i64; placements];
+    let (mut votes, mut present) = (vec![0_i64; placements], vec![false; placements]);
     for sample in samples {
         votes[sample.placement] += if sample.blocked == Some(true) { 1 } else { -1 };
+        present[sample.placement] = true;
     }
-    let present: Vec<bool> = (0..placements).map(|place| samples.iter().any(|s| s.placement == place)).collect();
     let (mut blocked, mut direct): (Vec<usize>, Vec<usize>) =
         (0..placements).filter(|&place| present[place]).partition(|&place| votes[place] > 0);
     let mut random = Pcg64::seed_from_u64(seed);
@@ -31,13 +33,12 @@ pub fn deal(samples: &[&Sample], placements: usize, count: usize, seed: u64) -> 
 pub fn balanced<'a>(samples: &[&'a Sample], most: usize) -> Vec<&'a Sample> {
     let mut chosen = Vec::new();
     for class in [false, true] {
-        let of_class = || samples.iter().copied().filter(|sample| sample.blocked == Some(class));
-        let mut placements: Vec<usize> = of_class().map(|sample| sample.placement).collect();
-        placements.sort_unstable();
-        placements.dedup();
+        let mut placements: BTreeMap<usize, Vec<&Sample>> = BTreeMap::new();
+        for sample in samples.iter().filter(|sample| sample.blocked == Some(class)) {
+            placements.entry(sample.placement).or_default().push(sample);
+        }
         let share = most / placements.len().max(1);
-        for place in placements {
-            let here: Vec<&Sample> = of_class().filter(|sample| sample.placement == place).collect();
+        for here in placements.into_values() {
             let count = here.len().min(share.max(1));
             chosen.extend((0..count).map(|i| here[i * here.len() / count]));
         }
@@ -49,7 +50,7 @@ pub fn balanced<'a>(samples: &[&'a Sample], most: usize) -> Vec<&'a Sample> {
 /// weights sum to one.
 pub fn weights(samples: &[&Sample]) -> Vec<f64> {
     let key = |sample: &Sample| (sample.blocked == Some(true), sample.placement);
-    let mut counts = std::collections::BTreeMap::new();
+    let mut counts = BTreeMap::new();
     for sample in samples {
         *counts.entry(key(sample)).or_insert(0_usize) += 1;
     }

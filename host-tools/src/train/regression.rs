@@ -15,11 +15,13 @@ pub struct Regression {
 }
 
 impl Regression {
-    /// The process whose points have these targets, y, and these covariances, K(i, j), the noise of the targets on its
-    /// diagonal included; `None` where K has no Cholesky root.
-    pub fn new(targets: &[f64], covariance: impl FnMut(usize, usize) -> f64) -> Option<Self> {
+    /// The process whose points have these targets, y, and these covariances, K(i, j) for i ≥ j, the noise of the
+    /// targets on its diagonal included; `None` where K has no Cholesky root.
+    pub fn new(targets: &[f64], mut covariance: impl FnMut(usize, usize) -> f64) -> Option<Self> {
         let (count, targets) = (targets.len(), DVector::from_column_slice(targets));
-        let root = Cholesky::new(DMatrix::from_fn(count, count, covariance))?;
+        // The root is computed from the lower triangle alone.
+        let lower = |i, j| if i < j { 0.0 } else { covariance(i, j) };
+        let root = Cholesky::new(DMatrix::from_fn(count, count, lower))?;
         let weights = root.solve(&targets);
         let half_ln_determinant: f64 = root.l_dirty().diagonal().iter().map(|entry| entry.ln()).sum();
         let log_likelihood = -targets.dot(&weights) / 2.0 - half_ln_determinant;

@@ -33,6 +33,8 @@ pub struct Samples {
     pub all: Vec<Sample>,
     /// Names of the placements.
     pub placements: Vec<String>,
+    /// The index of each name in [`placements`](Self::placements).
+    by_name: HashMap<String, usize>,
 }
 
 impl Samples {
@@ -116,14 +118,12 @@ impl Samples {
     /// The index of a placement's name; names are new in each file.
     fn placement(&mut self, file: &Path, name: &str) -> usize {
         let name = format!("{}:{name}", file.display());
-        // The search begins at the end, because rows of one placement follow each other.
-        match self.placements.iter().rposition(|known| *known == name) {
-            Some(place) => place,
-            None => {
-                self.placements.push(name);
-                self.placements.len() - 1
-            }
+        if let Some(&place) = self.by_name.get(&name) {
+            return place;
         }
+        self.by_name.insert(name.clone(), self.placements.len());
+        self.placements.push(name);
+        self.placements.len() - 1
     }
 }
 

@@ -8,7 +8,18 @@ const RANGES: &str = "epoch,t_s,anchor,range_m\n7,0.5,a,5\n7,0.5,b,4\n7,0.5,c,3\
 
 /// Runs `solve` in the plane on these files.
 fn solve(files: &[(&str, &str)], more: &str) -> Run {
-    Folder::with(files).run(&format!("solve --anchors anchors.csv --ranges ranges.csv {more}")).ok()
+    run(files, more).ok()
+}
+
+/// Runs `solve` on files that make no position at all: the rows are written, and the exit code is 1.
+fn solve_nothing(files: &[(&str, &str)], more: &str) -> Run {
+    let run = run(files, more);
+    assert_eq!(run.code, Some(1), "{run:?}");
+    run
+}
+
+fn run(files: &[(&str, &str)], more: &str) -> Run {
+    Folder::with(files).run(&format!("solve --anchors anchors.csv --ranges ranges.csv {more}"))
 }
 
 fn near(found: f64, expected: f64, tolerance: f64) {
@@ -152,7 +163,7 @@ fn a_height_flattens_the_ranges() {
 fn an_epoch_whose_height_is_not_known_says_so() {
     let truth = "epoch,t_s,x_m,y_m,z_m\n7,0.5,3,4,\n";
     let files = [("anchors.csv", ANCHORS), ("ranges.csv", RANGES), ("truth.csv", truth)];
-    let run = solve(&files, "--dims 2 --truth truth.csv --height-from-truth");
+    let run = solve_nothing(&files, "--dims 2 --truth truth.csv --height-from-truth");
     assert_eq!(run.column("reason"), ["height-unknown"]);
 }
 
@@ -212,7 +223,7 @@ fn the_oracle_needs_to_know_what_is_blocked() {
     let run = solve(&[("anchors.csv", ANCHORS), ("ranges.csv", ranges)], "--dims 2 --method nls-ccv");
     // Four ranges, of which the blocked one has less weight: the error is less than the 2 m of the wrong range.
     assert!((run.numbers("x_m")[0] - 3.0).hypot(run.numbers("y_m")[0] - 4.0) < 0.2, "{}", run.stdout);
-    let run = solve(&[("anchors.csv", ANCHORS), ("ranges.csv", RANGES)], "--dims 2 --method nls-ccv");
+    let run = solve_nothing(&[("anchors.csv", ANCHORS), ("ranges.csv", RANGES)], "--dims 2 --method nls-ccv");
     assert_eq!(run.column("reason"), ["sight-unknown"]);
 }
 

@@ -2,11 +2,13 @@
 
 mod accuracy;
 mod ble;
+mod causes;
 mod contract;
 mod coverage;
 mod example;
 mod fingerprint;
 mod interrupted;
+mod limits;
 mod manners;
 mod monitor;
 mod nlos;

@@ -32,7 +32,7 @@ preamble_code = 4
 answer_us = 600
 listen_again_us = 90
 transmit_us = 300
-beacon_key = "000102030405060708090a0b0c0d0e0f"
+beacon_key = "a00102030405060708090a0b0c0d0e0f"
 region = "us"
 
 [[node]]
@@ -171,6 +171,8 @@ fn the_example_sites_provision() {
     let examples: Vec<_> = sites.map(|file| fs::read_to_string(file.expect("a file").path()).expect("text")).collect();
     assert_eq!(examples.len(), 4);
     for example in examples {
+        // Everyone knows the key that is printed.
+        let example = example.replace("beacon_key = \"0001", "beacon_key = \"a001");
         let folder = Folder::with(&[("site.toml", example.as_str())]);
         let board = if example.contains("board =") { "" } else { " --board esp32c6" };
         folder.run(&format!("provision --config site.toml --all --out records{board}")).ok();
@@ -204,7 +206,7 @@ fn everything_that_is_said_is_in_the_record() {
         "network": {
             "pan": 0xBA11, "region": "us", "mode": "decaranging-fast", "channel": 2, "prf_mhz": 16, "rate_kbps": 850,
             "preamble_symbols": 256, "preamble_code": 4, "answer_us": 600, "listen_again_us": 90, "transmit_us": 300,
-            "beacon_key": "000102030405060708090a0b0c0d0e0f",
+            "beacon_key": "a00102030405060708090a0b0c0d0e0f",
         },
         "node": [{
             "name": "tag-0201", "board": "dwm1001", "role": "tag", "address": 0x0201, "height_m": 1.2, "rate_hz": 9.99,
@@ -275,12 +277,12 @@ fn keys_are_hidden_and_a_hidden_key_is_none() {
     let folder = provisioned(EVERYTHING);
     let shown = folder.run("provision --show records/beacon.bin").ok();
     assert!(shown.stdout.contains("beacon_key = \"hidden\""), "{}", shown.stdout);
-    assert!(!shown.stdout.contains("000102"), "{}", shown.stdout);
+    assert!(!shown.stdout.contains("a00102"), "{}", shown.stdout);
     folder.write("shown.toml", shown.stdout.as_bytes());
     let run = folder.run("provision --config shown.toml --board esp32c6 --out again.bin");
     refused(&run, "shown.toml:15: beacon_key is hidden: ");
     let open = folder.run("provision --show records/beacon.bin --show-keys").ok();
-    assert!(open.stdout.contains("beacon_key = \"000102030405060708090a0b0c0d0e0f\""), "{}", open.stdout);
+    assert!(open.stdout.contains("beacon_key = \"a00102030405060708090a0b0c0d0e0f\""), "{}", open.stdout);
 }
 
 #[test]
@@ -685,4 +687,80 @@ fn a_classifier_goes_beside_the_record_of_a_tag() {
         &folder.run("provision --config site.toml --out x.bin"),
         "site.toml:12: nlos_model is a key of a node whose role is tag",
     );
+}
+
+#[test]
+fn two_nodes_of_one_address_and_keys_that_everyone_knows_are_refused() {
+    let site = |key: &str, one: &str, other: &str| {
+        format!(
+            "[network]\npan = 1\n{key}\n[[node]]\nname = \"a\"\nrole = \"anchor\"\n{one}\n[[node]]\nname = \"b\"\nrole = \
+             \"anchor\"\n{other}\n"
+        )
+    };
+    let (low, high) = ("eui = \"0011223344550102\"", "eui = \"0a11223344550102\"");
+    let cases = [
+        (
+            site("", low, "address = 0x0102"),
+            "site.toml:8: the address 0x0102, which a node without address takes from its EUI, is the same as a's in line 4",
+        ),
+        (
+            site("", low, high),
+            "site.toml:8: the address 0x0102, which a node without address takes from its EUI, is the same as a's in line 4",
+        ),
+        (
+            site("beacon_key = \"00000000000000000000000000000000\"", low, ""),
+            "site.toml:3: beacon_key is the same byte sixteen times: make one",
+        ),
+        (
+            site("beacon_key = \"000102030405060708090a0b0c0d0e0f\"", low, ""),
+            "site.toml:3: beacon_key is the one that is printed in the examples: make one",
+        ),
+    ];
+    for (text, line) in cases {
+        let folder = Folder::with(&[("site.toml", &text)]);
+        refused(&folder.run("provision --config site.toml --all --board dwm1001 --out records"), line);
+    }
+    let apart = site("", low, &format!("{high}\naddress = 0x0103"));
+    let folder = Folder::with(&[("site.toml", &apart)]);
+    folder.run("provision --config site.toml --all --board dwm1001 --out records").ok();
+}
+
+#[test]
+fn sites_that_are_hardly_meant_get_a_warning() {
+    let anchor = |number: u8, position: &str| {
+        format!("[[node]]\nname = \"a{number}\"\nrole = \"anchor\"\naddress = {number}\n{position}\n")
+    };
+    let tag = |height: &str| format!("[[node]]\nname = \"t\"\nrole = \"tag\"\naddress = 99\n{height}\n");
+    let beacon = "[[node]]\nname = \"b\"\nrole = \"beacon\"\nuuid = \"c2a8ad558a2f4bb49c526b3cd7a0e511\"\nmajor = 1\nminor = 1\n";
+    let corners = ["[0, 0, 2.4]", "[6, 0, 2.4]", "[6, 4, 2.4]", "[0, 4, 2.4]"].map(|at| format!("position_m = {at}"));
+    let flat: String = (1..).zip(&corners).map(|(number, position)| anchor(number, position)).collect();
+    let steep = flat.replace("[0, 4, 2.4]", "[0, 4, 0.6]");
+    let cases = [
+        (steep.clone() + &tag(""), None),
+        (flat.clone() + &tag(""), Some("the anchors lie in one plane, so that the height of t is uncertain")),
+        (flat.clone() + &tag("height_m = 1.2"), None),
+        (flat.clone() + &tag("height_m = 120"), Some("height_m of t is 120: is it in metres?")),
+        (
+            steep.replace("[6, 0, 2.4]", "[600, 0, 240]") + &tag(""),
+            Some("position_m of a2 has 600, farther than 300 m"),
+        ),
+        (
+            steep.clone() + &anchor(5, &corners[0]) + &tag(""),
+            Some("the anchors a1 and a5 are both at 0.00, 0.00, 2.40 m"),
+        ),
+        (anchor(1, "") + &anchor(2, "") + &anchor(3, "") + &tag(""), Some("no anchor has a position_m")),
+        (anchor(1, &corners[0]) + &anchor(2, &corners[1]) + &tag(""), Some("there are only 2 anchors")),
+        (steep.clone() + beacon + "measured_power_dbm = 59\n", Some("measured_power_dbm of b is 59")),
+        (steep + beacon + "measured_power_dbm = -59\n", None),
+    ];
+    for (nodes, warning) in cases {
+        let text = format!("[network]\npan = 1\nregion = \"eu\"\n{nodes}");
+        let folder = Folder::with(&[("site.toml", &text)]);
+        let run = folder.run("provision --config site.toml --all --board esp32c3 --out records").ok();
+        let warnings: Vec<&str> = run.stderr.lines().filter_map(|line| line.strip_prefix("warning: ")).collect();
+        match warning {
+            Some(begins) => assert!(matches!(warnings[..], [one] if one.starts_with(begins)), "{begins}: {warnings:?}"),
+            None => assert!(warnings.is_empty(), "{warnings:?}"),
+        }
+    }
 }

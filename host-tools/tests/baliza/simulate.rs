@@ -192,7 +192,7 @@ fn what_is_wrong_is_told_in_one_line_and_nothing_is_written() {
     folder.write("file", b"");
     let cases = [
         ("--scenario loss.toml", "loss.toml:2: 3 is not a probability from 0 to 1\n"),
-        ("--scenario none.toml", "none.toml: cannot read it"),
+        ("--scenario none.toml", "none.toml: cannot open it"),
         ("--loss 2", "invalid value '2' for '--loss <P>'"),
         ("--tags 0", "invalid value '0' for '--tags <N>'"),
         ("--scenario hall.toml --tags 2", "the argument '--scenario <FILE>' cannot be used with"),

@@ -142,12 +142,12 @@ fn single_ranges_are_made_into_rounds() {
     assert!(run.numbers("error_m").iter().all(|error| *error < 0.002), "{}", run.stdout);
     // 1.5 · 4 anchors · 20 ms.
     assert!(run.stderr.contains("rounds of at most 0.120 s"), "{}", run.stderr);
-    let run = folder.run(&format!("solve {SOLVE} --height-m 1 --group-s 0")).ok();
-    assert_eq!(run.column("reason"), ["too-few-anchors"; 8]);
+    let run = folder.run(&format!("solve {SOLVE} --height-m 1 --group-s 0"));
+    assert_eq!((run.code, run.column("reason")), (Some(1), vec!["too-few-anchors"; 8]));
     assert!(!run.stderr.contains("rounds of"), "{}", run.stderr);
     // 20 ms have passed at the second range of each pair, 40 ms at the next range.
-    let run = folder.run(&format!("solve {SOLVE} --height-m 1 --group-s 0.03")).ok();
-    assert_eq!(run.column("epoch"), ["1", "3", "5", "7"]);
+    let run = folder.run(&format!("solve {SOLVE} --height-m 1 --group-s 0.03"));
+    assert_eq!((run.code, run.column("epoch")), (Some(1), vec!["1", "3", "5", "7"]));
     // A track takes single ranges as they are, unless asked.
     assert_eq!(folder.run(&format!("track {SOLVE} --height-m 1")).ok().column("epoch").len(), 8);
     let run = folder.run(&format!("track {SOLVE} --height-m 1 --group-s 0.09")).ok();

@@ -83,8 +83,9 @@ fn without_enough_ranges_there_is_a_row_with_a_reason() {
     let ranges = "epoch,t_s,anchor,range_m\n0,0,a,5\n0,0,b,5\n1,nan,a,5\n";
     let folder =
         Folder::with(&[("a.csv", ANCHORS), ("r.csv", "epoch,t_s,anchor,range_m\n0,0,a,5\n0,0,b,5\n1,-7,a,5\n")]);
-    let run = folder.run("track --anchors a.csv --ranges r.csv --dims 2 --height-m 1").ok();
+    let run = folder.run("track --anchors a.csv --ranges r.csv --dims 2 --height-m 1");
     assert_eq!((run.column("x_m"), run.column("reason")), (vec![""; 2], vec!["too-few-anchors"; 2]));
+    assert_eq!(run.code, Some(1), "{run:?}");
     folder.write("r.csv", ranges.as_bytes());
     let run = folder.run("track --anchors a.csv --ranges r.csv");
     assert_eq!((run.code, run.stdout.as_str()), (Some(2), ""));

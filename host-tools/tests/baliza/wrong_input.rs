@@ -211,3 +211,14 @@ fn what_cannot_be_written_is_another_failure_with_its_cause() {
     assert_eq!(run.code, Some(1));
     assert!(run.stderr.starts_with("baliza: cannot write /dev/full: "), "{run:?}");
 }
+
+#[test]
+#[cfg(target_os = "linux")]
+fn help_that_cannot_be_written_is_a_failure() {
+    let full = File::options().write(true).open("/dev/full").expect("/dev/full");
+    let folder = good();
+    let mut command = folder.command("solve --help");
+    let run = command.stdout(full).stderr(std::process::Stdio::piped()).output().expect("it runs");
+    let said = String::from_utf8_lossy(&run.stderr);
+    assert!(run.status.code() == Some(1) && said.contains("cannot write to standard output"), "{said}");
+}

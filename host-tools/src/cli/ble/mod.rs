@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use host_tools::files::beacons::{Beacon, Capture, Captured, Dwell, Wall, read_beacons, read_walls};
+use host_tools::files::{DOCUMENT_BYTES, read_limited};
 use host_tools::survey::fingerprint::{Average, Plan, Survey};
 use host_tools::{Epoch, Solved, UserError};
 use positioning_core::ble::fingerprint::MAX_BEACONS;
@@ -54,7 +55,7 @@ impl Names {
 
 /// Reads the bytes of a map or a model.
 fn read_bytes(file: &Path) -> Result<Vec<u8>, UserError> {
-    std::fs::read(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))
+    read_limited(file, DOCUMENT_BYTES)
 }
 
 /// The names as part of a sentence.

@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
+use host_tools::Solved;
 use host_tools::files::beacons::{Captured, read_beacons, read_captures, read_walls};
+use host_tools::locate::advice;
 use host_tools::locate::ble::{RssiMethod, Setup, Solver};
 use positioning_core::ble::beacon_monitor::{BeaconHealth, HealthChange};
 
@@ -11,7 +13,7 @@ use super::Found;
 use crate::cli::folder::FolderFiles;
 use crate::cli::note;
 use crate::cli::recording_args::{CornersM, finite};
-use crate::cli::report::OutputArgs;
+use crate::cli::report::{OutputArgs, some_position};
 
 /// Positions by path loss: least squares, the posterior mean, a particle filter, the tag's engine
 ///
@@ -139,7 +141,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         };
         note(&format!("engine: after {seconds} s beacon {name} {found}\n"));
     }
-    Ok(())
+    let all: Vec<Solved> = solved.into_iter().flatten().flatten().collect();
+    some_position(advice::nothing_solved(&all, "beacons", false))
 }
 
 /// Parses a number of decibels.

@@ -16,11 +16,11 @@ use positioning_core::ble::multilateration::{nonlinear, weighted_linear};
 use positioning_core::ble::path_loss::{PathLoss, Wall};
 use positioning_core::ble::posterior::{PosteriorSettings, posterior};
 use positioning_core::ble::rssi::RssiObservation;
-use positioning_core::ble::signal::{ListedBeacon, rssi};
+use positioning_core::ble::signal::ListedBeacon;
 use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Side, SolveError};
 
 use self::follow::{Particles, Tag, listed};
-use crate::files::beacons::{self as files, Beacon, Capture, Sample, in_order};
+use crate::files::beacons::{self as files, Beacon, Capture, Sample, in_order, rssis_by_beacon};
 use crate::{Coordinates, NoPosition, Position, Solved};
 
 /// The maximum number of beacons.
@@ -236,10 +236,6 @@ pub fn path_loss(beacon: &Beacon) -> PathLoss<f32> {
 /// The mean RSSI of every beacon, in the order of the beacons, dBm (equation 14). Values that no receiver can have
 /// measured are left out.
 pub fn means(beacons: &[Beacon], samples: &[Sample]) -> Vec<Option<f32>> {
-    let mean = |beacon: &Beacon| {
-        let of_it = samples.iter().filter(|sample| sample.beacon == beacon.name);
-        let rssis: Vec<f64> = of_it.filter_map(|sample| rssi(sample.rssi_dbm).ok()).collect();
-        (!rssis.is_empty()).then(|| mean(rssis.iter().copied()) as f32)
-    };
-    beacons.iter().map(mean).collect()
+    let heard = rssis_by_beacon(samples);
+    beacons.iter().map(|beacon| Some(mean(heard.get(beacon.name.as_str())?.iter().copied()) as f32)).collect()
 }

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use defmt_decoder::{Encoding, Table};
@@ -10,6 +9,7 @@ use object::{Object, ObjectSection, ObjectSegment, ObjectSymbol, SegmentFlags};
 
 use super::formats::Formats;
 use crate::UserError;
+use crate::files::{IMAGE_BYTES, read_limited};
 
 /// The section in which an image has its build.
 const BUILD_SECTION: &str = ".baliza.build";
@@ -67,7 +67,7 @@ impl Image {
     /// # Errors
     /// The file cannot be read, is not an ELF file, or has no log that can be read.
     pub fn read(file: &Path) -> Result<Self, UserError> {
-        let bytes = fs::read(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))?;
+        let bytes = read_limited(file, IMAGE_BYTES)?;
         Self::parse(file, &bytes).map_err(|what| UserError::file(file, what))
     }
 

@@ -1,7 +1,9 @@
 //! The log: decodes frames of defmt to lines of text, and counts the frames that cannot be read.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::cell::Cell;
+use std::panic::{self, AssertUnwindSafe};
 use std::path::Path;
+use std::sync::Once;
 
 use defmt_parser::Level;
 
@@ -80,10 +82,9 @@ pub fn read(image: &Image, frame: &[u8]) -> Option<LogLine> {
     let (frame, _) = image.table.decode(&plain).ok()?;
     // The decoder panics on some values, for example on a time outside the calendar, because it does not check the
     // values that it prints.
-    let shown = catch_unwind(AssertUnwindSafe(|| {
+    let (time, text) = without_panic(|| {
         (frame.display_timestamp().map(|time| time.to_string()), frame.display_message().to_string())
-    }));
-    let (time, text) = shown.ok()?;
+    })?;
     let place = image.places.get(&frame.index()).cloned();
     Some(LogLine {
         t_us: time.as_deref().and_then(microseconds),
@@ -94,6 +95,24 @@ pub fn read(image: &Image, frame: &[u8]) -> Option<LogLine> {
             .is_some_and(|place| Path::new(&place.file).ends_with(wire::telemetry::log::SOURCE)),
         place,
     })
+}
+
+/// What a function returns; `None` where it panics. The panic prints nothing.
+fn without_panic<T>(function: impl FnOnce() -> T) -> Option<T> {
+    thread_local! { static QUIET: Cell<bool> = const { Cell::new(false) }; }
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let usual = panic::take_hook();
+        panic::set_hook(Box::new(move |panic| {
+            if !QUIET.get() {
+                usual(panic);
+            }
+        }));
+    });
+    QUIET.set(true);
+    let returned = panic::catch_unwind(AssertUnwindSafe(function));
+    QUIET.set(false);
+    returned.ok()
 }
 
 /// The inverse of `{=u64:us}`: its output, seconds with six digits, as a number of microseconds. The decoder returns
@@ -109,13 +128,14 @@ fn microseconds(time: &str) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use std::path::Path;
+    use std::process::Command;
 
     use defmt_parser::Level;
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64;
 
     use super::super::image::Image;
-    use super::super::testing::{BUILD, elf, frame};
+    use super::super::testing::{BUILD, elf, elf_with, frame};
     use super::{Frames, LogLine, microseconds, read};
 
     fn image() -> Image {
@@ -135,6 +155,25 @@ mod tests {
 
     fn text(frame: &[u8]) -> Option<String> {
         lines(frame).into_iter().next()?.map(|(.., text)| text)
+    }
+
+    #[test]
+    fn a_value_on_which_the_decoder_panics_is_malformed_and_prints_nothing() {
+        const STATEMENT: [(u16, &str, &str); 1] = [(1, "defmt_info", "at {=u64:iso8601ms}")];
+        const AGAIN: &str = "BALIZA_DECODES_A_PANIC";
+        if std::env::var_os(AGAIN).is_some() {
+            let image =
+                Image::parse(Path::new("image"), &elf_with(Some(BUILD), &STATEMENT, "rzcobs")).expect("an image");
+            let frames = Frames::default().feed(&frame(1, 0, &u64::MAX.to_le_bytes()));
+            assert!(frames.len() == 1 && read(&image, &frames[0]).is_none());
+            return;
+        }
+        // Again in a process of its own, whose standard error is read.
+        let mut again = Command::new(std::env::current_exe().expect("this test"));
+        again.args(["a_value_on_which_the_decoder_panics", "--nocapture"]).env(AGAIN, "1");
+        let run = again.output().expect("it runs");
+        let said = String::from_utf8_lossy(&run.stderr).into_owned() + &String::from_utf8_lossy(&run.stdout);
+        assert!(run.status.success() && said.contains("1 passed") && !said.contains("panicked at"), "{said}");
     }
 
     #[test]

@@ -216,7 +216,8 @@ fn from_hex(text: &str) -> Result<Vec<u8>, (u64, String)> {
     let mut pieces: Vec<(u32, Vec<u8>)> = Vec::new();
     for (line, record) in (1..).zip(ihex::Reader::new(text)) {
         match record.map_err(|error| (line, error.to_string()))? {
-            Hex::Data { offset, value } => pieces.push((upper | u32::from(offset), value)),
+            // A linear address ends with sixteen zero bits, a segment with four.
+            Hex::Data { offset, value } => pieces.push((upper + u32::from(offset), value)),
             Hex::ExtendedLinearAddress(address) => upper = u32::from(address) << 16,
             Hex::ExtendedSegmentAddress(segment) => upper = u32::from(segment) << 4,
             Hex::EndOfFile => break,
@@ -253,6 +254,15 @@ mod tests {
 
     fn of<'a>(record: &'a Record, model: Option<&'a [u8]>) -> Contents<'a> {
         Contents { record, model, site_models: None }
+    }
+
+    #[test]
+    fn segment_addresses_are_added_and_not_combined() {
+        // Intel's specification: a segment of 0x1234 begins at 0x12340, so that offset 0x0040 of it is 0x12380. The
+        // second record lies 0x20 bytes behind the first: 0x12350 + 0x50.
+        let text = ":020000021234B6\n:01004000AA15\n:020000021235B5\n:01005000BBF4\n:00000001FF\n";
+        let bytes = from_hex(text).expect("good");
+        assert_eq!((bytes.len(), bytes[0], bytes[0x1F], bytes[0x20]), (2048, 0xAA, 0xFF, 0xBB));
     }
 
     #[test]

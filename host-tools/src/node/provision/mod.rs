@@ -3,6 +3,7 @@
 //! `site.toml` → [`Site`], its [`Node`]s with their records → [`image`], a file for any flasher, or [`transfer`], over
 //! a debug probe. A page of flash → the record → [`show`], whose output [`Site::parse`] reads.
 
+mod advice;
 mod calibrated;
 mod document;
 pub mod image;
@@ -15,6 +16,7 @@ mod site;
 pub mod site_models;
 pub mod transfer;
 
+pub use advice::oddities;
 pub use node::Node;
 pub use region::warnings;
 pub use site::Site;

@@ -112,8 +112,23 @@ impl NetworkTable {
             }
             (mode, None) => mode,
         };
+        if let Some(why) = self.beacon_key.and_then(|BeaconKey(key)| known_key(key)) {
+            let what = format!("beacon_key is {why}: make one of your own by openssl rand -hex 16");
+            return Err(document.wrong(lines.of("beacon_key"), what));
+        }
         let network = Network { pan: self.pan, mode, phy, turnaround, region: self.region };
         Ok((network, self.beacon_key.map(|BeaconKey(key)| key)))
+    }
+}
+
+/// Why everyone knows a key, where everyone does.
+fn known_key(key: [u8; 16]) -> Option<&'static str> {
+    /// The key of FIPS 197's examples, which this project's examples and tests use.
+    const PRINTED: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+    match key {
+        PRINTED => Some("the one that is printed in the examples"),
+        _ if key.iter().all(|byte| *byte == key[0]) => Some("the same byte sixteen times"),
+        _ => None,
     }
 }
 

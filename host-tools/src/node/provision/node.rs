@@ -1,6 +1,7 @@
 //! `[[node]]`: the settings of one node of a site.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use positioning_core::nlos::{Classifier, NodeModel};
 use serde::Deserialize;
@@ -149,7 +150,7 @@ pub struct Node {
     /// The line numbers of `[network]`, of this node's table, and of its lists.
     pub(super) network_lines: Lines,
     pub(super) lines: Lines,
-    pub(super) lists: Lists,
+    pub(super) lists: Arc<Lists>,
 }
 
 /// The content of `[[node]]` itself.

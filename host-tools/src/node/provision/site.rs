@@ -1,11 +1,12 @@
 //! A site: the nodes of a network, in one file.
 
-use std::fs;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use baliza_report::nearest;
 use serde::Deserialize;
-use wire::config::{Anchor, Beacon, Mode, Network, Record, Role};
+use wire::config::{Anchor, Beacon, Identity, Mode, Network, Record, Role};
 
 use super::calibrated;
 use super::document::{Document, Lines};
@@ -13,6 +14,7 @@ use super::lists::{AnchorTable, BeaconTable, Lists};
 use super::network::NetworkTable;
 use super::node::{Node, NodeTable, Own};
 use crate::UserError;
+use crate::files::read_text;
 
 /// The file.
 #[derive(Deserialize)]
@@ -41,7 +43,7 @@ impl Site {
     /// # Errors
     /// The file cannot be read, or [`parse`](Self::parse) refuses it.
     pub fn read(file: &Path) -> Result<Self, UserError> {
-        let text = fs::read_to_string(file).map_err(|error| UserError::file(file, error.to_string()))?;
+        let text = read_text(file)?;
         Self::parse(file, &text)
     }
 
@@ -73,6 +75,7 @@ impl Site {
             let (calibrated, line) = (calibrated::read(&document.beside(name))?, root.of("beacons_csv"));
             told.calibrate(&calibrated, line).map_err(|what| document.wrong(line, what))?;
         }
+        let told = Arc::new(told);
         let shared = Shared { network, beacon_key, lines: network_lines };
         let mut nodes = Vec::with_capacity(owns.len());
         for own in &owns {
@@ -134,7 +137,13 @@ fn told(mut lists: Lists, owns: &[Own], mode: Mode) -> Lists {
     lists
 }
 
-fn node(document: Document<'_>, own: &Own, shared: &Shared, told: &Lists, count: usize) -> Result<Node, UserError> {
+fn node(
+    document: Document<'_>,
+    own: &Own,
+    shared: &Shared,
+    told: &Arc<Lists>,
+    count: usize,
+) -> Result<Node, UserError> {
     let name = match (&own.name, count) {
         (Some(name), _) => name.clone(),
         (None, 1) => "node".to_owned(),
@@ -161,27 +170,30 @@ fn node(document: Document<'_>, own: &Own, shared: &Shared, told: &Lists, count:
     };
     let site_models = own.site_models.bound(&record.beacons).map_err(|(line, what)| document.wrong(line, what))?;
     let (file, model) = (document.file.to_owned(), own.model.clone());
-    let (network_lines, lines, lists) = (shared.lines.clone(), own.lines.clone(), told.clone());
+    let (network_lines, lines, lists) = (shared.lines.clone(), own.lines.clone(), Arc::clone(told));
     Ok(Node { name, board: own.board, record, model, site_models, file, network_lines, lines, lists })
 }
 
 /// Checks that no two nodes have the same name or the same identity.
 fn distinct(document: Document<'_>, nodes: &[Node]) -> Result<(), UserError> {
-    for (index, node) in nodes.iter().enumerate() {
-        for before in nodes.iter().take(index) {
-            let same = |what: String| {
-                document.wrong(node.lines.line, format!("{what} as {}'s in line {}", before.name, before.lines.line))
-            };
-            if node.name == before.name {
-                return Err(same(format!("the name {} is the same", node.name)));
-            }
-            let (ours, theirs) = (node.record.identity, before.record.identity);
-            if let (Some(address), true) = (ours.address, ours.address == theirs.address) {
-                return Err(same(format!("the address 0x{address:04X} is the same")));
-            }
-            if let (Some(eui), true) = (ours.eui, ours.eui == theirs.eui) {
-                return Err(same(format!("the EUI {eui:016X} is the same")));
-            }
+    let (mut names, mut addresses, mut euis) = (HashMap::new(), HashMap::new(), HashMap::new());
+    for node in nodes {
+        let Identity { eui, address } = node.record.identity;
+        let same = |what: String, before: &Node| {
+            document.wrong(node.lines.line, format!("{what} as {}'s in line {}", before.name, before.lines.line))
+        };
+        if let Some(before) = names.insert(&node.name, node) {
+            return Err(same(format!("the name {} is the same", node.name), before));
+        }
+        if let Some((eui, before)) = eui.and_then(|eui| Some((eui, euis.insert(eui, node)?))) {
+            return Err(same(format!("the EUI {eui:016X} is the same"), before));
+        }
+        // A node without an address takes the low 16 bits of its EUI.
+        let (own, is_given) = (address.or(eui.map(|eui| eui as u16)), address.is_some());
+        if let Some((own, before)) = own.and_then(|own| Some((own, addresses.insert(own, node)?))) {
+            let both_given = is_given && before.record.identity.address.is_some();
+            let whence = if both_given { "" } else { ", which a node without address takes from its EUI," };
+            return Err(same(format!("the address 0x{own:04X}{whence} is the same"), before));
         }
     }
     Ok(())

@@ -1,7 +1,6 @@
 //! The RSSI models of a tag: a map of fingerprints and a model of rooms, from the files of `baliza ble`, bound to the
 //! beacons of the tag's record. This module also describes the models of a node in words.
 
-use std::fs;
 use std::path::Path;
 
 use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map};
@@ -12,6 +11,7 @@ use super::calibrated::numbers;
 use super::document::{Document, Lines};
 use super::node::NodeTable;
 use crate::UserError;
+use crate::files::{DOCUMENT_BYTES, limited_bytes};
 use crate::survey::rooms::ModelFile;
 
 /// The keys of a tag's section.
@@ -123,7 +123,7 @@ pub fn encode(map: Option<&[u8]>, rooms: Option<&ModelFile>, beacons: &[Beacon])
 /// # Errors
 /// The file cannot be read, or it is not a map for a node. The error is a message.
 pub fn read_map(file: &Path) -> Result<Vec<u8>, String> {
-    let bytes = read(file)?;
+    let bytes = limited_bytes(file, DOCUMENT_BYTES)?;
     let (map, rest) = Map::decode(&bytes).map_err(|fault| fault.to_string())?;
     if !rest.is_empty() {
         return Err(format!("a map, and {} bytes behind it", rest.len()));
@@ -142,15 +142,11 @@ pub fn read_map(file: &Path) -> Result<Vec<u8>, String> {
 /// # Errors
 /// The file cannot be read, or it is not a model of rooms for a node. The error is a message.
 pub fn read_rooms(file: &Path) -> Result<ModelFile, String> {
-    let read = ModelFile::parse(&read(file)?)?;
+    let read = ModelFile::parse(&limited_bytes(file, DOCUMENT_BYTES)?)?;
     match NodeModel::decode(&read.model) {
         Ok(_) => Ok(read),
         Err(_) => Err("a model of the nearest fingerprints: a tag wants a machine, made by --method svm".to_owned()),
     }
-}
-
-fn read(file: &Path) -> Result<Vec<u8>, String> {
-    fs::read(file).map_err(|error| format!("cannot open it: {error}"))
 }
 
 /// The content of the file that a key names.

@@ -1,5 +1,6 @@
 //! The points of a survey, from a file or typed by a person.
 
+use std::collections::HashSet;
 use std::path::Path;
 
 use crate::{Table, UserError};
@@ -26,9 +27,10 @@ pub fn read_points(file: &Path) -> Result<Vec<SurveyPoint>, UserError> {
     let (point, x, y) = (table.column("point")?, table.column("x_m")?, table.column("y_m")?);
     let (room, from) = (table.optional("room"), table.optional("from_s"));
     let mut places: Vec<SurveyPoint> = Vec::new();
+    let mut names: HashSet<String> = HashSet::new();
     while let Some(row) = table.next_row()? {
         let name = row.some_text(point)?.to_owned();
-        if places.iter().any(|place| place.name == name) {
+        if !names.insert(name.clone()) {
             return Err(row.wrong(point, "stands twice"));
         }
         let room = Some(row.text(room)).filter(|room| !room.is_empty()).map(str::to_owned);

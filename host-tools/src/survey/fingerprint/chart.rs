@@ -1,5 +1,7 @@
 //! Exports a process as a map for the node: the expected RSSI values on a lattice, with their deviations.
 
+use std::collections::HashMap;
+
 use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, MapError, Point};
 
 use super::process::{Process, apart};
@@ -30,13 +32,13 @@ pub struct Grid {
 /// There are no points, too many beacons, or more lattice points than allowed.
 pub fn chart(survey: &Survey, process: &Process, grid: Grid) -> Result<Vec<u8>, MapError> {
     let most = grid.most.unwrap_or(MAX_NODE_POINTS);
-    let places_m: Vec<[f64; 2]> = survey.spots.iter().map(|spot| spot.position_m).collect();
+    let area = Area::of(survey.spots.iter().map(|spot| spot.position_m).collect());
     let (step_m, points_m) = match grid.step_m {
-        Some(step_m) => (step_m, lattice(&places_m, step_m)),
+        Some(step_m) => (step_m, area.lattice(step_m)),
         None => {
             // Whole millimetres, as in the map.
             let steps = (0..).map(|power| (LEAST_STEP_M * 1.05_f64.powi(power) * 1000.0).round() / 1000.0);
-            let mut tried = steps.map(|step_m| (step_m, lattice(&places_m, step_m)));
+            let mut tried = steps.map(|step_m| (step_m, area.lattice(step_m)));
             tried.find(|(_, points_m)| points_m.len() <= most).ok_or(MapError::Invalid)?
         }
     };
@@ -59,22 +61,57 @@ pub fn chart(survey: &Survey, process: &Process, grid: Grid) -> Result<Vec<u8>, 
     to_bytes(&points, &survey.identities(), &survey.fallbacks(), Some(step_m))
 }
 
-/// Points of a lattice around the middle of positions, column by column; fewer than 255 each way.
-fn lattice(places_m: &[[f64; 2]], step_m: f64) -> Vec<[f64; 2]> {
-    let axis = |axis: usize| places_m.iter().map(move |place_m| place_m[axis]);
-    let sides = [0, 1].map(|a| {
-        let low = axis(a).fold(f64::INFINITY, f64::min) - MARGIN_M;
-        let high = axis(a).fold(f64::NEG_INFINITY, f64::max) + MARGIN_M;
-        // Each point represents a square of the step's side.
-        let count = (((high - low) / step_m).ceil() as usize).clamp(1, 255);
-        (0..count)
-            .map(move |at| (low + high) / 2.0 + (at as f64 - (count - 1) as f64 / 2.0) * step_m)
-            .collect::<Vec<_>>()
-    });
-    let reach_m = (REACH * spacing(places_m)).max(LEAST_REACH_M);
-    let [xs, ys] = &sides;
-    let all = xs.iter().flat_map(|x| ys.iter().map(|y| [*x, *y]));
-    all.filter(|at_m| places_m.iter().any(|place_m| apart(*place_m, *at_m) <= reach_m)).collect()
+/// The surveyed area.
+struct Area {
+    /// The least and the greatest coordinate along each axis, with the margin, metres.
+    sides_m: [[f64; 2]; 2],
+    /// How far from a surveyed position a point of the lattice may be, metres.
+    reach_m: f64,
+    /// The surveyed positions by squares of that side, so that only near ones are looked at.
+    squares: HashMap<[i64; 2], Vec<[f64; 2]>>,
+}
+
+impl Area {
+    fn of(places_m: Vec<[f64; 2]>) -> Self {
+        let side = |axis: usize| {
+            let along = || places_m.iter().map(move |place_m| place_m[axis]);
+            let (low, high) = (along().fold(f64::INFINITY, f64::min), along().fold(f64::NEG_INFINITY, f64::max));
+            [low - MARGIN_M, high + MARGIN_M]
+        };
+        let reach_m = (REACH * spacing(&places_m)).max(LEAST_REACH_M);
+        let sides_m = [side(0), side(1)];
+        let mut area = Self { sides_m, reach_m, squares: HashMap::new() };
+        for place_m in places_m {
+            area.squares.entry(area.square(place_m)).or_default().push(place_m);
+        }
+        area
+    }
+
+    fn square(&self, at_m: [f64; 2]) -> [i64; 2] {
+        at_m.map(|c| (c / self.reach_m).floor() as i64)
+    }
+
+    /// Whether a surveyed position is in reach.
+    fn is_near(&self, at_m: [f64; 2]) -> bool {
+        let [column, row] = self.square(at_m);
+        let near = (column - 1..=column + 1).flat_map(|column| (row - 1..=row + 1).map(move |row| [column, row]));
+        near.filter_map(|square| self.squares.get(&square))
+            .flatten()
+            .any(|place_m| apart(*place_m, at_m) <= self.reach_m)
+    }
+
+    /// Points of a lattice around the middle of the area, column by column; fewer than 255 each way.
+    fn lattice(&self, step_m: f64) -> Vec<[f64; 2]> {
+        let [xs, ys] = self.sides_m.map(|[low, high]| {
+            // Each point represents a square of the step's side.
+            let count = (((high - low) / step_m).ceil() as usize).clamp(1, 255);
+            (0..count)
+                .map(move |at| (low + high) / 2.0 + (at as f64 - (count - 1) as f64 / 2.0) * step_m)
+                .collect::<Vec<_>>()
+        });
+        let all = xs.iter().flat_map(|x| ys.iter().map(|y| [*x, *y]));
+        all.filter(|at_m| self.is_near(*at_m)).collect()
+    }
 }
 
 /// The median distance from a position to the next other one, metres; positions that coincide do not count.

@@ -4,10 +4,9 @@ use baliza_report::{mean, percentile};
 use std::collections::BTreeSet;
 
 use positioning_core::ble::fingerprint::{MAX_BEACONS, MapError, Point, encode};
-use positioning_core::ble::signal::rssi;
 
 use super::process::apart;
-use crate::files::beacons::{Dwell, Sample};
+use crate::files::beacons::{Dwell, Sample, rssis_by_beacon};
 
 /// RSSI of a beacon that no point received, dBm.
 const NEVER_HEARD_DBM: f64 = -100.0;
@@ -163,11 +162,8 @@ pub fn spread(survey: &Survey, count: usize) -> BTreeSet<usize> {
 
 /// The average RSSI of every beacon in samples, dBm; values that no receiver can have measured are left out.
 pub fn scan(beacons: &[String], samples: &[Sample], average: Average) -> Vec<Option<f64>> {
-    let of = |name: &String| {
-        let own = samples.iter().filter(|sample| sample.beacon == *name);
-        average.of(&own.filter_map(|sample| rssi(sample.rssi_dbm).ok()).collect::<Vec<_>>())
-    };
-    beacons.iter().map(of).collect()
+    let heard = rssis_by_beacon(samples);
+    beacons.iter().map(|name| average.of(heard.get(name.as_str())?)).collect()
 }
 
 /// A map's bytes, however long.

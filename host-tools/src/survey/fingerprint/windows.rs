@@ -33,9 +33,8 @@ pub fn windows(beacons: &[String], capture: &Capture, window_s: f64, average: Av
         let begin_s = first_s + index as f64 * window_s;
         let end_s = if index + 1 == count { f64::INFINITY } else { begin_s + window_s };
         let rssi = |way: &Vec<(f64, f64)>| {
-            let until = way.partition_point(|(t_s, _)| *t_s < end_s);
-            let inside: Vec<f64> =
-                way[..until].iter().filter(|(t_s, _)| *t_s >= begin_s).map(|(_, rssi)| *rssi).collect();
+            let [from, until] = [begin_s, end_s].map(|limit_s| way.partition_point(|(t_s, _)| *t_s < limit_s));
+            let inside: Vec<f64> = way[from..until].iter().map(|(_, rssi)| *rssi).collect();
             let kept = way[..until].last().filter(|(t_s, _)| begin_s - t_s < KEPT * window_s).map(|(_, rssi)| *rssi);
             let mean = mean(inside.iter().copied());
             if inside.is_empty() { kept } else { Some(mean) }.map(|rssi| match average {

@@ -1,14 +1,14 @@
 //! The data of a survey's points: each beacon's RSSI and deviation, and the scans of short windows.
 
 use baliza_report::{mean, rms};
+use std::collections::HashSet;
 use std::path::Path;
 
 use positioning_core::ble::rooms::{MAX_BEACONS, MAX_ROOMS};
-use positioning_core::ble::signal::rssi;
 
 use super::file::Names;
 use crate::UserError;
-use crate::files::beacons::{Dwell, Sample};
+use crate::files::beacons::{Dwell, Sample, rssis_by_beacon};
 use crate::survey::fingerprint::{self, Average, scan};
 
 /// RSSI values are averaged as in maps.
@@ -55,17 +55,15 @@ impl Survey {
     /// # Errors
     /// A point has no room, there are fewer than two rooms, or there are more rooms or beacons than a model holds.
     pub fn of_fingerprints(file: &Path, stays: &[Dwell], window_s: f64) -> Result<Self, UserError> {
+        let at_most = |what: &str, count: usize, most: usize| match count > most {
+            true => Err(UserError::line(file, 1, format!("{count} {what}, where a model holds {most}"))),
+            false => Ok(()),
+        };
+        at_most("rooms", stays.iter().filter_map(|stay| stay.room.as_ref()).collect::<HashSet<_>>().len(), MAX_ROOMS)?;
         let beacons = fingerprint::Survey::of(stays, AVERAGE).beacons;
+        at_most("beacons", beacons.len(), MAX_BEACONS)?;
         let mut survey = Self { beacons, ..Self::default() };
         survey.add(file, stays, window_s, true)?;
-        let too_many = |what: &str, count: usize, most: usize| {
-            (count > most).then(|| UserError::line(file, 1, format!("{count} {what}, where a model holds {most}")))
-        };
-        if let Some(wrong) = too_many("rooms", survey.rooms.len(), MAX_ROOMS)
-            .or_else(|| too_many("beacons", survey.beacons.len(), MAX_BEACONS))
-        {
-            return Err(wrong);
-        }
         match (survey.rooms.len(), survey.points.len()) {
             (_, 0) => Err(UserError::line(file, 1, "none of its levels is one that a receiver can have measured")),
             (0 | 1, _) => {
@@ -91,6 +89,7 @@ impl Survey {
     }
 
     fn add(&mut self, file: &Path, stays: &[Dwell], window_s: f64, learnt: bool) -> Result<(), UserError> {
+        let mut all_windows = 0;
         for stay in stays {
             let Some(room) = &stay.room else {
                 return Err(UserError::line(
@@ -110,6 +109,13 @@ impl Survey {
                 continue;
             }
             let windows = windows(&stay.samples, &self.beacons, window_s);
+            all_windows += windows.len();
+            if all_windows > MOST_WINDOWS as usize {
+                let wrong = format!(
+                    "its dwells last for more than {MOST_WINDOWS} windows of {window_s} s: are the times seconds?"
+                );
+                return Err(UserError::file(file, wrong));
+            }
             self.points.push(Point { name: stay.point.clone(), room, heard, windows });
         }
         Ok(())
@@ -125,9 +131,9 @@ impl Point {
 
 fn heard(samples: &[Sample], beacons: &[String]) -> Vec<Option<MeanRssi>> {
     let means = scan(beacons, samples, AVERAGE);
+    let by_beacon = rssis_by_beacon(samples);
     let deviation_db = |beacon: &String| {
-        let of_it = samples.iter().filter(|sample| sample.beacon == *beacon);
-        let rssis: Vec<f64> = of_it.filter_map(|sample| rssi(sample.rssi_dbm).ok()).collect();
+        let rssis = by_beacon.get(beacon.as_str()).map_or(&[][..], Vec::as_slice);
         let middle = mean(rssis.iter().copied());
         rms(rssis.iter().map(|rssi| rssi - middle))
     };

@@ -20,8 +20,8 @@ use self::bluetooth::{BeaconTable, BluetoothTable, check_list};
 use self::motion::{CarrierName, SensorName};
 use self::network::NetworkTable;
 use self::values::{
-    anchors_per_round, board, clock_offset, method, not_negative, optional_board, optional_finite, optional_positive,
-    optional_rate, place, places, positive, probability, scheme,
+    anchors_per_round, board, clock_offset, method, not_negative, optional_board, optional_finite, optional_rate,
+    optional_slowdown, place, places, positive, probability, scheme, slowdown,
 };
 use super::{AirModel, Anchor, Fault, FaultKind, Fidelity, Motion, NETWORK, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
@@ -104,7 +104,7 @@ struct File {
     anchors_per_round: u8,
     #[serde(deserialize_with = "board")]
     board: BoardProfile,
-    #[serde(deserialize_with = "positive")]
+    #[serde(deserialize_with = "slowdown")]
     cpu_slowdown: f64,
     network: Vec<Spanned<NetworkTable>>,
     wall: Vec<WallTable>,
@@ -192,7 +192,7 @@ struct AnchorTable {
     at: [f64; 3],
     #[serde(default, deserialize_with = "optional_board")]
     board: Option<BoardProfile>,
-    #[serde(default, deserialize_with = "optional_positive")]
+    #[serde(default, deserialize_with = "optional_slowdown")]
     cpu_slowdown: Option<f64>,
 }
 
@@ -217,7 +217,7 @@ struct TagTable {
     motion_sensor: Option<SensorName>,
     #[serde(default, deserialize_with = "optional_board")]
     board: Option<BoardProfile>,
-    #[serde(default, deserialize_with = "optional_positive")]
+    #[serde(default, deserialize_with = "optional_slowdown")]
     cpu_slowdown: Option<f64>,
 }
 

@@ -7,18 +7,35 @@ use serde::de::{Deserializer, Error as _};
 
 use crate::board::BoardProfile;
 
+/// A number for a message, without hundreds of zeros.
+fn shown(value: f64) -> String {
+    if value.abs() < 1.0e12 { value.to_string() } else { format!("{value:e}") }
+}
+
 /// A number that passes the check. The error says what the number must be.
 fn number<'de, D: Deserializer<'de>>(from: D, what: &str, passes: impl Fn(f64) -> bool) -> Result<f64, D::Error> {
     let value = f64::deserialize(from)?;
-    if passes(value) { Ok(value) } else { Err(D::Error::custom(format!("{value} is not {what}"))) }
+    if passes(value) { Ok(value) } else { Err(D::Error::custom(format!("{} is not {what}", shown(value)))) }
+}
+
+/// The largest number without a range of its own: seconds (eleven days), metres per second, metres, decibels.
+const MOST: f64 = 1.0e6;
+
+fn at_most<E: serde::de::Error>(value: f64, most: f64) -> Result<f64, E> {
+    if value <= most { Ok(value) } else { Err(E::custom(format!("{} is not at most {most}", shown(value)))) }
 }
 
 pub(super) fn positive<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
-    number(from, "a positive number", |x| x > 0.0 && x.is_finite())
+    at_most(number(from, "a positive number", |x| x > 0.0)?, MOST)
 }
 
-pub(super) fn optional_positive<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
-    positive(from).map(Some)
+/// How many times slower than estimated a processor is. Far beyond, durations do not fit into the clock.
+pub(super) fn slowdown<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    at_most(number(from, "a positive number", |x| x > 0.0)?, 1000.0)
+}
+
+pub(super) fn optional_slowdown<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    slowdown(from).map(Some)
 }
 
 pub(super) fn board<'de, D: Deserializer<'de>>(from: D) -> Result<BoardProfile, D::Error> {
@@ -34,7 +51,7 @@ pub(super) fn optional_board<'de, D: Deserializer<'de>>(from: D) -> Result<Optio
 }
 
 pub(super) fn not_negative<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
-    number(from, "zero or a positive number", |x| x >= 0.0 && x.is_finite())
+    at_most(number(from, "zero or a positive number", |x| x >= 0.0)?, MOST)
 }
 
 pub(super) fn level<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
@@ -95,7 +112,7 @@ pub(super) fn places<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<[f64; 3]>
 /// Frames carry millimetres in 24 bits, which reach 8388 m.
 fn within_reach<const N: usize, E: serde::de::Error>(place: [f64; N]) -> Result<[f64; N], E> {
     match place.iter().find(|x| x.is_nan() || x.abs() > 8388.0) {
-        Some(x) => Err(E::custom(format!("{x} is not a coordinate within 8388 m"))),
+        Some(x) => Err(E::custom(format!("{} is not a coordinate within 8388 m", shown(*x)))),
         None => Ok(place),
     }
 }

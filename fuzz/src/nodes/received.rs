@@ -1,0 +1,120 @@
+//! Bytes from the air and from a node's stream: what was parsed and is written again is parsed as the same.
+
+use wire::ble::{Advertised, EddystoneUid, Fresh, IBeacon, RotatingId};
+use wire::telemetry::{Decoder, Hello, MAX_FRAME, Message, Role};
+use wire::uwb::native::Message as Native;
+use wire::uwb::{FrameBuffer, decaranging, native};
+
+use crate::{finite, seal};
+
+/// The longest frame without its check bytes.
+const LONGEST: usize = 125;
+/// Separates the bodies of an input of several frames.
+const SEPARATOR: u8 = 0xA5;
+
+pub fn frames(input: &[u8]) {
+    if input.len() > LONGEST {
+        return;
+    }
+    let mut out = FrameBuffer::new();
+    if let Ok(frame) = native::Frame::parse(input) {
+        frame.emit(&mut out);
+        // A sync frame has a bit that is free: parsers ignore it.
+        assert_eq!(out.bytes().len(), input.len());
+        assert_eq!(native::Frame::parse(out.bytes()).as_ref(), Ok(&frame));
+        match frame.message {
+            Native::SyncFrame(sync) => {
+                finite(sync.position.into_iter().flat_map(|position| position.metres()).map(f64::from));
+            }
+            Native::Poll(_) | Native::Response(_) | Native::Request(_) | Native::Final { .. } => {}
+        }
+    }
+    if let Ok(frame) = decaranging::Frame::parse(input) {
+        frame.emit(&mut out);
+        assert_eq!(out.bytes(), input);
+    }
+    if let Ok(blink) = decaranging::Blink::parse(input) {
+        blink.emit(&mut out);
+        assert!(input.starts_with(out.bytes()));
+    }
+}
+
+pub fn frame_seeds() -> Vec<Vec<u8>> {
+    let blink = decaranging::Blink { sequence: 1, tag: 0x0102_0304_0506_0708 };
+    let mut out = FrameBuffer::new();
+    blink.emit(&mut out);
+    let head = |kind: u8| [&[0x41, 0x88, 1, 0x1A, 0xBA, 0xFF, 0xFF, 1, 1, kind][..], &[0; 60]].concat();
+    (0x30..0x35).map(head).chain([out.bytes().to_vec()]).collect()
+}
+
+pub fn advertisements(input: &[u8]) {
+    match Advertised::parse(input) {
+        Ok(Advertised::IBeacon(beacon)) => {
+            assert_eq!(IBeacon::parse(&beacon.emit()), Ok(beacon));
+            let ids = RotatingId::new(&[7; 16]);
+            let _ = ids.reveal(&beacon);
+            let rotated = ids.rotate(&beacon, Fresh::new([1; 8]));
+            let found = ids.reveal(&rotated).expect("of this key");
+            assert_eq!((found.major, found.minor), (beacon.major, beacon.minor));
+        }
+        Ok(Advertised::EddystoneUid(uid)) => assert_eq!(EddystoneUid::parse(&uid.emit()), Ok(uid)),
+        Err(_) => {}
+    }
+}
+
+pub fn advertisement_seeds() -> Vec<Vec<u8>> {
+    let ibeacon = IBeacon { uuid: [3; 16], major: 1, minor: 2, measured_power_dbm: -59 };
+    let uid = EddystoneUid { namespace: [4; 10], instance: [5; 6], power_0m_dbm: -18 };
+    vec![ibeacon.emit().to_vec(), uid.emit().to_vec()]
+}
+
+/// The first byte decides whether the rest is a stream, or bodies of frames.
+pub fn telemetry(input: &[u8]) {
+    let Some((mode, rest)) = input.split_first() else { return };
+    let mut decoder = Decoder::new();
+    let stream = if mode & 1 == 0 { rest.to_vec() } else { framed(rest) };
+    for byte in stream {
+        if let Some(Ok(message)) = decoder.feed(byte) {
+            same_again(&message);
+        }
+    }
+    let _ = (decoder.counts(), decoder.pending());
+}
+
+/// The stream of the bodies in an input.
+pub fn framed(input: &[u8]) -> Vec<u8> {
+    input.split(|byte| *byte == SEPARATOR).flat_map(seal::telemetry).collect()
+}
+
+fn same_again(message: &Message) {
+    let mut buffer = [0; MAX_FRAME];
+    let bytes = wire::telemetry::encode(message, &mut buffer).to_vec();
+    assert_eq!(wire::telemetry::decode(&bytes).as_ref(), Ok(message));
+    match message {
+        Message::Fix(fix) => {
+            finite(fix.position_m().into_iter().flatten());
+            finite(fix.covariance_m2().into_iter().flatten().flatten());
+            assert!(fix.deviation_m().into_iter().flatten().all(|sigma| sigma.is_finite() && sigma >= 0.0));
+        }
+        Message::Range(range) => {
+            finite([range.distance_m()].into_iter().chain(range.position_m().into_iter().flatten()))
+        }
+        Message::Hello(_)
+        | Message::Sighting(_)
+        | Message::State(_)
+        | Message::Counters(_)
+        | Message::Reset(_)
+        | Message::Difference(_)
+        | Message::Room(_) => {}
+    }
+}
+
+pub fn telemetry_seeds() -> Vec<Vec<u8>> {
+    let hello =
+        Hello { t_us: 1, eui: 2, address: 3, role: Role::Tag, board: wire::config::Board::Dwm1001, build: [4; 8] };
+    let mut buffer = [0; MAX_FRAME];
+    let stream = [&[0][..], wire::telemetry::encode(&Message::Hello(hello), &mut buffer)].concat();
+    // Bodies that begin with the number of each message.
+    let bodies = (0..Message::KINDS.len() as u8).map(|kind| [&[1, kind][..], &[1; 60]].concat());
+    bodies.chain([stream]).collect()
+}

@@ -1,0 +1,57 @@
+//! Why a simulation made no position at all, in a sentence.
+
+use std::collections::BTreeMap;
+
+use sim::scenario::{Record, Scenario, What, distance};
+use wire::telemetry::Message;
+
+/// What is counted while a simulation runs.
+#[derive(Debug, Default)]
+pub struct Attempts {
+    ranges: usize,
+    reasons: BTreeMap<&'static str, usize>,
+}
+
+impl Attempts {
+    /// Counts a record.
+    pub fn take(&mut self, record: &Record) {
+        match &record.what {
+            What::Message(Message::Range(_)) => self.ranges += 1,
+            What::Epoch(epoch) => {
+                if let Some(reason) = epoch.fix.reason() {
+                    *self.reasons.entry(reason.as_str()).or_default() += 1;
+                }
+            }
+            What::Message(_) | What::Fault(_) => {}
+        }
+    }
+
+    /// The likely cause of no position, and what to do.
+    pub fn why_none(&self, scenario: &Scenario) -> String {
+        let least = if scenario.tag.height_m.is_some() { 3 } else { 4 };
+        let in_network = |network: usize| scenario.anchors.iter().filter(|anchor| anchor.network == network).count();
+        let most = scenario.tags.iter().map(|tag| in_network(tag.network)).max().unwrap_or(0);
+        if scenario.anchors.is_empty() {
+            return "no tag has a position by beacons: do tags hear three of them, and are they listed?".to_owned();
+        }
+        if most < least {
+            let more = if least == 4 { " (3 where the height is known)" } else { "" };
+            return format!("a tag has {most} anchors in its network, and a position needs {least}{more}: add anchors");
+        }
+        if self.ranges == 0 {
+            let to_anchor = |at| scenario.anchors.iter().map(move |anchor| distance(anchor.at, at));
+            let nearest_m =
+                scenario.tags.iter().flat_map(|tag| to_anchor(tag.walk.at(0.0))).fold(f64::INFINITY, f64::min);
+            return format!(
+                "no anchor answered any tag; the nearest is {nearest_m:.0} m away at the beginning: put anchors in reach, some \
+                 tens of metres, or simulate for longer"
+            );
+        }
+        match self.reasons.iter().max_by_key(|(_, count)| **count) {
+            Some((reason, count)) => format!(
+                "{count} rounds ended without one, most for the reason {reason}: put {least} anchors or more in reach of each tag"
+            ),
+            None => "no round has ended yet: simulate for longer".to_owned(),
+        }
+    }
+}

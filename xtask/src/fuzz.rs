@@ -1,0 +1,112 @@
+//! Fuzzing: builds the targets of `fuzz/` with the compiler's coverage instrumentation, on stable Rust, and runs them.
+
+use std::path::PathBuf;
+use std::process::Command;
+use std::{env, fs};
+
+use anyhow::{Context, Result, bail};
+
+use crate::root;
+
+/// What makes the compiler instrument the code for libFuzzer.
+const INSTRUMENTATION: [&str; 7] = [
+    "-Cpasses=sancov-module",
+    "-Cllvm-args=-sanitizer-coverage-level=4",
+    "-Cllvm-args=-sanitizer-coverage-inline-8bit-counters",
+    "-Cllvm-args=-sanitizer-coverage-pc-table",
+    "-Cllvm-args=-sanitizer-coverage-trace-compares",
+    "--cfg",
+    "fuzzing",
+];
+/// The binaries with targets.
+const BINARIES: [&str; 2] = ["nodes", "host"];
+
+/// The arguments of `cargo xtask fuzz`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// How long each target runs, seconds.
+    #[arg(long, value_name = "N", default_value_t = 60)]
+    seconds: u32,
+    /// Only this target.
+    #[arg(long, value_name = "T")]
+    target: Option<String>,
+}
+
+/// Runs the targets. Inputs that cover new code stay in `target/fuzz/corpus`, those that fail in
+/// `target/fuzz/artifacts`.
+///
+/// # Errors
+/// A target finds something, there is no such target, or a build fails.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let triple = host_triple()?;
+    let folder = root().join("target/fuzz");
+    build(&triple)?;
+    let (mut ran, mut failed) = (0, Vec::new());
+    for binary in BINARIES {
+        let program = folder.join(&triple).join("release").join(binary);
+        let names = output(Command::new(&program).env_remove("FUZZ_TARGET"))?;
+        for name in names.lines().filter(|name| arguments.target.as_deref().is_none_or(|only| only == *name)) {
+            ran += 1;
+            if !fuzz(&program, name, arguments.seconds)? {
+                failed.push(name.to_owned());
+            }
+        }
+    }
+    match (ran, failed.is_empty()) {
+        (0, _) => bail!("there is no target {}", arguments.target.as_deref().unwrap_or_default()),
+        (_, false) => bail!("found by {}: see target/fuzz/artifacts", failed.join(", ")),
+        (_, true) => Ok(()),
+    }
+}
+
+fn build(triple: &str) -> Result<()> {
+    // The target is named so that build scripts and macros are not instrumented.
+    let arguments =
+        "build --release --locked --manifest-path fuzz/Cargo.toml --features host --target-dir target/fuzz --target";
+    let status = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+        .args(arguments.split(' '))
+        .arg(triple)
+        .env("RUSTFLAGS", INSTRUMENTATION.join(" "))
+        .current_dir(root())
+        .status()?;
+    if status.success() { Ok(()) } else { bail!("the fuzz targets do not build") }
+}
+
+/// Runs a target from its seeds and the corpus of earlier runs; false where it finds something.
+fn fuzz(program: &PathBuf, name: &str, seconds: u32) -> Result<bool> {
+    let [corpus, artifacts] = ["corpus", "artifacts"].map(|kind| root().join("target/fuzz").join(kind));
+    let corpus = corpus.join(name);
+    for folder in [&corpus, &artifacts] {
+        fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    }
+    output(Command::new(program).env("FUZZ_TARGET", name).env("FUZZ_SEEDS", &corpus))?;
+    println!("{name}: {seconds} s");
+    let run = Command::new(program)
+        .args([format!("-max_total_time={seconds}"), format!("-artifact_prefix={}/{name}-", artifacts.display())])
+        .args(["-timeout=10", "-rss_limit_mb=2048", "-close_fd_mask=1", "-verbosity=0", "-print_final_stats=1"])
+        .arg(&corpus)
+        .env("FUZZ_TARGET", name)
+        .output()?;
+    let said = String::from_utf8_lossy(&run.stderr);
+    if run.status.success() {
+        let executions = said.lines().find_map(|line| line.strip_prefix("stat::number_of_executed_units:"));
+        println!("{name}: {} executions", executions.unwrap_or("?").trim());
+    } else {
+        println!("{said}");
+    }
+    Ok(run.status.success())
+}
+
+fn host_triple() -> Result<String> {
+    let version = output(Command::new(env::var_os("RUSTC").unwrap_or_else(|| "rustc".into())).arg("-vV"))?;
+    let host = version.lines().find_map(|line| line.strip_prefix("host: "));
+    Ok(host.context("rustc does not say its host")?.to_owned())
+}
+
+fn output(command: &mut Command) -> Result<String> {
+    let run = command.output().with_context(|| format!("cannot run {command:?}"))?;
+    if !run.status.success() {
+        bail!("{command:?}: {}", String::from_utf8_lossy(&run.stderr));
+    }
+    Ok(String::from_utf8(run.stdout)?)
+}
