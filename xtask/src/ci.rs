@@ -11,7 +11,7 @@ use crate::root;
 /// The name of the check, its command, and additions to its environment.
 type Step = (&'static str, &'static [&'static str], &'static [(&'static str, &'static str)]);
 
-const STEPS: [Step; 14] = [
+const STEPS: [Step; 16] = [
     ("lock file", &["cargo", "fetch", "--locked"], &[]),
     ("tests", &["cargo", "test"], &[]),
     ("formatting", &["cargo", "fmt", "--all", "--check"], &[]),
@@ -19,6 +19,8 @@ const STEPS: [Step; 14] = [
     ("without probes", &["cargo", "check", "-p", "host-tools", "--all-targets", "--no-default-features"], &[]),
     ("documentation", &["cargo", "doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-D warnings")]),
     ("first command", &FIRST_COMMAND, &[]),
+    ("release without builds", &["cargo", "xtask", "dist", "--without-builds"], &[]),
+    ("licences and advisories", &["cargo", "xtask", "deny"], &[]),
     ("oldest Rust", &["cargo", "xtask", "oldest-rust"], &[]),
     ("bare-metal builds", &["cargo", "xtask", "no-std"], &[]),
     ("firmware", &["cargo", "xtask", "firmware"], &[]),
