@@ -5,12 +5,14 @@
 
 mod bench;
 mod ble;
+mod boards;
 mod calibrate;
 mod classify_rooms;
 mod completions;
 mod coverage;
 mod decode;
 mod example;
+mod flash;
 mod folder;
 mod help;
 pub mod json;
@@ -83,6 +85,7 @@ commands! {
         Simulate(simulate),
         Example(example),
         Provision(provision),
+        Flash(flash),
         Monitor(monitor),
         Decode(decode),
         Record(record),

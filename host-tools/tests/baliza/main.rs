@@ -6,6 +6,7 @@ mod contract;
 mod coverage;
 mod example;
 mod fingerprint;
+mod flash;
 mod manners;
 mod monitor;
 mod nlos;
