@@ -244,7 +244,12 @@ fn write_all(arguments: &Arguments, file: &Path, site: &Site) -> Result<()> {
     one_after_another(&arguments.probe, file, &jobs, &mut |flash, job| {
         let node = site.node(Some(job.name))?;
         transfer::write(flash, job.board, &contents(node, job.record)).map(drop)
-    })
+    })?;
+    if arguments.json {
+        let written = jobs.iter().map(|job| serde_json::json!({ "node": job.name, "board": job.board.name() }));
+        super::print_json(&written.collect::<Vec<_>>())?;
+    }
+    Ok(())
 }
 
 /// A checksum by which a change of what is written is noticed.
