@@ -223,7 +223,7 @@ mod tests {
         let Role::Tag(settings) = &tag.role else { panic!("the fifth node of the example is a tag") };
         assert!(settings.scan.is_some());
         assert_eq!(Firmware::names(Board::Dwm1001, &tag), ["tag-dwm1001-ble.elf"]);
-        let mut silent = settings.clone();
+        let mut silent = *settings;
         silent.scan = None;
         let silent = Record { role: Role::Tag(silent), ..tag.clone() };
         assert_eq!(Firmware::names(Board::Dwm1001, &silent), ["tag-dwm1001.elf", "tag-dwm1001-ble.elf"]);
