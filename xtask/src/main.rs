@@ -8,6 +8,8 @@ mod beacons;
 mod bench;
 mod chip;
 mod ci;
+mod deny;
+mod dist;
 mod document;
 mod extract;
 mod fingerprints;
@@ -58,6 +60,10 @@ enum Chore {
     /// Build the images of all roles, boards and variants into target/firmware, check what boards, bootloaders and
     /// probes look for in them, and compare their sizes with their budgets.
     Firmware(firmware::Arguments),
+    /// Make the folder of a release: images, `baliza`, manual, licences, parts lists and sums.
+    Dist(dist::Arguments),
+    /// Check licences, sources and advisories of other people's crates by deny.toml.
+    Deny,
     /// Print what the flash of images is spent on: driver, exchanges, engine, solvers, telemetry, Bluetooth and so on.
     Sizes(sizes::Arguments),
     /// Run nodes' images in QEMU.
@@ -109,6 +115,8 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::NoStd => no_std(),
         Chore::OldestRust => oldest_rust(),
         Chore::Firmware(arguments) => firmware::run(arguments),
+        Chore::Dist(arguments) => dist::run(arguments),
+        Chore::Deny => deny::run(),
         Chore::Sizes(arguments) => sizes::run(arguments),
         Chore::Qemu(Qemu::Tag) => qemu_tag::run(),
         Chore::Qemu(Qemu::Network(arguments)) => network::run(arguments),

@@ -138,7 +138,7 @@ fn linker_variable(target: Target) -> String {
 
 /// Flags that make the paths of sources start at the root of the repository or of the registry, without folders of
 /// this machine.
-fn remapped() -> OsString {
+pub fn remapped() -> OsString {
     let home = env::var_os("CARGO_HOME").map(PathBuf::from);
     let home = home.or_else(|| env::home_dir().map(|home| home.join(".cargo")));
     let registry = home.map(|home| home.join("registry/src")).and_then(|sources| fs::read_dir(sources).ok());

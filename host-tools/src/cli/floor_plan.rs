@@ -6,6 +6,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use host_tools::UserError;
 use host_tools::files::beacons::{Wall, read_walls};
+use host_tools::files::{IMAGE_BYTES, read_limited};
 use host_tools::plot::Plan;
 
 use super::recording_args::finite;
@@ -81,7 +82,7 @@ impl FloorPlanArgs {
 
 fn image(file: &Path, metres: f64, [x, y]: [f64; 2]) -> Result<Plan, UserError> {
     let wrong = |what: String| UserError::file(file, what);
-    let bytes = std::fs::read(file).map_err(|error| wrong(format!("cannot open it: {error}")))?;
+    let bytes = read_limited(file, IMAGE_BYTES)?;
     let kind = match imagesize::image_type(&bytes) {
         Ok(imagesize::ImageType::Png) => "png",
         Ok(imagesize::ImageType::Jpeg) => "jpeg",

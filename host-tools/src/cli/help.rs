@@ -8,7 +8,7 @@ use clap::builder::StyledStr;
 /// Each group's title, and its commands.
 const GROUPS: [(&str, &[&str]); 6] = [
     ("Simulate", &["simulate", "example"]),
-    ("Set up a site", &["plan-anchors", "coverage", "survey", "calibrate", "provision"]),
+    ("Set up a site", &["plan-anchors", "coverage", "survey", "calibrate", "provision", "flash"]),
     ("Run", &["monitor", "record", "replay", "decode"]),
     ("Analyse", &["solve", "track", "ble", "classify-rooms", "plot"]),
     ("Research", &["nlos", "bench"]),

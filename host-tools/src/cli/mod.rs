@@ -6,12 +6,14 @@
 
 mod bench;
 mod ble;
+mod boards;
 mod calibrate;
 mod classify_rooms;
 mod completions;
 mod coverage;
 mod decode;
 mod example;
+mod flash;
 mod floor_plan;
 mod folder;
 mod help;
@@ -86,6 +88,7 @@ commands! {
         Simulate(simulate),
         Example(example),
         Provision(provision),
+        Flash(flash),
         Monitor(monitor),
         Decode(decode),
         Record(record),

@@ -6,15 +6,18 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
+use crc::{CRC_32_ISO_HDLC, Crc};
 use host_tools::UserError;
 use host_tools::files::output::{self, OutputFolder};
 use host_tools::files::{IMAGE_BYTES, read_limited};
 use host_tools::node::probe::ProbeArguments;
 use host_tools::node::provision::image::{Contents, Held, Image};
+use host_tools::node::provision::one_by_one::Job;
 use host_tools::node::provision::show::{self, Keys};
 use host_tools::node::provision::{EXAMPLE, Node, Site, oddities, transfer, warnings};
-use host_tools::train::Chosen;
-use wire::config::{Board, Flasher, MODELS_BYTES, Record};
+use wire::config::{Board, Flasher, MODELS_BYTES};
+
+use super::boards::{board_of, contents, one_after_another};
 
 /// Configure nodes: make their records, write, show and check them
 ///
@@ -30,8 +33,8 @@ pub struct Arguments {
     /// Which node of the file, where there are several
     #[arg(long, value_name = "NAME", requires = "config", conflicts_with = "all")]
     node: Option<String>,
-    /// All nodes of the file, one record each, into the folder --out
-    #[arg(long, requires = "config", conflicts_with = "write")]
+    /// All nodes of the file: one record each into the folder --out, or with --write board after board
+    #[arg(long, requires = "config")]
     all: bool,
     /// Where the record goes; a folder with --all
     #[arg(long, value_name = "PATH", conflicts_with_all = ["show", "read", "check"])]
@@ -76,7 +79,8 @@ enum Format {
     Hex,
 }
 
-fn boards() -> impl TypedValueParser<Value = Board> {
+/// The argument parser of boards.
+pub fn boards() -> impl TypedValueParser<Value = Board> {
     PossibleValuesParser::new(Board::HARDWARE.map(Board::name)).map(|name| {
         // The argument parser accepts only known names.
         Board::from_name(&name).unwrap_or(Board::Dwm1001)
@@ -116,13 +120,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 /// `--config`: writes the records to files or to a board, or prints them as `--show` would.
 fn make(arguments: &Arguments, file: &Path) -> Result<()> {
     let site = Site::read(file)?;
+    if arguments.all && arguments.write {
+        return write_all(arguments, file, &site);
+    }
     if arguments.all {
         return make_all(arguments, &site);
     }
     let node = site.node(arguments.node.as_deref())?;
     let record = node.record_for(arguments.board)?;
     if arguments.write {
-        write(arguments, node, board_of(arguments, node)?, &contents(node, record))?;
+        write(arguments, node, board_of(arguments.board, node)?, &contents(node, record))?;
         warn(&site, [node]);
         return Ok(());
     }
@@ -133,7 +140,7 @@ fn make(arguments: &Arguments, file: &Path) -> Result<()> {
     if !arguments.force {
         refuse_other_content(out)?;
     }
-    let board = board_of(arguments, node)?;
+    let board = board_of(arguments.board, node)?;
     let contents = contents(node, record);
     write_record(out, &contents, &encoded(arguments.format, board, &contents)?)?;
     warn(&site, [node]);
@@ -165,7 +172,7 @@ fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
     let mut made_files = Vec::new();
     let mut files = Vec::new();
     for node in &site.nodes {
-        let board = board_of(arguments, node)?;
+        let board = board_of(arguments.board, node)?;
         let contents = contents(node, node.record_for(Some(board))?);
         let name = format!("{}.{extension}", node.name);
         made_files.push(made(node, board, &contents, &folder.join(&name)));
@@ -235,24 +242,11 @@ fn report(arguments: &Arguments, files: &[Made]) -> Result<()> {
     if arguments.json { super::print_json(&files) } else { Ok(()) }
 }
 
-/// The content of a node's flash: its record and its models.
-fn contents<'a>(node: &'a Node, record: &'a Record) -> Contents<'a> {
-    Contents { record, model: node.model.as_ref().map(Chosen::bytes), site_models: node.site_models.as_deref() }
-}
-
 fn encoded(format: Format, board: Board, contents: &Contents<'_>) -> Result<Vec<u8>> {
     match format {
         Format::Bin => Ok(contents.binary(board)),
         Format::Hex => Ok(contents.intel_hex(board).context("cannot write Intel HEX")?.into_bytes()),
     }
-}
-
-/// The board of a node's record.
-fn board_of(arguments: &Arguments, node: &Node) -> Result<Board> {
-    arguments.board.or(node.board).ok_or_else(|| {
-        let what = format!("say what {} is built on, here or by `board` in the file", node.name);
-        UserError::flag("--board", what).into()
-    })
 }
 
 fn write(arguments: &Arguments, node: &Node, board: Board, contents: &Contents<'_>) -> Result<()> {
@@ -269,6 +263,34 @@ fn write(arguments: &Arguments, node: &Node, board: Board, contents: &Contents<'
         }))?;
     }
     Ok(())
+}
+
+/// `--write --all`: writes the records of all nodes, board after board.
+fn write_all(arguments: &Arguments, file: &Path, site: &Site) -> Result<()> {
+    let mut jobs = Vec::new();
+    for node in &site.nodes {
+        let board = board_of(arguments.board, node)?;
+        let record = node.record_for(Some(board))?;
+        jobs.push(Job { name: &node.name, board, record, sum: sum(&[&contents(node, record).binary(board)]) });
+    }
+    warn(site, &site.nodes);
+    one_after_another(&arguments.probe, file, &jobs, &mut |flash, job| {
+        let node = site.node(Some(job.name))?;
+        transfer::write(flash, job.board, &contents(node, job.record)).map(drop)
+    })?;
+    if arguments.json {
+        let written = jobs.iter().map(|job| serde_json::json!({ "node": job.name, "board": job.board.name() }));
+        super::print_json(&written.collect::<Vec<_>>())?;
+    }
+    Ok(())
+}
+
+/// A checksum by which a change of what is written is noticed.
+pub fn sum(parts: &[&[u8]]) -> u32 {
+    let crc = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+    let mut digest = crc.digest();
+    parts.iter().for_each(|part| digest.update(part));
+    digest.finalize()
 }
 
 fn read(arguments: &Arguments) -> Result<()> {

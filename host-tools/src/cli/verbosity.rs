@@ -12,7 +12,7 @@ pub struct Verbosity {
     /// Print errors only: no progress, no summary
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
-    /// Print the version, and the files that are read, too
+    /// Print the version, and the tables and streams that are read, too
     #[arg(short, long, global = true)]
     verbose: bool,
 }

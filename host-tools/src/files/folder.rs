@@ -1,16 +1,14 @@
 //! The folder of a recording: its tables under their usual names, and `recording.toml`, which says how they were made.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
 use crate::UserError;
+use crate::files::read_text;
 
 /// The name of the file of settings.
 pub const SETTINGS: &str = "recording.toml";
-/// The longest file of settings, bytes.
-const LONGEST: u64 = 1 << 20;
 
 /// What the tables of a recording do not say. Commands that read the folder use it where no flag says otherwise.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
@@ -48,11 +46,7 @@ impl Folder {
             ));
         }
         let file = path.join(SETTINGS);
-        let settings = match fs::metadata(&file) {
-            Ok(metadata) if metadata.len() > LONGEST => return Err(UserError::file(&file, "it is longer than 1 MiB")),
-            Ok(_) => read(&file)?,
-            Err(_) => RecordingSettings::default(),
-        };
+        let settings = if file.exists() { read(&file)? } else { RecordingSettings::default() };
         Ok(Self { path: path.to_owned(), settings })
     }
 
@@ -83,7 +77,7 @@ impl RecordingSettings {
 }
 
 fn read(file: &Path) -> Result<RecordingSettings, UserError> {
-    let text = fs::read_to_string(file).map_err(|error| UserError::file(file, format!("cannot read it: {error}")))?;
+    let text = read_text(file)?;
     let settings: RecordingSettings = toml::from_str(&text).map_err(|error| {
         let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or("");
         UserError::line(file, before.matches('\n').count() as u64 + 1, error.message())

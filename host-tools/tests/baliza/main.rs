@@ -7,6 +7,7 @@ mod contract;
 mod coverage;
 mod example;
 mod fingerprint;
+mod flash;
 mod interrupted;
 mod limits;
 mod manners;

@@ -267,6 +267,17 @@ impl Flasher {
     }
 }
 
+impl Memory {
+    /// Whether this number of bytes from an address on lies in one of the memories.
+    pub fn holds(&self, address: u64, bytes: u64) -> bool {
+        let mut places = self.flash.iter().chain([&self.ram]).chain(self.other_ram);
+        places.any(|&(origin, length)| {
+            let end = u64::from(origin) + u64::from(length);
+            address >= u64::from(origin) && address.checked_add(bytes).is_some_and(|after| after <= end)
+        })
+    }
+}
+
 impl Pages {
     /// The addresses of the pages for debug probes.
     pub const fn addresses(&self) -> [u32; 2] {

@@ -9,7 +9,7 @@ use object::read::{Object, ObjectSection, ObjectSymbol};
 use object::{File, SectionFlags, elf};
 use wire::config::Memory;
 
-use super::matrix::{Platform, holds};
+use super::matrix::Platform;
 
 /// The magic word of an ESP app descriptor.
 const APP_DESCRIPTOR: u32 = 0xABCD_5432;
@@ -83,7 +83,7 @@ fn check(elf: &File<'_>, platform: Platform) -> Result<()> {
     for section in elf.sections().filter(|section| is_loaded(section.flags()) && section.size() > 0) {
         let (name, address, bytes) = (section.name()?, section.address(), section.size());
         ensure!(
-            holds(&memory, address, bytes),
+            memory.holds(address, bytes),
             "{bytes} bytes of {name} at {address:#x} are outside the board's memories"
         );
     }
@@ -98,7 +98,7 @@ fn check(elf: &File<'_>, platform: Platform) -> Result<()> {
         let stack = word(words, 0).context("the vector table is cut short")?;
         let reset = word(words, 1).context("the vector table is cut short")?;
         ensure!(ram.contains(&stack.into()), "the stack begins at {stack:#x}, outside the RAM");
-        let code = holds(&memory, (reset & !1).into(), 2) && !ram.contains(&reset.into());
+        let code = memory.holds((reset & !1).into(), 2) && !ram.contains(&reset.into());
         ensure!(code, "the reset vector {reset:#x} is outside the flash");
         ensure!(reset & 1 == 1, "the reset vector {reset:#x} is no Thumb code");
     }

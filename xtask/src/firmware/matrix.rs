@@ -160,12 +160,3 @@ pub fn images() -> Result<Vec<Image>> {
     images.sort_by_key(rank);
     Ok(images)
 }
-
-/// Whether this number of bytes from an address on lies in one of the memories.
-pub fn holds(memory: &Memory, address: u64, bytes: u64) -> bool {
-    let mut places = memory.flash.iter().chain([&memory.ram]).chain(memory.other_ram);
-    places.any(|&(origin, length)| {
-        let (origin, length) = (u64::from(origin), u64::from(length));
-        address >= origin && address + bytes <= origin + length
-    })
-}

@@ -1,6 +1,7 @@
 //! `cargo xtask firmware`: builds every image, checks that its board can start it, and compares its size with its
 //! budget. The images are left in `target/firmware`.
 
+mod hex;
 pub mod inspect;
 mod matrix;
 
@@ -10,6 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
+use wire::config::Board;
 
 use crate::toolchain::{self, Toolchain};
 use crate::{document, root, succeed, target_directory};
@@ -98,6 +100,43 @@ pub fn elf(name: &str) -> Result<PathBuf> {
     let images = matrix::images()?;
     let image = images.iter().find(|image| image.name == name).with_context(|| format!("no image {name}"))?;
     build(image, &Toolchain::find(image.platform.target())?)
+}
+
+/// An image of a board, as it is given to users.
+pub struct Released {
+    /// With the symbols and the table of its log, for `baliza` and probe-rs.
+    pub elf: PathBuf,
+    /// For other flashers: Intel HEX; for an ESP the app as its bootloader loads it.
+    pub flashable: PathBuf,
+    /// The board's crate.
+    pub package: String,
+    /// The target's triple.
+    pub target: &'static str,
+}
+
+/// Builds and checks the images of boards whose names contain `filter`.
+///
+/// # Errors
+/// No image has the name, a build fails, a board cannot start an image, or a file cannot be written.
+pub fn release(filter: Option<&str>) -> Result<Vec<Released>> {
+    let all = matrix::images()?;
+    let is_wanted = |image: &&Image| filter.is_none_or(|part| image.name.contains(part));
+    let is_hardware =
+        |image: &&Image| matches!(image.platform, Platform::Board(board) if Board::HARDWARE.contains(&board));
+    let mut released = Vec::new();
+    for image in all.iter().filter(is_wanted).filter(is_hardware) {
+        let elf = build(image, &Toolchain::find(image.platform.target())?)?;
+        inspect(image, &elf)?;
+        let flashable = elf.with_extension(if image.platform.espflash_chip().is_some() { "bin" } else { "hex" });
+        if image.platform.target().is_cortex_m() {
+            let text = hex::intel_hex(&fs::read(&elf)?).with_context(|| image.name.clone())?;
+            fs::write(&flashable, text).with_context(|| format!("cannot write {}", flashable.display()))?;
+        }
+        let (package, target) = (image.package.clone(), image.platform.target().triple());
+        released.push(Released { elf, flashable, package, target });
+    }
+    ensure!(!released.is_empty(), "no image of a board has that in its name");
+    Ok(released)
 }
 
 /// Builds an image, and returns its ELF file.

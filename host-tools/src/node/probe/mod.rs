@@ -38,4 +38,12 @@ impl ProbeArguments {
     pub fn attach(&self, default_chip: Option<&str>) -> Result<Probe> {
         Probe::attach(self, default_chip)
     }
+
+    /// Whether a probe is connected that the arguments allow.
+    ///
+    /// # Errors
+    /// `--probe` is wrong, or `baliza` was built without the feature `probe`.
+    pub fn is_connected(&self) -> Result<bool> {
+        Probe::is_connected(self)
+    }
 }

@@ -2,14 +2,15 @@
 //!
 //! An error is one sentence that says what to do: connect a probe, set permissions, or select one of several probes.
 
+use std::io::Cursor;
 use std::ops::Range;
 use std::sync::Once;
 use std::time::Duration;
 
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result, anyhow};
 use probe_rs::architecture::arm::ArmError;
 use probe_rs::config::{MemoryRegion, Registry, RegistryError, TargetSelector};
-use probe_rs::flashing::DownloadOptions;
+use probe_rs::flashing::{DownloadOptions, FlashProgress, ProgressEvent, image_format};
 use probe_rs::probe::list::{Accessibility, Lister, ProbeListItem};
 use probe_rs::probe::{DebugProbeError, DebugProbeInfo, DebugProbeSelector, ProbeCreationError, WireProtocol};
 use probe_rs::{CoreType, MemoryInterface, Permissions, Session, Target};
@@ -17,10 +18,14 @@ use probe_rs::{CoreType, MemoryInterface, Permissions, Session, Target};
 use super::ProbeArguments;
 use crate::UserError;
 use crate::node::monitor::Memory;
+use crate::node::provision::Firmware;
 use crate::node::provision::transfer::Flash;
 
 /// A chip behind a debug probe. Its memory is that of its first core, on which the node runs.
-pub struct Probe(Session);
+pub struct Probe {
+    session: Session,
+    name: String,
+}
 
 impl Probe {
     /// Opens the probe and attaches to the chip, which runs on: `--chip`, else `default_chip`, else what the probe
@@ -46,49 +51,87 @@ impl Probe {
         let session = probe
             .attach_with_registry(target, Permissions::default(), &registry)
             .map_err(|error| not_attached(error, &name))?;
-        Ok(Self(session))
+        Ok(Self { session, name })
+    }
+
+    /// Whether a probe is connected that the arguments allow.
+    pub(super) fn is_connected(arguments: &ProbeArguments) -> Result<bool> {
+        let selector = arguments.probe.as_deref().map(selector).transpose()?;
+        let allowed = |item: &ProbeListItem| selector.as_ref().is_none_or(|wanted| wanted.matches_probe(&item.info));
+        Ok(Lister::new().list_all_with_access().iter().any(allowed))
+    }
+
+    /// The probe: its value for `--probe`, and its own name.
+    pub fn name(&self) -> &str {
+        &self.name
     }
 
     /// The chip's name, in probe-rs's words.
     pub fn chip(&self) -> String {
-        self.0.target().name.clone()
+        self.session.target().name.clone()
     }
 }
 
 impl Memory for Probe {
     fn read(&mut self, address: u64, bytes: &mut [u8]) -> Result<()> {
-        Ok(self.0.core(0)?.read(address, bytes)?)
+        Ok(self.session.core(0)?.read(address, bytes)?)
     }
 
     fn write_word(&mut self, address: u64, word: u32) -> Result<()> {
-        Ok(self.0.core(0)?.write_word_32(address, word)?)
+        Ok(self.session.core(0)?.write_word_32(address, word)?)
     }
 
     fn ram(&self) -> Vec<Range<u64>> {
-        ram(self.0.target())
+        ram(self.session.target())
     }
 
     fn reset(&mut self) -> Result<()> {
-        Ok(self.0.core(0)?.reset()?)
+        Ok(self.session.core(0)?.reset()?)
     }
 }
 
 impl Flash for Probe {
     fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<()> {
-        Ok(self.0.core(0)?.read(address.into(), bytes)?)
+        Ok(self.session.core(0)?.read(address.into(), bytes)?)
     }
 
     fn write_page(&mut self, address: u32, page: &[u8]) -> Result<()> {
-        let mut loader = self.0.target().flash_loader();
+        let mut loader = self.session.target().flash_loader();
         loader.add_data(address.into(), page)?;
         let mut options = DownloadOptions::default();
         options.verify = true;
-        loader.commit(&mut self.0, options)?;
+        loader.commit(&mut self.session, options)?;
         Ok(())
     }
 
+    fn write_image(&mut self, image: &Firmware, progress: &mut dyn FnMut(u64, u64)) -> Result<()> {
+        let mut loader = self.session.target().flash_loader();
+        if image.is_for_bootloader() {
+            // espflash's library makes the app, and adds the bootloader and the table of partitions.
+            let format = image_format("idf").context("probe-rs cannot make an ESP's image")?;
+            let mut elf = Cursor::new(&image.elf);
+            format.create_loader(None).load(&mut loader, &mut self.session, &mut elf)?;
+        } else {
+            for (address, bytes) in &image.segments {
+                loader.add_data((*address).into(), bytes)?;
+            }
+        }
+        let (mut done, mut all) = (0, 0);
+        let mut options = DownloadOptions::default();
+        options.verify = true;
+        options.progress = FlashProgress::new(|event| match event {
+            ProgressEvent::AddProgressBar { total, .. } => all += total.unwrap_or(0),
+            ProgressEvent::Progress { size, .. } => {
+                done += size;
+                progress(done, all);
+            }
+            _ => {}
+        });
+        loader.commit(&mut self.session, options).context("the image is not complete: flash it again")
+    }
+
     fn restart(&mut self) -> Result<()> {
-        let mut core = self.0.core(0)?;
+        let mut core = self.session.core(0)?;
         // After the write, the core is halted in the flash routine.
         core.reset_and_halt(Duration::from_millis(500))?;
         core.run()?;

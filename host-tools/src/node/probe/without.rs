@@ -6,17 +6,27 @@ use anyhow::{Result, bail};
 
 use super::ProbeArguments;
 use crate::node::monitor::Memory;
+use crate::node::provision::Firmware;
 use crate::node::provision::transfer::Flash;
 
 /// A chip behind a debug probe. Without the feature `probe` there is none.
 pub enum Probe {}
 
 impl Probe {
-    pub(super) fn attach(_: &ProbeArguments, _: Option<&str>) -> Result<Self> {
+    pub(super) fn attach(arguments: &ProbeArguments, _: Option<&str>) -> Result<Self> {
+        Self::is_connected(arguments).and_then(|_| bail!("no debug probe"))
+    }
+
+    pub(super) fn is_connected(_: &ProbeArguments) -> Result<bool> {
         bail!(
             "this program was built without the feature probe, so it does not reach debug probes: build it with \
              `cargo install --path host-tools`, or do without one (--serial, --file, --out; see --help)"
         )
+    }
+
+    /// The probe's name.
+    pub fn name(&self) -> &str {
+        match *self {}
     }
 
     /// The chip's name.
@@ -49,6 +59,10 @@ impl Flash for Probe {
     }
 
     fn write_page(&mut self, _: u32, _: &[u8]) -> Result<()> {
+        match *self {}
+    }
+
+    fn write_image(&mut self, _: &Firmware, _: &mut dyn FnMut(u64, u64)) -> Result<()> {
         match *self {}
     }
 

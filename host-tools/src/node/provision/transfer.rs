@@ -8,6 +8,7 @@
 use anyhow::{Context, Result, bail};
 use wire::config::{Board, LoadError, MODELS_BYTES, Next, Role, next};
 
+use super::firmware::Firmware;
 use super::image::{self, Contents, Held};
 
 /// A chip's flash, in complete pages.
@@ -24,6 +25,12 @@ pub trait Flash {
     /// The probe returns an error.
     fn write_page(&mut self, address: u32, page: &[u8]) -> Result<()>;
 
+    /// Writes an image and verifies it. Calls `progress` with the work that is done and all of it, bytes.
+    ///
+    /// # Errors
+    /// The image is not for the chip, the probe returns an error, or the flash does not keep the written bytes.
+    fn write_image(&mut self, image: &Firmware, progress: &mut dyn FnMut(u64, u64)) -> Result<()>;
+
     /// Restarts the node.
     ///
     /// # Errors
@@ -36,7 +43,7 @@ pub trait Flash {
 ///
 /// # Errors
 /// The probe returns an error, or the flash does not keep the written bytes.
-pub fn write(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -> Result<(Vec<u32>, u32)> {
+pub fn write(flash: &mut (impl Flash + ?Sized), board: Board, contents: &Contents<'_>) -> Result<(Vec<u32>, u32)> {
     write_site_models(flash, board, contents)?;
     let addresses = board.pages().addresses();
     let (written, sequence) = if board.spec().flasher.is_readable() {
@@ -68,7 +75,7 @@ pub fn write(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -> R
 
 /// Writes a tag's RSSI models, page by page. Without models, only the first page is erased, which makes the stored
 /// models invalid. A page that is correct already is not written.
-fn write_site_models(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -> Result<()> {
+fn write_site_models(flash: &mut (impl Flash + ?Sized), board: Board, contents: &Contents<'_>) -> Result<()> {
     let (Some(address), Role::Tag(_)) = (board.pages().models_address(), &contents.record.role) else { return Ok(()) };
     let size = board.pages().size as usize;
     let mut region = contents.site_models.unwrap_or_default().to_vec();
@@ -93,20 +100,20 @@ fn write_site_models(flash: &mut impl Flash, board: Board, contents: &Contents<'
 ///
 /// # Errors
 /// The probe returns an error.
-pub fn read(flash: &mut impl Flash, board: Board) -> Result<Result<Held, LoadError>> {
+pub fn read(flash: &mut (impl Flash + ?Sized), board: Board) -> Result<Result<Held, LoadError>> {
     let (pages, site_models) = (read_pages(flash, board)?, read_site_models(flash, board)?);
     Ok(image::held([&pages[0], &pages[1]], &site_models))
 }
 
 /// The region of the RSSI models; empty where the board has none.
-fn read_site_models(flash: &mut impl Flash, board: Board) -> Result<Vec<u8>> {
+fn read_site_models(flash: &mut (impl Flash + ?Sized), board: Board) -> Result<Vec<u8>> {
     let Some(address) = board.pages().models_address() else { return Ok(Vec::new()) };
     let mut region = vec![0; MODELS_BYTES];
     flash.read(address, &mut region).with_context(|| format!("cannot read the flash at 0x{address:08X}"))?;
     Ok(region)
 }
 
-fn read_pages(flash: &mut impl Flash, board: Board) -> Result<[Vec<u8>; 2]> {
+fn read_pages(flash: &mut (impl Flash + ?Sized), board: Board) -> Result<[Vec<u8>; 2]> {
     let size = board.pages().size as usize;
     let mut pages = [vec![0; size], vec![0; size]];
     for (address, page) in board.pages().addresses().into_iter().zip(&mut pages) {
@@ -154,6 +161,10 @@ mod tests {
             self.pages.insert(address, page);
             self.writes.push(address);
             Ok(())
+        }
+
+        fn write_image(&mut self, _: &Firmware, _: &mut dyn FnMut(u64, u64)) -> Result<()> {
+            bail!("these tests write records")
         }
 
         fn restart(&mut self) -> Result<()> {

@@ -1,0 +1,85 @@
+//! Boards at the debug probe, for `flash` and `provision --write`.
+
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use anyhow::{Result, bail};
+use host_tools::UserError;
+use host_tools::node::probe::ProbeArguments;
+use host_tools::node::provision::image::Contents;
+use host_tools::node::provision::one_by_one::{Desk, Job, Seen, write_all};
+use host_tools::node::provision::transfer::Flash;
+use host_tools::node::provision::{Node, Written};
+use host_tools::train::Chosen;
+use wire::config::{Board, Record};
+
+use super::stream::{STOP, catch_signals};
+
+/// The time between two looks for a board.
+const PAUSE: Duration = Duration::from_millis(500);
+
+/// The content of a node's flash: its record and its models.
+pub fn contents<'a>(node: &'a Node, record: &'a Record) -> Contents<'a> {
+    Contents { record, model: node.model.as_ref().map(Chosen::bytes), site_models: node.site_models.as_deref() }
+}
+
+/// The board of a node: the given one, else the one in the file.
+///
+/// # Errors
+/// Neither is known.
+pub fn board_of(given: Option<Board>, node: &Node) -> Result<Board, UserError> {
+    given.or(node.board).ok_or_else(|| {
+        let what = format!("say what {} is built on, here or by `board` in the file", node.name);
+        UserError::flag("--board", what)
+    })
+}
+
+/// Writes jobs to boards that the person connects one after another. What is written is noted beside the site's file.
+///
+/// # Errors
+/// The probe's arguments or the file of what is written are wrong, or the person ends before all is written.
+pub fn one_after_another(
+    probe: &ProbeArguments,
+    site: &Path,
+    jobs: &[Job<'_>],
+    write: &mut dyn FnMut(&mut dyn Flash, &Job<'_>) -> Result<()>,
+) -> Result<()> {
+    let mut written = Written::beside(site)?;
+    catch_signals()?;
+    let left = write_all(&mut Probes(probe), jobs, &mut written, write)?;
+    if left.is_empty() {
+        return Ok(());
+    }
+    bail!("not written: {}; the same command goes on with them", left.join(", "))
+}
+
+struct Probes<'a>(&'a ProbeArguments);
+
+impl Desk for Probes<'_> {
+    fn look(&mut self, board: Board) -> Result<Seen> {
+        if !self.0.is_connected()? {
+            return Ok(Seen::Nothing);
+        }
+        match self.0.attach(board.spec().flasher.probe_chip()) {
+            Ok(probe) => {
+                let name = probe.name().to_owned();
+                Ok(Seen::Board(Box::new(probe), name))
+            }
+            Err(error) if error.is::<UserError>() => Err(error),
+            Err(error) => Ok(Seen::Trouble(format!("{error:#}"))),
+        }
+    }
+
+    fn say(&mut self, text: &str) {
+        super::prompt(&format!("{text}\n"));
+    }
+
+    fn wait(&mut self) -> bool {
+        let begun = Instant::now();
+        while begun.elapsed() < PAUSE && !STOP.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        !STOP.load(Ordering::Relaxed)
+    }
+}
