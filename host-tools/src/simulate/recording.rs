@@ -9,8 +9,10 @@ use std::path::{Path, PathBuf};
 
 use positioning_core::nlos::{Feature, Features};
 use sim::scenario::{Record, Scenario, SimulatedEpoch, What};
+use wire::config::{Mode, Network};
 use wire::telemetry::{Body, Fix, MAX_FRAME, Message, Sighting, Table, encode, metres};
 
+use crate::files::folder::{RecordingSettings, SETTINGS};
 use crate::files::output::OutputFolder;
 use crate::node::decode::{Stamp, row};
 use crate::node::recorder::{STREAM, Tables, writer};
@@ -49,6 +51,7 @@ impl SimulatedRecording {
         if !scenario.beacons.is_empty() {
             write_beacons(folder, scenario)?;
         }
+        std::fs::write(folder.join(SETTINGS), settings(scenario).to_toml()?)?;
         Ok(Self {
             tables: Tables::create(folder, anchors, more)?,
             truth: writer(folder, "truth.csv", &["epoch", "t_s", "x_m", "y_m", "z_m", "tag"])?,
@@ -192,6 +195,15 @@ fn write_beacons(folder: &Path, scenario: &Scenario) -> csv::Result<()> {
 /// The short name of a scenario's beacon in all its files, because they are of one network.
 fn short_name(sighting: &Sighting) -> String {
     format!("{}-{}", sighting.beacon.major, sighting.beacon.minor)
+}
+
+/// How the tags of a scenario measure, and in which space.
+fn settings(scenario: &Scenario) -> RecordingSettings {
+    let listens = |network: &Network| matches!(network.mode, Mode::Listening { .. });
+    let mode = if scenario.networks.iter().all(listens) { "differences" } else { "ranges" };
+    // Half a millimetre is finer than any height.
+    let height_m = scenario.tag.height_m.map(|height_m| (f64::from(height_m) * 2000.0).round() / 2000.0);
+    RecordingSettings { dims: Some(if height_m.is_some() { 2 } else { 3 }), height_m, mode: Some(mode.to_owned()) }
 }
 
 /// The columns of a position.

@@ -106,6 +106,19 @@ fn a_folder_says_in_which_space_its_tags_are() {
     assert_eq!(folder.run("solve .").stderr, ".: the folder has no ranges.csv\n");
 }
 
+#[test]
+fn a_simulated_folder_is_solved_as_it_is() {
+    let folder = Folder::with(&[]);
+    folder.run("simulate --seconds 2 --tags 2 --out ranges").ok();
+    let run = folder.run("track ranges").ok();
+    assert_eq!(run.column("z_m").iter().filter(|z| !z.is_empty()).count(), 0, "the tags' height is known");
+    assert!(run.stderr.lines().any(|line| line.starts_with("track") && line.contains(" all ")), "{}", run.stderr);
+    folder.run("simulate --seconds 2 --mode tdoa --out differences").ok();
+    let run = folder.run("track differences").ok();
+    let known: Vec<f64> = run.numbers("error_m").into_iter().filter(|error| error.is_finite()).collect();
+    assert!(known.len() > 50 && known.iter().all(|error| *error < 1.0), "{known:?}");
+}
+
 /// Exact differences of a tag at (3, 4) to anchor a: 5 m away; the others by Pythagoras.
 fn differences() -> String {
     let mut text = "epoch,t_s,reference,anchor,difference_m\n".to_owned();
