@@ -145,7 +145,7 @@ pub fn read_stays(file: &Path) -> Result<Vec<Dwell>, UserError> {
     let mut table = Table::open(file)?;
     let (point, x, y) = (table.column("point")?, table.column("x_m")?, table.column("y_m")?);
     let room = table.optional("room");
-    let signal = Signal::of(&table)?;
+    let mut signal = Signal::of(&table)?;
     let (mut stays, mut by_name) = (Vec::<Dwell>::new(), HashMap::<String, usize>::new());
     while let Some(row) = table.next_row()? {
         let name = row.some_text(point)?;
@@ -167,6 +167,7 @@ pub fn read_stays(file: &Path) -> Result<Vec<Dwell>, UserError> {
         }
         signal.read(&row, &mut stay.samples)?;
     }
+    signal.end()?;
     let beacons =
         stays.iter().flat_map(|stay| &stay.samples).map(|sample| &sample.beacon).collect::<HashSet<_>>().len();
     if stays.is_empty() {
@@ -215,7 +216,7 @@ pub fn read_captures(file: &Path, truth: Option<&Path>) -> Result<Vec<Captured>,
 fn read_epochs(file: &Path) -> Result<Vec<Captured>, UserError> {
     let mut table = Table::open(file)?;
     let (epoch, tag) = (table.column("epoch")?, table.optional("tag"));
-    let signal = Signal::of(&table)?;
+    let mut signal = Signal::of(&table)?;
     let (mut tags, mut by_name) = (ByTag::<Captured>::default(), HashMap::<(usize, String), usize>::new());
     while let Some(row) = table.next_row()? {
         let (name, t_s) = (row.some_text(epoch)?.to_owned(), row.number(signal.time)?);
@@ -226,6 +227,7 @@ fn read_epochs(file: &Path) -> Result<Vec<Captured>, UserError> {
         });
         signal.read(&row, &mut captures[at].samples)?;
     }
+    signal.end()?;
     let tags = tags.in_order();
     if tags.is_empty() { Err(UserError::line(file, 1, "no samples below the header")) } else { Ok(tags) }
 }
@@ -299,31 +301,48 @@ impl From<Dwell> for Capture {
     }
 }
 
-/// The columns of the received samples.
-#[derive(Clone, Copy, Debug)]
+/// The columns of the received samples, and how many of them are no levels.
+#[derive(Debug)]
 struct Signal {
     beacon: Column,
     rssi: Column,
     time: Column,
+    /// Samples whose RSSI is a number.
+    samples: usize,
+    /// Samples without their minus, and the error of the first of them.
+    positive: (usize, Option<UserError>),
 }
 
 impl Signal {
     fn of(table: &Table) -> Result<Self, UserError> {
-        Ok(Self { beacon: table.column("beacon")?, rssi: table.column("rssi_dbm")?, time: table.optional("t_s") })
+        let (beacon, rssi, time) = (table.column("beacon")?, table.column("rssi_dbm")?, table.optional("t_s"));
+        Ok(Self { beacon, rssi, time, samples: 0, positive: (0, None) })
     }
 
     /// Adds the row's sample, where the row has an RSSI.
-    fn read(&self, row: &Row, samples: &mut Vec<Sample>) -> Result<(), UserError> {
+    fn read(&mut self, row: &Row, samples: &mut Vec<Sample>) -> Result<(), UserError> {
         let beacon = row.some_text(self.beacon)?;
         let (rssi, time) = (row.number(self.rssi)?, row.number(self.time)?);
         if let Some(rssi_dbm) = rssi {
+            self.samples += usize::from(rssi_dbm != UNAVAILABLE_DBM);
             if rssi_dbm > LOUDEST_DBM && rssi_dbm != UNAVAILABLE_DBM {
-                return Err(row.wrong(self.rssi, &no_level(rssi_dbm)));
+                let (count, first) = &mut self.positive;
+                *count += 1;
+                first.get_or_insert_with(|| row.wrong(self.rssi, &no_level(rssi_dbm)));
             }
             let t_s = time.or(samples.last().map(|sample| sample.t_s)).unwrap_or(0.0);
             samples.push(Sample { beacon: beacon.to_owned(), rssi_dbm, t_s });
         }
         Ok(())
+    }
+
+    /// Refuses a file most of whose levels lack their minus. Receivers report single values like that; methods leave
+    /// them out.
+    fn end(self) -> Result<(), UserError> {
+        match self.positive {
+            (count, Some(first)) if 2 * count > self.samples => Err(first),
+            (_, _) => Ok(()),
+        }
     }
 }
 

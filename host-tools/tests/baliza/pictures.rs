@@ -221,28 +221,39 @@ fn a_tag_at_rest_is_shown_enlarged() {
 }
 
 #[test]
-fn any_finite_numbers_and_names_make_a_picture() {
+fn numbers_make_a_picture_however_large_or_are_refused_with_their_bound() {
     let long = "n".repeat(20_000);
     let cases = [
-        format!("0,0,{long},1,1,0.1,0.1,0.2,{long}\n1,1e300,lls,2,2,,,1e308,b\n"),
+        format!("0,0,{long},1,1,0.1,0.1,0.2,{long}\n1,1e11,lls,2,2,,,1e7,b\n"),
         "0,-1e308,a,1e308,-1e308,1e308,1e308,1e308,x\n1,1e308,a,-1e308,1e308,1e-300,1e-300,0,x\n2,2,a,1,1,1,1,0,x\n"
             .to_owned(),
         "0,0,a,1e17,1e17,0,0,0,x\n1,1,a,1e17,1e17,0,0,0,x\n".to_owned(),
+        "0,-1e11,a,1e7,-1e7,1e7,1e7,1e7,x\n1,1e11,a,-1e7,1e7,1e-300,1e-300,0,x\n2,2,a,1,1,1,1,0,x\n".to_owned(),
         "0,0,a,3,3,0,0,0,x\n1,1,a,3,3,0,0,0,y\n2,2,a,3,3,1e200,1,1e200,y\n".to_owned(),
         "0,0,a,5e-324,5e-324,5e-324,5e-324,5e-324,x\n1,1,b,-5e-324,0,1,1,0.5,x\n".to_owned(),
-        "0,0,a,99999999,0,1,1,1,x\n1,1,a,-99999999,1e-9,1,1,1,x\n2,2,b,0,0,1,1,1e-12,x\n".to_owned(),
+        "0,0,a,9999999,0,1,1,1,x\n1,1,a,-9999999,1e-9,1,1,1,x\n2,2,b,0,0,1,1,1e-12,x\n".to_owned(),
     ];
+    let mut pictures = 0;
     for rows in cases {
         let positions = format!("epoch,t_s,method,x_m,y_m,sigma_x_m,sigma_y_m,error_m,tag\n{rows}");
         let folder = Folder::with(&[
             ("p.csv", &positions),
-            ("t.csv", "epoch,t_s,x_m,y_m,tag\n0,0,1,1,x\n1,1,1e308,1e308,x\n2,2,-1e308,0,x\n3,3,2,2,x\n"),
-            ("a.csv", "anchor,x_m,y_m\na,0,0\nb,1e200,0\n"),
-            ("w.csv", "x1_m,y1_m,x2_m,y2_m\n0,0,1e308,1e308\n-1e308,0,1e308,0\n0,0,0,0\n"),
+            ("t.csv", "epoch,t_s,x_m,y_m,tag\n0,0,1,1,x\n1,1,1e7,1e7,x\n2,2,-1e7,0,x\n3,3,2,2,x\n"),
+            ("a.csv", "anchor,x_m,y_m\na,0,0\nb,1e7,0\n"),
+            ("w.csv", "x1_m,y1_m,x2_m,y2_m\n0,0,1e7,1e7\n-1e7,0,1e7,0\n0,0,0,0\n"),
         ]);
-        assert_inside(&svg(&folder, "plot --positions p.csv"));
-        assert_inside(&svg(&folder, "plot --positions p.csv --truth t.csv --anchors a.csv --walls w.csv"));
+        for more in ["", " --truth t.csv --anchors a.csv --walls w.csv"] {
+            let run = folder.run(&format!("plot --positions p.csv{more} --out picture.svg"));
+            match run.code {
+                Some(0) => {
+                    pictures += 1;
+                    assert_inside(&String::from_utf8(folder.read("picture.svg")).expect("text"));
+                }
+                code => assert!(code == Some(2) && run.stderr.contains(" is not within ±"), "{run:?}"),
+            }
+        }
     }
+    assert_eq!(pictures, 8, "three of the seven files have numbers beyond all bounds");
 }
 
 #[test]
