@@ -19,6 +19,7 @@ const STEPS: [Step; 14] = [
     ("without probes", &["cargo", "check", "-p", "host-tools", "--all-targets", "--no-default-features"], &[]),
     ("documentation", &["cargo", "doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-D warnings")]),
     ("first command", &FIRST_COMMAND, &[]),
+    ("Python package", &["cargo", "xtask", "python"], &[]),
     ("oldest Rust", &["cargo", "xtask", "oldest-rust"], &[]),
     ("bare-metal builds", &["cargo", "xtask", "no-std"], &[]),
     ("firmware", &["cargo", "xtask", "firmware"], &[]),

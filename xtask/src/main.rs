@@ -15,6 +15,7 @@ mod firmware;
 mod network;
 mod onchip;
 mod protocol;
+mod python;
 mod qemu;
 mod qemu_tag;
 mod schemes;
@@ -62,6 +63,8 @@ enum Chore {
     /// Run nodes' images in QEMU.
     #[command(subcommand)]
     Qemu(Qemu),
+    /// Build the wheel of the Python package, and run its tests and its example.
+    Python,
     /// Compare the accuracy of solver, track and fingerprints with an earlier version, over all recordings and a
     /// simulated set: docs/design/accuracy.md.
     Accuracy(protocol::Arguments),
@@ -109,6 +112,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Sizes(arguments) => sizes::run(arguments),
         Chore::Qemu(Qemu::Tag) => qemu_tag::run(),
         Chore::Qemu(Qemu::Network(arguments)) => network::run(arguments),
+        Chore::Python => python::run(),
         Chore::Accuracy(arguments) => protocol::run(arguments),
         Chore::Bench { check: true, .. } => onchip::check(),
         Chore::Bench { check: false, tables } => bench::run(tables),
