@@ -62,7 +62,10 @@ pub(crate) fn positions<'py>(py: Python<'py>, tags: &[OfTag]) -> PyResult<Bound<
     let velocities = found().map(|at| at.and_then(|at| at.velocity_m_s.as_ref()).map_or(NONE_M, metres));
     dict.set_item("velocity_m_s", vectors(py, velocities)?)?;
     let others = || found().map(|at| at.and_then(|at| at.alternative));
-    dict.set_item("alternative_apart_m", vectors(py, others().map(|other| other.map_or(NONE_M, |other| other.apart)))?)?;
+    dict.set_item(
+        "alternative_apart_m",
+        vectors(py, others().map(|other| other.map_or(NONE_M, |other| other.apart)))?,
+    )?;
     let shares = others().map(|other| other.map_or(f64::NAN, |other| other.share));
     dict.set_item("alternative_share", numbers(py, shares))?;
     let truths = epochs().map(|epoch| epoch.truth.as_ref().map_or(NONE_M, metres));

@@ -150,8 +150,7 @@ impl Recording {
         let differences = folder.find("ranges.csv").is_none().then(|| folder.find("differences.csv")).flatten();
         let ranges = if differences.is_none() { folder.file("ranges.csv")? } else { PathBuf::new() };
         let measured = differences.as_deref().map_or(Source::Ranges(&ranges), Source::Differences);
-        let files =
-            Files { anchors: &anchors, measured, truth: None, anchor_heights: false, truth_heights: false };
+        let files = Files { anchors: &anchors, measured, truth: None, anchor_heights: false, truth_heights: false };
         let tags = host_tools::Recording::read(&files)?;
         let truths = folder.find("truth.csv").map(|file| Truths::read(&file, false)).transpose()?;
         Ok(Self { tags, truths, settings: folder.settings, differences: differences.is_some(), anchors })

@@ -93,7 +93,6 @@ pub(crate) fn solve<'py>(
     let anchors = anchors(&anchors_m, &setup)?;
     let epochs = ranges.epochs(anchors.len())?;
     let solver = Solver::new(&anchors, setup);
-    let solved: Vec<Solved> =
-        py.detach(|| epochs.iter().map(|epoch| solver.solve(method, epoch)).collect());
+    let solved: Vec<Solved> = py.detach(|| epochs.iter().map(|epoch| solver.solve(method, epoch)).collect());
     positions(py, &[OfTag { tag: None, epochs, solved }])
 }

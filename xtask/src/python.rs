@@ -43,7 +43,8 @@ fn environment(venv: &Path) -> Result<PathBuf> {
     let python = venv.join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" });
     if !python.exists() {
         let mut make = Command::new(std::env::var_os("PYTHON").unwrap_or_else(|| "python3".into()));
-        succeed(make.args(["-m", "venv"]).arg(venv)).context("Python 3.10 or newer with venv is needed (python3-venv)")?;
+        succeed(make.args(["-m", "venv"]).arg(venv))
+            .context("Python 3.10 or newer with venv is needed (python3-venv)")?;
     }
     Ok(python)
 }

@@ -9,13 +9,16 @@ mod ble;
 mod calibrate;
 mod classify_rooms;
 mod completions;
+mod convert;
 mod coverage;
 mod decode;
 mod example;
 mod floor_plan;
 mod folder;
 mod help;
+mod import;
 pub mod json;
+mod live_view;
 mod man;
 mod monitor;
 mod nlos;
@@ -90,6 +93,9 @@ commands! {
         Decode(decode),
         Record(record),
         Replay(replay),
+        #[command(subcommand)]
+        Import(import),
+        Convert(convert),
         Completions(completions),
         Man(man),
     }

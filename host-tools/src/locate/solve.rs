@@ -7,7 +7,8 @@ use positioning_core::ble::fingerprint;
 use positioning_core::engine::Missing;
 use positioning_core::nlos::Classifier as _;
 use positioning_core::{
-    Alternative, Area, Constraints, Fix, MAX_ANCHORS, Method, POWER_DIFFERENCE_PRIOR, RangeSample, Side, SolveError, flatten,
+    Alternative, Area, Constraints, Fix, MAX_ANCHORS, Method, POWER_DIFFERENCE_PRIOR, RangeSample, Side, SolveError,
+    flatten,
 };
 
 use crate::files::{Anchor, Coordinates, Epoch, Measured};

@@ -6,6 +6,7 @@ mod contract;
 mod coverage;
 mod example;
 mod fingerprint;
+mod import;
 mod interrupted;
 mod manners;
 mod monitor;
@@ -27,4 +28,6 @@ mod tags;
 mod thesis;
 mod time;
 mod track;
+#[cfg(feature = "foxglove")]
+mod view;
 mod wrong_input;
