@@ -65,7 +65,8 @@ def flag(key, value):
 def check(found, expected):
     assert list(found.columns) == list(expected.columns)
     assert found["epoch"].tolist() == [str(epoch) for epoch in expected["epoch"]]
-    assert [reason or "" for reason in found["reason"]] == expected["reason"].astype(object).fillna("").tolist()
+    reasons = [frame["reason"].astype(object).fillna("").tolist() for frame in (found, expected)]
+    assert reasons[0] == reasons[1]
     used = found["used"].where(found["x_m"].notna())
     np.testing.assert_array_equal(used, expected["used"])
     for column in [name for name in expected.columns if name.split("_")[-1] in ("m", "m2", "s")]:
