@@ -44,15 +44,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 fn to_mcap(recording: &Path, out: &Path) -> Result<()> {
     use anyhow::Context;
     use host_tools::files::folder::Folder;
-    use host_tools::view::{Clock, Converted, McapFile, TIMES, View, convert, convert_stream};
+    use host_tools::node::recorder::TIMES;
+    use host_tools::view::{Clock, Converted, McapFile, View, convert, convert_stream};
 
     let cannot = || format!("cannot write {}", out.display());
     let mut view = View::new(McapFile::new(output::Growing::create(out).with_context(cannot)?)?);
     let converted = if recording.is_dir() {
         let folder = Folder::open(recording)?;
-        match folder.find("telemetry.bin").filter(|_| folder.find("ranges.csv").is_none()) {
-            Some(stream) => convert_stream(&stream, &Clock::read(folder.find(TIMES).as_deref())?, &mut view)?,
-            None => convert(&folder, &mut view)?,
+        match folder.find("ranges.csv") {
+            Some(_) => convert(&folder, &mut view)?,
+            None => convert_stream(recording, &Clock::read(folder.find(TIMES).as_deref())?, &mut view)?,
         }
     } else {
         convert_stream(recording, &Clock::default(), &mut view)?

@@ -24,7 +24,7 @@ use wire::telemetry::Message;
 pub use file::McapFile;
 pub use live::Live;
 pub use messages::{Estimate, RangeRow};
-pub use recording::{Clock, Converted, TIMES, convert, convert_stream};
+pub use recording::{Clock, Converted, convert, convert_stream};
 
 use crate::Coordinates;
 use crate::node::decode::Stamp;

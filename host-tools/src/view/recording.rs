@@ -8,11 +8,9 @@ use anyhow::{Context, Result};
 use super::{Estimate, RangeRow, Sink, TAG, View};
 use crate::files::folder::Folder;
 use crate::files::{Files, Source, positions};
-use crate::node::decode::Stream;
+use crate::node::decode::{Stream, StreamFiles};
+use crate::node::recorder::TIMES;
 use crate::{Coordinates, Recording, Table, Truths, UserError, read_anchors};
-
-/// When each frame of a recording was received, where its folder has it.
-pub const TIMES: &str = "telemetry.times.csv";
 
 /// The host's time of a recording's times.
 #[derive(Clone, Debug, Default)]
@@ -138,12 +136,12 @@ pub fn convert<S: Sink>(folder: &Folder, view: &mut View<S>) -> Result<Converted
     Ok(converted)
 }
 
-/// Converts a stream of telemetry.
+/// Converts a stream of telemetry: a file, or that of a recording's folder.
 ///
 /// # Errors
 /// The stream cannot be read or has no frame, or the sink returns an error.
 pub fn convert_stream<S: Sink>(file: &Path, clock: &Clock, view: &mut View<S>) -> Result<Converted> {
-    let (mut from, _) = crate::node::decode::open_stream(file)?;
+    let mut from = StreamFiles::open(file)?;
     let (mut stream, mut converted) = (Stream::default(), Converted::default());
     let mut chunk = vec![0; 1 << 16];
     loop {
@@ -158,9 +156,7 @@ pub fn convert_stream<S: Sink>(file: &Path, clock: &Clock, view: &mut View<S>) -
             converted.positions += u64::from(message.kind() == "fix");
         }
     }
-    if stream.counts().frames == 0 {
-        return Err(UserError::file(file, "no frame of telemetry").into());
-    }
+    stream.summary().is_of_telemetry(file)?;
     Ok(converted)
 }
 

@@ -110,7 +110,8 @@ fn a_stream_becomes_an_mcap_file_with_the_hosts_time() {
 fn what_is_no_recording_is_refused_and_leaves_no_file() {
     let folder = Folder::with(&[("positions.csv", "epoch,x_m,y_m\n0,1,2\n")]);
     let run = folder.run("convert positions.csv --out x.mcap");
-    assert_eq!((run.code, run.stderr.as_str()), (Some(2), "positions.csv: no frame of telemetry\n"));
+    let told = "positions.csv: this is no telemetry: there is no frame in 20 bytes\n";
+    assert_eq!((run.code, run.stderr.as_str()), (Some(2), told));
     assert_eq!(folder.names(), ["positions.csv"]);
 }
 

@@ -20,6 +20,9 @@ pub struct Arguments {
     /// The folder for the recording; it is made where it does not exist
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
+    /// Replace the recording that is there
+    #[arg(long)]
+    force: bool,
 }
 
 /// Runs `baliza import crazyflie`.
@@ -27,7 +30,6 @@ pub struct Arguments {
 /// # Errors
 /// The log has no range, an anchor has no position, or the folder cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let Arguments { file, anchors, out } = arguments;
-    super::check(out)?;
-    super::write(&crazyflie::read(file, &read_anchors(anchors)?)?, "crazyflie", file, out)
+    let Arguments { file, anchors, out, force } = arguments;
+    super::write(&crazyflie::read(file, &read_anchors(anchors)?)?, "crazyflie", file, out, *force)
 }

@@ -6,8 +6,9 @@ mod pans;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use host_tools::UserError;
+use host_tools::files::output::OutputFolder;
 use host_tools::import::Imported;
+use host_tools::node::recorder::is_of_recording;
 
 super::commands! {
     /// Make a recording of what another system has measured
@@ -20,22 +21,13 @@ super::commands! {
     }
 }
 
-/// Refuses a folder that has a recording already.
-fn check(folder: &Path) -> Result<(), UserError> {
-    let mut names = ["anchors.csv", "ranges.csv", "positions.csv"].into_iter();
-    match names.find(|name| folder.join(name).exists()) {
-        Some(name) => Err(UserError::flag("--out", format!("{} has {name} already", folder.display()))),
-        None => Ok(()),
+/// Writes the recording, with `force` in place of an earlier one, and says what it has.
+fn write(imported: &Imported, method: &str, file: &Path, folder: &Path, force: bool) -> Result<()> {
+    let output = OutputFolder::begin("--out", folder, is_of_recording, force)?;
+    for (name, bytes) in imported.files(method)? {
+        output.write(name, &bytes).with_context(|| format!("cannot write {}", folder.join(name).display()))?;
     }
-}
-
-/// Writes the recording, and says what it has.
-fn write(imported: &Imported, method: &str, file: &Path, folder: &Path) -> Result<()> {
-    let files = imported.files(method)?;
-    std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    for (name, bytes) in files {
-        super::write(&folder.join(name), &bytes)?;
-    }
+    output.finish().with_context(|| format!("cannot write {}", folder.display()))?;
     let (rounds, ranges, anchors) = (imported.rounds.len(), imported.ranges(), imported.anchors.len());
     super::note(&format!("{rounds} rounds, {ranges} ranges to {anchors} anchors, in {}\n", folder.display()));
     if let Some((line, what)) = &imported.left_out.first {

@@ -18,6 +18,9 @@ pub struct Arguments {
     /// The folder for the recording; it is made where it does not exist
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
+    /// Replace the recording that is there
+    #[arg(long)]
+    force: bool,
     /// How often the tag measured, where the lines have no times
     #[arg(long, value_name = "HZ", default_value = "10", value_parser = positive)]
     rate_hz: f64,
@@ -32,7 +35,6 @@ fn positive(text: &str) -> Result<f64, String> {
 /// # Errors
 /// The file has no range, or the folder cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let Arguments { file, out, rate_hz } = arguments;
-    super::check(out)?;
-    super::write(&pans::read(file, *rate_hz)?, "pans", file, out)
+    let Arguments { file, out, force, rate_hz } = arguments;
+    super::write(&pans::read(file, *rate_hz)?, "pans", file, out, *force)
 }
