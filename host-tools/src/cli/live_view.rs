@@ -86,8 +86,8 @@ impl LiveView {
     ///
     /// # Errors
     /// Always.
-    pub fn listen(_: &Address) -> Result<Self> {
-        anyhow::bail!("this baliza was built without its feature foxglove")
+    pub fn listen(Address { host, port }: &Address) -> Result<Self> {
+        anyhow::bail!("cannot listen on {host}:{port}: this baliza was built without its feature foxglove")
     }
 
     /// There is nothing to send to.
