@@ -18,6 +18,7 @@ mod fuzz;
 mod network;
 mod onchip;
 mod protocol;
+mod python;
 mod qemu;
 mod qemu_tag;
 mod schemes;
@@ -69,6 +70,8 @@ enum Chore {
     /// Run nodes' images in QEMU.
     #[command(subcommand)]
     Qemu(Qemu),
+    /// Build the wheel of the Python package, and run its tests and its example.
+    Python,
     /// Compare the accuracy of solver, track and fingerprints with an earlier version, over all recordings and a
     /// simulated set: docs/design/accuracy.md.
     Accuracy(protocol::Arguments),
@@ -120,6 +123,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Sizes(arguments) => sizes::run(arguments),
         Chore::Qemu(Qemu::Tag) => qemu_tag::run(),
         Chore::Qemu(Qemu::Network(arguments)) => network::run(arguments),
+        Chore::Python => python::run(),
         Chore::Accuracy(arguments) => protocol::run(arguments),
         Chore::Fuzz(arguments) => fuzz::run(arguments),
         Chore::Bench { check: true, .. } => onchip::check(),

@@ -10,6 +10,7 @@ mod boards;
 mod calibrate;
 mod classify_rooms;
 mod completions;
+mod convert;
 mod coverage;
 mod decode;
 mod example;
@@ -17,7 +18,9 @@ mod flash;
 mod floor_plan;
 mod folder;
 mod help;
+mod import;
 pub mod json;
+mod live_view;
 mod man;
 mod monitor;
 mod nlos;
@@ -93,6 +96,9 @@ commands! {
         Decode(decode),
         Record(record),
         Replay(replay),
+        #[command(subcommand)]
+        Import(import),
+        Convert(convert),
         Completions(completions),
         Man(man),
     }

@@ -14,6 +14,7 @@ use host_tools::node::recorder::{Recorder, Settings};
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use wire::telemetry::Table;
 
+use super::live_view::{Address, LiveView};
 use super::stream::{self, STOP, SourceArguments, catch_signals, refuse_interrupted, table_names};
 use super::verbosity::is_quiet;
 
@@ -51,6 +52,9 @@ pub struct Arguments {
     /// Show the source location of each line of the log
     #[arg(long, alias = "places")]
     show_source: bool,
+    /// Let Foxglove draw it live: positions, ranges and anchors, on a WebSocket
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8765", value_parser = Address::parse)]
+    foxglove: Option<Address>,
     /// End after N positions
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     fixes: Option<u64>,
@@ -94,7 +98,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(recorder) = recorder {
         session.record(recorder);
     }
-    let mut screen = Screen::new(arguments, live);
+    let view = arguments.foxglove.as_ref().map(LiveView::listen).transpose()?;
+    let mut screen = Screen { view, ..Screen::new(arguments, live) };
     let begun = Instant::now();
     let heard =
         screen.begin().and_then(|()| listen(source.as_mut(), &mut session, &mut screen, limits, &STOP).map(drop));
@@ -165,6 +170,8 @@ struct Screen {
     bar: ProgressBar,
     /// The number of positions, the time of counting, and the rate before that, positions per second.
     rate: (u64, Duration, f64),
+    /// `--foxglove`.
+    view: Option<LiveView>,
 }
 
 impl Screen {
@@ -179,7 +186,7 @@ impl Screen {
         } else {
             ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden())
         };
-        Self { writing, out: BufWriter::new(std::io::stdout()), bar, rate: (0, Duration::ZERO, 0.0) }
+        Self { writing, out: BufWriter::new(std::io::stdout()), bar, rate: (0, Duration::ZERO, 0.0), view: None }
     }
 
     fn begin(&mut self) -> Result<()> {
@@ -225,6 +232,9 @@ fn read_on(written: std::io::Result<()>) -> Result<bool> {
 
 impl Listener for Screen {
     fn said(&mut self, said: &Said) -> Result<bool> {
+        if let Some(view) = &mut self.view {
+            view.said(said)?;
+        }
         let text = self.text(said)?;
         let (bar, out) = (&self.bar, &mut self.out);
         if bar.is_hidden() || text.is_empty() {

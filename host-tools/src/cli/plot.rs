@@ -163,6 +163,7 @@ fn track(settings: &RecordingSettings, anchors: &Path, measured: Source) -> Resu
                 sigma_m: position.map(|position| flat(&position.sigma)),
                 sigma_z_m: position.and_then(|position| position.sigma.z_m),
                 cov_xy_m2: position.map(|position| position.covariance_xy),
+                reason: solved.outcome.err().map_or_else(String::new, |reason| reason.as_str().to_owned()),
                 error_m: None,
             }
         }));

@@ -173,6 +173,8 @@ pub struct PositionRow {
     pub sigma_z_m: Option<f64>,
     /// Covariance of x and y, m².
     pub cov_xy_m2: Option<f64>,
+    /// Why no position was found.
+    pub reason: String,
     /// Distance from the truth, metres.
     pub error_m: Option<f64>,
 }
@@ -192,8 +194,8 @@ impl PositionRow {
 pub fn read(file: &Path) -> Result<Vec<PositionRow>, UserError> {
     let mut table = Table::open(file)?;
     let (epoch, x, y) = (table.column("epoch")?, table.column("x_m")?, table.column("y_m")?);
-    let [method, time, z, sigma_x, sigma_y, error, tag] =
-        ["method", "t_s", "z_m", "sigma_x_m", "sigma_y_m", "error_m", "tag"].map(|name| table.optional(name));
+    let [method, time, z, sigma_x, sigma_y, error, tag, reason] =
+        ["method", "t_s", "z_m", "sigma_x_m", "sigma_y_m", "error_m", "tag", "reason"].map(|name| table.optional(name));
     let (sigma_z, cov_xy) = (table.optional("sigma_z_m"), table.optional("cov_xy_m2"));
     let mut rows = Vec::new();
     let mut methods: HashSet<String> = HashSet::new();
@@ -214,6 +216,7 @@ pub fn read(file: &Path) -> Result<Vec<PositionRow>, UserError> {
             sigma_m: row.number(sigma_x)?.zip(row.number(sigma_y)?).map(|(x, y)| [x, y]),
             sigma_z_m: row.number(sigma_z)?,
             cov_xy_m2: row.number(cov_xy)?,
+            reason: row.text(reason).to_owned(),
             error_m: row.number(error)?,
         });
     }

@@ -128,6 +128,11 @@ impl Truth {
         self.rows.iter().map(|row| &row.place)
     }
 
+    /// All rows, in the order of the file: epoch, time in seconds, position.
+    pub fn rows(&self) -> impl Iterator<Item = (&str, Option<f64>, &Coordinates)> {
+        self.rows.iter().map(|row| (row.epoch.as_str(), row.t_s, &row.place))
+    }
+
     /// The position at a time of the truth's clock, seconds. There is none before the first row and after the last one,
     /// and none in a gap of more than a second during which the tag moved; but each row holds for a tenth of a second.
     pub fn at(&self, t_s: f64) -> Option<Coordinates> {

@@ -7,7 +7,8 @@ use positioning_core::ble::fingerprint;
 use positioning_core::engine::Missing;
 use positioning_core::nlos::Classifier as _;
 use positioning_core::{
-    Area, Constraints, Fix, MAX_ANCHORS, Method, POWER_DIFFERENCE_PRIOR, RangeSample, Side, SolveError, flatten,
+    Alternative, Area, Constraints, Fix, MAX_ANCHORS, Method, POWER_DIFFERENCE_PRIOR, RangeSample, Side, SolveError,
+    flatten,
 };
 
 use crate::files::{Anchor, Coordinates, Epoch, Measured};
@@ -66,6 +67,13 @@ pub struct Position {
     pub velocity_m_s: Option<Coordinates>,
     /// The number of anchors whose ranges were used.
     pub used: usize,
+    /// The second of two places that explain the ranges, if there are two. `place` is their mean.
+    pub alternative: Option<Alternative<f64, 3>>,
+}
+
+/// An alternative of a node's `f32`.
+pub(crate) fn double(Alternative { apart, share }: Alternative<f32, 3>) -> Alternative<f64, 3> {
+    Alternative { apart: apart.map(f64::from), share: share.into() }
 }
 
 /// Why there is no position.
@@ -161,6 +169,10 @@ impl<'a> Solver<'a> {
             covariance_z: None,
             velocity_m_s: None,
             used: fix.used.len(),
+            alternative: fix.alternative.map(|Alternative { apart: [x, y], share }| Alternative {
+                apart: [x.into(), y.into(), 0.0],
+                share: share.into(),
+            }),
         })
     }
 
@@ -191,6 +203,7 @@ impl<'a> Solver<'a> {
             covariance_z: Some([fix.covariance[0][2], fix.covariance[1][2]].map(f64::from)),
             velocity_m_s: None,
             used: fix.used.len(),
+            alternative: fix.alternative.map(double),
         })
     }
 

@@ -8,6 +8,7 @@ mod coverage;
 mod example;
 mod fingerprint;
 mod flash;
+mod import;
 mod interrupted;
 mod limits;
 mod manners;
@@ -30,4 +31,6 @@ mod tags;
 mod thesis;
 mod time;
 mod track;
+#[cfg(feature = "foxglove")]
+mod view;
 mod wrong_input;

@@ -11,7 +11,7 @@ use rand_pcg::Pcg64;
 use crate::support::{Folder, Run};
 
 #[path = "../../src/node/monitor/testing.rs"]
-mod testing;
+pub mod testing;
 
 use testing::{BUILD, OTHER_BUILD, elf, fix, frame, hello, told};
 

@@ -15,7 +15,7 @@ use super::{Dimensions, Engine, Settings, Start};
 use crate::linalg::{Ldl, Matrix, distance_squared};
 use crate::track::Filter;
 use crate::track::state::{COMMON, POSITION};
-use crate::{Fix, Real};
+use crate::{Alternative, Fix, Real};
 
 /// ln of the odds at which a hypothesis has won.
 const SURE: f64 = 4.0;
@@ -74,6 +74,15 @@ impl<T: Real> Engine<T> {
                 })
             }),
         )
+    }
+
+    /// The other of the two places that a track of two hypotheses can be at.
+    pub fn alternative(&self) -> Option<Alternative<T, 3>> {
+        self.track.ok()?;
+        let share = T::ONE / (T::ONE + self.rival.lead?.exp());
+        let (mine, other) = (self.filter.state.position(), self.rival.filter.state.position());
+        let (from, to, share) = if share > T::of(0.5) { (other, mine, T::ONE - share) } else { (mine, other, share) };
+        Some(Alternative { apart: core::array::from_fn(|axis| to[axis] - from[axis]), share })
     }
 
     /// Compares the hypotheses at the end of a round. Returns why a track was started, if the rival has won.

@@ -15,9 +15,9 @@ pub use settings::{AnchorPosition, Settings};
 pub use site_models::{ForBeacons, RoomUpdate, SiteModels};
 pub use update::{Position, TagUpdate};
 
-use crate::Real;
 use crate::engine::{Engine, Measurement, Range, Tdoa, Verdict};
 use crate::nlos::{Feature, Features, NlosDetector};
+use crate::{Alternative, Real};
 use beacons::Beacons;
 use update::Used;
 
@@ -77,6 +77,11 @@ impl<'a, const BEACONS: usize> Locator<'a, BEACONS> {
     pub fn anchor_m(&self, address: u16, own_m: Option<[f32; 3]>) -> Option<[f32; 3]> {
         let configured = self.anchors.iter().find(|anchor| anchor.address == address);
         configured.map(|anchor| anchor.position_m).or(own_m)
+    }
+
+    /// The other of the two places that a track of two hypotheses can be at.
+    pub fn alternative(&self) -> Option<Alternative<f32, 3>> {
+        self.engine.alternative()
     }
 
     /// Takes the round's range of this index. Its anchor's position is that of [`anchor_m`](Self::anchor_m). Its

@@ -51,7 +51,7 @@ pub use shape::{BEFORE, NEAR, SAMPLE_NS, Shape, WINDOW, magnitude};
 pub use skewness::Skewness;
 
 /// A classifier of blocked and direct ranges.
-pub trait Classifier {
+pub trait Classifier: Sync {
     /// Its name, as tables and commands use it.
     fn name(&self) -> &'static str;
 

@@ -200,6 +200,7 @@ impl<'a> Solver<'a> {
             covariance_xy: covariance[0][1].into(),
             covariance_z: None,
             velocity_m_s: None,
+            alternative: None,
             used,
         }
     }

@@ -5,6 +5,8 @@
 //! without line of sight (p_nlos), by a trained model or by its powers. The output is the position at the end of every
 //! epoch.
 
+use std::borrow::Cow;
+
 use positioning_core::Side;
 use positioning_core::engine::{Dimensions, Mode, Range, Settings, Solvers, Tdoa};
 use positioning_core::locator::{self, Locator, Reception};
@@ -12,7 +14,7 @@ use positioning_core::nlos::{Features, Model};
 use positioning_core::{Area, Blocked};
 
 use crate::files::{Anchor, Coordinates, Diagnostics, Epoch, Measured, MeasuredDifference, by_time};
-use crate::locate::solve::{Half, Height, NoPosition, Position, Setup, Solved, Space, middle_m};
+use crate::locate::solve::{Half, Height, NoPosition, Position, Setup, Solved, Space, double, middle_m};
 
 /// Standard deviation of the noise of a DW1000 range in line of sight, metres. The engine models all other range
 /// errors.
@@ -61,7 +63,7 @@ pub fn settings_of_single_epochs(setup: &Setup) -> Settings<f32> {
 
 /// Follows a tag through a recording.
 pub struct Tracker<'a> {
-    anchors: &'a [Anchor],
+    anchors: Cow<'a, [Anchor]>,
     setup: Setup,
     locator: Locator<'a, 0>,
     /// Whether the engine follows a track, and so knows a velocity.
@@ -74,8 +76,14 @@ pub struct Tracker<'a> {
 
 impl<'a> Tracker<'a> {
     /// A tracker that begins with the next epoch. Without a model, the powers give the probability of a blocked link.
-    pub fn new(anchors: &'a [Anchor], setup: Setup, mut settings: Settings<f32>, model: Option<&'a Model<'a>>) -> Self {
-        let origin = middle_m(anchors);
+    pub fn new(
+        anchors: impl Into<Cow<'a, [Anchor]>>,
+        setup: Setup,
+        mut settings: Settings<f32>,
+        model: Option<&'a Model<'a>>,
+    ) -> Self {
+        let anchors = anchors.into();
+        let origin = middle_m(&anchors);
         settings.area = setup.area_m.map(|[least, greatest]| {
             let local = |axis: usize, coordinate: f64| (coordinate - origin[axis]) as f32;
             Area {
@@ -135,6 +143,7 @@ impl<'a> Tracker<'a> {
                 Coordinates { x_m, y_m, z_m: in_space.then_some(z_m) }
             }),
             used: update.used.count_ones() as usize,
+            alternative: self.locator.alternative().map(double),
         })
     }
 

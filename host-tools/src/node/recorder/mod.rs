@@ -22,8 +22,7 @@ use crate::files::output::{Live, clear, refuse_existing};
 use crate::node::decode::{Stamp, Stream, Summary, no_telemetry};
 use crate::{Anchor, UserError};
 
-use folder::TIMES;
-pub use folder::{STREAM, folders, is_of_recording};
+pub use folder::{STREAM, TIMES, folders, is_of_recording};
 pub use remade::make_tables;
 pub(crate) use tables::writer;
 pub use tables::{Recorded, Tables, address_and_place};

@@ -71,6 +71,7 @@ impl Solver<'_> {
                     covariance_xy: xy,
                     covariance_z: None,
                     velocity_m_s: None,
+                    alternative: None,
                     used: found.used,
                 }
             });

@@ -53,7 +53,7 @@ pub struct ListedBeacon {
 }
 
 /// A list of beacons.
-pub trait BeaconList {
+pub trait BeaconList: Sync {
     /// The beacon at this index; `None` beyond the end of the list.
     fn beacon(&self, index: usize) -> Option<ListedBeacon>;
 }

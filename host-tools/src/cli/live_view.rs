@@ -1,0 +1,100 @@
+//! `--foxglove`: the live view of a command, with and without the feature of this name.
+
+use anyhow::Result;
+use host_tools::node::monitor::Said;
+
+/// `--foxglove`: where to listen.
+#[derive(Clone, Debug)]
+pub struct Address {
+    host: String,
+    port: u16,
+}
+
+impl Address {
+    /// Parses `HOST:PORT`.
+    ///
+    /// # Errors
+    /// The text is not of this form.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let wrong = || format!("{text:?} is not HOST:PORT");
+        let (host, port) = text.rsplit_once(':').ok_or_else(wrong)?;
+        let host = host.trim_start_matches('[').trim_end_matches(']');
+        let port = port.parse().map_err(|_| wrong())?;
+        if host.is_empty() { Err(wrong()) } else { Ok(Self { host: host.to_owned(), port }) }
+    }
+}
+
+#[cfg(feature = "foxglove")]
+mod with {
+    use std::time::{Duration, Instant, SystemTime};
+
+    use host_tools::view::{Live, View};
+
+    use super::{Address, Result, Said};
+
+    /// The interval after which all anchors are sent again.
+    const AGAIN: Duration = Duration::from_secs(1);
+
+    /// A server of what a node says, with the host's time.
+    pub struct LiveView {
+        view: View<Live>,
+        anchors_at: Instant,
+    }
+
+    impl LiveView {
+        /// Starts to listen, and prints the address.
+        ///
+        /// # Errors
+        /// The port is in use or not allowed.
+        pub fn listen(Address { host, port }: &Address) -> Result<Self> {
+            let live = Live::listen(host, *port)?;
+            crate::cli::note(&format!("foxglove: ws://{host}:{}\n", live.port()));
+            Ok(Self { view: View::new(live), anchors_at: Instant::now() })
+        }
+
+        /// Sends what a node has said.
+        ///
+        /// # Errors
+        /// A message cannot be encoded.
+        pub fn said(&mut self, said: &Said) -> Result<()> {
+            if let Said::Message(stamp, message) = said {
+                self.view.telemetry(now_ns(), *stamp, message)?;
+            }
+            if self.anchors_at.elapsed() >= AGAIN {
+                self.anchors_at = Instant::now();
+                self.view.repeat_anchors(now_ns())?;
+            }
+            Ok(())
+        }
+    }
+
+    fn now_ns() -> u64 {
+        let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
+    }
+}
+#[cfg(feature = "foxglove")]
+pub use with::LiveView;
+
+/// Without the feature there is none.
+#[cfg(not(feature = "foxglove"))]
+pub enum LiveView {}
+
+#[cfg(not(feature = "foxglove"))]
+impl LiveView {
+    /// Says that this program cannot.
+    ///
+    /// # Errors
+    /// Always.
+    pub fn listen(Address { host, port }: &Address) -> Result<Self> {
+        anyhow::bail!("cannot listen on {host}:{port}: this baliza was built without its feature foxglove")
+    }
+
+    /// There is nothing to send to.
+    ///
+    /// # Errors
+    /// Never.
+    pub fn said(&mut self, _: &Said) -> Result<()> {
+        match *self {}
+    }
+}

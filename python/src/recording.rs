@@ -1,0 +1,208 @@
+//! A recorded folder: its tables as arrays, its positions by the solvers and by the track.
+
+use std::path::PathBuf;
+
+use host_tools::files::folder::{Folder, RecordingSettings};
+use host_tools::files::{Files, Source, round_s, rounds};
+use host_tools::locate::track::{Tracker, settings, settings_of_single_epochs};
+use host_tools::{Epoch, Height, Setup, Solved, Solver, Space, Truth, Truths, UserError, by_time};
+use positioning_core::Method;
+use positioning_core::nlos::Feature;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::arguments::{Within, needs_heights};
+use crate::arrays::{OfTag, metres, numbers, positions, vectors};
+use crate::errors::{input_error, value_error};
+use crate::solve::method;
+use crate::track::weighting;
+
+/// How epochs are made of the rows of a file.
+#[derive(Clone, Copy, FromPyObject)]
+#[pyo3(from_item_all)]
+struct Grouping {
+    /// The longest round of single ranges, seconds; 0: as in the file.
+    group_s: Option<f64>,
+    /// Added to the times of the truth, seconds.
+    time_offset_s: f64,
+}
+
+/// The recordings of all tags of a folder.
+#[pyclass(frozen, module = "baliza._native")]
+pub(crate) struct Recording {
+    /// One a tag; at least one.
+    tags: Vec<host_tools::Recording>,
+    truths: Option<Truths>,
+    settings: RecordingSettings,
+    /// Whether differences of arrivals were measured, and no ranges.
+    differences: bool,
+    anchors: PathBuf,
+}
+
+#[pymethods]
+impl Recording {
+    /// Reads the files of a folder.
+    #[new]
+    fn read(py: Python<'_>, folder: PathBuf) -> PyResult<Self> {
+        Self::of(&folder).map_err(|error| input_error(py, &error))
+    }
+
+    /// The tags' names; `None` where the file has none.
+    fn tags(&self) -> Vec<Option<&str>> {
+        self.tags.iter().map(|of| of.tag.as_deref()).collect()
+    }
+
+    /// `anchor`, `position_m`.
+    fn anchors<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        // All tags have the same ones.
+        let anchors = self.tags.first().map_or(&[][..], |of| &of.anchors);
+        let dict = PyDict::new(py);
+        dict.set_item("anchor", anchors.iter().map(|anchor| anchor.name.as_str()).collect::<Vec<_>>())?;
+        dict.set_item("position_m", vectors(py, anchors.iter().map(|anchor| metres(&anchor.place)))?)?;
+        Ok(dict)
+    }
+
+    /// `tag`, `epoch` (its name), `anchor` (its index), `t_s`, `range_m`, `los`, `rx_power_dbm`, `power_difference_db`.
+    fn ranges<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let rows = || {
+            let epochs = self.tags.iter().flat_map(|of| of.epochs.iter().map(|epoch| (of.tag.as_deref(), epoch)));
+            epochs.flat_map(|(tag, epoch)| epoch.ranges.iter().map(move |row| (tag, epoch, row)))
+        };
+        let dict = PyDict::new(py);
+        dict.set_item("tag", rows().map(|(tag, _, _)| tag).collect::<Vec<_>>())?;
+        dict.set_item("epoch", rows().map(|(_, epoch, _)| epoch.name.as_str()).collect::<Vec<_>>())?;
+        dict.set_item("anchor", numbers(py, rows().map(|(_, _, row)| row.anchor as i64)))?;
+        dict.set_item("t_s", numbers(py, rows().map(|(_, epoch, row)| row.t_s.or(epoch.t_s).unwrap_or(f64::NAN))))?;
+        dict.set_item("range_m", numbers(py, rows().map(|(_, _, row)| row.range_m)))?;
+        let sight = |los: Option<bool>| los.map_or(f64::NAN, |los| f64::from(u8::from(los)));
+        dict.set_item("los", numbers(py, rows().map(|(_, _, row)| sight(row.line_of_sight))))?;
+        let powers = rows().map(|(_, _, row)| f64::from(row.diagnostics.power_dbm));
+        dict.set_item("rx_power_dbm", numbers(py, powers))?;
+        let differences = rows()
+            .map(|(_, _, row)| row.diagnostics.features.get(Feature::PowerDifference).map_or(f64::NAN, f64::from));
+        dict.set_item("power_difference_db", numbers(py, differences))?;
+        Ok(dict)
+    }
+
+    /// `tag`, `epoch`, `t_s`, `position_m`; `None` without a truth.
+    fn truth<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let Some(truths) = &self.truths else { return Ok(None) };
+        let rows = || truths.by_tag().flat_map(|(tag, truth)| truth.rows().map(move |row| (tag, row)));
+        let dict = PyDict::new(py);
+        dict.set_item("tag", rows().map(|(tag, _)| tag).collect::<Vec<_>>())?;
+        dict.set_item("epoch", rows().map(|(_, (epoch, _, _))| epoch).collect::<Vec<_>>())?;
+        dict.set_item("t_s", numbers(py, rows().map(|(_, (_, t_s, _))| t_s.unwrap_or(f64::NAN))))?;
+        dict.set_item("position_m", vectors(py, rows().map(|(_, (_, _, place))| metres(place)))?)?;
+        Ok(Some(dict))
+    }
+
+    /// Whether differences of arrivals were measured, and no ranges.
+    #[getter]
+    fn differences(&self) -> bool {
+        self.differences
+    }
+
+    /// Solves each epoch by itself.
+    fn solve<'py>(
+        &self,
+        py: Python<'py>,
+        method_name: &str,
+        within: Within,
+        grouping: Grouping,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let (method, setup): (Method, _) = (method(method_name)?, self.setup(within)?);
+        self.positions(py, grouping, true, |anchors, epochs| {
+            if self.differences {
+                let mut tracker = Tracker::new(anchors, setup, settings_of_single_epochs(&setup), None);
+                return epochs.iter().map(|epoch| tracker.follow(epoch)).collect();
+            }
+            let solver = Solver::new(anchors, setup);
+            epochs.iter().map(|epoch| solver.solve(method, epoch)).collect()
+        })
+    }
+
+    /// Follows each tag from epoch to epoch.
+    fn track<'py>(
+        &self,
+        py: Python<'py>,
+        nlos: &str,
+        within: Within,
+        grouping: Grouping,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let (weighting, setup) = (weighting(nlos)?, self.setup(within)?);
+        self.positions(py, grouping, false, |anchors, epochs| {
+            let mut tracker = Tracker::new(anchors, setup, settings(&setup, weighting), None);
+            let mut solved = vec![None; epochs.len()];
+            for at in by_time(epochs.iter().map(|epoch| epoch.t_s)) {
+                if let (Some(place), Some(epoch)) = (solved.get_mut(at), epochs.get(at)) {
+                    *place = Some(tracker.follow(epoch));
+                }
+            }
+            solved.into_iter().flatten().collect()
+        })
+    }
+}
+
+impl Recording {
+    fn of(path: &std::path::Path) -> Result<Self, UserError> {
+        let folder = Folder::open(path)?;
+        let anchors = folder.file("anchors.csv")?;
+        let differences = folder.find("ranges.csv").is_none().then(|| folder.find("differences.csv")).flatten();
+        let ranges = if differences.is_none() { folder.file("ranges.csv")? } else { PathBuf::new() };
+        let measured = differences.as_deref().map_or(Source::Ranges(&ranges), Source::Differences);
+        let files = Files { anchors: &anchors, measured, truth: None, anchor_heights: false, truth_heights: false };
+        let tags = host_tools::Recording::read(&files)?;
+        let truths = folder.find("truth.csv").map(|file| Truths::read(&file, false)).transpose()?;
+        Ok(Self { tags, truths, settings: folder.settings, differences: differences.is_some(), anchors })
+    }
+
+    fn setup(&self, within: Within) -> PyResult<Setup> {
+        let setup = within.or(&self.settings).setup()?;
+        if setup.space == Space::Plane(Height::FromTruth) && self.truths.is_none() {
+            return Err(value_error("height_from_truth: the recording has no truth"));
+        }
+        let mut anchors = self.tags.iter().flat_map(|of| &of.anchors);
+        let lacking = anchors.find(|anchor| anchor.place.z_m.is_none());
+        if let Some(anchor) = lacking.filter(|_| needs_heights(&setup)) {
+            let file = self.anchors.display();
+            return Err(value_error(format!("{file}: anchor {:?} has no z_m; dims=2 needs none", anchor.name)));
+        }
+        Ok(setup)
+    }
+
+    /// The positions of all tags. `singles`: single ranges become rounds.
+    fn positions<'py>(
+        &self,
+        py: Python<'py>,
+        grouping: Grouping,
+        singles: bool,
+        solve: impl Fn(&[host_tools::Anchor], &[Epoch]) -> Vec<Solved> + Sync,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let mut tags = Vec::new();
+        for of in &self.tags {
+            let truth = self.truths.as_ref().map(|truths| truths.of(of.tag.as_deref())).transpose();
+            let truth = truth.map_err(|error| input_error(py, &error))?.flatten();
+            let epochs = epochs(&of.epochs, truth, grouping, singles)?;
+            let solved = py.detach(|| solve(&of.anchors, &epochs));
+            tags.push(OfTag { tag: of.tag.clone(), epochs, solved });
+        }
+        positions(py, &tags)
+    }
+}
+
+/// The epochs with their true positions, in rounds where the user asks for them or they are usual.
+fn epochs(epochs: &[Epoch], truth: Option<&Truth>, grouping: Grouping, singles: bool) -> PyResult<Vec<Epoch>> {
+    let Grouping { group_s, time_offset_s } = grouping;
+    if !(group_s.is_none_or(|group_s| group_s >= 0.0) && time_offset_s.is_finite()) {
+        return Err(value_error("group_s must not be below 0, and time_offset_s must be finite"));
+    }
+    let group_s = group_s.or_else(|| round_s(epochs).filter(|_| singles)).filter(|group_s| *group_s > 0.0);
+    let mut epochs = epochs.to_vec();
+    if let Some(group_s) = group_s {
+        epochs = rounds(epochs, group_s);
+    }
+    if let Some(truth) = truth {
+        truth.join(&mut epochs, time_offset_s);
+    }
+    Ok(epochs)
+}

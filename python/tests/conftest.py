@@ -1,0 +1,28 @@
+"""The example's recording, and the program whose output the package must equal."""
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="session")
+def room() -> Path:
+    """A walk through a room: anchors, ranges, truth."""
+    return ROOT / "examples" / "room"
+
+
+@pytest.fixture(scope="session")
+def program():
+    """Runs `baliza` with arguments, and returns its standard output."""
+    target = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
+    subprocess.run(["cargo", "build", "--quiet", "-p", "host-tools", "--bin", "baliza"], cwd=ROOT, check=True)
+
+    def run(*arguments) -> str:
+        command = [target / "debug" / "baliza", *map(str, arguments)]
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+    return run
