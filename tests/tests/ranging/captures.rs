@@ -37,11 +37,11 @@ fn frames_of(text: &str, fields: &[&str], without: &[&str]) -> Option<Vec<Vec<St
     let scenario = Scenario::parse(text).expect("the test's scenario");
     let seconds = scenario.seconds;
     let mut simulation = Simulation::new(scenario);
-    let capture = Capture::of(&simulation);
-    simulation.run_until(seconds);
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("capture.pcap");
-    std::fs::write(&file, capture.to_pcap().expect("a capture")).expect("a file");
+    let capture = Capture::begin(&simulation, &file).expect("a file");
+    simulation.run_until(seconds);
+    capture.finish().expect("a capture");
     let frames = dissected(&file, fields, without);
     if frames.is_none() {
         eprintln!("skipped: tshark is not installed");
