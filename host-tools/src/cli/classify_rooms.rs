@@ -36,8 +36,8 @@ pub struct Arguments {
     /// Write the rooms here and not to standard output: CSV with epoch,t_s,method,room,probability,answer,between
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Print JSON and no rows: a list, an object a method, with method, positions, outside, in_room, between, unknown,
-    /// changes, and with truth judged, accuracy (of the most probable room), wrong (answers of another room)
+    /// Print JSON and no rows: results has an object a method and tag, with positions, outside, in_room, between,
+    /// unknown, changes, and with truth judged, accuracy (of the most probable room), wrong (answers of another room)
     #[arg(long)]
     json: bool,
 }

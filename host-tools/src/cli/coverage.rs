@@ -55,7 +55,7 @@ pub struct Arguments {
     /// Write the cells: CSV with source,x_m,y_m,heard,error_m and a column a beacon with its RSSI, dBm
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Print JSON: a list of objects with source, cells, heard_mean, heard_least, three_heard, error_p50_m,
+    /// Print JSON: results has an object a source, with cells, heard_mean, heard_least, three_heard, error_p50_m,
     /// error_p90_m, beacons (beacon, heard, mean_dbm, bias_db, rms_db: simulated less measured)
     #[arg(long)]
     json: bool,

@@ -31,7 +31,8 @@ pub struct Arguments {
     /// Write the messages here and not to standard output (-)
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Print JSON and no messages: what came, by kind, and what was lost, by what was wrong with it
+    /// Print JSON and no messages: results has one object, with what came, by kind, and what was lost, by what was
+    /// wrong with it
     #[arg(long)]
     json: bool,
 }

@@ -88,3 +88,36 @@ fn round(value: &mut Value) {
         Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => {}
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::Path;
+
+    use serde_json::Value;
+
+    /// The names of the commands that have `--json`, below a command with these words.
+    fn with_json(command: &clap::Command, words: &str) -> Vec<String> {
+        let own = command.get_arguments().any(|argument| argument.get_long() == Some("json"));
+        let below = command.get_subcommands().flat_map(|sub| with_json(sub, &format!("{words} {}", sub.get_name())));
+        own.then(|| words.trim_start().to_owned()).into_iter().chain(below).collect()
+    }
+
+    #[test]
+    fn every_command_with_json_has_a_schema() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/schema");
+        let files = fs::read_dir(folder).expect("the folder of schemas").map(|file| file.expect("an entry").path());
+        let files = files.filter(|path| path.extension().is_some_and(|extension| extension == "json"));
+        let mut described: Vec<String> = files
+            .flat_map(|path| {
+                let schema: Value = serde_json::from_slice(&fs::read(path).expect("a file")).expect("JSON");
+                let commands = schema["properties"]["command"]["enum"].as_array().cloned().unwrap_or_default();
+                commands.into_iter().filter_map(|command| command.as_str().map(str::to_owned))
+            })
+            .collect();
+        let mut commands = with_json(&crate::cli::Arguments::grouped(), "");
+        described.sort();
+        commands.sort();
+        assert_eq!(described, commands);
+    }
+}

@@ -2,7 +2,7 @@
 //!
 //! A new command needs five changes: its module, its `mod` line and its line in [`Command`] here, its group in `help`,
 //! its test, and the test's `mod` line in `tests/baliza/main.rs`. An argument of the type `PathBuf` is an input, unless
-//! [`paths`] knows it as an output.
+//! [`paths`] knows it as an output. `--json` needs a schema in `docs/schema`.
 
 mod bench;
 mod ble;
@@ -125,7 +125,8 @@ pub struct Arguments {
 }
 
 const EXIT_CODES: &str = "Exit code: 0 done; 2 the input or the arguments are wrong, one line on standard error says where and \
-                          how; 130 interrupted; 1 anything else.";
+                          how; 130 interrupted; 1 anything else.\nWith --json, standard output is one object with schema, \
+                          command, and results (a list) or error (file, line, message).";
 
 impl Arguments {
     /// The command line, whose help has the commands in groups.

@@ -59,8 +59,8 @@ pub struct Train {
     /// Seed of the random numbers: equal seeds give equal models
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Print JSON: a list of objects with features, classifier, accuracy, auc, n (those of the folds; without --folds,
-    /// of the receptions that it was trained on), brier, held_out, bytes
+    /// Print JSON: results has an object a classifier, with features, accuracy, auc, n (those of the folds; without
+    /// --folds, of the receptions that it was trained on), brier, held_out, bytes
     #[arg(long)]
     json: bool,
 }
@@ -75,8 +75,8 @@ pub struct Eval {
     model: PathBuf,
     #[command(flatten)]
     receptions: Receptions,
-    /// Print JSON: a list of objects with features, classifier, accuracy, auc, n and brier; null where the receptions
-    /// lack its features (n 0) or have only one class
+    /// Print JSON: results has an object a classifier, with features, accuracy, auc, n and brier; null where the
+    /// receptions lack its features (n 0) or have only one class
     #[arg(long)]
     json: bool,
 }
@@ -106,7 +106,7 @@ pub struct Mitigation {
     /// Seed of the random numbers
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Print JSON: a list of objects with regressor, ranges, whence, before_mae_m, after_mae_m, n
+    /// Print JSON: results has an object a regressor and kind of ranges, with whence, before_mae_m, after_mae_m, n
     #[arg(long)]
     json: bool,
 }

@@ -72,8 +72,8 @@ pub struct Arguments {
     /// Draw the error over the area with the positions, as .svg or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Print JSON: an object with kind, cells, candidates, before_m, error_mean_m, error_p50_m, error_p90_m,
-    /// error_worst_m, exchanged, places (name, x_m, y_m)
+    /// Print JSON: results has one object, with kind, cells, candidates, before_m, error_mean_m, error_p50_m,
+    /// error_p90_m, error_worst_m, exchanged, places (name, x_m, y_m)
     #[arg(long)]
     json: bool,
 }

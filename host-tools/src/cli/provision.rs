@@ -66,7 +66,8 @@ pub struct Arguments {
     /// Prints a file to begin with: four anchors, a tag and a beacon
     #[arg(long)]
     example: bool,
-    /// Prints one JSON document
+    /// Prints JSON: results has an object a file written, or one object, with the node written, the record shown, or
+    /// the verdict of --check
     #[arg(long, conflicts_with = "example")]
     json: bool,
     #[command(flatten)]

@@ -43,7 +43,8 @@ pub struct Arguments {
     /// Replace the recording that is in the folder, at the first byte
     #[arg(long, conflicts_with = "rotate")]
     force: bool,
-    /// Print JSON: what came and what was lost, as decode prints it, and the rows that were recorded
+    /// Print JSON: results has one object, with what came and what was lost, as decode prints it, and recorded: the
+    /// rows that were recorded
     #[arg(long)]
     json: bool,
 }

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use baliza_report::MarkdownTable;
 use host_tools::files::output;
-use host_tools::files::positions::{self, Rows};
+use host_tools::files::positions::{Format, Rows};
 use host_tools::locate::residuals::AnchorResiduals;
 use host_tools::plot::{Dot, Errors, Picture, PictureBuilder};
 use host_tools::{Coordinates, Epoch, Position, Solved, UserError};
@@ -23,12 +23,15 @@ pub struct OutputArgs {
     /// Write the positions here and not to standard output (-)
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// The format of the positions [default: by the ending of --out, else csv]
+    #[arg(long, value_name = "FORMAT")]
+    format: Option<Format>,
     /// Draw the positions, as .svg or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Print JSON and no positions: results, an object a method and tag, with method, tag (null: all of them), epochs, fixed, rmse_m, mae_m, p50_m, p90_m
-    /// (null without truth); with truth also the same figures of x and y (_xy_m), of z (_z_m), inside_1_sigma (0.39 is
-    /// right), nees (2 is right; nees_z: 1) and time_offset_s
+    /// Print JSON and no positions: results has an object a method and tag (null: all of them), with epochs, fixed,
+    /// rmse_m, mae_m, p50_m, p90_m (null without truth); with truth also the same figures of x and y (_xy_m), of z
+    /// (_z_m), inside_1_sigma (0.39 is right), nees (2 is right; nees_z: 1) and time_offset_s
     #[arg(long)]
     json: bool,
 }
@@ -46,10 +49,14 @@ impl OutputArgs {
     /// Refuses files that cannot be written, before any work is done for them.
     ///
     /// # Errors
-    /// A file cannot be written, or its picture format is not supported.
+    /// A file cannot be written, its picture format is not supported, or Parquet has no file.
     pub fn check(&self) -> Result<Output<'_>, UserError> {
         if let Some(file) = &self.out {
             output::check("--out", file)?;
+        }
+        let to_file = self.out.as_ref().is_some_and(|file| file.as_os_str() != output::STANDARD);
+        if self.format == Some(Format::Parquet) && !to_file {
+            return Err(UserError::flag("--format", "parquet is binary: say with --out to which file it goes"));
         }
         Ok(Output { arguments: self, picture: PictureFile::plot(self.plot.as_deref())? })
     }
@@ -111,18 +118,21 @@ impl Report<'_> {
     /// # Errors
     /// A file cannot be written.
     pub fn write(&self, output: &Output) -> Result<()> {
-        let OutputArgs { out, plot, json } = output.arguments;
+        let OutputArgs { out, format, plot, json } = output.arguments;
         // The picture is drawn before any file is written, so that an error in drawing leaves no file.
         let picture = match output.picture {
             Some(PictureFile { file, format }) => Some((file, format.encode(self.picture().to_svg()?)?)),
             None => None,
         };
         if out.is_some() || !json {
-            let csv = positions::to_csv(self.rows(), self.with_errors)?;
+            let by_name = || out.as_deref().and_then(Format::of);
+            let encode = || format.or_else(by_name).unwrap_or(Format::Csv).encode(self.rows(), self.with_errors);
             match out {
-                Some(file) => super::write(file, &csv)?,
-                None if std::io::stdout().is_terminal() => super::print(self.preview().as_bytes())?,
-                None => super::print(&csv)?,
+                Some(file) => super::write(file, &encode()?)?,
+                None if format.is_none() && std::io::stdout().is_terminal() => {
+                    super::print(self.preview().as_bytes())?;
+                }
+                None => super::print(&encode()?)?,
             }
         }
         if let Some((file, bytes)) = &picture {

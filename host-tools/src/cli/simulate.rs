@@ -128,9 +128,10 @@ pub struct Arguments {
     /// The rooms' outlines: CSV with room,x_m,y_m; points outside of all are left out
     #[arg(long, value_name = "FILE", requires = "survey")]
     survey_rooms: Option<PathBuf>,
-    /// Print JSON and no positions: tags, anchors, seconds, fixes, fixes_per_s, rmse_m, p50_m, p90_m, frames_sent,
-    /// frames_lost, collisions, airtime_share, tag_mean_current_ma, charge_per_fix_uc and tag_currents_ma (board and
-    /// DW1000, from the first position on; none with --fidelity air); with beacons also bluetooth
+    /// Print JSON and no positions: results has one object, with tags, anchors, seconds, fixes, fixes_per_s, rmse_m,
+    /// p50_m, p90_m, frames_sent, frames_lost, collisions, airtime_share, tag_mean_current_ma, charge_per_fix_uc and
+    /// tag_currents_ma (board and DW1000, from the first position on; none with --fidelity air); with beacons also
+    /// bluetooth
     #[arg(long)]
     json: bool,
 }

@@ -242,7 +242,7 @@ impl<'a> Row<'a> {
         }
     }
 
-    /// A number within the [bound](Bound) of its column; `None` where the field is empty.
+    /// A number within the bound of its column; `None` where the field is empty.
     ///
     /// # Errors
     /// The field is not empty and not such a number.
@@ -264,7 +264,7 @@ impl<'a> Row<'a> {
         }
     }
 
-    /// A number that is required, within the [bound](Bound) of its column.
+    /// A number that is required, within the bound of its column.
     ///
     /// # Errors
     /// The field is empty or not such a number.

@@ -21,9 +21,11 @@ impl Run {
         self
     }
 
-    /// The JSON document on standard output.
+    /// The JSON document on standard output, which agrees with the schema of its command.
     pub fn document(&self) -> serde_json::Value {
-        serde_json::from_str(&self.stdout).expect("one JSON document on standard output")
+        let document = serde_json::from_str(&self.stdout).expect("one JSON document on standard output");
+        crate::schemas::check(&document);
+        document
     }
 
     /// The results of the JSON document: a list.

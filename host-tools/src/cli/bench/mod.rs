@@ -31,7 +31,7 @@ struct Drawing {
     /// Seed of the random numbers: equal seeds give equal figures
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Print JSON
+    /// Print JSON: results has an object a row of the table (of garcia: one object)
     #[arg(long)]
     json: bool,
     /// Draw the errors, as .svg or .png

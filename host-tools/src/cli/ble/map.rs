@@ -52,8 +52,8 @@ pub struct Arguments {
     average: Averages,
     #[command(flatten)]
     place: PlanArguments,
-    /// Print JSON: beacons, points, bytes, step_m, survey_points, found_points, mae_m, rmse_m (null where no point was
-    /// left to be found)
+    /// Print JSON: results has one object, with beacons, points, bytes, step_m, survey_points, found_points, mae_m,
+    /// rmse_m (null where no point was left to be found)
     #[arg(long)]
     json: bool,
 }

@@ -48,9 +48,9 @@ pub struct Arguments {
     /// Draw the confusion matrix, as .svg or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Print JSON: method, accuracy, points, rooms, confusion_matrix (a row a true room, a column a room answered, the
-    /// last none), window_s, window_accuracy, windows, window_changes, settled (right, wrong, between, changes); in
-    /// methods the same of all
+    /// Print JSON: results has one object, with method, accuracy, points, rooms, confusion_matrix (a row a true room, a
+    /// column a room answered, the last none), window_s, window_accuracy, windows, window_changes, settled (right,
+    /// wrong, between, changes); in methods the same of all
     #[arg(long)]
     json: bool,
 }

@@ -55,7 +55,7 @@ pub struct Arguments {
     /// Draw RSSI values against distance, as .svg or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Print JSON: a list of objects with beacon, points, rssi_1m_dbm, path_loss_exponent, deviation_db,
+    /// Print JSON: results has an object a beacon, with points, rssi_1m_dbm, path_loss_exponent, deviation_db,
     /// rssi_1m_sigma_db, path_loss_exponent_sigma, the same as a node learns them as online_… (null where the beacon
     /// was never received) and, with --walls, wall_db
     #[arg(long)]

@@ -39,7 +39,7 @@ pub struct Arguments {
     dwell_s: f64,
     #[command(flatten)]
     source: SourceArguments,
-    /// Print JSON: a list of objects with point, taken, adverts, beacons, reasons
+    /// Print JSON: results has an object a point, with taken, adverts, beacons, reasons
     #[arg(long)]
     json: bool,
 }

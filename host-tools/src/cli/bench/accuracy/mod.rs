@@ -67,7 +67,7 @@ pub struct Arguments {
     /// Seed of the simulated set
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Print JSON
+    /// Print JSON: results has one object, with a list a table
     #[arg(long)]
     json: bool,
 }
