@@ -11,7 +11,7 @@ use crate::root;
 /// The name of the check, its command, and additions to its environment.
 type Step = (&'static str, &'static [&'static str], &'static [(&'static str, &'static str)]);
 
-const STEPS: [Step; 18] = [
+const STEPS: [Step; 17] = [
     ("lock file", &["cargo", "fetch", "--locked"], &[]),
     ("tests", &["cargo", "test"], &[]),
     ("formatting", &["cargo", "fmt", "--all", "--check"], &[]),
@@ -19,8 +19,7 @@ const STEPS: [Step; 18] = [
     ("without probes", &["cargo", "check", "-p", "host-tools", "--all-targets", "--no-default-features"], &[]),
     ("documentation", &["cargo", "doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-D warnings")]),
     ("first command", &FIRST_COMMAND, &[]),
-    ("fuzzing", &["cargo", "xtask", "fuzz", "--seconds", "7"], &[]),
-    ("release without builds", &["cargo", "xtask", "dist", "--without-builds"], &[]),
+    ("fuzzing", &["cargo", "xtask", "fuzz", "--seconds", "5"], &[]),
     ("licences and advisories", &["cargo", "xtask", "deny"], &[]),
     ("Python package", &["cargo", "xtask", "python"], &[]),
     ("oldest Rust", &["cargo", "xtask", "oldest-rust"], &[]),

@@ -22,7 +22,7 @@ const PARTS: &str = "baliza-dist-parts";
 /// One is missing.
 pub fn check_tools() -> Result<()> {
     for tool in ["cargo-about", "cargo-cyclonedx"] {
-        ensure!(is_installed(tool), "there is no {tool} here: `.ci/setup` installs it");
+        ensure!(is_installed(tool), "there is no {tool} here: `cargo install --locked {tool}` installs it");
     }
     Ok(())
 }
