@@ -10,7 +10,7 @@ use host_tools::node::decode::{Summary, Waited};
 use host_tools::node::monitor::{Channel, Event};
 use host_tools::node::recorder::{Recorded, Recorder, Rotation, Settings, make_tables};
 use host_tools::read_anchors;
-use wire::telemetry::Message;
+use wire::telemetry::{Address, Message};
 
 use super::stream::{Input, STOP, SourceArguments, catch_signals};
 
@@ -217,7 +217,7 @@ fn told(folder: &Path, summary: &Summary, recorded: &Recorded) -> String {
     }
     if !left_out.is_empty() {
         let count: u64 = left_out.values().sum();
-        let who: Vec<_> = left_out.keys().map(u16::to_string).collect();
+        let who: Vec<_> = left_out.keys().map(|address| Address(*address).to_string()).collect();
         let _ = writeln!(
             text,
             "left out: {count} ranges to {}, whose places nobody told; --anchors FILE gives them",

@@ -11,6 +11,7 @@ pub mod output;
 pub mod positions;
 mod recording;
 mod rounds;
+pub(crate) mod spelling;
 mod table;
 pub(crate) mod tags;
 mod truth;

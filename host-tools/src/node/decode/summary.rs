@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use serde::{Serialize, Serializer};
-use wire::telemetry::{Body, Counts, Hello, Message};
+use wire::telemetry::{Address, Body, Counts, Hello, Message};
 
 use super::{Seen, Timeline};
 use crate::UserError;
@@ -143,7 +143,7 @@ impl Summary {
         text.push('\n');
         if let Some(Hello { eui, address, role, board, build, .. }) = self.node {
             let (role, board, build) = (role.as_str(), board.name(), u64::from_be_bytes(build));
-            let _ = writeln!(text, "node: {role} {address} on {board}, EUI-64 {eui:016x}, build {build:016x}");
+            let _ = writeln!(text, "node: {role} {} on {board}, EUI-64 {eui:016x}, build {build:016x}", Address(address));
         }
         if let (Some(first), Some(last)) = (self.first_t_s, self.last_t_s) {
             let _ = writeln!(text, "from {first:.3} s to {last:.3} s, {} positions", self.positions);
