@@ -447,7 +447,9 @@ impl Show {
     fn take(&mut self, records: &[Record]) -> Result<()> {
         let mut text = Vec::new();
         for record in records {
-            let line = |what: &dyn Display| format!("{:>8.3} {:>6} {what}\n", record.t_s, Address(record.node).to_string()).into_bytes();
+            let line = |what: &dyn Display| {
+                format!("{:>8.3} {:>6} {what}\n", record.t_s, Address(record.node).to_string()).into_bytes()
+            };
             match (&mut *self, &record.what) {
                 (Self::Rows { method }, What::Epoch(epoch)) => {
                     text.extend(row(&position_row(record, method, epoch))?);

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use crate::files::differences::{MeasuredDifference, read_differences};
-use crate::files::spelling::spelled;
+use crate::files::spelled;
 use crate::files::table::quoted;
 use crate::files::tags::{ByTag, tag_of};
 use crate::files::{DiagnosticColumns, Diagnostics};

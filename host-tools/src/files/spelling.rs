@@ -6,6 +6,6 @@ use std::borrow::Cow;
 use wire::telemetry::Address;
 
 /// The name by which a node is compared: short addresses are spelled alike, other names are as they are.
-pub(crate) fn spelled(name: &str) -> Cow<'_, str> {
+pub fn spelled(name: &str) -> Cow<'_, str> {
     name.parse::<Address>().map_or(Cow::Borrowed(name), |address| Cow::Owned(address.to_string()))
 }

@@ -6,7 +6,7 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use crate::files::spelling::spelled;
+use crate::files::spelled;
 use crate::files::table::quoted;
 use crate::files::tags::{ByTag, tag_of};
 use crate::{Coordinates, Epoch, Table, UserError};

@@ -173,7 +173,8 @@ impl Streams {
     }
 
     fn append(&self, node: u16, bytes: &[u8]) -> io::Result<()> {
-        let name = if self.first_tag == Some(node) { STREAM.to_owned() } else { format!("telemetry-{}.bin", Address(node)) };
+        let name =
+            if self.first_tag == Some(node) { STREAM.to_owned() } else { format!("telemetry-{}.bin", Address(node)) };
         File::options().append(true).create(true).open(self.folder.join(name))?.write_all(bytes)
     }
 }

@@ -4,8 +4,8 @@ use postcard::experimental::max_size::MaxSize;
 use serde::{Deserialize, Serialize};
 
 use crate::config::Board;
-use crate::telemetry::{Address, Body};
 use crate::telemetry::text::text;
+use crate::telemetry::{Address, Body};
 
 /// The identity of the sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
