@@ -96,7 +96,7 @@ fn every_message_is_a_line_of_json() {
     let lines: Vec<String> = messages.iter().map(|message| message.json().to_string()).collect();
     assert_eq!(run.stdout.lines().collect::<Vec<_>>(), lines);
     let first = serde_json::json!({
-        "type": "hello", "t_s": 0.001, "eui": "10205f1234567890", "address": 4097, "role": "tag", "board": "simulated",
+        "type": "hello", "t_s": 0.001, "eui": "10205f1234567890", "address": "0x1001", "role": "tag", "board": "simulated",
         "build": "01020304050607ab",
     });
     assert_eq!(serde_json::from_str::<Value>(&lines[0]).expect("JSON"), first);
@@ -142,16 +142,16 @@ fn what_a_listening_tag_measured_is_shown_tabled_and_recorded() {
     let lines: Vec<Value> = run.stdout.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
     assert_eq!(
         (&lines[1]["type"], &lines[1]["reference"], &lines[1]["peer"]),
-        (&"difference".into(), &257.into(), &258.into())
+        (&"difference".into(), &"0x0101".into(), &"0x0102".into())
     );
     assert_eq!((&lines[1]["difference_m"], &lines[1]["peer_y_m"]), (&(-1.2345).into(), &(-12.5).into()));
     assert!(run.stderr.contains("2 difference"), "{}", run.stderr);
     let run = folder.run("decode --file tdoa.bin --format csv --table differences").ok();
-    assert_eq!((run.column("anchor"), run.column("difference_m")), (vec!["257", "258"], vec!["0.0000", "-1.2345"]));
-    assert_eq!((run.column("reference"), run.column("rx_power_dbm")), (vec!["257"; 2], vec!["-79.25"; 2]));
+    assert_eq!((run.column("anchor"), run.column("difference_m")), (vec!["0x0101", "0x0102"], vec!["0.0000", "-1.2345"]));
+    assert_eq!((run.column("reference"), run.column("rx_power_dbm")), (vec!["0x0101"; 2], vec!["-79.25"; 2]));
     folder.run("record --file tdoa.bin --out walk").ok();
     let text = |name: &str| String::from_utf8(folder.read(name)).expect("text");
-    assert!(text("walk/anchors.csv").contains("258,0.0000,-12.5000,2.4000"));
+    assert!(text("walk/anchors.csv").contains("0x0102,0.0000,-12.5000,2.4000"));
     assert_eq!(text("walk/differences.csv").lines().count(), 3);
 }
 
