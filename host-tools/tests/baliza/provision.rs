@@ -446,7 +446,10 @@ fn one_of_several_nodes_is_named() {
 fn the_board_that_is_asked_for_counts_more_than_the_file_s() {
     let folder = Folder::with(&[("site.toml", EVERYTHING)]);
     let made = folder.run("provision --config site.toml --node tag --board esp32 --out tag.bin --json").ok().json();
-    assert_eq!((&made[0]["board"], &made[0]["flash_address"]), (&serde_json::json!("esp32"), &serde_json::json!(0x9000)));
+    assert_eq!(
+        (&made[0]["board"], &made[0]["flash_address"]),
+        (&serde_json::json!("esp32"), &serde_json::json!(0x9000))
+    );
     // The record is also checked against the board: the EVK1000 has no Bluetooth.
     let run = folder.run("provision --config site.toml --node tag --board evk1000 --out other.bin");
     refused(&run, "site.toml:40: scan_interval_ms is 100: ");

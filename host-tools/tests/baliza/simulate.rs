@@ -160,7 +160,11 @@ fn telemetry_of_a_simulation_is_read_as_that_of_boards() {
     assert_eq!(ranges.stdout.lines().count(), recorded.lines().count());
     // Every node reports who it is.
     let summary = folder.run("decode out/telemetry-0x0003.bin --json").ok().object();
-    assert_eq!((&summary["node"]["role"], &summary["node"]["address"]), (&"anchor".into(), &"0x0003".into()), "{summary:?}");
+    assert_eq!(
+        (&summary["node"]["role"], &summary["node"]["address"]),
+        (&"anchor".into(), &"0x0003".into()),
+        "{summary:?}"
+    );
 }
 
 #[test]
