@@ -84,7 +84,7 @@ impl SiteNames {
         let mut known: Vec<Known> = site.nodes.iter().map(Known::of).collect();
         let listed = site.nodes.first().into_iter().flat_map(|node| &node.lists.anchors);
         for (anchor, _) in listed {
-            let position_m = Some(anchor.position_m.map(f64::from));
+            let position_m = Some(anchor.position_m.map(metres));
             match known.iter_mut().find(|node| node.address == Some(anchor.address)) {
                 Some(node) => node.position_m = node.position_m.or(position_m),
                 None => known.push(Known { address: Some(anchor.address), position_m, ..Known::default() }),
@@ -210,6 +210,11 @@ impl SiteNames {
     }
 }
 
+/// A coordinate of a record to 0.1 mm, which is finer than any survey.
+fn metres(coordinate: f32) -> f64 {
+    (f64::from(coordinate) * 1e4).round() / 1e4
+}
+
 fn is_copy(document: Document<'_>) -> bool {
     document.lines().1.contains_key(KNOWN)
 }
@@ -221,7 +226,7 @@ impl Known {
         let address = identity.address.or(identity.eui.map(|eui| eui as u16));
         let known = Self { name: Some(node.name.clone()), address, ..Self::default() };
         match &node.record.role {
-            Role::Anchor { position_m } => Self { position_m: position_m.map(|at| at.map(f64::from)), ..known },
+            Role::Anchor { position_m } => Self { position_m: position_m.map(|at| at.map(metres)), ..known },
             Role::Tag(_) => {
                 let models = node.site_models.as_deref().and_then(|region| decode_models(region).ok());
                 let rooms =
