@@ -103,7 +103,7 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
             "hello",
             Message::Hello(hello),
             "02 01 0F E0 C6 5B 90 F1 D9 A2 A3 E2 97 90 10 B4 24 0C 01 01 23 45 67 89 AB CD EF FC 46 00",
-            "{'type':'hello','t_s':1.5,'eui':'10205f1234567890','address':4660,'role':'tag','board':'evk1000',\
+            "{'type':'hello','t_s':1.5,'eui':'10205f1234567890','address':'0x1234','role':'tag','board':'evk1000',\
              'build':'0123456789abcdef'}",
         ),
         (
@@ -128,7 +128,7 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
             range(54_321, Some([0, -125_000, 24_000])),
             "11 01 02 80 C2 F1 05 AC 02 82 02 E2 D0 06 DE 02 01 1C 8F A1 0F 80 F7 02 E9 7B AB 7F E0 F4 02 A8 46 84 52 C0 \
              3E E0 5D 76 34 D5 03 3E 23 00",
-            "{'type':'range','t_s':12.3456,'round':300,'peer':258,'range_m':5.4321,'sigma_m':0.035,'peer_x_m':0.0,\
+            "{'type':'range','t_s':12.3456,'round':300,'peer':'0x0102','range_m':5.4321,'sigma_m':0.035,'peer_x_m':0.0,\
              'peer_y_m':-12.5,'peer_z_m':2.4,'rx_power_dbm':-79.25,'fp_power_dbm':-81.5,'fp_idx':745.5,\
              'fp_amp1':9000,'fp_amp2':10500,'fp_amp3':8000,'cir_pwr':12000,'rxpacc':118,'std_noise':52,\
              'clock_offset_ppm':-2.35}",
@@ -138,7 +138,7 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
             range(-120, None),
             "0F 01 02 80 C2 F1 05 AC 02 82 02 EF 01 DE 02 16 E9 7B AB 7F E0 F4 02 A8 46 84 52 C0 3E E0 5D 76 34 D5 03 74 \
              20 00",
-            "{'type':'range','t_s':12.3456,'round':300,'peer':258,'range_m':-0.012,'sigma_m':0.035,'peer_x_m':null,\
+            "{'type':'range','t_s':12.3456,'round':300,'peer':'0x0102','range_m':-0.012,'sigma_m':0.035,'peer_x_m':null,\
              'peer_y_m':null,'peer_z_m':null,'rx_power_dbm':-79.25,'fp_power_dbm':-81.5,'fp_idx':745.5,\
              'fp_amp1':9000,'fp_amp2':10500,'fp_amp3':8000,'cir_pwr':12000,'rxpacc':118,'std_noise':52,\
              'clock_offset_ppm':-2.35}",
@@ -154,7 +154,7 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
             "state",
             Message::State(State { t_us: 2_000_000, is: Condition::Synchronised(257) }),
             "0B 01 04 80 89 7A 04 81 02 52 17 00",
-            "{'type':'state','t_s':2.0,'state':'synchronised','peer':257,'slots':null,'times':null,\
+            "{'type':'state','t_s':2.0,'state':'synchronised','peer':'0x0101','slots':null,'times':null,\
              'record_fault':null,'record_version':null,'levels_fault':null,'levels_version':null,'beacon':null,\
              'for_s':null}",
         ),
@@ -208,7 +208,7 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
             difference(257, 0, 300, [10_000, 20_000, 24_000]),
             "0D 01 07 80 C2 F1 05 AC 02 81 02 81 02 22 AC 02 01 A0 9C 01 C0 B8 02 80 F7 02 E9 7B AB 7F E0 F4 02 A8 46 84 \
              52 C0 3E E0 5D 76 34 D5 03 86 B0 00",
-            "{'type':'difference','t_s':12.3456,'round':300,'reference':257,'peer':257,'difference_m':0.0,\
+            "{'type':'difference','t_s':12.3456,'round':300,'reference':'0x0101','peer':'0x0101','difference_m':0.0,\
              'sigma_m':0.03,'peer_x_m':1.0,'peer_y_m':2.0,'peer_z_m':2.4,'rx_power_dbm':-79.25,'fp_power_dbm':-81.5,\
              'fp_idx':745.5,'fp_amp1':9000,'fp_amp2':10500,'fp_amp3':8000,'cir_pwr':12000,'rxpacc':118,\
              'std_noise':52,'clock_offset_ppm':-2.35}",
@@ -218,7 +218,7 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
             difference(258, -12_345, 420, [0, -125_000, 24_000]),
             "13 01 07 80 C2 F1 05 AC 02 81 02 82 02 F1 C0 01 A4 03 01 1C 8F A1 0F 80 F7 02 E9 7B AB 7F E0 F4 02 A8 46 84 \
              52 C0 3E E0 5D 76 34 D5 03 5A 36 00",
-            "{'type':'difference','t_s':12.3456,'round':300,'reference':257,'peer':258,'difference_m':-1.2345,\
+            "{'type':'difference','t_s':12.3456,'round':300,'reference':'0x0101','peer':'0x0102','difference_m':-1.2345,\
              'sigma_m':0.042,'peer_x_m':0.0,'peer_y_m':-12.5,'peer_z_m':2.4,'rx_power_dbm':-79.25,\
              'fp_power_dbm':-81.5,'fp_idx':745.5,'fp_amp1':9000,'fp_amp2':10500,'fp_amp3':8000,'cir_pwr':12000,\
              'rxpacc':118,'std_noise':52,'clock_offset_ppm':-2.35}",

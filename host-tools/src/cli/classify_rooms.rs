@@ -9,9 +9,11 @@ use host_tools::Truths;
 use host_tools::files::output;
 use host_tools::files::positions::{self, PositionRow};
 use host_tools::locate::advice;
+use host_tools::node::provision::SiteNames;
 use host_tools::survey::presence::{Found, Room, follow, read_outlines, room_of};
 use positioning_core::ble::rooms::RoomEstimate;
 
+use super::site_names::SiteNamesArgs;
 use super::{note, print, print_json, write};
 
 /// Find the room of each position, by the rooms' outlines
@@ -33,6 +35,8 @@ pub struct Arguments {
     /// Where the tag truly was: CSV with epoch,t_s,x_m,y_m; gives how many are right
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
+    #[command(flatten)]
+    names: SiteNamesArgs,
     /// Write the rooms here and not to standard output: CSV with epoch,t_s,method,room,probability,answer,between
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -67,6 +71,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(file) = &arguments.out {
         output::check("--out", file)?;
     }
+    let names = arguments.names.read(None)?;
     let rooms = read_outlines(&arguments.outlines)?;
     let rows = positions::read(&arguments.positions)?;
     super::warn(advice::of_outlines(&rooms).into_iter().chain(advice::of_positions(&rows)));
@@ -109,7 +114,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         return print_json(&summaries);
     }
-    note(&table(&summaries));
+    note(&table(&summaries, &names));
     Ok(())
 }
 
@@ -162,10 +167,10 @@ fn summary<'a>(
     summary
 }
 
-fn table(summaries: &[Summary]) -> String {
+fn table(summaries: &[Summary], names: &SiteNames) -> String {
     let mut text = String::new();
     for summary in summaries {
-        let tag = summary.tag.map_or_else(String::new, |tag| format!(", tag {tag}"));
+        let tag = summary.tag.map_or_else(String::new, |tag| format!(", tag {}", names.node(tag)));
         let _ = write!(
             text,
             "{}{tag}: {} positions, {} outside of all rooms; answers: {} in a room, {} between, {} unknown, {} changes of room",

@@ -7,6 +7,7 @@ use anyhow::{Context, Result};
 use host_tools::files::output::{self, Growing};
 use host_tools::node::decode::Stream;
 
+use super::site_names::SiteNamesArgs;
 use super::stream::{Input, Writing, catch_signals, feed_stdout};
 
 /// Decode telemetry: the messages of nodes, from any stream of bytes
@@ -26,6 +27,8 @@ pub struct Arguments {
     /// Read standard input, which is what happens without a file too
     #[arg(long, conflicts_with_all = ["file", "stream"])]
     stdin: bool,
+    #[command(flatten)]
+    names: SiteNamesArgs,
     #[command(flatten)]
     writing: Writing,
     /// Write the messages here and not to standard output (-)
@@ -71,7 +74,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(file) = &arguments.out {
         output::check("--out", file)?;
     }
-    let input = Input::open(arguments.file.as_deref().or(arguments.stream.as_deref()))?;
+    let file = arguments.file.as_deref().or(arguments.stream.as_deref());
+    let names = arguments.names.read(file)?;
+    let input = Input::open(file)?;
     let out = arguments.out.as_ref().filter(|file| file.as_os_str() != output::STANDARD);
     let mut sink = match out {
         Some(file) => Sink::File(Growing::create(file).with_context(|| format!("cannot write {}", file.display()))?),
@@ -116,6 +121,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         return super::print_json(&summary);
     }
-    super::note(&summary.told());
+    super::note(&summary.told(&names));
     Ok(())
 }

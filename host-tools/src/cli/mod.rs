@@ -35,6 +35,7 @@ mod replay;
 mod report;
 mod residuals;
 mod simulate;
+mod site_names;
 mod solve;
 mod stream;
 mod summary;

@@ -10,11 +10,13 @@ use host_tools::UserError;
 use host_tools::node::monitor::{
     Counts, Files, Image, Limits, Lines, Listener, Piped, Reload, Said, Session, Source, json, listen, summary,
 };
+use host_tools::node::provision::SiteNames;
 use host_tools::node::recorder::{Recorder, Settings};
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use wire::telemetry::Table;
 
 use super::live_view::{Address, LiveView};
+use super::site_names::SiteNamesArgs;
 use super::stream::{self, STOP, SourceArguments, catch_signals, refuse_interrupted, table_names};
 use super::verbosity::is_quiet;
 
@@ -31,6 +33,8 @@ pub struct Arguments {
     elf: Option<PathBuf>,
     #[command(flatten)]
     source: SourceArguments,
+    #[command(flatten)]
+    names: SiteNamesArgs,
     /// Reset the node first, to see it start
     #[arg(long, conflicts_with_all = ["serial", "stdin", "file"])]
     reset: bool,
@@ -88,18 +92,22 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let (mut source, live) = source(arguments, image.as_ref())?;
     let file = arguments.source.file().filter(|_| !live);
     catch_signals()?;
-    let recorder = arguments.record.as_deref().map(|folder| {
-        let settings = Settings { file: file.map(Path::to_owned), force: arguments.force, ..Settings::default() };
-        Recorder::create("--record", folder, settings)
-    });
-    let recorder = recorder.transpose()?;
+    let names = arguments.names.read(arguments.source.file())?;
+    let recorder = match &arguments.record {
+        Some(folder) => {
+            let (file, force) = (file.map(Path::to_owned), arguments.force);
+            let settings = Settings { file, force, ..Settings::of(names.clone(), &[])? };
+            Some(Recorder::create("--record", folder, settings)?)
+        }
+        None => None,
+    };
     let limits = Limits { time: arguments.source.seconds, fixes: arguments.fixes };
     let mut session = Session::new(image, reload(arguments.elf.as_deref()), live);
     if let Some(recorder) = recorder {
         session.record(recorder);
     }
     let view = arguments.foxglove.as_ref().map(LiveView::listen).transpose()?;
-    let mut screen = Screen { view, ..Screen::new(arguments, live) };
+    let mut screen = Screen { view, ..Screen::new(arguments, names, live) };
     let begun = Instant::now();
     let heard =
         screen.begin().and_then(|()| listen(source.as_mut(), &mut session, &mut screen, limits, &STOP).map(drop));
@@ -175,9 +183,9 @@ struct Screen {
 }
 
 impl Screen {
-    fn new(arguments: &Arguments, live: bool) -> Self {
+    fn new(arguments: &Arguments, names: SiteNames, live: bool) -> Self {
         let writing = match arguments.format {
-            Format::Text => Writing::Text(Lines::new(super::stdout_has_colours(), arguments.show_source)),
+            Format::Text => Writing::Text(Lines::new(super::stdout_has_colours(), arguments.show_source).named(names)),
             Format::Jsonl => Writing::Json,
             Format::Csv => Writing::Csv(stream::Lines::csv(arguments.table)),
         };

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 
 use anyhow::Result;
-use host_tools::files::{DOCUMENT_BYTES, output, read_limited};
+use host_tools::files::{DOCUMENT_BYTES, output, read_limited, spelled};
 use host_tools::train::{self, Method, RECIPES, Recipe, Samples, Score, mitigation};
 use host_tools::{Coordinates, Truths, UserError, read_anchors};
 use positioning_core::nlos::Classifier;
@@ -252,13 +252,15 @@ fn mitigate(arguments: &Mitigation) -> Result<()> {
         own.read_cir(file, train::DEFAULT_PLACEMENT)?;
     }
     if let (Some(anchors), Some(ranges), Some(truth)) = (&arguments.anchors, &arguments.ranges, &arguments.truth) {
-        let anchors: HashMap<String, Coordinates> =
-            read_anchors(anchors)?.into_iter().map(|anchor| (anchor.name, anchor.place)).collect();
+        let anchors: HashMap<String, Coordinates> = read_anchors(anchors)?
+            .into_iter()
+            .map(|anchor| (spelled(&anchor.name).into_owned(), anchor.place))
+            .collect();
         let truths = Truths::read(truth, true)?;
         other.read_ranges(ranges, train::DEFAULT_PLACEMENT, |measured| {
             let truth = truths.of(measured.tag).ok()??;
             let tag = truth.of_epoch(measured.epoch, measured.t_s, 0.0)?;
-            let anchor = anchors.get(measured.anchor)?;
+            let anchor = anchors.get(&*spelled(measured.anchor))?;
             let dz = tag.z_m? - anchor.z_m?;
             Some((tag.x_m - anchor.x_m).hypot(tag.y_m - anchor.y_m).hypot(dz))
         })?;

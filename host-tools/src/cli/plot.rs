@@ -17,6 +17,7 @@ use super::folder::FolderFiles;
 use super::progress::Progress;
 use super::recording_args::finite;
 use super::report::flat;
+use super::site_names::SiteNamesArgs;
 
 /// Draw positions: a map with error ellipses, and how large the errors are
 ///
@@ -48,6 +49,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     beacons: Option<PathBuf>,
     #[command(flatten)]
+    names: SiteNamesArgs,
+    #[command(flatten)]
     floor_plan: FloorPlanArgs,
     /// The picture, as .svg or .png [default: picture.png in the folder]
     #[arg(long, value_name = "FILE", required_unless_present = "folder")]
@@ -71,6 +74,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 impl Arguments {
     fn picture(&self, files: &FolderFiles) -> Result<Picture> {
+        let names = self.names.read(self.folder.as_deref())?;
         let (rows, source) = self.rows(files)?;
         super::warn(advice::of_positions(&rows));
         let truth_file = files.find(&self.truth, "truth.csv");
@@ -83,15 +87,23 @@ impl Arguments {
 
         let mut builder = PictureBuilder::new(Picture {
             source,
-            anchors: anchors.into_iter().map(|anchor| (anchor.name, flat(&anchor.place))).collect(),
-            beacons: beacons.into_iter().map(|beacon| (beacon.name, beacon.position_m)).collect(),
+            anchors: anchors
+                .into_iter()
+                .map(|anchor| (names.node(&anchor.name).to_owned(), flat(&anchor.place)))
+                .collect(),
+            beacons: beacons
+                .into_iter()
+                .map(|beacon| (names.beacon(&beacon.name).to_owned(), beacon.position_m))
+                .collect(),
             walls_m: floor_plan.walls_m,
             plan: floor_plan.plan,
             errors: errors(&rows, truths.as_ref()),
             ..Picture::default()
         });
+        let name = |tag: Option<&str>| tag.map_or_else(String::new, |tag| names.node(tag).to_owned());
         for (tag, truth) in truths.iter().flat_map(Truths::by_tag) {
-            truth.places().for_each(|place| builder.truth(tag.unwrap_or(""), flat(place), !truth.has_times()));
+            let name = name(tag);
+            truth.places().for_each(|place| builder.truth(&name, flat(place), !truth.has_times()));
         }
         for row in &rows {
             let truth = truths.as_ref().map(|truths| truths.of(row.tag.as_deref())).transpose()?.flatten();
@@ -102,7 +114,7 @@ impl Arguments {
                 covariance_m2: row.covariance_m2(),
             });
             let error_m = row.place.and_then(|place| row.error_m.or_else(|| Some(place.distance_m(truth.as_ref()?))));
-            builder.position(&row.method, row.tag.as_deref().unwrap_or(""), dot, error_m);
+            builder.position(&row.method, &name(row.tag.as_deref()), dot, error_m);
             row.t_s.into_iter().for_each(|t_s| builder.time(t_s));
         }
         Ok(builder.finish())

@@ -213,22 +213,22 @@ struct Made {
     node: String,
     board: &'static str,
     file: String,
-    address: u32,
+    flash_address: u32,
     #[serde(skip)]
     hint: String,
 }
 
 fn made(node: &Node, board: Board, contents: &Contents<'_>, file: &Path) -> Made {
-    let address = contents.address(board);
+    let flash_address = contents.address(board);
     let name = file.display();
     let hint = match board.spec().flasher {
-        Flasher::Espflash(_) => format!("espflash write-bin 0x{address:X} {name}"),
+        Flasher::Espflash(_) => format!("espflash write-bin 0x{flash_address:X} {name}"),
         Flasher::ProbeRs(chip) => {
-            format!("probe-rs download --chip {chip} --binary-format bin --base-address 0x{address:X} {name}")
+            format!("probe-rs download --chip {chip} --binary-format bin --base-address 0x{flash_address:X} {name}")
         }
         Flasher::Qemu => String::new(),
     };
-    Made { node: node.name.clone(), board: board.name(), file: name.to_string(), address, hint }
+    Made { node: node.name.clone(), board: board.name(), file: name.to_string(), flash_address, hint }
 }
 
 fn report(arguments: &Arguments, files: &[Made]) -> Result<()> {
@@ -260,7 +260,7 @@ fn write(arguments: &Arguments, node: &Node, board: Board, contents: &Contents<'
     ));
     if arguments.json {
         super::print_json(&serde_json::json!({
-            "node": node.name, "board": board.name(), "addresses": addresses, "sequence": sequence,
+            "node": node.name, "board": board.name(), "flash_addresses": addresses, "sequence": sequence,
         }))?;
     }
     Ok(())

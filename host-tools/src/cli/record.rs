@@ -5,13 +5,15 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use host_tools::node::decode::{Summary, Waited};
 use host_tools::node::monitor::{Channel, Event};
-use host_tools::node::recorder::{Recorded, Recorder, Rotation, Settings, make_tables};
+use host_tools::node::provision::SiteNames;
+use host_tools::node::recorder::{Recorded, Recorder, Rotation, Settings, folders, make_tables};
 use host_tools::read_anchors;
 use wire::telemetry::Message;
 
+use super::site_names::SiteNamesArgs;
 use super::stream::{Input, STOP, SourceArguments, catch_signals};
 
 /// Record a node's telemetry, for solve, plot and replay
@@ -35,6 +37,8 @@ pub struct Arguments {
     /// The positions of anchors that do not report theirs, by their short addresses: CSV with anchor,x_m,y_m,z_m
     #[arg(long, value_name = "FILE")]
     anchors: Option<PathBuf>,
+    #[command(flatten)]
+    names: SiteNamesArgs,
     /// Begin another part after this time or size (30s, 15min, 1h, 1d; 100kB, 100MB, 1GB). Each part is a recording in a
     /// folder of its own: 000001, 000002 … in --out, after the parts that are there. decode, replay and monitor read
     /// --out as one stream; solve and plot read one part
@@ -54,6 +58,7 @@ Examples:
   baliza record --out walk --chip nRF52832_xxAA
   baliza record --out walk --serial /dev/ttyACM0 --seconds 60
   baliza record --out walk --file telemetry.bin --anchors surveyed.csv
+  baliza record --out walk --serial /dev/ttyACM0 --site site.toml
   baliza record --out site --serial /dev/ttyACM0 --rotate 1h
   baliza record --finish walk
   baliza solve --anchors walk/anchors.csv --ranges walk/ranges.csv";
@@ -96,13 +101,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Some(file) => read_anchors(file)?,
         None => Vec::new(),
     };
-    let settings = Settings { rotation: arguments.rotate, force: arguments.force, ..Settings::of(&anchors)? };
+    let names = arguments.names.read(arguments.finish.as_deref().or(arguments.source.file()))?;
+    let settings = Settings { rotation: arguments.rotate, force: arguments.force, ..Settings::of(names, &anchors)? };
     match (&arguments.out, &arguments.finish) {
         (Some(folder), _) => record(arguments, folder, settings),
         (None, Some(folder)) => {
             catch_signals()?;
             let (summary, recorded) = make_tables(folder, &settings.anchors, &STOP)?;
-            report(arguments, folder, &summary, &recorded)
+            for part in folders(folder) {
+                settings.site.write_into(&part).with_context(|| format!("cannot write into {}", part.display()))?;
+            }
+            report(arguments, folder, &settings.site, &summary, &recorded)
         }
         // One of them is required.
         (None, None) => Ok(()),
@@ -114,6 +123,7 @@ fn record(arguments: &Arguments, folder: &Path, settings: Settings) -> Result<()
     let input = arguments.source.input()?;
     let file = input.as_ref().and_then(Input::finished_file).map(Path::to_owned);
     catch_signals()?;
+    let names = settings.site.clone();
     let mut recorder = Recorder::create("--out", folder, Settings { file: file.clone(), ..settings })?;
     let until = Deadline { begun: Instant::now(), limit: arguments.source.seconds };
     let heard = match input {
@@ -130,7 +140,7 @@ fn record(arguments: &Arguments, folder: &Path, settings: Settings) -> Result<()
     // What was received before a failure is still made into tables.
     match (heard, recorder.finish()) {
         (heard, Ok(recorded)) => {
-            report(arguments, folder, &summary, &recorded)?;
+            report(arguments, folder, &names, &summary, &recorded)?;
             heard
         }
         (Err(first), Err(_)) => Err(first),
@@ -192,16 +202,22 @@ impl Deadline {
     }
 }
 
-fn report(arguments: &Arguments, folder: &Path, summary: &Summary, recorded: &Recorded) -> Result<()> {
+fn report(
+    arguments: &Arguments,
+    folder: &Path,
+    names: &SiteNames,
+    summary: &Summary,
+    recorded: &Recorded,
+) -> Result<()> {
     if arguments.json {
         return super::print_json(&Document { summary, recorded });
     }
-    super::note(&told(folder, summary, recorded));
+    super::note(&told(folder, names, summary, recorded));
     Ok(())
 }
 
-fn told(folder: &Path, summary: &Summary, recorded: &Recorded) -> String {
-    let mut text = summary.told();
+fn told(folder: &Path, names: &SiteNames, summary: &Summary, recorded: &Recorded) -> String {
+    let mut text = summary.told(names);
     let Recorded { rows, anchors, left_out } = recorded;
     let count = |name: &str| rows.get(name).copied().unwrap_or(0);
     let (positions, ranges, sightings) = (count("positions"), count("ranges"), count("sightings"));
@@ -217,10 +233,10 @@ fn told(folder: &Path, summary: &Summary, recorded: &Recorded) -> String {
     }
     if !left_out.is_empty() {
         let count: u64 = left_out.values().sum();
-        let who: Vec<_> = left_out.keys().map(u16::to_string).collect();
+        let who: Vec<_> = left_out.keys().map(|address| names.with_address(*address)).collect();
         let _ = writeln!(
             text,
-            "left out: {count} ranges to {}, whose places nobody told; --anchors FILE gives them",
+            "left out: {count} ranges to {}, whose places nobody told; --anchors FILE or --site FILE gives them",
             who.join(", ")
         );
     }

@@ -9,12 +9,14 @@ use host_tools::files::{Joined, drop_repeats, round_s, rounds};
 use host_tools::locate::advice;
 use host_tools::locate::residuals::{Reference, residuals};
 use host_tools::locate::time_offset::{Clocks, REACH_S, clocks};
+use host_tools::node::provision::SiteNames;
 use host_tools::{Files, Half, Height, Recording, Setup, Solved, Source, Space, Truth, Truths, UserError};
 
 use super::floor_plan::{FloorPlan, FloorPlanArgs};
 use super::folder::FolderFiles;
 use super::report::{Output, OutputArgs, Report, Site, TagReport, flat};
 use super::residuals::table;
+use super::site_names::SiteNamesArgs;
 
 /// The arguments of a command that computes positions from a recording.
 #[derive(clap::Args)]
@@ -67,6 +69,8 @@ pub struct RecordingArgs {
     /// Where the tag can be at all, metres; the iterated methods stay inside
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
     area: Option<CornersM>,
+    #[command(flatten)]
+    names: SiteNamesArgs,
     #[command(flatten)]
     floor_plan: FloorPlanArgs,
     #[command(flatten)]
@@ -222,6 +226,7 @@ impl RecordingArgs {
         })?;
         let heights = setup.space == Space::Plane(Height::FromTruth);
         let truths = sources.truth.as_deref().map(|file| Truths::read(file, heights)).transpose()?;
+        let names = self.names.read(self.folder.as_deref())?;
         let floor_plan = self.floor_plan.read(sources.walls.as_deref())?;
         let (Measurements::Ranges(file) | Measurements::Differences(file)) = &sources.measured;
         let source = file.display().to_string();
@@ -234,8 +239,9 @@ impl RecordingArgs {
             let mut told: Vec<String> = warnings.map(|warning| format!("warning: {warning}")).collect();
             tags.push(self.joined(recording, truth, setup, singles, &mut told));
             let tag = tags.last().and_then(|of: &OfTag| of.recording.tag.as_deref());
-            let told =
-                told.into_iter().map(|line| tag.map_or_else(|| line.clone(), |tag| format!("tag {tag}: {line}")));
+            let told = told
+                .into_iter()
+                .map(|line| tag.map_or_else(|| line.clone(), |tag| format!("tag {}: {line}", names.node(tag))));
             notes.extend(told);
         }
         let differences = matches!(sources.measured, Measurements::Differences(_));
@@ -248,6 +254,7 @@ impl RecordingArgs {
             differences,
             setup,
             source,
+            names,
             floor_plan,
             with_errors,
             residuals: self.residuals,
@@ -341,6 +348,7 @@ pub struct Input<'a> {
     pub setup: Setup,
     /// The file of what was measured.
     source: String,
+    names: SiteNames,
     floor_plan: FloorPlan,
     with_errors: bool,
     residuals: bool,
@@ -375,6 +383,7 @@ impl Input<'_> {
             methods,
             site: Site {
                 source: self.source.clone(),
+                names: self.names.clone(),
                 anchors: anchors.iter().map(|anchor| (anchor.name.clone(), flat(&anchor.place))).collect(),
                 floor_plan: self.floor_plan.clone(),
                 ..Site::default()
@@ -414,8 +423,11 @@ impl Input<'_> {
             // Residuals against the truth are the same for all methods.
             for (anchors, method) in residuals.take(if self.with_errors { 1 } else { usize::MAX }) {
                 let against = if self.with_errors { "the truth" } else { method };
-                let tag = of.tag.map_or_else(String::new, |tag| format!(" of tag {tag}"));
-                super::note(&format!("\nresiduals of the ranges{tag} against {against}:\n{}", table(anchors)));
+                let tag = of.tag.map_or_else(String::new, |tag| format!(" of tag {}", self.names.node(tag)));
+                super::note(&format!(
+                    "\nresiduals of the ranges{tag} against {against}:\n{}",
+                    table(anchors, &self.names)
+                ));
             }
         }
     }

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use host_tools::node::decode::Stream;
+use host_tools::node::provision::SiteNames;
 
 use super::stream::{Input, Writing, feed_stdout};
 
@@ -78,7 +79,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let summary = stream.summary();
     summary.is_of_telemetry(input.name())?;
     if feed_stdout(&due)? {
-        super::note(&summary.told());
+        super::note(&summary.told(&SiteNames::default()));
     }
     Ok(())
 }

@@ -9,6 +9,7 @@ use baliza_report::MarkdownTable;
 use host_tools::files::output;
 use host_tools::files::positions::{Format, Rows};
 use host_tools::locate::residuals::AnchorResiduals;
+use host_tools::node::provision::SiteNames;
 use host_tools::plot::{Dot, Errors, Picture, PictureBuilder};
 use host_tools::{Coordinates, Epoch, Position, Solved, UserError};
 
@@ -74,6 +75,8 @@ impl Output<'_> {
 pub struct Site {
     /// The file that the positions come from.
     pub source: String,
+    /// The names that the picture and the tables on a terminal show.
+    pub names: SiteNames,
     /// Names and positions of the anchors, metres.
     pub anchors: Vec<(String, [f64; 2])>,
     /// Names and positions of the beacons, metres.
@@ -142,7 +145,7 @@ impl Report<'_> {
         if *json {
             return super::print_json(&summaries);
         }
-        let mut said = table(&summaries);
+        let mut said = table(&summaries, &self.site.names);
         for (what, file) in [("positions", out), ("picture", plot)] {
             if let Some(file) = file.as_deref().filter(|file| file.as_os_str() != output::STANDARD) {
                 let _ = writeln!(said, "{what}: {}", file.display());
@@ -162,8 +165,10 @@ impl Report<'_> {
         });
         let figure = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.2}"));
         for (tag, method, epoch, solved) in all.step_by(each) {
-            let (time, tag) =
-                (epoch.t_s.map_or_else(|| epoch.name.clone(), |t_s| format!("{t_s:.3}")), tag.unwrap_or(""));
+            let (time, tag) = (
+                epoch.t_s.map_or_else(|| epoch.name.clone(), |t_s| format!("{t_s:.3}")),
+                tag.map_or("", |tag| self.site.names.node(tag)),
+            );
             let [x, y, z, sigma] = match &solved.outcome {
                 Ok(Position { place, sigma, .. }) => {
                     let joint = (sigma.x_m.powi(2) + sigma.y_m.powi(2) + sigma.z_m.unwrap_or(0.0).powi(2)).sqrt();
@@ -215,7 +220,9 @@ impl Report<'_> {
     }
 
     fn picture(&self) -> Picture {
-        let Site { source, anchors, beacons, floor_plan, are_dwells } = self.site.clone();
+        let Site { source, names, anchors, beacons, floor_plan, are_dwells } = self.site.clone();
+        let anchors = anchors.into_iter().map(|(key, at_m)| (names.node(&key).to_owned(), at_m)).collect();
+        let name = |tag: Option<&str>| tag.map_or_else(String::new, |tag| names.node(tag).to_owned());
         let has_height = |place: &Coordinates| place.z_m.is_some();
         let mut found = self.rows().flat_map(|rows| rows.solved).filter_map(|solved| solved.outcome.as_ref().ok());
         let mut truths = self.tags.iter().flat_map(|of| of.epochs).filter_map(|epoch| epoch.truth.as_ref());
@@ -224,20 +231,22 @@ impl Report<'_> {
         let picture = Picture { source, anchors, beacons, walls_m, plan, errors, ..Picture::default() };
         let mut builder = PictureBuilder::new(picture);
         for TagReport { tag, epochs, .. } in &self.tags {
+            let name = name(*tag);
             for epoch in *epochs {
-                epoch.truth.iter().for_each(|truth| builder.truth(tag.unwrap_or(""), flat(truth), are_dwells));
+                epoch.truth.iter().for_each(|truth| builder.truth(&name, flat(truth), are_dwells));
                 // Each dwell may have a clock of its own.
                 epoch.t_s.filter(|_| !are_dwells).into_iter().for_each(|t_s| builder.time(t_s));
             }
         }
         for Rows { tag, method, epochs, solved } in self.rows() {
+            let name = name(tag);
             for (epoch, solved) in epochs.iter().zip(solved) {
                 let dot = solved.outcome.as_ref().ok().map(|position| Dot {
                     at_m: flat(&position.place),
                     truth_m: epoch.truth.as_ref().map(flat),
                     covariance_m2: Some(position.covariance_m2()),
                 });
-                builder.position(method, tag.unwrap_or(""), dot, solved.error_m);
+                builder.position(method, &name, dot, solved.error_m);
             }
         }
         builder.finish()

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use host_tools::locate::residuals::AnchorResiduals;
+use host_tools::node::provision::SiteNames;
 
 /// An anchor's figures for `--json`.
 #[derive(Debug, serde::Serialize)]
@@ -35,14 +36,14 @@ impl<'a> Row<'a> {
 }
 
 /// The figures of all anchors as a table.
-pub fn table(anchors: &[AnchorResiduals]) -> String {
+pub fn table(anchors: &[AnchorResiduals], names: &SiteNames) -> String {
     let mut text = format!(
         "{:<16} {:>7} {:>8} {:>8} {:>8} {:>8} {:>8}\n",
         "anchor", "ranges", "mean_m", "std_m", "median_m", "white_m", "blocked"
     );
     for anchor in anchors {
         let Row { anchor, ranges, mean_m, std_m, median_m, white_m, blocked_share, remark } = Row::of(anchor);
-        let _ = write!(text, "{anchor:<16} {ranges:>7}");
+        let _ = write!(text, "{:<16} {ranges:>7}", names.node(anchor));
         for figure in [mean_m, std_m, median_m, white_m] {
             let _ = write!(text, " {:>8}", figure.map_or_else(|| "-".to_owned(), |metres| format!("{metres:.3}")));
         }

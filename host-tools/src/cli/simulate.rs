@@ -22,7 +22,7 @@ use sim::scenario::{
     AirModel, BluetoothSummary, Cover, Fidelity, LISTENING, Record, Scenario, SimulatedEpoch, Simulation, Summary, What,
 };
 use wire::config::{Mode, Scheme, Solver};
-use wire::telemetry::{Message, RoomLine, SolveError};
+use wire::telemetry::{Address, Message, RoomLine, SolveError};
 
 use super::PictureFile;
 use super::stream::{catch_signals, refuse_interrupted};
@@ -196,7 +196,7 @@ fn solvers() -> impl TypedValueParser<Value = Solver> {
         .try_map(|name| Solver::from_name(&name).ok_or("there is no such solver"))
 }
 
-/// The range of the number of nodes. Addresses begin at 1 and at 4097, which limits the number.
+/// The range of the number of nodes. Addresses begin at 0x0001 and at 0x1001, which limits the number.
 fn count() -> clap::builder::RangedI64ValueParser<u16> {
     clap::value_parser!(u16).range(1..=4000)
 }
@@ -315,7 +315,7 @@ impl Arguments {
                 "tag.height_m" => "--height-m",
                 _ => "--scenario",
             };
-            return Err(UserError::flag(flag, format!("node {node}: {invalid}")));
+            return Err(UserError::flag(flag, format!("node {}: {invalid}", Address(node))));
         }
         Ok(scenario)
     }
@@ -447,7 +447,9 @@ impl Show {
     fn take(&mut self, records: &[Record]) -> Result<()> {
         let mut text = Vec::new();
         for record in records {
-            let line = |what: &dyn Display| format!("{:>8.3} {:>6} {what}\n", record.t_s, record.node).into_bytes();
+            let line = |what: &dyn Display| {
+                format!("{:>8.3} {:>6} {what}\n", record.t_s, Address(record.node).to_string()).into_bytes()
+            };
             match (&mut *self, &record.what) {
                 (Self::Rows { method }, What::Epoch(epoch)) => {
                     text.extend(row(&position_row(record, method, epoch))?);

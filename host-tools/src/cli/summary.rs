@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use baliza_report::{Statistics, mean};
+use host_tools::node::provision::SiteNames;
 use host_tools::{Coordinates, Epoch, Position, Solved};
 
 use super::residuals;
@@ -166,9 +167,9 @@ impl<'a> Summary<'a> {
     }
 }
 
-/// The summaries as text, with the reasons for epochs without a position. Errors in the plane and in height are
+/// The summaries as text, with the names of tags and the reasons for epochs without a position. Errors in the plane and in height are
 /// apart where heights are compared.
-pub fn table(summaries: &[Summary]) -> String {
+pub fn table(summaries: &[Summary], names: &SiteNames) -> String {
     let heights = summaries.iter().any(|summary| summary.vertical.is_some());
     let tags = summaries.iter().any(|summary| summary.tag.is_some());
     let tag = |name: &str| if tags { format!("{name:<16} ") } else { String::new() };
@@ -190,7 +191,7 @@ pub fn table(summaries: &[Summary]) -> String {
     let metres = |figure: Option<f64>| figure.map_or_else(|| "-".to_owned(), |metres| format!("{metres:.3}"));
     for summary in summaries {
         let of = match summary.tag {
-            Some(Of::Tag(name)) => name,
+            Some(Of::Tag(key)) => names.node(key),
             Some(Of::All) => "all",
             None => "",
         };

@@ -3,10 +3,9 @@
 //! A row is an anchor whose poll arrived, and how much farther it is than the reference anchor of its epoch. The row
 //! whose anchor is the reference has that anchor's own reception.
 
-use std::collections::HashMap;
 use std::path::Path;
 
-use crate::files::recording::{Epochs, anchor_of};
+use crate::files::recording::{AnchorIndex, Epochs, anchor_of};
 use crate::files::{DiagnosticColumns, Diagnostics};
 use crate::{Anchor, Recording, Table, UserError};
 
@@ -28,7 +27,7 @@ pub struct MeasuredDifference {
 /// # Errors
 /// The first line that is wrong.
 pub(crate) fn read_differences(file: &Path, anchors: &[Anchor]) -> Result<Vec<Recording>, UserError> {
-    let places: HashMap<&str, usize> = anchors.iter().enumerate().map(|(i, a)| (a.name.as_str(), i)).collect();
+    let places = AnchorIndex::of(anchors);
     let mut table = Table::open(file)?;
     let [reference, anchor] = [table.column("reference")?, table.column("anchor")?];
     let difference = table.column("difference_m")?;

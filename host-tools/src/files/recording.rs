@@ -3,10 +3,12 @@
 //! The input is `anchors.csv`, `ranges.csv` or `differences.csv` and, where there is one, `truth.csv`. The output is a [`Recording`] a tag, with
 //! its [`Epoch`]s in the order of their first range. A file without a column `tag` is of one tag.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
 
 use crate::files::differences::{MeasuredDifference, read_differences};
+use crate::files::spelled;
 use crate::files::table::quoted;
 use crate::files::tags::{ByTag, tag_of};
 use crate::files::{DiagnosticColumns, Diagnostics};
@@ -158,16 +160,33 @@ impl<'a> Epochs<'a> {
     }
 }
 
+/// The indices of anchors by their names.
+pub(crate) struct AnchorIndex<'a> {
+    exact: HashMap<&'a str, usize>,
+    /// By the spelling that is the same for all spellings of an address.
+    alike: HashMap<Cow<'a, str>, usize>,
+}
+
+impl<'a> AnchorIndex<'a> {
+    pub(crate) fn of(anchors: &'a [Anchor]) -> Self {
+        let names = || anchors.iter().enumerate().map(|(at, anchor)| (anchor.name.as_str(), at));
+        Self { exact: names().collect(), alike: names().map(|(name, at)| (spelled(name), at)).collect() }
+    }
+
+    fn find(&self, name: &str) -> Option<usize> {
+        self.exact.get(name).or_else(|| self.alike.get(&spelled(name))).copied()
+    }
+}
+
 /// The index of the anchor that a row names.
-pub(crate) fn anchor_of(row: &Row, column: Column, places: &HashMap<&str, usize>) -> Result<usize, UserError> {
+pub(crate) fn anchor_of(row: &Row, column: Column, places: &AnchorIndex) -> Result<usize, UserError> {
     let name = row.some_text(column)?;
-    let place = places.get(name).copied();
-    place.ok_or_else(|| row.wrong(column, &format!("{} is not in the file of anchors", quoted(name))))
+    places.find(name).ok_or_else(|| row.wrong(column, &format!("{} is not in the file of anchors", quoted(name))))
 }
 
 /// The recordings of a file of ranges, one a tag.
 fn read_ranges(file: &Path, anchors: &[Anchor]) -> Result<Vec<Recording>, UserError> {
-    let places: HashMap<&str, usize> = anchors.iter().enumerate().map(|(i, a)| (a.name.as_str(), i)).collect();
+    let places = AnchorIndex::of(anchors);
     let mut table = Table::open(file)?;
     let mut epochs = Epochs::of(&table, anchors)?;
     let (anchor, range, sight) = (table.column("anchor")?, table.column("range_m")?, table.optional("los"));

@@ -6,6 +6,7 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use crate::files::spelled;
 use crate::files::table::quoted;
 use crate::files::tags::{ByTag, tag_of};
 use crate::{Coordinates, Epoch, Table, UserError};
@@ -101,7 +102,11 @@ impl Truths {
                 let what = format!("it is of {} tags, and the other file has no column tag", several.len());
                 Err(UserError::file(&self.file, what))
             }
-            (each, Some(_)) => Ok(each.iter().find(|(of, _)| of.as_deref() == tag).map(|(_, truth)| truth)),
+            (each, Some(tag)) => {
+                let alike = |of: &Option<String>| of.as_deref().map(spelled) == Some(spelled(tag));
+                let exact = each.iter().find(|(of, _)| of.as_deref() == Some(tag));
+                Ok(exact.or_else(|| each.iter().find(|(of, _)| alike(of))).map(|(_, truth)| truth))
+            }
         }
     }
 

@@ -2,6 +2,7 @@
 //! tracks.
 
 use sim::scenario::{Record, Scenario, SimulatedEpoch, Source};
+use wire::telemetry::Address;
 
 use crate::plot::{Dot, Errors, Picture, PictureBuilder};
 
@@ -11,7 +12,7 @@ pub fn picture(source: String, scenario: &Scenario, records: &[Record]) -> Pictu
     let mut builder = PictureBuilder::new(Picture {
         source,
         walls_m: scenario.walls.iter().map(|wall| [wall.from, wall.to]).collect(),
-        anchors: scenario.anchors.iter().map(|anchor| (anchor.address.to_string(), flat(anchor.at))).collect(),
+        anchors: scenario.anchors.iter().map(|anchor| (Address(anchor.address).to_string(), flat(anchor.at))).collect(),
         beacons: scenario.beacons.iter().map(|beacon| (beacon.name(), flat(beacon.at))).collect(),
         errors: if scenario.tag.height_m.is_some() { Errors::Horizontal } else { Errors::Spatial },
         ..Picture::default()
@@ -22,7 +23,7 @@ pub fn picture(source: String, scenario: &Scenario, records: &[Record]) -> Pictu
         of_tag.filter_map(|record| Some((record.t_s, record.epoch()?)))
     };
     for tag in scenario.tags.iter().map(|tag| tag.address) {
-        let name = tag.to_string();
+        let name = Address(tag).to_string();
         for (t_s, epoch) in epochs(tag) {
             builder.truth(&name, flat(epoch.truth_m), false);
             builder.time(t_s);
@@ -37,7 +38,7 @@ pub fn picture(source: String, scenario: &Scenario, records: &[Record]) -> Pictu
         for tag in scenario.tags.iter().map(|tag| tag.address) {
             let taken = epochs(tag).filter(|(_, epoch)| source.is_none_or(|source| epoch.source() == source));
             for (_, epoch) in taken.filter(|(_, epoch)| epoch.fix.position_m().is_some()) {
-                builder.position(method, &tag.to_string(), dot(epoch), epoch.error_m());
+                builder.position(method, &Address(tag).to_string(), dot(epoch), epoch.error_m());
             }
         }
     }

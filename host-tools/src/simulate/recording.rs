@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use positioning_core::nlos::{Feature, Features};
 use sim::scenario::{Record, Scenario, SimulatedEpoch, What};
 use wire::config::{Mode, Network};
-use wire::telemetry::{Body, Fix, MAX_FRAME, Message, Sighting, Table, encode, metres};
+use wire::telemetry::{Address, Body, Fix, MAX_FRAME, Message, Sighting, Table, encode, metres};
 
 use crate::files::folder::{RecordingSettings, SETTINGS};
 use crate::files::output::OutputFolder;
@@ -71,7 +71,7 @@ impl SimulatedRecording {
         for message in record.messages() {
             self.streams.take(record.node, encode(&message, &mut [0; MAX_FRAME]))?;
         }
-        let tag = record.node.to_string();
+        let tag = Address(record.node).to_string();
         let stamp = Stamp { t_s: record.t_s, epoch: self.epoch };
         match &record.what {
             What::Epoch(epoch) => {
@@ -104,7 +104,7 @@ impl SimulatedRecording {
 
     fn take_epoch(&mut self, record: &Record, epoch: &SimulatedEpoch) -> csv::Result<()> {
         let stamp = Stamp { t_s: record.t_s, epoch: epoch.number };
-        let tag = || record.node.to_string();
+        let tag = || Address(record.node).to_string();
         let los = |los: bool| if los { "1" } else { "0" }.to_owned();
         for measured in &epoch.ranges {
             let mut shape = Features::default();
@@ -173,7 +173,8 @@ impl Streams {
     }
 
     fn append(&self, node: u16, bytes: &[u8]) -> io::Result<()> {
-        let name = if self.first_tag == Some(node) { STREAM.to_owned() } else { format!("telemetry-{node}.bin") };
+        let name =
+            if self.first_tag == Some(node) { STREAM.to_owned() } else { format!("telemetry-{}.bin", Address(node)) };
         File::options().append(true).create(true).open(self.folder.join(name))?.write_all(bytes)
     }
 }
@@ -221,5 +222,5 @@ pub fn position_row(record: &Record, method: &str, epoch: &SimulatedEpoch) -> Ve
 
 fn complete_position(row: &mut Vec<String>, tag: u16, method: &str, epoch: &SimulatedEpoch) {
     row.splice(2..3, [method.to_owned()]);
-    row.extend([epoch.error_m().map_or_else(String::new, metres), tag.to_string()]);
+    row.extend([epoch.error_m().map_or_else(String::new, metres), Address(tag).to_string()]);
 }

@@ -19,7 +19,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use anyhow::{Context, Result};
 use foxglove::{Encode, Schema};
-use wire::telemetry::Message;
+use wire::telemetry::{Address, Message};
 
 pub use file::McapFile;
 pub use live::Live;
@@ -139,7 +139,7 @@ impl<S: Sink> View<S> {
     pub fn telemetry(&mut self, t_ns: u64, stamp: Stamp, message: &Message) -> Result<()> {
         match message {
             Message::Range(range) => {
-                let anchor = range.peer.to_string();
+                let anchor = Address(range.peer).to_string();
                 if let Some(position_m) = range.position_m() {
                     self.anchor(t_ns, &anchor, position_m)?;
                 }

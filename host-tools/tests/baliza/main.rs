@@ -26,6 +26,7 @@ mod rooms;
 mod schemas;
 mod simulate;
 mod site_models;
+mod site_names;
 mod streams;
 mod support;
 mod survey;

@@ -58,7 +58,7 @@ fn piped(folder: &Folder, arguments: &str, input: &[u8]) -> Run {
     Run { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) }
 }
 
-const HELLO: &str = "     0.000100 hello tag 1234 on dwm1001, EUI deca000000001234, build 1a2b3c4d5e6f7081\n";
+const HELLO: &str = "     0.000100 hello tag 0x1234 on dwm1001, EUI deca000000001234, build 1a2b3c4d5e6f7081\n";
 const FIXES: [&str; 2] = [
     "     0.500000 fix   x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms, b-wls\n",
     "     1.000000 fix   x=3.25 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms, b-wls\n",

@@ -83,7 +83,8 @@ fn a_folder_with_a_recording_is_replaced_as_a_whole_and_only_with_force() {
         (run.code, run.stderr.as_str()),
         (Some(2), "--out: room has anchors.csv already; --force replaces it\n")
     );
-    let recording = ["anchors.csv", "notes.txt", "positions.csv", "ranges.csv", "recording.toml", "telemetry-1.bin"];
+    let recording =
+        ["anchors.csv", "notes.txt", "positions.csv", "ranges.csv", "recording.toml", "telemetry-0x0001.bin"];
     let beacons = root().join("examples/beacons.toml").display().to_string();
     folder.run(&format!("simulate --seconds 1 --scenario {beacons} --out room --force --json")).ok();
     assert!(names(&folder, "room").contains(&"rssi.csv".to_owned()));

@@ -330,7 +330,7 @@ fn commands_draw_each_tag_of_a_recording() {
         [("simulated.svg", "2 tags by track"), ("tracked.svg", "2 tags by track"), ("solved.svg", "2 tags by robust")]
     {
         let svg = String::from_utf8(folder.read(picture)).expect("text");
-        for text in [said, "\n4097\n", "\n4098\n", BLUE, VERMILION, DARK[0], DARK[1]] {
+        for text in [said, "\n0x1001\n", "\n0x1002\n", BLUE, VERMILION, DARK[0], DARK[1]] {
             assert!(svg.contains(text), "{picture}: {text}");
         }
         assert_inside(&svg);

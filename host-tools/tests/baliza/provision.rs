@@ -209,14 +209,14 @@ fn everything_that_is_said_is_in_the_record() {
             "beacon_key": "a00102030405060708090a0b0c0d0e0f",
         },
         "node": [{
-            "name": "tag-0201", "board": "dwm1001", "role": "tag", "address": 0x0201, "height_m": 1.2, "rate_hz": 9.99,
+            "name": "tag-0201", "board": "dwm1001", "role": "tag", "address": "0x0201", "height_m": 1.2, "rate_hz": 9.99,
             "still_rate_hz": 0.13, "sleep": true, "anchors_per_round": 3, "tell_distances": true, "report_ranges": false,
             "scan_interval_ms": 100, "scan_window_ms": 30, "solver": "b-wls-r", "scheme": "double-sided",
         }],
         // The listed anchors come first, then the nodes whose positions tags cannot receive from the nodes.
         "anchor": [
-            { "address": 0x0102, "position_m": [0.1, -0.7, 1000.0] },
-            { "address": 0x0101, "position_m": [0.1, 2.0, 3.3] },
+            { "address": "0x0102", "position_m": [0.1, -0.7, 1000.0] },
+            { "address": "0x0101", "position_m": [0.1, 2.0, 3.3] },
         ],
         "beacon": [
             { "major": 1, "minor": 2, "position_m": [0.0, 0.0, 2.0], "rssi_1m_dbm": -62.5, "path_loss_exponent": 2.3 },
@@ -227,7 +227,7 @@ fn everything_that_is_said_is_in_the_record() {
 
     let anchor = folder.run("provision --show records/anchor.bin --json").ok().object();
     let expected = serde_json::json!([{
-        "name": "anchor-0101", "role": "anchor", "eui": "0011223344556677", "address": 0x0101, "antenna_delay_ticks": 16450,
+        "name": "anchor-0101", "role": "anchor", "eui": "0011223344556677", "address": "0x0101", "antenna_delay_ticks": 16450,
         "crystal_trim": 14, "uwb_tx_power": 0x1F1F_1F1F, "position_m": [0.1, 2.0, 3.3],
         "pins": { "sck": 6, "mosi": 7, "miso": 2, "cs": 10, "irq": 3, "reset": 4 },
     }]);
@@ -259,7 +259,7 @@ fn the_region_is_asked_for_once_and_only_of_nodes_that_transmit() {
 fn native_anchors_tell_their_places_themselves() {
     let text = EVERYTHING.replace("decaranging-fast", "native");
     let tag = provisioned(&text).run("provision --show records/tag.bin --json").ok().object();
-    assert_eq!(tag["anchor"], serde_json::json!([{ "address": 0x0102, "position_m": [0.1, -0.7, 1000.0] }]));
+    assert_eq!(tag["anchor"], serde_json::json!([{ "address": "0x0102", "position_m": [0.1, -0.7, 1000.0] }]));
 }
 
 #[test]
@@ -438,7 +438,7 @@ fn one_of_several_nodes_is_named() {
     assert_eq!(folder.names(), ["site.toml", "tag.bin"]);
     let made = folder.run("provision --config site.toml --all --out records --json").ok().json();
     let expected =
-        serde_json::json!({ "node": "tag", "board": "dwm1001", "file": "records/tag.bin", "address": 0x7E000 });
+        serde_json::json!({ "node": "tag", "board": "dwm1001", "file": "records/tag.bin", "flash_address": 0x7E000 });
     assert_eq!(made[1], expected);
 }
 
@@ -446,7 +446,10 @@ fn one_of_several_nodes_is_named() {
 fn the_board_that_is_asked_for_counts_more_than_the_file_s() {
     let folder = Folder::with(&[("site.toml", EVERYTHING)]);
     let made = folder.run("provision --config site.toml --node tag --board esp32 --out tag.bin --json").ok().json();
-    assert_eq!((&made[0]["board"], &made[0]["address"]), (&serde_json::json!("esp32"), &serde_json::json!(0x9000)));
+    assert_eq!(
+        (&made[0]["board"], &made[0]["flash_address"]),
+        (&serde_json::json!("esp32"), &serde_json::json!(0x9000))
+    );
     // The record is also checked against the board: the EVK1000 has no Bluetooth.
     let run = folder.run("provision --config site.toml --node tag --board evk1000 --out other.bin");
     refused(&run, "site.toml:40: scan_interval_ms is 100: ");

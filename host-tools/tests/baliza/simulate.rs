@@ -159,8 +159,12 @@ fn telemetry_of_a_simulation_is_read_as_that_of_boards() {
     let recorded = String::from_utf8(folder.read("out/ranges.csv")).expect("text");
     assert_eq!(ranges.stdout.lines().count(), recorded.lines().count());
     // Every node reports who it is.
-    let summary = folder.run("decode out/telemetry-3.bin --json").ok().object();
-    assert_eq!((&summary["node"]["role"], &summary["node"]["address"]), (&"anchor".into(), &3.into()), "{summary:?}");
+    let summary = folder.run("decode out/telemetry-0x0003.bin --json").ok().object();
+    assert_eq!(
+        (&summary["node"]["role"], &summary["node"]["address"]),
+        (&"anchor".into(), &"0x0003".into()),
+        "{summary:?}"
+    );
 }
 
 #[test]
@@ -200,7 +204,7 @@ fn what_is_wrong_is_told_in_one_line_and_nothing_is_written() {
         ("--plot room.gif", "--plot: room.gif ends in neither .svg nor .png\n"),
         ("--pcap none/air.pcap", "--pcap: the folder none does not exist\n"),
         ("--out file", "--out: file is not a folder\n"),
-        ("--mode listening --rate 0.1", "--rate: node 4097: tag.rate_hz is 0.1: it must be 0.13 to 1000\n"),
+        ("--mode listening --rate 0.1", "--rate: node 0x1001: tag.rate_hz is 0.1: it must be 0.13 to 1000\n"),
     ];
     let before = folder.names();
     for (arguments, said) in cases {

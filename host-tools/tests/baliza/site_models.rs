@@ -49,7 +49,7 @@ fn a_map_and_rooms_go_beside_the_record_of_a_tag() {
     folder.write("site.toml", site(&scanning(MODELS), &[(1, 7), (1, 8), (2, 9)]).as_bytes());
     for (format, file) in [("bin", "t.bin"), ("hex", "t.hex")] {
         let run = folder.run(&format!("provision --config site.toml --format {format} --out {file} --json")).ok();
-        assert_eq!(run.json()[0]["address"], 0x7C000);
+        assert_eq!(run.json()[0]["flash_address"], 0x7C000);
         let run = folder.run(&format!("provision --show {file}")).ok();
         assert!(run.stdout.contains("\n# room_model: 2 rooms: hall, attic; beacons 1-7, 1-8\n"), "{}", run.stdout);
         let map = run.stdout.lines().find(|line| line.starts_with("# fingerprint_map: ")).expect("a map");

@@ -12,8 +12,8 @@ use rand_pcg::Pcg64Mcg;
 use serde_json::Value;
 use sim::scenario::{Scenario, Simulation, What};
 use wire::telemetry::{
-    BeaconId, Board, Condition, Counters, Diagnostics, Difference, Fix, Hello, MAX_FRAME, Message, Range, Reset,
-    ResetCause, Role, Room, RoomEstimate, RoomProbability, Sighting, State, encode,
+    Address, BeaconId, Board, Condition, Counters, Diagnostics, Difference, Fix, Hello, MAX_FRAME, Message, Range,
+    Reset, ResetCause, Role, Room, RoomEstimate, RoomProbability, Sighting, State, encode,
 };
 
 use crate::support::Folder;
@@ -96,7 +96,7 @@ fn every_message_is_a_line_of_json() {
     let lines: Vec<String> = messages.iter().map(|message| message.json().to_string()).collect();
     assert_eq!(run.stdout.lines().collect::<Vec<_>>(), lines);
     let first = serde_json::json!({
-        "type": "hello", "t_s": 0.001, "eui": "10205f1234567890", "address": 4097, "role": "tag", "board": "simulated",
+        "type": "hello", "t_s": 0.001, "eui": "10205f1234567890", "address": "0x1001", "role": "tag", "board": "simulated",
         "build": "01020304050607ab",
     });
     assert_eq!(serde_json::from_str::<Value>(&lines[0]).expect("JSON"), first);
@@ -142,16 +142,19 @@ fn what_a_listening_tag_measured_is_shown_tabled_and_recorded() {
     let lines: Vec<Value> = run.stdout.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
     assert_eq!(
         (&lines[1]["type"], &lines[1]["reference"], &lines[1]["peer"]),
-        (&"difference".into(), &257.into(), &258.into())
+        (&"difference".into(), &"0x0101".into(), &"0x0102".into())
     );
     assert_eq!((&lines[1]["difference_m"], &lines[1]["peer_y_m"]), (&(-1.2345).into(), &(-12.5).into()));
     assert!(run.stderr.contains("2 difference"), "{}", run.stderr);
     let run = folder.run("decode --file tdoa.bin --format csv --table differences").ok();
-    assert_eq!((run.column("anchor"), run.column("difference_m")), (vec!["257", "258"], vec!["0.0000", "-1.2345"]));
-    assert_eq!((run.column("reference"), run.column("rx_power_dbm")), (vec!["257"; 2], vec!["-79.25"; 2]));
+    assert_eq!(
+        (run.column("anchor"), run.column("difference_m")),
+        (vec!["0x0101", "0x0102"], vec!["0.0000", "-1.2345"])
+    );
+    assert_eq!((run.column("reference"), run.column("rx_power_dbm")), (vec!["0x0101"; 2], vec!["-79.25"; 2]));
     folder.run("record --file tdoa.bin --out walk").ok();
     let text = |name: &str| String::from_utf8(folder.read(name)).expect("text");
-    assert!(text("walk/anchors.csv").contains("258,0.0000,-12.5000,2.4000"));
+    assert!(text("walk/anchors.csv").contains("0x0102,0.0000,-12.5000,2.4000"));
     assert_eq!(text("walk/differences.csv").lines().count(), 3);
 }
 
@@ -449,7 +452,7 @@ fn ranges_to_anchors_of_unknown_place_are_left_out_unless_the_user_knows_it() {
     let run = folder.run("record --file walk.bin --out walk --json").ok();
     let json = run.object();
     let left_out = peers.iter().filter(|peer| **peer == silent).count();
-    assert_eq!(json["recorded"]["left_out"], serde_json::json!({ silent.to_string(): left_out }));
+    assert_eq!(json["recorded"]["left_out"], serde_json::json!({ Address(silent).to_string(): left_out }));
     assert_eq!(
         (&json["recorded"]["ranges"], &json["recorded"]["anchors"]),
         (&(peers.len() - left_out).into(), &5.into())
@@ -461,7 +464,7 @@ fn ranges_to_anchors_of_unknown_place_are_left_out_unless_the_user_knows_it() {
         (&peers.len().into(), &serde_json::json!({}))
     );
     let anchors = String::from_utf8(folder.read("known/anchors.csv")).expect("UTF-8");
-    assert!(anchors.contains(&format!("\n{silent},1.0000,2.0000,3.0000\n")), "{anchors}");
+    assert!(anchors.contains(&format!("\n{},1.0000,2.0000,3.0000\n", Address(silent))), "{anchors}");
 }
 
 #[test]

@@ -6,9 +6,10 @@
 //! channel takes them. On the host a [`Decoder`] decodes them into messages.
 //!
 //! Each message has one file in `messages/`. The file contains its fields, the conversions to SI units, its line for a
-//! person (the same in a node's log and on the host's screen) and, with the feature `host`, its JSON object and the row
+//! person (the same in a node's log, but for the `0x` of addresses, and on the host's screen) and, with the feature `host`, its JSON object and the row
 //! of its table. The list in `messages/mod.rs` contains all of them.
 
+mod address;
 mod decoder;
 mod framing;
 #[cfg(feature = "host")]
@@ -20,6 +21,7 @@ pub mod quantised;
 mod queue;
 mod text;
 
+pub use address::Address;
 pub use decoder::{Counts, Decoder};
 pub use framing::{DecodeError, LONGEST_FRAME, MAX_FRAME, decode, encode};
 #[cfg(feature = "host")]

@@ -29,7 +29,7 @@ const RECORDED: [Recorded; 4] = [
     Recorded { folder: "cuhk_dynamic_mid", late_s: 0.28, moves: true },
 ];
 /// The tags of the default room, and its simulated seeds.
-const TAGS: [&str; 2] = ["4097", "4098"];
+const TAGS: [&str; 2] = ["0x1001", "0x1002"];
 const SEEDS: [&str; 8] = ["1", "2", "3", "4", "5", "6", "7", "8"];
 /// How far the simulation may be from the recordings' mean.
 const TOLERANCE: f64 = 0.3;

@@ -8,6 +8,7 @@ use wire::telemetry::{Body, Counts, Hello, Message};
 
 use super::{Seen, Timeline};
 use crate::UserError;
+use crate::node::provision::SiteNames;
 
 /// What was received in a stream, and what was lost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -132,8 +133,8 @@ impl Summary {
         Ok(())
     }
 
-    /// The summary as text: what was received, then one line for each kind of error.
-    pub fn told(&self) -> String {
+    /// The summary as text, with the names of the site: what was received, then one line for each kind of error.
+    pub fn told(&self, names: &SiteNames) -> String {
         let mut text = format!("{} frames in {} bytes", self.frames.total, self.bytes);
         let mut separator = ": ";
         for (kind, count) in self.frames.by_kind().filter(|(_, count)| *count > 0) {
@@ -143,7 +144,11 @@ impl Summary {
         text.push('\n');
         if let Some(Hello { eui, address, role, board, build, .. }) = self.node {
             let (role, board, build) = (role.as_str(), board.name(), u64::from_be_bytes(build));
-            let _ = writeln!(text, "node: {role} {address} on {board}, EUI-64 {eui:016x}, build {build:016x}");
+            let _ = writeln!(
+                text,
+                "node: {role} {} on {board}, EUI-64 {eui:016x}, build {build:016x}",
+                names.with_address(address)
+            );
         }
         if let (Some(first), Some(last)) = (self.first_t_s, self.last_t_s) {
             let _ = writeln!(text, "from {first:.3} s to {last:.3} s, {} positions", self.positions);

@@ -8,6 +8,7 @@ use wire::telemetry::{Message, Tone};
 
 use super::log::LogLine;
 use super::session::{Counts, Said};
+use crate::node::provision::SiteNames;
 
 const RED: &str = "\x1b[31m";
 const GREEN: &str = "\x1b[32m";
@@ -22,12 +23,18 @@ pub struct Lines {
     colour: bool,
     places: bool,
     hello: Option<wire::telemetry::Hello>,
+    names: SiteNames,
 }
 
 impl Lines {
     /// `colour`: with colours for a terminal. `places`: with the source location of each line of the log.
     pub fn new(colour: bool, places: bool) -> Self {
-        Self { colour, places, hello: None }
+        Self { colour, places, hello: None, names: SiteNames::default() }
+    }
+
+    /// The same, with the names of a site.
+    pub fn named(self, names: SiteNames) -> Self {
+        Self { names, ..self }
     }
 
     /// A line with its end; `None` for a line of the log that telemetry also has, and for a repeated `Hello`.
@@ -58,7 +65,8 @@ impl Lines {
                 (*t_us, label, colour, text.clone())
             }
             Said::Message(_, message) => {
-                (Some(message.t_us()), message.label(), of_tone(message.tone()), message.to_string())
+                let text = self.names.text(message, self.hello.map(|hello| hello.address));
+                (Some(message.t_us()), message.label(), of_tone(message.tone()), text)
             }
             Said::Text(text) => (None, "boot", DIM, text.clone()),
             Said::Unreadable => (None, "log", YELLOW, "[defmt text not decodable]".into()),
@@ -202,7 +210,7 @@ mod tests {
         };
         assert_eq!(
             range(Some([10_000, 20_000, -5000])),
-            "     0.000000 range 00a1 5.123 ±0.030 m, received -79.5 dBm, first path -81.2 dBm, at 1.00 2.00 -0.50\n"
+            "     0.000000 range 0x00A1 5.123 ±0.030 m, received -79.5 dBm, first path -81.2 dBm, at 1.00 2.00 -0.50\n"
         );
         assert!(!range(None).contains(" at "));
         let difference = |peer, difference_tenth_mm| {
@@ -220,16 +228,19 @@ mod tests {
         };
         assert_eq!(
             difference(0xB2, -12_345),
-            "     0.000000 tdoa  00b2 -1.234 ±0.030 m from 00a1, received -79.5 dBm, first path -81.2 dBm\n"
+            "     0.000000 tdoa  0x00B2 -1.234 ±0.030 m from 0x00A1, received -79.5 dBm, first path -81.2 dBm\n"
         );
-        assert!(difference(0xA1, 0).starts_with("     0.000000 tdoa  00a1 polls, ±0.030 m, received"));
+        assert!(difference(0xA1, 0).starts_with("     0.000000 tdoa  0x00A1 polls, ±0.030 m, received"));
         let beacon = BeaconId { network: 0xFDA5_0693, major: 1, minor: 7 };
         assert_eq!(
             shown(Message::Sighting(Sighting { t_us: 0, beacon, rssi_dbm: -71, measured_power_dbm: -59 })),
-            "     0.000000 ble   fda50693 1.7 -71 dBm (-59 dBm at 1 m)\n"
+            "     0.000000 ble   fda50693-1-7 -71 dBm (-59 dBm at 1 m)\n"
         );
         let state = |is| shown(Message::State(State { t_us: 0, is }));
-        assert_eq!(state(Condition::Synchronised(0xA1)), "     0.000000 state synchronised with the network of 00a1\n");
+        assert_eq!(
+            state(Condition::Synchronised(0xA1)),
+            "     0.000000 state synchronised with the network of 0x00A1\n"
+        );
         assert_eq!(
             state(Condition::NoRecord(RecordError::Missing)),
             "     0.000000 state no record in flash: nothing is sent; `baliza provision` writes one\n"

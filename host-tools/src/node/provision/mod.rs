@@ -16,6 +16,7 @@ mod region;
 pub mod show;
 mod site;
 pub mod site_models;
+mod site_names;
 pub mod transfer;
 mod written;
 
@@ -24,6 +25,7 @@ pub use firmware::Firmware;
 pub use node::Node;
 pub use region::warnings;
 pub use site::Site;
+pub use site_names::{SITE, SiteNames};
 pub use written::Written;
 
 /// An example file to start from: four anchors, a tag and a beacon, with comments.

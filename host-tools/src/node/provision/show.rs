@@ -3,6 +3,7 @@
 use std::fmt::{Display, Write};
 
 use wire::config::{Advertiser, Anchor, Beacon, Board, Mode, Record, Role, Tag};
+use wire::telemetry::Address;
 
 use super::image::Held;
 use super::network::{self, HIDDEN};
@@ -49,6 +50,13 @@ pub fn toml(held: &Held, board: Option<Board>, keys: Keys) -> String {
 /// No record can cause an error.
 pub fn json(held: &Held, board: Option<Board>, keys: Keys) -> Result<serde_json::Value, toml::de::Error> {
     let mut document: serde_json::Value = toml::from_str(&toml(held, board, keys))?;
+    for list in ["node", "anchor"] {
+        let nodes = document.get_mut(list).and_then(serde_json::Value::as_array_mut);
+        for address in nodes.into_iter().flatten().filter_map(|node| node.get_mut("address")) {
+            let number = address.as_u64().and_then(|number| u16::try_from(number).ok());
+            *address = number.map(|number| Address(number).to_string()).into();
+        }
+    }
     if let (Some(classifier), Some(fields)) = (held.classifier(), document.as_object_mut()) {
         fields.insert("nlos_model".to_owned(), classifier.into());
     }
@@ -63,7 +71,7 @@ pub fn json(held: &Held, board: Option<Board>, keys: Keys) -> Result<serde_json:
 pub fn summary(held: &Held) -> String {
     let record = &held.record;
     let address = match (record.identity.address, record.identity.eui) {
-        (Some(address), _) => format!(" 0x{address:04X}"),
+        (Some(address), _) => format!(" {}", Address(address)),
         (None, Some(eui)) => format!(" {eui:016X}"),
         (None, None) => String::new(),
     };
@@ -153,7 +161,7 @@ impl Text {
         if let Some(eui) = identity.eui {
             self.text("eui", format_args!("{eui:016X}"));
         }
-        self.line_if("address", identity.address.map(|address| format!("0x{address:04X}")));
+        self.line_if("address", identity.address.map(Address));
         self.line_if("antenna_delay_ticks", record.calibration.antenna_delay);
         self.line_if("crystal_trim", record.calibration.crystal_trim);
         self.line_if("uwb_tx_power", record.calibration.tx_power.map(|register| format!("0x{register:08X}")));
@@ -204,7 +212,7 @@ impl Text {
 
     fn anchor(&mut self, anchor: &Anchor) {
         self.0.push_str("\n[[anchor]]\n");
-        self.line("address", format_args!("0x{:04X}", anchor.address));
+        self.line("address", Address(anchor.address));
         self.place(anchor.position_m);
     }
 

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use baliza_report::nearest;
 use serde::Deserialize;
 use wire::config::{Anchor, Beacon, Identity, Mode, Network, Record, Role};
+use wire::telemetry::Address;
 
 use super::calibrated;
 use super::document::{Document, Lines};
@@ -193,7 +194,7 @@ fn distinct(document: Document<'_>, nodes: &[Node]) -> Result<(), UserError> {
         if let Some((own, before)) = own.and_then(|own| Some((own, addresses.insert(own, node)?))) {
             let both_given = is_given && before.record.identity.address.is_some();
             let whence = if both_given { "" } else { ", which a node without address takes from its EUI," };
-            return Err(same(format!("the address 0x{own:04X}{whence} is the same"), before));
+            return Err(same(format!("the address {}{whence} is the same", Address(own)), before));
         }
     }
     Ok(())

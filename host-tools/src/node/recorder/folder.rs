@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use wire::telemetry::Message;
+use wire::telemetry::{Address, Message};
 
 use crate::files::folder::SETTINGS;
 
@@ -26,7 +26,7 @@ pub fn is_table(name: &str) -> bool {
 /// Whether `record`, `simulate` or `example` write a file of this name.
 pub fn is_of_recording(name: &str) -> bool {
     let address = name.strip_prefix("telemetry-").and_then(|rest| rest.strip_suffix(".bin"));
-    let is_of_another_node = address.is_some_and(|address| address.parse::<u16>().is_ok());
+    let is_of_another_node = address.is_some_and(|address| address.parse::<Address>().is_ok());
     is_table(name) || is_of_another_node || [STREAM, TIMES, TRUTH, SETTINGS, "beacons.csv"].contains(&name)
 }
 

@@ -20,6 +20,7 @@ use wire::telemetry::Message;
 
 use crate::files::output::{Live, clear, refuse_existing};
 use crate::node::decode::{Stamp, Stream, Summary, no_telemetry};
+use crate::node::provision::SiteNames;
 use crate::{Anchor, UserError};
 
 pub use folder::{STREAM, TIMES, folders, is_of_recording};
@@ -46,6 +47,8 @@ pub enum Rotation {
 pub struct Settings {
     /// The known positions of anchors, metres, by short address. They have precedence over what anchors report.
     pub anchors: BTreeMap<u16, [f64; 3]>,
+    /// The names of the site, which go into the folder with the recording.
+    pub site: SiteNames,
     /// Each part goes to a numbered folder of its own.
     pub rotation: Option<Rotation>,
     /// Replace the recording that is in the folder.
@@ -56,13 +59,18 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// The settings with the positions of these anchors, whose names are their short addresses.
+    /// The settings with the names and the positions of a site, and the positions of these anchors, whose names are
+    /// their short addresses. A position of `anchors` has precedence over that of the site.
     ///
     /// # Errors
     /// A name is not a short address, or an anchor has no height.
-    pub fn of(anchors: &[Anchor]) -> Result<Self, UserError> {
-        let anchors = anchors.iter().map(address_and_place).collect::<Result<_, _>>()?;
-        Ok(Self { anchors, ..Self::default() })
+    pub fn of(site: SiteNames, anchors: &[Anchor]) -> Result<Self, UserError> {
+        let mut anchors_m = site.anchors_m();
+        for anchor in anchors {
+            let (address, position_m) = address_and_place(anchor)?;
+            anchors_m.insert(address, position_m);
+        }
+        Ok(Self { anchors: anchors_m, site, ..Self::default() })
     }
 }
 
@@ -257,6 +265,7 @@ struct Part {
 impl Part {
     fn create(folder: &Path, settings: &Settings, reported: BTreeMap<u16, [f64; 3]>) -> Result<Self> {
         let bytes = Live::create(&folder.join(STREAM))?;
+        settings.site.write_into(folder)?;
         let times = match &settings.file {
             None => {
                 let mut times = Live::create(&folder.join(TIMES))?;

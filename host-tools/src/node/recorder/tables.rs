@@ -10,7 +10,8 @@ use std::io::{Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use wire::telemetry::{Message, Table, metres};
+use serde::Serializer;
+use wire::telemetry::{Address, Message, Table, metres};
 
 use super::folder::ANCHORS;
 use crate::files::output::write_file;
@@ -50,7 +51,12 @@ pub struct Recorded {
     pub anchors: u64,
     /// The number of ranges that were left out because the position of their anchor was not known, by the anchor's
     /// short address.
+    #[serde(serialize_with = "by_address")]
     pub left_out: BTreeMap<u16, u64>,
+}
+
+fn by_address<S: Serializer>(counts: &BTreeMap<u16, u64>, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(counts.iter().map(|(address, count)| (Address(*address).to_string(), count)))
 }
 
 impl Default for Recorded {
@@ -186,7 +192,7 @@ impl Tables {
             anchors.write_record(["anchor", "x_m", "y_m", "z_m"])?;
             for (address, place_m) in self.anchors() {
                 let [x, y, z] = place_m.map(metres);
-                anchors.write_record([address.to_string(), x, y, z])?;
+                anchors.write_record([Address(address).to_string(), x, y, z])?;
             }
             let text = anchors.into_inner().map_err(csv::IntoInnerError::into_error)?;
             write_file(&self.folder.join(ANCHORS), &text)?;
@@ -238,7 +244,8 @@ impl Tables {
 /// The name is not a short address, or the anchor has no height.
 pub fn address_and_place(anchor: &Anchor) -> Result<(u16, [f64; 3]), UserError> {
     let wrong = |what: &str| UserError::flag("--anchors", format!("anchor {:?} {what}", anchor.name));
-    let address = anchor.name.parse().map_err(|_| wrong("is not called by its short address, 0 to 65535"))?;
+    let Address(address) =
+        anchor.name.parse().map_err(|_| wrong("is not called by its short address, as 0x0102 or 258"))?;
     let z_m = anchor.place.z_m.ok_or_else(|| wrong("has no z_m"))?;
     Ok((address, [anchor.place.x_m, anchor.place.y_m, z_m]))
 }

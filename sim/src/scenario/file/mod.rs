@@ -371,7 +371,7 @@ impl Nodes {
             return Err("the address 65535 is everyone's".to_owned());
         }
         if !self.addresses.insert(address) {
-            return Err(format!("two nodes have the address {address}"));
+            return Err(format!("two nodes have the address {}", wire::telemetry::Address(address)));
         }
         Ok(())
     }

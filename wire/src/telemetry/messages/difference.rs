@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::reception::{Diagnostics, Reception};
 use crate::telemetry::quantised::{deviation_m, metres};
-use crate::telemetry::{Body, Tone};
+use crate::telemetry::{Address, Body, Tone};
 
 /// How much farther an anchor is than the reference anchor, whose poll began the round. The reference itself comes
 /// first, with a difference of zero. Its message contains its position, the deviation that all differences of the round
@@ -56,12 +56,12 @@ impl Difference {
 
 impl fmt::Display for Difference {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (peer, reference, deviation_m) = (self.peer, self.reference, self.deviation_m());
+        let (peer, reference, deviation_m) = (Address(self.peer), Address(self.reference), self.deviation_m());
         if peer == reference {
-            write!(out, "{peer:04x} polls, ±{deviation_m:.3} m{}", self.reception())
+            write!(out, "{peer} polls, ±{deviation_m:.3} m{}", self.reception())
         } else {
             let difference_m = self.difference_m();
-            write!(out, "{peer:04x} {difference_m:+.3} ±{deviation_m:.3} m from {reference:04x}{}", self.reception())
+            write!(out, "{peer} {difference_m:+.3} ±{deviation_m:.3} m from {reference}{}", self.reception())
         }
     }
 }
@@ -88,10 +88,11 @@ impl Body for Difference {
 
     #[cfg(feature = "host")]
     fn json(&self) -> serde_json::Value {
+        use std::string::ToString;
         let own = serde_json::json!({
             "round": self.round,
-            "reference": self.reference,
-            "peer": self.peer,
+            "reference": Address(self.reference).to_string(),
+            "peer": Address(self.peer).to_string(),
             "difference_m": self.difference_m(),
         });
         self.reception().json(own, self.deviation_m())
@@ -100,7 +101,8 @@ impl Body for Difference {
     #[cfg(feature = "host")]
     fn fields(&self) -> std::vec::Vec<std::string::String> {
         use std::string::ToString;
-        let own = [self.reference.to_string(), self.peer.to_string(), crate::telemetry::metres(self.difference_m())];
+        let [reference, peer] = [self.reference, self.peer].map(|address| Address(address).to_string());
+        let own = [reference, peer, crate::telemetry::metres(self.difference_m())];
         self.reception().fields(own, self.deviation_m())
     }
 }

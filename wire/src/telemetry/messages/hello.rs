@@ -4,8 +4,8 @@ use postcard::experimental::max_size::MaxSize;
 use serde::{Deserialize, Serialize};
 
 use crate::config::Board;
-use crate::telemetry::Body;
 use crate::telemetry::text::text;
+use crate::telemetry::{Address, Body};
 
 /// The identity of the sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
@@ -27,9 +27,9 @@ pub struct Hello {
 
 text!(Hello, |this| (this.role, this.build);
     (role, [a, b, c, d, e, f, g, h]) => (
-        "{} {:04x} on {}, EUI {:08x}{:08x}, build {:02x}{:02x}{:02x}{:02x}{:02x}{:02x}{:02x}{:02x}",
+        "{} {} on {}, EUI {:08x}{:08x}, build {:02x}{:02x}{:02x}{:02x}{:02x}{:02x}{:02x}{:02x}",
         role.as_str(),
-        this.address,
+        Address(this.address),
         this.board.name(),
         (this.eui >> 32) as u32,
         this.eui as u32,
@@ -44,7 +44,7 @@ impl Body for Hello {
     fn json(&self) -> serde_json::Value {
         serde_json::json!({
             "eui": std::format!("{:016x}", self.eui),
-            "address": self.address,
+            "address": std::string::ToString::to_string(&Address(self.address)),
             "role": self.role.as_str(),
             "board": self.board.name(),
             "build": std::format!("{:016x}", u64::from_be_bytes(self.build)),
@@ -91,7 +91,7 @@ mod tests {
             board: Board::Dwm1001,
             build: [0xDD, 0x7E, 0x67, 0xA0, 1, 2, 3, 0xFF],
         };
-        let expected = "tag 1234 on dwm1001, EUI deca000000001234, build dd7e67a0010203ff";
+        let expected = "tag 0x1234 on dwm1001, EUI deca000000001234, build dd7e67a0010203ff";
         assert_eq!(hello.to_string(), expected);
     }
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::reception::{Diagnostics, Reception};
 use crate::telemetry::quantised::{deviation_m, metres};
-use crate::telemetry::{Body, Tone};
+use crate::telemetry::{Address, Body, Tone};
 
 /// A range of a round.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize)]
@@ -53,7 +53,7 @@ impl Range {
 impl fmt::Display for Range {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (distance_m, deviation_m) = (self.distance_m(), self.deviation_m());
-        write!(out, "{:04x} {distance_m:.3} ±{deviation_m:.3} m{}", self.peer, self.reception())
+        write!(out, "{} {distance_m:.3} ±{deviation_m:.3} m{}", Address(self.peer), self.reception())
     }
 }
 
@@ -78,13 +78,15 @@ impl Body for Range {
 
     #[cfg(feature = "host")]
     fn json(&self) -> serde_json::Value {
-        let own = serde_json::json!({ "round": self.round, "peer": self.peer, "range_m": self.distance_m() });
+        use std::string::ToString;
+        let own = serde_json::json!({ "round": self.round, "peer": Address(self.peer).to_string(), "range_m": self.distance_m() });
         self.reception().json(own, self.deviation_m())
     }
 
     #[cfg(feature = "host")]
     fn fields(&self) -> std::vec::Vec<std::string::String> {
-        let own = [std::string::ToString::to_string(&self.peer), crate::telemetry::metres(self.distance_m())];
+        use std::string::ToString;
+        let own = [Address(self.peer).to_string(), crate::telemetry::metres(self.distance_m())];
         self.reception().fields(own, self.deviation_m())
     }
 }

@@ -73,7 +73,8 @@ impl RoomProbability {
         f64::from(self.probability_255ths) / 255.0
     }
 
-    fn percent(self) -> u32 {
+    /// Its probability, per cent.
+    pub fn percent(self) -> u32 {
         (u32::from(self.probability_255ths) * 100 + 127) / 255
     }
 }

@@ -42,8 +42,8 @@ impl fmt::Display for BeaconId {
 
 impl fmt::Display for Sighting {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { beacon: BeaconId { network, major, minor }, rssi_dbm, measured_power_dbm, .. } = self;
-        write!(out, "{network:08x} {major}.{minor} {rssi_dbm} dBm ({measured_power_dbm} dBm at 1 m)")
+        let Self { beacon, rssi_dbm, measured_power_dbm, .. } = self;
+        write!(out, "{beacon} {rssi_dbm} dBm ({measured_power_dbm} dBm at 1 m)")
     }
 }
 

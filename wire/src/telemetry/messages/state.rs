@@ -6,7 +6,7 @@ use postcard::experimental::max_size::MaxSize;
 use serde::{Deserialize, Serialize};
 
 use crate::telemetry::text::text;
-use crate::telemetry::{Body, Severity, log};
+use crate::telemetry::{Address, Body, Severity, log};
 
 /// A change of the node's state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
@@ -142,12 +142,12 @@ text!(Condition, |this| this;
     Self::NoRecord(RecordError::Invalid) => ("the record in flash cannot be followed: nothing is sent"),
     Self::WrongRecord => ("the record in flash is for another role or board: nothing is sent"),
     Self::Searching => ("searching"),
-    Self::Paired(peer) => ("paired with {:04x}", peer),
-    Self::Synchronised(coordinator) => ("synchronised with the network of {:04x}", coordinator),
+    Self::Paired(peer) => ("paired with {}", Address(*peer)),
+    Self::Synchronised(coordinator) => ("synchronised with the network of {}", Address(*coordinator)),
     Self::Joined(slots) => ("joined, {} slots a superframe", slots),
     Self::NetworkFull => ("network full: all places are taken, no slots for this tag"),
     Self::Coordinating => ("coordinating"),
-    Self::Following(coordinator) => ("following {:04x}", coordinator),
+    Self::Following(coordinator) => ("following {}", Address(*coordinator)),
     Self::RadioFailed(times) => ("radio failed, {} in a row; starting it again", times),
     Self::ScannerRestarted(times) => ("scanner silent, restarted {} times", times),
     Self::Advertising => ("advertising"),
@@ -198,7 +198,9 @@ impl Body for State {
                     RecordError::Missing | RecordError::Corrupt | RecordError::Invalid => None,
                 };
             }
-            Condition::Paired(of) | Condition::Synchronised(of) | Condition::Following(of) => peer = Some(of),
+            Condition::Paired(of) | Condition::Synchronised(of) | Condition::Following(of) => {
+                peer = Some(std::string::ToString::to_string(&Address(of)));
+            }
             Condition::Joined(of) => slots = Some(of),
             Condition::RadioFailed(of) | Condition::ScannerRestarted(of) => times = Some(of),
             Condition::Unused(_, fault) => {
@@ -346,7 +348,7 @@ mod tests {
     fn a_condition_is_a_sentence() {
         let line = Condition::NoRecord(RecordError::Version(2)).to_string();
         assert_eq!(line, "the record in flash is of version 2, which this image does not read: nothing is sent");
-        assert_eq!(Condition::Synchronised(0xA1).to_string(), "synchronised with the network of 00a1");
+        assert_eq!(Condition::Synchronised(0xA1).to_string(), "synchronised with the network of 0x00A1");
         let line = Condition::Unused(SiteModelPart::Map, RssiModelError::Corrupt).to_string();
         assert_eq!(line, "map of levels in flash: damaged; not used");
     }
