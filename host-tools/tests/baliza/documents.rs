@@ -12,14 +12,13 @@ use std::process::{Command, Stdio};
 use crate::support::{Folder, root};
 
 /// The commands of code blocks that cannot run here, by their beginning, and what they need.
-const NOT_RUN: [(&str, &str); 7] = [
+const NOT_RUN: [(&str, &str); 6] = [
     ("baliza flash ", "a board at the probe"),
     ("baliza monitor --chip ", "a board at the probe"),
     ("baliza provision --read ", "a board at the probe"),
     ("baliza provision --config site.toml --node anchor-1 --write", "a board at the probe"),
     ("baliza survey fingerprints --points examples/flat/points.csv --out ", "a tag at the probe, and a person who walks"),
     ("baliza decode room.bin", "telemetry of an example of firmware-tag, which is not built here"),
-    ("baliza simulate --plot room.png", "nothing: the test of the terminal runs it"),
 ];
 
 /// How the README runs the program out of the repository.
