@@ -17,7 +17,10 @@ const NOT_RUN: [(&str, &str); 6] = [
     ("baliza monitor --chip ", "a board at the probe"),
     ("baliza provision --read ", "a board at the probe"),
     ("baliza provision --config site.toml --node anchor-1 --write", "a board at the probe"),
-    ("baliza survey fingerprints --points examples/flat/points.csv --out ", "a tag at the probe, and a person who walks"),
+    (
+        "baliza survey fingerprints --points examples/flat/points.csv --out ",
+        "a tag at the probe, and a person who walks",
+    ),
     ("baliza decode room.bin", "telemetry of an example of firmware-tag, which is not built here"),
 ];
 
