@@ -142,8 +142,8 @@ Examples:
   baliza simulate --solver b-wls --json
   baliza simulate --tags 15 --anchors 16 --loss 0.1 --plot room.png
   baliza simulate --tags 1 --anchors 4 --board esp32c3 --cpu-slowdown 2
-  baliza simulate --scenario office.toml --out run --pcap run.pcap
-  baliza simulate --scenario office.toml --model nlos.model --classifier skewness
+  baliza simulate --scenario examples/walls.toml --out run --pcap run.pcap
+  baliza simulate --scenario examples/walls.toml --model nlos.model --classifier logistic
   baliza simulate --scenario examples/leaving.toml --plot leaving.png
   baliza simulate --scenario examples/battery.toml --rate 0.1 --json
   baliza simulate --scenario examples/fingerprints.toml --survey fingerprints.csv
@@ -154,9 +154,11 @@ Examples:
 const HEIGHT_M: f32 = 1.2;
 /// The interval between two updates of the output, simulated seconds.
 const STEP_S: f64 = 0.1;
-/// The interval between two rows of a tag in the table on a terminal, seconds; and the number of tags with rows.
+/// The least interval between two rows of a tag in the table on a terminal, seconds; the number of tags with rows; and
+/// the number of rows of them all, so that a usual run fits on a screen.
 const ROW_S: f64 = 0.5;
 const ROW_TAGS: usize = 8;
+const ROWS: f64 = 24.0;
 
 /// `--fidelity`.
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -415,6 +417,7 @@ enum Show {
     },
     /// On a terminal: one line for each tag at intervals, and a line for every change.
     Lines {
+        every_s: f64,
         next_s: Vec<(u16, f64)>,
     },
 }
@@ -424,7 +427,9 @@ impl Show {
         if json {
             Self::Nothing
         } else if std::io::stdout().is_terminal() {
-            Self::Lines { next_s: scenario.tags.iter().take(ROW_TAGS).map(|tag| (tag.address, 0.0)).collect() }
+            let next_s: Vec<_> = scenario.tags.iter().take(ROW_TAGS).map(|tag| (tag.address, 0.0)).collect();
+            let every_s = (scenario.seconds * next_s.len() as f64 / ROWS / ROW_S).ceil().max(1.0) * ROW_S;
+            Self::Lines { every_s, next_s }
         } else {
             Self::Rows { method: scenario.tag.method_name() }
         }
@@ -454,10 +459,10 @@ impl Show {
                 (Self::Rows { method }, What::Epoch(epoch)) => {
                     text.extend(row(&position_row(record, method, epoch))?);
                 }
-                (Self::Lines { next_s }, What::Epoch(epoch)) => {
+                (Self::Lines { every_s, next_s }, What::Epoch(epoch)) => {
                     let due = next_s.iter_mut().find(|(tag, next)| *tag == record.node && record.t_s >= *next);
                     if let Some((_, next)) = due {
-                        *next = (record.t_s / ROW_S).floor() * ROW_S + ROW_S;
+                        *next = (record.t_s / *every_s).floor() * *every_s + *every_s;
                         text.extend(line(&epoch_text(epoch)));
                     }
                 }

@@ -5,6 +5,7 @@ mod ble;
 mod causes;
 mod contract;
 mod coverage;
+mod documents;
 mod example;
 mod fingerprint;
 mod flash;
