@@ -14,7 +14,9 @@ use crate::{cargo, succeed};
 /// A crate is not allowed, or has an advisory.
 pub fn run() -> Result<()> {
     if !is_installed("cargo-deny") {
-        println!("cargo-deny is not here: licences, sources and advisories are not checked; `cargo install --locked cargo-deny` installs it");
+        println!(
+            "cargo-deny is not here: licences, sources and advisories are not checked; `cargo install --locked cargo-deny` installs it"
+        );
         return Ok(());
     }
     let deny = |words: &[&str]| -> Command {
