@@ -176,7 +176,7 @@ mod tests {
     fn every_message_is_one_line() {
         assert_eq!(
             shown(hello(1_500_000, BUILD)),
-            "     1.500000 hello tag 1234 on dwm1001, EUI deca000000001234, build 1a2b3c4d5e6f7081\n"
+            "     1.500000 hello tag 0x1234 on dwm1001, EUI deca000000001234, build 1a2b3c4d5e6f7081\n"
         );
         // √(0.03² + 0.04²) = 0.05 m.
         assert_eq!(

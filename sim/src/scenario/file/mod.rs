@@ -469,7 +469,7 @@ mod tests {
     fn what_does_not_fit_together_names_the_table_it_is_in() {
         let cases = [
             ("[[anchor]]\nat = [1, 0, 2]\nnetwork = 1\n", 5, "no network 1"),
-            ("[[anchor]]\nat = [1, 0, 2]\naddress = 1\n", 5, "two nodes have the address 1"),
+            ("[[anchor]]\nat = [1, 0, 2]\naddress = 1\n", 5, "two nodes have the address 0x0001"),
             ("[[tag]]\npath = [[0, 0, 0]]\naddress = 65535\n", 5, "everyone"),
             ("[[tag]]\npath = []\n", 5, "at least one point"),
             ("[[fault]]\nat_s = 1\nnode = 77\nwhat = \"off\"\n", 5, "no node has the address 77"),
@@ -485,7 +485,7 @@ mod tests {
             ("[[beacon]]\nat = [0, 0, 2]\nchannels = [37, 40]\n", 5, "37, 38 and 39, not 40"),
             ("[[beacon]]\nat = [0, 0, 2]\nchannels = []\n", 5, "one of 37, 38, 39 at least"),
             ("[[beacon]]\nat = [0, 0, 2]\ninterval_ms = 10\n", 5, "beacon.interval_ms is 10: it must be 20 to 10240"),
-            ("[[beacon]]\nat = [0, 0, 2]\naddress = 1\n", 5, "two nodes have the address 1"),
+            ("[[beacon]]\nat = [0, 0, 2]\naddress = 1\n", 5, "two nodes have the address 0x0001"),
             ("[[beacon]]\nat = [0, 0, 2]\nrssi_1m_dbm = 40\n", 7, "40 is not a level"),
             (
                 "[[network]]\nmode = \"listening\"\nrounds_hz = 0.1\n",
