@@ -8,11 +8,12 @@ mod tables;
 use crate::Target;
 
 /// All targets.
-pub const TARGETS: [Target; 10] = [
+pub const TARGETS: [Target; 11] = [
     Target { name: "stream", run: streams::decoded, seeds: streams::stream_seeds },
     Target { name: "monitor", run: streams::monitored, seeds: streams::stream_seeds },
     Target { name: "elf", run: streams::elf, seeds: streams::elf_seeds },
     Target { name: "recording", run: tables::recording, seeds: tables::recording_seeds },
+    Target { name: "differences", run: tables::differences, seeds: tables::difference_seeds },
     Target { name: "tables", run: tables::readers, seeds: tables::reader_seeds },
     Target { name: "receptions", run: tables::receptions, seeds: tables::reception_seeds },
     Target { name: "scenario", run: documents::scenario, seeds: documents::scenario_seeds },

@@ -5,7 +5,8 @@ use std::sync::OnceLock;
 use std::time::Duration;
 
 use host_tools::node::decode::{Stream, row};
-use host_tools::node::monitor::{Channel, Demux, Event, Image, Lines, Said, Session, json, summary};
+use host_tools::node::monitor::{Channel, Demux, Event, Image, Lines, Output, Session, json, summary};
+use host_tools::node::provision::SiteNames;
 use object::write::{Object, Symbol, SymbolSection};
 use object::{Architecture, BinaryFormat, Endianness, SectionKind, SymbolFlags, SymbolKind, SymbolScope};
 
@@ -24,7 +25,7 @@ pub fn decoded(input: &[u8]) {
             assert!(fields.iter().all(|field| !field.contains("NaN") && field != "inf"), "{fields:?}");
         }
     }
-    let _ = stream.summary().told();
+    let _ = stream.summary().told(&SiteNames::default());
 }
 
 pub fn stream_seeds() -> Vec<Vec<u8>> {
@@ -65,7 +66,8 @@ pub fn monitored(input: &[u8]) {
     let _ = summary(&session.counts(), now);
 }
 
-fn show(lines: &mut Lines, said: &Said) {
+fn show(lines: &mut Lines, output: &Output) {
+    let Output::Said(said) = output else { return };
     let _ = lines.line(said);
     let text = json(said).expect("JSON");
     assert!(serde_json::from_slice::<serde_json::Value>(&text).is_ok());

@@ -5,11 +5,11 @@ use std::path::Path;
 use host_tools::files::beacons::{read_beacons, read_captures, read_stays, read_walls};
 use host_tools::files::{drop_repeats, positions, round_s, rounds};
 use host_tools::locate::advice;
-use host_tools::locate::track::{Tracker, Weighting, settings};
+use host_tools::locate::track::{Tracker, Weighting, settings, settings_of_single_epochs};
 use host_tools::survey::campaign::read_points;
 use host_tools::survey::presence::{follow, read_outlines};
 use host_tools::train::{DEFAULT_PLACEMENT, Samples};
-use host_tools::{Files, Height, Recording, Setup, Solved, Solver, Space, Truth, UserError, read_anchors};
+use host_tools::{Files, Height, Recording, Setup, Solved, Solver, Source, Space, Truths, UserError, read_anchors};
 use positioning_core::Method;
 
 use super::folder;
@@ -29,8 +29,26 @@ fn one_line<T>(read: Result<T, UserError>) -> Option<T> {
 pub fn recording(input: &[u8]) {
     let [anchors, ranges, truth] = files(input, ["anchors.csv", "ranges.csv", "truth.csv"]);
     let truth = input.iter().filter(|byte| **byte == 0).nth(1).map(|_| truth.as_path());
-    let files = Files { anchors: &anchors, ranges: &ranges, truth, anchor_heights: true, truth_heights: false };
-    let Some(mut recording) = one_line(Recording::read(&files)) else { return };
+    let measured = Source::Ranges(&ranges);
+    let files = Files { anchors: &anchors, measured, truth, anchor_heights: true, truth_heights: false };
+    one_line(Recording::read(&files)).into_iter().flatten().take(2).for_each(solve);
+}
+
+/// The recordings of a tag that only listens.
+pub fn differences(input: &[u8]) {
+    let [anchors, differences] = files(input, ["anchors.csv", "differences.csv"]);
+    let measured = Source::Differences(&differences);
+    let files = Files { anchors: &anchors, measured, truth: None, anchor_heights: true, truth_heights: false };
+    one_line(Recording::read(&files)).into_iter().flatten().take(2).for_each(solve);
+}
+
+pub fn difference_seeds() -> Vec<Vec<u8>> {
+    let differences =
+        "epoch,t_s,reference,anchor,difference_m,tag\n0,0,a,a,0,x\n0,0,a,b,2.6,x\n0,0,a,c,2.7,x\n0,0,a,d,0.1,x\n";
+    vec![[ANCHORS, differences].join("\0").into_bytes()]
+}
+
+fn solve(mut recording: Recording) {
     drop_repeats(&mut recording.epochs);
     let _ = rounds(recording.epochs.clone(), round_s(&recording.epochs).unwrap_or(0.1));
     for space in [Space::Full(None), Space::Plane(Height::Fixed(1.0)), Space::Plane(Height::Unknown)] {
@@ -40,8 +58,10 @@ pub fn recording(input: &[u8]) {
         for epoch in recording.epochs.iter().take(3) {
             Method::ALL.into_iter().for_each(|method| check(&solver.solve(method, epoch)));
         }
-        let mut tracker = Tracker::new(&recording.anchors, setup, settings(&setup, Weighting::Weigh), None);
-        recording.epochs.iter().take(20).for_each(|epoch| check(&tracker.follow(epoch)));
+        for settings in [settings(&setup, Weighting::Weigh), settings_of_single_epochs(&setup)] {
+            let mut tracker = Tracker::new(&recording.anchors[..], setup, settings, None);
+            recording.epochs.iter().take(20).for_each(|epoch| check(&tracker.follow(epoch)));
+        }
     }
 }
 
@@ -67,7 +87,7 @@ pub fn recording_seeds() -> Vec<Vec<u8>> {
 pub fn readers(input: &[u8]) {
     let file = folder::file("any.csv", input);
     let _ =
-        (one_line(read_anchors(&file)), one_line(Truth::read(&file, false)), one_line(positions::read_track(&file)));
+        (one_line(read_anchors(&file)), one_line(Truths::read(&file, false)), one_line(positions::read_track(&file)));
     let _ = (one_line(read_beacons(&file)), one_line(read_stays(&file)), one_line(read_captures(&file, None)));
     let _ = (one_line(read_walls(&file)), one_line(read_points(&file)));
     let rows = one_line(positions::read(&file)).unwrap_or_default();
@@ -98,7 +118,7 @@ pub fn receptions(input: &[u8]) {
     let file = folder::file("receptions.csv", input);
     let mut samples = Samples::default();
     one_line(samples.read_cir(Path::new(&file), DEFAULT_PLACEMENT));
-    one_line(samples.read_ranges(Path::new(&file), DEFAULT_PLACEMENT, |_, _| Some(1.0)));
+    one_line(samples.read_ranges(Path::new(&file), DEFAULT_PLACEMENT, |_| Some(1.0)));
 }
 
 pub fn reception_seeds() -> Vec<Vec<u8>> {
