@@ -60,9 +60,7 @@ impl<T: Real, const D: usize> Fix<T, D> {
     pub fn sigma(&self) -> [T; D] {
         core::array::from_fn(|axis| self.covariance[axis][axis].sqrt())
     }
-}
 
-impl<T: Real, const D: usize> Fix<T, D> {
     /// The variances of all axes together, m².
     pub(crate) fn spread(&self) -> T {
         (0..D).fold(T::ZERO, |sum, axis| sum + self.covariance[axis][axis])

@@ -12,7 +12,7 @@
 use super::round::Round;
 use super::track_management::begin;
 use super::{Dimensions, Engine, Settings, Start};
-use crate::linalg::{Ldl, Matrix, distance_squared};
+use crate::linalg::{Ldl, Matrix, distance_squared, sub};
 use crate::track::Filter;
 use crate::track::state::{COMMON, POSITION};
 use crate::{Alternative, Fix, Real};
@@ -50,6 +50,11 @@ impl<T: Real> Rival<T> {
         self.lead = None;
     }
 
+    /// Its probability, if there is one: the rest is that of the track.
+    fn share(&self) -> Option<T> {
+        Some(T::ONE / (T::ONE + self.lead?.exp()))
+    }
+
     /// Its filter, if there is one.
     pub(super) fn filter(&mut self) -> Option<&mut Filter<T>> {
         self.lead.map(|_| &mut self.filter)
@@ -61,10 +66,9 @@ impl<T: Real> Engine<T> {
     pub(super) fn mixture(&self) -> ([T; 3], [[T; 3]; 3]) {
         let state = &self.filter.state;
         let (position, covariance) = (state.position(), state.position_covariance());
-        let Some(lead) = self.rival.lead else { return (position, covariance) };
-        let share = T::ONE / (T::ONE + lead.exp());
+        let Some(share) = self.rival.share() else { return (position, covariance) };
         let (other, of_other) = (self.rival.filter.state.position(), self.rival.filter.state.position_covariance());
-        let apart: [T; 3] = core::array::from_fn(|axis| other[axis] - position[axis]);
+        let apart = sub(&other, &position);
         let spread = share * (T::ONE - share);
         (
             core::array::from_fn(|axis| position[axis] + share * apart[axis]),
@@ -79,10 +83,10 @@ impl<T: Real> Engine<T> {
     /// The other of the two places that a track of two hypotheses can be at.
     pub fn alternative(&self) -> Option<Alternative<T, 3>> {
         self.track.ok()?;
-        let share = T::ONE / (T::ONE + self.rival.lead?.exp());
+        let share = self.rival.share()?;
         let (mine, other) = (self.filter.state.position(), self.rival.filter.state.position());
         let (from, to, share) = if share > T::of(0.5) { (other, mine, T::ONE - share) } else { (mine, other, share) };
-        Some(Alternative { apart: core::array::from_fn(|axis| to[axis] - from[axis]), share })
+        Some(Alternative { apart: sub(&to, &from), share })
     }
 
     /// Compares the hypotheses at the end of a round. Returns why a track was started, if the rival has won.
