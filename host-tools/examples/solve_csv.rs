@@ -2,14 +2,20 @@
 
 use std::path::Path;
 
-use host_tools::{Files, Recording, Setup, Solver, Source, Space, UserError};
+use host_tools::{Files, Mode, Recording, Setup, Solver, Space, UserError};
 use positioning_core::Method;
 
 fn main() -> Result<(), UserError> {
     let folder = Path::new("examples/room");
     let (anchors, ranges) = (folder.join("anchors.csv"), folder.join("ranges.csv"));
-    let measured = Source::Ranges(&ranges);
-    let files = Files { anchors: &anchors, measured, truth: None, anchor_heights: true, truth_heights: false };
+    let files = Files {
+        anchors: &anchors,
+        measured: &ranges,
+        mode: Mode::Ranges,
+        truth: None,
+        anchor_heights: true,
+        truth_heights: false,
+    };
     // One recording a tag.
     for recording in Recording::read(&files)? {
         let solver = Solver::new(&recording.anchors, Setup { space: Space::Full(None), area_m: None });

@@ -14,13 +14,14 @@ use clap::error::ErrorKind;
 use host_tools::{Interrupted, UserError};
 
 fn main() -> ExitCode {
-    cli::json::begin(&called());
     let mut command = cli::Arguments::grouped();
+    let called = called(&command);
+    cli::json::begin(&called);
     let parsed = command.try_get_matches_from_mut(std::env::args_os());
     let parsed = parsed.and_then(|matches| Ok((cli::Arguments::from_arg_matches(&matches)?, matches)));
     let (arguments, matches) = match parsed {
         Ok(parsed) => parsed,
-        Err(error) => return refuse(&error),
+        Err(error) => return refuse(&error, &called),
     };
     arguments.verbosity.apply();
     let checked = cli::paths::check(&command, &matches).map_err(anyhow::Error::from);
@@ -46,7 +47,7 @@ fn wants_json() -> bool {
 }
 
 /// Prints help and version unchanged, and an error in the arguments on one line, without the usage.
-fn refuse(error: &clap::Error) -> ExitCode {
+fn refuse(error: &clap::Error, called: &str) -> ExitCode {
     match error.kind() {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
             match error.print().and_then(|()| std::io::stdout().flush()) {
@@ -66,19 +67,18 @@ fn refuse(error: &clap::Error) -> ExitCode {
             if wants_json() {
                 let _ = cli::json::print_argument_error(&said);
             }
-            complain(2, &format!("{said}; see {} --help", format!("baliza {}", called()).trim_end()))
+            complain(2, &format!("{said}; see {} --help", format!("baliza {called}").trim_end()))
         }
     }
 }
 
 /// The command that the arguments name, such as `ble solve`.
-fn called() -> String {
-    let mut command = cli::Arguments::grouped();
+fn called(mut command: &clap::Command) -> String {
     let mut words = Vec::new();
     for argument in std::env::args_os().skip(1) {
         let Some(sub) = command.find_subcommand(argument) else { continue };
-        words.push(sub.get_name().to_owned());
-        command = sub.clone();
+        words.push(sub.get_name());
+        command = sub;
     }
     words.join(" ")
 }

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use host_tools::files::folder::{Folder, RecordingSettings};
-use host_tools::files::{Files, Source, round_s, rounds};
+use host_tools::files::{Files, Mode, SingleRanges, rounds};
 use host_tools::locate::track::{Tracker, settings, settings_of_single_epochs};
-use host_tools::{Epoch, Height, Setup, Solved, Solver, Space, Truth, Truths, UserError, by_time};
+use host_tools::{Epoch, Height, Setup, Solved, Solver, Space, Truth, Truths, UserError};
 use positioning_core::Method;
 use positioning_core::nlos::Feature;
 use pyo3::prelude::*;
@@ -34,8 +34,7 @@ pub(crate) struct Recording {
     tags: Vec<host_tools::Recording>,
     truths: Option<Truths>,
     settings: RecordingSettings,
-    /// Whether differences of arrivals were measured, and no ranges.
-    differences: bool,
+    mode: Mode,
     anchors: PathBuf,
 }
 
@@ -99,7 +98,7 @@ impl Recording {
     /// Whether differences of arrivals were measured, and no ranges.
     #[getter]
     fn differences(&self) -> bool {
-        self.differences
+        self.mode == Mode::Differences
     }
 
     /// Solves each epoch by itself.
@@ -111,8 +110,8 @@ impl Recording {
         grouping: Grouping,
     ) -> PyResult<Bound<'py, PyDict>> {
         let (method, setup): (Method, _) = (method(method_name)?, self.setup(within)?);
-        self.positions(py, grouping, true, |anchors, epochs| {
-            if self.differences {
+        self.positions(py, grouping, SingleRanges::Group, |anchors, epochs| {
+            if self.mode == Mode::Differences {
                 let mut tracker = Tracker::new(anchors, setup, settings_of_single_epochs(&setup), None);
                 return epochs.iter().map(|epoch| tracker.follow(epoch)).collect();
             }
@@ -130,15 +129,9 @@ impl Recording {
         grouping: Grouping,
     ) -> PyResult<Bound<'py, PyDict>> {
         let (weighting, setup) = (weighting(nlos)?, self.setup(within)?);
-        self.positions(py, grouping, false, |anchors, epochs| {
+        self.positions(py, grouping, SingleRanges::Keep, |anchors, epochs| {
             let mut tracker = Tracker::new(anchors, setup, settings(&setup, weighting), None);
-            let mut solved = vec![None; epochs.len()];
-            for at in by_time(epochs.iter().map(|epoch| epoch.t_s)) {
-                if let (Some(place), Some(epoch)) = (solved.get_mut(at), epochs.get(at)) {
-                    *place = Some(tracker.follow(epoch));
-                }
-            }
-            solved.into_iter().flatten().collect()
+            tracker.follow_all(epochs, || ())
         })
     }
 }
@@ -147,13 +140,18 @@ impl Recording {
     fn of(path: &std::path::Path) -> Result<Self, UserError> {
         let folder = Folder::open(path)?;
         let anchors = folder.file("anchors.csv")?;
-        let differences = folder.find("ranges.csv").is_none().then(|| folder.find("differences.csv")).flatten();
-        let ranges = if differences.is_none() { folder.file("ranges.csv")? } else { PathBuf::new() };
-        let measured = differences.as_deref().map_or(Source::Ranges(&ranges), Source::Differences);
-        let files = Files { anchors: &anchors, measured, truth: None, anchor_heights: false, truth_heights: false };
+        let (mode, measured) = folder.measured()?;
+        let files = Files {
+            anchors: &anchors,
+            measured: &measured,
+            mode,
+            truth: None,
+            anchor_heights: false,
+            truth_heights: false,
+        };
         let tags = host_tools::Recording::read(&files)?;
         let truths = folder.find("truth.csv").map(|file| Truths::read(&file, false)).transpose()?;
-        Ok(Self { tags, truths, settings: folder.settings, differences: differences.is_some(), anchors })
+        Ok(Self { tags, truths, settings: folder.settings, mode, anchors })
     }
 
     fn setup(&self, within: Within) -> PyResult<Setup> {
@@ -170,12 +168,12 @@ impl Recording {
         Ok(setup)
     }
 
-    /// The positions of all tags. `singles`: single ranges become rounds.
+    /// The positions of all tags.
     fn positions<'py>(
         &self,
         py: Python<'py>,
         grouping: Grouping,
-        singles: bool,
+        singles: SingleRanges,
         solve: impl Fn(&[host_tools::Anchor], &[Epoch]) -> Vec<Solved> + Sync,
     ) -> PyResult<Bound<'py, PyDict>> {
         let mut tags = Vec::new();
@@ -191,15 +189,14 @@ impl Recording {
 }
 
 /// The epochs with their true positions, in rounds where the user asks for them or they are usual.
-fn epochs(epochs: &[Epoch], truth: Option<&Truth>, grouping: Grouping, singles: bool) -> PyResult<Vec<Epoch>> {
+fn epochs(epochs: &[Epoch], truth: Option<&Truth>, grouping: Grouping, singles: SingleRanges) -> PyResult<Vec<Epoch>> {
     let Grouping { group_s, time_offset_s } = grouping;
     if !(group_s.is_none_or(|group_s| group_s >= 0.0) && time_offset_s.is_finite()) {
         return Err(value_error("group_s must not be below 0, and time_offset_s must be finite"));
     }
-    let group_s = group_s.or_else(|| round_s(epochs).filter(|_| singles)).filter(|group_s| *group_s > 0.0);
     let mut epochs = epochs.to_vec();
-    if let Some(group_s) = group_s {
-        epochs = rounds(epochs, group_s);
+    if let Some(longest_s) = singles.longest_s(group_s, &epochs) {
+        epochs = rounds(epochs, longest_s);
     }
     if let Some(truth) = truth {
         truth.join(&mut epochs, time_offset_s);

@@ -9,7 +9,7 @@ use host_tools::locate::track::{Tracker, Weighting, settings, settings_of_single
 use host_tools::survey::campaign::read_points;
 use host_tools::survey::presence::{follow, read_outlines};
 use host_tools::train::{DEFAULT_PLACEMENT, Samples};
-use host_tools::{Files, Height, Recording, Setup, Solved, Solver, Source, Space, Truths, UserError, read_anchors};
+use host_tools::{Files, Height, Mode, Recording, Setup, Solved, Solver, Space, Truths, UserError, read_anchors};
 use positioning_core::Method;
 
 use super::folder;
@@ -29,16 +29,16 @@ fn one_line<T>(read: Result<T, UserError>) -> Option<T> {
 pub fn recording(input: &[u8]) {
     let [anchors, ranges, truth] = files(input, ["anchors.csv", "ranges.csv", "truth.csv"]);
     let truth = input.iter().filter(|byte| **byte == 0).nth(1).map(|_| truth.as_path());
-    let measured = Source::Ranges(&ranges);
-    let files = Files { anchors: &anchors, measured, truth, anchor_heights: true, truth_heights: false };
+    let (measured, mode) = (&*ranges, Mode::Ranges);
+    let files = Files { anchors: &anchors, measured, mode, truth, anchor_heights: true, truth_heights: false };
     one_line(Recording::read(&files)).into_iter().flatten().take(2).for_each(solve);
 }
 
 /// The recordings of a tag that only listens.
 pub fn differences(input: &[u8]) {
     let [anchors, differences] = files(input, ["anchors.csv", "differences.csv"]);
-    let measured = Source::Differences(&differences);
-    let files = Files { anchors: &anchors, measured, truth: None, anchor_heights: true, truth_heights: false };
+    let (measured, mode) = (&*differences, Mode::Differences);
+    let files = Files { anchors: &anchors, measured, mode, truth: None, anchor_heights: true, truth_heights: false };
     one_line(Recording::read(&files)).into_iter().flatten().take(2).for_each(solve);
 }
 

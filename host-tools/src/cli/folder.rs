@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use host_tools::UserError;
-use host_tools::files::folder::{Folder, RecordingSettings};
+use host_tools::files::folder::{Folder, Mode, RecordingSettings};
 
 /// Where files come from that no flag names.
 pub struct FolderFiles(Option<Folder>);
@@ -25,10 +25,16 @@ impl FolderFiles {
         match (of_flag, &self.0) {
             (Some(file), _) => Ok(file.clone()),
             (None, Some(folder)) => folder.file(name),
-            (None, None) => {
-                Err(UserError::flag("FOLDER", format!("a folder with {name}, or the flag of this file is needed")))
-            }
+            (None, None) => Err(needed(name)),
         }
+    }
+
+    /// How the folder's tags measured, and the file of it.
+    ///
+    /// # Errors
+    /// There is no folder, or it has no such file.
+    pub fn measured(&self) -> Result<(Mode, PathBuf), UserError> {
+        self.0.as_ref().ok_or_else(|| needed("ranges.csv"))?.measured()
     }
 
     /// The same, for a file that may be absent.
@@ -40,4 +46,8 @@ impl FolderFiles {
     pub fn settings(&self) -> RecordingSettings {
         self.0.as_ref().map(|folder| folder.settings.clone()).unwrap_or_default()
     }
+}
+
+fn needed(name: &str) -> UserError {
+    UserError::flag("FOLDER", format!("a folder with {name}, or the flag of this file is needed"))
 }

@@ -4,12 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use host_tools::files::beacons::read_beacons;
-use host_tools::files::folder::RecordingSettings;
 use host_tools::files::positions::{self, PositionRow};
 use host_tools::locate::advice;
 use host_tools::locate::track::Weighting;
 use host_tools::plot::{Dot, Errors, Picture, PictureBuilder};
-use host_tools::{Files, Height, Recording, Setup, Source, Space, Truths, read_anchors};
+use host_tools::{Files, Height, Mode, Recording, Setup, Space, Truths, read_anchors};
 
 use super::PictureFile;
 use super::floor_plan::FloorPlanArgs;
@@ -125,15 +124,9 @@ impl Arguments {
         if let Some(file) = files.find(&self.positions, "positions.csv") {
             return Ok((positions::read(&file)?, file.display().to_string()));
         }
-        let (settings, anchors) = (files.settings(), files.file(&self.anchors, "anchors.csv")?);
-        let (measured, rows) = if settings.mode.as_deref() == Some("differences") {
-            let file = files.file(&None, "differences.csv")?;
-            (file.display().to_string(), track(&settings, &anchors, Source::Differences(&file))?)
-        } else {
-            let file = files.file(&None, "ranges.csv")?;
-            (file.display().to_string(), track(&settings, &anchors, Source::Ranges(&file))?)
-        };
-        Ok((rows, format!("track of {measured}")))
+        let (anchors, (mode, measured)) = (files.file(&self.anchors, "anchors.csv")?, files.measured()?);
+        let rows = track(files.settings().space(), &anchors, mode, &measured)?;
+        Ok((rows, format!("track of {}", measured.display())))
     }
 }
 
@@ -150,14 +143,10 @@ fn errors(rows: &[PositionRow], truths: Option<&Truths>) -> Errors {
     }
 }
 
-/// The track of each tag of a recording, in the space that its settings say.
-fn track(settings: &RecordingSettings, anchors: &Path, measured: Source) -> Result<Vec<PositionRow>> {
-    let space = match settings.dims {
-        Some(2) => Space::Plane(settings.height_m.map_or(Height::Unknown, Height::Fixed)),
-        Some(_) | None => Space::Full(None),
-    };
+/// The track of each tag of a recording in this space.
+fn track(space: Space, anchors: &Path, mode: Mode, measured: &Path) -> Result<Vec<PositionRow>> {
     let anchor_heights = space != Space::Plane(Height::Unknown);
-    let files = Files { anchors, measured, truth: None, anchor_heights, truth_heights: false };
+    let files = Files { anchors, measured, mode, truth: None, anchor_heights, truth_heights: false };
     let recordings = Recording::read(&files)?;
     let setup = Setup { space, area_m: None };
     let progress = Progress::new(recordings.iter().map(|recording| recording.epochs.len()).sum());

@@ -5,12 +5,12 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::ValueEnum;
 use host_tools::files::folder::RecordingSettings;
-use host_tools::files::{Joined, drop_repeats, round_s, rounds};
+use host_tools::files::{Joined, SingleRanges, drop_repeats, round_s, rounds};
 use host_tools::locate::advice;
 use host_tools::locate::residuals::{Reference, residuals};
 use host_tools::locate::time_offset::{Clocks, REACH_S, clocks};
 use host_tools::node::provision::SiteNames;
-use host_tools::{Files, Half, Height, Recording, Setup, Solved, Source, Space, Truth, Truths, UserError};
+use host_tools::{Files, Half, Height, Mode, Recording, Setup, Solved, Space, Truth, Truths, UserError};
 
 use super::floor_plan::{FloorPlan, FloorPlanArgs};
 use super::folder::FolderFiles;
@@ -93,15 +93,6 @@ impl std::str::FromStr for TimeOffset {
             seconds => finite(seconds).map(Self::Seconds),
         }
     }
-}
-
-/// What to do with a recording whose epochs have single ranges, without `--group-s`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SingleRanges {
-    /// Make rounds of them.
-    Group,
-    /// Keep them as they are.
-    Keep,
 }
 
 /// `--dims`.
@@ -188,10 +179,10 @@ impl RecordingArgs {
     fn sources(&self) -> Result<Sources, UserError> {
         let folder = FolderFiles::open(self.folder.as_deref())?;
         let settings = folder.settings();
-        let of_differences = self.ranges.is_none() && settings.mode.as_deref() == Some("differences");
-        let measured = match self.differences.is_some() || of_differences {
-            true => Measurements::Differences(folder.file(&self.differences, "differences.csv")?),
-            false => Measurements::Ranges(folder.file(&self.ranges, "ranges.csv")?),
+        let (mode, measured) = match (&self.ranges, &self.differences) {
+            (Some(file), _) => (Mode::Ranges, file.clone()),
+            (None, Some(file)) => (Mode::Differences, file.clone()),
+            (None, None) => folder.measured()?,
         };
         let anchors = folder.file(&self.anchors, "anchors.csv")?;
         let truth = folder.find(&self.truth, "truth.csv");
@@ -203,7 +194,7 @@ impl RecordingArgs {
                 return Err(UserError::flag(flag, "only with --truth"));
             }
         }
-        Ok(Sources { anchors, measured, truth, walls: folder.find(&None, "walls.csv"), settings })
+        Ok(Sources { anchors, mode, measured, truth, walls: folder.find(&None, "walls.csv"), settings })
     }
 
     /// Checks the destinations of the report, and reads the recording.
@@ -216,10 +207,8 @@ impl RecordingArgs {
         let output = self.output.check()?;
         let recordings = Recording::read(&Files {
             anchors: &sources.anchors,
-            measured: match &sources.measured {
-                Measurements::Ranges(file) => Source::Ranges(file),
-                Measurements::Differences(file) => Source::Differences(file),
-            },
+            measured: &sources.measured,
+            mode: sources.mode,
             truth: None,
             anchor_heights: setup.space != Space::Plane(Height::Unknown),
             truth_heights: false,
@@ -228,35 +217,28 @@ impl RecordingArgs {
         let truths = sources.truth.as_deref().map(|file| Truths::read(file, heights)).transpose()?;
         let names = self.names.read(self.folder.as_deref())?;
         let floor_plan = self.floor_plan.read(sources.walls.as_deref())?;
-        let (Measurements::Ranges(file) | Measurements::Differences(file)) = &sources.measured;
-        let source = file.display().to_string();
         let mut notes = Vec::new();
         let mut tags = Vec::new();
         for mut recording in recordings {
             let truth = truths.as_ref().map(|truths| truths.of(recording.tag.as_deref())).transpose()?.flatten();
             let repeats = drop_repeats(&mut recording.epochs);
             let warnings = advice::of_recording(&recording, setup.space).into_iter().chain(advice::of_repeats(repeats));
-            let mut told: Vec<String> = warnings.map(|warning| format!("warning: {warning}")).collect();
-            tags.push(self.joined(recording, truth, setup, singles, &mut told));
-            let tag = tags.last().and_then(|of: &OfTag| of.recording.tag.as_deref());
-            let told = told
-                .into_iter()
-                .map(|line| tag.map_or_else(|| line.clone(), |tag| format!("tag {}: {line}", names.node(tag))));
-            notes.extend(told);
+            let mut notes_of_tag: Vec<String> = warnings.map(|warning| format!("warning: {warning}")).collect();
+            let of = recording.tag.as_ref().map(|tag| format!("tag {}: ", names.node(tag))).unwrap_or_default();
+            tags.push(self.joined(recording, truth, setup, singles, &mut notes_of_tag));
+            notes.extend(notes_of_tag.into_iter().map(|line| of.clone() + &line));
         }
-        let differences = matches!(sources.measured, Measurements::Differences(_));
-        if differences && self.residuals {
+        if sources.mode == Mode::Differences && self.residuals {
             return Err(UserError::flag("--residuals", "only for ranges"));
         }
-        let with_errors = truths.is_some();
         Ok(Input {
             tags,
-            differences,
+            mode: sources.mode,
             setup,
-            source,
+            source: sources.measured.display().to_string(),
             names,
             floor_plan,
-            with_errors,
+            truths,
             residuals: self.residuals,
             notes,
             output,
@@ -273,10 +255,7 @@ impl RecordingArgs {
         notes: &mut Vec<String>,
     ) -> OfTag {
         let usual_s = round_s(&recording.epochs);
-        let longest_s = match self.group_s {
-            Some(longest_s) => Some(longest_s).filter(|longest_s| *longest_s > 0.0),
-            None => usual_s.filter(|_| singles == SingleRanges::Group),
-        };
+        let longest_s = singles.longest_s(self.group_s, &recording.epochs);
         let of_rounds = |recording: &Recording, longest_s| Recording {
             tag: recording.tag.clone(),
             anchors: recording.anchors.clone(),
@@ -288,7 +267,7 @@ impl RecordingArgs {
                 notes.push(format!("single ranges are made into rounds of at most {longest_s:.3} s (see --group-s)"));
             }
         }
-        let truth = truth.map(|truth| {
+        let offset_s = truth.and_then(|truth| {
             let offset_s = match (self.time_offset_s, longest_s, usual_s) {
                 (TimeOffset::Seconds(offset_s), _, _) => offset_s,
                 // The offset comes from fixes, which single ranges do not make.
@@ -301,25 +280,20 @@ impl RecordingArgs {
             if joined == Joined::ByEpochDespiteTimes {
                 notes.push("the truth has no time in common with the ranges: joined by epoch".to_owned());
             }
-            JoinedTruth { truth: truth.clone(), offset_s: (joined == Joined::ByTime).then_some(offset_s) }
+            (joined == Joined::ByTime).then_some(offset_s)
         });
-        OfTag { recording, truth }
+        OfTag { recording, offset_s }
     }
 }
 
 /// The files of a recording, and its settings.
 struct Sources {
     anchors: PathBuf,
-    measured: Measurements,
+    mode: Mode,
+    measured: PathBuf,
     truth: Option<PathBuf>,
     walls: Option<PathBuf>,
     settings: RecordingSettings,
-}
-
-/// The file of what was measured.
-enum Measurements {
-    Ranges(PathBuf),
-    Differences(PathBuf),
 }
 
 /// The offset of the truth's clock, seconds. Adds a line about it to the notes.
@@ -343,14 +317,14 @@ fn offset_s(clocks: Clocks, notes: &mut Vec<String>) -> f64 {
 pub struct Input<'a> {
     /// One a tag.
     pub tags: Vec<OfTag>,
-    /// Whether differences of arrivals were measured, and no ranges.
-    pub differences: bool,
+    /// What was measured.
+    pub mode: Mode,
     pub setup: Setup,
     /// The file of what was measured.
     source: String,
     names: SiteNames,
     floor_plan: FloorPlan,
-    with_errors: bool,
+    truths: Option<Truths>,
     residuals: bool,
     /// Lines for the user.
     notes: Vec<String>,
@@ -360,13 +334,8 @@ pub struct Input<'a> {
 /// The recording of a tag.
 pub struct OfTag {
     pub recording: Recording,
-    truth: Option<JoinedTruth>,
-}
-
-/// The truth, after it was joined to the epochs.
-struct JoinedTruth {
-    truth: Truth,
-    /// What was added to its times, seconds; `None` where it was joined by the epochs' names.
+    /// What was added to the times of the truth, seconds; `None` where it was joined by the epochs' names, or there is
+    /// none.
     offset_s: Option<f64>,
 }
 
@@ -376,8 +345,8 @@ impl Input<'_> {
     /// # Errors
     /// A file cannot be written.
     pub fn report(&self, methods: Vec<String>, solved: &[Vec<Vec<Solved>>]) -> Result<()> {
-        let tags: Vec<TagReport> =
-            self.tags.iter().zip(solved).map(|(of, solved)| self.tag_report(of, solved)).collect();
+        let tags = self.tags.iter().zip(solved).map(|(of, solved)| self.tag_report(of, solved));
+        let tags = tags.collect::<Result<Vec<_>, UserError>>()?;
         let anchors = self.tags.first().map_or(&[][..], |of| &of.recording.anchors);
         let report = Report {
             methods,
@@ -388,7 +357,7 @@ impl Input<'_> {
                 floor_plan: self.floor_plan.clone(),
                 ..Site::default()
             },
-            with_errors: self.with_errors,
+            with_errors: self.truths.is_some(),
             neighbours: None,
             tags,
         };
@@ -399,30 +368,28 @@ impl Input<'_> {
         for line in &self.notes {
             super::note(&format!("{line}\n"));
         }
-        let all: Vec<Solved> = solved.iter().flatten().flatten().copied().collect();
         let in_space = matches!(self.setup.space, Space::Full(_));
-        super::report::some_position(advice::nothing_solved(&all, "anchors", in_space))
+        let why = advice::nothing_solved(solved.iter().flatten().flatten(), "anchors", in_space);
+        super::report::some_position(why)
     }
 
-    fn tag_report<'a>(&self, of: &'a OfTag, solved: &'a [Vec<Solved>]) -> TagReport<'a> {
-        let OfTag { recording: Recording { tag, anchors, epochs }, truth } = of;
+    fn tag_report<'a>(&self, of: &'a OfTag, solved: &'a [Vec<Solved>]) -> Result<TagReport<'a>, UserError> {
+        let OfTag { recording: Recording { tag, anchors, epochs }, offset_s } = of;
         let against = |reference| residuals(anchors, epochs, &self.setup, reference);
+        let truth = self.truths.as_ref().map(|truths| truths.of(tag.as_deref())).transpose()?.flatten();
         let residuals = self.residuals.then(|| match truth {
-            Some(JoinedTruth { truth, offset_s }) => {
-                vec![against(Reference::Truth(truth, offset_s.unwrap_or(0.0))); solved.len()]
-            }
+            Some(truth) => vec![against(Reference::Truth(truth, offset_s.unwrap_or(0.0))); solved.len()],
             None => solved.iter().map(|solved| against(Reference::Solved(solved))).collect(),
         });
-        let time_offset_s = truth.as_ref().and_then(|truth| truth.offset_s);
-        TagReport { tag: tag.as_deref(), epochs, solved, time_offset_s, residuals }
+        Ok(TagReport { tag: tag.as_deref(), epochs, solved, time_offset_s: *offset_s, residuals })
     }
 
     fn print_residuals(&self, report: &Report) {
         for of in &report.tags {
             let residuals = of.residuals.iter().flatten().zip(&report.methods);
             // Residuals against the truth are the same for all methods.
-            for (anchors, method) in residuals.take(if self.with_errors { 1 } else { usize::MAX }) {
-                let against = if self.with_errors { "the truth" } else { method };
+            for (anchors, method) in residuals.take(if self.truths.is_some() { 1 } else { usize::MAX }) {
+                let against = if self.truths.is_some() { "the truth" } else { method };
                 let tag = of.tag.map_or_else(String::new, |tag| format!(" of tag {}", self.names.node(tag)));
                 super::note(&format!(
                     "\nresiduals of the ranges{tag} against {against}:\n{}",

@@ -1,11 +1,12 @@
 //! `baliza solve`: one fix for each epoch, without memory between epochs.
 
 use anyhow::Result;
+use host_tools::files::{Mode, SingleRanges};
 use host_tools::locate::track::{Tracker, settings_of_single_epochs};
 use host_tools::{Recording, Setup, Solved, Solver, UserError};
 use positioning_core::Method;
 
-use super::recording_args::{RecordingArgs, SingleRanges};
+use super::recording_args::RecordingArgs;
 use crate::cli::progress::Progress;
 
 /// Solve every epoch of a recording on its own, as the tag's first fix does
@@ -55,21 +56,23 @@ fn methods_help() -> String {
 /// Flags or a file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let input = arguments.recording.read(SingleRanges::Group)?;
-    let methods = match (&arguments.method, input.differences) {
-        (None, false) => vec![Method::Robust],
-        (Some(Methods(methods)), false) => methods.clone(),
-        (None, true) => Vec::new(),
-        (Some(_), true) => {
+    let methods = match (&arguments.method, input.mode) {
+        (None, Mode::Ranges) => vec![Method::Robust],
+        (Some(Methods(methods)), Mode::Ranges) => methods.clone(),
+        (None, Mode::Differences) => Vec::new(),
+        (Some(_), Mode::Differences) => {
             return Err(UserError::flag("--method", "only for ranges: differences have one method, hyperbolic").into());
         }
     };
-    let names =
-        if input.differences { vec!["hyperbolic"] } else { methods.iter().map(|method| method.as_str()).collect() };
+    let names = match input.mode {
+        Mode::Ranges => methods.iter().map(|method| method.as_str()).collect(),
+        Mode::Differences => vec!["hyperbolic"],
+    };
     let epochs: usize = input.tags.iter().map(|of| of.recording.epochs.len()).sum();
     let progress = Progress::new(names.len() * epochs);
-    let solve = |recording: &Recording| match input.differences {
-        true => vec![hyperbolic(recording, input.setup, &progress)],
-        false => solve(recording, &methods, input.setup, &progress),
+    let solve = |recording: &Recording| match input.mode {
+        Mode::Differences => vec![hyperbolic(recording, input.setup, &progress)],
+        Mode::Ranges => solve(recording, &methods, input.setup, &progress),
     };
     let solved: Vec<_> = input.tags.iter().map(|of| solve(&of.recording)).collect();
     drop(progress);

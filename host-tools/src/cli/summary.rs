@@ -167,8 +167,8 @@ impl<'a> Summary<'a> {
     }
 }
 
-/// The summaries as text, with the names of tags and the reasons for epochs without a position. Errors in the plane and in height are
-/// apart where heights are compared.
+/// The summaries as text, with the names of tags and the reasons for epochs without a position. Errors in the plane and
+/// in height are apart where heights are compared.
 pub fn table(summaries: &[Summary], names: &SiteNames) -> String {
     let heights = summaries.iter().any(|summary| summary.vertical.is_some());
     let tags = summaries.iter().any(|summary| summary.tag.is_some());

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::ValueEnum;
-use host_tools::files::Diagnostics;
+use host_tools::files::{Diagnostics, SingleRanges};
 use host_tools::locate::track::{Tracker, Weighting, settings};
 use host_tools::train::{Chosen, features_of};
-use host_tools::{Recording, Setup, Solved, by_time};
+use host_tools::{Recording, Setup, Solved};
 use positioning_core::nlos::{Classifier, Features, Model};
 
-use super::recording_args::{RecordingArgs, SingleRanges};
+use super::recording_args::RecordingArgs;
 use crate::cli::progress::Progress;
 
 /// Follow a tag through a recording, as the tag itself does: weighting, gates, filter
@@ -95,7 +95,7 @@ fn tells(recording: &Recording, model: &Model<'_>) -> bool {
     })
 }
 
-/// Positions of the epochs, in the order of the file. The tracker processes them in the order of time.
+/// Positions of the epochs, in the order of the file.
 pub fn track(
     recording: &Recording,
     setup: Setup,
@@ -105,10 +105,5 @@ pub fn track(
 ) -> Vec<Solved> {
     let settings = settings(&setup, weighting);
     let mut tracker = Tracker::new(&recording.anchors, setup, settings, model);
-    let mut solved = vec![None; recording.epochs.len()];
-    for at in by_time(recording.epochs.iter().map(|epoch| epoch.t_s)) {
-        solved[at] = Some(tracker.follow(&recording.epochs[at]));
-        progress.step();
-    }
-    solved.into_iter().flatten().collect()
+    tracker.follow_all(&recording.epochs, || progress.step())
 }

@@ -10,7 +10,7 @@ use std::path::Path;
 use positioning_core::ble::signal::rssi;
 
 use crate::files::table::quoted;
-use crate::files::tags::{ByTag, tag_of};
+use crate::files::tags::{ByName, tag_of};
 use crate::{Column, Coordinates, NoPosition, Position, Row, Solved, Table, Truths, UserError, by_time};
 
 /// The largest number of beacons of a site.
@@ -146,17 +146,15 @@ pub fn read_stays(file: &Path) -> Result<Vec<Dwell>, UserError> {
     let (point, x, y) = (table.column("point")?, table.column("x_m")?, table.column("y_m")?);
     let room = table.optional("room");
     let mut signal = Signal::of(&table)?;
-    let (mut stays, mut by_name) = (Vec::<Dwell>::new(), HashMap::<String, usize>::new());
+    let mut stays = ByName::<Dwell>::default();
     while let Some(row) = table.next_row()? {
         let name = row.some_text(point)?;
         let position_m = [row.some_number(x)?, row.some_number(y)?];
         let room_name = Some(row.text(room)).filter(|room| !room.is_empty());
-        let at = *by_name.entry(name.to_owned()).or_insert_with(|| {
+        let stay = stays.of(name, || {
             let room = room_name.map(str::to_owned);
-            stays.push(Dwell { point: name.to_owned(), room, position_m, samples: Vec::new() });
-            stays.len() - 1
+            Dwell { point: name.to_owned(), room, position_m, samples: Vec::new() }
         });
-        let stay = &mut stays[at];
         if stay.position_m != position_m {
             let [x_m, y_m] = stay.position_m;
             return Err(row.wrong(point, &format!("{} was at {x_m}, {y_m} before", quoted(name))));
@@ -168,6 +166,7 @@ pub fn read_stays(file: &Path) -> Result<Vec<Dwell>, UserError> {
         signal.read(&row, &mut stay.samples)?;
     }
     signal.end()?;
+    let stays = stays.in_order();
     let beacons =
         stays.iter().flat_map(|stay| &stay.samples).map(|sample| &sample.beacon).collect::<HashSet<_>>().len();
     if stays.is_empty() {
@@ -217,18 +216,17 @@ fn read_epochs(file: &Path) -> Result<Vec<Captured>, UserError> {
     let mut table = Table::open(file)?;
     let (epoch, tag) = (table.column("epoch")?, table.optional("tag"));
     let mut signal = Signal::of(&table)?;
-    let (mut tags, mut by_name) = (ByTag::<Captured>::default(), HashMap::<(usize, String), usize>::new());
+    let mut tags = ByName::<(Option<String>, ByName<Capture>)>::default();
     while let Some(row) = table.next_row()? {
-        let (name, t_s) = (row.some_text(epoch)?.to_owned(), row.number(signal.time)?);
-        let (of, Captured { captures, .. }) = tags.of(tag_of(&row, tag), |tag| Captured { tag, ..Captured::default() });
-        let at = *by_name.entry((of, name)).or_insert_with_key(|(_, name)| {
-            captures.push(Capture { name: name.clone(), t_s, truth_m: None, is_stay: false, samples: Vec::new() });
-            captures.len() - 1
-        });
-        signal.read(&row, &mut captures[at].samples)?;
+        let (name, t_s) = (row.some_text(epoch)?, row.number(signal.time)?);
+        let tag = tag_of(&row, tag);
+        let (_, captures) = tags.of(tag.unwrap_or(""), || (tag.map(str::to_owned), ByName::default()));
+        let new = || Capture { name: name.to_owned(), t_s, truth_m: None, is_stay: false, samples: Vec::new() };
+        signal.read(&row, &mut captures.of(name, new).samples)?;
     }
     signal.end()?;
-    let tags = tags.in_order();
+    let captured = |(tag, captures): (_, ByName<_>)| Captured { tag, captures: captures.in_order() };
+    let tags: Vec<_> = tags.in_order().into_iter().map(captured).collect();
     if tags.is_empty() { Err(UserError::line(file, 1, "no samples below the header")) } else { Ok(tags) }
 }
 
@@ -289,8 +287,7 @@ impl Capture {
     /// The capture's outcome, with the error where the true position is known.
     pub(crate) fn solved(&self, outcome: Result<Position, NoPosition>) -> Solved {
         let truth = self.truth_m.map(|[x_m, y_m]| Coordinates { x_m, y_m, z_m: None });
-        let error_m = outcome.ok().zip(truth).map(|(position, truth)| position.place.distance_m(&truth));
-        Solved { outcome, error_m }
+        Solved::of(outcome, truth)
     }
 }
 

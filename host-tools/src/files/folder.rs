@@ -2,10 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use baliza_report::line_of;
 use serde::{Deserialize, Serialize};
 
-use crate::UserError;
 use crate::files::read_text;
+use crate::{Height, Space, UserError};
 
 /// The name of the file of settings.
 pub const SETTINGS: &str = "recording.toml";
@@ -20,9 +21,19 @@ pub struct RecordingSettings {
     /// The tags' height in the plane, metres.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub height_m: Option<f64>,
-    /// How the tags measured: `ranges`, or `differences` of tags that only listen.
+    /// How the tags measured.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub mode: Option<String>,
+    pub mode: Option<Mode>,
+}
+
+/// How tags measure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Mode {
+    /// Ranges to anchors: `ranges.csv`.
+    Ranges,
+    /// Differences of arrivals, of tags that only listen: `differences.csv`.
+    Differences,
 }
 
 /// The folder of a recording.
@@ -55,6 +66,23 @@ impl Folder {
         Some(self.path.join(name)).filter(|file| file.is_file())
     }
 
+    /// How its tags measured, and the file of it: as the settings say, else by the file that is there.
+    ///
+    /// # Errors
+    /// The folder has no such file.
+    pub fn measured(&self) -> Result<(Mode, PathBuf), UserError> {
+        let by_file = || {
+            let listened = self.find("ranges.csv").is_none() && self.find("differences.csv").is_some();
+            if listened { Mode::Differences } else { Mode::Ranges }
+        };
+        let mode = self.settings.mode.unwrap_or_else(by_file);
+        let name = match mode {
+            Mode::Ranges => "ranges.csv",
+            Mode::Differences => "differences.csv",
+        };
+        Ok((mode, self.file(name)?))
+    }
+
     /// The path of one of its files.
     ///
     /// # Errors
@@ -65,6 +93,14 @@ impl Folder {
 }
 
 impl RecordingSettings {
+    /// The space that they say, without a height from a truth; by default all three dimensions.
+    pub fn space(&self) -> Space {
+        match self.dims {
+            Some(2) => Space::Plane(self.height_m.map_or(Height::Unknown, Height::Fixed)),
+            Some(_) | None => Space::Full(None),
+        }
+    }
+
     /// The file's text.
     ///
     /// # Errors
@@ -79,8 +115,8 @@ impl RecordingSettings {
 fn read(file: &Path) -> Result<RecordingSettings, UserError> {
     let text = read_text(file)?;
     let settings: RecordingSettings = toml::from_str(&text).map_err(|error| {
-        let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or("");
-        UserError::line(file, before.matches('\n').count() as u64 + 1, error.message())
+        let line = line_of(&text, error.span().map_or(0, |span| span.start));
+        UserError::line(file, line as u64, error.message())
     })?;
     match settings {
         RecordingSettings { dims: Some(dims), .. } if !(2..=3).contains(&dims) => {
@@ -88,9 +124,6 @@ fn read(file: &Path) -> Result<RecordingSettings, UserError> {
         }
         RecordingSettings { height_m: Some(height_m), .. } if !height_m.is_finite() => {
             Err(UserError::file(file, "height_m is not a number"))
-        }
-        RecordingSettings { mode: Some(mode), .. } if !["ranges", "differences"].contains(&mode.as_str()) => {
-            Err(UserError::file(file, format!("mode is {mode:?}; it must be \"ranges\" or \"differences\"")))
         }
         settings => Ok(settings),
     }
@@ -100,15 +133,19 @@ fn read(file: &Path) -> Result<RecordingSettings, UserError> {
 mod tests {
     use std::fs;
 
-    use super::{Folder, RecordingSettings, SETTINGS};
+    use super::{Folder, Mode, RecordingSettings, SETTINGS};
 
     #[test]
     fn settings_are_read_as_they_were_written_and_wrong_ones_are_refused_with_their_line() {
         let folder = tempfile::tempdir().expect("a temporary folder");
-        let settings = RecordingSettings { dims: Some(2), height_m: Some(1.2), mode: Some("ranges".to_owned()) };
+        let settings = RecordingSettings { dims: Some(2), height_m: Some(1.2), mode: Some(Mode::Ranges) };
         fs::write(folder.path().join(SETTINGS), settings.to_toml().expect("text")).expect("written");
         assert_eq!(Folder::open(folder.path()).expect("read").settings, settings);
-        for (text, said) in [("dims = 2\nheigth_m = 1", ":2: unknown field"), ("dims = 4", "it must be 2 or 3")] {
+        for (text, said) in [
+            ("dims = 2\nheigth_m = 1", ":2: unknown field"),
+            ("dims = 4", "it must be 2 or 3"),
+            ("mode = \"rang\"", ":1: unknown variant `rang`"),
+        ] {
             fs::write(folder.path().join(SETTINGS), text).expect("written");
             let error = Folder::open(folder.path()).expect_err("wrong").to_string();
             assert!(error.contains(said), "{error}");

@@ -1,16 +1,18 @@
 //! A recording: surveyed anchors, ranges by epoch, and the tag's true positions.
 //!
-//! The input is `anchors.csv`, `ranges.csv` or `differences.csv` and, where there is one, `truth.csv`. The output is a [`Recording`] a tag, with
-//! its [`Epoch`]s in the order of their first range. A file without a column `tag` is of one tag.
+//! The input is `anchors.csv`, `ranges.csv` or `differences.csv` and, where there is one, `truth.csv`. The output is a
+//! [`Recording`] a tag, with its [`Epoch`]s in the order of their first range. A file without a column `tag` is of one
+//! tag.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
 
+use crate::files::Mode;
 use crate::files::differences::{MeasuredDifference, read_differences};
 use crate::files::spelled;
 use crate::files::table::quoted;
-use crate::files::tags::{ByTag, tag_of};
+use crate::files::tags::{ByName, tag_of};
 use crate::files::{DiagnosticColumns, Diagnostics};
 use crate::{Column, Row, Table, Truths, UserError};
 
@@ -80,23 +82,16 @@ pub struct Recording {
 pub struct Files<'a> {
     /// `anchors.csv`.
     pub anchors: &'a Path,
-    /// What was measured.
-    pub measured: Source<'a>,
+    /// `ranges.csv` or `differences.csv`.
+    pub measured: &'a Path,
+    /// Which of the two it is.
+    pub mode: Mode,
     /// `truth.csv`.
     pub truth: Option<&'a Path>,
     /// Whether an anchor without a height is an error.
     pub anchor_heights: bool,
     /// Whether a truth file without a column of heights is an error.
     pub truth_heights: bool,
-}
-
-/// The file of what was measured.
-#[derive(Clone, Copy, Debug)]
-pub enum Source<'a> {
-    /// `ranges.csv`.
-    Ranges(&'a Path),
-    /// `differences.csv`.
-    Differences(&'a Path),
 }
 
 impl Recording {
@@ -106,9 +101,9 @@ impl Recording {
     /// The first line of a file that is wrong.
     pub fn read(files: &Files) -> Result<Vec<Self>, UserError> {
         let anchors = anchor_rows(files.anchors, files.anchor_heights)?;
-        let mut recordings = match files.measured {
-            Source::Ranges(file) => read_ranges(file, &anchors)?,
-            Source::Differences(file) => read_differences(file, &anchors)?,
+        let mut recordings = match files.mode {
+            Mode::Ranges => read_ranges(files.measured, &anchors)?,
+            Mode::Differences => read_differences(files.measured, &anchors)?,
         };
         if let Some(truth) = files.truth {
             let truths = Truths::read(truth, files.truth_heights)?;
@@ -129,34 +124,36 @@ pub(crate) struct Epochs<'a> {
     time: Column,
     tag: Column,
     anchors: &'a [Anchor],
-    recordings: ByTag<Recording>,
-    by_name: HashMap<(usize, String), usize>,
+    /// By tag: its name, and its epochs by name.
+    tags: ByName<(Option<String>, ByName<Epoch>)>,
 }
 
 impl<'a> Epochs<'a> {
     /// No epochs yet, of a recording with these anchors.
     pub(crate) fn of(table: &Table, anchors: &'a [Anchor]) -> Result<Self, UserError> {
         let (epoch, time, tag) = (table.column("epoch")?, table.optional("t_s"), table.optional("tag"));
-        Ok(Self { epoch, time, tag, anchors, recordings: ByTag::default(), by_name: HashMap::new() })
+        Ok(Self { epoch, time, tag, anchors, tags: ByName::default() })
     }
 
     /// The epoch of a row, and the time of the row itself, seconds.
     pub(crate) fn of_row(&mut self, row: &Row) -> Result<(&mut Epoch, Option<f64>), UserError> {
-        let (name, t_s) = (row.some_text(self.epoch)?.to_owned(), row.number(self.time)?);
-        let new = |tag| Recording { tag, anchors: self.anchors.to_vec(), epochs: Vec::new() };
-        let (of, Recording { epochs, .. }) = self.recordings.of(tag_of(row, self.tag), new);
-        let at = *self.by_name.entry((of, name)).or_insert_with_key(|(_, name)| {
-            epochs.push(Epoch { name: name.clone(), ..Epoch::default() });
-            epochs.len() - 1
-        });
-        let epoch = &mut epochs[at];
+        let (name, t_s) = (row.some_text(self.epoch)?, row.number(self.time)?);
+        let tag = tag_of(row, self.tag);
+        let (_, epochs) = self.tags.of(tag.unwrap_or(""), || (tag.map(str::to_owned), ByName::default()));
+        let epoch = epochs.of(name, || Epoch { name: name.to_owned(), ..Epoch::default() });
         epoch.t_s = [epoch.t_s, t_s].into_iter().flatten().reduce(f64::max);
         Ok((epoch, t_s))
     }
 
     /// The recordings; `None` without any row.
     pub(crate) fn recordings(self) -> Option<Vec<Recording>> {
-        Some(self.recordings.in_order()).filter(|recordings| !recordings.is_empty())
+        let recording = |(tag, epochs): (_, ByName<_>)| Recording {
+            tag,
+            anchors: self.anchors.to_vec(),
+            epochs: epochs.in_order(),
+        };
+        let recordings: Vec<_> = self.tags.in_order().into_iter().map(recording).collect();
+        Some(recordings).filter(|recordings| !recordings.is_empty())
     }
 }
 

@@ -14,6 +14,26 @@ const USUAL_S: [f64; 2] = [0.1, 0.35];
 /// A range, its epoch's name, its time, and the true position at its time.
 type Single = (Measured, String, Option<f64>, Option<Coordinates>);
 
+/// What to do with a recording whose epochs have single ranges, if nobody says for how long a round lasts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SingleRanges {
+    /// Make rounds of them.
+    Group,
+    /// Keep them as they are.
+    Keep,
+}
+
+impl SingleRanges {
+    /// The duration of rounds, seconds: what a user asks for (0: no rounds), else what suits the epochs.
+    pub fn longest_s(self, asked_s: Option<f64>, epochs: &[Epoch]) -> Option<f64> {
+        match (asked_s, self) {
+            (Some(asked_s), _) => Some(asked_s).filter(|asked_s| *asked_s > 0.0),
+            (None, Self::Group) => round_s(epochs),
+            (None, Self::Keep) => None,
+        }
+    }
+}
+
 /// The duration of rounds that suits a recording of single ranges with times, seconds; `None` for any other recording.
 pub fn round_s(epochs: &[Epoch]) -> Option<f64> {
     let heard = || epochs.iter().filter(|epoch| !epoch.ranges.is_empty());

@@ -1,36 +1,39 @@
-//! Rows of several tags in one file: the column `tag`.
+//! Rows that belong together by a name in one of their columns: those of a tag, those of an epoch.
 
 use std::collections::HashMap;
 
 use crate::{Column, Row};
 
-/// What a file has of each tag, in the order in which the tags appear.
+/// Items by name, in the order in which the names appear.
 #[derive(Debug)]
-pub(crate) struct ByTag<T> {
-    places: HashMap<Option<String>, usize>,
-    each: Vec<T>,
+pub(crate) struct ByName<T> {
+    places: HashMap<String, usize>,
+    items: Vec<T>,
 }
 
-impl<T> Default for ByTag<T> {
+impl<T> Default for ByName<T> {
     fn default() -> Self {
-        Self { places: HashMap::new(), each: Vec::new() }
+        Self { places: HashMap::new(), items: Vec::new() }
     }
 }
 
-impl<T> ByTag<T> {
-    /// What there is of a tag and its index; `new` makes it at the tag's first row.
-    pub(crate) fn of(&mut self, tag: Option<&str>, new: impl FnOnce(Option<String>) -> T) -> (usize, &mut T) {
-        let tag = tag.map(str::to_owned);
-        let at = *self.places.entry(tag.clone()).or_insert_with(|| {
-            self.each.push(new(tag));
-            self.each.len() - 1
-        });
-        (at, &mut self.each[at])
+impl<T> ByName<T> {
+    /// The item of a name; `new` makes it where the name is new.
+    pub(crate) fn of(&mut self, name: &str, new: impl FnOnce() -> T) -> &mut T {
+        let at = match self.places.get(name) {
+            Some(&at) => at,
+            None => {
+                self.places.insert(name.to_owned(), self.items.len());
+                self.items.push(new());
+                self.items.len() - 1
+            }
+        };
+        &mut self.items[at]
     }
 
-    /// All of it, in the order of the first rows.
+    /// All items, in the order of their names' first rows.
     pub(crate) fn in_order(self) -> Vec<T> {
-        self.each
+        self.items
     }
 }
 

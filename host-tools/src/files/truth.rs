@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use crate::files::spelled;
 use crate::files::table::quoted;
-use crate::files::tags::{ByTag, tag_of};
+use crate::files::tags::{ByName, tag_of};
 use crate::{Coordinates, Epoch, Table, UserError};
 
 /// A true position holds for this time before and after its row where it cannot be interpolated, seconds.
@@ -52,8 +52,7 @@ pub enum Joined {
 #[derive(Clone, Debug)]
 pub struct Truths {
     file: PathBuf,
-    /// Whether the file says whose position a row is.
-    has_tags: bool,
+    /// The name is `None` for rows that do not say whose position they are.
     by_tag: Vec<(Option<String>, Truth)>,
 }
 
@@ -67,37 +66,36 @@ impl Truths {
         let (epoch, x, y) = (table.column("epoch")?, table.column("x_m")?, table.column("y_m")?);
         let z = if heights { table.column("z_m")? } else { table.optional("z_m") };
         let (time, tag) = (table.optional("t_s"), table.optional("tag"));
-        let mut by_tag: ByTag<(Option<String>, Truth)> = ByTag::default();
-        // By tag and row: the line.
-        let mut lines: Vec<Vec<u64>> = Vec::new();
+        // By tag: its name, its positions, and the line of each.
+        let mut by_tag: ByName<(Option<String>, Truth, Vec<u64>)> = ByName::default();
         while let Some(row) = table.next_row()? {
             let name = row.some_text(epoch)?;
-            let (of, (_, truth)) = by_tag.of(tag_of(&row, tag), |tag| (tag, Truth::default()));
-            lines.resize_with(lines.len().max(of + 1), Vec::new);
-            lines[of].push(row.line());
+            let tag = tag_of(&row, tag);
+            let new = || (tag.map(str::to_owned), Truth::default(), Vec::new());
+            let (_, truth, lines) = by_tag.of(tag.unwrap_or(""), new);
+            lines.push(row.line());
             if let Some(before) = truth.by_name.insert(name.to_owned(), truth.rows.len()) {
-                let line = lines[of][before];
+                let line = lines[before];
                 return Err(row.wrong(epoch, &format!("{} stands in line {line} already", quoted(name))));
             }
             let place = Coordinates { x_m: row.some_number(x)?, y_m: row.some_number(y)?, z_m: row.number(z)? };
             truth.rows.push(Row { epoch: name.to_owned(), t_s: row.number(time)?, place });
         }
-        let mut by_tag = by_tag.in_order();
+        let mut by_tag: Vec<_> = by_tag.in_order().into_iter().map(|(tag, truth, _)| (tag, truth)).collect();
         if by_tag.is_empty() {
             return Err(UserError::line(file, 1, "no positions below the header"));
         }
         by_tag.iter_mut().for_each(|(_, truth)| truth.sort());
-        Ok(Self { file: file.to_owned(), has_tags: tag.is_present(), by_tag })
+        Ok(Self { file: file.to_owned(), by_tag })
     }
 
-    /// The true positions of a tag. A file without a column `tag` is of any tag.
+    /// The true positions of a tag. A file that names no tag is of any tag.
     ///
     /// # Errors
     /// The file is of several tags, and the name of the tag is not known.
     pub fn of(&self, tag: Option<&str>) -> Result<Option<&Truth>, UserError> {
         match (self.by_tag.as_slice(), tag) {
-            ([(_, only)], None) => Ok(Some(only)),
-            ([(_, only)], Some(_)) if !self.has_tags => Ok(Some(only)),
+            ([(_, only)], None) | ([(None, only)], Some(_)) => Ok(Some(only)),
             (several, None) => {
                 let what = format!("it is of {} tags, and the other file has no column tag", several.len());
                 Err(UserError::file(&self.file, what))

@@ -128,7 +128,7 @@ fn unit(recording: &Recording, places: &[&Coordinates]) -> Option<String> {
     if !(extent_m > 0.0 && median_m > 0.0) {
         return None;
     }
-    let told = |what: &str, ratio: f64, [wrong, millimetres]: [f64; 2]| {
+    let question = |what: &str, ratio: f64, [wrong, millimetres]: [f64; 2]| {
         let unit = if ratio > millimetres { "millimetres" } else { "centimetres" };
         (ratio > wrong).then(|| {
             format!(
@@ -137,8 +137,8 @@ fn unit(recording: &Recording, places: &[&Coordinates]) -> Option<String> {
             )
         })
     };
-    told("the ranges", median_m / extent_m, LONG_RANGES)
-        .or_else(|| told("the anchors", extent_m / median_m, WIDE_ANCHORS))
+    question("the ranges", median_m / extent_m, LONG_RANGES)
+        .or_else(|| question("the anchors", extent_m / median_m, WIDE_ANCHORS))
 }
 
 /// A sentence about the first two of these that are at one place.
@@ -149,7 +149,7 @@ pub(crate) fn one_place<'a>(placed: impl Iterator<Item = (&'a str, [f64; 3])>) -
         if let Some(other) = by_place.insert(place, name) {
             let [x_m, y_m, z_m] = at_m;
             return Some(format!(
-                "the anchors {other} and {name} are both at {x_m:.2}, {y_m:.2}, {z_m:.2} m, so that one of them tells nothing new: \
+                "the anchors {other} and {name} are both at {x_m:.2}, {y_m:.2}, {z_m:.2} m, so that one of them adds nothing: \
                  correct the place of one"
             ));
         }
@@ -204,7 +204,7 @@ pub fn of_repeats(count: usize) -> Option<String> {
 
 /// Why there is no position at all: the sentence of the most frequent reason. `None` where there is a position, or
 /// nothing was to be solved. `in_space`: heights are solved for. `stations`: "anchors" or "beacons".
-pub fn nothing_solved(solved: &[Solved], stations: &str, in_space: bool) -> Option<String> {
+pub fn nothing_solved<'a>(solved: impl Iterator<Item = &'a Solved>, stations: &str, in_space: bool) -> Option<String> {
     let mut counts: BTreeMap<&str, (usize, NoPosition)> = BTreeMap::new();
     for solved in solved {
         match solved.outcome {
@@ -212,8 +212,8 @@ pub fn nothing_solved(solved: &[Solved], stations: &str, in_space: bool) -> Opti
             Err(reason) => counts.entry(reason.as_str()).or_insert((0, reason)).0 += 1,
         }
     }
+    let epochs: usize = counts.values().map(|(count, _)| count).sum();
     let (count, reason) = counts.into_values().max_by_key(|(count, _)| *count)?;
-    let epochs = solved.len();
     Some(format!(
         "none of {epochs} epochs has a position; {count} of them: {}: {}",
         reason.as_str(),

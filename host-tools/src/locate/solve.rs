@@ -110,6 +110,14 @@ pub struct Solved {
     pub error_m: Option<f64>,
 }
 
+impl Solved {
+    /// An outcome, with its error where the true position is known.
+    pub fn of(outcome: Result<Position, NoPosition>, truth: Option<Coordinates>) -> Self {
+        let error_m = outcome.ok().zip(truth).map(|(position, truth)| position.place.distance_m(&truth));
+        Self { outcome, error_m }
+    }
+}
+
 /// Solves one epoch after another with the same anchors.
 #[derive(Debug)]
 pub struct Solver<'a> {
@@ -132,8 +140,7 @@ impl<'a> Solver<'a> {
             Space::Plane(height) => self.in_plane(method, epoch, height),
             Space::Full(half) => self.in_space(method, epoch, half),
         };
-        let error_m = outcome.ok().zip(epoch.truth).map(|(position, truth)| position.place.distance_m(&truth));
-        Solved { outcome, error_m }
+        Solved::of(outcome, epoch.truth)
     }
 
     fn in_plane(&self, method: Method, epoch: &Epoch, height: Height) -> Result<Position, NoPosition> {

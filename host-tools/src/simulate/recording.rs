@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 
 use positioning_core::nlos::{Feature, Features};
 use sim::scenario::{Record, Scenario, SimulatedEpoch, What};
-use wire::config::{Mode, Network};
+use wire::config::{self, Network};
 use wire::telemetry::{Address, Body, Fix, MAX_FRAME, Message, Sighting, Table, encode, metres};
 
-use crate::files::folder::{RecordingSettings, SETTINGS};
+use crate::files::folder::{Mode, RecordingSettings, SETTINGS};
 use crate::files::output::OutputFolder;
 use crate::node::decode::{Stamp, row};
 use crate::node::recorder::{STREAM, Tables, writer};
@@ -200,11 +200,11 @@ fn short_name(sighting: &Sighting) -> String {
 
 /// How the tags of a scenario measure, and in which space.
 fn settings(scenario: &Scenario) -> RecordingSettings {
-    let listens = |network: &Network| matches!(network.mode, Mode::Listening { .. });
-    let mode = if scenario.networks.iter().all(listens) { "differences" } else { "ranges" };
+    let listens = |network: &Network| matches!(network.mode, config::Mode::Listening { .. });
+    let mode = if scenario.networks.iter().all(listens) { Mode::Differences } else { Mode::Ranges };
     // Half a millimetre is finer than any height.
     let height_m = scenario.tag.height_m.map(|height_m| (f64::from(height_m) * 2000.0).round() / 2000.0);
-    RecordingSettings { dims: Some(if height_m.is_some() { 2 } else { 3 }), height_m, mode: Some(mode.to_owned()) }
+    RecordingSettings { dims: Some(if height_m.is_some() { 2 } else { 3 }), height_m, mode: Some(mode) }
 }
 
 /// The columns of a position.

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 
 use super::{Estimate, RangeRow, Sink, TAG, View};
 use crate::files::folder::Folder;
-use crate::files::{Files, Source, positions};
+use crate::files::{Files, Mode, positions};
 use crate::node::decode::{Stream, StreamFiles};
 use crate::node::recorder::TIMES;
 use crate::{Coordinates, Recording, Table, Truths, UserError, read_anchors};
@@ -75,7 +75,8 @@ pub fn convert<S: Sink>(folder: &Folder, view: &mut View<S>) -> Result<Converted
     let mut rows: Vec<(Option<f64>, Row)> = Vec::new();
     let files = Files {
         anchors: &anchors,
-        measured: Source::Ranges(&ranges),
+        measured: &ranges,
+        mode: Mode::Ranges,
         truth: None,
         anchor_heights: false,
         truth_heights: false,

@@ -5,7 +5,7 @@ use std::path::Path;
 use firmware_tag::{AnchorPosition, LocatorConfig};
 use host_tools::files::Diagnostics as RowDiagnostics;
 use host_tools::locate::track::{Tracker, Weighting, settings};
-use host_tools::{Anchor, Coordinates, Epoch, Files, Height, Measured, Recording, Setup, Source, Space, by_time};
+use host_tools::{Anchor, Coordinates, Epoch, Files, Height, Measured, Mode, Recording, Setup, Space, by_time};
 use positioning_core::nlos::{Feature, Features};
 use ranging::exchange::{Range, Round};
 use ranging::{Diagnostics, RadioInstant};
@@ -59,8 +59,14 @@ fn recorded(name: &str) -> Option<Recording> {
         return None;
     }
     let (anchors, ranges) = (folder.join("anchors.csv"), folder.join("ranges.csv"));
-    let measured = Source::Ranges(&ranges);
-    let files = Files { anchors: &anchors, measured, truth: None, anchor_heights: true, truth_heights: false };
+    let files = Files {
+        anchors: &anchors,
+        measured: &ranges,
+        mode: Mode::Ranges,
+        truth: None,
+        anchor_heights: true,
+        truth_heights: false,
+    };
     let mut recording = Recording::read(&files).expect("a recording").remove(0);
     for range in recording.epochs.iter_mut().flat_map(|epoch| &mut epoch.ranges) {
         // The diagnostics as the tag has them: the two powers alone.

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use host_tools::Solved;
 use host_tools::files::beacons::{Captured, read_beacons, read_captures, read_walls};
 use host_tools::locate::advice;
 use host_tools::locate::ble::{RssiMethod, Setup, Solver};
@@ -141,8 +140,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         };
         note(&format!("engine: after {seconds} s beacon {name} {found}\n"));
     }
-    let all: Vec<Solved> = solved.into_iter().flatten().flatten().collect();
-    some_position(advice::nothing_solved(&all, "beacons", false))
+    some_position(advice::nothing_solved(solved.iter().flatten().flatten(), "beacons", false))
 }
 
 /// Parses a number of decibels.

@@ -13,8 +13,7 @@ const MOST_METHODS: usize = 64;
 /// The positions of one method by tag and epoch: the position and the standard deviation of an axis, metres.
 pub type Positions = HashMap<(Option<String>, String), ([f64; 2], f64)>;
 
-/// Reads the positions of one method by tag and epoch: the position and the standard deviation of an axis, both in metres. Rows
-/// without a position are left out.
+/// Reads the positions of one method. Rows without a position are left out.
 ///
 /// # Errors
 /// The first line that is wrong. An epoch that is listed twice belongs to a second method, which is an error.

@@ -99,9 +99,20 @@ impl<'a> Tracker<'a> {
 
     /// The position at the end of the next epoch, and its error where the true position is known.
     pub fn follow(&mut self, epoch: &Epoch) -> Solved {
-        let outcome = self.position(epoch);
-        let error_m = outcome.ok().zip(epoch.truth).map(|(position, truth)| position.place.distance_m(&truth));
-        Solved { outcome, error_m }
+        Solved::of(self.position(epoch), epoch.truth)
+    }
+
+    /// The positions of epochs, in their order. The epochs are taken in the order of time; `step` is called after each.
+    pub fn follow_all(&mut self, epochs: &[Epoch], step: impl Fn()) -> Vec<Solved> {
+        let order = by_time(epochs.iter().map(|epoch| epoch.t_s));
+        let mut solved: Vec<(usize, Solved)> = Vec::with_capacity(epochs.len());
+        for at in order {
+            let Some(epoch) = epochs.get(at) else { continue };
+            solved.push((at, self.follow(epoch)));
+            step();
+        }
+        solved.sort_by_key(|(at, _)| *at);
+        solved.into_iter().map(|(_, solved)| solved).collect()
     }
 
     fn position(&mut self, epoch: &Epoch) -> Result<Position, NoPosition> {

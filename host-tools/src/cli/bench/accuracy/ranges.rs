@@ -37,11 +37,7 @@ pub fn track(ranged: &Ranged, change: impl FnOnce(&mut Settings<f32>)) -> Vec<Sc
     change(&mut settings);
     let epochs = &ranged.recording.epochs;
     let mut tracker = Tracker::new(&ranged.recording.anchors, ranged.setup, settings, None);
-    let mut solved = vec![None; epochs.len()];
-    for at in by_time(epochs.iter().map(|epoch| epoch.t_s)) {
-        solved[at] = Some(tracker.follow(&epochs[at]));
-    }
-    let solved: Vec<_> = solved.into_iter().flatten().collect();
+    let solved = tracker.follow_all(epochs, || ());
     scored(epochs, &solved)
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::Result;
 use baliza_research::prior::{Case, Group};
 use host_tools::files::Diagnostics;
-use host_tools::{Anchor, Coordinates, Epoch, Files, Height, Measured, Recording, Setup, Source, Space, Truth, Truths};
+use host_tools::{Anchor, Coordinates, Epoch, Files, Height, Measured, Mode, Recording, Setup, Space, Truth, Truths};
 use positioning_core::nlos::{Feature, Features};
 
 /// A site with recorded ranges, and the folders of its recordings.
@@ -45,7 +45,8 @@ pub fn recorded(data: &Path) -> Result<Vec<Ranged>> {
                 ["anchors.csv", "ranges.csv", "truth.csv"].map(|file| data.join(folder).join(file));
             let recordings = Recording::read(&Files {
                 anchors: &anchors,
-                measured: Source::Ranges(&ranges),
+                measured: &ranges,
+                mode: Mode::Ranges,
                 truth: Some(&truth),
                 anchor_heights: true,
                 truth_heights: true,
