@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use tempfile::TempDir;
 
-use super::growing::{permissions, sync_folder, without_path};
+use super::growing::sync_folder;
+use super::temporary::{lock_replaced, new_folder, remove_stale, replaced_name};
 use super::{folder_of, write_private_file};
 use crate::UserError;
 
@@ -64,6 +65,8 @@ pub struct OutputFolder {
     /// The folder with the new files, beside its place; within it where the place cannot be exchanged.
     made: TempDir,
     ours: Box<Ours<'static>>,
+    /// The lock of the new folder: it is released after the folder has its place, or is removed.
+    _lock: Option<File>,
 }
 
 impl OutputFolder {
@@ -82,20 +85,16 @@ impl OutputFolder {
         let place = fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
         let parent = folder_of(&place);
         fs::create_dir_all(parent).with_context(cannot)?;
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".baliza-");
-        if let Some(permissions) = permissions(0o777) {
-            builder.permissions(permissions);
+        for folder in [parent, &place] {
+            remove_stale(folder, &ours);
         }
         let made = if !place.exists() || is_exchangeable(&place) {
-            builder
-                .tempdir_in(parent)
-                .or_else(|error| if place.exists() { builder.tempdir_in(&place) } else { Err(error) })
+            new_folder(parent).or_else(|error| if place.exists() { new_folder(&place) } else { Err(error) })
         } else {
-            builder.tempdir_in(&place)
+            new_folder(&place)
         };
-        let made = made.map_err(without_path).with_context(cannot)?;
-        Ok(Self { place, made, ours: Box::new(ours) })
+        let (made, lock) = made.with_context(cannot)?;
+        Ok(Self { place, made, ours: Box::new(ours), _lock: lock })
     }
 
     /// Where the files are written.
@@ -137,9 +136,7 @@ impl OutputFolder {
             // The folder has another name now, and must not be removed under it.
             fs::rename(self.made.path(), &self.place)?;
             let _ = self.made.keep();
-        } else if self.is_beside() && self.exchange()? {
-            remove_old(&self.made.keep(), &self.place, &self.ours)?;
-        } else {
+        } else if !(self.is_beside() && self.exchange()?) {
             clear(&self.place, &|name| (self.ours)(name) && !new.iter().any(|new| new == name))?;
             for name in &new {
                 fs::rename(self.made.path().join(name), self.place.join(name))?;
@@ -153,8 +150,8 @@ impl OutputFolder {
         self.made.path().parent() == self.place.parent()
     }
 
-    /// Exchanges the new folder for the old one, after the files of others are in both. False where that is not
-    /// possible.
+    /// Exchanges the new folder for the old one, after the files of others are in both, and removes the old one. False
+    /// where that is not possible.
     fn exchange(&self) -> io::Result<bool> {
         let mut linked = Vec::new();
         let mut others = names(&self.place)?.into_iter().filter(|name| !name.to_str().is_some_and(&self.ours));
@@ -165,9 +162,14 @@ impl OutputFolder {
         });
         if all {
             fs::set_permissions(self.made.path(), fs::metadata(&self.place)?.permissions())?;
-            if exchange(self.made.path(), &self.place).is_ok() {
+            let _lock = lock_replaced(&self.place);
+            let old = replaced_name(self.made.path());
+            fs::rename(self.made.path(), &old)?;
+            if exchange(&old, &self.place).is_ok() {
+                remove_old(&old, &self.place, &self.ours)?;
                 return Ok(true);
             }
+            fs::rename(&old, self.made.path())?;
         }
         for name in linked {
             fs::remove_file(self.made.path().join(name))?;

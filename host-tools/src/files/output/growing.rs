@@ -1,11 +1,12 @@
 //! A file that is written under another name in the same folder, and moved to its place when it is complete.
 
-use std::fs::{self, File, Permissions};
+use std::fs::{self, File};
 use std::io::{self, BufWriter, ErrorKind, Stdout, Write};
 use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
 
+use super::temporary::{new_file, without_path};
 use super::{STANDARD, folder_of};
 
 /// A file in progress. Until it is complete, its place keeps the old content. It is on the disk before it is moved, so
@@ -50,12 +51,7 @@ impl Growing {
             let direct = File::options().write(true).open(&target)?;
             return Ok(Self { file: BufWriter::new(Target::Direct(direct)) });
         }
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".baliza-");
-        if let Some(permissions) = permissions(mode) {
-            builder.permissions(permissions);
-        }
-        let beside = builder.tempfile_in(folder_of(&target)).map_err(without_path)?;
+        let beside = new_file(folder_of(&target), mode)?;
         Ok(Self { file: BufWriter::new(Target::Beside(beside, target)) })
     }
 
@@ -74,28 +70,6 @@ impl Growing {
                 Ok(())
             }
         }
-    }
-}
-
-/// The permissions of a mode, on systems that have modes.
-#[cfg(unix)]
-#[allow(clippy::unnecessary_wraps, reason = "other systems have no modes")]
-pub(super) fn permissions(mode: u32) -> Option<Permissions> {
-    use std::os::unix::fs::PermissionsExt;
-    Some(Permissions::from_mode(mode))
-}
-
-#[cfg(not(unix))]
-pub(super) fn permissions(_mode: u32) -> Option<Permissions> {
-    None
-}
-
-/// The system's error, without the name of the temporary file, which the user does not know.
-pub(super) fn without_path(error: io::Error) -> io::Error {
-    let text = error.to_string();
-    match text.split_once(" at path ") {
-        Some((what, _)) => io::Error::new(error.kind(), what),
-        None => error,
     }
 }
 

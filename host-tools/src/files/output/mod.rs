@@ -5,6 +5,7 @@
 mod folder;
 mod growing;
 mod live;
+mod temporary;
 
 use std::io::{self, ErrorKind, Write};
 use std::path::Path;
