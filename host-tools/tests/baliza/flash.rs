@@ -50,6 +50,6 @@ fn what_is_no_image_for_the_node_is_refused_before_a_probe_is_asked() {
 fn all_nodes_at_once_need_their_boards_and_a_good_note_of_what_is_written() {
     let folder = site();
     folder.write("site.written", b"x,y,z\n");
-    let wrong = "site.written:1: not node,board,sum: delete the file to begin anew";
+    let wrong = "site.written:1: not node,board,sum: delete the file to begin again";
     refused(&folder, "provision --config site.toml --write --all", wrong);
 }

@@ -1,5 +1,6 @@
 //! Commands that are killed at any instant: each output is the old one or the new one, and a recording loses nothing
-//! that is older than a second. `BALIZA_KILLS` is the number of kills [default: 40].
+//! that is older than a second. The next command removes what a killed one has left. `BALIZA_KILLS` is the number of
+//! kills [default: 40].
 
 #![cfg(unix)]
 
@@ -12,7 +13,7 @@ use std::time::{Duration, Instant};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
-use crate::streams::{frame, stream, walk};
+use crate::messages::{frame, stream, walk};
 use crate::support::Folder;
 
 /// Ctrl-C, a closed terminal, `kill`, and the kill that no program can catch.
@@ -27,6 +28,22 @@ fn kills() -> u64 {
 fn signal(child: &Child, name: &str) {
     let status = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status();
     assert!(status.expect("kill runs").success());
+}
+
+/// The names of the outputs in progress in a folder.
+fn temporary(folder: &Folder, of: &str) -> Vec<String> {
+    let entries = std::fs::read_dir(folder.path(of)).into_iter().flatten();
+    let names = entries.map(|entry| entry.expect("an entry").file_name().into_string().expect("UTF-8"));
+    names.filter(|name| name.starts_with(".baliza-")).collect()
+}
+
+/// Waits until a folder has an output in progress.
+fn wait_for_temporary(folder: &Folder) {
+    let begun = Instant::now();
+    while temporary(folder, "").is_empty() {
+        assert!(begun.elapsed() < Duration::from_secs(30), "no output is begun");
+        std::thread::sleep(Duration::from_millis(1));
+    }
 }
 
 /// The files of a folder that are not hidden, by name.
@@ -54,6 +71,8 @@ fn is_old_or_new(folder: &Folder, old: &str, new: &str, seed: u64) {
     for kill in 0..kills() {
         let (name, number) = SIGNALS[kill as usize % SIGNALS.len()];
         made(old);
+        // The kill before has left nothing.
+        assert_eq!((temporary(folder, ""), temporary(folder, "out")), (vec![], vec![]), "kill {kill}");
         let mut child = folder.command(new).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("baliza runs");
         // Three of four kills are near the instant at which the files appear.
         let is_near = random.random_bool(0.75);
@@ -172,4 +191,51 @@ fn an_interrupted_command_says_so_and_keeps_the_old_file() {
         assert_eq!(folder.names(), ["long.bin", "out.jsonl"]);
         assert_eq!(folder.read("out.jsonl"), b"before");
     }
+}
+
+/// A file in progress, killed: another command removes it, but not the file of a command that still runs.
+#[test]
+fn the_next_command_removes_the_file_of_a_killed_one_and_not_that_of_a_running_one() {
+    let folder = Folder::with(&[]);
+    let messages = walk();
+    let begin = |out: &str| {
+        let mut command = folder.command(&format!("decode --stdin --out {out}"));
+        command.stdin(Stdio::piped()).stderr(Stdio::null()).spawn().expect("baliza runs")
+    };
+    let mut killed = begin("killed.jsonl");
+    wait_for_temporary(&folder);
+    killed.kill().expect("it runs");
+    killed.wait().expect("it ends");
+    let left = temporary(&folder, "");
+    assert_eq!(left.len(), 1);
+    let mut running = begin("running.jsonl");
+    let begun = Instant::now();
+    while temporary(&folder, "") == left || temporary(&folder, "").len() != 1 {
+        assert!(begun.elapsed() < Duration::from_secs(30), "{:?}", temporary(&folder, ""));
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let kept = temporary(&folder, "");
+    folder.run("provision --example --out site.toml").ok();
+    assert_eq!(temporary(&folder, ""), kept);
+    // Its reader has all that it waits for.
+    running.stdin.take().expect("piped").write_all(&stream(&messages)).expect("it reads");
+    assert!(running.wait().expect("it ends").success());
+    assert_eq!(folder.names(), ["running.jsonl", "site.toml"]);
+    let lines = folder.read("running.jsonl").iter().filter(|byte| **byte == b'\n').count();
+    assert_eq!(lines, messages.len());
+}
+
+/// As above, with a folder in progress.
+#[test]
+fn the_next_command_removes_the_folder_of_a_killed_one() {
+    let folder = Folder::with(&[]);
+    let simulate = "simulate --tags 1 --anchors 4 --fidelity air --seconds 600 --out out";
+    let mut command = folder.command(simulate);
+    let mut killed = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("baliza runs");
+    wait_for_temporary(&folder);
+    killed.kill().expect("it runs");
+    killed.wait().expect("it ends");
+    assert_eq!(temporary(&folder, "").len(), 1);
+    folder.run("example --out room").ok();
+    assert_eq!(folder.names(), ["room"]);
 }

@@ -13,12 +13,17 @@ use crate::support::{Folder, Run};
 #[path = "../../src/node/monitor/testing.rs"]
 pub mod testing;
 
-use testing::{BUILD, OTHER_BUILD, elf, fix, frame, hello, told};
+use testing::{BUILD, OTHER_BUILD, elf, fix, frame, hello, telemetry_frame};
 
 /// A node's first second: its log and its telemetry.
 fn streams(build: [u8; 8]) -> (Vec<u8>, Vec<u8>) {
     let log = [frame(1, 50, &[1]), frame(2, 400_000, b"\x03\0\0\0tag\x01"), frame(1, 900_000, &[2])].concat();
-    let telemetry = [told(&hello(100, build)), told(&fix(500_000, 3.21)), told(&fix(1_000_000, 3.25))].concat();
+    let telemetry = [
+        telemetry_frame(&hello(100, build)),
+        telemetry_frame(&fix(500_000, 3.21)),
+        telemetry_frame(&fix(1_000_000, 3.25)),
+    ]
+    .concat();
     (log, telemetry)
 }
 
@@ -28,10 +33,10 @@ fn mixture() -> Vec<u8> {
     let parts = [
         b"ESP-ROM:esp32c3-api1-20210207\r\nrst:0x1 (POWERON)\r\n".to_vec(),
         announced([vec![0], frame(1, 50, &[1])].concat()),
-        told(&hello(100, BUILD)),
-        told(&fix(500_000, 3.21)),
+        telemetry_frame(&hello(100, BUILD)),
+        telemetry_frame(&fix(500_000, 3.21)),
         announced(frame(2, 400_000, b"\x03\0\0\0tag\x01")),
-        told(&fix(1_000_000, 3.25)),
+        telemetry_frame(&fix(1_000_000, 3.25)),
     ];
     parts.concat()
 }
@@ -242,7 +247,7 @@ fn a_serial_port_is_read_and_its_going_away_is_said() {
 #[test]
 fn a_restart_is_said_where_it_is_among_the_messages() {
     let folder = Folder::with(&[]);
-    let life = [told(&fix(5_000_000, 3.21)), told(&fix(9_000_000, 3.25))].concat();
+    let life = [telemetry_frame(&fix(5_000_000, 3.21)), telemetry_frame(&fix(9_000_000, 3.25))].concat();
     folder.write("lives.bin", &life.repeat(2));
     let script = format!("{} monitor --file lives.bin 2>&1", env!("CARGO_BIN_EXE_baliza"));
     let output = std::process::Command::new("sh").args(["-c", &script]).current_dir(folder.path(".")).output();

@@ -17,7 +17,7 @@ fn each_position_has_its_room_and_the_tags_answer() {
     assert_eq!(run.column("room"), ["hall", "attic", "", "", "attic", "attic"]);
     assert_eq!(run.column("probability"), ["1.000", "0.767", "", "", "1.000", "1.000"]);
     // One position beyond the wall does not change the answer. After 27 s without a position in a room, the answer
-    // begins anew.
+    // begins again.
     assert_eq!(run.column("answer"), ["hall", "hall", "hall", "hall", "attic", "attic"]);
 
     let json = folder.run("classify-rooms --positions p.csv --outlines r.csv --truth t.csv --json").ok().json();

@@ -1,19 +1,14 @@
 //! `baliza record`: what is received is in files at once, whatever ends the program.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::process::{Child, ChildStdin, Stdio};
 use std::time::{Duration, Instant, SystemTime};
 
-use wire::telemetry::{Message, Range};
+use wire::telemetry::{Address, Message, Range};
 
-use crate::streams::{frame, stream, walk};
-use crate::support::Folder;
-
-fn folder() -> Folder {
-    let folder = Folder::with(&[]);
-    folder.write("walk.bin", &stream(&walk()));
-    folder
-}
+use crate::messages::{frame, run_with, stream, walk, walk_folder};
+use crate::support::{Folder, Run};
 
 /// A recording of a pipe.
 fn recording(folder: &Folder, arguments: &str) -> (Child, ChildStdin) {
@@ -34,7 +29,7 @@ fn wait_for(folder: &Folder, name: &str, is_there: impl Fn(&[u8]) -> bool) {
 
 #[test]
 fn bytes_tables_and_times_are_there_while_the_node_sends() {
-    let folder = folder();
+    let folder = walk_folder();
     let micros = || SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).expect("after 1970").as_micros();
     let begun = micros();
     let (mut child, mut stdin) = recording(&folder, "record --stdin --out walk");
@@ -70,7 +65,7 @@ fn bytes_tables_and_times_are_there_while_the_node_sends() {
 
 #[test]
 fn a_recording_that_was_cut_short_is_finished_later() {
-    let folder = folder();
+    let folder = walk_folder();
     folder.run("record --file walk.bin --out whole").ok();
     std::fs::create_dir(folder.path("cut")).expect("made");
     folder.write("cut/telemetry.bin", &folder.read("walk.bin"));
@@ -95,7 +90,7 @@ fn a_recording_that_was_cut_short_is_finished_later() {
 
 #[test]
 fn parts_of_a_rotated_recording_are_recordings_and_together_one_stream() {
-    let folder = folder();
+    let folder = walk_folder();
     let bytes = folder.read("walk.bin");
     folder.run("record --file walk.bin --out site --rotate 1kB").ok();
     let mut parts: Vec<_> =
@@ -130,7 +125,7 @@ fn parts_of_a_rotated_recording_are_recordings_and_together_one_stream() {
 
 #[test]
 fn an_earlier_recording_is_replaced_by_the_first_frame_and_not_before() {
-    let folder = folder();
+    let folder = walk_folder();
     folder.run("record --file walk.bin --out walk").ok();
     let rssi = folder.read("walk/rssi.csv");
     folder.write("noise.bin", &[b'x'; 1000]);
@@ -214,4 +209,120 @@ fn a_full_disk_keeps_what_was_recorded_so_far() {
     assert!(said.trim_end().ends_with("No space left on device (os error 28)"), "{said}");
     let kept = folder.read("kept.bin");
     assert!(kept.len() >= 16_000 && folder.read("long.bin").starts_with(&kept), "{} bytes", kept.len());
+}
+
+#[test]
+fn what_is_recorded_is_solved_to_what_the_tag_found() {
+    let folder = walk_folder();
+    let run = folder.run("record --file walk.bin --out walk").ok();
+    assert!(run.stderr.contains(" to 6 anchors, ") && run.stdout.is_empty(), "{run:?}");
+    assert_eq!(folder.read("walk/telemetry.bin"), folder.read("walk.bin"));
+    let decoded = folder.run("decode --file walk --format csv").ok();
+    assert_eq!(folder.read("walk/positions.csv"), decoded.stdout.as_bytes());
+    let rssi = folder.run("decode --file walk --format csv --table rssi").ok();
+    assert_eq!(folder.read("walk/rssi.csv"), rssi.stdout.as_bytes());
+    let files = "--anchors walk/anchors.csv --ranges walk/ranges.csv";
+    let solved = folder.run(&format!("solve {files} --dims 2 --height-m 1.2 --method nls")).ok();
+    // The tag solves the same ranges with the same code. The wire format and the files have four decimals.
+    let by_epoch = |run: &Run| -> BTreeMap<String, [f64; 2]> {
+        let epochs = run.column("epoch").into_iter().map(str::to_owned);
+        epochs.zip(run.numbers("x_m").into_iter().zip(run.numbers("y_m")).map(|(x, y)| [x, y])).collect()
+    };
+    let (tag, host) = (by_epoch(&decoded), by_epoch(&solved));
+    let near = |epoch: &str| {
+        let (tag, host) = (tag[epoch], host[epoch]);
+        tag.iter().zip(host).all(|(tag, host)| (tag - host).abs() < 0.005)
+    };
+    let found: Vec<_> = tag.iter().filter(|(_, place)| place[0].is_finite()).map(|(epoch, _)| epoch).collect();
+    assert!(found.len() >= 15 && found.iter().all(|epoch| near(epoch)), "{tag:?}\n{host:?}");
+}
+
+#[test]
+fn ranges_to_anchors_of_unknown_position_are_left_out_unless_the_user_gives_it() {
+    let mut messages = walk();
+    let peers: Vec<u16> =
+        messages.iter().filter_map(|m| if let Message::Range(r) = m { Some(r.peer) } else { None }).collect();
+    let silent = peers[0];
+    let late = *peers.iter().find(|peer| **peer != silent).expect("several anchors");
+    // One anchor never reports its position, and one does not report it in its first range.
+    let mut late_ranges = 0;
+    for message in &mut messages {
+        let Message::Range(range) = message else { continue };
+        late_ranges += u32::from(range.peer == late);
+        if range.peer == silent || range.peer == late && late_ranges == 1 {
+            range.position_tenth_mm = None;
+        }
+    }
+    let folder = Folder::with(&[("known.csv", &format!("anchor,x_m,y_m,z_m\n{silent},1,2,3\n"))]);
+    folder.write("walk.bin", &stream(&messages));
+    let run = folder.run("record --file walk.bin --out walk --json").ok();
+    let json = run.object();
+    let left_out = peers.iter().filter(|peer| **peer == silent).count();
+    assert_eq!(json["recorded"]["left_out"], serde_json::json!({ Address(silent).to_string(): left_out }));
+    assert_eq!(
+        (&json["recorded"]["ranges"], &json["recorded"]["anchors"]),
+        (&(peers.len() - left_out).into(), &5.into())
+    );
+    folder.run("solve --anchors walk/anchors.csv --ranges walk/ranges.csv --dims 2 --height-m 1.2").ok();
+    let json = folder.run("record --file walk.bin --out known --anchors known.csv --json").ok().object();
+    assert_eq!(
+        (&json["recorded"]["ranges"], &json["recorded"]["left_out"]),
+        (&peers.len().into(), &serde_json::json!({}))
+    );
+    let anchors = String::from_utf8(folder.read("known/anchors.csv")).expect("UTF-8");
+    assert!(anchors.contains(&format!("\n{},1.0000,2.0000,3.0000\n", Address(silent))), "{anchors}");
+}
+
+#[test]
+fn a_recording_without_beacons_has_no_file_of_them_and_a_second_one_does_not_go_into_its_folder() {
+    let folder = Folder::with(&[]);
+    let without: Vec<Message> = walk().into_iter().filter(|message| message.kind() != "sighting").collect();
+    folder.write("walk.bin", &stream(&without));
+    let output = run_with(&folder, "record --stdin --out walk", &stream(&without));
+    assert!(output.status.success());
+    let mut names: Vec<_> = std::fs::read_dir(folder.path("walk"))
+        .expect("a folder")
+        .map(|entry| entry.expect("an entry").file_name().into_string().expect("UTF-8"))
+        .collect();
+    names.sort();
+    assert_eq!(names, ["anchors.csv", "positions.csv", "ranges.csv", "telemetry.bin", "telemetry.times.csv"]);
+    let before = folder.read("walk/ranges.csv");
+    let run = folder.run("record --file walk.bin --out walk");
+    assert_eq!(
+        (run.code, run.stderr.as_str()),
+        (Some(2), "--out: walk has anchors.csv already; --force replaces it\n")
+    );
+    assert_eq!(folder.read("walk/ranges.csv"), before);
+}
+
+#[test]
+fn a_restart_of_the_node_starts_no_epoch_again() {
+    let folder = Folder::with(&[]);
+    folder.write("walk.bin", &[stream(&walk()), stream(&walk())].concat());
+    let json = folder.run("record --file walk.bin --out walk --json").ok().object();
+    assert_eq!((&json["restarts"], &json["rounds_missed"]), (&1.into(), &0.into()));
+    assert_eq!(json["last_t_s"], 4.0002);
+    let positions = folder.run("decode --file walk --format csv").ok();
+    let epochs = positions.column("epoch");
+    let times = positions.numbers("t_s");
+    assert!(epochs.iter().zip(&epochs[1..]).all(|(a, b)| a.parse::<u64>().unwrap() < b.parse().unwrap()), "{epochs:?}");
+    assert!(times.is_sorted());
+}
+
+/// The stream has not ended, but the user stops the recording.
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_a_recording_with_its_files() {
+    let folder = walk_folder();
+    let mut command = folder.command("record --stdin --out walk");
+    let mut child = command.stdin(Stdio::piped()).stderr(Stdio::null()).spawn().expect("baliza runs");
+    let mut stdin = child.stdin.take().expect("piped");
+    stdin.write_all(&folder.read("walk.bin")).expect("it reads");
+    std::thread::sleep(Duration::from_millis(500));
+    let id = child.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-INT", &id]).status().expect("kill runs").success());
+    assert!(child.wait().expect("it ends").success());
+    assert_eq!(folder.read("walk/telemetry.bin"), folder.read("walk.bin"));
+    let decoded = folder.run("decode --file walk.bin --format csv").ok();
+    assert_eq!(folder.read("walk/positions.csv"), decoded.stdout.as_bytes());
 }

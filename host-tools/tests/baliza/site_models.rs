@@ -99,19 +99,19 @@ fn what_a_tag_cannot_use_is_refused_with_its_line() {
     );
     refused(
         &site(&format!("{MODELS}scan_interval_ms = 100\n"), both),
-        "site.toml:8: fingerprint_map without height_m: beacons are heeded in the plane, at the height at which a tag is carried",
+        "site.toml:8: fingerprint_map without height_m: beacons give positions in the plane, at the height at which a tag is carried",
     );
     refused(
         &site(&scanning(MODELS), &[(1, 7)]),
-        "site.toml:8: fingerprint_map has beacon 8, of which the tag is not told: list it as [[beacon]]",
+        "site.toml:8: fingerprint_map has beacon 8, which is not in the tag's record: list it as [[beacon]]",
     );
     refused(
         &site(&scanning(MODELS), &[(1, 7), (1, 8), (2, 8)]),
-        "site.toml:8: fingerprint_map has beacon 8, and the tag is told of two with that minor: change one",
+        "site.toml:8: fingerprint_map has beacon 8, and the tag's record has two with that minor: change one",
     );
     refused(
         &site(&scanning("room_model = \"flat.rooms\"\n"), &[(2, 7), (1, 8)]),
-        "site.toml:8: room_model has beacon 1-7, of which the tag is not told: list it as [[beacon]]",
+        "site.toml:8: room_model has beacon 1-7, which is not in the tag's record: list it as [[beacon]]",
     );
     folder.run("ble rooms --fingerprints f.csv --method knn --out knn.rooms").ok();
     refused(
@@ -164,6 +164,6 @@ fn a_scenario_is_surveyed_and_its_tags_get_what_comes_of_it() {
     refused(&with("map = \"s.rooms\""), "s.toml: map: s.rooms: not a map of levels");
     refused(
         &with("map = \"s.map\"").replacen("at = [4, 4, 2]", "at = [4, 4, 2]\nminor = 9", 1),
-        "s.toml: map has beacon 3, of which the tag is not told: list it as [[beacon]]",
+        "s.toml: map has beacon 3, which is not in the tag's record: list it as [[beacon]]",
     );
 }

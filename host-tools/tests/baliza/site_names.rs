@@ -3,11 +3,10 @@
 use std::collections::BTreeSet;
 
 use wire::telemetry::{
-    BeaconId, Board, Condition, Diagnostics, Difference, Hello, Message, Range, Role, Room, RoomEstimate,
-    RoomProbability, Sighting, State,
+    BeaconId, Board, Condition, Hello, Message, Role, Room, RoomEstimate, RoomProbability, Sighting, State,
 };
 
-use crate::streams::stream;
+use crate::messages::{difference, range, stream};
 use crate::support::Folder;
 
 const KEY: &str = "00112233445566778899aabbccddeeff";
@@ -54,44 +53,8 @@ minor = 7
 position_m = [3.0, 2.0, 2.4]
 "#;
 
-const DIAGNOSTICS: Diagnostics = Diagnostics {
-    rx_power_cdbm: -7925,
-    first_path_power_cdbm: -8150,
-    first_path_index_64ths: 47_712,
-    first_path_amplitudes: [9000, 10_500, 8000],
-    cir_power: 12_000,
-    preamble_count: 118,
-    noise_deviation: 52,
-    clock_offset_cppm: -235,
-};
-
-fn range(peer: u16) -> Message {
-    Message::Range(Range {
-        t_us: 400_000,
-        round: 0,
-        peer,
-        distance_tenth_mm: 45_000,
-        deviation_tenth_mm: 300,
-        position_tenth_mm: None,
-        diagnostics: DIAGNOSTICS,
-    })
-}
-
-fn difference(reference: u16, peer: u16) -> Message {
-    Message::Difference(Difference {
-        t_us: 400_000,
-        round: 0,
-        reference,
-        peer,
-        difference_tenth_mm: if reference == peer { 0 } else { -12_345 },
-        deviation_tenth_mm: 300,
-        position_tenth_mm: None,
-        diagnostics: DIAGNOSTICS,
-    })
-}
-
-/// What the tag says in half a second.
-fn told() -> Vec<Message> {
+/// The tag's telemetry of half a second.
+fn sent() -> Vec<Message> {
     let eui = 0x1020_5F12_3456_7890;
     let beacon = BeaconId { network: 0xC2A8_AD55, major: 1, minor: 7 };
     let likely = |room, probability_255ths| RoomProbability { room, probability_255ths };
@@ -105,10 +68,10 @@ fn told() -> Vec<Message> {
             build: [1; 8],
         }),
         Message::State(State { t_us: 200_000, is: Condition::Synchronised(0x0101) }),
-        range(0x0102),
-        range(0x0103),
-        difference(0x0101, 0x0101),
-        difference(0x0101, 0x0102),
+        range(400_000, 0x0102).into(),
+        range(400_000, 0x0103).into(),
+        difference(400_000, 0x0101, 0x0101).into(),
+        difference(400_000, 0x0101, 0x0102).into(),
         Message::Sighting(Sighting { t_us: 450_000, beacon, rssi_dbm: -67, measured_power_dbm: -59 }),
         Message::Room(Room { t_us: 500_000, is: RoomEstimate::Between([likely(0, 204), likely(1, 51)]) }),
     ]
@@ -121,7 +84,7 @@ fn text(folder: &Folder, file: &str) -> String {
 #[test]
 fn monitor_shows_names_beside_addresses() {
     let folder = Folder::with(&[("site.toml", SITE)]);
-    folder.write("telemetry.bin", &stream(&told()));
+    folder.write("telemetry.bin", &stream(&sent()));
     let run = folder.run("monitor --file telemetry.bin --site site.toml").ok();
     for line in [
         "hello tag trolley (0x0201) on dwm1001",
@@ -149,8 +112,8 @@ fn rooms_have_the_names_of_the_sender() {
     let of =
         |other: &str| format!("{known}\n[[known]]\nname = \"cart\"\naddress = \"0x0202\"\nrooms = [\"{other}\"]\n");
     let folder = Folder::with(&[("site.toml", &of("attic"))]);
-    let room = told().pop().expect("a room");
-    folder.write("both.bin", &stream(&told()));
+    let room = sent().pop().expect("a room");
+    folder.write("both.bin", &stream(&sent()));
     folder.write("room.bin", &stream(&[room]));
     let shown = |file: &str| folder.run(&format!("monitor --file {file} --site site.toml")).ok().stdout;
     assert!(shown("both.bin").ends_with("room  kitchen (80 %) or entrance hall (20 %)\n"));
@@ -163,7 +126,7 @@ fn rooms_have_the_names_of_the_sender() {
 #[test]
 fn a_recording_has_names_and_places_of_its_site_but_no_keys() {
     let folder = Folder::with(&[("site.toml", SITE)]);
-    folder.write("telemetry.bin", &stream(&told()));
+    folder.write("telemetry.bin", &stream(&sent()));
     let run = folder.run("record --file telemetry.bin --site site.toml --out walk").ok();
     assert!(run.stderr.contains("node: tag trolley (0x0201) on dwm1001"), "{}", run.stderr);
     // Nobody knows where 0x0103 is.
@@ -196,7 +159,7 @@ fn a_recording_has_names_and_places_of_its_site_but_no_keys() {
 #[test]
 fn the_users_own_site_file_in_a_folder_stays() {
     let folder = Folder::with(&[("names.toml", "[[known]]\nname = \"other\"\naddress = \"0x0102\"\n")]);
-    folder.write("telemetry.bin", &stream(&told()));
+    folder.write("telemetry.bin", &stream(&sent()));
     std::fs::create_dir(folder.path("walk")).expect("made");
     folder.write("walk/site.toml", SITE.as_bytes());
     folder.run("record --file telemetry.bin --site names.toml --out walk").ok();
@@ -209,7 +172,7 @@ fn a_wrong_site_file_is_refused_with_its_line() {
         ("site.toml", &SITE.replace("role = \"tag\"", "role = \"tug\"")),
         ("copy.toml", "[[known]]\naddress = \"0x10000\"\n"),
     ]);
-    folder.write("telemetry.bin", &stream(&told()));
+    folder.write("telemetry.bin", &stream(&sent()));
     for (file, said) in [("site.toml", "site.toml:28: "), ("copy.toml", "copy.toml:2: \"0x10000\" is not an address")] {
         let run = folder.run(&format!("monitor --file telemetry.bin --site {file}"));
         assert!(run.code == Some(2) && run.stderr.starts_with(said), "{run:?}");

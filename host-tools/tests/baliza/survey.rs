@@ -1,7 +1,8 @@
 //! `baliza survey fingerprints` from a recorded stream.
 
-use wire::telemetry::{BeaconId, MAX_FRAME, Message, Sighting, encode};
+use wire::telemetry::{BeaconId, Sighting};
 
+use crate::messages::frame;
 use crate::support::Folder;
 
 /// One minute of two beacons with ten adverts a second each. The second beacon is silent from 32 to 38 s.
@@ -14,9 +15,8 @@ fn stream() -> Vec<u8> {
             }
             let beacon = BeaconId { network: 0xB0, major: 7, minor };
             let rssi_dbm = -60 - (advert % 2) as i8 - 4 * minor as i8;
-            let message =
-                Message::Sighting(Sighting { t_us: advert * 100_000, beacon, rssi_dbm, measured_power_dbm: -59 });
-            bytes.extend_from_slice(encode(&message, &mut [0; MAX_FRAME]));
+            let sighting = Sighting { t_us: advert * 100_000, beacon, rssi_dbm, measured_power_dbm: -59 };
+            bytes.extend(frame(&sighting.into()));
         }
     }
     bytes

@@ -9,32 +9,15 @@ use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::stream::MaybeTlsStream;
 use tungstenite::{Message, WebSocket};
-use wire::telemetry::{Diagnostics, MAX_FRAME, Range, encode};
+use wire::telemetry::Range;
 
-use crate::monitor::testing::{BUILD, fix, hello, told};
+use crate::messages::{frame, range as range_to};
+use crate::monitor::testing::{BUILD, fix, hello, telemetry_frame};
 use crate::support::Folder;
 
 /// An anchor 258 at (1, 2, 3) and a range of 4.5 m to it.
 fn range(t_us: u64) -> Vec<u8> {
-    let range = Range {
-        t_us,
-        round: 0,
-        peer: 258,
-        distance_tenth_mm: 45_000,
-        deviation_tenth_mm: 300,
-        position_tenth_mm: Some([10_000, 20_000, 30_000]),
-        diagnostics: Diagnostics {
-            rx_power_cdbm: -7925,
-            first_path_power_cdbm: -8150,
-            first_path_index_64ths: 47_712,
-            first_path_amplitudes: [9000, 10_500, 8000],
-            cir_power: 12_000,
-            preamble_count: 118,
-            noise_deviation: 52,
-            clock_offset_cppm: -235,
-        },
-    };
-    encode(&range.into(), &mut [0; MAX_FRAME]).to_vec()
+    frame(&Range { position_tenth_mm: Some([10_000, 20_000, 30_000]), ..range_to(t_us, 258) }.into())
 }
 
 /// The messages of a file by topic: schema, time in nanoseconds, bytes.
@@ -91,7 +74,7 @@ fn a_recording_becomes_an_mcap_file() {
 #[test]
 fn a_stream_becomes_an_mcap_file_with_the_hosts_time() {
     let folder = Folder::with(&[]);
-    let stream = [told(&hello(100, BUILD)), range(450_000), told(&fix(500_000, 3.21))].concat();
+    let stream = [telemetry_frame(&hello(100, BUILD)), range(450_000), telemetry_frame(&fix(500_000, 3.21))].concat();
     folder.write("telemetry.bin", &stream);
     folder.run("convert telemetry.bin --out node.mcap").ok();
     let messages_of_node = messages(&folder.read("node.mcap"));
@@ -144,7 +127,7 @@ fn a_live_stream_is_advertised_and_sent_to_a_websocket() {
         stream.set_read_timeout(Some(Duration::from_secs(20))).expect("set");
     }
 
-    stdin.write_all(&told(&fix(500_000, 3.5))).expect("written");
+    stdin.write_all(&telemetry_frame(&fix(500_000, 3.5))).expect("written");
     let channel = wait(&mut client, |message| {
         let advertised = json_of(message.to_text().ok()?.as_bytes());
         let channels = advertised["channels"].as_array()?;
@@ -155,7 +138,7 @@ fn a_live_stream_is_advertised_and_sent_to_a_websocket() {
     // The subscription is taken some time later: positions come until one is received.
     let feeding = std::thread::spawn(move || {
         for round in 0..200 {
-            if stdin.write_all(&told(&fix(600_000 + round * 50_000, 3.5))).is_err() {
+            if stdin.write_all(&telemetry_frame(&fix(600_000 + round * 50_000, 3.5))).is_err() {
                 break;
             }
             std::thread::sleep(Duration::from_millis(50));
