@@ -121,6 +121,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         return super::print_json(&summary);
     }
-    super::note(&summary.told(&names));
+    super::note(&summary.text(&names));
     Ok(())
 }

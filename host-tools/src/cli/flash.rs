@@ -30,7 +30,7 @@ pub struct Arguments {
     /// All nodes of the file, board after board; those that are written already are skipped
     #[arg(long, conflicts_with = "image")]
     all: bool,
-    /// The board; it counts more than what the file says
+    /// The board; it overrides the one in the file
     #[arg(long, value_name = "BOARD", value_parser = boards())]
     board: Option<Board>,
     /// The image: an ELF file
@@ -78,7 +78,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let (addresses, sequence) = load.write(&mut probe)?;
     let places = addresses.iter().map(|address| format!("0x{address:08X}")).collect::<Vec<_>>().join(" and ");
     super::note(&format!(
-        "{}: {} flashed and verified, record written at {places} with sequence {sequence}, the node started anew\n",
+        "{}: {} flashed and verified, record written at {places} with sequence {sequence}, the node restarted\n",
         load.node.name,
         load.firmware.file.display()
     ));

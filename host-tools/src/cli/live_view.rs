@@ -1,7 +1,7 @@
 //! `--foxglove`: the live view of a command, with and without the feature of this name.
 
 use anyhow::Result;
-use host_tools::node::monitor::Said;
+use host_tools::node::monitor::NodeOutput;
 
 /// `--foxglove`: where to listen.
 #[derive(Clone, Debug)]
@@ -30,7 +30,7 @@ mod with {
 
     use host_tools::view::{Live, View};
 
-    use super::{Address, Result, Said};
+    use super::{Address, NodeOutput, Result};
 
     /// The interval after which all anchors are sent again.
     const AGAIN: Duration = Duration::from_secs(1);
@@ -52,12 +52,12 @@ mod with {
             Ok(Self { view: View::new(live), anchors_at: Instant::now() })
         }
 
-        /// Sends what a node has said.
+        /// Sends a node's output.
         ///
         /// # Errors
         /// A message cannot be encoded.
-        pub fn said(&mut self, said: &Said) -> Result<()> {
-            if let Said::Message(stamp, message) = said {
+        pub fn output(&mut self, output: &NodeOutput) -> Result<()> {
+            if let NodeOutput::Message(stamp, message) = output {
                 self.view.telemetry(now_ns(), *stamp, message)?;
             }
             if self.anchors_at.elapsed() >= AGAIN {
@@ -94,7 +94,7 @@ impl LiveView {
     ///
     /// # Errors
     /// Never.
-    pub fn said(&mut self, _: &Said) -> Result<()> {
+    pub fn output(&mut self, _: &NodeOutput) -> Result<()> {
         match *self {}
     }
 }

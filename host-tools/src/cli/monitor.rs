@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use clap::ValueEnum;
 use host_tools::UserError;
 use host_tools::node::monitor::{
-    Counts, Files, Image, Limits, Lines, Listener, Piped, Reload, Said, Session, Source, json, listen, summary,
+    Counts, Files, Image, Limits, Lines, Listener, NodeOutput, Piped, Reload, Session, Source, json, listen, summary,
 };
 use host_tools::node::provision::SiteNames;
 use host_tools::node::recorder::{Recorder, Settings};
@@ -109,12 +109,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let view = arguments.foxglove.as_ref().map(LiveView::listen).transpose()?;
     let mut screen = Screen { view, ..Screen::new(arguments, names, live) };
     let begun = Instant::now();
-    let heard =
+    let listened =
         screen.begin().and_then(|()| listen(source.as_mut(), &mut session, &mut screen, limits, &STOP).map(drop));
     let shown = screen.end();
     // The recording is completed even where the terminal is closed.
     let recorded = session.recorded().map(Recorder::finish).transpose();
-    heard?;
+    listened?;
     recorded?;
     shown?;
     let counts = session.counts();
@@ -210,17 +210,17 @@ impl Screen {
     }
 
     /// The text of one item of the node's output; empty where the item is not shown.
-    fn text(&mut self, said: &Said) -> Result<Vec<u8>> {
+    fn text(&mut self, output: &NodeOutput) -> Result<Vec<u8>> {
         match &mut self.writing {
-            Writing::Text(lines) => Ok(lines.line(said).unwrap_or_default().into_bytes()),
+            Writing::Text(lines) => Ok(lines.line(output).unwrap_or_default().into_bytes()),
             Writing::Json => {
-                let mut line = json(said).context("cannot write JSON")?;
+                let mut line = json(output).context("cannot write JSON")?;
                 line.push(b'\n');
                 Ok(line)
             }
             Writing::Csv(lines) => {
                 let mut row = Vec::new();
-                if let Said::Message(stamp, message) = said {
+                if let NodeOutput::Message(stamp, message) = output {
                     lines.append(&mut row, *stamp, message)?;
                 }
                 Ok(row)
@@ -239,11 +239,11 @@ fn read_on(written: std::io::Result<()>) -> Result<bool> {
 }
 
 impl Listener for Screen {
-    fn said(&mut self, said: &Said) -> Result<bool> {
+    fn output(&mut self, output: &NodeOutput) -> Result<bool> {
         if let Some(view) = &mut self.view {
-            view.said(said)?;
+            view.output(output)?;
         }
-        let text = self.text(said)?;
+        let text = self.text(output)?;
         let (bar, out) = (&self.bar, &mut self.out);
         if bar.is_hidden() || text.is_empty() {
             return read_on(out.write_all(&text));

@@ -45,10 +45,10 @@ pub struct Arguments {
     /// As bytes, for the address that is printed; or as Intel HEX, which has the addresses in it
     #[arg(long, value_enum, default_value_t = Format::Bin, requires = "config")]
     format: Format,
-    /// Writes the record over a debug probe, reads it back, compares, and starts the node anew
+    /// Writes the record over a debug probe, reads it back, compares, and restarts the node
     #[arg(long, requires = "config", conflicts_with = "out")]
     write: bool,
-    /// The board; it counts more than what the file says
+    /// The board; it overrides the one in the file
     #[arg(long, value_name = "BOARD", value_parser = boards())]
     board: Option<Board>,
     /// Prints the record of a file as TOML
@@ -60,7 +60,7 @@ pub struct Arguments {
     /// Prints keys, too
     #[arg(long, conflicts_with_all = ["config", "check", "example"])]
     show_keys: bool,
-    /// Says in one line whether a file is a good record; exit code 2 where it is not
+    /// Checks whether a file is a good record, in one line; exit code 2 where it is not
     #[arg(long, value_name = "FILE")]
     check: Option<PathBuf>,
     /// Prints a file to begin with: four anchors, a tag and a beacon
@@ -255,7 +255,7 @@ fn write(arguments: &Arguments, node: &Node, board: Board, contents: &Contents<'
     let (addresses, sequence) = transfer::write(&mut session, board, contents)?;
     let places = addresses.iter().map(|address| format!("0x{address:08X}")).collect::<Vec<_>>().join(" and ");
     super::note(&format!(
-        "{}: written at {places} with sequence {sequence}, compared, and the node started anew\n",
+        "{}: written at {places} with sequence {sequence}, compared, and the node restarted\n",
         node.name
     ));
     if arguments.json {

@@ -126,22 +126,22 @@ fn record(arguments: &Arguments, folder: &Path, settings: Settings) -> Result<()
     let names = settings.site.clone();
     let mut recorder = Recorder::create("--out", folder, Settings { file: file.clone(), ..settings })?;
     let until = Deadline { begun: Instant::now(), limit: arguments.source.seconds };
-    let heard = match input {
+    let received = match input {
         Some(input) => read(&input, &mut recorder, &until),
         None => listen(&arguments.source, &mut recorder, &until),
     };
     let summary = recorder.summary();
-    if summary.bytes == 0 && heard.is_err() {
-        return heard;
+    if summary.bytes == 0 && received.is_err() {
+        return received;
     }
-    if let (Some(file), true) = (file, heard.is_ok()) {
+    if let (Some(file), true) = (file, received.is_ok()) {
         summary.is_of_telemetry(&file)?;
     }
     // What was received before a failure is still made into tables.
-    match (heard, recorder.finish()) {
-        (heard, Ok(recorded)) => {
+    match (received, recorder.finish()) {
+        (received, Ok(recorded)) => {
             report(arguments, folder, &names, &summary, &recorded)?;
-            heard
+            received
         }
         (Err(first), Err(_)) => Err(first),
         (Ok(()), Err(error)) => Err(error),
@@ -212,12 +212,12 @@ fn report(
     if arguments.json {
         return super::print_json(&Document { summary, recorded });
     }
-    super::note(&told(folder, names, summary, recorded));
+    super::note(&summary_text(folder, names, summary, recorded));
     Ok(())
 }
 
-fn told(folder: &Path, names: &SiteNames, summary: &Summary, recorded: &Recorded) -> String {
-    let mut text = summary.told(names);
+fn summary_text(folder: &Path, names: &SiteNames, summary: &Summary, recorded: &Recorded) -> String {
+    let mut text = summary.text(names);
     let Recorded { rows, anchors, left_out } = recorded;
     let count = |name: &str| rows.get(name).copied().unwrap_or(0);
     let (positions, ranges, sightings) = (count("positions"), count("ranges"), count("sightings"));
@@ -236,7 +236,7 @@ fn told(folder: &Path, names: &SiteNames, summary: &Summary, recorded: &Recorded
         let who: Vec<_> = left_out.keys().map(|address| names.with_address(*address)).collect();
         let _ = writeln!(
             text,
-            "left out: {count} ranges to {}, whose places nobody told; --anchors FILE or --site FILE gives them",
+            "left out: {count} ranges to {}, whose positions are unknown; --anchors FILE or --site FILE gives them",
             who.join(", ")
         );
     }

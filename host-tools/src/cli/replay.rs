@@ -79,7 +79,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let summary = stream.summary();
     summary.is_of_telemetry(input.name())?;
     if feed_stdout(&due)? {
-        super::note(&summary.told(&SiteNames::default()));
+        super::note(&summary.text(&SiteNames::default()));
     }
     Ok(())
 }

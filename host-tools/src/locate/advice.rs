@@ -186,7 +186,7 @@ fn times(epochs: &[Epoch]) -> Option<String> {
     let (epoch, (first, last)) = long.next()?;
     Some(format!(
         "{} of the epochs have rows whose times differ by more than {ONE_FIX_S} s, the first is {} with {first} to {last} s, \
-         and the latest time counts: number the epochs anew, or make rounds by --group-s",
+         and the latest time counts: number the epochs again, or make rounds by --group-s",
         1 + long.count(),
         epoch.name
     ))

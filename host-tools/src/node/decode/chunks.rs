@@ -27,7 +27,7 @@ pub struct Chunks {
 }
 
 impl Chunks {
-    /// Reads in a thread of its own, which lives until the reader ends, because waiting for a pipe has no timeout.
+    /// Reads in a thread of its own, which runs until the reader ends, because waiting for a pipe has no timeout.
     pub fn new(mut from: impl Read + Send + 'static) -> Self {
         let (to, chunks) = sync_channel(AHEAD);
         thread::spawn(move || {

@@ -134,7 +134,7 @@ impl Summary {
     }
 
     /// The summary as text, with the names of the site: what was received, then one line for each kind of error.
-    pub fn told(&self, names: &SiteNames) -> String {
+    pub fn text(&self, names: &SiteNames) -> String {
         let mut text = format!("{} frames in {} bytes", self.frames.total, self.bytes);
         let mut separator = ": ";
         for (kind, count) in self.frames.by_kind().filter(|(_, count)| *count > 0) {

@@ -1,4 +1,4 @@
-//! One time line and one numbering of rounds for a whole recording, although a node's clock begins anew at a restart,
+//! One time line and one numbering of rounds for a whole recording, although a node's clock begins again at a restart,
 //! and its round numbers wrap.
 
 use wire::telemetry::Message;
@@ -51,7 +51,7 @@ impl Timeline {
         Stamp { t_s: self.zero_us.saturating_add(t_us) as f64 / 1e6, epoch }
     }
 
-    /// The node has restarted: its clock begins anew with the next message.
+    /// The node has restarted: its clock begins again with the next message.
     pub fn restart(&mut self) {
         self.restarts += 1;
         self.zero_us = self.zero_us.saturating_add(self.latest_us.take().unwrap_or(0));

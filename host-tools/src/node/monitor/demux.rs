@@ -106,7 +106,7 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::super::source::{Channel, Event};
-    use super::super::testing::{BUILD, fix, frame, hello, told};
+    use super::super::testing::{BUILD, fix, frame, hello, telemetry_frame};
     use super::Demux;
 
     /// Log, telemetry and text of a mixture that is fed in pieces of `size` bytes.
@@ -133,7 +133,8 @@ mod tests {
 
     #[test]
     fn channels_part_whatever_the_pieces() {
-        let (line, greeting, place) = (frame(1, 5, &[1]), told(&hello(4, BUILD)), told(&fix(6, 3.21)));
+        let (line, greeting, place) =
+            (frame(1, 5, &[1]), telemetry_frame(&hello(4, BUILD)), telemetry_frame(&fix(6, 3.21)));
         // The first frame of defmt begins with an extra zero.
         let first = announced(&[&[0], &line[..]].concat());
         let mixture = [&first[..], &greeting, &announced(&line), &announced(&line), &place].concat();
@@ -149,9 +150,9 @@ mod tests {
     fn a_boot_loaders_lines_are_text() {
         let boot = b"ESP-ROM:esp32c3-api1-20210207\r\nrst:0x1 (POWERON)\r\n\r\n";
         let line = frame(1, 5, &[1]);
-        let mixture = [&boot[..], &announced(&line), &told(&fix(6, 3.21)), b"again\n"].concat();
+        let mixture = [&boot[..], &announced(&line), &telemetry_frame(&fix(6, 3.21)), b"again\n"].concat();
         let (log, telemetry, text) = parted(&mixture, 3);
-        assert_eq!((log, telemetry), (line, told(&fix(6, 3.21))));
+        assert_eq!((log, telemetry), (line, telemetry_frame(&fix(6, 3.21))));
         assert_eq!(text, ["ESP-ROM:esp32c3-api1-20210207", "rst:0x1 (POWERON)", "again"]);
     }
 
@@ -167,7 +168,10 @@ mod tests {
         // COBS begins with the distance to the first zero, here ten, which is also a line feed. The field 0.1 mm · 0
         // gives the zeros.
         let of_distance = |distance: u8| {
-            (0..1 << 20).step_by(9973).map(|t_us| told(&fix(t_us, 0.0))).find(|frame| frame.first() == Some(&distance))
+            (0..1 << 20)
+                .step_by(9973)
+                .map(|t_us| telemetry_frame(&fix(t_us, 0.0)))
+                .find(|frame| frame.first() == Some(&distance))
         };
         let frame = of_distance(10).expect("there is one");
         let (_, telemetry, text) = parted(&frame.repeat(3), 1);
@@ -177,7 +181,8 @@ mod tests {
     #[test]
     fn random_bytes_and_flipped_bits_come_out_somewhere() {
         let mut random = Pcg64::seed_from_u64(2);
-        let mixture = [announced(&frame(1, 5, &[1])), told(&fix(6, 3.21)), b"text\n".to_vec()].concat().repeat(300);
+        let mixture =
+            [announced(&frame(1, 5, &[1])), telemetry_frame(&fix(6, 3.21)), b"text\n".to_vec()].concat().repeat(300);
         let mut noise = mixture.clone();
         noise.iter_mut().for_each(|byte| *byte = random.random());
         parted(&noise, 64);

@@ -2,25 +2,25 @@
 
 use serde::Serialize;
 
-use super::session::Said;
+use super::session::NodeOutput;
 
 /// One item of a node's output as one line of JSON, without the line end. Its `type` is the message's kind, or `log`,
 /// `text` (a line of the boot loader) or `unreadable` (the log cannot be read from here on).
 ///
 /// # Errors
 /// The serializer returns an error.
-pub fn json(said: &Said) -> serde_json::Result<Vec<u8>> {
-    let object = match said {
-        Said::Message(_, message) => return serde_json::to_vec(&message.json()),
-        Said::Log(line) => Object::Log {
+pub fn json(output: &NodeOutput) -> serde_json::Result<Vec<u8>> {
+    let object = match output {
+        NodeOutput::Message(_, message) => return serde_json::to_vec(&message.json()),
+        NodeOutput::Log(line) => Object::Log {
             t_s: line.t_us.map(|t_us| t_us as f64 / 1e6),
             level: line.level.map(defmt_parser::Level::as_str),
             text: &line.text,
             file: line.place.as_ref().map(|place| place.file.as_str()),
             line: line.place.as_ref().map(|place| place.line),
         },
-        Said::Text(text) => Object::Text { text },
-        Said::Unreadable => Object::Unreadable,
+        NodeOutput::Text(text) => Object::Text { text },
+        NodeOutput::Unreadable => Object::Unreadable,
     };
     serde_json::to_vec(&object)
 }

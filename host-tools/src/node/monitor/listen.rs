@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use wire::telemetry::Message;
 
-use super::session::{Counts, Output, Said, Session};
+use super::session::{Counts, Item, NodeOutput, Session};
 use super::source::{Event, Source};
 
 /// The limits at which listening ends, besides the end of the source.
@@ -24,7 +24,7 @@ pub trait Listener {
     ///
     /// # Errors
     /// The output cannot be written.
-    fn said(&mut self, said: &Said) -> Result<bool>;
+    fn output(&mut self, output: &NodeOutput) -> Result<bool>;
 
     /// Takes a message for the user, which is not part of the data: after all output before it.
     fn note(&mut self, note: &str);
@@ -71,16 +71,16 @@ pub fn listen(
         while let Some(note) = session.note() {
             listener.note(&note);
         }
-        while let Some(output) = session.next(begun.elapsed()) {
-            let said = match output {
-                Output::Said(said) => said,
-                Output::Note(note) => {
+        while let Some(item) = session.next(begun.elapsed()) {
+            let output = match item {
+                Item::Node(output) => output,
+                Item::Note(note) => {
                     listener.note(&note);
                     continue;
                 }
             };
-            fixes += u64::from(is_position(&said));
-            if !listener.said(&said)? || limits.fixes.is_some_and(|most| fixes >= most) {
+            fixes += u64::from(is_position(&output));
+            if !listener.output(&output)? || limits.fixes.is_some_and(|most| fixes >= most) {
                 return Ok(session.counts());
             }
         }
@@ -99,6 +99,6 @@ pub fn listen(
     }
 }
 
-fn is_position(said: &Said) -> bool {
-    matches!(said, Said::Message(_, Message::Fix(fix)) if fix.position_m().is_some())
+fn is_position(output: &NodeOutput) -> bool {
+    matches!(output, NodeOutput::Message(_, Message::Fix(fix)) if fix.position_m().is_some())
 }

@@ -27,7 +27,7 @@ pub use log::LogLine;
 pub use probed::{Attach, Probed};
 pub use rtt::{Memory, Polled, Rings, find};
 pub use serial::{Open, Port, Serial};
-pub use session::{Counts, Output, Reload, Said, Session};
+pub use session::{Counts, Item, NodeOutput, Reload, Session};
 pub use show::{Lines, summary};
 pub use source::{Channel, Event, Pace, Source};
 pub use streams::{Files, Piped};

@@ -2,7 +2,7 @@
 //!
 //! After attaching, the source looks for the RTT rings and polls them. After any failure (a cable, the probe, the
 //! chip's power) it releases the probe and attaches again, at first immediately and then at longer and longer
-//! intervals. If the control block disappears or begins anew, the node has restarted.
+//! intervals. If the control block disappears or begins again, the node has restarted.
 
 use std::collections::VecDeque;
 use std::thread::sleep;
@@ -28,7 +28,7 @@ enum State {
     /// Not attached yet: a failure ends the source.
     New,
     /// Attached, and looking for the rings.
-    Seeking { memory: Box<dyn Memory>, since: Instant, told: bool },
+    Seeking { memory: Box<dyn Memory>, since: Instant, reported: bool },
     /// Attached, and reading.
     Reading { memory: Box<dyn Memory>, rings: Rings },
     /// Tries again at the time `again`; the interval after that attempt is `wait`.
@@ -69,7 +69,7 @@ impl<A: Attach> Probed<A> {
                 }
                 Err(_) => State::Lost { again: Instant::now() + wait, wait: (wait * 2).min(self.pace.longest) },
             },
-            State::Seeking { mut memory, since, told } => {
+            State::Seeking { mut memory, since, reported } => {
                 match rtt::find(memory.as_mut(), self.marks.as_ref().and_then(|marks| marks.rtt)) {
                     Ok(Some(rings)) => {
                         self.compare(memory.as_mut());
@@ -77,17 +77,17 @@ impl<A: Attach> Probed<A> {
                     }
                     Ok(None) => {
                         let silent = since.elapsed() > self.pace.silent;
-                        if silent && !told {
+                        if silent && !reported {
                             self.ready.push_back(Event::Silent);
                         }
-                        State::Seeking { memory, since, told: told || silent }
+                        State::Seeking { memory, since, reported: reported || silent }
                     }
                     Err(error) => self.lose(&error),
                 }
             }
             State::Reading { mut memory, mut rings } => match rings.poll(memory.as_mut()) {
-                Ok(Polled::Bytes { bytes, anew }) => {
-                    if anew {
+                Ok(Polled::Bytes { bytes, restarted }) => {
+                    if restarted {
                         self.ready.push_back(Event::Restarted);
                     }
                     // Telemetry first, because it decides which lines of the log are shown.
@@ -113,7 +113,7 @@ impl<A: Attach> Probed<A> {
     }
 
     fn seek(&self, memory: Box<dyn Memory>) -> State {
-        State::Seeking { memory, since: Instant::now(), told: false }
+        State::Seeking { memory, since: Instant::now(), reported: false }
     }
 
     fn lose(&mut self, error: &anyhow::Error) -> State {
@@ -238,8 +238,8 @@ mod tests {
     fn attached_it_reads_both_channels() {
         let desk = Desk::new();
         let mut source = desk.source(None);
-        desk.0.borrow_mut().say(0, b"log");
-        desk.0.borrow_mut().say(1, b"told");
+        desk.0.borrow_mut().send(0, b"log");
+        desk.0.borrow_mut().send(1, b"told");
         let told = Event::Bytes(Channel::Telemetry, b"told".to_vec());
         assert_eq!(events(&mut source), [Event::Connected("chip".into()), told, log("log")]);
         assert_eq!(desk.0.borrow().resets, 0);
@@ -259,7 +259,7 @@ mod tests {
         events(&mut source);
         desk.0.borrow_mut().unplug();
         assert_eq!(events(&mut source), [Event::Lost("the probe is gone".into())]);
-        desk.0.borrow_mut().say(0, b"meanwhile");
+        desk.0.borrow_mut().send(0, b"meanwhile");
         assert!(events(&mut source).is_empty());
         desk.0.borrow_mut().plugged = true;
         assert_eq!(events(&mut source), [Event::Connected("chip".into()), log("meanwhile")]);
@@ -269,17 +269,17 @@ mod tests {
     fn a_reset_and_a_block_that_has_moved_are_survived() {
         let desk = Desk::new();
         let mut source = desk.source(None);
-        desk.0.borrow_mut().say(0, b"before");
+        desk.0.borrow_mut().send(0, b"before");
         events(&mut source);
         // Another image, with its control block at another address.
         desk.0.borrow_mut().clear();
         assert_eq!(events(&mut source), [Event::Restarted]);
         desk.0.borrow_mut().start(0x800);
-        desk.0.borrow_mut().say(0, b"after");
+        desk.0.borrow_mut().send(0, b"after");
         assert_eq!(events(&mut source), [log("after")]);
         // The same, but faster than the polling.
         desk.0.borrow_mut().start(0x800);
-        desk.0.borrow_mut().say(0, b"again");
+        desk.0.borrow_mut().send(0, b"again");
         assert_eq!(events(&mut source), [Event::Restarted, log("again")]);
     }
 

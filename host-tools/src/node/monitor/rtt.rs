@@ -115,8 +115,8 @@ pub enum Polled {
     Bytes {
         /// The channels with new bytes.
         bytes: Vec<(Channel, Vec<u8>)>,
-        /// The rings have begun anew: the node has restarted, or another program also reads them.
-        anew: bool,
+        /// The rings have begun again: the node has restarted, or another program also reads them.
+        restarted: bool,
     },
     /// There is no control block any more: the node is starting, or runs another image.
     Gone,
@@ -147,12 +147,12 @@ impl Rings {
     /// The memory cannot be read or written.
     pub fn poll(&mut self, memory: &mut dyn Memory) -> Result<Polled> {
         let Some(rings) = self.look(memory)? else { return Ok(Polled::Gone) };
-        let (mut bytes, mut anew) = (Vec::new(), false);
+        let (mut bytes, mut restarted) = (Vec::new(), false);
         for ring in rings {
             let (Some(known), Some(channel)) = (self.read.get_mut(ring.channel), CHANNELS.get(ring.channel)) else {
                 continue;
             };
-            anew |= known.is_some_and(|known| known != ring.read);
+            restarted |= known.is_some_and(|known| known != ring.read);
             *known = Some(ring.write);
             let taken = ring.take(memory)?;
             if !taken.is_empty() {
@@ -164,7 +164,7 @@ impl Rings {
                 bytes.push((*channel, taken));
             }
         }
-        Ok(Polled::Bytes { bytes, anew })
+        Ok(Polled::Bytes { bytes, restarted })
     }
 
     /// The rings at present; `None` where the block is not a valid control block.
@@ -232,7 +232,7 @@ mod tests {
 
     fn bytes(polled: Polled) -> Vec<(Channel, Vec<u8>)> {
         match polled {
-            Polled::Bytes { bytes, anew: false } => bytes,
+            Polled::Bytes { bytes, restarted: false } => bytes,
             other => panic!("{other:?}"),
         }
     }
@@ -259,12 +259,12 @@ mod tests {
         assert!(bytes(rings.poll(&mut ram).expect("memory")).is_empty());
         // Each ring holds 63 bytes.
         for round in 0..20_u8 {
-            let (log, told) = (vec![round; 50], vec![round ^ 0x80; 17]);
-            assert!(ram.say(0, &log) && ram.say(1, &told));
+            let (log, telemetry) = (vec![round; 50], vec![round ^ 0x80; 17]);
+            assert!(ram.send(0, &log) && ram.send(1, &telemetry));
             let read = bytes(rings.poll(&mut ram).expect("memory"));
-            assert_eq!(read, [(Channel::Log, log), (Channel::Telemetry, told)]);
+            assert_eq!(read, [(Channel::Log, log), (Channel::Telemetry, telemetry)]);
         }
-        assert!(ram.say(0, &[1; 63]) && !ram.say(0, &[2]));
+        assert!(ram.send(0, &[1; 63]) && !ram.send(0, &[2]));
     }
 
     #[test]
@@ -272,12 +272,12 @@ mod tests {
         let mut ram = Ram::new(0x1000);
         ram.start(0);
         let mut rings = find(&mut ram, None).expect("memory").expect("a control block");
-        ram.say(0, b"before");
+        ram.send(0, b"before");
         rings.poll(&mut ram).expect("memory");
         ram.start(0);
-        ram.say(0, b"after");
-        let anew = Polled::Bytes { bytes: vec![(Channel::Log, b"after".to_vec())], anew: true };
-        assert_eq!(rings.poll(&mut ram).expect("memory"), anew);
+        ram.send(0, b"after");
+        let restarted = Polled::Bytes { bytes: vec![(Channel::Log, b"after".to_vec())], restarted: true };
+        assert_eq!(rings.poll(&mut ram).expect("memory"), restarted);
         ram.clear();
         assert_eq!(rings.poll(&mut ram).expect("memory"), Polled::Gone);
     }

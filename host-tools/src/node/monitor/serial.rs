@@ -168,7 +168,7 @@ mod tests {
     use anyhow::{Result, anyhow};
 
     use super::super::source::{Channel, Event, Pace, Source};
-    use super::super::testing::{fix, frame, told};
+    use super::super::testing::{fix, frame, telemetry_frame};
     use super::{Open, Port, Serial};
 
     const PACE: Pace = Pace {
@@ -202,7 +202,7 @@ mod tests {
 
     #[test]
     fn a_port_that_goes_away_is_opened_again() {
-        let (line, place) = (frame(1, 5, &[1]), told(&fix(6, 3.21)));
+        let (line, place) = (frame(1, 5, &[1]), telemetry_frame(&fix(6, 3.21)));
         let mixture = [&[0xFF, 0], &line[..], &place, &place[..9]].concat();
         let cable = Cable(VecDeque::from([
             Some(vec![Ok(mixture), Err(ErrorKind::TimedOut), Err(ErrorKind::BrokenPipe)]),

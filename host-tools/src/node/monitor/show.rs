@@ -7,7 +7,7 @@ use defmt_parser::Level;
 use wire::telemetry::{Message, Tone};
 
 use super::log::LogLine;
-use super::session::{Counts, Said};
+use super::session::{Counts, NodeOutput};
 use crate::node::provision::SiteNames;
 
 const RED: &str = "\x1b[31m";
@@ -38,13 +38,13 @@ impl Lines {
     }
 
     /// A line with its end; `None` for a line of the log that telemetry also has, and for a repeated `Hello`.
-    pub fn line(&mut self, said: &Said) -> Option<String> {
-        let is_shown = match said {
-            Said::Log(line) => !line.is_in_telemetry,
-            Said::Message(_, message) => self.greeted(message),
-            Said::Text(_) | Said::Unreadable => true,
+    pub fn line(&mut self, output: &NodeOutput) -> Option<String> {
+        let is_shown = match output {
+            NodeOutput::Log(line) => !line.is_in_telemetry,
+            NodeOutput::Message(_, message) => self.greeted(message),
+            NodeOutput::Text(_) | NodeOutput::Unreadable => true,
         };
-        is_shown.then(|| self.render(said))
+        is_shown.then(|| self.render(output))
     }
 
     /// Whether a message is new: a `Hello` that differs from the last one, or any other message.
@@ -58,20 +58,20 @@ impl Lines {
         !repeated
     }
 
-    fn render(&self, said: &Said) -> String {
-        let (t_us, label, colour, mut text) = match said {
-            Said::Log(LogLine { t_us, level, text, .. }) => {
+    fn render(&self, output: &NodeOutput) -> String {
+        let (t_us, label, colour, mut text) = match output {
+            NodeOutput::Log(LogLine { t_us, level, text, .. }) => {
                 let (label, colour) = of_level(*level);
                 (*t_us, label, colour, text.clone())
             }
-            Said::Message(_, message) => {
+            NodeOutput::Message(_, message) => {
                 let text = self.names.text(message, self.hello.map(|hello| hello.address));
                 (Some(message.t_us()), message.label(), of_tone(message.tone()), text)
             }
-            Said::Text(text) => (None, "boot", DIM, text.clone()),
-            Said::Unreadable => (None, "log", YELLOW, "[defmt text not decodable]".into()),
+            NodeOutput::Text(text) => (None, "boot", DIM, text.clone()),
+            NodeOutput::Unreadable => (None, "log", YELLOW, "[defmt text not decodable]".into()),
         };
-        if let (true, Said::Log(LogLine { place: Some(place), .. })) = (self.places, said) {
+        if let (true, NodeOutput::Log(LogLine { place: Some(place), .. })) = (self.places, output) {
             // Writing to a string does not fail.
             let _ = write!(text, "  ({}:{})", place.file, place.line);
         }
@@ -155,21 +155,21 @@ mod tests {
 
     use super::super::image::SourceLocation;
     use super::super::log::LogLine;
-    use super::super::session::{Counts, Said};
+    use super::super::session::{Counts, NodeOutput};
     use super::super::testing::{BUILD, fix, hello};
     use super::{Lines, summary};
     use crate::node::decode::Stamp;
 
-    fn line(said: &Said) -> String {
-        Lines::new(false, true).line(said).expect("a line")
+    fn line(output: &NodeOutput) -> String {
+        Lines::new(false, true).line(output).expect("a line")
     }
 
     fn shown(message: Message) -> String {
         line(&of(message))
     }
 
-    fn of(message: Message) -> Said {
-        Said::Message(Stamp { t_s: 0.0, epoch: 0 }, message)
+    fn of(message: Message) -> NodeOutput {
+        NodeOutput::Message(Stamp { t_s: 0.0, epoch: 0 }, message)
     }
 
     #[test]
@@ -265,37 +265,48 @@ mod tests {
     #[test]
     fn lines_of_the_log_have_their_level_and_place() {
         let place = SourceLocation { file: "firmware-tag/src/lib.rs".into(), line: 12 };
-        let said = Said::Log(LogLine {
+        let output = NodeOutput::Log(LogLine {
             t_us: Some(2),
             level: Some(Level::Warn),
             text: "a\nb".into(),
             place: Some(place),
             is_in_telemetry: false,
         });
-        assert_eq!(line(&said), "     0.000002 WARN  a\n                    b  (firmware-tag/src/lib.rs:12)\n");
+        assert_eq!(line(&output), "     0.000002 WARN  a\n                    b  (firmware-tag/src/lib.rs:12)\n");
         assert_eq!(
-            Lines::new(false, false).line(&said).as_deref(),
+            Lines::new(false, false).line(&output).as_deref(),
             Some("     0.000002 WARN  a\n                    b\n")
         );
-        let bare =
-            Said::Log(LogLine { t_us: None, level: None, text: "bare".into(), place: None, is_in_telemetry: false });
+        let bare = NodeOutput::Log(LogLine {
+            t_us: None,
+            level: None,
+            text: "bare".into(),
+            place: None,
+            is_in_telemetry: false,
+        });
         assert_eq!(line(&bare), "                    bare\n");
-        assert_eq!(line(&Said::Text("ESP-ROM:x".into())), "              boot  ESP-ROM:x\n");
-        assert_eq!(line(&Said::Unreadable), "              log   [defmt text not decodable]\n");
+        assert_eq!(line(&NodeOutput::Text("ESP-ROM:x".into())), "              boot  ESP-ROM:x\n");
+        assert_eq!(line(&NodeOutput::Unreadable), "              log   [defmt text not decodable]\n");
     }
 
     #[test]
     fn a_terminal_gets_colours_and_nobody_else() {
-        let said = of(fix(1, 3.21));
-        let coloured = Lines::new(true, false).line(&said).expect("a line");
+        let output = of(fix(1, 3.21));
+        let coloured = Lines::new(true, false).line(&output).expect("a line");
         assert!(coloured.starts_with("\x1b[2m     0.000001\x1b[0m \x1b[32mfix  \x1b[0m x=3.21"), "{coloured:?}");
-        assert!(!line(&said).contains('\x1b'));
+        assert!(!line(&output).contains('\x1b'));
     }
 
     #[test]
     fn a_line_of_the_log_that_telemetry_has_is_not_shown() {
         let log = |is_in_telemetry| {
-            Said::Log(LogLine { t_us: Some(5), level: None, text: "fix x=3.21".into(), place: None, is_in_telemetry })
+            NodeOutput::Log(LogLine {
+                t_us: Some(5),
+                level: None,
+                text: "fix x=3.21".into(),
+                place: None,
+                is_in_telemetry,
+            })
         };
         assert_eq!([true, false].map(|twin| Lines::new(false, false).line(&log(twin)).is_some()), [false, true]);
     }

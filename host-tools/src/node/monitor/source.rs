@@ -24,7 +24,7 @@ pub enum Event {
     Connected(String),
     /// The connection is lost, and the source tries to connect again: the reason.
     Lost(String),
-    /// The node has started anew, or is about to.
+    /// The node has restarted, or is about to.
     Restarted,
     /// The node runs, but has no RTT rings.
     Silent,

@@ -66,8 +66,8 @@ pub fn frame(statement: u16, t_us: u64, arguments: &[u8]) -> Vec<u8> {
     frame
 }
 
-/// A telemetry frame.
-pub fn told(message: &wire::telemetry::Message) -> Vec<u8> {
+/// The bytes of a telemetry frame.
+pub fn telemetry_frame(message: &wire::telemetry::Message) -> Vec<u8> {
     wire::telemetry::encode(message, &mut [0; wire::telemetry::MAX_FRAME]).to_vec()
 }
 

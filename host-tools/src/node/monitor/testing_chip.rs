@@ -42,8 +42,8 @@ impl Ram {
         self.plugged = false;
     }
 
-    /// The node writes bytes; `false`: the ring has no room.
-    pub fn say(&mut self, channel: usize, bytes: &[u8]) -> bool {
+    /// The node writes bytes into a ring; `false`: the ring has no room.
+    pub fn send(&mut self, channel: usize, bytes: &[u8]) -> bool {
         let (write, read) = (self.get(channel, 3), self.get(channel, 4));
         if bytes.len() > (read + SIZE - write - 1) % SIZE {
             return false;

@@ -87,11 +87,11 @@ impl Lists {
     pub(super) fn of_record(&self) -> Result<(Anchors, Beacons), (u64, String)> {
         let (mut anchors, mut beacons) = (Anchors::default(), Beacons::default());
         for (anchor, line) in &self.anchors {
-            let full = |_| (*line, format!("a tag can be told of {MAX_ANCHORS} anchors, this is one more"));
+            let full = |_| (*line, format!("a tag's record holds {MAX_ANCHORS} anchors, and this is one more"));
             anchors.push(*anchor).map_err(full)?;
         }
         for (beacon, line) in &self.beacons {
-            let full = |_| (*line, format!("a tag can be told of {MAX_BEACONS} beacons, this is one more"));
+            let full = |_| (*line, format!("a tag's record holds {MAX_BEACONS} beacons, and this is one more"));
             beacons.push(*beacon).map_err(full)?;
         }
         Ok((anchors, beacons))

@@ -28,7 +28,7 @@ pub enum Seen {
     Nothing,
     /// A probe that does not reach a chip, and why.
     Trouble(String),
-    /// A board: its flash, and a name by which the probe is told from others.
+    /// A board: its flash, and a name that identifies the probe.
     Board(Box<dyn Flash>, String),
 }
 
@@ -271,7 +271,7 @@ mod tests {
         assert_eq!(left.len(), 3);
         std::fs::write(folder.path().join("site.written"), "something else\n").expect("written");
         let error = Written::beside(&folder.path().join("site.toml")).expect_err("another file").to_string();
-        assert!(error.ends_with("site.written:1: not node,board,sum: delete the file to begin anew"), "{error}");
+        assert!(error.ends_with("site.written:1: not node,board,sum: delete the file to begin again"), "{error}");
     }
 
     #[test]

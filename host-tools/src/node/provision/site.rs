@@ -71,16 +71,16 @@ impl Site {
             anchors: site.anchor.iter().map(Into::into).zip(lines("anchor").iter().map(line)).collect(),
             beacons: site.beacon.iter().map(Into::into).zip(lines("beacon").iter().map(line)).collect(),
         };
-        let mut told = told(listed, &owns, network.mode);
+        let mut lists = tag_lists(listed, &owns, network.mode);
         if let Some(name) = &site.beacons_csv {
             let (calibrated, line) = (calibrated::read(&document.beside(name))?, root.of("beacons_csv"));
-            told.calibrate(&calibrated, line).map_err(|what| document.wrong(line, what))?;
+            lists.calibrate(&calibrated, line).map_err(|what| document.wrong(line, what))?;
         }
-        let told = Arc::new(told);
+        let lists = Arc::new(lists);
         let shared = Shared { network, beacon_key, lines: network_lines };
         let mut nodes = Vec::with_capacity(owns.len());
         for own in &owns {
-            let node = node(document, own, &shared, &told, owns.len())?;
+            let node = node(document, own, &shared, &lists, owns.len())?;
             node.record_for(None)?;
             nodes.push(node);
         }
@@ -118,7 +118,7 @@ struct Shared {
 
 /// The lists of a tag's record: the listed anchors and beacons, then beacons that are nodes. In DecaRanging mode,
 /// anchors that are nodes are added where they do not report their positions.
-fn told(mut lists: Lists, owns: &[Own], mode: Mode) -> Lists {
+fn tag_lists(mut lists: Lists, owns: &[Own], mode: Mode) -> Lists {
     for own in owns {
         match (&own.role, own.position_m) {
             (Role::Anchor { .. }, Some(position_m)) => match (mode, own.identity.address) {
@@ -142,7 +142,7 @@ fn node(
     document: Document<'_>,
     own: &Own,
     shared: &Shared,
-    told: &Arc<Lists>,
+    lists: &Arc<Lists>,
     count: usize,
 ) -> Result<Node, UserError> {
     let name = match (&own.name, count) {
@@ -152,8 +152,8 @@ fn node(
     };
     let ((anchors, beacons), beacon_key) = match &own.role {
         Role::Tag(_) => {
-            let lists = told.of_record().map_err(|(line, what)| document.wrong(line, what))?;
-            (lists, shared.beacon_key)
+            let record = lists.of_record().map_err(|(line, what)| document.wrong(line, what))?;
+            (record, shared.beacon_key)
         }
         Role::Advertiser(_) => (Default::default(), shared.beacon_key),
         // An anchor does not use the key, so its record does not contain the key.
@@ -171,7 +171,7 @@ fn node(
     };
     let site_models = own.site_models.bound(&record.beacons).map_err(|(line, what)| document.wrong(line, what))?;
     let (file, model) = (document.file.to_owned(), own.model.clone());
-    let (network_lines, lines, lists) = (shared.lines.clone(), own.lines.clone(), Arc::clone(told));
+    let (network_lines, lines, lists) = (shared.lines.clone(), own.lines.clone(), Arc::clone(lists));
     Ok(Node { name, board: own.board, record, model, site_models, file, network_lines, lines, lists })
 }
 

@@ -56,11 +56,14 @@ impl Files {
                 return without("scan_interval_ms", "the tag does not listen to beacons");
             }
             if table.solver.is_some_and(|solver| solver != Solver::Track) {
-                let what = format!("solver with {key}: beacons are heeded by a track alone");
+                let what = format!("solver with {key}: only a track uses beacons");
                 return Err(document.wrong(lines.of("solver"), what));
             }
             if table.height_m.is_none() {
-                return without("height_m", "beacons are heeded in the plane, at the height at which a tag is carried");
+                return without(
+                    "height_m",
+                    "beacons give positions in the plane, at the height at which a tag is carried",
+                );
             }
         }
         let [map, rooms] = KEYS;
@@ -182,10 +185,10 @@ fn bind(called: impl Iterator<Item = Option<Called>>, beacons: &[Beacon]) -> Res
                 bytes.extend(beacon.minor.to_le_bytes());
             }
             (None, _) => {
-                return Err(format!("has beacon {name}, of which the tag is not told: list it as [[beacon]]"));
+                return Err(format!("has beacon {name}, which is not in the tag's record: list it as [[beacon]]"));
             }
             (Some(_), Some(_)) => {
-                return Err(format!("has beacon {name}, and the tag is told of two with that minor: change one"));
+                return Err(format!("has beacon {name}, and the tag's record has two with that minor: change one"));
             }
         }
     }

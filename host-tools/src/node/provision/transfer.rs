@@ -69,7 +69,7 @@ pub fn write(flash: &mut (impl Flash + ?Sized), board: Board, contents: &Content
         }
         (addresses.to_vec(), sequence)
     };
-    flash.restart().context("the record is written, but the node could not be started anew: reset it by hand")?;
+    flash.restart().context("the record is written, but the node could not be restarted: reset it by hand")?;
     Ok((written, sequence))
 }
 

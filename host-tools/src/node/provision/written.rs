@@ -1,5 +1,5 @@
 //! Which nodes of a site are written already: a small CSV file beside the site's, so that work goes on after an
-//! interruption, and begins anew for a node whose settings or image change.
+//! interruption, and begins again for a node whose settings or image change.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -28,7 +28,7 @@ impl Written {
         let file = site.with_extension("written");
         let mut rows = BTreeMap::new();
         if file.exists() {
-            let wrong = |line| UserError::line(&file, line, "not node,board,sum: delete the file to begin anew");
+            let wrong = |line| UserError::line(&file, line, "not node,board,sum: delete the file to begin again");
             let mut reader = csv::Reader::from_path(&file).map_err(|_| wrong(1))?;
             if !reader.headers().is_ok_and(|header| header.iter().eq(HEADER)) {
                 return Err(wrong(1));

@@ -30,7 +30,7 @@ pub use tables::{Recorded, Tables, address_and_place};
 
 /// The interval between two writes of the tables.
 const FLUSH_EVERY: Duration = Duration::from_secs(1);
-/// A file is no telemetry where no frame is in this many bytes at its beginning. A node says `Hello` every two seconds.
+/// A file is no telemetry where no frame is in this many bytes at its beginning. A node sends `Hello` every two seconds.
 const HELD_BYTES: usize = 1 << 24;
 
 /// When the next part of a recording begins.

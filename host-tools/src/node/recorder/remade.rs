@@ -29,7 +29,7 @@ pub fn make_tables(folder: &Path, given: &BTreeMap<u16, [f64; 3]>, stop: &Atomic
     let mut reported = BTreeMap::new();
     for part in folders(folder) {
         if part.join(TRUTH).exists() {
-            let what = format!("{} is of a simulation, whose tables tell more than its telemetry", part.display());
+            let what = format!("{} is of a simulation, whose tables have more than its telemetry", part.display());
             return Err(UserError::flag("--finish", what).into());
         }
         let bytes = StreamFiles::open(&part.join(STREAM))?;

@@ -208,7 +208,7 @@ impl<'a> Wizard<'a> {
             Some(Event::Bytes(Channel::Telemetry, bytes)) => each_advert(&mut self.stream, &bytes, take),
             Some(Event::Lost(why)) => {
                 self.stream.interrupted();
-                self.person.note(&format!("connection lost ({why}); it is sought again"));
+                self.person.note(&format!("connection lost ({why}); trying to connect again"));
             }
             Some(Event::Connected(to)) => self.person.note(&format!("connected to {to}")),
             Some(Event::Silent) => self.person.note("the node runs, but says nothing: is a baliza image flashed?"),

@@ -27,9 +27,9 @@ const HELLO_WITHIN: Duration = Duration::from_secs(3);
 /// The maximum number of waiting items.
 const MOST_WAITING: usize = 1 << 14;
 
-/// One item of a node's output.
+/// An item of a node's output.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Said {
+pub enum NodeOutput {
     /// A line of its log.
     Log(LogLine),
     /// A telemetry message.
@@ -78,16 +78,16 @@ pub type Reload = Box<dyn FnMut(&Image) -> Option<Result<Image, UserError>>>;
 
 /// An item of a session, in the order of its arrival.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Output {
+pub enum Item {
     /// The node's output.
-    Said(Said),
+    Node(NodeOutput),
     /// A message for the user that belongs between two items of the node's output: a restart.
     Note(String),
 }
 
 /// A received item, in the order of arrival.
 enum Waiting {
-    Output(Output),
+    Decoded(Item),
     /// A frame of the log with its time of arrival, not decoded yet.
     Log(Duration, Vec<u8>),
 }
@@ -151,7 +151,7 @@ impl Session {
         {
             session.image_match = ImageMatch::Same;
             session.notes.push_back(format!(
-                "{} has no build of ours (no section .baliza.build): whether it is the node's cannot be told",
+                "{} has no build of ours (no section .baliza.build): it cannot be compared with the node's",
                 image.file.display()
             ));
         }
@@ -188,7 +188,7 @@ impl Session {
                     self.log_frame(now, frame);
                 }
             }
-            Event::Text(line) => self.waiting.push_back(Waiting::Output(Output::Said(Said::Text(line)))),
+            Event::Text(line) => self.waiting.push_back(Waiting::Decoded(Item::Node(NodeOutput::Text(line)))),
             Event::Connected(to) => {
                 let again = if self.connected_before { "again " } else { "" };
                 self.connected_before = true;
@@ -202,7 +202,7 @@ impl Session {
                 self.counts.lost += 1;
                 self.interrupted();
                 self.frames.cut();
-                self.notes.push_back(format!("connection lost ({why}); it is sought again until Ctrl-C"));
+                self.notes.push_back(format!("connection lost ({why}); trying to connect again until Ctrl-C"));
             }
             Event::Restarted => {
                 self.stream.restarted();
@@ -214,8 +214,8 @@ impl Session {
             Event::Silent => {
                 if !std::mem::replace(&mut self.silent_reported, true) {
                     self.notes.push_back(
-                        "no RTT control block in the chip's RAM: is a baliza image flashed and running? --reset starts it anew; \
-                         it is sought on"
+                        "no RTT control block in the chip's RAM: is a baliza image flashed and running? --reset restarts it; \
+                         still searching"
                             .into(),
                     );
                 }
@@ -244,10 +244,10 @@ impl Session {
     }
 
     /// The next item of the node's output that can be decoded at `now`; `None`: no item at present.
-    pub fn next(&mut self, now: Duration) -> Option<Output> {
+    pub fn next(&mut self, now: Duration) -> Option<Item> {
         loop {
             let (came, frame) = match self.waiting.pop_front()? {
-                Waiting::Output(output) => return Some(output),
+                Waiting::Decoded(item) => return Some(item),
                 Waiting::Log(came, frame) => (came, frame),
             };
             if let ImageMatch::Unknown { flash } = self.image_match {
@@ -258,8 +258,8 @@ impl Session {
                 }
                 self.decide(flash);
             }
-            if let Some(said) = self.log_line(&frame) {
-                return Some(Output::Said(said));
+            if let Some(output) = self.log_line(&frame) {
+                return Some(Item::Node(output));
             }
         }
     }
@@ -291,7 +291,7 @@ impl Session {
             let Some((stamp, message)) = self.stream.feed(*byte) else { continue };
             self.note_restarts();
             self.message(&message);
-            self.waiting.push_back(Waiting::Output(Output::Said(Said::Message(stamp, message))));
+            self.waiting.push_back(Waiting::Decoded(Item::Node(NodeOutput::Message(stamp, message))));
         }
         Ok(())
     }
@@ -300,7 +300,7 @@ impl Session {
     fn note_restarts(&mut self) {
         while self.counts.restarts < self.stream.restarts() {
             self.counts.restarts += 1;
-            self.waiting.push_back(Waiting::Output(Output::Note("the node has restarted".into())));
+            self.waiting.push_back(Waiting::Decoded(Item::Note("the node has restarted".into())));
         }
     }
 
@@ -337,10 +337,10 @@ impl Session {
     }
 
     /// The log line of a frame; `None`: the frame cannot be decoded, and is counted.
-    fn log_line(&mut self, frame: &[u8]) -> Option<Said> {
+    fn log_line(&mut self, frame: &[u8]) -> Option<NodeOutput> {
         if let ImageMatch::Other { is_shown } = &mut self.image_match {
             self.counts.log_unreadable += 1;
-            return (!std::mem::replace(is_shown, true)).then_some(Said::Unreadable);
+            return (!std::mem::replace(is_shown, true)).then_some(NodeOutput::Unreadable);
         }
         let Some(mut line) = self.image.as_ref().and_then(|image| log::read(image, frame)) else {
             self.counts.log_malformed += 1;
@@ -349,7 +349,7 @@ impl Session {
         self.counts.log_lines += 1;
         // Only if there is telemetry.
         line.is_in_telemetry &= self.stream.counts().frames > 0;
-        Some(Said::Log(line))
+        Some(NodeOutput::Log(line))
     }
 
     /// Compares the build that the node reports with the ELF file.
@@ -364,7 +364,7 @@ impl Session {
             if let Some(Ok(newer)) = (self.reload)(image)
                 && newer.build == Some(node)
             {
-                self.notes.push_back(format!("{} has been built anew, and is the node's again", newer.file.display()));
+                self.notes.push_back(format!("{} was rebuilt, and is the node's again", newer.file.display()));
                 self.image = Some(newer);
                 self.is_same();
                 return;

@@ -7,10 +7,10 @@ use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 use wire::telemetry::Message;
 
-use super::{Output, Said, Session};
+use super::{Item, NodeOutput, Session};
 use crate::node::monitor::image::{Image, SourceLocation};
 use crate::node::monitor::source::{Channel, Event};
-use crate::node::monitor::testing::{BUILD, OTHER_BUILD, elf, fix, frame, hello, told};
+use crate::node::monitor::testing::{BUILD, OTHER_BUILD, elf, fix, frame, hello, telemetry_frame};
 
 const fn ms(milliseconds: u64) -> Duration {
     Duration::from_millis(milliseconds)
@@ -32,18 +32,18 @@ fn log(session: &mut Session, now: Duration, t_us: u64, argument: u8) {
     accept(session, now, Event::Bytes(Channel::Log, frame(1, t_us, &[argument])));
 }
 
-fn tell(session: &mut Session, now: Duration, message: &Message) {
-    accept(session, now, Event::Bytes(Channel::Telemetry, told(message)));
+fn receive(session: &mut Session, now: Duration, message: &Message) {
+    accept(session, now, Event::Bytes(Channel::Telemetry, telemetry_frame(message)));
 }
 
 /// The session's output, in short form.
-fn said(session: &mut Session, now: Duration) -> Vec<String> {
-    let short = |output| match output {
-        Output::Said(Said::Log(line)) => line.text,
-        Output::Said(Said::Message(_, message)) => format!("{} {}", message.kind(), message.t_us()),
-        Output::Said(Said::Text(text)) => text,
-        Output::Said(Said::Unreadable) => "unreadable".into(),
-        Output::Note(note) => format!("({note})"),
+fn output(session: &mut Session, now: Duration) -> Vec<String> {
+    let short = |item| match item {
+        Item::Node(NodeOutput::Log(line)) => line.text,
+        Item::Node(NodeOutput::Message(_, message)) => format!("{} {}", message.kind(), message.t_us()),
+        Item::Node(NodeOutput::Text(text)) => text,
+        Item::Node(NodeOutput::Unreadable) => "unreadable".into(),
+        Item::Note(note) => format!("({note})"),
     };
     std::iter::from_fn(|| session.next(now)).map(short).collect()
 }
@@ -53,27 +53,27 @@ fn notes(session: &mut Session) -> Vec<String> {
 }
 
 #[test]
-fn the_log_waits_for_the_nodes_build_and_all_comes_as_it_came() {
+fn the_log_waits_for_the_nodes_build_and_the_order_of_arrival_is_kept() {
     let mut session = session(Some(image(Some(BUILD))), true);
     log(&mut session, ms(0), 100, 1);
-    tell(&mut session, ms(1), &fix(90, 1.0));
-    assert!(said(&mut session, ms(1000)).is_empty());
-    tell(&mut session, ms(1500), &hello(200, BUILD));
+    receive(&mut session, ms(1), &fix(90, 1.0));
+    assert!(output(&mut session, ms(1000)).is_empty());
+    receive(&mut session, ms(1500), &hello(200, BUILD));
     log(&mut session, ms(1501), 180, 2);
-    assert_eq!(said(&mut session, ms(1501)), ["hello 1", "fix 90", "hello 200", "hello 2"]);
+    assert_eq!(output(&mut session, ms(1501)), ["hello 1", "fix 90", "hello 200", "hello 2"]);
     assert!(notes(&mut session).is_empty());
 }
 
 #[test]
-fn a_wrong_elf_file_is_said_in_one_sentence_and_telemetry_goes_on() {
+fn a_wrong_elf_file_is_reported_in_one_sentence_and_telemetry_goes_on() {
     let mut session = session(Some(image(Some(BUILD))), true);
     log(&mut session, ms(0), 100, 1);
     for round in 0..3 {
-        tell(&mut session, ms(1), &hello(200 + round, OTHER_BUILD));
+        receive(&mut session, ms(1), &hello(200 + round, OTHER_BUILD));
         log(&mut session, ms(2), 300, 2);
     }
-    tell(&mut session, ms(3), &fix(400, 1.0));
-    assert_eq!(said(&mut session, ms(500)), ["unreadable", "hello 200", "hello 201", "hello 202", "fix 400"]);
+    receive(&mut session, ms(3), &fix(400, 1.0));
+    assert_eq!(output(&mut session, ms(500)), ["unreadable", "hello 200", "hello 201", "hello 202", "fix 400"]);
     assert_eq!(
         notes(&mut session),
         [
@@ -85,48 +85,48 @@ fn a_wrong_elf_file_is_said_in_one_sentence_and_telemetry_goes_on() {
 
     // The node is flashed.
     accept(&mut session, ms(600), Event::Restarted);
-    tell(&mut session, ms(601), &hello(1, BUILD));
+    receive(&mut session, ms(601), &hello(1, BUILD));
     log(&mut session, ms(602), 2, 3);
-    assert_eq!(said(&mut session, ms(900)), ["(the node has restarted)", "hello 1", "hello 3"]);
+    assert_eq!(output(&mut session, ms(900)), ["(the node has restarted)", "hello 1", "hello 3"]);
 }
 
 #[test]
-fn an_elf_file_that_was_built_anew_is_read_again() {
+fn an_elf_file_that_was_rebuilt_is_read_again() {
     let newer = || Some(Ok(image(Some(OTHER_BUILD))));
     let mut session = Session::new(Some(image(Some(BUILD))), Box::new(move |_| newer()), true);
-    tell(&mut session, ms(0), &hello(1, OTHER_BUILD));
+    receive(&mut session, ms(0), &hello(1, OTHER_BUILD));
     log(&mut session, ms(0), 2, 1);
-    assert_eq!(said(&mut session, ms(300)), ["hello 1", "hello 1"]);
-    assert_eq!(notes(&mut session), ["image.elf has been built anew, and is the node's again"]);
+    assert_eq!(output(&mut session, ms(300)), ["hello 1", "hello 1"]);
+    assert_eq!(notes(&mut session), ["image.elf was rebuilt, and is the node's again"]);
 }
 
 #[test]
-fn a_node_that_does_not_say_who_it_is_is_believed_to_be_the_elf_files() {
+fn the_log_of_a_node_without_hello_is_read_with_the_elf_file() {
     let mut live = session(Some(image(Some(BUILD))), true);
     log(&mut live, ms(0), 1, 1);
-    assert!(said(&mut live, ms(2999)).is_empty());
-    assert_eq!(said(&mut live, ms(3000)), ["hello 1"]);
+    assert!(output(&mut live, ms(2999)).is_empty());
+    assert_eq!(output(&mut live, ms(3000)), ["hello 1"]);
 
     let mut files = session(Some(image(Some(BUILD))), false);
     log(&mut files, ms(0), 1, 1);
-    assert!(said(&mut files, ms(60_000)).is_empty());
+    assert!(output(&mut files, ms(60_000)).is_empty());
     accept(&mut files, ms(60_000), Event::End);
-    assert_eq!(said(&mut files, ms(60_000)), ["hello 1"]);
+    assert_eq!(output(&mut files, ms(60_000)), ["hello 1"]);
 }
 
 #[test]
-fn flash_tells_before_the_node_does() {
+fn a_comparison_with_the_flash_decides_before_hello_comes() {
     let mut same = session(Some(image(Some(BUILD))), true);
     accept(&mut same, ms(0), Event::Connected("chip".into()));
     accept(&mut same, ms(0), Event::Flashed { same: true });
     log(&mut same, ms(0), 1, 1);
-    assert_eq!(said(&mut same, ms(200)), ["hello 1"]);
+    assert_eq!(output(&mut same, ms(200)), ["hello 1"]);
 
     let mut other = session(Some(image(Some(BUILD))), true);
     accept(&mut other, ms(0), Event::Flashed { same: false });
     log(&mut other, ms(0), 1, 1);
-    assert!(said(&mut other, ms(2999)).is_empty());
-    assert_eq!(said(&mut other, ms(3000)), ["unreadable"]);
+    assert!(output(&mut other, ms(2999)).is_empty());
+    assert_eq!(output(&mut other, ms(3000)), ["unreadable"]);
     assert_eq!(
         notes(&mut other),
         [
@@ -139,10 +139,10 @@ fn flash_tells_before_the_node_does() {
 #[test]
 fn without_an_elf_file_there_is_a_hint_and_telemetry() {
     let mut session = session(None, true);
-    tell(&mut session, ms(0), &hello(1, BUILD));
+    receive(&mut session, ms(0), &hello(1, BUILD));
     log(&mut session, ms(0), 2, 1);
     log(&mut session, ms(0), 3, 1);
-    assert_eq!(said(&mut session, ms(200)), ["hello 1"]);
+    assert_eq!(output(&mut session, ms(200)), ["hello 1"]);
     assert_eq!(
         notes(&mut session),
         ["the node writes a log as well: --elf FILE, the ELF file that was flashed, shows it"]
@@ -151,13 +151,13 @@ fn without_an_elf_file_there_is_a_hint_and_telemetry() {
 }
 
 #[test]
-fn an_image_that_is_none_of_ours_is_read_with_a_word_of_warning() {
+fn an_image_without_a_build_is_read_with_a_warning() {
     let mut session = session(Some(image(None)), true);
     log(&mut session, ms(0), 2, 1);
-    assert_eq!(said(&mut session, ms(200)), ["hello 1"]);
+    assert_eq!(output(&mut session, ms(200)), ["hello 1"]);
     assert_eq!(
         notes(&mut session),
-        ["image.elf has no build of ours (no section .baliza.build): whether it is the node's cannot be told"]
+        ["image.elf has no build of ours (no section .baliza.build): it cannot be compared with the node's"]
     );
 }
 
@@ -165,23 +165,23 @@ fn an_image_that_is_none_of_ours_is_read_with_a_word_of_warning() {
 fn what_a_lost_connection_cuts_is_counted_and_spoils_nothing_after_it() {
     let mut session = session(Some(image(Some(BUILD))), true);
     accept(&mut session, ms(0), Event::Connected("port".into()));
-    tell(&mut session, ms(0), &hello(1, BUILD));
-    let (line, place) = (frame(1, 5, &[1]), told(&fix(6, 1.0)));
+    receive(&mut session, ms(0), &hello(1, BUILD));
+    let (line, place) = (frame(1, 5, &[1]), telemetry_frame(&fix(6, 1.0)));
     accept(&mut session, ms(1), Event::Bytes(Channel::Log, line[..4].to_vec()));
     accept(&mut session, ms(1), Event::Bytes(Channel::Telemetry, place[..9].to_vec()));
     accept(&mut session, ms(2), Event::Lost("the cable is gone".into()));
     accept(&mut session, ms(3), Event::Connected("port".into()));
-    tell(&mut session, ms(4), &hello(7, BUILD));
+    receive(&mut session, ms(4), &hello(7, BUILD));
     accept(&mut session, ms(5), Event::Bytes(Channel::Log, frame(1, 8, &[2])));
     accept(&mut session, ms(5), Event::Bytes(Channel::Telemetry, place));
-    assert_eq!(said(&mut session, ms(300)), ["hello 1", "hello 7", "hello 2", "fix 6"]);
+    assert_eq!(output(&mut session, ms(300)), ["hello 1", "hello 7", "hello 2", "fix 6"]);
     let counts = session.counts();
     assert_eq!((counts.log_malformed, counts.telemetry.lost_bytes, counts.lost, counts.restarts), (1, 9, 1, 0));
     assert_eq!(
         notes(&mut session),
         [
             "connected to port",
-            "connection lost (the cable is gone); it is sought again until Ctrl-C",
+            "connection lost (the cable is gone); trying to connect again until Ctrl-C",
             "connected again to port"
         ]
     );
@@ -191,9 +191,9 @@ fn what_a_lost_connection_cuts_is_counted_and_spoils_nothing_after_it() {
 fn a_clock_that_falls_back_is_a_restart() {
     let mut session = session(Some(image(Some(BUILD))), false);
     for life in 0..3 {
-        tell(&mut session, ms(0), &hello(1000, BUILD));
+        receive(&mut session, ms(0), &hello(1000, BUILD));
         log(&mut session, ms(0), 2000, life);
-        tell(&mut session, ms(0), &fix(9_000_000, 1.0));
+        receive(&mut session, ms(0), &fix(9_000_000, 1.0));
         log(&mut session, ms(0), 9_000_001, life);
     }
     accept(&mut session, ms(0), Event::End);
@@ -201,7 +201,7 @@ fn a_clock_that_falls_back_is_a_restart() {
     // Each restart is noted where it is, although all bytes come before all output.
     let restarted = vec!["(the node has restarted)".to_owned()];
     let all = [life(0).to_vec(), restarted.clone(), life(1).to_vec(), restarted, life(2).to_vec()];
-    assert_eq!(said(&mut session, ms(0)), all.concat());
+    assert_eq!(output(&mut session, ms(0)), all.concat());
     assert_eq!((session.counts().restarts, notes(&mut session).len()), (2, 0));
 }
 
@@ -209,7 +209,7 @@ fn a_clock_that_falls_back_is_a_restart() {
 fn random_bytes_on_both_channels_are_counted_and_do_no_harm() {
     let mut random = Pcg64::seed_from_u64(3);
     let mut session = session(Some(image(Some(BUILD))), true);
-    tell(&mut session, ms(0), &hello(1, BUILD));
+    receive(&mut session, ms(0), &hello(1, BUILD));
     for now in 0..500 {
         for channel in [Channel::Log, Channel::Telemetry] {
             let bytes = (0..200).map(|_| random.random()).collect();
@@ -231,11 +231,14 @@ fn a_line_of_the_log_that_telemetry_has_is_marked_where_there_is_telemetry() {
         image.places.insert(1, SourceLocation { file: file.into(), line: 1 });
         let mut session = session(Some(image), true);
         if telemetry {
-            tell(&mut session, ms(0), &hello(1, BUILD));
+            receive(&mut session, ms(0), &hello(1, BUILD));
         }
         log(&mut session, ms(0), 2, 1);
-        let said = std::iter::from_fn(|| session.next(ms(0)));
-        said.filter_map(|said| if let Output::Said(Said::Log(line)) = said { Some(line.is_in_telemetry) } else { None })
+        let items = std::iter::from_fn(|| session.next(ms(0)));
+        items
+            .filter_map(
+                |item| if let Item::Node(NodeOutput::Log(line)) = item { Some(line.is_in_telemetry) } else { None },
+            )
             .collect::<Vec<_>>()
     };
     // The path as the compiler receives it, and as an absolute path.
