@@ -1,9 +1,9 @@
 //! The complete tag, in two tasks. [`ranging()`] owns the radio and the protocol, and [`engine()`] computes positions.
 //! A board spawns them at two priorities, and [`run_from_config`] runs both in one task.
 //!
-//! Radio → protocol → a round of ranges or of differences → [`TaskChannels`] → [`Tracker`] → an [`RoundOutcome`]: a position
-//! with its covariance, or the reason why there is none. Ranging never waits for the engine: if the engine is late, the
-//! oldest round is dropped and counted. The position, by which a tag chooses its anchors, and the rate from
+//! Radio → protocol → a round of ranges or of differences → [`TaskChannels`] → [`Tracker`] → an [`RoundOutcome`]: a
+//! position with its covariance, or the reason why there is none. Ranging never waits for the engine: if the engine is
+//! late, the oldest round is dropped and counted. The position, by which a tag chooses its anchors, and the rate from
 //! [`RateControl`] flow back to the protocol. A motion sensor ([`motion`]) has a task beside, so that a tag that is
 //! picked up ranges at once. A Bluetooth scan ([`scan`]) has a task beside as well. The RSSI of listed beacons goes
 //! into the same track, so that a tag can move from anchors to beacons and back.

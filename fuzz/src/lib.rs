@@ -1,5 +1,5 @@
-//! Fuzz targets: bytes go in as they would from the air, a wire, flash or a file; a panic, an overflow, a number that is
-//! not finite or a value that does not survive writing and reading is a finding.
+//! Fuzz targets: bytes go in as they would from the air, a wire, flash or a file; a panic, an overflow, a number that
+//! is not finite or a value that does not survive writing and reading is a finding.
 //!
 //! `nodes` has what nodes run, `host` what the program `baliza` reads. A target whose format has a checksum also gets
 //! the bytes with the right checksum, because no mutation finds it.

@@ -66,8 +66,8 @@ impl<T: Real, const D: usize> Fix<T, D> {
         (0..D).fold(T::ZERO, |sum, axis| sum + self.covariance[axis][axis])
     }
 
-    /// The likelier of two places, with the covariance about it, and the other place with its share. Where there is only
-    /// one, it is the fix itself.
+    /// The likelier of two places, with the covariance about it, and the other place with its share. Where there is
+    /// only one, it is the fix itself.
     pub(crate) fn places(&self) -> (Self, Option<(Self, T)>) {
         let Some(Alternative { apart, share }) = self.alternative else { return (*self, None) };
         let mut likelier = *self;

@@ -54,9 +54,10 @@ pub(crate) fn centroid<T: Real, const D: usize>(samples: &[RangeSample<T, D>]) -
     sum.map(|component| component * share)
 }
 
-/// The two places on both sides of the anchors' line, in the plane, that fit the ranges best: at the height over the line
-/// that [`Layout::lift`] takes. `None` where the anchors' spread across the line is more than [`ELONGATED`] of that along
-/// it. Near the line itself the ranges say nothing of the direction across, so no method gets away from there.
+/// The two places on both sides of the anchors' line, in the plane, that fit the ranges best: at the height over the
+/// line that [`Layout::lift`] takes. `None` where the anchors' spread across the line is more than [`ELONGATED`] of
+/// that along it. Near the line itself the ranges say nothing of the direction across, so no method gets away from
+/// there.
 #[inline(never)]
 pub(crate) fn both_sides<T: Real, const D: usize>(
     point: Vector<T, D>,

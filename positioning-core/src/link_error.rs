@@ -1,9 +1,10 @@
 //! The error of a link to an anchor: the one model of the solver [`robust`](crate::robust) and of the track.
 //!
-//! A link is direct or blocked. The error of a direct link is narrow and has mean zero: multipath, the anchor's surveyed
-//! position and its antenna. The error of a blocked link is wide and has a positive mean, because a blocked path is
-//! longer (Alavi and Pahlavan, IEEE Commun. Lett. 10, 2006; equations 7-2 to 7-5 of the thesis). Recorded links err by
-//! 0.3 to 1 m in this way and are quiet meanwhile, so their noise does not show it. Besides, a single range can be wild.
+//! A link is direct or blocked. The error of a direct link is narrow and has mean zero: multipath, the anchor's
+//! surveyed position and its antenna. The error of a blocked link is wide and has a positive mean, because a blocked
+//! path is longer (Alavi and Pahlavan, IEEE Commun. Lett. 10, 2006; equations 7-2 to 7-5 of the thesis). Recorded links
+//! err by 0.3 to 1 m in this way and are quiet meanwhile, so their noise does not show it. Besides, a single range can
+//! be wild.
 //!
 //! The densities are Student's, (1 + x² ⁄ 16)⁻⁸, where x is the error in units of its deviation: a Gaussian near the
 //! middle, a heavier tail for outliers, and no exponential to compute. All of them omit the factor (2π)⁻½, so their

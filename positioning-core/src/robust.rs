@@ -7,10 +7,11 @@
 //! follows the model of Alavi and Pahlavan (IEEE Commun. Lett. 10, 2006; equations 7-2 to 7-5).
 //!
 //! Expectation-maximisation runs from three starts, since the posterior has several modes: B-WLS, LLS, and the middle
-//! of the anchors; for anchors near a line in the plane, B-WLS and a place on each side of the line. Each step is a weighted Gauss-Newton step. The bias is eliminated by its Schur complement, and the
-//! narrow part is widened at first. Starts that meet continue as one. The two modes with the most evidence (Laplace's
-//! approximation) are averaged with the evidence as weight. The mean of the posterior errs less than its
-//! mode, and the distance of the modes is part of the covariance.
+//! of the anchors; for anchors near a line in the plane, B-WLS and a place on each side of the line. Each step is a
+//! weighted Gauss-Newton step. The bias is eliminated by its Schur complement, and the narrow part is widened at first.
+//! Starts that meet continue as one. The two modes with the most evidence (Laplace's approximation) are averaged with
+//! the evidence as weight. The mean of the posterior errs less than its mode, and the distance of the modes is part of
+//! the covariance.
 
 use crate::fix::{blame, conclude_weighted, widen_to_mirror};
 use crate::geometry::{Survey, both_sides, centroid};

@@ -1,8 +1,8 @@
 # %% [markdown]
 # # A walk through a room
 #
-# Reads the recording of `examples/room`, solves it with two methods, follows the tag, and compares the errors. In cells,
-# as Jupyter (with jupytext), VS Code and Spyder read them; `python room.py` runs it too.
+# Reads the recording of `examples/room`, solves it with two methods, follows the tag, and compares the errors. In
+# cells, as Jupyter (with jupytext), VS Code and Spyder read them; `python room.py` runs it too.
 
 # %%
 from pathlib import Path

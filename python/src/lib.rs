@@ -1,7 +1,7 @@
 //! The compiled part of the Python package `baliza`: recordings, solvers, the track and telemetry, from `host-tools`.
 //!
-//! This crate only converts: arguments to the types of `host-tools`, results to NumPy arrays and dictionaries, errors to
-//! exceptions. `python/baliza/__init__.py` is what a user calls; it checks shapes and names anchors.
+//! This crate only converts: arguments to the types of `host-tools`, results to NumPy arrays and dictionaries, errors
+//! to exceptions. `python/baliza/__init__.py` is what a user calls; it checks shapes and names anchors.
 #![deny(unsafe_code)]
 
 mod arguments;

@@ -21,6 +21,7 @@ def test_a_recording_is_read_by_another_library(room, program, tmp_path):
     assert [time for _, time, _ in rows] == [round(t_s * 1e9) for t_s in ranges["t_s"]]
     with file.open("rb") as stream:
         counts = make_reader(stream).get_summary()
-        topics = {channel.topic: counts.statistics.channel_message_counts[of] for of, channel in counts.channels.items()}
+        numbers = counts.statistics.channel_message_counts
+        topics = {channel.topic: numbers[of] for of, channel in counts.channels.items()}
     assert topics["/anchors"] == len(pandas.read_csv(room / "anchors.csv"))
     assert topics["/truth/pose"] == len(pandas.read_csv(room / "truth.csv"))

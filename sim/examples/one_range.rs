@@ -1,8 +1,8 @@
-//! One range between two DW1000s: the driver on two simulated chips, ten metres apart. `cargo run -p baliza-sim --example
-//! one_range`.
+//! One range between two DW1000s: the driver on two simulated chips, ten metres apart. `cargo run -p baliza-sim
+//! --example one_range`.
 //!
-//! On a board the SPI device, the interrupt line, the reset line and the delay are those of its hardware layer; everything
-//! from [`Dw1000::new`] on is the same.
+//! On a board the SPI device, the interrupt line, the reset line and the delay are those of its hardware layer;
+//! everything from [`Dw1000::new`] on is the same.
 
 use std::cell::Cell;
 use std::convert::Infallible;
@@ -62,7 +62,8 @@ fn main() {
     let world = World::new(1, AirConfig::ideal());
     let nodes = [0.0, 10.0].map(|x| world.add_node(NodeConfig::at([x, 0.0, 1.0])));
     let [mut tag, mut anchor] = [radio(&nodes[0]), radio(&nodes[1])];
-    // What the anchor's clock showed: the poll's arrival and the response's departure. On the air the response carries both.
+    // What the anchor's clock showed: the poll's arrival and the response's departure. On the air the response carries
+    // both.
     let stamps = Rc::new(Cell::new(None));
     let of_anchor = stamps.clone();
     world.spawn(async move {

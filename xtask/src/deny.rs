@@ -1,5 +1,5 @@
-//! `cargo xtask deny`: cargo-deny's checks of licences, sources and duplicates; those of advisories where their database
-//! can be fetched.
+//! `cargo xtask deny`: cargo-deny's checks of licences, sources and duplicates; those of advisories where their
+//! database can be fetched.
 
 use std::process::Command;
 

@@ -1,4 +1,4 @@
-//! The project's own chores: `cargo xtask --help`.
+//! The project's own tasks: `cargo xtask --help`.
 
 mod accuracy;
 mod air;
@@ -39,7 +39,7 @@ use chip::Chip;
 use toolchain::Toolchain;
 use workspace::Package;
 
-/// The project's own chores. `cargo xtask ci` runs exactly what continuous integration runs.
+/// The project's own tasks. `cargo xtask ci` runs exactly what continuous integration runs.
 #[derive(Parser)]
 #[command(bin_name = "cargo xtask")]
 struct Arguments {
@@ -63,7 +63,7 @@ enum Chore {
     Firmware(firmware::Arguments),
     /// Make the folder of a release: images, `baliza`, manual, licences, parts lists and sums.
     Dist(dist::Arguments),
-    /// Check licences, sources and advisories of other people's crates by deny.toml.
+    /// Check licences, sources and advisories of third-party crates by deny.toml.
     Deny,
     /// Print what the flash of images is spent on: driver, exchanges, engine, solvers, telemetry, Bluetooth and so on.
     Sizes(sizes::Arguments),

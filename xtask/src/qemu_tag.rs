@@ -51,9 +51,9 @@ pub fn run() -> Result<()> {
 /// Compares the files that an image left in its directory with the desktop's results; returns a text where they
 /// agree.
 fn examine(elf: &Path, directory: &Path, solver: Solver, reference: &Life) -> Result<String> {
-    let (log, told) = (directory.join("tag-simulated.defmt"), directory.join("tag-simulated.telemetry"));
-    let log = show(elf, &told, &log)?;
-    let messages = messages(&told)?;
+    let (log, telemetry) = (directory.join("tag-simulated.defmt"), directory.join("tag-simulated.telemetry"));
+    let log = show(elf, &telemetry, &log)?;
+    let messages = messages(&telemetry)?;
     let (lines, expected) =
         (log.iter().filter(|line| is_position_by(line, solver)).count(), positions_in_log(&messages));
     ensure!(lines == expected, "the log has {lines} positions by {}, not {expected}", solver.name());

@@ -1,5 +1,5 @@
-//! The protocols' state machines, driven by any events and frames: what they ask of the radio is possible, and what they
-//! report is finite.
+//! The protocols' state machines, driven by any events and frames: what they ask of the radio is possible, and what
+//! they report is finite.
 
 use ranging::decaranging::{self, INIT_DELAY};
 use ranging::exchange::{Action, Event, Protocol, Report};

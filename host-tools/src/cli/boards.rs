@@ -71,7 +71,7 @@ impl Desk for Probes<'_> {
         }
     }
 
-    fn say(&mut self, text: &str) {
+    fn show(&mut self, text: &str) {
         super::prompt(&format!("{text}\n"));
     }
 

@@ -25,8 +25,8 @@ use super::{note, print, print_json, write};
     after_help = "Example:\n  baliza classify-rooms --positions positions.csv --outlines rooms.csv --truth truth.csv"
 )]
 pub struct Arguments {
-    /// Positions as solve, track or ble write them: CSV with epoch,t_s,method,x_m,y_m,sigma_x_m,sigma_y_m and, where known,
-    /// tag
+    /// Positions as solve, track or ble write them: CSV with epoch,t_s,method,x_m,y_m,sigma_x_m,sigma_y_m and, where
+    /// known, tag
     #[arg(long, value_name = "FILE")]
     positions: PathBuf,
     /// The corners of each room, in their order: CSV with room,x_m,y_m

@@ -8,8 +8,9 @@ use host_tools::files::output;
 
 /// Convert a recording for another program: MCAP, which Foxglove draws
 ///
-/// Of a folder: anchors.csv, ranges.csv and, where they are there, positions.csv and truth.csv; of a stream of telemetry:
-/// anchors, ranges and positions. Times are those of the host where telemetry.times.csv has them, else of the recording.
+/// Of a folder: anchors.csv, ranges.csv and, where they are there, positions.csv and truth.csv; of a stream of
+/// telemetry: anchors, ranges and positions. Times are those of the host where telemetry.times.csv has them, else of
+/// the recording.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// A recording's folder, or a stream of telemetry

@@ -41,7 +41,7 @@ pub struct Arguments {
     /// The log's stream beside --file, where it has a file of its own
     #[arg(long, value_name = "FILE", requires_all = ["file", "elf"])]
     defmt_file: Option<PathBuf>,
-    /// How it is written
+    /// The format of the output
     #[arg(long, value_name = "FORMAT", default_value = "text")]
     format: Format,
     /// Which messages are the rows (--format csv) [default: positions]
@@ -56,7 +56,7 @@ pub struct Arguments {
     /// Show the source location of each line of the log
     #[arg(long, alias = "places")]
     show_source: bool,
-    /// Let Foxglove draw it live: positions, ranges and anchors, on a WebSocket
+    /// Let Foxglove draw live: positions, ranges and anchors, on a WebSocket
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8765", value_parser = Address::parse)]
     foxglove: Option<Address>,
     /// End after N positions

@@ -39,16 +39,16 @@ pub struct Arguments {
     anchors: Option<PathBuf>,
     #[command(flatten)]
     names: SiteNamesArgs,
-    /// Begin another part after this time or size (30s, 15min, 1h, 1d; 100kB, 100MB, 1GB). Each part is a recording in a
-    /// folder of its own: 000001, 000002 … in --out, after the parts that are there. decode, replay and monitor read
+    /// Begin another part after this time or size (30s, 15min, 1h, 1d; 100kB, 100MB, 1GB). Each part is a recording in
+    /// a folder of its own: 000001, 000002 … in --out, after the parts that are there. decode, replay and monitor read
     /// --out as one stream; solve and plot read one part
     #[arg(long, value_name = "TIME|SIZE", value_parser = rotation)]
     rotate: Option<Rotation>,
     /// Replace the recording that is in the folder, at the first byte
     #[arg(long, conflicts_with = "rotate")]
     force: bool,
-    /// Print JSON: results has one object, with what came and what was lost, as decode prints it, and recorded: the
-    /// rows that were recorded
+    /// Print JSON: results has one object, with what was received and what was lost, as decode prints it, and
+    /// recorded: the rows that were recorded
     #[arg(long)]
     json: bool,
 }

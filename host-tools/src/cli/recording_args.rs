@@ -21,8 +21,8 @@ use super::site_names::SiteNamesArgs;
 /// The arguments of a command that computes positions from a recording.
 #[derive(clap::Args)]
 pub struct RecordingArgs {
-    /// A recording: a folder with anchors.csv, ranges.csv (or differences.csv) and, where there are, truth.csv, walls.csv
-    /// and recording.toml, which says --dims and --height-m
+    /// A recording: a folder with anchors.csv, ranges.csv (or differences.csv) and, where there are, truth.csv,
+    /// walls.csv and recording.toml, which says --dims and --height-m
     #[arg(value_name = "FOLDER")]
     folder: Option<PathBuf>,
     /// Surveyed anchors: CSV with anchor,x_m,y_m,z_m
@@ -34,12 +34,13 @@ pub struct RecordingArgs {
     /// Differences of arrivals, of tags that only listen: CSV with epoch,t_s,reference,anchor,difference_m
     #[arg(long, value_name = "FILE", conflicts_with = "ranges")]
     differences: Option<PathBuf>,
-    /// Where the tag truly was: CSV with epoch,t_s,x_m,y_m,z_m; gives the errors. It may have its own rate and epochs: a
-    /// position is interpolated in time; without times it is that of the same epoch
+    /// Where the tag truly was: CSV with epoch,t_s,x_m,y_m,z_m; gives the errors. It may have its own rate and epochs:
+    /// a position is interpolated in time; without times it is that of the same epoch
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
     /// Added to the times of the truth, whose clock may differ from that of the ranges: seconds, or `auto`, which
-    /// estimates them (at most 2 s) from the positions of each epoch by itself and gives 0 where the tag moves too little
+    /// estimates them (at most 2 s) from the positions of each epoch by itself and gives 0 where the tag moves too
+    /// little
     #[arg(long, value_name = "SECONDS|auto", default_value = "0", allow_hyphen_values = true)]
     time_offset_s: TimeOffset,
     /// Make rounds of single ranges: a round ends where an anchor repeats, or after these seconds; 0: as in the file

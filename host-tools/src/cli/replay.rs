@@ -12,8 +12,8 @@ use super::stream::{Input, Writing, feed_stdout};
 
 /// Play a recorded stream at its own pace
 ///
-/// The times in the messages say when each is due. Messages go to standard output as decode writes them, or with --raw
-/// the bytes, as the node sent them. In the end standard error has a count of what came and what was lost.
+/// Each message is written at its recorded time. Messages go to standard output as decode writes them, or with --raw
+/// as the bytes that the node sent. At the end, standard error has a count of what was received and what was lost.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -23,7 +23,7 @@ pub struct Arguments {
     /// How many times as fast as it was recorded
     #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = speed)]
     speed: f64,
-    /// Write the bytes and not what they say
+    /// Write the bytes instead of the messages
     #[arg(long, conflicts_with_all = ["format", "table"])]
     raw: bool,
     #[command(flatten)]

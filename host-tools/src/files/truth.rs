@@ -158,7 +158,8 @@ impl Truth {
         near.min_by(|(one, _), (other, _)| (one - t_s).abs().total_cmp(&(other - t_s).abs())).map(|(_, place)| *place)
     }
 
-    /// The position of an epoch, by its time, or else by its name. `offset_s` is added to the times of the truth, seconds.
+    /// The position of an epoch, by its time, or else by its name. `offset_s` is added to the times of the truth,
+    /// seconds.
     pub fn of_epoch(&self, name: &str, t_s: Option<f64>, offset_s: f64) -> Option<Coordinates> {
         let Some(t_s) = t_s.filter(|_| !self.by_time.is_empty()) else { return self.named(name).map(|row| row.place) };
         match self.named(name) {

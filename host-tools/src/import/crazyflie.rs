@@ -1,9 +1,9 @@
-//! A log of a Crazyflie with the Loco Positioning System in two-way ranging, as the Crazyflie client writes it: CSV with
-//! `Timestamp` (milliseconds) and the logged variables.
+//! A log of a Crazyflie with the Loco Positioning System in two-way ranging, as the Crazyflie client writes it: CSV
+//! with `Timestamp` (milliseconds) and the logged variables.
 //!
 //! `ranging.distance0` to `ranging.distance7` are the ranges to the anchors 0 to 7, metres; zero means none.
-//! `stateEstimate.x`, `.y`, `.z` (or `kalman.stateX`, …) are the Crazyflie's own position, metres. A log does not have the
-//! anchors' positions.
+//! `stateEstimate.x`, `.y`, `.z` (or `kalman.stateX`, …) are the Crazyflie's own position, metres. A log does not have
+//! the anchors' positions.
 
 use std::path::Path;
 

@@ -5,8 +5,8 @@
 //! 0F90[0.00,0.00,2.00]=4.05 1B24[6.00,0.00,2.00]=3.98 le_us=2576 est[2.90,2.71,0.80,87]
 //! ```
 //!
-//! Lengths are metres. A line has no time, so rounds come at the tag's rate, unless a program has written seconds before
-//! each line.
+//! Lengths are metres. A line has no time, so rounds come at the tag's rate, unless a program has written seconds
+//! before each line.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -48,8 +48,17 @@ pub fn of_recording(recording: &Recording, space: Space) -> Vec<String> {
 /// Whether anchors with known heights lie in one plane.
 pub(crate) fn coplanar(anchors: &[Anchor]) -> bool {
     let points: Vec<[f64; 3]> = anchors.iter().map(|anchor| corner(&anchor.place, 0.0)).collect();
-    let [up, across, _] = spreads(&points);
-    anchors.len() > 3 && up < COPLANAR * across
+    are_coplanar(points.len(), spreads(&points))
+}
+
+/// Whether points with these spreads lie in one plane. Three points always do.
+fn are_coplanar(count: usize, [up, across, _]: [f64; 3]) -> bool {
+    count > 3 && up < COPLANAR * across
+}
+
+/// Whether points with these spreads, across and along, lie nearly on one line. Two points always do.
+fn are_collinear(count: usize, [across, along]: [f64; 2]) -> bool {
+    count > 2 && across < COLLINEAR * along
 }
 
 /// The anchors to which there are ranges.
@@ -82,19 +91,18 @@ fn spreads<const D: usize>(points: &[[f64; D]]) -> [f64; D] {
 fn geometry(places: &[&Coordinates], space: Space) -> Option<String> {
     const LINE: &str = "the anchors lie nearly on one line, so that each position has a mirror image on its other side: \
                         put an anchor beside the line, or say by --area where the tag is";
-    let flat: Vec<[f64; 2]> = places.iter().map(|place| [place.x_m, place.y_m]).collect();
     match space {
         Space::Plane(_) => {
-            let [across, along] = spreads(&flat);
-            (places.len() > 2 && across < COLLINEAR * along).then(|| LINE.to_owned())
+            let flat: Vec<[f64; 2]> = places.iter().map(|place| [place.x_m, place.y_m]).collect();
+            are_collinear(flat.len(), spreads(&flat)).then(|| LINE.to_owned())
         }
         Space::Full(side) => {
             let points: Vec<[f64; 3]> = places.iter().map(|place| corner(place, 0.0)).collect();
             let [up, across, along] = spreads(&points);
-            if places.len() > 2 && across < COLLINEAR * along {
+            if are_collinear(points.len(), [across, along]) {
                 return Some(LINE.to_owned());
             }
-            (places.len() > 3 && up < COPLANAR * across && side.is_none()).then(|| {
+            (are_coplanar(points.len(), [up, across, along]) && side.is_none()).then(|| {
                 "the anchors lie in one plane, so that the distance of the tag from that plane is uncertain and its side \
                  is taken to be below: give --dims 2 --height-m Z, or --side"
                     .to_owned()

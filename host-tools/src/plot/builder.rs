@@ -55,7 +55,7 @@ impl PictureBuilder {
         }
     }
 
-    /// Tells the time of a position, seconds: the legend has the first and the last one.
+    /// Adds the time of a position, seconds: the legend has the first and the last one.
     pub fn time(&mut self, t_s: f64) {
         let [first, last] = self.picture.times_s.unwrap_or([t_s; 2]);
         self.picture.times_s = Some([first.min(t_s), last.max(t_s)]);

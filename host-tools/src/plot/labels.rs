@@ -123,7 +123,7 @@ fn half_size(name: &str) -> [f64; 2] {
     [0.5 * CHARACTER * name.chars().count() as f64, 0.5 * HEIGHT]
 }
 
-/// At most so many characters of a path: its end.
+/// A path of `most` characters or fewer: its end, after an ellipsis.
 pub fn short_path(path: &str, most: usize) -> String {
     let characters = path.chars().count();
     if characters <= most {
@@ -133,7 +133,7 @@ pub fn short_path(path: &str, most: usize) -> String {
     }
 }
 
-/// At most so many characters of a name.
+/// A name of `most` characters or fewer: its beginning, before an ellipsis.
 pub fn short(name: &str, most: usize) -> String {
     match name.char_indices().nth(most) {
         Some(_) => name.chars().take(most - 1).chain(['…']).collect(),

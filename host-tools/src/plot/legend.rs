@@ -59,7 +59,7 @@ pub struct Key<'a> {
     remarks: Vec<String>,
 }
 
-/// What stands for an entry.
+/// The symbol of an entry.
 #[derive(Clone, Copy)]
 enum Symbol {
     Anchor,

@@ -24,8 +24,9 @@ const LINE_CELL: f64 = 0.7;
 /// The distance between two arrows on a path, pixels, and their greatest number.
 const ARROWS_APART: f64 = 130.0;
 const MOST_ARROWS: usize = 10;
-/// Positions without truth are joined by a line where they are at least so many, and the line through every eighth one
-/// has at least this share of its length: else it would show more of the noise than of the way.
+/// Positions without truth are joined by a line where there are at least [`LEAST_PATH`] of them, and where the line
+/// through every eighth one has at least the share [`SMOOTH`] of the length. Otherwise the line would show noise rather
+/// than the path.
 const LEAST_PATH: usize = 24;
 const SMOOTH: f64 = 0.5;
 

@@ -232,7 +232,7 @@ mod tests {
     use baliza_research::linde;
 
     #[test]
-    fn the_curves_of_a_benchmark_are_told_apart() {
+    fn the_curves_of_a_benchmark_are_distinct() {
         let fused = fusion::Algorithm::ALL.into_iter().flat_map(|algorithm| {
             fusion::Inputs::ALL.map(|heard| format!("{}, {}", algorithm.as_str(), heard.as_str()))
         });

@@ -78,8 +78,8 @@ impl Samples {
         if self.all.len() == before { Err(UserError::line(file, 1, "no receptions below the header")) } else { Ok(()) }
     }
 
-    /// Adds the receptions of a `ranges.csv`, with one placement an anchor. `true_range_m` gives the true range where it
-    /// is known.
+    /// Adds the receptions of a `ranges.csv`, with one placement an anchor. `true_range_m` gives the true range where
+    /// it is known.
     ///
     /// # Errors
     /// A line is wrong; the first one is reported.

@@ -112,7 +112,7 @@ fn all_is_every_method_one_after_the_other() {
 }
 
 #[test]
-fn columns_are_found_by_name_whoever_wrote_the_file() {
+fn columns_are_found_by_name_in_files_of_other_programs() {
     let plain = solve(&[("anchors.csv", ANCHORS), ("ranges.csv", RANGES)], "--dims 2");
     let anchors =
         "\u{feff}z_m,colour,y_m,x_m,anchor\r\n0,red,0,0,a\r\n,,0,3,b\r\n\r\n0,\"blue, or so\",4,0,\"c\"\r\n0,,8,6,d";
@@ -268,7 +268,7 @@ fn a_reader_that_goes_away_is_no_failure() {
 }
 
 #[test]
-fn help_tells_of_every_command_and_method() {
+fn help_names_every_command_and_method() {
     let folder = Folder::with(&[]);
     let help = folder.run("--help").ok().stdout;
     for command in ["solve", "bench", "plot", "example"] {

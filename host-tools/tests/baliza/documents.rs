@@ -62,7 +62,8 @@ impl Written {
         let text = self.text.split(" #").next().unwrap_or_default();
         let mut words: Vec<&str> = Vec::new();
         for word in text.split_whitespace().skip(1) {
-            // An ellipsis stands for the value of a flag, or for whatever else there may be. Of alternatives, the first counts.
+            // An ellipsis stands for the value of a flag, or for whatever else there may be. Of alternatives, the first
+            // counts.
             let is_value = words.last().is_some_and(|flag| flag.starts_with("--"));
             if word != "…" || is_value {
                 words.push(word.split('|').next().unwrap_or_default());

@@ -29,7 +29,8 @@ fn the_readme_s_command_prints_positions_and_says_where_the_picture_is() {
     let command = command.replace("examples/room", &in_repository("examples/room"));
     let run = folder.run(&command).ok();
 
-    // 300 epochs, of which one has lost all ranges. Nine of ten ranges have an error of about 0.1 m, so half of the positions are within 0.2 m.
+    // 300 epochs, of which one has lost all ranges. Nine of ten ranges have an error of about 0.1 m, so half of the
+    // positions are within 0.2 m.
     assert_eq!(run.column("epoch").len(), 299);
     let mut errors: Vec<f64> = run.numbers("error_m").into_iter().filter(|error| error.is_finite()).collect();
     errors.sort_by(f64::total_cmp);

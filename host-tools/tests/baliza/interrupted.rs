@@ -176,7 +176,7 @@ fn a_recording_keeps_all_that_is_older_than_a_second() {
 
 /// A part of a file is not the whole.
 #[test]
-fn an_interrupted_command_says_so_and_keeps_the_old_file() {
+fn an_interrupted_command_reports_it_and_keeps_the_old_file() {
     let folder = Folder::with(&[]);
     folder.write("long.bin", &stream(&walk()).repeat(2000));
     for (name, _) in SIGNALS.into_iter().take(3) {

@@ -101,7 +101,7 @@ fn without_an_elf_file_telemetry_is_shown_and_a_hint() {
 }
 
 #[test]
-fn a_wrong_elf_file_is_said_in_one_sentence_with_both_builds() {
+fn a_wrong_elf_file_is_reported_in_one_sentence_with_both_builds() {
     let run = folder().run("monitor --file telemetry.bin --defmt-file log.bin --elf other.elf").ok();
     let unreadable = "              log   [defmt text not decodable]\n";
     assert_eq!(run.stdout, [HELLO, FIXES[0], FIXES[1], unreadable].concat());
@@ -212,7 +212,7 @@ fn ctrl_c_ends_it_cleanly_with_the_count() {
 
 #[test]
 #[cfg(unix)]
-fn a_serial_port_is_read_and_its_going_away_is_said() {
+fn a_serial_port_is_read_and_its_loss_is_reported() {
     use serialport::{SerialPort, TTYPort};
 
     // The two ends of a pseudo terminal: one for the test, and one that the program opens by name.
@@ -245,7 +245,7 @@ fn a_serial_port_is_read_and_its_going_away_is_said() {
 /// Two lives of a node, in one read of the file.
 #[cfg(unix)]
 #[test]
-fn a_restart_is_said_where_it_is_among_the_messages() {
+fn a_restart_is_reported_in_its_place_among_the_messages() {
     let folder = Folder::with(&[]);
     let life = [telemetry_frame(&fix(5_000_000, 3.21)), telemetry_frame(&fix(9_000_000, 3.25))].concat();
     folder.write("lives.bin", &life.repeat(2));
@@ -258,7 +258,7 @@ fn a_restart_is_said_where_it_is_among_the_messages() {
 }
 
 #[test]
-fn what_is_wrong_is_said_in_one_line() {
+fn an_error_is_one_line() {
     let folder = folder();
     folder.write("text", b"no ELF file");
     folder.write("plain.elf", &std::fs::read(env!("CARGO_BIN_EXE_baliza")).expect("the program itself")[..]);

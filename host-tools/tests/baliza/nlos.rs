@@ -253,7 +253,7 @@ fn damaged_and_older_models_are_refused() {
 }
 
 #[test]
-fn mitigation_tells_before_and_after() {
+fn mitigation_prints_errors_before_and_after() {
     let folder = Folder::with(&[("cir.csv", &responses(2, 6))]);
     let list = folder.run("nlos mitigation --cir cir.csv --json").ok().json();
     let list = list.as_array().expect("a list");

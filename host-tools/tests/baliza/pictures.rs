@@ -186,7 +186,8 @@ fn errors_in_space_are_named_and_the_greatest_one_is_on_the_curve() {
 
 #[test]
 fn an_ellipse_follows_the_covariance() {
-    // Variances of 1 m² and a covariance of 0.99 m²: the ellipse is nearly its diagonal, from lower left to upper right.
+    // Variances of 1 m² and a covariance of 0.99 m²: the ellipse is nearly its diagonal, from lower left to upper
+    // right.
     let positions = "epoch,method,x_m,y_m,sigma_x_m,sigma_y_m,cov_xy_m2\n0,robust,5,5,1,1,0.99\n";
     let anchors = "anchor,x_m,y_m\na,0,0\nb,10,0\nc,10,10\n";
     let folder = Folder::with(&[("p.csv", positions), ("a.csv", anchors)]);

@@ -80,6 +80,16 @@ fn a_recording_that_was_cut_short_is_finished_later() {
         (folder.read("cut/telemetry.bin"), folder.read("cut/notes.txt")),
         (folder.read("walk.bin"), b"mine".into())
     );
+    // An error in a table of the user is reported, and the table stays.
+    let anchors = b"anchor,x_m,y_m,z_m\n0x0101,0,0,2,4\n";
+    folder.write("cut/anchors.csv", anchors);
+    let run = folder.run("record --finish cut");
+    assert!(run.code == Some(2) && run.stderr.starts_with("cut/anchors.csv:2: "), "{run:?}");
+    assert_eq!(folder.read("cut/anchors.csv"), anchors);
+    // A header only, as a recording without any range has it.
+    folder.write("cut/anchors.csv", b"anchor,x_m,y_m,z_m\n");
+    folder.run("record --finish cut").ok();
+    assert_eq!(folder.read("cut/anchors.csv"), folder.read("whole/anchors.csv"));
     // A simulation knows more than its telemetry.
     folder.run("simulate --seconds 0.5 --out simulated --json").ok();
     let run = folder.run("record --finish simulated");

@@ -62,7 +62,7 @@ fn figures_of_each_anchor_are_those_of_a_hand_calculation() {
 }
 
 #[test]
-fn a_tag_at_rest_cannot_tell_a_blocked_anchor_from_a_wrong_one() {
+fn a_tag_at_rest_does_not_distinguish_a_blocked_anchor_from_a_wrong_one() {
     let files = [("a.csv", ANCHORS), ("r.csv", &*ranges(|_| [0.0, 0.0, 0.0, 1.0, 0.0])), ("t.csv", TRUTH)];
     let folder = Folder::with(&files);
     let json = folder.run("track --anchors a.csv --ranges r.csv --truth t.csv --dims 2 --residuals --json").ok().json();

@@ -17,7 +17,7 @@ fn survey() -> String {
 }
 
 #[test]
-fn a_survey_judges_itself_and_other_stays() {
+fn a_survey_classifies_itself_and_other_stays() {
     let stays = "point,room,x_m,y_m,beacon,rssi_dbm,t_s\n\
                  p,hall,1,0,1,-54,0\np,hall,1,0,2,-79,0.1\nq,attic,7,0,1,127,0\nq,attic,7,0,2,-55,0.3\nr,cellar,9,0,3,-50,0\n";
     let folder = Folder::with(&[("f.csv", &survey()), ("t.csv", stays)]);
@@ -55,7 +55,7 @@ fn a_survey_judges_itself_and_other_stays() {
 }
 
 #[test]
-fn what_is_wrong_is_said_in_one_line() {
+fn an_error_is_one_line() {
     let folder = Folder::with(&[
         ("f.csv", &survey()),
         ("one.csv", "point,room,x_m,y_m,beacon,rssi_dbm\np,hall,1,0,1,-54\n"),
@@ -78,7 +78,7 @@ fn what_is_wrong_is_said_in_one_line() {
 }
 
 #[test]
-fn rooms_of_a_recorded_floor_are_told_apart() {
+fn rooms_of_a_recorded_floor_are_distinguished() {
     let Some(floor) = recording("linde_floor") else { return };
     let file = floor.join("fingerprints.csv");
     let json = Folder::with(&[])

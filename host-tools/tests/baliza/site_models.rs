@@ -91,7 +91,7 @@ fn what_a_tag_cannot_use_is_refused_with_its_line() {
     refused(&map("f.csv"), "site.toml:8: fingerprint_map: f.csv: not a map of levels");
     refused(
         &map("points.map"),
-        "site.toml:8: fingerprint_map: points.map: a map of surveyed points: a tag wants a lattice, made without --surveyed",
+        "site.toml:8: fingerprint_map: points.map: a map of surveyed points: a tag needs a lattice, made without --surveyed",
     );
     refused(
         &site(MODELS, both),
@@ -116,7 +116,7 @@ fn what_a_tag_cannot_use_is_refused_with_its_line() {
     folder.run("ble rooms --fingerprints f.csv --method knn --out knn.rooms").ok();
     refused(
         &site(&scanning("room_model = \"knn.rooms\"\n"), both),
-        "site.toml:8: room_model: knn.rooms: a model of the nearest fingerprints: a tag wants a machine, made by --method svm",
+        "site.toml:8: room_model: knn.rooms: a model of the nearest fingerprints: a tag needs a support vector machine, made by --method svm",
     );
     refused(&site(&scanning("room_model = \"flat.map\"\n"), both), "site.toml:8: room_model: flat.map: not a model");
     let point = |index: usize| Point {

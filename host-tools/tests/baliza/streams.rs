@@ -135,7 +135,7 @@ fn wrong_arguments_are_refused_in_one_line_and_nothing_is_written() {
         ("record --file walk.bin --out file", "--out: file is not a folder\n"),
         (
             "record --file walk.bin --out walk --anchors named.csv",
-            "--anchors: anchor \"A1\" is not called by its short address",
+            "--anchors: anchor \"A1\" is not named by its short address",
         ),
         ("replay walk.bin --speed 0", "invalid value '0' for '--speed <X>'"),
         ("replay none.bin", "none.bin: cannot open it: "),

@@ -55,7 +55,7 @@ fn stays_of_a_recording_are_taken_or_refused_and_the_file_only_grows() {
 }
 
 #[test]
-fn what_is_wrong_is_said_before_anything_is_written() {
+fn an_error_is_reported_before_anything_is_written() {
     let folder = Folder::with(&[("points.csv", "point,x_m,y_m\na,1,2\n"), ("other.csv", "some,thing\n1,2\n")]);
     folder.write("telemetry.bin", &stream());
     let refused = |arguments: &str, said: &str| {

@@ -114,7 +114,7 @@ fn the_offset_of_the_clocks_is_found_and_is_the_same_for_every_method() {
 }
 
 #[test]
-fn a_tag_at_rest_does_not_tell_the_offset() {
+fn a_tag_at_rest_gives_no_offset() {
     let rounds = (0..60).map(|k| (0.5 * f64::from(k), [3.0, 4.0, 1.0]));
     let truth = "epoch,t_s,x_m,y_m,z_m\n0,0,3,4,1\n1,30,3,4,1\n";
     let run = folder(&ranges(rounds), truth).run(&format!("solve {SOLVE} --height-m 1 --time-offset-s auto")).ok();
@@ -158,8 +158,8 @@ fn single_ranges_are_made_into_rounds() {
 
 #[test]
 fn a_track_takes_each_range_at_its_own_time() {
-    // A tag at 2 m/s along the room. The four ranges of a round are 25 ms apart, and rounds are 100 ms apart: a position
-    // of ranges that were taken as simultaneous would be the mean of four, 37 ms or 75 mm late.
+    // A tag at 2 m/s along the room. The four ranges of a round are 25 ms apart, and rounds are 100 ms apart: a
+    // position of ranges that were taken as simultaneous would be the mean of four, 37 ms or 75 mm late.
     let mut text = "epoch,t_s,anchor,range_m\n".to_owned();
     let mut truth = "epoch,t_s,x_m,y_m,z_m\n".to_owned();
     for k in 0..140_u32 {

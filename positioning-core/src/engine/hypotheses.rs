@@ -2,10 +2,10 @@
 //!
 //! A track can be wrong: it began at a mirror image, somebody carried the tag while the radio was off, or most links
 //! changed at once. Then a fresh start explains the round better. Its evidence is the likelihood of the round's ranges,
-//! integrated over the place (Laplace's approximation), times the probability that a tag is somewhere else. The evidence
-//! of the track is the product of the densities that it predicted. Where neither wins, both are followed, and the
-//! position is their mixture, so its deviation shows the doubt. The log odds are summed from round to round and slowly
-//! forgotten, because the errors of consecutive rounds are not independent.
+//! integrated over the place (Laplace's approximation), times the probability that a tag is somewhere else. The
+//! evidence of the track is the product of the densities that it predicted. Where neither wins, both are followed, and
+//! the position is their mixture, so its deviation shows the doubt. The log odds are summed from round to round and
+//! slowly forgotten, because the errors of consecutive rounds are not independent.
 //!
 //! The second of a solver's two places at a start is a rival too.
 
@@ -115,8 +115,8 @@ impl<T: Real> Engine<T> {
         }
         begin(&mut self.rival.filter, &fix, &self.round, &self.settings, self.now_us);
         let other = log_evidence(&self.rival.filter, &self.round, &self.settings) + T::of(LOG_ELSEWHERE);
-        // A single round proves nothing: a gateway that mixes up the anchors of one round makes a perfect fix elsewhere.
-        // The next round decides; meanwhile the position is between both, and its deviation reaches to both.
+        // A single round proves nothing: a gateway that mixes up the anchors of one round makes a perfect fix
+        // elsewhere. The next round decides; meanwhile the position is between both, and its deviation reaches to both.
         self.decide((mine - other).at_least(T::ZERO))
     }
 
@@ -131,8 +131,8 @@ impl<T: Real> Engine<T> {
         })
     }
 
-    /// Adds the second place of a fix, with its share of the probability, as a rival to the track that was started at the
-    /// first one.
+    /// Adds the second place of a fix, with its share of the probability, as a rival to the track that was started at
+    /// the first one.
     pub(super) fn add_rival(&mut self, other: &Fix<T, 3>, share: T) {
         begin(&mut self.rival.filter, other, &self.round, &self.settings, self.now_us);
         self.rival.lead = Some(((T::ONE - share) / share).ln());

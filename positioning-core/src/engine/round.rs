@@ -93,8 +93,8 @@ impl<T: Real> Round<T> {
         }
     }
 
-    /// Keeps a range for the solver, which takes the nearest sixteen, and returns its index in the round. A recent range
-    /// to the same anchor in an earlier round makes room.
+    /// Keeps a range for the solver, which takes the nearest sixteen, and returns its index in the round. A recent
+    /// range to the same anchor in an earlier round makes room.
     pub(super) fn keep(&mut self, range: &Range<T>, t_us: u64) -> usize {
         let place = self.ranged;
         self.ranged = self.ranged.saturating_add(1);
@@ -173,7 +173,8 @@ impl<T: Real> Round<T> {
         direct.fold(0, |set, (index, _)| set | bit(index))
     }
 
-    /// The kept ranges that are probably blocked, and that are needed for `enough` ranges: bit i is the range of index i.
+    /// The kept ranges that are probably blocked, and that are needed for `enough` ranges: bit i is the range of index
+    /// i.
     pub(super) fn least_blocked_beyond(&self, threshold: T, enough: usize) -> u16 {
         let direct = self.direct(threshold);
         self.with_least_blocked(direct, enough) & !direct

@@ -171,8 +171,8 @@ impl<T: Real> Engine<T> {
     }
 }
 
-/// Begins a filter at a solved position with a round's measurements, and stays within the position's deviation: where the
-/// links lead elsewhere, the solver has weighed more possibilities than a filter follows.
+/// Begins a filter at a solved position with a round's measurements, and stays within the position's deviation: where
+/// the links lead elsewhere, the solver has weighed more possibilities than a filter follows.
 #[inline(never)]
 pub(super) fn begin<T: Real>(
     filter: &mut Filter<T>,

@@ -160,8 +160,8 @@ impl<T: Real> Filter<T> {
 
     /// A link to an anchor with its error predicted to the current time, for differences of arrival. `own` is the
     /// variance of the reception's noise in line of sight, m². `p_nlos` is the probability of being without line of
-    /// sight, if it is known. Links count as direct: of two links that make one difference, none shows which is blocked.
-    /// `None`: there is no place for it.
+    /// sight, if it is known. Links count as direct: of two links that make one difference, none shows which is
+    /// blocked. `None`: there is no place for it.
     #[inline(never)]
     pub(crate) fn anchor_link(
         &mut self,
@@ -252,8 +252,8 @@ impl<T: Real> Filter<T> {
         self.log_evidence += log(as_before + renewed + wild);
         let is_wild = wild > as_before && wild > renewed;
         if is_wild {
-            // A wild range that repeats itself is a new error after all, unless it is too short: walls lengthen a range,
-            // only a fault or a forgery shortens it.
+            // A wild range that repeats itself is a new error after all, unless it is too short: walls lengthen a
+            // range, only a fault or a forgery shortens it.
             let decision = link.gate.check(innovation.value, s, settings.gate, settings.patience);
             let insists = decision == GateDecision::Reopen && residual.mean > T::ZERO;
             if !insists {

@@ -1,8 +1,8 @@
 """Indoor positions from UWB ranges, by the solvers and the track of the tags of Baliza.
 
 Lengths are metres, times seconds, powers dBm. Coordinates are right-handed; NaN is an unknown number. A position that
-could not be had is NaN with a reason. The computations run in the `f32` of a node, so they equal `baliza solve` and
-`baliza track`.
+could not be computed is NaN with a reason. The computations run in the `f32` of a node, so they equal `baliza solve`
+and `baliza track`.
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ class Positions:
     velocity_m_s: Floats
     """(n, 3) velocities of a track, metres per second; NaN for a solver."""
     alternative_apart_m: Floats
-    """(n, 3) where two places explain the ranges: the vector from the likelier to the other, metres."""
+    """(n, 3) where two positions explain the ranges: the vector from the likelier to the other, metres."""
     alternative_share: Floats
-    """(n,) the probability of the other place, at most a half; NaN where there is one place."""
+    """(n,) the probability of the other position, at most a half; NaN where there is one position."""
     truth_m: Floats
     """(n, 3) true positions, metres, where they are known."""
     error_m: Floats
@@ -108,10 +108,10 @@ class Fix:
     reason: str | None
     """Why there is no position, such as `too-few-anchors`; None if there is one."""
     alternative_apart_m: Floats | None
-    """(3,) if the tag can be at two places: the vector from the likelier to the other, metres. `position_m` is their
-    mean."""
+    """(3,) if the tag can be at two positions: the vector from the likelier to the other, metres. `position_m` is
+    their mean."""
     alternative_share: float | None
-    """The probability of the other place, at most a half."""
+    """The probability of the other position, at most a half."""
 
 
 class Recording:
@@ -129,8 +129,8 @@ class Recording:
         """The tags' names; None where the recording does not name its tag."""
 
     def ranges(self) -> dict[str, Any]:
-        """The ranges as columns: `tag`, `epoch` (names), `anchor` (index in `anchors`), `t_s`, `range_m`, `los` (1, 0 or NaN),
-        `rx_power_dbm`, `power_difference_db` (received power less first-path power)."""
+        """The ranges as columns: `tag`, `epoch` (names), `anchor` (index in `anchors`), `t_s`, `range_m`, `los` (1, 0 or
+        NaN), `rx_power_dbm`, `power_difference_db` (received power less first-path power)."""
         return self._native.ranges()
 
     def ranges_frame(self) -> "pandas.DataFrame":
@@ -164,8 +164,11 @@ class Recording:
     ) -> Positions:
         """Solves each epoch by itself, as `baliza solve`. Differences of arrivals have the one method `hyperbolic`.
 
-        `dims` is 2 or 3: None takes what `recording.toml` says, else 3. `height_m` is the tag's height for dims=2. `group_s` makes rounds of single ranges, which last at most so many
-        seconds: None chooses, 0 takes the epochs of the file. `time_offset_s` is added to the times of the truth.
+        `dims` is 2 or 3; None takes that of `recording.toml`, or 3. With dims=2, `height_m` is the tag's height, or
+        `height_from_truth` takes each epoch's height from the truth. With dims=3 and anchors in one plane, `side` is
+        the tag's side of that plane. `area_m` bounds the positions: least x and y, greatest x and y. Single ranges are
+        grouped to rounds of at most `group_s` seconds: None chooses a time, 0 keeps the epochs of the file.
+        `time_offset_s` is added to the times of the truth.
 
         Raises ValueError for arguments that are unknown or do not fit.
         """
@@ -187,8 +190,8 @@ class Recording:
     ) -> Positions:
         """Follows the tag through the epochs in the order of time, as `baliza track`.
 
-        `nlos` says how powers are used: `weigh`, `ignore` (leave blocked ranges out) or `alike` (not at all). The other
-        arguments are those of `solve`, but single ranges become rounds only where `group_s` is given.
+        `nlos` is the use of powers: `weigh`, `ignore` (leave blocked ranges out) or `alike` (powers are not used). The
+        other arguments are those of `solve`, but single ranges become rounds only where `group_s` is given.
 
         Raises ValueError for arguments that are unknown or do not fit.
         """
@@ -198,8 +201,8 @@ class Recording:
 
 
 def read(folder: FilePath) -> Recording:
-    """Reads a recorded folder: `anchors.csv`, `ranges.csv` or `differences.csv` and, where they are there, `truth.csv` and
-    `recording.toml`.
+    """Reads a recorded folder: `anchors.csv`, `ranges.csv` or `differences.csv` and, where they exist, `truth.csv`
+    and `recording.toml`.
 
     Raises InputError, with `file` and `line`, where a file is wrong.
     """
@@ -222,8 +225,8 @@ def solve(
     """Solves each row of ranges by itself.
 
     `anchors_m` has the shape (anchors, 3), or (anchors, 2) for dims=2 without `height_m`; `ranges_m` has the shape
-    (epochs, anchors), or (anchors,) for one epoch, metres; NaN: no range. `los` (1 or 0, for the oracle `nls-ccv`) and the
-    powers, dBm, have the shape of `ranges_m`. At most sixteen ranges of an epoch count, the shortest.
+    (epochs, anchors), or (anchors,) for one epoch, metres; NaN: no range. `los` (1 or 0, for the oracle `nls-ccv`) and
+    the powers, dBm, have the shape of `ranges_m`. Of an epoch, the sixteen shortest ranges are used.
 
     Raises ValueError for wrong shapes, numbers that are not finite, and unknown methods.
     """
@@ -256,12 +259,13 @@ class Track:
         Raises ValueError for wrong shapes and numbers that are not finite.
         """
         if isinstance(anchors_m, Mapping):
-            names, places = list(anchors_m), np.array(list(anchors_m.values()), dtype=np.float64)
+            names, positions = list(anchors_m), np.array(list(anchors_m.values()), dtype=np.float64)
         else:
-            places = _matrix("anchors_m", anchors_m)
-            names = list(range(len(places)))
+            positions = _matrix("anchors_m", anchors_m)
+            names = list(range(len(positions)))
         self._index = {name: index for index, name in enumerate(names)}
-        self._native = _native.Track(_matrix("anchors_m", places), nlos, _within(dims, height_m, False, side, area_m))
+        within = _within(dims, height_m, False, side, area_m)
+        self._native = _native.Track(_matrix("anchors_m", positions), nlos, within)
 
     def step(
         self,
@@ -271,8 +275,8 @@ class Track:
     ) -> Fix:
         """Takes the ranges of one time, {anchor: metres}: a round, or a single range. Returns the position after them.
 
-        `t_s` is the time, seconds, on any clock that does not go back. Without a track, single ranges of the last second
-        count too. `powers_dbm` has the received power and the first-path power of anchors, dBm.
+        `t_s` is the time, seconds, on any clock that does not go back. Until a track has begun, single ranges of the
+        last second are used too. `powers_dbm` has the received power and the first-path power of anchors, dBm.
 
         Raises KeyError for an unknown anchor, ValueError for a number that is not finite.
         """

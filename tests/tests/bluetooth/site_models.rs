@@ -89,7 +89,7 @@ fn rooms(run: &Run, tag: u16) -> Vec<(f64, RoomEstimate)> {
 }
 
 #[test]
-fn tags_that_stay_in_their_rooms_are_told_there() {
+fn tags_that_stay_in_their_rooms_are_found_there() {
     let mut scenario = Scenario::parse(TEXT).unwrap_or_else(|error| panic!("line {error}"));
     scenario.bluetooth.site_models = Some(region(MAP).into());
     scenario.seconds = 60.0;

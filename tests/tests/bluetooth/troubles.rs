@@ -110,7 +110,7 @@ fn among_good_beacons_nobody_is_named() {
 }
 
 #[test]
-fn a_clone_is_named_where_anchors_tell_the_place() {
+fn a_clone_is_named_where_anchors_give_the_position() {
     let twin = "[[beacon]]\nat = [11.0, 7.0, 2.2]\nminor = 1\nlisted = false\n";
     let anchors: String = [[0.2, 0.2, 2.6], [11.8, 0.2, 1.8], [11.8, 7.8, 2.6], [0.2, 7.8, 1.8]]
         .iter()

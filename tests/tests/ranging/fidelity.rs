@@ -84,7 +84,7 @@ fn with_the_same_slots_chips_and_air_make_the_same_rounds() {
 }
 
 #[test]
-fn who_only_listens_hears_the_last_answer_too() {
+fn a_listening_tag_receives_the_last_response_too() {
     for board in [BoardProfile::DWM1001, BoardProfile::EVB1000] {
         let of = |level| rounds(Scenario { fidelity: level, board, ..Scenario::listening(5, 2) });
         let (chips, air) = (of(Fidelity::Spi), of(Fidelity::Air));

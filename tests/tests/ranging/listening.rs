@@ -57,9 +57,8 @@ fn on_an_air_as_recorded_they_err_by_a_decimetre() {
 }
 
 /// What walls add to the paths between anchors is measured. The error of a tag that listens is at most two and a half
-/// times that of a tag that asks: a difference contains two links, neither shows which one is blocked, and there is no
-/// distance by itself. The ideal air adds nothing to what walls
-/// do.
+/// times that of a tag that polls: a difference contains two links, neither shows which one is blocked, and there is no
+/// distance by itself. On the ideal air, walls are the only cause of errors.
 #[test]
 fn walls_between_anchors_are_not_in_the_differences() {
     let mean_square = |mode: Mode| {

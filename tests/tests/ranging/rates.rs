@@ -79,7 +79,7 @@ fn a_tag_whose_engine_is_slow_makes_no_rounds_in_vain() {
 }
 
 #[test]
-fn an_esp32_tag_among_dwm1001_anchors_of_which_one_is_four_times_slower_hears_them_all() {
+fn an_esp32_tag_receives_all_dwm1001_anchors_although_one_is_four_times_slower() {
     let mut scenario = Scenario { seconds: 6.0, ..room(4, 1) };
     scenario.tags[0].board = Some(BoardProfile::ESP32C3);
     scenario.anchors[2].board = Some(BoardProfile::DWM1001.slowed(4.0));
@@ -119,7 +119,7 @@ fn a_slower_tag_gets_the_rate_it_asks_for() {
 }
 
 #[test]
-fn all_anchors_are_heard_however_many_members_their_beacons_tell_of() {
+fn all_anchors_are_received_with_any_number_of_members_in_their_beacons() {
     let run = rooms(8, 10, 4.0);
     for anchor in 1..=8 {
         let ranges = run.ranges(TAG, anchor, 3.0, 4.0).len();

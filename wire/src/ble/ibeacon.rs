@@ -297,8 +297,8 @@ mod tests {
             }
         }
 
-        /// With one byte changed, the data is refused or is another beacon, unless the byte is the type or the value of the
-        /// flags: other structures may come before the beacon, whatever they are.
+        /// With one byte changed, the data is refused or is another beacon, unless the byte is the type or the value of
+        /// the flags: other structures may come before the beacon, whatever they are.
         #[test]
         fn a_changed_byte_is_never_the_same_beacon(beacon in any_beacon(), at in 0_usize..30, flip in 1_u8..) {
             let mut bytes = beacon.emit();

@@ -6,8 +6,8 @@
 //! channel takes them. On the host a [`Decoder`] decodes them into messages.
 //!
 //! Each message has one file in `messages/`. The file contains its fields, the conversions to SI units, its line for a
-//! person (the same in a node's log, but for the `0x` of addresses, and on the host's screen) and, with the feature `host`, its JSON object and the row
-//! of its table. The list in `messages/mod.rs` contains all of them.
+//! person (the same in a node's log, but for the `0x` of addresses, and on the host's screen) and, with the feature
+//! `host`, its JSON object and the row of its table. The list in `messages/mod.rs` contains all of them.
 
 mod address;
 mod decoder;

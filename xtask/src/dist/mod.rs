@@ -1,8 +1,8 @@
 //! `cargo xtask dist`: the folder of a release. It has the images of all boards, `baliza` with completions and manual
-//! pages, licences and parts lists of other people's crates, udev rules, and the SHA-256 of each file.
+//! pages, licences and parts lists of third-party crates, udev rules, and the SHA-256 of each file.
 //!
-//! Nothing of the machine or of the time goes into a file, so that equal sources make equal bytes: `--verify` builds the
-//! images twice, in two folders, and compares them.
+//! Nothing of the machine or of the time goes into a file, so that equal sources make equal bytes: `--verify` builds
+//! the images twice, in two folders, and compares them.
 
 mod papers;
 mod sums;
@@ -17,10 +17,10 @@ use anyhow::{Context, Result, ensure};
 
 use crate::{cargo, firmware, root, succeed, target_directory, toolchain};
 
-/// What `cargo xtask dist` is asked for.
+/// The arguments of `cargo xtask dist`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The folder of the release [default: target/dist, made anew].
+    /// The folder of the release [default: target/dist, made again].
     #[arg(long, value_name = "FOLDER")]
     out: Option<PathBuf>,
     /// Only images whose names contain this, such as `dwm1001`.

@@ -1,4 +1,4 @@
-//! The papers of a release: completions, manual pages, licences of other people's crates, and parts lists (CycloneDX).
+//! The papers of a release: completions, manual pages, licences of third-party crates, and parts lists (CycloneDX).
 
 use std::fs;
 use std::path::Path;

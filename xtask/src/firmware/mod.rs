@@ -19,7 +19,7 @@ use inspect::Takes;
 pub use matrix::BOARDS;
 use matrix::{Budget, Image, Platform};
 
-/// What `cargo xtask firmware` is asked for.
+/// The arguments of `cargo xtask firmware`.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// Only images whose names contain this, such as `tag`, `dwm1001` or `tag-esp32c3-ble`.

@@ -43,7 +43,7 @@ impl Figures {
         let mut rounds = Vec::new();
         for tag in &outcome.tags {
             let mut ranges = 0;
-            for (time, message) in &tag.life.told {
+            for (time, message) in &tag.life.telemetry {
                 if let Message::Range(_) = message {
                     ranges += 1;
                 }
@@ -128,11 +128,11 @@ impl Figures {
     /// The figures that differ by more than `tolerance`, a share.
     pub fn disagreements(&self, simulation: &Self, tolerance: f64) -> Vec<String> {
         let mut found = Vec::new();
-        let judged = [
+        let compared = [
             ("positions a second", self.fixes_per_s, simulation.fixes_per_s),
             ("ranges a round", self.ranges_a_round, simulation.ranges_a_round),
         ];
-        for (name, ours, theirs) in judged {
+        for (name, ours, theirs) in compared {
             if !(difference(ours, theirs).abs() <= tolerance) {
                 found.push(format!("{name}: images {ours:.1}, simulation {theirs:.1}"));
             }

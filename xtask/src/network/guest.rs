@@ -37,7 +37,7 @@ impl Guest {
         Ok(Self { process, to, from, buffer: vec![0; MAX_MESSAGE], messages: 0 })
     }
 
-    /// The process, for whoever ends it.
+    /// The process, for the code that ends it.
     pub fn process(&self) -> Process {
         self.process.clone()
     }

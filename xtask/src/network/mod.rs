@@ -20,7 +20,7 @@ use figures::Figures;
 use node::Work;
 use scene::{Images, Lived, Outcome};
 
-/// What `cargo xtask qemu network` is asked for.
+/// The arguments of `cargo xtask qemu network`.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// Simulated time, seconds.

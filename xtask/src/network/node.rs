@@ -22,7 +22,7 @@ use super::steps::Steps;
 /// The record of a node's run.
 pub struct Life {
     /// Its telemetry, each message with its time.
-    pub told: Vec<(TrueTime, wire::telemetry::Message)>,
+    pub telemetry: Vec<(TrueTime, wire::telemetry::Message)>,
     /// Its requests.
     pub work: Work,
     /// Where its instructions are spent.
@@ -51,7 +51,7 @@ impl Life {
     /// An empty record.
     pub fn new() -> Self {
         Self {
-            told: Vec::new(),
+            telemetry: Vec::new(),
             work: Work::default(),
             steps: Steps::default(),
             failure: None,
@@ -71,7 +71,7 @@ impl Life {
 
     /// The last counters in its telemetry.
     fn counters(&self) -> Option<&wire::telemetry::Counters> {
-        self.told.iter().rev().find_map(|(_, message)| match message {
+        self.telemetry.iter().rev().find_map(|(_, message)| match message {
             wire::telemetry::Message::Counters(counters) => Some(counters),
             _ => None,
         })
@@ -84,11 +84,11 @@ impl Life {
         self.steps.add(asked);
     }
 
-    fn tell(&mut self, now: TrueTime, frames: &[u8]) {
+    fn receive(&mut self, now: TrueTime, frames: &[u8]) {
         for byte in frames {
             // A frame of the image itself is always complete.
             if let Some(Ok(message)) = self.decoder.feed(*byte) {
-                self.told.push((now, message));
+                self.telemetry.push((now, message));
             }
         }
     }
@@ -145,7 +145,7 @@ impl Node {
                 Request::Reset { low } => {
                     let Ok(()) = if low { peripherals.reset.set_low() } else { peripherals.reset.set_high() };
                 }
-                Request::Telemetry(frames) => background.tell(frames),
+                Request::Telemetry(frames) => background.send(frames),
                 Request::Wait { until_ns, interrupt, background: until_done } => {
                     let until = TrueTime::from_ps(until_ns.saturating_mul(1000));
                     let raised = async {
@@ -215,7 +215,7 @@ impl<'a> Background<'a> {
         self.instructions = self.instructions.saturating_add(instructions);
     }
 
-    fn tell(&mut self, frames: &[u8]) {
+    fn send(&mut self, frames: &[u8]) {
         self.telemetry.extend_from_slice(frames);
     }
 
@@ -238,7 +238,7 @@ impl<'a> Background<'a> {
     }
 
     fn finish(&mut self) {
-        self.life.borrow_mut().tell(self.world.now(), &std::mem::take(&mut self.telemetry));
+        self.life.borrow_mut().receive(self.world.now(), &std::mem::take(&mut self.telemetry));
     }
 }
 
@@ -251,7 +251,7 @@ async fn transact(
 ) -> Result<usize> {
     let mut buffers: Vec<Vec<u8>> = Vec::new();
     for operation in operations {
-        let (first, rest) = sent.split_at_checked(operation.sent()).context("fewer bytes than were told")?;
+        let (first, rest) = sent.split_at_checked(operation.sent()).context("fewer bytes than the operation sends")?;
         sent = rest;
         let mut buffer = first.to_vec();
         buffer.resize(operation.sent().max(operation.received()), 0);

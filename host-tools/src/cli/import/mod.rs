@@ -13,8 +13,8 @@ use host_tools::node::recorder::is_of_recording;
 super::commands! {
     /// Make a recording of what another system has measured
     ///
-    /// The folder gets anchors.csv, ranges.csv and, where the other system has found positions, positions.csv. Lines that
-    /// are no measurements are left out and counted.
+    /// The folder gets anchors.csv, ranges.csv and, where the other system has found positions, positions.csv. Lines
+    /// that are no measurements are left out and counted.
     enum Arguments {
         Pans(pans),
         Crazyflie(crazyflie),

@@ -1,8 +1,8 @@
 //! A node's telemetry: from the bytes of a stream to messages on one time line.
 //!
-//! [`StreamFiles`] opens files, and [`Chunks`] reads them or a pipe. [`Stream`] takes the bytes and returns messages, each with its time in the
-//! recording's [`Timeline`]. [`row`] returns a message's row in its table. [`Summary`] counts what was received and
-//! what was lost. `docs/wire-format.md` specifies the bytes.
+//! [`StreamFiles`] opens files, and [`Chunks`] reads them or a pipe. [`Stream`] takes the bytes and returns messages,
+//! each with its time in the recording's [`Timeline`]. [`row`] returns a message's row in its table. [`Summary`] counts
+//! what was received and what was lost. `docs/wire-format.md` specifies the bytes.
 
 mod chunks;
 mod opened;

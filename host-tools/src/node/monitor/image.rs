@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn what_an_image_says_of_itself() {
+    fn the_build_and_the_control_block_of_an_image_are_read() {
         let image = Image::parse(Path::new("image"), &elf(Some(BUILD))).expect("an image");
         assert_eq!(image.build, Some(Build(BUILD)));
         assert_eq!(image.build.map(|build| build.to_string()), Some("1a2b3c4d5e6f7081".into()));

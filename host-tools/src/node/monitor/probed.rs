@@ -12,7 +12,7 @@ use anyhow::Result;
 
 use super::image::Marks;
 use super::rtt::{self, Memory, Polled, Rings};
-use super::source::{Event, Pace, Source};
+use super::source::{Event, Pace, Retry, Source};
 use crate::node::probe::ProbeArguments;
 
 /// Makes connections to a chip.
@@ -31,8 +31,8 @@ enum State {
     Seeking { memory: Box<dyn Memory>, since: Instant, reported: bool },
     /// Attached, and reading.
     Reading { memory: Box<dyn Memory>, rings: Rings },
-    /// Tries again at the time `again`; the interval after that attempt is `wait`.
-    Lost { again: Instant, wait: Duration },
+    /// Tries to connect again.
+    Lost(Retry),
 }
 
 /// A chip behind a probe, as a source.
@@ -61,13 +61,13 @@ impl<A: Attach> Probed<A> {
                 self.ready.push_back(Event::Connected(what));
                 self.seek(memory)
             }
-            State::Lost { again, wait } if Instant::now() < again => State::Lost { again, wait },
-            State::Lost { wait, .. } => match self.attach.attach() {
+            State::Lost(retry) if !retry.is_due() => State::Lost(retry),
+            State::Lost(retry) => match self.attach.attach() {
                 Ok((memory, what)) => {
                     self.ready.push_back(Event::Connected(what));
                     self.seek(memory)
                 }
-                Err(_) => State::Lost { again: Instant::now() + wait, wait: (wait * 2).min(self.pace.longest) },
+                Err(_) => State::Lost(retry.next(&self.pace)),
             },
             State::Seeking { mut memory, since, reported } => {
                 match rtt::find(memory.as_mut(), self.marks.as_ref().and_then(|marks| marks.rtt)) {
@@ -118,7 +118,7 @@ impl<A: Attach> Probed<A> {
 
     fn lose(&mut self, error: &anyhow::Error) -> State {
         self.ready.push_back(Event::Lost(format!("{error:#}")));
-        State::Lost { again: Instant::now() + self.pace.retry, wait: self.pace.retry * 2 }
+        State::Lost(Retry::first(&self.pace))
     }
 
     /// Compares the chip's flash with the ELF file. Flash that cannot be read gives no result; then the build that the
@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn a_node_without_rings_is_told_once() {
+    fn a_node_without_rings_is_reported_once() {
         let desk = Desk::new();
         desk.0.borrow_mut().clear();
         let mut source = desk.source(None);

@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn the_block_is_where_the_elf_file_says_or_anywhere() {
+    fn the_block_is_at_the_elf_files_address_or_anywhere() {
         for place in [0, 0x0FF4, 0x1F00] {
             let mut ram = Ram::new(0x3000);
             assert!(find(&mut ram, None).expect("memory").is_none());

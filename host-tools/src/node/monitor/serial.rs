@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, anyhow};
 
 use super::demux::Demux;
-use super::source::{Event, Pace, Source};
+use super::source::{Event, Pace, Retry, Source};
 use crate::UserError;
 
 /// Opens a port.
@@ -73,7 +73,7 @@ fn refused(name: &str, error: serialport::Error) -> anyhow::Error {
 enum State {
     New,
     Open(Box<dyn Read>),
-    Lost { again: Instant, wait: Duration },
+    Lost(Retry),
 }
 
 /// A serial port, as a source.
@@ -99,13 +99,13 @@ impl<O: Open> Serial<O> {
                 self.ready.push_back(Event::Connected(self.name.clone()));
                 State::Open(port)
             }
-            State::Lost { again, wait } if Instant::now() < again => State::Lost { again, wait },
-            State::Lost { wait, .. } => match self.port.open() {
+            State::Lost(retry) if !retry.is_due() => State::Lost(retry),
+            State::Lost(retry) => match self.port.open() {
                 Ok(port) => {
                     self.ready.push_back(Event::Connected(self.name.clone()));
                     State::Open(port)
                 }
-                Err(_) => State::Lost { again: Instant::now() + wait, wait: (wait * 2).min(self.pace.longest) },
+                Err(_) => State::Lost(retry.next(&self.pace)),
             },
             State::Open(mut port) => {
                 let mut bytes = [0; 4096];
@@ -134,7 +134,7 @@ impl<O: Open> Serial<O> {
     fn lose(&mut self, why: &str) -> State {
         self.ready.extend(self.demux.finish());
         self.ready.push_back(Event::Lost(why.to_owned()));
-        State::Lost { again: Instant::now() + self.pace.retry, wait: self.pace.retry * 2 }
+        State::Lost(Retry::first(&self.pace))
     }
 }
 
@@ -151,7 +151,7 @@ impl<O: Open> Source for Serial<O> {
                 if left.is_zero() {
                     return Ok(None);
                 }
-                if matches!(self.state, State::Lost { .. }) {
+                if matches!(self.state, State::Lost(_)) {
                     sleep(left.min(READ));
                 }
             }

@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn a_greeting_is_shown_again_only_where_it_says_something_new() {
+    fn a_repeated_hello_is_shown_only_if_it_differs() {
         let mut lines = Lines::new(false, false);
         let mut shows = |t_us, build| lines.line(&of(hello(t_us, build))).is_some();
         assert!(shows(1, BUILD) && !shows(2_000_001, BUILD));

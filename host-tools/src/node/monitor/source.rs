@@ -1,6 +1,6 @@
 //! The source of a node's bytes: one trait, so that all code behind it runs without hardware.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Result;
 
@@ -58,6 +58,31 @@ pub struct Pace {
     pub longest: Duration,
     /// After this time without a control block, the node is reported as having none.
     pub silent: Duration,
+}
+
+/// The next attempt to connect again.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Retry {
+    at: Instant,
+    /// The interval after that attempt, if it fails.
+    wait: Duration,
+}
+
+impl Retry {
+    /// The first attempt after a failure.
+    pub(super) fn first(pace: &Pace) -> Self {
+        Self { at: Instant::now() + pace.retry, wait: pace.retry * 2 }
+    }
+
+    /// The attempt after this one, which has failed.
+    pub(super) fn next(self, pace: &Pace) -> Self {
+        Self { at: Instant::now() + self.wait, wait: (self.wait * 2).min(pace.longest) }
+    }
+
+    /// Whether it is time for the attempt.
+    pub(super) fn is_due(&self) -> bool {
+        Instant::now() >= self.at
+    }
 }
 
 impl Default for Pace {

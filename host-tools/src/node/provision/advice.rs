@@ -1,4 +1,4 @@
-//! Warnings about a site whose records are valid and yet hardly meant: positions that no room has, anchors that cannot
+//! Warnings about probable mistakes in a site whose records are valid: positions that no room has, anchors that cannot
 //! locate the tags of the site.
 
 use wire::config::{Mode, Role, Tag};

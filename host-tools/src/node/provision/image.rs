@@ -132,7 +132,7 @@ impl Held {
 
     /// Descriptions of the map and of the rooms, where there are any, or why they are not valid.
     pub fn map_and_rooms(&self) -> [Option<String>; 2] {
-        self.site_models.as_deref().map_or([None, None], site_models::words)
+        self.site_models.as_deref().map_or([None, None], site_models::describe)
     }
 }
 
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn intel_hex_says_where_it_belongs() {
+    fn intel_hex_has_its_address() {
         let text = of(&record(), None).intel_hex(Board::Evk1000).unwrap();
         let lines: Vec<_> = text.lines().collect();
         // The upper half of the address is 0x0803: 02 bytes, offset 0000, type 04. Sum 2 + 4 + 8 + 3 = 0x11, checksum
@@ -337,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_file_is_said() {
+    fn each_damaged_file_has_its_own_error() {
         let said = |bytes: &[u8]| Image::new(bytes).unwrap().check().expect_err("it is wrong");
         let good = of(&record(), None).binary(Board::Dwm1001);
         assert_eq!(said(&good[..5000]), "the file is cut short: 5000 bytes are no whole pages");

@@ -75,7 +75,7 @@ impl Lists {
                 None => {
                     let Beacon { major, minor, .. } = beacon;
                     return Err(format!(
-                        "beacon {major}-{minor} of the file has no z_m: say there how high it is, or list it as [[beacon]]"
+                        "beacon {major}-{minor} of the file has no z_m: add its height there, or list it as [[beacon]]"
                     ));
                 }
             }

@@ -1,7 +1,8 @@
 //! Node records: from a file written by people to the flash of a node, and back.
 //!
 //! `site.toml` → [`Site`], its [`Node`]s with their records → [`image`], a file for any flasher, or [`transfer`], over
-//! a debug probe, [`one_by_one`] for many boards; with its [`Firmware`], where that is flashed, too. A page of flash → the record → [`show`], whose output [`Site::parse`] reads.
+//! a debug probe, [`one_by_one`] for many boards; with its [`Firmware`], where that is flashed, too. A page of flash →
+//! the record → [`show`], whose output [`Site::parse`] reads.
 
 mod advice;
 mod calibrated;

@@ -40,8 +40,8 @@ pub trait Desk {
     /// Looking again would not help.
     fn look(&mut self, board: Board) -> Result<Seen>;
 
-    /// Tells the person something.
-    fn say(&mut self, text: &str);
+    /// Shows a line to the person.
+    fn show(&mut self, text: &str);
 
     /// Waits a moment; false where the person wants to end.
     fn wait(&mut self) -> bool;
@@ -60,7 +60,7 @@ pub fn write_all<'a>(
     write: &mut dyn FnMut(&mut dyn Flash, &Job<'a>) -> Result<()>,
 ) -> Result<Vec<&'a str>> {
     for job in jobs.iter().filter(|job| written.has(job)) {
-        desk.say(&format!("{}: written already", job.name));
+        desk.show(&format!("{}: written already", job.name));
     }
     // Probes of boards whose flash cannot be read: they are known by their probes.
     let mut used: Vec<String> = Vec::new();
@@ -69,39 +69,39 @@ pub fn write_all<'a>(
     let mut failed = false;
     while let Some(next) = jobs.iter().find(|job| !written.has(job)) {
         let call = format!("connect {} ({})", next.name, next.board.name());
-        let mut say = |desk: &mut dyn Desk, text: String| {
+        let mut show = |desk: &mut dyn Desk, text: String| {
             if text != last {
-                desk.say(&text);
+                desk.show(&text);
                 last = text;
             }
         };
         match desk.look(next.board)? {
             Seen::Nothing => {
                 failed = false;
-                say(desk, call);
+                show(desk, call);
             }
             Seen::Trouble(why) => {
                 failed = false;
-                say(desk, format!("{call}: {why}"));
+                show(desk, format!("{call}: {why}"));
             }
             Seen::Board(..) if failed => {}
             Seen::Board(mut flash, probe) => match job_of(flash.as_mut(), &probe, next, jobs, &used) {
                 Ok(Some(job)) if written.has(job) => {
-                    say(desk, format!("this board is {}, which is written; {call}", job.name));
+                    show(desk, format!("this board is {}, which is written; {call}", job.name));
                 }
                 Ok(Some(job)) => match write(flash.as_mut(), job) {
                     Ok(()) => {
                         written.note(job)?;
                         used.push(probe);
-                        say(desk, format!("{}: written", job.name));
+                        show(desk, format!("{}: written", job.name));
                     }
                     Err(error) => {
                         failed = true;
-                        say(desk, format!("{}: {error:#}; disconnect it, and connect it again", job.name));
+                        show(desk, format!("{}: {error:#}; disconnect it, and connect it again", job.name));
                     }
                 },
-                Ok(None) => say(desk, format!("this board is written; {call}")),
-                Err(error) => say(desk, format!("{call}: {error:#}")),
+                Ok(None) => show(desk, format!("this board is written; {call}")),
+                Err(error) => show(desk, format!("{call}: {error:#}")),
             },
         }
         if !desk.wait() {
@@ -200,7 +200,7 @@ mod tests {
             })
         }
 
-        fn say(&mut self, text: &str) {
+        fn show(&mut self, text: &str) {
             self.said.push(text.to_owned());
         }
 

@@ -24,8 +24,8 @@ fn of(node: &Node) -> Vec<String> {
     }
     match network.region {
         None => lines.push(
-            "region is missing in [network], so that nobody has looked whether this is lawful: \"eu\", \"us\", \"japan\" \
-             or \"none\" (docs/regulation.md)"
+            "region is missing in [network], so the radio rules of the country are not checked: set \"eu\", \"us\", \
+             \"japan\" or \"none\" (docs/regulation.md)"
                 .to_owned(),
         ),
         Some(Region::Unchecked) => (),
@@ -34,7 +34,8 @@ fn of(node: &Node) -> Vec<String> {
                 lines.push(format!("uwb_tx_power of {}: measure that it stays below -41.3 dBm/MHz", node.name));
             }
             if network.region == Some(Region::Eu) && network.phy.channel == 7 {
-                lines.push("channel 7 begins at 5.95 GHz, and what the EU allows at 6.0: measure, or take channel 5".to_owned());
+                let line = "channel 7 begins at 5.95 GHz, but the EU's band at 6.0 GHz: measure, or use channel 5";
+                lines.push(line.to_owned());
             }
         }
     }

@@ -132,7 +132,7 @@ pub fn read_map(file: &Path) -> Result<Vec<u8>, String> {
         return Err(format!("a map, and {} bytes behind it", rest.len()));
     }
     if !map.has_deviations() {
-        return Err("a map of surveyed points: a tag wants a lattice, made without --surveyed".to_owned());
+        return Err("a map of surveyed points: a tag needs a lattice, made without --surveyed".to_owned());
     }
     if map.points() > MAX_NODE_POINTS {
         return Err(format!("a map of {} points: a tag has time for {MAX_NODE_POINTS}", map.points()));
@@ -148,7 +148,10 @@ pub fn read_rooms(file: &Path) -> Result<ModelFile, String> {
     let read = ModelFile::parse(&limited_bytes(file, DOCUMENT_BYTES)?)?;
     match NodeModel::decode(&read.model) {
         Ok(_) => Ok(read),
-        Err(_) => Err("a model of the nearest fingerprints: a tag wants a machine, made by --method svm".to_owned()),
+        Err(_) => {
+            Err("a model of the nearest fingerprints: a tag needs a support vector machine, made by --method svm"
+                .to_owned())
+        }
     }
 }
 
@@ -196,7 +199,7 @@ fn bind(called: impl Iterator<Item = Option<Called>>, beacons: &[Beacon]) -> Res
 }
 
 /// Descriptions of the map and the rooms in a region, where there are any, or why they are not valid.
-pub(super) fn words(region: &[u8]) -> [Option<String>; 2] {
+pub(super) fn describe(region: &[u8]) -> [Option<String>; 2] {
     parts(region).map(|part| part.map(|held| held.unwrap_or_else(|fault| format!("none: {fault}"))))
 }
 

@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn flash_that_does_not_hold_is_said_and_the_old_record_stays() {
+    fn flash_that_does_not_keep_what_is_written_is_an_error_and_the_old_record_stays() {
         let (mut memory, records) = (Memory::default(), records());
         write(&mut memory, Board::Evk1000, &of(&records[0])).unwrap();
         memory.worn = true;

@@ -30,7 +30,8 @@ pub use tables::{Recorded, Tables, address_and_place};
 
 /// The interval between two writes of the tables.
 const FLUSH_EVERY: Duration = Duration::from_secs(1);
-/// A file is no telemetry where no frame is in this many bytes at its beginning. A node sends `Hello` every two seconds.
+/// A file is no telemetry where no frame is in this many bytes at its beginning. A node sends `Hello` every two
+/// seconds.
 const HELD_BYTES: usize = 1 << 24;
 
 /// When the next part of a recording begins.
@@ -151,8 +152,8 @@ impl Recorder {
         Ok(())
     }
 
-    /// Decodes up to the frame with which the part is full, or all bytes. Returns the number of bytes, their frames, and
-    /// whether the part is full.
+    /// Decodes up to the frame with which the part is full, or all bytes. Returns the number of bytes, their frames,
+    /// and whether the part is full.
     fn decode(&mut self, bytes: &[u8]) -> (usize, Vec<Frame>, bool) {
         let before = self.part.as_ref().map_or(self.held.len() as u64, |part| part.bytes.written());
         let age = self.part.as_ref().map_or(Duration::ZERO, |part| part.begun.elapsed());

@@ -11,6 +11,7 @@ use anyhow::{Context, Result};
 use super::folder::{ANCHORS, STREAM, TRUTH, folders, is_table};
 use super::tables::{Recorded, Tables, address_and_place};
 use crate::files::output::OutputFolder;
+use crate::files::read_text;
 use crate::node::decode::{Stream, StreamFiles, Summary};
 use crate::{Interrupted, UserError, read_anchors};
 
@@ -77,9 +78,9 @@ fn read(
 /// The positions of the anchors that are in the folder.
 fn known(part: &Path) -> Result<BTreeMap<u16, [f64; 3]>> {
     let file = part.join(ANCHORS);
-    // A recording that was cut short may have a table with a header only.
-    match read_anchors(&file) {
-        Ok(anchors) => Ok(anchors.iter().map(address_and_place).collect::<Result<_, UserError>>()?),
-        Err(_) => Ok(BTreeMap::new()),
+    // A recording that was cut short may have no table, or one with a header only.
+    if !file.exists() || read_text(&file)?.lines().count() < 2 {
+        return Ok(BTreeMap::new());
     }
+    Ok(read_anchors(&file)?.iter().map(address_and_place).collect::<Result<_, UserError>>()?)
 }

@@ -245,7 +245,7 @@ impl Tables {
 pub fn address_and_place(anchor: &Anchor) -> Result<(u16, [f64; 3]), UserError> {
     let wrong = |what: &str| UserError::flag("--anchors", format!("anchor {:?} {what}", anchor.name));
     let Address(address) =
-        anchor.name.parse().map_err(|_| wrong("is not called by its short address, as 0x0102 or 258"))?;
+        anchor.name.parse().map_err(|_| wrong("is not named by its short address, such as 0x0102 or 258"))?;
     let z_m = anchor.place.z_m.ok_or_else(|| wrong("has no z_m"))?;
     Ok((address, [anchor.place.x_m, anchor.place.y_m, z_m]))
 }

@@ -45,7 +45,7 @@ fn calibrated_beacons_go_into_the_tags_record() {
     };
     refused(
         "beacon,x_m,y_m\n7-3,4,5\n",
-        "site.toml:2: beacon 7-3 of the file has no z_m: say there how high it is, or list it as [[beacon]]",
+        "site.toml:2: beacon 7-3 of the file has no z_m: add its height there, or list it as [[beacon]]",
     );
     refused(
         "beacon,x_m,y_m,z_m\nB,4,5,2\n",

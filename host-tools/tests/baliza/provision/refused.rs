@@ -1,4 +1,4 @@
-//! Sites that are wrong, or that are probably not meant so.
+//! Sites that are wrong, or have a probable mistake.
 
 use super::{ANCHOR, EVERYTHING, provisioned, refused};
 use crate::support::Folder;
@@ -199,7 +199,7 @@ fn two_nodes_of_one_address_and_keys_that_everyone_knows_are_refused() {
 }
 
 #[test]
-fn sites_that_are_hardly_meant_get_a_warning() {
+fn sites_with_a_probable_mistake_get_a_warning() {
     let anchor = |number: u8, position: &str| {
         format!("[[node]]\nname = \"a{number}\"\nrole = \"anchor\"\naddress = {number}\n{position}\n")
     };

@@ -48,8 +48,8 @@ impl<T: Real> Receiver<T> {
         [mean, if deviation > T::ZERO && deviation.is_finite() { deviation.squared() } else { T::ZERO }]
     }
 
-    /// Takes the offset that a scan has given, with its deviation, dB, for the next scan. An offset that is known stays.
-    /// Scans at one position have the same shadows: they must be given once per position.
+    /// Takes the offset that a scan has given, with its deviation, dB, for the next scan. An offset that is known
+    /// stays. Scans at one position have the same shadows: they must be given once per position.
     pub fn set_offset(&mut self, offset_db: T, offset_deviation_db: T) {
         if self.offset_deviation_db > T::ZERO && (offset_db + offset_deviation_db).is_finite() {
             self.offset_db = offset_db;

@@ -41,8 +41,8 @@ impl<'a, T: Real> RssiLikelihood<'a, T> {
     /// Takes received RSSI values, at most [`MAX_ANCHORS`] of them. Values that are not sane are left out.
     ///
     /// `offset_deviation` is the standard deviation of the receiver's own offset, dB. `trust`, up to 1, is the share
-    /// of the information that is new, on the position and on the offset. The shadows at a position are the same in the next scan. They count once in
-    /// the time it takes to leave the position (a second or two), not once per scan.
+    /// of the information that is new, on the position and on the offset. The shadows at a position are the same in the
+    /// next scan. They count once in the time it takes to leave the position (a second or two), not once per scan.
     pub fn of(heard: &[RssiObservation<T, 2>], offset_deviation: T, trust: T) -> Self {
         let (mut terms, mut weights) = (Vec::new(), T::ZERO);
         for heard in heard.iter().filter(|heard| heard.is_sane()) {
