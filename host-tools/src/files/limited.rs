@@ -10,6 +10,8 @@ use crate::UserError;
 pub const DOCUMENT_BYTES: u64 = 8 << 20;
 /// The largest image for a board, with its debug information, bytes.
 pub const IMAGE_BYTES: u64 = 1 << 30;
+/// The largest text of another program that is read whole, bytes: some days of a tag that measures ten times a second.
+pub const LOG_BYTES: u64 = 1 << 30;
 
 /// Reads a whole file of at most `most` bytes.
 ///

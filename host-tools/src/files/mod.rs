@@ -21,7 +21,7 @@ pub use diagnostics::{DiagnosticColumns, Diagnostics};
 pub use differences::MeasuredDifference;
 pub use folder::Mode;
 pub use interrupted::Interrupted;
-pub use limited::{DOCUMENT_BYTES, IMAGE_BYTES, limited_bytes, read_limited, read_text};
+pub use limited::{DOCUMENT_BYTES, IMAGE_BYTES, LOG_BYTES, limited_bytes, read_limited, read_text};
 pub use recording::{Anchor, Coordinates, Epoch, Files, Measured, Recording, by_time, read_anchors};
 pub use rounds::{SingleRanges, drop_repeats, round_s, rounds};
 pub use spelling::spelled;

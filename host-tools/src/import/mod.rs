@@ -46,7 +46,9 @@ impl LeftOut {
     /// Counts a line.
     fn count(&mut self, line: u64, what: impl Into<String>) {
         self.lines += 1;
-        self.first.get_or_insert_with(|| (line, what.into()));
+        if self.first.as_ref().is_none_or(|(first, _)| line < *first) {
+            self.first = Some((line, what.into()));
+        }
     }
 }
 

@@ -6,13 +6,14 @@
 //! ```
 //!
 //! Lengths are metres. A line has no time, so rounds come at the tag's rate, unless a program has written seconds
-//! before each line.
+//! before the lines. Then a line without seconds is left out.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::{Imported, Round, number, numbers};
 use crate::UserError;
+use crate::files::{LOG_BYTES, read_limited};
 
 /// A line: its time, seconds, where it has one; its anchors' names, positions and ranges, metres; its position, metres.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -27,7 +28,7 @@ struct Line {
 /// # Errors
 /// The file cannot be read, or no line has a range.
 pub fn read(file: &Path, rate_hz: f64) -> Result<Imported, UserError> {
-    let bytes = std::fs::read(file).map_err(|error| UserError::file(file, format!("cannot read it: {error}")))?;
+    let bytes = read_limited(file, LOG_BYTES)?;
     // A serial line may begin with damaged bytes.
     parse(&String::from_utf8_lossy(&bytes), rate_hz).with_ranges(file)
 }
@@ -37,14 +38,19 @@ fn parse(text: &str, rate_hz: f64) -> Imported {
     let mut lines = Vec::new();
     for (index, text) in text.lines().enumerate().filter(|(_, text)| !text.trim().is_empty()) {
         match line(text.trim()) {
-            Ok(line) => lines.push(line),
+            Ok(line) => lines.push((index as u64 + 1, line)),
             Err(what) => imported.left_out.count(index as u64 + 1, what),
         }
     }
-    let has_times = lines.iter().all(|line| line.t_s.is_some());
+    // The rest of a torn line may look like the time of the next one.
+    let has_times = lines.iter().filter(|(_, line)| line.t_s.is_some()).count() * 2 > lines.len();
     let mut anchors = BTreeMap::new();
-    for (index, line) in lines.into_iter().enumerate() {
-        let t_s = line.t_s.filter(|_| has_times).unwrap_or(index as f64 / rate_hz);
+    for (index, (number, line)) in lines.into_iter().enumerate() {
+        let t_s = if has_times { line.t_s } else { Some(index as f64 / rate_hz) };
+        let Some(t_s) = t_s else {
+            imported.left_out.count(number, "no seconds before it, which most other lines have");
+            continue;
+        };
         let ranges_m = line.anchors.iter().map(|(name, _, range_m)| (name.clone(), *range_m)).collect();
         anchors.extend(line.anchors.into_iter().map(|(name, place_m, _)| (name, place_m)));
         imported.rounds.push(Round { t_s, ranges_m, position_m: line.position_m });
@@ -129,10 +135,14 @@ mod tests {
     }
 
     #[test]
-    fn times_before_the_lines_are_taken_if_all_have_one() {
+    fn times_before_the_lines_are_taken_if_most_have_one() {
         let times = |text: &str| parse(text, 10.0).rounds.iter().map(|round| round.t_s).collect::<Vec<_>>();
         assert_eq!(times(&format!("12.5,{LEC}\n12.75 {LES}\n")), [12.5, 12.75]);
         assert_eq!(times(&format!("12.5,{LEC}\n{LES}\n")), [0.0, 0.1]);
+        let most = format!("12.5,{LEC}\n{LES}\n12.75,{LEC}\n");
+        assert_eq!(times(&most), [12.5, 12.75]);
+        let left_out = parse(&most, 10.0).left_out;
+        assert_eq!((left_out.lines, left_out.first.map(|(line, _)| line)), (1, Some(2)));
     }
 
     #[test]

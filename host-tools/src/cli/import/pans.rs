@@ -9,7 +9,8 @@ use crate::cli::recording_args::finite;
 
 /// Import what a DWM1001 tag with PANS has printed: the output of its shell's `lec` or `les`
 ///
-/// Seconds may stand before each line; without them, rounds come at --rate-hz.
+/// Where most lines have seconds before them, these are the times, and lines without seconds are left out. Otherwise
+/// rounds come at --rate-hz.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// The text
