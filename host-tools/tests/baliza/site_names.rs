@@ -129,8 +129,8 @@ fn a_recording_has_names_and_places_of_its_site_but_no_keys() {
     folder.write("telemetry.bin", &stream(&sent()));
     let run = folder.run("record --file telemetry.bin --site site.toml --out walk").ok();
     assert!(run.stderr.contains("node: tag trolley (0x0201) on dwm1001"), "{}", run.stderr);
-    // Nobody knows where 0x0103 is.
-    assert!(run.stderr.contains("left out: 1 ranges to 0x0103, whose places"), "{}", run.stderr);
+    // No anchor and no site gives the position of 0x0103.
+    assert!(run.stderr.contains("left out: 1 ranges to 0x0103, whose positions are unknown"), "{}", run.stderr);
     assert_eq!(text(&folder, "walk/anchors.csv"), "anchor,x_m,y_m,z_m\n0x0102,6.0000,0.5000,2.4000\n");
     let copy = text(&folder, "walk/site.toml");
     assert_eq!(
