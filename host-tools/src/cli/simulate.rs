@@ -129,8 +129,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", requires = "survey")]
     survey_rooms: Option<PathBuf>,
     /// Print JSON and no positions: results has one object, with tags, anchors, seconds, fixes, fixes_per_s, rmse_m,
-    /// p50_m, p90_m, frames_sent, frames_lost, collisions, airtime_share, tag_mean_current_ma, charge_per_fix_uc and
-    /// tag_currents_ma (board and DW1000, from the first position on; none with --fidelity air); with beacons also
+    /// p50_m, p90_m, frames_sent, frames_lost, collisions, airtime_share (of a network, the mean), airtime_share_max (of the busiest
+    /// network), tag_mean_current_ma, charge_per_fix_uc and tag_currents_ma (board and DW1000, from the first position on; none with --fidelity air); with beacons also
     /// bluetooth
     #[arg(long)]
     json: bool,
@@ -183,9 +183,10 @@ enum AirName {
 enum ModeName {
     /// They ask anchors, and range to all that answer
     Native,
-    /// They only receive the messages between anchors: by differences of arrival, any number of tags in one room
-    #[value(alias = "tdoa")]
-    Listening,
+    /// They only receive the messages between anchors: by differences of arrival, any number of tags in one room. In
+    /// records this mode is called listening
+    #[value(alias = "listening")]
+    Tdoa,
 }
 
 fn schemes() -> impl TypedValueParser<Value = Scheme> {
@@ -253,15 +254,15 @@ impl Arguments {
             Some(file) => read(file)?,
             None => match self.mode {
                 Some(ModeName::Native) | None => Scenario::rooms(self.anchors.into(), self.tags.into()),
-                Some(ModeName::Listening) => Scenario::listening(self.anchors.into(), self.tags.into()),
+                Some(ModeName::Tdoa) => Scenario::listening(self.anchors.into(), self.tags.into()),
             },
         };
         if let (Some(_), Some(mode)) = (&self.scenario, self.mode) {
             for network in &mut scenario.networks {
                 network.mode = match (mode, network.mode) {
                     (ModeName::Native, _) => Mode::Native,
-                    (ModeName::Listening, mode @ Mode::Listening { .. }) => mode,
-                    (ModeName::Listening, Mode::Native | Mode::DecaRanging { .. }) => LISTENING,
+                    (ModeName::Tdoa, mode @ Mode::Listening { .. }) => mode,
+                    (ModeName::Tdoa, Mode::Native | Mode::DecaRanging { .. }) => LISTENING,
                 };
             }
         }
@@ -502,7 +503,7 @@ fn told(summary: &Summary) -> String {
     let mut text = format!(
         "{}, {}, {} s: {}, {:.1} a second\n\
          accuracy: RMSE {}, half below {}, nine in ten below {}\n\
-         air: {} frames, {} receptions lost, {} frames collided, {:.1} % of the time\n",
+         air: {} frames, {} receptions lost, {} frames collided, {} of the time\n",
         counted(summary.tags, "tag"),
         counted(summary.anchors, "anchor"),
         summary.seconds,
@@ -514,7 +515,7 @@ fn told(summary: &Summary) -> String {
         summary.frames_sent,
         summary.frames_lost,
         summary.collisions,
-        100.0 * summary.airtime_share
+        airtime(summary)
     );
     if let Some(current_ma) = summary.tag_mean_current_ma {
         let charge = summary.charge_per_fix_uc.map_or_else(|| "-".to_owned(), |charge_uc| format!("{charge_uc:.1} µC"));
@@ -536,6 +537,13 @@ fn told(summary: &Summary) -> String {
         }
     }
     text
+}
+
+/// How much of the time a network's frames are on the air, in words.
+fn airtime(summary: &Summary) -> String {
+    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    let (mean, max) = (percent(summary.airtime_share), percent(summary.airtime_share_max));
+    if mean == max { mean } else { format!("{mean} in the mean of the networks, {max} in the busiest") }
 }
 
 /// A number of things, in words.

@@ -39,6 +39,7 @@ fn json_has_the_keys_of_the_contract_and_nothing_else_is_printed() {
         "frames_lost",
         "collisions",
         "airtime_share",
+        "airtime_share_max",
         "tag_mean_current_ma",
         "charge_per_fix_uc",
     ];

@@ -6,6 +6,7 @@
 //! with equal seeds yield equal records.
 
 mod air;
+mod airtime;
 mod beacon;
 mod carrying;
 mod config;
