@@ -151,11 +151,16 @@ fn make(arguments: &Arguments, file: &Path) -> Result<()> {
 /// Refuses a file that has something else than a record: the site, a model that it names, notes.
 fn refuse_other_content(out: &Path) -> Result<(), UserError> {
     let is_file = fs::metadata(out).is_ok_and(|metadata| metadata.is_file() && metadata.len() > 0);
-    let holds_record = || fs::read(out).is_ok_and(|bytes| Image::new(&bytes).is_ok_and(|image| image.read().is_ok()));
-    if is_file && !holds_record() {
+    if is_file && !holds_record(out) {
         return Err(UserError::flag("--out", format!("{} is no record; --force replaces it", out.display())));
     }
     Ok(())
+}
+
+/// Whether a file has a good record.
+fn holds_record(file: &Path) -> bool {
+    let bytes = read_limited(file, IMAGE_BYTES);
+    bytes.is_ok_and(|bytes| Image::new(&bytes).is_ok_and(|image| image.read().is_ok()))
 }
 
 fn warn<'n>(site: &Site, nodes: impl IntoIterator<Item = &'n Node>) {
@@ -180,9 +185,11 @@ fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
         files.push((name, has_key(&contents), encoded(arguments.format, board, &contents)?));
     }
     let names: Vec<_> = site.nodes.iter().map(|node| node.name.clone()).collect();
+    let place = folder.clone();
+    // A record of a node that is not in the file any more goes as well: a folder has the records of one file.
     let ours = move |file: &str| {
         let name = file.strip_suffix(".bin").or_else(|| file.strip_suffix(".hex"));
-        name.is_some_and(|name| names.iter().any(|node| node == name))
+        name.is_some_and(|name| names.iter().any(|node| node == name) || holds_record(&place.join(file)))
     };
     let output = OutputFolder::begin("--out", folder, ours, arguments.force)?;
     let cannot = || format!("cannot write the records into {}", folder.display());

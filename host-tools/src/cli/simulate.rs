@@ -12,7 +12,7 @@ use host_tools::files::output::{self, OutputFolder};
 use host_tools::files::read_text;
 use host_tools::node::recorder::is_of_recording;
 use host_tools::simulate::{
-    Attempts, Capture, SimulatedRecording, load_site_models, picture, position_header, position_row, survey_csv,
+    Attempts, Capture, SimulatedRecording, WALLS, load_site_models, picture, position_header, position_row, survey_csv,
 };
 use host_tools::survey::presence::read_outlines;
 use host_tools::train::Chosen;
@@ -33,7 +33,7 @@ use crate::cli::progress::Progress;
 /// The firmware's own apps run, each over the driver on a simulated DW1000 behind SPI, with drifting clocks, walls,
 /// losses and collisions in between; beacons advertise beside them. Without --scenario, tags walk in a furnished room
 /// of 12 m by 8 m. Equal arguments print equal bytes. Positions go to standard output (on a terminal a table of some of
-/// them), a summary to standard error.
+/// them) or with --out into files, a summary to standard error.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -89,7 +89,7 @@ pub struct Arguments {
     /// needs impulse responses, tags read them, and --out has their features
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Which of the file's classifiers, where it has several
+    /// Which of the file's classifiers, where it has several; of several with one name, NAME:1, NAME:2
     #[arg(long, value_name = "NAME", requires = "model")]
     classifier: Option<String>,
     /// How tags find themselves [default: the scenario's, or native]
@@ -102,7 +102,7 @@ pub struct Arguments {
     #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = height)]
     height_m: Option<f32>,
     /// A folder for anchors.csv, ranges.csv, truth.csv and positions.csv, as `baliza solve` reads and writes them, with
-    /// beacons also beacons.csv and rssi.csv; and for what nodes report, as `baliza decode`, `monitor` and `replay`
+    /// beacons also beacons.csv and rssi.csv, with walls walls.csv; and for what nodes report, as `baliza decode`, `monitor` and `replay`
     /// read it: telemetry.bin of the first tag, telemetry-ADDRESS.bin of each other node
     #[arg(long, value_name = "FOLDER")]
     out: Option<PathBuf>,
@@ -245,7 +245,7 @@ fn height(text: &str) -> Result<f32, String> {
 impl Arguments {
     /// Begins the recording in a folder.
     fn recording(&self, folder: &Path, scenario: &Scenario) -> Result<SimulatedRecording> {
-        let output = OutputFolder::begin("--out", folder, is_of_recording, self.force)?;
+        let output = OutputFolder::begin("--out", folder, |name| is_of_recording(name) || name == WALLS, self.force)?;
         SimulatedRecording::create(output, scenario).context("cannot write the recording")
     }
 
@@ -349,7 +349,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut recording = arguments.out.as_ref().map(|folder| arguments.recording(folder, &scenario)).transpose()?;
     let mut drawn = Vec::new();
     let mut attempts = Attempts::default();
-    let mut show = Show::new(arguments.json, &scenario);
+    // With --out, the positions are in the folder.
+    let is_silent = arguments.json || arguments.out.is_some() && !std::io::stdout().is_terminal();
+    let mut show = Show::new(is_silent, &scenario);
     show.begin()?;
 
     let mut simulation = Simulation::new(scenario);
@@ -386,6 +388,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         drawing.write(picture(source, simulation.scenario(), &drawn).to_svg()?)?;
     }
     let summary = simulation.summary();
+    super::warn(attempts.refused());
     if summary.fixes == 0 {
         super::warn([format!("no positions: {}", attempts.why_none(simulation.scenario()))]);
     }
@@ -424,8 +427,8 @@ enum Show {
 }
 
 impl Show {
-    fn new(json: bool, scenario: &Scenario) -> Self {
-        if json {
+    fn new(is_silent: bool, scenario: &Scenario) -> Self {
+        if is_silent {
             Self::Nothing
         } else if std::io::stdout().is_terminal() {
             let next_s: Vec<_> = scenario.tags.iter().take(ROW_TAGS).map(|tag| (tag.address, 0.0)).collect();

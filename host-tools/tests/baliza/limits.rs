@@ -178,7 +178,10 @@ fn scenarios_of_absurd_numbers_are_refused_with_their_line() {
         ("[board]\nspi_hz = 0", "s.toml:1: [board] begins a table: it must be text in quotation marks, as a key"),
         ("[bluetooth]\nshadowing_db = 1e300", "s.toml:2: shadowing_db is 1e300: it must be at most 1000000"),
         ("[bluetooth]\npath_loss_exponent = inf", "s.toml:2: path_loss_exponent is inf: it must be at most 1000000"),
-        ("[[tag]]\npath = [[1, 1, 1], [2, 2, 2]]\nspeed_m_s = 1e300", "s.toml:3: speed_m_s is 1e300: it must be at most 1000000"),
+        (
+            "[[tag]]\npath = [[1, 1, 1], [2, 2, 2]]\nspeed_m_s = 1e300",
+            "s.toml:3: speed_m_s is 1e300: it must be at most 1000000",
+        ),
         ("[[anchor]]\nat = [1e300, 0, 0]", "s.toml:2: at is [1e300, 0, 0]: it must be coordinates within 8388 m"),
     ];
     for (text, line) in cases {

@@ -62,7 +62,13 @@ impl Simulation {
         for anchor in &scenario.anchors {
             let app = AnchorApp::new(&world, &scenario, anchor, outlet(anchor.address));
             let board = anchor.board.unwrap_or(scenario.board);
-            let hardware = Hardware::start(&world, scenario.fidelity, board, Path::Fixed(anchor.at), app);
+            let hardware = Hardware::start(
+                &world,
+                scenario.fidelity,
+                board,
+                (Path::Fixed(anchor.at), anchor.antenna_delay_ticks),
+                app,
+            );
             nodes.insert(anchor.address, hardware);
         }
         let mut sensors = HashMap::new();
@@ -77,7 +83,7 @@ impl Simulation {
             let sensor = sensor(&world, tag, &board);
             sensors.extend(sensor.clone().map(|sensor| (tag.address, sensor)));
             let app = TagApp::new(&world, &scenario, tag, outlet(tag.address), (ears, sensor));
-            let hardware = Hardware::start(&world, scenario.fidelity, board, path, app);
+            let hardware = Hardware::start(&world, scenario.fidelity, board, (path, tag.antenna_delay_ticks), app);
             if tag.is_worn() {
                 world.air().wear(hardware.port());
             }
@@ -197,7 +203,13 @@ impl Simulation {
         let errors_m = log.errors_m.iter().map(|(_, error_m)| *error_m).collect();
         let of_beacons =
             |air: &Bluetooth| BluetoothSummary::new(self.scenario.beacons.len(), &log.errors_m, air.statistics());
-        let summary = Summary::new(nodes, self.now_s(), errors_m, self.world.statistics(), &self.airtime.shares(self.world.now()));
+        let summary = Summary::new(
+            nodes,
+            self.now_s(),
+            errors_m,
+            self.world.statistics(),
+            &self.airtime.shares(self.world.now()),
+        );
         let summary = summary.with_charge(self.drawn());
         Summary { bluetooth: self.bluetooth.as_ref().map(of_beacons), ..summary }
     }

@@ -20,8 +20,8 @@ use self::bluetooth::{BeaconTable, BluetoothTable, check_list};
 use self::motion::{CarrierName, SensorName};
 use self::network::NetworkTable;
 use self::values::{
-    anchors_per_round, board, clock_offset, method, not_negative, optional_board, optional_finite, optional_rate,
-    optional_slowdown, place, places, positive, probability, scheme, slowdown,
+    anchors_per_round, board, clock_offset, method, not_negative, optional_antenna_delay, optional_board,
+    optional_finite, optional_rate, optional_slowdown, place, places, positive, probability, scheme, slowdown,
 };
 use super::{AirModel, Anchor, Fault, FaultKind, Fidelity, Motion, NETWORK, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
@@ -194,6 +194,8 @@ struct AnchorTable {
     board: Option<BoardProfile>,
     #[serde(default, deserialize_with = "optional_slowdown")]
     cpu_slowdown: Option<f64>,
+    #[serde(default, deserialize_with = "optional_antenna_delay")]
+    antenna_delay_ticks: Option<f64>,
 }
 
 #[derive(Clone, Deserialize)]
@@ -219,6 +221,8 @@ struct TagTable {
     board: Option<BoardProfile>,
     #[serde(default, deserialize_with = "optional_slowdown")]
     cpu_slowdown: Option<f64>,
+    #[serde(default, deserialize_with = "optional_antenna_delay")]
+    antenna_delay_ticks: Option<f64>,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -262,10 +266,11 @@ impl File {
         let mut nodes = Nodes { networks: networks.len(), addresses: HashSet::new() };
         let mut anchors = Vec::new();
         for (address, table) in (FIRST_ANCHOR..).zip(&self.anchor) {
-            let AnchorTable { address: own, network, at, board, cpu_slowdown } = *table.get_ref();
+            let AnchorTable { address: own, network, at, board, cpu_slowdown, antenna_delay_ticks } = *table.get_ref();
             let address = own.unwrap_or(address);
             nodes.admit(address, network).map_err(|m| wrong(table, m))?;
-            anchors.push(Anchor { address, network, at, board: self.own_board(board, cpu_slowdown) });
+            let board = self.own_board(board, cpu_slowdown);
+            anchors.push(Anchor { address, network, at, board, antenna_delay_ticks });
         }
         let mut tags = Vec::new();
         for (address, table) in (FIRST_TAG..).zip(&self.tag) {
@@ -279,7 +284,8 @@ impl File {
                 vibration_mg: tag.vibration_mg,
                 sensor: tag.motion_sensor.into(),
             };
-            tags.push(Tag { address, network, walk, board: self.own_board(tag.board, tag.cpu_slowdown), motion });
+            let (board, antenna_delay_ticks) = (self.own_board(tag.board, tag.cpu_slowdown), tag.antenna_delay_ticks);
+            tags.push(Tag { address, network, walk, board, antenna_delay_ticks, motion });
         }
         let bluetooth = self.bluetooth.settings();
         let mut beacons = Vec::new();
@@ -445,7 +451,11 @@ mod tests {
             ("seconds = -1\n", 1, "seconds is -1: it must be a positive number"),
             ("\nloss = 1.5\n", 2, "loss is 1.5: it must be a probability from 0 to 1"),
             ("method = \"guess\"\n", 1, "method is \"guess\": it must be one of \"track\", \"bounding-box\", "),
-            ("scheme = \"double\"\n", 1, "scheme is \"double\": it must be one of \"single-sided\", \"double-sided\"; double-sided is near it"),
+            (
+                "scheme = \"double\"\n",
+                1,
+                "scheme is \"double\": it must be one of \"single-sided\", \"double-sided\"; double-sided is near it",
+            ),
             ("anchors_per_round = 9\n", 1, "anchors_per_round is 9: it must be from 1 to 8"),
             ("board = \"dwm1000\"\n", 1, "board is \"dwm1000\": it must be one of \"dwm1001\", \"evk1000\", "),
             ("cpu_slowdown = 0\n", 1, "cpu_slowdown is 0: it must be a positive number"),

@@ -82,6 +82,10 @@ pub(super) fn optional_rate<'de, D: Deserializer<'de>>(from: D) -> Result<Option
     number(from, "a rate from 0.01 to 1000 Hz", |x| (0.01..=1000.0).contains(&x)).map(Some)
 }
 
+pub(super) fn optional_antenna_delay<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    number(from, "from 0 to 65535 ticks", |x| (0.0..=65_535.0).contains(&x)).map(Some)
+}
+
 pub(super) fn optional_finite<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f32>, D::Error> {
     number(from, "a height within 10 km", |x| x.abs() <= 1e4).map(|x| Some(x as f32))
 }
