@@ -1,5 +1,6 @@
 //! `baliza provision`: makes node records, shows and checks them, and moves them over a debug probe.
 
+use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -157,6 +158,14 @@ fn refuse_other_content(out: &Path) -> Result<(), UserError> {
     Ok(())
 }
 
+/// The names of the files in a folder that have a good record.
+fn records_in(folder: &Path) -> HashSet<String> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
+    let is_named = |name: &String| name.ends_with(".bin") || name.ends_with(".hex");
+    names.filter(|name| is_named(name) && holds_record(&folder.join(name))).collect()
+}
+
 /// Whether a file has a good record.
 fn holds_record(file: &Path) -> bool {
     let bytes = read_limited(file, IMAGE_BYTES);
@@ -185,11 +194,11 @@ fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
         files.push((name, has_key(&contents), encoded(arguments.format, board, &contents)?));
     }
     let names: Vec<_> = site.nodes.iter().map(|node| node.name.clone()).collect();
-    let place = folder.clone();
     // A record of a node that is not in the file any more goes as well: a folder has the records of one file.
+    let records = records_in(folder);
     let ours = move |file: &str| {
         let name = file.strip_suffix(".bin").or_else(|| file.strip_suffix(".hex"));
-        name.is_some_and(|name| names.iter().any(|node| node == name) || holds_record(&place.join(file)))
+        name.is_some_and(|name| names.iter().any(|node| node == name)) || records.contains(file)
     };
     let output = OutputFolder::begin("--out", folder, ours, arguments.force)?;
     let cannot = || format!("cannot write the records into {}", folder.display());

@@ -10,9 +10,9 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use host_tools::UserError;
 use host_tools::files::output::{self, OutputFolder};
 use host_tools::files::read_text;
-use host_tools::node::recorder::is_of_recording;
 use host_tools::simulate::{
-    Attempts, Capture, SimulatedRecording, WALLS, load_site_models, picture, position_header, position_row, survey_csv,
+    Attempts, Capture, SimulatedRecording, is_of_simulation, load_site_models, picture, position_header, position_row,
+    survey_csv,
 };
 use host_tools::survey::presence::read_outlines;
 use host_tools::train::Chosen;
@@ -245,7 +245,7 @@ fn height(text: &str) -> Result<f32, String> {
 impl Arguments {
     /// Begins the recording in a folder.
     fn recording(&self, folder: &Path, scenario: &Scenario) -> Result<SimulatedRecording> {
-        let output = OutputFolder::begin("--out", folder, |name| is_of_recording(name) || name == WALLS, self.force)?;
+        let output = OutputFolder::begin("--out", folder, is_of_simulation, self.force)?;
         SimulatedRecording::create(output, scenario).context("cannot write the recording")
     }
 

@@ -77,7 +77,8 @@ impl SourceArguments {
 
     /// An error of the source. Where there is no probe, it names the serial ports, at one of which the node may be.
     pub fn or_by_serial(&self, error: anyhow::Error) -> anyhow::Error {
-        let is_by_probe = self.serial.is_none() && self.file.is_none() && !self.stdin;
+        let is_of_arguments = error.is::<UserError>();
+        let is_by_probe = !is_of_arguments && self.serial.is_none() && self.file.is_none() && !self.stdin;
         let no_probe = || self.probe.is_connected().is_ok_and(|is_connected| !is_connected);
         with_ports(error, &if is_by_probe && no_probe() { ports() } else { Vec::new() })
     }

@@ -15,10 +15,15 @@ use wire::telemetry::{Address, Body, Fix, MAX_FRAME, Message, Sighting, Table, e
 use crate::files::folder::{Mode, RecordingSettings, SETTINGS};
 use crate::files::output::OutputFolder;
 use crate::node::decode::{Stamp, row};
-use crate::node::recorder::{STREAM, Tables, writer};
+use crate::node::recorder::{STREAM, Tables, is_of_recording, writer};
 
 /// The walls of the floor plan, which pictures and beacons use.
-pub const WALLS: &str = "walls.csv";
+const WALLS: &str = "walls.csv";
+
+/// Whether a file belongs to a simulated recording, and is replaced with it.
+pub fn is_of_simulation(name: &str) -> bool {
+    is_of_recording(name) || name == WALLS
+}
 
 /// A recording in progress.
 pub struct SimulatedRecording {

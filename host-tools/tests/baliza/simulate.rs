@@ -267,7 +267,11 @@ fn tags_with_a_classifier_read_impulse_responses_and_the_recording_trains_others
     assert!((found / simulated["rmse_m"].as_f64().unwrap() - 1.0).abs() < 0.1, "{found} against {simulated}");
     let run = folder.run(&format!("{track} --model own.model"));
     assert_eq!(run.code, Some(2));
-    assert!(run.stderr.starts_with("own.model: it has several classifiers, name one of logistic ("), "{}", run.stderr);
+    assert!(
+        run.stderr.starts_with("own.model: it has several classifiers, name one of logistic:1 ("),
+        "{}",
+        run.stderr
+    );
 }
 
 #[test]
@@ -286,7 +290,7 @@ fn airtime_is_the_share_of_each_networks_air() {
     let run = folder().run("simulate --fidelity air --tags 60 --anchors 12 --seconds 3 --json").ok();
     let json = run.object();
     let (mean, max) = (json["airtime_share"].as_f64().unwrap(), json["airtime_share_max"].as_f64().unwrap());
-    assert!(0.2 < mean && mean <= max && max < 1.0, "{mean} {max}");
+    assert!(0.1 < mean && mean <= max && max < 1.0, "{mean} {max}");
     // One network alone has the air of one of them, and its mean is its maximum.
     let json = folder().run("simulate --fidelity air --tags 20 --anchors 4 --seconds 3 --json").ok().object();
     assert_eq!(json["airtime_share"], json["airtime_share_max"]);
@@ -309,13 +313,15 @@ fn walls_are_in_the_recording_and_in_its_pictures() {
     let walls = String::from_utf8(folder.read("run/walls.csv")).unwrap();
     assert_eq!(walls, "x1_m,y1_m,x2_m,y2_m\n4.5000,3.0000,4.5000,5.0000\n");
     folder.run("plot run --out with.svg").ok();
-    let no_walls = "simulate --seconds 1 --out run --force --scenario";
-    folder.write("none.toml", SCENARIO.as_bytes());
-    folder.run(&format!("{no_walls} none.toml")).ok();
-    assert!(!folder.path("run/walls.csv").exists(), "the walls of the earlier run");
+    std::fs::remove_file(folder.path("run/walls.csv")).unwrap();
     folder.run("plot run --out without.svg").ok();
     let lines = |name: &str| String::from_utf8(folder.read(name)).unwrap().matches("<polyline").count();
     assert!(lines("with.svg") > lines("without.svg"), "{} {}", lines("with.svg"), lines("without.svg"));
+    // A run without walls leaves none of an earlier one.
+    folder.run("simulate --scenario hall.toml --seconds 1 --out run --force").ok();
+    folder.write("none.toml", SCENARIO.as_bytes());
+    folder.run("simulate --scenario none.toml --seconds 1 --out run --force").ok();
+    assert!(!folder.path("run/walls.csv").exists());
 }
 
 #[test]
