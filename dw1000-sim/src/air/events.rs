@@ -93,6 +93,8 @@ pub(crate) enum Stage {
 /// A frame as a sniffer beside the sender receives it.
 #[derive(Clone, Debug)]
 pub struct Sniffed {
+    /// When its first preamble symbol left the antenna.
+    pub start: TrueTime,
     /// When its RMARKER left the antenna.
     pub marker: TrueTime,
     /// When its last bit left.
@@ -126,7 +128,4 @@ pub struct AirStatistics {
     pub lost_to_collision: u64,
     /// Receptions that the receiver itself ended: it was switched off, or had another rate or delimiter.
     pub abandoned: u64,
-    /// The time that frames were on the air, summed over frames, seconds. Divided by the time passed it is the airtime
-    /// share.
-    pub airtime_s: f64,
 }

@@ -253,10 +253,10 @@ impl Air {
         let Some(on_air) = self.frames.get_mut(frame.wrapping_sub(self.first) as usize) else { return };
         on_air.bytes = bytes;
         on_air.end = end;
-        self.statistics.airtime_s += end.ps_since(on_air.sent.start) as f64 * 1e-12;
         let sent = on_air.sent;
         if self.is_sniffed {
             self.sniffed.push(Sniffed {
+                start: sent.start,
                 marker: sent.marker,
                 end,
                 sender: on_air.sender,

@@ -10,7 +10,7 @@ use host_tools::files::output;
 use host_tools::files::positions::{self, PositionRow};
 use host_tools::locate::advice;
 use host_tools::node::provision::SiteNames;
-use host_tools::survey::presence::{Found, Room, follow, read_outlines, room_of};
+use host_tools::survey::presence::{Found, Room, follow, read_outlines, room_of, settling_s};
 use positioning_core::ble::rooms::RoomEstimate;
 
 use super::site_names::SiteNamesArgs;
@@ -19,7 +19,8 @@ use super::{note, print, print_json, write};
 /// Find the room of each position, by the rooms' outlines
 ///
 /// A position near a wall is in both rooms, by its standard deviations. The answer is that of a tag for successive
-/// positions: a room, `between` two, or `unknown`. It does not change to and fro while a tag stays in a doorway.
+/// positions: a room, `between` two, or `unknown`. It does not change to and fro while a tag stays in a doorway; so it
+/// follows the most probable room after a while (--settle-s).
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  baliza classify-rooms --positions positions.csv --outlines rooms.csv --truth truth.csv"
@@ -35,13 +36,17 @@ pub struct Arguments {
     /// Where the tag truly was: CSV with epoch,t_s,x_m,y_m; gives how many are right
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
+    /// How long the answer takes to follow a tag that certainly is in another room, seconds, 0 to 60 [default: what a
+    /// walk over four standard deviations takes, from 1 s for positions by UWB to 4.6 s by beacons]
+    #[arg(long, value_name = "S", value_parser = settling)]
+    settle_s: Option<f64>,
     #[command(flatten)]
     names: SiteNamesArgs,
     /// Write the rooms here and not to standard output: CSV with epoch,t_s,method,room,probability,answer,between
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Print JSON and no rows: results has an object a method and tag, with positions, outside, in_room, between,
-    /// unknown, changes, and with truth judged, accuracy (of the most probable room), wrong (answers of another room)
+    /// unknown, changes, settle_s, and with truth judged, accuracy (of the most probable room), wrong (answers of another room)
     #[arg(long)]
     json: bool,
 }
@@ -58,9 +63,17 @@ struct Summary<'a> {
     between: usize,
     unknown: usize,
     changes: usize,
+    settle_s: f64,
     judged: Option<usize>,
     accuracy: Option<f64>,
     wrong: Option<usize>,
+}
+
+fn settling(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if (0.0..=60.0).contains(&seconds) => Ok(seconds),
+        Ok(_) | Err(_) => Err(format!("{text:?} is not a number of seconds, 0 to 60")),
+    }
 }
 
 /// Runs `baliza classify-rooms`.
@@ -92,7 +105,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for (method, tag) in walks {
         let of_it: Vec<PositionRow> =
             rows.iter().filter(|row| row.method == method && row.tag.as_deref() == tag).cloned().collect();
-        let found = follow(&rooms, &of_it);
+        let settle_s = arguments.settle_s.unwrap_or_else(|| settling_s(&of_it));
+        let found = follow(&rooms, &of_it, settle_s);
         for (row, found) in of_it.iter().zip(&found) {
             let tag = with_tags.then(|| tag.unwrap_or_default().to_owned());
             writer.write_record(fields(&rooms, row, found).into_iter().chain(tag))?;
@@ -103,7 +117,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             room_of(&rooms, [at.x_m, at.y_m])
         };
         let judged = truths.is_some().then(|| of_it.iter().map(room_then).collect());
-        summaries.push(summary(method, tag, &found, judged));
+        summaries.push(Summary { settle_s, ..summary(method, tag, &found, judged) });
     }
     let csv = writer.into_inner().map_err(|error| anyhow::Error::from(error.into_error()))?;
     match &arguments.out {
@@ -173,14 +187,15 @@ fn table(summaries: &[Summary], names: &SiteNames) -> String {
         let tag = summary.tag.map_or_else(String::new, |tag| format!(", tag {}", names.node(tag)));
         let _ = write!(
             text,
-            "{}{tag}: {} positions, {} outside of all rooms; answers: {} in a room, {} between, {} unknown, {} changes of room",
+            "{}{tag}: {} positions, {} outside of all rooms; answers: {} in a room, {} between, {} unknown, {} changes of room, each after {:.1} s",
             summary.method,
             summary.positions,
             summary.outside,
             summary.in_room,
             summary.between,
             summary.unknown,
-            summary.changes
+            summary.changes,
+            summary.settle_s
         );
         if let (Some(accuracy), Some(wrong)) = (summary.accuracy, summary.wrong) {
             let _ = write!(

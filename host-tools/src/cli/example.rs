@@ -4,8 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use host_tools::files::output::OutputFolder;
-use host_tools::node::recorder::is_of_recording;
-use host_tools::simulate::example;
+use host_tools::simulate::{example, is_of_simulation};
 
 /// Write the example recording: a walk through a simulated room
 ///
@@ -27,7 +26,7 @@ pub struct Arguments {
 /// The folder cannot be made, or a file cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let folder = &arguments.out;
-    let output = OutputFolder::begin("--out", folder, is_of_recording, arguments.force)?;
+    let output = OutputFolder::begin("--out", folder, is_of_simulation, arguments.force)?;
     for (name, bytes) in example::files()? {
         output.write(name, &bytes)?;
     }

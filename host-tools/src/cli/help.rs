@@ -15,10 +15,20 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ("This program", &["completions", "man"]),
 ];
 
-/// The command with its subcommands in groups.
+/// The command with its subcommands in groups. A negative number is the value of the flag before it, so that the error
+/// says which values the flag takes, and not that there is no flag `-1`.
 pub fn grouped(command: Command) -> Command {
+    let command = with_negative_numbers(command);
     let template = template(&command);
     command.help_template(template)
+}
+
+fn with_negative_numbers(command: Command) -> Command {
+    let command = command.mut_args(|argument| {
+        let is_flag_with_value = !argument.is_positional() && argument.get_action().takes_values();
+        if is_flag_with_value { argument.allow_negative_numbers(true) } else { argument }
+    });
+    command.mut_subcommands(with_negative_numbers)
 }
 
 fn template(command: &Command) -> StyledStr {

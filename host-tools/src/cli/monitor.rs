@@ -2,6 +2,7 @@
 
 use std::io::{BufWriter, ErrorKind, Stdout, Write};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context, Result};
@@ -114,7 +115,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let shown = screen.end();
     // The recording is completed even where the terminal is closed.
     let recorded = session.recorded().map(Recorder::finish).transpose();
-    listened?;
+    listened.map_err(|error| arguments.source.or_by_serial(error))?;
     recorded?;
     shown?;
     let counts = session.counts();
@@ -122,18 +123,25 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         refuse_interrupted()?;
         refuse_without_content(file, &counts)?;
     }
+    if arguments.source.stdin && limits.time.is_none() && !STOP.load(Ordering::Relaxed) && is_without_content(&counts) {
+        return Err(UserError::file(Path::new("standard input"), "it ended without telemetry and without a log").into());
+    }
     super::note(&format!("{}\n", summary(&counts, begun.elapsed())));
     Ok(())
 }
 
 /// Refuses a file that has neither telemetry nor a log.
 fn refuse_without_content(file: &Path, counts: &Counts) -> Result<(), UserError> {
-    let telemetry = &counts.telemetry;
     let is_empty = std::fs::metadata(file).is_ok_and(|metadata| metadata.len() == 0);
-    if is_empty || telemetry.frames + telemetry.newer() + counts.log_lines > 0 {
+    if is_empty || !is_without_content(counts) {
         return Ok(());
     }
     Err(UserError::file(file, "this is no telemetry, and no log: there is no frame in it"))
+}
+
+fn is_without_content(counts: &Counts) -> bool {
+    let telemetry = &counts.telemetry;
+    telemetry.frames + telemetry.newer() + counts.log_lines == 0
 }
 
 /// The source of the node's bytes, and whether it is live.

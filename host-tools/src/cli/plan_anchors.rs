@@ -8,14 +8,17 @@ use anyhow::Result;
 use clap::ValueEnum;
 use host_tools::UserError;
 use host_tools::files::beacons::{Beacon, Wall, read_beacons};
+use host_tools::files::output;
 use host_tools::plot::{Heat, heat};
 use host_tools::survey::coverage::bound::{Information, Noise, Station};
 use host_tools::survey::coverage::{Grid, USUAL_WALL_DB};
 use host_tools::survey::plan::{Found, Problem};
 
+use wire::telemetry::metres;
+
 use super::coverage::{barriers, positive};
 use super::recording_args::{CornersM, finite};
-use super::{PictureFile, print, print_json};
+use super::{PictureFile, note, print, print_json, write};
 use crate::cli::progress::Progress;
 
 /// Find positions for beacons or anchors that leave the least error over an area
@@ -25,7 +28,7 @@ use crate::cli::progress::Progress;
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  baliza plan-anchors --count 5 --area 0,0,7,6.9 --candidates sockets.csv --plot places.svg\n  \
-                        baliza plan-anchors --count 4 --kind anchors --area 0,0,22,7 --walls walls.csv --json\n  \
+                        baliza plan-anchors --count 4 --kind anchors --area 0,0,22,7 --walls walls.csv --on-walls --height-m 2.4 --out anchors.csv\n  \
                         baliza plan-anchors --count 1 --fixed beacons.csv --area 0,0,12,15"
 )]
 pub struct Arguments {
@@ -69,6 +72,16 @@ pub struct Arguments {
     /// Farther anchors are not received, metres
     #[arg(long, value_name = "M", default_value_t = 30.0, value_parser = positive)]
     reach_m: f64,
+    /// Candidates on the walls and the outline of the area only, every --spacing-m along them
+    #[arg(long, conflicts_with = "candidates")]
+    on_walls: bool,
+    /// The height at which they are to be mounted, metres: z_m of --out
+    #[arg(long, value_name = "Z", value_parser = finite)]
+    height_m: Option<f64>,
+    /// Write the positions here: CSV with anchor,x_m,y_m,z_m (or beacon,…), which --fixed, `solve --anchors` and `ble
+    /// solve --beacons` read; or with the ending .toml a scenario of `simulate`
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
     /// Draw the error over the area with the positions, as .svg or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
@@ -86,6 +99,19 @@ enum Kind {
     /// UWB anchors: ranges to them
     Anchors,
 }
+
+impl Kind {
+    /// One of them, as files call it.
+    fn as_str(self) -> &'static str {
+        match self {
+            Self::Beacons => "beacon",
+            Self::Anchors => "anchor",
+        }
+    }
+}
+
+/// The height at which the tag of a scenario is carried, metres.
+const TAG_HEIGHT_M: f64 = 1.2;
 
 /// A selected position.
 #[derive(serde::Serialize)]
@@ -116,6 +142,9 @@ struct Document {
 /// Flags or a file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let picture = PictureFile::plot(arguments.plot.as_deref())?;
+    if let Some(file) = &arguments.out {
+        output::check("--out", file)?;
+    }
     let site = Site::read(arguments)?;
     let problem = site.problem(arguments);
     let count = arguments.count as usize;
@@ -131,6 +160,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         print_json(&document)?;
     } else {
         print(table(&document, &found).as_bytes())?;
+    }
+    if let Some(file) = &arguments.out {
+        let is_scenario = file.extension().is_some_and(|ending| ending == "toml");
+        let text = if is_scenario { site.scenario(arguments, &chosen)? } else { site.csv(arguments, &chosen)? };
+        write(file, &text)?;
+        note(&format!("positions: {}\n", file.display()));
     }
     match picture {
         Some(picture) => picture.write_and_note(heat(&[site.heat(&chosen, errors)])?),
@@ -165,7 +200,8 @@ impl Site {
         let grid = Grid::over("--cell-m", corners, arguments.cell_m)?;
         let candidates = match listed {
             Some(listed) => listed,
-            None => lattice(corners, arguments.spacing_m)?,
+            None if arguments.on_walls => on_walls(arguments.kind, corners, &walls, arguments.spacing_m)?,
+            None => lattice(arguments.kind, corners, arguments.spacing_m)?,
         };
         Ok(Self { fixed, candidates, walls, barriers, corners, grid })
     }
@@ -197,6 +233,53 @@ impl Site {
         }
     }
 
+    /// The existing and the selected positions as CSV, under the heads of their kind. Beacons keep what is known of their
+    /// signals.
+    fn csv(&self, arguments: &Arguments, chosen: &[&Beacon]) -> Result<Vec<u8>> {
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        let of_signal: &[&str] = match arguments.kind {
+            Kind::Beacons => &["rssi_1m_dbm", "path_loss_exponent"],
+            Kind::Anchors => &[],
+        };
+        writer.write_record([arguments.kind.as_str(), "x_m", "y_m", "z_m"].iter().chain(of_signal))?;
+        let known = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
+        for beacon in self.fixed.iter().chain(chosen.iter().copied()) {
+            let [x_m, y_m] = beacon.position_m.map(metres);
+            let z_m = beacon.height_m.or(arguments.height_m).map_or_else(String::new, metres);
+            let signal = [known(beacon.rssi_1m_dbm), known(beacon.path_loss_exponent)];
+            let fields = [beacon.name.clone(), x_m, y_m, z_m].into_iter();
+            writer.write_record(fields.chain(signal.into_iter().take(of_signal.len())))?;
+        }
+        writer.into_inner().map_err(|error| anyhow::Error::from(error.into_error()))
+    }
+
+    /// The same as a scenario, with the walls as brick, and a tag that walks along a quarter of the area's sides inside.
+    fn scenario(&self, arguments: &Arguments, chosen: &[&Beacon]) -> Result<Vec<u8>, UserError> {
+        let Some(height_m) = arguments.height_m else {
+            return Err(UserError::flag("--height-m", "a scenario needs the height at which they are mounted"));
+        };
+        let [[x0, y0], [x1, y1]] = self.corners;
+        let mut text = format!("# Planned by baliza plan-anchors.\nheight_m = {TAG_HEIGHT_M}\n");
+        for Wall { ends_m: [[fx, fy], [tx, ty]], .. } in &self.walls {
+            let _ = write!(text, "\n[[wall]]\nfrom = [{fx}, {fy}]\nto = [{tx}, {ty}]\nmaterial = \"brick\"\n");
+        }
+        for beacon in self.fixed.iter().chain(chosen.iter().copied()) {
+            let ([x, y], z) = (beacon.position_m.map(metres), metres(beacon.height_m.unwrap_or(height_m)));
+            let _ = write!(
+                text,
+                "\n[[{}]] # {}\nat = [{x}, {y}, {z}]\n",
+                arguments.kind.as_str(),
+                beacon.name.escape_default()
+            );
+        }
+        let inside = |part: f64| [x0 + part * (x1 - x0), y0 + part * (y1 - y0)].map(metres);
+        let ([ax, ay], [bx, by]) = (inside(0.25), inside(0.75));
+        let corner = |x: &str, y: &str| format!("[{x}, {y}, {TAG_HEIGHT_M}]");
+        let path = [corner(&ax, &ay), corner(&bx, &ay), corner(&bx, &by), corner(&ax, &by)].join(", ");
+        let _ = write!(text, "\n[[tag]]\npath = [{path}]\nclosed = true\n");
+        Ok(text.into_bytes())
+    }
+
     /// The errors over the area.
     fn heat(&self, chosen: &[&Beacon], errors_m: Vec<f64>) -> Heat {
         let stations = self.fixed.iter().chain(chosen.iter().copied());
@@ -216,24 +299,66 @@ impl Site {
 }
 
 /// Candidates over the whole area, including its borders.
-fn lattice([least, greatest]: [[f64; 2]; 2], spacing_m: f64) -> Result<Vec<Beacon>, UserError> {
-    const MOST: usize = 1000;
+fn lattice(kind: Kind, [least, greatest]: [[f64; 2]; 2], spacing_m: f64) -> Result<Vec<Beacon>, UserError> {
     let steps: [f64; 2] = std::array::from_fn(|axis| ((greatest[axis] - least[axis]) / spacing_m).round().max(1.0));
     if (steps[0] + 1.0) * (steps[1] + 1.0) > MOST as f64 {
-        return Err(UserError::flag("--spacing-m", format!("more than {MOST} candidates: take a greater one")));
+        return Err(too_many());
     }
     let along = |axis: usize, step: usize| least[axis] + (greatest[axis] - least[axis]) * step as f64 / steps[axis];
     let [columns, rows] = steps.map(|steps| steps as usize);
     let places = (0..=rows).flat_map(|row| (0..=columns).map(move |column| (column, row)));
-    let beacon = |(index, (column, row)): (usize, (usize, usize))| Beacon {
-        name: format!("{}", index + 1),
-        position_m: [along(0, column), along(1, row)],
+    let places = places.map(|(column, row)| [along(0, column), along(1, row)]);
+    Ok(places.enumerate().map(|(index, at)| candidate(kind, index, at)).collect())
+}
+
+/// The largest number of candidates.
+const MOST: usize = 1000;
+
+fn too_many() -> UserError {
+    UserError::flag("--spacing-m", format!("more than {MOST} candidates: take a greater one"))
+}
+
+/// A possible position. Its name says what is placed there.
+fn candidate(kind: Kind, index: usize, position_m: [f64; 2]) -> Beacon {
+    Beacon {
+        name: format!("{}-{}", kind.as_str(), index + 1),
+        position_m,
         height_m: None,
         rssi_1m_dbm: None,
         path_loss_exponent: None,
         deviation_db: None,
-    };
-    Ok(places.enumerate().map(beacon).collect())
+    }
+}
+
+/// Candidates along walls and along the outline of the area.
+fn on_walls(
+    kind: Kind,
+    [[x0, y0], [x1, y1]]: [[f64; 2]; 2],
+    walls: &[Wall],
+    spacing_m: f64,
+) -> Result<Vec<Beacon>, UserError> {
+    let corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
+    let outline = (0..4).map(|side| [corners[side], corners[(side + 1) % 4]]);
+    let mut places: Vec<[f64; 2]> = Vec::new();
+    for [from, to] in outline.chain(walls.iter().map(|wall| wall.ends_m)) {
+        let steps = ((to[0] - from[0]).hypot(to[1] - from[1]) / spacing_m).round().max(1.0);
+        if places.len() as f64 + steps > 2.0 * MOST as f64 {
+            return Err(too_many());
+        }
+        for step in 0..=steps as usize {
+            let part = step as f64 / steps;
+            let at = [0, 1].map(|axis: usize| from[axis] + part * (to[axis] - from[axis]));
+            // Two walls that meet share a position.
+            let is_new = |known: &[f64; 2]| (known[0] - at[0]).hypot(known[1] - at[1]) > 0.25 * spacing_m;
+            if places.iter().all(is_new) {
+                places.push(at);
+            }
+        }
+    }
+    if places.len() > MOST {
+        return Err(too_many());
+    }
+    Ok(places.into_iter().enumerate().map(|(index, at)| candidate(kind, index, at)).collect())
 }
 
 fn document(kind: Kind, errors: &[f64], found: &Found, chosen: &[&Beacon], candidates: usize) -> Document {

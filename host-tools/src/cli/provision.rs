@@ -1,5 +1,6 @@
 //! `baliza provision`: makes node records, shows and checks them, and moves them over a debug probe.
 
+use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -151,11 +152,24 @@ fn make(arguments: &Arguments, file: &Path) -> Result<()> {
 /// Refuses a file that has something else than a record: the site, a model that it names, notes.
 fn refuse_other_content(out: &Path) -> Result<(), UserError> {
     let is_file = fs::metadata(out).is_ok_and(|metadata| metadata.is_file() && metadata.len() > 0);
-    let holds_record = || fs::read(out).is_ok_and(|bytes| Image::new(&bytes).is_ok_and(|image| image.read().is_ok()));
-    if is_file && !holds_record() {
+    if is_file && !holds_record(out) {
         return Err(UserError::flag("--out", format!("{} is no record; --force replaces it", out.display())));
     }
     Ok(())
+}
+
+/// The names of the files in a folder that have a good record.
+fn records_in(folder: &Path) -> HashSet<String> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
+    let is_named = |name: &String| name.ends_with(".bin") || name.ends_with(".hex");
+    names.filter(|name| is_named(name) && holds_record(&folder.join(name))).collect()
+}
+
+/// Whether a file has a good record.
+fn holds_record(file: &Path) -> bool {
+    let bytes = read_limited(file, IMAGE_BYTES);
+    bytes.is_ok_and(|bytes| Image::new(&bytes).is_ok_and(|image| image.read().is_ok()))
 }
 
 fn warn<'n>(site: &Site, nodes: impl IntoIterator<Item = &'n Node>) {
@@ -180,9 +194,11 @@ fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
         files.push((name, has_key(&contents), encoded(arguments.format, board, &contents)?));
     }
     let names: Vec<_> = site.nodes.iter().map(|node| node.name.clone()).collect();
+    // A record of a node that is not in the file any more goes as well: a folder has the records of one file.
+    let records = records_in(folder);
     let ours = move |file: &str| {
         let name = file.strip_suffix(".bin").or_else(|| file.strip_suffix(".hex"));
-        name.is_some_and(|name| names.iter().any(|node| node == name))
+        name.is_some_and(|name| names.iter().any(|node| node == name)) || records.contains(file)
     };
     let output = OutputFolder::begin("--out", folder, ours, arguments.force)?;
     let cannot = || format!("cannot write the records into {}", folder.display());

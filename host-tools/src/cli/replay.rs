@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use host_tools::node::decode::Stream;
-use host_tools::node::provision::SiteNames;
 
+use super::site_names::SiteNamesArgs;
 use super::stream::{Input, Writing, feed_stdout};
 
 /// Play a recorded stream at its own pace
@@ -26,6 +26,8 @@ pub struct Arguments {
     /// Write the bytes instead of the messages
     #[arg(long, conflicts_with_all = ["format", "table"])]
     raw: bool,
+    #[command(flatten)]
+    names: SiteNamesArgs,
     #[command(flatten)]
     writing: Writing,
 }
@@ -48,6 +50,7 @@ fn speed(text: &str) -> Result<f64, String> {
 /// Flags are wrong, the stream cannot be read, or the output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let lines = arguments.writing.lines()?;
+    let names = arguments.names.read(Some(&arguments.file))?;
     let input = Input::open(Some(&arguments.file))?;
     let mut stream = Stream::default();
     let mut clock = Clock { speed: arguments.speed, begun: Instant::now(), first_t_s: None, last_t_s: f64::INFINITY };
@@ -79,7 +82,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let summary = stream.summary();
     summary.is_of_telemetry(input.name())?;
     if feed_stdout(&due)? {
-        super::note(&summary.text(&SiteNames::default()));
+        super::note(&summary.text(&names));
     }
     Ok(())
 }

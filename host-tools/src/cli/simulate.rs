@@ -10,9 +10,9 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use host_tools::UserError;
 use host_tools::files::output::{self, OutputFolder};
 use host_tools::files::read_text;
-use host_tools::node::recorder::is_of_recording;
 use host_tools::simulate::{
-    Attempts, Capture, SimulatedRecording, load_site_models, picture, position_header, position_row, survey_csv,
+    Attempts, Capture, SimulatedRecording, is_of_simulation, load_site_models, picture, position_header, position_row,
+    survey_csv,
 };
 use host_tools::survey::presence::read_outlines;
 use host_tools::train::Chosen;
@@ -33,7 +33,7 @@ use crate::cli::progress::Progress;
 /// The firmware's own apps run, each over the driver on a simulated DW1000 behind SPI, with drifting clocks, walls,
 /// losses and collisions in between; beacons advertise beside them. Without --scenario, tags walk in a furnished room
 /// of 12 m by 8 m. Equal arguments print equal bytes. Positions go to standard output (on a terminal a table of some of
-/// them), a summary to standard error.
+/// them) or with --out into files, a summary to standard error.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -89,7 +89,7 @@ pub struct Arguments {
     /// needs impulse responses, tags read them, and --out has their features
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Which of the file's classifiers, where it has several
+    /// Which of the file's classifiers, where it has several; of several with one name, NAME:1, NAME:2
     #[arg(long, value_name = "NAME", requires = "model")]
     classifier: Option<String>,
     /// How tags find themselves [default: the scenario's, or native]
@@ -102,7 +102,7 @@ pub struct Arguments {
     #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = height)]
     height_m: Option<f32>,
     /// A folder for anchors.csv, ranges.csv, truth.csv and positions.csv, as `baliza solve` reads and writes them, with
-    /// beacons also beacons.csv and rssi.csv; and for what nodes report, as `baliza decode`, `monitor` and `replay`
+    /// beacons also beacons.csv and rssi.csv, with walls walls.csv; and for what nodes report, as `baliza decode`, `monitor` and `replay`
     /// read it: telemetry.bin of the first tag, telemetry-ADDRESS.bin of each other node
     #[arg(long, value_name = "FOLDER")]
     out: Option<PathBuf>,
@@ -129,8 +129,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", requires = "survey")]
     survey_rooms: Option<PathBuf>,
     /// Print JSON and no positions: results has one object, with tags, anchors, seconds, fixes, fixes_per_s, rmse_m,
-    /// p50_m, p90_m, frames_sent, frames_lost, collisions, airtime_share, tag_mean_current_ma, charge_per_fix_uc and
-    /// tag_currents_ma (board and DW1000, from the first position on; none with --fidelity air); with beacons also
+    /// p50_m, p90_m, frames_sent, frames_lost, collisions, airtime_share (of a network, the mean), airtime_share_max (of the busiest
+    /// network), tag_mean_current_ma, charge_per_fix_uc and tag_currents_ma (board and DW1000, from the first position on; none with --fidelity air); with beacons also
     /// bluetooth
     #[arg(long)]
     json: bool,
@@ -183,9 +183,10 @@ enum AirName {
 enum ModeName {
     /// They ask anchors, and range to all that answer
     Native,
-    /// They only receive the messages between anchors: by differences of arrival, any number of tags in one room
-    #[value(alias = "tdoa")]
-    Listening,
+    /// They only receive the messages between anchors: by differences of arrival, any number of tags in one room. In
+    /// records this mode is called listening
+    #[value(alias = "listening")]
+    Tdoa,
 }
 
 fn schemes() -> impl TypedValueParser<Value = Scheme> {
@@ -244,7 +245,7 @@ fn height(text: &str) -> Result<f32, String> {
 impl Arguments {
     /// Begins the recording in a folder.
     fn recording(&self, folder: &Path, scenario: &Scenario) -> Result<SimulatedRecording> {
-        let output = OutputFolder::begin("--out", folder, is_of_recording, self.force)?;
+        let output = OutputFolder::begin("--out", folder, is_of_simulation, self.force)?;
         SimulatedRecording::create(output, scenario).context("cannot write the recording")
     }
 
@@ -253,15 +254,15 @@ impl Arguments {
             Some(file) => read(file)?,
             None => match self.mode {
                 Some(ModeName::Native) | None => Scenario::rooms(self.anchors.into(), self.tags.into()),
-                Some(ModeName::Listening) => Scenario::listening(self.anchors.into(), self.tags.into()),
+                Some(ModeName::Tdoa) => Scenario::listening(self.anchors.into(), self.tags.into()),
             },
         };
         if let (Some(_), Some(mode)) = (&self.scenario, self.mode) {
             for network in &mut scenario.networks {
                 network.mode = match (mode, network.mode) {
                     (ModeName::Native, _) => Mode::Native,
-                    (ModeName::Listening, mode @ Mode::Listening { .. }) => mode,
-                    (ModeName::Listening, Mode::Native | Mode::DecaRanging { .. }) => LISTENING,
+                    (ModeName::Tdoa, mode @ Mode::Listening { .. }) => mode,
+                    (ModeName::Tdoa, Mode::Native | Mode::DecaRanging { .. }) => LISTENING,
                 };
             }
         }
@@ -348,7 +349,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut recording = arguments.out.as_ref().map(|folder| arguments.recording(folder, &scenario)).transpose()?;
     let mut drawn = Vec::new();
     let mut attempts = Attempts::default();
-    let mut show = Show::new(arguments.json, &scenario);
+    // With --out, the positions are in the folder.
+    let is_silent = arguments.json || arguments.out.is_some() && !std::io::stdout().is_terminal();
+    let mut show = Show::new(is_silent, &scenario);
     show.begin()?;
 
     let mut simulation = Simulation::new(scenario);
@@ -385,6 +388,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         drawing.write(picture(source, simulation.scenario(), &drawn).to_svg()?)?;
     }
     let summary = simulation.summary();
+    super::warn(attempts.refused());
     if summary.fixes == 0 {
         super::warn([format!("no positions: {}", attempts.why_none(simulation.scenario()))]);
     }
@@ -423,8 +427,8 @@ enum Show {
 }
 
 impl Show {
-    fn new(json: bool, scenario: &Scenario) -> Self {
-        if json {
+    fn new(is_silent: bool, scenario: &Scenario) -> Self {
+        if is_silent {
             Self::Nothing
         } else if std::io::stdout().is_terminal() {
             let next_s: Vec<_> = scenario.tags.iter().take(ROW_TAGS).map(|tag| (tag.address, 0.0)).collect();
@@ -502,7 +506,7 @@ fn told(summary: &Summary) -> String {
     let mut text = format!(
         "{}, {}, {} s: {}, {:.1} a second\n\
          accuracy: RMSE {}, half below {}, nine in ten below {}\n\
-         air: {} frames, {} receptions lost, {} frames collided, {:.1} % of the time\n",
+         air: {} frames, {} receptions lost, {} frames collided, {} of the time\n",
         counted(summary.tags, "tag"),
         counted(summary.anchors, "anchor"),
         summary.seconds,
@@ -514,7 +518,7 @@ fn told(summary: &Summary) -> String {
         summary.frames_sent,
         summary.frames_lost,
         summary.collisions,
-        100.0 * summary.airtime_share
+        airtime(summary)
     );
     if let Some(current_ma) = summary.tag_mean_current_ma {
         let charge = summary.charge_per_fix_uc.map_or_else(|| "-".to_owned(), |charge_uc| format!("{charge_uc:.1} µC"));
@@ -536,6 +540,13 @@ fn told(summary: &Summary) -> String {
         }
     }
     text
+}
+
+/// How much of the time a network's frames are on the air, in words.
+fn airtime(summary: &Summary) -> String {
+    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    let (mean, max) = (percent(summary.airtime_share), percent(summary.airtime_share_max));
+    if mean == max { mean } else { format!("{mean} in the mean of the networks, {max} in the busiest") }
 }
 
 /// A number of things, in words.

@@ -13,7 +13,7 @@ use host_tools::Interrupted;
 use host_tools::UserError;
 use host_tools::files::output;
 use host_tools::node::decode::{Chunks, Stamp, StreamFiles, Waited, row};
-use host_tools::node::monitor::{Image, Pace, Port, Probed, Serial, Source};
+use host_tools::node::monitor::{Image, Pace, Port, Probed, Serial, Source, no_port, ports};
 use host_tools::node::probe::ProbeArguments;
 use wire::telemetry::{Fix, Message, Table};
 
@@ -61,6 +61,28 @@ impl SourceArguments {
         }
     }
 
+    /// Looks whether the live node is there, before the user does anything for it.
+    ///
+    /// # Errors
+    /// There is no such port, or no probe.
+    pub fn look(&self) -> Result<()> {
+        match &self.serial {
+            Some(name) if Path::new(name).exists() || cfg!(windows) => Ok(()),
+            Some(name) => Err(no_port(name).into()),
+            None if self.probe.is_connected()? => Ok(()),
+            // Attaching says why it is impossible.
+            None => self.probe.attach(None).map(drop),
+        }
+    }
+
+    /// An error of the source. Where there is no probe, it names the serial ports, at one of which the node may be.
+    pub fn or_by_serial(&self, error: anyhow::Error) -> anyhow::Error {
+        let is_of_arguments = error.is::<UserError>();
+        let is_by_probe = !is_of_arguments && self.serial.is_none() && self.file.is_none() && !self.stdin;
+        let no_probe = || self.probe.is_connected().is_ok_and(|is_connected| !is_connected);
+        with_ports(error, &if is_by_probe && no_probe() { ports() } else { Vec::new() })
+    }
+
     /// The live node, by serial port or probe. With a probe, its image is compared with the content of the flash, and
     /// the node can be reset first.
     pub fn live(&self, image: Option<&Image>, reset: bool) -> Box<dyn Source> {
@@ -74,6 +96,14 @@ impl SourceArguments {
             }
         }
     }
+}
+
+/// The error of a probe, with the serial ports that may be used in its place.
+fn with_ports(error: anyhow::Error, ports: &[String]) -> anyhow::Error {
+    if ports.is_empty() {
+        return error;
+    }
+    anyhow::anyhow!("{error:#}; a board on a serial port is read with --serial {}", ports.join(" or "))
 }
 
 /// Parses a duration in seconds.
@@ -290,4 +320,18 @@ fn csv_row<T: AsRef<[u8]>>(fields: &[T]) -> Result<Vec<u8>> {
 /// Standard output cannot be written for another reason.
 pub fn feed_stdout(bytes: &[u8]) -> Result<bool> {
     output::feed_stdout(bytes).context("cannot write to standard output")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::with_ports;
+
+    #[test]
+    fn without_a_probe_the_serial_ports_are_named() {
+        let error = || anyhow::anyhow!("no debug probe found");
+        assert_eq!(with_ports(error(), &[]).to_string(), "no debug probe found");
+        let ports = ["/dev/ttyACM0".to_owned(), "/dev/ttyUSB1".to_owned()];
+        let said = "no debug probe found; a board on a serial port is read with --serial /dev/ttyACM0 or /dev/ttyUSB1";
+        assert_eq!(with_ports(error(), &ports).to_string(), said);
+    }
 }

@@ -30,7 +30,7 @@ pub struct Arguments {
     /// features for it, the powers are used
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Which of the file's classifiers, where it has several
+    /// Which of the file's classifiers, where it has several; of several with one name, NAME:1, NAME:2
     #[arg(long, value_name = "NAME", requires = "model")]
     classifier: Option<String>,
 }

@@ -90,13 +90,14 @@ pub struct Wall {
     pub attenuation_db: Option<f64>,
 }
 
-/// Reads `beacons.csv`: `beacon,x_m,y_m` and, where known, `z_m,rssi_1m_dbm,path_loss_exponent,deviation_db`.
+/// Reads `beacons.csv`: `beacon,x_m,y_m` (of a plan for anchors, `anchor,x_m,y_m`) and, where known, `z_m,rssi_1m_dbm,path_loss_exponent,deviation_db`.
 ///
 /// # Errors
 /// The first line that is wrong: a beacon that is listed twice, or an exponent or a deviation that is not above 0.
 pub fn read_beacons(file: &Path) -> Result<Vec<Beacon>, UserError> {
     let mut table = Table::open(file)?;
-    let (beacon, x, y) = (table.column("beacon")?, table.column("x_m")?, table.column("y_m")?);
+    let name = if table.optional("anchor").is_present() { "anchor" } else { "beacon" };
+    let (beacon, x, y) = (table.column(name)?, table.column("x_m")?, table.column("y_m")?);
     let [z, rssi, exponent, deviation] =
         ["z_m", "rssi_1m_dbm", "path_loss_exponent", "deviation_db"].map(|name| table.optional(name));
     let mut beacons: Vec<Beacon> = Vec::new();

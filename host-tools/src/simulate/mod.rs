@@ -16,5 +16,5 @@ mod site_models;
 pub use capture::Capture;
 pub use no_position::Attempts;
 pub use picture::picture;
-pub use recording::{SimulatedRecording, position_header, position_row};
+pub use recording::{SimulatedRecording, is_of_simulation, position_header, position_row};
 pub use site_models::{load_site_models, survey_csv};

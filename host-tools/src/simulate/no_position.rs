@@ -1,15 +1,17 @@
 //! Why a simulation made no position at all, in a sentence.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use sim::scenario::{Record, Scenario, What, distance};
-use wire::telemetry::Message;
+use wire::telemetry::{Condition, Message, State};
 
 /// What is counted while a simulation runs.
 #[derive(Debug, Default)]
 pub struct Attempts {
     ranges: usize,
     reasons: BTreeMap<&'static str, usize>,
+    /// Tags that a full network refused, and have no position since.
+    refused: BTreeSet<u16>,
 }
 
 impl Attempts {
@@ -17,13 +19,30 @@ impl Attempts {
     pub fn take(&mut self, record: &Record) {
         match &record.what {
             What::Message(Message::Range(_)) => self.ranges += 1,
+            What::Message(Message::State(State { is: Condition::NetworkFull, .. })) => {
+                self.refused.insert(record.node);
+            }
             What::Epoch(epoch) => {
+                if epoch.fix.reason().is_none() {
+                    self.refused.remove(&record.node);
+                }
                 if let Some(reason) = epoch.fix.reason() {
                     *self.reasons.entry(reason.as_str()).or_default() += 1;
                 }
             }
             What::Message(_) | What::Fault(_) => {}
         }
+    }
+
+    /// The tags that a full network refused until the end, in a sentence; `None` where there are none.
+    pub fn refused(&self) -> Option<String> {
+        let count = self.refused.len();
+        (count > 0).then(|| {
+            format!(
+                "{count} of the tags had no place, for the reason network-full: a network has 24 places; add networks, or \
+                 tags that only listen (--mode tdoa)"
+            )
+        })
     }
 
     /// The likely cause of no position, and what to do.

@@ -15,7 +15,15 @@ use wire::telemetry::{Address, Body, Fix, MAX_FRAME, Message, Sighting, Table, e
 use crate::files::folder::{Mode, RecordingSettings, SETTINGS};
 use crate::files::output::OutputFolder;
 use crate::node::decode::{Stamp, row};
-use crate::node::recorder::{STREAM, Tables, writer};
+use crate::node::recorder::{STREAM, Tables, is_of_recording, writer};
+
+/// The walls of the floor plan, which pictures and beacons use.
+const WALLS: &str = "walls.csv";
+
+/// Whether a file belongs to a simulated recording, and is replaced with it.
+pub fn is_of_simulation(name: &str) -> bool {
+    is_of_recording(name) || name == WALLS
+}
 
 /// A recording in progress.
 pub struct SimulatedRecording {
@@ -50,6 +58,9 @@ impl SimulatedRecording {
         ]);
         if !scenario.beacons.is_empty() {
             write_beacons(folder, scenario)?;
+        }
+        if !scenario.walls.is_empty() {
+            write_walls(folder, scenario)?;
         }
         std::fs::write(folder.join(SETTINGS), settings(scenario).to_toml()?)?;
         Ok(Self {
@@ -191,6 +202,16 @@ fn write_beacons(folder: &Path, scenario: &Scenario) -> csv::Result<()> {
         beacons.write_record([beacon.name(), x, y, z, rssi, exponent])?;
     }
     Ok(beacons.flush()?)
+}
+
+/// Writes the floor plan. Attenuations are left out: a surveyor does not know them.
+fn write_walls(folder: &Path, scenario: &Scenario) -> csv::Result<()> {
+    let mut walls = writer(folder, WALLS, &["x1_m", "y1_m", "x2_m", "y2_m"])?;
+    for wall in &scenario.walls {
+        let [[x1, y1], [x2, y2]] = [wall.from, wall.to].map(|end| end.map(metres));
+        walls.write_record([x1, y1, x2, y2])?;
+    }
+    Ok(walls.flush()?)
 }
 
 /// The short name of a scenario's beacon in all its files, because they are of one network.

@@ -1,5 +1,6 @@
-//! Surveys of a site: fingerprints, coverage, path loss, rooms, and positions for anchors.
+//! Surveys of a site: fingerprints, coverage, path loss, antenna delays, rooms, and positions for anchors.
 
+pub mod antenna_delay;
 pub mod calibration;
 pub mod campaign;
 pub mod coverage;

@@ -13,6 +13,13 @@ use positioning_core::ble::rooms::{
 use crate::files::positions::PositionRow;
 use crate::{Table, UserError};
 
+/// How long a change of room takes, seconds, at most: that of a tag that knows its room by RSSI values.
+pub const SLOWEST_S: f64 = 4.6;
+/// The same at least: several rounds of any tag, and a sway in a doorway.
+pub const FASTEST_S: f64 = 1.0;
+/// A person walks this fast, metres per second.
+const WALKING_M_S: f64 = 1.0;
+
 /// The largest number of corners of a room.
 const MOST_CORNERS: usize = 1000;
 
@@ -73,10 +80,29 @@ pub fn room_of(rooms: &[Room], [x, y]: [f64; 2]) -> Option<usize> {
     outlines(rooms, |outlines| outlines.probabilities(&spot)).as_ref().and_then(likeliest).map(|(room, _)| room)
 }
 
-/// The rooms of one method's positions, in order of time. The time is that of the row, or else a second after the row
-/// before.
-pub fn follow(rooms: &[Room], rows: &[PositionRow]) -> Vec<Found> {
-    let mut presence = RoomHysteresis::new(Settings::default());
+/// How long a change of room should take, seconds: the time that a walking person needs from two standard deviations
+/// before a wall to two behind it, within [`FASTEST_S`] and [`SLOWEST_S`]. Errors of a position last for about that
+/// way. The standard deviation is the median over positions.
+pub fn settling_s(rows: &[PositionRow]) -> f64 {
+    let mut sigmas_m: Vec<f64> = rows.iter().filter_map(|row| row.sigma_m).map(|[x, y]| x.max(y)).collect();
+    sigmas_m.sort_by(f64::total_cmp);
+    let middle = sigmas_m.get(sigmas_m.len() / 2);
+    middle.map_or(SLOWEST_S, |sigma_m| (4.0 * sigma_m / WALKING_M_S).clamp(FASTEST_S, SLOWEST_S))
+}
+
+/// Hysteresis whose answer changes this number of seconds after positions have become certain of another room: then
+/// the smoothed probability of the new room, 1 − e^(−t ⁄ τ), reaches 0.9.
+fn hysteresis(settle_s: f64) -> RoomHysteresis {
+    let usual = Settings::default();
+    let time_constants = -(1.0 - f64::from(usual.enter)).ln();
+    let smoothing_us = (1e6 * settle_s / time_constants) as u32;
+    RoomHysteresis::new(Settings { smoothing_us, ..usual })
+}
+
+/// The rooms of one method's positions, in order of time, with changes that take `settle_s`. The time is that of the
+/// row, or else a second after the row before.
+pub fn follow(rooms: &[Room], rows: &[PositionRow], settle_s: f64) -> Vec<Found> {
+    let mut presence = hysteresis(settle_s);
     let mut t_s = 0.0;
     rows.iter()
         .map(|row| {
@@ -102,7 +128,7 @@ fn outlines<T>(rooms: &[Room], judge: impl FnOnce(Outlines<'_>) -> T) -> T {
 mod tests {
     use positioning_core::ble::rooms::RoomEstimate;
 
-    use super::{Room, follow, room_of};
+    use super::{Room, SLOWEST_S, follow, room_of, settling_s};
     use crate::Coordinates;
     use crate::files::positions::PositionRow;
 
@@ -112,6 +138,24 @@ mod tests {
             corners_m: vec![[x, 0.0], [x + 4.0, 0.0], [x + 4.0, 4.0], [x, 4.0]],
         };
         vec![square("hall", 0.0), square("attic", 4.0)]
+    }
+
+    #[test]
+    fn the_room_changes_after_the_given_time() {
+        // One second in the hall, then in the attic, certainly; ten positions a second.
+        let row = |index: u32| PositionRow {
+            t_s: Some(f64::from(index) * 0.1),
+            place: Some(Coordinates { x_m: if index < 10 { 1.0 } else { 7.0 }, y_m: 2.0, z_m: None }),
+            sigma_m: Some([0.1; 2]),
+            ..PositionRow::default()
+        };
+        let rows: Vec<_> = (0..120).map(row).collect();
+        for (settle_s, changed) in [(0.0, 10), (1.0, 19), (4.6, 55)] {
+            let answers = follow(&rooms(), &rows, settle_s);
+            // The first position in the attic, at 1.0 s, counts as the time since the last one in the hall, 0.1 s.
+            let at = answers.iter().position(|found| found.answer == RoomEstimate::Room(1)).expect("it changes");
+            assert!(at.abs_diff(changed) <= 1, "{settle_s} s: {at}");
+        }
     }
 
     #[test]
@@ -130,7 +174,10 @@ mod tests {
                 ..PositionRow::default()
             }
         };
-        let found = follow(&rooms(), &(0..120).map(row).collect::<Vec<_>>());
+        let rows: Vec<_> = (0..120).map(row).collect();
+        // Four times 0.1 m at 1 m/s is less than the least.
+        assert_eq!((settling_s(&rows), settling_s(&[])), (1.0, SLOWEST_S));
+        let found = follow(&rooms(), &rows, settling_s(&rows));
         let mut answers: Vec<RoomEstimate> = found.iter().map(|found| found.answer).collect();
         answers.dedup();
         assert_eq!(answers, [RoomEstimate::Room(0), RoomEstimate::Room(1)]);

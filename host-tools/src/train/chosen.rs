@@ -16,7 +16,7 @@ pub struct Chosen {
 }
 
 impl Chosen {
-    /// The first classifier of this name in the file; without a name, the only one.
+    /// The classifier of this name in the file, of several `NAME:1`, `NAME:2`; without a name, the only one.
     ///
     /// # Errors
     /// The file cannot be read, is no file of models, has none of this name, or several where none is named.
@@ -31,15 +31,19 @@ impl Chosen {
     /// As for [`read`](Self::read).
     pub fn of(file: &Path, all: &[u8], name: Option<&str>) -> Result<Self, UserError> {
         let models = models(all).map_err(|fault| UserError::file(file, fault.to_string()))?;
+        let names = numbered(&models);
         let index = match name {
-            Some(name) => models.iter().position(|model| model.name() == name),
+            Some(name) => names.iter().position(|known| known == name),
             None if models.len() == 1 => Some(0),
             None => None,
         };
         let Some(index) = index else {
-            let named: Vec<String> =
-                models.iter().map(|model| format!("{} ({})", model.name(), features_of(model))).collect();
+            let named = names.iter().zip(&models).map(|(name, model)| format!("{name} ({})", features_of(model)));
+            let named: Vec<String> = named.collect();
             let what = match name {
+                Some(name) if models.iter().any(|model| model.name() == name) => {
+                    format!("it has several classifiers {name}; name one of {}", named.join(", "))
+                }
                 Some(name) => format!("it has no classifier {name}; it has {}", named.join(", ")),
                 None => format!("it has several classifiers, name one of {}", named.join(", ")),
             };
@@ -69,6 +73,15 @@ impl Chosen {
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
+}
+
+/// The names of a file's models. Those of one name are numbered in their order: `logistic:1`, `logistic:2`.
+fn numbered(models: &[Model<'_>]) -> Vec<String> {
+    let number = |at: usize, model: &Model<'_>| {
+        let alike = |models: &[Model<'_>]| models.iter().filter(|other| other.name() == model.name()).count();
+        if alike(models) == 1 { model.name().to_owned() } else { format!("{}:{}", model.name(), alike(&models[..=at])) }
+    };
+    models.iter().enumerate().map(|(at, model)| number(at, model)).collect()
 }
 
 #[cfg(test)]
@@ -102,6 +115,12 @@ mod tests {
         let both = "power-difference (power_difference_db), skewness (skewness_near)";
         assert_eq!(said(Some("logistic")), format!("x: it has no classifier logistic; it has {both}"));
         assert_eq!(said(None), format!("x: it has several classifiers, name one of {both}"));
+        let twice = [file(), file()].concat();
+        let of_two = |name| Chosen::of("x".as_ref(), &twice, Some(name));
+        let said = of_two("skewness").expect_err("there are two").to_string();
+        assert!(said.starts_with("x: it has several classifiers skewness; name one of power-difference:1 ("), "{said}");
+        assert_eq!(of_two("skewness:2").expect("the second").bytes(), of_two("skewness:1").expect("the first").bytes());
+        assert!(of_two("skewness:3").is_err());
         let none = Chosen::of("x".as_ref(), b"BLZR", None).expect_err("no model").to_string();
         assert_eq!(none, "x: not a model");
     }

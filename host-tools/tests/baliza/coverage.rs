@@ -51,6 +51,30 @@ fn places_are_found_among_candidates_or_everywhere() {
     let names: Vec<_> = run.object()["places"].as_array().expect("a list").iter().map(|p| p["name"].clone()).collect();
     assert!(names.contains(&"above".into()), "{names:?}");
     assert!(folder.run("place --count 2 --candidates c.csv").ok().stdout.contains("3 candidates"));
+    // A plan is a file for `simulate`, for the next plan and for `solve`; on the walls only, at a height.
+    let plan = "plan-anchors --count 3 --kind anchors --area 0,0,8,6 --on-walls --spacing-m 2 --height-m 2.4";
+    let run = folder.run(&format!("{plan} --out a.csv")).ok();
+    // Along the outline every two metres: 4 + 3 + 4 + 3 positions.
+    assert!(run.stdout.contains("14 candidates"), "{}", run.stdout);
+    let anchors = String::from_utf8(folder.read("a.csv")).expect("text");
+    let mut rows = anchors.lines();
+    assert_eq!(rows.next(), Some("anchor,x_m,y_m,z_m"));
+    let mut count = 0;
+    for row in rows {
+        let fields: Vec<_> = row.split(',').collect();
+        let is_on_wall = ["0.0000", "8.0000"].contains(&fields[1]) || ["0.0000", "6.0000"].contains(&fields[2]);
+        assert!(is_on_wall && fields[0].starts_with("anchor-") && fields[3] == "2.4000", "{row}");
+        count += 1;
+    }
+    assert_eq!(count, 3);
+    folder.run("plan-anchors --count 1 --kind anchors --area 0,0,8,6 --fixed a.csv").ok();
+    folder.run(&format!("{plan} --out plan.toml")).ok();
+    let simulated = folder.run("simulate --scenario plan.toml --seconds 2 --json").ok().object();
+    assert_eq!(simulated["anchors"], 3);
+    assert!(simulated["fixes"].as_u64().is_some_and(|fixes| fixes > 0), "{simulated}");
+    let run = folder.run("plan-anchors --count 1 --area 0,0,8,6 --out plan.toml");
+    assert!(run.code == Some(2) && run.stderr.starts_with("--height-m: a scenario needs"), "{run:?}");
+
     let run = folder.run("place --count 2");
     assert_eq!(
         (run.code, run.stderr.trim_end()),

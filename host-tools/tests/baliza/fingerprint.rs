@@ -110,6 +110,13 @@ fn a_map_is_what_a_node_reads() {
         map.positions::<f64>().position(|[x, y]| (x - 5.0).abs() < 0.5 && (y - 5.0).abs() < 0.5).expect("a middle");
     assert!(map.rssis::<f64>(nearest).all(|level| level.is_some_and(|level| (-76.0..=-62.0).contains(&level))));
 
+    // A table of columns; lengths have millimetres.
+    let run = folder.run("ble map --fingerprints survey.csv --out stepped.map --step-m 0.871").ok();
+    let lines: Vec<Vec<&str>> = run.stderr.lines().map(|line| line.split_whitespace().collect()).collect();
+    assert_eq!(lines[0][0], "surveyed", "{}", run.stderr);
+    assert!(lines[1].contains(&"0.871"), "{}", run.stderr);
+    assert!(run.stderr.ends_with("map: stepped.map, with the beacons 7, 8\n"), "{}", run.stderr);
+
     folder.run("ble map --fingerprints survey.csv --out points.map --surveyed").ok();
     let bytes = folder.read("points.map");
     let (map, _) = Map::decode(&bytes).expect("a map");
@@ -372,4 +379,20 @@ fn a_map_of_few_points_is_predicted() {
     let summary = run.object();
     assert_eq!((summary["survey_points"].as_u64(), summary["found_points"].as_u64()), (Some(12), Some(25)));
     assert!(summary["mae_m"].as_f64().expect("a number") < 2.0, "{summary}");
+}
+
+#[test]
+fn the_default_is_as_good_on_a_simulated_walk_as_solving_each_scan_by_itself() {
+    let flat = crate::support::root().join("examples/flat");
+    let file = |name: &str| flat.join(name).display().to_string();
+    let files = format!("--rssi {} --truth {}", file("walk/rssi.csv"), file("walk/truth.csv"));
+    let figures = |kernel: &str| {
+        let survey = file("fingerprints.csv");
+        Folder::with(&[]).run(&format!("ble fingerprint --fingerprints {survey} {files} {kernel} --json")).ok().object()
+    };
+    let (walk, single) = (figures(""), figures("--kernel gp"));
+    let rmse = |figures: &serde_json::Value| figures["rmse_m"].as_f64().expect("a number");
+    assert!(rmse(&walk) <= rmse(&single), "{walk} {single}");
+    // In the plane, 39 % of Gaussian errors are inside one standard deviation.
+    assert!(walk["inside_1_sigma"].as_f64().is_some_and(|inside| inside >= 0.39), "{walk}");
 }

@@ -1,6 +1,7 @@
 //! Runs `baliza` as a user does: arguments and files in; exit code, standard output, standard error and files out.
 
 mod accuracy;
+mod antenna_delay;
 mod ble;
 mod causes;
 mod contract;

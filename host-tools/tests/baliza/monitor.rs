@@ -289,3 +289,16 @@ fn an_error_is_one_line() {
         assert!(run.stderr.contains(said), "{arguments}: {run:?}");
     }
 }
+
+#[test]
+fn a_source_without_a_byte_is_said_in_one_sentence() {
+    let said = |arguments: &str| {
+        let run = folder().run(arguments);
+        (run.code, run.stderr)
+    };
+    let empty = "standard input: it ended without telemetry and without a log\n".to_owned();
+    assert_eq!(said("monitor --stdin"), (Some(2), empty.clone()));
+    assert_eq!(piped(&folder(), "monitor --stdin", b"").stderr, empty);
+    #[cfg(target_os = "linux")]
+    assert_eq!(said("monitor --serial /dev/null"), (Some(2), "--serial: /dev/null is not a serial port\n".to_owned()));
+}

@@ -26,6 +26,9 @@ fn each_position_has_its_room_and_the_tags_answer() {
     assert_eq!((&m["accuracy"], &m["wrong"], &m["changes"]), (&0.666_667.into(), &0.into(), &1.into()));
     assert_eq!((&json[1]["method"], &json[1]["wrong"]), (&"n".into(), &1.into()));
 
+    // The rows of method m have a median deviation of 0.1 m.
+    assert_eq!((&m["settle_s"], &json[1]["settle_s"]), (&1.0.into(), &4.6.into()));
+
     folder.write("two.csv", b"room,x_m,y_m\nhall,0,0\nhall,1,0\n");
     let run = folder.run("presence --positions p.csv --outlines two.csv");
     assert_eq!((run.code, run.stderr.trim_end()), (Some(2), "two.csv: room \"hall\" has fewer than three corners"));

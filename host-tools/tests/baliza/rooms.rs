@@ -65,7 +65,10 @@ fn an_error_is_one_line() {
         let run = folder.run(arguments);
         assert_eq!((run.code, run.stderr.trim_end()), (Some(2), said), "{arguments}");
     };
-    refused("ble rooms --fingerprints f.csv", "--targets: say what is to be judged: --targets FILE or --leave-one-out");
+    refused(
+        "ble rooms --fingerprints f.csv",
+        "--targets: say what is to be judged: --targets FILE, --rssi FILE or --leave-one-out",
+    );
     refused(
         "ble rooms --fingerprints one.csv --leave-one-out",
         "one.csv:1: its points are all in one room: there is nothing to tell apart",
@@ -75,6 +78,39 @@ fn an_error_is_one_line() {
         "ble rooms --fingerprints f.csv --targets none.csv",
         "none.csv:1: point \"p\" has no room: column room is needed",
     );
+}
+
+#[test]
+fn a_walk_has_a_room_each_minute() {
+    // Two minutes at point a in the hall, then a minute and a second at point f in the attic; four adverts a second.
+    let (hall, attic) = (TWO_ROOMS[0].3, TWO_ROOMS[5].3);
+    let mut walk = String::from("epoch,t_s,beacon,rssi_dbm,tag\n");
+    for quarter in 0..=4 * 181 {
+        let levels = if quarter < 4 * 120 { hall } else { attic };
+        for (beacon, level) in (1..).zip(levels) {
+            walk += &format!("{quarter},{},{beacon},{level},t\n", 100.0 + 0.25 * f64::from(quarter));
+        }
+    }
+    let folder =
+        Folder::with(&[("f.csv", &survey()), ("rssi.csv", &walk), ("short.csv", "epoch,beacon,rssi_dbm\n0,1,-50\n")]);
+    let run = folder.run("ble rooms --fingerprints f.csv --rssi rssi.csv").ok();
+    assert_eq!(run.column("t_s"), ["100.000", "160.000", "220.000", "280.000"]);
+    assert_eq!(run.column("room"), ["hall", "hall", "attic", "attic"]);
+    assert_eq!(run.column("answer"), ["hall", "hall", "attic", "attic"]);
+    assert_eq!((run.column("share")[2], run.column("windows")[3], run.column("tag")[0]), ("1.000", "1", "t"));
+
+    // By the model of that survey, in intervals of 90 s: the second one has 30 of 90 windows in the hall.
+    folder.run("ble rooms --fingerprints f.csv --out rooms.model").ok();
+    let json = folder.run("ble rooms --model rooms.model --rssi rssi.csv --every-s 90 --json").ok().object();
+    let second = &json["intervals"][1];
+    assert_eq!(
+        (&second["room"], &second["share"], &second["t_s"]),
+        (&"attic".into(), &0.666_667.into(), &190.0.into())
+    );
+
+    let refused = folder.run("ble rooms --model rooms.model --rssi short.csv");
+    let said = "short.csv: it lasts less than a window of 1 s: has it the column t_s?";
+    assert_eq!((refused.code, refused.stderr.trim_end()), (Some(2), said));
 }
 
 #[test]

@@ -39,6 +39,7 @@ fn json_has_the_keys_of_the_contract_and_nothing_else_is_printed() {
         "frames_lost",
         "collisions",
         "airtime_share",
+        "airtime_share_max",
         "tag_mean_current_ma",
         "charge_per_fix_uc",
     ];
@@ -108,13 +109,17 @@ fn equal_arguments_print_equal_bytes_and_another_seed_others() {
     };
     let first = bytes(1);
     assert!(first == bytes(1));
-    assert!(first.0 != bytes(2).0);
+    let printed = |seed: u8| folder().run(&format!("simulate --scenario hall.toml --seed {seed}")).ok().stdout;
+    assert!(first.2 != bytes(2).2 && printed(1) == printed(1) && printed(1) != printed(2));
 }
 
 #[test]
 fn solve_reads_what_was_simulated_and_finds_what_the_tag_found() {
     let folder = folder();
-    let simulated = folder.run("simulate --scenario hall.toml --method nls --out out").ok();
+    let simulated = folder.run("simulate --scenario hall.toml --method nls").ok();
+    let run = folder.run("simulate --scenario hall.toml --method nls --out out").ok();
+    assert_eq!(run.stdout, "", "the positions are in the folder");
+    assert_eq!(folder.read("out/positions.csv"), simulated.stdout.as_bytes());
     let files = "--anchors out/anchors.csv --ranges out/ranges.csv --truth out/truth.csv";
     let solved = folder.run(&format!("solve {files} --dims 2 --height-m 1.2 --method nls")).ok();
     // The tag solves the same ranges with the same code, and this method does not use weights. The files have four
@@ -195,9 +200,10 @@ fn what_is_wrong_is_told_in_one_line_and_nothing_is_written() {
     folder.write("loss.toml", b"seconds = 1\nloss = 3\n");
     folder.write("file", b"");
     let cases = [
-        ("--scenario loss.toml", "loss.toml:2: 3 is not a probability from 0 to 1\n"),
+        ("--scenario loss.toml", "loss.toml:2: loss is 3: it must be a probability from 0 to 1\n"),
         ("--scenario none.toml", "none.toml: cannot open it"),
         ("--loss 2", "invalid value '2' for '--loss <P>'"),
+        ("--seconds -1", "invalid value '-1' for '--seconds <S>': \"-1\" is not a number from 0.001 to "),
         ("--tags 0", "invalid value '0' for '--tags <N>'"),
         ("--scenario hall.toml --tags 2", "the argument '--scenario <FILE>' cannot be used with"),
         ("--dims 3 --height-m 1", "--height-m: only with --dims 2\n"),
@@ -261,7 +267,11 @@ fn tags_with_a_classifier_read_impulse_responses_and_the_recording_trains_others
     assert!((found / simulated["rmse_m"].as_f64().unwrap() - 1.0).abs() < 0.1, "{found} against {simulated}");
     let run = folder.run(&format!("{track} --model own.model"));
     assert_eq!(run.code, Some(2));
-    assert!(run.stderr.starts_with("own.model: it has several classifiers, name one of logistic ("), "{}", run.stderr);
+    assert!(
+        run.stderr.starts_with("own.model: it has several classifiers, name one of logistic:1 ("),
+        "{}",
+        run.stderr
+    );
 }
 
 #[test]
@@ -272,4 +282,63 @@ fn files_that_are_no_classifiers_are_refused() {
     let run = folder.run("simulate --model nlos.model --classifier logistic");
     assert_eq!(run.stderr, "nlos.model: it has no classifier logistic; it has skewness (skewness_near)\n");
     assert_eq!(folder.run("simulate --classifier skewness").code, Some(2));
+}
+
+#[test]
+fn airtime_is_the_share_of_each_networks_air() {
+    // Three rooms of twenty tags, each with a network of its own, and each network nearly full.
+    let run = folder().run("simulate --fidelity air --tags 60 --anchors 12 --seconds 3 --json").ok();
+    let json = run.object();
+    let (mean, max) = (json["airtime_share"].as_f64().unwrap(), json["airtime_share_max"].as_f64().unwrap());
+    assert!(0.1 < mean && mean <= max && max < 1.0, "{mean} {max}");
+    // One network alone has the air of one of them, and its mean is its maximum.
+    let json = folder().run("simulate --fidelity air --tags 20 --anchors 4 --seconds 3 --json").ok().object();
+    assert_eq!(json["airtime_share"], json["airtime_share_max"]);
+    assert!((json["airtime_share"].as_f64().unwrap() / mean - 1.0).abs() < 0.2, "{json} {mean}");
+}
+
+#[test]
+fn the_modes_of_the_help_are_those_of_the_documents() {
+    let help = folder().run("simulate --help").ok().stdout;
+    assert!(help.contains("- tdoa:") && help.contains("called listening"), "{help}");
+    let run =
+        |mode: &str| folder().run(&format!("simulate --mode {mode} --tags 1 --fidelity air --seconds 1")).ok().stdout;
+    assert_eq!(run("tdoa"), run("listening"));
+}
+
+#[test]
+fn walls_are_in_the_recording_and_in_its_pictures() {
+    let folder = walled();
+    folder.run("simulate --scenario hall.toml --seconds 1 --out run").ok();
+    let walls = String::from_utf8(folder.read("run/walls.csv")).unwrap();
+    assert_eq!(walls, "x1_m,y1_m,x2_m,y2_m\n4.5000,3.0000,4.5000,5.0000\n");
+    folder.run("plot run --out with.svg").ok();
+    std::fs::remove_file(folder.path("run/walls.csv")).unwrap();
+    folder.run("plot run --out without.svg").ok();
+    let lines = |name: &str| String::from_utf8(folder.read(name)).unwrap().matches("<polyline").count();
+    assert!(lines("with.svg") > lines("without.svg"), "{} {}", lines("with.svg"), lines("without.svg"));
+    // A run without walls leaves none of an earlier one.
+    folder.run("simulate --scenario hall.toml --seconds 1 --out run --force").ok();
+    folder.write("none.toml", SCENARIO.as_bytes());
+    folder.run("simulate --scenario none.toml --seconds 1 --out run --force").ok();
+    assert!(!folder.path("run/walls.csv").exists());
+}
+
+#[test]
+fn tags_that_a_full_network_refuses_are_counted() {
+    // A network has 24 places; 30 tags want one.
+    let tags: String = (0..30).map(|n| format!("[[tag]]\npath = [[{}, 2, 1.2]]\n", 0.1 * f64::from(n))).collect();
+    let anchors = "[[anchor]]\nat = [0, 0, 2]\n[[anchor]]\nat = [6, 0, 2]\n[[anchor]]\nat = [3, 5, 2]\n";
+    let text = format!("seconds = 4\nheight_m = 1.2\nfidelity = \"air\"\n{anchors}{tags}");
+    let folder = Folder::with(&[("crowd.toml", &text)]);
+    let run = folder.run("simulate --scenario crowd.toml --out run").ok();
+    let refused = "warning: 6 of the tags had no place, for the reason network-full: a network has 24 places; ";
+    assert!(run.stderr.contains(refused), "{}", run.stderr);
+    // One of them: its own telemetry counts it.
+    let full = (0x1001..=0x101E).filter(|address: &u16| {
+        let file = if *address == 0x1001 { "telemetry.bin".into() } else { format!("telemetry-0x{address:04X}.bin") };
+        let run = folder.run(&format!("decode run/{file} --json")).ok().object();
+        run["network_full"].as_u64().unwrap() > 0 && run["positions"] == 0
+    });
+    assert_eq!(full.count(), 6);
 }

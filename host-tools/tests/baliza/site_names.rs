@@ -145,7 +145,7 @@ fn a_recording_has_names_and_places_of_its_site_but_no_keys() {
     );
     assert!(!copy.contains(KEY) && !copy.contains("key =") && !copy.contains("pan"), "{copy}");
     // The folder names its nodes.
-    for command in ["monitor --file walk", "decode walk", "record --finish walk"] {
+    for command in ["monitor --file walk", "decode walk", "replay walk --speed 1000000", "record --finish walk"] {
         let run = folder.run(command).ok();
         assert!((run.stdout + &run.stderr).contains("tag trolley (0x0201)"), "{command}");
     }

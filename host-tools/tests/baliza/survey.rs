@@ -70,3 +70,15 @@ fn an_error_is_reported_before_anything_is_written() {
     refused(&format!("{begin} --points points.csv --out other.csv"), "other.csv:1: no column point in the header");
     assert_eq!(folder.names(), ["other.csv", "points.csv", "telemetry.bin"]);
 }
+
+#[test]
+fn a_source_that_is_not_there_is_said_before_a_point_is_asked_for() {
+    let folder = Folder::with(&[]);
+    let run = folder.run("survey fingerprints --serial /dev/nosuch --out f.csv");
+    assert_eq!(run.code, Some(2), "{run:?}");
+    assert!(run.stderr.starts_with("--serial: no port /dev/nosuch: plug in the board"), "{run:?}");
+    // This probe is not connected, whatever else is.
+    let run = folder.run("survey fingerprints --probe ffff:ffff:nobody --out f.csv");
+    assert!(run.code != Some(0) && !run.stderr.contains("which point"), "{run:?}");
+    assert!(folder.names().is_empty(), "{:?}", folder.names());
+}

@@ -73,7 +73,13 @@ impl Scenario {
             let share = |all: usize| all * (room + 1) / rooms - all * room / rooms;
             for place in perimeter(corner, share(anchors)) {
                 let address = scenario.anchors.len() as u16 + 1;
-                scenario.anchors.push(Anchor { address, network: room, at: place, board: None });
+                scenario.anchors.push(Anchor {
+                    address,
+                    network: room,
+                    at: place,
+                    board: None,
+                    antenna_delay_ticks: None,
+                });
             }
             for number in 0..share(tags) {
                 let address = scenario.tags.len() as u16 + 0x1001;
@@ -82,6 +88,7 @@ impl Scenario {
                     network: room,
                     walk: walk(corner, number),
                     board: None,
+                    antenna_delay_ticks: None,
                     motion: Motion::default(),
                 });
             }

@@ -50,7 +50,7 @@ impl Hardware {
         world: &World,
         level: Fidelity,
         board: BoardProfile,
-        path: Path,
+        (path, antenna_delay_ticks): (Path, Option<f64>),
         firmware: impl Firmware,
     ) -> Self {
         let node = firmware.plan();
@@ -62,7 +62,10 @@ impl Hardware {
         let board = BoardProfile { sleep_from, wake_instructions: board.wake_instructions + costs.wake, ..board };
         match level {
             Fidelity::Spi => {
-                let chip = ChipConfig { clock: node.clock, ..ChipConfig::default() };
+                let usual = ChipConfig::default();
+                let [tx_antenna_ticks, rx_antenna_ticks] =
+                    [usual.tx_antenna_ticks, usual.rx_antenna_ticks].map(|ticks| antenna_delay_ticks.unwrap_or(ticks));
+                let chip = ChipConfig { clock: node.clock, tx_antenna_ticks, rx_antenna_ticks, ..usual };
                 let started = world.add_node(NodeConfig { path, chip, board });
                 let config = node.config;
                 started.boot(move |peripherals| {

@@ -6,6 +6,7 @@
 //! with equal seeds yield equal records.
 
 mod air;
+mod airtime;
 mod beacon;
 mod carrying;
 mod config;
@@ -154,6 +155,9 @@ pub struct Anchor {
     pub at: [f64; 3],
     /// Its board, if it is not the default board.
     pub board: Option<BoardProfile>,
+    /// The true delay between its chip and its antenna, ticks in each direction, which its record does not have; if it
+    /// is not the default. [`Fidelity::Air`] has none.
+    pub antenna_delay_ticks: Option<f64>,
 }
 
 /// A tag.
@@ -167,6 +171,8 @@ pub struct Tag {
     pub walk: Walk,
     /// Its board, if it is not the default board.
     pub board: Option<BoardProfile>,
+    /// The true antenna delay, as [`Anchor::antenna_delay_ticks`].
+    pub antenna_delay_ticks: Option<f64>,
     /// What its motion sensor measures, besides the motion along its path.
     pub motion: Motion,
 }

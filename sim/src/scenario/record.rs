@@ -144,8 +144,10 @@ pub struct Summary {
     pub frames_lost: u64,
     /// Frames that another frame destroyed at one receiver or more.
     pub collisions: u64,
-    /// The time that frames were on the air, summed over all channels, divided by the time passed.
+    /// The share of the time at which a frame of a network was on the air: the mean over networks.
     pub airtime_share: f64,
+    /// The same of the busiest network.
+    pub airtime_share_max: f64,
     /// Mean current of a tag from its supply, board and DW1000 together, milliamperes. It counts from the tag's first
     /// position on, or from the beginning if the tag found no position. `None` for radios directly on the air.
     pub tag_mean_current_ma: Option<f64>,
@@ -220,8 +222,14 @@ impl BluetoothSummary {
 }
 
 impl Summary {
-    /// Makes the figures from the errors of all positions, in any order.
-    pub(super) fn new(nodes: [usize; 2], seconds: f64, errors_m: Vec<f64>, air: AirStatistics) -> Self {
+    /// Makes the figures from the errors of all positions, in any order, and from the airtime shares of all networks.
+    pub(super) fn new(
+        nodes: [usize; 2],
+        seconds: f64,
+        errors_m: Vec<f64>,
+        air: AirStatistics,
+        airtime_shares: &[f64],
+    ) -> Self {
         let Cover { fixes, rmse_m, p50_m, p90_m } = Cover::of(errors_m);
         let per_second = if seconds > 0.0 { 1.0 / seconds } else { 0.0 };
         Self {
@@ -236,7 +244,8 @@ impl Summary {
             frames_sent: air.frames_sent,
             frames_lost: air.lost_by_chance + air.lost_to_noise + air.lost_to_collision,
             collisions: air.frames_collided,
-            airtime_share: air.airtime_s * per_second,
+            airtime_share: airtime_shares.iter().sum::<f64>() / airtime_shares.len().max(1) as f64,
+            airtime_share_max: airtime_shares.iter().copied().fold(0.0, f64::max),
             tag_mean_current_ma: None,
             charge_per_fix_uc: None,
             tag_currents_ma: None,
@@ -277,20 +286,20 @@ mod tests {
             lost_to_noise: 2,
             lost_to_collision: 3,
             frames_collided: 2,
-            airtime_s: 0.5,
             ..Default::default()
         };
-        let summary = Summary::new([1, 4], 2.0, vec![4.0, 1.0, 2.0, 2.0], air);
+        let summary = Summary::new([1, 4], 2.0, vec![4.0, 1.0, 2.0, 2.0], air, &[0.5, 0.0]);
         // √((1 + 4 + 4 + 16) / 4) = 2.5; the middle of 2 and 2; 0.9·3 = 2.7: 0.7 of the way from 2 to 4.
         assert_eq!((summary.rmse_m, summary.p50_m), (Some(2.5), Some(2.0)));
         assert!((summary.p90_m.unwrap() - 3.4).abs() < 1e-12);
-        assert_eq!((summary.fixes, summary.fixes_per_s, summary.airtime_share), (4, 2.0, 0.25));
+        assert_eq!((summary.fixes, summary.fixes_per_s), (4, 2.0));
+        assert_eq!((summary.airtime_share, summary.airtime_share_max), (0.25, 0.5));
         assert_eq!((summary.frames_sent, summary.frames_lost, summary.collisions), (7, 6, 2));
     }
 
     #[test]
     fn charge_is_shared_among_tags_and_positions() {
-        let summary = Summary::new([2, 4], 5.0, vec![0.1; 4], AirStatistics::default());
+        let summary = Summary::new([2, 4], 5.0, vec![0.1; 4], AirStatistics::default(), &[]);
         // 20 mC by two tags in five seconds: 2 mA each. Four positions: 5 mC each.
         let charges = Charges { receiving: 15_000.0, processor: 5_000.0, ..Charges::default() };
         let charged = summary.clone().with_charge(Some(Drawn { charges, seconds: 10.0, fixes: 4 }));
@@ -312,7 +321,7 @@ mod tests {
 
     #[test]
     fn no_position_has_no_error() {
-        let summary = Summary::new([1, 4], 1.0, Vec::new(), AirStatistics::default());
+        let summary = Summary::new([1, 4], 1.0, Vec::new(), AirStatistics::default(), &[]);
         assert_eq!((summary.rmse_m, summary.p50_m, summary.p90_m), (None, None, None));
     }
 }

@@ -4,6 +4,7 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
 use std::rc::Rc;
 
+use super::airtime::Airtime;
 use super::beacon::BeaconNode;
 use super::carrying::Feeling;
 use super::draw::{Draw, Drawn};
@@ -35,6 +36,7 @@ pub struct Simulation {
     /// The sensors of the tags that have one.
     sensors: Rc<HashMap<u16, Sensor>>,
     bluetooth: Option<Bluetooth>,
+    airtime: Airtime,
     /// For each tag, soon after its first position: the charge drawn and the number of positions.
     settled: HashMap<u16, (Draw, usize)>,
 }
@@ -60,7 +62,13 @@ impl Simulation {
         for anchor in &scenario.anchors {
             let app = AnchorApp::new(&world, &scenario, anchor, outlet(anchor.address));
             let board = anchor.board.unwrap_or(scenario.board);
-            let hardware = Hardware::start(&world, scenario.fidelity, board, Path::Fixed(anchor.at), app);
+            let hardware = Hardware::start(
+                &world,
+                scenario.fidelity,
+                board,
+                (Path::Fixed(anchor.at), anchor.antenna_delay_ticks),
+                app,
+            );
             nodes.insert(anchor.address, hardware);
         }
         let mut sensors = HashMap::new();
@@ -75,13 +83,18 @@ impl Simulation {
             let sensor = sensor(&world, tag, &board);
             sensors.extend(sensor.clone().map(|sensor| (tag.address, sensor)));
             let app = TagApp::new(&world, &scenario, tag, outlet(tag.address), (ears, sensor));
-            let hardware = Hardware::start(&world, scenario.fidelity, board, path, app);
+            let hardware = Hardware::start(&world, scenario.fidelity, board, (path, tag.antenna_delay_ticks), app);
             if tag.is_worn() {
                 world.air().wear(hardware.port());
             }
             nodes.insert(tag.address, hardware);
         }
         let addresses = nodes.iter().map(|(&address, node)| (node.port(), address)).collect();
+        let of_anchors = scenario.anchors.iter().map(|anchor| (anchor.address, anchor.network));
+        let members = of_anchors.chain(scenario.tags.iter().map(|tag| (tag.address, tag.network)));
+        let port = |address: u16| nodes.get(&address).map(Hardware::port);
+        let airtime =
+            Airtime::of(&world, members.filter_map(|(address, network)| Some((port(address)?, network))).collect());
         let (nodes, sensors, beacons, outlets) = (Rc::new(nodes), Rc::new(sensors), Rc::new(beacons), Rc::new(outlets));
         for &fault in &scenario.faults {
             let (nodes, beacons, outlets) = (nodes.clone(), beacons.clone(), outlets.clone());
@@ -106,7 +119,7 @@ impl Simulation {
                 }
             });
         }
-        Self { world, scenario, log, outlets, addresses, nodes, sensors, bluetooth, settled: HashMap::new() }
+        Self { world, scenario, log, outlets, addresses, nodes, sensors, bluetooth, airtime, settled: HashMap::new() }
     }
 
     /// The scenario.
@@ -190,7 +203,13 @@ impl Simulation {
         let errors_m = log.errors_m.iter().map(|(_, error_m)| *error_m).collect();
         let of_beacons =
             |air: &Bluetooth| BluetoothSummary::new(self.scenario.beacons.len(), &log.errors_m, air.statistics());
-        let summary = Summary::new(nodes, self.now_s(), errors_m, self.world.statistics());
+        let summary = Summary::new(
+            nodes,
+            self.now_s(),
+            errors_m,
+            self.world.statistics(),
+            &self.airtime.shares(self.world.now()),
+        );
         let summary = summary.with_charge(self.drawn());
         Summary { bluetooth: self.bluetooth.as_ref().map(of_beacons), ..summary }
     }

@@ -1,10 +1,9 @@
 //! `baliza ble map`: makes an RSSI map for nodes.
 
-use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::Result;
-use baliza_report::Statistics;
+use baliza_report::{MarkdownTable, Statistics};
 use host_tools::UserError;
 use host_tools::files::beacons::read_stays;
 use host_tools::files::output;
@@ -132,19 +131,29 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 impl Summary {
     fn text(&self, arguments: &Arguments) -> String {
-        let mut text = format!("map: {}, {} points, {} bytes\n", arguments.out.display(), self.points, self.bytes);
-        if let Some(step_m) = self.step_m {
-            let _ = writeln!(text, "a lattice of {step_m} m over {} surveyed points", self.survey_points);
-        }
-        let _ = writeln!(text, "beacons in their order: {}", self.beacons.join(", "));
-        if let Some((mae_m, rmse_m)) = self.mae_m.zip(self.rmse_m) {
-            let which = match arguments.survey_points {
-                Some(_) => "the other points",
-                None if self.found_points <= MOST_FOLDS => "each point, by the others",
-                None => "each block of points, by the others",
-            };
-            let _ = writeln!(text, "{which}: {} found, MAE {mae_m:.2} m, RMSE {rmse_m:.2} m", self.found_points);
-        }
-        text
+        let which = match arguments.survey_points {
+            Some(_) => "the other points",
+            None if self.found_points <= MOST_FOLDS => "each, by the others",
+            None => "each block, by the others",
+        };
+        let metres = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |metres| format!("{metres:.2}"));
+        let step_m = self.step_m.map_or_else(|| "-".to_owned(), |step_m| format!("{step_m:.3}"));
+        let mut table = MarkdownTable::new([
+            "surveyed:",
+            "points of the map:",
+            "step, m:",
+            "bytes:",
+            "found",
+            "points:",
+            "MAE, m:",
+            "RMSE, m:",
+        ]);
+        let (found, mae_m, rmse_m) = (self.found_points, metres(self.mae_m), metres(self.rmse_m));
+        table.row(format_args!(
+            "{} | {} | {step_m} | {} | {which} | {found} | {mae_m} | {rmse_m}",
+            self.survey_points, self.points, self.bytes
+        ));
+        let beacons = self.beacons.join(", ");
+        format!("{}map: {}, with the beacons {beacons}\n", table.into_columns(), arguments.out.display())
     }
 }

@@ -1,8 +1,10 @@
-//! `baliza ble rooms`: finds the room of each dwell.
+//! `baliza ble rooms`: finds the room of each dwell, or the rooms of a walk.
+
+mod walk;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use baliza_report::MarkdownTable;
 use clap::ValueEnum;
 use host_tools::files::beacons::read_stays;
@@ -14,25 +16,33 @@ use positioning_core::ble::rooms::Model;
 use crate::cli::progress::Progress;
 use crate::cli::{self, PictureFile};
 
-/// Find the room of each dwell, by classifiers trained on fingerprints
+/// Find the room of each dwell, or the rooms of a walk, by classifiers trained on fingerprints
 ///
 /// A dwell is classified by its mean RSSI values, by each of its windows, and by what the tag answers from the windows:
-/// a room, or between two rooms.
+/// a room, or between two rooms. Of a walk (--rssi), each minute (--every-s) has a row of CSV: the most frequent room of
+/// its windows, and what the tag answers at its end.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza ble rooms --fingerprints fingerprints.csv --targets targets.csv\n  \
                         baliza ble rooms --fingerprints fingerprints.csv --leave-one-out --plot rooms.svg\n  \
                         baliza ble rooms --fingerprints fingerprints.csv --out rooms.model\n  \
-                        baliza ble rooms --model rooms.model --targets targets.csv")]
+                        baliza ble rooms --model rooms.model --targets targets.csv\n  \
+                        baliza ble rooms --model rooms.model --rssi run/rssi.csv")]
 pub struct Arguments {
     /// Fingerprints: CSV with point,room,x_m,y_m,beacon,rssi_dbm,t_s
     #[arg(long, value_name = "FILE", required_unless_present = "model")]
     fingerprints: Option<PathBuf>,
     /// A model that --out has written, instead of fingerprints
-    #[arg(long, value_name = "FILE", requires = "targets", conflicts_with_all = ["fingerprints", "leave_one_out", "method", "out"])]
+    #[arg(long, value_name = "FILE", requires = "what", conflicts_with_all = ["fingerprints", "leave_one_out", "method", "out"])]
     model: Option<PathBuf>,
     /// Dwells to be classified: CSV with the same columns
-    #[arg(long, value_name = "FILE", conflicts_with = "leave_one_out")]
+    #[arg(long, value_name = "FILE", group = "what", conflicts_with = "leave_one_out")]
     targets: Option<PathBuf>,
+    /// A walk, whose rooms are to be found: CSV with epoch,t_s,beacon,rssi_dbm and, where there are several, tag
+    #[arg(long, value_name = "FILE", group = "what", conflicts_with_all = ["leave_one_out", "plot"])]
+    rssi: Option<PathBuf>,
+    /// The interval of a row of a walk, seconds
+    #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = positive, requires = "rssi")]
+    every_s: f64,
     /// Classify each fingerprint by all the others
     #[arg(long)]
     leave_one_out: bool,
@@ -50,7 +60,8 @@ pub struct Arguments {
     plot: Option<PathBuf>,
     /// Print JSON: results has one object, with method, accuracy, points, rooms, confusion_matrix (a row a true room, a
     /// column a room answered, the last none), window_s, window_accuracy, windows, window_changes, settled (right,
-    /// wrong, between, changes); in methods the same of all
+    /// wrong, between, changes); in methods the same of all. With --rssi, an object a tag, with method, window_s,
+    /// every_s, intervals (t_s, windows, classified, room, share, answer, between)
     #[arg(long)]
     json: bool,
 }
@@ -140,8 +151,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(file) = &arguments.out {
         output::check("--out", file)?;
     }
+    if let Some(rssi) = &arguments.rssi {
+        return walk::run(arguments, rssi);
+    }
     if arguments.targets.is_none() && !arguments.leave_one_out && arguments.out.is_none() {
-        return Err(UserError::flag("--targets", "say what is to be judged: --targets FILE or --leave-one-out").into());
+        return Err(UserError::flag(
+            "--targets",
+            "say what is to be judged: --targets FILE, --rssi FILE or --leave-one-out",
+        )
+        .into());
     }
     let (scores, names) = match (&arguments.fingerprints, &arguments.model, &arguments.targets) {
         (Some(file), _, _) => arguments.learn(file)?,
@@ -161,14 +179,19 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// The scores of a model that was trained before, and the rooms' names.
-fn by_model(file: &Path, targets: &Path, window_s: f64) -> Result<(Vec<Score>, Vec<String>)> {
+/// A model that was trained before, with the names of its beacons and rooms.
+fn read_model(file: &Path) -> Result<(Method, Trained, Names)> {
     let ModelFile { model: bytes, names } =
         ModelFile::parse(&super::read_bytes(file)?).map_err(|what| UserError::file(file, what))?;
     let (model, _) = Model::decode(&bytes).map_err(|fault| UserError::file(file, fault.to_string()))?;
     let method = Method::from(&model.kind);
+    Ok((method, Trained { bytes, rooms: (0..names.rooms.len()).collect() }, names))
+}
+
+/// The scores of a model that was trained before, and the rooms' names.
+fn by_model(file: &Path, targets: &Path, window_s: f64) -> Result<(Vec<Score>, Vec<String>)> {
+    let (method, trained, names) = read_model(file)?;
     let targets = Survey::of_names(&names).targets(targets, &read_stays(targets)?, window_s)?;
-    let trained = Trained { bytes, rooms: (0..names.rooms.len()).collect() };
     let progress = Progress::new(targets.points.len());
     let score = rooms::evaluate(method, &trained, &targets, window_s, || progress.step())?;
     Ok((vec![score], targets.rooms))
@@ -200,10 +223,7 @@ impl Arguments {
     /// Writes the model of all fingerprints, if it is asked for.
     fn write(&self, method: Method, survey: &Survey) -> Result<()> {
         let Some(file) = &self.out else { return Ok(()) };
-        let chosen: Vec<&Point> = survey.points.iter().collect();
-        let Some(trained) = rooms::train(method, survey, &chosen)? else { return Ok(()) };
-        let rooms = trained.rooms.iter().map(|room| survey.rooms[*room].clone()).collect();
-        let names = Names { beacons: survey.beacons.clone(), rooms };
+        let (trained, names) = model_of(method, survey)?;
         cli::note(&format!(
             "model: {}, {} bytes on a node; beacons {}; rooms {}\n",
             file.display(),
@@ -213,6 +233,14 @@ impl Arguments {
         ));
         cli::write(file, &ModelFile { model: trained.bytes, names }.bytes()?)
     }
+}
+
+/// The model of all fingerprints, and the names of its beacons and rooms.
+fn model_of(method: Method, survey: &Survey) -> Result<(Trained, Names)> {
+    let chosen: Vec<&Point> = survey.points.iter().collect();
+    let trained = rooms::train(method, survey, &chosen)?.context("the fingerprints are of one room")?;
+    let rooms = trained.rooms.iter().map(|room| survey.rooms[*room].clone()).collect();
+    Ok((trained, Names { beacons: survey.beacons.clone(), rooms }))
 }
 
 /// The scores of all methods, and the confusion matrix of the first method.

@@ -67,8 +67,11 @@ struct Row {
 /// Flags or a file are wrong, the source fails, or the output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let places = arguments.points.as_deref().map(read_points).transpose()?;
-    let mut book = FingerprintFile::open("--out", &arguments.out)?;
     let input = arguments.source.input()?;
+    if input.is_none() {
+        arguments.source.look()?;
+    }
+    let mut book = FingerprintFile::open("--out", &arguments.out)?;
     if input.is_some() && arguments.source.seconds.is_some() {
         return Err(UserError::flag("--seconds", "only with a live node").into());
     }

@@ -15,7 +15,7 @@ pub use summary::Summary;
 pub(crate) use summary::no_telemetry;
 pub use timeline::{Stamp, Timeline};
 
-use wire::telemetry::{Decoder, Hello, Message, Table};
+use wire::telemetry::{Condition, Decoder, Hello, Message, State, Table};
 
 /// A telemetry stream that is being read. All commands use this decoder.
 #[derive(Clone, Debug, Default)]
@@ -32,6 +32,7 @@ struct Seen {
     /// The number of messages of each kind, in the order of [`Message::KINDS`].
     kinds: [u64; Message::KINDS.len()],
     positions: u64,
+    network_full: u64,
     telemetry_dropped: Option<u32>,
     node: Option<Hello>,
     first_t_s: Option<f64>,
@@ -88,6 +89,9 @@ impl Seen {
         }
         if let Message::Fix(fix) = message {
             self.positions += u64::from(fix.reason().is_none());
+        }
+        if let Message::State(State { is: Condition::NetworkFull, .. }) = message {
+            self.network_full += 1;
         }
         if let Message::Counters(counters) = message {
             self.telemetry_dropped = Some(counters.telemetry_dropped);

@@ -19,6 +19,8 @@ pub struct Summary {
     pub frames: Frames,
     /// Fixes with a position.
     pub positions: u64,
+    /// How many times a full network refused the node.
+    pub network_full: u64,
     /// Incomplete or damaged frames, by the kind of error.
     pub malformed: Malformed,
     /// Complete frames that this build cannot decode.
@@ -98,6 +100,7 @@ impl Summary {
             bytes: seen.bytes,
             frames: Frames { total: counts.frames, kinds: seen.kinds },
             positions: seen.positions,
+            network_full: seen.network_full,
             malformed: Malformed {
                 total: counts.malformed(),
                 too_long: counts.too_long,
@@ -165,6 +168,7 @@ impl Summary {
                 let _ = writeln!(text, "{count} {what}");
             }
         };
+        line(self.network_full, "times refused, the network being full: it has 24 places");
         line(self.newer.schema, "frames of another schema: the node's build is another than this program's");
         line(self.newer.unknown, "frames with a message that this program does not know: the node's build is newer");
         line(self.torn_at_start, "frame torn at the start: the stream begins in its middle");

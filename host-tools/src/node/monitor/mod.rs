@@ -26,7 +26,7 @@ pub use listen::{Limits, Listener, listen};
 pub use log::LogLine;
 pub use probed::{Attach, Probed};
 pub use rtt::{Memory, Polled, Rings, find};
-pub use serial::{Open, Port, Serial};
+pub use serial::{Open, Port, Serial, no_port, ports};
 pub use session::{Counts, Item, NodeOutput, Reload, Session};
 pub use show::{Lines, summary};
 pub use source::{Channel, Event, Pace, Source};

@@ -43,18 +43,24 @@ impl Open for Port {
     }
 }
 
+/// The serial ports of this computer, as `--serial` names them.
+pub fn ports() -> Vec<String> {
+    let mut ports: Vec<_> = serialport::available_ports().unwrap_or_default();
+    ports.sort_by(|a, b| a.port_name.cmp(&b.port_name));
+    ports.into_iter().map(|port| port.port_name).collect()
+}
+
+/// The error of a port that does not exist.
+pub fn no_port(name: &str) -> UserError {
+    let others = ports();
+    let there = if others.is_empty() { "there is none".into() } else { format!("there are {}", others.join(", ")) };
+    UserError::flag("--serial", format!("no port {name}: plug in the board with a cable for data; {there}"))
+}
+
 fn refused(name: &str, error: serialport::Error) -> anyhow::Error {
     use serialport::ErrorKind as Kind;
     match error.kind() {
-        Kind::NoDevice | Kind::Io(ErrorKind::NotFound) if std::fs::metadata(name).is_err() => {
-            let mut others: Vec<_> = serialport::available_ports().unwrap_or_default();
-            others.sort_by(|a, b| a.port_name.cmp(&b.port_name));
-            let others: Vec<_> = others.into_iter().map(|port| port.port_name).collect();
-            let there =
-                if others.is_empty() { "there is none".into() } else { format!("there are {}", others.join(", ")) };
-            UserError::flag("--serial", format!("no port {name}: plug in the board with a cable for data; {there}"))
-                .into()
-        }
+        Kind::NoDevice | Kind::Io(ErrorKind::NotFound) if std::fs::metadata(name).is_err() => no_port(name).into(),
         Kind::Io(ErrorKind::PermissionDenied) => {
             anyhow!("no permission to open {name}: on Linux `sudo usermod -aG dialout $USER` and a new login give it")
         }

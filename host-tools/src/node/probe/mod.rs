@@ -24,7 +24,7 @@ pub struct ProbeArguments {
     #[arg(long, value_name = "NAME")]
     pub chip: Option<String>,
     /// The probe's clock, kHz [default: the probe's own choice]
-    #[arg(long, value_name = "KHZ", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long = "speed-khz", alias = "speed", value_name = "KHZ", value_parser = clap::value_parser!(u32).range(1..))]
     pub speed: Option<u32>,
 }
 

@@ -4,7 +4,6 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use baliza_report::nearest;
 use serde::Deserialize;
 use wire::config::{Anchor, Beacon, Identity, Mode, Network, Record, Role};
 use wire::telemetry::Address;
@@ -102,8 +101,7 @@ impl Site {
                 Err(UserError::flag("--node", what))
             }
             (Some(name), nodes) => nodes.iter().find(|node| node.name == name).ok_or_else(|| {
-                let near = nearest(name, &names).map_or_else(|| names.join(", "), ToOwned::to_owned);
-                UserError::flag("--node", format!("there is no node {name}; there is {near}"))
+                UserError::flag("--node", format!("there is no node {name}; there are {}", names.join(", ")))
             }),
         }
     }

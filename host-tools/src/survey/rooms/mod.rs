@@ -9,8 +9,10 @@ mod score;
 mod survey;
 mod svm;
 mod train;
+mod walk;
 
 pub use file::{ModelFile, Names};
 pub use score::{Score, Settled, evaluate, leave_one_out, score};
-pub use survey::{MeanRssi, Point, Survey};
+pub use survey::{MOST_WINDOWS, MeanRssi, Point, Survey};
 pub use train::{Method, Trained, train};
+pub use walk::{Interval, follow};

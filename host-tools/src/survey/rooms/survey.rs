@@ -14,7 +14,7 @@ use crate::survey::fingerprint::{self, Average, scan};
 /// RSSI values are averaged as in maps.
 const AVERAGE: Average = Average::Power;
 /// Largest number of windows, because a file may claim any span of time.
-const MOST_WINDOWS: f64 = 1e5;
+pub const MOST_WINDOWS: f64 = 1e5;
 
 /// A beacon at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -144,7 +144,7 @@ fn heard(samples: &[Sample], beacons: &[String]) -> Vec<Option<MeanRssi>> {
 }
 
 /// The scans of successive windows; an incomplete window at the end is dropped.
-fn windows(samples: &[Sample], beacons: &[String], window_s: f64) -> Vec<Vec<Option<f32>>> {
+pub(super) fn windows(samples: &[Sample], beacons: &[String], window_s: f64) -> Vec<Vec<Option<f32>>> {
     let times = || samples.iter().map(|sample| sample.t_s);
     let (begin, end) = (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));
     let count = ((end - begin) / window_s).clamp(0.0, MOST_WINDOWS) as usize;

@@ -112,3 +112,26 @@ fn reading_a_record_needs_a_board_that_a_probe_can_read() {
     refused(&folder.run("provision --read --board esp32c3"), "--read: a probe does not read an ESP's flash: ");
     refused(&folder.run("provision --read"), "the following required arguments were not provided: --board");
 }
+
+#[test]
+fn all_records_of_a_folder_are_of_one_file() {
+    let folder = Folder::with(&[]);
+    folder.run("provision --example --out site.toml").ok();
+    folder.run("provision --config site.toml --all --out records").ok();
+    folder.write("records/notes.bin", b"mine");
+    folder.run("provision --config site.toml --node tag-1 --out records/spare.bin").ok();
+    // Without --force, a record of a node that the file does not have is no reason to go on.
+    let site = String::from_utf8(folder.read("site.toml")).expect("text");
+    folder.write("renamed.toml", site.replace("name = \"anchor-4\"", "name = \"door\"").as_bytes());
+    let again = "provision --config renamed.toml --all --out records";
+    refused(&folder.run(again), "--out: records has anchor-1.bin already; --force replaces it");
+    folder.run(&format!("{again} --force")).ok();
+    let mut names: Vec<_> = std::fs::read_dir(folder.path("records"))
+        .expect("the folder")
+        .map(|entry| entry.expect("an entry").file_name().into_string().expect("UTF-8"))
+        .collect();
+    names.sort();
+    // Neither anchor-4 nor the spare record is left; what is no record stays.
+    let expected = ["anchor-1", "anchor-2", "anchor-3", "beacon-1", "door", "notes", "tag-1"];
+    assert_eq!(names, expected.map(|name| format!("{name}.bin")));
+}

@@ -269,7 +269,7 @@ fn one_of_several_nodes_is_named() {
     );
     refused(
         &folder.run("provision --config site.toml --node tags --out x"),
-        "--node: there is no node tags; there is tag",
+        "--node: there is no node tags; there are anchor, tag, ",
     );
     refused(&folder.run("provision --config site.toml --node tag"), "--config: say where the record goes");
     refused(&folder.run("provision --config site.toml --all"), "--all: say which folder");

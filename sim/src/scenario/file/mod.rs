@@ -20,8 +20,8 @@ use self::bluetooth::{BeaconTable, BluetoothTable, check_list};
 use self::motion::{CarrierName, SensorName};
 use self::network::NetworkTable;
 use self::values::{
-    anchors_per_round, board, clock_offset, method, not_negative, optional_board, optional_finite, optional_rate,
-    optional_slowdown, place, places, positive, probability, scheme, slowdown,
+    anchors_per_round, board, clock_offset, method, not_negative, optional_antenna_delay, optional_board,
+    optional_finite, optional_rate, optional_slowdown, place, places, positive, probability, scheme, slowdown,
 };
 use super::{AirModel, Anchor, Fault, FaultKind, Fidelity, Motion, NETWORK, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
@@ -194,6 +194,8 @@ struct AnchorTable {
     board: Option<BoardProfile>,
     #[serde(default, deserialize_with = "optional_slowdown")]
     cpu_slowdown: Option<f64>,
+    #[serde(default, deserialize_with = "optional_antenna_delay")]
+    antenna_delay_ticks: Option<f64>,
 }
 
 #[derive(Clone, Deserialize)]
@@ -219,6 +221,8 @@ struct TagTable {
     board: Option<BoardProfile>,
     #[serde(default, deserialize_with = "optional_slowdown")]
     cpu_slowdown: Option<f64>,
+    #[serde(default, deserialize_with = "optional_antenna_delay")]
+    antenna_delay_ticks: Option<f64>,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -262,10 +266,11 @@ impl File {
         let mut nodes = Nodes { networks: networks.len(), addresses: HashSet::new() };
         let mut anchors = Vec::new();
         for (address, table) in (FIRST_ANCHOR..).zip(&self.anchor) {
-            let AnchorTable { address: own, network, at, board, cpu_slowdown } = *table.get_ref();
+            let AnchorTable { address: own, network, at, board, cpu_slowdown, antenna_delay_ticks } = *table.get_ref();
             let address = own.unwrap_or(address);
             nodes.admit(address, network).map_err(|m| wrong(table, m))?;
-            anchors.push(Anchor { address, network, at, board: self.own_board(board, cpu_slowdown) });
+            let board = self.own_board(board, cpu_slowdown);
+            anchors.push(Anchor { address, network, at, board, antenna_delay_ticks });
         }
         let mut tags = Vec::new();
         for (address, table) in (FIRST_TAG..).zip(&self.tag) {
@@ -279,7 +284,8 @@ impl File {
                 vibration_mg: tag.vibration_mg,
                 sensor: tag.motion_sensor.into(),
             };
-            tags.push(Tag { address, network, walk, board: self.own_board(tag.board, tag.cpu_slowdown), motion });
+            let (board, antenna_delay_ticks) = (self.own_board(tag.board, tag.cpu_slowdown), tag.antenna_delay_ticks);
+            tags.push(Tag { address, network, walk, board, antenna_delay_ticks, motion });
         }
         let bluetooth = self.bluetooth.settings();
         let mut beacons = Vec::new();
@@ -299,7 +305,7 @@ impl File {
         for table in &self.fault {
             let FaultTable { at_s, node, what } = *table.get_ref();
             if !nodes.addresses.contains(&node) {
-                return Err(wrong(table, format!("no node has the address {node}")));
+                return Err(wrong(table, format!("node is {node}: no node has this address")));
             }
             let what = match what {
                 FaultName::Off => FaultKind::Off,
@@ -442,14 +448,20 @@ mod tests {
         let cases = [
             ("", 1, "a scenario needs at least one [[anchor]] or [[beacon]]"),
             ("seed = 1\nsecond = 3\n", 2, "unknown key second; seconds is near it"),
-            ("seconds = -1\n", 1, "-1 is not a positive number"),
-            ("\nloss = 1.5\n", 2, "1.5 is not a probability"),
-            ("method = \"guess\"\n", 1, "unknown method"),
-            ("board = \"dwm1000\"\n", 1, "dwm1001, evk1000, esp32c3, esp32c6, instant"),
-            ("cpu_slowdown = 0\n", 1, "0 is not a positive number"),
+            ("seconds = -1\n", 1, "seconds is -1: it must be a positive number"),
+            ("\nloss = 1.5\n", 2, "loss is 1.5: it must be a probability from 0 to 1"),
+            ("method = \"guess\"\n", 1, "method is \"guess\": it must be one of \"track\", \"bounding-box\", "),
+            (
+                "scheme = \"double\"\n",
+                1,
+                "scheme is \"double\": it must be one of \"single-sided\", \"double-sided\"; double-sided is near it",
+            ),
+            ("anchors_per_round = 9\n", 1, "anchors_per_round is 9: it must be from 1 to 8"),
+            ("board = \"dwm1000\"\n", 1, "board is \"dwm1000\": it must be one of \"dwm1001\", \"evk1000\", "),
+            ("cpu_slowdown = 0\n", 1, "cpu_slowdown is 0: it must be a positive number"),
             ("[[anchor]]\nat = [0, 0]\n", 2, "at is [0, 0]: it must be three numbers, [x, y, z]"),
-            ("[[anchor]]\nat = [0, 0, nan]\n", 2, "NaN is not a coordinate"),
-            ("[[anchor]]\nat = [0, 9000, 0]\n", 2, "9000 is not a coordinate"),
+            ("[[anchor]]\nat = [0, 0, nan]\n", 2, "at is [0, 0, nan]: it must be coordinates within 8388 m"),
+            ("[[anchor]]\nat = [0, 9000, 0]\n", 2, "at is [0, 9000, 0]: it must be coordinates"),
             (
                 "[[wall]]\nfrom = [0, 0]\nto = [1, 1]\nmaterial = \"paper\"\n",
                 4,
@@ -472,7 +484,7 @@ mod tests {
             ("[[anchor]]\nat = [1, 0, 2]\naddress = 1\n", 5, "two nodes have the address 0x0001"),
             ("[[tag]]\npath = [[0, 0, 0]]\naddress = 65535\n", 5, "everyone"),
             ("[[tag]]\npath = []\n", 5, "at least one point"),
-            ("[[fault]]\nat_s = 1\nnode = 77\nwhat = \"off\"\n", 5, "no node has the address 77"),
+            ("[[fault]]\nat_s = 1\nnode = 77\nwhat = \"off\"\n", 5, "node is 77: no node has this address"),
             ("[[network]]\nevk1000_mode = 9\n", 5, "1 to 8, not 9"),
             ("[[network]]\nevk1000_mode = 5\nchannel = 5\n", 5, "evk1000_mode says it all"),
             ("[[network]]\nchannel = 6\n", 5, "network.phy.channel is 6: it must be 1, 2, 3, 4, 5 or 7"),
@@ -486,7 +498,7 @@ mod tests {
             ("[[beacon]]\nat = [0, 0, 2]\nchannels = []\n", 5, "one of 37, 38, 39 at least"),
             ("[[beacon]]\nat = [0, 0, 2]\ninterval_ms = 10\n", 5, "beacon.interval_ms is 10: it must be 20 to 10240"),
             ("[[beacon]]\nat = [0, 0, 2]\naddress = 1\n", 5, "two nodes have the address 0x0001"),
-            ("[[beacon]]\nat = [0, 0, 2]\nrssi_1m_dbm = 40\n", 7, "40 is not a level"),
+            ("[[beacon]]\nat = [0, 0, 2]\nrssi_1m_dbm = 40\n", 7, "rssi_1m_dbm is 40: it must be a level"),
             (
                 "[[network]]\nmode = \"listening\"\nrounds_hz = 0.1\n",
                 5,
@@ -540,6 +552,8 @@ mod tests {
         };
         assert_eq!(mode(""), Mode::Listening { rounds_chz: 1000 });
         assert_eq!(mode("rounds_hz = 6.25\n"), Mode::Listening { rounds_chz: 625 });
+        let by_the_usual_name = Scenario::parse(&format!("{LEAST}[[network]]\nmode = \"tdoa\"\n")).unwrap();
+        assert_eq!(by_the_usual_name.networks[0].mode, Mode::Listening { rounds_chz: 1000 });
     }
 
     #[test]

@@ -31,6 +31,7 @@ enum ModeName {
     Native,
     Decaranging,
     DecarangingFast,
+    #[serde(alias = "tdoa")]
     Listening,
 }
 

@@ -1,28 +1,39 @@
 //! The values of a scenario's keys: numbers that are checked against their ranges.
 
+use std::fmt::Display;
+
 use positioning_core::Method;
 use ranging::native::Scheme;
 use serde::Deserialize;
-use serde::de::{Deserializer, Error as _};
+use serde::de::Deserializer;
 
 use crate::board::BoardProfile;
 
-/// A number for a message, without hundreds of zeros.
-fn shown(value: f64) -> String {
-    if value.abs() < 1.0e12 { value.to_string() } else { format!("{value:e}") }
+/// The name of the default method.
+const TRACK: &str = "track";
+
+/// An error that `baliza_report::explain` completes with the key and its value.
+fn must_be<E: serde::de::Error>(what: impl Display) -> E {
+    E::custom(format!("invalid value: of the key, expected {what}"))
+}
+
+/// The error of a name that is none of these, for `baliza_report::explain`.
+fn no_such<E: serde::de::Error>(name: &str, names: impl IntoIterator<Item = &'static str>) -> E {
+    let names: Vec<_> = names.into_iter().map(|name| format!("`{name}`")).collect();
+    E::custom(format!("unknown variant `{name}`, expected one of {}", names.join(", ")))
 }
 
 /// A number that passes the check. The error says what the number must be.
 fn number<'de, D: Deserializer<'de>>(from: D, what: &str, passes: impl Fn(f64) -> bool) -> Result<f64, D::Error> {
     let value = f64::deserialize(from)?;
-    if passes(value) { Ok(value) } else { Err(D::Error::custom(format!("{} is not {what}", shown(value)))) }
+    if passes(value) { Ok(value) } else { Err(must_be(what)) }
 }
 
 /// The largest number without a range of its own: seconds (eleven days), metres per second, metres, decibels.
 const MOST: f64 = 1.0e6;
 
 fn at_most<E: serde::de::Error>(value: f64, most: f64) -> Result<f64, E> {
-    if value <= most { Ok(value) } else { Err(E::custom(format!("{} is not at most {most}", shown(value)))) }
+    if value <= most { Ok(value) } else { Err(must_be(format_args!("at most {most}"))) }
 }
 
 pub(super) fn positive<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
@@ -40,10 +51,7 @@ pub(super) fn optional_slowdown<'de, D: Deserializer<'de>>(from: D) -> Result<Op
 
 pub(super) fn board<'de, D: Deserializer<'de>>(from: D) -> Result<BoardProfile, D::Error> {
     let name = String::deserialize(from)?;
-    BoardProfile::named(&name).ok_or_else(|| {
-        let names = BoardProfile::ALL.map(|board| board.name).join(", ");
-        D::Error::custom(format!("no board is called {name}: there are {names}"))
-    })
+    BoardProfile::named(&name).ok_or_else(|| no_such(&name, BoardProfile::ALL.map(|board| board.name)))
 }
 
 pub(super) fn optional_board<'de, D: Deserializer<'de>>(from: D) -> Result<Option<BoardProfile>, D::Error> {
@@ -74,24 +82,32 @@ pub(super) fn optional_rate<'de, D: Deserializer<'de>>(from: D) -> Result<Option
     number(from, "a rate from 0.01 to 1000 Hz", |x| (0.01..=1000.0).contains(&x)).map(Some)
 }
 
+pub(super) fn optional_antenna_delay<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    number(from, "from 0 to 65535 ticks", |x| (0.0..=65_535.0).contains(&x)).map(Some)
+}
+
 pub(super) fn optional_finite<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f32>, D::Error> {
     number(from, "a height within 10 km", |x| x.abs() <= 1e4).map(|x| Some(x as f32))
 }
 
 pub(super) fn anchors_per_round<'de, D: Deserializer<'de>>(from: D) -> Result<u8, D::Error> {
     let count = u8::deserialize(from)?;
-    if (1..=8).contains(&count) { Ok(count) } else { Err(D::Error::custom(format!("{count} is not 1 to 8 anchors"))) }
+    if (1..=8).contains(&count) { Ok(count) } else { Err(must_be("from 1 to 8")) }
 }
 
 pub(super) fn scheme<'de, D: Deserializer<'de>>(from: D) -> Result<Scheme, D::Error> {
     let name = String::deserialize(from)?;
     let scheme = wire::config::Scheme::from_name(&name);
-    scheme.map(Scheme::from).ok_or_else(|| D::Error::custom("scheme is \"single-sided\" or \"double-sided\""))
+    scheme.map(Scheme::from).ok_or_else(|| no_such(&name, wire::config::Scheme::ALL.map(wire::config::Scheme::name)))
 }
 
 pub(super) fn method<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Method>, D::Error> {
     let name = String::deserialize(from)?;
-    if name == "track" { Ok(None) } else { name.parse().map(Some).map_err(D::Error::custom) }
+    if name == TRACK {
+        return Ok(None);
+    }
+    let methods = Method::ALL.iter().map(|method| method.as_str());
+    name.parse().map(Some).map_err(|_| no_such(&name, std::iter::once(TRACK).chain(methods)))
 }
 
 pub(super) fn place<'de, D: Deserializer<'de>, const N: usize>(from: D) -> Result<[f64; N], D::Error>
@@ -111,8 +127,6 @@ pub(super) fn places<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<[f64; 3]>
 
 /// Frames carry millimetres in 24 bits, which reach 8388 m.
 fn within_reach<const N: usize, E: serde::de::Error>(place: [f64; N]) -> Result<[f64; N], E> {
-    match place.iter().find(|x| x.is_nan() || x.abs() > 8388.0) {
-        Some(x) => Err(E::custom(format!("{} is not a coordinate within 8388 m", shown(*x)))),
-        None => Ok(place),
-    }
+    let is_within = |x: &f64| x.abs() <= 8388.0;
+    if place.iter().all(is_within) { Ok(place) } else { Err(must_be("coordinates within 8388 m")) }
 }
