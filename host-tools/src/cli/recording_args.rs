@@ -259,7 +259,7 @@ impl RecordingArgs {
         let of_rounds = |recording: &Recording, longest_s| Recording {
             tag: recording.tag.clone(),
             anchors: recording.anchors.clone(),
-            epochs: rounds(recording.epochs.clone(), longest_s),
+            epochs: rounds(&recording.epochs, longest_s),
         };
         if let Some(longest_s) = longest_s {
             recording = of_rounds(&recording, longest_s);

@@ -3,6 +3,9 @@
 //! Coordinates are taken relative to the middle of the anchors before they become `f32`. So a site grid with a distant
 //! origin does not lose digits.
 
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+
 use positioning_core::ble::fingerprint;
 use positioning_core::engine::Missing;
 use positioning_core::nlos::Classifier as _;
@@ -11,7 +14,10 @@ use positioning_core::{
     flatten,
 };
 
-use crate::files::{Anchor, Coordinates, Epoch, Measured};
+use crate::files::{Anchor, Coordinates, Epoch, Epochs, Measured};
+
+/// A thread takes this number of epochs at once: some milliseconds of work.
+const AT_ONCE: usize = 1024;
 
 /// The space in which to solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -143,13 +149,39 @@ impl<'a> Solver<'a> {
         Solved::of(outcome, epoch.truth)
     }
 
+    /// The positions of epochs by `method`, in their order. All processors work on them; `step` is called with the number
+    /// of those that are done, from any thread.
+    pub fn solve_all(&self, method: Method, epochs: &Epochs, step: impl Fn(usize) + Sync) -> Vec<Solved> {
+        let unsolved = Solved { outcome: Err(NoPosition::SolveError(SolveError::TooFewAnchors)), error_m: None };
+        let mut solved = vec![unsolved; epochs.len()];
+        let threads = thread::available_parallelism().map_or(1, usize::from).min(epochs.len().div_ceil(AT_ONCE));
+        let parts = Mutex::new(solved.chunks_mut(AT_ONCE).enumerate());
+        let work = || {
+            // A thread that panics ends the scope with its panic, so what it leaves is not used.
+            let next = || parts.lock().unwrap_or_else(PoisonError::into_inner).next();
+            while let Some((part, solved)) = next() {
+                for (at, solved) in solved.iter_mut().enumerate() {
+                    if let Some(epoch) = epochs.get(part * AT_ONCE + at) {
+                        *solved = self.solve(method, &epoch);
+                    }
+                }
+                step(solved.len());
+            }
+        };
+        thread::scope(|scope| {
+            (1..threads).for_each(|_| drop(scope.spawn(work)));
+            work();
+        });
+        solved
+    }
+
     fn in_plane(&self, method: Method, epoch: &Epoch, height: Height) -> Result<Position, NoPosition> {
         let tag_z = match height {
             Height::Unknown => None,
             Height::Fixed(z) => Some(z),
             Height::FromTruth => Some(epoch.truth.and_then(|truth| truth.z_m).ok_or(NoPosition::HeightUnknown)?),
         };
-        let of = |measured: &Measured| {
+        let of = |measured: Measured| {
             let place = &self.anchors.get(measured.anchor)?.place;
             let range = measured.range_m as f32;
             let range = match tag_z {
@@ -157,7 +189,7 @@ impl<'a> Solver<'a> {
                 None => range,
             };
             let anchor = [self.local(0, place.x_m), self.local(1, place.y_m)];
-            Some(sample(measured, anchor, range))
+            Some(sample(&measured, anchor, range))
         };
         let area = self.setup.area_m.map(|corners| {
             let [min, max] = corners.map(|[x, y]| [self.local(0, x), self.local(1, y)]);
@@ -186,10 +218,10 @@ impl<'a> Solver<'a> {
     fn in_space(&self, method: Method, epoch: &Epoch, half: Option<Half>) -> Result<Position, NoPosition> {
         /// Farther below or above than any anchor, metres.
         const AWAY_M: f32 = 1.0e4;
-        let of = |measured: &Measured| {
+        let of = |measured: Measured| {
             let place = &self.anchors.get(measured.anchor)?.place;
             let anchor = [self.local(0, place.x_m), self.local(1, place.y_m), self.local(2, place.z_m?)];
-            Some(sample(measured, anchor, measured.range_m as f32))
+            Some(sample(&measured, anchor, measured.range_m as f32))
         };
         let side = match half {
             None => Side::Unknown,
