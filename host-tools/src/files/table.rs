@@ -374,3 +374,27 @@ pub(crate) fn quoted(text: &str) -> String {
         None => format!("{text:?}"),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use csv::{ReaderBuilder, StringRecord, Trim};
+
+    use super::Fields;
+
+    #[test]
+    fn a_line_without_quotes_has_the_fields_that_a_parser_of_csv_finds() {
+        // All lines of six characters of these: separator, letters of one and two bytes, blanks of one and two bytes.
+        let characters = [',', 'a', 'é', ' ', '\u{a0}'];
+        for number in 0..characters.len().pow(6) {
+            let digits = (0..6).map(|place| number / characters.len().pow(place) % characters.len());
+            let text: String = digits.map(|digit| characters[digit]).collect();
+            let mut fields = Fields { text, places: Vec::new() };
+            fields.split();
+            let mut reader =
+                ReaderBuilder::new().has_headers(false).trim(Trim::All).from_reader(fields.text.as_bytes());
+            let mut record = StringRecord::new();
+            assert!(reader.read_record(&mut record).expect("UTF-8"), "{:?}", fields.text);
+            assert_eq!(fields.iter().collect::<Vec<_>>(), record.iter().collect::<Vec<_>>(), "{:?}", fields.text);
+        }
+    }
+}

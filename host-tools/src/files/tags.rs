@@ -9,24 +9,28 @@ pub(crate) struct ByName<T> {
     names: Texts,
     index: Index,
     items: Vec<T>,
+    /// The item of the last call: rows of one name often follow each other.
+    last: usize,
 }
 
 impl<T> Default for ByName<T> {
     fn default() -> Self {
-        Self { names: Texts::default(), index: Index::default(), items: Vec::new() }
+        Self { names: Texts::default(), index: Index::default(), items: Vec::new(), last: 0 }
     }
 }
 
 impl<T> ByName<T> {
     /// The item of a name; `new` makes it where the name is new.
     pub(crate) fn of(&mut self, name: &str, new: impl FnOnce() -> T) -> &mut T {
-        let at = self.index.find(&self.names, name).unwrap_or_else(|| {
-            let at = self.names.push(name);
-            self.index.insert(&self.names, at);
-            self.items.push(new());
-            at
-        });
-        &mut self.items[at]
+        if self.names.get(self.last) != Some(name) {
+            self.last = self.index.find(&self.names, name).unwrap_or_else(|| {
+                let at = self.names.push(name);
+                self.index.insert(&self.names, at);
+                self.items.push(new());
+                at
+            });
+        }
+        &mut self.items[self.last]
     }
 
     /// All items, in the order of their names' first rows.

@@ -314,3 +314,46 @@ impl Coordinates {
         ((self.x_m - other.x_m).powi(2) + (self.y_m - other.y_m).powi(2) + up.powi(2)).sqrt()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use positioning_core::nlos::Features;
+    use positioning_core::{Method, SolveError};
+
+    use super::{AT_ONCE, Height, NoPosition, Setup, Solver, Space};
+    use crate::files::Diagnostics;
+    use crate::{Anchor, Coordinates, Epochs, Measured};
+
+    #[test]
+    fn each_epoch_gets_its_own_position_whichever_thread_solves_it() {
+        let corners = [[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]];
+        let place = |[x_m, y_m]: [f64; 2]| Coordinates { x_m, y_m, z_m: None };
+        let anchors = corners.map(|at_m| Anchor { name: String::new(), place: place(at_m) });
+        // A walk along x. Every tenth epoch has no ranges.
+        let x_m = |at: usize| 1.0 + at as f64 * 1.0e-3;
+        let mut epochs = Epochs::default();
+        for at in 0..3 * AT_ONCE + 7 {
+            let tag = place([x_m(at), 3.0]);
+            epochs.push("", None, Some(tag));
+            for (anchor, Anchor { place, .. }) in anchors.iter().enumerate().filter(|_| at % 10 != 0) {
+                let range_m = place.horizontal_m(&tag);
+                let diagnostics = Diagnostics { features: Features::default(), power_dbm: f32::NAN };
+                epochs.push_range(&Measured { anchor, range_m, t_s: None, line_of_sight: None, diagnostics });
+            }
+        }
+        let solver = Solver::new(&anchors, Setup { space: Space::Plane(Height::Unknown), area_m: None });
+        let done = AtomicUsize::new(0);
+        let solved = solver.solve_all(Method::Robust, &epochs, |epochs| {
+            done.fetch_add(epochs, Ordering::Relaxed);
+        });
+        assert_eq!((solved.len(), done.into_inner()), (epochs.len(), epochs.len()));
+        for (at, solved) in solved.iter().enumerate() {
+            match solved.outcome {
+                Ok(position) => assert!((position.place.x_m - x_m(at)).abs() < 1.0e-4, "{at}: {position:?}"),
+                Err(reason) => assert_eq!((at % 10, reason), (0, NoPosition::SolveError(SolveError::TooFewAnchors))),
+            }
+        }
+    }
+}

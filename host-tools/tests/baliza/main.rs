@@ -14,6 +14,8 @@ mod import;
 mod interrupted;
 mod limits;
 mod manners;
+#[cfg(target_os = "linux")]
+mod memory;
 mod monitor;
 mod nlos;
 mod outputs;
