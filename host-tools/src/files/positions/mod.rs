@@ -59,7 +59,7 @@ impl Format {
         self,
         rows: impl Iterator<Item = Rows<'a>> + Clone,
         with_errors: bool,
-        file: impl Write + Send,
+        mut file: impl Write,
     ) -> anyhow::Result<()> {
         let columns = columns(rows.clone(), with_errors);
         let entries = rows.flat_map(|Rows { tag, method, epochs, solved }| {
@@ -68,7 +68,7 @@ impl Format {
         match self {
             Self::Csv => csv(&columns, entries, file),
             Self::Jsonl => jsonl(&columns, entries, file),
-            Self::Parquet => parquet::write(&columns, &entries, file),
+            Self::Parquet => Ok(file.write_all(&parquet::encode(&columns, &entries)?)?),
         }
     }
 }

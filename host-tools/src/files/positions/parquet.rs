@@ -1,6 +1,5 @@
 //! Positions as Apache Parquet: one row group, optional columns of UTF-8, INT64 and DOUBLE, no compression.
 
-use std::io::Write;
 use std::sync::Arc;
 
 use anyhow::Result;
@@ -12,45 +11,40 @@ use parquet::schema::types::{Type, TypePtr};
 
 use super::columns::{Column, Entry, Values, finite, round};
 
-type Group<'a, W> = SerializedRowGroupWriter<'a, W>;
+type Group<'a> = SerializedRowGroupWriter<'a, Vec<u8>>;
 
-/// Writes the file, whose rows are gone through once for each column.
+/// The file. The entries are gone through once for each column.
 ///
 /// # Errors
 /// The Parquet writer returns an error.
-pub fn write<'a>(
-    columns: &[&Column],
-    entries: &(impl Iterator<Item = Entry<'a>> + Clone),
-    file: impl Write + Send,
-) -> Result<()> {
+pub fn encode<'a>(columns: &[&Column], entries: &(impl Iterator<Item = Entry<'a>> + Clone)) -> Result<Vec<u8>> {
     let fields = columns.iter().map(|column| field(column)).collect::<Result<_>>()?;
     let schema = Type::group_type_builder("positions").with_fields(fields).build()?;
     let properties = WriterProperties::builder().set_created_by("baliza".to_owned()).build();
-    let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))?;
+    let mut writer = SerializedFileWriter::new(Vec::new(), Arc::new(schema), Arc::new(properties))?;
     let mut group = writer.next_row_group()?;
     for column in columns {
         let entries = entries.clone();
         match column.values {
             Values::Text(of) => {
                 let values = entries.map(|entry| of(&entry).map(ByteArray::from));
-                write_column::<ByteArrayType, _>(&mut group, values)?;
+                write::<ByteArrayType>(&mut group, values)?;
             }
             Values::Count(of) => {
                 let values = entries.map(|entry| of(&entry).and_then(|count| i64::try_from(count).ok()));
-                write_column::<Int64Type, _>(&mut group, values)?;
+                write::<Int64Type>(&mut group, values)?;
             }
             Values::Exact(of) => {
-                write_column::<DoubleType, _>(&mut group, entries.map(|entry| finite(of(&entry))))?;
+                write::<DoubleType>(&mut group, entries.map(|entry| finite(of(&entry))))?;
             }
             Values::Rounded(decimals, of) => {
                 let values = entries.map(|entry| finite(of(&entry)).map(|number| round(number, decimals)));
-                write_column::<DoubleType, _>(&mut group, values)?;
+                write::<DoubleType>(&mut group, values)?;
             }
         }
     }
     group.close()?;
-    writer.close()?;
-    Ok(())
+    Ok(writer.into_inner()?)
 }
 
 fn field(column: &Column) -> Result<TypePtr> {
@@ -64,10 +58,7 @@ fn field(column: &Column) -> Result<TypePtr> {
 }
 
 /// Writes the next column. A definition level is 1 where the value is known, and only known values are stored.
-fn write_column<T: DataType, W: Write + Send>(
-    group: &mut Group<'_, W>,
-    values: impl Iterator<Item = Option<T::T>>,
-) -> Result<()> {
+fn write<T: DataType>(group: &mut Group, values: impl Iterator<Item = Option<T::T>>) -> Result<()> {
     let values: Vec<Option<T::T>> = values.collect();
     let levels: Vec<i16> = values.iter().map(|value| value.is_some().into()).collect();
     let known: Vec<T::T> = values.into_iter().flatten().collect();
