@@ -28,7 +28,7 @@ pub mod train;
 pub mod view;
 
 pub use files::{
-    Anchor, Column, Coordinates, Epoch, Files, Interrupted, Measured, Mode, Recording, Row, Table, Truth, Truths,
-    UserError, by_time, read_anchors,
+    Anchor, Column, Coordinates, Epoch, Epochs, Files, Interrupted, Measured, Mode, Recording, Row, Table, Truth,
+    Truths, UserError, by_time, read_anchors,
 };
 pub use locate::{Half, Height, NoPosition, Position, Setup, Solved, Solver, Space};

@@ -98,9 +98,9 @@ pub(crate) fn anchors(places_m: &PyReadonlyArray2<'_, f64>, setup: &Setup) -> Py
     Ok(rows.enumerate().map(|(index, place)| Anchor { name: index.to_string(), place }).collect())
 }
 
-/// The diagnostics of a range, m, whose received power and first-path power are known, dBm; NaN where they are not.
-pub(crate) fn diagnostics(range_m: f64, power_dbm: f64, first_path_dbm: f64) -> Diagnostics {
+/// The diagnostics of a range whose received power and first-path power are known, dBm; NaN where they are not.
+pub(crate) fn diagnostics(power_dbm: f64, first_path_dbm: f64) -> Diagnostics {
     let mut features = Features::default();
     features.set(Feature::PowerDifference, (power_dbm - first_path_dbm) as f32);
-    Diagnostics { features, range_m: range_m as f32, power_dbm: power_dbm as f32 }
+    Diagnostics { features, power_dbm: power_dbm as f32 }
 }

@@ -1,6 +1,6 @@
 //! Results as dictionaries of NumPy arrays; NaN where a number is not known.
 
-use host_tools::{Coordinates, Epoch, Position, Solved};
+use host_tools::{Coordinates, Epochs, Position, Solved};
 use numpy::{Element, IntoPyArray, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -33,7 +33,7 @@ pub(crate) struct OfTag {
     /// The tag's name.
     pub(crate) tag: Option<String>,
     /// The epochs.
-    pub(crate) epochs: Vec<Epoch>,
+    pub(crate) epochs: Epochs,
     /// What was found for each of them.
     pub(crate) solved: Vec<Solved>,
 }
@@ -43,13 +43,13 @@ pub(crate) struct OfTag {
 /// # Errors
 /// Python returns an error.
 pub(crate) fn positions<'py>(py: Python<'py>, tags: &[OfTag]) -> PyResult<Bound<'py, PyDict>> {
-    let epochs = || tags.iter().flat_map(|of| &of.epochs);
+    let epochs = || tags.iter().flat_map(|of| of.epochs.iter());
     let solved = || tags.iter().flat_map(|of| &of.solved);
     let found = || solved().map(|solved| solved.outcome.as_ref().ok());
     let dict = PyDict::new(py);
     let names = tags.iter().flat_map(|of| of.epochs.iter().map(|_| of.tag.as_deref()));
     dict.set_item("tag", names.collect::<Vec<_>>())?;
-    dict.set_item("epoch", epochs().map(|epoch| epoch.name.as_str()).collect::<Vec<_>>())?;
+    dict.set_item("epoch", epochs().map(|epoch| epoch.name).collect::<Vec<_>>())?;
     dict.set_item("t_s", numbers(py, epochs().map(|epoch| epoch.t_s.unwrap_or(f64::NAN))))?;
     dict.set_item("position_m", vectors(py, found().map(|at| at.map_or(NONE_M, |at| metres(&at.place))))?)?;
     dict.set_item("sigma_m", vectors(py, found().map(|at| at.map_or(NONE_M, |at| metres(&at.sigma))))?)?;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use host_tools::files::folder::{Folder, RecordingSettings};
 use host_tools::files::{Files, Mode, SingleRanges, rounds};
 use host_tools::locate::track::{Tracker, settings, settings_of_single_epochs};
-use host_tools::{Epoch, Height, Setup, Solved, Solver, Space, Truth, Truths, UserError};
+use host_tools::{Epochs, Height, Setup, Solved, Solver, Space, Truth, Truths, UserError};
 use positioning_core::Method;
 use positioning_core::nlos::Feature;
 use pyo3::prelude::*;
@@ -69,7 +69,7 @@ impl Recording {
         };
         let dict = PyDict::new(py);
         dict.set_item("tag", rows().map(|(tag, _, _)| tag).collect::<Vec<_>>())?;
-        dict.set_item("epoch", rows().map(|(_, epoch, _)| epoch.name.as_str()).collect::<Vec<_>>())?;
+        dict.set_item("epoch", rows().map(|(_, epoch, _)| epoch.name).collect::<Vec<_>>())?;
         dict.set_item("anchor", numbers(py, rows().map(|(_, _, row)| row.anchor as i64)))?;
         dict.set_item("t_s", numbers(py, rows().map(|(_, epoch, row)| row.t_s.or(epoch.t_s).unwrap_or(f64::NAN))))?;
         dict.set_item("range_m", numbers(py, rows().map(|(_, _, row)| row.range_m)))?;
@@ -113,10 +113,9 @@ impl Recording {
         self.positions(py, grouping, SingleRanges::Group, |anchors, epochs| {
             if self.mode == Mode::Differences {
                 let mut tracker = Tracker::new(anchors, setup, settings_of_single_epochs(&setup), None);
-                return epochs.iter().map(|epoch| tracker.follow(epoch)).collect();
+                return epochs.iter().map(|epoch| tracker.follow(&epoch)).collect();
             }
-            let solver = Solver::new(anchors, setup);
-            epochs.iter().map(|epoch| solver.solve(method, epoch)).collect()
+            Solver::new(anchors, setup).solve_all(method, epochs, |_| ())
         })
     }
 
@@ -174,7 +173,7 @@ impl Recording {
         py: Python<'py>,
         grouping: Grouping,
         singles: SingleRanges,
-        solve: impl Fn(&[host_tools::Anchor], &[Epoch]) -> Vec<Solved> + Sync,
+        solve: impl Fn(&[host_tools::Anchor], &Epochs) -> Vec<Solved> + Sync,
     ) -> PyResult<Bound<'py, PyDict>> {
         let mut tags = Vec::new();
         for of in &self.tags {
@@ -189,15 +188,15 @@ impl Recording {
 }
 
 /// The epochs with their true positions, in rounds where the user asks for them or they are usual.
-fn epochs(epochs: &[Epoch], truth: Option<&Truth>, grouping: Grouping, singles: SingleRanges) -> PyResult<Vec<Epoch>> {
+fn epochs(epochs: &Epochs, truth: Option<&Truth>, grouping: Grouping, singles: SingleRanges) -> PyResult<Epochs> {
     let Grouping { group_s, time_offset_s } = grouping;
     if !(group_s.is_none_or(|group_s| group_s >= 0.0) && time_offset_s.is_finite()) {
         return Err(value_error("group_s must not be below 0, and time_offset_s must be finite"));
     }
-    let mut epochs = epochs.to_vec();
-    if let Some(longest_s) = singles.longest_s(group_s, &epochs) {
-        epochs = rounds(epochs, longest_s);
-    }
+    let mut epochs = match singles.longest_s(group_s, epochs) {
+        Some(longest_s) => rounds(epochs, longest_s),
+        None => epochs.clone(),
+    };
     if let Some(truth) = truth {
         truth.join(&mut epochs, time_offset_s);
     }

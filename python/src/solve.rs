@@ -1,6 +1,6 @@
 //! Positions of ranges in arrays.
 
-use host_tools::{Epoch, Measured, Solved, Solver};
+use host_tools::{Epochs, Measured, Solver};
 use numpy::PyReadonlyArray2;
 use positioning_core::Method;
 use pyo3::prelude::*;
@@ -41,7 +41,7 @@ impl Ranges<'_> {
     ///
     /// # Errors
     /// Shapes do not fit, or a range is infinite.
-    fn epochs(&self, anchors: usize) -> PyResult<Vec<Epoch>> {
+    fn epochs(&self, anchors: usize) -> PyResult<Epochs> {
         let ranges = self.range_m.as_array();
         if ranges.ncols() != anchors {
             return Err(value_error(format!("ranges_m: {} columns for {anchors} anchors", ranges.ncols())));
@@ -60,7 +60,7 @@ impl Ranges<'_> {
         let of = |array: &Option<PyReadonlyArray2<'_, f64>>, at| {
             array.as_ref().and_then(|array| array.as_array().get(at).copied()).unwrap_or(f64::NAN)
         };
-        let mut epochs: Vec<Epoch> = Vec::with_capacity(ranges.nrows());
+        let mut epochs = Epochs::default();
         for (row, ranges) in ranges.outer_iter().enumerate() {
             let known = ranges.iter().enumerate().filter(|(_, range_m)| range_m.is_finite());
             let ranges = known.map(|(anchor, &range_m)| {
@@ -71,10 +71,11 @@ impl Ranges<'_> {
                     range_m,
                     t_s: None,
                     line_of_sight: (!los.is_nan()).then_some(los != 0.0),
-                    diagnostics: diagnostics(range_m, power, first_path),
+                    diagnostics: diagnostics(power, first_path),
                 }
             });
-            epochs.push(Epoch { name: row.to_string(), ranges: ranges.collect(), ..Epoch::default() });
+            epochs.push(&row.to_string(), None, None);
+            ranges.for_each(|range| epochs.push_range(&range));
         }
         Ok(epochs)
     }
@@ -93,6 +94,6 @@ pub(crate) fn solve<'py>(
     let anchors = anchors(&anchors_m, &setup)?;
     let epochs = ranges.epochs(anchors.len())?;
     let solver = Solver::new(&anchors, setup);
-    let solved: Vec<Solved> = py.detach(|| epochs.iter().map(|epoch| solver.solve(method, epoch)).collect());
+    let solved = py.detach(|| solver.solve_all(method, &epochs, |_| ()));
     positions(py, &[OfTag { tag: None, epochs, solved }])
 }

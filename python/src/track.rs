@@ -1,7 +1,7 @@
 //! The track of a tag, one step after another.
 
 use host_tools::locate::track::{Tracker, Weighting, settings};
-use host_tools::{Epoch, Measured};
+use host_tools::{Epochs, Measured};
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -48,7 +48,8 @@ impl Track {
         if !t_s.is_finite() {
             return Err(value_error(format!("t_s: {t_s} is not finite")));
         }
-        let mut measured = Vec::with_capacity(ranges.len());
+        let mut epochs = Epochs::default();
+        epochs.push("", Some(t_s), None);
         for (anchor, range_m, power_dbm, first_path_dbm) in ranges {
             if anchor >= self.anchors {
                 return Err(value_error(format!("ranges: there is no anchor {anchor}")));
@@ -56,11 +57,10 @@ impl Track {
             if !range_m.is_finite() {
                 return Err(value_error(format!("ranges: {range_m} is not finite")));
             }
-            let diagnostics = diagnostics(range_m, power_dbm, first_path_dbm);
-            measured.push(Measured { anchor, range_m, t_s: None, line_of_sight: None, diagnostics });
+            let diagnostics = diagnostics(power_dbm, first_path_dbm);
+            epochs.push_range(&Measured { anchor, range_m, t_s: None, line_of_sight: None, diagnostics });
         }
-        let epoch = Epoch { t_s: Some(t_s), ranges: measured, ..Epoch::default() };
-        let solved = vec![self.tracker.follow(&epoch)];
-        positions(py, &[OfTag { tag: None, epochs: vec![epoch], solved }])
+        let solved = self.tracker.follow_all(&epochs, || ());
+        positions(py, &[OfTag { tag: None, epochs, solved }])
     }
 }

@@ -108,7 +108,7 @@ commands! {
 use anyhow::{Context, Result};
 use clap::CommandFactory;
 use host_tools::UserError;
-use host_tools::files::output;
+use host_tools::files::output::{self, Growing};
 use host_tools::plot::Format;
 use verbosity::Verbosity;
 
@@ -171,6 +171,19 @@ impl<'a> PictureFile<'a> {
 /// Writes a complete file.
 fn write(file: &Path, bytes: &[u8]) -> Result<()> {
     output::write_file(file, bytes).with_context(|| format!("cannot write {}", file.display()))
+}
+
+/// Writes a complete file, or standard output without one, piece by piece.
+fn write_with(file: Option<&Path>, content: impl FnOnce(&mut Growing) -> Result<()>) -> Result<()> {
+    let written = || -> Result<()> {
+        let mut growing = Growing::create(file.unwrap_or(Path::new(output::STANDARD)))?;
+        content(&mut growing)?;
+        Ok(growing.finish()?)
+    };
+    written().with_context(|| match file {
+        Some(file) => format!("cannot write {}", file.display()),
+        None => "cannot write to standard output".to_owned(),
+    })
 }
 
 use self::json::print_results as print_json;

@@ -156,7 +156,7 @@ fn track(space: Space, anchors: &Path, mode: Mode, measured: &Path) -> Result<Ve
         rows.extend(recording.epochs.iter().zip(solved).map(|(epoch, solved)| {
             let position = solved.outcome.ok();
             PositionRow {
-                epoch: epoch.name.clone(),
+                epoch: epoch.name.to_owned(),
                 tag: recording.tag.clone(),
                 method: "track".to_owned(),
                 t_s: epoch.t_s,

@@ -239,8 +239,9 @@ impl RecordingArgs {
             source: sources.measured.display().to_string(),
             names,
             floor_plan,
-            truths,
+            with_errors: truths.is_some(),
             residuals: self.residuals,
+            truths: truths.filter(|_| self.residuals),
             notes,
             output,
         })
@@ -260,7 +261,7 @@ impl RecordingArgs {
         let of_rounds = |recording: &Recording, longest_s| Recording {
             tag: recording.tag.clone(),
             anchors: recording.anchors.clone(),
-            epochs: rounds(recording.epochs.clone(), longest_s),
+            epochs: rounds(&recording.epochs, longest_s),
         };
         if let Some(longest_s) = longest_s {
             recording = of_rounds(&recording, longest_s);
@@ -325,8 +326,11 @@ pub struct Input<'a> {
     source: String,
     names: SiteNames,
     floor_plan: FloorPlan,
-    truths: Option<Truths>,
+    /// Whether there is a truth.
+    with_errors: bool,
     residuals: bool,
+    /// The truth, where residuals need it.
+    truths: Option<Truths>,
     /// Lines for the user.
     notes: Vec<String>,
     output: Output<'a>,
@@ -358,7 +362,7 @@ impl Input<'_> {
                 floor_plan: self.floor_plan.clone(),
                 ..Site::default()
             },
-            with_errors: self.truths.is_some(),
+            with_errors: self.with_errors,
             neighbours: None,
             tags,
         };
@@ -389,8 +393,8 @@ impl Input<'_> {
         for of in &report.tags {
             let residuals = of.residuals.iter().flatten().zip(&report.methods);
             // Residuals against the truth are the same for all methods.
-            for (anchors, method) in residuals.take(if self.truths.is_some() { 1 } else { usize::MAX }) {
-                let against = if self.truths.is_some() { "the truth" } else { method };
+            for (anchors, method) in residuals.take(if self.with_errors { 1 } else { usize::MAX }) {
+                let against = if self.with_errors { "the truth" } else { method };
                 let tag = of.tag.map_or_else(String::new, |tag| format!(" of tag {}", self.names.node(tag)));
                 super::note(&format!(
                     "\nresiduals of the ranges{tag} against {against}:\n{}",

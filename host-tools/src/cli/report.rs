@@ -11,7 +11,7 @@ use host_tools::files::positions::{Format, Rows};
 use host_tools::locate::residuals::AnchorResiduals;
 use host_tools::node::provision::SiteNames;
 use host_tools::plot::{Dot, Errors, Picture, PictureBuilder};
-use host_tools::{Coordinates, Epoch, Position, Solved, UserError};
+use host_tools::{Coordinates, Epochs, Position, Solved, UserError};
 
 use super::PictureFile;
 use super::floor_plan::FloorPlan;
@@ -106,7 +106,7 @@ pub struct TagReport<'a> {
     /// The tag's name, where it is known.
     pub tag: Option<&'a str>,
     /// The epochs.
-    pub epochs: &'a [Epoch],
+    pub epochs: &'a Epochs,
     /// By method: the position of each epoch.
     pub solved: &'a [Vec<Solved>],
     /// The seconds that were added to the times of the truth, where it was joined by time.
@@ -129,13 +129,14 @@ impl Report<'_> {
         };
         if out.is_some() || !json {
             let by_name = || out.as_deref().and_then(Format::of);
-            let encode = || format.or_else(by_name).unwrap_or(Format::Csv).encode(self.rows(), self.with_errors);
+            let format_of_file = format.or_else(by_name).unwrap_or(Format::Csv);
             match out {
-                Some(file) => super::write(file, &encode()?)?,
                 None if format.is_none() && std::io::stdout().is_terminal() => {
                     super::print(self.preview().as_bytes())?;
                 }
-                None => super::print(&encode()?)?,
+                Some(_) | None => {
+                    super::write_with(out.as_deref(), |file| format_of_file.write(self.rows(), self.with_errors, file))?
+                }
             }
         }
         if let Some((file, bytes)) = &picture {
@@ -166,7 +167,7 @@ impl Report<'_> {
         let figure = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.2}"));
         for (tag, method, epoch, solved) in all.step_by(each) {
             let (time, tag) = (
-                epoch.t_s.map_or_else(|| epoch.name.clone(), |t_s| format!("{t_s:.3}")),
+                epoch.t_s.map_or_else(|| epoch.name.to_owned(), |t_s| format!("{t_s:.3}")),
                 tag.map_or("", |tag| self.site.names.node(tag)),
             );
             let [x, y, z, sigma] = match &solved.outcome {
@@ -208,12 +209,12 @@ impl Report<'_> {
                 let anchors = of.residuals.as_ref().and_then(|residuals| residuals.get(at));
                 let anchors = anchors.map(|anchors| anchors.iter().map(Row::of).collect());
                 let tag = of.tag.map(Of::Tag);
-                let summary = Summary::of(method, tag, [(of.epochs, solved.as_slice())].into_iter(), k);
+                let summary = Summary::of(method, tag, &[(of.epochs, solved.as_slice())], k);
                 summaries.push(summary.with(of.time_offset_s, anchors));
             }
             if parts.len() > 1 {
-                let all = parts.iter().map(|(of, solved)| (of.epochs, solved.as_slice()));
-                summaries.push(Summary::of(method, Some(Of::All), all, k));
+                let all: Vec<_> = parts.iter().map(|(of, solved)| (of.epochs, solved.as_slice())).collect();
+                summaries.push(Summary::of(method, Some(Of::All), &all, k));
             }
         }
         summaries
@@ -225,14 +226,15 @@ impl Report<'_> {
         let name = |tag: Option<&str>| tag.map_or_else(String::new, |tag| names.node(tag).to_owned());
         let has_height = |place: &Coordinates| place.z_m.is_some();
         let mut found = self.rows().flat_map(|rows| rows.solved).filter_map(|solved| solved.outcome.as_ref().ok());
-        let mut truths = self.tags.iter().flat_map(|of| of.epochs).filter_map(|epoch| epoch.truth.as_ref());
-        let errors = Errors::between(found.any(|position| has_height(&position.place)), truths.any(has_height));
+        let mut truths = self.tags.iter().flat_map(|of| of.epochs.iter()).filter_map(|epoch| epoch.truth);
+        let errors =
+            Errors::between(found.any(|position| has_height(&position.place)), truths.any(|truth| has_height(&truth)));
         let FloorPlan { walls_m, plan } = floor_plan;
         let picture = Picture { source, anchors, beacons, walls_m, plan, errors, ..Picture::default() };
         let mut builder = PictureBuilder::new(picture);
         for TagReport { tag, epochs, .. } in &self.tags {
             let name = name(*tag);
-            for epoch in *epochs {
+            for epoch in epochs.iter() {
                 epoch.truth.iter().for_each(|truth| builder.truth(&name, flat(truth), are_dwells));
                 // Each dwell may have a clock of its own.
                 epoch.t_s.filter(|_| !are_dwells).into_iter().for_each(|t_s| builder.time(t_s));

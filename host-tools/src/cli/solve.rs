@@ -82,15 +82,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 /// The positions of each epoch by each method.
 fn solve(recording: &Recording, methods: &[Method], setup: Setup, progress: &Progress) -> Vec<Vec<Solved>> {
     let solver = Solver::new(&recording.anchors, setup);
-    let by = |&method| {
-        let epochs = recording.epochs.iter();
-        epochs
-            .map(|epoch| {
-                progress.step();
-                solver.solve(method, epoch)
-            })
-            .collect()
-    };
+    let by = |&method| solver.solve_all(method, &recording.epochs, |epochs| progress.advance(epochs as u64));
     methods.iter().map(by).collect()
 }
 
@@ -101,7 +93,7 @@ fn hyperbolic(recording: &Recording, setup: Setup, progress: &Progress) -> Vec<S
     epochs
         .map(|epoch| {
             progress.step();
-            tracker.follow(epoch)
+            tracker.follow(&epoch)
         })
         .collect()
 }

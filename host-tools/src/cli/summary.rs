@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use baliza_report::{Statistics, mean};
 use host_tools::node::provision::SiteNames;
-use host_tools::{Coordinates, Epoch, Position, Solved};
+use host_tools::{Coordinates, Epochs, Position, Solved};
 
 use super::residuals;
 
@@ -85,19 +85,19 @@ struct Consistency {
 }
 
 /// A position and its true position.
-type Known<'a> = (&'a Position, &'a Coordinates);
+type Known<'a> = (&'a Position, Coordinates);
 
 impl Horizontal {
-    fn of(known: &[Known]) -> Option<Self> {
-        let errors = known.iter().map(|(position, truth)| position.place.horizontal_m(truth));
+    fn of<'a>(known: impl Iterator<Item = Known<'a>>) -> Option<Self> {
+        let errors = known.map(|(position, truth)| position.place.horizontal_m(&truth));
         let Statistics { rmse, mae, p50, p90 } = Statistics::of(&errors.collect::<Vec<_>>())?;
         Some(Self { rmse_xy_m: rmse, mae_xy_m: mae, p50_xy_m: p50, p90_xy_m: p90 })
     }
 }
 
 impl Vertical {
-    fn of(known: &[Known]) -> Option<Self> {
-        let heights = known.iter().filter_map(|(Position { place, sigma, .. }, truth)| {
+    fn of<'a>(known: impl Iterator<Item = Known<'a>>) -> Option<Self> {
+        let heights = known.filter_map(|(Position { place, sigma, .. }, truth)| {
             let error_m = (place.z_m? - truth.z_m?).abs();
             Some((error_m, (error_m / sigma.z_m?).powi(2)))
         });
@@ -110,8 +110,8 @@ impl Vertical {
 }
 
 impl Consistency {
-    fn of(known: &[Known]) -> Option<Self> {
-        let squares = known.iter().map(|(position, truth)| position.normalised_square(truth));
+    fn of<'a>(known: impl Iterator<Item = Known<'a>>) -> Option<Self> {
+        let squares = known.map(|(position, truth)| position.normalised_square(&truth));
         let squares: Vec<f64> = squares.filter(|square| square.is_finite()).collect();
         let count = squares.len() as f64;
         let inside = squares.iter().filter(|square| **square <= 1.0).count() as f64;
@@ -125,19 +125,17 @@ impl<'a> Summary<'a> {
     pub fn of(
         method: &'a str,
         tag: Option<Of<'a>>,
-        parts: impl Iterator<Item = (&'a [Epoch], &'a [Solved])>,
+        parts: &[(&'a Epochs, &'a [Solved])],
         neighbours: Option<Option<usize>>,
     ) -> Self {
-        let all: Vec<(&Epoch, &Solved)> = parts.flat_map(|(epochs, solved)| epochs.iter().zip(solved)).collect();
-        let known: Vec<Known> = all
-            .iter()
-            .filter_map(|(epoch, solved)| Some((solved.outcome.as_ref().ok()?, epoch.truth.as_ref()?)))
-            .collect();
-        let errors: Vec<f64> = all.iter().filter_map(|(_, solved)| solved.error_m).collect();
+        let all = || parts.iter().flat_map(|(_, solved)| *solved);
+        let both = parts.iter().flat_map(|(epochs, solved)| epochs.iter().zip(*solved));
+        let known = both.filter_map(|(epoch, solved)| Some((solved.outcome.as_ref().ok()?, epoch.truth?)));
+        let errors: Vec<f64> = all().filter_map(|solved| solved.error_m).collect();
         let figures = Statistics::of(&errors);
         let of = |figure: fn(&Statistics) -> f64| figures.as_ref().map(figure);
         let mut reasons = BTreeMap::new();
-        for reason in all.iter().filter_map(|(_, solved)| solved.outcome.as_ref().err()) {
+        for reason in all().filter_map(|solved| solved.outcome.as_ref().err()) {
             *reasons.entry(reason.as_str()).or_insert(0_usize) += 1;
         }
         // Positions by beacons are horizontal, and so are their errors.
@@ -145,16 +143,16 @@ impl<'a> Summary<'a> {
         Self {
             method,
             tag,
-            by_beacons: neighbours.map(|k| ByBeacons { k, points: all.len() }),
-            epochs: all.len(),
-            fixed: all.iter().filter(|(_, solved)| solved.outcome.is_ok()).count(),
+            by_beacons: neighbours.map(|k| ByBeacons { k, points: all().count() }),
+            epochs: all().count(),
+            fixed: all().filter(|solved| solved.outcome.is_ok()).count(),
             rmse_m: of(|figures| figures.rmse),
             mae_m: of(|figures| figures.mae),
             p50_m: of(|figures| figures.p50),
             p90_m: of(|figures| figures.p90),
-            horizontal: Horizontal::of(&known).filter(|_| of_ranges),
-            vertical: Vertical::of(&known).filter(|_| of_ranges),
-            consistency: Consistency::of(&known),
+            horizontal: Horizontal::of(known.clone()).filter(|_| of_ranges),
+            vertical: Vertical::of(known.clone()).filter(|_| of_ranges),
+            consistency: Consistency::of(known),
             time_offset_s: None,
             anchors: None,
             reasons,

@@ -14,8 +14,8 @@ pub struct DiagnosticColumns {
     amplitudes: [Column; 3],
     cir_power: Column,
     noise: Column,
-    /// Features that have a column of their own.
-    named: [Column; Feature::ALL.len()],
+    /// Features that have a column of their own, with that column.
+    named: Vec<(Feature, Column)>,
 }
 
 /// The diagnostics of one row; NaN where a value is not known.
@@ -23,8 +23,6 @@ pub struct DiagnosticColumns {
 pub struct Diagnostics {
     /// The features of the reception.
     pub features: Features,
-    /// The range, metres.
-    pub range_m: f32,
     /// The received power, dBm.
     pub power_dbm: f32,
 }
@@ -48,7 +46,11 @@ impl DiagnosticColumns {
             amplitudes: ["fp_amp1", "fp_amp2", "fp_amp3"].map(|name| table.optional(name)),
             cir_power: table.optional("cir_pwr"),
             noise: table.optional(noise),
-            named: Feature::ALL.map(|feature| table.optional(feature.as_str())),
+            named: Feature::ALL
+                .map(|feature| (feature, table.optional(feature.as_str())))
+                .into_iter()
+                .filter(|(_, column)| column.is_present())
+                .collect(),
         }
     }
 
@@ -68,11 +70,11 @@ impl DiagnosticColumns {
         let difference = power_difference_db(known(self.cir_power)?, amplitudes);
         features.set(Feature::PowerDifference, difference.unwrap_or(power_dbm - first_path_dbm));
         features.set_known(Feature::FirstPathToNoise, first_path_to_noise_db(amplitudes, known(self.noise)?));
-        for (feature, column) in Feature::ALL.into_iter().zip(self.named) {
-            if let Some(value) = row.number(column)? {
-                features.set(feature, value as f32);
+        for (feature, column) in &self.named {
+            if let Some(value) = row.number(*column)? {
+                features.set(*feature, value as f32);
             }
         }
-        Ok(Diagnostics { features, range_m: known(self.range)?, power_dbm })
+        Ok(Diagnostics { features, power_dbm })
     }
 }

@@ -5,22 +5,10 @@
 
 use std::path::Path;
 
-use crate::files::recording::{AnchorIndex, Epochs, anchor_of};
-use crate::files::{DiagnosticColumns, Diagnostics};
+use crate::files::DiagnosticColumns;
+use crate::files::epochs::MeasuredDifference;
+use crate::files::recording::{AnchorIndex, EpochsByTag, anchor_of};
 use crate::{Anchor, Recording, Table, UserError};
-
-/// The difference of the distances to two anchors.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MeasuredDifference {
-    /// Index of the reference anchor in [`Recording::anchors`].
-    pub reference: usize,
-    /// Index of the anchor; for the reference's own reception, that of the reference.
-    pub anchor: usize,
-    /// The distance to the anchor minus that to the reference, metres.
-    pub difference_m: f64,
-    /// The receiver's diagnostics of the anchor's frame.
-    pub diagnostics: Diagnostics,
-}
 
 /// The recordings of a file of differences, one a tag.
 ///
@@ -32,13 +20,13 @@ pub(crate) fn read_differences(file: &Path, anchors: &[Anchor]) -> Result<Vec<Re
     let [reference, anchor] = [table.column("reference")?, table.column("anchor")?];
     let difference = table.column("difference_m")?;
     let columns = DiagnosticColumns::of_ranges(&table);
-    let mut epochs = Epochs::of(&table, anchors)?;
+    let mut epochs = EpochsByTag::of(&table, anchors)?;
     while let Some(row) = table.next_row()? {
-        let (epoch, _) = epochs.of_row(&row)?;
+        let (epochs, _) = epochs.of_row(&row)?;
         let [reference, anchor] = [anchor_of(&row, reference, &places)?, anchor_of(&row, anchor, &places)?];
         if let Some(difference_m) = row.number(difference)? {
             let diagnostics = columns.read(&row)?;
-            epoch.differences.push(MeasuredDifference { reference, anchor, difference_m, diagnostics });
+            epochs.push_difference(&MeasuredDifference { reference, anchor, difference_m, diagnostics });
         }
     }
     epochs.recordings().ok_or_else(|| UserError::line(file, 1, "no differences below the header"))

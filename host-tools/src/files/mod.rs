@@ -4,9 +4,11 @@
 pub mod beacons;
 mod diagnostics;
 mod differences;
+mod epochs;
 pub mod folder;
 mod interrupted;
 mod limited;
+mod names;
 pub mod output;
 pub mod positions;
 mod recording;
@@ -18,11 +20,11 @@ mod truth;
 mod user_error;
 
 pub use diagnostics::{DiagnosticColumns, Diagnostics};
-pub use differences::MeasuredDifference;
+pub use epochs::{Epoch, Epochs, Measured, MeasuredDifference};
 pub use folder::Mode;
 pub use interrupted::Interrupted;
 pub use limited::{DOCUMENT_BYTES, IMAGE_BYTES, LOG_BYTES, limited_bytes, read_limited, read_text};
-pub use recording::{Anchor, Coordinates, Epoch, Files, Measured, Recording, by_time, read_anchors};
+pub use recording::{Anchor, Coordinates, Files, Recording, by_time, read_anchors};
 pub use rounds::{SingleRanges, drop_repeats, round_s, rounds};
 pub use spelling::spelled;
 pub use table::{Column, Row, Table};

@@ -1,19 +1,18 @@
 //! A recording: surveyed anchors, ranges by epoch, and the tag's true positions.
 //!
 //! The input is `anchors.csv`, `ranges.csv` or `differences.csv` and, where there is one, `truth.csv`. The output is a
-//! [`Recording`] a tag, with its [`Epoch`]s in the order of their first range. A file without a column `tag` is of one
+//! [`Recording`] a tag, with its [`Epochs`] in the order of their first range. A file without a column `tag` is of one
 //! tag.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
 
-use crate::files::Mode;
-use crate::files::differences::{MeasuredDifference, read_differences};
-use crate::files::spelled;
+use crate::files::differences::read_differences;
+use crate::files::epochs::{Epochs, Gathering, Measured};
 use crate::files::table::quoted;
 use crate::files::tags::{ByName, tag_of};
-use crate::files::{DiagnosticColumns, Diagnostics};
+use crate::files::{DiagnosticColumns, Mode, spelled};
 use crate::{Column, Row, Table, Truths, UserError};
 
 /// A position, metres. Its height may be unknown.
@@ -36,45 +35,15 @@ pub struct Anchor {
     pub place: Coordinates,
 }
 
-/// A measured range.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Measured {
-    /// Index of the anchor in [`Recording::anchors`].
-    pub anchor: usize,
-    /// The range, metres.
-    pub range_m: f64,
-    /// The time of the range itself, seconds, where its row has one: asynchronous ranges of one epoch have several.
-    pub t_s: Option<f64>,
-    /// Ground truth of the line of sight, where known.
-    pub line_of_sight: Option<bool>,
-    /// The receiver's diagnostics of this range.
-    pub diagnostics: Diagnostics,
-}
-
-/// The ranges that make one fix.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Epoch {
-    /// The epoch's name in the files.
-    pub name: String,
-    /// Its time, seconds: the latest of its rows.
-    pub t_s: Option<f64>,
-    /// The ranges, in the order of the file.
-    pub ranges: Vec<Measured>,
-    /// Differences of arrivals, of a tag that only listens.
-    pub differences: Vec<MeasuredDifference>,
-    /// The tag's true position.
-    pub truth: Option<Coordinates>,
-}
-
 /// The anchors, and the epochs of one tag.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub struct Recording {
     /// The tag's name; `None` where the file of ranges has no column `tag`.
     pub tag: Option<String>,
     /// The anchors, in the order of the file.
     pub anchors: Vec<Anchor>,
     /// The epochs, in the order of their first range.
-    pub epochs: Vec<Epoch>,
+    pub epochs: Epochs,
 }
 
 /// Which files to read, and which heights they must have.
@@ -119,39 +88,35 @@ impl Recording {
 
 /// The epochs of a file with the columns `epoch` and, where known, `t_s` and `tag`: those of each tag, in the order of
 /// their first rows.
-pub(crate) struct Epochs<'a> {
+pub(crate) struct EpochsByTag<'a> {
     epoch: Column,
     time: Column,
     tag: Column,
     anchors: &'a [Anchor],
-    /// By tag: its name, and its epochs by name.
-    tags: ByName<(Option<String>, ByName<Epoch>)>,
+    /// By tag: its name, and its epochs.
+    tags: ByName<(Option<String>, Gathering)>,
 }
 
-impl<'a> Epochs<'a> {
+impl<'a> EpochsByTag<'a> {
     /// No epochs yet, of a recording with these anchors.
     pub(crate) fn of(table: &Table, anchors: &'a [Anchor]) -> Result<Self, UserError> {
         let (epoch, time, tag) = (table.column("epoch")?, table.optional("t_s"), table.optional("tag"));
         Ok(Self { epoch, time, tag, anchors, tags: ByName::default() })
     }
 
-    /// The epoch of a row, and the time of the row itself, seconds.
-    pub(crate) fn of_row(&mut self, row: &Row) -> Result<(&mut Epoch, Option<f64>), UserError> {
+    /// The epochs of the row's tag, which take the measurement of the row, and the time of the row itself, seconds.
+    pub(crate) fn of_row(&mut self, row: &Row) -> Result<(&mut Gathering, Option<f64>), UserError> {
         let (name, t_s) = (row.some_text(self.epoch)?, row.number(self.time)?);
         let tag = tag_of(row, self.tag);
-        let (_, epochs) = self.tags.of(tag.unwrap_or(""), || (tag.map(str::to_owned), ByName::default()));
-        let epoch = epochs.of(name, || Epoch { name: name.to_owned(), ..Epoch::default() });
-        epoch.t_s = [epoch.t_s, t_s].into_iter().flatten().reduce(f64::max);
-        Ok((epoch, t_s))
+        let (_, epochs) = self.tags.of(tag.unwrap_or(""), || (tag.map(str::to_owned), Gathering::default()));
+        epochs.begin_row(name, t_s);
+        Ok((epochs, t_s))
     }
 
     /// The recordings; `None` without any row.
     pub(crate) fn recordings(self) -> Option<Vec<Recording>> {
-        let recording = |(tag, epochs): (_, ByName<_>)| Recording {
-            tag,
-            anchors: self.anchors.to_vec(),
-            epochs: epochs.in_order(),
-        };
+        let recording =
+            |(tag, epochs): (_, Gathering)| Recording { tag, anchors: self.anchors.to_vec(), epochs: epochs.finish() };
         let recordings: Vec<_> = self.tags.in_order().into_iter().map(recording).collect();
         Some(recordings).filter(|recordings| !recordings.is_empty())
     }
@@ -185,16 +150,16 @@ pub(crate) fn anchor_of(row: &Row, column: Column, places: &AnchorIndex) -> Resu
 fn read_ranges(file: &Path, anchors: &[Anchor]) -> Result<Vec<Recording>, UserError> {
     let places = AnchorIndex::of(anchors);
     let mut table = Table::open(file)?;
-    let mut epochs = Epochs::of(&table, anchors)?;
+    let mut epochs = EpochsByTag::of(&table, anchors)?;
     let (anchor, range, sight) = (table.column("anchor")?, table.column("range_m")?, table.optional("los"));
     let columns = DiagnosticColumns::of_ranges(&table);
     while let Some(row) = table.next_row()? {
-        let (epoch, t_s) = epochs.of_row(&row)?;
+        let (epochs, t_s) = epochs.of_row(&row)?;
         let anchor = anchor_of(&row, anchor, &places)?;
         let line_of_sight = row.truth_value(sight)?;
         if let Some(range_m) = row.number(range)? {
-            let measured = Measured { anchor, range_m, t_s, line_of_sight, diagnostics: columns.read(&row)? };
-            epoch.ranges.push(measured);
+            let diagnostics = columns.read(&row)?;
+            epochs.push_range(&Measured { anchor, range_m, t_s, line_of_sight, diagnostics });
         }
     }
     epochs.recordings().ok_or_else(|| UserError::line(file, 1, "no ranges below the header"))

@@ -1,8 +1,8 @@
 //! Rounds of asynchronous ranges: some recordings have one range an epoch, which makes no fix.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 
-use crate::{Coordinates, Epoch, Measured, by_time};
+use crate::{Coordinates, Epoch, Epochs, Measured, by_time};
 
 /// The share of the epochs with a single range in a recording that is made of single ranges.
 const SINGLES: f64 = 0.9;
@@ -10,9 +10,6 @@ const SINGLES: f64 = 0.9;
 const PATIENCE: f64 = 1.5;
 /// The shortest and the longest of rounds that are chosen, seconds.
 const USUAL_S: [f64; 2] = [0.1, 0.35];
-
-/// A range, its epoch's name, its time, and the true position at its time.
-type Single = (Measured, String, Option<f64>, Option<Coordinates>);
 
 /// What to do with a recording whose epochs have single ranges, if nobody says for how long a round lasts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,7 +22,7 @@ pub enum SingleRanges {
 
 impl SingleRanges {
     /// The duration of rounds, seconds: what a user asks for (0: no rounds), else what suits the epochs.
-    pub fn longest_s(self, asked_s: Option<f64>, epochs: &[Epoch]) -> Option<f64> {
+    pub fn longest_s(self, asked_s: Option<f64>, epochs: &Epochs) -> Option<f64> {
         match (asked_s, self) {
             (Some(asked_s), _) => Some(asked_s).filter(|asked_s| *asked_s > 0.0),
             (None, Self::Group) => round_s(epochs),
@@ -35,12 +32,15 @@ impl SingleRanges {
 }
 
 /// The duration of rounds that suits a recording of single ranges with times, seconds; `None` for any other recording.
-pub fn round_s(epochs: &[Epoch]) -> Option<f64> {
+pub fn round_s(epochs: &Epochs) -> Option<f64> {
     let heard = || epochs.iter().filter(|epoch| !epoch.ranges.is_empty());
     let (all, single) = (heard().count(), heard().filter(|epoch| epoch.ranges.len() == 1).count());
-    let anchors = heard().flat_map(|epoch| &epoch.ranges).map(|range| range.anchor).collect::<HashSet<_>>().len();
+    if all < 2 || (single as f64) < SINGLES * all as f64 {
+        return None;
+    }
+    let anchors = heard().flat_map(|epoch| epoch.ranges.iter()).map(|range| range.anchor).collect::<HashSet<_>>().len();
     let mut times_s = heard().map(|epoch| epoch.t_s).collect::<Option<Vec<f64>>>()?;
-    if all < 2 || anchors < 2 || (single as f64) < SINGLES * all as f64 {
+    if anchors < 2 {
         return None;
     }
     times_s.sort_by(f64::total_cmp);
@@ -52,65 +52,78 @@ pub fn round_s(epochs: &[Epoch]) -> Option<f64> {
 
 /// Of several ranges of one anchor at one time in an epoch, keeps the median (of two, the shorter one, because a blocked
 /// range is too long). Returns how many were dropped.
-pub fn drop_repeats(epochs: &mut [Epoch]) -> usize {
-    let key = |range: &Measured| (range.anchor, range.t_s.map(f64::to_bits));
-    let mut dropped = 0;
-    for epoch in epochs {
-        let mut alike: HashMap<_, Vec<usize>> = HashMap::new();
-        for (at, range) in epoch.ranges.iter().enumerate() {
-            alike.entry(key(range)).or_default().push(at);
+pub fn drop_repeats(epochs: &mut Epochs) -> usize {
+    // Equal anchors and times stand behind each other, the shorter ranges first.
+    let mut sorted: Vec<((usize, Option<u64>), f64, usize)> = Vec::new();
+    let mut dropped: Vec<(usize, usize)> = Vec::new();
+    for (at, epoch) in epochs.iter().enumerate() {
+        sorted.clear();
+        let ranges = epoch.ranges.iter().enumerate();
+        sorted.extend(ranges.map(|(at, range)| ((range.anchor, range.t_s.map(f64::to_bits)), range.range_m, at)));
+        sorted.sort_unstable_by(|(one, one_m, first), (other, other_m, second)| {
+            one.cmp(other).then(one_m.total_cmp(other_m)).then(first.cmp(second))
+        });
+        for alike in sorted.chunk_by(|(one, _, _), (other, _, _)| one == other) {
+            let median = (alike.len() - 1) / 2;
+            let others = alike.iter().enumerate().filter(|(place, _)| *place != median);
+            dropped.extend(others.map(|(_, (_, _, range))| (at, *range)));
         }
-        if alike.len() == epoch.ranges.len() {
-            continue;
-        }
-        let median = |places: &mut Vec<usize>| {
-            places.sort_by(|a, b| epoch.ranges[*a].range_m.total_cmp(&epoch.ranges[*b].range_m));
-            places[(places.len() - 1) / 2]
-        };
-        let mut kept: Vec<usize> = alike.values_mut().map(median).collect();
-        kept.sort_unstable();
-        dropped += epoch.ranges.len() - kept.len();
-        epoch.ranges = kept.into_iter().map(|at| epoch.ranges[at]).collect();
     }
-    dropped
+    if !dropped.is_empty() {
+        dropped.sort_unstable();
+        epochs.retain_ranges(|place| dropped.binary_search(&place).is_err());
+    }
+    dropped.len()
+}
+
+/// A round that has not ended.
+#[derive(Default)]
+struct Round<'a> {
+    began_s: Option<f64>,
+    /// Of the last range: the name, the true position and, where it is known, the time of its epoch.
+    name: &'a str,
+    t_s: Option<f64>,
+    truth: Option<Coordinates>,
+    ranges: Vec<Measured>,
+}
+
+impl Round<'_> {
+    fn end(&mut self, rounds: &mut Epochs) {
+        if !self.ranges.is_empty() {
+            rounds.push(self.name, self.t_s, self.truth);
+            self.ranges.drain(..).for_each(|range| rounds.push_range(&range));
+        }
+    }
 }
 
 /// The ranges of all epochs in rounds. A round ends where an anchor repeats, or where more than `longest_s` seconds
 /// have passed since its first range. It has the name, time and true position of its last range's epoch. Epochs without
 /// ranges make no round.
-pub fn rounds(epochs: Vec<Epoch>, longest_s: f64) -> Vec<Epoch> {
-    let order = by_time(epochs.iter().map(|epoch| epoch.t_s));
-    let mut epochs: Vec<_> = epochs.into_iter().map(Some).collect();
-    let in_order = order.into_iter().filter_map(|at| epochs.get_mut(at)?.take());
-    let singles: Vec<Single> = in_order
-        .flat_map(|Epoch { name, t_s, ranges, truth, .. }| {
-            ranges.into_iter().map(move |range| (range, name.clone(), range.t_s.or(t_s), truth))
-        })
+pub fn rounds(epochs: &Epochs, longest_s: f64) -> Epochs {
+    let of_epoch = |at: usize| epochs.get(at).map_or(0, |epoch| epoch.ranges.len());
+    // The place of each range: its epoch, and its number in it.
+    let singles: Vec<(usize, usize)> = by_time(epochs.times_s())
+        .into_iter()
+        .flat_map(|epoch| (0..of_epoch(epoch)).map(move |range| (epoch, range)))
         .collect();
-    let mut rounds: Vec<Epoch> = Vec::new();
-    let mut began_s = None;
-    for at in by_time(singles.iter().map(|(_, _, t_s, _)| *t_s)) {
-        let Some((range, name, t_s, truth)) = singles.get(at) else { continue };
-        let is_late = t_s.zip(began_s).is_some_and(|(t_s, began_s)| t_s - began_s > longest_s);
-        let range = Measured { t_s: *t_s, ..*range };
-        match rounds.last_mut() {
-            Some(round) if !is_late && round.ranges.iter().all(|other| other.anchor != range.anchor) => {
-                round.ranges.push(range);
-                round.name.clone_from(name);
-                round.t_s = t_s.or(round.t_s);
-                round.truth = *truth;
-            }
-            Some(_) | None => {
-                began_s = *t_s;
-                rounds.push(Epoch {
-                    name: name.clone(),
-                    t_s: *t_s,
-                    ranges: vec![range],
-                    truth: *truth,
-                    ..Epoch::default()
-                });
-            }
+    let single = |&(epoch, range): &(usize, usize)| {
+        let epoch = epochs.get(epoch)?;
+        let range = epoch.ranges.get(range)?;
+        Some((epoch, Measured { t_s: range.t_s.or(epoch.t_s), ..range }))
+    };
+    let (mut rounds, mut round) = (Epochs::default(), Round::default());
+    for at in by_time(singles.iter().map(|place| single(place)?.1.t_s)) {
+        let Some((Epoch { name, truth, .. }, range)) = singles.get(at).and_then(single) else { continue };
+        let is_late = range.t_s.zip(round.began_s).is_some_and(|(t_s, began_s)| t_s - began_s > longest_s);
+        if is_late || round.ranges.iter().any(|other| other.anchor == range.anchor) {
+            round.end(&mut rounds);
         }
+        if round.ranges.is_empty() {
+            round = Round { began_s: range.t_s, ranges: round.ranges, ..Round::default() };
+        }
+        (round.name, round.t_s, round.truth) = (name, range.t_s.or(round.t_s), truth);
+        round.ranges.push(range);
     }
+    round.end(&mut rounds);
     rounds
 }

@@ -1,10 +1,12 @@
 //! A reader of CSV files from any program: columns by name, rows one at a time, in bounded memory.
 //!
 //! A row is a line: unlike in general CSV, a quoted field ends on the line where it began. So the reader never holds
-//! more than [`LONGEST_LINE`], however broken the file is, and every error has its line number.
+//! more than [`LONGEST_LINE`], however broken the file is, and every error has its line number. A line without quotes
+//! is split at its commas where it lies; the others, and the header, go through the CSV parser.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Cursor, Read, Stdin};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use csv::{Reader, ReaderBuilder, StringRecord, Trim};
@@ -25,10 +27,38 @@ pub struct Table {
     input: BufReader<Input>,
     header: Vec<String>,
     line: u64,
-    text: Vec<u8>,
-    /// Splits one line after the other.
+    fields: Fields,
+    /// Splits lines that have quotes.
     records: Reader<Cursor<Vec<u8>>>,
-    fields: StringRecord,
+}
+
+/// A text, and its fields in it without blanks around them.
+#[derive(Debug, Default)]
+struct Fields {
+    text: String,
+    /// The bytes of each field.
+    places: Vec<Range<usize>>,
+}
+
+impl Fields {
+    fn get(&self, index: usize) -> Option<&str> {
+        self.text.get(self.places.get(index)?.clone())
+    }
+
+    fn iter(&self) -> impl Iterator<Item = &str> {
+        self.places.iter().filter_map(|place| self.text.get(place.clone()))
+    }
+
+    /// Splits the text at its commas.
+    fn split(&mut self) {
+        self.places.clear();
+        let mut begin = 0;
+        for field in self.text.split(',') {
+            let blanks = field.len() - field.trim_start().len();
+            self.places.push(begin + blanks..begin + blanks + field.trim().len());
+            begin += field.len() + 1;
+        }
+    }
 }
 
 /// The source of a table.
@@ -52,6 +82,7 @@ impl Read for Input {
 pub struct Column {
     name: &'static str,
     index: Option<usize>,
+    bound: Bound,
 }
 
 impl Column {
@@ -66,7 +97,7 @@ impl Column {
 pub struct Row<'a> {
     file: &'a Path,
     line: u64,
-    fields: &'a StringRecord,
+    fields: &'a Fields,
 }
 
 impl Table {
@@ -84,16 +115,15 @@ impl Table {
         log::info!("reading {}", file.display());
         let mut table = Self {
             file: file.to_owned(),
-            input: BufReader::new(input),
+            input: BufReader::with_capacity(LONGEST_LINE, input),
             header: Vec::new(),
             line: 0,
-            text: Vec::new(),
+            fields: Fields::default(),
             records: ReaderBuilder::new()
                 .has_headers(false)
                 .flexible(true)
                 .trim(Trim::All)
                 .from_reader(Cursor::default()),
-            fields: StringRecord::new(),
         };
         if !table.advance()? {
             return Err(UserError::line(file, 1, "the file is empty; a header is expected"));
@@ -147,7 +177,8 @@ impl Table {
 
     /// An optional column.
     pub fn optional(&self, name: &'static str) -> Column {
-        Column { name, index: self.header.iter().position(|column| column == name) }
+        let index = self.header.iter().position(|column| column == name);
+        Column { name, index, bound: Bound::of(name) }
     }
 
     /// The next row that is not blank; `None` at the end of the file.
@@ -158,8 +189,8 @@ impl Table {
         if !self.advance()? {
             return Ok(None);
         }
-        if self.fields.len() != self.header.len() {
-            let (found, expected) = (self.fields.len(), self.header.len());
+        let (found, expected) = (self.fields.places.len(), self.header.len());
+        if found != expected {
             let hint = if self.has_decimal_commas() { "; decimal commas? points are expected" } else { "" };
             return Err(self.wrong(format!("{found} fields where the header has {expected}{hint}")));
         }
@@ -170,36 +201,37 @@ impl Table {
     fn advance(&mut self) -> Result<bool, UserError> {
         loop {
             self.line += 1;
-            self.text.clear();
-            let read = self.input.by_ref().take(LONGEST_LINE as u64 + 1).read_until(b'\n', &mut self.text);
+            let mut bytes = std::mem::take(&mut self.fields.text).into_bytes();
+            bytes.clear();
+            let read = self.input.by_ref().take(LONGEST_LINE as u64 + 1).read_until(b'\n', &mut bytes);
             if let Err(error) = read {
                 return Err(self.wrong(format!("cannot read it: {error}")));
             }
-            if self.text.is_empty() {
+            if bytes.is_empty() {
                 return Ok(false);
             }
-            if self.text.len() > LONGEST_LINE {
+            if bytes.len() > LONGEST_LINE {
                 return Err(self.wrong(format!("the line is longer than {LONGEST_LINE} bytes")));
             }
-            let text = match std::str::from_utf8(&self.text) {
+            let text = &mut self.fields.text;
+            *text = match String::from_utf8(bytes) {
                 Ok(text) => text,
                 Err(error) => {
-                    let byte = self.text[error.valid_up_to()];
+                    let byte = error.as_bytes()[error.utf8_error().valid_up_to()];
                     return Err(self.wrong(format!("not a text file: byte {byte:#04x} is not UTF-8")));
                 }
             };
-            let text = text.trim_end_matches(['\r', '\n']);
+            text.truncate(text.trim_end_matches(['\r', '\n']).len());
             if text.trim().is_empty() {
                 continue;
             }
-            let cursor = self.records.get_mut();
-            cursor.set_position(0);
-            cursor.get_mut().clear();
-            cursor.get_mut().extend_from_slice(text.as_bytes());
-            cursor.get_mut().extend_from_slice(BEHIND.as_bytes());
-            return if self.split() {
+            let is_header = self.header.is_empty();
+            return if !is_header && !text.bytes().any(|byte| matches!(byte, b'"' | b'\r')) {
+                self.fields.split();
                 Ok(true)
-            } else if self.text.trim_ascii_end().contains(&b'\r') {
+            } else if self.parse() {
+                Ok(true)
+            } else if self.fields.text.trim_ascii_end().contains('\r') {
                 Err(self.wrong("a carriage return within the line"))
             } else {
                 Err(self.wrong("a quote is not closed on its line"))
@@ -207,12 +239,27 @@ impl Table {
         }
     }
 
-    /// Splits the line in the cursor; false where the line is not exactly one record.
-    fn split(&mut self) -> bool {
-        let mut behind = StringRecord::new();
+    /// Parses a line that may have quotes; false where it is not exactly one record.
+    fn parse(&mut self) -> bool {
+        let cursor = self.records.get_mut();
+        cursor.set_position(0);
+        cursor.get_mut().clear();
+        cursor.get_mut().extend_from_slice(self.fields.text.as_bytes());
+        cursor.get_mut().extend_from_slice(BEHIND.as_bytes());
+        let (mut record, mut behind) = (StringRecord::new(), StringRecord::new());
         let mut next = |record| self.records.read_record(record).is_ok_and(|found| found);
-        let found = next(&mut self.fields) && next(&mut behind);
-        found && behind == [".\n."][..] && !self.fields.iter().any(|field| field.contains('\n'))
+        let found = next(&mut record) && next(&mut behind);
+        if !found || behind != [".\n."][..] || record.iter().any(|field| field.contains('\n')) {
+            return false;
+        }
+        let Fields { text, places } = &mut self.fields;
+        text.clear();
+        places.clear();
+        for field in &record {
+            places.push(text.len()..text.len() + field.len());
+            text.push_str(field);
+        }
+        true
     }
 
     fn wrong(&self, what: impl Into<String>) -> UserError {
@@ -251,7 +298,7 @@ impl<'a> Row<'a> {
             "" => return Ok(None),
             text => text,
         };
-        let bound = Bound::of(column.name);
+        let bound = column.bound;
         let is_wrong = |what: &str| Err(self.wrong(column, &format!("{} {what}", quoted(text))));
         match text.parse::<f64>() {
             Ok(number) if number.abs() <= bound.most => Ok(Some(number)),
@@ -293,6 +340,7 @@ impl<'a> Row<'a> {
 
 /// The largest magnitude of the numbers in a column. Beyond it no position, level or time makes sense, and arithmetic
 /// and pictures would fail in ways that hide the wrong line.
+#[derive(Clone, Copy, Debug)]
 struct Bound {
     most: f64,
     /// The bound with its unit, for messages.
@@ -324,5 +372,29 @@ pub(crate) fn quoted(text: &str) -> String {
     match text.char_indices().nth(LONGEST) {
         Some((end, _)) => format!("{:?}…", &text[..end]),
         None => format!("{text:?}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use csv::{ReaderBuilder, StringRecord, Trim};
+
+    use super::Fields;
+
+    #[test]
+    fn a_line_without_quotes_has_the_fields_that_a_parser_of_csv_finds() {
+        // All lines of six characters of these: separator, letters of one and two bytes, blanks of one and two bytes.
+        let characters = [',', 'a', 'é', ' ', '\u{a0}'];
+        for number in 0..characters.len().pow(6) {
+            let digits = (0..6).map(|place| number / characters.len().pow(place) % characters.len());
+            let text: String = digits.map(|digit| characters[digit]).collect();
+            let mut fields = Fields { text, places: Vec::new() };
+            fields.split();
+            let mut reader =
+                ReaderBuilder::new().has_headers(false).trim(Trim::All).from_reader(fields.text.as_bytes());
+            let mut record = StringRecord::new();
+            assert!(reader.read_record(&mut record).expect("UTF-8"), "{:?}", fields.text);
+            assert_eq!(fields.iter().collect::<Vec<_>>(), record.iter().collect::<Vec<_>>(), "{:?}", fields.text);
+        }
     }
 }

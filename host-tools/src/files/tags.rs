@@ -1,34 +1,36 @@
-//! Rows that belong together by a name in one of their columns: those of a tag, those of an epoch.
+//! Rows that belong together by a name in one of their columns: those of a tag, those of a capture.
 
-use std::collections::HashMap;
-
+use crate::files::names::{Index, Texts};
 use crate::{Column, Row};
 
 /// Items by name, in the order in which the names appear.
 #[derive(Debug)]
 pub(crate) struct ByName<T> {
-    places: HashMap<String, usize>,
+    names: Texts,
+    index: Index,
     items: Vec<T>,
+    /// The item of the last call: rows of one name often follow each other.
+    last: usize,
 }
 
 impl<T> Default for ByName<T> {
     fn default() -> Self {
-        Self { places: HashMap::new(), items: Vec::new() }
+        Self { names: Texts::default(), index: Index::default(), items: Vec::new(), last: 0 }
     }
 }
 
 impl<T> ByName<T> {
     /// The item of a name; `new` makes it where the name is new.
     pub(crate) fn of(&mut self, name: &str, new: impl FnOnce() -> T) -> &mut T {
-        let at = match self.places.get(name) {
-            Some(&at) => at,
-            None => {
-                self.places.insert(name.to_owned(), self.items.len());
+        if self.names.get(self.last) != Some(name) {
+            self.last = self.index.find(&self.names, name).unwrap_or_else(|| {
+                let at = self.names.push(name);
+                self.index.insert(&self.names, at);
                 self.items.push(new());
-                self.items.len() - 1
-            }
-        };
-        &mut self.items[at]
+                at
+            });
+        }
+        &mut self.items[self.last]
     }
 
     /// All items, in the order of their names' first rows.

@@ -3,13 +3,13 @@
 //! The truth may have its own rate and its own numbers of epochs. Between two of its rows a position is interpolated
 //! linearly. Where the ranges or the truth have no times, the rows are joined by the epochs' names.
 
-use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use crate::files::names::{Index, Texts};
 use crate::files::spelled;
 use crate::files::table::quoted;
 use crate::files::tags::{ByName, tag_of};
-use crate::{Coordinates, Epoch, Table, UserError};
+use crate::{Coordinates, Epochs, Table, UserError};
 
 /// A true position holds for this time before and after its row where it cannot be interpolated, seconds.
 const HOLDS_S: f64 = 0.1;
@@ -20,9 +20,8 @@ const MOVES_M: f64 = 0.1;
 /// Rows of the same epoch are of the same instant where their times differ by no more than this, seconds: files round.
 const SAME_INSTANT_S: f64 = 1.0e-3;
 /// The tag's true position at one time.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Row {
-    epoch: String,
     t_s: Option<f64>,
     place: Coordinates,
 }
@@ -32,9 +31,11 @@ struct Row {
 pub struct Truth {
     /// In the order of the file.
     rows: Vec<Row>,
-    by_name: HashMap<String, usize>,
+    /// The epoch of each row.
+    epochs: Texts,
+    by_name: Index,
     /// The rows with a time, in the order of time.
-    by_time: Vec<(f64, Coordinates)>,
+    by_time: Vec<usize>,
 }
 
 /// How the truth was joined to epochs.
@@ -73,13 +74,12 @@ impl Truths {
             let tag = tag_of(&row, tag);
             let new = || (tag.map(str::to_owned), Truth::default(), Vec::new());
             let (_, truth, lines) = by_tag.of(tag.unwrap_or(""), new);
-            lines.push(row.line());
-            if let Some(before) = truth.by_name.insert(name.to_owned(), truth.rows.len()) {
-                let line = lines[before];
+            if let Some(line) = truth.by_name.find(&truth.epochs, name).and_then(|before| lines.get(before)) {
                 return Err(row.wrong(epoch, &format!("{} stands in line {line} already", quoted(name))));
             }
             let place = Coordinates { x_m: row.some_number(x)?, y_m: row.some_number(y)?, z_m: row.number(z)? };
-            truth.rows.push(Row { epoch: name.to_owned(), t_s: row.number(time)?, place });
+            truth.push(name, row.number(time)?, place);
+            lines.push(row.line());
         }
         let mut by_tag: Vec<_> = by_tag.in_order().into_iter().map(|(tag, truth, _)| (tag, truth)).collect();
         if by_tag.is_empty() {
@@ -115,10 +115,25 @@ impl Truths {
 }
 
 impl Truth {
+    /// Adds the position of an epoch that has none yet.
+    fn push(&mut self, epoch: &str, t_s: Option<f64>, place: Coordinates) {
+        let at = self.epochs.push(epoch);
+        self.by_name.insert(&self.epochs, at);
+        self.rows.push(Row { t_s, place });
+    }
+
     /// Sorts the rows that have a time.
     fn sort(&mut self) {
-        self.by_time = self.rows.iter().filter_map(|row| Some((row.t_s?, row.place))).collect();
-        self.by_time.sort_by(|(one, _), (other, _)| one.total_cmp(other));
+        let timed = self.rows.iter().enumerate().filter_map(|(at, row)| Some((row.t_s?, at)));
+        let mut timed: Vec<(f64, usize)> = timed.collect();
+        timed.sort_by(|(one, _), (other, _)| one.total_cmp(other));
+        self.by_time = timed.into_iter().map(|(_, at)| at).collect();
+    }
+
+    /// A row, by its place in the order of time: time in seconds, position.
+    fn timed(&self, place: usize) -> Option<(f64, Coordinates)> {
+        let Row { t_s, place } = self.rows.get(*self.by_time.get(place)?)?;
+        Some(((*t_s)?, *place))
     }
 
     /// Whether any position has a time.
@@ -133,15 +148,16 @@ impl Truth {
 
     /// All rows, in the order of the file: epoch, time in seconds, position.
     pub fn rows(&self) -> impl Iterator<Item = (&str, Option<f64>, &Coordinates)> {
-        self.rows.iter().map(|row| (row.epoch.as_str(), row.t_s, &row.place))
+        self.rows.iter().enumerate().map(|(at, row)| (self.epochs.get(at).unwrap_or(""), row.t_s, &row.place))
     }
 
     /// The position at a time of the truth's clock, seconds. There is none before the first row and after the last one,
     /// and none in a gap of more than a second during which the tag moved; but each row holds for a tenth of a second.
     pub fn at(&self, t_s: f64) -> Option<Coordinates> {
-        let next = self.by_time.partition_point(|(row_s, _)| *row_s < t_s);
-        let before = next.checked_sub(1).and_then(|at| self.by_time.get(at));
-        let after = self.by_time.get(next);
+        let is_before = |at: &usize| self.rows.get(*at).is_some_and(|row| row.t_s.is_some_and(|row_s| row_s < t_s));
+        let next = self.by_time.partition_point(is_before);
+        let before = next.checked_sub(1).and_then(|place| self.timed(place));
+        let after = self.timed(next);
         if let (Some((from_s, from)), Some((to_s, to))) = (before, after) {
             let gap_s = to_s - from_s;
             if gap_s <= LONGEST_GAP_S || (from.x_m - to.x_m).hypot(from.y_m - to.y_m) <= MOVES_M {
@@ -155,7 +171,7 @@ impl Truth {
             }
         }
         let near = [before, after].into_iter().flatten().filter(|(row_s, _)| (row_s - t_s).abs() <= HOLDS_S);
-        near.min_by(|(one, _), (other, _)| (one - t_s).abs().total_cmp(&(other - t_s).abs())).map(|(_, place)| *place)
+        near.min_by(|(one, _), (other, _)| (one - t_s).abs().total_cmp(&(other - t_s).abs())).map(|(_, place)| place)
     }
 
     /// The position of an epoch, by its time, or else by its name. `offset_s` is added to the times of the truth,
@@ -195,17 +211,14 @@ impl Truth {
     }
 
     /// Gives the epochs their true positions. `offset_s` is added to the times of the truth, seconds.
-    pub fn join(&self, epochs: &mut [Epoch], offset_s: f64) -> Joined {
-        let named = epochs.iter().map(|epoch| (epoch.name.as_str(), epoch.t_s));
-        let (places, joined) = self.of_epochs(named, offset_s);
-        for (epoch, place) in epochs.iter_mut().zip(places) {
-            epoch.truth = place;
-        }
+    pub fn join(&self, epochs: &mut Epochs, offset_s: f64) -> Joined {
+        let (places, joined) = self.of_epochs(epochs.iter().map(|epoch| (epoch.name, epoch.t_s)), offset_s);
+        epochs.set_truths(places);
         joined
     }
 
     fn named(&self, name: &str) -> Option<&Row> {
-        self.rows.get(*self.by_name.get(name)?)
+        self.rows.get(self.by_name.find(&self.epochs, name)?)
     }
 }
 
@@ -215,11 +228,9 @@ impl Truth {
     pub(crate) fn of(rows: impl IntoIterator<Item = (f64, [f64; 3])>) -> Self {
         let mut truth = Self::default();
         for (number, (t_s, [x_m, y_m, z_m])) in rows.into_iter().enumerate() {
-            let place = Coordinates { x_m, y_m, z_m: Some(z_m) };
-            truth.by_name.insert(number.to_string(), number);
-            truth.by_time.push((t_s, place));
-            truth.rows.push(Row { epoch: number.to_string(), t_s: Some(t_s), place });
+            truth.push(&number.to_string(), Some(t_s), Coordinates { x_m, y_m, z_m: Some(z_m) });
         }
+        truth.sort();
         truth
     }
 }
@@ -227,7 +238,7 @@ impl Truth {
 #[cfg(test)]
 mod tests {
     use super::{Joined, Truth};
-    use crate::{Coordinates, Epoch};
+    use crate::{Coordinates, Epochs};
 
     fn x_m(place: Option<Coordinates>) -> Option<f64> {
         place.map(|place| (place.x_m * 1.0e6).round() / 1.0e6)
@@ -248,9 +259,15 @@ mod tests {
         assert_eq!([8.0, 13.05, 13.5].map(|t_s| x_m(truth.at(t_s))), [Some(5.025), Some(5.05), None]);
     }
 
-    fn epochs(times_s: &[Option<f64>]) -> Vec<Epoch> {
-        let named = times_s.iter().enumerate();
-        named.map(|(at, &t_s)| Epoch { name: at.to_string(), t_s, ..Epoch::default() }).collect()
+    fn epochs(times_s: &[Option<f64>]) -> Epochs {
+        let mut epochs = Epochs::default();
+        times_s.iter().enumerate().for_each(|(at, &t_s)| epochs.push(&at.to_string(), t_s, None));
+        epochs
+    }
+
+    /// The x of each epoch's true position.
+    fn truths_m(epochs: &Epochs) -> Vec<Option<f64>> {
+        epochs.iter().map(|epoch| x_m(epoch.truth)).collect()
     }
 
     #[test]
@@ -260,10 +277,10 @@ mod tests {
         let mut heard = epochs(&(0..19).map(|k| Some(0.5 * f64::from(k) + 0.05)).collect::<Vec<_>>());
         assert_eq!(truth.join(&mut heard, 0.0), Joined::ByTime);
         assert_eq!(heard.len(), 19);
-        assert_eq!([x_m(heard[0].truth), x_m(heard[18].truth)], [Some(0.05), Some(9.05)]);
+        assert_eq!([0, 18].map(|at| truths_m(&heard)[at]), [Some(0.05), Some(9.05)]);
         // Rows that are stamped 0.2 s late need -0.2 s.
         truth.join(&mut heard, -0.2);
-        assert_eq!([x_m(heard[1].truth), x_m(heard[18].truth)], [Some(0.75), Some(9.25)]);
+        assert_eq!([1, 18].map(|at| truths_m(&heard)[at]), [Some(0.75), Some(9.25)]);
     }
 
     #[test]
@@ -271,9 +288,9 @@ mod tests {
         let truth = Truth::of([(0.0, [7.0, 0.0, 0.0]), (0.5, [8.0, 0.0, 0.0]), (1.0, [9.0, 0.0, 0.0])]);
         let mut heard = epochs(&[None, None]);
         assert_eq!(truth.join(&mut heard, 0.0), Joined::ByEpoch);
-        assert_eq!(heard.iter().map(|epoch| x_m(epoch.truth)).collect::<Vec<_>>(), [Some(7.0), Some(8.0)]);
+        assert_eq!(truths_m(&heard), [Some(7.0), Some(8.0)]);
         let mut heard = epochs(&[Some(500.0), Some(501.0)]);
         assert_eq!(truth.join(&mut heard, 0.0), Joined::ByEpochDespiteTimes);
-        assert_eq!(x_m(heard[1].truth), Some(8.0));
+        assert_eq!(truths_m(&heard), [Some(7.0), Some(8.0)]);
     }
 }

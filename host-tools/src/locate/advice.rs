@@ -11,7 +11,7 @@ use positioning_core::engine::Missing;
 use crate::files::positions::PositionRow;
 use crate::locate::solve::{Height, NoPosition, Solved, Space};
 use crate::survey::presence::Room;
-use crate::{Anchor, Coordinates, Epoch, Recording};
+use crate::{Anchor, Coordinates, Epoch, Epochs, Recording};
 
 /// Anchors lie in one plane where their spread across it is less than this share of the next larger one: as the
 /// solvers decide (`positioning_core`'s geometry).
@@ -64,7 +64,7 @@ fn are_collinear(count: usize, [across, along]: [f64; 2]) -> bool {
 /// The anchors to which there are ranges.
 fn ranged(recording: &Recording) -> Vec<&Anchor> {
     let mut has_range = vec![false; recording.anchors.len()];
-    for range in recording.epochs.iter().flat_map(|epoch| &epoch.ranges) {
+    for range in recording.epochs.iter().flat_map(|epoch| epoch.ranges.iter()) {
         if let Some(has) = has_range.get_mut(range.anchor) {
             *has = true;
         }
@@ -122,8 +122,8 @@ fn without_height(places: &[&Coordinates], space: Space) -> Option<String> {
 
 fn unit(recording: &Recording, places: &[&Coordinates]) -> Option<String> {
     let mut ranges: Vec<f64> =
-        recording.epochs.iter().flat_map(|epoch| &epoch.ranges).map(|range| range.range_m).collect();
-    ranges.sort_by(f64::total_cmp);
+        recording.epochs.iter().flat_map(|epoch| epoch.ranges.iter()).map(|range| range.range_m).collect();
+    ranges.sort_unstable_by(f64::total_cmp);
     let extent = |axis: fn(&Coordinates) -> f64| {
         let (least, greatest) = places
             .iter()
@@ -181,8 +181,8 @@ fn negative(recording: &Recording) -> Option<String> {
     ))
 }
 
-fn times(epochs: &[Epoch]) -> Option<String> {
-    let span = |epoch: &Epoch| {
+fn times(epochs: &Epochs) -> Option<String> {
+    let span = |epoch: &Epoch<'_>| {
         let (first, last) = epoch
             .ranges
             .iter()
@@ -190,7 +190,7 @@ fn times(epochs: &[Epoch]) -> Option<String> {
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(first, last), t_s| (first.min(t_s), last.max(t_s)));
         (last - first > ONE_FIX_S).then_some((first, last))
     };
-    let mut long = epochs.iter().filter_map(|epoch| Some((epoch, span(epoch)?)));
+    let mut long = epochs.iter().filter_map(|epoch| Some((epoch, span(&epoch)?)));
     let (epoch, (first, last)) = long.next()?;
     Some(format!(
         "{} of the epochs have rows whose times differ by more than {ONE_FIX_S} s, the first is {} with {first} to {last} s, \

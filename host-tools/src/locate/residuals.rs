@@ -5,7 +5,7 @@
 
 use baliza_report::{mean, percentile};
 
-use crate::{Anchor, Coordinates, Epoch, Height, Measured, Position, Setup, Solved, Space, Truth, by_time};
+use crate::{Anchor, Coordinates, Epoch, Epochs, Height, Measured, Position, Setup, Solved, Space, Truth, by_time};
 
 /// A range that is longer than the distance by more than this counts as blocked, metres.
 const BLOCKED_M: f64 = 0.3;
@@ -77,19 +77,14 @@ pub enum Reference<'a> {
 struct Series(Vec<(Option<f64>, f64)>);
 
 /// The figures of all anchors, in the order of the recording.
-pub fn residuals(
-    anchors: &[Anchor],
-    epochs: &[Epoch],
-    setup: &Setup,
-    reference: Reference<'_>,
-) -> Vec<AnchorResiduals> {
+pub fn residuals(anchors: &[Anchor], epochs: &Epochs, setup: &Setup, reference: Reference<'_>) -> Vec<AnchorResiduals> {
     let mut series = vec![Series::default(); anchors.len()];
     let mut places_m: Vec<[f64; 2]> = Vec::new();
-    for at in by_time(epochs.iter().map(|epoch| epoch.t_s)) {
+    for at in by_time(epochs.times_s()) {
         let Some(epoch) = epochs.get(at) else { continue };
         for index in by_time(epoch.ranges.iter().map(|range| range.t_s)) {
             let Some(range) = epoch.ranges.get(index) else { continue };
-            let Some(tag) = reference.at(at, epoch, range, setup) else { continue };
+            let Some(tag) = reference.at(at, &epoch, &range, setup) else { continue };
             let Some(anchor) = anchors.get(range.anchor) else { continue };
             let Some(distance_m) = distance_m(&tag, &anchor.place, setup) else { continue };
             places_m.push([tag.x_m, tag.y_m]);

@@ -3,6 +3,9 @@
 //! Coordinates are taken relative to the middle of the anchors before they become `f32`. So a site grid with a distant
 //! origin does not lose digits.
 
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+
 use positioning_core::ble::fingerprint;
 use positioning_core::engine::Missing;
 use positioning_core::nlos::Classifier as _;
@@ -11,7 +14,10 @@ use positioning_core::{
     flatten,
 };
 
-use crate::files::{Anchor, Coordinates, Epoch, Measured};
+use crate::files::{Anchor, Coordinates, Epoch, Epochs, Measured};
+
+/// A thread takes this number of epochs at once: some milliseconds of work.
+const AT_ONCE: usize = 1024;
 
 /// The space in which to solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -143,13 +149,39 @@ impl<'a> Solver<'a> {
         Solved::of(outcome, epoch.truth)
     }
 
+    /// The positions of epochs by `method`, in their order. All processors work on them; `step` is called with the number
+    /// of those that are done, from any thread.
+    pub fn solve_all(&self, method: Method, epochs: &Epochs, step: impl Fn(usize) + Sync) -> Vec<Solved> {
+        let unsolved = Solved { outcome: Err(NoPosition::SolveError(SolveError::TooFewAnchors)), error_m: None };
+        let mut solved = vec![unsolved; epochs.len()];
+        let threads = thread::available_parallelism().map_or(1, usize::from).min(epochs.len().div_ceil(AT_ONCE));
+        let parts = Mutex::new(solved.chunks_mut(AT_ONCE).enumerate());
+        let work = || {
+            // A thread that panics ends the scope with its panic, so what it leaves is not used.
+            let next = || parts.lock().unwrap_or_else(PoisonError::into_inner).next();
+            while let Some((part, solved)) = next() {
+                for (at, solved) in solved.iter_mut().enumerate() {
+                    if let Some(epoch) = epochs.get(part * AT_ONCE + at) {
+                        *solved = self.solve(method, &epoch);
+                    }
+                }
+                step(solved.len());
+            }
+        };
+        thread::scope(|scope| {
+            (1..threads).for_each(|_| drop(scope.spawn(work)));
+            work();
+        });
+        solved
+    }
+
     fn in_plane(&self, method: Method, epoch: &Epoch, height: Height) -> Result<Position, NoPosition> {
         let tag_z = match height {
             Height::Unknown => None,
             Height::Fixed(z) => Some(z),
             Height::FromTruth => Some(epoch.truth.and_then(|truth| truth.z_m).ok_or(NoPosition::HeightUnknown)?),
         };
-        let of = |measured: &Measured| {
+        let of = |measured: Measured| {
             let place = &self.anchors.get(measured.anchor)?.place;
             let range = measured.range_m as f32;
             let range = match tag_z {
@@ -157,7 +189,7 @@ impl<'a> Solver<'a> {
                 None => range,
             };
             let anchor = [self.local(0, place.x_m), self.local(1, place.y_m)];
-            Some(sample(measured, anchor, range))
+            Some(sample(&measured, anchor, range))
         };
         let area = self.setup.area_m.map(|corners| {
             let [min, max] = corners.map(|[x, y]| [self.local(0, x), self.local(1, y)]);
@@ -186,10 +218,10 @@ impl<'a> Solver<'a> {
     fn in_space(&self, method: Method, epoch: &Epoch, half: Option<Half>) -> Result<Position, NoPosition> {
         /// Farther below or above than any anchor, metres.
         const AWAY_M: f32 = 1.0e4;
-        let of = |measured: &Measured| {
+        let of = |measured: Measured| {
             let place = &self.anchors.get(measured.anchor)?.place;
             let anchor = [self.local(0, place.x_m), self.local(1, place.y_m), self.local(2, place.z_m?)];
-            Some(sample(measured, anchor, measured.range_m as f32))
+            Some(sample(&measured, anchor, measured.range_m as f32))
         };
         let side = match half {
             None => Side::Unknown,
@@ -280,5 +312,48 @@ impl Coordinates {
     pub fn distance_m(&self, other: &Self) -> f64 {
         let up = self.z_m.zip(other.z_m).map_or(0.0, |(one, other)| one - other);
         ((self.x_m - other.x_m).powi(2) + (self.y_m - other.y_m).powi(2) + up.powi(2)).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use positioning_core::nlos::Features;
+    use positioning_core::{Method, SolveError};
+
+    use super::{AT_ONCE, Height, NoPosition, Setup, Solver, Space};
+    use crate::files::Diagnostics;
+    use crate::{Anchor, Coordinates, Epochs, Measured};
+
+    #[test]
+    fn each_epoch_gets_its_own_position_whichever_thread_solves_it() {
+        let corners = [[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]];
+        let place = |[x_m, y_m]: [f64; 2]| Coordinates { x_m, y_m, z_m: None };
+        let anchors = corners.map(|at_m| Anchor { name: String::new(), place: place(at_m) });
+        // A walk along x. Every tenth epoch has no ranges.
+        let x_m = |at: usize| 1.0 + at as f64 * 1.0e-3;
+        let mut epochs = Epochs::default();
+        for at in 0..3 * AT_ONCE + 7 {
+            let tag = place([x_m(at), 3.0]);
+            epochs.push("", None, Some(tag));
+            for (anchor, Anchor { place, .. }) in anchors.iter().enumerate().filter(|_| at % 10 != 0) {
+                let range_m = place.horizontal_m(&tag);
+                let diagnostics = Diagnostics { features: Features::default(), power_dbm: f32::NAN };
+                epochs.push_range(&Measured { anchor, range_m, t_s: None, line_of_sight: None, diagnostics });
+            }
+        }
+        let solver = Solver::new(&anchors, Setup { space: Space::Plane(Height::Unknown), area_m: None });
+        let done = AtomicUsize::new(0);
+        let solved = solver.solve_all(Method::Robust, &epochs, |epochs| {
+            done.fetch_add(epochs, Ordering::Relaxed);
+        });
+        assert_eq!((solved.len(), done.into_inner()), (epochs.len(), epochs.len()));
+        for (at, solved) in solved.iter().enumerate() {
+            match solved.outcome {
+                Ok(position) => assert!((position.place.x_m - x_m(at)).abs() < 1.0e-4, "{at}: {position:?}"),
+                Err(reason) => assert_eq!((at % 10, reason), (0, NoPosition::SolveError(SolveError::TooFewAnchors))),
+            }
+        }
     }
 }

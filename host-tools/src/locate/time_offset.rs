@@ -86,22 +86,20 @@ impl Clocks {
 
 /// The clocks of a recording and of its truth, by the positions of single epochs.
 pub fn clocks(recording: &Recording, setup: Setup, truth: &Truth) -> Clocks {
-    let mut epochs = recording.epochs.clone();
+    let epochs = &recording.epochs;
     // Heights change slowly, so those of the unshifted truth are good enough here.
-    truth.join(&mut epochs, 0.0);
+    let (truths, _) = truth.of_epochs(epochs.iter().map(|epoch| (epoch.name, epoch.t_s)), 0.0);
     let solver = Solver::new(&recording.anchors, setup);
-    let solved: Vec<_> = epochs.iter().map(|epoch| solver.solve(Method::Robust, epoch)).collect();
-    time_offset(&timed_positions(&epochs, &solved), truth)
+    let joined = epochs.iter().zip(truths).map(|(epoch, truth)| Epoch { truth, ..epoch });
+    let positions = joined.filter_map(|epoch| timed_position(&epoch, &solver.solve(Method::Robust, &epoch)));
+    time_offset(&positions.collect::<Vec<_>>(), truth)
 }
 
-/// The positions with a time: the mean time of their ranges.
-fn timed_positions(epochs: &[Epoch], solved: &[Solved]) -> Vec<TimedPosition> {
-    let timed = epochs.iter().zip(solved).filter_map(|(epoch, solved)| {
-        let Coordinates { x_m, y_m, .. } = solved.outcome.ok()?.place;
-        let times_s = epoch.ranges.iter().map(|Measured { t_s, .. }| t_s.or(epoch.t_s)).collect::<Option<Vec<_>>>()?;
-        Some(TimedPosition { t_s: mean(times_s), at_m: [x_m, y_m] })
-    });
-    timed.filter(|position| position.t_s.is_finite()).collect()
+/// The position with its time: the mean time of its ranges.
+fn timed_position(epoch: &Epoch<'_>, solved: &Solved) -> Option<TimedPosition> {
+    let Coordinates { x_m, y_m, .. } = solved.outcome.ok()?.place;
+    let times_s = epoch.ranges.iter().map(|Measured { t_s, .. }| t_s.or(epoch.t_s)).collect::<Option<Vec<_>>>()?;
+    Some(TimedPosition { t_s: mean(times_s), at_m: [x_m, y_m] }).filter(|position| position.t_s.is_finite())
 }
 
 /// The seconds to add to the times of the truth.

@@ -59,7 +59,8 @@ impl Samples {
                 _ => Some(true),
             };
             let placement = self.placement(file, row.text(place));
-            let mut features = complete(diagnostics.read(&row)?, links.entry(placement).or_default());
+            let (known, range_m) = (diagnostics.read(&row)?, row.number(diagnostics.range)?);
+            let mut features = complete(known, range_m, links.entry(placement).or_default());
             let mut window = [0; WINDOW];
             for (sample, &column) in window.iter_mut().zip(&columns) {
                 // A magnitude outside of the accumulator's range becomes the nearest possible one.
@@ -101,7 +102,8 @@ impl Samples {
             let blocked = row.truth_value(sight)?.map(|direct| !direct);
             let ends = (row.text(tag).to_owned(), row.some_text(anchor)?.to_owned());
             let link = links.entry(ends).or_default();
-            let features = complete(diagnostics.read(&row)?, link);
+            let (known, range_m) = (diagnostics.read(&row)?, row.number(diagnostics.range)?);
+            let features = complete(known, range_m, link);
             let placement = self.placement(file, row.text(place));
             let truth = true_range_m(&Measurement {
                 tag: tag_of(&row, tag),
@@ -109,7 +111,7 @@ impl Samples {
                 t_s: row.number(time)?,
                 anchor: row.text(anchor),
             });
-            let error_m = row.number(diagnostics.range)?.zip(truth).map(|(range, truth)| range - truth);
+            let error_m = range_m.zip(truth).map(|(range, truth)| range - truth);
             self.all.push(Sample { placement, blocked, features, error_m });
         }
         if self.all.len() == before { Err(UserError::line(file, 1, "no ranges below the header")) } else { Ok(()) }
@@ -140,10 +142,10 @@ pub struct Measurement<'a> {
     pub anchor: &'a str,
 }
 
-/// The features of a reception, with the moving means of its link.
-fn complete(diagnostics: Diagnostics, means: &mut Means) -> Features {
+/// The features of a reception whose range is known or not, metres, with the moving means of its link.
+fn complete(diagnostics: Diagnostics, range_m: Option<f64>, means: &mut Means) -> Features {
     let mut features = diagnostics.features;
-    means.complete(&mut features, diagnostics.range_m, diagnostics.power_dbm);
+    means.complete(&mut features, range_m.map_or(f32::NAN, |range_m| range_m as f32), diagnostics.power_dbm);
     features
 }
 

@@ -82,9 +82,9 @@ pub fn convert<S: Sink>(folder: &Folder, view: &mut View<S>) -> Result<Converted
         truth_heights: false,
     };
     for Recording { tag, epochs, .. } in Recording::read(&files)? {
-        for epoch in epochs {
+        for epoch in epochs.iter() {
             rows.extend(epoch.ranges.iter().map(|range| {
-                let (tag, epoch_name) = (tag.clone(), epoch.name.clone());
+                let (tag, epoch_name) = (tag.clone(), epoch.name.to_owned());
                 let (anchor, range_m, los) = (range.anchor, range.range_m, range.line_of_sight);
                 (range.t_s.or(epoch.t_s), Row::Range { tag, epoch: epoch_name, anchor, range_m, los })
             }));

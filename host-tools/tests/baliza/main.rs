@@ -16,6 +16,8 @@ mod import;
 mod interrupted;
 mod limits;
 mod manners;
+#[cfg(target_os = "linux")]
+mod memory;
 mod messages;
 mod monitor;
 mod nlos;

@@ -12,7 +12,7 @@ use anyhow::Result;
 use host_tools::files::beacons::{Beacon, Capture, Captured, Dwell, Wall, read_beacons, read_walls};
 use host_tools::files::{DOCUMENT_BYTES, read_limited};
 use host_tools::survey::fingerprint::{Average, Plan, Survey};
-use host_tools::{Epoch, Solved, UserError};
+use host_tools::{Epochs, Solved, UserError};
 use positioning_core::ble::fingerprint::MAX_BEACONS;
 
 use crate::cli::floor_plan::FloorPlan;
@@ -146,7 +146,7 @@ struct Found<'a> {
 impl Found<'_> {
     /// Writes the positions and the picture, and prints the summary.
     fn report(self, output: &Output) -> Result<()> {
-        let epochs: Vec<Vec<Epoch>> = self.tags.iter().map(|of| of.captures.iter().map(epoch).collect()).collect();
+        let epochs: Vec<Epochs> = self.tags.iter().map(|of| epochs(&of.captures)).collect();
         let tags = self.tags.iter().zip(&epochs).zip(self.solved).map(|((of, epochs), solved)| TagReport {
             tag: of.tag.as_deref(),
             epochs,
@@ -163,7 +163,7 @@ impl Found<'_> {
                 are_dwells: self.tags.iter().flat_map(|of| &of.captures).any(|capture| capture.is_stay),
                 ..Site::default()
             },
-            with_errors: epochs.iter().flatten().any(|epoch| epoch.truth.is_some()),
+            with_errors: epochs.iter().flat_map(Epochs::iter).any(|epoch| epoch.truth.is_some()),
             neighbours: Some(self.neighbours),
             tags: tags.collect(),
         };
@@ -171,8 +171,12 @@ impl Found<'_> {
     }
 }
 
-/// A capture as an epoch for the files of positions and for the pictures.
-fn epoch(capture: &Capture) -> Epoch {
-    let truth = capture.truth_m.map(|[x_m, y_m]| host_tools::Coordinates { x_m, y_m, z_m: None });
-    Epoch { name: capture.name.clone(), t_s: capture.t_s, truth, ..Epoch::default() }
+/// Captures as epochs for the files of positions and for the pictures.
+fn epochs(captures: &[Capture]) -> Epochs {
+    let mut epochs = Epochs::default();
+    for capture in captures {
+        let truth = capture.truth_m.map(|[x_m, y_m]| host_tools::Coordinates { x_m, y_m, z_m: None });
+        epochs.push(&capture.name, capture.t_s, truth);
+    }
+    epochs
 }

@@ -1,9 +1,11 @@
 //! The columns of positions: their names, and the value of each for an epoch. Every format writes these.
 
+use std::fmt::Write as _;
+
 use serde_json::Value;
 
 use super::Rows;
-use crate::files::recording::{Coordinates, Epoch};
+use crate::files::{Coordinates, Epoch};
 use crate::{Position, Solved};
 
 /// An epoch of a tag, solved by a method.
@@ -11,7 +13,7 @@ use crate::{Position, Solved};
 pub struct Entry<'a> {
     pub tag: Option<&'a str>,
     pub method: &'a str,
-    pub epoch: &'a Epoch,
+    pub epoch: Epoch<'a>,
     pub solved: &'a Solved,
 }
 
@@ -43,7 +45,7 @@ const SQUARE_METRES: usize = 6;
 
 /// All columns. A reader finds them by name; new ones come last but for the tag.
 const COLUMNS: [Column; 19] = [
-    always("epoch", Values::Text(|entry| Some(&entry.epoch.name))),
+    always("epoch", Values::Text(|entry| Some(entry.epoch.name))),
     always("t_s", Values::Exact(|entry| entry.epoch.t_s)),
     always("method", Values::Text(|entry| Some(entry.method))),
     always("x_m", Values::Rounded(METRES, |entry| Some(entry.place()?.x_m))),
@@ -134,15 +136,16 @@ impl<'a> Entry<'a> {
 }
 
 impl Values {
-    /// The field of CSV: empty where the value is unknown.
-    pub fn text(self, entry: &Entry) -> String {
-        match self {
-            Self::Text(of) => of(entry).map(str::to_owned),
-            Self::Count(of) => of(entry).map(|count| count.to_string()),
-            Self::Exact(of) => finite(of(entry)).map(|number| number.to_string()),
-            Self::Rounded(decimals, of) => finite(of(entry)).map(|number| format!("{number:.decimals$}")),
-        }
-        .unwrap_or_default()
+    /// Adds the field of CSV to the text: nothing where the value is unknown.
+    pub fn write(self, entry: &Entry, text: &mut String) {
+        let written = match self {
+            Self::Text(of) => of(entry).map(|value| text.write_str(value)),
+            Self::Count(of) => of(entry).map(|count| write!(text, "{count}")),
+            Self::Exact(of) => finite(of(entry)).map(|number| write!(text, "{number}")),
+            Self::Rounded(decimals, of) => finite(of(entry)).map(|number| write!(text, "{number:.decimals$}")),
+        };
+        // A text in memory takes everything.
+        let _ = written;
     }
 
     /// The value in JSON: `null` where it is unknown.

@@ -4,13 +4,14 @@ mod columns;
 mod parquet;
 mod read;
 
+use std::io::Write;
 use std::path::Path;
 
 use serde_json::Map;
 
 use self::columns::{Column, Entry, columns};
 use crate::Solved;
-use crate::files::recording::Epoch;
+use crate::files::Epochs;
 
 pub use read::{PositionRow, Positions, read, read_track};
 
@@ -22,7 +23,7 @@ pub struct Rows<'a> {
     /// The method's name.
     pub method: &'a str,
     /// The epochs.
-    pub epochs: &'a [Epoch],
+    pub epochs: &'a Epochs,
     /// What was found for each of them.
     pub solved: &'a [Solved],
 }
@@ -50,43 +51,53 @@ impl Format {
         }
     }
 
-    /// The file: row after row in the order given. With `with_errors` it has the errors.
+    /// Writes the file: row after row in the order given. With `with_errors` it has the errors.
     ///
     /// # Errors
-    /// The format's writer returns an error.
-    pub fn encode<'a>(
+    /// The file cannot be written, or the format's writer returns an error.
+    pub fn write<'a>(
         self,
         rows: impl Iterator<Item = Rows<'a>> + Clone,
         with_errors: bool,
-    ) -> anyhow::Result<Vec<u8>> {
+        mut file: impl Write,
+    ) -> anyhow::Result<()> {
         let columns = columns(rows.clone(), with_errors);
         let entries = rows.flat_map(|Rows { tag, method, epochs, solved }| {
             epochs.iter().zip(solved).map(move |(epoch, solved)| Entry { tag, method, epoch, solved })
         });
         match self {
-            Self::Csv => csv(&columns, entries),
-            Self::Jsonl => jsonl(&columns, entries),
-            Self::Parquet => parquet::encode(&columns, &entries.collect::<Vec<_>>()),
+            Self::Csv => csv(&columns, entries, file),
+            Self::Jsonl => jsonl(&columns, entries, file),
+            Self::Parquet => Ok(file.write_all(&parquet::encode(&columns, &entries)?)?),
         }
     }
 }
 
-fn csv<'a>(columns: &[&Column], entries: impl Iterator<Item = Entry<'a>>) -> anyhow::Result<Vec<u8>> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
+fn csv<'a>(columns: &[&Column], entries: impl Iterator<Item = Entry<'a>>, file: impl Write) -> anyhow::Result<()> {
+    let mut writer = csv::Writer::from_writer(file);
     writer.write_record(columns.iter().map(|column| column.name))?;
+    let mut field = String::new();
     for entry in entries {
-        writer.write_record(columns.iter().map(|column| column.values.text(&entry)))?;
+        for column in columns {
+            field.clear();
+            column.values.write(&entry, &mut field);
+            writer.write_field(&field)?;
+        }
+        writer.write_record(None::<&[u8]>)?;
     }
-    writer.into_inner().map_err(|error| error.into_error().into())
+    Ok(writer.flush()?)
 }
 
-fn jsonl<'a>(columns: &[&Column], entries: impl Iterator<Item = Entry<'a>>) -> anyhow::Result<Vec<u8>> {
-    let mut text = Vec::new();
+fn jsonl<'a>(
+    columns: &[&Column],
+    entries: impl Iterator<Item = Entry<'a>>,
+    mut file: impl Write,
+) -> anyhow::Result<()> {
     for entry in entries {
         let object: Map<_, _> =
             columns.iter().map(|column| (column.name.to_owned(), column.values.json(&entry))).collect();
-        serde_json::to_writer(&mut text, &object)?;
-        text.push(b'\n');
+        serde_json::to_writer(&mut file, &object)?;
+        file.write_all(b"\n")?;
     }
-    Ok(text)
+    Ok(())
 }

@@ -13,29 +13,32 @@ use super::columns::{Column, Entry, Values, finite, round};
 
 type Group<'a> = SerializedRowGroupWriter<'a, Vec<u8>>;
 
-/// The file.
+/// The file. The entries are gone through once for each column.
 ///
 /// # Errors
 /// The Parquet writer returns an error.
-pub fn encode(columns: &[&Column], entries: &[Entry]) -> Result<Vec<u8>> {
+pub fn encode<'a>(columns: &[&Column], entries: &(impl Iterator<Item = Entry<'a>> + Clone)) -> Result<Vec<u8>> {
     let fields = columns.iter().map(|column| field(column)).collect::<Result<_>>()?;
     let schema = Type::group_type_builder("positions").with_fields(fields).build()?;
     let properties = WriterProperties::builder().set_created_by("baliza".to_owned()).build();
     let mut writer = SerializedFileWriter::new(Vec::new(), Arc::new(schema), Arc::new(properties))?;
     let mut group = writer.next_row_group()?;
     for column in columns {
+        let entries = entries.clone();
         match column.values {
             Values::Text(of) => {
-                let values = entries.iter().map(|entry| of(entry).map(ByteArray::from));
+                let values = entries.map(|entry| of(&entry).map(ByteArray::from));
                 write::<ByteArrayType>(&mut group, values)?;
             }
             Values::Count(of) => {
-                let values = entries.iter().map(|entry| of(entry).and_then(|count| i64::try_from(count).ok()));
+                let values = entries.map(|entry| of(&entry).and_then(|count| i64::try_from(count).ok()));
                 write::<Int64Type>(&mut group, values)?;
             }
-            Values::Exact(of) => write::<DoubleType>(&mut group, entries.iter().map(|entry| finite(of(entry))))?,
+            Values::Exact(of) => {
+                write::<DoubleType>(&mut group, entries.map(|entry| finite(of(&entry))))?;
+            }
             Values::Rounded(decimals, of) => {
-                let values = entries.iter().map(|entry| finite(of(entry)).map(|number| round(number, decimals)));
+                let values = entries.map(|entry| finite(of(&entry)).map(|number| round(number, decimals)));
                 write::<DoubleType>(&mut group, values)?;
             }
         }

@@ -13,7 +13,7 @@ use positioning_core::locator::{self, Locator, Reception};
 use positioning_core::nlos::{Features, Model};
 use positioning_core::{Area, Blocked};
 
-use crate::files::{Anchor, Coordinates, Diagnostics, Epoch, Measured, MeasuredDifference, by_time};
+use crate::files::{Anchor, Coordinates, Diagnostics, Epoch, Epochs, Measured, MeasuredDifference, by_time};
 use crate::locate::solve::{Half, Height, NoPosition, Position, Setup, Solved, Space, double, middle_m};
 
 /// Standard deviation of the noise of a DW1000 range in line of sight, metres. The engine models all other range
@@ -103,12 +103,12 @@ impl<'a> Tracker<'a> {
     }
 
     /// The positions of epochs, in their order. The epochs are taken in the order of time; `step` is called after each.
-    pub fn follow_all(&mut self, epochs: &[Epoch], step: impl Fn()) -> Vec<Solved> {
-        let order = by_time(epochs.iter().map(|epoch| epoch.t_s));
+    pub fn follow_all(&mut self, epochs: &Epochs, step: impl Fn()) -> Vec<Solved> {
+        let order = by_time(epochs.times_s());
         let mut solved: Vec<(usize, Solved)> = Vec::with_capacity(epochs.len());
         for at in order {
             let Some(epoch) = epochs.get(at) else { continue };
-            solved.push((at, self.follow(epoch)));
+            solved.push((at, self.follow(&epoch)));
             step();
         }
         solved.sort_by_key(|(at, _)| *at);
@@ -132,7 +132,7 @@ impl<'a> Tracker<'a> {
         // Asynchronous ranges have times of their own.
         for index in by_time(epoch.ranges.iter().map(|measured| measured.t_s)) {
             let Some(measured) = epoch.ranges.get(index) else { continue };
-            if let Some(range) = self.range(measured) {
+            if let Some(range) = self.range(&measured) {
                 let Diagnostics { features, power_dbm, .. } = measured.diagnostics;
                 let t_us = measured.t_s.map_or(now_us, |t_s| self.clock_us(t_s));
                 self.locator.range(t_us, index, range, &Reception { features, power_dbm });
@@ -167,7 +167,7 @@ impl<'a> Tracker<'a> {
         let own =
             |reference: usize| epoch.differences.iter().find(|of| of.anchor == reference && of.reference == reference);
         for (index, difference) in epoch.differences.iter().enumerate() {
-            let &MeasuredDifference { reference, anchor, difference_m, .. } = difference;
+            let &MeasuredDifference { reference, anchor, difference_m, .. } = &difference;
             let places = self.local_m(reference).zip(self.local_m(anchor));
             let (Some((reference_m, position_m)), true) = (places, reference != anchor) else { continue };
             let (Ok(reference_address), Ok(anchor)) = (u16::try_from(reference), u16::try_from(anchor)) else {
@@ -183,8 +183,8 @@ impl<'a> Tracker<'a> {
                 p_nlos: [None; 2],
             };
             let unknown = Reception { features: Features::default(), power_dbm: f32::NAN };
-            let of_reference = own(reference).map_or(unknown, reception);
-            self.locator.tdoa(now_us, index, tdoa, [&of_reference, &reception(difference)]);
+            let of_reference = own(reference).map_or(unknown, |of| reception(&of));
+            self.locator.tdoa(now_us, index, tdoa, [&of_reference, &reception(&difference)]);
         }
     }
 

@@ -4,7 +4,7 @@ use baliza_research::accuracy::Scored;
 use host_tools::files::{round_s, rounds};
 use host_tools::locate::time_offset::clocks;
 use host_tools::locate::track::{Tracker, Weighting, settings};
-use host_tools::{Epoch, Solved, Solver, by_time};
+use host_tools::{Epoch, Epochs, Solved, Solver, by_time};
 use positioning_core::Method;
 use positioning_core::engine::Settings;
 
@@ -22,13 +22,9 @@ pub fn join_truth(ranged: &mut Ranged, known_s: Option<f64>) -> f64 {
 /// The position of each round by itself, and its error: as `baliza solve`, which makes rounds of single ranges.
 pub fn solve(ranged: &Ranged) -> Vec<Scored> {
     let solver = Solver::new(&ranged.recording.anchors, ranged.setup);
-    let epochs = ranged.recording.epochs.clone();
-    let epochs = match round_s(&epochs) {
-        Some(longest_s) => rounds(epochs, longest_s),
-        None => epochs,
-    };
-    let solved: Vec<_> = epochs.iter().map(|epoch| solver.solve(Method::Robust, epoch)).collect();
-    scored(&epochs, &solved)
+    let rounds = round_s(&ranged.recording.epochs).map(|longest_s| rounds(&ranged.recording.epochs, longest_s));
+    let epochs = rounds.as_ref().unwrap_or(&ranged.recording.epochs);
+    scored(epochs, &solver.solve_all(Method::Robust, epochs, |_| ()))
 }
 
 /// The positions by the engine with settings that `change` changes, and their errors.
@@ -42,9 +38,9 @@ pub fn track(ranged: &Ranged, change: impl FnOnce(&mut Settings<f32>)) -> Vec<Sc
 }
 
 /// The horizontal errors of the epochs with a known true position, in the order of time.
-fn scored(epochs: &[Epoch], solved: &[Solved]) -> Vec<Scored> {
-    let order = by_time(epochs.iter().map(|epoch| epoch.t_s)).into_iter();
-    let score = |(epoch, solved): (&Epoch, &Solved)| {
+fn scored(epochs: &Epochs, solved: &[Solved]) -> Vec<Scored> {
+    let order = by_time(epochs.times_s()).into_iter();
+    let score = |(epoch, solved): (Epoch, &Solved)| {
         let (truth, position) = (epoch.truth?, solved.outcome.ok());
         Some(Scored {
             t_s: epoch.t_s,

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::Result;
 use baliza_research::prior::{Case, Group};
 use host_tools::files::Diagnostics;
-use host_tools::{Anchor, Coordinates, Epoch, Files, Height, Measured, Mode, Recording, Setup, Space, Truth, Truths};
+use host_tools::{Anchor, Coordinates, Epochs, Files, Height, Measured, Mode, Recording, Setup, Space, Truth, Truths};
 use positioning_core::nlos::{Feature, Features};
 
 /// A site with recorded ranges, and the folders of its recordings.
@@ -68,13 +68,11 @@ pub fn simulated(case: &Case, seed: u64) -> Ranged {
     let place = |[x_m, y_m, z_m]: [f64; 3]| Coordinates { x_m, y_m, z_m: Some(z_m) };
     let anchors = case.anchors_m.iter().enumerate();
     let anchors = anchors.map(|(at, at_m)| Anchor { name: at.to_string(), place: place(*at_m) }).collect();
-    let epochs = case.epochs.iter().enumerate().map(|(at, epoch)| Epoch {
-        name: at.to_string(),
-        t_s: Some(epoch.t_s),
-        ranges: epoch.ranges.iter().map(measured).collect(),
-        truth: Some(place(epoch.at_m)),
-        ..Epoch::default()
-    });
+    let mut epochs = Epochs::default();
+    for (at, epoch) in case.epochs.iter().enumerate() {
+        epochs.push(&at.to_string(), Some(epoch.t_s), Some(place(epoch.at_m)));
+        epoch.ranges.iter().for_each(|range| epochs.push_range(&measured(range)));
+    }
     let space = match case.conditions.group {
         Group::Space => Space::Full(None),
         Group::Walk | Group::Rest | Group::Teleport | Group::Asynchronous | Group::Collinear | Group::ManyAnchors => {
@@ -85,7 +83,7 @@ pub fn simulated(case: &Case, seed: u64) -> Ranged {
         site: format!("simulated, {}", case.conditions.group.as_str()),
         simulated: true,
         name: format!("{} of seed {seed}", case.name()),
-        recording: Recording { tag: None, anchors, epochs: epochs.collect() },
+        recording: Recording { tag: None, anchors, epochs },
         setup: Setup { space, area_m: None },
         truth: None,
     }
@@ -100,6 +98,6 @@ fn measured(range: &baliza_research::prior::Range) -> Measured {
         t_s: None,
         range_m: range.range_m,
         line_of_sight: Some(!range.blocked),
-        diagnostics: Diagnostics { features, range_m: range.range_m as f32, power_dbm: received },
+        diagnostics: Diagnostics { features, power_dbm: received },
     }
 }
