@@ -19,8 +19,8 @@ fn main() -> Result<(), UserError> {
     // One recording a tag.
     for recording in Recording::read(&files)? {
         let solver = Solver::new(&recording.anchors, Setup { space: Space::Full(None), area_m: None });
-        for epoch in &recording.epochs {
-            match solver.solve(Method::Robust, epoch).outcome {
+        for epoch in recording.epochs.iter() {
+            match solver.solve(Method::Robust, &epoch).outcome {
                 Ok(position) => {
                     let (at, sigma) = (position.place, position.sigma);
                     println!("{}: {:.2} ± {:.2} m, {:.2} ± {:.2} m", epoch.name, at.x_m, sigma.x_m, at.y_m, sigma.y_m);
