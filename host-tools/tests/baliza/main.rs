@@ -25,6 +25,8 @@ mod recordings;
 mod residuals;
 mod rooms;
 mod schemas;
+#[cfg(feature = "station")]
+mod serve;
 mod simulate;
 mod site_models;
 mod site_names;
