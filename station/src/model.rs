@@ -26,7 +26,7 @@ pub struct TagPosition {
     pub sigma_z_m: Option<f64>,
     /// Covariance of x and y, m².
     pub cov_xy_m2: f64,
-    /// The room, where one is more probable than not.
+    /// The room that it is in: entered when it was probable, and not yet improbable.
     pub room: Option<String>,
     /// The number of ranges or beacons that were used.
     pub used: u8,
