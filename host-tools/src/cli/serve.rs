@@ -13,9 +13,8 @@ use baliza_station::model::Site;
 use baliza_station::store::Retention;
 use baliza_station::{Hub, Live, Report, Store, Utc};
 use host_tools::UserError;
-use host_tools::files::read_text;
 use host_tools::node::provision::SiteNames;
-use host_tools::station::{self, SimulatedSite, SourceSpec, simulate};
+use host_tools::station::{self, SimulatedSite, SourceSpec, read_tokens, simulate};
 use host_tools::survey::presence::read_outlines;
 use sim::scenario::Scenario;
 use tokio::net::TcpListener;
@@ -105,19 +104,22 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 async fn serve(arguments: &Arguments, url: &str, access: Access, sources: Sources) -> Result<()> {
-    let store = Store::open(url).await.with_context(|| format!("cannot open the store {}", without_password(url)))?;
+    let store = Store::open(url).await?;
     sources.configure(&store).await?;
     let limits = Limits { silent_after: Duration::from_secs(arguments.silent_s), ..Limits::default() };
     let days = |days: Option<u64>| days.map(|days| Duration::from_secs(86_400 * days));
     let retention = Retention { thin_after: days(arguments.thin_days), delete_after: days(arguments.keep_days) };
-    let (hub, writing) = Hub::start(Live::new(limits), store.clone(), retention).await?;
+    let mut live = Live::new(limits);
+    live.set_zones(store.zones().await?);
+    let (hub, writing) = Hub::start(live, store.clone(), retention).await?;
     let listener = TcpListener::bind(arguments.listen)
         .await
         .with_context(|| format!("cannot listen on {}; --listen takes another address", arguments.listen))?;
     let address = listener.local_addr().context("cannot read the address")?;
     sources.start(&hub);
     super::prompt(&format!("listening on http://{address}\n"));
-    api::serve(listener, App { hub: hub.clone(), store, access }, stopped()).await.context("cannot serve")?;
+    let app = App { access, ..App::new(hub.clone(), store) };
+    api::serve(listener, app, stopped()).await.context("cannot serve")?;
     hub.stop();
     writing.await.context("the writer has failed")
 }
@@ -132,20 +134,12 @@ async fn stopped() {
 /// Who may do what. Everyone may do everything where only this computer can reach the station.
 fn access(arguments: &Arguments) -> Result<Access, UserError> {
     match &arguments.tokens {
-        Some(file) => Access::parse(&read_text(file)?).map_err(|why| UserError::file(file, why)),
+        Some(file) => read_tokens(file),
         None if arguments.listen.ip().is_loopback() => Ok(Access::Open),
         None => Err(UserError::flag(
             "--listen",
             format!("{} can be reached from other computers: give --tokens FILE as well", arguments.listen),
         )),
-    }
-}
-
-/// A URL of a database without the password in it.
-fn without_password(url: &str) -> String {
-    match url.split_once("://").and_then(|(scheme, rest)| Some((scheme, rest.rsplit_once('@')?.1))) {
-        Some((scheme, host)) => format!("{scheme}://{host}"),
-        None => url.to_owned(),
     }
 }
 

@@ -8,6 +8,7 @@ mod reporter;
 mod simulated;
 mod site;
 mod sources;
+mod tokens;
 mod udp;
 
 pub use node_clock::NodeClock;
@@ -15,3 +16,4 @@ pub use reporter::Reporter;
 pub use simulated::{SimulatedSite, simulate};
 pub use site::{nodes, zones};
 pub use sources::{SourceSpec, run};
+pub use tokens::read_tokens;
