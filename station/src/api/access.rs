@@ -174,7 +174,8 @@ impl Gate {
         };
         let hash = sha256(secret);
         // All are compared, each in full: the time tells nothing.
-        let found = tokens.iter().fold(None, |found, token| if same(&token.sha256, &hash) { Some(token) } else { found });
+        let found =
+            tokens.iter().fold(None, |found, token| if same(&token.sha256, &hash) { Some(token) } else { found });
         match found {
             Some(token) => Ok(Who { name: Some(token.name.clone()), role: token.role }),
             None => {

@@ -208,8 +208,7 @@ mod tests {
 
     #[test]
     fn connections_of_one_address_and_of_all_are_bounded_and_counted_until_they_end() {
-        let connections =
-            Connections::new(&Limits { connections: 3, connections_per_address: 2, ..Limits::default() });
+        let connections = Connections::new(&Limits { connections: 3, connections_per_address: 2, ..Limits::default() });
         let [one, other] = ["192.0.2.1", "192.0.2.2"].map(|address| address.parse().unwrap());
         let held = [connections.open(one), connections.open(one)];
         assert!(held.iter().all(Option::is_some) && connections.open(one).is_none());

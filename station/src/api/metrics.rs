@@ -65,9 +65,9 @@ async fn metrics(State(station): State<Shared>) -> Response {
     family("listeners", "gauge", "Listeners at WebSockets and event streams.", &one(listeners as f64));
     family("connections", "gauge", "Open connections.", &one(station.connections.open_now() as f64));
     let answers: Vec<_> = (1..).zip(&station.counts.answers).collect();
-    let answers = answers.into_iter().map(|(class, count)| {
-        (format!("{{status=\"{class}xx\"}}"), count.load(Ordering::Relaxed) as f64)
-    });
+    let answers = answers
+        .into_iter()
+        .map(|(class, count)| (format!("{{status=\"{class}xx\"}}"), count.load(Ordering::Relaxed) as f64));
     family("http_answers_total", "counter", "Answers to requests.", &answers.collect::<Vec<_>>());
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
 }

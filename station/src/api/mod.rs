@@ -210,7 +210,8 @@ async fn admit(State(station): State<Shared>, mut request: Request, next: Next) 
         request.extensions_mut().insert(who);
     }
     let limit = station.app.limits.request;
-    let late = |_| Problem::new(StatusCode::REQUEST_TIMEOUT, format!("the request took more than {} s", limit.as_secs()));
+    let late =
+        |_| Problem::new(StatusCode::REQUEST_TIMEOUT, format!("the request took more than {} s", limit.as_secs()));
     let response = tokio::time::timeout(limit, next.run(request)).await.map_err(late)?;
     // The path is still encoded: it has no line breaks.
     if let (false, false, Some(name)) = (method.is_safe(), is_position, name) {

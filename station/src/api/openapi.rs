@@ -49,7 +49,8 @@ pub fn openapi() -> OpenApi {
         .license(Some(LicenseBuilder::new().name("MIT OR Apache-2.0").identifier(Some("MIT OR Apache-2.0")).build()))
         .build();
     let components = document.components.get_or_insert_with(Components::new);
-    let bearer = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some("A token, or the cookie of /login."));
+    let bearer =
+        HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some("A token, or the cookie of /login."));
     components.add_security_scheme("token", SecurityScheme::Http(bearer.build()));
     components.schemas.insert("Problem".to_owned(), Problem::schema());
     let mut schemas = Vec::new();
@@ -102,8 +103,12 @@ pub fn needs() -> HashMap<(Method, String), Need> {
     let document = super::routes().into_openapi();
     let mut needs = HashMap::new();
     for (path, item) in &document.paths.paths {
-        let operations =
-            [(Method::GET, &item.get), (Method::PUT, &item.put), (Method::POST, &item.post), (Method::DELETE, &item.delete)];
+        let operations = [
+            (Method::GET, &item.get),
+            (Method::PUT, &item.put),
+            (Method::POST, &item.post),
+            (Method::DELETE, &item.delete),
+        ];
         for (method, operation) in operations {
             let Some(operation) = operation else { continue };
             let security = serde_json::to_value(&operation.security).unwrap_or_default();

@@ -68,10 +68,7 @@ struct Located {
 /// A terminal's position and room, from the RSSI values of beacons at known places. The terminal appears on the map.
 #[utoipa::path(post, path = "/rtls", tag = "rtls", security(("token" = ["operate"])), request_body = Received,
     responses((status = 200, body = Located)))]
-async fn rtls(
-    State(station): State<Shared>,
-    Json(received): Json<Received>,
-) -> Result<axum::Json<Located>, Problem> {
+async fn rtls(State(station): State<Shared>, Json(received): Json<Received>) -> Result<axum::Json<Located>, Problem> {
     station.position(received.terminal, received.scenario, received.samples).await.map(axum::Json)
 }
 
@@ -126,9 +123,10 @@ impl Station {
                 };
                 (what, answer)
             }
-            Err(reason) => {
-                (What::NoPosition { tag, reason: reason.to_owned() }, Located { reason: Some(reason), ..Located::default() })
-            }
+            Err(reason) => (
+                What::NoPosition { tag, reason: reason.to_owned() },
+                Located { reason: Some(reason), ..Located::default() },
+            ),
         };
         let sent = self.app.hub.reports().send(Report { t: Utc::now(), site, what }).await;
         let stops = |_| Problem::new(axum::http::StatusCode::SERVICE_UNAVAILABLE, "the station stops");

@@ -23,9 +23,12 @@ const SITES: usize = 1_000;
 
 /// The routes.
 pub fn routes() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(list)).routes(routes!(picture)).routes(routes!(put_walls)).routes(routes!(put_scale)).merge(
-        OpenApiRouter::new().routes(routes!(put_plan)).layer(DefaultBodyLimit::max(PICTURE)),
-    )
+    OpenApiRouter::new()
+        .routes(routes!(list))
+        .routes(routes!(picture))
+        .routes(routes!(put_walls))
+        .routes(routes!(put_scale))
+        .merge(OpenApiRouter::new().routes(routes!(put_plan)).layer(DefaultBodyLimit::max(PICTURE)))
 }
 
 /// The sites, with their walls and the scale of their plans.
@@ -201,7 +204,9 @@ fn measure(picture: &[u8]) -> Result<(&'static str, u32, u32), Problem> {
     let size = imagesize::blob_size(picture).map_err(|_| no_picture("the picture is damaged: it has no size"))?;
     let [width_px, height_px] = [size.width, size.height].map(|pixels| u32::try_from(pixels).unwrap_or(u32::MAX));
     if !(1..=PIXELS).contains(&(u64::from(width_px) * u64::from(height_px))) {
-        return Err(Problem::wrong(format!("the picture has {width_px} x {height_px} pixels: at most {PIXELS} can be shown")));
+        return Err(Problem::wrong(format!(
+            "the picture has {width_px} x {height_px} pixels: at most {PIXELS} can be shown"
+        )));
     }
     Ok((media_type, width_px, height_px))
 }

@@ -36,7 +36,11 @@ struct Occupied {
 /// The rooms and zones, with the tags that are in them.
 #[utoipa::path(get, path = "/api/v1/rooms", tag = "rooms", security(("token" = ["view"])),
     params(OfSite), responses((status = 200, body = [Occupied])))]
-async fn list(State(station): State<Shared>, Query(of): Query<OfSite>, headers: HeaderMap) -> Result<Response, Problem> {
+async fn list(
+    State(station): State<Shared>,
+    Query(of): Query<OfSite>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
     let zones = station.app.store.zones().await?;
     let tags = station.app.hub.read(|live| live.tags());
     let zones = zones.into_iter().filter(|zone| of.site.as_ref().is_none_or(|site| site.as_str() == zone.site));
@@ -105,10 +109,7 @@ async fn put(
 #[utoipa::path(delete, path = "/api/v1/rooms/{site}/{name}", tag = "rooms", security(("token" = ["operate"])),
     params(("site" = Name, Path, description = "the site"), ("name" = Name, Path, description = "the room or the zone")),
     responses((status = 204, description = "it is deleted")))]
-async fn delete(
-    State(station): State<Shared>,
-    Path((site, name)): Path<(Name, Name)>,
-) -> Result<StatusCode, Problem> {
+async fn delete(State(station): State<Shared>, Path((site, name)): Path<(Name, Name)>) -> Result<StatusCode, Problem> {
     station
         .configure(async move |station| {
             station.app.store.delete_zone(site.as_str(), name.as_str()).await?;

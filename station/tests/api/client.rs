@@ -59,7 +59,10 @@ pub async fn station(access: Access, limits: Limits) -> Station {
     store.put_site(&Site { name: SITE.to_owned(), walls_m: Vec::new(), plan: None }).await.unwrap();
     let (hub, _) = Hub::start(Live::new(baliza_station::live::Limits::default()), store.clone());
     let page = Page::of([
-        ("index.html", b"<!doctype html><title>Baliza</title><script src=\"/assets/main.js\"></script>".as_slice().into()),
+        (
+            "index.html",
+            b"<!doctype html><title>Baliza</title><script src=\"/assets/main.js\"></script>".as_slice().into(),
+        ),
         ("assets/main.js", b"document.title".as_slice().into()),
     ]);
     let app = App { access, limits, page, ..App::new(hub.clone(), store.clone()) };

@@ -59,7 +59,7 @@ async fn document_is_served_as_it_is_made_and_can_be_read() {
     assert_eq!(answer.header(header::CONTENT_TYPE), "application/json");
     assert_eq!(answer.json(), serde_json::to_value(openapi()).unwrap());
     let read: utoipa::openapi::OpenApi = serde_json::from_slice(&answer.body).unwrap();
-    assert_eq!(read, openapi());
+    assert!(read == openapi());
     assert!(answer.json()["openapi"].as_str().unwrap().starts_with("3.1."));
 }
 
@@ -67,7 +67,8 @@ async fn document_is_served_as_it_is_made_and_can_be_read() {
 fn each_route_is_described_with_its_role_parameters_answers_and_refusals() {
     let document = serde_json::to_value(openapi()).unwrap();
     let operations = operations(&document);
-    let mut described: Vec<(&str, &str)> = operations.iter().map(|(method, path, _)| (method.as_str(), path.as_str())).collect();
+    let mut described: Vec<(&str, &str)> =
+        operations.iter().map(|(method, path, _)| (method.as_str(), path.as_str())).collect();
     let mut expected: Vec<_> = ROUTES.iter().map(|route| (route.0, route.1)).collect();
     described.sort_unstable();
     expected.sort_unstable();
@@ -84,7 +85,11 @@ fn each_route_is_described_with_its_role_parameters_answers_and_refusals() {
         let in_path: Vec<_> = parameters.iter().filter(|parameter| parameter["in"] == "path").collect();
         assert_eq!(in_path.len(), path.matches('{').count(), "{name}");
         assert!(in_path.iter().all(|one| path.contains(&format!("{{{}}}", one["name"].as_str().unwrap()))), "{name}");
-        assert_eq!(operation["requestBody"].is_object(), ["put", "post"].contains(&method.as_str()) && path != "/logout", "{name}");
+        assert_eq!(
+            operation["requestBody"].is_object(),
+            ["put", "post"].contains(&method.as_str()) && path != "/logout",
+            "{name}"
+        );
         let least = ROUTES.iter().find(|route| (route.0, route.1) == (method, path)).unwrap().2;
         let security = operation["security"].as_array().unwrap();
         match least {

@@ -7,14 +7,14 @@ use serde_json::json;
 
 use crate::client::{SITE, keys, open, png};
 
-const POSITION: [&str; 12] = [
-    "site", "tag", "t", "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m", "sigma_z_m", "cov_xy_m2", "room", "used",
-];
+const POSITION: [&str; 12] =
+    ["site", "tag", "t", "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m", "sigma_z_m", "cov_xy_m2", "room", "used"];
 
 #[tokio::test]
 async fn page_has_its_files_with_a_strict_policy_and_entity_tags() {
     let station = open().await;
-    for (path, media_type) in [("/", "text/html; charset=utf-8"), ("/assets/main.js", "text/javascript; charset=utf-8")] {
+    for (path, media_type) in [("/", "text/html; charset=utf-8"), ("/assets/main.js", "text/javascript; charset=utf-8")]
+    {
         let answer = station.get(path).await;
         assert_eq!((answer.status.as_u16(), answer.header(header::CONTENT_TYPE)), (200, media_type));
         let policy = answer.header(header::CONTENT_SECURITY_POLICY);
@@ -180,7 +180,10 @@ async fn a_campaign_is_made_surveyed_read_in_pages_and_deleted() {
     assert_eq!(station.get("/campaigns/spring%20survey/points/p1").await.json()["samples"], 3);
     let first = station.get(&format!("{path}?limit=2")).await;
     assert_eq!(first.header(header::LINK), format!("<{path}?limit=2&skip=2>; rel=\"next\""));
-    assert_eq!(first.json(), json!([{"beacon": "1-7", "rssi_dbm": -60.5, "t_s": 0.1}, {"beacon": "1-8", "rssi_dbm": -71.0, "t_s": 0.2}]));
+    assert_eq!(
+        first.json(),
+        json!([{"beacon": "1-7", "rssi_dbm": -60.5, "t_s": 0.1}, {"beacon": "1-8", "rssi_dbm": -71.0, "t_s": 0.2}])
+    );
     assert_eq!(station.get(&format!("{path}?limit=2&skip=2")).await.json().as_array().unwrap().len(), 1);
     assert_eq!(station.send(station.request(Method::DELETE, "/campaigns/spring%20survey")).await.status, 204);
     station.get("/campaigns/spring%20survey").await.is_problem(404);
