@@ -148,10 +148,10 @@ impl Minutes {
     async fn next(&mut self, connection: &mut AnyConnection) -> Result<Option<(i64, i64)>> {
         let statement = if self.newest_first {
             "SELECT MIN(minute), MAX(minute) FROM \
-             (SELECT minute FROM minutes WHERE minute >= $1 AND minute <= $2 ORDER BY minute DESC LIMIT $3) AS some"
+             (SELECT minute FROM minutes WHERE minute >= $1 AND minute <= $2 ORDER BY minute DESC LIMIT $3) AS chunk"
         } else {
             "SELECT MIN(minute), MAX(minute) FROM \
-             (SELECT minute FROM minutes WHERE minute >= $1 AND minute <= $2 ORDER BY minute LIMIT $3) AS some"
+             (SELECT minute FROM minutes WHERE minute >= $1 AND minute <= $2 ORDER BY minute LIMIT $3) AS chunk"
         };
         let row = sqlx::query(statement)
             .bind(self.left.0)
