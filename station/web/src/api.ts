@@ -61,7 +61,13 @@ export const api = {
   logout: () => send('POST', '/logout'),
 
   sites: () => get<Site[]>('/scenarios'),
-  blueprint: (site: string, version: string) => withQuery(`/blueprints/${part(site)}`, { v: version }),
+  // The picture may have been replaced: the browser asks whether it was.
+  blueprint: async (site: string) => {
+    const response = await fetch(`/blueprints/${part(site)}`, { cache: 'no-cache' });
+    if (!response.ok) throw new ApiError(response.status, await messageOf(response));
+    return response.blob();
+  },
+  updates: (site: string) => withQuery('/api/v1/updates', { site }),
   putPlan: (site: string, scale: PlanScale, picture: Blob) =>
     send(
       'PUT',
@@ -86,8 +92,6 @@ export const api = {
     get<StationEvent[]>('/api/v1/events', { site, ...query }),
   tagPositions: (site: string, tag: string, from: string, to: string, limit: number) =>
     get<TagPosition[]>(`/api/v1/tags/${part(tag)}/positions`, { site, from, to, limit }),
-  positions: (site: string, from: string, to: string, stepS: number, limit: number) =>
-    get<TagPosition[]>('/api/v1/positions', { site, from, to, step_s: stepS, limit }),
 
   campaigns: () => get<Campaign[]>('/campaigns'),
   createCampaign: (campaign: { name: string; scenario: string; points: Omit<CampaignPoint, 'samples'>[] }) =>
@@ -98,25 +102,41 @@ export const api = {
     `${location.origin}/campaigns/${part(name)}/points/${part(point)}/samples`,
 };
 
-/// All positions of a site in a span, oldest first: page after page, at most `most`. A page begins at the time of the
-/// last row of the page before; rows that were there already are left out.
+/// A page of rows, and the address of the next one, where the station tells one.
+export interface Page<T> {
+  rows: T[];
+  next: string | null;
+}
+
+/// The address with `rel="next"` of a header `Link` (RFC 8288).
+export function nextOf(link: string | null): string | null {
+  for (const entry of (link ?? '').split(/,\s*(?=<)/)) {
+    const found = /^<([^>]*)>\s*;.*\brel="?next"?/.exec(entry.trim());
+    if (found !== null) return found[1];
+  }
+  return null;
+}
+
+async function page<T>(path: string): Promise<Page<T>> {
+  const response = await send('GET', path);
+  return { rows: (await response.json()) as T[], next: nextOf(response.headers.get('Link')) };
+}
+
+/// All positions of a site in a span, oldest first: page after page, until there are `most`.
 export async function allPositions(
   site: string,
   from: string,
   to: string,
   stepS: number,
   most: number,
-  page: (from: string) => Promise<TagPosition[]> = (start) => api.positions(site, start, to, stepS, PAGE),
+  read: (path: string) => Promise<Page<TagPosition>> = page,
 ): Promise<TagPosition[]> {
   const rows: TagPosition[] = [];
-  let start = from;
-  let seen = new Set<string>();
-  while (rows.length < most) {
-    const fresh = (await page(start)).filter((row) => !seen.has(`${row.tag} ${row.t}`));
-    if (fresh.length === 0) break;
-    for (const row of fresh) rows.push(row);
-    start = fresh[fresh.length - 1].t;
-    seen = new Set(rows.filter((row) => row.t === start).map((row) => `${row.tag} ${row.t}`));
+  let next: string | null = withQuery('/api/v1/positions', { site, from, to, step_s: stepS, limit: PAGE });
+  while (next !== null && rows.length < most) {
+    const got: Page<TagPosition> = await read(next);
+    for (const row of got.rows) rows.push(row);
+    next = got.next;
   }
   return rows;
 }

@@ -28,7 +28,7 @@ const en = {
   'failed': 'That failed: {message}',
   'saved': 'Saved: {name}',
   'deleted': 'Deleted: {name}',
-  'readonly': 'Your token only lets you look.',
+  'readonly': 'Your token does not allow this.',
   'map': 'Map',
   'map.help':
     'Map of the site. Arrow keys move it, plus and minus zoom, 0 shows all, Enter puts a point at the cross. The tags are in the panel Tags, also as a table.',
@@ -209,7 +209,7 @@ const es: Record<Key, string> = {
   'failed': 'No ha sido posible: {message}',
   'saved': 'Guardado: {name}',
   'deleted': 'Borrado: {name}',
-  'readonly': 'Su token solo permite mirar.',
+  'readonly': 'Su token no lo permite.',
   'map': 'Mapa',
   'map.help':
     'Mapa del sitio. Las flechas lo mueven, más y menos cambian la escala, 0 muestra todo, Intro pone un punto en la cruz. Las etiquetas están en el panel Etiquetas, también como tabla.',

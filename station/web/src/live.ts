@@ -7,8 +7,8 @@ import type { StationEvent, TagPosition } from './model.js';
 
 /// What of EventSource is used, so that tests can have their own.
 export interface Source {
-  onopen: (() => void) | null;
-  onerror: (() => void) | null;
+  onopen: ((event: Event) => unknown) | null;
+  onerror: ((event: Event) => unknown) | null;
   addEventListener(type: string, listener: (message: { data: string }) => void): void;
   close(): void;
 }

@@ -44,8 +44,14 @@ export class Store {
     for (const run of this.listeners.get(topic) ?? []) run();
   }
 
+  /// Zones and campaigns.
   get mayChange(): boolean {
     return this.me.role === 'operate' || this.me.role === 'administer';
+  }
+
+  /// Plans and walls.
+  get mayAdminister(): boolean {
+    return this.me.role === 'administer';
   }
 
   setSites(sites: Site[], wanted: string | null): void {

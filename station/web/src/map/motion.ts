@@ -48,6 +48,10 @@ export class Motion {
     this.tags.delete(id);
   }
 
+  has(id: string): boolean {
+    return this.tags.has(id);
+  }
+
   ids(): Iterable<string> {
     return this.tags.keys();
   }

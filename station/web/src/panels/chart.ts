@@ -1,0 +1,52 @@
+// A chart of a tag's x, y and sigma over time, by uPlot.
+
+import uPlot from 'uplot';
+import { h } from '../dom.js';
+import { t } from '../i18n.js';
+
+export interface ChartRow {
+  /// ms.
+  t: number;
+  x: number;
+  y: number;
+  s: number;
+}
+
+export class Chart {
+  readonly element = h('div', { class: 'chart' });
+  private plot: uPlot | null = null;
+
+  show(rows: readonly ChartRow[], name: string): void {
+    this.plot?.destroy();
+    this.plot = null;
+    this.element.hidden = rows.length === 0;
+    if (rows.length === 0) return;
+    const style = getComputedStyle(document.documentElement);
+    const of = (variable: string) => style.getPropertyValue(variable).trim();
+    const axis = { stroke: of('--text'), grid: { stroke: of('--map-grid'), width: 1 }, ticks: { stroke: of('--map-grid') } };
+    const line = (label: string, colour: string) => ({ label, stroke: colour, width: 1.5, points: { show: false } });
+    const options: uPlot.Options = {
+      width: Math.max(this.element.clientWidth, 240),
+      height: 220,
+      title: name,
+      legend: { live: true },
+      scales: { x: { time: true } },
+      axes: [axis, { ...axis, size: 44 }],
+      series: [
+        { label: t('time') },
+        line('x (m)', of('--chart-x')),
+        line('y (m)', of('--chart-y')),
+        line('σ (m)', of('--chart-s')),
+      ],
+    };
+    const data: uPlot.AlignedData = [
+      rows.map((row) => row.t / 1000),
+      rows.map((row) => row.x),
+      rows.map((row) => row.y),
+      rows.map((row) => row.s),
+    ];
+    this.plot = new uPlot(options, data, this.element);
+    this.plot.root.setAttribute('role', 'img');
+    this.plot.root.setAttribute('aria-label', `${name}: ${t('history.chart.help')}`);
+  }
+}
