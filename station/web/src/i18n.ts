@@ -402,6 +402,11 @@ export function number(value: number, digits: number): string {
   return format.format(value);
 }
 
+const collator = new Intl.Collator(undefined, { numeric: true });
+
+/// The order of names: "Tag 2" before "Tag 10".
+export const inOrder = (a: string, b: string): number => collator.compare(a, b);
+
 /// The time of the day, with the date where it is not today.
 export function time(at: string | number): string {
   const date = new Date(at);

@@ -31,7 +31,7 @@ const CHANGED_WAIT_MS = 300;
 /// A phone that slept this long opens the connection again.
 const ASLEEP_MS = 45_000;
 /// A gap that is longer is not filled in full: its end is what trails show.
-const LONGEST_GAP_MS = 5 * TRAIL_MS;
+const LONGEST_GAP_MS = TRAIL_MS;
 const GAP_ROWS = 60_000;
 const EVENTS = 200;
 
@@ -373,8 +373,15 @@ async function fill(site: string, since: string | null): Promise<void> {
     const begin = Math.max(since === null ? end - TRAIL_MS : Date.parse(since), end - LONGEST_GAP_MS);
     if (begin < end) {
       const [from, to] = [new Date(begin).toISOString(), new Date(end).toISOString()];
-      for (const row of await allPositions(site, from, to, since === null ? 1 : 0, GAP_ROWS)) {
-        if (store.addPosition(row)) moveMark(row);
+      // With many tags, a step between positions keeps the answer small.
+      const step = since === null ? Math.max(1, store.tags.size / 100) : Math.max(0, store.tags.size / 1000);
+      const fresh = new Set<string>();
+      for (const row of await allPositions(site, from, to, step, GAP_ROWS)) {
+        if (store.addPosition(row)) fresh.add(row.tag);
+      }
+      for (const id of fresh) {
+        const position = store.tags.get(id)?.last_position ?? null;
+        if (position !== null) moveMark(position);
       }
     }
   }

@@ -13,9 +13,11 @@ export interface Step {
   s: number;
 }
 
-/// How much of the past is kept for trails, ms, and for the chart of the selected tag.
-export const TRAIL_MS = 60_000;
-const MOST_STEPS = 1200;
+/// How long trails are, ms.
+export const TRAIL_MS = 20_000;
+const MOST_STEPS = 600;
+/// New tags that come together are told together.
+const SOON_MS = 50;
 const MOST_EVENTS = 500;
 
 export class Store {
@@ -30,6 +32,7 @@ export class Store {
   me: Me = { role: 'administer', tokens: false };
   /// The map shows the past.
   past = false;
+  private readonly soon = new Set<Topic>();
   private readonly listeners = new Map<Topic, Set<() => void>>();
 
   on(topics: Topic | readonly Topic[], run: () => void): void {
@@ -38,6 +41,15 @@ export class Store {
       set.add(run);
       this.listeners.set(topic, set);
     }
+  }
+
+  private tellSoon(topic: Topic): void {
+    if (this.soon.has(topic)) return;
+    this.soon.add(topic);
+    setTimeout(() => {
+      this.soon.delete(topic);
+      this.tell(topic);
+    }, SOON_MS);
   }
 
   tell(topic: Topic): void {
@@ -105,7 +117,7 @@ export class Store {
     steps.splice(at, 0, step);
     const newest = steps[steps.length - 1].t;
     let old = 0;
-    while (old < steps.length && (steps[old].t < newest - 5 * TRAIL_MS || steps.length - old > MOST_STEPS)) old++;
+    while (old < steps.length && (steps[old].t < newest - TRAIL_MS || steps.length - old > MOST_STEPS)) old++;
     if (old > 0) steps.splice(0, old);
     if (t < newest) return false;
     const tag = this.tags.get(position.tag);
@@ -122,7 +134,7 @@ export class Store {
         reason: null,
         zones: [],
       });
-      this.tell('tags');
+      this.tellSoon('tags');
     } else {
       if (tag.last_position !== null && tag.last_position.t > position.t) return false;
       tag.last_position = position;

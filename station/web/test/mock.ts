@@ -95,7 +95,7 @@ export class Mock {
 
   /// Where a tag is at a time: round the rooms, each tag on a way of its own.
   position(i: number, t: number): TagPosition {
-    const phase = t / 9000 + i * 2.399;
+    const phase = t / 14_000 + i * 2.399;
     const x = 10 + 8.5 * Math.sin(phase * (0.5 + (i % 5) * 0.13) + i);
     const y = 6 + 4.8 * Math.sin(phase * (0.7 + (i % 3) * 0.17) + i * 0.7);
     const wave = 0.5 + 0.5 * Math.sin(t / 5000 + i);

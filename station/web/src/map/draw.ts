@@ -232,7 +232,7 @@ export function heatPicture(heat: Heat): HTMLCanvasElement {
       image.data[at] = 255 - 75 * share;
       image.data[at + 1] = 200 * (1 - share);
       image.data[at + 2] = 40 * (1 - share) + 30;
-      image.data[at + 3] = 70 + 150 * share;
+      image.data[at + 3] = 40 + 180 * share;
     }
   }
   g.putImageData(image, 0, 0);

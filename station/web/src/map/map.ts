@@ -220,8 +220,8 @@ export class MapView {
       draw.drawPlan(g, view, scene.plan, scene.picture, palette.dark);
     }
     if (scene.heat !== null && this.heatPicture !== null) draw.drawHeat(g, view, scene.heat, this.heatPicture);
-    if (layers.plan) draw.drawWalls(g, view, scene.walls, palette);
     if (layers.zones) draw.drawZones(g, view, scene.zones, palette);
+    if (layers.plan) draw.drawWalls(g, view, scene.walls, palette);
     if (layers.nodes) draw.drawNodes(g, view, scene.nodes, palette, layers.names);
     draw.drawScaleBar(g, view, palette);
   }

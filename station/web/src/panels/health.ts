@@ -2,7 +2,7 @@
 
 import { attempt, type App, type Panel } from '../app.js';
 import { empty, h } from '../dom.js';
-import { number, t, time } from '../i18n.js';
+import { inOrder, number, t, time } from '../i18n.js';
 import { stateOf } from '../map/draw.js';
 import type { Node } from '../model.js';
 
@@ -41,7 +41,7 @@ export function healthPanel(app: App): Panel {
     // What needs a person comes first.
     const order = { moved: 0, weak: 1, nlos: 2, unseen: 3, good: 4 };
     const nodes = [...store.nodes].sort(
-      (a, b) => order[stateOf(a)] - order[stateOf(b)] || a.node.localeCompare(b.node, undefined, { numeric: true }),
+      (a, b) => order[stateOf(a)] - order[stateOf(b)] || inOrder(a.node, b.node),
     );
     const focused = document.activeElement instanceof HTMLElement ? document.activeElement.dataset.node : undefined;
     body.replaceChildren(

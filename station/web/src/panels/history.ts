@@ -3,7 +3,7 @@
 import { attempt, type App, type Panel } from '../app.js';
 import { allPositions, api } from '../api.js';
 import { button, field, h, setText } from '../dom.js';
-import { language, number, t, time } from '../i18n.js';
+import { inOrder, language, number, t, time } from '../i18n.js';
 import { heatOf } from '../map/heat.js';
 import { Replay } from '../map/replay.js';
 import { Chart, type ChartRow } from './chart.js';
@@ -138,7 +138,7 @@ export function historyPanel(app: App): Panel {
     const end = Math.max(...[...replay.tracks.values()].map((track) => track[track.length - 1].t));
     slider.max = String(Math.max((end - replay.from) / 1000, 0.1));
     controls.hidden = false;
-    const ids = [...replay.tracks.keys()].sort((a, b) => store.nameOf(a).localeCompare(store.nameOf(b), undefined, { numeric: true }));
+    const ids = [...replay.tracks.keys()].sort((a, b) => inOrder(store.nameOf(a), store.nameOf(b)));
     const options = () => ids.map((id) => h('option', { attributes: { value: id } }, store.nameOf(id)));
     heatOfTag.replaceChildren(h('option', { t: 'history.heat.all', attributes: { value: '' } }), ...options());
     chartOf.replaceChildren(...options());

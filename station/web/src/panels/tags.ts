@@ -2,7 +2,7 @@
 
 import type { App, Panel } from '../app.js';
 import { empty, h, setText } from '../dom.js';
-import { number, t, time } from '../i18n.js';
+import { inOrder, number, t, time } from '../i18n.js';
 import { colourOf } from '../map/draw.js';
 import type { Tag } from '../model.js';
 
@@ -56,7 +56,7 @@ export function tagsPanel(app: App): Panel {
     const words = search.value.trim().toLowerCase();
     return [...store.tags.values()]
       .filter((tag) => `${tag.name ?? ''} ${tag.tag} ${tag.last_position?.room ?? ''}`.toLowerCase().includes(words))
-      .sort((a, b) => (a.name ?? a.tag).localeCompare(b.name ?? b.tag, undefined, { numeric: true }));
+      .sort((a, b) => inOrder(a.name ?? a.tag, b.name ?? b.tag));
   }
 
   function where(tag: Tag): string {
