@@ -327,6 +327,65 @@ export function namesThatFit(marks: readonly Mark[], view: View, selected: strin
   return fit;
 }
 
+/// With more tags than this, ellipses are copies of a circle, stretched and turned: without a graphics processor, 500 paths
+/// take longer than a frame.
+const MANY = 150;
+const CIRCLE = 32;
+const circles = new Map<string, HTMLCanvasElement>();
+
+/// A circle of radius `CIRCLE` in a square that is larger by its rim.
+function circleOf(id: string, dark: boolean, faded: boolean): HTMLCanvasElement {
+  const key = `${hueOf(id)} ${dark} ${faded}`;
+  let circle = circles.get(key);
+  if (circle === undefined) {
+    circle = document.createElement('canvas');
+    circle.width = 2 * CIRCLE + 4;
+    circle.height = 2 * CIRCLE + 4;
+    const g = circle.getContext('2d');
+    g?.beginPath();
+    g?.arc(CIRCLE + 2, CIRCLE + 2, CIRCLE, 0, 2 * Math.PI);
+    if (g !== null) paintEllipse(g, id, dark, faded, 2);
+    circles.set(key, circle);
+  }
+  return circle;
+}
+
+function paintEllipse(g: Context, id: string, dark: boolean, faded: boolean, rim: number): void {
+  g.fillStyle = colourOf(id, dark, faded ? 0.06 : 0.15);
+  g.fill();
+  g.strokeStyle = colourOf(id, dark, faded ? 0.25 : 0.55);
+  g.lineWidth = rim;
+  g.stroke();
+}
+
+function drawEllipse(
+  g: Context,
+  at: Point,
+  mark: Mark,
+  pixelsPerMetre: number,
+  dark: boolean,
+  copied: boolean,
+  ratio: number,
+): void {
+  const e = ellipse(mark.sigmaX, mark.sigmaY, mark.cov);
+  const major = e.major * pixelsPerMetre;
+  const minor = e.minor * pixelsPerMetre;
+  // Smaller than the dot of its tag, or no number.
+  if (!(major >= 3 && Number.isFinite(major))) return;
+  if (!copied) {
+    g.beginPath();
+    // The screen's y goes down, so that the angle turns round.
+    g.ellipse(at.x, at.y, major, minor, -e.angle, 0, 2 * Math.PI);
+    paintEllipse(g, mark.id, dark, mark.faded, 1);
+    return;
+  }
+  const cos = (Math.cos(e.angle) * ratio) / CIRCLE;
+  const sin = (Math.sin(e.angle) * ratio) / CIRCLE;
+  g.setTransform(major * cos, -major * sin, minor * sin, minor * cos, at.x * ratio, at.y * ratio);
+  g.drawImage(circleOf(mark.id, dark, mark.faded), -CIRCLE - 2, -CIRCLE - 2);
+  g.setTransform(ratio, 0, 0, ratio, 0, 0);
+}
+
 export function drawMarks(
   g: Context,
   view: View,
@@ -343,18 +402,7 @@ export function drawMarks(
     const selected = mark.id === style.selected;
     const colour = colourOf(mark.id, palette.dark, mark.faded ? 0.4 : 1);
     if (style.ellipses) {
-      const e = ellipse(mark.sigmaX, mark.sigmaY, mark.cov);
-      const major = e.major * view.pixelsPerMetre;
-      if (major >= 3 && Number.isFinite(major)) {
-        g.beginPath();
-        // The screen's y goes down, so that the angle turns round.
-        g.ellipse(p.x, p.y, major, e.minor * view.pixelsPerMetre, -e.angle, 0, 2 * Math.PI);
-        g.fillStyle = colourOf(mark.id, palette.dark, mark.faded ? 0.06 : 0.15);
-        g.fill();
-        g.strokeStyle = colourOf(mark.id, palette.dark, mark.faded ? 0.25 : 0.55);
-        g.lineWidth = 1;
-        g.stroke();
-      }
+      drawEllipse(g, p, mark, view.pixelsPerMetre, palette.dark, marks.length > MANY && !selected, ratio);
     }
     g.beginPath();
     g.arc(p.x, p.y, selected ? 7 : 4.5, 0, 2 * Math.PI);

@@ -36,6 +36,7 @@ export interface Tool {
   draw(g: CanvasRenderingContext2D, view: View, palette: draw.Palette): void;
 }
 
+/// Trails are drawn again after this time for each hundred tags, at least.
 const TRAILS_EVERY_MS = 100;
 const NAMES_EVERY_MS = 250;
 
@@ -55,6 +56,7 @@ export class MapView {
   private fit: ReadonlySet<string> = new Set();
   private fitAt = 0;
   private trailsAt = 0;
+  private trailsWait = TRAILS_EVERY_MS;
   private stale = { base: true, trails: true, marks: true };
   private frame = 0;
   private wantFit = true;
@@ -201,7 +203,7 @@ export class MapView {
     this.frame = 0;
     const moving = this.marks?.moving(now) ?? false;
     if (this.stale.base) this.paintBase();
-    if (this.layers.trails && moving && now - this.trailsAt >= TRAILS_EVERY_MS) this.stale.trails = true;
+    if (this.layers.trails && moving && now - this.trailsAt >= this.trailsWait) this.stale.trails = true;
     if (this.stale.trails) {
       this.paintTrails();
       this.trailsAt = now;
@@ -229,10 +231,13 @@ export class MapView {
   private paintTrails(): void {
     const g = this.clean(this.trails);
     if (g === null || !this.layers.trails) return;
+    let count = 0;
     this.marks?.trails((id, points) => {
+      count++;
       const wide = id === this.selected;
       draw.drawTrail(g, this.view, points, draw.colourOf(id, this.palette.dark, wide ? 0.9 : 0.4), wide);
     });
+    this.trailsWait = TRAILS_EVERY_MS * Math.max(1, count / 100);
   }
 
   private paintMarks(now: number): void {
