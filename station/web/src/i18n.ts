@@ -391,12 +391,18 @@ export function t(key: Key, values: Record<string, string | number> = {}): strin
   return texts[current][key].replace(/\{(\w+)\}/g, (whole, name: string) => String(values[name] ?? whole));
 }
 
+/// The current language as the person's own region has it, where that is known.
+function region(): string {
+  const own = typeof navigator === 'undefined' ? [] : (navigator.languages ?? []);
+  return own.find((tag) => tag.toLowerCase().split('-')[0] === current) ?? current;
+}
+
 const numbers = new Map<number, Intl.NumberFormat>();
 
 export function number(value: number, digits: number): string {
   let format = numbers.get(digits);
   if (format === undefined) {
-    format = new Intl.NumberFormat(current, { minimumFractionDigits: digits, maximumFractionDigits: digits });
+    format = new Intl.NumberFormat(region(), { minimumFractionDigits: digits, maximumFractionDigits: digits });
     numbers.set(digits, format);
   }
   return format.format(value);
@@ -411,9 +417,9 @@ export const inOrder = (a: string, b: string): number => collator.compare(a, b);
 export function time(at: string | number): string {
   const date = new Date(at);
   if (Number.isNaN(date.getTime())) return '–';
-  const clock = date.toLocaleTimeString(current, { hour: '2-digit', minute: '2-digit', second: '2-digit' });
+  const clock = date.toLocaleTimeString(region(), { hour: '2-digit', minute: '2-digit', second: '2-digit' });
   if (date.toDateString() === new Date().toDateString()) return clock;
-  return `${date.toLocaleDateString(current, { day: 'numeric', month: 'short', year: 'numeric' })} ${clock}`;
+  return `${date.toLocaleDateString(region(), { day: 'numeric', month: 'short', year: 'numeric' })} ${clock}`;
 }
 
 export function duration(seconds: number): string {

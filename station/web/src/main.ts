@@ -409,6 +409,7 @@ async function follow(): Promise<void> {
       if (!store.past) map.redraw('marks');
     },
     event(event) {
+      store.applyEvent(event);
       events.notify(store.addEvents([event]));
     },
     changed() {
@@ -448,6 +449,10 @@ async function begin(): Promise<void> {
     setTimeout(() => void begin(), 2000);
     return;
   }
+  if (store.site === null) {
+    connection = 'live';
+    showConnection();
+  }
   await follow();
 }
 
@@ -457,7 +462,8 @@ document.addEventListener('visibilitychange', () => {
 setInterval(() => {
   if (document.visibilityState !== 'visible' || connection !== 'live') return;
   if (store.site === null) void begin();
-  else void reload('tags').catch(() => {});
+  // A session may have ended.
+  else void reload('tags').catch(() => whoAmI().catch(() => {}));
 }, TAGS_EVERY_MS);
 
 // What the tests and a person with the developer tools look at.

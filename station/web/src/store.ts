@@ -155,6 +155,19 @@ export class Store {
     return fresh;
   }
 
+  /// A live event changes what is known of its tag before the tags are read again.
+  applyEvent(event: StationEvent): void {
+    const tag = this.tags.get(event.node);
+    if (tag === undefined || event.site !== this.site?.name) return;
+    const { kind, zone } = event;
+    if (kind === 'silent' || kind === 'back') tag.silent = kind === 'silent';
+    else if (zone !== null && (kind === 'entered' || kind === 'left')) {
+      tag.zones = tag.zones.filter((name) => name !== zone);
+      if (kind === 'entered') tag.zones.push(zone);
+    }
+    this.tellSoon('tags');
+  }
+
   select(tag: string | null): void {
     this.selected = tag;
     this.tell('selection');

@@ -198,7 +198,7 @@ describe('in a browser', { skip: chromium === null }, () => {
       const [x, y] = await page.evaluate(
         ([pu, pv]) => {
           const { map } = (window as unknown as { baliza: { map: import('../src/map/map.js').MapView } }).baliza;
-          const plan = map.scene.plan;
+          const plan = map.plan;
           if (plan === null) return [NaN, NaN];
           return [plan.origin_m[0] + plan.metres_per_pixel * pu, plan.origin_m[1] - plan.metres_per_pixel * pv];
         },

@@ -230,3 +230,19 @@ test('an event that comes live and from the history is there once', () => {
   assert.deepEqual(store.addEvents([event, { ...event, id: 9 }]).map((e) => e.id), [9]);
   assert.deepEqual(store.events.map((e) => e.id), [9, 7]);
 });
+
+test('entering, leaving and falling silent are known at once', () => {
+  const store = storeOfOffice();
+  store.addPosition(position('a', '2026-01-01T00:00:01Z'));
+  const event = { id: 1, t: '2026-01-01T00:00:02Z', site: 'office', node: 'a', dwell_s: null, alarm: false };
+  const tag = () => store.tags.get('a');
+  store.applyEvent({ ...event, kind: 'entered', zone: 'Press' });
+  store.applyEvent({ ...event, kind: 'entered', zone: 'Press' });
+  assert.deepEqual(tag()?.zones, ['Press']);
+  store.applyEvent({ ...event, kind: 'left', zone: 'Press' });
+  assert.deepEqual(tag()?.zones, []);
+  store.applyEvent({ ...event, kind: 'silent', zone: null });
+  assert.equal(tag()?.silent, true);
+  store.applyEvent({ ...event, kind: 'back', zone: null });
+  assert.equal(tag()?.silent, false);
+});

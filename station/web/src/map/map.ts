@@ -44,6 +44,8 @@ export class MapView {
   readonly element: HTMLElement;
   readonly scene: Scene = { plan: null, picture: null, walls: [], zones: [], nodes: [], heat: null };
   readonly layers: Layers = { plan: true, zones: true, nodes: true, names: true, ellipses: true, trails: true };
+  /// A plan that is being placed and is not saved yet: it is shown instead of the scene's.
+  preview: { plan: Plan; picture: CanvasImageSource | null } | null = null;
   onPick: (tag: string) => void = () => {};
   selected: string | null = null;
   private marks: Marks | null = null;
@@ -121,6 +123,11 @@ export class MapView {
     this.redraw();
   }
 
+  /// The plan that is shown.
+  get plan(): Plan | null {
+    return this.preview?.plan ?? this.scene.plan;
+  }
+
   get dark(): boolean {
     return this.palette.dark;
   }
@@ -137,7 +144,8 @@ export class MapView {
   /// All that has a place.
   bounds() {
     const points: Point[] = [];
-    const { plan, walls, zones, nodes } = this.scene;
+    const { walls, zones, nodes } = this.scene;
+    const plan = this.plan;
     if (plan !== null) {
       for (const x of [0, plan.width_px]) for (const y of [0, plan.height_px]) points.push(planToMetres(plan, { x, y }));
     }
@@ -218,9 +226,8 @@ export class MapView {
     if (g === null) return;
     const { view, scene, palette, layers } = this;
     draw.drawGround(g, view, palette);
-    if (layers.plan && scene.plan !== null && scene.picture !== null) {
-      draw.drawPlan(g, view, scene.plan, scene.picture, palette.dark);
-    }
+    const picture = this.preview?.picture ?? scene.picture;
+    if (layers.plan && this.plan !== null && picture !== null) draw.drawPlan(g, view, this.plan, picture, palette.dark);
     if (scene.heat !== null && this.heatPicture !== null) draw.drawHeat(g, view, scene.heat, this.heatPicture);
     if (layers.zones) draw.drawZones(g, view, scene.zones, palette);
     if (layers.plan) draw.drawWalls(g, view, scene.walls, palette);

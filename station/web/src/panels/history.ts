@@ -3,7 +3,7 @@
 import { attempt, type App, type Panel } from '../app.js';
 import { allPositions, api } from '../api.js';
 import { button, field, h, setText } from '../dom.js';
-import { inOrder, language, number, t, time } from '../i18n.js';
+import { inOrder, number, t, time } from '../i18n.js';
 import { heatOf } from '../map/heat.js';
 import { Replay } from '../map/replay.js';
 import { Chart, type ChartRow } from './chart.js';
@@ -241,7 +241,6 @@ export function historyPanel(app: App): Panel {
       showHeat();
       void showChart();
     }
-    for (const input of [from, to]) input.lang = language();
   });
   store.on('selection', () => {
     if (replay === null || store.selected === null || !replay.tracks.has(store.selected)) return;

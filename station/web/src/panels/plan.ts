@@ -185,8 +185,7 @@ export function planPanel(app: App): Panel {
   }
 
   function preview(): void {
-    map.scene.plan = plan;
-    if (picture !== null) map.scene.picture = picture.image;
+    map.preview = plan === null ? null : { plan, picture: picture?.image ?? null };
     map.redraw();
     update();
   }
@@ -261,10 +260,11 @@ export function planPanel(app: App): Panel {
     const done = await attempt(app, async () => {
       if (picture === null) await api.putScale(site.name, scale);
       else await api.putPlan(site.name, scale, picture.blob);
-      forget();
       await app.reload('sites');
     });
-    if (done) app.toasts.show(t('saved', { name: t('tab.plan') }), 'good');
+    if (!done) return;
+    revert();
+    app.toasts.show(t('saved', { name: t('tab.plan') }), 'good');
   }
 
   /// Forgets what is not saved.
@@ -272,14 +272,15 @@ export function planPanel(app: App): Panel {
     if (picture !== null) URL.revokeObjectURL(picture.image.src);
     picture = null;
     file.value = '';
-    plan = null;
+    plan = store.site?.plan ?? null;
+    map.preview = null;
+    map.redraw();
     stopPicking();
   }
 
   function revert(): void {
-    if (picture === null && plan === store.site?.plan) return stopPicking();
     forget();
-    void attempt(app, () => app.reload('sites'));
+    update();
   }
 
   function startWalls(): void {
@@ -312,7 +313,7 @@ export function planPanel(app: App): Panel {
 
   function update(): void {
     const may = store.mayAdminister && store.site !== null;
-    if (picture === null && wanted === 0) plan = store.site?.plan ?? null;
+    if (map.preview === null) plan = store.site?.plan ?? null;
     none.hidden = plan !== null;
     edit.hidden = plan === null || !may;
     file.disabled = !may;
@@ -337,8 +338,7 @@ export function planPanel(app: App): Panel {
     element,
     shown: (is) => {
       if (is) return update();
-      if (picture !== null || plan !== store.site?.plan) revert();
-      else stopPicking();
+      revert();
       if (!wallEdit.hidden) stopWalls();
     },
   };

@@ -3,8 +3,8 @@
 import { attempt, type App, type Panel } from '../app.js';
 import { api } from '../api.js';
 import { button, carefulButton, empty, field, h } from '../dom.js';
-import { t } from '../i18n.js';
-import { inPolygon, toScreen, type Point } from '../map/geometry.js';
+import { inOrder, t } from '../i18n.js';
+import { toScreen, type Point } from '../map/geometry.js';
 import { outline } from '../map/draw.js';
 import type { Tool } from '../map/map.js';
 import type { Zone } from '../model.js';
@@ -200,10 +200,7 @@ export function zonesPanel(app: App): Panel {
 
   function inside(zone: Zone): number {
     let count = 0;
-    for (const tag of store.tags.values()) {
-      const p = tag.last_position;
-      if (p !== null && !tag.silent && inPolygon(zone.corners_m, { x: p.x_m, y: p.y_m })) count++;
-    }
+    for (const tag of store.tags.values()) if (tag.zones.includes(zone.name)) count++;
     return count;
   }
 
@@ -215,7 +212,7 @@ export function zonesPanel(app: App): Panel {
     none.hidden = store.zones.length > 0;
     list.hidden = store.zones.length === 0;
     const focused = document.activeElement instanceof HTMLElement ? document.activeElement.dataset.zone : undefined;
-    const sorted = [...store.zones].sort((a, b) => a.kind.localeCompare(b.kind) || a.name.localeCompare(b.name));
+    const sorted = [...store.zones].sort((a, b) => inOrder(a.kind, b.kind) || inOrder(a.name, b.name));
     list.replaceChildren(
       ...sorted.map((zone) =>
         h(
