@@ -315,11 +315,15 @@ export function namesThatFit(marks: readonly Mark[], view: View, selected: strin
   const place = (mark: Mark) => {
     const p = toScreen(view, mark);
     if (p.x < 0 || p.y < 0 || p.x > view.width || p.y > view.height) return;
-    const row = Math.floor(p.y / 16);
-    const first = Math.floor(p.x / 16);
-    const cells = Math.ceil((mark.label.length * 7 + 16) / 16);
-    for (let i = 0; i < cells; i++) if (taken.has(row * 10_000 + first + i) && mark.id !== selected) return;
-    for (let i = 0; i < cells; i++) taken.add(row * 10_000 + first + i);
+    const cells: number[] = [];
+    // A name is 18 pixels high, and about 7 wide a letter.
+    for (const y of [p.y - 8, p.y + 8]) {
+      for (let x = p.x; x < p.x + mark.label.length * 7 + 16; x += 16) {
+        cells.push(Math.floor(y / 16) * 10_000 + Math.floor(x / 16));
+      }
+    }
+    if (mark.id !== selected && cells.some((cell) => taken.has(cell))) return;
+    for (const cell of cells) taken.add(cell);
     fit.add(mark.id);
   };
   for (const mark of marks) if (mark.id === selected) place(mark);
