@@ -422,6 +422,12 @@ export function time(at: string | number): string {
   return `${date.toLocaleDateString(region(), { day: 'numeric', month: 'short', year: 'numeric' })} ${clock}`;
 }
 
+/// The time of the day, to the minute or the second.
+export function clock(at: number, seconds: boolean): string {
+  const second = seconds ? ('2-digit' as const) : undefined;
+  return new Date(at).toLocaleTimeString(region(), { hour: '2-digit', minute: '2-digit', second });
+}
+
 export function duration(seconds: number): string {
   if (seconds < 90) return `${number(seconds, 0)} s`;
   if (seconds < 5400) return `${number(seconds / 60, 0)} min`;

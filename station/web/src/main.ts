@@ -140,6 +140,7 @@ const still = matchMedia('(prefers-reduced-motion: reduce)');
 const follows = () => (motion.smooth = !still.matches);
 still.addEventListener('change', follows);
 follows();
+const liveButton = button('history.live', () => app.showPast(null), 'primary');
 const loginButton = button('login', () => login.ask());
 const logoutButton = button('logout', () => void attempt(app, async () => (await api.logout(), location.reload())));
 
@@ -147,6 +148,7 @@ function showConnection(): void {
   const key: Key = connection === 'live' && store.past ? 'state.history' : `state.${connection}`;
   state.dataset.t = key;
   state.className = `state ${connection}`;
+  liveButton.hidden = !store.past;
   setText(state, t(key));
 }
 
@@ -263,6 +265,7 @@ document.body.append(
     h('h1', { attributes: { id: 'title' } }, 'Baliza'),
     field('site', siteChoice),
     state,
+    liveButton,
     h('span', { class: 'space' }),
     languageChoice,
     themeChoice,

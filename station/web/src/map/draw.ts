@@ -113,7 +113,7 @@ export function drawPlan(g: Context, view: View, plan: Plan, picture: CanvasImag
   g.save();
   g.transform(cos, -sin, sin, cos, corner.x, corner.y);
   // A white plan would glare in the dark.
-  g.globalAlpha = dark ? 0.55 : 0.9;
+  g.globalAlpha = dark ? 0.35 : 0.9;
   g.imageSmoothingEnabled = scale < 2;
   g.drawImage(picture, 0, 0, plan.width_px, plan.height_px);
   g.restore();

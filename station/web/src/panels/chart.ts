@@ -2,7 +2,7 @@
 
 import uPlot from 'uplot';
 import { h } from '../dom.js';
-import { t } from '../i18n.js';
+import { clock, number, t, time } from '../i18n.js';
 
 export interface ChartRow {
   /// ms.
@@ -24,16 +24,26 @@ export class Chart {
     const style = getComputedStyle(document.documentElement);
     const of = (variable: string) => style.getPropertyValue(variable).trim();
     const axis = { stroke: of('--text'), grid: { stroke: of('--map-grid'), width: 1 }, ticks: { stroke: of('--map-grid') } };
-    const line = (label: string, colour: string) => ({ label, stroke: colour, width: 1.5, points: { show: false } });
+    const short = rows[rows.length - 1].t - rows[0].t < 300_000;
+    const line = (label: string, colour: string): uPlot.Series => ({
+      label,
+      stroke: colour,
+      width: 1.5,
+      points: { show: false },
+      value: (_plot, value) => (value === null ? '–' : number(value, 2)),
+    });
     const options: uPlot.Options = {
       width: Math.max(this.element.clientWidth, 240),
       height: 220,
       title: name,
       legend: { live: true },
       scales: { x: { time: true } },
-      axes: [axis, { ...axis, size: 44 }],
+      axes: [
+        { ...axis, space: 70, values: (_plot, splits) => splits.map((s) => clock(s * 1000, short)) },
+        { ...axis, size: 44 },
+      ],
       series: [
-        { label: t('time') },
+        { label: t('time'), value: (_plot, value) => (value === null ? '–' : time(value * 1000)) },
         line('x (m)', of('--chart-x')),
         line('y (m)', of('--chart-y')),
         line('σ (m)', of('--chart-s')),

@@ -69,7 +69,6 @@ export function historyPanel(app: App): Panel {
     field('history.chart', chartOf),
     h('p', { t: 'history.chart.help', class: 'help' }),
     chart.element,
-    button('history.live', () => leave()),
   );
   const preset = (key: 'history.last10' | 'history.lasthour' | 'history.today', start: () => number) =>
     button(key, () => {
@@ -246,6 +245,9 @@ export function historyPanel(app: App): Panel {
     if (replay === null || store.selected === null || !replay.tracks.has(store.selected)) return;
     chartOf.value = store.selected;
     void showChart();
+  });
+  store.on('mode', () => {
+    if (!store.past && replay !== null) leave();
   });
   let site = store.site?.name;
   store.on('site', () => {

@@ -199,6 +199,7 @@ export function surveyPanel(app: App): Panel {
     choice.value = called;
     choose(called);
     name.value = '';
+    element.scrollTop = 0;
   }
 
   async function drop(): Promise<void> {
