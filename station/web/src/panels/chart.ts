@@ -4,6 +4,9 @@ import uPlot from 'uplot';
 import { h } from '../dom.js';
 import { clock, number, t, time } from '../i18n.js';
 
+/// Between two times of the axis.
+const STEPS_S = [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 14_400, 43_200, 86_400];
+
 export interface ChartRow {
   /// ms.
   t: number;
@@ -39,7 +42,7 @@ export class Chart {
       legend: { live: true },
       scales: { x: { time: true } },
       axes: [
-        { ...axis, space: 70, values: (_plot, splits) => splits.map((s) => clock(s * 1000, short)) },
+        { ...axis, space: 65, incrs: STEPS_S, values: (_plot, splits) => splits.map((s) => clock(s * 1000, short)) },
         { ...axis, size: 44 },
       ],
       series: [

@@ -10,7 +10,8 @@ import { Chart, type ChartRow } from './chart.js';
 
 /// Rows that the page loads for a span; the step between them follows from it.
 const MOST_ROWS = 60_000;
-const CHART_ROWS = 2000;
+/// The most that the station gives at once: ten minutes of a tag at ten positions a second are 6000.
+const CHART_ROWS = 10_000;
 const SPEEDS = [1, 2, 5, 10, 30, 60, 300];
 
 /// The step between two positions of a tag, s, at which a span of `seconds` with `tags` tags fits into `most` rows.
