@@ -1,7 +1,19 @@
 // The station's routes. In: paths and objects; out: objects, or `ApiError` with the station's own words
 // (problem+json).
 
-import type { Campaign, CampaignPoint, Me, Node, PlanScale, Site, StationEvent, Tag, TagPosition, Wall, Zone } from './model.js';
+import type {
+  Campaign,
+  CampaignPoint,
+  Me,
+  Node,
+  PlanScale,
+  Site,
+  StationEvent,
+  Tag,
+  TagPosition,
+  Wall,
+  Zone,
+} from './model.js';
 
 export class ApiError extends Error {
   constructor(

@@ -370,7 +370,11 @@ async function showPicture(): Promise<void> {
 
 async function fill(site: string, since: string | null): Promise<void> {
   await Promise.all([reload('tags'), reload('nodes'), reload('zones')]);
-  const last = [...store.tags.values()].map((tag) => tag.last_position?.t ?? '').sort().pop() ?? '';
+  const last =
+    [...store.tags.values()]
+      .map((tag) => tag.last_position?.t ?? '')
+      .sort()
+      .pop() ?? '';
   if (last !== '') {
     const end = Date.parse(last) + 1;
     const begin = Math.max(since === null ? end - TRAIL_MS : Date.parse(since), end - LONGEST_GAP_MS);

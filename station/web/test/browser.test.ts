@@ -58,7 +58,8 @@ describe('in a browser', { skip: chromium === null }, () => {
     const faults: string[] = [];
     page.on('pageerror', (error) => faults.push(error.message));
     page.on('console', (message) => {
-      if (message.type() === 'error' && !/Failed to load resource|ERR_/.test(message.text())) faults.push(message.text());
+      if (message.type() === 'error' && !/Failed to load resource|ERR_/.test(message.text()))
+        faults.push(message.text());
     });
     page.on('request', (request) => {
       if (!/^(data|blob):/.test(request.url()) && !request.url().startsWith(url)) faults.push(request.url());
@@ -107,7 +108,9 @@ describe('in a browser', { skip: chromium === null }, () => {
   test('live tags are listed with positions that change, and are found by their names', async (t) => {
     const { page } = await open(t);
     await live(page);
-    const paint = await page.evaluate(() => performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? NaN);
+    const paint = await page.evaluate(
+      () => performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? NaN,
+    );
     console.log(`first paint after ${paint.toFixed(0)} ms`);
     const first = rows(page).first();
     const name = (await first.locator('.name').textContent()) ?? '';
@@ -127,7 +130,10 @@ describe('in a browser', { skip: chromium === null }, () => {
     await page.keyboard.press('ArrowDown');
     await page.keyboard.press('ArrowDown');
     assert.equal(await rows(page).nth(1).getAttribute('aria-selected'), 'true');
-    assert.equal(await page.locator('#tags').getAttribute('aria-activedescendant'), await rows(page).nth(1).getAttribute('id'));
+    assert.equal(
+      await page.locator('#tags').getAttribute('aria-activedescendant'),
+      await rows(page).nth(1).getAttribute('id'),
+    );
     const at = () =>
       page.evaluate(() => {
         const { map } = (window as unknown as { baliza: { map: import('../src/map/map.js').MapView } }).baliza;
@@ -163,14 +169,25 @@ describe('in a browser', { skip: chromium === null }, () => {
     await page.fill('#zone-name', name);
     await page.selectOption('#zone-kind', 'zone');
     await page.check('#zone-alarm');
-    for (const [x, y] of [[3, 3], [6, 3], [6, 6], [3, 6]]) await clickAt(page, x, y);
+    for (const [x, y] of [
+      [3, 3],
+      [6, 3],
+      [6, 6],
+      [3, 6],
+    ])
+      await clickAt(page, x, y);
     await page.getByRole('button', { name: 'Save' }).click();
     await page.locator('[data-zone]', { hasText: name }).waitFor();
     const drawn = (await zones()).find((zone) => zone.name === name);
     assert.ok(drawn !== undefined && drawn.alarm && drawn.kind === 'zone');
     assert.equal(drawn.corners_m.length, 4);
     // A click is as exact as a pixel of the screen.
-    for (const [i, [x, y]] of [[3, 3], [6, 3], [6, 6], [3, 6]].entries()) {
+    for (const [i, [x, y]] of [
+      [3, 3],
+      [6, 3],
+      [6, 6],
+      [3, 6],
+    ].entries()) {
       assert.ok(Math.hypot(drawn.corners_m[i][0] - x, drawn.corners_m[i][1] - y) < 0.05, String(drawn.corners_m[i]));
     }
     await page.locator('[data-zone]', { hasText: name }).click();
@@ -178,7 +195,11 @@ describe('in a browser', { skip: chromium === null }, () => {
     await page.fill('#zone-corners', '1 1\n2,5 1\n2,5 4');
     await page.getByRole('button', { name: 'Save' }).click();
     await page.locator('[data-zone="Test 2"]').waitFor();
-    assert.deepEqual((await zones()).find((zone) => zone.name === 'Test 2')?.corners_m, [[1, 1], [2.5, 1], [2.5, 4]]);
+    assert.deepEqual((await zones()).find((zone) => zone.name === 'Test 2')?.corners_m, [
+      [1, 1],
+      [2.5, 1],
+      [2.5, 4],
+    ]);
     assert.ok(!(await zones()).some((zone) => zone.name === name));
     await page.locator('[data-zone="Test 2"]').click();
     await page.getByRole('button', { name: 'Delete' }).click();
@@ -237,17 +258,35 @@ describe('in a browser', { skip: chromium === null }, () => {
   });
 
   test('walls are drawn', { skip: onlyMock }, async (t) => {
-    const { page, mock } = await open(t, {}, (m) => (m.site.walls_m = [[[0, 0], [20, 0]]]));
+    const { page, mock } = await open(
+      t,
+      {},
+      (m) =>
+        (m.site.walls_m = [
+          [
+            [0, 0],
+            [20, 0],
+          ],
+        ]),
+    );
     await live(page);
     await page.click('#tab-plan');
     await page.getByRole('button', { name: 'Draw walls' }).click();
-    for (const [x, y] of [[2, 2], [5, 2], [5, 4]]) await clickAt(page, x, y);
+    for (const [x, y] of [
+      [2, 2],
+      [5, 2],
+      [5, 4],
+    ])
+      await clickAt(page, x, y);
     await page.getByText('3 walls').waitFor();
     await page.getByRole('button', { name: 'Take the last one back' }).click();
     await page.getByRole('button', { name: 'Save the walls' }).click();
     await page.getByText('Saved: Walls').waitFor();
     assert.equal(mock.site.walls_m.length, 2);
-    assert.deepEqual(mock.site.walls_m[0], [[0, 0], [20, 0]]);
+    assert.deepEqual(mock.site.walls_m[0], [
+      [0, 0],
+      [20, 0],
+    ]);
   });
 
   test('the history is loaded, played, and shown as a heat map and a chart', async (t) => {
@@ -324,7 +363,11 @@ describe('in a browser', { skip: chromium === null }, () => {
     const command = await page.locator('#survey-command').inputValue();
     const target = /'(http[^']*)'/.exec(command)?.[1] ?? '';
     const sample = /-d '(.*)'/.exec(command)?.[1] ?? '';
-    const posted = await fetch(target, { method: 'POST', headers: { 'Content-Type': 'application/json' }, body: sample });
+    const posted = await fetch(target, {
+      method: 'POST',
+      headers: { 'Content-Type': 'application/json' },
+      body: sample,
+    });
     assert.equal(posted.status, 201);
     await page.locator('#survey-samples', { hasText: /^1 sample/ }).waitFor();
     await page.getByRole('button', { name: 'Next point' }).click();
@@ -440,7 +483,10 @@ describe('in a browser', { skip: chromium === null }, () => {
     });
   }
 
-  for (const [tags, rateHz] of [[100, 10], [500, 2]]) {
+  for (const [tags, rateHz] of [
+    [100, 10],
+    [500, 2],
+  ]) {
     test(`${tags} tags at ${rateHz} positions a second move smoothly`, { skip: onlyMock }, async (t) => {
       const { page } = await open(t, { tags, rateHz }, (m) => (m.zones = rooms()));
       await live(page);

@@ -5,7 +5,17 @@ import { createServer, type IncomingMessage, type Server, type ServerResponse } 
 import { readdirSync, readFileSync } from 'node:fs';
 import type { AddressInfo } from 'node:net';
 import type {
-  Access, Campaign, EventKind, Node, PlanScale, Site, StationEvent, Tag, TagPosition, Wall, Zone,
+  Access,
+  Campaign,
+  EventKind,
+  Node,
+  PlanScale,
+  Site,
+  StationEvent,
+  Tag,
+  TagPosition,
+  Wall,
+  Zone,
 } from '../src/model.js';
 import { inPolygon } from '../src/map/geometry.js';
 
@@ -280,7 +290,8 @@ export class Mock {
     if (i < 0) return problem(response, 404, `there is no tag ${tag}`);
     const rows: TagPosition[] = [];
     const limit = Number(query.get('limit') ?? 1000);
-    for (let t = to - 1; t >= from && rows.length < limit; t -= 1000 / this.options.rateHz) rows.push(this.position(i, t));
+    for (let t = to - 1; t >= from && rows.length < limit; t -= 1000 / this.options.rateHz)
+      rows.push(this.position(i, t));
     json(response, rows);
   }
 
@@ -361,13 +372,50 @@ async function body(request: IncomingMessage): Promise<Buffer> {
 
 function walls(): Wall[] {
   return [
-    [[0, 0], [20, 0]], [[20, 0], [20, 12]], [[20, 12], [0, 12]], [[0, 12], [0, 0]],
-    [[8, 0], [8, 3.5]], [[8, 5], [8, 12]], [[8, 7], [12.5, 7]], [[14, 7], [20, 7]],
+    [
+      [0, 0],
+      [20, 0],
+    ],
+    [
+      [20, 0],
+      [20, 12],
+    ],
+    [
+      [20, 12],
+      [0, 12],
+    ],
+    [
+      [0, 12],
+      [0, 0],
+    ],
+    [
+      [8, 0],
+      [8, 3.5],
+    ],
+    [
+      [8, 5],
+      [8, 12],
+    ],
+    [
+      [8, 7],
+      [12.5, 7],
+    ],
+    [
+      [14, 7],
+      [20, 7],
+    ],
   ];
 }
 
 function anchors(): Node[] {
-  const places: [number, number][] = [[0.3, 0.3], [19.7, 0.3], [19.7, 11.7], [0.3, 11.7], [8.2, 6.5], [14, 11.7]];
+  const places: [number, number][] = [
+    [0.3, 0.3],
+    [19.7, 0.3],
+    [19.7, 11.7],
+    [0.3, 11.7],
+    [8.2, 6.5],
+    [14, 11.7],
+  ];
   return places.map(([x, y], i) => ({
     node: `0x010${i + 1}`,
     site: 'office',
@@ -385,12 +433,28 @@ function anchors(): Node[] {
 }
 
 export function rooms(): Zone[] {
-  const box = (x0: number, y0: number, x1: number, y1: number): [number, number][] => [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
+  const box = (x0: number, y0: number, x1: number, y1: number): [number, number][] => [
+    [x0, y0],
+    [x1, y0],
+    [x1, y1],
+    [x0, y1],
+  ];
   const zone = { site: 'office', alarm: false };
   return [
     { ...zone, name: 'Workshop', kind: 'room', corners_m: box(0, 0, 8, 12) },
     { ...zone, name: 'Store', kind: 'room', corners_m: box(8, 0, 20, 7) },
     { ...zone, name: 'Office', kind: 'room', corners_m: box(8, 7, 20, 12) },
-    { ...zone, name: 'Press', kind: 'zone', corners_m: [[1.5, 2], [4.5, 1.6], [5.2, 4.4], [2, 5]], alarm: true },
+    {
+      ...zone,
+      name: 'Press',
+      kind: 'zone',
+      corners_m: [
+        [1.5, 2],
+        [4.5, 1.6],
+        [5.2, 4.4],
+        [2, 5],
+      ],
+      alarm: true,
+    },
   ];
 }

@@ -15,7 +15,8 @@ const mock = new Mock({ tags: 10, rateHz: 10 }, dist);
 mock.zones = rooms();
 await mock.start();
 const browser = await launch(path);
-const context = await browser.newContext({ viewport: { width: 1180, height: 700 }, colorScheme: 'light', locale: 'en-GB' });
+const viewport = { width: 1180, height: 700 };
+const context = await browser.newContext({ viewport, colorScheme: 'light', locale: 'en-GB' });
 const page = await context.newPage();
 await mkdir(docs, { recursive: true });
 const shoot = async (name: string) => {

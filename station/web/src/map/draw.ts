@@ -195,7 +195,13 @@ export function drawNodes(g: Context, view: View, nodes: readonly Node[], palett
     const p = toScreen(view, { x: node.position_m[0], y: node.position_m[1] });
     const state = stateOf(node);
     const colour =
-      state === 'good' ? palette.good : state === 'moved' ? palette.alarm : state === 'unseen' ? palette.grid : palette.warn;
+      state === 'good'
+        ? palette.good
+        : state === 'moved'
+          ? palette.alarm
+          : state === 'unseen'
+            ? palette.grid
+            : palette.warn;
     g.fillStyle = colour;
     g.strokeStyle = palette.text;
     g.lineWidth = 1.5;
@@ -247,13 +253,7 @@ export function drawHeat(g: Context, view: View, heat: Heat, picture: CanvasImag
   g.drawImage(picture, corner.x, corner.y, heat.columns * size, heat.rows * size);
 }
 
-export function drawTrail(
-  g: Context,
-  view: View,
-  points: readonly Point[],
-  colour: string,
-  wide: boolean,
-): void {
+export function drawTrail(g: Context, view: View, points: readonly Point[], colour: string, wide: boolean): void {
   if (points.length < 2) return;
   g.strokeStyle = colour;
   g.lineWidth = wide ? 3 : 1.5;
@@ -331,8 +331,8 @@ export function namesThatFit(marks: readonly Mark[], view: View, selected: strin
   return fit;
 }
 
-/// With more tags than this, ellipses are copies of a circle, stretched and turned: without a graphics processor, 500 paths
-/// take longer than a frame.
+/// With more tags than this, ellipses are copies of a circle, stretched and turned: without a graphics processor, 500
+/// paths take longer than a frame.
 const MANY = 150;
 const CIRCLE = 32;
 const circles = new Map<string, HTMLCanvasElement>();

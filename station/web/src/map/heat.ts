@@ -1,5 +1,5 @@
-// The heat map: time spent in each cell of a grid, from the positions of a span. Each position counts until the next one
-// of the same tag, at most `longest` seconds: a tag that was away did not stay where it was last.
+// The heat map: time spent in each cell of a grid, from the positions of a span. Each position counts until the next
+// one of the same tag, at most `longest` seconds: a tag that was away did not stay where it was last.
 
 import { boundsOf, type Bounds } from './geometry.js';
 

@@ -147,11 +147,13 @@ export class MapView {
     const { walls, zones, nodes } = this.scene;
     const plan = this.plan;
     if (plan !== null) {
-      for (const x of [0, plan.width_px]) for (const y of [0, plan.height_px]) points.push(planToMetres(plan, { x, y }));
+      for (const x of [0, plan.width_px])
+        for (const y of [0, plan.height_px]) points.push(planToMetres(plan, { x, y }));
     }
     for (const wall of walls) for (const [x, y] of wall) points.push({ x, y });
     for (const zone of zones) for (const [x, y] of zone.corners_m) points.push({ x, y });
-    for (const node of nodes) if (node.position_m !== null) points.push({ x: node.position_m[0], y: node.position_m[1] });
+    for (const node of nodes)
+      if (node.position_m !== null) points.push({ x: node.position_m[0], y: node.position_m[1] });
     return boundsOf(points);
   }
 

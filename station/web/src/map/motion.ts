@@ -1,5 +1,5 @@
-// Where tags are drawn: between two positions a tag moves in a straight line, for as long as its positions are apart, so
-// that ten positions a second look like sixty. In: positions with the time of their arrival; out: marks at a time.
+// Where tags are drawn: between two positions a tag moves in a straight line, for as long as its positions are apart,
+// so that ten positions a second look like sixty. In: positions with the time of their arrival; out: marks at a time.
 
 import type { TagPosition } from '../model.js';
 

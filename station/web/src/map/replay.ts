@@ -1,5 +1,5 @@
-// The past on the map: positions of a span, and where each tag was at a time of it. Between two positions that are close
-// in time the tag moves in a straight line; where a tag was away for longer, it is not shown.
+// The past on the map: positions of a span, and where each tag was at a time of it. Between two positions that are
+// close in time the tag moves in a straight line; where a tag was away for longer, it is not shown.
 
 import type { TagPosition } from '../model.js';
 import type { Track } from './heat.js';

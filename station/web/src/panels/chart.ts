@@ -26,7 +26,11 @@ export class Chart {
     if (rows.length === 0) return;
     const style = getComputedStyle(document.documentElement);
     const of = (variable: string) => style.getPropertyValue(variable).trim();
-    const axis = { stroke: of('--text'), grid: { stroke: of('--map-grid'), width: 1 }, ticks: { stroke: of('--map-grid') } };
+    const axis = {
+      stroke: of('--text'),
+      grid: { stroke: of('--map-grid'), width: 1 },
+      ticks: { stroke: of('--map-grid') },
+    };
     const short = rows[rows.length - 1].t - rows[0].t < 300_000;
     const line = (label: string, colour: string): uPlot.Series => ({
       label,

@@ -71,7 +71,7 @@ export function eventsPanel(app: App): Panel & { notify(events: readonly Station
     const query = { before: oldest.id, limit: PAGE, ...(kind.value === '' ? {} : { kind: kind.value }) };
     const site = store.site.name;
     await attempt(app, async () => {
-      more.disabled = (store.addEvents(await api.events(site, query))).length === 0;
+      more.disabled = store.addEvents(await api.events(site, query)).length === 0;
     });
   }
 

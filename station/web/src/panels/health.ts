@@ -40,9 +40,7 @@ export function healthPanel(app: App): Panel {
     table.hidden = store.nodes.length === 0;
     // What needs a person comes first.
     const order = { moved: 0, weak: 1, nlos: 2, unseen: 3, good: 4 };
-    const nodes = [...store.nodes].sort(
-      (a, b) => order[stateOf(a)] - order[stateOf(b)] || inOrder(a.node, b.node),
-    );
+    const nodes = [...store.nodes].sort((a, b) => order[stateOf(a)] - order[stateOf(b)] || inOrder(a.node, b.node));
     const focused = document.activeElement instanceof HTMLElement ? document.activeElement.dataset.node : undefined;
     body.replaceChildren(
       ...nodes.map((node) => {
@@ -75,13 +73,15 @@ export function healthPanel(app: App): Panel {
       }),
     );
     if (focused !== undefined) {
-      for (const link of body.querySelectorAll<HTMLElement>('[data-node]')) if (link.dataset.node === focused) link.focus();
+      for (const link of body.querySelectorAll<HTMLElement>('[data-node]'))
+        if (link.dataset.node === focused) link.focus();
     }
   }
 
   store.on(['nodes', 'language', 'site'], update);
   setInterval(() => {
-    if (shown && document.visibilityState === 'visible' && store.site !== null) void app.reload('nodes').catch(() => {});
+    if (shown && document.visibilityState === 'visible' && store.site !== null)
+      void app.reload('nodes').catch(() => {});
   }, EVERY_MS);
   return {
     key: 'tab.health',

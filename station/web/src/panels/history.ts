@@ -201,9 +201,7 @@ export function historyPanel(app: App): Panel {
     const made = heatOf(tracks, replay.away / 1000);
     map.setHeat(made);
     heatHelp.textContent =
-      made === null
-        ? ''
-        : t('history.heat.max', { seconds: number(made.max, 0), cell: number(made.cell, 1) });
+      made === null ? '' : t('history.heat.max', { seconds: number(made.max, 0), cell: number(made.cell, 1) });
   }
 
   async function showChart(): Promise<void> {

@@ -46,7 +46,10 @@ export function surveyPanel(app: App): Panel {
   const bar = h('progress', { label: 'survey.points', attributes: { max: 1, value: 0 } });
   const go = h('h3', { attributes: { id: 'survey-go' } });
   const samples = h('p', { class: 'big', attributes: { role: 'status', id: 'survey-samples' } });
-  const command = h('textarea', { label: 'survey.command', attributes: { readonly: true, rows: 5, id: 'survey-command' } });
+  const command = h('textarea', {
+    label: 'survey.command',
+    attributes: { readonly: true, rows: 5, id: 'survey-command' },
+  });
   const remove = carefulButton('delete', () => void drop());
   const guide = h(
     'section',
@@ -152,7 +155,10 @@ export function surveyPanel(app: App): Panel {
     const body = '[{"beacon": "1-7", "rssi_dbm": -63.0, "t_s": 0.5}]';
     const url = api.samplesUrl(campaign.name, point.id);
     const bearer = store.me.tokens ? `\n  -H 'Authorization: Bearer TOKEN'` : '';
-    const line = `curl -X POST '${url}'${bearer}\n  -H 'Content-Type: application/json'\n  -d '${body}'`.replace(/\n/g, ' \\\n');
+    const line = `curl -X POST '${url}'${bearer}\n  -H 'Content-Type: application/json'\n  -d '${body}'`.replace(
+      /\n/g,
+      ' \\\n',
+    );
     if (command.value !== line) command.value = line;
     map.redraw('marks');
   }

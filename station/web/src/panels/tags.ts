@@ -47,7 +47,11 @@ export function tagsPanel(app: App): Panel {
     'details',
     { attributes: { id: 'table' }, on: { toggle: () => update() } },
     h('summary', { t: 'tags.table' }),
-    h('div', { class: 'scroll', label: 'tags.table', attributes: { tabindex: 0, role: 'region' } }, h('table', {}, h('thead', {}, head), body)),
+    h(
+      'div',
+      { class: 'scroll', label: 'tags.table', attributes: { tabindex: 0, role: 'region' } },
+      h('table', {}, h('thead', {}, head), body),
+    ),
   );
   const element = h('div', {}, search, count, none, noMatch, list, table);
   let shown = true;

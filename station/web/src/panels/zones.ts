@@ -15,7 +15,10 @@ type Corner = [number, number];
 export function parseCorners(text: string): Corner[] | null {
   const corners: Corner[] = [];
   for (const line of text.split('\n')) {
-    const words = line.trim().split(/[\s;]+/).filter((word) => word !== '');
+    const words = line
+      .trim()
+      .split(/[\s;]+/)
+      .filter((word) => word !== '');
     if (words.length === 0) continue;
     // A comma is a decimal point in Spanish, as the page's own numbers have it.
     const [x, y] = words.map((word) => Number(word.replace(',', '.')));
@@ -240,7 +243,8 @@ export function zonesPanel(app: App): Panel {
       ),
     );
     if (focused !== undefined) {
-      for (const row of list.querySelectorAll<HTMLElement>('[data-zone]')) if (row.dataset.zone === focused) row.focus();
+      for (const row of list.querySelectorAll<HTMLElement>('[data-zone]'))
+        if (row.dataset.zone === focused) row.focus();
     }
   }
 
