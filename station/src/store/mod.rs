@@ -1,14 +1,46 @@
-//! The store: SQLite or PostgreSQL, by URL.
+//! The store: SQLite or PostgreSQL, by URL. One station writes to a store; others may read.
 //!
-//! New positions go into the table `recent`, which only grows at its end. Once a minute, [`Store::compact`] moves the
-//! minutes that are over into `history`, in the order of its key (minute, tag, time), so that pages are full. Lengths are
-//! whole millimetres, times whole milliseconds.
+//! | table | a row is |
+//! |---|---|
+//! | `recent` | a position that has just been written; only grows at its end |
+//! | `history` | a position of a minute that is over, by its key |
+//! | `minutes` | a minute that has rows in `history`, and whether they are thinned |
+//! | `tags`, `rooms` | a name, and the number that stands for it in positions; of a tag also its first and last time |
+//! | `events`, `sites`, `zones`, `campaigns`, `points`, `samples` | what [`crate::model`] says; lists of coordinates are JSON |
+//!
+//! The key of a position is `minute << 36 | tag << 16 | millisecond of the minute`. Once a minute, [`Store::compact`]
+//! moves the minutes that are over from `recent` to `history` in the order of the key, so that pages are full and a tag's
+//! minute lies in one place. A row that comes late goes to its minute too. Lengths of positions are whole millimetres,
+//! times whole milliseconds, the covariance of x and y is a correlation in 1/127. A tag has one position in a
+//! millisecond: the first that was written. With that and the ids of events, what is written twice is stored once; a
+//! writer whose connection broke may write again.
+//!
+//! SQLite runs with a write-ahead log and `synchronous = FULL`: a commit waits until the log is on the disk, so that what
+//! is acknowledged survives a power cut, not only a crash of the process. `NORMAL` would lose the last seconds there.
+//! The hub commits twice a second, so the wait does not matter. The file does not shrink when rows are deleted; new
+//! rows use the pages. A back-up is a store itself: to restore it, stop the station and put it in the store's place.
 
-use std::path::Path;
+mod backup;
+mod campaigns;
+mod events;
+mod history;
+mod key;
+mod open;
+mod retention;
+mod rows;
+mod sites;
+#[cfg(test)]
+mod tests;
+mod write;
+
+use std::sync::Arc;
 use std::time::Duration;
 
+use sqlx::{Any, Transaction};
+use tokio::sync::{Mutex, MutexGuard};
+
 use crate::Utc;
-use crate::model::{Campaign, CampaignPoint, Event, EventKind, Plan, Sample, Site, Tag, TagPosition, Zone};
+use write::Numbers;
 
 /// An error of the store.
 #[derive(Debug, thiserror::Error)]
@@ -20,188 +52,118 @@ pub enum StoreError {
     #[error("there is no {0}")]
     Missing(String),
     /// The database was written by a newer version.
-    #[error("{0} was written by a newer version of baliza")]
+    #[error("{0} was written by a newer version of baliza; use that version, or another store")]
     Newer(String),
+    /// The SQLite file belongs to another program.
+    #[error("{0} is a database of another program; name another file")]
+    Foreign(String),
+    /// It cannot be opened.
+    #[error("cannot open the store {0}: {1}")]
+    Open(String, sqlx::Error),
+    /// PostgreSQL stores no text with this character.
+    #[error("a text contains the character U+0000")]
+    Nul,
+    /// The key of positions has no number for another tag.
+    #[error("the store has no room for more than {0} tags; set a retention, so that old tags are deleted")]
+    TooManyTags(i64),
+    /// PostgreSQL has its own tool for this.
+    #[error("a PostgreSQL store is backed up with pg_dump")]
+    NotSqlite,
+    /// The file of a back-up.
+    #[error("cannot write {0}: {1}")]
+    File(String, std::io::Error),
+    /// A column holds what this version did not write.
+    #[error("the store is damaged: {0}")]
+    Damaged(String),
     /// The database.
     #[error(transparent)]
-    Database(#[from] sqlx::Error),
+    Database(sqlx::Error),
+}
+
+impl From<sqlx::Error> for StoreError {
+    fn from(error: sqlx::Error) -> Self {
+        // character_not_in_repertoire: PostgreSQL's texts hold every character but this one.
+        if error.as_database_error().and_then(|e| e.code()).is_some_and(|code| code == "22021") {
+            Self::Nul
+        } else {
+            Self::Database(error)
+        }
+    }
 }
 
 /// The result of an operation.
 pub type Result<T> = std::result::Result<T, StoreError>;
 
-/// A part of a tag's history: from `from` (included) to `to` (excluded).
+/// A part of history.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
+    /// Included.
     pub from: Utc,
+    /// Excluded.
     pub to: Utc,
 }
 
-/// How long positions are kept.
+/// How long positions and events are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Retention {
     /// Positions older than this are thinned to one a second and tag.
     pub thin_after: Option<Duration>,
-    /// Positions, events older than this are deleted.
+    /// Positions and events older than this are deleted, and tags that were not seen since.
     pub delete_after: Option<Duration>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Engine {
+    Sqlite,
+    Postgres,
 }
 
 /// The store.
 #[derive(Clone, Debug)]
 pub struct Store {
     pool: sqlx::AnyPool,
+    engine: Engine,
+    /// Who writes holds it: SQLite has one writer at a time, and numbers are given to names one after the other.
+    writer: Arc<Mutex<Numbers>>,
+}
+
+/// A transaction that writes.
+struct Writing<'a> {
+    tx: Transaction<'static, Any>,
+    numbers: MutexGuard<'a, Numbers>,
 }
 
 impl Store {
-    /// Opens `sqlite://FILE`, a plain path of a file, or `postgres://…`; makes or upgrades the tables.
-    pub async fn open(url: &str) -> Result<Self> {
-        let _ = url;
-        todo!()
-    }
+    /// How long [`Store::is_well`] waits for an answer.
+    const ANSWERS_WITHIN: Duration = Duration::from_secs(2);
 
     /// Whether the database answers.
     pub async fn is_well(&self) -> bool {
-        todo!("{:?}", self.pool)
+        let answer = sqlx::query("SELECT 1").execute(&self.pool);
+        matches!(tokio::time::timeout(Self::ANSWERS_WITHIN, answer).await, Ok(Ok(_)))
     }
 
-    /// Writes positions and events together; after it returns, they survive a crash of the process.
-    pub async fn write(&self, positions: &[TagPosition], events: &[Event]) -> Result<()> {
-        let _ = (positions, events);
-        todo!()
+    /// Closes all connections, after what runs on them.
+    pub async fn close(&self) {
+        self.pool.close().await;
     }
 
-    /// A tag's positions in a span, newest first.
-    pub async fn positions(&self, site: &str, tag: &str, span: Span, limit: u32) -> Result<Vec<TagPosition>> {
-        let _ = (site, tag, span, limit);
-        todo!()
+    /// A transaction whose statements all see the same state.
+    async fn read(&self) -> Result<Transaction<'static, Any>> {
+        let begin = match self.engine {
+            Engine::Sqlite => "BEGIN",
+            Engine::Postgres => "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY",
+        };
+        Ok(self.pool.begin_with(begin).await?)
     }
 
-    /// The positions of all tags of a site in a span, oldest first, at most one a tag in each `step`: what a replay and a
-    /// heat map need.
-    pub async fn replay(&self, site: &str, span: Span, step: Duration, limit: u32) -> Result<Vec<TagPosition>> {
-        let _ = (site, span, step, limit);
-        todo!()
-    }
-
-    /// Tags that ever reported, with the times of their first and last position.
-    pub async fn tags(&self) -> Result<Vec<Tag>> {
-        todo!()
-    }
-
-    /// Events in a span, newest first, before `before` where given.
-    pub async fn events(
-        &self,
-        site: Option<&str>,
-        span: Span,
-        kinds: &[EventKind],
-        before: Option<i64>,
-        limit: u32,
-    ) -> Result<Vec<Event>> {
-        let _ = (site, span, kinds, before, limit);
-        todo!()
-    }
-
-    /// The greatest id of an event.
-    pub async fn last_event(&self) -> Result<i64> {
-        todo!()
-    }
-
-    /// The sites.
-    pub async fn sites(&self) -> Result<Vec<Site>> {
-        todo!()
-    }
-
-    /// Makes or replaces a site, but for its plan.
-    pub async fn put_site(&self, site: &Site) -> Result<()> {
-        let _ = site;
-        todo!()
-    }
-
-    /// Replaces a site's plan and its picture.
-    pub async fn put_plan(&self, site: &str, plan: &Plan, picture: Option<&[u8]>) -> Result<()> {
-        let _ = (site, plan, picture);
-        todo!()
-    }
-
-    /// The picture of a site's plan.
-    pub async fn picture(&self, site: &str) -> Result<Vec<u8>> {
-        let _ = site;
-        todo!()
-    }
-
-    /// The rooms and zones of all sites.
-    pub async fn zones(&self) -> Result<Vec<Zone>> {
-        todo!()
-    }
-
-    /// Makes or replaces a zone.
-    pub async fn put_zone(&self, zone: &Zone) -> Result<()> {
-        let _ = zone;
-        todo!()
-    }
-
-    /// Deletes a zone.
-    pub async fn delete_zone(&self, site: &str, name: &str) -> Result<()> {
-        let _ = (site, name);
-        todo!()
-    }
-
-    /// The campaigns.
-    pub async fn campaigns(&self) -> Result<Vec<Campaign>> {
-        todo!()
-    }
-
-    /// A campaign.
-    pub async fn campaign(&self, name: &str) -> Result<Campaign> {
-        let _ = name;
-        todo!()
-    }
-
-    /// Makes a campaign.
-    pub async fn create_campaign(&self, campaign: &Campaign) -> Result<()> {
-        let _ = campaign;
-        todo!()
-    }
-
-    /// Deletes a campaign with its points and samples.
-    pub async fn delete_campaign(&self, name: &str) -> Result<()> {
-        let _ = name;
-        todo!()
-    }
-
-    /// A point of a campaign.
-    pub async fn point(&self, campaign: &str, id: &str) -> Result<CampaignPoint> {
-        let _ = (campaign, id);
-        todo!()
-    }
-
-    /// The samples of a point, in the order of their arrival, after the first `skip`.
-    pub async fn samples(&self, campaign: &str, point: &str, skip: u64, limit: u32) -> Result<Vec<Sample>> {
-        let _ = (campaign, point, skip, limit);
-        todo!()
-    }
-
-    /// Adds samples to a point.
-    pub async fn add_samples(&self, campaign: &str, point: &str, samples: &[Sample]) -> Result<()> {
-        let _ = (campaign, point, samples);
-        todo!()
-    }
-
-    /// Moves the minutes that are over from `recent` to `history`.
-    pub async fn compact(&self, now: Utc) -> Result<()> {
-        let _ = now;
-        todo!()
-    }
-
-    /// Thins and deletes what is old.
-    pub async fn retain(&self, retention: Retention, now: Utc) -> Result<()> {
-        let _ = (retention, now);
-        todo!()
-    }
-
-    /// Copies a SQLite store, while it is in use, to a new file.
-    pub async fn back_up(&self, file: &Path) -> Result<()> {
-        let _ = file;
-        todo!()
+    async fn begin(&self) -> Result<Writing<'_>> {
+        let numbers = self.writer.lock().await;
+        let begin = match self.engine {
+            // Waits for another process here, where it can, and not at its first INSERT, where it cannot.
+            Engine::Sqlite => "BEGIN IMMEDIATE",
+            Engine::Postgres => "BEGIN ISOLATION LEVEL REPEATABLE READ",
+        };
+        Ok(Writing { tx: self.pool.begin_with(begin).await?, numbers })
     }
 }
