@@ -78,7 +78,7 @@ pub struct Node {
     pub last_seen: Option<Utc>,
     /// Ranges a second, from all tags.
     pub rate_hz: f64,
-    /// The share of the rounds that had any range, in which it had one.
+    /// The share of the rounds within its usual reach in which it had a range.
     pub success_rate: Option<f64>,
     /// Mean of measured minus expected range, from the position that was solved in the same round.
     pub residual_mean_m: Option<f64>,

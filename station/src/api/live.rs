@@ -82,7 +82,10 @@ impl Listener {
             match update {
                 Ok(update) if self.wanted.includes(&update) => return Next::Update(update),
                 Ok(_) => {}
-                Err(broadcast::error::RecvError::Lagged(missed)) => return Next::Missed(missed),
+                Err(broadcast::error::RecvError::Lagged(missed)) => {
+                    self.station.app.hub.note_missed(missed);
+                    return Next::Missed(missed);
+                }
                 Err(broadcast::error::RecvError::Closed) => return Next::End,
             }
         }

@@ -6,9 +6,9 @@
 //! - **Residual**: the range minus the distance between the anchor's surveyed position and the tag's position, in space.
 //!   A position without z gives none: a tag's height is needed where anchors hang above it. (A tag that was located at
 //!   a configured height has that one as z.)
-//! - **Success**: of the rounds that end with a position nearer to the anchor than the mean of its ranges, and of those
-//!   in which it has a range, the share of the latter. So far anchors, which a tag need not reach, do not count.
-//!   An anchor that fails keeps its mean range, so its share falls.
+//! - **Success**: a round (one range at least, and a position) counts for an anchor that has a range in it, and for one
+//!   that is nearer to the position than the mean of its ranges. The share of the former is its success rate. So rounds
+//!   that are too far for an anchor do not count. An anchor that fails keeps its mean range, so its rate falls.
 //! - **Moved**: for two minutes, the mean residual has been greater than the limit, and greater than four times its
 //!   standard error; values of one second count as one for the latter. The anchor counts as moved until the mean is
 //!   below half of the limit, or until it is surveyed anew.

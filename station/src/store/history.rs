@@ -58,7 +58,7 @@ impl Store {
         let rooms = rooms(&mut tx).await?;
         // By step and tag: the key and the position.
         let mut found = BTreeMap::<(i64, i64), (i64, TagPosition)>::new();
-        let mut add = |row: &AnyRow, found: &mut BTreeMap<_, (i64, TagPosition)>| {
+        let add = |row: &AnyRow, found: &mut BTreeMap<_, (i64, TagPosition)>| {
             let key = get(row, 0)?;
             let position = position(row, site, &tags, &rooms)?;
             let first = found.entry((ms_of(key) / step, tag_of(key))).or_insert_with(|| (key, position.clone()));
@@ -148,10 +148,10 @@ impl Minutes {
     async fn next(&mut self, connection: &mut AnyConnection) -> Result<Option<(i64, i64)>> {
         let statement = if self.newest_first {
             "SELECT MIN(minute), MAX(minute) FROM \
-             (SELECT minute FROM minutes WHERE minute >= $1 AND minute <= $2 ORDER BY minute DESC LIMIT $3) AS some"
+             (SELECT minute FROM minutes WHERE minute >= $1 AND minute <= $2 ORDER BY minute DESC LIMIT $3) AS chunk"
         } else {
             "SELECT MIN(minute), MAX(minute) FROM \
-             (SELECT minute FROM minutes WHERE minute >= $1 AND minute <= $2 ORDER BY minute LIMIT $3) AS some"
+             (SELECT minute FROM minutes WHERE minute >= $1 AND minute <= $2 ORDER BY minute LIMIT $3) AS chunk"
         };
         let row = sqlx::query(statement)
             .bind(self.left.0)
