@@ -144,7 +144,7 @@ enum SocketMessage {
 async fn talk(socket: WebSocket, mut listener: Listener) {
     let limits = listener.station.app.limits;
     let (mut to, mut from) = socket.split();
-    let mut ping = tokio::time::interval(limits.ping);
+    let mut ping = tokio::time::interval_at(tokio::time::Instant::now() + limits.ping, limits.ping);
     ping.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     let mut unanswered = 0;
     loop {
