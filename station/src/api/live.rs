@@ -82,7 +82,10 @@ impl Listener {
             match update {
                 Ok(update) if self.wanted.includes(&update) => return Next::Update(update),
                 Ok(_) => {}
-                Err(broadcast::error::RecvError::Lagged(missed)) => return Next::Missed(missed),
+                Err(broadcast::error::RecvError::Lagged(missed)) => {
+                    self.station.app.hub.note_missed(missed);
+                    return Next::Missed(missed);
+                }
                 Err(broadcast::error::RecvError::Closed) => return Next::End,
             }
         }
@@ -141,7 +144,7 @@ enum SocketMessage {
 async fn talk(socket: WebSocket, mut listener: Listener) {
     let limits = listener.station.app.limits;
     let (mut to, mut from) = socket.split();
-    let mut ping = tokio::time::interval(limits.ping);
+    let mut ping = tokio::time::interval_at(tokio::time::Instant::now() + limits.ping, limits.ping);
     ping.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     let mut unanswered = 0;
     loop {

@@ -52,7 +52,7 @@ async fn metrics(State(station): State<Shared>) -> Response {
         }
     };
     let one = |value: f64| [(String::new(), value)];
-    let (tags, nodes, refused) = station.app.hub.read(|live| (live.tags(), live.nodes(), live.refused()));
+    let (tags, nodes) = station.app.hub.read(|live| (live.tags(), live.nodes()));
     let silent = tags.iter().filter(|tag| tag.silent).count();
     let by_state = [("silent", silent), ("reporting", tags.len() - silent)];
     let by_state = by_state.map(|(state, tags)| (format!("{{state=\"{state}\"}}"), tags as f64));
@@ -60,7 +60,20 @@ async fn metrics(State(station): State<Shared>) -> Response {
     family("nodes", "gauge", "Anchors, beacons and receivers that are known.", &one(nodes.len() as f64));
     let moved = nodes.iter().filter(|node| node.moved).count();
     family("nodes_moved", "gauge", "Anchors that were probably moved.", &one(moved as f64));
-    family("reports_refused_total", "counter", "Reports whose content was refused.", &one(refused as f64));
+    let counts = station.app.hub.counts();
+    for (name, help, count) in [
+        ("reports_total", "Reports that were taken.", counts.reports),
+        ("reports_refused_total", "Reports whose content was refused.", counts.refused),
+        ("positions_total", "Positions of tags.", counts.positions),
+        ("events_total", "Events.", counts.events),
+        ("rows_written_total", "Rows that the store has.", counts.rows_written),
+        ("rows_dropped_total", "Rows that were lost because the store failed for too long.", counts.dropped),
+        ("store_failures_total", "Operations of the store that failed.", counts.store_failures),
+        ("updates_missed_total", "Updates that slow listeners have missed.", counts.missed),
+    ] {
+        family(name, "counter", help, &one(count as f64));
+    }
+    family("rows_backlog", "gauge", "Rows that wait for the store.", &one(counts.backlog as f64));
     let listeners = station.counts.listeners.load(Ordering::Relaxed);
     family("listeners", "gauge", "Listeners at WebSockets and event streams.", &one(listeners as f64));
     family("connections", "gauge", "Open connections.", &one(station.connections.open_now() as f64));

@@ -79,7 +79,15 @@ impl From<StoreError> for Problem {
         match error {
             StoreError::Exists(_) => Self::new(StatusCode::CONFLICT, error.to_string()),
             StoreError::Missing(_) => Self::new(StatusCode::NOT_FOUND, error.to_string()),
-            StoreError::Newer(_) | StoreError::Database(_) => {
+            StoreError::Nul => Self::wrong(error.to_string()),
+            StoreError::TooManyTags(_) => Self::new(StatusCode::CONFLICT, error.to_string()),
+            StoreError::Newer(_)
+            | StoreError::Foreign(_)
+            | StoreError::Open(..)
+            | StoreError::NotSqlite
+            | StoreError::File(..)
+            | StoreError::Damaged(_)
+            | StoreError::Database(_) => {
                 // What the database says is for the operator, not for clients.
                 log::error!("store: {error}");
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "the store does not answer: try again")

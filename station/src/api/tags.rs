@@ -1,6 +1,5 @@
 //! Tags and where they were: the live state and the store to answers.
 
-use std::collections::BTreeMap;
 use std::time::Duration;
 
 use axum::extract::State;
@@ -33,25 +32,13 @@ pub struct OfSite {
     pub site: Option<Name>,
 }
 
-/// The tags, with their last positions, by site and address: those that report, and those that once did.
+/// The tags, with their last positions, by site and address.
 #[utoipa::path(get, path = "/api/v1/tags", tag = "tags", security(("token" = ["view"])),
     params(OfSite), responses((status = 200, body = [Tag])))]
 async fn list(State(station): State<Shared>, Query(of): Query<OfSite>) -> Result<Response, Problem> {
-    let stored = station.app.store.tags().await?;
-    let live = station.app.hub.read(|live| live.tags());
-    let mut tags: BTreeMap<(String, String), Tag> = BTreeMap::new();
-    for mut tag in stored.into_iter().chain(live) {
-        if of.site.as_ref().is_some_and(|site| site.as_str() != tag.site) {
-            continue;
-        }
-        let key = (tag.site.clone(), tag.tag.clone());
-        if let Some(stored) = tags.get(&key) {
-            tag.first_seen = tag.first_seen.min(stored.first_seen);
-            tag.last_position = tag.last_position.or_else(|| stored.last_position.clone());
-        }
-        tags.insert(key, tag);
-    }
-    answer::page(&tags.into_values().collect::<Vec<_>>(), None)
+    let mut tags = station.app.hub.read(|live| live.tags());
+    tags.retain(|tag| of.site.as_ref().is_none_or(|site| site.as_str() == tag.site));
+    answer::page(&tags, None)
 }
 
 #[derive(Debug, Deserialize, IntoParams)]
@@ -113,7 +100,7 @@ struct Replay {
     #[serde(default)]
     #[param(inline, required = false)]
     step_s: Step,
-    /// The greatest number of rows. Positions of one instant are not separated: there may be more.
+    /// The greatest number of rows. Steps are not separated: one that has more is a page of its own.
     #[serde(default)]
     #[param(inline, required = false)]
     limit: Limit,
@@ -145,26 +132,31 @@ impl TryFrom<f64> for Step {
 async fn replay(State(station): State<Shared>, Query(asked): Query<Replay>, uri: Uri) -> Result<Response, Problem> {
     let to = asked.to.unwrap_or_else(Utc::now);
     let span = span(asked.from.or(Some(to - Duration::from_secs(3600))), Some(to))?;
-    let limit = asked.limit.get() as usize;
-    let (site, step) = (asked.site.as_str(), asked.step_s.0);
-    let read = async |limit: u32| station.app.store.replay(site, span, step, limit).await;
-    let mut rows = read(asked.limit.get() + 1).await?;
-    let next = whole_instants(&mut rows, limit);
-    // One instant has more positions than the page: all of them then.
+    let limit = asked.limit.get();
+    let (store, site, step) = (&station.app.store, asked.site.as_str(), asked.step_s.0);
+    let mut rows = store.replay(site, span, step, limit + 1).await?;
+    let next = whole_steps(&mut rows, limit as usize, step);
     let (rows, next) = match next {
-        Some(next) if rows.is_empty() => {
-            let instant = Span { from: next, to: next + Duration::from_millis(1) };
-            (station.app.store.replay(site, instant, step, Limit::MOST).await?, Some(instant.to))
+        // One step has more positions than the page: all of them then.
+        Some(begin) if rows.is_empty() => {
+            let end = begin + step.max(FINEST);
+            let one = Span { from: begin.max(span.from), to: end.min(span.to) };
+            (store.replay(site, one, step, Limit::MOST).await?, Some(end).filter(|end| *end < span.to))
         }
         next => (rows, next),
     };
     answer::page(&rows, next.map(|next| answer::with_parameter(&uri, "from", &next.to_string())))
 }
 
-/// Shortens rows in the order of time to at most `limit`, without separating those of one instant; where the next page
-/// begins, if there is one.
-fn whole_instants(rows: &mut Vec<TagPosition>, limit: usize) -> Option<Utc> {
-    let next = rows.get(limit)?.t;
+/// The finest step of the store.
+const FINEST: Duration = Duration::from_millis(1);
+
+/// Shortens rows in the order of time to at most `limit`, without separating those of one step, which begin at multiples
+/// of their length; where the next page begins, if there is one.
+fn whole_steps(rows: &mut Vec<TagPosition>, limit: usize, step: Duration) -> Option<Utc> {
+    let beyond = rows.get(limit)?.t.us();
+    let step_us = i64::try_from(step.max(FINEST).as_millis()).ok()? * 1_000;
+    let next = Utc::clamped(beyond / step_us * step_us);
     rows.retain(|row| row.t < next);
     Some(next)
 }

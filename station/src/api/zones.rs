@@ -12,7 +12,7 @@ use super::extract::{Coordinate, Json, Name, Path, Query, point_m};
 use super::problem::Problem;
 use super::tags::OfSite;
 use super::{Shared, answer};
-use crate::model::{Zone, ZoneKind};
+use crate::model::{Tag, Zone, ZoneKind};
 
 /// The greatest number of zones of a site.
 const ZONES: usize = 1_000;
@@ -45,10 +45,17 @@ async fn list(
     let tags = station.app.hub.read(|live| live.tags());
     let zones = zones.into_iter().filter(|zone| of.site.as_ref().is_none_or(|site| site.as_str() == zone.site));
     let occupied = zones.map(|zone| {
-        let inside = tags.iter().filter(|tag| tag.site == zone.site && tag.zones.contains(&zone.name));
+        let inside = tags.iter().filter(|tag| tag.site == zone.site && is_in(tag, &zone));
         Occupied { tags: inside.map(|tag| tag.tag.clone()).collect(), zone }
     });
     answer::tagged_json(&headers, &occupied.collect::<Vec<_>>())
+}
+
+fn is_in(tag: &Tag, zone: &Zone) -> bool {
+    match zone.kind {
+        ZoneKind::Room => tag.last_position.as_ref().and_then(|position| position.room.as_ref()) == Some(&zone.name),
+        ZoneKind::Zone => tag.zones.contains(&zone.name),
+    }
 }
 
 /// An outline that is drawn.

@@ -15,7 +15,8 @@ impl Store {
         if file.symlink_metadata().is_ok() {
             return Err(StoreError::Exists(file.display().to_string()));
         }
-        let mut part = file.as_os_str().to_owned();
+        // Absolute: SQLite takes a name that begins with `file:` for a URL.
+        let mut part = std::path::absolute(file).map_err(failed)?.into_os_string();
         part.push(format!(".{}.part", std::process::id()));
         let text = part.to_str().ok_or_else(|| failed(io::Error::other("the name is not UTF-8")))?;
         let copied = sqlx::query("VACUUM INTO $1").bind(text).execute(&self.pool).await;
@@ -36,5 +37,10 @@ fn publish(part: &Path, file: &Path) -> io::Result<()> {
     if file.symlink_metadata().is_ok() {
         return Err(io::ErrorKind::AlreadyExists.into());
     }
-    std::fs::rename(part, file)
+    std::fs::rename(part, file)?;
+    // The name, too, is to survive a power cut. Only Unix opens a folder like a file.
+    match part.parent() {
+        Some(folder) if cfg!(unix) => std::fs::File::open(folder)?.sync_all(),
+        _ => Ok(()),
+    }
 }

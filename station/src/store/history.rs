@@ -58,7 +58,7 @@ impl Store {
         let rooms = rooms(&mut tx).await?;
         // By step and tag: the key and the position.
         let mut found = BTreeMap::<(i64, i64), (i64, TagPosition)>::new();
-        let mut add = |row: &AnyRow, found: &mut BTreeMap<_, (i64, TagPosition)>| {
+        let add = |row: &AnyRow, found: &mut BTreeMap<_, (i64, TagPosition)>| {
             let key = get(row, 0)?;
             let position = position(row, site, &tags, &rooms)?;
             let first = found.entry((ms_of(key) / step, tag_of(key))).or_insert_with(|| (key, position.clone()));

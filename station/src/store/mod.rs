@@ -59,7 +59,7 @@ pub enum StoreError {
     Foreign(String),
     /// It cannot be opened.
     #[error("cannot open the store {0}: {1}")]
-    Open(String, #[source] sqlx::Error),
+    Open(String, sqlx::Error),
     /// PostgreSQL stores no text with this character.
     #[error("a text contains the character U+0000")]
     Nul,
@@ -71,7 +71,7 @@ pub enum StoreError {
     NotSqlite,
     /// The file of a back-up.
     #[error("cannot write {0}: {1}")]
-    File(String, #[source] std::io::Error),
+    File(String, std::io::Error),
     /// A column holds what this version did not write.
     #[error("the store is damaged: {0}")]
     Damaged(String),

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use sqlx::any::AnyPoolOptions;
 use sqlx::migrate::{MigrateError, Migration, MigrationType, Migrator};
-use sqlx::{AnyPool, SqlSafeStr};
+use sqlx::{Connection, SqlSafeStr};
 
 use super::{Engine, Result, Store, StoreError};
 
@@ -16,7 +16,7 @@ const PRAGMAS: &str = "PRAGMA busy_timeout = 10000; PRAGMA journal_mode = WAL; P
      PRAGMA foreign_keys = ON; PRAGMA cache_size = -16384; PRAGMA journal_size_limit = 67108864";
 
 /// How long an operation waits for a connection.
-const ACQUIRE_WITHIN: Duration = Duration::from_secs(10);
+const ACQUIRE_WITHIN: Duration = Duration::from_secs(5);
 
 fn migrations(engine: Engine) -> Migrator {
     let first = match engine {
@@ -45,12 +45,19 @@ impl Store {
                 let options = options.max_connections(4).after_connect(|connection, _| {
                     Box::pin(async move { sqlx::raw_sql(PRAGMAS).execute(connection).await.map(|_| ()) })
                 });
-                let url = url_of_file(Path::new(&name)).map_err(cannot_open)?;
-                let pool = options.connect(&url).await.map_err(cannot_open)?;
-                is_ours(&pool, &name).await?;
-                pool
+                let file = Path::new(&name);
+                let url = url_of_file(file).map_err(cannot_open)?;
+                if file.exists() && !is_ours(&url).await.map_err(cannot_open)? {
+                    return Err(StoreError::Foreign(name));
+                }
+                options.connect(&format!("{url}?mode=rwc")).await.map_err(cannot_open)?
             }
-            Engine::Postgres => options.max_connections(8).connect(url).await.map_err(cannot_open)?,
+            Engine::Postgres => {
+                // A pool tries until its time is over, and then does not tell why it has no connection.
+                let first = sqlx::AnyConnection::connect(url).await.map_err(cannot_open)?;
+                first.close().await.map_err(cannot_open)?;
+                options.max_connections(8).connect(url).await.map_err(cannot_open)?
+            }
         };
         match migrations(engine).run(&pool).await {
             Ok(()) => Ok(Self { pool, engine, writer: Arc::default() }),
@@ -60,15 +67,16 @@ impl Store {
     }
 }
 
-/// Refuses a SQLite file that has tables, but not those of migrations.
-async fn is_ours(pool: &AnyPool, name: &str) -> Result<()> {
-    let foreign: Option<i64> = sqlx::query_scalar(
+/// Whether a SQLite file has no tables, or those of migrations. Nothing of it is changed: that it is another program's is
+/// not known before.
+async fn is_ours(url: &str) -> std::result::Result<bool, sqlx::Error> {
+    let mut connection = sqlx::AnyConnection::connect(url).await?;
+    let foreign = sqlx::query(
         "SELECT 1 FROM sqlite_master WHERE NOT EXISTS (SELECT 1 FROM sqlite_master WHERE name = '_sqlx_migrations')",
-    )
-    .fetch_optional(pool)
-    .await
-    .map_err(|error| StoreError::Open(name.to_owned(), error))?;
-    if foreign.is_some() { Err(StoreError::Foreign(name.to_owned())) } else { Ok(()) }
+    );
+    let foreign = foreign.fetch_optional(&mut connection).await?.is_some();
+    connection.close().await?;
+    Ok(!foreign)
 }
 
 /// A file's path as a URL; every byte that could mean something else there is encoded.
@@ -82,7 +90,6 @@ fn url_of_file(path: &Path) -> std::result::Result<String, sqlx::Error> {
             let _ = write!(url, "%{byte:02X}");
         }
     }
-    url.push_str("?mode=rwc");
     Ok(url)
 }
 

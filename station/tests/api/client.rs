@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use baliza_station::api::{Access, App, Limits, Page, Token, UserRole, serve};
 use baliza_station::model::{Role, Site};
+use baliza_station::store::Retention;
 use baliza_station::{Hub, Live, Report, Store, Utc, What};
 use http_body_util::{BodyExt, Full};
 use hyper::body::{Bytes, Incoming};
@@ -57,7 +58,9 @@ pub async fn station(access: Access, limits: Limits) -> Station {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path().join("baliza.db").to_str().unwrap()).await.unwrap();
     store.put_site(&Site { name: SITE.to_owned(), walls_m: Vec::new(), plan: None }).await.unwrap();
-    let (hub, _) = Hub::start(Live::new(baliza_station::live::Limits::default()), store.clone());
+    let live = Live::new(baliza_station::live::Limits::default());
+    let keep = Retention { thin_after: None, delete_after: None };
+    let (hub, _) = Hub::start(live, store.clone(), keep).await.unwrap();
     let page = Page::of([
         (
             "index.html",

@@ -75,7 +75,7 @@ async fn tags_have_their_last_position_and_their_history_newest_first_in_pages()
 }
 
 #[tokio::test]
-async fn replay_has_all_tags_oldest_first_and_does_not_separate_an_instant() {
+async fn replay_has_all_tags_oldest_first_in_pages() {
     let station = open().await;
     for (tag, x_m) in [("0x1001", 1.0), ("0x1002", 2.0), ("0x1001", 3.0)] {
         station.report_position(tag, x_m, 5.0).await;
