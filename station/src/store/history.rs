@@ -1,6 +1,7 @@
 //! Positions out of the store.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::time::Duration;
 
 use sqlx::AnyConnection;
@@ -36,10 +37,14 @@ impl Store {
             found.entry(get(&row, 0)?).or_insert(read(&row)?);
         }
         let mut minutes = Minutes::newest_first(from, to);
-        while found.len() < limit
+        // Those of `recent` do not count: late ones may be older than what is still to be read.
+        let mut left = limit;
+        while left > 0
             && let Some((first, last)) = minutes.next(&mut tx).await?
         {
-            for row in history_of_tag(&mut tx, id, (from, to), (first, last), limit).await? {
+            let rows = history_of_tag(&mut tx, id, (from, to), (first, last), left).await?;
+            left = left.saturating_sub(rows.len());
+            for row in rows {
                 found.insert(get(&row, 0)?, read(&row)?);
             }
         }
@@ -61,9 +66,10 @@ impl Store {
         let add = |row: &AnyRow, found: &mut BTreeMap<_, (i64, TagPosition)>| {
             let key = get(row, 0)?;
             let position = position(row, site, &tags, &rooms)?;
-            let first = found.entry((ms_of(key) / step, tag_of(key))).or_insert_with(|| (key, position.clone()));
-            if key < first.0 {
-                *first = (key, position);
+            match found.entry((ms_of(key) / step, tag_of(key))) {
+                Entry::Occupied(first) if first.get().0 <= key => {}
+                Entry::Occupied(mut later) => _ = later.insert((key, position)),
+                Entry::Vacant(none) => _ = none.insert((key, position)),
             }
             Result::Ok(())
         };

@@ -97,6 +97,14 @@ on_both! {
         ]);
     }
 
+    async fn a_late_row_is_not_taken_for_the_newest(place) {
+        let store = place.open().await;
+        store.write(&[position("a", 600_000)], &[]).await.unwrap();
+        store.compact(at(1_000_000)).await.unwrap();
+        store.write(&[position("a", 5)], &[]).await.unwrap();
+        assert_eq!(times(&store.positions("hall", "a", EVER(), 1).await.unwrap()), [600_000]);
+    }
+
     async fn a_position_that_is_no_number_is_left_out_and_the_rest_is_kept(place) {
         let store = place.open().await;
         let rows = [TagPosition { x_m: f64::NAN, ..position("a", 0) }, position("a", 1)];
