@@ -276,7 +276,8 @@ async fn steps_of_recent(
         "SELECT r.key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used \
          FROM recent AS r JOIN (\
              SELECT MIN(key) AS key FROM (\
-                 SELECT key, (key >> 16) & 1048575 AS tag, (key >> 36) * 60000 + (key & 65535) AS t FROM recent) AS all_recent \
+                 SELECT key, (key >> 16) & 1048575 AS tag, (key >> 36) * 60000 + (key & 65535) AS t \
+                 FROM recent) AS timed \
              WHERE t >= $1 AND t < $2 AND tag IN (SELECT id FROM tags WHERE site = $3) GROUP BY tag, t / $4) AS f \
          ON r.key = f.key ORDER BY r.id",
     );

@@ -125,11 +125,11 @@ on_both! {
             let (from, to) = (30_000, 170_000);
             let mut expected = Vec::new();
             for tag in ["a", "b"] {
-                let all: Vec<i64> =
-                    if tag == "a" { (0..1800).map(|i| i * 100).collect() } else { (0..120).map(|i| i * 1500 + 50).collect() };
+                let (every, offset) = if tag == "a" { (100, 0) } else { (1500, 50) };
+                let all = (0..180_000 / every).map(|i| i * every + offset);
                 let base = 1_767_225_600_000;
                 let mut last = None;
-                for t in all.into_iter().filter(|t| (from..to).contains(t)) {
+                for t in all.filter(|t| (from..to).contains(t)) {
                     if last.replace((base + t) / step) != Some((base + t) / step) {
                         expected.push((t, tag));
                     }
@@ -179,7 +179,8 @@ on_both! {
         for minute in 0..10 {
             for part in 0..6 {
                 let first = minute * 600 + part * 100;
-                store.write(&(first..first + 100).map(|i| position("a", i * 100)).collect::<Vec<_>>(), &[]).await.unwrap();
+                let rows: Vec<_> = (first..first + 100).map(|i| position("a", i * 100)).collect();
+                store.write(&rows, &[]).await.unwrap();
             }
             store.compact(at((minute + 1) * 60_000 + 5_000)).await.unwrap();
         }

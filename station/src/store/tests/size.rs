@@ -69,7 +69,7 @@ async fn a_day_of_100_tags_at_10_hz_fits_into_4_gb() {
 }
 
 #[tokio::test]
-#[ignore = "measures: an hour of 100 tags; with optimisation: cargo test --release -p baliza-station -- --ignored measures"]
+#[ignore = "measures; with optimisation: cargo test --release -p baliza-station -- --ignored --nocapture measures"]
 async fn measures_an_hour_of_100_tags_at_10_hz() {
     let place = match std::env::var("BALIZA_TEST_POSTGRES") {
         Ok(database) => Place::postgres(database).await,
