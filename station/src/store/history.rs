@@ -273,13 +273,12 @@ async fn steps_of_recent(
     to: i64,
 ) -> Result<Vec<AnyRow>> {
     let statement = sqlx::query(
-        "SELECT r.key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used \
-         FROM recent AS r JOIN (\
-             SELECT MIN(key) AS key FROM (\
+        "SELECT key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used FROM recent \
+         WHERE key IN (SELECT MIN(key) FROM (\
                  SELECT key, (key >> 16) & 1048575 AS tag, (key >> 36) * 60000 + (key & 65535) AS t \
                  FROM recent) AS timed \
-             WHERE t >= $1 AND t < $2 AND tag IN (SELECT id FROM tags WHERE site = $3) GROUP BY tag, t / $4) AS f \
-         ON r.key = f.key ORDER BY r.id",
+             WHERE t >= $1 AND t < $2 AND tag IN (SELECT id FROM tags WHERE site = $3) GROUP BY tag, t / $4) \
+         ORDER BY id",
     );
     Ok(statement.bind(from).bind(to).bind(site).bind(step).fetch_all(connection).await?)
 }
@@ -294,9 +293,8 @@ async fn last_positions(connection: &mut AnyConnection) -> Result<Vec<AnyRow>> {
          CROSS JOIN history AS h WHERE h.key = f.key",
     );
     let recent = sqlx::query(
-        "SELECT r.key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used \
-         FROM recent AS r JOIN (SELECT MAX(key) AS key FROM recent GROUP BY (key >> 16) & 1048575) AS f \
-         ON r.key = f.key ORDER BY r.id",
+        "SELECT key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used FROM recent \
+         WHERE key IN (SELECT MAX(key) FROM recent GROUP BY (key >> 16) & 1048575) ORDER BY id",
     );
     let mut rows = history.fetch_all(&mut *connection).await?;
     rows.extend(recent.fetch_all(&mut *connection).await?);
