@@ -9,8 +9,8 @@ const ALL: [EventKind; 6] =
     [EventKind::Entered, EventKind::Left, EventKind::Silent, EventKind::Back, EventKind::Moved, EventKind::Uncertain];
 
 impl Store {
-    /// Events in a span, newest first; of all sites where none is given, of all kinds where `kinds` is empty. `before` is
-    /// the id of the last event of the page before: those follow that come after it.
+    /// Events in a span, newest first; of all sites where none is given, of all kinds where `kinds` is empty. With
+    /// `before`, the id of the last event of a page, the next page.
     pub async fn events(
         &self,
         site: Option<&str>,

@@ -1,6 +1,7 @@
 //! Positions out of the store.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::time::Duration;
 
 use sqlx::AnyConnection;
@@ -36,10 +37,14 @@ impl Store {
             found.entry(get(&row, 0)?).or_insert(read(&row)?);
         }
         let mut minutes = Minutes::newest_first(from, to);
-        while found.len() < limit
+        // Those of `recent` do not count: late ones may be older than what is still to be read.
+        let mut left = limit;
+        while left > 0
             && let Some((first, last)) = minutes.next(&mut tx).await?
         {
-            for row in history_of_tag(&mut tx, id, (from, to), (first, last), limit).await? {
+            let rows = history_of_tag(&mut tx, id, (from, to), (first, last), left).await?;
+            left = left.saturating_sub(rows.len());
+            for row in rows {
                 found.insert(get(&row, 0)?, read(&row)?);
             }
         }
@@ -61,9 +66,10 @@ impl Store {
         let add = |row: &AnyRow, found: &mut BTreeMap<_, (i64, TagPosition)>| {
             let key = get(row, 0)?;
             let position = position(row, site, &tags, &rooms)?;
-            let first = found.entry((ms_of(key) / step, tag_of(key))).or_insert_with(|| (key, position.clone()));
-            if key < first.0 {
-                *first = (key, position);
+            match found.entry((ms_of(key) / step, tag_of(key))) {
+                Entry::Occupied(first) if first.get().0 <= key => {}
+                Entry::Occupied(mut later) => _ = later.insert((key, position)),
+                Entry::Vacant(none) => _ = none.insert((key, position)),
             }
             Result::Ok(())
         };
@@ -267,12 +273,12 @@ async fn steps_of_recent(
     to: i64,
 ) -> Result<Vec<AnyRow>> {
     let statement = sqlx::query(
-        "SELECT r.key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used \
-         FROM recent AS r JOIN (\
-             SELECT MIN(key) AS key FROM (\
-                 SELECT key, (key >> 16) & 1048575 AS tag, (key >> 36) * 60000 + (key & 65535) AS t FROM recent) AS all_recent \
-             WHERE t >= $1 AND t < $2 AND tag IN (SELECT id FROM tags WHERE site = $3) GROUP BY tag, t / $4) AS f \
-         ON r.key = f.key ORDER BY r.id",
+        "SELECT key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used FROM recent \
+         WHERE key IN (SELECT MIN(key) FROM (\
+                 SELECT key, (key >> 16) & 1048575 AS tag, (key >> 36) * 60000 + (key & 65535) AS t \
+                 FROM recent) AS timed \
+             WHERE t >= $1 AND t < $2 AND tag IN (SELECT id FROM tags WHERE site = $3) GROUP BY tag, t / $4) \
+         ORDER BY id",
     );
     Ok(statement.bind(from).bind(to).bind(site).bind(step).fetch_all(connection).await?)
 }
@@ -287,9 +293,8 @@ async fn last_positions(connection: &mut AnyConnection) -> Result<Vec<AnyRow>> {
          CROSS JOIN history AS h WHERE h.key = f.key",
     );
     let recent = sqlx::query(
-        "SELECT r.key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used \
-         FROM recent AS r JOIN (SELECT MAX(key) AS key FROM recent GROUP BY (key >> 16) & 1048575) AS f \
-         ON r.key = f.key ORDER BY r.id",
+        "SELECT key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used FROM recent \
+         WHERE key IN (SELECT MAX(key) FROM recent GROUP BY (key >> 16) & 1048575) ORDER BY id",
     );
     let mut rows = history.fetch_all(&mut *connection).await?;
     rows.extend(recent.fetch_all(&mut *connection).await?);

@@ -67,8 +67,7 @@ impl Store {
     }
 }
 
-/// Whether a SQLite file has no tables, or those of migrations. Nothing of it is changed: that it is another program's is
-/// not known before.
+/// Whether a SQLite file has no tables, or those of migrations. It is not changed here, as it may be another program's.
 async fn is_ours(url: &str) -> std::result::Result<bool, sqlx::Error> {
     let mut connection = sqlx::AnyConnection::connect(url).await?;
     let foreign = sqlx::query(

@@ -20,7 +20,8 @@ impl Store {
         let mut writing = self.begin().await?;
         let [first_kept, first_ahead] = [current, current + 2].map(|minute| minute * MINUTE);
         sqlx::query(
-            "INSERT INTO minutes (minute, thinned) SELECT DISTINCT key >> 36, 0 FROM recent WHERE key < $1 OR key >= $2 \
+            "INSERT INTO minutes (minute, thinned) \
+             SELECT DISTINCT key >> 36, 0 FROM recent WHERE key < $1 OR key >= $2 \
              ON CONFLICT (minute) DO UPDATE SET thinned = 0",
         )
         .bind(first_kept)

@@ -8,8 +8,8 @@ use super::*;
 /// Positions of a batch, one a second.
 const BATCH: i64 = 50;
 
-/// Starts this test binary again as the process that writes, kills it after some acknowledgements; the number of the last
-/// batch that it acknowledged.
+/// Starts this test binary again as the process that writes, and kills it after some acknowledgements. The number of
+/// the last batch that it acknowledged.
 fn write_and_kill(url: &str, acknowledgements: usize) -> i64 {
     let mut child = Command::new(std::env::current_exe().unwrap())
         .args(["--exact", "store::tests::crash::writes_until_it_is_killed", "--ignored", "--nocapture"])
@@ -49,7 +49,7 @@ on_both! {
             let url = place.url.clone();
             let last = tokio::task::spawn_blocking(move || write_and_kill(&url, acknowledgements)).await.unwrap();
             let store = place.open().await;
-            // Each batch has one event, with positions all or none: the acknowledged ones, and perhaps those after them.
+            // Each batch has one event, and is there as a whole: the acknowledged ones, and perhaps one more.
             let batches = store.last_event().await.unwrap();
             assert!(batches > last, "{last} was acknowledged, {batches} are there");
             let read = store.positions("hall", "a", EVER(), u32::MAX).await.unwrap();

@@ -97,6 +97,14 @@ on_both! {
         ]);
     }
 
+    async fn a_late_row_is_not_taken_for_the_newest(place) {
+        let store = place.open().await;
+        store.write(&[position("a", 600_000)], &[]).await.unwrap();
+        store.compact(at(1_000_000)).await.unwrap();
+        store.write(&[position("a", 5)], &[]).await.unwrap();
+        assert_eq!(times(&store.positions("hall", "a", EVER(), 1).await.unwrap()), [600_000]);
+    }
+
     async fn a_position_that_is_no_number_is_left_out_and_the_rest_is_kept(place) {
         let store = place.open().await;
         let rows = [TagPosition { x_m: f64::NAN, ..position("a", 0) }, position("a", 1)];
@@ -117,11 +125,11 @@ on_both! {
             let (from, to) = (30_000, 170_000);
             let mut expected = Vec::new();
             for tag in ["a", "b"] {
-                let all: Vec<i64> =
-                    if tag == "a" { (0..1800).map(|i| i * 100).collect() } else { (0..120).map(|i| i * 1500 + 50).collect() };
+                let (every, offset) = if tag == "a" { (100, 0) } else { (1500, 50) };
+                let all = (0..180_000 / every).map(|i| i * every + offset);
                 let base = 1_767_225_600_000;
                 let mut last = None;
-                for t in all.into_iter().filter(|t| (from..to).contains(t)) {
+                for t in all.filter(|t| (from..to).contains(t)) {
                     if last.replace((base + t) / step) != Some((base + t) / step) {
                         expected.push((t, tag));
                     }
@@ -171,7 +179,8 @@ on_both! {
         for minute in 0..10 {
             for part in 0..6 {
                 let first = minute * 600 + part * 100;
-                store.write(&(first..first + 100).map(|i| position("a", i * 100)).collect::<Vec<_>>(), &[]).await.unwrap();
+                let rows: Vec<_> = (first..first + 100).map(|i| position("a", i * 100)).collect();
+                store.write(&rows, &[]).await.unwrap();
             }
             store.compact(at((minute + 1) * 60_000 + 5_000)).await.unwrap();
         }

@@ -31,9 +31,8 @@ on_both! {
     async fn an_event_is_read_as_it_was_written(place) {
         let store = place.open().await;
         let mut events = Vec::new();
-        for (id, kind) in (1..).zip(
-            [EventKind::Entered, EventKind::Left, EventKind::Silent, EventKind::Back, EventKind::Moved, EventKind::Uncertain],
-        ) {
+        use EventKind::*;
+        for (id, kind) in (1..).zip([Entered, Left, Silent, Back, Moved, Uncertain]) {
             events.push(Event { alarm: id % 2 == 0, ..event(id, id * 7, kind) });
         }
         events[2].zone = None;
@@ -81,11 +80,15 @@ on_both! {
         for name in HOSTILE {
             let name = name.to_owned();
             store.put_site(&Site { name: name.clone(), walls_m: vec![], plan: None }).await.unwrap();
-            let zone = Zone { site: name.clone(), name: name.clone(), kind: ZoneKind::Room, corners_m: vec![], alarm: false };
+            let zone = Zone {
+                site: name.clone(), name: name.clone(), kind: ZoneKind::Room, corners_m: vec![], alarm: false
+            };
             store.put_zone(&zone).await.unwrap();
             assert!(store.zones().await.unwrap().contains(&zone));
-            let position = TagPosition { site: name.clone(), tag: name.clone(), room: Some(name.clone()), ..position("", 1) };
-            let event = Event { site: name.clone(), node: name.clone(), zone: Some(name.clone()), ..event(1, 1, EventKind::Left) };
+            let room = Some(name.clone());
+            let position = TagPosition { site: name.clone(), tag: name.clone(), room, ..position("", 1) };
+            let zone = Some(name.clone());
+            let event = Event { site: name.clone(), node: name.clone(), zone, ..event(1, 1, EventKind::Left) };
             store.write(std::slice::from_ref(&position), std::slice::from_ref(&event)).await.unwrap();
             assert_eq!(store.positions(&name, &name, EVER(), 10).await.unwrap(), [position]);
             store.create_campaign(&campaign(&name, &[&name])).await.unwrap();
@@ -183,7 +186,8 @@ on_both! {
         assert_eq!(store.samples("second floor", "1", 15, 10).await.unwrap(), samples[15..25]);
         assert_eq!(store.samples("second floor", "1", u64::MAX, 10).await.unwrap(), []);
         assert_eq!(store.samples("attic", "1", 0, 10).await.unwrap(), []);
-        assert_eq!(store.point("second floor", "1").await.unwrap(), CampaignPoint { samples: 300, ..made.points[1].clone() });
+        let counted = CampaignPoint { samples: 300, ..made.points[1].clone() };
+        assert_eq!(store.point("second floor", "1").await.unwrap(), counted);
         for (campaign, point) in [("second floor", "3"), ("none", "1")] {
             assert!(matches!(store.point(campaign, point).await, Err(StoreError::Missing(_))));
             assert!(matches!(store.samples(campaign, point, 0, 1).await, Err(StoreError::Missing(_))));
