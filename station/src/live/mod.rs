@@ -159,21 +159,6 @@ impl Live {
         self.last_event = self.last_event.max(last);
     }
 
-    /// Adds tags that reported before the station was started, as the store has them. `now` is the current time.
-    pub fn restore(&mut self, tags: Vec<Tag>, now: Utc) {
-        for tag in tags {
-            let is_known = self.sites.get(&tag.site).is_some_and(|site| site.tags.contains_key(&tag.tag));
-            if is_known || self.tags >= self.limits.tags || !(is_name(&tag.site) && is_name(&tag.tag)) {
-                continue;
-            }
-            let name = tag.tag.clone();
-            let site = self.sites.entry(tag.site.clone()).or_default();
-            site.tags.insert(name, TagState::restored(tag, now, &self.limits));
-            self.tags += 1;
-        }
-        self.is_changed = true;
-    }
-
     /// Replaces the rooms and zones of all sites. Tags stay in those that keep their name and kind; the others are left,
     /// which the next tick tells.
     pub fn set_zones(&mut self, zones: Vec<Zone>) {

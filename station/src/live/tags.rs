@@ -81,16 +81,6 @@ impl TagState {
         }
     }
 
-    /// A tag that reported before the station was started. It is silent until it reports again, where it has been
-    /// quiet for long.
-    pub(super) fn restored(tag: Tag, now: Utc, limits: &Limits) -> Self {
-        let is_silent = now.since(tag.last_seen) > limits.silent_after;
-        let mut state = Self::new(tag.first_seen);
-        (state.last_seen, state.heard, state.is_silent) = (tag.last_seen, tag.last_seen.min(now), is_silent);
-        state.last_position = tag.last_position;
-        state
-    }
-
     /// Notes that it reported something. Returns whether it had been silent.
     pub(super) fn note(&mut self, t: Utc, now: Utc) -> bool {
         (self.last_seen, self.heard) = (t, now);

@@ -504,30 +504,6 @@ fn a_nodes_name_and_place_stay_when_it_says_nothing_of_them() {
 }
 
 #[test]
-fn tags_of_an_earlier_run_are_listed_and_those_quiet_for_long_are_silent_without_an_event() {
-    let mut live = live();
-    let tag = |name: &str, last_seen| Tag {
-        tag: name.to_owned(),
-        site: SITE.to_owned(),
-        name: None,
-        first_seen: at(0),
-        last_seen,
-        last_position: None,
-        rate_hz: 0.0,
-        silent: false,
-        reason: None,
-        zones: Vec::new(),
-    };
-    live.restore(vec![tag("old", at(1000)), tag("young", at(99_000)), tag("", at(0))], at(100_000));
-    assert_eq!(live.tick(at(100_000)), [Update::Changed]);
-    let shown: Vec<(String, bool)> = live.tags().into_iter().map(|tag| (tag.tag, tag.silent)).collect();
-    assert_eq!(shown, [("old".to_owned(), true), ("young".to_owned(), false)]);
-    let updates = live.apply(&report(at(100_000), position("old", [2.0, 9.0], 0.1)));
-    assert_eq!(events(&updates), [(EventKind::Back, None, None)]);
-    assert_eq!(live.tags()[0].first_seen, at(0));
-}
-
-#[test]
 fn a_long_reason_is_cut_at_a_character() {
     let mut live = live();
     // 2 bytes each: 200 bytes are 100 characters; with one byte before, 99 and a half.
