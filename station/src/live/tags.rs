@@ -50,7 +50,7 @@ pub(super) struct TagState {
     first_seen: Utc,
     last_seen: Utc,
     /// When it reported, by the state's clock.
-    pub(super) heard: Utc,
+    pub(super) reported: Utc,
     pub(super) is_silent: bool,
     rate: Rate,
     last_position: Option<TagPosition>,
@@ -68,7 +68,7 @@ impl TagState {
         Self {
             first_seen: t,
             last_seen: t,
-            heard: t,
+            reported: t,
             is_silent: false,
             rate: Rate::default(),
             last_position: None,
@@ -83,7 +83,7 @@ impl TagState {
 
     /// Notes that it reported something. Returns whether it had been silent.
     pub(super) fn note(&mut self, t: Utc, now: Utc) -> bool {
-        (self.last_seen, self.heard) = (t, now);
+        (self.last_seen, self.reported) = (t, now);
         std::mem::take(&mut self.is_silent)
     }
 

@@ -309,7 +309,7 @@ fn success_is_the_share_of_rounds_nearer_than_the_mean_range() {
 }
 
 #[test]
-fn an_anchor_that_was_moved_is_told_of_once_and_is_well_again_when_it_is_surveyed() {
+fn an_anchor_that_was_moved_makes_one_event_and_is_well_again_when_it_is_surveyed() {
     let mut live = live();
     live.apply(&report(at(0), anchor("0x0101", [3.0, 4.0, 0.0])));
     live.apply(&report(at(0), anchor("0x0102", [0.0, 5.0, 0.0])));
