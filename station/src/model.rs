@@ -15,14 +15,17 @@ pub struct TagPosition {
     pub tag: String,
     /// When it was there.
     pub t: Utc,
+    /// Along the first axis of the site's frame.
     pub x_m: f64,
+    /// Along the second axis.
     pub y_m: f64,
     /// None: only known in the plane.
     pub z_m: Option<f64>,
-    /// Standard deviations.
+    /// Standard deviation of x.
     pub sigma_x_m: f64,
+    /// Standard deviation of y.
     pub sigma_y_m: f64,
-    /// None: only known in the plane.
+    /// Standard deviation of z. None: only known in the plane.
     pub sigma_z_m: Option<f64>,
     /// Covariance of x and y, m².
     pub cov_xy_m2: f64,
@@ -35,13 +38,17 @@ pub struct TagPosition {
 /// A tag or a terminal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Tag {
+    /// Its address (`0x1001`), or the name by which a terminal calls itself.
     pub tag: String,
+    /// The site that it reports in.
     pub site: String,
     /// Its name in the site's file.
     pub name: Option<String>,
+    /// When it reported for the first time.
     pub first_seen: Utc,
     /// When it last reported anything.
     pub last_seen: Utc,
+    /// Its last position, however old.
     pub last_position: Option<TagPosition>,
     /// Positions a second over the last ten seconds.
     pub rate_hz: f64,
@@ -57,8 +64,11 @@ pub struct Tag {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Role {
+    /// It measures ranges with tags, from a surveyed position.
     Anchor,
+    /// It is located.
     Tag,
+    /// It sends Bluetooth advertisements from a surveyed position.
     Beacon,
     /// A fixed Bluetooth receiver.
     Receiver,
@@ -69,8 +79,11 @@ pub enum Role {
 pub struct Node {
     /// Short address (`0x0101`), or major and minor number of a beacon (`1-7`).
     pub node: String,
+    /// The site in whose frame it is.
     pub site: String,
+    /// Its name in the site's file.
     pub name: Option<String>,
+    /// What it does.
     pub role: Role,
     /// Its surveyed position.
     pub position_m: Option<[f64; 3]>,
@@ -103,9 +116,11 @@ pub enum ZoneKind {
 /// A room or a zone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Zone {
+    /// The site in whose frame it is.
     pub site: String,
     /// Unique in the site.
     pub name: String,
+    /// What the outline means.
     pub kind: ZoneKind,
     /// The outline's corners in their order.
     pub corners_m: Vec<[f64; 2]>,
@@ -137,8 +152,11 @@ pub enum EventKind {
 pub struct Event {
     /// Grows from event to event.
     pub id: i64,
+    /// When it happened.
     pub t: Utc,
+    /// The site in which it happened.
     pub site: String,
+    /// What happened.
     pub kind: EventKind,
     /// The tag or the anchor.
     pub node: String,
@@ -153,6 +171,7 @@ pub struct Event {
 /// A site: a frame of coordinates with its plan. The seed of the routes calls it a scenario.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Site {
+    /// Unique.
     pub name: String,
     /// Walls, each from one end to the other.
     #[serde(default)]
@@ -168,11 +187,14 @@ pub struct Site {
 pub struct Plan {
     /// Where the upper left corner is.
     pub origin_m: [f64; 2],
+    /// The scale.
     pub metres_per_pixel: f64,
     /// Anticlockwise.
     #[serde(default)]
     pub rotation_rad: f64,
+    /// The width of the picture.
     pub width_px: u32,
+    /// The height of the picture.
     pub height_px: u32,
     /// `image/png`, `image/jpeg` or `image/webp`.
     pub media_type: String,
@@ -185,6 +207,7 @@ pub struct Campaign {
     pub name: String,
     /// The site.
     pub scenario: String,
+    /// When it was made.
     pub created: Utc,
     /// The points to survey.
     pub points: Vec<CampaignPoint>,
@@ -195,8 +218,11 @@ pub struct Campaign {
 pub struct CampaignPoint {
     /// Unique in the campaign.
     pub id: String,
+    /// Along the first axis of the site's frame.
     pub x_m: f64,
+    /// Along the second axis.
     pub y_m: f64,
+    /// The height, where it matters.
     #[serde(default)]
     pub z_m: Option<f64>,
     /// The room that it is in.
@@ -210,7 +236,9 @@ pub struct CampaignPoint {
 /// The RSSI of a beacon's advertisement, as a terminal received it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Sample {
+    /// The beacon: major and minor number (`1-7`).
     pub beacon: String,
+    /// The RSSI.
     pub rssi_dbm: f64,
     /// Seconds of the terminal's own clock.
     pub t_s: f64,

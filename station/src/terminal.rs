@@ -69,14 +69,14 @@ impl KnownBeacon {
 /// # Errors
 /// Why there is none: `too-few-beacons` where no sample counts, else the reason of a solver.
 pub fn locate(beacons: &BTreeMap<String, KnownBeacon>, samples: &[Sample]) -> Result<TerminalPosition, &'static str> {
-    let mut heard = means(beacons, samples);
+    let mut received = means(beacons, samples);
     // The strongest, where there are more than a solver takes.
-    heard.sort_by(|a, b| b.rssi_dbm.total_cmp(&a.rssi_dbm));
-    heard.truncate(MAX_ANCHORS);
-    let Some(origin_m) = heard.first().map(|loudest| loudest.position_m) else { return Err("too-few-beacons") };
+    received.sort_by(|a, b| b.rssi_dbm.total_cmp(&a.rssi_dbm));
+    received.truncate(MAX_ANCHORS);
+    let Some(origin_m) = received.first().map(|loudest| loudest.position_m) else { return Err("too-few-beacons") };
     // Single precision is enough near the loudest beacon.
     let local = |[x, y, _]: [f64; 3]| [(x - origin_m[0]) as f32, (y - origin_m[1]) as f32];
-    let observations: Vec<RssiObservation<f32, 2>> = heard
+    let observations: Vec<RssiObservation<f32, 2>> = received
         .iter()
         .map(|mean| RssiObservation {
             beacon_m: local(mean.position_m),
@@ -111,13 +111,13 @@ pub fn locate(beacons: &BTreeMap<String, KnownBeacon>, samples: &[Sample]) -> Re
 }
 
 /// The mean RSSI of a beacon.
-struct Heard {
+struct Received {
     position_m: [f64; 3],
     path_loss: PathLoss<f32>,
     rssi_dbm: f32,
 }
 
-fn means(beacons: &BTreeMap<String, KnownBeacon>, samples: &[Sample]) -> Vec<Heard> {
+fn means(beacons: &BTreeMap<String, KnownBeacon>, samples: &[Sample]) -> Vec<Received> {
     let counts = samples.iter().filter(|sample| {
         sample.t_s.is_finite() && rssi(sample.rssi_dbm).is_ok() && beacons.contains_key(&sample.beacon)
     });
@@ -128,12 +128,12 @@ fn means(beacons: &BTreeMap<String, KnownBeacon>, samples: &[Sample]) -> Vec<Hea
         *sum_dbm += sample.rssi_dbm;
         *count += 1.0;
     }
-    let heard = sums.into_iter().filter_map(|(name, (sum_dbm, count))| {
+    let received = sums.into_iter().filter_map(|(name, (sum_dbm, count))| {
         let beacon = beacons.get(name)?;
         let (position_m, path_loss) = (beacon.position_m, beacon.path_loss()?);
-        Some(Heard { position_m, path_loss, rssi_dbm: (sum_dbm / count) as f32 })
+        Some(Received { position_m, path_loss, rssi_dbm: (sum_dbm / count) as f32 })
     });
-    heard.collect()
+    received.collect()
 }
 
 #[cfg(test)]

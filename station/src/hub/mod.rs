@@ -213,7 +213,7 @@ impl Applier {
     ) {
         let (end, ended) = watch::channel(false);
         let counters = Arc::clone(&self.counters);
-        let keeper = tokio::spawn(keep(store.clone(), retention, Arc::clone(&counters), ended.clone()));
+        let maintenance = tokio::spawn(maintain(store.clone(), retention, Arc::clone(&counters), ended.clone()));
         let writer = tokio::spawn(writer::write(store, Arc::clone(&self.queue), counters, ended));
         let mut ticks = interval(TICK);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -228,26 +228,26 @@ impl Applier {
                     }
                     can_stop = false;
                 }
-                _ = ticks.tick() => self.tell(|live, updates| updates.extend(live.tick(Utc::now()))),
+                _ = ticks.tick() => self.publish(|live, updates| updates.extend(live.tick(Utc::now()))),
                 count = reports.recv_many(&mut batch, TOGETHER) => {
                     if count == 0 {
                         break;
                     }
                     add(&self.counters.reports, count);
-                    self.tell(|live, updates| updates.extend(batch.drain(..).flat_map(|report| live.apply(&report))));
+                    self.publish(|live, updates| updates.extend(batch.drain(..).flat_map(|report| live.apply(&report))));
                 }
             }
         }
         end.send_replace(true);
-        for task in [keeper, writer] {
+        for task in [maintenance, writer] {
             if let Err(error) = task.await {
                 log::error!("a task of the hub ended: {error}");
             }
         }
     }
 
-    /// Changes the state, and tells its updates to the listeners and the store.
-    fn tell(&self, change: impl FnOnce(&mut Live, &mut Vec<Update>)) {
+    /// Changes the state, and passes its updates on to the listeners and the store.
+    fn publish(&self, change: impl FnOnce(&mut Live, &mut Vec<Update>)) {
         let mut updates = Vec::new();
         change(&mut self.live.write().unwrap_or_else(PoisonError::into_inner), &mut updates);
         let (positions, events) = self.queue.push(&updates);
@@ -261,7 +261,7 @@ impl Applier {
 }
 
 /// Compacts the store, and thins and deletes what is old, until the end.
-async fn keep(store: impl Sink, retention: Retention, counters: Arc<Counters>, mut ended: watch::Receiver<bool>) {
+async fn maintain(store: impl Sink, retention: Retention, counters: Arc<Counters>, mut ended: watch::Receiver<bool>) {
     let mut minutes = interval_at(Instant::now() + COMPACT_EVERY, COMPACT_EVERY);
     minutes.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut is_failing = false;

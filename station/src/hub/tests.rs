@@ -6,7 +6,7 @@ use tokio::sync::broadcast::error::RecvError;
 
 use super::*;
 use crate::live::Limits;
-use crate::model::EventKind;
+use crate::model::{EventKind, Zone, ZoneKind};
 use crate::report::What;
 use crate::store::StoreError;
 
@@ -87,6 +87,16 @@ fn report(tag: &str, x_m: f64) -> Report {
         used: 4,
     };
     Report { t: Utc::now(), site: SITE.to_owned(), what }
+}
+
+fn kitchen() -> Zone {
+    Zone {
+        site: SITE.to_owned(),
+        name: "kitchen".to_owned(),
+        kind: ZoneKind::Room,
+        corners_m: vec![[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]],
+        alarm: false,
+    }
 }
 
 async fn start(store: &Memory) -> (Hub, JoinHandle<()>) {
@@ -248,13 +258,7 @@ async fn numbers_of_events_go_on_after_those_of_the_store() {
     let store = Memory::default();
     store.content(|content| content.last_event = 41);
     let mut live = Live::new(Limits::default());
-    live.set_zones(vec![crate::model::Zone {
-        site: SITE.to_owned(),
-        name: "kitchen".to_owned(),
-        kind: crate::model::ZoneKind::Room,
-        corners_m: vec![[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]],
-        alarm: false,
-    }]);
+    live.set_zones(vec![kitchen()]);
     let (hub, task) = Hub::start(live, store.clone(), FOREVER).await.expect("the store answers");
     hub.reports().send(report("0x1001", 2.0)).await.expect("the hub runs");
     hub.stop();
@@ -308,4 +312,25 @@ async fn a_slow_listener_misses_updates_and_is_told_how_many() {
         left += 1;
     }
     assert!(missed + left >= 10_000 && left <= UPDATES as u64, "{missed} {left}");
+}
+
+#[tokio::test]
+async fn positions_and_events_of_a_run_are_in_the_store_and_the_next_run_goes_on() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("baliza.db");
+    for (run, x_m) in [(1, 2.0), (2, 3.0)] {
+        let store = Store::open(file.to_str().expect("UTF-8")).await.expect("a store");
+        let mut live = Live::new(Limits::default());
+        live.set_zones(vec![kitchen()]);
+        let (hub, task) = Hub::start(live, store.clone(), FOREVER).await.expect("the store answers");
+        hub.reports().send(report("0x1001", x_m)).await.expect("the hub runs");
+        hub.stop();
+        task.await.expect("no panic");
+        let all = store::Span { from: Utc::default(), to: Utc::clamped(i64::MAX) };
+        let events = store.events(None, all, &[], None, 10).await.expect("events");
+        assert_eq!(events.iter().map(|event| event.id).collect::<Vec<_>>(), (1..=run).rev().collect::<Vec<_>>());
+        let newest = store.positions(SITE, "0x1001", all, 1).await.expect("positions").remove(0);
+        assert_eq!((newest.x_m, newest.room.as_deref()), (x_m, Some("kitchen")));
+        store.close().await;
+    }
 }

@@ -159,23 +159,8 @@ impl Live {
         self.last_event = self.last_event.max(last);
     }
 
-    /// Adds tags that reported before the station was started, as the store has them. `now` is the current time.
-    pub fn restore(&mut self, tags: Vec<Tag>, now: Utc) {
-        for tag in tags {
-            let is_known = self.sites.get(&tag.site).is_some_and(|site| site.tags.contains_key(&tag.tag));
-            if is_known || self.tags >= self.limits.tags || !(is_name(&tag.site) && is_name(&tag.tag)) {
-                continue;
-            }
-            let name = tag.tag.clone();
-            let site = self.sites.entry(tag.site.clone()).or_default();
-            site.tags.insert(name, TagState::restored(tag, now, &self.limits));
-            self.tags += 1;
-        }
-        self.is_changed = true;
-    }
-
     /// Replaces the rooms and zones of all sites. Tags stay in those that keep their name and kind; the others are left,
-    /// which the next tick tells.
+    /// with an event of the next tick.
     pub fn set_zones(&mut self, zones: Vec<Zone>) {
         let now = self.clock.unwrap_or_default();
         let mut before: HashMap<String, Vec<Area>> =
@@ -221,15 +206,15 @@ impl Live {
         updates
     }
 
-    /// What changes because time passes: tags become silent, and what has changed since the last tick is told.
+    /// What changes because time passes: tags become silent, and an update says what has changed since the last tick.
     pub fn tick(&mut self, now: Utc) -> Vec<Update> {
         self.clock = Some(now);
         let mut updates = std::mem::take(&mut self.waiting);
         for (name, site) in &mut self.sites {
             for (tag, state) in &mut site.tags {
                 // The clock may have been set back.
-                state.heard = state.heard.min(now);
-                if !state.is_silent && now.since(state.heard) > self.limits.silent_after {
+                state.reported = state.reported.min(now);
+                if !state.is_silent && now.since(state.reported) > self.limits.silent_after {
                     state.is_silent = true;
                     let happened = Happened { kind: EventKind::Silent, zone: None, dwell_s: None, alarm: true };
                     updates.push(Update::Event(event(&mut self.last_event, now, name, tag, happened)));
@@ -319,7 +304,7 @@ impl Live {
             }
             What::NoPosition { tag, reason } => {
                 let reason = shortened(reason);
-                let state = self.heard_tag(t, site, tag, updates)?;
+                let state = self.reporting_tag(t, site, tag, updates)?;
                 let is_new = state.lose(reason);
                 self.is_changed |= is_new;
                 Some(())
@@ -329,7 +314,7 @@ impl Live {
                 if !((0.0..=LONGEST_M).contains(range_m) && is_power && is_name(anchor)) {
                     return None;
                 }
-                self.heard_tag(t, site, tag, updates)?;
+                self.reporting_tag(t, site, tag, updates)?;
                 let node = self.node(site, anchor, Role::Anchor)?;
                 let site = self.sites.get_mut(site)?;
                 site.nodes.range(node, t, *range_m, *first_path_minus_received_db);
@@ -346,7 +331,7 @@ impl Live {
                 if !is_name(beacon) {
                     return None;
                 }
-                self.heard_tag(t, site, tag, updates)?;
+                self.reporting_tag(t, site, tag, updates)?;
                 let node = self.node(site, beacon, Role::Beacon)?;
                 self.sites.get_mut(site)?.nodes.sight(node, t);
                 Some(())
@@ -389,7 +374,7 @@ impl Live {
 
     fn position(&mut self, updates: &mut Vec<Update>, mut position: TagPosition) -> Option<()> {
         let t = position.t;
-        self.heard_tag(t, &position.site, &position.tag, updates)?;
+        self.reporting_tag(t, &position.site, &position.tag, updates)?;
         let Site { tags, nodes, areas, .. } = self.sites.get_mut(&position.site)?;
         let state = tags.get_mut(&position.tag)?;
         state.find(&mut position, areas, &self.limits, &mut self.happened);
@@ -413,7 +398,7 @@ impl Live {
     }
 
     /// The tag, which has reported. None where there are too many.
-    fn heard_tag(&mut self, t: Utc, site: &str, tag: &str, updates: &mut Vec<Update>) -> Option<&mut TagState> {
+    fn reporting_tag(&mut self, t: Utc, site: &str, tag: &str, updates: &mut Vec<Update>) -> Option<&mut TagState> {
         let now = self.clock.unwrap_or(t);
         if !self.sites.get(site).is_some_and(|site| site.tags.contains_key(tag)) {
             if self.tags >= self.limits.tags || !(is_name(site) && is_name(tag)) {

@@ -4,7 +4,7 @@
 //! the polygon's edges: ∮ Φ(u) φ(v) dv, in coordinates u, v in which the Gaussian is the standard one (Φ is the normal
 //! distribution, φ its density). The integral is exact but for rounding and a quadrature of 1e-7. So a probability near
 //! a threshold does not jump, as it does with the few samples of `positioning_core::ble::rooms::Outlines`, which also
-//! tells of at most 32 rooms which of them is the most probable, and not how probable it is to be outside of all.
+//! compares at most 32 rooms with each other, without the probability of being outside of all.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
@@ -159,6 +159,19 @@ mod tests {
         assert!((probability(&corners, [0.0; 2], [1.0, 0.0, 1.0]) - 0.9025).abs() < 2e-5);
         let rectangle = square(1.96).map(|[x, y]| [10.0 + 3.0 * x, 0.1 * y - 5.0]);
         assert!((probability(&rectangle, [10.0, -5.0], [9.0, 0.0, 0.01]) - 0.9025).abs() < 2e-5);
+    }
+
+    #[test]
+    fn a_square_that_is_turned_has_the_same_probability() {
+        // erf(1.96/√2)² = 0.950004210² and erf(0.5/√2)² = 0.382924923²; the corners cut the quadrature elsewhere each time.
+        for (half, expected) in [(1.96, 0.902_507_998), (0.5, 0.146_631_496)] {
+            for degrees in 0..90 {
+                let (sin, cos) = f64::from(degrees).to_radians().sin_cos();
+                let turned = square(half).map(|[x, y]| [cos * x - sin * y, sin * x + cos * y]);
+                let found = probability(&turned, [0.0; 2], [1.0, 0.0, 1.0]);
+                assert!((found - expected).abs() < 1e-7, "{degrees}: {found}");
+            }
+        }
     }
 
     #[test]

@@ -50,7 +50,7 @@ pub(super) struct TagState {
     first_seen: Utc,
     last_seen: Utc,
     /// When it reported, by the state's clock.
-    pub(super) heard: Utc,
+    pub(super) reported: Utc,
     pub(super) is_silent: bool,
     rate: Rate,
     last_position: Option<TagPosition>,
@@ -68,7 +68,7 @@ impl TagState {
         Self {
             first_seen: t,
             last_seen: t,
-            heard: t,
+            reported: t,
             is_silent: false,
             rate: Rate::default(),
             last_position: None,
@@ -81,19 +81,9 @@ impl TagState {
         }
     }
 
-    /// A tag that reported before the station was started. It is silent until it reports again, where it has been
-    /// quiet for long.
-    pub(super) fn restored(tag: Tag, now: Utc, limits: &Limits) -> Self {
-        let is_silent = now.since(tag.last_seen) > limits.silent_after;
-        let mut state = Self::new(tag.first_seen);
-        (state.last_seen, state.heard, state.is_silent) = (tag.last_seen, tag.last_seen.min(now), is_silent);
-        state.last_position = tag.last_position;
-        state
-    }
-
     /// Notes that it reported something. Returns whether it had been silent.
     pub(super) fn note(&mut self, t: Utc, now: Utc) -> bool {
-        (self.last_seen, self.heard) = (t, now);
+        (self.last_seen, self.reported) = (t, now);
         std::mem::take(&mut self.is_silent)
     }
 

@@ -309,7 +309,7 @@ fn success_is_the_share_of_rounds_nearer_than_the_mean_range() {
 }
 
 #[test]
-fn an_anchor_that_was_moved_is_told_of_once_and_is_well_again_when_it_is_surveyed() {
+fn an_anchor_that_was_moved_makes_one_event_and_is_well_again_when_it_is_surveyed() {
     let mut live = live();
     live.apply(&report(at(0), anchor("0x0101", [3.0, 4.0, 0.0])));
     live.apply(&report(at(0), anchor("0x0102", [0.0, 5.0, 0.0])));
@@ -501,30 +501,6 @@ fn a_nodes_name_and_place_stay_when_it_says_nothing_of_them() {
     assert!(live.tags().is_empty());
     live.apply(&report(at(0), position("0x1001", [2.0, 9.0], 0.1)));
     assert_eq!(live.tags()[0].name.as_deref(), Some("Ada"));
-}
-
-#[test]
-fn tags_of_an_earlier_run_are_listed_and_those_quiet_for_long_are_silent_without_an_event() {
-    let mut live = live();
-    let tag = |name: &str, last_seen| Tag {
-        tag: name.to_owned(),
-        site: SITE.to_owned(),
-        name: None,
-        first_seen: at(0),
-        last_seen,
-        last_position: None,
-        rate_hz: 0.0,
-        silent: false,
-        reason: None,
-        zones: Vec::new(),
-    };
-    live.restore(vec![tag("old", at(1000)), tag("young", at(99_000)), tag("", at(0))], at(100_000));
-    assert_eq!(live.tick(at(100_000)), [Update::Changed]);
-    let shown: Vec<(String, bool)> = live.tags().into_iter().map(|tag| (tag.tag, tag.silent)).collect();
-    assert_eq!(shown, [("old".to_owned(), true), ("young".to_owned(), false)]);
-    let updates = live.apply(&report(at(100_000), position("old", [2.0, 9.0], 0.1)));
-    assert_eq!(events(&updates), [(EventKind::Back, None, None)]);
-    assert_eq!(live.tags()[0].first_seen, at(0));
 }
 
 #[test]
