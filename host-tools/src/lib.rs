@@ -10,6 +10,7 @@
 //! | [`train`] | NLOS classifiers |
 //! | [`simulate`] | what `baliza simulate` writes |
 //! | [`plot`] | pictures |
+//! | `station` | what `baliza serve` feeds into the station (feature `station`) |
 //! | `view` | MCAP files and a live server for Foxglove (feature `foxglove`) |
 //!
 //! The library does not read arguments and does not print. The binary's module `cli` does both, with one file for each
@@ -22,6 +23,8 @@ pub mod locate;
 pub mod node;
 pub mod plot;
 pub mod simulate;
+#[cfg(feature = "station")]
+pub mod station;
 pub mod survey;
 pub mod train;
 #[cfg(feature = "foxglove")]

@@ -11,7 +11,7 @@ use crate::root;
 /// The name of the check, its command, and additions to its environment.
 type Step = (&'static str, &'static [&'static str], &'static [(&'static str, &'static str)]);
 
-const STEPS: [Step; 17] = [
+const STEPS: [Step; 18] = [
     ("lock file", &["cargo", "fetch", "--locked"], &[]),
     ("tests", &["cargo", "test"], &[]),
     ("formatting", &["cargo", "fmt", "--all", "--check"], &[]),
@@ -22,6 +22,7 @@ const STEPS: [Step; 17] = [
     ("fuzzing", &["cargo", "xtask", "fuzz", "--seconds", "5"], &[]),
     ("licences and advisories", &["cargo", "xtask", "deny"], &[]),
     ("Python package", &["cargo", "xtask", "python"], &[]),
+    ("station", &["cargo", "xtask", "station"], &[]),
     ("oldest Rust", &["cargo", "xtask", "oldest-rust"], &[]),
     ("bare-metal builds", &["cargo", "xtask", "no-std"], &[]),
     ("firmware", &["cargo", "xtask", "firmware"], &[]),

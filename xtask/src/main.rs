@@ -24,6 +24,7 @@ mod qemu_tag;
 mod schemes;
 mod simulation;
 mod sizes;
+mod station;
 mod target;
 mod toolchain;
 mod tracks;
@@ -72,6 +73,9 @@ enum Chore {
     Qemu(Qemu),
     /// Build the wheel of the Python package, and run its tests and its example.
     Python,
+    /// Build the station's page, compare it with the committed build, test it in Chromium, and test the store against a
+    /// PostgreSQL.
+    Station,
     /// Compare the accuracy of solver, track and fingerprints with an earlier version, over all recordings and a
     /// simulated set: docs/design/accuracy.md.
     Accuracy(protocol::Arguments),
@@ -124,6 +128,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Qemu(Qemu::Tag) => qemu_tag::run(),
         Chore::Qemu(Qemu::Network(arguments)) => network::run(arguments),
         Chore::Python => python::run(),
+        Chore::Station => station::run(),
         Chore::Accuracy(arguments) => protocol::run(arguments),
         Chore::Fuzz(arguments) => fuzz::run(arguments),
         Chore::Bench { check: true, .. } => onchip::check(),

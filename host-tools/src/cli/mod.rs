@@ -34,6 +34,8 @@ mod recording_args;
 mod replay;
 mod report;
 mod residuals;
+#[cfg(feature = "station")]
+mod serve;
 mod simulate;
 mod site_names;
 mod solve;
@@ -48,11 +50,11 @@ use std::path::Path;
 /// Declares the subcommands of one level. Each variant is a module with `Arguments`, which clap reads, and `run`, which
 /// executes the command.
 macro_rules! commands {
-    ($(#[$about:meta])* enum $name:ident { $($(#[$kind:meta])* $variant:ident($module:ident),)* }) => {
+    ($(#[$about:meta])* enum $name:ident { $($(#[$kind:meta])* $variant:ident($module:ident) $(if $feature:literal)?,)* }) => {
         $(#[$about])*
         #[derive(clap::Subcommand)]
         pub enum $name {
-            $($(#[$kind])* $variant($module::Arguments),)*
+            $($(#[cfg(feature = $feature)])? $(#[$kind])* $variant($module::Arguments),)*
         }
 
         /// Runs the given command.
@@ -61,7 +63,7 @@ macro_rules! commands {
         /// The command returns an error.
         pub fn run(command: &$name) -> anyhow::Result<()> {
             match command {
-                $($name::$variant(arguments) => $module::run(arguments),)*
+                $($(#[cfg(feature = $feature)])? $name::$variant(arguments) => $module::run(arguments),)*
             }
         }
     };
@@ -97,6 +99,7 @@ commands! {
         Decode(decode),
         Record(record),
         Replay(replay),
+        Serve(serve) if "station",
         #[command(subcommand)]
         Import(import),
         Convert(convert),

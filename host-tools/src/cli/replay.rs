@@ -2,10 +2,9 @@
 
 use std::path::PathBuf;
 use std::thread;
-use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use host_tools::node::decode::Stream;
+use host_tools::node::decode::{Pacing, Stream};
 
 use super::site_names::SiteNamesArgs;
 use super::stream::{Input, Writing, feed_stdout};
@@ -53,7 +52,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let names = arguments.names.read(Some(&arguments.file))?;
     let input = Input::open(Some(&arguments.file))?;
     let mut stream = Stream::default();
-    let mut clock = Clock { speed: arguments.speed, begun: Instant::now(), first_t_s: None, last_t_s: f64::INFINITY };
+    let mut pacing = Pacing::new(arguments.speed);
     // The output that is due, followed by the bytes that are not a complete message yet.
     let mut due = if arguments.raw { Vec::new() } else { lines.header()? };
     let mut bytes = Vec::new();
@@ -61,7 +60,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         for byte in chunk {
             bytes.push(byte);
             let Some((stamp, message)) = stream.feed(byte) else { continue };
-            if let Some(wait) = clock.until(stamp.t_s) {
+            if let Some(wait) = pacing.until(stamp.t_s) {
                 if !feed_stdout(&due)? {
                     return Ok(());
                 }
@@ -85,44 +84,4 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         super::note(&summary.text(&names));
     }
     Ok(())
-}
-
-/// A longer recorded pause is left out, seconds, so that a wrong time from a node does not cause a long wait.
-const LONGEST_PAUSE_S: f64 = 3600.0;
-
-/// Converts recorded times to waits.
-struct Clock {
-    speed: f64,
-    begun: Instant,
-    first_t_s: Option<f64>,
-    last_t_s: f64,
-}
-
-impl Clock {
-    /// The wait until a recorded time, relative to the first recorded time; `None` where the time has passed.
-    fn until(&mut self, t_s: f64) -> Option<Duration> {
-        let first_t_s = self.first_t_s.get_or_insert(t_s);
-        let pause_s = t_s - std::mem::replace(&mut self.last_t_s, t_s);
-        if pause_s > LONGEST_PAUSE_S {
-            *first_t_s += pause_s;
-        }
-        // Times beyond the range of a duration are limited to its maximum.
-        let due = Duration::try_from_secs_f64(((t_s - *first_t_s) / self.speed).max(0.0)).unwrap_or(Duration::MAX);
-        due.checked_sub(self.begun.elapsed()).filter(|wait| !wait.is_zero())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pauses_are_kept_and_absurd_ones_left_out() {
-        let mut clock = Clock { speed: 2.0, begun: Instant::now(), first_t_s: None, last_t_s: f64::INFINITY };
-        assert_eq!(clock.until(5.0), None);
-        // Half an hour at twice the speed is a quarter of an hour.
-        assert!(clock.until(1805.0).is_some_and(|wait| wait > Duration::from_secs(890)));
-        let after = clock.until(1.8e12).map_or(Duration::ZERO, |wait| wait);
-        assert!(after <= Duration::from_secs(900), "{after:?}");
-    }
 }

@@ -324,7 +324,7 @@ impl Arguments {
     }
 }
 
-fn read(file: &Path) -> Result<Scenario, UserError> {
+pub(super) fn read(file: &Path) -> Result<Scenario, UserError> {
     Scenario::parse(&read_text(file)?).map_err(|error| UserError::line(file, error.line as u64, error.message))
 }
 

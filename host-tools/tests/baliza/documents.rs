@@ -12,9 +12,10 @@ use std::process::{Command, Stdio};
 use crate::support::{Folder, root};
 
 /// The commands of code blocks that cannot run here, by their beginning, and what they need.
-const NOT_RUN: [(&str, &str); 6] = [
+const NOT_RUN: [(&str, &str); 7] = [
     ("baliza flash ", "a board at the probe"),
     ("baliza monitor --chip ", "a board at the probe"),
+    ("baliza serve ", "a person who ends it; the tests of `serve` run it"),
     ("baliza provision --read ", "a board at the probe"),
     ("baliza provision --config site.toml --node anchor-1 --write", "a board at the probe"),
     (

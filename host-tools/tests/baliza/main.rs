@@ -31,6 +31,8 @@ mod replay;
 mod residuals;
 mod rooms;
 mod schemas;
+#[cfg(feature = "station")]
+mod serve;
 mod simulate;
 mod site_models;
 mod site_names;

@@ -6,11 +6,13 @@
 
 mod chunks;
 mod opened;
+mod pacing;
 mod summary;
 mod timeline;
 
 pub use chunks::{Chunks, Waited};
 pub use opened::StreamFiles;
+pub use pacing::Pacing;
 pub use summary::Summary;
 pub(crate) use summary::no_telemetry;
 pub use timeline::{Stamp, Timeline};

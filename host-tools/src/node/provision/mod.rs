@@ -26,7 +26,7 @@ pub use firmware::Firmware;
 pub use node::Node;
 pub use region::warnings;
 pub use site::Site;
-pub use site_names::{SITE, SiteNames};
+pub use site_names::{NamedNode, SITE, SiteNames};
 pub use written::Written;
 
 /// An example file to start from: four anchors, a tag and a beacon, with comments.

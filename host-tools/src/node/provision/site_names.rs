@@ -31,6 +31,19 @@ pub struct SiteNames {
     known: Vec<Known>,
 }
 
+/// A node or a beacon of a site.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NamedNode<'a> {
+    /// Its short address, or a beacon's major and minor number, as files call it.
+    pub key: String,
+    /// Its name, where it has one.
+    pub name: Option<&'a str>,
+    /// Whether it is a beacon.
+    pub is_beacon: bool,
+    /// An anchor's position, metres.
+    pub position_m: Option<[f64; 3]>,
+}
+
 /// A node.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
@@ -114,6 +127,16 @@ impl SiteNames {
     /// The positions of the anchors, metres, by short address.
     pub fn anchors_m(&self) -> BTreeMap<u16, [f64; 3]> {
         self.known.iter().filter_map(|node| node.address.zip(node.position_m)).collect()
+    }
+
+    /// The nodes and beacons that have an address or a number.
+    pub fn nodes(&self) -> impl Iterator<Item = NamedNode<'_>> {
+        self.known.iter().filter_map(|node| {
+            let address = node.address.map(|address| Address(address).to_string());
+            let key = node.beacon.clone().or(address)?;
+            let is_beacon = node.beacon.is_some();
+            Some(NamedNode { key, name: node.name.as_deref(), is_beacon, position_m: node.position_m })
+        })
     }
 
     /// What a person reads for the node that files call `key`: its name, or `key` itself.

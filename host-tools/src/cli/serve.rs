@@ -1,0 +1,230 @@
+//! `baliza serve`: the station.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+use std::thread;
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use baliza_station::api::{self, Access, App};
+use baliza_station::live::Limits;
+use baliza_station::model::Site;
+use baliza_station::store::Retention;
+use baliza_station::{Hub, Live, Report, Store, Utc};
+use host_tools::UserError;
+use host_tools::node::provision::SiteNames;
+use host_tools::station::{self, SimulatedSite, SourceSpec, read_tokens, simulate};
+use host_tools::survey::presence::read_outlines;
+use sim::scenario::Scenario;
+use tokio::net::TcpListener;
+use tokio::sync::mpsc;
+
+use super::stream::{STOP, catch_signals};
+
+/// Serve a live map, a store and an API of the positions of tags
+///
+/// The map is a page at the printed address. Positions, events and what a person draws are kept in a store, SQLite or
+/// PostgreSQL. Other programs read the API, which /openapi.json describes. SOURCE is a node or a stream of telemetry:
+/// probe[:VID:PID[:SERIAL]], serial:PORT[@BAUD], udp:ADDRESS:PORT, a device, a file, the folder of a recording, or - for
+/// standard input. A recording is played at its own pace. Ctrl-C ends the station with everything written.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// Nodes, streams and recordings
+    #[arg(value_name = "SOURCE")]
+    sources: Vec<SourceSpec>,
+    /// Where to listen; port 0 takes a free one. Beyond this computer only with --tokens
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8080")]
+    listen: SocketAddr,
+    /// A SQLite file, which is made where it does not exist, or postgres://USER:PASSWORD@HOST/DATABASE [default:
+    /// baliza.db; for --simulate alone a temporary file]
+    #[arg(long, value_name = "FILE|URL")]
+    store: Option<String>,
+    /// Run a simulation as well: that of a scenario's file, else tags that walk in a furnished room
+    #[arg(long, value_name = "SCENARIO", num_args = 0..=1)]
+    simulate: Option<Option<PathBuf>>,
+    /// The names of nodes and the places of anchors: the file that provision reads
+    #[arg(long, value_name = "FILE")]
+    site: Option<PathBuf>,
+    /// The name of the site that the sources belong to
+    #[arg(long, value_name = "NAME", default_value = "site")]
+    site_name: String,
+    /// The rooms' outlines: CSV with room,x_m,y_m
+    #[arg(long, value_name = "FILE")]
+    rooms: Option<PathBuf>,
+    /// Who may do what: a TOML file with [[token]] tables of name, role (view, operate, administer) and sha256
+    #[arg(long, value_name = "FILE")]
+    tokens: Option<PathBuf>,
+    /// A tag that does not report for this time is silent, seconds
+    #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    silent_s: u64,
+    /// Keep one position a second of positions that are older than this, days
+    #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
+    thin_days: Option<u64>,
+    /// Delete positions and events that are older than this, days
+    #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
+    keep_days: Option<u64>,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  baliza serve --simulate
+  baliza serve --site site.toml serial:/dev/ttyACM0 serial:/dev/ttyACM1
+  baliza serve --listen 0.0.0.0:8080 --tokens tokens.toml --store postgres://baliza@db/baliza udp:0.0.0.0:7000
+  baliza serve run/";
+
+/// The name of a simulated site.
+const SIMULATION: &str = "simulation";
+/// Anchors and tags of the simulation without a scenario.
+const SIMULATED: (usize, usize) = (6, 5);
+/// The time between two looks at the signals.
+const SIGNALS: Duration = Duration::from_millis(50);
+
+/// Runs `baliza serve`.
+///
+/// # Errors
+/// Flags or files are wrong, the store cannot be opened, or the address is in use.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let sources = Sources::of(arguments)?;
+    let access = access(arguments)?;
+    // A temporary store is deleted when it is dropped.
+    let temporary = match (&arguments.store, sources.is_simulation()) {
+        (None, true) => Some(tempfile::tempdir().context("cannot make a temporary folder")?),
+        (Some(_), _) | (None, false) => None,
+    };
+    let store = match (&arguments.store, &temporary) {
+        (Some(store), _) => store.clone(),
+        (None, Some(folder)) => folder.path().join("simulation.db").display().to_string(),
+        (None, None) => "baliza.db".to_owned(),
+    };
+    catch_signals()?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().context("cannot start the runtime")?;
+    runtime.block_on(serve(arguments, &store, access, sources))
+}
+
+async fn serve(arguments: &Arguments, url: &str, access: Access, sources: Sources) -> Result<()> {
+    let store = Store::open(url).await?;
+    sources.configure(&store).await?;
+    let limits = Limits { silent_after: Duration::from_secs(arguments.silent_s), ..Limits::default() };
+    let days = |days: Option<u64>| days.map(|days| Duration::from_secs(86_400 * days));
+    let retention = Retention { thin_after: days(arguments.thin_days), delete_after: days(arguments.keep_days) };
+    let mut live = Live::new(limits);
+    live.set_zones(store.zones().await?);
+    let (hub, writing) = Hub::start(live, store.clone(), retention).await?;
+    let listener = TcpListener::bind(arguments.listen)
+        .await
+        .with_context(|| format!("cannot listen on {}; --listen takes another address", arguments.listen))?;
+    let address = listener.local_addr().context("cannot read the address")?;
+    sources.start(&hub);
+    super::prompt(&format!("listening on http://{address}\n"));
+    let app = App { access, ..App::new(hub.clone(), store) };
+    api::serve(listener, app, stopped()).await.context("cannot serve")?;
+    hub.stop();
+    writing.await.context("the writer has failed")
+}
+
+/// Waits for a signal that ends the program.
+async fn stopped() {
+    while !STOP.load(Ordering::Relaxed) {
+        tokio::time::sleep(SIGNALS).await;
+    }
+}
+
+/// Who may do what. Everyone may do everything where only this computer can reach the station.
+fn access(arguments: &Arguments) -> Result<Access, UserError> {
+    match &arguments.tokens {
+        Some(file) => read_tokens(file),
+        None if arguments.listen.ip().is_loopback() => Ok(Access::Open),
+        None => Err(UserError::flag(
+            "--listen",
+            format!("{} can be reached from other computers: give --tokens FILE as well", arguments.listen),
+        )),
+    }
+}
+
+/// What the station gets its reports from.
+struct Sources {
+    /// The site of the nodes.
+    site: String,
+    names: SiteNames,
+    zones: Vec<baliza_station::model::Zone>,
+    specs: Vec<SourceSpec>,
+    simulation: Option<(Scenario, SimulatedSite)>,
+}
+
+impl Sources {
+    fn of(arguments: &Arguments) -> Result<Self, UserError> {
+        arguments.sources.iter().try_for_each(SourceSpec::check)?;
+        let names = arguments.site.as_deref().map(SiteNames::read).transpose()?.unwrap_or_default();
+        let rooms = arguments.rooms.as_deref().map(read_outlines).transpose()?.unwrap_or_default();
+        let simulation = match &arguments.simulate {
+            Some(Some(file)) => Some(super::simulate::read(file)?),
+            Some(None) => Some(Scenario::rooms(SIMULATED.0, SIMULATED.1)),
+            None => None,
+        };
+        let simulation = simulation.map(|scenario| {
+            let site = SimulatedSite::of(&scenario, SIMULATION, Utc::now());
+            (scenario, site)
+        });
+        Ok(Self {
+            site: arguments.site_name.clone(),
+            zones: station::zones(&arguments.site_name, &rooms),
+            names,
+            specs: arguments.sources.clone(),
+            simulation,
+        })
+    }
+
+    /// Whether there is nothing but the simulation.
+    fn is_simulation(&self) -> bool {
+        self.simulation.is_some() && self.specs.is_empty()
+    }
+
+    /// Writes the sites that the store does not have yet. What a person has drawn stays.
+    async fn configure(&self, store: &Store) -> Result<()> {
+        let known = store.sites().await?;
+        let own = Site { name: self.site.clone(), walls_m: Vec::new(), plan: None };
+        let simulated = self.simulation.as_ref().map(|(_, site)| (&site.site, &site.zones));
+        let own = (!self.is_simulation()).then_some((&own, &self.zones));
+        let zones = store.zones().await?;
+        for (site, rooms) in own.into_iter().chain(simulated) {
+            if known.iter().all(|known| known.name != site.name) {
+                store.put_site(site).await?;
+            }
+            for room in rooms {
+                if zones.iter().all(|zone| (&zone.site, &zone.name) != (&room.site, &room.name)) {
+                    store.put_zone(room).await?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Starts a thread for each source.
+    fn start(self, hub: &Hub) {
+        let nodes = station::nodes(&self.site, &self.names, Utc::now());
+        let simulated = self.simulation.iter().flat_map(|(_, site)| site.nodes.clone()).collect::<Vec<_>>();
+        let reports = hub.reports();
+        thread::spawn(move || nodes.into_iter().chain(simulated).all(|report| reports.blocking_send(report).is_ok()));
+        for spec in self.specs {
+            let (reports, site) = (hub.reports(), self.site.clone());
+            thread::spawn(move || {
+                let name = spec.to_string();
+                let mut note = |text: &str| super::note(&format!("{name}: {text}\n"));
+                match station::run(&spec, &site, &mut sender(reports), &mut note) {
+                    Ok(()) => note("it has ended"),
+                    Err(error) => note(&format!("{error:#}")),
+                }
+            });
+        }
+        if let Some((scenario, site)) = self.simulation {
+            let reports = hub.reports();
+            thread::spawn(move || simulate(scenario, &site.site.name, &mut sender(reports)));
+        }
+    }
+}
+
+fn sender(reports: mpsc::Sender<Report>) -> impl FnMut(Report) -> bool {
+    move |report| reports.blocking_send(report).is_ok()
+}

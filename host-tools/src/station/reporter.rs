@@ -1,0 +1,97 @@
+//! From the messages of one node to reports of the station.
+
+use baliza_station::model::Role;
+use baliza_station::{Report, Utc, What};
+use wire::telemetry::{self, Address, Fix, Message, Range};
+
+use super::NodeClock;
+use crate::node::decode::Stamp;
+
+/// Converts the messages of one node, in their order.
+#[derive(Clone, Debug)]
+pub struct Reporter {
+    site: String,
+    clock: NodeClock,
+    /// The node's address. It is unknown until the node says `Hello`, which it does every two seconds.
+    address: Option<u16>,
+}
+
+impl Reporter {
+    /// A node of a site.
+    pub fn new(site: impl Into<String>) -> Self {
+        Self { site: site.into(), clock: NodeClock::default(), address: None }
+    }
+
+    /// A node whose address is known.
+    pub fn of(site: impl Into<String>, address: u16) -> Self {
+        Self { address: Some(address), ..Self::new(site) }
+    }
+
+    /// The reports that a message makes, which arrived at `arrived`. The messages before the node's first `Hello` make
+    /// none, because nobody knows whose they are.
+    pub fn reports(&mut self, stamp: Stamp, message: &Message, arrived: Utc) -> Vec<Report> {
+        let t = self.clock.utc(stamp.t_s, arrived);
+        if let Message::Hello(hello) = message {
+            self.address = Some(hello.address);
+        }
+        let Some(address) = self.address else { return Vec::new() };
+        let tag = Address(address).to_string();
+        let whats = match message {
+            Message::Hello(hello) => {
+                let role = match hello.role {
+                    telemetry::Role::Anchor => Role::Anchor,
+                    telemetry::Role::Tag => Role::Tag,
+                    telemetry::Role::Beacon => Role::Beacon,
+                };
+                vec![What::Node { node: tag, name: None, role, position_m: None }]
+            }
+            Message::Fix(fix) => vec![fix_report(tag, fix)],
+            Message::Range(range) => range_reports(tag, range),
+            Message::Sighting(sighting) => {
+                let rssi_dbm = sighting.rssi_dbm.into();
+                vec![What::Sighting { tag, beacon: sighting.beacon.to_string(), rssi_dbm }]
+            }
+            Message::Difference(_)
+            | Message::Room(_)
+            | Message::State(_)
+            | Message::Counters(_)
+            | Message::Reset(_) => Vec::new(),
+        };
+        whats.into_iter().map(|what| Report { t, site: self.site.clone(), what }).collect()
+    }
+}
+
+fn fix_report(tag: String, fix: &Fix) -> What {
+    let (Some([x, y, z]), Some([sigma_x, sigma_y, sigma_z]), Some([[_, cov_xy_m2, _], ..])) =
+        (fix.position_m(), fix.deviation_m(), fix.covariance_m2())
+    else {
+        let reason = fix.reason().map_or("unknown", |reason| reason.as_str()).to_owned();
+        return What::NoPosition { tag, reason };
+    };
+    What::Position {
+        tag,
+        position_m: [x, y],
+        z_m: Some(z),
+        sigma_m: [sigma_x, sigma_y],
+        // A configured height has no deviation.
+        sigma_z_m: (sigma_z > 0.0).then_some(sigma_z),
+        cov_xy_m2,
+        used: u8::try_from(fix.used().map_or(0, u16::count_ones)).unwrap_or(u8::MAX),
+    }
+}
+
+/// The range, and before it the position that the anchor reports.
+fn range_reports(tag: String, range: &Range) -> Vec<What> {
+    let anchor = Address(range.peer).to_string();
+    let known = range.position_m().map(|position_m| What::Node {
+        node: anchor.clone(),
+        name: None,
+        role: Role::Anchor,
+        position_m: Some(position_m),
+    });
+    let diagnostics = &range.diagnostics;
+    let powers = diagnostics.first_path_power_dbm().zip(diagnostics.rx_power_dbm());
+    let first_path_minus_received_db = powers.map(|(first_path, received)| first_path - received);
+    let range = What::Range { tag, anchor, range_m: range.distance_m(), first_path_minus_received_db };
+    known.into_iter().chain([range]).collect()
+}

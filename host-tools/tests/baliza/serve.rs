@@ -1,0 +1,260 @@
+//! `baliza serve`: the station with a simulation and with recordings.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use crate::support::{Folder, root};
+
+/// The longest wait for anything.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A running station, which is killed in the end.
+struct Station {
+    child: Child,
+    /// `127.0.0.1:PORT`.
+    address: String,
+    stderr: BufReader<std::process::ChildStderr>,
+}
+
+impl Station {
+    fn start(folder: &Folder, arguments: &str) -> Self {
+        let mut command = folder.command(&format!("serve --listen 127.0.0.1:0 {arguments}"));
+        let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("baliza runs");
+        let mut stderr = BufReader::new(child.stderr.take().expect("piped"));
+        let mut said = String::new();
+        let address = loop {
+            let mut line = String::new();
+            assert!(stderr.read_line(&mut line).expect("text") > 0, "it ended: {said}");
+            if let Some(address) = line.trim().strip_prefix("listening on http://") {
+                break address.to_owned();
+            }
+            said += &line;
+        };
+        Self { child, address, stderr }
+    }
+
+    /// The status and the body of an answer.
+    fn get(&self, path: &str) -> (u16, String) {
+        let mut connection = TcpStream::connect(&self.address).expect("it listens");
+        connection.set_read_timeout(Some(PATIENCE)).expect("a timeout");
+        write!(connection, "GET {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n", self.address).expect("sent");
+        let mut text = String::new();
+        connection.read_to_string(&mut text).expect("an answer");
+        let (head, body) = text.split_once("\r\n\r\n").expect("a head");
+        let status = head.split_whitespace().nth(1).and_then(|status| status.parse().ok()).expect("a status");
+        (status, body.to_owned())
+    }
+
+    fn json(&self, path: &str) -> Value {
+        let (status, body) = self.get(path);
+        assert_eq!(status, 200, "{path}: {body}");
+        serde_json::from_str(&body).unwrap_or_else(|error| panic!("{path}: {error}: {body}"))
+    }
+
+    /// Asks until the answer is as it should be.
+    fn wait(&self, path: &str, is_right: impl Fn(&Value) -> bool) -> Value {
+        let begun = Instant::now();
+        loop {
+            let answer = self.json(path);
+            if is_right(&answer) {
+                return answer;
+            }
+            assert!(begun.elapsed() < PATIENCE, "{path}: {answer}");
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+
+    /// Ends it as `kill` does. Returns the exit code and what it said since it listens.
+    fn stop(mut self) -> (Option<i32>, String) {
+        let killed = Command::new("kill").arg(self.child.id().to_string()).status().expect("kill runs");
+        assert!(killed.success());
+        let mut said = String::new();
+        self.stderr.read_to_string(&mut said).expect("text");
+        (self.child.wait().expect("it ends").code(), said)
+    }
+}
+
+impl Drop for Station {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A recording of a tag, of this many seconds. Returns its positions as its file has them: x and y, metres.
+fn recorded(folder: &Folder, seconds: u32) -> Vec<[f64; 2]> {
+    folder.run(&format!("simulate --tags 1 --seconds {seconds} --rate 10 --fidelity air --out run --quiet")).ok();
+    let positions = String::from_utf8(folder.read("run/positions.csv")).expect("UTF-8");
+    let rows = crate::support::Run { code: Some(0), stdout: positions, stderr: String::new() };
+    let (xs, ys) = (rows.numbers("x_m"), rows.numbers("y_m"));
+    let positions: Vec<_> = xs.into_iter().zip(ys).map(|(x, y)| [x, y]).filter(|[x, _]| x.is_finite()).collect();
+    assert!(positions.len() > 10, "{positions:?}");
+    positions
+}
+
+/// Asserts that a station has these positions of the recorded tag, to a millimetre.
+fn assert_history(station: &Station, positions: &[[f64; 2]]) {
+    let path = "/api/v1/tags/0x1001/positions?site=site&limit=1000";
+    let history = station.wait(path, |history| history.as_array().is_some_and(|rows| rows.len() >= positions.len()));
+    let rows = history.as_array().expect("a list");
+    assert_eq!(rows.len(), positions.len());
+    for (row, [x, y]) in rows.iter().rev().zip(positions) {
+        let error = |key: &str, is: f64| (row[key].as_f64().expect("a number") - is).abs();
+        assert!(error("x_m", *x) < 1.5e-3 && error("y_m", *y) < 1.5e-3, "{row} is not at {x}, {y}");
+    }
+    let times: Vec<_> = rows.iter().map(|row| row["t"].as_str().expect("a time")).collect();
+    assert!(times.is_sorted_by(|newer, older| newer > older), "{times:?}");
+}
+
+#[test]
+fn a_simulation_is_on_the_map_and_its_history_survives_a_restart() {
+    let folder = Folder::with(&[]);
+    let station = Station::start(&folder, "--simulate --store tags.db");
+    let is_live = |tags: &Value| {
+        let tags = tags.as_array().expect("a list");
+        tags.len() == 5 && tags.iter().all(|tag| tag["last_position"].is_object())
+    };
+    for tag in station.wait("/api/v1/tags", is_live).as_array().expect("a list") {
+        let position = &tag["last_position"];
+        let number = |key: &str| position[key].as_f64().expect("a number");
+        // The room is 12 m by 8 m.
+        assert!((-1.0..=13.0).contains(&number("x_m")) && (-1.0..=9.0).contains(&number("y_m")), "{position}");
+        assert!(number("sigma_x_m") > 0.0 && number("sigma_x_m") < 1.0, "{position}");
+        assert_eq!(position["site"], "simulation");
+    }
+    // Anchors are where the scenario has them, and ranges agree with positions to some decimetres.
+    let has_residuals = |nodes: &Value| {
+        let anchors = nodes.as_array().expect("a list").iter().filter(|node| node["role"] == "anchor");
+        anchors.clone().count() == 6 && anchors.clone().all(|anchor| anchor["residual_mean_m"].is_number())
+    };
+    for anchor in station.wait("/api/v1/nodes", has_residuals).as_array().expect("a list") {
+        assert!(anchor["residual_mean_m"].as_f64().expect("a number").abs() < 0.5, "{anchor}");
+        assert!(anchor["position_m"].is_array(), "{anchor}");
+    }
+    let entered = station.wait("/api/v1/events?kind=entered", |events| events.as_array().is_some_and(|all| all.len() >= 5));
+    assert!(entered.as_array().expect("a list").iter().all(|event| event["zone"] == "room 1"), "{entered}");
+    let path = "/api/v1/tags/0x1001/positions?site=simulation&limit=10000";
+    let before = station.wait(path, |history| history.as_array().is_some_and(|rows| rows.len() > 20));
+    let (code, said) = station.stop();
+    assert_eq!(code, Some(0), "{said}");
+
+    let station = Station::start(&folder, "--store tags.db");
+    let after = station.json(path);
+    let after = after.as_array().expect("a list");
+    let before = before.as_array().expect("a list");
+    assert!(after.len() >= before.len() && before.iter().all(|row| after.contains(row)), "{before:?} {after:?}");
+}
+
+#[test]
+fn what_was_read_from_the_api_survives_a_kill() {
+    let folder = Folder::with(&[]);
+    let path = "/api/v1/tags/0x1001/positions?site=simulation&limit=10000";
+    let mut seen: Vec<Value> = Vec::new();
+    for _ in 0..3 {
+        let mut station = Station::start(&folder, "--simulate --store tags.db");
+        let fresh = seen.len() + 20;
+        let history = station.wait(path, |history| history.as_array().is_some_and(|rows| rows.len() >= fresh));
+        let history = history.as_array().expect("a list");
+        assert!(seen.iter().all(|row| history.contains(row)), "{} rows were {}", history.len(), seen.len());
+        seen.clone_from(history);
+        station.child.kill().expect("SIGKILL");
+    }
+}
+
+#[test]
+fn a_recording_is_played_into_the_store() {
+    let folder = Folder::with(&[]);
+    let positions = recorded(&folder, 4);
+    let station = Station::start(&folder, "run");
+    assert_history(&station, &positions);
+    assert!(folder.names().contains(&"baliza.db".to_owned()));
+}
+
+#[test]
+fn datagrams_of_two_gateways_are_streams_of_their_own() {
+    use std::net::UdpSocket;
+
+    let folder = Folder::with(&[]);
+    let positions = recorded(&folder, 4);
+    let bytes = folder.read("run/telemetry.bin");
+    let free = UdpSocket::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address");
+    let station = Station::start(&folder, &format!("udp:{free}"));
+    // The other gateway's bytes are noise in between, and cut frames of the tag.
+    let gateways = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").expect("a port"));
+    for part in bytes.chunks(100) {
+        for (gateway, part) in [(&gateways[0], part), (&gateways[1], &[0xA5; 64][..])] {
+            gateway.send_to(part, free).expect("sent");
+        }
+        // The station's socket holds a limited number of datagrams.
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    assert_history(&station, &positions);
+}
+
+#[test]
+fn the_page_and_the_health_are_there_at_once() {
+    let folder = Folder::with(&[]);
+    let station = Station::start(&folder, "--simulate");
+    let (status, page) = station.get("/");
+    assert_eq!(status, 200);
+    assert!(page.to_lowercase().starts_with("<!doctype html>"), "{page}");
+    assert_eq!(station.get("/healthz").0, 200);
+    assert_eq!(station.get("/no/such/route").0, 404);
+    let (code, said) = station.stop();
+    assert_eq!(code, Some(0), "{said}");
+    // The simulation's own store was temporary.
+    assert_eq!(folder.names(), [""; 0]);
+}
+
+#[test]
+fn the_requests_of_the_page_about_the_station_work_as_written() {
+    let page = std::fs::read_to_string(root().join("docs/station.md")).expect("the page");
+    let folder = Folder::with(&[]);
+    let station = Station::start(&folder, "--simulate");
+    station.wait("/api/v1/tags", |tags| {
+        let is_first = |tag: &Value| tag["tag"] == "0x1001" && tag["last_position"].is_object();
+        tags.as_array().is_some_and(|tags| tags.iter().any(is_first))
+    });
+    let requests: Vec<_> = page.lines().filter(|line| line.starts_with("curl ")).collect();
+    assert!(requests.len() >= 10, "{requests:?}");
+    for request in requests {
+        let here = request.replace("127.0.0.1:8080", &station.address);
+        let output = Command::new("sh").args(["-c", &here]).output().expect("a shell");
+        assert!(output.status.success(), "{request}: {output:?}");
+    }
+}
+
+#[test]
+fn what_cannot_be_served_is_refused_before_the_station_starts() {
+    let folder = Folder::with(&[("wrong.toml", "[[token]]\nname = 1\n"), ("store.txt", "this is no database, but a text")]);
+    for (arguments, told) in [
+        ("--listen 0.0.0.0:0", "--tokens"),
+        ("--listen somewhere", "--listen"),
+        ("missing.bin", "missing.bin"),
+        ("serial:", "the port is missing"),
+        ("udp:7000", "ADDRESS:PORT"),
+        ("--tokens wrong.toml", "wrong.toml"),
+        ("--site missing.toml", "missing.toml"),
+        ("--simulate missing.toml", "missing.toml"),
+    ] {
+        let run = folder.run(&format!("serve {arguments}"));
+        assert_eq!(run.code, Some(2), "{arguments}: {run:?}");
+        assert!(run.stderr.contains(told) && run.stderr.lines().count() == 1, "{arguments}: {}", run.stderr);
+    }
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = taken.local_addr().expect("an address");
+    for (arguments, told) in [
+        (format!("--simulate --listen {address}"), address.to_string()),
+        ("--listen 127.0.0.1:0 --store store.txt".to_owned(), "store.txt".to_owned()),
+        ("--listen 127.0.0.1:0 --store postgres://me:secret@127.0.0.1:1/tags".to_owned(), "127.0.0.1:1/tags".to_owned()),
+    ] {
+        let run = folder.run(&format!("serve {arguments}"));
+        assert_eq!(run.code, Some(1), "{arguments}: {run:?}");
+        assert!(run.stderr.contains(&told) && !run.stderr.contains("secret"), "{arguments}: {}", run.stderr);
+    }
+    assert_eq!(folder.read("store.txt"), b"this is no database, but a text");
+}

@@ -1,0 +1,290 @@
+//! Who may do what: a request to the person or program that makes it, and a refusal where it may not.
+//!
+//! The least role of a route stands in its description (`security`), and is read from the document: what is described
+//! is what is enforced. A route without any is refused.
+
+use std::collections::HashMap;
+use std::net::{IpAddr, SocketAddr};
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use axum::http::{HeaderMap, Method, StatusCode, Uri, header};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use utoipa::ToSchema;
+
+use super::limits::{Buckets, Limits, lock};
+use super::problem::Problem;
+
+/// What someone may do. Each role may do what those before it may.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum UserRole {
+    /// See everything.
+    View,
+    /// Draw zones, survey, position terminals.
+    Operate,
+    /// Change sites: plans and walls.
+    Administer,
+}
+
+/// Who may use the station.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// Everyone who reaches it, which must be by a loopback address.
+    Open,
+    /// Who has one of these tokens.
+    Tokens(Vec<Token>),
+}
+
+/// A secret that gives someone a role. Only its hash is kept.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Token {
+    /// Who has it, for the log.
+    pub name: String,
+    /// What it allows.
+    pub role: UserRole,
+    /// SHA-256 of the secret.
+    pub sha256: [u8; 32],
+}
+
+impl Token {
+    /// A token of this secret.
+    pub fn new(name: impl Into<String>, role: UserRole, secret: &str) -> Self {
+        Self { name: name.into(), role, sha256: sha256(secret) }
+    }
+}
+
+/// Who makes a request.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Who {
+    /// The token's name; None: no tokens are asked for.
+    pub name: Option<String>,
+    /// What they may do.
+    pub role: UserRole,
+}
+
+/// What a route asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Need {
+    /// Nothing: who asks is not looked at.
+    Nothing,
+    /// Nothing, but the route wants to know who asks.
+    Known,
+    /// At least this role.
+    Role(UserRole),
+}
+
+/// The name of the session's cookie.
+const COOKIE: &str = "baliza_session";
+/// A session that is not used for this time ends.
+const SESSION: Duration = Duration::from_secs(12 * 3600);
+/// Sessions at once. One more replaces the one that was used longest ago.
+const SESSIONS: usize = 1_000;
+
+/// The state of access: sessions, and the rates of those who try.
+#[derive(Debug)]
+pub struct Gate {
+    access: Access,
+    /// Cookies are only for encrypted connections.
+    secure: bool,
+    /// By SHA-256 of the cookie's value.
+    sessions: Mutex<HashMap<[u8; 32], (Who, Instant)>>,
+    wrong_tokens: Buckets,
+    writes: Buckets,
+}
+
+impl Gate {
+    /// Nobody has logged in so far.
+    pub fn new(access: Access, secure: bool, limits: &Limits) -> Self {
+        Self {
+            access,
+            secure,
+            sessions: Mutex::default(),
+            wrong_tokens: Buckets::new(limits.wrong_tokens_per_s, limits.wrong_tokens_at_once),
+            writes: Buckets::new(limits.writes_per_s, limits.writes_at_once),
+        }
+    }
+
+    /// Whether tokens are asked for.
+    pub fn asks_for_tokens(&self) -> bool {
+        match self.access {
+            Access::Open => false,
+            Access::Tokens(_) => true,
+        }
+    }
+
+    /// Whether a request may have reached this host by a name or from a page of someone else.
+    ///
+    /// Without tokens, a page of another site could rebind its name to the loopback address (DNS rebinding): the host
+    /// that the browser means must be a loopback one. A page of another site can also send some requests without being
+    /// able to read the answer, and can open WebSockets: the origin must be this host.
+    pub fn check_origin(&self, method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
+        let host = headers.get(header::HOST).and_then(|host| host.to_str().ok());
+        if !self.asks_for_tokens() {
+            let other = uri.authority().is_some_and(|authority| !is_loopback(authority.as_str()));
+            if other || !host.is_some_and(is_loopback) {
+                let detail = "without tokens, the station answers to localhost and to loopback addresses only";
+                return Err(Problem::new(StatusCode::MISDIRECTED_REQUEST, detail));
+            }
+        }
+        if method.is_safe() && !headers.contains_key(header::UPGRADE) {
+            return Ok(());
+        }
+        match headers.get(header::ORIGIN).map(|origin| origin.to_str().ok().and_then(authority_of_origin)) {
+            // Not a browser: only browsers send cookies without being asked.
+            None if headers.contains_key(header::AUTHORIZATION) || cookie(headers).is_none() => Ok(()),
+            Some(Some(origin)) if host.is_some_and(|host| host.eq_ignore_ascii_case(origin)) => Ok(()),
+            _ => Err(Problem::new(StatusCode::FORBIDDEN, "the request comes from a page of another host")),
+        }
+    }
+
+    /// Who makes a request; None: nobody says so.
+    pub fn who(&self, headers: &HeaderMap, client: IpAddr) -> Result<Option<Who>, Problem> {
+        if !self.asks_for_tokens() {
+            return Ok(Some(Who { name: None, role: UserRole::Administer }));
+        }
+        if let Some(given) = headers.get(header::AUTHORIZATION) {
+            let given = given.to_str().ok().and_then(|given| given.split_once(' '));
+            let secret = given.filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"));
+            return self.who_has(secret.map_or("", |(_, secret)| secret.trim()), client).map(Some);
+        }
+        let Some(id) = cookie(headers) else { return Ok(None) };
+        let mut sessions = lock(&self.sessions);
+        let id = sha256(id);
+        match sessions.get_mut(&id) {
+            Some((who, used)) if used.elapsed() < SESSION => {
+                *used = Instant::now();
+                Ok(Some(who.clone()))
+            }
+            Some(_) => {
+                sessions.remove(&id);
+                Ok(None)
+            }
+            None => Ok(None),
+        }
+    }
+
+    /// Who has this secret. An address that tries too many wrong ones must wait.
+    pub fn who_has(&self, secret: &str, client: IpAddr) -> Result<Who, Problem> {
+        let too_many = |wait_s| Problem::too_many("wrong tokens", wait_s);
+        self.wrong_tokens.check(client, Instant::now()).map_err(too_many)?;
+        let Access::Tokens(tokens) = &self.access else {
+            return Ok(Who { name: None, role: UserRole::Administer });
+        };
+        let hash = sha256(secret);
+        // All are compared, each in full: the time tells nothing.
+        let found =
+            tokens.iter().fold(None, |found, token| if same(&token.sha256, &hash) { Some(token) } else { found });
+        match found {
+            Some(token) => Ok(Who { name: Some(token.name.clone()), role: token.role }),
+            None => {
+                log::warn!(target: "audit", "{client} a wrong token");
+                self.wrong_tokens.take(client, Instant::now()).map_err(too_many)?;
+                Err(Problem::new(StatusCode::UNAUTHORIZED, "the token is wrong"))
+            }
+        }
+    }
+
+    /// Whether this address may make a further request that changes something.
+    pub fn check_rate(&self, client: IpAddr) -> Result<(), Problem> {
+        self.writes.take(client, Instant::now()).map_err(|wait_s| Problem::too_many("requests", wait_s))
+    }
+
+    /// Begins a session; the value of its `Set-Cookie`.
+    pub fn log_in(&self, who: Who) -> Result<String, Problem> {
+        let mut random = [0; 32];
+        getrandom::fill(&mut random).map_err(|error| {
+            log::error!("no random numbers: {error}");
+            Problem::new(StatusCode::SERVICE_UNAVAILABLE, "the host has no random numbers")
+        })?;
+        let id: String = random.iter().map(|byte| format!("{byte:02x}")).collect();
+        let mut sessions = lock(&self.sessions);
+        sessions.retain(|_, (_, used)| used.elapsed() < SESSION);
+        if sessions.len() >= SESSIONS {
+            let oldest = sessions.iter().min_by_key(|(_, (_, used))| *used).map(|(id, _)| *id);
+            oldest.and_then(|oldest| sessions.remove(&oldest));
+        }
+        sessions.insert(sha256(&id), (who, Instant::now()));
+        Ok(self.set_cookie(&id, SESSION))
+    }
+
+    /// Ends a request's session; the value of `Set-Cookie` that deletes the cookie.
+    pub fn log_out(&self, headers: &HeaderMap) -> String {
+        if let Some(id) = cookie(headers) {
+            lock(&self.sessions).remove(&sha256(id));
+        }
+        self.set_cookie("", Duration::ZERO)
+    }
+
+    fn set_cookie(&self, id: &str, age: Duration) -> String {
+        let secure = if self.secure { "; Secure" } else { "" };
+        format!("{COOKIE}={id}; Path=/; Max-Age={}; HttpOnly; SameSite=Strict{secure}", age.as_secs())
+    }
+}
+
+/// The address at the other end of a connection.
+#[derive(Clone, Copy, Debug)]
+pub struct Peer(pub SocketAddr);
+
+fn sha256(text: &str) -> [u8; 32] {
+    Sha256::digest(text).into()
+}
+
+/// Compares without an early end.
+fn same(one: &[u8; 32], other: &[u8; 32]) -> bool {
+    one.iter().zip(other).fold(0, |different, (one, other)| different | (one ^ other)) == 0
+}
+
+fn cookie(headers: &HeaderMap) -> Option<&str> {
+    let values = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
+    let mut pairs = values.flat_map(|value| value.split(';')).filter_map(|pair| pair.trim().split_once('='));
+    pairs.find(|(name, _)| *name == COOKIE).map(|(_, value)| value)
+}
+
+fn authority_of_origin(origin: &str) -> Option<&str> {
+    origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"))
+}
+
+/// Whether a host, perhaps with a port, is a loopback name or address.
+fn is_loopback(host: &str) -> bool {
+    let name = match host.rsplit_once(':') {
+        Some((name, port)) if port.bytes().all(|byte| byte.is_ascii_digit()) && !name.ends_with(':') => name,
+        _ => host,
+    };
+    let name = name.trim_start_matches('[').trim_end_matches(']').to_ascii_lowercase();
+    match name.parse::<IpAddr>() {
+        Ok(address) => address.to_canonical().is_loopback(),
+        Err(_) => name == "localhost" || name.ends_with(".localhost"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn loopback_names_and_addresses_are_told_from_others() {
+        for host in ["localhost", "LOCALHOST:8080", "a.localhost", "127.0.0.1:1", "127.9.9.9", "[::1]:80", "[::1]"] {
+            assert!(is_loopback(host), "{host}");
+        }
+        for host in ["", "example.org", "localhost.example.org", "127.0.0.1.example.org:80", "10.0.0.1", "[::2]:80"] {
+            assert!(!is_loopback(host), "{host}");
+        }
+    }
+
+    #[test]
+    fn a_further_session_replaces_the_one_that_was_used_longest_ago() {
+        let gate = Gate::new(Access::Tokens(Vec::new()), true, &Limits::default());
+        let who = Who { name: Some("ana".into()), role: UserRole::View };
+        let cookies: Vec<String> = (0..=SESSIONS).map(|_| gate.log_in(who.clone()).unwrap()).collect();
+        assert!(cookies[0].ends_with("; HttpOnly; SameSite=Strict; Secure"));
+        let known = |cookie: &str| {
+            let mut headers = HeaderMap::new();
+            headers.insert(header::COOKIE, cookie.split(';').next().unwrap().parse().unwrap());
+            gate.who(&headers, IpAddr::from([192, 0, 2, 1])).unwrap()
+        };
+        assert_eq!(known(&cookies[0]), None);
+        assert_eq!([known(&cookies[1]), known(&cookies[SESSIONS])], [Some(who.clone()), Some(who)]);
+    }
+}

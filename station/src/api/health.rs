@@ -1,0 +1,99 @@
+//! Whether the station works, and who one is.
+
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json as Answer};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use super::Shared;
+use super::access::{Peer, UserRole, Who};
+use super::extract::Json;
+use super::problem::{self, Problem};
+
+/// The routes.
+pub fn routes() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new().routes(routes!(health)).routes(routes!(log_in)).routes(routes!(log_out)).routes(routes!(me))
+}
+
+/// Whether the station works.
+#[derive(Debug, Serialize, ToSchema)]
+struct Health {
+    /// `OK` or `Service Unavailable`.
+    title: &'static str,
+    /// As in the answer's head.
+    status: u16,
+    /// The store answers.
+    store: bool,
+    /// The hub takes reports.
+    hub: bool,
+    version: &'static str,
+}
+
+/// Whether the station works: 200, or 503 with what does not.
+#[utoipa::path(get, path = "/healthz", tag = "health", security(()),
+    responses((status = 200, body = Health),
+        (status = 503, description = "something does not work", body = Health,
+            content_type = "application/problem+json")))]
+async fn health(State(station): State<Shared>) -> Response {
+    let (store, hub) = (station.app.store.is_well().await, !station.app.hub.reports().is_closed());
+    let (status, title, media_type) = if store && hub {
+        (StatusCode::OK, "OK", "application/json")
+    } else {
+        (StatusCode::SERVICE_UNAVAILABLE, "Service Unavailable", problem::MEDIA_TYPE)
+    };
+    let health = Health { title, status: status.as_u16(), store, hub, version: env!("CARGO_PKG_VERSION") };
+    (status, [(header::CONTENT_TYPE, media_type)], serde_json::to_vec(&health).unwrap_or_default()).into_response()
+}
+
+/// Who one is.
+#[derive(Debug, Serialize, ToSchema)]
+struct Me {
+    /// The token's name.
+    name: Option<String>,
+    /// What one may do; null: nothing, before `POST /login`.
+    role: Option<UserRole>,
+    /// Whether the station asks for tokens.
+    tokens: bool,
+}
+
+/// A token.
+#[derive(Deserialize, ToSchema)]
+struct Login {
+    token: String,
+}
+
+/// Turns a token into a cookie, for browsers.
+#[utoipa::path(post, path = "/login", tag = "access", security(()), request_body = Login,
+    responses((status = 200, body = Me, headers(("Set-Cookie" = String, description = "the session")))))]
+async fn log_in(
+    State(station): State<Shared>,
+    Extension(Peer(peer)): Extension<Peer>,
+    Json(login): Json<Login>,
+) -> Result<Response, Problem> {
+    let who = station.gate.who_has(&login.token, peer.ip())?;
+    let me = Answer(Me { name: who.name.clone(), role: Some(who.role), tokens: station.gate.asks_for_tokens() });
+    if !station.gate.asks_for_tokens() {
+        return Ok(me.into_response());
+    }
+    log::info!(target: "audit", "{} {} logs in", peer.ip(), who.name.as_deref().unwrap_or_default());
+    Ok(([(header::SET_COOKIE, station.gate.log_in(who)?)], me).into_response())
+}
+
+/// Ends the session of the cookie.
+#[utoipa::path(post, path = "/logout", tag = "access", security(()),
+    responses((status = 204, description = "the session has ended")))]
+async fn log_out(State(station): State<Shared>, headers: HeaderMap) -> Response {
+    (StatusCode::NO_CONTENT, [(header::SET_COOKIE, station.gate.log_out(&headers))]).into_response()
+}
+
+/// Who one is, and whether tokens are asked for.
+#[utoipa::path(get, path = "/api/v1/me", tag = "access", security((), ("token" = ["view"])),
+    responses((status = 200, body = Me)))]
+async fn me(State(station): State<Shared>, who: Option<Extension<Who>>) -> Answer<Me> {
+    let (name, role) = who.map(|Extension(who)| (who.name, who.role)).unzip();
+    Answer(Me { name: name.flatten(), role, tokens: station.gate.asks_for_tokens() })
+}

@@ -1,0 +1,233 @@
+//! HTTP: REST, live updates, the page.
+//!
+//! | route | what |
+//! |---|---|
+//! | `GET /` | the page |
+//! | `GET /openapi.json`, `/healthz`, `/metrics` | description, health (200 or 503), Prometheus |
+//! | `GET /scenarios`, `GET /blueprints/{scenario}` | sites (`Site`), the picture of a site's plan |
+//! | `GET`, `POST /campaigns`; `GET`, `DELETE /campaigns/{name}`; `GET /campaigns/{name}/points`, `…/points/{id}`; `GET`, `POST …/points/{id}/samples` | surveys |
+//! | `POST /rtls`, `POST /rtls/{scenario}` | a terminal's RSSI values to its position and room |
+//! | `GET /api/v1/tags?site=`, `GET /api/v1/tags/{tag}/positions?site=&from=&to=&limit=` | tags with their last position; history, newest first |
+//! | `GET /api/v1/positions?site=&from=&to=&step_s=&limit=` | all tags of a site, oldest first, at most one a tag and step |
+//! | `GET /api/v1/nodes?site=`, `GET /api/v1/rooms?site=`, `GET /api/v1/events?site=&from=&to=&kind=&before=&limit=` | health of anchors and beacons; rooms and zones with who is in them; events, newest first |
+//! | `PUT`, `DELETE /api/v1/rooms/{site}/{name}` | draws, deletes a room or a zone (`Zone`) |
+//! | `PUT /api/v1/sites/{site}/walls` | replaces the walls (a list of pairs of points) |
+//! | `PUT /api/v1/sites/{site}/plan?origin_x_m=&origin_y_m=&metres_per_pixel=&rotation_rad=` | the body is the picture |
+//! | `PUT /api/v1/sites/{site}/plan/scale` | JSON: `origin_m`, `metres_per_pixel`, `rotation_rad` |
+//! | `GET /api/v1/live?site=` | WebSocket: one `TagPosition` a message |
+//! | `GET /api/v1/updates?site=` | server-sent events `position`, `event`, `changed`, `missed` |
+//! | `POST /login`, `POST /logout`, `GET /api/v1/me` | a token becomes a cookie; who one is: role, and whether tokens are asked for |
+
+//!
+//! A request passes through these, from outside to inside: `serve` (connections), the layers of `router` (problem
+//! documents, headers, compression, `admit`: who may), `extract` (its values are checked), the handler in the file of
+//! its subject, `answer`.
+
+pub mod access;
+mod answer;
+mod campaigns;
+mod events;
+mod extract;
+mod health;
+mod io;
+pub mod limits;
+mod live;
+mod metrics;
+mod nodes;
+mod openapi;
+mod page;
+mod problem;
+mod rtls;
+mod serve;
+mod sites;
+mod tags;
+mod zones;
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use axum::extract::{DefaultBodyLimit, MatchedPath, Request, State};
+use axum::http::{HeaderValue, Method, StatusCode, header};
+use axum::middleware::{self, Next};
+use axum::response::{IntoResponse, Response};
+use tokio::sync::watch;
+use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::compression::CompressionLayer;
+use utoipa_axum::router::OpenApiRouter;
+
+pub use access::{Access, Token, UserRole};
+pub use limits::Limits;
+pub use openapi::openapi;
+pub use page::Page;
+pub use serve::serve;
+
+use access::{Gate, Need, Peer};
+use limits::Connections;
+use metrics::Counts;
+use problem::Problem;
+
+use crate::{Hub, Store};
+
+/// The greatest body of a request, bytes, but for pictures.
+const BODY: usize = 256_000;
+
+/// What the routes need.
+#[derive(Clone, Debug)]
+pub struct App {
+    /// Live state and updates.
+    pub hub: Hub,
+    /// History and configuration.
+    pub store: Store,
+    /// Who may use the station.
+    pub access: Access,
+    /// Clients reach the station by TLS (of a proxy, for example): cookies are marked so.
+    pub tls: bool,
+    /// What one client may use.
+    pub limits: Limits,
+    /// The files of the page.
+    pub page: Page,
+}
+
+impl App {
+    /// For loopback: without tokens, with the page that is part of the program.
+    pub fn new(hub: Hub, store: Store) -> Self {
+        Self { hub, store, access: Access::Open, tls: false, limits: Limits::default(), page: Page::built() }
+    }
+}
+
+/// What the handlers share.
+#[derive(Debug)]
+struct Station {
+    app: App,
+    gate: Gate,
+    /// What each route asks for, by method and path.
+    needs: HashMap<(Method, String), Need>,
+    connections: Connections,
+    counts: Counts,
+    /// True when the station stops.
+    stop: watch::Sender<bool>,
+    /// Held while the configuration is changed: what is checked first is still true then.
+    configuring: tokio::sync::Mutex<()>,
+}
+
+type Shared = Arc<Station>;
+
+impl Station {
+    fn new(app: App) -> Self {
+        Self {
+            gate: Gate::new(app.access.clone(), app.tls, &app.limits),
+            needs: openapi::needs(),
+            connections: Connections::new(&app.limits),
+            counts: Counts::default(),
+            stop: watch::Sender::new(false),
+            configuring: tokio::sync::Mutex::default(),
+            app,
+        }
+    }
+
+    /// Changes the configuration: one change at a time, and to its end even if the client is gone.
+    async fn configure<T, F>(self: &Arc<Self>, change: impl FnOnce(Shared) -> F) -> Result<T, Problem>
+    where
+        T: Send + 'static,
+        F: Future<Output = Result<T, Problem>> + Send + 'static,
+    {
+        let (station, change) = (self.clone(), change(self.clone()));
+        let changed = tokio::spawn(async move {
+            let _one = station.configuring.lock().await;
+            change.await
+        });
+        changed.await.unwrap_or_else(|panic| std::panic::resume_unwind(panic.into_panic()))
+    }
+}
+
+/// Waits until the station stops.
+async fn stopped(stop: &mut watch::Receiver<bool>) {
+    // An error: the station is gone, which is the same.
+    let _ = stop.wait_for(|stop| *stop).await;
+}
+
+/// The routes with their descriptions.
+fn routes() -> OpenApiRouter<Shared> {
+    [
+        page::routes(),
+        openapi::routes(),
+        health::routes(),
+        metrics::routes(),
+        sites::routes(),
+        campaigns::routes(),
+        rtls::routes(),
+        tags::routes(),
+        nodes::routes(),
+        zones::routes(),
+        events::routes(),
+        live::routes(),
+    ]
+    .into_iter()
+    .fold(OpenApiRouter::new(), OpenApiRouter::merge)
+}
+
+/// All routes.
+fn router(station: Shared) -> axum::Router {
+    let (router, _) = routes().split_for_parts();
+    router
+        .fallback(page::file)
+        .layer(CatchPanicLayer::custom(problem::panicked))
+        .layer(DefaultBodyLimit::max(BODY))
+        .layer(middleware::from_fn_with_state(station.clone(), admit))
+        .layer(CompressionLayer::new().gzip(true))
+        .layer(middleware::map_response(problem::complete))
+        .layer(middleware::map_response_with_state(station.clone(), finish))
+        .with_state(station)
+}
+
+/// Lets a request through to its handler, or refuses it; tells the audit log of changes.
+async fn admit(State(station): State<Shared>, mut request: Request, next: Next) -> Result<Response, Problem> {
+    let peer = request.extensions().get::<Peer>().copied();
+    let client = peer.map_or(std::net::Ipv4Addr::UNSPECIFIED.into(), |Peer(peer)| peer.ip());
+    let (method, uri) = (request.method().clone(), request.uri().clone());
+    station.gate.check_origin(&method, &uri, request.headers())?;
+    let path = request.extensions().get::<MatchedPath>().map(|path| path.as_str().to_owned());
+    let is_position = path.as_deref().is_some_and(|path| path.starts_with("/rtls"));
+    let known = if method == Method::HEAD { Method::GET } else { method.clone() };
+    // Without a path: a file of the page. Without a need: a method that the path does not have.
+    let need = path.and_then(|path| station.needs.get(&(known, path)).copied()).unwrap_or(Need::Nothing);
+    let who = match need {
+        Need::Nothing => None,
+        Need::Known | Need::Role(_) => station.gate.who(request.headers(), client)?,
+    };
+    if let Need::Role(least) = need {
+        let role = who.as_ref().map(|who| who.role);
+        let role = role.ok_or_else(|| Problem::new(StatusCode::UNAUTHORIZED, "a token is needed"))?;
+        if role < least {
+            return Err(Problem::new(StatusCode::FORBIDDEN, "the token's role does not allow this"));
+        }
+    }
+    if !method.is_safe() {
+        station.gate.check_rate(client)?;
+    }
+    let name = who.as_ref().map(|who| who.name.clone().unwrap_or_else(|| "anyone".to_owned()));
+    if let Some(who) = who {
+        request.extensions_mut().insert(who);
+    }
+    let limit = station.app.limits.request;
+    let late =
+        |_| Problem::new(StatusCode::REQUEST_TIMEOUT, format!("the request took more than {} s", limit.as_secs()));
+    let response = tokio::time::timeout(limit, next.run(request)).await.map_err(late)?;
+    // The path is still encoded: it has no line breaks.
+    if let (false, false, Some(name)) = (method.is_safe(), is_position, name) {
+        log::info!(target: "audit", "{client} {name:?} {method} {} {}", uri.path(), response.status().as_u16());
+    }
+    Ok(response)
+}
+
+/// Counts an answer, and gives it the headers that all have.
+async fn finish(State(station): State<Shared>, mut response: Response) -> Response {
+    station.counts.answer(response.status());
+    let headers = response.headers_mut();
+    headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    headers.insert(header::REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
+    let none = HeaderValue::from_static("default-src 'none'; frame-ancestors 'none'");
+    headers.entry(header::CONTENT_SECURITY_POLICY).or_insert(none);
+    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("private, no-cache"));
+    response.into_response()
+}

@@ -1,0 +1,93 @@
+//! Connections to requests, until the station stops.
+
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::{Extension, Router};
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::task::JoinSet;
+
+use super::access::{Access, Peer};
+use super::io::Impatient;
+use super::limits::Connection;
+use super::{App, Station, router, stopped};
+
+/// Requests that run when the station stops have this time to end.
+const END: Duration = Duration::from_secs(10);
+/// The greatest head of a request, bytes.
+const HEAD: usize = 32 * 1024;
+
+/// Serves the API until `stop` is done, and then until the requests that run are answered. Listeners at WebSockets and
+/// event streams are told to go.
+///
+/// # Errors
+/// [`io::ErrorKind::InvalidInput`]: [`Access::Open`] at an address that is not a loopback one.
+pub async fn serve(listener: TcpListener, app: App, stop: impl Future) -> io::Result<()> {
+    let address = listener.local_addr()?;
+    if app.access == Access::Open && !address.ip().to_canonical().is_loopback() {
+        let detail = format!("{address} can be reached from other hosts: tokens are needed, or a loopback address");
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, detail));
+    }
+    let station = Arc::new(Station::new(app));
+    let router = router(station.clone());
+    let mut running = JoinSet::new();
+    tokio::pin!(stop);
+    loop {
+        let accepted = tokio::select! {
+            _ = &mut stop => break,
+            Some(_) = running.join_next() => continue,
+            accepted = listener.accept() => accepted,
+        };
+        match accepted {
+            Ok((stream, peer)) => match station.connections.open(peer.ip()) {
+                Some(connection) => {
+                    running.spawn(talk(station.clone(), router.clone(), stream, peer, connection));
+                }
+                None => log::warn!("{peer}: too many connections"),
+            },
+            // Of one connection, or there are no more files: those that end make room.
+            Err(error) => {
+                log::warn!("a connection cannot be accepted: {error}");
+                tokio::time::sleep(Duration::from_millis(100)).await;
+            }
+        }
+    }
+    drop(listener);
+    station.stop.send_replace(true);
+    if tokio::time::timeout(END, station.connections.closed()).await.is_err() {
+        log::warn!("{} connections are cut", station.connections.open_now());
+    }
+    Ok(())
+}
+
+async fn talk(station: Arc<Station>, router: Router, stream: TcpStream, peer: SocketAddr, connection: Connection) {
+    // Positions are small and shall arrive at once.
+    if let Err(error) = stream.set_nodelay(true) {
+        log::debug!("{peer}: {error}");
+    }
+    let limits = &station.app.limits;
+    let stream = TokioIo::new(Impatient::new(stream, limits.write));
+    let router = router.layer(Extension(Peer(peer))).layer(Extension(connection));
+    let talk = hyper::server::conn::http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(limits.head)
+        .max_buf_size(HEAD)
+        .serve_connection(stream, TowerToHyperService::new(router))
+        .with_upgrades();
+    tokio::pin!(talk);
+    let mut stop = station.stop.subscribe();
+    let ended = tokio::select! {
+        ended = talk.as_mut() => ended,
+        () = stopped(&mut stop) => {
+            talk.as_mut().graceful_shutdown();
+            talk.await
+        }
+    };
+    if let Err(error) = ended {
+        log::debug!("{peer}: {error}");
+    }
+}

@@ -1,0 +1,292 @@
+//! The hub: one task that takes reports, and everything that must see them.
+//!
+//! Input: [`Report`]s by a channel. They are applied to the [`Live`] state; its updates go to the listeners at once and
+//! into a queue for the store. A second task writes the queue's rows in batches, a third one compacts the store and
+//! deletes what is old. So nothing that the store does holds up a report: while it fails, rows wait in the queue, which
+//! is bounded.
+
+mod writer;
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, PoisonError, RwLock};
+use std::time::Duration;
+
+use serde::Serialize;
+use tokio::sync::{broadcast, mpsc, watch};
+use tokio::task::JoinHandle;
+use tokio::time::{Instant, MissedTickBehavior, interval, interval_at};
+use utoipa::ToSchema;
+
+use self::writer::Queue;
+use crate::model::{Event, TagPosition};
+use crate::store::{self, Retention, Store};
+use crate::{Live, Report, Update, Utc};
+
+/// Reports that wait for the hub. A source that is faster waits.
+const REPORTS: usize = 4096;
+/// Reports that are applied together, while readers of the state wait.
+const TOGETHER: usize = 256;
+/// Updates that a listener may be behind. A slower one misses some, and is told how many.
+const UPDATES: usize = 4096;
+/// How often the state learns the time.
+const TICK: Duration = Duration::from_secs(1);
+/// How often minutes that are over are compacted.
+const COMPACT_EVERY: Duration = Duration::from_secs(60);
+/// The number of these after which old rows are thinned and deleted.
+const RETAIN_EVERY: u64 = 60;
+
+/// How long rows wait for others before they are written together.
+pub const WRITE_EVERY: Duration = Duration::from_millis(500);
+
+/// Where the hub writes to.
+pub trait Sink: Clone + Send + Sync + 'static {
+    /// Writes positions and events together.
+    fn write(&self, positions: &[TagPosition], events: &[Event]) -> impl Future<Output = store::Result<()>> + Send;
+
+    /// The greatest id of an event.
+    fn last_event(&self) -> impl Future<Output = store::Result<i64>> + Send;
+
+    /// Brings what was written until `now` into the order in which it is read.
+    fn compact(&self, now: Utc) -> impl Future<Output = store::Result<()>> + Send;
+
+    /// Thins and deletes what is old.
+    fn retain(&self, retention: Retention, now: Utc) -> impl Future<Output = store::Result<()>> + Send;
+}
+
+impl Sink for Store {
+    async fn write(&self, positions: &[TagPosition], events: &[Event]) -> store::Result<()> {
+        Store::write(self, positions, events).await
+    }
+
+    async fn last_event(&self) -> store::Result<i64> {
+        Store::last_event(self).await
+    }
+
+    async fn compact(&self, now: Utc) -> store::Result<()> {
+        Store::compact(self, now).await
+    }
+
+    async fn retain(&self, retention: Retention, now: Utc) -> store::Result<()> {
+        Store::retain(self, retention, now).await
+    }
+}
+
+/// What the hub has done since its start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, ToSchema)]
+pub struct Counts {
+    /// Reports that were taken.
+    pub reports: u64,
+    /// Reports of these that were refused: their numbers cannot be measurements, or there are too many tags or nodes.
+    pub refused: u64,
+    /// Positions among the updates.
+    pub positions: u64,
+    /// Events among the updates.
+    pub events: u64,
+    /// Rows that the store has.
+    pub rows_written: u64,
+    /// Rows that wait for the store now.
+    pub backlog: u64,
+    /// Rows that were lost because the store failed for too long.
+    pub dropped: u64,
+    /// Operations of the store that failed.
+    pub store_failures: u64,
+    /// Updates that slow listeners have missed.
+    pub missed: u64,
+}
+
+/// The counters behind [`Counts`].
+#[derive(Debug, Default)]
+struct Counters {
+    reports: AtomicU64,
+    positions: AtomicU64,
+    events: AtomicU64,
+    rows_written: AtomicU64,
+    store_failures: AtomicU64,
+    missed: AtomicU64,
+}
+
+fn add(counter: &AtomicU64, count: usize) {
+    counter.fetch_add(u64::try_from(count).unwrap_or(u64::MAX), Ordering::Relaxed);
+}
+
+/// The way into the station, for sources, and the way out, for listeners.
+#[derive(Clone, Debug)]
+pub struct Hub {
+    reports: mpsc::Sender<Report>,
+    updates: broadcast::Sender<Update>,
+    live: Arc<RwLock<Live>>,
+    queue: Arc<Queue>,
+    counters: Arc<Counters>,
+    stop: watch::Sender<bool>,
+}
+
+impl Hub {
+    /// Starts the hub's tasks on the current runtime. Numbers of events go on after those of the store. The task that is
+    /// returned ends, with everything written, when `stop` is called, or when the hub and all senders of reports are
+    /// dropped.
+    ///
+    /// # Errors
+    /// The store does not answer.
+    pub async fn start(
+        mut live: Live,
+        store: impl Sink,
+        retention: Retention,
+    ) -> store::Result<(Self, JoinHandle<()>)> {
+        live.continue_events(store.last_event().await?);
+        let (reports, receiver) = mpsc::channel(REPORTS);
+        let (updates, _) = broadcast::channel(UPDATES);
+        let (stop, stopped) = watch::channel(false);
+        let (live, queue, counters) = (Arc::new(RwLock::new(live)), Arc::new(Queue::default()), Arc::default());
+        let applier = Applier {
+            updates: updates.clone(),
+            live: Arc::clone(&live),
+            queue: Arc::clone(&queue),
+            counters: Arc::clone(&counters),
+        };
+        let hub = Self { reports, updates, live, queue, counters, stop };
+        Ok((hub, tokio::spawn(applier.run(receiver, stopped, store, retention))))
+    }
+
+    /// Where sources send their reports.
+    pub fn reports(&self) -> mpsc::Sender<Report> {
+        self.reports.clone()
+    }
+
+    /// Updates from now on.
+    pub fn listen(&self) -> broadcast::Receiver<Update> {
+        self.updates.subscribe()
+    }
+
+    /// Counts updates that a listener has missed, as its receiver says.
+    pub fn note_missed(&self, updates: u64) {
+        self.counters.missed.fetch_add(updates, Ordering::Relaxed);
+    }
+
+    /// Reads the current state.
+    pub fn read<T>(&self, read: impl FnOnce(&Live) -> T) -> T {
+        read(&self.live.read().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Changes the current state, where a person has configured something.
+    pub fn change<T>(&self, change: impl FnOnce(&mut Live) -> T) -> T {
+        change(&mut self.live.write().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// What was done since the start.
+    pub fn counts(&self) -> Counts {
+        let counters = &self.counters;
+        let [reports, positions, events, rows_written, store_failures, missed] = [
+            &counters.reports,
+            &counters.positions,
+            &counters.events,
+            &counters.rows_written,
+            &counters.store_failures,
+            &counters.missed,
+        ]
+        .map(|counter| counter.load(Ordering::Relaxed));
+        let refused = self.read(Live::refused);
+        let (backlog, dropped) = self.queue.backlog_and_dropped();
+        Counts { reports, refused, positions, events, rows_written, backlog, dropped, store_failures, missed }
+    }
+
+    /// Ends the hub: it takes no more reports, and applies and writes those that it has.
+    pub fn stop(&self) {
+        self.stop.send_replace(true);
+    }
+}
+
+/// The hub's task.
+struct Applier {
+    updates: broadcast::Sender<Update>,
+    live: Arc<RwLock<Live>>,
+    queue: Arc<Queue>,
+    counters: Arc<Counters>,
+}
+
+impl Applier {
+    async fn run(
+        self,
+        mut reports: mpsc::Receiver<Report>,
+        mut stopped: watch::Receiver<bool>,
+        store: impl Sink,
+        retention: Retention,
+    ) {
+        let (end, ended) = watch::channel(false);
+        let counters = Arc::clone(&self.counters);
+        let maintenance = tokio::spawn(maintain(store.clone(), retention, Arc::clone(&counters), ended.clone()));
+        let writer = tokio::spawn(writer::write(store, Arc::clone(&self.queue), counters, ended));
+        let mut ticks = interval(TICK);
+        ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut batch = Vec::with_capacity(TOGETHER);
+        let mut can_stop = true;
+        loop {
+            tokio::select! {
+                stop = stopped.wait_for(|stop| *stop), if can_stop => {
+                    // Without hubs, senders of reports may be left.
+                    if stop.is_ok() {
+                        reports.close();
+                    }
+                    can_stop = false;
+                }
+                _ = ticks.tick() => self.publish(|live, updates| updates.extend(live.tick(Utc::now()))),
+                count = reports.recv_many(&mut batch, TOGETHER) => {
+                    if count == 0 {
+                        break;
+                    }
+                    add(&self.counters.reports, count);
+                    self.publish(|live, updates| updates.extend(batch.drain(..).flat_map(|report| live.apply(&report))));
+                }
+            }
+        }
+        end.send_replace(true);
+        for task in [maintenance, writer] {
+            if let Err(error) = task.await {
+                log::error!("a task of the hub ended: {error}");
+            }
+        }
+    }
+
+    /// Changes the state, and passes its updates on to the listeners and the store.
+    fn publish(&self, change: impl FnOnce(&mut Live, &mut Vec<Update>)) {
+        let mut updates = Vec::new();
+        change(&mut self.live.write().unwrap_or_else(PoisonError::into_inner), &mut updates);
+        let (positions, events) = self.queue.push(&updates);
+        add(&self.counters.positions, positions);
+        add(&self.counters.events, events);
+        for update in updates {
+            // An error: nobody listens.
+            let _ = self.updates.send(update);
+        }
+    }
+}
+
+/// Compacts the store, and thins and deletes what is old, until the end.
+async fn maintain(store: impl Sink, retention: Retention, counters: Arc<Counters>, mut ended: watch::Receiver<bool>) {
+    let mut minutes = interval_at(Instant::now() + COMPACT_EVERY, COMPACT_EVERY);
+    minutes.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut is_failing = false;
+    let work = async {
+        for minute in 0_u64.. {
+            minutes.tick().await;
+            let mut done = store.compact(Utc::now()).await;
+            if minute % RETAIN_EVERY == 0 && done.is_ok() {
+                done = store.retain(retention, Utc::now()).await;
+            }
+            if let Err(error) = &done {
+                add(&counters.store_failures, 1);
+                if !is_failing {
+                    log::error!("the store cannot be tidied, and is tried each minute: {error}");
+                }
+            }
+            is_failing = done.is_err();
+        }
+    };
+    // What the end interrupts is done after the next start.
+    tokio::select! {
+        () = work => {}
+        _ = ended.wait_for(|ended| *ended) => {}
+    }
+}
+
+#[cfg(test)]
+mod tests;

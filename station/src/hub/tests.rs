@@ -1,0 +1,336 @@
+//! The hub, with a store in memory that can fail.
+
+use std::sync::Mutex;
+
+use tokio::sync::broadcast::error::RecvError;
+
+use super::*;
+use crate::live::Limits;
+use crate::model::{EventKind, Zone, ZoneKind};
+use crate::report::What;
+use crate::store::StoreError;
+
+const SITE: &str = "hall";
+const FOREVER: Retention = Retention { thin_after: None, delete_after: None };
+
+/// A store in memory.
+#[derive(Clone, Debug, Default)]
+struct Memory(Arc<Mutex<Content>>);
+
+#[derive(Debug, Default)]
+struct Content {
+    /// Rows of each write that succeeded.
+    writes: Vec<usize>,
+    positions: Vec<TagPosition>,
+    events: Vec<Event>,
+    last_event: i64,
+    tries: usize,
+    is_failing: bool,
+    is_stuck: bool,
+    compacted: usize,
+    retained: usize,
+}
+
+impl Memory {
+    fn content<T>(&self, with: impl FnOnce(&mut Content) -> T) -> T {
+        with(&mut self.0.lock().expect("no test has panicked"))
+    }
+}
+
+fn broken() -> StoreError {
+    StoreError::Missing("disk".to_owned())
+}
+
+impl Sink for Memory {
+    async fn write(&self, positions: &[TagPosition], events: &[Event]) -> store::Result<()> {
+        if self.content(|content| content.is_stuck) {
+            std::future::pending::<()>().await;
+        }
+        self.content(|content| {
+            content.tries += 1;
+            if content.is_failing {
+                return Err(broken());
+            }
+            content.writes.push(positions.len() + events.len());
+            content.positions.extend_from_slice(positions);
+            content.events.extend_from_slice(events);
+            Ok(())
+        })
+    }
+
+    async fn last_event(&self) -> store::Result<i64> {
+        self.content(|content| if content.is_failing { Err(broken()) } else { Ok(content.last_event) })
+    }
+
+    async fn compact(&self, _: Utc) -> store::Result<()> {
+        self.content(|content| {
+            content.compacted += 1;
+            if content.is_failing { Err(broken()) } else { Ok(()) }
+        })
+    }
+
+    async fn retain(&self, retention: Retention, _: Utc) -> store::Result<()> {
+        assert_eq!(retention, FOREVER);
+        self.content(|content| content.retained += 1);
+        Ok(())
+    }
+}
+
+fn report(tag: &str, x_m: f64) -> Report {
+    let what = What::Position {
+        tag: tag.to_owned(),
+        position_m: [x_m, 1.0],
+        z_m: None,
+        sigma_m: [0.1; 2],
+        sigma_z_m: None,
+        cov_xy_m2: 0.0,
+        used: 4,
+    };
+    Report { t: Utc::now(), site: SITE.to_owned(), what }
+}
+
+fn kitchen() -> Zone {
+    Zone {
+        site: SITE.to_owned(),
+        name: "kitchen".to_owned(),
+        kind: ZoneKind::Room,
+        corners_m: vec![[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]],
+        alarm: false,
+    }
+}
+
+async fn start(store: &Memory) -> (Hub, JoinHandle<()>) {
+    Hub::start(Live::new(Limits::default()), store.clone(), FOREVER).await.expect("the store answers")
+}
+
+async fn next_position(listener: &mut broadcast::Receiver<Update>) -> f64 {
+    loop {
+        if let Update::Position(position) = listener.recv().await.expect("the hub runs") {
+            return position.x_m;
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_position_reaches_listeners_at_once_and_the_store_within_half_a_second() {
+    let store = Memory::default();
+    let (hub, _task) = start(&store).await;
+    let mut listener = hub.listen();
+    let begin = Instant::now();
+    hub.reports().send(report("0x1001", 2.5)).await.expect("the hub runs");
+    assert_eq!(next_position(&mut listener).await, 2.5);
+    assert_eq!(begin.elapsed(), Duration::ZERO);
+    assert_eq!(hub.read(Live::tags)[0].tag, "0x1001");
+    tokio::time::sleep(WRITE_EVERY + Duration::from_millis(1)).await;
+    assert_eq!(store.content(|content| content.positions[0].x_m), 2.5);
+    let counts = hub.counts();
+    assert_eq!((counts.reports, counts.positions, counts.rows_written, counts.backlog), (1, 1, 1, 0));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_full_batch_is_written_without_waiting() {
+    let store = Memory::default();
+    let (hub, _task) = start(&store).await;
+    let begin = Instant::now();
+    for k in 0..=writer::BATCH {
+        hub.reports().send(report("0x1001", k as f64)).await.expect("the hub runs");
+    }
+    while store.content(|content| content.writes.is_empty()) {
+        tokio::task::yield_now().await;
+    }
+    assert_eq!(begin.elapsed(), Duration::ZERO);
+    assert_eq!(store.content(|content| content.writes.clone()), [writer::BATCH]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_applies_and_writes_everything_that_was_sent() {
+    let store = Memory::default();
+    let (hub, task) = start(&store).await;
+    let reports = hub.reports();
+    for k in 0..1000 {
+        reports.send(report("0x1001", f64::from(k))).await.expect("the hub runs");
+    }
+    hub.stop();
+    task.await.expect("no panic");
+    let written: Vec<f64> = store.content(|content| content.positions.iter().map(|row| row.x_m).collect());
+    assert_eq!(written, (0..1000).map(f64::from).collect::<Vec<_>>());
+    assert!(reports.send(report("0x1001", 0.0)).await.is_err(), "it takes no more");
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_hub_ends_when_nobody_can_send_any_more() {
+    let store = Memory::default();
+    let (hub, task) = start(&store).await;
+    let reports = hub.reports();
+    drop(hub);
+    reports.send(report("0x1001", 7.0)).await.expect("a sender is left");
+    drop(reports);
+    task.await.expect("no panic");
+    assert_eq!(store.content(|content| content.positions.len()), 1);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_store_that_fails_is_tried_again_ever_less_often_and_loses_nothing() {
+    let store = Memory::default();
+    let (hub, task) = start(&store).await;
+    store.content(|content| content.is_failing = true);
+    for k in 0..100 {
+        hub.reports().send(report("0x1001", f64::from(k))).await.expect("the hub runs");
+    }
+    // Tries at 0.5 s, and then after 0.25, 0.5, 1, 2 and 4 s: six until 8.25 s; the next one is 8 s later.
+    tokio::time::sleep(Duration::from_secs(10)).await;
+    assert_eq!(store.content(|content| content.tries), 6);
+    let counts = hub.counts();
+    assert_eq!((counts.backlog, counts.rows_written, counts.store_failures, counts.dropped), (100, 0, 6, 0));
+    // Positions still reach the listeners.
+    let mut listener = hub.listen();
+    hub.reports().send(report("0x1001", 100.0)).await.expect("the hub runs");
+    assert_eq!(next_position(&mut listener).await, 100.0);
+    store.content(|content| content.is_failing = false);
+    tokio::time::sleep(Duration::from_secs(10)).await;
+    assert_eq!((hub.counts().rows_written, hub.counts().backlog), (101, 0));
+    hub.stop();
+    task.await.expect("no panic");
+    let written: Vec<f64> = store.content(|content| content.positions.iter().map(|row| row.x_m).collect());
+    assert_eq!(written, (0..=100).map(f64::from).collect::<Vec<_>>());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_does_not_wait_for_ever_for_a_store_that_fails() {
+    let store = Memory::default();
+    let (hub, task) = start(&store).await;
+    store.content(|content| content.is_failing = true);
+    hub.reports().send(report("0x1001", 1.0)).await.expect("the hub runs");
+    tokio::time::sleep(Duration::from_secs(5)).await;
+    let begin = Instant::now();
+    hub.stop();
+    task.await.expect("no panic");
+    assert!((writer::LAST_TRIES..2 * writer::LAST_TRIES).contains(&begin.elapsed()), "{:?}", begin.elapsed());
+    assert_eq!((hub.counts().dropped, hub.counts().backlog), (1, 0), "what is lost is counted");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_store_that_hangs_holds_up_no_report() {
+    let store = Memory::default();
+    let (hub, _task) = start(&store).await;
+    store.content(|content| content.is_stuck = true);
+    let mut listener = hub.listen();
+    for k in 0..20_000 {
+        hub.reports().send(report("0x1001", f64::from(k))).await.expect("the hub runs");
+        if k % 1000 == 0 {
+            while next_position(&mut listener).await < f64::from(k) {}
+        }
+    }
+    while hub.counts().positions < 20_000 {
+        tokio::task::yield_now().await;
+    }
+    assert_eq!(hub.counts().backlog, 20_000);
+}
+
+#[test]
+fn a_full_queue_drops_the_oldest_positions_and_keeps_events() {
+    let queue = Queue::new(3);
+    let mut live = Live::new(Limits::default());
+    let position = |live: &mut Live, x_m| live.apply(&report("0x1001", x_m));
+    let event = Event {
+        id: 1,
+        t: Utc::now(),
+        site: SITE.to_owned(),
+        kind: EventKind::Silent,
+        node: "0x1001".to_owned(),
+        zone: None,
+        dwell_s: None,
+        alarm: true,
+    };
+    assert_eq!(queue.push(&[Update::Event(event.clone()), Update::Changed]), (0, 1));
+    for x_m in [1.0, 2.0, 3.0, 4.0] {
+        assert_eq!(queue.push(&position(&mut live, x_m)), (1, 0));
+    }
+    assert_eq!(queue.backlog_and_dropped(), (3, 2));
+    // Without positions, the oldest events go.
+    let events: Vec<Update> = (2..=5).map(|id| Update::Event(Event { id, ..event.clone() })).collect();
+    queue.push(&events);
+    assert_eq!(queue.backlog_and_dropped(), (3, 6));
+}
+
+#[tokio::test(start_paused = true)]
+async fn numbers_of_events_go_on_after_those_of_the_store() {
+    let store = Memory::default();
+    store.content(|content| content.last_event = 41);
+    let mut live = Live::new(Limits::default());
+    live.set_zones(vec![kitchen()]);
+    let (hub, task) = Hub::start(live, store.clone(), FOREVER).await.expect("the store answers");
+    hub.reports().send(report("0x1001", 2.0)).await.expect("the hub runs");
+    hub.stop();
+    task.await.expect("no panic");
+    let events = store.content(|content| content.events.clone());
+    assert_eq!(events.iter().map(|event| (event.id, event.kind)).collect::<Vec<_>>(), [(42, EventKind::Entered)]);
+    assert_eq!(store.content(|content| content.positions[0].room.clone()).as_deref(), Some("kitchen"));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_store_that_does_not_answer_at_the_start_is_an_error() {
+    let store = Memory::default();
+    store.content(|content| content.is_failing = true);
+    let started = Hub::start(Live::new(Limits::default()), store, FOREVER).await;
+    assert!(matches!(started, Err(StoreError::Missing(_))));
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_store_is_compacted_each_minute_and_cleared_each_hour() {
+    let store = Memory::default();
+    let (hub, task) = start(&store).await;
+    // Minutes 1 to 61; what is old goes with the first of them and with the 61st.
+    tokio::time::sleep(Duration::from_secs(61 * 60 + 1)).await;
+    assert_eq!(store.content(|content| (content.compacted, content.retained)), (61, 2));
+    // A failure ends nothing.
+    store.content(|content| content.is_failing = true);
+    tokio::time::sleep(Duration::from_secs(60)).await;
+    store.content(|content| content.is_failing = false);
+    tokio::time::sleep(Duration::from_secs(60)).await;
+    assert_eq!(store.content(|content| content.compacted), 63);
+    assert_eq!(hub.counts().store_failures, 1);
+    hub.stop();
+    task.await.expect("no panic");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_slow_listener_misses_updates_and_is_told_how_many() {
+    let store = Memory::default();
+    let (hub, task) = start(&store).await;
+    let mut listener = hub.listen();
+    for k in 0..10_000 {
+        hub.reports().send(report("0x1001", f64::from(k))).await.expect("the hub runs");
+    }
+    hub.stop();
+    task.await.expect("no panic");
+    let Err(RecvError::Lagged(missed)) = listener.recv().await else { panic!("10,000 are more than are kept") };
+    hub.note_missed(missed);
+    assert_eq!(hub.counts().missed, missed);
+    let mut left = 0;
+    while let Ok(_update) = listener.try_recv() {
+        left += 1;
+    }
+    assert!(missed + left >= 10_000 && left <= UPDATES as u64, "{missed} {left}");
+}
+
+#[tokio::test]
+async fn positions_and_events_of_a_run_are_in_the_store_and_the_next_run_goes_on() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("baliza.db");
+    for (run, x_m) in [(1, 2.0), (2, 3.0)] {
+        let store = Store::open(file.to_str().expect("UTF-8")).await.expect("a store");
+        let mut live = Live::new(Limits::default());
+        live.set_zones(vec![kitchen()]);
+        let (hub, task) = Hub::start(live, store.clone(), FOREVER).await.expect("the store answers");
+        hub.reports().send(report("0x1001", x_m)).await.expect("the hub runs");
+        hub.stop();
+        task.await.expect("no panic");
+        let all = store::Span { from: Utc::default(), to: Utc::clamped(i64::MAX) };
+        let events = store.events(None, all, &[], None, 10).await.expect("events");
+        assert_eq!(events.iter().map(|event| event.id).collect::<Vec<_>>(), (1..=run).rev().collect::<Vec<_>>());
+        let newest = store.positions(SITE, "0x1001", all, 1).await.expect("positions").remove(0);
+        assert_eq!((newest.x_m, newest.room.as_deref()), (x_m, Some("kitchen")));
+        store.close().await;
+    }
+}

@@ -1,0 +1,210 @@
+//! The queue of rows for the store, and the task that writes them.
+//!
+//! Rows wait for half a second, or until there are enough for a batch. A batch that the store does not take is tried
+//! again, after pauses that grow. Meanwhile rows wait in the queue; beyond its bound, the oldest positions are dropped,
+//! and the oldest events where there are no positions.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::{Notify, watch};
+use tokio::time::{Instant, timeout};
+
+use super::{Counters, Sink, WRITE_EVERY, add};
+use crate::Update;
+use crate::model::{Event, TagPosition};
+
+/// Rows of a batch.
+pub(super) const BATCH: usize = 4096;
+/// Rows that wait while the store fails.
+const MOST_ROWS: usize = 1_000_000;
+/// The pause after the first failure, and the longest one.
+const PAUSES: [Duration; 2] = [Duration::from_millis(250), Duration::from_secs(30)];
+/// At the end, a store that fails is tried for this time.
+pub(super) const LAST_TRIES: Duration = Duration::from_secs(10);
+
+/// Rows for the store.
+#[derive(Debug)]
+pub(super) struct Queue {
+    rows: Mutex<Rows>,
+    /// There are enough rows for a batch.
+    is_full: Notify,
+    most: usize,
+}
+
+#[derive(Debug, Default)]
+struct Rows {
+    positions: VecDeque<TagPosition>,
+    events: VecDeque<Event>,
+    /// Taken, and not yet written.
+    taken: usize,
+    dropped: u64,
+}
+
+impl Rows {
+    fn count(&self) -> usize {
+        self.positions.len() + self.events.len()
+    }
+
+    fn drop_oldest(&mut self, most: usize) {
+        while self.count() + self.taken > most {
+            if self.positions.pop_front().is_none() && self.events.pop_front().is_none() {
+                break;
+            }
+            self.dropped += 1;
+        }
+    }
+}
+
+/// Rows that are written together.
+#[derive(Debug, Default)]
+struct Batch {
+    positions: Vec<TagPosition>,
+    events: Vec<Event>,
+}
+
+impl Default for Queue {
+    fn default() -> Self {
+        Self::new(MOST_ROWS)
+    }
+}
+
+impl Queue {
+    /// A queue for this number of rows.
+    pub(super) fn new(most: usize) -> Self {
+        Self { rows: Mutex::default(), is_full: Notify::new(), most }
+    }
+
+    fn rows(&self) -> MutexGuard<'_, Rows> {
+        self.rows.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Adds the rows among updates. Returns the numbers of positions and events.
+    pub(super) fn push(&self, updates: &[Update]) -> (usize, usize) {
+        let mut rows = self.rows();
+        let (positions, events) = (rows.positions.len(), rows.events.len());
+        for update in updates {
+            match update {
+                Update::Position(position) => rows.positions.push_back(position.clone()),
+                Update::Event(event) => rows.events.push_back(event.clone()),
+                Update::Changed => {}
+            }
+        }
+        let added = (rows.positions.len() - positions, rows.events.len() - events);
+        rows.drop_oldest(self.most);
+        if rows.count() >= BATCH {
+            self.is_full.notify_one();
+        }
+        added
+    }
+
+    /// The rows that wait, those that are being written among them, and those that were dropped.
+    pub(super) fn backlog_and_dropped(&self) -> (u64, u64) {
+        let rows = self.rows();
+        (u64::try_from(rows.count() + rows.taken).unwrap_or(u64::MAX), rows.dropped)
+    }
+
+    /// Takes the oldest rows; `None` where there are none.
+    fn take(&self) -> Option<Batch> {
+        let mut rows = self.rows();
+        let events = rows.events.len().min(BATCH);
+        let positions = rows.positions.len().min(BATCH - events);
+        rows.taken = events + positions;
+        let batch = Batch {
+            positions: rows.positions.drain(..positions).collect(),
+            events: rows.events.drain(..events).collect(),
+        };
+        (rows.taken > 0).then_some(batch)
+    }
+
+    fn written(&self) -> usize {
+        std::mem::take(&mut self.rows().taken)
+    }
+
+    /// Gives up what is left.
+    fn give_up(&self) -> u64 {
+        let mut rows = self.rows();
+        let lost = std::mem::take(&mut rows.taken) + rows.count();
+        (rows.positions, rows.events) = Default::default();
+        let lost = u64::try_from(lost).unwrap_or(u64::MAX);
+        rows.dropped += lost;
+        lost
+    }
+}
+
+/// Writes rows until the end, and then those that are left.
+pub(super) async fn write(
+    store: impl Sink,
+    queue: Arc<Queue>,
+    counters: Arc<Counters>,
+    mut ended: watch::Receiver<bool>,
+) {
+    let mut writer = Writer { store, queue, counters, is_failing: false };
+    loop {
+        let is_last = tokio::select! {
+            () = writer.queue.is_full.notified() => false,
+            () = tokio::time::sleep(WRITE_EVERY) => false,
+            _ = ended.wait_for(|ended| *ended) => true,
+        };
+        while let Some(batch) = writer.queue.take() {
+            if !writer.write(&batch, &mut ended).await {
+                let lost = writer.queue.give_up();
+                log::error!("the store fails: {lost} rows are lost");
+                return;
+            }
+            // The others wait for more.
+            if !is_last && writer.queue.backlog_and_dropped().0 < BATCH as u64 {
+                break;
+            }
+        }
+        if is_last {
+            return;
+        }
+    }
+}
+
+struct Writer<S> {
+    store: S,
+    queue: Arc<Queue>,
+    counters: Arc<Counters>,
+    is_failing: bool,
+}
+
+impl<S: Sink> Writer<S> {
+    /// Writes a batch, by many tries where necessary. Returns false where the end came and the store still failed.
+    async fn write(&mut self, batch: &Batch, ended: &mut watch::Receiver<bool>) -> bool {
+        let [mut pause, longest] = PAUSES;
+        let mut last = None;
+        loop {
+            match self.store.write(&batch.positions, &batch.events).await {
+                Ok(()) => {
+                    add(&self.counters.rows_written, self.queue.written());
+                    if std::mem::take(&mut self.is_failing) {
+                        let (backlog, dropped) = self.queue.backlog_and_dropped();
+                        log::info!("the store takes rows again: {backlog} wait, {dropped} were dropped");
+                    }
+                    return true;
+                }
+                Err(error) => {
+                    add(&self.counters.store_failures, 1);
+                    if !std::mem::replace(&mut self.is_failing, true) {
+                        log::error!("the store fails, and is tried again: {error}");
+                    }
+                }
+            }
+            // An error: the sender is gone.
+            if *ended.borrow() || ended.has_changed().is_err() {
+                let last = *last.get_or_insert_with(|| Instant::now() + LAST_TRIES);
+                if Instant::now() >= last {
+                    return false;
+                }
+                tokio::time::sleep(PAUSES[0]).await;
+            } else {
+                // At the end, there is no time for a pause.
+                let _ = timeout(pause, ended.wait_for(|ended| *ended)).await;
+                pause = (2 * pause).min(longest);
+            }
+        }
+    }
+}

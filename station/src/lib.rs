@@ -1,0 +1,31 @@
+//! The station: a store, an API and a live map of the positions of tags.
+//!
+//! | module | what is in it |
+//! |---|---|
+//! | [`model`] | what the station knows: positions, tags, nodes, zones, events, sites, campaigns |
+//! | [`live`] | the current state: the last position of each tag, the health of each node, who is in which zone |
+//! | [`store`] | SQLite or PostgreSQL |
+//! | [`hub`] | takes reports, updates the state, tells the listeners, writes to the store in batches |
+//! | [`terminal`] | a terminal's RSSI values to its position |
+//! | [`api`] | HTTP: REST, WebSocket, server-sent events, the page |
+//!
+//! Data flows one way: a source makes a [`Report`] and sends it to the [`Hub`]; the hub's task applies it to the
+//! [`Live`] state, which returns [`Update`]s; these go to the listeners at once and to the [`Store`] in batches. The API
+//! reads the live state and the store. It writes what a person configures (sites, zones, campaigns) to the store, and
+//! reloads the live state from there.
+#![forbid(unsafe_code)]
+
+pub mod api;
+pub mod hub;
+pub mod live;
+pub mod model;
+pub mod report;
+pub mod store;
+pub mod terminal;
+mod utc;
+
+pub use hub::Hub;
+pub use live::{Live, Update};
+pub use report::{Report, What};
+pub use store::Store;
+pub use utc::{NoUtc, Utc};

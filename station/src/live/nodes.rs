@@ -1,0 +1,219 @@
+//! Anchors and beacons of a site, and the anchors' health.
+//!
+//! The input is the ranges of rounds that end with a position; the output is means over some minutes (exponential
+//! forgetting, two minutes):
+//!
+//! - **Residual**: the range minus the distance between the anchor's surveyed position and the tag's position, in space.
+//!   A position without z gives none: a tag's height is needed where anchors hang above it. (A tag that was located at
+//!   a configured height has that one as z.)
+//! - **Success**: a round (one range at least, and a position) counts for an anchor that has a range in it, and for one
+//!   that is nearer to the position than the mean of its ranges. The share of the former is its success rate. So rounds
+//!   that are too far for an anchor do not count. An anchor that fails keeps its mean range, so its rate falls.
+//! - **Moved**: for two minutes, the mean residual has been greater than the limit, and greater than four times its
+//!   standard error; values of one second count as one for the latter. The anchor counts as moved until the mean is
+//!   below half of the limit, or until it is surveyed anew.
+
+use std::collections::HashMap;
+use std::time::Duration;
+
+use super::Limits;
+use super::rate::{Mean, Rate};
+use super::tags::RoundRange;
+use crate::Utc;
+use crate::model::{Node, Role};
+
+/// Residuals must be off for this time.
+const MOVED_FOR: Duration = Duration::from_secs(120);
+/// The mean of residuals must be this number of standard errors from zero.
+const STANDARD_ERRORS: f64 = 4.0;
+/// It is known from values of this number of different seconds at least.
+const LEAST_SECONDS: f64 = 30.0;
+/// The share of the limit below which an anchor is back at its place.
+const BACK_AGAIN: f64 = 0.5;
+
+/// An anchor or a beacon.
+#[derive(Debug)]
+struct NodeState {
+    node: String,
+    name: Option<String>,
+    role: Role,
+    position_m: Option<[f64; 3]>,
+    last_seen: Option<Utc>,
+    rate: Rate,
+    ranges: Mean,
+    residuals: Mean,
+    power: Mean,
+    success: Mean,
+    off_since: Option<Utc>,
+    is_moved: bool,
+}
+
+/// What a round needs of a node, side by side in memory: a round looks at all nodes of its site.
+#[derive(Clone, Copy, Debug)]
+struct Reach {
+    /// Not a number where it is unknown.
+    position_m: [f64; 3],
+    /// The mean range; 0 where there is none.
+    mean_m: f64,
+    /// The last round in which it had a range.
+    round: u64,
+}
+
+/// The nodes of a site.
+#[derive(Debug, Default)]
+pub(super) struct Nodes {
+    by_name: HashMap<String, usize>,
+    states: Vec<NodeState>,
+    reaches: Vec<Reach>,
+    rounds: u64,
+}
+
+impl Nodes {
+    pub(super) fn index(&self, node: &str) -> Option<usize> {
+        self.by_name.get(node).copied()
+    }
+
+    pub(super) fn add(&mut self, node: &str, role: Role) -> usize {
+        let index = self.states.len();
+        self.by_name.insert(node.to_owned(), index);
+        self.states.push(NodeState {
+            node: node.to_owned(),
+            name: None,
+            role,
+            position_m: None,
+            last_seen: None,
+            rate: Rate::default(),
+            ranges: Mean::default(),
+            residuals: Mean::default(),
+            power: Mean::default(),
+            success: Mean::default(),
+            off_since: None,
+            is_moved: false,
+        });
+        self.reaches.push(Reach { position_m: [f64::NAN; 3], mean_m: 0.0, round: 0 });
+        index
+    }
+
+    /// Takes what is said of a node; what is not said stays. Returns whether something is new.
+    pub(super) fn describe(
+        &mut self,
+        index: usize,
+        name: Option<&str>,
+        role: Role,
+        position_m: Option<[f64; 3]>,
+    ) -> bool {
+        let (Some(state), Some(reach)) = (self.states.get_mut(index), self.reaches.get_mut(index)) else {
+            return false;
+        };
+        let is_renamed = name.is_some() && name != state.name.as_deref();
+        if is_renamed {
+            state.name = name.map(str::to_owned);
+        }
+        let is_surveyed = position_m.is_some() && position_m != state.position_m;
+        if let Some(position_m) = position_m.filter(|_| is_surveyed) {
+            (state.position_m, reach.position_m) = (Some(position_m), position_m);
+            (state.residuals, state.success) = (Mean::default(), Mean::default());
+            (state.off_since, state.is_moved) = (None, false);
+        }
+        let is_other = role != state.role;
+        state.role = role;
+        is_renamed || is_surveyed || is_other
+    }
+
+    /// A tag received a beacon's advertisement.
+    pub(super) fn sight(&mut self, index: usize, t: Utc) {
+        if let Some(state) = self.states.get_mut(index) {
+            state.last_seen = Some(t);
+            state.rate.count(t);
+        }
+    }
+
+    /// A tag measured a range.
+    pub(super) fn range(&mut self, index: usize, t: Utc, range_m: f64, power_db: Option<f64>) {
+        self.sight(index, t);
+        let (Some(state), Some(reach)) = (self.states.get_mut(index), self.reaches.get_mut(index)) else { return };
+        state.ranges.add(t, range_m);
+        reach.mean_m = state.ranges.mean().unwrap_or(0.0);
+        if let Some(power_db) = power_db {
+            state.power.add(t, power_db);
+        }
+    }
+
+    /// The end of a round at a position. `moved` gets the anchors that count as moved from now on. Returns whether one
+    /// is back at its place.
+    pub(super) fn end_round(
+        &mut self,
+        t: Utc,
+        at_m: [f64; 3],
+        round: &[RoundRange],
+        limits: &Limits,
+        mut moved: impl FnMut(&str),
+    ) -> bool {
+        let mut is_back = false;
+        self.rounds += 1;
+        for range in round {
+            let (Some(state), Some(reach)) = (self.states.get_mut(range.node), self.reaches.get_mut(range.node)) else {
+                continue;
+            };
+            let distance_m = distance(reach.position_m, at_m);
+            if distance_m.is_nan() || reach.round == self.rounds {
+                continue;
+            }
+            reach.round = self.rounds;
+            state.success.add(t, 1.0);
+            state.residuals.add(t, range.range_m - distance_m);
+            let was_moved = state.is_moved;
+            state.check_place(t, limits);
+            if state.is_moved && !was_moved {
+                moved(&state.node);
+            }
+            is_back |= was_moved && !state.is_moved;
+        }
+        for (state, reach) in self.states.iter_mut().zip(&self.reaches) {
+            if reach.round != self.rounds && distance(reach.position_m, at_m) < reach.mean_m {
+                state.success.add(t, 0.0);
+            }
+        }
+        is_back
+    }
+
+    /// What the API shows of them.
+    pub(super) fn show(&self, site: &str, now: Utc) -> impl Iterator<Item = Node> {
+        self.states.iter().map(move |state| Node {
+            node: state.node.clone(),
+            site: site.to_owned(),
+            name: state.name.clone(),
+            role: state.role,
+            position_m: state.position_m,
+            last_seen: state.last_seen,
+            rate_hz: state.rate.hz(now),
+            success_rate: state.success.mean(),
+            residual_mean_m: state.residuals.mean(),
+            residual_sigma_m: state.residuals.deviation(),
+            first_path_minus_received_db: state.power.mean(),
+            moved: state.is_moved,
+        })
+    }
+}
+
+impl NodeState {
+    fn check_place(&mut self, t: Utc, limits: &Limits) {
+        let Some(mean_m) = self.residuals.mean().map(f64::abs) else { return };
+        let error_m = self.residuals.standard_error(LEAST_SECONDS);
+        if mean_m > limits.moved_m && error_m.is_some_and(|error_m| mean_m > STANDARD_ERRORS * error_m) {
+            // A clock that was set back begins anew.
+            let since = self.off_since.map_or(t, |since| since.min(t));
+            self.off_since = Some(since);
+            self.is_moved |= t.since(since) >= MOVED_FOR;
+        } else {
+            self.off_since = None;
+            self.is_moved &= mean_m >= BACK_AGAIN * limits.moved_m;
+        }
+    }
+}
+
+/// Not a number where one of both is unknown.
+fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    let [x, y, z] = [0, 1, 2].map(|axis: usize| a[axis] - b[axis]);
+    (x * x + y * y + z * z).sqrt()
+}

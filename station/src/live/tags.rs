@@ -1,0 +1,216 @@
+//! A tag: its last position, its rate, and the rooms and zones that it is in.
+
+use std::time::Duration;
+
+use super::outline::{Gaussian, Outline};
+use super::rate::Rate;
+use super::{Happened, Limits};
+use crate::Utc;
+use crate::model::{EventKind, Tag, TagPosition, Zone, ZoneKind};
+
+/// The most ranges of a round that are kept until its position comes.
+pub(super) const ROUND: usize = 64;
+/// A tag's positions are uncertain when they have been so for this time.
+const UNCERTAIN_FOR: Duration = Duration::from_secs(5);
+/// … and certain again when the standard deviation is below this share of the limit.
+const CERTAIN_AGAIN: f64 = 0.8;
+
+/// A room or a zone, and its outline.
+#[derive(Clone, Debug)]
+pub(super) struct Area {
+    pub(super) zone: Zone,
+    pub(super) outline: Outline,
+}
+
+impl Area {
+    /// Its name, and whether it is a room.
+    pub(super) fn key(&self) -> (&str, bool) {
+        (&self.zone.name, self.zone.kind == ZoneKind::Room)
+    }
+}
+
+/// Where a tag is: the index of an area, and since when.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Inside {
+    pub(super) area: usize,
+    pub(super) since: Utc,
+}
+
+/// A range of the round that has not ended.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RoundRange {
+    /// The anchor's index.
+    pub(super) node: usize,
+    pub(super) range_m: f64,
+}
+
+/// The state of a tag.
+#[derive(Debug)]
+pub(super) struct TagState {
+    first_seen: Utc,
+    last_seen: Utc,
+    /// When it reported, by the state's clock.
+    pub(super) reported: Utc,
+    pub(super) is_silent: bool,
+    rate: Rate,
+    last_position: Option<TagPosition>,
+    reason: Option<String>,
+    /// Since when its positions have been uncertain.
+    unsure_since: Option<Utc>,
+    is_uncertain: bool,
+    pub(super) room: Option<Inside>,
+    pub(super) zones: Vec<Inside>,
+    pub(super) round: Vec<RoundRange>,
+}
+
+impl TagState {
+    pub(super) fn new(t: Utc) -> Self {
+        Self {
+            first_seen: t,
+            last_seen: t,
+            reported: t,
+            is_silent: false,
+            rate: Rate::default(),
+            last_position: None,
+            reason: None,
+            unsure_since: None,
+            is_uncertain: false,
+            room: None,
+            zones: Vec::new(),
+            round: Vec::new(),
+        }
+    }
+
+    /// Notes that it reported something. Returns whether it had been silent.
+    pub(super) fn note(&mut self, t: Utc, now: Utc) -> bool {
+        (self.last_seen, self.reported) = (t, now);
+        std::mem::take(&mut self.is_silent)
+    }
+
+    /// Notes that its round gave no position. Returns whether the reason is a new one.
+    pub(super) fn lose(&mut self, reason: &str) -> bool {
+        self.round.clear();
+        let is_new = self.reason.as_deref() != Some(reason);
+        if is_new {
+            self.reason = Some(reason.to_owned());
+        }
+        is_new
+    }
+
+    /// Takes a position and finds its room and zones.
+    pub(super) fn find(
+        &mut self,
+        position: &mut TagPosition,
+        areas: &[Area],
+        limits: &Limits,
+        happened: &mut Vec<Happened>,
+    ) {
+        self.rate.count(position.t);
+        self.reason = None;
+        let covariance_m2 = [position.sigma_x_m.powi(2), position.cov_xy_m2, position.sigma_y_m.powi(2)];
+        let gaussian = Gaussian { mean_m: [position.x_m, position.y_m], covariance_m2 };
+        self.check_certainty(position.t, greatest_deviation_m(covariance_m2), limits, happened);
+        self.enter_and_leave(position.t, &gaussian, areas, limits, happened);
+        position.room = self.room.and_then(|room| Some(areas.get(room.area)?.zone.name.clone()));
+        self.last_position = Some(position.clone());
+    }
+
+    fn check_certainty(&mut self, t: Utc, sigma_m: f64, limits: &Limits, happened: &mut Vec<Happened>) {
+        if sigma_m > limits.uncertain_m {
+            // A clock that was set back begins anew.
+            let since = self.unsure_since.map_or(t, |since| since.min(t));
+            self.unsure_since = Some(since);
+            if t.since(since) >= UNCERTAIN_FOR && !self.is_uncertain {
+                self.is_uncertain = true;
+                happened.push(Happened { kind: EventKind::Uncertain, zone: None, dwell_s: None, alarm: true });
+            }
+        } else {
+            self.unsure_since = None;
+            self.is_uncertain &= sigma_m >= CERTAIN_AGAIN * limits.uncertain_m;
+        }
+    }
+
+    /// Rooms and zones are entered when they are probable and left when they are improbable. A tag goes from one room
+    /// directly to another when that one is clearly the more probable: halfway between ½ and the limit for entering,
+    /// while the old one has at most the rest.
+    fn enter_and_leave(
+        &mut self,
+        t: Utc,
+        at: &Gaussian,
+        areas: &[Area],
+        limits: &Limits,
+        happened: &mut Vec<Happened>,
+    ) {
+        let mut best = (0.0, None);
+        let mut stays = 0.0;
+        for (index, area) in areas.iter().enumerate() {
+            let probability = area.outline.probability(at);
+            match area.zone.kind {
+                ZoneKind::Room if self.room.is_some_and(|room| room.area == index) => stays = probability,
+                ZoneKind::Room if probability > best.0 => best = (probability, Some(index)),
+                ZoneKind::Room => {}
+                ZoneKind::Zone => match self.zones.iter().position(|inside| inside.area == index) {
+                    Some(place) if probability <= limits.leave => {
+                        let inside = self.zones.swap_remove(place);
+                        happened.push(left(area, &inside, t));
+                    }
+                    None if probability >= limits.enter => {
+                        self.zones.push(Inside { area: index, since: t });
+                        happened.push(entered(area));
+                    }
+                    Some(_) | None => {}
+                },
+            }
+        }
+        let (probability, other) = best;
+        let changes = 0.5 * (0.5 + limits.enter);
+        let is_changed = self.room.is_some() && probability >= changes && stays <= 1.0 - changes;
+        if (is_changed || stays <= limits.leave)
+            && let Some(inside) = self.room.take()
+            && let Some(area) = areas.get(inside.area)
+        {
+            happened.push(left(area, &inside, t));
+        }
+        if (is_changed || (self.room.is_none() && probability >= limits.enter))
+            && let Some(index) = other
+            && let Some(area) = areas.get(index)
+        {
+            self.room = Some(Inside { area: index, since: t });
+            happened.push(entered(area));
+        }
+    }
+
+    /// What the API shows of it.
+    pub(super) fn show(&self, site: &str, tag: &str, name: Option<&str>, areas: &[Area], now: Utc) -> Tag {
+        let zone = |inside: &Inside| Some(areas.get(inside.area)?.zone.name.clone());
+        let mut zones: Vec<String> = self.zones.iter().filter_map(zone).collect();
+        zones.sort_unstable();
+        Tag {
+            tag: tag.to_owned(),
+            site: site.to_owned(),
+            name: name.map(str::to_owned),
+            first_seen: self.first_seen,
+            last_seen: self.last_seen,
+            last_position: self.last_position.clone(),
+            rate_hz: self.rate.hz(now),
+            silent: self.is_silent,
+            reason: self.reason.clone(),
+            zones,
+        }
+    }
+}
+
+fn entered(area: &Area) -> Happened {
+    let zone = Some(area.zone.name.clone());
+    Happened { kind: EventKind::Entered, zone, dwell_s: None, alarm: area.zone.alarm }
+}
+
+pub(super) fn left(area: &Area, inside: &Inside, t: Utc) -> Happened {
+    let dwell_s = Some(t.since(inside.since).as_secs_f64());
+    Happened { kind: EventKind::Left, zone: Some(area.zone.name.clone()), dwell_s, alarm: false }
+}
+
+/// The standard deviation along the long axis of the ellipse: the root of the greater eigenvalue.
+fn greatest_deviation_m([xx, xy, yy]: [f64; 3]) -> f64 {
+    (0.5 * (xx + yy) + (0.5 * (xx - yy)).hypot(xy)).sqrt()
+}

@@ -1,0 +1,513 @@
+//! The state as a whole: reports in, updates out.
+
+use super::*;
+
+const SITE: &str = "hall";
+
+/// A time, in milliseconds after an instant of 2001.
+fn at(ms: u64) -> Utc {
+    Utc::clamped(1_000_000_000_000_000) + Duration::from_millis(ms)
+}
+
+fn report(t: Utc, what: What) -> Report {
+    Report { t, site: SITE.to_owned(), what }
+}
+
+fn position(tag: &str, position_m: [f64; 2], sigma_m: f64) -> What {
+    What::Position {
+        tag: tag.to_owned(),
+        position_m,
+        z_m: Some(0.0),
+        sigma_m: [sigma_m; 2],
+        sigma_z_m: None,
+        cov_xy_m2: 0.0,
+        used: 4,
+    }
+}
+
+fn range(anchor: &str, range_m: f64) -> What {
+    What::Range {
+        tag: "0x1001".to_owned(),
+        anchor: anchor.to_owned(),
+        range_m,
+        first_path_minus_received_db: Some(-4.0),
+    }
+}
+
+fn anchor(node: &str, position_m: [f64; 3]) -> What {
+    What::Node { node: node.to_owned(), name: None, role: Role::Anchor, position_m: Some(position_m) }
+}
+
+fn zone(name: &str, kind: ZoneKind, [x0, x1]: [f64; 2]) -> Zone {
+    let corners_m = vec![[x0, 0.0], [x1, 0.0], [x1, 4.0], [x0, 4.0]];
+    Zone { site: SITE.to_owned(), name: name.to_owned(), kind, corners_m, alarm: name == "danger" }
+}
+
+/// Two rooms of 4 m side by side, a zone about their door, and one in the second room where nobody should be.
+fn live() -> Live {
+    let mut live = Live::new(Limits::default());
+    live.set_zones(vec![
+        zone("kitchen", ZoneKind::Room, [0.0, 4.0]),
+        zone("attic", ZoneKind::Room, [4.0, 8.0]),
+        zone("door", ZoneKind::Zone, [3.0, 5.0]),
+        zone("danger", ZoneKind::Zone, [6.0, 8.0]),
+    ]);
+    live
+}
+
+type Short = (EventKind, Option<String>, Option<f64>);
+
+fn events(updates: &[Update]) -> Vec<Short> {
+    let event = |update: &Update| match update {
+        Update::Event(event) => Some((event.kind, event.zone.clone(), event.dwell_s)),
+        Update::Position(_) | Update::Changed => None,
+    };
+    updates.iter().filter_map(event).collect()
+}
+
+fn entered(zone: &str) -> Short {
+    (EventKind::Entered, Some(zone.to_owned()), None)
+}
+
+fn left(zone: &str, dwell_s: f64) -> Short {
+    (EventKind::Left, Some(zone.to_owned()), Some(dwell_s))
+}
+
+fn room_of(updates: &[Update]) -> Option<String> {
+    updates.iter().find_map(|update| match update {
+        Update::Position(position) => Some(position.room.clone()),
+        Update::Event(_) | Update::Changed => None,
+    })?
+}
+
+#[test]
+fn a_walk_through_a_door_changes_rooms_once() {
+    let mut live = live();
+    let mut all = Vec::new();
+    // 0.5 m/s from x = 1 m to 7 m in 12 s, ten positions a second that sway by 0.1 m; σ = 0.2 m.
+    for k in 0..=120_u32 {
+        let sway = if k % 2 == 0 { 0.1 } else { -0.1 };
+        let x = 1.0 + 0.05 * f64::from(k) + sway;
+        let updates = live.apply(&report(at(100 * u64::from(k)), position("0x1001", [x, 2.0], 0.2)));
+        all.extend(events(&updates));
+    }
+    let order: Vec<(EventKind, &str)> =
+        all.iter().map(|(kind, zone, _)| (*kind, zone.as_deref().unwrap_or_default())).collect();
+    use EventKind::{Entered, Left};
+    assert_eq!(
+        order,
+        [
+            (Entered, "kitchen"),
+            (Entered, "door"),
+            (Left, "kitchen"),
+            (Entered, "attic"),
+            (Left, "door"),
+            (Entered, "danger"),
+        ]
+    );
+    // P(attic) ≥ 0.65 where x - 4 ≥ 0.385 σ = 0.077 m. With the sway of 0.1 m that is at k = 60, x = 4.1 m.
+    assert_eq!(all[2], left("kitchen", 6.0));
+    // P(door) ≥ 0.8 from x = 3.168 m, at k = 42 (3.2 m); ≤ 0.2 from x = 5.168 m, at k = 82 (5.2 m).
+    assert_eq!(all[4], left("door", 4.0));
+    let tags = live.tags();
+    assert_eq!(
+        (tags[0].zones.clone(), tags[0].last_position.clone().and_then(|at| at.room)),
+        (vec!["danger".to_owned()], Some("attic".to_owned()))
+    );
+}
+
+#[test]
+fn a_tag_that_rests_in_the_door_stays_where_it_was() {
+    let mut live = live();
+    assert_eq!(events(&live.apply(&report(at(0), position("0x1001", [2.0, 2.0], 0.1)))), [entered("kitchen")]);
+    let mut all = Vec::new();
+    for k in 1..200_u32 {
+        // x - 4 is ±0.05 m at σ = 0.3 m: P = Φ(±0.167) = 0.566 and 0.434.
+        let x = if k % 2 == 0 { 4.05 } else { 3.95 };
+        let updates = live.apply(&report(at(100 * u64::from(k)), position("0x1001", [x, 2.0], 0.3)));
+        assert_eq!(room_of(&updates).as_deref(), Some("kitchen"));
+        all.extend(events(&updates));
+    }
+    assert_eq!(all, [entered("door")]);
+}
+
+#[test]
+fn a_vague_position_changes_directly_to_the_room_that_is_clearly_more_probable() {
+    let mut live = live();
+    // σ = 1.8 m: in y P = 2 Φ(2/1.8) - 1 = 0.733, so at most 0.733² = 0.54 in a room: never 0.65 or 0.8.
+    live.apply(&report(at(0), position("0x1001", [2.0, 2.0], 0.1)));
+    assert_eq!(events(&live.apply(&report(at(100), position("0x1001", [6.0, 2.0], 1.8)))), [left("kitchen", 0.1)]);
+    // σ = 1.4 m: Φ(2/1.4) = 0.9234, P = 0.8469² = 0.717 in the attic: not enough to enter, enough to change.
+    let mut live = self::live();
+    live.apply(&report(at(0), position("0x1001", [2.0, 2.0], 0.1)));
+    let updates = live.apply(&report(at(100), position("0x1001", [6.0, 2.0], 1.4)));
+    assert_eq!(events(&updates), [left("kitchen", 0.1), entered("attic")]);
+    let mut live = self::live();
+    assert_eq!(events(&live.apply(&report(at(0), position("0x1001", [6.0, 2.0], 1.4)))), []);
+}
+
+#[test]
+fn an_exact_position_is_in_its_room_and_outside_of_all_it_has_none() {
+    let mut live = live();
+    let updates = live.apply(&report(at(0), position("0x1001", [2.0, 2.0], 0.0)));
+    assert_eq!((room_of(&updates).as_deref(), events(&updates)), (Some("kitchen"), vec![entered("kitchen")]));
+    let updates = live.apply(&report(at(2500), position("0x1001", [2.0, 9.0], 0.0)));
+    assert_eq!((room_of(&updates), events(&updates)), (None, vec![left("kitchen", 2.5)]));
+    let spot = Gaussian { mean_m: [5.0, 1.0], covariance_m2: [0.01, 0.0, 0.01] };
+    assert_eq!(live.room_of(SITE, &spot).as_deref(), Some("attic"));
+    assert_eq!(live.room_of(SITE, &Gaussian { mean_m: [5.0, 9.0], ..spot }), None);
+    assert_eq!(live.room_of("elsewhere", &spot), None);
+}
+
+#[test]
+fn an_alarm_is_raised_by_entering_a_zone_that_asks_for_it() {
+    let mut live = live();
+    let updates = live.apply(&report(at(0), position("0x1001", [7.0, 2.0], 0.1)));
+    let alarms: Vec<(Option<&str>, bool)> = updates
+        .iter()
+        .filter_map(|update| match update {
+            Update::Event(event) => Some((event.zone.as_deref(), event.alarm)),
+            Update::Position(_) | Update::Changed => None,
+        })
+        .collect();
+    assert_eq!(alarms, [(Some("danger"), true), (Some("attic"), false)]);
+}
+
+#[test]
+fn a_room_that_is_deleted_is_left_and_one_that_is_drawn_anew_is_not() {
+    let mut live = live();
+    live.tick(at(0));
+    live.apply(&report(at(0), position("0x1001", [3.5, 2.0], 0.01)));
+    live.tick(at(3000));
+    let mut bigger = zone("kitchen", ZoneKind::Room, [-1.0, 4.0]);
+    bigger.corners_m[0] = [-2.0, -1.0];
+    live.set_zones(vec![zone("new", ZoneKind::Zone, [3.0, 4.0]), bigger]);
+    let updates = live.tick(at(4000));
+    assert_eq!(events(&updates), [left("door", 3.0)]);
+    assert_eq!(updates.last(), Some(&Update::Changed));
+    assert_eq!(live.tick(at(5000)), [], "only once");
+    let updates = live.apply(&report(at(5000), position("0x1001", [3.5, 2.0], 0.01)));
+    assert_eq!((room_of(&updates).as_deref(), events(&updates)), (Some("kitchen"), vec![entered("new")]));
+}
+
+#[test]
+fn a_tag_that_does_not_report_is_silent_once_and_back_once() {
+    let mut live = live();
+    live.tick(at(0));
+    live.apply(&report(at(0), position("0x1001", [2.0, 9.0], 0.1)));
+    assert_eq!(events(&live.tick(at(30_000))), []);
+    assert_eq!(events(&live.tick(at(30_001))), [(EventKind::Silent, None, None)]);
+    assert_eq!(events(&live.tick(at(90_000))), []);
+    assert!(live.tags()[0].silent);
+    let what = What::NoPosition { tag: "0x1001".to_owned(), reason: "too-few-anchors".to_owned() };
+    assert_eq!(events(&live.apply(&report(at(90_000), what.clone()))), [(EventKind::Back, None, None)]);
+    assert_eq!(events(&live.apply(&report(at(90_100), what))), []);
+    let tag = live.tags().remove(0);
+    assert_eq!((tag.silent, tag.reason.as_deref(), tag.last_seen), (false, Some("too-few-anchors"), at(90_100)));
+    live.apply(&report(at(90_200), position("0x1001", [2.0, 9.0], 0.1)));
+    assert_eq!(live.tags()[0].reason, None);
+}
+
+#[test]
+fn positions_are_uncertain_when_they_have_been_so_for_some_seconds() {
+    let mut live = live();
+    let mut step =
+        |ms: u64, sigma_m: f64| events(&live.apply(&report(at(ms), position("0x1001", [0.0, 50.0], sigma_m))));
+    for ms in [0, 2000, 4000, 4999] {
+        assert_eq!(step(ms, 3.1), []);
+    }
+    assert_eq!(step(5000, 3.1), [(EventKind::Uncertain, None, None)]);
+    assert_eq!(step(9000, 3.1), []);
+    // 2.5 m is below the limit, and not below 80 % of it: the same uncertainty goes on.
+    for ms in [10_000, 11_000, 17_000] {
+        assert_eq!(step(ms, if ms == 10_000 { 2.5 } else { 3.1 }), []);
+    }
+    assert_eq!(step(18_000, 2.3), []);
+    assert_eq!((step(19_000, 3.1), step(24_000, 3.1)), (vec![], vec![(EventKind::Uncertain, None, None)]));
+}
+
+#[test]
+fn the_long_axis_of_the_ellipse_decides_whether_a_position_is_uncertain() {
+    let mut live = live();
+    let mut seen = Vec::new();
+    for ms in [0, 6000] {
+        // 2.5 m along each axis with a correlation of 0.6: along the diagonal √(6.25 + 3.75) = 3.16 m.
+        let what = What::Position {
+            tag: "0x1001".to_owned(),
+            position_m: [0.0, 50.0],
+            z_m: None,
+            sigma_m: [2.5; 2],
+            sigma_z_m: None,
+            cov_xy_m2: 3.75,
+            used: 3,
+        };
+        seen.extend(events(&live.apply(&report(at(ms), what))));
+    }
+    assert_eq!(seen, [(EventKind::Uncertain, None, None)]);
+}
+
+#[test]
+fn residuals_are_ranges_minus_distances_in_space() {
+    let mut live = live();
+    live.apply(&report(at(0), anchor("0x0101", [3.0, 4.0, 0.0])));
+    live.apply(&report(at(0), anchor("0x0102", [2.0, 3.0, 6.0])));
+    live.apply(&report(at(0), range("0x0101", 5.25)));
+    live.apply(&report(at(0), range("0x0102", 6.5)));
+    live.apply(&report(at(0), range("0x0103", 1.0)));
+    live.apply(&report(at(0), position("0x1001", [0.0, 0.0], 0.1)));
+    let nodes = live.nodes();
+    // Distances 5 (3, 4) and 7 (2, 3, 6); nobody knows where the third anchor is.
+    let residuals: Vec<Option<f64>> = nodes.iter().map(|node| node.residual_mean_m).collect();
+    assert_eq!(residuals, [Some(0.25), Some(-0.5), None]);
+    assert!(nodes.iter().all(|node| node.first_path_minus_received_db == Some(-4.0)));
+    assert_eq!(nodes[0].last_seen, Some(at(0)));
+    // A second value of 0.75: the mean is 0.5 and the deviation 0.25. Without z, and without a position, there is none.
+    live.apply(&report(at(0), range("0x0101", 5.75)));
+    live.apply(&report(at(0), position("0x1001", [0.0, 0.0], 0.1)));
+    for z_m in [None, Some(0.0)] {
+        live.apply(&report(at(0), range("0x0101", 9.0)));
+        let end = match z_m {
+            Some(_) => What::NoPosition { tag: "0x1001".to_owned(), reason: "diverged".to_owned() },
+            None => What::Position {
+                tag: "0x1001".to_owned(),
+                position_m: [0.0; 2],
+                z_m,
+                sigma_m: [0.1; 2],
+                sigma_z_m: None,
+                cov_xy_m2: 0.0,
+                used: 3,
+            },
+        };
+        live.apply(&report(at(0), end));
+    }
+    live.apply(&report(at(0), position("0x1001", [0.0, 0.0], 0.1)));
+    let node = live.nodes().remove(0);
+    assert_eq!((node.residual_mean_m, node.residual_sigma_m), (Some(0.5), Some(0.25)));
+}
+
+#[test]
+fn success_is_the_share_of_rounds_nearer_than_the_mean_range() {
+    let mut live = live();
+    live.apply(&report(at(0), anchor("0x0101", [10.0, 0.0, 0.0])));
+    let mut round = |x: f64, has_range: bool| {
+        if has_range {
+            live.apply(&report(at(0), range("0x0101", 10.0 - x)));
+        }
+        live.apply(&report(at(0), range("0x0102", 3.0)));
+        live.apply(&report(at(0), position("0x1001", [x, 0.0], 0.1)));
+        live.nodes()[0].success_rate
+    };
+    // Ranges of 4 m and 6 m: the mean is 5 m.
+    assert_eq!((round(6.0, true), round(4.0, true)), (Some(1.0), Some(1.0)));
+    assert_eq!(round(4.0, false), Some(1.0), "farther than the mean");
+    // 3 m away, and nothing: two of three, two of four.
+    assert!((round(7.0, false).unwrap() - 2.0 / 3.0).abs() < 1e-12);
+    assert!((round(7.0, false).unwrap() - 0.5).abs() < 1e-12);
+    // A position without ranges is no round: its source does not report them.
+    live.apply(&report(at(0), position("0x1001", [7.0, 0.0], 0.1)));
+    assert_eq!(live.nodes()[0].success_rate, Some(0.5));
+}
+
+#[test]
+fn an_anchor_that_was_moved_makes_one_event_and_is_well_again_when_it_is_surveyed() {
+    let mut live = live();
+    live.apply(&report(at(0), anchor("0x0101", [3.0, 4.0, 0.0])));
+    live.apply(&report(at(0), anchor("0x0102", [0.0, 5.0, 0.0])));
+    let mut now_s = 0;
+    let mut walk = |live: &mut Live, seconds: u64, range_m: f64| {
+        let mut moved = Vec::new();
+        for _ in 0..seconds {
+            now_s += 1;
+            let noise_m = if now_s % 2 == 0 { 0.1 } else { -0.1 };
+            live.apply(&report(at(1000 * now_s), range("0x0101", range_m + noise_m)));
+            live.apply(&report(at(1000 * now_s), range("0x0102", 5.0 + noise_m)));
+            for update in live.apply(&report(at(1000 * now_s), position("0x1001", [0.0, 0.0], 0.1))) {
+                if let Update::Event(event) = update {
+                    moved.push((event.kind, event.node, now_s));
+                }
+            }
+        }
+        moved
+    };
+    assert_eq!(walk(&mut live, 300, 5.0), []);
+    // Moved by 1 m after 300 s. t later, the mean is (1 - q) / (1 - q e^-2.5) with q = e^(-t/120): 0.5 m for q = 0.521, t
+    // = 78 s. Two minutes later the anchor counts as moved. (The noise has a mean of 0 over two seconds.)
+    let moved = walk(&mut live, 600, 6.0);
+    let [(EventKind::Moved, node, seconds)] = moved.as_slice() else { panic!("{moved:?}") };
+    assert!(node == "0x0101" && (300 + 195..=300 + 215).contains(seconds), "{moved:?}");
+    assert_eq!(live.nodes().iter().map(|node| node.moved).collect::<Vec<_>>(), [true, false]);
+    // Surveyed at its new place, 6 m away.
+    live.apply(&report(at(1000 * 900), anchor("0x0101", [3.6, 4.8, 0.0])));
+    assert!(!live.nodes()[0].moved);
+    assert_eq!(walk(&mut live, 300, 6.0), []);
+}
+
+#[test]
+fn an_anchor_that_is_put_back_is_no_longer_moved() {
+    let mut live = live();
+    live.apply(&report(at(0), anchor("0x0101", [3.0, 4.0, 0.0])));
+    for s in 0..1000_u64 {
+        live.apply(&report(at(1000 * s), range("0x0101", if s < 400 { 6.0 } else { 5.0 })));
+        live.apply(&report(at(1000 * s), position("0x1001", [0.0, 0.0], 0.1)));
+        // Residuals of 1 m: after 34 s there are values of 30 seconds (120 (1 - e^(-t/120)) = 30), and two minutes later
+        // the anchor counts as moved. It is put back after 400 s. t later, the mean is 0.964 q / (1 - 0.036 q) with
+        // q = e^(-t/120): 0.25 m for q = 0.257, t = 163 s.
+        let is_moved = live.nodes()[0].moved;
+        match s {
+            0..=150 => assert!(!is_moved, "{s}"),
+            160..=560 => assert!(is_moved, "{s}"),
+            566.. => assert!(!is_moved, "{s}"),
+            _ => {}
+        }
+    }
+}
+
+#[test]
+fn numbers_that_are_no_measurements_are_refused_and_counted() {
+    let mut live = live();
+    let mut expected = 0;
+    let mut refuse = |live: &mut Live, site: &str, what: What| {
+        let report = Report { t: at(0), site: site.to_owned(), what };
+        assert_eq!(live.apply(&report), [], "{report:?}");
+        expected += 1;
+        assert_eq!(live.refused(), expected, "{report:?}");
+    };
+    for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e300] {
+        refuse(&mut live, SITE, position("0x1001", [wrong, 0.0], 0.1));
+        refuse(&mut live, SITE, position("0x1001", [0.0, wrong], 0.1));
+        refuse(&mut live, SITE, position("0x1001", [0.0, 0.0], wrong));
+        refuse(&mut live, SITE, range("0x0101", wrong));
+        refuse(&mut live, SITE, anchor("0x0101", [0.0, wrong, 0.0]));
+        let sighting = What::Sighting { tag: "0x1001".to_owned(), beacon: "1-7".to_owned(), rssi_dbm: wrong };
+        refuse(&mut live, SITE, sighting);
+        let mut vague = position("0x1001", [0.0; 2], 0.1);
+        if let What::Position { z_m, .. } = &mut vague {
+            *z_m = Some(wrong);
+        }
+        refuse(&mut live, SITE, vague);
+    }
+    refuse(&mut live, SITE, position("0x1001", [0.0; 2], -0.1));
+    refuse(&mut live, SITE, range("0x0101", -1.0));
+    for name in [String::new(), "x".repeat(65), "a\nb".to_owned(), "\0".to_owned()] {
+        refuse(&mut live, SITE, position(&name, [0.0; 2], 0.1));
+        refuse(&mut live, SITE, range(&name, 1.0));
+        refuse(&mut live, SITE, anchor(&name, [0.0; 3]));
+        refuse(&mut live, &name, position("0x1001", [0.0; 2], 0.1));
+        refuse(&mut live, &name, anchor("0x0101", [0.0; 3]));
+    }
+    assert!(live.tags().is_empty() && live.nodes().is_empty(), "nothing came of it");
+}
+
+#[test]
+fn a_covariance_beyond_the_deviations_is_that_of_a_line() {
+    let mut live = live();
+    let mut what = position("0x1001", [2.0, 2.0], 0.5);
+    if let What::Position { cov_xy_m2, .. } = &mut what {
+        *cov_xy_m2 = -7.0;
+    }
+    let updates = live.apply(&report(at(0), what));
+    let Some(Update::Position(taken)) = updates.first() else { panic!("{updates:?}") };
+    assert_eq!(taken.cov_xy_m2, -0.25);
+}
+
+#[test]
+fn more_tags_and_nodes_than_the_limits_are_refused_and_the_others_go_on() {
+    let mut live = Live::new(Limits { tags: 3, nodes: 2, ..Limits::default() });
+    for k in 0..10 {
+        live.apply(&report(at(0), position(&format!("tag {k}"), [0.0; 2], 0.1)));
+        live.apply(&report(at(0), anchor(&format!("anchor {k}"), [0.0; 3])));
+        let what =
+            What::Node { node: format!("tag {k}"), name: Some("n".to_owned()), role: Role::Tag, position_m: None };
+        live.apply(&report(at(0), what));
+    }
+    assert_eq!((live.tags().len(), live.nodes().len(), live.refused()), (3, 2, 7 + 8 + 8));
+    assert_eq!(live.apply(&report(at(1), position("tag 2", [0.0; 2], 0.1))).len(), 1);
+    assert_eq!(live.apply(&report(at(1), position("tag 3", [0.0; 2], 0.1))), []);
+}
+
+#[test]
+fn a_round_that_never_ends_takes_no_more_memory() {
+    let mut live = live();
+    for k in 0..10_000 {
+        live.apply(&report(at(k), range(&format!("0x{:04X}", k % 100), 3.0)));
+    }
+    assert!(live.sites[SITE].tags["0x1001"].round.capacity() <= 2 * ROUND);
+}
+
+#[test]
+fn a_report_from_the_future_is_taken_as_one_of_now() {
+    let mut live = live();
+    live.tick(at(0));
+    let updates = live.apply(&report(Utc::clamped(i64::MAX), position("0x1001", [2.0, 9.0], 0.1)));
+    let Some(Update::Position(taken)) = updates.first() else { panic!("{updates:?}") };
+    assert_eq!(taken.t, at(0));
+    assert_eq!(events(&live.tick(at(31_000))), [(EventKind::Silent, None, None)]);
+}
+
+#[test]
+fn old_reports_keep_their_time_and_their_tag_is_not_silent() {
+    let mut live = live();
+    live.tick(at(86_400_000));
+    let updates = live.apply(&report(at(0), position("0x1001", [2.0, 9.0], 0.1)));
+    let Some(Update::Position(taken)) = updates.first() else { panic!("{updates:?}") };
+    assert_eq!(taken.t, at(0));
+    assert_eq!(events(&live.tick(at(86_400_000 + 1000))), []);
+}
+
+#[test]
+fn a_host_clock_that_jumps_leaves_nothing_wrong() {
+    let mut live = live();
+    live.apply(&report(at(0), anchor("0x0101", [3.0, 4.0, 0.0])));
+    let step = |live: &mut Live, t: Utc| {
+        let mut updates = live.tick(t);
+        updates.extend(live.apply(&report(t, range("0x0101", 5.0))));
+        updates.extend(live.apply(&report(t, position("0x1001", [2.0, 2.0], 4.0))));
+        events(&updates).into_iter().map(|(kind, ..)| kind).collect::<Vec<_>>()
+    };
+    for s in 0..10_u64 {
+        let expected = if s == 5 { vec![EventKind::Uncertain] } else { vec![] };
+        assert_eq!(step(&mut live, at(1000 * s)), expected);
+    }
+    // A hundred years on, and back again.
+    let far = at(0) + Duration::from_secs(100 * 365 * 86_400);
+    assert_eq!(step(&mut live, far), [EventKind::Silent, EventKind::Back]);
+    for s in 10..40_u64 {
+        assert_eq!(step(&mut live, at(1000 * s)), []);
+    }
+    let (tag, node) = (live.tags().remove(0), live.nodes().remove(0));
+    assert_eq!((tag.rate_hz, node.rate_hz, node.success_rate), (1.0, 1.0, Some(1.0)));
+    assert!(!tag.silent);
+    assert_eq!(events(&live.tick(at(70_000))), [(EventKind::Silent, None, None)], "30 s after the last report");
+}
+
+#[test]
+fn a_nodes_name_and_place_stay_when_it_says_nothing_of_them() {
+    let mut live = live();
+    let node = |name: Option<&str>, position_m| What::Node {
+        node: "0x0101".to_owned(),
+        name: name.map(str::to_owned),
+        role: Role::Anchor,
+        position_m,
+    };
+    live.apply(&report(at(0), node(Some("by the door"), Some([1.0, 2.0, 3.0]))));
+    assert_eq!(live.tick(at(0)), [Update::Changed]);
+    live.apply(&report(at(0), node(None, None)));
+    assert_eq!(live.tick(at(1)), [], "nothing new");
+    let shown = live.nodes().remove(0);
+    assert_eq!((shown.name.as_deref(), shown.position_m), (Some("by the door"), Some([1.0, 2.0, 3.0])));
+    // A tag's name waits for the tag.
+    let tag = What::Node { node: "0x1001".to_owned(), name: Some("Ada".to_owned()), role: Role::Tag, position_m: None };
+    live.apply(&report(at(0), tag));
+    assert!(live.tags().is_empty());
+    live.apply(&report(at(0), position("0x1001", [2.0, 9.0], 0.1)));
+    assert_eq!(live.tags()[0].name.as_deref(), Some("Ada"));
+}
+
+#[test]
+fn a_long_reason_is_cut_at_a_character() {
+    let mut live = live();
+    // 2 bytes each: 200 bytes are 100 characters; with one byte before, 99 and a half.
+    let reason = format!("a{}", "é".repeat(300));
+    live.apply(&report(at(0), What::NoPosition { tag: "0x1001".to_owned(), reason }));
+    assert_eq!(live.tags()[0].reason.as_deref().map(|reason| reason.chars().count()), Some(100));
+}

@@ -1,0 +1,245 @@
+//! What the station knows: the rows of its store and the objects of its API. Lengths are metres in the anchors' frame,
+//! times are [`Utc`].
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::Utc;
+
+/// A position of a tag, with its uncertainty.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TagPosition {
+    /// The site in whose frame the coordinates are.
+    pub site: String,
+    /// The tag: a short address (`0x1001`), or the name by which a terminal calls itself.
+    pub tag: String,
+    /// When it was there.
+    pub t: Utc,
+    /// Along the first axis of the site's frame.
+    pub x_m: f64,
+    /// Along the second axis.
+    pub y_m: f64,
+    /// None: only known in the plane.
+    pub z_m: Option<f64>,
+    /// Standard deviation of x.
+    pub sigma_x_m: f64,
+    /// Standard deviation of y.
+    pub sigma_y_m: f64,
+    /// Standard deviation of z. None: only known in the plane.
+    pub sigma_z_m: Option<f64>,
+    /// Covariance of x and y, m².
+    pub cov_xy_m2: f64,
+    /// The room that it is in: entered when it was probable, and not yet improbable.
+    pub room: Option<String>,
+    /// The number of ranges or beacons that were used.
+    pub used: u8,
+}
+
+/// A tag or a terminal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Tag {
+    /// Its address (`0x1001`), or the name by which a terminal calls itself.
+    pub tag: String,
+    /// The site that it reports in.
+    pub site: String,
+    /// Its name in the site's file.
+    pub name: Option<String>,
+    /// When it reported for the first time.
+    pub first_seen: Utc,
+    /// When it last reported anything.
+    pub last_seen: Utc,
+    /// Its last position, however old.
+    pub last_position: Option<TagPosition>,
+    /// Positions a second over the last ten seconds.
+    pub rate_hz: f64,
+    /// It has not reported for the time after which tags count as silent.
+    pub silent: bool,
+    /// Why it has no position, where its last round gave none.
+    pub reason: Option<String>,
+    /// The zones that it is in.
+    pub zones: Vec<String>,
+}
+
+/// What a node does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Role {
+    /// It measures ranges with tags, from a surveyed position.
+    Anchor,
+    /// It is located.
+    Tag,
+    /// It sends Bluetooth advertisements from a surveyed position.
+    Beacon,
+    /// A fixed Bluetooth receiver.
+    Receiver,
+}
+
+/// An anchor or a beacon, and its health: how its ranges to all tags were over the last minutes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Node {
+    /// Short address (`0x0101`), or major and minor number of a beacon (`1-7`).
+    pub node: String,
+    /// The site in whose frame it is.
+    pub site: String,
+    /// Its name in the site's file.
+    pub name: Option<String>,
+    /// What it does.
+    pub role: Role,
+    /// Its surveyed position.
+    pub position_m: Option<[f64; 3]>,
+    /// When a tag last measured to it.
+    pub last_seen: Option<Utc>,
+    /// Ranges a second, from all tags.
+    pub rate_hz: f64,
+    /// The share of the rounds within its usual reach in which it had a range.
+    pub success_rate: Option<f64>,
+    /// Mean of measured minus expected range, from the position that was solved in the same round.
+    pub residual_mean_m: Option<f64>,
+    /// Standard deviation of the same.
+    pub residual_sigma_m: Option<f64>,
+    /// Mean of the first path's power minus the received power, dB: 0 to -6 with line of sight.
+    pub first_path_minus_received_db: Option<f64>,
+    /// The mean residual has been so far from zero, for so long, that the anchor was probably moved.
+    pub moved: bool,
+}
+
+/// What an outline means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ZoneKind {
+    /// A room: a tag is in at most one.
+    Room,
+    /// A zone: a tag may be in any number.
+    Zone,
+}
+
+/// A room or a zone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Zone {
+    /// The site in whose frame it is.
+    pub site: String,
+    /// Unique in the site.
+    pub name: String,
+    /// What the outline means.
+    pub kind: ZoneKind,
+    /// The outline's corners in their order.
+    pub corners_m: Vec<[f64; 2]>,
+    /// An alarm is raised when a tag enters.
+    #[serde(default)]
+    pub alarm: bool,
+}
+
+/// What happened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum EventKind {
+    /// A tag entered a room or a zone.
+    Entered,
+    /// A tag left a room or a zone; `dwell_s` says after which time.
+    Left,
+    /// A tag has not reported for some time.
+    Silent,
+    /// A silent tag reports again.
+    Back,
+    /// An anchor was probably moved.
+    Moved,
+    /// A tag's positions became too uncertain to trust: its standard deviation exceeds the limit.
+    Uncertain,
+}
+
+/// An event.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Event {
+    /// Grows from event to event.
+    pub id: i64,
+    /// When it happened.
+    pub t: Utc,
+    /// The site in which it happened.
+    pub site: String,
+    /// What happened.
+    pub kind: EventKind,
+    /// The tag or the anchor.
+    pub node: String,
+    /// The room or the zone.
+    pub zone: Option<String>,
+    /// How long the tag was there.
+    pub dwell_s: Option<f64>,
+    /// It is an alarm.
+    pub alarm: bool,
+}
+
+/// A site: a frame of coordinates with its plan. The seed of the routes calls it a scenario.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Site {
+    /// Unique.
+    pub name: String,
+    /// Walls, each from one end to the other.
+    #[serde(default)]
+    pub walls_m: Vec<[[f64; 2]; 2]>,
+    /// The picture behind the map.
+    #[serde(default)]
+    pub plan: Option<Plan>,
+}
+
+/// A picture of a site, and where it is: a point (u, v) of the picture, in pixels from its upper left corner, is at
+/// `origin_m + metres_per_pixel * (cos a * u + sin a * v, sin a * u - cos a * v)` with `a` = `rotation_rad`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Plan {
+    /// Where the upper left corner is.
+    pub origin_m: [f64; 2],
+    /// The scale.
+    pub metres_per_pixel: f64,
+    /// Anticlockwise.
+    #[serde(default)]
+    pub rotation_rad: f64,
+    /// The width of the picture.
+    pub width_px: u32,
+    /// The height of the picture.
+    pub height_px: u32,
+    /// `image/png`, `image/jpeg` or `image/webp`.
+    pub media_type: String,
+}
+
+/// A survey: points, and what a terminal received at each.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Campaign {
+    /// Unique.
+    pub name: String,
+    /// The site.
+    pub scenario: String,
+    /// When it was made.
+    pub created: Utc,
+    /// The points to survey.
+    pub points: Vec<CampaignPoint>,
+}
+
+/// A point of a campaign.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CampaignPoint {
+    /// Unique in the campaign.
+    pub id: String,
+    /// Along the first axis of the site's frame.
+    pub x_m: f64,
+    /// Along the second axis.
+    pub y_m: f64,
+    /// The height, where it matters.
+    #[serde(default)]
+    pub z_m: Option<f64>,
+    /// The room that it is in.
+    #[serde(default)]
+    pub room: Option<String>,
+    /// The number of its samples.
+    #[serde(default)]
+    pub samples: u64,
+}
+
+/// The RSSI of a beacon's advertisement, as a terminal received it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Sample {
+    /// The beacon: major and minor number (`1-7`).
+    pub beacon: String,
+    /// The RSSI.
+    pub rssi_dbm: f64,
+    /// Seconds of the terminal's own clock.
+    pub t_s: f64,
+}

@@ -1,0 +1,75 @@
+//! What sources tell the station.
+
+use crate::Utc;
+use crate::model::Role;
+
+/// A report of a source.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// When it was received, or when it is valid.
+    pub t: Utc,
+    /// The site whose frame its coordinates are in.
+    pub site: String,
+    /// Its content.
+    pub what: What,
+}
+
+/// The content of a report.
+#[derive(Clone, Debug, PartialEq)]
+pub enum What {
+    /// A node of the site: from its file, or as it says of itself.
+    Node {
+        /// Short address, or major and minor number of a beacon.
+        node: String,
+        /// Its name in the site's file.
+        name: Option<String>,
+        /// What it does.
+        role: Role,
+        /// Where it is, metres.
+        position_m: Option<[f64; 3]>,
+    },
+    /// The end of a tag's round, with a position.
+    Position {
+        /// The tag.
+        tag: String,
+        /// Metres; without z: only known in the plane.
+        position_m: [f64; 2],
+        /// Metres.
+        z_m: Option<f64>,
+        /// Standard deviations of x and y, metres, and their covariance, m².
+        sigma_m: [f64; 2],
+        /// Metres.
+        sigma_z_m: Option<f64>,
+        /// m².
+        cov_xy_m2: f64,
+        /// The number of ranges or beacons that were used.
+        used: u8,
+    },
+    /// The end of a tag's round, without a position.
+    NoPosition {
+        /// The tag.
+        tag: String,
+        /// Why.
+        reason: String,
+    },
+    /// A range of the round that ends with the tag's next position.
+    Range {
+        /// The tag.
+        tag: String,
+        /// The anchor.
+        anchor: String,
+        /// Metres.
+        range_m: f64,
+        /// The first path's power minus the received power, dB.
+        first_path_minus_received_db: Option<f64>,
+    },
+    /// A tag received a beacon's advertisement.
+    Sighting {
+        /// The tag.
+        tag: String,
+        /// Major and minor number.
+        beacon: String,
+        /// dBm.
+        rssi_dbm: f64,
+    },
+}

@@ -1,0 +1,92 @@
+//! Statements for many rows at once, and the values of a row.
+
+use std::fmt::Write;
+use std::sync::Arc;
+
+use serde::de::DeserializeOwned;
+use sqlx::any::{AnyArguments, AnyRow};
+use sqlx::query::Query;
+use sqlx::{Any, AnyConnection, AssertSqlSafe, Decode, Row, Type};
+
+use super::{Result, StoreError};
+
+/// A statement before its arguments are bound.
+pub type Bare<'q> = Query<'q, Any, AnyArguments>;
+
+/// A statement with a list of VALUES, in few sizes, so that a database prepares few texts.
+pub struct Many {
+    sizes: [(usize, Arc<str>); 3],
+}
+
+impl Many {
+    /// `before` VALUES ($1, $2 …), (…) `after`.
+    pub fn new(before: &'static str, columns: usize, after: &'static str) -> Self {
+        let text = |rows: usize| {
+            let mut text = before.to_owned();
+            for row in 0..rows {
+                text.push_str(if row == 0 { " VALUES (" } else { ", (" });
+                for column in 1..=columns {
+                    let comma = if column == 1 { "" } else { ", " };
+                    let _ = write!(text, "{comma}${}", row * columns + column);
+                }
+                text.push(')');
+            }
+            text.push(' ');
+            text.push_str(after);
+            (rows, text.into())
+        };
+        Self { sizes: [text(256), text(16), text(1)] }
+    }
+
+    /// Runs it for all rows; `bind` binds a row's values.
+    pub async fn run<T>(
+        &self,
+        connection: &mut AnyConnection,
+        mut rows: &[T],
+        bind: impl for<'q> Fn(Bare<'q>, &T) -> Bare<'q>,
+    ) -> Result<()> {
+        for (size, text) in &self.sizes {
+            while let Some((now, later)) = rows.split_at_checked(*size) {
+                let statement = sqlx::query(AssertSqlSafe(Arc::clone(text)));
+                now.iter().fold(statement, &bind).execute(&mut *connection).await?;
+                rows = later;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The value of a column.
+pub fn get<'r, T: Decode<'r, Any> + Type<Any>>(row: &'r AnyRow, column: usize) -> Result<T> {
+    Ok(row.try_get(column)?)
+}
+
+/// The value of a column that holds JSON.
+pub fn json<T: DeserializeOwned>(row: &AnyRow, column: usize) -> Result<T> {
+    let text: &str = get(row, column)?;
+    serde_json::from_str(text).map_err(|error| StoreError::Damaged(error.to_string()))
+}
+
+/// A value as JSON.
+pub fn to_json<T: serde::Serialize>(value: &T) -> Result<String> {
+    serde_json::to_string(value).map_err(|error| StoreError::Damaged(error.to_string()))
+}
+
+/// The value of a column that holds the name of a variant.
+pub fn variant<T: DeserializeOwned>(row: &AnyRow, column: usize) -> Result<T> {
+    serde_json::from_value(get::<String>(row, column)?.into()).map_err(|error| StoreError::Damaged(error.to_string()))
+}
+
+/// The name of a variant.
+pub fn name_of<T: serde::Serialize>(variant: T) -> Result<String> {
+    match serde_json::to_value(variant) {
+        Ok(serde_json::Value::String(name)) => Ok(name),
+        Ok(other) => Err(StoreError::Damaged(format!("{other} is no name"))),
+        Err(error) => Err(StoreError::Damaged(error.to_string())),
+    }
+}
+
+/// A number of rows as it is bound to LIMIT.
+pub fn limit(rows: usize) -> i64 {
+    i64::try_from(rows).unwrap_or(i64::MAX)
+}

@@ -1,0 +1,100 @@
+//! Sites, their plans, their rooms and zones. A zone may name a site that has no row: one that only sources tell of.
+
+use super::rows::{get, json, name_of, to_json, variant};
+use super::{Result, Store, StoreError};
+use crate::model::{Plan, Site, Zone};
+
+impl Store {
+    /// The sites, by name.
+    pub async fn sites(&self) -> Result<Vec<Site>> {
+        let rows = sqlx::query("SELECT name, walls, plan FROM sites ORDER BY name").fetch_all(&self.pool).await?;
+        let mut sites = Vec::with_capacity(rows.len());
+        for row in rows {
+            let plan = if get::<Option<String>>(&row, 2)?.is_some() { Some(json(&row, 2)?) } else { None };
+            sites.push(Site { name: get(&row, 0)?, walls_m: json(&row, 1)?, plan });
+        }
+        Ok(sites)
+    }
+
+    /// Makes or replaces a site, but for its plan.
+    pub async fn put_site(&self, site: &Site) -> Result<()> {
+        let mut writing = self.begin().await?;
+        sqlx::query(
+            "INSERT INTO sites (name, walls) VALUES ($1, $2) ON CONFLICT (name) DO UPDATE SET walls = excluded.walls",
+        )
+        .bind(&site.name)
+        .bind(to_json(&site.walls_m)?)
+        .execute(&mut *writing.tx)
+        .await?;
+        Ok(writing.tx.commit().await?)
+    }
+
+    /// Replaces a site's plan, and its picture where one is given.
+    pub async fn put_plan(&self, site: &str, plan: &Plan, picture: Option<&[u8]>) -> Result<()> {
+        let mut writing = self.begin().await?;
+        let update = sqlx::query("UPDATE sites SET plan = $1 WHERE name = $2").bind(to_json(plan)?).bind(site);
+        if update.execute(&mut *writing.tx).await?.rows_affected() == 0 {
+            return Err(StoreError::Missing(format!("site {site:?}")));
+        }
+        if let Some(picture) = picture {
+            let update = sqlx::query("UPDATE sites SET picture = $1 WHERE name = $2").bind(picture).bind(site);
+            update.execute(&mut *writing.tx).await?;
+        }
+        Ok(writing.tx.commit().await?)
+    }
+
+    /// The picture of a site's plan.
+    pub async fn picture(&self, site: &str) -> Result<Vec<u8>> {
+        sqlx::query_scalar("SELECT picture FROM sites WHERE name = $1 AND picture IS NOT NULL")
+            .bind(site)
+            .fetch_optional(&self.pool)
+            .await?
+            .ok_or_else(|| StoreError::Missing(format!("picture of site {site:?}")))
+    }
+
+    /// The rooms and zones of all sites, by site and name.
+    pub async fn zones(&self) -> Result<Vec<Zone>> {
+        let rows = sqlx::query("SELECT site, name, kind, corners, alarm FROM zones ORDER BY site, name")
+            .fetch_all(&self.pool)
+            .await?;
+        let mut zones = Vec::with_capacity(rows.len());
+        for row in rows {
+            zones.push(Zone {
+                site: get(&row, 0)?,
+                name: get(&row, 1)?,
+                kind: variant(&row, 2)?,
+                corners_m: json(&row, 3)?,
+                alarm: get::<i64>(&row, 4)? != 0,
+            });
+        }
+        Ok(zones)
+    }
+
+    /// Makes or replaces a zone.
+    pub async fn put_zone(&self, zone: &Zone) -> Result<()> {
+        let mut writing = self.begin().await?;
+        sqlx::query(
+            "INSERT INTO zones (site, name, kind, corners, alarm) VALUES ($1, $2, $3, $4, $5) \
+             ON CONFLICT (site, name) DO UPDATE SET \
+             kind = excluded.kind, corners = excluded.corners, alarm = excluded.alarm",
+        )
+        .bind(&zone.site)
+        .bind(&zone.name)
+        .bind(name_of(zone.kind)?)
+        .bind(to_json(&zone.corners_m)?)
+        .bind(i16::from(zone.alarm))
+        .execute(&mut *writing.tx)
+        .await?;
+        Ok(writing.tx.commit().await?)
+    }
+
+    /// Deletes a zone.
+    pub async fn delete_zone(&self, site: &str, name: &str) -> Result<()> {
+        let mut writing = self.begin().await?;
+        let delete = sqlx::query("DELETE FROM zones WHERE site = $1 AND name = $2").bind(site).bind(name);
+        if delete.execute(&mut *writing.tx).await?.rows_affected() == 0 {
+            return Err(StoreError::Missing(format!("zone {name:?} of site {site:?}")));
+        }
+        Ok(writing.tx.commit().await?)
+    }
+}

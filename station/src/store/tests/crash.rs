@@ -1,0 +1,60 @@
+//! A process that is killed while it writes.
+
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Command, Stdio};
+
+use super::*;
+
+/// Positions of a batch, one a second.
+const BATCH: i64 = 50;
+
+/// Starts this test binary again as the process that writes, and kills it after some acknowledgements. The number of
+/// the last batch that it acknowledged.
+fn write_and_kill(url: &str, acknowledgements: usize) -> i64 {
+    let mut child = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "store::tests::crash::writes_until_it_is_killed", "--ignored", "--nocapture"])
+        .env("BALIZA_TEST_STORE", url)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let lines = BufReader::new(child.stdout.take().unwrap()).lines().map_while(std::result::Result::ok);
+    let mut last = None;
+    for (count, line) in lines.filter_map(|line| line.strip_prefix("written ")?.parse().ok()).enumerate() {
+        last = Some(line);
+        if count + 1 == acknowledgements {
+            child.kill().unwrap();
+        }
+    }
+    assert!(!child.wait().unwrap().success());
+    last.unwrap()
+}
+
+#[tokio::test]
+#[ignore = "the process that the test of a crash starts"]
+async fn writes_until_it_is_killed() {
+    let Ok(url) = std::env::var("BALIZA_TEST_STORE") else { return };
+    let store = Store::open(&url).await.unwrap();
+    for batch in store.last_event().await.unwrap().. {
+        let positions: Vec<_> = (batch * BATCH..(batch + 1) * BATCH).map(|s| position("a", s * 1000)).collect();
+        store.write(&positions, &[event(batch + 1, batch, EventKind::Moved)]).await.unwrap();
+        writeln!(std::io::stdout(), "\nwritten {batch}").unwrap();
+        store.compact(at((batch + 1) * BATCH * 1000)).await.unwrap();
+    }
+}
+
+on_both! {
+    async fn what_was_acknowledged_survives_a_kill_of_the_process(place) {
+        for acknowledgements in [1, 7, 40] {
+            let url = place.url.clone();
+            let last = tokio::task::spawn_blocking(move || write_and_kill(&url, acknowledgements)).await.unwrap();
+            let store = place.open().await;
+            // Each batch has one event, and is there as a whole: the acknowledged ones, and perhaps one more.
+            let batches = store.last_event().await.unwrap();
+            assert!(batches > last, "{last} was acknowledged, {batches} are there");
+            let read = store.positions("hall", "a", EVER(), u32::MAX).await.unwrap();
+            assert_eq!(times(&read), (0..batches * BATCH).rev().map(|s| s * 1000).collect::<Vec<_>>());
+            store.close().await;
+        }
+    }
+}

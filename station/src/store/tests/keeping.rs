@@ -1,0 +1,129 @@
+//! Opening, retention, back-up.
+
+use super::*;
+
+const DAY: i64 = 24 * 3600 * 1000;
+
+fn days(days: u64) -> Option<Duration> {
+    Some(Duration::from_secs(days * 24 * 3600))
+}
+
+on_both! {
+    async fn a_store_is_well_and_keeps_what_it_has_when_opened_again(place) {
+        let store = place.open().await;
+        assert!(store.is_well().await);
+        store.write(&[position("a", 1)], &[]).await.unwrap();
+        store.close().await;
+        assert!(!store.is_well().await);
+        assert_eq!(times(&place.open().await.positions("hall", "a", EVER(), 10).await.unwrap()), [1]);
+    }
+
+    async fn a_store_of_a_newer_version_is_refused_and_left_alone(place) {
+        let store = place.open().await;
+        store.write(&[position("a", 1)], &[]).await.unwrap();
+        let newer = "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) \
+                     SELECT version + 1, 'later', success, checksum, 0 FROM _sqlx_migrations";
+        sqlx::query(newer).execute(&store.pool).await.unwrap();
+        assert!(matches!(Store::open(&place.url).await, Err(StoreError::Newer(_))));
+        sqlx::query("DELETE FROM _sqlx_migrations WHERE version > 1").execute(&store.pool).await.unwrap();
+        assert_eq!(times(&place.open().await.positions("hall", "a", EVER(), 10).await.unwrap()), [1]);
+    }
+
+    async fn old_positions_are_thinned_to_the_first_of_each_second_and_tag(place) {
+        let store = place.open().await;
+        // 10 Hz over three minutes, of two tags; b is 50 ms behind.
+        let rows: Vec<_> = (0..1800).flat_map(|i| [position("a", i * 100), position("b", i * 100 + 50)]).collect();
+        store.write(&rows, &[]).await.unwrap();
+        store.compact(at(DAY)).await.unwrap();
+        let retention = Retention { thin_after: days(1), delete_after: None };
+        // The second minute's end is not yet a day ago.
+        store.retain(retention, at(DAY + 119_000)).await.unwrap();
+        let expect = |offset: i64, thin_to: i64| -> Vec<i64> {
+            let thin = (0..thin_to / 1000).map(|s| s * 1000 + offset);
+            thin.chain((thin_to / 100..1800).map(|i| i * 100 + offset)).rev().collect()
+        };
+        for (tag, offset) in [("a", 0), ("b", 50)] {
+            let read = store.positions("hall", tag, EVER(), 10_000).await.unwrap();
+            assert_eq!(times(&read), expect(offset, 60_000));
+        }
+        // A late row makes its minute be thinned again.
+        store.write(&[position("a", 1_250), position("c", 1_250)], &[]).await.unwrap();
+        store.compact(at(2 * DAY)).await.unwrap();
+        store.retain(retention, at(2 * DAY)).await.unwrap();
+        let read = store.positions("hall", "a", EVER(), 10_000).await.unwrap();
+        assert_eq!(times(&read), expect(0, 180_000));
+        assert_eq!(times(&store.positions("hall", "c", EVER(), 10).await.unwrap()), [1_250]);
+    }
+
+    async fn what_is_older_than_the_retention_is_deleted_with_tags_and_events(place) {
+        let store = place.open().await;
+        let rows: Vec<_> = (0..30).map(|minute| position("old", minute * 60_000)).collect();
+        let events = [event(1, 0, EventKind::Entered), event(2, DAY, EventKind::Left)];
+        store.write(&rows, &events).await.unwrap();
+        store.write(&[position("kept", 0), position("kept", DAY)], &[]).await.unwrap();
+        store.compact(at(DAY / 2)).await.unwrap();
+        // One that is old when it comes.
+        store.write(&[position("old", 10)], &[]).await.unwrap();
+        let retention = Retention { thin_after: None, delete_after: days(1) };
+        store.retain(retention, at(DAY + 3_600_000)).await.unwrap();
+        let tags = store.tags().await.unwrap();
+        assert_eq!(tags.iter().map(|tag| tag.tag.as_str()).collect::<Vec<_>>(), ["kept"]);
+        assert_eq!(times(&store.positions("hall", "kept", EVER(), 10).await.unwrap()), [DAY]);
+        let left = store.events(None, EVER(), &[], None, 10).await.unwrap();
+        assert_eq!(left.iter().map(|event| event.id).collect::<Vec<_>>(), [2]);
+        // The tag comes back, and has nothing of what it had.
+        store.write(&[position("old", DAY)], &[]).await.unwrap();
+        assert_eq!(times(&store.positions("hall", "old", EVER(), 100).await.unwrap()), [DAY]);
+        assert_eq!(store.last_event().await.unwrap(), 2);
+    }
+
+    async fn a_back_up_is_a_store_and_never_replaces_a_file(place) {
+        let store = place.open().await;
+        let folder = place.folder.path();
+        store.write(&[position("a", 1)], &[]).await.unwrap();
+        let file = folder.join("back up.db");
+        if place.schema.is_some() {
+            let error = store.back_up(&file).await.unwrap_err();
+            assert_eq!(error.to_string(), "a PostgreSQL store is backed up with pg_dump");
+            return;
+        }
+        store.back_up(&file).await.unwrap();
+        store.write(&[position("a", 2)], &[]).await.unwrap();
+        assert!(matches!(store.back_up(&file).await, Err(StoreError::Exists(_))));
+        let copy = Store::open(file.to_str().unwrap()).await.unwrap();
+        assert_eq!(times(&copy.positions("hall", "a", EVER(), 10).await.unwrap()), [1]);
+        copy.close().await;
+        assert!(store.back_up(&folder.join("no folder/back up.db")).await.is_err());
+        let names: Vec<_> = folder.read_dir().unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert!(names.iter().all(|name| !name.to_string_lossy().contains(".part")), "{names:?}");
+    }
+}
+
+#[tokio::test]
+async fn a_file_that_is_no_store_is_refused_by_name_and_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = folder.path().join("notes.txt");
+    std::fs::write(&text, "not a database, but long enough to be read as the head of one: ".repeat(20)).unwrap();
+    let before = std::fs::read(&text).unwrap();
+    let error = Store::open(text.to_str().unwrap()).await.unwrap_err().to_string();
+    assert!(error.contains("notes.txt"), "{error}");
+    assert_eq!(std::fs::read(&text).unwrap(), before);
+
+    let other = folder.path().join("other.db");
+    let url = format!("sqlite://{}?mode=rwc", other.display());
+    execute(&url, "CREATE TABLE birds (name TEXT)".to_owned()).await;
+    let before = std::fs::read(&other).unwrap();
+    assert!(matches!(Store::open(other.to_str().unwrap()).await, Err(StoreError::Foreign(_))));
+    assert_eq!(std::fs::read(&other).unwrap(), before);
+
+    let error = Store::open(folder.path().join("none/a.db").to_str().unwrap()).await.unwrap_err().to_string();
+    assert!(error.contains("none/a.db"), "{error}");
+}
+
+#[tokio::test]
+async fn an_error_does_not_show_the_password_of_the_database() {
+    let error = Store::open("postgres://me:secret@127.0.0.1:1/none?password=secret").await.unwrap_err();
+    let text = error.to_string();
+    assert!(text.contains("postgres://127.0.0.1:1/none") && !text.contains("secret"), "{text}");
+    assert!(text.contains("refused"), "{text}");
+}

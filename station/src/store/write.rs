@@ -1,0 +1,234 @@
+//! Positions and events into the store.
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::LazyLock;
+
+use sqlx::AnyConnection;
+
+use super::key::{LAST_TAG, key, ms};
+use super::rows::{Bare, Many, name_of};
+use super::{Result, Store, StoreError};
+use crate::model::{Event, TagPosition};
+
+static INSERT_POSITIONS: LazyLock<Many> = LazyLock::new(|| {
+    let before = "INSERT INTO recent \
+         (key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used)";
+    Many::new(before, 10, "")
+});
+
+static INSERT_EVENTS: LazyLock<Many> = LazyLock::new(|| {
+    let before = "INSERT INTO events (id, t_us, site, kind, node, zone, dwell_us, alarm)";
+    Many::new(before, 8, "ON CONFLICT (id) DO NOTHING")
+});
+
+static WIDEN_TAGS: LazyLock<Many> = LazyLock::new(|| {
+    let before = "UPDATE tags SET \
+         first_ms = CASE WHEN column2 < first_ms THEN column2 ELSE first_ms END, \
+         last_ms = CASE WHEN column3 > last_ms THEN column3 ELSE last_ms END FROM (";
+    Many::new(before, 3, ") AS seen WHERE tags.id = seen.column1")
+});
+
+/// The numbers of tags and rooms that have been looked up.
+#[derive(Debug, Default)]
+pub struct Numbers {
+    /// By site, then by tag.
+    tags: HashMap<String, HashMap<String, i64>>,
+    rooms: HashMap<String, i64>,
+}
+
+impl Numbers {
+    async fn tag(&mut self, connection: &mut AnyConnection, position: &TagPosition) -> Result<i64> {
+        let (site, tag) = (&position.site, &position.tag);
+        if let Some(&id) = self.tags.get(site).and_then(|tags| tags.get(tag)) {
+            return Ok(id);
+        }
+        let known = sqlx::query_scalar("SELECT id FROM tags WHERE site = $1 AND tag = $2").bind(site).bind(tag);
+        let id = match known.fetch_optional(&mut *connection).await? {
+            Some(id) => id,
+            None => {
+                sqlx::query_scalar(
+                    "INSERT INTO tags (id, site, tag, first_ms, last_ms) \
+                     SELECT COALESCE(MAX(id), 0) + 1, $1, $2, $3, $3 FROM tags RETURNING id",
+                )
+                .bind(site)
+                .bind(tag)
+                .bind(ms(position.t))
+                .fetch_one(&mut *connection)
+                .await?
+            }
+        };
+        if id > LAST_TAG {
+            return Err(StoreError::TooManyTags(LAST_TAG));
+        }
+        self.tags.entry(site.clone()).or_default().insert(tag.clone(), id);
+        Ok(id)
+    }
+
+    async fn room(&mut self, connection: &mut AnyConnection, name: &str) -> Result<i64> {
+        if let Some(&id) = self.rooms.get(name) {
+            return Ok(id);
+        }
+        let known = sqlx::query_scalar("SELECT id FROM rooms WHERE name = $1").bind(name);
+        let id = match known.fetch_optional(&mut *connection).await? {
+            Some(id) => id,
+            None => {
+                sqlx::query_scalar(
+                    "INSERT INTO rooms (id, name) SELECT COALESCE(MAX(id), 0) + 1, $1 FROM rooms RETURNING id",
+                )
+                .bind(name)
+                .fetch_one(&mut *connection)
+                .await?
+            }
+        };
+        self.rooms.insert(name.to_owned(), id);
+        Ok(id)
+    }
+}
+
+/// A position as it is stored.
+struct Stored {
+    key: i64,
+    mm: [i32; 2],
+    z_mm: Option<i32>,
+    sigma_mm: [i32; 2],
+    sigma_z_mm: Option<i32>,
+    correlation: i16,
+    room: Option<i64>,
+    used: u8,
+}
+
+impl Stored {
+    fn new(position: &TagPosition, tag: i64, room: Option<i64>) -> Self {
+        Self {
+            key: key(ms(position.t), tag),
+            mm: [position.x_m, position.y_m].map(millimetres),
+            z_mm: position.z_m.filter(|z| z.is_finite()).map(millimetres),
+            sigma_mm: [position.sigma_x_m, position.sigma_y_m].map(sigma_millimetres),
+            sigma_z_mm: position.sigma_z_m.filter(|sigma| sigma.is_finite()).map(sigma_millimetres),
+            correlation: correlation(position),
+            room,
+            used: position.used,
+        }
+    }
+
+    fn bind<'q>(query: Bare<'q>, row: &Self) -> Bare<'q> {
+        query
+            .bind(row.key)
+            .bind(row.mm[0])
+            .bind(row.mm[1])
+            .bind(row.z_mm)
+            .bind(row.sigma_mm[0])
+            .bind(row.sigma_mm[1])
+            .bind(row.sigma_z_mm)
+            .bind(row.correlation)
+            .bind(row.room)
+            .bind(i16::from(row.used))
+    }
+}
+
+/// The nearest number of millimetres; beyond 2,147 km the last one.
+fn millimetres(m: f64) -> i32 {
+    (m * 1000.0).round() as i32
+}
+
+/// A standard deviation is never rounded to zero: nothing is exact.
+fn sigma_millimetres(m: f64) -> i32 {
+    millimetres(m).max(1)
+}
+
+/// 127ths, short of ±1: the covariance that is read again is that of an ellipse, not of a line.
+fn correlation(position: &TagPosition) -> i16 {
+    let correlation = position.cov_xy_m2 / (position.sigma_x_m * position.sigma_y_m);
+    (correlation * 127.0).round().clamp(-126.0, 126.0) as i16
+}
+
+impl Store {
+    /// Writes positions and events together; after it returns, they survive a crash of the process and a power cut.
+    /// What is written again is not stored twice. A position that is not finite is left out.
+    pub async fn write(&self, positions: &[TagPosition], events: &[Event]) -> Result<()> {
+        let mut writing = self.begin().await?;
+        // Numbers of this transaction hold only if it is committed.
+        let mut numbers = std::mem::take(&mut *writing.numbers);
+        let mut rows = Vec::with_capacity(positions.len());
+        let mut seen = BTreeMap::<i64, (i64, i64)>::new();
+        for position in positions {
+            let values = [position.x_m, position.y_m, position.sigma_x_m, position.sigma_y_m];
+            if !values.iter().all(|value| value.is_finite()) {
+                log::warn!("a position of {:?} that is no number is not stored", position.tag);
+                continue;
+            }
+            let tag = numbers.tag(&mut writing.tx, position).await?;
+            let room = match &position.room {
+                Some(room) => Some(numbers.room(&mut writing.tx, room).await?),
+                None => None,
+            };
+            let t = ms(position.t);
+            let span = seen.entry(tag).or_insert((t, t));
+            *span = (span.0.min(t), span.1.max(t));
+            rows.push(Stored::new(position, tag, room));
+        }
+        INSERT_POSITIONS.run(&mut writing.tx, &rows, Stored::bind).await?;
+        let seen: Vec<_> = seen.into_iter().collect();
+        WIDEN_TAGS
+            .run(&mut writing.tx, &seen, |query, &(tag, (first, last))| query.bind(tag).bind(first).bind(last))
+            .await?;
+        insert_events(&mut writing.tx, events).await?;
+        writing.tx.commit().await?;
+        *writing.numbers = numbers;
+        Ok(())
+    }
+}
+
+async fn insert_events(connection: &mut AnyConnection, events: &[Event]) -> Result<()> {
+    let events = events.iter().map(|event| Ok((event, name_of(event.kind)?))).collect::<Result<Vec<_>>>()?;
+    INSERT_EVENTS
+        .run(connection, &events, |query, (event, kind)| {
+            query
+                .bind(event.id)
+                .bind(event.t.us())
+                .bind(event.site.clone())
+                .bind(kind.clone())
+                .bind(event.node.clone())
+                .bind(event.zone.clone())
+                .bind(event.dwell_s.map(|s| (s * 1e6).round() as i64))
+                .bind(i16::from(event.alarm))
+        })
+        .await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Utc;
+
+    fn position(cov_xy_m2: f64) -> TagPosition {
+        TagPosition {
+            site: "hall".to_owned(),
+            tag: "0x1001".to_owned(),
+            t: Utc::clamped(61_000_000),
+            x_m: 1.234_6,
+            y_m: -3_000_000.0,
+            z_m: Some(f64::NAN),
+            sigma_x_m: 0.000_1,
+            sigma_y_m: 0.2,
+            sigma_z_m: None,
+            cov_xy_m2,
+            room: None,
+            used: 255,
+        }
+    }
+
+    #[test]
+    fn lengths_are_rounded_and_limited_and_no_deviation_becomes_zero() {
+        let stored = Stored::new(&position(0.0), 1, None);
+        assert_eq!((stored.mm, stored.z_mm, stored.sigma_mm), ([1235, i32::MIN], None, [1, 200]));
+    }
+
+    #[test]
+    fn a_correlation_stays_within_one() {
+        // 0.5 of 0.0001 m times 0.2 m; 0.5 * 127 = 63.5.
+        assert_eq!(correlation(&position(0.5 * 0.000_02)), 64);
+        assert_eq!(correlation(&position(-1.0)), -126);
+        assert_eq!(correlation(&TagPosition { sigma_x_m: 0.0, ..position(0.0) }), 0);
+    }
+}

@@ -1,0 +1,200 @@
+//! A station and a client of it.
+
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use baliza_station::api::{Access, App, Limits, Page, Token, UserRole, serve};
+use baliza_station::model::{Role, Site};
+use baliza_station::store::Retention;
+use baliza_station::{Hub, Live, Report, Store, Utc, What};
+use http_body_util::{BodyExt, Full};
+use hyper::body::{Bytes, Incoming};
+use hyper::{HeaderMap, Method, Request, Response, StatusCode, header};
+use hyper_util::rt::TokioIo;
+use serde_json::Value;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
+
+/// The site that stations of tests have.
+pub const SITE: &str = "lab";
+
+/// A running station.
+pub struct Station {
+    pub address: SocketAddr,
+    pub store: Store,
+    pub hub: Hub,
+    stop: Option<oneshot::Sender<()>>,
+    served: JoinHandle<std::io::Result<()>>,
+    _folder: tempfile::TempDir,
+}
+
+/// An answer, read to its end.
+#[derive(Debug)]
+pub struct Answer {
+    pub status: StatusCode,
+    pub headers: HeaderMap,
+    pub body: Bytes,
+}
+
+/// Limits that no test reaches by accident.
+pub fn generous() -> Limits {
+    Limits { writes_per_s: 1e6, writes_at_once: 1e6, ..Limits::default() }
+}
+
+/// A station for everyone at the loopback address.
+pub async fn open() -> Station {
+    station(Access::Open, generous()).await
+}
+
+/// A station with a token of each role: `view-secret`, `operate-secret`, `administer-secret`.
+pub async fn with_tokens(limits: Limits) -> Station {
+    let token = |(name, role)| Token::new(name, role, &format!("{name}-secret"));
+    let roles = [("view", UserRole::View), ("operate", UserRole::Operate), ("administer", UserRole::Administer)];
+    station(Access::Tokens(roles.map(token).to_vec()), limits).await
+}
+
+pub async fn station(access: Access, limits: Limits) -> Station {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path().join("baliza.db").to_str().unwrap()).await.unwrap();
+    store.put_site(&Site { name: SITE.to_owned(), walls_m: Vec::new(), plan: None }).await.unwrap();
+    let live = Live::new(baliza_station::live::Limits::default());
+    let keep = Retention { thin_after: None, delete_after: None };
+    let (hub, _) = Hub::start(live, store.clone(), keep).await.unwrap();
+    let page = Page::of([
+        (
+            "index.html",
+            b"<!doctype html><title>Baliza</title><script src=\"/assets/main.js\"></script>".as_slice().into(),
+        ),
+        ("assets/main.js", b"document.title".as_slice().into()),
+    ]);
+    let app = App { access, limits, page, ..App::new(hub.clone(), store.clone()) };
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap();
+    let (stop, stopped) = oneshot::channel();
+    let served = tokio::spawn(serve(listener, app, stopped));
+    Station { address, store, hub, stop: Some(stop), served, _folder: folder }
+}
+
+impl Station {
+    /// Sends a request without a body, and the header `Host` only.
+    pub async fn get(&self, path: &str) -> Answer {
+        self.send(self.request(Method::GET, path)).await
+    }
+
+    /// Sends JSON.
+    pub async fn json(&self, method: Method, path: &str, body: &Value) -> Answer {
+        let mut request = self.request(method, path);
+        request.headers_mut().insert(header::CONTENT_TYPE, "application/json".parse().unwrap());
+        *request.body_mut() = Full::from(body.to_string());
+        self.send(request).await
+    }
+
+    /// Sends bytes.
+    pub async fn put(&self, path: &str, body: Vec<u8>) -> Answer {
+        let mut request = self.request(Method::PUT, path);
+        *request.body_mut() = Full::from(body);
+        self.send(request).await
+    }
+
+    /// A request to the station.
+    pub fn request(&self, method: Method, path: &str) -> Request<Full<Bytes>> {
+        let request = Request::builder().method(method).uri(path).header(header::HOST, self.address.to_string());
+        request.body(Full::default()).unwrap()
+    }
+
+    /// The whole answer to a request.
+    pub async fn send(&self, request: Request<Full<Bytes>>) -> Answer {
+        let (parts, body) = self.begin(request).await.into_parts();
+        let body = tokio::time::timeout(Duration::from_secs(20), body.collect()).await.unwrap().unwrap().to_bytes();
+        Answer { status: parts.status, headers: parts.headers, body }
+    }
+
+    /// The beginning of the answer to a request.
+    pub async fn begin(&self, request: Request<Full<Bytes>>) -> Response<Incoming> {
+        let stream = TcpStream::connect(self.address).await.unwrap();
+        let (mut sender, connection) = hyper::client::conn::http1::handshake(TokioIo::new(stream)).await.unwrap();
+        tokio::spawn(connection);
+        sender.send_request(request).await.unwrap()
+    }
+
+    /// Reports something of the site of tests, now.
+    pub async fn report(&self, what: What) {
+        self.hub.reports().send(Report { t: Utc::now(), site: SITE.to_owned(), what }).await.unwrap();
+    }
+
+    /// Reports a position with a standard deviation of 10 cm.
+    pub async fn report_position(&self, tag: &str, x_m: f64, y_m: f64) {
+        let what = What::Position {
+            tag: tag.to_owned(),
+            position_m: [x_m, y_m],
+            z_m: None,
+            sigma_m: [0.1; 2],
+            sigma_z_m: None,
+            cov_xy_m2: 0.0,
+            used: 4,
+        };
+        self.report(what).await;
+    }
+
+    /// Reports four beacons at the corners of a square of 10 m.
+    pub async fn report_beacons(&self) {
+        for (number, [x_m, y_m]) in [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]].into_iter().enumerate() {
+            let position_m = Some([x_m, y_m, 1.0]);
+            self.report(What::Node { node: format!("1-{number}"), name: None, role: Role::Beacon, position_m }).await;
+        }
+    }
+
+    /// Asks until the answer's JSON is as wanted.
+    pub async fn until(&self, path: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
+        for _ in 0..200 {
+            let json = self.get(path).await.json();
+            if is_wanted(&json) {
+                return json;
+            }
+            tokio::time::sleep(Duration::from_millis(25)).await;
+        }
+        panic!("{path}: {}", self.get(path).await.json());
+    }
+
+    /// Stops the station; the time that this took.
+    pub async fn stop(mut self) -> Duration {
+        let start = std::time::Instant::now();
+        self.stop.take().unwrap().send(()).unwrap();
+        self.served.await.unwrap().unwrap();
+        start.elapsed()
+    }
+}
+
+impl Answer {
+    /// The body as JSON.
+    pub fn json(&self) -> Value {
+        serde_json::from_slice(&self.body).unwrap_or_else(|error| panic!("{error}: {self:?}"))
+    }
+
+    /// A header's value.
+    pub fn header(&self, name: impl header::AsHeaderName) -> &str {
+        self.headers.get(name).map_or("", |value| value.to_str().unwrap())
+    }
+
+    /// Checks that this is a problem document of this status (RFC 9457).
+    pub fn is_problem(&self, status: u16) {
+        assert_eq!(self.status, status, "{self:?}");
+        assert_eq!(self.header(header::CONTENT_TYPE), "application/problem+json", "{self:?}");
+        let problem = self.json();
+        assert_eq!(problem["status"], status);
+        assert_eq!(problem["type"], "about:blank");
+        assert!(problem["title"].is_string() && !problem["detail"].as_str().unwrap().is_empty(), "{problem}");
+    }
+}
+
+/// The head of a PNG: its signature and IHDR, as in the specification, sections 5.2 and 11.2.2.
+pub fn png(width_px: u32, height_px: u32) -> Vec<u8> {
+    let size = [width_px.to_be_bytes(), height_px.to_be_bytes()].concat();
+    [b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR".as_slice(), &size, &[8, 2, 0, 0, 0], &[0; 4]].concat()
+}
+
+/// The keys of an object, in their order.
+pub fn keys(value: &Value) -> Vec<&str> {
+    value.as_object().unwrap_or_else(|| panic!("{value}")).keys().map(String::as_str).collect()
+}

@@ -1,0 +1,9 @@
+//! The API over real connections: a station on a loopback port with a SQLite store, and a client that sends what it is
+//! told to, byte for byte.
+
+mod access;
+mod client;
+mod document;
+mod hostile;
+mod live;
+mod routes;

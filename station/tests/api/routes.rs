@@ -1,0 +1,222 @@
+//! Every route, used as intended.
+
+use baliza_station::What;
+use baliza_station::model::Role;
+use hyper::{Method, header};
+use serde_json::json;
+
+use crate::client::{SITE, keys, open, png};
+
+const POSITION: [&str; 12] =
+    ["site", "tag", "t", "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m", "sigma_z_m", "cov_xy_m2", "room", "used"];
+
+#[tokio::test]
+async fn page_has_its_files_with_a_strict_policy_and_entity_tags() {
+    let station = open().await;
+    for (path, media_type) in [("/", "text/html; charset=utf-8"), ("/assets/main.js", "text/javascript; charset=utf-8")]
+    {
+        let answer = station.get(path).await;
+        assert_eq!((answer.status.as_u16(), answer.header(header::CONTENT_TYPE)), (200, media_type));
+        let policy = answer.header(header::CONTENT_SECURITY_POLICY);
+        assert!(policy.starts_with("default-src 'none'; script-src 'self';") && !policy.contains("unsafe"), "{policy}");
+        assert_eq!(answer.header(header::X_CONTENT_TYPE_OPTIONS), "nosniff");
+        let mut again = station.request(Method::GET, path);
+        again.headers_mut().insert(header::IF_NONE_MATCH, answer.headers[header::ETAG].clone());
+        assert_eq!(station.send(again).await.status, 304);
+    }
+    let head = station.send(station.request(Method::HEAD, "/assets/main.js")).await;
+    assert_eq!((head.status.as_u16(), head.body.len()), (200, 0));
+}
+
+#[tokio::test]
+async fn health_and_metrics_tell_what_runs() {
+    let station = open().await;
+    let health = station.get("/healthz").await;
+    assert_eq!(health.status, 200);
+    assert_eq!(keys(&health.json()), ["title", "status", "store", "hub", "version"]);
+    assert_eq!((&health.json()["store"], &health.json()["hub"]), (&json!(true), &json!(true)));
+    station.report_position("0x1001", 1.0, 2.0).await;
+    station.until("/api/v1/tags", |tags| tags[0].is_object()).await;
+    let metrics = station.get("/metrics").await;
+    assert!(metrics.header(header::CONTENT_TYPE).starts_with("text/plain; version=0.0.4"));
+    let text = String::from_utf8(metrics.body.to_vec()).unwrap();
+    assert!(text.contains("# TYPE baliza_tags gauge\n"), "{text}");
+    assert!(text.contains("\nbaliza_tags{state=\"reporting\"} 1\n"), "{text}");
+    // Each line is a comment, or a name with a number (exposition format 0.0.4).
+    assert!(text.lines().all(|line| line.starts_with("# ") || line.rsplit_once(' ').unwrap().1.parse::<f64>().is_ok()));
+}
+
+#[tokio::test]
+async fn tags_have_their_last_position_and_their_history_newest_first_in_pages() {
+    let station = open().await;
+    for x_m in [1.0, 2.0, 3.0] {
+        station.report_position("0x1001", x_m, 5.0).await;
+        tokio::time::sleep(std::time::Duration::from_millis(5)).await;
+    }
+    let tags = station.until("/api/v1/tags?site=lab", |tags| tags[0]["last_position"]["x_m"] == 3.0).await;
+    let expected =
+        ["tag", "site", "name", "first_seen", "last_seen", "last_position", "rate_hz", "silent", "reason", "zones"];
+    assert_eq!(keys(&tags[0]), expected);
+    assert_eq!(keys(&tags[0]["last_position"]), POSITION);
+    assert_eq!(station.get("/api/v1/tags?site=other").await.json(), json!([]));
+
+    let path = "/api/v1/tags/0x1001/positions?limit=2";
+    station.until("/api/v1/tags/0x1001/positions?site=lab", |rows| rows.as_array().map(Vec::len) == Some(3)).await;
+    let first = station.get(path).await;
+    let xs = |answer: &crate::client::Answer| -> Vec<f64> {
+        answer.json().as_array().unwrap().iter().map(|row| row["x_m"].as_f64().unwrap()).collect()
+    };
+    assert_eq!(xs(&first), [3.0, 2.0]);
+    assert_eq!(keys(&first.json()[0]), POSITION);
+    let link = first.header(header::LINK).to_owned();
+    let next = link.strip_prefix('<').unwrap().strip_suffix(">; rel=\"next\"").unwrap();
+    let second = station.get(next).await;
+    assert_eq!((xs(&second), second.header(header::LINK)), (vec![1.0], ""));
+}
+
+#[tokio::test]
+async fn replay_has_all_tags_oldest_first_in_pages() {
+    let station = open().await;
+    for (tag, x_m) in [("0x1001", 1.0), ("0x1002", 2.0), ("0x1001", 3.0)] {
+        station.report_position(tag, x_m, 5.0).await;
+        tokio::time::sleep(std::time::Duration::from_millis(5)).await;
+    }
+    let all = station.until("/api/v1/positions?site=lab&step_s=0", |rows| rows.as_array().unwrap().len() == 3).await;
+    let mut path = "/api/v1/positions?site=lab&step_s=0&limit=1".to_owned();
+    let mut rows = Vec::new();
+    for _ in 0..3 {
+        let page = station.get(&path).await;
+        rows.extend(page.json().as_array().unwrap().clone());
+        let link = page.header(header::LINK);
+        let Some(next) = link.strip_prefix('<').and_then(|link| link.strip_suffix(">; rel=\"next\"")) else { break };
+        path = next.to_owned();
+    }
+    assert_eq!(&rows, all.as_array().unwrap());
+    assert_eq!(rows.iter().map(|row| row["x_m"].as_f64().unwrap()).collect::<Vec<_>>(), [1.0, 2.0, 3.0]);
+}
+
+#[tokio::test]
+async fn nodes_are_listed_with_their_health() {
+    let station = open().await;
+    let position_m = Some([1.0, 2.0, 3.0]);
+    station.report(What::Node { node: "0x0101".into(), name: Some("A".into()), role: Role::Anchor, position_m }).await;
+    let nodes = station.until("/api/v1/nodes?site=lab", |nodes| nodes[0].is_object()).await;
+    assert_eq!(nodes[0]["node"], "0x0101");
+    assert_eq!(nodes[0]["position_m"], json!([1.0, 2.0, 3.0]));
+    for key in ["success_rate", "residual_mean_m", "residual_sigma_m", "first_path_minus_received_db", "moved"] {
+        assert!(nodes[0].get(key).is_some(), "{key}");
+    }
+}
+
+#[tokio::test]
+async fn a_room_is_drawn_a_tag_enters_it_and_it_is_deleted() {
+    let station = open().await;
+    let room = json!({"kind": "room", "corners_m": [[0, 0], [10, 0], [10, 10], [0, 10]], "alarm": true});
+    let path = "/api/v1/rooms/lab/Sala%20de%20m%C3%A1quinas";
+    let made = station.json(Method::PUT, path, &room).await;
+    assert_eq!(made.status, 201, "{made:?}");
+    assert_eq!(made.json()["name"], "Sala de máquinas");
+    assert_eq!(station.json(Method::PUT, path, &made.json()).await.status, 200);
+    station.report_position("0x1001", 5.0, 5.0).await;
+    let rooms = station.until("/api/v1/rooms?site=lab", |rooms| rooms[0]["tags"] == json!(["0x1001"])).await;
+    assert_eq!(keys(&rooms[0]), ["site", "name", "kind", "corners_m", "alarm", "tags"]);
+    let events = station.until("/api/v1/events?site=lab&kind=entered,left", |events| events[0].is_object()).await;
+    assert_eq!(keys(&events[0]), ["id", "t", "site", "kind", "node", "zone", "dwell_s", "alarm"]);
+    assert_eq!((&events[0]["kind"], &events[0]["zone"]), (&json!("entered"), &json!("Sala de máquinas")));
+    let before = format!("/api/v1/events?before={}", events[0]["id"]);
+    assert_eq!(station.get(&before).await.json(), json!([]));
+    assert_eq!(station.send(station.request(Method::DELETE, path)).await.status, 204);
+    assert_eq!(station.get("/api/v1/rooms").await.json(), json!([]));
+    station.send(station.request(Method::DELETE, path)).await.is_problem(404);
+}
+
+#[tokio::test]
+async fn a_site_gets_walls_and_a_plan_whose_scale_is_changed() {
+    let station = open().await;
+    let walls = json!([[[0, 0], [10, 0]], [[10, 0], [10, 5]]]);
+    let site = station.json(Method::PUT, "/api/v1/sites/hall/walls", &walls).await.json();
+    assert_eq!(site["walls_m"], json!([[[0.0, 0.0], [10.0, 0.0]], [[10.0, 0.0], [10.0, 5.0]]]));
+    let picture = png(640, 480);
+    let path = "/api/v1/sites/hall/plan?origin_x_m=-1&origin_y_m=8.5&metres_per_pixel=0.02";
+    let plan = station.put(path, picture.clone()).await;
+    assert_eq!(plan.status, 200, "{plan:?}");
+    let expected = json!({"origin_m": [-1.0, 8.5], "metres_per_pixel": 0.02, "rotation_rad": 0.0, "width_px": 640,
+        "height_px": 480, "media_type": "image/png"});
+    assert_eq!(plan.json(), expected);
+    let blueprint = station.get("/blueprints/hall").await;
+    assert_eq!((blueprint.header(header::CONTENT_TYPE), &blueprint.body[..]), ("image/png", &picture[..]));
+    let mut again = station.request(Method::GET, "/blueprints/hall");
+    again.headers_mut().insert(header::IF_NONE_MATCH, blueprint.headers[header::ETAG].clone());
+    assert_eq!(station.send(again).await.status, 304);
+    let scale = json!({"origin_m": [0, 0], "metres_per_pixel": 0.05, "rotation_rad": 1.5});
+    let plan = station.json(Method::PUT, "/api/v1/sites/hall/plan/scale", &scale).await.json();
+    assert_eq!((&plan["metres_per_pixel"], &plan["width_px"]), (&json!(0.05), &json!(640)));
+    let sites = station.get("/scenarios").await;
+    let hall = sites.json().as_array().unwrap().iter().find(|site| site["name"] == "hall").cloned().unwrap();
+    assert_eq!(keys(&hall), ["name", "walls_m", "plan"]);
+    assert_eq!((&hall["plan"], &hall["walls_m"]), (&plan, &site["walls_m"]));
+    // The picture is still there, and so are the walls.
+    assert_eq!(&station.get("/blueprints/hall").await.body[..], &picture[..]);
+}
+
+#[tokio::test]
+async fn a_campaign_is_made_surveyed_read_in_pages_and_deleted() {
+    let station = open().await;
+    let new = json!({"name": "spring survey", "scenario": SITE,
+        "points": [{"id": "p1", "x_m": 1, "y_m": 2, "room": "kitchen"}, {"id": "p2", "x_m": 3, "y_m": 4, "z_m": 1.5}]});
+    let made = station.json(Method::POST, "/campaigns", &new).await;
+    assert_eq!((made.status.as_u16(), made.header(header::LOCATION)), (201, "/campaigns/spring%20survey"));
+    station.json(Method::POST, "/campaigns", &new).await.is_problem(409);
+    let campaign = station.get(made.header(header::LOCATION)).await.json();
+    assert_eq!(keys(&campaign), ["name", "scenario", "created", "points"]);
+    assert_eq!(station.get("/campaigns").await.json(), json!([campaign]));
+    let points = station.get("/campaigns/spring%20survey/points").await.json();
+    assert_eq!(keys(&points[0]), ["id", "x_m", "y_m", "z_m", "room", "samples"]);
+    let path = "/campaigns/spring%20survey/points/p1/samples";
+    let samples = json!([{"beacon": "1-7", "rssi_dbm": -60.5, "t_s": 0.1}, {"beacon": "1-8", "rssi_dbm": -71, "t_s": 0.2},
+        {"beacon": "1-7", "rssi_dbm": -61, "t_s": 1.1}]);
+    let added = station.json(Method::POST, path, &samples).await;
+    assert_eq!((added.status.as_u16(), added.json()), (201, json!({"added": 3, "samples": 3})));
+    assert_eq!(station.get("/campaigns/spring%20survey/points/p1").await.json()["samples"], 3);
+    let first = station.get(&format!("{path}?limit=2")).await;
+    assert_eq!(first.header(header::LINK), format!("<{path}?limit=2&skip=2>; rel=\"next\""));
+    assert_eq!(
+        first.json(),
+        json!([{"beacon": "1-7", "rssi_dbm": -60.5, "t_s": 0.1}, {"beacon": "1-8", "rssi_dbm": -71.0, "t_s": 0.2}])
+    );
+    assert_eq!(station.get(&format!("{path}?limit=2&skip=2")).await.json().as_array().unwrap().len(), 1);
+    assert_eq!(station.send(station.request(Method::DELETE, "/campaigns/spring%20survey")).await.status, 204);
+    station.get("/campaigns/spring%20survey").await.is_problem(404);
+    station.get(path).await.is_problem(404);
+}
+
+#[tokio::test]
+async fn a_terminal_gets_its_position_and_room_and_appears_on_the_map() {
+    let station = open().await;
+    let room = json!({"kind": "room", "corners_m": [[-20, -20], [30, -20], [30, 30], [-20, 30]]});
+    station.json(Method::PUT, "/api/v1/rooms/lab/hall", &room).await;
+    station.report_beacons().await;
+    station.until("/api/v1/nodes", |nodes| nodes.as_array().unwrap().len() == 4).await;
+    // The same RSSI from the four corners of a square: the middle is where each distance is the same.
+    let sample = |beacon: &str| json!({"beacon": beacon, "rssi_dbm": -75.0, "t_s": 0.0});
+    let samples: Vec<_> = ["1-0", "1-1", "1-2", "1-3"].into_iter().map(sample).collect();
+    let body = json!({"terminal": "phone of Ana", "scenario": SITE, "samples": samples});
+    let located = station.json(Method::POST, "/rtls", &body).await;
+    assert_eq!(located.status, 200, "{located:?}");
+    let located = located.json();
+    assert_eq!(keys(&located), ["x_m", "y_m", "sigma_x_m", "sigma_y_m", "room", "reason"]);
+    for key in ["x_m", "y_m"] {
+        assert!((located[key].as_f64().unwrap() - 5.0).abs() < 0.1, "{located}");
+    }
+    assert_eq!((&located["room"], &located["reason"]), (&json!("hall"), &json!(null)));
+    let is_there = |tags: &serde_json::Value| tags[0]["last_position"].is_object();
+    let tags = station.until("/api/v1/tags", is_there).await;
+    assert_eq!(tags[0]["tag"], "phone of Ana");
+    let here = json!({"terminal": "phone of Ana", "samples": samples});
+    assert_eq!(station.json(Method::POST, "/rtls/lab", &here).await.json()["room"], "hall");
+
+    let none = json!({"terminal": "phone of Ana", "scenario": SITE, "samples": []});
+    let nowhere = station.json(Method::POST, "/rtls", &none).await.json();
+    assert!(nowhere["x_m"].is_null() && nowhere["sigma_y_m"].is_null() && nowhere["room"].is_null(), "{nowhere}");
+    assert!(!nowhere["reason"].as_str().unwrap().is_empty());
+}

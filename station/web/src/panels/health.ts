@@ -1,0 +1,95 @@
+// The health of anchors and beacons, as a table; the map shows the same by colours.
+
+import { attempt, type App, type Panel } from '../app.js';
+import { empty, h } from '../dom.js';
+import { inOrder, number, t, time } from '../i18n.js';
+import { stateOf } from '../map/draw.js';
+import type { Node } from '../model.js';
+
+const EVERY_MS = 5000;
+
+function signed(value: number, digits: number): string {
+  return `${value > 0 ? '+' : ''}${number(value, digits)}`;
+}
+
+function residual(node: Node): string {
+  if (node.residual_mean_m === null) return '–';
+  const mean = signed(node.residual_mean_m, 2);
+  return node.residual_sigma_m === null ? `${mean} m` : `${mean} ± ${number(node.residual_sigma_m, 2)} m`;
+}
+
+export function healthPanel(app: App): Panel {
+  const { store, map } = app;
+  const none = empty('health.none');
+  const body = h('tbody');
+  const head = h('tr');
+  for (const key of ['node', 'state', 'success', 'residual', 'firstpath', 'seen'] as const) {
+    head.append(h('th', { t: `health.${key}`, attributes: { scope: 'col' } }));
+  }
+  const table = h(
+    'div',
+    { class: 'scroll', label: 'tab.health', attributes: { tabindex: 0, role: 'region', id: 'health' } },
+    h('table', {}, h('thead', {}, head), body),
+  );
+  const element = h('div', {}, none, table, h('p', { t: 'health.help', class: 'help' }));
+  let shown = false;
+
+  function update(): void {
+    if (!shown) return;
+    none.hidden = store.nodes.length > 0;
+    table.hidden = store.nodes.length === 0;
+    // What needs a person comes first.
+    const order = { moved: 0, weak: 1, nlos: 2, unseen: 3, good: 4 };
+    const nodes = [...store.nodes].sort((a, b) => order[stateOf(a)] - order[stateOf(b)] || inOrder(a.node, b.node));
+    const focused = document.activeElement instanceof HTMLElement ? document.activeElement.dataset.node : undefined;
+    body.replaceChildren(
+      ...nodes.map((node) => {
+        const state = stateOf(node);
+        const go = () => {
+          if (node.position_m !== null) map.centreOn({ x: node.position_m[0], y: node.position_m[1] });
+        };
+        return h(
+          'tr',
+          { class: state },
+          h(
+            'th',
+            { attributes: { scope: 'row' } },
+            h(
+              'button',
+              { class: 'link', attributes: { type: 'button', 'data-node': node.node }, on: { click: go } },
+              node.name ?? node.node,
+            ),
+          ),
+          h('td', {}, h('span', { class: `badge ${state}` }, t(`health.${state}`))),
+          h('td', {}, node.success_rate === null ? '–' : `${number(node.success_rate * 100, 0)} %`),
+          h('td', {}, residual(node)),
+          h(
+            'td',
+            {},
+            node.first_path_minus_received_db === null ? '–' : `${signed(node.first_path_minus_received_db, 1)} dB`,
+          ),
+          h('td', {}, node.last_seen === null ? '–' : time(node.last_seen)),
+        );
+      }),
+    );
+    if (focused !== undefined) {
+      for (const link of body.querySelectorAll<HTMLElement>('[data-node]'))
+        if (link.dataset.node === focused) link.focus();
+    }
+  }
+
+  store.on(['nodes', 'language', 'site'], update);
+  setInterval(() => {
+    if (shown && document.visibilityState === 'visible' && store.site !== null)
+      void app.reload('nodes').catch(() => {});
+  }, EVERY_MS);
+  return {
+    key: 'tab.health',
+    element,
+    shown: (is) => {
+      shown = is;
+      update();
+      if (is && store.site !== null) void attempt(app, () => app.reload('nodes'));
+    },
+  };
+}

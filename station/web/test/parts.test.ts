@@ -1,0 +1,135 @@
+import assert from 'node:assert/strict';
+import test from 'node:test';
+import { allPositions, nextOf } from '../src/api.js';
+import { chooseLanguage, number, setLanguage, t } from '../src/i18n.js';
+import { Motion } from '../src/map/motion.js';
+import { lastBefore, Replay } from '../src/map/replay.js';
+import { stateOf } from '../src/map/draw.js';
+import type { Node, TagPosition } from '../src/model.js';
+import { localInput, stepFor } from '../src/panels/history.js';
+import { gridPoints } from '../src/panels/survey.js';
+import { parseCorners } from '../src/panels/zones.js';
+
+function at(seconds: number, x: number): TagPosition {
+  const t = new Date(Date.UTC(2026, 0, 1, 0, 0, seconds)).toISOString();
+  return {
+    site: 'office', tag: 'a', t, x_m: x, y_m: 0, z_m: null,
+    sigma_x_m: 0.1, sigma_y_m: 0.1, sigma_z_m: null, cov_xy_m2: 0, room: null, used: 4,
+  };
+}
+
+test('a tag moves in a straight line for as long as its positions are apart', () => {
+  const motion = new Motion();
+  const x = (now: number) => [...motion.at(now)][0].x;
+  motion.move(at(0, 0), 'a', 1000);
+  motion.move(at(1, 4), 'a', 1400);
+  // 400 ms were between them: after 100 ms a quarter of the way is done.
+  assert.equal(x(1500), 1);
+  assert.ok(motion.moving(1700));
+  assert.equal(x(1800), 4);
+  assert.ok(!motion.moving(1801));
+});
+
+test('who wants no motion sees each position at once', () => {
+  const motion = new Motion();
+  motion.smooth = false;
+  motion.move(at(0, 0), 'a', 1000);
+  motion.move(at(1, 4), 'a', 1400);
+  assert.equal([...motion.at(1400)][0].x, 4);
+});
+
+test('the replay shows a tag between two positions, and not where it was away', () => {
+  const from = Date.UTC(2026, 0, 1);
+  const replay = new Replay([at(0, 0), at(2, 1), at(100, 5)], from, from + 200_000, 10_000, (tag) => tag);
+  const x = (seconds: number) => {
+    replay.time = from + seconds * 1000;
+    return [...replay.at()].map((mark) => mark.x);
+  };
+  assert.deepEqual(x(1), [0.5]);
+  // For ten seconds after its last position it is shown there, then it is away until the next one.
+  assert.deepEqual(x(12), [1]);
+  assert.deepEqual(x(13), []);
+  assert.deepEqual(x(100), [5]);
+});
+
+test('the row before a time is found', () => {
+  const rows = [{ t: 1 }, { t: 3 }, { t: 3 }, { t: 7 }];
+  assert.deepEqual([0, 1, 2, 3, 6, 7, 9].map((time) => lastBefore(rows, time)), [-1, 0, 0, 2, 2, 3, 3]);
+});
+
+test('a history of several pages follows the links, up to the greatest number of rows', async () => {
+  const pages: Record<string, { rows: TagPosition[]; next: string | null }> = {
+    '/2': { rows: [at(2, 2), at(3, 3)], next: '/3' },
+    '/3': { rows: [at(4, 4)], next: null },
+  };
+  const asked: string[] = [];
+  const read = async (path: string) => {
+    asked.push(path);
+    return pages[path] ?? { rows: [at(0, 0), at(1, 1)], next: '/2' };
+  };
+  const all = await allPositions('a b', 'F', 'T', 1, 100, read);
+  assert.deepEqual(all.map((row) => row.x_m), [0, 1, 2, 3, 4]);
+  assert.equal(asked[0], '/api/v1/positions?site=a+b&from=F&to=T&step_s=1&limit=5000');
+  assert.equal((await allPositions('a b', 'F', 'T', 1, 3, read)).length, 4);
+  assert.equal(asked.length, 5);
+});
+
+test('the next page is in the header Link', () => {
+  assert.equal(nextOf('</a?x=1>; rel="next"'), '/a?x=1');
+  assert.equal(nextOf('</a>; rel="first", </b,c>; rel="next"'), '/b,c');
+  assert.equal(nextOf('</a>; rel="first"'), null);
+  assert.equal(nextOf(null), null);
+});
+
+test('the step of a replay fits the span into the rows', () => {
+  // A day of 100 tags: 8,640,000 tag seconds into 60,000 rows are 144 s.
+  assert.equal(stepFor(86_400, 100, 60_000), 144);
+  assert.equal(stepFor(600, 3, 60_000), 1);
+});
+
+test('the time of an input is the local one', () => {
+  assert.equal(localInput(new Date(2026, 2, 4, 5, 6, 7).getTime()), '2026-03-04T05:06:07');
+});
+
+test('typed corners may have decimal commas, and are refused where they are no numbers', () => {
+  assert.deepEqual(parseCorners('0 0\n 4,5 0\n\n4.5;3'), [[0, 0], [4.5, 0], [4.5, 3]]);
+  assert.equal(parseCorners('0 0\nfour 0'), null);
+  assert.equal(parseCorners('0 0 0'), null);
+});
+
+test('the grid of a campaign goes there and back, and stays in the rooms', () => {
+  const bounds = { min: { x: 0, y: 0 }, max: { x: 4, y: 4 } };
+  const points = gridPoints(bounds, 2, []);
+  assert.deepEqual(points.map((p) => [p.x_m, p.y_m]), [[1, 1], [3, 1], [3, 3], [1, 3]]);
+  const corners: [number, number][] = [[0, 0], [2, 0], [2, 4], [0, 4]];
+  const left = gridPoints(bounds, 2, [{ site: 's', name: 'left', kind: 'room', corners_m: corners, alarm: false }]);
+  assert.deepEqual(left.map((p) => [p.id, p.x_m, p.y_m, p.room]), [['p1', 1, 1, 'left'], ['p2', 1, 3, 'left']]);
+});
+
+test('an anchor that was moved is told before anything else', () => {
+  const node: Node = {
+    node: '0x0101', site: 's', name: null, role: 'anchor', position_m: [0, 0, 2], last_seen: '2026-01-01T00:00:00Z',
+    rate_hz: 10, success_rate: 0.98, residual_mean_m: 0, residual_sigma_m: 0.1, first_path_minus_received_db: -3,
+    moved: false,
+  };
+  assert.equal(stateOf(node), 'good');
+  assert.equal(stateOf({ ...node, moved: true, success_rate: 0.1 }), 'moved');
+  assert.equal(stateOf({ ...node, success_rate: 0.5 }), 'weak');
+  assert.equal(stateOf({ ...node, first_path_minus_received_db: -14 }), 'nlos');
+  assert.equal(stateOf({ ...node, last_seen: null }), 'unseen');
+});
+
+test('the language is the first one that the page speaks', () => {
+  assert.equal(chooseLanguage(['ca', 'es-MX', 'en']), 'es');
+  assert.equal(chooseLanguage(['en-GB', 'es']), 'en');
+  assert.equal(chooseLanguage(['fr']), 'en');
+  assert.equal(chooseLanguage([]), 'en');
+});
+
+test('texts and numbers follow the language, and names stay as they are', () => {
+  setLanguage('es');
+  assert.equal(t('events.entered', { node: '<b>{zone}</b>', zone: 'Sala 1' }), '<b>{zone}</b> ha entrado en Sala 1');
+  assert.equal(number(1.5, 2), '1,50');
+  setLanguage('en');
+  assert.equal(number(1.5, 2), '1.50');
+});
