@@ -68,7 +68,15 @@ impl Postgres {
         succeed(server.program("initdb").args(["--auth=trust", "--no-sync", "--username=postgres", "-D"]).arg(&data))?;
         let options = format!("-p {port} -c listen_addresses=127.0.0.1 -k {}", server.folder.display());
         let log = server.folder.join("log");
-        succeed(server.program("pg_ctl").args(["start", "--wait", "-D"]).arg(&data).arg("-l").arg(log).args(["-o", &options]))?;
+        succeed(
+            server
+                .program("pg_ctl")
+                .args(["start", "--wait", "-D"])
+                .arg(&data)
+                .arg("-l")
+                .arg(log)
+                .args(["-o", &options]),
+        )?;
         Ok(server)
     }
 

@@ -99,7 +99,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         (None, None) => "baliza.db".to_owned(),
     };
     catch_signals()?;
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().context("cannot start the runtime")?;
+    let runtime =
+        tokio::runtime::Builder::new_multi_thread().enable_all().build().context("cannot start the runtime")?;
     runtime.block_on(serve(arguments, &store, access, sources))
 }
 

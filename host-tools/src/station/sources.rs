@@ -51,7 +51,8 @@ impl FromStr for SourceSpec {
             return Ok(Self::Probe(Some(selector.to_owned())));
         }
         if let Some(address) = text.strip_prefix("udp:") {
-            let address = address.parse().map_err(|_| format!("{address:?} is not ADDRESS:PORT, such as 0.0.0.0:7000"))?;
+            let address =
+                address.parse().map_err(|_| format!("{address:?} is not ADDRESS:PORT, such as 0.0.0.0:7000"))?;
             return Ok(Self::Udp(address));
         }
         if let Some(port) = text.strip_prefix("serial:") {
@@ -60,7 +61,11 @@ impl FromStr for SourceSpec {
                 None => (port, Some(BAUD)),
             };
             let baud = baud.ok_or_else(|| format!("{text:?}: behind @ stands the number of bits a second"))?;
-            return if port.is_empty() { Err("serial:PORT: the port is missing".into()) } else { Ok(Self::Serial(port.into(), baud)) };
+            return if port.is_empty() {
+                Err("serial:PORT: the port is missing".into())
+            } else {
+                Ok(Self::Serial(port.into(), baud))
+            };
         }
         let path = PathBuf::from(text);
         Ok(if is_device(&path) { Self::Serial(text.to_owned(), BAUD) } else { Self::File(path) })
@@ -132,79 +137,6 @@ impl SourceSpec {
     }
 }
 
-impl fmt::Display for SourceSpec {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Probe(None) => f.write_str("probe"),
-            Self::Probe(Some(selector)) => write!(f, "probe:{selector}"),
-            Self::Serial(port, _) => write!(f, "serial:{port}"),
-            Self::Udp(address) => write!(f, "udp:{address}"),
-            Self::Stdin => f.write_str("standard input"),
-            Self::File(path) => path.display().fmt(f),
-        }
-    }
-}
-
-#[cfg(unix)]
-fn is_device(path: &Path) -> bool {
-    use std::os::unix::fs::FileTypeExt as _;
-    path.metadata().is_ok_and(|metadata| metadata.file_type().is_char_device())
-}
-
-/// Only a port's name tells: `COM3`.
-#[cfg(not(unix))]
-fn is_device(path: &Path) -> bool {
-    path.to_str().is_some_and(|name| name.starts_with("COM"))
-}
-
-/// Where reports go. It returns whether the station still takes them.
-pub type Send<'a> = &'a mut dyn FnMut(Report) -> bool;
-
-/// Reads a source until its end, or until the station ends. `note` takes messages for the user.
-///
-/// # Errors
-/// The source cannot be opened or read.
-pub fn run(spec: &SourceSpec, site: &str, send: Send<'_>, note: &mut dyn FnMut(&str)) -> Result<()> {
-    match spec {
-        SourceSpec::Probe(probe) => {
-            let arguments = ProbeArguments { probe: probe.clone(), ..ProbeArguments::default() };
-            read(&mut Probed::new(arguments, None, false, Pace::default()), site, None, send, note)
-        }
-        SourceSpec::Serial(name, baud) => {
-            let port = Port { name: name.clone(), baud: *baud };
-            read(&mut Serial::new(port, name.clone(), Pace::default()), site, None, send, note)
-        }
-        SourceSpec::Stdin => read(&mut Piped::new(std::io::stdin()), site, None, send, note),
-        SourceSpec::File(path) => {
-            let mut files = Files::open(path, None)?;
-            let pacing = (!files.is_live()).then(|| Pacing::new(1.0));
-            read(&mut files, site, pacing, send, note)
-        }
-        SourceSpec::Udp(address) => listen(*address, site, send),
-    }
-}
-
-impl SourceSpec {
-    /// Refuses a source that cannot be there, before the station starts.
-    ///
-    /// # Errors
-    /// A file is missing.
-    pub fn check(&self) -> Result<(), UserError> {
-        match self {
-            Self::File(path) => Files::open(path, None).map(drop),
-            Self::Probe(_) | Self::Serial(..) | Self::Udp(_) | Self::Stdin => Ok(()),
-        }
-    }
-
-    /// The file that it reads.
-    pub fn file(&self) -> Option<&Path> {
-        match self {
-            Self::File(path) => Some(path),
-            Self::Probe(_) | Self::Serial(..) | Self::Udp(_) | Self::Stdin => None,
-        }
-    }
-}
-
 /// Reads one node. A recording has `pacing`.
 fn read(
     source: &mut dyn Source,
@@ -230,7 +162,7 @@ fn read(
             Some(Event::Connected(to)) => note(&format!("connected to {to}")),
             Some(Event::Lost(why)) => {
                 stream.interrupted();
-                note(&format!("connection lost ({why}); it is sought again"));
+                note(&format!("connection lost ({why}); trying to connect again"));
             }
             Some(Event::Restarted) => stream.restarted(),
             Some(Event::Silent) => note("the chip has no RTT control block: is a baliza image flashed and running?"),

@@ -36,7 +36,14 @@ pub(super) fn listen(address: SocketAddr, site: &str, send: Send<'_>) -> Result<
         let (length, from) = match socket.recv_from(&mut datagram) {
             Ok(received) => received,
             // A timeout, or the answer to nothing that we sent.
-            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::ConnectionRefused) => continue,
+            Err(error)
+                if matches!(
+                    error.kind(),
+                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::ConnectionRefused
+                ) =>
+            {
+                continue;
+            }
             Err(error) => return Err(error).with_context(|| format!("cannot receive on udp:{address}")),
         };
         let now = Instant::now();

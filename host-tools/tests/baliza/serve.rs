@@ -135,7 +135,8 @@ fn a_simulation_is_on_the_map_and_its_history_survives_a_restart() {
         assert!(anchor["residual_mean_m"].as_f64().expect("a number").abs() < 0.5, "{anchor}");
         assert!(anchor["position_m"].is_array(), "{anchor}");
     }
-    let entered = station.wait("/api/v1/events?kind=entered", |events| events.as_array().is_some_and(|all| all.len() >= 5));
+    let entered =
+        station.wait("/api/v1/events?kind=entered", |events| events.as_array().is_some_and(|all| all.len() >= 5));
     assert!(entered.as_array().expect("a list").iter().all(|event| event["zone"] == "room 1"), "{entered}");
     let path = "/api/v1/tags/0x1001/positions?site=simulation&limit=10000";
     let before = station.wait(path, |history| history.as_array().is_some_and(|rows| rows.len() > 20));
@@ -230,7 +231,8 @@ fn the_requests_of_the_page_about_the_station_work_as_written() {
 
 #[test]
 fn what_cannot_be_served_is_refused_before_the_station_starts() {
-    let folder = Folder::with(&[("wrong.toml", "[[token]]\nname = 1\n"), ("store.txt", "this is no database, but a text")]);
+    let folder =
+        Folder::with(&[("wrong.toml", "[[token]]\nname = 1\n"), ("store.txt", "this is no database, but a text")]);
     for (arguments, told) in [
         ("--listen 0.0.0.0:0", "--tokens"),
         ("--listen somewhere", "--listen"),
@@ -250,7 +252,10 @@ fn what_cannot_be_served_is_refused_before_the_station_starts() {
     for (arguments, told) in [
         (format!("--simulate --listen {address}"), address.to_string()),
         ("--listen 127.0.0.1:0 --store store.txt".to_owned(), "store.txt".to_owned()),
-        ("--listen 127.0.0.1:0 --store postgres://me:secret@127.0.0.1:1/tags".to_owned(), "127.0.0.1:1/tags".to_owned()),
+        (
+            "--listen 127.0.0.1:0 --store postgres://me:secret@127.0.0.1:1/tags".to_owned(),
+            "127.0.0.1:1/tags".to_owned(),
+        ),
     ] {
         let run = folder.run(&format!("serve {arguments}"));
         assert_eq!(run.code, Some(1), "{arguments}: {run:?}");

@@ -4,6 +4,7 @@
 use std::cell::RefCell;
 use std::convert::Infallible;
 use std::rc::Rc;
+use std::sync::Arc;
 use std::time::Duration;
 
 use embassy_futures::join::{join, join3};
@@ -68,7 +69,7 @@ pub struct BluetoothSettings {
     pub files: SiteModelFiles,
     /// The same as tags have it in flash (`wire::config::decode_models`), for the beacons in the tags' list. It should
     /// be valid.
-    pub site_models: Option<Rc<[u8]>>,
+    pub site_models: Option<Arc<[u8]>>,
 }
 
 /// The files of the tags' site models. Their paths are relative to the scenario's.

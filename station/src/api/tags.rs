@@ -1,5 +1,6 @@
 //! Tags and where they were: the live state and the store to answers.
 
+use std::collections::HashSet;
 use std::time::Duration;
 
 use axum::extract::State;
@@ -36,7 +37,7 @@ pub struct OfSite {
 #[utoipa::path(get, path = "/api/v1/tags", tag = "tags", security(("token" = ["view"])),
     params(OfSite), responses((status = 200, body = [Tag])))]
 async fn list(State(station): State<Shared>, Query(of): Query<OfSite>) -> Result<Response, Problem> {
-    let mut tags = station.app.hub.read(|live| live.tags());
+    let mut tags = station.tags().await?;
     tags.retain(|tag| of.site.as_ref().is_none_or(|site| site.as_str() == tag.site));
     answer::page(&tags, None)
 }
@@ -170,5 +171,15 @@ impl super::Station {
             None => last(self.app.store.tags().await?).ok_or_else(|| Problem::missing(format_args!("tag {tag}")))?,
         };
         Ok(tag.site)
+    }
+
+    /// The tags of the live state, and those that have not reported since the station started as the store has them.
+    async fn tags(&self) -> Result<Vec<Tag>, Problem> {
+        let mut tags = self.app.hub.read(|live| live.tags());
+        let key = |tag: &Tag| (tag.site.clone(), tag.tag.clone());
+        let live: HashSet<_> = tags.iter().map(key).collect();
+        tags.extend(self.app.store.tags().await?.into_iter().filter(|tag| !live.contains(&key(tag))));
+        tags.sort_by_cached_key(key);
+        Ok(tags)
     }
 }

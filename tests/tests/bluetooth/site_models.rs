@@ -1,6 +1,6 @@
 //! Tags that have a surveyed map and a model of rooms in flash.
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use positioning_core::ble::fingerprint::{Map, Receiver, locate};
 use sim::scenario::{Scenario, What};
@@ -30,7 +30,7 @@ fn region(map: &[u8]) -> Vec<u8> {
 /// `receiver_offset_db`.
 fn run(rssis: Option<&[u8]>, receiver_offset_db: f64) -> Run {
     let mut scenario = Scenario::parse(TEXT).unwrap_or_else(|error| panic!("line {error}"));
-    scenario.bluetooth.site_models = rssis.map(Rc::from);
+    scenario.bluetooth.site_models = rssis.map(Arc::from);
     scenario.bluetooth.air.receiver_offset_db = receiver_offset_db;
     Run::of(scenario)
 }
