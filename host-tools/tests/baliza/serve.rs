@@ -5,6 +5,7 @@ use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use baliza_station::Utc;
 use serde_json::Value;
 
 use crate::support::{Folder, root};
@@ -106,7 +107,8 @@ fn assert_history(station: &Station, positions: &[[f64; 2]]) {
         let error = |key: &str, is: f64| (row[key].as_f64().expect("a number") - is).abs();
         assert!(error("x_m", *x) < 1.5e-3 && error("y_m", *y) < 1.5e-3, "{row} is not at {x}, {y}");
     }
-    let times: Vec<_> = rows.iter().map(|row| row["t"].as_str().expect("a time")).collect();
+    let time = |row: &Value| row["t"].as_str().and_then(|t| t.parse::<Utc>().ok()).expect("a time");
+    let times: Vec<_> = rows.iter().map(time).collect();
     assert!(times.is_sorted_by(|newer, older| newer > older), "{times:?}");
 }
 
