@@ -1,6 +1,5 @@
 //! Statements for many rows at once, and the values of a row.
 
-use std::fmt::Write;
 use std::sync::Arc;
 
 use serde::de::DeserializeOwned;
@@ -15,27 +14,26 @@ pub type Bare<'q> = Query<'q, Any, AnyArguments>;
 
 /// A statement with a list of VALUES, in few sizes, so that a database prepares few texts.
 pub struct Many {
-    sizes: [(usize, Arc<str>); 3],
+    sqlite: [(usize, Arc<str>); 3],
+    postgres: [(usize, Arc<str>); 3],
 }
 
 impl Many {
     /// `before` VALUES ($1, $2 …), (…) `after`.
     pub fn new(before: &'static str, columns: usize, after: &'static str) -> Self {
-        let text = |rows: usize| {
-            let mut text = before.to_owned();
-            for row in 0..rows {
-                text.push_str(if row == 0 { " VALUES (" } else { ", (" });
-                for column in 1..=columns {
-                    let comma = if column == 1 { "" } else { ", " };
-                    let _ = write!(text, "{comma}${}", row * columns + column);
-                }
-                text.push(')');
-            }
-            text.push(' ');
-            text.push_str(after);
-            (rows, text.into())
+        let text = |rows: usize, placeholder: &dyn Fn(usize) -> String| {
+            let row = |row: usize| {
+                let placeholders: Vec<_> = (1..=columns).map(|column| placeholder(row * columns + column)).collect();
+                format!("({})", placeholders.join(", "))
+            };
+            let rows_of_values: Vec<_> = (0..rows).map(row).collect();
+            (rows, format!("{before} VALUES {} {after}", rows_of_values.join(", ")).into())
         };
-        Self { sizes: [text(256), text(16), text(1)] }
+        // SQLite looks for the name of each placeholder among all, and `$1` is a name to it: a quarter of a million rows
+        // would take seconds. `?` has none.
+        let sqlite = [256, 16, 1].map(|rows| text(rows, &|_| "?".to_owned()));
+        let postgres = [256, 16, 1].map(|rows| text(rows, &|number| format!("${number}")));
+        Self { sqlite, postgres }
     }
 
     /// Runs it for all rows; `bind` binds a row's values.
@@ -45,7 +43,8 @@ impl Many {
         mut rows: &[T],
         bind: impl for<'q> Fn(Bare<'q>, &T) -> Bare<'q>,
     ) -> Result<()> {
-        for (size, text) in &self.sizes {
+        let sizes = if connection.backend_name() == "SQLite" { &self.sqlite } else { &self.postgres };
+        for (size, text) in sizes {
             while let Some((now, later)) = rows.split_at_checked(*size) {
                 let statement = sqlx::query(AssertSqlSafe(Arc::clone(text)));
                 now.iter().fold(statement, &bind).execute(&mut *connection).await?;
