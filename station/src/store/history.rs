@@ -1,27 +1,23 @@
 //! Positions out of the store.
 
 use std::collections::BTreeMap;
-use std::collections::btree_map::Entry;
 use std::time::Duration;
 
 use sqlx::AnyConnection;
-use sqlx::any::AnyRow;
 
 use super::key::{MINUTE_MS, TAG, key, ms_of, tag_of, utc};
+use super::lines::{Line, Names, fetch, lines};
 use super::rows::{get, limit};
-use super::{Result, Span, Store, StoreError};
+use super::{Result, Span, Store};
 use crate::model::{Tag, TagPosition};
 
 /// Minutes that are read together at first; then four times as many, where they did not fill the answer.
 const FIRST_MINUTES: usize = 16;
-/// The most that are read together.
-const MOST_MINUTES: usize = 4096;
+/// The most that are read together: a text has at most 1 GB.
+const MOST_MINUTES: usize = 256;
 
 /// Longer than the time from 1970 to the last instant: one step is all.
 const LONGEST_STEP_MS: i64 = 1 << 43;
-
-/// A name by number: of tags, or of rooms.
-type Names = BTreeMap<i64, String>;
 
 impl Store {
     /// A tag's positions in a span, newest first.
@@ -31,10 +27,9 @@ impl Store {
         let Some((id, from, to)) = span_of_tag(&mut tx, site, tag, span).await? else { return Ok(Vec::new()) };
         let rooms = rooms(&mut tx).await?;
         let tags = Names::from([(id, tag.to_owned())]);
-        let read = |row: &AnyRow| position(row, site, &tags, &rooms);
         let mut found = BTreeMap::<i64, TagPosition>::new();
-        for row in recent_of_tag(&mut tx, id, from, to).await? {
-            found.entry(get(&row, 0)?).or_insert(read(&row)?);
+        for line in recent_of_tag(&mut tx, id, from, to).await? {
+            found.entry(line.key).or_insert(line.position(site, &tags, &rooms)?);
         }
         let mut minutes = Minutes::newest_first(from, to);
         // Those of `recent` do not count: late ones may be older than what is still to be read.
@@ -42,10 +37,10 @@ impl Store {
         while left > 0
             && let Some((first, last)) = minutes.next(&mut tx).await?
         {
-            let rows = history_of_tag(&mut tx, id, (from, to), (first, last), left).await?;
-            left = left.saturating_sub(rows.len());
-            for row in rows {
-                found.insert(get(&row, 0)?, read(&row)?);
+            let lines = history_of_tag(&mut tx, id, (from, to), (first, last), left).await?;
+            left = left.saturating_sub(lines.len());
+            for line in lines {
+                found.insert(line.key, line.position(site, &tags, &rooms)?);
             }
         }
         tx.commit().await?;
@@ -61,35 +56,31 @@ impl Store {
         let mut tx = self.read().await?;
         let tags = tags_of_site(&mut tx, site).await?;
         let rooms = rooms(&mut tx).await?;
-        // By step and tag: the key and the position.
-        let mut found = BTreeMap::<(i64, i64), (i64, TagPosition)>::new();
-        let add = |row: &AnyRow, found: &mut BTreeMap<_, (i64, TagPosition)>| {
-            let key = get(row, 0)?;
-            let position = position(row, site, &tags, &rooms)?;
-            match found.entry((ms_of(key) / step, tag_of(key))) {
-                Entry::Occupied(first) if first.get().0 <= key => {}
-                Entry::Occupied(mut later) => _ = later.insert((key, position)),
-                Entry::Vacant(none) => _ = none.insert((key, position)),
+        // By step and tag.
+        let mut found = BTreeMap::new();
+        let add = |line: Line, found: &mut BTreeMap<(i64, i64), Line>| {
+            let first = found.entry((ms_of(line.key) / step, tag_of(line.key))).or_insert(line);
+            if line.key < first.key {
+                *first = line;
             }
-            Result::Ok(())
         };
         let mut minutes = Minutes::oldest_first(from, to);
         while found.len() < limit
             && let Some((first, last)) = minutes.next(&mut tx).await?
         {
-            for row in steps_of_history(&mut tx, site, step, (from, to), (first, last)).await? {
-                add(&row, &mut found)?;
+            for line in steps_of_history(&mut tx, site, step, (from, to), (first, last)).await? {
+                add(line, &mut found);
             }
         }
         // All of them: those that are newer than the end of the minutes that were read are cut off below.
-        for row in steps_of_recent(&mut tx, site, step, from, to).await? {
-            add(&row, &mut found)?;
+        for line in steps_of_recent(&mut tx, site, step, from, to).await? {
+            add(line, &mut found);
         }
         tx.commit().await?;
         let mut found: Vec<_> = found.into_values().collect();
-        found.sort_by_key(|(key, _)| (ms_of(*key), *key));
+        found.sort_by_key(|line| (ms_of(line.key), line.key));
         found.truncate(limit);
-        Ok(found.into_iter().map(|(_, position)| position).collect())
+        found.iter().map(|line| line.position(site, &tags, &rooms)).collect()
     }
 
     /// Tags that ever reported, with the times of their first and last position, and the last position.
@@ -116,11 +107,11 @@ impl Store {
                 zones: Vec::new(),
             });
         }
-        for row in last_positions(&mut tx).await? {
-            let number = tag_of(get(&row, 0)?);
+        for line in last_positions(&mut tx).await? {
+            let number = tag_of(line.key);
             if let Some(tag) = by_number.get(&number).and_then(|&index| tags.get_mut(index)) {
                 let name = Names::from([(number, tag.tag.clone())]);
-                let last = position(&row, &tag.site, &name, &rooms)?;
+                let last = line.position(&tag.site, &name, &rooms)?;
                 if tag.last_position.as_ref().is_none_or(|known| known.t < last.t) {
                     tag.last_position = Some(last);
                 }
@@ -196,12 +187,9 @@ async fn span_of_tag(
     Ok((from < to).then_some((get(&row, 0)?, from, to)))
 }
 
-async fn recent_of_tag(connection: &mut AnyConnection, tag: i64, from: i64, to: i64) -> Result<Vec<AnyRow>> {
-    let rows = sqlx::query(
-        "SELECT key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used FROM recent \
-         WHERE key >= $1 AND key < $2 AND (key >> 16) & 1048575 = $3 ORDER BY id",
-    );
-    Ok(rows.bind(key(from, tag)).bind(key(to, tag)).bind(tag).fetch_all(connection).await?)
+async fn recent_of_tag(connection: &mut AnyConnection, tag: i64, from: i64, to: i64) -> Result<Vec<Line>> {
+    let rows = sqlx::query_scalar(lines!(recent "WHERE key >= $1 AND key < $2 AND (key >> 16) & 1048575 = $3"));
+    fetch(connection, rows.bind(key(from, tag)).bind(key(to, tag)).bind(tag)).await
 }
 
 /// The `+` keeps the bounds of the span from being searched for instead of those of the minute, which are narrower.
@@ -211,24 +199,13 @@ async fn history_of_tag(
     (from, to): (i64, i64),
     (first, last): (i64, i64),
     rows: usize,
-) -> Result<Vec<AnyRow>> {
-    let statement = sqlx::query(
-        "SELECT h.key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used \
-         FROM minutes AS m CROSS JOIN history AS h \
+) -> Result<Vec<Line>> {
+    let statement = sqlx::query_scalar(lines!("", history "FROM minutes AS m CROSS JOIN history AS h \
          WHERE m.minute >= $1 AND m.minute <= $2 \
          AND h.key >= m.minute * 68719476736 + $3 AND h.key < m.minute * 68719476736 + $4 \
-         AND +h.key >= $5 AND +h.key < $6 ORDER BY h.key DESC LIMIT $7",
-    );
-    Ok(statement
-        .bind(first)
-        .bind(last)
-        .bind(tag * TAG)
-        .bind((tag + 1) * TAG)
-        .bind(key(from, tag))
-        .bind(key(to, tag))
-        .bind(limit(rows))
-        .fetch_all(connection)
-        .await?)
+         AND +h.key >= $5 AND +h.key < $6 ORDER BY h.key DESC LIMIT $7"));
+    let statement = statement.bind(first).bind(last).bind(tag * TAG).bind((tag + 1) * TAG);
+    fetch(connection, statement.bind(key(from, tag)).bind(key(to, tag)).bind(limit(rows))).await
 }
 
 /// The first position of each tag in each part of a step that lies in a minute. Each is searched for by its key: of ten
@@ -239,9 +216,8 @@ async fn steps_of_history(
     step: i64,
     (from, to): (i64, i64),
     (first, last): (i64, i64),
-) -> Result<Vec<AnyRow>> {
-    let statement = sqlx::query(
-        "WITH RECURSIVE \
+) -> Result<Vec<Line>> {
+    let statement = sqlx::query_scalar(lines!("WITH RECURSIVE \
          step (n) AS (SELECT CAST(0 AS BIGINT) UNION ALL SELECT n + 1 FROM step WHERE (n + 1) * $3 < 60000 + $3), \
          part (minute, low, high, start, stop) AS (\
              SELECT minute, CASE WHEN minute * 60000 < $4 THEN $4 ELSE minute * 60000 END, \
@@ -257,11 +233,9 @@ async fn steps_of_history(
                  WHERE h.key >= c.minute * 68719476736 + g.id * 65536 + c.start \
                  AND h.key < c.minute * 68719476736 + g.id * 65536 + c.stop) \
              FROM clipped AS c CROSS JOIN tags AS g WHERE g.site = $6 \
-             AND g.last_ms >= c.minute * 60000 AND g.first_ms < c.minute * 60000 + 60000) \
-         SELECT h.key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used \
-         FROM first_key AS f CROSS JOIN history AS h WHERE h.key = f.key",
-    );
-    Ok(statement.bind(first).bind(last).bind(step).bind(from).bind(to).bind(site).fetch_all(connection).await?)
+             AND g.last_ms >= c.minute * 60000 AND g.first_ms < c.minute * 60000 + 60000)",
+        history "FROM first_key AS f CROSS JOIN history AS h WHERE h.key = f.key"));
+    fetch(connection, statement.bind(first).bind(last).bind(step).bind(from).bind(to).bind(site)).await
 }
 
 /// The same of `recent`, which has no order: one pass.
@@ -271,34 +245,26 @@ async fn steps_of_recent(
     step: i64,
     from: i64,
     to: i64,
-) -> Result<Vec<AnyRow>> {
-    let statement = sqlx::query(
-        "SELECT key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used FROM recent \
-         WHERE key IN (SELECT MIN(key) FROM (\
+) -> Result<Vec<Line>> {
+    let statement = sqlx::query_scalar(lines!(recent "WHERE key IN (SELECT MIN(key) FROM (\
                  SELECT key, (key >> 16) & 1048575 AS tag, (key >> 36) * 60000 + (key & 65535) AS t \
                  FROM recent) AS timed \
              WHERE t >= $1 AND t < $2 AND tag IN (SELECT id FROM tags WHERE site = $3) GROUP BY tag, t / $4) \
-         ORDER BY id",
-    );
-    Ok(statement.bind(from).bind(to).bind(site).bind(step).fetch_all(connection).await?)
+        "));
+    fetch(connection, statement.bind(from).bind(to).bind(site).bind(step)).await
 }
 
 /// The last position of each tag in `history` and that in `recent`. Thinning may have taken the very last one.
-async fn last_positions(connection: &mut AnyConnection) -> Result<Vec<AnyRow>> {
-    let history = sqlx::query(
-        "SELECT h.key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used \
-         FROM (SELECT (SELECT MAX(key) FROM history \
+async fn last_positions(connection: &mut AnyConnection) -> Result<Vec<Line>> {
+    let history = sqlx::query_scalar(lines!("", history "FROM (SELECT (SELECT MAX(key) FROM history \
                  WHERE key >= (g.last_ms / 60000) * 68719476736 + g.id * 65536 \
                  AND key < (g.last_ms / 60000) * 68719476736 + (g.id + 1) * 65536) AS key FROM tags AS g) AS f \
-         CROSS JOIN history AS h WHERE h.key = f.key",
-    );
-    let recent = sqlx::query(
-        "SELECT key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used FROM recent \
-         WHERE key IN (SELECT MAX(key) FROM recent GROUP BY (key >> 16) & 1048575) ORDER BY id",
-    );
-    let mut rows = history.fetch_all(&mut *connection).await?;
-    rows.extend(recent.fetch_all(&mut *connection).await?);
-    Ok(rows)
+         CROSS JOIN history AS h WHERE h.key = f.key"));
+    let recent =
+        sqlx::query_scalar(lines!(recent "WHERE key IN (SELECT MAX(key) FROM recent GROUP BY (key >> 16) & 1048575)"));
+    let mut lines = fetch(&mut *connection, history).await?;
+    lines.extend(fetch(connection, recent).await?);
+    Ok(lines)
 }
 
 async fn tags_of_site(connection: &mut AnyConnection, site: &str) -> Result<Names> {
@@ -309,29 +275,4 @@ async fn tags_of_site(connection: &mut AnyConnection, site: &str) -> Result<Name
 async fn rooms(connection: &mut AnyConnection) -> Result<Names> {
     let rows = sqlx::query("SELECT id, name FROM rooms").fetch_all(connection).await?;
     rows.iter().map(|row| Ok((get(row, 0)?, get(row, 1)?))).collect()
-}
-
-fn position(row: &AnyRow, site: &str, tags: &Names, rooms: &Names) -> Result<TagPosition> {
-    let key: i64 = get(row, 0)?;
-    let no_name = |what, number| StoreError::Damaged(format!("{what} {number} has no name"));
-    let metres = |mm: i32| f64::from(mm) / 1000.0;
-    let [sigma_x_m, sigma_y_m] = [metres(get(row, 4)?), metres(get(row, 5)?)];
-    let room = match get::<Option<i64>>(row, 8)? {
-        Some(number) => Some(rooms.get(&number).ok_or_else(|| no_name("room", number))?.clone()),
-        None => None,
-    };
-    Ok(TagPosition {
-        site: site.to_owned(),
-        tag: tags.get(&tag_of(key)).ok_or_else(|| no_name("tag", tag_of(key)))?.clone(),
-        t: utc(ms_of(key)),
-        x_m: metres(get(row, 1)?),
-        y_m: metres(get(row, 2)?),
-        z_m: get::<Option<i32>>(row, 3)?.map(metres),
-        sigma_x_m,
-        sigma_y_m,
-        sigma_z_m: get::<Option<i32>>(row, 6)?.map(metres),
-        cov_xy_m2: f64::from(get::<i16>(row, 7)?) / 127.0 * sigma_x_m * sigma_y_m,
-        room,
-        used: u8::try_from(get::<i16>(row, 9)?).unwrap_or(u8::MAX),
-    })
 }

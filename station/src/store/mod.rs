@@ -25,6 +25,7 @@ mod campaigns;
 mod events;
 mod history;
 mod key;
+mod lines;
 mod open;
 mod retention;
 mod rows;

@@ -29,8 +29,8 @@ impl Many {
             let rows_of_values: Vec<_> = (0..rows).map(row).collect();
             (rows, format!("{before} VALUES {} {after}", rows_of_values.join(", ")).into())
         };
-        // SQLite looks for the name of each placeholder among all, and `$1` is a name to it: a quarter of a million rows
-        // would take seconds. `?` has none.
+        // sqlx asks for the name of each placeholder, for which SQLite goes through the names of all; `$1` is one, `?`
+        // has none. With names, a row takes 24 times as long.
         let sqlite = [256, 16, 1].map(|rows| text(rows, &|_| "?".to_owned()));
         let postgres = [256, 16, 1].map(|rows| text(rows, &|number| format!("${number}")));
         Self { sqlite, postgres }

@@ -58,9 +58,9 @@ async fn bytes(store: &Store) -> [i64; 2] {
 async fn a_day_of_100_tags_at_10_hz_fits_into_4_gb() {
     let place = Place::sqlite();
     let store = place.open().await;
-    write(&store, 900, 5000).await;
+    write(&store, 2000, 5000).await;
     let [used, free] = bytes(&store).await;
-    let each = used as f64 / 90_000.0;
+    let each = used as f64 / 200_000.0;
     assert!(each <= BYTES_A_POSITION, "{each} bytes a position");
     // The pages of `recent` are used again: no more of them than a minute's rows need.
     assert!(free as f64 <= 60_000.0 * 2.0 * BYTES_A_POSITION, "{free} free bytes");

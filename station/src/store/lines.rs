@@ -1,0 +1,111 @@
+//! Positions of a statement as one text, a line a position. A row that comes through the driver for any database costs
+//! some microseconds of allocations and of going from thread to thread, and an hour of a tag has 36,000 rows. As one
+//! text they take 0.1 s instead of 0.24 s.
+
+use std::collections::BTreeMap;
+
+use sqlx::any::AnyArguments;
+use sqlx::query::QueryScalar;
+use sqlx::{Any, AnyConnection};
+
+use super::key::{ms_of, tag_of, utc};
+use super::{Result, StoreError};
+use crate::model::TagPosition;
+
+/// A name by number: of tags, or of rooms.
+pub type Names = BTreeMap<i64, String>;
+
+/// A statement for all positions of `recent` in the order in which they were written, or of a join with `history AS h`;
+/// the text is what follows the columns.
+macro_rules! lines {
+    (recent $rest:expr) => {
+        lines!("", "id", "key", " ORDER BY n", concat!("FROM recent ", $rest))
+    };
+    ($with:expr, history $rest:expr) => {
+        lines!($with, "h.key", "h.key", "", $rest)
+    };
+    ($with:expr, $n:expr, $key:expr, $order:expr, $rest:expr) => {
+        concat!(
+            $with,
+            " SELECT string_agg(line, ';'",
+            $order,
+            ") FROM (SELECT ",
+            $n,
+            " AS n, ",
+            $key,
+            " || ',' || x_mm || ',' || y_mm || ',' || COALESCE(CAST(z_mm AS TEXT), '') \
+             || ',' || sigma_x_mm || ',' || sigma_y_mm || ',' || COALESCE(CAST(sigma_z_mm AS TEXT), '') \
+             || ',' || correlation || ',' || COALESCE(CAST(room AS TEXT), '') || ',' || used AS line ",
+            $rest,
+            ") AS lines"
+        )
+    };
+}
+pub(super) use lines;
+
+/// A position's columns.
+#[derive(Clone, Copy, Debug)]
+pub struct Line {
+    pub key: i64,
+    columns: [Option<i64>; 9],
+}
+
+/// A statement's lines; none where it finds no position.
+pub async fn fetch(
+    connection: &mut AnyConnection,
+    statement: QueryScalar<'_, Any, Option<String>, AnyArguments>,
+) -> Result<Vec<Line>> {
+    let text = statement.fetch_one(connection).await?;
+    let lines = text.iter().flat_map(|text| text.split(';'));
+    lines.map(|line| Line::parse(line).ok_or_else(|| damaged(line))).collect()
+}
+
+fn damaged(line: &str) -> StoreError {
+    StoreError::Damaged(format!("a position is {line:?}"))
+}
+
+impl Line {
+    fn parse(line: &str) -> Option<Self> {
+        let mut values = line.split(',');
+        let key = values.next()?.parse().ok()?;
+        let mut columns = [None; 9];
+        for column in &mut columns {
+            let value = values.next()?;
+            if !value.is_empty() {
+                *column = Some(value.parse().ok()?);
+            }
+        }
+        values.next().is_none().then_some(Self { key, columns })
+    }
+
+    /// The position, with the names of its site, tag and room.
+    pub fn position(&self, site: &str, tags: &Names, rooms: &Names) -> Result<TagPosition> {
+        let [x, y, z, sigma_x, sigma_y, sigma_z, correlation, room, used] = self.columns;
+        let metres = |mm: i64| mm as f64 / 1000.0;
+        let all = (x, y, sigma_x, sigma_y, correlation, used);
+        let (Some(x), Some(y), Some(sigma_x), Some(sigma_y), Some(correlation), Some(used)) = all else {
+            return Err(StoreError::Damaged(format!("the position with the key {} is incomplete", self.key)));
+        };
+        let [sigma_x_m, sigma_y_m] = [sigma_x, sigma_y].map(metres);
+        let no_name = |what, number| StoreError::Damaged(format!("{what} {number} has no name"));
+        let tag = tag_of(self.key);
+        let room = match room {
+            Some(number) => Some(rooms.get(&number).ok_or_else(|| no_name("room", number))?.clone()),
+            None => None,
+        };
+        Ok(TagPosition {
+            site: site.to_owned(),
+            tag: tags.get(&tag).ok_or_else(|| no_name("tag", tag))?.clone(),
+            t: utc(ms_of(self.key)),
+            x_m: metres(x),
+            y_m: metres(y),
+            z_m: z.map(metres),
+            sigma_x_m,
+            sigma_y_m,
+            sigma_z_m: sigma_z.map(metres),
+            cov_xy_m2: correlation as f64 / 127.0 * sigma_x_m * sigma_y_m,
+            room,
+            used: u8::try_from(used).unwrap_or(u8::MAX),
+        })
+    }
+}
