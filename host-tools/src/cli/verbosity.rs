@@ -2,9 +2,13 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use log::{LevelFilter, Log, Metadata, Record};
+use log::{Level, LevelFilter, Log, Metadata, Record};
 
 static QUIET: AtomicBool = AtomicBool::new(false);
+static VERBOSE: AtomicBool = AtomicBool::new(false);
+
+/// What the station logs is for who runs it: what failed, and who changed what.
+const STATION: [&str; 2] = ["baliza_station", "audit"];
 
 /// The flags.
 #[derive(Clone, Copy, Debug, clap::Args)]
@@ -21,9 +25,12 @@ impl Verbosity {
     /// From now on, messages follow the flags.
     pub fn apply(self) {
         QUIET.store(self.quiet, Ordering::Relaxed);
+        VERBOSE.store(self.verbose, Ordering::Relaxed);
         // There is no other logger.
-        if self.verbose && log::set_logger(&StandardError).is_ok() {
+        if log::set_logger(&StandardError).is_ok() {
             log::set_max_level(LevelFilter::Info);
+        }
+        if self.verbose {
             super::note(&format!("baliza {}\n", super::VERSION));
         }
     }
@@ -34,18 +41,21 @@ pub fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// What the library logs, a line each. What packages log is for their developers.
+/// What the library and the station log, a line each. What packages log is for their developers.
 struct StandardError;
 
 impl Log for StandardError {
     fn enabled(&self, metadata: &Metadata<'_>) -> bool {
-        metadata.target().starts_with("host_tools")
+        let is_of = |module: &str| metadata.target().starts_with(module);
+        STATION.into_iter().any(is_of) || (VERBOSE.load(Ordering::Relaxed) && is_of("host_tools"))
     }
 
     fn log(&self, record: &Record<'_>) {
-        if self.enabled(record.metadata()) {
-            super::note(&format!("{}\n", record.args()));
+        if !self.enabled(record.metadata()) {
+            return;
         }
+        let line = format!("{}\n", record.args());
+        if record.level() <= Level::Warn { super::prompt(&line) } else { super::note(&line) }
     }
 
     fn flush(&self) {}

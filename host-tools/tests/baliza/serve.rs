@@ -232,6 +232,37 @@ fn the_requests_of_the_page_about_the_station_work_as_written() {
 }
 
 #[test]
+fn changes_need_a_token_and_are_logged_with_its_name() {
+    // FIPS 180-2, appendix B.1: the SHA-256 of "abc".
+    let tokens = "[[token]]\nname = \"wall\"\nrole = \"operate\"\n\
+                  sha256 = \"ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad\"\n";
+    let folder = Folder::with(&[("tokens.toml", tokens)]);
+    let station = Station::start(&folder, "--tokens tokens.toml --quiet");
+    let put = |token: &str| {
+        let zone = r#"{"site": "site", "name": "hall", "kind": "room", "corners_m": [[0, 0], [4, 0], [4, 3]]}"#;
+        let url = format!("http://{}/api/v1/rooms/site/hall", station.address);
+        let mut curl = Command::new("curl");
+        curl.args(["--silent", "--output", "/dev/null", "--write-out", "%{http_code}", "--request", "PUT"]);
+        curl.args(["--json", zone, "--header", &format!("Authorization: Bearer {token}"), &url]);
+        String::from_utf8(curl.output().expect("curl runs").stdout).expect("text")
+    };
+    assert_eq!(station.get("/api/v1/tags").0, 401);
+    assert_eq!(put("abcd"), "401");
+    assert!(put("abc").starts_with('2'), "{}", put("abc"));
+    let (code, said) = station.stop();
+    assert_eq!(code, Some(0), "{said}");
+    // A warning is there with --quiet too.
+    assert!(said.contains("a wrong token"), "{said}");
+
+    let station = Station::start(&folder, "--tokens tokens.toml");
+    let url = format!("http://{}/api/v1/rooms/site/hall", station.address);
+    let delete = ["--silent", "--fail", "--request", "DELETE", "--header", "Authorization: Bearer abc", &url];
+    assert!(Command::new("curl").args(delete).status().expect("curl runs").success());
+    let (_, said) = station.stop();
+    assert!(said.contains("wall") && said.contains("DELETE /api/v1/rooms/site/hall"), "{said}");
+}
+
+#[test]
 fn what_cannot_be_served_is_refused_before_the_station_starts() {
     let folder =
         Folder::with(&[("wrong.toml", "[[token]]\nname = 1\n"), ("store.txt", "this is no database, but a text")]);
