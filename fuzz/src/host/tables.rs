@@ -50,17 +50,17 @@ pub fn difference_seeds() -> Vec<Vec<u8>> {
 
 fn solve(mut recording: Recording) {
     drop_repeats(&mut recording.epochs);
-    let _ = rounds(recording.epochs.clone(), round_s(&recording.epochs).unwrap_or(0.1));
+    let _ = rounds(&recording.epochs, round_s(&recording.epochs).unwrap_or(0.1));
     for space in [Space::Full(None), Space::Plane(Height::Fixed(1.0)), Space::Plane(Height::Unknown)] {
         let setup = Setup { space, area_m: None };
         assert!(advice::of_recording(&recording, space).iter().all(|line| !line.contains('\n')));
         let solver = Solver::new(&recording.anchors, setup);
         for epoch in recording.epochs.iter().take(3) {
-            Method::ALL.into_iter().for_each(|method| check(&solver.solve(method, epoch)));
+            Method::ALL.into_iter().for_each(|method| check(&solver.solve(method, &epoch)));
         }
         for settings in [settings(&setup, Weighting::Weigh), settings_of_single_epochs(&setup)] {
             let mut tracker = Tracker::new(&recording.anchors[..], setup, settings, None);
-            recording.epochs.iter().take(20).for_each(|epoch| check(&tracker.follow(epoch)));
+            recording.epochs.iter().take(20).for_each(|epoch| check(&tracker.follow(&epoch)));
         }
     }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use firmware_tag::{AnchorPosition, LocatorConfig};
 use host_tools::files::Diagnostics as RowDiagnostics;
 use host_tools::locate::track::{Tracker, Weighting, settings};
-use host_tools::{Anchor, Coordinates, Epoch, Files, Height, Measured, Mode, Recording, Setup, Space, by_time};
+use host_tools::{Anchor, Coordinates, Epochs, Files, Height, Measured, Mode, Recording, Setup, Space, by_time};
 use positioning_core::nlos::{Feature, Features};
 use ranging::exchange::{Range, Round};
 use ranging::{Diagnostics, RadioInstant};
@@ -28,26 +28,28 @@ fn drawn() -> Recording {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         f64::from(state >> 8) / f64::from(1 << 24) - 0.5
     };
-    let epochs = (0..200).map(|k| {
+    let mut epochs = Epochs::default();
+    for k in 0..200 {
         let t_s = 0.05 * f64::from(k);
         let at = [-3.0 + 0.7 * t_s, 0.2 * t_s, HEIGHT_M];
         let ranges = corners.iter().enumerate().filter_map(|(anchor, corner)| {
             let blocked = anchor == 2 && k > 80;
             let distance: f64 = at.iter().zip(corner).map(|(a, c)| (a - c) * (a - c)).sum::<f64>().sqrt();
             let range_m = distance + 0.1 * noise() + if blocked { 0.5 } else { 0.0 };
-            let diagnostics = row(range_m, -80.0, if blocked { -96.0 } else { -81.5 });
+            let diagnostics = row(-80.0, if blocked { -96.0 } else { -81.5 });
             (noise() < 0.4).then_some(Measured { anchor, range_m, t_s: None, line_of_sight: None, diagnostics })
         });
-        Epoch { name: k.to_string(), t_s: Some(t_s), ranges: ranges.collect(), ..Epoch::default() }
-    });
+        epochs.push(&k.to_string(), Some(t_s), None);
+        ranges.for_each(|range| epochs.push_range(&range));
+    }
     let anchors = corners.into_iter().enumerate().map(anchor).collect();
-    Recording { tag: None, anchors, epochs: epochs.collect() }
+    Recording { tag: None, anchors, epochs }
 }
 
-fn row(range_m: f64, power_dbm: f32, first_path_dbm: f32) -> RowDiagnostics {
+fn row(power_dbm: f32, first_path_dbm: f32) -> RowDiagnostics {
     let mut features = Features::default();
     features.set(Feature::PowerDifference, power_dbm - first_path_dbm);
-    RowDiagnostics { features, range_m: range_m as f32, power_dbm }
+    RowDiagnostics { features, power_dbm }
 }
 
 /// A recording that is not part of the project. If it is missing, this is printed.
@@ -68,10 +70,16 @@ fn recorded(name: &str) -> Option<Recording> {
         truth_heights: false,
     };
     let mut recording = Recording::read(&files).expect("a recording").remove(0);
-    for range in recording.epochs.iter_mut().flat_map(|epoch| &mut epoch.ranges) {
-        // The diagnostics as the tag has them: the two powers alone.
-        range.diagnostics = row(range.range_m, range.diagnostics.power_dbm, first_path_dbm(&range.diagnostics));
+    // The diagnostics as the tag has them: the two powers alone.
+    let mut epochs = Epochs::default();
+    for epoch in recording.epochs.iter() {
+        epochs.push(epoch.name, epoch.t_s, epoch.truth);
+        for range in epoch.ranges.iter() {
+            let diagnostics = row(range.diagnostics.power_dbm, first_path_dbm(&range.diagnostics));
+            epochs.push_range(&Measured { diagnostics, ..range });
+        }
     }
+    recording.epochs = epochs;
     Some(recording)
 }
 
@@ -98,12 +106,12 @@ fn has_the_same_bits(recording: &Recording) {
             AnchorPosition { address, position_m: [local(0, place.x_m), local(1, place.y_m), local(2, z_m)] }
         })
         .collect();
-    let order = by_time(recording.epochs.iter().map(|epoch| epoch.t_s));
-    let first_s = recording.epochs[order[0]].t_s.expect("a time");
+    let order = by_time(recording.epochs.times_s());
+    let first_s = recording.epochs.times_s().nth(order[0]).flatten().expect("a time");
     let config = LocatorConfig::new(Some(local(2, HEIGHT_M)), &anchors);
     let of_tag = tag(config, |node, channels, work| {
         for (number, &at) in (0_u16..).zip(&order) {
-            let epoch = &recording.epochs[at];
+            let epoch = recording.epochs.get(at).expect("an epoch");
             let ranges: Vec<Range> = epoch
                 .ranges
                 .iter()
@@ -132,8 +140,8 @@ fn has_the_same_bits(recording: &Recording) {
     assert_eq!(of_tag.len(), order.len());
     let mut found = 0;
     for (&at, (_, outcome)) in order.iter().zip(of_tag) {
-        let epoch = &recording.epochs[at];
-        let of_host = host.follow(epoch).outcome;
+        let epoch = recording.epochs.get(at).expect("an epoch");
+        let of_host = host.follow(&epoch).outcome;
         // If no range of a round was used, the host reports the predicted position of the track, and the tag reports
         // nothing.
         let Ok(position) = outcome else {
