@@ -192,7 +192,7 @@ async fn recent_of_tag(connection: &mut AnyConnection, tag: i64, from: i64, to: 
     fetch(connection, rows.bind(key(from, tag)).bind(key(to, tag)).bind(tag)).await
 }
 
-/// The `+` keeps the bounds of the span from being searched for instead of those of the minute, which are narrower.
+/// A search for each minute: PostgreSQL would take a join of minutes and history for one of all rows with all.
 async fn history_of_tag(
     connection: &mut AnyConnection,
     tag: i64,
@@ -200,10 +200,14 @@ async fn history_of_tag(
     (first, last): (i64, i64),
     rows: usize,
 ) -> Result<Vec<Line>> {
-    let statement = sqlx::query_scalar(lines!("", history "FROM minutes AS m CROSS JOIN history AS h \
-         WHERE m.minute >= $1 AND m.minute <= $2 \
-         AND h.key >= m.minute * 68719476736 + $3 AND h.key < m.minute * 68719476736 + $4 \
-         AND +h.key >= $5 AND +h.key < $6 ORDER BY h.key DESC LIMIT $7"));
+    let statement = sqlx::query_scalar(concat!(
+        "SELECT (",
+        lines!("", history "FROM history AS h \
+             WHERE h.key >= CASE WHEN m.low < $5 THEN $5 ELSE m.low END \
+             AND h.key < CASE WHEN m.high > $6 THEN $6 ELSE m.high END ORDER BY h.key DESC LIMIT $7"),
+        ") FROM (SELECT minute * 68719476736 + $3 AS low, minute * 68719476736 + $4 AS high FROM minutes \
+             WHERE minute >= $1 AND minute <= $2) AS m"
+    ));
     let statement = statement.bind(first).bind(last).bind(tag * TAG).bind((tag + 1) * TAG);
     fetch(connection, statement.bind(key(from, tag)).bind(key(to, tag)).bind(limit(rows))).await
 }
@@ -249,8 +253,7 @@ async fn steps_of_recent(
     let statement = sqlx::query_scalar(lines!(recent "WHERE key IN (SELECT MIN(key) FROM (\
                  SELECT key, (key >> 16) & 1048575 AS tag, (key >> 36) * 60000 + (key & 65535) AS t \
                  FROM recent) AS timed \
-             WHERE t >= $1 AND t < $2 AND tag IN (SELECT id FROM tags WHERE site = $3) GROUP BY tag, t / $4) \
-        "));
+             WHERE t >= $1 AND t < $2 AND tag IN (SELECT id FROM tags WHERE site = $3) GROUP BY tag, t / $4)"));
     fetch(connection, statement.bind(from).bind(to).bind(site).bind(step)).await
 }
 

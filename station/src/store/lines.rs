@@ -55,8 +55,8 @@ pub async fn fetch(
     connection: &mut AnyConnection,
     statement: QueryScalar<'_, Any, Option<String>, AnyArguments>,
 ) -> Result<Vec<Line>> {
-    let text = statement.fetch_one(connection).await?;
-    let lines = text.iter().flat_map(|text| text.split(';'));
+    let texts = statement.fetch_all(connection).await?;
+    let lines = texts.iter().flatten().flat_map(|text| text.split(';'));
     lines.map(|line| Line::parse(line).ok_or_else(|| damaged(line))).collect()
 }
 

@@ -10,15 +10,16 @@
 //!
 //! The key of a position is `minute << 36 | tag << 16 | millisecond of the minute`. Once a minute, [`Store::compact`]
 //! moves the minutes that are over from `recent` to `history` in the order of the key, so that pages are full and a
-//! tag's minute lies in one place. A row that comes late goes to its minute too. Lengths of positions are whole millimetres,
-//! times whole milliseconds, the covariance of x and y is a correlation in 1/127. A tag has one position in a
-//! millisecond: the first that was written. With that and the ids of events, what is written twice is stored once; a
-//! writer whose connection broke may write again.
+//! tag's minute lies in one place. A row that comes late goes to its minute too. Lengths of positions are whole
+//! millimetres, times whole milliseconds, the covariance of x and y is a correlation in 1/127. A tag has one position
+//! in a millisecond: the first that was written. With that and the ids of events, what is written twice is stored
+//! once; a writer whose connection broke may write again.
 //!
 //! SQLite runs with a write-ahead log and `synchronous = FULL`: a commit waits until the log is on the disk, so that
-//! what is acknowledged survives a power cut, not only a crash of the process. `NORMAL` would lose the last seconds there.
-//! The hub commits twice a second, so the wait does not matter. The file does not shrink when rows are deleted; new
-//! rows use the pages. A back-up is a store itself: to restore it, stop the station and put it in the store's place.
+//! what is acknowledged survives a power cut, not only a crash of the process. `NORMAL` would lose the last seconds
+//! there. The hub commits twice a second, so the wait does not matter. The file does not shrink when rows are deleted;
+//! new rows use the pages. A back-up is a store itself: to restore it, stop the station and put it in the store's
+//! place.
 
 mod backup;
 mod campaigns;
