@@ -14,7 +14,7 @@ use baliza_station::store::Retention;
 use baliza_station::{Hub, Live, Report, Store, Utc};
 use host_tools::UserError;
 use host_tools::node::provision::SiteNames;
-use host_tools::station::{self, SimulatedSite, SourceSpec, read_tokens, simulate};
+use host_tools::station::{self, OpenSource, SimulatedSite, SourceSpec, read_tokens, simulate};
 use host_tools::survey::presence::read_outlines;
 use sim::scenario::Scenario;
 use tokio::net::TcpListener;
@@ -150,13 +150,15 @@ struct Sources {
     site: String,
     names: SiteNames,
     zones: Vec<baliza_station::model::Zone>,
-    specs: Vec<SourceSpec>,
+    /// Each with its name.
+    sources: Vec<(String, OpenSource)>,
     simulation: Option<(Scenario, SimulatedSite)>,
 }
 
 impl Sources {
-    fn of(arguments: &Arguments) -> Result<Self, UserError> {
-        arguments.sources.iter().try_for_each(SourceSpec::check)?;
+    fn of(arguments: &Arguments) -> Result<Self> {
+        let sources = arguments.sources.iter().map(|spec| Ok((spec.to_string(), spec.open()?)));
+        let sources = sources.collect::<Result<Vec<_>>>()?;
         let names = arguments.site.as_deref().map(SiteNames::read).transpose()?.unwrap_or_default();
         let rooms = arguments.rooms.as_deref().map(read_outlines).transpose()?.unwrap_or_default();
         let simulation = match &arguments.simulate {
@@ -172,14 +174,14 @@ impl Sources {
             site: arguments.site_name.clone(),
             zones: station::zones(&arguments.site_name, &rooms),
             names,
-            specs: arguments.sources.clone(),
+            sources,
             simulation,
         })
     }
 
     /// Whether there is nothing but the simulation.
     fn is_simulation(&self) -> bool {
-        self.simulation.is_some() && self.specs.is_empty()
+        self.simulation.is_some() && self.sources.is_empty()
     }
 
     /// Writes the sites that the store does not have yet. What a person has drawn stays.
@@ -208,12 +210,11 @@ impl Sources {
         let simulated = self.simulation.iter().flat_map(|(_, site)| site.nodes.clone()).collect::<Vec<_>>();
         let reports = hub.reports();
         thread::spawn(move || nodes.into_iter().chain(simulated).all(|report| reports.blocking_send(report).is_ok()));
-        for spec in self.specs {
+        for (name, source) in self.sources {
             let (reports, site) = (hub.reports(), self.site.clone());
             thread::spawn(move || {
-                let name = spec.to_string();
                 let mut note = |text: &str| super::note(&format!("{name}: {text}\n"));
-                match station::run(&spec, &site, &mut sender(reports), &mut note) {
+                match station::run(source, &site, &mut sender(reports), &mut note) {
                     Ok(()) => note("it has ended"),
                     Err(error) => note(&format!("{error:#}")),
                 }

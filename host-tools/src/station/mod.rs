@@ -1,6 +1,6 @@
 //! What `baliza serve` feeds into the station: the telemetry of nodes, live, from files or simulated.
 //!
-//! Each [`SourceSpec`] is read by a thread of its own, through the same decoder as `monitor`. A [`Reporter`] converts the
+//! Each [`SourceSpec`] is opened and read by a thread of its own, through the same decoder as `monitor`. A [`Reporter`] converts the
 //! messages of one node to [`Report`](baliza_station::Report)s, with the host's time by a [`NodeClock`].
 
 mod node_clock;
@@ -15,5 +15,5 @@ pub use node_clock::NodeClock;
 pub use reporter::Reporter;
 pub use simulated::{SimulatedSite, simulate};
 pub use site::{nodes, zones};
-pub use sources::{SourceSpec, run};
+pub use sources::{OpenSource, SourceSpec, run};
 pub use tokens::read_tokens;

@@ -1,7 +1,7 @@
 //! The sources of telemetry, and how a person names them.
 
 use std::fmt;
-use std::net::SocketAddr;
+use std::net::{SocketAddr, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::thread;
@@ -11,8 +11,7 @@ use anyhow::Result;
 use baliza_station::{Report, Utc};
 
 use super::Reporter;
-use super::udp::listen;
-use crate::UserError;
+use super::udp::{bind, listen};
 use crate::node::decode::{Pacing, Stream};
 use crate::node::monitor::{Channel, Event, Files, Pace, Piped, Port, Probed, Serial, Source};
 use crate::node::probe::ProbeArguments;
@@ -100,40 +99,56 @@ fn is_device(path: &Path) -> bool {
 /// Where reports go. It returns whether the station still takes them.
 pub type Send<'a> = &'a mut dyn FnMut(Report) -> bool;
 
-/// Reads a source until its end, or until the station ends. `note` takes messages for the user.
-///
-/// # Errors
-/// The source cannot be opened or read.
-pub fn run(spec: &SourceSpec, site: &str, send: Send<'_>, note: &mut dyn FnMut(&str)) -> Result<()> {
-    match spec {
-        SourceSpec::Probe(probe) => {
-            let arguments = ProbeArguments { probe: probe.clone(), ..ProbeArguments::default() };
-            read(&mut Probed::new(arguments, None, false, Pace::default()), site, None, send, note)
-        }
-        SourceSpec::Serial(name, baud) => {
-            let port = Port { name: name.clone(), baud: *baud };
-            read(&mut Serial::new(port, name.clone(), Pace::default()), site, None, send, note)
-        }
-        SourceSpec::Stdin => read(&mut Piped::new(std::io::stdin()), site, None, send, note),
-        SourceSpec::File(path) => {
-            let mut files = Files::open(path, None)?;
-            let pacing = (!files.is_live()).then(|| Pacing::new(1.0));
-            read(&mut files, site, pacing, send, note)
-        }
-        SourceSpec::Udp(address) => listen(*address, site, send),
-    }
+/// A source that is ready: its file is open, and datagrams to it are received.
+pub enum OpenSource {
+    /// As in [`SourceSpec`].
+    Probe(Option<String>),
+    /// As in [`SourceSpec`].
+    Serial(String, u32),
+    /// The socket of the address.
+    Udp(UdpSocket),
+    /// As in [`SourceSpec`].
+    Stdin,
+    /// The file.
+    File(Files),
 }
 
 impl SourceSpec {
-    /// Refuses a source that cannot be there, before the station starts.
+    /// Opens what must be there before the station starts. Probes and serial ports may come later.
     ///
     /// # Errors
-    /// A file is missing.
-    pub fn check(&self) -> Result<(), UserError> {
-        match self {
-            Self::File(path) => Files::open(path, None).map(drop),
-            Self::Probe(_) | Self::Serial(..) | Self::Udp(_) | Self::Stdin => Ok(()),
+    /// A file cannot be opened, or the address of datagrams is in use.
+    pub fn open(&self) -> Result<OpenSource> {
+        Ok(match self {
+            Self::Probe(probe) => OpenSource::Probe(probe.clone()),
+            Self::Serial(port, baud) => OpenSource::Serial(port.clone(), *baud),
+            Self::Udp(address) => OpenSource::Udp(bind(*address)?),
+            Self::Stdin => OpenSource::Stdin,
+            Self::File(path) => OpenSource::File(Files::open(path, None)?),
+        })
+    }
+}
+
+/// Reads a source until its end, or until the station ends. `note` takes messages for the user.
+///
+/// # Errors
+/// The source cannot be read.
+pub fn run(source: OpenSource, site: &str, send: Send<'_>, note: &mut dyn FnMut(&str)) -> Result<()> {
+    match source {
+        OpenSource::Probe(probe) => {
+            let arguments = ProbeArguments { probe, ..ProbeArguments::default() };
+            read(&mut Probed::new(arguments, None, false, Pace::default()), site, None, send, note)
         }
+        OpenSource::Serial(name, baud) => {
+            let port = Port { name: name.clone(), baud };
+            read(&mut Serial::new(port, name, Pace::default()), site, None, send, note)
+        }
+        OpenSource::Stdin => read(&mut Piped::new(std::io::stdin()), site, None, send, note),
+        OpenSource::File(mut files) => {
+            let pacing = (!files.is_live()).then(|| Pacing::new(1.0));
+            read(&mut files, site, pacing, send, note)
+        }
+        OpenSource::Udp(socket) => listen(&socket, site, send),
     }
 }
 

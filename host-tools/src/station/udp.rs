@@ -26,10 +26,15 @@ struct Sender {
     heard: Instant,
 }
 
-/// Receives datagrams until the station ends. A stream belongs to one sender: an address with its port.
-pub(super) fn listen(address: SocketAddr, site: &str, send: Send<'_>) -> Result<()> {
+/// A socket that receives from now on.
+pub(super) fn bind(address: SocketAddr) -> Result<UdpSocket> {
     let socket = UdpSocket::bind(address).with_context(|| format!("cannot listen on udp:{address}"))?;
     socket.set_read_timeout(Some(PATIENCE)).context("cannot set a socket's timeout")?;
+    Ok(socket)
+}
+
+/// Receives datagrams until the station ends. A stream belongs to one sender: an address with its port.
+pub(super) fn listen(socket: &UdpSocket, site: &str, send: Send<'_>) -> Result<()> {
     let mut senders: HashMap<SocketAddr, Sender> = HashMap::new();
     let mut datagram = vec![0; DATAGRAM];
     loop {
@@ -44,7 +49,7 @@ pub(super) fn listen(address: SocketAddr, site: &str, send: Send<'_>) -> Result<
             {
                 continue;
             }
-            Err(error) => return Err(error).with_context(|| format!("cannot receive on udp:{address}")),
+            Err(error) => return Err(error).context("cannot receive datagrams"),
         };
         let now = Instant::now();
         if !senders.contains_key(&from) {

@@ -284,8 +284,9 @@ fn a_long_recording_makes_a_small_picture_that_keeps_the_outermost_positions() {
 
 #[test]
 fn a_folder_is_a_picture_by_two_words() {
-    let folder = Folder::with(&[("walls.csv", "x_m,y_m\n0,0\n6,0\n6,8\n")]);
+    let folder = Folder::with(&[]);
     folder.run("example --out .").ok();
+    folder.write("walls.csv", b"x_m,y_m\n0,0\n6,0\n6,8\n");
     assert_eq!(folder.run("plot .").ok().stderr, "picture: ./picture.png\n");
     assert_eq!(folder.read("picture.png")[..4], *b"\x89PNG");
     // The track of the ranges. With positions, these; flags replace files.

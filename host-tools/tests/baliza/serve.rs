@@ -282,7 +282,10 @@ fn what_cannot_be_served_is_refused_before_the_station_starts() {
     }
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = taken.local_addr().expect("an address");
+    let gateway = std::net::UdpSocket::bind("127.0.0.1:0").expect("a port");
+    let udp = gateway.local_addr().expect("an address");
     for (arguments, told) in [
+        (format!("udp:{udp}"), format!("cannot listen on udp:{udp}")),
         (format!("--simulate --listen {address}"), address.to_string()),
         ("--listen 127.0.0.1:0 --store store.txt".to_owned(), "store.txt".to_owned()),
         (

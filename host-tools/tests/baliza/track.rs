@@ -73,7 +73,7 @@ fn a_classifier_whose_features_no_range_has_changes_nothing() {
     let folder = Folder::with(&files);
     folder.run("nlos train --cir cir.csv --classifiers skewness --out m").ok();
     let arguments = "track --anchors a.csv --ranges r.csv --dims 2 --height-m 1";
-    let run = folder.run(&format!("{arguments} --model m --classifier skewness")).ok();
+    let run = folder.run(&format!("{arguments} --model m --classifier skewness:1")).ok();
     assert!(run.stderr.contains("no range of the recording tells"), "{}", run.stderr);
     assert_eq!(run.stdout, folder.run(arguments).ok().stdout);
 }
