@@ -25,9 +25,8 @@ use super::stream::{STOP, catch_signals};
 /// Serve a live map, a store and an API of the positions of tags
 ///
 /// The map is a page at the printed address. Positions, events and what a person draws are kept in a store, SQLite or
-/// PostgreSQL. Other programs read the API, which /openapi.json describes. SOURCE is a node or a stream of telemetry:
-/// probe[:VID:PID[:SERIAL]], serial:PORT[@BAUD], udp:ADDRESS:PORT, a device, a file, the folder of a recording, or - for
-/// standard input. A recording is played at its own pace. Ctrl-C ends the station with everything written.
+/// PostgreSQL. Other programs read the API, which /openapi.json describes. Each SOURCE is a node or a stream of
+/// telemetry. A recording is played at its own pace. Ctrl-C ends the station with everything written.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -53,7 +52,7 @@ pub struct Arguments {
     /// The rooms' outlines: CSV with room,x_m,y_m
     #[arg(long, value_name = "FILE")]
     rooms: Option<PathBuf>,
-    /// Who may do what: a TOML file with [[token]] tables of name, role (view, operate, administer) and sha256
+    /// Who may do what: a TOML file with a table `token` for each, as docs/station.md describes it
     #[arg(long, value_name = "FILE")]
     tokens: Option<PathBuf>,
     /// A tag that does not report for this time is silent, seconds
@@ -68,6 +67,13 @@ pub struct Arguments {
 }
 
 const EXAMPLES: &str = "\
+Sources:
+  probe[:VID:PID[:SERIAL]]  a node at a debug probe
+  serial:PORT[@BAUD]        a node at a serial port; the path of a device alone will do
+  udp:ADDRESS:PORT          datagrams with telemetry, of any number of nodes
+  FILE, FOLDER              telemetry in a file, or a recording
+  -                         standard input
+
 Examples:
   baliza serve --simulate
   baliza serve --site site.toml serial:/dev/ttyACM0 serial:/dev/ttyACM1

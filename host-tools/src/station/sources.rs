@@ -110,7 +110,7 @@ pub enum OpenSource {
     /// As in [`SourceSpec`].
     Stdin,
     /// The file.
-    File(Files),
+    File(Box<Files>),
 }
 
 impl SourceSpec {
@@ -124,7 +124,7 @@ impl SourceSpec {
             Self::Serial(port, baud) => OpenSource::Serial(port.clone(), *baud),
             Self::Udp(address) => OpenSource::Udp(bind(*address)?),
             Self::Stdin => OpenSource::Stdin,
-            Self::File(path) => OpenSource::File(Files::open(path, None)?),
+            Self::File(path) => OpenSource::File(Box::new(Files::open(path, None)?)),
         })
     }
 }
@@ -146,7 +146,7 @@ pub fn run(source: OpenSource, site: &str, send: Send<'_>, note: &mut dyn FnMut(
         OpenSource::Stdin => read(&mut Piped::new(std::io::stdin()), site, None, send, note),
         OpenSource::File(mut files) => {
             let pacing = (!files.is_live()).then(|| Pacing::new(1.0));
-            read(&mut files, site, pacing, send, note)
+            read(files.as_mut(), site, pacing, send, note)
         }
         OpenSource::Udp(socket) => listen(&socket, site, send),
     }
