@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use std::time::Duration;
 
 use host_tools::node::decode::{Stream, row};
-use host_tools::node::monitor::{Channel, Demux, Event, Image, Lines, Output, Session, json, summary};
+use host_tools::node::monitor::{Channel, Demux, Event, Image, Item, Lines, Session, json, summary};
 use host_tools::node::provision::SiteNames;
 use object::write::{Object, Symbol, SymbolSection};
 use object::{Architecture, BinaryFormat, Endianness, SectionKind, SymbolFlags, SymbolKind, SymbolScope};
@@ -25,7 +25,7 @@ pub fn decoded(input: &[u8]) {
             assert!(fields.iter().all(|field| !field.contains("NaN") && field != "inf"), "{fields:?}");
         }
     }
-    let _ = stream.summary().told(&SiteNames::default());
+    let _ = stream.summary().text(&SiteNames::default());
 }
 
 pub fn stream_seeds() -> Vec<Vec<u8>> {
@@ -59,17 +59,17 @@ pub fn monitored(input: &[u8]) {
     for event in events {
         now += Duration::from_millis(7);
         session.accept(now, event).expect("nothing is recorded");
-        while let Some(said) = session.next(now) {
-            show(&mut lines, &said);
+        while let Some(item) = session.next(now) {
+            show(&mut lines, &item);
         }
     }
     let _ = summary(&session.counts(), now);
 }
 
-fn show(lines: &mut Lines, output: &Output) {
-    let Output::Said(said) = output else { return };
-    let _ = lines.line(said);
-    let text = json(said).expect("JSON");
+fn show(lines: &mut Lines, item: &Item) {
+    let Item::Node(output) = item else { return };
+    let _ = lines.line(output);
+    let text = json(output).expect("JSON");
     assert!(serde_json::from_slice::<serde_json::Value>(&text).is_ok());
 }
 
@@ -82,8 +82,8 @@ pub fn elf(input: &[u8]) {
             session.accept(Duration::ZERO, event).expect("nothing is recorded");
         }
         let mut lines = Lines::new(true, true);
-        while let Some(said) = session.next(Duration::ZERO) {
-            show(&mut lines, &said);
+        while let Some(item) = session.next(Duration::ZERO) {
+            show(&mut lines, &item);
         }
     }
 }

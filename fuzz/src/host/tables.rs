@@ -93,7 +93,7 @@ pub fn readers(input: &[u8]) {
     let rows = one_line(positions::read(&file)).unwrap_or_default();
     let _ = advice::of_positions(&rows);
     if let Some(rooms) = one_line(read_outlines(&file)) {
-        let _ = (follow(&rooms, &rows), advice::of_outlines(&rooms));
+        let _ = (follow(&rooms, &rows, 1.0), advice::of_outlines(&rooms));
     }
 }
 
