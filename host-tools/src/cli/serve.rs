@@ -116,6 +116,7 @@ async fn serve(arguments: &Arguments, url: &str, access: Access, sources: Source
     let limits = Limits { silent_after: Duration::from_secs(arguments.silent_s), ..Limits::default() };
     let days = |days: Option<u64>| days.map(|days| Duration::from_secs(86_400 * days));
     let retention = Retention { thin_after: days(arguments.thin_days), delete_after: days(arguments.keep_days) };
+    let earlier = store.tags().await?;
     let mut live = Live::new(limits);
     live.set_zones(store.zones().await?);
     let (hub, writing) = Hub::start(live, store.clone(), retention).await?;
@@ -125,7 +126,7 @@ async fn serve(arguments: &Arguments, url: &str, access: Access, sources: Source
     let address = listener.local_addr().context("cannot read the address")?;
     sources.start(&hub);
     super::prompt(&format!("listening on http://{address}\n"));
-    let app = App { access, ..App::new(hub.clone(), store) };
+    let app = App { access, earlier, ..App::new(hub.clone(), store) };
     api::serve(listener, app, stopped()).await.context("cannot serve")?;
     hub.stop();
     writing.await.context("the writer has failed")
@@ -168,7 +169,7 @@ impl Sources {
         let names = arguments.site.as_deref().map(SiteNames::read).transpose()?.unwrap_or_default();
         let rooms = arguments.rooms.as_deref().map(read_outlines).transpose()?.unwrap_or_default();
         let simulation = match &arguments.simulate {
-            Some(Some(file)) => Some(super::simulate::read(file)?),
+            Some(Some(file)) => Some(super::simulate::load(file)?),
             Some(None) => Some(Scenario::rooms(SIMULATED.0, SIMULATED.1)),
             None => None,
         };

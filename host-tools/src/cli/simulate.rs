@@ -324,8 +324,20 @@ impl Arguments {
     }
 }
 
-pub(super) fn read(file: &Path) -> Result<Scenario, UserError> {
+fn read(file: &Path) -> Result<Scenario, UserError> {
     Scenario::parse(&read_text(file)?).map_err(|error| UserError::line(file, error.line as u64, error.message))
+}
+
+/// The scenario of a file as it is, with the models of its site.
+///
+/// # Errors
+/// A file is wrong, or a node cannot run what the scenario says.
+pub(super) fn load(file: &Path) -> Result<Scenario, UserError> {
+    let mut scenario = read(file)?;
+    load_site_models(&mut scenario, file)?;
+    let invalid = scenario.validate().err();
+    let wrong = invalid.map(|(node, invalid)| UserError::file(file, format!("node {}: {invalid}", Address(node))));
+    wrong.map_or(Ok(scenario), Err)
 }
 
 /// Runs `baliza simulate`.

@@ -28,7 +28,7 @@ pub struct SourceArguments {
     #[arg(long, value_name = "PORT", group = "source", conflicts_with_all = BY_PROBE)]
     serial: Option<String>,
     /// The serial port's bits a second
-    #[arg(long, value_name = "N", default_value_t = 115_200, requires = "serial", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = Port::BAUD, requires = "serial", value_parser = clap::value_parser!(u32).range(1..))]
     baud: u32,
     /// Read standard input
     #[arg(long, group = "source", conflicts_with_all = BY_PROBE)]

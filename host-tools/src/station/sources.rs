@@ -16,8 +16,6 @@ use crate::node::decode::{Pacing, Stream};
 use crate::node::monitor::{Channel, Event, Files, Pace, Piped, Port, Probed, Serial, Source};
 use crate::node::probe::ProbeArguments;
 
-/// The speed of a serial port where none is given, bits per second.
-const BAUD: u32 = 115_200;
 /// The longest wait for a source, so that the end of the program is seen.
 pub(super) const PATIENCE: Duration = Duration::from_millis(100);
 
@@ -57,7 +55,7 @@ impl FromStr for SourceSpec {
         if let Some(port) = text.strip_prefix("serial:") {
             let (port, baud) = match port.rsplit_once('@') {
                 Some((port, baud)) => (port, baud.parse().ok().filter(|baud| *baud > 0)),
-                None => (port, Some(BAUD)),
+                None => (port, Some(Port::BAUD)),
             };
             let baud = baud.ok_or_else(|| format!("{text:?}: behind @ stands the number of bits a second"))?;
             return if port.is_empty() {
@@ -67,7 +65,7 @@ impl FromStr for SourceSpec {
             };
         }
         let path = PathBuf::from(text);
-        Ok(if is_device(&path) { Self::Serial(text.to_owned(), BAUD) } else { Self::File(path) })
+        Ok(if is_device(&path) { Self::Serial(text.to_owned(), Port::BAUD) } else { Self::File(path) })
     }
 }
 

@@ -266,6 +266,9 @@ fn changes_need_a_token_and_are_logged_with_its_name() {
 fn what_cannot_be_served_is_refused_before_the_station_starts() {
     let folder =
         Folder::with(&[("wrong.toml", "[[token]]\nname = 1\n"), ("store.txt", "this is no database, but a text")]);
+    // The files of its site's models are not beside it.
+    let scenario = std::fs::read(root().join("examples/fingerprints.toml")).expect("an example");
+    folder.write("fingerprints.toml", &scenario);
     for (arguments, told) in [
         ("--listen 0.0.0.0:0", "--tokens"),
         ("--listen somewhere", "--listen"),
@@ -275,6 +278,7 @@ fn what_cannot_be_served_is_refused_before_the_station_starts() {
         ("--tokens wrong.toml", "wrong.toml"),
         ("--site missing.toml", "missing.toml"),
         ("--simulate missing.toml", "missing.toml"),
+        ("--simulate fingerprints.toml", "fingerprints.toml: map: "),
     ] {
         let run = folder.run(&format!("serve {arguments}"));
         assert_eq!(run.code, Some(2), "{arguments}: {run:?}");

@@ -66,6 +66,7 @@ use limits::Connections;
 use metrics::Counts;
 use problem::Problem;
 
+use crate::model::Tag;
 use crate::{Hub, Store};
 
 /// The greatest body of a request, bytes, but for pictures.
@@ -86,12 +87,22 @@ pub struct App {
     pub limits: Limits,
     /// The files of the page.
     pub page: Page,
+    /// The tags that the store had when the station started.
+    pub earlier: Vec<Tag>,
 }
 
 impl App {
     /// For loopback: without tokens, with the page that is part of the program.
     pub fn new(hub: Hub, store: Store) -> Self {
-        Self { hub, store, access: Access::Open, tls: false, limits: Limits::default(), page: Page::built() }
+        Self {
+            hub,
+            store,
+            access: Access::Open,
+            tls: false,
+            limits: Limits::default(),
+            page: Page::built(),
+            earlier: Vec::new(),
+        }
     }
 }
 

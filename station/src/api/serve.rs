@@ -21,8 +21,8 @@ const END: Duration = Duration::from_secs(10);
 /// The greatest head of a request, bytes.
 const HEAD: usize = 32 * 1024;
 
-/// Serves the API until `stop` is done, and then until the requests that run are answered. Listeners at WebSockets and
-/// event streams are told to go.
+/// Serves the API until `stop` is done, and then until the requests that run are answered. WebSockets and
+/// event streams are closed.
 ///
 /// # Errors
 /// [`io::ErrorKind::InvalidInput`]: [`Access::Open`] at an address that is not a loopback one.

@@ -37,7 +37,7 @@ pub struct OfSite {
 #[utoipa::path(get, path = "/api/v1/tags", tag = "tags", security(("token" = ["view"])),
     params(OfSite), responses((status = 200, body = [Tag])))]
 async fn list(State(station): State<Shared>, Query(of): Query<OfSite>) -> Result<Response, Problem> {
-    let mut tags = station.tags().await?;
+    let mut tags = station.tags();
     tags.retain(|tag| of.site.as_ref().is_none_or(|site| site.as_str() == tag.site));
     answer::page(&tags, None)
 }
@@ -173,13 +173,13 @@ impl super::Station {
         Ok(tag.site)
     }
 
-    /// The tags of the live state, and those that have not reported since the station started as the store has them.
-    async fn tags(&self) -> Result<Vec<Tag>, Problem> {
+    /// The tags of the live state, and those that have not reported since the station started.
+    fn tags(&self) -> Vec<Tag> {
         let mut tags = self.app.hub.read(|live| live.tags());
-        let key = |tag: &Tag| (tag.site.clone(), tag.tag.clone());
-        let live: HashSet<_> = tags.iter().map(key).collect();
-        tags.extend(self.app.store.tags().await?.into_iter().filter(|tag| !live.contains(&key(tag))));
-        tags.sort_by_cached_key(key);
-        Ok(tags)
+        let live: HashSet<_> = tags.iter().map(|tag| (tag.site.clone(), tag.tag.clone())).collect();
+        let is_gone = |tag: &&Tag| !live.contains(&(tag.site.clone(), tag.tag.clone()));
+        tags.extend(self.app.earlier.iter().filter(is_gone).cloned());
+        tags.sort_unstable_by(|a, b| (&a.site, &a.tag).cmp(&(&b.site, &b.tag)));
+        tags
     }
 }

@@ -26,7 +26,7 @@ use crate::{Live, Report, Update, Utc};
 const REPORTS: usize = 4096;
 /// Reports that are applied together, while readers of the state wait.
 const TOGETHER: usize = 256;
-/// Updates that a listener may be behind. A slower one misses some, and is told how many.
+/// Updates that a listener may be behind. A slower one misses some, and gets their number.
 const UPDATES: usize = 4096;
 /// How often the state learns the time.
 const TICK: Duration = Duration::from_secs(1);

@@ -21,7 +21,7 @@ import { tagsPanel } from './panels/tags.js';
 import { Toasts } from './panels/toasts.js';
 import { zonesPanel } from './panels/zones.js';
 import { Store, TRAIL_MS } from './store.js';
-import { applyTheme, chosenTheme, type Theme } from './theme.js';
+import { applyTheme, chosenTheme, system, type Theme } from './theme.js';
 
 const LANGUAGE = 'baliza.language';
 const LAYERS = 'baliza.layers';
@@ -126,16 +126,14 @@ const themeChoice = h(
   ),
 );
 themeChoice.value = chosenTheme();
-const restyle = () => {
+const retheme = () => {
+  applyTheme(themeChoice.value as Theme);
   map.restyle();
   // Colours of lists and charts follow.
   store.tell('language');
 };
-themeChoice.addEventListener('change', () => {
-  applyTheme(themeChoice.value as Theme);
-  restyle();
-});
-matchMedia('(prefers-color-scheme: dark)').addEventListener('change', restyle);
+themeChoice.addEventListener('change', retheme);
+system.addEventListener('change', retheme);
 const still = matchMedia('(prefers-reduced-motion: reduce)');
 const follows = () => (motion.smooth = !still.matches);
 still.addEventListener('change', follows);

@@ -9,8 +9,11 @@ export function chosenTheme(): Theme {
   return saved === 'light' || saved === 'dark' ? saved : 'auto';
 }
 
+// Tells when the system changes between light and dark.
+export const system = matchMedia('(prefers-color-scheme: dark)');
+
 export function applyTheme(theme: Theme): void {
   localStorage.setItem(KEY, theme);
-  if (theme === 'auto') delete document.documentElement.dataset.theme;
-  else document.documentElement.dataset.theme = theme;
+  const ofSystem = system.matches ? 'dark' : 'light';
+  document.documentElement.dataset.theme = theme === 'auto' ? ofSystem : theme;
 }

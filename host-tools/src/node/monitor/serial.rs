@@ -30,6 +30,11 @@ pub struct Port {
     pub baud: u32,
 }
 
+impl Port {
+    /// The baud rate where none is given, bits per second.
+    pub const BAUD: u32 = 115_200;
+}
+
 /// A read returns after this time without bytes.
 const READ: Duration = Duration::from_millis(10);
 
@@ -235,7 +240,7 @@ mod tests {
     fn a_port_that_is_not_there_at_the_start_is_a_failure() {
         let mut source = Serial::new(Cable(VecDeque::new()), "port".into(), PACE);
         assert!(source.next(Duration::ZERO).is_err());
-        let port = Port { name: "/dev/nosuch".into(), baud: 115_200 };
+        let port = Port { name: "/dev/nosuch".into(), baud: Port::BAUD };
         let error =
             Serial::new(port, "/dev/nosuch".into(), PACE).next(Duration::ZERO).expect_err("there is no such port");
         let wrong = error.downcast_ref::<crate::UserError>().expect("the argument is wrong").to_string();
