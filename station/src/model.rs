@@ -87,6 +87,10 @@ pub struct Node {
     pub role: Role,
     /// Its surveyed position.
     pub position_m: Option<[f64; 3]>,
+    /// RSSI at one metre, dBm: of a beacon, or of devices at a receiver. None: that of most beacons.
+    pub rssi_1m_dbm: Option<f64>,
+    /// The path loss exponent of its signals, 2 in free space. None: that of rooms.
+    pub path_loss_exponent: Option<f64>,
     /// When a tag last measured to it.
     pub last_seen: Option<Utc>,
     /// Ranges a second, from all tags.

@@ -1,7 +1,5 @@
 //! Terminals that cannot solve themselves: a request's RSSI values to its position, which is also reported to the hub.
 
-use std::collections::BTreeMap;
-
 use axum::extract::State;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -14,7 +12,7 @@ use super::problem::Problem;
 use super::{Shared, Station};
 use crate::live::Gaussian;
 use crate::model::Role;
-use crate::terminal::{KnownBeacon, locate};
+use crate::terminal::locate;
 use crate::{Report, Utc, What};
 
 /// The routes.
@@ -96,7 +94,7 @@ impl Station {
         let samples = campaigns::checked(samples)?;
         let tag = String::from(terminal);
         // Numbers of rooms and beacons are small, but a least-squares solution of 10,000 samples takes a while.
-        let beacons = self.beacons(&site);
+        let beacons = self.app.hub.read(|live| live.known(&site, Role::Beacon));
         let located = tokio::task::spawn_blocking(move || locate(&beacons, &samples)).await;
         let located = located.unwrap_or_else(|panic| std::panic::resume_unwind(panic.into_panic()));
         let (what, answer) = match located {
@@ -112,16 +110,7 @@ impl Station {
                     room: self.app.hub.read(|live| live.room_of(&site, &gaussian)),
                     reason: None,
                 };
-                let what = What::Position {
-                    tag,
-                    position_m: at.position_m,
-                    z_m: None,
-                    sigma_m: at.sigma_m,
-                    sigma_z_m: None,
-                    cov_xy_m2: at.cov_xy_m2,
-                    used: at.used,
-                };
-                (what, answer)
+                (at.of(tag), answer)
             }
             Err(reason) => (
                 What::NoPosition { tag, reason: reason.to_owned() },
@@ -131,17 +120,6 @@ impl Station {
         let sent = self.app.hub.reports().send(Report { t: Utc::now(), site, what }).await;
         let stops = |_| Problem::new(axum::http::StatusCode::SERVICE_UNAVAILABLE, "the station stops");
         sent.map(|()| answer).map_err(stops)
-    }
-
-    /// The beacons of a site that are at known places.
-    fn beacons(&self, site: &str) -> BTreeMap<String, KnownBeacon> {
-        let nodes = self.app.hub.read(|live| live.nodes());
-        let beacons = nodes.into_iter().filter(|node| node.site == site && node.role == Role::Beacon);
-        let known = beacons.filter_map(|node| {
-            let position_m = node.position_m?;
-            Some((node.node, KnownBeacon { position_m, rssi_1m_dbm: None, path_loss_exponent: None }))
-        });
-        known.collect()
     }
 }
 
