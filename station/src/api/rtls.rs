@@ -1,6 +1,6 @@
 //! Terminals that cannot solve themselves: a request's RSSI values to its position, which is also reported to the hub.
 
-use axum::extract::State;
+use axum::extract::{DefaultBodyLimit, State};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
@@ -9,15 +9,16 @@ use utoipa_axum::routes;
 use super::campaigns::{self, NewSample};
 use super::extract::{Json, Name, Path};
 use super::problem::Problem;
-use super::{Shared, Station};
-use crate::live::Gaussian;
+use super::{SAMPLES_BODY, Shared, Station};
+use crate::live::{Gaussian, LONGEST_NAME, is_name};
 use crate::model::Role;
 use crate::terminal::locate;
 use crate::{Report, Utc, What};
 
 /// The routes.
 pub fn routes() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(rtls)).routes(routes!(rtls_of))
+    let routes = OpenApiRouter::new().routes(routes!(rtls)).routes(routes!(rtls_of));
+    routes.layer(DefaultBodyLimit::max(SAMPLES_BODY))
 }
 
 /// What a terminal received.
@@ -90,6 +91,9 @@ impl Station {
         if is_address(terminal.as_str()) {
             return Err(Problem::wrong("terminal looks like the address of a tag: choose another name"));
         }
+        if !is_name(terminal.as_str()) {
+            return Err(Problem::wrong(format!("terminal has at most {LONGEST_NAME} bytes")));
+        }
         let site = self.site(&site).await?.name;
         let samples = campaigns::checked(samples)?;
         let tag = String::from(terminal);
@@ -124,7 +128,7 @@ impl Station {
 }
 
 /// Whether a name is `0x` and hexadecimal digits.
-fn is_address(name: &str) -> bool {
+pub fn is_address(name: &str) -> bool {
     let digits = name.strip_prefix("0x").or_else(|| name.strip_prefix("0X"));
     digits.is_some_and(|digits| !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_hexdigit()))
 }

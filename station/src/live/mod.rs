@@ -42,17 +42,17 @@ use crate::rssi::KnownNode;
 /// Reports may be this much after the state's clock.
 const AHEAD: Duration = Duration::from_secs(60);
 /// The most bytes of a name.
-const LONGEST_NAME: usize = 64;
+pub(crate) const LONGEST_NAME: usize = 64;
 /// The most bytes of a reason.
 const LONGEST_REASON: usize = 200;
 /// The greatest coordinate, metres.
-const FARTHEST_M: f64 = 1e6;
+pub(crate) const FARTHEST_M: f64 = 1e6;
 /// The greatest standard deviation, metres.
 const VAGUEST_M: f64 = 1e5;
 /// The longest range, metres.
 const LONGEST_M: f64 = 10_000.0;
 /// Path loss exponents that there are: the bounds of `positioning_core::ble::path_loss`.
-pub const EXPONENTS: std::ops::RangeInclusive<f64> = 0.1..=20.0;
+pub(crate) const EXPONENTS: std::ops::RangeInclusive<f64> = 0.1..=20.0;
 /// The greatest difference of powers, dB.
 const STRONGEST_DB: f64 = 200.0;
 
@@ -261,6 +261,18 @@ impl Live {
     /// A number that grows when a node is described anew: until then, what [`known`](Self::known) returned is true.
     pub fn surveys(&self) -> u64 {
         self.surveys
+    }
+
+    /// Forgets a node, until a source reports it again.
+    pub fn forget_node(&mut self, site: &str, node: &str) {
+        let Some(of) = self.sites.get_mut(site) else { return };
+        if of.nodes.remove(node) {
+            // They hold indices of nodes.
+            of.tags.values_mut().for_each(|tag| tag.round.clear());
+            self.nodes -= 1;
+            self.surveys += 1;
+            self.is_changed = true;
+        }
     }
 
     /// Forgets a tag, which leaves its room and its zones.
@@ -493,7 +505,7 @@ fn event(last: &mut i64, t: Utc, site: &str, node: &str, happened: Happened) -> 
 }
 
 /// Whether a text can be a name: not empty, not long, and without control characters.
-fn is_name(text: &str) -> bool {
+pub(crate) fn is_name(text: &str) -> bool {
     (1..=LONGEST_NAME).contains(&text.len()) && !text.chars().any(char::is_control)
 }
 

@@ -125,6 +125,17 @@ impl Nodes {
         is_renamed || is_surveyed || is_other
     }
 
+    /// Forgets a node; the last one gets its index. Returns whether there was one.
+    pub(super) fn remove(&mut self, node: &str) -> bool {
+        let Some(index) = self.by_name.remove(node) else { return false };
+        self.states.swap_remove(index);
+        self.reaches.swap_remove(index);
+        if let Some(moved) = self.states.get(index) {
+            self.by_name.insert(moved.node.clone(), index);
+        }
+        true
+    }
+
     /// Takes a node's path loss. Returns whether it is new.
     pub(super) fn set_path_loss(&mut self, index: usize, rssi_1m_dbm: Option<f64>, exponent: Option<f64>) -> bool {
         let Some(state) = self.states.get_mut(index) else { return false };
