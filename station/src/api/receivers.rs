@@ -71,17 +71,17 @@ async fn sightings(
     let site = station.site(&heard.scenario).await?.name;
     let (receiver, samples) = (String::from(receiver), heard.samples);
     if !station.app.hub.read(|live| live.known(&site, Role::Receiver)).contains_key(&receiver) {
-        let what = format_args!(
-            "receiver {receiver:?} at a known place in {site:?}: PUT /api/v1/nodes/{{site}}/{{node}} places it; receiver"
-        );
-        return Err(Problem::missing(what));
+        let how = "PUT /api/v1/nodes/{site}/{node} places one";
+        return Err(Problem::missing(format_args!("receiver {receiver:?} at a known place in {site:?}; {how}")));
     }
     if samples.len() > SAMPLES {
         return Err(Problem::wrong(format!("at most {SAMPLES} samples a request")));
     }
     for HeardSample { device, rssi_dbm, rssi_1m_dbm, t_s } in &samples {
         check_rssi(*rssi_dbm, *t_s)?;
-        check_rssi(rssi_1m_dbm.unwrap_or_default(), *t_s)?;
+        if let Some(rssi_1m_dbm) = rssi_1m_dbm {
+            check_rssi(*rssi_1m_dbm, *t_s)?;
+        }
         if is_address(device.as_str()) || !is_name(device.as_str()) {
             let what = format!("device {:?} looks like the address of a tag, or is too long", device.as_str());
             return Err(Problem::wrong(format!("{what}: choose another name of at most {LONGEST_NAME} bytes")));

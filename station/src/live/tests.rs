@@ -529,3 +529,65 @@ fn a_receiver_that_hears_a_device_is_listed_and_the_device_is_not() {
     assert_eq!((nodes[0].node.as_str(), nodes[0].role, nodes[0].last_seen), ("hall", Role::Receiver, Some(at(0))));
     assert!(live.tags().is_empty());
 }
+
+#[test]
+fn a_path_loss_is_that_of_a_known_node_and_must_be_possible() {
+    let mut live = live();
+    let path_loss = |node: &str, rssi_1m_dbm, path_loss_exponent| What::PathLoss {
+        node: node.to_owned(),
+        rssi_1m_dbm,
+        path_loss_exponent,
+    };
+    live.apply(&report(at(0), path_loss("1-7", Some(-60.0), None)));
+    assert_eq!(live.refused(), 1, "nobody knows it");
+    let position_m = Some([1.0, 2.0, 3.0]);
+    live.apply(&report(at(0), What::Node { node: "1-7".to_owned(), name: None, role: Role::Beacon, position_m }));
+    let before = live.surveys();
+    live.apply(&report(at(0), path_loss("1-7", Some(-60.0), Some(2.2))));
+    assert!(live.surveys() > before);
+    for wrong in [f64::NAN, f64::INFINITY, 200.0, 0.0, -1e300] {
+        live.apply(&report(at(0), path_loss("1-7", Some(wrong), None)));
+        live.apply(&report(at(0), path_loss("1-7", None, Some(wrong))));
+    }
+    assert_eq!(live.refused(), 11);
+    let known = live.known(SITE, Role::Beacon).remove("1-7").expect("it is placed");
+    assert_eq!((known.rssi_1m_dbm, known.path_loss_exponent), (Some(-60.0), Some(2.2)));
+    assert!(live.known(SITE, Role::Receiver).is_empty() && live.known("other", Role::Beacon).is_empty());
+    live.apply(&report(at(0), path_loss("1-7", None, None)));
+    assert_eq!(live.nodes()[0].rssi_1m_dbm, None, "back to the usual one");
+}
+
+#[test]
+fn a_node_that_is_forgotten_leaves_the_others_as_they_are() {
+    let mut live = live();
+    for k in 0..3 {
+        live.apply(&report(at(0), anchor(&format!("0x010{k}"), [f64::from(k), 0.0, 0.0])));
+    }
+    live.apply(&report(at(0), range("0x0102", 3.0)));
+    live.forget_node(SITE, "0x0100");
+    live.forget_node(SITE, "0x0100");
+    // The range is of a round that was forgotten with it, and the last anchor has another index now.
+    live.apply(&report(at(0), position("0x1001", [2.0, 0.0], 0.1)));
+    live.apply(&report(at(1), range("0x0102", 3.0)));
+    live.apply(&report(at(1), position("0x1001", [4.0, 0.0], 0.1)));
+    let nodes = live.nodes();
+    assert_eq!(nodes.iter().map(|node| node.node.as_str()).collect::<Vec<_>>(), ["0x0101", "0x0102"]);
+    // The anchor is at 2 m, the tag at 4 m: 3 m are 1 m too much.
+    assert_eq!(nodes[1].residual_mean_m, Some(1.0));
+    assert_eq!(nodes[0].residual_mean_m, None);
+}
+
+#[test]
+fn a_tag_that_is_forgotten_leaves_its_rooms_and_makes_room_for_another() {
+    let mut live = Live::new(Limits { tags: 1, ..Limits::default() });
+    live.set_zones(vec![zone("kitchen", ZoneKind::Room, [0.0, 4.0]), zone("door", ZoneKind::Zone, [0.0, 4.0])]);
+    live.apply(&report(at(0), position("0x1001", [2.0, 2.0], 0.1)));
+    live.apply(&report(at(7000), position("0x1002", [2.0, 2.0], 0.1)));
+    assert_eq!(live.refused(), 1);
+    let left = live.forget(SITE, "0x1001");
+    let zone = |name: &str| (EventKind::Left, Some(name.to_owned()), Some(7.0));
+    assert_eq!(events(&left), [zone("kitchen"), zone("door")]);
+    assert_eq!(live.forget(SITE, "0x1001"), []);
+    live.apply(&report(at(8000), position("0x1002", [2.0, 2.0], 0.1)));
+    assert_eq!(live.tags().iter().map(|tag| tag.tag.as_str()).collect::<Vec<_>>(), ["0x1002"]);
+}
