@@ -9,7 +9,7 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use baliza_station::api::{self, Access, App};
 use baliza_station::live::Limits;
-use baliza_station::model::Site;
+use baliza_station::model::{PlacedNode, Site};
 use baliza_station::store::Retention;
 use baliza_station::{Hub, Live, Report, Store, Utc};
 use host_tools::UserError;
@@ -116,7 +116,7 @@ async fn serve(arguments: &Arguments, url: &str, access: Access, sources: Source
     let limits = Limits { silent_after: Duration::from_secs(arguments.silent_s), ..Limits::default() };
     let days = |days: Option<u64>| days.map(|days| Duration::from_secs(86_400 * days));
     let retention = Retention { thin_after: days(arguments.thin_days), delete_after: days(arguments.keep_days) };
-    let earlier = store.tags().await?;
+    let (earlier, placed) = (store.tags().await?, store.nodes().await?);
     let mut live = Live::new(limits);
     live.set_zones(store.zones().await?);
     let (hub, writing) = Hub::start(live, store.clone(), retention).await?;
@@ -124,7 +124,7 @@ async fn serve(arguments: &Arguments, url: &str, access: Access, sources: Source
         .await
         .with_context(|| format!("cannot listen on {}; --listen takes another address", arguments.listen))?;
     let address = listener.local_addr().context("cannot read the address")?;
-    sources.start(&hub);
+    sources.start(&hub, &placed);
     super::prompt(&format!("listening on http://{address}\n"));
     let app = App { access, earlier, ..App::new(hub.clone(), store) };
     api::serve(listener, app, stopped()).await.context("cannot serve")?;
@@ -211,12 +211,15 @@ impl Sources {
         Ok(())
     }
 
-    /// Starts a thread for each source.
-    fn start(self, hub: &Hub) {
+    /// Reports the nodes, at last those that a person has placed, and starts a thread for each source.
+    fn start(self, hub: &Hub, placed: &[PlacedNode]) {
         let nodes = station::nodes(&self.site, &self.names, Utc::now());
         let simulated = self.simulation.iter().flat_map(|(_, site)| site.nodes.clone()).collect::<Vec<_>>();
+        let placed = placed.iter().flat_map(|node| node.reports(Utc::now())).collect::<Vec<_>>();
         let reports = hub.reports();
-        thread::spawn(move || nodes.into_iter().chain(simulated).all(|report| reports.blocking_send(report).is_ok()));
+        thread::spawn(move || {
+            nodes.into_iter().chain(simulated).chain(placed).all(|report| reports.blocking_send(report).is_ok())
+        });
         for (name, source) in self.sources {
             let (reports, site) = (hub.reports(), self.site.clone());
             thread::spawn(move || {
