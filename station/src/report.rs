@@ -72,4 +72,15 @@ pub enum What {
         /// dBm.
         rssi_dbm: f64,
     },
+    /// A fixed receiver at a known place received a device's advertisement.
+    Heard {
+        /// The receiver: a node of the site.
+        receiver: String,
+        /// The device, as it is to be listed among the tags.
+        device: String,
+        /// dBm.
+        rssi_dbm: f64,
+        /// What receivers measure at one metre from the device, where the device or a calibration says so, dBm.
+        rssi_1m_dbm: Option<f64>,
+    },
 }

@@ -343,6 +343,18 @@ impl Live {
                 self.sites.get_mut(site)?.nodes.sight(node, t);
                 Some(())
             }
+            // The device is a tag from its first position on: most devices are of people who walk by.
+            What::Heard { receiver, device, rssi_dbm, rssi_1m_dbm } => {
+                for rssi_dbm in [Some(*rssi_dbm), *rssi_1m_dbm].into_iter().flatten() {
+                    positioning_core::ble::signal::rssi(rssi_dbm).ok()?;
+                }
+                if !(is_name(site) && is_name(receiver) && is_name(device)) {
+                    return None;
+                }
+                let node = self.node(site, receiver, Role::Receiver)?;
+                self.sites.get_mut(site)?.nodes.sight(node, t);
+                Some(())
+            }
         }
     }
 

@@ -38,6 +38,10 @@ fn anchor(node: &str, position_m: [f64; 3]) -> What {
     What::Node { node: node.to_owned(), name: None, role: Role::Anchor, position_m: Some(position_m) }
 }
 
+fn heard(receiver: &str, device: &str, rssi_dbm: f64, rssi_1m_dbm: Option<f64>) -> What {
+    What::Heard { receiver: receiver.to_owned(), device: device.to_owned(), rssi_dbm, rssi_1m_dbm }
+}
+
 fn zone(name: &str, kind: ZoneKind, [x0, x1]: [f64; 2]) -> Zone {
     let corners_m = vec![[x0, 0.0], [x1, 0.0], [x1, 4.0], [x0, 4.0]];
     Zone { site: SITE.to_owned(), name: name.to_owned(), kind, corners_m, alarm: name == "danger" }
@@ -380,6 +384,8 @@ fn numbers_that_are_no_measurements_are_refused_and_counted() {
         refuse(&mut live, SITE, anchor("0x0101", [0.0, wrong, 0.0]));
         let sighting = What::Sighting { tag: "0x1001".to_owned(), beacon: "1-7".to_owned(), rssi_dbm: wrong };
         refuse(&mut live, SITE, sighting);
+        refuse(&mut live, SITE, heard("hall", "phone", wrong, None));
+        refuse(&mut live, SITE, heard("hall", "phone", -60.0, Some(wrong)));
         let mut vague = position("0x1001", [0.0; 2], 0.1);
         if let What::Position { z_m, .. } = &mut vague {
             *z_m = Some(wrong);
@@ -391,6 +397,8 @@ fn numbers_that_are_no_measurements_are_refused_and_counted() {
     for name in [String::new(), "x".repeat(65), "a\nb".to_owned(), "\0".to_owned()] {
         refuse(&mut live, SITE, position(&name, [0.0; 2], 0.1));
         refuse(&mut live, SITE, range(&name, 1.0));
+        refuse(&mut live, SITE, heard(&name, "phone", -60.0, None));
+        refuse(&mut live, SITE, heard("hall", &name, -60.0, None));
         refuse(&mut live, SITE, anchor(&name, [0.0; 3]));
         refuse(&mut live, &name, position("0x1001", [0.0; 2], 0.1));
         refuse(&mut live, &name, anchor("0x0101", [0.0; 3]));
@@ -510,4 +518,14 @@ fn a_long_reason_is_cut_at_a_character() {
     let reason = format!("a{}", "é".repeat(300));
     live.apply(&report(at(0), What::NoPosition { tag: "0x1001".to_owned(), reason }));
     assert_eq!(live.tags()[0].reason.as_deref().map(|reason| reason.chars().count()), Some(100));
+}
+
+#[test]
+fn a_receiver_that_hears_a_device_is_listed_and_the_device_is_not() {
+    let mut live = live();
+    assert_eq!(live.apply(&report(at(0), heard("hall", "phone", -60.0, Some(-59.0)))), []);
+    let nodes = live.nodes();
+    assert_eq!(nodes.len(), 1);
+    assert_eq!((nodes[0].node.as_str(), nodes[0].role, nodes[0].last_seen), ("hall", Role::Receiver, Some(at(0))));
+    assert!(live.tags().is_empty());
 }
