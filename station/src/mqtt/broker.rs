@@ -77,9 +77,9 @@ impl Broker {
             (false, None) => None,
             (false, Some(_)) => return Err(NoBroker::NoTls),
             (true, Some(pem)) => Some(own_authority(pem)?),
-            (true, None) => Some(
-                TlsConfiguration::try_default_rustls().map_err(|error| NoBroker::System(error.to_string()))?,
-            ),
+            (true, None) => {
+                Some(TlsConfiguration::try_default_rustls().map_err(|error| NoBroker::System(error.to_string()))?)
+            }
         };
         Ok(Self {
             host,

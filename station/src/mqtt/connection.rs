@@ -10,9 +10,8 @@ use std::time::Duration;
 
 use rumqttc::tokio_rustls::rustls::{self, CertificateError};
 use rumqttc::{
-    AsyncClient, ConnectReturnCode, ConnectionError, Event, EventLoop, LastWill, Packet, PublishNoticeError, PublishOptions,
-    QoS,
-    SubscribeFilterInput,
+    AsyncClient, ConnectReturnCode, ConnectionError, Event, EventLoop, LastWill, Packet, PublishNoticeError,
+    PublishOptions, QoS, SubscribeFilterInput,
 };
 use tokio::sync::watch;
 use tokio::time::{sleep, timeout};
@@ -61,8 +60,8 @@ impl Connection {
             if *is_connected.borrow() {
                 (pause, last) = (PAUSES[0], String::new());
             }
-            // Once for each reason.
-            if lost.text != last {
+            // Once, and once more where a person has to do something.
+            if last.is_empty() || (lost.is_refused && lost.text != last) {
                 log::warn!("mqtt: {}: {}; trying again", self.broker, lost.text);
                 last.clone_from(&lost.text);
             }
@@ -112,9 +111,8 @@ async fn receive(mut events: EventLoop, connected: &watch::Sender<bool>, broker:
                 inbox.take(&publish.topic, &publish.payload, publish.retain).await;
             }
             Event::Incoming(Packet::SubAck(answer)) => {
-                let is_granted = |code: &rumqttc::SubscribeReasonCode| {
-                    matches!(code, rumqttc::SubscribeReasonCode::Success(_))
-                };
+                let is_granted =
+                    |code: &rumqttc::SubscribeReasonCode| matches!(code, rumqttc::SubscribeReasonCode::Success(_));
                 if !answer.return_codes.iter().all(is_granted) {
                     log::warn!("mqtt: {broker}: the broker refuses a subscription: {:?}", answer.return_codes);
                 }
@@ -245,7 +243,9 @@ impl Sender<'_> {
         for notice in notices {
             match notice.wait_completion_async().await {
                 Ok(()) => {}
-                Err(PublishNoticeError::V5PubAck(reason)) => log::warn!("mqtt: the broker refuses an event: {reason:?}"),
+                Err(PublishNoticeError::V5PubAck(reason)) => {
+                    log::warn!("mqtt: the broker refuses an event: {reason:?}")
+                }
                 Err(_) => return None,
             }
         }

@@ -53,8 +53,7 @@ impl Discovery {
     /// A tag's document.
     pub(super) fn tag(&self, tag: &Tag) -> String {
         let id = self.device_id(&tag.site, &tag.tag);
-        let (room, position) =
-            (self.topics.room(&tag.site, &tag.tag), self.topics.position(&tag.site, &tag.tag));
+        let (room, position) = (self.topics.room(&tag.site, &tag.tag), self.topics.position(&tag.site, &tag.tag));
         let components = [
             (
                 "room",

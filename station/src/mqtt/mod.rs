@@ -39,8 +39,8 @@ use self::inbox::Inbox;
 use self::outbox::Outbox;
 use self::publisher::Publisher;
 pub use self::topics::{NoPrefix, Topics};
-use crate::Hub;
-use crate::model::Tag;
+use crate::model::{Tag, Zone};
+use crate::{Hub, Report, Utc};
 
 /// What the station does at its broker.
 #[derive(Debug)]
@@ -55,6 +55,18 @@ pub struct Settings {
     pub discovery: Option<Topics>,
     /// The house whose ESPresense receivers are at this broker, and its site.
     pub espresense: Option<(House, String)>,
+}
+
+impl Settings {
+    /// The rooms of the house.
+    pub fn zones(&self) -> Vec<Zone> {
+        self.espresense.iter().flat_map(|(house, site)| house.zones(site)).collect()
+    }
+
+    /// The receivers of the house, as reports.
+    pub fn receivers(&self, t: Utc) -> Vec<Report> {
+        self.espresense.iter().flat_map(|(house, site)| house.nodes(site, t)).collect()
+    }
 }
 
 /// A station at its broker.
@@ -72,6 +84,7 @@ impl Mqtt {
         let outbox = Arc::new(Outbox::default());
         let discovery = discovery.map(|prefix| Discovery::new(&prefix, &topics));
         let (stop, stopped) = watch::channel(false);
+        let updates = hub.listen();
         let mut publisher =
             Publisher::new(hub.clone(), outbox.clone(), topics.clone(), discovery.clone(), every, earlier);
         // The inbox forgets what is not here.
@@ -86,7 +99,7 @@ impl Mqtt {
         let connection = Connection { broker, topics, outbox, inbox };
         let (published, is_published) = watch::channel(false);
         let publishing = async move {
-            publisher.run(stopped).await;
+            publisher.run(updates, stopped).await;
             published.send_replace(true);
         };
         Self { stop, tasks: [tokio::spawn(publishing), tokio::spawn(connection.run(is_published))] }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 use tokio::sync::broadcast::error::RecvError;
-use tokio::sync::watch;
+use tokio::sync::{broadcast, watch};
 use tokio::time::{Instant, MissedTickBehavior, interval};
 
 use super::home_assistant::Discovery;
@@ -71,8 +71,7 @@ impl Publisher {
     }
 
     /// Follows the hub until the station stops.
-    pub(super) async fn run(mut self, mut stop: watch::Receiver<bool>) {
-        let mut updates = self.hub.listen();
+    pub(super) async fn run(mut self, mut updates: broadcast::Receiver<Update>, mut stop: watch::Receiver<bool>) {
         let mut looks = interval(LOOK);
         looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut health = interval(HEALTH_EVERY);
@@ -92,7 +91,10 @@ impl Publisher {
                 _ = health.tick() => self.send_health(),
             }
         }
-        // What waits for its time is sent now.
+        // What has come until now, and what waits for its time, is sent now.
+        while let Ok(update) = updates.try_recv() {
+            self.take(update);
+        }
         self.every = Duration::ZERO;
         self.send_waiting(Instant::now());
     }

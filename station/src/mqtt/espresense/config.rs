@@ -202,7 +202,7 @@ impl House {
         }
         let Some(wanted) = &self.wanted else { return Some(Wanted { name: None, rssi_1m_dbm: None }) };
         // A pattern wants a device; the entry with its own id names it.
-        let own = wanted.iter().find(|device| device.id.as_deref() == Some(id));
+        let own = wanted.iter().find(|device| device.id.as_deref().is_some_and(|own| own.eq_ignore_ascii_case(id)));
         let device = own.or_else(|| wanted.iter().find(|device| device.is(id, name)))?;
         let named = own.and_then(|own| own.name.as_deref());
         Some(Wanted { name: named, rssi_1m_dbm: device.rssi_1m_dbm })
@@ -270,7 +270,13 @@ impl House {
                 return Err(wrong(format!("node {name}: another node has this name, but for signs between letters")));
             }
             let position_m = [x + shift_m, y, z];
-            self.receivers.push(Receiver { key, node: checked("node", &node)?.to_owned(), name, floor: index, position_m });
+            self.receivers.push(Receiver {
+                key,
+                node: checked("node", &node)?.to_owned(),
+                name,
+                floor: index,
+                position_m,
+            });
         }
         self.floors.push((floor_name, shift_m));
         Ok(())
@@ -285,13 +291,11 @@ impl From<ConfigDevice> for Device {
 }
 
 impl Device {
-    /// An id comes before a name: an entry with both names a device.
+    /// Whether the entry means a device: by its id or by its name.
     fn is(&self, id: &str, name: Option<&str>) -> bool {
-        match (&self.id, &self.name, name) {
-            (Some(pattern), _, _) => matches(pattern, id),
-            (None, Some(pattern), Some(name)) => matches(pattern, name),
-            (None, _, _) => false,
-        }
+        let is =
+            |pattern: &Option<String>, text: &str| pattern.as_deref().is_some_and(|pattern| matches(pattern, text));
+        is(&self.id, id) || name.is_some_and(|name| is(&self.name, name))
     }
 }
 

@@ -87,7 +87,8 @@ mod tests {
     #[test]
     fn a_device_changes_floors_when_another_one_receives_it_clearly_better() {
         let mut floors = Floors::default();
-        let mut floor = |floor: usize, dbm: f64, s: u64| floors.note("phone", None, &[floor], dbm, at(s)).expect("few").0;
+        let mut floor =
+            |floor: usize, dbm: f64, s: u64| floors.note("phone", None, &[floor], dbm, at(s)).expect("few").0;
         assert_eq!(floor(0, -60.0, 0), 0);
         // Through the ceiling, better by less than 6 dB.
         assert_eq!(floor(1, -56.0, 1), 0);
@@ -102,7 +103,10 @@ mod tests {
     fn a_name_is_new_once() {
         let mut floors = Floors::default();
         let mut is_new = |name: Option<&str>| floors.note("phone", name, &[0], -60.0, at(0)).expect("few").1;
-        assert_eq!([None, Some("Ana"), Some("Ana"), None, Some("Eva")].map(&mut is_new), [false, true, false, false, true]);
+        assert_eq!(
+            [None, Some("Ana"), Some("Ana"), None, Some("Eva")].map(&mut is_new),
+            [false, true, false, false, true]
+        );
     }
 
     #[test]
