@@ -83,4 +83,13 @@ pub enum What {
         /// What receivers measure at one metre from the device, where the device or a calibration says so, dBm.
         rssi_1m_dbm: Option<f64>,
     },
+    /// The path loss of a beacon's or a receiver's signals; what is not said is what it usually is.
+    PathLoss {
+        /// The node, which has been reported.
+        node: String,
+        /// RSSI at one metre, dBm: of the beacon, or of devices at this receiver.
+        rssi_1m_dbm: Option<f64>,
+        /// 2 in free space.
+        path_loss_exponent: Option<f64>,
+    },
 }

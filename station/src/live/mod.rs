@@ -37,19 +37,22 @@ use self::tags::{Area, Inside, ROUND, RoundRange, TagState};
 use crate::Utc;
 use crate::model::{Event, EventKind, Node, Role, Tag, TagPosition, Zone, ZoneKind};
 use crate::report::{Report, What};
+use crate::rssi::KnownNode;
 
 /// Reports may be this much after the state's clock.
 const AHEAD: Duration = Duration::from_secs(60);
 /// The most bytes of a name.
-const LONGEST_NAME: usize = 64;
+pub(crate) const LONGEST_NAME: usize = 64;
 /// The most bytes of a reason.
 const LONGEST_REASON: usize = 200;
 /// The greatest coordinate, metres.
-const FARTHEST_M: f64 = 1e6;
+pub(crate) const FARTHEST_M: f64 = 1e6;
 /// The greatest standard deviation, metres.
 const VAGUEST_M: f64 = 1e5;
 /// The longest range, metres.
 const LONGEST_M: f64 = 10_000.0;
+/// Path loss exponents that there are: the bounds of `positioning_core::ble::path_loss`.
+pub(crate) const EXPONENTS: std::ops::RangeInclusive<f64> = 0.1..=20.0;
 /// The greatest difference of powers, dB.
 const STRONGEST_DB: f64 = 200.0;
 
@@ -129,6 +132,8 @@ pub struct Live {
     nodes: usize,
     names: usize,
     refused: u64,
+    /// How often a node was described anew.
+    surveys: u64,
     /// Updates that come with the next tick.
     waiting: Vec<Update>,
     is_changed: bool,
@@ -148,6 +153,7 @@ impl Live {
             nodes: 0,
             names: 0,
             refused: 0,
+            surveys: 0,
             waiting: Vec::new(),
             is_changed: false,
             happened: Vec::new(),
@@ -254,6 +260,40 @@ impl Live {
         nodes
     }
 
+    /// The nodes of a role in a site whose places are known.
+    pub fn known(&self, site: &str, role: Role) -> BTreeMap<String, KnownNode> {
+        self.sites.get(site).map(|site| site.nodes.known(role)).unwrap_or_default()
+    }
+
+    /// A number that grows when a node is described anew: until then, what [`known`](Self::known) returned is true.
+    pub fn surveys(&self) -> u64 {
+        self.surveys
+    }
+
+    /// Forgets a node, until a source reports it again.
+    pub fn forget_node(&mut self, site: &str, node: &str) {
+        let Some(of) = self.sites.get_mut(site) else { return };
+        if of.nodes.remove(node) {
+            // They hold indices of nodes.
+            of.tags.values_mut().for_each(|tag| tag.round.clear());
+            self.nodes -= 1;
+            self.surveys += 1;
+            self.is_changed = true;
+        }
+    }
+
+    /// Forgets a tag, which leaves its room and its zones.
+    pub fn forget(&mut self, site: &str, tag: &str) -> Vec<Update> {
+        let now = self.clock.unwrap_or_default();
+        let Some(of) = self.sites.get_mut(site) else { return Vec::new() };
+        let Some(state) = of.tags.remove(tag) else { return Vec::new() };
+        self.tags -= 1;
+        self.is_changed = true;
+        let inside = state.room.into_iter().chain(state.zones);
+        let left = inside.filter_map(|inside| Some(tags::left(of.areas.get(inside.area)?, &inside, now)));
+        left.map(|left| Update::Event(event(&mut self.last_event, now, site, tag, left))).collect()
+    }
+
     /// The rooms and zones, by site, in the order in which they were set.
     pub fn zones(&self) -> Vec<Zone> {
         let mut zones: Vec<Zone> =
@@ -343,6 +383,19 @@ impl Live {
                 self.sites.get_mut(site)?.nodes.sight(node, t);
                 Some(())
             }
+            What::PathLoss { node, rssi_1m_dbm, path_loss_exponent } => {
+                if let Some(rssi_1m_dbm) = *rssi_1m_dbm {
+                    positioning_core::ble::signal::rssi(rssi_1m_dbm).ok()?;
+                }
+                if !path_loss_exponent.is_none_or(|exponent| EXPONENTS.contains(&exponent)) {
+                    return None;
+                }
+                let nodes = &mut self.sites.get_mut(site)?.nodes;
+                let is_new = nodes.set_path_loss(nodes.index(node)?, *rssi_1m_dbm, *path_loss_exponent);
+                self.is_changed |= is_new;
+                self.surveys += u64::from(is_new);
+                Some(())
+            }
             // The device is a tag from its first position on: most devices are of people who walk by.
             What::Heard { receiver, device, rssi_dbm, rssi_1m_dbm } => {
                 for rssi_dbm in [Some(*rssi_dbm), *rssi_1m_dbm].into_iter().flatten() {
@@ -385,7 +438,9 @@ impl Live {
             }
             Role::Anchor | Role::Beacon | Role::Receiver => {
                 let index = self.node(site, node, role)?;
-                self.is_changed |= self.sites.get_mut(site)?.nodes.describe(index, name, role, position_m);
+                let is_new = self.sites.get_mut(site)?.nodes.describe(index, name, role, position_m);
+                self.is_changed |= is_new;
+                self.surveys += u64::from(is_new);
             }
         }
         Some(())
@@ -457,7 +512,7 @@ fn event(last: &mut i64, t: Utc, site: &str, node: &str, happened: Happened) -> 
 }
 
 /// Whether a text can be a name: not empty, not long, and without control characters.
-fn is_name(text: &str) -> bool {
+pub(crate) fn is_name(text: &str) -> bool {
     (1..=LONGEST_NAME).contains(&text.len()) && !text.chars().any(char::is_control)
 }
 

@@ -13,7 +13,7 @@
 //!   standard error; values of one second count as one for the latter. The anchor counts as moved until the mean is
 //!   below half of the limit, or until it is surveyed anew.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
 
 use super::Limits;
@@ -21,6 +21,7 @@ use super::rate::{Mean, Rate};
 use super::tags::RoundRange;
 use crate::Utc;
 use crate::model::{Node, Role};
+use crate::rssi::KnownNode;
 
 /// Residuals must be off for this time.
 const MOVED_FOR: Duration = Duration::from_secs(120);
@@ -38,6 +39,8 @@ struct NodeState {
     name: Option<String>,
     role: Role,
     position_m: Option<[f64; 3]>,
+    rssi_1m_dbm: Option<f64>,
+    path_loss_exponent: Option<f64>,
     last_seen: Option<Utc>,
     rate: Rate,
     ranges: Mean,
@@ -81,6 +84,8 @@ impl Nodes {
             name: None,
             role,
             position_m: None,
+            rssi_1m_dbm: None,
+            path_loss_exponent: None,
             last_seen: None,
             rate: Rate::default(),
             ranges: Mean::default(),
@@ -120,7 +125,35 @@ impl Nodes {
         is_renamed || is_surveyed || is_other
     }
 
-    /// A tag received a beacon's advertisement.
+    /// Forgets a node; the last one gets its index. Returns whether there was one.
+    pub(super) fn remove(&mut self, node: &str) -> bool {
+        let Some(index) = self.by_name.remove(node) else { return false };
+        self.states.swap_remove(index);
+        self.reaches.swap_remove(index);
+        if let Some(moved) = self.states.get(index) {
+            self.by_name.insert(moved.node.clone(), index);
+        }
+        true
+    }
+
+    /// Takes a node's path loss. Returns whether it is new.
+    pub(super) fn set_path_loss(&mut self, index: usize, rssi_1m_dbm: Option<f64>, exponent: Option<f64>) -> bool {
+        let Some(state) = self.states.get_mut(index) else { return false };
+        let is_new = (state.rssi_1m_dbm, state.path_loss_exponent) != (rssi_1m_dbm, exponent);
+        (state.rssi_1m_dbm, state.path_loss_exponent) = (rssi_1m_dbm, exponent);
+        is_new
+    }
+
+    /// The nodes of a role whose places are known.
+    pub(super) fn known(&self, role: Role) -> BTreeMap<String, KnownNode> {
+        let known = self.states.iter().filter(|state| state.role == role).filter_map(|state| {
+            let &NodeState { position_m, rssi_1m_dbm, path_loss_exponent, .. } = state;
+            Some((state.node.clone(), KnownNode { position_m: position_m?, rssi_1m_dbm, path_loss_exponent }))
+        });
+        known.collect()
+    }
+
+    /// A tag received a beacon's advertisement, or a receiver that of a device.
     pub(super) fn sight(&mut self, index: usize, t: Utc) {
         if let Some(state) = self.states.get_mut(index) {
             state.last_seen = Some(t);
@@ -185,6 +218,8 @@ impl Nodes {
             name: state.name.clone(),
             role: state.role,
             position_m: state.position_m,
+            rssi_1m_dbm: state.rssi_1m_dbm,
+            path_loss_exponent: state.path_loss_exponent,
             last_seen: state.last_seen,
             rate_hz: state.rate.hz(now),
             success_rate: state.success.mean(),

@@ -95,7 +95,7 @@ mod tests {
         assert_eq!(floor(1, -54.0, 2), 1);
         // What the old floor said is fresh until it is 15 s old.
         assert_eq!(floor(0, -49.0, 3), 1);
-        assert_eq!(floor(0, -80.0, 17), 1);
+        assert_eq!(floor(0, -80.0, 16), 1);
         assert_eq!(floor(0, -58.0, 40), 0);
     }
 
