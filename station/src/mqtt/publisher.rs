@@ -55,6 +55,8 @@ pub(super) struct Publisher {
     paces: HashMap<(String, String), Pace>,
     /// Tags with documents.
     announced: HashSet<(String, String)>,
+    /// Nodes with documents.
+    nodes: HashSet<(String, String)>,
 }
 
 impl Publisher {
@@ -66,8 +68,8 @@ impl Publisher {
         every: Duration,
         earlier: Vec<Tag>,
     ) -> Self {
-        let (paces, announced) = (HashMap::new(), HashSet::new());
-        Self { hub, outbox, topics, discovery, every, earlier, paces, announced }
+        let (paces, announced, nodes) = (HashMap::new(), HashSet::new(), HashSet::new());
+        Self { hub, outbox, topics, discovery, every, earlier, paces, announced, nodes }
     }
 
     /// Follows the hub until the station stops.
@@ -187,8 +189,17 @@ impl Publisher {
         }
     }
 
-    fn send_health(&self) {
-        for node in self.hub.read(crate::Live::nodes) {
+    fn send_health(&mut self) {
+        let nodes = self.hub.read(crate::Live::nodes);
+        let now: HashSet<_> = nodes.iter().map(|node| (node.site.clone(), node.node.clone())).collect();
+        for (site, node) in self.nodes.difference(&now) {
+            self.outbox.clear(self.topics.health(site, node));
+            if let Some(discovery) = &self.discovery {
+                self.outbox.clear(discovery.topic(site, node));
+            }
+        }
+        self.nodes = now;
+        for node in nodes {
             self.outbox.retain(self.topics.health(&node.site, &node.node), json(&node));
             if let Some(discovery) = &self.discovery
                 && let Some(document) = discovery.node(&node)

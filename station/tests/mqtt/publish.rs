@@ -147,6 +147,33 @@ async fn home_assistant_gets_a_device_for_each_tag_and_anchor() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn documents_of_forgotten_tags_and_nodes_are_cleared() {
+    let Some(broker) = Mosquitto::start() else { return };
+    let all = broker.listen();
+    let station = Station::start(settings(broker.port)).await;
+    station.anchor("0x0101").await;
+    station.position("0x1001", [3.0, 2.0]).await;
+    let topics = [
+        format!("baliza/{LEVEL}/tags/0x1001/room"),
+        format!("baliza/{LEVEL}/tags/0x1001/position"),
+        format!("baliza/{LEVEL}/nodes/0x0101/health"),
+        "homeassistant/device/baliza__my_20house__0x1001/config".to_owned(),
+        "homeassistant/device/baliza__my_20house__0x0101/config".to_owned(),
+    ];
+    for topic in &topics {
+        all.first(topic);
+    }
+    station.hub.change(|live| {
+        live.forget(SITE, "0x1001");
+        live.forget_node(SITE, "0x0101");
+    });
+    for topic in &topics {
+        all.wait("an empty document", |seen| seen.topic == *topic && seen.payload.is_empty());
+    }
+    station.mqtt.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn devices_of_deleted_tags_are_cleared_and_those_of_other_sites_stay() {
     let Some(broker) = Mosquitto::start() else { return };
     let ghost = format!("baliza/{LEVEL}/tags/ghost/room");
