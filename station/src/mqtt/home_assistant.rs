@@ -1,7 +1,7 @@
 //! Discovery documents for Home Assistant, one a device (its documentation: "MQTT", "Device discovery payload").
 //!
 //! A tag is a device with the sensor of its room, a tracker, and whether it reports. An anchor is a device that has a
-//! problem while it was probably moved. The states are in the topics of [`Topics`]; templates take them from there.
+//! problem while it was probably moved. Both have the supply voltage of their radio, where it is known. The states are in the topics of [`Topics`]; templates take them from there.
 
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -61,7 +61,7 @@ impl Discovery {
                     "platform": "sensor",
                     "name": "Room",
                     "icon": "mdi:floor-plan",
-                    "state_topic": room,
+                    "state_topic": &room,
                     // Home Assistant takes `None` for an unknown state.
                     "value_template": "{{ value_json.room }}",
                 }),
@@ -72,7 +72,7 @@ impl Discovery {
                     "platform": "device_tracker",
                     "name": null,
                     "source_type": "bluetooth_le",
-                    "state_topic": room,
+                    "state_topic": &room,
                     "value_template": "{{ 'not_home' if value_json.silent else (value_json.room or 'home') }}",
                     "json_attributes_topic": position,
                 }),
@@ -84,13 +84,14 @@ impl Discovery {
                     "name": "Reports",
                     "device_class": "connectivity",
                     "entity_category": "diagnostic",
-                    "state_topic": room,
+                    "state_topic": &room,
                     "value_template": "{{ 'OFF' if value_json.silent else 'ON' }}",
                 }),
             ),
         ];
+        let supply = tag.supply_v.map(|_| ("supply", supply(room)));
         let name = tag.name.as_deref().unwrap_or(&tag.tag);
-        self.document(&id, name, "tag", &tag.tag, components)
+        self.document(&id, name, "tag", &tag.tag, components.into_iter().chain(supply))
     }
 
     /// An anchor's document; none for what does not measure ranges, which nobody can see to be moved.
@@ -108,21 +109,22 @@ impl Discovery {
             "state_topic": self.topics.health(&node.site, &node.node),
             "value_template": "{{ 'ON' if value_json.moved else 'OFF' }}",
         });
+        let supply = node.supply_v.map(|_| ("supply", supply(self.topics.health(&node.site, &node.node))));
         let name = node.name.as_deref().unwrap_or(&node.node);
-        Some(self.document(&id, name, "anchor", &node.node, [("moved", moved)]))
+        Some(self.document(&id, name, "anchor", &node.node, [("moved", moved)].into_iter().chain(supply)))
     }
 
     fn device_id(&self, site: &str, name: &str) -> String {
         identifier(&[self.topics.prefix(), site, name])
     }
 
-    fn document<const N: usize>(
+    fn document<'a>(
         &self,
         id: &str,
         name: &str,
         model: &str,
         address: &str,
-        components: [(&str, Value); N],
+        components: impl Iterator<Item = (&'a str, Value)>,
     ) -> String {
         let component = |(key, mut component): (&str, Value)| {
             let unique = format!("{id}__{key}");
@@ -139,8 +141,22 @@ impl Discovery {
             }),
             origin: json!({ "name": "Baliza", "sw_version": env!("CARGO_PKG_VERSION") }),
             availability: [json!({ "topic": self.topics.status() })],
-            components: components.into_iter().map(component).collect(),
+            components: components.map(component).collect(),
         };
         super::json(&shared)
     }
+}
+
+/// The sensor of a radio's supply voltage, which a document of a topic has.
+fn supply(topic: String) -> Value {
+    json!({
+        "platform": "sensor",
+        "name": "Supply",
+        "device_class": "voltage",
+        "state_class": "measurement",
+        "unit_of_measurement": "V",
+        "entity_category": "diagnostic",
+        "state_topic": topic,
+        "value_template": "{{ value_json.supply_v }}",
+    })
 }

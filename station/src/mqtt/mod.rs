@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | `baliza/status` | `online`, `offline` | retained, last will |
 //! | `baliza/SITE/tags/TAG/position` | a [`TagPosition`](crate::model::TagPosition), at most one a second | retained |
-//! | `baliza/SITE/tags/TAG/room` | `site`, `tag`, `name`, `room`, `zones`, `silent`, `reason` | retained |
+//! | `baliza/SITE/tags/TAG/room` | `site`, `tag`, `name`, `room`, `zones`, `silent`, `reason`, `supply_v` | retained |
 //! | `baliza/SITE/tags/TAG/events` | an [`Event`](crate::model::Event) | QoS 1 |
 //! | `baliza/SITE/nodes/NODE/health` | a [`Node`](crate::model::Node), each half minute and when it is moved | retained |
 //! | `baliza/SITE/nodes/NODE/events` | an [`Event`](crate::model::Event) | QoS 1 |

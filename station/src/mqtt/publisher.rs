@@ -31,6 +31,7 @@ struct TagRoom<'a> {
     zones: &'a [String],
     silent: bool,
     reason: Option<&'a str>,
+    supply_v: Option<f64>,
 }
 
 /// The pace of a tag's positions.
@@ -105,8 +106,10 @@ impl Publisher {
         match update {
             Update::Position(position) => self.take_position(position, Instant::now()),
             Update::Event(event) => {
+                let tag = self.hub.read(|live| live.tag(&event.site, &event.node));
                 let of_tag = match event.kind {
                     EventKind::Moved => false,
+                    EventKind::LowSupply => tag.is_some(),
                     EventKind::Entered
                     | EventKind::Left
                     | EventKind::Silent
@@ -115,7 +118,7 @@ impl Publisher {
                 };
                 if of_tag {
                     self.outbox.push(self.topics.tag_events(&event.site, &event.node), json(&event));
-                    if let Some(tag) = self.hub.read(|live| live.tag(&event.site, &event.node)) {
+                    if let Some(tag) = tag {
                         self.send_tag(&tag);
                     }
                 } else {
@@ -182,6 +185,7 @@ impl Publisher {
             zones: &tag.zones,
             silent: tag.silent,
             reason: tag.reason.as_deref(),
+            supply_v: tag.supply_v,
         };
         self.outbox.retain(self.topics.room(&tag.site, &tag.tag), json(&room));
         if let Some(discovery) = &self.discovery {

@@ -46,7 +46,8 @@ impl Mosquitto {
     pub fn with_user(user: &str, password: &str) -> Option<Self> {
         let program = program()?;
         let file = tempfile::NamedTempFile::new().expect("a file");
-        let passwd = Command::new("mosquitto_passwd").args(["-b", "-c"]).arg(file.path()).args([user, password]);
+        let mut passwd = Command::new("mosquitto_passwd");
+        passwd.args(["-b", "-c"]).arg(file.path()).args([user, password]);
         assert!(passwd.status().expect("mosquitto_passwd runs").success(), "{}", program.display());
         let passwords = fs::read(file.path()).expect("its file");
         let access = ["-u", user, "-P", password];

@@ -2,10 +2,11 @@
 
 use std::time::{Duration, Instant};
 
+use baliza_station::What;
 use baliza_station::model::TagPosition;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
-use crate::mosquitto::Mosquitto;
+use crate::mosquitto::{Mosquitto, Seen};
 use crate::station::{LEVEL, SITE, Station, settings};
 
 /// The keys of an object, sorted.
@@ -32,7 +33,7 @@ async fn positions_rooms_events_and_health_reach_their_topics() {
     let room = format!("baliza/{LEVEL}/tags/0x1001/room");
     let inside = all.wait("the room", |seen| seen.topic == room && seen.json()["room"] == "kitchen").json();
     let expected = json!({"site": SITE, "tag": "0x1001", "name": null, "room": "kitchen", "zones": [],
-        "silent": false, "reason": null});
+        "silent": false, "reason": null, "supply_v": null});
     assert_eq!(inside, expected);
     let event = all.first(&format!("baliza/{LEVEL}/tags/0x1001/events")).json();
     assert_eq!((&event["kind"], &event["zone"]), (&json!("entered"), &json!("kitchen")));
@@ -95,6 +96,7 @@ const DEVICE: [&str; 12] = [
     "via_device",
 ];
 const COMMON: [&str; 7] = ["entity_category", "icon", "name", "platform", "state_topic", "unique_id", "value_template"];
+const SENSOR: [&str; 3] = ["device_class", "state_class", "unit_of_measurement"];
 
 #[tokio::test(flavor = "multi_thread")]
 async fn home_assistant_gets_a_device_for_each_tag_and_anchor() {
@@ -103,8 +105,12 @@ async fn home_assistant_gets_a_device_for_each_tag_and_anchor() {
     let station = Station::start(settings(broker.port)).await;
     station.anchor("0x0101").await;
     station.position("0x1001", [3.0, 2.0]).await;
+    station.report(What::Supply { node: "0x1001".to_owned(), supply_v: 3.1 }).await;
     // A space is 20 in hexadecimal.
-    let tag = all.first("homeassistant/device/baliza__my_20house__0x1001/config").json();
+    let config = "homeassistant/device/baliza__my_20house__0x1001/config";
+    let has_supply =
+        |seen: &Seen| seen.topic == config && seen.json()["components"].as_object().map(Map::len) == Some(4);
+    let tag = all.wait("the supply's sensor", has_supply).json();
     let anchor = all.first("homeassistant/device/baliza__my_20house__0x0101/config").json();
     for document in [&tag, &anchor] {
         assert_eq!(keys(document), SHARED);
@@ -122,13 +128,18 @@ async fn home_assistant_gets_a_device_for_each_tag_and_anchor() {
         let platform = component["platform"].as_str().expect("a platform");
         let own: &[&str] = match platform {
             "device_tracker" => &["source_type", "json_attributes_topic"],
+            "sensor" => &SENSOR,
             _ => &["device_class"],
         };
         assert!(keys(component).iter().all(|key| COMMON.contains(key) || own.contains(key)), "{component}");
         platforms.push(platform);
         assert_eq!(component["state_topic"], json!(format!("baliza/{LEVEL}/tags/0x1001/room")));
     }
-    assert_eq!(platforms, ["sensor", "device_tracker", "binary_sensor"]);
+    assert_eq!(platforms, ["sensor", "device_tracker", "binary_sensor", "sensor"]);
+    let supply = &components["baliza__my_20house__0x1001__supply"];
+    assert_eq!((&supply["device_class"], &supply["unit_of_measurement"]), (&json!("voltage"), &json!("V")));
+    let room = all.wait("the voltage", |seen| seen.topic.ends_with("0x1001/room") && seen.json()["supply_v"] == 3.1);
+    assert_eq!(room.json()["tag"], "0x1001");
     let of = |platform: &str| components.values().find(|component| component["platform"] == platform).expect("there");
     // Home Assistant's values of `source_type` and `device_class`.
     assert_eq!(of("device_tracker")["source_type"], "bluetooth_le");
@@ -141,7 +152,7 @@ async fn home_assistant_gets_a_device_for_each_tag_and_anchor() {
     // Home Assistant starts.
     all.forget();
     broker.publish("homeassistant/status", "online", &[]);
-    let again = all.first("homeassistant/device/baliza__my_20house__0x1001/config");
+    let again = all.first(config);
     assert!(!again.retained && again.json() == tag);
     drop(station);
 }
