@@ -1,13 +1,16 @@
 //! `baliza serve`: the station.
 
+mod encryption;
+
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use baliza_station::api::{self, Access, App};
+use baliza_station::api::{self, Access, App, Tls};
 use baliza_station::live::Limits;
 use baliza_station::model::Site;
 use baliza_station::store::Retention;
@@ -20,6 +23,7 @@ use sim::scenario::Scenario;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 
+use self::encryption::Encryption;
 use super::stream::{STOP, catch_signals};
 
 /// Serve a live map, a store and an API of the positions of tags
@@ -55,6 +59,8 @@ pub struct Arguments {
     /// Who may do what: a TOML file with a table `token` for each, as docs/station.md describes it
     #[arg(long, value_name = "FILE")]
     tokens: Option<PathBuf>,
+    #[command(flatten)]
+    encryption: Encryption,
     /// A tag that does not report for this time is silent, seconds
     #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     silent_s: u64,
@@ -78,6 +84,7 @@ Examples:
   baliza serve --simulate
   baliza serve --site site.toml serial:/dev/ttyACM0 serial:/dev/ttyACM1
   baliza serve --listen 0.0.0.0:8080 --tokens tokens.toml --store postgres://baliza@db/baliza udp:0.0.0.0:7000
+  baliza serve --listen 0.0.0.0:8443 --tokens tokens.toml --tls-cert fullchain.pem --tls-key privkey.pem
   baliza serve run/";
 
 /// The name of a simulated site.
@@ -94,6 +101,7 @@ const SIGNALS: Duration = Duration::from_millis(50);
 pub fn run(arguments: &Arguments) -> Result<()> {
     let sources = Sources::of(arguments)?;
     let access = access(arguments)?;
+    let tls = arguments.encryption.read()?;
     // A temporary store is deleted when it is dropped.
     let temporary = match (&arguments.store, sources.is_simulation()) {
         (None, true) => Some(tempfile::tempdir().context("cannot make a temporary folder")?),
@@ -107,10 +115,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     catch_signals()?;
     let runtime =
         tokio::runtime::Builder::new_multi_thread().enable_all().build().context("cannot start the runtime")?;
-    runtime.block_on(serve(arguments, &store, access, sources))
+    runtime.block_on(serve(arguments, &store, access, tls, sources))
 }
 
-async fn serve(arguments: &Arguments, url: &str, access: Access, sources: Sources) -> Result<()> {
+async fn serve(
+    arguments: &Arguments,
+    url: &str,
+    access: Access,
+    tls: Option<Arc<Tls>>,
+    sources: Sources,
+) -> Result<()> {
     let store = Store::open(url).await?;
     sources.configure(&store).await?;
     let limits = Limits { silent_after: Duration::from_secs(arguments.silent_s), ..Limits::default() };
@@ -125,8 +139,9 @@ async fn serve(arguments: &Arguments, url: &str, access: Access, sources: Source
         .with_context(|| format!("cannot listen on {}; --listen takes another address", arguments.listen))?;
     let address = listener.local_addr().context("cannot read the address")?;
     sources.start(&hub);
-    super::prompt(&format!("listening on http://{address}\n"));
-    let app = App { access, earlier, ..App::new(hub.clone(), store) };
+    let scheme = if tls.is_some() { "https" } else { "http" };
+    super::prompt(&format!("listening on {scheme}://{address}\n"));
+    let app = App { access, tls, earlier, ..App::new(hub.clone(), store) };
     api::serve(listener, app, stopped()).await.context("cannot serve")?;
     hub.stop();
     writing.await.context("the writer has failed")

@@ -30,7 +30,10 @@ impl Station {
         let address = loop {
             let mut line = String::new();
             assert!(stderr.read_line(&mut line).expect("text") > 0, "it ended: {said}");
-            if let Some(address) = line.trim().strip_prefix("listening on http://") {
+            if let Some((scheme, address)) =
+                line.trim().strip_prefix("listening on ").and_then(|to| to.split_once("://"))
+            {
+                assert_eq!(scheme, if arguments.contains("--tls-cert") { "https" } else { "http" });
                 break address.to_owned();
             }
             said += &line;
@@ -260,6 +263,39 @@ fn changes_need_a_token_and_are_logged_with_its_name() {
     assert!(Command::new("curl").args(delete).status().expect("curl runs").success());
     let (_, said) = station.stop();
     assert!(said.contains("wall") && said.contains("DELETE /api/v1/rooms/site/hall"), "{said}");
+}
+
+#[test]
+fn encrypted_connections_use_the_files_of_the_certificate() {
+    let made = rcgen::generate_simple_self_signed(["localhost".to_owned()]).expect("a certificate");
+    let folder = Folder::with(&[
+        ("certificate.pem", &made.cert.pem()),
+        ("key.pem", &made.signing_key.serialize_pem()),
+        ("other.pem", &rcgen::KeyPair::generate().expect("a key").serialize_pem()),
+    ]);
+    let station = Station::start(&folder, "--simulate --tls-cert certificate.pem --tls-key key.pem");
+    let (_, port) = station.address.rsplit_once(':').expect("a port");
+    let page = Command::new("curl")
+        .args(["--silent", "--fail", "--cacert"])
+        .arg(folder.path("certificate.pem"))
+        .args(["--resolve", &format!("localhost:{port}:127.0.0.1"), &format!("https://localhost:{port}/")])
+        .output()
+        .expect("curl runs");
+    assert!(page.status.success() && page.stdout.to_ascii_lowercase().starts_with(b"<!doctype html>"), "{page:?}");
+    let (status, problem) = station.get("/");
+    assert!(status == 400 && problem.contains("https://"), "{status} {problem}");
+    assert_eq!(station.stop().0, Some(0));
+
+    for (arguments, told) in [
+        ("--tls-cert certificate.pem --tls-key other.pem", "other.pem: this key does not belong to the certificate"),
+        ("--tls-cert missing.pem --tls-key key.pem", "missing.pem: cannot read it"),
+        ("--tls-cert key.pem --tls-key key.pem", "key.pem: there is no certificate in it"),
+        ("--tls-cert certificate.pem", "--tls-key"),
+    ] {
+        let run = folder.run(&format!("serve {arguments}"));
+        assert_eq!(run.code, Some(2), "{arguments}: {run:?}");
+        assert!(run.stderr.contains(told), "{arguments}: {}", run.stderr);
+    }
 }
 
 #[test]
