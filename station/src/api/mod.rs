@@ -61,7 +61,7 @@ pub use limits::Limits;
 pub use openapi::openapi;
 pub use page::Page;
 pub use serve::serve;
-pub use tls::{Tls, TlsCause, TlsError};
+pub use tls::{Tls, TlsCause, TlsError, read_certificates};
 
 use access::{Gate, Need, Peer};
 use limits::Connections;

@@ -171,12 +171,8 @@ impl Current {
     fn of(certificate_file: &Path, key_file: &Path, certificate: &[u8], key: &[u8]) -> Result<Self, TlsError> {
         let wrong = |file: &Path, cause| TlsError { file: file.to_owned(), cause };
         let content = digest(certificate, key);
-        // What the parser says may have a part of the file in it.
-        let chain = CertificateDer::pem_slice_iter(certificate)
-            .collect::<Result<Vec<_>, _>>()
-            .map_err(|_| wrong(certificate_file, TlsCause::Pem))?;
-        let Some(own) = chain.first() else { return Err(wrong(certificate_file, TlsCause::NoCertificate)) };
-        let validity = Certificate::from_der(own).ok().map(|own| {
+        let chain = certificates(certificate).map_err(|cause| wrong(certificate_file, cause))?;
+        let validity = chain.first().and_then(|own| Certificate::from_der(own).ok()).map(|own| {
             let validity = own.tbs_certificate().validity();
             [utc(validity.not_before), utc(validity.not_after)]
         });
@@ -204,6 +200,20 @@ impl Current {
         }
         (now > to).then(|| format!("the certificate expired on {to}: clients refuse it"))
     }
+}
+
+/// The certificates in a file, of which there is at least one.
+///
+/// # Errors
+/// The file cannot be read, or is no PEM.
+pub fn read_certificates(file: &Path) -> Result<Vec<CertificateDer<'static>>, TlsError> {
+    certificates(&read(file)?).map_err(|cause| TlsError { file: file.to_owned(), cause })
+}
+
+fn certificates(pem: &[u8]) -> Result<Vec<CertificateDer<'static>>, TlsCause> {
+    // What the parser says may have a part of the file in it.
+    let chain = CertificateDer::pem_slice_iter(pem).collect::<Result<Vec<_>, _>>().map_err(|_| TlsCause::Pem)?;
+    if chain.is_empty() { Err(TlsCause::NoCertificate) } else { Ok(chain) }
 }
 
 fn read(file: &Path) -> Result<Vec<u8>, TlsError> {
