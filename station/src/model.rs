@@ -58,6 +58,8 @@ pub struct Tag {
     pub reason: Option<String>,
     /// The zones that it is in.
     pub zones: Vec<String>,
+    /// The supply voltage of its radio, V.
+    pub supply_v: Option<f64>,
 }
 
 /// What a node does.
@@ -101,6 +103,8 @@ pub struct Node {
     pub first_path_minus_received_db: Option<f64>,
     /// The mean residual has been so far from zero, for so long, that the anchor was probably moved.
     pub moved: bool,
+    /// The supply voltage of its radio, V.
+    pub supply_v: Option<f64>,
 }
 
 /// What an outline means.
@@ -145,6 +149,8 @@ pub enum EventKind {
     Moved,
     /// A tag's positions became too uncertain to trust: its standard deviation exceeds the limit.
     Uncertain,
+    /// The supply voltage of a tag or an anchor is below the limit.
+    LowSupply,
 }
 
 /// An event.

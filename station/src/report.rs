@@ -63,6 +63,13 @@ pub enum What {
         /// The first path's power minus the received power, dB.
         first_path_minus_received_db: Option<f64>,
     },
+    /// A node's radio has measured its supply voltage.
+    Supply {
+        /// A tag or an anchor.
+        node: String,
+        /// Volts.
+        supply_v: f64,
+    },
     /// A tag received a beacon's advertisement.
     Sighting {
         /// The tag.

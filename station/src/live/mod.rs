@@ -9,6 +9,7 @@
 //! | `nodes` | anchors and beacons, and their health |
 //! | `outline` | the probability that a position is in a room |
 //! | `rate` | events a second, means that forget |
+//! | `supply` | a supply voltage, and whether it is low |
 //!
 //! **Times.** The state's clock is the time of the last tick, and of later reports since. A report from more than a
 //! minute after the clock is taken as one of the clock's time; an earlier one keeps its time, whatever it is. Silence
@@ -22,6 +23,7 @@
 mod nodes;
 mod outline;
 mod rate;
+mod supply;
 mod tags;
 
 use std::collections::{BTreeMap, HashMap};
@@ -52,6 +54,8 @@ const VAGUEST_M: f64 = 1e5;
 const LONGEST_M: f64 = 10_000.0;
 /// The greatest difference of powers, dB.
 const STRONGEST_DB: f64 = 200.0;
+/// Supply voltages of radios, V.
+const SUPPLIES_V: std::ops::RangeInclusive<f64> = 0.5..=10.0;
 
 /// What has changed, as listeners get it.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
@@ -78,6 +82,8 @@ pub struct Limits {
     pub leave: f64,
     /// An anchor whose mean residual is greater than this was probably moved, metres.
     pub moved_m: f64,
+    /// A supply is low below this voltage, V.
+    pub low_supply_v: f64,
     /// The most tags of all sites.
     pub tags: usize,
     /// The most anchors and beacons of all sites, and the most tags with a name in a site's file.
@@ -92,6 +98,8 @@ impl Default for Limits {
             enter: 0.8,
             leave: 0.2,
             moved_m: 0.5,
+            // The DW1000 works from 2.8 V on (data sheet, operating conditions).
+            low_supply_v: 2.9,
             tags: 10_000,
             nodes: 10_000,
         }
@@ -324,6 +332,25 @@ impl Live {
                     round.clear();
                 }
                 round.push(RoundRange { node, range_m: *range_m });
+                Some(())
+            }
+            What::Supply { node, supply_v } => {
+                if !SUPPLIES_V.contains(supply_v) {
+                    return None;
+                }
+                let known = self.sites.get(site).and_then(|site| site.nodes.index(node));
+                let is_low = match known {
+                    Some(index) => self.sites.get_mut(site)?.nodes.supply(index, *supply_v, &self.limits),
+                    None => {
+                        let low_v = self.limits.low_supply_v;
+                        self.reporting_tag(t, site, node, updates)?.supply.take(*supply_v, low_v)
+                    }
+                };
+                if is_low {
+                    let happened = Happened { kind: EventKind::LowSupply, zone: None, dwell_s: None, alarm: true };
+                    updates.push(Update::Event(event(&mut self.last_event, t, site, node, happened)));
+                }
+                self.is_changed = true;
                 Some(())
             }
             What::Sighting { tag, beacon, rssi_dbm } => {

@@ -18,6 +18,7 @@ use std::time::Duration;
 
 use super::Limits;
 use super::rate::{Mean, Rate};
+use super::supply::Supply;
 use super::tags::RoundRange;
 use crate::Utc;
 use crate::model::{Node, Role};
@@ -46,6 +47,7 @@ struct NodeState {
     success: Mean,
     off_since: Option<Utc>,
     is_moved: bool,
+    supply: Supply,
 }
 
 /// What a round needs of a node, side by side in memory: a round looks at all nodes of its site.
@@ -89,6 +91,7 @@ impl Nodes {
             success: Mean::default(),
             off_since: None,
             is_moved: false,
+            supply: Supply::default(),
         });
         self.reaches.push(Reach { position_m: [f64::NAN; 3], mean_m: 0.0, round: 0 });
         index
@@ -126,6 +129,11 @@ impl Nodes {
             state.last_seen = Some(t);
             state.rate.count(t);
         }
+    }
+
+    /// Its radio measured its supply voltage. Returns whether the supply is low from now on.
+    pub(super) fn supply(&mut self, index: usize, volts: f64, limits: &Limits) -> bool {
+        self.states.get_mut(index).is_some_and(|state| state.supply.take(volts, limits.low_supply_v))
     }
 
     /// A tag measured a range.
@@ -192,6 +200,7 @@ impl Nodes {
             residual_sigma_m: state.residuals.deviation(),
             first_path_minus_received_db: state.power.mean(),
             moved: state.is_moved,
+            supply_v: state.supply.volts,
         })
     }
 }

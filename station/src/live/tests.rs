@@ -247,6 +247,24 @@ fn the_long_axis_of_the_ellipse_decides_whether_a_position_is_uncertain() {
 }
 
 #[test]
+fn a_low_supply_is_an_alarm_of_its_tag_or_anchor() {
+    let mut live = live();
+    let supply = |node: &str, supply_v| What::Supply { node: node.to_owned(), supply_v };
+    live.apply(&report(at(0), anchor("0x0101", [0.0, 0.0, 2.0])));
+    for node in ["0x1001", "0x0101"] {
+        assert_eq!(events(&live.apply(&report(at(0), supply(node, 3.3)))), []);
+        assert_eq!(events(&live.apply(&report(at(60_000), supply(node, 2.8)))), [(EventKind::LowSupply, None, None)]);
+        assert_eq!(events(&live.apply(&report(at(120_000), supply(node, 2.79)))), []);
+    }
+    assert_eq!((live.tags()[0].supply_v, live.tags().len()), (Some(2.79), 1));
+    assert_eq!(live.nodes()[0].supply_v, Some(2.79));
+    for nonsense in [0.0, -1.0, 60.0, f64::NAN] {
+        live.apply(&report(at(121_000), supply("0x1001", nonsense)));
+    }
+    assert_eq!((live.refused(), live.tags()[0].supply_v), (4, Some(2.79)));
+}
+
+#[test]
 fn residuals_are_ranges_minus_distances_in_space() {
     let mut live = live();
     live.apply(&report(at(0), anchor("0x0101", [3.0, 4.0, 0.0])));

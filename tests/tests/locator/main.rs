@@ -14,6 +14,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embedded_hal_async::delay::DelayNs;
 use firmware_tag::{LocatorConfig, Position, RateControl, RoomReport, RoundOutcome, Sink, Task, TaskChannels};
 use positioning_core::SolveError;
+use ranging::Sensors;
 use ranging::exchange::{Event, Link};
 use ranging::native::Rate;
 use wire::telemetry::{Condition, MotionSensor, Sighting};
@@ -40,6 +41,10 @@ impl Sink for &Node {
 
     fn radio_failed(&self, error: &impl Debug, _: u32) {
         panic!("there is no radio: {error:?}");
+    }
+
+    fn sensed(&self, sensors: &Sensors) {
+        panic!("there is no radio: {sensors:?}");
     }
 
     fn step(&self, _: &Event<'_>) {}

@@ -32,7 +32,7 @@ on_both! {
         let store = place.open().await;
         let mut events = Vec::new();
         use EventKind::*;
-        for (id, kind) in (1..).zip([Entered, Left, Silent, Back, Moved, Uncertain]) {
+        for (id, kind) in (1..).zip([Entered, Left, Silent, Back, Moved, Uncertain, LowSupply]) {
             events.push(Event { alarm: id % 2 == 0, ..event(id, id * 7, kind) });
         }
         events[2].zone = None;
