@@ -1,5 +1,6 @@
 //! `baliza serve`: the station.
 
+mod alarms;
 mod encryption;
 
 use std::net::SocketAddr;
@@ -11,18 +12,19 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use baliza_station::api::{self, Access, App, Tls};
-use baliza_station::live::Limits;
 use baliza_station::model::Site;
 use baliza_station::store::Retention;
+use baliza_station::webhooks::{Patience, Webhook, Webhooks};
 use baliza_station::{Hub, Live, Report, Store, Utc};
 use host_tools::UserError;
 use host_tools::node::provision::SiteNames;
-use host_tools::station::{self, OpenSource, SimulatedSite, SourceSpec, read_tokens, simulate};
+use host_tools::station::{self, OpenSource, SimulatedSite, SourceSpec, read_tokens, read_webhooks, simulate};
 use host_tools::survey::presence::read_outlines;
 use sim::scenario::Scenario;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 
+use self::alarms::Limiting;
 use self::encryption::Encryption;
 use super::stream::{STOP, catch_signals};
 
@@ -61,9 +63,12 @@ pub struct Arguments {
     tokens: Option<PathBuf>,
     #[command(flatten)]
     encryption: Encryption,
-    /// A tag that does not report for this time is silent, seconds
-    #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=86_400))]
-    silent_s: u64,
+    /// Send events to other programs: a TOML file with a table `webhook` for each, as docs/station-network.md describes
+    /// it
+    #[arg(long, value_name = "FILE")]
+    webhooks: Option<PathBuf>,
+    #[command(flatten)]
+    limiting: Limiting,
     /// Keep one position a second of positions that are older than this, days
     #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
     thin_days: Option<u64>,
@@ -102,6 +107,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let sources = Sources::of(arguments)?;
     let access = access(arguments)?;
     let tls = arguments.encryption.read()?;
+    let webhooks = arguments.webhooks.as_deref().map(read_webhooks).transpose()?.unwrap_or_default();
     // A temporary store is deleted when it is dropped.
     let temporary = match (&arguments.store, sources.is_simulation()) {
         (None, true) => Some(tempfile::tempdir().context("cannot make a temporary folder")?),
@@ -115,25 +121,27 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     catch_signals()?;
     let runtime =
         tokio::runtime::Builder::new_multi_thread().enable_all().build().context("cannot start the runtime")?;
-    runtime.block_on(serve(arguments, &store, access, tls, sources))
+    runtime.block_on(serve(arguments, &store, Network { access, tls, webhooks }, sources))
 }
 
-async fn serve(
-    arguments: &Arguments,
-    url: &str,
+/// How the station meets other computers.
+struct Network {
     access: Access,
     tls: Option<Arc<Tls>>,
-    sources: Sources,
-) -> Result<()> {
+    webhooks: Vec<Webhook>,
+}
+
+async fn serve(arguments: &Arguments, url: &str, network: Network, sources: Sources) -> Result<()> {
+    let Network { access, tls, webhooks } = network;
     let store = Store::open(url).await?;
     sources.configure(&store).await?;
-    let limits = Limits { silent_after: Duration::from_secs(arguments.silent_s), ..Limits::default() };
     let days = |days: Option<u64>| days.map(|days| Duration::from_secs(86_400 * days));
     let retention = Retention { thin_after: days(arguments.thin_days), delete_after: days(arguments.keep_days) };
     let earlier = store.tags().await?;
-    let mut live = Live::new(limits);
+    let mut live = Live::new(arguments.limiting.limits());
     live.set_zones(store.zones().await?);
     let (hub, writing) = Hub::start(live, store.clone(), retention).await?;
+    let webhooks = Webhooks::start(webhooks, Patience::default(), &hub);
     let listener = TcpListener::bind(arguments.listen)
         .await
         .with_context(|| format!("cannot listen on {}; --listen takes another address", arguments.listen))?;
@@ -144,7 +152,9 @@ async fn serve(
     let app = App { access, tls, earlier, ..App::new(hub.clone(), store) };
     api::serve(listener, app, stopped()).await.context("cannot serve")?;
     hub.stop();
-    writing.await.context("the writer has failed")
+    writing.await.context("the writer has failed")?;
+    webhooks.finish().await;
+    Ok(())
 }
 
 /// Waits for a signal that ends the program.
