@@ -13,7 +13,8 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use firmware_common::Reporter;
 use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
-use ranging::{RadioInstant, Restart, Sensors};
+use ranging::radio::Sensors;
+use ranging::{RadioInstant, Restart};
 
 pub use ranging::node::Listener;
 

@@ -5,8 +5,8 @@ use core::convert::Infallible;
 
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
-use ranging::Sensors;
 use ranging::exchange::{Event, Report};
+use ranging::radio::Sensors;
 use wire::telemetry::{Hello, Supply};
 
 use crate::messages::range_message;

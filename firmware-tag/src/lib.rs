@@ -41,7 +41,8 @@ use embedded_hal_async::delay::DelayNs;
 use firmware_common::{Reporter, Settings, TagProtocol};
 use ranging::exchange::{Action, Event, Guidance, Link, Protocol, Report};
 use ranging::node::Listener;
-use ranging::{Radio, RadioDuration, RadioInstant, Restart, Sensors};
+use ranging::radio::Sensors;
+use ranging::{Radio, RadioDuration, RadioInstant, Restart};
 use wire::telemetry::{Condition, Hello, MotionSensor, Sighting};
 
 use channels::Quiet;

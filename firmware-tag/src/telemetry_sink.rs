@@ -3,8 +3,8 @@
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use firmware_common::Reporter;
 use firmware_common::messages::{difference_messages, range_message};
-use ranging::Sensors;
 use ranging::exchange::{Event, Link};
+use ranging::radio::Sensors;
 use wire::config::Solver;
 use wire::telemetry::{Condition, Fix, MotionSensor, Outcome, Sighting};
 

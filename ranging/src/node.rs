@@ -10,8 +10,8 @@ use embassy_futures::select::{Either, select};
 use embedded_hal_async::delay::DelayNs;
 
 use crate::exchange::{Action, Event, Guidance, Protocol, Report};
-use crate::radio::MAX_FRAME;
-use crate::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, Restart, Sensors, Start, TransmitError};
+use crate::radio::{MAX_FRAME, Sensors};
+use crate::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, Restart, Start, TransmitError};
 
 /// The first pause after a failure, and the longest one, milliseconds: a chip that works again is used within a second.
 const SHORTEST_PAUSE_MS: u32 = 1;

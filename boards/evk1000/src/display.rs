@@ -6,9 +6,10 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_time::{Delay, Timer};
 use firmware_common::node::Guard;
 use firmware_tag::{Observer, RoundOutcome};
+use ranging::RadioInstant;
 use ranging::exchange::{Action, Event, Guidance, Link, Report};
 use ranging::node::Listener;
-use ranging::{RadioInstant, Sensors};
+use ranging::radio::Sensors;
 
 use crate::Lcd;
 use crate::panel::Panel;

@@ -14,9 +14,9 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embedded_hal_async::delay::DelayNs;
 use firmware_tag::{LocatorConfig, Position, RateControl, RoomReport, RoundOutcome, Sink, Task, TaskChannels};
 use positioning_core::SolveError;
-use ranging::Sensors;
 use ranging::exchange::{Event, Link};
 use ranging::native::Rate;
+use ranging::radio::Sensors;
 use wire::telemetry::{Condition, MotionSensor, Sighting};
 
 type Outcome = Result<Position, SolveError>;
