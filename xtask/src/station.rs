@@ -37,6 +37,9 @@ pub struct Arguments {
     /// Only make this number of requests at random.
     #[arg(long, value_name = "REQUESTS")]
     fuzz: Option<u32>,
+    /// Only kill the database of a station that runs.
+    #[arg(long, conflicts_with = "fuzz")]
+    outage: bool,
 }
 
 /// Builds the page and tests it, then tests the store and the API.
@@ -46,6 +49,9 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(requests) = arguments.fuzz {
         return fuzz::run(requests);
+    }
+    if arguments.outage {
+        return outage::survived(&Postgres::start()?);
     }
     page()?;
     store()?;

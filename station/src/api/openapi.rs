@@ -12,7 +12,7 @@ use serde_json::Value;
 use utoipa::openapi::path::{Operation, PathItem};
 use utoipa::openapi::response::{Response as Described, ResponseBuilder};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
-use utoipa::openapi::{Components, ContentBuilder, InfoBuilder, LicenseBuilder, Object, OpenApi, Ref, RefOr, Schema};
+use utoipa::openapi::{Components, ContentBuilder, InfoBuilder, LicenseBuilder, OpenApi, Ref, RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -77,7 +77,8 @@ fn describe_once(schema: &mut RefOr<Schema>) {
         let RefOr::T(Schema::AllOf(both)) = property else { continue };
         let [RefOr::T(Schema::Object(value)), RefOr::T(Schema::Object(said))] = both.items.as_slice() else { continue };
         if said.properties.is_empty() && said.required.is_empty() {
-            let described = Object { description: said.description.clone(), ..value.clone() };
+            let mut described = value.clone();
+            described.description.clone_from(&said.description);
             *property = RefOr::T(Schema::Object(described));
         }
     }

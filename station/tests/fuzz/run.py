@@ -37,9 +37,10 @@ def read(url, path):
 
 
 def changeable(url, role):
-    """What this role may not change."""
+    """What this role may not change. Who is in a room changes by itself."""
     rank = ROLES.index(role)
-    return {path: read(url, path) for least, paths in STATE.items() if ROLES.index(least) > rank for path in paths}
+    paths = [path for least, paths in STATE.items() if ROLES.index(least) > rank for path in paths]
+    return {path: [{**item, "tags": None} for item in read(url, path)] for path in paths}
 
 
 def run(url, role, seed, examples, counts):
