@@ -63,6 +63,14 @@ describe('in a browser', { skip: chromium === null }, () => {
     assert.equal(await page.locator('#health tbody tr').count(), 6);
   });
 
+  test('the supply voltage of a tag is in the table', async (t) => {
+    const { page } = await open(t);
+    await live(page);
+    await page.getByText('As a table').click();
+    const cells = await page.locator('#table tbody tr').first().locator('th, td').allTextContents();
+    assert.equal(cells[7], '3.10 V');
+  });
+
   test('after a break the page connects again and fills the gap', async (t) => {
     const { page, mock } = await open(t, { tags: 2 });
     await live(page);

@@ -91,7 +91,7 @@ describe('with a station', { skip: !isPossible }, () => {
     await live(page);
     await page.getByText('As a table').click();
     const cells = await page.locator('#table tbody tr').first().locator('th, td').allTextContents();
-    assert.equal(cells.length, 8);
+    assert.equal(cells.length, 9);
     assert.match(cells[1], /^-?\d+\.\d\d$/);
   });
 
