@@ -1,5 +1,7 @@
 //! `baliza serve`: the station.
 
+mod mqtt;
+
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -10,6 +12,7 @@ use anyhow::{Context, Result};
 use baliza_station::api::{self, Access, App};
 use baliza_station::live::Limits;
 use baliza_station::model::{PlacedNode, Site};
+use baliza_station::mqtt::{self as broker, Mqtt};
 use baliza_station::store::Retention;
 use baliza_station::{Hub, Live, Report, Store, Utc};
 use host_tools::UserError;
@@ -20,6 +23,7 @@ use sim::scenario::Scenario;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 
+use self::mqtt::MqttArguments;
 use super::stream::{STOP, catch_signals};
 
 /// Serve a live map, a store and an API of the positions of tags
@@ -64,6 +68,8 @@ pub struct Arguments {
     /// Delete positions and events that are older than this, days
     #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
     keep_days: Option<u64>,
+    #[command(flatten)]
+    mqtt: MqttArguments,
 }
 
 const EXAMPLES: &str = "\
@@ -78,6 +84,7 @@ Examples:
   baliza serve --simulate
   baliza serve --site site.toml serial:/dev/ttyACM0 serial:/dev/ttyACM1
   baliza serve --listen 0.0.0.0:8080 --tokens tokens.toml --store postgres://baliza@db/baliza udp:0.0.0.0:7000
+  baliza serve --mqtt mqtt://baliza@broker --mqtt-password-file password --espresense config.yaml
   baliza serve run/";
 
 /// The name of a simulated site.
@@ -124,12 +131,17 @@ async fn serve(arguments: &Arguments, url: &str, access: Access, sources: Source
         .await
         .with_context(|| format!("cannot listen on {}; --listen takes another address", arguments.listen))?;
     let address = listener.local_addr().context("cannot read the address")?;
-    sources.start(&hub, &placed);
+    let sites = store.sites().await?.into_iter().map(|site| site.name);
+    let mqtt = sources.start(&hub, &placed).map(|settings| Mqtt::start(&hub, settings, earlier.clone(), sites));
     super::prompt(&format!("listening on http://{address}\n"));
     let app = App { access, earlier, ..App::new(hub.clone(), store) };
     api::serve(listener, app, stopped()).await.context("cannot serve")?;
     hub.stop();
-    writing.await.context("the writer has failed")
+    let written = writing.await.context("the writer has failed");
+    if let Some(mqtt) = mqtt {
+        mqtt.stop().await;
+    }
+    written
 }
 
 /// Waits for a signal that ends the program.
@@ -160,6 +172,7 @@ struct Sources {
     /// Each with its name.
     sources: Vec<(String, OpenSource)>,
     simulation: Option<(Scenario, SimulatedSite)>,
+    mqtt: Option<broker::Settings>,
 }
 
 impl Sources {
@@ -177,18 +190,16 @@ impl Sources {
             let site = SimulatedSite::of(&scenario, SIMULATION, Utc::now());
             (scenario, site)
         });
-        Ok(Self {
-            site: arguments.site_name.clone(),
-            zones: station::zones(&arguments.site_name, &rooms),
-            names,
-            sources,
-            simulation,
-        })
+        let mqtt = arguments.mqtt.read(&arguments.site_name)?;
+        let mut zones = station::zones(&arguments.site_name, &rooms);
+        zones.extend(mqtt.iter().flat_map(broker::Settings::zones));
+        Ok(Self { site: arguments.site_name.clone(), zones, names, sources, simulation, mqtt })
     }
 
     /// Whether there is nothing but the simulation.
     fn is_simulation(&self) -> bool {
-        self.simulation.is_some() && self.sources.is_empty()
+        let has_house = self.mqtt.as_ref().is_some_and(|mqtt| mqtt.espresense.is_some());
+        self.simulation.is_some() && self.sources.is_empty() && !has_house
     }
 
     /// Writes the sites that the store does not have yet. What a person has drawn stays.
@@ -211,15 +222,16 @@ impl Sources {
         Ok(())
     }
 
-    /// Reports the nodes, at last those that a person has placed, and starts a thread for each source.
-    fn start(self, hub: &Hub, placed: &[PlacedNode]) {
+    /// Reports the nodes, at last those that a person has placed, and starts a thread for each source. Returns what to do
+    /// at the broker.
+    fn start(self, hub: &Hub, placed: &[PlacedNode]) -> Option<broker::Settings> {
         let nodes = station::nodes(&self.site, &self.names, Utc::now());
         let simulated = self.simulation.iter().flat_map(|(_, site)| site.nodes.clone()).collect::<Vec<_>>();
+        let receivers = self.mqtt.iter().flat_map(|mqtt| mqtt.receivers(Utc::now())).collect::<Vec<_>>();
         let placed = placed.iter().flat_map(|node| node.reports(Utc::now())).collect::<Vec<_>>();
+        let known = nodes.into_iter().chain(simulated).chain(receivers).chain(placed);
         let reports = hub.reports();
-        thread::spawn(move || {
-            nodes.into_iter().chain(simulated).chain(placed).all(|report| reports.blocking_send(report).is_ok())
-        });
+        thread::spawn(move || known.into_iter().all(|report| reports.blocking_send(report).is_ok()));
         for (name, source) in self.sources {
             let (reports, site) = (hub.reports(), self.site.clone());
             thread::spawn(move || {
@@ -234,6 +246,7 @@ impl Sources {
             let reports = hub.reports();
             thread::spawn(move || simulate(scenario, &site.site.name, &mut sender(reports)));
         }
+        self.mqtt
     }
 }
 

@@ -14,7 +14,7 @@ use crate::support::{Folder, root};
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A running station, which is killed in the end.
-struct Station {
+pub struct Station {
     child: Child,
     /// `127.0.0.1:PORT`.
     address: String,
@@ -22,7 +22,7 @@ struct Station {
 }
 
 impl Station {
-    fn start(folder: &Folder, arguments: &str) -> Self {
+    pub fn start(folder: &Folder, arguments: &str) -> Self {
         let mut command = folder.command(&format!("serve --listen 127.0.0.1:0 {arguments}"));
         let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("baliza runs");
         let mut stderr = BufReader::new(child.stderr.take().expect("piped"));
@@ -50,14 +50,14 @@ impl Station {
         (status, body.to_owned())
     }
 
-    fn json(&self, path: &str) -> Value {
+    pub fn json(&self, path: &str) -> Value {
         let (status, body) = self.get(path);
         assert_eq!(status, 200, "{path}: {body}");
         serde_json::from_str(&body).unwrap_or_else(|error| panic!("{path}: {error}: {body}"))
     }
 
     /// Asks until the answer is as it should be.
-    fn wait(&self, path: &str, is_right: impl Fn(&Value) -> bool) -> Value {
+    pub fn wait(&self, path: &str, is_right: impl Fn(&Value) -> bool) -> Value {
         let begun = Instant::now();
         loop {
             let answer = self.json(path);
@@ -69,8 +69,13 @@ impl Station {
         }
     }
 
+    /// Ends it with SIGKILL.
+    pub fn kill(&mut self) {
+        self.child.kill().expect("SIGKILL");
+    }
+
     /// Ends it as `kill` does. Returns the exit code and what it said since it listens.
-    fn stop(mut self) -> (Option<i32>, String) {
+    pub fn stop(mut self) -> (Option<i32>, String) {
         let killed = Command::new("kill").arg(self.child.id().to_string()).status().expect("kill runs");
         assert!(killed.success());
         let mut said = String::new();
@@ -164,7 +169,7 @@ fn what_was_read_from_the_api_survives_a_kill() {
         let history = history.as_array().expect("a list");
         assert!(seen.iter().all(|row| history.contains(row)), "{} rows were {}", history.len(), seen.len());
         seen.clone_from(history);
-        station.child.kill().expect("SIGKILL");
+        station.kill();
     }
 }
 

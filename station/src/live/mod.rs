@@ -253,6 +253,13 @@ impl Live {
         tags
     }
 
+    /// A tag.
+    pub fn tag(&self, site: &str, tag: &str) -> Option<Tag> {
+        let (now, name, site) = (self.clock.unwrap_or_default(), site, self.sites.get(site)?);
+        let state = site.tags.get(tag)?;
+        Some(state.show(name, tag, site.tag_names.get(tag).map(String::as_str), &site.areas, now))
+    }
+
     /// The anchors and beacons, by site and address.
     pub fn nodes(&self) -> Vec<Node> {
         let now = self.clock.unwrap_or_default();
