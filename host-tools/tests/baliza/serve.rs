@@ -240,6 +240,25 @@ fn the_requests_of_the_page_about_the_station_work_as_written() {
 }
 
 #[test]
+fn a_receiver_that_was_placed_is_there_after_a_restart() {
+    let folder = Folder::with(&[]);
+    for run in 0..2 {
+        let station = Station::start(&folder, "");
+        if run == 0 {
+            let place = r#"{"role": "receiver", "position_m": [5.5, 2.4, 2.1], "rssi_1m_dbm": -61}"#;
+            let url = format!("http://{}/api/v1/nodes/site/kitchen", station.address);
+            let put = ["--silent", "--fail", "--request", "PUT", "--json", place, &url];
+            assert!(Command::new("curl").args(put).status().expect("curl runs").success());
+        }
+        station.wait("/api/v1/nodes", |nodes| {
+            nodes[0]["node"] == "kitchen" && nodes[0]["role"] == "receiver" && nodes[0]["rssi_1m_dbm"] == -61.0
+        });
+        let (code, said) = station.stop();
+        assert_eq!(code, Some(0), "{said}");
+    }
+}
+
+#[test]
 fn changes_need_a_token_and_are_logged_with_its_name() {
     // FIPS 180-2, appendix B.1: the SHA-256 of "abc".
     let tokens = "[[token]]\nname = \"wall\"\nrole = \"operate\"\n\

@@ -32,7 +32,8 @@ impl Store {
         let [x_m, y_m, z_m] = node.position_m;
         sqlx::query(
             "INSERT INTO nodes (site, node, name, role, x_m, y_m, z_m, rssi_1m_dbm, path_loss_exponent) \
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9) ON CONFLICT (site, node) DO UPDATE SET \
+             VALUES ($1, $2, $3, $4, $5, $6, $7, CASE WHEN $8 = 1 THEN $9 END, CASE WHEN $10 = 1 THEN $11 END) \
+             ON CONFLICT (site, node) DO UPDATE SET \
              name = excluded.name, role = excluded.role, x_m = excluded.x_m, y_m = excluded.y_m, z_m = excluded.z_m, \
              rssi_1m_dbm = excluded.rssi_1m_dbm, path_loss_exponent = excluded.path_loss_exponent",
         )
@@ -43,8 +44,11 @@ impl Store {
         .bind(x_m)
         .bind(y_m)
         .bind(z_m)
-        .bind(node.rssi_1m_dbm)
-        .bind(node.path_loss_exponent)
+        // sqlx tells PostgreSQL that a number that is missing has four bytes.
+        .bind(i64::from(node.rssi_1m_dbm.is_some()))
+        .bind(node.rssi_1m_dbm.unwrap_or_default())
+        .bind(i64::from(node.path_loss_exponent.is_some()))
+        .bind(node.path_loss_exponent.unwrap_or_default())
         .execute(&mut *writing.tx)
         .await?;
         Ok(writing.tx.commit().await?)
