@@ -9,7 +9,7 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use baliza_station::api::{self, Access, App};
 use baliza_station::live::Limits;
-use baliza_station::model::Site;
+use baliza_station::model::{Site, Zone};
 use baliza_station::store::Retention;
 use baliza_station::{Hub, Live, Report, Store, Utc};
 use host_tools::UserError;
@@ -30,9 +30,8 @@ use super::stream::{STOP, catch_signals};
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Nodes, streams and recordings
-    #[arg(value_name = "SOURCE")]
-    sources: Vec<SourceSpec>,
+    #[command(flatten)]
+    inputs: InputArguments,
     /// Where to listen; port 0 takes a free one. Beyond this computer only with --tokens
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8080")]
     listen: SocketAddr,
@@ -40,6 +39,23 @@ pub struct Arguments {
     /// baliza.db; for --simulate alone a temporary file]
     #[arg(long, value_name = "FILE|URL")]
     store: Option<String>,
+    /// Who may do what: a TOML file with a table `token` for each, as docs/station.md describes it
+    #[arg(long, value_name = "FILE")]
+    tokens: Option<PathBuf>,
+    /// Keep one position a second of positions that are older than this, days
+    #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
+    thin_days: Option<u64>,
+    /// Delete positions and events that are older than this, days
+    #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
+    keep_days: Option<u64>,
+}
+
+/// What the station gets its reports from: the same for `serve` and `live`.
+#[derive(clap::Args)]
+pub(super) struct InputArguments {
+    /// Nodes, streams and recordings
+    #[arg(value_name = "SOURCE")]
+    sources: Vec<SourceSpec>,
     /// Run a simulation as well: that of a scenario's file, else tags that walk in a furnished room
     #[arg(long, value_name = "SCENARIO", num_args = 0..=1)]
     simulate: Option<Option<PathBuf>>,
@@ -52,33 +68,42 @@ pub struct Arguments {
     /// The rooms' outlines: CSV with room,x_m,y_m
     #[arg(long, value_name = "FILE")]
     rooms: Option<PathBuf>,
-    /// Who may do what: a TOML file with a table `token` for each, as docs/station.md describes it
-    #[arg(long, value_name = "FILE")]
-    tokens: Option<PathBuf>,
     /// A tag that does not report for this time is silent, seconds
     #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     silent_s: u64,
-    /// Keep one position a second of positions that are older than this, days
-    #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
-    thin_days: Option<u64>,
-    /// Delete positions and events that are older than this, days
-    #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
-    keep_days: Option<u64>,
 }
 
-const EXAMPLES: &str = "\
+impl InputArguments {
+    /// When a tag or an anchor counts as something.
+    pub(super) fn limits(&self) -> Limits {
+        Limits { silent_after: Duration::from_secs(self.silent_s), ..Limits::default() }
+    }
+}
+
+/// The words for sources, in the help of commands.
+macro_rules! sources_help {
+    () => {
+        "\
 Sources:
   probe[:VID:PID[:SERIAL]]  a node at a debug probe
   serial:PORT[@BAUD]        a node at a serial port; the path of a device alone will do
   udp:ADDRESS:PORT          datagrams with telemetry, of any number of nodes
   FILE, FOLDER              telemetry in a file, or a recording
   -                         standard input
+"
+    };
+}
+pub(super) use sources_help;
 
+const EXAMPLES: &str = concat!(
+    sources_help!(),
+    "
 Examples:
   baliza serve --simulate
   baliza serve --site site.toml serial:/dev/ttyACM0 serial:/dev/ttyACM1
   baliza serve --listen 0.0.0.0:8080 --tokens tokens.toml --store postgres://baliza@db/baliza udp:0.0.0.0:7000
-  baliza serve run/";
+  baliza serve run/"
+);
 
 /// The name of a simulated site.
 const SIMULATION: &str = "simulation";
@@ -92,7 +117,7 @@ const SIGNALS: Duration = Duration::from_millis(50);
 /// # Errors
 /// Flags or files are wrong, the store cannot be opened, or the address is in use.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let sources = Sources::of(arguments)?;
+    let sources = Sources::of(&arguments.inputs)?;
     let access = access(arguments)?;
     // A temporary store is deleted when it is dropped.
     let temporary = match (&arguments.store, sources.is_simulation()) {
@@ -113,18 +138,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 async fn serve(arguments: &Arguments, url: &str, access: Access, sources: Sources) -> Result<()> {
     let store = Store::open(url).await?;
     sources.configure(&store).await?;
-    let limits = Limits { silent_after: Duration::from_secs(arguments.silent_s), ..Limits::default() };
     let days = |days: Option<u64>| days.map(|days| Duration::from_secs(86_400 * days));
     let retention = Retention { thin_after: days(arguments.thin_days), delete_after: days(arguments.keep_days) };
     let earlier = store.tags().await?;
-    let mut live = Live::new(limits);
+    let mut live = Live::new(arguments.inputs.limits());
     live.set_zones(store.zones().await?);
     let (hub, writing) = Hub::start(live, store.clone(), retention).await?;
     let listener = TcpListener::bind(arguments.listen)
         .await
         .with_context(|| format!("cannot listen on {}; --listen takes another address", arguments.listen))?;
     let address = listener.local_addr().context("cannot read the address")?;
-    sources.start(&hub);
+    sources.start(&hub, super::note);
     super::prompt(&format!("listening on http://{address}\n"));
     let app = App { access, earlier, ..App::new(hub.clone(), store) };
     api::serve(listener, app, stopped()).await.context("cannot serve")?;
@@ -133,7 +157,7 @@ async fn serve(arguments: &Arguments, url: &str, access: Access, sources: Source
 }
 
 /// Waits for a signal that ends the program.
-async fn stopped() {
+pub(super) async fn stopped() {
     while !STOP.load(Ordering::Relaxed) {
         tokio::time::sleep(SIGNALS).await;
     }
@@ -152,18 +176,22 @@ fn access(arguments: &Arguments) -> Result<Access, UserError> {
 }
 
 /// What the station gets its reports from.
-struct Sources {
+pub(super) struct Sources {
     /// The site of the nodes.
     site: String,
     names: SiteNames,
-    zones: Vec<baliza_station::model::Zone>,
+    zones: Vec<Zone>,
     /// Each with its name.
     sources: Vec<(String, OpenSource)>,
     simulation: Option<(Scenario, SimulatedSite)>,
 }
 
 impl Sources {
-    fn of(arguments: &Arguments) -> Result<Self> {
+    /// Reads the files of the arguments, and opens the sources that must be there.
+    ///
+    /// # Errors
+    /// A file is wrong, or a source cannot be opened.
+    pub(super) fn of(arguments: &InputArguments) -> Result<Self> {
         let sources = arguments.sources.iter().map(|spec| Ok((spec.to_string(), spec.open()?)));
         let sources = sources.collect::<Result<Vec<_>>>()?;
         let names = arguments.site.as_deref().map(SiteNames::read).transpose()?.unwrap_or_default();
@@ -191,36 +219,41 @@ impl Sources {
         self.simulation.is_some() && self.sources.is_empty()
     }
 
+    /// The sites, and the rooms of each.
+    pub(super) fn sites(&self) -> Vec<(Site, Vec<Zone>)> {
+        let own = Site { name: self.site.clone(), walls_m: Vec::new(), plan: None };
+        let own = (!self.is_simulation()).then(|| (own, self.zones.clone()));
+        let simulated = self.simulation.as_ref().map(|(_, site)| (site.site.clone(), site.zones.clone()));
+        own.into_iter().chain(simulated).collect()
+    }
+
     /// Writes the sites that the store does not have yet. What a person has drawn stays.
     async fn configure(&self, store: &Store) -> Result<()> {
         let known = store.sites().await?;
-        let own = Site { name: self.site.clone(), walls_m: Vec::new(), plan: None };
-        let simulated = self.simulation.as_ref().map(|(_, site)| (&site.site, &site.zones));
-        let own = (!self.is_simulation()).then_some((&own, &self.zones));
         let zones = store.zones().await?;
-        for (site, rooms) in own.into_iter().chain(simulated) {
+        for (site, rooms) in self.sites() {
             if known.iter().all(|known| known.name != site.name) {
-                store.put_site(site).await?;
+                store.put_site(&site).await?;
             }
             for room in rooms {
                 if zones.iter().all(|zone| (&zone.site, &zone.name) != (&room.site, &room.name)) {
-                    store.put_zone(room).await?;
+                    store.put_zone(&room).await?;
                 }
             }
         }
         Ok(())
     }
 
-    /// Starts a thread for each source.
-    fn start(self, hub: &Hub) {
+    /// Starts a thread for each source. `note` takes a line for the user.
+    pub(super) fn start(self, hub: &Hub, note: impl Fn(&str) + Clone + Send + 'static) {
         let nodes = station::nodes(&self.site, &self.names, Utc::now());
         let simulated = self.simulation.iter().flat_map(|(_, site)| site.nodes.clone()).collect::<Vec<_>>();
         let reports = hub.reports();
         thread::spawn(move || nodes.into_iter().chain(simulated).all(|report| reports.blocking_send(report).is_ok()));
         for (name, source) in self.sources {
-            let (reports, site) = (hub.reports(), self.site.clone());
+            let (reports, site, note) = (hub.reports(), self.site.clone(), note.clone());
             thread::spawn(move || {
-                let mut note = |text: &str| super::note(&format!("{name}: {text}\n"));
+                let mut note = |text: &str| note(&format!("{name}: {text}\n"));
                 match station::run(source, &site, &mut sender(reports), &mut note) {
                     Ok(()) => note("it has ended"),
                     Err(error) => note(&format!("{error:#}")),

@@ -14,7 +14,7 @@ use crate::support::{Folder, root};
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A running station, which is killed in the end.
-struct Station {
+pub struct Station {
     child: Child,
     /// `127.0.0.1:PORT`.
     address: String,
@@ -22,7 +22,7 @@ struct Station {
 }
 
 impl Station {
-    fn start(folder: &Folder, arguments: &str) -> Self {
+    pub fn start(folder: &Folder, arguments: &str) -> Self {
         let mut command = folder.command(&format!("serve --listen 127.0.0.1:0 {arguments}"));
         let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("baliza runs");
         let mut stderr = BufReader::new(child.stderr.take().expect("piped"));
@@ -36,6 +36,11 @@ impl Station {
             said += &line;
         };
         Self { child, address, stderr }
+    }
+
+    /// `127.0.0.1:PORT`.
+    pub fn address(&self) -> &str {
+        &self.address
     }
 
     /// The status and the body of an answer.
@@ -57,7 +62,7 @@ impl Station {
     }
 
     /// Asks until the answer is as it should be.
-    fn wait(&self, path: &str, is_right: impl Fn(&Value) -> bool) -> Value {
+    pub fn wait(&self, path: &str, is_right: impl Fn(&Value) -> bool) -> Value {
         let begun = Instant::now();
         loop {
             let answer = self.json(path);
@@ -70,7 +75,7 @@ impl Station {
     }
 
     /// Ends it as `kill` does. Returns the exit code and what it said since it listens.
-    fn stop(mut self) -> (Option<i32>, String) {
+    pub fn stop(mut self) -> (Option<i32>, String) {
         let killed = Command::new("kill").arg(self.child.id().to_string()).status().expect("kill runs");
         assert!(killed.success());
         let mut said = String::new();
@@ -87,7 +92,7 @@ impl Drop for Station {
 }
 
 /// A recording of a tag, of this many seconds. Returns its positions as its file has them: x and y, metres.
-fn recorded(folder: &Folder, seconds: u32) -> Vec<[f64; 2]> {
+pub fn recorded(folder: &Folder, seconds: u32) -> Vec<[f64; 2]> {
     folder.run(&format!("simulate --tags 1 --seconds {seconds} --rate 10 --fidelity air --out run --quiet")).ok();
     let positions = String::from_utf8(folder.read("run/positions.csv")).expect("UTF-8");
     let rows = crate::support::Run { code: Some(0), stdout: positions, stderr: String::new() };
