@@ -12,9 +12,9 @@ use core::convert::Infallible;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use firmware_common::Reporter;
-use ranging::RadioInstant;
-use ranging::Restart;
 use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
+use ranging::radio::Sensors;
+use ranging::{RadioInstant, Restart};
 
 pub use ranging::node::Listener;
 
@@ -39,6 +39,10 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Listener for TelemetrySink
 
     fn observe(&mut self, _: RadioInstant, event: &Event<'_>, _: &Action<'_>) {
         self.0.step(event);
+    }
+
+    fn sensed(&mut self, sensors: &Sensors) {
+        self.0.sensed(sensors);
     }
 
     async fn radio_failed(&mut self, error: &impl core::fmt::Debug, failures: u32) {

@@ -6,7 +6,8 @@ use core::convert::Infallible;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use ranging::exchange::{Event, Report};
-use wire::telemetry::Hello;
+use ranging::radio::Sensors;
+use wire::telemetry::{Hello, Supply};
 
 use crate::messages::range_message;
 
@@ -75,6 +76,11 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Reporter<M, BYTES, C> {
             Report::Differences(_) => {}
             Report::Link(link) => self.event_log.link(now, link),
         }
+    }
+
+    /// Sends what the radio has measured of its supply and its temperature.
+    pub fn sensed(&self, sensors: &Sensors) {
+        self.event_log.send(Supply::new(self.now_us(), sensors.voltage, sensors.temperature_celsius));
     }
 
     /// Whether the watchdog may be fed, in a node that computes positions and in one that does not.

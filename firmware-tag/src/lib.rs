@@ -41,6 +41,7 @@ use embedded_hal_async::delay::DelayNs;
 use firmware_common::{Reporter, Settings, TagProtocol};
 use ranging::exchange::{Action, Event, Guidance, Link, Protocol, Report};
 use ranging::node::Listener;
+use ranging::radio::Sensors;
 use ranging::{Radio, RadioDuration, RadioInstant, Restart};
 use wire::telemetry::{Condition, Hello, MotionSensor, Sighting};
 
@@ -85,6 +86,9 @@ pub trait Sink {
 
     /// A link or the network has changed.
     fn link(&self, link: Link);
+
+    /// The radio has measured its temperature and supply.
+    fn sensed(&self, sensors: &Sensors);
 
     /// The radio failed for the `failures`-th time in a row. It will be restarted.
     fn radio_failed(&self, error: &impl core::fmt::Debug, failures: u32);
@@ -296,6 +300,10 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
             Action::Sleep { duration, .. } => self.rest(*duration),
             Action::Compensate | Action::Transmit { .. } | Action::Receive { .. } | Action::Report(_) => {}
         }
+    }
+
+    fn sensed(&mut self, sensors: &Sensors) {
+        self.sink.sensed(sensors);
     }
 
     async fn roused(&mut self) -> Guidance {

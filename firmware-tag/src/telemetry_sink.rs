@@ -4,6 +4,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use firmware_common::Reporter;
 use firmware_common::messages::{difference_messages, range_message};
 use ranging::exchange::{Event, Link};
+use ranging::radio::Sensors;
 use wire::config::Solver;
 use wire::telemetry::{Condition, Fix, MotionSensor, Outcome, Sighting};
 
@@ -80,6 +81,10 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64, O: Observer> Sink for Tele
     fn link(&self, link: Link) {
         self.observer.link(link);
         self.reporter.event_log.link(self.now_us(), link);
+    }
+
+    fn sensed(&self, sensors: &Sensors) {
+        self.reporter.sensed(sensors);
     }
 
     fn radio_failed(&self, error: &impl core::fmt::Debug, failures: u32) {

@@ -10,7 +10,7 @@ use embassy_futures::select::{Either, select};
 use embedded_hal_async::delay::DelayNs;
 
 use crate::exchange::{Action, Event, Guidance, Protocol, Report};
-use crate::radio::MAX_FRAME;
+use crate::radio::{MAX_FRAME, Sensors};
 use crate::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, Restart, Start, TransmitError};
 
 /// The first pause after a failure, and the longest one, milliseconds: a chip that works again is used within a second.
@@ -38,6 +38,11 @@ pub trait Listener {
     /// signs of life, and code that waits for a quiet radio. `now` is the step's time.
     fn observe(&mut self, now: RadioInstant, event: &Event<'_>, action: &Action<'_>) {
         let _ = (now, event, action);
+    }
+
+    /// Takes the radio's temperature and supply, whenever it has measured them.
+    fn sensed(&mut self, sensors: &Sensors) {
+        let _ = sensors;
     }
 
     /// Completes when the protocol is to get new guidance before its current wait is over. Returns the guidance.
@@ -103,6 +108,7 @@ async fn attempt<R: Restart>(
                 if let Some(sensors) = radio.compensate().await? {
                     machine.calibrate(radio.antenna_delay());
                     machine.sense(sensors);
+                    listener.sensed(&sensors);
                 }
                 (now, event) = (radio.now().await?, Event::Woken);
                 continue;

@@ -6,6 +6,8 @@
 //! | [`live`] | the current state: the last position of each tag, the health of each node, who is in which zone |
 //! | [`store`] | SQLite or PostgreSQL |
 //! | [`hub`] | takes reports, updates the state, tells the listeners, writes to the store in batches |
+//! | [`mqtt`] | positions and events to a broker, Home Assistant, ESPresense's receivers |
+//! | [`rssi`] | RSSI values of nodes at known places to a position |
 //! | [`terminal`] | a terminal's RSSI values to its position |
 //! | [`api`] | HTTP: REST, WebSocket, server-sent events, the page |
 //!
@@ -19,7 +21,9 @@ pub mod api;
 pub mod hub;
 pub mod live;
 pub mod model;
+pub mod mqtt;
 pub mod report;
+pub mod rssi;
 pub mod store;
 pub mod terminal;
 mod utc;

@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::Utc;
+use crate::{Report, Utc, What};
 
 /// A position of a tag, with its uncertainty.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -58,6 +58,8 @@ pub struct Tag {
     pub reason: Option<String>,
     /// The zones that it is in.
     pub zones: Vec<String>,
+    /// The supply voltage of its radio, V.
+    pub supply_v: Option<f64>,
 }
 
 /// What a node does.
@@ -87,6 +89,10 @@ pub struct Node {
     pub role: Role,
     /// Its surveyed position.
     pub position_m: Option<[f64; 3]>,
+    /// RSSI at one metre, dBm: of a beacon, or of devices at a receiver. None: that of most beacons.
+    pub rssi_1m_dbm: Option<f64>,
+    /// The path loss exponent of its signals, 2 in free space. None: that of rooms.
+    pub path_loss_exponent: Option<f64>,
     /// When a tag last measured to it.
     pub last_seen: Option<Utc>,
     /// Ranges a second, from all tags.
@@ -101,6 +107,37 @@ pub struct Node {
     pub first_path_minus_received_db: Option<f64>,
     /// The mean residual has been so far from zero, for so long, that the anchor was probably moved.
     pub moved: bool,
+    /// The supply voltage of its radio, V.
+    pub supply_v: Option<f64>,
+}
+
+/// A beacon or a receiver that a person has placed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PlacedNode {
+    /// The site in whose frame it is.
+    pub site: String,
+    /// Major and minor number of a beacon (`1-7`), or the name of a receiver.
+    pub node: String,
+    /// Its name for people.
+    pub name: Option<String>,
+    /// What it does.
+    pub role: Role,
+    /// Where it is.
+    pub position_m: [f64; 3],
+    /// RSSI at one metre, dBm: of the beacon, or of devices at the receiver. None: that of most beacons.
+    pub rssi_1m_dbm: Option<f64>,
+    /// The path loss exponent of its signals, 2 in free space. None: that of rooms.
+    pub path_loss_exponent: Option<f64>,
+}
+
+impl PlacedNode {
+    /// What the live state is told of it.
+    pub fn reports(&self, t: Utc) -> [Report; 2] {
+        let Self { node, name, role, position_m, rssi_1m_dbm, path_loss_exponent, .. } = self.clone();
+        let place = What::Node { node: node.clone(), name, role, position_m: Some(position_m) };
+        let path_loss = What::PathLoss { node, rssi_1m_dbm, path_loss_exponent };
+        [place, path_loss].map(|what| Report { t, site: self.site.clone(), what })
+    }
 }
 
 /// What an outline means.
@@ -145,6 +182,8 @@ pub enum EventKind {
     Moved,
     /// A tag's positions became too uncertain to trust: its standard deviation exceeds the limit.
     Uncertain,
+    /// The supply voltage of a tag or an anchor is below the limit.
+    LowSupply,
 }
 
 /// An event.

@@ -63,6 +63,13 @@ pub enum What {
         /// The first path's power minus the received power, dB.
         first_path_minus_received_db: Option<f64>,
     },
+    /// A node's radio has measured its supply voltage.
+    Supply {
+        /// A tag or an anchor.
+        node: String,
+        /// Volts.
+        supply_v: f64,
+    },
     /// A tag received a beacon's advertisement.
     Sighting {
         /// The tag.
@@ -71,5 +78,25 @@ pub enum What {
         beacon: String,
         /// dBm.
         rssi_dbm: f64,
+    },
+    /// A fixed receiver at a known place received a device's advertisement.
+    Heard {
+        /// The receiver: a node of the site.
+        receiver: String,
+        /// The device, as it is to be listed among the tags.
+        device: String,
+        /// dBm.
+        rssi_dbm: f64,
+        /// What receivers measure at one metre from the device, where the device or a calibration says so, dBm.
+        rssi_1m_dbm: Option<f64>,
+    },
+    /// The path loss of a beacon's or a receiver's signals; what is not said is what it usually is.
+    PathLoss {
+        /// The node, which has been reported.
+        node: String,
+        /// RSSI at one metre, dBm: of the beacon, or of devices at this receiver.
+        rssi_1m_dbm: Option<f64>,
+        /// 2 in free space.
+        path_loss_exponent: Option<f64>,
     },
 }

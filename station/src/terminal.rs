@@ -1,123 +1,24 @@
 //! A terminal's RSSI values to its position: phones and ESP32s that cannot solve themselves.
 //!
-//! The input is the samples of one request, the output the mean of the positions that are possible with them, and their
-//! spread (`positioning_core::ble::posterior`, as in `baliza ble solve`). One beacon alone gives a position, with a
-//! deviation that says how little it means. Each request stands for itself: a terminal asks when it likes, from seconds
-//! to hours apart, and its clock is its own.
+//! The input is the samples of one request, the output is that of [`crate::rssi`]. Each request stands for itself: a
+//! terminal asks when it likes, from seconds to hours apart, and its clock is its own.
 
 use std::collections::BTreeMap;
 
-use positioning_core::ble::path_loss::PathLoss;
-use positioning_core::ble::posterior::{PosteriorSettings, posterior};
-use positioning_core::ble::rssi::RssiObservation;
 use positioning_core::ble::signal::rssi;
-use positioning_core::{Area, MAX_ANCHORS, SolveError};
 
 use crate::model::Sample;
+use crate::rssi::{KnownNode, RssiPosition, solve};
 
 /// Samples older than this, before the latest one, are of another place, seconds.
 const WINDOW_S: f64 = 10.0;
-/// The standard deviation of a receiver's own offset, dB: terminals differ (the same as for tags in a locator).
-const RECEIVER_DB: f32 = 5.0;
-/// A terminal can be this far outside of the box around the beacons, metres.
-const MARGIN_M: f32 = 3.0;
-/// The greatest coordinate of a beacon, metres.
-const FARTHEST_M: f64 = 1e6;
-
-/// A position of a terminal in the plane.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TerminalPosition {
-    /// Metres.
-    pub position_m: [f64; 2],
-    /// Standard deviations, metres.
-    pub sigma_m: [f64; 2],
-    /// m².
-    pub cov_xy_m2: f64,
-    /// The number of beacons that were used.
-    pub used: u8,
-}
-
-/// A beacon at a known place.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct KnownBeacon {
-    /// Metres.
-    pub position_m: [f64; 3],
-    /// RSSI at one metre, dBm; None: that of most beacons.
-    pub rssi_1m_dbm: Option<f64>,
-    /// None: that of rooms.
-    pub path_loss_exponent: Option<f64>,
-}
-
-impl KnownBeacon {
-    /// None where a number cannot be right.
-    fn path_loss(&self) -> Option<PathLoss<f32>> {
-        let usual = PathLoss::<f32>::default();
-        let path_loss = PathLoss {
-            level_1m: self.rssi_1m_dbm.map_or(usual.level_1m, |dbm| dbm as f32),
-            exponent: self.path_loss_exponent.map_or(usual.exponent, |exponent| exponent as f32),
-            ..usual
-        };
-        let is_place = self.position_m.iter().all(|at| at.abs() <= FARTHEST_M);
-        (is_place && path_loss.is_sane()).then_some(path_loss)
-    }
-}
 
 /// The position of a terminal from the samples of one request. Samples of unknown beacons, of values that no receiver
-/// can have measured, and of more than ten seconds before the latest one do not count. The height of the terminal is not
-/// known, and so heights are not used.
+/// can have measured, and of more than ten seconds before the latest one do not count.
 ///
 /// # Errors
 /// Why there is none: `too-few-beacons` where no sample counts, else the reason of a solver.
-pub fn locate(beacons: &BTreeMap<String, KnownBeacon>, samples: &[Sample]) -> Result<TerminalPosition, &'static str> {
-    let mut received = means(beacons, samples);
-    // The strongest, where there are more than a solver takes.
-    received.sort_by(|a, b| b.rssi_dbm.total_cmp(&a.rssi_dbm));
-    received.truncate(MAX_ANCHORS);
-    let Some(origin_m) = received.first().map(|loudest| loudest.position_m) else { return Err("too-few-beacons") };
-    // Single precision is enough near the loudest beacon.
-    let local = |[x, y, _]: [f64; 3]| [(x - origin_m[0]) as f32, (y - origin_m[1]) as f32];
-    let observations: Vec<RssiObservation<f32, 2>> = received
-        .iter()
-        .map(|mean| RssiObservation {
-            beacon_m: local(mean.position_m),
-            above_m: 0.0,
-            rssi_dbm: mean.rssi_dbm,
-            path_loss: mean.path_loss,
-        })
-        .collect();
-    let places = beacons.values().filter(|beacon| beacon.path_loss().is_some()).map(|beacon| local(beacon.position_m));
-    let area = places.fold(Area { min: [-MARGIN_M; 2], max: [MARGIN_M; 2] }, |area, place| Area {
-        min: std::array::from_fn(|axis| area.min[axis].min(place[axis] - MARGIN_M)),
-        max: std::array::from_fn(|axis| area.max[axis].max(place[axis] + MARGIN_M)),
-    });
-    let belief = PosteriorSettings { offset_deviation: RECEIVER_DB, ..PosteriorSettings::default() };
-    let fix = posterior(&observations, &area, &[], &belief)
-        .map_err(|error| match error {
-            SolveError::TooFewAnchors => "too-few-beacons",
-            other => other.as_str(),
-        })?
-        .fix;
-    let covariance = fix.covariance;
-    let sigma_m = [0, 1].map(|axis: usize| f64::from(covariance[axis][axis]).sqrt());
-    if !sigma_m.iter().all(|sigma| sigma.is_finite()) {
-        return Err(SolveError::Diverged.as_str());
-    }
-    Ok(TerminalPosition {
-        position_m: [0, 1].map(|axis: usize| f64::from(fix.position[axis]) + origin_m[axis]),
-        sigma_m,
-        cov_xy_m2: f64::from(covariance[0][1]),
-        used: u8::try_from(observations.len()).unwrap_or(u8::MAX),
-    })
-}
-
-/// The mean RSSI of a beacon.
-struct Received {
-    position_m: [f64; 3],
-    path_loss: PathLoss<f32>,
-    rssi_dbm: f32,
-}
-
-fn means(beacons: &BTreeMap<String, KnownBeacon>, samples: &[Sample]) -> Vec<Received> {
+pub fn locate(beacons: &BTreeMap<String, KnownNode>, samples: &[Sample]) -> Result<RssiPosition, &'static str> {
     let counts = samples.iter().filter(|sample| {
         sample.t_s.is_finite() && rssi(sample.rssi_dbm).is_ok() && beacons.contains_key(&sample.beacon)
     });
@@ -128,28 +29,25 @@ fn means(beacons: &BTreeMap<String, KnownBeacon>, samples: &[Sample]) -> Vec<Rec
         *sum_dbm += sample.rssi_dbm;
         *count += 1.0;
     }
-    let received = sums.into_iter().filter_map(|(name, (sum_dbm, count))| {
-        let beacon = beacons.get(name)?;
-        let (position_m, path_loss) = (beacon.position_m, beacon.path_loss()?);
-        Some(Received { position_m, path_loss, rssi_dbm: (sum_dbm / count) as f32 })
-    });
-    received.collect()
+    solve(beacons, sums.into_iter().map(|(name, (sum_dbm, count))| (name, sum_dbm / count)), None)
 }
 
 #[cfg(test)]
 mod tests {
+    use positioning_core::MAX_ANCHORS;
+
     use super::*;
 
-    fn known(places: &[[f64; 2]]) -> BTreeMap<String, KnownBeacon> {
+    fn known(places: &[[f64; 2]]) -> BTreeMap<String, KnownNode> {
         let beacon = |(k, [x, y]): (usize, &[f64; 2])| {
             let beacon =
-                KnownBeacon { position_m: [*x, *y, 2.0], rssi_1m_dbm: Some(-60.0), path_loss_exponent: Some(2.0) };
+                KnownNode { position_m: [*x, *y, 2.0], rssi_1m_dbm: Some(-60.0), path_loss_exponent: Some(2.0) };
             (format!("1-{k}"), beacon)
         };
         places.iter().enumerate().map(beacon).collect()
     }
 
-    fn corners([x, y]: [f64; 2]) -> BTreeMap<String, KnownBeacon> {
+    fn corners([x, y]: [f64; 2]) -> BTreeMap<String, KnownNode> {
         known(&[[x, y], [x + 8.0, y], [x, y + 8.0], [x + 8.0, y + 8.0]])
     }
 

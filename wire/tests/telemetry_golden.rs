@@ -260,6 +260,18 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
              'record_fault':null,'record_version':null,'levels_fault':'version','levels_version':2,'beacon':null,\
              'for_s':null}",
         ),
+        (
+            "supply",
+            Message::Supply(Supply { t_us: 60_000_000, supply_mv: 3300, temperature_centi_celsius: 2449 }),
+            "0D 01 09 80 8E CE 1C E4 19 A2 26 E3 35 00",
+            "{'type':'supply','t_s':60.0,'supply_v':3.3,'temperature_c':24.49}",
+        ),
+        (
+            "supply, temperature unknown",
+            Message::Supply(Supply { t_us: 61_000_000, supply_mv: 2850, temperature_centi_celsius: i16::MIN }),
+            "0E 01 09 C0 92 8B 1D A2 16 FF FF 03 87 9C 00",
+            "{'type':'supply','t_s':61.0,'supply_v':2.85,'temperature_c':null}",
+        ),
     ]
 }
 

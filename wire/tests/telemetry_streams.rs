@@ -295,6 +295,9 @@ fn any_message() -> impl Strategy<Value = Message> {
             })
         }),
         (t_us(), reset()).prop_map(|(t_us, (cause, crash))| Message::Reset(Reset { t_us, cause, crash })),
+        (t_us(), any::<(u16, i16)>()).prop_map(|(t_us, (supply_mv, temperature_centi_celsius))| {
+            Message::Supply(Supply { t_us, supply_mv, temperature_centi_celsius })
+        }),
     ]
 }
 

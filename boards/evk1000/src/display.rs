@@ -9,6 +9,7 @@ use firmware_tag::{Observer, RoundOutcome};
 use ranging::RadioInstant;
 use ranging::exchange::{Action, Event, Guidance, Link, Report};
 use ranging::node::Listener;
+use ranging::radio::Sensors;
 
 use crate::Lcd;
 use crate::panel::Panel;
@@ -77,6 +78,10 @@ impl<L: Listener> Listener for Shown<L> {
 
     fn observe(&mut self, now: RadioInstant, event: &Event<'_>, action: &Action<'_>) {
         self.listener.observe(now, event, action);
+    }
+
+    fn sensed(&mut self, sensors: &Sensors) {
+        self.listener.sensed(sensors);
     }
 
     async fn radio_failed(&mut self, error: &impl core::fmt::Debug, failures: u32) {

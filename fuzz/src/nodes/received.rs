@@ -105,7 +105,8 @@ fn same_again(message: &Message) {
         | Message::Counters(_)
         | Message::Reset(_)
         | Message::Difference(_)
-        | Message::Room(_) => {}
+        | Message::Room(_)
+        | Message::Supply(_) => {}
     }
 }
 

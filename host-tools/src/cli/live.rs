@@ -98,7 +98,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             show(sites, &notes, || last.lock().unwrap_or_else(PoisonError::into_inner).take())
         }
         None => {
-            let sources = Sources::of(&arguments.inputs)?;
+            let sources = Sources::of(&arguments.inputs, None)?;
             catch_signals_and(Raw::restore)?;
             let runtime =
                 tokio::runtime::Builder::new_multi_thread().enable_all().build().context("cannot start the runtime")?;
@@ -107,7 +107,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             live.set_zones(zones.into_iter().flatten().collect());
             let (hub, _task) = runtime.block_on(Hub::start(live, Nowhere, Retention::default()))?;
             let to_notes = notes.clone();
-            sources.start(&hub, move |note| to_notes.push(note));
+            sources.start(&hub, &[], move |note| to_notes.push(note));
             let shown = show(sites, &notes, || Some(hub.read(|live| Snapshot::of(live, Utc::now()))));
             hub.stop();
             shown

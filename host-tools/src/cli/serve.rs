@@ -1,5 +1,7 @@
 //! `baliza serve`: the station.
 
+mod mqtt;
+
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -9,7 +11,8 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use baliza_station::api::{self, Access, App};
 use baliza_station::live::Limits;
-use baliza_station::model::{Site, Zone};
+use baliza_station::model::{PlacedNode, Site, Zone};
+use baliza_station::mqtt::{self as broker, Mqtt};
 use baliza_station::store::Retention;
 use baliza_station::{Hub, Live, Report, Store, Utc};
 use host_tools::UserError;
@@ -20,6 +23,7 @@ use sim::scenario::Scenario;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 
+use self::mqtt::MqttArguments;
 use super::stream::{STOP, catch_signals};
 
 /// Serve a live map, a store and an API of the positions of tags
@@ -48,6 +52,8 @@ pub struct Arguments {
     /// Delete positions and events that are older than this, days
     #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
     keep_days: Option<u64>,
+    #[command(flatten)]
+    mqtt: MqttArguments,
 }
 
 /// What the station gets its reports from: the same for `serve` and `live`.
@@ -102,6 +108,7 @@ Examples:
   baliza serve --simulate
   baliza serve --site site.toml serial:/dev/ttyACM0 serial:/dev/ttyACM1
   baliza serve --listen 0.0.0.0:8080 --tokens tokens.toml --store postgres://baliza@db/baliza udp:0.0.0.0:7000
+  baliza serve --mqtt mqtt://baliza@broker --mqtt-password-file password --espresense config.yaml
   baliza serve run/"
 );
 
@@ -117,7 +124,8 @@ const SIGNALS: Duration = Duration::from_millis(50);
 /// # Errors
 /// Flags or files are wrong, the store cannot be opened, or the address is in use.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let sources = Sources::of(&arguments.inputs)?;
+    let mqtt = arguments.mqtt.read(&arguments.inputs.site_name)?;
+    let sources = Sources::of(&arguments.inputs, mqtt)?;
     let access = access(arguments)?;
     // A temporary store is deleted when it is dropped.
     let temporary = match (&arguments.store, sources.is_simulation()) {
@@ -140,7 +148,7 @@ async fn serve(arguments: &Arguments, url: &str, access: Access, sources: Source
     sources.configure(&store).await?;
     let days = |days: Option<u64>| days.map(|days| Duration::from_secs(86_400 * days));
     let retention = Retention { thin_after: days(arguments.thin_days), delete_after: days(arguments.keep_days) };
-    let earlier = store.tags().await?;
+    let (earlier, placed) = (store.tags().await?, store.nodes().await?);
     let mut live = Live::new(arguments.inputs.limits());
     live.set_zones(store.zones().await?);
     let (hub, writing) = Hub::start(live, store.clone(), retention).await?;
@@ -148,12 +156,18 @@ async fn serve(arguments: &Arguments, url: &str, access: Access, sources: Source
         .await
         .with_context(|| format!("cannot listen on {}; --listen takes another address", arguments.listen))?;
     let address = listener.local_addr().context("cannot read the address")?;
-    sources.start(&hub, super::note);
+    let sites = store.sites().await?.into_iter().map(|site| site.name);
+    let mqtt =
+        sources.start(&hub, &placed, super::note).map(|settings| Mqtt::start(&hub, settings, earlier.clone(), sites));
     super::prompt(&format!("listening on http://{address}\n"));
     let app = App { access, earlier, ..App::new(hub.clone(), store) };
     api::serve(listener, app, stopped()).await.context("cannot serve")?;
     hub.stop();
-    writing.await.context("the writer has failed")
+    let written = writing.await.context("the writer has failed");
+    if let Some(mqtt) = mqtt {
+        mqtt.stop().await;
+    }
+    written
 }
 
 /// Waits for a signal that ends the program.
@@ -184,14 +198,15 @@ pub(super) struct Sources {
     /// Each with its name.
     sources: Vec<(String, OpenSource)>,
     simulation: Option<(Scenario, SimulatedSite)>,
+    mqtt: Option<broker::Settings>,
 }
 
 impl Sources {
-    /// Reads the files of the arguments, and opens the sources that must be there.
+    /// Reads the files of the arguments, and opens the sources that must be there. `mqtt` is what to do at a broker.
     ///
     /// # Errors
     /// A file is wrong, or a source cannot be opened.
-    pub(super) fn of(arguments: &InputArguments) -> Result<Self> {
+    pub(super) fn of(arguments: &InputArguments, mqtt: Option<broker::Settings>) -> Result<Self> {
         let sources = arguments.sources.iter().map(|spec| Ok((spec.to_string(), spec.open()?)));
         let sources = sources.collect::<Result<Vec<_>>>()?;
         let names = arguments.site.as_deref().map(SiteNames::read).transpose()?.unwrap_or_default();
@@ -205,18 +220,15 @@ impl Sources {
             let site = SimulatedSite::of(&scenario, SIMULATION, Utc::now());
             (scenario, site)
         });
-        Ok(Self {
-            site: arguments.site_name.clone(),
-            zones: station::zones(&arguments.site_name, &rooms),
-            names,
-            sources,
-            simulation,
-        })
+        let mut zones = station::zones(&arguments.site_name, &rooms);
+        zones.extend(mqtt.iter().flat_map(broker::Settings::zones));
+        Ok(Self { site: arguments.site_name.clone(), zones, names, sources, simulation, mqtt })
     }
 
     /// Whether there is nothing but the simulation.
     fn is_simulation(&self) -> bool {
-        self.simulation.is_some() && self.sources.is_empty()
+        let has_house = self.mqtt.as_ref().is_some_and(|mqtt| mqtt.espresense.is_some());
+        self.simulation.is_some() && self.sources.is_empty() && !has_house
     }
 
     /// The sites, and the rooms of each.
@@ -244,12 +256,21 @@ impl Sources {
         Ok(())
     }
 
-    /// Starts a thread for each source. `note` takes a line for the user.
-    pub(super) fn start(self, hub: &Hub, note: impl Fn(&str) + Clone + Send + 'static) {
+    /// Reports the nodes, at last those that a person has placed, and starts a thread for each source. `note` takes a
+    /// line for the user. Returns what to do at the broker.
+    pub(super) fn start(
+        self,
+        hub: &Hub,
+        placed: &[PlacedNode],
+        note: impl Fn(&str) + Clone + Send + 'static,
+    ) -> Option<broker::Settings> {
         let nodes = station::nodes(&self.site, &self.names, Utc::now());
         let simulated = self.simulation.iter().flat_map(|(_, site)| site.nodes.clone()).collect::<Vec<_>>();
+        let receivers = self.mqtt.iter().flat_map(|mqtt| mqtt.receivers(Utc::now())).collect::<Vec<_>>();
+        let placed = placed.iter().flat_map(|node| node.reports(Utc::now())).collect::<Vec<_>>();
+        let known = nodes.into_iter().chain(simulated).chain(receivers).chain(placed);
         let reports = hub.reports();
-        thread::spawn(move || nodes.into_iter().chain(simulated).all(|report| reports.blocking_send(report).is_ok()));
+        thread::spawn(move || known.into_iter().all(|report| reports.blocking_send(report).is_ok()));
         for (name, source) in self.sources {
             let (reports, site, note) = (hub.reports(), self.site.clone(), note.clone());
             thread::spawn(move || {
@@ -264,6 +285,7 @@ impl Sources {
             let reports = hub.reports();
             thread::spawn(move || simulate(scenario, &site.site.name, &mut sender(reports)));
         }
+        self.mqtt
     }
 }
 

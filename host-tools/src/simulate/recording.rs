@@ -106,7 +106,8 @@ impl SimulatedRecording {
                 | Message::Difference(_)
                 | Message::State(_)
                 | Message::Counters(_)
-                | Message::Reset(_),
+                | Message::Reset(_)
+                | Message::Supply(_),
             )
             | What::Fault(_) => {}
         }

@@ -51,6 +51,7 @@ impl Reporter {
                 let rssi_dbm = sighting.rssi_dbm.into();
                 vec![What::Sighting { tag, beacon: sighting.beacon.to_string(), rssi_dbm }]
             }
+            Message::Supply(supply) => vec![What::Supply { node: tag, supply_v: supply.supply_v() }],
             Message::Difference(_)
             | Message::Room(_)
             | Message::State(_)

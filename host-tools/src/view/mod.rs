@@ -163,7 +163,8 @@ impl<S: Sink> View<S> {
             | Message::Counters(_)
             | Message::Reset(_)
             | Message::Difference(_)
-            | Message::Room(_) => Ok(()),
+            | Message::Room(_)
+            | Message::Supply(_) => Ok(()),
         }
     }
 

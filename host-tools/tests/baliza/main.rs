@@ -24,6 +24,8 @@ mod manners;
 mod memory;
 mod messages;
 mod monitor;
+#[cfg(feature = "station")]
+mod mqtt;
 mod nlos;
 mod outputs;
 mod pictures;

@@ -55,7 +55,7 @@ impl Station {
         (status, body.to_owned())
     }
 
-    fn json(&self, path: &str) -> Value {
+    pub fn json(&self, path: &str) -> Value {
         let (status, body) = self.get(path);
         assert_eq!(status, 200, "{path}: {body}");
         serde_json::from_str(&body).unwrap_or_else(|error| panic!("{path}: {error}: {body}"))
@@ -72,6 +72,11 @@ impl Station {
             assert!(begun.elapsed() < PATIENCE, "{path}: {answer}");
             std::thread::sleep(Duration::from_millis(100));
         }
+    }
+
+    /// Ends it with SIGKILL.
+    pub fn kill(&mut self) {
+        self.child.kill().expect("SIGKILL");
     }
 
     /// Ends it as `kill` does. Returns the exit code and what it said since it listens.
@@ -169,7 +174,7 @@ fn what_was_read_from_the_api_survives_a_kill() {
         let history = history.as_array().expect("a list");
         assert!(seen.iter().all(|row| history.contains(row)), "{} rows were {}", history.len(), seen.len());
         seen.clone_from(history);
-        station.child.kill().expect("SIGKILL");
+        station.kill();
     }
 }
 

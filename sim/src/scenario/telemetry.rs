@@ -171,7 +171,8 @@ impl Outlet {
             | Message::State(_)
             | Message::Counters(_)
             | Message::Reset(_)
-            | Message::Room(_) => What::Message(message),
+            | Message::Room(_)
+            | Message::Supply(_) => What::Message(message),
         };
         self.write((boot_us + message.t_us()) as f64 / 1e6, what);
     }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use axum::extract::State;
+use axum::extract::{DefaultBodyLimit, State};
 use axum::http::{StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
@@ -12,7 +12,7 @@ use utoipa_axum::routes;
 
 use super::extract::{Coordinate, Json, Limit, Name, Path, Query};
 use super::problem::Problem;
-use super::{Shared, answer};
+use super::{SAMPLES_BODY, Shared, answer};
 use crate::Utc;
 use crate::model::{Campaign, CampaignPoint, Sample};
 
@@ -32,7 +32,7 @@ pub fn routes() -> OpenApiRouter<Shared> {
         .routes(routes!(get, delete))
         .routes(routes!(points))
         .routes(routes!(point))
-        .routes(routes!(samples, add_samples))
+        .merge(OpenApiRouter::new().routes(routes!(samples, add_samples)).layer(DefaultBodyLimit::max(SAMPLES_BODY)))
 }
 
 #[derive(Debug, Deserialize, IntoParams)]
@@ -208,15 +208,21 @@ pub fn checked(samples: Vec<NewSample>) -> Result<Vec<Sample>, Problem> {
         return Err(Problem::wrong(format!("at most {SAMPLES} samples a request")));
     }
     let samples = samples.into_iter().map(|sample| {
-        if !(-200.0..=100.0).contains(&sample.rssi_dbm) {
-            return Err(Problem::wrong(format!("rssi_dbm is -200 to 100, not {}", sample.rssi_dbm)));
-        }
-        if !(sample.t_s.abs() <= 1e12) {
-            return Err(Problem::wrong(format!("t_s is -1e12 to 1e12, not {}", sample.t_s)));
-        }
+        check_rssi(sample.rssi_dbm, sample.t_s)?;
         Ok(Sample { beacon: sample.beacon.into(), rssi_dbm: sample.rssi_dbm, t_s: sample.t_s })
     });
     samples.collect()
+}
+
+/// Checks an RSSI and its time.
+pub fn check_rssi(rssi_dbm: f64, t_s: f64) -> Result<(), Problem> {
+    if !(-200.0..=100.0).contains(&rssi_dbm) {
+        return Err(Problem::wrong(format!("an RSSI is -200 to 100 dBm, not {rssi_dbm}")));
+    }
+    if !(t_s.abs() <= 1e12) {
+        return Err(Problem::wrong(format!("t_s is -1e12 to 1e12, not {t_s}")));
+    }
+    Ok(())
 }
 
 /// What was added.

@@ -10,6 +10,8 @@
 //! | `GET /api/v1/tags?site=`, `GET /api/v1/tags/{tag}/positions?site=&from=&to=&limit=` | tags with their last position; history, newest first |
 //! | `GET /api/v1/positions?site=&from=&to=&step_s=&limit=` | all tags of a site, oldest first, at most one a tag and step |
 //! | `GET /api/v1/nodes?site=`, `GET /api/v1/rooms?site=`, `GET /api/v1/events?site=&from=&to=&kind=&before=&limit=` | health of anchors and beacons; rooms and zones with who is in them; events, newest first |
+//! | `PUT`, `DELETE /api/v1/nodes/{site}/{node}` | places, forgets a beacon or a receiver (`PlacedNode`) |
+//! | `POST /api/v1/receivers/{receiver}/sightings` | what a fixed receiver hears: devices get positions |
 //! | `PUT`, `DELETE /api/v1/rooms/{site}/{name}` | draws, deletes a room or a zone (`Zone`) |
 //! | `PUT /api/v1/sites/{site}/walls` | replaces the walls (a list of pairs of points) |
 //! | `PUT /api/v1/sites/{site}/plan?origin_x_m=&origin_y_m=&metres_per_pixel=&rotation_rad=` | the body is the picture |
@@ -37,6 +39,7 @@ mod nodes;
 mod openapi;
 mod page;
 mod problem;
+mod receivers;
 mod rtls;
 mod serve;
 mod sites;
@@ -69,8 +72,10 @@ use problem::Problem;
 use crate::model::Tag;
 use crate::{Hub, Store};
 
-/// The greatest body of a request, bytes, but for pictures.
+/// The greatest body of a request, bytes, but for samples and pictures.
 const BODY: usize = 256_000;
+/// The greatest body with samples, bytes: 10,000 of them, with names of 100 letters.
+const SAMPLES_BODY: usize = 2_000_000;
 
 /// What the routes need.
 #[derive(Clone, Debug)]
@@ -167,6 +172,7 @@ fn routes() -> OpenApiRouter<Shared> {
         sites::routes(),
         campaigns::routes(),
         rtls::routes(),
+        receivers::routes(),
         tags::routes(),
         nodes::routes(),
         zones::routes(),
@@ -198,7 +204,7 @@ async fn admit(State(station): State<Shared>, mut request: Request, next: Next) 
     let (method, uri) = (request.method().clone(), request.uri().clone());
     station.gate.check_origin(&method, &uri, request.headers())?;
     let path = request.extensions().get::<MatchedPath>().map(|path| path.as_str().to_owned());
-    let is_position = path.as_deref().is_some_and(|path| path.starts_with("/rtls"));
+    let is_position = path.as_deref().is_some_and(|path| path.starts_with("/rtls") || path.ends_with("/sightings"));
     let known = if method == Method::HEAD { Method::GET } else { method.clone() };
     // Without a path: a file of the page. Without a need: a method that the path does not have.
     let need = path.and_then(|path| station.needs.get(&(known, path)).copied()).unwrap_or(Need::Nothing);

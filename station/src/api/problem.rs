@@ -80,7 +80,6 @@ impl From<StoreError> for Problem {
             StoreError::Exists(_) => Self::new(StatusCode::CONFLICT, error.to_string()),
             StoreError::Missing(_) => Self::new(StatusCode::NOT_FOUND, error.to_string()),
             StoreError::Nul => Self::wrong(error.to_string()),
-            StoreError::TooManyTags(_) => Self::new(StatusCode::CONFLICT, error.to_string()),
             StoreError::Newer(_)
             | StoreError::Foreign(_)
             | StoreError::Open(..)

@@ -1,8 +1,6 @@
 //! Terminals that cannot solve themselves: a request's RSSI values to its position, which is also reported to the hub.
 
-use std::collections::BTreeMap;
-
-use axum::extract::State;
+use axum::extract::{DefaultBodyLimit, State};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
@@ -11,15 +9,16 @@ use utoipa_axum::routes;
 use super::campaigns::{self, NewSample};
 use super::extract::{Json, Name, Path};
 use super::problem::Problem;
-use super::{Shared, Station};
-use crate::live::Gaussian;
+use super::{SAMPLES_BODY, Shared, Station};
+use crate::live::{Gaussian, LONGEST_NAME, is_name};
 use crate::model::Role;
-use crate::terminal::{KnownBeacon, locate};
+use crate::terminal::locate;
 use crate::{Report, Utc, What};
 
 /// The routes.
 pub fn routes() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(rtls)).routes(routes!(rtls_of))
+    let routes = OpenApiRouter::new().routes(routes!(rtls)).routes(routes!(rtls_of));
+    routes.layer(DefaultBodyLimit::max(SAMPLES_BODY))
 }
 
 /// What a terminal received.
@@ -92,11 +91,14 @@ impl Station {
         if is_address(terminal.as_str()) {
             return Err(Problem::wrong("terminal looks like the address of a tag: choose another name"));
         }
+        if !is_name(terminal.as_str()) {
+            return Err(Problem::wrong(format!("terminal has at most {LONGEST_NAME} bytes")));
+        }
         let site = self.site(&site).await?.name;
         let samples = campaigns::checked(samples)?;
         let tag = String::from(terminal);
         // Numbers of rooms and beacons are small, but a least-squares solution of 10,000 samples takes a while.
-        let beacons = self.beacons(&site);
+        let beacons = self.app.hub.read(|live| live.known(&site, Role::Beacon));
         let located = tokio::task::spawn_blocking(move || locate(&beacons, &samples)).await;
         let located = located.unwrap_or_else(|panic| std::panic::resume_unwind(panic.into_panic()));
         let (what, answer) = match located {
@@ -112,16 +114,7 @@ impl Station {
                     room: self.app.hub.read(|live| live.room_of(&site, &gaussian)),
                     reason: None,
                 };
-                let what = What::Position {
-                    tag,
-                    position_m: at.position_m,
-                    z_m: None,
-                    sigma_m: at.sigma_m,
-                    sigma_z_m: None,
-                    cov_xy_m2: at.cov_xy_m2,
-                    used: at.used,
-                };
-                (what, answer)
+                (at.of(tag), answer)
             }
             Err(reason) => (
                 What::NoPosition { tag, reason: reason.to_owned() },
@@ -132,21 +125,10 @@ impl Station {
         let stops = |_| Problem::new(axum::http::StatusCode::SERVICE_UNAVAILABLE, "the station stops");
         sent.map(|()| answer).map_err(stops)
     }
-
-    /// The beacons of a site that are at known places.
-    fn beacons(&self, site: &str) -> BTreeMap<String, KnownBeacon> {
-        let nodes = self.app.hub.read(|live| live.nodes());
-        let beacons = nodes.into_iter().filter(|node| node.site == site && node.role == Role::Beacon);
-        let known = beacons.filter_map(|node| {
-            let position_m = node.position_m?;
-            Some((node.node, KnownBeacon { position_m, rssi_1m_dbm: None, path_loss_exponent: None }))
-        });
-        known.collect()
-    }
 }
 
 /// Whether a name is `0x` and hexadecimal digits.
-fn is_address(name: &str) -> bool {
+pub fn is_address(name: &str) -> bool {
     let digits = name.strip_prefix("0x").or_else(|| name.strip_prefix("0X"));
     digits.is_some_and(|digits| !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_hexdigit()))
 }

@@ -1,10 +1,11 @@
 //! The hub: one task that takes reports, and everything that must see them.
 //!
 //! Input: [`Report`]s by a channel. They are applied to the [`Live`] state; its updates go to the listeners at once and
-//! into a queue for the store. A second task writes the queue's rows in batches, a third one compacts the store and
+//! into a queue for the store. Reports of receivers also go to the `locator`, which makes positions of them. A second task writes the queue's rows in batches, a third one compacts the store and
 //! deletes what is old. So nothing that the store does holds up a report: while it fails, rows wait in the queue, which
 //! is bounded.
 
+mod locator;
 mod writer;
 
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -17,10 +18,11 @@ use tokio::task::JoinHandle;
 use tokio::time::{Instant, MissedTickBehavior, interval, interval_at};
 use utoipa::ToSchema;
 
+use self::locator::Locator;
 use self::writer::Queue;
 use crate::model::{Event, TagPosition};
 use crate::store::{self, Retention, Store};
-use crate::{Live, Report, Update, Utc};
+use crate::{Live, Report, Update, Utc, What};
 
 /// Reports that wait for the hub. A source that is faster waits.
 const REPORTS: usize = 4096;
@@ -40,8 +42,8 @@ pub const WRITE_EVERY: Duration = Duration::from_millis(500);
 
 /// Where the hub writes to.
 pub trait Sink: Clone + Send + Sync + 'static {
-    /// Writes positions and events together.
-    fn write(&self, positions: &[TagPosition], events: &[Event]) -> impl Future<Output = store::Result<()>> + Send;
+    /// Writes positions and events together. Returns the number of positions that it never will take.
+    fn write(&self, positions: &[TagPosition], events: &[Event]) -> impl Future<Output = store::Result<u64>> + Send;
 
     /// The greatest id of an event.
     fn last_event(&self) -> impl Future<Output = store::Result<i64>> + Send;
@@ -54,7 +56,7 @@ pub trait Sink: Clone + Send + Sync + 'static {
 }
 
 impl Sink for Store {
-    async fn write(&self, positions: &[TagPosition], events: &[Event]) -> store::Result<()> {
+    async fn write(&self, positions: &[TagPosition], events: &[Event]) -> store::Result<u64> {
         Store::write(self, positions, events).await
     }
 
@@ -76,8 +78,8 @@ impl Sink for Store {
 pub struct Nowhere;
 
 impl Sink for Nowhere {
-    async fn write(&self, _: &[TagPosition], _: &[Event]) -> store::Result<()> {
-        Ok(())
+    async fn write(&self, _: &[TagPosition], _: &[Event]) -> store::Result<u64> {
+        Ok(0)
     }
 
     async fn last_event(&self) -> store::Result<i64> {
@@ -108,7 +110,7 @@ pub struct Counts {
     pub rows_written: u64,
     /// Rows that wait for the store now.
     pub backlog: u64,
-    /// Rows that were lost because the store failed for too long.
+    /// Rows that were lost because the store failed for too long, or has no number for another tag.
     pub dropped: u64,
     /// Operations of the store that failed.
     pub store_failures: u64,
@@ -164,6 +166,7 @@ impl Hub {
             live: Arc::clone(&live),
             queue: Arc::clone(&queue),
             counters: Arc::clone(&counters),
+            locator: Locator::default(),
         };
         let hub = Self { reports, updates, live, queue, counters, stop };
         Ok((hub, tokio::spawn(applier.run(receiver, stopped, store, retention))))
@@ -223,11 +226,12 @@ struct Applier {
     live: Arc<RwLock<Live>>,
     queue: Arc<Queue>,
     counters: Arc<Counters>,
+    locator: Locator,
 }
 
 impl Applier {
     async fn run(
-        self,
+        mut self,
         mut reports: mpsc::Receiver<Report>,
         mut stopped: watch::Receiver<bool>,
         store: impl Sink,
@@ -250,13 +254,31 @@ impl Applier {
                     }
                     can_stop = false;
                 }
-                _ = ticks.tick() => self.publish(|live, updates| updates.extend(live.tick(Utc::now()))),
+                _ = ticks.tick() => {
+                    let now = Utc::now();
+                    let forgotten = self.locator.forget(now);
+                    self.publish(|live, updates| {
+                        updates.extend(live.tick(now));
+                        updates.extend(forgotten.iter().flat_map(|(site, tag)| live.forget(site, tag)));
+                    });
+                    self.locate(now, Vec::new());
+                }
                 count = reports.recv_many(&mut batch, TOGETHER) => {
                     if count == 0 {
                         break;
                     }
                     add(&self.counters.reports, count);
-                    self.publish(|live, updates| updates.extend(batch.drain(..).flat_map(|report| live.apply(&report))));
+                    let mut heard = Vec::new();
+                    self.publish(|live, updates| {
+                        for report in batch.drain(..) {
+                            let refused = live.refused();
+                            updates.extend(live.apply(&report));
+                            if matches!(report.what, What::Heard { .. }) && live.refused() == refused {
+                                heard.push(report);
+                            }
+                        }
+                    });
+                    self.locate(Utc::now(), heard);
                 }
             }
         }
@@ -265,6 +287,21 @@ impl Applier {
             if let Err(error) = task.await {
                 log::error!("a task of the hub ended: {error}");
             }
+        }
+    }
+
+    /// Solves for the devices that receivers hear, while readers of the state do not wait.
+    fn locate(&mut self, now: Utc, heard: Vec<Report>) {
+        for report in heard {
+            self.locator.take(now, report);
+        }
+        if self.locator.is_idle() {
+            return;
+        }
+        self.locator.survey(&self.live.read().unwrap_or_else(PoisonError::into_inner));
+        let reports = self.locator.solve(now);
+        if !reports.is_empty() {
+            self.publish(|live, updates| updates.extend(reports.iter().flat_map(|report| live.apply(report))));
         }
     }
 

@@ -6,7 +6,7 @@ use tokio::sync::broadcast::error::RecvError;
 
 use super::*;
 use crate::live::Limits;
-use crate::model::{EventKind, Zone, ZoneKind};
+use crate::model::{EventKind, Role, Zone, ZoneKind};
 use crate::report::What;
 use crate::store::StoreError;
 
@@ -27,6 +27,8 @@ struct Content {
     tries: usize,
     is_failing: bool,
     is_stuck: bool,
+    /// A tag that this store never takes.
+    no_room_for: String,
     compacted: usize,
     retained: usize,
 }
@@ -42,7 +44,7 @@ fn broken() -> StoreError {
 }
 
 impl Sink for Memory {
-    async fn write(&self, positions: &[TagPosition], events: &[Event]) -> store::Result<()> {
+    async fn write(&self, positions: &[TagPosition], events: &[Event]) -> store::Result<u64> {
         if self.content(|content| content.is_stuck) {
             std::future::pending::<()>().await;
         }
@@ -52,9 +54,11 @@ impl Sink for Memory {
                 return Err(broken());
             }
             content.writes.push(positions.len() + events.len());
-            content.positions.extend_from_slice(positions);
+            let taken: Vec<_> = positions.iter().filter(|row| content.no_room_for != row.tag).cloned().collect();
             content.events.extend_from_slice(events);
-            Ok(())
+            let left_out = positions.len() - taken.len();
+            content.positions.extend(taken);
+            Ok(left_out as u64)
         })
     }
 
@@ -193,6 +197,50 @@ async fn a_store_that_fails_is_tried_again_ever_less_often_and_loses_nothing() {
     task.await.expect("no panic");
     let written: Vec<f64> = store.content(|content| content.positions.iter().map(|row| row.x_m).collect());
     assert_eq!(written, (0..=100).map(f64::from).collect::<Vec<_>>());
+}
+
+#[tokio::test(start_paused = true)]
+async fn positions_that_the_store_never_takes_are_counted_and_hold_up_no_others() {
+    let store = Memory::default();
+    let (hub, task) = start(&store).await;
+    store.content(|content| content.no_room_for = "0x2002".to_owned());
+    for k in 0..100 {
+        let tag = if k % 4 == 0 { "0x2002" } else { "0x1001" };
+        hub.reports().send(report(tag, f64::from(k))).await.expect("the hub runs");
+    }
+    tokio::time::sleep(Duration::from_secs(2)).await;
+    let counts = hub.counts();
+    assert_eq!((counts.rows_written, counts.dropped, counts.backlog, counts.store_failures), (75, 25, 0, 0));
+    hub.stop();
+    task.await.expect("no panic");
+}
+
+#[tokio::test]
+async fn a_device_that_receivers_hear_is_a_tag_with_positions_in_the_store() {
+    let store = Memory::default();
+    let (hub, task) = start(&store).await;
+    let send = async |what| {
+        let report = Report { t: Utc::now(), site: SITE.to_owned(), what };
+        hub.reports().send(report).await.expect("the hub runs");
+    };
+    for (k, [x, y]) in [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [4.0, 4.0]].into_iter().enumerate() {
+        let (node, position_m) = (format!("r{k}"), Some([x, y, 2.0]));
+        send(What::Node { node, name: None, role: Role::Receiver, position_m }).await;
+    }
+    let mut listener = hub.listen();
+    for k in 0..4 {
+        let (receiver, device) = (format!("r{k}"), "phone".to_owned());
+        send(What::Heard { receiver, device, rssi_dbm: -65.0, rssi_1m_dbm: None }).await;
+    }
+    // What came after the first position waits for the next one, a second later.
+    let mut x_m = next_position(&mut listener).await;
+    if (x_m - 2.0).abs() > 0.1 {
+        x_m = next_position(&mut listener).await;
+    }
+    assert!((x_m - 2.0).abs() < 0.1, "{x_m}");
+    hub.stop();
+    task.await.expect("no panic");
+    assert!(store.content(|content| content.positions.iter().any(|row| row.tag == "phone" && row.used == 4)));
 }
 
 #[tokio::test(start_paused = true)]

@@ -2,7 +2,8 @@
 //!
 //! Rows wait for half a second, or until there are enough for a batch. A batch that the store does not take is tried
 //! again, after pauses that grow. Meanwhile rows wait in the queue; beyond its bound, the oldest positions are dropped,
-//! and the oldest events where there are no positions.
+//! and the oldest events where there are no positions. What the store leaves out for good is counted
+//! with them, and does not hold up the others.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -118,8 +119,11 @@ impl Queue {
         (rows.taken > 0).then_some(batch)
     }
 
-    fn written(&self) -> usize {
-        std::mem::take(&mut self.rows().taken)
+    /// The rows that were taken are written, but for those that the store left out. Returns the number of the former.
+    fn written(&self, left_out: u64) -> usize {
+        let mut rows = self.rows();
+        rows.dropped += left_out;
+        std::mem::take(&mut rows.taken).saturating_sub(usize::try_from(left_out).unwrap_or(usize::MAX))
     }
 
     /// Gives up what is left.
@@ -140,7 +144,7 @@ pub(super) async fn write(
     counters: Arc<Counters>,
     mut ended: watch::Receiver<bool>,
 ) {
-    let mut writer = Writer { store, queue, counters, is_failing: false };
+    let mut writer = Writer { store, queue, counters, is_failing: false, is_full: false };
     loop {
         let is_last = tokio::select! {
             () = writer.queue.is_full.notified() => false,
@@ -169,6 +173,8 @@ struct Writer<S> {
     queue: Arc<Queue>,
     counters: Arc<Counters>,
     is_failing: bool,
+    /// The store left positions out.
+    is_full: bool,
 }
 
 impl<S: Sink> Writer<S> {
@@ -178,8 +184,15 @@ impl<S: Sink> Writer<S> {
         let mut last = None;
         loop {
             match self.store.write(&batch.positions, &batch.events).await {
-                Ok(()) => {
-                    add(&self.counters.rows_written, self.queue.written());
+                Ok(left_out) => {
+                    add(&self.counters.rows_written, self.queue.written(left_out));
+                    if left_out > 0 && !self.is_full {
+                        log::error!(
+                            "the store left out {left_out} positions, and counts more of them: it has no room for \
+                             another tag; --keep-days deletes old tags"
+                        );
+                    }
+                    self.is_full = left_out > 0;
                     if std::mem::take(&mut self.is_failing) {
                         let (backlog, dropped) = self.queue.backlog_and_dropped();
                         log::info!("the store takes rows again: {backlog} wait, {dropped} were dropped");

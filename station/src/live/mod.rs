@@ -9,6 +9,7 @@
 //! | `nodes` | anchors and beacons, and their health |
 //! | `outline` | the probability that a position is in a room |
 //! | `rate` | events a second, means that forget |
+//! | `supply` | a supply voltage, and whether it is low |
 //!
 //! **Times.** The state's clock is the time of the last tick, and of later reports since. A report from more than a
 //! minute after the clock is taken as one of the clock's time; an earlier one keeps its time, whatever it is. Silence
@@ -22,6 +23,7 @@
 mod nodes;
 mod outline;
 mod rate;
+mod supply;
 mod tags;
 
 use std::collections::{BTreeMap, HashMap};
@@ -37,21 +39,26 @@ use self::tags::{Area, Inside, ROUND, RoundRange, TagState};
 use crate::Utc;
 use crate::model::{Event, EventKind, Node, Role, Tag, TagPosition, Zone, ZoneKind};
 use crate::report::{Report, What};
+use crate::rssi::KnownNode;
 
 /// Reports may be this much after the state's clock.
 const AHEAD: Duration = Duration::from_secs(60);
 /// The most bytes of a name.
-const LONGEST_NAME: usize = 64;
+pub(crate) const LONGEST_NAME: usize = 64;
 /// The most bytes of a reason.
 const LONGEST_REASON: usize = 200;
 /// The greatest coordinate, metres.
-const FARTHEST_M: f64 = 1e6;
+pub(crate) const FARTHEST_M: f64 = 1e6;
 /// The greatest standard deviation, metres.
 const VAGUEST_M: f64 = 1e5;
 /// The longest range, metres.
 const LONGEST_M: f64 = 10_000.0;
+/// Path loss exponents that there are: the bounds of `positioning_core::ble::path_loss`.
+pub(crate) const EXPONENTS: std::ops::RangeInclusive<f64> = 0.1..=20.0;
 /// The greatest difference of powers, dB.
 const STRONGEST_DB: f64 = 200.0;
+/// Supply voltages of radios, V.
+const SUPPLIES_V: std::ops::RangeInclusive<f64> = 0.5..=10.0;
 
 /// What has changed, as listeners get it.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
@@ -78,6 +85,8 @@ pub struct Limits {
     pub leave: f64,
     /// An anchor whose mean residual is greater than this was probably moved, metres.
     pub moved_m: f64,
+    /// A supply is low below this voltage, V.
+    pub low_supply_v: f64,
     /// The most tags of all sites.
     pub tags: usize,
     /// The most anchors and beacons of all sites, and the most tags with a name in a site's file.
@@ -92,6 +101,8 @@ impl Default for Limits {
             enter: 0.8,
             leave: 0.2,
             moved_m: 0.5,
+            // The DW1000 works from 2.8 V on (data sheet, operating conditions).
+            low_supply_v: 2.9,
             tags: 10_000,
             nodes: 10_000,
         }
@@ -129,6 +140,8 @@ pub struct Live {
     nodes: usize,
     names: usize,
     refused: u64,
+    /// How often a node was described anew.
+    surveys: u64,
     /// Updates that come with the next tick.
     waiting: Vec<Update>,
     is_changed: bool,
@@ -148,6 +161,7 @@ impl Live {
             nodes: 0,
             names: 0,
             refused: 0,
+            surveys: 0,
             waiting: Vec::new(),
             is_changed: false,
             happened: Vec::new(),
@@ -239,12 +253,53 @@ impl Live {
         tags
     }
 
+    /// A tag.
+    pub fn tag(&self, site: &str, tag: &str) -> Option<Tag> {
+        let (now, name, site) = (self.clock.unwrap_or_default(), site, self.sites.get(site)?);
+        let state = site.tags.get(tag)?;
+        Some(state.show(name, tag, site.tag_names.get(tag).map(String::as_str), &site.areas, now))
+    }
+
     /// The anchors and beacons, by site and address.
     pub fn nodes(&self) -> Vec<Node> {
         let now = self.clock.unwrap_or_default();
         let mut nodes: Vec<Node> = self.sites.iter().flat_map(|(name, site)| site.nodes.show(name, now)).collect();
         nodes.sort_unstable_by(|a, b| (&a.site, &a.node).cmp(&(&b.site, &b.node)));
         nodes
+    }
+
+    /// The nodes of a role in a site whose places are known.
+    pub fn known(&self, site: &str, role: Role) -> BTreeMap<String, KnownNode> {
+        self.sites.get(site).map(|site| site.nodes.known(role)).unwrap_or_default()
+    }
+
+    /// A number that grows when a node is described anew: until then, what [`known`](Self::known) returned is true.
+    pub fn surveys(&self) -> u64 {
+        self.surveys
+    }
+
+    /// Forgets a node, until a source reports it again.
+    pub fn forget_node(&mut self, site: &str, node: &str) {
+        let Some(of) = self.sites.get_mut(site) else { return };
+        if of.nodes.remove(node) {
+            // They hold indices of nodes.
+            of.tags.values_mut().for_each(|tag| tag.round.clear());
+            self.nodes -= 1;
+            self.surveys += 1;
+            self.is_changed = true;
+        }
+    }
+
+    /// Forgets a tag, which leaves its room and its zones.
+    pub fn forget(&mut self, site: &str, tag: &str) -> Vec<Update> {
+        let now = self.clock.unwrap_or_default();
+        let Some(of) = self.sites.get_mut(site) else { return Vec::new() };
+        let Some(state) = of.tags.remove(tag) else { return Vec::new() };
+        self.tags -= 1;
+        self.is_changed = true;
+        let inside = state.room.into_iter().chain(state.zones);
+        let left = inside.filter_map(|inside| Some(tags::left(of.areas.get(inside.area)?, &inside, now)));
+        left.map(|left| Update::Event(event(&mut self.last_event, now, site, tag, left))).collect()
     }
 
     /// The rooms and zones, by site, in the order in which they were set.
@@ -326,6 +381,25 @@ impl Live {
                 round.push(RoundRange { node, range_m: *range_m });
                 Some(())
             }
+            What::Supply { node, supply_v } => {
+                if !SUPPLIES_V.contains(supply_v) {
+                    return None;
+                }
+                let known = self.sites.get(site).and_then(|site| site.nodes.index(node));
+                let is_low = match known {
+                    Some(index) => self.sites.get_mut(site)?.nodes.supply(index, *supply_v, &self.limits),
+                    None => {
+                        let low_v = self.limits.low_supply_v;
+                        self.reporting_tag(t, site, node, updates)?.supply.take(*supply_v, low_v)
+                    }
+                };
+                if is_low {
+                    let happened = Happened { kind: EventKind::LowSupply, zone: None, dwell_s: None, alarm: true };
+                    updates.push(Update::Event(event(&mut self.last_event, t, site, node, happened)));
+                }
+                self.is_changed = true;
+                Some(())
+            }
             What::Sighting { tag, beacon, rssi_dbm } => {
                 positioning_core::ble::signal::rssi(*rssi_dbm).ok()?;
                 if !is_name(beacon) {
@@ -333,6 +407,31 @@ impl Live {
                 }
                 self.reporting_tag(t, site, tag, updates)?;
                 let node = self.node(site, beacon, Role::Beacon)?;
+                self.sites.get_mut(site)?.nodes.sight(node, t);
+                Some(())
+            }
+            What::PathLoss { node, rssi_1m_dbm, path_loss_exponent } => {
+                if let Some(rssi_1m_dbm) = *rssi_1m_dbm {
+                    positioning_core::ble::signal::rssi(rssi_1m_dbm).ok()?;
+                }
+                if !path_loss_exponent.is_none_or(|exponent| EXPONENTS.contains(&exponent)) {
+                    return None;
+                }
+                let nodes = &mut self.sites.get_mut(site)?.nodes;
+                let is_new = nodes.set_path_loss(nodes.index(node)?, *rssi_1m_dbm, *path_loss_exponent);
+                self.is_changed |= is_new;
+                self.surveys += u64::from(is_new);
+                Some(())
+            }
+            // The device is a tag from its first position on: most devices are of people who walk by.
+            What::Heard { receiver, device, rssi_dbm, rssi_1m_dbm } => {
+                for rssi_dbm in [Some(*rssi_dbm), *rssi_1m_dbm].into_iter().flatten() {
+                    positioning_core::ble::signal::rssi(rssi_dbm).ok()?;
+                }
+                if !(is_name(site) && is_name(receiver) && is_name(device)) {
+                    return None;
+                }
+                let node = self.node(site, receiver, Role::Receiver)?;
                 self.sites.get_mut(site)?.nodes.sight(node, t);
                 Some(())
             }
@@ -366,7 +465,9 @@ impl Live {
             }
             Role::Anchor | Role::Beacon | Role::Receiver => {
                 let index = self.node(site, node, role)?;
-                self.is_changed |= self.sites.get_mut(site)?.nodes.describe(index, name, role, position_m);
+                let is_new = self.sites.get_mut(site)?.nodes.describe(index, name, role, position_m);
+                self.is_changed |= is_new;
+                self.surveys += u64::from(is_new);
             }
         }
         Some(())
@@ -438,7 +539,7 @@ fn event(last: &mut i64, t: Utc, site: &str, node: &str, happened: Happened) -> 
 }
 
 /// Whether a text can be a name: not empty, not long, and without control characters.
-fn is_name(text: &str) -> bool {
+pub(crate) fn is_name(text: &str) -> bool {
     (1..=LONGEST_NAME).contains(&text.len()) && !text.chars().any(char::is_control)
 }
 

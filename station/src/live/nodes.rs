@@ -13,14 +13,16 @@
 //!   standard error; values of one second count as one for the latter. The anchor counts as moved until the mean is
 //!   below half of the limit, or until it is surveyed anew.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
 
 use super::Limits;
 use super::rate::{Mean, Rate};
+use super::supply::Supply;
 use super::tags::RoundRange;
 use crate::Utc;
 use crate::model::{Node, Role};
+use crate::rssi::KnownNode;
 
 /// Residuals must be off for this time.
 const MOVED_FOR: Duration = Duration::from_secs(120);
@@ -38,6 +40,8 @@ struct NodeState {
     name: Option<String>,
     role: Role,
     position_m: Option<[f64; 3]>,
+    rssi_1m_dbm: Option<f64>,
+    path_loss_exponent: Option<f64>,
     last_seen: Option<Utc>,
     rate: Rate,
     ranges: Mean,
@@ -46,6 +50,7 @@ struct NodeState {
     success: Mean,
     off_since: Option<Utc>,
     is_moved: bool,
+    supply: Supply,
 }
 
 /// What a round needs of a node, side by side in memory: a round looks at all nodes of its site.
@@ -81,6 +86,8 @@ impl Nodes {
             name: None,
             role,
             position_m: None,
+            rssi_1m_dbm: None,
+            path_loss_exponent: None,
             last_seen: None,
             rate: Rate::default(),
             ranges: Mean::default(),
@@ -89,6 +96,7 @@ impl Nodes {
             success: Mean::default(),
             off_since: None,
             is_moved: false,
+            supply: Supply::default(),
         });
         self.reaches.push(Reach { position_m: [f64::NAN; 3], mean_m: 0.0, round: 0 });
         index
@@ -120,12 +128,45 @@ impl Nodes {
         is_renamed || is_surveyed || is_other
     }
 
-    /// A tag received a beacon's advertisement.
+    /// Forgets a node; the last one gets its index. Returns whether there was one.
+    pub(super) fn remove(&mut self, node: &str) -> bool {
+        let Some(index) = self.by_name.remove(node) else { return false };
+        self.states.swap_remove(index);
+        self.reaches.swap_remove(index);
+        if let Some(moved) = self.states.get(index) {
+            self.by_name.insert(moved.node.clone(), index);
+        }
+        true
+    }
+
+    /// Takes a node's path loss. Returns whether it is new.
+    pub(super) fn set_path_loss(&mut self, index: usize, rssi_1m_dbm: Option<f64>, exponent: Option<f64>) -> bool {
+        let Some(state) = self.states.get_mut(index) else { return false };
+        let is_new = (state.rssi_1m_dbm, state.path_loss_exponent) != (rssi_1m_dbm, exponent);
+        (state.rssi_1m_dbm, state.path_loss_exponent) = (rssi_1m_dbm, exponent);
+        is_new
+    }
+
+    /// The nodes of a role whose places are known.
+    pub(super) fn known(&self, role: Role) -> BTreeMap<String, KnownNode> {
+        let known = self.states.iter().filter(|state| state.role == role).filter_map(|state| {
+            let &NodeState { position_m, rssi_1m_dbm, path_loss_exponent, .. } = state;
+            Some((state.node.clone(), KnownNode { position_m: position_m?, rssi_1m_dbm, path_loss_exponent }))
+        });
+        known.collect()
+    }
+
+    /// A tag received a beacon's advertisement, or a receiver that of a device.
     pub(super) fn sight(&mut self, index: usize, t: Utc) {
         if let Some(state) = self.states.get_mut(index) {
             state.last_seen = Some(t);
             state.rate.count(t);
         }
+    }
+
+    /// Its radio measured its supply voltage. Returns whether the supply is low from now on.
+    pub(super) fn supply(&mut self, index: usize, volts: f64, limits: &Limits) -> bool {
+        self.states.get_mut(index).is_some_and(|state| state.supply.take(volts, limits.low_supply_v))
     }
 
     /// A tag measured a range.
@@ -185,6 +226,8 @@ impl Nodes {
             name: state.name.clone(),
             role: state.role,
             position_m: state.position_m,
+            rssi_1m_dbm: state.rssi_1m_dbm,
+            path_loss_exponent: state.path_loss_exponent,
             last_seen: state.last_seen,
             rate_hz: state.rate.hz(now),
             success_rate: state.success.mean(),
@@ -192,6 +235,7 @@ impl Nodes {
             residual_sigma_m: state.residuals.deviation(),
             first_path_minus_received_db: state.power.mean(),
             moved: state.is_moved,
+            supply_v: state.supply.volts,
         })
     }
 }

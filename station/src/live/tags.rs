@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use super::outline::{Gaussian, Outline};
 use super::rate::Rate;
+use super::supply::Supply;
 use super::{Happened, Limits};
 use crate::Utc;
 use crate::model::{EventKind, Tag, TagPosition, Zone, ZoneKind};
@@ -58,6 +59,7 @@ pub(super) struct TagState {
     /// Since when its positions have been uncertain.
     unsure_since: Option<Utc>,
     is_uncertain: bool,
+    pub(super) supply: Supply,
     pub(super) room: Option<Inside>,
     pub(super) zones: Vec<Inside>,
     pub(super) round: Vec<RoundRange>,
@@ -75,6 +77,7 @@ impl TagState {
             reason: None,
             unsure_since: None,
             is_uncertain: false,
+            supply: Supply::default(),
             room: None,
             zones: Vec::new(),
             round: Vec::new(),
@@ -196,6 +199,7 @@ impl TagState {
             silent: self.is_silent,
             reason: self.reason.clone(),
             zones,
+            supply_v: self.supply.volts,
         }
     }
 }

@@ -38,6 +38,10 @@ fn anchor(node: &str, position_m: [f64; 3]) -> What {
     What::Node { node: node.to_owned(), name: None, role: Role::Anchor, position_m: Some(position_m) }
 }
 
+fn heard(receiver: &str, device: &str, rssi_dbm: f64, rssi_1m_dbm: Option<f64>) -> What {
+    What::Heard { receiver: receiver.to_owned(), device: device.to_owned(), rssi_dbm, rssi_1m_dbm }
+}
+
 fn zone(name: &str, kind: ZoneKind, [x0, x1]: [f64; 2]) -> Zone {
     let corners_m = vec![[x0, 0.0], [x1, 0.0], [x1, 4.0], [x0, 4.0]];
     Zone { site: SITE.to_owned(), name: name.to_owned(), kind, corners_m, alarm: name == "danger" }
@@ -247,6 +251,24 @@ fn the_long_axis_of_the_ellipse_decides_whether_a_position_is_uncertain() {
 }
 
 #[test]
+fn a_low_supply_is_an_alarm_of_its_tag_or_anchor() {
+    let mut live = live();
+    let supply = |node: &str, supply_v| What::Supply { node: node.to_owned(), supply_v };
+    live.apply(&report(at(0), anchor("0x0101", [0.0, 0.0, 2.0])));
+    for node in ["0x1001", "0x0101"] {
+        assert_eq!(events(&live.apply(&report(at(0), supply(node, 3.3)))), []);
+        assert_eq!(events(&live.apply(&report(at(60_000), supply(node, 2.8)))), [(EventKind::LowSupply, None, None)]);
+        assert_eq!(events(&live.apply(&report(at(120_000), supply(node, 2.79)))), []);
+    }
+    assert_eq!((live.tags()[0].supply_v, live.tags().len()), (Some(2.79), 1));
+    assert_eq!(live.nodes()[0].supply_v, Some(2.79));
+    for nonsense in [0.0, -1.0, 60.0, f64::NAN] {
+        live.apply(&report(at(121_000), supply("0x1001", nonsense)));
+    }
+    assert_eq!((live.refused(), live.tags()[0].supply_v), (4, Some(2.79)));
+}
+
+#[test]
 fn residuals_are_ranges_minus_distances_in_space() {
     let mut live = live();
     live.apply(&report(at(0), anchor("0x0101", [3.0, 4.0, 0.0])));
@@ -380,6 +402,8 @@ fn numbers_that_are_no_measurements_are_refused_and_counted() {
         refuse(&mut live, SITE, anchor("0x0101", [0.0, wrong, 0.0]));
         let sighting = What::Sighting { tag: "0x1001".to_owned(), beacon: "1-7".to_owned(), rssi_dbm: wrong };
         refuse(&mut live, SITE, sighting);
+        refuse(&mut live, SITE, heard("hall", "phone", wrong, None));
+        refuse(&mut live, SITE, heard("hall", "phone", -60.0, Some(wrong)));
         let mut vague = position("0x1001", [0.0; 2], 0.1);
         if let What::Position { z_m, .. } = &mut vague {
             *z_m = Some(wrong);
@@ -391,6 +415,8 @@ fn numbers_that_are_no_measurements_are_refused_and_counted() {
     for name in [String::new(), "x".repeat(65), "a\nb".to_owned(), "\0".to_owned()] {
         refuse(&mut live, SITE, position(&name, [0.0; 2], 0.1));
         refuse(&mut live, SITE, range(&name, 1.0));
+        refuse(&mut live, SITE, heard(&name, "phone", -60.0, None));
+        refuse(&mut live, SITE, heard("hall", &name, -60.0, None));
         refuse(&mut live, SITE, anchor(&name, [0.0; 3]));
         refuse(&mut live, &name, position("0x1001", [0.0; 2], 0.1));
         refuse(&mut live, &name, anchor("0x0101", [0.0; 3]));
@@ -510,4 +536,76 @@ fn a_long_reason_is_cut_at_a_character() {
     let reason = format!("a{}", "é".repeat(300));
     live.apply(&report(at(0), What::NoPosition { tag: "0x1001".to_owned(), reason }));
     assert_eq!(live.tags()[0].reason.as_deref().map(|reason| reason.chars().count()), Some(100));
+}
+
+#[test]
+fn a_receiver_that_hears_a_device_is_listed_and_the_device_is_not() {
+    let mut live = live();
+    assert_eq!(live.apply(&report(at(0), heard("hall", "phone", -60.0, Some(-59.0)))), []);
+    let nodes = live.nodes();
+    assert_eq!(nodes.len(), 1);
+    assert_eq!((nodes[0].node.as_str(), nodes[0].role, nodes[0].last_seen), ("hall", Role::Receiver, Some(at(0))));
+    assert!(live.tags().is_empty());
+}
+
+#[test]
+fn a_path_loss_is_that_of_a_known_node_and_must_be_possible() {
+    let mut live = live();
+    let path_loss = |node: &str, rssi_1m_dbm, path_loss_exponent| What::PathLoss {
+        node: node.to_owned(),
+        rssi_1m_dbm,
+        path_loss_exponent,
+    };
+    live.apply(&report(at(0), path_loss("1-7", Some(-60.0), None)));
+    assert_eq!(live.refused(), 1, "nobody knows it");
+    let position_m = Some([1.0, 2.0, 3.0]);
+    live.apply(&report(at(0), What::Node { node: "1-7".to_owned(), name: None, role: Role::Beacon, position_m }));
+    let before = live.surveys();
+    live.apply(&report(at(0), path_loss("1-7", Some(-60.0), Some(2.2))));
+    assert!(live.surveys() > before);
+    for wrong in [f64::NAN, f64::INFINITY, 200.0, 0.0, -1e300] {
+        live.apply(&report(at(0), path_loss("1-7", Some(wrong), None)));
+        live.apply(&report(at(0), path_loss("1-7", None, Some(wrong))));
+    }
+    assert_eq!(live.refused(), 11);
+    let known = live.known(SITE, Role::Beacon).remove("1-7").expect("it is placed");
+    assert_eq!((known.rssi_1m_dbm, known.path_loss_exponent), (Some(-60.0), Some(2.2)));
+    assert!(live.known(SITE, Role::Receiver).is_empty() && live.known("other", Role::Beacon).is_empty());
+    live.apply(&report(at(0), path_loss("1-7", None, None)));
+    assert_eq!(live.nodes()[0].rssi_1m_dbm, None, "back to the usual one");
+}
+
+#[test]
+fn a_node_that_is_forgotten_leaves_the_others_as_they_are() {
+    let mut live = live();
+    for k in 0..3 {
+        live.apply(&report(at(0), anchor(&format!("0x010{k}"), [f64::from(k), 0.0, 0.0])));
+    }
+    live.apply(&report(at(0), range("0x0102", 3.0)));
+    live.forget_node(SITE, "0x0100");
+    live.forget_node(SITE, "0x0100");
+    // The range is of a round that was forgotten with it, and the last anchor has another index now.
+    live.apply(&report(at(0), position("0x1001", [2.0, 0.0], 0.1)));
+    live.apply(&report(at(1), range("0x0102", 3.0)));
+    live.apply(&report(at(1), position("0x1001", [4.0, 0.0], 0.1)));
+    let nodes = live.nodes();
+    assert_eq!(nodes.iter().map(|node| node.node.as_str()).collect::<Vec<_>>(), ["0x0101", "0x0102"]);
+    // The anchor is at 2 m, the tag at 4 m: 3 m are 1 m too much.
+    assert_eq!(nodes[1].residual_mean_m, Some(1.0));
+    assert_eq!(nodes[0].residual_mean_m, None);
+}
+
+#[test]
+fn a_tag_that_is_forgotten_leaves_its_rooms_and_makes_room_for_another() {
+    let mut live = Live::new(Limits { tags: 1, ..Limits::default() });
+    live.set_zones(vec![zone("kitchen", ZoneKind::Room, [0.0, 4.0]), zone("door", ZoneKind::Zone, [0.0, 4.0])]);
+    live.apply(&report(at(0), position("0x1001", [2.0, 2.0], 0.1)));
+    live.apply(&report(at(7000), position("0x1002", [2.0, 2.0], 0.1)));
+    assert_eq!(live.refused(), 1);
+    let left = live.forget(SITE, "0x1001");
+    let zone = |name: &str| (EventKind::Left, Some(name.to_owned()), Some(7.0));
+    assert_eq!(events(&left), [zone("kitchen"), zone("door")]);
+    assert_eq!(live.forget(SITE, "0x1001"), []);
+    live.apply(&report(at(8000), position("0x1002", [2.0, 2.0], 0.1)));
+    assert_eq!(live.tags().iter().map(|tag| tag.tag.as_str()).collect::<Vec<_>>(), ["0x1002"]);
 }

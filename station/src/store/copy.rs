@@ -42,7 +42,7 @@ const POSITION: &[(&str, Kind)] = &[
 ];
 
 /// All tables; those that others refer to come first. `recent` gets new numbers in the same order.
-pub const TABLES: [Copied; 11] = [
+pub const TABLES: [Copied; 12] = [
     Copied {
         name: "tags",
         columns: &[
@@ -87,6 +87,21 @@ pub const TABLES: [Copied; 11] = [
             ("alarm", Kind::Int),
         ],
         order: "site, name",
+    },
+    Copied {
+        name: "nodes",
+        columns: &[
+            ("site", Kind::Text),
+            ("node", Kind::Text),
+            ("name", Kind::Text),
+            ("role", Kind::Text),
+            ("x_m", Kind::Real),
+            ("y_m", Kind::Real),
+            ("z_m", Kind::Real),
+            ("rssi_1m_dbm", Kind::MaybeReal),
+            ("path_loss_exponent", Kind::MaybeReal),
+        ],
+        order: "site, node",
     },
     Copied {
         name: "campaigns",

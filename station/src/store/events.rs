@@ -5,8 +5,15 @@ use super::{Result, Span, Store};
 use crate::Utc;
 use crate::model::{Event, EventKind};
 
-const ALL: [EventKind; 6] =
-    [EventKind::Entered, EventKind::Left, EventKind::Silent, EventKind::Back, EventKind::Moved, EventKind::Uncertain];
+const ALL: [EventKind; 7] = [
+    EventKind::Entered,
+    EventKind::Left,
+    EventKind::Silent,
+    EventKind::Back,
+    EventKind::Moved,
+    EventKind::Uncertain,
+    EventKind::LowSupply,
+];
 
 impl Store {
     /// Events in a span, newest first; of all sites where none is given, of all kinds where `kinds` is empty. With
@@ -34,7 +41,7 @@ impl Store {
         let mut query = sqlx::query(
             "SELECT id, t_us, site, kind, node, zone, dwell_us, alarm FROM events \
              WHERE t_us >= $1 AND t_us < $2 AND (t_us, id) < ($3, $4) AND ($5 = 0 OR site = $6) \
-             AND kind IN ($8, $9, $10, $11, $12, $13) ORDER BY t_us DESC, id DESC LIMIT $7",
+             AND kind IN ($8, $9, $10, $11, $12, $13, $14) ORDER BY t_us DESC, id DESC LIMIT $7",
         )
         .bind(span.from.us())
         .bind(span.to.us())

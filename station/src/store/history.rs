@@ -105,6 +105,7 @@ impl Store {
                 silent: true,
                 reason: None,
                 zones: Vec::new(),
+                supply_v: None,
             });
         }
         for line in last_positions(&mut tx).await? {

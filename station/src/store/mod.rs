@@ -6,7 +6,7 @@
 //! | `history` | a position of a minute that is over, by its key |
 //! | `minutes` | a minute that has rows in `history`, and whether they are thinned |
 //! | `tags`, `rooms` | a name, and the number that stands for it in positions; of a tag also its first and last time |
-//! | `events`, `sites`, `zones`, `campaigns`, `points`, `samples` | an object of [`crate::model`]; lists are JSON |
+//! | `events`, `sites`, `zones`, `nodes`, `campaigns`, `points`, `samples` | an object of [`crate::model`]; lists are JSON |
 //!
 //! The key of a position is `minute << 36 | tag << 16 | millisecond of the minute`. Once a minute, [`Store::compact`]
 //! moves the minutes that are over from `recent` to `history` in the order of the key, so that pages are full and a
@@ -27,6 +27,7 @@ mod events;
 mod history;
 mod key;
 mod lines;
+mod nodes;
 mod open;
 mod retention;
 mod rows;
@@ -65,9 +66,6 @@ pub enum StoreError {
     /// PostgreSQL stores no text with this character.
     #[error("a text contains the character U+0000")]
     Nul,
-    /// The key of positions has no number for another tag.
-    #[error("the store has no room for more than {0} tags; set a retention, so that old tags are deleted")]
-    TooManyTags(i64),
     /// A back-up is restored to an empty store only.
     #[error("the store has {0} already, and a back-up is restored to an empty one only: name another store")]
     Occupied(&'static str),

@@ -18,15 +18,22 @@ const PRAGMAS: &str = "PRAGMA busy_timeout = 10000; PRAGMA journal_mode = WAL; P
 /// How long an operation waits for a connection.
 const ACQUIRE_WITHIN: Duration = Duration::from_secs(5);
 
-pub(super) fn migrations(engine: Engine) -> Migrator {
-    let first = match engine {
-        Engine::Sqlite => include_str!("../../migrations/sqlite/0001_first.sql"),
-        Engine::Postgres => include_str!("../../migrations/postgres/0001_first.sql"),
+/// The changes of the tables, oldest first. Those that a release has are never changed.
+pub(super) fn migrations(engine: Engine) -> Vec<Migration> {
+    let texts = match engine {
+        Engine::Sqlite => [
+            include_str!("../../migrations/sqlite/0001_first.sql"),
+            include_str!("../../migrations/sqlite/0002_nodes.sql"),
+        ],
+        Engine::Postgres => [
+            include_str!("../../migrations/postgres/0001_first.sql"),
+            include_str!("../../migrations/postgres/0002_nodes.sql"),
+        ],
     };
-    let migration = |version, name: &'static str, sql: &'static str| {
+    let migration = |((version, name), sql): ((i64, &'static str), &'static str)| {
         Migration::new(version, name.into(), MigrationType::Simple, sql.into_sql_str(), false)
     };
-    Migrator::with_migrations(vec![migration(1, "first", first)])
+    (1..).zip(["first", "nodes"]).zip(texts).map(migration).collect()
 }
 
 /// Where a store is.
@@ -72,7 +79,7 @@ impl Store {
                 options.max_connections(8).connect(url).await.map_err(cannot_open)?
             }
         };
-        match migrations(engine).run(&pool).await {
+        match Migrator::with_migrations(migrations(engine)).run(&pool).await {
             Ok(()) => Ok(Self { pool, engine, writer: Arc::default() }),
             Err(MigrateError::VersionMissing(_)) => Err(StoreError::Newer(name)),
             Err(error) => Err(StoreError::Open(name, error.into())),

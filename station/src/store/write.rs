@@ -7,7 +7,7 @@ use sqlx::AnyConnection;
 
 use super::key::{LAST_TAG, key, ms};
 use super::rows::{Bare, Many, name_of};
-use super::{Result, Store, StoreError};
+use super::{Result, Store};
 use crate::model::{Event, TagPosition};
 
 static INSERT_POSITIONS: LazyLock<Many> = LazyLock::new(|| {
@@ -37,31 +37,28 @@ pub struct Numbers {
 }
 
 impl Numbers {
-    async fn tag(&mut self, connection: &mut AnyConnection, position: &TagPosition) -> Result<i64> {
+    /// None where no number is left for a new tag.
+    async fn tag(&mut self, connection: &mut AnyConnection, position: &TagPosition) -> Result<Option<i64>> {
         let (site, tag) = (&position.site, &position.tag);
         if let Some(&id) = self.tags.get(site).and_then(|tags| tags.get(tag)) {
-            return Ok(id);
+            return Ok(Some(id));
         }
         let known = sqlx::query_scalar("SELECT id FROM tags WHERE site = $1 AND tag = $2").bind(site).bind(tag);
         let id = match known.fetch_optional(&mut *connection).await? {
             Some(id) => id,
             None => {
-                sqlx::query_scalar(
-                    "INSERT INTO tags (id, site, tag, first_ms, last_ms) \
-                     SELECT COALESCE(MAX(id), 0) + 1, $1, $2, $3, $3 FROM tags RETURNING id",
-                )
-                .bind(site)
-                .bind(tag)
-                .bind(ms(position.t))
-                .fetch_one(&mut *connection)
-                .await?
+                let made = sqlx::query_scalar(
+                    "INSERT INTO tags (id, site, tag, first_ms, last_ms) SELECT next, $1, $2, $3, $3 \
+                     FROM (SELECT COALESCE(MAX(id), 0) + 1 AS next FROM tags) AS numbers WHERE next <= $4 \
+                     RETURNING id",
+                );
+                let made = made.bind(site).bind(tag).bind(ms(position.t)).bind(LAST_TAG);
+                let Some(id) = made.fetch_optional(&mut *connection).await? else { return Ok(None) };
+                id
             }
         };
-        if id > LAST_TAG {
-            return Err(StoreError::TooManyTags(LAST_TAG));
-        }
         self.tags.entry(site.clone()).or_default().insert(tag.clone(), id);
-        Ok(id)
+        Ok(Some(id))
     }
 
     async fn room(&mut self, connection: &mut AnyConnection, name: &str) -> Result<i64> {
@@ -144,20 +141,26 @@ fn correlation(position: &TagPosition) -> i16 {
 
 impl Store {
     /// Writes positions and events together; after it returns, they survive a crash of the process and a power cut.
-    /// What is written again is not stored twice. A position that is not finite is left out.
-    pub async fn write(&self, positions: &[TagPosition], events: &[Event]) -> Result<()> {
+    /// What is written again is not stored twice. A position that is not finite is left out, and one of a new tag for
+    /// which the key of positions has no number. Returns how many were left out.
+    pub async fn write(&self, positions: &[TagPosition], events: &[Event]) -> Result<u64> {
         let mut writing = self.begin().await?;
         // Numbers of this transaction hold only if it is committed.
         let mut numbers = std::mem::take(&mut *writing.numbers);
         let mut rows = Vec::with_capacity(positions.len());
+        let mut left_out = 0;
         let mut seen = BTreeMap::<i64, (i64, i64)>::new();
         for position in positions {
             let values = [position.x_m, position.y_m, position.sigma_x_m, position.sigma_y_m];
             if !values.iter().all(|value| value.is_finite()) {
                 log::warn!("a position of {:?} that is no number is not stored", position.tag);
+                left_out += 1;
                 continue;
             }
-            let tag = numbers.tag(&mut writing.tx, position).await?;
+            let Some(tag) = numbers.tag(&mut writing.tx, position).await? else {
+                left_out += 1;
+                continue;
+            };
             let room = match &position.room {
                 Some(room) => Some(numbers.room(&mut writing.tx, room).await?),
                 None => None,
@@ -175,7 +178,7 @@ impl Store {
         insert_events(&mut writing.tx, events).await?;
         writing.tx.commit().await?;
         *writing.numbers = numbers;
-        Ok(())
+        Ok(left_out)
     }
 }
 

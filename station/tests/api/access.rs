@@ -12,7 +12,8 @@ const ROLES: [&str; 3] = ["view", "operate", "administer"];
 async fn as_role(station: &Station, method: &str, path: &str, role: Option<&str>) -> u16 {
     let path = path.replace("{scenario}", "x").replace("{name}", "x").replace("{id}", "x").replace("{site}", "x");
     let method = Method::from_bytes(method.to_uppercase().as_bytes()).unwrap();
-    let mut request = station.request(method, &path.replace("{tag}", "x"));
+    let mut request =
+        station.request(method, &path.replace("{tag}", "x").replace("{node}", "x").replace("{receiver}", "x"));
     if let Some(role) = role {
         let value = format!("Bearer {role}-secret").parse().unwrap();
         request.headers_mut().insert(header::AUTHORIZATION, value);
@@ -39,8 +40,8 @@ async fn no_route_answers_a_role_that_is_too_low() {
             assert_eq!(as_role(&station, "head", &path, None).await, 401, "head {path}");
         }
     }
-    // Seven routes for `operate` refuse one role, three for `administer` two.
-    assert_eq!(refused, 7 + 3 * 2);
+    // Eight routes for `operate` refuse one role, five for `administer` two.
+    assert_eq!(refused, 8 + 5 * 2);
 }
 
 #[tokio::test]

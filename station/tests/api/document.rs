@@ -7,7 +7,7 @@ use serde_json::Value;
 use crate::client::open;
 
 /// The routes of the API's table, each with the least role that may use it; `-` is everyone.
-pub const ROUTES: [(&str, &str, &str); 32] = [
+pub const ROUTES: [(&str, &str, &str); 35] = [
     ("get", "/", "-"),
     ("get", "/openapi.json", "-"),
     ("get", "/healthz", "-"),
@@ -28,6 +28,9 @@ pub const ROUTES: [(&str, &str, &str); 32] = [
     ("get", "/api/v1/tags/{tag}/positions", "view"),
     ("get", "/api/v1/positions", "view"),
     ("get", "/api/v1/nodes", "view"),
+    ("put", "/api/v1/nodes/{site}/{node}", "administer"),
+    ("delete", "/api/v1/nodes/{site}/{node}", "administer"),
+    ("post", "/api/v1/receivers/{receiver}/sightings", "operate"),
     ("get", "/api/v1/rooms", "view"),
     ("get", "/api/v1/events", "view"),
     ("put", "/api/v1/rooms/{site}/{name}", "operate"),

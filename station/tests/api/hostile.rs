@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use baliza_station::api::{Access, Limits};
+use baliza_station::model::Role;
 use baliza_station::{Report, Utc, What};
 use hyper::{Method, header};
 use serde_json::{Value, json};
@@ -277,4 +278,62 @@ async fn connections_of_one_address_are_bounded() {
     drop(held);
     tokio::time::sleep(Duration::from_millis(300)).await;
     assert_eq!(station.get("/healthz").await.status, 200);
+}
+
+#[tokio::test]
+async fn wrong_sightings_and_places_are_refused() {
+    let station = open().await;
+    let put = |place: Value| {
+        let station = &station;
+        async move { station.json(Method::PUT, "/api/v1/nodes/lab/r", &place).await }
+    };
+    for wrong in [
+        json!({"role": "anchor", "position_m": [0, 0, 2]}),
+        json!({"role": "receiver", "position_m": [0, 0]}),
+        json!({"role": "receiver", "position_m": [0, 2e6, 0]}),
+        json!({"role": "receiver", "position_m": [0, 0, 2], "rssi_1m_dbm": 20}),
+        json!({"role": "receiver", "position_m": [0, 0, 2], "path_loss_exponent": 0}),
+        json!({"role": "receiver", "position_m": [0, 0, 2], "name": "x".repeat(65)}),
+    ] {
+        put(wrong).await.is_problem(422);
+    }
+    let at_origin = json!({"role": "receiver", "position_m": [0, 0, 2]});
+    station.json(Method::PUT, "/api/v1/nodes/nowhere/r", &at_origin).await.is_problem(404);
+    let long = format!("/api/v1/nodes/lab/{}", "x".repeat(65));
+    station.json(Method::PUT, &long, &at_origin).await.is_problem(422);
+    let post = |samples: Value| {
+        let station = &station;
+        async move {
+            let body = json!({"scenario": SITE, "samples": samples});
+            station.json(Method::POST, "/api/v1/receivers/r/sightings", &body).await
+        }
+    };
+    let sample = json!({"device": "phone", "rssi_dbm": -60, "t_s": 0});
+    post(json!([sample])).await.is_problem(404);
+    // A receiver without a place.
+    station.report(What::Node { node: "r".into(), name: None, role: Role::Receiver, position_m: None }).await;
+    station.until("/api/v1/nodes", |nodes| nodes[0].is_object()).await;
+    let refused = post(json!([sample])).await;
+    refused.is_problem(404);
+    assert!(refused.json()["detail"].as_str().unwrap().contains("PUT /api/v1/nodes"), "{refused:?}");
+    assert_eq!(put(at_origin).await.status, 201);
+    for wrong in [
+        json!([{"device": "phone", "rssi_dbm": 200, "t_s": 0}]),
+        json!([{"device": "phone", "rssi_dbm": -60, "t_s": 1e300}]),
+        json!([{"device": "phone", "rssi_dbm": -60, "rssi_1m_dbm": -300, "t_s": 0}]),
+        json!([{"device": "", "rssi_dbm": -60, "t_s": 0}]),
+        json!([{"device": "0x1001", "rssi_dbm": -60, "t_s": 0}]),
+        json!([{"device": "é".repeat(33), "rssi_dbm": -60, "t_s": 0}]),
+        json!([{"device": "a\u{0}", "rssi_dbm": -60, "t_s": 0}]),
+    ] {
+        post(wrong).await.is_problem(422);
+    }
+    // 0 dBm is what drivers report for an RSSI that they did not measure: the live state refuses it.
+    let unmeasured =
+        json!([{"device": "phone", "rssi_dbm": 0, "t_s": -1e12}, {"device": "phone", "rssi_dbm": 0, "t_s": 1e12}]);
+    assert_eq!(post(unmeasured).await.status, 200);
+    assert_eq!(station.get("/api/v1/tags").await.json(), json!([]));
+    assert_eq!(post(json!([sample, sample])).await.status, 200);
+    station.until("/api/v1/tags", |tags| tags[0]["tag"] == "phone").await;
+    assert_eq!(station.hub.counts().refused, 2);
 }

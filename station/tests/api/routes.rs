@@ -127,6 +127,63 @@ async fn nodes_are_listed_with_their_health() {
 }
 
 #[tokio::test]
+async fn a_receiver_is_placed_hears_a_device_and_is_forgotten() {
+    let station = open().await;
+    let corners = [("north%20west", [0, 8]), ("ne", [8, 8]), ("sw", [0, 0]), ("se", [8, 0])];
+    for (name, [x, y]) in corners {
+        let place = json!({"role": "receiver", "position_m": [x, y, 2], "rssi_1m_dbm": -60, "path_loss_exponent": 2});
+        let path = format!("/api/v1/nodes/lab/{name}");
+        let made = station.json(Method::PUT, &path, &place).await;
+        assert_eq!(made.status, 201, "{made:?}");
+        assert_eq!(station.json(Method::PUT, &path, &made.json()).await.status, 200);
+    }
+    let nodes = station.get("/api/v1/nodes?site=lab").await.json();
+    assert_eq!(nodes.as_array().unwrap().len(), 4);
+    assert_eq!(nodes[1]["node"], "north west");
+    assert_eq!((&nodes[1]["role"], &nodes[1]["rssi_1m_dbm"]), (&json!("receiver"), &json!(-60.0)));
+    // What all hear equally well is in the middle; what is of a minute ago does not count.
+    for (name, _) in corners {
+        let sample = |rssi_dbm, t_s| json!({"device": "Ana's watch", "rssi_dbm": rssi_dbm, "t_s": t_s});
+        let old = if name == "ne" { -40 } else { -90 };
+        let body = json!({"scenario": SITE, "samples": [sample(old, 40.0), sample(-75, 99.5), sample(-75, 100.0)]});
+        let taken = station.json(Method::POST, &format!("/api/v1/receivers/{name}/sightings"), &body).await;
+        assert_eq!((taken.status.as_u16(), taken.json()), (200, json!({"taken": 3})));
+    }
+    let is_there = |tags: &serde_json::Value| tags[0]["last_position"]["used"] == 4;
+    let tags = station.until("/api/v1/tags?site=lab", is_there).await;
+    assert_eq!(tags[0]["tag"], "Ana's watch");
+    for key in ["x_m", "y_m"] {
+        assert!((tags[0]["last_position"][key].as_f64().unwrap() - 4.0).abs() < 0.1, "{tags}");
+    }
+    let gone = station.send(station.request(Method::DELETE, "/api/v1/nodes/lab/ne")).await;
+    assert_eq!(gone.status, 204);
+    assert_eq!(station.get("/api/v1/nodes").await.json().as_array().unwrap().len(), 3);
+    assert_eq!(station.store.nodes().await.unwrap().len(), 3);
+    station.send(station.request(Method::DELETE, "/api/v1/nodes/lab/ne")).await.is_problem(404);
+}
+
+#[tokio::test]
+async fn ten_thousand_samples_with_long_names_are_one_request() {
+    let station = open().await;
+    let place = json!({"role": "receiver", "position_m": [0, 0, 2]});
+    station.json(Method::PUT, "/api/v1/nodes/lab/r", &place).await;
+    let name = "n".repeat(64);
+    let samples = |key: &str, count: usize| -> Vec<_> {
+        (0..count)
+            .map(|k| json!({key: name, "rssi_dbm": -61.123_456_789, "t_s": 1_790_000_000.123_4 + k as f64}))
+            .collect()
+    };
+    for (count, status) in [(10_000, 200), (10_001, 422)] {
+        let body = json!({"terminal": "phone", "scenario": SITE, "samples": samples("beacon", count)});
+        assert_eq!(station.json(Method::POST, "/rtls", &body).await.status, status);
+        let body = json!({"scenario": SITE, "samples": samples("device", count)});
+        assert_eq!(station.json(Method::POST, "/api/v1/receivers/r/sightings", &body).await.status, status);
+    }
+    let body = json!({"scenario": SITE, "samples": samples("device", 20_000)});
+    station.json(Method::POST, "/api/v1/receivers/r/sightings", &body).await.is_problem(413);
+}
+
+#[tokio::test]
 async fn a_room_is_drawn_a_tag_enters_it_and_it_is_deleted() {
     let station = open().await;
     let room = json!({"kind": "room", "corners_m": [[0, 0], [10, 0], [10, 10], [0, 10]], "alarm": true});

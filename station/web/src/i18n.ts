@@ -108,6 +108,7 @@ const en = {
   'health.residual': 'Residual',
   'health.firstpath': 'First path − received',
   'health.seen': 'Last seen',
+  'health.supply': 'Supply',
   'health.good': 'good',
   'health.moved': 'was it moved?',
   'health.unseen': 'not seen',
@@ -126,12 +127,14 @@ const en = {
   'events.back': '{node} reports again',
   'events.moved': '{node} was probably moved',
   'events.uncertain': '{node}: position too uncertain',
+  'events.low-supply': '{node}: supply is low',
   'kind.entered': 'entered',
   'kind.left': 'left',
   'kind.silent': 'silent',
   'kind.back': 'back',
   'kind.moved': 'moved',
   'kind.uncertain': 'uncertain',
+  'kind.low-supply': 'low supply',
   alarm: 'Alarm',
   notices: 'Notices',
   'survey.none': 'No campaign yet. Make one: points on a grid over the site, at which a terminal collects samples.',
@@ -291,6 +294,7 @@ const es: Record<Key, string> = {
   'health.residual': 'Residuo',
   'health.firstpath': 'Primer camino − recibida',
   'health.seen': 'Vista',
+  'health.supply': 'Alimentación',
   'health.good': 'bien',
   'health.moved': '¿se ha movido?',
   'health.unseen': 'no vista',
@@ -309,12 +313,14 @@ const es: Record<Key, string> = {
   'events.back': '{node} informa de nuevo',
   'events.moved': '{node} probablemente se ha movido',
   'events.uncertain': '{node}: posición demasiado incierta',
+  'events.low-supply': '{node}: alimentación baja',
   'kind.entered': 'entrada',
   'kind.left': 'salida',
   'kind.silent': 'callada',
   'kind.back': 'de vuelta',
   'kind.moved': 'movida',
   'kind.uncertain': 'incierta',
+  'kind.low-supply': 'alimentación baja',
   alarm: 'Alarma',
   notices: 'Avisos',
   'survey.none':
@@ -399,6 +405,11 @@ function region(): string {
 }
 
 const numbers = new Map<number, Intl.NumberFormat>();
+
+/// A supply voltage.
+export function supply(volts: number | null): string {
+  return volts === null ? '–' : `${number(volts, 2)} V`;
+}
 
 export function number(value: number, digits: number): string {
   let format = numbers.get(digits);

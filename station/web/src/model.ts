@@ -27,6 +27,7 @@ export interface Tag {
   silent: boolean;
   reason: string | null;
   zones: string[];
+  supply_v: number | null;
 }
 
 export interface Node {
@@ -42,6 +43,7 @@ export interface Node {
   residual_sigma_m: number | null;
   first_path_minus_received_db: number | null;
   moved: boolean;
+  supply_v: number | null;
 }
 
 export interface Zone {
@@ -52,9 +54,17 @@ export interface Zone {
   alarm: boolean;
 }
 
-export type EventKind = 'entered' | 'left' | 'silent' | 'back' | 'moved' | 'uncertain';
+export type EventKind = 'entered' | 'left' | 'silent' | 'back' | 'moved' | 'uncertain' | 'low-supply';
 
-export const EVENT_KINDS: readonly EventKind[] = ['entered', 'left', 'silent', 'back', 'moved', 'uncertain'];
+export const EVENT_KINDS: readonly EventKind[] = [
+  'entered',
+  'left',
+  'silent',
+  'back',
+  'moved',
+  'uncertain',
+  'low-supply',
+];
 
 export interface StationEvent {
   id: number;

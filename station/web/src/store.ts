@@ -133,6 +133,7 @@ export class Store {
         silent: false,
         reason: null,
         zones: [],
+        supply_v: null,
       });
       this.tellSoon('tags');
     } else {

@@ -153,8 +153,9 @@ describe('in a browser', { skip: chromium === null }, () => {
     await live(page);
     await page.getByText('As a table').click();
     const cells = await page.locator('#table tbody tr').first().locator('th, td').allTextContents();
-    assert.equal(cells.length, 8);
+    assert.equal(cells.length, 9);
     assert.match(cells[1], /^-?\d+\.\d\d$/);
+    assert.equal(cells[7], '3.10 V');
   });
 
   test('a zone is drawn, edited, and deleted', async (t) => {

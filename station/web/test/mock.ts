@@ -159,6 +159,7 @@ export class Mock {
         silent: false,
         reason: null,
         zones: zones.map((zone) => zone.name),
+        supply_v: 3.1,
       };
     });
   }
@@ -429,6 +430,7 @@ function anchors(): Node[] {
     residual_sigma_m: 0.06 + 0.01 * i,
     first_path_minus_received_db: i === 3 ? -13.4 : -1.8 - 0.4 * i,
     moved: i === 2,
+    supply_v: 3.29 - 0.01 * i,
   }));
 }
 

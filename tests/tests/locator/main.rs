@@ -16,6 +16,7 @@ use firmware_tag::{LocatorConfig, Position, RateControl, RoomReport, RoundOutcom
 use positioning_core::SolveError;
 use ranging::exchange::{Event, Link};
 use ranging::native::Rate;
+use ranging::radio::Sensors;
 use wire::telemetry::{Condition, MotionSensor, Sighting};
 
 type Outcome = Result<Position, SolveError>;
@@ -40,6 +41,10 @@ impl Sink for &Node {
 
     fn radio_failed(&self, error: &impl Debug, _: u32) {
         panic!("there is no radio: {error:?}");
+    }
+
+    fn sensed(&self, sensors: &Sensors) {
+        panic!("there is no radio: {sensors:?}");
     }
 
     fn step(&self, _: &Event<'_>) {}

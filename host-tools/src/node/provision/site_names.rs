@@ -24,7 +24,7 @@ pub const SITE: &str = "site.toml";
 /// The key of the copy's tables. A file that `provision` reads has no such key.
 const KNOWN: &str = "known";
 
-/// The names of a site, and the places of its anchors. Without a site there are none.
+/// The names of a site, and the places of its anchors and beacons. Without a site there are none.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SiteNames {
@@ -40,8 +40,12 @@ pub struct NamedNode<'a> {
     pub name: Option<&'a str>,
     /// Whether it is a beacon.
     pub is_beacon: bool,
-    /// An anchor's position, metres.
+    /// The position of an anchor or a beacon, metres.
     pub position_m: Option<[f64; 3]>,
+    /// A beacon's RSSI at one metre, dBm.
+    pub rssi_1m_dbm: Option<f64>,
+    /// A beacon's path-loss exponent.
+    pub path_loss_exponent: Option<f64>,
 }
 
 /// A node.
@@ -56,9 +60,15 @@ struct Known {
     /// A beacon's major and minor number: `1-7`.
     #[serde(skip_serializing_if = "Option::is_none")]
     beacon: Option<String>,
-    /// An anchor's position, metres.
+    /// The position of an anchor or a beacon, metres.
     #[serde(skip_serializing_if = "Option::is_none")]
     position_m: Option<[f64; 3]>,
+    /// A beacon's RSSI at one metre, dBm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rssi_1m_dbm: Option<f64>,
+    /// A beacon's path-loss exponent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    path_loss_exponent: Option<f64>,
     /// The names of a tag's rooms, by their numbers.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     rooms: Vec<String>,
@@ -97,10 +107,24 @@ impl SiteNames {
         let mut known: Vec<Known> = site.nodes.iter().map(Known::of).collect();
         let listed = site.nodes.first().into_iter().flat_map(|node| &node.lists.anchors);
         for (anchor, _) in listed {
-            let position_m = Some(anchor.position_m.map(metres));
+            let position_m = Some(anchor.position_m.map(rounded));
             match known.iter_mut().find(|node| node.address == Some(anchor.address)) {
                 Some(node) => node.position_m = node.position_m.or(position_m),
                 None => known.push(Known { address: Some(anchor.address), position_m, ..Known::default() }),
+            }
+        }
+        let listed = site.nodes.first().into_iter().flat_map(|node| &node.lists.beacons);
+        for (beacon, _) in listed {
+            let key = format!("{}-{}", beacon.major, beacon.minor);
+            let place = |of: Known| Known {
+                position_m: Some(beacon.position_m.map(rounded)),
+                rssi_1m_dbm: beacon.rssi_1m_dbm.map(rounded).or(of.rssi_1m_dbm),
+                path_loss_exponent: beacon.path_loss_exponent.map(rounded),
+                ..of
+            };
+            match known.iter_mut().find(|node| node.beacon.as_ref() == Some(&key)) {
+                Some(node) => *node = place(std::mem::take(node)),
+                None => known.push(place(Known { beacon: Some(key), ..Known::default() })),
             }
         }
         Self { known }
@@ -126,7 +150,8 @@ impl SiteNames {
 
     /// The positions of the anchors, metres, by short address.
     pub fn anchors_m(&self) -> BTreeMap<u16, [f64; 3]> {
-        self.known.iter().filter_map(|node| node.address.zip(node.position_m)).collect()
+        let anchors = self.known.iter().filter(|node| node.beacon.is_none());
+        anchors.filter_map(|node| node.address.zip(node.position_m)).collect()
     }
 
     /// The nodes and beacons that have an address or a number.
@@ -135,7 +160,9 @@ impl SiteNames {
             let address = node.address.map(|address| Address(address).to_string());
             let key = node.beacon.clone().or(address)?;
             let is_beacon = node.beacon.is_some();
-            Some(NamedNode { key, name: node.name.as_deref(), is_beacon, position_m: node.position_m })
+            let &Known { position_m, rssi_1m_dbm, path_loss_exponent, .. } = node;
+            let name = node.name.as_deref();
+            Some(NamedNode { key, name, is_beacon, position_m, rssi_1m_dbm, path_loss_exponent })
         })
     }
 
@@ -187,7 +214,7 @@ impl SiteNames {
             },
             Message::Sighting(sighting) => self.with_beacon(text, &sighting.beacon.to_string()),
             Message::Room(room) => self.room(room.is, sender).unwrap_or(text),
-            Message::Fix(_) | Message::Counters(_) | Message::Reset(_) => text,
+            Message::Fix(_) | Message::Counters(_) | Message::Reset(_) | Message::Supply(_) => text,
         }
     }
 
@@ -233,9 +260,9 @@ impl SiteNames {
     }
 }
 
-/// A coordinate of a record to 0.1 mm, which is finer than any survey.
-fn metres(coordinate: f32) -> f64 {
-    (f64::from(coordinate) * 1e4).round() / 1e4
+/// A number of a record to four decimals: finer than any survey.
+fn rounded(number: f32) -> f64 {
+    (f64::from(number) * 1e4).round() / 1e4
 }
 
 fn is_copy(document: Document<'_>) -> bool {
@@ -249,14 +276,18 @@ impl Known {
         let address = identity.address.or(identity.eui.map(|eui| eui as u16));
         let known = Self { name: Some(node.name.clone()), address, ..Self::default() };
         match &node.record.role {
-            Role::Anchor { position_m } => Self { position_m: position_m.map(|at| at.map(metres)), ..known },
+            Role::Anchor { position_m } => Self { position_m: position_m.map(|at| at.map(rounded)), ..known },
             Role::Tag(_) => {
                 let models = node.site_models.as_deref().and_then(|region| decode_models(region).ok());
                 let rooms =
                     models.map_or_else(Vec::new, |models| models.room_names.lines().map(str::to_owned).collect());
                 Self { rooms, ..known }
             }
-            Role::Advertiser(beacon) => Self { beacon: Some(format!("{}-{}", beacon.major, beacon.minor)), ..known },
+            Role::Advertiser(beacon) => Self {
+                beacon: Some(format!("{}-{}", beacon.major, beacon.minor)),
+                rssi_1m_dbm: Some(beacon.measured_power_dbm.into()),
+                ..known
+            },
         }
     }
 }

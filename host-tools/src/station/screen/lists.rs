@@ -43,7 +43,7 @@ struct Column<T> {
 }
 
 /// The columns of tags.
-const OF_TAGS: [Column<Tag>; 8] = [
+const OF_TAGS: [Column<Tag>; 9] = [
     Column { title: "tag", width: 10, order: 0, value: |tag, _| label_of_tag(tag).to_owned() },
     Column { title: "    x m", width: 7, order: 1, value: |tag, _| number(position(tag, |p| Some(p.x_m)), 7, 2) },
     Column { title: "    y m", width: 7, order: 1, value: |tag, _| number(position(tag, |p| Some(p.y_m)), 7, 2) },
@@ -56,11 +56,12 @@ const OF_TAGS: [Column<Tag>; 8] = [
     },
     Column { title: "room", width: 10, order: 3, value: |tag, _| room(tag).to_owned() },
     Column { title: "  Hz", width: 4, order: 6, value: |tag, _| number(Some(tag.rate_hz), 4, 1) },
+    Column { title: "   V", width: 4, order: 7, value: |tag, _| number(tag.supply_v, 4, 2) },
     Column { title: "state", width: 12, order: 4, value: state_of_tag },
 ];
 
 /// The columns of anchors.
-const OF_NODES: [Column<Node>; 7] = [
+const OF_NODES: [Column<Node>; 8] = [
     Column { title: "anchor", width: 10, order: 0, value: |node, _| label_of_node(node).to_owned() },
     Column {
         title: "  ok",
@@ -72,6 +73,7 @@ const OF_NODES: [Column<Node>; 7] = [
     Column { title: "  ± m", width: 5, order: 4, value: |node, _| number(node.residual_sigma_m, 5, 2) },
     Column { title: "FP-RX dB", width: 8, order: 5, value: |node, _| number(node.first_path_minus_received_db, 8, 1) },
     Column { title: "   Hz", width: 5, order: 6, value: |node, _| number(Some(node.rate_hz), 5, 1) },
+    Column { title: "   V", width: 4, order: 7, value: |node, _| number(node.supply_v, 4, 2) },
     Column { title: "state", width: 12, order: 3, value: state_of_node },
 ];
 

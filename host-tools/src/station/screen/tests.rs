@@ -37,6 +37,7 @@ fn tag(address: &str, name: Option<&str>, at_m: [f64; 2], s: u64) -> Tag {
         silent: false,
         reason: None,
         zones: Vec::new(),
+        supply_v: Some(3.01),
     }
 }
 
@@ -47,6 +48,8 @@ fn anchor(address: &str, at_m: [f64; 2]) -> Node {
         name: None,
         role: Role::Anchor,
         position_m: Some([at_m[0], at_m[1], 2.5]),
+        rssi_1m_dbm: None,
+        path_loss_exponent: None,
         last_seen: Some(at(0)),
         rate_hz: 25.0,
         success_rate: Some(0.97),
@@ -54,6 +57,7 @@ fn anchor(address: &str, at_m: [f64; 2]) -> Node {
         residual_sigma_m: Some(0.08),
         first_path_minus_received_db: Some(-3.2),
         moved: true,
+        supply_v: Some(2.87),
     }
 }
 
@@ -168,7 +172,7 @@ fn the_list_has_positions_and_says_why_there_is_none() {
         row.unwrap_or_else(|| panic!("{word}: {text}")).to_owned()
     };
     // hypot(0.3, 0.4) = 0.5.
-    for field in ["5.00", "1.25", "0.50", "lab", "10.0"] {
+    for field in ["5.00", "1.25", "0.50", "lab", "10.0", "3.01"] {
         assert!(text.lines().any(|line| line.contains("Ana ") && line.contains(field)), "{field}: {text}");
     }
     assert!(row("0x1002").contains("too few range"), "{text}");
@@ -181,7 +185,7 @@ fn the_health_of_anchors_is_a_list_of_its_own() {
     press_code(&mut screen, KeyCode::Tab);
     let text = text(&mut screen, 150, 20);
     let row = text.lines().find(|line| line.contains("97%")).unwrap_or_else(|| panic!("{text}"));
-    for field in ["0x0101", "0.61", "0.08", "-3.2", "25.0", "moved?"] {
+    for field in ["0x0101", "0.61", "0.08", "-3.2", "25.0", "2.87", "moved?"] {
         assert!(row.contains(field), "{field}: {row}");
     }
     assert!(text.contains("1 moved"), "{text}");

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicI64};
 use sqlx::migrate::Migrator;
 
 use super::*;
-use crate::model::{Campaign, CampaignPoint, Plan, Sample, Site, Tag, Zone, ZoneKind};
+use crate::model::{Campaign, CampaignPoint, PlacedNode, Plan, Role, Sample, Site, Tag, Zone, ZoneKind};
 use crate::store::open::migrations;
 
 /// A place of the same engine, empty.
@@ -29,7 +29,17 @@ fn assert_no_parts(folder: &Path) {
 }
 
 /// All that the store answers.
-type Answers = (Vec<Tag>, Vec<TagPosition>, Vec<Event>, Vec<Site>, Vec<u8>, Vec<Zone>, Vec<Campaign>, Vec<Sample>);
+type Answers = (
+    Vec<Tag>,
+    Vec<TagPosition>,
+    Vec<Event>,
+    Vec<Site>,
+    Vec<u8>,
+    Vec<Zone>,
+    Vec<PlacedNode>,
+    Vec<Campaign>,
+    Vec<Sample>,
+);
 
 async fn answers(store: &Store) -> Answers {
     (
@@ -39,6 +49,7 @@ async fn answers(store: &Store) -> Answers {
         store.sites().await.unwrap(),
         store.picture("hall").await.unwrap(),
         store.zones().await.unwrap(),
+        store.nodes().await.unwrap(),
         store.campaigns().await.unwrap(),
         store.samples("survey", "p1", 0, u32::MAX).await.unwrap(),
     )
@@ -73,6 +84,18 @@ async fn fill(store: &Store) {
     let corners_m = vec![[0.0, 0.0], [1.0, 0.0], [0.1, 2.0]];
     let zone = Zone { site: "hall".to_owned(), name: "lab".to_owned(), kind: ZoneKind::Zone, corners_m, alarm: true };
     store.put_zone(&zone).await.unwrap();
+    for (node, rssi_1m_dbm, path_loss_exponent) in [("1-1", Some(-59.5), None), ("1-2", None, Some(2.2))] {
+        let placed = PlacedNode {
+            site: "hall".to_owned(),
+            node: node.to_owned(),
+            name: rssi_1m_dbm.map(|_| "door".to_owned()),
+            role: Role::Beacon,
+            position_m: [0.1, 0.2, 0.3],
+            rssi_1m_dbm,
+            path_loss_exponent,
+        };
+        store.put_node(&placed).await.unwrap();
+    }
     let point = |id: &str, z_m| CampaignPoint {
         id: id.to_owned(),
         x_m: 0.1 + 0.2,
@@ -222,7 +245,7 @@ on_both! {
         let url = if place.schema.is_some() { place.url.clone() } else { first_file(place) };
         let pool = sqlx::any::AnyPoolOptions::new().max_connections(1).connect(&url).await.unwrap();
         let engine = if place.schema.is_some() { Engine::Postgres } else { Engine::Sqlite };
-        let first = migrations(engine).iter().filter(|migration| migration.version == 1).cloned().collect();
+        let first = migrations(engine).into_iter().take(1).collect();
         Migrator::with_migrations(first).run(&pool).await.unwrap();
         // Minute 29,453,760 since 1970 is the beginning of 2026; tag 7; 250 ms: 29453760 << 36 | 7 << 16 | 250.
         let rows = "INSERT INTO tags VALUES (7, 'hall', 'a', 1767225600250, 1767225600250);

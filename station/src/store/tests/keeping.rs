@@ -22,10 +22,10 @@ on_both! {
         let store = place.open().await;
         store.write(&[position("a", 1)], &[]).await.unwrap();
         let newer = "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) \
-                     SELECT version + 1, 'later', success, checksum, 0 FROM _sqlx_migrations";
+                     SELECT version + 1000, 'later', success, checksum, 0 FROM _sqlx_migrations";
         sqlx::query(newer).execute(&store.pool).await.unwrap();
         assert!(matches!(Store::open(&place.url).await, Err(StoreError::Newer(_))));
-        sqlx::query("DELETE FROM _sqlx_migrations WHERE version > 1").execute(&store.pool).await.unwrap();
+        sqlx::query("DELETE FROM _sqlx_migrations WHERE version > 1000").execute(&store.pool).await.unwrap();
         assert_eq!(times(&place.open().await.positions("hall", "a", EVER(), 10).await.unwrap()), [1]);
     }
 
@@ -75,6 +75,47 @@ on_both! {
         store.write(&[position("old", DAY)], &[]).await.unwrap();
         assert_eq!(times(&store.positions("hall", "old", EVER(), 100).await.unwrap()), [DAY]);
         assert_eq!(store.last_event().await.unwrap(), 2);
+    }
+
+    async fn a_store_of_the_first_version_is_upgraded_with_what_is_in_it(place) {
+        let engine = if place.schema.is_some() { Engine::Postgres } else { Engine::Sqlite };
+        sqlx::any::install_default_drivers();
+        let url = match engine {
+            Engine::Postgres => place.url.clone(),
+            Engine::Sqlite => format!("sqlite://{}?mode=rwc", place.folder.path().join("old.db").display()),
+        };
+        let old = sqlx::AnyPool::connect(&url).await.unwrap();
+        let first = super::open::migrations(engine).into_iter().take(1).collect();
+        sqlx::migrate::Migrator::with_migrations(first).run(&old).await.unwrap();
+        let insert = "INSERT INTO sites (name, walls) VALUES ('hall', '[[[0.0,0.0],[4.0,0.0]]]')";
+        sqlx::query(insert).execute(&old).await.unwrap();
+        assert!(sqlx::query("SELECT * FROM nodes").execute(&old).await.is_err(), "the first version has no nodes");
+        old.close().await;
+        let name = url.trim_start_matches("sqlite://").trim_end_matches("?mode=rwc");
+        // Twice: what is new need not be upgraded.
+        for _ in 0..2 {
+            let store = Store::open(name).await.unwrap();
+            let sites = store.sites().await.unwrap();
+            assert_eq!((sites[0].name.as_str(), sites[0].walls_m.len()), ("hall", 1));
+            assert!(store.nodes().await.unwrap().is_empty());
+            store.write(&[position("a", 1)], &[]).await.unwrap();
+            store.close().await;
+        }
+    }
+
+    async fn positions_of_tags_for_which_there_is_no_number_hold_up_no_others(place) {
+        let store = place.open().await;
+        store.write(&[position("a", 1)], &[]).await.unwrap();
+        // 2^20 - 1 is the greatest number that the key of a position has room for.
+        let last = "INSERT INTO tags (id, site, tag, first_ms, last_ms) VALUES (1048575, 'hall', 'last', 0, 0)";
+        sqlx::query(last).execute(&store.pool).await.unwrap();
+        let rows = [position("a", 2), position("new", 2), position("last", 2), position("new", 3)];
+        let left_out = store.write(&rows, &[event(1, 2, EventKind::Moved)]).await.unwrap();
+        assert_eq!(left_out, 2);
+        assert_eq!(times(&store.positions("hall", "a", EVER(), 10).await.unwrap()), [2, 1]);
+        assert_eq!(times(&store.positions("hall", "last", EVER(), 10).await.unwrap()), [2]);
+        assert_eq!(store.tags().await.unwrap().len(), 2);
+        assert_eq!(store.last_event().await.unwrap(), 1);
     }
 }
 

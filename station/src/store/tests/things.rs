@@ -1,7 +1,7 @@
 //! Events, sites, zones, campaigns.
 
 use super::*;
-use crate::model::{Campaign, CampaignPoint, Plan, Sample, Site, Zone, ZoneKind};
+use crate::model::{Campaign, CampaignPoint, PlacedNode, Plan, Role, Sample, Site, Zone, ZoneKind};
 
 const HOSTILE: [&str; 5] =
     ["'; DROP TABLE sites; --", "<script>alert(1)</script>", "\u{1f9ed} naïve\n\"quoted\" $1 ?1 %s \\", "", " "];
@@ -32,7 +32,7 @@ on_both! {
         let store = place.open().await;
         let mut events = Vec::new();
         use EventKind::*;
-        for (id, kind) in (1..).zip([Entered, Left, Silent, Back, Moved, Uncertain]) {
+        for (id, kind) in (1..).zip([Entered, Left, Silent, Back, Moved, Uncertain, LowSupply]) {
             events.push(Event { alarm: id % 2 == 0, ..event(id, id * 7, kind) });
         }
         events[2].zone = None;
@@ -40,6 +40,35 @@ on_both! {
         store.write(&[], &events).await.unwrap();
         events.reverse();
         assert_eq!(store.events(None, EVER(), &[], None, 10).await.unwrap(), events);
+    }
+
+    async fn placed_nodes_are_read_as_they_were_put(place) {
+        let store = place.open().await;
+        let node = |site: &str, node: &str, name: Option<&str>| PlacedNode {
+            site: site.to_owned(),
+            node: node.to_owned(),
+            name: name.map(str::to_owned),
+            role: Role::Receiver,
+            position_m: [1.234_567_8, -2.0, 0.0],
+            rssi_1m_dbm: name.map(|_| -61.5),
+            path_loss_exponent: name.map(|_| 2.2),
+        };
+        let mut nodes = vec![node("hall", "1-7", None)];
+        nodes.extend(HOSTILE.map(|text| node("yard", text, Some(text))));
+        for node in &nodes {
+            store.put_node(node).await.unwrap();
+        }
+        nodes[0].role = Role::Beacon;
+        store.put_node(&nodes[0]).await.unwrap();
+        let mut read = store.nodes().await.unwrap();
+        assert_eq!(read[0], nodes[0]);
+        for list in [&mut read, &mut nodes] {
+            list.sort_by(|one, other| one.node.cmp(&other.node));
+        }
+        assert_eq!(read, nodes);
+        store.delete_node("hall", "1-7").await.unwrap();
+        assert!(matches!(store.delete_node("hall", "1-7").await, Err(StoreError::Missing(_))));
+        assert_eq!(store.nodes().await.unwrap().len(), HOSTILE.len());
     }
 
     async fn events_are_filtered_and_paged_newest_first(place) {

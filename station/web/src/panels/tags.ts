@@ -2,7 +2,7 @@
 
 import type { App, Panel } from '../app.js';
 import { empty, h, setText } from '../dom.js';
-import { inOrder, number, t, time } from '../i18n.js';
+import { inOrder, number, supply, t, time } from '../i18n.js';
 import { colourOf } from '../map/draw.js';
 import type { Tag } from '../model.js';
 
@@ -41,7 +41,8 @@ export function tagsPanel(app: App): Panel {
   const body = h('tbody');
   const head = h('tr', {}, h('th', { t: 'tag' }));
   for (const text of ['x (m)', 'y (m)', '± (m)']) head.append(h('th', {}, text));
-  head.append(h('th', { t: 'room' }), h('th', { t: 'zones.zones' }), h('th', { t: 'rate' }), h('th', { t: 'time' }));
+  head.append(h('th', { t: 'room' }), h('th', { t: 'zones.zones' }), h('th', { t: 'rate' }));
+  head.append(h('th', { t: 'health.supply' }), h('th', { t: 'time' }));
   for (const cell of head.children) cell.setAttribute('scope', 'col');
   const table = h(
     'details',
@@ -131,6 +132,7 @@ export function tagsPanel(app: App): Panel {
         p?.room ?? '–',
         tag.zones.join(', ') || '–',
         `${number(tag.rate_hz, 1)} Hz`,
+        supply(tag.supply_v),
         time(tag.last_seen),
       ];
       let row = body.children[i];

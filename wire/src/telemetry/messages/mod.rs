@@ -14,6 +14,7 @@ mod reset;
 mod room;
 mod sighting;
 mod state;
+mod supply;
 
 use core::fmt;
 
@@ -34,6 +35,7 @@ pub use reset::{Crash, CrashReason, Reset, ResetCause};
 pub use room::{Room, RoomEstimate, RoomLine, RoomProbability};
 pub use sighting::{BeaconId, Sighting};
 pub use state::{BeaconEvidence, Condition, MotionSensor, RecordError, RssiModelError, SiteModelPart, State};
+pub use supply::Supply;
 
 messages! {
     /// The identity of the sender: sent at the start and every few seconds, for a listener that starts later.
@@ -54,4 +56,6 @@ messages! {
     Difference,
     /// The room estimate of a tag.
     Room,
+    /// Supply voltage and temperature of the radio.
+    Supply,
 }

@@ -1,0 +1,8 @@
+//! The station at a real broker, mosquitto.
+
+mod home;
+mod mosquitto;
+mod publish;
+mod reconnect;
+mod secrets;
+mod station;
