@@ -9,7 +9,7 @@ use clap::builder::StyledStr;
 const GROUPS: [(&str, &[&str]); 6] = [
     ("Simulate", &["simulate", "example"]),
     ("Set up a site", &["plan-anchors", "coverage", "survey", "calibrate", "provision", "flash"]),
-    ("Run", &["serve", "monitor", "record", "replay", "decode", "import", "convert"]),
+    ("Run", &["serve", "live", "station", "monitor", "record", "replay", "decode", "import", "convert"]),
     ("Analyse", &["solve", "track", "ble", "classify-rooms", "plot"]),
     ("Research", &["nlos", "bench"]),
     ("This program", &["completions", "man"]),
@@ -57,7 +57,7 @@ mod tests {
         let command = crate::cli::Arguments::command();
         let mut all: Vec<_> = command.get_subcommands().map(|sub| sub.get_name()).collect();
         let mut grouped: Vec<_> = GROUPS.iter().flat_map(|(_, names)| names.iter().copied()).collect();
-        grouped.retain(|name| cfg!(feature = "station") || *name != "serve");
+        grouped.retain(|name| cfg!(feature = "station") || !["serve", "live", "station"].contains(name));
         all.sort_unstable();
         grouped.sort_unstable();
         assert_eq!(grouped, all);

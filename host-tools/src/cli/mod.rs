@@ -20,6 +20,8 @@ mod folder;
 mod help;
 mod import;
 pub mod json;
+#[cfg(feature = "station")]
+mod live;
 mod live_view;
 mod man;
 mod monitor;
@@ -39,6 +41,8 @@ mod serve;
 mod simulate;
 mod site_names;
 mod solve;
+#[cfg(feature = "station")]
+mod station;
 mod stream;
 mod summary;
 mod survey;
@@ -100,6 +104,9 @@ commands! {
         Record(record),
         Replay(replay),
         Serve(serve) if "station",
+        Live(live) if "station",
+        #[command(subcommand)]
+        Station(station) if "station",
         #[command(subcommand)]
         Import(import),
         Convert(convert),

@@ -13,7 +13,8 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use baliza_station::api::{self, Access, App, Tls};
-use baliza_station::model::{PlacedNode, Site};
+use baliza_station::live::Limits;
+use baliza_station::model::{PlacedNode, Site, Zone};
 use baliza_station::mqtt::{self as broker, Mqtt};
 use baliza_station::store::Retention;
 use baliza_station::webhooks::{Patience, Webhook, Webhooks};
@@ -39,9 +40,8 @@ use super::stream::{STOP, catch_signals};
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Nodes, streams and recordings
-    #[arg(value_name = "SOURCE")]
-    sources: Vec<SourceSpec>,
+    #[command(flatten)]
+    inputs: InputArguments,
     /// Where to listen; port 0 takes a free one. Beyond this computer only with --tokens
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8080")]
     listen: SocketAddr,
@@ -49,6 +49,31 @@ pub struct Arguments {
     /// baliza.db; for --simulate alone a temporary file]
     #[arg(long, value_name = "FILE|URL")]
     store: Option<String>,
+    /// Who may do what: a TOML file with a table `token` for each, as docs/station.md describes it
+    #[arg(long, value_name = "FILE")]
+    tokens: Option<PathBuf>,
+    #[command(flatten)]
+    encryption: Encryption,
+    /// Send events to other programs: a TOML file with a table `webhook` for each, as docs/station-network.md describes
+    /// it
+    #[arg(long, value_name = "FILE")]
+    webhooks: Option<PathBuf>,
+    /// Keep one position a second of positions that are older than this, days
+    #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
+    thin_days: Option<u64>,
+    /// Delete positions and events that are older than this, days
+    #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
+    keep_days: Option<u64>,
+    #[command(flatten)]
+    mqtt: MqttArguments,
+}
+
+/// What the station gets its reports from: the same for `serve` and `live`.
+#[derive(clap::Args)]
+pub(super) struct InputArguments {
+    /// Nodes, streams and recordings
+    #[arg(value_name = "SOURCE")]
+    sources: Vec<SourceSpec>,
     /// Run a simulation as well: that of a scenario's file, else tags that walk in a furnished room
     #[arg(long, value_name = "SCENARIO", num_args = 0..=1)]
     simulate: Option<Option<PathBuf>>,
@@ -61,42 +86,43 @@ pub struct Arguments {
     /// The rooms' outlines: CSV with room,x_m,y_m
     #[arg(long, value_name = "FILE")]
     rooms: Option<PathBuf>,
-    /// Who may do what: a TOML file with a table `token` for each, as docs/station.md describes it
-    #[arg(long, value_name = "FILE")]
-    tokens: Option<PathBuf>,
-    #[command(flatten)]
-    encryption: Encryption,
-    /// Send events to other programs: a TOML file with a table `webhook` for each, as docs/station-network.md describes
-    /// it
-    #[arg(long, value_name = "FILE")]
-    webhooks: Option<PathBuf>,
     #[command(flatten)]
     limiting: Limiting,
-    /// Keep one position a second of positions that are older than this, days
-    #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
-    thin_days: Option<u64>,
-    /// Delete positions and events that are older than this, days
-    #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
-    keep_days: Option<u64>,
-    #[command(flatten)]
-    mqtt: MqttArguments,
 }
 
-const EXAMPLES: &str = "\
+impl InputArguments {
+    /// When a tag or an anchor counts as something.
+    pub(super) fn limits(&self) -> Limits {
+        self.limiting.limits()
+    }
+}
+
+/// The words for sources, in the help of commands.
+macro_rules! sources_help {
+    () => {
+        "\
 Sources:
   probe[:VID:PID[:SERIAL]]  a node at a debug probe
   serial:PORT[@BAUD]        a node at a serial port; the path of a device alone will do
   udp:ADDRESS:PORT          datagrams with telemetry, of any number of nodes
   FILE, FOLDER              telemetry in a file, or a recording
   -                         standard input
+"
+    };
+}
+pub(super) use sources_help;
 
+const EXAMPLES: &str = concat!(
+    sources_help!(),
+    "
 Examples:
   baliza serve --simulate
   baliza serve --site site.toml serial:/dev/ttyACM0 serial:/dev/ttyACM1
   baliza serve --listen 0.0.0.0:8080 --tokens tokens.toml --store postgres://baliza@db/baliza udp:0.0.0.0:7000
   baliza serve --mqtt mqtt://baliza@broker --mqtt-password-file password --espresense config.yaml
   baliza serve --listen 0.0.0.0:8443 --tokens tokens.toml --tls-cert fullchain.pem --tls-key privkey.pem
-  baliza serve run/";
+  baliza serve run/"
+);
 
 /// The name of a simulated site.
 const SIMULATION: &str = "simulation";
@@ -110,7 +136,8 @@ const SIGNALS: Duration = Duration::from_millis(50);
 /// # Errors
 /// Flags or files are wrong, the store cannot be opened, or the address is in use.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let sources = Sources::of(arguments)?;
+    let mqtt = arguments.mqtt.read(&arguments.inputs.site_name)?;
+    let sources = Sources::of(&arguments.inputs, mqtt)?;
     let access = access(arguments)?;
     let tls = arguments.encryption.read()?;
     let webhooks = arguments.webhooks.as_deref().map(read_webhooks).transpose()?.unwrap_or_default();
@@ -144,7 +171,7 @@ async fn serve(arguments: &Arguments, url: &str, network: Network, sources: Sour
     let days = |days: Option<u64>| days.map(|days| Duration::from_secs(86_400 * days));
     let retention = Retention { thin_after: days(arguments.thin_days), delete_after: days(arguments.keep_days) };
     let (earlier, placed) = (store.tags().await?, store.nodes().await?);
-    let mut live = Live::new(arguments.limiting.limits());
+    let mut live = Live::new(arguments.inputs.limits());
     live.set_zones(store.zones().await?);
     let (hub, writing) = Hub::start(live, store.clone(), retention).await?;
     let webhooks = Webhooks::start(webhooks, Patience::default(), &hub);
@@ -153,7 +180,8 @@ async fn serve(arguments: &Arguments, url: &str, network: Network, sources: Sour
         .with_context(|| format!("cannot listen on {}; --listen takes another address", arguments.listen))?;
     let address = listener.local_addr().context("cannot read the address")?;
     let sites = store.sites().await?.into_iter().map(|site| site.name);
-    let mqtt = sources.start(&hub, &placed).map(|settings| Mqtt::start(&hub, settings, earlier.clone(), sites));
+    let mqtt =
+        sources.start(&hub, &placed, super::note).map(|settings| Mqtt::start(&hub, settings, earlier.clone(), sites));
     let scheme = if tls.is_some() { "https" } else { "http" };
     super::prompt(&format!("listening on {scheme}://{address}\n"));
     let app = App { access, tls, earlier, ..App::new(hub.clone(), store) };
@@ -168,7 +196,7 @@ async fn serve(arguments: &Arguments, url: &str, network: Network, sources: Sour
 }
 
 /// Waits for a signal that ends the program.
-async fn stopped() {
+pub(super) async fn stopped() {
     while !STOP.load(Ordering::Relaxed) {
         tokio::time::sleep(SIGNALS).await;
     }
@@ -187,11 +215,11 @@ fn access(arguments: &Arguments) -> Result<Access, UserError> {
 }
 
 /// What the station gets its reports from.
-struct Sources {
+pub(super) struct Sources {
     /// The site of the nodes.
     site: String,
     names: SiteNames,
-    zones: Vec<baliza_station::model::Zone>,
+    zones: Vec<Zone>,
     /// Each with its name.
     sources: Vec<(String, OpenSource)>,
     simulation: Option<(Scenario, SimulatedSite)>,
@@ -199,7 +227,11 @@ struct Sources {
 }
 
 impl Sources {
-    fn of(arguments: &Arguments) -> Result<Self> {
+    /// Reads the files of the arguments, and opens the sources that must be there. `mqtt` is what to do at a broker.
+    ///
+    /// # Errors
+    /// A file is wrong, or a source cannot be opened.
+    pub(super) fn of(arguments: &InputArguments, mqtt: Option<broker::Settings>) -> Result<Self> {
         let sources = arguments.sources.iter().map(|spec| Ok((spec.to_string(), spec.open()?)));
         let sources = sources.collect::<Result<Vec<_>>>()?;
         let names = arguments.site.as_deref().map(SiteNames::read).transpose()?.unwrap_or_default();
@@ -213,7 +245,6 @@ impl Sources {
             let site = SimulatedSite::of(&scenario, SIMULATION, Utc::now());
             (scenario, site)
         });
-        let mqtt = arguments.mqtt.read(&arguments.site_name)?;
         let mut zones = station::zones(&arguments.site_name, &rooms);
         zones.extend(mqtt.iter().flat_map(broker::Settings::zones));
         Ok(Self { site: arguments.site_name.clone(), zones, names, sources, simulation, mqtt })
@@ -225,29 +256,39 @@ impl Sources {
         self.simulation.is_some() && self.sources.is_empty() && !has_house
     }
 
+    /// The sites, and the rooms of each.
+    pub(super) fn sites(&self) -> Vec<(Site, Vec<Zone>)> {
+        let own = Site { name: self.site.clone(), walls_m: Vec::new(), plan: None };
+        let own = (!self.is_simulation()).then(|| (own, self.zones.clone()));
+        let simulated = self.simulation.as_ref().map(|(_, site)| (site.site.clone(), site.zones.clone()));
+        own.into_iter().chain(simulated).collect()
+    }
+
     /// Writes the sites that the store does not have yet. What a person has drawn stays.
     async fn configure(&self, store: &Store) -> Result<()> {
         let known = store.sites().await?;
-        let own = Site { name: self.site.clone(), walls_m: Vec::new(), plan: None };
-        let simulated = self.simulation.as_ref().map(|(_, site)| (&site.site, &site.zones));
-        let own = (!self.is_simulation()).then_some((&own, &self.zones));
         let zones = store.zones().await?;
-        for (site, rooms) in own.into_iter().chain(simulated) {
+        for (site, rooms) in self.sites() {
             if known.iter().all(|known| known.name != site.name) {
-                store.put_site(site).await?;
+                store.put_site(&site).await?;
             }
             for room in rooms {
                 if zones.iter().all(|zone| (&zone.site, &zone.name) != (&room.site, &room.name)) {
-                    store.put_zone(room).await?;
+                    store.put_zone(&room).await?;
                 }
             }
         }
         Ok(())
     }
 
-    /// Reports the nodes, at last those that a person has placed, and starts a thread for each source. Returns what to do
-    /// at the broker.
-    fn start(self, hub: &Hub, placed: &[PlacedNode]) -> Option<broker::Settings> {
+    /// Reports the nodes, at last those that a person has placed, and starts a thread for each source. `note` takes a
+    /// line for the user. Returns what to do at the broker.
+    pub(super) fn start(
+        self,
+        hub: &Hub,
+        placed: &[PlacedNode],
+        note: impl Fn(&str) + Clone + Send + 'static,
+    ) -> Option<broker::Settings> {
         let nodes = station::nodes(&self.site, &self.names, Utc::now());
         let simulated = self.simulation.iter().flat_map(|(_, site)| site.nodes.clone()).collect::<Vec<_>>();
         let receivers = self.mqtt.iter().flat_map(|mqtt| mqtt.receivers(Utc::now())).collect::<Vec<_>>();
@@ -256,9 +297,9 @@ impl Sources {
         let reports = hub.reports();
         thread::spawn(move || known.into_iter().all(|report| reports.blocking_send(report).is_ok()));
         for (name, source) in self.sources {
-            let (reports, site) = (hub.reports(), self.site.clone());
+            let (reports, site, note) = (hub.reports(), self.site.clone(), note.clone());
             thread::spawn(move || {
-                let mut note = |text: &str| super::note(&format!("{name}: {text}\n"));
+                let mut note = |text: &str| note(&format!("{name}: {text}\n"));
                 match station::run(source, &site, &mut sender(reports), &mut note) {
                     Ok(()) => note("it has ended"),
                     Err(error) => note(&format!("{error:#}")),

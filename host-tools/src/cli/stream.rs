@@ -207,10 +207,19 @@ const TWICE: Duration = Duration::from_secs(1);
 /// # Errors
 /// The handler cannot be installed.
 pub fn catch_signals() -> Result<()> {
+    catch_signals_and(|| {})
+}
+
+/// The same; a second signal does this before it ends the program.
+///
+/// # Errors
+/// The handler cannot be installed.
+pub fn catch_signals_and(before_end: impl Fn() + Send + 'static) -> Result<()> {
     static FIRST: OnceLock<Instant> = OnceLock::new();
-    ctrlc::set_handler(|| {
+    ctrlc::set_handler(move || {
         STOP.store(true, Ordering::Relaxed);
         if FIRST.get_or_init(Instant::now).elapsed() >= TWICE {
+            before_end();
             std::process::exit(130);
         }
     })

@@ -1,11 +1,18 @@
-//! `--quiet` and `--verbose`: how much goes to standard error.
+//! `--quiet` and `--verbose`: how much goes to standard error, and the log.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{PoisonError, RwLock};
 
 use log::{Level, LevelFilter, Log, Metadata, Record};
 
 static QUIET: AtomicBool = AtomicBool::new(false);
 static VERBOSE: AtomicBool = AtomicBool::new(false);
+
+/// Takes a line that is logged.
+type Diverted = Box<dyn Fn(&str) + Send + Sync>;
+
+/// Where the log goes while a command draws on the terminal.
+static DIVERTED: RwLock<Option<Diverted>> = RwLock::new(None);
 
 /// What the station logs is for who runs it: what failed, and who changed what.
 const STATION: [&str; 2] = ["baliza_station", "audit"];
@@ -41,6 +48,18 @@ pub fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
+/// From now on, the log goes here and not to standard error.
+#[cfg(feature = "station")]
+pub fn divert(to: impl Fn(&str) + Send + Sync + 'static) {
+    *DIVERTED.write().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(to));
+}
+
+/// From now on, the log goes to standard error again.
+#[cfg(feature = "station")]
+pub fn undivert() {
+    *DIVERTED.write().unwrap_or_else(PoisonError::into_inner) = None;
+}
+
 /// What the library and the station log, a line each. What packages log is for their developers.
 struct StandardError;
 
@@ -53,6 +72,9 @@ impl Log for StandardError {
     fn log(&self, record: &Record<'_>) {
         if !self.enabled(record.metadata()) {
             return;
+        }
+        if let Some(diverted) = DIVERTED.read().unwrap_or_else(PoisonError::into_inner).as_ref() {
+            return diverted(&record.args().to_string());
         }
         let line = format!("{}\n", record.args());
         if record.level() <= Level::Warn { super::prompt(&line) } else { super::note(&line) }

@@ -36,6 +36,7 @@ use plotters::prelude::{DrawingArea, SVGBackend};
 pub use builder::PictureBuilder;
 pub use confusion::confusion;
 pub use distribution::distribution;
+pub use ellipses::{SIGMAS, outline as ellipse};
 pub use format::Format;
 pub use heat::{Heat, heat};
 pub use path_loss::path_loss;

@@ -1,10 +1,14 @@
-//! What `baliza serve` feeds into the station: the telemetry of nodes, live, from files or simulated.
+//! What `baliza serve` and `baliza live` feed into the station: the telemetry of nodes, live, from files or simulated.
+//! [`screen`] is the map of `live`.
 //!
 //! Each [`SourceSpec`] is opened and read by a thread of its own, through the same decoder as `monitor`. A [`Reporter`] converts the
 //! messages of one node to [`Report`](baliza_station::Report)s, with the host's time by a [`NodeClock`].
 
+mod export;
 mod node_clock;
+mod remote;
 mod reporter;
+pub mod screen;
 mod simulated;
 mod site;
 mod sources;
@@ -12,7 +16,9 @@ mod tokens;
 mod udp;
 mod webhooks;
 
+pub use export::{Exported, is_of_export};
 pub use node_clock::NodeClock;
+pub use remote::Remote;
 pub use reporter::Reporter;
 pub use simulated::{SimulatedSite, simulate};
 pub use site::{nodes, zones};

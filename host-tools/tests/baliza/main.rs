@@ -7,6 +7,8 @@ mod causes;
 mod contract;
 mod coverage;
 mod decode;
+#[cfg(feature = "station")]
+mod deploy;
 mod documents;
 mod example;
 mod fingerprint;
@@ -15,6 +17,8 @@ mod formats;
 mod import;
 mod interrupted;
 mod limits;
+#[cfg(feature = "station")]
+mod live;
 mod manners;
 #[cfg(target_os = "linux")]
 mod memory;
@@ -38,6 +42,8 @@ mod serve;
 mod simulate;
 mod site_models;
 mod site_names;
+#[cfg(feature = "station")]
+mod station;
 mod streams;
 mod support;
 mod survey;

@@ -41,6 +41,11 @@ impl Station {
         Self { child, address, stderr }
     }
 
+    /// `127.0.0.1:PORT`.
+    pub fn address(&self) -> &str {
+        &self.address
+    }
+
     /// The status and the body of an answer.
     fn get(&self, path: &str) -> (u16, String) {
         let mut connection = TcpStream::connect(&self.address).expect("it listens");
@@ -95,7 +100,7 @@ impl Drop for Station {
 }
 
 /// A recording of a tag, of this many seconds. Returns its positions as its file has them: x and y, metres.
-fn recorded(folder: &Folder, seconds: u32) -> Vec<[f64; 2]> {
+pub fn recorded(folder: &Folder, seconds: u32) -> Vec<[f64; 2]> {
     folder.run(&format!("simulate --tags 1 --seconds {seconds} --rate 10 --fidelity air --out run --quiet")).ok();
     let positions = String::from_utf8(folder.read("run/positions.csv")).expect("UTF-8");
     let rows = crate::support::Run { code: Some(0), stdout: positions, stderr: String::new() };

@@ -83,7 +83,7 @@ impl From<StoreError> for Problem {
             StoreError::Newer(_)
             | StoreError::Foreign(_)
             | StoreError::Open(..)
-            | StoreError::NotSqlite
+            | StoreError::Occupied(_)
             | StoreError::File(..)
             | StoreError::Damaged(_)
             | StoreError::Database(_) => {

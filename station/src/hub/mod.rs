@@ -73,6 +73,28 @@ impl Sink for Store {
     }
 }
 
+/// Keeps nothing: for a station that is only looked at.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Nowhere;
+
+impl Sink for Nowhere {
+    async fn write(&self, _: &[TagPosition], _: &[Event]) -> store::Result<u64> {
+        Ok(0)
+    }
+
+    async fn last_event(&self) -> store::Result<i64> {
+        Ok(0)
+    }
+
+    async fn compact(&self, _: Utc) -> store::Result<()> {
+        Ok(())
+    }
+
+    async fn retain(&self, _: Retention, _: Utc) -> store::Result<()> {
+        Ok(())
+    }
+}
+
 /// What the hub has done since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, ToSchema)]
 pub struct Counts {

@@ -18,11 +18,11 @@
 //! SQLite runs with a write-ahead log and `synchronous = FULL`: a commit waits until the log is on the disk, so that
 //! what is acknowledged survives a power cut, not only a crash of the process. `NORMAL` would lose the last seconds
 //! there. The hub commits twice a second, so the wait does not matter. The file does not shrink when rows are deleted;
-//! new rows use the pages. A back-up is a store itself: to restore it, stop the station and put it in the store's
-//! place.
+//! new rows use the pages. A back-up is a SQLite store itself, of either engine.
 
 mod backup;
 mod campaigns;
+mod copy;
 mod events;
 mod history;
 mod key;
@@ -66,9 +66,9 @@ pub enum StoreError {
     /// PostgreSQL stores no text with this character.
     #[error("a text contains the character U+0000")]
     Nul,
-    /// PostgreSQL has its own tool for this.
-    #[error("a PostgreSQL store is backed up with pg_dump")]
-    NotSqlite,
+    /// A back-up is restored to an empty store only.
+    #[error("the store has {0} already, and a back-up is restored to an empty one only: name another store")]
+    Occupied(&'static str),
     /// The file of a back-up.
     #[error("cannot write {0}: {1}")]
     File(String, std::io::Error),
@@ -104,7 +104,7 @@ pub struct Span {
 }
 
 /// How long positions and events are kept.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Retention {
     /// Positions older than this are thinned to one a second and tag.
     pub thin_after: Option<Duration>,

@@ -36,15 +36,28 @@ pub(super) fn migrations(engine: Engine) -> Vec<Migration> {
     (1..).zip(["first", "nodes"]).zip(texts).map(migration).collect()
 }
 
+/// Where a store is.
+pub(super) struct Place {
+    pub engine: Engine,
+    /// What of the URL may be shown; of SQLite the file.
+    pub name: String,
+}
+
+impl Place {
+    pub fn of(url: &str) -> Self {
+        if url.starts_with("postgres://") || url.starts_with("postgresql://") {
+            Self { engine: Engine::Postgres, name: without_password(url) }
+        } else {
+            Self { engine: Engine::Sqlite, name: url.strip_prefix("sqlite://").unwrap_or(url).to_owned() }
+        }
+    }
+}
+
 impl Store {
     /// Opens `sqlite://FILE`, a plain path of a file, or `postgres://…`; makes or upgrades the tables.
     pub async fn open(url: &str) -> Result<Self> {
         sqlx::any::install_default_drivers();
-        let (engine, name) = if url.starts_with("postgres://") || url.starts_with("postgresql://") {
-            (Engine::Postgres, without_password(url))
-        } else {
-            (Engine::Sqlite, url.strip_prefix("sqlite://").unwrap_or(url).to_owned())
-        };
+        let Place { engine, name } = Place::of(url);
         let cannot_open = |error| StoreError::Open(name.clone(), error);
         let options = AnyPoolOptions::new().acquire_timeout(ACQUIRE_WITHIN);
         let pool = match engine {
@@ -75,7 +88,7 @@ impl Store {
 }
 
 /// Whether a SQLite file has no tables, or those of migrations. It is not changed here, as it may be another program's.
-async fn is_ours(url: &str) -> std::result::Result<bool, sqlx::Error> {
+pub(super) async fn is_ours(url: &str) -> std::result::Result<bool, sqlx::Error> {
     let mut connection = sqlx::AnyConnection::connect(url).await?;
     let foreign = sqlx::query(
         "SELECT 1 FROM sqlite_master WHERE NOT EXISTS (SELECT 1 FROM sqlite_master WHERE name = '_sqlx_migrations')",
@@ -86,7 +99,7 @@ async fn is_ours(url: &str) -> std::result::Result<bool, sqlx::Error> {
 }
 
 /// A file's path as a URL; every byte that could mean something else there is encoded.
-fn url_of_file(path: &Path) -> std::result::Result<String, sqlx::Error> {
+pub(super) fn url_of_file(path: &Path) -> std::result::Result<String, sqlx::Error> {
     let path = std::path::absolute(path)?;
     let mut url = "sqlite://".to_owned();
     for &byte in path.as_os_str().as_encoded_bytes() {

@@ -20,7 +20,7 @@ pub struct Many {
 
 impl Many {
     /// `before` VALUES ($1, $2 …), (…) `after`.
-    pub fn new(before: &'static str, columns: usize, after: &'static str) -> Self {
+    pub fn new(before: &str, columns: usize, after: &str) -> Self {
         let text = |rows: usize, placeholder: &dyn Fn(usize) -> String| {
             let row = |row: usize| {
                 let placeholders: Vec<_> = (1..=columns).map(|column| placeholder(row * columns + column)).collect();

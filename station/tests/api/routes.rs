@@ -3,7 +3,7 @@
 use baliza_station::What;
 use baliza_station::model::Role;
 use hyper::{Method, header};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::client::{SITE, keys, open, png};
 
@@ -44,6 +44,24 @@ async fn health_and_metrics_tell_what_runs() {
     assert!(text.contains("\nbaliza_tags{state=\"reporting\"} 1\n"), "{text}");
     // Each line is a comment, or a name with a number (exposition format 0.0.4).
     assert!(text.lines().all(|line| line.starts_with("# ") || line.rsplit_once(' ').unwrap().1.parse::<f64>().is_ok()));
+}
+
+#[tokio::test]
+async fn the_dashboard_asks_for_metrics_that_are_there() {
+    let station = open().await;
+    let metrics = station.get("/metrics").await;
+    let metrics = String::from_utf8(metrics.body.to_vec()).unwrap();
+    let dashboard: Value = serde_json::from_str(include_str!("../../../deploy/grafana/prometheus.json")).unwrap();
+    let targets = dashboard["panels"].as_array().unwrap().iter().flat_map(|panel| panel["targets"].as_array().unwrap());
+    let mut asked = 0;
+    for expression in targets.map(|target| target["expr"].as_str().unwrap()) {
+        let is_of_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        for name in expression.split(|c| !is_of_name(c)).filter(|word| word.starts_with("baliza_")) {
+            asked += 1;
+            assert!(metrics.contains(&format!("# TYPE {name} ")), "{expression}");
+        }
+    }
+    assert!(asked >= 10, "{asked}");
 }
 
 #[tokio::test]

@@ -38,6 +38,15 @@ pub struct Arguments {
 const COPIED: [&str; 6] =
     ["README.md", "CHANGELOG.md", "SECURITY.md", "LICENSE-MIT", "LICENSE-APACHE", "host-tools/assets/70-baliza.rules"];
 
+/// Files of the repository that run the station as a service; they go into a folder of the release.
+const DEPLOYED: [&str; 5] = [
+    "deploy/baliza.service",
+    "deploy/baliza.default",
+    "deploy/grafana/postgresql.json",
+    "deploy/grafana/prometheus.json",
+    "docs/deploy.md",
+];
+
 /// Makes the folder of a release, or verifies that images can be built again.
 ///
 /// # Errors
@@ -51,6 +60,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let folder = folder(arguments.out.as_deref())?;
     for file in COPIED.map(Path::new) {
         copy(&root().join(file), &folder)?;
+    }
+    for file in DEPLOYED {
+        copy(&root().join(file), &folder.join("deploy"))?;
     }
     let baliza = if arguments.without_builds { built()? } else { build()? };
     copy(&baliza, &folder.join("bin"))?;

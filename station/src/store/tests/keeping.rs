@@ -1,4 +1,4 @@
-//! Opening, retention, back-up.
+//! Opening and retention.
 
 use super::*;
 
@@ -116,27 +116,6 @@ on_both! {
         assert_eq!(times(&store.positions("hall", "last", EVER(), 10).await.unwrap()), [2]);
         assert_eq!(store.tags().await.unwrap().len(), 2);
         assert_eq!(store.last_event().await.unwrap(), 1);
-    }
-
-    async fn a_back_up_is_a_store_and_never_replaces_a_file(place) {
-        let store = place.open().await;
-        let folder = place.folder.path();
-        store.write(&[position("a", 1)], &[]).await.unwrap();
-        let file = folder.join("back up.db");
-        if place.schema.is_some() {
-            let error = store.back_up(&file).await.unwrap_err();
-            assert_eq!(error.to_string(), "a PostgreSQL store is backed up with pg_dump");
-            return;
-        }
-        store.back_up(&file).await.unwrap();
-        store.write(&[position("a", 2)], &[]).await.unwrap();
-        assert!(matches!(store.back_up(&file).await, Err(StoreError::Exists(_))));
-        let copy = Store::open(file.to_str().unwrap()).await.unwrap();
-        assert_eq!(times(&copy.positions("hall", "a", EVER(), 10).await.unwrap()), [1]);
-        copy.close().await;
-        assert!(store.back_up(&folder.join("no folder/back up.db")).await.is_err());
-        let names: Vec<_> = folder.read_dir().unwrap().map(|entry| entry.unwrap().file_name()).collect();
-        assert!(names.iter().all(|name| !name.to_string_lossy().contains(".part")), "{names:?}");
     }
 }
 

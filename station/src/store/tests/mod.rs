@@ -1,7 +1,9 @@
 //! Each test runs on SQLite in a temporary folder, and on PostgreSQL in a schema of its own where
 //! `BALIZA_TEST_POSTGRES` has the URL of a database.
 
+mod backup;
 mod crash;
+mod dashboard;
 mod history;
 mod keeping;
 mod size;
@@ -23,7 +25,7 @@ pub struct Place {
 }
 
 impl Place {
-    fn sqlite() -> Self {
+    pub fn sqlite() -> Self {
         let folder = tempfile::tempdir().unwrap();
         // A name of which every part means something in a URL.
         let url = folder.path().join("a store?100%#ü.db").to_str().unwrap().to_owned();

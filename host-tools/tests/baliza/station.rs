@@ -1,0 +1,99 @@
+//! `baliza station`: back-up, restoring, export.
+
+use crate::serve::{Station, recorded};
+use crate::support::{Folder, Run};
+
+/// A folder with the store `tags.db` of a station that has played the recording `run`. Returns the positions of the
+/// recording as its file has them: x and y, metres.
+fn with_store() -> (Folder, Vec<[f64; 2]>) {
+    let folder = Folder::with(&[("rooms.csv", "room,x_m,y_m\nhall,-5,-5\nhall,30,-5\nhall,30,30\nhall,-5,30\n")]);
+    let positions = recorded(&folder, 4);
+    let station = Station::start(&folder, "run --store tags.db --rooms rooms.csv");
+    let path = "/api/v1/tags/0x1001/positions?site=site&limit=1000";
+    station.wait(path, |history| history.as_array().is_some_and(|rows| rows.len() >= positions.len()));
+    // It works while the station runs.
+    folder.run("station backup --store tags.db --out running.db").ok();
+    let (code, said) = station.stop();
+    assert_eq!(code, Some(0), "{said}");
+    (folder, positions)
+}
+
+fn table(folder: &Folder, name: &str) -> Run {
+    Run { code: Some(0), stdout: String::from_utf8(folder.read(name)).expect("UTF-8"), stderr: String::new() }
+}
+
+/// Asserts that an export has the positions of the recording, to a millimetre.
+fn assert_exported(folder: &Folder, name: &str, positions: &[[f64; 2]]) {
+    let table = table(folder, &format!("{name}/positions.csv"));
+    let exported: Vec<_> = table.numbers("x_m").into_iter().zip(table.numbers("y_m")).collect();
+    assert_eq!(exported.len(), positions.len());
+    for ((x, y), [x_m, y_m]) in exported.into_iter().zip(positions) {
+        assert!((x - x_m).abs() < 1.5e-3 && (y - y_m).abs() < 1.5e-3, "{x},{y} is not {x_m},{y_m}");
+    }
+    let times = table.numbers("t_s");
+    // Later than the beginning of 2026.
+    assert!(times.is_sorted() && times[0] > 1_767_225_600.0, "{times:?}");
+    assert!(table.column("room").iter().all(|room| *room == "hall"), "{}", table.stdout);
+}
+
+#[test]
+fn an_export_is_a_folder_that_other_commands_read() {
+    let (folder, positions) = with_store();
+    folder.run("station export --store tags.db --out all").ok();
+    assert_exported(&folder, "all", &positions);
+    folder.run("plot all").ok();
+    assert!(folder.read("all/picture.png").starts_with(b"\x89PNG"));
+    let rooms = folder.run("classify-rooms --positions all/positions.csv --outlines all/outlines.csv").ok();
+    assert_eq!(rooms.column("room").len(), positions.len());
+    assert!(rooms.column("room").iter().all(|room| *room == "hall"), "{}", rooms.stdout);
+
+    // A part: from the eleventh position on, before the twenty-first.
+    let times = table(&folder, "all/positions.csv").numbers("t_s");
+    let utc = |t_s: f64| baliza_station::Utc::clamped((t_s * 1e3).round() as i64 * 1000);
+    let (from, to) = (utc(times[10]), utc(times[20]));
+    folder.run(&format!("station export --store tags.db --site site --from {from} --to {to} --out part")).ok();
+    assert_eq!(table(&folder, "part/positions.csv").numbers("t_s"), times[10..20]);
+
+    for (arguments, told) in [
+        ("--store tags.db --out all", "--force"),
+        ("--store tags.db --site attic --out new", "attic"),
+        ("--store tags.db --tag 0x1002 --out new", "0x1002"),
+        ("--store tags.db --to 2026-01-01T00:00:00Z --out new", "no positions in this time"),
+        ("--store tags.db --from 2026-01-02T00:00:00Z --to 2026-01-01T00:00:00Z --out new", "--to"),
+        ("--store tags.db --from yesterday --out new", "RFC 3339"),
+        ("--store missing.db --out new", "missing.db"),
+    ] {
+        let run = folder.run(&format!("station export {arguments}"));
+        assert_eq!(run.code, Some(2), "{arguments}: {run:?}");
+        assert!(run.stderr.contains(told) && run.stderr.lines().count() == 1, "{arguments}: {}", run.stderr);
+    }
+    let names = folder.names();
+    assert!(!names.iter().any(|name| name == "new" || name == "missing.db" || name.contains("tmp")), "{names:?}");
+}
+
+#[test]
+fn a_back_up_of_a_running_station_becomes_a_store_again() {
+    let (folder, positions) = with_store();
+    folder.run("station restore running.db --store again.db").ok();
+    folder.run("station export --store again.db --out all").ok();
+    assert_exported(&folder, "all", &positions);
+    let before = folder.read("again.db");
+    folder.write("text.db", b"not a store, but long enough to be read as the head of one".repeat(20).as_slice());
+    for (arguments, told) in [
+        ("backup --store tags.db --out running.db", "running.db: it is there already"),
+        ("backup --store missing.db --out new.db", "missing.db"),
+        ("backup --store tags.db --out nowhere/new.db", "nowhere"),
+        ("backup --store tags.db --out -", "a file is needed"),
+        ("restore running.db --store again.db", "again.db is there already"),
+        ("restore missing.db --store new.db", "missing.db"),
+    ] {
+        let run = folder.run(&format!("station {arguments}"));
+        assert_eq!(run.code, Some(2), "{arguments}: {run:?}");
+        assert!(run.stderr.contains(told) && run.stderr.lines().count() == 1, "{arguments}: {}", run.stderr);
+    }
+    let run = folder.run("station restore text.db --store new.db");
+    assert!(run.code != Some(0) && run.stderr.contains("text.db"), "{run:?}");
+    assert_eq!(folder.read("again.db"), before);
+    let names = folder.names();
+    assert!(!names.iter().any(|name| name.starts_with("new.db") || name.contains(".part")), "{names:?}");
+}
