@@ -72,8 +72,19 @@ async fn tags_have_their_last_position_and_their_history_newest_first_in_pages()
         tokio::time::sleep(std::time::Duration::from_millis(5)).await;
     }
     let tags = station.until("/api/v1/tags?site=lab", |tags| tags[0]["last_position"]["x_m"] == 3.0).await;
-    let expected =
-        ["tag", "site", "name", "first_seen", "last_seen", "last_position", "rate_hz", "silent", "reason", "zones"];
+    let expected = [
+        "tag",
+        "site",
+        "name",
+        "first_seen",
+        "last_seen",
+        "last_position",
+        "rate_hz",
+        "silent",
+        "reason",
+        "zones",
+        "supply_v",
+    ];
     assert_eq!(keys(&tags[0]), expected);
     assert_eq!(keys(&tags[0]["last_position"]), POSITION);
     assert_eq!(station.get("/api/v1/tags?site=other").await.json(), json!([]));
