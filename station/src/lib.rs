@@ -10,6 +10,7 @@
 //! | [`rssi`] | RSSI values of nodes at known places to a position |
 //! | [`terminal`] | a terminal's RSSI values to its position |
 //! | [`api`] | HTTP: REST, WebSocket, server-sent events, the page |
+//! | [`webhooks`] | events to other programs |
 //!
 //! Data flows one way: a source makes a [`Report`] and sends it to the [`Hub`]; the hub's task applies it to the
 //! [`Live`] state, which returns [`Update`]s; these go to the listeners at once and to the [`Store`] in batches. The API
@@ -27,6 +28,7 @@ pub mod rssi;
 pub mod store;
 pub mod terminal;
 mod utc;
+pub mod webhooks;
 
 pub use hub::Hub;
 pub use live::{Live, Update};

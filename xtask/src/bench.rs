@@ -6,7 +6,8 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 
 use crate::{
-    accuracy, air, battery, beacons, document, fingerprints, onchip, protocol, root, schemes, simulation, tracks,
+    accuracy, air, battery, beacons, document, fingerprints, onchip, protocol, root, schemes, simulation, station,
+    tracks,
 };
 
 const PERFORMANCE: &str = "docs/performance.md";
@@ -44,7 +45,7 @@ impl Made {
     }
 }
 
-const PARTS: [Part; 22] = [
+const PARTS: [Part; 23] = [
     Part {
         name: "chip",
         what: "what the methods cost on the chip, in QEMU",
@@ -92,6 +93,12 @@ const PARTS: [Part; 22] = [
         make: fingerprints::barriers,
     },
     Part { name: "maps", what: "maps of few points", document: PERFORMANCE, make: fingerprints::maps },
+    Part {
+        name: "station",
+        what: "what the station takes and costs",
+        document: PERFORMANCE,
+        make: station::bench::made,
+    },
     Part { name: "rooms", what: "rooms of a recorded floor", document: PERFORMANCE, make: accuracy::rooms },
 ];
 

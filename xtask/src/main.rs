@@ -73,9 +73,9 @@ enum Chore {
     Qemu(Qemu),
     /// Build the wheel of the Python package, and run its tests and its example.
     Python,
-    /// Build the station's page, compare it with the committed build, test it in Chromium, and test the store against a
-    /// PostgreSQL.
-    Station,
+    /// Build the station's page, compare it with the committed build, test it in Chromium against a real station, test
+    /// the store against a PostgreSQL, which is killed in the end, and make requests at random.
+    Station(station::Arguments),
     /// Compare the accuracy of solver, track and fingerprints with an earlier version, over all recordings and a
     /// simulated set: docs/design/accuracy.md.
     Accuracy(protocol::Arguments),
@@ -128,7 +128,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Qemu(Qemu::Tag) => qemu_tag::run(),
         Chore::Qemu(Qemu::Network(arguments)) => network::run(arguments),
         Chore::Python => python::run(),
-        Chore::Station => station::run(),
+        Chore::Station(arguments) => station::run(arguments),
         Chore::Accuracy(arguments) => protocol::run(arguments),
         Chore::Fuzz(arguments) => fuzz::run(arguments),
         Chore::Bench { check: true, .. } => onchip::check(),

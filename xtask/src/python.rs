@@ -39,7 +39,10 @@ pub fn run() -> Result<()> {
 }
 
 /// The Python of the virtual environment, which is made where there is none.
-fn environment(venv: &Path) -> Result<PathBuf> {
+///
+/// # Errors
+/// There is no Python with `venv`.
+pub fn environment(venv: &Path) -> Result<PathBuf> {
     let python = venv.join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" });
     if !python.exists() {
         let mut make = Command::new(std::env::var_os("PYTHON").unwrap_or_else(|| "python3".into()));

@@ -1,10 +1,17 @@
-//! The station's page and store: the committed build of the page, its tests in a browser, and the store's tests against
-//! a real PostgreSQL.
+//! The station's page, store and API: the committed build of the page, its tests in a browser, the store's tests against
+//! a real PostgreSQL, which is killed under load in the end, and requests that are made at random.
+
+pub mod bench;
+mod fuzz;
+mod load;
+mod outage;
+mod server;
 
 use std::fs;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 
@@ -12,18 +19,43 @@ use crate::{root, succeed};
 
 /// The environment variable by which the tests of the store find a PostgreSQL.
 const POSTGRES: &str = "BALIZA_TEST_POSTGRES";
+/// The environment variable by which the tests of the page find the program.
+const BALIZA: &str = "BALIZA";
+/// A server that was killed is tried to be started again for this time: what it leaves must end first.
+const AGAIN: Duration = Duration::from_secs(30);
 /// Where Debian puts the programs of each version of PostgreSQL.
 const POSTGRES_PROGRAMS: &str = "/usr/lib/postgresql";
 /// The user that owns the server where the chore is run by root, as whom it refuses to run.
 const POSTGRES_USER: &str = "postgres";
 
-/// Builds the page and tests it, then tests the store.
+/// Requests of all checks together, where no number is asked for: one round as each role, about a minute.
+const FUZZ: u32 = 3000;
+
+/// The arguments of `cargo xtask station`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Only make this number of requests at random.
+    #[arg(long, value_name = "REQUESTS")]
+    fuzz: Option<u32>,
+    /// Only kill the database of a station that runs.
+    #[arg(long, conflicts_with = "fuzz")]
+    outage: bool,
+}
+
+/// Builds the page and tests it, then tests the store and the API.
 ///
 /// # Errors
 /// A program is missing, the committed build of the page is not what its sources give, or a test fails.
-pub fn run() -> Result<()> {
+pub fn run(arguments: &Arguments) -> Result<()> {
+    if let Some(requests) = arguments.fuzz {
+        return fuzz::run(requests);
+    }
+    if arguments.outage {
+        return outage::survived(&Postgres::start()?);
+    }
     page()?;
-    store()
+    store()?;
+    fuzz::run(FUZZ)
 }
 
 /// Builds the page from its sources, compares it with the committed build, and runs its tests.
@@ -37,14 +69,15 @@ fn page() -> Result<()> {
         let files = String::from_utf8_lossy(&changed.stdout);
         bail!("station/web/dist is not what its sources give: commit what `npm run build` has made\n{files}");
     }
-    npm(&["test"])
+    succeed(Command::new("npm").arg("test").current_dir(&web).env(BALIZA, server::program()?))
 }
 
-/// Runs the tests of the station with a PostgreSQL of their own.
+/// Runs the tests of the station with a PostgreSQL of their own, which is killed in the end.
 fn store() -> Result<()> {
     let server = Postgres::start()?;
     let mut tests = Command::new("cargo");
-    succeed(tests.args(["test", "--package", "baliza-station"]).env(POSTGRES, server.url()).current_dir(root()))
+    succeed(tests.args(["test", "--package", "baliza-station"]).env(POSTGRES, server.url()).current_dir(root()))?;
+    outage::survived(&server)
 }
 
 /// A PostgreSQL on loopback with an empty database, which is stopped and deleted in the end.
@@ -66,18 +99,35 @@ impl Postgres {
         }
         let data = server.data();
         succeed(server.program("initdb").args(["--auth=trust", "--no-sync", "--username=postgres", "-D"]).arg(&data))?;
-        let options = format!("-p {port} -c listen_addresses=127.0.0.1 -k {}", server.folder.display());
-        let log = server.folder.join("log");
-        succeed(
-            server
-                .program("pg_ctl")
-                .args(["start", "--wait", "-D"])
-                .arg(&data)
-                .arg("-l")
-                .arg(log)
-                .args(["-o", &options]),
-        )?;
+        server.serve()?;
         Ok(server)
+    }
+
+    /// Starts the server on its data.
+    fn serve(&self) -> Result<()> {
+        let options = format!("-p {} -c listen_addresses=127.0.0.1 -k {}", self.port, self.folder.display());
+        let log = self.folder.join("log");
+        let mut start = self.program("pg_ctl");
+        succeed(start.args(["start", "--wait", "-D"]).arg(self.data()).arg("-l").arg(log).args(["-o", &options]))
+    }
+
+    /// Ends the server without any warning (SIGKILL); its children end with it.
+    fn kill(&self) -> Result<()> {
+        let file = self.data().join("postmaster.pid");
+        let text = fs::read_to_string(&file).with_context(|| format!("cannot read {}", file.display()))?;
+        let pid = text.lines().next().with_context(|| format!("{}: no process", file.display()))?;
+        succeed(Command::new("kill").args(["-KILL", pid]))
+    }
+
+    /// Starts the server again after a kill.
+    fn serve_again(&self) -> Result<()> {
+        let begun = Instant::now();
+        loop {
+            match self.serve() {
+                Err(_) if begun.elapsed() < AGAIN => {}
+                started => return started,
+            }
+        }
     }
 
     fn url(&self) -> String {

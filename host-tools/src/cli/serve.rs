@@ -1,28 +1,33 @@
 //! `baliza serve`: the station.
 
+mod alarms;
+mod encryption;
 mod mqtt;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use baliza_station::api::{self, Access, App};
-use baliza_station::live::Limits;
+use baliza_station::api::{self, Access, App, Tls};
 use baliza_station::model::{PlacedNode, Site};
 use baliza_station::mqtt::{self as broker, Mqtt};
 use baliza_station::store::Retention;
+use baliza_station::webhooks::{Patience, Webhook, Webhooks};
 use baliza_station::{Hub, Live, Report, Store, Utc};
 use host_tools::UserError;
 use host_tools::node::provision::SiteNames;
-use host_tools::station::{self, OpenSource, SimulatedSite, SourceSpec, read_tokens, simulate};
+use host_tools::station::{self, OpenSource, SimulatedSite, SourceSpec, read_tokens, read_webhooks, simulate};
 use host_tools::survey::presence::read_outlines;
 use sim::scenario::Scenario;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 
+use self::alarms::Limiting;
+use self::encryption::Encryption;
 use self::mqtt::MqttArguments;
 use super::stream::{STOP, catch_signals};
 
@@ -59,9 +64,14 @@ pub struct Arguments {
     /// Who may do what: a TOML file with a table `token` for each, as docs/station.md describes it
     #[arg(long, value_name = "FILE")]
     tokens: Option<PathBuf>,
-    /// A tag that does not report for this time is silent, seconds
-    #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=86_400))]
-    silent_s: u64,
+    #[command(flatten)]
+    encryption: Encryption,
+    /// Send events to other programs: a TOML file with a table `webhook` for each, as docs/station-network.md describes
+    /// it
+    #[arg(long, value_name = "FILE")]
+    webhooks: Option<PathBuf>,
+    #[command(flatten)]
+    limiting: Limiting,
     /// Keep one position a second of positions that are older than this, days
     #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
     thin_days: Option<u64>,
@@ -85,6 +95,7 @@ Examples:
   baliza serve --site site.toml serial:/dev/ttyACM0 serial:/dev/ttyACM1
   baliza serve --listen 0.0.0.0:8080 --tokens tokens.toml --store postgres://baliza@db/baliza udp:0.0.0.0:7000
   baliza serve --mqtt mqtt://baliza@broker --mqtt-password-file password --espresense config.yaml
+  baliza serve --listen 0.0.0.0:8443 --tokens tokens.toml --tls-cert fullchain.pem --tls-key privkey.pem
   baliza serve run/";
 
 /// The name of a simulated site.
@@ -101,6 +112,8 @@ const SIGNALS: Duration = Duration::from_millis(50);
 pub fn run(arguments: &Arguments) -> Result<()> {
     let sources = Sources::of(arguments)?;
     let access = access(arguments)?;
+    let tls = arguments.encryption.read()?;
+    let webhooks = arguments.webhooks.as_deref().map(read_webhooks).transpose()?.unwrap_or_default();
     // A temporary store is deleted when it is dropped.
     let temporary = match (&arguments.store, sources.is_simulation()) {
         (None, true) => Some(tempfile::tempdir().context("cannot make a temporary folder")?),
@@ -114,30 +127,40 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     catch_signals()?;
     let runtime =
         tokio::runtime::Builder::new_multi_thread().enable_all().build().context("cannot start the runtime")?;
-    runtime.block_on(serve(arguments, &store, access, sources))
+    runtime.block_on(serve(arguments, &store, Network { access, tls, webhooks }, sources))
 }
 
-async fn serve(arguments: &Arguments, url: &str, access: Access, sources: Sources) -> Result<()> {
+/// How the station meets other computers.
+struct Network {
+    access: Access,
+    tls: Option<Arc<Tls>>,
+    webhooks: Vec<Webhook>,
+}
+
+async fn serve(arguments: &Arguments, url: &str, network: Network, sources: Sources) -> Result<()> {
+    let Network { access, tls, webhooks } = network;
     let store = Store::open(url).await?;
     sources.configure(&store).await?;
-    let limits = Limits { silent_after: Duration::from_secs(arguments.silent_s), ..Limits::default() };
     let days = |days: Option<u64>| days.map(|days| Duration::from_secs(86_400 * days));
     let retention = Retention { thin_after: days(arguments.thin_days), delete_after: days(arguments.keep_days) };
     let (earlier, placed) = (store.tags().await?, store.nodes().await?);
-    let mut live = Live::new(limits);
+    let mut live = Live::new(arguments.limiting.limits());
     live.set_zones(store.zones().await?);
     let (hub, writing) = Hub::start(live, store.clone(), retention).await?;
+    let webhooks = Webhooks::start(webhooks, Patience::default(), &hub);
     let listener = TcpListener::bind(arguments.listen)
         .await
         .with_context(|| format!("cannot listen on {}; --listen takes another address", arguments.listen))?;
     let address = listener.local_addr().context("cannot read the address")?;
     let sites = store.sites().await?.into_iter().map(|site| site.name);
     let mqtt = sources.start(&hub, &placed).map(|settings| Mqtt::start(&hub, settings, earlier.clone(), sites));
-    super::prompt(&format!("listening on http://{address}\n"));
-    let app = App { access, earlier, ..App::new(hub.clone(), store) };
+    let scheme = if tls.is_some() { "https" } else { "http" };
+    super::prompt(&format!("listening on {scheme}://{address}\n"));
+    let app = App { access, tls, earlier, ..App::new(hub.clone(), store) };
     api::serve(listener, app, stopped()).await.context("cannot serve")?;
     hub.stop();
     let written = writing.await.context("the writer has failed");
+    webhooks.finish().await;
     if let Some(mqtt) = mqtt {
         mqtt.stop().await;
     }

@@ -10,6 +10,7 @@ mod site;
 mod sources;
 mod tokens;
 mod udp;
+mod webhooks;
 
 pub use node_clock::NodeClock;
 pub use reporter::Reporter;
@@ -17,3 +18,4 @@ pub use simulated::{SimulatedSite, simulate};
 pub use site::{nodes, zones};
 pub use sources::{OpenSource, SourceSpec, run};
 pub use tokens::read_tokens;
+pub use webhooks::read_webhooks;

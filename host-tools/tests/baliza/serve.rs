@@ -30,7 +30,10 @@ impl Station {
         let address = loop {
             let mut line = String::new();
             assert!(stderr.read_line(&mut line).expect("text") > 0, "it ended: {said}");
-            if let Some(address) = line.trim().strip_prefix("listening on http://") {
+            if let Some((scheme, address)) =
+                line.trim().strip_prefix("listening on ").and_then(|to| to.split_once("://"))
+            {
+                assert_eq!(scheme, if arguments.contains("--tls-cert") { "https" } else { "http" });
                 break address.to_owned();
             }
             said += &line;
@@ -287,6 +290,89 @@ fn changes_need_a_token_and_are_logged_with_its_name() {
 }
 
 #[test]
+fn encrypted_connections_use_the_files_of_the_certificate() {
+    let made = rcgen::generate_simple_self_signed(["localhost".to_owned()]).expect("a certificate");
+    let folder = Folder::with(&[
+        ("certificate.pem", &made.cert.pem()),
+        ("key.pem", &made.signing_key.serialize_pem()),
+        ("other.pem", &rcgen::KeyPair::generate().expect("a key").serialize_pem()),
+    ]);
+    let station = Station::start(&folder, "--simulate --tls-cert certificate.pem --tls-key key.pem");
+    let (_, port) = station.address.rsplit_once(':').expect("a port");
+    let page = Command::new("curl")
+        .args(["--silent", "--fail", "--cacert"])
+        .arg(folder.path("certificate.pem"))
+        .args(["--resolve", &format!("localhost:{port}:127.0.0.1"), &format!("https://localhost:{port}/")])
+        .output()
+        .expect("curl runs");
+    assert!(page.status.success() && page.stdout.to_ascii_lowercase().starts_with(b"<!doctype html>"), "{page:?}");
+    let (status, problem) = station.get("/");
+    assert!(status == 400 && problem.contains("https://"), "{status} {problem}");
+    assert_eq!(station.stop().0, Some(0));
+
+    for (arguments, told) in [
+        ("--tls-cert certificate.pem --tls-key other.pem", "other.pem: this key does not belong to the certificate"),
+        ("--tls-cert missing.pem --tls-key key.pem", "missing.pem: cannot read it"),
+        ("--tls-cert key.pem --tls-key key.pem", "key.pem: there is no certificate in it"),
+        ("--tls-cert certificate.pem", "--tls-key"),
+    ] {
+        let run = folder.run(&format!("serve {arguments}"));
+        assert_eq!(run.code, Some(2), "{arguments}: {run:?}");
+        assert!(run.stderr.contains(told), "{arguments}: {}", run.stderr);
+    }
+}
+
+/// The head and the body of a request, which is answered with this status.
+fn answer_request(receiver: &std::net::TcpListener, status: &str) -> (String, String) {
+    let (stream, _) = receiver.accept().expect("a request");
+    stream.set_read_timeout(Some(PATIENCE)).expect("a timeout");
+    let mut reader = BufReader::new(stream);
+    let (mut head, mut length) = (String::new(), 0);
+    while !head.ends_with("\r\n\r\n") {
+        let mut line = String::new();
+        assert!(reader.read_line(&mut line).expect("text") > 0, "{head}");
+        if let Some(bytes) = line.to_lowercase().strip_prefix("content-length:") {
+            length = bytes.trim().parse().expect("a number");
+        }
+        head += &line;
+    }
+    let mut body = vec![0; length];
+    reader.read_exact(&mut body).expect("the body");
+    let answer = format!("HTTP/1.1 {status}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n");
+    reader.get_mut().write_all(answer.as_bytes()).expect("sent");
+    (head, String::from_utf8(body).expect("text"))
+}
+
+#[test]
+fn events_go_to_webhooks_and_the_log_has_no_secrets() {
+    let receiver = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = receiver.local_addr().expect("an address");
+    let hook = format!(
+        "[[webhook]]\nname = \"house\"\nurl = \"http://{address}/api/webhook/private\"\nkinds = [\"entered\"]\n\
+         secret = \"whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw\"\n"
+    );
+    let folder = Folder::with(&[("webhooks.toml", &hook)]);
+    let station = Station::start(&folder, "--simulate --webhooks webhooks.toml");
+    let (refused, first) = answer_request(&receiver, "503 Service Unavailable");
+    let (head, again) = answer_request(&receiver, "204 No Content");
+    let id = |head: &str| head.lines().find_map(|line| line.strip_prefix("webhook-id: ").map(str::to_owned));
+    assert!(head.starts_with("POST /api/webhook/private HTTP/1.1\r\n"), "{head}");
+    assert!(id(&head).is_some() && id(&head) == id(&refused) && first == again, "{refused}{head}");
+    assert!(head.contains("\r\nwebhook-signature: v1,"), "{head}");
+    let event: Value = serde_json::from_str(&again).expect("JSON");
+    assert_eq!((&event["kind"], &event["zone"]), (&"entered".into(), &"room 1".into()));
+    let (next, _) = answer_request(&receiver, "204 No Content");
+    assert_ne!(id(&next), id(&head));
+    // The other tags' events meet nobody; the station ends all the same.
+    drop(receiver);
+    let (code, said) = station.stop();
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("webhook \"house\": it answers 503"), "{said}");
+    assert!(said.contains("it answers again"), "{said}");
+    assert!(!said.contains("private") && !said.contains("MfKQ9"), "{said}");
+}
+
+#[test]
 fn what_cannot_be_served_is_refused_before_the_station_starts() {
     let folder =
         Folder::with(&[("wrong.toml", "[[token]]\nname = 1\n"), ("store.txt", "this is no database, but a text")]);
@@ -300,6 +386,9 @@ fn what_cannot_be_served_is_refused_before_the_station_starts() {
         ("serial:", "the port is missing"),
         ("udp:7000", "ADDRESS:PORT"),
         ("--tokens wrong.toml", "wrong.toml"),
+        ("--webhooks wrong.toml", "wrong.toml"),
+        ("--no-alarm entered", "--no-alarm"),
+        ("--uncertain-m 0", "--uncertain-m"),
         ("--site missing.toml", "missing.toml"),
         ("--simulate missing.toml", "missing.toml"),
         ("--simulate fingerprints.toml", "fingerprints.toml: map: "),

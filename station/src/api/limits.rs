@@ -22,6 +22,10 @@ pub struct Limits {
     pub connections: u32,
     /// Connections of one address.
     pub connections_per_address: u32,
+    /// A client has this time for the handshake of TLS.
+    pub handshake: Duration,
+    /// Whether the files of TLS have changed is looked up this often.
+    pub renewal: Duration,
     /// A client has this time for the head of a request, and this time to send the next request.
     pub head: Duration,
     /// A request has this time from its head until its answer begins.
@@ -41,6 +45,8 @@ impl Default for Limits {
             wrong_tokens_at_once: 10.0,
             connections: 2_000,
             connections_per_address: 500,
+            handshake: Duration::from_secs(10),
+            renewal: Duration::from_secs(10),
             head: Duration::from_secs(15),
             request: Duration::from_secs(60),
             write: Duration::from_secs(30),

@@ -21,7 +21,7 @@
 //! | `POST /login`, `POST /logout`, `GET /api/v1/me` | a token becomes a cookie; who one is: role, and whether tokens are asked for |
 
 //!
-//! A request passes through these, from outside to inside: `serve` (connections), the layers of `router` (problem
+//! A request passes through these, from outside to inside: `serve` (connections), `tls` where there is a certificate, the layers of `router` (problem
 //! documents, headers, compression, `admit`: who may), `extract` (its values are checked), the handler in the file of
 //! its subject, `answer`.
 
@@ -44,6 +44,7 @@ mod rtls;
 mod serve;
 mod sites;
 mod tags;
+mod tls;
 mod zones;
 
 use std::collections::HashMap;
@@ -63,6 +64,7 @@ pub use limits::Limits;
 pub use openapi::openapi;
 pub use page::Page;
 pub use serve::serve;
+pub use tls::{Tls, TlsCause, TlsError, read_certificates};
 
 use access::{Gate, Need, Peer};
 use limits::Connections;
@@ -86,8 +88,8 @@ pub struct App {
     pub store: Store,
     /// Who may use the station.
     pub access: Access,
-    /// Clients reach the station by TLS (of a proxy, for example): cookies are marked so.
-    pub tls: bool,
+    /// Connections are encrypted with this certificate; cookies are marked so. None: plain HTTP.
+    pub tls: Option<Arc<Tls>>,
     /// What one client may use.
     pub limits: Limits,
     /// The files of the page.
@@ -103,7 +105,7 @@ impl App {
             hub,
             store,
             access: Access::Open,
-            tls: false,
+            tls: None,
             limits: Limits::default(),
             page: Page::built(),
             earlier: Vec::new(),
@@ -131,7 +133,7 @@ type Shared = Arc<Station>;
 impl Station {
     fn new(app: App) -> Self {
         Self {
-            gate: Gate::new(app.access.clone(), app.tls, &app.limits),
+            gate: Gate::new(app.access.clone(), app.tls.is_some(), &app.limits),
             needs: openapi::needs(),
             connections: Connections::new(&app.limits),
             counts: Counts::default(),

@@ -12,7 +12,7 @@ use serde_json::Value;
 use utoipa::openapi::path::{Operation, PathItem};
 use utoipa::openapi::response::{Response as Described, ResponseBuilder};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
-use utoipa::openapi::{Components, ContentBuilder, InfoBuilder, LicenseBuilder, OpenApi, Ref};
+use utoipa::openapi::{Components, ContentBuilder, InfoBuilder, LicenseBuilder, OpenApi, Ref, RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -58,6 +58,7 @@ pub fn openapi() -> OpenApi {
     let mut schemas = Vec::new();
     Problem::schemas(&mut schemas);
     components.schemas.extend(schemas);
+    components.schemas.values_mut().for_each(describe_once);
     for (path, item) in &mut document.paths.paths {
         for (method, operation) in operations(item) {
             let words = path.split(|letter: char| !letter.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
@@ -66,6 +67,21 @@ pub fn openapi() -> OpenApi {
         }
     }
     document
+}
+
+/// Gives the properties of an object their own descriptions. A property with a description whose type has one as well is
+/// made as "all of" its type and an *object* with the description, which no string and no number can be.
+fn describe_once(schema: &mut RefOr<Schema>) {
+    let RefOr::T(Schema::Object(object)) = schema else { return };
+    for property in object.properties.values_mut() {
+        let RefOr::T(Schema::AllOf(both)) = property else { continue };
+        let [RefOr::T(Schema::Object(value)), RefOr::T(Schema::Object(said))] = both.items.as_slice() else { continue };
+        if said.properties.is_empty() && said.required.is_empty() {
+            let mut described = value.clone();
+            described.description.clone_from(&said.description);
+            *property = RefOr::T(Schema::Object(described));
+        }
+    }
 }
 
 fn operations(item: &mut PathItem) -> impl Iterator<Item = (&'static str, &mut Operation)> {

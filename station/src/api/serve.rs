@@ -8,6 +8,7 @@ use std::time::Duration;
 use axum::{Extension, Router};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
 
@@ -34,6 +35,7 @@ pub async fn serve(listener: TcpListener, app: App, stop: impl Future) -> io::Re
     }
     let station = Arc::new(Station::new(app));
     let router = router(station.clone());
+    let renewal = station.app.tls.clone().map(|tls| tokio::spawn(tls.keep_renewed(station.app.limits.renewal)));
     let mut running = JoinSet::new();
     tokio::pin!(stop);
     loop {
@@ -57,6 +59,9 @@ pub async fn serve(listener: TcpListener, app: App, stop: impl Future) -> io::Re
         }
     }
     drop(listener);
+    if let Some(renewal) = renewal {
+        renewal.abort();
+    }
     station.stop.send_replace(true);
     if tokio::time::timeout(END, station.connections.closed()).await.is_err() {
         log::warn!("{} connections are cut", station.connections.open_now());
@@ -69,6 +74,24 @@ async fn talk(station: Arc<Station>, router: Router, stream: TcpStream, peer: So
     if let Err(error) = stream.set_nodelay(true) {
         log::debug!("{peer}: {error}");
     }
+    let Some(tls) = &station.app.tls else { return answer(&station, router, stream, peer, connection).await };
+    let mut stop = station.stop.subscribe();
+    let greeted = tokio::select! {
+        greeted = tokio::time::timeout(station.app.limits.handshake, tls.accept(stream)) => greeted,
+        () = stopped(&mut stop) => return,
+    };
+    match greeted {
+        Ok(Ok(stream)) => answer(&station, router, stream, peer, connection).await,
+        Ok(Err(error)) => log::debug!("{peer}: {error}"),
+        Err(_) => log::debug!("{peer}: the handshake took too long"),
+    }
+}
+
+/// Answers the requests of a connection.
+async fn answer<S>(station: &Station, router: Router, stream: S, peer: SocketAddr, connection: Connection)
+where
+    S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+{
     let limits = &station.app.limits;
     let stream = TokioIo::new(Impatient::new(stream, limits.write));
     let router = router.layer(Extension(Peer(peer))).layer(Extension(connection));

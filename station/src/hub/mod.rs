@@ -9,7 +9,7 @@ mod locator;
 mod writer;
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, PoisonError, RwLock};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::Duration;
 
 use serde::Serialize;
@@ -119,8 +119,13 @@ pub struct Hub {
     live: Arc<RwLock<Live>>,
     queue: Arc<Queue>,
     counters: Arc<Counters>,
+    /// Those that take all events; None after the end.
+    takers: Arc<Mutex<Takers>>,
     stop: watch::Sender<bool>,
 }
+
+/// Where all events go. None: there are no more.
+type Takers = Option<Vec<mpsc::UnboundedSender<Event>>>;
 
 impl Hub {
     /// Starts the hub's tasks on the current runtime. Numbers of events go on after those of the store. The task that is
@@ -145,8 +150,10 @@ impl Hub {
             queue: Arc::clone(&queue),
             counters: Arc::clone(&counters),
             locator: Locator::default(),
+            takers: Arc::new(Mutex::new(Some(Vec::new()))),
         };
-        let hub = Self { reports, updates, live, queue, counters, stop };
+        let takers = Arc::clone(&applier.takers);
+        let hub = Self { reports, updates, live, queue, counters, takers, stop };
         Ok((hub, tokio::spawn(applier.run(receiver, stopped, store, retention))))
     }
 
@@ -158,6 +165,16 @@ impl Hub {
     /// Updates from now on.
     pub fn listen(&self) -> broadcast::Receiver<Update> {
         self.updates.subscribe()
+    }
+
+    /// Every event from now on until the hub's end: unlike those of [`Hub::listen`], none is missed. Who takes them must
+    /// keep up.
+    pub fn events(&self) -> mpsc::UnboundedReceiver<Event> {
+        let (sender, receiver) = mpsc::unbounded_channel();
+        if let Some(takers) = &mut *self.takers.lock().unwrap_or_else(PoisonError::into_inner) {
+            takers.push(sender);
+        }
+        receiver
     }
 
     /// Counts updates that a listener has missed, as its receiver says.
@@ -205,6 +222,7 @@ struct Applier {
     queue: Arc<Queue>,
     counters: Arc<Counters>,
     locator: Locator,
+    takers: Arc<Mutex<Takers>>,
 }
 
 impl Applier {
@@ -260,6 +278,7 @@ impl Applier {
                 }
             }
         }
+        *self.takers.lock().unwrap_or_else(PoisonError::into_inner) = None;
         end.send_replace(true);
         for task in [maintenance, writer] {
             if let Err(error) = task.await {
@@ -290,6 +309,15 @@ impl Applier {
         let (positions, events) = self.queue.push(&updates);
         add(&self.counters.positions, positions);
         add(&self.counters.events, events);
+        if events > 0
+            && let Some(takers) = &mut *self.takers.lock().unwrap_or_else(PoisonError::into_inner)
+        {
+            let events = updates.iter().filter_map(|update| match update {
+                Update::Event(event) => Some(event),
+                Update::Position(_) | Update::Changed => None,
+            });
+            takers.retain(|taker| events.clone().all(|event| taker.send(event.clone()).is_ok()));
+        }
         for update in updates {
             // An error: nobody listens.
             let _ = self.updates.send(update);

@@ -343,6 +343,28 @@ async fn the_store_is_compacted_each_minute_and_cleared_each_hour() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn who_takes_events_misses_none_however_slow_and_learns_the_end() {
+    let store = Memory::default();
+    let (hub, ended) = start(&store).await;
+    hub.change(|live| live.set_zones(vec![kitchen()]));
+    let mut events = hub.events();
+    drop(hub.events());
+    // Each tag enters the kitchen: more events than a listener may be behind.
+    let count = UPDATES + 1_000;
+    for tag in 0..count {
+        hub.reports().send(report(&format!("0x{tag:04x}"), 1.0)).await.unwrap();
+    }
+    hub.stop();
+    ended.await.unwrap();
+    let mut taken = Vec::new();
+    while let Some(event) = events.recv().await {
+        taken.push(event.id);
+    }
+    assert_eq!(taken, (1..=count as i64).collect::<Vec<_>>());
+    assert!(hub.events().recv().await.is_none());
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_slow_listener_misses_updates_and_is_told_how_many() {
     let store = Memory::default();
     let (hub, task) = start(&store).await;

@@ -20,8 +20,9 @@ use crate::model::{Event, TagPosition};
 pub(super) const BATCH: usize = 4096;
 /// Rows that wait while the store fails.
 const MOST_ROWS: usize = 1_000_000;
-/// The pause after the first failure, and the longest one.
-const PAUSES: [Duration; 2] = [Duration::from_millis(250), Duration::from_secs(30)];
+/// The pause after the first failure, and the longest one: rows are written again within five seconds after a database
+/// is back.
+const PAUSES: [Duration; 2] = [Duration::from_millis(250), Duration::from_secs(3)];
 /// At the end, a store that fails is tried for this time.
 pub(super) const LAST_TRIES: Duration = Duration::from_secs(10);
 

@@ -87,10 +87,31 @@ pub struct Limits {
     pub moved_m: f64,
     /// A supply is low below this voltage, V.
     pub low_supply_v: f64,
+    /// Which events are alarms.
+    pub alarms: Alarms,
     /// The most tags of all sites.
     pub tags: usize,
     /// The most anchors and beacons of all sites, and the most tags with a name in a site's file.
     pub nodes: usize,
+}
+
+/// Which events are alarms, besides those of zones, which say so themselves ([`Zone::alarm`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Alarms {
+    /// [`EventKind::Silent`].
+    pub silent: bool,
+    /// [`EventKind::Moved`].
+    pub moved: bool,
+    /// [`EventKind::Uncertain`].
+    pub uncertain: bool,
+    /// [`EventKind::LowSupply`].
+    pub low_supply: bool,
+}
+
+impl Default for Alarms {
+    fn default() -> Self {
+        Self { silent: true, moved: true, uncertain: true, low_supply: true }
+    }
 }
 
 impl Default for Limits {
@@ -103,6 +124,7 @@ impl Default for Limits {
             moved_m: 0.5,
             // The DW1000 works from 2.8 V on (data sheet, operating conditions).
             low_supply_v: 2.9,
+            alarms: Alarms::default(),
             tags: 10_000,
             nodes: 10_000,
         }
@@ -230,7 +252,8 @@ impl Live {
                 state.reported = state.reported.min(now);
                 if !state.is_silent && now.since(state.reported) > self.limits.silent_after {
                     state.is_silent = true;
-                    let happened = Happened { kind: EventKind::Silent, zone: None, dwell_s: None, alarm: true };
+                    let alarm = self.limits.alarms.silent;
+                    let happened = Happened { kind: EventKind::Silent, zone: None, dwell_s: None, alarm };
                     updates.push(Update::Event(event(&mut self.last_event, now, name, tag, happened)));
                 }
             }
@@ -394,7 +417,8 @@ impl Live {
                     }
                 };
                 if is_low {
-                    let happened = Happened { kind: EventKind::LowSupply, zone: None, dwell_s: None, alarm: true };
+                    let alarm = self.limits.alarms.low_supply;
+                    let happened = Happened { kind: EventKind::LowSupply, zone: None, dwell_s: None, alarm };
                     updates.push(Update::Event(event(&mut self.last_event, t, site, node, happened)));
                 }
                 self.is_changed = true;
@@ -487,7 +511,8 @@ impl Live {
         if let Some(z_m) = position.z_m.filter(|_| !state.round.is_empty()) {
             let at_m = [position.x_m, position.y_m, z_m];
             let is_back = nodes.end_round(t, at_m, &state.round, &self.limits, |anchor| {
-                let happened = Happened { kind: EventKind::Moved, zone: None, dwell_s: None, alarm: true };
+                let alarm = self.limits.alarms.moved;
+                let happened = Happened { kind: EventKind::Moved, zone: None, dwell_s: None, alarm };
                 moved.push(event(last_event, t, &position.site, anchor, happened));
             });
             self.is_changed |= is_back || !moved.is_empty();

@@ -125,7 +125,8 @@ impl TagState {
             self.unsure_since = Some(since);
             if t.since(since) >= UNCERTAIN_FOR && !self.is_uncertain {
                 self.is_uncertain = true;
-                happened.push(Happened { kind: EventKind::Uncertain, zone: None, dwell_s: None, alarm: true });
+                let alarm = limits.alarms.uncertain;
+                happened.push(Happened { kind: EventKind::Uncertain, zone: None, dwell_s: None, alarm });
             }
         } else {
             self.unsure_since = None;

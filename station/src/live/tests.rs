@@ -269,6 +269,38 @@ fn a_low_supply_is_an_alarm_of_its_tag_or_anchor() {
 }
 
 #[test]
+fn each_kind_of_event_is_an_alarm_or_none_as_the_limits_say() {
+    // A tag is uncertain after 5 s, its supply is low, an anchor is 1 m from its place for ten minutes, the tag is silent.
+    let kinds = [EventKind::Uncertain, EventKind::LowSupply, EventKind::Moved, EventKind::Silent];
+    let alarms = |alarms: Alarms| {
+        let mut live = Live::new(Limits { alarms, ..Limits::default() });
+        live.apply(&report(at(0), anchor("0x0101", [3.0, 4.0, 0.0])));
+        let mut updates = Vec::new();
+        for second in 0..600 {
+            let sigma_m = if second < 10 { 3.1 } else { 0.1 };
+            updates.extend(live.apply(&report(at(1000 * second), range("0x0101", 6.0))));
+            updates.extend(live.apply(&report(at(1000 * second), position("0x1001", [0.0, 0.0], sigma_m))));
+        }
+        let supply = What::Supply { node: "0x1001".to_owned(), supply_v: 2.8 };
+        updates.extend(live.apply(&report(at(600_000), supply)));
+        updates.extend(live.tick(at(700_000)));
+        kinds.map(|kind| {
+            let of_kind = |update: &Update| match update {
+                Update::Event(event) if event.kind == kind => Some(event.alarm),
+                Update::Event(_) | Update::Position(_) | Update::Changed => None,
+            };
+            updates.iter().find_map(of_kind).expect("an event of each kind")
+        })
+    };
+    let all = Alarms::default();
+    assert_eq!(alarms(all), [true; 4]);
+    assert_eq!(alarms(Alarms { uncertain: false, ..all }), [false, true, true, true]);
+    assert_eq!(alarms(Alarms { low_supply: false, ..all }), [true, false, true, true]);
+    assert_eq!(alarms(Alarms { moved: false, ..all }), [true, true, false, true]);
+    assert_eq!(alarms(Alarms { silent: false, ..all }), [true, true, true, false]);
+}
+
+#[test]
 fn residuals_are_ranges_minus_distances_in_space() {
     let mut live = live();
     live.apply(&report(at(0), anchor("0x0101", [3.0, 4.0, 0.0])));

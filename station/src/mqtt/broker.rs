@@ -100,12 +100,13 @@ impl Broker {
         let mut options = MqttOptions::new(client, Address::tcp(self.host.clone(), self.port));
         options.set_keep_alive(KEEP_ALIVE_S).set_connect_timeout(CONNECT).set_clean_start(true);
         options.set_max_packet_size(Some(INCOMING));
-        if let Some(user) = &self.user {
-            options.set_username(user.clone());
-        }
-        if let Some(password) = &self.password {
-            options.set_password(password.clone());
-        }
+        // Each of them replaces what was set before.
+        match (&self.user, &self.password) {
+            (Some(user), Some(password)) => options.set_credentials(user.clone(), password.clone()),
+            (Some(user), None) => options.set_username(user.clone()),
+            (None, Some(password)) => options.set_password(password.clone()),
+            (None, None) => &mut options,
+        };
         if let Some(tls) = &self.tls {
             options.set_transport(Transport::tls_with_config(tls.clone()));
         }

@@ -136,7 +136,8 @@ fn lost(error: &ConnectionError, broker: &Broker) -> Lost {
     }
     if let Some(rustls::Error::InvalidCertificate(why)) = of_tls(error) {
         return refused(match why {
-            CertificateError::UnknownIssuer => {
+            // An authority of the same name has another key.
+            CertificateError::UnknownIssuer | CertificateError::BadSignature => {
                 "the broker's certificate is not signed by an authority that is trusted: --mqtt-ca names the right one"
                     .to_owned()
             }

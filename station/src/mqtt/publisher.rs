@@ -164,7 +164,10 @@ impl Publisher {
         let now: HashSet<_> = tags.iter().map(|tag| (tag.site.clone(), tag.tag.clone())).collect();
         for tag in &tags {
             self.send_tag(tag);
-            let is_first = self.announced.insert((tag.site.clone(), tag.tag.clone()));
+            let key = (tag.site.clone(), tag.tag.clone());
+            // Of before the start; later ones come as updates.
+            let is_paced = self.paces.contains_key(&key);
+            let is_first = self.announced.insert(key) && !is_paced;
             if let Some(position) = tag.last_position.as_ref().filter(|_| is_first) {
                 self.outbox.retain(self.topics.position(&tag.site, &tag.tag), json(position));
             }

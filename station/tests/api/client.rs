@@ -1,9 +1,10 @@
 //! A station and a client of it.
 
 use std::net::SocketAddr;
+use std::sync::Arc;
 use std::time::Duration;
 
-use baliza_station::api::{Access, App, Limits, Page, Token, UserRole, serve};
+use baliza_station::api::{Access, App, Limits, Page, Tls, Token, UserRole, serve};
 use baliza_station::model::{Role, Site};
 use baliza_station::store::Retention;
 use baliza_station::{Hub, Live, Report, Store, Utc, What};
@@ -55,6 +56,11 @@ pub async fn with_tokens(limits: Limits) -> Station {
 }
 
 pub async fn station(access: Access, limits: Limits) -> Station {
+    station_with(access, limits, None).await
+}
+
+/// A station, with TLS where there is a certificate.
+pub async fn station_with(access: Access, limits: Limits, tls: Option<Arc<Tls>>) -> Station {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path().join("baliza.db").to_str().unwrap()).await.unwrap();
     store.put_site(&Site { name: SITE.to_owned(), walls_m: Vec::new(), plan: None }).await.unwrap();
@@ -68,7 +74,7 @@ pub async fn station(access: Access, limits: Limits) -> Station {
         ),
         ("assets/main.js", b"document.title".as_slice().into()),
     ]);
-    let app = App { access, limits, page, ..App::new(hub.clone(), store.clone()) };
+    let app = App { access, limits, page, tls, ..App::new(hub.clone(), store.clone()) };
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
     let (stop, stopped) = oneshot::channel();

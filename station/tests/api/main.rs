@@ -7,3 +7,4 @@ mod document;
 mod hostile;
 mod live;
 mod routes;
+mod tls;

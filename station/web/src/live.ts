@@ -32,7 +32,8 @@ export interface Timers {
 }
 
 export const FIRST_WAIT_MS = 500;
-export const LONGEST_WAIT_MS = 5000;
+/// A station that is back is found within five seconds, the filling of the gap included.
+export const LONGEST_WAIT_MS = 2500;
 
 const browserTimers: Timers = {
   set: (run, ms) => setTimeout(run, ms),

@@ -33,6 +33,9 @@ const ASLEEP_MS = 45_000;
 /// A gap that is longer is not filled in full: its end is what trails show.
 const LONGEST_GAP_MS = TRAIL_MS;
 const GAP_ROWS = 60_000;
+/// After this time, the history has what was live at the connection; it lacked no more than this before.
+const WRITTEN_MS = 1500;
+const UNWRITTEN_MS = 5000;
 const EVENTS = 200;
 
 const stored = localStorage.getItem(LANGUAGE);
@@ -366,6 +369,18 @@ async function showPicture(): Promise<void> {
 
 // The station to the store
 
+/// Reads positions from the history, from `begin` to before `end`, ms.
+async function fillTrails(site: string, begin: number, end: number, step: number): Promise<void> {
+  if (begin >= end) return;
+  const [from, to] = [new Date(begin).toISOString(), new Date(end).toISOString()];
+  const fresh = new Set<string>();
+  for (const row of await allPositions(site, from, to, step, GAP_ROWS)) if (store.addPosition(row)) fresh.add(row.tag);
+  for (const id of fresh) {
+    const position = store.tags.get(id)?.last_position ?? null;
+    if (position !== null) moveMark(position);
+  }
+}
+
 async function fill(site: string, since: string | null): Promise<void> {
   await Promise.all([reload('tags'), reload('nodes'), reload('zones')]);
   const last =
@@ -376,19 +391,11 @@ async function fill(site: string, since: string | null): Promise<void> {
   if (last !== '') {
     const end = Date.parse(last) + 1;
     const begin = Math.max(since === null ? end - TRAIL_MS : Date.parse(since), end - LONGEST_GAP_MS);
-    if (begin < end) {
-      const [from, to] = [new Date(begin).toISOString(), new Date(end).toISOString()];
-      // With many tags, a step between positions keeps the answer small.
-      const step = since === null ? Math.max(1, store.tags.size / 100) : Math.max(0, store.tags.size / 1000);
-      const fresh = new Set<string>();
-      for (const row of await allPositions(site, from, to, step, GAP_ROWS)) {
-        if (store.addPosition(row)) fresh.add(row.tag);
-      }
-      for (const id of fresh) {
-        const position = store.tags.get(id)?.last_position ?? null;
-        if (position !== null) moveMark(position);
-      }
-    }
+    // With many tags, a step between positions keeps the answer small.
+    const step = since === null ? Math.max(1, store.tags.size / 100) : Math.max(0, store.tags.size / 1000);
+    await fillTrails(site, begin, end, step);
+    // The station writes its rows in batches: the last ones before the connection come into the history later.
+    setTimeout(() => void fillTrails(site, Math.max(begin, end - UNWRITTEN_MS), end, step).catch(() => {}), WRITTEN_MS);
   }
   const known = store.events.length > 0;
   const fresh = store.addEvents(await api.events(site, { limit: EVENTS }));

@@ -104,13 +104,13 @@ test('after a break the gap is filled from the last position that was received',
   assert.deepEqual(fills, [null, '2026-01-01T00:00:02.000Z']);
 });
 
-test('tries to connect are further and further apart, up to five seconds, until one succeeds', () => {
+test('tries to connect are further and further apart, up to two and a half seconds, until one succeeds', () => {
   const { sources, timers } = setUp();
   for (let i = 0; i < 6; i++) {
     sources[i].breaks();
     timers.pass();
   }
-  assert.deepEqual(timers.waits, [500, 1000, 2000, 4000, 5000, 5000]);
+  assert.deepEqual(timers.waits, [500, 1000, 2000, 2500, 2500, 2500]);
   sources[6].opens();
   sources[6].breaks();
   assert.equal(timers.waits[6], 500);

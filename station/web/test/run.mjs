@@ -1,5 +1,6 @@
 // Bundles the tests and runs them with node's own test runner. `--mock` serves the page with simulated tags instead,
-// `--screenshots` writes the pictures of docs/.
+// `--screenshots` writes the pictures of docs/, `--frames` measures what a frame costs, `--ages` how
+// old positions are when a frame shows them.
 
 import { spawn } from 'node:child_process';
 import { readdir, rm } from 'node:fs/promises';
@@ -27,7 +28,7 @@ await build({
 
 const [mode] = process.argv.slice(2);
 const tests = sources.filter((name) => name.endsWith('.test.ts')).map((name) => `${out}/${name.replace('.ts', '.mjs')}`);
-const program = { '--mock': ['serve'], '--screenshots': ['screenshots'] }[mode];
+const program = { '--mock': ['serve'], '--screenshots': ['screenshots'], '--frames': ['frames'], '--ages': ['ages'] }[mode];
 const parameters =
   program === undefined
     ? ['--enable-source-maps', '--test', '--test-reporter=spec', '--test-concurrency=1', ...tests]

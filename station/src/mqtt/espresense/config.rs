@@ -7,6 +7,7 @@ use std::collections::HashSet;
 
 use serde::Deserialize;
 
+use crate::live::{LONGEST_NAME, is_name};
 use crate::model::{Role, Zone, ZoneKind};
 use crate::{Report, Utc, What};
 
@@ -14,8 +15,6 @@ use crate::{Report, Utc, What};
 const GAP_M: f64 = 3.0;
 /// The greatest coordinate, metres.
 const FARTHEST_M: f64 = 10_000.0;
-/// The most bytes of a name, as the live state takes them.
-const LONGEST_NAME: usize = 64;
 /// The most floors, rooms, nodes or devices.
 const MOST: usize = 1000;
 
@@ -338,7 +337,7 @@ fn place(node: &str, point: &[f64]) -> Result<[f64; 3], NoHouse> {
 }
 
 fn checked<'a>(what: &str, name: &'a str) -> Result<&'a str, NoHouse> {
-    if (1..=LONGEST_NAME).contains(&name.len()) && !name.chars().any(char::is_control) {
+    if is_name(name) {
         Ok(name)
     } else {
         Err(wrong(format!("{what} {name:?}: a name has 1 to {LONGEST_NAME} bytes and no control characters")))

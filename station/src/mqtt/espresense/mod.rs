@@ -15,6 +15,7 @@ use tokio::time::Instant;
 
 pub use self::config::{House, NoHouse};
 use self::floors::Floors;
+use crate::live::is_name;
 use crate::model::Role;
 use crate::{Report, Utc, What};
 
@@ -97,7 +98,11 @@ impl Espresense {
         for dbm in [Some(rssi_dbm), said.rssi_1m].into_iter().flatten() {
             positioning_core::ble::signal::rssi(dbm).map_err(|_| format!("{dbm} dBm is no RSSI"))?;
         }
-        let Some(wanted) = self.house.device(device, said.name.as_deref()) else { return Ok(Vec::new()) };
+        if !is_name(device) {
+            return Err("the device's id is too long".to_owned());
+        }
+        let said_name = said.name.as_deref().filter(|name| is_name(name));
+        let Some(wanted) = self.house.device(device, said_name) else { return Ok(Vec::new()) };
         let Some(nodes) = self.receivers.get(&config::key(receiver)) else {
             if self.strangers.len() < STRANGERS && self.strangers.insert(receiver.to_owned()) {
                 log::warn!(
@@ -108,7 +113,7 @@ impl Espresense {
             return Ok(Vec::new());
         };
         let t = Utc::now();
-        let name = wanted.name.or(said.name.as_deref());
+        let name = wanted.name.or(said_name);
         let floors: Vec<usize> = nodes.iter().map(|(_, floor)| *floor).collect();
         let Some((floor, is_new)) = self.floors.note(device, name, &floors, rssi_dbm, t) else {
             return Err("there are too many devices".to_owned());

@@ -83,10 +83,14 @@ async fn garbage_is_refused_and_the_next_message_is_taken() {
     for topic in others {
         assert_eq!(whats(&mut flat, topic, MESSAGE).await, [], "{topic}");
     }
+    let long = format!("espresense/devices/iBeacon:{}/living_room", "x".repeat(60));
+    assert_eq!(whats(&mut flat, &long, MESSAGE).await, []);
     // A message about a battery is none of ours, and no garbage.
     assert_eq!(whats(&mut flat, &topic, r#"{"batt": 97}"#).await, []);
-    assert_eq!(flat.0.refused, garbage.len() as u64 - 1);
-    assert_eq!(whats(&mut flat, &topic, MESSAGE).await.len(), 1);
+    assert_eq!(flat.0.refused, garbage.len() as u64);
+    // A name that is none is left out.
+    let named = format!(r#"{{"rssi": -70, "name": "{}"}}"#, "x".repeat(65));
+    assert_eq!(whats(&mut flat, &topic, &named).await.len(), 1);
 }
 
 #[tokio::test]

@@ -331,63 +331,78 @@ export function namesThatFit(marks: readonly Mark[], view: View, selected: strin
   return fit;
 }
 
-/// With more tags than this, ellipses are copies of a circle, stretched and turned: without a graphics processor, 500
-/// paths take longer than a frame.
-const MANY = 150;
-const CIRCLE = 32;
-const circles = new Map<string, HTMLCanvasElement>();
+/// With more tags than this, a tag's dot and ellipse are a stamp: drawn once and then copied at whole pixels. Without a
+/// graphics processor, 500 paths take longer than a frame, and 500 copies that are stretched and turned do as well.
+const MANY = 50;
+/// Ellipses with a longer axis than this, pixels, are drawn each time: they would take much memory, and are few.
+const LONGEST = 40;
+/// Stamps are turned by this part of half a turn.
+const TURNS = 16;
+const MOST_STAMPS = 3000;
+const DOT = 4.5;
+const SELECTED_DOT = 7;
 
-/// A circle of radius `CIRCLE` in a square that is larger by its rim.
-function circleOf(id: string, dark: boolean, faded: boolean): HTMLCanvasElement {
-  const key = `${hueOf(id)} ${dark} ${faded}`;
-  let circle = circles.get(key);
-  if (circle === undefined) {
-    circle = document.createElement('canvas');
-    circle.width = 2 * CIRCLE + 4;
-    circle.height = 2 * CIRCLE + 4;
-    const g = circle.getContext('2d');
-    g?.beginPath();
-    g?.arc(CIRCLE + 2, CIRCLE + 2, CIRCLE, 0, 2 * Math.PI);
-    if (g !== null) paintEllipse(g, id, dark, faded, 2);
-    circles.set(key, circle);
-  }
-  return circle;
+/// An ellipse of a stamp in pixels, and its turn in steps.
+interface Shape {
+  major: number;
+  minor: number;
+  turn: number;
 }
 
-function paintEllipse(g: Context, id: string, dark: boolean, faded: boolean, rim: number): void {
-  g.fillStyle = colourOf(id, dark, faded ? 0.06 : 0.15);
+/// A stamp's axis: to one pixel, a long one to two.
+function rounded(axis: number): number {
+  return axis < 12 ? Math.round(axis) : 2 * Math.round(axis / 2);
+}
+
+/// Dots with ellipses, each in a picture of its own.
+export class Stamps {
+  private readonly made = new Map<string, HTMLCanvasElement>();
+
+  clear(): void {
+    this.made.clear();
+  }
+
+  draw(g: Context, at: Point, mark: Mark, shape: Shape | null, dark: boolean, ratio: number): void {
+    const { major, minor, turn } = shape ?? { major: 0, minor: 0, turn: 0 };
+    const key = `${hueOf(mark.id)} ${mark.faded} ${major} ${minor} ${turn} ${ratio} ${dark}`;
+    const half = Math.max(major, Math.ceil(DOT)) + 1;
+    let picture = this.made.get(key);
+    if (picture === undefined) {
+      if (this.made.size >= MOST_STAMPS) this.made.clear();
+      picture = document.createElement('canvas');
+      picture.width = Math.ceil(2 * half * ratio);
+      picture.height = picture.width;
+      const own = picture.getContext('2d');
+      if (own === null) return;
+      own.scale(ratio, ratio);
+      own.translate(half, half);
+      if (shape !== null) {
+        own.beginPath();
+        own.ellipse(0, 0, major, Math.max(minor, 0.5), (-turn * Math.PI) / TURNS, 0, 2 * Math.PI);
+        paintEllipse(own, mark, dark);
+      }
+      paintDot(own, { x: 0, y: 0 }, mark, dark, DOT);
+      this.made.set(key, picture);
+    }
+    const x = Math.round((at.x - half) * ratio) / ratio;
+    const y = Math.round((at.y - half) * ratio) / ratio;
+    g.drawImage(picture, x, y, picture.width / ratio, picture.height / ratio);
+  }
+}
+
+function paintEllipse(g: Context, mark: Mark, dark: boolean): void {
+  g.fillStyle = colourOf(mark.id, dark, mark.faded ? 0.06 : 0.15);
   g.fill();
-  g.strokeStyle = colourOf(id, dark, faded ? 0.25 : 0.55);
-  g.lineWidth = rim;
+  g.strokeStyle = colourOf(mark.id, dark, mark.faded ? 0.25 : 0.55);
+  g.lineWidth = 1;
   g.stroke();
 }
 
-function drawEllipse(
-  g: Context,
-  at: Point,
-  mark: Mark,
-  pixelsPerMetre: number,
-  dark: boolean,
-  copied: boolean,
-  ratio: number,
-): void {
-  const e = ellipse(mark.sigmaX, mark.sigmaY, mark.cov);
-  const major = e.major * pixelsPerMetre;
-  const minor = e.minor * pixelsPerMetre;
-  // Smaller than the dot of its tag, or no number.
-  if (!(major >= 3 && Number.isFinite(major))) return;
-  if (!copied) {
-    g.beginPath();
-    // The screen's y goes down, so that the angle turns round.
-    g.ellipse(at.x, at.y, major, minor, -e.angle, 0, 2 * Math.PI);
-    paintEllipse(g, mark.id, dark, mark.faded, 1);
-    return;
-  }
-  const cos = (Math.cos(e.angle) * ratio) / CIRCLE;
-  const sin = (Math.sin(e.angle) * ratio) / CIRCLE;
-  g.setTransform(major * cos, -major * sin, minor * sin, minor * cos, at.x * ratio, at.y * ratio);
-  g.drawImage(circleOf(mark.id, dark, mark.faded), -CIRCLE - 2, -CIRCLE - 2);
-  g.setTransform(ratio, 0, 0, ratio, 0, 0);
+function paintDot(g: Context, at: Point, mark: Mark, dark: boolean, radius: number): void {
+  g.beginPath();
+  g.arc(at.x, at.y, radius, 0, 2 * Math.PI);
+  g.fillStyle = colourOf(mark.id, dark, mark.faded ? 0.4 : 1);
+  g.fill();
 }
 
 export function drawMarks(
@@ -396,22 +411,34 @@ export function drawMarks(
   marks: readonly Mark[],
   fit: ReadonlySet<string>,
   names: Names,
+  stamps: Stamps,
   style: MarkStyle,
   palette: Palette,
   ratio: number,
 ): void {
+  const { dark } = palette;
   for (const mark of marks) {
     const p = toScreen(view, mark);
     if (p.x < -200 || p.y < -200 || p.x > view.width + 200 || p.y > view.height + 200) continue;
     const selected = mark.id === style.selected;
-    const colour = colourOf(mark.id, palette.dark, mark.faded ? 0.4 : 1);
-    if (style.ellipses) {
-      drawEllipse(g, p, mark, view.pixelsPerMetre, palette.dark, marks.length > MANY && !selected, ratio);
+    const e = ellipse(mark.sigmaX, mark.sigmaY, mark.cov);
+    const major = e.major * view.pixelsPerMetre;
+    const minor = e.minor * view.pixelsPerMetre;
+    // Not one that is smaller than the dot of its tag, or no number.
+    const hasEllipse = style.ellipses && major >= 3 && Number.isFinite(major);
+    if (marks.length > MANY && !selected && !(hasEllipse && major > LONGEST)) {
+      const turn = (Math.round((e.angle * TURNS) / Math.PI) + TURNS) % TURNS;
+      const shape = hasEllipse ? { major: rounded(major), minor: rounded(minor), turn } : null;
+      stamps.draw(g, p, mark, shape, dark, ratio);
+      continue;
     }
-    g.beginPath();
-    g.arc(p.x, p.y, selected ? 7 : 4.5, 0, 2 * Math.PI);
-    g.fillStyle = colour;
-    g.fill();
+    if (hasEllipse) {
+      g.beginPath();
+      // The screen's y goes down, so that the angle turns round.
+      g.ellipse(p.x, p.y, major, minor, -e.angle, 0, 2 * Math.PI);
+      paintEllipse(g, mark, dark);
+    }
+    paintDot(g, p, mark, dark, selected ? SELECTED_DOT : DOT);
     if (selected) {
       g.strokeStyle = palette.text;
       g.lineWidth = 2;

@@ -55,6 +55,7 @@ export class MapView {
   private palette: draw.Palette;
   private heatPicture: HTMLCanvasElement | null = null;
   private readonly names = new draw.Names();
+  private readonly stamps = new draw.Stamps();
   private fit: ReadonlySet<string> = new Set();
   private fitAt = 0;
   private trailsAt = 0;
@@ -120,6 +121,7 @@ export class MapView {
   restyle(): void {
     this.palette = draw.paletteOf(document.documentElement);
     this.names.clear();
+    this.stamps.clear();
     this.redraw();
   }
 
@@ -258,7 +260,7 @@ export class MapView {
       this.fitAt = now;
     }
     const style = { ellipses: this.layers.ellipses, names: this.layers.names, selected: this.selected };
-    draw.drawMarks(g, this.view, marks, this.fit, this.names, style, this.palette, this.ratio);
+    draw.drawMarks(g, this.view, marks, this.fit, this.names, this.stamps, style, this.palette, this.ratio);
     if (this.tool === null) return;
     this.tool.draw(g, this.view, this.palette);
     if (document.activeElement === this.element) this.drawCross(g);

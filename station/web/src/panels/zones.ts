@@ -203,7 +203,10 @@ export function zonesPanel(app: App): Panel {
 
   function inside(zone: Zone): number {
     let count = 0;
-    for (const tag of store.tags.values()) if (tag.zones.includes(zone.name)) count++;
+    for (const tag of store.tags.values()) {
+      const is = zone.kind === 'room' ? tag.last_position?.room === zone.name : tag.zones.includes(zone.name);
+      if (is) count++;
+    }
     return count;
   }
 

@@ -1,0 +1,468 @@
+// The page in Chromium against a real station: `baliza serve --simulate`, the program that BALIZA names.
+
+import assert from 'node:assert/strict';
+import { after, before, describe, test, type TestContext } from 'node:test';
+import type { Browser, BrowserContextOptions, Page } from 'playwright-core';
+import type { Marks } from '../src/map/motion.js';
+import type { Replay } from '../src/map/replay.js';
+import type { Node, Site, StationEvent, TagPosition, Zone } from '../src/model.js';
+import { chromiumPath, launch } from './chromium.js';
+import { clickAt, get, live, rows, siteOf, until, visit, type Inside } from './page.js';
+import { png } from './picture.js';
+import { program, SECRETS, Station } from './station.js';
+
+/// A station is back, and pages are live again, within this time.
+const BACK_MS = 5000;
+
+const chromium = chromiumPath();
+const isPossible = chromium !== null && program !== null;
+if (!isPossible) {
+  const missing = 'no chromium, or BALIZA does not name the program: the tests against a real station are left out';
+  if (process.env.CI === 'true') throw new Error(missing);
+  console.log(missing);
+}
+
+describe('with a station', { skip: !isPossible }, () => {
+  let browser: Browser;
+  let station: Station;
+  let url: string;
+  before(async () => {
+    browser = await launch(chromium ?? '');
+    station = await new Station(['--simulate']).start();
+    url = station.url;
+  });
+  after(async () => {
+    await browser.close();
+    await station.stop();
+  });
+
+  const open = (t: TestContext, options: { context?: BrowserContextOptions } = {}): Promise<Page> =>
+    visit(t, browser, url, options.context);
+
+  /// The history of a tag, newest first.
+  const history = (of: string, tag: string) =>
+    get<TagPosition[]>(of, `/api/v1/tags/${tag}/positions?site=simulation&limit=10000`);
+
+  test('live tags are listed with positions that change, and are found by their names', async (t) => {
+    const page = await open(t);
+    await live(page);
+    const paint = await page.evaluate(
+      () => performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? NaN,
+    );
+    console.log(`first paint after ${paint.toFixed(0)} ms`);
+    const first = rows(page).first();
+    const name = (await first.locator('.name').textContent()) ?? '';
+    const where = await first.locator('.where').textContent();
+    assert.match(where ?? '', /-?\d+\.\d\d, -?\d+\.\d\d ± \d+\.\d\d m/);
+    await page.waitForFunction((old) => document.querySelector('#tags .where')?.textContent !== old, where);
+    await page.fill('#search', name);
+    await page.waitForFunction((wanted) => document.querySelector('#tags .name')?.textContent === wanted, name);
+    await page.fill('#search', 'no such tag');
+    await page.getByText('No tag matches.').waitFor();
+  });
+
+  test('the list and the map are used with the keyboard', async (t) => {
+    const page = await open(t);
+    await live(page);
+    await page.focus('#tags');
+    await page.keyboard.press('ArrowDown');
+    await page.keyboard.press('ArrowDown');
+    assert.equal(await rows(page).nth(1).getAttribute('aria-selected'), 'true');
+    assert.equal(
+      await page.locator('#tags').getAttribute('aria-activedescendant'),
+      await rows(page).nth(1).getAttribute('id'),
+    );
+    const at = () =>
+      page.evaluate(() => {
+        const { map } = (window as unknown as Inside).baliza;
+        const [a, b] = [map.screenOf({ x: 0, y: 0 }), map.screenOf({ x: 1, y: 0 })];
+        return { x: a.x, metre: b.x - a.x };
+      });
+    await page.focus('#map');
+    const start = await at();
+    await page.keyboard.press('ArrowRight');
+    assert.ok(Math.abs((await at()).x - (start.x - 50)) < 0.01);
+    await page.keyboard.press('+');
+    assert.ok(Math.abs((await at()).metre / start.metre - 1.3) < 1e-6);
+  });
+
+  test('a table says what the map shows', async (t) => {
+    const page = await open(t);
+    await live(page);
+    await page.getByText('As a table').click();
+    const cells = await page.locator('#table tbody tr').first().locator('th, td').allTextContents();
+    assert.equal(cells.length, 9);
+    assert.match(cells[1], /^-?\d+\.\d\d$/);
+  });
+
+  test('a zone is drawn, edited, and deleted', async (t) => {
+    const page = await open(t);
+    await live(page);
+    const site = await siteOf(page, url);
+    const zones = async () => await get<Zone[]>(url, `/api/v1/rooms?site=${encodeURIComponent(site.name)}`);
+    await page.click('#tab-zones');
+    await page.getByRole('button', { name: 'Draw', exact: true }).click();
+    // Names are text, whatever is in them.
+    const name = '<b>Test</b>';
+    await page.fill('#zone-name', name);
+    await page.selectOption('#zone-kind', 'zone');
+    await page.check('#zone-alarm');
+    for (const [x, y] of [
+      [3, 3],
+      [6, 3],
+      [6, 6],
+      [3, 6],
+    ])
+      await clickAt(page, x, y);
+    await page.getByRole('button', { name: 'Save' }).click();
+    await page.locator('[data-zone]', { hasText: name }).waitFor();
+    const drawn = (await zones()).find((zone) => zone.name === name);
+    assert.ok(drawn !== undefined && drawn.alarm && drawn.kind === 'zone');
+    assert.equal(drawn.corners_m.length, 4);
+    // A click is as exact as a pixel of the screen.
+    for (const [i, [x, y]] of [
+      [3, 3],
+      [6, 3],
+      [6, 6],
+      [3, 6],
+    ].entries()) {
+      assert.ok(Math.hypot(drawn.corners_m[i][0] - x, drawn.corners_m[i][1] - y) < 0.05, String(drawn.corners_m[i]));
+    }
+    await page.locator('[data-zone]', { hasText: name }).click();
+    await page.fill('#zone-name', 'Test 2');
+    await page.fill('#zone-corners', '1 1\n2,5 1\n2,5 4');
+    await page.getByRole('button', { name: 'Save' }).click();
+    await page.locator('[data-zone="Test 2"]').waitFor();
+    assert.deepEqual((await zones()).find((zone) => zone.name === 'Test 2')?.corners_m, [
+      [1, 1],
+      [2.5, 1],
+      [2.5, 4],
+    ]);
+    assert.ok(!(await zones()).some((zone) => zone.name === name));
+    await page.locator('[data-zone="Test 2"]').click();
+    await page.getByRole('button', { name: 'Delete' }).click();
+    await page.getByRole('button', { name: 'Really delete?' }).click();
+    await page.locator('[data-zone="Test 2"]').waitFor({ state: 'detached' });
+    assert.ok(!(await zones()).some((zone) => zone.name === 'Test 2'));
+  });
+
+  test('a plan is uploaded, scaled by two clicks, and put to its place', async (t) => {
+    const page = await open(t);
+    await live(page);
+    await page.click('#tab-plan');
+    await page.setInputFiles('#plan-file', { name: 'plan.png', mimeType: 'image/png', buffer: png(800, 480) });
+    await page.locator('#plan-distance').waitFor();
+    /// Clicks on a point of the picture, where the page shows it.
+    const clickPixel = async (u: number, v: number) => {
+      const [x, y] = await page.evaluate(
+        ([pu, pv]) => {
+          const { map } = (window as unknown as Inside).baliza;
+          const plan = map.plan;
+          if (plan === null) return [NaN, NaN];
+          return [plan.origin_m[0] + plan.metres_per_pixel * pu, plan.origin_m[1] - plan.metres_per_pixel * pv];
+        },
+        [u, v],
+      );
+      await clickAt(page, x, y);
+    };
+    await clickPixel(40, 440);
+    await clickPixel(440, 440);
+    await page.fill('#plan-distance', '10');
+    await page.getByRole('button', { name: 'Use this scale' }).click();
+    await clickPixel(40, 440);
+    await page.fill('#plan-x', '1');
+    await page.fill('#plan-y', '1');
+    await page.getByRole('button', { name: 'Put it there' }).click();
+    await page.getByRole('button', { name: 'Save the plan' }).click();
+    await page.getByText('Saved: Plan').waitFor();
+    const { plan } = await siteOf(page, url);
+    assert.ok(plan !== null);
+    assert.deepEqual([plan.width_px, plan.height_px], [800, 480]);
+    // 10 m are 400 pixels. The point (40, 440) is at (1, 1): the corner is 40 px left of it and 440 px above.
+    assert.ok(Math.abs(plan.metres_per_pixel - 0.025) < 0.0002, String(plan.metres_per_pixel));
+    assert.ok(Math.hypot(plan.origin_m[0] - 0, plan.origin_m[1] - 12) < 0.15, String(plan.origin_m));
+    const picture = await fetch(`${url}/blueprints/${encodeURIComponent(await page.locator('#site').inputValue())}`);
+    assert.equal(picture.headers.get('Content-Type'), 'image/png');
+    assert.equal((await picture.arrayBuffer()).byteLength, png(800, 480).length);
+  });
+
+  test('a file that is no picture is refused in the page', async (t) => {
+    const page = await open(t);
+    await live(page);
+    const { plan } = await siteOf(page, url);
+    const sent: string[] = [];
+    page.on('request', (request) => sent.push(request.method()));
+    await page.click('#tab-plan');
+    await page.setInputFiles('#plan-file', { name: 'plan.png', mimeType: 'image/png', buffer: Buffer.from('nothing') });
+    await page.getByText('This file is no picture').waitFor();
+    assert.ok(!sent.includes('PUT'));
+    assert.deepEqual((await siteOf(page, url)).plan, plan);
+  });
+
+  test('walls are drawn', async (t) => {
+    const page = await open(t);
+    await live(page);
+    const before = (await siteOf(page, url)).walls_m;
+    await page.click('#tab-plan');
+    await page.getByRole('button', { name: 'Draw walls' }).click();
+    const ends = [
+      [2, 2],
+      [5, 2],
+      [5, 4],
+    ];
+    for (const [x, y] of ends) await clickAt(page, x, y);
+    await page.getByText(`${before.length + 2} walls`).waitFor();
+    await page.getByRole('button', { name: 'Take the last one back' }).click();
+    await page.getByRole('button', { name: 'Save the walls' }).click();
+    await page.getByText('Saved: Walls').waitFor();
+    const { walls_m } = await siteOf(page, url);
+    assert.deepEqual(walls_m.slice(0, -1), before);
+    const drawn = walls_m.at(-1) ?? [];
+    // A click is as exact as a pixel of the screen.
+    for (const [i, [x, y]] of ends.slice(0, 2).entries()) {
+      assert.ok(Math.hypot(drawn[i][0] - x, drawn[i][1] - y) < 0.05, String(drawn[i]));
+    }
+  });
+
+  test('the slider puts the tags where they were, and the history is played and charted', async (t) => {
+    const page = await open(t);
+    await live(page);
+    const seconds = (rows: TagPosition[]) => (Date.parse(rows[0]?.t) - Date.parse(rows.at(-1)?.t ?? '')) / 1000;
+    await until('eight seconds of history', () => history(url, '0x1001'), (rows) => seconds(rows) > 8);
+    await page.click('#tab-history');
+    await page.getByRole('button', { name: 'Last 10 minutes' }).click();
+    await page.locator('#history-status', { hasText: /positions of \d+ tags/ }).waitFor();
+    assert.equal(await page.locator('#state').textContent(), 'history');
+    const end = Number(await page.locator('#slider').getAttribute('max'));
+    let moved = 0;
+    const first = new Map<string, { x: number; y: number }>();
+    for (const share of [0.2, 0.5, 0.8]) {
+      await page.locator('#slider').fill(String(Math.round(end * share)));
+      const shown = await page.evaluate(() => {
+        const { map } = (window as unknown as Inside).baliza;
+        const { marks } = map as unknown as { marks: Marks & Replay };
+        return { t: marks.time, marks: [...marks.at()].map(({ id, x, y }) => ({ id, x, y })) };
+      });
+      assert.equal(shown.marks.length, 5);
+      for (const { id, x, y } of shown.marks) {
+        const was = await history(url, id);
+        const near = was.reduce((a, b) =>
+          Math.abs(Date.parse(b.t) - shown.t) < Math.abs(Date.parse(a.t) - shown.t) ? b : a,
+        );
+        // The page knows a position a second; a tag walks at 1 m/s, and may turn in between.
+        assert.ok(Math.hypot(near.x_m - x, near.y_m - y) < 0.8, `${id} at ${x}, ${y}: ${JSON.stringify(near)}`);
+        const begun = first.get(id) ?? { x, y };
+        first.set(id, begun);
+        moved = Math.max(moved, Math.hypot(begun.x - x, begun.y - y));
+      }
+    }
+    assert.ok(moved > 1.6, `a tag that walks at 1 m/s moved by ${moved} m`);
+    const clock = await page.locator('#clock').textContent();
+    await page.locator('#slider').fill('0');
+    await page.click('#play');
+    await page.waitForFunction((old) => document.querySelector('#clock')?.textContent !== old, clock);
+    if ((await page.locator('#play').textContent()) === 'Pause') await page.click('#play');
+    await page.check('#heat');
+    await page.getByText(/Darkest: \d+ s/).waitFor();
+    await page.locator('.chart .uplot').waitFor();
+    await page.getByRole('button', { name: 'Back to live' }).click();
+    await page.locator('#state', { hasText: 'live' }).waitFor();
+  });
+
+  test('a span without positions says so', async (t) => {
+    const page = await open(t);
+    await live(page);
+    await page.click('#tab-history');
+    await page.fill('#tab-history-panel input >> nth=0', '2001-01-01T00:00:00');
+    await page.fill('#tab-history-panel input >> nth=1', '2001-01-01T01:00:00');
+    await page.getByRole('button', { name: 'Load', exact: true }).click();
+    await page.getByText('No position in this span').waitFor();
+  });
+
+  test('a tag that enters a drawn zone raises an alarm, which is told at once and stays in the list', async (t) => {
+    const page = await open(t);
+    await live(page);
+    await page.click('#tab-zones');
+    await page.getByRole('button', { name: 'Draw', exact: true }).click();
+    await page.fill('#zone-name', 'Press');
+    await page.selectOption('#zone-kind', 'zone');
+    await page.check('#zone-alarm');
+    // The whole room, in which all tags walk.
+    for (const [x, y] of [
+      [-0.5, -0.5],
+      [12.5, -0.5],
+      [12.5, 8.5],
+      [-0.5, 8.5],
+    ])
+      await clickAt(page, x, y);
+    await page.getByRole('button', { name: 'Save' }).click();
+    await page.locator('.toast', { hasText: /Alarm: .* entered Press/ }).first().waitFor();
+    const path = '/api/v1/events?site=simulation&kind=entered&limit=1000';
+    const inPress = (events: StationEvent[]) => events.filter((event) => event.zone === 'Press');
+    const all = await until('five alarms', () => get<StationEvent[]>(url, path), (events) => inPress(events).length >= 5);
+    assert.ok(inPress(all).every((event) => event.alarm));
+    await page.click('#tab-events');
+    await page.selectOption('#event-kind', 'entered');
+    const told = page.locator('.events li.alarm', { hasText: 'entered Press' });
+    await told.nth(4).waitFor();
+    assert.equal(await page.locator('#sound').isChecked(), false);
+    await page.click('#tab-zones');
+    await page.locator('[data-zone="Press"]', { hasText: '5 inside' }).click();
+    await page.getByRole('button', { name: 'Delete' }).click();
+    await page.getByRole('button', { name: 'Really delete?' }).click();
+    await page.locator('[data-zone="Press"]').waitFor({ state: 'detached' });
+    // Without the zone, nobody is in it.
+    const inside = () => get<{ zones: string[] }[]>(url, '/api/v1/tags?site=simulation');
+    await until('no tag inside', inside, (tags) => tags.every((tag) => !tag.zones.includes('Press')));
+  });
+
+  test('the health of each anchor is in the table, and is what the API says', async (t) => {
+    const page = await open(t);
+    await live(page);
+    const measured = (nodes: Node[]) => nodes.filter((node) => node.residual_mean_m !== null);
+    const nodes = () => get<Node[]>(url, '/api/v1/nodes?site=simulation');
+    const anchors = measured(await until('six anchors', nodes, (all) => measured(all).length === 6));
+    await page.click('#tab-health');
+    const table = page.locator('#health tbody tr');
+    await table.nth(5).waitFor();
+    for (const anchor of anchors) {
+      const row = table.filter({ has: page.locator(`[data-node="${anchor.node}"]`) });
+      await row.filter({ hasText: /\d+ % ?[+-]?\d\.\d\d ± \d\.\d\d m/ }).waitFor();
+      const cells = await row.locator('td').allTextContents();
+      // Means over minutes: between the two looks they change by less than this.
+      const shown = Number.parseFloat(cells[2]);
+      assert.ok(Math.abs(shown - (anchor.residual_mean_m ?? NaN)) < 0.2, `${anchor.node}: ${cells.join(', ')}`);
+    }
+  });
+
+  test('a survey leads from point to point and counts the samples', async (t) => {
+    const phone = { viewport: { width: 390, height: 800 }, hasTouch: true, isMobile: true };
+    const page = await open(t, { context: phone });
+    await live(page);
+    const wide = await page.evaluate(() => document.documentElement.scrollWidth);
+    assert.ok(wide <= 390, `${wide} pixels wide`);
+    await page.click('#tab-survey');
+    const name = `Test ${Date.now()}`;
+    await page.fill('#campaign-name', name);
+    await page.fill('#campaign-spacing', '4');
+    await page.getByRole('button', { name: 'Make it' }).click();
+    await page.getByText(`Saved: ${name}`).waitFor();
+    assert.equal(await page.locator('#campaign').inputValue(), name);
+    await page.locator('#survey-go', { hasText: 'Go to point p1' }).waitFor();
+    const command = await page.locator('#survey-command').inputValue();
+    const target = /'(http[^']*)'/.exec(command)?.[1] ?? '';
+    const sample = /-d '(.*)'/.exec(command)?.[1] ?? '';
+    const posted = await fetch(target, {
+      method: 'POST',
+      headers: { 'Content-Type': 'application/json' },
+      body: sample,
+    });
+    assert.equal(posted.status, 201);
+    await page.locator('#survey-samples', { hasText: /^1 sample/ }).waitFor();
+    await page.getByRole('button', { name: 'Next point' }).click();
+    await page.locator('#survey-go', { hasText: 'Go to point p2' }).waitFor();
+    await page.getByRole('button', { name: 'Delete' }).click();
+    await page.getByRole('button', { name: 'Really delete?' }).click();
+    await page.getByText(`Deleted: ${name}`).waitFor();
+    assert.ok(!(await get<{ name: string }[]>(url, '/campaigns')).some((one) => one.name === name));
+  });
+
+  test('a station with tokens asks for one, and each role may do what it may', async (t) => {
+    const guarded = await Station.withTokens(['--simulate']).start();
+    t.after(() => guarded.stop());
+    const page = await visit(t, browser, guarded.url);
+    const enter = async (secret: string) => {
+      await page.locator('#login').waitFor();
+      await page.fill('#token', secret);
+      await page.keyboard.press('Enter');
+    };
+    const draw = page.getByRole('button', { name: 'Draw', exact: true });
+    const file = page.locator('#plan-file');
+    await enter('guess');
+    await page.getByText('does not know this token').waitFor();
+    for (const [role, mayDraw, mayPlan] of [
+      ['view', false, false],
+      ['operate', true, false],
+      ['administer', true, true],
+    ] as const) {
+      await enter(SECRETS[role]);
+      await live(page);
+      await page.click('#tab-zones');
+      assert.equal(await draw.isEnabled(), mayDraw, role);
+      await page.click('#tab-plan');
+      assert.equal(await file.isEnabled(), mayPlan, role);
+      // The station says the same to those who do not ask the page.
+      const status = (method: string, path: string, body: string) =>
+        page.evaluate(
+          async ([m, p, b]) =>
+            (await fetch(p, { method: m, body: b, headers: { 'Content-Type': 'application/json' } })).status,
+          [method, path, body],
+        );
+      const zone = { site: 'simulation', name: role, kind: 'zone', corners_m: [[0, 0], [1, 0], [1, 1]] }; // prettier-ignore
+      const put = await status('PUT', `/api/v1/rooms/simulation/${role}`, JSON.stringify(zone));
+      assert.equal(put === 403, !mayDraw, `${role}: ${put}`);
+      const walls = await status('PUT', '/api/v1/sites/simulation/walls', '[]');
+      assert.equal(walls === 403, !mayPlan, `${role}: ${walls}`);
+      await page.getByRole('button', { name: 'Log out' }).click();
+    }
+    await page.locator('#login').waitFor();
+    const names = (await get<Zone[]>(guarded.url, '/api/v1/rooms', SECRETS.view)).map((zone) => zone.name);
+    assert.deepEqual(names.filter((name) => name in SECRETS).sort(), ['administer', 'operate']);
+    const [site] = await get<Site[]>(guarded.url, '/scenarios', SECRETS.view);
+    assert.deepEqual(site.walls_m, []);
+  });
+
+  test('after a kill of the station under load the page is live again within 5 s, with all that the station has', async (t) => {
+    const killed = await new Station(['--simulate']).start();
+    t.after(() => killed.stop());
+    const page = await visit(t, browser, killed.url);
+    await live(page);
+    // Readers that ask without a pause, and keep what they were told.
+    const tags = ['0x1001', '0x1002', '0x1003', '0x1004', '0x1005'];
+    const told = new Map<string, TagPosition[]>();
+    let isReading = true;
+    const readers = tags.map(async (tag) => {
+      while (isReading) {
+        const rows = await history(killed.url, tag).catch(() => null);
+        if (rows !== null) told.set(tag, rows);
+      }
+    });
+    const hasTold = async () => [...told.values()].filter((rows) => rows.length > 30).length;
+    await until('thirty positions of each tag', hasTold, (count) => count === tags.length);
+    let refused = 0;
+    page.on('requestfailed', (request) => (refused += Number(request.url().includes('/api/v1/updates'))));
+    await killed.kill();
+    isReading = false;
+    await Promise.all(readers);
+    await page.locator('#state.reconnecting').waitFor();
+    // By then the pauses between two tries have their full length.
+    await until('four tries', async () => refused, (count) => count >= 4);
+    await killed.start();
+    const back = Date.now();
+    await page.locator('#state.live').waitFor();
+    const away = Date.now() - back;
+    console.log(`live again ${away} ms after the station listens`);
+    assert.ok(away < BACK_MS, `${away} ms`);
+    // Nothing that a reader was told is lost.
+    for (const tag of tags) {
+      const now = new Set((await history(killed.url, tag)).map((row) => JSON.stringify(row)));
+      const lost = (told.get(tag) ?? []).filter((row) => !now.has(JSON.stringify(row)));
+      assert.deepEqual(lost, [], tag);
+    }
+    // What came between the station's start and the page's connection is in the trails.
+    const since = (all: TagPosition[]) => all.map((row) => Date.parse(row.t)).filter((time) => time > back - 500);
+    const fresh = await Promise.all(
+      tags.map(async (tag) => {
+        const full = (all: TagPosition[]) => since(all).length > 10;
+        return [tag, since(await until('positions since', () => history(killed.url, tag), full))] as const;
+      }),
+    );
+    await page.waitForFunction((wanted) => {
+      const { store } = (window as unknown as Inside).baliza;
+      return wanted.every(([tag, times]) => {
+        const known = new Set((store.steps.get(tag) ?? []).map((step) => step.t));
+        return times.every((time) => known.has(time));
+      });
+    }, fresh);
+  });
+});
