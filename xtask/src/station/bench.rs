@@ -8,7 +8,7 @@
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpStream, UdpSocket};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -116,7 +116,7 @@ fn memory_mb(station: &Server) -> Result<[f64; 2]> {
 }
 
 /// Frames through standard input, as fast as they are taken: per second of processor time, and per second.
-fn frames(program: &PathBuf) -> Result<(f64, f64)> {
+fn frames(program: &Path) -> Result<(f64, f64)> {
     const TAGS: u16 = 100;
     let rounds = FRAMES_AT_ONCE / (FRAMES + 1);
     let mut bytes = Vec::new();
@@ -138,7 +138,7 @@ fn frames(program: &PathBuf) -> Result<(f64, f64)> {
 }
 
 /// The share of a core that this number of tags takes, each with datagrams of its own.
-fn many(program: &PathBuf, tags: u16, rate_hz: f64) -> Result<f64> {
+fn many(program: &Path, tags: u16, rate_hz: f64) -> Result<f64> {
     let (station, to) = with_datagrams(program)?;
     load::send(to, tags, rate_hz, Duration::from_secs(3))?;
     let (before, had) = (cpu_s(&station)?, metric(&station, "baliza_positions_total")?);
@@ -153,7 +153,7 @@ fn many(program: &PathBuf, tags: u16, rate_hz: f64) -> Result<f64> {
 }
 
 /// A day's frames through standard input: the memory after an hour, at the end, and at most, MB.
-fn day(program: &PathBuf) -> Result<[f64; 3]> {
+fn day(program: &Path) -> Result<[f64; 3]> {
     let (tags, seconds) = DAY;
     let mut station = Server::run(program, &["--store", "day.db", "-"], ("unused", ""))?;
     let mut input = station.input()?;
@@ -181,7 +181,7 @@ fn day(program: &PathBuf) -> Result<[f64; 3]> {
 }
 
 /// Ages of positions at a WebSocket, milliseconds: P50 and P99.
-fn latency(program: &PathBuf, tags: u16, rate_hz: f64) -> Result<[f64; 2]> {
+fn latency(program: &Path, tags: u16, rate_hz: f64) -> Result<[f64; 2]> {
     let (station, to) = with_datagrams(program)?;
     let mut socket = TcpStream::connect(&station.address)?;
     socket.set_read_timeout(Some(Duration::from_secs(30)))?;
@@ -256,7 +256,7 @@ fn percentiles(mut values: Vec<f64>) -> Result<[f64; 2]> {
 }
 
 /// Ages of positions at the first frame of the page that may show them, milliseconds: P50 and P99.
-fn to_page(program: &PathBuf, tags: u16, rate_hz: f64) -> Result<[f64; 2]> {
+fn to_page(program: &Path, tags: u16, rate_hz: f64) -> Result<[f64; 2]> {
     let (station, to) = with_datagrams(program)?;
     let url = format!("http://{}", station.address);
     let ages: Vec<f64> = thread::scope(|scope| {
@@ -289,7 +289,7 @@ fn npm(words: &[&str]) -> Result<String> {
 }
 
 /// A station that takes datagrams, and where.
-fn with_datagrams(program: &PathBuf) -> Result<(Server, SocketAddr)> {
+fn with_datagrams(program: &Path) -> Result<(Server, SocketAddr)> {
     let to = UdpSocket::bind("127.0.0.1:0").and_then(|free| free.local_addr()).context("no free port")?;
     let station = Server::run(program, &["--store", "tags.db", &format!("udp:{to}")], ("unused", ""))?;
     Ok((station, to))

@@ -265,7 +265,7 @@ on_both! {
         let file = place.folder.path().join("back-up.db");
         Store::back_up(&place.url, &file).await.unwrap();
         let store = place.open().await;
-        assert_eq!(store.positions("hall", "a", EVER(), 10).await.unwrap(), [expected.clone()]);
+        assert_eq!(store.positions("hall", "a", EVER(), 10).await.unwrap(), std::slice::from_ref(&expected));
         assert_eq!(store.last_event().await.unwrap(), 41);
         // A back-up of that version, too.
         let other = another(place).await;
