@@ -45,7 +45,7 @@ impl Made {
     }
 }
 
-const PARTS: [Part; 23] = [
+const PARTS: [Part; 24] = [
     Part {
         name: "chip",
         what: "what the methods cost on the chip, in QEMU",
@@ -99,6 +99,7 @@ const PARTS: [Part; 23] = [
         document: PERFORMANCE,
         make: station::bench::made,
     },
+    Part { name: "page", what: "a frame of the map", document: PERFORMANCE, make: station::bench::page },
     Part { name: "rooms", what: "rooms of a recorded floor", document: PERFORMANCE, make: accuracy::rooms },
 ];
 

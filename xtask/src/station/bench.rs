@@ -70,14 +70,25 @@ pub fn made() -> Result<Option<Made>> {
         format!("{:.1}, {:.1} ms", ages[0], ages[1]),
         "100 ms",
     )?;
+    Ok(Made::one("station", table))
+}
+
+/// What a frame of the map costs.
+///
+/// # Errors
+/// npm or Chromium is missing.
+pub fn page() -> Result<Option<Made>> {
+    let mut table = String::from(
+        "| on the map | main thread a frame, ms | script of it, ms | frames a second | wanted |\n|---|---:|---:|---:|---:|\n",
+    );
     for Frames { tags, rate_hz, main_thread_ms, script_ms, frames_per_s } in cost_of_frames()? {
-        row(
-            &format!("page, {tags} tags at {rate_hz} Hz: main thread a frame (script); frames a second"),
-            format!("{main_thread_ms:.1} ms ({script_ms:.1} ms); {frames_per_s:.0}"),
-            if tags > 100 { "20" } else { "60" },
+        let wanted = if tags > 100 { 20 } else { 60 };
+        writeln!(
+            table,
+            "| {tags} tags at {rate_hz} Hz | {main_thread_ms:.1} | {script_ms:.1} | {frames_per_s:.0} | {wanted} |"
         )?;
     }
-    Ok(Made::one("station", table))
+    Ok(Made::one("page", table))
 }
 
 /// A number of the station's metrics.
