@@ -15,7 +15,7 @@ use baliza_station::store::Retention;
 use baliza_station::{Hub, Live, Utc};
 use host_tools::UserError;
 use host_tools::station::Remote;
-use host_tools::station::screen::{Raw, Screen, Snapshot, Then};
+use host_tools::station::screen::{Raw, Screen, Snapshot, Then, on_hangup};
 use ratatui::crossterm::event::{self, Event};
 
 use super::serve::{InputArguments, Sources, sources_help};
@@ -145,6 +145,8 @@ fn poll(remote: Remote, notes: Notes) -> Arc<Mutex<Option<Snapshot>>> {
 fn show(sites: Vec<Site>, notes: &Notes, state: impl FnMut() -> Option<Snapshot>) -> Result<()> {
     let mut screen = Screen::new(sites, super::stdout_has_colours());
     let [of_panics, of_log] = [notes.clone(), notes.clone()];
+    // Nothing is kept, so nothing is lost.
+    on_hangup(|| std::process::exit(0));
     let mut raw = Raw::enter(move |panic| of_panics.push(&panic)).context("cannot draw on the terminal")?;
     verbosity::divert(move |line| of_log.push(line));
     let ended = watch(state, &mut screen, notes, &mut raw);

@@ -130,6 +130,22 @@ fn signals_give_the_terminal_back() {
 }
 
 #[test]
+fn a_terminal_that_is_closed_ends_it() {
+    let Some(mut live) = InTerminal::start("--simulate", &[]) else { return };
+    live.wait("0x1001");
+    let process = fs::read_to_string(live.folder.path("pid")).expect("it has begun");
+    // The terminal's other end goes away, as with a connection that breaks.
+    live.child.kill().and_then(|()| live.child.wait()).expect("script ends");
+    let begun = Instant::now();
+    // Its parent is gone: nobody may ask for its exit code, so it may stay as a zombie.
+    let state = || fs::read_to_string(format!("/proc/{}/stat", process.trim())).unwrap_or_default();
+    while !state().is_empty() && !state().contains(") Z ") {
+        assert!(begun.elapsed() < PATIENCE, "it goes on without a terminal");
+        thread::sleep(Duration::from_millis(50));
+    }
+}
+
+#[test]
 fn a_recording_is_played_without_colours_where_none_are_wanted() {
     let folder = Folder::with(&[]);
     folder.run("simulate --tags 1 --seconds 3 --fidelity air --out run --quiet").ok();

@@ -25,7 +25,7 @@ use ratatui::widgets::{Block, Clear, Paragraph};
 
 pub use self::keys::Then;
 use self::lists::List;
-pub use self::raw::Raw;
+pub use self::raw::{Raw, on_hangup};
 use self::view::View;
 
 /// How long a trail is.

@@ -65,6 +65,30 @@ impl Raw {
     }
 }
 
+/// Calls `ended` once the terminal is closed. crossterm, up to 0.29, reads a closed terminal for ever and so never sees the
+/// end of the program.
+#[cfg(any(target_os = "linux", target_vendor = "apple"))]
+pub fn on_hangup(ended: impl FnOnce() + Send + 'static) {
+    use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+    thread::spawn(move || {
+        loop {
+            // Nothing is waited for but what is always told: that the terminal is closed, or no terminal any more.
+            let stdout = stdout();
+            let mut terminal = [PollFd::new(&stdout, PollFlags::empty())];
+            let wait = Timespec { tv_sec: 1, tv_nsec: 0 };
+            // An error is a signal in between.
+            if poll(&mut terminal, Some(&wait)).is_ok_and(|closed| closed > 0) {
+                return ended();
+            }
+        }
+    });
+}
+
+/// Elsewhere a closed terminal ends the program by itself.
+#[cfg(not(any(target_os = "linux", target_vendor = "apple")))]
+pub fn on_hangup(_: impl FnOnce() + Send + 'static) {}
+
 impl Drop for Raw {
     fn drop(&mut self) {
         Self::restore();
