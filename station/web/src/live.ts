@@ -3,7 +3,7 @@
 // In: the station's events `position`, `event`, `changed`, `missed`. Out: calls of the listener, in this order after a
 // break: `fill(since)` with the time of the last position that was received, then the updates as they come.
 
-import type { StationEvent, TagPosition } from './model.js';
+import { isLater, type StationEvent, type TagPosition } from './model.js';
 
 /// What of EventSource is used, so that tests can have their own.
 export interface Source {
@@ -99,7 +99,7 @@ export class Live {
     };
     on<TagPosition>('position', (position) => {
       // While a gap is filled, `since` stays: if the filling fails, it begins there again.
-      if (!this.filling && (this.since === null || position.t > this.since)) this.since = position.t;
+      if (!this.filling && (this.since === null || isLater(position.t, this.since))) this.since = position.t;
       this.listener.position(position);
     });
     on<StationEvent>('event', (event) => this.listener.event(event));

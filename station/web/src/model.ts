@@ -1,6 +1,11 @@
 // The objects of the station's API, as `station/src/model.rs` has them. Lengths are metres in the frame of the anchors,
 // times are RFC 3339 in UTC.
 
+/// Whether a time of the API is after another one. As texts they do not compare: whole seconds have no fraction.
+export function isLater(a: string, b: string): boolean {
+  return Date.parse(a) > Date.parse(b);
+}
+
 export interface TagPosition {
   site: string;
   tag: string;

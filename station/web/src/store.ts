@@ -1,7 +1,7 @@
 // What the page knows: the sites, and the tags, nodes, zones, events of the chosen one. In: rows of the API and live
 // updates. Out: `on(topic, …)` tells who draws them. There is no drawing and no request here.
 
-import type { Me, Node, Site, StationEvent, Tag, TagPosition, Zone } from './model.js';
+import { isLater, type Me, type Node, type Site, type StationEvent, type Tag, type TagPosition, type Zone } from './model.js';
 
 export type Topic = 'site' | 'tags' | 'nodes' | 'zones' | 'events' | 'selection' | 'language' | 'me' | 'mode';
 
@@ -87,7 +87,7 @@ export class Store {
     for (const tag of tags) {
       // A position that came live may be newer than the one of this answer.
       const last = before.get(tag.tag)?.last_position ?? null;
-      if (last !== null && (tag.last_position === null || last.t > tag.last_position.t)) tag.last_position = last;
+      if (last !== null && (tag.last_position === null || isLater(last.t, tag.last_position.t))) tag.last_position = last;
       this.tags.set(tag.tag, tag);
     }
     this.tell('tags');
@@ -137,7 +137,7 @@ export class Store {
       });
       this.tellSoon('tags');
     } else {
-      if (tag.last_position !== null && tag.last_position.t > position.t) return false;
+      if (tag.last_position !== null && isLater(tag.last_position.t, position.t)) return false;
       tag.last_position = position;
       tag.last_seen = position.t;
       tag.silent = false;

@@ -5,7 +5,7 @@ import { chooseLanguage, number, setLanguage, t } from '../src/i18n.js';
 import { Motion } from '../src/map/motion.js';
 import { lastBefore, Replay } from '../src/map/replay.js';
 import { stateOf } from '../src/map/draw.js';
-import type { Node, TagPosition } from '../src/model.js';
+import { isLater, type Node, type TagPosition } from '../src/model.js';
 import { localInput, stepFor } from '../src/panels/history.js';
 import { gridPoints } from '../src/panels/survey.js';
 import { parseCorners } from '../src/panels/zones.js';
@@ -132,4 +132,10 @@ test('texts and numbers follow the language, and names stay as they are', () => 
   assert.equal(number(1.5, 2), '1,50');
   setLanguage('en');
   assert.equal(number(1.5, 2), '1.50');
+});
+
+test('a time with a fraction of a second is after that of the whole second', () => {
+  assert.ok(isLater('2026-01-01T00:00:01.25Z', '2026-01-01T00:00:01Z'));
+  assert.ok(!isLater('2026-01-01T00:00:01Z', '2026-01-01T00:00:01.25Z'));
+  assert.ok(!isLater('2026-01-01T00:00:01Z', '2026-01-01T00:00:01.000Z'));
 });
