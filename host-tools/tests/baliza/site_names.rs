@@ -139,7 +139,8 @@ fn a_recording_has_names_and_places_of_its_site_but_no_keys() {
             "[[known]]\nname = \"door\"\naddress = \"0x0101\"\n\n\
              [[known]]\nname = \"window\"\naddress = \"0x0102\"\nposition_m = [6.0, 0.5, 2.4]\n\n\
              [[known]]\nname = \"trolley\"\naddress = \"0x0201\"\n\n\
-             [[known]]\nname = \"shelf\"\nbeacon = \"1-7\"\n"
+             [[known]]\nname = \"shelf\"\nbeacon = \"1-7\"\nposition_m = [3.0, 2.0, 2.4]\n\
+             rssi_1m_dbm = -59.0\n"
         ),
         "{copy}"
     );

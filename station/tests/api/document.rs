@@ -56,13 +56,11 @@ pub fn operations(document: &Value) -> Vec<(String, String, Value)> {
 }
 
 #[tokio::test]
-async fn document_is_served_as_it_is_made_and_can_be_read() {
+async fn document_is_served_as_it_is_made() {
     let station = open().await;
     let answer = station.get("/openapi.json").await;
     assert_eq!(answer.header(header::CONTENT_TYPE), "application/json");
     assert_eq!(answer.json(), serde_json::to_value(openapi()).unwrap());
-    let read: utoipa::openapi::OpenApi = serde_json::from_slice(&answer.body).unwrap();
-    assert_eq!(read.paths.paths.keys().collect::<Vec<_>>(), openapi().paths.paths.keys().collect::<Vec<_>>());
     assert!(answer.json()["openapi"].as_str().unwrap().starts_with("3.1."));
 }
 

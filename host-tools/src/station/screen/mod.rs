@@ -181,7 +181,7 @@ impl Screen {
             (List::Hidden, _, _) => self.draw_map(frame, middle),
             (List::Tags | List::Anchors, true, _) => {
                 let [map, list] =
-                    Layout::horizontal([Constraint::Fill(1), Constraint::Max(72.min(middle.width / 2))]).areas(middle);
+                    Layout::horizontal([Constraint::Fill(1), Constraint::Max(76.min(middle.width / 2))]).areas(middle);
                 self.draw_map(frame, map);
                 self.draw_list(frame, list);
             }

@@ -166,9 +166,11 @@ fn the_list_has_positions_and_says_why_there_is_none() {
     silent.silent = true;
     let mut screen = screen(vec![tag("0x1001", Some("Ana"), [5.0, 5.0], 0), lost, silent]);
     screen.snapshot.now = at(45);
-    let text = text(&mut screen, 150, 20);
+    // Wide enough for all columns.
+    let text = text(&mut screen, 160, 20);
     let row = |word: &str| {
-        let row = text.lines().find(|row| row.contains("> ") || row[row.len() / 2..].contains(word));
+        // In the list, behind the map.
+        let row = text.lines().find(|row| row.chars().skip(80).collect::<String>().contains(word));
         row.unwrap_or_else(|| panic!("{word}: {text}")).to_owned()
     };
     // hypot(0.3, 0.4) = 0.5.
