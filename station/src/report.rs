@@ -80,7 +80,7 @@ pub enum What {
         rssi_dbm: f64,
     },
     /// A fixed receiver at a known place received a device's advertisement.
-    Heard {
+    ReceiverSighting {
         /// The receiver: a node of the site.
         receiver: String,
         /// The device, as it is to be listed among the tags.

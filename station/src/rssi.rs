@@ -1,7 +1,7 @@
 //! RSSI values between a device and nodes at known places, to the device's position.
 //!
 //! A path loss is the same in both directions. So a terminal that receives beacons and a device that fixed receivers
-//! hear are one case. The input is one RSSI a node, the output the mean of the positions that are possible with them,
+//! receive are one case. The input is one RSSI a node, the output the mean of the positions that are possible with them,
 //! and their spread (`positioning_core::ble::posterior`, as in `baliza ble solve`). One node alone gives a position,
 //! with a deviation that says how little it means. The height of the device is not known, and so heights are not used.
 
@@ -12,14 +12,13 @@ use positioning_core::ble::posterior::{PosteriorSettings, posterior};
 use positioning_core::ble::rssi::RssiObservation;
 use positioning_core::{Area, MAX_ANCHORS, SolveError};
 
+use crate::live::FARTHEST_M;
 use crate::report::What;
 
 /// The standard deviation of the device's own offset, dB: devices differ (the same as for tags in a locator).
 const DEVICE_DB: f32 = 5.0;
 /// A device can be this far outside of the box around the nodes, metres.
 const MARGIN_M: f32 = 3.0;
-/// The greatest coordinate of a node, metres.
-const FARTHEST_M: f64 = 1e6;
 
 /// A position in the plane.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -11,7 +11,7 @@
 //! | `GET /api/v1/positions?site=&from=&to=&step_s=&limit=` | all tags of a site, oldest first, at most one a tag and step |
 //! | `GET /api/v1/nodes?site=`, `GET /api/v1/rooms?site=`, `GET /api/v1/events?site=&from=&to=&kind=&before=&limit=` | health of anchors and beacons; rooms and zones with who is in them; events, newest first |
 //! | `PUT`, `DELETE /api/v1/nodes/{site}/{node}` | places, forgets a beacon or a receiver (`PlacedNode`) |
-//! | `POST /api/v1/receivers/{receiver}/sightings` | what a fixed receiver hears: devices get positions |
+//! | `POST /api/v1/receivers/{receiver}/sightings` | what a fixed receiver receives: devices get positions |
 //! | `PUT`, `DELETE /api/v1/rooms/{site}/{name}` | draws, deletes a room or a zone (`Zone`) |
 //! | `PUT /api/v1/sites/{site}/walls` | replaces the walls (a list of pairs of points) |
 //! | `PUT /api/v1/sites/{site}/plan?origin_x_m=&origin_y_m=&metres_per_pixel=&rotation_rad=` | the body is the picture |
@@ -19,11 +19,10 @@
 //! | `GET /api/v1/live?site=` | WebSocket: one `TagPosition` a message |
 //! | `GET /api/v1/updates?site=` | server-sent events `position`, `event`, `changed`, `missed` |
 //! | `POST /login`, `POST /logout`, `GET /api/v1/me` | a token becomes a cookie; who one is: role, and whether tokens are asked for |
-
 //!
-//! A request passes through these, from outside to inside: `serve` (connections), `tls` where there is a certificate, the layers of `router` (problem
-//! documents, headers, compression, `admit`: who may), `extract` (its values are checked), the handler in the file of
-//! its subject, `answer`.
+//! A request passes through these, from outside to inside: `serve` (connections), `tls` where there is a certificate,
+//! the layers of `router` (problem documents, headers, compression, `admit`: who may), `extract` (its values are
+//! checked), the handler in the file of its subject, `answer`.
 
 pub mod access;
 mod answer;
@@ -72,7 +71,7 @@ use metrics::Counts;
 use problem::Problem;
 
 use crate::model::Tag;
-use crate::{Hub, Store};
+use crate::{Hub, Report, Store};
 
 /// The greatest body of a request, bytes, but for samples and pictures.
 const BODY: usize = 256_000;
@@ -141,6 +140,16 @@ impl Station {
             configuring: tokio::sync::Mutex::default(),
             app,
         }
+    }
+
+    /// Sends reports to the hub.
+    async fn report(&self, reports: impl IntoIterator<Item = Report>) -> Result<(), Problem> {
+        let hub = self.app.hub.reports();
+        for report in reports {
+            let stops = |_| Problem::new(StatusCode::SERVICE_UNAVAILABLE, "the station stops");
+            hub.send(report).await.map_err(stops)?;
+        }
+        Ok(())
     }
 
     /// Changes the configuration: one change at a time, and to its end even if the client is gone.

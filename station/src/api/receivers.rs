@@ -1,4 +1,4 @@
-//! Fixed receivers that post what they hear, to reports for the hub.
+//! Fixed receivers that post what they receive, to reports for the hub.
 
 use std::time::Duration;
 
@@ -22,20 +22,20 @@ pub fn routes() -> OpenApiRouter<Shared> {
     OpenApiRouter::new().routes(routes!(sightings)).layer(DefaultBodyLimit::max(SAMPLES_BODY))
 }
 
-/// What a receiver heard.
+/// What a receiver received.
 #[derive(Debug, Deserialize, ToSchema)]
-struct Heard {
+struct ReceiverSightings {
     /// The site.
     #[schema(inline)]
     scenario: Name,
     /// At most 10,000.
     #[schema(max_items = 10_000)]
-    samples: Vec<HeardSample>,
+    samples: Vec<DeviceSighting>,
 }
 
 /// The RSSI of a device's advertisement, as a receiver received it.
 #[derive(Debug, Deserialize, ToSchema)]
-struct HeardSample {
+struct DeviceSighting {
     /// How the device is to be called among the tags; at most 64 bytes, and not like the address of a tag (`0x1001`).
     #[schema(inline)]
     device: Name,
@@ -57,19 +57,19 @@ struct Taken {
     taken: usize,
 }
 
-/// What a fixed receiver at a known place heard. Devices that receivers hear well enough are located once a second, and
+/// What a fixed receiver at a known place received. Devices that are received well enough are located once a second, and
 /// appear on the map.
 #[utoipa::path(post, path = "/api/v1/receivers/{receiver}/sightings", tag = "nodes",
     security(("token" = ["operate"])),
     params(("receiver" = Name, Path, description = "a node whose role is receiver")),
-    request_body = Heard, responses((status = 200, body = Taken)))]
+    request_body = ReceiverSightings, responses((status = 200, body = Taken)))]
 async fn sightings(
     State(station): State<Shared>,
     Path(receiver): Path<Name>,
-    Json(heard): Json<Heard>,
+    Json(received): Json<ReceiverSightings>,
 ) -> Result<axum::Json<Taken>, Problem> {
-    let site = station.site(&heard.scenario).await?.name;
-    let (receiver, samples) = (String::from(receiver), heard.samples);
+    let site = station.site(&received.scenario).await?.name;
+    let (receiver, samples) = (String::from(receiver), received.samples);
     if !station.app.hub.read(|live| live.known(&site, Role::Receiver)).contains_key(&receiver) {
         let how = "PUT /api/v1/nodes/{site}/{node} places one";
         return Err(Problem::missing(format_args!("receiver {receiver:?} at a known place in {site:?}; {how}")));
@@ -77,7 +77,7 @@ async fn sightings(
     if samples.len() > SAMPLES {
         return Err(Problem::wrong(format!("at most {SAMPLES} samples a request")));
     }
-    for HeardSample { device, rssi_dbm, rssi_1m_dbm, t_s } in &samples {
+    for DeviceSighting { device, rssi_dbm, rssi_1m_dbm, t_s } in &samples {
         check_rssi(*rssi_dbm, *t_s)?;
         if let Some(rssi_1m_dbm) = rssi_1m_dbm {
             check_rssi(*rssi_1m_dbm, *t_s)?;
@@ -89,12 +89,11 @@ async fn sightings(
     }
     let (now, taken) = (Utc::now(), samples.len());
     let latest_s = samples.iter().map(|sample| sample.t_s).fold(f64::NEG_INFINITY, f64::max);
-    let reports = station.app.hub.reports();
-    for HeardSample { device, rssi_dbm, rssi_1m_dbm, t_s } in samples {
+    let reports = samples.into_iter().map(|DeviceSighting { device, rssi_dbm, rssi_1m_dbm, t_s }| {
         let t = now - Duration::from_secs_f64((latest_s - t_s).max(0.0));
-        let what = What::Heard { receiver: receiver.clone(), device: device.into(), rssi_dbm, rssi_1m_dbm };
-        let stops = |_| Problem::new(axum::http::StatusCode::SERVICE_UNAVAILABLE, "the station stops");
-        reports.send(Report { t, site: site.clone(), what }).await.map_err(stops)?;
-    }
+        let what = What::ReceiverSighting { receiver: receiver.clone(), device: device.into(), rssi_dbm, rssi_1m_dbm };
+        Report { t, site: site.clone(), what }
+    });
+    station.report(reports).await?;
     Ok(axum::Json(Taken { taken }))
 }

@@ -121,9 +121,8 @@ impl Station {
                 Located { reason: Some(reason), ..Located::default() },
             ),
         };
-        let sent = self.app.hub.reports().send(Report { t: Utc::now(), site, what }).await;
-        let stops = |_| Problem::new(axum::http::StatusCode::SERVICE_UNAVAILABLE, "the station stops");
-        sent.map(|()| answer).map_err(stops)
+        self.report([Report { t: Utc::now(), site, what }]).await?;
+        Ok(answer)
     }
 }
 

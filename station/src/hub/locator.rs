@@ -1,12 +1,12 @@
-//! Devices that fixed receivers hear, to reports of their positions.
+//! Devices that fixed receivers receive, to reports of their positions.
 //!
-//! The input is [`What::Heard`] and the receivers at known places. For each device, the RSSI values of the last five
+//! The input is [`What::ReceiverSighting`] and the receivers at known places. For each device, the RSSI values of the last five
 //! seconds are kept; their mean for each receiver gives a position ([`crate::rssi`]), at most one a second. The
 //! outputs are reports like those of any other source.
 //!
-//! **Who is a tag.** Receivers hear the devices of everyone who walks by, and the addresses of most of these change each
-//! quarter of an hour. A device becomes a tag when two receivers at known places hear it, or one hears it so well that it
-//! is in the same room. A tag that only one receiver hears weakly has no position, with a reason.
+//! **Who is a tag.** Receivers receive the devices of everyone who walks by, and the addresses of most of these change each
+//! quarter of an hour. A device becomes a tag when two receivers at known places receive it, or one receives it so well that it
+//! is in the same room. A tag that only one receiver receives weakly has no position, with a reason.
 //!
 //! **Bounds.** 2,048 devices are known, with 256 values each (those of one receiver within half a second make one). A
 //! device that never was a tag is forgotten after a minute of silence, or when there is no room for a new one. A tag that
@@ -57,7 +57,7 @@ struct Value {
 struct Device {
     values: VecDeque<Value>,
     rssi_1m_dbm: Option<f64>,
-    heard: Utc,
+    received: Utc,
     solved: Option<Utc>,
     /// There are values since it was solved.
     is_waiting: bool,
@@ -66,12 +66,19 @@ struct Device {
 
 impl Device {
     fn new(now: Utc) -> Self {
-        Self { values: VecDeque::new(), rssi_1m_dbm: None, heard: now, solved: None, is_waiting: false, is_tag: false }
+        Self {
+            values: VecDeque::new(),
+            rssi_1m_dbm: None,
+            received: now,
+            solved: None,
+            is_waiting: false,
+            is_tag: false,
+        }
     }
 
     /// Whether it can be forgotten for another one.
     fn can_go(&self, now: Utc) -> bool {
-        !self.is_tag || now.since(self.heard) > GONE
+        !self.is_tag || now.since(self.received) > GONE
     }
 
     fn take(&mut self, now: Utc, t: Utc, receiver: String, rssi_dbm: f64) {
@@ -90,7 +97,7 @@ impl Device {
                 self.values.push_back(Value { receiver, t, sum_dbm: rssi_dbm, count: 1.0 });
             }
         }
-        self.heard = now;
+        self.received = now;
     }
 
     /// The mean RSSI of each known receiver, and the time of the last value.
@@ -130,7 +137,7 @@ impl Device {
     }
 }
 
-/// The devices that receivers hear.
+/// The devices that receivers receive.
 #[derive(Debug, Default)]
 pub(super) struct Locator {
     devices: HashMap<Key, Device>,
@@ -144,9 +151,9 @@ pub(super) struct Locator {
 }
 
 impl Locator {
-    /// Takes a report that the state did not refuse. What is no [`What::Heard`] changes nothing.
+    /// Takes a report that the state did not refuse. What is no [`What::ReceiverSighting`] changes nothing.
     pub(super) fn take(&mut self, now: Utc, report: Report) {
-        let What::Heard { receiver, device, rssi_dbm, rssi_1m_dbm } = report.what else { return };
+        let What::ReceiverSighting { receiver, device, rssi_dbm, rssi_1m_dbm } = report.what else { return };
         let t = report.t.min(now);
         let key = (report.site, device);
         if now.since(t) > WINDOW || !(self.devices.contains_key(&key) || self.has_room(now)) {
@@ -166,7 +173,7 @@ impl Locator {
             return true;
         }
         let can_go = self.devices.iter().filter(|(_, device)| device.can_go(now));
-        let first = can_go.min_by_key(|(_, device)| (device.is_tag, device.heard)).map(|(key, _)| key.clone());
+        let first = can_go.min_by_key(|(_, device)| (device.is_tag, device.received)).map(|(key, _)| key.clone());
         let Some(key) = first else { return false };
         let was_tag = self.devices.remove(&key).is_some_and(|device| device.is_tag);
         self.waiting.retain(|waiting| *waiting != key);
@@ -215,8 +222,8 @@ impl Locator {
     pub(super) fn forget(&mut self, now: Utc) -> Vec<(String, String)> {
         self.devices.retain(|_, device| {
             // The clock may have been set back.
-            device.heard = device.heard.min(now);
-            device.is_tag || device.is_waiting || now.since(device.heard) <= PASSED
+            device.received = device.received.min(now);
+            device.is_tag || device.is_waiting || now.since(device.received) <= PASSED
         });
         std::mem::take(&mut self.forgotten)
     }

@@ -1,9 +1,9 @@
 //! The hub: one task that takes reports, and everything that must see them.
 //!
 //! Input: [`Report`]s by a channel. They are applied to the [`Live`] state; its updates go to the listeners at once and
-//! into a queue for the store. Reports of receivers also go to the `locator`, which makes positions of them. A second task writes the queue's rows in batches, a third one compacts the store and
-//! deletes what is old. So nothing that the store does holds up a report: while it fails, rows wait in the queue, which
-//! is bounded.
+//! into a queue for the store. Reports of receivers also go to the `locator`, which makes positions of them. A second
+//! task writes the queue's rows in batches, a third one compacts the store and deletes what is old. So nothing that the
+//! store does holds up a report: while it fails, rows wait in the queue, which is bounded.
 
 mod locator;
 mod writer;
@@ -286,17 +286,17 @@ impl Applier {
                         break;
                     }
                     add(&self.counters.reports, count);
-                    let mut heard = Vec::new();
+                    let mut sightings = Vec::new();
                     self.publish(|live, updates| {
                         for report in batch.drain(..) {
                             let refused = live.refused();
                             updates.extend(live.apply(&report));
-                            if matches!(report.what, What::Heard { .. }) && live.refused() == refused {
-                                heard.push(report);
+                            if matches!(report.what, What::ReceiverSighting { .. }) && live.refused() == refused {
+                                sightings.push(report);
                             }
                         }
                     });
-                    self.locate(Utc::now(), heard);
+                    self.locate(Utc::now(), sightings);
                 }
             }
         }
@@ -309,9 +309,9 @@ impl Applier {
         }
     }
 
-    /// Solves for the devices that receivers hear, while readers of the state do not wait.
-    fn locate(&mut self, now: Utc, heard: Vec<Report>) {
-        for report in heard {
+    /// Solves for the devices that receivers receive, while readers of the state do not wait.
+    fn locate(&mut self, now: Utc, sightings: Vec<Report>) {
+        for report in sightings {
             self.locator.take(now, report);
         }
         if self.locator.is_idle() {

@@ -230,7 +230,7 @@ async fn a_device_that_receivers_hear_is_a_tag_with_positions_in_the_store() {
     let mut listener = hub.listen();
     for k in 0..4 {
         let (receiver, device) = (format!("r{k}"), "phone".to_owned());
-        send(What::Heard { receiver, device, rssi_dbm: -65.0, rssi_1m_dbm: None }).await;
+        send(What::ReceiverSighting { receiver, device, rssi_dbm: -65.0, rssi_1m_dbm: None }).await;
     }
     // What came after the first position waits for the next one, a second later.
     let mut x_m = next_position(&mut listener).await;

@@ -140,6 +140,20 @@ struct Happened {
     alarm: bool,
 }
 
+impl Happened {
+    /// What has no zone.
+    fn of(kind: EventKind, alarms: &Alarms) -> Self {
+        let alarm = match kind {
+            EventKind::Silent => alarms.silent,
+            EventKind::Moved => alarms.moved,
+            EventKind::Uncertain => alarms.uncertain,
+            EventKind::LowSupply => alarms.low_supply,
+            EventKind::Back | EventKind::Entered | EventKind::Left => false,
+        };
+        Self { kind, zone: None, dwell_s: None, alarm }
+    }
+}
+
 /// The state of a site.
 #[derive(Debug, Default)]
 struct Site {
@@ -252,8 +266,7 @@ impl Live {
                 state.reported = state.reported.min(now);
                 if !state.is_silent && now.since(state.reported) > self.limits.silent_after {
                     state.is_silent = true;
-                    let alarm = self.limits.alarms.silent;
-                    let happened = Happened { kind: EventKind::Silent, zone: None, dwell_s: None, alarm };
+                    let happened = Happened::of(EventKind::Silent, &self.limits.alarms);
                     updates.push(Update::Event(event(&mut self.last_event, now, name, tag, happened)));
                 }
             }
@@ -408,20 +421,18 @@ impl Live {
                 if !SUPPLIES_V.contains(supply_v) {
                     return None;
                 }
+                let low_v = self.limits.low_supply_v;
                 let known = self.sites.get(site).and_then(|site| site.nodes.index(node));
-                let is_low = match known {
-                    Some(index) => self.sites.get_mut(site)?.nodes.supply(index, *supply_v, &self.limits),
-                    None => {
-                        let low_v = self.limits.low_supply_v;
-                        self.reporting_tag(t, site, node, updates)?.supply.take(*supply_v, low_v)
-                    }
+                let supply = match known {
+                    Some(index) => self.sites.get_mut(site)?.nodes.supply_mut(index)?,
+                    None => &mut self.reporting_tag(t, site, node, updates)?.supply,
                 };
-                if is_low {
-                    let alarm = self.limits.alarms.low_supply;
-                    let happened = Happened { kind: EventKind::LowSupply, zone: None, dwell_s: None, alarm };
+                let is_new = supply.volts != Some(*supply_v);
+                if supply.take(*supply_v, low_v) {
+                    let happened = Happened::of(EventKind::LowSupply, &self.limits.alarms);
                     updates.push(Update::Event(event(&mut self.last_event, t, site, node, happened)));
                 }
-                self.is_changed = true;
+                self.is_changed |= is_new;
                 Some(())
             }
             What::Sighting { tag, beacon, rssi_dbm } => {
@@ -448,7 +459,7 @@ impl Live {
                 Some(())
             }
             // The device is a tag from its first position on: most devices are of people who walk by.
-            What::Heard { receiver, device, rssi_dbm, rssi_1m_dbm } => {
+            What::ReceiverSighting { receiver, device, rssi_dbm, rssi_1m_dbm } => {
                 for rssi_dbm in [Some(*rssi_dbm), *rssi_1m_dbm].into_iter().flatten() {
                     positioning_core::ble::signal::rssi(rssi_dbm).ok()?;
                 }
@@ -511,8 +522,7 @@ impl Live {
         if let Some(z_m) = position.z_m.filter(|_| !state.round.is_empty()) {
             let at_m = [position.x_m, position.y_m, z_m];
             let is_back = nodes.end_round(t, at_m, &state.round, &self.limits, |anchor| {
-                let alarm = self.limits.alarms.moved;
-                let happened = Happened { kind: EventKind::Moved, zone: None, dwell_s: None, alarm };
+                let happened = Happened::of(EventKind::Moved, &self.limits.alarms);
                 moved.push(event(last_event, t, &position.site, anchor, happened));
             });
             self.is_changed |= is_back || !moved.is_empty();
@@ -536,7 +546,7 @@ impl Live {
         }
         let state = self.sites.get_mut(site)?.tags.get_mut(tag)?;
         if state.note(t, now) {
-            let happened = Happened { kind: EventKind::Back, zone: None, dwell_s: None, alarm: false };
+            let happened = Happened::of(EventKind::Back, &self.limits.alarms);
             updates.push(Update::Event(event(&mut self.last_event, t, site, tag, happened)));
         }
         Some(state)

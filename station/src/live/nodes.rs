@@ -164,9 +164,9 @@ impl Nodes {
         }
     }
 
-    /// Its radio measured its supply voltage. Returns whether the supply is low from now on.
-    pub(super) fn supply(&mut self, index: usize, volts: f64, limits: &Limits) -> bool {
-        self.states.get_mut(index).is_some_and(|state| state.supply.take(volts, limits.low_supply_v))
+    /// Its supply.
+    pub(super) fn supply_mut(&mut self, index: usize) -> Option<&mut Supply> {
+        Some(&mut self.states.get_mut(index)?.supply)
     }
 
     /// A tag measured a range.

@@ -125,8 +125,7 @@ impl TagState {
             self.unsure_since = Some(since);
             if t.since(since) >= UNCERTAIN_FOR && !self.is_uncertain {
                 self.is_uncertain = true;
-                let alarm = limits.alarms.uncertain;
-                happened.push(Happened { kind: EventKind::Uncertain, zone: None, dwell_s: None, alarm });
+                happened.push(Happened::of(EventKind::Uncertain, &limits.alarms));
             }
         } else {
             self.unsure_since = None;

@@ -38,8 +38,8 @@ fn anchor(node: &str, position_m: [f64; 3]) -> What {
     What::Node { node: node.to_owned(), name: None, role: Role::Anchor, position_m: Some(position_m) }
 }
 
-fn heard(receiver: &str, device: &str, rssi_dbm: f64, rssi_1m_dbm: Option<f64>) -> What {
-    What::Heard { receiver: receiver.to_owned(), device: device.to_owned(), rssi_dbm, rssi_1m_dbm }
+fn received(receiver: &str, device: &str, rssi_dbm: f64, rssi_1m_dbm: Option<f64>) -> What {
+    What::ReceiverSighting { receiver: receiver.to_owned(), device: device.to_owned(), rssi_dbm, rssi_1m_dbm }
 }
 
 fn zone(name: &str, kind: ZoneKind, [x0, x1]: [f64; 2]) -> Zone {
@@ -434,8 +434,8 @@ fn numbers_that_are_no_measurements_are_refused_and_counted() {
         refuse(&mut live, SITE, anchor("0x0101", [0.0, wrong, 0.0]));
         let sighting = What::Sighting { tag: "0x1001".to_owned(), beacon: "1-7".to_owned(), rssi_dbm: wrong };
         refuse(&mut live, SITE, sighting);
-        refuse(&mut live, SITE, heard("hall", "phone", wrong, None));
-        refuse(&mut live, SITE, heard("hall", "phone", -60.0, Some(wrong)));
+        refuse(&mut live, SITE, received("hall", "phone", wrong, None));
+        refuse(&mut live, SITE, received("hall", "phone", -60.0, Some(wrong)));
         let mut vague = position("0x1001", [0.0; 2], 0.1);
         if let What::Position { z_m, .. } = &mut vague {
             *z_m = Some(wrong);
@@ -447,8 +447,8 @@ fn numbers_that_are_no_measurements_are_refused_and_counted() {
     for name in [String::new(), "x".repeat(65), "a\nb".to_owned(), "\0".to_owned()] {
         refuse(&mut live, SITE, position(&name, [0.0; 2], 0.1));
         refuse(&mut live, SITE, range(&name, 1.0));
-        refuse(&mut live, SITE, heard(&name, "phone", -60.0, None));
-        refuse(&mut live, SITE, heard("hall", &name, -60.0, None));
+        refuse(&mut live, SITE, received(&name, "phone", -60.0, None));
+        refuse(&mut live, SITE, received("hall", &name, -60.0, None));
         refuse(&mut live, SITE, anchor(&name, [0.0; 3]));
         refuse(&mut live, &name, position("0x1001", [0.0; 2], 0.1));
         refuse(&mut live, &name, anchor("0x0101", [0.0; 3]));
@@ -573,7 +573,7 @@ fn a_long_reason_is_cut_at_a_character() {
 #[test]
 fn a_receiver_that_hears_a_device_is_listed_and_the_device_is_not() {
     let mut live = live();
-    assert_eq!(live.apply(&report(at(0), heard("hall", "phone", -60.0, Some(-59.0)))), []);
+    assert_eq!(live.apply(&report(at(0), received("hall", "phone", -60.0, Some(-59.0)))), []);
     let nodes = live.nodes();
     assert_eq!(nodes.len(), 1);
     assert_eq!((nodes[0].node.as_str(), nodes[0].role, nodes[0].last_seen), ("hall", Role::Receiver, Some(at(0))));

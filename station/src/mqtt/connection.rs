@@ -11,7 +11,7 @@ use std::time::Duration;
 use rumqttc::tokio_rustls::rustls::{self, CertificateError};
 use rumqttc::{
     AsyncClient, ConnectReturnCode, ConnectionError, Event, EventLoop, LastWill, Packet, PublishNoticeError,
-    PublishOptions, QoS, SubscribeFilterInput,
+    PublishOptions, QoS, SubscribeFilterInput, SubscribeNoticeError,
 };
 use tokio::sync::watch;
 use tokio::time::{sleep, timeout};
@@ -110,13 +110,6 @@ async fn receive(mut events: EventLoop, connected: &watch::Sender<bool>, broker:
             Event::Incoming(Packet::Publish(publish)) => {
                 inbox.take(&publish.topic, &publish.payload, publish.retain).await;
             }
-            Event::Incoming(Packet::SubAck(answer)) => {
-                let is_granted =
-                    |code: &rumqttc::SubscribeReasonCode| matches!(code, rumqttc::SubscribeReasonCode::Success(_));
-                if !answer.return_codes.iter().all(is_granted) {
-                    log::warn!("mqtt: {broker}: the broker refuses a subscription: {:?}", answer.return_codes);
-                }
-            }
             Event::Incoming(_) | Event::Outgoing(_) | Event::Auth(_) => {}
         }
     }
@@ -201,9 +194,19 @@ impl Sender<'_> {
         let mut stop = self.stop.clone();
         let sending = async {
             let status = self.client.publish(self.status.clone(), "online", PublishOptions::at_least_once().retained());
-            let subscribed = async { filters.is_empty() || self.client.subscribe_many(filters).await.is_ok() };
-            if status.await.is_err() || !subscribed.await {
+            if status.await.is_err() {
                 return;
+            }
+            // Who answers a document is answered in turn: the subscriptions come first.
+            match self.client.subscribe_many_tracked(filters).await {
+                Ok(subscribed) => match subscribed.wait_completion_async().await {
+                    Ok(_) => {}
+                    Err(SubscribeNoticeError::V5SubAckFailure(reasons)) => {
+                        log::warn!("mqtt: the broker refuses a subscription: {reasons:?}");
+                    }
+                    Err(_) => return,
+                },
+                Err(_) => return,
             }
             while self.send(self.outbox.next(TOGETHER).await).await.is_some() {}
         };

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use sqlx::{AnyConnection, Connection};
 
 use super::copy::copy;
-use super::open::{Place, is_ours, url_of_file};
+use super::open::{Place, is_ours, require_file, url_of_file};
 use super::{Engine, Result, Store, StoreError};
 
 impl Store {
@@ -71,9 +71,7 @@ async fn vacuum(store: &Path, file: &Path) -> Result<()> {
     let name = || store.display().to_string();
     let cannot_open = |error| StoreError::Open(name(), error);
     let url = url_of_file(store).map_err(cannot_open)?;
-    if !store.is_file() {
-        return Err(StoreError::Missing(format!("file {}", name())));
-    }
+    require_file(&name())?;
     if !is_ours(&format!("{url}?mode=ro")).await.map_err(cannot_open)? {
         return Err(StoreError::Foreign(name()));
     }

@@ -87,6 +87,24 @@ impl Store {
     }
 }
 
+impl Store {
+    /// Opens a store that is there: no file is made.
+    ///
+    /// # Errors
+    /// As [`Store::open`], and there is no such file.
+    pub async fn open_existing(url: &str) -> Result<Self> {
+        if let Place { engine: Engine::Sqlite, name } = Place::of(url) {
+            require_file(&name)?;
+        }
+        Self::open(url).await
+    }
+}
+
+/// Refuses a SQLite store that is not there.
+pub(super) fn require_file(name: &str) -> Result<()> {
+    if Path::new(name).is_file() { Ok(()) } else { Err(StoreError::Missing(format!("file {name}"))) }
+}
+
 /// Whether a SQLite file has no tables, or those of migrations. It is not changed here, as it may be another program's.
 pub(super) async fn is_ours(url: &str) -> std::result::Result<bool, sqlx::Error> {
     let mut connection = sqlx::AnyConnection::connect(url).await?;

@@ -152,7 +152,7 @@ async fn a_receiver_is_placed_hears_a_device_and_is_forgotten() {
     assert_eq!(nodes.as_array().unwrap().len(), 4);
     assert_eq!(nodes[1]["node"], "north west");
     assert_eq!((&nodes[1]["role"], &nodes[1]["rssi_1m_dbm"]), (&json!("receiver"), &json!(-60.0)));
-    // What all hear equally well is in the middle; what is of a minute ago does not count.
+    // What all receive equally well is in the middle; what is of a minute ago does not count.
     for (name, _) in corners {
         let sample = |rssi_dbm, t_s| json!({"device": "Ana's watch", "rssi_dbm": rssi_dbm, "t_s": t_s});
         let old = if name == "ne" { -40 } else { -90 };

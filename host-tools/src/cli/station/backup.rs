@@ -38,9 +38,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let done = super::run_to_end(async { Ok(Store::back_up(&arguments.store, &arguments.out).await) })?;
     done.map_err(|error| match error {
         StoreError::Exists(_) => wrong("it is there already; name another file").into(),
-        StoreError::Missing(what) => UserError::flag("--store", format!("there is no {what}")).into(),
-        StoreError::Foreign(_) => UserError::flag("--store", error.to_string()).into(),
-        other => anyhow::Error::from(other),
+        other => super::unusable(other),
     })?;
     crate::cli::note(&format!("back-up: {}\n", arguments.out.display()));
     Ok(())

@@ -54,7 +54,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let output = OutputFolder::begin("--out", out, is_of_export, *force)?;
     let exported = super::run_to_end(async {
-        let store = open(store).await?;
+        let store = Store::open_existing(store).await.map_err(super::unusable)?;
         let exported = Exported::write(&store, site.as_deref(), tag.as_deref(), span, output.path()).await;
         store.close().await;
         exported
@@ -63,13 +63,4 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let Exported { site, tags, positions } = exported;
     crate::cli::note(&format!("{positions} positions of {tags} tags of {site}, in {}\n", out.display()));
     Ok(())
-}
-
-/// Opens a store that is there.
-async fn open(store: &str) -> Result<Store> {
-    let is_file = !store.starts_with("postgres");
-    if is_file && !std::path::Path::new(store.trim_start_matches("sqlite://")).is_file() {
-        return Err(UserError::flag("--store", format!("there is no file {store}")).into());
-    }
-    Ok(Store::open(store).await?)
 }

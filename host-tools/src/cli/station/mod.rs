@@ -5,7 +5,8 @@ mod export;
 mod restore;
 
 use anyhow::{Context, Result};
-use host_tools::Interrupted;
+use baliza_station::store::StoreError;
+use host_tools::{Interrupted, UserError};
 
 use super::serve::stopped;
 use super::stream::catch_signals;
@@ -18,6 +19,14 @@ super::commands! {
         Backup(backup),
         Restore(restore),
         Export(export),
+    }
+}
+
+/// A store that cannot be read from: where it is not there, or another program's, the person named a wrong one.
+fn unusable(error: StoreError) -> anyhow::Error {
+    match error {
+        StoreError::Missing(_) | StoreError::Foreign(_) => UserError::flag("--store", error.to_string()).into(),
+        other => other.into(),
     }
 }
 

@@ -1,4 +1,4 @@
-//! Receivers that hear devices, in time.
+//! What receivers receive of devices, in time.
 
 use super::*;
 use crate::live::{Limits, Update};
@@ -15,8 +15,8 @@ fn report(t: Utc, what: What) -> Report {
     Report { t, site: SITE.to_owned(), what }
 }
 
-fn heard(receiver: &str, device: &str, rssi_dbm: f64) -> What {
-    What::Heard { receiver: receiver.to_owned(), device: device.to_owned(), rssi_dbm, rssi_1m_dbm: None }
+fn sighting(receiver: &str, device: &str, rssi_dbm: f64) -> What {
+    What::ReceiverSighting { receiver: receiver.to_owned(), device: device.to_owned(), rssi_dbm, rssi_1m_dbm: None }
 }
 
 /// A state with receivers `r0`, `r1` … at these places, and a locator, as the hub has them.
@@ -40,7 +40,7 @@ impl World {
     }
 
     /// Reports that arrive at `now`; the updates of the positions that they lead to.
-    fn hear(&mut self, now: Utc, whats: impl IntoIterator<Item = What>) -> Vec<Update> {
+    fn receive(&mut self, now: Utc, whats: impl IntoIterator<Item = What>) -> Vec<Update> {
         for what in whats {
             let (report, refused) = (report(now, what), self.live.refused());
             self.live.apply(&report);
@@ -72,9 +72,9 @@ fn positions(updates: Vec<Update>) -> Vec<TagPosition> {
 
 const CORNERS: [[f64; 3]; 4] = [[0.0, 0.0, 2.0], [8.0, 0.0, 2.0], [0.0, 8.0, 2.0], [8.0, 8.0, 2.0]];
 
-/// All four corners hear a device equally well.
+/// All four corners receive a device equally well.
 fn equal(device: &str) -> impl Iterator<Item = What> {
-    (0..4).map(move |k| heard(&format!("r{k}"), device, -75.0))
+    (0..4).map(move |k| sighting(&format!("r{k}"), device, -75.0))
 }
 
 #[test]
@@ -82,7 +82,7 @@ fn a_device_that_four_corners_hear_equally_is_in_the_middle_once_a_second() {
     let mut world = World::new(&CORNERS);
     let mut found = Vec::new();
     for step in 0..=20 {
-        found.extend(positions(world.hear(at(250 * step), equal("phone"))));
+        found.extend(positions(world.receive(at(250 * step), equal("phone"))));
     }
     let times: Vec<Utc> = found.iter().map(|position| position.t).collect();
     assert_eq!(times, [0, 1000, 2000, 3000, 4000, 5000].map(at));
@@ -96,10 +96,10 @@ fn a_device_that_four_corners_hear_equally_is_in_the_middle_once_a_second() {
 #[test]
 fn values_count_for_five_seconds() {
     let mut world = World::new(&CORNERS);
-    world.hear(at(0), [heard("r0", "phone", -50.0), heard("r1", "phone", -80.0)]);
-    let near = positions(world.hear(at(5000), [heard("r1", "phone", -80.0)]));
-    assert!(near[0].x_m < 4.0, "r0 heard it best: {near:?}");
-    let later = positions(world.hear(at(6000), [heard("r1", "phone", -60.0)]));
+    world.receive(at(0), [sighting("r0", "phone", -50.0), sighting("r1", "phone", -80.0)]);
+    let near = positions(world.receive(at(5000), [sighting("r1", "phone", -80.0)]));
+    assert!(near[0].x_m < 4.0, "r0 received it best: {near:?}");
+    let later = positions(world.receive(at(6000), [sighting("r1", "phone", -60.0)]));
     assert!(later[0].x_m > 4.0 && later[0].used == 1, "only r1 is left, with -70 dBm: {later:?}");
 }
 
@@ -109,16 +109,19 @@ fn what_passes_by_is_no_tag_and_what_comes_near_is_one() {
     world.place("nowhere", None);
     for step in 0..10 {
         let now = at(1000 * step);
-        assert_eq!(world.hear(now, [heard("r0", "street", -80.0)]), []);
+        assert_eq!(world.receive(now, [sighting("r0", "street", -80.0)]), []);
         // Of a receiver whose place is not known, and of one that nobody knows.
-        let whats = ["nowhere", "unknown"].map(|receiver| heard(receiver, "street", -40.0));
-        assert_eq!(world.hear(now, whats), []);
+        let whats = ["nowhere", "unknown"].map(|receiver| sighting(receiver, "street", -40.0));
+        assert_eq!(world.receive(now, whats), []);
     }
     assert!(world.live.tags().is_empty());
-    assert_eq!(positions(world.hear(at(11_000), [heard("r0", "visitor", -60.0)])).len(), 1);
-    assert_eq!(positions(world.hear(at(12_000), [heard("r0", "two", -90.0), heard("r1", "two", -90.0)])).len(), 1);
-    // A tag that only one receiver hears weakly has no position, and a reason.
-    let lost = world.hear(at(20_000), [heard("r0", "visitor", -85.0)]);
+    assert_eq!(positions(world.receive(at(11_000), [sighting("r0", "visitor", -60.0)])).len(), 1);
+    assert_eq!(
+        positions(world.receive(at(12_000), [sighting("r0", "two", -90.0), sighting("r1", "two", -90.0)])).len(),
+        1
+    );
+    // A tag that only one receiver receives weakly has no position, and a reason.
+    let lost = world.receive(at(20_000), [sighting("r0", "visitor", -85.0)]);
     assert_eq!(positions(lost), []);
     let tags = world.live.tags();
     assert_eq!(tags[1].tag, "visitor");
@@ -128,7 +131,7 @@ fn what_passes_by_is_no_tag_and_what_comes_near_is_one() {
 #[test]
 fn a_device_that_nobody_hears_any_more_becomes_silent() {
     let mut world = World::new(&CORNERS);
-    world.hear(at(0), equal("phone"));
+    world.receive(at(0), equal("phone"));
     let kinds = |updates: Vec<Update>| -> Vec<EventKind> {
         let kind = |update| match update {
             Update::Event(event) => Some(event.kind),
@@ -138,7 +141,7 @@ fn a_device_that_nobody_hears_any_more_becomes_silent() {
     };
     assert_eq!(kinds(world.tick(at(29_000))), []);
     assert_eq!(kinds(world.tick(at(31_000))), [EventKind::Silent]);
-    assert!(kinds(world.hear(at(40_000), equal("phone"))).contains(&EventKind::Back));
+    assert!(kinds(world.receive(at(40_000), equal("phone"))).contains(&EventKind::Back));
 }
 
 #[test]
@@ -148,13 +151,13 @@ fn what_the_device_or_the_receiver_says_of_its_power_counts() {
         let mut world = World::new(&[[0.0; 3], [30.0, 30.0, 0.0], [-30.0, -30.0, 0.0]]);
         let what = What::PathLoss { node: "r0".to_owned(), rssi_1m_dbm: of_receiver, path_loss_exponent: None };
         world.live.apply(&report(at(0), what));
-        let what = What::Heard {
+        let what = What::ReceiverSighting {
             receiver: "r0".to_owned(),
             device: "phone".to_owned(),
             rssi_dbm: -70.0,
             rssi_1m_dbm: of_device,
         };
-        positions(world.hear(at(0), [what]))[0].sigma_x_m
+        positions(world.receive(at(0), [what]))[0].sigma_x_m
     };
     let [near, far] = [sigma(Some(-70.0), None), sigma(Some(-46.0), None)];
     assert!(near < 0.5 * far, "{near} {far}");
@@ -164,11 +167,11 @@ fn what_the_device_or_the_receiver_says_of_its_power_counts() {
 #[test]
 fn a_receiver_that_is_moved_counts_at_its_new_place() {
     let mut world = World::new(&CORNERS);
-    world.hear(at(0), equal("phone"));
+    world.receive(at(0), equal("phone"));
     for (k, [x, y, z]) in CORNERS.into_iter().enumerate() {
         world.place(&format!("r{k}"), Some([x + 100.0, y, z]));
     }
-    let found = positions(world.hear(at(2000), equal("phone")));
+    let found = positions(world.receive(at(2000), equal("phone")));
     assert!((found[0].x_m - 104.0).abs() < 0.05, "{found:?}");
 }
 
@@ -176,13 +179,13 @@ fn a_receiver_that_is_moved_counts_at_its_new_place() {
 fn wrong_values_and_times_change_nothing() {
     let mut world = World::new(&CORNERS);
     for wrong in [f64::NAN, f64::INFINITY, 200.0, 127.0, 0.0, -500.0] {
-        assert_eq!(world.hear(at(0), [heard("r0", "phone", wrong), heard("r1", "phone", wrong)]), []);
+        assert_eq!(world.receive(at(0), [sighting("r0", "phone", wrong), sighting("r1", "phone", wrong)]), []);
     }
     assert_eq!(world.live.refused(), 12);
     // Values that are too old, and values of the future: those are of now.
     for (t, count) in [(at(4_000), 0), (at(999_000), 1)] {
         for k in 0..4 {
-            world.locator.take(at(10_000), report(t, heard(&format!("r{k}"), "phone", -75.0)));
+            world.locator.take(at(10_000), report(t, sighting(&format!("r{k}"), "phone", -75.0)));
         }
         world.locator.survey(&world.live);
         let reports = world.locator.solve(at(10_000));
@@ -192,16 +195,16 @@ fn wrong_values_and_times_change_nothing() {
     // The host's clock is set back by a day, and then a device goes on being found.
     let mut world = World::new(&CORNERS);
     let day = 86_400_000;
-    assert_eq!(positions(world.hear(at(day), equal("phone"))).len(), 1);
+    assert_eq!(positions(world.receive(at(day), equal("phone"))).len(), 1);
     world.tick(at(0));
-    assert_eq!(positions(world.hear(at(0), equal("phone"))).len(), 1);
-    assert_eq!(positions(world.hear(at(1000), equal("phone"))).len(), 1);
+    assert_eq!(positions(world.receive(at(0), equal("phone"))).len(), 1);
+    assert_eq!(positions(world.receive(at(1000), equal("phone"))).len(), 1);
 }
 
 #[test]
 fn receivers_at_one_place_give_a_position_about_it_or_a_reason() {
     let mut world = World::new(&[[5.0, 5.0, 2.0]; 4]);
-    let found = positions(world.hear(at(0), equal("phone")));
+    let found = positions(world.receive(at(0), equal("phone")));
     assert_eq!(found.len(), 1);
     assert!((found[0].x_m - 5.0).abs() < 0.1 && found[0].sigma_x_m > 1.0, "{found:?}");
 }
@@ -214,10 +217,10 @@ fn a_street_full_of_random_addresses_fills_no_memory_and_displaces_no_tag() {
         for k in 0..5_000_u64 {
             now = at(60_000 * minute + 12 * k);
             if k % 50 == 0 {
-                world.hear(now, equal("phone"));
+                world.receive(now, equal("phone"));
             }
             let street = format!("{minute} {k}");
-            world.hear(now, [heard("r1", &street, -88.0)]);
+            world.receive(now, [sighting("r1", &street, -88.0)]);
             assert!(world.locator.devices.len() <= DEVICES && world.locator.waiting.len() <= DEVICES);
         }
         world.tick(now);
@@ -229,7 +232,7 @@ fn a_street_full_of_random_addresses_fills_no_memory_and_displaces_no_tag() {
     assert_eq!(world.locator.devices.len(), 1, "all others passed by");
     // A device that talks without end keeps its last values only.
     for k in 0..5_000_u64 {
-        world.hear(now + Duration::from_micros(k), [heard(&format!("r{}", k % 1000), "phone", -60.0)]);
+        world.receive(now + Duration::from_micros(k), [sighting(&format!("r{}", k % 1000), "phone", -60.0)]);
     }
     assert!(world.locator.devices.values().all(|device| device.values.len() <= VALUES));
 }
@@ -241,12 +244,12 @@ fn tags_that_are_long_silent_make_room_and_leave_their_rooms() {
     let site = SITE.to_owned();
     world.live.set_zones(vec![Zone { site, name: "hall".to_owned(), kind: ZoneKind::Room, corners_m, alarm: false }]);
     for k in 0..DEVICES {
-        world.hear(at(0), equal(&format!("guest {k}")));
+        world.receive(at(0), equal(&format!("guest {k}")));
     }
     assert_eq!(world.live.tags().len(), DEVICES);
     // All are tags, so a new one is ignored, and then the first one goes.
-    assert_eq!(world.hear(at(599_000), equal("new")), []);
-    assert_eq!(positions(world.hear(at(601_000), equal("new"))).len(), 1);
+    assert_eq!(world.receive(at(599_000), equal("new")), []);
+    assert_eq!(positions(world.receive(at(601_000), equal("new"))).len(), 1);
     let left = world.tick(at(601_000)).into_iter().filter(|update| {
         matches!(update, Update::Event(event) if event.kind == EventKind::Left && event.zone.as_deref() == Some("hall"))
     });
@@ -300,9 +303,9 @@ fn devices_in_a_simulated_flat_are_found_with_an_honest_deviation() {
             let whats: Vec<What> = means
                 .iter()
                 .enumerate()
-                .map(|(k, mean)| heard(&format!("r{k}"), &device, mean + 4.4 * random.gaussian()))
+                .map(|(k, mean)| sighting(&format!("r{k}"), &device, mean + 4.4 * random.gaussian()))
                 .collect();
-            last = positions(world.hear(at(10_000 * trial + 1000 * second), whats)).pop();
+            last = positions(world.receive(at(10_000 * trial + 1000 * second), whats)).pop();
         }
         let last = last.expect("a position");
         errors += (last.x_m - x).hypot(last.y_m - y);
@@ -343,8 +346,8 @@ fn a_recorded_robot_is_found_better_than_by_the_nearest_receiver() {
     for point in rows.chunk_by(|one, other| one[0] == other[0]) {
         let truth = [number(&point[0][2]), number(&point[0][3])];
         let now = at((1000.0 * number(&point[0][6])) as u64);
-        let whats = point.iter().map(|row| heard(&row[4], "robot", number(&row[5])));
-        for found in positions(world.hear(now, whats)) {
+        let whats = point.iter().map(|row| sighting(&row[4], "robot", number(&row[5])));
+        for found in positions(world.receive(now, whats)) {
             let device = world.locator.devices.values().next().unwrap();
             let (means, _) = device.means(now, &world.live.known(SITE, Role::Receiver));
             let nearest = means.iter().max_by(|(_, one), (_, other)| one.total_cmp(other)).unwrap().0;

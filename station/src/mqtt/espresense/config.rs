@@ -195,7 +195,7 @@ impl House {
 
     /// Whether a device is wanted, and what the file says of it. `name` is what its receiver calls it.
     pub(super) fn device(&self, id: &str, name: Option<&str>) -> Option<Wanted<'_>> {
-        // Receivers hear each other as `node:…`.
+        // Receivers receive each other as `node:…`.
         if id.starts_with("node:") || self.unwanted.iter().any(|device| device.is(id, name)) {
             return None;
         }

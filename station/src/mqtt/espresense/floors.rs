@@ -9,7 +9,7 @@ use crate::Utc;
 const FRESH: Duration = Duration::from_secs(15);
 /// Another floor counts when its RSSI is better by this, dB.
 const BETTER_DB: f64 = 6.0;
-/// A device that is not heard for this time is forgotten where there are too many.
+/// A device that is not received for this time is forgotten where there are too many.
 const FORGOTTEN: Duration = Duration::from_secs(600);
 /// The most devices.
 const MOST: usize = 10_000;

@@ -125,7 +125,12 @@ impl Espresense {
         }
         if let Some((node, _)) = nodes.iter().find(|(_, on)| *on == floor) {
             let rssi_1m_dbm = wanted.rssi_1m_dbm.or(said.rssi_1m);
-            whats.push(What::Heard { receiver: node.clone(), device: device.to_owned(), rssi_dbm, rssi_1m_dbm });
+            whats.push(What::ReceiverSighting {
+                receiver: node.clone(),
+                device: device.to_owned(),
+                rssi_dbm,
+                rssi_1m_dbm,
+            });
         }
         Ok(whats.into_iter().map(|what| Report { t, site: self.site.clone(), what }).collect())
     }

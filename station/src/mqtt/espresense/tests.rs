@@ -36,13 +36,13 @@ async fn whats(of: &mut (Espresense, mpsc::Receiver<Report>), topic: &str, paylo
 async fn a_message_becomes_a_report_of_its_receiver() {
     let mut flat = flat();
     let topic = format!("espresense/devices/{BEACON}/living_room");
-    let heard = What::Heard {
+    let sighting = What::ReceiverSighting {
         receiver: "living_room".to_owned(),
         device: BEACON.to_owned(),
         rssi_dbm: -81.1,
         rssi_1m_dbm: Some(-59.0),
     };
-    assert_eq!(whats(&mut flat, &topic, MESSAGE).await, [heard]);
+    assert_eq!(whats(&mut flat, &topic, MESSAGE).await, [sighting]);
 }
 
 #[tokio::test]
