@@ -65,6 +65,24 @@ export async function clickAt(page: Page, x: number, y: number): Promise<void> {
   await page.mouse.click(p.x, p.y);
 }
 
+/// Draws a zone whose alarm is on, around a box of the map in metres.
+export async function drawZone(
+  page: Page,
+  name: string,
+  [x0, y0, x1, y1]: [number, number, number, number],
+): Promise<void> {
+  await page.click('#tab-zones');
+  await page.getByRole('button', { name: 'Draw', exact: true }).click();
+  await page.fill('#zone-name', name);
+  await page.selectOption('#zone-kind', 'zone');
+  await page.check('#zone-alarm');
+  await clickAt(page, x0, y0);
+  await clickAt(page, x1, y0);
+  await clickAt(page, x1, y1);
+  await clickAt(page, x0, y1);
+  await page.getByRole('button', { name: 'Save' }).click();
+}
+
 /// An object of the API.
 export async function get<T>(url: string, path: string, token?: string): Promise<T> {
   const headers: Record<string, string> = token === undefined ? {} : { Authorization: `Bearer ${token}` };

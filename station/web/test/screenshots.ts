@@ -4,7 +4,7 @@ import { mkdir, stat } from 'node:fs/promises';
 import { fileURLToPath } from 'node:url';
 import type { TagPosition } from '../src/model.js';
 import { chromiumPath, launch } from './chromium.js';
-import { clickAt, get, live, until } from './page.js';
+import { drawZone, get, live, until } from './page.js';
 import { Station } from './station.js';
 
 const docs = fileURLToPath(new URL('../../../../docs', import.meta.url));
@@ -38,19 +38,7 @@ try {
   await page.getByRole('button', { name: 'Show all' }).click();
   await shoot('station-map.png');
 
-  await page.click('#tab-zones');
-  await page.getByRole('button', { name: 'Draw', exact: true }).click();
-  await page.fill('#zone-name', 'Press');
-  await page.selectOption('#zone-kind', 'zone');
-  await page.check('#zone-alarm');
-  for (const [x, y] of [
-    [4, 0.5],
-    [11, 0.5],
-    [11, 7],
-    [4, 7],
-  ])
-    await clickAt(page, x, y);
-  await page.getByRole('button', { name: 'Save' }).click();
+  await drawZone(page, 'Press', [4, 0.5, 11, 7]);
   await page.locator('.toast', { hasText: 'entered Press' }).first().waitFor();
   await page.locator('[data-zone="Press"]').waitFor();
   await shoot('station-zone.png');

@@ -7,7 +7,7 @@ import type { Marks } from '../src/map/motion.js';
 import type { Replay } from '../src/map/replay.js';
 import type { Node, Site, StationEvent, TagPosition, Zone } from '../src/model.js';
 import { chromiumPath, launch } from './chromium.js';
-import { clickAt, get, live, rows, siteOf, until, visit, type Inside } from './page.js';
+import { clickAt, drawZone, get, live, rows, siteOf, until, visit, type Inside } from './page.js';
 import { png } from './picture.js';
 import { program, SECRETS, Station } from './station.js';
 
@@ -100,21 +100,9 @@ describe('with a station', { skip: !isPossible }, () => {
     await live(page);
     const site = await siteOf(page, url);
     const zones = async () => await get<Zone[]>(url, `/api/v1/rooms?site=${encodeURIComponent(site.name)}`);
-    await page.click('#tab-zones');
-    await page.getByRole('button', { name: 'Draw', exact: true }).click();
     // Names are text, whatever is in them.
     const name = '<b>Test</b>';
-    await page.fill('#zone-name', name);
-    await page.selectOption('#zone-kind', 'zone');
-    await page.check('#zone-alarm');
-    for (const [x, y] of [
-      [3, 3],
-      [6, 3],
-      [6, 6],
-      [3, 6],
-    ])
-      await clickAt(page, x, y);
-    await page.getByRole('button', { name: 'Save' }).click();
+    await drawZone(page, name, [3, 3, 6, 6]);
     await page.locator('[data-zone]', { hasText: name }).waitFor();
     const drawn = (await zones()).find((zone) => zone.name === name);
     assert.ok(drawn !== undefined && drawn.alarm && drawn.kind === 'zone');
@@ -282,20 +270,8 @@ describe('with a station', { skip: !isPossible }, () => {
   test('a tag that enters a drawn zone raises an alarm, which is told at once and stays in the list', async (t) => {
     const page = await open(t);
     await live(page);
-    await page.click('#tab-zones');
-    await page.getByRole('button', { name: 'Draw', exact: true }).click();
-    await page.fill('#zone-name', 'Press');
-    await page.selectOption('#zone-kind', 'zone');
-    await page.check('#zone-alarm');
     // The whole room, in which all tags walk.
-    for (const [x, y] of [
-      [-0.5, -0.5],
-      [12.5, -0.5],
-      [12.5, 8.5],
-      [-0.5, 8.5],
-    ])
-      await clickAt(page, x, y);
-    await page.getByRole('button', { name: 'Save' }).click();
+    await drawZone(page, 'Press', [-0.5, -0.5, 12.5, 8.5]);
     await page.locator('.toast', { hasText: /Alarm: .* entered Press/ }).first().waitFor();
     const path = '/api/v1/events?site=simulation&kind=entered&limit=1000';
     const inPress = (events: StationEvent[]) => events.filter((event) => event.zone === 'Press');
