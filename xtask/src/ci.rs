@@ -1,8 +1,12 @@
 //! Everything that continuous integration checks, as a list of commands.
 
+use std::collections::VecDeque;
 use std::env;
-use std::process::Command;
-use std::time::Instant;
+use std::io::{self, BufRead, BufReader, PipeReader};
+use std::process::{Command, Stdio};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::thread;
+use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
 
@@ -36,28 +40,76 @@ const STEPS: [Step; 18] = [
 const FIRST_COMMAND: [&str; 11] =
     ["cargo", "run", "--release", "-p", "host-tools", "--bin", "baliza", "--", "simulate", "--plot", "room.png"];
 
-/// Runs every step, even after one has failed, and ends with a list of the results.
+/// Lines of output of a failed step that are printed again at the end: a reader of a long log looks there first.
+const KEPT_LINES: usize = 100;
+
+/// Time for the last lines to arrive after a step has ended. A process that the step left behind may hold the pipe
+/// open for ever.
+const LAST_LINES: Duration = Duration::from_secs(5);
+
+/// Runs every step, even after one has failed. It ends with the last lines of each that failed and a list of the
+/// results.
 ///
 /// # Errors
 /// A step fails, or its command cannot be started.
 pub fn run() -> Result<()> {
     let mut summary = String::new();
+    let mut failures = String::new();
     let mut failed = 0;
     for (name, words, environment) in STEPS {
         let line = words.join(" ");
         println!("\n=== {name}: {line}");
         let start = Instant::now();
-        let passed = command(words).envs(environment.iter().copied()).current_dir(root()).status()?.success();
-        failed += usize::from(!passed);
+        let (passed, last_lines) = shown(command(words).envs(environment.iter().copied()).current_dir(root()))?;
+        if !passed {
+            failed += 1;
+            failures += &format!("\n=== {name}, which failed: its last lines\n{last_lines}");
+        }
         let verdict = if passed { "passed" } else { "FAILED" };
         summary += &format!("{verdict}  {name:20} {line} ({} s)\n", start.elapsed().as_secs());
     }
-    println!("\n{summary}");
+    println!("{failures}\n{summary}");
     if failed > 0 {
         bail!("{failed} of {} checks failed", STEPS.len());
     }
     println!("all {} checks passed", STEPS.len());
     Ok(())
+}
+
+/// Runs a command and prints its output as it comes. Returns whether it succeeded, and the last [`KEPT_LINES`].
+fn shown(command: &mut Command) -> Result<(bool, String)> {
+    let (output, writer) = io::pipe()?;
+    let mut child = command.stdout(writer.try_clone()?).stderr(writer).spawn()?;
+    // The command's own ends of the pipe: while these are open, the output has no end.
+    command.stdout(Stdio::null()).stderr(Stdio::null());
+    let kept = Arc::new(Mutex::new(VecDeque::with_capacity(KEPT_LINES)));
+    let (at_end, ended) = mpsc::channel();
+    let lines = Arc::clone(&kept);
+    thread::spawn(move || {
+        relay(output, &lines);
+        // Nobody waits any more where the step has left a process behind.
+        _ = at_end.send(());
+    });
+    let passed = child.wait()?.success();
+    _ = ended.recv_timeout(LAST_LINES);
+    let kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+    Ok((passed, kept.iter().map(String::as_str).collect()))
+}
+
+/// Prints each line, and keeps the last.
+fn relay(output: PipeReader, kept: &Mutex<VecDeque<String>>) {
+    let mut output = BufReader::new(output);
+    let mut bytes = Vec::new();
+    while output.read_until(b'\n', &mut bytes).is_ok_and(|read| read > 0) {
+        let line = String::from_utf8_lossy(&bytes).into_owned();
+        print!("{line}");
+        let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if kept.len() == KEPT_LINES {
+            kept.pop_front();
+        }
+        kept.push_back(line);
+        bytes.clear();
+    }
 }
 
 /// The command of a step. A subcommand of xtask is run by this same program: cargo could not replace it while it
