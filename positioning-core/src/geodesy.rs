@@ -154,11 +154,7 @@ impl GeographicOrigin {
     pub fn covariance_east_north(&self, xx: f64, yy: f64, xy: f64) -> [f64; 3] {
         let (sin, cos) = libm::sincos(radians(self.y_azimuth_deg));
         let (ss, cc, sc) = (sin * sin, cos * cos, sin * cos);
-        [
-            xx * cc + yy * ss + 2.0 * xy * sc,
-            xx * ss + yy * cc - 2.0 * xy * sc,
-            (yy - xx) * sc + xy * (cc - ss),
-        ]
+        [xx * cc + yy * ss + 2.0 * xy * sc, xx * ss + yy * cc - 2.0 * xy * sc, (yy - xx) * sc + xy * (cc - ss)]
     }
 }
 
@@ -167,10 +163,8 @@ impl GeographicOrigin {
 fn latitude_and_height(from_axis_m: f64, from_equator_m: f64) -> (f64, f64) {
     let (sin, cos) = libm::sincos(libm::atan2(from_equator_m * A_M, from_axis_m * B_M));
     let second_e2 = E2 / (1.0 - E2);
-    let latitude = libm::atan2(
-        from_equator_m + second_e2 * B_M * sin * sin * sin,
-        from_axis_m - E2 * A_M * cos * cos * cos,
-    );
+    let latitude =
+        libm::atan2(from_equator_m + second_e2 * B_M * sin * sin * sin, from_axis_m - E2 * A_M * cos * cos * cos);
     let (sin, cos) = libm::sincos(latitude);
     (latitude, from_axis_m * cos + from_equator_m * sin - A_M * libm::sqrt(1.0 - E2 * sin * sin))
 }
@@ -224,11 +218,7 @@ mod tests {
                 [600.0, -800.0, 12.5],
                 [-33.865_750_728_036, 151.216_592_712_745, 37.578_670],
             ),
-            (
-                [78.2232, 15.6267, 0.0, -135.0],
-                [12.34, 5.6, 2.5],
-                [78.223_242_686_675, 15.626_143_458_316, 2.500_014],
-            ),
+            ([78.2232, 15.6267, 0.0, -135.0], [12.34, 5.6, 2.5], [78.223_242_686_675, 15.626_143_458_316, 2.500_014]),
             ([0.0, 179.9999, 0.0, 90.0], [0.0, 100.0, 0.0], [0.0, -179.999_201_684_716, 0.000_784]),
             ([-90.0, 0.0, 2800.0, 0.0], [300.0, 400.0, 5.0], [-89.995_525_444_232, 36.869_897_645_817, 2805.019_524]),
         ] {
