@@ -18,6 +18,8 @@ pub struct Station {
     child: Child,
     /// `127.0.0.1:PORT`.
     address: String,
+    /// What it said before it listened.
+    said: String,
     stderr: BufReader<std::process::ChildStderr>,
 }
 
@@ -38,12 +40,17 @@ impl Station {
             }
             said += &line;
         };
-        Self { child, address, stderr }
+        Self { child, address, said, stderr }
     }
 
     /// `127.0.0.1:PORT`.
     pub fn address(&self) -> &str {
         &self.address
+    }
+
+    /// What it said before it listened.
+    pub fn said(&self) -> &str {
+        &self.said
     }
 
     /// The status and the body of an answer.
