@@ -17,13 +17,15 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::{Semaphore, broadcast, watch};
 use tokio::task::JoinSet;
-use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until, timeout};
 
 use crate::model::TagPosition;
 use crate::{Hub, Update, Utc};
 
 /// Clients of a port. A further one is disconnected at once.
 const CLIENTS: usize = 32;
+/// The least time between two positions that a client gets: receivers of satellites send at most ten a second.
+const EVERY: Duration = Duration::from_millis(100);
 /// A client that takes nothing for this time is disconnected.
 const WRITE: Duration = Duration::from_secs(10);
 /// How often a port whose tag has no position says so.
@@ -69,7 +71,7 @@ struct Feed {
     site: Option<String>,
     text: watch::Sender<Arc<str>>,
     /// When the tag's newest position arrived.
-    newest: Option<tokio::time::Instant>,
+    newest: Option<Instant>,
     /// That the site has no geographic origin is in the log.
     is_warned: bool,
 }
@@ -83,7 +85,7 @@ impl Feed {
         match hub.read(|live| live.geographic_origin(&position.site)) {
             Some(origin) => {
                 self.is_warned = false;
-                self.newest = Some(tokio::time::Instant::now());
+                self.newest = Some(Instant::now());
                 self.text.send_replace(sentence::fix(position, origin).into());
             }
             None if self.is_warned => (),
@@ -168,19 +170,27 @@ async fn feed(mut stream: TcpStream, mut text: watch::Receiver<Arc<str>>) -> io:
     let mut sends = true;
     // The newest position at once, if there is one.
     text.mark_changed();
+    let mut next = Instant::now();
     loop {
         tokio::select! {
             // A client may end its own direction, and still read.
             read = from.read(&mut sent), if sends => sends = read? > 0,
-            changed = text.changed() => {
+            changed = changed(&mut text, next) => {
                 if changed.is_err() {
                     return Ok(());
                 }
                 let newest = Arc::clone(&text.borrow_and_update());
                 timeout(WRITE, to.write_all(newest.as_bytes())).await??;
+                next = Instant::now() + EVERY;
             }
         }
     }
+}
+
+/// Waits until there is a new text, not before `next`.
+async fn changed(text: &mut watch::Receiver<Arc<str>>, next: Instant) -> Result<(), watch::error::RecvError> {
+    sleep_until(next).await;
+    text.changed().await
 }
 
 #[cfg(test)]

@@ -152,6 +152,25 @@ async fn clients_that_do_not_read_hold_up_nobody() {
 }
 
 #[tokio::test]
+async fn a_client_gets_ten_positions_a_second_and_the_newest_of_them() {
+    let station = Station::start(&["0x1001"], Duration::from_secs(30)).await;
+    let mut client = station.client(0).await;
+    let begun = Instant::now();
+    for centimetres in 0..100 {
+        station.report("0x1001", f64::from(centimetres) / 100.0).await;
+        sleep(Duration::from_millis(10)).await;
+    }
+    station.report("0x1001", 300.0).await;
+    let mut fixes = 0;
+    while !client.until(",E,1,").await.contains(&east(300.0)) {
+        fixes += 1;
+    }
+    // The last one comes up to 100 ms later; the first at once.
+    let most = begun.elapsed().as_millis() / 100 + 1;
+    assert!(fixes >= 2 && fixes <= most, "{fixes} of at most {most}");
+}
+
+#[tokio::test]
 async fn a_port_has_places_for_32_clients_and_they_are_free_again() {
     let station = Station::start(&["0x1001"], Duration::from_secs(30)).await;
     let mut clients = Vec::new();
