@@ -59,8 +59,11 @@ impl Nmea {
             tasks.spawn(accept(listener, reader));
             Feed { tag, site, text, newest: None, is_warned: false }
         });
-        let feeds = feeds.collect();
-        tasks.spawn(follow(hub.clone(), hub.listen(), feeds, silent_after));
+        let feeds: Vec<_> = feeds.collect();
+        // Who listens to the hub gets a copy of each update.
+        if !feeds.is_empty() {
+            tasks.spawn(follow(hub.clone(), hub.listen(), feeds, silent_after));
+        }
         Self { _tasks: tasks }
     }
 }
