@@ -193,7 +193,7 @@ async fn serve(arguments: &Arguments, url: &str, network: Network, sources: Sour
         sources.start(&hub, &placed, super::note).map(|settings| Mqtt::start(&hub, settings, earlier.clone(), sites));
     let scheme = if tls.is_some() { "https" } else { "http" };
     super::prompt(&format!("listening on {scheme}://{address}\n"));
-    let app = App { access, tls, earlier, ..App::new(hub.clone(), store) };
+    let app = App { access, tls, webhooks: webhooks.watch(), earlier, ..App::new(hub.clone(), store) };
     api::serve(listener, app, stopped()).await.context("cannot serve")?;
     hub.stop();
     let written = writing.await.context("the writer has failed");

@@ -73,7 +73,7 @@ use metrics::Counts;
 use problem::Problem;
 
 use crate::model::Tag;
-use crate::{Hub, Report, Store};
+use crate::{Hub, Report, Store, webhooks};
 
 /// The greatest body of a request, bytes, but for samples and pictures.
 const BODY: usize = 256_000;
@@ -93,6 +93,8 @@ pub struct App {
     pub tls: Option<Arc<Tls>>,
     /// What one client may use.
     pub limits: Limits,
+    /// The hooks that get events, for the metrics.
+    pub webhooks: webhooks::Watch,
     /// The files of the page.
     pub page: Page,
     /// The tags that the store had when the station started.
@@ -108,6 +110,7 @@ impl App {
             access: Access::Open,
             tls: None,
             limits: Limits::default(),
+            webhooks: webhooks::Watch::default(),
             page: Page::built(),
             earlier: Vec::new(),
         }
