@@ -6,6 +6,7 @@
 
 mod export;
 mod node_clock;
+mod oidc;
 mod remote;
 mod reporter;
 pub mod screen;
@@ -18,6 +19,7 @@ mod webhooks;
 
 pub use export::{Exported, is_of_export};
 pub use node_clock::NodeClock;
+pub use oidc::read_oidc;
 pub use remote::Remote;
 pub use reporter::Reporter;
 pub use simulated::{SimulatedSite, simulate};
