@@ -1,4 +1,4 @@
-//! The client for requests that the station makes itself: to the receivers of webhooks, and to the provider of sign-ins.
+//! The client for requests that the station makes itself: to receivers of webhooks, and to the provider of sign-ins.
 
 use std::error::Error;
 use std::io;

@@ -23,6 +23,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use http_body_util::{BodyExt, Full, Limited};
+use hyper::header::{HeaderValue, USER_AGENT};
 use openidconnect::core::{
     CoreAuthenticationFlow, CoreClient, CoreClientAuthMethod, CoreErrorResponseType, CoreGenderClaim, CoreIdToken,
     CoreJwsSigningAlgorithm, CoreProviderMetadata,
@@ -39,10 +40,13 @@ use url::Url;
 use self::begun::{Begun, SignIn};
 use self::user::{Claims, Given, Mapping};
 pub use self::user::{Roles, User};
+use crate::api::limits::lock;
 use crate::https::{self, ClientError, last_cause};
 
 /// The greatest answer of a provider, bytes.
 const ANSWER: usize = 1 << 20;
+/// Who asks.
+const AGENT: &str = concat!("baliza/", env!("CARGO_PKG_VERSION"));
 /// The route to which the provider sends the browser back.
 pub const CALLBACK: &str = "/oidc/callback";
 /// The route that sends the browser to the provider.
@@ -192,13 +196,6 @@ struct Found {
     at: Instant,
 }
 
-#[derive(Default)]
-struct Search {
-    found: Option<Arc<Found>>,
-    /// The last try was in vain.
-    failed: Option<Instant>,
-}
-
 type Client =
     CoreClient<EndpointSet, EndpointNotSet, EndpointNotSet, EndpointNotSet, EndpointMaybeSet, EndpointMaybeSet>;
 
@@ -212,7 +209,9 @@ pub struct Oidc {
     mapping: Mapping,
     http: https::Client,
     begun: Begun,
-    search: Mutex<Search>,
+    known: std::sync::Mutex<Option<Arc<Found>>>,
+    /// Held while the provider is asked. When it was asked in vain, if that is so.
+    search: Mutex<Option<Instant>>,
 }
 
 impl fmt::Debug for Oidc {
@@ -244,8 +243,9 @@ impl Oidc {
         // The text as it is: its comparison with what the provider says is one of texts.
         let issuer = IssuerUrl::new(settings.issuer.clone()).map_err(|_| OidcError::Issuer("it is no address"))?;
         let redirect = RedirectUrl::from_url(redirect);
-        let (begun, search) = (Begun::new(patience.sign_in), Mutex::default());
-        Ok(Self { settings, patience, issuer, public_url, redirect, mapping, http, begun, search })
+        let begun = Begun::new(patience.sign_in);
+        let (known, search) = Default::default();
+        Ok(Self { settings, patience, issuer, public_url, redirect, mapping, http, begun, known, search })
     }
 
     /// Where a browser begins to sign in.
@@ -348,7 +348,8 @@ impl Oidc {
             given.and(self.ask(&client, tokens.access_token(), &subject).await)
         };
         self.mapping.user(subject.as_str(), &given).ok_or_else(|| {
-            log::warn!(target: "audit", "{:?} has signed in and has no role: {}", subject.as_str(), self.mapping.why(&given));
+            let (subject, why) = (subject.as_str(), self.mapping.why(&given));
+            log::warn!(target: "audit", "{subject:?} has signed in and has no role: {why}");
             Refusal::NoRole
         })
     }
@@ -373,30 +374,34 @@ impl Oidc {
 
     /// What the provider says of itself, where this is known since after `newer_than`; else it is asked.
     async fn found(&self, newer_than: Option<Instant>) -> Result<Arc<Found>, Refusal> {
-        let mut search = self.search.lock().await;
-        if let Some(found) = &search.found
-            && newer_than.is_none_or(|than| found.at > than)
-        {
-            return Ok(found.clone());
+        let known = || lock(&self.known).clone().filter(|found| newer_than.is_none_or(|than| found.at > than));
+        if let Some(found) = known() {
+            return Ok(found);
         }
-        if search.failed.is_some_and(|at| at.elapsed() < self.patience.pause) {
+        let mut failed = self.search.lock().await;
+        // Another request may have asked meanwhile.
+        if let Some(found) = known() {
+            return Ok(found);
+        }
+        if failed.is_some_and(|at| at.elapsed() < self.patience.pause) {
             return Err(Refusal::Away);
         }
         match CoreProviderMetadata::discover_async(self.issuer.clone(), &|request| self.send(request)).await {
             Ok(metadata) => {
-                if search.found.is_none() || search.failed.is_some() {
+                let found = Arc::new(Found { metadata, at: Instant::now() });
+                let before = lock(&self.known).replace(found.clone());
+                if before.is_none() || failed.is_some() {
                     log::info!("sign-in: {} answers", self.issuer());
                 }
-                let found = Arc::new(Found { metadata, at: Instant::now() });
-                *search = Search { found: Some(found.clone()), failed: None };
+                *failed = None;
                 Ok(found)
             }
             Err(error) => {
-                if search.failed.is_none() {
+                if failed.is_none() {
                     let (issuer, why) = (self.issuer(), told(&error));
                     log::error!("sign-in: {issuer} cannot be used: {why}; it is tried again");
                 }
-                search.failed = Some(Instant::now());
+                *failed = Some(Instant::now());
                 Err(Refusal::Away)
             }
         }
@@ -415,8 +420,12 @@ impl Oidc {
     }
 
     /// Sends a request to the provider.
-    fn send(&self, request: HttpRequest) -> impl Future<Output = Result<HttpResponse, RequestError>> + Send + 'static {
+    fn send(
+        &self,
+        mut request: HttpRequest,
+    ) -> impl Future<Output = Result<HttpResponse, RequestError>> + Send + 'static {
         let (http, limit) = (self.http.clone(), self.patience.request);
+        request.headers_mut().insert(USER_AGENT, HeaderValue::from_static(AGENT));
         let answer = async move {
             let answer = http.request(request.map(|body| Full::from(body))).await?;
             let (parts, body) = answer.into_parts();

@@ -264,7 +264,8 @@ async fn keys(State(provider): State<Provider>) -> Json<Value> {
         // An uncompressed point: 4, x, y (SEC 1, section 2.3.3).
         let point = inner.key.0.public_key().as_ref();
         let [x, y] = [&point[1..33], &point[33..]].map(|number| URL_SAFE_NO_PAD.encode(number));
-        json!({"keys": [{"kty": "EC", "crv": "P-256", "use": "sig", "alg": "ES256", "kid": inner.key.1, "x": x, "y": y}]})
+        let kid = inner.key.1;
+        json!({"keys": [{"kty": "EC", "crv": "P-256", "use": "sig", "alg": "ES256", "kid": kid, "x": x, "y": y}]})
     }))
 }
 
