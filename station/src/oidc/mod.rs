@@ -7,6 +7,7 @@
 //!
 //! | module | what is in it |
 //! |---|---|
+//! | `settings` | what a person configures |
 //! | `begun` | sign-ins that are begun and not finished |
 //! | `user` | claims to name and role |
 //!
@@ -14,11 +15,11 @@
 //! token is signed by a key that is not known. A provider that is away is tried again; nothing else waits for it.
 
 mod begun;
+mod settings;
 mod user;
 
 use std::error::Error;
 use std::fmt;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -38,10 +39,11 @@ use tokio::time::timeout;
 use url::Url;
 
 use self::begun::{Begun, SignIn};
+pub use self::settings::{OidcError, Patience, Settings};
 use self::user::{Claims, Given, Mapping};
 pub use self::user::{Roles, User};
 use crate::api::limits::lock;
-use crate::https::{self, ClientError, last_cause};
+use crate::https::{self, last_cause};
 
 /// The greatest answer of a provider, bytes.
 const ANSWER: usize = 1 << 20;
@@ -63,85 +65,6 @@ const ALGORITHMS: [CoreJwsSigningAlgorithm; 9] = [
     CoreJwsSigningAlgorithm::EcdsaP384Sha384,
     CoreJwsSigningAlgorithm::EdDsa,
 ];
-
-/// The provider, and what its users may do.
-#[derive(Clone)]
-pub struct Settings {
-    /// The provider, exactly as it writes its own name: `https://…`.
-    pub issuer: String,
-    /// The station's name at the provider.
-    pub client_id: String,
-    /// The station's secret at the provider; None: a public client, with PKCE alone.
-    pub client_secret: Option<String>,
-    /// The station's own address, as browsers see it.
-    pub public_url: String,
-    /// Scopes to ask for besides `openid`.
-    pub scopes: Vec<String>,
-    /// The claim that names groups or roles: its name, or a path with points.
-    pub claim: String,
-    /// Which values of the claim give which role.
-    pub roles: Roles,
-    /// PEM with the authorities that the provider's certificate may be from, in place of those of the system.
-    pub ca: Option<PathBuf>,
-    /// A session ends after this time: what the provider says of the person may have changed.
-    pub session: Duration,
-}
-
-impl fmt::Debug for Settings {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Settings").field("issuer", &self.issuer).finish_non_exhaustive()
-    }
-}
-
-/// How long.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Patience {
-    /// A person has this time at the provider.
-    pub sign_in: Duration,
-    /// A request to the provider has this time until its answer.
-    pub request: Duration,
-    /// A provider that does not answer is not asked again before this.
-    pub pause: Duration,
-    /// One that did not answer at the start is asked again after this.
-    pub again: Duration,
-    /// What the provider says of itself is read again after this.
-    pub renewal: Duration,
-}
-
-impl Default for Patience {
-    fn default() -> Self {
-        Self {
-            sign_in: Duration::from_secs(600),
-            request: Duration::from_secs(10),
-            pause: Duration::from_secs(2),
-            again: Duration::from_secs(15),
-            renewal: Duration::from_secs(3600),
-        }
-    }
-}
-
-/// The settings cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum OidcError {
-    /// The issuer is no address.
-    #[error("issuer: {0}; it is an address such as https://id.example.org/realms/house, as the provider writes it")]
-    Issuer(&'static str),
-    /// The client has no name.
-    #[error("client_id is empty: it is the station's name at the provider")]
-    ClientId,
-    /// The station's address is none.
-    #[error("public_url: {0}; it is the station's address in browsers, such as https://station.example.org")]
-    PublicUrl(&'static str),
-    /// Nobody could sign in.
-    #[error("roles: no value gives a role; for example administer = [\"baliza-admins\"]")]
-    NoRoles,
-    /// A value has two roles.
-    #[error("roles: {0:?} is there twice")]
-    Twice(String),
-    /// No server's certificate could be checked.
-    #[error(transparent)]
-    Client(ClientError),
-}
 
 /// Why a person is not signed in. The log has more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -226,17 +149,7 @@ impl Oidc {
     /// # Errors
     /// Addresses, roles or certificates are wrong.
     pub fn new(settings: Settings, patience: Patience) -> Result<Self, OidcError> {
-        let issuer = address(&settings.issuer).map_err(OidcError::Issuer)?;
-        if issuer.scheme() == "http" && !is_loopback(&issuer) {
-            return Err(OidcError::Issuer("without https, anyone in between could sign in as anyone"));
-        }
-        let public_url = address(&settings.public_url).map_err(OidcError::PublicUrl)?;
-        if public_url.path() != "/" {
-            return Err(OidcError::PublicUrl("the station must be at the root of its host, without a path"));
-        }
-        if settings.client_id.is_empty() {
-            return Err(OidcError::ClientId);
-        }
+        let (issuer, public_url) = settings.addresses()?;
         let mapping = Mapping::of(&settings.claim, &settings.roles)?;
         let redirect = public_url.join(CALLBACK).map_err(|_| OidcError::PublicUrl("it is no address"))?;
         let http = https::client(issuer.scheme() == "https", settings.ca.as_deref()).map_err(OidcError::Client)?;
@@ -447,26 +360,5 @@ fn told(error: &(dyn Error + 'static)) -> String {
     match (error.to_string(), last_cause(error).to_string()) {
         (text, cause) if text.contains(&cause) => text,
         (text, cause) => format!("{text}: {cause}"),
-    }
-}
-
-/// The address of a host.
-fn address(text: &str) -> Result<Url, &'static str> {
-    let url: Url = text.parse().map_err(|_| "it is no address")?;
-    if !matches!(url.scheme(), "http" | "https") {
-        return Err("it must begin with https:// or http://");
-    }
-    if !url.username().is_empty() || url.password().is_some() || url.query().is_some() || url.fragment().is_some() {
-        return Err("it has more than host, port and path");
-    }
-    Ok(url)
-}
-
-fn is_loopback(url: &Url) -> bool {
-    match url.host() {
-        Some(url::Host::Domain(name)) => name == "localhost" || name.ends_with(".localhost"),
-        Some(url::Host::Ipv4(address)) => address.is_loopback(),
-        Some(url::Host::Ipv6(address)) => address.is_loopback(),
-        None => false,
     }
 }

@@ -95,6 +95,13 @@ describe('sign-in at a provider', { skip: !isPossible }, () => {
       assert.equal(await page.getByRole('button', { name: 'Draw', exact: true }).isEnabled(), mayDraw, role);
       await page.click('#tab-plan');
       assert.equal(await page.locator('#plan-file').isEnabled(), mayPlan, role);
+      const put = await page.evaluate(async (name) => {
+        const zone = { site: 'simulation', name, kind: 'zone', corners_m: [[0, 0], [1, 0], [1, 1]] }; // prettier-ignore
+        const headers = { 'Content-Type': 'application/json' };
+        const path = `/api/v1/rooms/simulation/${name}`;
+        return (await fetch(path, { method: 'PUT', headers, body: JSON.stringify(zone) })).status;
+      }, role);
+      assert.equal(put, mayDraw ? 201 : 403);
       const cookies = await page.context().cookies(station.url);
       assert.deepEqual(
         cookies.map(({ name, httpOnly, sameSite }) => [name, httpOnly, sameSite]),
@@ -104,6 +111,11 @@ describe('sign-in at a provider', { skip: !isPossible }, () => {
       await page.locator('#login').waitFor();
       assert.equal((await me(page)).role, null);
     }
+    // The log names them.
+    const log = station.said.join('\n');
+    assert.match(log, /"oidc:eva" signs in as Operate, subject "eva@staff@leads"/);
+    assert.match(log, /"oidc:leo" PUT \/api\/v1\/rooms\/simulation\/administer 201/);
+    assert.ok(!log.includes(CLIENT.secret));
   });
 
   test('a person without a role is told so, and can try as another one', async (t) => {
