@@ -64,6 +64,8 @@ pub struct Who {
     pub name: Option<String>,
     /// What they may do.
     pub role: UserRole,
+    /// Until when, at most; None: no end is known.
+    pub until: Option<Instant>,
 }
 
 /// What a route asks for.
@@ -101,13 +103,11 @@ pub struct Gate {
 struct Session {
     who: Who,
     used: Instant,
-    /// Ends at this time in any case; None: only where it is not used.
-    end: Option<Instant>,
 }
 
 impl Session {
     fn is_over(&self, now: Instant) -> bool {
-        now.saturating_duration_since(self.used) >= SESSION || self.end.is_some_and(|end| now >= end)
+        now.saturating_duration_since(self.used) >= SESSION || self.who.until.is_some_and(|end| now >= end)
     }
 }
 
@@ -160,7 +160,7 @@ impl Gate {
     /// Who makes a request; None: nobody says so.
     pub fn who(&self, headers: &HeaderMap, client: IpAddr) -> Result<Option<Who>, Problem> {
         if !self.asks_for_tokens() {
-            return Ok(Some(Who { name: None, role: UserRole::Administer }));
+            return Ok(Some(Who { name: None, role: UserRole::Administer, until: None }));
         }
         if let Some(given) = headers.get(header::AUTHORIZATION) {
             let given = given.to_str().ok().and_then(|given| given.split_once(' '));
@@ -188,14 +188,14 @@ impl Gate {
         let too_many = |wait_s| Problem::too_many("wrong tokens", wait_s);
         self.wrong_tokens.check(client, Instant::now()).map_err(too_many)?;
         let Access::Tokens(tokens) = &self.access else {
-            return Ok(Who { name: None, role: UserRole::Administer });
+            return Ok(Who { name: None, role: UserRole::Administer, until: None });
         };
         let hash = sha256(secret);
         // All are compared, each in full: the time tells nothing.
         let found =
             tokens.iter().fold(None, |found, token| if same(&token.sha256, &hash) { Some(token) } else { found });
         match found {
-            Some(token) => Ok(Who { name: Some(token.name.clone()), role: token.role }),
+            Some(token) => Ok(Who { name: Some(token.name.clone()), role: token.role, until: None }),
             None => {
                 log::warn!(target: "audit", "{client} a wrong token");
                 self.wrong(client)?;
@@ -219,8 +219,8 @@ impl Gate {
         self.writes.take(client, Instant::now()).map_err(|wait_s| Problem::too_many("requests", wait_s))
     }
 
-    /// Begins a session, which ends after `lifetime` in any case; the value of its `Set-Cookie`.
-    pub fn log_in(&self, who: Who, lifetime: Option<Duration>) -> Result<String, Problem> {
+    /// Begins a session; the value of its `Set-Cookie`.
+    pub fn log_in(&self, who: Who) -> Result<String, Problem> {
         let mut random = [0; 32];
         getrandom::fill(&mut random).map_err(|error| {
             log::error!("no random numbers: {error}");
@@ -233,9 +233,9 @@ impl Gate {
             let oldest = sessions.iter().min_by_key(|(_, session)| session.used).map(|(id, _)| *id);
             oldest.and_then(|oldest| sessions.remove(&oldest));
         }
-        let end = lifetime.and_then(|lifetime| now.checked_add(lifetime));
-        sessions.insert(sha256(&id), Session { who, used: now, end });
-        Ok(self.set_cookie(&id, lifetime.unwrap_or(SESSION)))
+        let age = who.until.map_or(SESSION, |until| until.saturating_duration_since(now));
+        sessions.insert(sha256(&id), Session { who, used: now });
+        Ok(self.set_cookie(&id, age))
     }
 
     /// Ends a request's session; the value of `Set-Cookie` that deletes the cookie.
@@ -315,8 +315,8 @@ mod tests {
     #[test]
     fn a_further_session_replaces_the_one_that_was_used_longest_ago() {
         let gate = Gate::new(Access::Tokens(Vec::new()), true, &Limits::default());
-        let who = Who { name: Some("ana".into()), role: UserRole::View };
-        let cookies: Vec<String> = (0..=SESSIONS).map(|_| gate.log_in(who.clone(), None).unwrap()).collect();
+        let who = Who { name: Some("ana".into()), role: UserRole::View, until: None };
+        let cookies: Vec<String> = (0..=SESSIONS).map(|_| gate.log_in(who.clone()).unwrap()).collect();
         assert!(cookies[0].ends_with("; HttpOnly; SameSite=Strict; Secure"));
         assert_eq!(known(&gate, &cookies[0]), None);
         assert_eq!([known(&gate, &cookies[1]), known(&gate, &cookies[SESSIONS])], [Some(who.clone()), Some(who)]);
@@ -331,12 +331,14 @@ mod tests {
     #[test]
     fn a_session_with_a_lifetime_ends_even_if_it_is_used() {
         let gate = Gate::new(Access::Tokens(Vec::new()), false, &Limits::default());
-        let who = Who { name: Some("oidc:ana".into()), role: UserRole::View };
-        let cookie = gate.log_in(who.clone(), Some(Duration::from_millis(300))).unwrap();
-        let lasting = gate.log_in(who.clone(), Some(Duration::from_secs(3600))).unwrap();
+        let [short, long] = [Duration::from_millis(300), Duration::from_millis(3_600_900)].map(|lifetime| {
+            let until = Some(Instant::now() + lifetime);
+            Who { name: Some("oidc:ana".into()), role: UserRole::View, until }
+        });
+        let [cookie, lasting] = [&short, &long].map(|who| gate.log_in(who.clone()).unwrap());
         assert!(lasting.contains("; Max-Age=3600; HttpOnly; SameSite=Strict"));
-        assert_eq!(known(&gate, &cookie), Some(who.clone()));
+        assert_eq!(known(&gate, &cookie), Some(short));
         std::thread::sleep(Duration::from_millis(310));
-        assert_eq!([known(&gate, &cookie), known(&gate, &lasting)], [None, Some(who)]);
+        assert_eq!([known(&gate, &cookie), known(&gate, &lasting)], [None, Some(long)]);
     }
 }

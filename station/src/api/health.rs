@@ -89,7 +89,7 @@ async fn log_in(
         return Ok(me.into_response());
     }
     log::info!(target: "audit", "{client} {:?} logs in", who.name.as_deref().unwrap_or_default());
-    Ok(([(header::SET_COOKIE, station.gate.log_in(who, None)?)], me).into_response())
+    Ok(([(header::SET_COOKIE, station.gate.log_in(who)?)], me).into_response())
 }
 
 /// Ends the session of the cookie.

@@ -4,6 +4,8 @@
 //! they have begun themselves. A browser is sent back to the page, which tells what has failed; other programs get a
 //! problem document.
 
+use std::time::Instant;
+
 use axum::Extension;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -105,7 +107,11 @@ async fn end(
     // As it is in the log from now on. A token's name cannot be mistaken for it.
     let name = format!("oidc:{}", user.name);
     log::info!(target: "audit", "{client} {name:?} signs in as {:?}, subject {:?}", user.role, user.subject);
-    let session = station.gate.log_in(Who { name: Some(name), role: user.role }, Some(oidc.session()))?;
+    let session = station.gate.log_in(Who {
+        name: Some(name),
+        role: user.role,
+        until: Instant::now().checked_add(oidc.session()),
+    })?;
     Ok(to("/", [session, keep(&station, "", 0)]))
 }
 

@@ -340,7 +340,7 @@ impl Oidc {
         let (http, limit) = (self.http.clone(), self.patience.request);
         request.headers_mut().insert(USER_AGENT, HeaderValue::from_static(AGENT));
         let answer = async move {
-            let answer = http.request(request.map(|body| Full::from(body))).await?;
+            let answer = http.request(request.map(Full::from)).await?;
             let (parts, body) = answer.into_parts();
             let body = Limited::new(body, ANSWER).collect().await.map_err(RequestError::Body)?;
             Ok(HttpResponse::from_parts(parts, body.to_bytes().into()))

@@ -76,7 +76,8 @@ fn session(answer: &Answer) -> String {
     let cookies: Vec<_> =
         answer.headers.get_all(header::SET_COOKIE).iter().map(|value| value.to_str().unwrap()).collect();
     assert_eq!(cookies.len(), 2);
-    assert!(cookies[0].ends_with("; Path=/; Max-Age=3600; HttpOnly; SameSite=Strict"), "{cookies:?}");
+    // An hour, less the time that the answer takes.
+    assert!(cookies[0].ends_with("; Path=/; Max-Age=3599; HttpOnly; SameSite=Strict"), "{cookies:?}");
     assert!(cookies[1].starts_with("baliza_sign_in=; Path=/oidc/; Max-Age=0"), "{cookies:?}");
     cookies[0].split(';').next().unwrap().to_owned()
 }
@@ -299,6 +300,22 @@ async fn a_provider_that_calls_itself_otherwise_is_not_used() {
     provider.rename("https://id.example.org");
     let station = station(&provider).await;
     station.get("/oidc/login").await.is_problem(503);
+}
+
+#[tokio::test]
+async fn a_session_ends_after_its_time_and_live_updates_with_it() {
+    let provider = Provider::start().await;
+    let settings = Settings { session: Duration::from_millis(1_500), ..settings(&provider.issuer) };
+    let station = station_with(settings, hasty(), generous()).await;
+    let answer = sign_in(&station, &provider).await;
+    let cookie = answer.header(header::SET_COOKIE).split(';').next().unwrap().to_owned();
+    let cookie = [(header::COOKIE, cookie.as_str())];
+    assert_eq!(get(&station, "/api/v1/tags", &cookie).await.status, 200);
+    let begun = std::time::Instant::now();
+    // An event stream, read to its end.
+    assert_eq!(get(&station, "/api/v1/updates", &cookie).await.status, 200);
+    assert!(begun.elapsed() > Duration::from_millis(500) && begun.elapsed() < Duration::from_secs(10));
+    get(&station, "/api/v1/updates", &cookie).await.is_problem(401);
 }
 
 #[tokio::test]
