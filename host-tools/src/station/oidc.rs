@@ -159,7 +159,7 @@ mod tests {
             (format!("{PROVIDER}[roles]\nroot = [\"all\"]\n"), 0o600, "administer"),
             (with("client_secret = \"private\""), 0o644, "chmod o="),
             (with("client_secret_file = \"secret\""), 0o644, "chmod o="),
-            (with("client_secret_file = \"missing\""), 0o600, "missing: cannot read it"),
+            (with("client_secret_file = \"missing\""), 0o600, "missing: cannot open it"),
             (with("client_secret_file = \"empty\""), 0o600, "empty"),
             (with("client_secret = \"private\"\nclient_secret_file = \"secret\""), 0o600, "one of them"),
             (with("client_secret = private"), 0o600, ":4: "),
