@@ -12,6 +12,7 @@
 //! | [`rssi`] | RSSI values of nodes at known places to a position |
 //! | [`terminal`] | a terminal's RSSI values to its position |
 //! | [`api`] | HTTP: REST, WebSocket, server-sent events, the page |
+//! | [`oidc`] | sign-in at a provider of OpenID Connect |
 //! | [`webhooks`] | events to other programs |
 //!
 //! Data flows one way: a source makes a [`Report`] and sends it to the [`Hub`]; the hub's task applies it to the
@@ -22,11 +23,13 @@
 
 pub mod api;
 pub mod gpx;
+mod https;
 pub mod hub;
 pub mod live;
 pub mod model;
 pub mod mqtt;
 pub mod nmea;
+pub mod oidc;
 pub mod report;
 pub mod rssi;
 pub mod store;

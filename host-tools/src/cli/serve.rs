@@ -3,6 +3,7 @@
 mod alarms;
 mod encryption;
 mod mqtt;
+mod sign_in;
 mod viewers;
 
 use std::net::SocketAddr;
@@ -13,16 +14,15 @@ use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use baliza_station::api::{self, Access, App, Tls};
+use baliza_station::api::{self, App, Tls};
 use baliza_station::live::Limits;
 use baliza_station::model::{GeographicOrigin, PlacedNode, Site, Zone};
 use baliza_station::mqtt::{self as broker, Mqtt};
 use baliza_station::store::Retention;
 use baliza_station::webhooks::{Patience, Webhook, Webhooks};
 use baliza_station::{Hub, Live, Report, Store, Utc};
-use host_tools::UserError;
 use host_tools::node::provision::SiteNames;
-use host_tools::station::{self, OpenSource, SimulatedSite, SourceSpec, read_tokens, read_webhooks, simulate};
+use host_tools::station::{self, OpenSource, SimulatedSite, SourceSpec, read_webhooks, simulate};
 use host_tools::survey::presence::read_outlines;
 use sim::scenario::Scenario;
 use tokio::net::TcpListener;
@@ -31,6 +31,7 @@ use tokio::sync::mpsc;
 use self::alarms::Limiting;
 use self::encryption::Encryption;
 use self::mqtt::MqttArguments;
+use self::sign_in::{SignInArguments, Users};
 use self::viewers::{Listening, Viewers};
 use super::stream::{STOP, catch_signals};
 
@@ -44,16 +45,15 @@ use super::stream::{STOP, catch_signals};
 pub struct Arguments {
     #[command(flatten)]
     inputs: InputArguments,
-    /// Where to listen; port 0 takes a free one. Beyond this computer only with --tokens
+    /// Where to listen; port 0 takes a free one. Beyond this computer only with --tokens or --oidc
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8080")]
     listen: SocketAddr,
     /// A SQLite file, which is made where it does not exist, or postgres://USER:PASSWORD@HOST/DATABASE [default:
     /// baliza.db; for --simulate alone a temporary file]
     #[arg(long, value_name = "FILE|URL")]
     store: Option<String>,
-    /// Who may do what: a TOML file with a table `token` for each, as docs/station.md describes it
-    #[arg(long, value_name = "FILE")]
-    tokens: Option<PathBuf>,
+    #[command(flatten)]
+    sign_in: SignInArguments,
     #[command(flatten)]
     encryption: Encryption,
     /// Send events to other programs: a TOML file with a table `webhook` for each, as docs/station-network.md describes
@@ -126,6 +126,7 @@ Examples:
   baliza serve --mqtt mqtt://baliza@broker --mqtt-password-file password --espresense config.yaml
   baliza serve --nmea 0x1001@127.0.0.1:10110 --foxglove --site site.toml udp:0.0.0.0:7000
   baliza serve --listen 0.0.0.0:8443 --tokens tokens.toml --tls-cert fullchain.pem --tls-key privkey.pem
+  baliza serve --oidc oidc.toml --trusted-proxy 127.0.0.1 udp:0.0.0.0:7000
   baliza serve run/"
 );
 
@@ -143,7 +144,7 @@ const SIGNALS: Duration = Duration::from_millis(50);
 pub fn run(arguments: &Arguments) -> Result<()> {
     let mqtt = arguments.mqtt.read(&arguments.inputs.site_name)?;
     let sources = Sources::of(&arguments.inputs, mqtt)?;
-    let access = access(arguments)?;
+    let users = arguments.sign_in.read(arguments.listen)?;
     let tls = arguments.encryption.read()?;
     let webhooks = arguments.webhooks.as_deref().map(read_webhooks).transpose()?.unwrap_or_default();
     // A temporary store is deleted when it is dropped.
@@ -160,19 +161,19 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     catch_signals()?;
     let runtime =
         tokio::runtime::Builder::new_multi_thread().enable_all().build().context("cannot start the runtime")?;
-    runtime.block_on(serve(arguments, &store, Network { access, tls, webhooks, viewers }, sources))
+    runtime.block_on(serve(arguments, &store, Network { users, tls, webhooks, viewers }, sources))
 }
 
 /// How the station meets other computers.
 struct Network {
-    access: Access,
+    users: Users,
     tls: Option<Arc<Tls>>,
     webhooks: Vec<Webhook>,
     viewers: Listening,
 }
 
 async fn serve(arguments: &Arguments, url: &str, network: Network, sources: Sources) -> Result<()> {
-    let Network { access, tls, webhooks, viewers } = network;
+    let Network { users, tls, webhooks, viewers } = network;
     let store = Store::open(url).await?;
     sources.configure(&store).await?;
     let days = |days: Option<u64>| days.map(|days| Duration::from_secs(86_400 * days));
@@ -193,7 +194,8 @@ async fn serve(arguments: &Arguments, url: &str, network: Network, sources: Sour
         sources.start(&hub, &placed, super::note).map(|settings| Mqtt::start(&hub, settings, earlier.clone(), sites));
     let scheme = if tls.is_some() { "https" } else { "http" };
     super::prompt(&format!("listening on {scheme}://{address}\n"));
-    let app = App { access, tls, webhooks: webhooks.watch(), earlier, ..App::new(hub.clone(), store) };
+    let Users { access, oidc, proxies } = users;
+    let app = App { access, oidc, proxies, tls, webhooks: webhooks.watch(), earlier, ..App::new(hub.clone(), store) };
     api::serve(listener, app, stopped()).await.context("cannot serve")?;
     hub.stop();
     let written = writing.await.context("the writer has failed");
@@ -208,18 +210,6 @@ async fn serve(arguments: &Arguments, url: &str, network: Network, sources: Sour
 pub(super) async fn stopped() {
     while !STOP.load(Ordering::Relaxed) {
         tokio::time::sleep(SIGNALS).await;
-    }
-}
-
-/// Who may do what. Everyone may do everything where only this computer can reach the station.
-fn access(arguments: &Arguments) -> Result<Access, UserError> {
-    match &arguments.tokens {
-        Some(file) => read_tokens(file),
-        None if arguments.listen.ip().is_loopback() => Ok(Access::Open),
-        None => Err(UserError::flag(
-            "--listen",
-            format!("{} can be reached from other computers: give --tokens FILE as well", arguments.listen),
-        )),
     }
 }
 

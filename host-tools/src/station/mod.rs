@@ -6,6 +6,7 @@
 
 mod export;
 mod node_clock;
+mod oidc;
 mod remote;
 mod reporter;
 pub mod screen;
@@ -20,6 +21,7 @@ mod webhooks;
 pub use export::write_mcap;
 pub use export::{Exported, Selection, is_of_export, write_folder, write_gpx};
 pub use node_clock::NodeClock;
+pub use oidc::read_oidc;
 pub use remote::Remote;
 pub use reporter::Reporter;
 pub use simulated::{SimulatedSite, simulate};

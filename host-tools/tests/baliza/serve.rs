@@ -320,6 +320,22 @@ fn changes_need_a_token_and_are_logged_with_its_name() {
 }
 
 #[test]
+fn a_station_starts_without_its_provider_of_sign_ins_and_says_so() {
+    // Nothing listens at port 1.
+    let oidc = "issuer = \"http://127.0.0.1:1\"\nclient_id = \"baliza\"\npublic_url = \"http://127.0.0.1:2\"\n\
+                [roles]\nview = [\"staff\"]\n";
+    let folder = Folder::with(&[("oidc.toml", oidc)]);
+    let station = Station::start(&folder, "--oidc oidc.toml --quiet");
+    let (status, body) = station.get("/oidc/login");
+    assert!(status == 503 && body.contains("try again later"), "{status}: {body}");
+    assert_eq!(station.json("/api/v1/me")["sign_in"], "http://127.0.0.1:2/oidc/login");
+    assert_eq!(station.get("/api/v1/tags").0, 401);
+    let (code, said) = station.stop();
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("http://127.0.0.1:1 cannot be used") && said.contains("tried again"), "{said}");
+}
+
+#[test]
 fn encrypted_connections_use_the_files_of_the_certificate() {
     let made = rcgen::generate_simple_self_signed(["localhost".to_owned()]).expect("a certificate");
     let folder = Folder::with(&[
@@ -418,6 +434,9 @@ fn what_cannot_be_served_is_refused_before_the_station_starts() {
         ("serial:", "the port is missing"),
         ("udp:7000", "ADDRESS:PORT"),
         ("--tokens wrong.toml", "wrong.toml"),
+        ("--oidc wrong.toml", "wrong.toml"),
+        ("--oidc missing.toml", "missing.toml"),
+        ("--trusted-proxy 10.0.0.0/33", "--trusted-proxy"),
         ("--webhooks wrong.toml", "wrong.toml"),
         ("--no-alarm entered", "--no-alarm"),
         ("--uncertain-m 0", "--uncertain-m"),

@@ -1,5 +1,7 @@
 //! Who may do what: a request to the person or program that makes it, and a refusal where it may not.
 //!
+//! A session begins with a token (`health`) or with a sign-in at a provider (`sign_in`).
+//!
 //! The least role of a route stands in its description (`security`), and is read from the document: what is described
 //! is what is enforced. A route without any is refused.
 
@@ -33,7 +35,7 @@ pub enum UserRole {
 pub enum Access {
     /// Everyone who reaches it, which must be by a loopback address.
     Open,
-    /// Who has one of these tokens.
+    /// Who has one of these tokens, or has signed in at the provider, where there is one.
     Tokens(Vec<Token>),
 }
 
@@ -58,10 +60,12 @@ impl Token {
 /// Who makes a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Who {
-    /// The token's name; None: no tokens are asked for.
+    /// The token's name, or `oidc:` and the name that the provider tells; None: no tokens are asked for.
     pub name: Option<String>,
     /// What they may do.
     pub role: UserRole,
+    /// Until when, at most; None: no end is known.
+    pub until: Option<Instant>,
 }
 
 /// What a route asks for.
@@ -77,7 +81,7 @@ pub enum Need {
 
 /// The name of the session's cookie.
 const COOKIE: &str = "baliza_session";
-/// A session that is not used for this time ends.
+/// A session that is not used for this time ends; one of a sign-in, at a fixed time as well.
 const SESSION: Duration = Duration::from_secs(12 * 3600);
 /// Sessions at once. One more replaces the one that was used longest ago.
 const SESSIONS: usize = 1_000;
@@ -89,9 +93,22 @@ pub struct Gate {
     /// Cookies are only for encrypted connections.
     secure: bool,
     /// By SHA-256 of the cookie's value.
-    sessions: Mutex<HashMap<[u8; 32], (Who, Instant)>>,
+    sessions: Mutex<HashMap<[u8; 32], Session>>,
     wrong_tokens: Buckets,
+    sign_ins: Buckets,
     writes: Buckets,
+}
+
+#[derive(Debug)]
+struct Session {
+    who: Who,
+    used: Instant,
+}
+
+impl Session {
+    fn is_over(&self, now: Instant) -> bool {
+        now.saturating_duration_since(self.used) >= SESSION || self.who.until.is_some_and(|end| now >= end)
+    }
 }
 
 impl Gate {
@@ -102,6 +119,7 @@ impl Gate {
             secure,
             sessions: Mutex::default(),
             wrong_tokens: Buckets::new(limits.wrong_tokens_per_s, limits.wrong_tokens_at_once),
+            sign_ins: Buckets::new(limits.sign_ins_per_s, limits.sign_ins_at_once),
             writes: Buckets::new(limits.writes_per_s, limits.writes_at_once),
         }
     }
@@ -133,7 +151,7 @@ impl Gate {
         }
         match headers.get(header::ORIGIN).map(|origin| origin.to_str().ok().and_then(authority_of_origin)) {
             // Not a browser: only browsers send cookies without being asked.
-            None if headers.contains_key(header::AUTHORIZATION) || cookie(headers).is_none() => Ok(()),
+            None if headers.contains_key(header::AUTHORIZATION) || cookie(headers, COOKIE).is_none() => Ok(()),
             Some(Some(origin)) if host.is_some_and(|host| host.eq_ignore_ascii_case(origin)) => Ok(()),
             _ => Err(Problem::new(StatusCode::FORBIDDEN, "the request comes from a page of another host")),
         }
@@ -142,20 +160,20 @@ impl Gate {
     /// Who makes a request; None: nobody says so.
     pub fn who(&self, headers: &HeaderMap, client: IpAddr) -> Result<Option<Who>, Problem> {
         if !self.asks_for_tokens() {
-            return Ok(Some(Who { name: None, role: UserRole::Administer }));
+            return Ok(Some(Who { name: None, role: UserRole::Administer, until: None }));
         }
         if let Some(given) = headers.get(header::AUTHORIZATION) {
             let given = given.to_str().ok().and_then(|given| given.split_once(' '));
             let secret = given.filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"));
             return self.who_has(secret.map_or("", |(_, secret)| secret.trim()), client).map(Some);
         }
-        let Some(id) = cookie(headers) else { return Ok(None) };
+        let Some(id) = cookie(headers, COOKIE) else { return Ok(None) };
         let mut sessions = lock(&self.sessions);
-        let id = sha256(id);
+        let (id, now) = (sha256(id), Instant::now());
         match sessions.get_mut(&id) {
-            Some((who, used)) if used.elapsed() < SESSION => {
-                *used = Instant::now();
-                Ok(Some(who.clone()))
+            Some(session) if !session.is_over(now) => {
+                session.used = now;
+                Ok(Some(session.who.clone()))
             }
             Some(_) => {
                 sessions.remove(&id);
@@ -170,20 +188,30 @@ impl Gate {
         let too_many = |wait_s| Problem::too_many("wrong tokens", wait_s);
         self.wrong_tokens.check(client, Instant::now()).map_err(too_many)?;
         let Access::Tokens(tokens) = &self.access else {
-            return Ok(Who { name: None, role: UserRole::Administer });
+            return Ok(Who { name: None, role: UserRole::Administer, until: None });
         };
         let hash = sha256(secret);
         // All are compared, each in full: the time tells nothing.
         let found =
             tokens.iter().fold(None, |found, token| if same(&token.sha256, &hash) { Some(token) } else { found });
         match found {
-            Some(token) => Ok(Who { name: Some(token.name.clone()), role: token.role }),
+            Some(token) => Ok(Who { name: Some(token.name.clone()), role: token.role, until: None }),
             None => {
                 log::warn!(target: "audit", "{client} a wrong token");
-                self.wrong_tokens.take(client, Instant::now()).map_err(too_many)?;
+                self.wrong(client)?;
                 Err(Problem::new(StatusCode::UNAUTHORIZED, "the token is wrong"))
             }
         }
+    }
+
+    /// Counts a wrong token, or an end of a sign-in that nobody has begun.
+    pub fn wrong(&self, client: IpAddr) -> Result<(), Problem> {
+        self.wrong_tokens.take(client, Instant::now()).map_err(|wait_s| Problem::too_many("wrong tokens", wait_s))
+    }
+
+    /// Whether this address may begin a further sign-in.
+    pub fn check_sign_in(&self, client: IpAddr) -> Result<(), Problem> {
+        self.sign_ins.take(client, Instant::now()).map_err(|wait_s| Problem::too_many("sign-ins", wait_s))
     }
 
     /// Whether this address may make a further request that changes something.
@@ -199,26 +227,32 @@ impl Gate {
             Problem::new(StatusCode::SERVICE_UNAVAILABLE, "the host has no random numbers")
         })?;
         let id: String = random.iter().map(|byte| format!("{byte:02x}")).collect();
-        let mut sessions = lock(&self.sessions);
-        sessions.retain(|_, (_, used)| used.elapsed() < SESSION);
+        let (mut sessions, now) = (lock(&self.sessions), Instant::now());
+        sessions.retain(|_, session| !session.is_over(now));
         if sessions.len() >= SESSIONS {
-            let oldest = sessions.iter().min_by_key(|(_, (_, used))| *used).map(|(id, _)| *id);
+            let oldest = sessions.iter().min_by_key(|(_, session)| session.used).map(|(id, _)| *id);
             oldest.and_then(|oldest| sessions.remove(&oldest));
         }
-        sessions.insert(sha256(&id), (who, Instant::now()));
-        Ok(self.set_cookie(&id, SESSION))
+        let age = who.until.map_or(SESSION, |until| until.saturating_duration_since(now));
+        sessions.insert(sha256(&id), Session { who, used: now });
+        Ok(self.set_cookie(&id, age))
     }
 
     /// Ends a request's session; the value of `Set-Cookie` that deletes the cookie.
     pub fn log_out(&self, headers: &HeaderMap) -> String {
-        if let Some(id) = cookie(headers) {
+        if let Some(id) = cookie(headers, COOKIE) {
             lock(&self.sessions).remove(&sha256(id));
         }
         self.set_cookie("", Duration::ZERO)
     }
 
+    /// The end of a cookie's attributes, where it is only for encrypted connections.
+    pub fn secure(&self) -> &'static str {
+        if self.secure { "; Secure" } else { "" }
+    }
+
     fn set_cookie(&self, id: &str, age: Duration) -> String {
-        let secure = if self.secure { "; Secure" } else { "" };
+        let secure = self.secure();
         format!("{COOKIE}={id}; Path=/; Max-Age={}; HttpOnly; SameSite=Strict{secure}", age.as_secs())
     }
 }
@@ -227,19 +261,24 @@ impl Gate {
 #[derive(Clone, Copy, Debug)]
 pub struct Peer(pub SocketAddr);
 
+/// The address that makes a request, behind trusted proxies.
+#[derive(Clone, Copy, Debug)]
+pub struct Client(pub IpAddr);
+
 fn sha256(text: &str) -> [u8; 32] {
     Sha256::digest(text).into()
 }
 
 /// Compares without an early end.
-fn same(one: &[u8; 32], other: &[u8; 32]) -> bool {
-    one.iter().zip(other).fold(0, |different, (one, other)| different | (one ^ other)) == 0
+pub fn same(one: &[u8], other: &[u8]) -> bool {
+    one.len() == other.len() && one.iter().zip(other).fold(0, |different, (one, other)| different | (one ^ other)) == 0
 }
 
-fn cookie(headers: &HeaderMap) -> Option<&str> {
+/// A cookie's value.
+pub fn cookie<'a>(headers: &'a HeaderMap, wanted: &str) -> Option<&'a str> {
     let values = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
     let mut pairs = values.flat_map(|value| value.split(';')).filter_map(|pair| pair.trim().split_once('='));
-    pairs.find(|(name, _)| *name == COOKIE).map(|(_, value)| value)
+    pairs.find(|(name, _)| *name == wanted).map(|(_, value)| value)
 }
 
 fn authority_of_origin(origin: &str) -> Option<&str> {
@@ -276,15 +315,30 @@ mod tests {
     #[test]
     fn a_further_session_replaces_the_one_that_was_used_longest_ago() {
         let gate = Gate::new(Access::Tokens(Vec::new()), true, &Limits::default());
-        let who = Who { name: Some("ana".into()), role: UserRole::View };
+        let who = Who { name: Some("ana".into()), role: UserRole::View, until: None };
         let cookies: Vec<String> = (0..=SESSIONS).map(|_| gate.log_in(who.clone()).unwrap()).collect();
         assert!(cookies[0].ends_with("; HttpOnly; SameSite=Strict; Secure"));
-        let known = |cookie: &str| {
-            let mut headers = HeaderMap::new();
-            headers.insert(header::COOKIE, cookie.split(';').next().unwrap().parse().unwrap());
-            gate.who(&headers, IpAddr::from([192, 0, 2, 1])).unwrap()
-        };
-        assert_eq!(known(&cookies[0]), None);
-        assert_eq!([known(&cookies[1]), known(&cookies[SESSIONS])], [Some(who.clone()), Some(who)]);
+        assert_eq!(known(&gate, &cookies[0]), None);
+        assert_eq!([known(&gate, &cookies[1]), known(&gate, &cookies[SESSIONS])], [Some(who.clone()), Some(who)]);
+    }
+
+    fn known(gate: &Gate, cookie: &str) -> Option<Who> {
+        let mut headers = HeaderMap::new();
+        headers.insert(header::COOKIE, cookie.split(';').next().unwrap().parse().unwrap());
+        gate.who(&headers, IpAddr::from([192, 0, 2, 1])).unwrap()
+    }
+
+    #[test]
+    fn a_session_with_a_lifetime_ends_even_if_it_is_used() {
+        let gate = Gate::new(Access::Tokens(Vec::new()), false, &Limits::default());
+        let [short, long] = [Duration::from_millis(300), Duration::from_millis(3_600_900)].map(|lifetime| {
+            let until = Some(Instant::now() + lifetime);
+            Who { name: Some("oidc:ana".into()), role: UserRole::View, until }
+        });
+        let [cookie, lasting] = [&short, &long].map(|who| gate.log_in(who.clone()).unwrap());
+        assert!(lasting.contains("; Max-Age=3600; HttpOnly; SameSite=Strict"));
+        assert_eq!(known(&gate, &cookie), Some(short));
+        std::thread::sleep(Duration::from_millis(310));
+        assert_eq!([known(&gate, &cookie), known(&gate, &lasting)], [None, Some(long)]);
     }
 }

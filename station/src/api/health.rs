@@ -10,7 +10,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::Shared;
-use super::access::{Peer, UserRole, Who};
+use super::access::{Client, UserRole, Who};
 use super::extract::Json;
 use super::problem::{self, Problem};
 
@@ -52,12 +52,21 @@ async fn health(State(station): State<Shared>) -> Response {
 /// Who one is.
 #[derive(Debug, Serialize, ToSchema)]
 struct Me {
-    /// The token's name.
+    /// The token's name, or `oidc:` and the name that the provider of sign-ins tells.
     name: Option<String>,
-    /// What one may do; null: nothing, before `POST /login`.
+    /// What one may do; null: nothing, before `POST /login` or a sign-in.
     role: Option<UserRole>,
-    /// Whether the station asks for tokens.
+    /// Whether the station asks for a token or a sign-in.
     tokens: bool,
+    /// Where a browser signs in at a provider; null: tokens only.
+    sign_in: Option<String>,
+}
+
+impl Me {
+    fn of(station: &Shared, name: Option<String>, role: Option<UserRole>) -> Answer<Self> {
+        let sign_in = station.app.oidc.as_ref().map(|oidc| oidc.login_url());
+        Answer(Self { name, role, tokens: station.gate.asks_for_tokens(), sign_in })
+    }
 }
 
 /// A token.
@@ -71,15 +80,15 @@ struct Login {
     responses((status = 200, body = Me, headers(("Set-Cookie" = String, description = "the session")))))]
 async fn log_in(
     State(station): State<Shared>,
-    Extension(Peer(peer)): Extension<Peer>,
+    Extension(Client(client)): Extension<Client>,
     Json(login): Json<Login>,
 ) -> Result<Response, Problem> {
-    let who = station.gate.who_has(&login.token, peer.ip())?;
-    let me = Answer(Me { name: who.name.clone(), role: Some(who.role), tokens: station.gate.asks_for_tokens() });
+    let who = station.gate.who_has(&login.token, client)?;
+    let me = Me::of(&station, who.name.clone(), Some(who.role));
     if !station.gate.asks_for_tokens() {
         return Ok(me.into_response());
     }
-    log::info!(target: "audit", "{} {} logs in", peer.ip(), who.name.as_deref().unwrap_or_default());
+    log::info!(target: "audit", "{client} {:?} logs in", who.name.as_deref().unwrap_or_default());
     Ok(([(header::SET_COOKIE, station.gate.log_in(who)?)], me).into_response())
 }
 
@@ -90,10 +99,10 @@ async fn log_out(State(station): State<Shared>, headers: HeaderMap) -> Response 
     (StatusCode::NO_CONTENT, [(header::SET_COOKIE, station.gate.log_out(&headers))]).into_response()
 }
 
-/// Who one is, and whether tokens are asked for.
+/// Who one is, and how to get a role.
 #[utoipa::path(get, path = "/api/v1/me", tag = "access", security((), ("token" = ["view"])),
     responses((status = 200, body = Me)))]
 async fn me(State(station): State<Shared>, who: Option<Extension<Who>>) -> Answer<Me> {
     let (name, role) = who.map(|Extension(who)| (who.name, who.role)).unzip();
-    Answer(Me { name: name.flatten(), role, tokens: station.gate.asks_for_tokens() })
+    Me::of(&station, name.flatten(), role)
 }

@@ -18,9 +18,13 @@ pub struct Limits {
     pub wrong_tokens_per_s: f64,
     /// How many of them may come at once.
     pub wrong_tokens_at_once: f64,
+    /// Sign-ins that are begun, a second and address.
+    pub sign_ins_per_s: f64,
+    /// How many of them may come at once.
+    pub sign_ins_at_once: f64,
     /// Connections of all clients.
     pub connections: u32,
-    /// Connections of one address.
+    /// Connections of one address, which is not that of a trusted proxy.
     pub connections_per_address: u32,
     /// A client has this time for the handshake of TLS.
     pub handshake: Duration,
@@ -43,6 +47,8 @@ impl Default for Limits {
             writes_at_once: 200.0,
             wrong_tokens_per_s: 0.2,
             wrong_tokens_at_once: 10.0,
+            sign_ins_per_s: 0.5,
+            sign_ins_at_once: 20.0,
             connections: 2_000,
             connections_per_address: 500,
             handshake: Duration::from_secs(10),
@@ -134,13 +140,13 @@ impl Connections {
         Self { free, all: limits.connections, per_address: limits.connections_per_address, counts: Arc::default() }
     }
 
-    /// A connection of this address, where there are not too many.
-    pub fn open(&self, address: IpAddr) -> Option<Connection> {
+    /// A connection of this address, where there are not too many. A proxy may have those of all.
+    pub fn open(&self, address: IpAddr, is_proxy: bool) -> Option<Connection> {
         let permit = self.free.clone().try_acquire_owned().ok()?;
         let client = client(address);
         let mut counts = lock(&self.counts);
         let count = counts.entry(client).or_default();
-        if *count >= self.per_address {
+        if *count >= self.per_address && !is_proxy {
             return None;
         }
         *count += 1;
@@ -216,13 +222,21 @@ mod tests {
     fn connections_of_one_address_and_of_all_are_bounded_and_counted_until_they_end() {
         let connections = Connections::new(&Limits { connections: 3, connections_per_address: 2, ..Limits::default() });
         let [one, other] = ["192.0.2.1", "192.0.2.2"].map(|address| address.parse().unwrap());
-        let held = [connections.open(one), connections.open(one)];
-        assert!(held.iter().all(Option::is_some) && connections.open(one).is_none());
-        let third = connections.open(other);
-        assert!(third.is_some() && connections.open(other).is_none());
+        let held = [connections.open(one, false), connections.open(one, false)];
+        assert!(held.iter().all(Option::is_some) && connections.open(one, false).is_none());
+        let third = connections.open(other, false);
+        assert!(third.is_some() && connections.open(other, false).is_none());
         assert_eq!(connections.open_now(), 3);
         drop(held);
-        assert!(connections.open(one).is_some());
+        assert!(connections.open(one, false).is_some());
         assert_eq!(connections.open_now(), 1);
+    }
+
+    #[test]
+    fn a_proxy_has_as_many_connections_as_all_together() {
+        let connections = Connections::new(&Limits { connections: 3, connections_per_address: 1, ..Limits::default() });
+        let proxy = "192.0.2.1".parse().unwrap();
+        let held: Vec<_> = (0..4).map(|_| connections.open(proxy, true)).collect();
+        assert_eq!(held.iter().map(Option::is_some).collect::<Vec<_>>(), [true, true, true, false]);
     }
 }

@@ -16,6 +16,7 @@ use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+use super::access::Who;
 use super::extract::{Name, Query};
 use super::limits::Connection;
 use super::problem::Problem;
@@ -55,8 +56,8 @@ struct Missed {
 enum Next {
     Update(Update),
     Missed(u64),
-    /// The station stops.
-    End,
+    /// The station stops, or the session is over.
+    End(&'static str),
 }
 
 /// A listener: its place in the updates, and what it wants of them.
@@ -65,18 +66,22 @@ struct Listener {
     stop: watch::Receiver<bool>,
     wanted: Wanted,
     station: Arc<Station>,
+    /// The end of the session, where it has one.
+    until: Option<tokio::time::Instant>,
 }
 
 impl Listener {
-    fn new(station: Arc<Station>, wanted: Wanted) -> Self {
+    fn new(station: Arc<Station>, wanted: Wanted, who: Option<Extension<Who>>) -> Self {
         station.counts.listener(1);
-        Self { updates: station.app.hub.listen(), stop: station.stop.subscribe(), wanted, station }
+        let until = who.and_then(|Extension(who)| who.until).map(tokio::time::Instant::from_std);
+        Self { updates: station.app.hub.listen(), stop: station.stop.subscribe(), wanted, station, until }
     }
 
     async fn next(&mut self) -> Next {
         loop {
             let update = tokio::select! {
-                () = stopped(&mut self.stop) => return Next::End,
+                () = stopped(&mut self.stop) => return Next::End("the station stops"),
+                () = over(self.until) => return Next::End("the session has ended"),
                 update = self.updates.recv() => update,
             };
             match update {
@@ -86,9 +91,17 @@ impl Listener {
                     self.station.app.hub.note_missed(missed);
                     return Next::Missed(missed);
                 }
-                Err(broadcast::error::RecvError::Closed) => return Next::End,
+                Err(broadcast::error::RecvError::Closed) => return Next::End("the station stops"),
             }
         }
+    }
+}
+
+/// Waits for the end of a session; for ever where it has none.
+async fn over(until: Option<tokio::time::Instant>) {
+    match until {
+        Some(until) => tokio::time::sleep_until(until).await,
+        None => std::future::pending().await,
     }
 }
 
@@ -119,12 +132,13 @@ impl Wanted {
 async fn socket(
     State(station): State<Shared>,
     Query(wanted): Query<Wanted>,
+    who: Option<Extension<Who>>,
     connection: Option<Extension<Connection>>,
     upgrade: Result<WebSocketUpgrade, rejection::WebSocketUpgradeRejection>,
 ) -> Result<Response, Problem> {
     let upgrade = upgrade.map_err(|error| Problem::new(axum::http::StatusCode::UPGRADE_REQUIRED, error.body_text()))?;
     let upgrade = upgrade.max_message_size(INCOMING).max_frame_size(INCOMING);
-    let listener = Listener::new(station, wanted);
+    let listener = Listener::new(station, wanted, who);
     Ok(upgrade.on_upgrade(move |socket| async move {
         // The connection counts as long as the WebSocket is open.
         let _connection = connection;
@@ -153,8 +167,8 @@ async fn talk(socket: WebSocket, mut listener: Listener) {
                 Next::Update(Update::Position(position)) => text(&SocketMessage::Position(position)),
                 Next::Update(Update::Event(_) | Update::Changed) => continue,
                 Next::Missed(missed) => text(&SocketMessage::Missed(Missed { missed })),
-                Next::End => {
-                    let reason = Utf8Bytes::from_static("the station stops");
+                Next::End(reason) => {
+                    let reason = Utf8Bytes::from_static(reason);
                     let close = Message::Close(Some(CloseFrame { code: close_code::AWAY, reason }));
                     let _ = tokio::time::timeout(Duration::from_secs(1), to.send(close)).await;
                     return;
@@ -190,15 +204,15 @@ fn text(value: &impl Serialize) -> Message {
 /// nodes, zones or sites are to be read again), `missed` (the listener was too slow: `{"missed": 12}`).
 #[utoipa::path(get, path = "/api/v1/updates", tag = "live", security(("token" = ["view"])), params(Wanted),
     responses((status = 200, description = "a stream of events", content_type = "text/event-stream", body = String)))]
-async fn events(State(station): State<Shared>, Query(wanted): Query<Wanted>) -> Response {
+async fn events(State(station): State<Shared>, who: Option<Extension<Who>>, Query(wanted): Query<Wanted>) -> Response {
     let ping = station.app.limits.ping;
-    let stream = stream::unfold(Listener::new(station, wanted), |mut listener| async move {
+    let stream = stream::unfold(Listener::new(station, wanted, who), |mut listener| async move {
         let event = match listener.next().await {
             Next::Update(Update::Position(position)) => event("position", &position),
             Next::Update(Update::Event(happened)) => event("event", &happened),
             Next::Update(Update::Changed) => event("changed", &serde_json::json!({})),
             Next::Missed(missed) => event("missed", &Missed { missed }),
-            Next::End => return None,
+            Next::End(_) => return None,
         };
         Some((event, listener))
     });

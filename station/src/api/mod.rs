@@ -20,7 +20,8 @@
 //! | `PUT`, `DELETE /api/v1/sites/{site}/geographic-origin` | where the site's frame is on the earth (`GeographicOrigin`) |
 //! | `GET /api/v1/live?site=` | WebSocket: one `TagPosition` a message |
 //! | `GET /api/v1/updates?site=` | server-sent events `position`, `event`, `changed`, `missed` |
-//! | `POST /login`, `POST /logout`, `GET /api/v1/me` | a token becomes a cookie; who one is: role, and whether tokens are asked for |
+//! | `POST /login`, `POST /logout`, `GET /api/v1/me` | a token becomes a cookie; who one is: role, and how to get one |
+//! | `GET /oidc/login`, `GET /oidc/callback` | a browser to the provider of sign-ins, and back with a cookie |
 //!
 //! A request passes through these, from outside to inside: `serve` (connections), `tls` where there is a certificate,
 //! the layers of `router` (problem documents, headers, compression, `admit`: who may), `extract` (its values are
@@ -40,9 +41,11 @@ mod nodes;
 mod openapi;
 mod page;
 mod problem;
+mod proxies;
 mod receivers;
 mod rtls;
 mod serve;
+mod sign_in;
 mod sites;
 mod tags;
 mod tls;
@@ -64,15 +67,17 @@ pub use access::{Access, Token, UserRole};
 pub use limits::Limits;
 pub use openapi::openapi;
 pub use page::Page;
+pub use proxies::{Network, NoNetwork, Proxies};
 pub use serve::serve;
 pub use tls::{Tls, TlsCause, TlsError, read_certificates};
 
-use access::{Gate, Need, Peer};
+use access::{Client, Gate, Need, Peer};
 use limits::Connections;
 use metrics::Counts;
 use problem::Problem;
 
 use crate::model::Tag;
+use crate::oidc::Oidc;
 use crate::{Hub, Report, Store, webhooks};
 
 /// The greatest body of a request, bytes, but for samples and pictures.
@@ -89,6 +94,10 @@ pub struct App {
     pub store: Store,
     /// Who may use the station.
     pub access: Access,
+    /// Where people sign in, besides tokens. None: nowhere.
+    pub oidc: Option<Arc<Oidc>>,
+    /// Proxies that say whose requests they pass on.
+    pub proxies: Proxies,
     /// Connections are encrypted with this certificate; cookies are marked so. None: plain HTTP.
     pub tls: Option<Arc<Tls>>,
     /// What one client may use.
@@ -108,6 +117,8 @@ impl App {
             hub,
             store,
             access: Access::Open,
+            oidc: None,
+            proxies: Proxies::default(),
             tls: None,
             limits: Limits::default(),
             webhooks: webhooks::Watch::default(),
@@ -137,7 +148,11 @@ type Shared = Arc<Station>;
 impl Station {
     fn new(app: App) -> Self {
         Self {
-            gate: Gate::new(app.access.clone(), app.tls.is_some(), &app.limits),
+            gate: Gate::new(
+                app.access.clone(),
+                app.tls.is_some() || app.oidc.as_ref().is_some_and(|oidc| oidc.is_encrypted()),
+                &app.limits,
+            ),
             needs: openapi::needs(),
             connections: Connections::new(&app.limits),
             counts: Counts::default(),
@@ -184,6 +199,7 @@ fn routes() -> OpenApiRouter<Shared> {
         page::routes(),
         openapi::routes(),
         health::routes(),
+        sign_in::routes(),
         metrics::routes(),
         sites::routes(),
         campaigns::routes(),
@@ -216,7 +232,9 @@ fn router(station: Shared) -> axum::Router {
 /// Lets a request through to its handler, or refuses it; tells the audit log of changes.
 async fn admit(State(station): State<Shared>, mut request: Request, next: Next) -> Result<Response, Problem> {
     let peer = request.extensions().get::<Peer>().copied();
-    let client = peer.map_or(std::net::Ipv4Addr::UNSPECIFIED.into(), |Peer(peer)| peer.ip());
+    let peer = peer.map_or(std::net::Ipv4Addr::UNSPECIFIED.into(), |Peer(peer)| peer.ip());
+    let client = station.app.proxies.client(peer, request.headers());
+    request.extensions_mut().insert(Client(client));
     let (method, uri) = (request.method().clone(), request.uri().clone());
     station.gate.check_origin(&method, &uri, request.headers())?;
     let path = request.extensions().get::<MatchedPath>().map(|path| path.as_str().to_owned());

@@ -36,6 +36,7 @@ pub async fn serve(listener: TcpListener, app: App, stop: impl Future) -> io::Re
     let station = Arc::new(Station::new(app));
     let router = router(station.clone());
     let renewal = station.app.tls.clone().map(|tls| tokio::spawn(tls.keep_renewed(station.app.limits.renewal)));
+    let search = station.app.oidc.clone().map(|oidc| tokio::spawn(oidc.keep_found()));
     let mut running = JoinSet::new();
     tokio::pin!(stop);
     loop {
@@ -45,7 +46,7 @@ pub async fn serve(listener: TcpListener, app: App, stop: impl Future) -> io::Re
             accepted = listener.accept() => accepted,
         };
         match accepted {
-            Ok((stream, peer)) => match station.connections.open(peer.ip()) {
+            Ok((stream, peer)) => match station.connections.open(peer.ip(), station.app.proxies.has(peer.ip())) {
                 Some(connection) => {
                     running.spawn(talk(station.clone(), router.clone(), stream, peer, connection));
                 }
@@ -59,8 +60,8 @@ pub async fn serve(listener: TcpListener, app: App, stop: impl Future) -> io::Re
         }
     }
     drop(listener);
-    if let Some(renewal) = renewal {
-        renewal.abort();
+    for task in renewal.into_iter().chain(search) {
+        task.abort();
     }
     station.stop.send_replace(true);
     if tokio::time::timeout(END, station.connections.closed()).await.is_err() {

@@ -4,10 +4,7 @@
 //! `webhook-timestamp` is the time of the try in seconds since 1970, and `webhook-signature` is `v1,` and the Base64 of
 //! the HMAC-SHA256 of `id.timestamp.body`.
 
-use std::error::Error;
 use std::fmt;
-use std::io;
-use std::sync::Arc;
 use std::time::Duration;
 
 use base64::Engine;
@@ -17,23 +14,13 @@ use http_body_util::{BodyExt, Full, Limited};
 use hyper::body::Bytes;
 use hyper::header::{CONTENT_TYPE, HeaderValue, RETRY_AFTER, USER_AGENT};
 use hyper::{StatusCode, Uri};
-use hyper_rustls::{ConfigBuilderExt, HttpsConnector, HttpsConnectorBuilder};
-use hyper_util::client::legacy::Client;
-use hyper_util::client::legacy::connect::HttpConnector;
-use hyper_util::rt::{TokioExecutor, TokioTimer};
 use sha2::Sha256;
-use tokio_rustls::rustls::crypto::ring;
-use tokio_rustls::rustls::{ClientConfig, RootCertStore};
 
 use super::Settings;
 use crate::Utc;
-use crate::api::{TlsError, read_certificates};
+use crate::https::{Client, ClientError, client, last_cause};
 use crate::model::Event;
 
-/// A connection has this time to be made.
-const CONNECT: Duration = Duration::from_secs(5);
-/// A connection that is not used for this time is closed.
-const IDLE: Duration = Duration::from_secs(30);
 /// An answer of at most this many bytes is read to its end, so that its connection can be used again …
 const ANSWER: usize = 64 * 1024;
 /// … within this time.
@@ -52,15 +39,9 @@ pub enum WebhookError {
         "secret: it is whsec_ and the Base64 of 24 to 64 bytes, as `echo whsec_$(openssl rand -base64 32)` prints it"
     )]
     Secret,
-    /// The file of authorities is wrong.
-    #[error("ca: {0}")]
-    Ca(TlsError),
-    /// A certificate of an authority cannot be used.
-    #[error("ca: {0}")]
-    Authority(tokio_rustls::rustls::Error),
-    /// The system has no authorities.
-    #[error("the system's authorities cannot be read: {0}; install ca-certificates, or name a file as ca")]
-    NoAuthorities(io::Error),
+    /// No server's certificate could be checked.
+    #[error(transparent)]
+    Client(ClientError),
 }
 
 /// An event did not arrive.
@@ -87,14 +68,7 @@ impl Failure {
 impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Connection(error) => {
-                // The last cause is the one that tells something: connection refused, unknown issuer …
-                let mut cause: &dyn Error = error;
-                while let Some(next) = cause.source() {
-                    cause = next;
-                }
-                write!(f, "no connection: {cause}")
-            }
+            Self::Connection(error) => write!(f, "no connection: {}", last_cause(error)),
             Self::Slow(time) => write!(f, "no answer within {} s", time.as_secs_f64()),
             Self::Status(status, _) if status.is_redirection() => {
                 write!(f, "it answers {status}: redirects are not followed, url must be the last address")
@@ -107,7 +81,7 @@ impl fmt::Display for Failure {
 /// Makes the requests of a hook.
 #[derive(Clone)]
 pub(super) struct Requests {
-    client: Client<HttpsConnector<HttpConnector>, Full<Bytes>>,
+    client: Client,
     uri: Uri,
     secret: Option<Vec<u8>>,
 }
@@ -125,36 +99,8 @@ impl Requests {
             Some(secret) => Some(bytes_of(secret).ok_or(WebhookError::Secret)?),
             None => None,
         };
-        let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
-            .with_safe_default_protocol_versions()
-            .map_err(WebhookError::Authority)?;
-        let mut own = RootCertStore::empty();
-        let config = match &settings.ca {
-            None if uri.scheme_str() == Some("https") => {
-                config.with_native_roots().map_err(WebhookError::NoAuthorities)?
-            }
-            None => config.with_root_certificates(own),
-            Some(ca) => {
-                for certificate in read_certificates(ca).map_err(WebhookError::Ca)? {
-                    own.add(certificate).map_err(WebhookError::Authority)?;
-                }
-                config.with_root_certificates(own)
-            }
-        };
-        let mut connector = HttpConnector::new();
-        connector.enforce_http(false);
-        connector.set_nodelay(true);
-        connector.set_connect_timeout(Some(CONNECT));
-        let connector = HttpsConnectorBuilder::new()
-            .with_tls_config(config.with_no_client_auth())
-            .https_or_http()
-            .enable_http1()
-            .wrap_connector(connector);
-        let client = Client::builder(TokioExecutor::new())
-            .pool_timer(TokioTimer::new())
-            .pool_idle_timeout(IDLE)
-            .pool_max_idle_per_host(1)
-            .build(connector);
+        let is_https = uri.scheme_str() == Some("https");
+        let client = client(is_https, settings.ca.as_deref()).map_err(WebhookError::Client)?;
         Ok(Self { client, uri, secret })
     }
 

@@ -51,17 +51,17 @@ async fn open_routes_answer_without_a_token() {
         assert_eq!(station.get(path).await.status, 200, "{path}");
     }
     let me = station.get("/api/v1/me").await.json();
-    assert_eq!(me, json!({"name": null, "role": null, "tokens": true}));
+    assert_eq!(me, json!({"name": null, "role": null, "tokens": true, "sign_in": null}));
     assert_eq!(
         open().await.get("/api/v1/me").await.json(),
-        json!({"name": null, "role": "administer", "tokens": false})
+        json!({"name": null, "role": "administer", "tokens": false, "sign_in": null})
     );
 }
 
 /// Logs in; the cookie.
 async fn cookie(station: &Station, role: &str) -> String {
     let answer = station.json(Method::POST, "/login", &json!({"token": format!("{role}-secret")})).await;
-    assert_eq!(answer.json(), json!({"name": role, "role": role, "tokens": true}));
+    assert_eq!(answer.json(), json!({"name": role, "role": role, "tokens": true, "sign_in": null}));
     let cookie = answer.header(header::SET_COOKIE);
     assert!(cookie.contains("; HttpOnly; SameSite=Strict") && !cookie.contains("Secure"), "{cookie}");
     // 32 random bytes in hexadecimal.

@@ -61,6 +61,11 @@ pub async fn station(access: Access, limits: Limits) -> Station {
 
 /// A station, with TLS where there is a certificate.
 pub async fn station_with(access: Access, limits: Limits, tls: Option<Arc<Tls>>) -> Station {
+    station_of(|app| App { access, limits, tls, ..app }).await
+}
+
+/// A station whose settings are changed.
+pub async fn station_of(set: impl FnOnce(App) -> App) -> Station {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path().join("baliza.db").to_str().unwrap()).await.unwrap();
     store.put_site(&Site::new(SITE)).await.unwrap();
@@ -74,7 +79,7 @@ pub async fn station_with(access: Access, limits: Limits, tls: Option<Arc<Tls>>)
         ),
         ("assets/main.js", b"document.title".as_slice().into()),
     ]);
-    let app = App { access, limits, page, tls, ..App::new(hub.clone(), store.clone()) };
+    let app = set(App { page, limits: generous(), ..App::new(hub.clone(), store.clone()) });
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
     let (stop, stopped) = oneshot::channel();

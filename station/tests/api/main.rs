@@ -6,5 +6,8 @@ mod client;
 mod document;
 mod hostile;
 mod live;
+mod provider;
+mod proxies;
 mod routes;
+mod sign_in;
 mod tls;

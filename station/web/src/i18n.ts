@@ -11,10 +11,18 @@ const en = {
   'theme.dark': 'Dark',
   login: 'Log in',
   logout: 'Log out',
-  'login.title': 'This station asks for a token',
+  'login.title': 'This station asks who you are',
   'login.help': 'The person who runs the station has it. It is kept in a cookie of this browser.',
   'login.token': 'Token',
   'login.wrong': 'The station does not know this token.',
+  'login.in': 'Sign in',
+  'login.or': 'Or with a token:',
+  'sign-in.away': 'The provider of sign-ins does not answer. Try again later.',
+  'sign-in.unknown': 'That sign-in has ended or took too long. Sign in again.',
+  'sign-in.denied': 'The provider has refused the sign-in.',
+  'sign-in.distrusted': 'The answer of the provider cannot be trusted. The station’s log says why.',
+  'sign-in.no-role': 'You are known, but you have no role at this station. Ask the person who runs it.',
+  'sign-in.too-many': 'Too many sign-ins from here. Wait a minute.',
   'state.connecting': 'connecting…',
   'state.live': 'live',
   'state.reconnecting': 'reconnecting…',
@@ -28,7 +36,7 @@ const en = {
   failed: 'That failed: {message}',
   saved: 'Saved: {name}',
   deleted: 'Deleted: {name}',
-  readonly: 'Your token does not allow this.',
+  readonly: 'Your role does not allow this.',
   map: 'Map',
   'map.help':
     'Map of the site. Arrow keys move it, plus and minus zoom, 0 shows all, Enter puts a point at the cross. The tags are in the panel Tags, also as a table.',
@@ -184,6 +192,10 @@ const en = {
 
 export type Key = keyof typeof en;
 
+export function isKey(text: string): text is Key {
+  return Object.hasOwn(en, text);
+}
+
 const es: Record<Key, string> = {
   'app.title': 'Estación Baliza',
   skip: 'Saltar al panel',
@@ -195,10 +207,18 @@ const es: Record<Key, string> = {
   'theme.dark': 'Oscuro',
   login: 'Entrar',
   logout: 'Salir',
-  'login.title': 'Esta estación pide un token',
+  'login.title': 'Esta estación pregunta quién es usted',
   'login.help': 'Lo tiene quien administra la estación. Se guarda en una cookie de este navegador.',
   'login.token': 'Token',
   'login.wrong': 'La estación no conoce este token.',
+  'login.in': 'Iniciar sesión',
+  'login.or': 'O con un token:',
+  'sign-in.away': 'El proveedor de identidad no responde. Inténtelo más tarde.',
+  'sign-in.unknown': 'Ese inicio de sesión ha terminado o ha tardado demasiado. Inicie sesión otra vez.',
+  'sign-in.denied': 'El proveedor ha rechazado el inicio de sesión.',
+  'sign-in.distrusted': 'La respuesta del proveedor no es de fiar. El registro de la estación dice por qué.',
+  'sign-in.no-role': 'El proveedor le conoce, pero no tiene ningún rol en esta estación. Pídalo a quien la administra.',
+  'sign-in.too-many': 'Demasiados inicios de sesión desde aquí. Espere un minuto.',
   'state.connecting': 'conectando…',
   'state.live': 'en directo',
   'state.reconnecting': 'reconectando…',
@@ -212,7 +232,7 @@ const es: Record<Key, string> = {
   failed: 'No ha sido posible: {message}',
   saved: 'Guardado: {name}',
   deleted: 'Borrado: {name}',
-  readonly: 'Su token no lo permite.',
+  readonly: 'Su rol no lo permite.',
   map: 'Mapa',
   'map.help':
     'Mapa del sitio. Las flechas lo mueven, más y menos cambian la escala, 0 muestra todo, Intro pone un punto en la cruz. Las etiquetas están en el panel Etiquetas, también como tabla.',

@@ -74,7 +74,7 @@ const app: App = {
     showConnection();
     store.tell('mode');
   },
-  askToken: () => login.ask(),
+  askToken: () => ask(),
 };
 
 async function reload(what: 'sites' | 'tags' | 'nodes' | 'zones'): Promise<void> {
@@ -142,7 +142,8 @@ const follows = () => (motion.smooth = !still.matches);
 still.addEventListener('change', follows);
 follows();
 const liveButton = button('history.live', () => app.showPast(null), 'primary');
-const loginButton = button('login', () => login.ask());
+const ask = () => login.ask(store.me.sign_in);
+const loginButton = button('login', () => ask());
 const logoutButton = button('logout', () => void attempt(app, async () => (await api.logout(), location.reload())));
 
 function showConnection(): void {
@@ -447,7 +448,7 @@ async function whoAmI(): Promise<boolean> {
   const missing = store.me.role === null;
   loginButton.hidden = !missing;
   logoutButton.hidden = !store.me.tokens || missing;
-  if (missing) login.ask();
+  if (missing) ask();
   return !missing;
 }
 

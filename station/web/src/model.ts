@@ -126,4 +126,6 @@ export type Access = 'view' | 'operate' | 'administer';
 export interface Me {
   role: Access | null;
   tokens: boolean;
+  /// Where one signs in at a provider; null: there is none.
+  sign_in: string | null;
 }

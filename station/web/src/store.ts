@@ -29,7 +29,7 @@ export class Store {
   zones: Zone[] = [];
   events: StationEvent[] = [];
   selected: string | null = null;
-  me: Me = { role: 'administer', tokens: false };
+  me: Me = { role: 'administer', tokens: false, sign_in: null };
   /// The map shows the past.
   past = false;
   private readonly soon = new Set<Topic>();

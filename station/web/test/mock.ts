@@ -180,7 +180,7 @@ export class Mock {
     const route = `${method} ${path[0]}/${path[1] ?? ''}/${path[2] ?? ''}`;
     const who = this.who(request);
     if (route === 'GET api/v1/me') {
-      return json(response, { name: null, role: who, tokens: this.options.tokens !== undefined });
+      return json(response, { name: null, role: who, tokens: this.options.tokens !== undefined, sign_in: null });
     }
     if (route === 'POST login//') return this.login(await body(request), response);
     if (route === 'POST logout//') {

@@ -23,6 +23,8 @@ export async function visit(
   browser: Browser,
   url: string,
   wanted: BrowserContextOptions = {},
+  /// Other places that the browser may go to.
+  others: readonly string[] = [],
 ): Promise<Page> {
   const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, locale: 'en-GB', ...wanted });
   const page = await context.newPage();
@@ -33,7 +35,8 @@ export async function visit(
     if (message.type() === 'error' && !/Failed to load resource|ERR_/.test(message.text())) faults.push(message.text());
   });
   page.on('request', (request) => {
-    if (!/^(data|blob):/.test(request.url()) && !request.url().startsWith(url)) faults.push(request.url());
+    const may = [url, ...others].some((place) => request.url().startsWith(place));
+    if (!/^(data|blob):/.test(request.url()) && !may) faults.push(request.url());
   });
   t.after(async () => {
     await context.close();

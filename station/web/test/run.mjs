@@ -9,7 +9,7 @@ import { build } from 'esbuild';
 
 const here = fileURLToPath(new URL('.', import.meta.url));
 const out = `${here}.build`;
-const sources = (await readdir(here)).filter((name) => name.endsWith('.ts'));
+const sources = (await readdir(here)).filter((name) => name.endsWith('.ts') && !name.endsWith('.d.ts'));
 
 await rm(out, { recursive: true, force: true });
 await build({

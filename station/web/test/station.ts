@@ -17,6 +17,8 @@ export const SECRETS = { view: 'look-around', operate: 'draw-a-zone', administer
 export class Station {
   readonly folder = mkdtempSync(join(tmpdir(), 'baliza-page-'));
   url = '';
+  /// What it has written to standard error, line by line.
+  readonly said: string[] = [];
   private child: ChildProcess | null = null;
 
   /// Arguments of `serve` besides the address and the store.
@@ -40,7 +42,7 @@ export class Station {
     const args = ['serve', '--listen', address, '--store', 'station.db', ...this.args];
     const child = spawn(program, args, { cwd: this.folder, stdio: ['ignore', 'ignore', 'pipe'] });
     this.child = child;
-    const said: string[] = [];
+    const said = this.said;
     await new Promise<void>((resolve, reject) => {
       const late = setTimeout(() => reject(new Error(`it does not listen: ${said.join('\n')}`)), PATIENCE_MS);
       child.on('error', reject);
