@@ -22,6 +22,7 @@ mod bounding_box;
 mod constraints;
 pub mod engine;
 mod fix;
+pub mod geodesy;
 mod geometry;
 pub mod linalg;
 mod linear;

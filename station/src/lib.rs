@@ -7,6 +7,8 @@
 //! | [`store`] | SQLite or PostgreSQL |
 //! | [`hub`] | takes reports, updates the state, tells the listeners, writes to the store in batches |
 //! | [`mqtt`] | positions and events to a broker, Home Assistant, ESPresense's receivers |
+//! | [`gpx`] | positions as tracks on the earth |
+//! | [`nmea`] | live positions for programs that take a receiver of satellites |
 //! | [`rssi`] | RSSI values of nodes at known places to a position |
 //! | [`terminal`] | a terminal's RSSI values to its position |
 //! | [`api`] | HTTP: REST, WebSocket, server-sent events, the page |
@@ -20,11 +22,13 @@
 #![forbid(unsafe_code)]
 
 pub mod api;
+pub mod gpx;
 mod https;
 pub mod hub;
 pub mod live;
 pub mod model;
 pub mod mqtt;
+pub mod nmea;
 pub mod oidc;
 pub mod report;
 pub mod rssi;

@@ -1,6 +1,7 @@
 //! What the station knows: the rows of its store and the objects of its API. Lengths are metres in the anchors' frame,
 //! times are [`Utc`].
 
+use positioning_core::geodesy;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -218,7 +219,56 @@ pub struct Site {
     /// The picture behind the map.
     #[serde(default)]
     pub plan: Option<Plan>,
+    /// Where its frame is on the earth, where that is known.
+    #[serde(default)]
+    pub geographic_origin: Option<GeographicOrigin>,
 }
+
+impl Site {
+    /// A site of which only the name is known.
+    pub fn new(name: impl Into<String>) -> Self {
+        Self { name: name.into(), walls_m: Vec::new(), plan: None, geographic_origin: None }
+    }
+}
+
+/// Where the origin of a site's frame is on the earth, and how the frame is turned.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct GeographicOrigin(pub geodesy::GeographicOrigin);
+
+impl utoipa::PartialSchema for GeographicOrigin {
+    fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::schema::Schema> {
+        use geodesy::GeographicOrigin as Origin;
+        use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, SchemaType, Type};
+        let number = |(least, greatest), is_required: bool, description: &str| {
+            let null = (!is_required).then_some(Type::Null);
+            ObjectBuilder::new()
+                .schema_type(SchemaType::from_iter([Type::Number].into_iter().chain(null)))
+                .minimum(Some(least))
+                .maximum(Some(greatest))
+                .description(Some(description))
+        };
+        let separation = "The height of the geoid (mean sea level) above the ellipsoid there. Without it, points 1 km \
+                          from the origin are up to 17 mm off.";
+        ObjectBuilder::new()
+            .property("latitude_deg", number(Origin::LATITUDES_DEG, true, "North of the equator, WGS 84"))
+            .property("longitude_deg", number(Origin::LONGITUDES_DEG, true, "East of Greenwich, WGS 84"))
+            .property(
+                "y_azimuth_deg",
+                number(Origin::AZIMUTHS_DEG, true, "The azimuth of the y axis: clockwise from true north"),
+            )
+            .property("height_m", number(Origin::HEIGHTS_M, false, "The height of z = 0 above mean sea level"))
+            .property("geoid_separation_m", number(Origin::SEPARATIONS_M, false, separation))
+            .additional_properties(Some(AdditionalProperties::FreeForm(false)))
+            .required("latitude_deg")
+            .required("longitude_deg")
+            .required("y_azimuth_deg")
+            .description(Some("Where the origin of a site's frame is on the earth, and how the frame is turned."))
+            .into()
+    }
+}
+
+impl ToSchema for GeographicOrigin {}
 
 /// A picture of a site, and where it is: a point (u, v) of the picture, in pixels from its upper left corner, is at
 /// `origin_m + metres_per_pixel * (cos a * u + sin a * v, sin a * u - cos a * v)` with `a` = `rotation_rad`.

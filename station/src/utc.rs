@@ -36,6 +36,13 @@ impl Utc {
         self.0
     }
 
+    /// Date and time of day, UTC.
+    pub(crate) fn civil(self) -> jiff::civil::DateTime {
+        // Only instants outside the years -9999 to 9999 are errors.
+        let t = Timestamp::from_microsecond(self.0).unwrap_or_default();
+        jiff::tz::Offset::UTC.to_datetime(t)
+    }
+
     /// The time from `earlier` to here; zero where `earlier` is later.
     pub fn since(self, earlier: Self) -> Duration {
         Duration::from_micros(u64::try_from(self.0.saturating_sub(earlier.0)).unwrap_or(0))

@@ -1,9 +1,10 @@
 //! The station's page, store and API: the committed build of the page, its tests in a browser, the store's tests against
-//! a real PostgreSQL, which is killed under load in the end, and requests that are made at random.
+//! a real PostgreSQL, which is killed under load in the end, positions on maps, and requests that are made at random.
 
 pub mod bench;
 mod fuzz;
 mod load;
+mod maps;
 mod outage;
 mod server;
 
@@ -40,6 +41,9 @@ pub struct Arguments {
     /// Only kill the database of a station that runs.
     #[arg(long, conflicts_with = "fuzz")]
     outage: bool,
+    /// Only read what the station sends to maps.
+    #[arg(long, conflicts_with_all = ["fuzz", "outage"])]
+    maps: bool,
 }
 
 /// Builds the page and tests it, then tests the store and the API.
@@ -53,8 +57,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.outage {
         return outage::survived(&Postgres::start()?);
     }
+    if arguments.maps {
+        return maps::run();
+    }
     page()?;
     store()?;
+    maps::run()?;
     fuzz::run(FUZZ)
 }
 

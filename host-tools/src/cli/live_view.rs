@@ -22,13 +22,30 @@ impl Address {
         let port = port.parse().map_err(|_| wrong())?;
         if host.is_empty() { Err(wrong()) } else { Ok(Self { host: host.to_owned(), port }) }
     }
+
+    /// Whether only this computer can reach it.
+    #[cfg(feature = "station")]
+    pub fn is_loopback(&self) -> bool {
+        let is_loopback = |ip: std::net::IpAddr| ip.is_loopback();
+        self.host.parse().map_or_else(|_| self.host.eq_ignore_ascii_case("localhost"), is_loopback)
+    }
+}
+
+impl std::fmt::Display for Address {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}:{}", self.host, self.port)
+    }
 }
 
 #[cfg(feature = "foxglove")]
 mod with {
     use std::time::{Duration, Instant, SystemTime};
 
-    use host_tools::view::{Live, View};
+    #[cfg(feature = "station")]
+    use baliza_station::{Hub, Live, Update, model::Node};
+    use host_tools::view::{Live as Server, View};
+    #[cfg(feature = "station")]
+    use tokio::sync::broadcast::error::RecvError;
 
     use super::{Address, NodeOutput, Result};
 
@@ -37,7 +54,7 @@ mod with {
 
     /// A server of what a node says, with the host's time.
     pub struct LiveView {
-        view: View<Live>,
+        view: View<Server>,
         anchors_at: Instant,
     }
 
@@ -47,7 +64,7 @@ mod with {
         /// # Errors
         /// The port is in use or not allowed.
         pub fn listen(Address { host, port }: &Address) -> Result<Self> {
-            let live = Live::listen(host, *port)?;
+            let live = Server::listen(host, *port)?;
             crate::cli::note(&format!("foxglove: ws://{host}:{}\n", live.port()));
             Ok(Self { view: View::new(live), anchors_at: Instant::now() })
         }
@@ -60,11 +77,53 @@ mod with {
             if let NodeOutput::Message(stamp, message) = output {
                 self.view.telemetry(now_ns(), *stamp, message)?;
             }
+            self.repeat_anchors()
+        }
+
+        fn repeat_anchors(&mut self) -> Result<()> {
             if self.anchors_at.elapsed() >= AGAIN {
                 self.anchors_at = Instant::now();
                 self.view.repeat_anchors(now_ns())?;
             }
             Ok(())
+        }
+
+        /// Sends the positions of a site's tags, and its anchors and beacons, until the station stops.
+        #[cfg(feature = "station")]
+        pub async fn follow(mut self, hub: Hub, site: String) {
+            let mut updates = hub.listen();
+            let mut nodes = tokio::time::interval(AGAIN);
+            let mut epoch = 0_u64;
+            loop {
+                let sent = tokio::select! {
+                    update = updates.recv() => match update {
+                        Ok(Update::Position(position)) if position.site == site => {
+                            let origin = hub.read(|live| live.geographic_origin(&site));
+                            epoch += 1;
+                            self.view.tag_position(&position, epoch, origin)
+                        }
+                        Ok(Update::Position(_) | Update::Event(_) | Update::Changed) => Ok(()),
+                        Err(RecvError::Lagged(missed)) => {
+                            hub.note_missed(missed);
+                            Ok(())
+                        }
+                        Err(RecvError::Closed) => break,
+                    },
+                    _ = nodes.tick() => self.send_nodes(&hub.read(Live::nodes), &site),
+                };
+                if let Err(error) = sent {
+                    log::warn!("Foxglove: {error:#}");
+                }
+            }
+        }
+
+        #[cfg(feature = "station")]
+        fn send_nodes(&mut self, nodes: &[Node], site: &str) -> Result<()> {
+            for node in nodes.iter().filter(|node| node.site == site) {
+                let Some(position_m) = node.position_m else { continue };
+                self.view.anchor(now_ns(), node.name.as_deref().unwrap_or(&node.node), position_m)?;
+            }
+            self.repeat_anchors()
         }
     }
 
@@ -88,6 +147,12 @@ impl LiveView {
     /// Always.
     pub fn listen(Address { host, port }: &Address) -> Result<Self> {
         anyhow::bail!("cannot listen on {host}:{port}: this baliza was built without its feature foxglove")
+    }
+
+    /// There is nothing to send to.
+    #[cfg(feature = "station")]
+    pub async fn follow(self, _: baliza_station::Hub, _: String) {
+        match self {}
     }
 
     /// There is nothing to send to.

@@ -4,6 +4,7 @@ mod alarms;
 mod encryption;
 mod mqtt;
 mod sign_in;
+mod viewers;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -15,7 +16,7 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use baliza_station::api::{self, App, Tls};
 use baliza_station::live::Limits;
-use baliza_station::model::{PlacedNode, Site, Zone};
+use baliza_station::model::{GeographicOrigin, PlacedNode, Site, Zone};
 use baliza_station::mqtt::{self as broker, Mqtt};
 use baliza_station::store::Retention;
 use baliza_station::webhooks::{Patience, Webhook, Webhooks};
@@ -31,6 +32,7 @@ use self::alarms::Limiting;
 use self::encryption::Encryption;
 use self::mqtt::MqttArguments;
 use self::sign_in::{SignInArguments, Users};
+use self::viewers::{Listening, Viewers};
 use super::stream::{STOP, catch_signals};
 
 /// Serve a live map, a store and an API of the positions of tags
@@ -66,6 +68,8 @@ pub struct Arguments {
     keep_days: Option<u64>,
     #[command(flatten)]
     mqtt: MqttArguments,
+    #[command(flatten)]
+    viewers: Viewers,
 }
 
 /// What the station gets its reports from: the same for `serve` and `live`.
@@ -120,6 +124,7 @@ Examples:
   baliza serve --site site.toml serial:/dev/ttyACM0 serial:/dev/ttyACM1
   baliza serve --listen 0.0.0.0:8080 --tokens tokens.toml --store postgres://baliza@db/baliza udp:0.0.0.0:7000
   baliza serve --mqtt mqtt://baliza@broker --mqtt-password-file password --espresense config.yaml
+  baliza serve --nmea 0x1001@127.0.0.1:10110 --foxglove --site site.toml udp:0.0.0.0:7000
   baliza serve --listen 0.0.0.0:8443 --tokens tokens.toml --tls-cert fullchain.pem --tls-key privkey.pem
   baliza serve --oidc oidc.toml --trusted-proxy 127.0.0.1 udp:0.0.0.0:7000
   baliza serve run/"
@@ -152,10 +157,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         (None, Some(folder)) => folder.path().join("simulation.db").display().to_string(),
         (None, None) => "baliza.db".to_owned(),
     };
+    let viewers = arguments.viewers.listen(sources.site())?;
     catch_signals()?;
     let runtime =
         tokio::runtime::Builder::new_multi_thread().enable_all().build().context("cannot start the runtime")?;
-    runtime.block_on(serve(arguments, &store, Network { users, tls, webhooks }, sources))
+    runtime.block_on(serve(arguments, &store, Network { users, tls, webhooks, viewers }, sources))
 }
 
 /// How the station meets other computers.
@@ -163,10 +169,11 @@ struct Network {
     users: Users,
     tls: Option<Arc<Tls>>,
     webhooks: Vec<Webhook>,
+    viewers: Listening,
 }
 
 async fn serve(arguments: &Arguments, url: &str, network: Network, sources: Sources) -> Result<()> {
-    let Network { users, tls, webhooks } = network;
+    let Network { users, tls, webhooks, viewers } = network;
     let store = Store::open(url).await?;
     sources.configure(&store).await?;
     let days = |days: Option<u64>| days.map(|days| Duration::from_secs(86_400 * days));
@@ -174,8 +181,10 @@ async fn serve(arguments: &Arguments, url: &str, network: Network, sources: Sour
     let (earlier, placed) = (store.tags().await?, store.nodes().await?);
     let mut live = Live::new(arguments.inputs.limits());
     live.set_zones(store.zones().await?);
+    live.set_geographic_origins(&store.sites().await?);
     let (hub, writing) = Hub::start(live, store.clone(), retention).await?;
     let webhooks = Webhooks::start(webhooks, Patience::default(), &hub);
+    let _viewers = viewers.start(&hub, arguments.inputs.limits().silent_after)?;
     let listener = TcpListener::bind(arguments.listen)
         .await
         .with_context(|| format!("cannot listen on {}; --listen takes another address", arguments.listen))?;
@@ -186,7 +195,7 @@ async fn serve(arguments: &Arguments, url: &str, network: Network, sources: Sour
     let scheme = if tls.is_some() { "https" } else { "http" };
     super::prompt(&format!("listening on {scheme}://{address}\n"));
     let Users { access, oidc, proxies } = users;
-    let app = App { access, oidc, proxies, tls, earlier, ..App::new(hub.clone(), store) };
+    let app = App { access, oidc, proxies, tls, webhooks: webhooks.watch(), earlier, ..App::new(hub.clone(), store) };
     api::serve(listener, app, stopped()).await.context("cannot serve")?;
     hub.stop();
     let written = writing.await.context("the writer has failed");
@@ -246,9 +255,15 @@ impl Sources {
         self.simulation.is_some() && self.sources.is_empty() && !has_house
     }
 
+    /// The site of the sources, or of the simulation where there is nothing else.
+    fn site(&self) -> &str {
+        if self.is_simulation() { SIMULATION } else { &self.site }
+    }
+
     /// The sites, and the rooms of each.
     pub(super) fn sites(&self) -> Vec<(Site, Vec<Zone>)> {
-        let own = Site { name: self.site.clone(), walls_m: Vec::new(), plan: None };
+        let origin = self.names.geographic_origin();
+        let own = Site { geographic_origin: origin.map(GeographicOrigin), ..Site::new(&self.site) };
         let own = (!self.is_simulation()).then(|| (own, self.zones.clone()));
         let simulated = self.simulation.as_ref().map(|(_, site)| (site.site.clone(), site.zones.clone()));
         own.into_iter().chain(simulated).collect()
@@ -259,8 +274,18 @@ impl Sources {
         let known = store.sites().await?;
         let zones = store.zones().await?;
         for (site, rooms) in self.sites() {
-            if known.iter().all(|known| known.name != site.name) {
+            let known = known.iter().find(|known| known.name == site.name);
+            if known.is_none() {
                 store.put_site(&site).await?;
+            }
+            match (known.and_then(|known| known.geographic_origin), &site.geographic_origin) {
+                (None, Some(origin)) => store.put_geographic_origin(&site.name, Some(origin)).await?,
+                (Some(stored), Some(origin)) if stored != *origin => super::note(&format!(
+                    "{}: the store has another geographic origin than --site, and keeps it; \
+                     DELETE /api/v1/sites/{}/geographic-origin and a restart take that of the file\n",
+                    site.name, site.name
+                )),
+                (Some(_), _) | (None, None) => (),
             }
             for room in rooms {
                 if zones.iter().all(|zone| (&zone.site, &zone.name) != (&room.site, &room.name)) {

@@ -129,8 +129,9 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", requires = "survey")]
     survey_rooms: Option<PathBuf>,
     /// Print JSON and no positions: results has one object, with tags, anchors, seconds, fixes, fixes_per_s, rmse_m,
-    /// p50_m, p90_m, frames_sent, frames_lost, collisions, airtime_share (of a network, the mean), airtime_share_max (of the busiest
-    /// network), tag_mean_current_ma, charge_per_fix_uc and tag_currents_ma (board and DW1000, from the first position on; none with --fidelity air); with beacons also
+    /// p50_m, p90_m, mae_m, inside_1_sigma, nees (in x and y), frames_sent, frames_lost, collisions, airtime_share (of a
+    /// network, the mean), airtime_share_max (of the busiest network), tag_mean_current_ma, charge_per_fix_uc and
+    /// tag_currents_ma (board and DW1000, from the first position on; none with --fidelity air); with beacons also
     /// bluetooth
     #[arg(long)]
     json: bool,
@@ -515,9 +516,13 @@ fn epoch_text(epoch: &SimulatedEpoch) -> String {
 /// The summary as text.
 fn told(summary: &Summary) -> String {
     let metres = |figure: Option<f64>| figure.map_or_else(|| "-".to_owned(), |m| format!("{m:.3} m"));
+    let consistency = summary
+        .inside_1_sigma
+        .zip(summary.nees)
+        .map_or_else(String::new, |(inside, nees)| format!("; {:.0} % inside 1 sigma, NEES {nees:.2}", 100.0 * inside));
     let mut text = format!(
         "{}, {}, {} s: {}, {:.1} a second\n\
-         accuracy: RMSE {}, half below {}, nine in ten below {}\n\
+         accuracy: RMSE {}, half below {}, nine in ten below {}{}\n\
          air: {} frames, {} receptions lost, {} frames collided, {} of the time\n",
         counted(summary.tags, "tag"),
         counted(summary.anchors, "anchor"),
@@ -527,6 +532,7 @@ fn told(summary: &Summary) -> String {
         metres(summary.rmse_m),
         metres(summary.p50_m),
         metres(summary.p90_m),
+        consistency,
         summary.frames_sent,
         summary.frames_lost,
         summary.collisions,

@@ -17,7 +17,9 @@ mod tokens;
 mod udp;
 mod webhooks;
 
-pub use export::{Exported, is_of_export};
+#[cfg(feature = "foxglove")]
+pub use export::write_mcap;
+pub use export::{Exported, Selection, is_of_export, write_folder, write_gpx};
 pub use node_clock::NodeClock;
 pub use oidc::read_oidc;
 pub use remote::Remote;

@@ -147,7 +147,7 @@ mod tests {
         let (remote, asked) =
             answering("HTTP/1.0 200 OK\r\ncontent-type: application/json\r\n\r\n[{\"name\": \"hall\"}]");
         let sites = remote.with_token(&file).expect("a token").sites().expect("an answer");
-        assert_eq!(sites, [Site { name: "hall".to_owned(), walls_m: Vec::new(), plan: None }]);
+        assert_eq!(sites, [Site::new("hall")]);
         let asked = asked.join().expect("asked");
         assert_eq!(asked[0], "GET /scenarios HTTP/1.0");
         assert!(asked.contains(&"Authorization: Bearer abc".to_owned()), "{asked:?}");

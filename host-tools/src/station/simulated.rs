@@ -35,7 +35,7 @@ impl SimulatedSite {
     /// The site of a scenario, by this name.
     pub fn of(scenario: &Scenario, name: &str, t: Utc) -> Self {
         let walls_m = scenario.walls.iter().map(|wall| [wall.from, wall.to]).collect();
-        let site = Site { name: name.to_owned(), walls_m, plan: None };
+        let site = Site { walls_m, ..Site::new(name) };
         let rooms = (0..scenario.networks.len()).filter_map(|network| room(scenario, network));
         let zones = rooms.zip(1..).map(|(corners_m, number)| Zone {
             site: name.to_owned(),

@@ -6,7 +6,11 @@ use foxglove::messages::{
     Color, CubePrimitive, Pose, PoseInFrame, Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, TextPrimitive,
     Timestamp, Vector3,
 };
+#[cfg(feature = "station")]
+use foxglove::messages::{LocationFix, location_fix::PositionCovarianceType};
 use foxglove::{Encode, Schema};
+#[cfg(feature = "station")]
+use positioning_core::geodesy::Geographic;
 use serde_json::{Value, json};
 
 use crate::Coordinates;
@@ -161,6 +165,28 @@ pub(super) fn anchors<'a>(t_ns: u64, anchors: impl Iterator<Item = (&'a str, [f6
         ..entity(t_ns, name)
     });
     SceneUpdate { deletions: Vec::new(), entities: entities.collect() }
+}
+
+/// A place on the earth with the covariance of its error: east-east, north-north and east-north, m².
+#[cfg(feature = "station")]
+pub(super) fn location(
+    t_ns: u64,
+    place: Geographic,
+    [east, north, both]: [f64; 3],
+    sigma_z_m: Option<f64>,
+) -> LocationFix {
+    let kind = if sigma_z_m.is_some() { PositionCovarianceType::Known } else { PositionCovarianceType::Approximated };
+    let up = sigma_z_m.unwrap_or_default().powi(2);
+    LocationFix {
+        timestamp: Some(timestamp(t_ns)),
+        frame_id: FRAME.to_owned(),
+        latitude: place.latitude_deg,
+        longitude: place.longitude_deg,
+        altitude: place.height_m.unwrap_or_default(),
+        position_covariance: vec![east, both, 0.0, both, north, 0.0, 0.0, 0.0, up],
+        position_covariance_type: kind.into(),
+        ..LocationFix::default()
+    }
 }
 
 /// The ellipsoid of two standard deviations along the axes; flat where the height has none.

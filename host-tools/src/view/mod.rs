@@ -6,6 +6,7 @@
 //! | `/NAME/pose` | `foxglove.PoseInFrame`, in the frame `map`; without a height at z = 0 |
 //! | `/NAME/uncertainty` | `foxglove.SceneUpdate`: an ellipsoid of two standard deviations along the axes |
 //! | `/NAME/position` | `baliza.Position`, JSON: also epochs without a position, with their reason |
+//! | `/TAG/location` | `foxglove.LocationFix`: of the station, where its site has a geographic origin |
 //! | `/ranges`, `/TAG/ranges` | `baliza.Range`, JSON |
 //!
 //! [`View`] makes the messages; a [`Sink`] takes them.
@@ -14,6 +15,8 @@ mod file;
 mod live;
 mod messages;
 mod recording;
+#[cfg(feature = "station")]
+mod station;
 
 use std::collections::{BTreeMap, HashMap};
 

@@ -12,12 +12,13 @@ use std::process::{Command, Stdio};
 use crate::support::{Folder, root};
 
 /// The commands of code blocks that cannot run here, by their beginning, and what they need.
-const NOT_RUN: [(&str, &str); 10] = [
+const NOT_RUN: [(&str, &str); 11] = [
     ("baliza flash ", "a board at the probe"),
     ("baliza monitor --chip ", "a board at the probe"),
     ("baliza serve ", "a person who ends it; the tests of `serve` run it"),
     ("baliza live ", "a terminal, and a person; the tests of `live` have both"),
     ("baliza station backup ", "the store of a station; the tests of `station` run it"),
+    ("baliza station export ", "the store of a station; the tests of `station` and `maps` run it"),
     ("baliza station restore ", "a back-up; the tests of `station` run it"),
     ("baliza provision --read ", "a board at the probe"),
     ("baliza provision --config site.toml --node anchor-1 --write", "a board at the probe"),

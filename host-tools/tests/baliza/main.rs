@@ -20,6 +20,8 @@ mod limits;
 #[cfg(feature = "station")]
 mod live;
 mod manners;
+#[cfg(all(feature = "foxglove", feature = "station"))]
+mod maps;
 #[cfg(target_os = "linux")]
 mod memory;
 mod messages;

@@ -125,7 +125,8 @@ fn rooms_have_the_names_of_the_sender() {
 
 #[test]
 fn a_recording_has_names_and_places_of_its_site_but_no_keys() {
-    let folder = Folder::with(&[("site.toml", SITE)]);
+    let origin = "[geographic_origin]\nlatitude_deg = 40.332\nlongitude_deg = -3.766\ny_azimuth_deg = 12.5\n";
+    let folder = Folder::with(&[("site.toml", &format!("{SITE}{origin}"))]);
     folder.write("telemetry.bin", &stream(&sent()));
     let run = folder.run("record --file telemetry.bin --site site.toml --out walk").ok();
     assert!(run.stderr.contains("node: tag trolley (0x0201) on dwm1001"), "{}", run.stderr);
@@ -135,13 +136,14 @@ fn a_recording_has_names_and_places_of_its_site_but_no_keys() {
     let copy = text(&folder, "walk/site.toml");
     assert_eq!(
         copy.split_once("\n\n").map(|(_, tables)| tables),
-        Some(
+        Some(format!(
             "[[known]]\nname = \"door\"\naddress = \"0x0101\"\n\n\
              [[known]]\nname = \"window\"\naddress = \"0x0102\"\nposition_m = [6.0, 0.5, 2.4]\n\n\
              [[known]]\nname = \"trolley\"\naddress = \"0x0201\"\n\n\
              [[known]]\nname = \"shelf\"\nbeacon = \"1-7\"\nposition_m = [3.0, 2.0, 2.4]\n\
-             rssi_1m_dbm = -59.0\n"
-        ),
+             rssi_1m_dbm = -59.0\n\n{origin}"
+        ))
+        .as_deref(),
         "{copy}"
     );
     assert!(!copy.contains(KEY) && !copy.contains("key =") && !copy.contains("pan"), "{copy}");
@@ -172,9 +174,18 @@ fn a_wrong_site_file_is_refused_with_its_line() {
     let folder = Folder::with(&[
         ("site.toml", &SITE.replace("role = \"tag\"", "role = \"tug\"")),
         ("copy.toml", "[[known]]\naddress = \"0x10000\"\n"),
+        (
+            "origin.toml",
+            "[[known]]\naddress = \"0x0100\"\n\n\
+             [geographic_origin]\nlatitude_deg = 151.2\nlongitude_deg = -33.9\ny_azimuth_deg = 0\n",
+        ),
     ]);
     folder.write("telemetry.bin", &stream(&sent()));
-    for (file, said) in [("site.toml", "site.toml:28: "), ("copy.toml", "copy.toml:2: \"0x10000\" is not an address")] {
+    for (file, said) in [
+        ("site.toml", "site.toml:28: "),
+        ("copy.toml", "copy.toml:2: \"0x10000\" is not an address"),
+        ("origin.toml", "origin.toml:4: latitude_deg = 151.2 is not between -90 and 90"),
+    ] {
         let run = folder.run(&format!("monitor --file telemetry.bin --site {file}"));
         assert!(run.code == Some(2) && run.stderr.starts_with(said), "{run:?}");
     }

@@ -5,7 +5,7 @@ use crate::support::{Folder, Run};
 
 /// A folder with the store `tags.db` of a station that has played the recording `run`. Returns the positions of the
 /// recording as its file has them: x and y, metres.
-fn with_store() -> (Folder, Vec<[f64; 2]>) {
+pub fn with_store() -> (Folder, Vec<[f64; 2]>) {
     let folder = Folder::with(&[("rooms.csv", "room,x_m,y_m\nhall,-5,-5\nhall,30,-5\nhall,30,30\nhall,-5,30\n")]);
     let positions = recorded(&folder, 4);
     let station = Station::start(&folder, "run --store tags.db --rooms rooms.csv");

@@ -21,7 +21,7 @@ fn range(t_us: u64) -> Vec<u8> {
 }
 
 /// The messages of a file by topic: schema, time in nanoseconds, bytes.
-fn messages(file: &[u8]) -> BTreeMap<String, Vec<(String, u64, Vec<u8>)>> {
+pub fn messages(file: &[u8]) -> BTreeMap<String, Vec<(String, u64, Vec<u8>)>> {
     let mut by_topic: BTreeMap<String, Vec<_>> = BTreeMap::new();
     for message in mcap::MessageStream::new(file).expect("an MCAP file") {
         let message = message.expect("a message");
@@ -32,7 +32,7 @@ fn messages(file: &[u8]) -> BTreeMap<String, Vec<(String, u64, Vec<u8>)>> {
     by_topic
 }
 
-fn json_of(bytes: &[u8]) -> Value {
+pub fn json_of(bytes: &[u8]) -> Value {
     serde_json::from_slice(bytes).expect("JSON")
 }
 
@@ -98,16 +98,27 @@ fn what_is_no_recording_is_refused_and_leaves_no_file() {
     assert_eq!(folder.names(), ["positions.csv"]);
 }
 
-type Client = WebSocket<MaybeTlsStream<std::net::TcpStream>>;
+pub type Client = WebSocket<MaybeTlsStream<std::net::TcpStream>>;
 
 /// The next message that `of` takes.
-fn wait<T>(client: &mut Client, of: impl Fn(&Message) -> Option<T>) -> T {
+pub fn wait<T>(client: &mut Client, of: impl Fn(&Message) -> Option<T>) -> T {
     loop {
         let message = client.read().expect("a message");
         if let Some(found) = of(&message) {
             return found;
         }
     }
+}
+
+/// A client of Foxglove's server at this address.
+pub fn connect(address: &str) -> Client {
+    let mut request = address.into_client_request().expect("an address");
+    request.headers_mut().insert("Sec-WebSocket-Protocol", "foxglove.sdk.v1".parse().expect("a name"));
+    let (client, _) = tungstenite::connect(request).expect("connected");
+    if let MaybeTlsStream::Plain(stream) = client.get_ref() {
+        stream.set_read_timeout(Some(Duration::from_secs(20))).expect("set");
+    }
+    client
 }
 
 #[test]
@@ -120,12 +131,7 @@ fn a_live_stream_is_advertised_and_sent_to_a_websocket() {
     let mut line = String::new();
     BufReader::new(child.stderr.as_mut().expect("a pipe")).read_line(&mut line).expect("read");
     let address = line.trim().strip_prefix("foxglove: ").unwrap_or_else(|| panic!("{line}"));
-    let mut request = address.into_client_request().expect("an address");
-    request.headers_mut().insert("Sec-WebSocket-Protocol", "foxglove.sdk.v1".parse().expect("a name"));
-    let (mut client, _) = tungstenite::connect(request).expect("connected");
-    if let MaybeTlsStream::Plain(stream) = client.get_ref() {
-        stream.set_read_timeout(Some(Duration::from_secs(20))).expect("set");
-    }
+    let mut client = connect(address);
 
     stdin.write_all(&telemetry_frame(&fix(500_000, 3.5))).expect("written");
     let channel = wait(&mut client, |message| {

@@ -116,6 +116,25 @@ impl SimulatedEpoch {
         let square: f64 = (0..axes).map(|i| (position_m[i] - self.truth_m[i]).powi(2)).sum();
         Some(square.sqrt())
     }
+
+    /// The square of the horizontal error in units of the reported covariance: 2 in the mean where that is right.
+    pub fn normalised_square(&self) -> Option<f64> {
+        let (position_m, [[xx, xy, _], [_, yy, _], _]) = (self.fix.position_m()?, self.fix.covariance_m2()?);
+        let [x, y] = [0, 1].map(|axis| position_m[axis] - self.truth_m[axis]);
+        let square = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy);
+        square.is_finite().then_some(square)
+    }
+}
+
+/// The error of a position.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PositionError {
+    /// What gave the position.
+    pub(super) source: Source,
+    /// Metres.
+    pub(super) error_m: f64,
+    /// In units of the reported covariance; none where that is singular.
+    pub(super) normalised_square: Option<f64>,
 }
 
 /// The figures of a simulation, in metres and seconds.
@@ -137,6 +156,13 @@ pub struct Summary {
     pub p50_m: Option<f64>,
     /// 90th percentile of the positions' errors.
     pub p90_m: Option<f64>,
+    /// Mean of the positions' errors.
+    pub mae_m: Option<f64>,
+    /// The share of the horizontal errors inside the reported 1σ ellipse: 0.39 where the covariance is right.
+    pub inside_1_sigma: Option<f64>,
+    /// The mean of the squared horizontal errors in units of their reported covariance (normalised estimation error
+    /// squared): 2 where the covariance is right.
+    pub nees: Option<f64>,
     /// Frames sent.
     pub frames_sent: u64,
     /// Receptions that began and were lost: by the scenario's loss, by too little power, under another frame. A frame
@@ -206,9 +232,9 @@ impl Cover {
 
 impl BluetoothSummary {
     /// Makes the figures from the number of beacons and the errors of all positions.
-    pub(super) fn new(beacons: usize, errors_m: &[(Source, f64)], air: BluetoothStatistics) -> Self {
-        let by = |wanted: Source| {
-            Cover::of(errors_m.iter().filter(|(source, _)| *source == wanted).map(|(_, error)| *error).collect())
+    pub(super) fn new(beacons: usize, errors: &[PositionError], air: BluetoothStatistics) -> Self {
+        let by = |source: Source| {
+            Cover::of(errors.iter().filter(|error| error.source == source).map(|error| error.error_m).collect())
         };
         Self {
             beacons,
@@ -226,11 +252,13 @@ impl Summary {
     pub(super) fn new(
         nodes: [usize; 2],
         seconds: f64,
-        errors_m: Vec<f64>,
+        errors: &[PositionError],
         air: AirStatistics,
         airtime_shares: &[f64],
     ) -> Self {
-        let Cover { fixes, rmse_m, p50_m, p90_m } = Cover::of(errors_m);
+        let Cover { fixes, rmse_m, p50_m, p90_m } = Cover::of(errors.iter().map(|error| error.error_m).collect());
+        let squares: Vec<f64> = errors.iter().filter_map(|error| error.normalised_square).collect();
+        let inside = squares.iter().map(|square| if *square <= 1.0 { 1.0 } else { 0.0 });
         let per_second = if seconds > 0.0 { 1.0 / seconds } else { 0.0 };
         Self {
             tags: nodes[0],
@@ -241,6 +269,9 @@ impl Summary {
             rmse_m,
             p50_m,
             p90_m,
+            mae_m: mean(errors.iter().map(|error| error.error_m)),
+            inside_1_sigma: mean(inside),
+            nees: mean(squares.iter().copied()),
             frames_sent: air.frames_sent,
             frames_lost: air.lost_by_chance + air.lost_to_noise + air.lost_to_collision,
             collisions: air.frames_collided,
@@ -266,6 +297,11 @@ impl Summary {
     }
 }
 
+fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
+    let count = values.len();
+    (count > 0).then(|| values.sum::<f64>() / count as f64)
+}
+
 /// The value below which a share of `part` of the sorted values lies, interpolated linearly between neighbours.
 fn percentile(sorted: &[f64], part: f64) -> Option<f64> {
     let place = part * sorted.len().checked_sub(1)? as f64;
@@ -278,6 +314,10 @@ fn percentile(sorted: &[f64], part: f64) -> Option<f64> {
 mod tests {
     use super::*;
 
+    fn error(source: Source, error_m: f64, normalised_square: Option<f64>) -> PositionError {
+        PositionError { source, error_m, normalised_square }
+    }
+
     #[test]
     fn figures_of_four_errors_by_hand() {
         let air = AirStatistics {
@@ -288,10 +328,14 @@ mod tests {
             frames_collided: 2,
             ..Default::default()
         };
-        let summary = Summary::new([1, 4], 2.0, vec![4.0, 1.0, 2.0, 2.0], air, &[0.5, 0.0]);
+        let of = |(error_m, square)| error(Source::Anchors, error_m, square);
+        let errors = [(4.0, Some(5.0)), (1.0, Some(0.25)), (2.0, None), (2.0, Some(0.75))].map(of);
+        let summary = Summary::new([1, 4], 2.0, &errors, air, &[0.5, 0.0]);
         // √((1 + 4 + 4 + 16) / 4) = 2.5; the middle of 2 and 2; 0.9·3 = 2.7: 0.7 of the way from 2 to 4.
         assert_eq!((summary.rmse_m, summary.p50_m), (Some(2.5), Some(2.0)));
         assert!((summary.p90_m.unwrap() - 3.4).abs() < 1e-12);
+        // (4 + 1 + 2 + 2) / 4 = 2.25; two of three squares are at most 1; (5 + 0.25 + 0.75) / 3 = 2.
+        assert_eq!((summary.mae_m, summary.inside_1_sigma, summary.nees), (Some(2.25), Some(2.0 / 3.0), Some(2.0)));
         assert_eq!((summary.fixes, summary.fixes_per_s), (4, 2.0));
         assert_eq!((summary.airtime_share, summary.airtime_share_max), (0.25, 0.5));
         assert_eq!((summary.frames_sent, summary.frames_lost, summary.collisions), (7, 6, 2));
@@ -299,7 +343,7 @@ mod tests {
 
     #[test]
     fn charge_is_shared_among_tags_and_positions() {
-        let summary = Summary::new([2, 4], 5.0, vec![0.1; 4], AirStatistics::default(), &[]);
+        let summary = Summary::new([2, 4], 5.0, &[], AirStatistics::default(), &[]);
         // 20 mC by two tags in five seconds: 2 mA each. Four positions: 5 mC each.
         let charges = Charges { receiving: 15_000.0, processor: 5_000.0, ..Charges::default() };
         let charged = summary.clone().with_charge(Some(Drawn { charges, seconds: 10.0, fixes: 4 }));
@@ -311,8 +355,9 @@ mod tests {
     #[test]
     fn positions_are_told_apart_by_what_gave_them() {
         let air = BluetoothStatistics { sent: 9, heard: 2, lost_to_noise: 1, lost_by_chance: 2, lost_to_collision: 3 };
-        let errors_m = [(Source::Anchors, 0.1), (Source::Beacons, 3.0), (Source::Beacons, 1.0)];
-        let summary = BluetoothSummary::new(5, &errors_m, air);
+        let errors = [(Source::Anchors, 0.1), (Source::Beacons, 3.0), (Source::Beacons, 1.0)];
+        let errors = errors.map(|(source, error_m)| error(source, error_m, None));
+        let summary = BluetoothSummary::new(5, &errors, air);
         assert_eq!((summary.beacons, summary.adverts_lost), (5, 6));
         assert_eq!((summary.by_anchors.fixes, summary.by_anchors.p50_m), (1, Some(0.1)));
         // The middle of 1 and 3.
@@ -321,7 +366,8 @@ mod tests {
 
     #[test]
     fn no_position_has_no_error() {
-        let summary = Summary::new([1, 4], 1.0, Vec::new(), AirStatistics::default(), &[]);
+        let summary = Summary::new([1, 4], 1.0, &[], AirStatistics::default(), &[]);
         assert_eq!((summary.rmse_m, summary.p50_m, summary.p90_m), (None, None, None));
+        assert_eq!((summary.mae_m, summary.inside_1_sigma, summary.nees), (None, None, None));
     }
 }

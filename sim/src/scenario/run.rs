@@ -200,13 +200,12 @@ impl Simulation {
     pub fn summary(&self) -> Summary {
         let nodes = [self.scenario.tags.len(), self.scenario.anchors.len()];
         let log = self.log.borrow();
-        let errors_m = log.errors_m.iter().map(|(_, error_m)| *error_m).collect();
         let of_beacons =
-            |air: &Bluetooth| BluetoothSummary::new(self.scenario.beacons.len(), &log.errors_m, air.statistics());
+            |air: &Bluetooth| BluetoothSummary::new(self.scenario.beacons.len(), &log.errors, air.statistics());
         let summary = Summary::new(
             nodes,
             self.now_s(),
-            errors_m,
+            &log.errors,
             self.world.statistics(),
             &self.airtime.shares(self.world.now()),
         );

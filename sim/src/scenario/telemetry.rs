@@ -9,7 +9,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_tag::Sounding;
 use wire::telemetry::{Difference, Message, Range};
 
-use super::record::{DifferenceRecord, RangeRecord, Record, SimulatedEpoch, Source, What};
+use super::record::{DifferenceRecord, PositionError, RangeRecord, Record, SimulatedEpoch, What};
 use super::{FaultKind, Scenario, distance};
 use crate::{Processor, TrueTime, World};
 
@@ -28,8 +28,8 @@ pub(super) struct Log {
     epochs: u64,
     /// Positions found by each tag.
     pub(super) fixes: HashMap<u16, usize>,
-    /// Errors of all positions, metres.
-    pub(super) errors_m: Vec<(Source, f64)>,
+    /// Errors of all positions.
+    pub(super) errors: Vec<PositionError>,
 }
 
 impl Log {
@@ -181,7 +181,8 @@ impl Outlet {
         if let Some(error_m) = epoch.error_m() {
             let mut log = self.log.borrow_mut();
             *log.fixes.entry(self.node).or_default() += 1;
-            log.errors_m.push((epoch.source(), error_m));
+            let (source, normalised_square) = (epoch.source(), epoch.normalised_square());
+            log.errors.push(PositionError { source, error_m, normalised_square });
         }
     }
 

@@ -42,11 +42,16 @@ pub fn tagged_json(request: &HeaderMap, value: &impl Serialize) -> Result<Respon
 
 /// A page of a list in JSON, and where the next one is.
 pub fn page(rows: &impl Serialize, next: Option<String>) -> Result<Response, Problem> {
-    let mut response = ([(header::CONTENT_TYPE, "application/json")], json(rows)?).into_response();
+    Ok(page_of("application/json", json(rows)?, next))
+}
+
+/// A page in another media type, and where the next one is.
+pub fn page_of(media_type: &'static str, body: Vec<u8>, next: Option<String>) -> Response {
+    let mut response = ([(header::CONTENT_TYPE, media_type)], body).into_response();
     if let Some(next) = next.and_then(|next| HeaderValue::from_str(&format!("<{next}>; rel=\"next\"")).ok()) {
         response.headers_mut().insert(header::LINK, next);
     }
-    Ok(response)
+    response
 }
 
 /// The same request with another value of a parameter.

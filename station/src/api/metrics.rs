@@ -10,6 +10,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::Shared;
+use crate::webhooks;
 
 /// The routes.
 pub fn routes() -> OpenApiRouter<Shared> {
@@ -74,6 +75,21 @@ async fn metrics(State(station): State<Shared>) -> Response {
         family(name, "counter", help, &one(count as f64));
     }
     family("rows_backlog", "gauge", "Rows that wait for the store.", &one(counts.backlog as f64));
+    let hooks: Vec<_> = station.app.webhooks.counts().collect();
+    let by_hook = |count: fn(&webhooks::Counts) -> u64| {
+        let row = |(name, counts): &(&str, _)| (format!("{{webhook=\"{}\"}}", label(name)), count(counts) as f64);
+        hooks.iter().map(row).collect::<Vec<_>>()
+    };
+    if !hooks.is_empty() {
+        let waiting = by_hook(|counts| counts.waiting as u64);
+        family("webhook_events_waiting", "gauge", "Events that wait for a webhook.", &waiting);
+        let sent = by_hook(|counts| counts.sent);
+        family("webhook_events_sent_total", "counter", "Events that a webhook has taken.", &sent);
+        let lost = by_hook(|counts| counts.lost);
+        family("webhook_events_lost_total", "counter", "Events that a webhook has not taken for too long.", &lost);
+        let failures = by_hook(|counts| counts.failures);
+        family("webhook_failures_total", "counter", "Requests to a webhook without success.", &failures);
+    }
     let listeners = station.counts.listeners.load(Ordering::Relaxed);
     family("listeners", "gauge", "Listeners at WebSockets and event streams.", &one(listeners as f64));
     family("connections", "gauge", "Open connections.", &one(station.connections.open_now() as f64));
@@ -83,4 +99,21 @@ async fn metrics(State(station): State<Shared>) -> Response {
         .map(|(class, count)| (format!("{{status=\"{class}xx\"}}"), count.load(Ordering::Relaxed) as f64));
     family("http_answers_total", "counter", "Answers to requests.", &answers.collect::<Vec<_>>());
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
+}
+
+/// A text as the value of a label: the format escapes three characters.
+fn label(text: &str) -> String {
+    text.replace('\\', r"\\").replace('"', r#"\""#).replace('\n', r"\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::label;
+
+    #[test]
+    fn labels_are_escaped_as_the_text_format_says() {
+        // The example of the format's documentation: path="C:\\DIR\\FILE.TXT",error="Cannot find file:\n\"FILE.TXT\"".
+        assert_eq!(label("C:\\DIR\\FILE.TXT"), r"C:\\DIR\\FILE.TXT");
+        assert_eq!(label("Cannot find file:\n\"FILE.TXT\""), r#"Cannot find file:\n\"FILE.TXT\""#);
+    }
 }

@@ -8,6 +8,7 @@
 //! | `GET`, `POST /campaigns`; `GET`, `DELETE /campaigns/{name}`; `GET /campaigns/{name}/points`, `…/points/{id}`; `GET`, `POST …/points/{id}/samples` | surveys |
 //! | `POST /rtls`, `POST /rtls/{scenario}` | a terminal's RSSI values to its position and room |
 //! | `GET /api/v1/tags?site=`, `GET /api/v1/tags/{tag}/positions?site=&from=&to=&limit=` | tags with their last position; history, newest first |
+//! | `GET /api/v1/tags/{tag}/positions.gpx?site=&from=&to=&limit=` | the same as a track in GPX 1.1 |
 //! | `GET /api/v1/positions?site=&from=&to=&step_s=&limit=` | all tags of a site, oldest first, at most one a tag and step |
 //! | `GET /api/v1/nodes?site=`, `GET /api/v1/rooms?site=`, `GET /api/v1/events?site=&from=&to=&kind=&before=&limit=` | health of anchors and beacons; rooms and zones with who is in them; events, newest first |
 //! | `PUT`, `DELETE /api/v1/nodes/{site}/{node}` | places, forgets a beacon or a receiver (`PlacedNode`) |
@@ -16,6 +17,7 @@
 //! | `PUT /api/v1/sites/{site}/walls` | replaces the walls (a list of pairs of points) |
 //! | `PUT /api/v1/sites/{site}/plan?origin_x_m=&origin_y_m=&metres_per_pixel=&rotation_rad=` | the body is the picture |
 //! | `PUT /api/v1/sites/{site}/plan/scale` | JSON: `origin_m`, `metres_per_pixel`, `rotation_rad` |
+//! | `PUT`, `DELETE /api/v1/sites/{site}/geographic-origin` | where the site's frame is on the earth (`GeographicOrigin`) |
 //! | `GET /api/v1/live?site=` | WebSocket: one `TagPosition` a message |
 //! | `GET /api/v1/updates?site=` | server-sent events `position`, `event`, `changed`, `missed` |
 //! | `POST /login`, `POST /logout`, `GET /api/v1/me` | a token becomes a cookie; who one is: role, and how to get one |
@@ -76,7 +78,7 @@ use problem::Problem;
 
 use crate::model::Tag;
 use crate::oidc::Oidc;
-use crate::{Hub, Report, Store};
+use crate::{Hub, Report, Store, webhooks};
 
 /// The greatest body of a request, bytes, but for samples and pictures.
 const BODY: usize = 256_000;
@@ -100,6 +102,8 @@ pub struct App {
     pub tls: Option<Arc<Tls>>,
     /// What one client may use.
     pub limits: Limits,
+    /// The hooks that get events, for the metrics.
+    pub webhooks: webhooks::Watch,
     /// The files of the page.
     pub page: Page,
     /// The tags that the store had when the station started.
@@ -117,6 +121,7 @@ impl App {
             proxies: Proxies::default(),
             tls: None,
             limits: Limits::default(),
+            webhooks: webhooks::Watch::default(),
             page: Page::built(),
             earlier: Vec::new(),
         }

@@ -12,7 +12,7 @@ use utoipa_axum::routes;
 use super::extract::{Bytes, Coordinate, Json, Name, Path, Query, point_m};
 use super::problem::Problem;
 use super::{Shared, Station, answer};
-use crate::model::{Plan, Site};
+use crate::model::{GeographicOrigin, Plan, Site};
 
 /// The greatest size of a picture, bytes.
 const PICTURE: usize = 20_000_000;
@@ -28,6 +28,7 @@ pub fn routes() -> OpenApiRouter<Shared> {
         .routes(routes!(picture))
         .routes(routes!(put_walls))
         .routes(routes!(put_scale))
+        .routes(routes!(put_geographic_origin, delete_geographic_origin))
         .merge(OpenApiRouter::new().routes(routes!(put_plan)).layer(DefaultBodyLimit::max(PICTURE)))
 }
 
@@ -192,6 +193,46 @@ async fn put_scale(
         .await
 }
 
+/// Replaces where a site's frame is on the earth; makes the site where there is none.
+#[utoipa::path(put, path = "/api/v1/sites/{site}/geographic-origin", tag = "sites",
+    security(("token" = ["administer"])), params(("site" = Name, Path, description = "the site")),
+    request_body = GeographicOrigin, responses((status = 200, body = Site)))]
+async fn put_geographic_origin(
+    State(station): State<Shared>,
+    Path(site): Path<Name>,
+    Json(origin): Json<GeographicOrigin>,
+) -> Result<axum::Json<Site>, Problem> {
+    station
+        .configure(async move |station| {
+            let stored = station.site_or_new(&site).await?;
+            station.app.store.put_site(&stored).await?;
+            station.app.store.put_geographic_origin(site.as_str(), Some(&origin)).await?;
+            station.reload().await?;
+            Ok(axum::Json(Site { geographic_origin: Some(origin), ..stored }))
+        })
+        .await
+}
+
+/// Forgets where a site's frame is on the earth.
+#[utoipa::path(delete, path = "/api/v1/sites/{site}/geographic-origin", tag = "sites",
+    security(("token" = ["administer"])), params(("site" = Name, Path, description = "the site")),
+    responses((status = 204, description = "it is forgotten")))]
+async fn delete_geographic_origin(
+    State(station): State<Shared>,
+    Path(site): Path<Name>,
+) -> Result<StatusCode, Problem> {
+    station
+        .configure(async move |station| {
+            if station.site(&site).await?.geographic_origin.is_none() {
+                return Err(Problem::missing(format_args!("geographic origin of {}", site.as_str())));
+            }
+            station.app.store.put_geographic_origin(site.as_str(), None).await?;
+            station.reload().await?;
+            Ok(StatusCode::NO_CONTENT)
+        })
+        .await
+}
+
 /// The media type of a picture, by its content, and its size in pixels.
 fn measure(picture: &[u8]) -> Result<(&'static str, u32, u32), Problem> {
     let no_picture = |detail: &str| Problem::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, detail);
@@ -219,10 +260,14 @@ impl Station {
         site.ok_or_else(|| Problem::missing(format_args!("site {}", name.as_str())))
     }
 
-    /// The live state has the zones of the store, and tells its listeners that something has changed.
+    /// The live state has the zones and geographic origins of the store, and tells its listeners that something has
+    /// changed.
     pub(super) async fn reload(&self) -> Result<(), Problem> {
-        let zones = self.app.store.zones().await?;
-        self.app.hub.change(|live| live.set_zones(zones));
+        let (zones, sites) = (self.app.store.zones().await?, self.app.store.sites().await?);
+        self.app.hub.change(|live| {
+            live.set_zones(zones);
+            live.set_geographic_origins(&sites);
+        });
         Ok(())
     }
 
@@ -232,7 +277,7 @@ impl Station {
         match sites.into_iter().find(|site| site.name == name.as_str()) {
             Some(site) => Ok(site),
             None if many => Err(Problem::new(StatusCode::CONFLICT, format!("there are already {SITES} sites"))),
-            None => Ok(Site { name: name.as_str().to_owned(), walls_m: Vec::new(), plan: None }),
+            None => Ok(Site::new(name.as_str())),
         }
     }
 }

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::time::Duration;
 
 use axum::extract::State;
-use axum::http::Uri;
+use axum::http::{StatusCode, Uri};
 use axum::response::Response;
 use serde::Deserialize;
 use utoipa::{IntoParams, ToSchema};
@@ -15,13 +15,17 @@ use super::extract::{Limit, Name, Path, Query, span};
 use super::problem::Problem;
 use super::{Shared, answer};
 use crate::Utc;
+use crate::gpx::Gpx;
 use crate::model::{Tag, TagPosition};
 use crate::store::Span;
 
 /// The routes.
 pub fn routes() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(list)).routes(routes!(history)).routes(routes!(replay))
+    OpenApiRouter::new().routes(routes!(list)).routes(routes!(history)).routes(routes!(track)).routes(routes!(replay))
 }
+
+/// The media type of tracks: not registered, but what programs use.
+const GPX: &str = "application/gpx+xml";
 
 /// Which rows of a list.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -71,17 +75,37 @@ async fn history(
     Query(asked): Query<History>,
     uri: Uri,
 ) -> Result<Response, Problem> {
-    let span = span(asked.from, asked.to)?;
-    let site = match asked.site {
-        Some(site) => String::from(site),
-        None => station.site_of(tag.as_str()).await?,
-    };
-    let limit = asked.limit.get();
-    let rows = station.app.store.positions(&site, tag.as_str(), span, limit).await?;
-    // A tag has one position at a time, and `to` is excluded: the next page begins after the last row.
-    let next = rows.last().filter(|_| rows.len() == limit as usize);
-    let next = next.map(|last| answer::with_parameter(&uri, "to", &last.t.to_string()));
+    let (_, rows, next) = station.history(&tag, asked, &uri).await?;
     answer::page(&rows, next)
+}
+
+/// The same positions as a track in GPX 1.1, in the order of time, for maps. The site needs a geographic origin.
+#[utoipa::path(get, path = "/api/v1/tags/{tag}/positions.gpx", tag = "tags", security(("token" = ["view"])),
+    params(("tag" = Name, Path, description = "the tag"), History),
+    responses((status = 200, description = "the track", content_type = GPX, body = String)))]
+async fn track(
+    State(station): State<Shared>,
+    Path(tag): Path<Name>,
+    Query(asked): Query<History>,
+    uri: Uri,
+) -> Result<Response, Problem> {
+    let (site, rows, next) = station.history(&tag, asked, &uri).await?;
+    let none = || {
+        let path = format!("PUT /api/v1/sites/{site}/geographic-origin");
+        Problem::missing(format_args!("geographic origin of the site {site}: {path} says where it is on the earth"))
+    };
+    let origin = station.app.hub.read(|live| live.geographic_origin(&site)).ok_or_else(none)?;
+    let written = || {
+        let mut gpx = Gpx::new(Vec::new(), origin)?;
+        gpx.track(tag.as_str(), &site)?;
+        rows.iter().rev().try_for_each(|row| gpx.point(row))?;
+        gpx.finish()
+    };
+    let body = written().map_err(|error: std::io::Error| {
+        log::error!("a track cannot be written: {error}");
+        Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the track cannot be written")
+    })?;
+    Ok(answer::page_of(GPX, body, next))
 }
 
 #[derive(Debug, Deserialize, IntoParams)]
@@ -163,6 +187,26 @@ fn whole_steps(rows: &mut Vec<TagPosition>, limit: usize, step: Duration) -> Opt
 }
 
 impl super::Station {
+    /// The site of a tag's history, a page of it, newest first, and where the next one is.
+    async fn history(
+        &self,
+        tag: &Name,
+        asked: History,
+        uri: &Uri,
+    ) -> Result<(String, Vec<TagPosition>, Option<String>), Problem> {
+        let span = span(asked.from, asked.to)?;
+        let site = match asked.site {
+            Some(site) => String::from(site),
+            None => self.site_of(tag.as_str()).await?,
+        };
+        let limit = asked.limit.get();
+        let rows = self.app.store.positions(&site, tag.as_str(), span, limit).await?;
+        // A tag has one position at a time, and `to` is excluded: the next page begins after the last row.
+        let next = rows.last().filter(|_| rows.len() == limit as usize);
+        let next = next.map(|last| answer::with_parameter(uri, "to", &last.t.to_string()));
+        Ok((site, rows, next))
+    }
+
     /// The site where a tag reported last.
     async fn site_of(&self, tag: &str) -> Result<String, Problem> {
         let last = |tags: Vec<Tag>| tags.into_iter().filter(|one| one.tag == tag).max_by_key(|one| one.last_seen);

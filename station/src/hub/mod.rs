@@ -28,6 +28,8 @@ use crate::{Live, Report, Update, Utc, What};
 const REPORTS: usize = 4096;
 /// Reports that are applied together, while readers of the state wait.
 const TOGETHER: usize = 256;
+/// Under load, reports wait for others this long: to wake the hub for each would cost more than to apply it.
+const REST: Duration = Duration::from_millis(2);
 /// Updates that a listener may be behind. A slower one misses some, and gets their number.
 const UPDATES: usize = 4096;
 /// How often the state learns the time.
@@ -261,6 +263,8 @@ impl Applier {
         let writer = tokio::spawn(writer::write(store, Arc::clone(&self.queue), counters, ended));
         let mut ticks = interval(TICK);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut rests = interval(REST);
+        rests.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut batch = Vec::with_capacity(TOGETHER);
         let mut can_stop = true;
         loop {
@@ -281,9 +285,15 @@ impl Applier {
                     });
                     self.locate(now, Vec::new());
                 }
-                count = reports.recv_many(&mut batch, TOGETHER) => {
+                count = async {
+                    rests.tick().await;
+                    reports.recv_many(&mut batch, TOGETHER).await
+                } => {
                     if count == 0 {
                         break;
+                    }
+                    if count == TOGETHER {
+                        rests.reset_immediately();
                     }
                     add(&self.counters.reports, count);
                     let mut sightings = Vec::new();

@@ -37,7 +37,7 @@ pub use self::outline::Gaussian;
 use self::outline::Outline;
 use self::tags::{Area, Inside, ROUND, RoundRange, TagState};
 use crate::Utc;
-use crate::model::{Event, EventKind, Node, Role, Tag, TagPosition, Zone, ZoneKind};
+use crate::model::{self, Event, EventKind, GeographicOrigin, Node, Role, Tag, TagPosition, Zone, ZoneKind};
 use crate::report::{Report, What};
 use crate::rssi::KnownNode;
 
@@ -169,6 +169,7 @@ struct Site {
 pub struct Live {
     limits: Limits,
     sites: HashMap<String, Site>,
+    geographic_origins: HashMap<String, GeographicOrigin>,
     /// None before the first report and the first tick.
     clock: Option<Utc>,
     last_event: i64,
@@ -191,6 +192,7 @@ impl Live {
         Self {
             limits,
             sites: HashMap::new(),
+            geographic_origins: HashMap::new(),
             clock: None,
             last_event: 0,
             tags: 0,
@@ -242,6 +244,18 @@ impl Live {
             }
         }
         self.is_changed = true;
+    }
+
+    /// Replaces the geographic origins of all sites.
+    pub fn set_geographic_origins(&mut self, sites: &[model::Site]) {
+        let origins = sites.iter().filter_map(|site| Some((site.name.clone(), site.geographic_origin?)));
+        self.geographic_origins = origins.collect();
+        self.is_changed = true;
+    }
+
+    /// Where a site's frame is on the earth, where that is known.
+    pub fn geographic_origin(&self, site: &str) -> Option<GeographicOrigin> {
+        self.geographic_origins.get(site).copied()
     }
 
     /// Applies a report.

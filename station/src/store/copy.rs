@@ -74,7 +74,13 @@ pub const TABLES: [Copied; 12] = [
     },
     Copied {
         name: "sites",
-        columns: &[("name", Kind::Text), ("walls", Kind::Text), ("plan", Kind::Text), ("picture", Kind::Bytes)],
+        columns: &[
+            ("name", Kind::Text),
+            ("walls", Kind::Text),
+            ("plan", Kind::Text),
+            ("picture", Kind::Bytes),
+            ("geographic_origin", Kind::Text),
+        ],
         order: "name",
     },
     Copied {

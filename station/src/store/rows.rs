@@ -66,6 +66,11 @@ pub fn json<T: DeserializeOwned>(row: &AnyRow, column: usize) -> Result<T> {
     serde_json::from_str(text).map_err(|error| StoreError::Damaged(error.to_string()))
 }
 
+/// The value of a column that holds JSON or NULL.
+pub fn maybe_json<T: DeserializeOwned>(row: &AnyRow, column: usize) -> Result<Option<T>> {
+    if get::<Option<String>>(row, column)?.is_some() { json(row, column).map(Some) } else { Ok(None) }
+}
+
 /// A value as JSON.
 pub fn to_json<T: serde::Serialize>(value: &T) -> Result<String> {
     serde_json::to_string(value).map_err(|error| StoreError::Damaged(error.to_string()))

@@ -1,22 +1,23 @@
 //! Sites, their plans, their rooms and zones. A zone may name a site that has no row: one that only sources tell of.
 
-use super::rows::{get, json, name_of, to_json, variant};
+use super::rows::{get, json, maybe_json, name_of, to_json, variant};
 use super::{Result, Store, StoreError};
-use crate::model::{Plan, Site, Zone};
+use crate::model::{GeographicOrigin, Plan, Site, Zone};
 
 impl Store {
     /// The sites, by name.
     pub async fn sites(&self) -> Result<Vec<Site>> {
-        let rows = sqlx::query("SELECT name, walls, plan FROM sites ORDER BY name").fetch_all(&self.pool).await?;
+        let rows = sqlx::query("SELECT name, walls, plan, geographic_origin FROM sites ORDER BY name");
+        let rows = rows.fetch_all(&self.pool).await?;
         let mut sites = Vec::with_capacity(rows.len());
         for row in rows {
-            let plan = if get::<Option<String>>(&row, 2)?.is_some() { Some(json(&row, 2)?) } else { None };
-            sites.push(Site { name: get(&row, 0)?, walls_m: json(&row, 1)?, plan });
+            let (plan, geographic_origin) = (maybe_json(&row, 2)?, maybe_json(&row, 3)?);
+            sites.push(Site { name: get(&row, 0)?, walls_m: json(&row, 1)?, plan, geographic_origin });
         }
         Ok(sites)
     }
 
-    /// Makes or replaces a site, but for its plan.
+    /// Makes or replaces a site, but for its plan and its geographic origin.
     pub async fn put_site(&self, site: &Site) -> Result<()> {
         let mut writing = self.begin().await?;
         sqlx::query(
@@ -39,6 +40,17 @@ impl Store {
         if let Some(picture) = picture {
             let update = sqlx::query("UPDATE sites SET picture = $1 WHERE name = $2").bind(picture).bind(site);
             update.execute(&mut *writing.tx).await?;
+        }
+        Ok(writing.tx.commit().await?)
+    }
+
+    /// Replaces a site's geographic origin; none: removes it.
+    pub async fn put_geographic_origin(&self, site: &str, origin: Option<&GeographicOrigin>) -> Result<()> {
+        let mut writing = self.begin().await?;
+        let update = sqlx::query("UPDATE sites SET geographic_origin = $1 WHERE name = $2");
+        let update = update.bind(origin.map(to_json).transpose()?).bind(site);
+        if update.execute(&mut *writing.tx).await?.rows_affected() == 0 {
+            return Err(StoreError::Missing(format!("site {site:?}")));
         }
         Ok(writing.tx.commit().await?)
     }

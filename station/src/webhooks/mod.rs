@@ -118,11 +118,35 @@ impl Webhook {
     }
 }
 
+/// What a hook has done since its start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Events that wait now.
+    pub waiting: usize,
+    /// Events that the receiver has taken.
+    pub sent: u64,
+    /// Events that were lost: too many waited, or for too long.
+    pub lost: u64,
+    /// Requests without success.
+    pub failures: u64,
+}
+
+/// The counts of all hooks.
+#[derive(Clone, Debug, Default)]
+pub struct Watch(Vec<(String, Arc<Queue>)>);
+
+impl Watch {
+    /// Each hook's name, and what it has done.
+    pub fn counts(&self) -> impl Iterator<Item = (&str, Counts)> {
+        self.0.iter().map(|(name, queue)| (name.as_str(), queue.counts()))
+    }
+}
+
 /// The hooks at work.
 #[derive(Debug)]
 pub struct Webhooks {
     running: JoinSet<()>,
-    queues: Vec<(String, Arc<Queue>)>,
+    watch: Watch,
     end: Duration,
 }
 
@@ -142,17 +166,19 @@ impl Webhooks {
         if !wanted.is_empty() {
             running.spawn(distribute(hub.events(), wanted));
         }
-        Self { running, queues, end: patience.end }
+        Self { running, watch: Watch(queues), end: patience.end }
+    }
+
+    /// What the hooks do.
+    pub fn watch(&self) -> Watch {
+        self.watch.clone()
     }
 
     /// Waits, for a short time, until all is sent. The hub must have ended.
     pub async fn finish(mut self) {
         if timeout(self.end, async { while self.running.join_next().await.is_some() {} }).await.is_err() {
-            for (name, queue) in &self.queues {
-                let waiting = queue.waiting();
-                if waiting > 0 {
-                    log::error!("webhook {name:?}: {waiting} events were not sent");
-                }
+            for (name, Counts { waiting, .. }) in self.watch.counts().filter(|(_, counts)| counts.waiting > 0) {
+                log::error!("webhook {name:?}: {waiting} events were not sent");
             }
         }
     }
@@ -211,6 +237,7 @@ impl Hook {
             if !is_failing {
                 log::warn!("webhook {:?}: {failure}; it is tried again", self.name);
             }
+            self.queue.failed();
             is_failing = true;
             let asked = failure.retry_after().unwrap_or_default();
             if self.queue.is_ended() {

@@ -6,6 +6,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
+use super::Counts;
 use crate::model::Event;
 
 /// A queue of events.
@@ -21,7 +22,9 @@ pub(super) struct Queue {
 struct Waiting {
     /// Each with the time since which it waits.
     events: VecDeque<(Event, Instant)>,
+    sent: u64,
     lost: u64,
+    failures: u64,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -83,9 +86,15 @@ impl Queue {
         }
     }
 
-    /// Removes this event, if it is still the oldest.
+    /// Counts this event as sent, and removes it, if it is still the oldest.
     pub fn done(&self, id: i64) {
+        self.lock().sent += 1;
         self.remove(id);
+    }
+
+    /// Counts a try that failed.
+    pub fn failed(&self) {
+        self.lock().failures += 1;
     }
 
     /// Removes this event, and counts it as lost.
@@ -113,5 +122,12 @@ impl Queue {
     /// The number of events that were lost.
     pub fn lost(&self) -> u64 {
         self.lock().lost
+    }
+
+    /// What was done since the start.
+    pub fn counts(&self) -> Counts {
+        let waiting = self.lock();
+        let Waiting { sent, lost, failures, .. } = *waiting;
+        Counts { waiting: waiting.events.len(), sent, lost, failures }
     }
 }

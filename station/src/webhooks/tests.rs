@@ -266,6 +266,13 @@ async fn every_event_arrives_in_order_although_the_receiver_fails_is_slow_and_go
         assert_eq!(header("webhook-signature"), format!("v1,{signature}"));
     }
     assert_eq!(ids.len(), 24);
+    let watch = hooks.watch();
+    let all: Vec<_> = watch.counts().collect();
+    let [(name, counts)] = all[..] else { panic!("{all:?}") };
+    let failures = receiver.got().len() as u64 - 24;
+    assert_eq!((name, counts.waiting, counts.sent, counts.lost), ("house", 0, 24, 0));
+    // Those that met nobody are failures too.
+    assert!(counts.failures > failures && failures >= 6, "{counts:?}");
     let first: Event = serde_json::from_slice(&receiver.got()[0].body).unwrap();
     assert_eq!((first.kind, first.zone.as_deref(), first.alarm), (EventKind::Entered, Some("dock"), true));
     walk.end().await;
@@ -285,6 +292,7 @@ async fn the_oldest_events_are_lost_when_too_many_wait() {
     walk.make(1).await;
     receiver.until(|receiver| receiver.accepted().len() == 6).await;
     assert_eq!(receiver.accepted(), [8, 9, 10, 11, 12, 13]);
+    assert_eq!(hooks.watch().counts().map(|(_, counts)| counts.lost).collect::<Vec<_>>(), [7]);
     walk.end().await;
     hooks.finish().await;
 }

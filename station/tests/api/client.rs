@@ -68,7 +68,7 @@ pub async fn station_with(access: Access, limits: Limits, tls: Option<Arc<Tls>>)
 pub async fn station_of(set: impl FnOnce(App) -> App) -> Station {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path().join("baliza.db").to_str().unwrap()).await.unwrap();
-    store.put_site(&Site { name: SITE.to_owned(), walls_m: Vec::new(), plan: None }).await.unwrap();
+    store.put_site(&Site::new(SITE)).await.unwrap();
     let live = Live::new(baliza_station::live::Limits::default());
     let keep = Retention { thin_after: None, delete_after: None };
     let (hub, _) = Hub::start(live, store.clone(), keep).await.unwrap();

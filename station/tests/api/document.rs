@@ -7,7 +7,7 @@ use serde_json::Value;
 use crate::client::open;
 
 /// The routes of the API's table, each with the least role that may use it; `-` is everyone.
-pub const ROUTES: [(&str, &str, &str); 37] = [
+pub const ROUTES: [(&str, &str, &str); 40] = [
     ("get", "/", "-"),
     ("get", "/openapi.json", "-"),
     ("get", "/healthz", "-"),
@@ -26,6 +26,7 @@ pub const ROUTES: [(&str, &str, &str); 37] = [
     ("post", "/rtls/{scenario}", "operate"),
     ("get", "/api/v1/tags", "view"),
     ("get", "/api/v1/tags/{tag}/positions", "view"),
+    ("get", "/api/v1/tags/{tag}/positions.gpx", "view"),
     ("get", "/api/v1/positions", "view"),
     ("get", "/api/v1/nodes", "view"),
     ("put", "/api/v1/nodes/{site}/{node}", "administer"),
@@ -38,6 +39,8 @@ pub const ROUTES: [(&str, &str, &str); 37] = [
     ("put", "/api/v1/sites/{site}/walls", "administer"),
     ("put", "/api/v1/sites/{site}/plan", "administer"),
     ("put", "/api/v1/sites/{site}/plan/scale", "administer"),
+    ("put", "/api/v1/sites/{site}/geographic-origin", "administer"),
+    ("delete", "/api/v1/sites/{site}/geographic-origin", "administer"),
     ("get", "/api/v1/live", "view"),
     ("get", "/api/v1/updates", "view"),
     ("post", "/login", "-"),

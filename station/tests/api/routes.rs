@@ -104,6 +104,38 @@ async fn tags_have_their_last_position_and_their_history_newest_first_in_pages()
 }
 
 #[tokio::test]
+async fn a_history_is_a_track_on_the_earth_where_the_site_has_a_geographic_origin() {
+    let station = open().await;
+    for y_m in [0.0, 500.0, 1000.0] {
+        station.report_position("0x1001", 0.0, y_m).await;
+        tokio::time::sleep(std::time::Duration::from_millis(5)).await;
+    }
+    station.until("/api/v1/tags/0x1001/positions", |rows| rows.as_array().map(Vec::len) == Some(3)).await;
+    let path = "/api/v1/tags/0x1001/positions.gpx?limit=2";
+    station.get(path).await.is_problem(404);
+    let origin = json!({"latitude_deg": 40.332, "longitude_deg": -3.766, "y_azimuth_deg": 0, "height_m": 700});
+    assert_eq!(station.json(Method::PUT, "/api/v1/sites/lab/geographic-origin", &origin).await.status, 200);
+    let newest = station.get(path).await;
+    assert_eq!(newest.header(header::CONTENT_TYPE), "application/gpx+xml");
+    let points = |answer: &crate::client::Answer| {
+        let track = gpx::read(&answer.body[..]).unwrap().tracks.remove(0);
+        assert_eq!(track.name.as_deref(), Some("0x1001"));
+        track.segments.into_iter().flat_map(|segment| segment.points).collect::<Vec<_>>()
+    };
+    // A kilometre to the north, by PROJ: see the tests of `positioning_core::geodesy`. The tag has no height.
+    let last = points(&newest).pop().unwrap();
+    assert!((last.point().y() - 40.341_004_683).abs() < 2e-9 && (last.point().x() + 3.766).abs() < 2e-9, "{last:?}");
+    assert_eq!((points(&newest).len(), last.elevation), (2, None));
+    // In the order of time, and what is older is on the next page.
+    assert!(points(&newest)[0].point().y() < last.point().y());
+    let link = newest.header(header::LINK).to_owned();
+    let next = link.strip_prefix('<').unwrap().strip_suffix(">; rel=\"next\"").unwrap();
+    let oldest = points(&station.get(next).await);
+    assert!(oldest.len() == 1 && (oldest[0].point().y() - 40.332).abs() < 2e-9, "{oldest:?}");
+    station.get("/api/v1/tags/0x1002/positions.gpx").await.is_problem(404);
+}
+
+#[tokio::test]
 async fn replay_has_all_tags_oldest_first_in_pages() {
     let station = open().await;
     for (tag, x_m) in [("0x1001", 1.0), ("0x1002", 2.0), ("0x1001", 3.0)] {
@@ -239,10 +271,37 @@ async fn a_site_gets_walls_and_a_plan_whose_scale_is_changed() {
     assert_eq!((&plan["metres_per_pixel"], &plan["width_px"]), (&json!(0.05), &json!(640)));
     let sites = station.get("/scenarios").await;
     let hall = sites.json().as_array().unwrap().iter().find(|site| site["name"] == "hall").cloned().unwrap();
-    assert_eq!(keys(&hall), ["name", "walls_m", "plan"]);
+    assert_eq!(keys(&hall), ["name", "walls_m", "plan", "geographic_origin"]);
     assert_eq!((&hall["plan"], &hall["walls_m"]), (&plan, &site["walls_m"]));
     // The picture is still there, and so are the walls.
     assert_eq!(&station.get("/blueprints/hall").await.body[..], &picture[..]);
+}
+
+#[tokio::test]
+async fn a_site_gets_a_geographic_origin_which_is_replaced_and_forgotten() {
+    let station = open().await;
+    let path = "/api/v1/sites/yard/geographic-origin";
+    let origin = json!({"latitude_deg": 40.332, "longitude_deg": -3.766, "y_azimuth_deg": 12.5, "height_m": 650.0});
+    let answer = station.json(Method::PUT, path, &origin).await;
+    assert_eq!((answer.status.as_u16(), &answer.json()["geographic_origin"]), (200, &origin));
+    let other = json!({"latitude_deg": -90.0, "longitude_deg": 180.0, "y_azimuth_deg": 0.0});
+    assert_eq!(station.json(Method::PUT, path, &other).await.status, 200);
+    assert_eq!(station.get("/scenarios").await.json()[1]["geographic_origin"], other);
+    for wrong in [
+        json!({"latitude_deg": 151.2, "longitude_deg": 0.0, "y_azimuth_deg": 0.0}),
+        json!({"latitude_deg": 0.0, "longitude_deg": 0.0}),
+        json!({"latitude_deg": 0.0, "longitude_deg": 0.0, "y_azimuth_deg": 0.0, "x_azimuth_deg": 0.0}),
+        json!({"latitude_deg": "0", "longitude_deg": 0.0, "y_azimuth_deg": 0.0}),
+    ] {
+        station.json(Method::PUT, path, &wrong).await.is_problem(422);
+    }
+    let beyond = json!({"latitude_deg": 99, "longitude_deg": 0, "y_azimuth_deg": 0});
+    let detail = station.json(Method::PUT, path, &beyond).await.json()["detail"].as_str().unwrap().to_owned();
+    assert!(detail.contains("latitude_deg = 99 is not between -90 and 90"), "{detail}");
+    assert_eq!(station.get("/scenarios").await.json()[1]["geographic_origin"], other);
+    assert_eq!(station.send(station.request(Method::DELETE, path)).await.status, 204);
+    assert_eq!(station.get("/scenarios").await.json()[1]["geographic_origin"], json!(null));
+    station.send(station.request(Method::DELETE, path)).await.is_problem(404);
 }
 
 #[tokio::test]

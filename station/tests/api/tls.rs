@@ -5,16 +5,18 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use baliza_station::api::{Access, Limits, Tls, TlsCause, Token, UserRole};
+use futures_util::StreamExt;
 use http_body_util::{BodyExt, Full};
 use hyper::body::Bytes;
 use hyper::client::conn::http1::{SendRequest, handshake};
 use hyper::{Method, Request, header};
 use hyper_util::rt::TokioIo;
 use rcgen::{CertifiedKey, KeyPair, generate_simple_self_signed};
-use serde_json::json;
+use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio_rustls::TlsConnector;
+use tokio_rustls::client::TlsStream;
 use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName};
 use tokio_rustls::rustls::version::{TLS12, TLS13};
 use tokio_rustls::rustls::{ClientConfig, RootCertStore, SupportedProtocolVersion, crypto::ring};
@@ -66,12 +68,12 @@ async fn encrypted(limits: Limits) -> (Station, Files, CertificateDer<'static>) 
     (station, files, certificate)
 }
 
-/// A client that trusts this certificate alone.
-async fn connect(
+/// A connection of a client that trusts this certificate alone.
+async fn greet(
     station: &Station,
     trusted: &CertificateDer<'static>,
     versions: &[&'static SupportedProtocolVersion],
-) -> std::io::Result<SendRequest<Full<Bytes>>> {
+) -> std::io::Result<TlsStream<TcpStream>> {
     let mut roots = RootCertStore::empty();
     roots.add(trusted.clone()).unwrap();
     let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
@@ -81,7 +83,16 @@ async fn connect(
         .with_no_client_auth();
     let stream = TcpStream::connect(station.address).await?;
     let name = ServerName::try_from("localhost").unwrap();
-    let stream = TlsConnector::from(Arc::new(config)).connect(name, stream).await?;
+    TlsConnector::from(Arc::new(config)).connect(name, stream).await
+}
+
+/// The same, for HTTP.
+async fn connect(
+    station: &Station,
+    trusted: &CertificateDer<'static>,
+    versions: &[&'static SupportedProtocolVersion],
+) -> std::io::Result<SendRequest<Full<Bytes>>> {
+    let stream = greet(station, trusted, versions).await?;
     let (sender, connection) = handshake(TokioIo::new(stream)).await.unwrap();
     tokio::spawn(connection);
     Ok(sender)
@@ -120,6 +131,21 @@ async fn both_versions_of_tls_work_and_cookies_are_for_encrypted_connections_onl
         let cookie = answer.headers()[header::SET_COOKIE].to_str().unwrap();
         assert!(cookie.ends_with("; HttpOnly; SameSite=Strict; Secure"), "{cookie}");
     }
+}
+
+#[tokio::test]
+async fn positions_arrive_by_an_encrypted_websocket() {
+    let (files, certificate) = Files::new();
+    let station = station_with(Access::Open, generous(), Some(files.read())).await;
+    let stream = greet(&station, &certificate, &[&TLS13]).await.unwrap();
+    let (mut socket, _) = tokio_tungstenite::client_async("wss://localhost/api/v1/live", stream).await.unwrap();
+    station.report_position("0x1001", 1.0, 2.0).await;
+    let message = tokio::time::timeout(PATIENCE, socket.next()).await.unwrap().unwrap().unwrap();
+    let position: Value = serde_json::from_str(message.to_text().unwrap()).unwrap();
+    assert_eq!((&position["tag"], &position["x_m"]), (&json!("0x1001"), &json!(1.0)));
+    drop(socket);
+    let took = station.stop().await;
+    assert!(took < Duration::from_secs(5), "{took:?}");
 }
 
 #[tokio::test]

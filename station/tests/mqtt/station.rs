@@ -45,7 +45,7 @@ impl Station {
     pub async fn start(settings: Settings) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let store = Store::open(folder.path().join("baliza.db").to_str().expect("UTF-8")).await.expect("a store");
-        store.put_site(&Site { name: SITE.to_owned(), walls_m: Vec::new(), plan: None }).await.expect("written");
+        store.put_site(&Site::new(SITE)).await.expect("written");
         let mut live = Live::new(baliza_station::live::Limits::default());
         let mut zones = settings.zones();
         zones.push(Zone {

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use positioning_core::geodesy::GeographicOrigin;
 use serde::Deserialize;
 use wire::config::{Anchor, Beacon, Identity, Mode, Network, Record, Role};
 use wire::telemetry::Address;
@@ -28,6 +29,7 @@ struct SiteFile {
     #[serde(default)]
     beacon: Vec<BeaconTable>,
     beacons_csv: Option<PathBuf>,
+    geographic_origin: Option<GeographicOrigin>,
 }
 
 /// The nodes of a network.
@@ -35,6 +37,8 @@ struct SiteFile {
 pub struct Site {
     /// The nodes in the file's order; at least one.
     pub nodes: Vec<Node>,
+    /// Where the frame of the positions is on the earth.
+    pub geographic_origin: Option<GeographicOrigin>,
 }
 
 impl Site {
@@ -84,7 +88,7 @@ impl Site {
             nodes.push(node);
         }
         distinct(document, &nodes)?;
-        Ok(Self { nodes })
+        Ok(Self { nodes, geographic_origin: site.geographic_origin })
     }
 
     /// The node with this name, or the only node.

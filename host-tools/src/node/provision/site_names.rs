@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::{fs, io};
 
+use positioning_core::geodesy::GeographicOrigin;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use wire::config::{Role, decode_models};
 use wire::telemetry::{Address, BeaconEvidence, Condition, Message, RoomEstimate};
@@ -29,6 +30,8 @@ const KNOWN: &str = "known";
 #[serde(deny_unknown_fields)]
 pub struct SiteNames {
     known: Vec<Known>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    geographic_origin: Option<GeographicOrigin>,
 }
 
 /// A node or a beacon of a site.
@@ -127,7 +130,7 @@ impl SiteNames {
                 None => known.push(place(Known { beacon: Some(key), ..Known::default() })),
             }
         }
-        Self { known }
+        Self { known, geographic_origin: site.geographic_origin }
     }
 
     /// Writes the copy into the folder of a recording. A file of the same name that is not a copy stays: it is the
@@ -152,6 +155,11 @@ impl SiteNames {
     pub fn anchors_m(&self) -> BTreeMap<u16, [f64; 3]> {
         let anchors = self.known.iter().filter(|node| node.beacon.is_none());
         anchors.filter_map(|node| node.address.zip(node.position_m)).collect()
+    }
+
+    /// Where the frame of the positions is on the earth.
+    pub fn geographic_origin(&self) -> Option<GeographicOrigin> {
+        self.geographic_origin
     }
 
     /// The nodes and beacons that have an address or a number.

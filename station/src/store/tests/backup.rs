@@ -69,7 +69,7 @@ async fn fill(store: &Store) {
     store.compact(at(100_000)).await.unwrap();
     let bare = Event { zone: None, dwell_s: None, alarm: false, ..event(2, 6, EventKind::Moved) };
     store.write(&[position("b", 600_000)], &[bare]).await.unwrap();
-    let site = Site { name: "hall".to_owned(), walls_m: vec![[[0.0, 0.1], [5.0, 0.3]]], plan: None };
+    let site = Site { walls_m: vec![[[0.0, 0.1], [5.0, 0.3]]], ..Site::new("hall") };
     store.put_site(&site).await.unwrap();
     store.put_site(&Site { name: "bare".to_owned(), ..site }).await.unwrap();
     let plan = Plan {
@@ -81,6 +81,8 @@ async fn fill(store: &Store) {
         media_type: "image/png".to_owned(),
     };
     store.put_plan("hall", &plan, Some(&[0, 1, 255, 0, 10])).await.unwrap();
+    let origin = r#"{"latitude_deg": -33.8568, "longitude_deg": 151.2153, "y_azimuth_deg": 30}"#;
+    store.put_geographic_origin("hall", Some(&serde_json::from_str(origin).unwrap())).await.unwrap();
     let corners_m = vec![[0.0, 0.0], [1.0, 0.0], [0.1, 2.0]];
     let zone = Zone { site: "hall".to_owned(), name: "lab".to_owned(), kind: ZoneKind::Zone, corners_m, alarm: true };
     store.put_zone(&zone).await.unwrap();
@@ -240,13 +242,7 @@ on_both! {
     }
 
     async fn a_store_of_the_first_version_is_upgraded_with_what_it_has(place) {
-        sqlx::any::install_default_drivers();
-        // What the first version has made: its migration alone, and rows as it wrote them.
-        let url = if place.schema.is_some() { place.url.clone() } else { first_file(place) };
-        let pool = sqlx::any::AnyPoolOptions::new().max_connections(1).connect(&url).await.unwrap();
-        let engine = if place.schema.is_some() { Engine::Postgres } else { Engine::Sqlite };
-        let first = migrations(engine).into_iter().take(1).collect();
-        Migrator::with_migrations(first).run(&pool).await.unwrap();
+        let pool = of_version(place, 1).await;
         // Minute 29,453,760 since 1970 is the beginning of 2026; tag 7; 250 ms: 29453760 << 36 | 7 << 16 | 250.
         let rows = "INSERT INTO tags VALUES (7, 'hall', 'a', 1767225600250, 1767225600250);
             INSERT INTO rooms VALUES (3, 'lab');
@@ -273,6 +269,39 @@ on_both! {
         assert_eq!(other.open().await.positions("hall", "a", EVER(), 10).await.unwrap(), [expected]);
         other.remove().await;
     }
+
+    async fn a_store_of_the_second_version_is_upgraded_with_what_it_has(place) {
+        let pool = of_version(place, 2).await;
+        let rows = "INSERT INTO sites (name, walls) VALUES ('hall', '[[[0.0,0.5],[5.0,0.25]]]');
+            INSERT INTO nodes VALUES ('hall', '1-7', NULL, 'beacon', 1.5, -2.0, 0.25, NULL, 2.5);";
+        sqlx::raw_sql(rows).execute(&pool).await.unwrap();
+        pool.close().await;
+        let file = place.folder.path().join("back-up.db");
+        Store::back_up(&place.url, &file).await.unwrap();
+        let other = another(place).await;
+        Store::restore(&file, &other.url, place.folder.path()).await.unwrap();
+        for store in [place.open().await, other.open().await] {
+            let hall = Site { walls_m: vec![[[0.0, 0.5], [5.0, 0.25]]], ..Site::new("hall") };
+            assert_eq!(store.sites().await.unwrap(), std::slice::from_ref(&hall));
+            assert_eq!(store.nodes().await.unwrap()[0].position_m, [1.5, -2.0, 0.25]);
+            let origin = r#"{"latitude_deg": 40.5, "longitude_deg": -3.75, "y_azimuth_deg": 0}"#;
+            let geographic_origin = Some(serde_json::from_str(origin).unwrap());
+            store.put_geographic_origin("hall", geographic_origin.as_ref()).await.unwrap();
+            assert_eq!(store.sites().await.unwrap(), [Site { geographic_origin, ..hall }]);
+        }
+        other.remove().await;
+    }
+}
+
+/// A place with the tables of an earlier version: its migrations alone.
+async fn of_version(place: &Place, version: usize) -> sqlx::AnyPool {
+    sqlx::any::install_default_drivers();
+    let url = if place.schema.is_some() { place.url.clone() } else { first_file(place) };
+    let pool = sqlx::any::AnyPoolOptions::new().max_connections(1).connect(&url).await.unwrap();
+    let engine = if place.schema.is_some() { Engine::Postgres } else { Engine::Sqlite };
+    let first = migrations(engine).into_iter().take(version).collect();
+    Migrator::with_migrations(first).run(&pool).await.unwrap();
+    pool
 }
 
 /// The URL by which a new SQLite file of a place is made.

@@ -1,7 +1,7 @@
 //! Events, sites, zones, campaigns.
 
 use super::*;
-use crate::model::{Campaign, CampaignPoint, PlacedNode, Plan, Role, Sample, Site, Zone, ZoneKind};
+use crate::model::{Campaign, CampaignPoint, GeographicOrigin, PlacedNode, Plan, Role, Sample, Site, Zone, ZoneKind};
 
 const HOSTILE: [&str; 5] =
     ["'; DROP TABLE sites; --", "<script>alert(1)</script>", "\u{1f9ed} naïve\n\"quoted\" $1 ?1 %s \\", "", " "];
@@ -108,7 +108,7 @@ on_both! {
         let store = place.open().await;
         for name in HOSTILE {
             let name = name.to_owned();
-            store.put_site(&Site { name: name.clone(), walls_m: vec![], plan: None }).await.unwrap();
+            store.put_site(&Site::new(&name)).await.unwrap();
             let zone = Zone {
                 site: name.clone(), name: name.clone(), kind: ZoneKind::Room, corners_m: vec![], alarm: false
             };
@@ -135,7 +135,7 @@ on_both! {
 
     async fn the_character_nul_is_kept_or_refused_by_name(place) {
         let store = place.open().await;
-        let site = Site { name: "a\0b".to_owned(), walls_m: vec![], plan: None };
+        let site = Site::new("a\0b");
         match store.put_site(&site).await {
             Ok(()) => assert_eq!(store.sites().await.unwrap(), [site]),
             Err(error) => assert_eq!(error.to_string(), "a text contains the character U+0000"),
@@ -153,18 +153,38 @@ on_both! {
             media_type: "image/png".to_owned(),
         };
         assert!(matches!(store.put_plan("hall", &plan, None).await, Err(StoreError::Missing(_))));
-        store.put_site(&Site { name: "hall".to_owned(), walls_m: vec![], plan: None }).await.unwrap();
+        store.put_site(&Site::new("hall")).await.unwrap();
         assert!(matches!(store.picture("hall").await, Err(StoreError::Missing(_))));
         let picture: Vec<u8> = (0..=255).cycle().take(300_000).collect();
         store.put_plan("hall", &plan, Some(&picture)).await.unwrap();
         let walls_m = vec![[[0.0, 0.0], [10.25, 0.1]]];
-        store.put_site(&Site { name: "hall".to_owned(), walls_m: walls_m.clone(), plan: None }).await.unwrap();
+        store.put_site(&Site { walls_m: walls_m.clone(), ..Site::new("hall") }).await.unwrap();
         let plan = Plan { metres_per_pixel: 0.014, ..plan };
         store.put_plan("hall", &plan, None).await.unwrap();
         let store = place.open().await;
-        assert_eq!(store.sites().await.unwrap(), [Site { name: "hall".to_owned(), walls_m, plan: Some(plan) }]);
+        assert_eq!(store.sites().await.unwrap(), [Site { walls_m, plan: Some(plan), ..Site::new("hall") }]);
         assert_eq!(store.picture("hall").await.unwrap(), picture);
         assert!(matches!(store.picture("yard").await, Err(StoreError::Missing(_))));
+    }
+
+    async fn a_site_keeps_its_geographic_origin_when_walls_and_plan_are_replaced(place) {
+        let store = place.open().await;
+        let text = r#"{"latitude_deg":40.332,"longitude_deg":-3.766,"y_azimuth_deg":12.5,"height_m":650.0}"#;
+        let origin: GeographicOrigin = serde_json::from_str(text).unwrap();
+        assert!(matches!(store.put_geographic_origin("hall", Some(&origin)).await, Err(StoreError::Missing(_))));
+        for name in ["hall", "yard"] {
+            store.put_site(&Site::new(name)).await.unwrap();
+        }
+        store.put_geographic_origin("hall", Some(&origin)).await.unwrap();
+        let walls_m = vec![[[0.0, 0.0], [10.25, 0.1]]];
+        let hall = Site { walls_m, ..Site::new("hall") };
+        store.put_site(&hall).await.unwrap();
+        let store = place.open().await;
+        let read = store.sites().await.unwrap();
+        assert_eq!(read, [Site { geographic_origin: Some(origin), ..hall.clone() }, Site::new("yard")]);
+        assert_eq!(serde_json::to_string(&read[0].geographic_origin).unwrap(), text);
+        store.put_geographic_origin("hall", None).await.unwrap();
+        assert_eq!(store.sites().await.unwrap(), [hall, Site::new("yard")]);
     }
 
     async fn a_zone_is_replaced_and_deleted(place) {
