@@ -58,7 +58,8 @@ macro_rules! commands {
         $(#[$about])*
         #[derive(clap::Subcommand)]
         pub enum $name {
-            $($(#[cfg(feature = $feature)])? $(#[$kind])* $variant($module::Arguments),)*
+            // In a box: the arguments of commands differ much in size.
+            $($(#[cfg(feature = $feature)])? $(#[$kind])* $variant(Box<$module::Arguments>),)*
         }
 
         /// Runs the given command.
