@@ -33,9 +33,10 @@ const ASLEEP_MS = 45_000;
 /// A gap that is longer is not filled in full: its end is what trails show.
 const LONGEST_GAP_MS = TRAIL_MS;
 const GAP_ROWS = 60_000;
-/// After this time, the history has what was live at the connection; it lacked no more than this before.
-const WRITTEN_MS = 1500;
-const UNWRITTEN_MS = 5000;
+/// After the first of these times, the history has what was live at the connection; after a later one where the
+/// station's disk or database is slow. It lacked no more than this before.
+const WRITTEN_MS = [1500, 4000, 10_000, 30_000];
+const UNWRITTEN_MS = 10_000;
 const EVENTS = 200;
 
 const stored = localStorage.getItem(LANGUAGE);
@@ -384,19 +385,16 @@ async function fillTrails(site: string, begin: number, end: number, step: number
 
 async function fill(site: string, since: string | null): Promise<void> {
   await Promise.all([reload('tags'), reload('nodes'), reload('zones')]);
-  const last =
-    [...store.tags.values()]
-      .map((tag) => tag.last_position?.t ?? '')
-      .sort()
-      .pop() ?? '';
-  if (last !== '') {
-    const end = Date.parse(last) + 1;
+  const positions = [...store.tags.values()].flatMap((tag) => tag.last_position ?? []);
+  if (positions.length > 0) {
+    const end = positions.reduce((last, { t }) => Math.max(last, Date.parse(t)), 0) + 1;
     const begin = Math.max(since === null ? end - TRAIL_MS : Date.parse(since), end - LONGEST_GAP_MS);
     // With many tags, a step between positions keeps the answer small.
     const step = since === null ? Math.max(1, store.tags.size / 100) : Math.max(0, store.tags.size / 1000);
     await fillTrails(site, begin, end, step);
     // The station writes its rows in batches: the last ones before the connection come into the history later.
-    setTimeout(() => void fillTrails(site, Math.max(begin, end - UNWRITTEN_MS), end, step).catch(() => {}), WRITTEN_MS);
+    const unwritten = Math.max(begin, end - UNWRITTEN_MS);
+    for (const wait of WRITTEN_MS) setTimeout(() => void fillTrails(site, unwritten, end, step).catch(() => {}), wait);
   }
   const known = store.events.length > 0;
   const fresh = store.addEvents(await api.events(site, { limit: EVENTS }));

@@ -433,12 +433,14 @@ describe('with a station', { skip: !isPossible }, () => {
         return [tag, since(await until('positions since', () => history(killed.url, tag), full))] as const;
       }),
     );
-    await page.waitForFunction((wanted) => {
-      const { store } = (window as unknown as Inside).baliza;
-      return wanted.every(([tag, times]) => {
-        const known = new Set((store.steps.get(tag) ?? []).map((step) => step.t));
-        return times.every((time) => known.has(time));
-      });
-    }, fresh);
+    const missing = () =>
+      page.evaluate((wanted) => {
+        const { store } = (window as unknown as Inside).baliza;
+        return wanted.flatMap(([tag, times]) => {
+          const known = new Set((store.steps.get(tag) ?? []).map((step) => step.t));
+          return times.filter((time) => !known.has(time)).map((time) => `${tag} ${new Date(time).toISOString()}`);
+        });
+      }, fresh);
+    await until(`no gap since ${new Date(back).toISOString()}`, missing, (gaps) => gaps.length === 0);
   });
 });
