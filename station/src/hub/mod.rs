@@ -266,7 +266,7 @@ impl Applier {
         let mut rests = interval(REST);
         rests.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut batch = Vec::with_capacity(TOGETHER);
-        let mut can_stop = true;
+        let (mut can_stop, mut is_full) = (true, false);
         loop {
             tokio::select! {
                 stop = stopped.wait_for(|stop| *stop), if can_stop => {
@@ -286,15 +286,16 @@ impl Applier {
                     self.locate(now, Vec::new());
                 }
                 count = async {
-                    rests.tick().await;
+                    if !is_full {
+                        rests.tick().await;
+                    }
                     reports.recv_many(&mut batch, TOGETHER).await
                 } => {
                     if count == 0 {
                         break;
                     }
-                    if count == TOGETHER {
-                        rests.reset_immediately();
-                    }
+                    // More wait already. A tick, even of now, would come with the next millisecond.
+                    is_full = count == TOGETHER;
                     add(&self.counters.reports, count);
                     let mut sightings = Vec::new();
                     self.publish(|live, updates| {
