@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use utoipa::ToSchema;
 
-use super::limits::{Buckets, Limits, lock};
+use super::limits::{Buckets, Limits, lock, make_room};
 use super::problem::Problem;
 
 /// What someone may do. Each role may do what those before it may.
@@ -229,10 +229,7 @@ impl Gate {
         let id: String = random.iter().map(|byte| format!("{byte:02x}")).collect();
         let (mut sessions, now) = (lock(&self.sessions), Instant::now());
         sessions.retain(|_, session| !session.is_over(now));
-        if sessions.len() >= SESSIONS {
-            let oldest = sessions.iter().min_by_key(|(_, session)| session.used).map(|(id, _)| *id);
-            oldest.and_then(|oldest| sessions.remove(&oldest));
-        }
+        make_room(&mut sessions, SESSIONS, |session| session.used);
         let age = who.until.map_or(SESSION, |until| until.saturating_duration_since(now));
         sessions.insert(sha256(&id), Session { who, used: now });
         Ok(self.set_cookie(&id, age))
@@ -265,7 +262,8 @@ pub struct Peer(pub SocketAddr);
 #[derive(Clone, Copy, Debug)]
 pub struct Client(pub IpAddr);
 
-fn sha256(text: &str) -> [u8; 32] {
+/// SHA-256 of a secret.
+pub fn sha256(text: &str) -> [u8; 32] {
     Sha256::digest(text).into()
 }
 
@@ -285,12 +283,16 @@ fn authority_of_origin(origin: &str) -> Option<&str> {
     origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"))
 }
 
-/// Whether a host, perhaps with a port, is a loopback name or address.
+/// Whether a host, perhaps with a port, is this computer.
 fn is_loopback(host: &str) -> bool {
-    let name = match host.rsplit_once(':') {
+    is_loopback_name(match host.rsplit_once(':') {
         Some((name, port)) if port.bytes().all(|byte| byte.is_ascii_digit()) && !name.ends_with(':') => name,
         _ => host,
-    };
+    })
+}
+
+/// Whether a host without a port is this computer: a loopback address, or a name that is reserved for it (RFC 6761).
+pub fn is_loopback_name(name: &str) -> bool {
     let name = name.trim_start_matches('[').trim_end_matches(']').to_ascii_lowercase();
     match name.parse::<IpAddr>() {
         Ok(address) => address.to_canonical().is_loopback(),

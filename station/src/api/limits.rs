@@ -1,6 +1,7 @@
 //! What one client may use of the station: rates and connections, by its address.
 
 use std::collections::HashMap;
+use std::hash::Hash;
 use std::net::{IpAddr, Ipv6Addr};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -97,9 +98,8 @@ impl Buckets {
         self.check(address, now)?;
         let address = client(address);
         let mut buckets = lock(&self.left);
-        if buckets.len() >= Self::ADDRESSES && !buckets.contains_key(&address) {
-            let oldest = buckets.iter().min_by_key(|(_, (_, at))| *at).map(|(address, _)| *address);
-            oldest.and_then(|oldest| buckets.remove(&oldest));
+        if !buckets.contains_key(&address) {
+            make_room(&mut buckets, Self::ADDRESSES, |(_, at)| *at);
         }
         let bucket = buckets.entry(address).or_insert((self.at_once, now));
         *bucket = ((self.filled(*bucket, now) - 1.0).max(0.0), now);
@@ -175,6 +175,14 @@ impl Drop for Held {
                 counts.remove(&self.client);
             }
         }
+    }
+}
+
+/// Removes the oldest entry of a map that has this many. One more can then be inserted.
+pub fn make_room<K: Copy + Eq + Hash, V>(map: &mut HashMap<K, V>, most: usize, at: impl Fn(&V) -> Instant) {
+    if map.len() >= most {
+        let oldest = map.iter().min_by_key(|(_, value)| at(value)).map(|(key, _)| *key);
+        oldest.and_then(|oldest| map.remove(&oldest));
     }
 }
 

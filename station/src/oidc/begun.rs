@@ -5,9 +5,9 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use openidconnect::Nonce;
-use sha2::{Digest, Sha256};
 
-use crate::api::limits::lock;
+use crate::api::access::sha256;
+use crate::api::limits::{lock, make_room};
 
 /// Sign-ins at once. One more replaces the one that was begun first.
 const MOST: usize = 1_000;
@@ -37,17 +37,13 @@ impl Begun {
     pub fn add(&self, state: &str, sign_in: SignIn, now: Instant) {
         let mut sign_ins = lock(&self.sign_ins);
         sign_ins.retain(|_, (_, at)| now.saturating_duration_since(*at) < self.limit);
-        if sign_ins.len() >= MOST {
-            let oldest = sign_ins.iter().min_by_key(|(_, (_, at))| *at).map(|(state, _)| *state);
-            oldest.and_then(|oldest| sign_ins.remove(&oldest));
-        }
-        sign_ins.insert(Sha256::digest(state).into(), (sign_in, now));
+        make_room(&mut sign_ins, MOST, |(_, at)| *at);
+        sign_ins.insert(sha256(state), (sign_in, now));
     }
 
     /// The sign-in of a state, which is finished by that.
     pub fn take(&self, state: &str, now: Instant) -> Option<SignIn> {
-        let state: [u8; 32] = Sha256::digest(state).into();
-        let (sign_in, at) = lock(&self.sign_ins).remove(&state)?;
+        let (sign_in, at) = lock(&self.sign_ins).remove(&sha256(state))?;
         (now.saturating_duration_since(at) < self.limit).then_some(sign_in)
     }
 }
