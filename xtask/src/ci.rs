@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::env;
 use std::io::{self, BufRead, BufReader, PipeReader};
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -60,7 +60,9 @@ pub fn run() -> Result<()> {
         let line = words.join(" ");
         println!("\n=== {name}: {line}");
         let start = Instant::now();
-        let (passed, last_lines) = shown(command(words).envs(environment.iter().copied()).current_dir(root()))?;
+        let mut step = command(words);
+        step.envs(environment.iter().copied()).current_dir(root());
+        let (passed, last_lines) = shown(step)?;
         if !passed {
             failed += 1;
             failures += &format!("\n=== {name}, which failed: its last lines\n{last_lines}");
@@ -77,11 +79,11 @@ pub fn run() -> Result<()> {
 }
 
 /// Runs a command and prints its output as it comes. Returns whether it succeeded, and the last [`KEPT_LINES`].
-fn shown(command: &mut Command) -> Result<(bool, String)> {
+fn shown(mut command: Command) -> Result<(bool, String)> {
     let (output, writer) = io::pipe()?;
     let mut child = command.stdout(writer.try_clone()?).stderr(writer).spawn()?;
-    // The command's own ends of the pipe: while these are open, the output has no end.
-    command.stdout(Stdio::null()).stderr(Stdio::null());
+    // It holds ends of the pipe: while these are open, the output has no end.
+    drop(command);
     let kept = Arc::new(Mutex::new(VecDeque::with_capacity(KEPT_LINES)));
     let (at_end, ended) = mpsc::channel();
     let lines = Arc::clone(&kept);

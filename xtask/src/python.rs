@@ -21,8 +21,7 @@ pub fn run() -> Result<()> {
     let (venv, wheels) = (target_directory().join("python/venv"), target_directory().join("python/wheels"));
     let python = environment(&venv)?;
     let run = |arguments: &[&OsStr]| succeed(Command::new(&python).args(arguments).current_dir(&package));
-    let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"].map(OsStr::new);
-    run(&[&pip[..], &TOOLS.map(OsStr::new)].concat())?;
+    install(&python, TOOLS)?;
     if wheels.exists() {
         fs::remove_dir_all(&wheels).with_context(|| format!("cannot remove {}", wheels.display()))?;
     }
@@ -31,9 +30,8 @@ pub fn run() -> Result<()> {
     run(&[&build[..], &[wheels.as_os_str()]].concat())?;
     let wheel = only_file(&wheels)?;
     // First what it asks for, then the wheel itself even where its version has not changed.
-    let with_tests = format!("{}[test]", wheel.display());
-    run(&[&pip[..], &[OsStr::new(&with_tests)]].concat())?;
-    run(&[&pip[..], &["--no-deps", "--force-reinstall"].map(OsStr::new), &[wheel.as_os_str()]].concat())?;
+    install(&python, [format!("{}[test]", wheel.display())])?;
+    install(&python, ["--no-deps", "--force-reinstall"].map(OsStr::new).into_iter().chain([wheel.as_os_str()]))?;
     run(&["-m", "pytest", "--quiet"].map(OsStr::new))?;
     run(&["examples/room.py"].map(OsStr::new))
 }
@@ -50,6 +48,15 @@ pub fn environment(venv: &Path) -> Result<PathBuf> {
             .context("Python 3.10 or newer with venv is needed (python3-venv)")?;
     }
     Ok(python)
+}
+
+/// Installs packages with pip.
+///
+/// # Errors
+/// A package cannot be fetched.
+pub fn install(python: &Path, packages: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Result<()> {
+    let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
+    succeed(Command::new(python).args(pip).args(packages))
 }
 
 fn only_file(folder: &Path) -> Result<PathBuf> {

@@ -1,5 +1,6 @@
-//! The station's page, store and API: the committed build of the page, its tests in a browser, the store's tests against
-//! a real PostgreSQL, which is killed under load in the end, positions on maps, and requests that are made at random.
+//! The station's page, store and API: the committed build of the page, its tests in a browser, the store's tests
+//! against a real PostgreSQL, which is killed under load in the end, positions on maps, and requests that are made at
+//! random.
 
 pub mod bench;
 mod fuzz;

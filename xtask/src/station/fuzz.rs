@@ -8,7 +8,7 @@ use anyhow::Result;
 use sha2::{Digest, Sha256};
 
 use super::server::Server;
-use crate::python::environment;
+use crate::python::{environment, install};
 use crate::{root, succeed, target_directory};
 
 /// What makes the requests: one version, so that equal seeds make equal requests.
@@ -23,8 +23,7 @@ const ROLES: [&str; 3] = ["view", "operate", "administer"];
 /// 500 or more, another body, or something that the role may not.
 pub fn run(requests: u32) -> Result<()> {
     let python = environment(&target_directory().join("station/venv"))?;
-    let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", TOOL];
-    succeed(Command::new(&python).args(pip))?;
+    install(&python, [TOOL])?;
     let mut tokens = String::new();
     for role in ROLES {
         let sha256: String = Sha256::digest(role).iter().map(|byte| format!("{byte:02x}")).collect();

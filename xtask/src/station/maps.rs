@@ -6,7 +6,7 @@ use std::process::Command;
 use anyhow::{Context, Result};
 
 use super::server::Server;
-use crate::python::environment;
+use crate::python::{environment, install};
 use crate::{root, succeed, target_directory};
 
 /// What reads NMEA and GPX.
@@ -20,8 +20,7 @@ const TAG: &str = "0x1001";
 /// There is no Python with `venv`, the tools cannot be fetched, or what they read is wrong.
 pub fn run() -> Result<()> {
     let python = environment(&target_directory().join("station/venv"))?;
-    let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
-    succeed(Command::new(&python).args(pip).args(TOOLS))?;
+    install(&python, TOOLS)?;
     let free = TcpListener::bind("127.0.0.1:0").and_then(|free| free.local_addr()).context("no free port")?;
     let station = Server::start(&["--simulate", "--nmea", &format!("{TAG}@{free}")], ("empty", ""))?;
     let check = root().join("station/tests/maps/check.py");
