@@ -197,8 +197,8 @@ fn a_recording_is_played_into_the_store() {
     assert!(folder.names().contains(&"baliza.db".to_owned()));
 }
 
-/// Waits until a socket of this host has no datagrams that are not read. It holds a limited number, and loses the others
-/// where its program has to wait for the processor.
+/// Waits until a socket of this host has no datagrams that are not read. It holds a limited number, and loses the
+/// others where its program has to wait for the processor.
 fn wait_until_read(port: u16) {
     // Lines of Linux: `0: 0100007F:1F90 00000000:0000 07 00000000:00000300 …`, in hexadecimal; the last number shown is
     // the bytes that wait.
@@ -356,7 +356,7 @@ fn encrypted_connections_use_the_files_of_the_certificate() {
     assert!(status == 400 && problem.contains("https://"), "{status} {problem}");
     assert_eq!(station.stop().0, Some(0));
 
-    for (arguments, told) in [
+    for (arguments, expected) in [
         ("--tls-cert certificate.pem --tls-key other.pem", "other.pem: this key does not belong to the certificate"),
         ("--tls-cert missing.pem --tls-key key.pem", "missing.pem: cannot read it"),
         ("--tls-cert key.pem --tls-key key.pem", "key.pem: there is no certificate in it"),
@@ -364,7 +364,7 @@ fn encrypted_connections_use_the_files_of_the_certificate() {
     ] {
         let run = folder.run(&format!("serve {arguments}"));
         assert_eq!(run.code, Some(2), "{arguments}: {run:?}");
-        assert!(run.stderr.contains(told), "{arguments}: {}", run.stderr);
+        assert!(run.stderr.contains(expected), "{arguments}: {}", run.stderr);
     }
 }
 
@@ -427,7 +427,7 @@ fn what_cannot_be_served_is_refused_before_the_station_starts() {
     // The files of its site's models are not beside it.
     let scenario = std::fs::read(root().join("examples/fingerprints.toml")).expect("an example");
     folder.write("fingerprints.toml", &scenario);
-    for (arguments, told) in [
+    for (arguments, expected) in [
         ("--listen 0.0.0.0:0", "--tokens"),
         ("--listen somewhere", "--listen"),
         ("missing.bin", "missing.bin"),
@@ -444,15 +444,13 @@ fn what_cannot_be_served_is_refused_before_the_station_starts() {
         ("--simulate missing.toml", "missing.toml"),
         ("--simulate fingerprints.toml", "fingerprints.toml: map: "),
     ] {
-        let run = folder.run(&format!("serve {arguments}"));
-        assert_eq!(run.code, Some(2), "{arguments}: {run:?}");
-        assert!(run.stderr.contains(told) && run.stderr.lines().count() == 1, "{arguments}: {}", run.stderr);
+        folder.run(&format!("serve {arguments}")).refused(expected);
     }
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = taken.local_addr().expect("an address");
     let gateway = std::net::UdpSocket::bind("127.0.0.1:0").expect("a port");
     let udp = gateway.local_addr().expect("an address");
-    for (arguments, told) in [
+    for (arguments, expected) in [
         (format!("udp:{udp}"), format!("cannot listen on udp:{udp}")),
         (format!("--simulate --listen {address}"), address.to_string()),
         ("--listen 127.0.0.1:0 --store store.txt".to_owned(), "store.txt".to_owned()),
@@ -463,7 +461,7 @@ fn what_cannot_be_served_is_refused_before_the_station_starts() {
     ] {
         let run = folder.run(&format!("serve {arguments}"));
         assert_eq!(run.code, Some(1), "{arguments}: {run:?}");
-        assert!(run.stderr.contains(&told) && !run.stderr.contains("secret"), "{arguments}: {}", run.stderr);
+        assert!(run.stderr.contains(&expected) && !run.stderr.contains("secret"), "{arguments}: {}", run.stderr);
     }
     assert_eq!(folder.read("store.txt"), b"this is no database, but a text");
 }

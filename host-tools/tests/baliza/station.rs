@@ -54,7 +54,7 @@ fn an_export_is_a_folder_that_other_commands_read() {
     folder.run(&format!("station export --store tags.db --site site --from {from} --to {to} --out part")).ok();
     assert_eq!(table(&folder, "part/positions.csv").numbers("t_s"), times[10..20]);
 
-    for (arguments, told) in [
+    for (arguments, expected) in [
         ("--store tags.db --out all", "--force"),
         ("--store tags.db --site attic --out new", "attic"),
         ("--store tags.db --tag 0x1002 --out new", "0x1002"),
@@ -63,9 +63,7 @@ fn an_export_is_a_folder_that_other_commands_read() {
         ("--store tags.db --from yesterday --out new", "RFC 3339"),
         ("--store missing.db --out new", "missing.db"),
     ] {
-        let run = folder.run(&format!("station export {arguments}"));
-        assert_eq!(run.code, Some(2), "{arguments}: {run:?}");
-        assert!(run.stderr.contains(told) && run.stderr.lines().count() == 1, "{arguments}: {}", run.stderr);
+        folder.run(&format!("station export {arguments}")).refused(expected);
     }
     let names = folder.names();
     assert!(!names.iter().any(|name| name == "new" || name == "missing.db" || name.contains("tmp")), "{names:?}");
@@ -79,7 +77,7 @@ fn a_back_up_of_a_running_station_becomes_a_store_again() {
     assert_exported(&folder, "all", &positions);
     let before = folder.read("again.db");
     folder.write("text.db", b"not a store, but long enough to be read as the head of one".repeat(20).as_slice());
-    for (arguments, told) in [
+    for (arguments, expected) in [
         ("backup --store tags.db --out running.db", "running.db: it is there already"),
         ("backup --store missing.db --out new.db", "missing.db"),
         ("backup --store tags.db --out nowhere/new.db", "nowhere"),
@@ -87,9 +85,7 @@ fn a_back_up_of_a_running_station_becomes_a_store_again() {
         ("restore running.db --store again.db", "again.db is there already"),
         ("restore missing.db --store new.db", "missing.db"),
     ] {
-        let run = folder.run(&format!("station {arguments}"));
-        assert_eq!(run.code, Some(2), "{arguments}: {run:?}");
-        assert!(run.stderr.contains(told) && run.stderr.lines().count() == 1, "{arguments}: {}", run.stderr);
+        folder.run(&format!("station {arguments}")).refused(expected);
     }
     let run = folder.run("station restore text.db --store new.db");
     assert!(run.code != Some(0) && run.stderr.contains("text.db"), "{run:?}");

@@ -21,6 +21,12 @@ impl Run {
         self
     }
 
+    /// Asserts that the run was refused with code 2 and one line, which says this.
+    pub fn refused(&self, expected: &str) {
+        assert!(self.code == Some(2) && self.stderr.lines().count() == 1, "{self:?}");
+        assert!(self.stderr.contains(expected), "{expected:?} is missing: {self:?}");
+    }
+
     /// The JSON document on standard output, which agrees with the schema of its command.
     pub fn document(&self) -> serde_json::Value {
         let document = serde_json::from_str(&self.stdout).expect("one JSON document on standard output");
