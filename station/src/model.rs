@@ -132,7 +132,7 @@ pub struct PlacedNode {
 }
 
 impl PlacedNode {
-    /// What the live state is told of it.
+    /// The reports of it for the live state.
     pub fn reports(&self, t: Utc) -> [Report; 2] {
         let Self { node, name, role, position_m, rssi_1m_dbm, path_loss_exponent, .. } = self.clone();
         let place = What::Node { node: node.clone(), name, role, position_m: Some(position_m) };

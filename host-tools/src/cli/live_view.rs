@@ -26,8 +26,7 @@ impl Address {
     /// Whether only this computer can reach it.
     #[cfg(feature = "station")]
     pub fn is_loopback(&self) -> bool {
-        let is_loopback = |ip: std::net::IpAddr| ip.is_loopback();
-        self.host.parse().map_or_else(|_| self.host.eq_ignore_ascii_case("localhost"), is_loopback)
+        baliza_station::api::access::is_loopback_name(&self.host)
     }
 }
 

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use baliza_report::line_of;
+
 /// The input or the arguments are wrong.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UserError {
@@ -34,6 +36,13 @@ pub enum UserError {
 }
 
 impl UserError {
+    /// The error of a TOML file with secrets: the line and what is wrong, without the text. `needs` says what belongs
+    /// into such a file.
+    pub fn secret_toml(file: &Path, text: &str, error: &toml::de::Error, needs: &str) -> Self {
+        let line = line_of(text, error.span().map_or(0, |span| span.start));
+        Self::line(file, line as u64, format!("{}; {needs}", error.message()))
+    }
+
     /// The error of a wrong line in a file.
     pub fn line(file: &Path, line: u64, what: impl Into<String>) -> Self {
         Self::Line { file: file.to_owned(), line, what: what.into() }

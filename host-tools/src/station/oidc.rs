@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use baliza_report::line_of;
 use baliza_station::oidc::{Oidc, Patience, Roles, Settings};
 use serde::Deserialize;
 
@@ -52,10 +51,7 @@ pub fn read_oidc(file: &Path) -> Result<Oidc, UserError> {
     let wrong = |what: String| UserError::file(file, what);
     let text = read_text(file)?;
     let read: File = toml::from_str(&text).map_err(|error| {
-        // The text itself is not shown: it has a secret.
-        let line = line_of(&text, error.span().map_or(0, |span| span.start));
-        let needs = "a provider has issuer, client_id, public_url and [roles]";
-        UserError::line(file, line as u64, format!("{}; {needs}", error.message()))
+        UserError::secret_toml(file, &text, &error, "a provider has issuer, client_id, public_url and [roles]")
     })?;
     let beside = |named: &Path| file.parent().unwrap_or(Path::new("")).join(named);
     let client_secret = match (read.client_secret, read.client_secret_file) {
@@ -151,7 +147,7 @@ mod tests {
     #[test]
     fn wrong_files_are_refused_with_what_to_do_and_without_their_secrets() {
         let with = |line: &str| format!("{PROVIDER}{line}\n{ROLES}");
-        for (text, mode, told) in [
+        for (text, mode, expected) in [
             (String::new(), 0o600, "missing field `issuer`"),
             (PROVIDER.to_owned(), 0o600, "missing field `roles`"),
             (format!("{PROVIDER}[roles]\n"), 0o600, "no value gives a role"),
@@ -171,11 +167,11 @@ mod tests {
             (with("").replace("https://station", "ftp://station"), 0o600, "public_url: it must begin"),
             (with("").replace("\"baliza\"", "\"\""), 0o600, "client_id is empty"),
         ] {
-            if cfg!(not(unix)) && told.starts_with("chmod") {
+            if cfg!(not(unix)) && expected.starts_with("chmod") {
                 continue;
             }
             let error = read(&text, mode).expect_err(&text).to_string();
-            assert!(error.contains(told) && !error.contains("private"), "{error}");
+            assert!(error.contains(expected) && !error.contains("private"), "{error}");
         }
     }
 }

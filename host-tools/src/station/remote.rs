@@ -157,14 +157,14 @@ mod tests {
 
     #[test]
     fn what_is_no_answer_of_a_station_is_told() {
-        for (answer, told) in [
+        for (answer, expected) in [
             ("HTTP/1.0 401 Unauthorized\r\n\r\n", "--token-file"),
             ("HTTP/1.0 503 Service Unavailable\r\n\r\n", "503"),
             ("SSH-2.0-OpenSSH\r\n", "no HTTP"),
             ("HTTP/1.0 200 OK\r\n\r\n<html>", "something else"),
         ] {
             let error = format!("{:#}", answering(answer).0.sites().expect_err("none"));
-            assert!(error.contains(told), "{error}");
+            assert!(error.contains(expected), "{error}");
         }
         let closed = TcpListener::bind("127.0.0.1:0").and_then(|server| server.local_addr()).expect("a port");
         let error = format!("http://{closed}").parse::<Remote>().expect("a URL").sites().expect_err("none").to_string();

@@ -62,9 +62,9 @@ mod tests {
             rssi_1m_dbm: Some(rssi_1m_dbm),
             path_loss_exponent,
         };
-        let told: Vec<What> = nodes("hall", &names, Utc::default()).into_iter().map(|report| report.what).collect();
+        let reported: Vec<What> = nodes("hall", &names, Utc::default()).into_iter().map(|report| report.what).collect();
         assert_eq!(
-            told,
+            reported,
             [
                 node("1-1", Some("door"), [3.1, 2.0, 2.4]),
                 path_loss("1-1", -57.0, None),

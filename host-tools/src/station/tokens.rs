@@ -30,9 +30,10 @@ struct Entry {
 /// The file cannot be read, or something in it is wrong.
 pub fn read_tokens(file: &Path) -> Result<Access, UserError> {
     let wrong = |what: String| UserError::file(file, what);
-    let File { token } = toml::from_str(&read_text(file)?).map_err(|error| {
-        let text = error.message().to_owned();
-        wrong(format!("{text}; a token is [[token]] with name, role (view, operate, administer) and sha256"))
+    let text = read_text(file)?;
+    let File { token } = toml::from_str(&text).map_err(|error| {
+        let needs = "a token is [[token]] with name, role (view, operate, administer) and sha256";
+        UserError::secret_toml(file, &text, &error, needs)
     })?;
     let mut tokens: Vec<Token> = Vec::new();
     for Entry { name, role, sha256 } in token {
@@ -84,7 +85,7 @@ mod tests {
     #[test]
     fn wrong_files_are_refused_with_what_to_do() {
         let entry = |sha256: &str| format!("[[token]]\nname = \"a\"\nrole = \"view\"\nsha256 = \"{sha256}\"\n");
-        for (text, told) in [
+        for (text, expected) in [
             (String::new(), "missing field `token`"),
             ("token = []".to_owned(), "no [[token]]"),
             (entry("abc"), "sha256sum"),
@@ -93,7 +94,7 @@ mod tests {
             (entry(ABC).replace("view", "root"), "view, operate, administer"),
         ] {
             let error = read(&text).expect_err(&text).to_string();
-            assert!(error.contains(told), "{error}");
+            assert!(error.contains(expected), "{error}");
         }
     }
 }

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use baliza_report::line_of;
 use baliza_station::webhooks::{Settings, Webhook};
 use serde::Deserialize;
 
@@ -23,11 +22,8 @@ struct File {
 pub fn read_webhooks(file: &Path) -> Result<Vec<Webhook>, UserError> {
     let wrong = |what: String| UserError::file(file, what);
     let text = read_text(file)?;
-    let File { webhook } = toml::from_str(&text).map_err(|error| {
-        // The text itself is not shown: it has secrets.
-        let line = line_of(&text, error.span().map_or(0, |span| span.start));
-        UserError::line(file, line as u64, format!("{}; a hook is [[webhook]] with name and url", error.message()))
-    })?;
+    let File { webhook } = toml::from_str(&text)
+        .map_err(|error| UserError::secret_toml(file, &text, &error, "a hook is [[webhook]] with name and url"))?;
     let mut names: Vec<&str> = Vec::new();
     for Settings { name, .. } in &webhook {
         if names.contains(&name.as_str()) {
@@ -70,7 +66,7 @@ mod tests {
 
     #[test]
     fn wrong_files_are_refused_with_what_to_do_and_without_their_secrets() {
-        for (text, told) in [
+        for (text, expected) in [
             (String::new(), "missing field `webhook`"),
             ("webhook = []".to_owned(), "no [[webhook]]"),
             (HOOK.repeat(2), "twice"),
@@ -82,7 +78,7 @@ mod tests {
             (format!("{HOOK}private\n"), ":4: "),
         ] {
             let error = read(&text).expect_err(&text).to_string();
-            assert!(error.contains(told) && !error.contains("private"), "{error}");
+            assert!(error.contains(expected) && !error.contains("private"), "{error}");
         }
     }
 }

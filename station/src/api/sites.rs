@@ -68,8 +68,7 @@ async fn put_walls(
     let walls_m = walls.into_iter().map(|wall| wall.map(point_m)).collect();
     station
         .configure(async move |station| {
-            let mut site = station.site_or_new(&site).await?;
-            site.walls_m = walls_m;
+            let site = Site { walls_m, ..station.site_or_new(&site).await? };
             station.app.store.put_site(&site).await?;
             station.reload().await?;
             Ok(axum::Json(site))
@@ -158,8 +157,7 @@ async fn put_plan(
     };
     station
         .configure(async move |station| {
-            let stored = station.site_or_new(&site).await?;
-            station.app.store.put_site(&stored).await?;
+            station.make_site(&site).await?;
             station.app.store.put_plan(site.as_str(), &plan, Some(&picture)).await?;
             station.reload().await?;
             Ok(axum::Json(plan))
@@ -204,8 +202,7 @@ async fn put_geographic_origin(
 ) -> Result<axum::Json<Site>, Problem> {
     station
         .configure(async move |station| {
-            let stored = station.site_or_new(&site).await?;
-            station.app.store.put_site(&stored).await?;
+            let stored = station.make_site(&site).await?;
             station.app.store.put_geographic_origin(site.as_str(), Some(&origin)).await?;
             station.reload().await?;
             Ok(axum::Json(Site { geographic_origin: Some(origin), ..stored }))
@@ -269,6 +266,13 @@ impl Station {
             live.set_geographic_origins(&sites);
         });
         Ok(())
+    }
+
+    /// The site of this name, which is in the store from now on.
+    async fn make_site(&self, name: &Name) -> Result<Site, Problem> {
+        let site = self.site_or_new(name).await?;
+        self.app.store.put_site(&site).await?;
+        Ok(site)
     }
 
     async fn site_or_new(&self, name: &Name) -> Result<Site, Problem> {

@@ -198,14 +198,12 @@ impl Sender<'_> {
                 return;
             }
             // Who answers a document is answered in turn: the subscriptions come first.
-            match self.client.subscribe_many_tracked(filters).await {
-                Ok(subscribed) => match subscribed.wait_completion_async().await {
-                    Ok(_) => {}
-                    Err(SubscribeNoticeError::V5SubAckFailure(reasons)) => {
-                        log::warn!("mqtt: the broker refuses a subscription: {reasons:?}");
-                    }
-                    Err(_) => return,
-                },
+            let Ok(subscribed) = self.client.subscribe_many_tracked(filters).await else { return };
+            match subscribed.wait_completion_async().await {
+                Ok(_) => {}
+                Err(SubscribeNoticeError::V5SubAckFailure(reasons)) => {
+                    log::warn!("mqtt: the broker refuses a subscription: {reasons:?}");
+                }
                 Err(_) => return,
             }
             while self.send(self.outbox.next(TOGETHER).await).await.is_some() {}

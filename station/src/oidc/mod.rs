@@ -228,12 +228,12 @@ impl Oidc {
         let SignIn { nonce, verifier } = sign_in;
         let found = self.found(None).await?;
         let client = self.client(&found.metadata);
-        let distrusted = |error: &(dyn Error + 'static)| self.distrust(&told(error));
+        let distrusted = |error: &(dyn Error + 'static)| self.distrust(&with_cause(error));
         let request = client.exchange_code(AuthorizationCode::new(code)).map_err(|error| distrusted(&error))?;
         let request = request.set_pkce_verifier(PkceCodeVerifier::new(verifier));
         let tokens = request.request_async(&|request| self.send(request)).await.map_err(|error| match &error {
             RequestTokenError::Request(_) => {
-                log::warn!("sign-in: {} does not answer: {}", self.issuer(), told(&error));
+                log::warn!("sign-in: {} does not answer: {}", self.issuer(), with_cause(&error));
                 Refusal::Away
             }
             RequestTokenError::ServerResponse(answer) if *answer.error() == CoreErrorResponseType::InvalidClient => {
@@ -254,8 +254,8 @@ impl Oidc {
         };
         let subject = subject.map_err(|error| distrusted(&error))?;
         let given = Given::of_token(&token.to_string()).ok_or_else(|| self.distrust("the ID token has no claims"))?;
-        // Some providers tell of groups at the address for user information only.
-        let given = if self.mapping.is_told(&given) {
+        // Some providers have groups in their UserInfo only.
+        let given = if self.mapping.is_in(&given) {
             given
         } else {
             given.and(self.ask(&client, tokens.access_token(), &subject).await)
@@ -267,14 +267,14 @@ impl Oidc {
         })
     }
 
-    /// What the provider tells of the user besides the token; nothing where it does not.
+    /// The provider's UserInfo; nothing where it does not answer.
     async fn ask(&self, client: &Client, token: &AccessToken, subject: &SubjectIdentifier) -> Given {
         let Ok(request) = client.user_info(token.clone(), Some(subject.clone())) else { return Given::default() };
         let asked = request.request_async::<Claims, _, CoreGenderClaim>(&|request| self.send(request)).await;
         match asked {
             Ok(claims) => Given::of_value(serde_json::to_value(&claims).unwrap_or_default()),
             Err(error) => {
-                log::warn!("sign-in: {} tells nothing more of a user: {}", self.issuer(), told(&error));
+                log::warn!("sign-in: {} does not answer with the UserInfo: {}", self.issuer(), with_cause(&error));
                 Given::default()
             }
         }
@@ -311,7 +311,7 @@ impl Oidc {
             }
             Err(error) => {
                 if failed.is_none() {
-                    let (issuer, why) = (self.issuer(), told(&error));
+                    let (issuer, why) = (self.issuer(), with_cause(&error));
                     log::error!("sign-in: {issuer} cannot be used: {why}; it is tried again");
                 }
                 *failed = Some(Instant::now());
@@ -356,7 +356,7 @@ fn subject(client: &Client, token: &CoreIdToken, nonce: &Nonce) -> Result<Subjec
 }
 
 /// An error with its last cause.
-fn told(error: &(dyn Error + 'static)) -> String {
+fn with_cause(error: &(dyn Error + 'static)) -> String {
     match (error.to_string(), last_cause(error).to_string()) {
         (text, cause) if text.contains(&cause) => text,
         (text, cause) => format!("{text}: {cause}"),

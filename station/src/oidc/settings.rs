@@ -7,6 +7,7 @@ use std::time::Duration;
 use url::Url;
 
 use super::user::Roles;
+use crate::api::access::is_loopback_name;
 use crate::https::ClientError;
 
 /// The provider, and what its users may do.
@@ -92,7 +93,7 @@ impl Settings {
     /// Checks what can be checked without the provider; the addresses of the issuer and of the station.
     pub(super) fn addresses(&self) -> Result<(Url, Url), OidcError> {
         let issuer = address(&self.issuer).map_err(OidcError::Issuer)?;
-        if issuer.scheme() == "http" && !is_loopback(&issuer) {
+        if issuer.scheme() == "http" && !issuer.host_str().is_some_and(is_loopback_name) {
             return Err(OidcError::Issuer("without https, anyone in between could sign in as anyone"));
         }
         let public_url = address(&self.public_url).map_err(OidcError::PublicUrl)?;
@@ -116,13 +117,4 @@ fn address(text: &str) -> Result<Url, &'static str> {
         return Err("it has more than host, port and path");
     }
     Ok(url)
-}
-
-fn is_loopback(url: &Url) -> bool {
-    match url.host() {
-        Some(url::Host::Domain(name)) => name == "localhost" || name.ends_with(".localhost"),
-        Some(url::Host::Ipv4(address)) => address.is_loopback(),
-        Some(url::Host::Ipv6(address)) => address.is_loopback(),
-        None => false,
-    }
 }

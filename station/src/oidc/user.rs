@@ -104,7 +104,7 @@ impl Mapping {
     }
 
     /// Whether the claim is there.
-    pub fn is_told(&self, given: &Given) -> bool {
+    pub fn is_in(&self, given: &Given) -> bool {
         given.get(&self.claim).is_some()
     }
 

@@ -1,4 +1,4 @@
-//! A provider of OpenID Connect that signs what it is told to, and forges.
+//! A provider of OpenID Connect that signs whatever a test asks for, forgeries among it.
 
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
@@ -65,7 +65,7 @@ struct Inner {
     key: (EcdsaKeyPair, &'static str),
     /// What tokens say besides what they must.
     claims: Value,
-    /// What is told at the address for user information.
+    /// The answer of the UserInfo endpoint.
     user_info: Value,
     forgery: Option<Forgery>,
     /// The nonce and the challenge of the sign-in that was begun last.

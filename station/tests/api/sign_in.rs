@@ -164,7 +164,7 @@ async fn groups_are_asked_for_where_the_token_does_not_name_them() {
     let cookie = session(&sign_in(&station, &provider).await);
     let me = get(&station, "/api/v1/me", &[(header::COOKIE, &cookie)]).await.json();
     assert_eq!((me["name"].as_str(), me["role"].as_str()), (Some("oidc:ana"), Some("operate")));
-    // What is told of another person does not count.
+    // UserInfo of another person is ignored.
     provider.tell(json!({"sub": "another", "groups": ["admins"]}));
     sign_in(&station, &provider).await.is_problem(403);
     // The token counts where it names groups.

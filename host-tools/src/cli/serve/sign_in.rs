@@ -35,7 +35,7 @@ impl SignInArguments {
     /// Who may do what. Everyone may do everything where only this computer can reach the station, at `listen`.
     ///
     /// # Errors
-    /// A file is wrong, or nobody could be told from others.
+    /// A file is wrong, or users would have no way to sign in.
     pub fn read(&self, listen: SocketAddr) -> Result<Users, UserError> {
         let oidc = self.oidc.as_deref().map(read_oidc).transpose()?.map(Arc::new);
         let access = match &self.tokens {

@@ -118,7 +118,7 @@ fn a_star_stands_for_anything() {
 #[test]
 fn files_that_make_no_house_are_refused_with_what_to_do() {
     let nodes = "nodes: [{name: a, point: [0, 0, 0]}]\n";
-    for (text, told) in [
+    for (text, expected) in [
         ("floors: []".to_owned(), "`point`"),
         ("nodes: [{name: a, point: [0, 0]}]".to_owned(), "[x, y, z]"),
         ("nodes: [{name: a, point: [0, 0, .nan]}]".to_owned(), "[x, y, z]"),
@@ -134,7 +134,7 @@ fn files_that_make_no_house_are_refused_with_what_to_do() {
         (format!("nodes: [{{name: {}, point: [0, 0, 0]}}]", "a".repeat(65)), "64 bytes"),
     ] {
         let error = House::read(&text).expect_err(&text).to_string();
-        assert!(error.contains(told), "{text}: {error}");
+        assert!(error.contains(expected), "{text}: {error}");
     }
     for text in ["floors: [", "just a text", "nodes: 7", "a: &a [*a, *a]", "- 1\n- 2"] {
         let error = House::read(text).expect_err(text);
