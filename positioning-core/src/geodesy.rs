@@ -1,15 +1,15 @@
 //! A site's frame on the earth: coordinates in metres to latitude, longitude and height in WGS 84.
 //!
-//! The input is a [`GeographicOrigin`] and a point of the site's frame; the output is a [`Geographic`]. The frame is the
-//! local tangent plane at the origin, turned about the vertical. The way is exact: the frame to east, north and up, these
-//! to geocentric coordinates (IOGP Guidance Note 7-2, methods 9837 and 9602), and these to latitude and height by
-//! Bowring's formula (B. R. Bowring, *Transformation from spatial to geographical coordinates*, Survey Review 23, 1976),
-//! which errs by less than a micrometre within 10 km of the ground.
+//! The input is a [`GeographicOrigin`] and a point of the site's frame; the output is a [`Geographic`]. The frame is
+//! the local tangent plane at the origin, turned about the vertical. The way is exact: the frame to east, north and up,
+//! these to geocentric coordinates (IOGP Guidance Note 7-2, methods 9837 and 9602), and these to latitude and height by
+//! Bowring's formula (B. R. Bowring, *Transformation from spatial to geographical coordinates*, Survey Review 23,
+//! 1976), which errs by less than a micrometre within 10 km of the ground.
 //!
 //! **Errors 1 km from the origin**: of the formulas, below 0.01 mm. A frame that was levelled at each point, and not at
-//! the origin alone, differs from the tangent plane by 78 mm in height (d²/2R), and by less than 0.01 mm along it. Without
-//! the geoid's separation, which is at most 106 m, points are up to 17 mm off (d·N/R). An azimuth that is wrong by 0.1°
-//! moves points by 1.75 m.
+//! the origin alone, differs from the tangent plane by 78 mm in height (d²/2R), and by less than 0.01 mm along it.
+//! Without the geoid's separation, which is at most 106 m, points are up to 17 mm off (d·N/R). An azimuth that is wrong
+//! by 0.1° moves points by 1.75 m.
 
 use core::f64::consts::PI;
 use core::fmt;
@@ -158,8 +158,8 @@ impl GeographicOrigin {
     }
 }
 
-/// Bowring's formula: latitude in radians and height above the ellipsoid, of a point at these distances from the earth's
-/// axis and from the plane of the equator.
+/// Bowring's formula: latitude in radians and height above the ellipsoid, of a point at these distances from the
+/// earth's axis and from the plane of the equator.
 fn latitude_and_height(from_axis_m: f64, from_equator_m: f64) -> (f64, f64) {
     let (sin, cos) = libm::sincos(libm::atan2(from_equator_m * A_M, from_axis_m * B_M));
     let second_e2 = E2 / (1.0 - E2);

@@ -1,8 +1,8 @@
 //! The time of an update of the live state: 1,000 tags at 10 Hz, with 12 ranges a position, on a floor of 20 rooms, 5
 //! zones and 50 anchors.
 //!
-//! `cargo bench -p baliza-station`. One element is one position, with its ranges. 10,000 of them a second must take less
-//! than a quarter of one core: 25 µs each.
+//! `cargo bench -p baliza-station`. One element is one position, with its ranges. 10,000 of them a second must take
+//! less than a quarter of one core: 25 µs each.
 
 use std::hint::black_box;
 use std::time::Duration;

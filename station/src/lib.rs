@@ -16,9 +16,9 @@
 //! | [`webhooks`] | events to other programs |
 //!
 //! Data flows one way: a source makes a [`Report`] and sends it to the [`Hub`]; the hub's task applies it to the
-//! [`Live`] state, which returns [`Update`]s; these go to the listeners at once and to the [`Store`] in batches. The API
-//! reads the live state and the store. It writes what a person configures (sites, zones, campaigns) to the store, and
-//! reloads the live state from there.
+//! [`Live`] state, which returns [`Update`]s; these go to the listeners at once and to the [`Store`] in batches. The
+//! API reads the live state and the store. It writes what a person configures (sites, zones, campaigns) to the store,
+//! and reloads the live state from there.
 #![forbid(unsafe_code)]
 
 pub mod api;

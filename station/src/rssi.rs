@@ -1,9 +1,10 @@
 //! RSSI values between a device and nodes at known places, to the device's position.
 //!
 //! A path loss is the same in both directions. So a terminal that receives beacons and a device that fixed receivers
-//! receive are one case. The input is one RSSI a node, the output the mean of the positions that are possible with them,
-//! and their spread (`positioning_core::ble::posterior`, as in `baliza ble solve`). One node alone gives a position,
-//! with a deviation that says how little it means. The height of the device is not known, and so heights are not used.
+//! receive are one case. The input is one RSSI a node, the output the mean of the positions that are possible with
+//! them, and their spread (`positioning_core::ble::posterior`, as in `baliza ble solve`). One node alone gives a
+//! position, with a deviation that says how little it means. The height of the device is not known, and so heights are
+//! not used.
 
 use std::collections::BTreeMap;
 

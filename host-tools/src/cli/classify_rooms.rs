@@ -46,7 +46,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Print JSON and no rows: results has an object a method and tag, with positions, outside, in_room, between,
-    /// unknown, changes, settle_s, and with truth judged, accuracy (of the most probable room), wrong (answers of another room)
+    /// unknown, changes, settle_s, and with truth judged, accuracy (of the most probable room), wrong (answers of
+    /// another room)
     #[arg(long)]
     json: bool,
 }

@@ -233,8 +233,8 @@ impl Site {
         }
     }
 
-    /// The existing and the selected positions as CSV, under the heads of their kind. Beacons keep what is known of their
-    /// signals.
+    /// The existing and the selected positions as CSV, under the heads of their kind. Beacons keep what is known of
+    /// their signals.
     fn csv(&self, arguments: &Arguments, chosen: &[&Beacon]) -> Result<Vec<u8>> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         let of_signal: &[&str] = match arguments.kind {
@@ -253,7 +253,8 @@ impl Site {
         writer.into_inner().map_err(|error| anyhow::Error::from(error.into_error()))
     }
 
-    /// The same as a scenario, with the walls as brick, and a tag that walks along a quarter of the area's sides inside.
+    /// The same as a scenario, with the walls as brick, and a tag that walks along a quarter of the area's sides
+    /// inside.
     fn scenario(&self, arguments: &Arguments, chosen: &[&Beacon]) -> Result<Vec<u8>, UserError> {
         let Some(height_m) = arguments.height_m else {
             return Err(UserError::flag("--height-m", "a scenario needs the height at which they are mounted"));

@@ -102,8 +102,8 @@ pub struct Arguments {
     #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = height)]
     height_m: Option<f32>,
     /// A folder for anchors.csv, ranges.csv, truth.csv and positions.csv, as `baliza solve` reads and writes them, with
-    /// beacons also beacons.csv and rssi.csv, with walls walls.csv; and for what nodes report, as `baliza decode`, `monitor` and `replay`
-    /// read it: telemetry.bin of the first tag, telemetry-ADDRESS.bin of each other node
+    /// beacons also beacons.csv and rssi.csv, with walls walls.csv; and for what nodes report, as `baliza decode`,
+    /// `monitor` and `replay` read it: telemetry.bin of the first tag, telemetry-ADDRESS.bin of each other node
     #[arg(long, value_name = "FOLDER")]
     out: Option<PathBuf>,
     /// Replace the recording that is in --out
@@ -129,8 +129,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", requires = "survey")]
     survey_rooms: Option<PathBuf>,
     /// Print JSON and no positions: results has one object, with tags, anchors, seconds, fixes, fixes_per_s, rmse_m,
-    /// p50_m, p90_m, mae_m, inside_1_sigma, nees (in x and y), frames_sent, frames_lost, collisions, airtime_share (of a
-    /// network, the mean), airtime_share_max (of the busiest network), tag_mean_current_ma, charge_per_fix_uc and
+    /// p50_m, p90_m, mae_m, inside_1_sigma, nees (in x and y), frames_sent, frames_lost, collisions, airtime_share (of
+    /// a network, the mean), airtime_share_max (of the busiest network), tag_mean_current_ma, charge_per_fix_uc and
     /// tag_currents_ma (board and DW1000, from the first position on; none with --fidelity air); with beacons also
     /// bluetooth
     #[arg(long)]

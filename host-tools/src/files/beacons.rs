@@ -90,7 +90,8 @@ pub struct Wall {
     pub attenuation_db: Option<f64>,
 }
 
-/// Reads `beacons.csv`: `beacon,x_m,y_m` (of a plan for anchors, `anchor,x_m,y_m`) and, where known, `z_m,rssi_1m_dbm,path_loss_exponent,deviation_db`.
+/// Reads `beacons.csv`: `beacon,x_m,y_m` (of a plan for anchors, `anchor,x_m,y_m`) and, where known,
+/// `z_m,rssi_1m_dbm,path_loss_exponent,deviation_db`.
 ///
 /// # Errors
 /// The first line that is wrong: a beacon that is listed twice, or an exponent or a deviation that is not above 0.

@@ -1,8 +1,8 @@
 //! The epochs of a tag in columns, so that some millions of ranges fit into memory.
 //!
-//! [`Epochs`] holds the columns, and an [`Epoch`] is a view of one of their rows. A range takes 24 bytes, and 4 more for
-//! each diagnostic that its file has; a [`Measured`] is made of them where it is asked for. [`Gathering`] takes the rows
-//! of a file, which may be in any order, and gives them to their epochs.
+//! [`Epochs`] holds the columns, and an [`Epoch`] is a view of one of their rows. A range takes 24 bytes, and 4 more
+//! for each diagnostic that its file has; a [`Measured`] is made of them where it is asked for. [`Gathering`] takes the
+//! rows of a file, which may be in any order, and gives them to their epochs.
 
 use positioning_core::nlos::{Feature, Features};
 

@@ -50,8 +50,8 @@ pub fn round_s(epochs: &Epochs) -> Option<f64> {
     Some((PATIENCE * anchors as f64 * baliza_report::percentile(&steps_s, 0.5)).clamp(least_s, most_s))
 }
 
-/// Of several ranges of one anchor at one time in an epoch, keeps the median (of two, the shorter one, because a blocked
-/// range is too long). Returns how many were dropped.
+/// Of several ranges of one anchor at one time in an epoch, keeps the median (of two, the shorter one, because a
+/// blocked range is too long). Returns how many were dropped.
 pub fn drop_repeats(epochs: &mut Epochs) -> usize {
     // Equal anchors and times stand behind each other, the shorter ranges first.
     let mut sorted: Vec<((usize, Option<u64>), f64, usize)> = Vec::new();

@@ -149,8 +149,8 @@ impl<'a> Solver<'a> {
         Solved::of(outcome, epoch.truth)
     }
 
-    /// The positions of epochs by `method`, in their order. All processors work on them; `step` is called with the number
-    /// of those that are done, from any thread.
+    /// The positions of epochs by `method`, in their order. All processors work on them; `step` is called with the
+    /// number of those that are done, from any thread.
     pub fn solve_all(&self, method: Method, epochs: &Epochs, step: impl Fn(usize) + Sync) -> Vec<Solved> {
         let unsolved = Solved { outcome: Err(NoPosition::SolveError(SolveError::TooFewAnchors)), error_m: None };
         let mut solved = vec![unsolved; epochs.len()];

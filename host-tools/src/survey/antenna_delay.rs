@@ -196,8 +196,8 @@ mod tests {
 
     #[test]
     fn three_nodes_have_each_delay_and_two_only_their_sum() {
-        // Delays 10, −4 and 25 ticks: sums 6, 35 and 21. The half sum of all is 31; less the sum of the others it is the
-        // delay of each (APS014, 2.2).
+        // Delays 10, −4 and 25 ticks: sums 6, 35 and 21. The half sum of all is 31; less the sum of the others it is
+        // the delay of each (APS014, 2.2).
         let ranges = [measured("a", "b", 6.0), measured("c", "a", 35.0), measured("b", "c", 21.0)].concat();
         let found = calibrate(&ranges, &[]);
         for (node, ticks) in [("a", 10.0), ("b", -4.0), ("c", 25.0)] {

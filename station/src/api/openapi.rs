@@ -69,8 +69,8 @@ pub fn openapi() -> OpenApi {
     document
 }
 
-/// Gives the properties of an object their own descriptions. A property with a description whose type has one as well is
-/// made as "all of" its type and an *object* with the description, which no string and no number can be.
+/// Gives the properties of an object their own descriptions. A property with a description whose type has one as well
+/// is made as "all of" its type and an *object* with the description, which no string and no number can be.
 fn describe_once(schema: &mut RefOr<Schema>) {
     let RefOr::T(Schema::Object(object)) = schema else { return };
     for property in object.properties.values_mut() {

@@ -57,8 +57,8 @@ struct Taken {
     taken: usize,
 }
 
-/// What a fixed receiver at a known place received. Devices that are received well enough are located once a second, and
-/// appear on the map.
+/// What a fixed receiver at a known place received. Devices that are received well enough are located once a second,
+/// and appear on the map.
 #[utoipa::path(post, path = "/api/v1/receivers/{receiver}/sightings", tag = "nodes",
     security(("token" = ["operate"])),
     params(("receiver" = Name, Path, description = "a node whose role is receiver")),

@@ -176,8 +176,8 @@ async fn replay(State(station): State<Shared>, Query(asked): Query<Replay>, uri:
 /// The finest step of the store.
 const FINEST: Duration = Duration::from_millis(1);
 
-/// Shortens rows in the order of time to at most `limit`, without separating those of one step, which begin at multiples
-/// of their length; where the next page begins, if there is one.
+/// Shortens rows in the order of time to at most `limit`, without separating those of one step, which begin at
+/// multiples of their length; where the next page begins, if there is one.
 fn whole_steps(rows: &mut Vec<TagPosition>, limit: usize, step: Duration) -> Option<Utc> {
     let beyond = rows.get(limit)?.t.us();
     let step_us = i64::try_from(step.max(FINEST).as_millis()).ok()? * 1_000;

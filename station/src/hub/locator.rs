@@ -1,20 +1,20 @@
 //! Devices that fixed receivers receive, to reports of their positions.
 //!
-//! The input is [`What::ReceiverSighting`] and the receivers at known places. For each device, the RSSI values of the last five
-//! seconds are kept; their mean for each receiver gives a position ([`crate::rssi`]), at most one a second. The
-//! outputs are reports like those of any other source.
+//! The input is [`What::ReceiverSighting`] and the receivers at known places. For each device, the RSSI values of the
+//! last five seconds are kept; their mean for each receiver gives a position ([`crate::rssi`]), at most one a second.
+//! The outputs are reports like those of any other source.
 //!
-//! **Who is a tag.** Receivers receive the devices of everyone who walks by, and the addresses of most of these change each
-//! quarter of an hour. A device becomes a tag when two receivers at known places receive it, or one receives it so well that it
-//! is in the same room. A tag that only one receiver receives weakly has no position, with a reason.
+//! **Who is a tag.** Receivers receive the devices of everyone who walks by, and the addresses of most of these change
+//! each quarter of an hour. A device becomes a tag when two receivers at known places receive it, or one receives it so
+//! well that it is in the same room. A tag that only one receiver receives weakly has no position, with a reason.
 //!
 //! **Bounds.** 2,048 devices are known, with 256 values each (those of one receiver within half a second make one). A
-//! device that never was a tag is forgotten after a minute of silence, or when there is no room for a new one. A tag that
-//! was silent for ten minutes is forgotten when there is no room; else it stays, and is silent like any tag. Where all
-//! are tags that are not silent, a new device is ignored.
+//! device that never was a tag is forgotten after a minute of silence, or when there is no room for a new one. A tag
+//! that was silent for ten minutes is forgotten when there is no room; else it stays, and is silent like any tag. Where
+//! all are tags that are not silent, a new device is ignored.
 //!
-//! **Times** are those of the host: a value from the future counts as one of now, and one that is older than five seconds
-//! does not count.
+//! **Times** are those of the host: a value from the future counts as one of now, and one that is older than five
+//! seconds does not count.
 
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::time::Duration;

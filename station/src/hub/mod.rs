@@ -152,8 +152,8 @@ pub struct Hub {
 type Takers = Option<Vec<mpsc::UnboundedSender<Event>>>;
 
 impl Hub {
-    /// Starts the hub's tasks on the current runtime. Numbers of events go on after those of the store. The task that is
-    /// returned ends, with everything written, when `stop` is called, or when the hub and all senders of reports are
+    /// Starts the hub's tasks on the current runtime. Numbers of events go on after those of the store. The task that
+    /// is returned ends, with everything written, when `stop` is called, or when the hub and all senders of reports are
     /// dropped.
     ///
     /// # Errors
@@ -191,8 +191,8 @@ impl Hub {
         self.updates.subscribe()
     }
 
-    /// Every event from now on until the hub's end: unlike those of [`Hub::listen`], none is missed. Who takes them must
-    /// keep up.
+    /// Every event from now on until the hub's end: unlike those of [`Hub::listen`], none is missed. Who takes them
+    /// must keep up.
     pub fn events(&self) -> mpsc::UnboundedReceiver<Event> {
         let (sender, receiver) = mpsc::unbounded_channel();
         if let Some(takers) = &mut *self.takers.lock().unwrap_or_else(PoisonError::into_inner) {

@@ -2,8 +2,8 @@
 //!
 //! Rows wait for half a second, or until there are enough for a batch. A batch that the store does not take is tried
 //! again, after pauses that grow. Meanwhile rows wait in the queue; beyond its bound, the oldest positions are dropped,
-//! and the oldest events where there are no positions. What the store leaves out for good is counted with them, and does
-//! not hold up the others.
+//! and the oldest events where there are no positions. What the store leaves out for good is counted with them, and
+//! does not hold up the others.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

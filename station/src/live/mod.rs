@@ -13,12 +13,12 @@
 //!
 //! **Times.** The state's clock is the time of the last tick, and of later reports since. A report from more than a
 //! minute after the clock is taken as one of the clock's time; an earlier one keeps its time, whatever it is. Silence
-//! is measured by the state's clock, from the arrival of a report. Wherever a time is before the one that it is compared
-//! with, no time has passed. So a clock that jumps makes events at worst (all tags are silent, and back with their next
-//! report), and nothing stays wrong after it.
+//! is measured by the state's clock, from the arrival of a report. Wherever a time is before the one that it is
+//! compared with, no time has passed. So a clock that jumps makes events at worst (all tags are silent, and back with
+//! their next report), and nothing stays wrong after it.
 //!
-//! **Bounds.** Tags and nodes are limited in number ([`Limits`]), names in length. What exceeds a limit, and numbers that
-//! cannot be measurements, are refused and counted ([`Live::refused`]).
+//! **Bounds.** Tags and nodes are limited in number ([`Limits`]), names in length. What exceeds a limit, and numbers
+//! that cannot be measurements, are refused and counted ([`Live::refused`]).
 
 mod nodes;
 mod outline;
@@ -211,8 +211,8 @@ impl Live {
         self.last_event = self.last_event.max(last);
     }
 
-    /// Replaces the rooms and zones of all sites. Tags stay in those that keep their name and kind; the others are left,
-    /// with an event of the next tick.
+    /// Replaces the rooms and zones of all sites. Tags stay in those that keep their name and kind; the others are
+    /// left, with an event of the next tick.
     pub fn set_zones(&mut self, zones: Vec<Zone>) {
         let now = self.clock.unwrap_or_default();
         let mut before: HashMap<String, Vec<Area>> =

@@ -163,7 +163,8 @@ mod tests {
 
     #[test]
     fn a_square_that_is_turned_has_the_same_probability() {
-        // erf(1.96/√2)² = 0.950004210² and erf(0.5/√2)² = 0.382924923²; the corners cut the quadrature elsewhere each time.
+        // erf(1.96/√2)² = 0.950004210² and erf(0.5/√2)² = 0.382924923²; the corners cut the quadrature elsewhere each
+        // time.
         for (half, expected) in [(1.96, 0.902_507_998), (0.5, 0.146_631_496)] {
             for degrees in 0..90 {
                 let (sin, cos) = f64::from(degrees).to_radians().sin_cos();

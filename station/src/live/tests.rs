@@ -270,7 +270,8 @@ fn a_low_supply_is_an_alarm_of_its_tag_or_anchor() {
 
 #[test]
 fn each_kind_of_event_is_an_alarm_or_none_as_the_limits_say() {
-    // A tag is uncertain after 5 s, its supply is low, an anchor is 1 m from its place for ten minutes, the tag is silent.
+    // A tag is uncertain after 5 s, its supply is low, an anchor is 1 m from its place for ten minutes, the tag is
+    // silent.
     let kinds = [EventKind::Uncertain, EventKind::LowSupply, EventKind::Moved, EventKind::Silent];
     let alarms = |alarms: Alarms| {
         let mut live = Live::new(Limits { alarms, ..Limits::default() });
@@ -384,8 +385,8 @@ fn an_anchor_that_was_moved_makes_one_event_and_is_well_again_when_it_is_surveye
         moved
     };
     assert_eq!(walk(&mut live, 300, 5.0), []);
-    // Moved by 1 m after 300 s. t later, the mean is (1 - q) / (1 - q e^-2.5) with q = e^(-t/120): 0.5 m for q = 0.521, t
-    // = 78 s. Two minutes later the anchor counts as moved. (The noise has a mean of 0 over two seconds.)
+    // Moved by 1 m after 300 s. t later, the mean is (1 - q) / (1 - q e^-2.5) with q = e^(-t/120): 0.5 m for q = 0.521,
+    // t = 78 s. Two minutes later the anchor counts as moved. (The noise has a mean of 0 over two seconds.)
     let moved = walk(&mut live, 600, 6.0);
     let [(EventKind::Moved, node, seconds)] = moved.as_slice() else { panic!("{moved:?}") };
     assert!(node == "0x0101" && (300 + 195..=300 + 215).contains(seconds), "{moved:?}");
@@ -403,9 +404,9 @@ fn an_anchor_that_is_put_back_is_no_longer_moved() {
     for s in 0..1000_u64 {
         live.apply(&report(at(1000 * s), range("0x0101", if s < 400 { 6.0 } else { 5.0 })));
         live.apply(&report(at(1000 * s), position("0x1001", [0.0, 0.0], 0.1)));
-        // Residuals of 1 m: after 34 s there are values of 30 seconds (120 (1 - e^(-t/120)) = 30), and two minutes later
-        // the anchor counts as moved. It is put back after 400 s. t later, the mean is 0.964 q / (1 - 0.036 q) with
-        // q = e^(-t/120): 0.25 m for q = 0.257, t = 163 s.
+        // Residuals of 1 m: after 34 s there are values of 30 seconds (120 (1 - e^(-t/120)) = 30), and two minutes
+        // later the anchor counts as moved. It is put back after 400 s. t later, the mean is 0.964 q / (1 - 0.036 q)
+        // with q = e^(-t/120): 0.25 m for q = 0.257, t = 163 s.
         let is_moved = live.nodes()[0].moved;
         match s {
             0..=150 => assert!(!is_moved, "{s}"),

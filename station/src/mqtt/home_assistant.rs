@@ -1,8 +1,8 @@
 //! Discovery documents for Home Assistant, one a device (its documentation: "MQTT", "Device discovery payload").
 //!
 //! A tag is a device with the sensor of its room, a tracker, and whether it reports. An anchor is a device that has a
-//! problem while it was probably moved. Both have the supply voltage of their radio, where it is known. The states are in
-//! the topics of [`Topics`]; templates take them from there.
+//! problem while it was probably moved. Both have the supply voltage of their radio, where it is known. The states are
+//! in the topics of [`Topics`]; templates take them from there.
 
 use serde::Serialize;
 use serde_json::{Map, Value, json};

@@ -1,8 +1,8 @@
 //! A position as sentences of NMEA 0183: GGA, RMC and GST.
 //!
-//! The talker is `GN`, a combination of navigation systems: QGIS takes only `GP` and `GN`, and `GP` would say GPS. What a
-//! positioning system indoors does not know stays empty: the dilution of precision, and speed and course. The number of
-//! satellites is that of the anchors or beacons that were used. GST has the standard deviations.
+//! The talker is `GN`, a combination of navigation systems: QGIS takes only `GP` and `GN`, and `GP` would say GPS. What
+//! a positioning system indoors does not know stays empty: the dilution of precision, and speed and course. The number
+//! of satellites is that of the anchors or beacons that were used. GST has the standard deviations.
 
 use std::fmt::Write;
 
@@ -16,8 +16,8 @@ const PARTS: u64 = 10_000_000;
 
 /// A position: GGA with the quality 1 (a fix), RMC that is valid and autonomous, GST.
 ///
-/// The qualities 6 and 8 and the modes `E` and `S` (estimated, simulated) would not be more honest: the standard has them
-/// with a status that is not valid, and consumers drop such positions.
+/// The qualities 6 and 8 and the modes `E` and `S` (estimated, simulated) would not be more honest: the standard has
+/// them with a status that is not valid, and consumers drop such positions.
 pub fn fix(position: &TagPosition, origin: GeographicOrigin) -> String {
     let place = origin.0.geographic(position.x_m, position.y_m, position.z_m);
     let (time, date) = time_and_date(position.t);
@@ -115,8 +115,8 @@ mod tests {
     #[test]
     fn a_position_is_three_sentences_with_their_checksums() {
         // Without the geoid's separation PROJ finds 40.331999401579, -3.754233656681, 700.078274 (tests of `geodesy`).
-        // 51.04 m of separation shorten the kilometre by 1000 · 51.04 / 6,386,000 = 8.0 mm, that is 9.4e-8° to the west,
-        // and so -3.754233751 (PROJ with h_0 = 751.04: -3.7542337507, 751.118273). Minutes: 0.331999401579 · 60 =
+        // 51.04 m of separation shorten the kilometre by 1000 · 51.04 / 6,386,000 = 8.0 mm, that is 9.4e-8° to the
+        // west, and so -3.754233751 (PROJ with h_0 = 751.04: -3.7542337507, 751.118273). Minutes: 0.331999401579 · 60 =
         // 19.9199641; 0.7542337507 · 60 = 45.2540250.
         let text = fix(&position(), origin(NORTH));
         let lines: Vec<_> = text.split_terminator("\r\n").collect();

@@ -1,5 +1,5 @@
-//! Back-up and restoring. A back-up is a SQLite store in one file, whatever the engine of the store; so a store goes from
-//! one engine to the other by its back-up. A file appears when it is complete, and a database is filled in one
+//! Back-up and restoring. A back-up is a SQLite store in one file, whatever the engine of the store; so a store goes
+//! from one engine to the other by its back-up. A file appears when it is complete, and a database is filled in one
 //! transaction: what is interrupted leaves nothing half.
 
 use std::ffi::OsString;

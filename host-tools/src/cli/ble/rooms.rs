@@ -19,8 +19,8 @@ use crate::cli::{self, PictureFile};
 /// Find the room of each dwell, or the rooms of a walk, by classifiers trained on fingerprints
 ///
 /// A dwell is classified by its mean RSSI values, by each of its windows, and by what the tag answers from the windows:
-/// a room, or between two rooms. Of a walk (--rssi), each minute (--every-s) has a row of CSV: the most frequent room of
-/// its windows, and what the tag answers at its end.
+/// a room, or between two rooms. Of a walk (--rssi), each minute (--every-s) has a row of CSV: the most frequent room
+/// of its windows, and what the tag answers at its end.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza ble rooms --fingerprints fingerprints.csv --targets targets.csv\n  \
                         baliza ble rooms --fingerprints fingerprints.csv --leave-one-out --plot rooms.svg\n  \

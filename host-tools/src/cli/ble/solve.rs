@@ -32,7 +32,8 @@ pub struct Arguments {
     /// Beacons: CSV with beacon,x_m,y_m and, where known, z_m,rssi_1m_dbm,path_loss_exponent,deviation_db
     #[arg(long, value_name = "FILE", required_unless_present = "folder")]
     beacons: Option<PathBuf>,
-    /// Received RSSI values: CSV with epoch,t_s,beacon,rssi_dbm and, where known, tag; or a file of dwells at known points
+    /// Received RSSI values: CSV with epoch,t_s,beacon,rssi_dbm and, where known, tag; or a file of dwells at known
+    /// points
     #[arg(long, value_name = "FILE", required_unless_present = "folder")]
     rssi: Option<PathBuf>,
     /// Where the tag truly was: CSV with epoch,t_s,x_m,y_m; gives the errors

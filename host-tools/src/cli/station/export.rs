@@ -15,7 +15,8 @@ use host_tools::station::{Exported, Selection, is_of_export, write_folder, write
 /// A folder gets positions.csv, walls.csv and outlines.csv: `baliza plot FOLDER` draws it, and `baliza classify-rooms
 /// --positions FOLDER/positions.csv --outlines FOLDER/outlines.csv` finds the rooms again. The column t_s is in seconds
 /// since 1970-01-01T00:00:00Z. The store has no ranges, so there is nothing for solve and track; `baliza record` writes
-/// those. GPX has a track for each tag, and needs the site's geographic origin; MCAP has the topics of `baliza convert`.
+/// those. GPX has a track for each tag, and needs the site's geographic origin; MCAP has the topics of `baliza
+/// convert`.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza station export --out everything\n  \
                         baliza station export --from 2026-11-22T08:00:00Z --to 2026-11-22T09:00:00Z --out morning\n  \

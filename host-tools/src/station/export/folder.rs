@@ -1,7 +1,7 @@
 //! A part of the station's history as the tables of a recording.
 //!
-//! The output is `positions.csv` with the columns that `solve` writes, and `walls.csv` and `outlines.csv` where the site
-//! has walls and rooms.
+//! The output is `positions.csv` with the columns that `solve` writes, and `walls.csv` and `outlines.csv` where the
+//! site has walls and rooms.
 
 use std::fs::File;
 use std::path::Path;

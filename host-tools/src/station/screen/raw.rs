@@ -65,8 +65,8 @@ impl Raw {
     }
 }
 
-/// Calls `ended` once the terminal is closed. crossterm, up to 0.29, reads a closed terminal for ever and so never sees the
-/// end of the program.
+/// Calls `ended` once the terminal is closed. crossterm, up to 0.29, reads a closed terminal for ever and so never sees
+/// the end of the program.
 #[cfg(any(target_os = "linux", target_vendor = "apple"))]
 pub fn on_hangup(ended: impl FnOnce() + Send + 'static) {
     use rustix::event::{PollFd, PollFlags, Timespec, poll};

@@ -1,7 +1,7 @@
 //! The rooms of a walk, interval by interval, by the model that a tag has.
 //!
-//! The input is the RSSI values of one tag with their times. Each window becomes a scan, which the model classifies. The
-//! output is the most frequent room of each interval, and the room estimate of the tag at its end.
+//! The input is the RSSI values of one tag with their times. Each window becomes a scan, which the model classifies.
+//! The output is the most frequent room of each interval, and the room estimate of the tag at its end.
 
 use anyhow::{Context, Result};
 use positioning_core::ble::rooms::{Classifier, Model, RoomEstimate, RoomHysteresis, Settings, likeliest};

@@ -310,8 +310,8 @@ fn matches(pattern: &str, text: &str) -> bool {
     rest.ends_with(last)
 }
 
-/// What is equal of a node's name in the file and in topics: the companion and the receivers write signs between letters
-/// in different ways.
+/// What is equal of a node's name in the file and in topics: the companion and the receivers write signs between
+/// letters in different ways.
 pub(super) fn key(name: &str) -> String {
     name.chars().filter(|character| character.is_alphanumeric()).flat_map(char::to_lowercase).collect()
 }
