@@ -29,6 +29,8 @@ struct File {
     ca: Option<PathBuf>,
     #[serde(default = "half_a_day")]
     session_h: u64,
+    #[serde(default)]
+    end_session: bool,
 }
 
 fn profile() -> Vec<String> {
@@ -86,6 +88,7 @@ pub fn read_oidc(file: &Path) -> Result<Oidc, UserError> {
         roles: read.roles,
         ca: read.ca.as_deref().map(beside),
         session: Duration::from_secs(3600 * read.session_h),
+        end_session: read.end_session,
     };
     Oidc::new(settings, Patience::default()).map_err(|error| wrong(error.to_string()))
 }
@@ -140,7 +143,8 @@ mod tests {
             assert!(read(&format!("{PROVIDER}client_secret = \"private\"\n{ROLES}"), mode).is_ok());
             assert!(read(&format!("{PROVIDER}client_secret_file = \"secret\"\n{ROLES}"), mode).is_ok());
         }
-        let all = "client_secret = \"private\"\nscopes = [\"groups\", \"email\"]\nclaim = \"a.b\"\nsession_h = 1\n";
+        let all = "client_secret = \"private\"\nscopes = [\"groups\", \"email\"]\nclaim = \"a.b\"\nsession_h = 1\n\
+                   end_session = true\n";
         assert_eq!(read(&format!("{PROVIDER}{all}{ROLES}"), 0o600).expect("all").session().as_secs(), 3600);
     }
 

@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 use axum::http::{HeaderMap, Method, StatusCode, Uri, header};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use url::Url;
 use utoipa::ToSchema;
 
 use super::limits::{Buckets, Limits, lock, make_room};
@@ -103,6 +104,8 @@ pub struct Gate {
 struct Session {
     who: Who,
     used: Instant,
+    /// Where a browser ends the session of the provider of sign-ins.
+    end_session: Option<Url>,
 }
 
 impl Session {
@@ -219,8 +222,8 @@ impl Gate {
         self.writes.take(client, Instant::now()).map_err(|wait_s| Problem::too_many("requests", wait_s))
     }
 
-    /// Begins a session; the value of its `Set-Cookie`.
-    pub fn log_in(&self, who: Who) -> Result<String, Problem> {
+    /// Begins a session; the value of its `Set-Cookie`. At its end, a browser goes to `end_session`, if that is known.
+    pub fn log_in(&self, who: Who, end_session: Option<Url>) -> Result<String, Problem> {
         let mut random = [0; 32];
         getrandom::fill(&mut random).map_err(|error| {
             log::error!("no random numbers: {error}");
@@ -231,16 +234,15 @@ impl Gate {
         sessions.retain(|_, session| !session.is_over(now));
         make_room(&mut sessions, SESSIONS, |session| session.used);
         let age = who.until.map_or(SESSION, |until| until.saturating_duration_since(now));
-        sessions.insert(sha256(&id), Session { who, used: now });
+        sessions.insert(sha256(&id), Session { who, used: now, end_session });
         Ok(self.set_cookie(&id, age))
     }
 
-    /// Ends a request's session; the value of `Set-Cookie` that deletes the cookie.
-    pub fn log_out(&self, headers: &HeaderMap) -> String {
-        if let Some(id) = cookie(headers, COOKIE) {
-            lock(&self.sessions).remove(&sha256(id));
-        }
-        self.set_cookie("", Duration::ZERO)
+    /// Ends a request's session; the value of `Set-Cookie` that deletes the cookie, and where a browser ends the
+    /// session of the provider of sign-ins.
+    pub fn log_out(&self, headers: &HeaderMap) -> (String, Option<Url>) {
+        let session = cookie(headers, COOKIE).and_then(|id| lock(&self.sessions).remove(&sha256(id)));
+        (self.set_cookie("", Duration::ZERO), session.and_then(|session| session.end_session))
     }
 
     /// The end of a cookie's attributes, where it is only for encrypted connections.
@@ -318,7 +320,7 @@ mod tests {
     fn a_further_session_replaces_the_one_that_was_used_longest_ago() {
         let gate = Gate::new(Access::Tokens(Vec::new()), true, &Limits::default());
         let who = Who { name: Some("ana".into()), role: UserRole::View, until: None };
-        let cookies: Vec<String> = (0..=SESSIONS).map(|_| gate.log_in(who.clone()).unwrap()).collect();
+        let cookies: Vec<String> = (0..=SESSIONS).map(|_| gate.log_in(who.clone(), None).unwrap()).collect();
         assert!(cookies[0].ends_with("; HttpOnly; SameSite=Strict; Secure"));
         assert_eq!(known(&gate, &cookies[0]), None);
         assert_eq!([known(&gate, &cookies[1]), known(&gate, &cookies[SESSIONS])], [Some(who.clone()), Some(who)]);
@@ -337,7 +339,7 @@ mod tests {
             let until = Some(Instant::now() + lifetime);
             Who { name: Some("oidc:ana".into()), role: UserRole::View, until }
         });
-        let [cookie, lasting] = [&short, &long].map(|who| gate.log_in(who.clone()).unwrap());
+        let [cookie, lasting] = [&short, &long].map(|who| gate.log_in(who.clone(), None).unwrap());
         assert!(lasting.contains("; Max-Age=3600; HttpOnly; SameSite=Strict"));
         assert_eq!(known(&gate, &cookie), Some(short));
         std::thread::sleep(Duration::from_millis(310));

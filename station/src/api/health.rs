@@ -89,14 +89,21 @@ async fn log_in(
         return Ok(me.into_response());
     }
     log::info!(target: "audit", "{client} {:?} logs in", who.name.as_deref().unwrap_or_default());
-    Ok(([(header::SET_COOKIE, station.gate.log_in(who)?)], me).into_response())
+    Ok(([(header::SET_COOKIE, station.gate.log_in(who, None)?)], me).into_response())
+}
+
+/// The end of a session.
+#[derive(Debug, Serialize, ToSchema)]
+struct LoggedOut {
+    /// Where a browser ends the session of the provider of sign-ins too; null: that one goes on, or there is none.
+    end_session: Option<String>,
 }
 
 /// Ends the session of the cookie.
-#[utoipa::path(post, path = "/logout", tag = "access", security(()),
-    responses((status = 204, description = "the session has ended")))]
+#[utoipa::path(post, path = "/logout", tag = "access", security(()), responses((status = 200, body = LoggedOut)))]
 async fn log_out(State(station): State<Shared>, headers: HeaderMap) -> Response {
-    (StatusCode::NO_CONTENT, [(header::SET_COOKIE, station.gate.log_out(&headers))]).into_response()
+    let (cookie, end_session) = station.gate.log_out(&headers);
+    ([(header::SET_COOKIE, cookie)], Answer(LoggedOut { end_session: end_session.map(Into::into) })).into_response()
 }
 
 /// Who one is, and how to get a role.

@@ -19,7 +19,7 @@ use super::Shared;
 use super::access::{Client, Who, cookie, same};
 use super::extract::Query;
 use super::problem::Problem;
-use crate::oidc::{Oidc, Refusal, User};
+use crate::oidc::{Oidc, Refusal, SignedIn};
 
 /// The name of the cookie with the state of a sign-in.
 const COOKIE: &str = "baliza_sign_in";
@@ -92,8 +92,8 @@ async fn end(
     Query(callback): Query<Callback>,
 ) -> Result<Response, Problem> {
     let oidc = provider(&station)?;
-    let user = match finish(oidc, &headers, callback).await {
-        Ok(user) => user,
+    let SignedIn { user, end_session } = match finish(oidc, &headers, callback).await {
+        Ok(signed_in) => signed_in,
         Err(refusal) => {
             log::warn!(target: "audit", "{client} a sign-in is refused: {refusal}");
             if refusal == Refusal::Unknown
@@ -107,16 +107,13 @@ async fn end(
     // As it is in the log from now on. A token's name cannot be mistaken for it.
     let name = format!("oidc:{}", user.name);
     log::info!(target: "audit", "{client} {name:?} signs in as {:?}, subject {:?}", user.role, user.subject);
-    let session = station.gate.log_in(Who {
-        name: Some(name),
-        role: user.role,
-        until: Instant::now().checked_add(oidc.session()),
-    })?;
+    let until = Instant::now().checked_add(oidc.session());
+    let session = station.gate.log_in(Who { name: Some(name), role: user.role, until }, end_session)?;
     Ok(to("/", [session, keep(&station, "", 0)]))
 }
 
 /// The person whose sign-in ends.
-async fn finish(oidc: &Oidc, headers: &HeaderMap, callback: Callback) -> Result<User, Refusal> {
+async fn finish(oidc: &Oidc, headers: &HeaderMap, callback: Callback) -> Result<SignedIn, Refusal> {
     let Callback { code, state, error, iss } = callback;
     let state = state.ok_or(Refusal::Unknown)?;
     let own = cookie(headers, COOKIE).ok_or(Refusal::Unknown)?;

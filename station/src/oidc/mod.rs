@@ -27,12 +27,13 @@ use http_body_util::{BodyExt, Full, Limited};
 use hyper::header::{HeaderValue, USER_AGENT};
 use openidconnect::core::{
     CoreAuthenticationFlow, CoreClient, CoreClientAuthMethod, CoreErrorResponseType, CoreGenderClaim, CoreIdToken,
-    CoreJwsSigningAlgorithm, CoreProviderMetadata,
+    CoreJwsSigningAlgorithm,
 };
 use openidconnect::{
     AccessToken, AuthType, AuthorizationCode, ClaimsVerificationError, ClientId, ClientSecret, CsrfToken,
-    EndpointMaybeSet, EndpointNotSet, EndpointSet, HttpRequest, HttpResponse, IssuerUrl, Nonce, OAuth2TokenResponse,
-    PkceCodeChallenge, PkceCodeVerifier, RedirectUrl, RequestTokenError, Scope, SubjectIdentifier, TokenResponse,
+    EndpointMaybeSet, EndpointNotSet, EndpointSet, HttpRequest, HttpResponse, IssuerUrl, LogoutRequest, Nonce,
+    OAuth2TokenResponse, PkceCodeChallenge, PkceCodeVerifier, PostLogoutRedirectUrl, ProviderMetadataWithLogout,
+    RedirectUrl, RequestTokenError, Scope, SubjectIdentifier, TokenResponse,
 };
 use tokio::sync::Mutex;
 use tokio::time::timeout;
@@ -102,6 +103,15 @@ pub struct Begin {
     pub state: String,
 }
 
+/// A person who has signed in.
+#[derive(Clone, Debug)]
+pub struct SignedIn {
+    /// The person.
+    pub user: User,
+    /// Where a browser ends the session of the provider; None: nowhere.
+    pub end_session: Option<Url>,
+}
+
 /// What a request to the provider has come to, if not to an answer.
 #[derive(Debug, thiserror::Error)]
 enum RequestError {
@@ -115,7 +125,7 @@ enum RequestError {
 
 /// What the provider says of itself, and since when this is known.
 struct Found {
-    metadata: CoreProviderMetadata,
+    metadata: ProviderMetadataWithLogout,
     at: Instant,
 }
 
@@ -224,7 +234,7 @@ impl Oidc {
     ///
     /// # Errors
     /// The provider is away, its answer cannot be trusted, or the person has no role.
-    pub async fn finish(&self, sign_in: SignIn, code: String) -> Result<User, Refusal> {
+    pub async fn finish(&self, sign_in: SignIn, code: String) -> Result<SignedIn, Refusal> {
         let SignIn { nonce, verifier } = sign_in;
         let found = self.found(None).await?;
         let client = self.client(&found.metadata);
@@ -260,11 +270,24 @@ impl Oidc {
         } else {
             given.and(self.ask(&client, tokens.access_token(), &subject).await)
         };
-        self.mapping.user(subject.as_str(), &given).ok_or_else(|| {
+        let user = self.mapping.user(subject.as_str(), &given).ok_or_else(|| {
             let (subject, why) = (subject.as_str(), self.mapping.why(&given));
             log::warn!(target: "audit", "{subject:?} has signed in and has no role: {why}");
             Refusal::NoRole
-        })
+        })?;
+        Ok(SignedIn { user, end_session: self.end_session(&found.metadata, token) })
+    }
+
+    /// Where a browser ends the provider's session of this token, and is then sent back to the page (OpenID Connect
+    /// RP-Initiated Logout 1.0, section 2).
+    fn end_session(&self, metadata: &ProviderMetadataWithLogout, token: &CoreIdToken) -> Option<Url> {
+        let endpoint = metadata.additional_metadata().end_session_endpoint.clone();
+        let endpoint = endpoint.filter(|endpoint| endpoint.url().scheme() == self.issuer.url().scheme())?;
+        let request = LogoutRequest::from(endpoint)
+            .set_id_token_hint(token)
+            .set_client_id(ClientId::new(self.settings.client_id.clone()))
+            .set_post_logout_redirect_uri(PostLogoutRedirectUrl::from_url(self.public_url.clone()));
+        self.settings.end_session.then(|| request.http_get_url())
     }
 
     /// The provider's UserInfo; nothing where it does not answer.
@@ -299,7 +322,7 @@ impl Oidc {
         if failed.is_some_and(|at| at.elapsed() < self.patience.pause) {
             return Err(Refusal::Away);
         }
-        match CoreProviderMetadata::discover_async(self.issuer.clone(), &|request| self.send(request)).await {
+        match ProviderMetadataWithLogout::discover_async(self.issuer.clone(), &|request| self.send(request)).await {
             Ok(metadata) => {
                 let found = Arc::new(Found { metadata, at: Instant::now() });
                 let before = lock(&self.known).replace(found.clone());
@@ -320,7 +343,7 @@ impl Oidc {
         }
     }
 
-    fn client(&self, metadata: &CoreProviderMetadata) -> Client {
+    fn client(&self, metadata: &ProviderMetadataWithLogout) -> Client {
         let Settings { client_id, client_secret, .. } = &self.settings;
         let secret = client_secret.clone().map(ClientSecret::new);
         let client = Client::from_provider_metadata(metadata.clone(), ClientId::new(client_id.clone()), secret);

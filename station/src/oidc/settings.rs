@@ -31,6 +31,8 @@ pub struct Settings {
     pub ca: Option<PathBuf>,
     /// A session ends after this time: what the provider says of the person may have changed.
     pub session: Duration,
+    /// Whether who logs out of the station is logged out of the provider as well, where the provider can do that.
+    pub end_session: bool,
 }
 
 impl fmt::Debug for Settings {

@@ -89,7 +89,8 @@ async fn a_cookie_stands_for_its_token_until_the_session_ends() {
     assert_eq!(me["role"], "view");
     with_cookie(&station, Method::DELETE, "/campaigns/x", &cookie, Some(&here)).await.is_problem(403);
     let out = with_cookie(&station, Method::POST, "/logout", &cookie, Some(&here)).await;
-    assert!(out.status == 204 && out.header(header::SET_COOKIE).starts_with("baliza_session=; Path=/; Max-Age=0;"));
+    assert!(out.status == 200 && out.json() == json!({"end_session": null}));
+    assert!(out.header(header::SET_COOKIE).starts_with("baliza_session=; Path=/; Max-Age=0;"));
     with_cookie(&station, Method::GET, "/api/v1/tags", &cookie, None).await.is_problem(401);
     with_cookie(&station, Method::GET, "/api/v1/tags", "baliza_session=0", None).await.is_problem(401);
 }

@@ -5,9 +5,12 @@ use std::time::Duration;
 
 use baliza_station::api::{Access, App, Limits, Token, UserRole};
 use baliza_station::oidc::{Oidc, OidcError, Patience, Roles, Settings};
+use base64::Engine;
+use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use hyper::{Method, StatusCode, header};
 use serde_json::json;
 use tokio::net::TcpListener;
+use url::Url;
 
 use crate::client::{Answer, Station, generous, station_of};
 use crate::provider::{CLIENT, FORGERIES, Provider};
@@ -26,6 +29,7 @@ fn settings(issuer: &str) -> Settings {
         roles: Roles { view: list("staff"), operate: list("leads"), administer: list("admins") },
         ca: None,
         session: Duration::from_secs(3600),
+        end_session: false,
     }
 }
 
@@ -113,14 +117,43 @@ async fn a_person_signs_in_has_the_role_of_their_groups_and_logs_out() {
         let zone = json!({"site": "lab", "name": "hall", "kind": "room", "corners_m": [[0, 0], [4, 0], [4, 3]]});
         assert_eq!(change("/api/v1/rooms/lab/hall", zone).await, put, "{role}");
         assert_eq!(change("/api/v1/sites/lab/walls", json!([])).await, walls, "{role}");
-        let mut out = station.request(Method::POST, "/logout");
-        out.headers_mut().insert(header::COOKIE, cookie[0].1.parse().unwrap());
-        out.headers_mut().insert(header::ORIGIN, here.parse().unwrap());
-        assert_eq!(station.send(out).await.status, 204);
+        assert_eq!(log_out(&station, cookie[0].1).await.json(), json!({"end_session": null}));
         get(&station, "/api/v1/tags", &cookie).await.is_problem(401);
     }
     // Tokens count as before.
     assert_eq!(get(&station, "/api/v1/tags", &[(header::AUTHORIZATION, "Bearer wall-secret")]).await.status, 200);
+}
+
+async fn log_out(station: &Station, cookie: &str) -> Answer {
+    let mut request = station.request(Method::POST, "/logout");
+    request.headers_mut().insert(header::COOKIE, cookie.parse().unwrap());
+    request.headers_mut().insert(header::ORIGIN, format!("http://{}", station.address).parse().unwrap());
+    let answer = station.send(request).await;
+    assert_eq!(answer.status, 200);
+    answer
+}
+
+#[tokio::test]
+async fn logging_out_ends_the_session_of_the_provider_where_that_is_wanted_and_possible() {
+    let provider = Provider::start().await;
+    let settings = Settings { end_session: true, ..settings(&provider.issuer) };
+    let station = station_with(settings, hasty(), generous()).await;
+    provider.claim(json!({"groups": ["staff"]}));
+    let cookie = session(&sign_in(&station, &provider).await);
+    let answer = log_out(&station, &cookie).await.json();
+    let url: Url = answer["end_session"].as_str().unwrap().parse().unwrap();
+    assert!(url.as_str().starts_with(&format!("{}/end?", provider.issuer)), "{url}");
+    // OpenID Connect RP-Initiated Logout 1.0, section 2.
+    let query: Vec<_> = url.query_pairs().into_owned().collect();
+    let [(hint, token), rest @ ..] = query.as_slice() else { panic!("{url}") };
+    let pair = |name: &str, value: &str| (name.to_owned(), value.to_owned());
+    assert_eq!(rest, [pair("client_id", CLIENT.0), pair("post_logout_redirect_uri", &format!("{PUBLIC}/"))]);
+    let claims = URL_SAFE_NO_PAD.decode(token.split('.').nth(1).unwrap()).unwrap();
+    let claims: serde_json::Value = serde_json::from_slice(&claims).unwrap();
+    assert_eq!((hint.as_str(), &claims["aud"]), ("id_token_hint", &json!(CLIENT.0)));
+    // The session is over, whether the browser goes there or not.
+    get(&station, "/api/v1/tags", &[(header::COOKIE, &cookie)]).await.is_problem(401);
+    assert_eq!(log_out(&station, &cookie).await.json(), json!({"end_session": null}));
 }
 
 #[tokio::test]

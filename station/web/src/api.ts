@@ -70,7 +70,11 @@ export const PAGE = 5000;
 export const api = {
   me: () => get<Me>('/api/v1/me'),
   login: (token: string) => send('POST', '/login', { token }),
-  logout: () => send('POST', '/logout'),
+  // Where the provider of sign-ins ends its session too, if it does.
+  logout: async () => {
+    const { end_session } = (await (await send('POST', '/logout')).json()) as { end_session: string | null };
+    return end_session;
+  },
 
   sites: () => get<Site[]>('/scenarios'),
   // The picture may have been replaced: the browser asks whether it was.

@@ -145,7 +145,15 @@ follows();
 const liveButton = button('history.live', () => app.showPast(null), 'primary');
 const ask = () => login.ask(store.me.sign_in);
 const loginButton = button('login', () => ask());
-const logoutButton = button('logout', () => void attempt(app, async () => (await api.logout(), location.reload())));
+const logoutButton = button(
+  'logout',
+  () =>
+    void attempt(app, async () => {
+      const endSession = await api.logout();
+      if (endSession === null) location.reload();
+      else location.assign(endSession);
+    }),
+);
 
 function showConnection(): void {
   const key: Key = connection === 'live' && store.past ? 'state.history' : `state.${connection}`;

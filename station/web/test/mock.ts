@@ -185,7 +185,7 @@ export class Mock {
     if (route === 'POST login//') return this.login(await body(request), response);
     if (route === 'POST logout//') {
       response.setHeader('Set-Cookie', 'baliza_session=; Path=/; Max-Age=0');
-      return done(response, 204);
+      return json(response, { end_session: null });
     }
     if (who === null) return problem(response, 401, 'a token is needed');
     if (method !== 'GET' && who === 'view') return problem(response, 403, 'this needs the role operate');

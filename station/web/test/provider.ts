@@ -25,6 +25,7 @@ export class Provider {
           client_id: CLIENT.id,
           client_secret: CLIENT.secret,
           redirect_uris: [`${station}/oidc/callback`],
+          post_logout_redirect_uris: [`${station}/`],
           grant_types: ['authorization_code'],
           response_types: ['code'],
         },

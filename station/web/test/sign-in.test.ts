@@ -45,6 +45,7 @@ describe('sign-in at a provider', { skip: !isPossible }, () => {
       client_id = "${CLIENT.id}"
       client_secret = "${CLIENT.secret}"
       public_url = "${station.url}"
+      end_session = true
       [roles]
       view = ["staff"]
       operate = ["leads"]
@@ -108,8 +109,12 @@ describe('sign-in at a provider', { skip: !isPossible }, () => {
         [['baliza_session', true, 'Strict']],
       );
       await page.getByRole('button', { name: 'Log out' }).click();
+      await page.getByRole('button', { name: 'Yes, sign me out' }).click();
       await page.locator('#login').waitFor();
       assert.equal((await me(page)).role, null);
+      // The next person at this browser is asked for a name.
+      await page.locator('#login').getByRole('button', { name: 'Sign in' }).click();
+      await page.waitForSelector('input[name=login]');
     }
     // The log names them.
     const log = station.said.join('\n');
