@@ -71,6 +71,17 @@ impl Station {
         serde_json::from_str(&body).unwrap_or_else(|error| panic!("{path}: {error}: {body}"))
     }
 
+    /// Sends a JSON document, or nothing, and asserts that it is taken.
+    pub fn send(&self, method: &str, path: &str, body: &str) {
+        let url = format!("http://{}{path}", self.address);
+        let mut curl = Command::new("curl");
+        curl.args(["--silent", "--fail", "--output", "/dev/null", "--request", method]);
+        if !body.is_empty() {
+            curl.args(["--json", body]);
+        }
+        assert!(curl.arg(&url).status().expect("curl runs").success(), "{method} {path} {body}");
+    }
+
     /// Asks until the answer is as it should be.
     pub fn wait(&self, path: &str, is_right: impl Fn(&Value) -> bool) -> Value {
         let begun = Instant::now();
