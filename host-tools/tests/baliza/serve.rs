@@ -451,6 +451,7 @@ fn what_cannot_be_served_is_refused_before_the_station_starts() {
         ("--webhooks wrong.toml", "wrong.toml"),
         ("--no-alarm entered", "--no-alarm"),
         ("--uncertain-m 0", "--uncertain-m"),
+        ("--uncertain-rssi-m 0", "--uncertain-rssi-m"),
         ("--site missing.toml", "missing.toml"),
         ("--simulate missing.toml", "missing.toml"),
         ("--simulate fingerprints.toml", "fingerprints.toml: map: "),
