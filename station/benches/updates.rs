@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use baliza_station::live::Limits;
 use baliza_station::model::{Role, Zone, ZoneKind};
-use baliza_station::{Live, Report, Utc, What};
+use baliza_station::{Live, Report, SolvedFrom, Utc, What};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
 const TAGS: u32 = 1000;
@@ -79,6 +79,7 @@ fn tenth(step: u32) -> Vec<Report> {
             sigma_z_m: None,
             cov_xy_m2: 0.005,
             used: 12,
+            solved_from: SolvedFrom::Ranges,
         };
         reports.push(Report { t, site, what });
     }

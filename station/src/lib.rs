@@ -39,6 +39,6 @@ pub mod webhooks;
 
 pub use hub::Hub;
 pub use live::{Live, Update};
-pub use report::{Report, What};
+pub use report::{Report, SolvedFrom, What};
 pub use store::Store;
 pub use utc::{NoUtc, Utc};

@@ -44,6 +44,8 @@ pub enum What {
         cov_xy_m2: f64,
         /// The number of ranges or beacons that were used.
         used: u8,
+        /// What it was computed from.
+        solved_from: SolvedFrom,
     },
     /// The end of a tag's round, without a position.
     NoPosition {
@@ -99,4 +101,13 @@ pub enum What {
         /// 2 in free space.
         path_loss_exponent: Option<f64>,
     },
+}
+
+/// What a position was computed from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SolvedFrom {
+    /// Ranges, or differences of ranges; centimetres to decimetres.
+    Ranges,
+    /// RSSI values alone; metres.
+    Rssi,
 }

@@ -37,7 +37,8 @@ pub fn site(input: &[u8]) {
 
 pub fn site_seeds() -> Vec<Vec<u8>> {
     let tag = include_bytes!("../../../examples/sites/rotating-beacon.toml");
-    vec![EXAMPLE.as_bytes().to_vec(), tag.to_vec()]
+    let receiver = b"[[receiver]]\nname = \"hall\"\nposition_m = [0, 0, 2]\npath_loss_exponent = 2.2\n";
+    vec![EXAMPLE.as_bytes().to_vec(), tag.to_vec(), receiver.to_vec()]
 }
 
 /// A record that is shown can be provisioned again, unless everyone knows its key.

@@ -20,7 +20,7 @@ use baliza_station::model::{GeographicOrigin, PlacedNode, Site, Zone};
 use baliza_station::mqtt::{self as broker, Mqtt};
 use baliza_station::store::Retention;
 use baliza_station::webhooks::{Patience, Webhook, Webhooks};
-use baliza_station::{Hub, Live, Report, Store, Utc};
+use baliza_station::{Hub, Live, Report, Store, Utc, What};
 use host_tools::node::provision::SiteNames;
 use host_tools::station::{self, OpenSource, SimulatedSite, SourceSpec, read_webhooks, simulate};
 use host_tools::survey::presence::read_outlines;
@@ -81,7 +81,7 @@ pub(super) struct InputArguments {
     /// Run a simulation as well: that of a scenario's file, else tags that walk in a furnished room
     #[arg(long, value_name = "SCENARIO", num_args = 0..=1)]
     simulate: Option<Option<PathBuf>>,
-    /// The names of nodes and the places of anchors: the file that provision reads
+    /// The names of nodes and the places of anchors, beacons and receivers: the file that provision reads
     #[arg(long, value_name = "FILE")]
     site: Option<PathBuf>,
     /// The name of the site that the sources belong to
@@ -297,7 +297,8 @@ impl Sources {
     }
 
     /// Reports the nodes, at last those that a person has placed, and starts a thread for each source. `note` takes a
-    /// line for the user. Returns what to do at the broker.
+    /// line for the user, such as that a person has placed a node elsewhere than `--site`. Returns what to do at the
+    /// broker.
     pub(super) fn start(
         self,
         hub: &Hub,
@@ -307,6 +308,13 @@ impl Sources {
         let nodes = station::nodes(&self.site, &self.names, Utc::now());
         let simulated = self.simulation.iter().flat_map(|(_, site)| site.nodes.clone()).collect::<Vec<_>>();
         let receivers = self.mqtt.iter().flat_map(|mqtt| mqtt.receivers(Utc::now())).collect::<Vec<_>>();
+        for place in placed.iter().filter(|place| nodes.iter().any(|report| is_elsewhere(report, place))) {
+            let PlacedNode { site, node, .. } = place;
+            note(&format!(
+                "{site}: {node} stays where the API has placed it, which is not its place in --site; \
+                 DELETE /api/v1/nodes/{site}/{node} and a restart take that of the file\n"
+            ));
+        }
         let placed = placed.iter().flat_map(|node| node.reports(Utc::now())).collect::<Vec<_>>();
         let known = nodes.into_iter().chain(simulated).chain(receivers).chain(placed);
         let reports = hub.reports();
@@ -327,6 +335,12 @@ impl Sources {
         }
         self.mqtt
     }
+}
+
+/// Whether a report of the site's file is of this node, with another position.
+fn is_elsewhere(report: &Report, placed: &PlacedNode) -> bool {
+    let What::Node { node, position_m: Some(position_m), .. } = &report.what else { return false };
+    (&report.site, node) == (&placed.site, &placed.node) && *position_m != placed.position_m
 }
 
 fn sender(reports: mpsc::Sender<Report>) -> impl FnMut(Report) -> bool {

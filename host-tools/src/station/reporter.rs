@@ -1,7 +1,7 @@
 //! From the messages of one node to reports of the station.
 
 use baliza_station::model::Role;
-use baliza_station::{Report, Utc, What};
+use baliza_station::{Report, SolvedFrom, Utc, What};
 use wire::telemetry::{self, Address, Fix, Message, Range};
 
 use super::NodeClock;
@@ -78,6 +78,8 @@ fn fix_report(tag: String, fix: &Fix) -> What {
         sigma_z_m: (sigma_z > 0.0).then_some(sigma_z),
         cov_xy_m2,
         used: u8::try_from(fix.used().map_or(0, u16::count_ones)).unwrap_or(u8::MAX),
+        // No anchor was asked: it is from beacons.
+        solved_from: if fix.asked == 0 { SolvedFrom::Rssi } else { SolvedFrom::Ranges },
     }
 }
 
@@ -95,4 +97,29 @@ fn range_reports(tag: String, range: &Range) -> Vec<What> {
     let first_path_minus_received_db = powers.map(|(first_path, received)| first_path - received);
     let range = What::Range { tag, anchor, range_m: range.distance_m(), first_path_minus_received_db };
     known.into_iter().chain([range]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use wire::telemetry::{Outcome, Solver};
+
+    use super::*;
+
+    #[test]
+    fn a_position_without_asked_anchors_is_by_rssi() {
+        let outcome = Outcome::Position {
+            position_tenth_mm: [10_000, 20_000, 0],
+            deviation_tenth_mm: [1_000; 3],
+            correlation_127ths: [0; 3],
+            used: 0b11,
+            quality_255ths: 255,
+        };
+        for (asked, expected) in [(0, SolvedFrom::Rssi), (1, SolvedFrom::Ranges), (4, SolvedFrom::Ranges)] {
+            let fix = Fix { t_us: 1, round: 1, age_us: 0, asked, outcome, solver: Solver::Track };
+            let What::Position { solved_from, position_m, .. } = fix_report("0x1001".to_owned(), &fix) else {
+                panic!("a position")
+            };
+            assert_eq!((solved_from, position_m), (expected, [1.0, 2.0]));
+        }
+    }
 }

@@ -33,6 +33,8 @@ mod outputs;
 mod pictures;
 mod presence;
 mod provision;
+#[cfg(feature = "station")]
+mod receivers;
 mod record;
 mod recordings;
 mod replay;

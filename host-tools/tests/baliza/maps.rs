@@ -2,7 +2,6 @@
 
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
-use std::process::Command;
 use std::time::Duration;
 
 use serde_json::{Value, json};
@@ -114,12 +113,6 @@ fn a_history_becomes_an_mcap_file() {
     assert!((double(0x09) - latitude).abs() < 1.6e-8 && (double(0x11) - longitude).abs() < 1.6e-8, "{fix:?}");
 }
 
-fn put(station: &Station, path: &str, body: &str) {
-    let url = format!("http://{}{path}", station.address());
-    let put = ["--silent", "--fail", "--output", "/dev/null", "--request", "PUT", "--json", body, &url];
-    assert!(Command::new("curl").args(put).status().expect("curl runs").success());
-}
-
 #[test]
 fn a_running_station_sends_nmea_and_draws_in_foxglove() {
     let folder = Folder::with(&[]);
@@ -140,7 +133,7 @@ fn a_running_station_sends_nmea_and_draws_in_foxglove() {
     let void = nmea("0x1001").find(|line| line.starts_with("$GNRMC")).expect("a line");
     assert!(void.contains(",V,"), "{void}");
     let origin = r#"{"latitude_deg": 40.5, "longitude_deg": -3.75, "y_azimuth_deg": 0, "height_m": 650}"#;
-    put(&station, "/api/v1/sites/simulation/geographic-origin", origin);
+    station.send("PUT", "/api/v1/sites/simulation/geographic-origin", origin);
     for tag in ["0x1001", "0x1002"] {
         // Within some metres of 40°30' north and 3°45' west, the simulated room's size.
         let fix = nmea(tag).find(|line| line.starts_with("$GNGGA") && !line.contains(",,,,,0,00,")).expect("a line");

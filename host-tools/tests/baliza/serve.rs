@@ -71,6 +71,17 @@ impl Station {
         serde_json::from_str(&body).unwrap_or_else(|error| panic!("{path}: {error}: {body}"))
     }
 
+    /// Sends a JSON document, or nothing, and asserts that it is taken.
+    pub fn send(&self, method: &str, path: &str, body: &str) {
+        let url = format!("http://{}{path}", self.address);
+        let mut curl = Command::new("curl");
+        curl.args(["--silent", "--fail", "--output", "/dev/null", "--request", method]);
+        if !body.is_empty() {
+            curl.args(["--json", body]);
+        }
+        assert!(curl.arg(&url).status().expect("curl runs").success(), "{method} {path} {body}");
+    }
+
     /// Asks until the answer is as it should be.
     pub fn wait(&self, path: &str, is_right: impl Fn(&Value) -> bool) -> Value {
         let begun = Instant::now();
@@ -440,6 +451,7 @@ fn what_cannot_be_served_is_refused_before_the_station_starts() {
         ("--webhooks wrong.toml", "wrong.toml"),
         ("--no-alarm entered", "--no-alarm"),
         ("--uncertain-m 0", "--uncertain-m"),
+        ("--uncertain-rssi-m 0", "--uncertain-rssi-m"),
         ("--site missing.toml", "missing.toml"),
         ("--simulate missing.toml", "missing.toml"),
         ("--simulate fingerprints.toml", "fingerprints.toml: map: "),

@@ -126,7 +126,8 @@ fn rooms_have_the_names_of_the_sender() {
 #[test]
 fn a_recording_has_names_and_places_of_its_site_but_no_keys() {
     let origin = "[geographic_origin]\nlatitude_deg = 40.332\nlongitude_deg = -3.766\ny_azimuth_deg = 12.5\n";
-    let folder = Folder::with(&[("site.toml", &format!("{SITE}{origin}"))]);
+    let receiver = "[[receiver]]\nname = \"hall\"\nposition_m = [1.0, 2.5, 2.0]\nrssi_1m_dbm = -61.0\n\n";
+    let folder = Folder::with(&[("site.toml", &format!("{SITE}{receiver}{origin}"))]);
     folder.write("telemetry.bin", &stream(&sent()));
     let run = folder.run("record --file telemetry.bin --site site.toml --out walk").ok();
     assert!(run.stderr.contains("node: tag trolley (0x0201) on dwm1001"), "{}", run.stderr);
@@ -141,7 +142,8 @@ fn a_recording_has_names_and_places_of_its_site_but_no_keys() {
              [[known]]\nname = \"window\"\naddress = \"0x0102\"\nposition_m = [6.0, 0.5, 2.4]\n\n\
              [[known]]\nname = \"trolley\"\naddress = \"0x0201\"\n\n\
              [[known]]\nname = \"shelf\"\nbeacon = \"1-7\"\nposition_m = [3.0, 2.0, 2.4]\n\
-             rssi_1m_dbm = -59.0\n\n{origin}"
+             rssi_1m_dbm = -59.0\n\n\
+             [[known]]\nreceiver = \"hall\"\nposition_m = [1.0, 2.5, 2.0]\nrssi_1m_dbm = -61.0\n\n{origin}"
         ))
         .as_deref(),
         "{copy}"

@@ -8,7 +8,7 @@ use tokio::time::sleep;
 use super::*;
 use crate::live::Limits;
 use crate::model::{EventKind, Role, Zone, ZoneKind};
-use crate::report::What;
+use crate::report::{SolvedFrom, What};
 use crate::store::StoreError;
 
 const SITE: &str = "hall";
@@ -90,6 +90,7 @@ fn report(tag: &str, x_m: f64) -> Report {
         sigma_z_m: None,
         cov_xy_m2: 0.0,
         used: 4,
+        solved_from: SolvedFrom::Ranges,
     };
     Report { t: Utc::now(), site: SITE.to_owned(), what }
 }

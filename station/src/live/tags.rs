@@ -5,9 +5,9 @@ use std::time::Duration;
 use super::outline::{Gaussian, Outline};
 use super::rate::Rate;
 use super::supply::Supply;
-use super::{Happened, Limits};
-use crate::Utc;
+use super::{Alarms, Happened, Limits};
 use crate::model::{EventKind, Tag, TagPosition, Zone, ZoneKind};
+use crate::{SolvedFrom, Utc};
 
 /// The most ranges of a round that are kept until its position comes.
 pub(super) const ROUND: usize = 64;
@@ -104,6 +104,7 @@ impl TagState {
     pub(super) fn find(
         &mut self,
         position: &mut TagPosition,
+        solved_from: SolvedFrom,
         areas: &[Area],
         limits: &Limits,
         happened: &mut Vec<Happened>,
@@ -112,24 +113,30 @@ impl TagState {
         self.reason = None;
         let covariance_m2 = [position.sigma_x_m.powi(2), position.cov_xy_m2, position.sigma_y_m.powi(2)];
         let gaussian = Gaussian { mean_m: [position.x_m, position.y_m], covariance_m2 };
-        self.check_certainty(position.t, greatest_deviation_m(covariance_m2), limits, happened);
+        let greatest_m = match solved_from {
+            SolvedFrom::Ranges => limits.uncertain_m,
+            SolvedFrom::Rssi => limits.uncertain_rssi_m,
+        };
+        let share = greatest_deviation_m(covariance_m2) / greatest_m;
+        self.check_certainty(position.t, share, &limits.alarms, happened);
         self.enter_and_leave(position.t, &gaussian, areas, limits, happened);
         position.room = self.room.and_then(|room| Some(areas.get(room.area)?.zone.name.clone()));
         self.last_position = Some(position.clone());
     }
 
-    fn check_certainty(&mut self, t: Utc, sigma_m: f64, limits: &Limits, happened: &mut Vec<Happened>) {
-        if sigma_m > limits.uncertain_m {
+    /// `share` is the standard deviation divided by its limit.
+    fn check_certainty(&mut self, t: Utc, share: f64, alarms: &Alarms, happened: &mut Vec<Happened>) {
+        if share > 1.0 {
             // A clock that was set back begins anew.
             let since = self.unsure_since.map_or(t, |since| since.min(t));
             self.unsure_since = Some(since);
             if t.since(since) >= UNCERTAIN_FOR && !self.is_uncertain {
                 self.is_uncertain = true;
-                happened.push(Happened::of(EventKind::Uncertain, &limits.alarms));
+                happened.push(Happened::of(EventKind::Uncertain, alarms));
             }
         } else {
             self.unsure_since = None;
-            self.is_uncertain &= sigma_m >= CERTAIN_AGAIN * limits.uncertain_m;
+            self.is_uncertain &= share >= CERTAIN_AGAIN;
         }
     }
 

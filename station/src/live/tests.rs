@@ -22,6 +22,7 @@ fn position(tag: &str, position_m: [f64; 2], sigma_m: f64) -> What {
         sigma_z_m: None,
         cov_xy_m2: 0.0,
         used: 4,
+        solved_from: SolvedFrom::Ranges,
     }
 }
 
@@ -231,6 +232,33 @@ fn positions_are_uncertain_when_they_have_been_so_for_some_seconds() {
 }
 
 #[test]
+fn positions_by_rssi_have_a_limit_of_their_own() {
+    let mut live = live();
+    let mut step = |ms: u64, sigma_m: f64, from| {
+        let mut what = position("0x1001", [0.0, 50.0], sigma_m);
+        if let What::Position { solved_from, .. } = &mut what {
+            *solved_from = from;
+        }
+        events(&live.apply(&report(at(ms), what))).into_iter().map(|(kind, ..)| kind).collect::<Vec<_>>()
+    };
+    let limit_m = Limits::default().uncertain_rssi_m;
+    for ms in [0, 10_000, 20_000] {
+        assert_eq!(step(ms, limit_m, SolvedFrom::Rssi), []);
+    }
+    assert_eq!(step(30_000, limit_m + 0.1, SolvedFrom::Rssi), []);
+    assert_eq!(step(35_000, limit_m + 0.1, SolvedFrom::Rssi), [EventKind::Uncertain]);
+    // Below 80 % of the limit they are certain again, and with ranges, the same deviation is uncertain.
+    let again_m = 0.79 * limit_m;
+    assert_eq!(step(40_000, again_m, SolvedFrom::Rssi), []);
+    assert_eq!(step(41_000, again_m, SolvedFrom::Ranges), []);
+    assert_eq!(step(46_000, again_m, SolvedFrom::Ranges), [EventKind::Uncertain]);
+    // A tag that leaves the anchors and is located by beacons is certain again.
+    assert_eq!(step(47_000, again_m, SolvedFrom::Rssi), []);
+    assert_eq!(step(48_000, again_m, SolvedFrom::Ranges), []);
+    assert_eq!(step(53_000, again_m, SolvedFrom::Ranges), [EventKind::Uncertain]);
+}
+
+#[test]
 fn the_long_axis_of_the_ellipse_decides_whether_a_position_is_uncertain() {
     let mut live = live();
     let mut seen = Vec::new();
@@ -244,6 +272,7 @@ fn the_long_axis_of_the_ellipse_decides_whether_a_position_is_uncertain() {
             sigma_z_m: None,
             cov_xy_m2: 3.75,
             used: 3,
+            solved_from: SolvedFrom::Ranges,
         };
         seen.extend(events(&live.apply(&report(at(ms), what))));
     }
@@ -331,6 +360,7 @@ fn residuals_are_ranges_minus_distances_in_space() {
                 sigma_z_m: None,
                 cov_xy_m2: 0.0,
                 used: 3,
+                solved_from: SolvedFrom::Ranges,
             },
         };
         live.apply(&report(at(0), end));

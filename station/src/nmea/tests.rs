@@ -8,7 +8,7 @@ use crate::hub::Nowhere;
 use crate::live::{Limits, Live};
 use crate::model::{GeographicOrigin, Site};
 use crate::store::Retention;
-use crate::{Report, What};
+use crate::{Report, SolvedFrom, What};
 
 const SITE: &str = "hall";
 
@@ -44,6 +44,7 @@ impl Station {
             sigma_z_m: None,
             cov_xy_m2: 0.0,
             used: 5,
+            solved_from: SolvedFrom::Ranges,
         };
         self.hub.reports().send(Report { t: Utc::now(), site: SITE.to_owned(), what }).await.unwrap();
     }

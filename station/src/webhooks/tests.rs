@@ -20,7 +20,7 @@ use tokio_rustls::rustls::pki_types::PrivateKeyDer;
 use super::*;
 use crate::model::{Zone, ZoneKind};
 use crate::store::Retention;
-use crate::{Live, Report, Store, What, live};
+use crate::{Live, Report, SolvedFrom, Store, What, live};
 
 const SITE: &str = "lab";
 /// 24 bytes.
@@ -215,6 +215,7 @@ impl Walk {
                 sigma_z_m: None,
                 cov_xy_m2: 0.0,
                 used: 4,
+                solved_from: SolvedFrom::Ranges,
             };
             self.hub.reports().send(Report { t: Utc::now(), site: SITE.to_owned(), what }).await.unwrap();
         }

@@ -7,7 +7,7 @@ use std::time::Duration;
 use baliza_station::api::{Access, App, Limits, Page, Tls, Token, UserRole, serve};
 use baliza_station::model::{Role, Site};
 use baliza_station::store::Retention;
-use baliza_station::{Hub, Live, Report, Store, Utc, What};
+use baliza_station::{Hub, Live, Report, SolvedFrom, Store, Utc, What};
 use http_body_util::{BodyExt, Full};
 use hyper::body::{Bytes, Incoming};
 use hyper::{HeaderMap, Method, Request, Response, StatusCode, header};
@@ -144,6 +144,7 @@ impl Station {
             sigma_z_m: None,
             cov_xy_m2: 0.0,
             used: 4,
+            solved_from: SolvedFrom::Ranges,
         };
         self.report(what).await;
     }

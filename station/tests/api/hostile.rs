@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use baliza_station::api::{Access, Limits};
 use baliza_station::model::Role;
-use baliza_station::{Report, Utc, What};
+use baliza_station::{Report, SolvedFrom, Utc, What};
 use hyper::{Method, header};
 use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -209,6 +209,7 @@ async fn clocks_that_jump_do_not_stop_the_station() {
         sigma_z_m: None,
         cov_xy_m2: 0.0,
         used: 4,
+        solved_from: SolvedFrom::Ranges,
     };
     let now = Utc::now();
     let times = [now, Utc::clamped(i64::MAX), Utc::clamped(0), now + Duration::from_secs(1)];

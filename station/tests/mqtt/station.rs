@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use baliza_station::model::{Role, Site, TagPosition, Zone, ZoneKind};
 use baliza_station::mqtt::{Broker, Mqtt, Settings, Topics};
 use baliza_station::store::Retention;
-use baliza_station::{Hub, Live, Report, Store, Utc, What};
+use baliza_station::{Hub, Live, Report, SolvedFrom, Store, Utc, What};
 
 use crate::mosquitto::PATIENCE;
 
@@ -82,6 +82,7 @@ impl Station {
             sigma_z_m: Some(0.3),
             cov_xy_m2: 0.01,
             used: 4,
+            solved_from: SolvedFrom::Ranges,
         })
         .await;
     }

@@ -13,6 +13,7 @@ mod lists;
 mod network;
 mod node;
 pub mod one_by_one;
+mod receivers;
 mod region;
 pub mod show;
 mod site;
@@ -24,9 +25,10 @@ mod written;
 pub use advice::oddities;
 pub use firmware::Firmware;
 pub use node::Node;
+pub use receivers::Receiver;
 pub use region::warnings;
 pub use site::Site;
-pub use site_names::{NamedNode, SITE, SiteNames};
+pub use site_names::{NamedNode, NamedRole, SITE, SiteNames};
 pub use written::Written;
 
 /// An example file to start from: four anchors, a tag and a beacon, with comments.

@@ -1,4 +1,4 @@
-//! A site: the nodes of a network, in one file.
+//! A site: the nodes of a network and the receivers of a station, in one file.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -14,6 +14,7 @@ use super::document::{Document, Lines};
 use super::lists::{AnchorTable, BeaconTable, Lists};
 use super::network::NetworkTable;
 use super::node::{Node, NodeTable, Own};
+use super::receivers::{self, Receiver};
 use crate::UserError;
 use crate::files::read_text;
 
@@ -21,53 +22,75 @@ use crate::files::read_text;
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SiteFile {
-    network: NetworkTable,
+    network: Option<NetworkTable>,
     #[serde(default)]
     node: Vec<NodeTable>,
     #[serde(default)]
     anchor: Vec<AnchorTable>,
     #[serde(default)]
     beacon: Vec<BeaconTable>,
+    #[serde(default)]
+    receiver: Vec<Receiver>,
     beacons_csv: Option<PathBuf>,
     geographic_origin: Option<GeographicOrigin>,
 }
 
-/// The nodes of a network.
+impl SiteFile {
+    /// Whether it describes a station's receivers and nothing that is for nodes.
+    fn is_of_receivers(&self) -> bool {
+        let Self { network: _, node, anchor, beacon, receiver, beacons_csv, geographic_origin: _ } = self;
+        let is_for_nodes = !(node.is_empty() && anchor.is_empty() && beacon.is_empty()) || beacons_csv.is_some();
+        !is_for_nodes && !receiver.is_empty()
+    }
+}
+
+/// The nodes of a network, and the receivers of a station.
 #[derive(Clone, Debug)]
 pub struct Site {
-    /// The nodes in the file's order; at least one.
+    /// The nodes in the file's order. None where there are only receivers.
     pub nodes: Vec<Node>,
+    /// The fixed Bluetooth receivers in the file's order.
+    pub receivers: Vec<Receiver>,
     /// Where the frame of the positions is on the earth.
     pub geographic_origin: Option<GeographicOrigin>,
 }
 
 impl Site {
-    /// Reads a file.
+    /// Reads a file that has nodes.
     ///
     /// # Errors
-    /// The file cannot be read, or [`parse`](Self::parse) refuses it.
+    /// The file cannot be read, [`parse`](Self::parse) refuses it, or it has receivers only.
     pub fn read(file: &Path) -> Result<Self, UserError> {
         let text = read_text(file)?;
-        Self::parse(file, &text)
+        let site = Self::parse(file, &text)?;
+        if site.nodes.is_empty() { Err(UserError::file(file, "there is no [[node]]")) } else { Ok(site) }
     }
 
     /// The site that a text describes. Errors name `file`.
     ///
     /// # Errors
     /// The first line that is wrong: the text is not TOML, a key is unknown or missing, a value is not valid, two nodes
-    /// are the same, or a node could not follow its record.
+    /// or receivers are the same, or a node could not follow its record. A file without nodes is wrong unless it has
+    /// receivers and nothing for nodes.
     pub fn parse(file: &Path, text: &str) -> Result<Self, UserError> {
         let document = Document { file, text };
         let site: SiteFile = document.read()?;
         let (root, tables) = document.lines();
         let lines = |key: &str| tables.get(key).map_or(&[][..], Vec::as_slice);
         let network_lines = lines("network").first().cloned().unwrap_or_default();
-        let (network, beacon_key) = site.network.network(document, &network_lines)?;
+        let network = site.network.as_ref().map(|network| network.network(document, &network_lines)).transpose()?;
+        receivers::check(document, &site.receiver, lines("receiver"))?;
+        if site.is_of_receivers() {
+            let (receivers, geographic_origin) = (site.receiver, site.geographic_origin);
+            return Ok(Self { nodes: Vec::new(), receivers, geographic_origin });
+        }
+        if site.node.is_empty() {
+            let what = "there is no [[node]]; only [[receiver]] and [geographic_origin] can be alone";
+            return Err(UserError::file(file, what));
+        }
+        let (network, beacon_key) = network.ok_or_else(|| document.wrong(1, "network is missing"))?;
         let owns = site.node.iter().zip(lines("node")).map(|(table, lines)| table.read(document, lines));
         let owns = owns.collect::<Result<Vec<_>, _>>()?;
-        if owns.is_empty() {
-            return Err(UserError::file(file, "there is no [[node]]"));
-        }
 
         let line = |lines: &Lines| lines.line;
         let listed = Lists {
@@ -88,7 +111,7 @@ impl Site {
             nodes.push(node);
         }
         distinct(document, &nodes)?;
-        Ok(Self { nodes, geographic_origin: site.geographic_origin })
+        Ok(Self { nodes, receivers: site.receiver, geographic_origin: site.geographic_origin })
     }
 
     /// The node with this name, or the only node.

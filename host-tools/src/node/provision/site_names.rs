@@ -12,9 +12,9 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use wire::config::{Role, decode_models};
 use wire::telemetry::{Address, BeaconEvidence, Condition, Message, RoomEstimate};
 
-use super::Site;
 use super::calibrated::numbers;
 use super::document::Document;
+use super::{Receiver, Site};
 use crate::UserError;
 use crate::files::output::write_file;
 use crate::files::read_text;
@@ -25,7 +25,7 @@ pub const SITE: &str = "site.toml";
 /// The key of the copy's tables. A file that `provision` reads has no such key.
 const KNOWN: &str = "known";
 
-/// The names of a site, and the places of its anchors and beacons. Without a site there are none.
+/// The names of a site, and the places of its anchors, beacons and receivers. Without a site there are none.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SiteNames {
@@ -34,24 +34,35 @@ pub struct SiteNames {
     geographic_origin: Option<GeographicOrigin>,
 }
 
-/// A node or a beacon of a site.
+/// A node, a beacon or a receiver of a site.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedNode<'a> {
-    /// Its short address, or a beacon's major and minor number, as files call it.
+    /// Its short address, a beacon's major and minor number, or a receiver's name, as files call it.
     pub key: String,
-    /// Its name, where it has one.
+    /// Its name, where it has one besides its key.
     pub name: Option<&'a str>,
-    /// Whether it is a beacon.
-    pub is_beacon: bool,
-    /// The position of an anchor or a beacon, metres.
+    /// What it does.
+    pub role: NamedRole,
+    /// The position of an anchor, a beacon or a receiver, metres.
     pub position_m: Option<[f64; 3]>,
-    /// A beacon's RSSI at one metre, dBm.
+    /// RSSI at one metre, dBm: of a beacon, or of devices at a receiver.
     pub rssi_1m_dbm: Option<f64>,
-    /// A beacon's path-loss exponent.
+    /// The path-loss exponent of a beacon's signals, or of what a receiver receives.
     pub path_loss_exponent: Option<f64>,
 }
 
-/// A node.
+/// What a named node does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NamedRole {
+    /// It ranges: an anchor or a tag.
+    Ranging,
+    /// It sends advertisements.
+    Beacon,
+    /// It receives advertisements at a fixed place.
+    Receiver,
+}
+
+/// A node, a beacon or a receiver.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct Known {
@@ -63,13 +74,16 @@ struct Known {
     /// A beacon's major and minor number: `1-7`.
     #[serde(skip_serializing_if = "Option::is_none")]
     beacon: Option<String>,
-    /// The position of an anchor or a beacon, metres.
+    /// The name of a receiver, which is its key too.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    receiver: Option<String>,
+    /// The position of an anchor, a beacon or a receiver, metres.
     #[serde(skip_serializing_if = "Option::is_none")]
     position_m: Option<[f64; 3]>,
-    /// A beacon's RSSI at one metre, dBm.
+    /// RSSI at one metre, dBm: of a beacon, or of devices at a receiver.
     #[serde(skip_serializing_if = "Option::is_none")]
     rssi_1m_dbm: Option<f64>,
-    /// A beacon's path-loss exponent.
+    /// The path-loss exponent of a beacon's signals, or of what a receiver receives.
     #[serde(skip_serializing_if = "Option::is_none")]
     path_loss_exponent: Option<f64>,
     /// The names of a tag's rooms, by their numbers.
@@ -130,6 +144,7 @@ impl SiteNames {
                 None => known.push(place(Known { beacon: Some(key), ..Known::default() })),
             }
         }
+        known.extend(site.receivers.iter().cloned().map(Known::of_receiver));
         Self { known, geographic_origin: site.geographic_origin }
     }
 
@@ -162,15 +177,17 @@ impl SiteNames {
         self.geographic_origin
     }
 
-    /// The nodes and beacons that have an address or a number.
+    /// The receivers, and the nodes and beacons that have an address or a number.
     pub fn nodes(&self) -> impl Iterator<Item = NamedNode<'_>> {
         self.known.iter().filter_map(|node| {
-            let address = node.address.map(|address| Address(address).to_string());
-            let key = node.beacon.clone().or(address)?;
-            let is_beacon = node.beacon.is_some();
+            let (key, role) = match (&node.receiver, &node.beacon) {
+                (Some(name), _) => (name.clone(), NamedRole::Receiver),
+                (None, Some(numbers)) => (numbers.clone(), NamedRole::Beacon),
+                (None, None) => (Address(node.address?).to_string(), NamedRole::Ranging),
+            };
             let &Known { position_m, rssi_1m_dbm, path_loss_exponent, .. } = node;
             let name = node.name.as_deref();
-            Some(NamedNode { key, name, is_beacon, position_m, rssi_1m_dbm, path_loss_exponent })
+            Some(NamedNode { key, name, role, position_m, rssi_1m_dbm, path_loss_exponent })
         })
     }
 
@@ -278,6 +295,12 @@ fn is_copy(document: Document<'_>) -> bool {
 }
 
 impl Known {
+    fn of_receiver(receiver: Receiver) -> Self {
+        let Receiver { name, position_m, rssi_1m_dbm, path_loss_exponent } = receiver;
+        let (receiver, position_m) = (Some(name), Some(position_m));
+        Self { receiver, position_m, rssi_1m_dbm, path_loss_exponent, ..Self::default() }
+    }
+
     fn of(node: &super::Node) -> Self {
         let identity = node.record.identity;
         // A node without an address takes the low 16 bits of its EUI.

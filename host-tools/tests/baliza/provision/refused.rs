@@ -163,6 +163,13 @@ fn a_tags_record_has_24_beacons_at_most() {
 }
 
 #[test]
+fn a_site_of_receivers_has_nothing_to_provision() {
+    let folder = Folder::with(&[("site.toml", "[[receiver]]\nname = \"hall\"\nposition_m = [0, 0, 2]\n")]);
+    refused(&folder.run("provision --config site.toml --all --out records"), "site.toml: there is no [[node]]");
+    assert_eq!(folder.names(), ["site.toml"]);
+}
+
+#[test]
 fn two_nodes_of_one_address_and_keys_that_everyone_knows_are_refused() {
     let site = |key: &str, one: &str, other: &str| {
         format!(
