@@ -4,6 +4,7 @@
 import type {
   Campaign,
   CampaignPoint,
+  GeographicOrigin,
   Me,
   Node,
   PlanScale,
@@ -98,6 +99,9 @@ export const api = {
     ),
   putScale: (site: string, scale: PlanScale) => send('PUT', `/api/v1/sites/${part(site)}/plan/scale`, scale),
   putWalls: (site: string, walls: Wall[]) => send('PUT', `/api/v1/sites/${part(site)}/walls`, walls),
+  putGeographicOrigin: (site: string, origin: GeographicOrigin) =>
+    send('PUT', `/api/v1/sites/${part(site)}/geographic-origin`, origin),
+  deleteGeographicOrigin: (site: string) => send('DELETE', `/api/v1/sites/${part(site)}/geographic-origin`),
 
   tags: (site: string) => get<Tag[]>('/api/v1/tags', { site }),
   nodes: (site: string) => get<Node[]>('/api/v1/nodes', { site }),
@@ -108,6 +112,8 @@ export const api = {
     get<StationEvent[]>('/api/v1/events', { site, ...query }),
   tagPositions: (site: string, tag: string, from: string, to: string, limit: number) =>
     get<TagPosition[]>(`/api/v1/tags/${part(tag)}/positions`, { site, from, to, limit }),
+  trackUrl: (site: string, tag: string, from: string, to: string, limit: number) =>
+    withQuery(`/api/v1/tags/${part(tag)}/positions.gpx`, { site, from, to, limit }),
 
   campaigns: () => get<Campaign[]>('/campaigns'),
   createCampaign: (campaign: { name: string; scenario: string; points: Omit<CampaignPoint, 'samples'>[] }) =>

@@ -109,6 +109,8 @@ const en = {
   'history.start': 'Choose a span and press “Load”.',
   'history.chart': 'Chart of a tag',
   'history.chart.help': 'x, y and σ in metres',
+  'history.gpx': 'Track for maps (GPX)',
+  'history.gpx.help': 'Of the tag in the chart, at most the last {rows} positions of the span.',
   'health.none': 'No anchor or beacon yet. They appear with the site’s file, or when a tag measures to them.',
   'health.node': 'Anchor',
   'health.state': 'State',
@@ -188,6 +190,22 @@ const en = {
   'plan.walls.break': 'New wall',
   'plan.walls.undo': 'Take the last one back',
   'plan.walls.save': 'Save the walls',
+  origin: 'Geographic origin',
+  'origin.none': 'No geographic origin yet. GPX and NMEA need one for latitudes and longitudes.',
+  'origin.at': 'x = 0, y = 0 is at latitude {latitude}°, longitude {longitude}°',
+  'origin.azimuth': 'azimuth of the y axis {azimuth}°',
+  'origin.height': 'z = 0 is {height} m above mean sea level',
+  'origin.separation': 'the geoid is {separation} m above the ellipsoid',
+  'origin.set': 'Set the geographic origin',
+  'origin.change': 'Change the geographic origin',
+  'origin.help':
+    'Latitude and longitude are those of the point x = 0, y = 0 in WGS 84; south and west are negative. With the azimuth 0, y points north and x points east.',
+  'origin.latitude_deg': 'Latitude (°, north)',
+  'origin.longitude_deg': 'Longitude (°, east)',
+  'origin.y_azimuth_deg': 'Azimuth of the y axis (°, clockwise from true north)',
+  'origin.height_m': 'Height of z = 0 above mean sea level (m, optional)',
+  'origin.geoid_separation_m': 'Height of the geoid above the ellipsoid (m, optional)',
+  'origin.wrong': '{field}: type a number from {least} to {greatest}.',
 };
 
 export type Key = keyof typeof en;
@@ -306,6 +324,8 @@ const es: Record<Key, string> = {
   'history.start': 'Elija un intervalo y pulse «Cargar».',
   'history.chart': 'Gráfica de una etiqueta',
   'history.chart.help': 'x, y y σ en metros',
+  'history.gpx': 'Recorrido para mapas (GPX)',
+  'history.gpx.help': 'De la etiqueta de la gráfica, como mucho las últimas {rows} posiciones del intervalo.',
   'health.none':
     'Aún no hay anclas ni balizas. Aparecen con el fichero del sitio, o cuando una etiqueta mide distancias a ellas.',
   'health.node': 'Ancla',
@@ -388,6 +408,22 @@ const es: Record<Key, string> = {
   'plan.walls.break': 'Otra pared',
   'plan.walls.undo': 'Quitar la última',
   'plan.walls.save': 'Guardar las paredes',
+  origin: 'Origen geográfico',
+  'origin.none': 'Aún no hay origen geográfico. GPX y NMEA lo necesitan para las latitudes y longitudes.',
+  'origin.at': 'x = 0, y = 0 está en la latitud {latitude}°, longitud {longitude}°',
+  'origin.azimuth': 'acimut del eje y {azimuth}°',
+  'origin.height': 'z = 0 está a {height} m sobre el nivel medio del mar',
+  'origin.separation': 'el geoide está a {separation} m sobre el elipsoide',
+  'origin.set': 'Fijar el origen geográfico',
+  'origin.change': 'Cambiar el origen geográfico',
+  'origin.help':
+    'La latitud y la longitud son las del punto x = 0, y = 0 en WGS 84; el sur y el oeste son negativos. Con el acimut 0, y apunta al norte y x al este.',
+  'origin.latitude_deg': 'Latitud (°, norte)',
+  'origin.longitude_deg': 'Longitud (°, este)',
+  'origin.y_azimuth_deg': 'Acimut del eje y (°, horario desde el norte verdadero)',
+  'origin.height_m': 'Altura de z = 0 sobre el nivel medio del mar (m, opcional)',
+  'origin.geoid_separation_m': 'Altura del geoide sobre el elipsoide (m, opcional)',
+  'origin.wrong': '{field}: escriba un número de {least} a {greatest}.',
 };
 
 export type Language = 'en' | 'es';

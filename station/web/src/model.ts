@@ -98,10 +98,20 @@ export interface Plan extends PlanScale {
 
 export type Wall = [[number, number], [number, number]];
 
+/// Where the point x = 0, y = 0 is on the earth, and how the axes are turned. What is unknown is missing.
+export interface GeographicOrigin {
+  latitude_deg: number;
+  longitude_deg: number;
+  y_azimuth_deg: number;
+  height_m?: number;
+  geoid_separation_m?: number;
+}
+
 export interface Site {
   name: string;
   walls_m: Wall[];
   plan: Plan | null;
+  geographic_origin: GeographicOrigin | null;
 }
 
 export interface CampaignPoint {

@@ -61,7 +61,7 @@ export class Store {
     return this.me.role === 'operate' || this.me.role === 'administer';
   }
 
-  /// Plans and walls.
+  /// Plans, walls and geographic origins.
   get mayAdminister(): boolean {
     return this.me.role === 'administer';
   }

@@ -106,9 +106,45 @@ describe('in a browser', { skip: chromium === null }, () => {
     }
   });
 
+  test('a wrong geographic origin is told at its field, and the station’s own words where it refuses', async (t) => {
+    const { page, mock } = await open(t, { tags: 1 });
+    await live(page);
+    await page.click('#tab-plan');
+    await page.getByRole('button', { name: 'Set the geographic origin' }).click();
+    const latitude = page.getByLabel('Latitude (°, north)');
+    await latitude.fill('91');
+    await page.getByLabel('Longitude (°, east)').fill('-3.766');
+    await page.getByLabel(/^Azimuth/).fill('12.5');
+    await page.keyboard.press('Enter');
+    const problem = page.getByRole('alert').filter({ hasText: 'Latitude (°, north): type a number from -90 to 90.' });
+    await problem.waitFor();
+    assert.equal(await latitude.getAttribute('aria-invalid'), 'true');
+    assert.equal(await latitude.getAttribute('aria-describedby'), await problem.getAttribute('id'));
+    assert.ok(await latitude.evaluate((input) => input === document.activeElement));
+    assert.ok(!mock.requests.some((request) => request.startsWith('PUT')));
+    await latitude.fill('40.332');
+    mock.down = true;
+    await page.getByRole('button', { name: 'Save', exact: true }).click();
+    await page.getByText('That failed: the station is down').waitFor();
+    assert.ok(await latitude.isVisible());
+    mock.down = false;
+    await page.getByRole('button', { name: 'Save', exact: true }).click();
+    await page.getByText('Saved: Geographic origin').waitFor();
+    const origin = { latitude_deg: 40.332, longitude_deg: -3.766, y_azimuth_deg: 12.5 };
+    assert.deepEqual(mock.site.geographic_origin, origin);
+    assert.ok(await latitude.isHidden());
+    await page.selectOption('#language', 'es');
+    const text = 'x = 0, y = 0 está en la latitud 40,3320000°, longitud -3,7660000° · acimut del eje y 12,50°';
+    await page.getByText(text, { exact: true }).waitFor();
+    await page.getByRole('button', { name: 'Cambiar el origen geográfico' }).waitFor();
+  });
+
   for (const colorScheme of ['light', 'dark'] as const) {
     test(`axe finds nothing serious (${colorScheme})`, async (t) => {
-      const { page, mock } = await open(t, { context: { colorScheme } }, (m) => (m.zones = rooms()));
+      const { page, mock } = await open(t, { context: { colorScheme } }, (m) => {
+        m.zones = rooms();
+        m.site.geographic_origin = { latitude_deg: 40.332, longitude_deg: -3.766, y_azimuth_deg: 12.5 };
+      });
       await live(page);
       mock.happen('moved', '0x0103', null, true);
       await page.evaluate(axe);
@@ -118,6 +154,13 @@ describe('in a browser', { skip: chromium === null }, () => {
         if (tab === 'history') {
           await page.getByRole('button', { name: 'Last 10 minutes' }).click();
           await page.locator('.chart .uplot').waitFor();
+          await page.getByRole('link', { name: 'Track for maps (GPX)' }).waitFor();
+        }
+        if (tab === 'plan') {
+          await page.getByRole('button', { name: 'Change the geographic origin' }).click();
+          await page.getByLabel('Latitude (°, north)').fill('north');
+          await page.keyboard.press('Enter');
+          await page.getByText('type a number from -90 to 90').waitFor();
         }
         const found = await page.evaluate(async () => {
           const { run } = (window as unknown as { axe: typeof import('axe-core') }).axe;

@@ -188,7 +188,7 @@ test('nothing is opened after the end', () => {
 
 function storeOfOffice(): Store {
   const store = new Store();
-  store.setSites([{ name: 'office', walls_m: [], plan: null }], null);
+  store.setSites([{ name: 'office', walls_m: [], plan: null, geographic_origin: null }], null);
   return store;
 }
 

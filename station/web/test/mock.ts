@@ -8,6 +8,7 @@ import type {
   Access,
   Campaign,
   EventKind,
+  GeographicOrigin,
   Node,
   PlanScale,
   Site,
@@ -43,7 +44,7 @@ export interface Options {
 }
 
 export class Mock {
-  readonly site: Site = { name: 'office', walls_m: walls(), plan: null };
+  readonly site: Site = { name: 'office', walls_m: walls(), plan: null, geographic_origin: null };
   zones: Zone[] = [];
   nodes: Node[] = anchors();
   events: StationEvent[] = [];
@@ -229,7 +230,9 @@ export class Mock {
 
   private putSite(what: string, query: URLSearchParams, content: Buffer, response: ServerResponse): void {
     if (what === 'walls') this.site.walls_m = JSON.parse(String(content)) as Wall[];
-    else if (what === 'plan/scale') {
+    else if (what === 'geographic-origin') {
+      this.site.geographic_origin = JSON.parse(String(content)) as GeographicOrigin;
+    } else if (what === 'plan/scale') {
       if (this.site.plan === null) return problem(response, 404, 'there is no plan');
       Object.assign(this.site.plan, JSON.parse(String(content)) as PlanScale);
     } else if (what === 'plan') {

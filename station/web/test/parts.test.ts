@@ -7,6 +7,7 @@ import { lastBefore, Replay } from '../src/map/replay.js';
 import { stateOf } from '../src/map/draw.js';
 import { isLater, type Node, type TagPosition } from '../src/model.js';
 import { localInput, stepFor } from '../src/panels/history.js';
+import { parseOrigin } from '../src/panels/origin.js';
 import { gridPoints } from '../src/panels/survey.js';
 import { parseCorners } from '../src/panels/zones.js';
 
@@ -95,6 +96,22 @@ test('typed corners may have decimal commas, and are refused where they are no n
   assert.deepEqual(parseCorners('0 0\n 4,5 0\n\n4.5;3'), [[0, 0], [4.5, 0], [4.5, 3]]);
   assert.equal(parseCorners('0 0\nfour 0'), null);
   assert.equal(parseCorners('0 0 0'), null);
+});
+
+test('a typed geographic origin has what is known, and the first wrong value is named', () => {
+  const typed = {
+    latitude_deg: ' 40,332', longitude_deg: '-3.766', y_azimuth_deg: '0', height_m: '', geoid_separation_m: ' ',
+  };
+  const origin = { latitude_deg: 40.332, longitude_deg: -3.766, y_azimuth_deg: 0 };
+  assert.deepEqual(parseOrigin(typed), origin);
+  const full = { ...typed, height_m: '650', geoid_separation_m: '50.1' };
+  assert.deepEqual(parseOrigin(full), { ...origin, height_m: 650, geoid_separation_m: 50.1 });
+  assert.equal(parseOrigin({ ...typed, latitude_deg: '' }), 'latitude_deg');
+  assert.equal(parseOrigin({ ...typed, latitude_deg: '40.332, -3.766' }), 'latitude_deg');
+  assert.equal(parseOrigin({ ...typed, longitude_deg: '180.1', height_m: 'high' }), 'longitude_deg');
+  assert.equal(parseOrigin({ ...typed, y_azimuth_deg: 'north' }), 'y_azimuth_deg');
+  assert.equal(parseOrigin({ ...typed, height_m: '-5001' }), 'height_m');
+  assert.equal(parseOrigin({ ...typed, geoid_separation_m: '650' }), 'geoid_separation_m');
 });
 
 test('the grid of a campaign goes there and back, and stays in the rooms', () => {

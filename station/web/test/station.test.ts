@@ -1,6 +1,7 @@
 // The page in Chromium against a real station: `baliza serve --simulate`, the program that BALIZA names.
 
 import assert from 'node:assert/strict';
+import { readFileSync } from 'node:fs';
 import { after, before, describe, test, type TestContext } from 'node:test';
 import type { Browser, BrowserContextOptions, Page } from 'playwright-core';
 import type { Marks } from '../src/map/motion.js';
@@ -212,6 +213,65 @@ describe('with a station', { skip: !isPossible }, () => {
     }
   });
 
+  test('a geographic origin is set with the keyboard, changed, and deleted; with it, a tag has a track', async (t) => {
+    const page = await open(t);
+    await live(page);
+    const stored = async () => (await siteOf(page, url)).geographic_origin;
+    const saved = page.getByText('Saved: Geographic origin');
+    await page.click('#tab-plan');
+    await page.getByText('No geographic origin yet').waitFor();
+    await page.getByRole('button', { name: 'Set the geographic origin' }).focus();
+    await page.keyboard.press('Enter');
+    for (const value of ['40.332', '-3.766', '12,5', '650']) {
+      await page.keyboard.type(value);
+      await page.keyboard.press('Tab');
+    }
+    await page.keyboard.press('Enter');
+    await saved.waitFor();
+    const origin = { latitude_deg: 40.332, longitude_deg: -3.766, y_azimuth_deg: 12.5 };
+    assert.deepEqual(await stored(), { ...origin, height_m: 650 });
+    const text =
+      'x = 0, y = 0 is at latitude 40.3320000°, longitude -3.7660000° · azimuth of the y axis 12.50° · ' +
+      'z = 0 is 650.00 m above mean sea level';
+    assert.equal(await page.locator('#origin-about').textContent(), text);
+    const change = page.getByRole('button', { name: 'Change the geographic origin' });
+    assert.ok(await change.evaluate((button) => button === document.activeElement));
+    await page.locator('.toast', { has: saved }).getByRole('button').click();
+    await change.click();
+    const height = page.getByLabel(/^Height of z = 0/);
+    assert.equal(await height.inputValue(), '650');
+    await height.fill('');
+    await page.getByRole('button', { name: 'Save', exact: true }).click();
+    await saved.waitFor();
+    assert.deepEqual(await stored(), origin);
+
+    await page.click('#tab-history');
+    await page.getByRole('button', { name: 'Last 10 minutes' }).click();
+    const link = page.getByRole('link', { name: 'Track for maps (GPX)' });
+    const [download] = await Promise.all([page.waitForEvent('download'), link.click()]);
+    const name = await page.locator('#chart-of option:checked').textContent();
+    assert.equal(download.suggestedFilename(), `${name}.gpx`);
+    const gpx = readFileSync(await download.path(), 'utf8');
+    const points = [...gpx.matchAll(/<trkpt lat="([^"]*)" lon="([^"]*)"/g)].map(([, lat, lon]) => [+lat, +lon]);
+    assert.ok(points.length > 0, gpx);
+    // The tags walk within 15 m of x = 0, y = 0: a degree of latitude is 111 km there, one of longitude 85 km.
+    for (const [latitude, longitude] of points) {
+      assert.ok(Math.abs(latitude - 40.332) < 2e-4 && Math.abs(longitude + 3.766) < 2e-4, `${latitude}, ${longitude}`);
+    }
+
+    await page.click('#tab-plan');
+    await change.click();
+    await page.keyboard.press('Escape');
+    assert.ok(await height.isHidden());
+    await change.click();
+    await page.getByRole('button', { name: 'Delete' }).click();
+    await page.getByRole('button', { name: 'Really delete?' }).click();
+    await page.getByText('No geographic origin yet').waitFor();
+    assert.equal(await stored(), null);
+    await page.click('#tab-history');
+    assert.ok(await link.isHidden());
+  });
+
   test('the slider puts the tags where they were, and the history is played and charted', async (t) => {
     const page = await open(t);
     await live(page);
@@ -354,6 +414,7 @@ describe('with a station', { skip: !isPossible }, () => {
     };
     const draw = page.getByRole('button', { name: 'Draw', exact: true });
     const file = page.locator('#plan-file');
+    const origin = page.getByRole('button', { name: 'Set the geographic origin' });
     await enter('guess');
     await page.getByText('does not know this token').waitFor();
     for (const [role, mayDraw, mayPlan] of [
@@ -367,6 +428,7 @@ describe('with a station', { skip: !isPossible }, () => {
       assert.equal(await draw.isEnabled(), mayDraw, role);
       await page.click('#tab-plan');
       assert.equal(await file.isEnabled(), mayPlan, role);
+      assert.equal(await origin.isVisible(), mayPlan, role);
       // The station says the same to those who do not ask the page.
       const status = (method: string, path: string, body: string) =>
         page.evaluate(

@@ -1,4 +1,5 @@
-// The past: a span of time on the map with a slider, a heat map of the time spent, and a chart of one tag.
+// The past: a span of time on the map with a slider, a heat map of the time spent, a chart of one tag, and its track as
+// GPX.
 
 import { attempt, type App, type Panel } from '../app.js';
 import { allPositions, api } from '../api.js';
@@ -58,6 +59,9 @@ export function historyPanel(app: App): Panel {
   const heatHelp = h('p', { class: 'help' });
   const chartOf = h('select', { attributes: { id: 'chart-of' }, on: { change: () => void showChart() } });
   const chart = new Chart();
+  const gpx = h('a', { t: 'history.gpx', attributes: { id: 'gpx' } });
+  const gpxHelp = h('p', { class: 'help' });
+  const track = h('div', {}, gpx, gpxHelp);
   const controls = h(
     'div',
     { attributes: { hidden: true } },
@@ -70,6 +74,7 @@ export function historyPanel(app: App): Panel {
     field('history.chart', chartOf),
     h('p', { t: 'history.chart.help', class: 'help' }),
     chart.element,
+    track,
   );
   const preset = (key: 'history.last10' | 'history.lasthour' | 'history.today', start: () => number) =>
     button(key, () => {
@@ -204,7 +209,19 @@ export function historyPanel(app: App): Panel {
       made === null ? '' : t('history.heat.max', { seconds: number(made.max, 0), cell: number(made.cell, 1) });
   }
 
+  /// The link to the track of the tag whose chart is shown, where the site has a geographic origin.
+  function linkTrack(): void {
+    const { site } = store;
+    const tag = chartOf.value;
+    track.hidden = replay === null || tag === '' || site === null || site.geographic_origin === null;
+    if (replay === null || site === null || track.hidden) return;
+    gpx.href = api.trackUrl(site.name, tag, iso(replay.from), iso(replay.to), CHART_ROWS);
+    gpx.download = `${store.nameOf(tag)}.gpx`;
+    setText(gpxHelp, t('history.gpx.help', { rows: number(CHART_ROWS, 0) }));
+  }
+
   async function showChart(): Promise<void> {
+    linkTrack();
     const tag = chartOf.value;
     if (replay === null || store.site === null || tag === '') return;
     const { from: start, to: end } = replay;
@@ -252,6 +269,7 @@ export function historyPanel(app: App): Panel {
   store.on('site', () => {
     if (site !== store.site?.name && replay !== null) leave();
     site = store.site?.name;
+    linkTrack();
   });
   return { key: 'tab.history', element };
 }

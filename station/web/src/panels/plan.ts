@@ -1,4 +1,5 @@
-// The plan: a picture of the floor, its scale from two clicks and their distance, its place from a known point; walls.
+// The plan: a picture of the floor, its scale from two clicks and their distance, its place from a known point; walls;
+// the geographic origin.
 
 import { attempt, type App, type Panel } from '../app.js';
 import { api } from '../api.js';
@@ -8,6 +9,7 @@ import { toScreen, metresToPlan, originFor, planToMetres, scaleFromTwoPoints, ty
 import { drawWalls } from '../map/draw.js';
 import type { Tool } from '../map/map.js';
 import type { Plan, Wall } from '../model.js';
+import { originEditor } from './origin.js';
 
 /// How wide a picture is before anybody has said it, metres.
 const FIRST_WIDTH_M = 20;
@@ -88,6 +90,7 @@ export function planPanel(app: App): Panel {
       button('cancel', () => stopWalls()),
     ),
   );
+  const origin = originEditor(app);
   const element = h(
     'div',
     {},
@@ -99,6 +102,7 @@ export function planPanel(app: App): Panel {
     wallCount,
     h('div', { class: 'buttons' }, wallDraw),
     wallEdit,
+    origin.element,
   );
 
   const pickTool: Tool = {
@@ -340,6 +344,7 @@ export function planPanel(app: App): Panel {
       if (is) return update();
       revert();
       if (!wallEdit.hidden) stopWalls();
+      origin.close();
     },
   };
 }
