@@ -47,7 +47,8 @@ export class Live {
   private wait = FIRST_WAIT_MS;
   private since: string | null = null;
   private lastMessage = 0;
-  private filling = false;
+  /// The connection whose gap is being filled. An answer may never come when that connection is lost.
+  private filling: Source | null = null;
   private fillAgain = false;
   private stopped = false;
 
@@ -99,7 +100,7 @@ export class Live {
     };
     on<TagPosition>('position', (position) => {
       // While a gap is filled, `since` stays: if the filling fails, it begins there again.
-      if (!this.filling && (this.since === null || isLater(position.t, this.since))) this.since = position.t;
+      if (this.filling === null && (this.since === null || isLater(position.t, this.since))) this.since = position.t;
       this.listener.position(position);
     });
     on<StationEvent>('event', (event) => this.listener.event(event));
@@ -121,23 +122,26 @@ export class Live {
   }
 
   private async fill(): Promise<void> {
-    if (this.filling) {
+    const source = this.source;
+    if (this.filling === source) {
       this.fillAgain = true;
       return;
     }
-    this.filling = true;
+    this.filling = source;
+    let isFilled = true;
     try {
       do {
         this.fillAgain = false;
         await this.listener.fill(this.since);
-      } while (this.fillAgain);
+      } while (this.fillAgain && this.filling === source);
     } catch {
-      // The history cannot be read now: the gap stays open, and the next connection begins at the same time again.
-      this.filling = false;
-      if (this.source !== null) this.lost(this.wait);
-      return;
+      isFilled = false;
     }
-    this.filling = false;
+    // A later connection fills the gap.
+    if (this.filling !== source) return;
+    this.filling = null;
+    // The history cannot be read: the gap stays open, and the next connection begins at the same time again.
+    if (!isFilled && this.source === source) this.lost(this.wait);
   }
 }
 

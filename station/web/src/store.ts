@@ -15,7 +15,8 @@ export interface Step {
 
 /// How long trails are, ms.
 export const TRAIL_MS = 20_000;
-const MOST_STEPS = 600;
+/// The most positions of a trail: it is shorter where a tag has more than 60 positions a second.
+const MOST_STEPS = 1200;
 /// New tags that come together are told together.
 const SOON_MS = 50;
 const MOST_EVENTS = 500;

@@ -138,6 +138,26 @@ test('a gap that could not be filled is filled at the next connection', async ()
   assert.deepEqual(fills, [null, '2026-01-01T00:00:01.000Z', '2026-01-01T00:00:01.000Z']);
 });
 
+test('a gap whose filling never ends is filled at the next connection', async () => {
+  let answers = false;
+  const { sources, timers, fills, states } = setUp(() => (answers ? Promise.resolve() : new Promise(() => {})));
+  sources[0].opens();
+  await settled();
+  sources[0].send('position', position('a', '2026-01-01T00:00:01Z'));
+  sources[0].breaks();
+  answers = true;
+  timers.pass();
+  sources[1].opens();
+  await settled();
+  sources[1].send('position', position('a', '2026-01-01T00:00:02Z'));
+  sources[1].breaks();
+  timers.pass();
+  sources[2].opens();
+  // The first connection filled nothing: the second one begins where it did, the third one after what it received.
+  assert.deepEqual(fills, [null, null, '2026-01-01T00:00:02Z']);
+  assert.deepEqual(states, ['connecting', 'live', 'reconnecting', 'live', 'reconnecting', 'live']);
+});
+
 test('what the station says it left out is read from the history', async () => {
   const { sources, fills } = setUp();
   sources[0].opens();

@@ -86,6 +86,19 @@ export async function drawZone(
   await page.getByRole('button', { name: 'Save' }).click();
 }
 
+/// Clicks on a point of the plan's picture, where the map shows it.
+export async function clickPixel(page: Page, u: number, v: number): Promise<void> {
+  const [x, y] = await page.evaluate(
+    ([pu, pv]) => {
+      const { plan } = (window as unknown as Inside).baliza.map;
+      if (plan === null) return [NaN, NaN];
+      return [plan.origin_m[0] + plan.metres_per_pixel * pu, plan.origin_m[1] - plan.metres_per_pixel * pv];
+    },
+    [u, v],
+  );
+  await clickAt(page, x, y);
+}
+
 /// An object of the API.
 export async function get<T>(url: string, path: string, token?: string): Promise<T> {
   const headers: Record<string, string> = token === undefined ? {} : { Authorization: `Bearer ${token}` };

@@ -8,7 +8,7 @@ import type { Marks } from '../src/map/motion.js';
 import type { Replay } from '../src/map/replay.js';
 import type { Node, Site, StationEvent, TagPosition, Zone } from '../src/model.js';
 import { chromiumPath, launch } from './chromium.js';
-import { clickAt, drawZone, get, live, rows, siteOf, until, visit, type Inside } from './page.js';
+import { clickAt, clickPixel, drawZone, get, live, rows, siteOf, until, visit, type Inside } from './page.js';
 import { png } from './picture.js';
 import { program, SECRETS, Station } from './station.js';
 
@@ -141,24 +141,11 @@ describe('with a station', { skip: !isPossible }, () => {
     await page.click('#tab-plan');
     await page.setInputFiles('#plan-file', { name: 'plan.png', mimeType: 'image/png', buffer: png(800, 480) });
     await page.locator('#plan-distance').waitFor();
-    /// Clicks on a point of the picture, where the page shows it.
-    const clickPixel = async (u: number, v: number) => {
-      const [x, y] = await page.evaluate(
-        ([pu, pv]) => {
-          const { map } = (window as unknown as Inside).baliza;
-          const plan = map.plan;
-          if (plan === null) return [NaN, NaN];
-          return [plan.origin_m[0] + plan.metres_per_pixel * pu, plan.origin_m[1] - plan.metres_per_pixel * pv];
-        },
-        [u, v],
-      );
-      await clickAt(page, x, y);
-    };
-    await clickPixel(40, 440);
-    await clickPixel(440, 440);
+    await clickPixel(page, 40, 440);
+    await clickPixel(page, 440, 440);
     await page.fill('#plan-distance', '10');
     await page.getByRole('button', { name: 'Use this scale' }).click();
-    await clickPixel(40, 440);
+    await clickPixel(page, 40, 440);
     await page.fill('#plan-x', '1');
     await page.fill('#plan-y', '1');
     await page.getByRole('button', { name: 'Put it there' }).click();
