@@ -11,17 +11,17 @@ import { Station } from './station.js';
 const docs = fileURLToPath(new URL('../../../../docs', import.meta.url));
 const MOST = 200_000;
 /// Long enough for trails and a chart.
-const HISTORY_MS = 60_000;
+const HISTORY_MS = 45_000;
 
-/// A floor plan of 20 m by 12 m, 40 pixels a metre, as an architect's program would draw it.
-const FLOOR_PLAN = `<svg xmlns="http://www.w3.org/2000/svg" width="880" height="560" viewBox="-1 -1 22 14"
-  fill="none" stroke="#444" stroke-width="0.25" font-family="sans-serif">
-  <rect x="-1" y="-1" width="22" height="14" fill="#fff" stroke="none"/>
-  <path d="M12 12H0V0H20V12H14M0 7.5H5M7 7.5H13V7.5M15 7.5H20M8 0V3M8 5V7.5M14 0V3M14 5V7.5"/>
-  <path stroke-width="0.06" d="M12 12A2 2 0 0 1 14 10V12M5 7.5A2 2 0 0 1 7 5.5V7.5M13 7.5A2 2 0 0 0 15 9.5V7.5"/>
-  <g fill="#777" stroke="none" font-size="0.7" text-anchor="middle">
-    <text x="4" y="4">Office</text><text x="11" y="4">Press</text><text x="17" y="4">Store</text>
-    <text x="7" y="10">Hall</text>
+/// A floor plan of 12 m by 8 m, 60 pixels a metre.
+const FLOOR_PLAN = `<svg xmlns="http://www.w3.org/2000/svg" width="780" height="540" viewBox="-0.5 -0.5 13 9"
+  fill="none" stroke="#444" stroke-width="0.2" font-family="sans-serif">
+  <rect x="-0.5" y="-0.5" width="13" height="9" fill="#fff" stroke="none"/>
+  <path d="M1.6 8H0V0H12V8H3.2M9 0V2.5M9 4V8M0 3H2.5"/>
+  <path stroke-width="0.05" d="M1.6 8A1.6 1.6 0 0 1 3.2 6.4V8M9 2.5A1.5 1.5 0 0 1 7.5 4H9"/>
+  <path stroke-width="0.05" d="M4.5 2H7V5.5H4.5ZM4.5 2L7 5.5M7 2L4.5 5.5M0.4 0.4H2V1.2H0.4Z"/>
+  <g fill="#777" stroke="none" font-size="0.4" text-anchor="middle">
+    <text x="5.75" y="6">Press</text><text x="10.5" y="6">Store</text><text x="1.2" y="2">Office</text>
   </g>
 </svg>`;
 
@@ -41,13 +41,16 @@ const shoot = async (name: string) => {
   console.log(`${name}: ${(size / 1000).toFixed(0)} kB`);
   if (size > MOST) throw new Error(`${name} is greater than ${MOST} bytes`);
 };
+const closeToasts = async () => {
+  for (const close of await page.locator('.toast button').all()) await close.click({ timeout: 1000 }).catch(() => {});
+};
 
 try {
   await page.goto(station.url);
   await live(page);
   const history = () => get<TagPosition[]>(station.url, '/api/v1/positions?site=simulation&step_s=1&limit=10000');
   const span = (rows: TagPosition[]) => Date.parse(rows.at(-1)?.t ?? '') - Date.parse(rows[0]?.t ?? '');
-  await until('a minute of history', history, (rows) => span(rows) > HISTORY_MS);
+  await until('enough history', history, (rows) => span(rows) > HISTORY_MS);
   await page.locator('#tags li').nth(1).click();
   await page.getByRole('button', { name: 'Show all' }).click();
   await shoot('station-map.png');
@@ -56,7 +59,7 @@ try {
   await page.locator('.toast', { hasText: 'entered Press' }).first().waitFor();
   await page.locator('[data-zone="Press"]').waitFor();
   await shoot('station-zone.png');
-  for (const close of await page.locator('.toast button').all()) await close.click().catch(() => {});
+  await closeToasts();
 
   await page.click('#tab-history');
   await page.getByRole('button', { name: 'Last 10 minutes' }).click();
@@ -81,16 +84,23 @@ try {
   await shoot('station-survey.png');
 
   const drawing = await context.newPage();
-  await drawing.setViewportSize({ width: 880, height: 560 });
+  await drawing.setViewportSize({ width: 780, height: 540 });
   await drawing.setContent(`<body style="margin: 0">${FLOOR_PLAN}</body>`);
   const buffer = await drawing.screenshot();
   await drawing.close();
   await page.click('#tab-plan');
   await page.setInputFiles('#plan-file', { name: 'plan.png', mimeType: 'image/png', buffer });
   await page.locator('#plan-distance').waitFor();
-  await clickPixel(page, 40, 520);
-  await clickPixel(page, 840, 520);
-  await page.fill('#plan-distance', '20');
+  await clickPixel(page, 30, 510);
+  await clickPixel(page, 750, 510);
+  await page.fill('#plan-distance', '12');
+  await page.getByRole('button', { name: 'Use this scale' }).click();
+  await clickPixel(page, 30, 510);
+  await page.fill('#plan-x', '0');
+  await page.fill('#plan-y', '0');
+  await page.getByRole('button', { name: 'Put it there' }).click();
+  await page.getByRole('button', { name: 'Show all' }).click();
+  await closeToasts();
   await shoot('station-plan.png');
 
   await closed.start();
