@@ -106,6 +106,9 @@ pub struct Node {
     pub residual_sigma_m: Option<f64>,
     /// Mean of the first path's power minus the received power, dB: 0 to -6 with line of sight.
     pub first_path_minus_received_db: Option<f64>,
+    /// Mean of the rate of its clock relative to the tags' clocks, parts per million. Anchors differ by their crystals:
+    /// IEEE 802.15.4 allows each 20 ppm to both sides.
+    pub clock_offset_ppm: Option<f64>,
     /// The mean residual has been so far from zero, for so long, that the anchor was probably moved.
     pub moved: bool,
     /// The supply voltage of its radio, V.

@@ -64,6 +64,8 @@ pub enum What {
         range_m: f64,
         /// The first path's power minus the received power, dB.
         first_path_minus_received_db: Option<f64>,
+        /// The rate of the anchor's clock relative to the tag's, parts per million.
+        clock_offset_ppm: Option<f64>,
     },
     /// A node's radio has measured its supply voltage.
     Supply {

@@ -95,7 +95,13 @@ fn range_reports(tag: String, range: &Range) -> Vec<What> {
     let diagnostics = &range.diagnostics;
     let powers = diagnostics.first_path_power_dbm().zip(diagnostics.rx_power_dbm());
     let first_path_minus_received_db = powers.map(|(first_path, received)| first_path - received);
-    let range = What::Range { tag, anchor, range_m: range.distance_m(), first_path_minus_received_db };
+    let range = What::Range {
+        tag,
+        anchor,
+        range_m: range.distance_m(),
+        first_path_minus_received_db,
+        clock_offset_ppm: diagnostics.clock_offset_ppm(),
+    };
     known.into_iter().chain([range]).collect()
 }
 

@@ -57,6 +57,8 @@ const LONGEST_M: f64 = 10_000.0;
 pub(crate) const EXPONENTS: std::ops::RangeInclusive<f64> = 0.1..=20.0;
 /// The greatest difference of powers, dB.
 const STRONGEST_DB: f64 = 200.0;
+/// The greatest offset of a clock, ppm: more than telemetry can carry.
+const FASTEST_PPM: f64 = 1000.0;
 /// Supply voltages of radios, V.
 const SUPPLIES_V: std::ops::RangeInclusive<f64> = 0.5..=10.0;
 
@@ -428,15 +430,16 @@ impl Live {
                 self.is_changed |= is_new;
                 Some(())
             }
-            What::Range { tag, anchor, range_m, first_path_minus_received_db } => {
+            What::Range { tag, anchor, range_m, first_path_minus_received_db, clock_offset_ppm } => {
                 let is_power = first_path_minus_received_db.is_none_or(|power_db| power_db.abs() <= STRONGEST_DB);
-                if !((0.0..=LONGEST_M).contains(range_m) && is_power && is_name(anchor)) {
+                let is_offset = clock_offset_ppm.is_none_or(|offset_ppm| offset_ppm.abs() <= FASTEST_PPM);
+                if !((0.0..=LONGEST_M).contains(range_m) && is_power && is_offset && is_name(anchor)) {
                     return None;
                 }
                 self.reporting_tag(t, site, tag, updates)?;
                 let node = self.node(site, anchor, Role::Anchor)?;
                 let site = self.sites.get_mut(site)?;
-                site.nodes.range(node, t, *range_m, *first_path_minus_received_db);
+                site.nodes.range(node, t, *range_m, *first_path_minus_received_db, *clock_offset_ppm);
                 let round = &mut site.tags.get_mut(tag)?.round;
                 // A source that ends no rounds: only the last ranges can be of this one.
                 if round.len() >= ROUND {

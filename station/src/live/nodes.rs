@@ -47,6 +47,7 @@ struct NodeState {
     ranges: Mean,
     residuals: Mean,
     power: Mean,
+    clock_offset: Mean,
     success: Mean,
     off_since: Option<Utc>,
     is_moved: bool,
@@ -93,6 +94,7 @@ impl Nodes {
             ranges: Mean::default(),
             residuals: Mean::default(),
             power: Mean::default(),
+            clock_offset: Mean::default(),
             success: Mean::default(),
             off_since: None,
             is_moved: false,
@@ -170,13 +172,23 @@ impl Nodes {
     }
 
     /// A tag measured a range.
-    pub(super) fn range(&mut self, index: usize, t: Utc, range_m: f64, power_db: Option<f64>) {
+    pub(super) fn range(
+        &mut self,
+        index: usize,
+        t: Utc,
+        range_m: f64,
+        power_db: Option<f64>,
+        clock_offset_ppm: Option<f64>,
+    ) {
         self.sight(index, t);
         let (Some(state), Some(reach)) = (self.states.get_mut(index), self.reaches.get_mut(index)) else { return };
         state.ranges.add(t, range_m);
         reach.mean_m = state.ranges.mean().unwrap_or(0.0);
         if let Some(power_db) = power_db {
             state.power.add(t, power_db);
+        }
+        if let Some(offset_ppm) = clock_offset_ppm {
+            state.clock_offset.add(t, offset_ppm);
         }
     }
 
@@ -234,6 +246,7 @@ impl Nodes {
             residual_mean_m: state.residuals.mean(),
             residual_sigma_m: state.residuals.deviation(),
             first_path_minus_received_db: state.power.mean(),
+            clock_offset_ppm: state.clock_offset.mean(),
             moved: state.is_moved,
             supply_v: state.supply.volts,
         })

@@ -32,6 +32,7 @@ fn range(anchor: &str, range_m: f64) -> What {
         anchor: anchor.to_owned(),
         range_m,
         first_path_minus_received_db: Some(-4.0),
+        clock_offset_ppm: Some(if range_m < 6.0 { 2.0 } else { -3.0 }),
     }
 }
 
@@ -344,6 +345,7 @@ fn residuals_are_ranges_minus_distances_in_space() {
     let residuals: Vec<Option<f64>> = nodes.iter().map(|node| node.residual_mean_m).collect();
     assert_eq!(residuals, [Some(0.25), Some(-0.5), None]);
     assert!(nodes.iter().all(|node| node.first_path_minus_received_db == Some(-4.0)));
+    assert_eq!(nodes.iter().map(|node| node.clock_offset_ppm).collect::<Vec<_>>(), [Some(2.0), Some(-3.0), Some(2.0)]);
     assert_eq!(nodes[0].last_seen, Some(at(0)));
     // A second value of 0.75: the mean is 0.5 and the deviation 0.25. Without z, and without a position, there is none.
     live.apply(&report(at(0), range("0x0101", 5.75)));

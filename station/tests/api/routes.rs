@@ -164,7 +164,15 @@ async fn nodes_are_listed_with_their_health() {
     let nodes = station.until("/api/v1/nodes?site=lab", |nodes| nodes[0].is_object()).await;
     assert_eq!(nodes[0]["node"], "0x0101");
     assert_eq!(nodes[0]["position_m"], json!([1.0, 2.0, 3.0]));
-    for key in ["success_rate", "residual_mean_m", "residual_sigma_m", "first_path_minus_received_db", "moved"] {
+    let health = [
+        "success_rate",
+        "residual_mean_m",
+        "residual_sigma_m",
+        "first_path_minus_received_db",
+        "clock_offset_ppm",
+        "moved",
+    ];
+    for key in health {
         assert!(nodes[0].get(key).is_some(), "{key}");
     }
 }

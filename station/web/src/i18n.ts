@@ -117,6 +117,7 @@ const en = {
   'health.success': 'Success',
   'health.residual': 'Residual',
   'health.firstpath': 'First path − received',
+  'health.clock': 'Clock offset',
   'health.seen': 'Last seen',
   'health.supply': 'Supply',
   'health.good': 'good',
@@ -125,7 +126,7 @@ const en = {
   'health.weak': 'few answers',
   'health.nlos': 'obstructed',
   'health.help':
-    'Residual: measured minus expected range, mean ± σ. First path minus received power: 0 to −6 dB with line of sight. An anchor whose residual stays far from zero was probably moved: measure its place again.',
+    'Residual: measured minus expected range, mean ± σ. First path minus received power: 0 to −6 dB with line of sight. Clock offset: against the clocks of the tags; one that differs from all others by more than 20 ppm has a bad crystal. An anchor whose residual stays far from zero was probably moved: measure its place again.',
   'events.none': 'No event yet. Draw a room or a zone: entering and leaving it is told here.',
   'events.kind': 'Kind',
   'events.all': 'all',
@@ -333,6 +334,7 @@ const es: Record<Key, string> = {
   'health.success': 'Éxito',
   'health.residual': 'Residuo',
   'health.firstpath': 'Primer camino − recibida',
+  'health.clock': 'Desvío del reloj',
   'health.seen': 'Vista',
   'health.supply': 'Alimentación',
   'health.good': 'bien',
@@ -341,7 +343,7 @@ const es: Record<Key, string> = {
   'health.weak': 'pocas respuestas',
   'health.nlos': 'obstruida',
   'health.help':
-    'Residuo: distancia medida menos esperada, media ± σ. Primer camino menos potencia recibida: de 0 a −6 dB con visión directa. Un ancla cuyo residuo sigue lejos de cero probablemente se ha movido: mida otra vez su lugar.',
+    'Residuo: distancia medida menos esperada, media ± σ. Primer camino menos potencia recibida: de 0 a −6 dB con visión directa. Desvío del reloj: frente a los relojes de las etiquetas; el que difiere de todos los demás en más de 20 ppm tiene un mal cristal. Un ancla cuyo residuo sigue lejos de cero probablemente se ha movido: mida otra vez su lugar.',
   'events.none': 'Aún no hay eventos. Dibuje una sala o una zona: aquí se dice quién entra y quién sale.',
   'events.kind': 'Tipo',
   'events.all': 'todos',

@@ -47,6 +47,7 @@ export interface Node {
   residual_mean_m: number | null;
   residual_sigma_m: number | null;
   first_path_minus_received_db: number | null;
+  clock_offset_ppm: number | null;
   moved: boolean;
   supply_v: number | null;
 }

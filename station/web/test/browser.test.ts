@@ -59,7 +59,7 @@ describe('in a browser', { skip: chromium === null }, () => {
     const first = page.locator('#health tbody tr').first();
     await first.waitFor();
     const cells = await first.locator('th, td').allTextContents();
-    assert.deepEqual(cells.slice(0, 5), ['0x0103', 'was it moved?', '95 %', '+0.83 ± 0.08 m', '-2.6 dB']);
+    assert.deepEqual(cells.slice(0, 6), ['0x0103', 'was it moved?', '95 %', '+0.83 ± 0.08 m', '-2.6 dB', '-0.2 ppm']);
     assert.equal(await page.locator('#health tbody tr').count(), 6);
   });
 

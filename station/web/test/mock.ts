@@ -432,6 +432,7 @@ function anchors(): Node[] {
     residual_mean_m: i === 2 ? 0.83 : 0.01 * (i - 2),
     residual_sigma_m: 0.06 + 0.01 * i,
     first_path_minus_received_db: i === 3 ? -13.4 : -1.8 - 0.4 * i,
+    clock_offset_ppm: 1.6 - 0.9 * i,
     moved: i === 2,
     supply_v: 3.29 - 0.01 * i,
   }));

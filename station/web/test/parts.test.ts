@@ -127,7 +127,7 @@ test('an anchor that was moved is told before anything else', () => {
   const node: Node = {
     node: '0x0101', site: 's', name: null, role: 'anchor', position_m: [0, 0, 2], last_seen: '2026-01-01T00:00:00Z',
     rate_hz: 10, success_rate: 0.98, residual_mean_m: 0, residual_sigma_m: 0.1, first_path_minus_received_db: -3,
-    moved: false, supply_v: null,
+    clock_offset_ppm: null, moved: false, supply_v: null,
   };
   assert.equal(stateOf(node), 'good');
   assert.equal(stateOf({ ...node, moved: true, success_rate: 0.1 }), 'moved');

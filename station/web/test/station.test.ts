@@ -355,6 +355,10 @@ describe('with a station', { skip: !isPossible }, () => {
       // Means over minutes: between the two looks they change by less than this.
       const shown = Number.parseFloat(cells[2]);
       assert.ok(Math.abs(shown - (anchor.residual_mean_m ?? NaN)) < 0.2, `${anchor.node}: ${cells.join(', ')}`);
+      // Clocks keep their rate.
+      assert.match(cells[4], / ppm$/);
+      const offset = Number.parseFloat(cells[4]);
+      assert.ok(Math.abs(offset - (anchor.clock_offset_ppm ?? NaN)) < 1, `${anchor.node}: ${cells.join(', ')}`);
     }
   });
 

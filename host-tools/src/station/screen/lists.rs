@@ -61,7 +61,7 @@ const OF_TAGS: [Column<Tag>; 9] = [
 ];
 
 /// The columns of anchors.
-const OF_NODES: [Column<Node>; 8] = [
+const OF_NODES: [Column<Node>; 9] = [
     Column { title: "anchor", width: 10, order: 0, value: |node, _| label_of_node(node).to_owned() },
     Column {
         title: "  ok",
@@ -72,6 +72,7 @@ const OF_NODES: [Column<Node>; 8] = [
     Column { title: "error m", width: 7, order: 2, value: |node, _| number(node.residual_mean_m, 7, 2) },
     Column { title: "  ± m", width: 5, order: 4, value: |node, _| number(node.residual_sigma_m, 5, 2) },
     Column { title: "FP-RX dB", width: 8, order: 5, value: |node, _| number(node.first_path_minus_received_db, 8, 1) },
+    Column { title: "  ppm", width: 5, order: 8, value: |node, _| number(node.clock_offset_ppm, 5, 1) },
     Column { title: "   Hz", width: 5, order: 6, value: |node, _| number(Some(node.rate_hz), 5, 1) },
     Column { title: "   V", width: 4, order: 7, value: |node, _| number(node.supply_v, 4, 2) },
     Column { title: "state", width: 12, order: 3, value: state_of_node },

@@ -56,6 +56,7 @@ fn anchor(address: &str, at_m: [f64; 2]) -> Node {
         residual_mean_m: Some(0.61),
         residual_sigma_m: Some(0.08),
         first_path_minus_received_db: Some(-3.2),
+        clock_offset_ppm: Some(-2.4),
         moved: true,
         supply_v: Some(2.87),
     }

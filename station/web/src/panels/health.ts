@@ -23,7 +23,7 @@ export function healthPanel(app: App): Panel {
   const none = empty('health.none');
   const body = h('tbody');
   const head = h('tr');
-  for (const key of ['node', 'state', 'success', 'residual', 'firstpath', 'supply', 'seen'] as const) {
+  for (const key of ['node', 'state', 'success', 'residual', 'firstpath', 'clock', 'supply', 'seen'] as const) {
     head.append(h('th', { t: `health.${key}`, attributes: { scope: 'col' } }));
   }
   const table = h(
@@ -68,6 +68,7 @@ export function healthPanel(app: App): Panel {
             {},
             node.first_path_minus_received_db === null ? '–' : `${signed(node.first_path_minus_received_db, 1)} dB`,
           ),
+          h('td', {}, node.clock_offset_ppm === null ? '–' : `${signed(node.clock_offset_ppm, 1)} ppm`),
           h('td', {}, supply(node.supply_v)),
           h('td', {}, node.last_seen === null ? '–' : time(node.last_seen)),
         );
