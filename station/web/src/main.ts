@@ -33,6 +33,8 @@ const ASLEEP_MS = 45_000;
 /// A gap that is longer is not filled in full: its end is what trails show.
 const LONGEST_GAP_MS = TRAIL_MS;
 const GAP_ROWS = 60_000;
+/// With at most this number of tags, a gap has no more rows than these, at 100 positions a second each.
+const FEW_TAGS = GAP_ROWS / (100 * (LONGEST_GAP_MS / 1000));
 /// After the first of these times, the history has what was live at the connection; after a later one where the
 /// station's disk or database is slow. It lacked no more than this before.
 const WRITTEN_MS = [1500, 4000, 10_000, 30_000];
@@ -397,8 +399,9 @@ async function fill(site: string, since: string | null): Promise<void> {
   if (positions.length > 0) {
     const end = positions.reduce((last, { t }) => Math.max(last, Date.parse(t)), 0) + 1;
     const begin = Math.max(since === null ? end - TRAIL_MS : Date.parse(since), end - LONGEST_GAP_MS);
-    // With many tags, a step between positions keeps the answer small.
-    const step = since === null ? Math.max(1, store.tags.size / 100) : Math.max(0, store.tags.size / 1000);
+    // With many tags, a step between positions keeps the answer small. A gap of few tags is filled with all of them.
+    const { size } = store.tags;
+    const step = since === null ? Math.max(1, size / 100) : size > FEW_TAGS ? size / 1000 : 0;
     await fillTrails(site, begin, end, step);
     // The station writes its rows in batches: the last ones before the connection come into the history later.
     const unwritten = Math.max(begin, end - UNWRITTEN_MS);
