@@ -77,10 +77,10 @@ fn where_the_api_has_placed_a_receiver_counts_more_than_the_sites_file() {
     wait_for(&station, "north-east", elsewhere);
     station.stop();
     let station = start();
-    let told = "site: north-east stays where the API has placed it, which is not its place in --site; \
+    let expected = "site: north-east stays where the API has placed it, which is not its place in --site; \
                 DELETE /api/v1/nodes/site/north-east and a restart take that of the file\n";
     assert_eq!(station.said().matches("stays where").count(), 1, "{}", station.said());
-    assert!(station.said().contains(told), "{}", station.said());
+    assert!(station.said().contains(expected), "{}", station.said());
     wait_for(&station, "north-east", elsewhere);
     station.send("DELETE", path, "");
     station.stop();

@@ -251,7 +251,8 @@ async fn metadata(State(provider): State<Provider>) -> Json<Value> {
     Json(json!({
         "issuer": issuer, "authorization_endpoint": format!("{base}/authorize"),
         "token_endpoint": format!("{base}/token"), "userinfo_endpoint": format!("{base}/me"),
-        "jwks_uri": format!("{base}/keys"), "end_session_endpoint": format!("{base}/end"), "response_types_supported": ["code"],
+        "jwks_uri": format!("{base}/keys"), "end_session_endpoint": format!("{base}/end"),
+        "response_types_supported": ["code"],
         // It says that it signs in any way: the station must not take all of them.
         "subject_types_supported": ["public"],
         "id_token_signing_alg_values_supported": ["ES256", "RS256", "HS256", "none"],

@@ -83,6 +83,38 @@ export function carefulButton(key: Key, press: () => void): HTMLButtonElement {
   return element;
 }
 
+/// A form that is hidden at first. Enter saves, Escape and a button close it, and `remove` stands beside them.
+export function editForm(
+  form: { id: string; label?: Key; save: () => void; close: () => void; remove: HTMLElement },
+  ...children: Child[]
+): HTMLFormElement {
+  return h(
+    'form',
+    {
+      class: 'form',
+      label: form.label,
+      attributes: { hidden: true, id: form.id },
+      on: {
+        submit: (event) => {
+          event.preventDefault();
+          form.save();
+        },
+        keydown: (event) => {
+          if (event.key === 'Escape') form.close();
+        },
+      },
+    },
+    ...children,
+    h(
+      'div',
+      { class: 'buttons' },
+      h('button', { t: 'save', class: 'primary', attributes: { type: 'submit' } }),
+      button('cancel', form.close),
+      form.remove,
+    ),
+  );
+}
+
 export function empty(key: Key, command?: string): HTMLElement {
   return h('div', { class: 'empty' }, h('p', { t: key }), command === undefined ? null : h('code', {}, command));
 }

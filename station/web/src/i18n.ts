@@ -469,6 +469,13 @@ export function supply(volts: number | null): string {
   return volts === null ? '–' : `${number(volts, 2)} V`;
 }
 
+/// The number that a person has typed; NaN where it is none. A comma is a decimal point in Spanish, as in the page's own
+/// numbers.
+export function parseNumber(text: string): number {
+  const trimmed = text.trim();
+  return trimmed === '' ? NaN : Number(trimmed.replace(',', '.'));
+}
+
 export function number(value: number, digits: number): string {
   let format = numbers.get(digits);
   if (format === undefined) {

@@ -87,7 +87,7 @@ export async function drawZone(
 }
 
 /// Clicks on a point of the plan's picture, where the map shows it.
-export async function clickPixel(page: Page, u: number, v: number): Promise<void> {
+async function clickPixel(page: Page, u: number, v: number): Promise<void> {
   const [x, y] = await page.evaluate(
     ([pu, pv]) => {
       const { plan } = (window as unknown as Inside).baliza.map;
@@ -97,6 +97,27 @@ export async function clickPixel(page: Page, u: number, v: number): Promise<void
     [u, v],
   );
   await clickAt(page, x, y);
+}
+
+/// Uploads a plan, scales it by two points of the picture (pixels) and their distance, and puts the first one to a place.
+export async function placePlan(
+  page: Page,
+  buffer: Buffer,
+  [first, second]: readonly [number, number][],
+  distance: string,
+  [x, y]: readonly string[],
+): Promise<void> {
+  await page.setInputFiles('#plan-file', { name: 'plan.png', mimeType: 'image/png', buffer });
+  await page.locator('#plan-distance').waitFor();
+  await page.getByRole('button', { name: 'Show all' }).click();
+  await clickPixel(page, ...first);
+  await clickPixel(page, ...second);
+  await page.fill('#plan-distance', distance);
+  await page.getByRole('button', { name: 'Use this scale' }).click();
+  await clickPixel(page, ...first);
+  await page.fill('#plan-x', x);
+  await page.fill('#plan-y', y);
+  await page.getByRole('button', { name: 'Put it there' }).click();
 }
 
 /// An object of the API.

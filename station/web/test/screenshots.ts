@@ -5,7 +5,7 @@ import { mkdir, stat } from 'node:fs/promises';
 import { fileURLToPath } from 'node:url';
 import type { TagPosition } from '../src/model.js';
 import { chromiumPath, launch } from './chromium.js';
-import { clickPixel, drawZone, get, live, until } from './page.js';
+import { drawZone, get, live, placePlan, until } from './page.js';
 import { Station } from './station.js';
 
 const docs = fileURLToPath(new URL('../../../../docs', import.meta.url));
@@ -91,18 +91,8 @@ try {
   const buffer = await drawing.screenshot();
   await drawing.close();
   await page.click('#tab-plan');
-  await page.setInputFiles('#plan-file', { name: 'plan.png', mimeType: 'image/png', buffer });
-  await page.locator('#plan-distance').waitFor();
   await closeToasts();
-  await page.getByRole('button', { name: 'Show all' }).click();
-  await clickPixel(page, 30, 510);
-  await clickPixel(page, 750, 510);
-  await page.fill('#plan-distance', '12');
-  await page.getByRole('button', { name: 'Use this scale' }).click();
-  await clickPixel(page, 30, 510);
-  await page.fill('#plan-x', '0');
-  await page.fill('#plan-y', '0');
-  await page.getByRole('button', { name: 'Put it there' }).click();
+  await placePlan(page, buffer, [[30, 510], [750, 510]], '12', ['0', '0']); // prettier-ignore
   await page.getByRole('button', { name: 'Show all' }).click();
   await closeToasts();
   await shoot('station-plan.png');

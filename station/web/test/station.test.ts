@@ -8,7 +8,7 @@ import type { Marks } from '../src/map/motion.js';
 import type { Replay } from '../src/map/replay.js';
 import type { Node, Site, StationEvent, TagPosition, Zone } from '../src/model.js';
 import { chromiumPath, launch } from './chromium.js';
-import { clickAt, clickPixel, drawZone, get, live, rows, siteOf, until, visit, type Inside } from './page.js';
+import { clickAt, drawZone, get, live, placePlan, rows, siteOf, until, visit, type Inside } from './page.js';
 import { png } from './picture.js';
 import { program, SECRETS, Station } from './station.js';
 
@@ -139,16 +139,7 @@ describe('with a station', { skip: !isPossible }, () => {
     const page = await open(t);
     await live(page);
     await page.click('#tab-plan');
-    await page.setInputFiles('#plan-file', { name: 'plan.png', mimeType: 'image/png', buffer: png(800, 480) });
-    await page.locator('#plan-distance').waitFor();
-    await clickPixel(page, 40, 440);
-    await clickPixel(page, 440, 440);
-    await page.fill('#plan-distance', '10');
-    await page.getByRole('button', { name: 'Use this scale' }).click();
-    await clickPixel(page, 40, 440);
-    await page.fill('#plan-x', '1');
-    await page.fill('#plan-y', '1');
-    await page.getByRole('button', { name: 'Put it there' }).click();
+    await placePlan(page, png(800, 480), [[40, 440], [440, 440]], '10', ['1', '1']); // prettier-ignore
     await page.getByRole('button', { name: 'Save the plan' }).click();
     await page.getByText('Saved: Plan').waitFor();
     const { plan } = await siteOf(page, url);

@@ -2,8 +2,8 @@
 
 import { attempt, type App } from '../app.js';
 import { api } from '../api.js';
-import { button, carefulButton, field, h, setText } from '../dom.js';
-import { number, t, type Key } from '../i18n.js';
+import { button, carefulButton, editForm, field, h, setText } from '../dom.js';
+import { number, parseNumber, t, type Key } from '../i18n.js';
 import type { GeographicOrigin } from '../model.js';
 
 export type OriginKey = keyof GeographicOrigin;
@@ -23,10 +23,8 @@ export function parseOrigin(typed: Readonly<Record<OriginKey, string>>): Geograp
   const origin: Partial<GeographicOrigin> = {};
   for (const key of KEYS) {
     const { least, greatest, isRequired } = BOUNDS[key];
-    // A comma is a decimal point in Spanish, as the page's own numbers have it.
-    const text = typed[key].trim().replace(',', '.');
-    if (text === '' && !isRequired) continue;
-    const value = text === '' ? NaN : Number(text);
+    if (typed[key].trim() === '' && !isRequired) continue;
+    const value = parseNumber(typed[key]);
     if (!(value >= least && value <= greatest)) return key;
     origin[key] = value;
   }
@@ -67,32 +65,11 @@ export function originEditor(app: App): { element: HTMLElement; close: () => voi
   ) as Record<OriginKey, HTMLInputElement>;
   const problem = h('p', { class: 'problem', attributes: { role: 'alert', id: 'origin-problem' } });
   const remove = carefulButton('delete', () => void drop());
-  const form = h(
-    'form',
-    {
-      class: 'form',
-      label: 'origin',
-      attributes: { hidden: true, id: 'origin-form' },
-      on: {
-        submit: (event) => {
-          event.preventDefault();
-          void save();
-        },
-        keydown: (event) => {
-          if (event.key === 'Escape') close();
-        },
-      },
-    },
+  const form = editForm(
+    { id: 'origin-form', label: 'origin', save: () => void save(), close: () => close(), remove },
     h('p', { t: 'origin.help', class: 'help' }),
     ...KEYS.map((key) => field(`origin.${key}`, inputs[key])),
     problem,
-    h(
-      'div',
-      { class: 'buttons' },
-      h('button', { t: 'save', class: 'primary', attributes: { type: 'submit' } }),
-      button('cancel', () => close()),
-      remove,
-    ),
   );
   const element = h('div', {}, h('h3', { t: 'origin' }), about, h('div', { class: 'buttons' }, open), form);
 

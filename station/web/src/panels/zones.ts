@@ -2,8 +2,8 @@
 
 import { attempt, type App, type Panel } from '../app.js';
 import { api } from '../api.js';
-import { button, carefulButton, empty, field, h } from '../dom.js';
-import { inOrder, t } from '../i18n.js';
+import { button, carefulButton, editForm, empty, field, h } from '../dom.js';
+import { inOrder, parseNumber, t } from '../i18n.js';
 import { toScreen, type Point } from '../map/geometry.js';
 import { outline } from '../map/draw.js';
 import type { Tool } from '../map/map.js';
@@ -20,8 +20,7 @@ export function parseCorners(text: string): Corner[] | null {
       .split(/[\s;]+/)
       .filter((word) => word !== '');
     if (words.length === 0) continue;
-    // A comma is a decimal point in Spanish, as the page's own numbers have it.
-    const [x, y] = words.map((word) => Number(word.replace(',', '.')));
+    const [x, y] = words.map(parseNumber);
     if (words.length !== 2 || !Number.isFinite(x) || !Number.isFinite(y)) return null;
     corners.push([x, y]);
   }
@@ -52,34 +51,14 @@ export function zonesPanel(app: App): Panel {
   });
   const problem = h('p', { class: 'problem', attributes: { role: 'alert' } });
   const remove = carefulButton('delete', () => void drop());
-  const form = h(
-    'form',
-    {
-      class: 'form',
-      attributes: { hidden: true, id: 'zone-form' },
-      on: {
-        submit: (event) => {
-          event.preventDefault();
-          void save();
-        },
-        keydown: (event) => {
-          if (event.key === 'Escape') stop();
-        },
-      },
-    },
+  const form = editForm(
+    { id: 'zone-form', save: () => void save(), close: () => stop(), remove },
     h('p', { t: 'zones.drawing', class: 'help' }),
     field('name', name),
     field('zones.kind', kind),
     h('label', { class: 'check' }, alarm, h('span', { t: 'zones.alarm' })),
     field('zones.corners', typed),
     problem,
-    h(
-      'div',
-      { class: 'buttons' },
-      h('button', { t: 'save', class: 'primary', attributes: { type: 'submit' } }),
-      button('cancel', () => stop()),
-      remove,
-    ),
   );
   const element = h('div', {}, h('div', { class: 'buttons' }, draw), form, none, list);
 
