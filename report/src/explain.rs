@@ -19,10 +19,14 @@ pub fn explain(text: &str, span: Option<Range<usize>>, message: &str) -> Explain
     let span = span.unwrap_or(0..0);
     let (key, value) =
         (key_before(text, span.start), text.get(span.clone()).unwrap_or("").lines().next().unwrap_or(""));
-    let mut names = message.split('`').skip(1).step_by(2);
-    let name = names.next().unwrap_or("");
-    let known: Vec<&str> = names.collect();
-    let expected = message.split_once(", expected ").map(|(_, expected)| must_be(expected));
+    // What is expected stands last; the name before it is the file's, with any text in it.
+    let (found, expected) = match message.rsplit_once(", expected ") {
+        Some((found, expected)) => (found, Some(expected)),
+        None => (message, None),
+    };
+    let name = found.split_once('`').and_then(|(_, name)| name.rsplit_once('`')).map_or("", |(name, _)| name);
+    let known: Vec<&str> = expected.unwrap_or("").split('`').skip(1).step_by(2).collect();
+    let (name, expected) = (&name.escape_debug().to_string(), expected.map(must_be));
     let message = match (message.split(' ').next(), expected) {
         (Some("missing"), _) => format!("{name} is missing"),
         (Some("unknown"), _) if message.starts_with("unknown field") => {
@@ -104,6 +108,8 @@ mod tests {
         assert_eq!(message, "unknown key chanel; there are x, y");
         let (line, message) = said("\"x\"", "unknown variant `x`, expected `eu` or `us`");
         assert_eq!((line, message.as_str()), (3, "wide is \"x\": it must be one of \"eu\", \"us\""));
+        let (_, message) = said("\"x\"", "unknown variant `a`b\n, expected c`, expected `eu` or `us`");
+        assert_eq!(message, "wide is \"a`b\\n, expected c\": it must be one of \"eu\", \"us\"");
     }
 
     #[test]
