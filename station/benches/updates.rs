@@ -67,7 +67,8 @@ fn tenth(step: u32) -> Vec<Report> {
                 tag: name.clone(),
                 anchor: format!("0x{:04X}", 0x100 + anchor),
                 range_m,
-                first_path_minus_received_db: Some(-3.0),
+                rx_power_dbm: Some(-80.0),
+                first_path_power_dbm: Some(-83.0),
                 clock_offset_ppm: Some(-2.35),
             };
             reports.push(Report { t, site: site.clone(), what });

@@ -115,7 +115,42 @@ pub struct Node {
     pub supply_v: Option<f64>,
 }
 
-/// A beacon or a receiver that a person has placed.
+/// A measurement between a tag and a node.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measurement {
+    /// The site.
+    pub site: String,
+    /// The tag, or the device that a receiver received.
+    pub tag: String,
+    /// The anchor, the beacon or the receiver.
+    pub node: String,
+    /// The time of the tag's position for which it was made: the end of its round.
+    pub round: Utc,
+    /// When it was made.
+    pub t: Utc,
+    /// What was measured.
+    pub what: Measured,
+}
+
+/// What was measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Measured {
+    /// A range.
+    Range {
+        /// Metres.
+        range_m: f64,
+        /// The received power, dBm.
+        rx_power_dbm: Option<f64>,
+        /// The power of the first path, dBm.
+        first_path_power_dbm: Option<f64>,
+        /// The rate of the anchor's clock relative to the tag's, parts per million.
+        clock_offset_ppm: Option<f64>,
+    },
+    /// The RSSI of an advertisement, dBm.
+    Rssi(f64),
+}
+
+/// A node and its place: a beacon or a receiver that a person has placed, or a node as it was last reported.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PlacedNode {
     /// The site in whose frame it is.

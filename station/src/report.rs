@@ -62,8 +62,10 @@ pub enum What {
         anchor: String,
         /// Metres.
         range_m: f64,
-        /// The first path's power minus the received power, dB.
-        first_path_minus_received_db: Option<f64>,
+        /// The received power, dBm.
+        rx_power_dbm: Option<f64>,
+        /// The power of the first path, dBm.
+        first_path_power_dbm: Option<f64>,
         /// The rate of the anchor's clock relative to the tag's, parts per million.
         clock_offset_ppm: Option<f64>,
     },

@@ -66,6 +66,9 @@ pub struct Arguments {
     /// Delete positions and events that are older than this, days
     #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
     keep_days: Option<u64>,
+    /// Keep ranges and sightings too, for this time, days: about 33 bytes each in SQLite
+    #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
+    measurement_days: Option<u64>,
     #[command(flatten)]
     mqtt: MqttArguments,
     #[command(flatten)]
@@ -177,7 +180,11 @@ async fn serve(arguments: &Arguments, url: &str, network: Network, sources: Sour
     let store = Store::open(url).await?;
     sources.configure(&store).await?;
     let days = |days: Option<u64>| days.map(|days| Duration::from_secs(86_400 * days));
-    let retention = Retention { thin_after: days(arguments.thin_days), delete_after: days(arguments.keep_days) };
+    let retention = Retention {
+        thin_after: days(arguments.thin_days),
+        delete_after: days(arguments.keep_days),
+        measurements: days(arguments.measurement_days),
+    };
     let (earlier, placed) = (store.tags().await?, store.nodes().await?);
     let mut live = Live::new(arguments.inputs.limits());
     live.set_zones(store.zones().await?);

@@ -93,13 +93,12 @@ fn range_reports(tag: String, range: &Range) -> Vec<What> {
         position_m: Some(position_m),
     });
     let diagnostics = &range.diagnostics;
-    let powers = diagnostics.first_path_power_dbm().zip(diagnostics.rx_power_dbm());
-    let first_path_minus_received_db = powers.map(|(first_path, received)| first_path - received);
     let range = What::Range {
         tag,
         anchor,
         range_m: range.distance_m(),
-        first_path_minus_received_db,
+        rx_power_dbm: diagnostics.rx_power_dbm(),
+        first_path_power_dbm: diagnostics.first_path_power_dbm(),
         clock_offset_ppm: diagnostics.clock_offset_ppm(),
     };
     known.into_iter().chain([range]).collect()

@@ -6,9 +6,14 @@ use crate::support::{Folder, Run};
 /// A folder with the store `tags.db` of a station that has played the recording `run`. Returns the positions of the
 /// recording as its file has them: x and y, metres.
 pub fn with_store() -> (Folder, Vec<[f64; 2]>) {
+    with_store_of("")
+}
+
+/// The same with more flags of `serve`.
+fn with_store_of(flags: &str) -> (Folder, Vec<[f64; 2]>) {
     let folder = Folder::with(&[("rooms.csv", "room,x_m,y_m\nhall,-5,-5\nhall,30,-5\nhall,30,30\nhall,-5,30\n")]);
     let positions = recorded(&folder, 4);
-    let station = Station::start(&folder, "run --store tags.db --rooms rooms.csv");
+    let station = Station::start(&folder, &format!("run --store tags.db --rooms rooms.csv {flags}"));
     let path = "/api/v1/tags/0x1001/positions?site=site&limit=1000";
     station.wait(path, |history| history.as_array().is_some_and(|rows| rows.len() >= positions.len()));
     // It works while the station runs.
@@ -67,6 +72,38 @@ fn an_export_is_a_folder_that_other_commands_read() {
     }
     let names = folder.names();
     assert!(!names.iter().any(|name| name == "new" || name == "missing.db" || name.contains("tmp")), "{names:?}");
+}
+
+/// The values of a column of ranges, each with the number of its round and its anchor, in this order.
+fn by_round(ranges: &Run, column: &str) -> Vec<(usize, String, f64)> {
+    let epochs = ranges.column("epoch");
+    let round_of = |row: usize| epochs[..=row].windows(2).filter(|two| two[0] != two[1]).count();
+    let rows = ranges.column("anchor").into_iter().zip(ranges.numbers(column)).enumerate();
+    let mut rows: Vec<_> = rows.map(|(row, (anchor, value))| (round_of(row), anchor.to_owned(), value)).collect();
+    rows.sort_by(|a, b| (a.0, &a.1).cmp(&(b.0, &b.1)));
+    rows
+}
+
+#[test]
+fn kept_measurements_are_exported_as_the_recording_that_they_came_from() {
+    let (folder, positions) = with_store_of("--measurement-days 9");
+    let said = folder.run("station export --store tags.db --out all").ok().stderr;
+    assert!(said.contains("measurements") && !said.contains("left out"), "{said}");
+    assert_exported(&folder, "all", &positions);
+    let (recorded, exported) = (table(&folder, "run/ranges.csv"), table(&folder, "all/ranges.csv"));
+    // Telemetry has tenths of millimetres, hundredths of dB and of ppm; the store has whole millimetres.
+    for (column, greatest) in
+        [("range_m", 0.000_51), ("rx_power_dbm", 1e-9), ("fp_power_dbm", 1e-9), ("clock_offset_ppm", 1e-9)]
+    {
+        let (kept, was) = (by_round(&exported, column), by_round(&recorded, column));
+        let names = |rows: &[(usize, String, f64)]| rows.iter().map(|row| (row.0, row.1.clone())).collect::<Vec<_>>();
+        assert_eq!(names(&kept), names(&was));
+        let is_near = kept.iter().zip(&was).all(|(kept, was)| (kept.2 - was.2).abs() <= greatest);
+        assert!(is_near, "{column}: {kept:?} is not {was:?}");
+    }
+    // The ranges are solved again, in the same rounds.
+    let [again, was] = ["all", "run"].map(|folder_name| folder.run(&format!("solve {folder_name} --json")).ok().json());
+    assert_eq!((&again[0]["epochs"], &again[0]["fixed"]), (&was[0]["epochs"], &was[0]["fixed"]));
 }
 
 #[test]

@@ -6,6 +6,7 @@
 //! store does holds up a report: while it fails, rows wait in the queue, which is bounded.
 
 mod locator;
+mod rounds;
 mod writer;
 
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -19,8 +20,9 @@ use tokio::time::{Instant, MissedTickBehavior, interval, interval_at};
 use utoipa::ToSchema;
 
 use self::locator::Locator;
+use self::rounds::Rounds;
 use self::writer::Queue;
-use crate::model::{Event, TagPosition};
+use crate::model::{Event, Measurement, Node, Role, TagPosition};
 use crate::store::{self, Retention, Store};
 use crate::{Live, Report, Update, Utc, What};
 
@@ -47,6 +49,12 @@ pub trait Sink: Clone + Send + Sync + 'static {
     /// Writes positions and events together. Returns the number of positions that it never will take.
     fn write(&self, positions: &[TagPosition], events: &[Event]) -> impl Future<Output = store::Result<u64>> + Send;
 
+    /// Writes measurements. Returns the number of those that it never will take.
+    fn write_measurements(&self, measurements: &[Measurement]) -> impl Future<Output = store::Result<u64>> + Send;
+
+    /// Writes where nodes are.
+    fn write_peers(&self, nodes: &[Node]) -> impl Future<Output = store::Result<()>> + Send;
+
     /// The greatest id of an event.
     fn last_event(&self) -> impl Future<Output = store::Result<i64>> + Send;
 
@@ -60,6 +68,14 @@ pub trait Sink: Clone + Send + Sync + 'static {
 impl Sink for Store {
     async fn write(&self, positions: &[TagPosition], events: &[Event]) -> store::Result<u64> {
         Store::write(self, positions, events).await
+    }
+
+    async fn write_measurements(&self, measurements: &[Measurement]) -> store::Result<u64> {
+        Store::write_measurements(self, measurements).await
+    }
+
+    async fn write_peers(&self, nodes: &[Node]) -> store::Result<()> {
+        Store::write_peers(self, nodes).await
     }
 
     async fn last_event(&self) -> store::Result<i64> {
@@ -82,6 +98,14 @@ pub struct Nowhere;
 impl Sink for Nowhere {
     async fn write(&self, _: &[TagPosition], _: &[Event]) -> store::Result<u64> {
         Ok(0)
+    }
+
+    async fn write_measurements(&self, _: &[Measurement]) -> store::Result<u64> {
+        Ok(0)
+    }
+
+    async fn write_peers(&self, _: &[Node]) -> store::Result<()> {
+        Ok(())
     }
 
     async fn last_event(&self) -> store::Result<i64> {
@@ -174,6 +198,8 @@ impl Hub {
             queue: Arc::clone(&queue),
             counters: Arc::clone(&counters),
             locator: Locator::default(),
+            rounds: retention.measurements.map(|_| Rounds::default()),
+            surveys: 0,
             takers: Arc::new(Mutex::new(Some(Vec::new()))),
         };
         let takers = Arc::clone(&applier.takers);
@@ -246,6 +272,10 @@ struct Applier {
     queue: Arc<Queue>,
     counters: Arc<Counters>,
     locator: Locator,
+    /// None: measurements are not kept.
+    rounds: Option<Rounds>,
+    /// What the state said when places of nodes were last written.
+    surveys: u64,
     takers: Arc<Mutex<Takers>>,
 }
 
@@ -284,6 +314,7 @@ impl Applier {
                         updates.extend(forgotten.iter().flat_map(|(site, tag)| live.forget(site, tag)));
                     });
                     self.locate(now, Vec::new());
+                    self.tick_measurements();
                 }
                 count = async {
                     if !is_full {
@@ -297,20 +328,12 @@ impl Applier {
                     // More wait already. A tick, even of now, would come with the next millisecond.
                     is_full = count == TOGETHER;
                     add(&self.counters.reports, count);
-                    let mut sightings = Vec::new();
-                    self.publish(|live, updates| {
-                        for report in batch.drain(..) {
-                            let refused = live.refused();
-                            updates.extend(live.apply(&report));
-                            if matches!(report.what, What::ReceiverSighting { .. }) && live.refused() == refused {
-                                sightings.push(report);
-                            }
-                        }
-                    });
+                    let sightings = self.apply(batch.drain(..));
                     self.locate(Utc::now(), sightings);
                 }
             }
         }
+        self.tick_measurements();
         *self.takers.lock().unwrap_or_else(PoisonError::into_inner) = None;
         end.send_replace(true);
         for task in [maintenance, writer] {
@@ -331,7 +354,41 @@ impl Applier {
         self.locator.survey(&self.live.read().unwrap_or_else(PoisonError::into_inner));
         let reports = self.locator.solve(now);
         if !reports.is_empty() {
-            self.publish(|live, updates| updates.extend(reports.iter().flat_map(|report| live.apply(report))));
+            self.apply(reports);
+        }
+    }
+
+    /// Applies reports. Returns those of receivers that were not refused.
+    fn apply(&mut self, reports: impl IntoIterator<Item = Report>) -> Vec<Report> {
+        let (mut sightings, mut measurements) = (Vec::new(), Vec::new());
+        let mut rounds = self.rounds.take();
+        self.publish(|live, updates| {
+            for report in reports {
+                let (t, refused) = (live.time_of(&report), live.refused());
+                updates.extend(live.apply(&report));
+                if live.refused() > refused {
+                    continue;
+                }
+                measurements.extend(rounds.iter_mut().flat_map(|rounds| rounds.take(t, &report)));
+                if matches!(report.what, What::ReceiverSighting { .. }) {
+                    sightings.push(report);
+                }
+            }
+        });
+        self.rounds = rounds;
+        self.queue.push_measurements(measurements);
+        sightings
+    }
+
+    /// Ends rounds that last too long, and keeps the places of nodes, where measurements are kept.
+    fn tick_measurements(&mut self) {
+        let Some(rounds) = &mut self.rounds else { return };
+        self.queue.push_measurements(rounds.tick());
+        let live = self.live.read().unwrap_or_else(PoisonError::into_inner);
+        if self.surveys != live.surveys() {
+            self.surveys = live.surveys();
+            let nodes = live.nodes().into_iter().filter(|node| node.role != Role::Tag && node.position_m.is_some());
+            self.queue.set_peers(nodes.collect());
         }
     }
 

@@ -7,12 +7,12 @@ use tokio::time::sleep;
 
 use super::*;
 use crate::live::Limits;
-use crate::model::{EventKind, Role, Zone, ZoneKind};
+use crate::model::{EventKind, Measured, Role, Zone, ZoneKind};
 use crate::report::{SolvedFrom, What};
 use crate::store::StoreError;
 
 const SITE: &str = "hall";
-const FOREVER: Retention = Retention { thin_after: None, delete_after: None };
+const FOREVER: Retention = Retention { thin_after: None, delete_after: None, measurements: None };
 
 /// A store in memory.
 #[derive(Clone, Debug, Default)]
@@ -24,6 +24,9 @@ struct Content {
     writes: Vec<usize>,
     positions: Vec<TagPosition>,
     events: Vec<Event>,
+    measurements: Vec<Measurement>,
+    /// The nodes of each write.
+    peers: Vec<Vec<String>>,
     last_event: i64,
     tries: usize,
     is_failing: bool,
@@ -63,6 +66,26 @@ impl Sink for Memory {
         })
     }
 
+    async fn write_measurements(&self, measurements: &[Measurement]) -> store::Result<u64> {
+        self.content(|content| {
+            if content.is_failing {
+                return Err(broken());
+            }
+            content.measurements.extend_from_slice(measurements);
+            Ok(0)
+        })
+    }
+
+    async fn write_peers(&self, nodes: &[Node]) -> store::Result<()> {
+        self.content(|content| {
+            if content.is_failing {
+                return Err(broken());
+            }
+            content.peers.push(nodes.iter().map(|node| node.node.clone()).collect());
+            Ok(())
+        })
+    }
+
     async fn last_event(&self) -> store::Result<i64> {
         self.content(|content| if content.is_failing { Err(broken()) } else { Ok(content.last_event) })
     }
@@ -75,7 +98,7 @@ impl Sink for Memory {
     }
 
     async fn retain(&self, retention: Retention, _: Utc) -> store::Result<()> {
-        assert_eq!(retention, FOREVER);
+        assert_eq!((retention.thin_after, retention.delete_after), (None, None));
         self.content(|content| content.retained += 1);
         Ok(())
     }
@@ -244,6 +267,95 @@ async fn a_device_that_receivers_hear_is_a_tag_with_positions_in_the_store() {
     hub.stop();
     task.await.expect("no panic");
     assert!(store.content(|content| content.positions.iter().any(|row| row.tag == "phone" && row.used == 4)));
+}
+
+/// Ranges of a round at 1 m and 2 m, and a sighting at -60 dBm, all before its position.
+fn round(tag: &str, t: Utc) -> Vec<Report> {
+    let range = |anchor: &str, range_m| What::Range {
+        tag: tag.to_owned(),
+        anchor: anchor.to_owned(),
+        range_m,
+        rx_power_dbm: Some(-80.25),
+        first_path_power_dbm: None,
+        clock_offset_ppm: Some(1.5),
+    };
+    let sighting = What::Sighting { tag: tag.to_owned(), beacon: "1-7".to_owned(), rssi_dbm: -60.0 };
+    let whats = [range("0x0101", 1.0), range("0x0102", 2.0), range("0x0103", -3.0), sighting];
+    let at = |(k, what)| Report { t: t + Duration::from_millis(k), site: SITE.to_owned(), what };
+    let mut reports: Vec<_> = (0..).zip(whats).map(at).collect();
+    reports.push(Report { t: t + Duration::from_millis(10), ..report(tag, 1.0) });
+    reports
+}
+
+#[tokio::test(start_paused = true)]
+async fn measurements_have_the_time_of_their_position_and_are_kept_where_asked_for() {
+    for is_kept in [false, true] {
+        let (store, keep) = (Memory::default(), is_kept.then_some(Duration::from_secs(86_400)));
+        let retention = Retention { measurements: keep, ..FOREVER };
+        let live = Live::new(Limits::default());
+        let (hub, task) = Hub::start(live, store.clone(), retention).await.expect("the store answers");
+        let what =
+            What::Node { node: "0x0101".to_owned(), name: None, role: Role::Anchor, position_m: Some([0.0, 0.0, 2.0]) };
+        let t = Utc::now();
+        let place = Report { t, site: SITE.to_owned(), what };
+        let (a, b) = (round("0x1001", t), round("0x1002", t + Duration::from_millis(1)));
+        // The rounds of two tags, report by report.
+        let reports = a.into_iter().zip(b).flat_map(|(a, b)| [a, b]);
+        for report in std::iter::once(place).chain(reports) {
+            hub.reports().send(report).await.expect("the hub runs");
+        }
+        // A device that is never located.
+        let (receiver, device) = ("hall".to_owned(), "phone".to_owned());
+        let what = What::ReceiverSighting { receiver, device, rssi_dbm: -65.0, rssi_1m_dbm: None };
+        let late = Report { t: t + Duration::from_millis(20), site: SITE.to_owned(), what };
+        hub.reports().send(late).await.expect("the hub runs");
+        sleep(Duration::from_secs(8)).await;
+        let ms = |later: Utc| later.since(t).as_millis();
+        let mut rows: Vec<_> = store.content(|content| {
+            let row = |row: &Measurement| (row.tag.clone(), row.node.clone(), ms(row.round), ms(row.t));
+            content.measurements.iter().map(row).collect()
+        });
+        rows.sort();
+        let row = |tag: &str, node: &str, round, at| (tag.to_owned(), node.to_owned(), round, at);
+        let expected = [
+            row("0x1001", "0x0101", 10, 0),
+            row("0x1001", "0x0102", 10, 1),
+            row("0x1001", "1-7", 10, 3),
+            row("0x1002", "0x0101", 11, 1),
+            row("0x1002", "0x0102", 11, 2),
+            row("0x1002", "1-7", 11, 4),
+            row("phone", "hall", 20, 20),
+        ];
+        assert_eq!(rows, if is_kept { &expected[..] } else { &[] }, "a range below zero is refused");
+        let is_range = |row: &Measurement| match row.what {
+            Measured::Range { range_m, rx_power_dbm, .. } => (range_m, rx_power_dbm) == (2.0, Some(-80.25)),
+            Measured::Rssi(rssi_dbm) => rssi_dbm == -60.0 || rssi_dbm == -65.0,
+        };
+        store.content(|content| assert!(content.measurements.iter().all(|row| row.node == "0x0101" || is_range(row))));
+        assert_eq!(store.content(|content| content.peers.concat()), if is_kept { vec!["0x0101"] } else { vec![] });
+        assert_eq!(hub.counts().backlog, 0);
+        hub.stop();
+        task.await.expect("no panic");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn measurements_outlast_a_store_that_fails() {
+    let store = Memory::default();
+    let retention = Retention { measurements: Some(Duration::from_secs(86_400)), ..FOREVER };
+    let (hub, task) = Hub::start(Live::new(Limits::default()), store.clone(), retention).await.expect("it answers");
+    store.content(|content| content.is_failing = true);
+    for report in round("0x1001", Utc::now()) {
+        hub.reports().send(report).await.expect("the hub runs");
+    }
+    sleep(Duration::from_secs(10)).await;
+    assert_eq!((hub.counts().backlog, hub.counts().rows_written), (4, 0));
+    store.content(|content| content.is_failing = false);
+    sleep(Duration::from_secs(5)).await;
+    assert_eq!(store.content(|content| content.measurements.len()), 3);
+    assert_eq!((hub.counts().backlog, hub.counts().rows_written), (0, 4));
+    hub.stop();
+    task.await.expect("no panic");
 }
 
 #[tokio::test(start_paused = true)]

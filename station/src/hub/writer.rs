@@ -1,9 +1,9 @@
 //! The queue of rows for the store, and the task that writes them.
 //!
 //! Rows wait for half a second, or until there are enough for a batch. A batch that the store does not take is tried
-//! again, after pauses that grow. Meanwhile rows wait in the queue; beyond its bound, the oldest positions are dropped,
-//! and the oldest events where there are no positions. What the store leaves out for good is counted with them, and
-//! does not hold up the others.
+//! again, after pauses that grow. Meanwhile rows wait in the queue; beyond its bound, the oldest measurements are
+//! dropped; where there are none, the oldest positions; then the oldest events. What the store leaves out for good is
+//! counted with them, and does not hold up the others.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -14,7 +14,8 @@ use tokio::time::{Instant, timeout};
 
 use super::{Counters, Sink, WRITE_EVERY, add};
 use crate::Update;
-use crate::model::{Event, TagPosition};
+use crate::model::{Event, Measurement, Node, TagPosition};
+use crate::store;
 
 /// Rows of a batch.
 pub(super) const BATCH: usize = 4096;
@@ -39,6 +40,9 @@ pub(super) struct Queue {
 struct Rows {
     positions: VecDeque<TagPosition>,
     events: VecDeque<Event>,
+    measurements: VecDeque<Measurement>,
+    /// All nodes, where one has a new place.
+    peers: Option<Vec<Node>>,
     /// Taken, and not yet written.
     taken: usize,
     dropped: u64,
@@ -46,12 +50,15 @@ struct Rows {
 
 impl Rows {
     fn count(&self) -> usize {
-        self.positions.len() + self.events.len()
+        self.positions.len() + self.events.len() + self.measurements.len()
     }
 
     fn drop_oldest(&mut self, most: usize) {
         while self.count() + self.taken > most {
-            if self.positions.pop_front().is_none() && self.events.pop_front().is_none() {
+            let is_dropped = self.measurements.pop_front().is_some()
+                || self.positions.pop_front().is_some()
+                || self.events.pop_front().is_some();
+            if !is_dropped {
                 break;
             }
             self.dropped += 1;
@@ -64,6 +71,8 @@ impl Rows {
 struct Batch {
     positions: Vec<TagPosition>,
     events: Vec<Event>,
+    measurements: Vec<Measurement>,
+    peers: Vec<Node>,
 }
 
 impl Default for Queue {
@@ -94,11 +103,29 @@ impl Queue {
             }
         }
         let added = (rows.positions.len() - positions, rows.events.len() - events);
+        self.added(rows);
+        added
+    }
+
+    /// Adds measurements.
+    pub(super) fn push_measurements(&self, measurements: Vec<Measurement>) {
+        if !measurements.is_empty() {
+            let mut rows = self.rows();
+            rows.measurements.extend(measurements);
+            self.added(rows);
+        }
+    }
+
+    /// Replaces the places of nodes that wait.
+    pub(super) fn set_peers(&self, nodes: Vec<Node>) {
+        self.rows().peers = Some(nodes);
+    }
+
+    fn added(&self, mut rows: MutexGuard<'_, Rows>) {
         rows.drop_oldest(self.most);
         if rows.count() >= BATCH {
             self.is_full.notify_one();
         }
-        added
     }
 
     /// The rows that wait, those that are being written among them, and those that were dropped.
@@ -112,12 +139,15 @@ impl Queue {
         let mut rows = self.rows();
         let events = rows.events.len().min(BATCH);
         let positions = rows.positions.len().min(BATCH - events);
-        rows.taken = events + positions;
+        let measurements = rows.measurements.len().min(BATCH - events - positions);
+        rows.taken = events + positions + measurements;
         let batch = Batch {
             positions: rows.positions.drain(..positions).collect(),
             events: rows.events.drain(..events).collect(),
+            measurements: rows.measurements.drain(..measurements).collect(),
+            peers: rows.peers.take().unwrap_or_default(),
         };
-        (rows.taken > 0).then_some(batch)
+        (rows.taken > 0 || !batch.peers.is_empty()).then_some(batch)
     }
 
     /// The rows that were taken are written, but for those that the store left out. Returns the number of the former.
@@ -131,7 +161,7 @@ impl Queue {
     fn give_up(&self) -> u64 {
         let mut rows = self.rows();
         let lost = std::mem::take(&mut rows.taken) + rows.count();
-        (rows.positions, rows.events) = Default::default();
+        (rows.positions, rows.events, rows.measurements) = Default::default();
         let lost = u64::try_from(lost).unwrap_or(u64::MAX);
         rows.dropped += lost;
         lost
@@ -174,23 +204,35 @@ struct Writer<S> {
     queue: Arc<Queue>,
     counters: Arc<Counters>,
     is_failing: bool,
-    /// The store left positions out.
+    /// The store left rows out.
     is_full: bool,
 }
 
 impl<S: Sink> Writer<S> {
+    /// Writes a batch. Returns the number of rows that were left out. After an error, it can be written again.
+    async fn try_once(&self, batch: &Batch) -> store::Result<u64> {
+        let mut left_out = self.store.write(&batch.positions, &batch.events).await?;
+        if !batch.peers.is_empty() {
+            self.store.write_peers(&batch.peers).await?;
+        }
+        if !batch.measurements.is_empty() {
+            left_out += self.store.write_measurements(&batch.measurements).await?;
+        }
+        Ok(left_out)
+    }
+
     /// Writes a batch, by many tries where necessary. Returns false where the end came and the store still failed.
     async fn write(&mut self, batch: &Batch, ended: &mut watch::Receiver<bool>) -> bool {
         let [mut pause, longest] = PAUSES;
         let mut last = None;
         loop {
-            match self.store.write(&batch.positions, &batch.events).await {
+            match self.try_once(batch).await {
                 Ok(left_out) => {
                     add(&self.counters.rows_written, self.queue.written(left_out));
                     if left_out > 0 && !self.is_full {
                         log::error!(
-                            "the store left out {left_out} positions, and counts more of them: it has no room for \
-                             another tag; --keep-days deletes old tags"
+                            "the store left out {left_out} rows, and counts more of them: it has no room for another \
+                             tag; --keep-days deletes old tags"
                         );
                     }
                     self.is_full = left_out > 0;

@@ -55,8 +55,8 @@ const VAGUEST_M: f64 = 1e5;
 const LONGEST_M: f64 = 10_000.0;
 /// Path loss exponents that there are: the bounds of `positioning_core::ble::path_loss`.
 pub(crate) const EXPONENTS: std::ops::RangeInclusive<f64> = 0.1..=20.0;
-/// The greatest difference of powers, dB.
-const STRONGEST_DB: f64 = 200.0;
+/// Received powers, dBm.
+const POWERS_DBM: std::ops::RangeInclusive<f64> = -200.0..=100.0;
 /// The greatest offset of a clock, ppm: more than telemetry can carry.
 const FASTEST_PPM: f64 = 1000.0;
 /// Supply voltages of radios, V.
@@ -264,11 +264,16 @@ impl Live {
         self.geographic_origins.get(site).copied()
     }
 
+    /// The time as which that of a report is taken.
+    pub(crate) fn time_of(&self, report: &Report) -> Utc {
+        let now = self.clock.unwrap_or(report.t);
+        if report.t > now + AHEAD { now } else { report.t }
+    }
+
     /// Applies a report.
     pub fn apply(&mut self, report: &Report) -> Vec<Update> {
-        let now = self.clock.unwrap_or(report.t);
-        let t = if report.t > now + AHEAD { now } else { report.t };
-        self.clock = Some(now.max(t));
+        let t = self.time_of(report);
+        self.clock = Some(self.clock.unwrap_or(t).max(t));
         let mut updates = Vec::new();
         if self.take(t, &report.site, &report.what, &mut updates).is_none() {
             self.refused = self.refused.saturating_add(1);
@@ -430,8 +435,9 @@ impl Live {
                 self.is_changed |= is_new;
                 Some(())
             }
-            What::Range { tag, anchor, range_m, first_path_minus_received_db, clock_offset_ppm } => {
-                let is_power = first_path_minus_received_db.is_none_or(|power_db| power_db.abs() <= STRONGEST_DB);
+            What::Range { tag, anchor, range_m, rx_power_dbm, first_path_power_dbm, clock_offset_ppm } => {
+                let powers_dbm = [rx_power_dbm, first_path_power_dbm];
+                let is_power = powers_dbm.into_iter().flatten().all(|power_dbm| POWERS_DBM.contains(power_dbm));
                 let is_offset = clock_offset_ppm.is_none_or(|offset_ppm| offset_ppm.abs() <= FASTEST_PPM);
                 if !((0.0..=LONGEST_M).contains(range_m) && is_power && is_offset && is_name(anchor)) {
                     return None;
@@ -439,7 +445,9 @@ impl Live {
                 self.reporting_tag(t, site, tag, updates)?;
                 let node = self.node(site, anchor, Role::Anchor)?;
                 let site = self.sites.get_mut(site)?;
-                site.nodes.range(node, t, *range_m, *first_path_minus_received_db, *clock_offset_ppm);
+                let power_db =
+                    first_path_power_dbm.zip(*rx_power_dbm).map(|(first_path, received)| first_path - received);
+                site.nodes.range(node, t, *range_m, power_db, *clock_offset_ppm);
                 let round = &mut site.tags.get_mut(tag)?.round;
                 // A source that ends no rounds: only the last ranges can be of this one.
                 if round.len() >= ROUND {

@@ -31,7 +31,8 @@ fn range(anchor: &str, range_m: f64) -> What {
         tag: "0x1001".to_owned(),
         anchor: anchor.to_owned(),
         range_m,
-        first_path_minus_received_db: Some(-4.0),
+        rx_power_dbm: Some(-80.0),
+        first_path_power_dbm: Some(-84.0),
         clock_offset_ppm: Some(if range_m < 6.0 { 2.0 } else { -3.0 }),
     }
 }

@@ -23,7 +23,7 @@ impl Station {
     async fn start(tags: &[&str], silent_after: Duration) -> Self {
         let mut live = Live::new(Limits::default());
         live.set_geographic_origins(&[site()]);
-        let retention = Retention { thin_after: None, delete_after: None };
+        let retention = Retention::default();
         let (hub, _) = Hub::start(live, Nowhere, retention).await.unwrap();
         let (mut ports, mut addresses) = (Vec::new(), Vec::new());
         for tag in tags {

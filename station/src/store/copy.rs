@@ -42,7 +42,7 @@ const POSITION: &[(&str, Kind)] = &[
 ];
 
 /// All tables; those that others refer to come first. `recent` gets new numbers in the same order.
-pub const TABLES: [Copied; 12] = [
+pub const TABLES: [Copied; 14] = [
     Copied {
         name: "tags",
         columns: &[
@@ -108,6 +108,34 @@ pub const TABLES: [Copied; 12] = [
             ("path_loss_exponent", Kind::MaybeReal),
         ],
         order: "site, node",
+    },
+    Copied {
+        name: "peers",
+        columns: &[
+            ("id", Kind::Int),
+            ("site", Kind::Text),
+            ("node", Kind::Text),
+            ("role", Kind::Text),
+            ("x_mm", Kind::Int),
+            ("y_mm", Kind::Int),
+            ("z_mm", Kind::Int),
+            ("rssi_1m_cdbm", Kind::Int),
+            ("path_loss_exponent_milli", Kind::Int),
+        ],
+        order: "id",
+    },
+    Copied {
+        name: "measurements",
+        columns: &[
+            ("key", Kind::Int),
+            ("peer", Kind::Int),
+            ("before_ms", Kind::Int),
+            ("range_mm", Kind::Int),
+            ("power_cdbm", Kind::Int),
+            ("first_path_power_cdbm", Kind::Int),
+            ("clock_offset_ppb", Kind::Int),
+        ],
+        order: "key, peer, before_ms",
     },
     Copied {
         name: "campaigns",

@@ -5,6 +5,8 @@
 //! | `recent` | a position that has just been written; only grows at its end |
 //! | `history` | a position of a minute that is over, by its key |
 //! | `minutes` | a minute that has rows in `history`, and whether they are thinned |
+//! | `measurements` | a range or a sighting, by the key of the position for which it was made; only where asked for |
+//! | `peers` | a node that was measured to, the number that stands for it in measurements, and its place |
 //! | `tags`, `rooms` | a name, and the number that stands for it in positions; of a tag also its first and last time |
 //! | `events`, `sites`, `zones`, `nodes`, `campaigns`, `points`, `samples` | an object of [`crate::model`]; lists are JSON |
 //!
@@ -27,6 +29,7 @@ mod events;
 mod history;
 mod key;
 mod lines;
+mod measurements;
 mod nodes;
 mod open;
 mod retention;
@@ -103,13 +106,15 @@ pub struct Span {
     pub to: Utc,
 }
 
-/// How long positions and events are kept.
+/// How long positions, events and measurements are kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Retention {
     /// Positions older than this are thinned to one a second and tag.
     pub thin_after: Option<Duration>,
     /// Positions and events older than this are deleted, and tags that were not seen since.
     pub delete_after: Option<Duration>,
+    /// Measurements are kept for this time, and not longer than positions. None: there are no new ones.
+    pub measurements: Option<Duration>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -25,17 +25,19 @@ pub(super) fn migrations(engine: Engine) -> Vec<Migration> {
             include_str!("../../migrations/sqlite/0001_first.sql"),
             include_str!("../../migrations/sqlite/0002_nodes.sql"),
             include_str!("../../migrations/sqlite/0003_geographic_origin.sql"),
+            include_str!("../../migrations/sqlite/0004_measurements.sql"),
         ],
         Engine::Postgres => [
             include_str!("../../migrations/postgres/0001_first.sql"),
             include_str!("../../migrations/postgres/0002_nodes.sql"),
             include_str!("../../migrations/postgres/0003_geographic_origin.sql"),
+            include_str!("../../migrations/postgres/0004_measurements.sql"),
         ],
     };
     let migration = |((version, name), sql): ((i64, &'static str), &'static str)| {
         Migration::new(version, name.into(), MigrationType::Simple, sql.into_sql_str(), false)
     };
-    (1..).zip(["first", "nodes", "geographic_origin"]).zip(texts).map(migration).collect()
+    (1..).zip(["first", "nodes", "geographic_origin", "measurements"]).zip(texts).map(migration).collect()
 }
 
 /// Where a store is.

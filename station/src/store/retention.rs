@@ -48,6 +48,11 @@ impl Store {
 
     /// Thins and deletes what is old, by whole minutes.
     pub async fn retain(&self, retention: Retention, now: Utc) -> Result<()> {
+        let measurements = [retention.measurements, retention.delete_after];
+        if let Some(age) = measurements.into_iter().flatten().min() {
+            let before = ms(now - age) / MINUTE_MS;
+            while self.delete_measurements(before, MINUTES_AT_ONCE).await? {}
+        }
         if let Some(age) = retention.delete_after {
             let before = now - age;
             while self.delete_minutes(ms(before) / MINUTE_MS).await? {}

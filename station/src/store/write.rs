@@ -8,6 +8,7 @@ use sqlx::AnyConnection;
 use super::key::{LAST_TAG, key, ms};
 use super::rows::{Bare, Many, name_of};
 use super::{Result, Store};
+use crate::Utc;
 use crate::model::{Event, TagPosition};
 
 static INSERT_POSITIONS: LazyLock<Many> = LazyLock::new(|| {
@@ -28,18 +29,24 @@ static WIDEN_TAGS: LazyLock<Many> = LazyLock::new(|| {
     Many::new(before, 3, ") AS seen WHERE tags.id = seen.column1")
 });
 
-/// The numbers of tags and rooms that have been looked up.
+/// The numbers of tags, peers and rooms that have been looked up.
 #[derive(Debug, Default)]
 pub struct Numbers {
-    /// By site, then by tag.
+    /// By site, then by name.
     tags: HashMap<String, HashMap<String, i64>>,
+    peers: HashMap<String, HashMap<String, i64>>,
     rooms: HashMap<String, i64>,
 }
 
 impl Numbers {
     /// None where no number is left for a new tag.
-    async fn tag(&mut self, connection: &mut AnyConnection, position: &TagPosition) -> Result<Option<i64>> {
-        let (site, tag) = (&position.site, &position.tag);
+    pub(super) async fn tag(
+        &mut self,
+        connection: &mut AnyConnection,
+        site: &str,
+        tag: &str,
+        t: Utc,
+    ) -> Result<Option<i64>> {
         if let Some(&id) = self.tags.get(site).and_then(|tags| tags.get(tag)) {
             return Ok(Some(id));
         }
@@ -52,13 +59,30 @@ impl Numbers {
                      FROM (SELECT COALESCE(MAX(id), 0) + 1 AS next FROM tags) AS numbers WHERE next <= $4 \
                      RETURNING id",
                 );
-                let made = made.bind(site).bind(tag).bind(ms(position.t)).bind(LAST_TAG);
+                let made = made.bind(site).bind(tag).bind(ms(t)).bind(LAST_TAG);
                 let Some(id) = made.fetch_optional(&mut *connection).await? else { return Ok(None) };
                 id
             }
         };
-        self.tags.entry(site.clone()).or_default().insert(tag.clone(), id);
+        self.tags.entry(site.to_owned()).or_default().insert(tag.to_owned(), id);
         Ok(Some(id))
+    }
+
+    pub(super) async fn peer(&mut self, connection: &mut AnyConnection, site: &str, node: &str) -> Result<i64> {
+        if let Some(&id) = self.peers.get(site).and_then(|peers| peers.get(node)) {
+            return Ok(id);
+        }
+        let known = sqlx::query_scalar("SELECT id FROM peers WHERE site = $1 AND node = $2").bind(site).bind(node);
+        let id = match known.fetch_optional(&mut *connection).await? {
+            Some(id) => id,
+            None => {
+                let made = "INSERT INTO peers (id, site, node) SELECT COALESCE(MAX(id), 0) + 1, $1, $2 FROM peers \
+                     RETURNING id";
+                sqlx::query_scalar(made).bind(site).bind(node).fetch_one(&mut *connection).await?
+            }
+        };
+        self.peers.entry(site.to_owned()).or_default().insert(node.to_owned(), id);
+        Ok(id)
     }
 
     async fn room(&mut self, connection: &mut AnyConnection, name: &str) -> Result<i64> {
@@ -123,9 +147,14 @@ impl Stored {
     }
 }
 
+/// The nearest number of these parts of a unit; beyond 32 bits the last one.
+pub(super) fn rounded(value: f64, parts: f64) -> i32 {
+    (value * parts).round() as i32
+}
+
 /// The nearest number of millimetres; beyond 2,147 km the last one.
-fn millimetres(m: f64) -> i32 {
-    (m * 1000.0).round() as i32
+pub(super) fn millimetres(m: f64) -> i32 {
+    rounded(m, 1000.0)
 }
 
 /// A standard deviation is never rounded to zero: nothing is exact.
@@ -157,7 +186,7 @@ impl Store {
                 left_out += 1;
                 continue;
             }
-            let Some(tag) = numbers.tag(&mut writing.tx, position).await? else {
+            let Some(tag) = numbers.tag(&mut writing.tx, &position.site, &position.tag, position.t).await? else {
                 left_out += 1;
                 continue;
             };
@@ -171,15 +200,18 @@ impl Store {
             rows.push(Stored::new(position, tag, room));
         }
         INSERT_POSITIONS.run(&mut writing.tx, &rows, Stored::bind).await?;
-        let seen: Vec<_> = seen.into_iter().collect();
-        WIDEN_TAGS
-            .run(&mut writing.tx, &seen, |query, &(tag, (first, last))| query.bind(tag).bind(first).bind(last))
-            .await?;
+        widen_tags(&mut writing.tx, seen).await?;
         insert_events(&mut writing.tx, events).await?;
         writing.tx.commit().await?;
         *writing.numbers = numbers;
         Ok(left_out)
     }
+}
+
+/// Tags were seen: by number, the first and the last time, milliseconds.
+pub(super) async fn widen_tags(connection: &mut AnyConnection, seen: BTreeMap<i64, (i64, i64)>) -> Result<()> {
+    let seen: Vec<_> = seen.into_iter().collect();
+    WIDEN_TAGS.run(connection, &seen, |query, &(tag, (first, last))| query.bind(tag).bind(first).bind(last)).await
 }
 
 async fn insert_events(connection: &mut AnyConnection, events: &[Event]) -> Result<()> {

@@ -199,7 +199,7 @@ impl Walk {
             corners_m: vec![[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]],
             alarm: true,
         }]);
-        let (hub, ended) = Hub::start(live, store, Retention { thin_after: None, delete_after: None }).await.unwrap();
+        let (hub, ended) = Hub::start(live, store, Retention::default()).await.unwrap();
         Self { hub, ended, is_inside: false, _folder: folder }
     }
 

@@ -70,7 +70,7 @@ pub async fn station_of(set: impl FnOnce(App) -> App) -> Station {
     let store = Store::open(folder.path().join("baliza.db").to_str().unwrap()).await.unwrap();
     store.put_site(&Site::new(SITE)).await.unwrap();
     let live = Live::new(baliza_station::live::Limits::default());
-    let keep = Retention { thin_after: None, delete_after: None };
+    let keep = Retention::default();
     let (hub, _) = Hub::start(live, store.clone(), keep).await.unwrap();
     let page = Page::of([
         (

@@ -57,7 +57,7 @@ impl Station {
         });
         live.set_zones(zones);
         let receivers = settings.receivers(Utc::now());
-        let keep = Retention { thin_after: None, delete_after: None };
+        let keep = Retention::default();
         let (hub, _) = Hub::start(live, store, keep).await.expect("a hub");
         for report in receivers {
             hub.reports().send(report).await.expect("taken");

@@ -81,8 +81,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         store.close().await;
         exported
     })?;
-    let Exported { site, tags, positions } = exported;
-    crate::cli::note(&format!("{positions} positions of {tags} tags of {site}, in {}\n", out.display()));
+    let Exported { site, tags, positions, measurements, left_out } = exported;
+    let measurements = if measurements > 0 { format!(" and {measurements} measurements") } else { String::new() };
+    crate::cli::note(&format!("{positions} positions{measurements} of {tags} tags of {site}, in {}\n", out.display()));
+    for (node, count) in left_out {
+        let why = "the store does not have its place: name it in the file of serve --site";
+        crate::cli::note(&format!("{count} measurements to {node} are left out: {why}\n"));
+    }
     Ok(())
 }
 

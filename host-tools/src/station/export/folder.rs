@@ -1,16 +1,20 @@
 //! A part of the station's history as the tables of a recording.
 //!
-//! The output is `positions.csv` with the columns that `solve` writes, and `walls.csv` and `outlines.csv` where the
-//! site has walls and rooms.
+//! The output is `positions.csv` with the columns that `solve` writes; the measurements, where the station has kept
+//! them; and `walls.csv` and `outlines.csv` where the site has walls and rooms.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::path::Path;
 
 use anyhow::{Context, Result};
 use baliza_station::Store;
-use baliza_station::model::{TagPosition, Zone, ZoneKind};
+use baliza_station::Utc;
+use baliza_station::model::{Measurement, TagPosition, Zone, ZoneKind};
+use baliza_station::store::Span;
 
-use super::{Exported, Selection, seconds};
+use super::measurements::Measurements;
+use super::{Exported, Parts, Selection, seconds};
 use crate::node::recorder::{is_of_recording, writer};
 
 /// The rooms' outlines, which `classify-rooms` reads.
@@ -19,6 +23,8 @@ const OUTLINES: &str = "outlines.csv";
 const WALLS: &str = "walls.csv";
 /// What found the positions.
 const METHOD: &str = "station";
+/// The reason of a round without a position: the store does not have it.
+const NO_POSITION: &str = "unknown";
 
 /// Whether a file belongs to an export, and is replaced with it.
 pub fn is_of_export(name: &str) -> bool {
@@ -30,13 +36,67 @@ pub fn is_of_export(name: &str) -> bool {
 /// # Errors
 /// There are no positions; the store or the folder returns an error.
 pub async fn write_folder(store: &Store, selection: &Selection, folder: &Path) -> Result<Exported> {
+    let Selection { site, span, .. } = selection;
+    let mut exported = Exported::nothing_of(site);
     let mut positions = Positions::create(folder)?;
-    let exported = selection.each(store, &selection.tags, |row| Ok(positions.take(row)?)).await?;
+    let mut measurements = Measurements::new(folder, store.peers(&site.name).await?);
+    let mut with_positions = BTreeSet::new();
+    let mut parts = Parts::of(*span);
+    while let Some(part) = parts.next() {
+        let rounds = Rounds::read(store, selection, part, &mut with_positions).await?;
+        parts.had(rounds.rows);
+        for ((t, tag), round) in &rounds.by_end {
+            positions.take(*t, tag, round.position.as_ref())?;
+            measurements.take(positions.epoch, &round.measurements)?;
+            exported.positions += usize::from(round.position.is_some());
+            positions.epoch += 1;
+        }
+    }
     positions.finish()?;
-    let exported = Selection::some(exported)?;
+    exported.tags = with_positions.len();
+    (exported.measurements, exported.left_out) = measurements.finish()?;
+    let exported = exported.some()?;
     write_walls(folder, &selection.site.walls_m)?;
     write_outlines(folder, &store.zones().await?, &selection.site.name)?;
     Ok(exported)
+}
+
+/// The end of a round of a tag.
+#[derive(Default)]
+struct Round {
+    position: Option<TagPosition>,
+    measurements: Vec<Measurement>,
+}
+
+/// The rounds of a part.
+struct Rounds {
+    /// By their end and tag.
+    by_end: BTreeMap<(Utc, String), Round>,
+    rows: usize,
+}
+
+impl Rounds {
+    async fn read<'t>(
+        store: &Store,
+        selection: &'t Selection,
+        part: Span,
+        with_positions: &mut BTreeSet<&'t str>,
+    ) -> Result<Self> {
+        let Selection { site, tags, .. } = selection;
+        let positions = selection.positions(store, tags, part, with_positions).await?;
+        let mut measurements = store.measurements(&site.name, part).await?;
+        measurements.retain(|measurement| tags.iter().any(|tag| tag.tag == measurement.tag));
+        let rows = positions.len() + measurements.len();
+        let mut by_end = BTreeMap::new();
+        for position in positions {
+            let round: &mut Round = by_end.entry((position.t, position.tag.clone())).or_default();
+            round.position = Some(position);
+        }
+        for measurement in measurements {
+            by_end.entry((measurement.round, measurement.tag.clone())).or_default().measurements.push(measurement);
+        }
+        Ok(Self { by_end, rows })
+    }
 }
 
 /// The table of positions.
@@ -66,33 +126,35 @@ impl Positions {
         Ok(Self { writer: writer(folder, "positions.csv", &columns)?, epoch: 0 })
     }
 
-    fn take(&mut self, position: &TagPosition) -> csv::Result<()> {
-        // The store has whole millimetres and milliseconds.
-        let metres = |m: f64| format!("{m:.3}");
-        let maybe = |m: Option<f64>| m.map(metres).unwrap_or_default();
+    /// The row of a round.
+    fn take(&mut self, t: Utc, tag: &str, position: Option<&TagPosition>) -> csv::Result<()> {
+        let of = |value: fn(&TagPosition) -> Option<f64>| metres(position.and_then(value));
         self.writer.write_record([
-            &self.epoch.to_string(),
-            &seconds(position.t),
+            self.epoch.to_string().as_str(),
+            &seconds(t),
             METHOD,
-            &metres(position.x_m),
-            &metres(position.y_m),
-            &maybe(position.z_m),
-            &metres(position.sigma_x_m),
-            &metres(position.sigma_y_m),
-            &maybe(position.sigma_z_m),
-            &position.used.to_string(),
-            "",
-            &format!("{:.6}", position.cov_xy_m2),
-            &position.tag,
-            position.room.as_deref().unwrap_or_default(),
-        ])?;
-        self.epoch += 1;
-        Ok(())
+            &of(|position| Some(position.x_m)),
+            &of(|position| Some(position.y_m)),
+            &of(|position| position.z_m),
+            &of(|position| Some(position.sigma_x_m)),
+            &of(|position| Some(position.sigma_y_m)),
+            &of(|position| position.sigma_z_m),
+            &position.map_or(0, |position| position.used).to_string(),
+            position.map_or(NO_POSITION, |_| ""),
+            &position.map(|position| format!("{:.6}", position.cov_xy_m2)).unwrap_or_default(),
+            tag,
+            position.and_then(|position| position.room.as_deref()).unwrap_or_default(),
+        ])
     }
 
     fn finish(mut self) -> Result<()> {
         self.writer.flush().context("cannot write the positions")
     }
+}
+
+/// The store has whole millimetres.
+pub(super) fn metres(m: Option<f64>) -> String {
+    m.map(|m| format!("{m:.3}")).unwrap_or_default()
 }
 
 fn write_walls(folder: &Path, walls_m: &[[[f64; 2]; 2]]) -> Result<()> {

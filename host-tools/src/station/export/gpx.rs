@@ -25,7 +25,7 @@ pub async fn write_gpx<W: Write>(store: &Store, selection: &Selection, to: W) ->
     };
     let cannot = || "cannot write the tracks";
     let mut gpx = Gpx::new(to, origin).with_context(cannot)?;
-    let mut all = Exported { site: site.name.clone(), tags: 0, positions: 0 };
+    let mut all = Exported::nothing_of(site);
     for tag in &selection.tags {
         let mut is_begun = false;
         let exported = selection.each(store, std::slice::from_ref(tag), |position| {
@@ -39,5 +39,5 @@ pub async fn write_gpx<W: Write>(store: &Store, selection: &Selection, to: W) ->
         all.tags += exported.tags;
         all.positions += exported.positions;
     }
-    Ok((Selection::some(all)?, gpx.finish().with_context(cannot)?))
+    Ok((all.some()?, gpx.finish().with_context(cannot)?))
 }

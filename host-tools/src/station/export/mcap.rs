@@ -25,6 +25,6 @@ pub async fn write_mcap<W: Write>(store: &Store, selection: &Selection, to: W) -
         epoch += 1;
         Ok(())
     });
-    let exported = Selection::some(exported.await?)?;
+    let exported = exported.await?.some()?;
     Ok((exported, view.into_sink().finish()?))
 }

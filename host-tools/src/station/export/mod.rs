@@ -8,8 +8,9 @@ mod folder;
 mod gpx;
 #[cfg(feature = "foxglove")]
 mod mcap;
+mod measurements;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use anyhow::Result;
@@ -25,9 +26,11 @@ pub use mcap::write_mcap;
 use crate::UserError;
 
 /// The parts of the span that are read together: the shortest and the longest.
-const PARTS: [Duration; 2] = [Duration::from_secs(10), Duration::from_secs(86_400)];
-/// With more positions, a part is too long.
+const LENGTHS: [Duration; 2] = [Duration::from_secs(10), Duration::from_secs(86_400)];
+/// With more rows, a part is too long.
 const MANY: usize = 50_000;
+/// With fewer rows, a part is too short.
+const FEW: usize = MANY / 8;
 
 /// What was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -38,6 +41,25 @@ pub struct Exported {
     pub tags: usize,
     /// The number of positions.
     pub positions: usize,
+    /// The number of ranges and sightings.
+    pub measurements: usize,
+    /// The number of measurements that were left out because the place of their node is not known, by node.
+    pub left_out: BTreeMap<String, usize>,
+}
+
+impl Exported {
+    fn nothing_of(site: &Site) -> Self {
+        Self { site: site.name.clone(), tags: 0, positions: 0, measurements: 0, left_out: BTreeMap::new() }
+    }
+
+    /// Refuses an export without positions and measurements.
+    fn some(self) -> Result<Self, UserError> {
+        if self.positions + self.measurements == 0 {
+            let what = format!("the site {} has no positions in this time", self.site);
+            return Err(UserError::flag("--from", what));
+        }
+        Ok(self)
+    }
 }
 
 /// The part of the history that is exported: tags of a site, and a span in which they have reported.
@@ -75,43 +97,68 @@ impl Selection {
         tags: &[Tag],
         mut take: impl FnMut(&TagPosition) -> Result<()>,
     ) -> Result<Exported> {
-        let (mut with_positions, mut positions) = (BTreeSet::new(), 0);
-        let (mut from, mut part) = (self.span.from, PARTS[0]);
-        while from < self.span.to {
-            let until = (from + part).min(self.span.to);
-            let mut rows = Vec::new();
-            // A tag that was not there need not be searched for.
-            for tag in tags.iter().filter(|tag| tag.first_seen < until && tag.last_seen >= from) {
-                let of_tag = store.positions(&self.site.name, &tag.tag, Span { from, to: until }, u32::MAX).await?;
-                if !of_tag.is_empty() {
-                    with_positions.insert(tag.tag.as_str());
-                }
-                rows.extend(of_tag);
-            }
+        let mut exported = Exported::nothing_of(&self.site);
+        let mut with_positions = BTreeSet::new();
+        let mut parts = Parts::of(self.span);
+        while let Some(part) = parts.next() {
+            let mut rows = self.positions(store, tags, part, &mut with_positions).await?;
             rows.sort_by(|a, b| (a.t, &a.tag).cmp(&(b.t, &b.tag)));
             rows.iter().try_for_each(&mut take)?;
-            positions += rows.len();
-            // The next part has about as many positions as fit in memory.
-            part = if rows.len() > MANY {
-                part / 4
-            } else if rows.len() < MANY / 8 {
-                part * 4
-            } else {
-                part
-            };
-            part = part.clamp(PARTS[0], PARTS[1]);
-            from = until;
+            exported.positions += rows.len();
+            parts.had(rows.len());
         }
-        Ok(Exported { site: self.site.name.clone(), tags: with_positions.len(), positions })
+        exported.tags = with_positions.len();
+        Ok(exported)
     }
 
-    /// Refuses an export without positions.
-    fn some(exported: Exported) -> Result<Exported> {
-        if exported.positions == 0 {
-            let what = format!("the site {} has no positions in this time", exported.site);
-            return Err(UserError::flag("--from", what).into());
+    /// The positions of `tags` in a part; the tags that have some are added to `with_positions`.
+    async fn positions<'t>(
+        &self,
+        store: &Store,
+        tags: &'t [Tag],
+        part: Span,
+        with_positions: &mut BTreeSet<&'t str>,
+    ) -> Result<Vec<TagPosition>> {
+        let mut rows = Vec::new();
+        // A tag that was not there need not be searched for.
+        for tag in tags.iter().filter(|tag| tag.first_seen < part.to && tag.last_seen >= part.from) {
+            let of_tag = store.positions(&self.site.name, &tag.tag, part, u32::MAX).await?;
+            if !of_tag.is_empty() {
+                with_positions.insert(tag.tag.as_str());
+            }
+            rows.extend(of_tag);
         }
-        Ok(exported)
+        Ok(rows)
+    }
+}
+
+/// The parts of a span, one after the other: each has about as many rows as fit in memory.
+struct Parts {
+    from: Utc,
+    to: Utc,
+    length: Duration,
+}
+
+impl Parts {
+    fn of(span: Span) -> Self {
+        Self { from: span.from, to: span.to, length: LENGTHS[0] }
+    }
+
+    /// The next part.
+    fn next(&mut self) -> Option<Span> {
+        let part = Span { from: self.from, to: (self.from + self.length).min(self.to) };
+        self.from = part.to;
+        (part.from < part.to).then_some(part)
+    }
+
+    /// The part had so many rows.
+    fn had(&mut self, rows: usize) {
+        let length = match rows {
+            ..FEW => self.length * 4,
+            FEW..=MANY => self.length,
+            _ => self.length / 4,
+        };
+        self.length = length.clamp(LENGTHS[0], LENGTHS[1]);
     }
 }
 

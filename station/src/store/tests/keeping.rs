@@ -35,7 +35,7 @@ on_both! {
         let rows: Vec<_> = (0..1800).flat_map(|i| [position("a", i * 100), position("b", i * 100 + 50)]).collect();
         store.write(&rows, &[]).await.unwrap();
         store.compact(at(DAY)).await.unwrap();
-        let retention = Retention { thin_after: days(1), delete_after: None };
+        let retention = Retention { thin_after: days(1), ..Retention::default() };
         // The second minute's end is not yet a day ago.
         store.retain(retention, at(DAY + 119_000)).await.unwrap();
         let expect = |offset: i64, thin_to: i64| -> Vec<i64> {
@@ -64,7 +64,7 @@ on_both! {
         store.compact(at(DAY / 2)).await.unwrap();
         // One that is old when it comes.
         store.write(&[position("old", 10)], &[]).await.unwrap();
-        let retention = Retention { thin_after: None, delete_after: days(1) };
+        let retention = Retention { delete_after: days(1), ..Retention::default() };
         store.retain(retention, at(DAY + 3_600_000)).await.unwrap();
         let tags = store.tags().await.unwrap();
         assert_eq!(tags.iter().map(|tag| tag.tag.as_str()).collect::<Vec<_>>(), ["kept"]);

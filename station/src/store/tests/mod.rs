@@ -6,6 +6,7 @@ mod crash;
 mod dashboard;
 mod history;
 mod keeping;
+mod measurements;
 mod size;
 mod things;
 

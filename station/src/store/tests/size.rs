@@ -98,7 +98,7 @@ async fn measures_an_hour_of_100_tags_at_10_hz() {
         println!("a replay of the hour, one each {step} s: {:?} for {} positions", start.elapsed(), read.len());
     }
     let start = Instant::now();
-    store.retain(Retention { thin_after: Some(Duration::ZERO), delete_after: None }, at(3_700_000)).await.unwrap();
+    store.retain(Retention { thin_after: Some(Duration::ZERO), ..Retention::default() }, at(3_700_000)).await.unwrap();
     println!("thinning of the hour: {:?}", start.elapsed());
     // The figure of SQLite, which has no network in between.
     assert!(place.schema.is_some() || slowest <= Duration::from_millis(200), "{slowest:?}");

@@ -1,0 +1,201 @@
+//! Measurements, and the nodes that were measured to.
+
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+use std::time::Duration;
+
+use sqlx::any::AnyRow;
+
+use super::key::{MINUTE, MINUTE_MS, key, ms, ms_of, utc};
+use super::rows::{Bare, Many, get, name_of, variant};
+use super::write::{millimetres, rounded, widen_tags};
+use super::{Result, Span, Store, StoreError};
+use crate::model::{Measured, Measurement, Node, PlacedNode};
+
+static INSERT: LazyLock<Many> = LazyLock::new(|| {
+    let before = "INSERT INTO measurements \
+         (key, peer, before_ms, range_mm, power_cdbm, first_path_power_cdbm, clock_offset_ppb)";
+    Many::new(before, 7, "ON CONFLICT (key, peer, before_ms) DO NOTHING")
+});
+
+/// A measurement as it is stored.
+struct Stored {
+    key: i64,
+    peer: i64,
+    before_ms: i32,
+    range_mm: Option<i32>,
+    power_cdbm: Option<i32>,
+    first_path_power_cdbm: Option<i32>,
+    clock_offset_ppb: Option<i32>,
+}
+
+impl Stored {
+    fn new(measurement: &Measurement, tag: i64, peer: i64) -> Self {
+        let Measurement { round, t, what, .. } = measurement;
+        let (range_m, power_dbm, first_path_dbm, offset_ppm) = match *what {
+            Measured::Range { range_m, rx_power_dbm, first_path_power_dbm, clock_offset_ppm } => {
+                (Some(range_m), rx_power_dbm, first_path_power_dbm, clock_offset_ppm)
+            }
+            Measured::Rssi(rssi_dbm) => (None, Some(rssi_dbm), None, None),
+        };
+        Self {
+            key: key(ms(*round), tag),
+            peer,
+            before_ms: i32::try_from(ms(*round) - ms(*t)).unwrap_or_default().max(0),
+            range_mm: range_m.map(millimetres),
+            power_cdbm: power_dbm.map(|dbm| rounded(dbm, 100.0)),
+            first_path_power_cdbm: first_path_dbm.map(|dbm| rounded(dbm, 100.0)),
+            clock_offset_ppb: offset_ppm.map(|ppm| rounded(ppm, 1000.0)),
+        }
+    }
+
+    fn bind<'q>(query: Bare<'q>, row: &Self) -> Bare<'q> {
+        query
+            .bind(row.key)
+            .bind(row.peer)
+            .bind(row.before_ms)
+            .bind(row.range_mm)
+            .bind(row.power_cdbm)
+            .bind(row.first_path_power_cdbm)
+            .bind(row.clock_offset_ppb)
+    }
+}
+
+/// The measurement of a row with key, `before_ms`, range, powers, clock offset, tag and node.
+fn measurement(site: &str, row: &AnyRow) -> Result<Measurement> {
+    let parts =
+        |column, parts: f64| Ok::<_, StoreError>(get::<Option<i32>>(row, column)?.map(|n| f64::from(n) / parts));
+    let round = utc(ms_of(get(row, 0)?));
+    let before_ms: i32 = get(row, 1)?;
+    let (power_dbm, no_power) = (parts(3, 100.0)?, || StoreError::Damaged("a sighting has no RSSI".to_owned()));
+    let what = match parts(2, 1000.0)? {
+        Some(range_m) => Measured::Range {
+            range_m,
+            rx_power_dbm: power_dbm,
+            first_path_power_dbm: parts(4, 100.0)?,
+            clock_offset_ppm: parts(5, 1000.0)?,
+        },
+        None => Measured::Rssi(power_dbm.ok_or_else(no_power)?),
+    };
+    Ok(Measurement {
+        site: site.to_owned(),
+        tag: get(row, 6)?,
+        node: get(row, 7)?,
+        round,
+        t: round - Duration::from_millis(u64::try_from(before_ms).unwrap_or_default()),
+        what,
+    })
+}
+
+impl Store {
+    /// Writes measurements; after it returns, they survive a crash of the process and a power cut. What is written
+    /// again is not stored twice. Those of a new tag for which the key has no number are left out; returns how many.
+    pub async fn write_measurements(&self, measurements: &[Measurement]) -> Result<u64> {
+        let mut writing = self.begin().await?;
+        // Numbers of this transaction hold only if it is committed.
+        let mut numbers = std::mem::take(&mut *writing.numbers);
+        let mut rows = Vec::with_capacity(measurements.len());
+        let mut left_out = 0;
+        let mut seen = BTreeMap::new();
+        for measurement in measurements {
+            let Measurement { site, tag, node, round, .. } = measurement;
+            let Some(tag) = numbers.tag(&mut writing.tx, site, tag, *round).await? else {
+                left_out += 1;
+                continue;
+            };
+            let peer = numbers.peer(&mut writing.tx, site, node).await?;
+            let t = ms(*round);
+            let span = seen.entry(tag).or_insert((t, t));
+            *span = (span.0.min(t), span.1.max(t));
+            rows.push(Stored::new(measurement, tag, peer));
+        }
+        INSERT.run(&mut writing.tx, &rows, Stored::bind).await?;
+        widen_tags(&mut writing.tx, seen).await?;
+        writing.tx.commit().await?;
+        *writing.numbers = numbers;
+        Ok(left_out)
+    }
+
+    /// Takes what nodes do and where they are; what is written again replaces what was there.
+    pub async fn write_peers(&self, nodes: &[Node]) -> Result<()> {
+        let mut writing = self.begin().await?;
+        let mut numbers = std::mem::take(&mut *writing.numbers);
+        for node in nodes {
+            let peer = numbers.peer(&mut writing.tx, &node.site, &node.node).await?;
+            let [x_mm, y_mm, z_mm] = [0, 1, 2].map(|axis: usize| node.position_m.map(|at| millimetres(at[axis])));
+            sqlx::query(
+                "UPDATE peers SET role = $1, x_mm = $2, y_mm = $3, z_mm = $4, rssi_1m_cdbm = $5, \
+                 path_loss_exponent_milli = $6 WHERE id = $7",
+            )
+            .bind(name_of(node.role)?)
+            .bind(x_mm)
+            .bind(y_mm)
+            .bind(z_mm)
+            .bind(node.rssi_1m_dbm.map(|dbm| rounded(dbm, 100.0)))
+            .bind(node.path_loss_exponent.map(|exponent| rounded(exponent, 1000.0)))
+            .bind(peer)
+            .execute(&mut *writing.tx)
+            .await?;
+        }
+        writing.tx.commit().await?;
+        *writing.numbers = numbers;
+        Ok(())
+    }
+
+    /// The measurements of a site whose rounds ended in a span, by minute, tag and time.
+    pub async fn measurements(&self, site: &str, span: Span) -> Result<Vec<Measurement>> {
+        let (from, to) = span.ms();
+        let statement = sqlx::query(
+            "SELECT m.key, m.before_ms, m.range_mm, m.power_cdbm, m.first_path_power_cdbm, m.clock_offset_ppb, \
+             g.tag, p.node FROM measurements AS m JOIN tags AS g ON g.id = ((m.key >> 16) & 1048575) \
+             JOIN peers AS p ON p.id = m.peer \
+             WHERE m.key >= $1 AND m.key < $2 AND g.site = $3 ORDER BY m.key, m.before_ms DESC, p.node",
+        );
+        let [first, end] = [from / MINUTE_MS, to / MINUTE_MS + 1].map(|minute| minute.saturating_mul(MINUTE));
+        let rows = statement.bind(first).bind(end).bind(site).fetch_all(&self.pool).await?;
+        let mut found = Vec::with_capacity(rows.len());
+        for row in &rows {
+            if (from..to).contains(&ms_of(get(row, 0)?)) {
+                found.push(measurement(site, row)?);
+            }
+        }
+        Ok(found)
+    }
+
+    /// The nodes of a site that were measured to and whose places are known, by name.
+    pub async fn peers(&self, site: &str) -> Result<Vec<PlacedNode>> {
+        let statement = sqlx::query(
+            "SELECT node, role, x_mm, y_mm, z_mm, rssi_1m_cdbm, path_loss_exponent_milli FROM peers \
+             WHERE site = $1 AND role IS NOT NULL AND x_mm IS NOT NULL ORDER BY node",
+        );
+        let rows = statement.bind(site).fetch_all(&self.pool).await?;
+        let peer = |row: &AnyRow| {
+            let parts = |column, parts: f64| {
+                Ok::<_, StoreError>(get::<Option<i32>>(row, column)?.map(|number| f64::from(number) / parts))
+            };
+            let metres = |column| Ok::<_, StoreError>(f64::from(get::<i32>(row, column)?) / 1000.0);
+            Ok(PlacedNode {
+                site: site.to_owned(),
+                node: get(row, 0)?,
+                name: None,
+                role: variant(row, 1)?,
+                position_m: [metres(2)?, metres(3)?, metres(4)?],
+                rssi_1m_dbm: parts(5, 100.0)?,
+                path_loss_exponent: parts(6, 1000.0)?,
+            })
+        };
+        rows.iter().map(peer).collect()
+    }
+
+    /// Deletes the measurements of the oldest minutes before one, `most` at a time. Whether there were any.
+    pub(super) async fn delete_measurements(&self, before: i64, most: i64) -> Result<bool> {
+        let mut writing = self.begin().await?;
+        let first = sqlx::query_scalar("SELECT MIN(key) FROM measurements").fetch_one(&mut *writing.tx).await?;
+        let first: Option<i64> = first;
+        let Some(first) = first.map(|key| key / MINUTE).filter(|first| *first < before) else { return Ok(false) };
+        let end = before.min(first + most) * MINUTE;
+        sqlx::query("DELETE FROM measurements WHERE key < $1").bind(end).execute(&mut *writing.tx).await?;
+        writing.tx.commit().await?;
+        Ok(true)
+    }
+}
