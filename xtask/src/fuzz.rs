@@ -27,6 +27,9 @@ pub struct Arguments {
     /// How long each target runs, seconds.
     #[arg(long, value_name = "N", default_value_t = 60)]
     seconds: u32,
+    /// What random inputs begin with: equal seeds give equal inputs. 0: another each time.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    seed: u32,
     /// Only this target.
     #[arg(long, value_name = "T")]
     target: Option<String>,
@@ -47,7 +50,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let names = output(Command::new(&program).env_remove("FUZZ_TARGET"))?;
         for name in names.lines().filter(|name| arguments.target.as_deref().is_none_or(|only| only == *name)) {
             ran += 1;
-            if !fuzz(&program, name, arguments.seconds)? {
+            if !fuzz(&program, name, arguments)? {
                 failed.push(name.to_owned());
             }
         }
@@ -73,7 +76,7 @@ fn build(triple: &str) -> Result<()> {
 }
 
 /// Runs a target from its seeds and the corpus of earlier runs; false where it finds something.
-fn fuzz(program: &PathBuf, name: &str, seconds: u32) -> Result<bool> {
+fn fuzz(program: &PathBuf, name: &str, &Arguments { seconds, seed, .. }: &Arguments) -> Result<bool> {
     let [corpus, artifacts] = ["corpus", "artifacts"].map(|kind| root().join("target/fuzz").join(kind));
     let corpus = corpus.join(name);
     for folder in [&corpus, &artifacts] {
@@ -82,7 +85,8 @@ fn fuzz(program: &PathBuf, name: &str, seconds: u32) -> Result<bool> {
     output(Command::new(program).env("FUZZ_TARGET", name).env("FUZZ_SEEDS", &corpus))?;
     println!("{name}: {seconds} s");
     let run = Command::new(program)
-        .args([format!("-max_total_time={seconds}"), format!("-artifact_prefix={}/{name}-", artifacts.display())])
+        .args([format!("-max_total_time={seconds}"), format!("-seed={seed}")])
+        .arg(format!("-artifact_prefix={}/{name}-", artifacts.display()))
         .args(["-timeout=10", "-rss_limit_mb=2048", "-close_fd_mask=1", "-verbosity=0", "-print_final_stats=1"])
         .arg(&corpus)
         .env("FUZZ_TARGET", name)
