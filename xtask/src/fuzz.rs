@@ -1,8 +1,11 @@
 //! Fuzzing: builds the targets of `fuzz/` with the compiler's coverage instrumentation, on stable Rust, and runs them.
 
-use std::path::PathBuf;
+use std::num::NonZero;
+use std::panic::resume_unwind;
+use std::path::Path;
 use std::process::Command;
-use std::{env, fs};
+use std::sync::{Mutex, PoisonError};
+use std::{env, fs, thread};
 
 use anyhow::{Context, Result, bail};
 
@@ -35,7 +38,7 @@ pub struct Arguments {
     target: Option<String>,
 }
 
-/// Runs the targets. Inputs that cover new code stay in `target/fuzz/corpus`, those that fail in
+/// Runs the targets, one on each processor at a time. Inputs that cover new code stay in `target/fuzz/corpus`, those that fail in
 /// `target/fuzz/artifacts`.
 ///
 /// # Errors
@@ -44,22 +47,35 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let triple = host_triple()?;
     let folder = root().join("target/fuzz");
     build(&triple)?;
-    let (mut ran, mut failed) = (0, Vec::new());
+    let mut targets = Vec::new();
     for binary in BINARIES {
         let program = folder.join(&triple).join("release").join(binary);
         let names = output(Command::new(&program).env_remove("FUZZ_TARGET"))?;
-        for name in names.lines().filter(|name| arguments.target.as_deref().is_none_or(|only| only == *name)) {
-            ran += 1;
-            if !fuzz(&program, name, arguments)? {
-                failed.push(name.to_owned());
+        let wanted = names.lines().filter(|name| arguments.target.as_deref().is_none_or(|only| only == *name));
+        targets.extend(wanted.map(|name| (program.clone(), name.to_owned())));
+    }
+    if targets.is_empty() {
+        bail!("there is no target {}", arguments.target.as_deref().unwrap_or_default());
+    }
+    let targets = Mutex::new(targets.into_iter());
+    let next = || targets.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let work = || {
+        let mut failed = Vec::new();
+        while let Some((program, name)) = next() {
+            if !fuzz(&program, &name, arguments)? {
+                failed.push(name);
             }
         }
-    }
-    match (ran, failed.is_empty()) {
-        (0, _) => bail!("there is no target {}", arguments.target.as_deref().unwrap_or_default()),
-        (_, false) => bail!("found by {}: see target/fuzz/artifacts", failed.join(", ")),
-        (_, true) => Ok(()),
-    }
+        Ok(failed)
+    };
+    let failed = thread::scope(|scope| {
+        let count = thread::available_parallelism().map_or(1, NonZero::get);
+        let workers: Vec<_> = (0..count).map(|_| scope.spawn(work)).collect();
+        let found = workers.into_iter().map(|worker| worker.join().unwrap_or_else(|panic| resume_unwind(panic)));
+        found.collect::<Result<Vec<Vec<String>>>>()
+    })?;
+    let failed = failed.concat();
+    if failed.is_empty() { Ok(()) } else { bail!("found by {}: see target/fuzz/artifacts", failed.join(", ")) }
 }
 
 fn build(triple: &str) -> Result<()> {
@@ -76,7 +92,7 @@ fn build(triple: &str) -> Result<()> {
 }
 
 /// Runs a target from its seeds and the corpus of earlier runs; false where it finds something.
-fn fuzz(program: &PathBuf, name: &str, &Arguments { seconds, seed, .. }: &Arguments) -> Result<bool> {
+fn fuzz(program: &Path, name: &str, &Arguments { seconds, seed, .. }: &Arguments) -> Result<bool> {
     let [corpus, artifacts] = ["corpus", "artifacts"].map(|kind| root().join("target/fuzz").join(kind));
     let corpus = corpus.join(name);
     for folder in [&corpus, &artifacts] {
