@@ -115,6 +115,33 @@ pub struct Node {
     pub supply_v: Option<f64>,
 }
 
+/// The health of a node in a minute of the past: what [`Node`] had at that time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct NodeHealth {
+    /// The site in whose frame it is.
+    pub site: String,
+    /// Short address (`0x0101`), major and minor number of a beacon (`1-7`), or the name of a receiver.
+    pub node: String,
+    /// The beginning of the minute.
+    pub t: Utc,
+    /// Ranges a second, from all tags.
+    pub rate_hz: f64,
+    /// The share of the rounds within its usual reach in which it had a range.
+    pub success_rate: Option<f64>,
+    /// Mean of measured minus expected range, from the position that was solved in the same round.
+    pub residual_mean_m: Option<f64>,
+    /// Standard deviation of the same.
+    pub residual_sigma_m: Option<f64>,
+    /// Mean of the first path's power minus the received power, dB.
+    pub first_path_minus_received_db: Option<f64>,
+    /// Mean of the rate of its clock relative to the tags' clocks, parts per million.
+    pub clock_offset_ppm: Option<f64>,
+    /// It was probably moved.
+    pub moved: bool,
+    /// The supply voltage of its radio, V.
+    pub supply_v: Option<f64>,
+}
+
 /// A measurement between a tag and a node.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measurement {

@@ -63,7 +63,7 @@ pub struct Arguments {
     /// Keep one position a second of positions that are older than this, days
     #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
     thin_days: Option<u64>,
-    /// Delete positions and events that are older than this, days
+    /// Delete positions, events and the health of anchors that are older than this, days
     #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(1..=36_500))]
     keep_days: Option<u64>,
     /// Keep ranges and sightings too, for this time, days: about 33 bytes each in SQLite

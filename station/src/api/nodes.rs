@@ -1,28 +1,28 @@
-//! Anchors, beacons and receivers: their health in the live state to answers, and where a person places them to the
-//! store and the live state.
+//! Anchors, beacons and receivers: their health in the live state and its history in the store to answers, and where a
+//! person places them to the store and the live state.
 
 use axum::extract::State;
-use axum::http::StatusCode;
+use axum::http::{StatusCode, Uri};
 use axum::response::Response;
 use serde::Deserialize;
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use super::extract::{Coordinate, Json, Name, Path, Query};
+use super::extract::{Coordinate, Json, Limit, Name, Path, Query, span};
 use super::problem::Problem;
 use super::tags::OfSite;
 use super::{Shared, answer};
 use crate::Utc;
 use crate::live::{EXPONENTS, FARTHEST_M, LONGEST_NAME, is_name};
-use crate::model::{Node, PlacedNode, Role};
+use crate::model::{Node, NodeHealth, PlacedNode, Role};
 
 /// The greatest number of placed nodes of all sites.
 const NODES: usize = 5_000;
 
 /// The routes.
 pub fn routes() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(list)).routes(routes!(put, delete))
+    OpenApiRouter::new().routes(routes!(list)).routes(routes!(health)).routes(routes!(put, delete))
 }
 
 /// The anchors, beacons and receivers, with their health, by site and address.
@@ -32,6 +32,40 @@ async fn list(State(station): State<Shared>, Query(of): Query<OfSite>) -> Result
     let mut nodes = station.app.hub.read(|live| live.nodes());
     nodes.retain(|node| of.site.as_ref().is_none_or(|site| site.as_str() == node.site));
     answer::page(&nodes, None)
+}
+
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct History {
+    /// From this time.
+    #[param(inline)]
+    from: Option<Utc>,
+    /// Until this time, which is excluded.
+    #[param(inline)]
+    to: Option<Utc>,
+    /// The greatest number of rows.
+    #[serde(default)]
+    #[param(inline, required = false)]
+    limit: Limit,
+}
+
+/// A node's health, minute by minute, newest first; none of a minute in which no tag measured to it. The header `Link`
+/// tells where older ones are.
+#[utoipa::path(get, path = "/api/v1/nodes/{site}/{node}/health", tag = "nodes", security(("token" = ["view"])),
+    params(("site" = Name, Path, description = "the site"), ("node" = Name, Path, description = "the node"), History),
+    responses((status = 200, body = [NodeHealth])))]
+async fn health(
+    State(station): State<Shared>,
+    Path((site, node)): Path<(Name, Name)>,
+    Query(asked): Query<History>,
+    uri: Uri,
+) -> Result<Response, Problem> {
+    let span = span(asked.from, asked.to)?;
+    let limit = asked.limit.get();
+    let rows = station.app.store.health(site.as_str(), node.as_str(), span, limit).await?;
+    let next = rows.last().filter(|_| rows.len() == limit as usize);
+    answer::page(&rows, next.map(|last| answer::with_parameter(&uri, "to", &last.t.to_string())))
 }
 
 /// What a node that is placed does: anchors say themselves where they are.

@@ -2,8 +2,9 @@
 //!
 //! Input: [`Report`]s by a channel. They are applied to the [`Live`] state; its updates go to the listeners at once and
 //! into a queue for the store. Reports of receivers also go to the `locator`, which makes positions of them. A second
-//! task writes the queue's rows in batches, a third one compacts the store and deletes what is old. So nothing that the
-//! store does holds up a report: while it fails, rows wait in the queue, which is bounded.
+//! task writes the queue's rows in batches, a third one writes the health of nodes once a minute, compacts the store and
+//! deletes what is old. So nothing that the store does holds up a report: while it fails, rows wait in the queue, which
+//! is bounded; the health of a minute in which it fails is not written.
 
 mod locator;
 mod rounds;
@@ -22,7 +23,7 @@ use utoipa::ToSchema;
 use self::locator::Locator;
 use self::rounds::Rounds;
 use self::writer::Queue;
-use crate::model::{Event, Measurement, Node, Role, TagPosition};
+use crate::model::{Event, Measurement, Node, NodeHealth, Role, TagPosition};
 use crate::store::{self, Retention, Store};
 use crate::{Live, Report, Update, Utc, What};
 
@@ -36,8 +37,8 @@ const REST: Duration = Duration::from_millis(2);
 const UPDATES: usize = 4096;
 /// How often the state learns the time.
 const TICK: Duration = Duration::from_secs(1);
-/// How often minutes that are over are compacted.
-const COMPACT_EVERY: Duration = Duration::from_secs(60);
+/// How often the health of nodes is written, and minutes that are over are compacted.
+const MAINTAIN_EVERY: Duration = Duration::from_secs(60);
 /// The number of these after which old rows are thinned and deleted.
 const RETAIN_EVERY: u64 = 60;
 
@@ -54,6 +55,9 @@ pub trait Sink: Clone + Send + Sync + 'static {
 
     /// Writes where nodes are.
     fn write_peers(&self, nodes: &[Node]) -> impl Future<Output = store::Result<()>> + Send;
+
+    /// Writes how nodes are in this minute.
+    fn write_health(&self, rows: &[NodeHealth]) -> impl Future<Output = store::Result<()>> + Send;
 
     /// The greatest id of an event.
     fn last_event(&self) -> impl Future<Output = store::Result<i64>> + Send;
@@ -76,6 +80,10 @@ impl Sink for Store {
 
     async fn write_peers(&self, nodes: &[Node]) -> store::Result<()> {
         Store::write_peers(self, nodes).await
+    }
+
+    async fn write_health(&self, rows: &[NodeHealth]) -> store::Result<()> {
+        Store::write_health(self, rows).await
     }
 
     async fn last_event(&self) -> store::Result<i64> {
@@ -105,6 +113,10 @@ impl Sink for Nowhere {
     }
 
     async fn write_peers(&self, _: &[Node]) -> store::Result<()> {
+        Ok(())
+    }
+
+    async fn write_health(&self, _: &[NodeHealth]) -> store::Result<()> {
         Ok(())
     }
 
@@ -289,7 +301,8 @@ impl Applier {
     ) {
         let (end, ended) = watch::channel(false);
         let counters = Arc::clone(&self.counters);
-        let maintenance = tokio::spawn(maintain(store.clone(), retention, Arc::clone(&counters), ended.clone()));
+        let (live, counted) = (Arc::clone(&self.live), Arc::clone(&counters));
+        let maintenance = tokio::spawn(maintain(live, store.clone(), retention, counted, ended.clone()));
         let writer = tokio::spawn(writer::write(store, Arc::clone(&self.queue), counters, ended));
         let mut ticks = interval(TICK);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -415,22 +428,34 @@ impl Applier {
     }
 }
 
-/// Compacts the store, and thins and deletes what is old, until the end.
-async fn maintain(store: impl Sink, retention: Retention, counters: Arc<Counters>, mut ended: watch::Receiver<bool>) {
-    let mut minutes = interval_at(Instant::now() + COMPACT_EVERY, COMPACT_EVERY);
+/// Writes the health of nodes, compacts the store, and thins and deletes what is old, until the end.
+async fn maintain(
+    live: Arc<RwLock<Live>>,
+    store: impl Sink,
+    retention: Retention,
+    counters: Arc<Counters>,
+    mut ended: watch::Receiver<bool>,
+) {
+    let mut minutes = interval_at(Instant::now() + MAINTAIN_EVERY, MAINTAIN_EVERY);
     minutes.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut is_failing = false;
     let work = async {
         for minute in 0_u64.. {
             minutes.tick().await;
+            let health = live.write().unwrap_or_else(PoisonError::into_inner).take_health();
             let mut done = store.compact(Utc::now()).await;
             if minute % RETAIN_EVERY == 0 && done.is_ok() {
                 done = store.retain(retention, Utc::now()).await;
             }
+            if done.is_ok() {
+                done = store.write_health(&health).await;
+            }
             if let Err(error) = &done {
                 add(&counters.store_failures, 1);
                 if !is_failing {
-                    log::error!("the store cannot be tidied, and is tried each minute: {error}");
+                    log::error!(
+                        "the store cannot be tidied or takes no health of nodes, and is tried each minute: {error}"
+                    );
                 }
             }
             is_failing = done.is_err();

@@ -27,6 +27,7 @@ struct Content {
     measurements: Vec<Measurement>,
     /// The nodes of each write.
     peers: Vec<Vec<String>>,
+    health: Vec<NodeHealth>,
     last_event: i64,
     tries: usize,
     is_failing: bool,
@@ -84,6 +85,11 @@ impl Sink for Memory {
             content.peers.push(nodes.iter().map(|node| node.node.clone()).collect());
             Ok(())
         })
+    }
+
+    async fn write_health(&self, rows: &[NodeHealth]) -> store::Result<()> {
+        self.content(|content| content.health.extend_from_slice(rows));
+        Ok(())
     }
 
     async fn last_event(&self) -> store::Result<i64> {
@@ -452,6 +458,40 @@ async fn the_store_is_compacted_each_minute_and_cleared_each_hour() {
     store.content(|content| content.is_failing = false);
     tokio::time::sleep(Duration::from_secs(60)).await;
     assert_eq!(store.content(|content| content.compacted), 63);
+    assert_eq!(hub.counts().store_failures, 1);
+    hub.stop();
+    task.await.expect("no panic");
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_health_of_the_nodes_that_were_seen_is_written_each_minute() {
+    let store = Memory::default();
+    let (hub, task) = start(&store).await;
+    let range = async |anchor: &str, clock_offset_ppm| {
+        let (tag, anchor) = ("0x1001".to_owned(), anchor.to_owned());
+        let what =
+            What::Range { tag, anchor, range_m: 3.0, rx_power_dbm: None, first_path_power_dbm: None, clock_offset_ppm };
+        let report = Report { t: Utc::now(), site: SITE.to_owned(), what };
+        hub.reports().send(report).await.expect("the hub runs");
+    };
+    let written = || -> Vec<(String, Option<f64>)> {
+        let rows = store.content(|content| std::mem::take(&mut content.health));
+        rows.into_iter().map(|row| (row.node, row.clock_offset_ppm)).collect()
+    };
+    let a_minute = Duration::from_secs(60);
+    range("0x0101", Some(2.5)).await;
+    sleep(a_minute + Duration::from_secs(1)).await;
+    assert_eq!(written(), [("0x0101".to_owned(), Some(2.5))]);
+    // Nothing is known of a minute without a range, and nothing of one in which the store fails.
+    sleep(a_minute).await;
+    assert_eq!(written(), []);
+    range("0x0101", None).await;
+    store.content(|content| content.is_failing = true);
+    sleep(a_minute).await;
+    store.content(|content| content.is_failing = false);
+    range("0x0102", None).await;
+    sleep(a_minute).await;
+    assert_eq!(written(), [("0x0102".to_owned(), None)]);
     assert_eq!(hub.counts().store_failures, 1);
     hub.stop();
     task.await.expect("no panic");

@@ -37,7 +37,9 @@ pub use self::outline::Gaussian;
 use self::outline::Outline;
 use self::tags::{Area, Inside, ROUND, RoundRange, TagState};
 use crate::Utc;
-use crate::model::{self, Event, EventKind, GeographicOrigin, Node, Role, Tag, TagPosition, Zone, ZoneKind};
+use crate::model::{
+    self, Event, EventKind, GeographicOrigin, Node, NodeHealth, Role, Tag, TagPosition, Zone, ZoneKind,
+};
 use crate::report::{Report, SolvedFrom, What};
 use crate::rssi::KnownNode;
 
@@ -327,6 +329,12 @@ impl Live {
         let mut nodes: Vec<Node> = self.sites.iter().flat_map(|(name, site)| site.nodes.show(name, now)).collect();
         nodes.sort_unstable_by(|a, b| (&a.site, &a.node).cmp(&(&b.site, &b.node)));
         nodes
+    }
+
+    /// The health, at the state's time, of the nodes that were seen since the last call.
+    pub fn take_health(&mut self) -> Vec<NodeHealth> {
+        let now = self.clock.unwrap_or_default();
+        self.sites.iter_mut().flat_map(|(name, site)| site.nodes.take_health(name, now)).collect()
     }
 
     /// The nodes of a role in a site whose places are known.

@@ -21,7 +21,7 @@ use super::rate::{Mean, Rate};
 use super::supply::Supply;
 use super::tags::RoundRange;
 use crate::Utc;
-use crate::model::{Node, Role};
+use crate::model::{Node, NodeHealth, Role};
 use crate::rssi::KnownNode;
 
 /// Residuals must be off for this time.
@@ -43,6 +43,8 @@ struct NodeState {
     rssi_1m_dbm: Option<f64>,
     path_loss_exponent: Option<f64>,
     last_seen: Option<Utc>,
+    /// Seen since its health was taken.
+    is_seen: bool,
     rate: Rate,
     ranges: Mean,
     residuals: Mean,
@@ -90,6 +92,7 @@ impl Nodes {
             rssi_1m_dbm: None,
             path_loss_exponent: None,
             last_seen: None,
+            is_seen: false,
             rate: Rate::default(),
             ranges: Mean::default(),
             residuals: Mean::default(),
@@ -162,6 +165,7 @@ impl Nodes {
     pub(super) fn sight(&mut self, index: usize, t: Utc) {
         if let Some(state) = self.states.get_mut(index) {
             state.last_seen = Some(t);
+            state.is_seen = true;
             state.rate.count(t);
         }
     }
@@ -249,6 +253,26 @@ impl Nodes {
             clock_offset_ppm: state.clock_offset.mean(),
             moved: state.is_moved,
             supply_v: state.supply.volts,
+        })
+    }
+
+    /// The health of those that were seen since the last time.
+    pub(super) fn take_health(&mut self, site: &str, now: Utc) -> impl Iterator<Item = NodeHealth> {
+        self.states.iter_mut().filter(|state| state.is_seen).map(move |state| {
+            state.is_seen = false;
+            NodeHealth {
+                site: site.to_owned(),
+                node: state.node.clone(),
+                t: now,
+                rate_hz: state.rate.hz(now),
+                success_rate: state.success.mean(),
+                residual_mean_m: state.residuals.mean(),
+                residual_sigma_m: state.residuals.deviation(),
+                first_path_minus_received_db: state.power.mean(),
+                clock_offset_ppm: state.clock_offset.mean(),
+                moved: state.is_moved,
+                supply_v: state.supply.volts,
+            }
         })
     }
 }

@@ -397,6 +397,37 @@ fn success_is_the_share_of_rounds_nearer_than_the_mean_range() {
 }
 
 #[test]
+fn the_health_of_a_node_is_taken_once_after_it_was_seen() {
+    let mut live = live();
+    live.apply(&report(at(0), anchor("0x0101", [0.0, 0.0, 0.0])));
+    live.apply(&report(at(0), anchor("0x0102", [9.0, 0.0, 0.0])));
+    assert_eq!(live.take_health(), []);
+    // 5 Hz for 10 s; residuals of 5 - 4 = 1 m.
+    for k in 0..50 {
+        live.apply(&report(at(200 * k), range("0x0101", 5.0)));
+        live.apply(&report(at(200 * k), position("0x1001", [4.0, 0.0], 0.1)));
+    }
+    live.apply(&report(at(9_900), What::Supply { node: "0x0101".to_owned(), supply_v: 3.25 }));
+    live.tick(at(10_000));
+    let health = live.take_health().remove(0);
+    assert!((health.residual_mean_m.unwrap() - 1.0).abs() < 1e-9 && health.residual_sigma_m.unwrap() < 1e-9);
+    let expected = NodeHealth {
+        site: SITE.to_owned(),
+        node: "0x0101".to_owned(),
+        t: at(10_000),
+        rate_hz: 5.0,
+        success_rate: Some(1.0),
+        first_path_minus_received_db: Some(-4.0),
+        clock_offset_ppm: Some(2.0),
+        moved: false,
+        supply_v: Some(3.25),
+        ..health
+    };
+    assert_eq!(health, expected);
+    assert_eq!(live.take_health(), []);
+}
+
+#[test]
 fn an_anchor_that_was_moved_makes_one_event_and_is_well_again_when_it_is_surveyed() {
     let mut live = live();
     live.apply(&report(at(0), anchor("0x0101", [3.0, 4.0, 0.0])));

@@ -42,7 +42,7 @@ const POSITION: &[(&str, Kind)] = &[
 ];
 
 /// All tables; those that others refer to come first. `recent` gets new numbers in the same order.
-pub const TABLES: [Copied; 14] = [
+pub const TABLES: [Copied; 15] = [
     Copied {
         name: "tags",
         columns: &[
@@ -71,6 +71,23 @@ pub const TABLES: [Copied; 14] = [
             ("alarm", Kind::Int),
         ],
         order: "id",
+    },
+    Copied {
+        name: "health",
+        columns: &[
+            ("site", Kind::Text),
+            ("node", Kind::Text),
+            ("minute", Kind::Int),
+            ("rate_chz", Kind::Int),
+            ("success_permille", Kind::Int),
+            ("residual_mean_mm", Kind::Int),
+            ("residual_sigma_mm", Kind::Int),
+            ("first_path_minus_received_cdb", Kind::Int),
+            ("clock_offset_ppb", Kind::Int),
+            ("supply_mv", Kind::Int),
+            ("moved", Kind::Int),
+        ],
+        order: "site, node, minute",
     },
     Copied {
         name: "sites",

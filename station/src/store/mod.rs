@@ -8,6 +8,7 @@
 //! | `measurements` | a range or a sighting, by the key of the position for which it was made; only where asked for |
 //! | `peers` | a node that was measured to, the number that stands for it in measurements, and its place |
 //! | `tags`, `rooms` | a name, and the number that stands for it in positions; of a tag also its first and last time |
+//! | `health` | how a node was in a minute, as whole numbers |
 //! | `events`, `sites`, `zones`, `nodes`, `campaigns`, `points`, `samples` | an object of [`crate::model`]; lists are JSON |
 //!
 //! The key of a position is `minute << 36 | tag << 16 | millisecond of the minute`. Once a minute, [`Store::compact`]
@@ -26,6 +27,7 @@ mod backup;
 mod campaigns;
 mod copy;
 mod events;
+mod health;
 mod history;
 mod key;
 mod lines;
@@ -106,12 +108,12 @@ pub struct Span {
     pub to: Utc,
 }
 
-/// How long positions, events and measurements are kept.
+/// How long positions, events, the health of nodes and measurements are kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Retention {
     /// Positions older than this are thinned to one a second and tag.
     pub thin_after: Option<Duration>,
-    /// Positions and events older than this are deleted, and tags that were not seen since.
+    /// Rows older than this are deleted, and tags that were not seen since.
     pub delete_after: Option<Duration>,
     /// Measurements are kept for this time, and not longer than positions. None: there are no new ones.
     pub measurements: Option<Duration>,

@@ -26,18 +26,21 @@ pub(super) fn migrations(engine: Engine) -> Vec<Migration> {
             include_str!("../../migrations/sqlite/0002_nodes.sql"),
             include_str!("../../migrations/sqlite/0003_geographic_origin.sql"),
             include_str!("../../migrations/sqlite/0004_measurements.sql"),
+            include_str!("../../migrations/sqlite/0005_health.sql"),
         ],
         Engine::Postgres => [
             include_str!("../../migrations/postgres/0001_first.sql"),
             include_str!("../../migrations/postgres/0002_nodes.sql"),
             include_str!("../../migrations/postgres/0003_geographic_origin.sql"),
             include_str!("../../migrations/postgres/0004_measurements.sql"),
+            include_str!("../../migrations/postgres/0005_health.sql"),
         ],
     };
     let migration = |((version, name), sql): ((i64, &'static str), &'static str)| {
         Migration::new(version, name.into(), MigrationType::Simple, sql.into_sql_str(), false)
     };
-    (1..).zip(["first", "nodes", "geographic_origin", "measurements"]).zip(texts).map(migration).collect()
+    let names = ["first", "nodes", "geographic_origin", "measurements", "health"];
+    (1..).zip(names).zip(texts).map(migration).collect()
 }
 
 /// Where a store is.

@@ -1,4 +1,4 @@
-//! What happens to positions with time: they move to history, are thinned, are deleted.
+//! What happens to rows with time: positions move to history and are thinned, all are deleted.
 
 use std::time::Duration;
 
@@ -83,12 +83,13 @@ impl Store {
         Ok(true)
     }
 
-    /// Deletes late rows, events and tags.
+    /// Deletes late rows, events, the health of nodes, and tags.
     async fn delete_rest(&self, before: Utc) -> Result<()> {
         let mut writing = self.begin().await?;
         let minute = ms(before) / MINUTE_MS;
         sqlx::query("DELETE FROM recent WHERE key < $1").bind(minute * MINUTE).execute(&mut *writing.tx).await?;
         sqlx::query("DELETE FROM events WHERE t_us < $1").bind(before.us()).execute(&mut *writing.tx).await?;
+        sqlx::query("DELETE FROM health WHERE minute < $1").bind(minute).execute(&mut *writing.tx).await?;
         // Tags without any position left: their numbers may be given again.
         sqlx::query("DELETE FROM tags WHERE last_ms < $1").bind(minute * MINUTE_MS).execute(&mut *writing.tx).await?;
         *writing.numbers = super::Numbers::default();

@@ -7,7 +7,7 @@ use serde_json::Value;
 use crate::client::open;
 
 /// The routes of the API's table, each with the least role that may use it; `-` is everyone.
-pub const ROUTES: [(&str, &str, &str); 40] = [
+pub const ROUTES: [(&str, &str, &str); 41] = [
     ("get", "/", "-"),
     ("get", "/openapi.json", "-"),
     ("get", "/healthz", "-"),
@@ -29,6 +29,7 @@ pub const ROUTES: [(&str, &str, &str); 40] = [
     ("get", "/api/v1/tags/{tag}/positions.gpx", "view"),
     ("get", "/api/v1/positions", "view"),
     ("get", "/api/v1/nodes", "view"),
+    ("get", "/api/v1/nodes/{site}/{node}/health", "view"),
     ("put", "/api/v1/nodes/{site}/{node}", "administer"),
     ("delete", "/api/v1/nodes/{site}/{node}", "administer"),
     ("post", "/api/v1/receivers/{receiver}/sightings", "operate"),

@@ -1,7 +1,7 @@
 //! Every route, used as intended.
 
 use baliza_station::What;
-use baliza_station::model::Role;
+use baliza_station::model::{NodeHealth, Role};
 use hyper::{Method, header};
 use serde_json::{Value, json};
 
@@ -175,6 +175,38 @@ async fn nodes_are_listed_with_their_health() {
     for key in health {
         assert!(nodes[0].get(key).is_some(), "{key}");
     }
+}
+
+#[tokio::test]
+async fn the_health_of_a_node_has_its_history_newest_first_in_pages() {
+    let station = open().await;
+    let at = |minute: u8| NodeHealth {
+        site: SITE.to_owned(),
+        node: "north west".to_owned(),
+        t: format!("2026-01-01T10:{minute:02}:00Z").parse().unwrap(),
+        rate_hz: 10.0,
+        success_rate: Some(f64::from(minute) / 10.0),
+        residual_mean_m: None,
+        residual_sigma_m: None,
+        first_path_minus_received_db: None,
+        clock_offset_ppm: None,
+        moved: minute == 3,
+        supply_v: None,
+    };
+    station.store.write_health(&[1, 2, 3].map(at)).await.unwrap();
+    let path = "/api/v1/nodes/lab/north%20west/health";
+    let first = station.get(&format!("{path}?limit=2&from=2026-01-01T10:01:00Z")).await;
+    let expected = json!([at(3), at(2)]);
+    assert_eq!((first.status.as_u16(), first.json()), (200, expected));
+    let next = first.header(header::LINK).strip_prefix('<').unwrap().strip_suffix(">; rel=\"next\"").unwrap();
+    let second = station.get(next).await;
+    assert_eq!((second.json(), second.header(header::LINK)), (json!([at(1)]), ""));
+    let middle = format!("{path}?from=2026-01-01T10:02:00Z&to=2026-01-01T10:03:00Z");
+    assert_eq!(station.get(&middle).await.json(), json!([at(2)]));
+    assert_eq!(station.get("/api/v1/nodes/lab/none/health").await.json(), json!([]));
+    station.get(&format!("{path}?to=yesterday")).await.is_problem(400);
+    station.get(&format!("{path}?from=2026-01-02T00:00:00Z&to=2026-01-01T00:00:00Z")).await.is_problem(400);
+    station.get(&format!("{path}?limit=0")).await.is_problem(400);
 }
 
 #[tokio::test]

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicI64};
 use sqlx::migrate::Migrator;
 
 use super::*;
-use crate::model::{Campaign, CampaignPoint, PlacedNode, Plan, Role, Sample, Site, Tag, Zone, ZoneKind};
+use crate::model::{Campaign, CampaignPoint, NodeHealth, PlacedNode, Plan, Role, Sample, Site, Tag, Zone, ZoneKind};
 use crate::store::open::migrations;
 
 /// A place of the same engine, empty.
@@ -39,6 +39,7 @@ type Answers = (
     Vec<PlacedNode>,
     Vec<Campaign>,
     Vec<Sample>,
+    Vec<NodeHealth>,
 );
 
 async fn answers(store: &Store) -> Answers {
@@ -52,6 +53,7 @@ async fn answers(store: &Store) -> Answers {
         store.nodes().await.unwrap(),
         store.campaigns().await.unwrap(),
         store.samples("survey", "p1", 0, u32::MAX).await.unwrap(),
+        store.health("hall", "0x0101", EVER(), u32::MAX).await.unwrap(),
     )
 }
 
@@ -111,6 +113,8 @@ async fn fill(store: &Store) {
     store.create_campaign(&campaign).await.unwrap();
     let samples = [-61.0, -62.5].map(|rssi_dbm| Sample { beacon: "1-1".to_owned(), rssi_dbm, t_s: 0.1 });
     store.add_samples("survey", "p1", &samples).await.unwrap();
+    let bare = NodeHealth { success_rate: None, residual_mean_m: None, supply_v: None, ..health("0x0101", 60_000) };
+    store.write_health(&[health("0x0101", 0), bare]).await.unwrap();
 }
 
 on_both! {
@@ -288,6 +292,24 @@ on_both! {
             let geographic_origin = Some(serde_json::from_str(origin).unwrap());
             store.put_geographic_origin("hall", geographic_origin.as_ref()).await.unwrap();
             assert_eq!(store.sites().await.unwrap(), [Site { geographic_origin, ..hall }]);
+        }
+        other.remove().await;
+    }
+
+    async fn a_store_of_the_third_version_is_upgraded_with_what_it_has(place) {
+        let pool = of_version(place, 3).await;
+        let rows = "INSERT INTO events VALUES (7, 1767225600250000, 'hall', 'moved', '0x0101', NULL, NULL, 1);";
+        sqlx::raw_sql(rows).execute(&pool).await.unwrap();
+        pool.close().await;
+        let file = place.folder.path().join("back-up.db");
+        Store::back_up(&place.url, &file).await.unwrap();
+        let other = another(place).await;
+        Store::restore(&file, &other.url, place.folder.path()).await.unwrap();
+        for store in [place.open().await, other.open().await] {
+            assert_eq!(store.last_event().await.unwrap(), 7);
+            assert_eq!(store.health("hall", "0x0101", EVER(), 10).await.unwrap(), []);
+            store.write_health(&[health("0x0101", 0)]).await.unwrap();
+            assert_eq!(store.health("hall", "0x0101", EVER(), 10).await.unwrap(), [health("0x0101", 0)]);
         }
         other.remove().await;
     }

@@ -55,12 +55,13 @@ on_both! {
         assert_eq!(times(&store.positions("hall", "c", EVER(), 10).await.unwrap()), [1_250]);
     }
 
-    async fn what_is_older_than_the_retention_is_deleted_with_tags_and_events(place) {
+    async fn what_is_older_than_the_retention_is_deleted_with_tags_events_and_health(place) {
         let store = place.open().await;
         let rows: Vec<_> = (0..30).map(|minute| position("old", minute * 60_000)).collect();
         let events = [event(1, 0, EventKind::Entered), event(2, DAY, EventKind::Left)];
         store.write(&rows, &events).await.unwrap();
         store.write(&[position("kept", 0), position("kept", DAY)], &[]).await.unwrap();
+        store.write_health(&[health("0x0101", 3_540_000), health("0x0101", 3_600_000)]).await.unwrap();
         store.compact(at(DAY / 2)).await.unwrap();
         // One that is old when it comes.
         store.write(&[position("old", 10)], &[]).await.unwrap();
@@ -71,6 +72,7 @@ on_both! {
         assert_eq!(times(&store.positions("hall", "kept", EVER(), 10).await.unwrap()), [DAY]);
         let left = store.events(None, EVER(), &[], None, 10).await.unwrap();
         assert_eq!(left.iter().map(|event| event.id).collect::<Vec<_>>(), [2]);
+        assert_eq!(store.health("hall", "0x0101", EVER(), 10).await.unwrap(), [health("0x0101", 3_600_000)]);
         // The tag comes back, and has nothing of what it had.
         store.write(&[position("old", DAY)], &[]).await.unwrap();
         assert_eq!(times(&store.positions("hall", "old", EVER(), 100).await.unwrap()), [DAY]);

@@ -15,7 +15,7 @@ use std::sync::Once;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use super::*;
-use crate::model::{Event, EventKind, TagPosition};
+use crate::model::{Event, EventKind, NodeHealth, TagPosition};
 
 /// A place for a store, empty at first.
 pub struct Place {
@@ -137,5 +137,22 @@ pub fn event(id: i64, ms: i64, kind: EventKind) -> Event {
         zone: Some("kitchen".to_owned()),
         dwell_s: Some(12.345_678),
         alarm: true,
+    }
+}
+
+/// The health of an anchor, of which all is known.
+pub fn health(node: &str, ms: i64) -> NodeHealth {
+    NodeHealth {
+        site: "hall".to_owned(),
+        node: node.to_owned(),
+        t: at(ms),
+        rate_hz: 9.7,
+        success_rate: Some(0.985),
+        residual_mean_m: Some(-0.125),
+        residual_sigma_m: Some(0.083),
+        first_path_minus_received_db: Some(-2.75),
+        clock_offset_ppm: Some(-12.345),
+        moved: true,
+        supply_v: Some(3.281),
     }
 }

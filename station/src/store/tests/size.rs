@@ -69,6 +69,19 @@ async fn a_day_of_100_tags_at_10_hz_fits_into_4_gb() {
 }
 
 #[tokio::test]
+async fn a_day_of_the_health_of_8_anchors_fits_into_1_mb() {
+    let place = Place::sqlite();
+    let store = place.open().await;
+    let [empty, _] = bytes(&store).await;
+    for minute in 0..1440 {
+        let rows: Vec<_> = (1..=8).map(|anchor| health(&format!("0x010{anchor}"), minute * 60_000)).collect();
+        store.write_health(&rows).await.unwrap();
+    }
+    let [used, _] = bytes(&store).await;
+    assert!(used - empty <= 1_000_000, "{} bytes", used - empty);
+}
+
+#[tokio::test]
 #[ignore = "measures; with optimisation: cargo test --release -p baliza-station -- --ignored --nocapture measures"]
 async fn measures_an_hour_of_100_tags_at_10_hz() {
     let place = match std::env::var("BALIZA_TEST_POSTGRES") {

@@ -1,7 +1,9 @@
 //! Events, sites, zones, campaigns.
 
 use super::*;
-use crate::model::{Campaign, CampaignPoint, GeographicOrigin, PlacedNode, Plan, Role, Sample, Site, Zone, ZoneKind};
+use crate::model::{
+    Campaign, CampaignPoint, GeographicOrigin, NodeHealth, PlacedNode, Plan, Role, Sample, Site, Zone, ZoneKind,
+};
 
 const HOSTILE: [&str; 5] =
     ["'; DROP TABLE sites; --", "<script>alert(1)</script>", "\u{1f9ed} naïve\n\"quoted\" $1 ?1 %s \\", "", " "];
@@ -102,6 +104,39 @@ on_both! {
         assert_eq!(ids(&store.events(Some("hall"), span(1000, 8000), &left, None, 100).await.unwrap()), [6, 4, 2, 21]);
         assert_eq!(ids(&store.events(None, EVER(), &[EventKind::Back], None, 100).await.unwrap()), [0; 0]);
         assert_eq!(ids(&store.events(None, EVER(), &[], Some(0), 100).await.unwrap()), [0; 0]);
+    }
+
+    async fn health_is_read_minute_by_minute_newest_first(place) {
+        let store = place.open().await;
+        let known = health("0x0101", 60_000);
+        // A beacon of which only the rate is known, and that goes beyond what is stored.
+        let bare = NodeHealth {
+            rate_hz: 1e12,
+            success_rate: None,
+            residual_mean_m: None,
+            residual_sigma_m: None,
+            first_path_minus_received_db: None,
+            clock_offset_ppm: None,
+            moved: false,
+            supply_v: None,
+            ..health("0x0101", 2 * 60_000)
+        };
+        store.write_health(&[known.clone(), bare.clone(), health("0x0102", 60_000)]).await.unwrap();
+        // A second row of a minute is not stored; minutes in between are missing.
+        let again = NodeHealth { moved: false, ..health("0x0101", 119_999) };
+        store.write_health(&[again, health("0x0101", 5 * 60_000 + 59_000)]).await.unwrap();
+        let minutes = |rows: Vec<NodeHealth>| -> Vec<i64> {
+            rows.iter().map(|row| (row.t.us() - at(0).us()) / 60_000_000).collect()
+        };
+        let read = store.health("hall", "0x0101", EVER(), 10).await.unwrap();
+        // 2^31 - 1 hundredths of a hertz are the greatest rate.
+        assert_eq!(read, [health("0x0101", 5 * 60_000), NodeHealth { rate_hz: 21_474_836.47, ..bare }, known]);
+        assert_eq!(minutes(store.health("hall", "0x0101", EVER(), 2).await.unwrap()), [5, 2]);
+        // A minute is in a span with its beginning.
+        assert_eq!(minutes(store.health("hall", "0x0101", span(60_000, 120_000), 9).await.unwrap()), [1]);
+        assert_eq!(minutes(store.health("hall", "0x0101", span(60_001, 300_001), 9).await.unwrap()), [5, 2]);
+        assert_eq!(store.health("yard", "0x0101", EVER(), 9).await.unwrap(), []);
+        assert_eq!(store.health("hall", "0x0103", EVER(), 9).await.unwrap(), []);
     }
 
     async fn names_may_hold_any_text(place) {
