@@ -7,6 +7,7 @@ import type {
   GeographicOrigin,
   Me,
   Node,
+  NodeHealth,
   PlanScale,
   Site,
   StationEvent,
@@ -105,6 +106,8 @@ export const api = {
 
   tags: (site: string) => get<Tag[]>('/api/v1/tags', { site }),
   nodes: (site: string) => get<Node[]>('/api/v1/nodes', { site }),
+  nodeHealth: (site: string, node: string, from: string, limit: number) =>
+    get<NodeHealth[]>(`/api/v1/nodes/${part(site)}/${part(node)}/health`, { from, limit }),
   zones: (site: string) => get<Zone[]>('/api/v1/rooms', { site }),
   putZone: (zone: Zone) => send('PUT', `/api/v1/rooms/${part(zone.site)}/${part(zone.name)}`, zone),
   deleteZone: (site: string, name: string) => send('DELETE', `/api/v1/rooms/${part(site)}/${part(name)}`),

@@ -125,8 +125,14 @@ const en = {
   'health.unseen': 'not seen',
   'health.weak': 'few answers',
   'health.nlos': 'obstructed',
+  'health.day': '{name}: the last 24 hours',
+  'health.day.help': 'Success rate in %, mean residual in metres. A gap: no tag measured to it.',
+  'health.day.success': 'Lowest success rate: {value} at {time}.',
+  'health.day.residual': 'Residual farthest from zero: {value} at {time}.',
+  'health.day.none':
+    'Nothing is known of the last 24 hours of {name}. The station notes once a minute how the ranges to an anchor were.',
   'health.help':
-    'Residual: measured minus expected range, mean ± σ. First path minus received power: 0 to −6 dB with line of sight. Clock offset: against the clocks of the tags; one that differs from all others by more than 20 ppm has a bad crystal. An anchor whose residual stays far from zero was probably moved: measure its place again.',
+    'An anchor’s name shows it on the map, and its last 24 hours. Residual: measured minus expected range, mean ± σ. First path minus received power: 0 to −6 dB with line of sight. Clock offset: against the clocks of the tags; one that differs from all others by more than 20 ppm has a bad crystal. An anchor whose residual stays far from zero was probably moved: measure its place again.',
   'events.none': 'No event yet. Draw a room or a zone: entering and leaving it is told here.',
   'events.kind': 'Kind',
   'events.all': 'all',
@@ -342,8 +348,14 @@ const es: Record<Key, string> = {
   'health.unseen': 'no vista',
   'health.weak': 'pocas respuestas',
   'health.nlos': 'obstruida',
+  'health.day': '{name}: las últimas 24 horas',
+  'health.day.help': 'Tasa de éxito en %, residuo medio en metros. Un hueco: ninguna etiqueta midió distancias a ella.',
+  'health.day.success': 'Menor tasa de éxito: {value} a las {time}.',
+  'health.day.residual': 'Residuo más lejano de cero: {value} a las {time}.',
+  'health.day.none':
+    'No se sabe nada de las últimas 24 horas de {name}. La estación anota una vez por minuto cómo fueron las distancias a un ancla.',
   'health.help':
-    'Residuo: distancia medida menos esperada, media ± σ. Primer camino menos potencia recibida: de 0 a −6 dB con visión directa. Desvío del reloj: frente a los relojes de las etiquetas; el que difiere de todos los demás en más de 20 ppm tiene un mal cristal. Un ancla cuyo residuo sigue lejos de cero probablemente se ha movido: mida otra vez su lugar.',
+    'El nombre de un ancla la muestra en el mapa, y sus últimas 24 horas. Residuo: distancia medida menos esperada, media ± σ. Primer camino menos potencia recibida: de 0 a −6 dB con visión directa. Desvío del reloj: frente a los relojes de las etiquetas; el que difiere de todos los demás en más de 20 ppm tiene un mal cristal. Un ancla cuyo residuo sigue lejos de cero probablemente se ha movido: mida otra vez su lugar.',
   'events.none': 'Aún no hay eventos. Dibuje una sala o una zona: aquí se dice quién entra y quién sale.',
   'events.kind': 'Tipo',
   'events.all': 'todos',
@@ -489,6 +501,11 @@ const collator = new Intl.Collator(undefined, { numeric: true });
 
 /// The order of names: "Tag 2" before "Tag 10".
 export const inOrder = (a: string, b: string): number => collator.compare(a, b);
+
+/// A number with its sign.
+export function signed(value: number, digits: number): string {
+  return `${value > 0 ? '+' : ''}${number(value, digits)}`;
+}
 
 /// The time of the day, with the date where it is not today.
 export function time(at: string | number): string {

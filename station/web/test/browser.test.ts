@@ -63,6 +63,38 @@ describe('in a browser', { skip: chromium === null }, () => {
     assert.equal(await page.locator('#health tbody tr').count(), 6);
   });
 
+  test('the last 24 hours of an anchor are loaded when they are opened, and told in words', async (t) => {
+    const { page, mock } = await open(t);
+    const asked = () => mock.requests.filter((request) => request.endsWith('/health'));
+    await live(page);
+    await page.click('#tab-health');
+    const anchor = page.getByRole('button', { name: '0x0103' });
+    await anchor.waitFor();
+    assert.equal(await anchor.getAttribute('aria-expanded'), 'false');
+    assert.deepEqual(asked(), []);
+    await anchor.focus();
+    await page.keyboard.press('Enter');
+    const day = page.locator('#health-day');
+    await day.locator('.uplot').waitFor();
+    assert.deepEqual(asked(), ['GET /api/v1/nodes/office/0x0103/health']);
+    assert.equal(await anchor.getAttribute('aria-expanded'), 'true');
+    assert.ok(await anchor.evaluate((button) => button === document.activeElement));
+    // It is so since two hours ago: 119 minutes before the newest row.
+    const words = /Lowest success rate: 95 % at (\d\d:\d\d)\. Residual farthest from zero: \+0\.83 m at \1\./;
+    await day.getByRole('img', { name: words }).waitFor();
+    await day.getByRole('status').filter({ hasText: words }).waitFor();
+    await page.selectOption('#language', 'es');
+    await day.getByRole('img', { name: '0x0103: las últimas 24 horas' }).waitFor();
+    await day.getByText('Menor tasa de éxito: 95 %').waitFor();
+    assert.equal(asked().length, 1);
+    await anchor.click();
+    await day.waitFor({ state: 'hidden' });
+    mock.nodes[0].success_rate = null;
+    await page.getByRole('button', { name: 'Door' }).click();
+    await day.getByText('No se sabe nada de las últimas 24 horas de Door').waitFor();
+    assert.ok(await day.locator('.chart').isHidden());
+  });
+
   test('the supply voltage of a tag is in the table', async (t) => {
     const { page } = await open(t);
     await live(page);
@@ -155,6 +187,10 @@ describe('in a browser', { skip: chromium === null }, () => {
           await page.getByRole('button', { name: 'Last 10 minutes' }).click();
           await page.locator('.chart .uplot').waitFor();
           await page.getByRole('link', { name: 'Track for maps (GPX)' }).waitFor();
+        }
+        if (tab === 'health') {
+          await page.getByRole('button', { name: '0x0103' }).click();
+          await page.locator('#health-day .uplot').waitFor();
         }
         if (tab === 'plan') {
           await page.getByRole('button', { name: 'Change the geographic origin' }).click();

@@ -10,6 +10,7 @@ import type {
   EventKind,
   GeographicOrigin,
   Node,
+  NodeHealth,
   PlanScale,
   Site,
   StationEvent,
@@ -200,7 +201,7 @@ export class Mock {
       case 'GET api/v1/positions':
         return this.replay(url, response);
       case 'GET api/v1/nodes':
-        return json(response, this.nodes);
+        return json(response, path[5] === 'health' ? this.health(path[4], query) : this.nodes);
       case 'GET api/v1/rooms':
         return json(response, this.zones);
       case 'GET api/v1/events':
@@ -264,6 +265,22 @@ export class Mock {
     const kind = query.get('kind');
     const all = this.events.filter((event) => event.id < before && (kind === null || event.kind === kind));
     return all.slice(0, Number(query.get('limit') ?? 1000));
+  }
+
+  /// A row a minute since `from`: like today for two hours, without a row for an hour, and well before.
+  private health(of: string, query: URLSearchParams): NodeHealth[] {
+    const node = this.nodes.find((one) => one.node === of);
+    const now = Math.floor(Date.now() / 60_000);
+    const minutes = Array.from({ length: Number(query.get('limit')) }, (_, i) => i);
+    if (node === undefined || node.success_rate === null) return [];
+    return minutes
+      .filter((ago) => ago < 120 || ago >= 180)
+      .map((ago) => ({
+        ...node,
+        t: new Date((now - ago) * 60_000).toISOString(),
+        success_rate: ago < 120 ? node.success_rate : 0.99,
+        residual_mean_m: ago < 120 ? node.residual_mean_m : -0.02,
+      }));
   }
 
   private span(query: URLSearchParams): [number, number] {

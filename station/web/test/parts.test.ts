@@ -5,7 +5,8 @@ import { chooseLanguage, number, setLanguage, t } from '../src/i18n.js';
 import { Motion } from '../src/map/motion.js';
 import { lastBefore, Replay } from '../src/map/replay.js';
 import { stateOf } from '../src/map/draw.js';
-import { isLater, type Node, type TagPosition } from '../src/model.js';
+import { isLater, type Node, type NodeHealth, type TagPosition } from '../src/model.js';
+import { curvesOf, worstOf } from '../src/panels/health-history.js';
 import { localInput, stepFor } from '../src/panels/history.js';
 import { parseOrigin } from '../src/panels/origin.js';
 import { gridPoints } from '../src/panels/survey.js';
@@ -155,4 +156,22 @@ test('a time with a fraction of a second is after that of the whole second', () 
   assert.ok(isLater('2026-01-01T00:00:01.25Z', '2026-01-01T00:00:01Z'));
   assert.ok(!isLater('2026-01-01T00:00:01Z', '2026-01-01T00:00:01.25Z'));
   assert.ok(!isLater('2026-01-01T00:00:01Z', '2026-01-01T00:00:01.000Z'));
+});
+
+test('the health of an anchor has a gap where minutes are missing, and its worst minutes are told', () => {
+  const row = (minute: number, success_rate: number | null, residual_mean_m: number | null): NodeHealth => ({
+    site: 'office', node: '0x0101', t: new Date(2026, 0, 1, 10, minute).toISOString(), rate_hz: 10, success_rate,
+    residual_mean_m, residual_sigma_m: null, first_path_minus_received_db: null, clock_offset_ppm: null, moved: false,
+    supply_v: null,
+  }); // prettier-ignore
+  const minutes = (rows: NodeHealth[]) => curvesOf(rows).times.map((at) => new Date(at).getMinutes());
+  // Newest first, as the station gives them; the minutes 3 and 4 are missing.
+  const rows = [row(5, 0.5, 0.25), row(2, 0.5, -0.75), row(1, 0.75, null)];
+  assert.deepEqual(minutes(rows), [1, 2, 3, 5]);
+  const { success, residual } = curvesOf(rows);
+  assert.deepEqual([success, residual], [[75, 50, null, 50], [null, -0.75, null, 0.25]]);
+  setLanguage('en');
+  const words = worstOf(curvesOf(rows));
+  assert.match(words, /^Lowest success rate: 50 % at 10:02\b.* Residual farthest from zero: -0\.75 m at 10:02\b/);
+  assert.equal(worstOf(curvesOf([row(1, null, null)])), '');
 });

@@ -6,7 +6,7 @@ import { after, before, describe, test, type TestContext } from 'node:test';
 import type { Browser, BrowserContextOptions, Page } from 'playwright-core';
 import type { Marks } from '../src/map/motion.js';
 import type { Replay } from '../src/map/replay.js';
-import type { Node, Site, StationEvent, TagPosition, Zone } from '../src/model.js';
+import type { Node, NodeHealth, Site, StationEvent, TagPosition, Zone } from '../src/model.js';
 import { chromiumPath, launch } from './chromium.js';
 import { clickAt, drawZone, get, live, placePlan, rows, siteOf, until, visit, type Inside } from './page.js';
 import { png } from './picture.js';
@@ -351,6 +351,20 @@ describe('with a station', { skip: !isPossible }, () => {
       const offset = Number.parseFloat(cells[4]);
       assert.ok(Math.abs(offset - (anchor.clock_offset_ppm ?? NaN)) < 1, `${anchor.node}: ${cells.join(', ')}`);
     }
+  });
+
+  test('the last 24 hours of an anchor are those of the API', async (t) => {
+    const page = await open(t);
+    await live(page);
+    // The first row comes a minute after the start.
+    const path = '/api/v1/nodes/simulation/0x0001/health';
+    const [row] = await until('a row', () => get<NodeHealth[]>(url, path), (some) => some.length > 0);
+    assert.ok(row.success_rate !== null && row.residual_mean_m !== null && row.rate_hz > 0, JSON.stringify(row));
+    await page.click('#tab-health');
+    await page.locator('[data-node="0x0001"]').click();
+    const day = page.locator('#health-day');
+    await day.locator('.uplot').waitFor();
+    await day.getByText(/^Lowest success rate: \d+ % at .*Residual farthest from zero: [+-]?\d+\.\d\d m at/).waitFor();
   });
 
   test('a survey leads from point to point and counts the samples', async (t) => {

@@ -1,16 +1,13 @@
-// The health of anchors and beacons, as a table; the map shows the same by colours.
+// The health of anchors and beacons, as a table, and the last 24 hours of one of them; the map shows it by colours.
 
 import { attempt, type App, type Panel } from '../app.js';
 import { empty, h } from '../dom.js';
-import { inOrder, number, supply, t, time } from '../i18n.js';
+import { inOrder, number, signed, supply, t, time } from '../i18n.js';
 import { stateOf } from '../map/draw.js';
 import type { Node } from '../model.js';
+import { HealthHistory } from './health-history.js';
 
 const EVERY_MS = 5000;
-
-function signed(value: number, digits: number): string {
-  return `${value > 0 ? '+' : ''}${number(value, digits)}`;
-}
 
 function residual(node: Node): string {
   if (node.residual_mean_m === null) return '–';
@@ -31,7 +28,8 @@ export function healthPanel(app: App): Panel {
     { class: 'scroll', label: 'tab.health', attributes: { tabindex: 0, role: 'region', id: 'health' } },
     h('table', {}, h('thead', {}, head), body),
   );
-  const element = h('div', {}, none, table, h('p', { t: 'health.help', class: 'help' }));
+  const day = new HealthHistory(app);
+  const element = h('div', {}, none, table, day.element, h('p', { t: 'health.help', class: 'help' }));
   let shown = false;
 
   function update(): void {
@@ -45,7 +43,10 @@ export function healthPanel(app: App): Panel {
     body.replaceChildren(
       ...nodes.map((node) => {
         const state = stateOf(node);
+        const isOpen = day.node === node.node;
         const go = () => {
+          void day.show(isOpen ? null : node.node);
+          update();
           if (node.position_m !== null) map.centreOn({ x: node.position_m[0], y: node.position_m[1] });
         };
         return h(
@@ -56,7 +57,16 @@ export function healthPanel(app: App): Panel {
             { attributes: { scope: 'row' } },
             h(
               'button',
-              { class: 'link', attributes: { type: 'button', 'data-node': node.node }, on: { click: go } },
+              {
+                class: 'link',
+                attributes: {
+                  type: 'button',
+                  'data-node': node.node,
+                  'aria-expanded': String(isOpen),
+                  'aria-controls': 'health-day',
+                },
+                on: { click: go },
+              },
               node.name ?? node.node,
             ),
           ),
@@ -80,7 +90,14 @@ export function healthPanel(app: App): Panel {
     }
   }
 
-  store.on(['nodes', 'language', 'site'], update);
+  store.on(['nodes', 'language'], update);
+  store.on('language', () => day.write());
+  let site = store.site?.name;
+  store.on('site', () => {
+    if (site !== store.site?.name) void day.show(null);
+    site = store.site?.name;
+    update();
+  });
   setInterval(() => {
     if (shown && document.visibilityState === 'visible' && store.site !== null)
       void app.reload('nodes').catch(() => {});

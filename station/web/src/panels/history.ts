@@ -7,13 +7,21 @@ import { button, field, h, setText } from '../dom.js';
 import { inOrder, number, t, time } from '../i18n.js';
 import { heatOf } from '../map/heat.js';
 import { Replay } from '../map/replay.js';
-import { Chart, type ChartRow } from './chart.js';
+import { Chart, type Line } from './chart.js';
 
 /// Rows that the page loads for a span; the step between them follows from it.
 const MOST_ROWS = 60_000;
 /// The most that the station gives at once: ten minutes of a tag at ten positions a second are 6000.
 const CHART_ROWS = 10_000;
 const SPEEDS = [1, 2, 5, 10, 30, 60, 300];
+
+interface ChartRow {
+  /// ms.
+  t: number;
+  x: number;
+  y: number;
+  s: number;
+}
 
 /// The step between two positions of a tag, s, at which a span of `seconds` with `tags` tags fits into `most` rows.
 export function stepFor(seconds: number, tags: number, most: number): number {
@@ -245,7 +253,17 @@ export function historyPanel(app: App): Panel {
           s: Math.hypot(row.position.sigma_x_m, row.position.sigma_y_m),
         }));
       }
-      if (chartOf.value === tag && replay !== null) chart.show(rows, store.nameOf(tag));
+      if (chartOf.value !== tag || replay === null) return;
+      const line = (name: string, colour: Line['colour'], value: (row: ChartRow) => number): Line => {
+        return { name, unit: 'm', digits: 2, colour, values: rows.map(value) };
+      };
+      const lines = [
+        line('x', '--chart-x', (row) => row.x),
+        line('y', '--chart-y', (row) => row.y),
+        line('σ', '--chart-s', (row) => row.s),
+      ];
+      const times = rows.map((row) => row.t);
+      chart.show(store.nameOf(tag), t('history.chart.help'), times, lines);
     });
   }
 
