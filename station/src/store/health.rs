@@ -2,10 +2,8 @@
 
 use std::sync::LazyLock;
 
-use sqlx::any::AnyRow;
-
 use super::key::{MINUTE_MS, ms, utc};
-use super::rows::{Bare, Many, get};
+use super::rows::{Bare, Many, get, real, whole};
 use super::{Result, Span, Store};
 use crate::model::NodeHealth;
 
@@ -67,14 +65,4 @@ fn bind<'q>(query: Bare<'q>, row: &NodeHealth) -> Bare<'q> {
         .bind(row.clock_offset_ppm.map(|ppm| whole(ppm, 1000.0)))
         .bind(row.supply_v.map(|v| whole(v, 1000.0)))
         .bind(i16::from(row.moved))
-}
-
-/// The value of a column that holds a number of parts or NULL.
-fn real(row: &AnyRow, column: usize, parts: f64) -> Result<Option<f64>> {
-    Ok(get::<Option<i64>>(row, column)?.map(|number| number as f64 / parts))
-}
-
-/// The nearest number of parts; far beyond all measurements the last one.
-fn whole(value: f64, parts: f64) -> i32 {
-    (value * parts).round() as i32
 }

@@ -7,8 +7,8 @@ use std::time::Duration;
 use sqlx::any::AnyRow;
 
 use super::key::{MINUTE, MINUTE_MS, key, ms, ms_of, utc};
-use super::rows::{Bare, Many, get, name_of, variant};
-use super::write::{millimetres, rounded, widen_tags};
+use super::rows::{Bare, Many, get, name_of, real, variant, whole};
+use super::write::{millimetres, widen_tags};
 use super::{Result, Span, Store, StoreError};
 use crate::model::{Measured, Measurement, Node, PlacedNode};
 
@@ -43,9 +43,9 @@ impl Stored {
             peer,
             before_ms: i32::try_from(ms(*round) - ms(*t)).unwrap_or_default().max(0),
             range_mm: range_m.map(millimetres),
-            power_cdbm: power_dbm.map(|dbm| rounded(dbm, 100.0)),
-            first_path_power_cdbm: first_path_dbm.map(|dbm| rounded(dbm, 100.0)),
-            clock_offset_ppb: offset_ppm.map(|ppm| rounded(ppm, 1000.0)),
+            power_cdbm: power_dbm.map(|dbm| whole(dbm, 100.0)),
+            first_path_power_cdbm: first_path_dbm.map(|dbm| whole(dbm, 100.0)),
+            clock_offset_ppb: offset_ppm.map(|ppm| whole(ppm, 1000.0)),
         }
     }
 
@@ -63,17 +63,15 @@ impl Stored {
 
 /// The measurement of a row with key, `before_ms`, range, powers, clock offset, tag and node.
 fn measurement(site: &str, row: &AnyRow) -> Result<Measurement> {
-    let parts =
-        |column, parts: f64| Ok::<_, StoreError>(get::<Option<i32>>(row, column)?.map(|n| f64::from(n) / parts));
     let round = utc(ms_of(get(row, 0)?));
-    let before_ms: i32 = get(row, 1)?;
-    let (power_dbm, no_power) = (parts(3, 100.0)?, || StoreError::Damaged("a sighting has no RSSI".to_owned()));
-    let what = match parts(2, 1000.0)? {
+    let before_ms: i64 = get(row, 1)?;
+    let (power_dbm, no_power) = (real(row, 3, 100.0)?, || StoreError::Damaged("a sighting has no RSSI".to_owned()));
+    let what = match real(row, 2, 1000.0)? {
         Some(range_m) => Measured::Range {
             range_m,
             rx_power_dbm: power_dbm,
-            first_path_power_dbm: parts(4, 100.0)?,
-            clock_offset_ppm: parts(5, 1000.0)?,
+            first_path_power_dbm: real(row, 4, 100.0)?,
+            clock_offset_ppm: real(row, 5, 1000.0)?,
         },
         None => Measured::Rssi(power_dbm.ok_or_else(no_power)?),
     };
@@ -131,8 +129,8 @@ impl Store {
             .bind(x_mm)
             .bind(y_mm)
             .bind(z_mm)
-            .bind(node.rssi_1m_dbm.map(|dbm| rounded(dbm, 100.0)))
-            .bind(node.path_loss_exponent.map(|exponent| rounded(exponent, 1000.0)))
+            .bind(node.rssi_1m_dbm.map(|dbm| whole(dbm, 100.0)))
+            .bind(node.path_loss_exponent.map(|exponent| whole(exponent, 1000.0)))
             .bind(peer)
             .execute(&mut *writing.tx)
             .await?;
@@ -170,18 +168,15 @@ impl Store {
         );
         let rows = statement.bind(site).fetch_all(&self.pool).await?;
         let peer = |row: &AnyRow| {
-            let parts = |column, parts: f64| {
-                Ok::<_, StoreError>(get::<Option<i32>>(row, column)?.map(|number| f64::from(number) / parts))
-            };
-            let metres = |column| Ok::<_, StoreError>(f64::from(get::<i32>(row, column)?) / 1000.0);
+            let metres = |column| Ok::<_, StoreError>(get::<i64>(row, column)? as f64 / 1000.0);
             Ok(PlacedNode {
                 site: site.to_owned(),
                 node: get(row, 0)?,
                 name: None,
                 role: variant(row, 1)?,
                 position_m: [metres(2)?, metres(3)?, metres(4)?],
-                rssi_1m_dbm: parts(5, 100.0)?,
-                path_loss_exponent: parts(6, 1000.0)?,
+                rssi_1m_dbm: real(row, 5, 100.0)?,
+                path_loss_exponent: real(row, 6, 1000.0)?,
             })
         };
         rows.iter().map(peer).collect()

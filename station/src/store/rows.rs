@@ -90,6 +90,16 @@ pub fn name_of<T: serde::Serialize>(variant: T) -> Result<String> {
     }
 }
 
+/// The nearest number of these parts of a unit; beyond 32 bits the last one.
+pub fn whole(value: f64, parts: f64) -> i32 {
+    (value * parts).round() as i32
+}
+
+/// The value of a column that holds a number of these parts of a unit, or NULL.
+pub fn real(row: &AnyRow, column: usize, parts: f64) -> Result<Option<f64>> {
+    Ok(get::<Option<i64>>(row, column)?.map(|number| number as f64 / parts))
+}
+
 /// A number of rows as it is bound to LIMIT.
 pub fn limit(rows: usize) -> i64 {
     i64::try_from(rows).unwrap_or(i64::MAX)

@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use sqlx::AnyConnection;
 
 use super::key::{LAST_TAG, key, ms};
-use super::rows::{Bare, Many, name_of};
+use super::rows::{Bare, Many, name_of, whole};
 use super::{Result, Store};
 use crate::Utc;
 use crate::model::{Event, TagPosition};
@@ -147,14 +147,9 @@ impl Stored {
     }
 }
 
-/// The nearest number of these parts of a unit; beyond 32 bits the last one.
-pub(super) fn rounded(value: f64, parts: f64) -> i32 {
-    (value * parts).round() as i32
-}
-
 /// The nearest number of millimetres; beyond 2,147 km the last one.
 pub(super) fn millimetres(m: f64) -> i32 {
-    rounded(m, 1000.0)
+    whole(m, 1000.0)
 }
 
 /// A standard deviation is never rounded to zero: nothing is exact.

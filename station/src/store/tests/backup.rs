@@ -6,8 +6,12 @@ use std::sync::atomic::{AtomicBool, AtomicI64};
 
 use sqlx::migrate::Migrator;
 
+use super::measurements::{RANGE, measurement, node};
 use super::*;
-use crate::model::{Campaign, CampaignPoint, NodeHealth, PlacedNode, Plan, Role, Sample, Site, Tag, Zone, ZoneKind};
+use crate::model::{
+    Campaign, CampaignPoint, Measured, Measurement, NodeHealth, PlacedNode, Plan, Role, Sample, Site, Tag, Zone,
+    ZoneKind,
+};
 use crate::store::open::migrations;
 
 /// A place of the same engine, empty.
@@ -40,6 +44,8 @@ type Answers = (
     Vec<Campaign>,
     Vec<Sample>,
     Vec<NodeHealth>,
+    Vec<Measurement>,
+    Vec<PlacedNode>,
 );
 
 async fn answers(store: &Store) -> Answers {
@@ -54,6 +60,8 @@ async fn answers(store: &Store) -> Answers {
         store.campaigns().await.unwrap(),
         store.samples("survey", "p1", 0, u32::MAX).await.unwrap(),
         store.health("hall", "0x0101", EVER(), u32::MAX).await.unwrap(),
+        store.measurements("hall", EVER()).await.unwrap(),
+        store.peers("hall").await.unwrap(),
     )
 }
 
@@ -115,6 +123,9 @@ async fn fill(store: &Store) {
     store.add_samples("survey", "p1", &samples).await.unwrap();
     let bare = NodeHealth { success_rate: None, residual_mean_m: None, supply_v: None, ..health("0x0101", 60_000) };
     store.write_health(&[health("0x0101", 0), bare]).await.unwrap();
+    let ranges = [measurement("a", "0x0101", 10, RANGE), measurement("b", "1-7", 20, Measured::Rssi(-60.5))];
+    store.write_measurements(&ranges).await.unwrap();
+    store.write_peers(&[node("0x0101", Role::Anchor, Some([1.0, 2.0, 2.5]), None)]).await.unwrap();
 }
 
 on_both! {

@@ -3,7 +3,7 @@
 use super::*;
 use crate::model::{Measured, Measurement, Node, PlacedNode, Role};
 
-const RANGE: Measured = Measured::Range {
+pub const RANGE: Measured = Measured::Range {
     range_m: 3.217,
     rx_power_dbm: Some(-81.25),
     first_path_power_dbm: Some(-84.5),
@@ -11,12 +11,12 @@ const RANGE: Measured = Measured::Range {
 };
 
 /// A measurement 5 ms before the end of its round.
-fn measurement(tag: &str, node: &str, round_ms: i64, what: Measured) -> Measurement {
+pub fn measurement(tag: &str, node: &str, round_ms: i64, what: Measured) -> Measurement {
     let (site, tag, node) = ("hall".to_owned(), tag.to_owned(), node.to_owned());
     Measurement { site, tag, node, round: at(round_ms), t: at(round_ms) - Duration::from_millis(5), what }
 }
 
-fn node(name: &str, role: Role, position_m: Option<[f64; 3]>, rssi_1m_dbm: Option<f64>) -> Node {
+pub fn node(name: &str, role: Role, position_m: Option<[f64; 3]>, rssi_1m_dbm: Option<f64>) -> Node {
     Node {
         node: name.to_owned(),
         site: "hall".to_owned(),
