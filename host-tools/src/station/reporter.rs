@@ -2,7 +2,7 @@
 
 use baliza_station::model::Role;
 use baliza_station::{Report, SolvedFrom, Utc, What};
-use wire::telemetry::{self, Address, Fix, Message, Range};
+use wire::telemetry::{self, Address, BeaconId, Fix, Message, Range};
 
 use super::NodeClock;
 use crate::node::decode::Stamp;
@@ -48,8 +48,10 @@ impl Reporter {
             Message::Fix(fix) => vec![fix_report(tag, fix)],
             Message::Range(range) => range_reports(tag, range),
             Message::Sighting(sighting) => {
+                // The station calls beacons as the site's file does, whatever UUID they advertise.
+                let BeaconId { major, minor, .. } = sighting.beacon;
                 let rssi_dbm = sighting.rssi_dbm.into();
-                vec![What::Sighting { tag, beacon: sighting.beacon.to_string(), rssi_dbm }]
+                vec![What::Sighting { tag, beacon: format!("{major}-{minor}"), rssi_dbm }]
             }
             Message::Supply(supply) => vec![What::Supply { node: tag, supply_v: supply.supply_v() }],
             Message::Difference(_)
@@ -106,9 +108,20 @@ fn range_reports(tag: String, range: &Range) -> Vec<What> {
 
 #[cfg(test)]
 mod tests {
-    use wire::telemetry::{Outcome, Solver};
+    use wire::telemetry::{Outcome, Sighting, Solver};
 
     use super::*;
+
+    #[test]
+    fn a_sighted_beacon_has_the_name_of_the_sites_file() {
+        let beacon = BeaconId { network: 0xC2A8_AD55, major: 1, minor: 7 };
+        let sighting = Sighting { t_us: 450_000, beacon, rssi_dbm: -67, measured_power_dbm: -59 };
+        let stamp = Stamp { t_s: 0.45, epoch: 0 };
+        let reports = Reporter::of("hall", 0x1001).reports(stamp, &sighting.into(), Utc::now());
+        let whats: Vec<_> = reports.into_iter().map(|report| report.what).collect();
+        let (tag, beacon) = ("0x1001".to_owned(), "1-7".to_owned());
+        assert_eq!(whats, [What::Sighting { tag, beacon, rssi_dbm: -67.0 }]);
+    }
 
     #[test]
     fn a_position_without_asked_anchors_is_by_rssi() {

@@ -50,9 +50,13 @@ impl SimulatedSite {
             role: Role::Anchor,
             position_m: Some(scenario.surveyed_m(anchor)),
         });
-        let beacons = scenario.beacons.iter().filter_map(|beacon| {
-            let position_m = Some(beacon.listed?.position_m.map(f64::from));
-            Some(What::Node { node: beacon.name(), name: None, role: Role::Beacon, position_m })
+        let beacons = scenario.beacons.iter().filter_map(|beacon| Some((beacon.name(), beacon.listed?)));
+        let beacons = beacons.flat_map(|(node, listed)| {
+            let position_m = Some(listed.position_m.map(f64::from));
+            let place = What::Node { node: node.clone(), name: None, role: Role::Beacon, position_m };
+            let [rssi_1m_dbm, path_loss_exponent] =
+                [listed.rssi_1m_dbm, listed.path_loss_exponent].map(|value| value.map(f64::from));
+            [place, What::PathLoss { node, rssi_1m_dbm, path_loss_exponent }]
         });
         let nodes = anchors.chain(beacons).map(|what| Report { t, site: name.to_owned(), what });
         Self { site, zones: zones.collect(), nodes: nodes.collect() }

@@ -1,7 +1,7 @@
 //! `baliza station`: back-up, restoring, export.
 
 use crate::serve::{Station, recorded};
-use crate::support::{Folder, Run};
+use crate::support::{Folder, Run, root};
 
 /// A folder with the store `tags.db` of a station that has played the recording `run`. Returns the positions of the
 /// recording as its file has them: x and y, metres.
@@ -104,6 +104,44 @@ fn kept_measurements_are_exported_as_the_recording_that_they_came_from() {
     // The ranges are solved again, in the same rounds.
     let [again, was] = ["all", "run"].map(|folder_name| folder.run(&format!("solve {folder_name} --json")).ok().json());
     assert_eq!((&again[0]["epochs"], &again[0]["fixed"]), (&was[0]["epochs"], &was[0]["fixed"]));
+}
+
+#[test]
+fn kept_sightings_are_exported_with_the_places_of_their_beacons() {
+    let folder = Folder::with(&[]);
+    let scenario = root().join("examples/both.toml");
+    folder
+        .run(&format!("simulate --scenario {} --seconds 4 --fidelity air --out run --quiet", scenario.display()))
+        .ok();
+    // The last of six beacons has no place.
+    let first = "[network]\npan = 1\nregion = \"none\"\n[[node]]\nname = \"door\"\nboard = \"esp32c3\"\n\
+                 role = \"beacon\"\nuuid = \"c2a8ad55-8a2f-4bb4-9c52-6b3cd7a0e511\"\nmajor = 1\nminor = 1\n\
+                 position_m = [1, 0.5, 2.2]\n";
+    let place = |minor| format!("[[beacon]]\nmajor = 1\nminor = {minor}\nposition_m = [{minor}, 0.5, 2.2]\n");
+    folder.write("site.toml", (2..6).map(place).fold(first.to_owned(), |text, place| text + &place).as_bytes());
+    let station = Station::start(&folder, "run --store tags.db --site site.toml --measurement-days 9");
+    let recorded = table(&folder, "run/rssi.csv");
+    let (beacons, rssi_dbm) = (recorded.column("beacon"), recorded.numbers("rssi_dbm"));
+    let positions = table(&folder, "run/positions.csv").numbers("x_m").into_iter().filter(|x| x.is_finite()).count();
+    let path = "/api/v1/tags/0x1001/positions?site=site&limit=1000";
+    station.wait(path, |history| history.as_array().is_some_and(|rows| rows.len() >= positions));
+    // Sightings may come after the last position: the recording ends with the second.
+    std::thread::sleep(std::time::Duration::from_secs(2));
+    assert_eq!(station.stop().0, Some(0));
+    let said = folder.run("station export --store tags.db --out all").ok().stderr;
+    let count = beacons.iter().filter(|beacon| **beacon == "1-6").count();
+    assert!(count > 10 && said.contains(&format!("{count} measurements to 1-6 are left out")), "{said}");
+    let exported = table(&folder, "all/rssi.csv");
+    let sorted = |rows: Vec<(&str, f64)>| {
+        let mut rows: Vec<_> = rows.into_iter().map(|(beacon, rssi)| format!("{beacon} {rssi}")).collect();
+        rows.sort();
+        rows
+    };
+    let kept = exported.column("beacon").into_iter().zip(exported.numbers("rssi_dbm")).collect();
+    let was = beacons.into_iter().zip(rssi_dbm).filter(|(beacon, _)| *beacon != "1-6").collect();
+    assert_eq!(sorted(kept), sorted(was));
+    assert_eq!(table(&folder, "all/beacons.csv").numbers("x_m"), [1.0, 2.0, 3.0, 4.0, 5.0]);
+    folder.run("ble solve all").ok();
 }
 
 #[test]

@@ -327,7 +327,7 @@ impl Applier {
                         updates.extend(forgotten.iter().flat_map(|(site, tag)| live.forget(site, tag)));
                     });
                     self.locate(now, Vec::new());
-                    self.tick_measurements();
+                    self.tick_measurements(Rounds::tick);
                 }
                 count = async {
                     if !is_full {
@@ -346,7 +346,7 @@ impl Applier {
                 }
             }
         }
-        self.tick_measurements();
+        self.tick_measurements(Rounds::end_all);
         *self.takers.lock().unwrap_or_else(PoisonError::into_inner) = None;
         end.send_replace(true);
         for task in [maintenance, writer] {
@@ -393,10 +393,10 @@ impl Applier {
         sightings
     }
 
-    /// Ends rounds that last too long, and keeps the places of nodes, where measurements are kept.
-    fn tick_measurements(&mut self) {
+    /// Keeps the measurements of rounds that `end` ends, and the places of nodes, where measurements are kept.
+    fn tick_measurements(&mut self, end: impl Fn(&mut Rounds) -> Vec<Measurement>) {
         let Some(rounds) = &mut self.rounds else { return };
-        self.queue.push_measurements(rounds.tick());
+        self.queue.push_measurements(end(rounds));
         let live = self.live.read().unwrap_or_else(PoisonError::into_inner);
         if self.surveys != live.surveys() {
             self.surveys = live.surveys();

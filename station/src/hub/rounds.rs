@@ -19,6 +19,12 @@ struct Round {
 }
 
 impl Round {
+    /// Its end at the time of its last measurement.
+    fn end_with_last(self) -> Vec<Measurement> {
+        let t = self.measurements.last().map_or_else(Utc::default, |measurement| measurement.t);
+        self.end(t)
+    }
+
     fn end(mut self, t: Utc) -> Vec<Measurement> {
         self.measurements.iter_mut().for_each(|measurement| measurement.round = t);
         self.measurements
@@ -64,18 +70,17 @@ impl Rounds {
         self.open.remove(of).map_or_else(Vec::new, |round| round.end(t))
     }
 
-    /// The measurements of rounds that have lasted too long; they have the times of their last ones.
+    /// The measurements of rounds that have lasted too long.
     pub(super) fn tick(&mut self) -> Vec<Measurement> {
         let is_over = |round: &mut Round| {
             round.ticks += 1;
             round.ticks > TICKS
         };
-        let over = self.open.extract_if(|_, round| is_over(round));
-        let last = |round: &Round| round.measurements.last().map_or_else(Utc::default, |measurement| measurement.t);
-        over.flat_map(|(_, round)| {
-            let t = last(&round);
-            round.end(t)
-        })
-        .collect()
+        self.open.extract_if(|_, round| is_over(round)).flat_map(|(_, round)| round.end_with_last()).collect()
+    }
+
+    /// The measurements of all rounds.
+    pub(super) fn end_all(&mut self) -> Vec<Measurement> {
+        self.open.drain().flat_map(|(_, round)| round.end_with_last()).collect()
     }
 }

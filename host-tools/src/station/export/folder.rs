@@ -84,8 +84,9 @@ impl Rounds {
     ) -> Result<Self> {
         let Selection { site, tags, .. } = selection;
         let positions = selection.positions(store, tags, part, with_positions).await?;
+        let names: BTreeSet<_> = tags.iter().map(|tag| tag.tag.as_str()).collect();
         let mut measurements = store.measurements(&site.name, part).await?;
-        measurements.retain(|measurement| tags.iter().any(|tag| tag.tag == measurement.tag));
+        measurements.retain(|measurement| names.contains(measurement.tag.as_str()));
         let rows = positions.len() + measurements.len();
         let mut by_end = BTreeMap::new();
         for position in positions {
