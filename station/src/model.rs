@@ -142,6 +142,25 @@ pub struct NodeHealth {
     pub supply_v: Option<f64>,
 }
 
+impl NodeHealth {
+    /// The health of a node, as it is at this time.
+    pub fn of(t: Utc, node: Node) -> Self {
+        Self {
+            site: node.site,
+            node: node.node,
+            t,
+            rate_hz: node.rate_hz,
+            success_rate: node.success_rate,
+            residual_mean_m: node.residual_mean_m,
+            residual_sigma_m: node.residual_sigma_m,
+            first_path_minus_received_db: node.first_path_minus_received_db,
+            clock_offset_ppm: node.clock_offset_ppm,
+            moved: node.moved,
+            supply_v: node.supply_v,
+        }
+    }
+}
+
 /// A measurement between a tag and a node.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measurement {

@@ -72,11 +72,9 @@ impl FromStr for EventKind {
     params(Asked), responses((status = 200, body = [Event])))]
 async fn list(State(station): State<Shared>, Query(asked): Query<Asked>, uri: Uri) -> Result<Response, Problem> {
     let span = span(asked.from, asked.to)?;
-    let limit = asked.limit.get();
     let kinds = asked.kind.unwrap_or_default().0;
     let site = asked.site.as_ref().map(Name::as_str);
-    let rows = station.app.store.events(site, span, &kinds, asked.before, limit).await?;
-    let next = rows.last().filter(|_| rows.len() == limit as usize);
-    let next = next.map(|last| answer::with_parameter(&uri, "before", &last.id.to_string()));
+    let rows = station.app.store.events(site, span, &kinds, asked.before, asked.limit.get()).await?;
+    let next = asked.limit.last_of_full(&rows).map(|last| answer::with_parameter(&uri, "before", &last.id.to_string()));
     answer::page(&rows, next)
 }

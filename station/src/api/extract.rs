@@ -139,6 +139,11 @@ impl Limit {
     pub fn get(self) -> u32 {
         self.0
     }
+
+    /// The last of the rows where they fill an answer: there may be more behind it.
+    pub fn last_of_full<T>(self, rows: &[T]) -> Option<&T> {
+        rows.last().filter(|_| rows.len() == self.0 as usize)
+    }
 }
 
 impl Default for Limit {

@@ -62,9 +62,8 @@ async fn health(
     uri: Uri,
 ) -> Result<Response, Problem> {
     let span = span(asked.from, asked.to)?;
-    let limit = asked.limit.get();
-    let rows = station.app.store.health(site.as_str(), node.as_str(), span, limit).await?;
-    let next = rows.last().filter(|_| rows.len() == limit as usize);
+    let rows = station.app.store.health(site.as_str(), node.as_str(), span, asked.limit.get()).await?;
+    let next = asked.limit.last_of_full(&rows);
     answer::page(&rows, next.map(|last| answer::with_parameter(&uri, "to", &last.t.to_string())))
 }
 

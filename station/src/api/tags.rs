@@ -199,11 +199,9 @@ impl super::Station {
             Some(site) => String::from(site),
             None => self.site_of(tag.as_str()).await?,
         };
-        let limit = asked.limit.get();
-        let rows = self.app.store.positions(&site, tag.as_str(), span, limit).await?;
+        let rows = self.app.store.positions(&site, tag.as_str(), span, asked.limit.get()).await?;
         // A tag has one position at a time, and `to` is excluded: the next page begins after the last row.
-        let next = rows.last().filter(|_| rows.len() == limit as usize);
-        let next = next.map(|last| answer::with_parameter(uri, "to", &last.t.to_string()));
+        let next = asked.limit.last_of_full(&rows).map(|last| answer::with_parameter(uri, "to", &last.t.to_string()));
         Ok((site, rows, next))
     }
 

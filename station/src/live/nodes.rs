@@ -236,48 +236,38 @@ impl Nodes {
 
     /// What the API shows of them.
     pub(super) fn show(&self, site: &str, now: Utc) -> impl Iterator<Item = Node> {
-        self.states.iter().map(move |state| Node {
-            node: state.node.clone(),
-            site: site.to_owned(),
-            name: state.name.clone(),
-            role: state.role,
-            position_m: state.position_m,
-            rssi_1m_dbm: state.rssi_1m_dbm,
-            path_loss_exponent: state.path_loss_exponent,
-            last_seen: state.last_seen,
-            rate_hz: state.rate.hz(now),
-            success_rate: state.success.mean(),
-            residual_mean_m: state.residuals.mean(),
-            residual_sigma_m: state.residuals.deviation(),
-            first_path_minus_received_db: state.power.mean(),
-            clock_offset_ppm: state.clock_offset.mean(),
-            moved: state.is_moved,
-            supply_v: state.supply.volts,
-        })
+        self.states.iter().map(move |state| state.show(site, now))
     }
 
     /// The health of those that were seen since the last time.
     pub(super) fn take_health(&mut self, site: &str, now: Utc) -> impl Iterator<Item = NodeHealth> {
-        self.states.iter_mut().filter(|state| state.is_seen).map(move |state| {
-            state.is_seen = false;
-            NodeHealth {
-                site: site.to_owned(),
-                node: state.node.clone(),
-                t: now,
-                rate_hz: state.rate.hz(now),
-                success_rate: state.success.mean(),
-                residual_mean_m: state.residuals.mean(),
-                residual_sigma_m: state.residuals.deviation(),
-                first_path_minus_received_db: state.power.mean(),
-                clock_offset_ppm: state.clock_offset.mean(),
-                moved: state.is_moved,
-                supply_v: state.supply.volts,
-            }
-        })
+        let seen = self.states.iter_mut().filter_map(|state| std::mem::take(&mut state.is_seen).then_some(state));
+        seen.map(move |state| NodeHealth::of(now, state.show(site, now)))
     }
 }
 
 impl NodeState {
+    fn show(&self, site: &str, now: Utc) -> Node {
+        Node {
+            node: self.node.clone(),
+            site: site.to_owned(),
+            name: self.name.clone(),
+            role: self.role,
+            position_m: self.position_m,
+            rssi_1m_dbm: self.rssi_1m_dbm,
+            path_loss_exponent: self.path_loss_exponent,
+            last_seen: self.last_seen,
+            rate_hz: self.rate.hz(now),
+            success_rate: self.success.mean(),
+            residual_mean_m: self.residuals.mean(),
+            residual_sigma_m: self.residuals.deviation(),
+            first_path_minus_received_db: self.power.mean(),
+            clock_offset_ppm: self.clock_offset.mean(),
+            moved: self.is_moved,
+            supply_v: self.supply.volts,
+        }
+    }
+
     fn check_place(&mut self, t: Utc, limits: &Limits) {
         let Some(mean_m) = self.residuals.mean().map(f64::abs) else { return };
         let error_m = self.residuals.standard_error(LEAST_SECONDS);

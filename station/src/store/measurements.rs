@@ -1,6 +1,5 @@
 //! Measurements, and the nodes that were measured to.
 
-use std::collections::BTreeMap;
 use std::sync::LazyLock;
 use std::time::Duration;
 
@@ -8,7 +7,7 @@ use sqlx::any::AnyRow;
 
 use super::key::{MINUTE, MINUTE_MS, key, ms, ms_of, utc};
 use super::rows::{Bare, Many, get, name_of, real, variant, whole};
-use super::write::{millimetres, widen_tags};
+use super::write::{Seen, millimetres};
 use super::{Result, Span, Store, StoreError};
 use crate::model::{Measured, Measurement, Node, PlacedNode};
 
@@ -94,7 +93,7 @@ impl Store {
         let mut numbers = std::mem::take(&mut *writing.numbers);
         let mut rows = Vec::with_capacity(measurements.len());
         let mut left_out = 0;
-        let mut seen = BTreeMap::new();
+        let mut seen = Seen::default();
         for measurement in measurements {
             let Measurement { site, tag, node, round, .. } = measurement;
             let Some(tag) = numbers.tag(&mut writing.tx, site, tag, *round).await? else {
@@ -102,13 +101,11 @@ impl Store {
                 continue;
             };
             let peer = numbers.peer(&mut writing.tx, site, node).await?;
-            let t = ms(*round);
-            let span = seen.entry(tag).or_insert((t, t));
-            *span = (span.0.min(t), span.1.max(t));
+            seen.note(tag, *round);
             rows.push(Stored::new(measurement, tag, peer));
         }
         INSERT.run(&mut writing.tx, &rows, Stored::bind).await?;
-        widen_tags(&mut writing.tx, seen).await?;
+        seen.write(&mut writing.tx).await?;
         writing.tx.commit().await?;
         *writing.numbers = numbers;
         Ok(left_out)

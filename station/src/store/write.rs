@@ -3,7 +3,9 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::LazyLock;
 
-use sqlx::AnyConnection;
+use sqlx::any::AnyArguments;
+use sqlx::query::QueryScalar;
+use sqlx::{Any, AnyConnection};
 
 use super::key::{LAST_TAG, key, ms};
 use super::rows::{Bare, Many, name_of, whole};
@@ -51,19 +53,12 @@ impl Numbers {
             return Ok(Some(id));
         }
         let known = sqlx::query_scalar("SELECT id FROM tags WHERE site = $1 AND tag = $2").bind(site).bind(tag);
-        let id = match known.fetch_optional(&mut *connection).await? {
-            Some(id) => id,
-            None => {
-                let made = sqlx::query_scalar(
-                    "INSERT INTO tags (id, site, tag, first_ms, last_ms) SELECT next, $1, $2, $3, $3 \
-                     FROM (SELECT COALESCE(MAX(id), 0) + 1 AS next FROM tags) AS numbers WHERE next <= $4 \
-                     RETURNING id",
-                );
-                let made = made.bind(site).bind(tag).bind(ms(t)).bind(LAST_TAG);
-                let Some(id) = made.fetch_optional(&mut *connection).await? else { return Ok(None) };
-                id
-            }
-        };
+        let made = sqlx::query_scalar(
+            "INSERT INTO tags (id, site, tag, first_ms, last_ms) SELECT next, $1, $2, $3, $3 \
+             FROM (SELECT COALESCE(MAX(id), 0) + 1 AS next FROM tags) AS numbers WHERE next <= $4 RETURNING id",
+        );
+        let made = made.bind(site).bind(tag).bind(ms(t)).bind(LAST_TAG);
+        let Some(id) = known_or_made(connection, known, made).await? else { return Ok(None) };
         self.tags.entry(site.to_owned()).or_default().insert(tag.to_owned(), id);
         Ok(Some(id))
     }
@@ -73,14 +68,11 @@ impl Numbers {
             return Ok(id);
         }
         let known = sqlx::query_scalar("SELECT id FROM peers WHERE site = $1 AND node = $2").bind(site).bind(node);
-        let id = match known.fetch_optional(&mut *connection).await? {
-            Some(id) => id,
-            None => {
-                let made = "INSERT INTO peers (id, site, node) SELECT COALESCE(MAX(id), 0) + 1, $1, $2 FROM peers \
-                     RETURNING id";
-                sqlx::query_scalar(made).bind(site).bind(node).fetch_one(&mut *connection).await?
-            }
-        };
+        let made = sqlx::query_scalar(
+            "INSERT INTO peers (id, site, node) SELECT COALESCE(MAX(id), 0) + 1, $1, $2 FROM peers RETURNING id",
+        );
+        let made = made.bind(site).bind(node);
+        let id = known_or_made(connection, known, made).await?.ok_or(sqlx::Error::RowNotFound)?;
         self.peers.entry(site.to_owned()).or_default().insert(node.to_owned(), id);
         Ok(id)
     }
@@ -90,19 +82,40 @@ impl Numbers {
             return Ok(id);
         }
         let known = sqlx::query_scalar("SELECT id FROM rooms WHERE name = $1").bind(name);
-        let id = match known.fetch_optional(&mut *connection).await? {
-            Some(id) => id,
-            None => {
-                sqlx::query_scalar(
-                    "INSERT INTO rooms (id, name) SELECT COALESCE(MAX(id), 0) + 1, $1 FROM rooms RETURNING id",
-                )
-                .bind(name)
-                .fetch_one(&mut *connection)
-                .await?
-            }
-        };
+        let made = "INSERT INTO rooms (id, name) SELECT COALESCE(MAX(id), 0) + 1, $1 FROM rooms RETURNING id";
+        let made = sqlx::query_scalar(made).bind(name);
+        let id = known_or_made(connection, known, made).await?.ok_or(sqlx::Error::RowNotFound)?;
         self.rooms.insert(name.to_owned(), id);
         Ok(id)
+    }
+}
+
+/// The number that is known, or else that which is made.
+async fn known_or_made(
+    connection: &mut AnyConnection,
+    known: QueryScalar<'_, Any, i64, AnyArguments>,
+    made: QueryScalar<'_, Any, i64, AnyArguments>,
+) -> Result<Option<i64>> {
+    match known.fetch_optional(&mut *connection).await? {
+        Some(id) => Ok(Some(id)),
+        None => Ok(made.fetch_optional(connection).await?),
+    }
+}
+
+/// The first and the last time at which tags were seen, milliseconds, by their numbers.
+#[derive(Debug, Default)]
+pub(super) struct Seen(BTreeMap<i64, (i64, i64)>);
+
+impl Seen {
+    pub(super) fn note(&mut self, tag: i64, t: Utc) {
+        let t = ms(t);
+        let span = self.0.entry(tag).or_insert((t, t));
+        *span = (span.0.min(t), span.1.max(t));
+    }
+
+    pub(super) async fn write(self, connection: &mut AnyConnection) -> Result<()> {
+        let seen: Vec<_> = self.0.into_iter().collect();
+        WIDEN_TAGS.run(connection, &seen, |query, &(tag, (first, last))| query.bind(tag).bind(first).bind(last)).await
     }
 }
 
@@ -173,7 +186,7 @@ impl Store {
         let mut numbers = std::mem::take(&mut *writing.numbers);
         let mut rows = Vec::with_capacity(positions.len());
         let mut left_out = 0;
-        let mut seen = BTreeMap::<i64, (i64, i64)>::new();
+        let mut seen = Seen::default();
         for position in positions {
             let values = [position.x_m, position.y_m, position.sigma_x_m, position.sigma_y_m];
             if !values.iter().all(|value| value.is_finite()) {
@@ -189,24 +202,16 @@ impl Store {
                 Some(room) => Some(numbers.room(&mut writing.tx, room).await?),
                 None => None,
             };
-            let t = ms(position.t);
-            let span = seen.entry(tag).or_insert((t, t));
-            *span = (span.0.min(t), span.1.max(t));
+            seen.note(tag, position.t);
             rows.push(Stored::new(position, tag, room));
         }
         INSERT_POSITIONS.run(&mut writing.tx, &rows, Stored::bind).await?;
-        widen_tags(&mut writing.tx, seen).await?;
+        seen.write(&mut writing.tx).await?;
         insert_events(&mut writing.tx, events).await?;
         writing.tx.commit().await?;
         *writing.numbers = numbers;
         Ok(left_out)
     }
-}
-
-/// Tags were seen: by number, the first and the last time, milliseconds.
-pub(super) async fn widen_tags(connection: &mut AnyConnection, seen: BTreeMap<i64, (i64, i64)>) -> Result<()> {
-    let seen: Vec<_> = seen.into_iter().collect();
-    WIDEN_TAGS.run(connection, &seen, |query, &(tag, (first, last))| query.bind(tag).bind(first).bind(last)).await
 }
 
 async fn insert_events(connection: &mut AnyConnection, events: &[Event]) -> Result<()> {

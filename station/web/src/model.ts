@@ -53,18 +53,8 @@ export interface Node {
 }
 
 /// What a node's health was in a minute of the past.
-export interface NodeHealth {
-  site: string;
-  node: string;
+export interface NodeHealth extends Omit<Node, 'name' | 'role' | 'position_m' | 'last_seen'> {
   t: string;
-  rate_hz: number;
-  success_rate: number | null;
-  residual_mean_m: number | null;
-  residual_sigma_m: number | null;
-  first_path_minus_received_db: number | null;
-  clock_offset_ppm: number | null;
-  moved: boolean;
-  supply_v: number | null;
 }
 
 export interface Zone {

@@ -44,7 +44,7 @@ pub async fn write_folder(store: &Store, selection: &Selection, folder: &Path) -
     let mut parts = Parts::of(*span);
     while let Some(part) = parts.next() {
         let rounds = Rounds::read(store, selection, part, &mut with_positions).await?;
-        parts.had(rounds.rows);
+        parts.adapt_to(rounds.rows);
         for ((t, tag), round) in &rounds.by_end {
             positions.take(*t, tag, round.position.as_ref())?;
             measurements.take(positions.epoch, &round.measurements)?;

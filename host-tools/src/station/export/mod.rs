@@ -105,7 +105,7 @@ impl Selection {
             rows.sort_by(|a, b| (a.t, &a.tag).cmp(&(b.t, &b.tag)));
             rows.iter().try_for_each(&mut take)?;
             exported.positions += rows.len();
-            parts.had(rows.len());
+            parts.adapt_to(rows.len());
         }
         exported.tags = with_positions.len();
         Ok(exported)
@@ -151,8 +151,8 @@ impl Parts {
         (part.from < part.to).then_some(part)
     }
 
-    /// The part had so many rows.
-    fn had(&mut self, rows: usize) {
+    /// Adapts the length of the next parts to the number of rows of the last one.
+    fn adapt_to(&mut self, rows: usize) {
         let length = match rows {
             ..FEW => self.length * 4,
             FEW..=MANY => self.length,

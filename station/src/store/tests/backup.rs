@@ -291,10 +291,7 @@ on_both! {
             INSERT INTO nodes VALUES ('hall', '1-7', NULL, 'beacon', 1.5, -2.0, 0.25, NULL, 2.5);";
         sqlx::raw_sql(rows).execute(&pool).await.unwrap();
         pool.close().await;
-        let file = place.folder.path().join("back-up.db");
-        Store::back_up(&place.url, &file).await.unwrap();
-        let other = another(place).await;
-        Store::restore(&file, &other.url, place.folder.path()).await.unwrap();
+        let other = restored(place).await;
         for store in [place.open().await, other.open().await] {
             let hall = Site { walls_m: vec![[[0.0, 0.5], [5.0, 0.25]]], ..Site::new("hall") };
             assert_eq!(store.sites().await.unwrap(), std::slice::from_ref(&hall));
@@ -312,10 +309,7 @@ on_both! {
         let rows = "INSERT INTO events VALUES (7, 1767225600250000, 'hall', 'moved', '0x0101', NULL, NULL, 1);";
         sqlx::raw_sql(rows).execute(&pool).await.unwrap();
         pool.close().await;
-        let file = place.folder.path().join("back-up.db");
-        Store::back_up(&place.url, &file).await.unwrap();
-        let other = another(place).await;
-        Store::restore(&file, &other.url, place.folder.path()).await.unwrap();
+        let other = restored(place).await;
         for store in [place.open().await, other.open().await] {
             assert_eq!(store.last_event().await.unwrap(), 7);
             assert_eq!(store.health("hall", "0x0101", EVER(), 10).await.unwrap(), []);
@@ -324,6 +318,15 @@ on_both! {
         }
         other.remove().await;
     }
+}
+
+/// Another place, with what a back-up of this one has.
+async fn restored(place: &Place) -> Place {
+    let file = place.folder.path().join("back-up.db");
+    Store::back_up(&place.url, &file).await.unwrap();
+    let other = another(place).await;
+    Store::restore(&file, &other.url, place.folder.path()).await.unwrap();
+    other
 }
 
 /// A place with the tables of an earlier version: its migrations alone.
