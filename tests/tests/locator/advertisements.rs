@@ -5,7 +5,7 @@ use host_tools::files::beacons::{Beacon, Capture, Sample};
 use host_tools::locate::ble::{RssiMethod, Setup, Solver};
 use wire::ble::IBeacon;
 
-use crate::tag;
+use super::tag;
 
 /// The coordinates are around zero, so that nothing is rounded differently, metres.
 const CORNERS: [[f64; 3]; 4] = [[-4.0, -3.0, 2.5], [4.0, -3.0, 2.0], [4.0, 3.0, 2.5], [-4.0, 3.0, 2.25]];

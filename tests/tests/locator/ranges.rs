@@ -10,7 +10,7 @@ use positioning_core::nlos::{Feature, Features};
 use ranging::exchange::{Range, Round};
 use ranging::{Diagnostics, RadioInstant};
 
-use crate::tag;
+use super::tag;
 
 /// The tag's height, metres.
 const HEIGHT_M: f64 = 1.0;

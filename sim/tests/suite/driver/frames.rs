@@ -1,6 +1,6 @@
 //! Frames, windows, filter, losses.
 
-use crate::*;
+use super::*;
 
 /// Sends `count` frames, `gap` after one another (from RMARKER to RMARKER), to a receiver that keeps listening. Returns
 /// the times sent and the frames received.

@@ -1,11 +1,9 @@
 //! Tests of a chip's state after power-up, resets and sleep, and of its one-time memory.
 
-mod host;
-
+use crate::host::*;
 use dw1000_sim::{BoardProfile, ChipConfig, NodeConfig, World};
 use embedded_hal::digital::OutputPin;
 use embedded_hal_async::spi::Operation;
-use host::*;
 
 fn word(host: &Host, address: u16) -> u32 {
     host.write(0x2D, 0x04, &address.to_le_bytes());

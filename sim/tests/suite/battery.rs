@@ -14,9 +14,9 @@ fn summary(text: &str, rate_hz: Option<f64>, seconds: f64) -> Summary {
     simulation.summary()
 }
 
-const WALKING: &str = include_str!("../../examples/battery.toml");
-const STILL: &str = include_str!("../../examples/battery-still.toml");
-const SEARCHING: &str = include_str!("../../examples/battery-searching.toml");
+const WALKING: &str = include_str!("../../../examples/battery.toml");
+const STILL: &str = include_str!("../../../examples/battery-still.toml");
+const SEARCHING: &str = include_str!("../../../examples/battery-searching.toml");
 
 fn assert_draws(summary: &Summary, fixes_per_s: f64, at_most_ma: f64) {
     assert!(summary.fixes_per_s > 0.97 * fixes_per_s, "{summary:?}");

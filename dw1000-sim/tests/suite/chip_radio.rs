@@ -1,10 +1,8 @@
 //! Tests of the chip's transmitter and receiver at register level. The expected instants and values are calculated by
 //! hand.
 
-mod host;
-
+use crate::host::*;
 use dw1000_sim::{AirConfig, ClockConfig, World};
-use host::*;
 use std::cell::RefCell;
 use std::rc::Rc;
 

@@ -1,13 +1,11 @@
 //! Tests of the air between simulated chips: collisions, capture, random loss, networks side by side, walls, movement,
 //! faults, repeatability.
 
-mod host;
-
+use crate::host::*;
 use dw1000_sim::{AirConfig, AirStatistics, Material, NodeConfig, Path, Peripherals, TrueTime, Wall, World};
 use embedded_hal_async::delay::DelayNs;
 use embedded_hal_async::digital::Wait;
 use embedded_hal_async::spi::{Operation, SpiDevice};
-use host::*;
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::time::Duration;

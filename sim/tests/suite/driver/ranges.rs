@@ -1,6 +1,6 @@
 //! Distances measured over the air, in all modes.
 
-use crate::*;
+use super::*;
 
 /// Poll and answer, single-sided. Returns the distance from the four time stamps and the carrier integrator, metres.
 fn ranged(config: Config, ppm: f64, reply: RadioDuration) -> (f64, Received, Node, Node) {

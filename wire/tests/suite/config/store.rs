@@ -5,8 +5,8 @@ use baliza_wire::config::{
     newest, next, store,
 };
 
-use crate::examples::{anchor, beacon, longest, tag};
-use crate::flash::{Failed, Flash};
+use super::examples::{anchor, beacon, longest, tag};
+use super::flash::{Failed, Flash};
 
 type Nrf = Flash<4, 4096>;
 

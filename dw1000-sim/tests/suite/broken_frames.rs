@@ -1,10 +1,8 @@
 //! Frames whose sender stops in the middle: the effect on the receivers that follow them.
 
-mod host;
-
+use crate::host::*;
 use dw1000_sim::World;
 use embedded_hal::digital::OutputPin;
-use host::*;
 
 const BODY: [u8; 10] = [0x41, 0x88, 7, 0xCA, 0xDE, 2, 0, 1, 0, 0x55];
 

@@ -2,8 +2,8 @@
 
 use baliza_wire::config::{LoadError, Record, load, store};
 
-use crate::examples::{anchor, beacon, tag};
-use crate::flash::Flash;
+use super::examples::{anchor, beacon, tag};
+use super::flash::Flash;
 
 /// Cuts the power within each operation of a store. The old record or the new one is whole, and the next store works.
 fn every_cut<const WORD: usize, const PAGE: usize>(flash: &Flash<WORD, PAGE>, old: Result<Record, LoadError>) {

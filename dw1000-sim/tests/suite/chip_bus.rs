@@ -1,12 +1,10 @@
 //! Tests of the chip's bus, clocks, reset, sleep and slow converters, as the user manual describes them.
 
-mod host;
-
+use crate::host::*;
 use dw1000_sim::{BoardProfile, NodeConfig, TrueTime, World};
 use embedded_hal::digital::OutputPin;
 use embedded_hal_async::digital::Wait;
 use embedded_hal_async::spi::Operation;
-use host::*;
 use std::cell::Cell;
 use std::rc::Rc;
 use std::time::Duration;

@@ -1,11 +1,9 @@
 //! Tests of the charge that a chip draws from its supply. The expected values are products of times and currents,
 //! calculated by hand.
 
-mod host;
-
+use crate::host::*;
 use dw1000_sim::{ChipConfig, Consumption, Currents, World};
 use embedded_hal_async::spi::Operation;
-use host::*;
 use std::time::Duration;
 
 const BODY: [u8; 10] = [0x41, 0x88, 7, 0xCA, 0xDE, 2, 0, 1, 0, 0x55];

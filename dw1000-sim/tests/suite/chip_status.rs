@@ -1,11 +1,9 @@
 //! Tests of how long the bits of SYS_STATUS and SYS_CTRL stay set, as the user manual (version 2.12) specifies: pages
 //! 79, 81, 87, 91, 92 and 4.3.5.
 
-mod host;
-
+use crate::host::*;
 use dw1000_sim::World;
 use embedded_hal_async::digital::Wait;
-use host::*;
 
 const BODY: [u8; 10] = [0x41, 0x88, 7, 0xCA, 0xDE, 2, 0, 1, 0, 0x55];
 const TRANSMITTED: u64 = TXFRB | TXPRS | TXPHS | TXFRS;

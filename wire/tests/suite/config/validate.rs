@@ -7,7 +7,7 @@ use baliza_wire::config::{
     Tag,
 };
 
-use crate::examples::{anchor, beacon, longest, tag};
+use super::examples::{anchor, beacon, longest, tag};
 
 fn refusal(of: Record, change: impl FnOnce(&mut Record)) -> String {
     let mut record = of;

@@ -1,8 +1,5 @@
 //! A host that reads and writes registers by their number, as the user manual names them.
 
-// Each test binary uses its own part of this.
-#![allow(dead_code)]
-
 use dw1000_sim::{AirConfig, BoardProfile, ChipConfig, ClockConfig, Node, NodeConfig, Peripherals, World};
 use embedded_hal_async::spi::{Operation, SpiDevice};
 use std::time::Duration;

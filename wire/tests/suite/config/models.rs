@@ -5,7 +5,7 @@ use baliza_wire::config::{
 };
 use embedded_storage::nor_flash::NorFlash;
 
-use crate::flash::Flash;
+use super::flash::Flash;
 
 /// Beacons 1-7 and 300-2.
 const BEACONS: [u8; 8] = [1, 0, 7, 0, 44, 1, 2, 0];

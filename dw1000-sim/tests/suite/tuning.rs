@@ -1,9 +1,7 @@
 //! Tunings that differ from the user manual's are counted and named.
 
-mod host;
-
+use crate::host::*;
 use dw1000_sim::World;
-use host::*;
 
 #[test]
 fn after_reset_the_manuals_list_of_defaults_to_be_changed_is_named() {

@@ -1,12 +1,10 @@
 //! Tests of the world as test code uses it: which code may run it, and what may be read meanwhile.
 
-mod host;
-
+use crate::host::*;
 use dw1000_sim::air::Prf;
 use dw1000_sim::air::{AirClient, ReceptionEvent, RxSettings, Sfd, SfdKind};
 use dw1000_sim::{NodeConfig, Path, TrueTime, World};
 use embedded_hal_async::spi::{Operation, SpiDevice};
-use host::*;
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::time::Duration;

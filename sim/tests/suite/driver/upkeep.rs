@@ -2,7 +2,7 @@
 
 use std::future::pending;
 
-use crate::*;
+use super::*;
 use ranging::Restart;
 
 #[test]

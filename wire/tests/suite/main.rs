@@ -1,0 +1,5 @@
+//! Tests of what nodes and hosts exchange: the config record, and telemetry by its bytes and in damaged streams.
+
+mod config;
+mod telemetry_golden;
+mod telemetry_streams;
