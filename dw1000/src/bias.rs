@@ -6,10 +6,12 @@
 //! the power actually received. The chip's own estimate of a high power is too low (DW1000 user manual, figure 22).
 //! True distance = measured − [`RangeBias::metres`].
 
-use crate::phy::{Channel, Prf};
-use crate::radio::Sensors;
-use crate::time::METRES_PER_TICK;
-use crate::{PhyConfig, decibels};
+use radio::PhyConfig;
+use radio::Sensors;
+use radio::phy::{Channel, Prf};
+use radio::time::METRES_PER_TICK;
+
+use crate::decibels;
 
 /// Power of the tables' first entry, dBm.
 const FIRST_DBM: f32 = -61.0;
@@ -84,7 +86,7 @@ impl RangeBias {
     }
 
     /// The amount by which a distance is measured too long at this received power, as in
-    /// [`Diagnostics`](crate::Diagnostics), metres; 0 if the power is not a number.
+    /// [`Diagnostics`](radio::Diagnostics), metres; 0 if the power is not a number.
     pub fn metres(&self, rx_power_dbm: f32) -> f32 {
         if rx_power_dbm.is_nan() {
             return 0.0;
@@ -159,7 +161,7 @@ impl Conditions {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::phy::{Channel, DataRate, PreambleLength};
+    use radio::phy::{Channel, DataRate, PreambleLength};
 
     fn bias(channel: Channel, prf: Prf, dbm: f32) -> f32 {
         let phy = PhyConfig::new(channel, prf, DataRate::Kbps6810, PreambleLength::Symbols128).unwrap();

@@ -16,8 +16,9 @@ pub mod native;
 pub mod node;
 pub mod tof;
 
-pub use baliza_dw1000::{
-    Diagnostics, Pace, PhyConfig, Radio, RadioDuration, RadioInstant, RangeBias, ReceiveError, ResponseWindow, Restart,
-    RxFrame, Sample, Start, TransmitError, bias, driver as dw1000, phy, radio, time,
+pub use baliza_dw1000::{RangeBias, driver as dw1000};
+pub use radio::{
+    self, Diagnostics, Pace, PhyConfig, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, Restart,
+    RxFrame, Sample, Start, TransmitError, phy, time,
 };
 pub use tof::TimeOfFlight;

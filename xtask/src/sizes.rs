@@ -19,7 +19,7 @@ const IMAGES: [&str; 2] = ["tag-dwm1001", "tag-dwm1001-ble"];
 
 /// Purposes of code, and the prefixes of the paths of their sources; the first match counts.
 const PURPOSES: [(&str, &[&str]); 10] = [
-    ("DW1000: driver", &["dw1000/"]),
+    ("DW1000: driver", &["dw1000/", "radio/"]),
     ("Exchanges: frames, slots, networks, times of flight", &["ranging/", "wire/src/uwb"]),
     ("Line of sight", &["positioning-core/src/nlos", "firmware-tag/src/sounding"]),
     ("Beacons: RSSI, positions by it, rooms, scans", &["positioning-core/src/ble", "wire/src/ble"]),

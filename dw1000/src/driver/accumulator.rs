@@ -11,7 +11,7 @@ use super::bus::{ClockedSpi, ResetLine};
 use super::register as reg;
 use super::startup::{CLOCK_SEQUENCED, CLOCKS_DEFAULT};
 use super::{Dw1000, Error, Transceiver};
-use crate::radio::{ResponseWindow, Sample};
+use radio::{ResponseWindow, Sample};
 
 /// PMSC_CTRL0 for reading the accumulator: its clock forced on (FACE), the receiver's clock from the PLL; its memory's
 /// clock on (AMCE).

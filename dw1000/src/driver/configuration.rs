@@ -3,7 +3,7 @@
 use super::register::{self as reg, Register, status, sys_cfg};
 use super::startup::Factory;
 use super::tuning;
-use crate::phy::{Channel, DataRate, PhyConfig, Prf, Sfd};
+use radio::phy::{Channel, DataRate, PhyConfig, Prf, Sfd};
 
 /// The antenna delay of a module before calibration, ticks in each direction. Decawave's software has 513.9067 ns at 16
 /// MHz and 514.462 ns at 64 MHz for both directions together; a tick is 1/63.8976 ns.

@@ -2,8 +2,10 @@
 //! clock offset.
 
 use super::configuration::Config;
-use crate::phy::{DataRate, Prf, Sfd};
-use crate::{Diagnostics, decibels};
+use radio::Diagnostics;
+use radio::phy::{DataRate, Prf, Sfd};
+
+use crate::decibels;
 
 /// The registers of one received frame as read, before any check.
 pub(super) struct RawDiagnostics {
@@ -79,7 +81,7 @@ fn carrier_integrator(bytes: &[u8; 6]) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::phy::{Channel, PhyConfig, PreambleLength};
+    use radio::phy::{Channel, PhyConfig, PreambleLength};
 
     fn frame(preamble_count: u16, unsaturated: u16, carrier: [u8; 3]) -> RawDiagnostics {
         let n = unsaturated.to_le_bytes();

@@ -72,7 +72,7 @@
 //! use embedded_hal::digital::{ErrorType, InputPin};
 //! use embedded_hal_async::digital::Wait;
 //! use baliza_dw1000::driver::{ClockedSpi, Config, Dw1000, Error, ResetLine};
-//! use baliza_dw1000::{PhyConfig, Radio, RadioInstant};
+//! use radio::{PhyConfig, Radio, RadioInstant};
 //!
 //! /// An interrupt pin without interrupts.
 //! struct Polled<P>(P);
@@ -136,9 +136,9 @@ pub use bus::{ClockedSpi, ResetLine, SpiClock, Traffic};
 pub use configuration::{Config, DEFAULT_ANTENNA_DELAY, FrameFilter, TxPower, default_antenna_delay};
 pub use sleep::{Wake, WakeBy};
 
-use crate::radio::{MAX_FRAME, Pace, ResponseWindow, Sample, Sensors};
-use crate::{Radio, RadioDuration, RadioInstant, ReceiveError, Restart, RxFrame, Start, TransmitError};
 use bus::Bus;
+use radio::{MAX_FRAME, Pace, ResponseWindow, Sample, Sensors};
+use radio::{Radio, RadioDuration, RadioInstant, ReceiveError, Restart, RxFrame, Start, TransmitError};
 use register::{self as reg, status};
 
 /// An error of the bus or the chip.

@@ -9,8 +9,8 @@ use super::bus::{ClockedSpi, ResetLine};
 use super::diagnostics::RawDiagnostics;
 use super::register::{self as reg, status, sys_cfg, sys_ctrl};
 use super::{Dw1000, Error, Transceiver, micros};
-use crate::radio::{MAX_FRAME, Pace};
-use crate::{RadioDuration, RadioInstant, ReceiveError, RxFrame, Start};
+use radio::{MAX_FRAME, Pace};
+use radio::{RadioDuration, RadioInstant, ReceiveError, RxFrame, Start};
 
 /// Ticks in a step of the chip's frame wait timer: 512 chips, 1.026 µs (7.2.14).
 const TIMER_STEP_TICKS: u64 = 512 * 128;

@@ -8,7 +8,7 @@ use super::register as reg;
 use super::startup::Factory;
 use super::{Dw1000, Error};
 use crate::bias::Conditions;
-use crate::radio::Sensors;
+use radio::Sensors;
 
 /// The readings relative to the maker's at 23 °C and 3.3 V. If the maker stored none: with the typical offset of
 /// Decawave's software.

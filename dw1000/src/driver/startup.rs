@@ -6,7 +6,7 @@ use super::bus::{ClockedSpi, ResetLine, SpiClock};
 use super::configuration::Config;
 use super::register::{self as reg, Register, status};
 use super::{Dw1000, Error, Transceiver};
-use crate::phy::{Channel, PreambleLength, Prf};
+use radio::phy::{Channel, PreambleLength, Prf};
 
 /// DEV_ID of every DW1000.
 pub(super) const DEVICE_ID: u32 = 0xDECA_0130;

@@ -8,8 +8,8 @@ use embedded_hal_async::{delay::DelayNs, digital::Wait};
 use super::bus::{ClockedSpi, ResetLine};
 use super::register::{self as reg, status, sys_ctrl};
 use super::{Dw1000, Error, Receiver, Transceiver, micros};
-use crate::radio::{MAX_FRAME, Pace};
-use crate::{Radio, RadioDuration, RadioInstant, Start, TransmitError};
+use radio::{MAX_FRAME, Pace};
+use radio::{Radio, RadioDuration, RadioInstant, Start, TransmitError};
 
 /// The check bytes that the chip adds.
 const CHECK_BYTES: u8 = 2;

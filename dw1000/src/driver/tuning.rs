@@ -1,7 +1,7 @@
 //! The values that the DW1000 user manual (2.11 and later) recommends for each channel, rate, pulse frequency and
 //! preamble, as functions of a [`PhyConfig`]. The tests compare them with those of the published `dw1000` crate.
 
-use crate::phy::{Channel, DataRate, Pac, PhyConfig, PreambleLength, Prf, Sfd};
+use radio::phy::{Channel, DataRate, Pac, PhyConfig, PreambleLength, Prf, Sfd};
 
 /// AGC_TUNE2 (table 25) and AGC_TUNE3 (7.2.36.6).
 pub(super) const AGC_TUNE2: u32 = 0x2502_A907;

@@ -2,8 +2,8 @@
 
 use core::fmt;
 
-use baliza_dw1000::PhyConfig;
-use baliza_dw1000::phy::{Channel, DataRate, PhyError, PreambleLength, Prf};
+use radio::PhyConfig;
+use radio::phy::{Channel, DataRate, PhyError, PreambleLength, Prf};
 
 use crate::config::{Advertiser, Board, Identity, Mode, Network, Pins, Record, Role, Scan, Solver, Tag};
 use crate::uwb::MAX_ROUND;

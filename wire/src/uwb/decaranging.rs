@@ -17,7 +17,7 @@
 //! milliseconds.
 
 use super::{FrameBuffer, FrameError, Header, Reader};
-use baliza_dw1000::{RadioDuration, RadioInstant};
+use radio::{RadioDuration, RadioInstant};
 
 /// The PAN identifier of DecaRanging.
 pub const PAN: u16 = 0xDECA;

@@ -5,7 +5,7 @@
 //! The coordinator sets the slot lengths by the requests of the slowest node, and its sync frames contain them. A new
 //! layout is in force from the superframe from which the list of members that came with it is in force.
 
-use baliza_dw1000::RadioDuration;
+use radio::RadioDuration;
 
 /// A reply delay as it is on the air: (16 + c mod 16) · 2^⌊c / 16⌋ µs for the code c of seven bits, 16 µs to 3.968 ms
 /// in steps of 3 to 6 %.

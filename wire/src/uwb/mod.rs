@@ -10,7 +10,7 @@ pub mod native;
 
 use core::fmt;
 
-use baliza_dw1000::radio::MAX_FRAME;
+use radio::MAX_FRAME;
 
 /// The greatest number of anchors in one round.
 pub const MAX_ROUND: usize = 8;

@@ -9,7 +9,7 @@ use embedded_hal_02::{blocking::spi, digital::v2::OutputPin};
 use crate::driver::configuration::Config;
 use crate::driver::register::{self as reg, Register};
 use crate::driver::startup::Factory;
-use crate::phy::{Channel, DataRate, PhyConfig, PreambleLength, Prf, Sfd};
+use radio::phy::{Channel, DataRate, PhyConfig, PreambleLength, Prf, Sfd};
 
 /// Types that the crate's look-up functions name in their errors.
 struct NoBus;

@@ -4,7 +4,7 @@ use embassy_futures::block_on;
 
 use super::double::*;
 use crate::driver::{Config, Dw1000, Error, FrameFilter, SpiClock, TxPower};
-use crate::{PhyConfig, Radio, RadioInstant};
+use radio::{PhyConfig, Radio, RadioInstant};
 
 fn uninitialised() -> (Driver, Bus) {
     let bus = Bus::default();

@@ -10,7 +10,7 @@ use crate::telemetry::quantised::{from_hundredths, hundredths, nearest};
 /// Units of an index in the accumulator, per sample.
 const PER_SAMPLE: f32 = 64.0;
 
-/// What the receiver measured on a frame: `baliza_dw1000::Diagnostics`.
+/// What the receiver measured on a frame: `radio::Diagnostics`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Diagnostics {
@@ -55,8 +55,8 @@ impl Diagnostics {
     }
 }
 
-impl From<baliza_dw1000::Diagnostics> for Diagnostics {
-    fn from(measured: baliza_dw1000::Diagnostics) -> Self {
+impl From<radio::Diagnostics> for Diagnostics {
+    fn from(measured: radio::Diagnostics) -> Self {
         Self {
             rx_power_cdbm: hundredths(measured.rx_power_dbm),
             first_path_power_cdbm: hundredths(measured.first_path_power_dbm),
@@ -71,7 +71,7 @@ impl From<baliza_dw1000::Diagnostics> for Diagnostics {
 }
 
 /// Unknown values become NaN.
-impl From<Diagnostics> for baliza_dw1000::Diagnostics {
+impl From<Diagnostics> for radio::Diagnostics {
     fn from(quantised: Diagnostics) -> Self {
         let known = |value: Option<f64>| value.map_or(f32::NAN, |value| value as f32);
         Self {
@@ -176,7 +176,7 @@ mod tests {
 
     #[test]
     fn diagnostics_come_back_as_fine_as_the_wire_has_them() {
-        let measured = baliza_dw1000::Diagnostics {
+        let measured = radio::Diagnostics {
             rx_power_dbm: -79.254,
             first_path_power_dbm: f32::NEG_INFINITY,
             first_path_index: 745.516,
@@ -189,10 +189,10 @@ mod tests {
         let told = Diagnostics::from(measured);
         // 745.516 · 64 = 47713.02.
         assert_eq!((told.rx_power_cdbm, told.first_path_index_64ths, told.clock_offset_cppm), (-7925, 47_713, -235));
-        let back = baliza_dw1000::Diagnostics::from(told);
+        let back = radio::Diagnostics::from(told);
         assert!(back.first_path_power_dbm.is_nan());
-        let known = baliza_dw1000::Diagnostics { first_path_power_dbm: 0.0, ..back };
-        let expected = baliza_dw1000::Diagnostics {
+        let known = radio::Diagnostics { first_path_power_dbm: 0.0, ..back };
+        let expected = radio::Diagnostics {
             rx_power_dbm: -79.25,
             first_path_power_dbm: 0.0,
             first_path_index: 745.515_6,

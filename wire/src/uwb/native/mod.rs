@@ -25,7 +25,7 @@ use heapless::Vec;
 use super::MAX_ROUND;
 use super::layout::Layout;
 use super::{Address, BROADCAST, FrameBuffer, FrameError, Header, Reader};
-use baliza_dw1000::{RadioDuration, RadioInstant};
+use radio::{RadioDuration, RadioInstant};
 
 pub use values::{Distance, Position, Share};
 
@@ -432,7 +432,7 @@ impl Member {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use baliza_dw1000::radio::MAX_FRAME;
+    use radio::MAX_FRAME;
 
     fn round_trip(message: Message, golden: &[u8]) {
         let frame = Frame { sequence: 0x2A, pan: 0xBA1A, destination: BROADCAST, source: 0x0107, message };

@@ -1,11 +1,11 @@
 //! Which values of a config record are valid.
 
-use baliza_dw1000::PhyConfig;
-use baliza_dw1000::phy::{Channel, DataRate, PreambleLength, Prf};
 use baliza_wire::config::{
     Anchor, Beacon, Board, Identity, Invalid, Mode, Phy, Pins, Record, Region, ReplyDelay, Role, Scan, Scheme, Solver,
     Tag,
 };
+use radio::PhyConfig;
+use radio::phy::{Channel, DataRate, PreambleLength, Prf};
 
 use super::examples::{anchor, beacon, longest, tag};
 

@@ -1,5 +1,4 @@
-//! What a node needs of a radio: to send a frame at an instant, and to receive a frame with its instant. This module
-//! knows no chips or buses.
+//! What a node needs of a radio: to send a frame at an instant, and to receive a frame with its instant.
 //!
 //! Frames have no check bytes here: the radio adds and checks both. Instants are those of the RMARKER (the first pulse
 //! of the PHY header) at the antenna, in the radio's own clock, including the antenna delay.
@@ -81,9 +80,8 @@ pub trait Radio {
         Pace::default()
     }
 
-    /// Measures the radio's temperature and supply, if it can, and corrects its antenna delays accordingly
-    /// ([`Conditions`](crate::bias::Conditions)). This takes about a millisecond. Transmitter and receiver are off
-    /// afterwards.
+    /// Measures the radio's temperature and supply, if it can, and corrects its antenna delays accordingly. This takes
+    /// about a millisecond. Transmitter and receiver are off afterwards.
     ///
     /// # Errors
     /// If the bus or the chip fails.
@@ -123,7 +121,7 @@ pub struct Pace {
     pub ready: Option<RadioInstant>,
 }
 
-/// The readings of a radio's own sensors, on which its distances depend: see [`Conditions`](crate::bias::Conditions).
+/// The readings of a radio's own sensors, on which its distances depend.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sensors {

@@ -1,4 +1,4 @@
-//! The DW1000's clock: 40 bits that count 128 × 499.2 MHz = 63.8976 GHz and wrap every 17.2 s.
+//! The clock of a radio: 40 bits that count 128 × 499.2 MHz = 63.8976 GHz and wrap every 17.2 s.
 //!
 //! Hardware times are newtypes, so that a tick is never mistaken for a nanosecond, nor an instant for a duration.
 
