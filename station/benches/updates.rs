@@ -7,9 +7,9 @@
 use std::hint::black_box;
 use std::time::Duration;
 
-use baliza_station::live::Limits;
 use baliza_station::model::{Role, Zone, ZoneKind};
-use baliza_station::{Live, Report, SolvedFrom, Utc, What};
+use baliza_station::state::Limits;
+use baliza_station::{Live, Report, ReportKind, SolvedFrom, Utc};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
 const TAGS: u32 = 1000;
@@ -40,7 +40,7 @@ fn live() -> Live {
     let mut live = Live::new(Limits::default());
     live.set_zones(zones());
     for k in 0..ANCHORS {
-        let what = What::Node {
+        let what = ReportKind::Node {
             node: format!("0x{:04X}", 0x100 + k),
             name: None,
             role: Role::Anchor,
@@ -63,7 +63,7 @@ fn tenth(step: u32) -> Vec<Report> {
             let anchor = (k + 4 * j) % ANCHORS;
             let [x, y, z] = anchor_m(anchor);
             let range_m = ((x - position_m[0]).powi(2) + (y - position_m[1]).powi(2) + (z - 1.0).powi(2)).sqrt();
-            let what = What::Range {
+            let what = ReportKind::Range {
                 tag: name.clone(),
                 anchor: format!("0x{:04X}", 0x100 + anchor),
                 range_m,
@@ -73,7 +73,7 @@ fn tenth(step: u32) -> Vec<Report> {
             };
             reports.push(Report { t, site: site.clone(), what });
         }
-        let what = What::Position {
+        let what = ReportKind::Position {
             tag: name,
             position_m,
             z_m: Some(1.0),

@@ -3,7 +3,8 @@
 //! | module | what is in it |
 //! |---|---|
 //! | [`model`] | what the station knows: positions, tags, nodes, zones, events, sites, campaigns |
-//! | [`live`] | the current state: the last position of each tag, the health of each node, who is in which zone |
+//! | [`input`] | what sources send: positions, ranges, sightings, nodes |
+//! | [`state`] | the current state: the last position of each tag, the health of each node, who is in which zone |
 //! | [`store`] | SQLite or PostgreSQL |
 //! | [`hub`] | takes reports, updates the state, tells the listeners, writes to the store in batches |
 //! | [`mqtt`] | positions and events to a broker, Home Assistant, ESPresense's receivers |
@@ -12,6 +13,7 @@
 //! | [`rssi`] | RSSI values of nodes at known places to a position |
 //! | [`terminal`] | a terminal's RSSI values to its position |
 //! | [`api`] | HTTP: REST, WebSocket, server-sent events, the page |
+//! | [`net`] | connections: TLS, limits, proxies, requests to others |
 //! | [`oidc`] | sign-in at a provider of OpenID Connect |
 //! | [`webhooks`] | events to other programs |
 //!
@@ -22,23 +24,24 @@
 #![forbid(unsafe_code)]
 
 pub mod api;
+mod bounds;
 pub mod gpx;
-mod https;
 pub mod hub;
-pub mod live;
+pub mod input;
 pub mod model;
 pub mod mqtt;
+pub mod net;
 pub mod nmea;
 pub mod oidc;
-pub mod report;
 pub mod rssi;
+pub mod state;
 pub mod store;
 pub mod terminal;
 mod utc;
 pub mod webhooks;
 
 pub use hub::Hub;
-pub use live::{Live, Update};
-pub use report::{Report, SolvedFrom, What};
+pub use input::{Report, ReportKind, SolvedFrom};
+pub use state::{Live, Update};
 pub use store::Store;
 pub use utc::{NoUtc, Utc};

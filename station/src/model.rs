@@ -5,7 +5,7 @@ use positioning_core::geodesy;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::{Report, Utc, What};
+use crate::Utc;
 
 /// A position of a tag, with its uncertainty.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -161,6 +161,18 @@ impl NodeHealth {
     }
 }
 
+/// What someone may do. Each role may do what those before it may.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum UserRole {
+    /// See everything.
+    View,
+    /// Draw zones, survey, position terminals.
+    Operate,
+    /// Change sites: plans and walls.
+    Administer,
+}
+
 /// A measurement between a tag and a node.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measurement {
@@ -213,16 +225,6 @@ pub struct PlacedNode {
     pub rssi_1m_dbm: Option<f64>,
     /// The path loss exponent of its signals, 2 in free space. None: that of rooms.
     pub path_loss_exponent: Option<f64>,
-}
-
-impl PlacedNode {
-    /// The reports of it for the live state.
-    pub fn reports(&self, t: Utc) -> [Report; 2] {
-        let Self { node, name, role, position_m, rssi_1m_dbm, path_loss_exponent, .. } = self.clone();
-        let place = What::Node { node: node.clone(), name, role, position_m: Some(position_m) };
-        let path_loss = What::PathLoss { node, rssi_1m_dbm, path_loss_exponent };
-        [place, path_loss].map(|what| Report { t, site: self.site.clone(), what })
-    }
 }
 
 /// What an outline means.
@@ -292,7 +294,7 @@ pub struct Event {
     pub alarm: bool,
 }
 
-/// A site: a frame of coordinates with its plan. The seed of the routes calls it a scenario.
+/// A site: a frame of coordinates with its plan. Six routes call it a scenario.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Site {
     /// Unique.

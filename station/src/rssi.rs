@@ -13,8 +13,8 @@ use positioning_core::ble::posterior::{PosteriorSettings, posterior};
 use positioning_core::ble::rssi::RssiObservation;
 use positioning_core::{Area, MAX_ANCHORS, SolveError};
 
-use crate::live::FARTHEST_M;
-use crate::report::{SolvedFrom, What};
+use crate::bounds::FARTHEST_M;
+use crate::input::{ReportKind, SolvedFrom};
 
 /// The standard deviation of the device's own offset, dB: devices differ (the same as for tags in a locator).
 const DEVICE_DB: f32 = 5.0;
@@ -36,10 +36,10 @@ pub struct RssiPosition {
 
 impl RssiPosition {
     /// As the report of a tag.
-    pub fn of(self, tag: String) -> What {
+    pub fn of(self, tag: String) -> ReportKind {
         let Self { position_m, sigma_m, cov_xy_m2, used } = self;
         let solved_from = SolvedFrom::Rssi;
-        What::Position { tag, position_m, z_m: None, sigma_m, sigma_z_m: None, cov_xy_m2, used, solved_from }
+        ReportKind::Position { tag, position_m, z_m: None, sigma_m, sigma_z_m: None, cov_xy_m2, used, solved_from }
     }
 }
 

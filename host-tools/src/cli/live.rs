@@ -9,7 +9,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use baliza_station::hub::Nowhere;
+use baliza_station::hub::NullStore;
 use baliza_station::model::Site;
 use baliza_station::store::Retention;
 use baliza_station::{Hub, Live, Utc};
@@ -105,7 +105,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             let (sites, zones): (Vec<_>, Vec<_>) = sources.sites().into_iter().unzip();
             let mut live = Live::new(arguments.inputs.limits());
             live.set_zones(zones.into_iter().flatten().collect());
-            let (hub, _task) = runtime.block_on(Hub::start(live, Nowhere, Retention::default()))?;
+            let (hub, _task) = runtime.block_on(Hub::start(live, NullStore, Retention::default()))?;
             let to_notes = notes.clone();
             sources.start(&hub, &[], move |note| to_notes.push(note));
             let shown = show(sites, &notes, || Some(hub.read(|live| Snapshot::of(live, Utc::now()))));

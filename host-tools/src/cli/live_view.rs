@@ -26,7 +26,7 @@ impl Address {
     /// Whether only this computer can reach it.
     #[cfg(feature = "station")]
     pub fn is_loopback(&self) -> bool {
-        baliza_station::api::access::is_loopback_name(&self.host)
+        baliza_station::net::is_loopback_name(&self.host)
     }
 }
 

@@ -15,12 +15,12 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use baliza_station::api::{self, App, Tls};
-use baliza_station::live::Limits;
 use baliza_station::model::{GeographicOrigin, PlacedNode, Site, Zone};
 use baliza_station::mqtt::{self as broker, Mqtt};
+use baliza_station::state::Limits;
 use baliza_station::store::Retention;
 use baliza_station::webhooks::{Patience, Webhook, Webhooks};
-use baliza_station::{Hub, Live, Report, Store, Utc, What};
+use baliza_station::{Hub, Live, Report, ReportKind, Store, Utc};
 use host_tools::node::provision::SiteNames;
 use host_tools::station::{self, OpenSource, SimulatedSite, SourceSpec, read_webhooks, simulate};
 use host_tools::survey::presence::read_outlines;
@@ -346,7 +346,7 @@ impl Sources {
 
 /// Whether a report of the site's file is of this node, with another position.
 fn is_elsewhere(report: &Report, placed: &PlacedNode) -> bool {
-    let What::Node { node, position_m: Some(position_m), .. } = &report.what else { return false };
+    let ReportKind::Node { node, position_m: Some(position_m), .. } = &report.what else { return false };
     (&report.site, node) == (&placed.site, &placed.node) && *position_m != placed.position_m
 }
 

@@ -1,7 +1,7 @@
 //! From the messages of one node to reports of the station.
 
 use baliza_station::model::Role;
-use baliza_station::{Report, SolvedFrom, Utc, What};
+use baliza_station::{Report, ReportKind, SolvedFrom, Utc};
 use wire::telemetry::{self, Address, BeaconId, Fix, Message, Range};
 
 use super::NodeClock;
@@ -43,7 +43,7 @@ impl Reporter {
                     telemetry::Role::Tag => Role::Tag,
                     telemetry::Role::Beacon => Role::Beacon,
                 };
-                vec![What::Node { node: tag, name: None, role, position_m: None }]
+                vec![ReportKind::Node { node: tag, name: None, role, position_m: None }]
             }
             Message::Fix(fix) => vec![fix_report(tag, fix)],
             Message::Range(range) => range_reports(tag, range),
@@ -51,9 +51,9 @@ impl Reporter {
                 // The station calls beacons as the site's file does, whatever UUID they advertise.
                 let BeaconId { major, minor, .. } = sighting.beacon;
                 let rssi_dbm = sighting.rssi_dbm.into();
-                vec![What::Sighting { tag, beacon: format!("{major}-{minor}"), rssi_dbm }]
+                vec![ReportKind::Sighting { tag, beacon: format!("{major}-{minor}"), rssi_dbm }]
             }
-            Message::Supply(supply) => vec![What::Supply { node: tag, supply_v: supply.supply_v() }],
+            Message::Supply(supply) => vec![ReportKind::Supply { node: tag, supply_v: supply.supply_v() }],
             Message::Difference(_)
             | Message::Room(_)
             | Message::State(_)
@@ -64,14 +64,14 @@ impl Reporter {
     }
 }
 
-fn fix_report(tag: String, fix: &Fix) -> What {
+fn fix_report(tag: String, fix: &Fix) -> ReportKind {
     let (Some([x, y, z]), Some([sigma_x, sigma_y, sigma_z]), Some([[_, cov_xy_m2, _], ..])) =
         (fix.position_m(), fix.deviation_m(), fix.covariance_m2())
     else {
         let reason = fix.reason().map_or("unknown", |reason| reason.as_str()).to_owned();
-        return What::NoPosition { tag, reason };
+        return ReportKind::NoPosition { tag, reason };
     };
-    What::Position {
+    ReportKind::Position {
         tag,
         position_m: [x, y],
         z_m: Some(z),
@@ -86,16 +86,16 @@ fn fix_report(tag: String, fix: &Fix) -> What {
 }
 
 /// The range, and before it the position that the anchor reports.
-fn range_reports(tag: String, range: &Range) -> Vec<What> {
+fn range_reports(tag: String, range: &Range) -> Vec<ReportKind> {
     let anchor = Address(range.peer).to_string();
-    let known = range.position_m().map(|position_m| What::Node {
+    let known = range.position_m().map(|position_m| ReportKind::Node {
         node: anchor.clone(),
         name: None,
         role: Role::Anchor,
         position_m: Some(position_m),
     });
     let diagnostics = &range.diagnostics;
-    let range = What::Range {
+    let range = ReportKind::Range {
         tag,
         anchor,
         range_m: range.distance_m(),
@@ -120,7 +120,7 @@ mod tests {
         let reports = Reporter::of("hall", 0x1001).reports(stamp, &sighting.into(), Utc::now());
         let whats: Vec<_> = reports.into_iter().map(|report| report.what).collect();
         let (tag, beacon) = ("0x1001".to_owned(), "1-7".to_owned());
-        assert_eq!(whats, [What::Sighting { tag, beacon, rssi_dbm: -67.0 }]);
+        assert_eq!(whats, [ReportKind::Sighting { tag, beacon, rssi_dbm: -67.0 }]);
     }
 
     #[test]
@@ -134,7 +134,7 @@ mod tests {
         };
         for (asked, expected) in [(0, SolvedFrom::Rssi), (1, SolvedFrom::Ranges), (4, SolvedFrom::Ranges)] {
             let fix = Fix { t_us: 1, round: 1, age_us: 0, asked, outcome, solver: Solver::Track };
-            let What::Position { solved_from, position_m, .. } = fix_report("0x1001".to_owned(), &fix) else {
+            let ReportKind::Position { solved_from, position_m, .. } = fix_report("0x1001".to_owned(), &fix) else {
                 panic!("a position")
             };
             assert_eq!((solved_from, position_m), (expected, [1.0, 2.0]));

@@ -5,12 +5,12 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use baliza_station::model::{Role, Site, Zone, ZoneKind};
-use baliza_station::{Report, Utc, What};
+use baliza_station::{Report, ReportKind, Utc};
 use sim::scenario::{Scenario, Simulation};
 use wire::telemetry::Address;
 
 use super::Reporter;
-use super::sources::Send;
+use super::sources::ReportSender;
 use crate::node::decode::{Stamp, Timeline};
 
 /// The time between two steps, seconds.
@@ -44,7 +44,7 @@ impl SimulatedSite {
             corners_m,
             alarm: false,
         });
-        let anchors = scenario.anchors.iter().map(|anchor| What::Node {
+        let anchors = scenario.anchors.iter().map(|anchor| ReportKind::Node {
             node: Address(anchor.address).to_string(),
             name: None,
             role: Role::Anchor,
@@ -53,10 +53,10 @@ impl SimulatedSite {
         let beacons = scenario.beacons.iter().filter_map(|beacon| Some((beacon.name(), beacon.listed?)));
         let beacons = beacons.flat_map(|(node, listed)| {
             let position_m = Some(listed.position_m.map(f64::from));
-            let place = What::Node { node: node.clone(), name: None, role: Role::Beacon, position_m };
+            let place = ReportKind::Node { node: node.clone(), name: None, role: Role::Beacon, position_m };
             let [rssi_1m_dbm, path_loss_exponent] =
                 [listed.rssi_1m_dbm, listed.path_loss_exponent].map(|value| value.map(f64::from));
-            [place, What::PathLoss { node, rssi_1m_dbm, path_loss_exponent }]
+            [place, ReportKind::PathLoss { node, rssi_1m_dbm, path_loss_exponent }]
         });
         let nodes = anchors.chain(beacons).map(|what| Report { t, site: name.to_owned(), what });
         Self { site, zones: zones.collect(), nodes: nodes.collect() }
@@ -78,7 +78,7 @@ fn room(scenario: &Scenario, network: usize) -> Option<Vec<[f64; 2]>> {
 }
 
 /// Runs a scenario until the station ends; its time is that of the wall's clock.
-pub fn simulate(scenario: Scenario, site: &str, send: Send<'_>) {
+pub fn simulate(scenario: Scenario, site: &str, send: ReportSender<'_>) {
     let mut simulation = Simulation::new(scenario);
     let mut nodes: HashMap<u16, (Timeline, Reporter)> = HashMap::new();
     let (mut begun, mut now_s) = (Instant::now(), 0.0);

@@ -1,7 +1,7 @@
 //! A site's file to what the station knows of the site.
 
 use baliza_station::model::{Role, Zone, ZoneKind};
-use baliza_station::{Report, Utc, What};
+use baliza_station::{Report, ReportKind, Utc};
 
 use crate::node::provision::{NamedNode, NamedRole, SiteNames};
 use crate::survey::presence::Room;
@@ -11,7 +11,7 @@ pub fn nodes(site: &str, names: &SiteNames, t: Utc) -> Vec<Report> {
     names.nodes().flat_map(reports).map(|what| Report { t, site: site.to_owned(), what }).collect()
 }
 
-fn reports(node: NamedNode<'_>) -> impl Iterator<Item = What> {
+fn reports(node: NamedNode<'_>) -> impl Iterator<Item = ReportKind> {
     let NamedNode { key, name, role, position_m, rssi_1m_dbm, path_loss_exponent } = node;
     let role = match role {
         NamedRole::Beacon => Role::Beacon,
@@ -20,8 +20,8 @@ fn reports(node: NamedNode<'_>) -> impl Iterator<Item = What> {
         NamedRole::Ranging => Role::Tag,
     };
     let has_path_loss = rssi_1m_dbm.is_some() || path_loss_exponent.is_some();
-    let path_loss = has_path_loss.then(|| What::PathLoss { node: key.clone(), rssi_1m_dbm, path_loss_exponent });
-    [What::Node { node: key, name: name.map(str::to_owned), role, position_m }].into_iter().chain(path_loss)
+    let path_loss = has_path_loss.then(|| ReportKind::PathLoss { node: key.clone(), rssi_1m_dbm, path_loss_exponent });
+    [ReportKind::Node { node: key, name: name.map(str::to_owned), role, position_m }].into_iter().chain(path_loss)
 }
 
 /// The outlines of a file as the rooms of a site.
@@ -54,24 +54,25 @@ mod tests {
                     [[receiver]]\nname = \"attic\"\nposition_m = [5.0, 4.0, 5.0]\npath_loss_exponent = 3.0\n";
         std::fs::write(&file, text).expect("written");
         let names = SiteNames::read(&file).expect("a site");
-        let node = |node: &str, name: Option<&str>, position_m| What::Node {
+        let node = |node: &str, name: Option<&str>, position_m| ReportKind::Node {
             node: node.to_owned(),
             name: name.map(str::to_owned),
             role: Role::Beacon,
             position_m: Some(position_m),
         };
-        let receiver = |node: &str, position_m| What::Node {
+        let receiver = |node: &str, position_m| ReportKind::Node {
             node: node.to_owned(),
             name: None,
             role: Role::Receiver,
             position_m: Some(position_m),
         };
-        let path_loss = |node: &str, rssi_1m_dbm, path_loss_exponent| What::PathLoss {
+        let path_loss = |node: &str, rssi_1m_dbm, path_loss_exponent| ReportKind::PathLoss {
             node: node.to_owned(),
             rssi_1m_dbm,
             path_loss_exponent,
         };
-        let reported: Vec<What> = nodes("hall", &names, Utc::default()).into_iter().map(|report| report.what).collect();
+        let reported: Vec<ReportKind> =
+            nodes("hall", &names, Utc::default()).into_iter().map(|report| report.what).collect();
         assert_eq!(
             reported,
             [

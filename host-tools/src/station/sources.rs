@@ -95,7 +95,7 @@ fn is_device(path: &Path) -> bool {
 }
 
 /// Where reports go. It returns whether the station still takes them.
-pub type Send<'a> = &'a mut dyn FnMut(Report) -> bool;
+pub type ReportSender<'a> = &'a mut dyn FnMut(Report) -> bool;
 
 /// A source that is ready: its file is open, and datagrams to it are received.
 pub enum OpenSource {
@@ -131,7 +131,7 @@ impl SourceSpec {
 ///
 /// # Errors
 /// The source cannot be read.
-pub fn run(source: OpenSource, site: &str, send: Send<'_>, note: &mut dyn FnMut(&str)) -> Result<()> {
+pub fn run(source: OpenSource, site: &str, send: ReportSender<'_>, note: &mut dyn FnMut(&str)) -> Result<()> {
     match source {
         OpenSource::Probe(probe) => {
             let arguments = ProbeArguments { probe, ..ProbeArguments::default() };
@@ -155,7 +155,7 @@ fn read(
     source: &mut dyn Source,
     site: &str,
     mut pacing: Option<Pacing>,
-    send: Send<'_>,
+    send: ReportSender<'_>,
     note: &mut dyn FnMut(&str),
 ) -> Result<()> {
     let (mut stream, mut reporter) = (Stream::default(), Reporter::new(site));

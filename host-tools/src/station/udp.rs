@@ -8,10 +8,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result};
 use baliza_station::Utc;
-use baliza_station::api::limits::make_room;
+use baliza_station::net::make_room;
 
 use super::Reporter;
-use super::sources::{PATIENCE, Send};
+use super::sources::{PATIENCE, ReportSender};
 use crate::node::decode::Stream;
 
 /// The largest datagram.
@@ -38,7 +38,7 @@ pub(super) fn bind(address: SocketAddr) -> Result<UdpSocket> {
 }
 
 /// Receives datagrams until the station ends. A stream belongs to one sender: an address with its port.
-pub(super) fn listen(socket: &UdpSocket, site: &str, send: Send<'_>) -> Result<()> {
+pub(super) fn listen(socket: &UdpSocket, site: &str, send: ReportSender<'_>) -> Result<()> {
     let mut senders: HashMap<SocketAddr, Sender> = HashMap::new();
     let mut datagram = vec![0; DATAGRAM];
     loop {

@@ -11,25 +11,12 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use axum::http::{HeaderMap, Method, StatusCode, Uri, header};
-use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 use url::Url;
-use utoipa::ToSchema;
 
-use super::limits::{Buckets, Limits, lock, make_room};
 use super::problem::Problem;
-
-/// What someone may do. Each role may do what those before it may.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum UserRole {
-    /// See everything.
-    View,
-    /// Draw zones, survey, position terminals.
-    Operate,
-    /// Change sites: plans and walls.
-    Administer,
-}
+pub use crate::model::UserRole;
+use crate::net::limits::{Buckets, Limits};
+use crate::net::{is_loopback, lock, make_room, same, sha256};
 
 /// Who may use the station.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -58,9 +45,9 @@ impl Token {
     }
 }
 
-/// Who makes a request.
+/// The person or program that makes a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Who {
+pub struct Principal {
     /// The token's name, or `oidc:` and the name that the provider tells; None: no tokens are asked for.
     pub name: Option<String>,
     /// What they may do.
@@ -69,9 +56,9 @@ pub struct Who {
     pub until: Option<Instant>,
 }
 
-/// What a route asks for.
+/// The least role that a route asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Need {
+pub enum RequiredRole {
     /// Nothing: who asks is not looked at.
     Nothing,
     /// Nothing, but the route wants to know who asks.
@@ -87,9 +74,9 @@ const SESSION: Duration = Duration::from_secs(12 * 3600);
 /// Sessions at once. One more replaces the one that was used longest ago.
 const SESSIONS: usize = 1_000;
 
-/// The state of access: sessions, and the rates of those who try.
+/// Decides who may do what: sessions, and the rates of those who try.
 #[derive(Debug)]
-pub struct Gate {
+pub struct AccessControl {
     access: Access,
     /// Cookies are only for encrypted connections.
     secure: bool,
@@ -102,7 +89,7 @@ pub struct Gate {
 
 #[derive(Debug)]
 struct Session {
-    who: Who,
+    who: Principal,
     used: Instant,
     /// Where a browser ends the session of the provider of sign-ins.
     end_session: Option<Url>,
@@ -114,8 +101,8 @@ impl Session {
     }
 }
 
-impl Gate {
-    /// Nobody has logged in so far.
+impl AccessControl {
+    /// The access state without sessions.
     pub fn new(access: Access, secure: bool, limits: &Limits) -> Self {
         Self {
             access,
@@ -161,9 +148,9 @@ impl Gate {
     }
 
     /// Who makes a request; None: nobody says so.
-    pub fn who(&self, headers: &HeaderMap, client: IpAddr) -> Result<Option<Who>, Problem> {
+    pub fn who(&self, headers: &HeaderMap, client: IpAddr) -> Result<Option<Principal>, Problem> {
         if !self.asks_for_tokens() {
-            return Ok(Some(Who { name: None, role: UserRole::Administer, until: None }));
+            return Ok(Some(Principal { name: None, role: UserRole::Administer, until: None }));
         }
         if let Some(given) = headers.get(header::AUTHORIZATION) {
             let given = given.to_str().ok().and_then(|given| given.split_once(' '));
@@ -187,18 +174,18 @@ impl Gate {
     }
 
     /// Who has this secret. An address that tries too many wrong ones must wait.
-    pub fn who_has(&self, secret: &str, client: IpAddr) -> Result<Who, Problem> {
+    pub fn who_has(&self, secret: &str, client: IpAddr) -> Result<Principal, Problem> {
         let too_many = |wait_s| Problem::too_many("wrong tokens", wait_s);
         self.wrong_tokens.check(client, Instant::now()).map_err(too_many)?;
         let Access::Tokens(tokens) = &self.access else {
-            return Ok(Who { name: None, role: UserRole::Administer, until: None });
+            return Ok(Principal { name: None, role: UserRole::Administer, until: None });
         };
         let hash = sha256(secret);
         // All are compared, each in full: the time tells nothing.
         let found =
             tokens.iter().fold(None, |found, token| if same(&token.sha256, &hash) { Some(token) } else { found });
         match found {
-            Some(token) => Ok(Who { name: Some(token.name.clone()), role: token.role, until: None }),
+            Some(token) => Ok(Principal { name: Some(token.name.clone()), role: token.role, until: None }),
             None => {
                 log::warn!(target: "audit", "{client} a wrong token");
                 self.wrong(client)?;
@@ -223,7 +210,7 @@ impl Gate {
     }
 
     /// Begins a session; the value of its `Set-Cookie`. At its end, a browser goes to `end_session`, if that is known.
-    pub fn log_in(&self, who: Who, end_session: Option<Url>) -> Result<String, Problem> {
+    pub fn log_in(&self, who: Principal, end_session: Option<Url>) -> Result<String, Problem> {
         let mut random = [0; 32];
         getrandom::fill(&mut random).map_err(|error| {
             log::error!("no random numbers: {error}");
@@ -264,16 +251,6 @@ pub struct Peer(pub SocketAddr);
 #[derive(Clone, Copy, Debug)]
 pub struct Client(pub IpAddr);
 
-/// SHA-256 of a secret.
-pub fn sha256(text: &str) -> [u8; 32] {
-    Sha256::digest(text).into()
-}
-
-/// Compares without an early end.
-pub fn same(one: &[u8], other: &[u8]) -> bool {
-    one.len() == other.len() && one.iter().zip(other).fold(0, |different, (one, other)| different | (one ^ other)) == 0
-}
-
 /// A cookie's value.
 pub fn cookie<'a>(headers: &'a HeaderMap, wanted: &str) -> Option<&'a str> {
     let values = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
@@ -285,48 +262,21 @@ fn authority_of_origin(origin: &str) -> Option<&str> {
     origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"))
 }
 
-/// Whether a host, perhaps with a port, is this computer.
-fn is_loopback(host: &str) -> bool {
-    is_loopback_name(match host.rsplit_once(':') {
-        Some((name, port)) if port.bytes().all(|byte| byte.is_ascii_digit()) && !name.ends_with(':') => name,
-        _ => host,
-    })
-}
-
-/// Whether a host without a port is this computer: a loopback address, or a name that is reserved for it (RFC 6761).
-pub fn is_loopback_name(name: &str) -> bool {
-    let name = name.trim_start_matches('[').trim_end_matches(']').to_ascii_lowercase();
-    match name.parse::<IpAddr>() {
-        Ok(address) => address.to_canonical().is_loopback(),
-        Err(_) => name == "localhost" || name.ends_with(".localhost"),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn loopback_names_and_addresses_are_told_from_others() {
-        for host in ["localhost", "LOCALHOST:8080", "a.localhost", "127.0.0.1:1", "127.9.9.9", "[::1]:80", "[::1]"] {
-            assert!(is_loopback(host), "{host}");
-        }
-        for host in ["", "example.org", "localhost.example.org", "127.0.0.1.example.org:80", "10.0.0.1", "[::2]:80"] {
-            assert!(!is_loopback(host), "{host}");
-        }
-    }
-
-    #[test]
     fn a_further_session_replaces_the_one_that_was_used_longest_ago() {
-        let gate = Gate::new(Access::Tokens(Vec::new()), true, &Limits::default());
-        let who = Who { name: Some("ana".into()), role: UserRole::View, until: None };
+        let gate = AccessControl::new(Access::Tokens(Vec::new()), true, &Limits::default());
+        let who = Principal { name: Some("ana".into()), role: UserRole::View, until: None };
         let cookies: Vec<String> = (0..=SESSIONS).map(|_| gate.log_in(who.clone(), None).unwrap()).collect();
         assert!(cookies[0].ends_with("; HttpOnly; SameSite=Strict; Secure"));
         assert_eq!(known(&gate, &cookies[0]), None);
         assert_eq!([known(&gate, &cookies[1]), known(&gate, &cookies[SESSIONS])], [Some(who.clone()), Some(who)]);
     }
 
-    fn known(gate: &Gate, cookie: &str) -> Option<Who> {
+    fn known(gate: &AccessControl, cookie: &str) -> Option<Principal> {
         let mut headers = HeaderMap::new();
         headers.insert(header::COOKIE, cookie.split(';').next().unwrap().parse().unwrap());
         gate.who(&headers, IpAddr::from([192, 0, 2, 1])).unwrap()
@@ -334,10 +284,10 @@ mod tests {
 
     #[test]
     fn a_session_with_a_lifetime_ends_even_if_it_is_used() {
-        let gate = Gate::new(Access::Tokens(Vec::new()), false, &Limits::default());
+        let gate = AccessControl::new(Access::Tokens(Vec::new()), false, &Limits::default());
         let [short, long] = [Duration::from_millis(300), Duration::from_millis(3_600_900)].map(|lifetime| {
             let until = Some(Instant::now() + lifetime);
-            Who { name: Some("oidc:ana".into()), role: UserRole::View, until }
+            Principal { name: Some("oidc:ana".into()), role: UserRole::View, until }
         });
         let [cookie, lasting] = [&short, &long].map(|who| gate.log_in(who.clone(), None).unwrap());
         assert!(lasting.contains("; Max-Age=3600; HttpOnly; SameSite=Strict"));

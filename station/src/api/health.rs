@@ -10,7 +10,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::Shared;
-use super::access::{Client, UserRole, Who};
+use super::access::{Client, Principal, UserRole};
 use super::extract::Json;
 use super::problem::{self, Problem};
 
@@ -65,7 +65,7 @@ struct Me {
 impl Me {
     fn of(station: &Shared, name: Option<String>, role: Option<UserRole>) -> Answer<Self> {
         let sign_in = station.app.oidc.as_ref().map(|oidc| oidc.login_url());
-        Answer(Self { name, role, tokens: station.gate.asks_for_tokens(), sign_in })
+        Answer(Self { name, role, tokens: station.access.asks_for_tokens(), sign_in })
     }
 }
 
@@ -83,13 +83,13 @@ async fn log_in(
     Extension(Client(client)): Extension<Client>,
     Json(login): Json<Login>,
 ) -> Result<Response, Problem> {
-    let who = station.gate.who_has(&login.token, client)?;
+    let who = station.access.who_has(&login.token, client)?;
     let me = Me::of(&station, who.name.clone(), Some(who.role));
-    if !station.gate.asks_for_tokens() {
+    if !station.access.asks_for_tokens() {
         return Ok(me.into_response());
     }
     log::info!(target: "audit", "{client} {:?} logs in", who.name.as_deref().unwrap_or_default());
-    Ok(([(header::SET_COOKIE, station.gate.log_in(who, None)?)], me).into_response())
+    Ok(([(header::SET_COOKIE, station.access.log_in(who, None)?)], me).into_response())
 }
 
 /// The end of a session.
@@ -102,14 +102,14 @@ struct LoggedOut {
 /// Ends the session of the cookie.
 #[utoipa::path(post, path = "/logout", tag = "access", security(()), responses((status = 200, body = LoggedOut)))]
 async fn log_out(State(station): State<Shared>, headers: HeaderMap) -> Response {
-    let (cookie, end_session) = station.gate.log_out(&headers);
+    let (cookie, end_session) = station.access.log_out(&headers);
     ([(header::SET_COOKIE, cookie)], Answer(LoggedOut { end_session: end_session.map(Into::into) })).into_response()
 }
 
 /// Who one is, and how to get a role.
 #[utoipa::path(get, path = "/api/v1/me", tag = "access", security((), ("token" = ["view"])),
     responses((status = 200, body = Me)))]
-async fn me(State(station): State<Shared>, who: Option<Extension<Who>>) -> Answer<Me> {
+async fn me(State(station): State<Shared>, who: Option<Extension<Principal>>) -> Answer<Me> {
     let (name, role) = who.map(|Extension(who)| (who.name, who.role)).unzip();
     Me::of(&station, name.flatten(), role)
 }

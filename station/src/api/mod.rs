@@ -23,7 +23,7 @@
 //! | `POST /login`, `POST /logout`, `GET /api/v1/me` | a token becomes a cookie; who one is: role, and how to get one |
 //! | `GET /oidc/login`, `GET /oidc/callback` | a browser to the provider of sign-ins, and back with a cookie |
 //!
-//! A request passes through these, from outside to inside: `serve` (connections), `tls` where there is a certificate,
+//! A request passes through these, from outside to inside: `serve` (connections), `net::tls` where there is a certificate,
 //! the layers of `router` (problem documents, headers, compression, `admit`: who may), `extract` (its values are
 //! checked), the handler in the file of its subject, `answer`.
 
@@ -33,22 +33,18 @@ mod campaigns;
 mod events;
 mod extract;
 mod health;
-mod io;
-pub mod limits;
-mod live;
 mod metrics;
 mod nodes;
 mod openapi;
 mod page;
 mod problem;
-mod proxies;
 mod receivers;
 mod rtls;
 mod serve;
 mod sign_in;
 mod sites;
 mod tags;
-mod tls;
+mod updates;
 mod zones;
 
 use std::collections::HashMap;
@@ -63,16 +59,16 @@ use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
 use utoipa_axum::router::OpenApiRouter;
 
+pub use crate::net::limits::Limits;
+pub use crate::net::proxies::{Network, NoNetwork, Proxies};
+pub use crate::net::tls::{Tls, TlsCause, TlsError};
 pub use access::{Access, Token, UserRole};
-pub use limits::Limits;
 pub use openapi::openapi;
 pub use page::Page;
-pub use proxies::{Network, NoNetwork, Proxies};
 pub use serve::serve;
-pub use tls::{Tls, TlsCause, TlsError, read_certificates};
 
-use access::{Client, Gate, Need, Peer};
-use limits::Connections;
+use crate::net::limits::Connections;
+use access::{AccessControl, Client, Peer, RequiredRole};
 use metrics::Counts;
 use problem::Problem;
 
@@ -132,9 +128,9 @@ impl App {
 #[derive(Debug)]
 struct Station {
     app: App,
-    gate: Gate,
+    access: AccessControl,
     /// What each route asks for, by method and path.
-    needs: HashMap<(Method, String), Need>,
+    needs: HashMap<(Method, String), RequiredRole>,
     connections: Connections,
     counts: Counts,
     /// True when the station stops.
@@ -148,7 +144,7 @@ type Shared = Arc<Station>;
 impl Station {
     fn new(app: App) -> Self {
         Self {
-            gate: Gate::new(
+            access: AccessControl::new(
                 app.access.clone(),
                 app.tls.is_some() || app.oidc.as_ref().is_some_and(|oidc| oidc.is_encrypted()),
                 &app.limits,
@@ -209,7 +205,7 @@ fn routes() -> OpenApiRouter<Shared> {
         nodes::routes(),
         zones::routes(),
         events::routes(),
-        live::routes(),
+        updates::routes(),
     ]
     .into_iter()
     .fold(OpenApiRouter::new(), OpenApiRouter::merge)
@@ -236,17 +232,17 @@ async fn admit(State(station): State<Shared>, mut request: Request, next: Next) 
     let client = station.app.proxies.client(peer, request.headers());
     request.extensions_mut().insert(Client(client));
     let (method, uri) = (request.method().clone(), request.uri().clone());
-    station.gate.check_origin(&method, &uri, request.headers())?;
+    station.access.check_origin(&method, &uri, request.headers())?;
     let path = request.extensions().get::<MatchedPath>().map(|path| path.as_str().to_owned());
     let is_position = path.as_deref().is_some_and(|path| path.starts_with("/rtls") || path.ends_with("/sightings"));
     let known = if method == Method::HEAD { Method::GET } else { method.clone() };
     // Without a path: a file of the page. Without a need: a method that the path does not have.
-    let need = path.and_then(|path| station.needs.get(&(known, path)).copied()).unwrap_or(Need::Nothing);
+    let need = path.and_then(|path| station.needs.get(&(known, path)).copied()).unwrap_or(RequiredRole::Nothing);
     let who = match need {
-        Need::Nothing => None,
-        Need::Known | Need::Role(_) => station.gate.who(request.headers(), client)?,
+        RequiredRole::Nothing => None,
+        RequiredRole::Known | RequiredRole::Role(_) => station.access.who(request.headers(), client)?,
     };
-    if let Need::Role(least) = need {
+    if let RequiredRole::Role(least) = need {
         let role = who.as_ref().map(|who| who.role);
         let role = role.ok_or_else(|| Problem::new(StatusCode::UNAUTHORIZED, "a token is needed"))?;
         if role < least {
@@ -254,7 +250,7 @@ async fn admit(State(station): State<Shared>, mut request: Request, next: Next) 
         }
     }
     if !method.is_safe() {
-        station.gate.check_rate(client)?;
+        station.access.check_rate(client)?;
     }
     let name = who.as_ref().map(|who| who.name.clone().unwrap_or_else(|| "anyone".to_owned()));
     if let Some(who) = who {

@@ -14,7 +14,7 @@ use super::problem::Problem;
 use super::tags::OfSite;
 use super::{Shared, answer};
 use crate::Utc;
-use crate::live::{EXPONENTS, FARTHEST_M, LONGEST_NAME, is_name};
+use crate::bounds::{EXPONENTS, FARTHEST_M, LONGEST_NAME, is_name};
 use crate::model::{Node, NodeHealth, PlacedNode, Role};
 
 /// The greatest number of placed nodes of all sites.

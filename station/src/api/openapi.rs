@@ -17,7 +17,7 @@ use utoipa::{PartialSchema, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use super::access::{Need, UserRole};
+use super::access::{RequiredRole, UserRole};
 use super::extract::Name;
 use super::problem::{self, Problem};
 use super::{Shared, answer};
@@ -123,7 +123,7 @@ fn refusal(description: &str) -> Described {
 }
 
 /// What each route asks for, as the document says.
-pub fn needs() -> HashMap<(Method, String), Need> {
+pub fn needs() -> HashMap<(Method, String), RequiredRole> {
     let document = super::routes().into_openapi();
     let mut needs = HashMap::new();
     for (path, item) in &document.paths.paths {
@@ -144,13 +144,13 @@ pub fn needs() -> HashMap<(Method, String), Need> {
 
 /// `security` of an operation: `[{}]`, `[{}, {"token": …}]` or `[{"token": ["operate"]}]`. What it does not say is for
 /// administrators.
-fn need(security: &Value) -> Need {
+fn need(security: &Value) -> RequiredRole {
     let all = security.as_array().map(Vec::as_slice).unwrap_or_default();
     let role = all.iter().find_map(|one| UserRole::deserialize(one.get("token")?.get(0)?).ok());
     let nothing = all.iter().any(|one| one.as_object().is_some_and(serde_json::Map::is_empty));
     match (nothing, role) {
-        (true, Some(_)) => Need::Known,
-        (true, None) => Need::Nothing,
-        (false, role) => Need::Role(role.unwrap_or(UserRole::Administer)),
+        (true, Some(_)) => RequiredRole::Known,
+        (true, None) => RequiredRole::Nothing,
+        (false, role) => RequiredRole::Role(role.unwrap_or(UserRole::Administer)),
     }
 }

@@ -13,9 +13,9 @@ use super::extract::{Json, Name, Path};
 use super::problem::Problem;
 use super::rtls::is_address;
 use super::{SAMPLES_BODY, Shared};
-use crate::live::{LONGEST_NAME, is_name};
+use crate::bounds::{LONGEST_NAME, is_name};
 use crate::model::Role;
-use crate::{Report, Utc, What};
+use crate::{Report, ReportKind, Utc};
 
 /// The routes.
 pub fn routes() -> OpenApiRouter<Shared> {
@@ -91,7 +91,8 @@ async fn sightings(
     let latest_s = samples.iter().map(|sample| sample.t_s).fold(f64::NEG_INFINITY, f64::max);
     let reports = samples.into_iter().map(|DeviceSighting { device, rssi_dbm, rssi_1m_dbm, t_s }| {
         let t = now - Duration::from_secs_f64((latest_s - t_s).max(0.0));
-        let what = What::ReceiverSighting { receiver: receiver.clone(), device: device.into(), rssi_dbm, rssi_1m_dbm };
+        let what =
+            ReportKind::ReceiverSighting { receiver: receiver.clone(), device: device.into(), rssi_dbm, rssi_1m_dbm };
         Report { t, site: site.clone(), what }
     });
     station.report(reports).await?;

@@ -10,10 +10,11 @@ use super::campaigns::{self, NewSample};
 use super::extract::{Json, Name, Path};
 use super::problem::Problem;
 use super::{SAMPLES_BODY, Shared, Station};
-use crate::live::{Gaussian, LONGEST_NAME, is_name};
+use crate::bounds::{LONGEST_NAME, is_name};
 use crate::model::Role;
+use crate::state::Gaussian;
 use crate::terminal::locate;
-use crate::{Report, Utc, What};
+use crate::{Report, ReportKind, Utc};
 
 /// The routes.
 pub fn routes() -> OpenApiRouter<Shared> {
@@ -117,7 +118,7 @@ impl Station {
                 (at.of(tag), answer)
             }
             Err(reason) => (
-                What::NoPosition { tag, reason: reason.to_owned() },
+                ReportKind::NoPosition { tag, reason: reason.to_owned() },
                 Located { reason: Some(reason), ..Located::default() },
             ),
         };

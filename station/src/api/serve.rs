@@ -5,6 +5,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::http::StatusCode;
 use axum::{Extension, Router};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
@@ -13,9 +14,10 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
 
 use super::access::{Access, Peer};
-use super::io::Impatient;
-use super::limits::Connection;
+use super::problem::Problem;
 use super::{App, Station, router, stopped};
+use crate::net::limits::Connection;
+use crate::net::write_timeout::WriteTimeout;
 
 /// Requests that run when the station stops have this time to end.
 const END: Duration = Duration::from_secs(10);
@@ -76,9 +78,9 @@ async fn talk(station: Arc<Station>, router: Router, stream: TcpStream, peer: So
         log::debug!("{peer}: {error}");
     }
     let Some(tls) = &station.app.tls else { return answer(&station, router, stream, peer, connection).await };
-    let mut stop = station.stop.subscribe();
+    let (mut stop, plain_answer) = (station.stop.subscribe(), plain_answer());
     let greeted = tokio::select! {
-        greeted = tokio::time::timeout(station.app.limits.handshake, tls.accept(stream)) => greeted,
+        greeted = tokio::time::timeout(station.app.limits.handshake, tls.accept(stream, &plain_answer)) => greeted,
         () = stopped(&mut stop) => return,
     };
     match greeted {
@@ -88,13 +90,24 @@ async fn talk(station: Arc<Station>, router: Router, stream: TcpStream, peer: So
     }
 }
 
+/// The answer to a request that came without TLS.
+fn plain_answer() -> String {
+    let problem = Problem::new(StatusCode::BAD_REQUEST, "this port speaks TLS: the address begins with https://");
+    let body = serde_json::to_string(&problem).unwrap_or_default();
+    format!(
+        "HTTP/1.1 400 Bad Request\r\nContent-Type: application/problem+json\r\nContent-Length: {}\r\n\
+         Connection: close\r\n\r\n{body}",
+        body.len()
+    )
+}
+
 /// Answers the requests of a connection.
 async fn answer<S>(station: &Station, router: Router, stream: S, peer: SocketAddr, connection: Connection)
 where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
     let limits = &station.app.limits;
-    let stream = TokioIo::new(Impatient::new(stream, limits.write));
+    let stream = TokioIo::new(WriteTimeout::new(stream, limits.write));
     let router = router.layer(Extension(Peer(peer))).layer(Extension(connection));
     let talk = hyper::server::conn::http1::Builder::new()
         .timer(TokioTimer::new())

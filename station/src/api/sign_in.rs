@@ -16,9 +16,10 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::Shared;
-use super::access::{Client, Who, cookie, same};
+use super::access::{Client, Principal, cookie};
 use super::extract::Query;
 use super::problem::Problem;
+use crate::net::same;
 use crate::oidc::{Oidc, Refusal, SignedIn};
 
 /// The name of the cookie with the state of a sign-in.
@@ -44,7 +45,7 @@ async fn begin(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let oidc = provider(&station)?;
-    if let Err(problem) = station.gate.check_sign_in(client) {
+    if let Err(problem) = station.access.check_sign_in(client) {
         return Ok(refused(&station, &headers, "too-many", problem));
     }
     match oidc.begin().await {
@@ -97,7 +98,7 @@ async fn end(
         Err(refusal) => {
             log::warn!(target: "audit", "{client} a sign-in is refused: {refusal}");
             if refusal == Refusal::Unknown
-                && let Err(problem) = station.gate.wrong(client)
+                && let Err(problem) = station.access.wrong(client)
             {
                 return Ok(refused(&station, &headers, "too-many", problem));
             }
@@ -108,7 +109,7 @@ async fn end(
     let name = format!("oidc:{}", user.name);
     log::info!(target: "audit", "{client} {name:?} signs in as {:?}, subject {:?}", user.role, user.subject);
     let until = Instant::now().checked_add(oidc.session());
-    let session = station.gate.log_in(Who { name: Some(name), role: user.role, until }, end_session)?;
+    let session = station.access.log_in(Principal { name: Some(name), role: user.role, until }, end_session)?;
     Ok(to("/", [session, keep(&station, "", 0)]))
 }
 
@@ -142,7 +143,7 @@ fn provider(station: &Shared) -> Result<&Oidc, Problem> {
 
 /// The cookie of a sign-in. Browsers must send it when the provider sends them back: `Lax`, not `Strict`.
 fn keep(station: &Shared, state: &str, age_s: u64) -> String {
-    let secure = station.gate.secure();
+    let secure = station.access.secure();
     format!("{COOKIE}={state}; Path=/oidc/; Max-Age={age_s}; HttpOnly; SameSite=Lax{secure}")
 }
 

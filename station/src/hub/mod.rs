@@ -1,12 +1,12 @@
 //! The hub: one task that takes reports, and everything that must see them.
 //!
 //! Input: [`Report`]s by a channel. They are applied to the [`Live`] state; its updates go to the listeners at once and
-//! into a queue for the store. Reports of receivers also go to the `locator`, which makes positions of them. A second
+//! into a queue for the store. Reports of receivers also go to the `devices`, which makes positions of them. A second
 //! task writes the queue's rows in batches, a third one writes the health of nodes once a minute, compacts the store and
 //! deletes what is old. So nothing that the store does holds up a report: while it fails, rows wait in the queue, which
 //! is bounded; the health of a minute in which it fails is not written.
 
-mod locator;
+mod devices;
 mod rounds;
 mod writer;
 
@@ -20,12 +20,12 @@ use tokio::task::JoinHandle;
 use tokio::time::{Instant, MissedTickBehavior, interval, interval_at};
 use utoipa::ToSchema;
 
-use self::locator::Locator;
+use self::devices::DeviceLocator;
 use self::rounds::Rounds;
 use self::writer::Queue;
 use crate::model::{Event, Measurement, Node, NodeHealth, Role, TagPosition};
 use crate::store::{self, Retention, Store};
-use crate::{Live, Report, Update, Utc, What};
+use crate::{Live, Report, ReportKind, Update, Utc};
 
 /// Reports that wait for the hub. A source that is faster waits.
 const REPORTS: usize = 4096;
@@ -101,9 +101,9 @@ impl Sink for Store {
 
 /// Keeps nothing: for a station that is only looked at.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Nowhere;
+pub struct NullStore;
 
-impl Sink for Nowhere {
+impl Sink for NullStore {
     async fn write(&self, _: &[TagPosition], _: &[Event]) -> store::Result<u64> {
         Ok(0)
     }
@@ -180,12 +180,12 @@ pub struct Hub {
     queue: Arc<Queue>,
     counters: Arc<Counters>,
     /// Those that take all events; None after the end.
-    takers: Arc<Mutex<Takers>>,
+    subscribers: Arc<Mutex<EventSubscribers>>,
     stop: watch::Sender<bool>,
 }
 
 /// Where all events go. None: there are no more.
-type Takers = Option<Vec<mpsc::UnboundedSender<Event>>>;
+type EventSubscribers = Option<Vec<mpsc::UnboundedSender<Event>>>;
 
 impl Hub {
     /// Starts the hub's tasks on the current runtime. Numbers of events go on after those of the store. The task that
@@ -209,13 +209,13 @@ impl Hub {
             live: Arc::clone(&live),
             queue: Arc::clone(&queue),
             counters: Arc::clone(&counters),
-            locator: Locator::default(),
+            locator: DeviceLocator::default(),
             rounds: retention.measurements.map(|_| Rounds::default()),
             surveys: 0,
-            takers: Arc::new(Mutex::new(Some(Vec::new()))),
+            subscribers: Arc::new(Mutex::new(Some(Vec::new()))),
         };
-        let takers = Arc::clone(&applier.takers);
-        let hub = Self { reports, updates, live, queue, counters, takers, stop };
+        let subscribers = Arc::clone(&applier.subscribers);
+        let hub = Self { reports, updates, live, queue, counters, subscribers, stop };
         Ok((hub, tokio::spawn(applier.run(receiver, stopped, store, retention))))
     }
 
@@ -233,8 +233,8 @@ impl Hub {
     /// must keep up.
     pub fn events(&self) -> mpsc::UnboundedReceiver<Event> {
         let (sender, receiver) = mpsc::unbounded_channel();
-        if let Some(takers) = &mut *self.takers.lock().unwrap_or_else(PoisonError::into_inner) {
-            takers.push(sender);
+        if let Some(subscribers) = &mut *self.subscribers.lock().unwrap_or_else(PoisonError::into_inner) {
+            subscribers.push(sender);
         }
         receiver
     }
@@ -283,12 +283,12 @@ struct Applier {
     live: Arc<RwLock<Live>>,
     queue: Arc<Queue>,
     counters: Arc<Counters>,
-    locator: Locator,
+    locator: DeviceLocator,
     /// None: measurements are not kept.
     rounds: Option<Rounds>,
     /// What the state said when places of nodes were last written.
     surveys: u64,
-    takers: Arc<Mutex<Takers>>,
+    subscribers: Arc<Mutex<EventSubscribers>>,
 }
 
 impl Applier {
@@ -347,7 +347,7 @@ impl Applier {
             }
         }
         self.tick_measurements(Rounds::end_all);
-        *self.takers.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        *self.subscribers.lock().unwrap_or_else(PoisonError::into_inner) = None;
         end.send_replace(true);
         for task in [maintenance, writer] {
             if let Err(error) = task.await {
@@ -383,7 +383,7 @@ impl Applier {
                     continue;
                 }
                 measurements.extend(rounds.iter_mut().flat_map(|rounds| rounds.take(t, &report)));
-                if matches!(report.what, What::ReceiverSighting { .. }) {
+                if matches!(report.what, ReportKind::ReceiverSighting { .. }) {
                     sightings.push(report);
                 }
             }
@@ -413,13 +413,13 @@ impl Applier {
         add(&self.counters.positions, positions);
         add(&self.counters.events, events);
         if events > 0
-            && let Some(takers) = &mut *self.takers.lock().unwrap_or_else(PoisonError::into_inner)
+            && let Some(subscribers) = &mut *self.subscribers.lock().unwrap_or_else(PoisonError::into_inner)
         {
             let events = updates.iter().filter_map(|update| match update {
                 Update::Event(event) => Some(event),
                 Update::Position(_) | Update::Changed => None,
             });
-            takers.retain(|taker| events.clone().all(|event| taker.send(event.clone()).is_ok()));
+            subscribers.retain(|subscriber| events.clone().all(|event| subscriber.send(event.clone()).is_ok()));
         }
         for update in updates {
             // An error: nobody listens.

@@ -4,7 +4,7 @@
 use std::collections::HashMap;
 
 use crate::model::{Measured, Measurement};
-use crate::{Report, Utc, What};
+use crate::{Report, ReportKind, Utc};
 
 /// The most measurements of a round.
 const MOST: usize = 64;
@@ -43,7 +43,7 @@ impl Rounds {
     /// ends.
     pub(super) fn take(&mut self, t: Utc, report: &Report) -> Vec<Measurement> {
         let (tag, node, what) = match &report.what {
-            What::Range { tag, anchor, range_m, rx_power_dbm, first_path_power_dbm, clock_offset_ppm } => {
+            ReportKind::Range { tag, anchor, range_m, rx_power_dbm, first_path_power_dbm, clock_offset_ppm } => {
                 let range = Measured::Range {
                     range_m: *range_m,
                     rx_power_dbm: *rx_power_dbm,
@@ -52,12 +52,14 @@ impl Rounds {
                 };
                 (tag, anchor, range)
             }
-            What::Sighting { tag, beacon, rssi_dbm } => (tag, beacon, Measured::Rssi(*rssi_dbm)),
-            What::ReceiverSighting { receiver, device, rssi_dbm, .. } => (device, receiver, Measured::Rssi(*rssi_dbm)),
-            What::Position { tag, .. } | What::NoPosition { tag, .. } => {
+            ReportKind::Sighting { tag, beacon, rssi_dbm } => (tag, beacon, Measured::Rssi(*rssi_dbm)),
+            ReportKind::ReceiverSighting { receiver, device, rssi_dbm, .. } => {
+                (device, receiver, Measured::Rssi(*rssi_dbm))
+            }
+            ReportKind::Position { tag, .. } | ReportKind::NoPosition { tag, .. } => {
                 return self.end(&(report.site.clone(), tag.clone()), t);
             }
-            What::Node { .. } | What::Supply { .. } | What::PathLoss { .. } => return Vec::new(),
+            ReportKind::Node { .. } | ReportKind::Supply { .. } | ReportKind::PathLoss { .. } => return Vec::new(),
         };
         let of = (report.site.clone(), tag.clone());
         let round = self.open.entry(of.clone()).or_default();

@@ -6,9 +6,9 @@ use tokio::sync::broadcast::error::RecvError;
 use tokio::time::sleep;
 
 use super::*;
-use crate::live::Limits;
+use crate::input::{ReportKind, SolvedFrom};
 use crate::model::{EventKind, Measured, Role, Zone, ZoneKind};
-use crate::report::{SolvedFrom, What};
+use crate::state::Limits;
 use crate::store::StoreError;
 
 const SITE: &str = "hall";
@@ -111,7 +111,7 @@ impl Sink for Memory {
 }
 
 fn report(tag: &str, x_m: f64) -> Report {
-    let what = What::Position {
+    let what = ReportKind::Position {
         tag: tag.to_owned(),
         position_m: [x_m, 1.0],
         z_m: None,
@@ -257,12 +257,12 @@ async fn a_device_that_receivers_hear_is_a_tag_with_positions_in_the_store() {
     };
     for (k, [x, y]) in [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [4.0, 4.0]].into_iter().enumerate() {
         let (node, position_m) = (format!("r{k}"), Some([x, y, 2.0]));
-        send(What::Node { node, name: None, role: Role::Receiver, position_m }).await;
+        send(ReportKind::Node { node, name: None, role: Role::Receiver, position_m }).await;
     }
     let mut listener = hub.listen();
     for k in 0..4 {
         let (receiver, device) = (format!("r{k}"), "phone".to_owned());
-        send(What::ReceiverSighting { receiver, device, rssi_dbm: -65.0, rssi_1m_dbm: None }).await;
+        send(ReportKind::ReceiverSighting { receiver, device, rssi_dbm: -65.0, rssi_1m_dbm: None }).await;
     }
     // What came after the first position waits for the next one, a second later.
     let mut x_m = next_position(&mut listener).await;
@@ -277,7 +277,7 @@ async fn a_device_that_receivers_hear_is_a_tag_with_positions_in_the_store() {
 
 /// Ranges of a round at 1 m and 2 m, and a sighting at -60 dBm, all before its position.
 fn round(tag: &str, t: Utc) -> Vec<Report> {
-    let range = |anchor: &str, range_m| What::Range {
+    let range = |anchor: &str, range_m| ReportKind::Range {
         tag: tag.to_owned(),
         anchor: anchor.to_owned(),
         range_m,
@@ -285,7 +285,7 @@ fn round(tag: &str, t: Utc) -> Vec<Report> {
         first_path_power_dbm: None,
         clock_offset_ppm: Some(1.5),
     };
-    let sighting = What::Sighting { tag: tag.to_owned(), beacon: "1-7".to_owned(), rssi_dbm: -60.0 };
+    let sighting = ReportKind::Sighting { tag: tag.to_owned(), beacon: "1-7".to_owned(), rssi_dbm: -60.0 };
     let whats = [range("0x0101", 1.0), range("0x0102", 2.0), range("0x0103", -3.0), sighting];
     let at = |(k, what)| Report { t: t + Duration::from_millis(k), site: SITE.to_owned(), what };
     let mut reports: Vec<_> = (0..).zip(whats).map(at).collect();
@@ -300,8 +300,12 @@ async fn measurements_have_the_time_of_their_position_and_are_kept_where_asked_f
         let retention = Retention { measurements: keep, ..FOREVER };
         let live = Live::new(Limits::default());
         let (hub, task) = Hub::start(live, store.clone(), retention).await.expect("the store answers");
-        let what =
-            What::Node { node: "0x0101".to_owned(), name: None, role: Role::Anchor, position_m: Some([0.0, 0.0, 2.0]) };
+        let what = ReportKind::Node {
+            node: "0x0101".to_owned(),
+            name: None,
+            role: Role::Anchor,
+            position_m: Some([0.0, 0.0, 2.0]),
+        };
         let t = Utc::now();
         let place = Report { t, site: SITE.to_owned(), what };
         let (a, b) = (round("0x1001", t), round("0x1002", t + Duration::from_millis(1)));
@@ -312,7 +316,7 @@ async fn measurements_have_the_time_of_their_position_and_are_kept_where_asked_f
         }
         // A device that is never located.
         let (receiver, device) = ("hall".to_owned(), "phone".to_owned());
-        let what = What::ReceiverSighting { receiver, device, rssi_dbm: -65.0, rssi_1m_dbm: None };
+        let what = ReportKind::ReceiverSighting { receiver, device, rssi_dbm: -65.0, rssi_1m_dbm: None };
         let late = Report { t: t + Duration::from_millis(20), site: SITE.to_owned(), what };
         hub.reports().send(late).await.expect("the hub runs");
         sleep(Duration::from_secs(8)).await;
@@ -469,8 +473,14 @@ async fn the_health_of_the_nodes_that_were_seen_is_written_each_minute() {
     let (hub, task) = start(&store).await;
     let range = async |anchor: &str, clock_offset_ppm| {
         let (tag, anchor) = ("0x1001".to_owned(), anchor.to_owned());
-        let what =
-            What::Range { tag, anchor, range_m: 3.0, rx_power_dbm: None, first_path_power_dbm: None, clock_offset_ppm };
+        let what = ReportKind::Range {
+            tag,
+            anchor,
+            range_m: 3.0,
+            rx_power_dbm: None,
+            first_path_power_dbm: None,
+            clock_offset_ppm,
+        };
         let report = Report { t: Utc::now(), site: SITE.to_owned(), what };
         hub.reports().send(report).await.expect("the hub runs");
     };

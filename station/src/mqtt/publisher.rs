@@ -43,7 +43,7 @@ struct Pace {
     waiting: Option<TagPosition>,
 }
 
-/// What keeps the outbox true.
+/// Turns updates of the hub into MQTT messages.
 pub(super) struct Publisher {
     pub(super) hub: Hub,
     pub(super) outbox: Arc<Outbox>,

@@ -4,11 +4,11 @@ use tokio::io::{AsyncBufReadExt, BufReader};
 use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
 
 use super::*;
-use crate::hub::Nowhere;
-use crate::live::{Limits, Live};
+use crate::hub::NullStore;
 use crate::model::{GeographicOrigin, Site};
+use crate::state::{Limits, Live};
 use crate::store::Retention;
-use crate::{Report, SolvedFrom, What};
+use crate::{Report, ReportKind, SolvedFrom};
 
 const SITE: &str = "hall";
 
@@ -24,7 +24,7 @@ impl Station {
         let mut live = Live::new(Limits::default());
         live.set_geographic_origins(&[site()]);
         let retention = Retention::default();
-        let (hub, _) = Hub::start(live, Nowhere, retention).await.unwrap();
+        let (hub, _) = Hub::start(live, NullStore, retention).await.unwrap();
         let (mut ports, mut addresses) = (Vec::new(), Vec::new());
         for tag in tags {
             let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
@@ -36,7 +36,7 @@ impl Station {
     }
 
     async fn report(&self, tag: &str, x_m: f64) {
-        let what = What::Position {
+        let what = ReportKind::Position {
             tag: tag.to_owned(),
             position_m: [x_m, 0.0],
             z_m: Some(1.0),

@@ -6,8 +6,7 @@ use std::time::{Duration, Instant};
 
 use openidconnect::Nonce;
 
-use crate::api::access::sha256;
-use crate::api::limits::{lock, make_room};
+use crate::net::{lock, make_room, sha256};
 
 /// Sign-ins at once. One more replaces the one that was begun first.
 const MOST: usize = 1_000;
@@ -29,7 +28,7 @@ pub(super) struct Begun {
 }
 
 impl Begun {
-    /// None so far. Each may take this time.
+    /// A list without sign-ins; each may take this time.
     pub fn new(limit: Duration) -> Self {
         Self { limit, sign_ins: Mutex::default() }
     }

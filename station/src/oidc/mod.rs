@@ -43,8 +43,8 @@ use self::begun::{Begun, SignIn};
 pub use self::settings::{OidcError, Patience, Settings};
 use self::user::{Claims, Given, Mapping};
 pub use self::user::{Roles, User};
-use crate::api::limits::lock;
-use crate::https::{self, last_cause};
+use crate::net::client::{self, last_cause};
+use crate::net::lock;
 
 /// The greatest answer of a provider, bytes.
 const ANSWER: usize = 1 << 20;
@@ -140,7 +140,7 @@ pub struct Oidc {
     public_url: Url,
     redirect: RedirectUrl,
     mapping: Mapping,
-    http: https::Client,
+    http: client::Client,
     begun: Begun,
     known: std::sync::Mutex<Option<Arc<Found>>>,
     /// Held while the provider is asked. When it was asked in vain, if that is so.
@@ -162,7 +162,7 @@ impl Oidc {
         let (issuer, public_url) = settings.addresses()?;
         let mapping = Mapping::of(&settings.claim, &settings.roles)?;
         let redirect = public_url.join(CALLBACK).map_err(|_| OidcError::PublicUrl("it is no address"))?;
-        let http = https::client(issuer.scheme() == "https", settings.ca.as_deref()).map_err(OidcError::Client)?;
+        let http = client::client(issuer.scheme() == "https", settings.ca.as_deref()).map_err(OidcError::Client)?;
         // The text as it is: its comparison with what the provider says is one of texts.
         let issuer = IssuerUrl::new(settings.issuer.clone()).map_err(|_| OidcError::Issuer("it is no address"))?;
         let redirect = RedirectUrl::from_url(redirect);

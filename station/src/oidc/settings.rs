@@ -7,8 +7,8 @@ use std::time::Duration;
 use url::Url;
 
 use super::user::Roles;
-use crate::api::access::is_loopback_name;
-use crate::https::ClientError;
+use crate::net::client::ClientError;
+use crate::net::is_loopback_name;
 
 /// The provider, and what its users may do.
 #[derive(Clone)]

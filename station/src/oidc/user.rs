@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::OidcError;
-use crate::api::UserRole;
+use crate::model::UserRole;
 
 /// The longest name, characters.
 const NAME: usize = 100;

@@ -6,13 +6,13 @@ use std::sync::LazyLock;
 use sqlx::AnyConnection;
 use sqlx::any::AnyRow;
 
-use super::rows::{Many, get};
+use super::rows::{MultiRowInsert, get};
 use super::{Result, Store, StoreError};
 use crate::Utc;
 use crate::model::{Campaign, CampaignPoint, Sample};
 
-static INSERT_SAMPLES: LazyLock<Many> =
-    LazyLock::new(|| Many::new("INSERT INTO samples (point, number, beacon, rssi_dbm, t_s)", 5, ""));
+static INSERT_SAMPLES: LazyLock<MultiRowInsert> =
+    LazyLock::new(|| MultiRowInsert::new("INSERT INTO samples (point, number, beacon, rssi_dbm, t_s)", 5, ""));
 
 fn no_campaign(name: &str) -> StoreError {
     StoreError::Missing(format!("campaign {name:?}"))

@@ -4,7 +4,7 @@ use futures_util::TryStreamExt;
 use sqlx::any::AnyRow;
 use sqlx::{AnyConnection, AssertSqlSafe};
 
-use super::rows::{Bare, Many, get};
+use super::rows::{MultiRowInsert, UnboundStatement, get};
 use super::{Result, Store, StoreError};
 
 /// What a column holds. Only a column of these kinds can be NULL: `Int`, `Text`, `Bytes`.
@@ -233,7 +233,7 @@ impl Copied {
         let names: Vec<_> = columns.iter().map(|(column, _)| *column).collect();
         let names = names.join(", ");
         let has_null_reals = columns.iter().any(|(_, kind)| matches!(kind, Kind::MaybeReal));
-        let insert = Many::new(&format!("INSERT INTO {name} ({names})"), columns.len(), "");
+        let insert = MultiRowInsert::new(&format!("INSERT INTO {name} ({names})"), columns.len(), "");
         let select = sqlx::query(AssertSqlSafe(format!("SELECT {names} FROM {name} ORDER BY {order}")));
         let mut rows = select.fetch(from);
         let mut some = Vec::with_capacity(AT_ONCE);
@@ -288,7 +288,7 @@ impl Copied {
     }
 }
 
-fn bind<'q>(query: Bare<'q>, value: &Value) -> Bare<'q> {
+fn bind<'q>(query: UnboundStatement<'q>, value: &Value) -> UnboundStatement<'q> {
     match value.clone() {
         Value::Int(value) => query.bind(value),
         Value::Text(value) => query.bind(value),

@@ -3,15 +3,15 @@
 use std::sync::LazyLock;
 
 use super::key::{MINUTE_MS, ms, utc};
-use super::rows::{Bare, Many, get, real, whole};
+use super::rows::{MultiRowInsert, UnboundStatement, get, real, whole};
 use super::{Result, Span, Store};
 use crate::model::NodeHealth;
 
-static INSERT: LazyLock<Many> = LazyLock::new(|| {
+static INSERT: LazyLock<MultiRowInsert> = LazyLock::new(|| {
     let before = "INSERT INTO health \
          (site, node, minute, rate_chz, success_permille, residual_mean_mm, residual_sigma_mm, \
          first_path_minus_received_cdb, clock_offset_ppb, supply_mv, moved)";
-    Many::new(before, 11, "ON CONFLICT (site, node, minute) DO NOTHING")
+    MultiRowInsert::new(before, 11, "ON CONFLICT (site, node, minute) DO NOTHING")
 });
 
 impl Store {
@@ -52,7 +52,7 @@ impl Store {
     }
 }
 
-fn bind<'q>(query: Bare<'q>, row: &NodeHealth) -> Bare<'q> {
+fn bind<'q>(query: UnboundStatement<'q>, row: &NodeHealth) -> UnboundStatement<'q> {
     query
         .bind(row.site.clone())
         .bind(row.node.clone())

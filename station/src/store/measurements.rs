@@ -6,15 +6,15 @@ use std::time::Duration;
 use sqlx::any::AnyRow;
 
 use super::key::{MINUTE, MINUTE_MS, key, ms, ms_of, utc};
-use super::rows::{Bare, Many, get, name_of, real, variant, whole};
+use super::rows::{MultiRowInsert, UnboundStatement, get, name_of, real, variant, whole};
 use super::write::{Seen, millimetres};
 use super::{Result, Span, Store, StoreError};
 use crate::model::{Measured, Measurement, Node, PlacedNode};
 
-static INSERT: LazyLock<Many> = LazyLock::new(|| {
+static INSERT: LazyLock<MultiRowInsert> = LazyLock::new(|| {
     let before = "INSERT INTO measurements \
          (key, peer, before_ms, range_mm, power_cdbm, first_path_power_cdbm, clock_offset_ppb)";
-    Many::new(before, 7, "ON CONFLICT (key, peer, before_ms) DO NOTHING")
+    MultiRowInsert::new(before, 7, "ON CONFLICT (key, peer, before_ms) DO NOTHING")
 });
 
 /// A measurement as it is stored.
@@ -48,7 +48,7 @@ impl Stored {
         }
     }
 
-    fn bind<'q>(query: Bare<'q>, row: &Self) -> Bare<'q> {
+    fn bind<'q>(query: UnboundStatement<'q>, row: &Self) -> UnboundStatement<'q> {
         query
             .bind(row.key)
             .bind(row.peer)

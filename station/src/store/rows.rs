@@ -10,15 +10,15 @@ use sqlx::{Any, AnyConnection, AssertSqlSafe, Decode, Row, Type};
 use super::{Result, StoreError};
 
 /// A statement before its arguments are bound.
-pub type Bare<'q> = Query<'q, Any, AnyArguments>;
+pub type UnboundStatement<'q> = Query<'q, Any, AnyArguments>;
 
 /// A statement with a list of VALUES, in few sizes, so that a database prepares few texts.
-pub struct Many {
+pub struct MultiRowInsert {
     sqlite: [(usize, Arc<str>); 3],
     postgres: [(usize, Arc<str>); 3],
 }
 
-impl Many {
+impl MultiRowInsert {
     /// `before` VALUES ($1, $2 …), (…) `after`.
     pub fn new(before: &str, columns: usize, after: &str) -> Self {
         let text = |rows: usize, placeholder: &dyn Fn(usize) -> String| {
@@ -41,7 +41,7 @@ impl Many {
         &self,
         connection: &mut AnyConnection,
         mut rows: &[T],
-        bind: impl for<'q> Fn(Bare<'q>, &T) -> Bare<'q>,
+        bind: impl for<'q> Fn(UnboundStatement<'q>, &T) -> UnboundStatement<'q>,
     ) -> Result<()> {
         let sizes = if connection.backend_name() == "SQLite" { &self.sqlite } else { &self.postgres };
         for (size, text) in sizes {

@@ -8,27 +8,27 @@ use sqlx::query::QueryScalar;
 use sqlx::{Any, AnyConnection};
 
 use super::key::{LAST_TAG, key, ms};
-use super::rows::{Bare, Many, name_of, whole};
+use super::rows::{MultiRowInsert, UnboundStatement, name_of, whole};
 use super::{Result, Store};
 use crate::Utc;
 use crate::model::{Event, TagPosition};
 
-static INSERT_POSITIONS: LazyLock<Many> = LazyLock::new(|| {
+static INSERT_POSITIONS: LazyLock<MultiRowInsert> = LazyLock::new(|| {
     let before = "INSERT INTO recent \
          (key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used)";
-    Many::new(before, 10, "")
+    MultiRowInsert::new(before, 10, "")
 });
 
-static INSERT_EVENTS: LazyLock<Many> = LazyLock::new(|| {
+static INSERT_EVENTS: LazyLock<MultiRowInsert> = LazyLock::new(|| {
     let before = "INSERT INTO events (id, t_us, site, kind, node, zone, dwell_us, alarm)";
-    Many::new(before, 8, "ON CONFLICT (id) DO NOTHING")
+    MultiRowInsert::new(before, 8, "ON CONFLICT (id) DO NOTHING")
 });
 
-static WIDEN_TAGS: LazyLock<Many> = LazyLock::new(|| {
+static WIDEN_TAGS: LazyLock<MultiRowInsert> = LazyLock::new(|| {
     let before = "UPDATE tags SET \
          first_ms = CASE WHEN column2 < first_ms THEN column2 ELSE first_ms END, \
          last_ms = CASE WHEN column3 > last_ms THEN column3 ELSE last_ms END FROM (";
-    Many::new(before, 3, ") AS seen WHERE tags.id = seen.column1")
+    MultiRowInsert::new(before, 3, ") AS seen WHERE tags.id = seen.column1")
 });
 
 /// The numbers of tags, peers and rooms that have been looked up.
@@ -145,7 +145,7 @@ impl Stored {
         }
     }
 
-    fn bind<'q>(query: Bare<'q>, row: &Self) -> Bare<'q> {
+    fn bind<'q>(query: UnboundStatement<'q>, row: &Self) -> UnboundStatement<'q> {
         query
             .bind(row.key)
             .bind(row.mm[0])

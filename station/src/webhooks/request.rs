@@ -18,8 +18,8 @@ use sha2::Sha256;
 
 use super::Settings;
 use crate::Utc;
-use crate::https::{Client, ClientError, client, last_cause};
 use crate::model::Event;
+use crate::net::client::{Client, ClientError, client, last_cause};
 
 /// An answer of at most this many bytes is read to its end, so that its connection can be used again …
 const ANSWER: usize = 64 * 1024;

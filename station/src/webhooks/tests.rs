@@ -20,7 +20,7 @@ use tokio_rustls::rustls::pki_types::PrivateKeyDer;
 use super::*;
 use crate::model::{Zone, ZoneKind};
 use crate::store::Retention;
-use crate::{Live, Report, SolvedFrom, Store, What, live};
+use crate::{Live, Report, ReportKind, SolvedFrom, Store, state};
 
 const SITE: &str = "lab";
 /// 24 bytes.
@@ -191,7 +191,7 @@ impl Walk {
     async fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path().join("baliza.db").to_str().unwrap()).await.unwrap();
-        let mut live = Live::new(live::Limits::default());
+        let mut live = Live::new(state::Limits::default());
         live.set_zones(vec![Zone {
             site: SITE.to_owned(),
             name: "dock".to_owned(),
@@ -207,7 +207,7 @@ impl Walk {
     async fn make(&mut self, events: usize) {
         for _ in 0..events {
             self.is_inside = !self.is_inside;
-            let what = What::Position {
+            let what = ReportKind::Position {
                 tag: "0x1001".to_owned(),
                 position_m: if self.is_inside { [2.0, 2.0] } else { [9.0, 9.0] },
                 z_m: None,

@@ -4,8 +4,8 @@ use baliza_station::api::{Access, App, Limits, openapi, serve};
 use hyper::{Method, header};
 use serde_json::json;
 
-use crate::client::{Answer, Station, generous, open, with_tokens};
-use crate::document::operations;
+use crate::api::client::{Answer, Station, generous, open, with_tokens};
+use crate::api::document::operations;
 
 const ROLES: [&str; 3] = ["view", "operate", "administer"];
 

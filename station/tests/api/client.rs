@@ -7,7 +7,7 @@ use std::time::Duration;
 use baliza_station::api::{Access, App, Limits, Page, Tls, Token, UserRole, serve};
 use baliza_station::model::{Role, Site};
 use baliza_station::store::Retention;
-use baliza_station::{Hub, Live, Report, SolvedFrom, Store, Utc, What};
+use baliza_station::{Hub, Live, Report, ReportKind, SolvedFrom, Store, Utc};
 use http_body_util::{BodyExt, Full};
 use hyper::body::{Bytes, Incoming};
 use hyper::{HeaderMap, Method, Request, Response, StatusCode, header};
@@ -69,7 +69,7 @@ pub async fn station_of(set: impl FnOnce(App) -> App) -> Station {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path().join("baliza.db").to_str().unwrap()).await.unwrap();
     store.put_site(&Site::new(SITE)).await.unwrap();
-    let live = Live::new(baliza_station::live::Limits::default());
+    let live = Live::new(baliza_station::state::Limits::default());
     let keep = Retention::default();
     let (hub, _) = Hub::start(live, store.clone(), keep).await.unwrap();
     let page = Page::of([
@@ -130,13 +130,13 @@ impl Station {
     }
 
     /// Reports something of the site of tests, now.
-    pub async fn report(&self, what: What) {
+    pub async fn report(&self, what: ReportKind) {
         self.hub.reports().send(Report { t: Utc::now(), site: SITE.to_owned(), what }).await.unwrap();
     }
 
     /// Reports a position with a standard deviation of 10 cm.
     pub async fn report_position(&self, tag: &str, x_m: f64, y_m: f64) {
-        let what = What::Position {
+        let what = ReportKind::Position {
             tag: tag.to_owned(),
             position_m: [x_m, y_m],
             z_m: None,
@@ -153,7 +153,8 @@ impl Station {
     pub async fn report_beacons(&self) {
         for (number, [x_m, y_m]) in [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]].into_iter().enumerate() {
             let position_m = Some([x_m, y_m, 1.0]);
-            self.report(What::Node { node: format!("1-{number}"), name: None, role: Role::Beacon, position_m }).await;
+            self.report(ReportKind::Node { node: format!("1-{number}"), name: None, role: Role::Beacon, position_m })
+                .await;
         }
     }
 

@@ -4,7 +4,7 @@ use baliza_station::api::openapi;
 use hyper::header;
 use serde_json::Value;
 
-use crate::client::open;
+use crate::api::client::open;
 
 /// The routes of the API's table, each with the least role that may use it; `-` is everyone.
 pub const ROUTES: [(&str, &str, &str); 41] = [

@@ -4,13 +4,13 @@ use std::time::{Duration, Instant};
 
 use baliza_station::api::{Access, Limits};
 use baliza_station::model::Role;
-use baliza_station::{Report, SolvedFrom, Utc, What};
+use baliza_station::{Report, ReportKind, SolvedFrom, Utc};
 use hyper::{Method, header};
 use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 
-use crate::client::{SITE, generous, open, png, station};
+use crate::api::client::{SITE, generous, open, png, station};
 
 #[tokio::test]
 async fn refusals_are_problem_documents() {
@@ -201,7 +201,7 @@ async fn a_plan_that_is_no_picture_or_too_large_is_refused_and_the_old_one_stays
 #[tokio::test]
 async fn clocks_that_jump_do_not_stop_the_station() {
     let station = open().await;
-    let position = |x_m| What::Position {
+    let position = |x_m| ReportKind::Position {
         tag: "0x1001".into(),
         position_m: [x_m, 0.0],
         z_m: None,
@@ -312,7 +312,7 @@ async fn wrong_sightings_and_places_are_refused() {
     let sample = json!({"device": "phone", "rssi_dbm": -60, "t_s": 0});
     post(json!([sample])).await.is_problem(404);
     // A receiver without a place.
-    station.report(What::Node { node: "r".into(), name: None, role: Role::Receiver, position_m: None }).await;
+    station.report(ReportKind::Node { node: "r".into(), name: None, role: Role::Receiver, position_m: None }).await;
     station.until("/api/v1/nodes", |nodes| nodes[0].is_object()).await;
     let refused = post(json!([sample])).await;
     refused.is_problem(404);

@@ -3,7 +3,7 @@
 use baliza_station::api::{Access, App, Limits, Proxies, Token, UserRole};
 use hyper::Method;
 
-use crate::client::{Answer, Station, generous, station_of};
+use crate::api::client::{Answer, Station, generous, station_of};
 
 async fn station(proxies: &[&str]) -> Station {
     let proxies = Proxies(proxies.iter().map(|network| network.parse().unwrap()).collect());

@@ -1,11 +1,11 @@
 //! Every route, used as intended.
 
-use baliza_station::What;
+use baliza_station::ReportKind;
 use baliza_station::model::{NodeHealth, Role};
 use hyper::{Method, header};
 use serde_json::{Value, json};
 
-use crate::client::{SITE, keys, open, png};
+use crate::api::client::{SITE, keys, open, png};
 
 const POSITION: [&str; 12] =
     ["site", "tag", "t", "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m", "sigma_z_m", "cov_xy_m2", "room", "used"];
@@ -92,7 +92,7 @@ async fn tags_have_their_last_position_and_their_history_newest_first_in_pages()
     let path = "/api/v1/tags/0x1001/positions?limit=2";
     station.until("/api/v1/tags/0x1001/positions?site=lab", |rows| rows.as_array().map(Vec::len) == Some(3)).await;
     let first = station.get(path).await;
-    let xs = |answer: &crate::client::Answer| -> Vec<f64> {
+    let xs = |answer: &crate::api::client::Answer| -> Vec<f64> {
         answer.json().as_array().unwrap().iter().map(|row| row["x_m"].as_f64().unwrap()).collect()
     };
     assert_eq!(xs(&first), [3.0, 2.0]);
@@ -117,7 +117,7 @@ async fn a_history_is_a_track_on_the_earth_where_the_site_has_a_geographic_origi
     assert_eq!(station.json(Method::PUT, "/api/v1/sites/lab/geographic-origin", &origin).await.status, 200);
     let newest = station.get(path).await;
     assert_eq!(newest.header(header::CONTENT_TYPE), "application/gpx+xml");
-    let points = |answer: &crate::client::Answer| {
+    let points = |answer: &crate::api::client::Answer| {
         let track = gpx::read(&answer.body[..]).unwrap().tracks.remove(0);
         assert_eq!(track.name.as_deref(), Some("0x1001"));
         track.segments.into_iter().flat_map(|segment| segment.points).collect::<Vec<_>>()
@@ -160,7 +160,9 @@ async fn replay_has_all_tags_oldest_first_in_pages() {
 async fn nodes_are_listed_with_their_health() {
     let station = open().await;
     let position_m = Some([1.0, 2.0, 3.0]);
-    station.report(What::Node { node: "0x0101".into(), name: Some("A".into()), role: Role::Anchor, position_m }).await;
+    station
+        .report(ReportKind::Node { node: "0x0101".into(), name: Some("A".into()), role: Role::Anchor, position_m })
+        .await;
     let nodes = station.until("/api/v1/nodes?site=lab", |nodes| nodes[0].is_object()).await;
     assert_eq!(nodes[0]["node"], "0x0101");
     assert_eq!(nodes[0]["position_m"], json!([1.0, 2.0, 3.0]));

@@ -12,8 +12,8 @@ use serde_json::json;
 use tokio::net::TcpListener;
 use url::Url;
 
-use crate::client::{Answer, Station, generous, station_of};
-use crate::provider::{CLIENT, FORGERIES, Provider};
+use crate::api::client::{Answer, Station, generous, station_of};
+use crate::api::provider::{CLIENT, FORGERIES, Provider};
 
 const PUBLIC: &str = "http://station.localhost";
 
@@ -383,7 +383,7 @@ async fn a_wrong_secret_of_the_client_is_a_refusal_and_without_a_provider_there_
     let wrong = Settings { client_secret: Some("another".to_owned()), ..settings(&provider.issuer) };
     let station = station_with(wrong, hasty(), generous()).await;
     sign_in(&station, &provider).await.is_problem(502);
-    let plain = crate::client::with_tokens(generous()).await;
+    let plain = crate::api::client::with_tokens(generous()).await;
     plain.get("/oidc/login").await.is_problem(404);
     plain.get("/oidc/callback?code=a&state=b").await.is_problem(404);
 }

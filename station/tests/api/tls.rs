@@ -21,7 +21,7 @@ use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName};
 use tokio_rustls::rustls::version::{TLS12, TLS13};
 use tokio_rustls::rustls::{ClientConfig, RootCertStore, SupportedProtocolVersion, crypto::ring};
 
-use crate::client::{Station, generous, station_with};
+use crate::api::client::{Station, generous, station_with};
 
 /// The longest wait.
 const PATIENCE: Duration = Duration::from_secs(10);

@@ -4,8 +4,8 @@ use baliza_station::mqtt::Settings;
 use baliza_station::mqtt::espresense::House;
 use serde_json::json;
 
-use crate::mosquitto::Mosquitto;
-use crate::station::{LEVEL, SITE, Station, keep_log, logged, settings, wait_for_log};
+use crate::mqtt::mosquitto::Mosquitto;
+use crate::mqtt::station::{LEVEL, SITE, Station, keep_log, logged, settings, wait_for_log};
 
 /// Four receivers in the corners of a room of 8 m by 6 m.
 const HOUSE: &str = "

@@ -2,12 +2,12 @@
 
 use std::time::{Duration, Instant};
 
-use baliza_station::What;
+use baliza_station::ReportKind;
 use baliza_station::model::TagPosition;
 use serde_json::{Map, Value, json};
 
-use crate::mosquitto::{Mosquitto, Seen};
-use crate::station::{LEVEL, SITE, Station, settings};
+use crate::mqtt::mosquitto::{Mosquitto, Seen};
+use crate::mqtt::station::{LEVEL, SITE, Station, settings};
 
 /// The keys of an object, sorted.
 fn keys(object: &Value) -> Vec<&str> {
@@ -105,7 +105,7 @@ async fn home_assistant_gets_a_device_for_each_tag_and_anchor() {
     let station = Station::start(settings(broker.port)).await;
     station.anchor("0x0101").await;
     station.position("0x1001", [3.0, 2.0]).await;
-    station.report(What::Supply { node: "0x1001".to_owned(), supply_v: 3.1 }).await;
+    station.report(ReportKind::Supply { node: "0x1001".to_owned(), supply_v: 3.1 }).await;
     // A space is 20 in hexadecimal.
     let config = "homeassistant/device/baliza__my_20house__0x1001/config";
     let has_supply =

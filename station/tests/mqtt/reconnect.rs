@@ -6,8 +6,8 @@ use baliza_station::mqtt::Mqtt;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::{JoinHandle, JoinSet};
 
-use crate::mosquitto::{Mosquitto, PATIENCE};
-use crate::station::{LEVEL, Station, keep_log, logged, settings};
+use crate::mqtt::mosquitto::{Mosquitto, PATIENCE};
+use crate::mqtt::station::{LEVEL, Station, keep_log, logged, settings};
 
 /// The task's reach: the station is back after this time.
 const BACK: Duration = Duration::from_secs(5);

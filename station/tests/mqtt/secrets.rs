@@ -3,8 +3,8 @@
 use baliza_station::mqtt::Broker;
 use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
 
-use crate::mosquitto::Mosquitto;
-use crate::station::{LEVEL, Station, at, keep_log, logged, wait_for_log};
+use crate::mqtt::mosquitto::Mosquitto;
+use crate::mqtt::station::{LEVEL, Station, at, keep_log, logged, wait_for_log};
 
 const PASSWORD: &str = "open sesame";
 

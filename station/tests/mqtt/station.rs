@@ -6,9 +6,9 @@ use std::time::{Duration, Instant};
 use baliza_station::model::{Role, Site, TagPosition, Zone, ZoneKind};
 use baliza_station::mqtt::{Broker, Mqtt, Settings, Topics};
 use baliza_station::store::Retention;
-use baliza_station::{Hub, Live, Report, SolvedFrom, Store, Utc, What};
+use baliza_station::{Hub, Live, Report, ReportKind, SolvedFrom, Store, Utc};
 
-use crate::mosquitto::PATIENCE;
+use crate::mqtt::mosquitto::PATIENCE;
 
 /// The site of tests. Its name is not one of topics.
 pub const SITE: &str = "my house";
@@ -46,7 +46,7 @@ impl Station {
         let folder = tempfile::tempdir().expect("a folder");
         let store = Store::open(folder.path().join("baliza.db").to_str().expect("UTF-8")).await.expect("a store");
         store.put_site(&Site::new(SITE)).await.expect("written");
-        let mut live = Live::new(baliza_station::live::Limits::default());
+        let mut live = Live::new(baliza_station::state::Limits::default());
         let mut zones = settings.zones();
         zones.push(Zone {
             site: SITE.to_owned(),
@@ -67,14 +67,14 @@ impl Station {
     }
 
     /// Sends a report of now.
-    pub async fn report(&self, what: What) {
+    pub async fn report(&self, what: ReportKind) {
         let report = Report { t: Utc::now(), site: SITE.to_owned(), what };
         self.hub.reports().send(report).await.expect("taken");
     }
 
     /// A tag's position.
     pub async fn position(&self, tag: &str, position_m: [f64; 2]) {
-        self.report(What::Position {
+        self.report(ReportKind::Position {
             tag: tag.to_owned(),
             position_m,
             z_m: Some(1.2),
@@ -90,7 +90,7 @@ impl Station {
     /// An anchor.
     pub async fn anchor(&self, node: &str) {
         let position_m = Some([0.0, 0.0, 2.5]);
-        self.report(What::Node {
+        self.report(ReportKind::Node {
             node: node.to_owned(),
             name: Some("corner".to_owned()),
             role: Role::Anchor,

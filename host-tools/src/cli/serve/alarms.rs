@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use baliza_station::live::{Alarms, Limits};
+use baliza_station::state::{Alarms, Limits};
 use clap::ValueEnum;
 
 use crate::cli::coverage::positive;

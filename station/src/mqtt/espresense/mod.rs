@@ -15,9 +15,9 @@ use tokio::time::Instant;
 
 pub use self::config::{House, NoHouse};
 use self::floors::Floors;
-use crate::live::is_name;
+use crate::bounds::is_name;
 use crate::model::Role;
-use crate::{Report, Utc, What};
+use crate::{Report, ReportKind, Utc};
 
 /// The time between two lines of the log about messages that were refused.
 const LOG_EVERY: Duration = Duration::from_secs(60);
@@ -121,11 +121,11 @@ impl Espresense {
         let mut whats = Vec::new();
         if is_new {
             let (node, name) = (device.to_owned(), name.map(str::to_owned));
-            whats.push(What::Node { node, name, role: Role::Tag, position_m: None });
+            whats.push(ReportKind::Node { node, name, role: Role::Tag, position_m: None });
         }
         if let Some((node, _)) = nodes.iter().find(|(_, on)| *on == floor) {
             let rssi_1m_dbm = wanted.rssi_1m_dbm.or(said.rssi_1m);
-            whats.push(What::ReceiverSighting {
+            whats.push(ReportKind::ReceiverSighting {
                 receiver: node.clone(),
                 device: device.to_owned(),
                 rssi_dbm,

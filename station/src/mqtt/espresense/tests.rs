@@ -22,7 +22,7 @@ fn flat() -> (Espresense, mpsc::Receiver<Report>) {
 }
 
 /// What comes of a message.
-async fn whats(of: &mut (Espresense, mpsc::Receiver<Report>), topic: &str, payload: &str) -> Vec<What> {
+async fn whats(of: &mut (Espresense, mpsc::Receiver<Report>), topic: &str, payload: &str) -> Vec<ReportKind> {
     of.0.take(topic, payload.as_bytes(), false).await;
     let mut whats = Vec::new();
     while let Ok(report) = of.1.try_recv() {
@@ -36,7 +36,7 @@ async fn whats(of: &mut (Espresense, mpsc::Receiver<Report>), topic: &str, paylo
 async fn a_message_becomes_a_report_of_its_receiver() {
     let mut flat = flat();
     let topic = format!("espresense/devices/{BEACON}/living_room");
-    let sighting = What::ReceiverSighting {
+    let sighting = ReportKind::ReceiverSighting {
         receiver: "living_room".to_owned(),
         device: BEACON.to_owned(),
         rssi_dbm: -81.1,
@@ -50,8 +50,8 @@ async fn a_device_gets_its_name_once_and_from_the_file_first() {
     let mut flat = flat();
     let topic = "espresense/devices/irk:1/bedroom";
     let first = whats(&mut flat, topic, r#"{"name": "phone", "rssi": -60}"#).await;
-    let name = |what: &What| match what {
-        What::Node { node, name, role: Role::Tag, .. } => Some((node.clone(), name.clone())),
+    let name = |what: &ReportKind| match what {
+        ReportKind::Node { node, name, role: Role::Tag, .. } => Some((node.clone(), name.clone())),
         _ => None,
     };
     assert_eq!(first.len(), 2);

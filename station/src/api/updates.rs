@@ -16,13 +16,13 @@ use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use super::access::Who;
+use super::access::Principal;
 use super::extract::{Name, Query};
-use super::limits::Connection;
 use super::problem::Problem;
 use super::{Shared, Station, stopped};
 use crate::Update;
 use crate::model::TagPosition;
+use crate::net::limits::Connection;
 
 /// What a listener may send in a message; nothing of it is read.
 const INCOMING: usize = 4_096;
@@ -71,7 +71,7 @@ struct Listener {
 }
 
 impl Listener {
-    fn new(station: Arc<Station>, wanted: Wanted, who: Option<Extension<Who>>) -> Self {
+    fn new(station: Arc<Station>, wanted: Wanted, who: Option<Extension<Principal>>) -> Self {
         station.counts.listener(1);
         let until = who.and_then(|Extension(who)| who.until).map(tokio::time::Instant::from_std);
         Self { updates: station.app.hub.listen(), stop: station.stop.subscribe(), wanted, station, until }
@@ -132,7 +132,7 @@ impl Wanted {
 async fn socket(
     State(station): State<Shared>,
     Query(wanted): Query<Wanted>,
-    who: Option<Extension<Who>>,
+    who: Option<Extension<Principal>>,
     connection: Option<Extension<Connection>>,
     upgrade: Result<WebSocketUpgrade, rejection::WebSocketUpgradeRejection>,
 ) -> Result<Response, Problem> {
@@ -204,7 +204,11 @@ fn text(value: &impl Serialize) -> Message {
 /// nodes, zones or sites are to be read again), `missed` (the listener was too slow: `{"missed": 12}`).
 #[utoipa::path(get, path = "/api/v1/updates", tag = "live", security(("token" = ["view"])), params(Wanted),
     responses((status = 200, description = "a stream of events", content_type = "text/event-stream", body = String)))]
-async fn events(State(station): State<Shared>, who: Option<Extension<Who>>, Query(wanted): Query<Wanted>) -> Response {
+async fn events(
+    State(station): State<Shared>,
+    who: Option<Extension<Principal>>,
+    Query(wanted): Query<Wanted>,
+) -> Response {
     let ping = station.app.limits.ping;
     let stream = stream::unfold(Listener::new(station, wanted, who), |mut listener| async move {
         let event = match listener.next().await {

@@ -7,9 +7,9 @@ use std::collections::HashSet;
 
 use serde::Deserialize;
 
-use crate::live::{LONGEST_NAME, is_name};
+use crate::bounds::{LONGEST_NAME, is_name};
 use crate::model::{Role, Zone, ZoneKind};
-use crate::{Report, Utc, What};
+use crate::{Report, ReportKind, Utc};
 
 /// Between two floors on the plan, metres.
 const GAP_M: f64 = 3.0;
@@ -184,7 +184,7 @@ impl House {
 
     /// Its receivers, as reports of a site.
     pub fn nodes(&self, site: &str, t: Utc) -> Vec<Report> {
-        let what = |receiver: &Receiver| What::Node {
+        let what = |receiver: &Receiver| ReportKind::Node {
             node: receiver.node.clone(),
             name: Some(receiver.name.clone()),
             role: Role::Receiver,

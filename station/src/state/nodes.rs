@@ -260,7 +260,7 @@ impl NodeState {
             rate_hz: self.rate.hz(now),
             success_rate: self.success.mean(),
             residual_mean_m: self.residuals.mean(),
-            residual_sigma_m: self.residuals.deviation(),
+            residual_sigma_m: self.residuals.sigma(),
             first_path_minus_received_db: self.power.mean(),
             clock_offset_ppm: self.clock_offset.mean(),
             moved: self.is_moved,

@@ -93,13 +93,13 @@ impl Mean {
     }
 
     /// Of single values.
-    pub(super) fn deviation(&self) -> Option<f64> {
+    pub(super) fn sigma(&self) -> Option<f64> {
         (self.weight > 1.0).then(|| (self.squares / self.weight).sqrt())
     }
 
     /// The standard error of the mean, where there are values of this number of different seconds at least.
     pub(super) fn standard_error(&self, least_seconds: f64) -> Option<f64> {
-        (self.seconds >= least_seconds).then_some(self.deviation()? / self.seconds.sqrt())
+        (self.seconds >= least_seconds).then_some(self.sigma()? / self.seconds.sqrt())
     }
 }
 
@@ -147,10 +147,10 @@ mod tests {
         // 0.367879 / 1.367879 = 0.268941 and the variance 0.268941 · 0.731059 = 0.196612 (deviation 0.443409).
         let mut mean = Mean::default();
         mean.add(at(0), 1.0);
-        assert_eq!((mean.mean(), mean.deviation()), (Some(1.0), None));
+        assert_eq!((mean.mean(), mean.sigma()), (Some(1.0), None));
         mean.add(at(120_000), 0.0);
         assert!((mean.mean().unwrap() - 0.268_941).abs() < 1e-6);
-        assert!((mean.deviation().unwrap() - 0.443_409).abs() < 1e-6);
+        assert!((mean.sigma().unwrap() - 0.443_409).abs() < 1e-6);
         // 1.367879 seconds: 0.443409 / 1.169564 = 0.379124.
         assert!((mean.standard_error(1.0).unwrap() - 0.379_124).abs() < 1e-6);
         assert_eq!(mean.standard_error(2.0), None);

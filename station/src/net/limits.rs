@@ -1,12 +1,13 @@
 //! What one client may use of the station: rates and connections, by its address.
 
 use std::collections::HashMap;
-use std::hash::Hash;
 use std::net::{IpAddr, Ipv6Addr};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+
+use super::{lock, make_room};
 
 /// How much is allowed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,7 +83,7 @@ impl Buckets {
     /// Addresses that are remembered. One more replaces the one that was seen longest ago.
     const ADDRESSES: usize = 4_096;
 
-    /// Full buckets.
+    /// New buckets: each client starts with a full one.
     pub fn new(per_s: f64, at_once: f64) -> Self {
         Self { per_s, at_once, left: Mutex::default() }
     }
@@ -134,7 +135,7 @@ struct Held {
 }
 
 impl Connections {
-    /// None so far.
+    /// A counter without open connections.
     pub fn new(limits: &Limits) -> Self {
         let free = Arc::new(Semaphore::new(limits.connections as usize));
         Self { free, all: limits.connections, per_address: limits.connections_per_address, counts: Arc::default() }
@@ -176,19 +177,6 @@ impl Drop for Held {
             }
         }
     }
-}
-
-/// Removes the oldest entry of a map that has this many. One more can then be inserted.
-pub fn make_room<K: Copy + Eq + Hash, V>(map: &mut HashMap<K, V>, most: usize, at: impl Fn(&V) -> Instant) {
-    if map.len() >= most {
-        let oldest = map.iter().min_by_key(|(_, value)| at(value)).map(|(key, _)| *key);
-        oldest.and_then(|oldest| map.remove(&oldest));
-    }
-}
-
-/// Locks; a panic of another holder does not matter, because each change of these maps is one step.
-pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Devices that fixed receivers receive, to reports of their positions.
 //!
-//! The input is [`What::ReceiverSighting`] and the receivers at known places. For each device, the RSSI values of the
+//! The input is [`ReportKind::ReceiverSighting`] and the receivers at known places. For each device, the RSSI values of the
 //! last five seconds are kept; their mean for each receiver gives a position ([`crate::rssi`]), at most one a second.
 //! The outputs are reports like those of any other source.
 //!
@@ -19,8 +19,8 @@
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::time::Duration;
 
+use crate::input::{Report, ReportKind};
 use crate::model::Role;
-use crate::report::{Report, What};
 use crate::rssi::{KnownNode, solve};
 use crate::{Live, Utc};
 
@@ -116,7 +116,7 @@ impl Device {
     }
 
     /// What its values say.
-    fn report(&mut self, now: Utc, tag: &str, receivers: &BTreeMap<String, KnownNode>) -> Option<(Utc, What)> {
+    fn report(&mut self, now: Utc, tag: &str, receivers: &BTreeMap<String, KnownNode>) -> Option<(Utc, ReportKind)> {
         let (means, t) = self.means(now, receivers);
         let is_near = means.values().any(|mean_dbm| *mean_dbm >= NEAR_DBM);
         let found = if means.len() >= 2 || is_near {
@@ -130,7 +130,7 @@ impl Device {
                 Some((t, position.of(tag.to_owned())))
             }
             Err(reason) if self.is_tag => {
-                Some((now, What::NoPosition { tag: tag.to_owned(), reason: reason.to_owned() }))
+                Some((now, ReportKind::NoPosition { tag: tag.to_owned(), reason: reason.to_owned() }))
             }
             Err(_) => None,
         }
@@ -139,7 +139,7 @@ impl Device {
 
 /// The devices that receivers receive.
 #[derive(Debug, Default)]
-pub(super) struct Locator {
+pub(super) struct DeviceLocator {
     devices: HashMap<Key, Device>,
     /// The devices that are waiting.
     waiting: Vec<Key>,
@@ -150,10 +150,10 @@ pub(super) struct Locator {
     surveys: u64,
 }
 
-impl Locator {
-    /// Takes a report that the state did not refuse. What is no [`What::ReceiverSighting`] changes nothing.
+impl DeviceLocator {
+    /// Takes a report that the state did not refuse. What is no [`ReportKind::ReceiverSighting`] changes nothing.
     pub(super) fn take(&mut self, now: Utc, report: Report) {
-        let What::ReceiverSighting { receiver, device, rssi_dbm, rssi_1m_dbm } = report.what else { return };
+        let ReportKind::ReceiverSighting { receiver, device, rssi_dbm, rssi_1m_dbm } = report.what else { return };
         let t = report.t.min(now);
         let key = (report.site, device);
         if now.since(t) > WINDOW || !(self.devices.contains_key(&key) || self.has_room(now)) {

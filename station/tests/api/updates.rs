@@ -12,7 +12,7 @@ use tokio::time::timeout;
 use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::Message;
 
-use crate::client::{Station, generous, open, station};
+use crate::api::client::{Station, generous, open, station};
 
 async fn listen(station: &Station, query: &str) -> WebSocketStream<TcpStream> {
     let stream = TcpStream::connect(station.address).await.unwrap();
@@ -42,7 +42,7 @@ async fn a_websocket_gets_one_position_a_message_of_its_site_and_tag() {
     let first = next(&mut all).await;
     assert_eq!((&first["tag"], &first["x_m"], &first["y_m"]), (&json!("0x1001"), &json!(1.0), &json!(2.0)));
     let stored = station.until("/api/v1/tags/0x1001/positions", |rows| rows[0].is_object()).await;
-    assert_eq!(crate::client::keys(&first), crate::client::keys(&stored[0]));
+    assert_eq!(crate::api::client::keys(&first), crate::api::client::keys(&stored[0]));
     assert_eq!(next(&mut all).await["tag"], "0x1002");
     assert_eq!(next(&mut one).await["tag"], "0x1002");
     assert!(timeout(Duration::from_millis(300), none.next()).await.is_err());

@@ -37,26 +37,21 @@ pub use self::outline::Gaussian;
 use self::outline::Outline;
 use self::tags::{Area, Inside, ROUND, RoundRange, TagState};
 use crate::Utc;
+use crate::bounds::{EXPONENTS, FARTHEST_M, is_name};
+use crate::input::{Report, ReportKind, SolvedFrom};
 use crate::model::{
     self, Event, EventKind, GeographicOrigin, Node, NodeHealth, Role, Tag, TagPosition, Zone, ZoneKind,
 };
-use crate::report::{Report, SolvedFrom, What};
 use crate::rssi::KnownNode;
 
 /// Reports may be this much after the state's clock.
 const AHEAD: Duration = Duration::from_secs(60);
-/// The most bytes of a name.
-pub(crate) const LONGEST_NAME: usize = 64;
 /// The most bytes of a reason.
 const LONGEST_REASON: usize = 200;
-/// The greatest coordinate, metres.
-pub(crate) const FARTHEST_M: f64 = 1e6;
 /// The greatest standard deviation, metres.
 const VAGUEST_M: f64 = 1e5;
 /// The longest range, metres.
 const LONGEST_M: f64 = 10_000.0;
-/// Path loss exponents that there are: the bounds of `positioning_core::ble::path_loss`.
-pub(crate) const EXPONENTS: std::ops::RangeInclusive<f64> = 0.1..=20.0;
 /// Received powers, dBm.
 const POWERS_DBM: std::ops::RangeInclusive<f64> = -200.0..=100.0;
 /// The greatest offset of a clock, ppm: more than telemetry can carry.
@@ -141,14 +136,14 @@ impl Default for Limits {
 
 /// What happened to a tag or an anchor, before it has a number.
 #[derive(Debug)]
-struct Happened {
+struct NewEvent {
     kind: EventKind,
     zone: Option<String>,
     dwell_s: Option<f64>,
     alarm: bool,
 }
 
-impl Happened {
+impl NewEvent {
     /// What has no zone.
     fn of(kind: EventKind, alarms: &Alarms) -> Self {
         let alarm = match kind {
@@ -191,7 +186,7 @@ pub struct Live {
     waiting: Vec<Update>,
     is_changed: bool,
     /// Kept for its memory.
-    happened: Vec<Happened>,
+    happened: Vec<NewEvent>,
 }
 
 impl Live {
@@ -293,7 +288,7 @@ impl Live {
                 state.reported = state.reported.min(now);
                 if !state.is_silent && now.since(state.reported) > self.limits.silent_after {
                     state.is_silent = true;
-                    let happened = Happened::of(EventKind::Silent, &self.limits.alarms);
+                    let happened = NewEvent::of(EventKind::Silent, &self.limits.alarms);
                     updates.push(Update::Event(event(&mut self.last_event, now, name, tag, happened)));
                 }
             }
@@ -394,12 +389,12 @@ impl Live {
     }
 
     /// None where the report is refused.
-    fn take(&mut self, t: Utc, site: &str, what: &What, updates: &mut Vec<Update>) -> Option<()> {
+    fn take(&mut self, t: Utc, site: &str, what: &ReportKind, updates: &mut Vec<Update>) -> Option<()> {
         match what {
-            What::Node { node, name, role, position_m } => {
+            ReportKind::Node { node, name, role, position_m } => {
                 self.describe(site, node, name.as_deref(), *role, *position_m)
             }
-            What::Position {
+            ReportKind::Position {
                 tag,
                 position_m: [x_m, y_m],
                 z_m,
@@ -436,14 +431,14 @@ impl Live {
                     *solved_from,
                 )
             }
-            What::NoPosition { tag, reason } => {
+            ReportKind::NoPosition { tag, reason } => {
                 let reason = shortened(reason);
                 let state = self.reporting_tag(t, site, tag, updates)?;
                 let is_new = state.lose(reason);
                 self.is_changed |= is_new;
                 Some(())
             }
-            What::Range { tag, anchor, range_m, rx_power_dbm, first_path_power_dbm, clock_offset_ppm } => {
+            ReportKind::Range { tag, anchor, range_m, rx_power_dbm, first_path_power_dbm, clock_offset_ppm } => {
                 let powers_dbm = [rx_power_dbm, first_path_power_dbm];
                 let is_power = powers_dbm.into_iter().flatten().all(|power_dbm| POWERS_DBM.contains(power_dbm));
                 let is_offset = clock_offset_ppm.is_none_or(|offset_ppm| offset_ppm.abs() <= FASTEST_PPM);
@@ -464,7 +459,7 @@ impl Live {
                 round.push(RoundRange { node, range_m: *range_m });
                 Some(())
             }
-            What::Supply { node, supply_v } => {
+            ReportKind::Supply { node, supply_v } => {
                 if !SUPPLIES_V.contains(supply_v) {
                     return None;
                 }
@@ -476,13 +471,13 @@ impl Live {
                 };
                 let is_new = supply.volts != Some(*supply_v);
                 if supply.take(*supply_v, low_v) {
-                    let happened = Happened::of(EventKind::LowSupply, &self.limits.alarms);
+                    let happened = NewEvent::of(EventKind::LowSupply, &self.limits.alarms);
                     updates.push(Update::Event(event(&mut self.last_event, t, site, node, happened)));
                 }
                 self.is_changed |= is_new;
                 Some(())
             }
-            What::Sighting { tag, beacon, rssi_dbm } => {
+            ReportKind::Sighting { tag, beacon, rssi_dbm } => {
                 positioning_core::ble::signal::rssi(*rssi_dbm).ok()?;
                 if !is_name(beacon) {
                     return None;
@@ -492,7 +487,7 @@ impl Live {
                 self.sites.get_mut(site)?.nodes.sight(node, t);
                 Some(())
             }
-            What::PathLoss { node, rssi_1m_dbm, path_loss_exponent } => {
+            ReportKind::PathLoss { node, rssi_1m_dbm, path_loss_exponent } => {
                 if let Some(rssi_1m_dbm) = *rssi_1m_dbm {
                     positioning_core::ble::signal::rssi(rssi_1m_dbm).ok()?;
                 }
@@ -506,7 +501,7 @@ impl Live {
                 Some(())
             }
             // The device is a tag from its first position on: most devices are of people who walk by.
-            What::ReceiverSighting { receiver, device, rssi_dbm, rssi_1m_dbm } => {
+            ReportKind::ReceiverSighting { receiver, device, rssi_dbm, rssi_1m_dbm } => {
                 for rssi_dbm in [Some(*rssi_dbm), *rssi_1m_dbm].into_iter().flatten() {
                     positioning_core::ble::signal::rssi(rssi_dbm).ok()?;
                 }
@@ -574,7 +569,7 @@ impl Live {
         if let Some(z_m) = position.z_m.filter(|_| !state.round.is_empty()) {
             let at_m = [position.x_m, position.y_m, z_m];
             let is_back = nodes.end_round(t, at_m, &state.round, &self.limits, |anchor| {
-                let happened = Happened::of(EventKind::Moved, &self.limits.alarms);
+                let happened = NewEvent::of(EventKind::Moved, &self.limits.alarms);
                 moved.push(event(last_event, t, &position.site, anchor, happened));
             });
             self.is_changed |= is_back || !moved.is_empty();
@@ -598,7 +593,7 @@ impl Live {
         }
         let state = self.sites.get_mut(site)?.tags.get_mut(tag)?;
         if state.note(t, now) {
-            let happened = Happened::of(EventKind::Back, &self.limits.alarms);
+            let happened = NewEvent::of(EventKind::Back, &self.limits.alarms);
             updates.push(Update::Event(event(&mut self.last_event, t, site, tag, happened)));
         }
         Some(state)
@@ -619,15 +614,10 @@ impl Live {
 }
 
 /// The next event.
-fn event(last: &mut i64, t: Utc, site: &str, node: &str, happened: Happened) -> Event {
-    let Happened { kind, zone, dwell_s, alarm } = happened;
+fn event(last: &mut i64, t: Utc, site: &str, node: &str, happened: NewEvent) -> Event {
+    let NewEvent { kind, zone, dwell_s, alarm } = happened;
     *last = last.saturating_add(1);
     Event { id: *last, t, site: site.to_owned(), kind, node: node.to_owned(), zone, dwell_s, alarm }
-}
-
-/// Whether a text can be a name: not empty, not long, and without control characters.
-pub(crate) fn is_name(text: &str) -> bool {
-    (1..=LONGEST_NAME).contains(&text.len()) && !text.chars().any(char::is_control)
 }
 
 fn shortened(text: &str) -> &str {

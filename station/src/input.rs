@@ -1,7 +1,7 @@
-//! What sources tell the station.
+//! Input events: positions, ranges, sightings, nodes. A source makes them, the [`Hub`](crate::Hub) takes them.
 
 use crate::Utc;
-use crate::model::Role;
+use crate::model::{PlacedNode, Role};
 
 /// A report of a source.
 #[derive(Clone, Debug, PartialEq)]
@@ -11,12 +11,12 @@ pub struct Report {
     /// The site whose frame its coordinates are in.
     pub site: String,
     /// Its content.
-    pub what: What,
+    pub what: ReportKind,
 }
 
 /// The content of a report.
 #[derive(Clone, Debug, PartialEq)]
-pub enum What {
+pub enum ReportKind {
     /// A node of the site: from its file, or as it says of itself.
     Node {
         /// Short address, or major and minor number of a beacon.
@@ -114,4 +114,14 @@ pub enum SolvedFrom {
     Ranges,
     /// RSSI values alone; metres.
     Rssi,
+}
+
+impl PlacedNode {
+    /// The reports of it for the live state.
+    pub fn reports(&self, t: Utc) -> [Report; 2] {
+        let Self { node, name, role, position_m, rssi_1m_dbm, path_loss_exponent, .. } = self.clone();
+        let place = ReportKind::Node { node: node.clone(), name, role, position_m: Some(position_m) };
+        let path_loss = ReportKind::PathLoss { node, rssi_1m_dbm, path_loss_exponent };
+        [place, path_loss].map(|what| Report { t, site: self.site.clone(), what })
+    }
 }

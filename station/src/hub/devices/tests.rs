@@ -1,8 +1,8 @@
 //! What receivers receive of devices, in time.
 
 use super::*;
-use crate::live::{Limits, Update};
 use crate::model::{EventKind, TagPosition, Zone, ZoneKind};
+use crate::state::{Limits, Update};
 
 const SITE: &str = "flat";
 
@@ -11,23 +11,28 @@ fn at(ms: u64) -> Utc {
     Utc::clamped(1_000_000_000_000_000) + Duration::from_millis(ms)
 }
 
-fn report(t: Utc, what: What) -> Report {
+fn report(t: Utc, what: ReportKind) -> Report {
     Report { t, site: SITE.to_owned(), what }
 }
 
-fn sighting(receiver: &str, device: &str, rssi_dbm: f64) -> What {
-    What::ReceiverSighting { receiver: receiver.to_owned(), device: device.to_owned(), rssi_dbm, rssi_1m_dbm: None }
+fn sighting(receiver: &str, device: &str, rssi_dbm: f64) -> ReportKind {
+    ReportKind::ReceiverSighting {
+        receiver: receiver.to_owned(),
+        device: device.to_owned(),
+        rssi_dbm,
+        rssi_1m_dbm: None,
+    }
 }
 
 /// A state with receivers `r0`, `r1` … at these places, and a locator, as the hub has them.
 struct World {
     live: Live,
-    locator: Locator,
+    locator: DeviceLocator,
 }
 
 impl World {
     fn new(places: &[[f64; 3]]) -> Self {
-        let mut world = Self { live: Live::new(Limits::default()), locator: Locator::default() };
+        let mut world = Self { live: Live::new(Limits::default()), locator: DeviceLocator::default() };
         for (k, place) in places.iter().enumerate() {
             world.place(&format!("r{k}"), Some(*place));
         }
@@ -36,11 +41,11 @@ impl World {
 
     fn place(&mut self, receiver: &str, position_m: Option<[f64; 3]>) {
         let node = receiver.to_owned();
-        self.live.apply(&report(at(0), What::Node { node, name: None, role: Role::Receiver, position_m }));
+        self.live.apply(&report(at(0), ReportKind::Node { node, name: None, role: Role::Receiver, position_m }));
     }
 
     /// Reports that arrive at `now`; the updates of the positions that they lead to.
-    fn receive(&mut self, now: Utc, whats: impl IntoIterator<Item = What>) -> Vec<Update> {
+    fn receive(&mut self, now: Utc, whats: impl IntoIterator<Item = ReportKind>) -> Vec<Update> {
         for what in whats {
             let (report, refused) = (report(now, what), self.live.refused());
             self.live.apply(&report);
@@ -84,7 +89,7 @@ const CELLS: [[f64; 2]; 9] =
     [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [0.0, 1.0], [1.0, 1.0], [2.0, 1.0], [0.0, 2.0], [1.0, 2.0], [2.0, 2.0]];
 
 /// All four corners receive a device equally well.
-fn equal(device: &str) -> impl Iterator<Item = What> {
+fn equal(device: &str) -> impl Iterator<Item = ReportKind> {
     (0..4).map(move |k| sighting(&format!("r{k}"), device, -75.0))
 }
 
@@ -153,9 +158,9 @@ fn what_the_device_or_the_receiver_says_of_its_power_counts() {
     // One receiver; -70 dBm. With -70 dBm at one metre the device is at one metre, with -46 dBm at ten (2.4 · 10 dB).
     let sigma = |of_receiver, of_device| {
         let mut world = World::new(&[[0.0; 3], [30.0, 30.0, 0.0], [-30.0, -30.0, 0.0]]);
-        let what = What::PathLoss { node: "r0".to_owned(), rssi_1m_dbm: of_receiver, path_loss_exponent: None };
+        let what = ReportKind::PathLoss { node: "r0".to_owned(), rssi_1m_dbm: of_receiver, path_loss_exponent: None };
         world.live.apply(&report(at(0), what));
-        let what = What::ReceiverSighting {
+        let what = ReportKind::ReceiverSighting {
             receiver: "r0".to_owned(),
             device: "phone".to_owned(),
             rssi_dbm: -70.0,
@@ -303,7 +308,7 @@ fn squared(position: &TagPosition, [x_m, y_m]: [f64; 2]) -> f64 {
 }
 
 /// The root of the covariance's greater eigenvalue λ: λ² - (xx + yy) λ + (xx yy - xy²) = 0.
-fn greatest_deviation_m(position: &TagPosition) -> f64 {
+fn greatest_sigma_m(position: &TagPosition) -> f64 {
     let (xx, yy, xy) = (position.sigma_x_m.powi(2), position.sigma_y_m.powi(2), position.cov_xy_m2);
     let (trace, determinant) = (xx + yy, xx * yy - xy * xy);
     (0.5 * trace + (0.25 * trace * trace - determinant).max(0.0).sqrt()).sqrt()
@@ -328,7 +333,7 @@ fn devices_in_a_simulated_flat_are_found_with_an_honest_deviation() {
         let device = format!("device {trial}");
         let mut last = None;
         for second in 0..5 {
-            let whats: Vec<What> = means
+            let whats: Vec<ReportKind> = means
                 .iter()
                 .enumerate()
                 .map(|(k, mean)| sighting(&format!("r{k}"), &device, mean + 4.4 * random.gaussian()))
@@ -350,7 +355,7 @@ fn devices_in_a_simulated_flat_are_found_with_an_honest_deviation() {
 #[test]
 fn the_limit_of_uncertain_positions_is_between_receivers_8_m_and_15_m_apart() {
     let mut random = Random(11);
-    let mut deviations_m = |apart_m: f64| {
+    let mut sigmas_m = |apart_m: f64| {
         let places = CELLS.map(|[column, row]| [apart_m * column, apart_m * row, 2.2]);
         let mut world = World::new(&places);
         let mut found = Vec::new();
@@ -364,13 +369,13 @@ fn the_limit_of_uncertain_positions_is_between_receivers_8_m_and_15_m_apart() {
             let device = format!("device {trial}");
             let received = means_dbm.iter().enumerate().filter(|(_, dbm)| **dbm > -90.0);
             let whats = received.map(|(k, dbm)| sighting(&format!("r{k}"), &device, *dbm)).collect::<Vec<_>>();
-            found.extend(positions(world.receive(at(10_000 * trial), whats)).iter().map(greatest_deviation_m));
+            found.extend(positions(world.receive(at(10_000 * trial), whats)).iter().map(greatest_sigma_m));
         }
         assert!(found.len() > 250, "{}", found.len());
         found.sort_by(f64::total_cmp);
         [0.5, 0.99].map(|share| found[(share * (found.len() - 1) as f64) as usize])
     };
-    let [near_m, far_m] = [8.0, 15.0].map(&mut deviations_m);
+    let [near_m, far_m] = [8.0, 15.0].map(&mut sigmas_m);
     println!("8 m apart: half above {:.1} m, 1 % above {:.1} m", near_m[0], near_m[1]);
     println!("15 m apart: half above {:.1} m, 1 % above {:.1} m", far_m[0], far_m[1]);
     let limit_m = Limits::default().uncertain_rssi_m;
@@ -402,7 +407,7 @@ fn a_recorded_robot_is_found_better_than_by_the_nearest_receiver() {
     // Rows: point, room, x_m, y_m, beacon, rssi_dbm, t_s.
     let rows = rows("fingerprints.csv");
     let mut errors: [Vec<f64>; 3] = Default::default();
-    let (mut nees, mut deviations_m, mut alarms) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut nees, mut sigmas_m, mut alarms) = (Vec::new(), Vec::new(), Vec::new());
     for point in rows.chunk_by(|one, other| one[0] == other[0]) {
         let truth = [number(&point[0][2]), number(&point[0][3])];
         let now = at((1000.0 * number(&point[0][6])) as u64);
@@ -423,7 +428,7 @@ fn a_recorded_robot_is_found_better_than_by_the_nearest_receiver() {
                 errors.push((x - truth[0]).hypot(y - truth[1]));
             }
             nees.push(squared(&found, truth) / 2.0);
-            deviations_m.push(greatest_deviation_m(&found));
+            sigmas_m.push(greatest_sigma_m(&found));
         }
     }
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
@@ -433,8 +438,8 @@ fn a_recorded_robot_is_found_better_than_by_the_nearest_receiver() {
     assert!(count > 1000, "{count}");
     assert!(locator < 0.85 * nearest && locator < centroid, "{locator} {nearest} {centroid}");
     assert!((0.3..2.5).contains(&nees), "{nees}");
-    deviations_m.sort_by(f64::total_cmp);
-    let [p95_m, most_m] = [0.95, 1.0].map(|share| deviations_m[(share * (count - 1) as f64) as usize]);
+    sigmas_m.sort_by(f64::total_cmp);
+    let [p95_m, most_m] = [0.95, 1.0].map(|share| sigmas_m[(share * (count - 1) as f64) as usize]);
     println!("deviation along the long axis: 95 % below {p95_m:.2} m, all below {most_m:.2} m");
     // The default limit is three times what is usual with enough receivers.
     assert!((p95_m - Limits::default().uncertain_rssi_m / 3.0).abs() < 0.3, "{p95_m}");

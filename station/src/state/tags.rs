@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::outline::{Gaussian, Outline};
 use super::rate::Rate;
 use super::supply::Supply;
-use super::{Alarms, Happened, Limits};
+use super::{Alarms, Limits, NewEvent};
 use crate::model::{EventKind, Tag, TagPosition, Zone, ZoneKind};
 use crate::{SolvedFrom, Utc};
 
@@ -107,7 +107,7 @@ impl TagState {
         solved_from: SolvedFrom,
         areas: &[Area],
         limits: &Limits,
-        happened: &mut Vec<Happened>,
+        happened: &mut Vec<NewEvent>,
     ) {
         self.rate.count(position.t);
         self.reason = None;
@@ -117,7 +117,7 @@ impl TagState {
             SolvedFrom::Ranges => limits.uncertain_m,
             SolvedFrom::Rssi => limits.uncertain_rssi_m,
         };
-        let share = greatest_deviation_m(covariance_m2) / greatest_m;
+        let share = greatest_sigma_m(covariance_m2) / greatest_m;
         self.check_certainty(position.t, share, &limits.alarms, happened);
         self.enter_and_leave(position.t, &gaussian, areas, limits, happened);
         position.room = self.room.and_then(|room| Some(areas.get(room.area)?.zone.name.clone()));
@@ -125,14 +125,14 @@ impl TagState {
     }
 
     /// `share` is the standard deviation divided by its limit.
-    fn check_certainty(&mut self, t: Utc, share: f64, alarms: &Alarms, happened: &mut Vec<Happened>) {
+    fn check_certainty(&mut self, t: Utc, share: f64, alarms: &Alarms, happened: &mut Vec<NewEvent>) {
         if share > 1.0 {
             // A clock that was set back begins anew.
             let since = self.unsure_since.map_or(t, |since| since.min(t));
             self.unsure_since = Some(since);
             if t.since(since) >= UNCERTAIN_FOR && !self.is_uncertain {
                 self.is_uncertain = true;
-                happened.push(Happened::of(EventKind::Uncertain, alarms));
+                happened.push(NewEvent::of(EventKind::Uncertain, alarms));
             }
         } else {
             self.unsure_since = None;
@@ -149,7 +149,7 @@ impl TagState {
         at: &Gaussian,
         areas: &[Area],
         limits: &Limits,
-        happened: &mut Vec<Happened>,
+        happened: &mut Vec<NewEvent>,
     ) {
         let mut best = (0.0, None);
         let mut stays = 0.0;
@@ -211,17 +211,17 @@ impl TagState {
     }
 }
 
-fn entered(area: &Area) -> Happened {
+fn entered(area: &Area) -> NewEvent {
     let zone = Some(area.zone.name.clone());
-    Happened { kind: EventKind::Entered, zone, dwell_s: None, alarm: area.zone.alarm }
+    NewEvent { kind: EventKind::Entered, zone, dwell_s: None, alarm: area.zone.alarm }
 }
 
-pub(super) fn left(area: &Area, inside: &Inside, t: Utc) -> Happened {
+pub(super) fn left(area: &Area, inside: &Inside, t: Utc) -> NewEvent {
     let dwell_s = Some(t.since(inside.since).as_secs_f64());
-    Happened { kind: EventKind::Left, zone: Some(area.zone.name.clone()), dwell_s, alarm: false }
+    NewEvent { kind: EventKind::Left, zone: Some(area.zone.name.clone()), dwell_s, alarm: false }
 }
 
 /// The standard deviation along the long axis of the ellipse: the root of the greater eigenvalue.
-fn greatest_deviation_m([xx, xy, yy]: [f64; 3]) -> f64 {
+fn greatest_sigma_m([xx, xy, yy]: [f64; 3]) -> f64 {
     (0.5 * (xx + yy) + (0.5 * (xx - yy)).hypot(xy)).sqrt()
 }

@@ -15,7 +15,7 @@ use hyper_util::rt::{TokioExecutor, TokioTimer};
 use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::{self, ClientConfig, RootCertStore};
 
-use crate::api::{TlsError, read_certificates};
+use super::tls::{TlsError, read_certificates};
 
 /// A connection has this time to be made.
 const CONNECT: Duration = Duration::from_secs(5);

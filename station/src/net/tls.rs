@@ -13,7 +13,6 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use axum::http::StatusCode;
 use sha2::{Digest, Sha256};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
@@ -27,8 +26,7 @@ use x509_cert::Certificate;
 use x509_cert::der::Decode;
 use x509_cert::time::Time;
 
-use super::limits::lock;
-use super::problem::Problem;
+use super::lock;
 use crate::Utc;
 
 /// The greatest file of a certificate or a key, bytes.
@@ -120,7 +118,7 @@ impl Tls {
     }
 
     /// Reads the files again whenever this time has passed, and logs what comes of it.
-    pub(super) async fn keep_renewed(self: Arc<Self>, every: Duration) {
+    pub(crate) async fn keep_renewed(self: Arc<Self>, every: Duration) {
         // Each is logged once.
         let (mut failure, mut warning) = (None, None);
         loop {
@@ -153,12 +151,12 @@ impl Tls {
         }
     }
 
-    /// Makes an encrypted connection of one that was accepted. A client of plain HTTP is told what is wrong.
-    pub(super) async fn accept(&self, mut stream: TcpStream) -> io::Result<TlsStream<TcpStream>> {
+    /// Makes an encrypted connection of one that was accepted. A client of plain HTTP gets `plain_answer`.
+    pub(crate) async fn accept(&self, mut stream: TcpStream, plain_answer: &str) -> io::Result<TlsStream<TcpStream>> {
         let mut first = [0];
         if stream.peek(&mut first).await? == 1 && first != [HANDSHAKE] {
             if first[0].is_ascii_alphabetic() {
-                refuse_plain(&mut stream).await?;
+                refuse_plain(&mut stream, plain_answer).await?;
             }
             return Err(io::Error::new(io::ErrorKind::InvalidData, "the client does not begin with TLS"));
         }
@@ -237,14 +235,7 @@ fn utc(time: Time) -> Utc {
 }
 
 /// Answers a request that came without TLS.
-async fn refuse_plain(stream: &mut TcpStream) -> io::Result<()> {
-    let problem = Problem::new(StatusCode::BAD_REQUEST, "this port speaks TLS: the address begins with https://");
-    let body = serde_json::to_string(&problem)?;
-    let answer = format!(
-        "HTTP/1.1 400 Bad Request\r\nContent-Type: application/problem+json\r\nContent-Length: {}\r\n\
-         Connection: close\r\n\r\n{body}",
-        body.len()
-    );
+async fn refuse_plain(stream: &mut TcpStream, answer: &str) -> io::Result<()> {
     stream.write_all(answer.as_bytes()).await?;
     stream.shutdown().await?;
     // Closed with something unread, the connection would be reset, and the answer lost.

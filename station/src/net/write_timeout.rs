@@ -10,14 +10,14 @@ use tokio::time::{Instant, Sleep};
 
 /// A stream with a time limit for each write.
 #[derive(Debug)]
-pub struct Impatient<S> {
+pub struct WriteTimeout<S> {
     stream: S,
     limit: Duration,
     /// Runs while a write waits.
     waits: Option<Pin<Box<Sleep>>>,
 }
 
-impl<S> Impatient<S> {
+impl<S> WriteTimeout<S> {
     /// A write may wait for `limit`.
     pub fn new(stream: S, limit: Duration) -> Self {
         Self { stream, limit, waits: None }
@@ -36,13 +36,13 @@ impl<S> Impatient<S> {
     }
 }
 
-impl<S: AsyncRead + Unpin> AsyncRead for Impatient<S> {
+impl<S: AsyncRead + Unpin> AsyncRead for WriteTimeout<S> {
     fn poll_read(self: Pin<&mut Self>, context: &mut Context<'_>, to: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
         Pin::new(&mut self.get_mut().stream).poll_read(context, to)
     }
 }
 
-impl<S: AsyncWrite + Unpin> AsyncWrite for Impatient<S> {
+impl<S: AsyncWrite + Unpin> AsyncWrite for WriteTimeout<S> {
     fn poll_write(self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         let this = self.get_mut();
         let written = Pin::new(&mut this.stream).poll_write(context, bytes);
@@ -85,7 +85,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_write_that_nobody_takes_fails_and_a_slow_one_does_not() {
         let (mut client, server) = tokio::io::duplex(4);
-        let mut server = Impatient::new(server, Duration::from_secs(30));
+        let mut server = WriteTimeout::new(server, Duration::from_secs(30));
         let slow = tokio::spawn(async move {
             let mut taken = [0; 4];
             for _ in 0..3 {

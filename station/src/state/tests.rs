@@ -9,12 +9,12 @@ fn at(ms: u64) -> Utc {
     Utc::clamped(1_000_000_000_000_000) + Duration::from_millis(ms)
 }
 
-fn report(t: Utc, what: What) -> Report {
+fn report(t: Utc, what: ReportKind) -> Report {
     Report { t, site: SITE.to_owned(), what }
 }
 
-fn position(tag: &str, position_m: [f64; 2], sigma_m: f64) -> What {
-    What::Position {
+fn position(tag: &str, position_m: [f64; 2], sigma_m: f64) -> ReportKind {
+    ReportKind::Position {
         tag: tag.to_owned(),
         position_m,
         z_m: Some(0.0),
@@ -26,8 +26,8 @@ fn position(tag: &str, position_m: [f64; 2], sigma_m: f64) -> What {
     }
 }
 
-fn range(anchor: &str, range_m: f64) -> What {
-    What::Range {
+fn range(anchor: &str, range_m: f64) -> ReportKind {
+    ReportKind::Range {
         tag: "0x1001".to_owned(),
         anchor: anchor.to_owned(),
         range_m,
@@ -37,12 +37,12 @@ fn range(anchor: &str, range_m: f64) -> What {
     }
 }
 
-fn anchor(node: &str, position_m: [f64; 3]) -> What {
-    What::Node { node: node.to_owned(), name: None, role: Role::Anchor, position_m: Some(position_m) }
+fn anchor(node: &str, position_m: [f64; 3]) -> ReportKind {
+    ReportKind::Node { node: node.to_owned(), name: None, role: Role::Anchor, position_m: Some(position_m) }
 }
 
-fn received(receiver: &str, device: &str, rssi_dbm: f64, rssi_1m_dbm: Option<f64>) -> What {
-    What::ReceiverSighting { receiver: receiver.to_owned(), device: device.to_owned(), rssi_dbm, rssi_1m_dbm }
+fn received(receiver: &str, device: &str, rssi_dbm: f64, rssi_1m_dbm: Option<f64>) -> ReportKind {
+    ReportKind::ReceiverSighting { receiver: receiver.to_owned(), device: device.to_owned(), rssi_dbm, rssi_1m_dbm }
 }
 
 fn zone(name: &str, kind: ZoneKind, [x0, x1]: [f64; 2]) -> Zone {
@@ -206,7 +206,7 @@ fn a_tag_that_does_not_report_is_silent_once_and_back_once() {
     assert_eq!(events(&live.tick(at(30_001))), [(EventKind::Silent, None, None)]);
     assert_eq!(events(&live.tick(at(90_000))), []);
     assert!(live.tags()[0].silent);
-    let what = What::NoPosition { tag: "0x1001".to_owned(), reason: "too-few-anchors".to_owned() };
+    let what = ReportKind::NoPosition { tag: "0x1001".to_owned(), reason: "too-few-anchors".to_owned() };
     assert_eq!(events(&live.apply(&report(at(90_000), what.clone()))), [(EventKind::Back, None, None)]);
     assert_eq!(events(&live.apply(&report(at(90_100), what))), []);
     let tag = live.tags().remove(0);
@@ -238,7 +238,7 @@ fn positions_by_rssi_have_a_limit_of_their_own() {
     let mut live = live();
     let mut step = |ms: u64, sigma_m: f64, from| {
         let mut what = position("0x1001", [0.0, 50.0], sigma_m);
-        if let What::Position { solved_from, .. } = &mut what {
+        if let ReportKind::Position { solved_from, .. } = &mut what {
             *solved_from = from;
         }
         events(&live.apply(&report(at(ms), what))).into_iter().map(|(kind, ..)| kind).collect::<Vec<_>>()
@@ -266,7 +266,7 @@ fn the_long_axis_of_the_ellipse_decides_whether_a_position_is_uncertain() {
     let mut seen = Vec::new();
     for ms in [0, 6000] {
         // 2.5 m along each axis with a correlation of 0.6: along the diagonal √(6.25 + 3.75) = 3.16 m.
-        let what = What::Position {
+        let what = ReportKind::Position {
             tag: "0x1001".to_owned(),
             position_m: [0.0, 50.0],
             z_m: None,
@@ -284,7 +284,7 @@ fn the_long_axis_of_the_ellipse_decides_whether_a_position_is_uncertain() {
 #[test]
 fn a_low_supply_is_an_alarm_of_its_tag_or_anchor() {
     let mut live = live();
-    let supply = |node: &str, supply_v| What::Supply { node: node.to_owned(), supply_v };
+    let supply = |node: &str, supply_v| ReportKind::Supply { node: node.to_owned(), supply_v };
     live.apply(&report(at(0), anchor("0x0101", [0.0, 0.0, 2.0])));
     for node in ["0x1001", "0x0101"] {
         assert_eq!(events(&live.apply(&report(at(0), supply(node, 3.3)))), []);
@@ -313,7 +313,7 @@ fn each_kind_of_event_is_an_alarm_or_none_as_the_limits_say() {
             updates.extend(live.apply(&report(at(1000 * second), range("0x0101", 6.0))));
             updates.extend(live.apply(&report(at(1000 * second), position("0x1001", [0.0, 0.0], sigma_m))));
         }
-        let supply = What::Supply { node: "0x1001".to_owned(), supply_v: 2.8 };
+        let supply = ReportKind::Supply { node: "0x1001".to_owned(), supply_v: 2.8 };
         updates.extend(live.apply(&report(at(600_000), supply)));
         updates.extend(live.tick(at(700_000)));
         kinds.map(|kind| {
@@ -354,8 +354,8 @@ fn residuals_are_ranges_minus_distances_in_space() {
     for z_m in [None, Some(0.0)] {
         live.apply(&report(at(0), range("0x0101", 9.0)));
         let end = match z_m {
-            Some(_) => What::NoPosition { tag: "0x1001".to_owned(), reason: "diverged".to_owned() },
-            None => What::Position {
+            Some(_) => ReportKind::NoPosition { tag: "0x1001".to_owned(), reason: "diverged".to_owned() },
+            None => ReportKind::Position {
                 tag: "0x1001".to_owned(),
                 position_m: [0.0; 2],
                 z_m,
@@ -407,7 +407,7 @@ fn the_health_of_a_node_is_taken_once_after_it_was_seen() {
         live.apply(&report(at(200 * k), range("0x0101", 5.0)));
         live.apply(&report(at(200 * k), position("0x1001", [4.0, 0.0], 0.1)));
     }
-    live.apply(&report(at(9_900), What::Supply { node: "0x0101".to_owned(), supply_v: 3.25 }));
+    live.apply(&report(at(9_900), ReportKind::Supply { node: "0x0101".to_owned(), supply_v: 3.25 }));
     live.tick(at(10_000));
     let health = live.take_health().remove(0);
     assert!((health.residual_mean_m.unwrap() - 1.0).abs() < 1e-9 && health.residual_sigma_m.unwrap() < 1e-9);
@@ -485,7 +485,7 @@ fn an_anchor_that_is_put_back_is_no_longer_moved() {
 fn numbers_that_are_no_measurements_are_refused_and_counted() {
     let mut live = live();
     let mut expected = 0;
-    let mut refuse = |live: &mut Live, site: &str, what: What| {
+    let mut refuse = |live: &mut Live, site: &str, what: ReportKind| {
         let report = Report { t: at(0), site: site.to_owned(), what };
         assert_eq!(live.apply(&report), [], "{report:?}");
         expected += 1;
@@ -497,12 +497,12 @@ fn numbers_that_are_no_measurements_are_refused_and_counted() {
         refuse(&mut live, SITE, position("0x1001", [0.0, 0.0], wrong));
         refuse(&mut live, SITE, range("0x0101", wrong));
         refuse(&mut live, SITE, anchor("0x0101", [0.0, wrong, 0.0]));
-        let sighting = What::Sighting { tag: "0x1001".to_owned(), beacon: "1-7".to_owned(), rssi_dbm: wrong };
+        let sighting = ReportKind::Sighting { tag: "0x1001".to_owned(), beacon: "1-7".to_owned(), rssi_dbm: wrong };
         refuse(&mut live, SITE, sighting);
         refuse(&mut live, SITE, received("hall", "phone", wrong, None));
         refuse(&mut live, SITE, received("hall", "phone", -60.0, Some(wrong)));
         let mut vague = position("0x1001", [0.0; 2], 0.1);
-        if let What::Position { z_m, .. } = &mut vague {
+        if let ReportKind::Position { z_m, .. } = &mut vague {
             *z_m = Some(wrong);
         }
         refuse(&mut live, SITE, vague);
@@ -525,7 +525,7 @@ fn numbers_that_are_no_measurements_are_refused_and_counted() {
 fn a_covariance_beyond_the_deviations_is_that_of_a_line() {
     let mut live = live();
     let mut what = position("0x1001", [2.0, 2.0], 0.5);
-    if let What::Position { cov_xy_m2, .. } = &mut what {
+    if let ReportKind::Position { cov_xy_m2, .. } = &mut what {
         *cov_xy_m2 = -7.0;
     }
     let updates = live.apply(&report(at(0), what));
@@ -539,8 +539,12 @@ fn more_tags_and_nodes_than_the_limits_are_refused_and_the_others_go_on() {
     for k in 0..10 {
         live.apply(&report(at(0), position(&format!("tag {k}"), [0.0; 2], 0.1)));
         live.apply(&report(at(0), anchor(&format!("anchor {k}"), [0.0; 3])));
-        let what =
-            What::Node { node: format!("tag {k}"), name: Some("n".to_owned()), role: Role::Tag, position_m: None };
+        let what = ReportKind::Node {
+            node: format!("tag {k}"),
+            name: Some("n".to_owned()),
+            role: Role::Tag,
+            position_m: None,
+        };
         live.apply(&report(at(0), what));
     }
     assert_eq!((live.tags().len(), live.nodes().len(), live.refused()), (3, 2, 7 + 8 + 8));
@@ -606,7 +610,7 @@ fn a_host_clock_that_jumps_leaves_nothing_wrong() {
 #[test]
 fn a_nodes_name_and_place_stay_when_it_says_nothing_of_them() {
     let mut live = live();
-    let node = |name: Option<&str>, position_m| What::Node {
+    let node = |name: Option<&str>, position_m| ReportKind::Node {
         node: "0x0101".to_owned(),
         name: name.map(str::to_owned),
         role: Role::Anchor,
@@ -619,7 +623,8 @@ fn a_nodes_name_and_place_stay_when_it_says_nothing_of_them() {
     let shown = live.nodes().remove(0);
     assert_eq!((shown.name.as_deref(), shown.position_m), (Some("by the door"), Some([1.0, 2.0, 3.0])));
     // A tag's name waits for the tag.
-    let tag = What::Node { node: "0x1001".to_owned(), name: Some("Ada".to_owned()), role: Role::Tag, position_m: None };
+    let tag =
+        ReportKind::Node { node: "0x1001".to_owned(), name: Some("Ada".to_owned()), role: Role::Tag, position_m: None };
     live.apply(&report(at(0), tag));
     assert!(live.tags().is_empty());
     live.apply(&report(at(0), position("0x1001", [2.0, 9.0], 0.1)));
@@ -631,7 +636,7 @@ fn a_long_reason_is_cut_at_a_character() {
     let mut live = live();
     // 2 bytes each: 200 bytes are 100 characters; with one byte before, 99 and a half.
     let reason = format!("a{}", "é".repeat(300));
-    live.apply(&report(at(0), What::NoPosition { tag: "0x1001".to_owned(), reason }));
+    live.apply(&report(at(0), ReportKind::NoPosition { tag: "0x1001".to_owned(), reason }));
     assert_eq!(live.tags()[0].reason.as_deref().map(|reason| reason.chars().count()), Some(100));
 }
 
@@ -648,7 +653,7 @@ fn a_receiver_that_hears_a_device_is_listed_and_the_device_is_not() {
 #[test]
 fn a_path_loss_is_that_of_a_known_node_and_must_be_possible() {
     let mut live = live();
-    let path_loss = |node: &str, rssi_1m_dbm, path_loss_exponent| What::PathLoss {
+    let path_loss = |node: &str, rssi_1m_dbm, path_loss_exponent| ReportKind::PathLoss {
         node: node.to_owned(),
         rssi_1m_dbm,
         path_loss_exponent,
@@ -656,7 +661,7 @@ fn a_path_loss_is_that_of_a_known_node_and_must_be_possible() {
     live.apply(&report(at(0), path_loss("1-7", Some(-60.0), None)));
     assert_eq!(live.refused(), 1, "nobody knows it");
     let position_m = Some([1.0, 2.0, 3.0]);
-    live.apply(&report(at(0), What::Node { node: "1-7".to_owned(), name: None, role: Role::Beacon, position_m }));
+    live.apply(&report(at(0), ReportKind::Node { node: "1-7".to_owned(), name: None, role: Role::Beacon, position_m }));
     let before = live.surveys();
     live.apply(&report(at(0), path_loss("1-7", Some(-60.0), Some(2.2))));
     assert!(live.surveys() > before);
