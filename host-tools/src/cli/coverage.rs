@@ -151,7 +151,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let stations: Vec<_> = placed.iter().flatten().map(|beacon| (beacon.name.clone(), beacon.position_m)).collect();
         let walls_m: Vec<_> = walls.iter().map(|wall| wall.ends_m).collect();
         let maps = sources.iter().filter_map(|source| draw(arguments, source, &walls_m, &stations, &points_m));
-        picture.write_and_note(heat(&maps.collect::<Vec<_>>())?)?;
+        picture.write_and_note(&heat(&maps.collect::<Vec<_>>())?)?;
     }
     Ok(())
 }

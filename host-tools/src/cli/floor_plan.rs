@@ -1,13 +1,12 @@
 //! `--walls` and `--plan`: what a picture has beneath the positions.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD;
 use host_tools::UserError;
 use host_tools::files::beacons::{Wall, read_walls};
 use host_tools::files::{IMAGE_BYTES, read_limited};
-use host_tools::plot::Plan;
+use host_tools::plot::{Image, Plan};
 
 use super::recording_args::finite;
 
@@ -81,15 +80,8 @@ impl FloorPlanArgs {
 }
 
 fn image(file: &Path, metres: f64, [x, y]: [f64; 2]) -> Result<Plan, UserError> {
-    let wrong = |what: String| UserError::file(file, what);
-    let bytes = read_limited(file, IMAGE_BYTES)?;
-    let kind = match imagesize::image_type(&bytes) {
-        Ok(imagesize::ImageType::Png) => "png",
-        Ok(imagesize::ImageType::Jpeg) => "jpeg",
-        Ok(_) | Err(_) => return Err(wrong("it is neither a PNG nor a JPEG image".to_owned())),
-    };
-    let size = imagesize::blob_size(&bytes).map_err(|error| wrong(format!("it has no size: {error}")))?;
-    let (wide, high) = (metres * size.width as f64, metres * size.height as f64);
-    let url = format!("data:image/{kind};base64,{}", STANDARD.encode(&bytes));
-    Ok(Plan { url, corners_m: [[x, y], [x + wide, y + high]] })
+    let image =
+        Image::read(read_limited(file, IMAGE_BYTES)?).map_err(|error| UserError::file(file, error.to_string()))?;
+    let [wide, high] = image.size().map(|pixels| metres * pixels as f64);
+    Ok(Plan { image: Arc::new(image), corners_m: [[x, y], [x + wide, y + high]] })
 }

@@ -120,7 +120,7 @@ use anyhow::{Context, Result};
 use clap::CommandFactory;
 use host_tools::UserError;
 use host_tools::files::output::{self, Growing};
-use host_tools::plot::Format;
+use host_tools::plot::{Drawing, Format};
 use verbosity::Verbosity;
 
 /// The version, and the commit where it is known.
@@ -167,13 +167,13 @@ impl<'a> PictureFile<'a> {
     }
 
     /// Writes the picture.
-    fn write(self, svg: String) -> Result<()> {
-        write(self.file, &self.format.encode(svg)?)
+    fn write(self, picture: &Drawing) -> Result<()> {
+        write(self.file, &self.format.encode(picture)?)
     }
 
     /// Writes the picture, and prints its path.
-    fn write_and_note(self, svg: String) -> Result<()> {
-        self.write(svg)?;
+    fn write_and_note(self, picture: &Drawing) -> Result<()> {
+        self.write(picture)?;
         note(&format!("picture: {}\n", self.file.display()));
         Ok(())
     }

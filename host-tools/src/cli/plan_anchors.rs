@@ -168,7 +168,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         note(&format!("positions: {}\n", file.display()));
     }
     match picture {
-        Some(picture) => picture.write_and_note(heat(&[site.heat(&chosen, errors)])?),
+        Some(picture) => picture.write_and_note(&heat(&[site.heat(&chosen, errors)])?),
         None => Ok(()),
     }
 }

@@ -68,7 +68,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let files = FolderFiles::open(arguments.folder.as_deref())?;
     let out = arguments.out.clone().or_else(in_folder).unwrap_or_default();
     let file = PictureFile::of("--out", &out)?;
-    file.write_and_note(arguments.picture(&files)?.to_svg()?)
+    file.write_and_note(&arguments.picture(&files)?.draw())
 }
 
 impl Arguments {

@@ -124,7 +124,7 @@ impl Report<'_> {
         let OutputArgs { out, format, plot, json } = output.arguments;
         // The picture is drawn before any file is written, so that an error in drawing leaves no file.
         let picture = match output.picture {
-            Some(PictureFile { file, format }) => Some((file, format.encode(self.picture().to_svg()?)?)),
+            Some(PictureFile { file, format }) => Some((file, format.encode(&self.picture().draw())?)),
             None => None,
         };
         if out.is_some() || !json {

@@ -398,7 +398,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     if let Some(drawing) = drawing {
         let source = arguments.scenario.as_ref().map_or("simulation".into(), |file| file.display().to_string());
-        drawing.write(picture(source, simulation.scenario(), &drawn).to_svg()?)?;
+        drawing.write(&picture(source, simulation.scenario(), &drawn).draw())?;
     }
     let summary = simulation.summary();
     super::warn(attempts.refused());

@@ -2,12 +2,7 @@
 
 use std::ops::Range;
 
-use anyhow::Result;
-use plotters::coord::types::RangedCoordf64;
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
-
-use super::Area;
+use super::drawing::{Across, Area, Down, Line, Point};
 use super::style::{AXIS, GRID, pixels, stroke, text, title, upright};
 use super::ticks::{self, Tick};
 
@@ -18,7 +13,36 @@ pub const TOP: u32 = 40;
 pub const BOTTOM: u32 = 52;
 
 /// A chart of numbers against numbers.
-pub type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+#[derive(Clone, Debug)]
+pub struct Chart<'a> {
+    /// The paper between the axes.
+    pub paper: Area<'a>,
+    x: Range<f64>,
+    y: Range<f64>,
+}
+
+impl Chart<'_> {
+    /// The place of a point on the paper.
+    pub fn at(&self, [x, y]: [f64; 2]) -> Point {
+        let [width, height] = self.paper.size();
+        let (right, down) = (share(x, &self.x), share(y, &self.y));
+        let [last_column, last_row] = [width - 1, height - 1].map(f64::from);
+        // What is nearly on a place is there.
+        let column = (last_column * right + 1e-3).floor() as i32;
+        let row = (-last_row * down - 1e-3).ceil() as i32;
+        [column, (height - 1).saturating_add(row)]
+    }
+
+    /// Draws a line through points.
+    pub fn path(&self, points: &[[f64; 2]], line: Line) {
+        self.paper.path(points.iter().map(|at| self.at(*at)), line);
+    }
+}
+
+/// The place of a value in a range, 0 to 1.
+fn share(value: f64, range: &Range<f64>) -> f64 {
+    if range.start == range.end { 0.5 } else { (value - range.start) / (range.end - range.start) }
+}
 
 /// What the numbers of an axis are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,59 +70,69 @@ pub struct Axes<'a> {
 
 impl Axes<'_> {
     /// Draws the axes over the whole area, and returns the chart between them, which has these ranges.
-    ///
-    /// # Errors
-    /// The drawing library fails.
-    pub fn draw<'a, 'b>(&self, area: &'a Area<'b>, x: Range<f64>, y: Range<f64>) -> Result<Chart<'a, 'b>> {
-        let mut chart = ChartBuilder::on(area)
-            .margin_top(pixels(TOP))
-            .margin_right(pixels(RIGHT))
-            .x_label_area_size(pixels(BOTTOM))
-            .y_label_area_size(pixels(self.left))
-            .build_cartesian_2d(x.clone(), y.clone())?;
+    pub fn draw<'a>(&self, area: Area<'a>, x: Range<f64>, y: Range<f64>) -> Chart<'a> {
         let of_x = match self.x_scale {
             Scale::Linear => ticks::linear(&x, self.ticks[0]),
             Scale::Logarithmic => ticks::logarithmic(&x, self.ticks[0]),
         };
         let of_y = ticks::linear(&y, self.ticks[1]);
-        self.grid(&mut chart, [&x, &y], [&of_x, &of_y])?;
-        self.labels(area)?;
-        Ok(chart)
+        let chart = Chart { paper: area.inside([self.left, TOP, RIGHT, BOTTOM].map(pixels)), x, y };
+        self.grid(&chart, &of_x, &of_y);
+        self.labels(area);
+        chart
     }
 
     /// The lines behind the chart, the axes with their marks, and the numbers.
-    fn grid(&self, chart: &mut Chart, [x, y]: [&Range<f64>; 2], [of_x, of_y]: [&[Tick]; 2]) -> Result<()> {
+    fn grid(&self, chart: &Chart, of_x: &[Tick], of_y: &[Tick]) {
         let mark = pixels(4) as i32;
-        let axis = AXIS.stroke_width(stroke(1.0));
-        let behind = |ends| PathElement::new(ends, GRID.stroke_width(stroke(1.0)));
-        chart.draw_series(of_x.iter().map(|(at, _)| behind(vec![(*at, y.start), (*at, y.end)])))?;
-        chart.draw_series(of_y.iter().map(|(at, _)| behind(vec![(x.start, *at), (x.end, *at)])))?;
-        let corners = vec![(x.start, y.end), (x.start, y.start), (x.end, y.start)];
-        chart.draw_series([PathElement::new(corners, axis)])?;
-        let below = text(Pos::new(HPos::Center, VPos::Top));
-        chart.draw_series(of_x.iter().map(|(at, number)| {
-            EmptyElement::at((*at, y.start))
-                + PathElement::new(vec![(0, 0), (0, mark)], axis)
-                + Text::new(number.clone(), (0, 2 * mark), below.clone())
-        }))?;
-        let beside = text(Pos::new(HPos::Right, VPos::Center));
-        chart.draw_series(of_y.iter().map(|(at, number)| {
-            EmptyElement::at((x.start, *at))
-                + PathElement::new(vec![(-mark, 0), (0, 0)], axis)
-                + Text::new(format!("{number}{}", self.unit), (-2 * mark, 0), beside.clone())
-        }))?;
-        Ok(())
+        let (axis, behind) = (AXIS.line(stroke(1.0)), GRID.line(stroke(1.0)));
+        let Chart { paper, x, y } = chart;
+        for (at, _) in of_x {
+            chart.path(&[[*at, y.start], [*at, y.end]], behind);
+        }
+        for (at, _) in of_y {
+            chart.path(&[[x.start, *at], [x.end, *at]], behind);
+        }
+        chart.path(&[[x.start, y.end], [x.start, y.start], [x.end, y.start]], axis);
+        for (at, number) in of_x {
+            let [column, row] = chart.at([*at, y.start]);
+            paper.path([[column, row], [column, row + mark]], axis);
+            paper.text(number, [column, row + 2 * mark], text(Across::Middle, Down::Top));
+        }
+        for (at, number) in of_y {
+            let [column, row] = chart.at([x.start, *at]);
+            paper.path([[column - mark, row], [column, row]], axis);
+            let number = format!("{number}{}", self.unit);
+            paper.text(number, [column - 2 * mark, row], text(Across::Right, Down::Middle));
+        }
     }
 
     /// Title and names, at the edges.
-    fn labels(&self, area: &Area) -> Result<()> {
-        let (width, height) = area.dim_in_pixel();
-        let at = |x: u32, y: u32| (x as i32, y as i32);
-        area.draw_text(self.title, &title(Pos::new(HPos::Left, VPos::Top)), at(pixels(self.left), pixels(14)))?;
-        let middle = (pixels(self.left) + width - pixels(RIGHT)) / 2;
-        area.draw_text(self.names[0], &text(Pos::new(HPos::Center, VPos::Bottom)), at(middle, height - pixels(6)))?;
-        let middle = (pixels(TOP) + height - pixels(BOTTOM)) / 2;
-        area.draw_text(self.names[1], &upright(Pos::new(HPos::Center, VPos::Center)), at(pixels(14), middle))?;
-        Ok(())
+    fn labels(&self, area: Area) {
+        let [width, height] = area.size();
+        let [left, top, right, bottom] = [self.left, TOP, RIGHT, BOTTOM].map(|side| pixels(side) as i32);
+        area.text(self.title, [left, pixels(14) as i32], title(Across::Left, Down::Top));
+        let below = [(left + width - right) / 2, height - pixels(6) as i32];
+        area.text(self.names[0], below, text(Across::Middle, Down::Bottom));
+        let beside = [pixels(14) as i32, (top + height - bottom) / 2];
+        area.text(self.names[1], beside, upright(Across::Middle, Down::Middle));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::drawing::Drawing;
+    use super::Chart;
+
+    #[test]
+    fn the_ends_of_the_axes_are_the_borders_of_the_paper() {
+        let drawing = Drawing::new([10, 5], |paper| {
+            let chart = Chart { paper, x: -1.0..1.0, y: 0.0..4.0 };
+            // Units 0 to 79 across, and 39 to 0 up.
+            assert_eq!([[-1.0, 0.0], [1.0, 4.0], [0.0, 1.0]].map(|at| chart.at(at)), [[0, 39], [79, 0], [39, 30]]);
+            // What is on no paper is no panic.
+            chart.path(&[[f64::INFINITY, f64::NEG_INFINITY], [f64::NAN, 1e300]], super::AXIS.line(1));
+        });
+        assert_eq!(drawing.shapes.len(), 1);
     }
 }

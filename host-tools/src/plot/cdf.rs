@@ -2,10 +2,8 @@
 
 use std::ops::Range;
 
-use anyhow::Result;
-
-use super::Area;
 use super::axes::{Axes, LEFT, Scale};
+use super::drawing::Area;
 use super::style::Pen;
 
 /// Greatest number of steps of a curve; more would not be visible.
@@ -19,10 +17,7 @@ const BEGINS: f64 = 0.02;
 const SHOWN_M: (f64, f64) = (1e-4, 1e8);
 
 /// Draws the curves of errors, metres, over the whole area. `name` is the name of the errors.
-///
-/// # Errors
-/// The drawing library fails.
-pub fn draw(area: &Area, curves: &[(Pen, &[f64])], name: &str) -> Result<()> {
+pub fn draw(area: Area, curves: &[(Pen, &[f64])], name: &str) {
     let sorted: Vec<(Pen, Vec<f64>)> = curves
         .iter()
         .map(|(pen, errors)| {
@@ -43,18 +38,16 @@ pub fn draw(area: &Area, curves: &[(Pen, &[f64])], name: &str) -> Result<()> {
         x_scale: scale,
         unit: " %",
     };
-    let mut chart = axes.draw(area, range.clone(), 0.0..100.0)?;
+    let chart = axes.draw(area, range.clone(), 0.0..100.0);
     let place = |error: f64| match scale {
         Scale::Linear => error,
         Scale::Logarithmic => error.max(1e-300).log10(),
     };
     for (pen, errors) in &sorted {
         let (start, end) = (range.start, range.end);
-        let points = steps(errors).into_iter().map(|(error, share)| (place(error).clamp(start, end), share));
-        let points: Vec<(f64, f64)> = points.chain([(end, 100.0)]).collect();
-        chart.draw_series([pen.line::<(f64, f64)>(points)])?;
+        let points = steps(errors).into_iter().map(|(error, share)| [place(error).clamp(start, end), share]);
+        pen.line(chart.paper, points.chain([[end, 100.0]]).map(|at| chart.at(at)));
     }
-    Ok(())
 }
 
 /// The axis of errors, which ends behind the greatest one.

@@ -2,11 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use anyhow::Result;
-use plotters::prelude::*;
-
 use super::axes::Chart;
-use super::map::drawn;
 use super::pens::methods;
 use super::style::{Pen, stroke};
 use super::view::View;
@@ -61,12 +57,9 @@ fn border(view: &View, outline: &[[f64; 2]]) -> Vec<Vec<[f64; 2]>> {
 }
 
 /// Draws the ellipses of a series.
-///
-/// # Errors
-/// The drawing library fails.
-pub fn draw(chart: &mut Chart, view: &View, picture: &Picture, series: &Series, pen: &Pen) -> Result<()> {
+pub fn draw(chart: &Chart, view: &View, picture: &Picture, series: &Series, pen: &Pen) {
     if !have_ellipses(picture, series) {
-        return Ok(());
+        return;
     }
     let most = (MOST / picture.series.len().max(1)).max(4);
     for dot in chosen(&series.dots, view, most) {
@@ -76,11 +69,12 @@ pub fn draw(chart: &mut Chart, view: &View, picture: &Picture, series: &Series, 
         if pieces.is_empty() {
             continue;
         }
-        chart.draw_series([Polygon::new(drawn(&view.cut_area(&outline)), pen.color.mix(0.06))])?;
-        let line = pen.color.mix(0.5).stroke_width(stroke(0.8));
-        chart.draw_series(pieces.iter().map(|piece| PathElement::new(drawn(piece), line)))?;
+        let area = view.cut_area(&outline);
+        chart.paper.polygon(area.into_iter().map(|at| chart.at(at)), pen.color.faded(0.06));
+        for piece in pieces {
+            chart.path(&piece, pen.color.faded(0.5).line(stroke(0.8)));
+        }
     }
-    Ok(())
 }
 
 /// Positions whose ellipses do not cover each other, at most `most`, spread over the series.

@@ -1,11 +1,8 @@
 //! Places for names beside marks: not over other names and marks, walls, nor the border.
 
-use anyhow::Result;
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
-
 use super::axes::Chart;
-use super::style::{pixels, printable, text};
+use super::drawing::{Across, Colour, Down, Font, Point};
+use super::style::{FINE, printable, text};
 use super::thin;
 use super::view::View;
 
@@ -88,27 +85,19 @@ impl Labels {
     }
 
     /// Draws a name beside a mark; where all places are taken, `over_others` or not at all.
-    ///
-    /// # Errors
-    /// The drawing library fails.
-    pub fn draw(
-        &mut self,
-        chart: &mut Chart,
-        at_m: [f64; 2],
-        name: &str,
-        colour: RGBColor,
-        over_others: bool,
-    ) -> Result<()> {
+    pub fn draw(&mut self, chart: &Chart, at_m: [f64; 2], name: &str, colour: Colour, over_others: bool) {
         let name = short(&printable(name), 24);
-        let Some(away) = self.place(at_m, &name, over_others) else { return Ok(()) };
+        let Some(away) = self.place(at_m, &name, over_others) else { return };
         let half = half_size(&name);
-        let pixel = |x: f64, y: f64| ((x * f64::from(pixels(1))) as i32, (-y * f64::from(pixels(1))) as i32);
-        let corner = |side: f64| pixel(away[0] + side * half[0], away[1] + side * half[1]);
-        let style = text(Pos::new(HPos::Center, VPos::Center)).color(&colour);
-        let ground = Rectangle::new([corner(-1.0), corner(1.0)], WHITE.mix(0.75).filled());
-        let name = Text::new(name, pixel(away[0], away[1]), style);
-        chart.draw_series([EmptyElement::at((at_m[0], at_m[1])) + ground + name])?;
-        Ok(())
+        let mark = chart.at(at_m);
+        let beside = |right: f64, up: f64| -> Point {
+            let away = [right, -up].map(|pixels| (pixels * f64::from(FINE)) as i32);
+            std::array::from_fn(|axis| mark[axis] + away[axis])
+        };
+        let corner = |side: f64| beside(away[0] + side * half[0], away[1] + side * half[1]);
+        chart.paper.rectangle([corner(-1.0), corner(1.0)], Colour::WHITE.faded(0.75).fill());
+        let font = Font { colour, ..text(Across::Middle, Down::Middle) };
+        chart.paper.text(name, beside(away[0], away[1]), font);
     }
 }
 

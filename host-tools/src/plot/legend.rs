@@ -1,16 +1,13 @@
 //! The legend of a picture: what is drawn, symbols and names, and each series' figures.
 
-use anyhow::Result;
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
-
+use super::drawing::{Across, Area, Down, Font, Point};
 use super::ellipses::{self, SIGMAS, have_ellipses};
 use super::labels::{short, short_path};
 use super::map::{MOST_MARKS, is_still};
 use super::pens::{methods, tags};
-use super::style::{INK, Pen, pen, pixels, printable, stroke, text};
+use super::style::{AXIS, INK, Pen, pen, pixels, printable, stroke, text};
 use super::view::View;
-use super::{Area, Picture, Series};
+use super::{Picture, Series};
 
 /// The height of a line, pixels.
 const LINE: u32 = 24;
@@ -25,23 +22,23 @@ const LONGEST_SERIES: usize = 18;
 /// With more series, those behind have neither a line in the legend nor a curve.
 const MOST: usize = 16;
 
+/// Text to the right of its point, and to the left of it.
+const BESIDE: Font = text(Across::Left, Down::Middle);
+const BEFORE: Font = text(Across::Right, Down::Middle);
+
 /// The first line of a list beside a chart, pixels from the top.
 const BESIDE_CHART: u32 = 52;
 
-/// Draws the lines of methods beside a chart, from the top of the area; returns the place of the next line, pixels.
-///
-/// # Errors
-/// The drawing library fails.
-pub fn methods_beside<'a>(area: &Area, names: impl Iterator<Item = &'a str>) -> Result<i32> {
-    let style = text(Pos::new(HPos::Left, VPos::Center));
+/// Draws the lines of methods beside a chart, from the top of the area; returns the place of the next line, in
+/// units of the drawing.
+pub fn methods_beside<'a>(area: Area, names: impl Iterator<Item = &'a str>) -> i32 {
     let mut y = pixels(BESIDE_CHART) as i32;
     for name in names {
-        let ends = vec![(pixels(4) as i32, y), (pixels(36) as i32, y)];
-        area.draw(&pen(name).line::<(i32, i32)>(ends))?;
-        area.draw_text(name, &style, (pixels(48) as i32, y))?;
+        pen(name).line(area, [[pixels(4) as i32, y], [pixels(36) as i32, y]]);
+        area.text(name, [pixels(48) as i32, y], BESIDE);
         y += pixels(LINE) as i32;
     }
-    Ok(y)
+    y
 }
 
 /// The curves of errors: those of the series that the legend names.
@@ -102,65 +99,55 @@ impl<'a> Key<'a> {
     }
 
     /// Draws it into the upper left of the area.
-    ///
-    /// # Errors
-    /// The drawing library fails.
-    pub fn draw(&self, area: &Area) -> Result<()> {
+    pub fn draw(&self, area: Area) {
         let mut line = 0;
         let mut next = || {
             line += 1;
             pixels(MARGIN + LINE * line - LINE / 2) as i32
         };
-        let left = text(Pos::new(HPos::Left, VPos::Center));
-        let right = text(Pos::new(HPos::Right, VPos::Center));
-        let name = |y| (pixels(NAME) as i32, y);
+        let name = |y| [pixels(NAME) as i32, y];
         for caption in &self.captions {
-            area.draw_text(caption, &left, (pixels(SYMBOL - 16) as i32, next()))?;
+            area.text(caption, [pixels(SYMBOL - 16) as i32, next()], BESIDE);
         }
         for (symbol, text) in &self.symbols {
             let y = next();
-            symbol.draw(area, (pixels(SYMBOL) as i32, y))?;
-            area.draw_text(text, &left, name(y))?;
+            symbol.draw(area, [pixels(SYMBOL) as i32, y]);
+            area.text(text, name(y), BESIDE);
         }
         let with_errors = self.picture.has_errors();
         let y = next();
         if with_errors {
             let what = format!("{}, metres", self.picture.errors.name());
-            area.draw_text(&what, &right, (pixels(FIGURES[4]) as i32, y))?;
+            area.text(what, [pixels(FIGURES[4]) as i32, y], BEFORE);
         }
         let y = next();
         let heads: &[&str] = if with_errors { &["positions", "RMSE", "P50", "P90", "max"] } else { &["positions"] };
         for (head, x) in heads.iter().zip(FIGURES) {
-            area.draw_text(head, &right, (pixels(x) as i32, y))?;
+            area.text(*head, [pixels(x) as i32, y], BEFORE);
         }
         for (series, pen) in self.picture.series.iter().zip(self.pens).take(MOST) {
-            self.draw_series(area, series, pen, next())?;
+            self.draw_series(area, series, pen, next());
         }
         for remark in &self.remarks {
-            area.draw_text(remark, &left, name(next()))?;
+            area.text(remark, name(next()), BESIDE);
         }
-        Ok(())
     }
 
-    fn draw_series(&self, area: &Area, series: &Series, pen: &Pen, y: i32) -> Result<()> {
+    fn draw_series(&self, area: Area, series: &Series, pen: &Pen, y: i32) {
         let (symbol, half) = (pixels(SYMBOL) as i32, pixels(16) as i32);
         let statistics = series.statistics();
         if statistics.is_some() {
-            area.draw(&pen.line::<(i32, i32)>(vec![(symbol - half, y), (symbol + half, y)]))?;
+            pen.line(area, [[symbol - half, y], [symbol + half, y]]);
         }
-        for mark in pen.marks(std::iter::once((symbol, y)), 3.0) {
-            area.draw(&mark)?;
-        }
+        pen.mark(area, [symbol, y], 3.0);
         let named = name_of(self.picture, series);
-        area.draw_text(&named, &text(Pos::new(HPos::Left, VPos::Center)), (pixels(NAME) as i32, y))?;
+        area.text(named, [pixels(NAME) as i32, y], BESIDE);
         let worst = series.errors_m.iter().copied().fold(0.0, f64::max);
         let figures = statistics.map_or_else(Vec::new, |s| vec![s.rmse, s.p50, s.p90, worst]);
-        let right = text(Pos::new(HPos::Right, VPos::Center));
         let figures = std::iter::once(series.dots.len().to_string()).chain(figures.into_iter().map(metres));
         for (figure, x) in figures.zip(FIGURES) {
-            area.draw_text(&figure, &right, (pixels(x) as i32, y))?;
+            area.text(figure, [pixels(x) as i32, y], BEFORE);
         }
-        Ok(())
     }
 }
 
@@ -254,23 +241,21 @@ fn symbols(picture: &Picture, view: &View) -> Vec<(Symbol, String)> {
 }
 
 impl Symbol {
-    fn draw(self, area: &Area, (x, y): (i32, i32)) -> Result<()> {
-        let half = pixels(16) as i32;
-        let ends = vec![(x - half, y), (x + half, y)];
+    fn draw(self, area: Area, at: Point) {
+        let ([x, y], half) = (at, pixels(16) as i32);
+        let ends = [[x - half, y], [x + half, y]];
         match self {
-            Self::Anchor => area.draw(&TriangleMarker::new((x, y), pixels(6), INK.filled()))?,
-            Self::Beacon => area.draw(&Circle::new((x, y), pixels(5), INK.stroke_width(stroke(1.6))))?,
-            Self::Cross => area.draw(&Cross::new((x, y), pixels(5), INK.stroke_width(stroke(1.8))))?,
+            Self::Anchor => area.triangle(at, pixels(6), INK),
+            Self::Beacon => area.circle(at, pixels(5), INK.line(stroke(1.6))),
+            Self::Cross => area.cross(at, pixels(5), INK.line(stroke(1.8))),
             Self::Line => {
-                area.draw(&PathElement::new(ends, INK.stroke_width(stroke(1.3))))?;
+                area.path(ends, INK.line(stroke(1.3)));
                 let [back, side] = [5, 4].map(|shown| pixels(shown) as i32);
-                let head = vec![(x + back, y), (x - back, y - side), (x - back, y + side)];
-                area.draw(&Polygon::new(head, INK.filled()))?;
+                area.polygon([[x + back, y], [x - back, y - side], [x - back, y + side]], INK);
             }
-            Self::Ellipse => area.draw(&Circle::new((x, y), pixels(7), INK.mix(0.5).stroke_width(stroke(0.8))))?,
-            Self::Wall => area.draw(&PathElement::new(ends, super::style::AXIS.stroke_width(stroke(3.0))))?,
+            Self::Ellipse => area.circle(at, pixels(7), INK.faded(0.5).line(stroke(0.8))),
+            Self::Wall => area.path(ends, AXIS.line(stroke(3.0))),
         }
-        Ok(())
     }
 }
 

@@ -1,16 +1,13 @@
 //! The map: walls, anchors, beacons, true positions, estimated positions and ellipses. One metre has the same length in
 //! x and y.
 
-use anyhow::Result;
-use plotters::prelude::*;
-
 use super::axes::{Axes, BOTTOM, Chart, RIGHT, Scale, TOP};
+use super::drawing::{Area, Colour, Line};
 use super::labels::Labels;
 use super::pens::tags;
-use super::plan::Beneath;
 use super::style::{AXIS, INK, Pen, darker, pixels, stroke};
 use super::view::View;
-use super::{Area, Picture, Series, Way, ellipses, thin};
+use super::{Picture, Series, Way, ellipses, thin};
 
 /// A true position that stays within a box of this size is drawn as a point and not as a path, metres.
 const STILL_M: f64 = 0.02;
@@ -47,42 +44,25 @@ pub fn is_still(way: &Way) -> bool {
 
 impl Map<'_> {
     /// Draws the map over the whole area.
-    ///
-    /// # Errors
-    /// The drawing library fails.
-    pub fn draw(&self, area: &Area, view: &View, beneath: &mut Beneath) -> Result<()> {
-        self.panel(area, view, "Positions", self.zooms, beneath)
+    pub fn draw(&self, area: Area, view: &View) {
+        self.panel(area, view, "Positions", self.zooms);
     }
 
     /// Draws the enlarged parts side by side.
-    ///
-    /// # Errors
-    /// The drawing library fails.
-    pub fn draw_zooms(&self, area: &Area, beneath: &mut Beneath) -> Result<()> {
-        if self.zooms.is_empty() {
-            return Ok(());
-        }
-        for (panel, (tag, view)) in area.split_evenly((1, self.zooms.len())).iter().zip(self.zooms) {
+    pub fn draw_zooms(&self, area: Area) {
+        for (panel, (tag, view)) in area.split_evenly(1, self.zooms.len()).zip(self.zooms) {
             let title = if tag.is_empty() { "Enlarged".to_owned() } else { format!("Enlarged: {tag}") };
-            self.panel(panel, view, &title, &[], beneath)?;
+            self.panel(panel, view, &title, &[]);
         }
-        Ok(())
     }
 
     /// A map with frames around parts of it.
-    fn panel(
-        &self,
-        area: &Area,
-        view: &View,
-        title: &str,
-        framed: &[(String, View)],
-        beneath: &mut Beneath,
-    ) -> Result<()> {
-        let (width, height) = area.dim_in_pixel();
+    fn panel(&self, area: Area, view: &View, title: &str, framed: &[(String, View)]) {
+        let [width, height] = area.size();
         // Numbers with decimals are wider.
         let left = view.left().max(if view.longer_side() < 5.0 { 76 } else { 0 });
         let paper = [(width, left + RIGHT), (height, TOP + BOTTOM)];
-        let paper = paper.map(|(whole, margin)| f64::from(whole.saturating_sub(pixels(margin)).max(pixels(1))));
+        let paper = paper.map(|(whole, margin)| f64::from((whole - pixels(margin) as i32).max(pixels(1) as i32)));
         let view = view.shaped(paper);
         let ticks = |axis: usize, spacing: u32| (paper[axis] / f64::from(pixels(spacing))).ceil() as usize;
         let axes = Axes {
@@ -93,40 +73,40 @@ impl Map<'_> {
             x_scale: Scale::Linear,
             unit: "",
         };
-        let mut chart = axes.draw(area, view.least[0]..view.greatest[0], view.least[1]..view.greatest[1])?;
+        let chart = axes.draw(area, view.least[0]..view.greatest[0], view.least[1]..view.greatest[1]);
         let metres_a_pixel = view.sides()[0] / paper[0] * f64::from(pixels(1));
         if let Some(plan) = &self.picture.plan {
-            beneath.put(plan, &view, chart.plotting_area().get_pixel_range());
+            plan.put_beneath(chart.paper, &view);
         }
-        self.contents(&mut chart, &view, metres_a_pixel)?;
-        self.names(&mut chart, &view, metres_a_pixel, !framed.is_empty() || self.zooms.is_empty())?;
-        frames(&mut chart, &view, metres_a_pixel, framed)
+        self.contents(&chart, &view, metres_a_pixel);
+        self.names(&chart, &view, metres_a_pixel, !framed.is_empty() || self.zooms.is_empty());
+        frames(&chart, &view, metres_a_pixel, framed);
     }
 
-    fn contents(&self, chart: &mut Chart, view: &View, metres_a_pixel: f64) -> Result<()> {
+    fn contents(&self, chart: &Chart, view: &View, metres_a_pixel: f64) {
         let Picture { series, truth, walls_m, .. } = self.picture;
         for (series, pen) in series.iter().zip(self.pens) {
-            ellipses::draw(chart, view, self.picture, series, pen)?;
+            ellipses::draw(chart, view, self.picture, series, pen);
         }
         let walls = walls_m.iter().filter_map(|wall| view.cut(*wall)).take(MOST_POINTS);
-        chart.draw_series(walls.map(|wall| PathElement::new(drawn(&wall), AXIS.stroke_width(stroke(3.0)))))?;
+        walls.for_each(|wall| chart.path(&wall, AXIS.line(stroke(3.0))));
         for (series, pen) in series.iter().zip(self.pens) {
-            self.dwell_lines(chart, view, series, pen)?;
+            self.dwell_lines(chart, view, series, pen);
         }
         let most = MOST_MARKS / series.len().max(1);
         for (series, pen) in series.iter().zip(self.pens) {
             let inside: Vec<[f64; 2]> = series.dots.iter().map(|dot| dot.at_m).filter(|at| view.has(*at)).collect();
             if self.is_path(series, view) {
                 let points: Vec<[f64; 2]> = series.dots.iter().map(|dot| dot.at_m).collect();
-                self.path(chart, view, &points, pen.color, 0.8, metres_a_pixel)?;
+                self.path(chart, view, &points, pen.color.line(stroke(0.8)), metres_a_pixel);
             }
-            let kept = thin::points(&inside, MARK_CELL * metres_a_pixel, most).into_iter();
-            chart.draw_series(pen.marks(kept.map(|index| (inside[index][0], inside[index][1])), 2.0))?;
+            for index in thin::points(&inside, MARK_CELL * metres_a_pixel, most) {
+                pen.mark(chart.paper, chart.at(inside[index]), 2.0);
+            }
         }
         for way in truth {
-            self.way(chart, view, way, metres_a_pixel)?;
+            self.way(chart, view, way, metres_a_pixel);
         }
-        Ok(())
     }
 
     /// Whether positions are joined by a line: without truth, and where the line shows a way.
@@ -142,56 +122,42 @@ impl Map<'_> {
     }
 
     /// The lines from the points where a tag dwelt to their estimates.
-    fn dwell_lines(&self, chart: &mut Chart, view: &View, series: &Series, pen: &Pen) -> Result<()> {
+    fn dwell_lines(&self, chart: &Chart, view: &View, series: &Series, pen: &Pen) {
         if !self.picture.truth.iter().any(|way| way.are_dwells && way.tag == series.tag) {
-            return Ok(());
+            return;
         }
         let lines = series.dots.iter().filter_map(|dot| view.cut([dot.truth_m?, dot.at_m]));
         let lines = lines.take(MOST_MARKS / self.picture.series.len().max(1));
-        let style = pen.color.mix(0.55).stroke_width(stroke(0.8));
-        chart.draw_series(lines.map(|line| PathElement::new(drawn(&line), style)))?;
-        Ok(())
+        lines.for_each(|line| chart.path(&line, pen.color.faded(0.55).line(stroke(0.8))));
     }
 
-    fn way(&self, chart: &mut Chart, view: &View, way: &Way, metres_a_pixel: f64) -> Result<()> {
+    fn way(&self, chart: &Chart, view: &View, way: &Way, metres_a_pixel: f64) {
         let colour = self.colour_of_truth(&way.tag);
         if way.are_dwells || is_still(way) {
             let most = if way.are_dwells { MOST_MARKS / 4 } else { 1 };
             let inside: Vec<[f64; 2]> = way.points_m.iter().copied().filter(|at| view.has(*at)).collect();
             let kept = thin::points(&inside, 2.0 * metres_a_pixel, most.max(4)).into_iter().take(most);
             let (size, width) = if way.are_dwells { (4, 1.4) } else { (6, 2.2) };
-            let cross = |index: usize| {
-                Cross::new((inside[index][0], inside[index][1]), pixels(size), colour.stroke_width(stroke(width)))
-            };
-            chart.draw_series(kept.map(cross))?;
-            return Ok(());
+            for index in kept {
+                chart.paper.cross(chart.at(inside[index]), pixels(size), colour.line(stroke(width)));
+            }
+            return;
         }
-        self.path(chart, view, &way.points_m, colour, 1.3, metres_a_pixel)
+        self.path(chart, view, &way.points_m, colour.line(stroke(1.3)), metres_a_pixel);
     }
 
     /// A line with arrows in the direction of time.
-    fn path(
-        &self,
-        chart: &mut Chart,
-        view: &View,
-        points: &[[f64; 2]],
-        colour: RGBColor,
-        width: f64,
-        metres_a_pixel: f64,
-    ) -> Result<()> {
+    fn path(&self, chart: &Chart, view: &View, points: &[[f64; 2]], line: Line, metres_a_pixel: f64) {
         let most = MOST_POINTS / (self.picture.truth.len() + self.picture.series.len()).max(1);
-        let style = colour.stroke_width(stroke(width));
         for piece in thin::line(points, LINE_CELL * metres_a_pixel, most) {
-            let pieces = view.cut_line(&piece).into_iter();
-            chart.draw_series(pieces.map(|piece| PathElement::new(drawn(&piece), style)))?;
+            view.cut_line(&piece).iter().for_each(|piece| chart.path(piece, line));
         }
         let heads = arrows(points, metres_a_pixel).into_iter().filter(|head| head.iter().all(|at| view.has(*at)));
-        chart.draw_series(heads.map(|head| Polygon::new(drawn(&head), colour.filled())))?;
-        Ok(())
+        heads.for_each(|head| chart.paper.polygon(head.map(|at| chart.at(at)), line.colour));
     }
 
     /// The colour of a tag's truth: that of the tag, but darker.
-    fn colour_of_truth(&self, tag: &str) -> RGBColor {
+    fn colour_of_truth(&self, tag: &str) -> Colour {
         let series = self.picture.series.iter().zip(self.pens).find(|(series, _)| series.tag == tag);
         match series {
             Some((_, pen)) if tags(self.picture).len() > 1 => darker(pen.color),
@@ -200,7 +166,7 @@ impl Map<'_> {
     }
 
     /// Anchors and beacons with their names, and `with_tags` the beginnings of the tags' ways.
-    fn names(&self, chart: &mut Chart, view: &View, metres_a_pixel: f64, with_tags: bool) -> Result<()> {
+    fn names(&self, chart: &Chart, view: &View, metres_a_pixel: f64, with_tags: bool) {
         let Picture { anchors, beacons, truth, series, walls_m, .. } = self.picture;
         let mut labels = Labels::new(view, metres_a_pixel, walls_m);
         let shown = |list: &[(String, [f64; 2])]| -> Vec<(String, [f64; 2])> {
@@ -208,10 +174,10 @@ impl Map<'_> {
         };
         let (anchors, beacons) = (shown(anchors), shown(beacons));
         anchors.iter().chain(&beacons).for_each(|(_, at)| labels.avoid(*at));
-        let marks = anchors.iter().map(|(_, at)| TriangleMarker::new((at[0], at[1]), pixels(6), INK.filled()));
-        chart.draw_series(marks)?;
-        let ring = INK.stroke_width(stroke(1.6));
-        chart.draw_series(beacons.iter().map(|(_, at)| Circle::new((at[0], at[1]), pixels(5), ring)))?;
+        let paper = chart.paper;
+        anchors.iter().for_each(|(_, at)| paper.triangle(chart.at(*at), pixels(6), INK));
+        let ring = |colour: Colour| colour.line(stroke(1.6));
+        beacons.iter().for_each(|(_, at)| paper.circle(chart.at(*at), pixels(5), ring(INK)));
         for way in truth {
             labels.avoid_crowd(&way.points_m);
         }
@@ -219,11 +185,11 @@ impl Map<'_> {
             labels.avoid_crowd(&series.dots.iter().map(|dot| dot.at_m).collect::<Vec<_>>());
         }
         for (name, at) in anchors.iter().chain(&beacons) {
-            labels.draw(chart, *at, name, INK, true)?;
+            labels.draw(chart, *at, name, INK, true);
         }
         let tags = tags(self.picture);
         if !with_tags || tags.len() <= 1 && truth.iter().any(|way| way.are_dwells || is_still(way)) {
-            return Ok(());
+            return;
         }
         for tag in &tags {
             let way = truth.iter().find(|way| way.tag == *tag && !way.points_m.is_empty());
@@ -235,32 +201,22 @@ impl Map<'_> {
             let Some(first) = first.filter(|at| view.has(*at)) else { continue };
             let colour = self.colour_of_truth(tag);
             let name = if tags.len() > 1 { tag.as_str() } else { "start" };
-            let mark = Circle::new((first[0], first[1]), pixels(4), colour.stroke_width(stroke(1.6)));
-            chart.draw_series([mark])?;
-            labels.draw(chart, first, name, colour, false)?;
+            paper.circle(chart.at(first), pixels(4), ring(colour));
+            labels.draw(chart, first, name, colour, false);
         }
-        Ok(())
     }
 }
 
 /// Frames around parts of a map, which may be small on it.
-fn frames(chart: &mut Chart, view: &View, metres_a_pixel: f64, framed: &[(String, View)]) -> Result<()> {
+fn frames(chart: &Chart, view: &View, metres_a_pixel: f64, framed: &[(String, View)]) {
     /// The least side of a frame, pixels.
     const LEAST: f64 = 22.0;
     for (_, part) in framed {
         let more = 0.5 * (LEAST * metres_a_pixel - part.longer_side()).max(0.0);
         let ([x0, y0], [x1, y1]) = (part.least.map(|c| c - more), part.greatest.map(|c| c + more));
         let frame = [[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]];
-        let pieces = view.cut_line(&frame).into_iter();
-        let line = INK.stroke_width(stroke(0.8));
-        chart.draw_series(pieces.map(|piece| PathElement::new(drawn(&piece), line)))?;
+        view.cut_line(&frame).iter().for_each(|piece| chart.path(piece, INK.line(stroke(0.8))));
     }
-    Ok(())
-}
-
-/// Points as the drawing library takes them.
-pub fn drawn(points: &[[f64; 2]]) -> Vec<(f64, f64)> {
-    points.iter().map(|at| (at[0], at[1])).collect()
 }
 
 fn length([from, to]: [[f64; 2]; 2]) -> f64 {

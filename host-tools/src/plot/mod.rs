@@ -2,46 +2,54 @@
 //! distribution of the errors.
 //!
 //! A [`Picture`] has a list of [`Series`], one a method and tag, and a list of [`Way`]s, one a tag; a
-//! [`PictureBuilder`] makes it of positions one at a time. It becomes SVG
-//! text, drawn by `plotters`; PNG is that SVG, rendered by `resvg` with a font of its own. The size of a picture does
-//! not grow with the recording: marks that would cover each other are left out (`thin`). Coordinates and errors may be
-//! any numbers: what is on no map is counted in the legend, and never reaches `plotters`.
+//! [`PictureBuilder`] makes it of positions one at a time. Pictures, and charts of plain numbers, become a
+//! [`Drawing`]: shapes, lines of text and images, which `svg` writes as text and `pixels` as PNG. The size of a picture
+//! does not grow with the recording: marks that would cover each other are left out (`thin`). Coordinates and errors
+//! may be any numbers: what is on no map is counted in the legend, and is not drawn.
 
 mod axes;
 mod builder;
 mod cdf;
 mod confusion;
+mod coverage;
+mod curves;
 mod distribution;
+mod drawing;
 mod ellipses;
+mod font;
 mod format;
 mod heat;
+mod image;
 mod labels;
 mod legend;
 mod map;
+mod outline;
 mod page;
 mod path_loss;
 mod pens;
+mod pixels;
 mod plan;
 mod style;
-mod thesis;
+mod svg;
+mod text;
 mod thin;
 mod ticks;
 mod view;
 
-use anyhow::Result;
 use baliza_report::Statistics;
-use plotters::coord::Shift;
-use plotters::prelude::{DrawingArea, SVGBackend};
 
 pub use builder::PictureBuilder;
 pub use confusion::confusion;
+pub use curves::{Curve, Curves};
 pub use distribution::distribution;
+pub use drawing::{Area, Colour, Drawing};
 pub use ellipses::{SIGMAS, outline as ellipse};
 pub use format::Format;
 pub use heat::{Heat, heat};
+pub use image::{Image, ImageError};
 pub use path_loss::path_loss;
 pub use plan::Plan;
-pub use thesis::thesis;
+pub use style::{Pen, pen};
 
 /// What to draw.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -115,11 +123,8 @@ pub enum Errors {
 }
 
 impl Picture {
-    /// The picture as SVG.
-    ///
-    /// # Errors
-    /// The drawing library fails.
-    pub fn to_svg(&self) -> Result<String> {
+    /// The picture, drawn.
+    pub fn draw(&self) -> Drawing {
         page::draw(self)
     }
 
@@ -147,35 +152,4 @@ impl Series {
     fn statistics(&self) -> Option<Statistics> {
         Statistics::of(&self.errors_m)
     }
-}
-
-/// An area to draw on.
-type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-
-/// An SVG document of this size in pixels, with a white background.
-fn drawing(size: (u32, u32), draw: impl FnOnce(&Area) -> Result<()>) -> Result<String> {
-    drawing_over(size, |area, _| draw(area))
-}
-
-/// The same, with something beneath.
-fn drawing_over(size: (u32, u32), draw: impl FnOnce(&Area, &mut plan::Beneath) -> Result<()>) -> Result<String> {
-    use plotters::prelude::IntoDrawingArea;
-    let mut svg = String::new();
-    let mut beneath = plan::Beneath::default();
-    let fine = (style::FINE * size.0, style::FINE * size.1);
-    {
-        let area = SVGBackend::with_string(&mut svg, fine).into_drawing_area();
-        area.fill(&plotters::style::WHITE)?;
-        draw(&area, &mut beneath)?;
-        area.present()?;
-    }
-    let (drawn, shown) = (header(fine), header(size));
-    let svg = svg.replacen(&drawn, &shown, 1);
-    // The background is the first empty element.
-    Ok(if beneath.0.is_empty() { svg } else { svg.replacen("/>", &format!("/>{}", beneath.0), 1) })
-}
-
-/// The size of a document, as the SVG backend writes it.
-fn header((width, height): (u32, u32)) -> String {
-    format!(r#"<svg width="{width}" height="{height}""#)
 }

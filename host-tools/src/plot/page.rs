@@ -1,20 +1,15 @@
 //! The arrangement of a picture: map, errors, legend, enlarged parts.
 
-use anyhow::Result;
-
 use super::view::{View, zooms};
-use super::{Picture, cdf, drawing_over, legend, map, pens, style};
+use super::{Drawing, Picture, cdf, legend, map, pens, style};
 
 /// Height of the row of enlarged parts, pixels.
 const ZOOM_HEIGHT: u32 = 430;
 /// Width of the legend, pixels.
 const LEGEND: u32 = 500;
 
-/// The picture as SVG.
-///
-/// # Errors
-/// The drawing library fails.
-pub fn draw(picture: &Picture) -> Result<String> {
+/// Draws the picture.
+pub fn draw(picture: &Picture) -> Drawing {
     let pens = pens::of(picture);
     let view = View::of(picture);
     let zooms = zooms(picture, &view);
@@ -32,17 +27,17 @@ pub fn draw(picture: &Picture) -> Result<String> {
         let width = 1220;
         let map_height = view.height_for(width);
         let lower_height = key_height.max(errors_height.min(360));
-        let size = (width, map_height + lower_height + row(zooms.len()));
-        drawing_over(size, |area, beneath| {
-            let (upper, rest) = area.split_vertically(pixels(map_height));
-            let (lower, zoomed) = rest.split_vertically(pixels(lower_height));
-            let (left, right) = lower.split_horizontally(pixels(if has_errors { width - LEGEND } else { 0 }));
-            map.draw(&upper, &view, beneath)?;
+        let size = [width, map_height + lower_height + row(zooms.len())];
+        Drawing::new(size, |area| {
+            let [upper, rest] = area.split_at_y(pixels(map_height));
+            let [lower, zoomed] = rest.split_at_y(pixels(lower_height));
+            let [left, right] = lower.split_at_x(pixels(if has_errors { width - LEGEND } else { 0 }));
+            map.draw(upper, &view);
             if has_errors {
-                cdf::draw(&left, &curves, name)?;
+                cdf::draw(left, &curves, name);
             }
-            key.draw(&right)?;
-            map.draw_zooms(&zoomed, beneath)
+            key.draw(right);
+            map.draw_zooms(zoomed);
         })
     } else {
         // Beside the map: the errors above, the legend below. Below them: the enlarged parts; a single one is beside
@@ -56,18 +51,18 @@ pub fn draw(picture: &Picture) -> Result<String> {
         let map_height = view.height_for(left_width);
         let upper_height = map_height.max(beside);
         let below = if key_below { key_height.max(ZOOM_HEIGHT) } else { row(zooms.len()) };
-        drawing_over((left_width + LEGEND, upper_height + below), |area, beneath| {
-            let (upper, lower) = area.split_vertically(pixels(upper_height));
-            let (left, right) = upper.split_horizontally(pixels(left_width));
-            let (left, _) = left.split_vertically(pixels(map_height));
-            let (errors, under_errors) = right.split_vertically(pixels(errors_height));
-            let (zoomed, beside_zoom) = lower.split_horizontally(pixels(zoom_width));
-            map.draw(&left, &view, beneath)?;
+        Drawing::new([left_width + LEGEND, upper_height + below], |area| {
+            let [upper, lower] = area.split_at_y(pixels(upper_height));
+            let [left, right] = upper.split_at_x(pixels(left_width));
+            let [left, _] = left.split_at_y(pixels(map_height));
+            let [errors, under_errors] = right.split_at_y(pixels(errors_height));
+            let [zoomed, beside_zoom] = lower.split_at_x(pixels(zoom_width));
+            map.draw(left, &view);
             if has_errors {
-                cdf::draw(&errors, &curves, name)?;
+                cdf::draw(errors, &curves, name);
             }
-            key.draw(if key_below { &beside_zoom } else { &under_errors })?;
-            map.draw_zooms(&zoomed, beneath)
+            key.draw(if key_below { beside_zoom } else { under_errors });
+            map.draw_zooms(zoomed);
         })
     }
 }

@@ -1,14 +1,11 @@
 //! RSSI values against distance, with the path loss by regression and, dotted, as a node learns it point by point;
 //! one panel a beacon (figure 4.5 of A. Linde Cerezo's thesis). The first panel has the legend.
 
-use anyhow::Result;
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
 use positioning_core::ble::path_loss::PathLoss;
 
 use super::axes::{Axes, RIGHT, Scale, TOP};
+use super::drawing::{Across, Area, Down, Drawing};
 use super::style::{INK, number, pen, pixels, stroke, text};
-use super::{Area, drawing};
 use crate::survey::calibration::{Calibrated, RssiAtDistance};
 
 /// Number of panels side by side.
@@ -21,10 +18,7 @@ const LEARNT: &str = "bb-nls-r";
 const POINTS: u32 = 120;
 
 /// Draws every beacon that was received.
-///
-/// # Errors
-/// The drawing library fails.
-pub fn path_loss(calibrated: &[Calibrated]) -> Result<String> {
+pub fn path_loss(calibrated: &[Calibrated]) -> Drawing {
     let heard: Vec<_> = calibrated.iter().filter_map(|beacon| Some((beacon, beacon.path_loss?))).collect();
     let across = heard.len().clamp(1, ACROSS);
     let down = heard.len().div_ceil(across).max(1);
@@ -32,9 +26,9 @@ pub fn path_loss(calibrated: &[Calibrated]) -> Result<String> {
     let farthest = 1.05 * points().map(|point| point.distance_m).fold(1.0, f64::max);
     let loudest = points().map(|point| point.rssi_dbm).fold(-60.0, f64::max);
     let faintest = points().map(|point| point.rssi_dbm).fold(-80.0, f64::min);
-    drawing((PANEL.0 * across as u32, PANEL.1 * down as u32), |area| {
-        let panels = area.split_evenly((down, across));
-        for (index, (panel, (beacon, path_loss))) in panels.iter().zip(heard).enumerate() {
+    Drawing::new([PANEL.0 * across as u32, PANEL.1 * down as u32], |area| {
+        let panels = area.split_evenly(down, across);
+        for (index, (panel, (beacon, path_loss))) in panels.zip(heard).enumerate() {
             let title = format!(
                 "{}: n {}, {} dBm at 1 m",
                 beacon.beacon,
@@ -49,27 +43,25 @@ pub fn path_loss(calibrated: &[Calibrated]) -> Result<String> {
                 x_scale: Scale::Linear,
                 unit: "",
             };
-            let mut chart = axes.draw(panel, 0.0..farthest, faintest - 4.0..loudest + 4.0)?;
-            let curve = |model: &PathLoss<f64>| -> Vec<(f64, f64)> {
+            let chart = axes.draw(panel, 0.0..farthest, faintest - 4.0..loudest + 4.0);
+            let curve = |method: &str, model: &PathLoss<f64>| {
                 let distances = (1..=POINTS).map(|step| farthest * f64::from(step) / f64::from(POINTS));
-                let points = distances.map(|distance| (distance, model.rssi(distance)));
-                points.filter(|(_, rssi)| (faintest - 4.0..=loudest + 4.0).contains(rssi)).collect()
+                let points = distances.map(|distance| [distance, model.rssi(distance)]);
+                let points = points.filter(|[_, rssi]| (faintest - 4.0..=loudest + 4.0).contains(rssi));
+                pen(method).line(chart.paper, points.map(|at| chart.at(at)));
             };
-            chart.draw_series([pen("robust").line::<(f64, f64)>(curve(&path_loss))])?;
+            curve("robust", &path_loss);
             if let Some(online) = &beacon.online {
-                chart.draw_series([pen(LEARNT).line::<(f64, f64)>(curve(&online.path_loss))])?;
+                curve(LEARNT, &online.path_loss);
             }
             if index == 0 {
-                legend(panel, calibrated.iter().any(|beacon| beacon.online.is_some()))?;
+                legend(panel, calibrated.iter().any(|beacon| beacon.online.is_some()));
             }
-            let dots = beacon
-                .points
-                .iter()
-                .filter(|point| can_be_drawn(point))
-                .map(|point| (point.distance_m, point.rssi_dbm));
-            chart.draw_series(dots.map(|at| Circle::new(at, stroke(3.0), INK.mix(0.6).filled())))?;
+            for point in beacon.points.iter().filter(|point| can_be_drawn(point)) {
+                let at = chart.at([point.distance_m, point.rssi_dbm]);
+                chart.paper.circle(at, stroke(3.0), INK.faded(0.6).fill());
+            }
         }
-        Ok(())
     })
 }
 
@@ -79,16 +71,12 @@ fn can_be_drawn(point: &RssiAtDistance) -> bool {
 }
 
 /// The names of the curves, in the upper right: RSSI values are low there.
-fn legend(panel: &Area, with_online: bool) -> Result<()> {
-    let (width, _) = panel.dim_in_pixel();
-    let right = width as i32 - pixels(RIGHT + 8) as i32;
-    let style = text(Pos::new(HPos::Right, VPos::Center));
+fn legend(panel: Area, with_online: bool) {
+    let right = panel.size()[0] - pixels(RIGHT + 8) as i32;
     let lines = [("robust", "regression"), (LEARNT, "learnt point by point")];
     for (index, (method, name)) in (0..).zip(lines).take(if with_online { 2 } else { 1 }) {
         let y = pixels(TOP + 12 + 20 * index) as i32;
-        let ends = vec![(right - pixels(28) as i32, y), (right, y)];
-        panel.draw(&pen(method).line::<(i32, i32)>(ends))?;
-        panel.draw_text(name, &style, (right - pixels(36) as i32, y))?;
+        pen(method).line(panel, [[right - pixels(28) as i32, y], [right, y]]);
+        panel.text(name, [right - pixels(36) as i32, y], text(Across::Right, Down::Middle));
     }
-    Ok(())
 }

@@ -1,33 +1,27 @@
 //! Colours, sizes and strokes that all panels of a picture share.
 
-use plotters::element::{DashedPathElement, DynElement, IntoDynElement};
-use plotters::prelude::*;
-use plotters::style::FontTransform;
-use plotters::style::text_anchor::Pos;
-
-/// Pictures are drawn larger by this factor, and shown at their right size, because `plotters` rounds to whole
-/// pixels.
-pub const FINE: u32 = 8;
+pub use super::drawing::FINE;
+use super::drawing::{Across, Area, Colour, Down, Font, Line, Point};
 
 /// The colour of everything that is drawn with a font.
-pub const INK: RGBColor = RGBColor(40, 40, 40);
+pub const INK: Colour = Colour::of(40, 40, 40);
 /// The colour of axes.
-pub const AXIS: RGBColor = RGBColor(130, 130, 130);
+pub const AXIS: Colour = Colour::of(130, 130, 130);
 /// The colour of the lines behind a chart.
-pub const GRID: RGBColor = RGBColor(232, 232, 232);
+pub const GRID: Colour = Colour::of(232, 232, 232);
 
 // The colours of Okabe and Ito, which are also distinct for the colour-blind. Orange and sky blue are darker, so that
 // thin lines have a contrast of 3:1 on white.
-const GREY: RGBColor = RGBColor(120, 120, 120);
-const ORANGE: RGBColor = RGBColor(190, 130, 0);
-const VERMILION: RGBColor = RGBColor(213, 94, 0);
-const GREEN: RGBColor = RGBColor(0, 158, 115);
-const PURPLE: RGBColor = RGBColor(204, 121, 167);
-const BLUE: RGBColor = RGBColor(0, 114, 178);
-const SKY: RGBColor = RGBColor(50, 150, 205);
+const GREY: Colour = Colour::of(120, 120, 120);
+const ORANGE: Colour = Colour::of(190, 130, 0);
+const VERMILION: Colour = Colour::of(213, 94, 0);
+const GREEN: Colour = Colour::of(0, 158, 115);
+const PURPLE: Colour = Colour::of(204, 121, 167);
+const BLUE: Colour = Colour::of(0, 114, 178);
+const SKY: Colour = Colour::of(50, 150, 205);
 
 /// The colours of series, in the order of their use.
-pub const PALETTE: [RGBColor; 7] = [BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, GREY];
+pub const PALETTE: [Colour; 7] = [BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, GREY];
 
 /// Size of text, pixels.
 const TEXT: u32 = 13;
@@ -45,23 +39,18 @@ pub fn stroke(shown: f64) -> u32 {
 }
 
 /// Text of the usual size.
-pub fn text(anchor: Pos) -> TextStyle<'static> {
-    sized(TEXT, anchor)
+pub const fn text(across: Across, down: Down) -> Font {
+    Font { size: TEXT * FINE, colour: INK, anchor: (across, down), is_upright: false }
 }
 
 /// The title of a panel.
-pub fn title(anchor: Pos) -> TextStyle<'static> {
-    sized(TITLE, anchor)
+pub const fn title(across: Across, down: Down) -> Font {
+    Font { size: TITLE * FINE, ..text(across, down) }
 }
 
 /// The label of a vertical axis.
-pub fn upright(anchor: Pos) -> TextStyle<'static> {
-    text(anchor).transform(FontTransform::Rotate270)
-}
-
-fn sized(size: u32, anchor: Pos) -> TextStyle<'static> {
-    // The SVG backend divides font sizes by 1.24.
-    TextStyle::from(("sans-serif", 1.24 * f64::from(pixels(size))).into_font()).color(&INK).pos(anchor)
+pub const fn upright(across: Across, down: Down) -> Font {
+    Font { is_upright: true, ..text(across, down) }
 }
 
 /// Text from outside, without characters that would break a drawing.
@@ -95,7 +84,7 @@ pub enum Mark {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pen {
     /// Its colour.
-    pub color: RGBColor,
+    pub color: Colour,
     /// Its line.
     pub dash: Dash,
     /// The line's width, pixels.
@@ -115,7 +104,7 @@ pub fn known(method: &str) -> bool {
     own(method).is_some()
 }
 
-fn own(method: &str) -> Option<(RGBColor, Dash)> {
+fn own(method: &str) -> Option<(Colour, Dash)> {
     Some(match method {
         "bounding-box" => (GREY, Dash::Solid),
         "lls" => (ORANGE, Dash::Solid),
@@ -144,7 +133,7 @@ fn own(method: &str) -> Option<(RGBColor, Dash)> {
 }
 
 /// Benchmarks whose names have two parts: the algorithm, and what it uses.
-fn pair(method: &str) -> Option<(RGBColor, Dash)> {
+fn pair(method: &str) -> Option<(Colour, Dash)> {
     let (who, what) = method.rsplit_once(", ")?;
     let color = match who {
         "fusion, 64 hypotheses" | "RSSI 5 dB" => BLUE,
@@ -162,41 +151,30 @@ fn pair(method: &str) -> Option<(RGBColor, Dash)> {
 }
 
 impl Pen {
-    /// The line through points.
-    pub fn line<'a, C: Clone + 'static>(self, points: Vec<C>) -> DynElement<'static, SVGBackend<'a>, C> {
-        let stroke = self.stroke();
+    /// Draws the line through points.
+    pub fn line(self, area: Area, points: impl IntoIterator<Item = Point>) {
+        let line = self.color.line(stroke(self.width));
         match self.dash {
-            Dash::Solid => PathElement::new(points, stroke).into_dyn(),
-            Dash::Dashed => DashedPathElement::new(points, pixels(7), pixels(4), stroke).into_dyn(),
-            Dash::Dotted => DashedPathElement::new(points, pixels(2), pixels(3), stroke).into_dyn(),
+            Dash::Solid => area.path(points, line),
+            Dash::Dashed => area.dashed_path(points, [7, 4].map(pixels), line),
+            Dash::Dotted => area.dashed_path(points, [2, 3].map(pixels), line),
         }
     }
 
-    fn stroke(self) -> ShapeStyle {
-        self.color.stroke_width(stroke(self.width))
-    }
-
-    /// The marks of points.
-    pub fn marks<'a, C: Clone + 'static>(
-        self,
-        points: impl Iterator<Item = C>,
-        radius: f64,
-    ) -> Vec<DynElement<'static, SVGBackend<'a>, C>> {
-        let (radius, filled) = (stroke(radius), self.color.mix(0.75).filled());
-        let mark = |at: C| match self.mark {
-            Mark::Dot => Circle::new(at, radius, filled).into_dyn(),
-            Mark::Ring => Circle::new(at, radius, self.color.stroke_width(stroke(1.0))).into_dyn(),
-            Mark::Cross => Cross::new(at, radius, self.color.stroke_width(stroke(1.0))).into_dyn(),
-        };
-        points.map(mark).collect()
+    /// Draws the mark of a position.
+    pub fn mark(self, area: Area, at: Point, radius: f64) {
+        let (radius, line): (_, Line) = (stroke(radius), self.color.line(stroke(1.0)));
+        match self.mark {
+            Mark::Dot => area.circle(at, radius, self.color.faded(0.75).fill()),
+            Mark::Ring => area.circle(at, radius, line),
+            Mark::Cross => area.cross(at, radius, line),
+        }
     }
 }
 
 /// A colour of the same hue for the truth of a series.
-pub fn darker(color: RGBColor) -> RGBColor {
-    let RGBColor(red, green, blue) = color;
-    let half = |part: u8| (f64::from(part) * 0.55) as u8;
-    RGBColor(half(red), half(green), half(blue))
+pub fn darker(color: Colour) -> Colour {
+    Colour { rgb: color.rgb.map(|part| (f64::from(part) * 0.55) as u8), ..color }
 }
 
 /// A number with as few digits as are exact to a thousandth.
@@ -211,7 +189,7 @@ mod tests {
     use super::*;
 
     /// The contrast of a colour on white, by WCAG 2.2.
-    fn contrast(RGBColor(red, green, blue): RGBColor) -> f64 {
+    fn contrast(Colour { rgb: [red, green, blue], .. }: Colour) -> f64 {
         let linear = |part: u8| {
             let share = f64::from(part) / 255.0;
             if share <= 0.04045 { share / 12.92 } else { ((share + 0.055) / 1.055).powf(2.4) }
@@ -222,26 +200,9 @@ mod tests {
     #[test]
     fn every_colour_has_a_contrast_of_three_to_one_on_white() {
         // The two ends of the scale: black 21, white 1.
-        assert_eq!((contrast(BLACK), contrast(WHITE)), (21.0, 1.0));
+        assert_eq!((contrast(Colour::of(0, 0, 0)), contrast(Colour::WHITE)), (21.0, 1.0));
         for color in PALETTE {
             assert!(contrast(color) >= 3.0, "{color:?}: {}", contrast(color));
-        }
-    }
-
-    use baliza_research::fusion::bench as fusion;
-    use baliza_research::linde;
-
-    #[test]
-    fn the_curves_of_a_benchmark_are_distinct() {
-        let fused = fusion::Algorithm::ALL.into_iter().flat_map(|algorithm| {
-            fusion::Inputs::ALL.map(|heard| format!("{}, {}", algorithm.as_str(), heard.as_str()))
-        });
-        let found = linde::ROWS.into_iter().map(|(parameter, algorithm, _)| linde::name(parameter, algorithm));
-        for names in [fused.collect::<Vec<_>>(), found.collect()] {
-            let pens: Vec<Pen> = names.iter().map(|name| pen(name)).collect();
-            for (index, pen) in pens.iter().enumerate() {
-                assert!(!pens[..index].contains(pen), "{}", names[index]);
-            }
         }
     }
 }

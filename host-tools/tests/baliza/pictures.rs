@@ -312,7 +312,10 @@ fn a_plan_lies_beneath_at_its_scale() {
     let image = svg.find("<image ").expect("an image");
     assert!(image < svg.find("<polyline").expect("the map") && svg.contains("data:image/png;base64,iVBOR"));
     folder.run(&format!("{arguments} --out with.png")).ok();
+    let whole = folder.read("plan.png");
+    folder.write("half.png", &whole[..whole.len() / 2]);
     for (more, said) in [
+        ("--plan half.png --plan-scale 1", "half.png: the image is damaged: "),
         ("--plan anchors.csv --plan-scale 1", "anchors.csv: it is neither a PNG nor a JPEG image\n"),
         ("--plan plan.png --plan-scale 0", "--plan-scale"),
         ("--plan plan.png", "--plan-scale"),

@@ -63,12 +63,33 @@ impl Output<'_> {
         self,
         document: &impl serde::Serialize,
         table: impl FnOnce() -> String,
-        picture: impl FnOnce() -> Result<String>,
+        picture: impl FnOnce() -> host_tools::plot::Drawing,
     ) -> Result<()> {
         self.print(document, table)?;
         if let Some(file) = self.picture {
-            file.write_and_note(picture()?)?;
+            file.write_and_note(&picture())?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use baliza_research::fusion::bench as fusion;
+    use baliza_research::linde;
+    use host_tools::plot::{Pen, pen};
+
+    #[test]
+    fn the_curves_of_a_benchmark_are_distinct() {
+        let fused = fusion::Algorithm::ALL.into_iter().flat_map(|algorithm| {
+            fusion::Inputs::ALL.map(|heard| format!("{}, {}", algorithm.as_str(), heard.as_str()))
+        });
+        let found = linde::ROWS.into_iter().map(|(parameter, algorithm, _)| linde::name(parameter, algorithm));
+        for names in [fused.collect::<Vec<_>>(), found.collect()] {
+            let pens: Vec<Pen> = names.iter().map(|name| pen(name)).collect();
+            for (index, pen) in pens.iter().enumerate() {
+                assert!(!pens[..index].contains(pen), "{}", names[index]);
+            }
+        }
     }
 }

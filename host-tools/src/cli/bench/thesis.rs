@@ -2,8 +2,9 @@
 //! Sevilla, 2021), beside the published figures.
 
 use anyhow::Result;
+use baliza_research::thesis::printed::{DDP_ANCHORS, printed};
 use baliza_research::thesis::{self, Score};
-use host_tools::plot;
+use host_tools::plot::{self, Curve, Curves};
 use positioning_core::Method;
 
 use super::Drawing;
@@ -34,7 +35,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let shown = arguments.drawing.check()?;
     let scores = scores(arguments.points as usize, arguments.drawing.seed);
-    shown.show(&scores, || thesis::to_markdown(&scores), || plot::thesis(&scores))
+    shown.show(&scores, || thesis::to_markdown(&scores), || draw(&scores))
 }
 
 fn scores(count: usize, seed: u64) -> Vec<Score> {
@@ -53,4 +54,23 @@ fn scores(count: usize, seed: u64) -> Vec<Score> {
             thesis::score(method, &points, &errors)
         })
         .collect()
+}
+
+/// Error against the number of detected direct paths: a line for ours, rings for the printed ones.
+fn draw(scores: &[Score]) -> plot::Drawing {
+    let curve = |method: Method| {
+        let of = |number| scores.iter().find(|s| s.method == method.as_str() && s.ddp_anchors == Some(number));
+        let line = DDP_ANCHORS.filter_map(|number| Some([number as f64, of(number)?.rmse_m?])).collect();
+        let figures = printed(method).and_then(|printed| printed.by_ddp).into_iter().flatten();
+        let rings = DDP_ANCHORS.zip(figures).map(|(number, figure)| [number as f64, figure]).collect();
+        Curve { method: method.as_str(), line, rings }
+    };
+    let curves = Curves {
+        title: "Error by number of detected direct paths",
+        names: ["anchors of 12 whose direct path is detected", "RMSE, metres"],
+        x: *DDP_ANCHORS.start() as f64 - 0.2..*DDP_ANCHORS.end() as f64 + 0.2,
+        rings: "as printed",
+        curves: Method::ALL.into_iter().map(curve).collect(),
+    };
+    curves.draw()
 }

@@ -174,7 +174,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         cli::print(table(&scores, &names).as_bytes())?;
     }
     if let Some(picture) = picture {
-        picture.write_and_note(plot::confusion(chosen.method.as_str(), &names, &chosen.confusion)?)?;
+        picture.write_and_note(&plot::confusion(chosen.method.as_str(), &names, &chosen.confusion))?;
     }
     Ok(())
 }

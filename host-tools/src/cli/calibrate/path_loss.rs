@@ -137,7 +137,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         note(&format!("a wall takes {wall_db} dB (ble solve --wall-db {wall_db})\n"));
     }
     if let Some(picture) = picture {
-        picture.write_and_note(plot::path_loss(&calibrated)?)?;
+        picture.write_and_note(&plot::path_loss(&calibrated))?;
     }
     if let Some(file) = &arguments.out {
         note(&format!("beacons: {}\n", file.display()));
