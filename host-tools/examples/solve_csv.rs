@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use host_tools::{Files, Mode, Recording, Setup, Solver, Space, UserError};
+use recording::{Files, Mode, Recording, Space, UserError};
+use analysis::{Setup, Solver};
 use positioning_core::Method;
 
 fn main() -> Result<(), UserError> {

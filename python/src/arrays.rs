@@ -1,6 +1,6 @@
 //! Results as dictionaries of NumPy arrays; NaN where a number is not known.
 
-use host_tools::{Coordinates, Epochs, Position, Solved};
+use recording::{Coordinates, Epochs, Position, Solved};
 use numpy::{Element, IntoPyArray, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;

@@ -1,6 +1,6 @@
 //! Errors as exceptions.
 
-use host_tools::UserError;
+use recording::UserError;
 use pyo3::create_exception;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

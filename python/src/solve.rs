@@ -1,6 +1,7 @@
 //! Positions of ranges in arrays.
 
-use host_tools::{Epochs, Measured, Solver};
+use recording::{Epochs, Measured};
+use analysis::Solver;
 use numpy::PyReadonlyArray2;
 use positioning_core::Method;
 use pyo3::prelude::*;

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use host_tools::files::output::OutputFolder;
-use host_tools::simulate::{example, is_of_simulation};
+use recording::output::OutputFolder;
+use crate::simulate::{example, is_of_simulation};
 
 /// Write the example recording: a walk through a simulated room
 ///

@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result};
-use host_tools::UserError;
+use recording::UserError;
 use serde_json::{Value, json};
 
 /// The number of the schema. A change that a reader of the former one would misunderstand gets the next number.

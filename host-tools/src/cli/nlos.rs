@@ -5,9 +5,9 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 
 use anyhow::Result;
-use host_tools::files::{DOCUMENT_BYTES, output, read_limited, spelled};
-use host_tools::train::{self, Method, RECIPES, Recipe, Samples, Score, mitigation};
-use host_tools::{Coordinates, Truths, UserError, read_anchors};
+use recording::{DOCUMENT_BYTES, output, read_limited, spelled};
+use analysis::train::{self, Method, RECIPES, Recipe, Samples, Score, mitigation};
+use recording::{Coordinates, Truths, UserError, read_anchors};
 use positioning_core::nlos::Classifier;
 
 use crate::cli::progress::Progress;

@@ -6,18 +6,19 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::ValueEnum;
-use host_tools::UserError;
-use host_tools::files::beacons::{Beacon, Wall, read_beacons};
-use host_tools::files::output;
-use host_tools::plot::{Heat, heat};
-use host_tools::survey::coverage::bound::{Information, Noise, Station};
-use host_tools::survey::coverage::{Grid, USUAL_WALL_DB};
-use host_tools::survey::plan::{Found, Problem};
+use recording::UserError;
+use recording::beacons::{Beacon, Wall, read_beacons};
+use recording::output;
+use pictures::{Heat, heat};
+use analysis::survey::coverage::bound::{Information, Noise, Station};
+use analysis::survey::coverage::{Grid, USUAL_WALL_DB};
+use analysis::survey::plan::{Found, Problem};
 
 use wire::telemetry::metres;
 
-use super::coverage::{barriers, positive};
-use super::recording_args::{CornersM, finite};
+use super::coverage::barriers;
+use super::numbers::{finite, positive};
+use super::recording_args::CornersM;
 use super::{PictureFile, note, print, print_json, write};
 use crate::cli::progress::Progress;
 

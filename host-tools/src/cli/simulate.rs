@@ -7,15 +7,14 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use host_tools::UserError;
-use host_tools::files::output::{self, OutputFolder};
-use host_tools::files::read_text;
-use host_tools::simulate::{
+use recording::UserError;
+use recording::output::{self, OutputFolder};
+use crate::simulate::{
     Attempts, Capture, SimulatedRecording, is_of_simulation, load_site_models, picture, position_header, position_row,
     survey_csv,
 };
-use host_tools::survey::presence::read_outlines;
-use host_tools::train::Chosen;
+use analysis::survey::presence::read_outlines;
+use analysis::train::Chosen;
 use positioning_core::Method;
 use sim::BoardProfile;
 use sim::scenario::{
@@ -252,7 +251,7 @@ impl Arguments {
 
     fn scenario(&self) -> Result<Scenario, UserError> {
         let mut scenario = match &self.scenario {
-            Some(file) => read(file)?,
+            Some(file) => crate::simulate::read(file)?,
             None => match self.mode {
                 Some(ModeName::Native) | None => Scenario::rooms(self.anchors.into(), self.tags.into()),
                 Some(ModeName::Tdoa) => Scenario::listening(self.anchors.into(), self.tags.into()),
@@ -323,22 +322,6 @@ impl Arguments {
         }
         Ok(scenario)
     }
-}
-
-fn read(file: &Path) -> Result<Scenario, UserError> {
-    Scenario::parse(&read_text(file)?).map_err(|error| UserError::line(file, error.line as u64, error.message))
-}
-
-/// The scenario of a file as it is, with the models of its site.
-///
-/// # Errors
-/// A file is wrong, or a node cannot run what the scenario says.
-pub(super) fn load(file: &Path) -> Result<Scenario, UserError> {
-    let mut scenario = read(file)?;
-    load_site_models(&mut scenario, file)?;
-    let invalid = scenario.validate().err();
-    let wrong = invalid.map(|(node, invalid)| UserError::file(file, format!("node {}: {invalid}", Address(node))));
-    wrong.map_or(Ok(scenario), Err)
 }
 
 /// Runs `baliza simulate`.

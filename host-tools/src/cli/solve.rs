@@ -1,9 +1,10 @@
 //! `baliza solve`: one fix for each epoch, without memory between epochs.
 
 use anyhow::Result;
-use host_tools::files::{Mode, SingleRanges};
-use host_tools::locate::track::{Tracker, settings_of_single_epochs};
-use host_tools::{Recording, Setup, Solved, Solver, UserError};
+use recording::{Mode, SingleRanges};
+use analysis::locate::track::{Tracker, settings_of_single_epochs};
+use recording::{Recording, Solved, UserError};
+use analysis::{Setup, Solver};
 use positioning_core::Method;
 
 use super::recording_args::RecordingArgs;

@@ -4,10 +4,11 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::ValueEnum;
-use host_tools::files::{Diagnostics, SingleRanges};
-use host_tools::locate::track::{Tracker, Weighting, settings};
-use host_tools::train::{Chosen, features_of};
-use host_tools::{Recording, Setup, Solved};
+use recording::{Diagnostics, SingleRanges};
+use analysis::locate::track::{Tracker, Weighting, settings};
+use analysis::train::{Chosen, features_of};
+use recording::{Recording, Solved};
+use analysis::Setup;
 use positioning_core::nlos::{Classifier, Features, Model};
 
 use super::recording_args::RecordingArgs;

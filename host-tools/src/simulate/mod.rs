@@ -8,13 +8,15 @@
 
 mod capture;
 pub mod example;
+mod load;
 mod no_position;
 mod picture;
-mod recording;
+mod recorded;
 mod site_models;
 
 pub use capture::Capture;
+pub use load::{load, read};
 pub use no_position::Attempts;
 pub use picture::picture;
-pub use recording::{SimulatedRecording, is_of_simulation, position_header, position_row};
+pub use recorded::{SimulatedRecording, is_of_simulation, position_header, position_row};
 pub use site_models::{load_site_models, survey_csv};

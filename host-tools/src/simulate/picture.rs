@@ -4,7 +4,7 @@
 use sim::scenario::{Record, Scenario, SimulatedEpoch, Source};
 use wire::telemetry::Address;
 
-use crate::plot::{Dot, Errors, Picture, PictureBuilder};
+use pictures::{Dot, Errors, Picture, PictureBuilder};
 
 /// Every position and the tags' true paths, among anchors, beacons and walls. `source` names the scenario.
 pub fn picture(source: String, scenario: &Scenario, records: &[Record]) -> Picture {

@@ -1,6 +1,6 @@
 //! `baliza serve` with fixed Bluetooth receivers in the site's file.
 
-use host_tools::node::provision::Site;
+use node_link::provision::Site;
 use serde_json::{Value, json};
 
 use crate::serve::Station;

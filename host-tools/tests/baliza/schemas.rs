@@ -128,7 +128,7 @@ fn a_missing_key_a_wrong_type_and_another_command_are_refused() {
 
 #[test]
 fn the_benchmark_of_fusion_agrees_with_its_schema() {
-    use baliza_research::fusion::bench::Swept;
+    use papers::fusion::bench::Swept;
     let scores = Folder::with(&[]).run("bench fusion --walks 1 --json").ok().json();
     assert_eq!(scores.as_array().map(Vec::len), Some(9), "three algorithms with anchors, beacons and both");
     // A row of --sweep, which takes long.

@@ -5,7 +5,7 @@ use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use baliza_station::Utc;
+use station_core::Utc;
 use serde_json::Value;
 
 use crate::support::{Folder, root};

@@ -54,7 +54,7 @@ fn an_export_is_a_folder_that_other_commands_read() {
 
     // A part: from the eleventh position on, before the twenty-first.
     let times = table(&folder, "all/positions.csv").numbers("t_s");
-    let utc = |t_s: f64| baliza_station::Utc::clamped((t_s * 1e3).round() as i64 * 1000);
+    let utc = |t_s: f64| station_core::Utc::clamped((t_s * 1e3).round() as i64 * 1000);
     let (from, to) = (utc(times[10]), utc(times[20]));
     folder.run(&format!("station export --store tags.db --site site --from {from} --to {to} --out part")).ok();
     assert_eq!(table(&folder, "part/positions.csv").numbers("t_s"), times[10..20]);

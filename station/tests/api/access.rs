@@ -1,6 +1,6 @@
 //! Who may do what.
 
-use baliza_station::api::{Access, App, Limits, openapi, serve};
+use station_core::api::{Access, App, Limits, openapi, serve};
 use hyper::{Method, header};
 use serde_json::json;
 

@@ -1,6 +1,6 @@
 //! The description of the API.
 
-use baliza_station::api::openapi;
+use station_core::api::openapi;
 use hyper::header;
 use serde_json::Value;
 

@@ -1,6 +1,6 @@
 //! Clients behind a reverse proxy. The tests' own connections, from the loopback address, are those of the proxy.
 
-use baliza_station::api::{Access, App, Limits, Proxies, Token, UserRole};
+use station_core::api::{Access, App, Limits, Proxies, Token, UserRole};
 use hyper::Method;
 
 use crate::api::client::{Answer, Station, generous, station_of};

@@ -1,7 +1,7 @@
 //! Every route, used as intended.
 
-use baliza_station::ReportKind;
-use baliza_station::model::{NodeHealth, Role};
+use station_core::ReportKind;
+use station_core::model::{NodeHealth, Role};
 use hyper::{Method, header};
 use serde_json::{Value, json};
 

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use baliza_station::api::{Access, App, Limits, Token, UserRole};
-use baliza_station::oidc::{Oidc, OidcError, Patience, Roles, Settings};
+use station_core::api::{Access, App, Limits, Token, UserRole};
+use station_core::oidc::{Oidc, OidcError, Patience, Roles, Settings};
 use base64::Engine;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use hyper::{Method, StatusCode, header};

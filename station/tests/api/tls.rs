@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use baliza_station::api::{Access, Limits, Tls, TlsCause, Token, UserRole};
+use station_core::api::{Access, Limits, Tls, TlsCause, Token, UserRole};
 use futures_util::StreamExt;
 use http_body_util::{BodyExt, Full};
 use hyper::body::Bytes;

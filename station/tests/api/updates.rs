@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use baliza_station::api::{Access, Limits};
+use station_core::api::{Access, Limits};
 use futures_util::{SinkExt, StreamExt};
 use http_body_util::BodyExt;
 use hyper::{Method, header};

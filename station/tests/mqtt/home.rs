@@ -1,7 +1,7 @@
 //! A house with ESPresense: its receivers' messages come in, positions go out.
 
-use baliza_station::mqtt::Settings;
-use baliza_station::mqtt::espresense::House;
+use station_core::mqtt::Settings;
+use station_core::mqtt::espresense::House;
 use serde_json::json;
 
 use crate::mqtt::mosquitto::Mosquitto;

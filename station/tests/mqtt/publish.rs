@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use baliza_station::ReportKind;
-use baliza_station::model::TagPosition;
+use station_core::ReportKind;
+use station_core::model::TagPosition;
 use serde_json::{Map, Value, json};
 
 use crate::mqtt::mosquitto::{Mosquitto, Seen};

@@ -1,6 +1,6 @@
 //! Users, passwords and certificates.
 
-use baliza_station::mqtt::Broker;
+use station_core::mqtt::Broker;
 use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
 
 use crate::mqtt::mosquitto::Mosquitto;

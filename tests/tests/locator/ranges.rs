@@ -3,9 +3,10 @@
 use std::path::Path;
 
 use firmware_tag::{AnchorPosition, LocatorConfig};
-use host_tools::files::Diagnostics as RowDiagnostics;
-use host_tools::locate::track::{Tracker, Weighting, settings};
-use host_tools::{Anchor, Coordinates, Epochs, Files, Height, Measured, Mode, Recording, Setup, Space, by_time};
+use recording::Diagnostics as RowDiagnostics;
+use analysis::locate::track::{Tracker, Weighting, settings};
+use recording::{Anchor, Coordinates, Epochs, Files, Height, Measured, Mode, Recording, Space, by_time};
+use analysis::Setup;
 use positioning_core::nlos::{Feature, Features};
 use ranging::exchange::{Range, Round};
 use ranging::{Diagnostics, RadioInstant};

@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use host_tools::files::beacons::{Capture, Captured, Dwell, read_captures, read_stays};
-use host_tools::survey::fingerprint::{Average, Comparison, Making, Maps, Setup, Solver, held_out, names_of};
-use host_tools::{Solved, UserError};
+use recording::beacons::{Capture, Captured, Dwell, read_captures, read_stays};
+use analysis::survey::fingerprint::{Average, Comparison, Making, Maps, Setup, Solver, held_out, names_of};
+use recording::{Solved, UserError};
 use positioning_core::ble::fingerprint::Map;
 
 use super::{Found, Names, PlanArguments, read_bytes, survey_of};

@@ -5,10 +5,11 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::Instant;
 
 use anyhow::Result;
-use host_tools::UserError;
-use host_tools::node::decode::Stream;
-use host_tools::survey::campaign::{
-    Dwell, FingerprintFile, Person, SurveyPoint, Typed, Visit, Wizard, each_advert, parse_point, read_points,
+use recording::UserError;
+use node_link::decode::Stream;
+use crate::wizard::{Person, Typed, Visit, Wizard, each_advert};
+use analysis::survey::campaign::{
+    Dwell, FingerprintFile, SurveyPoint, parse_point, read_points,
 };
 use indicatif::ProgressBar;
 

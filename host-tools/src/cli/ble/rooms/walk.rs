@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use anyhow::Result;
-use host_tools::UserError;
-use host_tools::files::beacons::{Sample, in_order, read_captures, read_stays};
-use host_tools::survey::rooms::{Interval, MOST_WINDOWS, Method, Names, Survey, Trained, follow};
+use recording::UserError;
+use recording::beacons::{Sample, in_order, read_captures, read_stays};
+use analysis::survey::rooms::{Interval, MOST_WINDOWS, Method, Names, Survey, Trained, follow};
 use positioning_core::ble::rooms::RoomEstimate;
 
 use super::{Arguments, model_of, read_model};
