@@ -240,8 +240,8 @@ mod tests {
     use wire::telemetry::{BeaconId, MAX_FRAME, Message, Sighting, encode};
 
     use super::{Person, Typed, Wizard};
-    use node_link::monitor::{Channel, Event, Source};
     use analysis::survey::campaign::{FingerprintFile, parse_point};
+    use node_link::monitor::{Channel, Event, Source};
 
     /// A node that receives one beacon ten times a second; it is silent while its clock is in the gap.
     struct Node {

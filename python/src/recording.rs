@@ -2,15 +2,15 @@
 
 use std::path::PathBuf;
 
-use recording::folder::{Folder, RecordingSettings};
-use recording::{Files, Mode, SingleRanges, rounds};
 use analysis::locate::track::{Tracker, settings, settings_of_single_epochs};
-use recording::{Epochs, Height, Solved, Space, Truth, Truths, UserError};
 use analysis::{Setup, Solver};
 use positioning_core::Method;
 use positioning_core::nlos::Feature;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use recording::folder::{Folder, RecordingSettings};
+use recording::{Epochs, Height, Solved, Space, Truth, Truths, UserError};
+use recording::{Files, Mode, SingleRanges, rounds};
 
 use crate::arguments::{Within, needs_heights};
 use crate::arrays::{OfTag, metres, numbers, positions, vectors};

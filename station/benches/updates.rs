@@ -7,10 +7,10 @@
 use std::hint::black_box;
 use std::time::Duration;
 
-use station_core::model::{Role, Zone, ZoneKind};
-use station_core::state::Limits;
-use station_core::{Live, Report, ReportKind, SolvedFrom, Utc};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use station_core::state::Limits;
+use station_core::model::{Role, Zone, ZoneKind};
+use station_core::{Live, Report, SolvedFrom, Utc, ReportKind};
 
 const TAGS: u32 = 1000;
 const ANCHORS: u32 = 50;

@@ -6,11 +6,11 @@ use std::path::Path;
 use anyhow::{Context, Result};
 
 use super::{Estimate, RangeRow, Sink, TAG, View};
-use recording::folder::Folder;
-use recording::{Files, Mode, positions};
 use node_link::decode::{Stream, StreamFiles};
 use node_link::recorder::TIMES;
+use recording::folder::Folder;
 use recording::{Coordinates, Recording, Table, Truths, UserError, read_anchors};
+use recording::{Files, Mode, positions};
 
 /// The host's time of a recording's times.
 #[derive(Clone, Debug, Default)]

@@ -12,10 +12,10 @@
 //! [`View`] makes the messages; a [`Sink`] takes them.
 #![forbid(unsafe_code)]
 
+mod conversion;
 mod file;
 mod live;
 mod messages;
-mod conversion;
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -24,13 +24,13 @@ use foxglove::{Encode, Schema};
 use positioning_core::geodesy::Geographic;
 use wire::telemetry::{Address, Message};
 
+pub use conversion::{Clock, Converted, convert, convert_stream};
 pub use file::McapFile;
 pub use live::Live;
 pub use messages::{Estimate, RangeRow};
-pub use conversion::{Clock, Converted, convert, convert_stream};
 
-use recording::Coordinates;
 use node_link::decode::Stamp;
+use recording::Coordinates;
 
 /// The name of a tag that a stream of telemetry does not name.
 const TAG: &str = "tag";

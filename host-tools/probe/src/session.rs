@@ -15,11 +15,11 @@ use probe_rs::probe::list::{Accessibility, Lister, ProbeListItem};
 use probe_rs::probe::{DebugProbeError, DebugProbeInfo, DebugProbeSelector, ProbeCreationError, WireProtocol};
 use probe_rs::{CoreType, MemoryInterface, Permissions, Session, Target};
 
-use recording::UserError;
 use node_link::monitor::Memory;
 use node_link::probe::{Driver, Probe, ProbeArguments};
 use node_link::provision::Firmware;
 use node_link::provision::transfer::Flash;
+use recording::UserError;
 
 /// A chip behind a debug probe. Its memory is that of its first core, on which the node runs.
 pub struct Attached {

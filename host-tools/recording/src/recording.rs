@@ -12,8 +12,8 @@ use crate::differences::read_differences;
 use crate::epochs::{Epochs, Gathering, Measured};
 use crate::table::quoted;
 use crate::tags::{ByName, tag_of};
-use crate::{DiagnosticColumns, Mode, spelled};
 use crate::{Column, Row, Table, Truths, UserError};
+use crate::{DiagnosticColumns, Mode, spelled};
 
 /// A position, metres. Its height may be unknown.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,14 +4,14 @@ use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use analysis::train::Chosen;
 use anyhow::{Result, bail};
-use recording::UserError;
 use node_link::probe::ProbeArguments;
 use node_link::provision::image::Contents;
 use node_link::provision::one_by_one::{Desk, Job, Seen, write_all};
 use node_link::provision::transfer::Flash;
 use node_link::provision::{Node, Written};
-use analysis::train::Chosen;
+use recording::UserError;
 use wire::config::{Board, Record};
 
 use super::stream::{STOP, catch_signals};

@@ -44,9 +44,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 #[cfg(feature = "foxglove")]
 fn to_mcap(recording: &Path, out: &Path) -> Result<()> {
     use anyhow::Context;
-    use recording::folder::Folder;
-    use node_link::recorder::TIMES;
     use foxglove_scenes::{Clock, Converted, McapFile, View, convert, convert_stream};
+    use node_link::recorder::TIMES;
+    use recording::folder::Folder;
 
     let cannot = || format!("cannot write {}", out.display());
     let mut view = View::new(McapFile::new(output::Growing::create(out).with_context(cannot)?)?);

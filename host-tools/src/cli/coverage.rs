@@ -4,14 +4,14 @@ use baliza_report::{mean, percentile};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
-use recording::UserError;
-use recording::beacons::{Beacon, Dwell, Wall, read_beacons, read_stays, read_walls};
-use recording::output;
-use pictures::{Heat, heat};
 use analysis::survey::coverage::bound::{Noise, Station};
 use analysis::survey::coverage::{Fitted, Grid, Map, USUAL_WALL_DB, errors_m, fitted, walls_of};
 use analysis::survey::fingerprint::{Average, Survey};
+use anyhow::Result;
+use pictures::{Heat, heat};
+use recording::UserError;
+use recording::beacons::{Beacon, Dwell, Wall, read_beacons, read_stays, read_walls};
+use recording::output;
 
 use super::numbers::{finite, positive};
 use super::recording_args::CornersM;

@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use recording::UserError;
 use node_link::probe::ProbeArguments;
 use node_link::provision::one_by_one::Job;
 use node_link::provision::transfer::{self, Flash};
 use node_link::provision::{Firmware, Node, Site, warnings};
+use recording::UserError;
 use wire::config::{Board, Flasher};
 
 use super::boards::{board_of, contents, one_after_another};

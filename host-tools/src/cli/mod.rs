@@ -55,6 +55,7 @@ macro_rules! commands {
     ($(#[$about:meta])* $visible:vis enum $name:ident { $($(#[$kind:meta])* $variant:ident($module:ident),)* }) => {
         $(#[$about])*
         #[derive(clap::Subcommand)]
+        #[allow(missing_docs, reason = "the help of a command is that of its arguments")]
         $visible enum $name {
             // In a box: the arguments of commands differ much in size.
             $($(#[$kind])* $variant(Box<$module::Arguments>),)*
@@ -75,7 +76,7 @@ pub use commands;
 
 commands! {
     /// What `baliza` can do.
-    enum Command {
+    pub enum Command {
         Solve(solve),
         Track(track),
         Plot(plot),
@@ -114,6 +115,8 @@ use recording::UserError;
 use recording::output::{self, Growing};
 use pictures::{Drawing, Format};
 pub use program::{Program, program};
+use recording::UserError;
+use recording::output::{self, Growing};
 use verbosity::Verbosity;
 
 /// The version, and the commit where it is known.

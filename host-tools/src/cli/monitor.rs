@@ -7,13 +7,14 @@ use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
-use recording::UserError;
+use indicatif::{ProgressBar, ProgressDrawTarget};
 use node_link::monitor::{
-    Channel, Counts, Event, Files, Image, Limits, Lines, Listener, NodeOutput, Piped, Reload, Session, Source, json, listen, summary,
+    Channel, Counts, Event, Files, Image, Limits, Lines, Listener, NodeOutput, Piped, Reload, Session, Source, json,
+    listen, summary,
 };
 use node_link::provision::SiteNames;
 use node_link::recorder::{Recorder, Settings};
-use indicatif::{ProgressBar, ProgressDrawTarget};
+use recording::UserError;
 use wire::telemetry::Table;
 
 use super::live_view::{Address, LiveView};

@@ -4,11 +4,11 @@ use baliza_report::MarkdownTable;
 use std::collections::HashMap;
 use std::path::PathBuf;
 
-use anyhow::Result;
-use recording::{DOCUMENT_BYTES, output, read_limited, spelled};
 use analysis::train::{self, Method, RECIPES, Recipe, Samples, Score, mitigation};
-use recording::{Coordinates, Truths, UserError, read_anchors};
+use anyhow::Result;
 use positioning_core::nlos::Classifier;
+use recording::{Coordinates, Truths, UserError, read_anchors};
+use recording::{DOCUMENT_BYTES, output, read_limited, spelled};
 
 use crate::cli::progress::Progress;
 

@@ -4,15 +4,15 @@ use baliza_report::percentile;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use anyhow::Result;
-use clap::ValueEnum;
-use recording::UserError;
-use recording::beacons::{Beacon, Wall, read_beacons};
-use recording::output;
-use pictures::{Heat, heat};
 use analysis::survey::coverage::bound::{Information, Noise, Station};
 use analysis::survey::coverage::{Grid, USUAL_WALL_DB};
 use analysis::survey::plan::{Found, Problem};
+use anyhow::Result;
+use clap::ValueEnum;
+use pictures::{Heat, heat};
+use recording::UserError;
+use recording::beacons::{Beacon, Wall, read_beacons};
+use recording::output;
 
 use wire::telemetry::metres;
 

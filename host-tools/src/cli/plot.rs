@@ -2,20 +2,20 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
-use recording::beacons::read_beacons;
-use recording::positions::{self, PositionRow};
+use analysis::Setup;
 use analysis::locate::advice;
 use analysis::locate::track::Weighting;
+use anyhow::Result;
 use pictures::{Dot, Errors, Picture, PictureBuilder};
+use recording::beacons::read_beacons;
+use recording::positions::{self, PositionRow};
 use recording::{Files, Height, Mode, Recording, Space, Truths, read_anchors};
-use analysis::Setup;
 
 use super::PictureFile;
 use super::floor_plan::FloorPlanArgs;
 use super::folder::FolderFiles;
-use super::progress::Progress;
 use super::numbers::finite;
+use super::progress::Progress;
 use super::report::flat;
 use super::site_names::SiteNamesArgs;
 

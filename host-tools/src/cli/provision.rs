@@ -8,14 +8,14 @@ use anyhow::{Context, Result};
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use crc::{CRC_32_ISO_HDLC, Crc};
-use recording::UserError;
-use recording::output::{self, OutputFolder};
-use recording::{IMAGE_BYTES, read_limited};
 use node_link::probe::ProbeArguments;
 use node_link::provision::image::{Contents, Held, Image};
 use node_link::provision::one_by_one::Job;
 use node_link::provision::show::{self, Keys};
 use node_link::provision::{EXAMPLE, Node, Site, oddities, transfer, warnings};
+use recording::UserError;
+use recording::output::{self, OutputFolder};
+use recording::{IMAGE_BYTES, read_limited};
 use wire::config::{Board, Flasher, MODELS_BYTES};
 
 use super::boards::{board_of, contents, one_after_another};
@@ -324,7 +324,8 @@ fn read(arguments: &Arguments) -> Result<()> {
         return Err(UserError::flag("--read", what).into());
     }
     let mut session = arguments.probe.attach(board.spec().flasher.probe_chip())?.into_flash();
-    let held = transfer::read(session.as_mut(), board)?.with_context(|| format!("the {} at the probe", board.name()))?;
+    let held =
+        transfer::read(session.as_mut(), board)?.with_context(|| format!("the {} at the probe", board.name()))?;
     print_record(arguments, &held)
 }
 

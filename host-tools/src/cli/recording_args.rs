@@ -2,20 +2,20 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
-use clap::ValueEnum;
-use recording::folder::RecordingSettings;
-use recording::{Joined, SingleRanges, drop_repeats, round_s, rounds};
+use analysis::Setup;
 use analysis::locate::advice;
 use analysis::locate::residuals::{Reference, residuals};
 use analysis::locate::time_offset::{Clocks, REACH_S, clocks};
+use anyhow::Result;
+use clap::ValueEnum;
 use node_link::provision::SiteNames;
+use recording::folder::RecordingSettings;
 use recording::{Files, Half, Height, Mode, Recording, Solved, Space, Truth, Truths, UserError};
-use analysis::Setup;
+use recording::{Joined, SingleRanges, drop_repeats, round_s, rounds};
 
-use super::numbers::finite;
 use super::floor_plan::{FloorPlan, FloorPlanArgs};
 use super::folder::FolderFiles;
+use super::numbers::finite;
 use super::report::{Output, OutputArgs, Report, Site, TagReport, flat};
 use super::residuals::table;
 use super::site_names::SiteNamesArgs;

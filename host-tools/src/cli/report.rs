@@ -4,13 +4,13 @@ use std::fmt::Write as _;
 use std::io::IsTerminal;
 use std::path::PathBuf;
 
+use analysis::locate::residuals::AnchorResiduals;
 use anyhow::Result;
 use baliza_report::MarkdownTable;
-use recording::output;
-use recording::positions::{Format, Rows};
-use analysis::locate::residuals::AnchorResiduals;
 use node_link::provision::SiteNames;
 use pictures::{Dot, Errors, Picture, PictureBuilder};
+use recording::output;
+use recording::positions::{Format, Rows};
 use recording::{Coordinates, Epochs, Position, Solved, UserError};
 
 use super::PictureFile;

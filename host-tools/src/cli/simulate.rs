@@ -4,18 +4,18 @@ use std::fmt::{Display, Write as _};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
-use clap::ValueEnum;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
-use recording::UserError;
-use recording::output::{self, OutputFolder};
 use crate::simulate::{
     Attempts, Capture, SimulatedRecording, is_of_simulation, load_site_models, picture, position_header, position_row,
     survey_csv,
 };
 use analysis::survey::presence::read_outlines;
 use analysis::train::Chosen;
+use anyhow::{Context, Result};
+use clap::ValueEnum;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use positioning_core::Method;
+use recording::UserError;
+use recording::output::{self, OutputFolder};
 use sim::BoardProfile;
 use sim::scenario::{
     AirModel, BluetoothSummary, Cover, Fidelity, LISTENING, Record, Scenario, SimulatedEpoch, Simulation, Summary, What,

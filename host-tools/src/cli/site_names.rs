@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use recording::UserError;
 use node_link::provision::{SITE, SiteNames};
 use node_link::recorder::folders;
+use recording::UserError;
 
 /// The argument of a command that shows names.
 #[derive(Clone, Debug, clap::Args)]

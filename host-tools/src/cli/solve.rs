@@ -1,11 +1,11 @@
 //! `baliza solve`: one fix for each epoch, without memory between epochs.
 
-use anyhow::Result;
-use recording::{Mode, SingleRanges};
 use analysis::locate::track::{Tracker, settings_of_single_epochs};
-use recording::{Recording, Solved, UserError};
 use analysis::{Setup, Solver};
+use anyhow::Result;
 use positioning_core::Method;
+use recording::{Mode, SingleRanges};
+use recording::{Recording, Solved, UserError};
 
 use super::recording_args::RecordingArgs;
 use crate::cli::progress::Progress;

@@ -9,12 +9,12 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use recording::Interrupted;
-use recording::UserError;
-use recording::output;
 use node_link::decode::{Chunks, Stamp, StreamFiles, Waited, row};
 use node_link::monitor::{Image, Pace, Port, Probed, Serial, Source, no_port, ports};
 use node_link::probe::ProbeArguments;
+use recording::Interrupted;
+use recording::UserError;
+use recording::output;
 use wire::telemetry::{Fix, Message, Table};
 
 use crate::cli::progress::Progress;

@@ -2,14 +2,14 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
-use clap::ValueEnum;
-use recording::{Diagnostics, SingleRanges};
+use analysis::Setup;
 use analysis::locate::track::{Tracker, Weighting, settings};
 use analysis::train::{Chosen, features_of};
-use recording::{Recording, Solved};
-use analysis::Setup;
+use anyhow::Result;
+use clap::ValueEnum;
 use positioning_core::nlos::{Classifier, Features, Model};
+use recording::{Diagnostics, SingleRanges};
+use recording::{Recording, Solved};
 
 use super::recording_args::RecordingArgs;
 use crate::cli::progress::Progress;

@@ -12,10 +12,10 @@ use sim::scenario::{Record, Scenario, SimulatedEpoch, What};
 use wire::config::{self, Network};
 use wire::telemetry::{Address, Body, Fix, MAX_FRAME, Message, Sighting, Table, encode, metres};
 
-use recording::folder::{Mode, RecordingSettings, SETTINGS};
-use recording::output::OutputFolder;
 use node_link::decode::{Stamp, row};
 use node_link::recorder::{STREAM, Tables, is_of_recording, writer};
+use recording::folder::{Mode, RecordingSettings, SETTINGS};
+use recording::output::OutputFolder;
 
 /// The walls of the floor plan, which pictures and beacons use.
 const WALLS: &str = "walls.csv";

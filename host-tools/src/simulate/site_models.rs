@@ -6,9 +6,9 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use sim::scenario::{Scenario, survey};
 
-use recording::UserError;
-use node_link::provision::site_models::{Part, encode, read_map, read_rooms};
 use analysis::survey::presence::{Room, room_of};
+use node_link::provision::site_models::{Part, encode, read_map, read_rooms};
+use recording::UserError;
 
 /// Greatest number of positions of a survey, which are receivers that are simulated at once.
 const MOST_PLACES: usize = 10_000;

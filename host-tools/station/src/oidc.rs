@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use station_core::oidc::{Oidc, Patience, Roles, Settings};
 use serde::Deserialize;
+use station_core::oidc::{Oidc, Patience, Roles, Settings};
 
 use recording::UserError;
 use recording::read_text;

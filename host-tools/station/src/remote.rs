@@ -10,9 +10,9 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use serde::de::DeserializeOwned;
 use station_core::Utc;
 use station_core::model::Site;
-use serde::de::DeserializeOwned;
 
 use super::screen::Snapshot;
 use recording::UserError;

@@ -4,9 +4,9 @@ use std::collections::HashMap;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use station_core::model::{Role, Site, Zone, ZoneKind};
-use station_core::{Report, ReportKind, Utc};
 use sim::scenario::{Scenario, Simulation};
+use station_core::model::{Role, Site, Zone, ZoneKind};
+use station_core::{Report, Utc, ReportKind};
 use wire::telemetry::Address;
 
 use super::Reporter;

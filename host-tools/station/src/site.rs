@@ -3,8 +3,8 @@
 use station_core::model::{Role, Zone, ZoneKind};
 use station_core::{Report, ReportKind, Utc};
 
-use node_link::provision::{NamedNode, NamedRole, SiteNames};
 use analysis::survey::presence::Room;
+use node_link::provision::{NamedNode, NamedRole, SiteNames};
 
 /// The nodes, beacons and receivers of a site's file, as reports.
 pub fn nodes(site: &str, names: &SiteNames, t: Utc) -> Vec<Report> {

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use station_core::api::{Access, Token, UserRole};
 use serde::Deserialize;
+use station_core::api::{Access, Token, UserRole};
 
 use recording::UserError;
 use recording::read_text;

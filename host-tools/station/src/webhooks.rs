@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use station_core::webhooks::{Settings, Webhook};
 use serde::Deserialize;
+use station_core::webhooks::{Settings, Webhook};
 
 use recording::UserError;
 use recording::read_text;

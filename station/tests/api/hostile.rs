@@ -2,11 +2,11 @@
 
 use std::time::{Duration, Instant};
 
-use station_core::api::{Access, Limits};
-use station_core::model::Role;
-use station_core::{Report, ReportKind, SolvedFrom, Utc};
 use hyper::{Method, header};
 use serde_json::{Value, json};
+use station_core::api::{Access, Limits};
+use station_core::model::Role;
+use station_core::{Report, SolvedFrom, Utc, ReportKind};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 

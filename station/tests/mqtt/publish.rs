@@ -2,9 +2,9 @@
 
 use std::time::{Duration, Instant};
 
-use station_core::ReportKind;
-use station_core::model::TagPosition;
 use serde_json::{Map, Value, json};
+use station_core::What;
+use station_core::model::TagPosition;
 
 use crate::mqtt::mosquitto::{Mosquitto, Seen};
 use crate::mqtt::station::{LEVEL, SITE, Station, settings};

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use firmware_tag::{AnchorPosition, LocatorConfig};
-use recording::Diagnostics as RowDiagnostics;
-use analysis::locate::track::{Tracker, Weighting, settings};
-use recording::{Anchor, Coordinates, Epochs, Files, Height, Measured, Mode, Recording, Space, by_time};
 use analysis::Setup;
+use analysis::locate::track::{Tracker, Weighting, settings};
+use firmware_tag::{AnchorPosition, LocatorConfig};
 use positioning_core::nlos::{Feature, Features};
 use ranging::exchange::{Range, Round};
 use ranging::{Diagnostics, RadioInstant};
+use recording::Diagnostics as RowDiagnostics;
+use recording::{Anchor, Coordinates, Epochs, Files, Height, Measured, Mode, Recording, Space, by_time};
 
 use super::tag;
 

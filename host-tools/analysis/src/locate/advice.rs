@@ -8,10 +8,10 @@ use nalgebra::{DMatrix, DVector};
 use positioning_core::SolveError;
 use positioning_core::engine::Missing;
 
-use recording::positions::PositionRow;
-use recording::{Height, NoPosition, Solved, Space};
 use crate::survey::presence::Room;
+use recording::positions::PositionRow;
 use recording::{Anchor, Coordinates, Epoch, Epochs, Recording};
+use recording::{Height, NoPosition, Solved, Space};
 
 /// Anchors lie in one plane where their spread across it is less than this share of the next larger one: as the
 /// solvers decide (`positioning_core`'s geometry).

@@ -5,8 +5,8 @@
 
 use baliza_report::{mean, percentile};
 
-use recording::{Anchor, Coordinates, Epoch, Epochs, Height, Measured, Position, Solved, Space, Truth, by_time};
 use crate::Setup;
+use recording::{Anchor, Coordinates, Epoch, Epochs, Height, Measured, Position, Solved, Space, Truth, by_time};
 
 /// A range that is longer than the distance by more than this counts as blocked, metres.
 const BLOCKED_M: f64 = 0.3;

@@ -12,9 +12,7 @@ use positioning_core::{
     flatten,
 };
 
-use recording::{
-    Anchor, Coordinates, Epoch, Epochs, Half, Height, Measured, NoPosition, Position, Solved, Space,
-};
+use recording::{Anchor, Coordinates, Epoch, Epochs, Half, Height, Measured, NoPosition, Position, Solved, Space};
 
 /// A thread takes this number of epochs at once: some milliseconds of work.
 const AT_ONCE: usize = 1024;

@@ -14,8 +14,8 @@ use baliza_report::{mean, percentile};
 
 use positioning_core::Method;
 
-use recording::{Coordinates, Epoch, Measured, Recording, Solved, Truth};
 use crate::{Setup, Solver};
+use recording::{Coordinates, Epoch, Measured, Recording, Solved, Truth};
 
 /// The greatest offset that is searched for, seconds.
 pub const REACH_S: f64 = 2.0;

@@ -5,8 +5,8 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use recording::UserError;
 use crate::recorder::{STREAM, folders};
+use recording::UserError;
 
 /// A stream from files.
 #[derive(Debug)]

@@ -7,8 +7,8 @@ use serde::{Serialize, Serializer};
 use wire::telemetry::{Body, Counts, Hello, Message};
 
 use super::{Seen, Timeline};
-use recording::UserError;
 use crate::provision::SiteNames;
+use recording::UserError;
 
 /// What was received in a stream, and what was lost.
 #[derive(Clone, Debug, PartialEq, Serialize)]

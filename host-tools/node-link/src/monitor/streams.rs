@@ -9,8 +9,8 @@ use anyhow::{Context, Result};
 
 use super::demux::Demux;
 use super::source::{Channel, Event, Source};
-use recording::UserError;
 use crate::decode::{Chunks, StreamFiles, Waited};
+use recording::UserError;
 
 /// The number of bytes read at once.
 const CHUNK: usize = 8192;

@@ -4,8 +4,8 @@
 use wire::config::{Mode, Role, Tag};
 
 use super::{Node, Site};
-use recording::{Anchor, Coordinates};
 use analysis::locate::advice;
+use recording::{Anchor, Coordinates};
 
 /// Anchors of one network are hardly farther apart than this, metres.
 const FAR_M: f32 = 300.0;

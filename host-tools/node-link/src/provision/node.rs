@@ -12,8 +12,8 @@ use super::document::{Document, Hex, Lines, choice};
 use super::lists::Lists;
 use super::network::centihertz;
 use super::site_models::{self, Files};
-use recording::UserError;
 use analysis::train::Chosen;
+use recording::UserError;
 
 /// The keys that are only for anchors, only for tags or only for beacons.
 const ROLE_KEYS: [(RoleName, &[&str]); 3] = [

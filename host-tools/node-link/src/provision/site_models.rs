@@ -10,9 +10,9 @@ use wire::config::{Beacon, BeaconModel, MODELS_BYTES, Solver, StoredSiteModels, 
 use super::calibrated::numbers;
 use super::document::{Document, Lines};
 use super::node::NodeTable;
+use analysis::survey::rooms::ModelFile;
 use recording::UserError;
 use recording::{DOCUMENT_BYTES, limited_bytes};
-use analysis::survey::rooms::ModelFile;
 
 /// The keys of a tag's section.
 pub(super) const KEYS: [&str; 2] = ["fingerprint_map", "room_model"];

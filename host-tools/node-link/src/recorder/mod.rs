@@ -18,9 +18,9 @@ use std::time::{Duration, Instant, SystemTime};
 use anyhow::{Context, Result};
 use wire::telemetry::Message;
 
-use recording::output::{Live, clear, refuse_existing};
 use crate::decode::{Stamp, Stream, Summary, no_telemetry};
 use crate::provision::SiteNames;
+use recording::output::{Live, clear, refuse_existing};
 use recording::{Anchor, UserError};
 
 pub use folder::{STREAM, TIMES, folders, is_of_recording};

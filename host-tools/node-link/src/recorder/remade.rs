@@ -10,9 +10,9 @@ use anyhow::{Context, Result};
 
 use super::folder::{ANCHORS, STREAM, TRUTH, folders, is_table};
 use super::tables::{Recorded, Tables, address_and_place};
+use crate::decode::{Stream, StreamFiles, Summary};
 use recording::output::OutputFolder;
 use recording::read_text;
-use crate::decode::{Stream, StreamFiles, Summary};
 use recording::{Interrupted, UserError, read_anchors};
 
 /// The number of bytes read at once.

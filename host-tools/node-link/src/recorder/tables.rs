@@ -14,8 +14,8 @@ use serde::Serializer;
 use wire::telemetry::{Address, Message, Table, metres};
 
 use super::folder::ANCHORS;
-use recording::output::write_file;
 use crate::decode::{Stamp, row};
+use recording::output::write_file;
 use recording::{Anchor, UserError};
 
 /// Tables that every recording has. Each other table gets a file with its first row.

@@ -10,8 +10,8 @@ use std::path::Path;
 use serde_json::Map;
 
 use self::columns::{Column, Entry, columns};
-use crate::Solved;
 use crate::Epochs;
+use crate::Solved;
 
 pub use read::{PositionRow, Positions, read, read_track};
 

@@ -8,12 +8,12 @@ mod solve;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use analysis::survey::fingerprint::{Average, Plan, Survey};
 use anyhow::Result;
+use positioning_core::ble::fingerprint::MAX_BEACONS;
 use recording::beacons::{Beacon, Capture, Captured, Dwell, Wall, read_beacons, read_walls};
 use recording::{DOCUMENT_BYTES, read_limited};
-use analysis::survey::fingerprint::{Average, Plan, Survey};
 use recording::{Epochs, Solved, UserError};
-use positioning_core::ble::fingerprint::MAX_BEACONS;
 
 use crate::cli::floor_plan::FloorPlan;
 use crate::cli::report::{Output, Report, Site, TagReport};

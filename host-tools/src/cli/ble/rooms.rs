@@ -4,15 +4,15 @@ mod walk;
 
 use std::path::{Path, PathBuf};
 
+use analysis::survey::rooms::{self, Method, ModelFile, Names, Point, Score, Survey, Trained};
 use anyhow::{Context, Result};
 use baliza_report::MarkdownTable;
 use clap::ValueEnum;
-use recording::beacons::read_stays;
-use recording::output;
-use analysis::survey::rooms::{self, Method, ModelFile, Names, Point, Score, Survey, Trained};
-use recording::UserError;
 use pictures as plot;
 use positioning_core::ble::rooms::Model;
+use recording::UserError;
+use recording::beacons::read_stays;
+use recording::output;
 
 use crate::cli::progress::Progress;
 use crate::cli::{self, PictureFile};

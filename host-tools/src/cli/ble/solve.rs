@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
-use recording::beacons::{Captured, read_beacons, read_captures, read_walls};
 use analysis::locate::advice;
 use analysis::locate::ble::{RssiMethod, Setup, Solver};
+use anyhow::Result;
 use positioning_core::ble::beacon_monitor::{BeaconHealth, HealthChange};
+use recording::beacons::{Captured, read_beacons, read_captures, read_walls};
 
 use super::Found;
 use crate::cli::folder::FolderFiles;

@@ -3,10 +3,10 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use analysis::survey::antenna_delay::{Calibration, Delay, KnownRange, calibrate};
 use anyhow::Result;
 use baliza_report::MarkdownTable;
 use recording::spelled;
-use analysis::survey::antenna_delay::{Calibration, Delay, KnownRange, calibrate};
 use recording::{Coordinates, Table, Truths, UserError, read_anchors};
 
 use crate::cli::folder::FolderFiles;

@@ -3,18 +3,18 @@
 use baliza_report::MarkdownTable;
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
-use recording::beacons::{Capture, read_beacons, read_captures, read_stays, read_walls};
-use recording::output;
-use recording::positions;
 use analysis::survey::calibration::{
     Calibrated, Learnt, Placed, Step, WALL_STEPS, calibrate, pieces, to_csv, wall_attenuation,
 };
-use recording::UserError;
+use anyhow::Result;
 use pictures as plot;
+use recording::UserError;
+use recording::beacons::{Capture, read_beacons, read_captures, read_stays, read_walls};
+use recording::output;
+use recording::positions;
 
-use crate::cli::progress::Progress;
 use crate::cli::numbers::finite;
+use crate::cli::progress::Progress;
 use crate::cli::{PictureFile, note, print, print_json, write};
 
 /// RSSI at one metre and path loss exponent of every beacon, from fingerprints or a walk: by regression, and as a node

@@ -92,12 +92,13 @@ impl Argument {
     }
 
     fn into_arg(self) -> Arg {
-        let mut arg = Arg::new(kept(self.id)).required(self.is_required).action(match (self.takes_values, self.is_repeated) {
-            (true, true) => ArgAction::Append,
-            (true, false) => ArgAction::Set,
-            (false, true) => ArgAction::Count,
-            (false, false) => ArgAction::SetTrue,
-        });
+        let mut arg =
+            Arg::new(kept(self.id)).required(self.is_required).action(match (self.takes_values, self.is_repeated) {
+                (true, true) => ArgAction::Append,
+                (true, false) => ArgAction::Set,
+                (false, true) => ArgAction::Count,
+                (false, false) => ArgAction::SetTrue,
+            });
         if let Some(long) = self.long {
             arg = arg.long(kept(long));
         }

@@ -65,9 +65,12 @@ impl Companion {
         let name = format!("{}{}", self.program, env::consts::EXE_SUFFIX);
         let beside = env::current_exe().ok().and_then(|this| this.parent().map(Path::to_owned));
         let on_path = env::var_os("PATH").map(|path| env::split_paths(&path).collect::<Vec<_>>()).unwrap_or_default();
-        beside.into_iter().chain(on_path).map(|folder| folder.join(&name)).find(|file| file.is_file()).with_context(|| {
-            format!("the program {} is not here: cargo install --path {}", self.program, self.folder)
-        })
+        beside
+            .into_iter()
+            .chain(on_path)
+            .map(|folder| folder.join(&name))
+            .find(|file| file.is_file())
+            .with_context(|| format!("the program {} is not here: cargo install --path {}", self.program, self.folder))
     }
 
     /// Its commands as its own program describes them; the names alone where it is not there.
@@ -115,11 +118,13 @@ pub fn hand_over<P: Program>() -> Option<ExitCode> {
     let own = P::grouped();
     let has = |companion: &&Companion| companion.commands.iter().any(|(command, _)| name == *command);
     let companion = COMPANIONS.iter().find(has)?;
-    if own.find_subcommand(&name).is_some_and(|command| command.get_arguments().next().is_some() || command.has_subcommands()) {
+    if own
+        .find_subcommand(&name)
+        .is_some_and(|command| command.get_arguments().next().is_some() || command.has_subcommands())
+    {
         return None;
     }
-    let arguments: Vec<OsString> =
-        if is_help { vec![name, "--help".into()] } else { env::args_os().skip(1).collect() };
+    let arguments: Vec<OsString> = if is_help { vec![name, "--help".into()] } else { env::args_os().skip(1).collect() };
     Some(run(companion, &arguments))
 }
 
@@ -164,7 +169,8 @@ mod tests {
     #[test]
     fn each_program_has_its_source_in_the_project() {
         for companion in COMPANIONS {
-            let manifest = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(companion.folder).join("Cargo.toml");
+            let manifest =
+                std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(companion.folder).join("Cargo.toml");
             let manifest = std::fs::read_to_string(manifest).expect(companion.folder);
             assert!(manifest.contains(&format!("name = \"{}\"", companion.program)), "{companion:?}");
         }

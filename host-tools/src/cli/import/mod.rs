@@ -6,9 +6,9 @@ mod pans;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use recording::output::OutputFolder;
-use recording::import::Imported;
 use node_link::recorder::is_of_recording;
+use recording::import::Imported;
+use recording::output::OutputFolder;
 
 super::commands! {
     /// Make a recording of what another system has measured

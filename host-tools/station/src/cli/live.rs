@@ -8,15 +8,15 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use crate::Remote;
+use crate::screen::{Raw, Screen, Snapshot, Then, on_hangup};
 use anyhow::{Context, Result};
+use ratatui::crossterm::event::{self, Event};
+use recording::UserError;
 use station_core::hub::NullStore;
 use station_core::model::Site;
 use station_core::store::Retention;
 use station_core::{Hub, Live, Utc};
-use recording::UserError;
-use crate::Remote;
-use crate::screen::{Raw, Screen, Snapshot, Then, on_hangup};
-use ratatui::crossterm::event::{self, Event};
 
 use super::serve::{InputArguments, Sources, sources_help};
 use host_tools::cli::stream::{STOP, catch_signals_and};

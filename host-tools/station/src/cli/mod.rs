@@ -19,13 +19,22 @@ host_tools::commands! {
     }
 }
 
+/// The commands of the station, and those of `baliza`: one program does where only this one is installed.
+#[derive(clap::Subcommand)]
+enum All {
+    #[command(flatten)]
+    Station(Command),
+    #[command(flatten)]
+    Baliza(host_tools::cli::Command),
+}
+
 /// Serves positions of tags: a live map, a store and an API. `baliza serve`, `baliza live` and `baliza station` start
 /// this program.
 #[derive(clap::Parser)]
 #[command(name = "baliza", version = VERSION, max_term_width = 120, after_help = EXIT_CODES)]
 pub struct Arguments {
     #[command(subcommand)]
-    command: Command,
+    command: All,
     #[command(flatten)]
     verbosity: Verbosity,
 }
@@ -40,6 +49,9 @@ impl Program for Arguments {
     }
 
     fn run(&self) -> Result<()> {
-        run(&self.command)
+        match &self.command {
+            All::Station(command) => run(command),
+            All::Baliza(command) => host_tools::cli::run(command),
+        }
     }
 }

@@ -2,12 +2,12 @@
 
 use std::time::Duration;
 
-use station_core::Utc;
-use station_core::model::{Node, Role, Tag};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::widgets::{Block, Borders, Row, Table, TableState};
+use station_core::Utc;
+use station_core::model::{Node, Role, Tag};
 
 use super::Screen;
 

@@ -1,13 +1,13 @@
 //! The map: walls, rooms and zones, anchors, tags with trails and ellipses, in dots of Braille characters. Names are
 //! written where they cover no other name.
 
-use station_core::model::{Role, Tag, TagPosition, ZoneKind};
 use ratatui::Frame;
 use ratatui::buffer::Buffer;
 use ratatui::layout::{Position, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::symbols::Marker;
 use ratatui::widgets::canvas::{Canvas, Line, Points};
+use station_core::model::{Role, Tag, TagPosition, ZoneKind};
 
 use super::lists::{label_of_node, label_of_tag};
 use super::view::{DOTS, Part};

@@ -15,13 +15,13 @@ mod view;
 use std::collections::{HashMap, VecDeque};
 use std::time::Duration;
 
-use station_core::model::{Node, Site, Tag, Zone};
-use station_core::{Live, Utc};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Clear, Paragraph};
+use station_core::model::{Node, Site, Tag, Zone};
+use station_core::{Live, Utc};
 
 pub use self::keys::Then;
 use self::lists::List;

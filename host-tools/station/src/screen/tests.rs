@@ -1,10 +1,10 @@
 //! What is at which character of the terminal.
 
-use station_core::model::{Role, TagPosition, ZoneKind};
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+use station_core::model::{Role, TagPosition, ZoneKind};
 
 use super::*;
 

@@ -3,8 +3,8 @@
 use rand::Rng;
 
 use super::{Conditions, Powers, Range, distance, happens};
-use crate::field::Field;
 use crate::draw::{between, normal, uniform};
+use crate::field::Field;
 
 /// A blocked link loses more ranges than a direct one: this share of all.
 const BLOCKED_LOSS: f64 = 0.1;

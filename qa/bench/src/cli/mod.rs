@@ -11,9 +11,9 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 
+use clap::CommandFactory as _;
 use host_tools::cli::verbosity::Verbosity;
 use host_tools::cli::{EXIT_CODES, PictureFile, VERSION, help};
-use clap::CommandFactory as _;
 
 host_tools::commands! {
     /// Benchmarks on simulated ranges and RSSI values
@@ -37,11 +37,13 @@ pub struct Program {
     verbosity: Verbosity,
 }
 
-/// The one command.
+/// The benchmarks, and the commands of `baliza`: drawn recordings can be solved.
 #[derive(clap::Subcommand)]
 enum Command {
     #[command(subcommand)]
     Bench(Arguments),
+    #[command(flatten)]
+    Baliza(host_tools::cli::Command),
 }
 
 impl host_tools::cli::Program for Program {
@@ -54,8 +56,10 @@ impl host_tools::cli::Program for Program {
     }
 
     fn run(&self) -> Result<()> {
-        let Command::Bench(arguments) = &self.command;
-        run(arguments)
+        match &self.command {
+            Command::Bench(arguments) => run(arguments),
+            Command::Baliza(command) => host_tools::cli::run(command),
+        }
     }
 }
 

@@ -13,8 +13,8 @@ use positioning_core::locator::{self, Locator, Reception};
 use positioning_core::nlos::{Features, Model};
 use positioning_core::{Area, Blocked};
 
-use recording::{Anchor, Coordinates, Diagnostics, Epoch, Epochs, Measured, MeasuredDifference, by_time};
 use crate::locate::solve::{Setup, double, middle_m};
+use recording::{Anchor, Coordinates, Diagnostics, Epoch, Epochs, Measured, MeasuredDifference, by_time};
 use recording::{Half, Height, NoPosition, Position, Solved, Space};
 
 /// Standard deviation of the noise of a DW1000 range in line of sight, metres. The engine models all other range

@@ -5,8 +5,8 @@ use positioning_core::ble::path_loss::{PathLoss, Wall};
 
 use super::bound::{Information, Noise, Station};
 use super::grid::Grid;
-use recording::beacons::{self, Beacon, Dwell};
 use crate::locate::ble::{means, path_loss};
+use recording::beacons::{self, Beacon, Dwell};
 
 /// Attenuation of a wall with no attenuation given, dB: a light partition.
 pub const USUAL_WALL_DB: f64 = 4.0;
@@ -152,9 +152,9 @@ mod tests {
     use positioning_core::ble::path_loss::Wall;
 
     use super::{Map, errors_m, fitted};
-    use recording::beacons::{Beacon, Dwell, Sample};
     use crate::survey::coverage::Grid;
     use crate::survey::coverage::bound::{Noise, Station};
+    use recording::beacons::{Beacon, Dwell, Sample};
 
     fn beacon(name: &str, position_m: [f64; 2]) -> Beacon {
         Beacon {

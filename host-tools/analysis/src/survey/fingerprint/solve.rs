@@ -11,8 +11,8 @@ use super::comparison::Comparison;
 use super::maps::Maps;
 use super::survey::{Average, scan};
 use super::windows::{Window, windows};
-use recording::beacons::{self, Capture, in_order};
 use crate::locate::ble::walk_clock::{WalkClock, is_stay};
+use recording::beacons::{self, Capture, in_order};
 use recording::{Coordinates, NoPosition, Position, Solved};
 
 /// Deviation of a single RSSI, dB, to which the receiver's offset is compared.

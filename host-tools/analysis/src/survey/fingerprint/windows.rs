@@ -4,8 +4,8 @@ use baliza_report::mean;
 use positioning_core::ble::signal::{Kalman, Smoothing, rssi};
 
 use super::survey::{Average, dbm, milliwatts};
-use recording::beacons::{Capture, Sample};
 use crate::locate::ble::walk_clock::span_s;
+use recording::beacons::{Capture, Sample};
 
 /// A beacon keeps its RSSI for this number of windows without an advert.
 const KEPT: f64 = 10.0;

@@ -7,9 +7,9 @@ use std::path::Path;
 use positioning_core::ble::rooms::{MAX_BEACONS, MAX_ROOMS};
 
 use super::file::Names;
+use crate::survey::fingerprint::{self, Average, scan};
 use recording::UserError;
 use recording::beacons::{Dwell, Sample, rssis_by_beacon};
-use crate::survey::fingerprint::{self, Average, scan};
 
 /// RSSI values are averaged as in maps.
 const AVERAGE: Average = Average::Power;

@@ -17,9 +17,9 @@ use wire::telemetry::{Condition, Message, State};
 use super::image::{Build, Image};
 use super::log::{self, Frames, LogLine};
 use super::source::{Channel, Event};
-use recording::UserError;
 use crate::decode::{Stamp, Stream};
 use crate::recorder::Recorder;
+use recording::UserError;
 
 /// A node sends `Hello` every two seconds. After this time without `Hello`, the session does not wait for it any
 /// longer.

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use station_core::state::{Alarms, Limits};
 use clap::ValueEnum;
+use station_core::state::{Alarms, Limits};
 
 use host_tools::cli::numbers::positive;
 

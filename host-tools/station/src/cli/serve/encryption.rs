@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use station_core::api::Tls;
 use recording::UserError;
+use station_core::api::Tls;
 
 /// The files of TLS.
 #[derive(clap::Args)]

@@ -13,18 +13,18 @@ use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
 
+use crate::{OpenSource, SimulatedSite, SourceSpec, read_webhooks, simulate};
+use analysis::survey::presence::read_outlines;
 use anyhow::{Context, Result};
+use node_link::provision::SiteNames;
+use sim::scenario::Scenario;
 use station_core::api::{self, App, Tls};
 use station_core::model::{GeographicOrigin, PlacedNode, Site, Zone};
 use station_core::mqtt::{self as broker, Mqtt};
 use station_core::state::Limits;
 use station_core::store::Retention;
 use station_core::webhooks::{Patience, Webhook, Webhooks};
-use station_core::{Hub, Live, Report, ReportKind, Store, Utc};
-use node_link::provision::SiteNames;
-use crate::{OpenSource, SimulatedSite, SourceSpec, read_webhooks, simulate};
-use analysis::survey::presence::read_outlines;
-use sim::scenario::Scenario;
+use station_core::{Hub, Live, Report, Store, Utc, ReportKind};
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 
@@ -33,8 +33,8 @@ use self::encryption::Encryption;
 use self::mqtt::MqttArguments;
 use self::sign_in::{SignInArguments, Users};
 use self::viewers::{Listening, Viewers};
-use host_tools::cli::{note, prompt};
 use host_tools::cli::stream::{STOP, catch_signals};
+use host_tools::cli::{note, prompt};
 
 /// Serve a live map, a store and an API of the positions of tags
 ///
@@ -198,8 +198,7 @@ async fn serve(arguments: &Arguments, url: &str, network: Network, sources: Sour
         .with_context(|| format!("cannot listen on {}; --listen takes another address", arguments.listen))?;
     let address = listener.local_addr().context("cannot read the address")?;
     let sites = store.sites().await?.into_iter().map(|site| site.name);
-    let mqtt =
-        sources.start(&hub, &placed, note).map(|settings| Mqtt::start(&hub, settings, earlier.clone(), sites));
+    let mqtt = sources.start(&hub, &placed, note).map(|settings| Mqtt::start(&hub, settings, earlier.clone(), sites));
     let scheme = if tls.is_some() { "https" } else { "http" };
     prompt(&format!("listening on {scheme}://{address}\n"));
     let Users { access, oidc, proxies } = users;

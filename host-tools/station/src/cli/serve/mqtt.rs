@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use station_core::mqtt::espresense::{House, NoHouse};
-use station_core::mqtt::{Broker, NoBroker, Settings, Topics};
 use recording::UserError;
 use recording::read_text;
+use station_core::mqtt::espresense::{House, NoHouse};
+use station_core::mqtt::{Broker, NoBroker, Settings, Topics};
 
 /// Where the broker's password may be.
 const PASSWORD: &str = "BALIZA_MQTT_PASSWORD";

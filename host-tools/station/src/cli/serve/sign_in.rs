@@ -4,10 +4,10 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use crate::{read_oidc, read_tokens};
+use recording::UserError;
 use station_core::api::{Access, Network, Proxies};
 use station_core::oidc::Oidc;
-use recording::UserError;
-use crate::{read_oidc, read_tokens};
 
 /// The flags.
 #[derive(clap::Args)]

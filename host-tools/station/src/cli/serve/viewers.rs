@@ -5,10 +5,10 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
+use recording::UserError;
 use station_core::Hub;
 use station_core::api::access::is_loopback_name;
 use station_core::nmea::{Nmea, Port};
-use recording::UserError;
 use tokio::net::TcpListener;
 use tokio::task::JoinSet;
 

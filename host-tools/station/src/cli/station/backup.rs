@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use station_core::Store;
-use station_core::store::StoreError;
 use recording::UserError;
 use recording::output;
+use station_core::Store;
+use station_core::store::StoreError;
 
 /// Copy the store to a new file, while the station runs
 ///

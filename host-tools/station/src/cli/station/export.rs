@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::{Exported, Selection, is_of_export, write_folder, write_gpx};
 use anyhow::{Context, Result};
-use station_core::store::Span;
-use station_core::{Store, Utc};
 use clap::ValueEnum;
 use recording::UserError;
 use recording::output::{self, Growing, OutputFolder};
-use crate::{Exported, Selection, is_of_export, write_folder, write_gpx};
+use station_core::store::Span;
+use station_core::{Store, Utc};
 
 /// Write a part of the history: as a folder that other commands read, as GPX for maps, or as MCAP for Foxglove
 ///
@@ -83,7 +83,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     })?;
     let Exported { site, tags, positions, measurements, left_out } = exported;
     let measurements = if measurements > 0 { format!(" and {measurements} measurements") } else { String::new() };
-    host_tools::cli::note(&format!("{positions} positions{measurements} of {tags} tags of {site}, in {}\n", out.display()));
+    host_tools::cli::note(&format!(
+        "{positions} positions{measurements} of {tags} tags of {site}, in {}\n",
+        out.display()
+    ));
     for (node, count) in left_out {
         let why = "the store does not have its place: name it in the file of serve --site";
         host_tools::cli::note(&format!("{count} measurements to {node} are left out: {why}\n"));

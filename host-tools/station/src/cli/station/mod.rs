@@ -5,8 +5,8 @@ mod export;
 mod restore;
 
 use anyhow::{Context, Result};
-use station_core::store::StoreError;
 use recording::{Interrupted, UserError};
+use station_core::store::StoreError;
 
 use host_tools::cli::stream::catch_signals;
 

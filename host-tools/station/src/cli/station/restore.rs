@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
+use recording::UserError;
 use station_core::Store;
 use station_core::store::StoreError;
-use recording::UserError;
 
 /// Make a store of a back-up
 ///

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result};
 use accuracy::Scored;
-use recording::beacons::{Capture, read_captures, read_stays};
 use analysis::survey::fingerprint::{Comparison, Making, Maps, Setup, Survey, held_out};
+use anyhow::{Context, Result};
+use recording::beacons::{Capture, read_captures, read_stays};
 use recording::{Coordinates, Solved};
 
 /// The compared methods: that of a node, and the nearest neighbours beside it.

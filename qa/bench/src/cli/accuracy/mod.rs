@@ -15,9 +15,9 @@ mod variations;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
-use accuracy::{Figures, Measure, Verdict};
 use accuracy::prior::{self, Case, Group};
+use accuracy::{Figures, Measure, Verdict};
+use anyhow::{Context, Result};
 use recording::UserError;
 use recording::output;
 

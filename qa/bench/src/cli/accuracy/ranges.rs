@@ -1,13 +1,13 @@
 //! Positions of recorded ranges, as `baliza solve` and `baliza track` compute them, and their errors.
 
 use accuracy::Scored;
-use recording::{round_s, rounds};
+use analysis::Solver;
 use analysis::locate::time_offset::clocks;
 use analysis::locate::track::{Tracker, Weighting, settings};
-use recording::{Epoch, Epochs, Solved, by_time};
-use analysis::Solver;
 use positioning_core::Method;
 use positioning_core::engine::Settings;
+use recording::{Epoch, Epochs, Solved, by_time};
+use recording::{round_s, rounds};
 
 use super::sites::Ranged;
 

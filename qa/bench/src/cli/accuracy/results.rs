@@ -6,11 +6,11 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use anyhow::Result;
 use accuracy::{
     Block, Figures, LEAST_ANSWERED, LogRatio, Measure, Outcome, Scored, blocks, both_fixed, outcome, over_recordings,
     ratio,
 };
+use anyhow::Result;
 use recording::{Table, UserError};
 
 const COLUMNS: &str = "site,recording,method,offset_s,block,epochs,fixed,sum_m,sum_m2";

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use anyhow::Result;
 use accuracy::prior::{Case, Group};
+use analysis::Setup;
+use anyhow::Result;
+use positioning_core::nlos::{Feature, Features};
 use recording::Diagnostics;
 use recording::{Anchor, Coordinates, Epochs, Files, Height, Measured, Mode, Recording, Space, Truth, Truths};
-use analysis::Setup;
-use positioning_core::nlos::{Feature, Features};
 
 /// A site with recorded ranges, and the folders of its recordings.
 const SITES: [(&str, &[&str]); 5] = [

@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use baliza_report::MarkdownTable;
 use accuracy::{Excursion, Figures, Outcome, Verdict, verdict};
+use baliza_report::MarkdownTable;
 
 use super::results::{Compared, Score, geometric_mean};
 use super::settings::{LeftOut, Varied};

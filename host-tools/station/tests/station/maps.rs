@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
+use crate::foxglove_client::{connect, json_of, messages, wait};
 use crate::serve::Station;
-use crate::station::with_store;
+use crate::store::with_store;
 use crate::support::Folder;
-use crate::view::{connect, json_of, messages, wait};
 
 /// A site at the equator and the prime meridian, whose y axis points north.
 const SITE: &str = "[network]\npan = 1\nregion = \"none\"\n[[node]]\nname = \"tag\"\nboard = \"dwm1001\"\n\

@@ -10,7 +10,7 @@ use crate::serve::Station;
 use crate::support::{Folder, root};
 
 #[allow(dead_code)]
-#[path = "../../../station/tests/mqtt/mosquitto.rs"]
+#[path = "../../../../station/tests/mqtt/mosquitto.rs"]
 mod mosquitto;
 
 #[test]

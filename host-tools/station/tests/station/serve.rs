@@ -5,8 +5,8 @@ use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use station_core::Utc;
 use serde_json::Value;
+use station_core::Utc;
 
 use crate::support::{Folder, root};
 
