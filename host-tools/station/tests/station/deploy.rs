@@ -24,7 +24,7 @@ fn is_here(program: &str) -> bool {
 
 /// Asserts that the program takes the arguments of a line for `baliza`, by `--help` behind them.
 fn assert_taken(arguments: &[&str]) {
-    let output = Command::new(env!("CARGO_BIN_EXE_baliza")).args(arguments).arg("--help").output().expect("it runs");
+    let output = Command::new(crate::PROGRAM).args(arguments).arg("--help").output().expect("it runs");
     assert!(output.status.success(), "{arguments:?}: {output:?}");
 }
 

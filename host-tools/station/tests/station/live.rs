@@ -40,7 +40,7 @@ impl InTerminal {
             return None;
         }
         let folder = Folder::with(&[]);
-        let program = env!("CARGO_BIN_EXE_baliza");
+        let program = crate::PROGRAM;
         // The inner shell becomes the program, whose number is needed for signals; the outer one says what is left.
         let inner = format!("stty rows 30 cols 120; echo $$ > pid; exec '{program}' live {arguments}");
         let outer = format!("sh -c '{}'; echo \"code $?\"; stty -a", inner.replace('\'', "'\\''"));
