@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use pictures::{Image, Plan};
 use recording::UserError;
 use recording::beacons::{Wall, read_walls};
 use recording::{IMAGE_BYTES, read_limited};
-use pictures::{Image, Plan};
 
 use super::numbers::finite;
 

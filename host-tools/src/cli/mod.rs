@@ -111,11 +111,11 @@ commands! {
 
 use anyhow::{Context, Result};
 use clap::CommandFactory;
-use recording::UserError;
-use recording::output::{self, Growing};
 use pictures::{Drawing, Format};
 pub use program::{Program, program};
 use recording::UserError;
+use recording::UserError;
+use recording::output::{self, Growing};
 use recording::output::{self, Growing};
 use verbosity::Verbosity;
 

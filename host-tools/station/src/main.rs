@@ -4,5 +4,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    host_tools::cli::program::<station_core::cli::Arguments>()
+    host_tools::cli::program::<baliza_station::cli::Arguments>()
 }

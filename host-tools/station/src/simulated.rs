@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use sim::scenario::{Scenario, Simulation};
 use station_core::model::{Role, Site, Zone, ZoneKind};
-use station_core::{Report, Utc, ReportKind};
+use station_core::{Report, ReportKind, Utc};
 use wire::telemetry::Address;
 
 use super::Reporter;

@@ -12,7 +12,7 @@ use serde_json::Value;
 use station_core::api::{Access, App, Limits, Page, Tls, Token, UserRole, serve};
 use station_core::model::{Role, Site};
 use station_core::store::Retention;
-use station_core::{Hub, Live, Report, SolvedFrom, Store, Utc, ReportKind};
+use station_core::{Hub, Live, Report, ReportKind, SolvedFrom, Store, Utc};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;

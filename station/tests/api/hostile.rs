@@ -6,7 +6,7 @@ use hyper::{Method, header};
 use serde_json::{Value, json};
 use station_core::api::{Access, Limits};
 use station_core::model::Role;
-use station_core::{Report, SolvedFrom, Utc, ReportKind};
+use station_core::{Report, ReportKind, SolvedFrom, Utc};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 

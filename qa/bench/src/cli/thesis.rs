@@ -2,9 +2,9 @@
 //! Sevilla, 2021), beside the published figures.
 
 use anyhow::Result;
+use host_tools::cli::progress::Progress;
 use papers::thesis::printed::{DDP_ANCHORS, printed};
 use papers::thesis::{self, Score};
-use host_tools::cli::progress::Progress;
 use pictures::{Curve, Curves};
 use positioning_core::Method;
 

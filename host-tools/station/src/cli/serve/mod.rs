@@ -24,7 +24,7 @@ use station_core::mqtt::{self as broker, Mqtt};
 use station_core::state::Limits;
 use station_core::store::Retention;
 use station_core::webhooks::{Patience, Webhook, Webhooks};
-use station_core::{Hub, Live, Report, Store, Utc, ReportKind};
+use station_core::{Hub, Live, Report, ReportKind, Store, Utc};
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 

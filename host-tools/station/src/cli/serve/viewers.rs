@@ -7,7 +7,7 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use recording::UserError;
 use station_core::Hub;
-use station_core::api::access::is_loopback_name;
+use station_core::net::is_loopback_name;
 use station_core::nmea::{Nmea, Port};
 use tokio::net::TcpListener;
 use tokio::task::JoinSet;
