@@ -114,8 +114,6 @@ use clap::CommandFactory;
 use pictures::{Drawing, Format};
 pub use program::{Program, program};
 use recording::UserError;
-use recording::UserError;
-use recording::output::{self, Growing};
 use recording::output::{self, Growing};
 use verbosity::Verbosity;
 

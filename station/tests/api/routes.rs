@@ -2,7 +2,7 @@
 
 use hyper::{Method, header};
 use serde_json::{Value, json};
-use station_core::What;
+use station_core::ReportKind;
 use station_core::model::{NodeHealth, Role};
 
 use crate::api::client::{SITE, keys, open, png};

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value, json};
-use station_core::What;
+use station_core::ReportKind;
 use station_core::model::TagPosition;
 
 use crate::mqtt::mosquitto::{Mosquitto, Seen};

@@ -46,7 +46,7 @@ const DRAWN: [&str; 7] = [
 ];
 
 /// The distribution of the errors, as in the paper's figure 4.
-fn draw(rows: &[Row]) -> plot::Drawing {
+fn draw(rows: &[Row]) -> pictures::Drawing {
     let tracks = rows.iter().map(|(score, errors_m)| Series {
         method: format!("{}, {}", score.algorithm.as_str(), score.configuration.as_str()),
         errors_m: errors_m.clone(),

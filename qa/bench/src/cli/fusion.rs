@@ -51,7 +51,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// The distribution of the errors.
-fn draw(scores: &[Scored]) -> plot::Drawing {
+fn draw(scores: &[Scored]) -> pictures::Drawing {
     let tracks = scores.iter().map(|(score, errors_m)| Series {
         method: format!("{}, {}", score.algorithm.as_str(), score.heard.as_str()),
         errors_m: errors_m.clone(),

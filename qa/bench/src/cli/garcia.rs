@@ -37,7 +37,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// The distribution of the horizontal errors.
-fn draw(outcome: &Outcome) -> plot::Drawing {
+fn draw(outcome: &Outcome) -> pictures::Drawing {
     let tracks = outcome.errors_m.iter().map(|(way, errors)| Series {
         method: way.as_str().to_owned(),
         errors_m: errors.iter().map(|[x, y]| x.hypot(*y)).collect(),

@@ -38,7 +38,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// The distribution of the errors, without times by multilateration, whose large errors would flatten the other curves.
-fn draw(rows: &[Scored]) -> plot::Drawing {
+fn draw(rows: &[Scored]) -> pictures::Drawing {
     let named = rows.iter().zip(linde::ROWS).map(|((_, errors_m), (parameter, algorithm, _))| {
         let track =
             Series { method: linde::name(parameter, algorithm), errors_m: errors_m.clone(), ..Series::default() };

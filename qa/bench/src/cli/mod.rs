@@ -101,7 +101,7 @@ impl Output<'_> {
         self,
         document: &impl serde::Serialize,
         table: impl FnOnce() -> String,
-        picture: impl FnOnce() -> host_tools::plot::Drawing,
+        picture: impl FnOnce() -> pictures::Drawing,
     ) -> Result<()> {
         self.print(document, table)?;
         if let Some(file) = self.picture {
@@ -113,9 +113,9 @@ impl Output<'_> {
 
 #[cfg(test)]
 mod tests {
-    use baliza_research::fusion::bench as fusion;
-    use baliza_research::linde;
-    use host_tools::plot::{Pen, pen};
+    use papers::fusion::bench as fusion;
+    use papers::linde;
+    use pictures::{Pen, pen};
 
     #[test]
     fn the_curves_of_a_benchmark_are_distinct() {

@@ -1,9 +1,6 @@
 //! The figures of the benchmarks: their documents and their pictures.
 
-use papers::fusion::bench as fusion;
 use papers::fusion::bench::Swept;
-use papers::linde;
-use pictures::{Pen, pen};
 use serde_json::json;
 
 use crate::schema_check::check;
@@ -35,18 +32,4 @@ fn the_benchmark_of_fusion_agrees_with_its_schema() {
         inside_1_sigma: Some(0.39),
     };
     check(&json!({ "schema": 1, "command": "bench fusion", "results": [row] }));
-}
-
-#[test]
-fn the_curves_of_a_benchmark_are_distinct() {
-    let fused = fusion::Algorithm::ALL
-        .into_iter()
-        .flat_map(|algorithm| fusion::Inputs::ALL.map(|heard| format!("{}, {}", algorithm.as_str(), heard.as_str())));
-    let found = linde::ROWS.into_iter().map(|(parameter, algorithm, _)| linde::name(parameter, algorithm));
-    for names in [fused.collect::<Vec<_>>(), found.collect()] {
-        let pens: Vec<Pen> = names.iter().map(|name| pen(name)).collect();
-        for (index, pen) in pens.iter().enumerate() {
-            assert!(!pens[..index].contains(pen), "{}", names[index]);
-        }
-    }
 }
