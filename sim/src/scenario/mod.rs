@@ -14,6 +14,7 @@ mod draw;
 mod file;
 mod generate;
 mod hardware;
+mod inspection;
 mod motion;
 mod node;
 mod record;
@@ -34,6 +35,7 @@ pub use beacon::{Beacon, BluetoothSettings, Format, SiteModelFiles};
 pub use config::{LISTENING, NETWORK};
 pub use draw::Charges;
 pub use file::ScenarioError;
+pub use inspection::{Inspection, StepObserver};
 pub use motion::{Walk, distance};
 pub use record::{
     BluetoothSummary, Cover, DifferenceRecord, RangeRecord, Record, SimulatedEpoch, Source, Summary, What,

@@ -27,6 +27,7 @@ use wire::telemetry::{Board, Condition, Hello, ResetCause};
 
 use super::config::eui;
 use super::hardware::{Firmware, NodePlan};
+use super::inspection::{Inspected, Inspection};
 use super::telemetry::{Outlet, Reporter};
 use super::{Anchor, Scenario, Tag, TagSettings, Walk};
 use crate::air::Path;
@@ -121,6 +122,7 @@ pub(super) struct TagApp {
     walk: Walk,
     ears: Option<Ears>,
     sensor: Option<Sensor>,
+    inspection: Inspection,
 }
 
 /// A tag's Bluetooth.
@@ -136,9 +138,10 @@ impl TagApp {
         tag: &Tag,
         outlet: Rc<Outlet>,
         (ears, sensor): (Option<Ears>, Option<Sensor>),
+        inspection: &Inspection,
     ) -> Self {
         let app = App::new(world, scenario, tag.address, &scenario.tag_record(tag), outlet);
-        Self { app, walk: tag.walk.clone(), ears, sensor }
+        Self { app, walk: tag.walk.clone(), ears, sensor, inspection: inspection.clone() }
     }
 }
 
@@ -236,9 +239,11 @@ impl TagApp {
             ProtocolConfig::Native => machine.with_address(settings.address),
             ProtocolConfig::DecaRanging(_) | ProtocolConfig::Listening { .. } => machine,
         };
+        let machine = Inspected::new(machine, *address, &self.inspection);
         let model = scenario.tag.model.and_then(|bytes| Model::decode(bytes).ok()).map(|(model, _)| model);
         let anchors = firmware_tag::anchor_positions(record);
-        let locator = adapted(LocatorConfig::of(tag, record, &anchors), &scenario.tag).with_model(model.as_ref());
+        let mut locator = adapted(LocatorConfig::of(tag, record, &anchors), &scenario.tag).with_model(model.as_ref());
+        (self.inspection.tune)(&mut locator.settings.engine);
         let models = scenario.bluetooth.site_models.as_deref();
         let models = models.map_or(Err(LoadError::Missing), wire::config::decode_models);
         let complain = |condition| reporter.event_log.state(reporter.now_us(), condition);
