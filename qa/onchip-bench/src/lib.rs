@@ -1,7 +1,7 @@
 //! Measures the cost of the positioning methods on the chip.
 //!
 //! The bare-metal images in `src/bin/` run in QEMU and print their results through semihosting, or are only linked for
-//! their size. `cargo xtask bench` builds them, runs them and writes `docs/performance.md`. This library has what the
+//! their size. `cargo xtask promises chip` builds them, runs them and remakes their tables. This library has what the
 //! images share with the desktop: [`cases`], with the same samples bit for bit, so that results can be compared. With
 //! the feature `image` it also has what the images share with each other: the `instrument` that counts instructions and
 //! stack.

@@ -7,9 +7,7 @@ pub fn of(name: &str, text: &str) -> Option<String> {
     let all = |_: &[String]| true;
     let first = tables.first().map_or(&[][..], Vec::as_slice);
     match name {
-        "simulation" => Some(table(first, &[1, 2, 3, 4, 5], all)),
         "schemes" => Some(table(first, &[0, 1, 3, 5], all)),
-        "battery" => Some(table(first, &[0, 2, 4, 5, 6, 7, 8], all)),
         "thesis" => Some(beside_printed(first)),
         // The method with an oracle has no positions where the true line of sight is unknown.
         "recordings" => Some(table(first, &[0, 1, 2, 3, 4], |row| row.iter().skip(1).any(|cell| cell != "no fix"))),
