@@ -4,6 +4,7 @@ mod accuracy;
 mod air;
 mod baliza;
 mod beacons;
+mod bench_boards;
 mod chip;
 mod ci;
 mod deny;
@@ -84,6 +85,8 @@ enum Chore {
     /// Recordings are looked for in the folder that BALIZA_DATA names, else in ../shared/data; figures of recordings
     /// that are not there stay as they are. All together take some twenty minutes, those of --quick two.
     Promises(promises::Arguments),
+    /// Go through the steps of docs/hardware.md with boards on the desk: flash, provision, listen, and report.
+    BenchBoards(bench_boards::Arguments),
 }
 
 /// What runs in QEMU.
@@ -121,6 +124,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Accuracy(arguments) => protocol::run(arguments),
         Chore::Fuzz(arguments) => fuzz::run(arguments),
         Chore::Promises(arguments) => promises::run(arguments),
+        Chore::BenchBoards(arguments) => bench_boards::run(arguments),
     }
 }
 
