@@ -2,9 +2,8 @@
 
 use std::path::Path;
 
-use analysis::{Setup, Solver};
+use host_tools::{Files, Mode, Recording, Setup, Solver, Space, UserError};
 use positioning_core::Method;
-use recording::{Files, Mode, Recording, Space, UserError};
 
 fn main() -> Result<(), UserError> {
     let folder = Path::new("examples/room");

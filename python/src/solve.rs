@@ -1,11 +1,10 @@
 //! Positions of ranges in arrays.
 
-use analysis::Solver;
+use host_tools::{Epochs, Measured, Solver};
 use numpy::PyReadonlyArray2;
 use positioning_core::Method;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use recording::{Epochs, Measured};
 
 use crate::arguments::{Within, anchors, diagnostics};
 use crate::arrays::{OfTag, positions};

@@ -3,9 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use recording::UserError;
-
-use super::companion;
+use host_tools::UserError;
 
 /// Write manual pages: one for `baliza` and one a command
 #[derive(clap::Args)]
@@ -32,7 +30,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let write = || {
         std::fs::create_dir_all(folder)?;
-        clap_mangen::generate_to(companion::whole(), folder)
+        clap_mangen::generate_to(super::Arguments::grouped(), folder)
     };
     write().with_context(|| format!("cannot write pages into {}", folder.display()))
 }

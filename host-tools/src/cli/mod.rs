@@ -1,15 +1,14 @@
-//! The commands, one module each, and what the programs of the project share. A command has its arguments and `run`,
-//! which reads, computes and reports.
+//! The subcommands, one module each. A module has its arguments and `run`, which reads, computes and reports.
 //!
 //! A new command needs five changes: its module, its `mod` line and its line in [`Command`] here, its group in `help`,
 //! its test, and the test's `mod` line in `tests/baliza/main.rs`. An argument of the type `PathBuf` is an input, unless
 //! [`paths`] knows it as an output. `--json` needs a schema in `docs/schema`.
 
+mod bench;
 mod ble;
 mod boards;
 mod calibrate;
 mod classify_rooms;
-pub mod companion;
 mod completions;
 mod convert;
 mod coverage;
@@ -18,67 +17,71 @@ mod example;
 mod flash;
 mod floor_plan;
 mod folder;
-pub mod help;
+mod help;
 mod import;
 pub mod json;
-pub mod live_view;
+#[cfg(feature = "station")]
+mod live;
+mod live_view;
 mod man;
 mod monitor;
 mod nlos;
-pub mod numbers;
 pub mod paths;
 mod plan_anchors;
 mod plot;
-mod program;
-pub mod progress;
+mod progress;
 mod provision;
 mod record;
 mod recording_args;
 mod replay;
 mod report;
 mod residuals;
+#[cfg(feature = "station")]
+mod serve;
 mod simulate;
 mod site_names;
 mod solve;
-pub mod stream;
+#[cfg(feature = "station")]
+mod station;
+mod stream;
 mod summary;
 mod survey;
 mod track;
-pub mod verbosity;
+mod verbosity;
 
 use std::path::Path;
 
 /// Declares the subcommands of one level. Each variant is a module with `Arguments`, which clap reads, and `run`, which
 /// executes the command.
-#[macro_export]
 macro_rules! commands {
-    ($(#[$about:meta])* $visible:vis enum $name:ident { $($(#[$kind:meta])* $variant:ident($module:ident),)* }) => {
+    ($(#[$about:meta])* enum $name:ident { $($(#[$kind:meta])* $variant:ident($module:ident) $(if $feature:literal)?,)* }) => {
         $(#[$about])*
         #[derive(clap::Subcommand)]
-        #[allow(missing_docs, reason = "the help of a command is that of its arguments")]
-        $visible enum $name {
+        pub enum $name {
             // In a box: the arguments of commands differ much in size.
-            $($(#[$kind])* $variant(Box<$module::Arguments>),)*
+            $($(#[cfg(feature = $feature)])? $(#[$kind])* $variant(Box<$module::Arguments>),)*
         }
 
         /// Runs the given command.
         ///
         /// # Errors
         /// The command returns an error.
-        $visible fn run(command: &$name) -> anyhow::Result<()> {
+        pub fn run(command: &$name) -> anyhow::Result<()> {
             match command {
-                $($name::$variant(arguments) => $module::run(arguments),)*
+                $($(#[cfg(feature = $feature)])? $name::$variant(arguments) => $module::run(arguments),)*
             }
         }
     };
 }
-pub use commands;
+use commands;
 
 commands! {
     /// What `baliza` can do.
-    pub enum Command {
+    enum Command {
         Solve(solve),
         Track(track),
+        #[command(subcommand)]
+        Bench(bench),
         Plot(plot),
         #[command(subcommand)]
         Nlos(nlos),
@@ -101,6 +104,10 @@ commands! {
         Decode(decode),
         Record(record),
         Replay(replay),
+        Serve(serve) if "station",
+        Live(live) if "station",
+        #[command(subcommand)]
+        Station(station) if "station",
         #[command(subcommand)]
         Import(import),
         Convert(convert),
@@ -111,10 +118,9 @@ commands! {
 
 use anyhow::{Context, Result};
 use clap::CommandFactory;
-use pictures::{Drawing, Format};
-pub use program::{Program, program};
-use recording::UserError;
-use recording::output::{self, Growing};
+use host_tools::UserError;
+use host_tools::files::output::{self, Growing};
+use host_tools::plot::{Drawing, Format};
 use verbosity::Verbosity;
 
 /// The version, and the commit where it is known.
@@ -125,56 +131,48 @@ pub const VERSION: &str = env!("BALIZA_VERSION");
 #[command(name = "baliza", version = VERSION, max_term_width = 120, after_help = EXIT_CODES)]
 pub struct Arguments {
     #[command(subcommand)]
-    command: Command,
+    pub command: Command,
     #[command(flatten)]
-    verbosity: Verbosity,
+    pub verbosity: Verbosity,
 }
 
-/// What `--help` ends with.
-pub const EXIT_CODES: &str = "Exit code: 0 done; 2 the input or the arguments are wrong, one line on standard error says where and \
+const EXIT_CODES: &str = "Exit code: 0 done; 2 the input or the arguments are wrong, one line on standard error says where and \
                           how; 130 interrupted; 1 anything else.\nWith --json, standard output is one object with schema, \
                           command, and results (a list) or error (file, line, message).";
 
-impl Program for Arguments {
-    fn grouped() -> clap::Command {
-        help::grouped(companion::with_names(Self::command()))
-    }
-
-    fn verbosity(&self) -> Verbosity {
-        self.verbosity
-    }
-
-    fn run(&self) -> Result<()> {
-        run(&self.command)
+impl Arguments {
+    /// The command line, whose help has the commands in groups.
+    pub fn grouped() -> clap::Command {
+        help::grouped(Self::command())
     }
 }
 
 /// The file of a picture. Its name is checked before the work, and the file is written after the work.
 #[derive(Clone, Copy)]
-pub struct PictureFile<'a> {
+struct PictureFile<'a> {
     file: &'a Path,
     format: Format,
 }
 
 impl<'a> PictureFile<'a> {
     /// The file that a flag names. Its format must be supported, and the file must be writable.
-    pub fn of(flag: &'static str, file: &'a Path) -> Result<Self, UserError> {
+    fn of(flag: &'static str, file: &'a Path) -> Result<Self, UserError> {
         output::check(flag, file)?;
         Ok(Self { file, format: Format::of(flag, file)? })
     }
 
     /// The file of `--plot`, where it is given.
-    pub fn plot(file: Option<&'a Path>) -> Result<Option<Self>, UserError> {
+    fn plot(file: Option<&'a Path>) -> Result<Option<Self>, UserError> {
         file.map(|file| Self::of("--plot", file)).transpose()
     }
 
     /// Writes the picture.
-    pub fn write(self, picture: &Drawing) -> Result<()> {
+    fn write(self, picture: &Drawing) -> Result<()> {
         write(self.file, &self.format.encode(picture)?)
     }
 
     /// Writes the picture, and prints its path.
-    pub fn write_and_note(self, picture: &Drawing) -> Result<()> {
+    fn write_and_note(self, picture: &Drawing) -> Result<()> {
         self.write(picture)?;
         note(&format!("picture: {}\n", self.file.display()));
         Ok(())
@@ -182,12 +180,12 @@ impl<'a> PictureFile<'a> {
 }
 
 /// Writes a complete file.
-pub fn write(file: &Path, bytes: &[u8]) -> Result<()> {
+fn write(file: &Path, bytes: &[u8]) -> Result<()> {
     output::write_file(file, bytes).with_context(|| format!("cannot write {}", file.display()))
 }
 
 /// Writes a complete file, or standard output without one, piece by piece.
-pub fn write_with(file: Option<&Path>, content: impl FnOnce(&mut Growing) -> Result<()>) -> Result<()> {
+fn write_with(file: Option<&Path>, content: impl FnOnce(&mut Growing) -> Result<()>) -> Result<()> {
     let written = || -> Result<()> {
         let mut growing = Growing::create(file.unwrap_or(Path::new(output::STANDARD)))?;
         content(&mut growing)?;
@@ -199,33 +197,33 @@ pub fn write_with(file: Option<&Path>, content: impl FnOnce(&mut Growing) -> Res
     })
 }
 
-pub use self::json::print_results as print_json;
+use self::json::print_results as print_json;
 
 /// Writes to standard output.
-pub fn print(bytes: &[u8]) -> Result<()> {
+fn print(bytes: &[u8]) -> Result<()> {
     output::write_stdout(bytes).context("cannot write to standard output")
 }
 
 /// Prints a message for the user, which is not part of the data. With `--quiet` it is not printed.
-pub fn note(text: &str) {
+fn note(text: &str) {
     if !verbosity::is_quiet() {
         prompt(text);
     }
 }
 
 /// Prints what the user must do, also with `--quiet`.
-pub fn prompt(text: &str) {
+fn prompt(text: &str) {
     use std::io::Write;
     // If standard error is closed, the message is dropped.
     let _ = std::io::stderr().write_all(text.as_bytes());
 }
 
 /// Prints warnings, each on a line of its own.
-pub fn warn(warnings: impl IntoIterator<Item = String>) {
+fn warn(warnings: impl IntoIterator<Item = String>) {
     warnings.into_iter().for_each(|warning| note(&format!("warning: {warning}\n")));
 }
 
 /// Whether standard output shows colours: it is a terminal that can, and `NO_COLOR` is not set.
-pub fn stdout_has_colours() -> bool {
+fn stdout_has_colours() -> bool {
     anstream::AutoStream::choice(&std::io::stdout()) != anstream::ColorChoice::Never
 }

@@ -30,7 +30,7 @@ impl Run {
     /// The JSON document on standard output, which agrees with the schema of its command.
     pub fn document(&self) -> serde_json::Value {
         let document = serde_json::from_str(&self.stdout).expect("one JSON document on standard output");
-        crate::schema_check::check(&document);
+        crate::schemas::check(&document);
         document
     }
 
@@ -105,7 +105,7 @@ impl Folder {
     }
 
     pub fn command(&self, arguments: &str) -> Command {
-        let mut command = Command::new(crate::PROGRAM);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_baliza"));
         command.args(arguments.split_whitespace()).current_dir(self.0.path()).stdin(Stdio::null());
         command
     }
@@ -113,8 +113,7 @@ impl Folder {
 
 /// The root of the repository.
 pub fn root() -> &'static Path {
-    let has_lock = |folder: &&Path| folder.join("Cargo.lock").is_file();
-    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().find(has_lock).expect("the package is in the repository")
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("host-tools is in the repository")
 }
 
 /// The recordings that the replays use.

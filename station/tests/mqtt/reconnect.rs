@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use station_core::mqtt::Mqtt;
+use baliza_station::mqtt::Mqtt;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::{JoinHandle, JoinSet};
 

@@ -4,7 +4,7 @@ mod fingerprints;
 
 super::commands! {
     /// Surveys: a person is led from point to point
-    pub enum Arguments {
+    enum Arguments {
         Fingerprints(fingerprints),
     }
 }
