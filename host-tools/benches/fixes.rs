@@ -14,7 +14,7 @@ const USED: usize = 8;
 /// Points of the room in P. M. de Rojas Malpartida's thesis, with ranges to 8 of its 12 anchors: two of every three.
 fn epochs() -> Vec<[RangeSample<f32, 2>; USED]> {
     let anchors = anchors_m();
-    let points = baliza_research::thesis::points(SOLVED, 1);
+    let points = papers::thesis::points(SOLVED, 1);
     let used = |i: usize| (3 * i / 2) % ANCHORS;
     let sample = |range: &sim::alavi_pahlavan::Range, anchor: [f64; 2]| RangeSample {
         los: Some(range.detected),

@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
-use host_tools::{Files, Mode, Recording, Setup, Solver, Space, UserError};
+use analysis::{Setup, Solver};
 use positioning_core::Method;
+use recording::{Files, Mode, Recording, Space, UserError};
 
 fn main() -> Result<(), UserError> {
     let folder = Path::new("examples/room");

@@ -1,11 +1,12 @@
 //! Arguments of several functions: the space to solve in, anchors, the powers of a range.
 
-use host_tools::files::Diagnostics;
-use host_tools::files::folder::RecordingSettings;
-use host_tools::{Anchor, Coordinates, Half, Height, Setup, Space};
+use analysis::Setup;
 use numpy::PyReadonlyArray2;
 use positioning_core::nlos::{Feature, Features};
 use pyo3::prelude::*;
+use recording::Diagnostics;
+use recording::folder::RecordingSettings;
+use recording::{Anchor, Coordinates, Half, Height, Space};
 
 use crate::errors::value_error;
 

@@ -1,9 +1,9 @@
 //! Results as dictionaries of NumPy arrays; NaN where a number is not known.
 
-use host_tools::{Coordinates, Epochs, Position, Solved};
 use numpy::{Element, IntoPyArray, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use recording::{Coordinates, Epochs, Position, Solved};
 
 /// Unknown coordinates.
 const NONE_M: [f64; 3] = [f64::NAN; 3];

@@ -1,9 +1,9 @@
 //! Errors as exceptions.
 
-use host_tools::UserError;
 use pyo3::create_exception;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use recording::UserError;
 
 create_exception!(
     baliza,

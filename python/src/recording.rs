@@ -2,14 +2,15 @@
 
 use std::path::PathBuf;
 
-use host_tools::files::folder::{Folder, RecordingSettings};
-use host_tools::files::{Files, Mode, SingleRanges, rounds};
-use host_tools::locate::track::{Tracker, settings, settings_of_single_epochs};
-use host_tools::{Epochs, Height, Setup, Solved, Solver, Space, Truth, Truths, UserError};
+use analysis::locate::track::{Tracker, settings, settings_of_single_epochs};
+use analysis::{Setup, Solver};
 use positioning_core::Method;
 use positioning_core::nlos::Feature;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use recording::folder::{Folder, RecordingSettings};
+use recording::{Epochs, Height, Solved, Space, Truth, Truths, UserError};
+use recording::{Files, Mode, SingleRanges, rounds};
 
 use crate::arguments::{Within, needs_heights};
 use crate::arrays::{OfTag, metres, numbers, positions, vectors};
@@ -31,7 +32,7 @@ struct Grouping {
 #[pyclass(frozen, module = "baliza._native")]
 pub(crate) struct Recording {
     /// One a tag; at least one.
-    tags: Vec<host_tools::Recording>,
+    tags: Vec<recording::Recording>,
     truths: Option<Truths>,
     settings: RecordingSettings,
     mode: Mode,
@@ -148,7 +149,7 @@ impl Recording {
             anchor_heights: false,
             truth_heights: false,
         };
-        let tags = host_tools::Recording::read(&files)?;
+        let tags = recording::Recording::read(&files)?;
         let truths = folder.find("truth.csv").map(|file| Truths::read(&file, false)).transpose()?;
         Ok(Self { tags, truths, settings: folder.settings, mode, anchors })
     }
@@ -173,7 +174,7 @@ impl Recording {
         py: Python<'py>,
         grouping: Grouping,
         singles: SingleRanges,
-        solve: impl Fn(&[host_tools::Anchor], &Epochs) -> Vec<Solved> + Sync,
+        solve: impl Fn(&[recording::Anchor], &Epochs) -> Vec<Solved> + Sync,
     ) -> PyResult<Bound<'py, PyDict>> {
         let mut tags = Vec::new();
         for of in &self.tags {

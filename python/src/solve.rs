@@ -1,10 +1,11 @@
 //! Positions of ranges in arrays.
 
-use host_tools::{Epochs, Measured, Solver};
+use analysis::Solver;
 use numpy::PyReadonlyArray2;
 use positioning_core::Method;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use recording::{Epochs, Measured};
 
 use crate::arguments::{Within, anchors, diagnostics};
 use crate::arrays::{OfTag, positions};

@@ -1,6 +1,6 @@
 //! Telemetry: messages of a stream as dictionaries.
 
-use host_tools::node::decode::Stream;
+use node_link::decode::Stream;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};

@@ -1,10 +1,10 @@
 //! The track of a tag, one step after another.
 
-use host_tools::locate::track::{Tracker, Weighting, settings};
-use host_tools::{Epochs, Measured};
+use analysis::locate::track::{Tracker, Weighting, settings};
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use recording::{Epochs, Measured};
 
 use crate::arguments::{Within, anchors, diagnostics};
 use crate::arrays::{OfTag, positions};

@@ -1,6 +1,5 @@
 //! What a node's code costs, in instructions, and the radio and the protocol that charge these costs to their node's
-//! [`Processor`]. The table is `costs.csv`, which `cargo xtask bench costs` makes in QEMU. The table in
-//! `docs/performance.md` is made from it too.
+//! [`Processor`]. The table is `costs.csv`, which `cargo xtask promises costs` makes in QEMU.
 //!
 //! The costs cover the firmware's own crates, compiled with the firmware's profile: the driver over a bus that takes no
 //! time, between one transaction and the next; each step of the exchange's protocols by the frame that it handles; the
@@ -130,7 +129,7 @@ impl Costs {
         static COSTS: LazyLock<[Costs; 3]> = LazyLock::new(|| {
             CORES.map(|(name, _)| match parse(TABLE, name) {
                 Ok(costs) => costs,
-                Err(message) => panic!("costs.csv: {message}; `cargo xtask bench costs` makes it"),
+                Err(message) => panic!("costs.csv: {message}; `cargo xtask promises costs` makes it"),
             })
         });
         let column = CORES.iter().position(|(_, known)| *known == core);

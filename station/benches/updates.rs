@@ -7,10 +7,10 @@
 use std::hint::black_box;
 use std::time::Duration;
 
-use baliza_station::model::{Role, Zone, ZoneKind};
-use baliza_station::state::Limits;
-use baliza_station::{Live, Report, ReportKind, SolvedFrom, Utc};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use station_core::model::{Role, Zone, ZoneKind};
+use station_core::state::Limits;
+use station_core::{Live, Report, ReportKind, SolvedFrom, Utc};
 
 const TAGS: u32 = 1000;
 const ANCHORS: u32 = 50;

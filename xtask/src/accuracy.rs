@@ -8,7 +8,7 @@ use anyhow::Result;
 use serde::Deserialize;
 
 use crate::baliza::{baliza, files, json, name, ranges, recording, scratch};
-use crate::bench::Made;
+use crate::promises::Made;
 
 /// One method on one recording, as `baliza solve --json` prints it.
 #[derive(Clone, Debug, Deserialize)]
@@ -20,37 +20,56 @@ struct Score {
     p90_m: Option<f64>,
 }
 
+/// The figure of the thesis' simulation.
+const THESIS: &str = "docs/thesis.svg";
+
 /// The thesis' simulation, and its figure.
 ///
 /// # Errors
 /// A run of `baliza` fails.
-pub fn thesis() -> Result<Option<Made>> {
-    let table = baliza(["bench", "thesis", "--points", "3000", "--seed", "1", "--plot", "docs/thesis.svg"])?;
-    Ok(Made::one("thesis", table))
+pub fn thesis() -> Result<Made> {
+    let picture = scratch("thesis.svg")?;
+    let words = ["bench", "thesis", "--points", "3000", "--seed", "1", "--plot"].map(PathBuf::from);
+    let table = baliza(words.into_iter().chain([picture.clone()]))?;
+    Made::drawn("thesis", table, THESIS, &picture)
 }
 
 /// The rooms of a recorded floor.
 ///
 /// # Errors
 /// A run of `baliza` fails.
-pub fn rooms() -> Result<Option<Made>> {
-    let Some(floor) = recording("linde_floor") else { return Ok(None) };
+pub fn rooms() -> Result<Made> {
+    let floor = recording("linde_floor")?;
     let words = ["ble", "rooms", "--leave-one-out", "--fingerprints"].map(PathBuf::from);
     let table = baliza(words.into_iter().chain([floor.join("fingerprints.csv")]))?;
-    Ok(Made::one("rooms", table))
+    Ok(Made::one("rooms", markdown(&table)))
+}
+
+/// The first table of a text in which columns are aligned by two spaces or more, in Markdown. The first column is words,
+/// the others are numbers.
+fn markdown(text: &str) -> String {
+    let mut lines = text.lines().take_while(|line| !line.trim().is_empty());
+    let cells = |line: &str| {
+        line.split("  ").map(str::trim).filter(|cell| !cell.is_empty()).map(str::to_owned).collect::<Vec<_>>()
+    };
+    let titles = lines.next().map(cells).unwrap_or_default();
+    let titles = titles.into_iter().enumerate().map(|(at, title)| if at == 0 { title } else { format!("{title}:") });
+    let mut table = MarkdownTable::new(titles);
+    lines.for_each(|line| table.row(format_args!("{}", cells(line).join(" | "))));
+    table.into_text()
 }
 
 /// Classifiers of blocked ranges in a recorded flat, and the effect of corrections learnt there in other places.
 ///
 /// # Errors
 /// A run of `baliza` fails.
-pub fn sight() -> Result<Option<Made>> {
-    let Some(flat) = recording("apartment_cir") else { return Ok(None) };
+pub fn sight() -> Result<Made> {
+    let flat = recording("apartment_cir")?;
     let begin = |command: &str| ["nlos", command, "--cir"].map(PathBuf::from).into_iter().chain([flat.join("cir.csv")]);
     let train = ["--folds", "file", "--out"].map(PathBuf::from).into_iter().chain([scratch("nlos.model")?]);
     let mut tables = baliza(begin("train").chain(train))?;
-    // The other building, if it is recorded.
-    let other = recording("leiria_128_los_pos1").map(|folder| files(&folder)).unwrap_or_default();
+    // The other building.
+    let other = files(&recording("leiria_128_los_pos1")?);
     tables.push('\n');
     tables += &baliza(begin("mitigation").chain(other))?;
     Ok(Made::one("nlos", tables))
@@ -60,11 +79,8 @@ pub fn sight() -> Result<Option<Made>> {
 ///
 /// # Errors
 /// A run of `baliza` fails.
-pub fn recorded() -> Result<Option<Made>> {
+pub fn recorded() -> Result<Made> {
     let folders = ranges();
-    if folders.is_empty() {
-        return Ok(None);
-    }
     let scores = folders.iter().map(|folder| Ok((name(folder), solve(folder)?))).collect::<Result<Vec<_>>>()?;
     Ok(Made::one("recordings", side_by_side(&scores)))
 }
@@ -103,6 +119,14 @@ fn cell(score: &Score) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn aligned_columns_are_a_table_in_markdown() {
+        let text = "method  points  right windows\nsvm         37         94.4 %\n\nby svm, in  a  b\n";
+        let expected = "| method | points | right windows |\n|---|---:|---:|\n| svm | 37 | 94.4 % |\n";
+        let made = markdown(text);
+        assert_eq!(made.replace(['-', ':', ' '], ""), expected.replace(['-', ':', ' '], ""), "{made}");
+    }
 
     #[test]
     fn methods_are_rows_and_recordings_columns() {

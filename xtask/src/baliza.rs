@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use serde::de::DeserializeOwned;
 
+use crate::promises::Made;
 use crate::{cargo, printed, root, succeed, target_directory};
 
 /// The output of `baliza` with these arguments. The program is built before the first run, and each run is printed on
@@ -47,24 +48,41 @@ pub fn result<T: DeserializeOwned>(arguments: impl IntoIterator<Item: AsRef<OsSt
     json(arguments)?.pop().context("baliza prints no result")
 }
 
+/// The program that is run.
+static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
+
+/// Runs this program from now on, instead of one that is built. Only the first call counts.
+///
+/// # Errors
+/// There is no such file.
+pub fn run_this(program: &Path) -> Result<()> {
+    let program = program.canonicalize().with_context(|| program.display().to_string())?;
+    PROGRAM.get_or_init(|| program);
+    Ok(())
+}
+
 /// The program, built once: cargo would check all sources again for each of a hundred runs, and take time that some
 /// tables measure.
 ///
 /// # Errors
 /// The program cannot be built.
 pub fn binary() -> Result<PathBuf> {
-    static BUILT: OnceLock<()> = OnceLock::new();
-    if BUILT.get().is_none() {
-        succeed(cargo().args(["build", "--release", "--package", "host-tools", "--bin", "baliza"]))?;
-        BUILT.get_or_init(|| ());
+    if let Some(program) = PROGRAM.get() {
+        return Ok(program.clone());
     }
-    Ok(target_directory().join("release").join("baliza").with_extension(EXE_EXTENSION))
+    succeed(cargo().args(["build", "--release", "--package", "host-tools", "--bin", "baliza"]))?;
+    let built = target_directory().join("release").join("baliza").with_extension(EXE_EXTENSION);
+    Ok(PROGRAM.get_or_init(|| built).clone())
 }
 
-/// A recording: a folder in the one that `BALIZA_DATA` names, or beside the repository; `None` where it does not
-/// exist.
-pub fn recording(name: &str) -> Option<PathBuf> {
-    Some(data()?.join(name)).filter(|folder| folder.is_dir())
+/// A recording: a folder in the one that `BALIZA_DATA` names, or beside the repository.
+///
+/// # Errors
+/// It does not exist.
+pub fn recording(name: &str) -> Result<PathBuf> {
+    let folder = data().context("no folder of recordings (BALIZA_DATA, ../shared/data)")?.join(name);
+    ensure!(folder.is_dir(), "no recording {}", folder.display());
+    Ok(folder)
 }
 
 /// The folders with recorded ranges, anchors and true positions.
@@ -86,6 +104,17 @@ pub fn files(folder: &Path) -> Vec<PathBuf> {
 /// The name of a folder.
 pub fn name(folder: &Path) -> String {
     folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// The table of `baliza bench NAME --seed 1`, and its picture, which is kept at this path.
+///
+/// # Errors
+/// The run fails.
+pub fn drawn(name: &str, picture: &str) -> Result<Made> {
+    let file = scratch("promised.svg")?;
+    let words = ["bench", name, "--seed", "1", "--plot"].map(PathBuf::from);
+    let table = baliza(words.into_iter().chain([file.clone()]))?;
+    Made::drawn(name, table, picture, &file)
 }
 
 /// A file in the folder of build outputs, which one run writes and another reads.

@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use serde::Deserialize;
 
-use crate::baliza::{baliza, json, recording, scratch};
-use crate::bench::Made;
+use crate::baliza::{baliza, drawn, json, recording, scratch};
+use crate::promises::Made;
 
 /// Positions of the room's beacons: tables 4.1 and 4.2, with beacons 6 and 8 exchanged, as their path losses of table
 /// 4.3 show.
@@ -28,16 +28,16 @@ struct Score {
 ///
 /// # Errors
 /// A run of `baliza` fails.
-pub fn linde() -> Result<Option<Made>> {
-    Ok(Made::one("linde", baliza(["bench", "linde", "--seed", "1", "--plot", "research/linde.svg"])?))
+pub fn linde() -> Result<Made> {
+    drawn("linde", "research/linde.svg")
 }
 
 /// The recorded room: its path losses, and the positions of its targets by them.
 ///
 /// # Errors
 /// A run of `baliza` fails.
-pub fn by_path_loss() -> Result<Option<Made>> {
-    let Some(room) = recording("linde_room") else { return Ok(None) };
+pub fn by_path_loss() -> Result<Made> {
+    let room = recording("linde_room")?;
     let (beacons, calibrated) = (scratch("room-beacons.csv")?, scratch("room-calibrated.csv")?);
     std::fs::write(&beacons, ROOM).with_context(|| format!("cannot write {}", beacons.display()))?;
     let words = |words: &str| words.split(' ').map(PathBuf::from).collect::<Vec<_>>();

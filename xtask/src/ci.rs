@@ -9,13 +9,15 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
+use baliza_report::MarkdownTable;
 
+use crate::promises::Made;
 use crate::root;
 
 /// The name of the check, its command, and additions to its environment.
 type Step = (&'static str, &'static [&'static str], &'static [(&'static str, &'static str)]);
 
-const STEPS: [Step; 18] = [
+const STEPS: [Step; 19] = [
     ("lock file", &["cargo", "fetch", "--locked"], &[]),
     ("tests", &["cargo", "test"], &[]),
     ("formatting", &["cargo", "fmt", "--all", "--check"], &[]),
@@ -34,7 +36,8 @@ const STEPS: [Step; 18] = [
     ("lints of the boards", &["cargo", "xtask", "firmware", "--lint"], &[]),
     ("tag in QEMU", &["cargo", "xtask", "qemu", "tag"], &[]),
     ("network in QEMU", &["cargo", "xtask", "qemu", "network", "--seconds", "3"], &[]),
-    ("cost on the chip", &["cargo", "xtask", "bench", "--check"], &[]),
+    ("promises", &["cargo", "xtask", "promises", "--check", "--quick"], &[]),
+    ("cost on the chip", &["cargo", "xtask", "promises", "--check", "chip"], &[]),
 ];
 
 /// The first command of the README, exactly as there.
@@ -77,6 +80,19 @@ pub fn run() -> Result<()> {
     }
     println!("all {} checks passed", STEPS.len());
     Ok(())
+}
+
+/// The list of the checks, for the document.
+///
+/// # Errors
+/// None; other tables' makers have some.
+pub fn made() -> Result<Made> {
+    let mut table = MarkdownTable::new(["check", "command"]);
+    for (name, words, environment) in STEPS {
+        let environment = environment.iter().map(|(name, value)| format!("{name}=\"{value}\" "));
+        table.row(format_args!("{name} | `{}{}`", environment.collect::<String>(), words.join(" ")));
+    }
+    Ok(Made::one("checks", table.into_text()))
 }
 
 /// Runs a command and prints its output as it comes. Returns whether it succeeded, and the last [`KEPT_LINES`].

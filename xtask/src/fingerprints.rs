@@ -10,7 +10,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use crate::baliza::{json, recording, scratch};
-use crate::bench::Made;
+use crate::promises::Made;
 
 /// One method, as `baliza ble fingerprint --json` prints it; `ble map` prints only the errors.
 #[derive(Clone, Debug, Deserialize)]
@@ -55,10 +55,7 @@ const MAPS: [(&str, &str, [u32; 4]); 5] = [
 ///
 /// # Errors
 /// A run of `baliza` fails.
-pub fn comparisons() -> Result<Option<Made>> {
-    if !are_there(COLUMNS.iter().map(|(_, folder, _)| *folder)) {
-        return Ok(None);
-    }
+pub fn comparisons() -> Result<Made> {
     let titles = COLUMNS.map(|(title, ..)| format!("{title}:"));
     let mut table = MarkdownTable::new(["MAE (RMSE), m", "the thesis:"].into_iter().map(String::from).chain(titles));
     let mut scores: Vec<BTreeMap<String, String>> = Vec::new();
@@ -83,11 +80,8 @@ pub fn comparisons() -> Result<Option<Made>> {
 ///
 /// # Errors
 /// A run of `baliza` fails.
-pub fn barriers() -> Result<Option<Made>> {
+pub fn barriers() -> Result<Made> {
     let walk = "kolakowski";
-    if !are_there([walk]) {
-        return Ok(None);
-    }
     let mut table = MarkdownTable::new(["MAE (RMSE), m", "walls unknown:", "walls are barriers:"]);
     for kernel in ["gp-walk", "gp --particle-filter", "knn --weighted --particle-filter"] {
         let command = format!("fingerprint --json --hold-out 5 --block 100 --kernel {kernel}");
@@ -105,10 +99,7 @@ pub fn barriers() -> Result<Option<Made>> {
 ///
 /// # Errors
 /// A run of `baliza` fails.
-pub fn maps() -> Result<Option<Made>> {
-    if !are_there(MAPS.iter().map(|(folder, ..)| *folder)) {
-        return Ok(None);
-    }
+pub fn maps() -> Result<Made> {
     let mut table = MarkdownTable::new(["recording", "known beside", "MAE of the others (RMSE), m"]);
     let out = scratch("few.map")?;
     for (folder, known, points) in MAPS {
@@ -128,13 +119,9 @@ pub fn maps() -> Result<Option<Made>> {
     Ok(Made::one("predicted maps", table.into_text()))
 }
 
-fn are_there(folders: impl IntoIterator<Item = &'static str>) -> bool {
-    folders.into_iter().all(|folder| recording(folder).is_some())
-}
-
 /// The output of `baliza ble` for a recording's survey.
 fn run<T: DeserializeOwned>(command: &str, folder: &str, arguments: &str) -> Result<Vec<T>> {
-    let folder = recording(folder).context("no such recording")?;
+    let folder = recording(folder)?;
     let argument = |word: &str| match word.strip_prefix('{') {
         Some(file) => folder.join(file).into_os_string(),
         None => OsString::from(word),

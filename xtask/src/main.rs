@@ -3,20 +3,18 @@
 mod accuracy;
 mod air;
 mod baliza;
-mod battery;
 mod beacons;
-mod bench;
+mod bench_boards;
 mod chip;
 mod ci;
 mod deny;
 mod dist;
-mod document;
-mod extract;
 mod fingerprints;
 mod firmware;
 mod fuzz;
 mod network;
 mod onchip;
+mod promises;
 mod protocol;
 mod python;
 mod qemu;
@@ -27,6 +25,7 @@ mod sizes;
 mod station;
 mod target;
 mod toolchain;
+mod tour;
 mod tracks;
 mod workspace;
 
@@ -81,20 +80,13 @@ enum Chore {
     Accuracy(protocol::Arguments),
     /// Fuzz what comes from the air, wires, flash and files.
     Fuzz(fuzz::Arguments),
-    /// Remake the tables and figures of docs/performance.md, docs/scenarios.md and research/README.md that simulations,
-    /// recordings and QEMU make: all, or those that are named. `cargo xtask firmware --document` makes that of the
-    /// images.
+    /// Remake the figures that documents print, or check that they still hold: promises.toml lists them.
     ///
-    /// Recordings are looked for in the folder that BALIZA_DATA names, else in ../shared/data; tables of those that are
-    /// not there stay as they are. All together take some twenty minutes.
-    Bench {
-        /// Which.
-        #[arg(value_name = "TABLE", value_parser = clap::builder::PossibleValuesParser::new(bench::names()))]
-        tables: Vec<String>,
-        /// Only measure the cost on the chip and compare it with the budgets: write nothing.
-        #[arg(long, conflicts_with = "tables")]
-        check: bool,
-    },
+    /// Recordings are looked for in the folder that BALIZA_DATA names, else in ../shared/data; figures of recordings
+    /// that are not there stay as they are. All together take some twenty minutes, those of --quick two.
+    Promises(promises::Arguments),
+    /// Go through the steps of docs/hardware.md with boards on the desk: flash, provision, listen, and report.
+    BenchBoards(bench_boards::Arguments),
 }
 
 /// What runs in QEMU.
@@ -131,8 +123,8 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Station(arguments) => station::run(arguments),
         Chore::Accuracy(arguments) => protocol::run(arguments),
         Chore::Fuzz(arguments) => fuzz::run(arguments),
-        Chore::Bench { check: true, .. } => onchip::check(),
-        Chore::Bench { check: false, tables } => bench::run(tables),
+        Chore::Promises(arguments) => promises::run(arguments),
+        Chore::BenchBoards(arguments) => bench_boards::run(arguments),
     }
 }
 

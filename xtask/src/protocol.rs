@@ -8,15 +8,12 @@ use std::process::Command;
 use anyhow::Result;
 
 use crate::baliza::{baliza, binary, data};
-use crate::bench::{self, Made};
+use crate::promises::Made;
 use crate::succeed;
 
 /// The arguments of `cargo xtask accuracy`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Put the table into docs/performance.md: the same as `cargo xtask bench accuracy`
-    #[arg(long, conflicts_with = "arguments")]
-    document: bool,
     /// Arguments of `baliza bench accuracy`: --out FILE, --against FILE, --quick, --json …
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<OsString>,
@@ -27,9 +24,6 @@ pub struct Arguments {
 /// # Errors
 /// The program cannot be built, or its run fails.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    if arguments.document {
-        return bench::run(&["accuracy".to_owned()]);
-    }
     if data().is_none() {
         eprintln!("no folder of recordings (BALIZA_DATA, ../shared/data): the simulated set alone");
     }
@@ -41,10 +35,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 ///
 /// # Errors
 /// The program cannot be built, or its run fails.
-pub fn made() -> Result<Option<Made>> {
-    if data().is_none() {
-        return Ok(None);
-    }
+pub fn made() -> Result<Made> {
     Ok(Made::one("accuracy", baliza(command())?))
 }
 

@@ -2,14 +2,14 @@
 
 use anyhow::Result;
 
-use crate::bench::Made;
+use crate::promises::Made;
 use crate::{cargo, printed};
 
 /// The table.
 ///
 /// # Errors
 /// The example cannot be built, or fails.
-pub fn compared() -> Result<Option<Made>> {
+pub fn compared() -> Result<Made> {
     let table =
         printed(cargo().args(["run", "--quiet", "--release", "--package", "baliza-ranging", "--example", "schemes"]))?;
     Ok(Made::one("schemes", table))

@@ -1,39 +1,11 @@
-//! Speed and accuracy of whole nodes: runs `baliza simulate` and makes tables of the results.
-
-use std::time::Instant;
+//! Tags among anchors and beacons: runs `baliza simulate` with several seeds, and makes a table of the errors.
 
 use anyhow::Result;
 use baliza_report::MarkdownTable;
 use serde::Deserialize;
 
-use crate::baliza::{binary, result};
-use crate::bench::Made;
-
-/// The part of the output of `baliza simulate --json` that the table needs.
-#[derive(Clone, Debug, Deserialize)]
-struct Summary {
-    seconds: f64,
-    fixes_per_s: f64,
-    p50_m: Option<f64>,
-    p90_m: Option<f64>,
-    airtime_share: f64,
-}
-
-/// The simulated case, its arguments, and the figure of other systems.
-const ROWS: [[&str; 3]; 12] = [
-    ["1 tag, 4 anchors", "--tags 1 --anchors 4", "PANS 10, best field report 100 to 300"],
-    ["1 tag, 8 anchors", "--tags 1 --anchors 8", "Loco Positioning, two-way: below 100"],
-    ["1 tag, 4 anchors, all code takes twice as long", "--tags 1 --anchors 4 --cpu-slowdown 2", ""],
-    ["1 tag, 4 anchors, four times as long", "--tags 1 --anchors 4 --cpu-slowdown 4", ""],
-    ["1 tag, 4 anchors, double-sided", "--tags 1 --anchors 4 --scheme double-sided", ""],
-    ["1 tag, 4 anchors, ESP32-C3", "--tags 1 --anchors 4 --board esp32c3", ""],
-    ["1 tag, 4 anchors, EVK1000", "--tags 1 --anchors 4 --board evk1000", ""],
-    ["15 tags, 16 anchors", "--tags 15 --anchors 16 --seconds 30", "PANS 150 together"],
-    ["1 tag, 4 anchors, 30 % of receptions lost", "--tags 1 --anchors 4 --loss 0.3", ""],
-    ["1 tag, 8 anchors, 30 % of receptions lost", "--tags 1 --anchors 8 --loss 0.3", ""],
-    ["1 tag, 8 anchors, a minute", "--tags 1 --anchors 8 --seconds 60", ""],
-    ["1,000 tags at 10 Hz, 200 anchors", "--tags 1000 --anchors 200 --rate 10 --fidelity air --seconds 10", ""],
-];
+use crate::baliza::result;
+use crate::promises::Made;
 
 /// The part of the output of `baliza simulate --json` for a scenario with beacons that the table needs.
 #[derive(Clone, Debug, Deserialize)]
@@ -69,7 +41,7 @@ const SEEDS: [&str; 3] = ["1", "2", "3"];
 ///
 /// # Errors
 /// A run of `baliza` fails.
-pub fn scenarios() -> Result<Option<Made>> {
+pub fn scenarios() -> Result<Made> {
     let mut table = MarkdownTable::new(["scenario", "positions a second:", "by anchors:", "by beacons:"]);
     for [file, what] in SCENARIOS {
         let path = format!("examples/{file}");
@@ -93,48 +65,9 @@ fn scenario(file: &str, what: &str, runs: &[Scenario]) -> String {
     format!("`{file}`: {what} | {rate:.1} | {anchors} | {beacons}")
 }
 
-/// Rooms with tags and anchors.
-///
-/// # Errors
-/// A run of `baliza` fails.
-pub fn rooms() -> Result<Option<Made>> {
-    let figures = ["positions a second:", "error P50, P90, m:", "on the air:", "times real time:"];
-    let titles = ["what", "`baliza simulate …`"].into_iter().chain(figures).chain(["others"]);
-    let mut table = MarkdownTable::new(titles);
-    // Built before any time is measured.
-    binary()?;
-    for [what, arguments, others] in ROWS {
-        let begun = Instant::now();
-        let summary: Summary = result(["simulate", "--json"].into_iter().chain(arguments.split(' ')))?;
-        let took_s = begun.elapsed().as_secs_f64();
-        table.row(format_args!("{}", row(what, arguments, others, &summary, took_s)));
-    }
-    Ok(Made::one("simulation", table.into_text()))
-}
-
-fn row(what: &str, arguments: &str, others: &str, summary: &Summary, took_s: f64) -> String {
-    let metres = |figure: Option<f64>| figure.map_or_else(|| "–".to_owned(), |metres| format!("{metres:.3}"));
-    format!(
-        "{what} | `{arguments}` | {:.0} | {}, {} | {:.0} % | {:.1} | {others}",
-        summary.fixes_per_s,
-        metres(summary.p50_m),
-        metres(summary.p90_m),
-        100.0 * summary.airtime_share,
-        summary.seconds / took_s
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_row_has_the_figures_of_its_simulation() {
-        let summary =
-            Summary { seconds: 10.0, fixes_per_s: 123.4, p50_m: Some(0.0312), p90_m: None, airtime_share: 0.456 };
-        let expected = "one | `--tags 1` | 123 | 0.031, – | 46 % | 20.0 | none";
-        assert_eq!(row("one", "--tags 1", "none", &summary, 0.5), expected);
-    }
 
     #[test]
     fn a_scenario_has_the_errors_of_all_seeds() {

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use serde::Deserialize;
 
-use crate::baliza::{baliza, files, json, name, ranges};
-use crate::bench::Made;
+use crate::baliza::{baliza, drawn, files, json, name, ranges};
+use crate::promises::Made;
 
 /// One recording, as `baliza track --json` prints it.
 #[derive(Clone, Debug, Deserialize)]
@@ -38,23 +38,23 @@ const ROWS: [(&str, &[&str], &[&str]); 6] = [
 ///
 /// # Errors
 /// A run of `baliza` fails.
-pub fn garcia() -> Result<Option<Made>> {
-    Ok(Made::one("garcia", baliza(["bench", "garcia", "--seed", "1", "--plot", "research/garcia.svg"])?))
+pub fn garcia() -> Result<Made> {
+    drawn("garcia", "research/garcia.svg")
 }
 
 /// Ranges, some of them blocked, and their figure.
 ///
 /// # Errors
 /// A run of `baliza` fails.
-pub fn barral() -> Result<Option<Made>> {
-    Ok(Made::one("barral", baliza(["bench", "barral", "--seed", "1", "--plot", "research/barral.svg"])?))
+pub fn barral() -> Result<Made> {
+    drawn("barral", "research/barral.svg")
 }
 
 /// Anchors and beacons.
 ///
 /// # Errors
 /// A run of `baliza` fails.
-pub fn fusion() -> Result<Option<Made>> {
+pub fn fusion() -> Result<Made> {
     Ok(Made::one("fusion", baliza(["bench", "fusion", "--seed", "1"])?))
 }
 
@@ -62,7 +62,7 @@ pub fn fusion() -> Result<Option<Made>> {
 ///
 /// # Errors
 /// A run of `baliza` fails.
-pub fn sweep() -> Result<Option<Made>> {
+pub fn sweep() -> Result<Made> {
     Ok(Made::one("fusion sweep", baliza(["bench", "fusion", "--seed", "1", "--sweep", "--walks", "8"])?))
 }
 
@@ -70,11 +70,8 @@ pub fn sweep() -> Result<Option<Made>> {
 ///
 /// # Errors
 /// A run of `baliza` fails.
-pub fn recorded() -> Result<Option<Made>> {
+pub fn recorded() -> Result<Made> {
     let folders = ranges();
-    if folders.is_empty() {
-        return Ok(None);
-    }
     let titles = folders.iter().map(|folder| format!("{}:", name(folder)));
     let mut table = MarkdownTable::new(std::iter::once("RMSE (P90), m; inside 1σ; NEES".to_owned()).chain(titles));
     for (title, arguments, space) in ROWS {

@@ -4,14 +4,14 @@ use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use analysis::train::Chosen;
 use anyhow::{Result, bail};
-use host_tools::UserError;
-use host_tools::node::probe::ProbeArguments;
-use host_tools::node::provision::image::Contents;
-use host_tools::node::provision::one_by_one::{Desk, Job, Seen, write_all};
-use host_tools::node::provision::transfer::Flash;
-use host_tools::node::provision::{Node, Written};
-use host_tools::train::Chosen;
+use node_link::probe::ProbeArguments;
+use node_link::provision::image::Contents;
+use node_link::provision::one_by_one::{Desk, Job, Seen, write_all};
+use node_link::provision::transfer::Flash;
+use node_link::provision::{Node, Written};
+use recording::UserError;
 use wire::config::{Board, Record};
 
 use super::stream::{STOP, catch_signals};
@@ -64,7 +64,7 @@ impl Desk for Probes<'_> {
         match self.0.attach(board.spec().flasher.probe_chip()) {
             Ok(probe) => {
                 let name = probe.name().to_owned();
-                Ok(Seen::Board(Box::new(probe), name))
+                Ok(Seen::Board(probe.into_flash(), name))
             }
             Err(error) if error.is::<UserError>() => Err(error),
             Err(error) => Ok(Seen::Trouble(format!("{error:#}"))),

@@ -4,14 +4,14 @@ use std::collections::HashSet;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use analysis::locate::advice;
+use analysis::survey::presence::{Found, Room, follow, read_outlines, room_of, settling_s};
 use anyhow::Result;
-use host_tools::Truths;
-use host_tools::files::output;
-use host_tools::files::positions::{self, PositionRow};
-use host_tools::locate::advice;
-use host_tools::node::provision::SiteNames;
-use host_tools::survey::presence::{Found, Room, follow, read_outlines, room_of, settling_s};
+use node_link::provision::SiteNames;
 use positioning_core::ble::rooms::RoomEstimate;
+use recording::Truths;
+use recording::output;
+use recording::positions::{self, PositionRow};
 
 use super::site_names::SiteNamesArgs;
 use super::{note, print, print_json, write};

@@ -25,6 +25,6 @@ Examples:
 /// Standard output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let mut script = Vec::new();
-    generate(arguments.shell, &mut super::Arguments::grouped(), "baliza", &mut script);
+    generate(arguments.shell, &mut super::companion::whole(), "baliza", &mut script);
     super::print(&script)
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::ValueEnum;
-use host_tools::files::output;
+use recording::output;
 
 /// Convert a recording for another program: MCAP, which Foxglove draws
 ///
@@ -44,9 +44,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 #[cfg(feature = "foxglove")]
 fn to_mcap(recording: &Path, out: &Path) -> Result<()> {
     use anyhow::Context;
-    use host_tools::files::folder::Folder;
-    use host_tools::node::recorder::TIMES;
-    use host_tools::view::{Clock, Converted, McapFile, View, convert, convert_stream};
+    use foxglove_scenes::{Clock, Converted, McapFile, View, convert, convert_stream};
+    use node_link::recorder::TIMES;
+    use recording::folder::Folder;
 
     let cannot = || format!("cannot write {}", out.display());
     let mut view = View::new(McapFile::new(output::Growing::create(out).with_context(cannot)?)?);

@@ -4,16 +4,17 @@ use baliza_report::{mean, percentile};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use analysis::survey::coverage::bound::{Noise, Station};
+use analysis::survey::coverage::{Fitted, Grid, Map, USUAL_WALL_DB, errors_m, fitted, walls_of};
+use analysis::survey::fingerprint::{Average, Survey};
 use anyhow::Result;
-use host_tools::UserError;
-use host_tools::files::beacons::{Beacon, Dwell, Wall, read_beacons, read_stays, read_walls};
-use host_tools::files::output;
-use host_tools::plot::{Heat, heat};
-use host_tools::survey::coverage::bound::{Noise, Station};
-use host_tools::survey::coverage::{Fitted, Grid, Map, USUAL_WALL_DB, errors_m, fitted, walls_of};
-use host_tools::survey::fingerprint::{Average, Survey};
+use pictures::{Heat, heat};
+use recording::UserError;
+use recording::beacons::{Beacon, Dwell, Wall, read_beacons, read_stays, read_walls};
+use recording::output;
 
-use super::recording_args::{CornersM, finite};
+use super::numbers::{finite, positive};
+use super::recording_args::CornersM;
 use super::{PictureFile, note, print, print_json, write};
 
 /// Map the reception of beacons: measured from fingerprints, simulated from beacons and walls, or both side by side
@@ -59,13 +60,6 @@ pub struct Arguments {
     /// error_p90_m, beacons (beacon, heard, mean_dbm, bias_db, rms_db: simulated less measured)
     #[arg(long)]
     json: bool,
-}
-
-pub(super) fn positive(text: &str) -> Result<f64, String> {
-    match finite(text)? {
-        number if number > 0.0 => Ok(number),
-        _ => Err(format!("{text:?} is not above 0")),
-    }
 }
 
 /// The printed summary of a map.

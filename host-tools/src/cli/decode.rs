@@ -4,8 +4,8 @@ use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use host_tools::files::output::{self, Growing};
-use host_tools::node::decode::Stream;
+use node_link::decode::Stream;
+use recording::output::{self, Growing};
 
 use super::site_names::SiteNamesArgs;
 use super::stream::{Input, Writing, catch_signals, feed_stdout};

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
+use crate::simulate::{example, is_of_simulation};
 use anyhow::Result;
-use host_tools::files::output::OutputFolder;
-use host_tools::simulate::{example, is_of_simulation};
+use recording::output::OutputFolder;
 
 /// Write the example recording: a walk through a simulated room
 ///

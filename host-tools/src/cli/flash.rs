@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use host_tools::UserError;
-use host_tools::node::probe::ProbeArguments;
-use host_tools::node::provision::one_by_one::Job;
-use host_tools::node::provision::transfer::{self, Flash};
-use host_tools::node::provision::{Firmware, Node, Site, warnings};
+use node_link::probe::ProbeArguments;
+use node_link::provision::one_by_one::Job;
+use node_link::provision::transfer::{self, Flash};
+use node_link::provision::{Firmware, Node, Site, warnings};
+use recording::UserError;
 use wire::config::{Board, Flasher};
 
 use super::boards::{board_of, contents, one_after_another};
@@ -73,9 +73,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let load = arguments.load(site.node(arguments.node.as_deref())?)?;
     warn([load.node]);
-    let mut probe =
-        arguments.probe.attach(load.board.spec().flasher.probe_chip()).map_err(|error| load.by_hand(error))?;
-    let (addresses, sequence) = load.write(&mut probe)?;
+    let probe = arguments.probe.attach(load.board.spec().flasher.probe_chip()).map_err(|error| load.by_hand(error))?;
+    let (addresses, sequence) = load.write(probe.into_flash().as_mut())?;
     let places = addresses.iter().map(|address| format!("0x{address:08X}")).collect::<Vec<_>>().join(" and ");
     super::note(&format!(
         "{}: {} flashed and verified, record written at {places} with sequence {sequence}, the node restarted\n",
@@ -156,7 +155,7 @@ impl Load<'_> {
 #[cfg(test)]
 mod tests {
     use anyhow::bail;
-    use host_tools::node::provision::EXAMPLE;
+    use node_link::provision::EXAMPLE;
 
     use super::*;
 

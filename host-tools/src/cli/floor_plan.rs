@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use host_tools::UserError;
-use host_tools::files::beacons::{Wall, read_walls};
-use host_tools::files::{IMAGE_BYTES, read_limited};
-use host_tools::plot::{Image, Plan};
+use pictures::{Image, Plan};
+use recording::UserError;
+use recording::beacons::{Wall, read_walls};
+use recording::{IMAGE_BYTES, read_limited};
 
-use super::recording_args::finite;
+use super::numbers::finite;
 
 /// The flags of a floor plan.
 #[derive(clap::Args)]

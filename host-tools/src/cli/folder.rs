@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use host_tools::UserError;
-use host_tools::files::folder::{Folder, Mode, RecordingSettings};
+use recording::UserError;
+use recording::folder::{Folder, Mode, RecordingSettings};
 
 /// Where files come from that no flag names.
 pub struct FolderFiles(Option<Folder>);

@@ -1,7 +1,7 @@
 //! `--foxglove`: the live view of a command, with and without the feature of this name.
 
 use anyhow::Result;
-use host_tools::node::monitor::NodeOutput;
+use node_link::monitor::NodeOutput;
 
 /// `--foxglove`: where to listen.
 #[derive(Clone, Debug)]
@@ -23,10 +23,14 @@ impl Address {
         if host.is_empty() { Err(wrong()) } else { Ok(Self { host: host.to_owned(), port }) }
     }
 
-    /// Whether only this computer can reach it.
-    #[cfg(feature = "station")]
-    pub fn is_loopback(&self) -> bool {
-        baliza_station::net::is_loopback_name(&self.host)
+    /// The name or the address of the computer.
+    pub fn host(&self) -> &str {
+        &self.host
+    }
+
+    /// The port.
+    pub fn port(&self) -> u16 {
+        self.port
     }
 }
 
@@ -40,11 +44,7 @@ impl std::fmt::Display for Address {
 mod with {
     use std::time::{Duration, Instant, SystemTime};
 
-    #[cfg(feature = "station")]
-    use baliza_station::{Hub, Live, Update, model::Node};
-    use host_tools::view::{Live as Server, View};
-    #[cfg(feature = "station")]
-    use tokio::sync::broadcast::error::RecvError;
+    use foxglove_scenes::{Live as Server, View};
 
     use super::{Address, NodeOutput, Result};
 
@@ -86,44 +86,6 @@ mod with {
             }
             Ok(())
         }
-
-        /// Sends the positions of a site's tags, and its anchors and beacons, until the station stops.
-        #[cfg(feature = "station")]
-        pub async fn follow(mut self, hub: Hub, site: String) {
-            let mut updates = hub.listen();
-            let mut nodes = tokio::time::interval(AGAIN);
-            let mut epoch = 0_u64;
-            loop {
-                let sent = tokio::select! {
-                    update = updates.recv() => match update {
-                        Ok(Update::Position(position)) if position.site == site => {
-                            let origin = hub.read(|live| live.geographic_origin(&site));
-                            epoch += 1;
-                            self.view.tag_position(&position, epoch, origin)
-                        }
-                        Ok(Update::Position(_) | Update::Event(_) | Update::Changed) => Ok(()),
-                        Err(RecvError::Lagged(missed)) => {
-                            hub.note_missed(missed);
-                            Ok(())
-                        }
-                        Err(RecvError::Closed) => break,
-                    },
-                    _ = nodes.tick() => self.send_nodes(&hub.read(Live::nodes), &site),
-                };
-                if let Err(error) = sent {
-                    log::warn!("Foxglove: {error:#}");
-                }
-            }
-        }
-
-        #[cfg(feature = "station")]
-        fn send_nodes(&mut self, nodes: &[Node], site: &str) -> Result<()> {
-            for node in nodes.iter().filter(|node| node.site == site) {
-                let Some(position_m) = node.position_m else { continue };
-                self.view.anchor(now_ns(), node.name.as_deref().unwrap_or(&node.node), position_m)?;
-            }
-            self.repeat_anchors()
-        }
     }
 
     fn now_ns() -> u64 {
@@ -146,12 +108,6 @@ impl LiveView {
     /// Always.
     pub fn listen(Address { host, port }: &Address) -> Result<Self> {
         anyhow::bail!("cannot listen on {host}:{port}: this baliza was built without its feature foxglove")
-    }
-
-    /// There is nothing to send to.
-    #[cfg(feature = "station")]
-    pub async fn follow(self, _: baliza_station::Hub, _: String) {
-        match self {}
     }
 
     /// There is nothing to send to.

@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use host_tools::UserError;
+use recording::UserError;
+
+use super::companion;
 
 /// Write manual pages: one for `baliza` and one a command
 #[derive(clap::Args)]
@@ -30,7 +32,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let write = || {
         std::fs::create_dir_all(folder)?;
-        clap_mangen::generate_to(super::Arguments::grouped(), folder)
+        clap_mangen::generate_to(companion::whole(), folder)
     };
     write().with_context(|| format!("cannot write pages into {}", folder.display()))
 }

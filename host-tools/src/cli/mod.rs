@@ -1,14 +1,15 @@
-//! The subcommands, one module each. A module has its arguments and `run`, which reads, computes and reports.
+//! The commands, one module each, and what the programs of the project share. A command has its arguments and `run`,
+//! which reads, computes and reports.
 //!
 //! A new command needs five changes: its module, its `mod` line and its line in [`Command`] here, its group in `help`,
 //! its test, and the test's `mod` line in `tests/baliza/main.rs`. An argument of the type `PathBuf` is an input, unless
 //! [`paths`] knows it as an output. `--json` needs a schema in `docs/schema`.
 
-mod bench;
 mod ble;
 mod boards;
 mod calibrate;
 mod classify_rooms;
+pub mod companion;
 mod completions;
 mod convert;
 mod coverage;
@@ -17,71 +18,67 @@ mod example;
 mod flash;
 mod floor_plan;
 mod folder;
-mod help;
+pub mod help;
 mod import;
 pub mod json;
-#[cfg(feature = "station")]
-mod live;
-mod live_view;
+pub mod live_view;
 mod man;
 mod monitor;
 mod nlos;
+pub mod numbers;
 pub mod paths;
 mod plan_anchors;
 mod plot;
-mod progress;
+mod program;
+pub mod progress;
 mod provision;
 mod record;
 mod recording_args;
 mod replay;
 mod report;
 mod residuals;
-#[cfg(feature = "station")]
-mod serve;
 mod simulate;
 mod site_names;
 mod solve;
-#[cfg(feature = "station")]
-mod station;
-mod stream;
+pub mod stream;
 mod summary;
 mod survey;
 mod track;
-mod verbosity;
+pub mod verbosity;
 
 use std::path::Path;
 
 /// Declares the subcommands of one level. Each variant is a module with `Arguments`, which clap reads, and `run`, which
 /// executes the command.
+#[macro_export]
 macro_rules! commands {
-    ($(#[$about:meta])* enum $name:ident { $($(#[$kind:meta])* $variant:ident($module:ident) $(if $feature:literal)?,)* }) => {
+    ($(#[$about:meta])* $visible:vis enum $name:ident { $($(#[$kind:meta])* $variant:ident($module:ident),)* }) => {
         $(#[$about])*
         #[derive(clap::Subcommand)]
-        pub enum $name {
+        #[allow(missing_docs, reason = "the help of a command is that of its arguments")]
+        $visible enum $name {
             // In a box: the arguments of commands differ much in size.
-            $($(#[cfg(feature = $feature)])? $(#[$kind])* $variant(Box<$module::Arguments>),)*
+            $($(#[$kind])* $variant(Box<$module::Arguments>),)*
         }
 
         /// Runs the given command.
         ///
         /// # Errors
         /// The command returns an error.
-        pub fn run(command: &$name) -> anyhow::Result<()> {
+        $visible fn run(command: &$name) -> anyhow::Result<()> {
             match command {
-                $($(#[cfg(feature = $feature)])? $name::$variant(arguments) => $module::run(arguments),)*
+                $($name::$variant(arguments) => $module::run(arguments),)*
             }
         }
     };
 }
-use commands;
+pub use commands;
 
 commands! {
     /// What `baliza` can do.
-    enum Command {
+    pub enum Command {
         Solve(solve),
         Track(track),
-        #[command(subcommand)]
-        Bench(bench),
         Plot(plot),
         #[command(subcommand)]
         Nlos(nlos),
@@ -104,10 +101,6 @@ commands! {
         Decode(decode),
         Record(record),
         Replay(replay),
-        Serve(serve) if "station",
-        Live(live) if "station",
-        #[command(subcommand)]
-        Station(station) if "station",
         #[command(subcommand)]
         Import(import),
         Convert(convert),
@@ -118,9 +111,10 @@ commands! {
 
 use anyhow::{Context, Result};
 use clap::CommandFactory;
-use host_tools::UserError;
-use host_tools::files::output::{self, Growing};
-use host_tools::plot::{Drawing, Format};
+use pictures::{Drawing, Format};
+pub use program::{Program, program};
+use recording::UserError;
+use recording::output::{self, Growing};
 use verbosity::Verbosity;
 
 /// The version, and the commit where it is known.
@@ -131,48 +125,56 @@ pub const VERSION: &str = env!("BALIZA_VERSION");
 #[command(name = "baliza", version = VERSION, max_term_width = 120, after_help = EXIT_CODES)]
 pub struct Arguments {
     #[command(subcommand)]
-    pub command: Command,
+    command: Command,
     #[command(flatten)]
-    pub verbosity: Verbosity,
+    verbosity: Verbosity,
 }
 
-const EXIT_CODES: &str = "Exit code: 0 done; 2 the input or the arguments are wrong, one line on standard error says where and \
+/// What `--help` ends with.
+pub const EXIT_CODES: &str = "Exit code: 0 done; 2 the input or the arguments are wrong, one line on standard error says where and \
                           how; 130 interrupted; 1 anything else.\nWith --json, standard output is one object with schema, \
                           command, and results (a list) or error (file, line, message).";
 
-impl Arguments {
-    /// The command line, whose help has the commands in groups.
-    pub fn grouped() -> clap::Command {
-        help::grouped(Self::command())
+impl Program for Arguments {
+    fn grouped() -> clap::Command {
+        help::grouped(companion::with_names(Self::command()))
+    }
+
+    fn verbosity(&self) -> Verbosity {
+        self.verbosity
+    }
+
+    fn run(&self) -> Result<()> {
+        run(&self.command)
     }
 }
 
 /// The file of a picture. Its name is checked before the work, and the file is written after the work.
 #[derive(Clone, Copy)]
-struct PictureFile<'a> {
+pub struct PictureFile<'a> {
     file: &'a Path,
     format: Format,
 }
 
 impl<'a> PictureFile<'a> {
     /// The file that a flag names. Its format must be supported, and the file must be writable.
-    fn of(flag: &'static str, file: &'a Path) -> Result<Self, UserError> {
+    pub fn of(flag: &'static str, file: &'a Path) -> Result<Self, UserError> {
         output::check(flag, file)?;
         Ok(Self { file, format: Format::of(flag, file)? })
     }
 
     /// The file of `--plot`, where it is given.
-    fn plot(file: Option<&'a Path>) -> Result<Option<Self>, UserError> {
+    pub fn plot(file: Option<&'a Path>) -> Result<Option<Self>, UserError> {
         file.map(|file| Self::of("--plot", file)).transpose()
     }
 
     /// Writes the picture.
-    fn write(self, picture: &Drawing) -> Result<()> {
+    pub fn write(self, picture: &Drawing) -> Result<()> {
         write(self.file, &self.format.encode(picture)?)
     }
 
     /// Writes the picture, and prints its path.
-    fn write_and_note(self, picture: &Drawing) -> Result<()> {
+    pub fn write_and_note(self, picture: &Drawing) -> Result<()> {
         self.write(picture)?;
         note(&format!("picture: {}\n", self.file.display()));
         Ok(())
@@ -180,12 +182,12 @@ impl<'a> PictureFile<'a> {
 }
 
 /// Writes a complete file.
-fn write(file: &Path, bytes: &[u8]) -> Result<()> {
+pub fn write(file: &Path, bytes: &[u8]) -> Result<()> {
     output::write_file(file, bytes).with_context(|| format!("cannot write {}", file.display()))
 }
 
 /// Writes a complete file, or standard output without one, piece by piece.
-fn write_with(file: Option<&Path>, content: impl FnOnce(&mut Growing) -> Result<()>) -> Result<()> {
+pub fn write_with(file: Option<&Path>, content: impl FnOnce(&mut Growing) -> Result<()>) -> Result<()> {
     let written = || -> Result<()> {
         let mut growing = Growing::create(file.unwrap_or(Path::new(output::STANDARD)))?;
         content(&mut growing)?;
@@ -197,33 +199,33 @@ fn write_with(file: Option<&Path>, content: impl FnOnce(&mut Growing) -> Result<
     })
 }
 
-use self::json::print_results as print_json;
+pub use self::json::print_results as print_json;
 
 /// Writes to standard output.
-fn print(bytes: &[u8]) -> Result<()> {
+pub fn print(bytes: &[u8]) -> Result<()> {
     output::write_stdout(bytes).context("cannot write to standard output")
 }
 
 /// Prints a message for the user, which is not part of the data. With `--quiet` it is not printed.
-fn note(text: &str) {
+pub fn note(text: &str) {
     if !verbosity::is_quiet() {
         prompt(text);
     }
 }
 
 /// Prints what the user must do, also with `--quiet`.
-fn prompt(text: &str) {
+pub fn prompt(text: &str) {
     use std::io::Write;
     // If standard error is closed, the message is dropped.
     let _ = std::io::stderr().write_all(text.as_bytes());
 }
 
 /// Prints warnings, each on a line of its own.
-fn warn(warnings: impl IntoIterator<Item = String>) {
+pub fn warn(warnings: impl IntoIterator<Item = String>) {
     warnings.into_iter().for_each(|warning| note(&format!("warning: {warning}\n")));
 }
 
 /// Whether standard output shows colours: it is a terminal that can, and `NO_COLOR` is not set.
-fn stdout_has_colours() -> bool {
+pub fn stdout_has_colours() -> bool {
     anstream::AutoStream::choice(&std::io::stdout()) != anstream::ColorChoice::Never
 }

@@ -7,13 +7,14 @@ use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
-use host_tools::UserError;
-use host_tools::node::monitor::{
-    Counts, Files, Image, Limits, Lines, Listener, NodeOutput, Piped, Reload, Session, Source, json, listen, summary,
-};
-use host_tools::node::provision::SiteNames;
-use host_tools::node::recorder::{Recorder, Settings};
 use indicatif::{ProgressBar, ProgressDrawTarget};
+use node_link::monitor::{
+    Channel, Counts, Event, Files, Image, Limits, Lines, Listener, NodeOutput, Piped, Reload, Session, Source, json,
+    listen, summary,
+};
+use node_link::provision::SiteNames;
+use node_link::recorder::{Recorder, Settings};
+use recording::UserError;
 use wire::telemetry::Table;
 
 use super::live_view::{Address, LiveView};
@@ -65,6 +66,9 @@ pub struct Arguments {
     fixes: Option<u64>,
 }
 
+/// The longest wait for a source, so that a signal is seen.
+const PATIENCE: Duration = Duration::from_millis(100);
+
 const EXAMPLES: &str = "Examples:
   baliza monitor --elf target/firmware/tag-dwm1001.elf
   baliza monitor --serial /dev/ttyACM0 --elf target/firmware/tag-esp32c3-ble.elf
@@ -79,6 +83,8 @@ enum Format {
     Jsonl,
     /// The rows of one table
     Csv,
+    /// The node's telemetry as it comes, for another program: `baliza monitor --format telemetry | baliza serve -`
+    Telemetry,
 }
 
 /// Runs `baliza monitor`.
@@ -93,6 +99,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let (mut source, live) = source(arguments, image.as_ref())?;
     let file = arguments.source.file().filter(|_| !live);
     catch_signals()?;
+    if arguments.format == Format::Telemetry {
+        return relay(source.as_mut(), arguments.source.seconds).map_err(|error| arguments.source.or_by_serial(error));
+    }
     let names = arguments.names.read(arguments.source.file())?;
     let recorder = match &arguments.record {
         Some(folder) => {
@@ -127,6 +136,30 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return Err(UserError::file(Path::new("standard input"), "it ended without telemetry and without a log").into());
     }
     super::note(&format!("{}\n", summary(&counts, begun.elapsed())));
+    Ok(())
+}
+
+/// `--format telemetry`: writes the node's telemetry to standard output as it comes, until the end of the source, of
+/// `time` or of the reader.
+fn relay(source: &mut dyn Source, time: Option<Duration>) -> Result<()> {
+    let begun = Instant::now();
+    let mut out = std::io::stdout();
+    while !STOP.load(Ordering::Relaxed) && time.is_none_or(|time| begun.elapsed() < time) {
+        match source.next(PATIENCE)? {
+            Some(Event::Bytes(Channel::Telemetry, bytes)) => {
+                if !read_on(out.write_all(&bytes).and_then(|()| out.flush()))? {
+                    return Ok(());
+                }
+            }
+            Some(Event::Connected(to)) => super::note(&format!("connected to {to}\n")),
+            Some(Event::Lost(why)) => super::note(&format!("connection lost ({why}); trying to connect again\n")),
+            Some(Event::Silent) => {
+                super::note("the chip has no RTT control block: is a baliza image flashed and running?\n");
+            }
+            Some(Event::End) => return Ok(()),
+            Some(Event::Bytes(Channel::Log, _) | Event::Text(_) | Event::Restarted | Event::Flashed { .. }) | None => {}
+        }
+    }
     Ok(())
 }
 
@@ -195,7 +228,8 @@ impl Screen {
         let writing = match arguments.format {
             Format::Text => Writing::Text(Lines::new(super::stdout_has_colours(), arguments.show_source).named(names)),
             Format::Jsonl => Writing::Json,
-            Format::Csv => Writing::Csv(stream::Lines::csv(arguments.table)),
+            // Telemetry has no screen.
+            Format::Csv | Format::Telemetry => Writing::Csv(stream::Lines::csv(arguments.table)),
         };
         let bar = if live && !is_quiet() {
             ProgressBar::new_spinner()

@@ -4,11 +4,11 @@ use baliza_report::MarkdownTable;
 use std::collections::HashMap;
 use std::path::PathBuf;
 
+use analysis::train::{self, Method, RECIPES, Recipe, Samples, Score, mitigation};
 use anyhow::Result;
-use host_tools::files::{DOCUMENT_BYTES, output, read_limited, spelled};
-use host_tools::train::{self, Method, RECIPES, Recipe, Samples, Score, mitigation};
-use host_tools::{Coordinates, Truths, UserError, read_anchors};
 use positioning_core::nlos::Classifier;
+use recording::{Coordinates, Truths, UserError, read_anchors};
+use recording::{DOCUMENT_BYTES, output, read_limited, spelled};
 
 use crate::cli::progress::Progress;
 

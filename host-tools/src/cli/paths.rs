@@ -7,9 +7,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::{Arg, ArgMatches, Command, ValueHint};
-use host_tools::UserError;
-use host_tools::files::output::STANDARD;
-use host_tools::node::recorder::{folders, is_of_recording};
+use node_link::recorder::{folders, is_of_recording};
+use recording::UserError;
+use recording::output::STANDARD;
 
 /// The flags of outputs, by name and as the user writes them.
 const OUTPUTS: [(&str, &str); 5] =

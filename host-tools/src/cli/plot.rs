@@ -2,19 +2,20 @@
 
 use std::path::{Path, PathBuf};
 
+use analysis::Setup;
+use analysis::locate::advice;
+use analysis::locate::track::Weighting;
 use anyhow::Result;
-use host_tools::files::beacons::read_beacons;
-use host_tools::files::positions::{self, PositionRow};
-use host_tools::locate::advice;
-use host_tools::locate::track::Weighting;
-use host_tools::plot::{Dot, Errors, Picture, PictureBuilder};
-use host_tools::{Files, Height, Mode, Recording, Setup, Space, Truths, read_anchors};
+use pictures::{Dot, Errors, Picture, PictureBuilder};
+use recording::beacons::read_beacons;
+use recording::positions::{self, PositionRow};
+use recording::{Files, Height, Mode, Recording, Space, Truths, read_anchors};
 
 use super::PictureFile;
 use super::floor_plan::FloorPlanArgs;
 use super::folder::FolderFiles;
+use super::numbers::finite;
 use super::progress::Progress;
-use super::recording_args::finite;
 use super::report::flat;
 use super::site_names::SiteNamesArgs;
 

@@ -8,14 +8,14 @@ use anyhow::{Context, Result};
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use crc::{CRC_32_ISO_HDLC, Crc};
-use host_tools::UserError;
-use host_tools::files::output::{self, OutputFolder};
-use host_tools::files::{IMAGE_BYTES, read_limited};
-use host_tools::node::probe::ProbeArguments;
-use host_tools::node::provision::image::{Contents, Held, Image};
-use host_tools::node::provision::one_by_one::Job;
-use host_tools::node::provision::show::{self, Keys};
-use host_tools::node::provision::{EXAMPLE, Node, Site, oddities, transfer, warnings};
+use node_link::probe::ProbeArguments;
+use node_link::provision::image::{Contents, Held, Image};
+use node_link::provision::one_by_one::Job;
+use node_link::provision::show::{self, Keys};
+use node_link::provision::{EXAMPLE, Node, Site, oddities, transfer, warnings};
+use recording::UserError;
+use recording::output::{self, OutputFolder};
+use recording::{IMAGE_BYTES, read_limited};
 use wire::config::{Board, Flasher, MODELS_BYTES};
 
 use super::boards::{board_of, contents, one_after_another};
@@ -267,8 +267,8 @@ fn encoded(format: Format, board: Board, contents: &Contents<'_>) -> Result<Vec<
 }
 
 fn write(arguments: &Arguments, node: &Node, board: Board, contents: &Contents<'_>) -> Result<()> {
-    let mut session = arguments.probe.attach(board.spec().flasher.probe_chip())?;
-    let (addresses, sequence) = transfer::write(&mut session, board, contents)?;
+    let mut session = arguments.probe.attach(board.spec().flasher.probe_chip())?.into_flash();
+    let (addresses, sequence) = transfer::write(session.as_mut(), board, contents)?;
     let places = addresses.iter().map(|address| format!("0x{address:08X}")).collect::<Vec<_>>().join(" and ");
     super::note(&format!(
         "{}: written at {places} with sequence {sequence}, compared, and the node restarted\n",
@@ -323,8 +323,9 @@ fn read(arguments: &Arguments) -> Result<()> {
         );
         return Err(UserError::flag("--read", what).into());
     }
-    let mut session = arguments.probe.attach(board.spec().flasher.probe_chip())?;
-    let held = transfer::read(&mut session, board)?.with_context(|| format!("the {} at the probe", board.name()))?;
+    let mut session = arguments.probe.attach(board.spec().flasher.probe_chip())?.into_flash();
+    let held =
+        transfer::read(session.as_mut(), board)?.with_context(|| format!("the {} at the probe", board.name()))?;
     print_record(arguments, &held)
 }
 

@@ -6,11 +6,11 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use host_tools::node::decode::{Summary, Waited};
-use host_tools::node::monitor::{Channel, Event};
-use host_tools::node::provision::SiteNames;
-use host_tools::node::recorder::{Recorded, Recorder, Rotation, Settings, folders, make_tables};
-use host_tools::read_anchors;
+use node_link::decode::{Summary, Waited};
+use node_link::monitor::{Channel, Event};
+use node_link::provision::SiteNames;
+use node_link::recorder::{Recorded, Recorder, Rotation, Settings, folders, make_tables};
+use recording::read_anchors;
 use wire::telemetry::Message;
 
 use super::site_names::SiteNamesArgs;

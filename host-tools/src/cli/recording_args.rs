@@ -2,18 +2,20 @@
 
 use std::path::PathBuf;
 
+use analysis::Setup;
+use analysis::locate::advice;
+use analysis::locate::residuals::{Reference, residuals};
+use analysis::locate::time_offset::{Clocks, REACH_S, clocks};
 use anyhow::Result;
 use clap::ValueEnum;
-use host_tools::files::folder::RecordingSettings;
-use host_tools::files::{Joined, SingleRanges, drop_repeats, round_s, rounds};
-use host_tools::locate::advice;
-use host_tools::locate::residuals::{Reference, residuals};
-use host_tools::locate::time_offset::{Clocks, REACH_S, clocks};
-use host_tools::node::provision::SiteNames;
-use host_tools::{Files, Half, Height, Mode, Recording, Setup, Solved, Space, Truth, Truths, UserError};
+use node_link::provision::SiteNames;
+use recording::folder::RecordingSettings;
+use recording::{Files, Half, Height, Mode, Recording, Solved, Space, Truth, Truths, UserError};
+use recording::{Joined, SingleRanges, drop_repeats, round_s, rounds};
 
 use super::floor_plan::{FloorPlan, FloorPlanArgs};
 use super::folder::FolderFiles;
+use super::numbers::finite;
 use super::report::{Output, OutputArgs, Report, Site, TagReport, flat};
 use super::residuals::table;
 use super::site_names::SiteNamesArgs;
@@ -132,17 +134,6 @@ impl CornersM {
             [_, _, _, _] => Err("X0 must be less than X1, and Y0 less than Y1".to_owned()),
             _ => Err("four numbers are expected: X0,Y0,X1,Y1".to_owned()),
         }
-    }
-}
-
-/// Parses a finite number.
-///
-/// # Errors
-/// The text is not a finite number.
-pub fn finite(text: &str) -> Result<f64, String> {
-    match text.trim().parse::<f64>() {
-        Ok(number) if number.is_finite() => Ok(number),
-        Ok(_) | Err(_) => Err(format!("{text:?} is not a number")),
     }
 }
 

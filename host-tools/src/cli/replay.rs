@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::thread;
 
 use anyhow::Result;
-use host_tools::node::decode::{Pacing, Stream};
+use node_link::decode::{Pacing, Stream};
 
 use super::site_names::SiteNamesArgs;
 use super::stream::{Input, Writing, feed_stdout};

@@ -4,14 +4,14 @@ use std::fmt::Write as _;
 use std::io::IsTerminal;
 use std::path::PathBuf;
 
+use analysis::locate::residuals::AnchorResiduals;
 use anyhow::Result;
 use baliza_report::MarkdownTable;
-use host_tools::files::output;
-use host_tools::files::positions::{Format, Rows};
-use host_tools::locate::residuals::AnchorResiduals;
-use host_tools::node::provision::SiteNames;
-use host_tools::plot::{Dot, Errors, Picture, PictureBuilder};
-use host_tools::{Coordinates, Epochs, Position, Solved, UserError};
+use node_link::provision::SiteNames;
+use pictures::{Dot, Errors, Picture, PictureBuilder};
+use recording::output;
+use recording::positions::{Format, Rows};
+use recording::{Coordinates, Epochs, Position, Solved, UserError};
 
 use super::PictureFile;
 use super::floor_plan::FloorPlan;

@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use host_tools::locate::residuals::AnchorResiduals;
-use host_tools::node::provision::SiteNames;
+use analysis::locate::residuals::AnchorResiduals;
+use node_link::provision::SiteNames;
 
 /// An anchor's figures for `--json`.
 #[derive(Debug, serde::Serialize)]

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use host_tools::UserError;
-use host_tools::node::provision::{SITE, SiteNames};
-use host_tools::node::recorder::folders;
+use node_link::provision::{SITE, SiteNames};
+use node_link::recorder::folders;
+use recording::UserError;
 
 /// The argument of a command that shows names.
 #[derive(Clone, Debug, clap::Args)]

@@ -1,10 +1,11 @@
 //! `baliza solve`: one fix for each epoch, without memory between epochs.
 
+use analysis::locate::track::{Tracker, settings_of_single_epochs};
+use analysis::{Setup, Solver};
 use anyhow::Result;
-use host_tools::files::{Mode, SingleRanges};
-use host_tools::locate::track::{Tracker, settings_of_single_epochs};
-use host_tools::{Recording, Setup, Solved, Solver, UserError};
 use positioning_core::Method;
+use recording::{Mode, SingleRanges};
+use recording::{Recording, Solved, UserError};
 
 use super::recording_args::RecordingArgs;
 use crate::cli::progress::Progress;

@@ -9,12 +9,12 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use host_tools::Interrupted;
-use host_tools::UserError;
-use host_tools::files::output;
-use host_tools::node::decode::{Chunks, Stamp, StreamFiles, Waited, row};
-use host_tools::node::monitor::{Image, Pace, Port, Probed, Serial, Source, no_port, ports};
-use host_tools::node::probe::ProbeArguments;
+use node_link::decode::{Chunks, Stamp, StreamFiles, Waited, row};
+use node_link::monitor::{Image, Pace, Port, Probed, Serial, Source, no_port, ports};
+use node_link::probe::ProbeArguments;
+use recording::Interrupted;
+use recording::UserError;
+use recording::output;
 use wire::telemetry::{Fix, Message, Table};
 
 use crate::cli::progress::Progress;
@@ -262,7 +262,9 @@ pub fn table_names() -> impl TypedValueParser<Value = Table> {
 
 /// Formats messages as text.
 pub enum Lines {
+    /// An object of JSON each.
     Json,
+    /// The rows of a table.
     Csv(Table),
 }
 

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use baliza_report::{Statistics, mean};
-use host_tools::node::provision::SiteNames;
-use host_tools::{Coordinates, Epochs, Position, Solved};
+use node_link::provision::SiteNames;
+use recording::{Coordinates, Epochs, Position, Solved};
 
 use super::residuals;
 

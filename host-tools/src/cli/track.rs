@@ -2,13 +2,14 @@
 
 use std::path::PathBuf;
 
+use analysis::Setup;
+use analysis::locate::track::{Tracker, Weighting, settings};
+use analysis::train::{Chosen, features_of};
 use anyhow::Result;
 use clap::ValueEnum;
-use host_tools::files::{Diagnostics, SingleRanges};
-use host_tools::locate::track::{Tracker, Weighting, settings};
-use host_tools::train::{Chosen, features_of};
-use host_tools::{Recording, Setup, Solved};
 use positioning_core::nlos::{Classifier, Features, Model};
+use recording::{Diagnostics, SingleRanges};
+use recording::{Recording, Solved};
 
 use super::recording_args::RecordingArgs;
 use crate::cli::progress::Progress;

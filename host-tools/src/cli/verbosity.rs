@@ -15,7 +15,9 @@ type Diverted = Box<dyn Fn(&str) + Send + Sync>;
 static DIVERTED: RwLock<Option<Diverted>> = RwLock::new(None);
 
 /// What the station logs is for who runs it: what failed, and who changed what.
-const STATION: [&str; 2] = ["baliza_station", "audit"];
+const STATION: [&str; 3] = ["station_core", "baliza_station", "audit"];
+/// What `--verbose` adds: the tables and streams that are read.
+const VERBOSELY: [&str; 5] = ["host_tools", "recording", "analysis", "node_link", "baliza_probe"];
 
 /// The flags.
 #[derive(Clone, Copy, Debug, clap::Args)]
@@ -49,13 +51,11 @@ pub fn is_quiet() -> bool {
 }
 
 /// From now on, the log goes here and not to standard error.
-#[cfg(feature = "station")]
 pub fn divert(to: impl Fn(&str) + Send + Sync + 'static) {
     *DIVERTED.write().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(to));
 }
 
 /// From now on, the log goes to standard error again.
-#[cfg(feature = "station")]
 pub fn undivert() {
     *DIVERTED.write().unwrap_or_else(PoisonError::into_inner) = None;
 }
@@ -66,7 +66,7 @@ struct StandardError;
 impl Log for StandardError {
     fn enabled(&self, metadata: &Metadata<'_>) -> bool {
         let is_of = |module: &str| metadata.target().starts_with(module);
-        STATION.into_iter().any(is_of) || (VERBOSE.load(Ordering::Relaxed) && is_of("host_tools"))
+        STATION.into_iter().any(is_of) || (VERBOSE.load(Ordering::Relaxed) && VERBOSELY.into_iter().any(is_of))
     }
 
     fn log(&self, record: &Record<'_>) {

@@ -9,7 +9,7 @@ use std::rc::Rc;
 use anyhow::{Context, Result};
 use sim::scenario::Simulation;
 
-use crate::files::output::Growing;
+use recording::output::Growing;
 
 /// The longest frame of the standard, bytes. What is longer is cut.
 const LONGEST_FRAME: u32 = 127;

@@ -4,7 +4,7 @@
 use sim::scenario::{Record, Scenario, SimulatedEpoch, Source};
 use wire::telemetry::Address;
 
-use crate::plot::{Dot, Errors, Picture, PictureBuilder};
+use pictures::{Dot, Errors, Picture, PictureBuilder};
 
 /// Every position and the tags' true paths, among anchors, beacons and walls. `source` names the scenario.
 pub fn picture(source: String, scenario: &Scenario, records: &[Record]) -> Picture {
@@ -14,11 +14,7 @@ pub fn picture(source: String, scenario: &Scenario, records: &[Record]) -> Pictu
         walls_m: scenario.walls.iter().map(|wall| [wall.from, wall.to]).collect(),
         anchors: scenario.anchors.iter().map(|anchor| (Address(anchor.address).to_string(), flat(anchor.at))).collect(),
         beacons: scenario.beacons.iter().map(|beacon| (beacon.name(), flat(beacon.at))).collect(),
-        errors: if scenario.tags.iter().all(|tag| tag.settings.record.height_m.is_some()) {
-            Errors::Horizontal
-        } else {
-            Errors::Spatial
-        },
+        errors: if scenario.tag.height_m.is_some() { Errors::Horizontal } else { Errors::Spatial },
         ..Picture::default()
     });
     // The tags' order, and so their colours, is that of the scenario.
@@ -33,14 +29,13 @@ pub fn picture(source: String, scenario: &Scenario, records: &[Record]) -> Pictu
             builder.time(t_s);
         }
     }
-    let sources: &[_] = if scenario.beacons.is_empty() {
-        &[(None, None)]
+    let methods = if scenario.beacons.is_empty() {
+        vec![(scenario.tag.method_name(), None)]
     } else {
-        &[(Some("by anchors"), Some(Source::Anchors)), (Some("by beacons"), Some(Source::Beacons))]
+        vec![("by anchors", Some(Source::Anchors)), ("by beacons", Some(Source::Beacons))]
     };
-    for (name, source) in sources {
-        for tag in &scenario.tags {
-            let (method, tag) = (name.unwrap_or(scenario.method_name(tag)), tag.address);
+    for (method, source) in methods {
+        for tag in scenario.tags.iter().map(|tag| tag.address) {
             let taken = epochs(tag).filter(|(_, epoch)| source.is_none_or(|source| epoch.source() == source));
             for (_, epoch) in taken.filter(|(_, epoch)| epoch.fix.position_m().is_some()) {
                 builder.position(method, &Address(tag).to_string(), dot(epoch), epoch.error_m());

@@ -12,7 +12,7 @@ use std::process::{Command, Stdio};
 use crate::support::{Folder, root};
 
 /// The commands of code blocks that cannot run here, by their beginning, and what they need.
-const NOT_RUN: [(&str, &str); 11] = [
+const NOT_RUN: [(&str, &str); 10] = [
     ("baliza flash ", "a board at the probe"),
     ("baliza monitor --chip ", "a board at the probe"),
     ("baliza serve ", "a person who ends it; the tests of `serve` run it"),
@@ -26,7 +26,6 @@ const NOT_RUN: [(&str, &str); 11] = [
         "baliza survey fingerprints --points examples/flat/points.csv --out ",
         "a tag at the probe, and a person who walks",
     ),
-    ("baliza decode room.bin", "telemetry of an example of firmware-tag, which is not built here"),
 ];
 
 /// How the README runs the program out of the repository.

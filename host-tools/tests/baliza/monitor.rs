@@ -10,7 +10,7 @@ use rand_pcg::Pcg64;
 
 use crate::support::{Folder, Run};
 
-#[path = "../../src/node/monitor/testing.rs"]
+#[path = "../../node-link/src/monitor/testing.rs"]
 pub mod testing;
 
 use testing::{BUILD, OTHER_BUILD, elf, fix, frame, hello, telemetry_frame};

@@ -57,15 +57,6 @@ fn wrong_positions_are_refused_without_a_picture() {
     assert_eq!(folder.names(), ["positions.csv"]);
 }
 
-#[test]
-fn the_benchmark_draws_its_figure() {
-    let folder = Folder::with(&[]);
-    let run = folder.run("bench thesis --points 50 --plot figure.svg").ok();
-    assert_eq!(run.stderr, "picture: figure.svg\n");
-    let svg = String::from_utf8(folder.read("figure.svg")).expect("text");
-    assert!(svg.contains("bb-nls-r") && svg.contains("as printed"));
-}
-
 /// The text of a picture that the arguments make.
 fn svg(folder: &Folder, arguments: &str) -> String {
     folder.run(&format!("{arguments} --out picture.svg")).ok();

@@ -30,7 +30,7 @@ impl Run {
     /// The JSON document on standard output, which agrees with the schema of its command.
     pub fn document(&self) -> serde_json::Value {
         let document = serde_json::from_str(&self.stdout).expect("one JSON document on standard output");
-        crate::schemas::check(&document);
+        crate::schema_check::check(&document);
         document
     }
 
@@ -105,7 +105,7 @@ impl Folder {
     }
 
     pub fn command(&self, arguments: &str) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_baliza"));
+        let mut command = Command::new(crate::PROGRAM);
         command.args(arguments.split_whitespace()).current_dir(self.0.path()).stdin(Stdio::null());
         command
     }
@@ -113,7 +113,8 @@ impl Folder {
 
 /// The root of the repository.
 pub fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("host-tools is in the repository")
+    let has_lock = |folder: &&Path| folder.join("Cargo.lock").is_file();
+    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().find(has_lock).expect("the package is in the repository")
 }
 
 /// The recordings that the replays use.

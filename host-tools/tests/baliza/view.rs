@@ -1,16 +1,14 @@
 //! `baliza convert` and `monitor --foxglove`: what Foxglove gets, read by the `mcap` crate and a WebSocket client.
 
-use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Write};
 use std::process::Stdio;
 use std::time::Duration;
 
 use serde_json::{Value, json};
-use tungstenite::client::IntoClientRequest;
-use tungstenite::stream::MaybeTlsStream;
-use tungstenite::{Message, WebSocket};
+use tungstenite::Message;
 use wire::telemetry::Range;
 
+use crate::foxglove_client::{connect, json_of, messages, wait};
 use crate::messages::{frame, range as range_to};
 use crate::monitor::testing::{BUILD, fix, hello, telemetry_frame};
 use crate::support::Folder;
@@ -18,22 +16,6 @@ use crate::support::Folder;
 /// An anchor 258 at (1, 2, 3) and a range of 4.5 m to it.
 fn range(t_us: u64) -> Vec<u8> {
     frame(&Range { position_tenth_mm: Some([10_000, 20_000, 30_000]), ..range_to(t_us, 258) }.into())
-}
-
-/// The messages of a file by topic: schema, time in nanoseconds, bytes.
-pub fn messages(file: &[u8]) -> BTreeMap<String, Vec<(String, u64, Vec<u8>)>> {
-    let mut by_topic: BTreeMap<String, Vec<_>> = BTreeMap::new();
-    for message in mcap::MessageStream::new(file).expect("an MCAP file") {
-        let message = message.expect("a message");
-        let schema = message.channel.schema.as_ref().expect("a schema").name.clone();
-        let row = (schema, message.log_time, message.data.to_vec());
-        by_topic.entry(message.channel.topic.clone()).or_default().push(row);
-    }
-    by_topic
-}
-
-pub fn json_of(bytes: &[u8]) -> Value {
-    serde_json::from_slice(bytes).expect("JSON")
 }
 
 #[test]
@@ -96,29 +78,6 @@ fn what_is_no_recording_is_refused_and_leaves_no_file() {
     let told = "positions.csv: this is no telemetry: there is no frame in 20 bytes\n";
     assert_eq!((run.code, run.stderr.as_str()), (Some(2), told));
     assert_eq!(folder.names(), ["positions.csv"]);
-}
-
-pub type Client = WebSocket<MaybeTlsStream<std::net::TcpStream>>;
-
-/// The next message that `of` takes.
-pub fn wait<T>(client: &mut Client, of: impl Fn(&Message) -> Option<T>) -> T {
-    loop {
-        let message = client.read().expect("a message");
-        if let Some(found) = of(&message) {
-            return found;
-        }
-    }
-}
-
-/// A client of Foxglove's server at this address.
-pub fn connect(address: &str) -> Client {
-    let mut request = address.into_client_request().expect("an address");
-    request.headers_mut().insert("Sec-WebSocket-Protocol", "foxglove.sdk.v1".parse().expect("a name"));
-    let (client, _) = tungstenite::connect(request).expect("connected");
-    if let MaybeTlsStream::Plain(stream) = client.get_ref() {
-        stream.set_read_timeout(Some(Duration::from_secs(20))).expect("set");
-    }
-    client
 }
 
 #[test]

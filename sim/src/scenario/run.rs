@@ -12,7 +12,7 @@ use super::hardware::Hardware;
 use super::node::{AnchorApp, Ears, TagApp};
 use super::record::{BluetoothSummary, Record, Summary};
 use super::telemetry::{Log, Outlet};
-use super::{FaultKind, Scenario, Tag};
+use super::{FaultKind, Inspection, Scenario, Tag};
 use crate::air::{Path, PortId, Sniffed};
 use crate::bluetooth::Bluetooth;
 use crate::board::BoardProfile;
@@ -44,18 +44,23 @@ pub struct Simulation {
 impl Simulation {
     /// A scenario at its beginning: all nodes are switched on now.
     pub fn new(scenario: Scenario) -> Self {
+        Self::inspected(scenario, &Inspection::none())
+    }
+
+    /// The same, with a look into its tags.
+    pub fn inspected(scenario: Scenario, inspection: &Inspection) -> Self {
         let world = World::new(scenario.seed, scenario.air_config());
         let scenario = Rc::new(scenario);
         let log: Rc<RefCell<Log>> = Rc::default();
+        let settings = &scenario.bluetooth;
         let bluetooth =
-            (!scenario.beacons.is_empty()).then(|| Bluetooth::new(&world, scenario.bluetooth.clone(), &scenario.walls));
+            (!scenario.beacons.is_empty()).then(|| Bluetooth::new(&world, settings.air.clone(), &scenario.walls));
         let mut outlets = BTreeMap::new();
         let mut outlet = |node| outlets.entry(node).or_insert(Outlet::new(node, &world, &scenario, &log)).clone();
         let mut beacons = HashMap::new();
         for beacon in &scenario.beacons {
             if let Some(air) = &bluetooth {
-                let known = (beacon, scenario.beacon_key);
-                beacons.insert(beacon.address, BeaconNode::start(&world, air, known, outlet(beacon.address)));
+                beacons.insert(beacon.address, BeaconNode::start(&world, air, beacon, outlet(beacon.address)));
             }
         }
         let mut nodes = HashMap::new();
@@ -82,7 +87,7 @@ impl Simulation {
             let board = tag.board.unwrap_or(scenario.board);
             let sensor = sensor(&world, tag, &board);
             sensors.extend(sensor.clone().map(|sensor| (tag.address, sensor)));
-            let app = TagApp::new(&world, &scenario, tag, outlet(tag.address), (ears, sensor));
+            let app = TagApp::new(&world, &scenario, tag, outlet(tag.address), (ears, sensor), inspection);
             let hardware = Hardware::start(&world, scenario.fidelity, board, (path, tag.antenna_delay_ticks), app);
             if tag.is_worn() {
                 world.air().wear(hardware.port());

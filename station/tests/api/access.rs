@@ -1,8 +1,8 @@
 //! Who may do what.
 
-use baliza_station::api::{Access, App, Limits, openapi, serve};
 use hyper::{Method, header};
 use serde_json::json;
+use station_core::api::{Access, App, Limits, openapi, serve};
 
 use crate::api::client::{Answer, Station, generous, open, with_tokens};
 use crate::api::document::operations;

@@ -4,15 +4,15 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use baliza_station::api::{Access, App, Limits, Page, Tls, Token, UserRole, serve};
-use baliza_station::model::{Role, Site};
-use baliza_station::store::Retention;
-use baliza_station::{Hub, Live, Report, ReportKind, SolvedFrom, Store, Utc};
 use http_body_util::{BodyExt, Full};
 use hyper::body::{Bytes, Incoming};
 use hyper::{HeaderMap, Method, Request, Response, StatusCode, header};
 use hyper_util::rt::TokioIo;
 use serde_json::Value;
+use station_core::api::{Access, App, Limits, Page, Tls, Token, UserRole, serve};
+use station_core::model::{Role, Site};
+use station_core::store::Retention;
+use station_core::{Hub, Live, Report, ReportKind, SolvedFrom, Store, Utc};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
@@ -69,7 +69,7 @@ pub async fn station_of(set: impl FnOnce(App) -> App) -> Station {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path().join("baliza.db").to_str().unwrap()).await.unwrap();
     store.put_site(&Site::new(SITE)).await.unwrap();
-    let live = Live::new(baliza_station::state::Limits::default());
+    let live = Live::new(station_core::state::Limits::default());
     let keep = Retention::default();
     let (hub, _) = Hub::start(live, store.clone(), keep).await.unwrap();
     let page = Page::of([

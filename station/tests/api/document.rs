@@ -1,8 +1,8 @@
 //! The description of the API.
 
-use baliza_station::api::openapi;
 use hyper::header;
 use serde_json::Value;
+use station_core::api::openapi;
 
 use crate::api::client::open;
 

@@ -2,11 +2,11 @@
 
 use std::time::{Duration, Instant};
 
-use baliza_station::api::{Access, Limits};
-use baliza_station::model::Role;
-use baliza_station::{Report, ReportKind, SolvedFrom, Utc};
 use hyper::{Method, header};
 use serde_json::{Value, json};
+use station_core::api::{Access, Limits};
+use station_core::model::Role;
+use station_core::{Report, ReportKind, SolvedFrom, Utc};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 

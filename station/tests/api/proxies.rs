@@ -1,7 +1,7 @@
 //! Clients behind a reverse proxy. The tests' own connections, from the loopback address, are those of the proxy.
 
-use baliza_station::api::{Access, App, Limits, Proxies, Token, UserRole};
 use hyper::Method;
+use station_core::api::{Access, App, Limits, Proxies, Token, UserRole};
 
 use crate::api::client::{Answer, Station, generous, station_of};
 

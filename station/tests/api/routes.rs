@@ -1,9 +1,9 @@
 //! Every route, used as intended.
 
-use baliza_station::ReportKind;
-use baliza_station::model::{NodeHealth, Role};
 use hyper::{Method, header};
 use serde_json::{Value, json};
+use station_core::ReportKind;
+use station_core::model::{NodeHealth, Role};
 
 use crate::api::client::{SITE, keys, open, png};
 

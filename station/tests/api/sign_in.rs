@@ -3,12 +3,12 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use baliza_station::api::{Access, App, Limits, Token, UserRole};
-use baliza_station::oidc::{Oidc, OidcError, Patience, Roles, Settings};
 use base64::Engine;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use hyper::{Method, StatusCode, header};
 use serde_json::json;
+use station_core::api::{Access, App, Limits, Token, UserRole};
+use station_core::oidc::{Oidc, OidcError, Patience, Roles, Settings};
 use tokio::net::TcpListener;
 use url::Url;
 

@@ -2,11 +2,11 @@
 
 use std::time::Duration;
 
-use baliza_station::api::{Access, Limits};
 use futures_util::{SinkExt, StreamExt};
 use http_body_util::BodyExt;
 use hyper::{Method, header};
 use serde_json::{Value, json};
+use station_core::api::{Access, Limits};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 use tokio_tungstenite::WebSocketStream;

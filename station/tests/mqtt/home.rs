@@ -1,8 +1,8 @@
 //! A house with ESPresense: its receivers' messages come in, positions go out.
 
-use baliza_station::mqtt::Settings;
-use baliza_station::mqtt::espresense::House;
 use serde_json::json;
+use station_core::mqtt::Settings;
+use station_core::mqtt::espresense::House;
 
 use crate::mqtt::mosquitto::Mosquitto;
 use crate::mqtt::station::{LEVEL, SITE, Station, keep_log, logged, settings, wait_for_log};

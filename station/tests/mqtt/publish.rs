@@ -2,9 +2,9 @@
 
 use std::time::{Duration, Instant};
 
-use baliza_station::ReportKind;
-use baliza_station::model::TagPosition;
 use serde_json::{Map, Value, json};
+use station_core::ReportKind;
+use station_core::model::TagPosition;
 
 use crate::mqtt::mosquitto::{Mosquitto, Seen};
 use crate::mqtt::station::{LEVEL, SITE, Station, settings};

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use baliza_station::mqtt::Mqtt;
+use station_core::mqtt::Mqtt;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::{JoinHandle, JoinSet};
 

@@ -1,7 +1,7 @@
 //! Users, passwords and certificates.
 
-use baliza_station::mqtt::Broker;
 use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
+use station_core::mqtt::Broker;
 
 use crate::mqtt::mosquitto::Mosquitto;
 use crate::mqtt::station::{LEVEL, Station, at, keep_log, logged, wait_for_log};

@@ -3,10 +3,10 @@
 use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
-use baliza_station::model::{Role, Site, TagPosition, Zone, ZoneKind};
-use baliza_station::mqtt::{Broker, Mqtt, Settings, Topics};
-use baliza_station::store::Retention;
-use baliza_station::{Hub, Live, Report, ReportKind, SolvedFrom, Store, Utc};
+use station_core::model::{Role, Site, TagPosition, Zone, ZoneKind};
+use station_core::mqtt::{Broker, Mqtt, Settings, Topics};
+use station_core::store::Retention;
+use station_core::{Hub, Live, Report, ReportKind, SolvedFrom, Store, Utc};
 
 use crate::mqtt::mosquitto::PATIENCE;
 
@@ -46,7 +46,7 @@ impl Station {
         let folder = tempfile::tempdir().expect("a folder");
         let store = Store::open(folder.path().join("baliza.db").to_str().expect("UTF-8")).await.expect("a store");
         store.put_site(&Site::new(SITE)).await.expect("written");
-        let mut live = Live::new(baliza_station::state::Limits::default());
+        let mut live = Live::new(station_core::state::Limits::default());
         let mut zones = settings.zones();
         zones.push(Zone {
             site: SITE.to_owned(),
@@ -120,7 +120,7 @@ struct Logger;
 
 impl log::Log for Logger {
     fn enabled(&self, metadata: &log::Metadata<'_>) -> bool {
-        metadata.target().starts_with("baliza_station")
+        metadata.target().starts_with("station_core")
     }
 
     fn log(&self, record: &log::Record<'_>) {

@@ -1,4 +1,4 @@
-// How old positions are at the first frame of the page that may show them, for `cargo xtask bench station`: arguments
+// How old positions are at the first frame of the page that may show them, for `cargo xtask promises station`: arguments
 // URL SECONDS. A position tells in its height when it was made: 1 m is a second of the host's clock, and the heights
 // begin again after 1000 m. Prints the ages in milliseconds as JSON.
 

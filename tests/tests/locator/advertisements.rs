@@ -1,8 +1,8 @@
 //! Advertisements: `baliza ble solve --method engine` and the tag's task.
 
+use analysis::locate::ble::{RssiMethod, Setup, Solver};
 use firmware_tag::{KnownBeacons, LocatorConfig, scan};
-use host_tools::files::beacons::{Beacon, Capture, Sample};
-use host_tools::locate::ble::{RssiMethod, Setup, Solver};
+use recording::beacons::{Beacon, Capture, Sample};
 use wire::ble::IBeacon;
 
 use super::tag;

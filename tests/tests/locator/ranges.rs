@@ -2,13 +2,14 @@
 
 use std::path::Path;
 
+use analysis::Setup;
+use analysis::locate::track::{Tracker, Weighting, settings};
 use firmware_tag::{AnchorPosition, LocatorConfig};
-use host_tools::files::Diagnostics as RowDiagnostics;
-use host_tools::locate::track::{Tracker, Weighting, settings};
-use host_tools::{Anchor, Coordinates, Epochs, Files, Height, Measured, Mode, Recording, Setup, Space, by_time};
 use positioning_core::nlos::{Feature, Features};
 use ranging::exchange::{Range, Round};
 use ranging::{Diagnostics, RadioInstant};
+use recording::Diagnostics as RowDiagnostics;
+use recording::{Anchor, Coordinates, Epochs, Files, Height, Measured, Mode, Recording, Space, by_time};
 
 use super::tag;
 

@@ -1,10 +1,10 @@
 //! Positions per second, at 6.81 Mbit/s with 128 preamble symbols, on register-level chips and on processors whose code
 //! takes time. The boards are DWM1001 unless stated otherwise.
 
+use ::ranging::native::Scheme;
 use sim::BoardProfile;
 use sim::scenario::{AirModel, Scenario};
-use system_tests::{Run, STAND, TAG, WALK, hall, tag};
-use wire::config::Scheme;
+use system_tests::{Run, STAND, TAG, WALK, hall};
 
 /// The default room on the ideal air. On an air as recorded, fading makes powers unequal, and nodes join later.
 fn room(anchors: usize, tags: usize) -> Scenario {
@@ -62,7 +62,7 @@ fn no_anchor_is_silent_on_boards_two_and_four_times_slower_nor_on_others() {
 fn double_sided_rounds_keep_their_rate() {
     for (anchors, least) in [(4, 280.0), (8, 140.0)] {
         let mut scenario = Scenario { seconds: 5.0, ..room(anchors, 1) };
-        scenario.change_tags(|tag| tag.scheme = Some(Scheme::DoubleSided));
+        scenario.tag.scheme = Scheme::DoubleSided;
         let positions = positions_of_whole_rounds(&Run::of(scenario), anchors, 2.0, 5.0);
         assert!(positions >= least, "{anchors} anchors: {positions} positions a second");
     }
@@ -113,7 +113,7 @@ fn a_loss_of_thirty_in_a_hundred_costs_rate_and_never_stalls() {
 
 #[test]
 fn a_slower_tag_gets_the_rate_it_asks_for() {
-    let run = Run::of_text(&(hall("seconds = 7", 4, &[]) + &tag("rate_hz = 10", &format!("path_m = {STAND}"))));
+    let run = Run::of_text(&hall("seconds = 7\nrate_hz = 10", 4, &[STAND]));
     let rate = run.fix_times(TAG, 2.0, 7.0).len() as f64 / 5.0;
     assert!((9.0..=11.5).contains(&rate), "{rate}");
 }

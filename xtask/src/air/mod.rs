@@ -11,7 +11,7 @@ use serde::Deserialize;
 
 use self::residuals::{Residuals, Statistics, Truth};
 use crate::baliza::{json, recording, result, scratch};
-use crate::bench::Made;
+use crate::promises::Made;
 
 /// A recording in line of sight.
 struct Recorded {
@@ -55,10 +55,8 @@ fn column(statistics: Statistics, track: Track) -> Column {
 ///
 /// # Errors
 /// A run of `baliza` fails, or a file cannot be read or written.
-pub fn compared() -> Result<Option<Made>> {
-    let Some(folders) = RECORDED.iter().map(|of| recording(of.folder)).collect::<Option<Vec<_>>>() else {
-        return Ok(None);
-    };
+pub fn compared() -> Result<Made> {
+    let folders = RECORDED.iter().map(|of| recording(of.folder)).collect::<Result<Vec<_>>>()?;
     let recorded =
         RECORDED.iter().zip(&folders).map(|(of, folder)| recorded(of, folder)).collect::<Result<Vec<_>>>()?;
     let mut simulated = Vec::new();

@@ -36,6 +36,41 @@ pub fn flash(file: &Path) -> Result<u64> {
     Ok(flash_of(&parse(file, &bytes)?))
 }
 
+/// What an image's sections take, bytes, as the program `size` counts them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sections {
+    /// Code and constants.
+    pub text: u64,
+    /// Variables with initial values.
+    pub data: u64,
+    /// Variables that are zero at the start, and room that is only reserved.
+    pub bss: u64,
+}
+
+/// Reads the sections of an image.
+///
+/// # Errors
+/// The file cannot be read, or is no ELF file.
+pub fn sections(file: &Path) -> Result<Sections> {
+    let bytes = fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
+    let mut sizes = Sections::default();
+    for section in parse(file, &bytes)?.sections() {
+        let SectionFlags::Elf { sh_flags } = section.flags() else { continue };
+        if sh_flags & u64::from(elf::SHF_ALLOC) == 0 {
+            continue;
+        }
+        let sum = if section.kind().is_bss() {
+            &mut sizes.bss
+        } else if sh_flags & u64::from(elf::SHF_WRITE) != 0 {
+            &mut sizes.data
+        } else {
+            &mut sizes.text
+        };
+        *sum += section.size();
+    }
+    Ok(sizes)
+}
+
 /// Reads an image for `platform`, and checks its landmarks.
 ///
 /// # Errors

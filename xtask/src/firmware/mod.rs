@@ -1,6 +1,7 @@
 //! `cargo xtask firmware`: builds every image, checks that its board can start it, and compares its size with its
 //! budget. The images are left in `target/firmware`.
 
+pub mod expected;
 mod hex;
 pub mod inspect;
 mod matrix;
@@ -13,8 +14,10 @@ use std::process::Command;
 use anyhow::{Context, Result, ensure};
 use wire::config::Board;
 
+use crate::promises::{self, Made};
 use crate::toolchain::{self, Toolchain};
-use crate::{document, root, succeed, target_directory};
+use crate::{succeed, target_directory};
+use expected::Expected;
 use inspect::Takes;
 pub use matrix::BOARDS;
 use matrix::{Budget, Image, Platform};
@@ -27,8 +30,9 @@ pub struct Arguments {
     /// Only look for mistakes, with clippy; needs a compiler by rustup with the targets.
     #[arg(long)]
     lint: bool,
-    /// Remake the table of docs/performance.md: images of boards.
-    #[arg(long, conflicts_with_all = ["filter", "lint"])]
+    /// Write the sizes of the images beside their boards, in boards/*/expected; of all images also the table of the
+    /// document
+    #[arg(long, conflicts_with = "lint")]
     document: bool,
 }
 
@@ -48,28 +52,57 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if !toolchain::is_installed("flip-link") {
         println!("no flip-link here: on a Cortex-M a stack overflow will go unnoticed; `cargo install flip-link`");
     }
-    let mut rows = Vec::new();
-    for image in images {
-        let toolchain = Toolchain::find(image.platform.target())?;
-        let takes = inspect(image, &build(image, &toolchain)?)?;
-        let grant = if toolchain.is_rustups() { 0 } else { GRANT_OTHER_COMPILER };
-        rows.push(Row { image, takes, grant });
-    }
-    let table = table(&rows);
-    println!("\n{table}");
+    let rows = images.into_iter().map(built).collect::<Result<Vec<_>>>()?;
+    println!("\n{}", table(&rows));
     if arguments.document {
-        document::remake(&root().join("docs/performance.md"), "firmware", &table)?;
+        rows.iter().try_for_each(|row| expected::write(row.image, &row.expected))?;
+        if arguments.filter.is_none() {
+            promises::remake("firmware", &of_rows(&rows))?;
+        }
+    } else {
+        expected::compare(rows.iter().map(|row| (row.image, &row.expected)))?;
     }
-    let over: Vec<&str> = rows.iter().filter(|row| !row.is_within()).map(|row| row.image.name.as_str()).collect();
+    let over = over(&rows);
     ensure!(over.is_empty(), "over their budgets: {}", over.join(", "));
     println!("{} images in {}", rows.len(), directory().display());
     Ok(())
+}
+
+/// The table of the document: all images.
+///
+/// # Errors
+/// A build fails, or a board cannot start an image.
+pub fn made() -> Result<Made> {
+    let all = matrix::images()?;
+    Ok(of_rows(&all.iter().map(built).collect::<Result<Vec<_>>>()?))
+}
+
+fn of_rows(rows: &[Row<'_>]) -> Made {
+    let complaint = (!over(rows).is_empty()).then_some("an image is over its budget");
+    Made::of(vec![("firmware", table(rows))], complaint)
+}
+
+/// Builds and inspects an image.
+fn built(image: &Image) -> Result<Row<'_>> {
+    let toolchain = Toolchain::find(image.platform.target())?;
+    let elf = build(image, &toolchain)?;
+    let takes = inspect(image, &elf)?;
+    let grant = if toolchain.is_rustups() { 0 } else { GRANT_OTHER_COMPILER };
+    let compiler = toolchain.version().unwrap_or_default();
+    let expected = Expected { compiler, sections: inspect::sections(&elf)? };
+    Ok(Row { image, takes, grant, expected })
+}
+
+/// The names of images over their budgets.
+fn over<'i>(rows: &[Row<'i>]) -> Vec<&'i str> {
+    rows.iter().filter(|row| !row.is_within()).map(|row| row.image.name.as_str()).collect()
 }
 
 /// An image, built.
 struct Row<'i> {
     image: &'i Image,
     takes: Takes,
+    expected: Expected,
     /// The tolerance for its compiler beyond the budgets, in percent.
     grant: u64,
 }

@@ -6,6 +6,7 @@
 
 mod figures;
 mod guest;
+mod log;
 mod node;
 mod scene;
 mod steps;
@@ -38,6 +39,9 @@ pub struct Arguments {
     /// How far images and simulation may be apart, in percent.
     #[arg(long, default_value_t = 10.0)]
     tolerance: f64,
+    /// Write what the images report in their first second beside their boards, in boards/*/expected.
+    #[arg(long, conflicts_with = "cpu_slowdown")]
+    document: bool,
 }
 
 /// Runs images and simulation, and compares them.
@@ -69,6 +73,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             anchor: firmware::elf(&format!("anchor-wired-{}", chip.name()))?,
         };
         let outcome = scene::run(chip, &images, &scenario)?;
+        // Slower processors report the same later.
+        if arguments.cpu_slowdown == 1.0 {
+            logs(chip, &outcome, arguments.document, &mut disagreements)?;
+        }
         let (images, simulation) = (Figures::of_images(&outcome, scenario.seconds), Figures::of_simulation(&scenario));
         println!("\n{} as {}, {} s\n", chip.title(), board.name, scenario.seconds);
         println!("{}\n{}", images.table(&simulation), spent(&outcome));
@@ -82,8 +90,26 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         disagreements.extend(found.into_iter().map(|what| format!("{}: {what}", chip.title())));
     }
     ensure!(ran, "there are images for dwm1001, evk1000 and esp32c3");
-    ensure!(disagreements.is_empty(), "images and simulation do not agree:\n{}", disagreements.join("\n"));
+    ensure!(
+        disagreements.is_empty(),
+        "images and simulation, or images and what is expected of them, do not agree:\n{}",
+        disagreements.join("\n")
+    );
     println!("images and simulation agree within {} %", arguments.tolerance);
+    Ok(())
+}
+
+/// Writes or compares what a tag and the first anchor report.
+fn logs(chip: Chip, outcome: &Outcome, document: bool, disagreements: &mut Vec<String>) -> Result<()> {
+    for (role, lives) in [("tag", &outcome.tags), ("anchor", &outcome.anchors)] {
+        let Some(Lived { life, .. }) = lives.first() else { continue };
+        let (image, log) = (format!("{role}-wired-{}", chip.name()), log::text(life));
+        if document {
+            firmware::expected::write_log(&image, &log)?;
+        } else {
+            disagreements.extend(firmware::expected::log_complaint(&image, &log)?);
+        }
+    }
     Ok(())
 }
 

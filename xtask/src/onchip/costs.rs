@@ -1,17 +1,15 @@
-//! Costs of a node's code in instructions: the image `costs` on every kind of processor. Writes the table
-//! `sim/src/costs.csv`, which simulations read, and the same table in the document.
+//! Costs of a node's code in instructions: the image `costs` on every kind of processor. Makes the table
+//! `sim/src/costs.csv`, which simulations read, and the same table for people.
 
 use baliza_report::MarkdownTable;
 use std::fmt::Write as _;
-use std::fs;
 
 use anyhow::{Context, Result, ensure};
 
 use super::run;
 use super::tables::grouped;
-use crate::bench::Made;
 use crate::chip::Chip;
-use crate::root;
+use crate::promises::Made;
 use crate::toolchain::Toolchain;
 
 /// The file that simulations read.
@@ -53,11 +51,11 @@ const ROWS: [(&str, &str); 32] = [
     ("tag.advert", "a beacon's advertisement"),
 ];
 
-/// Measures, writes the table for simulations, and makes the table of the document.
+/// Measures, and makes the table for simulations and that of the document.
 ///
 /// # Errors
-/// An image cannot be built or run, its rows are not the expected ones, or the file cannot be written.
-pub fn made() -> Result<Option<Made>> {
+/// An image cannot be built or run, or its rows are not the expected ones.
+pub fn made() -> Result<Made> {
     let columns = Chip::SIMULATED.into_iter().map(measure).collect::<Result<Vec<_>>>()?;
     let mut table = String::from("what");
     for chip in Chip::SIMULATED {
@@ -80,9 +78,7 @@ pub fn made() -> Result<Option<Made>> {
     for costs in &columns {
         ensure!(costs.len() == ROWS.len(), "the image measures what the table has no row for");
     }
-    let file = root().join(FILE);
-    fs::write(&file, table).with_context(|| format!("cannot write {}", file.display()))?;
-    Ok(Made::one("costs", document.into_text()))
+    Ok(Made { files: vec![(FILE.into(), table)], ..Made::one("costs", document.into_text()) })
 }
 
 /// Builds and runs the image.

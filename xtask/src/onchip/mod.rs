@@ -11,8 +11,8 @@ mod tables;
 
 use anyhow::{Result, ensure};
 
-use crate::bench::Made;
 use crate::chip::Chip;
+use crate::promises::Made;
 use crate::toolchain::Toolchain;
 use crate::{qemu, succeed};
 use printed::Printed;
@@ -40,23 +40,13 @@ struct Measured {
 }
 
 pub use costs::made as costs;
-
-/// Measures on every chip and prints the tables.
-///
-/// # Errors
-/// A measurement fails, or a figure is over its budget.
-pub fn check() -> Result<()> {
-    let Tables { costs, budgets, algebra, frames, sight, beacons, engine, within } = Tables::measure()?;
-    println!("{costs}{frames}{sight}{beacons}{engine}{algebra}{budgets}");
-    ensure!(within, "a figure is over its budget: see the last table above");
-    Ok(())
-}
+pub use tables::grouped;
 
 /// The tables of the document.
 ///
 /// # Errors
 /// A measurement fails.
-pub fn made() -> Result<Option<Made>> {
+pub fn made() -> Result<Made> {
     let Tables { costs, budgets, algebra, frames, sight, beacons, engine, within } = Tables::measure()?;
     let tables = vec![
         ("cost on the chip", costs),

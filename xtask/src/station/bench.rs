@@ -20,7 +20,7 @@ use serde::Deserialize;
 use super::BALIZA;
 use super::load::{self, FRAMES};
 use super::server::Server;
-use crate::bench::Made;
+use crate::promises::Made;
 use crate::{printed, root};
 
 /// The kernel's unit of processor time (`USER_HZ`), a second.
@@ -38,7 +38,7 @@ const TIME: Duration = Duration::from_secs(20);
 ///
 /// # Errors
 /// The program cannot be built or started, or loses positions.
-pub fn made() -> Result<Option<Made>> {
+pub fn made() -> Result<Made> {
     let program = match std::env::var_os(BALIZA) {
         Some(program) => PathBuf::from(program),
         None => crate::baliza::binary()?,
@@ -77,7 +77,7 @@ pub fn made() -> Result<Option<Made>> {
 ///
 /// # Errors
 /// npm or Chromium is missing.
-pub fn page() -> Result<Option<Made>> {
+pub fn page() -> Result<Made> {
     let mut table = String::from(
         "| on the map | main thread a frame, ms | script of it, ms | frames a second | wanted |\n|---|---:|---:|---:|---:|\n",
     );

@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use analysis::survey::fingerprint::{Average, Comparison, Making, Maps, Setup, Solver, held_out, names_of};
 use anyhow::Result;
-use host_tools::files::beacons::{Capture, Captured, Dwell, read_captures, read_stays};
-use host_tools::survey::fingerprint::{Average, Comparison, Making, Maps, Setup, Solver, held_out, names_of};
-use host_tools::{Solved, UserError};
 use positioning_core::ble::fingerprint::Map;
+use recording::beacons::{Capture, Captured, Dwell, read_captures, read_stays};
+use recording::{Solved, UserError};
 
 use super::{Found, Names, PlanArguments, read_bytes, survey_of};
 use crate::cli::progress::Progress;

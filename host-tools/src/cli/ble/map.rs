@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
+use analysis::survey::fingerprint::{Comparison, Grid, Making, Maps, Setup, held_out, spread};
 use anyhow::Result;
 use baliza_report::{MarkdownTable, Statistics};
-use host_tools::UserError;
-use host_tools::files::beacons::read_stays;
-use host_tools::files::output;
-use host_tools::survey::fingerprint::{Comparison, Grid, Making, Maps, Setup, held_out, spread};
 use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map, MapError};
+use recording::UserError;
+use recording::beacons::read_stays;
+use recording::output;
 
 use super::fingerprint::Averages;
 use super::{PlanArguments, survey_of};

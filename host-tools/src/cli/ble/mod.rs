@@ -8,19 +8,19 @@ mod solve;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use analysis::survey::fingerprint::{Average, Plan, Survey};
 use anyhow::Result;
-use host_tools::files::beacons::{Beacon, Capture, Captured, Dwell, Wall, read_beacons, read_walls};
-use host_tools::files::{DOCUMENT_BYTES, read_limited};
-use host_tools::survey::fingerprint::{Average, Plan, Survey};
-use host_tools::{Epochs, Solved, UserError};
 use positioning_core::ble::fingerprint::MAX_BEACONS;
+use recording::beacons::{Beacon, Capture, Captured, Dwell, Wall, read_beacons, read_walls};
+use recording::{DOCUMENT_BYTES, read_limited};
+use recording::{Epochs, Solved, UserError};
 
 use crate::cli::floor_plan::FloorPlan;
 use crate::cli::report::{Output, Report, Site, TagReport};
 
 super::commands! {
     /// Positions from the RSSI values of Bluetooth beacons
-    enum Arguments {
+    pub enum Arguments {
         Rooms(rooms),
         Solve(solve),
         Fingerprint(fingerprint),
@@ -175,7 +175,7 @@ impl Found<'_> {
 fn epochs(captures: &[Capture]) -> Epochs {
     let mut epochs = Epochs::default();
     for capture in captures {
-        let truth = capture.truth_m.map(|[x_m, y_m]| host_tools::Coordinates { x_m, y_m, z_m: None });
+        let truth = capture.truth_m.map(|[x_m, y_m]| recording::Coordinates { x_m, y_m, z_m: None });
         epochs.push(&capture.name, capture.t_s, truth);
     }
     epochs

@@ -4,14 +4,15 @@ mod walk;
 
 use std::path::{Path, PathBuf};
 
+use analysis::survey::rooms::{self, Method, ModelFile, Names, Point, Score, Survey, Trained};
 use anyhow::{Context, Result};
 use baliza_report::MarkdownTable;
 use clap::ValueEnum;
-use host_tools::files::beacons::read_stays;
-use host_tools::files::output;
-use host_tools::survey::rooms::{self, Method, ModelFile, Names, Point, Score, Survey, Trained};
-use host_tools::{UserError, plot};
+use pictures as plot;
 use positioning_core::ble::rooms::Model;
+use recording::UserError;
+use recording::beacons::read_stays;
+use recording::output;
 
 use crate::cli::progress::Progress;
 use crate::cli::{self, PictureFile};

@@ -2,16 +2,17 @@
 
 use std::path::PathBuf;
 
+use analysis::locate::advice;
+use analysis::locate::ble::{RssiMethod, Setup, Solver};
 use anyhow::Result;
-use host_tools::files::beacons::{Captured, read_beacons, read_captures, read_walls};
-use host_tools::locate::advice;
-use host_tools::locate::ble::{RssiMethod, Setup, Solver};
 use positioning_core::ble::beacon_monitor::{BeaconHealth, HealthChange};
+use recording::beacons::{Captured, read_beacons, read_captures, read_walls};
 
 use super::Found;
 use crate::cli::folder::FolderFiles;
 use crate::cli::note;
-use crate::cli::recording_args::{CornersM, finite};
+use crate::cli::numbers::finite;
+use crate::cli::recording_args::CornersM;
 use crate::cli::report::{OutputArgs, some_position};
 
 /// Positions by path loss: least squares, the posterior mean, a particle filter, the tag's engine

@@ -3,14 +3,14 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use analysis::survey::antenna_delay::{Calibration, Delay, KnownRange, calibrate};
 use anyhow::Result;
 use baliza_report::MarkdownTable;
-use host_tools::files::spelled;
-use host_tools::survey::antenna_delay::{Calibration, Delay, KnownRange, calibrate};
-use host_tools::{Coordinates, Table, Truths, UserError, read_anchors};
+use recording::spelled;
+use recording::{Coordinates, Table, Truths, UserError, read_anchors};
 
 use crate::cli::folder::FolderFiles;
-use crate::cli::recording_args::finite;
+use crate::cli::numbers::finite;
 use crate::cli::{note, print, print_json};
 
 /// The antenna delay of every node, from ranges over known distances

@@ -5,7 +5,7 @@ mod path_loss;
 
 super::commands! {
     /// Parameters of a site, from measurements at known points
-    enum Arguments {
+    pub enum Arguments {
         AntennaDelay(antenna_delay),
         PathLoss(path_loss),
     }

@@ -3,17 +3,18 @@
 use baliza_report::MarkdownTable;
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
-use host_tools::files::beacons::{Capture, read_beacons, read_captures, read_stays, read_walls};
-use host_tools::files::output;
-use host_tools::files::positions;
-use host_tools::survey::calibration::{
+use analysis::survey::calibration::{
     Calibrated, Learnt, Placed, Step, WALL_STEPS, calibrate, pieces, to_csv, wall_attenuation,
 };
-use host_tools::{UserError, plot};
+use anyhow::Result;
+use pictures as plot;
+use recording::UserError;
+use recording::beacons::{Capture, read_beacons, read_captures, read_stays, read_walls};
+use recording::output;
+use recording::positions;
 
+use crate::cli::numbers::finite;
 use crate::cli::progress::Progress;
-use crate::cli::recording_args::finite;
 use crate::cli::{PictureFile, note, print, print_json, write};
 
 /// RSSI at one metre and path loss exponent of every beacon, from fingerprints or a walk: by regression, and as a node

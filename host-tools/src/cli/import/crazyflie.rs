@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use host_tools::import::crazyflie;
-use host_tools::read_anchors;
+use recording::import::crazyflie;
+use recording::read_anchors;
 
 /// Import a log of a Crazyflie in two-way ranging: CSV of the client with ranging.distance0 to ranging.distance7
 ///

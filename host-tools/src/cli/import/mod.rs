@@ -6,16 +6,16 @@ mod pans;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use host_tools::files::output::OutputFolder;
-use host_tools::import::Imported;
-use host_tools::node::recorder::is_of_recording;
+use node_link::recorder::is_of_recording;
+use recording::import::Imported;
+use recording::output::OutputFolder;
 
 super::commands! {
     /// Make a recording of what another system has measured
     ///
     /// The folder gets anchors.csv, ranges.csv and, where the other system has found positions, positions.csv. Lines
     /// that are no measurements are left out and counted.
-    enum Arguments {
+    pub enum Arguments {
         Pans(pans),
         Crazyflie(crazyflie),
     }

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use host_tools::import::pans;
+use recording::import::pans;
 
-use crate::cli::recording_args::finite;
+use crate::cli::numbers::finite;
 
 /// Import what a DWM1001 tag with PANS has printed: the output of its shell's `lec` or `les`
 ///

@@ -4,13 +4,12 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::Instant;
 
+use crate::wizard::{Person, Typed, Visit, Wizard, each_advert};
+use analysis::survey::campaign::{Dwell, FingerprintFile, SurveyPoint, parse_point, read_points};
 use anyhow::Result;
-use host_tools::UserError;
-use host_tools::node::decode::Stream;
-use host_tools::survey::campaign::{
-    Dwell, FingerprintFile, Person, SurveyPoint, Typed, Visit, Wizard, each_advert, parse_point, read_points,
-};
 use indicatif::ProgressBar;
+use node_link::decode::Stream;
+use recording::UserError;
 
 use crate::cli::stream::{Input, STOP, SourceArguments, catch_signals};
 use crate::cli::{note, print_json, prompt};

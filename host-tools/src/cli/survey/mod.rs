@@ -4,7 +4,7 @@ mod fingerprints;
 
 super::commands! {
     /// Surveys: a person is led from point to point
-    enum Arguments {
+    pub enum Arguments {
         Fingerprints(fingerprints),
     }
 }

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
+use analysis::survey::rooms::{Interval, MOST_WINDOWS, Method, Names, Survey, Trained, follow};
 use anyhow::Result;
-use host_tools::UserError;
-use host_tools::files::beacons::{Sample, in_order, read_captures, read_stays};
-use host_tools::survey::rooms::{Interval, MOST_WINDOWS, Method, Names, Survey, Trained, follow};
 use positioning_core::ble::rooms::RoomEstimate;
+use recording::UserError;
+use recording::beacons::{Sample, in_order, read_captures, read_stays};
 
 use super::{Arguments, model_of, read_model};
 use crate::cli::{print, print_json};

@@ -1,0 +1,10 @@
+//! Positions from recordings: a fix for each epoch, a track, and positions from beacons.
+
+pub mod advice;
+pub mod ble;
+pub mod residuals;
+mod solve;
+pub mod time_offset;
+pub mod track;
+
+pub use solve::{Setup, Solver};

@@ -1,0 +1,93 @@
+//! Warnings about probable mistakes in a site whose records are valid: positions that no room has, anchors that cannot
+//! locate the tags of the site.
+
+use wire::config::{Mode, Role, Tag};
+
+use super::{Node, Site};
+use analysis::locate::advice;
+use recording::{Anchor, Coordinates};
+
+/// Anchors of one network are hardly farther apart than this, metres.
+const FAR_M: f32 = 300.0;
+/// Tags are hardly carried higher than this, metres.
+const HIGH_M: f32 = 50.0;
+
+/// Warnings about the site as a whole.
+pub fn oddities(site: &Site) -> Vec<String> {
+    let tags: Vec<(&Node, &Tag)> = site.nodes.iter().filter_map(|node| Some((node, tag(node)?))).collect();
+    let anchors = site.nodes.iter().filter(|node| matches!(node.record.role, Role::Anchor { .. })).count();
+    let placed: Vec<Anchor> = site.nodes.iter().filter_map(anchor).collect();
+    let mut warnings: Vec<String> = site.nodes.iter().filter_map(far).collect();
+    warnings.extend(advice::one_place(placed.iter().map(|anchor| {
+        let Coordinates { x_m, y_m, z_m } = anchor.place;
+        (anchor.name.as_str(), [x_m, y_m, z_m.unwrap_or(0.0)])
+    })));
+    if anchors > 0 && placed.is_empty() {
+        warnings.push(
+            "no anchor has a position_m, so that tags have no positions: measure where the anchors are".to_owned(),
+        );
+    }
+    // A DecaRanging pair measures distances only, and anchors may be nodes of another file.
+    let needs_three =
+        |(node, _): &(&Node, &Tag)| is_own_mode(node.record.network.mode) && node.record.anchors.is_empty();
+    if tags.iter().any(needs_three) && (1..3).contains(&anchors) {
+        let is = if anchors == 1 { "is only 1 anchor" } else { "are only 2 anchors" };
+        warnings.push(format!(
+            "there {is}, but a position needs the ranges of 3 where the height is known (height_m), else of 4"
+        ));
+    }
+    let in_space = tags.iter().find(|(_, tag)| tag.height_m.is_none());
+    if let Some((node, _)) = in_space.filter(|_| advice::coplanar(&placed)) {
+        warnings.push(format!(
+            "the anchors lie in one plane, so that the height of {} is uncertain: put one anchor higher or lower, or give \
+             height_m",
+            node.name
+        ));
+    }
+    for (node, tag) in tags {
+        if let Some(height_m) = tag.height_m.filter(|height_m| height_m.abs() > HIGH_M) {
+            warnings.push(format!("height_m of {} is {height_m}: is it in metres?", node.name));
+        }
+    }
+    for node in &site.nodes {
+        if let Role::Advertiser(beacon) = &node.record.role
+            && beacon.measured_power_dbm > 0
+        {
+            let power = beacon.measured_power_dbm;
+            warnings.push(format!(
+                "measured_power_dbm of {} is {power}: the RSSI at 1 m is below 0 dBm, is the minus sign missing?",
+                node.name
+            ));
+        }
+    }
+    warnings
+}
+
+fn is_own_mode(mode: Mode) -> bool {
+    match mode {
+        Mode::Native | Mode::Listening { .. } => true,
+        Mode::DecaRanging { .. } => false,
+    }
+}
+
+fn tag(node: &Node) -> Option<&Tag> {
+    match &node.record.role {
+        Role::Tag(tag) => Some(tag),
+        Role::Anchor { .. } | Role::Advertiser(_) => None,
+    }
+}
+
+fn anchor(node: &Node) -> Option<Anchor> {
+    let Role::Anchor { position_m } = node.record.role else { return None };
+    let [x_m, y_m, z_m] = position_m?.map(f64::from);
+    Some(Anchor { name: node.name.clone(), place: Coordinates { x_m, y_m, z_m: Some(z_m) } })
+}
+
+fn far(node: &Node) -> Option<String> {
+    let Role::Anchor { position_m } = node.record.role else { return None };
+    let coordinate = position_m?.into_iter().find(|coordinate| coordinate.abs() > FAR_M)?;
+    Some(format!(
+        "position_m of {} has {coordinate}, farther than {FAR_M} m from the origin: is it in metres?",
+        node.name
+    ))
+}

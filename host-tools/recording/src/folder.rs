@@ -1,0 +1,154 @@
+//! The folder of a recording: its tables under their usual names, and `recording.toml`, which says how they were made.
+
+use std::path::{Path, PathBuf};
+
+use baliza_report::line_of;
+use serde::{Deserialize, Serialize};
+
+use crate::read_text;
+use crate::{Height, Space, UserError};
+
+/// The name of the file of settings.
+pub const SETTINGS: &str = "recording.toml";
+
+/// What the tables of a recording do not say. Commands that read the folder use it where no flag says otherwise.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct RecordingSettings {
+    /// Positions in the plane (2) or in space (3).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dims: Option<u8>,
+    /// The tags' height in the plane, metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub height_m: Option<f64>,
+    /// How the tags measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mode: Option<Mode>,
+}
+
+/// How tags measure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Mode {
+    /// Ranges to anchors: `ranges.csv`.
+    Ranges,
+    /// Differences of arrivals, of tags that only listen: `differences.csv`.
+    Differences,
+}
+
+/// The folder of a recording.
+#[derive(Clone, Debug)]
+pub struct Folder {
+    path: PathBuf,
+    /// Its settings; without a file, nothing is known.
+    pub settings: RecordingSettings,
+}
+
+impl Folder {
+    /// Opens a folder.
+    ///
+    /// # Errors
+    /// The path is no folder, or `recording.toml` is wrong.
+    pub fn open(path: &Path) -> Result<Self, UserError> {
+        if !path.is_dir() {
+            return Err(UserError::file(
+                path,
+                "this is no folder; a recording is a folder with anchors.csv and ranges.csv",
+            ));
+        }
+        let file = path.join(SETTINGS);
+        let settings = if file.exists() { read(&file)? } else { RecordingSettings::default() };
+        Ok(Self { path: path.to_owned(), settings })
+    }
+
+    /// The path of one of its files, if the file exists.
+    pub fn find(&self, name: &str) -> Option<PathBuf> {
+        Some(self.path.join(name)).filter(|file| file.is_file())
+    }
+
+    /// How its tags measured, and the file of it: as the settings say, else by the file that is there.
+    ///
+    /// # Errors
+    /// The folder has no such file.
+    pub fn measured(&self) -> Result<(Mode, PathBuf), UserError> {
+        let by_file = || {
+            let listened = self.find("ranges.csv").is_none() && self.find("differences.csv").is_some();
+            if listened { Mode::Differences } else { Mode::Ranges }
+        };
+        let mode = self.settings.mode.unwrap_or_else(by_file);
+        let name = match mode {
+            Mode::Ranges => "ranges.csv",
+            Mode::Differences => "differences.csv",
+        };
+        Ok((mode, self.file(name)?))
+    }
+
+    /// The path of one of its files.
+    ///
+    /// # Errors
+    /// The folder has no such file.
+    pub fn file(&self, name: &str) -> Result<PathBuf, UserError> {
+        self.find(name).ok_or_else(|| UserError::file(&self.path, format!("the folder has no {name}")))
+    }
+}
+
+impl RecordingSettings {
+    /// The space that they say, without a height from a truth; by default all three dimensions.
+    pub fn space(&self) -> Space {
+        match self.dims {
+            Some(2) => Space::Plane(self.height_m.map_or(Height::Unknown, Height::Fixed)),
+            Some(_) | None => Space::Full(None),
+        }
+    }
+
+    /// The file's text.
+    ///
+    /// # Errors
+    /// A value cannot be written as TOML.
+    pub fn to_toml(&self) -> Result<String, toml::ser::Error> {
+        let head =
+            "# How this recording was made. Commands that read the folder use it where no flag says otherwise.\n";
+        Ok(format!("{head}{}", toml::to_string(self)?))
+    }
+}
+
+fn read(file: &Path) -> Result<RecordingSettings, UserError> {
+    let text = read_text(file)?;
+    let settings: RecordingSettings = toml::from_str(&text).map_err(|error| {
+        let line = line_of(&text, error.span().map_or(0, |span| span.start));
+        UserError::line(file, line as u64, error.message())
+    })?;
+    match settings {
+        RecordingSettings { dims: Some(dims), .. } if !(2..=3).contains(&dims) => {
+            Err(UserError::file(file, format!("dims is {dims}; it must be 2 or 3")))
+        }
+        RecordingSettings { height_m: Some(height_m), .. } if !height_m.is_finite() => {
+            Err(UserError::file(file, "height_m is not a number"))
+        }
+        settings => Ok(settings),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::{Folder, Mode, RecordingSettings, SETTINGS};
+
+    #[test]
+    fn settings_are_read_as_they_were_written_and_wrong_ones_are_refused_with_their_line() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let settings = RecordingSettings { dims: Some(2), height_m: Some(1.2), mode: Some(Mode::Ranges) };
+        fs::write(folder.path().join(SETTINGS), settings.to_toml().expect("text")).expect("written");
+        assert_eq!(Folder::open(folder.path()).expect("read").settings, settings);
+        for (text, said) in [
+            ("dims = 2\nheigth_m = 1", ":2: unknown field"),
+            ("dims = 4", "it must be 2 or 3"),
+            ("mode = \"rang\"", ":1: unknown variant `rang`"),
+        ] {
+            fs::write(folder.path().join(SETTINGS), text).expect("written");
+            let error = Folder::open(folder.path()).expect_err("wrong").to_string();
+            assert!(error.contains(said), "{error}");
+        }
+    }
+}

@@ -1,8 +1,0 @@
-//! A node at a debug probe, at a serial port or in a file: its telemetry stream, its log, recordings of it, and its
-//! config record.
-
-pub mod decode;
-pub mod monitor;
-pub mod probe;
-pub mod provision;
-pub mod recorder;

@@ -1,0 +1,248 @@
+//! The recording that a simulation's tags make, with the same [`Tables`] as a recording of real nodes, and the true
+//! positions. Each table has one more column, the tag. Epochs count through all tags, so that each number belongs to
+//! one position. The memory that it takes does not depend on the length of the simulation.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use positioning_core::nlos::{Feature, Features};
+use sim::scenario::{Record, Scenario, SimulatedEpoch, What};
+use wire::config::{self, Network};
+use wire::telemetry::{Address, Body, Fix, MAX_FRAME, Message, Sighting, Table, encode, metres};
+
+use node_link::decode::{Stamp, row};
+use node_link::recorder::{STREAM, Tables, is_of_recording, writer};
+use recording::folder::{Mode, RecordingSettings, SETTINGS};
+use recording::output::OutputFolder;
+
+/// The walls of the floor plan, which pictures and beacons use.
+const WALLS: &str = "walls.csv";
+
+/// Whether a file belongs to a simulated recording, and is replaced with it.
+pub fn is_of_simulation(name: &str) -> bool {
+    is_of_recording(name) || name == WALLS
+}
+
+/// A recording in progress.
+pub struct SimulatedRecording {
+    output: OutputFolder,
+    tables: Tables,
+    truth: csv::Writer<File>,
+    streams: Streams,
+    /// The current epoch.
+    epoch: u64,
+    method: &'static str,
+    /// Features of impulse responses, which telemetry does not contain; empty where tags read no responses.
+    features: Vec<Feature>,
+}
+
+impl SimulatedRecording {
+    /// Begins the recording of a scenario.
+    ///
+    /// # Errors
+    /// The file system fails.
+    pub fn create(output: OutputFolder, scenario: &Scenario) -> anyhow::Result<Self> {
+        let folder = output.path();
+        let anchors = scenario.anchors.iter().map(|anchor| (anchor.address, scenario.surveyed_m(anchor))).collect();
+        let reads = scenario.tag.model.is_some();
+        let features: Vec<_> = Feature::ALL.into_iter().filter(|feature| reads && feature.is_of_response()).collect();
+        let of_ranges = ["los", "tag"].into_iter().chain(features.iter().map(|feature| feature.as_str()));
+        let more = BTreeMap::from([
+            ("positions", vec!["error_m", "tag"]),
+            ("ranges", of_ranges.collect()),
+            ("differences", vec!["los", "truth_m", "tag"]),
+            ("rssi", vec!["tag"]),
+            ("rooms", vec!["tag"]),
+        ]);
+        if !scenario.beacons.is_empty() {
+            write_beacons(folder, scenario)?;
+        }
+        if !scenario.walls.is_empty() {
+            write_walls(folder, scenario)?;
+        }
+        std::fs::write(folder.join(SETTINGS), settings(scenario).to_toml()?)?;
+        Ok(Self {
+            tables: Tables::create(folder, anchors, more)?,
+            truth: writer(folder, "truth.csv", &["epoch", "t_s", "x_m", "y_m", "z_m", "tag"])?,
+            streams: Streams::create(folder, scenario.tags.first().map(|tag| tag.address))?,
+            output,
+            epoch: 0,
+            method: scenario.tag.method_name(),
+            features,
+        })
+    }
+
+    /// Adds a record.
+    ///
+    /// # Errors
+    /// The file system fails.
+    pub fn take(&mut self, record: &Record) -> anyhow::Result<()> {
+        for message in record.messages() {
+            self.streams.take(record.node, encode(&message, &mut [0; MAX_FRAME]))?;
+        }
+        let tag = Address(record.node).to_string();
+        let stamp = Stamp { t_s: record.t_s, epoch: self.epoch };
+        match &record.what {
+            What::Epoch(epoch) => {
+                self.epoch = epoch.number + 1;
+                self.take_epoch(record, epoch)?;
+            }
+            What::Message(message @ Message::Sighting(sighting)) => {
+                self.tables.message_with(stamp, message, |row| {
+                    row.splice(2..3, [short_name(sighting)]);
+                    row.push(tag);
+                })?;
+            }
+            What::Message(message @ Message::Room(_)) => {
+                self.tables.message_with(stamp, message, |row| row.push(tag))?;
+            }
+            // Ranges without a round are those that tags report to anchors.
+            What::Message(
+                Message::Hello(_)
+                | Message::Fix(_)
+                | Message::Range(_)
+                | Message::Difference(_)
+                | Message::State(_)
+                | Message::Counters(_)
+                | Message::Reset(_)
+                | Message::Supply(_),
+            )
+            | What::Fault(_) => {}
+        }
+        Ok(())
+    }
+
+    fn take_epoch(&mut self, record: &Record, epoch: &SimulatedEpoch) -> csv::Result<()> {
+        let stamp = Stamp { t_s: record.t_s, epoch: epoch.number };
+        let tag = || Address(record.node).to_string();
+        let los = |los: bool| if los { "1" } else { "0" }.to_owned();
+        for measured in &epoch.ranges {
+            let mut shape = Features::default();
+            measured.shape.iter().for_each(|of| shape.set_shape(of));
+            let features = self.features.iter().map(|&of| shape.get(of).map_or_else(String::new, |x| x.to_string()));
+            self.tables.message_with(stamp, &Message::Range(measured.range), |row| {
+                row.extend([los(measured.los), tag()].into_iter().chain(features));
+            })?;
+        }
+        for measured in &epoch.differences {
+            self.tables.message_with(stamp, &Message::Difference(measured.difference), |row| {
+                row.extend([los(measured.los), metres(measured.truth_m), tag()]);
+            })?;
+        }
+        self.tables.message_with(stamp, &Message::Fix(epoch.fix), |row| {
+            complete_position(row, record.node, self.method, epoch);
+        })?;
+        let [x, y, z] = epoch.truth_m.map(metres);
+        self.truth.write_record([epoch.number.to_string(), format!("{:.6}", record.t_s), x, y, z, tag()])
+    }
+
+    /// Completes the files, and lets them appear in their folder.
+    ///
+    /// # Errors
+    /// The file system fails.
+    pub fn finish(mut self) -> anyhow::Result<()> {
+        self.tables.finish()?;
+        self.truth.flush()?;
+        self.streams.flush()?;
+        Ok(self.output.finish()?)
+    }
+}
+
+/// The telemetry of each node in a file of its own, because a stream belongs to one node. A simulation may have more
+/// nodes than a process may have open files, so a file is open only while it is written.
+struct Streams {
+    folder: PathBuf,
+    /// The tag in `telemetry.bin`: the first one.
+    first_tag: Option<u16>,
+    /// What is not written yet, by the address of the node.
+    held: BTreeMap<u16, Vec<u8>>,
+}
+
+impl Streams {
+    /// The greatest number of bytes that are held for a node.
+    const MOST_HELD: usize = 1 << 14;
+
+    /// Begins with an empty stream of the first tag.
+    fn create(folder: &Path, first_tag: Option<u16>) -> io::Result<Self> {
+        File::create_new(folder.join(STREAM))?;
+        Ok(Self { folder: folder.to_owned(), first_tag, held: BTreeMap::new() })
+    }
+
+    fn take(&mut self, node: u16, frame: &[u8]) -> io::Result<()> {
+        let held = self.held.entry(node).or_default();
+        held.extend(frame);
+        if held.len() < Self::MOST_HELD {
+            return Ok(());
+        }
+        let bytes = std::mem::take(held);
+        self.append(node, &bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        std::mem::take(&mut self.held).into_iter().try_for_each(|(node, bytes)| self.append(node, &bytes))
+    }
+
+    fn append(&self, node: u16, bytes: &[u8]) -> io::Result<()> {
+        let name =
+            if self.first_tag == Some(node) { STREAM.to_owned() } else { format!("telemetry-{}.bin", Address(node)) };
+        File::options().append(true).create(true).open(self.folder.join(name))?.write_all(bytes)
+    }
+}
+
+/// Writes the beacons that are configured on the tags.
+fn write_beacons(folder: &Path, scenario: &Scenario) -> csv::Result<()> {
+    let columns = ["beacon", "x_m", "y_m", "z_m", "rssi_1m_dbm", "path_loss_exponent"];
+    let mut beacons = writer(folder, "beacons.csv", &columns)?;
+    for beacon in &scenario.beacons {
+        let Some(listed) = beacon.listed else { continue };
+        let [x, y, z] = listed.position_m.map(|coordinate| metres(coordinate.into()));
+        let figure = |known: Option<f32>| known.map_or_else(String::new, |value| value.to_string());
+        let (rssi, exponent) = (figure(listed.rssi_1m_dbm), figure(listed.path_loss_exponent));
+        beacons.write_record([beacon.name(), x, y, z, rssi, exponent])?;
+    }
+    Ok(beacons.flush()?)
+}
+
+/// Writes the floor plan. Attenuations are left out: a surveyor does not know them.
+fn write_walls(folder: &Path, scenario: &Scenario) -> csv::Result<()> {
+    let mut walls = writer(folder, WALLS, &["x1_m", "y1_m", "x2_m", "y2_m"])?;
+    for wall in &scenario.walls {
+        let [[x1, y1], [x2, y2]] = [wall.from, wall.to].map(|end| end.map(metres));
+        walls.write_record([x1, y1, x2, y2])?;
+    }
+    Ok(walls.flush()?)
+}
+
+/// The short name of a scenario's beacon in all its files, because they are of one network.
+fn short_name(sighting: &Sighting) -> String {
+    format!("{}-{}", sighting.beacon.major, sighting.beacon.minor)
+}
+
+/// How the tags of a scenario measure, and in which space.
+fn settings(scenario: &Scenario) -> RecordingSettings {
+    let listens = |network: &Network| matches!(network.mode, config::Mode::Listening { .. });
+    let mode = if scenario.networks.iter().all(listens) { Mode::Differences } else { Mode::Ranges };
+    // Half a millimetre is finer than any height.
+    let height_m = scenario.tag.height_m.map(|height_m| (f64::from(height_m) * 2000.0).round() / 2000.0);
+    RecordingSettings { dims: Some(if height_m.is_some() { 2 } else { 3 }), height_m, mode: Some(mode) }
+}
+
+/// The columns of a position.
+pub fn position_header() -> Vec<&'static str> {
+    Fix::TABLE.iter().flat_map(Table::header).chain(["error_m", "tag"]).collect()
+}
+
+/// The fields of a position, or of the reason for its absence.
+pub fn position_row(record: &Record, method: &str, epoch: &SimulatedEpoch) -> Vec<String> {
+    let stamp = Stamp { t_s: record.t_s, epoch: epoch.number };
+    let mut row = row(stamp, &Message::Fix(epoch.fix)).map_or_else(Vec::new, |(_, row)| row);
+    complete_position(&mut row, record.node, method, epoch);
+    row
+}
+
+fn complete_position(row: &mut Vec<String>, tag: u16, method: &str, epoch: &SimulatedEpoch) {
+    row.splice(2..3, [method.to_owned()]);
+    row.extend([epoch.error_m().map_or_else(String::new, metres), Address(tag).to_string()]);
+}

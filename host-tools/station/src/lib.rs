@@ -1,0 +1,37 @@
+//! What `baliza serve` and `baliza live` feed into the station: the telemetry of nodes, live, from files or simulated.
+//! [`screen`] is the map of `live`.
+//!
+//! Each [`SourceSpec`] is opened and read by a thread of its own, through the same decoder as `monitor`. A [`Reporter`]
+//! converts the messages of one node to [`Report`](station_core::Report)s, with the host's time by a [`NodeClock`].
+#![forbid(unsafe_code)]
+
+pub mod cli;
+mod export;
+#[cfg(feature = "foxglove")]
+mod foxglove;
+mod foxglove_server;
+mod node_clock;
+mod oidc;
+mod piped_probe;
+mod remote;
+mod reporter;
+pub mod screen;
+mod simulated;
+mod site;
+mod sources;
+mod tokens;
+mod udp;
+mod webhooks;
+
+#[cfg(feature = "foxglove")]
+pub use export::write_mcap;
+pub use export::{Exported, Selection, is_of_export, write_folder, write_gpx};
+pub use node_clock::NodeClock;
+pub use oidc::read_oidc;
+pub use remote::Remote;
+pub use reporter::Reporter;
+pub use simulated::{SimulatedSite, simulate};
+pub use site::{nodes, zones};
+pub use sources::{OpenSource, SourceSpec, run};
+pub use tokens::read_tokens;
+pub use webhooks::read_webhooks;

@@ -1,0 +1,143 @@
+//! From the messages of one node to reports of the station.
+
+use station_core::model::Role;
+use station_core::{Report, ReportKind, SolvedFrom, Utc};
+use wire::telemetry::{self, Address, BeaconId, Fix, Message, Range};
+
+use super::NodeClock;
+use node_link::decode::Stamp;
+
+/// Converts the messages of one node, in their order.
+#[derive(Clone, Debug)]
+pub struct Reporter {
+    site: String,
+    clock: NodeClock,
+    /// The node's address. It is unknown until the node says `Hello`, which it does every two seconds.
+    address: Option<u16>,
+}
+
+impl Reporter {
+    /// A node of a site.
+    pub fn new(site: impl Into<String>) -> Self {
+        Self { site: site.into(), clock: NodeClock::default(), address: None }
+    }
+
+    /// A node whose address is known.
+    pub fn of(site: impl Into<String>, address: u16) -> Self {
+        Self { address: Some(address), ..Self::new(site) }
+    }
+
+    /// The reports that a message makes, which arrived at `arrived`. The messages before the node's first `Hello` make
+    /// none, because nobody knows whose they are.
+    pub fn reports(&mut self, stamp: Stamp, message: &Message, arrived: Utc) -> Vec<Report> {
+        let t = self.clock.utc(stamp.t_s, arrived);
+        if let Message::Hello(hello) = message {
+            self.address = Some(hello.address);
+        }
+        let Some(address) = self.address else { return Vec::new() };
+        let tag = Address(address).to_string();
+        let whats = match message {
+            Message::Hello(hello) => {
+                let role = match hello.role {
+                    telemetry::Role::Anchor => Role::Anchor,
+                    telemetry::Role::Tag => Role::Tag,
+                    telemetry::Role::Beacon => Role::Beacon,
+                };
+                vec![ReportKind::Node { node: tag, name: None, role, position_m: None }]
+            }
+            Message::Fix(fix) => vec![fix_report(tag, fix)],
+            Message::Range(range) => range_reports(tag, range),
+            Message::Sighting(sighting) => {
+                // The station calls beacons as the site's file does, whatever UUID they advertise.
+                let BeaconId { major, minor, .. } = sighting.beacon;
+                let rssi_dbm = sighting.rssi_dbm.into();
+                vec![ReportKind::Sighting { tag, beacon: format!("{major}-{minor}"), rssi_dbm }]
+            }
+            Message::Supply(supply) => vec![ReportKind::Supply { node: tag, supply_v: supply.supply_v() }],
+            Message::Difference(_)
+            | Message::Room(_)
+            | Message::State(_)
+            | Message::Counters(_)
+            | Message::Reset(_) => Vec::new(),
+        };
+        whats.into_iter().map(|what| Report { t, site: self.site.clone(), what }).collect()
+    }
+}
+
+fn fix_report(tag: String, fix: &Fix) -> ReportKind {
+    let (Some([x, y, z]), Some([sigma_x, sigma_y, sigma_z]), Some([[_, cov_xy_m2, _], ..])) =
+        (fix.position_m(), fix.deviation_m(), fix.covariance_m2())
+    else {
+        let reason = fix.reason().map_or("unknown", |reason| reason.as_str()).to_owned();
+        return ReportKind::NoPosition { tag, reason };
+    };
+    ReportKind::Position {
+        tag,
+        position_m: [x, y],
+        z_m: Some(z),
+        sigma_m: [sigma_x, sigma_y],
+        // A configured height has no deviation.
+        sigma_z_m: (sigma_z > 0.0).then_some(sigma_z),
+        cov_xy_m2,
+        used: u8::try_from(fix.used().map_or(0, u16::count_ones)).unwrap_or(u8::MAX),
+        // No anchor was asked: it is from beacons.
+        solved_from: if fix.asked == 0 { SolvedFrom::Rssi } else { SolvedFrom::Ranges },
+    }
+}
+
+/// The range, and before it the position that the anchor reports.
+fn range_reports(tag: String, range: &Range) -> Vec<ReportKind> {
+    let anchor = Address(range.peer).to_string();
+    let known = range.position_m().map(|position_m| ReportKind::Node {
+        node: anchor.clone(),
+        name: None,
+        role: Role::Anchor,
+        position_m: Some(position_m),
+    });
+    let diagnostics = &range.diagnostics;
+    let range = ReportKind::Range {
+        tag,
+        anchor,
+        range_m: range.distance_m(),
+        rx_power_dbm: diagnostics.rx_power_dbm(),
+        first_path_power_dbm: diagnostics.first_path_power_dbm(),
+        clock_offset_ppm: diagnostics.clock_offset_ppm(),
+    };
+    known.into_iter().chain([range]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use wire::telemetry::{Outcome, Sighting, Solver};
+
+    use super::*;
+
+    #[test]
+    fn a_sighted_beacon_has_the_name_of_the_sites_file() {
+        let beacon = BeaconId { network: 0xC2A8_AD55, major: 1, minor: 7 };
+        let sighting = Sighting { t_us: 450_000, beacon, rssi_dbm: -67, measured_power_dbm: -59 };
+        let stamp = Stamp { t_s: 0.45, epoch: 0 };
+        let reports = Reporter::of("hall", 0x1001).reports(stamp, &sighting.into(), Utc::now());
+        let whats: Vec<_> = reports.into_iter().map(|report| report.what).collect();
+        let (tag, beacon) = ("0x1001".to_owned(), "1-7".to_owned());
+        assert_eq!(whats, [ReportKind::Sighting { tag, beacon, rssi_dbm: -67.0 }]);
+    }
+
+    #[test]
+    fn a_position_without_asked_anchors_is_by_rssi() {
+        let outcome = Outcome::Position {
+            position_tenth_mm: [10_000, 20_000, 0],
+            deviation_tenth_mm: [1_000; 3],
+            correlation_127ths: [0; 3],
+            used: 0b11,
+            quality_255ths: 255,
+        };
+        for (asked, expected) in [(0, SolvedFrom::Rssi), (1, SolvedFrom::Ranges), (4, SolvedFrom::Ranges)] {
+            let fix = Fix { t_us: 1, round: 1, age_us: 0, asked, outcome, solver: Solver::Track };
+            let ReportKind::Position { solved_from, position_m, .. } = fix_report("0x1001".to_owned(), &fix) else {
+                panic!("a position")
+            };
+            assert_eq!((solved_from, position_m), (expected, [1.0, 2.0]));
+        }
+    }
+}
