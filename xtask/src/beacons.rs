@@ -29,7 +29,7 @@ struct Score {
 /// # Errors
 /// A run of `baliza` fails.
 pub fn linde() -> Result<Made> {
-    drawn("linde", "research/linde.svg")
+    drawn("linde", "qa/papers/linde.svg")
 }
 
 /// The recorded room: its path losses, and the positions of its targets by them.

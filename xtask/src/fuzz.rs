@@ -1,4 +1,4 @@
-//! Fuzzing: builds the targets of `fuzz/` with the compiler's coverage instrumentation, on stable Rust, and runs them.
+//! Fuzzing: builds the targets of `qa/fuzz` with the compiler's coverage instrumentation, on stable Rust, and runs them.
 
 use std::num::NonZero;
 use std::panic::resume_unwind;
@@ -81,7 +81,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 fn build(triple: &str) -> Result<()> {
     // The target is named so that build scripts and macros are not instrumented.
     let arguments =
-        "build --release --locked --manifest-path fuzz/Cargo.toml --features host --target-dir target/fuzz --target";
+        "build --release --locked --manifest-path qa/fuzz/Cargo.toml --features host --target-dir target/fuzz --target";
     let status = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
         .args(arguments.split(' '))
         .arg(triple)

@@ -85,7 +85,7 @@ fn page() -> Result<()> {
 fn store() -> Result<()> {
     let server = Postgres::start()?;
     let mut tests = Command::new("cargo");
-    succeed(tests.args(["test", "--package", "baliza-station"]).env(POSTGRES, server.url()).current_dir(root()))?;
+    succeed(tests.args(["test", "--package", "baliza-station-core"]).env(POSTGRES, server.url()).current_dir(root()))?;
     outage::survived(&server)
 }
 

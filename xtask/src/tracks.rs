@@ -39,7 +39,7 @@ const ROWS: [(&str, &[&str], &[&str]); 6] = [
 /// # Errors
 /// A run of `baliza` fails.
 pub fn garcia() -> Result<Made> {
-    drawn("garcia", "research/garcia.svg")
+    drawn("garcia", "qa/papers/garcia.svg")
 }
 
 /// Ranges, some of them blocked, and their figure.
@@ -47,7 +47,7 @@ pub fn garcia() -> Result<Made> {
 /// # Errors
 /// A run of `baliza` fails.
 pub fn barral() -> Result<Made> {
-    drawn("barral", "research/barral.svg")
+    drawn("barral", "qa/papers/barral.svg")
 }
 
 /// Anchors and beacons.

@@ -142,7 +142,7 @@ fn pages() -> Vec<PathBuf> {
         entries.map(|entry| entry.expect("an entry").path())
     });
     let mut pages: Vec<_> = folders.filter(|path| path.extension().is_some_and(|end| end == "md")).collect();
-    pages.extend(["README.md", "CONTRIBUTING.md", "research/README.md"].map(|name| root().join(name)));
+    pages.extend(["README.md", "CONTRIBUTING.md", "qa/papers/README.md"].map(|name| root().join(name)));
     pages.sort();
     pages
 }

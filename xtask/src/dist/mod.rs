@@ -64,9 +64,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for file in DEPLOYED {
         copy(&root().join(file), &folder.join("deploy"))?;
     }
-    let baliza = if arguments.without_builds { built()? } else { build()? };
-    copy(&baliza, &folder.join("bin"))?;
-    papers::manual(&baliza, &folder)?;
+    let programs = if arguments.without_builds { built()? } else { build()? };
+    for program in PROGRAMS {
+        copy(&programs.join(format!("{}{EXE_SUFFIX}", program.name)), &folder.join("bin"))?;
+    }
+    papers::manual(&programs.join(format!("baliza{EXE_SUFFIX}")), &folder)?;
     papers::of_program(&folder)?;
     if !arguments.without_builds {
         let images = firmware::release(filter)?;
@@ -103,22 +105,45 @@ fn folder(out: Option<&Path>) -> Result<PathBuf> {
     Ok(folder)
 }
 
-/// Builds `baliza`, without the folders of this machine in its messages.
-fn build() -> Result<PathBuf> {
-    println!("building baliza");
-    let directory = target_directory().join("dist-build");
-    let mut command = cargo();
-    command.args(["build", "--quiet", "--release", "--locked", "--package", "host-tools", "--bin", "baliza"]);
-    command.arg("--target-dir").arg(&directory).env("CARGO_ENCODED_RUSTFLAGS", toolchain::remapped());
-    succeed(&mut command)?;
-    Ok(directory.join("release").join(format!("baliza{EXE_SUFFIX}")))
+/// A program of the release: its name, its package and the features that it has.
+struct Program {
+    name: &'static str,
+    package: &'static str,
+    features: &'static str,
 }
 
-/// The `baliza` of an earlier `cargo build --release`.
+/// The programs of a release. `baliza` starts the others, which lie beside it.
+const PROGRAMS: [Program; 3] = [
+    Program { name: "baliza", package: "host-tools", features: "foxglove" },
+    Program { name: "baliza-station", package: "baliza-station", features: "foxglove" },
+    Program { name: "baliza-probe", package: "baliza-probe", features: "" },
+];
+
+/// Builds the programs, without the folders of this machine in their messages. Returns the folder that they are in.
+fn build() -> Result<PathBuf> {
+    println!("building {}", PROGRAMS.map(|program| program.name).join(", "));
+    let directory = target_directory().join("dist-build");
+    let mut command = cargo();
+    command.args(["build", "--quiet", "--release", "--locked"]);
+    for Program { package, features, .. } in PROGRAMS {
+        command.args(["--package", package]);
+        for feature in features.split_whitespace() {
+            command.args(["--features", &format!("{package}/{feature}")]);
+        }
+    }
+    command.arg("--target-dir").arg(&directory).env("CARGO_ENCODED_RUSTFLAGS", toolchain::remapped());
+    succeed(&mut command)?;
+    Ok(directory.join("release"))
+}
+
+/// The folder with the programs of an earlier `cargo build --release`.
 fn built() -> Result<PathBuf> {
-    let file = target_directory().join("release").join(format!("baliza{EXE_SUFFIX}"));
-    ensure!(file.is_file(), "there is no {}: `cargo build --release --package host-tools` first", file.display());
-    Ok(file)
+    let folder = target_directory().join("release");
+    for Program { name, package, .. } in PROGRAMS {
+        let file = folder.join(format!("{name}{EXE_SUFFIX}"));
+        ensure!(file.is_file(), "there is no {}: `cargo build --release --package {package}` first", file.display());
+    }
+    Ok(folder)
 }
 
 /// Copies a file into a folder, which is made where it does not exist.

@@ -40,12 +40,15 @@ pub fn manual(baliza: &Path, folder: &Path) -> Result<()> {
     succeed(Command::new(baliza).arg("man").arg("--out").arg(folder.join("man")))
 }
 
-/// Licences and parts of `baliza`.
+/// Licences and parts of the programs.
 ///
 /// # Errors
 /// A licence is not accepted, or a tool fails.
 pub fn of_program(folder: &Path) -> Result<()> {
-    papers("host-tools", "baliza", &[], folder)
+    for (package, name) in [("host-tools", "baliza"), ("baliza-station", "baliza-station"), ("baliza-probe", "baliza-probe")] {
+        papers(package, name, &["--all-features"], folder)?;
+    }
+    Ok(())
 }
 
 /// Licences and parts of the images of a board's crate, with all of its features.

@@ -18,13 +18,13 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// The time between two questions.
 const AGAIN: Duration = Duration::from_millis(50);
 
-/// `baliza`, built as the other tests build it.
+/// The station, built as the other tests build it.
 ///
 /// # Errors
 /// It cannot be built.
 pub fn program() -> Result<PathBuf> {
-    succeed(cargo().args(["build", "--package", "host-tools", "--bin", "baliza"]).current_dir(root()))?;
-    Ok(target_directory().join("debug").join("baliza").with_extension(std::env::consts::EXE_EXTENSION))
+    succeed(cargo().args(["build", "--package", "baliza-station", "--features", "foxglove"]).current_dir(root()))?;
+    Ok(target_directory().join("debug").join("baliza-station").with_extension(std::env::consts::EXE_EXTENSION))
 }
 
 /// A station on a free port of loopback, which is killed in the end, with a folder that is deleted then.

@@ -20,7 +20,7 @@ pub fn scenario(input: &[u8]) {
 }
 
 pub fn scenario_seeds() -> Vec<Vec<u8>> {
-    let every_key = include_bytes!("../../../examples/every-key.toml");
+    let every_key = include_bytes!("../../../../examples/every-key.toml");
     vec![every_key.to_vec(), b"[[anchor]]\nat = [0, 0, 2]\n[[tag]]\npath = [[1, 2, 1]]\n".to_vec()]
 }
 
@@ -36,7 +36,7 @@ pub fn site(input: &[u8]) {
 }
 
 pub fn site_seeds() -> Vec<Vec<u8>> {
-    let tag = include_bytes!("../../../examples/sites/rotating-beacon.toml");
+    let tag = include_bytes!("../../../../examples/sites/rotating-beacon.toml");
     let receiver = b"[[receiver]]\nname = \"hall\"\nposition_m = [0, 0, 2]\npath_loss_exponent = 2.2\n";
     vec![EXAMPLE.as_bytes().to_vec(), tag.to_vec(), receiver.to_vec()]
 }
@@ -70,7 +70,7 @@ pub fn model_files(input: &[u8]) {
 }
 
 pub fn model_file_seeds() -> Vec<Vec<u8>> {
-    let map = include_bytes!("../../../examples/fingerprints.map");
-    let rooms = include_bytes!("../../../examples/fingerprints.rooms");
+    let map = include_bytes!("../../../../examples/fingerprints.map");
+    let rooms = include_bytes!("../../../../examples/fingerprints.rooms");
     vec![map.to_vec(), rooms.to_vec()]
 }
