@@ -70,7 +70,7 @@ pub fn binary() -> Result<PathBuf> {
     if let Some(program) = PROGRAM.get() {
         return Ok(program.clone());
     }
-    succeed(cargo().args(["build", "--release", "--package", "host-tools", "--bin", "baliza"]))?;
+    succeed(cargo().args(["build", "--release", "--package", "host-tools", "--package", "baliza-bench"]))?;
     let built = target_directory().join("release").join("baliza").with_extension(EXE_EXTENSION);
     Ok(PROGRAM.get_or_init(|| built).clone())
 }

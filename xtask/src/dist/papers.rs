@@ -45,7 +45,9 @@ pub fn manual(baliza: &Path, folder: &Path) -> Result<()> {
 /// # Errors
 /// A licence is not accepted, or a tool fails.
 pub fn of_program(folder: &Path) -> Result<()> {
-    for (package, name) in [("host-tools", "baliza"), ("baliza-station", "baliza-station"), ("baliza-probe", "baliza-probe")] {
+    for (package, name) in
+        [("host-tools", "baliza"), ("baliza-station", "baliza-station"), ("baliza-probe", "baliza-probe")]
+    {
         papers(package, name, &["--all-features"], folder)?;
     }
     Ok(())

@@ -74,7 +74,9 @@ fn all_files_of_the_package_are_there_or_made_by_dist() {
     }));
     for asset in assets {
         let from = field(asset, 0);
-        let made = from.starts_with("target/release/") || from.starts_with("../target/release/") || from.starts_with("../target/dist/");
+        let made = from.starts_with("target/release/")
+            || from.starts_with("../target/release/")
+            || from.starts_with("../target/dist/");
         let file = root().join("host-tools").join(from.replace("*.json", "prometheus.json"));
         assert!(made || file.is_file(), "{from}");
     }
