@@ -4,14 +4,11 @@
 //! Decawave's application note APS011 (Sources of error in DW1000 based two-way ranging schemes, table 2), in steps of
 //! 2 dB. Values in between are interpolated linearly; beyond their ends the end value holds. The tables are indexed by
 //! the power actually received. The chip's own estimate of a high power is too low (DW1000 user manual, figure 22).
-//! True distance = measured − [`RangeBias::metres`].
+//! [`RangeBias`] has the formulae.
 
-use radio::PhyConfig;
-use radio::Sensors;
 use radio::phy::{Channel, Prf};
 use radio::time::METRES_PER_TICK;
-
-use crate::decibels;
+use radio::{PhyConfig, RangeBias, Sensors};
 
 /// Power of the tables' first entry, dBm.
 const FIRST_DBM: f32 = -61.0;
@@ -49,73 +46,24 @@ const ESTIMATES_16: Estimates =
 const ESTIMATES_64: Estimates =
     [(-90.0, -90.0), (-87.5, -86.5), (-85.0, -83.5), (-82.5, -80.0), (-80.0, -72.5), (-77.5, -60.0)];
 
-/// The bias of measured distances by received power, for one channel width and pulse rate.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RangeBias {
-    table: &'static [f32; 18],
-    estimates: &'static Estimates,
-    /// Received power at a distance of one metre with a clear path, dBm.
-    first_metre_dbm: f32,
-}
-
-impl RangeBias {
-    /// The bias of a configuration.
-    pub const fn of(phy: &PhyConfig) -> Self {
-        let (table, estimates) = match (phy.channel().is_wide(), phy.prf()) {
-            (false, Prf::Mhz16) => (&NARROW_16, &ESTIMATES_16),
-            (false, Prf::Mhz64) => (&NARROW_64, &ESTIMATES_64),
-            (true, Prf::Mhz16) => (&WIDE_16, &ESTIMATES_16),
-            (true, Prf::Mhz64) => (&WIDE_64, &ESTIMATES_64),
-        };
-        // −41.3 dBm/MHz transmitted, isotropic antennas, Friis (APS011, 3.2).
-        let first_metre_dbm = match phy.channel() {
-            Channel::Ch1 => -57.6,
-            Channel::Ch2 => -58.8,
-            Channel::Ch3 => -59.8,
-            Channel::Ch4 => -56.2,
-            Channel::Ch5 => -63.0,
-            Channel::Ch7 => -60.4,
-        };
-        Self { table, estimates, first_metre_dbm }
-    }
-
-    /// The amount by which a distance over a clear path of this length is measured too long, metres. The power is
-    /// computed from the distance and not measured.
-    pub fn expected(&self, distance_m: f32) -> f32 {
-        self.at_power(self.first_metre_dbm - 2.0 * decibels(distance_m.max(0.1)))
-    }
-
-    /// The amount by which a distance is measured too long at this received power, as in
-    /// [`Diagnostics`](radio::Diagnostics), metres; 0 if the power is not a number.
-    pub fn metres(&self, rx_power_dbm: f32) -> f32 {
-        if rx_power_dbm.is_nan() {
-            return 0.0;
-        }
-        self.at_power(power_of(self.estimates, rx_power_dbm))
-    }
-
-    /// From the table, at the actual power, which is not the chip's estimate.
-    fn at_power(&self, power_dbm: f32) -> f32 {
-        let place = ((FIRST_DBM - power_dbm) / STEP_DB).clamp(0.0, (self.table.len() - 1) as f32);
-        let below = place as usize;
-        let [left, right] = [below, below + 1].map(|i| self.table[i.min(self.table.len() - 1)]);
-        left + (right - left) * (place - below as f32)
-    }
-}
-
-/// The received power for which the chip gives this estimate; beyond the curve's end that of the end.
-fn power_of(estimates: &Estimates, estimate_dbm: f32) -> f32 {
-    let mut last = estimates[0];
-    if estimate_dbm <= last.0 {
-        return estimate_dbm;
-    }
-    for &next in &estimates[1..] {
-        if estimate_dbm <= next.0 {
-            return last.1 + (next.1 - last.1) * (estimate_dbm - last.0) / (next.0 - last.0);
-        }
-        last = next;
-    }
-    last.1
+/// The bias of a configuration.
+pub const fn of(phy: &PhyConfig) -> RangeBias {
+    let (table, estimates): (&[f32], &[(f32, f32)]) = match (phy.channel().is_wide(), phy.prf()) {
+        (false, Prf::Mhz16) => (&NARROW_16, &ESTIMATES_16),
+        (false, Prf::Mhz64) => (&NARROW_64, &ESTIMATES_64),
+        (true, Prf::Mhz16) => (&WIDE_16, &ESTIMATES_16),
+        (true, Prf::Mhz64) => (&WIDE_64, &ESTIMATES_64),
+    };
+    // −41.3 dBm/MHz transmitted, isotropic antennas, Friis (APS011, 3.2).
+    let first_metre_dbm = match phy.channel() {
+        Channel::Ch1 => -57.6,
+        Channel::Ch2 => -58.8,
+        Channel::Ch3 => -59.8,
+        Channel::Ch4 => -56.2,
+        Channel::Ch5 => -63.0,
+        Channel::Ch7 => -60.4,
+    };
+    RangeBias { table, first_dbm: FIRST_DBM, step_db: STEP_DB, estimates, first_metre_dbm }
 }
 
 /// The amount by which a distance is measured too long when both chips are warmer than at calibration, metres per
@@ -165,7 +113,7 @@ mod tests {
 
     fn bias(channel: Channel, prf: Prf, dbm: f32) -> f32 {
         let phy = PhyConfig::new(channel, prf, DataRate::Kbps6810, PreambleLength::Symbols128).unwrap();
-        RangeBias::of(&phy).at_power(dbm)
+        of(&phy).at_power(dbm)
     }
 
     #[test]
@@ -174,7 +122,7 @@ mod tests {
         // dBm; 14 dB less at 5.0119 m, −77 dBm, where the table has 0; 6 dB less than that at 10 m, −83 dBm, where it
         // has 42 mm.
         let phy = PhyConfig::new(Channel::Ch5, Prf::Mhz64, DataRate::Kbps6810, PreambleLength::Symbols128).unwrap();
-        let bias = RangeBias::of(&phy);
+        let bias = of(&phy);
         assert!(bias.expected(5.0119).abs() < 1e-4, "{}", bias.expected(5.0119));
         assert!((bias.expected(10.0) - 0.042).abs() < 1e-4, "{}", bias.expected(10.0));
         assert!(bias.expected(0.0).is_finite());
@@ -214,7 +162,7 @@ mod tests {
     fn estimates_of_high_powers_are_raised() {
         let metres = |prf, dbm| {
             let phy = PhyConfig::new(Channel::Ch5, prf, DataRate::Kbps6810, PreambleLength::Symbols128).unwrap();
-            RangeBias::of(&phy).metres(dbm)
+            of(&phy).metres(dbm)
         };
         // −93 dBm is −93; −81.25 is half way from −82.5 (−80) to −80 (−72.5), so −76.25: 3/8 of the way from −77 (0) to
         // −75 (−2.7 cm). PRF 16: −85 is −77, where the table has −5.9 cm. −70 is beyond the curve's end, so above −61.

@@ -3,7 +3,7 @@
 
 use firmware_common::AnchorProtocol;
 use firmware_common::node::{Configured, Node, Reporter, Tasks};
-use ranging::dw1000;
+use ranging::radio::Config;
 use static_cell::StaticCell;
 use wire::config::Role;
 use wire::telemetry::Condition;
@@ -35,7 +35,7 @@ impl Memory {
         &'static self,
         node: &mut Node,
         configured: &Configured,
-        radio: impl FnOnce(dw1000::Config) -> &'static mut R,
+        radio: impl FnOnce(Config) -> &'static mut R,
     ) -> Option<Anchor<R>> {
         let settings = &configured.settings;
         match settings.role {

@@ -6,8 +6,6 @@ use core::convert::Infallible;
 use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embedded_hal_async::delay::DelayNs;
-use embedded_hal_async::digital::Wait;
-use ranging::dw1000::{self, ClockedSpi, Dw1000, ResetLine};
 use static_cell::StaticCell;
 use wire::config::{Board, Invalid, LoadError, Record};
 use wire::telemetry::{Condition, Crash, CrashReason, Hello, RecordError, ResetCause, Role};
@@ -29,25 +27,6 @@ pub type Reporter = crate::Reporter<Guard, TELEMETRY_BYTES>;
 const LOOK_MS: u32 = 10;
 /// The same after a check that found no telemetry to send.
 const QUIET_LOOK_MS: u32 = 100;
-
-/// What a board gives to the DW1000's driver.
-pub struct Uwb<S, I, R, D> {
-    /// The SPI bus with the chip's select line.
-    pub bus: S,
-    /// The interrupt line: high while the chip has an event to report.
-    pub interrupt: I,
-    /// The reset line, RSTn.
-    pub reset: R,
-    /// The delay that the driver waits with.
-    pub delay: D,
-}
-
-impl<S: ClockedSpi, I: Wait, R: ResetLine, D: DelayNs> Uwb<S, I, R, D> {
-    /// The driver.
-    pub fn radio(self, config: dw1000::Config) -> Dw1000<S, I, R, D> {
-        Dw1000::new(self.bus, self.interrupt, self.reset, self.delay, config)
-    }
-}
 
 /// What a board knows when it starts.
 pub struct Start {

@@ -3,7 +3,7 @@
 use ranging::exchange::{Action, Event, Guidance, Protocol};
 use ranging::native::{Rate, ReplyDelay};
 use ranging::radio::Sensors;
-use ranging::{Pace, RadioDuration, RadioInstant, decaranging, native};
+use ranging::{Pace, RadioDuration, RadioInstant, StampModel, decaranging, native};
 
 use crate::settings::{ProtocolConfig, Settings};
 
@@ -69,7 +69,7 @@ impl TagProtocol {
                 variant,
                 phy: network.phy,
                 turnaround: network.pinned.unwrap_or(ReplyDelay::START),
-                antenna_delay: settings.antenna_delay(),
+                antenna_delay: RadioDuration::ZERO,
                 period: period(tag.rate_chz.unwrap_or(DECARANGING_CHZ)),
             })),
             ProtocolConfig::Listening { .. } => Self::Listening(native::TdoaTag::new(native::TdoaTagConfig {
@@ -83,12 +83,12 @@ impl TagProtocol {
 impl AnchorProtocol {
     /// The protocol of an anchor with these settings, at this position in metres.
     pub fn new(settings: &Settings, position_m: Option<[f32; 3]>) -> Self {
-        let (network, antenna_delay) = (settings.network, settings.antenna_delay());
+        let network = settings.network;
         let native = |rounds| {
             Self::Native(native::Anchor::new(native::AnchorConfig {
                 address: settings.address,
                 network,
-                antenna_delay,
+                antenna_delay: RadioDuration::ZERO,
                 position_m,
                 rounds,
             }))
@@ -102,7 +102,7 @@ impl AnchorProtocol {
                 eui: settings.eui,
                 phy: network.phy,
                 turnaround: network.pinned.unwrap_or(ReplyDelay::START),
-                antenna_delay,
+                antenna_delay: RadioDuration::ZERO,
                 init_delay: decaranging::INIT_DELAY,
             })),
         }
@@ -118,11 +118,11 @@ impl Protocol for TagProtocol {
         }
     }
 
-    fn calibrate(&mut self, antenna_delay: RadioDuration) {
+    fn calibrate(&mut self, stamps: &StampModel) {
         match self {
-            Self::Native(tag) => tag.calibrate(antenna_delay),
-            Self::DecaRanging(tag) => tag.calibrate(antenna_delay),
-            Self::Listening(tag) => tag.calibrate(antenna_delay),
+            Self::Native(tag) => tag.calibrate(stamps),
+            Self::DecaRanging(tag) => tag.calibrate(stamps),
+            Self::Listening(tag) => tag.calibrate(stamps),
         }
     }
 
@@ -167,10 +167,10 @@ impl Protocol for AnchorProtocol {
         }
     }
 
-    fn calibrate(&mut self, antenna_delay: RadioDuration) {
+    fn calibrate(&mut self, stamps: &StampModel) {
         match self {
-            Self::Native(anchor) => anchor.calibrate(antenna_delay),
-            Self::DecaRanging(anchor) => anchor.calibrate(antenna_delay),
+            Self::Native(anchor) => anchor.calibrate(stamps),
+            Self::DecaRanging(anchor) => anchor.calibrate(stamps),
         }
     }
 

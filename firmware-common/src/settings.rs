@@ -1,9 +1,9 @@
 //! The settings of a node's parts, derived from the record in flash once, at the start.
 
 use ranging::RadioDuration;
-use ranging::dw1000::{self, FrameFilter, TxPower};
 use ranging::native::Network;
 use ranging::phy::DataRate;
+use ranging::radio::{Config, FrameFilter, TxPower};
 use wire::config::{Invalid, LoadError, Mode, Record, Region, Role, Tag, Value};
 use wire::telemetry::RecordError;
 use wire::uwb::decaranging::Variant;
@@ -20,8 +20,8 @@ pub struct Settings {
     pub eui: u64,
     /// Short address.
     pub address: u16,
-    /// The configuration of the radio's driver.
-    pub radio: dw1000::Config,
+    /// The configuration of the radio.
+    pub radio: Config,
     /// How the node's network ranges.
     pub protocol: ProtocolConfig,
     /// The network's PAN and frames, and the turnaround where the record fixes one.
@@ -70,7 +70,7 @@ impl Settings {
             Mode::Listening { rounds_chz } => ProtocolConfig::Listening { period: protocol::period(rounds_chz) },
         };
         let calibration = &record.calibration;
-        let radio = dw1000::Config {
+        let radio = Config {
             tx_power: calibration
                 .tx_power
                 .map_or(TxPower::Smart, |register| TxPower::Calibrated { register, smart: true }),
@@ -89,7 +89,7 @@ impl Settings {
                 (ProtocolConfig::DecaRanging(_), _) => FrameFilter::OFF,
             },
             sleeps: matches!(record.role, Role::Tag(Tag { sleep: true, .. })),
-            ..dw1000::Config::new(network.phy)
+            ..Config::new(network.phy)
         };
         let boosts = match radio.tx_power {
             TxPower::Smart => true,
@@ -106,13 +106,6 @@ impl Settings {
             frame_spacing: spaced.then(|| RadioDuration::from_micros(MEAN_POWER_US)),
             role: record.role,
         })
-    }
-
-    /// The delay that the radio adds to the snapped start of a transmission, as far as it is known before the
-    /// transmission starts. A calibrated delay of the module replaces the default.
-    pub fn antenna_delay(&self) -> RadioDuration {
-        let default = dw1000::default_antenna_delay(self.network.phy.prf());
-        RadioDuration::from_ticks(self.radio.tx_antenna_delay.unwrap_or(default).into())
     }
 }
 
@@ -169,7 +162,8 @@ mod tests {
         assert_eq!(settings.network.pinned, None);
         assert_eq!((settings.radio.pan, settings.radio.short_address), (0xBA12, 0x7788));
         assert_eq!(settings.radio.filter, FrameFilter::DATA);
-        assert_eq!(settings.antenna_delay().ticks(), 16_436);
+        // The radio's driver knows the module's.
+        assert_eq!((settings.radio.tx_antenna_delay, settings.radio.rx_antenna_delay), (None, None));
     }
 
     #[test]

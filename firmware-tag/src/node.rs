@@ -9,7 +9,7 @@ use firmware_common::node::{Configured, Guard, Node, Reporter, TELEMETRY_BYTES, 
 use heapless::Vec;
 use positioning_core::nlos::NodeModel;
 use ranging::Restart;
-use ranging::dw1000;
+use ranging::radio::Config;
 use static_cell::StaticCell;
 use wire::config::Role;
 use wire::telemetry::Condition;
@@ -77,7 +77,7 @@ impl Memory {
         &'static self,
         node: &mut Node,
         configured: Configured,
-        radio: impl FnOnce(dw1000::Config) -> &'static mut R,
+        radio: impl FnOnce(Config) -> &'static mut R,
     ) -> Option<(RangingParts<R>, &'static mut Tag)> {
         let Configured { record, settings } = configured;
         match settings.role {

@@ -102,7 +102,7 @@ mod tests {
     use core::convert::Infallible;
     use embassy_futures::block_on;
     use ranging::exchange::{Range, Round};
-    use ranging::radio::MAX_FRAME;
+    use ranging::radio::{Capabilities, MAX_FRAME, RangeBias};
     use ranging::{Diagnostics, RadioDuration, RadioInstant, ReceiveError, RxFrame, Sample, Start, TransmitError};
 
     /// A radio that has an accumulator and nothing else. It counts the readings.
@@ -115,12 +115,19 @@ mod tests {
     impl Radio for Accumulator {
         type Error = Infallible;
 
+        const CAPABILITIES: Capabilities =
+            Capabilities { channels: &[], pulse_rates: &[], data_rates: &[], preambles: &[], delayed_step: 1 };
+
         async fn now(&mut self) -> Result<RadioInstant, Infallible> {
             Ok(RadioInstant::default())
         }
 
-        fn departure(&self, at: RadioInstant) -> RadioInstant {
-            at
+        fn antenna_delay(&self) -> RadioDuration {
+            RadioDuration::ZERO
+        }
+
+        fn range_bias(&self) -> RangeBias {
+            RangeBias::NONE
         }
 
         async fn transmit(&mut self, _: &[u8], _: Start, _: bool) -> Result<RadioInstant, TransmitError<Infallible>> {

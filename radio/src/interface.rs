@@ -3,7 +3,7 @@
 //! Frames have no check bytes here: the radio adds and checks both. Instants are those of the RMARKER (the first pulse
 //! of the PHY header) at the antenna, in the radio's own clock, including the antenna delay.
 
-use crate::{RadioDuration, RadioInstant};
+use crate::{Capabilities, RadioDuration, RadioInstant, RangeBias, StampModel};
 
 /// The longest frame of IEEE 802.15.4, without its check bytes.
 pub const MAX_FRAME: usize = 125;
@@ -25,6 +25,9 @@ pub trait Radio {
     /// An error of the bus or the chip.
     type Error: core::fmt::Debug;
 
+    /// What the radio can do.
+    const CAPABILITIES: Capabilities;
+
     /// The radio's clock.
     ///
     /// # Errors
@@ -32,14 +35,25 @@ pub trait Radio {
     async fn now(&mut self) -> Result<RadioInstant, Self::Error>;
 
     /// The instant at which a frame's RMARKER will be at the antenna when it is sent with `Start::At(at)`: snapped to
-    /// the chip's step, plus the antenna delay. A frame that contains its own departure contains this instant.
-    fn departure(&self, at: RadioInstant) -> RadioInstant;
+    /// the radio's step, plus the antenna delay. A frame that contains its own departure contains this instant.
+    fn departure(&self, at: RadioInstant) -> RadioInstant {
+        at.snapped(Self::CAPABILITIES.delayed_step).plus(self.antenna_delay())
+    }
 
     /// The delay from the snapped instant to the antenna, which [`departure`](Self::departure) adds. If the module's
     /// maker measured it, it may be known only once the radio has started.
-    fn antenna_delay(&self) -> RadioDuration {
-        let snapped = RadioInstant::from_ticks(0);
-        self.departure(snapped).since(snapped)
+    fn antenna_delay(&self) -> RadioDuration;
+
+    /// The bias of distances that are measured with this radio, in its configuration.
+    fn range_bias(&self) -> RangeBias;
+
+    /// What a protocol must know to state departures and to correct distances.
+    fn stamp_model(&self) -> StampModel {
+        StampModel {
+            delayed_step: Self::CAPABILITIES.delayed_step,
+            antenna_delay: self.antenna_delay(),
+            range_bias: self.range_bias(),
+        }
     }
 
     /// Sends `frame` and returns its departure once it has left. With `listen`, the chip itself switches the receiver
@@ -159,12 +173,18 @@ pub struct Sample {
 impl<R: Radio> Radio for &mut R {
     type Error = R::Error;
 
+    const CAPABILITIES: Capabilities = R::CAPABILITIES;
+
     async fn now(&mut self) -> Result<RadioInstant, Self::Error> {
         (**self).now().await
     }
 
-    fn departure(&self, at: RadioInstant) -> RadioInstant {
-        (**self).departure(at)
+    fn antenna_delay(&self) -> RadioDuration {
+        (**self).antenna_delay()
+    }
+
+    fn range_bias(&self) -> RangeBias {
+        (**self).range_bias()
     }
 
     async fn transmit(

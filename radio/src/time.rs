@@ -2,10 +2,8 @@
 //!
 //! Hardware times are newtypes, so that a tick is never mistaken for a nanosecond, nor an instant for a duration.
 
-/// Ticks a second: 128 × 499.2 MHz (DW1000 user manual, 4.1.7).
+/// Ticks a second: 128 × 499.2 MHz (128 for each chip of IEEE 802.15.4's UWB PHY).
 pub const TICKS_PER_SECOND: u64 = 63_897_600_000;
-/// Delayed transmissions and receptions start at a multiple of this many ticks: the low nine bits are ignored.
-pub const DELAYED_STEP_TICKS: u64 = 512;
 /// Metres that light travels in air within one tick, at the refractive index 1.000293 of air.
 pub const METRES_PER_TICK: f64 = 299_792_458.0 / 1.000_293 / 63_897_600_000.0;
 
@@ -55,9 +53,10 @@ impl RadioInstant {
         Self(self.0.wrapping_add(by.0 as u64) & MASK)
     }
 
-    /// The instant at which the chip really starts for a programmed start at `self`: the low nine bits are ignored.
-    pub const fn snapped(self) -> Self {
-        Self(self.0 & !(DELAYED_STEP_TICKS - 1))
+    /// The multiple of `step` ticks, a power of two, at or before `self`: where a radio with this
+    /// [step](crate::Capabilities::delayed_step) really starts for a start that is programmed for `self`.
+    pub const fn snapped(self, step: u32) -> Self {
+        Self(self.0 & !(step as u64 - 1))
     }
 }
 

@@ -9,7 +9,7 @@
 
 use crate::native::Rate;
 use crate::radio::Sensors;
-use crate::{Diagnostics, Pace, RadioDuration, RadioInstant, RxFrame, Start};
+use crate::{Diagnostics, Pace, RadioDuration, RadioInstant, RxFrame, StampModel, Start};
 
 /// How long [`Action::Compensate`] takes at most: twice what a DWM1001 needs.
 pub(crate) const COMPENSATION: RadioDuration = RadioDuration::from_micros(3_000);
@@ -189,10 +189,11 @@ pub trait Protocol {
     /// again: the clock wraps after 17.2 s. After [`Action::Sleep`] the next step may come later.
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_>;
 
-    /// Takes the antenna delay in force, before the step with the start event and after [`Action::Compensate`]. A frame
-    /// that contains its own departure includes this delay. It replaces the delay of the configuration.
-    fn calibrate(&mut self, antenna_delay: RadioDuration) {
-        let _ = antenna_delay;
+    /// Takes the radio's stamp model in force, before the step with the start event and after [`Action::Compensate`]. A
+    /// frame that contains its own departure is snapped and delayed by it, and distances are corrected by its bias. It
+    /// replaces the delay of the configuration. Without it the radio counts as one without steps and bias.
+    fn calibrate(&mut self, stamps: &StampModel) {
+        let _ = stamps;
     }
 
     /// Takes the radio's temperature and supply after [`Action::Compensate`].
@@ -224,8 +225,8 @@ impl<M: Protocol + ?Sized> Protocol for &mut M {
         (**self).step(now, event)
     }
 
-    fn calibrate(&mut self, antenna_delay: RadioDuration) {
-        (**self).calibrate(antenna_delay);
+    fn calibrate(&mut self, stamps: &StampModel) {
+        (**self).calibrate(stamps);
     }
 
     fn sense(&mut self, sensors: Sensors) {

@@ -83,7 +83,7 @@ async fn attempt<R: Restart>(
     failures: &mut u32,
 ) -> Result<Infallible, R::Error> {
     radio.restart().await?;
-    machine.calibrate(radio.antenna_delay());
+    machine.calibrate(&radio.stamp_model());
     let mut buffer = [0; MAX_FRAME];
     let (mut now, mut event) = (radio.now().await?, Event::Started);
     loop {
@@ -106,7 +106,7 @@ async fn attempt<R: Restart>(
             }
             Action::Compensate => {
                 if let Some(sensors) = radio.compensate().await? {
-                    machine.calibrate(radio.antenna_delay());
+                    machine.calibrate(&radio.stamp_model());
                     machine.sense(sensors);
                     listener.sensed(&sensors);
                 }

@@ -267,7 +267,7 @@ impl Impostor {
                             let timing: Timing = timing;
                             let due = timing.reply_in(slot).ticks() + (self.late_us * 63_897.6) as i64;
                             let start = heard.rx_time.plus(ticks(due - ANTENNA_DELAY));
-                            let departure = start.snapped().plus(ticks(ANTENNA_DELAY));
+                            let departure = air::STAMPS.departure(start);
                             // d = c (round − reply) / 2; a late answer is reported as on time.
                             let add = (self.told_m * 2.0 / METRES_PER_TICK) as i64;
                             let late = (self.late_us * 63_897.6) as i64;

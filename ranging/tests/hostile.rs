@@ -7,7 +7,7 @@ use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 use ranging::exchange::{Event, Protocol};
 use ranging::native::{Network, Rate, ReplyDelay, Scheme};
-use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
+use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, StampModel, Start};
 use wire::uwb::decaranging::{self, Variant};
 use wire::uwb::{FrameBuffer, native};
 
@@ -86,6 +86,11 @@ const LONGEST_SLEEP_US: i64 = 65_000_000;
 
 /// Steps a protocol with any events at any times; its waits must be bounded.
 fn torment(mut machine: impl Protocol, seed: u64) {
+    machine.calibrate(&StampModel {
+        delayed_step: 512,
+        antenna_delay: RadioDuration::from_ticks(16_436),
+        range_bias: baliza_dw1000::bias::of(&NETWORK.phy),
+    });
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut now = RadioInstant::from_ticks(rng.random());
     let mut frame;

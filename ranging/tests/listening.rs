@@ -2,16 +2,21 @@
 
 mod air;
 
-use air::{Air, Boxed, anchors, boxed, mischief, moments};
+use air::{Air, Boxed, STAMPS, anchors, boxed, boxed_on, mischief, moments};
 use ranging::exchange::{Difference, Link};
 use ranging::native::{Network, Rate, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig};
-use ranging::{PhyConfig, RadioDuration};
+use ranging::{PhyConfig, RadioDuration, StampModel};
 use wire::uwb::native::{Frame, Message};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 
+/// The stamp model of a radio with a bias.
+fn biased() -> StampModel {
+    StampModel { range_bias: baliza_dw1000::bias::of(&NETWORK.phy), ..STAMPS }
+}
+
 fn listener() -> Boxed {
-    boxed(TdoaTag::new(TdoaTagConfig { network: NETWORK, period: None }))
+    boxed_on(&biased(), TdoaTag::new(TdoaTagConfig { network: NETWORK, period: None }))
 }
 
 /// Anchors 1, 2, … on a circle of 10 m, their drifts ±20 ppm in turn, each asking `hz` times a second.
@@ -27,7 +32,7 @@ fn times_a_second(hz: u32) -> Rate {
 /// the same power, so it does not have the bias of a clear path between anchors, which the protocol corrects: this
 /// function adds the bias back.
 fn errors(air: &Air, tag: usize, anchors: &[usize], from: f64) -> Vec<(f64, f64)> {
-    let bias = ranging::RangeBias::of(&NETWORK.phy);
+    let bias = biased().range_bias;
     let node = |address: u16| anchors[usize::from(address) - 1];
     let of = |reference: u16, difference: &Difference| {
         let [there, here] = [node(difference.peer), node(reference)];
@@ -70,7 +75,7 @@ fn anchors_tell_how_far_they_measured_each_other() {
     let mut air = Air::new(NETWORK.phy, 8);
     let anchors = room(&mut air, 5, 10);
     air.run_until(4.0);
-    let bias = f64::from(ranging::RangeBias::of(&NETWORK.phy).metres(air.power_dbm));
+    let bias = f64::from(biased().range_bias.metres(air.power_dbm));
     let mut told = 0;
     for flight in air.sent.iter().filter(|flight| flight.begin > 3.0) {
         let Ok(Frame { message: Message::Poll(poll), .. }) = Frame::parse(&flight.bytes) else { continue };
@@ -166,7 +171,7 @@ fn a_period_lets_the_radio_rest() {
     let mut air = Air::new(NETWORK.phy, 6);
     room(&mut air, 8, 10);
     let machine = TdoaTag::new(TdoaTagConfig { network: NETWORK, period: Some(RadioDuration::from_micros(200_000)) });
-    let tag = air.add([1.0, 2.0, 1.0], 0.0, boxed(machine));
+    let tag = air.add([1.0, 2.0, 1.0], 0.0, boxed_on(&biased(), machine));
     air.run_until(4.0);
     let rounds = air.heard(tag, 2.0).len();
     assert!((7..=10).contains(&rounds), "{rounds} rounds in two seconds");

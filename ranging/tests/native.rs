@@ -24,14 +24,11 @@ fn tag(address: u16, rate: Rate) -> Boxed {
 }
 
 fn tag_of(network: Network, address: u16, rate: Rate) -> Boxed {
-    boxed(Tag::new(TagConfig {
-        address,
-        network,
-        anchors: 8,
-        rate,
-        scheme: Scheme::SingleSided,
-        tell_distances: false,
-    }))
+    boxed(Tag::new(config_of(network, address, rate)))
+}
+
+fn config_of(network: Network, address: u16, rate: Rate) -> TagConfig {
+    TagConfig { address, network, anchors: 8, rate, scheme: Scheme::SingleSided, tell_distances: false }
 }
 
 /// Anchors 1, 2, … on a circle of 10 m, their drifts ±20 ppm in turn.
@@ -140,11 +137,13 @@ fn a_negative_flight_is_a_value() {
 fn strong_and_weak_signals_are_corrected_by_the_table() {
     // Channel 5, PRF 64: −11.0 cm at −61 dBm (which the chip estimates as less than −70), +8.1 cm at −93 dBm (APS011).
     // The air adds no bias, so the corrected distance has the opposite error.
+    let radio = ranging::StampModel { range_bias: baliza_dw1000::bias::of(&NETWORK.phy), ..air::STAMPS };
     for (power, bias) in [(-70.0, -0.110), (-93.0, 0.081)] {
         let mut air = Air::new(NETWORK.phy, 8);
         air.power_dbm = power;
         let anchors = room(&mut air, 4);
-        let node = air.add([1.0, 2.0, 1.0], 20.0, tag(0x100, Rate::Greedy));
+        let tag = Tag::new(config_of(NETWORK, 0x100, Rate::Greedy));
+        let node = air.add([1.0, 2.0, 1.0], 20.0, air::boxed_on(&radio, tag));
         air.run_until(2.0);
         let (mean, _) = moments(&errors(&air, node, 1.0, anchors[2], 3));
         assert!((mean + bias).abs() < 0.01, "{power} dBm: {mean}");
@@ -656,7 +655,7 @@ fn an_anchor_tells_the_departure_with_the_delay_that_its_radio_has_in_force() {
         position_m: None,
         rounds: None,
     });
-    anchor.calibrate(RadioDuration::from_ticks(16_500));
+    anchor.calibrate(&ranging::StampModel { antenna_delay: RadioDuration::from_ticks(16_500), ..air::STAMPS });
     let (mut now, mut event) = (RadioInstant::from_ticks(1 << 30), Event::Started);
     // No other node is there: it founds a network.
     while let Action::Receive { window, .. } = anchor.step(now, event) {
@@ -673,5 +672,5 @@ fn an_anchor_tells_the_departure_with_the_delay_that_its_radio_has_in_force() {
     };
     let Ok(Frame { message: Message::Response(response), .. }) = Frame::parse(frame) else { panic!("no response") };
     // The chip starts with the low nine bits of the instant set to zero.
-    assert_eq!(response.reply.ticks(), start.snapped().since(now).ticks() + 16_500);
+    assert_eq!(response.reply.ticks(), start.snapped(512).since(now).ticks() + 16_500);
 }

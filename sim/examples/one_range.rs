@@ -8,11 +8,11 @@ use std::cell::Cell;
 use std::convert::Infallible;
 use std::rc::Rc;
 
+use baliza_dw1000::driver::{ClockedSpi, Dw1000, ResetLine, SpiClock};
 use embedded_hal::digital::OutputPin;
 use embedded_hal::spi::{ErrorType, Operation};
 use embedded_hal_async::spi::SpiDevice;
-use ranging::dw1000::{ClockedSpi, Config, Dw1000, ResetLine, SpiClock};
-use ranging::radio::MAX_FRAME;
+use ranging::radio::{Config, MAX_FRAME};
 use ranging::tof::single_sided_corrected;
 use ranging::{PhyConfig, Radio, RadioDuration, Start};
 use sim::{AirConfig, IrqPin, Node, NodeConfig, ResetPin, SimDelay, SimSpi, TrueTime, World};

@@ -12,7 +12,7 @@ use std::sync::LazyLock;
 use dw1000_sim::{Core, Processor};
 use ranging::Restart;
 use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
-use ranging::radio::{MAX_FRAME, Sample, Sensors};
+use ranging::radio::{Capabilities, MAX_FRAME, RangeBias, Sample, Sensors, StampModel};
 use ranging::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, RxFrame, Start, TransmitError};
 use wire::uwb::native::{Frame, Message};
 
@@ -288,8 +288,8 @@ impl<M: Protocol> Protocol for Charged<M> {
         action
     }
 
-    fn calibrate(&mut self, antenna_delay: RadioDuration) {
-        self.inner.calibrate(antenna_delay);
+    fn calibrate(&mut self, stamps: &StampModel) {
+        self.inner.calibrate(stamps);
     }
 
     fn sense(&mut self, sensors: Sensors) {
@@ -312,13 +312,19 @@ impl<M: Protocol> Protocol for Charged<M> {
 impl<R: Radio> Radio for Charged<R> {
     type Error = R::Error;
 
+    const CAPABILITIES: Capabilities = R::CAPABILITIES;
+
     async fn now(&mut self) -> Result<RadioInstant, Self::Error> {
         self.processor.charge(self.costs.driver.now);
         self.inner.now().await
     }
 
-    fn departure(&self, at: RadioInstant) -> RadioInstant {
-        self.inner.departure(at)
+    fn antenna_delay(&self) -> RadioDuration {
+        self.inner.antenna_delay()
+    }
+
+    fn range_bias(&self) -> RangeBias {
+        self.inner.range_bias()
     }
 
     async fn transmit(

@@ -17,9 +17,8 @@ use crc::{CRC_16_KERMIT, Crc};
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 use ranging::Restart;
-use ranging::dw1000::{Config, FrameFilter};
 use ranging::phy::{DataRate, Prf as PhyPrf, Sfd as PhySfd};
-use ranging::radio::MAX_FRAME;
+use ranging::radio::{Capabilities, Config, FrameFilter, MAX_FRAME, RangeBias};
 use ranging::{
     Diagnostics, Pace, PhyConfig, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, RxFrame, Sample,
     Start, TransmitError,
@@ -46,7 +45,7 @@ const BOOSTS: [(f64, f64); 3] = [(125.0, 9.0), (250.0, 6.0), (500.0, 3.0)];
 const CARRIER_DEVIATION_PPM: f64 = 0.05;
 /// The maximum number of receptions that wait for the node, as in the chip's two buffers.
 const BUFFERS: usize = 2;
-/// The driver's transactions and bytes on the bus, without the frame's bytes (`ranging::dw1000`, "What goes over the
+/// The driver's transactions and bytes on the bus, without the frame's bytes (`baliza_dw1000::driver`, "What goes over the
 /// bus"), for sending at once and at an instant: what must be written before the frame can leave, and what follows when
 /// it has left. For sending at an instant, also what is read while the frame leaves.
 const LOAD_NOW: (u64, usize) = (2, 3);
@@ -79,6 +78,8 @@ pub struct Antenna {
     world: World,
     port: PortId,
     phy: Phy,
+    /// That of the chip, whose estimates of powers it gives.
+    range_bias: RangeBias,
     processor: Processor,
     costs: &'static Costs,
     state: Rc<RefCell<State>>,
@@ -137,7 +138,8 @@ impl Antenna {
         };
         let (port, state) = world.add_client(path, state);
         let costs = Costs::of(processor.board().core);
-        Self { world: world.clone(), port, phy: air_phy, processor, costs, state }
+        let range_bias = baliza_dw1000::bias::of(phy);
+        Self { world: world.clone(), port, phy: air_phy, range_bias, processor, costs, state }
     }
 
     /// Its number on the air.
@@ -298,13 +300,19 @@ impl Direct {
 impl Radio for Direct {
     type Error = Infallible;
 
+    const CAPABILITIES: Capabilities = baliza_dw1000::CAPABILITIES;
+
     async fn now(&mut self) -> Result<RadioInstant, Infallible> {
         self.antenna.bus(CLOCK).await;
         Ok(self.antenna.instant_now())
     }
 
-    fn departure(&self, at: RadioInstant) -> RadioInstant {
-        at.snapped()
+    fn antenna_delay(&self) -> RadioDuration {
+        RadioDuration::ZERO
+    }
+
+    fn range_bias(&self) -> RangeBias {
+        self.antenna.range_bias
     }
 
     async fn transmit(
@@ -327,10 +335,10 @@ impl Radio for Direct {
         let shr = antenna.phy.shr_ticks() as i64;
         let soonest = antenna.ticks_now() + LEAD_TICKS + shr;
         let marker = match start {
-            Start::Now => (soonest as u64).next_multiple_of(ranging::time::DELAYED_STEP_TICKS) as i64,
+            Start::Now => (soonest as u64).next_multiple_of(Self::CAPABILITIES.delayed_step.into()) as i64,
             Start::At(at) => {
                 self.pace.armed = Some(antenna.instant_now());
-                antenna.unwrap(at.snapped())
+                antenna.unwrap(self.departure(at))
             }
         };
         if marker < soonest {

@@ -7,7 +7,7 @@ use core::task::Poll;
 use embassy_futures::select::select;
 use embedded_hal_async::delay::DelayNs;
 use ranging::Restart;
-use ranging::radio::MAX_FRAME;
+use ranging::radio::{Capabilities, MAX_FRAME, RangeBias};
 use ranging::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
 
 use crate::air::{Node, STARTING_US};
@@ -53,12 +53,18 @@ impl<'w> AirRadio<'w> {
 impl Radio for AirRadio<'_> {
     type Error = Infallible;
 
+    const CAPABILITIES: Capabilities = baliza_dw1000::CAPABILITIES;
+
     async fn now(&mut self) -> Result<RadioInstant, Infallible> {
         Ok(self.crystal().local(self.world.now()))
     }
 
-    fn departure(&self, at: RadioInstant) -> RadioInstant {
-        at.snapped().plus(ANTENNA_DELAY)
+    fn antenna_delay(&self) -> RadioDuration {
+        ANTENNA_DELAY
+    }
+
+    fn range_bias(&self) -> RangeBias {
+        baliza_dw1000::bias::of(&self.world.air.borrow().phy)
     }
 
     async fn transmit(

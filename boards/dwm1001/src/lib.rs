@@ -20,15 +20,15 @@ mod watchdog;
 
 use baliza_board_cortex_m::{self as cortex, crash, identity, reset_cause};
 use baliza_board_rtt::TelemetryChannel;
+use baliza_dw1000::driver::Dw1000;
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_nrf::config::{Config, HfclkSource, LfclkSource};
 use embassy_nrf::gpio::{Input, Level, Output, OutputDrive, Pull};
 use embassy_nrf::interrupt::{self, InterruptExt, Priority, typelevel};
 use embassy_nrf::nvmc::Nvmc;
 use embassy_nrf::{bind_interrupts, pac, peripherals, spim};
-use firmware_common::node::{self, Node, Start};
+use firmware_common::node::{Node, Start};
 use firmware_common::supervision::Lit;
-use ranging::dw1000::Dw1000;
 
 pub use baliza_board_cortex_m::{restart, uptime_us};
 pub use delay::Delay;
@@ -42,7 +42,7 @@ pub const BOARD: wire::config::Board = wire::config::Board::Dwm1001;
 pub type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 
 /// The DW1000's parts.
-pub type Uwb = node::Uwb<Bus, Interrupt, Reset, Delay>;
+pub type Uwb = baliza_dw1000::Parts<Bus, Interrupt, Reset, Delay>;
 
 // The Bluetooth controller provides its own.
 #[cfg(not(feature = "ble"))]

@@ -3,12 +3,12 @@
 use core::sync::atomic::{Ordering, compiler_fence};
 
 use baliza_board_cortex_m::spi;
+use baliza_dw1000::driver::{ResetLine, SpiClock};
 use embassy_nrf::Peri;
 use embassy_nrf::gpio::{AnyPin, Flex, Input, Output, OutputDrive};
 use embassy_nrf::pac::{SPIM2, spim::vals::Frequency};
 use embassy_nrf::spim::{Error, Spim};
 use embedded_hal::spi::{ErrorType, SpiBus};
-use ranging::dw1000::{ResetLine, SpiClock};
 
 /// The chip's interrupt pin.
 pub type Interrupt = Input<'static>;

@@ -6,6 +6,7 @@
 
 use baliza_board_cortex_m::{self as cortex, crash, identity, reset_cause};
 use baliza_board_rtt::TelemetryChannel;
+use baliza_dw1000::driver::{Dw1000, SpiClock};
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::flash;
@@ -19,9 +20,8 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, pac, peripherals, uid};
 use embassy_time::Delay;
-use firmware_common::node::{self, Node, Start};
+use firmware_common::node::{Node, Start};
 use firmware_common::supervision::Lit;
-use ranging::dw1000::{Dw1000, SpiClock};
 
 use crate::panel::Switches;
 use crate::uwb::{self, Bus, Interrupt, Reset};
@@ -35,7 +35,7 @@ pub const BOARD: wire::config::Board = wire::config::Board::Evk1000;
 pub type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 
 /// The DW1000's parts.
-pub type Uwb = node::Uwb<Bus, Interrupt, Reset, Delay>;
+pub type Uwb = baliza_dw1000::Parts<Bus, Interrupt, Reset, Delay>;
 
 critical_section::set_impl!(cortex::critical::InterruptsOff);
 

@@ -1,13 +1,13 @@
 //! The DW1000's bus, interrupt and reset line.
 
 use baliza_board_cortex_m::spi;
+use baliza_dw1000::driver::{ResetLine, SpiClock};
 use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::gpio::{Output, OutputOpenDrain};
 use embassy_stm32::mode::{Async, Blocking};
 use embassy_stm32::spi::mode::Master;
 use embassy_stm32::spi::{Config, Error, Spi};
 use embassy_stm32::time::Hertz;
-use ranging::dw1000::{ResetLine, SpiClock};
 
 /// The chip's interrupt pin.
 pub type Interrupt = ExtiInput<'static, Async>;

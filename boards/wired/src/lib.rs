@@ -15,10 +15,10 @@ mod pipe;
 mod timers;
 
 use baliza_board_rtt::TelemetryChannel;
+use baliza_dw1000::driver::Dw1000;
 use embassy_executor::Spawner;
 use firmware_common::node::{self, Node};
 use qemu_link::{Request, Start};
-use ranging::dw1000::Dw1000;
 use wire::config::Record;
 use wire::telemetry::ResetCause;
 
@@ -38,7 +38,7 @@ pub type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 defmt::timestamp!("{=u64:us}", uptime_us());
 
 /// The DW1000's parts.
-pub type Uwb = node::Uwb<Bus, Interrupt, Reset, Delay>;
+pub type Uwb = baliza_dw1000::Parts<Bus, Interrupt, Reset, Delay>;
 
 /// The board after its start.
 pub struct Board {

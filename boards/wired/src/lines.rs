@@ -5,13 +5,13 @@ use core::convert::Infallible;
 use core::future::poll_fn;
 use core::task::{Poll, Waker};
 
+use baliza_dw1000::driver::{ClockedSpi, ResetLine, SpiClock};
 use critical_section::Mutex;
 use embedded_hal::digital;
 use embedded_hal_async::digital::Wait;
 use embedded_hal_async::spi::{self, SpiDevice};
 use heapless::Vec;
 use qemu_link::{Answer, MAX_MESSAGE, MAX_OPERATIONS, Operation, Request};
-use ranging::dw1000::{ClockedSpi, ResetLine, SpiClock};
 
 use super::clock::Pause;
 use super::pipe::PIPE;

@@ -10,7 +10,7 @@ use embedded_hal_async::{delay::DelayNs, digital::Wait};
 use super::bus::{ClockedSpi, ResetLine};
 use super::register as reg;
 use super::startup::{CLOCK_SEQUENCED, CLOCKS_DEFAULT};
-use super::{Dw1000, Error, Transceiver};
+use super::{Dw1000, Error, Transceiver, configuration};
 use radio::{ResponseWindow, Sample};
 
 /// PMSC_CTRL0 for reading the accumulator: its clock forced on (FACE), the receiver's clock from the PLL; its memory's
@@ -34,7 +34,7 @@ where
         window: ResponseWindow,
         mut take: impl FnMut(Sample),
     ) -> Result<u16, Error<S::Error>> {
-        let all = self.config.accumulator_samples();
+        let all = configuration::accumulator_samples(&self.config);
         let length = window.count.min(all);
         let start = (window.first_path_index as u16).saturating_sub(window.before).min(all - length);
 

@@ -1,11 +1,9 @@
 //! From the chip's diagnostic registers to [`Diagnostics`]: powers according to the DW1000 user manual, 4.7, and the
 //! clock offset.
 
-use super::configuration::Config;
-use radio::Diagnostics;
+use super::configuration::ppm_per_carrier_step;
 use radio::phy::{DataRate, Prf, Sfd};
-
-use crate::decibels;
+use radio::{Config, Diagnostics, decibels};
 
 /// The registers of one received frame as read, before any check.
 pub(super) struct RawDiagnostics {
@@ -39,7 +37,7 @@ impl RawDiagnostics {
             cir_power,
             preamble_count,
             noise_deviation: half(&self.quality, 0),
-            clock_offset_ppm: carrier_integrator(&self.carrier) as f32 * config.ppm_per_carrier_step(),
+            clock_offset_ppm: carrier_integrator(&self.carrier) as f32 * ppm_per_carrier_step(config),
         }
     }
 }

@@ -71,8 +71,8 @@
 //! use core::{convert::Infallible, future::poll_fn, task::Poll};
 //! use embedded_hal::digital::{ErrorType, InputPin};
 //! use embedded_hal_async::digital::Wait;
-//! use baliza_dw1000::driver::{ClockedSpi, Config, Dw1000, Error, ResetLine};
-//! use radio::{PhyConfig, Radio, RadioInstant};
+//! use baliza_dw1000::driver::{ClockedSpi, Dw1000, Error, ResetLine};
+//! use radio::{Config, PhyConfig, Radio, RadioInstant};
 //!
 //! /// An interrupt pin without interrupts.
 //! struct Polled<P>(P);
@@ -133,12 +133,16 @@ mod tests;
 use embedded_hal_async::{delay::DelayNs, digital::Wait};
 
 pub use bus::{ClockedSpi, ResetLine, SpiClock, Traffic};
-pub use configuration::{Config, DEFAULT_ANTENNA_DELAY, FrameFilter, TxPower, default_antenna_delay};
+pub use configuration::{DEFAULT_ANTENNA_DELAY, default_antenna_delay};
 pub use sleep::{Wake, WakeBy};
 
 use bus::Bus;
-use radio::{MAX_FRAME, Pace, ResponseWindow, Sample, Sensors};
-use radio::{Radio, RadioDuration, RadioInstant, ReceiveError, Restart, RxFrame, Start, TransmitError};
+use radio::{
+    Capabilities, Config, MAX_FRAME, Pace, Radio, RadioDuration, RadioInstant, RangeBias, ReceiveError, ResponseWindow,
+    Restart, RxFrame, Sample, Sensors, Start, TransmitError,
+};
+
+use crate::bias;
 use register::{self as reg, status};
 
 /// An error of the bus or the chip.
@@ -160,6 +164,25 @@ pub enum Error<E> {
 impl<E> From<E> for Error<E> {
     fn from(error: E) -> Self {
         Self::Bus(error)
+    }
+}
+
+/// What a board gives to the driver.
+pub struct Parts<S, I, R, D> {
+    /// The SPI bus with the chip's select line.
+    pub bus: S,
+    /// The interrupt line: high while the chip has an event to report.
+    pub interrupt: I,
+    /// The reset line, RSTn.
+    pub reset: R,
+    /// The delay that the driver waits with.
+    pub delay: D,
+}
+
+impl<S: ClockedSpi, I: Wait, R: ResetLine, D: DelayNs> Parts<S, I, R, D> {
+    /// The driver.
+    pub fn radio(self, config: Config) -> Dw1000<S, I, R, D> {
+        Dw1000::new(self.bus, self.interrupt, self.reset, self.delay, config)
     }
 }
 
@@ -357,13 +380,19 @@ where
 {
     type Error = Error<S::Error>;
 
+    const CAPABILITIES: Capabilities = crate::CAPABILITIES;
+
     async fn now(&mut self) -> Result<RadioInstant, Self::Error> {
         self.clock().await
     }
 
-    fn departure(&self, at: RadioInstant) -> RadioInstant {
+    fn antenna_delay(&self) -> RadioDuration {
         let [delay, _] = self.antenna_delays();
-        at.snapped().plus(RadioDuration::from_ticks(delay.into()))
+        RadioDuration::from_ticks(delay.into())
+    }
+
+    fn range_bias(&self) -> RangeBias {
+        bias::of(&self.config.phy)
     }
 
     async fn transmit(

@@ -8,9 +8,8 @@ use embedded_hal_async::{delay::DelayNs, digital::Wait};
 use super::bus::{ClockedSpi, ResetLine};
 use super::diagnostics::RawDiagnostics;
 use super::register::{self as reg, status, sys_cfg, sys_ctrl};
-use super::{Dw1000, Error, Transceiver, micros};
-use radio::{MAX_FRAME, Pace};
-use radio::{RadioDuration, RadioInstant, ReceiveError, RxFrame, Start};
+use super::{Dw1000, Error, Transceiver, configuration, micros};
+use radio::{MAX_FRAME, Pace, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start};
 
 /// Ticks in a step of the chip's frame wait timer: 512 chips, 1.026 µs (7.2.14).
 const TIMER_STEP_TICKS: u64 = 512 * 128;
@@ -146,7 +145,7 @@ where
         }
         if timer.is_some() != self.rx_timer_on {
             let enable = if timer.is_some() { sys_cfg::RXWTOE } else { 0 };
-            let [.., byte_3] = (self.config.sys_cfg() | enable).to_le_bytes();
+            let [.., byte_3] = (configuration::sys_cfg(&self.config) | enable).to_le_bytes();
             self.bus.write(reg::SYS_CFG.plus(3), &[byte_3]).await?;
             self.rx_timer_on = timer.is_some();
         }

@@ -6,7 +6,7 @@ use embedded_hal_async::{delay::DelayNs, digital::Wait};
 use super::bus::{ClockedSpi, ResetLine};
 use super::register as reg;
 use super::startup::Factory;
-use super::{Dw1000, Error};
+use super::{Dw1000, Error, configuration};
 use crate::bias::Conditions;
 use radio::Sensors;
 
@@ -67,7 +67,8 @@ where
     /// The antenna delays in force, from the transmitter's timestamp to the antenna and from the antenna to the
     /// receiver's timestamp, ticks.
     pub(super) fn antenna_delays(&self) -> [u16; 2] {
-        self.config.antenna_delays(&self.factory).map(|delay| delay.saturating_add_signed(self.delay_drift))
+        configuration::antenna_delays(&self.config, &self.factory)
+            .map(|delay| delay.saturating_add_signed(self.delay_drift))
     }
 }
 

@@ -8,7 +8,7 @@ use embedded_hal_async::{delay::DelayNs, digital::Wait};
 use super::bus::{ClockedSpi, ResetLine, SpiClock};
 use super::register::{self as reg, Register};
 use super::startup::{CLOCK_CRYSTAL, CLOCK_SEQUENCED, CLOCKS_DEFAULT, DEVICE_ID, PLL_LOCK_DETECTION};
-use super::{Dw1000, Error, Transceiver};
+use super::{Dw1000, Error, Transceiver, configuration};
 
 /// AON_WCFG: the chip's actions on waking (7.2.45.1).
 const RESTORE_CONFIGURATION: u16 = 1 << 6;
@@ -130,7 +130,7 @@ where
         self.bus.hold_select(1_000 * SELECT_US).await?;
         self.await_crystal().await?;
         let channel = u32::from_le_bytes(self.bus.read(reg::CHAN_CTRL).await?);
-        if channel != self.config.chan_ctrl() {
+        if channel != configuration::chan_ctrl(&self.config) {
             return self.init().await;
         }
         // This register may not be kept either, and the wait for the PLL needs it.

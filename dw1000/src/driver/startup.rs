@@ -3,9 +3,10 @@
 use embedded_hal_async::{delay::DelayNs, digital::Wait};
 
 use super::bus::{ClockedSpi, ResetLine, SpiClock};
-use super::configuration::Config;
+use super::configuration;
 use super::register::{self as reg, Register, status};
 use super::{Dw1000, Error, Transceiver};
+use radio::Config;
 use radio::phy::{Channel, PreambleLength, Prf};
 
 /// DEV_ID of every DW1000.
@@ -237,7 +238,7 @@ where
     }
 
     async fn write_configuration(&mut self) -> Result<(), Error<S::Error>> {
-        for write in self.config.writes(&self.factory, self.antenna_delays()) {
+        for write in configuration::writes(&self.config, &self.factory, self.antenna_delays()) {
             self.bus.write(write.register, write.bytes()).await?;
         }
         let trim = match (self.config.crystal_trim, self.factory.crystal_trim) {

@@ -7,9 +7,8 @@ use embedded_hal_async::{delay::DelayNs, digital::Wait};
 
 use super::bus::{ClockedSpi, ResetLine};
 use super::register::{self as reg, status, sys_ctrl};
-use super::{Dw1000, Error, Receiver, Transceiver, micros};
-use radio::{MAX_FRAME, Pace};
-use radio::{Radio, RadioDuration, RadioInstant, Start, TransmitError};
+use super::{Dw1000, Error, Receiver, Transceiver, configuration, micros};
+use radio::{MAX_FRAME, Pace, Radio, RadioDuration, RadioInstant, Start, TransmitError};
 
 /// The check bytes that the chip adds.
 const CHECK_BYTES: u8 = 2;
@@ -72,7 +71,7 @@ where
     async fn load(&mut self, frame: &[u8], length: u8) -> Result<(), Error<S::Error>> {
         self.bus.write(reg::TX_BUFFER, frame).await?;
         if length != self.tx_length {
-            let [low, high, ..] = self.config.tx_fctrl(length).to_le_bytes();
+            let [low, high, ..] = configuration::tx_fctrl(&self.config, length).to_le_bytes();
             self.bus.write(reg::TX_FCTRL, &[low, high]).await?;
             self.tx_length = length;
         }

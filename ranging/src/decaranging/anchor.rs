@@ -6,7 +6,7 @@ use super::known::{Exchange, Known, Later, Pending, Purpose, STOCK_MILLIS};
 use super::{Compensation, DEVIATION_M, FLIGHTS_IN_SUM, Software, bytes_on_air, flight, header, least_reply, short};
 use crate::exchange::{Action, Event, Link, Protocol, Range, Report, Round};
 use crate::native::ReplyDelay;
-use crate::{PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
+use crate::{PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel, Start};
 use wire::uwb::decaranging::{
     Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant, delay_field,
 };
@@ -72,7 +72,7 @@ impl Anchor {
         let reply = least_reply(&config.phy, &config.turnaround, LONGEST_BYTES);
         Self {
             config,
-            bias: RangeBias::of(&config.phy),
+            bias: RangeBias::NONE,
             reply: RadioDuration::from_micros(reply.as_micros() as u32 + 1),
             responding: None,
             compensation: Compensation::new(),
@@ -323,7 +323,8 @@ impl Protocol for Anchor {
         Action::Receive { start: Start::Now, window, keep_listening: true }
     }
 
-    fn calibrate(&mut self, antenna_delay: RadioDuration) {
-        self.config.antenna_delay = antenna_delay;
+    fn calibrate(&mut self, stamps: &StampModel) {
+        self.config.antenna_delay = stamps.antenna_delay;
+        self.bias = stamps.range_bias;
     }
 }

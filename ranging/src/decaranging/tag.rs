@@ -6,7 +6,7 @@ use super::{Compensation, DEVIATION_M, FLIGHTS_IN_SUM, Mean, Software, bytes_on_
 use crate::exchange::{Action, COMPENSATION, Event, Guidance, Link, Protocol, Range, Report, Round};
 use crate::native::{Rate, ReplyDelay};
 use crate::radio::Sensors;
-use crate::{PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, Start, TimeOfFlight};
+use crate::{PhyConfig, RadioDuration, RadioInstant, RxFrame, StampModel, Start, TimeOfFlight};
 use wire::uwb::decaranging::{Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant};
 use wire::uwb::{Address, FrameBuffer, Header};
 
@@ -62,7 +62,7 @@ enum State {
 #[derive(Clone, Debug)]
 pub struct Tag {
     config: TagConfig,
-    bias: RangeBias,
+    stamps: StampModel,
     state: State,
     paired: Option<Paired>,
     /// When the next blink or poll is due.
@@ -90,7 +90,7 @@ impl Tag {
     pub fn new(config: TagConfig) -> Self {
         Self {
             config,
-            bias: RangeBias::of(&config.phy),
+            stamps: StampModel { antenna_delay: config.antenna_delay, ..StampModel::IDEAL },
             state: State::Between,
             paired: None,
             next: None,
@@ -189,7 +189,7 @@ impl Tag {
         let Some(paired) = &self.paired else { return };
         let diagnostics = frame.diagnostics;
         let flight_m = TimeOfFlight::from_ticks(told.ticks()).metres() / paired.flights;
-        let distance_m = flight_m - self.bias.metres(diagnostics.rx_power_dbm);
+        let distance_m = flight_m - self.stamps.range_bias.metres(diagnostics.rx_power_dbm);
         self.mean.add(distance_m);
         let (peer, deviation_m) = (short(paired.anchor), DEVIATION_M);
         self.range = Some((poll, [Range { peer, distance_m, deviation_m, position_m: None, diagnostics }]));
@@ -214,10 +214,10 @@ impl Tag {
     }
 
     fn finish(&mut self, paired: &Paired) -> Action<'_> {
-        let delay = self.config.antenna_delay;
+        let delay = self.stamps.antenna_delay;
         let start = self.resp_rx.plus(paired.delay(paired.tag_delay)).plus(RadioDuration::from_ticks(-delay.ticks()));
         // The chip starts at the snapped instant: the final must contain that instant.
-        let final_tx = start.snapped().plus(delay);
+        let final_tx = self.stamps.departure(start);
         let (poll_tx, resp_rx) = (self.poll_tx, self.resp_rx);
         let told = match self.config.variant {
             Variant::Standard => Final::Instants { poll_tx, resp_rx, final_tx },
@@ -349,7 +349,7 @@ impl Protocol for Tag {
         self.begin(now)
     }
 
-    fn calibrate(&mut self, antenna_delay: RadioDuration) {
-        self.config.antenna_delay = antenna_delay;
+    fn calibrate(&mut self, stamps: &StampModel) {
+        self.stamps = *stamps;
     }
 }

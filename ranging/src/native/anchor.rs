@@ -11,7 +11,7 @@ use super::timing::{SYNC_SLOTS, Timing, end_of};
 use super::{Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS, spread};
 use crate::exchange::{Action, COMPENSATION, Event, Link, Protocol, Range, Report, Round};
 use crate::time::METRES_PER_TICK;
-use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
+use crate::{Pace, RadioDuration, RadioInstant, RxFrame, StampModel, Start};
 use wire::uwb::layout::Scheme;
 use wire::uwb::native::{FinalReceived, Frame, MAX_MEMBERS, Member, Message, Poll, Position, Response, SyncFrame};
 use wire::uwb::{BROADCAST, FrameBuffer};
@@ -59,6 +59,7 @@ enum Doing {
 #[derive(Clone, Debug)]
 pub struct Anchor {
     config: AnchorConfig,
+    stamps: StampModel,
     meter: Meter,
     position: Option<Position>,
     network: Option<Coordinator>,
@@ -120,13 +121,14 @@ impl Anchor {
     pub fn new(config: AnchorConfig) -> Self {
         Self {
             config,
+            stamps: StampModel { antenna_delay: config.antenna_delay, ..StampModel::IDEAL },
             meter: Meter::new(config.network.pinned),
             position: config.position_m.and_then(Position::from_metres),
             network: None,
             found_at: None,
             answer: None,
             answered: Vec::new(),
-            rounds: AnchorRounds::new(config.rounds, RangeBias::of(&config.network.phy)),
+            rounds: AnchorRounds::new(config.rounds),
             compensation: Compensation::default(),
             link: None,
             told: None,
@@ -219,10 +221,10 @@ impl Anchor {
         let named = |place: &usize| poll.anchors.get(*place).is_some_and(|asked| asked.address == self.config.address);
         let Some(slot) = (0..poll.anchors.len()).find(named) else { return };
         let poll_rx = frame.rx_time;
-        let antenna_delay = self.config.antenna_delay;
+        let antenna_delay = self.stamps.antenna_delay;
         let start = poll_rx.plus(timing.reply_in(slot)).plus(RadioDuration::from_ticks(-antenna_delay.ticks()));
         // The chip starts at the snapped instant: the response must contain that instant.
-        let departure = start.snapped().plus(antenna_delay);
+        let departure = self.stamps.departure(start);
         let last_final = self.note_response(tag, poll.round, departure);
         // A long response is only for rounds that have room for it.
         let last_final = last_final.filter(|_| timing.layout.scheme == Scheme::DoubleSided);
@@ -304,7 +306,7 @@ impl Anchor {
             }
             return Self::listen(SHORTEST_WAIT);
         }
-        let start = phase.at(rmarker).plus(RadioDuration::from_ticks(-self.config.antenna_delay.ticks()));
+        let start = phase.at(rmarker).plus(RadioDuration::from_ticks(-self.stamps.antenna_delay.ticks()));
         // Tags ask for the room for finals.
         let wish = self.meter.wish(Scheme::SingleSided);
         let (sync_frame, takes_over) = network.compose(slot, self.position, wish);
@@ -422,7 +424,8 @@ impl Protocol for Anchor {
         self.schedule(present)
     }
 
-    fn calibrate(&mut self, antenna_delay: RadioDuration) {
-        self.config.antenna_delay = antenna_delay;
+    fn calibrate(&mut self, stamps: &StampModel) {
+        self.stamps = *stamps;
+        self.rounds.calibrate(stamps);
     }
 }

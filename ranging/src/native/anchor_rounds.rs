@@ -13,7 +13,7 @@ use super::coordinator::Coordinator;
 use super::plan::{Rate, next_round, owned_slots, share_of};
 use super::round::RoundState;
 use super::timing::{Phase, Timing};
-use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame};
+use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel};
 use wire::uwb::layout::{Layout, Scheme};
 use wire::uwb::native::{Distance, Member, Poll, Response};
 
@@ -58,19 +58,24 @@ struct Other {
 
 impl AnchorRounds {
     /// No anchor received yet.
-    pub fn new(rate: Option<Rate>, bias: RangeBias) -> Self {
+    pub fn new(rate: Option<Rate>) -> Self {
         Self {
             rate,
             heard: Vec::new(),
             first: 0,
             round: RoundState::new(),
             anchors: AnchorTable::new(),
-            bias,
+            bias: RangeBias::NONE,
             planned: None,
             owned: 0,
             rounds: 0,
             answered: None,
         }
+    }
+
+    /// Takes the radio's stamp model in force.
+    pub fn calibrate(&mut self, stamps: &StampModel) {
+        self.bias = stamps.range_bias;
     }
 
     /// The radio was started: everything known of clocks is void.

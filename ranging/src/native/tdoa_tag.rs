@@ -26,7 +26,7 @@ use super::timing::{SUPERFRAME, SYNC_SLOTS, end_of};
 use super::{MAX_ROUND, Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS};
 use crate::exchange::{Action, Difference, Differences, Event, Guidance, Link, Protocol, Report};
 use crate::time::METRES_PER_TICK;
-use crate::{Diagnostics, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
+use crate::{Diagnostics, RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel, Start};
 use wire::uwb::BROADCAST;
 use wire::uwb::native::{Asked, Frame, Message, Poll, Response, SyncFrame};
 
@@ -83,7 +83,7 @@ impl TdoaTag {
         Self {
             config,
             meter: Meter::new(config.network.pinned),
-            bias: RangeBias::of(&config.network.phy),
+            bias: RangeBias::NONE,
             anchors: AnchorTable::new(),
             link: None,
             network: None,
@@ -240,6 +240,10 @@ impl TdoaTag {
 }
 
 impl Protocol for TdoaTag {
+    fn calibrate(&mut self, stamps: &StampModel) {
+        self.bias = stamps.range_bias;
+    }
+
     fn guide(&mut self, guidance: Guidance) {
         match guidance.rate {
             Some(Rate::Every(period)) => self.config.period = Some(period),

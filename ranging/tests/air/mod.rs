@@ -14,7 +14,7 @@ use rand::{Rng, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
 use ranging::exchange::{Action, Difference, Event, Link, Protocol, Range, Report};
-use ranging::{Diagnostics, Pace, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
+use ranging::{Diagnostics, Pace, PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel, Start};
 
 pub const TICKS: f64 = 63_897_600_000.0;
 /// Speed of light in air, metres per second.
@@ -28,6 +28,12 @@ const COMPENSATING: f64 = 1.2e-3;
 const LISTEN_AGAIN: f64 = 30e-6;
 /// Transmitting antenna delay of every node, ticks.
 pub const ANTENNA_DELAY: i64 = 16_436;
+/// Every node's radio. Nothing biases the timestamps of this air.
+pub const STAMPS: StampModel = StampModel {
+    delayed_step: 512,
+    antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
+    range_bias: RangeBias::NONE,
+};
 
 /// A protocol that may be replaced or switched off between steps.
 pub type Boxed = Box<dyn FnMut(RadioInstant, Pace, Event<'_>) -> Owned>;
@@ -64,7 +70,13 @@ impl From<Action<'_>> for Owned {
     }
 }
 
-pub fn boxed(mut machine: impl Protocol + 'static) -> Boxed {
+pub fn boxed(machine: impl Protocol + 'static) -> Boxed {
+    boxed_on(&STAMPS, machine)
+}
+
+/// As [`boxed`], on a radio with this stamp model.
+pub fn boxed_on(stamps: &StampModel, mut machine: impl Protocol + 'static) -> Boxed {
+    machine.calibrate(stamps);
     Box::new(move |now, pace, event| {
         machine.pace(pace);
         machine.step(now, event).into()
@@ -73,6 +85,7 @@ pub fn boxed(mut machine: impl Protocol + 'static) -> Boxed {
 
 /// As [`boxed`], on a radio that sleeps when it may: its clock restarts then.
 pub fn boxed_sleeper(mut machine: impl Protocol + 'static) -> Boxed {
+    machine.calibrate(&STAMPS);
     Box::new(move |now, pace, event| {
         machine.pace(pace);
         match machine.step(now, event).into() {
@@ -469,7 +482,7 @@ impl Air {
         let starting = STARTING * self.nodes[node].slowness;
         let departure = match start {
             Start::Now => self.local(node, now + starting + lead),
-            Start::At(at) => at.snapped().plus(RadioDuration::from_ticks(ANTENNA_DELAY)),
+            Start::At(at) => STAMPS.departure(at),
         };
         let rmarker = self.global(node, departure, now);
         let begin = rmarker - lead;

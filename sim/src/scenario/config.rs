@@ -1,7 +1,7 @@
 //! The config records of a scenario's nodes: what `baliza provision` would write into the flash of such boards.
 
+use baliza_dw1000::driver::DEFAULT_ANTENNA_DELAY;
 use ranging::PhyConfig;
-use ranging::dw1000::DEFAULT_ANTENNA_DELAY;
 use ranging::native::Scheme;
 use wire::config::{Calibration, Identity, Invalid, MAX_ANCHORS, Mode, Network, Phy, Record, Region, Role, Solver};
 

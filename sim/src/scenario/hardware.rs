@@ -5,11 +5,12 @@ use std::convert::Infallible;
 use std::future::Future;
 use std::rc::Rc;
 
+use baliza_dw1000::driver::{ClockedSpi, Dw1000, ResetLine, SpiClock};
 use embedded_hal::digital::OutputPin;
 use embedded_hal::spi::{ErrorType, Operation};
 use embedded_hal_async::spi::SpiDevice;
 use ranging::Restart;
-use ranging::dw1000::{ClockedSpi, Config, Dw1000, ResetLine, SpiClock};
+use ranging::radio::Config;
 
 use super::draw::Draw;
 use super::{FaultKind, Fidelity};

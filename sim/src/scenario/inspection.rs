@@ -7,7 +7,7 @@ use std::rc::Rc;
 use positioning_core::engine;
 use ranging::exchange::{Action, Event, Guidance, Protocol};
 use ranging::radio::Sensors;
-use ranging::{Pace, RadioDuration, RadioInstant};
+use ranging::{Pace, RadioInstant, StampModel};
 
 /// Sees a step of the protocol of the tag with this address: the event, and the action that follows.
 pub type StepObserver = Rc<dyn Fn(u16, &Event<'_>, &Action<'_>)>;
@@ -59,8 +59,8 @@ impl<P: Protocol> Protocol for Inspected<P> {
         action
     }
 
-    fn calibrate(&mut self, antenna_delay: RadioDuration) {
-        self.inner.calibrate(antenna_delay);
+    fn calibrate(&mut self, stamps: &StampModel) {
+        self.inner.calibrate(stamps);
     }
 
     fn sense(&mut self, sensors: Sensors) {

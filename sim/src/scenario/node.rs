@@ -20,8 +20,9 @@ use positioning_core::Blocked;
 use positioning_core::engine::Solvers;
 use positioning_core::nlos::Model;
 use rand::Rng;
+use ranging::PhyConfig;
 use ranging::Restart;
-use ranging::{PhyConfig, dw1000};
+use ranging::radio::Config;
 use wire::config::{LoadError, MAX_BYTES, Record, Role};
 use wire::telemetry::{Board, Condition, Hello, ResetCause};
 
@@ -61,7 +62,7 @@ impl App {
         let offset_ppm = self.world.random(u64::from(self.address)).random_range(-1.0..=1.0) * self.scenario.clock_ppm;
         let settings = self.record().and_then(|of| Settings::of(&of, eui(self.address)).map_err(LoadError::Invalid));
         // A node whose record cannot be followed starts no radio.
-        let config = settings.map_or(dw1000::Config::new(PhyConfig::FAST), |settings| settings.radio);
+        let config = settings.map_or(Config::new(PhyConfig::FAST), |settings| settings.radio);
         NodePlan { clock: ClockConfig::crystal(offset_ppm), config }
     }
 

@@ -5,6 +5,8 @@
 use core::ops::RangeInclusive;
 
 use postcard::experimental::max_size::MaxSize;
+use radio::Capabilities;
+use radio::phy::{Channel, DataRate, PreambleLength, Prf};
 use serde::{Deserialize, Serialize};
 
 use crate::config::Pins;
@@ -44,7 +46,9 @@ pub struct BoardSpec {
     pub has_bluetooth: bool,
     /// Whether there is a beacon image for it.
     pub advertises: bool,
-    /// Which pins the DW1000 may be wired to; `None`: the board has fixed wiring.
+    /// What its radio can do.
+    pub radio: Capabilities,
+    /// Which pins the radio may be wired to; `None`: the board has fixed wiring.
     pub pins: Option<PinChoice>,
 }
 
@@ -101,6 +105,24 @@ pub struct PinChoice {
     pub inputs: &'static [RangeInclusive<u8>],
 }
 
+/// The radio of all boards. A test compares the row with that of the driver, which is not known here.
+const DW1000: Capabilities = Capabilities {
+    channels: &[Channel::Ch1, Channel::Ch2, Channel::Ch3, Channel::Ch4, Channel::Ch5, Channel::Ch7],
+    pulse_rates: &[Prf::Mhz16, Prf::Mhz64],
+    data_rates: &[DataRate::Kbps110, DataRate::Kbps850, DataRate::Kbps6810],
+    preambles: &[
+        PreambleLength::Symbols64,
+        PreambleLength::Symbols128,
+        PreambleLength::Symbols256,
+        PreambleLength::Symbols512,
+        PreambleLength::Symbols1024,
+        PreambleLength::Symbols1536,
+        PreambleLength::Symbols2048,
+        PreambleLength::Symbols4096,
+    ],
+    delayed_step: 512,
+};
+
 /// Of the 4 KiB pages in 512 KiB of flash, the last two are for the config record, the two before them for the models.
 const DWM1001: BoardSpec = BoardSpec {
     name: "dwm1001",
@@ -110,6 +132,7 @@ const DWM1001: BoardSpec = BoardSpec {
     memory: Memory { image_origin: Some(0), flash: &[(0, 496 << 10)], ram: (0x2000_0000, 64 << 10), other_ram: &[] },
     has_bluetooth: true,
     advertises: false,
+    radio: DW1000,
     pins: None,
 };
 
@@ -127,6 +150,7 @@ const EVK1000: BoardSpec = BoardSpec {
     },
     has_bluetooth: false,
     advertises: false,
+    radio: DW1000,
     pins: None,
 };
 
@@ -158,6 +182,7 @@ const ESP32_C3: BoardSpec = BoardSpec {
     },
     has_bluetooth: true,
     advertises: true,
+    radio: DW1000,
     pins: Some(PinChoice {
         default: Pins { sck: 6, mosi: 7, miso: 2, cs: 10, irq: 4, reset: 3 },
         both_ways: &[0..=10, 20..=21],
@@ -213,6 +238,7 @@ const SIMULATED: BoardSpec = BoardSpec {
     memory: Memory { image_origin: Some(0), flash: &[(0, 4 << 20)], ram: (0x2000_0000, 4 << 20), other_ram: &[] },
     has_bluetooth: false,
     advertises: false,
+    radio: DW1000,
     pins: None,
 };
 

@@ -2,8 +2,8 @@
 
 use core::fmt;
 
-use radio::PhyConfig;
 use radio::phy::{Channel, DataRate, PhyError, PreambleLength, Prf};
+use radio::{Capabilities, PhyConfig, Unsupported};
 
 use crate::config::{Advertiser, Board, Identity, Mode, Network, Pins, Record, Role, Scan, Solver, Tag};
 use crate::uwb::MAX_ROUND;
@@ -107,7 +107,7 @@ impl Record {
     /// The radio configuration of the frames.
     ///
     /// # Errors
-    /// If the chip does not support it.
+    /// If no radio supports it.
     pub fn phy(&self) -> Result<PhyConfig, Invalid> {
         self.network.phy()
     }
@@ -136,6 +136,7 @@ impl Record {
     pub fn validate_for(&self, board: Board) -> Result<(), Invalid> {
         self.validate()?;
         let board = board.spec();
+        self.network.validate_for(&board.radio)?;
         if let Some(pins) = &self.pins {
             ensure(board.pins.is_some(), "pins.sck", integer(pins.sck), "absent: this board's DW1000 is wired")?;
             for (name, pin, driven) in pins.named() {
@@ -296,6 +297,24 @@ impl Network {
             PhyError::SfdUndefined | PhyError::PacTooLong(_) => {
                 invalid("network.phy.rate_kbps", integer(phy.rate_kbps), "one that delimiter and preamble fit")
             }
+        })
+    }
+}
+
+impl Network {
+    /// Checks whether a radio with these capabilities can send and receive the network's frames.
+    ///
+    /// # Errors
+    /// The first field that the radio cannot do.
+    pub fn validate_for(&self, radio: &Capabilities) -> Result<(), Invalid> {
+        radio.check(&self.phy()?).map_err(|unsupported| {
+            let (field, value) = match unsupported {
+                Unsupported::Channel(channel) => ("network.phy.channel", integer(channel.number())),
+                Unsupported::PulseRate(prf) => ("network.phy.prf_mhz", integer(prf.mhz())),
+                Unsupported::DataRate(rate) => ("network.phy.rate_kbps", integer(rate.kbps())),
+                Unsupported::Preamble(preamble) => ("network.phy.preamble", integer(preamble.symbols())),
+            };
+            invalid(field, value, "one that the radio of this board has")
         })
     }
 }

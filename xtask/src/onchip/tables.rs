@@ -119,7 +119,7 @@ pub fn frames(measured: &Measured) -> Result<String> {
     ensure!(near == 4, "the exchange's ranges are {:?}", printed.ranges);
     let titles = ["step", "frame, bytes:", "instructions:", "stack:", "SPI transactions:", "SPI bytes:"];
     let mut table = MarkdownTable::new(titles);
-    // Transactions, and bytes beside those of the frame: from `ranging::dw1000`, checked by its test
+    // Transactions, and bytes beside those of the frame: from `baliza_dw1000::driver`, checked by its test
     // `costs_are_those_of_the_table`.
     for (name, title, (transactions, beside)) in [
         ("poll", "tag makes the poll; sent at its instant", (5, 13)),

@@ -5,10 +5,10 @@
 use core::pin::Pin;
 use core::task::{Context, Poll};
 
+use baliza_dw1000::driver::{ClockedSpi, SpiClock};
 use embedded_hal::digital::OutputPin;
 use embedded_hal::spi::SpiBus;
 use embedded_hal_async::spi::{ErrorType, Operation, SpiDevice};
-use ranging::dw1000::{ClockedSpi, SpiClock};
 
 /// SPI to the DW1000.
 pub struct Bus<S: SpiBus, P> {

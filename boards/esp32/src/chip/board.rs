@@ -7,7 +7,7 @@ use esp_hal::efuse;
 use esp_hal::rng::Rng;
 use esp_hal::timer::timg::TimerGroup;
 use esp_storage::FlashStorage;
-use firmware_common::node::{self, Start};
+use firmware_common::node::Start;
 #[cfg(feature = "ble")]
 use static_cell::ConstStaticCell;
 use wire::config::{Invalid, Pins, Record};
@@ -49,7 +49,7 @@ pub struct Board {
 }
 
 /// The DW1000's parts.
-pub type Uwb = node::Uwb<Bus, Interrupt, Reset, Delay>;
+pub type Uwb = baliza_dw1000::Parts<Bus, Interrupt, Reset, Delay>;
 
 /// The SPI port before its pins are set.
 pub struct UwbPort(Port);

@@ -10,11 +10,11 @@ mod watchdog;
 #[cfg(feature = "ble")]
 pub mod bluetooth;
 
+use baliza_dw1000::driver::Dw1000;
 use embassy_executor::Spawner;
 use embassy_time::Delay;
 use esp_rtos::embassy::Executor;
 use firmware_common::node::Node;
-use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
 
 #[cfg(feature = "ble")]

@@ -3,6 +3,7 @@
 use core::pin::Pin;
 use core::task::{Context, Poll};
 
+use baliza_dw1000::driver::{ClockedSpi, ResetLine, SpiClock};
 use embedded_hal::delay::DelayNs as _;
 use embedded_hal_async::spi::{ErrorType, Operation, SpiDevice};
 use esp_hal::Blocking;
@@ -11,7 +12,6 @@ use esp_hal::gpio::{AnyPin, DriveMode, Input, InputConfig, Level, Output, Output
 use esp_hal::spi::master::{AnySpi, Config, Spi};
 use esp_hal::spi::{Error, Mode};
 use esp_hal::time::Rate;
-use ranging::dw1000::{ClockedSpi, ResetLine, SpiClock};
 use wire::config::Pins;
 
 /// The slow clock: at most 3 MHz are allowed while the DW1000 runs from its crystal.

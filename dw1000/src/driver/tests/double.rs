@@ -13,8 +13,8 @@ use embedded_hal_async::delay::DelayNs;
 use embedded_hal_async::digital::Wait;
 use embedded_hal_async::spi::SpiDevice;
 
-use crate::driver::{ClockedSpi, Config, Dw1000, SpiClock};
-use radio::PhyConfig;
+use crate::driver::{ClockedSpi, Dw1000, SpiClock};
+use radio::{Config, PhyConfig};
 
 pub const SYS_STATUS: &[u8] = &[0x0F];
 

@@ -5,8 +5,7 @@ use std::vec::Vec;
 
 use super::double::*;
 use crate::driver::{Traffic, Transceiver};
-use radio::{MAX_FRAME, Pace};
-use radio::{Radio, RadioDuration, RadioInstant, ReceiveError, Start, TransmitError};
+use radio::{MAX_FRAME, Pace, Radio, RadioDuration, RadioInstant, ReceiveError, Start, TransmitError};
 
 /// SYS_STATUS after a good frame: RXPRD, RXSFDD, LDEDONE, RXPHD, RXDFR, RXFCG; the chip is one buffer ahead of the
 /// host.

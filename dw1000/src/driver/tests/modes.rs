@@ -6,9 +6,10 @@ use std::vec::Vec;
 use dw1000::configs::{BitRate, PreambleLength as TheirPreamble, PulseRepetitionFrequency, SfdSequence, UwbChannel};
 use embedded_hal_02::{blocking::spi, digital::v2::OutputPin};
 
-use crate::driver::configuration::Config;
+use crate::driver::configuration;
 use crate::driver::register::{self as reg, Register};
 use crate::driver::startup::Factory;
+use radio::Config;
 use radio::phy::{Channel, DataRate, PhyConfig, PreambleLength, Prf, Sfd};
 
 /// Types that the crate's look-up functions name in their errors.
@@ -39,8 +40,10 @@ impl OutputPin for NoBus {
 }
 
 fn value(config: &Config, register: Register) -> u64 {
-    let write =
-        config.writes(&Factory::default(), [0; 2]).into_iter().find(|write| write.register == register).unwrap();
+    let write = configuration::writes(config, &Factory::default(), [0; 2])
+        .into_iter()
+        .find(|write| write.register == register)
+        .unwrap();
     let mut bytes = [0; 8];
     bytes[..write.bytes().len()].copy_from_slice(write.bytes());
     u64::from_le_bytes(bytes)

@@ -9,8 +9,7 @@ use embassy_futures::block_on;
 use super::double::*;
 use crate::driver::{Error, Transceiver, Wake, WakeBy};
 use embedded_hal::spi::ErrorKind;
-use radio::MAX_FRAME;
-use radio::{Radio, RadioDuration, ReceiveError, ResponseWindow, Sample, Start, TransmitError};
+use radio::{MAX_FRAME, Radio, RadioDuration, ReceiveError, ResponseWindow, Sample, Start, TransmitError};
 use std::vec::Vec;
 
 const WINDOW: RadioDuration = RadioDuration::from_micros(1000);

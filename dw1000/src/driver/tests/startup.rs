@@ -3,8 +3,8 @@
 use embassy_futures::block_on;
 
 use super::double::*;
-use crate::driver::{Config, Dw1000, Error, FrameFilter, SpiClock, TxPower};
-use radio::{PhyConfig, Radio, RadioInstant};
+use crate::driver::{Dw1000, Error, SpiClock};
+use radio::{Config, FrameFilter, PhyConfig, Radio, RadioInstant, TxPower};
 
 fn uninitialised() -> (Driver, Bus) {
     let bus = Bus::default();

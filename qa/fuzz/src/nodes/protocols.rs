@@ -4,7 +4,7 @@
 use ranging::decaranging::{self, INIT_DELAY};
 use ranging::exchange::{Action, Event, Protocol, Report};
 use ranging::native::{self, Network, Rate, ReplyDelay, Scheme};
-use ranging::{Diagnostics, Pace, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
+use ranging::{Diagnostics, Pace, PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel, Start};
 use wire::uwb::decaranging::Variant;
 
 use crate::finite;
@@ -12,6 +12,17 @@ use crate::finite;
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 const ADDRESS: u16 = 0x0101;
 const ANTENNA_DELAY: RadioDuration = RadioDuration::from_ticks(16_436);
+const STAMPS: StampModel = StampModel {
+    delayed_step: 512,
+    antenna_delay: ANTENNA_DELAY,
+    range_bias: RangeBias {
+        table: &[-0.1, 0.0, 0.1],
+        first_dbm: -61.0,
+        step_db: 10.0,
+        estimates: &[(-90.0, -90.0), (-77.5, -60.0)],
+        first_metre_dbm: -63.0,
+    },
+};
 /// Half a turn of the clock: no instant is farther away.
 const HALF_TURN_US: i64 = 8_700_000;
 /// The longest frame without its check bytes.
@@ -143,6 +154,7 @@ fn check(now: RadioInstant, action: Action<'_>) -> Last {
 
 /// Each operation of the input is four bytes: what happens, how much later (two), and a length or a measurement.
 fn drive(mut protocol: impl Protocol, input: &[u8]) {
+    protocol.calibrate(&STAMPS);
     let first = input.first().copied().unwrap_or(0);
     let mut now = RadioInstant::from_ticks(u64::from(first) << 32);
     let mut last = check(now, protocol.step(now, Event::Started));

@@ -9,7 +9,7 @@ use core::hint::black_box;
 use onchip_bench::instrument::Instrument;
 use ranging::exchange::{Action, Event, Protocol, Report};
 use ranging::native::{Anchor, AnchorConfig, Layout, Network, Rate, Scheme, Tag, TagConfig, Timing};
-use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
+use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, StampModel, Start};
 use semihosting::println;
 use wire::uwb::native::{Frame, Member, Message, OWNED_SYNC_SLOTS, Share, SyncFrame};
 use wire::uwb::{BROADCAST, FrameBuffer};
@@ -18,6 +18,12 @@ const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: No
 const TAG: u16 = 0x100;
 const ANCHORS: u16 = 4;
 const ANTENNA_DELAY: RadioDuration = RadioDuration::from_ticks(16_436);
+/// The radio, a DW1000 in the network's configuration.
+const STAMPS: StampModel = StampModel {
+    delayed_step: baliza_dw1000::CAPABILITIES.delayed_step,
+    antenna_delay: ANTENNA_DELAY,
+    range_bias: baliza_dw1000::bias::of(&NETWORK.phy),
+};
 /// Ten metres: 10 / 299 704 645 s.
 const FLIGHT: RadioDuration = RadioDuration::from_ticks(2132);
 
@@ -34,6 +40,7 @@ fn main() -> ! {
         scheme: Scheme::SingleSided,
         tell_distances: false,
     });
+    tag.calibrate(&STAMPS);
     let mut now = RadioInstant::from_ticks(1 << 39);
     settle(tag.step(now, Event::Started));
     let timing = Timing::of(&NETWORK.phy, NETWORK.first_layout());
@@ -79,6 +86,7 @@ fn main() -> ! {
             position_m: None,
             rounds: None,
         });
+        anchor.calibrate(&STAMPS);
         settle(anchor.step(departure, Event::Started));
         // The sync frame of another anchor tells this anchor when to answer.
         let sync_frame = sync_frame(asked.address as u8);
@@ -95,7 +103,7 @@ fn main() -> ! {
             black_box(anchor.step(black_box(poll_rx), black_box(Event::Received(frame))));
         });
         println!("frame answer {} {} {}", response.len(), cost.instructions, cost.stack);
-        let rx_time = start.snapped().plus(ANTENNA_DELAY).plus(FLIGHT);
+        let rx_time = STAMPS.departure(start).plus(FLIGHT);
         let frame = heard(response, rx_time);
         let cost = instrument.cost_on(&tag, |tag| {
             black_box(tag.step(black_box(rx_time), black_box(Event::Received(frame))));

@@ -6,10 +6,10 @@ use core::convert::Infallible;
 use core::future::poll_fn;
 use core::task::Poll;
 
+use baliza_dw1000::driver::{ClockedSpi, SpiClock};
 use embedded_hal_async::delay::DelayNs;
 use embedded_hal_async::digital::Wait;
 use embedded_hal_async::spi::{ErrorType, Operation, SpiDevice};
-use ranging::dw1000::{ClockedSpi, SpiClock};
 
 use crate::instrument::{instructions, stamp, steps};
 

@@ -5,11 +5,12 @@ use core::cell::{Cell, RefCell};
 use core::pin::pin;
 use core::task::{Context, Waker};
 
+use baliza_dw1000::driver::Dw1000;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_common::Reporter;
 use firmware_tag::{TaskChannels, TelemetrySink};
-use ranging::dw1000::{Config, Dw1000};
 use ranging::exchange::{Action, Event, Protocol};
+use ranging::radio::Config;
 use ranging::{PhyConfig, Radio, RadioDuration, RadioInstant, Start};
 
 use super::chip::{Chip, Delay, Irq, Next, Spi};

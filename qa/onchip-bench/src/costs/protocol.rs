@@ -13,7 +13,7 @@ use firmware_tag::{TaskChannels, TelemetrySink};
 use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 use ranging::native::{Anchor, AnchorConfig, Network, Rate, Scheme, Tag, TagConfig};
 use ranging::node::{self, Listener};
-use ranging::{Pace, PhyConfig, RadioInstant};
+use ranging::{Pace, PhyConfig, RadioInstant, StampModel};
 use small_air::{ANTENNA_DELAY, Crystal, Path, World, uptime_us};
 use wire::uwb::native::{Frame, Message};
 
@@ -121,6 +121,10 @@ impl<M: Protocol> Protocol for Measured<'_, M> {
             | Action::Compensate => None,
         };
         action
+    }
+
+    fn calibrate(&mut self, stamps: &StampModel) {
+        self.machine.calibrate(stamps);
     }
 
     fn pace(&mut self, pace: Pace) {

@@ -15,7 +15,7 @@ use super::timing::{SUPERFRAME, SYNC_SLOTS, Timing, end_of};
 use super::wake_ups::{Slept, WakeUps};
 use super::{Network, SHORTEST_WAIT, spread};
 use crate::exchange::{Action, Event, Guidance, Link, Protocol, Report};
-use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
+use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel, Start};
 use wire::uwb::layout::Scheme;
 use wire::uwb::native::{Frame, MAX_MEMBERS, Message, RESPONSE_BYTES, Request, Share, SyncFrame};
 use wire::uwb::{BROADCAST, FrameBuffer};
@@ -151,7 +151,7 @@ impl Tag {
     pub fn new(config: TagConfig) -> Self {
         Self {
             config,
-            bias: RangeBias::of(&config.network.phy),
+            bias: RangeBias::NONE,
             meter: Meter::new(config.network.pinned),
             rate: Some(config.rate),
             doing: Doing::Nothing,
@@ -541,6 +541,10 @@ impl Followed {
 }
 
 impl Protocol for Tag {
+    fn calibrate(&mut self, stamps: &StampModel) {
+        self.bias = stamps.range_bias;
+    }
+
     fn pace(&mut self, pace: Pace) {
         self.listening_at = pace.listening;
         self.was_measured = pace.armed.is_some();

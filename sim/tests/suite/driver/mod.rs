@@ -9,14 +9,12 @@ use std::convert::Infallible;
 use std::rc::Rc;
 use std::time::Duration;
 
+use baliza_dw1000::driver::{ClockedSpi, Dw1000, Error, ResetLine, SpiClock as Speed, Wake, WakeBy};
 use embedded_hal::digital::OutputPin;
 use embedded_hal::spi::{ErrorType, Operation};
 use embedded_hal_async::spi::SpiDevice;
-use ranging::dw1000::{
-    ClockedSpi, Config, Dw1000, Error, FrameFilter, ResetLine, SpiClock as Speed, TxPower, Wake, WakeBy,
-};
 use ranging::phy::{Channel, DataRate, PhyConfig, PreambleLength, Prf};
-use ranging::radio::MAX_FRAME;
+use ranging::radio::{Config, FrameFilter, MAX_FRAME, TxPower};
 use ranging::time::METRES_PER_TICK;
 use ranging::{Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, Sample, Start, TransmitError};
 use sim::{

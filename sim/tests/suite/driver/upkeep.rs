@@ -37,7 +37,7 @@ fn sleep_keeps_the_configuration_and_waking_restores_the_rest() {
         assert_eq!(heard, (Ok(b"awake".to_vec()), Ok(b"awake".to_vec())));
         // The transmit times include the antenna delay: 16400 after a multiple of 512, for the delayed start and for
         // the immediate one.
-        assert_eq!(stamps.1, stamps.0.snapped().plus(RadioDuration::from_ticks(16_400)));
+        assert_eq!(stamps.1, stamps.0.snapped(512).plus(RadioDuration::from_ticks(16_400)));
         assert_eq!((stamps.2.ticks() - 16_400) % 512, 0);
     }
 }

@@ -4,8 +4,8 @@ use baliza_wire::config::{
     Anchor, Beacon, Board, Identity, Invalid, Mode, Phy, Pins, Record, Region, ReplyDelay, Role, Scan, Scheme, Solver,
     Tag,
 };
-use radio::PhyConfig;
 use radio::phy::{Channel, DataRate, PreambleLength, Prf};
+use radio::{Capabilities, PhyConfig};
 
 use super::examples::{anchor, beacon, longest, tag};
 
@@ -142,6 +142,34 @@ fn pins_are_distinct_and_the_board_has_them() {
     assert_eq!(field(&with(classic), Board::Esp32), Ok(()));
     assert_eq!(field(&with(Pins { irq: 27, reset: 34, ..classic }), Board::Esp32), Err("pins.reset"));
     assert_eq!(field(&with(classic), Board::Dwm1001), Err("pins.sck"), "its DW1000 is soldered");
+}
+
+#[test]
+fn a_radio_refuses_what_it_lacks() {
+    let field = |record: Record, radio: &Capabilities| record.network.validate_for(radio).map_err(|of| of.to_string());
+    // A radio such as the DW3000: no 110 kbit/s, and of the channels of the DW1000 only 5.
+    let other = Capabilities {
+        channels: &[Channel::Ch5],
+        data_rates: &[DataRate::Kbps850, DataRate::Kbps6810],
+        ..baliza_dw1000::CAPABILITIES
+    };
+    let with = |channel, rate_kbps| {
+        let mut record = anchor();
+        record.network.phy = Phy { channel, prf_mhz: 64, rate_kbps, preamble: 1024, code: None };
+        record
+    };
+    assert_eq!(field(with(5, 6810), &other), Ok(()));
+    assert_eq!(field(with(2, 110), &baliza_dw1000::CAPABILITIES), Ok(()));
+    let must = "it must be one that the radio of this board has";
+    assert_eq!(field(with(2, 6810), &other), Err(format!("network.phy.channel is 2: {must}")));
+    assert_eq!(field(with(5, 110), &other), Err(format!("network.phy.rate_kbps is 110: {must}")));
+}
+
+#[test]
+fn the_table_of_boards_has_the_capabilities_of_the_driver() {
+    for board in Board::HARDWARE.into_iter().chain([Board::Simulated]) {
+        assert_eq!(board.spec().radio, baliza_dw1000::CAPABILITIES, "{board:?}");
+    }
 }
 
 #[test]
