@@ -244,9 +244,13 @@ impl<M: RawMutex> TaskChannels<M> {
 
     pub(crate) fn take_guidance(&self, now_us: u64) -> Guidance {
         let waiting = self.rounds.len();
-        let left_us = self.workload.lock(|workload| workload.borrow().left_us(now_us, waiting));
+        let [left_us, round_us] = self.workload.lock(|workload| {
+            let workload = workload.borrow();
+            [workload.left_us(now_us, waiting), workload.round_us()]
+        });
         let guidance = self.guidance.lock(|cell| cell.replace(Guidance { rate: None, ..cell.get() }));
-        Guidance { busy: RadioDuration::from_micros(left_us), ..guidance }
+        let [busy, busy_per_round] = [left_us, round_us].map(RadioDuration::from_micros);
+        Guidance { busy, busy_per_round, ..guidance }
     }
 
     /// The radio is off the air until the end of `quiet`.

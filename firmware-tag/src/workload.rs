@@ -33,6 +33,11 @@ impl Workload {
         self.round_us += if self.round_us == 0 { took } else { (took - self.round_us) / SMOOTHING };
     }
 
+    /// The mean time of a round, microseconds.
+    pub(crate) fn round_us(&self) -> u32 {
+        u32::try_from(self.round_us).unwrap_or(0)
+    }
+
     /// The time until the engine has finished the present round and those that wait, microseconds from now.
     pub(crate) fn left_us(&self, now_us: u64, waiting: usize) -> u32 {
         let present = self.begun_us.map_or(0, |begun_us| {

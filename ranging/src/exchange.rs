@@ -260,9 +260,17 @@ pub struct Guidance {
     /// How long the node will still compute with the rounds that it has. A tag that ranges as often as possible ends
     /// its next round no sooner.
     pub busy: RadioDuration,
+    /// How long it computes with a round, in the mean.
+    pub busy_per_round: RadioDuration,
 }
 
 impl Guidance {
     /// Nothing is known, nothing changes.
-    pub const NONE: Self = Self { position_m: None, rate: None, turns: false, busy: RadioDuration::ZERO };
+    pub const NONE: Self = Self {
+        position_m: None,
+        rate: None,
+        turns: false,
+        busy: RadioDuration::ZERO,
+        busy_per_round: RadioDuration::ZERO,
+    };
 }

@@ -5,7 +5,7 @@
 
 use heapless::HistoryBuf;
 use ranging::PhyConfig;
-use wire::config::{Calibration, Identity, Mode, Network, Phy, Record, ReplyDelay, Role, Solver, Tag};
+use wire::config::{Calibration, Identity, Mode, Network, Phy, Record, Role, Solver, Tag};
 
 use crate::lcd::{Text, WIDTH};
 
@@ -22,9 +22,6 @@ pub struct Switches {
 
 /// The PAN of boards without a record.
 const PAN: u16 = 0xDECA;
-
-/// The reply delays of boards without a record, microseconds. They suit a processor without floating-point unit.
-const TURNAROUND: ReplyDelay = ReplyDelay { answer_us: 400, listen_again_us: 60, transmit_us: 250 };
 
 /// A tag without a record: two boards range as often as they can.
 const TAG: Tag = Tag {
@@ -46,13 +43,7 @@ impl Switches {
         let mut record = record.unwrap_or_else(|| Record {
             identity: Identity::default(),
             role: Role::Tag(TAG),
-            network: Network {
-                pan: PAN,
-                mode: Mode::Native,
-                phy: self.phy(),
-                turnaround: Some(TURNAROUND),
-                region: None,
-            },
+            network: Network { pan: PAN, mode: Mode::Native, phy: self.phy(), turnaround: None, region: None },
             calibration: Calibration::default(),
             pins: None,
             anchors: Default::default(),
@@ -189,6 +180,15 @@ mod tests {
             assert_eq!(settings.address, 0x1234);
         }
         assert!(matches!(Switches::default().apply(None).role, Role::Tag(_)));
+    }
+
+    #[test]
+    fn a_board_without_a_record_measures_how_quick_it_is() {
+        for native in [false, true] {
+            let record = Switches { native, ..Switches::default() }.apply(None);
+            assert_eq!(record.network.turnaround, None);
+            assert_eq!(Settings::of(&record, 1).unwrap().network.pinned, None);
+        }
     }
 
     #[test]

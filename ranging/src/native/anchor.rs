@@ -402,7 +402,11 @@ impl Protocol for Anchor {
                 let ended = end_of(&self.config.network.phy, &frame);
                 present = ended.plus(self.meter.reading());
                 if let Some(listening) = self.listening_at.take() {
-                    self.meter.listened(listening.since(ended));
+                    let after = listening.since(ended);
+                    match self.config.rounds {
+                        Some(_) => self.meter.listened_for_listeners(after),
+                        None => self.meter.listened(after),
+                    }
                 }
             }
             Event::Late => self.was_late(),

@@ -266,9 +266,13 @@ impl Coordinator {
     /// The coordinator's work of a superframe: it ends leases, grants requests and sets the layout of the slots.
     fn coordinate(&mut self, begun: u16) {
         let Superframes { membership, phase, .. } = &mut self.course;
-        let layout = self.wishes.better_than(membership.layout()).unwrap_or(membership.layout());
+        let before = membership.layout();
+        let layout = self.wishes.better_than(before).unwrap_or(before);
         let heard = core::mem::take(&mut self.heard_members);
         self.leases.renew(membership, layout, heard, begun, phase.number);
+        if membership.layout() != before {
+            self.wishes.adopted();
+        }
     }
 
     fn pick_slot(&self) -> Option<u8> {

@@ -14,8 +14,8 @@ const KEPT_SUPERFRAMES: u16 = 10;
 /// A layout may become shorter only from this superframe of a network, or of an anchor's coordination, on. Before that,
 /// not all nodes were received.
 const SETTLED_AFTER: u16 = 5;
-/// A layout becomes shorter only if it exceeds the requests by more than this many steps (of 3 to 6 % each). Otherwise
-/// every small variation would change it.
+/// A layout that follows from requests becomes shorter only if it exceeds the requests by more than this many steps (of
+/// 3 to 6 % each). Otherwise every small variation would change it.
 const SPARE_STEPS: u8 = 3;
 
 /// The longest recent requests.
@@ -29,12 +29,21 @@ pub struct LayoutRequests {
     superframes: u16,
     /// Every node has had time to send its request.
     is_settled: bool,
+    /// The layout was shortened to the requests before. Until then it is what its founder assumed.
+    is_measured: bool,
 }
 
 impl LayoutRequests {
     /// No request yet.
     pub const fn new() -> Self {
-        Self { members: Vec::new(), current: Layout::LEAST, former: Layout::LEAST, superframes: 0, is_settled: false }
+        Self {
+            members: Vec::new(),
+            current: Layout::LEAST,
+            former: Layout::LEAST,
+            superframes: 0,
+            is_settled: false,
+            is_measured: false,
+        }
     }
 
     /// A node requests this.
@@ -74,6 +83,11 @@ impl LayoutRequests {
         }
     }
 
+    /// The layout was changed to the requests.
+    pub fn adopted(&mut self) {
+        self.is_measured |= self.is_settled;
+    }
+
     /// The layout that serves all requests.
     pub fn all(&self) -> Layout {
         let of_members = self.members.iter().map(|(_, byte)| Layout::from_tag_byte(*byte));
@@ -89,7 +103,8 @@ impl LayoutRequests {
         if all == Layout::LEAST {
             return None;
         }
-        let is_far = |now: super::Span, asked: super::Span| now.code().saturating_sub(asked.code()) > SPARE_STEPS;
+        let spare = if self.is_measured { SPARE_STEPS } else { 0 };
+        let is_far = |now: super::Span, asked: super::Span| now.code().saturating_sub(asked.code()) > spare;
         let is_longer = is_far(layout.answer, all.answer)
             || is_far(layout.listen_again, all.listen_again)
             || layout.scheme != all.scheme;
@@ -171,6 +186,9 @@ mod tests {
             wishes.note(layout(300));
             wishes.advance(KEPT_SUPERFRAMES);
         }
+        // What a founder assumed is not measured: no step of it is spare.
+        assert_eq!(wishes.better_than(layout(320)), Some(layout(300)));
+        wishes.adopted();
         // 304 µs = 19 · 16 serve 300; 352 = 22 · 16 are three steps more, 368 four.
         assert_eq!(wishes.better_than(layout(352)), None);
         assert_eq!(wishes.better_than(layout(368)), Some(layout(300)));

@@ -3,8 +3,11 @@
 //! Inputs are instants of the radio's own clock ([`Pace`](crate::Pace)): when the command for a transmission had
 //! reached the chip, when the receiver was on again, and when a frame had been processed. Outputs are the lead, which
 //! is the time before its own transmissions at which the node decides, and the node's request for the network's layout.
-//! A board that became slower (another task, flash, a compiler) shows it by a single late start. The estimate of a
-//! board that became quicker sinks slowly.
+//!
+//! Peers wait for a node's answers and for its receiver in every round. So the node requests what most of its samples
+//! need. Its own transmissions cost only itself, so its lead follows the longest sample. A board that became slower
+//! (another task, flash, a compiler) shows it by a few late answers, or by a single late transmission. The estimates of
+//! a board that became quicker sink slowly.
 
 use super::ReplyDelay;
 use crate::RadioDuration;
@@ -13,38 +16,71 @@ use wire::uwb::layout::{Layout, Scheme, Span};
 /// Added to a measured duration: the chip's own start (10 µs from the command to the first pulse), the steps of timers
 /// …
 const MARGIN: RadioDuration = RadioDuration::from_micros(30);
-/// … and this fraction of the duration. To the time until the receiver is on again only this is added: if the receiver
-/// is slightly late for a frame, it has lost only some symbols of the preamble.
+/// … and this fraction of the duration. To the time until the receiver is on again, or until a frame was processed,
+/// only this is added: if the receiver is slightly late for a frame, it has lost only some symbols of the preamble.
 const MARGIN_SHARE: i64 = 8;
-/// The quantile sinks by this fraction of its distance to a shorter sample.
+/// The estimate sinks by this fraction of its distance to a shorter sample …
 const DECAY: i64 = 64;
+/// … and rises by at most this fraction of itself for a longer one …
+const RISE: i64 = 16;
+/// … unless this many samples in a row were longer. Then the board has become slower, and the estimate rises to the
+/// shortest of them at once.
+const SLOWER_AFTER: u8 = 4;
 /// A longer sample does not measure the board.
 const LONGEST: RadioDuration = RadioDuration::from_micros(10_000);
 
-/// A high quantile of durations: it rises to a longer sample at once and sinks slowly, so that about one in some dozens
-/// of samples is longer.
+/// An upper limit of durations.
 #[derive(Clone, Copy, Debug)]
-struct Quantile {
+struct Limit {
     ticks: i64,
     is_measured: bool,
+    /// Samples in a row that were longer, and the shortest of them.
+    longer: u8,
+    shortest: i64,
 }
 
-impl Quantile {
+impl Limit {
     const fn starting_at(duration: RadioDuration) -> Self {
-        Self { ticks: duration.ticks(), is_measured: false }
+        Self { ticks: duration.ticks(), is_measured: false, longer: 0, shortest: 0 }
     }
 
-    fn take(&mut self, sample: RadioDuration) {
+    /// Takes a sample into a limit of nearly all durations: a longer sample counts at once, so that about one in some
+    /// dozens of samples is longer.
+    fn take_at_once(&mut self, sample: RadioDuration) {
         let sample = sample.ticks().clamp(0, LONGEST.ticks());
-        if !self.is_measured || sample > self.ticks {
-            self.ticks = sample;
-        } else {
-            self.ticks -= (self.ticks - sample) / DECAY;
-        }
-        self.is_measured = true;
+        if !self.is_measured || sample > self.ticks { self.set(sample) } else { self.sink(sample) }
     }
 
-    /// The quantile was too short by an unknown amount.
+    /// Takes a sample into a limit of most durations, chosen by its cost. A slot that is longer by x costs x in every
+    /// round. A sample beyond the limit costs one answer. So the limit follows small variations at once, but single
+    /// long samples, whatever their length, raise it little: if a fraction p of the samples is long, by about 4·p of
+    /// itself. This holds for the first sample too, against what the node assumed of itself.
+    fn take_by_cost(&mut self, sample: RadioDuration) {
+        let sample = sample.ticks().clamp(0, LONGEST.ticks());
+        if sample <= self.ticks {
+            if self.is_measured { self.sink(sample) } else { self.set(sample) }
+        } else {
+            self.is_measured = true;
+            self.shortest = if self.longer == 0 { sample } else { self.shortest.min(sample) };
+            self.longer += 1;
+            if self.longer >= SLOWER_AFTER {
+                self.set(self.shortest);
+            } else {
+                self.ticks = sample.min(self.ticks + self.ticks / RISE);
+            }
+        }
+    }
+
+    fn set(&mut self, ticks: i64) {
+        (self.ticks, self.is_measured, self.longer) = (ticks, true, 0);
+    }
+
+    fn sink(&mut self, sample: i64) {
+        self.ticks -= (self.ticks - sample) / DECAY;
+        self.longer = 0;
+    }
+
+    /// The limit was too short by an unknown amount.
     fn grow(&mut self) {
         self.ticks = (self.ticks + self.ticks / 4).min(LONGEST.ticks());
     }
@@ -70,12 +106,14 @@ fn with_margin(duration: RadioDuration) -> RadioDuration {
 #[derive(Clone, Debug)]
 pub struct Meter {
     pinned: Option<ReplyDelay>,
-    answer: Quantile,
-    listen_again: Quantile,
-    lead: Quantile,
+    answer: Limit,
+    listen_again: Limit,
+    lead: Limit,
     /// As `lead`, for a frame that leaves as soon as possible.
-    immediate: Quantile,
-    reading: Quantile,
+    immediate: Limit,
+    reading: Limit,
+    /// The time on the air of a response.
+    next: RadioDuration,
 }
 
 impl Meter {
@@ -87,46 +125,63 @@ impl Meter {
         };
         Self {
             pinned,
-            answer: Quantile::starting_at(start.answer),
-            listen_again: Quantile::starting_at(start.listen_again),
-            lead: Quantile::starting_at(start.transmit),
-            immediate: Quantile::starting_at(start.transmit),
-            reading: Quantile::starting_at(RadioDuration::from_ticks(start.answer.ticks() / 2)),
+            answer: Limit::starting_at(start.answer),
+            listen_again: Limit::starting_at(start.listen_again),
+            lead: Limit::starting_at(start.transmit),
+            immediate: Limit::starting_at(start.transmit),
+            reading: Limit::starting_at(RadioDuration::from_ticks(start.answer.ticks() / 2)),
+            next: RadioDuration::ZERO,
         }
     }
 
     /// From the end of a frame until the command for the answer had reached the chip.
     pub fn answered(&mut self, after: RadioDuration) {
-        self.answer.take(after);
+        self.answer.take_by_cost(after);
     }
 
     /// From the end of a frame until the receiver was on again.
     pub fn listened(&mut self, after: RadioDuration) {
-        self.listen_again.take(after);
+        self.listen_again.take_by_cost(after);
     }
 
-    /// From the end of a frame until the node had processed it. The next frame, which lasts `next`, comes meanwhile.
+    /// As [`listened`](Self::listened), where tags that only listen receive the same responses. They can request
+    /// nothing, so the longest sample counts.
+    pub fn listened_for_listeners(&mut self, after: RadioDuration) {
+        self.listen_again.take_at_once(after);
+    }
+
+    /// From the end of a response until the node had processed it. The next response, which lasts `next`, comes
+    /// meanwhile.
     pub fn dealt_with(&mut self, after: RadioDuration, next: RadioDuration) {
-        self.reading.take(after);
-        self.listen_again.take(RadioDuration::from_ticks(with_margin(after).ticks() - next.ticks()));
+        self.reading.take_by_cost(after);
+        self.next = next;
+    }
+
+    /// As [`dealt_with`](Self::dealt_with), for another frame, which takes longer than a response. It counts only as
+    /// long as no response was measured, and if the node is more than twice as slow as it assumed.
+    pub fn dealt_with_other(&mut self, after: RadioDuration, next: RadioDuration) {
+        if !self.reading.is_measured && after.ticks() > ReplyDelay::START.answer.ticks() {
+            self.reading.ticks = after.min(LONGEST).ticks();
+            self.next = next;
+        }
     }
 
     /// From a decision to transmit at once to the first pulse.
     pub fn left(&mut self, after: RadioDuration) {
-        self.immediate.take(after);
+        self.immediate.take_at_once(after);
     }
 
     /// From the instant at which the node was to wake until the command for a transmission had reached the chip. If the
     /// node was reading a frame then, it may have decided before that instant: only a longer time counts.
     pub fn led(&mut self, after: RadioDuration, was_awaited: bool) {
         if was_awaited || after.ticks() > self.lead.ticks {
-            self.lead.take(after);
+            self.lead.take_at_once(after);
         }
     }
 
     /// The node decided this long after the instant at which it was to wake, too late for a transmission.
     pub fn overslept(&mut self, after: RadioDuration) {
-        self.lead.take(RadioDuration::from_ticks(self.lead.ticks.saturating_add(after.ticks().max(0))));
+        self.lead.take_at_once(RadioDuration::from_ticks(self.lead.ticks.saturating_add(after.ticks().max(0))));
     }
 
     /// An answer was too late, and the radio does not measure by how much.
@@ -164,18 +219,24 @@ impl Meter {
 
     /// A node that was never asked takes as long for an answer as for any transmission: both write a frame after a
     /// wake-up.
-    fn answer_or_lead(&self) -> &Quantile {
+    fn answer_or_lead(&self) -> &Limit {
         if self.answer.is_measured || !self.lead.is_measured { &self.answer } else { &self.lead }
     }
 
     /// This node's request for the network's layout: nothing if it has measured nothing.
     pub fn wish(&self, scheme: Scheme) -> Layout {
-        let measured =
-            |quantile: &Quantile, span| if quantile.is_measured { Span::at_least(span) } else { Span::default() };
-        let (answer, listen_again) = (self.answer_or_lead(), &self.listen_again);
+        let measured = |limit: &Limit, span| if limit.is_measured { Span::at_least(span) } else { Span::default() };
+        let answer = self.answer_or_lead();
         let [answer, listen_again] = match self.pinned {
             Some(pinned) => [pinned.answer, pinned.listen_again].map(Span::at_least),
-            None => [measured(answer, answer.with_margin()), measured(listen_again, listen_again.with_share())],
+            None => {
+                let listen_again = measured(&self.listen_again, self.listen_again.with_share());
+                // Unless a response was awaited, there is no gap to request.
+                let is_known = self.next > RadioDuration::ZERO;
+                let gap = RadioDuration::from_ticks(self.reading.with_share().ticks() - self.next.ticks());
+                let gap = if is_known { Span::at_least(gap) } else { Span::default() };
+                [measured(answer, answer.with_margin()), listen_again.max(gap)]
+            }
         };
         Layout { answer, listen_again, scheme }
     }
@@ -222,10 +283,55 @@ mod tests {
         meter.listened(us(64));
         // 64 + 8 = 72 µs = (16 + 2) · 2².
         assert_eq!(meter.wish(Scheme::SingleSided).listen_again.duration(), us(72));
-        // A frame takes 320 µs, and the next one starts after 230: 320 + 40 + 30 − 230 = 160, and 20 more: (16 + 7) ·
-        // 2³ = 184.
-        meter.dealt_with(us(320), us(230));
-        assert_eq!(meter.wish(Scheme::SingleSided).listen_again.duration(), us(184));
+        // A frame takes 320 µs, and the next one lasts 230: 320 + 40 − 230 = 130; the next span is (16 + 1) · 2³ = 136.
+        (0..4).for_each(|_| meter.dealt_with(us(320), us(230)));
+        assert_eq!(meter.wish(Scheme::SingleSided).listen_again.duration(), us(136));
+    }
+
+    /// What a node requests for its answers after these samples of microseconds.
+    fn asks_after(samples: impl IntoIterator<Item = u32>) -> RadioDuration {
+        let mut meter = Meter::new(None);
+        samples.into_iter().for_each(|sample| meter.answered(us(sample)));
+        meter.wish(Scheme::SingleSided).answer.duration()
+    }
+
+    #[test]
+    fn a_stall_now_and_then_costs_the_network_little_whatever_its_length() {
+        // 250 + 31.25 + 30 = 311 µs; the next span is 320.
+        assert_eq!(asks_after([250; 40]), us(320));
+        // One in forty: 4 · 250 / 40 = 25 µs more, and 16 more just after a stall: 291 + 36 + 30 = 357; the next span
+        // is 368. The longest sample would ask for 3,405 µs.
+        let stalled = |stall| (0..400).map(move |number| if number % 40 == 39 { stall } else { 250 });
+        assert!((us(320)..=us(368)).contains(&asks_after(stalled(3_000))), "{:?}", asks_after(stalled(3_000)));
+        assert_eq!(asks_after(stalled(9_000)), asks_after(stalled(3_000)));
+    }
+
+    #[test]
+    fn small_variations_count_at_once() {
+        // 264 + 33 + 30 = 327 µs; the next span is 336.
+        assert_eq!(asks_after([250, 250, 264]), us(336));
+    }
+
+    #[test]
+    fn a_board_that_became_slower_asks_for_it_after_four_answers() {
+        // The shortest of the four: 900 + 112.5 + 30 = 1,042.5 µs = 1,088 as a span, (16 + 1) · 2⁶.
+        assert_eq!(asks_after([250, 250, 2_000, 900, 950, 3_000]), us(1_088));
+    }
+
+    #[test]
+    fn before_its_first_round_a_node_knows_only_whether_it_is_very_slow() {
+        let mut meter = Meter::new(None);
+        let gap = |meter: &Meter| meter.wish(Scheme::SingleSided).listen_again;
+        // A response may take half of this sync frame's 500 µs, which is assumed anyway.
+        meter.dealt_with_other(us(500), us(180));
+        assert_eq!(gap(&meter), Span::default());
+        // 800 · 9/8 − 180 = 720 µs; the next span is (16 + 7) · 2⁵ = 736.
+        meter.dealt_with_other(us(800), us(180));
+        assert_eq!(gap(&meter).duration(), us(736));
+        // The first response counts instead: 600 · 9/8 − 180 = 495; 496 = (16 + 15) · 2⁴.
+        meter.dealt_with(us(600), us(180));
+        meter.dealt_with_other(us(800), us(180));
+        assert_eq!(gap(&meter).duration(), us(496));
     }
 
     #[test]

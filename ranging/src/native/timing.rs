@@ -179,9 +179,13 @@ impl Timing {
         let request_slot = sum(sum(phy.airtime(REQUEST_BYTES), listen_again), guard);
         let request_slots = (sync_slot.ticks() * SHARED_SLOTS as i64 / request_slot.ticks()) as u8;
         let responses = sum(sum(sum(to_rmarker, reply), times(response_slot, MAX_ROUND as i64 - 1)), response_tail);
-        let round_slot = sum(sum(sum(responses, finale), listen_again), guard);
-        let fit = (superframe - sync_slot.ticks() * SYNC_SLOTS as i64) / round_slot.ticks();
+        let shortest = sum(sum(sum(responses, finale), listen_again), guard).ticks();
+        let room = superframe - sync_slot.ticks() * SYNC_SLOTS as i64;
+        let fit = room / shortest;
         let round_slots = if fit > MAX_ROUND_SLOTS as i64 { MAX_ROUND_SLOTS as u8 } else { fit as u8 };
+        // The slots fill the superframe, but for the time in which the first sync slot's owner decides on its frame.
+        let even = if round_slots == 0 { 0 } else { (room - answer.ticks()) / round_slots as i64 };
+        let round_slot = RadioDuration::from_ticks(if even > shortest { even } else { shortest });
         Self {
             layout,
             reply,

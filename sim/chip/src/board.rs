@@ -20,6 +20,22 @@ pub enum Core {
     RiscV32,
 }
 
+/// Interrupts of a scanning Bluetooth controller. They come above all priorities, as a Poisson process.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interrupts {
+    /// Interrupts per second, in the mean.
+    pub per_second: f64,
+    /// How long each takes, before the board's slowdown.
+    pub each: Duration,
+}
+
+impl Interrupts {
+    /// While a controller scans, whichever it is: an assumption. For each advertisement, the controller serves the
+    /// access address, the end and the processing after it; in addition there is a timer. With fifty advertisements a
+    /// second this is two hundred interrupts of 40 µs.
+    pub const SCANNING: Self = Self { per_second: 200.0, each: Duration::from_micros(40) };
+}
+
 /// A board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoardProfile {
@@ -64,6 +80,8 @@ pub struct BoardProfile {
     pub sleep_from: Option<Duration>,
     /// The step of that slow timer, nanoseconds.
     pub sleep_timer_ns: u32,
+    /// Interrupts of its Bluetooth controller while it scans.
+    pub scanning: Interrupts,
     /// Current while the processor runs, while it waits with its clocks on, and while it sleeps with them off,
     /// milliamperes.
     pub run_ma: f64,
@@ -111,6 +129,7 @@ impl BoardProfile {
         timer_ns: 1_000,
         sleep_from: Some(Duration::from_millis(3)),
         sleep_timer_ns: 30_518,
+        scanning: Interrupts::SCANNING,
         run_ma: 3.7,
         wait_ma: 0.6,
         sleep_ma: 0.0019,
@@ -144,6 +163,7 @@ impl BoardProfile {
         timer_ns: 1_000,
         sleep_from: None,
         sleep_timer_ns: 0,
+        scanning: Interrupts::SCANNING,
         run_ma: 28.3,
         wait_ma: 6.0,
         sleep_ma: 6.0,
@@ -179,6 +199,7 @@ impl BoardProfile {
         timer_ns: 1_000,
         sleep_from: None,
         sleep_timer_ns: 0,
+        scanning: Interrupts::SCANNING,
         run_ma: 23.0,
         wait_ma: 16.0,
         sleep_ma: 0.13,
@@ -215,6 +236,7 @@ impl BoardProfile {
         timer_ns: 0,
         sleep_from: None,
         sleep_timer_ns: 0,
+        scanning: Interrupts::SCANNING,
         run_ma: 0.0,
         wait_ma: 0.0,
         sleep_ma: 0.0,

@@ -23,13 +23,13 @@ mod time;
 mod world;
 
 pub use air::{AirConfig, AirStatistics, Material, Path, Sniffed, Wall};
-pub use board::{BoardProfile, Core};
+pub use board::{BoardProfile, Core, Interrupts};
 pub use chip::{ChipConfig, ChipStatistics, Consumption, Currents};
 pub use clock::ClockConfig;
 pub use irq::IrqPin;
 pub use kernel::TaskId;
 pub use pins::{ResetPin, SimDelay};
-pub use processor::{Interrupts, Processor, ProcessorTimes};
+pub use processor::{Processor, ProcessorTimes};
 pub use sleep::Sleep;
 pub use spi::{SimSpi, SpiClock};
 pub use time::{PS_PER_US, TrueTime};

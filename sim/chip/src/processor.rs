@@ -19,7 +19,7 @@ use std::time::Duration;
 
 use rand::Rng;
 
-use crate::board::BoardProfile;
+use crate::board::{BoardProfile, Interrupts};
 use crate::random::Stream;
 use crate::time::{PS_PER_S, TrueTime};
 use crate::world::World;
@@ -47,15 +47,6 @@ struct State {
     background_running: Cell<u32>,
     background_debt_ps: Cell<u64>,
     interference: RefCell<Option<Interference>>,
-}
-
-/// Interrupts of a scanning Bluetooth controller, above all priorities, as a Poisson process.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Interrupts {
-    /// Interrupts per second, in the mean.
-    pub per_second: f64,
-    /// How long each takes, before the board's slowdown.
-    pub each: Duration,
 }
 
 struct Interference {

@@ -5,7 +5,6 @@ use std::cell::RefCell;
 use std::convert::Infallible;
 use std::future::pending;
 use std::rc::Rc;
-use std::time::Duration;
 
 use embassy_futures::join::{join, join3};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
@@ -146,11 +145,6 @@ impl TagApp {
     }
 }
 
-/// Interrupts of a Bluetooth controller while it scans: an assumption. For each advertisement, the controller serves
-/// the access address, the end and the processing after it; in addition there is a timer. With fifty advertisements a
-/// second this is two hundred interrupts of 40 µs.
-const SCANNING: Interrupts = Interrupts { per_second: 200.0, each: Duration::from_micros(40) };
-
 /// A scanner whose interrupts have the highest priority while it is on.
 struct Interfering<S> {
     scanner: S,
@@ -168,7 +162,7 @@ impl<S> Interfering<S> {
 
 impl<S: scan::Scanner> scan::Scanner for Interfering<S> {
     async fn start(&mut self) {
-        self.interfere(Some(SCANNING));
+        self.interfere(Some(self.processor.board().scanning));
         self.scanner.start().await;
     }
 

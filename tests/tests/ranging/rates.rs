@@ -1,9 +1,11 @@
 //! Positions per second, at 6.81 Mbit/s with 128 preamble symbols, on register-level chips and on processors whose code
 //! takes time. The boards are DWM1001 unless stated otherwise.
 
+use std::time::Duration;
+
 use ::ranging::native::Scheme;
-use sim::BoardProfile;
 use sim::scenario::{AirModel, Scenario};
+use sim::{BoardProfile, Interrupts};
 use system_tests::{Run, STAND, TAG, WALK, hall};
 
 /// The default room on the ideal air. On an air as recorded, fading makes powers unequal, and nodes join later.
@@ -65,6 +67,49 @@ fn double_sided_rounds_keep_their_rate() {
         scenario.tag.scheme = Scheme::DoubleSided;
         let positions = positions_of_whole_rounds(&Run::of(scenario), anchors, 2.0, 5.0);
         assert!(positions >= least, "{anchors} anchors: {positions} positions a second");
+    }
+}
+
+#[test]
+fn ten_seconds_from_switching_on_have_the_promised_rate_whatever_the_seed() {
+    let dwm1001 = BoardProfile::DWM1001;
+    for (anchors, tags, board, scheme, least) in [
+        (4, 1, dwm1001, Scheme::SingleSided, 350.0),
+        (4, 1, dwm1001.slowed(2.0), Scheme::SingleSided, 200.0),
+        (4, 1, dwm1001.slowed(4.0), Scheme::SingleSided, 80.0),
+        (8, 1, dwm1001, Scheme::SingleSided, 180.0),
+        (8, 1, dwm1001.slowed(2.0), Scheme::SingleSided, 100.0),
+        (4, 1, dwm1001, Scheme::DoubleSided, 280.0),
+        (8, 1, dwm1001, Scheme::DoubleSided, 140.0),
+        (4, 1, BoardProfile::ESP32C3, Scheme::SingleSided, 150.0),
+        (4, 1, BoardProfile::EVB1000, Scheme::SingleSided, 100.0),
+        (16, 15, dwm1001, Scheme::SingleSided, 250.0),
+    ] {
+        for seed in [1, 2, 94] {
+            let mut scenario = Scenario { seed, board, ..Scenario::rooms(anchors, tags) };
+            scenario.tag.scheme = scheme;
+            let summary = Run::of(scenario).summary;
+            let which = format!("{} times {}, {tags} × {anchors}, seed {seed}", board.name, board.slowdown);
+            assert!(summary.fixes_per_s >= least, "{which}: {summary:?}");
+        }
+    }
+}
+
+#[test]
+fn interrupts_that_stall_a_tag_now_and_then_cost_a_tenth_of_its_rate_at_most() {
+    // Four beacons, so that the tag scans.
+    let beacons: String = (1..=4).map(|x| format!("[[beacon]]\nat = [{x}.0, 1.0, 2.0]\n")).collect();
+    let rate = |per_second: f64, each: Duration| {
+        let text = hall("seconds = 10", 4, &[WALK]) + &beacons;
+        let mut scenario = Scenario::parse(&text).expect("it is valid");
+        let scanning = Interrupts { per_second, each };
+        scenario.tags[0].board = Some(BoardProfile { scanning, ..scenario.board });
+        Run::of(scenario).summary.fixes_per_s
+    };
+    let undisturbed = rate(0.0, Duration::ZERO);
+    for (per_second, each_us) in [(2.0, 1_000), (10.0, 3_000), (20.0, 1_000), (50.0, 500)] {
+        let disturbed = rate(per_second, Duration::from_micros(each_us));
+        assert!(disturbed >= 0.9 * undisturbed, "{per_second} × {each_us} µs: {disturbed} of {undisturbed}");
     }
 }
 

@@ -84,6 +84,8 @@ pub struct Tag {
     busy: RadioDuration,
     /// … and the end of this computation.
     free_at: Option<RadioInstant>,
+    /// How long the node computes with a round, in the mean.
+    busy_per_round: RadioDuration,
     round: RoundState,
     /// The least time from the first pulse of a frame of this tag to that of its next frame, if limited, …
     spacing: Option<RadioDuration>,
@@ -121,6 +123,8 @@ pub struct Tag {
     listening_at: Option<RadioInstant>,
     /// The end of the last received frame, until something else happens.
     ended_at: Option<RadioInstant>,
+    /// It was received in a round.
+    is_response: bool,
     sequence: u8,
     out: FrameBuffer,
 }
@@ -161,6 +165,7 @@ impl Tag {
             position_m: None,
             busy: RadioDuration::ZERO,
             free_at: None,
+            busy_per_round: RadioDuration::ZERO,
             round: RoundState::new(),
             spacing: None,
             next_pulse: None,
@@ -181,6 +186,7 @@ impl Tag {
             was_measured: false,
             listening_at: None,
             ended_at: None,
+            is_response: false,
             sequence: 0,
             out: FrameBuffer::new(),
         }
@@ -456,9 +462,15 @@ impl Tag {
         let computed = self.free_at.map_or(RadioDuration::ZERO, |free_at| free_at.since(phase.start));
         let takes = timing.round(anchors).ticks() + 2 * self.meter.reading().ticks();
         let in_time = soonest.max(RadioDuration::from_ticks(computed.ticks() - takes));
-        // But during the sync frames there is time to compute what is measured now.
+        // But during the sync frames there is time to compute what is measured at the superframe's end.
         let next_rounds = RadioDuration::from_ticks(timing.superframe.ticks() + timing.rounds().ticks());
-        let in_time = if after(in_time).is_none() && computed < next_rounds { soonest } else { in_time };
+        let backlog = Backlog { computed, per_round: self.busy_per_round, until: next_rounds };
+        let last = RadioDuration::from_ticks(timing.superframe.ticks() - timing.round(anchors).ticks());
+        let every = RadioDuration::from_ticks(takes + self.meter.immediate().ticks());
+        let is_for_sync_frames = in_time > soonest
+            && computed < next_rounds
+            && (backlog.has_room_until(last, soonest, every) || after(in_time).is_none());
+        let in_time = if is_for_sync_frames { soonest } else { in_time };
         // The tag was woken for a round. It makes the round if the round's instant is still in the future.
         let spare = |pulse: RadioDuration| RadioDuration::from_ticks(pulse.ticks() - passed.ticks() - lead.ticks());
         let planned = self.pulse_at.take().map(|pulse| pulse.since(phase.start));
@@ -502,6 +514,37 @@ impl Tag {
         if let Some(network) = self.network.as_mut().filter(|_| self.doing == Doing::Requesting) {
             network.request_from = network.sync.course.phase.number.wrapping_add(1);
         }
+    }
+}
+
+/// The rounds that the node has not computed yet.
+#[derive(Clone, Copy, Debug)]
+struct Backlog {
+    /// From the superframe's beginning to the end of the computation.
+    computed: RadioDuration,
+    /// How long a round takes, in the mean.
+    per_round: RadioDuration,
+    /// From the superframe's beginning to the instant by which all must be computed.
+    until: RadioDuration,
+}
+
+/// A node computes one round while this many others wait.
+const WAITING_ROUNDS: i64 = 2;
+
+impl Backlog {
+    /// Whether the rounds that begin from `soonest` to `last`, one after each interval `every`, can wait until they are
+    /// computed. While rounds are made, the node may have no time to compute.
+    fn has_room_until(self, last: RadioDuration, soonest: RadioDuration, every: RadioDuration) -> bool {
+        let per_round = self.per_round.ticks();
+        // An eighth of a round is for what is not the mean.
+        let limit = soonest.ticks() + every.ticks() + (WAITING_ROUNDS + 1) * per_round - per_round / 8;
+        let limit = self.until.ticks().min(limit);
+        let (mut pulse, mut computed) = (soonest.ticks(), self.computed.ticks());
+        while pulse <= last.ticks() && computed <= limit {
+            computed += per_round;
+            pulse += every.ticks().max(1);
+        }
+        computed <= limit
     }
 }
 
@@ -555,13 +598,14 @@ impl Protocol for Tag {
         }
         if let (Some(ready), Some(ended)) = (pace.ready, self.ended_at) {
             let next = self.config.network.phy.airtime(RESPONSE_BYTES);
-            self.meter.dealt_with(ready.since(ended), next);
+            let after = ready.since(ended);
+            if self.is_response { self.meter.dealt_with(after, next) } else { self.meter.dealt_with_other(after, next) }
         }
     }
 
     fn guide(&mut self, guidance: Guidance) {
         self.position_m = guidance.position_m;
-        self.busy = guidance.busy;
+        (self.busy, self.busy_per_round) = (guidance.busy, guidance.busy_per_round);
         self.round.set_turns(guidance.turns);
         if guidance.rate.is_some() {
             self.set_rate(guidance.rate);
@@ -614,6 +658,7 @@ impl Protocol for Tag {
                 ended = end_of(&self.config.network.phy, &frame);
                 present = ended.plus(self.meter.reading());
                 self.ended_at = Some(ended);
+                self.is_response = self.doing == Doing::Collecting;
                 if let Some(listening) = self.listening_at.take() {
                     self.meter.listened(listening.since(ended));
                 }
