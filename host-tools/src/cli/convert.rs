@@ -70,5 +70,5 @@ fn to_mcap(recording: &Path, out: &Path) -> Result<()> {
 
 #[cfg(not(feature = "foxglove"))]
 fn to_mcap(_: &Path, _: &Path) -> Result<()> {
-    anyhow::bail!("this baliza was built without its feature foxglove")
+    Err(super::without("--format", "foxglove").into())
 }

@@ -106,8 +106,8 @@ impl LiveView {
     ///
     /// # Errors
     /// Always.
-    pub fn listen(Address { host, port }: &Address) -> Result<Self> {
-        anyhow::bail!("cannot listen on {host}:{port}: this baliza was built without its feature foxglove")
+    pub fn listen(_: &Address) -> Result<Self> {
+        Err(super::without("--foxglove", "foxglove").into())
     }
 
     /// There is nothing to send to.

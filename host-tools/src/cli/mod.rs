@@ -181,6 +181,12 @@ impl<'a> PictureFile<'a> {
     }
 }
 
+/// A flag needs a feature that this program was built without: how to install the program with it.
+fn without(flag: &'static str, feature: &str) -> UserError {
+    let install = format!("cargo install --path host-tools --features {feature}");
+    UserError::flag(flag, format!("this baliza was built without its feature {feature}: {install}"))
+}
+
 /// Writes a complete file.
 pub fn write(file: &Path, bytes: &[u8]) -> Result<()> {
     output::write_file(file, bytes).with_context(|| format!("cannot write {}", file.display()))
@@ -228,4 +234,18 @@ pub fn warn(warnings: impl IntoIterator<Item = String>) {
 /// Whether standard output shows colours: it is a terminal that can, and `NO_COLOR` is not set.
 pub fn stdout_has_colours() -> bool {
     anstream::AutoStream::choice(&std::io::stdout()) != anstream::ColorChoice::Never
+}
+
+#[cfg(test)]
+mod tests {
+    use super::without;
+
+    #[test]
+    fn what_is_not_built_in_says_how_to_install_it() {
+        assert_eq!(
+            without("--format", "parquet").to_string(),
+            "--format: this baliza was built without its feature parquet: cargo install --path host-tools --features \
+             parquet"
+        );
+    }
 }

@@ -50,7 +50,8 @@ impl OutputArgs {
     /// Refuses files that cannot be written, before any work is done for them.
     ///
     /// # Errors
-    /// A file cannot be written, its picture format is not supported, or Parquet has no file.
+    /// A file cannot be written, its picture format is not supported, or Parquet has no
+    /// file, or is not part of this program.
     pub fn check(&self) -> Result<Output<'_>, UserError> {
         if let Some(file) = &self.out {
             output::check("--out", file)?;
@@ -58,6 +59,10 @@ impl OutputArgs {
         let to_file = self.out.as_ref().is_some_and(|file| file.as_os_str() != output::STANDARD);
         if self.format == Some(Format::Parquet) && !to_file {
             return Err(UserError::flag("--format", "parquet is binary: say with --out to which file it goes"));
+        }
+        let by_name = || self.out.as_deref().and_then(Format::of);
+        if self.format.or_else(by_name).is_some_and(|format| !format.is_available()) {
+            return Err(super::without(if self.format.is_some() { "--format" } else { "--out" }, "parquet"));
         }
         Ok(Output { arguments: self, picture: PictureFile::plot(self.plot.as_deref())? })
     }

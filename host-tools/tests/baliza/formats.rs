@@ -7,7 +7,7 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 use serde_json::{Value, json};
 
-use crate::schemas;
+use crate::schema_check;
 use crate::support::Folder;
 
 /// Columns of text. Those of all other names hold numbers.
@@ -34,7 +34,7 @@ fn csv(folder: &Folder, name: &str) -> (Vec<String>, Vec<Vec<String>>) {
 fn jsonl(text: &[u8]) -> Vec<Value> {
     let text = std::str::from_utf8(text).expect("UTF-8");
     let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
-    schemas::check_positions(&lines);
+    schema_check::check_positions(&lines);
     lines
 }
 

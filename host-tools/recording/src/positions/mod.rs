@@ -1,6 +1,7 @@
 //! The file of positions: what `solve` writes as CSV, JSON lines or Parquet, and `plot` reads from CSV.
 
 mod columns;
+#[cfg(feature = "parquet")]
 mod parquet;
 mod read;
 
@@ -52,15 +53,23 @@ impl Format {
         }
     }
 
+    /// Whether this program can write it: Parquet is a feature.
+    pub const fn is_available(self) -> bool {
+        match self {
+            Self::Csv | Self::Jsonl => true,
+            Self::Parquet => cfg!(feature = "parquet"),
+        }
+    }
+
     /// Writes the file: row after row in the order given. With `with_errors` it has the errors.
     ///
     /// # Errors
-    /// The file cannot be written, or the format's writer returns an error.
+    /// The file cannot be written, the format's writer returns an error, or the format is not available.
     pub fn write<'a>(
         self,
         rows: impl Iterator<Item = Rows<'a>> + Clone,
         with_errors: bool,
-        mut file: impl Write,
+        file: impl Write,
     ) -> anyhow::Result<()> {
         let columns = columns(rows.clone(), with_errors);
         let entries = rows.flat_map(|Rows { tag, method, epochs, solved }| {
@@ -69,7 +78,13 @@ impl Format {
         match self {
             Self::Csv => csv(&columns, entries, file),
             Self::Jsonl => jsonl(&columns, entries, file),
-            Self::Parquet => Ok(file.write_all(&parquet::encode(&columns, &entries)?)?),
+            #[cfg(feature = "parquet")]
+            Self::Parquet => {
+                let mut file = file;
+                Ok(file.write_all(&parquet::encode(&columns, &entries)?)?)
+            }
+            #[cfg(not(feature = "parquet"))]
+            Self::Parquet => anyhow::bail!("this program cannot write Parquet"),
         }
     }
 }
