@@ -69,7 +69,7 @@ impl Client {
     /// The next line; empty at the end of the connection.
     async fn line(&mut self) -> String {
         let mut line = String::new();
-        let read = timeout(Duration::from_secs(20), self.lines.read_line(&mut line)).await.expect("a line in time");
+        let read = timeout(Duration::from_secs(60), self.lines.read_line(&mut line)).await.expect("a line in time");
         // What is cut is reset where bytes of the client were not read.
         read.map(|_| line).unwrap_or_default()
     }
@@ -187,7 +187,7 @@ async fn a_port_has_places_for_32_clients_and_they_are_free_again() {
             sleep(Duration::from_millis(20)).await;
         }
     };
-    timeout(Duration::from_secs(20), again).await.expect("the place of the one that is gone");
+    timeout(Duration::from_secs(60), again).await.expect("the place of the one that is gone");
 }
 
 #[tokio::test]

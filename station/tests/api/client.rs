@@ -17,6 +17,9 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
+/// The longest wait for anything: who waits longer, waits in vain.
+pub const PATIENCE: Duration = Duration::from_secs(60);
+
 /// The site that stations of tests have.
 pub const SITE: &str = "lab";
 
@@ -117,7 +120,7 @@ impl Station {
     /// The whole answer to a request.
     pub async fn send(&self, request: Request<Full<Bytes>>) -> Answer {
         let (parts, body) = self.begin(request).await.into_parts();
-        let body = tokio::time::timeout(Duration::from_secs(20), body.collect()).await.unwrap().unwrap().to_bytes();
+        let body = tokio::time::timeout(PATIENCE, body.collect()).await.unwrap().unwrap().to_bytes();
         Answer { status: parts.status, headers: parts.headers, body }
     }
 
@@ -160,14 +163,15 @@ impl Station {
 
     /// Asks until the answer's JSON is as wanted.
     pub async fn until(&self, path: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
-        for _ in 0..200 {
+        let begun = std::time::Instant::now();
+        loop {
             let json = self.get(path).await.json();
             if is_wanted(&json) {
                 return json;
             }
+            assert!(begun.elapsed() < PATIENCE, "{path}: {json}");
             tokio::time::sleep(Duration::from_millis(25)).await;
         }
-        panic!("{path}: {}", self.get(path).await.json());
     }
 
     /// Stops the station; the time that this took.

@@ -5,6 +5,8 @@ mod access;
 mod client;
 mod document;
 mod hostile;
+#[path = "../shared/port.rs"]
+mod port;
 mod provider;
 mod proxies;
 mod routes;

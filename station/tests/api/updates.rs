@@ -12,7 +12,7 @@ use tokio::time::timeout;
 use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::Message;
 
-use crate::api::client::{Station, generous, open, station};
+use crate::api::client::{PATIENCE, Station, generous, open, station};
 
 async fn listen(station: &Station, query: &str) -> WebSocketStream<TcpStream> {
     let stream = TcpStream::connect(station.address).await.unwrap();
@@ -24,7 +24,7 @@ async fn listen(station: &Station, query: &str) -> WebSocketStream<TcpStream> {
 
 async fn next(socket: &mut WebSocketStream<TcpStream>) -> Value {
     loop {
-        match timeout(Duration::from_secs(10), socket.next()).await.unwrap().unwrap().unwrap() {
+        match timeout(PATIENCE, socket.next()).await.unwrap().unwrap().unwrap() {
             Message::Text(text) => return serde_json::from_str(&text).unwrap(),
             Message::Ping(_) | Message::Pong(_) => {}
             other => panic!("{other:?}"),
@@ -56,14 +56,14 @@ async fn what_a_listener_sends_is_ignored_and_what_is_too_long_ends_it() {
     station.report_position("0x1001", 1.0, 2.0).await;
     assert_eq!(next(&mut socket).await["tag"], "0x1001");
     socket.send(Message::text("x".repeat(100_000))).await.unwrap();
-    let ended = timeout(Duration::from_secs(5), async { while let Some(Ok(_)) = socket.next().await {} }).await;
+    let ended = timeout(PATIENCE, async { while let Some(Ok(_)) = socket.next().await {} }).await;
     assert!(ended.is_ok());
     assert_eq!(station.get("/healthz").await.status, 200);
 }
 
 #[tokio::test]
 async fn a_listener_that_answers_no_ping_is_disconnected() {
-    let station = station(Access::Open, Limits { ping: Duration::from_millis(100), ..generous() }).await;
+    let station = station(Access::Open, Limits { ping: Duration::from_secs(2), ..generous() }).await;
     let silent = listen(&station, "").await;
     let mut answering = listen(&station, "").await;
     tokio::spawn(async move { while let Some(Ok(_)) = answering.next().await {} });
@@ -73,7 +73,14 @@ async fn a_listener_that_answers_no_ping_is_disconnected() {
     };
     let listeners = async || gauge(std::str::from_utf8(&station.get("/metrics").await.body).unwrap());
     assert_eq!(listeners().await, 2.0);
-    tokio::time::sleep(Duration::from_secs(1)).await;
+    let until_gone = async {
+        while listeners().await > 1.0 {
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+    };
+    timeout(PATIENCE, until_gone).await.unwrap();
+    // The one that answers stays for one more ping.
+    tokio::time::sleep(Duration::from_secs(2)).await;
     assert_eq!(listeners().await, 1.0);
     drop(silent);
 }
@@ -104,7 +111,7 @@ impl Events {
                     return found;
                 }
             }
-            let frame = timeout(Duration::from_secs(20), self.body.frame()).await.unwrap()?.ok()?;
+            let frame = timeout(PATIENCE, self.body.frame()).await.unwrap()?.ok()?;
             self.text.push_str(std::str::from_utf8(frame.data_ref()?).unwrap());
         }
     }
@@ -162,7 +169,7 @@ async fn listeners_are_told_to_go_when_the_station_stops() {
     let (mut socket, mut events) = (listen(&station, "").await, Events::open(&station, "").await);
     let stopped = tokio::spawn(station.stop());
     loop {
-        match timeout(Duration::from_secs(5), socket.next()).await.unwrap() {
+        match timeout(PATIENCE, socket.next()).await.unwrap() {
             // 1001: going away (RFC 6455, 7.4.1).
             Some(Ok(Message::Close(Some(frame)))) => break assert_eq!(u16::from(frame.code), 1001),
             Some(Ok(Message::Ping(_))) => {}

@@ -3,13 +3,18 @@
 
 use std::fs;
 use std::io::{BufRead, BufReader};
-use std::net::{TcpListener, TcpStream};
+use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
+
+use port::Port;
+
+#[path = "../shared/port.rs"]
+pub mod port;
 
 /// The longest wait for anything.
 pub const PATIENCE: Duration = Duration::from_secs(60);
@@ -31,6 +36,8 @@ pub struct Mosquitto {
     program: PathBuf,
     folder: tempfile::TempDir,
     pub port: u16,
+    /// Keeps the port while the broker is away.
+    _held: Port,
     child: Child,
     /// What its clients need beside host and port.
     access: Vec<String>,
@@ -61,13 +68,21 @@ impl Mosquitto {
         for (name, bytes) in files {
             fs::write(folder.path().join(name), bytes).expect("a file");
         }
-        let port = TcpListener::bind("127.0.0.1:0").and_then(|free| free.local_addr()).expect("a port").port();
+        let held = Port::free();
+        let port = held.address.port();
         let lines = lines.replace("FOLDER", folder.path().to_str().expect("UTF-8"));
         // As root, it would become a user who cannot read the folder.
         let text = format!("user root\nlistener {port} 127.0.0.1\n{lines}");
         fs::write(folder.path().join("mosquitto.conf"), text).expect("a file");
         let child = spawn(&program, folder.path());
-        let broker = Self { program, folder, port, child, access: access.iter().map(ToString::to_string).collect() };
+        let broker = Self {
+            program,
+            folder,
+            port,
+            _held: held,
+            child,
+            access: access.iter().map(ToString::to_string).collect(),
+        };
         broker.wait_until_it_listens();
         Some(broker)
     }

@@ -152,7 +152,7 @@ async fn home_assistant_gets_a_device_for_each_tag_and_anchor() {
     // Home Assistant starts.
     all.forget();
     // As often as Home Assistant would have to: a message of quality 0 may be lost.
-    let again = (0..10).find_map(|_| {
+    let again = (0..60).find_map(|_| {
         broker.publish("homeassistant/status", "online", &[]);
         std::thread::sleep(std::time::Duration::from_secs(1));
         all.of(config).into_iter().next()
