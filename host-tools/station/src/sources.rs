@@ -112,6 +112,18 @@ pub enum OpenSource {
     File(Box<Files>),
 }
 
+impl OpenSource {
+    /// The name of a source that was opened as this says. Port 0 becomes the one that the system has chosen.
+    pub fn name_of(&self, spec: &SourceSpec) -> String {
+        match self {
+            Self::Udp(socket) => {
+                socket.local_addr().map_or_else(|_| spec.to_string(), |address| format!("udp:{address}"))
+            }
+            Self::Probe(_) | Self::Serial(..) | Self::Stdin | Self::File(_) => spec.to_string(),
+        }
+    }
+}
+
 impl SourceSpec {
     /// Opens what must be there before the station starts. Probes and serial ports may come later.
     ///

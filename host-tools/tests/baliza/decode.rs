@@ -2,7 +2,6 @@
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::Stdio;
-use std::time::Duration;
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -178,7 +177,7 @@ fn out_is_a_whole_file_or_what_it_was_before() {
     let mut child = command.stdin(Stdio::piped()).stderr(Stdio::null()).spawn().expect("baliza runs");
     let mut stdin = child.stdin.take().expect("piped");
     stdin.write_all(&folder.read("walk.bin")).expect("it reads");
-    std::thread::sleep(Duration::from_millis(300));
+    folder.wait_for_temporary();
     child.kill().expect("it runs");
     child.wait().expect("it ends");
     assert_eq!(folder.read("out.jsonl"), b"before");

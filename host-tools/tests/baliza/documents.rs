@@ -236,7 +236,7 @@ fn the_files_of_the_flat_are_those_that_the_commands_beside_them_make() {
 #[test]
 fn the_first_command_of_the_readme_fills_a_screen_at_most() {
     use std::io::Read;
-    use std::time::{Duration, Instant};
+    use std::time::Duration;
 
     use serialport::{SerialPort, TTYPort};
 
@@ -251,8 +251,8 @@ fn the_first_command_of_the_readme_fills_a_screen_at_most() {
     drop(terminal);
     ours.set_timeout(Duration::from_millis(200)).expect("a timeout");
     let reading = std::thread::spawn(move || running.wait_with_output().expect("it ends"));
-    let (mut text, mut part, begin) = (Vec::new(), [0; 4096], Instant::now());
-    while begin.elapsed() < Duration::from_secs(60) {
+    let (mut text, mut part) = (Vec::new(), [0; 4096]);
+    loop {
         match ours.read(&mut part) {
             Ok(length) => text.extend(&part[..length]),
             Err(_) if reading.is_finished() => break,

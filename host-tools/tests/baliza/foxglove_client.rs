@@ -43,7 +43,7 @@ pub fn connect(address: &str) -> Client {
     request.headers_mut().insert("Sec-WebSocket-Protocol", "foxglove.sdk.v1".parse().expect("a name"));
     let (client, _) = tungstenite::connect(request).expect("connected");
     if let MaybeTlsStream::Plain(stream) = client.get_ref() {
-        stream.set_read_timeout(Some(Duration::from_secs(20))).expect("set");
+        stream.set_read_timeout(Some(Duration::from_secs(60))).expect("set");
     }
     client
 }

@@ -5,10 +5,7 @@ use std::io::Read;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use crate::support::{Folder, Run};
-
-/// Longer than any of these runs takes, even on a machine that does much else.
-const PATIENCE: Duration = Duration::from_secs(60);
+use crate::support::{Folder, PATIENCE, Run};
 
 const ANCHORS: &str = "anchor,x_m,y_m,z_m\na,0,0,2\nb,10,0,2.5\nc,10,8,2\nd,0,8,3\n";
 const RANGES: &str = "epoch,t_s,anchor,range_m\n0,0,a,5.5\n0,0,b,8.1\n0,0,c,8.2\n0,0,d,5.6\n";
@@ -37,7 +34,7 @@ fn good() -> Folder {
 }
 
 /// Runs `baliza`, which must end before the patience does.
-fn in_time(folder: &Folder, arguments: &str) -> Run {
+pub fn in_time(folder: &Folder, arguments: &str) -> Run {
     let mut command = folder.command(arguments);
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("baliza runs");
     let (mut out, mut err) = (child.stdout.take().expect("piped"), child.stderr.take().expect("piped"));

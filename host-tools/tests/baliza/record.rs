@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::process::{Child, ChildStdin, Stdio};
-use std::time::{Duration, Instant, SystemTime};
+use std::time::SystemTime;
 
 use wire::telemetry::{Address, Message, Range};
 
 use crate::messages::{frame, run_with, stream, walk, walk_folder};
-use crate::support::{Folder, Run};
+use crate::support::{Folder, Run, wait_until};
 
 /// A recording of a pipe.
 fn recording(folder: &Folder, arguments: &str) -> (Child, ChildStdin) {
@@ -20,11 +20,9 @@ fn recording(folder: &Folder, arguments: &str) -> (Child, ChildStdin) {
 
 /// Waits until a file has these bytes.
 fn wait_for(folder: &Folder, name: &str, is_there: impl Fn(&[u8]) -> bool) {
-    let begun = Instant::now();
-    while !std::fs::read(folder.path(name)).is_ok_and(|bytes| is_there(&bytes)) {
-        assert!(begun.elapsed() < Duration::from_secs(30), "{name} does not come");
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    wait_until(&format!("{name} does not come"), || {
+        std::fs::read(folder.path(name)).is_ok_and(|bytes| is_there(&bytes))
+    });
 }
 
 #[test]
@@ -333,7 +331,8 @@ fn ctrl_c_ends_a_recording_with_its_files() {
     let mut child = command.stdin(Stdio::piped()).stderr(Stdio::null()).spawn().expect("baliza runs");
     let mut stdin = child.stdin.take().expect("piped");
     stdin.write_all(&folder.read("walk.bin")).expect("it reads");
-    std::thread::sleep(Duration::from_millis(500));
+    let bytes = folder.read("walk.bin");
+    wait_for(&folder, "walk/telemetry.bin", |written| written == bytes);
     let id = child.id().to_string();
     assert!(std::process::Command::new("kill").args(["-INT", &id]).status().expect("kill runs").success());
     assert!(child.wait().expect("it ends").success());

@@ -33,7 +33,7 @@ fn a_replay_keeps_the_pace_of_the_recording() {
         came.push((line["t_s"].as_f64().expect("a time"), begun.elapsed().as_secs_f64()));
     }
     assert!(child.wait().expect("it ends").success());
-    // No message is early; two seconds at four times the speed.
+    // No message is early: the last one comes two seconds after the first at four times the speed.
     assert!(came.iter().all(|(t_s, elapsed)| *elapsed >= (t_s - 0.001) / 4.0), "{came:?}");
-    assert!(came.first().is_some_and(|first| came.last().is_some_and(|last| last.1 - first.1 > 0.4)), "{came:?}");
+    assert!(came.last().is_some_and(|(t_s, _)| *t_s > 1.9), "{came:?}");
 }

@@ -3,8 +3,12 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
+
+/// The longest wait for anything: what takes longer, hangs.
+pub const PATIENCE: Duration = Duration::from_secs(180);
 
 /// The results of a run.
 #[derive(Debug)]
@@ -63,6 +67,15 @@ impl Run {
     }
 }
 
+/// Waits until this is true. `what` says what does not come where it stays false.
+pub fn wait_until(what: &str, is_right: impl Fn() -> bool) {
+    let begun = Instant::now();
+    while !is_right() {
+        assert!(begun.elapsed() < PATIENCE, "{what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
 /// A folder with files, where the program runs.
 pub struct Folder(TempDir);
 
@@ -95,6 +108,11 @@ impl Folder {
             entries.map(|entry| entry.expect("an entry").file_name().into_string().expect("a name in UTF-8")).collect();
         names.sort();
         names
+    }
+
+    /// Waits until an output is in progress in the folder: its file or folder has a hidden name.
+    pub fn wait_for_temporary(&self) {
+        wait_until("no output is begun", || self.names().iter().any(|name| name.starts_with(".baliza-")));
     }
 
     /// Runs `baliza` with arguments that are separated by blanks.

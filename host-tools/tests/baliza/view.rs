@@ -102,7 +102,7 @@ fn a_live_stream_is_advertised_and_sent_to_a_websocket() {
     client.send(Message::text(subscribe.to_string())).expect("sent");
     // The subscription is taken some time later: positions come until one is received.
     let feeding = std::thread::spawn(move || {
-        for round in 0..200 {
+        for round in 0.. {
             if stdin.write_all(&telemetry_frame(&fix(600_000 + round * 50_000, 3.5))).is_err() {
                 break;
             }

@@ -2,8 +2,8 @@
 
 use std::fs::File;
 use std::io::{Seek, SeekFrom, Write};
-use std::time::Instant;
 
+use crate::limits::in_time;
 use crate::support::{Folder, Run};
 
 const ANCHORS: &str = "anchor,x_m,y_m,z_m\na,0,0,0\nb,3,0,0\nc,0,4,0\n";
@@ -110,19 +110,18 @@ fn a_file_that_is_no_csv() {
 }
 
 #[test]
-fn a_line_of_a_gigabyte_is_refused_at_once() {
+fn a_line_of_a_terabyte_is_refused_at_once() {
     for head in ["", RANGES, "epoch,t_s,anchor,range_m\n7,0.5,a,\""] {
         let folder = good();
         // A sparse file: very many zeros, after a valid beginning or from the start.
         let mut file = File::create(folder.path("ranges.csv")).expect("a file");
         file.write_all(head.as_bytes()).expect("written");
-        file.seek(SeekFrom::Start(1 << 30)).expect("a file system with sparse files");
+        file.seek(SeekFrom::Start(1 << 40)).expect("a file system with sparse files");
         file.write_all(b"\n").expect("written");
         drop(file);
         let line = 1 + head.lines().count() - usize::from(!head.is_empty() && !head.ends_with('\n'));
-        let begun = Instant::now();
-        refused(&folder.run(COMMAND), &format!("ranges.csv:{line}: the line is longer than 65536 bytes"));
-        assert!(begun.elapsed().as_secs_f64() < 2.0, "{:?}", begun.elapsed());
+        // To read it whole would take several minutes.
+        refused(&in_time(&folder, COMMAND), &format!("ranges.csv:{line}: the line is longer than 65536 bytes"));
     }
 }
 

@@ -8,10 +8,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use crate::serve::Station;
-use crate::support::Folder;
+use crate::support::{Folder, PATIENCE};
 
-/// The longest wait for anything.
-const PATIENCE: Duration = Duration::from_secs(60);
 /// The terminal's other screen: on and off.
 const OTHER_SCREEN: [&str; 2] = ["\u{1b}[?1049h", "\u{1b}[?1049l"];
 

@@ -2,7 +2,6 @@
 
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
-use std::time::Duration;
 
 use serde_json::{Value, json};
 
@@ -126,7 +125,7 @@ fn a_running_station_sends_nmea_and_draws_in_foxglove() {
     };
     let nmea = |tag: &str| {
         let stream = TcpStream::connect(after(&format!("nmea of {tag}: tcp://"))).expect("connected");
-        stream.set_read_timeout(Some(Duration::from_secs(60))).expect("set");
+        stream.set_read_timeout(Some(crate::support::PATIENCE)).expect("set");
         BufReader::new(stream).lines().map(|line| line.expect("a line"))
     };
     // No geographic origin so far.

@@ -1,17 +1,14 @@
 //! `baliza serve`: the station with a simulation and with recordings.
 
 use std::io::{BufRead, BufReader, Read, Write};
-use std::net::TcpStream;
+use std::net::{SocketAddr, TcpStream};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use station_core::Utc;
 
-use crate::support::{Folder, root};
-
-/// The longest wait for anything.
-const PATIENCE: Duration = Duration::from_secs(60);
+use crate::support::{Folder, PATIENCE, root};
 
 /// A running station, which is killed in the end.
 pub struct Station {
@@ -92,6 +89,19 @@ impl Station {
             }
             assert!(begun.elapsed() < PATIENCE, "{path}: {answer}");
             std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+
+    /// Waits for a line on standard error that has this text, since it listens. Returns all lines up to it.
+    pub fn wait_for_line(&mut self, text: &str) -> String {
+        let mut said = String::new();
+        loop {
+            let mut line = String::new();
+            assert!(self.stderr.read_line(&mut line).expect("text") > 0, "it ended without {text:?}: {said}");
+            said += &line;
+            if line.contains(text) {
+                return said;
+            }
         }
     }
 
@@ -234,8 +244,10 @@ fn datagrams_of_two_gateways_are_streams_of_their_own() {
     let folder = Folder::with(&[]);
     let positions = recorded(&folder, 4);
     let bytes = folder.read("run/telemetry.bin");
-    let free = UdpSocket::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address");
-    let station = Station::start(&folder, &format!("udp:{free}"));
+    let station = Station::start(&folder, "udp:127.0.0.1:0");
+    let address = station.said().lines().find_map(|line| line.strip_prefix("datagrams: udp:"));
+    let free: SocketAddr =
+        address.and_then(|address| address.parse().ok()).unwrap_or_else(|| panic!("{}", station.said()));
     // The other gateway's bytes are noise in between, and cut frames of the tag.
     let gateways = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").expect("a port"));
     for part in bytes.chunks(100) {

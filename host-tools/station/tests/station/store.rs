@@ -119,14 +119,14 @@ fn kept_sightings_are_exported_with_the_places_of_their_beacons() {
                  position_m = [1, 0.5, 2.2]\n";
     let place = |minor| format!("[[beacon]]\nmajor = 1\nminor = {minor}\nposition_m = [{minor}, 0.5, 2.2]\n");
     folder.write("site.toml", (2..6).map(place).fold(first.to_owned(), |text, place| text + &place).as_bytes());
-    let station = Station::start(&folder, "run --store tags.db --site site.toml --measurement-days 9");
+    let mut station = Station::start(&folder, "run --store tags.db --site site.toml --measurement-days 9");
     let recorded = table(&folder, "run/rssi.csv");
     let (beacons, rssi_dbm) = (recorded.column("beacon"), recorded.numbers("rssi_dbm"));
     let positions = table(&folder, "run/positions.csv").numbers("x_m").into_iter().filter(|x| x.is_finite()).count();
     let path = "/api/v1/tags/0x1001/positions?site=site&limit=1000";
     station.wait(path, |history| history.as_array().is_some_and(|rows| rows.len() >= positions));
-    // Sightings may come after the last position: the recording ends with the second.
-    std::thread::sleep(std::time::Duration::from_secs(2));
+    // Sightings may come after the last position.
+    station.wait_for_line("run: it has ended");
     assert_eq!(station.stop().0, Some(0));
     let said = folder.run("station export --store tags.db --out all").ok().stderr;
     let count = beacons.iter().filter(|beacon| **beacon == "1-6").count();

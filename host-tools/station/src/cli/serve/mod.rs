@@ -112,7 +112,7 @@ macro_rules! sources_help {
 Sources:
   probe[:VID:PID[:SERIAL]]  a node at a debug probe
   serial:PORT[@BAUD]        a node at a serial port; the path of a device alone will do
-  udp:ADDRESS:PORT          datagrams with telemetry, of any number of nodes
+  udp:ADDRESS:PORT          datagrams with telemetry, of any number of nodes; port 0 picks a free one
   FILE, FOLDER              telemetry in a file, or a recording
   -                         standard input
 "
@@ -238,7 +238,14 @@ impl Sources {
     /// # Errors
     /// A file is wrong, or a source cannot be opened.
     pub(super) fn of(arguments: &InputArguments, mqtt: Option<broker::Settings>) -> Result<Self> {
-        let sources = arguments.sources.iter().map(|spec| Ok((spec.to_string(), spec.open()?)));
+        let sources = arguments.sources.iter().map(|spec| {
+            let source = spec.open()?;
+            let (asked, name) = (spec.to_string(), source.name_of(spec));
+            if name != asked {
+                note(&format!("datagrams: {name}\n"));
+            }
+            Ok((name, source))
+        });
         let sources = sources.collect::<Result<Vec<_>>>()?;
         let names = arguments.site.as_deref().map(SiteNames::read).transpose()?.unwrap_or_default();
         let rooms = arguments.rooms.as_deref().map(read_outlines).transpose()?.unwrap_or_default();
