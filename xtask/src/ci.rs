@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::env;
 use std::io::{self, BufRead, BufReader, PipeReader};
+use std::panic::resume_unwind;
 use std::process::Command;
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread;
@@ -17,10 +18,11 @@ use crate::root;
 /// The name of the check, its command, and additions to its environment.
 type Step = (&'static str, &'static [&'static str], &'static [(&'static str, &'static str)]);
 
-const STEPS: [Step; 19] = [
+const STEPS: [Step; 20] = [
     ("lock file", &["cargo", "fetch", "--locked"], &[]),
     ("tests", &["cargo", "test"], &[]),
     ("formatting", &["cargo", "fmt", "--all", "--check"], &[]),
+    ("shape of the sources", &["cargo", "xtask", "shape"], &[]),
     ("lints", &["cargo", "clippy", "--workspace", "--all-targets", "--", "-D", "warnings"], &[]),
     ("lean program", &["cargo", "check", "-p", "host-tools", "--lib", "--bins"], &[]),
     ("documentation", &["cargo", "doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-D warnings")]),
@@ -40,6 +42,20 @@ const STEPS: [Step; 19] = [
     ("cost on the chip", &["cargo", "xtask", "promises", "--check", "chip"], &[]),
 ];
 
+/// Steps that run beside the others, one after the other: they build into folders of their own, so that no cargo waits
+/// for another one. A core that one row leaves idle (a link, a test that waits, QEMU) works for the other row.
+const BESIDE: [&str; 9] = [
+    "first command",
+    "fuzzing",
+    "oldest Rust",
+    "bare-metal builds",
+    "firmware",
+    "lints of the boards",
+    "network in QEMU",
+    "promises",
+    "cost on the chip",
+];
+
 /// The first command of the README, exactly as there.
 const FIRST_COMMAND: [&str; 11] =
     ["cargo", "run", "--release", "-p", "host-tools", "--bin", "baliza", "--", "simulate", "--plot", "room.png"];
@@ -51,30 +67,42 @@ const KEPT_LINES: usize = 100;
 /// open for ever.
 const LAST_LINES: Duration = Duration::from_secs(5);
 
+/// The result of a step.
+struct Outcome {
+    name: &'static str,
+    passed: bool,
+    took: Duration,
+    /// The last lines of its output.
+    last_lines: String,
+}
+
 /// Runs every step, even after one has failed. It ends with the last lines of each that failed and a list of the
 /// results.
 ///
 /// # Errors
 /// A step fails, or its command cannot be started.
 pub fn run() -> Result<()> {
-    let mut summary = String::new();
-    let mut failures = String::new();
-    let mut failed = 0;
-    for (name, words, environment) in STEPS {
-        let line = words.join(" ");
-        println!("\n=== {name}: {line}");
-        let start = Instant::now();
-        let mut step = command(words);
-        step.envs(environment.iter().copied()).current_dir(root());
-        let (passed, last_lines) = shown(step)?;
-        if !passed {
-            failed += 1;
-            failures += &format!("\n=== {name}, which failed: its last lines\n{last_lines}");
-        }
-        let verdict = if passed { "passed" } else { "FAILED" };
-        summary += &format!("{verdict}  {name:20} {line} ({} s)\n", start.elapsed().as_secs());
+    let [fetch, steps @ ..] = STEPS;
+    // Whatever runs side by side needs the crates.
+    let mut outcomes = vec![outcome(fetch, Output::Live)?];
+    let (beside, before): (Vec<_>, Vec<_>) = steps.into_iter().partition(|(name, ..)| BESIDE.contains(name));
+    outcomes.extend(thread::scope(|scope| {
+        let beside = scope.spawn(|| beside.into_iter().map(|step| outcome(step, Output::AtEnd)).collect());
+        let before: Result<Vec<_>> = before.into_iter().map(|step| outcome(step, Output::Live)).collect();
+        let beside: Result<Vec<_>> = beside.join().unwrap_or_else(|panic| resume_unwind(panic));
+        before.and_then(|before| Ok(before.into_iter().chain(beside?).collect::<Vec<_>>()))
+    })?);
+    println!();
+    for Outcome { name, last_lines, .. } in outcomes.iter().filter(|outcome| !outcome.passed) {
+        println!("=== {name}, which failed: its last lines\n{last_lines}");
     }
-    println!("{failures}\n{summary}");
+    for (name, words, _) in STEPS {
+        for Outcome { passed, took, .. } in outcomes.iter().filter(|outcome| outcome.name == name) {
+            let verdict = if *passed { "passed" } else { "FAILED" };
+            println!("{verdict}  {name:20} {} ({} s)", words.join(" "), took.as_secs());
+        }
+    }
+    let failed = outcomes.iter().filter(|outcome| !outcome.passed).count();
     if failed > 0 {
         bail!("{failed} of {} checks failed", STEPS.len());
     }
@@ -95,8 +123,37 @@ pub fn made() -> Result<Made> {
     Ok(Made::one("checks", table.into_text()))
 }
 
-/// Runs a command and prints its output as it comes. Returns whether it succeeded, and the last [`KEPT_LINES`].
-fn shown(mut command: Command) -> Result<(bool, String)> {
+/// When the output of a step is printed.
+#[derive(Clone, Copy)]
+enum Output {
+    /// As it comes.
+    Live,
+    /// As a whole, when the step has ended: another step prints meanwhile.
+    AtEnd,
+}
+
+/// Runs a step.
+fn outcome((name, words, environment): Step, output: Output) -> Result<Outcome> {
+    let title = format!("\n=== {name}: {}", words.join(" "));
+    match output {
+        Output::Live => println!("{title}"),
+        Output::AtEnd => println!("\n=== beside it begins: {name}"),
+    }
+    let start = Instant::now();
+    let mut step = command(words);
+    step.envs(environment.iter().copied()).current_dir(root());
+    let (passed, lines) = ran(step, output)?;
+    if let Output::AtEnd = output {
+        // In one piece, between the lines of the other row.
+        print!("{title} (beside)\n{}=== {name} has ended\n", lines.iter().map(String::as_str).collect::<String>());
+    }
+    let last_lines = lines.iter().skip(lines.len().saturating_sub(KEPT_LINES)).map(String::as_str).collect();
+    Ok(Outcome { name, passed, took: start.elapsed(), last_lines })
+}
+
+/// Runs a command. Returns whether it succeeded, and its output: if that is printed as it comes, the last
+/// [`KEPT_LINES`], else all of it.
+fn ran(mut command: Command, output_is: Output) -> Result<(bool, VecDeque<String>)> {
     let (output, writer) = io::pipe()?;
     let mut child = command.stdout(writer.try_clone()?).stderr(writer).spawn()?;
     // It holds ends of the pipe: while these are open, the output has no end.
@@ -105,26 +162,28 @@ fn shown(mut command: Command) -> Result<(bool, String)> {
     let (at_end, ended) = mpsc::channel();
     let lines = Arc::clone(&kept);
     thread::spawn(move || {
-        relay(output, &lines);
+        relay(output, &lines, output_is);
         // Nobody waits any more where the step has left a process behind.
         _ = at_end.send(());
     });
     let passed = child.wait()?.success();
     _ = ended.recv_timeout(LAST_LINES);
-    let kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
-    Ok((passed, kept.iter().map(String::as_str).collect()))
+    let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+    Ok((passed, std::mem::take(&mut *kept)))
 }
 
-/// Prints each line, and keeps the last.
-fn relay(output: PipeReader, kept: &Mutex<VecDeque<String>>) {
+/// Prints each line and keeps the last ones, or keeps all lines.
+fn relay(output: PipeReader, kept: &Mutex<VecDeque<String>>, output_is: Output) {
     let mut output = BufReader::new(output);
     let mut bytes = Vec::new();
     while output.read_until(b'\n', &mut bytes).is_ok_and(|read| read > 0) {
         let line = String::from_utf8_lossy(&bytes).into_owned();
-        print!("{line}");
         let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
-        if kept.len() == KEPT_LINES {
-            kept.pop_front();
+        if let Output::Live = output_is {
+            print!("{line}");
+            if kept.len() == KEPT_LINES {
+                kept.pop_front();
+            }
         }
         kept.push_back(line);
         bytes.clear();

@@ -20,10 +20,13 @@ mod python;
 mod qemu;
 mod qemu_tag;
 mod schemes;
+mod shape;
 mod simulation;
 mod sizes;
+mod soak;
 mod station;
 mod target;
+mod test_programs;
 mod toolchain;
 mod tour;
 mod tracks;
@@ -52,7 +55,13 @@ enum Chore {
     /// Run all checks of continuous integration, one after the other, and say which passed. `.ci/setup` installs what
     /// they need.
     Ci,
-    /// Build the crates that need no operating system for bare-metal Cortex-M4F and RISC-V, with and without their
+    /// Measure lines, names, functions and files, print what is long or used too often, and compare it with the budgets
+    /// in xtask/src/shape/budgets.rs.
+    Shape,
+    /// Run all test programs again and again, several at once on a busy computer, and print what failed: tests that
+    /// depend on time, load or order show themselves.
+    Soak(soak::Arguments),
+    /// Compile the crates that need no operating system for bare-metal Cortex-M4F and RISC-V, with and without their
     /// logging.
     NoStd,
     /// Check each crate that builds with an older Rust than the others with the one that its manifest names,
@@ -111,6 +120,8 @@ fn main() -> ExitCode {
 fn run(chore: &Chore) -> Result<()> {
     match chore {
         Chore::Ci => ci::run(),
+        Chore::Shape => shape::run(),
+        Chore::Soak(arguments) => soak::run(arguments),
         Chore::NoStd => no_std(),
         Chore::OldestRust => oldest_rust(),
         Chore::Firmware(arguments) => firmware::run(arguments),
@@ -135,9 +146,10 @@ fn no_std() -> Result<()> {
         // The images of a board build what the board needs.
         let is_library = |package: &&Package| package.is_no_std() && !package.name.starts_with(firmware::BOARDS);
         for Package { name, features, .. } in packages.iter().filter(is_library) {
-            succeed(toolchain.cargo("build").args(["--package", name]))?;
+            // The images are made of them; here they need not become code.
+            succeed(toolchain.cargo("check").args(["--package", name]))?;
             if features.contains_key("defmt") {
-                succeed(toolchain.cargo("build").args(["--package", name, "--features", "defmt"]))?;
+                succeed(toolchain.cargo("check").args(["--package", name, "--features", "defmt"]))?;
             }
         }
     }

@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 
-use crate::{root, succeed};
+use crate::{root, succeed, test_programs};
 
 /// The environment variable by which the tests of the store find a PostgreSQL.
 const POSTGRES: &str = "BALIZA_TEST_POSTGRES";
@@ -84,8 +84,10 @@ fn page() -> Result<()> {
 /// Runs the tests of the station with a PostgreSQL of their own, which is killed in the end.
 fn store() -> Result<()> {
     let server = Postgres::start()?;
-    let mut tests = Command::new("cargo");
-    succeed(tests.args(["test", "--package", "baliza-station-core"]).env(POSTGRES, server.url()).current_dir(root()))?;
+    for tests in test_programs::all()?.iter().filter(|program| program.is_of("station")) {
+        println!("{}", tests.name);
+        succeed(tests.command().env(POSTGRES, server.url()))?;
+    }
     outage::survived(&server)
 }
 

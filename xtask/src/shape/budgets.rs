@@ -1,0 +1,116 @@
+//! The budgets of the sources' shape: what `cargo xtask shape` holds them to.
+//!
+//! Each has the greatest value that is allowed now, and the value to be reached. An allowed value is lowered when the
+//! sources have shrunk; it is raised only with a reason in the commit.
+
+/// What a crate is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// Firmware of tags, anchors and beacons, and what it links.
+    Nodes,
+    /// The programs of a computer and the station.
+    Host,
+    /// Simulated chips, air and boards.
+    Simulation,
+    /// What no user runs.
+    Tools,
+}
+
+/// The purpose of each folder. The longest name that fits counts.
+pub const PURPOSES: [(&str, Purpose); 29] = [
+    ("positioning-core/", Purpose::Nodes),
+    ("radio/", Purpose::Nodes),
+    ("dw1000/", Purpose::Nodes),
+    ("ranging/", Purpose::Nodes),
+    ("wire/", Purpose::Nodes),
+    ("firmware-common/", Purpose::Nodes),
+    ("firmware-tag/", Purpose::Nodes),
+    ("firmware-anchor/", Purpose::Nodes),
+    ("firmware-beacon/", Purpose::Nodes),
+    ("boards/", Purpose::Nodes),
+    ("site/", Purpose::Host),
+    ("host-tools/", Purpose::Host),
+    ("station/", Purpose::Host),
+    ("report/", Purpose::Host),
+    ("python/", Purpose::Host),
+    ("sim/", Purpose::Simulation),
+    ("dw1000-sim/", Purpose::Simulation),
+    ("small-air/", Purpose::Simulation),
+    ("boards/simulated/", Purpose::Simulation),
+    ("boards/wired/", Purpose::Simulation),
+    ("qemu-link/", Purpose::Simulation),
+    ("qa/qemu-link/", Purpose::Simulation),
+    ("qa/", Purpose::Tools),
+    ("research/", Purpose::Tools),
+    ("onchip-bench/", Purpose::Tools),
+    ("fuzz/", Purpose::Tools),
+    ("xtask/", Purpose::Tools),
+    ("examples/", Purpose::Tools),
+    ("tests/", Purpose::Tools),
+];
+
+/// What is measured, the greatest value that is allowed, and the value to be reached.
+#[derive(Clone, Copy, Debug)]
+pub struct Budget {
+    /// As it is printed.
+    pub what: &'static str,
+    /// The greatest value that is allowed now.
+    pub most: usize,
+    /// The value to be reached.
+    pub reach: usize,
+}
+
+/// Lines of code without tests, benches and examples.
+pub const LINES: [(Purpose, Budget); 4] = [
+    (Purpose::Nodes, Budget { what: "lines: nodes", most: 25_400, reach: 25_000 }),
+    (Purpose::Host, Budget { what: "lines: host and station", most: 38_000, reach: 34_000 }),
+    (Purpose::Simulation, Budget { what: "lines: simulation", most: 11_000, reach: 11_000 }),
+    (Purpose::Tools, Budget { what: "lines: developers' tools", most: 12_500, reach: 10_000 }),
+];
+
+/// Names of public types that more than two types bear.
+pub const TYPE_NAMES: Budget = Budget { what: "type names used more than twice", most: 71, reach: 30 };
+/// Names that each command or table may have for its own: they are only used with the module's name before them.
+pub const COMMON_TYPE_NAMES: [&str; 2] = ["Arguments", "Row"];
+
+/// Names of modules that stand in more than two rooms and are not [`SHARED_MODULE_NAMES`]. A room is a package, or a
+/// folder of its sources. Developers' tools do not count, nor do commands, which bear the names of what they call.
+pub const MODULE_NAMES: Budget = Budget { what: "module names in more than two rooms", most: 18, reach: 0 };
+
+/// Names of modules that mean the same in each room.
+pub const SHARED_MODULE_NAMES: [&str; 20] = [
+    "air",
+    "beacons",
+    "ble",
+    "bluetooth",
+    "board",
+    "chip",
+    "clock",
+    "config",
+    "flash",
+    "messages",
+    "motion",
+    "node",
+    "queue",
+    "random",
+    "rooms",
+    "settings",
+    "site_models",
+    "tag",
+    "telemetry",
+    "track",
+];
+/// The rooms of commands.
+pub const COMMANDS: [&str; 1] = ["cli"];
+
+/// Functions of more lines than [`MOST_LINES`], outside of tests and [`WIRING`].
+pub const FUNCTIONS: Budget = Budget { what: "functions over 80 lines", most: 4, reach: 0 };
+/// The most lines of a function.
+pub const MOST_LINES: usize = 80;
+/// Functions that only list what is connected with what.
+pub const WIRING: [(&str, &str); 2] = [("boards/dwm1001/src/lib.rs", "take"), ("boards/evk1000/src/board.rs", "take")];
+
+/// Files of more than [`MOST_LINES_OF_FILE`] lines without their tests.
+pub const FILES: Budget = Budget { what: "files over 500 lines without tests", most: 4, reach: 0 };
+/// The most lines of a file, without its tests.
+pub const MOST_LINES_OF_FILE: usize = 500;
