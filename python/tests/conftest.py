@@ -19,7 +19,7 @@ def room() -> Path:
 def program():
     """Runs `baliza` with arguments, and returns its standard output."""
     target = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
-    subprocess.run(["cargo", "build", "--quiet", "-p", "host-tools", "--bin", "baliza"], cwd=ROOT, check=True)
+    subprocess.run(["cargo", "build", "--quiet", "-p", "host-tools", "--bin", "baliza", "--all-features"], cwd=ROOT, check=True)
 
     def run(*arguments) -> str:
         command = [target / "debug" / "baliza", *map(str, arguments)]

@@ -70,7 +70,16 @@ pub fn binary() -> Result<PathBuf> {
     if let Some(program) = PROGRAM.get() {
         return Ok(program.clone());
     }
-    succeed(cargo().args(["build", "--release", "--package", "host-tools", "--package", "baliza-bench"]))?;
+    succeed(cargo().args([
+        "build",
+        "--release",
+        "--package",
+        "host-tools",
+        "--package",
+        "baliza-bench",
+        "--features",
+        "host-tools/training",
+    ]))?;
     let built = target_directory().join("release").join("baliza").with_extension(EXE_EXTENSION);
     Ok(PROGRAM.get_or_init(|| built).clone())
 }

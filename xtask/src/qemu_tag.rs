@@ -109,6 +109,8 @@ fn show(elf: &Path, telemetry: &Path, log: &Path) -> Result<Vec<String>> {
         "--quiet",
         "--package",
         "host-tools",
+        "--features",
+        "defmt",
         "--bin",
         "baliza",
         "--",

@@ -177,6 +177,9 @@ impl Receptions {
 }
 
 fn train(arguments: &Train) -> Result<()> {
+    if !train::IS_AVAILABLE {
+        return Err(super::without("nlos train", "training").into());
+    }
     output::check("--out", &arguments.out)?;
     let recipes = recipes(&arguments.classifiers)?;
     let samples = arguments.receptions.read(arguments.folds.as_deref())?;

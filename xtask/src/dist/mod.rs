@@ -114,7 +114,7 @@ struct Program {
 
 /// The programs of a release. `baliza` starts the others, which lie beside it.
 const PROGRAMS: [Program; 3] = [
-    Program { name: "baliza", package: "host-tools", features: "foxglove parquet" },
+    Program { name: "baliza", package: "host-tools", features: "defmt foxglove parquet training" },
     Program { name: "baliza-station", package: "baliza-station", features: "foxglove" },
     Program { name: "baliza-probe", package: "baliza-probe", features: "" },
 ];

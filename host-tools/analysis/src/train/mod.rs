@@ -7,6 +7,7 @@
 mod backpropagation;
 mod chosen;
 mod conjugate_gradient;
+mod fit;
 mod folds;
 mod gaussian_process;
 pub mod mitigation;
@@ -17,6 +18,7 @@ mod score;
 
 pub use backpropagation::{Example, Goal, Network};
 pub use chosen::Chosen;
+pub use fit::IS_AVAILABLE;
 pub use recipe::{Method, RECIPES, Recipe};
 pub use samples::{DEFAULT_PLACEMENT, Sample, Samples};
 pub use score::Score;

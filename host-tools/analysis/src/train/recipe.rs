@@ -9,11 +9,9 @@ use positioning_core::nlos::{
     Feature, Features, Input, Inputs, Kind, Logistic, MAX_NEIGHBOURS, Model, Nearest, Neuron, Perceptron, Platt,
     PowerDifference, Quantised, Skewness,
 };
-use smartcore::cluster::kmeans::{KMeans, KMeansParameters};
-use smartcore::linalg::basic::matrix::DenseMatrix;
-use smartcore::linear::logistic_regression::{LogisticRegression, LogisticRegressionParameters};
 
 use super::backpropagation::{Example, Goal, Network};
+use super::fit;
 use super::folds::{balanced, deal, weights};
 use super::samples::Sample;
 
@@ -98,12 +96,13 @@ impl Recipe {
     }
 
     /// Trains on the labelled receptions that have its features. Returns the bytes of the model with this
-    /// calibration; `None` where one of the classes is missing.
+    /// calibration; `None` where one of the classes is missing, or the library that fits it.
     pub fn train(&self, samples: &[&Sample], calibration: Platt, seed: u64) -> Option<Vec<u8>> {
         let known: Vec<&Sample> =
             samples.iter().copied().filter(|s| s.blocked.is_some() && self.knows(&s.features)).collect();
         let classes = [false, true].map(|class| known.iter().any(|sample| sample.blocked == Some(class)));
-        if classes != [true; 2] {
+        let is_fitted = matches!(self.method, Method::Logistic | Method::NearestReduced);
+        if classes != [true; 2] || is_fitted && !fit::IS_AVAILABLE {
             return None;
         }
         let chosen = balanced(&known, MOST);
@@ -196,13 +195,7 @@ fn centres(points: Vec<Vec<f64>>, seed: u64) -> Vec<Vec<f64>> {
     if points.len() <= PROTOTYPES {
         return points;
     }
-    let parameters = KMeansParameters { k: PROTOTYPES, max_iter: 100, seed: Some(seed) };
-    let cluster = || {
-        let matrix = DenseMatrix::from_2d_vec(&points).ok()?;
-        let clusters: KMeans<f64, i32, DenseMatrix<f64>, Vec<i32>> = KMeans::fit(&matrix, parameters).ok()?;
-        clusters.predict(&matrix).ok()
-    };
-    let Some(members) = cluster() else { return points };
+    let Some(members) = fit::clusters(&points, PROTOTYPES, seed) else { return points };
     (0..PROTOTYPES as i32)
         .filter_map(|cluster| {
             let own: Vec<&Vec<f64>> =
@@ -217,12 +210,8 @@ fn logistic(inputs: Inputs, samples: &[&Sample]) -> Option<Logistic> {
     let examples = examples(&inputs, samples);
     let rows: Vec<Vec<f64>> = examples.iter().map(|(point, _)| point.clone()).collect();
     let labels: Vec<i32> = examples.iter().map(|(_, target)| i32::from(*target > 0.5)).collect();
-    let matrix = DenseMatrix::from_2d_vec(&rows).ok()?;
-    let parameters = LogisticRegressionParameters::default().with_alpha(LOGISTIC_ALPHA);
-    let fitted = LogisticRegression::fit(&matrix, &labels, parameters).ok()?;
-    use smartcore::linalg::basic::arrays::Array;
-    let weights = (0..inputs.len()).map(|i| *fitted.coefficients().get((0, i)) as f32).collect();
-    Some(Logistic { weights, intercept: *fitted.intercept().get((0, 0)) as f32, inputs })
+    let (weights, intercept) = fit::logistic(&rows, &labels, LOGISTIC_ALPHA)?;
+    Some(Logistic { weights: weights.into_iter().collect(), intercept, inputs })
 }
 
 fn examples(inputs: &Inputs, samples: &[&Sample]) -> Vec<Example> {

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use defmt_decoder::{Encoding, Table};
 use object::{Object, ObjectSection, ObjectSegment, ObjectSymbol, SegmentFlags};
 
 use super::formats::Formats;
+use super::table::Table;
 use recording::UserError;
 use recording::{IMAGE_BYTES, read_limited};
 
@@ -74,25 +74,13 @@ impl Image {
     pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<Self, String> {
         const GIVE: &str = "give the .elf that was flashed, of target/firmware, not a .bin or .hex made of it";
         let elf = object::File::parse(bytes).map_err(|_| format!("not an ELF file: {GIVE}"))?;
-        let table = Table::parse(bytes).map_err(|error| format!("its log cannot be read: {error:#}"))?;
-        let table = table.ok_or(
-            "it has no defmt table: it was built without the feature defmt, or is no image for a board; give the ELF that was flashed",
-        )?;
-        if table.encoding() != Encoding::Rzcobs {
-            return Err(
-                "its log is in defmt's raw encoding, which cannot be picked up midway: build it with rzcobs".into()
-            );
-        }
+        let table = Table::parse(bytes)?;
         let build = elf.section_by_name(BUILD_SECTION);
         let build = build.and_then(|section| section.data().ok()?.first_chunk().copied()).map(Build);
         let rtt = elf.symbols().find(|symbol| symbol.name() == Ok("_SEGGER_RTT")).map(|symbol| symbol.address());
         let marks = Marks { rtt, flash: flash(&elf, build) };
-        // A stripped file has no locations. Its log can be read without them.
-        let places = table.get_locations(bytes).unwrap_or_default();
-        let places = places.into_iter().map(|(index, location)| {
-            (index, SourceLocation { file: location.file.to_string_lossy().into_owned(), line: location.line })
-        });
-        Ok(Self { file: file.to_owned(), build, marks, formats: Formats::of(&elf), places: places.collect(), table })
+        let places = table.locations(bytes).collect();
+        Ok(Self { file: file.to_owned(), build, marks, formats: Formats::of(&elf), places, table })
     }
 }
 

@@ -1,13 +1,11 @@
 //! The log: decodes frames of defmt to lines of text, and counts the frames that cannot be read.
 
-use std::cell::Cell;
-use std::panic::{self, AssertUnwindSafe};
 use std::path::Path;
-use std::sync::Once;
 
 use defmt_parser::Level;
 
 use super::image::{Image, SourceLocation};
+use super::table::Decoded;
 
 /// Longer than any frame.
 const MAX_FRAME: usize = 4096;
@@ -79,40 +77,17 @@ pub fn read(image: &Image, frame: &[u8]) -> Option<LogLine> {
     if !image.formats.fit(&plain) {
         return None;
     }
-    let (frame, _) = image.table.decode(&plain).ok()?;
-    // The decoder panics on some values, for example on a time outside the calendar, because it does not check the
-    // values that it prints.
-    let (time, text) = without_panic(|| {
-        (frame.display_timestamp().map(|time| time.to_string()), frame.display_message().to_string())
-    })?;
-    let place = image.places.get(&frame.index()).cloned();
+    let Decoded { index, time, level, text } = image.table.decode(&plain)?;
+    let place = image.places.get(&index).cloned();
     Some(LogLine {
         t_us: time.as_deref().and_then(microseconds),
-        level: frame.level(),
+        level,
         text,
         is_in_telemetry: place
             .as_ref()
             .is_some_and(|place| Path::new(&place.file).ends_with(wire::telemetry::log::SOURCE)),
         place,
     })
-}
-
-/// What a function returns; `None` where it panics. The panic prints nothing.
-fn without_panic<T>(function: impl FnOnce() -> T) -> Option<T> {
-    thread_local! { static QUIET: Cell<bool> = const { Cell::new(false) }; }
-    static HOOK: Once = Once::new();
-    HOOK.call_once(|| {
-        let usual = panic::take_hook();
-        panic::set_hook(Box::new(move |panic| {
-            if !QUIET.get() {
-                usual(panic);
-            }
-        }));
-    });
-    QUIET.set(true);
-    let returned = panic::catch_unwind(AssertUnwindSafe(function));
-    QUIET.set(false);
-    returned.ok()
 }
 
 /// The inverse of `{=u64:us}`: its output, seconds with six digits, as a number of microseconds. The decoder returns

@@ -18,6 +18,7 @@ mod session;
 mod show;
 mod source;
 mod streams;
+mod table;
 
 pub use demux::Demux;
 pub use image::{Build, Image, Marks, SourceLocation};
