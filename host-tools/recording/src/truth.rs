@@ -222,7 +222,6 @@ impl Truth {
     }
 }
 
-#[cfg(test)]
 impl Truth {
     /// A truth of these times and positions, whose epochs are numbered from 0.
     pub fn of(rows: impl IntoIterator<Item = (f64, [f64; 3])>) -> Self {
