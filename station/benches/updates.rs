@@ -8,7 +8,7 @@ use std::hint::black_box;
 use std::time::Duration;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use station_core::model::{Role, Zone, ZoneKind};
+use station_core::model::{RangeMeasurement, Role, Zone, ZoneKind};
 use station_core::state::Limits;
 use station_core::{Live, Report, ReportKind, SolvedFrom, Utc};
 
@@ -66,15 +66,19 @@ fn tenth(step: u32) -> Vec<Report> {
             let what = ReportKind::Range {
                 tag: name.clone(),
                 anchor: format!("0x{:04X}", 0x100 + anchor),
-                range_m,
-                rx_power_dbm: Some(-80.0),
-                first_path_power_dbm: Some(-83.0),
-                clock_offset_ppm: Some(-2.35),
+                round: None,
+                range: RangeMeasurement {
+                    range_m,
+                    rx_power_dbm: Some(-80.0),
+                    first_path_power_dbm: Some(-83.0),
+                    clock_offset_ppm: Some(-2.35),
+                },
             };
             reports.push(Report { t, site: site.clone(), what });
         }
         let what = ReportKind::Position {
             tag: name,
+            round: None,
             position_m,
             z_m: Some(1.0),
             sigma_m: [0.1, 0.15],

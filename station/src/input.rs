@@ -1,7 +1,7 @@
 //! Input events: positions, ranges, sightings, nodes. A source makes them, the [`Hub`](crate::Hub) takes them.
 
 use crate::Utc;
-use crate::model::{PlacedNode, Role};
+use crate::model::{PlacedNode, RangeMeasurement, Role};
 
 /// A report of a source.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,6 +32,8 @@ pub enum ReportKind {
     Position {
         /// The tag.
         tag: String,
+        /// The number of the round, where the tag numbers its rounds.
+        round: Option<u16>,
         /// Metres; without z: only known in the plane.
         position_m: [f64; 2],
         /// Metres.
@@ -51,23 +53,21 @@ pub enum ReportKind {
     NoPosition {
         /// The tag.
         tag: String,
+        /// The number of the round, where the tag numbers its rounds.
+        round: Option<u16>,
         /// Why.
         reason: String,
     },
-    /// A range of the round that ends with the tag's next position.
+    /// A range.
     Range {
         /// The tag.
         tag: String,
+        /// The number of the tag's round. None: it belongs to the round that ends with the tag's next position.
+        round: Option<u16>,
         /// The anchor.
         anchor: String,
-        /// Metres.
-        range_m: f64,
-        /// The received power, dBm.
-        rx_power_dbm: Option<f64>,
-        /// The power of the first path, dBm.
-        first_path_power_dbm: Option<f64>,
-        /// The rate of the anchor's clock relative to the tag's, parts per million.
-        clock_offset_ppm: Option<f64>,
+        /// What was measured.
+        range: RangeMeasurement,
     },
     /// A node's radio has measured its supply voltage.
     Supply {

@@ -182,7 +182,8 @@ pub struct Measurement {
     pub tag: String,
     /// The anchor, the beacon or the receiver.
     pub node: String,
-    /// The time of the tag's position for which it was made: the end of its round.
+    /// The time of the tag's position for which it was made: the end of its round. Where the end did not arrive, the
+    /// time of the round's last measurement.
     pub round: Utc,
     /// When it was made.
     pub t: Utc,
@@ -194,18 +195,22 @@ pub struct Measurement {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Measured {
     /// A range.
-    Range {
-        /// Metres.
-        range_m: f64,
-        /// The received power, dBm.
-        rx_power_dbm: Option<f64>,
-        /// The power of the first path, dBm.
-        first_path_power_dbm: Option<f64>,
-        /// The rate of the anchor's clock relative to the tag's, parts per million.
-        clock_offset_ppm: Option<f64>,
-    },
+    Range(RangeMeasurement),
     /// The RSSI of an advertisement, dBm.
     Rssi(f64),
+}
+
+/// A range, and how it was received.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RangeMeasurement {
+    /// Metres.
+    pub range_m: f64,
+    /// The received power, dBm.
+    pub rx_power_dbm: Option<f64>,
+    /// The power of the first path, dBm.
+    pub first_path_power_dbm: Option<f64>,
+    /// The rate of the anchor's clock relative to the tag's, parts per million.
+    pub clock_offset_ppm: Option<f64>,
 }
 
 /// A node and its place: a beacon or a receiver that a person has placed, or a node as it was last reported.

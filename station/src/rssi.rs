@@ -39,7 +39,17 @@ impl RssiPosition {
     pub fn of(self, tag: String) -> ReportKind {
         let Self { position_m, sigma_m, cov_xy_m2, used } = self;
         let solved_from = SolvedFrom::Rssi;
-        ReportKind::Position { tag, position_m, z_m: None, sigma_m, sigma_z_m: None, cov_xy_m2, used, solved_from }
+        ReportKind::Position {
+            tag,
+            round: None,
+            position_m,
+            z_m: None,
+            sigma_m,
+            sigma_z_m: None,
+            cov_xy_m2,
+            used,
+            solved_from,
+        }
     }
 }
 

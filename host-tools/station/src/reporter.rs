@@ -1,6 +1,6 @@
 //! From the messages of one node to reports of the station.
 
-use station_core::model::Role;
+use station_core::model::{RangeMeasurement, Role};
 use station_core::{Report, ReportKind, SolvedFrom, Utc};
 use wire::telemetry::{self, Address, BeaconId, Fix, Message, Range};
 
@@ -65,14 +65,16 @@ impl Reporter {
 }
 
 fn fix_report(tag: String, fix: &Fix) -> ReportKind {
+    let round = Some(fix.round);
     let (Some([x, y, z]), Some([sigma_x, sigma_y, sigma_z]), Some([[_, cov_xy_m2, _], ..])) =
         (fix.position_m(), fix.deviation_m(), fix.covariance_m2())
     else {
         let reason = fix.reason().map_or("unknown", |reason| reason.as_str()).to_owned();
-        return ReportKind::NoPosition { tag, reason };
+        return ReportKind::NoPosition { tag, round, reason };
     };
     ReportKind::Position {
         tag,
+        round,
         position_m: [x, y],
         z_m: Some(z),
         sigma_m: [sigma_x, sigma_y],
@@ -97,11 +99,14 @@ fn range_reports(tag: String, range: &Range) -> Vec<ReportKind> {
     let diagnostics = &range.diagnostics;
     let range = ReportKind::Range {
         tag,
+        round: Some(range.round),
         anchor,
-        range_m: range.distance_m(),
-        rx_power_dbm: diagnostics.rx_power_dbm(),
-        first_path_power_dbm: diagnostics.first_path_power_dbm(),
-        clock_offset_ppm: diagnostics.clock_offset_ppm(),
+        range: RangeMeasurement {
+            range_m: range.distance_m(),
+            rx_power_dbm: diagnostics.rx_power_dbm(),
+            first_path_power_dbm: diagnostics.first_path_power_dbm(),
+            clock_offset_ppm: diagnostics.clock_offset_ppm(),
+        },
     };
     known.into_iter().chain([range]).collect()
 }

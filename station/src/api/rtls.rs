@@ -118,7 +118,7 @@ impl Station {
                 (at.of(tag), answer)
             }
             Err(reason) => (
-                ReportKind::NoPosition { tag, reason: reason.to_owned() },
+                ReportKind::NoPosition { tag, round: None, reason: reason.to_owned() },
                 Located { reason: Some(reason), ..Located::default() },
             ),
         };

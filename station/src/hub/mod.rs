@@ -7,7 +7,6 @@
 //! is bounded; the health of a minute in which it fails is not written.
 
 mod devices;
-mod rounds;
 mod writer;
 
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -21,7 +20,6 @@ use tokio::time::{Instant, MissedTickBehavior, interval, interval_at};
 use utoipa::ToSchema;
 
 use self::devices::DeviceLocator;
-use self::rounds::Rounds;
 use self::writer::Queue;
 use crate::model::{Event, Measurement, Node, NodeHealth, Role, TagPosition};
 use crate::store::{self, Retention, Store};
@@ -200,6 +198,9 @@ impl Hub {
         retention: Retention,
     ) -> store::Result<(Self, JoinHandle<()>)> {
         live.continue_events(store.last_event().await?);
+        if retention.measurements.is_some() {
+            live.keep_measurements();
+        }
         let (reports, receiver) = mpsc::channel(REPORTS);
         let (updates, _) = broadcast::channel(UPDATES);
         let (stop, stopped) = watch::channel(false);
@@ -210,7 +211,7 @@ impl Hub {
             queue: Arc::clone(&queue),
             counters: Arc::clone(&counters),
             locator: DeviceLocator::default(),
-            rounds: retention.measurements.map(|_| Rounds::default()),
+            keeps_measurements: retention.measurements.is_some(),
             surveys: 0,
             subscribers: Arc::new(Mutex::new(Some(Vec::new()))),
         };
@@ -284,8 +285,8 @@ struct Applier {
     queue: Arc<Queue>,
     counters: Arc<Counters>,
     locator: DeviceLocator,
-    /// None: measurements are not kept.
-    rounds: Option<Rounds>,
+    /// Measurements are kept.
+    keeps_measurements: bool,
     /// What the state said when places of nodes were last written.
     surveys: u64,
     subscribers: Arc<Mutex<EventSubscribers>>,
@@ -327,7 +328,7 @@ impl Applier {
                         updates.extend(forgotten.iter().flat_map(|(site, tag)| live.forget(site, tag)));
                     });
                     self.locate(now, Vec::new());
-                    self.tick_measurements(Rounds::tick);
+                    self.keep_peers();
                 }
                 count = async {
                     if !is_full {
@@ -346,7 +347,8 @@ impl Applier {
                 }
             }
         }
-        self.tick_measurements(Rounds::end_all);
+        self.publish(|live, _| live.end_rounds());
+        self.keep_peers();
         *self.subscribers.lock().unwrap_or_else(PoisonError::into_inner) = None;
         end.send_replace(true);
         for task in [maintenance, writer] {
@@ -373,30 +375,24 @@ impl Applier {
 
     /// Applies reports. Returns those of receivers that were not refused.
     fn apply(&mut self, reports: impl IntoIterator<Item = Report>) -> Vec<Report> {
-        let (mut sightings, mut measurements) = (Vec::new(), Vec::new());
-        let mut rounds = self.rounds.take();
+        let mut sightings = Vec::new();
         self.publish(|live, updates| {
             for report in reports {
-                let (t, refused) = (live.time_of(&report), live.refused());
+                let refused = live.refused();
                 updates.extend(live.apply(&report));
-                if live.refused() > refused {
-                    continue;
-                }
-                measurements.extend(rounds.iter_mut().flat_map(|rounds| rounds.take(t, &report)));
-                if matches!(report.what, ReportKind::ReceiverSighting { .. }) {
+                if live.refused() == refused && matches!(report.what, ReportKind::ReceiverSighting { .. }) {
                     sightings.push(report);
                 }
             }
         });
-        self.rounds = rounds;
-        self.queue.push_measurements(measurements);
         sightings
     }
 
-    /// Keeps the measurements of rounds that `end` ends, and the places of nodes, where measurements are kept.
-    fn tick_measurements(&mut self, end: impl Fn(&mut Rounds) -> Vec<Measurement>) {
-        let Some(rounds) = &mut self.rounds else { return };
-        self.queue.push_measurements(end(rounds));
+    /// Keeps the places of nodes, where measurements are kept.
+    fn keep_peers(&mut self) {
+        if !self.keeps_measurements {
+            return;
+        }
         let live = self.live.read().unwrap_or_else(PoisonError::into_inner);
         if self.surveys != live.surveys() {
             self.surveys = live.surveys();
@@ -408,7 +404,12 @@ impl Applier {
     /// Changes the state, and passes its updates on to the listeners and the store.
     fn publish(&self, change: impl FnOnce(&mut Live, &mut Vec<Update>)) {
         let mut updates = Vec::new();
-        change(&mut self.live.write().unwrap_or_else(PoisonError::into_inner), &mut updates);
+        let measurements = {
+            let mut live = self.live.write().unwrap_or_else(PoisonError::into_inner);
+            change(&mut live, &mut updates);
+            live.take_measurements()
+        };
+        self.queue.push_measurements(measurements);
         let (positions, events) = self.queue.push(&updates);
         add(&self.counters.positions, positions);
         add(&self.counters.events, events);

@@ -1,5 +1,6 @@
 //! The hub, with a store in memory that can fail.
 
+use crate::model::RangeMeasurement;
 use std::sync::Mutex;
 
 use tokio::sync::broadcast::error::RecvError;
@@ -113,6 +114,7 @@ impl Sink for Memory {
 fn report(tag: &str, x_m: f64) -> Report {
     let what = ReportKind::Position {
         tag: tag.to_owned(),
+        round: None,
         position_m: [x_m, 1.0],
         z_m: None,
         sigma_m: [0.1; 2],
@@ -280,10 +282,13 @@ fn round(tag: &str, t: Utc) -> Vec<Report> {
     let range = |anchor: &str, range_m| ReportKind::Range {
         tag: tag.to_owned(),
         anchor: anchor.to_owned(),
-        range_m,
-        rx_power_dbm: Some(-80.25),
-        first_path_power_dbm: None,
-        clock_offset_ppm: Some(1.5),
+        round: None,
+        range: RangeMeasurement {
+            range_m,
+            rx_power_dbm: Some(-80.25),
+            first_path_power_dbm: None,
+            clock_offset_ppm: Some(1.5),
+        },
     };
     let sighting = ReportKind::Sighting { tag: tag.to_owned(), beacon: "1-7".to_owned(), rssi_dbm: -60.0 };
     let whats = [range("0x0101", 1.0), range("0x0102", 2.0), range("0x0103", -3.0), sighting];
@@ -338,7 +343,9 @@ async fn measurements_have_the_time_of_their_position_and_are_kept_where_asked_f
         ];
         assert_eq!(rows, if is_kept { &expected[..] } else { &[] }, "a range below zero is refused");
         let is_range = |row: &Measurement| match row.what {
-            Measured::Range { range_m, rx_power_dbm, .. } => (range_m, rx_power_dbm) == (2.0, Some(-80.25)),
+            Measured::Range(RangeMeasurement { range_m, rx_power_dbm, .. }) => {
+                (range_m, rx_power_dbm) == (2.0, Some(-80.25))
+            }
             Measured::Rssi(rssi_dbm) => rssi_dbm == -60.0 || rssi_dbm == -65.0,
         };
         store.content(|content| assert!(content.measurements.iter().all(|row| row.node == "0x0101" || is_range(row))));
@@ -476,10 +483,8 @@ async fn the_health_of_the_nodes_that_were_seen_is_written_each_minute() {
         let what = ReportKind::Range {
             tag,
             anchor,
-            range_m: 3.0,
-            rx_power_dbm: None,
-            first_path_power_dbm: None,
-            clock_offset_ppm,
+            round: None,
+            range: RangeMeasurement { range_m: 3.0, rx_power_dbm: None, first_path_power_dbm: None, clock_offset_ppm },
         };
         let report = Report { t: Utc::now(), site: SITE.to_owned(), what };
         hub.reports().send(report).await.expect("the hub runs");

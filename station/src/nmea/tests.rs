@@ -38,6 +38,7 @@ impl Station {
     async fn report(&self, tag: &str, x_m: f64) {
         let what = ReportKind::Position {
             tag: tag.to_owned(),
+            round: None,
             position_m: [x_m, 0.0],
             z_m: Some(1.0),
             sigma_m: [0.1; 2],

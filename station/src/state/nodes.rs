@@ -18,10 +18,10 @@ use std::time::Duration;
 
 use super::Limits;
 use super::rate::{Mean, Rate};
+use super::rounds::RoundMeasurement;
 use super::supply::Supply;
-use super::tags::RoundRange;
 use crate::Utc;
-use crate::model::{Node, NodeHealth, Role};
+use crate::model::{Measured, Node, NodeHealth, RangeMeasurement, Role};
 use crate::rssi::KnownNode;
 
 /// Residuals must be off for this time.
@@ -32,6 +32,26 @@ const STANDARD_ERRORS: f64 = 4.0;
 const LEAST_SECONDS: f64 = 30.0;
 /// The share of the limit below which an anchor is back at its place.
 const BACK_AGAIN: f64 = 0.5;
+
+/// Whether an anchor is where it was surveyed.
+///
+/// ```text
+///            mean residual is off           … for MOVED_FOR
+///   AtPlace ────────────────────▶ Off ───────────────────────▶ Moved (an event)
+///      ▲ ◀────────────────────────┘                             │
+///      │          it is not                                     │
+///      └────────────────────────────────────────────────────────┘
+///         below BACK_AGAIN of the limit, or surveyed anew
+/// ```
+#[derive(Clone, Copy, Debug)]
+enum Placement {
+    /// Its ranges fit.
+    AtPlace,
+    /// Its ranges have not fitted since this time.
+    Off { since: Utc },
+    /// They have not fitted for so long that it was probably moved.
+    Moved,
+}
 
 /// An anchor or a beacon.
 #[derive(Debug)]
@@ -51,8 +71,7 @@ struct NodeState {
     power: Mean,
     clock_offset: Mean,
     success: Mean,
-    off_since: Option<Utc>,
-    is_moved: bool,
+    placement: Placement,
     supply: Supply,
 }
 
@@ -99,8 +118,7 @@ impl Nodes {
             power: Mean::default(),
             clock_offset: Mean::default(),
             success: Mean::default(),
-            off_since: None,
-            is_moved: false,
+            placement: Placement::AtPlace,
             supply: Supply::default(),
         });
         self.reaches.push(Reach { position_m: [f64::NAN; 3], mean_m: 0.0, round: 0 });
@@ -126,7 +144,7 @@ impl Nodes {
         if let Some(position_m) = position_m.filter(|_| is_surveyed) {
             (state.position_m, reach.position_m) = (Some(position_m), position_m);
             (state.residuals, state.success) = (Mean::default(), Mean::default());
-            (state.off_since, state.is_moved) = (None, false);
+            state.placement = Placement::AtPlace;
         }
         let is_other = role != state.role;
         state.role = role;
@@ -175,23 +193,21 @@ impl Nodes {
         Some(&mut self.states.get_mut(index)?.supply)
     }
 
+    /// Its name.
+    pub(super) fn name(&self, index: usize) -> Option<&str> {
+        Some(&self.states.get(index)?.node)
+    }
+
     /// A tag measured a range.
-    pub(super) fn range(
-        &mut self,
-        index: usize,
-        t: Utc,
-        range_m: f64,
-        power_db: Option<f64>,
-        clock_offset_ppm: Option<f64>,
-    ) {
+    pub(super) fn range(&mut self, index: usize, t: Utc, range: &RangeMeasurement) {
         self.sight(index, t);
         let (Some(state), Some(reach)) = (self.states.get_mut(index), self.reaches.get_mut(index)) else { return };
-        state.ranges.add(t, range_m);
+        state.ranges.add(t, range.range_m);
         reach.mean_m = state.ranges.mean().unwrap_or(0.0);
-        if let Some(power_db) = power_db {
-            state.power.add(t, power_db);
+        if let Some((first_path_dbm, received_dbm)) = range.first_path_power_dbm.zip(range.rx_power_dbm) {
+            state.power.add(t, first_path_dbm - received_dbm);
         }
-        if let Some(offset_ppm) = clock_offset_ppm {
+        if let Some(offset_ppm) = range.clock_offset_ppm {
             state.clock_offset.add(t, offset_ppm);
         }
     }
@@ -202,14 +218,21 @@ impl Nodes {
         &mut self,
         t: Utc,
         at_m: [f64; 3],
-        round: &[RoundRange],
+        round: &[RoundMeasurement],
         limits: &Limits,
         mut moved: impl FnMut(&str),
     ) -> bool {
         let mut is_back = false;
+        let range_m = |measurement: &RoundMeasurement| match measurement.measured {
+            Measured::Range(range) => Some((measurement.node, range.range_m)),
+            Measured::Rssi(_) => None,
+        };
+        if !round.iter().any(|measurement| range_m(measurement).is_some()) {
+            return false;
+        }
         self.rounds += 1;
-        for range in round {
-            let (Some(state), Some(reach)) = (self.states.get_mut(range.node), self.reaches.get_mut(range.node)) else {
+        for (node, range_m) in round.iter().filter_map(range_m) {
+            let (Some(state), Some(reach)) = (self.states.get_mut(node), self.reaches.get_mut(node)) else {
                 continue;
             };
             let distance_m = distance(reach.position_m, at_m);
@@ -218,13 +241,13 @@ impl Nodes {
             }
             reach.round = self.rounds;
             state.success.add(t, 1.0);
-            state.residuals.add(t, range.range_m - distance_m);
-            let was_moved = state.is_moved;
+            state.residuals.add(t, range_m - distance_m);
+            let was_moved = state.is_moved();
             state.check_place(t, limits);
-            if state.is_moved && !was_moved {
+            if state.is_moved() && !was_moved {
                 moved(&state.node);
             }
-            is_back |= was_moved && !state.is_moved;
+            is_back |= was_moved && !state.is_moved();
         }
         for (state, reach) in self.states.iter_mut().zip(&self.reaches) {
             if reach.round != self.rounds && distance(reach.position_m, at_m) < reach.mean_m {
@@ -263,7 +286,7 @@ impl NodeState {
             residual_sigma_m: self.residuals.sigma(),
             first_path_minus_received_db: self.power.mean(),
             clock_offset_ppm: self.clock_offset.mean(),
-            moved: self.is_moved,
+            moved: self.is_moved(),
             supply_v: self.supply.volts,
         }
     }
@@ -271,14 +294,22 @@ impl NodeState {
     fn check_place(&mut self, t: Utc, limits: &Limits) {
         let Some(mean_m) = self.residuals.mean().map(f64::abs) else { return };
         let error_m = self.residuals.standard_error(LEAST_SECONDS);
-        if mean_m > limits.moved_m && error_m.is_some_and(|error_m| mean_m > STANDARD_ERRORS * error_m) {
+        let is_off = mean_m > limits.moved_m && error_m.is_some_and(|error_m| mean_m > STANDARD_ERRORS * error_m);
+        self.placement = match self.placement {
+            Placement::Moved if !is_off && mean_m < BACK_AGAIN * limits.moved_m => Placement::AtPlace,
+            Placement::Moved => Placement::Moved,
+            Placement::AtPlace | Placement::Off { .. } if !is_off => Placement::AtPlace,
+            Placement::AtPlace => Placement::Off { since: t },
+            Placement::Off { since } if t.since(since) >= MOVED_FOR => Placement::Moved,
             // A clock that was set back begins anew.
-            let since = self.off_since.map_or(t, |since| since.min(t));
-            self.off_since = Some(since);
-            self.is_moved |= t.since(since) >= MOVED_FOR;
-        } else {
-            self.off_since = None;
-            self.is_moved &= mean_m >= BACK_AGAIN * limits.moved_m;
+            Placement::Off { since } => Placement::Off { since: since.min(t) },
+        };
+    }
+
+    fn is_moved(&self) -> bool {
+        match self.placement {
+            Placement::AtPlace | Placement::Off { .. } => false,
+            Placement::Moved => true,
         }
     }
 }

@@ -9,8 +9,6 @@ use super::{Alarms, Limits, NewEvent};
 use crate::model::{EventKind, Tag, TagPosition, Zone, ZoneKind};
 use crate::{SolvedFrom, Utc};
 
-/// The most ranges of a round that are kept until its position comes.
-pub(super) const ROUND: usize = 64;
 /// A tag's positions are uncertain when they have been so for this time.
 const UNCERTAIN_FOR: Duration = Duration::from_secs(5);
 /// … and certain again when the standard deviation is below this share of the limit.
@@ -37,12 +35,24 @@ pub(super) struct Inside {
     pub(super) since: Utc,
 }
 
-/// A range of the round that has not ended.
+/// Whether a tag's positions can be trusted.
+///
+/// ```text
+///            σ above the limit              … for UNCERTAIN_FOR
+///   Certain ──────────────────▶ Doubtful ─────────────────────▶ Uncertain (an event)
+///      ▲ ◀──────────────────────────┘                                │
+///      │        σ at most the limit                                  │
+///      └─────────────────────────────────────────────────────────────┘
+///                    σ below CERTAIN_AGAIN of the limit
+/// ```
 #[derive(Clone, Copy, Debug)]
-pub(super) struct RoundRange {
-    /// The anchor's index.
-    pub(super) node: usize,
-    pub(super) range_m: f64,
+enum Certainty {
+    /// The standard deviation is below the limit.
+    Certain,
+    /// It has been above the limit since this time.
+    Doubtful { since: Utc },
+    /// It was above the limit for too long.
+    Uncertain,
 }
 
 /// The state of a tag.
@@ -56,13 +66,10 @@ pub(super) struct TagState {
     rate: Rate,
     last_position: Option<TagPosition>,
     reason: Option<String>,
-    /// Since when its positions have been uncertain.
-    unsure_since: Option<Utc>,
-    is_uncertain: bool,
+    certainty: Certainty,
     pub(super) supply: Supply,
     pub(super) room: Option<Inside>,
     pub(super) zones: Vec<Inside>,
-    pub(super) round: Vec<RoundRange>,
 }
 
 impl TagState {
@@ -75,12 +82,10 @@ impl TagState {
             rate: Rate::default(),
             last_position: None,
             reason: None,
-            unsure_since: None,
-            is_uncertain: false,
+            certainty: Certainty::Certain,
             supply: Supply::default(),
             room: None,
             zones: Vec::new(),
-            round: Vec::new(),
         }
     }
 
@@ -92,7 +97,6 @@ impl TagState {
 
     /// Notes that its round gave no position. Returns whether the reason is a new one.
     pub(super) fn lose(&mut self, reason: &str) -> bool {
-        self.round.clear();
         let is_new = self.reason.as_deref() != Some(reason);
         if is_new {
             self.reason = Some(reason.to_owned());
@@ -126,18 +130,18 @@ impl TagState {
 
     /// `share` is the standard deviation divided by its limit.
     fn check_certainty(&mut self, t: Utc, share: f64, alarms: &Alarms, happened: &mut Vec<NewEvent>) {
-        if share > 1.0 {
-            // A clock that was set back begins anew.
-            let since = self.unsure_since.map_or(t, |since| since.min(t));
-            self.unsure_since = Some(since);
-            if t.since(since) >= UNCERTAIN_FOR && !self.is_uncertain {
-                self.is_uncertain = true;
+        self.certainty = match self.certainty {
+            Certainty::Uncertain if share < CERTAIN_AGAIN => Certainty::Certain,
+            Certainty::Uncertain => Certainty::Uncertain,
+            Certainty::Certain | Certainty::Doubtful { .. } if share <= 1.0 => Certainty::Certain,
+            Certainty::Certain => Certainty::Doubtful { since: t },
+            Certainty::Doubtful { since } if t.since(since) >= UNCERTAIN_FOR => {
                 happened.push(NewEvent::of(EventKind::Uncertain, alarms));
+                Certainty::Uncertain
             }
-        } else {
-            self.unsure_since = None;
-            self.is_uncertain &= share >= CERTAIN_AGAIN;
-        }
+            // A clock that was set back begins anew.
+            Certainty::Doubtful { since } => Certainty::Doubtful { since: since.min(t) },
+        };
     }
 
     /// Rooms and zones are entered when they are probable and left when they are improbable. A tag goes from one room

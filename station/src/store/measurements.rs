@@ -9,7 +9,7 @@ use super::key::{MINUTE, MINUTE_MS, key, ms, ms_of, utc};
 use super::rows::{MultiRowInsert, UnboundStatement, get, name_of, real, variant, whole};
 use super::write::{Seen, millimetres};
 use super::{Result, Span, Store, StoreError};
-use crate::model::{Measured, Measurement, Node, PlacedNode};
+use crate::model::{Measured, Measurement, Node, PlacedNode, RangeMeasurement};
 
 static INSERT: LazyLock<MultiRowInsert> = LazyLock::new(|| {
     let before = "INSERT INTO measurements \
@@ -32,7 +32,7 @@ impl Stored {
     fn new(measurement: &Measurement, tag: i64, peer: i64) -> Self {
         let Measurement { round, t, what, .. } = measurement;
         let (range_m, power_dbm, first_path_dbm, offset_ppm) = match *what {
-            Measured::Range { range_m, rx_power_dbm, first_path_power_dbm, clock_offset_ppm } => {
+            Measured::Range(RangeMeasurement { range_m, rx_power_dbm, first_path_power_dbm, clock_offset_ppm }) => {
                 (Some(range_m), rx_power_dbm, first_path_power_dbm, clock_offset_ppm)
             }
             Measured::Rssi(rssi_dbm) => (None, Some(rssi_dbm), None, None),
@@ -66,12 +66,12 @@ fn measurement(site: &str, row: &AnyRow) -> Result<Measurement> {
     let before_ms: i64 = get(row, 1)?;
     let (power_dbm, no_power) = (real(row, 3, 100.0)?, || StoreError::Damaged("a sighting has no RSSI".to_owned()));
     let what = match real(row, 2, 1000.0)? {
-        Some(range_m) => Measured::Range {
+        Some(range_m) => Measured::Range(RangeMeasurement {
             range_m,
             rx_power_dbm: power_dbm,
             first_path_power_dbm: real(row, 4, 100.0)?,
             clock_offset_ppm: real(row, 5, 1000.0)?,
-        },
+        }),
         None => Measured::Rssi(power_dbm.ok_or_else(no_power)?),
     };
     Ok(Measurement {

@@ -223,6 +223,7 @@ impl Walk {
             self.is_inside = !self.is_inside;
             let what = ReportKind::Position {
                 tag: "0x1001".to_owned(),
+                round: None,
                 position_m: if self.is_inside { [2.0, 2.0] } else { [9.0, 9.0] },
                 z_m: None,
                 sigma_m: [0.1; 2],

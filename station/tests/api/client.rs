@@ -141,6 +141,7 @@ impl Station {
     pub async fn report_position(&self, tag: &str, x_m: f64, y_m: f64) {
         let what = ReportKind::Position {
             tag: tag.to_owned(),
+            round: None,
             position_m: [x_m, y_m],
             z_m: None,
             sigma_m: [0.1; 2],

@@ -203,6 +203,7 @@ async fn clocks_that_jump_do_not_stop_the_station() {
     let station = open().await;
     let position = |x_m| ReportKind::Position {
         tag: "0x1001".into(),
+        round: None,
         position_m: [x_m, 0.0],
         z_m: None,
         sigma_m: [0.1; 2],

@@ -76,6 +76,7 @@ impl Station {
     pub async fn position(&self, tag: &str, position_m: [f64; 2]) {
         self.report(ReportKind::Position {
             tag: tag.to_owned(),
+            round: None,
             position_m,
             z_m: Some(1.2),
             sigma_m: [0.1, 0.2],

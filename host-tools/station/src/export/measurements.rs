@@ -6,7 +6,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use station_core::model::{Measured, Measurement, PlacedNode};
+use station_core::model::{Measured, Measurement, PlacedNode, RangeMeasurement};
 
 use super::folder::metres;
 use super::seconds;
@@ -71,7 +71,7 @@ impl Measurements {
         };
         let mut row = vec![epoch.to_string(), seconds(*t), tag.clone(), node.clone()];
         let (pair, written) = match *what {
-            Measured::Range { range_m, rx_power_dbm, first_path_power_dbm, clock_offset_ppm } => {
+            Measured::Range(RangeMeasurement { range_m, rx_power_dbm, first_path_power_dbm, clock_offset_ppm }) => {
                 row.push(metres(Some(range_m)));
                 row.extend([rx_power_dbm, first_path_power_dbm].map(hundredths));
                 row.push(metres(clock_offset_ppm));

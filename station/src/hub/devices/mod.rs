@@ -130,7 +130,7 @@ impl Device {
                 Some((t, position.of(tag.to_owned())))
             }
             Err(reason) if self.is_tag => {
-                Some((now, ReportKind::NoPosition { tag: tag.to_owned(), reason: reason.to_owned() }))
+                Some((now, ReportKind::NoPosition { tag: tag.to_owned(), round: None, reason: reason.to_owned() }))
             }
             Err(_) => None,
         }

@@ -1,14 +1,14 @@
 //! Measurements, and the nodes that they are to.
 
 use super::*;
-use crate::model::{Measured, Measurement, Node, PlacedNode, Role};
+use crate::model::{Measured, Measurement, Node, PlacedNode, RangeMeasurement, Role};
 
-pub const RANGE: Measured = Measured::Range {
+pub const RANGE: Measured = Measured::Range(RangeMeasurement {
     range_m: 3.217,
     rx_power_dbm: Some(-81.25),
     first_path_power_dbm: Some(-84.5),
     clock_offset_ppm: Some(-2.35),
-};
+});
 
 /// A measurement 5 ms before the end of its round.
 pub fn measurement(tag: &str, node: &str, round_ms: i64, what: Measured) -> Measurement {
@@ -40,12 +40,12 @@ pub fn node(name: &str, role: Role, position_m: Option<[f64; 3]>, rssi_1m_dbm: O
 on_both! {
     async fn measurements_come_back_as_they_were_written_and_once(place) {
         let store = place.open().await;
-        let bare = Measured::Range {
+        let bare = Measured::Range(RangeMeasurement {
             range_m: 0.0,
             rx_power_dbm: None,
             first_path_power_dbm: None,
             clock_offset_ppm: None,
-        };
+        });
         let rows = [
             measurement("a", "0x0101", 10, RANGE),
             measurement("a", "0x0102", 10, bare),
