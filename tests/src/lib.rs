@@ -28,7 +28,7 @@ impl Run {
     pub fn of_text(text: &str) -> Self {
         match Scenario::parse(text) {
             Ok(scenario) => Self::of(scenario),
-            Err(error) => panic!("the test's scenario, line {error}"),
+            Err(error) => panic!("the test's scenario, {error}"),
         }
     }
 
@@ -102,19 +102,32 @@ pub fn moments(values: impl Iterator<Item = f64>) -> (f64, f64) {
     (mean, variance.sqrt())
 }
 
-/// The text of a scenario in a hall of 20 m × 12 m with `anchors` anchors around, without walls, in the plane, on the
-/// ideal air. More text may follow.
-pub fn hall(head: &str, anchors: usize, tags: &[&str]) -> String {
-    let mut text = format!("height_m = 1.2\nair = \"ideal\"\n{head}\n");
+/// The text of a site with a hall of 20 m × 12 m with `anchors` anchors around, without walls, on the ideal air, with
+/// more keys of its simulation, and tags that walk along these paths in the plane. More text may follow.
+pub fn hall(simulation: &str, anchors: usize, paths: &[&str]) -> String {
+    let mut text = format!("[simulation]\nair = \"ideal\"\n{simulation}\n");
     for i in 0..anchors {
         let angle = std::f64::consts::TAU * i as f64 / anchors as f64;
         let (x, y) = (10.0 + 9.0 * angle.cos(), 6.0 + 5.0 * angle.sin());
-        text += &format!("[[anchor]]\nat = [{x:.3}, {y:.3}, 2.5]\n");
+        text += &anchor([x, y, 2.5], "");
     }
-    for path in tags {
-        text += &format!("[[tag]]\npath = {path}\nclosed = true\n");
-    }
-    text
+    text + &paths.iter().map(|path| tag("", &format!("path_m = {path}\nclosed = true"))).collect::<String>()
+}
+
+/// The text of an anchor, with what more its simulation has.
+pub fn anchor([x, y, z]: [f64; 3], simulation: &str) -> String {
+    let position = format!("position_m = [{x:.3}, {y:.3}, {z}]");
+    format!("[[node]]\nrole = \"anchor\"\n{position}\nsimulation = {{ {simulation} }}\n")
+}
+
+/// The text of a tag that is carried 1.2 m high, with more keys of its record, and what its simulation has.
+pub fn tag(record: &str, simulation: &str) -> String {
+    format!("[[node]]\nrole = \"tag\"\nheight_m = 1.2\n{record}\n[node.simulation]\n{simulation}\n")
+}
+
+/// The text of a fault: `off`, `on` or `reset`.
+pub fn fault(at_s: f64, node: u16, what: &str) -> String {
+    format!("[[simulation.fault]]\nat_s = {at_s}\nnode = {node}\nwhat = \"{what}\"\n")
 }
 
 /// The first tag's address in a scenario without addresses.

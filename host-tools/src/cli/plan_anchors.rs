@@ -261,24 +261,29 @@ impl Site {
             return Err(UserError::flag("--height-m", "a scenario needs the height at which they are mounted"));
         };
         let [[x0, y0], [x1, y1]] = self.corners;
-        let mut text = format!("# Planned by baliza plan-anchors.\nheight_m = {TAG_HEIGHT_M}\n");
-        for Wall { ends_m: [[fx, fy], [tx, ty]], .. } in &self.walls {
-            let _ = write!(text, "\n[[wall]]\nfrom = [{fx}, {fy}]\nto = [{tx}, {ty}]\nmaterial = \"brick\"\n");
-        }
+        let mut text = "# Planned by baliza plan-anchors.\n".to_owned();
         for beacon in self.fixed.iter().chain(chosen.iter().copied()) {
             let ([x, y], z) = (beacon.position_m.map(metres), metres(beacon.height_m.unwrap_or(height_m)));
-            let _ = write!(
-                text,
-                "\n[[{}]] # {}\nat = [{x}, {y}, {z}]\n",
-                arguments.kind.as_str(),
-                beacon.name.escape_default()
-            );
+            let (role, name) = (arguments.kind.as_str(), beacon.name.escape_default());
+            let _ = write!(text, "\n[[node]] # {name}\nrole = \"{role}\"\nposition_m = [{x}, {y}, {z}]\n");
         }
         let inside = |part: f64| [x0 + part * (x1 - x0), y0 + part * (y1 - y0)].map(metres);
         let ([ax, ay], [bx, by]) = (inside(0.25), inside(0.75));
         let corner = |x: &str, y: &str| format!("[{x}, {y}, {TAG_HEIGHT_M}]");
         let path = [corner(&ax, &ay), corner(&bx, &ay), corner(&bx, &by), corner(&ax, &by)].join(", ");
-        let _ = write!(text, "\n[[tag]]\npath = [{path}]\nclosed = true\n");
+        let scan = match arguments.kind {
+            Kind::Beacons => "scan_interval_ms = 1000\n",
+            Kind::Anchors => "",
+        };
+        let _ = write!(
+            text,
+            "\n[[node]]\nrole = \"tag\"\nheight_m = {TAG_HEIGHT_M}\n{scan}[node.simulation]\npath_m = [{path}]\n\
+             closed = true\n"
+        );
+        for Wall { ends_m: [[fx, fy], [tx, ty]], .. } in &self.walls {
+            let wall = format!("from_m = [{fx}, {fy}]\nto_m = [{tx}, {ty}]\nmaterial = \"brick\"");
+            let _ = write!(text, "\n[[simulation.wall]]\n{wall}\n");
+        }
         Ok(text.into_bytes())
     }
 

@@ -1,11 +1,13 @@
 //! `baliza simulate`: whole nodes over simulated chips and air.
 
+use std::collections::HashMap;
 use std::fmt::{Display, Write as _};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use crate::simulate::{
-    Attempts, Capture, SimulatedRecording, is_of_simulation, load_site_models, picture, position_header, position_row,
+    Attempts, Capture, SimulatedRecording, is_of_simulation, picture, position_header, position_row, read_scenario,
     survey_csv,
 };
 use analysis::survey::presence::read_outlines;
@@ -30,38 +32,39 @@ use crate::cli::progress::Progress;
 /// Simulate whole nodes: tags that range to anchors and find their positions
 ///
 /// The firmware's own apps run, each over the driver on a simulated DW1000 behind SPI, with drifting clocks, walls,
-/// losses and collisions in between; beacons advertise beside them. Without --scenario, tags walk in a furnished room
+/// losses and collisions in between; beacons advertise beside them. Without --site, tags walk in a furnished room
 /// of 12 m by 8 m. Equal arguments print equal bytes. Positions go to standard output (on a terminal a table of some of
 /// them) or with --out into files, a summary to standard error.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// What to simulate: a TOML file, as docs/scenarios.md describes it
-    #[arg(long, value_name = "FILE")]
-    scenario: Option<PathBuf>,
+    /// The site to simulate: the file that `baliza provision` reads, alone or with a table [simulation], as
+    /// docs/scenarios.md describes it. Tags without a path walk among the anchors
+    #[arg(long, value_name = "FILE", visible_alias = "scenario")]
+    site: Option<PathBuf>,
     /// Anchors on the room's walls
-    #[arg(long, value_name = "N", default_value_t = 6, value_parser = count(), conflicts_with = "scenario")]
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = count(), conflicts_with = "site")]
     anchors: u16,
     /// Walking tags; more than twenty fill more rooms, each with its share of the anchors and a network of its own
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = count(), conflicts_with = "scenario")]
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = count(), conflicts_with = "site")]
     tags: u16,
-    /// Simulated time, seconds [default: the scenario's, or 10]
+    /// Simulated time, seconds [default: the site's, or 10]
     #[arg(long, value_name = "S", value_parser = seconds)]
     seconds: Option<f64>,
-    /// Seed of everything random [default: the scenario's, or 1]
+    /// Seed of everything random [default: the site's, or 1]
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
     /// Probability that a reception is lost, whatever its power
     #[arg(long, value_name = "P", value_parser = probability)]
     loss: Option<f64>,
-    /// How deep radios are simulated [default: the scenario's, or spi]
+    /// How deep radios are simulated [default: the site's, or spi]
     #[arg(long, alias = "level", value_name = "FIDELITY")]
     fidelity: Option<FidelityName>,
-    /// How the air treats ranges [default: the scenario's, or recorded]
+    /// How the air treats ranges [default: the site's, or recorded]
     #[arg(long, value_name = "AIR")]
     air: Option<AirName>,
-    /// What the nodes run on that the scenario gives no board of their own: what code, bus and interrupts take, and
-    /// what current (instant: nothing but the bus) [default: the scenario's, or dwm1001]
+    /// What the nodes run on that the site gives no board of their own: what code, bus and interrupts take, and
+    /// what current (instant: nothing but the bus) [default: the site's, or dwm1001]
     #[arg(long, value_name = "BOARD", value_parser = board())]
     board: Option<BoardProfile>,
     /// How many times longer everything on the nodes takes than estimated, but the bytes on their buses [default: 1]
@@ -70,15 +73,15 @@ pub struct Arguments {
     /// Positions a second that each tag wants [default: as many as it can get]
     #[arg(long, value_name = "HZ", value_parser = rate)]
     rate: Option<f64>,
-    /// Solve each round by itself, by any method of `baliza solve` [default: the scenario's, or as the tag does: by a
+    /// Solve each round by itself, by any method of `baliza solve` [default: the site's, or as the tag does: by a
     /// track]
     #[arg(long, value_name = "METHOD")]
     method: Option<Method>,
     /// How tags make their rounds: one poll and a response of each anchor; or also with a final message, whose time of
-    /// arrival anchors report in their next responses [default: the scenario's, or single-sided]
+    /// arrival anchors report in their next responses [default: the site's, or single-sided]
     #[arg(long, value_name = "SCHEME", value_parser = schemes())]
     scheme: Option<Scheme>,
-    /// What the tags' records say that they make their positions by [default: the scenario's method, or track]
+    /// What the tags' records say that they make their positions by [default: the site's method, or track]
     #[arg(long, value_name = "SOLVER", value_parser = solvers(), conflicts_with = "method")]
     solver: Option<Solver>,
     /// Give all ranges the same weight, whatever their powers show about the line of sight
@@ -91,13 +94,13 @@ pub struct Arguments {
     /// Which of the file's classifiers, where it has several; of several with one name, NAME:1, NAME:2
     #[arg(long, value_name = "NAME", requires = "model")]
     classifier: Option<String>,
-    /// How tags find themselves [default: the scenario's, or native]
+    /// How tags find themselves [default: the site's, or native]
     #[arg(long, value_name = "MODE")]
     mode: Option<ModeName>,
-    /// Solve in the plane at the tags' height (2) or in space (3) [default: the scenario's, or 2]
+    /// Solve in the plane at the tags' height (2) or in space (3) [default: the site's, or 2]
     #[arg(long, value_name = "2|3", value_parser = clap::value_parser!(u8).range(2..=3))]
     dims: Option<u8>,
-    /// The tags' height, metres (--dims 2) [default: the scenario's, or 1.2]
+    /// The tags' height, metres (--dims 2) [default: the site's, or 1.2]
     #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = height)]
     height_m: Option<f32>,
     /// A folder for anchors.csv, ranges.csv, truth.csv and positions.csv, as `baliza solve` reads and writes them, with
@@ -115,8 +118,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Survey the beacons instead, and write the dwells (fingerprints.csv), from which `baliza ble map` and `baliza ble
-    /// rooms` make the map and the rooms that the scenario names
-    #[arg(long, value_name = "FILE", requires = "scenario", conflicts_with_all = ["out", "pcap", "plot", "json"])]
+    /// rooms` make the map and the rooms that the site names
+    #[arg(long, value_name = "FILE", requires = "site", conflicts_with_all = ["out", "pcap", "plot", "json"])]
     survey: Option<PathBuf>,
     /// From one point of the survey to the next, metres, 0.1 to 100
     #[arg(long, value_name = "M", default_value_t = 1.0, value_parser = step)]
@@ -139,14 +142,15 @@ pub struct Arguments {
 const EXAMPLES: &str = "\
 Examples:
   baliza simulate
+  baliza simulate --site site.toml --plot site.png
   baliza simulate --solver b-wls --json
   baliza simulate --tags 15 --anchors 16 --loss 0.1 --plot room.png
   baliza simulate --tags 1 --anchors 4 --board esp32c3 --cpu-slowdown 2
-  baliza simulate --scenario examples/walls.toml --out run --pcap run.pcap
-  baliza simulate --scenario examples/walls.toml --model nlos.model --classifier logistic
-  baliza simulate --scenario examples/leaving.toml --plot leaving.png
-  baliza simulate --scenario examples/battery.toml --rate 0.1 --json
-  baliza simulate --scenario examples/fingerprints.toml --survey fingerprints.csv
+  baliza simulate --site examples/walls.toml --out run --pcap run.pcap
+  baliza simulate --site examples/walls.toml --model nlos.model --classifier logistic
+  baliza simulate --site examples/leaving.toml --plot leaving.png
+  baliza simulate --site examples/battery.toml --rate 0.1 --json
+  baliza simulate --site examples/fingerprints.toml --survey fingerprints.csv
   baliza simulate --mode tdoa --tags 100 --anchors 8 --fidelity air
   baliza simulate --fidelity air --tags 1000 --anchors 200 --rate 10 --json";
 
@@ -250,14 +254,29 @@ impl Arguments {
     }
 
     fn scenario(&self) -> Result<Scenario, UserError> {
-        let mut scenario = match &self.scenario {
-            Some(file) => crate::simulate::read(file)?,
+        let mut scenario = match &self.site {
+            Some(file) => read_scenario(file, self.survey.is_none())?,
             None => match self.mode {
                 Some(ModeName::Native) | None => Scenario::rooms(self.anchors.into(), self.tags.into()),
                 Some(ModeName::Tdoa) => Scenario::listening(self.anchors.into(), self.tags.into()),
             },
         };
-        if let (Some(_), Some(mode)) = (&self.scenario, self.mode) {
+        self.change(&mut scenario);
+        self.change_tags(&mut scenario)?;
+        if let Err((node, invalid)) = scenario.validate() {
+            let flag = match invalid.field {
+                "tag.rate_hz" => "--rate",
+                "tag.height_m" => "--height-m",
+                _ => "--site",
+            };
+            return Err(UserError::flag(flag, format!("node {}: {invalid}", Address(node))));
+        }
+        Ok(scenario)
+    }
+
+    /// Changes what the flags say of the simulation and its networks.
+    fn change(&self, scenario: &mut Scenario) {
+        if let (Some(_), Some(mode)) = (&self.site, self.mode) {
             for network in &mut scenario.networks {
                 network.mode = match (mode, network.mode) {
                     (ModeName::Native, _) => Mode::Native,
@@ -265,9 +284,6 @@ impl Arguments {
                     (ModeName::Tdoa, Mode::Native | Mode::DecaRanging { .. }) => LISTENING,
                 };
             }
-        }
-        if let Some(file) = self.scenario.as_ref().filter(|_| self.survey.is_none()) {
-            load_site_models(&mut scenario, file)?;
         }
         scenario.seconds = self.seconds.unwrap_or(scenario.seconds);
         scenario.seed = self.seed.unwrap_or(scenario.seed);
@@ -288,39 +304,39 @@ impl Arguments {
         if let Some(times) = self.cpu_slowdown {
             scenario.slow_down(times);
         }
-        scenario.tag.rate_hz = self.rate.or(scenario.tag.rate_hz);
-        scenario.tag.method = match self.solver {
-            // A track is not a method.
-            Some(solver) => solver.name().parse().ok(),
-            None => self.method.or(scenario.tag.method),
+        scenario.method = match self.solver {
+            Some(_) => None,
+            None => self.method.or(scenario.method),
         };
-        scenario.tag.scheme = self.scheme.map_or(scenario.tag.scheme, ranging::native::Scheme::from);
+        scenario.weigh_nlos &= !self.no_power_weighting;
+    }
+
+    /// Changes what the flags say of the tags.
+    fn change_tags(&self, scenario: &mut Scenario) -> Result<(), UserError> {
         let only_listen = scenario.networks.iter().any(|network| matches!(network.mode, Mode::Listening { .. }));
         if self.solver.is_some_and(|solver| solver != Solver::Track) && only_listen {
             return Err(UserError::flag("--solver", "tags that only listen have no ranges to solve: only track"));
         }
-        scenario.tag.weigh_nlos &= !self.no_power_weighting;
-        if let Some(file) = &self.model {
-            let chosen = Chosen::read(file, self.classifier.as_deref())?;
-            // The model is needed until the end of the program, and there is only one.
-            scenario.tag.model = Some(chosen.bytes().to_vec().leak());
+        if let (Some(3), Some(_)) = (self.dims, self.height_m) {
+            return Err(UserError::flag("--height-m", "only with --dims 2"));
         }
-        scenario.tag.height_m = match (self.dims, self.height_m) {
-            (Some(3), Some(_)) => return Err(UserError::flag("--height-m", "only with --dims 2")),
-            (Some(3), None) => None,
-            (_, Some(height_m)) => Some(height_m),
-            (Some(_), None) => scenario.tag.height_m.or(Some(HEIGHT_M)),
-            (None, None) => scenario.tag.height_m,
-        };
-        if let Err((node, invalid)) = scenario.validate() {
-            let flag = match invalid.field {
-                "tag.rate_hz" => "--rate",
-                "tag.height_m" => "--height-m",
-                _ => "--scenario",
+        scenario.change_tags(|tag| {
+            // Config records count rounds in 100 s.
+            tag.rate_chz = self.rate.map(|hz| (100.0 * hz).round() as u32).or(tag.rate_chz);
+            tag.solver = self.solver.unwrap_or(tag.solver);
+            tag.scheme = self.scheme.or(tag.scheme);
+            tag.height_m = match (self.dims, self.height_m) {
+                (Some(3), _) => None,
+                (_, Some(height_m)) => Some(height_m),
+                (Some(_), None) => tag.height_m.or(Some(HEIGHT_M)),
+                (None, None) => tag.height_m,
             };
-            return Err(UserError::flag(flag, format!("node {}: {invalid}", Address(node))));
+        });
+        if let Some(file) = &self.model {
+            let model: Arc<[u8]> = Chosen::read(file, self.classifier.as_deref())?.bytes().into();
+            scenario.tags.iter_mut().for_each(|tag| tag.settings.model = Some(Arc::clone(&model)));
         }
-        Ok(scenario)
+        Ok(())
     }
 }
 
@@ -380,7 +396,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         capture.finish()?;
     }
     if let Some(drawing) = drawing {
-        let source = arguments.scenario.as_ref().map_or("simulation".into(), |file| file.display().to_string());
+        let source = arguments.site.as_ref().map_or("simulation".into(), |file| file.display().to_string());
         drawing.write(&picture(source, simulation.scenario(), &drawn).draw())?;
     }
     let summary = simulation.summary();
@@ -413,7 +429,7 @@ enum Show {
     Nothing,
     /// Every position, in the format of a file.
     Rows {
-        method: &'static str,
+        methods: HashMap<u16, &'static str>,
     },
     /// On a terminal: one line for each tag at intervals, and a line for every change.
     Lines {
@@ -431,7 +447,8 @@ impl Show {
             let every_s = (scenario.seconds * next_s.len() as f64 / ROWS / ROW_S).ceil().max(1.0) * ROW_S;
             Self::Lines { every_s, next_s }
         } else {
-            Self::Rows { method: scenario.tag.method_name() }
+            let methods = scenario.tags.iter().map(|tag| (tag.address, scenario.method_name(tag))).collect();
+            Self::Rows { methods }
         }
     }
 
@@ -456,7 +473,8 @@ impl Show {
                 format!("{:>8.3} {:>6} {what}\n", record.t_s, Address(record.node).to_string()).into_bytes()
             };
             match (&mut *self, &record.what) {
-                (Self::Rows { method }, What::Epoch(epoch)) => {
+                (Self::Rows { methods }, What::Epoch(epoch)) => {
+                    let method = methods.get(&record.node).copied().unwrap_or_default();
                     text.extend(row(&position_row(record, method, epoch))?);
                 }
                 (Self::Lines { every_s, next_s }, What::Epoch(epoch)) => {

@@ -47,7 +47,7 @@ impl Attempts {
 
     /// The likely cause of no position, and what to do.
     pub fn why_none(&self, scenario: &Scenario) -> String {
-        let least = if scenario.tag.height_m.is_some() { 3 } else { 4 };
+        let least = if scenario.tags.iter().all(|tag| tag.settings.record.height_m.is_some()) { 3 } else { 4 };
         let in_network = |network: usize| scenario.anchors.iter().filter(|anchor| anchor.network == network).count();
         let most = scenario.tags.iter().map(|tag| in_network(tag.network)).max().unwrap_or(0);
         if scenario.anchors.is_empty() {

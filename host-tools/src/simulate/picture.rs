@@ -14,7 +14,11 @@ pub fn picture(source: String, scenario: &Scenario, records: &[Record]) -> Pictu
         walls_m: scenario.walls.iter().map(|wall| [wall.from, wall.to]).collect(),
         anchors: scenario.anchors.iter().map(|anchor| (Address(anchor.address).to_string(), flat(anchor.at))).collect(),
         beacons: scenario.beacons.iter().map(|beacon| (beacon.name(), flat(beacon.at))).collect(),
-        errors: if scenario.tag.height_m.is_some() { Errors::Horizontal } else { Errors::Spatial },
+        errors: if scenario.tags.iter().all(|tag| tag.settings.record.height_m.is_some()) {
+            Errors::Horizontal
+        } else {
+            Errors::Spatial
+        },
         ..Picture::default()
     });
     // The tags' order, and so their colours, is that of the scenario.
@@ -29,13 +33,14 @@ pub fn picture(source: String, scenario: &Scenario, records: &[Record]) -> Pictu
             builder.time(t_s);
         }
     }
-    let methods = if scenario.beacons.is_empty() {
-        vec![(scenario.tag.method_name(), None)]
+    let sources: &[_] = if scenario.beacons.is_empty() {
+        &[(None, None)]
     } else {
-        vec![("by anchors", Some(Source::Anchors)), ("by beacons", Some(Source::Beacons))]
+        &[(Some("by anchors"), Some(Source::Anchors)), (Some("by beacons"), Some(Source::Beacons))]
     };
-    for (method, source) in methods {
-        for tag in scenario.tags.iter().map(|tag| tag.address) {
+    for (name, source) in sources {
+        for tag in &scenario.tags {
+            let (method, tag) = (name.unwrap_or(scenario.method_name(tag)), tag.address);
             let taken = epochs(tag).filter(|(_, epoch)| source.is_none_or(|source| epoch.source() == source));
             for (_, epoch) in taken.filter(|(_, epoch)| epoch.fix.position_m().is_some()) {
                 builder.position(method, &Address(tag).to_string(), dot(epoch), epoch.error_m());

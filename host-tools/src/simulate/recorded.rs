@@ -2,7 +2,7 @@
 //! positions. Each table has one more column, the tag. Epochs count through all tags, so that each number belongs to
 //! one position. The memory that it takes does not depend on the length of the simulation.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -33,7 +33,8 @@ pub struct SimulatedRecording {
     streams: Streams,
     /// The current epoch.
     epoch: u64,
-    method: &'static str,
+    /// How the positions of each tag are computed.
+    methods: HashMap<u16, &'static str>,
     /// Features of impulse responses, which telemetry does not contain; empty where tags read no responses.
     features: Vec<Feature>,
 }
@@ -46,7 +47,7 @@ impl SimulatedRecording {
     pub fn create(output: OutputFolder, scenario: &Scenario) -> anyhow::Result<Self> {
         let folder = output.path();
         let anchors = scenario.anchors.iter().map(|anchor| (anchor.address, scenario.surveyed_m(anchor))).collect();
-        let reads = scenario.tag.model.is_some();
+        let reads = scenario.tags.iter().any(|tag| tag.settings.model.is_some());
         let features: Vec<_> = Feature::ALL.into_iter().filter(|feature| reads && feature.is_of_response()).collect();
         let of_ranges = ["los", "tag"].into_iter().chain(features.iter().map(|feature| feature.as_str()));
         let more = BTreeMap::from([
@@ -69,7 +70,7 @@ impl SimulatedRecording {
             streams: Streams::create(folder, scenario.tags.first().map(|tag| tag.address))?,
             output,
             epoch: 0,
-            method: scenario.tag.method_name(),
+            methods: scenario.tags.iter().map(|tag| (tag.address, scenario.method_name(tag))).collect(),
             features,
         })
     }
@@ -131,8 +132,9 @@ impl SimulatedRecording {
                 row.extend([los(measured.los), metres(measured.truth_m), tag()]);
             })?;
         }
+        let method = self.methods.get(&record.node).copied().unwrap_or_default();
         self.tables.message_with(stamp, &Message::Fix(epoch.fix), |row| {
-            complete_position(row, record.node, self.method, epoch);
+            complete_position(row, record.node, method, epoch);
         })?;
         let [x, y, z] = epoch.truth_m.map(metres);
         self.truth.write_record([epoch.number.to_string(), format!("{:.6}", record.t_s), x, y, z, tag()])
@@ -225,8 +227,11 @@ fn settings(scenario: &Scenario) -> RecordingSettings {
     let listens = |network: &Network| matches!(network.mode, config::Mode::Listening { .. });
     let mode = if scenario.networks.iter().all(listens) { Mode::Differences } else { Mode::Ranges };
     // Half a millimetre is finer than any height.
-    let height_m = scenario.tag.height_m.map(|height_m| (f64::from(height_m) * 2000.0).round() / 2000.0);
-    RecordingSettings { dims: Some(if height_m.is_some() { 2 } else { 3 }), height_m, mode: Some(mode) }
+    let height_m = scenario.height_m().map(|height_m| (f64::from(height_m) * 2000.0).round() / 2000.0);
+    let is_in_space = scenario.tags.iter().all(|tag| tag.settings.record.height_m.is_none());
+    // Where tags differ, the reader has to say it.
+    let dims = if is_in_space { Some(3) } else { height_m.map(|_| 2) };
+    RecordingSettings { dims, height_m, mode: Some(mode) }
 }
 
 /// The columns of a position.

@@ -5,12 +5,18 @@ use crate::support::Folder;
 /// A tag and two anchors: address true antenna delay in ticks, place in metres.
 fn scenario(nodes: [(u16, f64, [f64; 2]); 3]) -> String {
     let [tag, others @ ..] = nodes;
-    let mut text = "seconds = 3\nair = \"ideal\"\nheight_m = 1\nclock_ppm = 5\n".to_owned();
+    let mut text = "[simulation]\nseconds = 3\nair = \"ideal\"\nclock_ppm = 5\n".to_owned();
     for (address, ticks, [x, y]) in others {
-        text += &format!("[[anchor]]\nat = [{x}, {y}, 1]\naddress = {address}\nantenna_delay_ticks = {ticks}\n");
+        text += &format!(
+            "[[node]]\nrole = \"anchor\"\nposition_m = [{x}, {y}, 1]\naddress = {address}\n\
+             simulation = {{ true_antenna_delay_ticks = {ticks} }}\n"
+        );
     }
     let (address, ticks, [x, y]) = tag;
-    text + &format!("[[tag]]\npath = [[{x}, {y}, 1]]\naddress = {address}\nantenna_delay_ticks = {ticks}\n")
+    text + &format!(
+        "[[node]]\nrole = \"tag\"\nheight_m = 1\naddress = {address}\n\
+         simulation = {{ path_m = [[{x}, {y}, 1]], true_antenna_delay_ticks = {ticks} }}\n"
+    )
 }
 
 /// The default delay is 16436 ticks. An equilateral triangle of 5 m.

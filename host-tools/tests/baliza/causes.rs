@@ -201,8 +201,11 @@ fn a_simulation_without_positions_says_why() {
     };
     let few = "no positions: a tag has 2 anchors in its network, and a position needs 3: add anchors";
     assert_eq!(why("--anchors 2 --seconds 1", ""), few);
-    let anchors = ["0, 0", "9, 0", "9, 9", "0, 9"].map(|at| format!("[[anchor]]\nat = [{at}, 2]\n")).concat();
+    let anchors = ["0, 0", "9, 0", "9, 9", "0, 9"]
+        .map(|at| format!("[[node]]\nrole = \"anchor\"\nposition_m = [{at}, 2]\n"))
+        .concat();
     // 4000 m from the nearest anchor.
-    let far = why("--scenario s.toml --seconds 1", &format!("{anchors}[[tag]]\npath = [[4009, 9, 2]]\n"));
+    let tag = "[[node]]\nrole = \"tag\"\nsimulation = { path_m = [[4009, 9, 2]] }\n";
+    let far = why("--scenario s.toml --seconds 1", &format!("{anchors}{tag}"));
     assert!(far.starts_with("no positions: no anchor answered any tag; the nearest is 4000 m away"), "{far}");
 }

@@ -56,9 +56,10 @@ pub fn difference(t_us: u64, reference: u16, peer: u16) -> Difference {
 /// range.
 pub fn walk() -> Vec<Message> {
     let mut scenario = Scenario::rooms(6, 1);
-    (scenario.seconds, scenario.tag.rate_hz) = (2.0, Some(10.0));
+    scenario.seconds = 2.0;
+    scenario.change_tags(|tag| tag.rate_chz = Some(1000));
     // This method does not use weights, which the files do not have.
-    scenario.tag.method = Some(Method::Nls);
+    scenario.method = Some(Method::Nls);
     let mut simulation = Simulation::new(scenario);
     let hello = |t_us| Hello {
         t_us,

@@ -2,9 +2,11 @@
 
 use crate::support::Folder;
 
-const SCENARIO: &str = "seconds = 2\nheight_m = 1.2\n\
-    [[anchor]]\nat = [0, 0, 2]\n[[anchor]]\nat = [6, 0, 2]\n[[anchor]]\nat = [6, 5, 2]\n[[anchor]]\nat = [0, 5, 2]\n\
-    [[tag]]\npath = [[2, 2, 1.2], [4, 3, 1.2]]\n";
+const SCENARIO: &str = "[[node]]\nrole = \"anchor\"\nposition_m = [0, 0, 2]\n\
+    [[node]]\nrole = \"anchor\"\nposition_m = [6, 0, 2]\n[[node]]\nrole = \"anchor\"\nposition_m = [6, 5, 2]\n\
+    [[node]]\nrole = \"anchor\"\nposition_m = [0, 5, 2]\n\
+    [[node]]\nrole = \"tag\"\nheight_m = 1.2\nsimulation = { path_m = [[2, 2, 1.2], [4, 3, 1.2]] }\n\
+    [simulation]\nseconds = 2\n";
 
 fn folder() -> Folder {
     Folder::with(&[("hall.toml", SCENARIO)])
@@ -77,15 +79,57 @@ fn a_solver_is_what_the_tags_records_say() {
     assert!(listening.stderr.starts_with("--solver: tags that only listen "), "{}", listening.stderr);
 }
 
+#[test]
+fn the_site_that_provision_prints_is_simulated_with_a_picture_and_provisioned() {
+    let folder = Folder::with(&[]);
+    folder.run("provision --example --out site.toml").ok();
+    let run = folder.run("simulate --site site.toml --plot site.svg --json --seconds 5").ok();
+    let summary = run.object();
+    assert_eq!((&summary["tags"], &summary["anchors"]), (&1.into(), &4.into()));
+    // Ten positions a second, as the tag's record asks for, once it has joined.
+    assert!(summary["fixes"].as_u64().is_some_and(|fixes| fixes > 30), "{summary}");
+    assert!(summary["p50_m"].as_f64().is_some_and(|p50_m| p50_m < 0.3), "{summary}");
+    assert_eq!(summary["bluetooth"]["beacons"], 1);
+    let picture = String::from_utf8(folder.read("site.svg")).expect("text");
+    assert!(picture.contains("0x0104") && picture.contains("<polyline"), "the anchors and the walk");
+    // The older name of the flag, and the default walk with a table of a simulation.
+    let table = b"\n[simulation]\nseconds = 5\n";
+    folder.write("longer.toml", &[&folder.read("site.toml"), &table[..]].concat());
+    assert_eq!(folder.run("simulate --scenario longer.toml --json").ok().stdout, run.stdout);
+    for site in ["site.toml", "longer.toml"] {
+        folder.run(&format!("provision --config {site} --all --out records --force")).ok();
+        let check = folder.run("provision --check records/tag-1.bin").ok();
+        assert!(check.stdout.contains("good: tag 0x0201 of network 0xBA11"), "{}", check.stdout);
+    }
+}
+
+#[test]
+fn what_only_a_simulation_has_is_not_provisioned_and_an_incomplete_site_is_refused() {
+    let folder = folder();
+    let run = folder.run("provision --config hall.toml --all --board dwm1001 --out records");
+    assert_eq!((run.code, run.stderr.as_str()), (Some(2), "hall.toml:1: network is missing\n"));
+    let neighbour = "[[node]]\nrole = \"anchor\"\naddress = 9\nsimulation = { network = 1 }\nposition_m = [9, 9, 2]\n";
+    let more = "[[simulation.network]]\npan = 7\n[network]\npan = 6\nregion = \"none\"\n";
+    let named = ["a", "b", "c", "d", "t"].into_iter().zip(1..).fold(SCENARIO.to_owned(), |text, (name, address)| {
+        text.replacen("[[node]]\nrole", &format!("[[node]]\nname = \"{name}\"\naddress = {address}\nrole"), 1)
+    });
+    folder.write("two.toml", format!("{named}{neighbour}{more}").as_bytes());
+    folder.run("provision --config two.toml --all --board dwm1001 --out records").ok();
+    assert_eq!(std::fs::read_dir(folder.path("records")).expect("a folder").count(), 5);
+    let summary = folder.run("simulate --site two.toml --fidelity air --json").ok().object();
+    assert_eq!((&summary["anchors"], &summary["tags"]), (&5.into(), &1.into()));
+}
+
 /// Beacons in the corners instead of anchors.
-const BEACONS: &str = "seconds = 4\nheight_m = 1.2\nlevel = \"air\"\n\
-    [[beacon]]\nat = [0, 0, 2]\n[[beacon]]\nat = [6, 0, 2]\n[[beacon]]\nat = [6, 5, 2]\n[[beacon]]\nat = [0, 5, 2]\n\
-    [[tag]]\npath = [[2, 2, 1.2], [4, 3, 1.2]]\n";
+fn beacons() -> String {
+    let site = SCENARIO.replace("\"anchor\"", "\"beacon\"").replace("seconds = 2", "seconds = 4\nfidelity = \"air\"");
+    site.replace("height_m = 1.2", "height_m = 1.2\nscan_interval_ms = 1000")
+}
 
 #[test]
 fn beacons_alone_give_positions_a_summary_of_theirs_and_files_for_ble_solve() {
     let folder = folder();
-    folder.write("beacons.toml", BEACONS.as_bytes());
+    folder.write("beacons.toml", beacons().as_bytes());
     let run = folder.run("simulate --scenario beacons.toml --json").ok();
     let bluetooth = &run.object()["bluetooth"];
     assert_eq!((&bluetooth["beacons"], &bluetooth["by_anchors"]["fixes"]), (&4.into(), &0.into()));
@@ -200,15 +244,17 @@ fn a_tag_that_listens_leaves_its_differences_beside_the_truth() {
 #[test]
 fn what_is_wrong_is_told_in_one_line_and_nothing_is_written() {
     let folder = folder();
-    folder.write("loss.toml", b"seconds = 1\nloss = 3\n");
+    folder.write("loss.toml", b"[simulation]\nloss = 3\n");
+    folder.write("old.toml", b"# A room.\nseconds = 1\n[[anchor]]\nat = [0, 0, 2]\n");
     folder.write("file", b"");
     let cases = [
         ("--scenario loss.toml", "loss.toml:2: loss is 3: it must be a probability from 0 to 1\n"),
+        ("--site old.toml", "old.toml:2: seconds is a key of older files: write seconds in [simulation]\n"),
         ("--scenario none.toml", "none.toml: cannot open it"),
         ("--loss 2", "invalid value '2' for '--loss <P>'"),
         ("--seconds -1", "invalid value '-1' for '--seconds <S>': \"-1\" is not a number from 0.001 to "),
         ("--tags 0", "invalid value '0' for '--tags <N>'"),
-        ("--scenario hall.toml --tags 2", "the argument '--scenario <FILE>' cannot be used with"),
+        ("--scenario hall.toml --tags 2", "the argument '--site <FILE>' cannot be used with"),
         ("--dims 3 --height-m 1", "--height-m: only with --dims 2\n"),
         ("--plot room.gif", "--plot: room.gif ends in neither .svg nor .png\n"),
         ("--pcap none/air.pcap", "--pcap: the folder none does not exist\n"),
@@ -227,7 +273,7 @@ fn what_is_wrong_is_told_in_one_line_and_nothing_is_written() {
 /// A room with a wall before one of the anchors, and a classifier that asks for impulse responses.
 fn walled() -> Folder {
     use positioning_core::nlos::{Kind, Model, Platt, Skewness};
-    let wall = "[[wall]]\nfrom = [4.5, 3]\nto = [4.5, 5]\nmaterial = \"concrete\"\n";
+    let wall = "[[simulation.wall]]\nfrom_m = [4.5, 3]\nto_m = [4.5, 5]\nmaterial = \"concrete\"\n";
     let folder = Folder::with(&[("hall.toml", &format!("{SCENARIO}{wall}"))]);
     let mut buffer = [0; 64];
     let model = Model { kind: Kind::Skewness(Skewness::default()), calibration: Platt::NONE };
@@ -330,9 +376,12 @@ fn walls_are_in_the_recording_and_in_its_pictures() {
 #[test]
 fn tags_that_a_full_network_refuses_are_counted() {
     // A network has 24 places; 30 tags want one.
-    let tags: String = (0..30).map(|n| format!("[[tag]]\npath = [[{}, 2, 1.2]]\n", 0.1 * f64::from(n))).collect();
-    let anchors = "[[anchor]]\nat = [0, 0, 2]\n[[anchor]]\nat = [6, 0, 2]\n[[anchor]]\nat = [3, 5, 2]\n";
-    let text = format!("seconds = 4\nheight_m = 1.2\nfidelity = \"air\"\n{anchors}{tags}");
+    let tag =
+        |x: f64| format!("[[node]]\nrole = \"tag\"\nheight_m = 1.2\nsimulation = {{ path_m = [[{x}, 2, 1.2]] }}\n");
+    let tags: String = (0..30).map(|n| tag(0.1 * f64::from(n))).collect();
+    let anchor = |at: &str| format!("[[node]]\nrole = \"anchor\"\nposition_m = [{at}]\n");
+    let anchors = ["0, 0, 2", "6, 0, 2", "3, 5, 2"].map(anchor).concat();
+    let text = format!("{anchors}{tags}[simulation]\nseconds = 4\nfidelity = \"air\"\n");
     let folder = Folder::with(&[("crowd.toml", &text)]);
     let run = folder.run("simulate --scenario crowd.toml --out run").ok();
     let refused = "warning: 6 of the tags had no place, for the reason network-full: a network has 24 places; ";

@@ -132,8 +132,10 @@ fn what_a_tag_cannot_use_is_refused_with_its_line() {
 
 #[test]
 fn a_scenario_is_surveyed_and_its_tags_get_what_comes_of_it() {
-    let text = "seconds = 5\nheight_m = 1.2\nlevel = \"air\"\n[[beacon]]\nat = [0, 0, 2]\n[[beacon]]\nat = [4, 0, 2]\n\
-        [[beacon]]\nat = [4, 4, 2]\n[[beacon]]\nat = [0, 4, 2]\n[[tag]]\npath = [[1, 3, 1.2]]\n";
+    let beacon = |at: &str| format!("[[node]]\nrole = \"beacon\"\nposition_m = [{at}, 2]\n");
+    let tag = "[[node]]\nrole = \"tag\"\nheight_m = 1.2\nscan_interval_ms = 1000\n";
+    let simulation = "simulation = { path_m = [[1, 3, 1.2]] }\n[simulation]\nseconds = 5\nfidelity = \"air\"\n";
+    let text = &(["0, 0", "4, 0", "4, 4", "0, 4"].map(beacon).concat() + tag + simulation);
     let outlines =
         "room,x_m,y_m\nwest,-1,-1\nwest,2,-1\nwest,2,5\nwest,-1,5\neast,2,-1\neast,3.5,-1\neast,3.5,5\neast,2,5\n";
     let folder = Folder::with(&[("s.toml", text), ("o.csv", outlines)]);
@@ -151,8 +153,8 @@ fn a_scenario_is_surveyed_and_its_tags_get_what_comes_of_it() {
     assert!((500..1000).contains(&rows), "{rows}");
     folder.run("ble map --fingerprints f.csv --points 20 --out s.map").ok();
     folder.run("ble rooms --fingerprints f.csv --out s.rooms").ok();
-    let with = |lines: &str| text.replace("level", &format!("bluetooth = {{ {lines} }}\nlevel"));
-    folder.write("s.toml", with("map = \"s.map\", rooms = \"s.rooms\"").as_bytes());
+    let with = |lines: &str| text.replace("scan_", &format!("{lines}\nscan_"));
+    folder.write("s.toml", with("fingerprint_map = \"s.map\"\nroom_model = \"s.rooms\"").as_bytes());
     let json = folder.run("simulate --scenario s.toml --json").ok().object();
     assert!(json["bluetooth"]["by_beacons"]["fixes"].as_u64() > Some(6), "{json}");
 
@@ -161,9 +163,9 @@ fn a_scenario_is_surveyed_and_its_tags_get_what_comes_of_it() {
         let run = folder.run("simulate --scenario s.toml --json");
         assert_eq!((run.code, run.stderr.trim_end()), (Some(2), said), "{text}");
     };
-    refused(&with("map = \"s.rooms\""), "s.toml: map: s.rooms: not a map of levels");
+    refused(&with("fingerprint_map = \"s.rooms\""), "s.toml:16: fingerprint_map: s.rooms: not a map of levels");
     refused(
-        &with("map = \"s.map\"").replacen("at = [4, 4, 2]", "at = [4, 4, 2]\nminor = 9", 1),
-        "s.toml: map has beacon 3, which is not in the tag's record: list it as [[beacon]]",
+        &with("fingerprint_map = \"s.map\"").replacen("[4, 4, 2]", "[4, 4, 2]\nminor = 9", 1),
+        "s.toml:17: fingerprint_map has beacon 3, which is not in the tag's record: list it as [[beacon]]",
     );
 }

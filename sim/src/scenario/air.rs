@@ -2,25 +2,13 @@
 
 use rand_distr::{Distribution, StandardNormal};
 
-use super::{Anchor, Carrier, Scenario, Tag};
+use super::{AirModel, Anchor, Carrier, Scenario, Tag};
 use crate::AirConfig;
 use crate::random::{Purpose, stream};
 
 /// Standard deviation of a surveyed coordinate, metres: an assumption, for tape and laser. In recordings it cannot be
 /// told from the anchors' antenna delays.
 const SURVEY_M: f64 = 0.02;
-
-/// How the air treats ranges.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum AirModel {
-    /// With the errors of recordings in line of sight ([`crate::air::LastingErrors`]): links err by as much at each
-    /// visit of a position, some are too long by decimetres, antennas and bodies turn, and anchors are surveyed to
-    /// centimetres.
-    #[default]
-    Recorded,
-    /// Only white noise, and the published bias by power. Anchors are where they are said to be.
-    Ideal,
-}
 
 impl Scenario {
     /// The air's configuration.

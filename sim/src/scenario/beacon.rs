@@ -4,7 +4,6 @@
 use std::cell::RefCell;
 use std::convert::Infallible;
 use std::rc::Rc;
-use std::sync::Arc;
 use std::time::Duration;
 
 use embassy_futures::join::{join, join3};
@@ -12,13 +11,13 @@ use firmware_beacon::{Settings, TelemetrySink};
 use firmware_common::{Start, introduce};
 use rand::RngCore;
 use wire::ble::{EddystoneUid, IBeacon};
-use wire::config::{Advertiser, Scan};
+use wire::config::Advertiser;
 use wire::telemetry::{Board, ResetCause};
 
 use super::config::eui;
 use super::telemetry::Outlet;
-use super::{FaultKind, Scenario};
-use crate::bluetooth::{Bluetooth, BluetoothConfig, Sender};
+use super::{FaultKind, Format, Scenario};
+use crate::bluetooth::{Bluetooth, Sender};
 use crate::random::{Purpose, stream};
 use crate::{TaskId, World};
 
@@ -46,68 +45,26 @@ impl Beacon {
     }
 }
 
-/// The format of a beacon's advertisement.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
-    /// As the app sends it.
-    IBeacon,
-    /// As a beacon of another maker sends it.
-    EddystoneUid,
-    /// As a broken beacon sends it: an iBeacon cut to every length, and with every wrong length in it, one after the
-    /// other.
-    Malformed,
-}
-
-/// The Bluetooth of a scenario.
-#[derive(Clone, Debug, PartialEq)]
-pub struct BluetoothSettings {
-    /// The air.
-    pub air: BluetoothConfig,
-    /// When tags scan.
-    pub scan: Scan,
-    /// The site models that tags have (RSSI by position), as file names.
-    pub files: SiteModelFiles,
-    /// The same as tags have it in flash (`wire::config::decode_models`), for the beacons in the tags' list. It should
-    /// be valid.
-    pub site_models: Option<Arc<[u8]>>,
-}
-
-/// The files of the tags' site models. Their paths are relative to the scenario's.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct SiteModelFiles {
-    /// A map, made by `baliza ble map`.
-    pub map: Option<String>,
-    /// A model of rooms, made by `baliza ble rooms`.
-    pub rooms: Option<String>,
-}
-
-impl Default for BluetoothSettings {
-    /// Tags scan all the time.
-    fn default() -> Self {
-        let scan = Scan { interval_ms: 1000, window_ms: 1000 };
-        Self { air: BluetoothConfig::default(), scan, files: SiteModelFiles::default(), site_models: None }
-    }
-}
-
-/// Checks a beacon. The error says why it cannot be one.
-pub(super) fn check(beacon: &Beacon) -> Result<(), String> {
-    Scenario::beacon_record(beacon).validate().map_err(|invalid| invalid.to_string())
-}
-
 /// A beacon that can be switched.
 pub(super) struct BeaconNode {
     world: World,
     air: Bluetooth,
     beacon: Beacon,
+    beacon_key: Option<[u8; 16]>,
     outlet: Rc<Outlet>,
     task: RefCell<Option<TaskId>>,
 }
 
 impl BeaconNode {
     /// Adds a beacon to the world and starts it.
-    pub(super) fn start(world: &World, air: &Bluetooth, beacon: &Beacon, outlet: Rc<Outlet>) -> Self {
+    pub(super) fn start(
+        world: &World,
+        air: &Bluetooth,
+        (beacon, beacon_key): (&Beacon, Option<[u8; 16]>),
+        outlet: Rc<Outlet>,
+    ) -> Self {
         let (world, air, beacon) = (world.clone(), air.clone(), beacon.clone());
-        let node = Self { world, air, beacon, outlet, task: RefCell::new(None) };
+        let node = Self { world, air, beacon, beacon_key, outlet, task: RefCell::new(None) };
         node.switch_on();
         node
     }
@@ -133,16 +90,21 @@ impl BeaconNode {
     fn switch_on(&self) {
         if self.task.borrow().is_none() {
             let (air, world, beacon) = (self.air.clone(), self.world.clone(), self.beacon.clone());
-            let outlet = self.outlet.clone();
+            let (outlet, key) = (self.outlet.clone(), self.beacon_key);
             let task = self.world.spawn(async move {
-                live(&air, &world, &beacon, &outlet).await;
+                live(&air, &world, (&beacon, key), &outlet).await;
             });
             *self.task.borrow_mut() = Some(task);
         }
     }
 }
 
-async fn live(air: &Bluetooth, world: &World, beacon: &Beacon, outlet: &Outlet) -> Infallible {
+async fn live(
+    air: &Bluetooth,
+    world: &World,
+    (beacon, beacon_key): (&Beacon, Option<[u8; 16]>),
+    outlet: &Outlet,
+) -> Infallible {
     let number = beacon.address.into();
     let sender = Sender::new(air.medium(), world.seed(), number, beacon.at, beacon.rssi_1m_dbm);
     let radio = air.advertiser(sender);
@@ -150,14 +112,14 @@ async fn live(air: &Bluetooth, world: &World, beacon: &Beacon, outlet: &Outlet) 
     let interval = Duration::from_millis(advertiser.interval_ms.into());
     let channels = std::array::from_fn(|channel| advertiser.channels >> channel & 1 == 1);
     match beacon.format {
-        Format::IBeacon => {
+        Format::Ibeacon => {
             let [low, high] = beacon.address.to_le_bytes();
             let reporter = outlet.boot(None);
-            let (record, eui) = (Ok(Scenario::beacon_record(beacon)), eui(beacon.address));
+            let (record, eui) = (Ok(Scenario::beacon_record(beacon, beacon_key)), eui(beacon.address));
             let start = Start { record, eui, reset: ResetCause::PowerOn, crash: None };
             let (hello, followed) = introduce(&reporter, Board::Simulated, wire::telemetry::Role::Beacon, start);
             let settings = followed.map(|(record, _)| Settings::of(&record, [0xDE, 0xCA, 0, 0, high, low]));
-            let Some(Ok(settings)) = settings else { unreachable!("the scenario was checked") };
+            let Some(Ok(settings)) = settings else { unreachable!("the site was checked") };
             let mut draws = stream(world.seed(), Purpose::Birth, 1 << 32 | u64::from(beacon.address));
             let random = move |bytes: &mut [u8]| draws.fill_bytes(bytes);
             let app = firmware_beacon::run(radio.clone(), world.delay(), random, &settings, TelemetrySink(&reporter));

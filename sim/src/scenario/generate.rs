@@ -5,10 +5,9 @@ use std::f64::consts::TAU;
 use ranging::phy::{Channel, Prf};
 use wire::config::{Network, Phy};
 
-use super::{
-    AirModel, Anchor, BluetoothSettings, Fidelity, LISTENING, Motion, NETWORK, Scenario, Tag, TagSettings, Walk,
-};
+use super::{AirModel, Anchor, Fidelity, LISTENING, Motion, NETWORK, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
+use crate::bluetooth::BluetoothConfig;
 use crate::board::BoardProfile;
 
 /// A room, metres.
@@ -56,15 +55,20 @@ impl Scenario {
             air: AirModel::default(),
             clock_ppm: 20.0,
             board: BoardProfile::DWM1001,
-            tag: TagSettings { height_m: Some(TAG_HEIGHT_M), ..TagSettings::default() },
+            method: None,
+            weigh_nlos: true,
             networks: Vec::new(),
+            beacon_key: None,
             walls: Vec::new(),
-            bluetooth: BluetoothSettings::default(),
+            bluetooth: BluetoothConfig::default(),
             beacons: Vec::new(),
             anchors: Vec::new(),
+            listed_anchors: Vec::new(),
             tags: Vec::new(),
             faults: Vec::new(),
         };
+        let mut settings = TagSettings::default();
+        settings.record.height_m = Some(TAG_HEIGHT_M);
         for room in 0..rooms {
             let (column, row) = (room % columns, room / columns);
             let corner = [column as f64 * PITCH_M, row as f64 * PITCH_M];
@@ -86,6 +90,7 @@ impl Scenario {
                 scenario.tags.push(Tag {
                     address,
                     network: room,
+                    settings: settings.clone(),
                     walk: walk(corner, number),
                     board: None,
                     antenna_delay_ticks: None,

@@ -1,6 +1,6 @@
 //! Scenarios: a floor plan, anchors, beacons, tags on their paths, and faults; and whole nodes that run in them.
 //!
-//! A scenario comes from a TOML file ([`Scenario::parse`]) or from [`Scenario::rooms`]. A [`Simulation`] runs it with
+//! A scenario comes from a site's file ([`Scenario::parse`], crate `site`) or from [`Scenario::rooms`]. A [`Simulation`] runs it with
 //! the unchanged apps of `firmware-tag`, `firmware-anchor` and `firmware-beacon`. Each node starts with its config
 //! record, as a board does, and reports telemetry, which becomes [`Record`]s beside the true values. Equal scenarios
 //! with equal seeds yield equal records.
@@ -10,37 +10,38 @@ mod airtime;
 mod beacon;
 mod carrying;
 mod config;
+mod default_walk;
 mod draw;
-mod file;
 mod generate;
 mod hardware;
 mod inspection;
 mod motion;
 mod node;
+mod of_site;
 mod record;
 mod run;
 mod survey;
 mod telemetry;
 
+use std::sync::Arc;
+
 use positioning_core::Method;
-use ranging::native::Scheme;
-use wire::config::Network;
+use wire::config::{Network, Scheme, Solver};
 
 use crate::air::Wall;
+use crate::bluetooth::BluetoothConfig;
 use crate::board::BoardProfile;
 use crate::lis2dh12;
 
-pub use air::AirModel;
-pub use beacon::{Beacon, BluetoothSettings, Format, SiteModelFiles};
-pub use config::{LISTENING, NETWORK};
+pub use beacon::Beacon;
 pub use draw::Charges;
-pub use file::ScenarioError;
 pub use inspection::{Inspection, StepObserver};
 pub use motion::{Walk, distance};
 pub use record::{
     BluetoothSummary, Cover, DifferenceRecord, RangeRecord, Record, SimulatedEpoch, Source, Summary, What,
 };
 pub use run::Simulation;
+pub use site::{AirModel, Carrier, FaultKind, Fidelity, Format, LISTENING, SIMULATED_NETWORK as NETWORK};
 pub use survey::{SurveySample, survey};
 
 /// What is simulated.
@@ -60,18 +61,24 @@ pub struct Scenario {
     pub clock_ppm: f64,
     /// The board of nodes that name no board.
     pub board: BoardProfile,
-    /// What tags do with their ranges.
-    pub tag: TagSettings,
+    /// The method by which each round is solved by itself. Without it, positions are made as tags' records say.
+    pub method: Option<Method>,
+    /// Whether a range has less weight if its powers, or the classifier, say that its path may be blocked.
+    pub weigh_nlos: bool,
     /// The networks, as config records have them.
     pub networks: Vec<Network>,
+    /// The key of the beacons' rotating identifiers.
+    pub beacon_key: Option<[u8; 16]>,
     /// The floor plan.
     pub walls: Vec<Wall>,
-    /// The Bluetooth air, and when tags scan. Without beacons there is none.
-    pub bluetooth: BluetoothSettings,
+    /// The Bluetooth air. Without beacons there is none.
+    pub bluetooth: BluetoothConfig,
     /// The beacons.
     pub beacons: Vec<Beacon>,
     /// The anchors.
     pub anchors: Vec<Anchor>,
+    /// What tags are told of anchors that do not send their positions, or send wrong ones.
+    pub listed_anchors: Vec<wire::config::Anchor>,
     /// The tags.
     pub tags: Vec<Tag>,
     /// The faults, in the order of time.
@@ -87,62 +94,53 @@ impl Scenario {
             *board = board.slowed(times);
         }
     }
-}
 
-/// How detailed the simulation of the radios is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Fidelity {
-    /// The driver on a register-level chip behind SPI.
-    #[default]
-    Spi,
-    /// A radio directly on the air, for many nodes.
-    Air,
-}
+    /// Changes what the records of all tags say.
+    pub fn change_tags(&mut self, change: impl Fn(&mut wire::config::Tag)) {
+        self.tags.iter_mut().for_each(|tag| change(&mut tag.settings.record));
+    }
 
-/// What tags do with their ranges.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TagSettings {
-    /// The known height at which tags are carried, metres: positions are in the plane. Without it, positions are in
-    /// space.
-    pub height_m: Option<f32>,
-    /// The method by which each round is solved by itself. Without it, a track is kept.
-    pub method: Option<Method>,
-    /// Whether a range has less weight if its powers, or the classifier, say that its path may be blocked.
-    pub weigh_nlos: bool,
-    /// A trained line-of-sight classifier, as a tag has it beside its config record. It should be valid.
-    pub model: Option<&'static [u8]>,
-    /// Rounds per second that a tag requests or listens to. Without it, as many as it can get.
-    pub rate_hz: Option<f64>,
-    /// The same while the tag lies still. Without it, there is no difference.
-    pub still_rate_hz: Option<f64>,
-    /// Whether its DW1000 sleeps between rounds.
-    pub sleep: bool,
-    /// How native rounds are made.
-    pub scheme: Scheme,
-    /// Anchors per round.
-    pub anchors_per_round: u8,
-}
+    /// How the positions of a tag are computed: `track`, or the method's name.
+    pub fn method_name(&self, tag: &Tag) -> &'static str {
+        self.method.map_or(tag.settings.record.solver.name(), Method::as_str)
+    }
 
-impl TagSettings {
-    /// How the positions are computed: `track`, or the method's name.
-    pub fn method_name(&self) -> &'static str {
-        self.method.map_or("track", Method::as_str)
+    /// The known height at which all tags are carried, metres; `None`: tags do not know theirs, or have different ones.
+    pub fn height_m(&self) -> Option<f32> {
+        let mut heights = self.tags.iter().map(|tag| tag.settings.record.height_m);
+        let first = heights.next()?;
+        first.filter(|_| heights.all(|other| other == first))
     }
 }
 
+/// What a tag has in its flash.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TagSettings {
+    /// What its config record says of a tag.
+    pub record: wire::config::Tag,
+    /// A trained line-of-sight classifier, as a tag has it beside its config record. It should be valid.
+    pub model: Option<Arc<[u8]>>,
+    /// The models of the beacons' RSSI (`wire::config::decode_models`), for the beacons in its list. They should be
+    /// valid.
+    pub site_models: Option<Arc<[u8]>>,
+}
+
 impl Default for TagSettings {
+    /// A tag that keeps a track in space, of as many single-sided rounds as it can get, of eight anchors.
     fn default() -> Self {
-        Self {
+        let record = wire::config::Tag {
             height_m: None,
-            method: None,
-            weigh_nlos: true,
-            model: None,
-            rate_hz: None,
-            still_rate_hz: None,
+            rate_chz: None,
+            still_rate_chz: None,
             sleep: false,
-            scheme: Scheme::SingleSided,
             anchors_per_round: 8,
-        }
+            tell_distances: false,
+            scan: None,
+            report_ranges: true,
+            solver: Solver::Track,
+            scheme: Some(Scheme::SingleSided),
+        };
+        Self { record, model: None, site_models: None }
     }
 }
 
@@ -169,6 +167,8 @@ pub struct Tag {
     pub address: u16,
     /// The index of its network in [`Scenario::networks`].
     pub network: usize,
+    /// What it has in its flash.
+    pub settings: TagSettings,
     /// Its path.
     pub walk: Walk,
     /// Its board, if it is not the default board.
@@ -188,16 +188,6 @@ pub struct Motion {
     pub vibration_mg: f64,
     /// The sensor.
     pub sensor: MotionSensor,
-}
-
-/// Who moves a tag.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Carrier {
-    /// A person who walks.
-    #[default]
-    Person,
-    /// A trolley on a smooth floor that is accelerated gently.
-    Trolley,
 }
 
 /// A tag's motion sensor.
@@ -232,15 +222,4 @@ pub struct Fault {
     pub node: u16,
     /// The kind of the fault.
     pub what: FaultKind,
-}
-
-/// The kind of a fault.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FaultKind {
-    /// The node loses its power.
-    Off,
-    /// The node has power again.
-    On,
-    /// The node is reset: off, and on at once.
-    Reset,
 }

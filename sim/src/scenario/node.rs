@@ -29,7 +29,7 @@ use super::config::eui;
 use super::hardware::{Firmware, NodePlan};
 use super::inspection::{Inspected, Inspection};
 use super::telemetry::{Outlet, Reporter};
-use super::{Anchor, Scenario, Tag, TagSettings, Walk};
+use super::{Anchor, Scenario, Tag};
 use crate::air::Path;
 use crate::bluetooth::Bluetooth;
 use crate::costs::{Charged, Costs};
@@ -119,7 +119,7 @@ impl Firmware for AnchorApp {
 /// `firmware-tag` for one node of a scenario.
 pub(super) struct TagApp {
     app: App,
-    walk: Walk,
+    tag: Tag,
     ears: Option<Ears>,
     sensor: Option<Sensor>,
     inspection: Inspection,
@@ -141,7 +141,7 @@ impl TagApp {
         inspection: &Inspection,
     ) -> Self {
         let app = App::new(world, scenario, tag.address, &scenario.tag_record(tag), outlet);
-        Self { app, walk: tag.walk.clone(), ears, sensor, inspection: inspection.clone() }
+        Self { app, tag: tag.clone(), ears, sensor, inspection: inspection.clone() }
     }
 }
 
@@ -187,12 +187,13 @@ impl Observer for &Charging<'_> {
         let App { world, scenario, outlet, .. } = &self.tag.app;
         // The tag moves a few millimetres during the ranges of a round. This is the true position at the end of the
         // round.
-        let truth_m = self.tag.walk.at(world.now().as_secs_f64());
+        let truth_m = self.tag.tag.walk.at(world.now().as_secs_f64());
         outlet.note_truth(epoch.measured.number(), truth_m, epoch.sounding.copied());
         // In the simulation the position was computed in zero time. Its cost is awaited here, before the position is
         // reported.
         let costs = &Costs::of(self.processor.board().core).tag;
-        let (tracks, space) = (scenario.tag.method.is_none(), scenario.tag.height_m.is_none());
+        let (tag, track) = (&self.tag.tag, wire::config::Solver::Track.name());
+        let (tracks, space) = (scenario.method_name(tag) == track, tag.settings.record.height_m.is_none());
         let measured = epoch.measured.count();
         let round = costs.round(tracks, space, measured);
         let line = if self.lines.borrow_mut().is_due(self.reporter.now_us()) { costs.line } else { 0 };
@@ -205,13 +206,13 @@ impl Observer for &Charging<'_> {
 }
 
 /// A tag's locator with the settings that only a scenario has: methods that no node has, and powers that are ignored.
-fn adapted<'a>(locator: LocatorConfig<'a>, settings: &TagSettings) -> LocatorConfig<'a> {
-    let other = settings.method.filter(|method| method.as_str() != locator.solver.name());
+fn adapted<'a>(locator: LocatorConfig<'a>, scenario: &Scenario) -> LocatorConfig<'a> {
+    let other = scenario.method.filter(|method| method.as_str() != locator.solver.name());
     let mut locator = match other {
         Some(method) => locator.solving(Solvers::of(method)),
         None => locator,
     };
-    if !settings.weigh_nlos {
+    if !scenario.weigh_nlos {
         locator.settings.engine.filter.blocked = Blocked::Alike;
     }
     locator
@@ -235,11 +236,12 @@ impl TagApp {
             ProtocolConfig::DecaRanging(_) | ProtocolConfig::Listening { .. } => machine,
         };
         let machine = Inspected::new(machine, *address, &self.inspection);
-        let model = scenario.tag.model.and_then(|bytes| Model::decode(bytes).ok()).map(|(model, _)| model);
+        let model =
+            self.tag.settings.model.as_deref().and_then(|bytes| Model::decode(bytes).ok()).map(|(model, _)| model);
         let anchors = firmware_tag::anchor_positions(record);
-        let mut locator = adapted(LocatorConfig::of(tag, record, &anchors), &scenario.tag).with_model(model.as_ref());
+        let mut locator = adapted(LocatorConfig::of(tag, record, &anchors), scenario).with_model(model.as_ref());
         (self.inspection.tune)(&mut locator.settings.engine);
-        let models = scenario.bluetooth.site_models.as_deref();
+        let models = self.tag.settings.site_models.as_deref();
         let models = models.map_or(Err(LoadError::Missing), wire::config::decode_models);
         let complain = |condition| reporter.event_log.state(reporter.now_us(), condition);
         let surveyed = tag.scan.map(|_| site_models(models, &record.beacons, complain));

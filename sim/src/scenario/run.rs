@@ -52,15 +52,15 @@ impl Simulation {
         let world = World::new(scenario.seed, scenario.air_config());
         let scenario = Rc::new(scenario);
         let log: Rc<RefCell<Log>> = Rc::default();
-        let settings = &scenario.bluetooth;
         let bluetooth =
-            (!scenario.beacons.is_empty()).then(|| Bluetooth::new(&world, settings.air.clone(), &scenario.walls));
+            (!scenario.beacons.is_empty()).then(|| Bluetooth::new(&world, scenario.bluetooth.clone(), &scenario.walls));
         let mut outlets = BTreeMap::new();
         let mut outlet = |node| outlets.entry(node).or_insert(Outlet::new(node, &world, &scenario, &log)).clone();
         let mut beacons = HashMap::new();
         for beacon in &scenario.beacons {
             if let Some(air) = &bluetooth {
-                beacons.insert(beacon.address, BeaconNode::start(&world, air, beacon, outlet(beacon.address)));
+                let known = (beacon, scenario.beacon_key);
+                beacons.insert(beacon.address, BeaconNode::start(&world, air, known, outlet(beacon.address)));
             }
         }
         let mut nodes = HashMap::new();

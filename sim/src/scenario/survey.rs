@@ -33,11 +33,13 @@ pub struct SurveySample {
 /// receiver's RSSI has no offset.
 pub fn survey(scenario: &Scenario, places: &[[f64; 3]], seconds: f64) -> Vec<SurveySample> {
     let world = World::new(scenario.seed, AirConfig::default());
-    let config = BluetoothConfig { receiver_offset_db: 0.0, ..scenario.bluetooth.air.clone() };
+    let config = BluetoothConfig { receiver_offset_db: 0.0, ..scenario.bluetooth.clone() };
     let air = Bluetooth::new(&world, config, &scenario.walls);
     let (of, log) = (Rc::new(scenario.clone()), Rc::default());
-    let start =
-        |beacon: &Beacon| BeaconNode::start(&world, &air, beacon, Outlet::new(beacon.address, &world, &of, &log));
+    let start = |beacon: &Beacon| {
+        let outlet = Outlet::new(beacon.address, &world, &of, &log);
+        BeaconNode::start(&world, &air, (beacon, scenario.beacon_key), outlet)
+    };
     let _beacons: Vec<_> = scenario.beacons.iter().map(start).collect();
     let heard: Rc<RefCell<Vec<SurveySample>>> = Rc::default();
     // All stays are simulated at the same time: receivers do not disturb each other.

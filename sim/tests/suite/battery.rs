@@ -5,7 +5,7 @@ use sim::scenario::{AirModel, Charges, Scenario, Simulation, Summary};
 
 fn summary(text: &str, rate_hz: Option<f64>, seconds: f64) -> Summary {
     let mut scenario = Scenario::parse(text).unwrap();
-    scenario.tag.rate_hz = rate_hz.or(scenario.tag.rate_hz);
+    scenario.change_tags(|tag| tag.rate_chz = rate_hz.map(|hz| (100.0 * hz).round() as u32).or(tag.rate_chz));
     scenario.seconds = seconds;
     // This is about charges. An error of a decimetre must show that a position is wrong, not that links err.
     scenario.air = AirModel::Ideal;

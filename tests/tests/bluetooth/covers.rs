@@ -9,7 +9,7 @@ use super::{ROUND, STANDS, by_beacons, errors, room};
 fn example(text: &str, seed: u64) -> Run {
     match Scenario::parse(text) {
         Ok(scenario) => Run::of(Scenario { seed, ..scenario }),
-        Err(error) => panic!("line {error}"),
+        Err(error) => panic!("{error}"),
     }
 }
 
@@ -88,7 +88,8 @@ fn a_tag_goes_out_of_the_anchors_cover_into_the_beacons_and_back() {
 fn a_deaf_receiver_is_found_out_and_errs_no_more_than_another() {
     let rmse_m = |offset_db: f64| {
         let squares = (1..=4).map(|seed: u64| {
-            let head = format!("seconds = 120\nseed = {seed}\n[bluetooth]\nreceiver_offset_db = {offset_db:.1}");
+            let head =
+                format!("seconds = 120\nseed = {seed}\n[simulation.bluetooth]\nreceiver_offset_db = {offset_db:.1}");
             errors(&by_beacons(&Run::of_text(&(room(&head, &[]) + ROUND)), 60.0, 120.0)).0.powi(2)
         });
         (squares.sum::<f64>() / 4.0).sqrt()
@@ -101,7 +102,7 @@ fn a_deaf_receiver_is_found_out_and_errs_no_more_than_another() {
 
 #[test]
 fn beacons_of_another_maker_serve_as_well() {
-    let run = Run::of_text(&(room("seconds = 30", &["format = \"eddystone-uid\""; 6]) + ROUND));
+    let run = Run::of_text(&(room("seconds = 30", &["simulation = { format = \"eddystone-uid\" }"; 6]) + ROUND));
     let epochs = by_beacons(&run, 0.0, 30.0);
     assert!(epochs.iter().filter(|(_, epoch)| epoch.fix.reason().is_none()).count() > 50);
     assert!(errors(&epochs).0 < 5.0);
@@ -109,8 +110,8 @@ fn beacons_of_another_maker_serve_as_well() {
 
 #[test]
 fn a_scan_of_a_tenth_of_the_time_is_enough() {
-    let head = "seconds = 30\n[bluetooth]\nscan_interval_ms = 1000\nscan_window_ms = 100";
-    let run = Run::of_text(&(room(head, &[]) + STANDS));
+    let stands = STANDS.replace("scan_interval_ms = 1000", "scan_interval_ms = 1000\nscan_window_ms = 100");
+    let run = Run::of_text(&(room("seconds = 30", &[]) + &stands));
     let epochs = by_beacons(&run, 3.0, 30.0);
     // A window of 100 ms receives a beacon with an interval of 100 ms about once.
     assert!(epochs.iter().filter(|(_, epoch)| epoch.fix.reason().is_none()).count() > 10, "{}", epochs.len());

@@ -8,22 +8,29 @@ mod troubles;
 use sim::scenario::{SimulatedEpoch, Source};
 use system_tests::{Run, TAG};
 
-/// A room of 12 m × 8 m with six beacons around; more text may follow.
-fn room(head: &str, beacons: &[&str]) -> String {
+/// A room of 12 m × 8 m with six beacons around, with more keys of its simulation and of its beacons; more text may
+/// follow.
+fn room(simulation: &str, beacons: &[&str]) -> String {
     const PLACES: [[f64; 2]; 6] = [[0.3, 0.3], [6.0, 0.3], [11.7, 0.3], [11.7, 7.7], [6.0, 7.7], [0.3, 7.7]];
-    let mut text = format!("height_m = 1.2\nlevel = \"air\"\n{head}\n");
+    let mut text = format!("[simulation]\nfidelity = \"air\"\n{simulation}\n");
     for (place, [x, y]) in PLACES.into_iter().enumerate() {
         let more = beacons.get(place).copied().unwrap_or("");
-        text += &format!("[[beacon]]\nat = [{x}, {y}, 2.2]\n{more}\n");
+        text += &beacon([x, y], more);
     }
     text
 }
 
+/// A beacon, with more keys.
+fn beacon([x, y]: [f64; 2], more: &str) -> String {
+    format!("[[node]]\nrole = \"beacon\"\nposition_m = [{x}, {y}, 2.2]\n{more}\n")
+}
+
 /// A tag that walks round in the room.
-const ROUND: &str =
-    "[[tag]]\npath = [[2, 2, 1.2], [10, 2, 1.2], [10, 6, 1.2], [2, 6, 1.2]]\nspeed_m_s = 0.8\nclosed = true\n";
+const ROUND: &str = "[[node]]\nrole = \"tag\"\nheight_m = 1.2\nscan_interval_ms = 1000\n[node.simulation]\n\
+    path_m = [[2, 2, 1.2], [10, 2, 1.2], [10, 6, 1.2], [2, 6, 1.2]]\nspeed_m_s = 0.8\nclosed = true\n";
 /// A tag that does not move.
-const STANDS: &str = "[[tag]]\npath = [[5, 3, 1.2]]\n";
+const STANDS: &str =
+    "[[node]]\nrole = \"tag\"\nheight_m = 1.2\nscan_interval_ms = 1000\nsimulation = { path_m = [[5, 3, 1.2]] }\n";
 
 /// The epochs by beacons within an interval.
 fn by_beacons(run: &Run, from_s: f64, to_s: f64) -> Vec<(f64, &SimulatedEpoch)> {

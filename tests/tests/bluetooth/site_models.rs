@@ -29,9 +29,9 @@ fn region(map: &[u8]) -> Vec<u8> {
 /// Runs the example with these site models in the tags' flash, and with receivers whose RSSI is too high by
 /// `receiver_offset_db`.
 fn run(rssis: Option<&[u8]>, receiver_offset_db: f64) -> Run {
-    let mut scenario = Scenario::parse(TEXT).unwrap_or_else(|error| panic!("line {error}"));
-    scenario.bluetooth.site_models = rssis.map(Arc::from);
-    scenario.bluetooth.air.receiver_offset_db = receiver_offset_db;
+    let mut scenario = Scenario::parse(TEXT).unwrap_or_else(|error| panic!("{error}"));
+    scenario.tags[0].settings.site_models = rssis.map(Arc::from);
+    scenario.bluetooth.receiver_offset_db = receiver_offset_db;
     Run::of(scenario)
 }
 
@@ -90,8 +90,8 @@ fn rooms(run: &Run, tag: u16) -> Vec<(f64, RoomEstimate)> {
 
 #[test]
 fn tags_that_stay_in_their_rooms_are_found_there() {
-    let mut scenario = Scenario::parse(TEXT).unwrap_or_else(|error| panic!("line {error}"));
-    scenario.bluetooth.site_models = Some(region(MAP).into());
+    let mut scenario = Scenario::parse(TEXT).unwrap_or_else(|error| panic!("{error}"));
+    scenario.tags[0].settings.site_models = Some(region(MAP).into());
     scenario.seconds = 60.0;
     let first = scenario.tags.remove(0);
     let places = [[2.0, 4.0, 1.2], [10.0, 2.0, 1.2], [10.0, 6.5, 1.2]];

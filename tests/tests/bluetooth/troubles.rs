@@ -2,16 +2,26 @@
 //! known".
 
 use sim::scenario::What;
-use system_tests::{Run, TAG};
+use system_tests::{Run, TAG, anchor, fault};
 use wire::telemetry::{BeaconEvidence, Condition, Message, SolveError};
 
-use super::{ROUND, STANDS, by_beacons, errors, room};
+use super::{ROUND, STANDS, beacon, by_beacons, errors, room};
 
 /// The first beacon's address, by which faults name it.
 const FIRST: u16 = 0x2001;
 
 fn off(at_s: f64, node: u16) -> String {
-    format!("[[fault]]\nat_s = {at_s}\nnode = {node}\nwhat = \"off\"\n")
+    fault(at_s, node, "off")
+}
+
+/// What tags are told of the first beacon.
+fn told(position_m: &str) -> String {
+    format!("[[beacon]]\nmajor = 1\nminor = 1\nposition_m = {position_m}\n")
+}
+
+/// A beacon that tags are not told of.
+fn stranger(position: [f64; 2], more: &str) -> String {
+    beacon(position, &format!("minor = 1\n{more}[node.simulation]\nlisted = false"))
 }
 
 /// The error of a walk through the room, root mean square over some seeds, metres, and the ratio of its square to the
@@ -63,31 +73,30 @@ fn a_mute_beacon_is_as_if_it_were_not_there() {
 #[test]
 fn a_beacon_that_was_moved_is_doubted() {
     // The beacon is carried to the other end of the room, 11 m; the list still has its old position.
-    let (error_m, normalised) = walked(&["listed_at = [11.0, 7.0, 2.2]"], "");
+    let (error_m, normalised) = walked(&[], &told("[11.0, 7.0, 2.2]"));
     // One wrong position in six beacons may double the variance.
     assert!(error_m < 1.2 * GUESS_M && normalised < 2.0 * HONEST, "{error_m} m, {normalised}");
 }
 
-/// A hall of 30 m × 8 m with eight beacons around. The first has the numbers 1-1 and more text.
-fn hall(head: &str, first: &str) -> String {
+/// A hall of 30 m × 8 m with eight beacons around. The first has the numbers 1-1.
+fn hall(simulation: &str) -> String {
     const PLACES: [[f64; 2]; 8] =
         [[0.3, 0.3], [10.0, 0.3], [20.0, 0.3], [29.7, 0.3], [29.7, 7.7], [20.0, 7.7], [10.0, 7.7], [0.3, 7.7]];
-    let mut text = format!("height_m = 1.2\nlevel = \"air\"\n{head}\n");
-    for (place, [x, y]) in PLACES.into_iter().enumerate() {
-        text += &format!("[[beacon]]\nat = [{x}, {y}, 2.2]\n{}\n", if place == 0 { first } else { "" });
-    }
-    text + "[[tag]]\npath = [[2, 2, 1.2], [28, 2, 1.2], [28, 6, 1.2], [2, 6, 1.2]]\nspeed_m_s = 0.8\nclosed = true\n"
+    let mut text = format!("[simulation]\nfidelity = \"air\"\n{simulation}\n");
+    text += &PLACES.map(|place| beacon(place, "")).concat();
+    text + "[[node]]\nrole = \"tag\"\nheight_m = 1.2\nscan_interval_ms = 1000\n[node.simulation]\n\
+            path_m = [[2, 2, 1.2], [28, 2, 1.2], [28, 6, 1.2], [2, 6, 1.2]]\nspeed_m_s = 0.8\nclosed = true\n"
 }
 
 #[test]
 fn a_beacon_that_was_moved_is_named_and_believed_when_it_is_back() {
     // The beacon is carried from the end where it is listed to the other end. After 80 s it is carried back, which is
     // simulated by a second beacon.
-    let at_home = "[[beacon]]\nat = [29.0, 4.0, 2.2]\nminor = 1\nlisted = false\n";
-    let on = format!("[[fault]]\nat_s = 80.0\nnode = {}\nwhat = \"on\"\n", FIRST + 8);
+    let at_home = stranger([29.0, 4.0], "");
+    let on = fault(80.0, FIRST + 8, "on");
     for seed in 1..=3 {
-        let text = hall(&format!("seconds = 240\nseed = {seed}"), "listed_at = [29.0, 4.0, 2.2]");
-        let run = Run::of_text(&(text + at_home + &off(0.0, FIRST + 8) + &off(80.0, FIRST) + &on));
+        let text = hall(&format!("seconds = 240\nseed = {seed}")) + &told("[29.0, 4.0, 2.2]");
+        let run = Run::of_text(&(text + &at_home + &off(0.0, FIRST + 8) + &off(80.0, FIRST) + &on));
         let words = run.words(TAG);
         let named = |word: &Condition| matches!(word, Condition::BeaconMoved(BeaconEvidence { minor: 1, .. }));
         let believed = |word: &Condition| matches!(word, Condition::BeaconRestored(BeaconEvidence { minor: 1, .. }));
@@ -105,18 +114,15 @@ fn a_beacon_that_was_moved_is_named_and_believed_when_it_is_back() {
 #[test]
 fn among_good_beacons_nobody_is_named() {
     let standing = Run::of_text(&(room("seconds = 300", &[]) + STANDS));
-    let walking = Run::of_text(&hall("seconds = 180", ""));
+    let walking = Run::of_text(&hall("seconds = 180"));
     assert!(standing.words(TAG).is_empty() && walking.words(TAG).is_empty());
 }
 
 #[test]
 fn a_clone_is_named_where_anchors_give_the_position() {
-    let twin = "[[beacon]]\nat = [11.0, 7.0, 2.2]\nminor = 1\nlisted = false\n";
-    let anchors: String = [[0.2, 0.2, 2.6], [11.8, 0.2, 1.8], [11.8, 7.8, 2.6], [0.2, 7.8, 1.8]]
-        .iter()
-        .map(|at| format!("[[anchor]]\nat = {at:?}\n"))
-        .collect();
-    let run = Run::of_text(&(room("seconds = 60", &[]) + twin + &anchors + ROUND));
+    let corners = [[0.2, 0.2, 2.6], [11.8, 0.2, 1.8], [11.8, 7.8, 2.6], [0.2, 7.8, 1.8]];
+    let anchors = corners.map(|at| anchor(at, "")).concat();
+    let run = Run::of_text(&(room("seconds = 60", &[]) + &stranger([11.0, 7.0], "") + &anchors + ROUND));
     let words = run.words(TAG);
     let (_, first) = words.first().expect("a word");
     assert!(matches!(first, Condition::BeaconDuplicated(BeaconEvidence { minor: 1, .. })), "{words:?}");
@@ -125,20 +131,20 @@ fn a_clone_is_named_where_anchors_give_the_position() {
 #[test]
 fn a_clone_makes_its_twin_doubtful_and_no_more() {
     // Another beacon with the numbers of the first, in the opposite corner.
-    let clone = "[[beacon]]\nat = [11.0, 7.0, 2.2]\nminor = 1\nlisted = false\n";
-    let (error_m, normalised) = walked(&[], clone);
+    let (error_m, normalised) = walked(&[], &stranger([11.0, 7.0], ""));
     assert!(error_m < GUESS_M && normalised < HONEST, "{error_m} m, {normalised}");
 }
 
 #[test]
 fn a_beacon_that_screams_drowns_nobody() {
     // Fifty advertisements per second, and 15 dB louder than listed.
-    let screaming = ["interval_ms = 20\nrssi_1m_dbm = -44\nlisted_rssi_1m_dbm = -59"];
-    let run = Run::of_text(&(room("seconds = 30", &screaming) + ROUND));
+    let screaming = ["interval_ms = 20\nmeasured_power_dbm = -44"];
+    let listed = told("[0.3, 0.3, 2.2]\nrssi_1m_dbm = -59");
+    let run = Run::of_text(&(room("seconds = 30", &screaming) + ROUND + &listed));
     let epochs = by_beacons(&run, 2.0, 30.0);
     let all = epochs.iter().filter_map(|(_, epoch)| epoch.fix.used()).filter(|used| used.count_ones() >= 5);
     assert!(all.count() > 40, "the others are heard");
-    let (error_m, normalised) = walked(&screaming, "");
+    let (error_m, normalised) = walked(&screaming, &listed);
     // A tag that used only this beacon would estimate a position in its corner, 5.7 m and 3.7 m from the middle:
     // √(3.46² + 5.7² + 3.7²) = 7.6 m off.
     assert!(error_m < 0.75 * 7.6 && normalised < 2.0 * HONEST, "{error_m} m, {normalised}");
@@ -148,13 +154,13 @@ fn a_beacon_that_screams_drowns_nobody() {
 fn an_rssi_of_127_or_0_is_none() {
     // Half of all values. Each, taken as an RSSI, would be a distance of zero.
     for none in [127, 0] {
-        let head = format!("seconds = 60\n[bluetooth]\nunknown_rssi = 0.5\nunknown_rssi_dbm = {none}");
+        let head = format!("seconds = 60\n[simulation.bluetooth]\nunknown_rssi = 0.5\nunknown_rssi_dbm = {none}");
         let run = Run::of_text(&(room(&head, &[]) + ROUND));
         let (error_m, normalised) = errors(&by_beacons(&run, 0.0, 60.0));
         assert!(error_m < GUESS_M && normalised < HONEST, "{none}: {error_m} m, {normalised}");
     }
     // All values: there is no position, and no epoch reports that before the first position.
-    let head = "seconds = 10\n[bluetooth]\nunknown_rssi = 1.0\nunknown_rssi_dbm = 0";
+    let head = "seconds = 10\n[simulation.bluetooth]\nunknown_rssi = 1.0\nunknown_rssi_dbm = 0";
     let run = Run::of_text(&(room(head, &[]) + STANDS));
     assert!(run.fix_times(TAG, 0.0, 10.0).is_empty());
     assert!(run.summary.bluetooth.is_some_and(|bluetooth| bluetooth.adverts_heard > 300));
@@ -164,9 +170,8 @@ fn an_rssi_of_127_or_0_is_none() {
 fn adverts_of_every_malformed_length_are_nobodys() {
     // Fifty advertisements per second, with the identity of the first beacon and an RSSI as if next to the tag. All 285
     // variants are sent in six seconds.
-    let broken = "[[beacon]]\nat = [11.0, 7.0, 2.2]\nminor = 1\nlisted = false\ninterval_ms = 20\nformat = \"malformed\"\n\
-                  rssi_1m_dbm = -40\n";
-    let alone = "format = \"malformed\"\ninterval_ms = 20";
+    let broken = stranger([11.0, 7.0], "interval_ms = 20\nmeasured_power_dbm = -40\n") + "format = \"malformed\"\n";
+    let alone = "interval_ms = 20\nsimulation = { format = \"malformed\" }";
     let run = Run::of_text(&(room("seconds = 20", &[alone; 6]) + STANDS));
     assert!(run.epochs(TAG).next().is_none(), "an epoch of nothing");
     assert!(
@@ -175,7 +180,7 @@ fn adverts_of_every_malformed_length_are_nobodys() {
     );
     assert!(run.summary.bluetooth.is_some_and(|bluetooth| bluetooth.adverts_heard > 1000), "the air is full");
     // Among valid advertisements it is only noise on the air.
-    let (error_m, normalised) = walked(&[], broken);
+    let (error_m, normalised) = walked(&[], &broken);
     assert!(error_m < GUESS_M && normalised < HONEST, "{error_m} m, {normalised}");
 }
 

@@ -6,10 +6,15 @@ use system_tests::{Run, TAG};
 
 /// One anchor and one tag: a range over `distance_m` metres in a mode of the network.
 fn over(distance_m: f64, network: &str, seconds: f64, seed: u64) -> Run {
-    Run::of_text(&format!(
-        "seconds = {seconds}\nseed = {seed}\nair = \"ideal\"\nheight_m = 1.5\n[[network]]\n{network}\n\
-         [[anchor]]\nat = [0, 0, 1.5]\n[[tag]]\npath = [[{distance_m}, 0, 1.5]]\n"
-    ))
+    Run::of_text(&site(distance_m, network, seconds, seed))
+}
+
+fn site(distance_m: f64, network: &str, seconds: f64, seed: u64) -> String {
+    format!(
+        "[simulation]\nseconds = {seconds}\nseed = {seed}\nair = \"ideal\"\n[network]\n{network}\n\
+         [[node]]\nrole = \"anchor\"\nposition_m = [0, 0, 1.5]\n\
+         [[node]]\nrole = \"tag\"\nheight_m = 1.5\nsimulation = {{ path_m = [[{distance_m}, 0, 1.5]] }}\n"
+    )
 }
 
 /// Modes of the EVK1000: 1, 3, 5, 7 at 110 kbit/s, the others at 6.81 Mbit/s.
@@ -51,9 +56,7 @@ fn decaranging_ranges_are_true_from_0_3_to_50_metres_in_every_mode() {
 #[test]
 fn ranges_are_true_again_soon_after_the_chips_have_warmed_up() {
     for mode in ["native", "decaranging"] {
-        let text = format!(
-            "seconds = 40\nair = \"ideal\"\nheight_m = 1.5\n[[network]]\nmode = \"{mode}\"\n[[anchor]]\nat = [0, 0, 1.5]\n[[tag]]\npath = [[10, 0, 1.5]]\n"
-        );
+        let text = site(10.0, &format!("mode = \"{mode}\""), 40.0, 1);
         let mut simulation = Simulation::new(Scenario::parse(&text).unwrap());
         let mut records = simulation.run_until(15.0);
         for node in [1, TAG] {

@@ -2,7 +2,7 @@
 //! bounds from recordings in line of sight: a laboratory with DWM1001 and a motion-capture room.
 
 use sim::scenario::{AirModel, Fidelity, Scenario};
-use system_tests::{Run, TAG, moments};
+use system_tests::{Run, TAG, anchor, moments, tag};
 
 /// A link's residuals, and where the tag was.
 type Link = Vec<(f64, [f64; 3])>;
@@ -92,9 +92,9 @@ fn the_ideal_air_has_no_lasting_errors() {
 
 #[test]
 fn links_of_a_tag_at_rest_do_not_average_out() {
-    let head = "height_m = 1.2\nseconds = 10\nfidelity = \"air\"\n[[tag]]\npath = [[5, 3, 1.2]]\n";
-    let anchors = (0..8).map(|i| format!("[[anchor]]\nat = [{}, {}, 2.5]\n", 3 * (i % 4), 8 * (i / 4)));
-    let mut scenario = Scenario::parse(&(head.to_owned() + &anchors.collect::<String>())).unwrap();
+    let head = "[simulation]\nseconds = 10\nfidelity = \"air\"\n".to_owned() + &tag("", "path_m = [[5, 3, 1.2]]");
+    let anchors = (0..8).map(|i| anchor([f64::from(3 * (i % 4)), f64::from(8 * (i / 4)), 2.5], ""));
+    let mut scenario = Scenario::parse(&(head + &anchors.collect::<String>())).unwrap();
     let mut means = Vec::new();
     for seed in 1..=4 {
         scenario.seed = seed;

@@ -82,7 +82,9 @@ fn decaranging_frames_are_those_of_the_boards() {
     // fast response's code is 6LoWPAN's code for broadcasts.
     for (variant, without) in [("decaranging", &[][..]), ("decaranging-fast", &["zbee_nwk", "6lowpan"][..])] {
         let text = format!(
-            "seconds = 3\n[[network]]\nmode = \"{variant}\"\n[[anchor]]\nat = [0, 0, 2]\n[[tag]]\npath = [[5, 0, 1]]\n"
+            "[simulation]\nseconds = 3\n[network]\nmode = \"{variant}\"\n\
+             [[node]]\nrole = \"anchor\"\nposition_m = [0, 0, 2]\n\
+             [[node]]\nrole = \"tag\"\nsimulation = {{ path_m = [[5, 0, 1]] }}\n"
         );
         let fields = ["_ws.malformed", "wpan.fcs_ok", "wpan.frame_type", "frame.len", "wpan.dst_pan", "wpan.src64"];
         let Some(frames) = frames_of(&text, &fields, without) else { return };

@@ -1,14 +1,10 @@
 //! Complaints by users of other systems, each as a scenario of whole nodes: the driver on register-level chips.
 
-use system_tests::{Run, STAND, TAG, WALK, hall};
+use system_tests::{Run, STAND, TAG, WALK, anchor, fault, hall, tag};
 use wire::telemetry::SolveError;
 
 /// The time after which all nodes have joined, seconds.
 const JOINED_S: f64 = 1.0;
-
-fn fault(at_s: f64, node: u16, what: &str) -> String {
-    format!("[[fault]]\nat_s = {at_s}\nnode = {node}\nwhat = \"{what}\"\n")
-}
 
 /// "More than four anchors or one tag makes it freeze."
 #[test]
@@ -75,8 +71,8 @@ fn a_lost_coordinator_is_replaced_within_a_second() {
 fn a_tag_that_comes_back_from_beyond_reach_is_found_again() {
     // 300 m away and back at 60 m/s: nothing is received beyond 150 m, and the edge is crossed slowly enough for the
     // link to degrade gradually. The tag is out of range from 2 s to about 10 s.
-    let text =
-        hall("seconds = 14", 4, &[]) + "[[tag]]\npath = [[10, 6, 1.2], [310, 6, 1.2], [10, 6, 1.2]]\nspeed_m_s = 60\n";
+    let away = "path_m = [[10, 6, 1.2], [310, 6, 1.2], [10, 6, 1.2]]\nspeed_m_s = 60";
+    let text = hall("seconds = 14", 4, &[]) + &tag("", away);
     let run = Run::of_text(&text);
     assert!(run.fix_times(TAG, 3.5, 7.0).is_empty(), "nobody hears the tag");
     assert!(run.longest_gap(TAG, 10.0, 14.0) < 0.2, "it is back and stays: {} s", run.longest_gap(TAG, 10.0, 14.0));
@@ -103,7 +99,10 @@ fn without_anchors_there_is_a_reason_and_no_old_value() {
 /// "5 s gaps every two minutes", and errors in anything that wraps after 17.2 s.
 #[test]
 fn five_minutes_have_no_gap() {
-    let run = Run::of_text(&hall("seconds = 300\nlevel = \"air\"\nrate_hz = 10", 5, &[WALK]));
+    let run = Run::of_text(
+        &(hall("seconds = 300\nfidelity = \"air\"", 5, &[])
+            + &tag("rate_hz = 10", &format!("path_m = {WALK}\nclosed = true"))),
+    );
     let gap = run.longest_gap(TAG, JOINED_S, 300.0);
     assert!(gap < 0.35, "{gap} s without a position");
 }
@@ -111,11 +110,12 @@ fn five_minutes_have_no_gap() {
 /// Two networks side by side on one channel: neither follows the other, and the ranges of both are undisturbed.
 #[test]
 fn two_networks_side_by_side_keep_apart() {
-    let second = "[[network]]\n[[network]]\npan = 0xBA13\ncode = 10\n\
-                  [[anchor]]\nnetwork = 1\nat = [41, 1, 2.5]\n[[anchor]]\nnetwork = 1\nat = [59, 1, 2.5]\n\
-                  [[anchor]]\nnetwork = 1\nat = [59, 11, 2.5]\n[[anchor]]\nnetwork = 1\nat = [41, 11, 2.5]\n\
-                  [[tag]]\nnetwork = 1\npath = [[50, 6, 1.2]]\n";
-    let run = Run::of_text(&(hall("seconds = 4", 4, &[STAND]) + second));
+    let second: String = [[41.0, 1.0], [59.0, 1.0], [59.0, 11.0], [41.0, 11.0]]
+        .map(|[x, y]| anchor([x, y, 2.5], "network = 1"))
+        .concat();
+    let second = second + &tag("", "network = 1\npath_m = [[50, 6, 1.2]]");
+    let second = second + "[[simulation.network]]\npan = 0xBA13\npreamble_code = 10\n";
+    let run = Run::of_text(&(hall("seconds = 4", 4, &[STAND]) + &second));
     for (tag, anchors) in [(TAG, 1..=4), (TAG + 1, 5..=8)] {
         assert!(run.fix_times(tag, 2.0, 4.0).len() > 100, "tag {tag}");
         for anchor in 1..=8 {

@@ -2,7 +2,7 @@
 //! register-level LIS2DH12.
 
 use sim::scenario::Scenario;
-use system_tests::{Run, TAG, hall};
+use system_tests::{Run, TAG, hall, tag};
 use wire::telemetry::MotionSensor;
 
 /// The time at which the tag is carried away, seconds.
@@ -13,16 +13,16 @@ const AWAKE_HZ: f64 = 30.0;
 
 /// Four anchors and a tag that ranges as often as it can, but once in ten seconds while it lies still. After a minute
 /// the tag is carried away.
-fn carried_off(head: &str, more: &str) -> Run {
-    let head = format!("seconds = 73\nstill_rate_hz = 0.1\n{head}");
-    let tag = format!("[[tag]]\npath = [[8, 5, 1.2], [16, 9, 1.2]]\nleaves_s = {LEAVES_S}\n{more}");
-    Run::of(Scenario::parse(&(hall(&head, 4, &[]) + &tag)).unwrap())
+fn carried_off(record: &str, more: &str) -> Run {
+    let walk = format!("path_m = [[8, 5, 1.2], [16, 9, 1.2]]\nleaves_s = {LEAVES_S}\n{more}");
+    let tag = tag(&format!("still_rate_hz = 0.1\n{record}"), &walk);
+    Run::of(Scenario::parse(&(hall("seconds = 73", 4, &[]) + &tag)).unwrap())
 }
 
 /// The same tag, never carried away.
 fn lying(seconds: f64, more: &str) -> Run {
-    let head = format!("seconds = {seconds}\nstill_rate_hz = 0.1\nsleep = true");
-    Run::of(Scenario::parse(&(hall(&head, 4, &[]) + "[[tag]]\npath = [[8, 5, 1.2]]\n" + more)).unwrap())
+    let tag = tag("still_rate_hz = 0.1\nsleep = true", &format!("path_m = [[8, 5, 1.2]]\n{more}"));
+    Run::of(Scenario::parse(&(hall(&format!("seconds = {seconds}"), 4, &[]) + &tag)).unwrap())
 }
 
 /// Positions per second within an interval.
@@ -44,15 +44,15 @@ fn states(run: &Run) -> Vec<MotionSensor> {
 #[test]
 fn a_tag_that_is_picked_up_ranges_at_full_rate_within_a_second() {
     // The radio sleeps between rounds, or waits.
-    for head in ["sleep = true", "sleep = false"] {
-        let run = carried_off(head, "");
+    for record in ["sleep = true", "sleep = false"] {
+        let run = carried_off(record, "");
         assert_eq!(states(&run), [MotionSensor::Ready]);
         // While it lies still, it ranges once in ten seconds, and next 9 s after it is carried away.
-        assert!(rate(&run, 20.0, LEAVES_S) <= 0.125, "{head}: {}", rate(&run, 20.0, LEAVES_S));
+        assert!(rate(&run, 20.0, LEAVES_S) <= 0.125, "{record}: {}", rate(&run, 20.0, LEAVES_S));
         let awake_s = until_awake(&run, LEAVES_S);
-        assert!(awake_s < 1.0, "{head}: {awake_s} s");
+        assert!(awake_s < 1.0, "{record}: {awake_s} s");
         let gap_s = run.longest_gap(TAG, LEAVES_S + awake_s, LEAVES_S + 7.0);
-        assert!(gap_s < 0.2, "{head}: {gap_s} s");
+        assert!(gap_s < 0.2, "{record}: {gap_s} s");
     }
 }
 
@@ -67,9 +67,9 @@ fn a_trolley_that_is_pushed_off_gently_wakes_its_tag_while_it_gains_speed() {
 #[test]
 fn a_trolley_at_constant_speed_is_not_taken_for_still() {
     // 36 s at 0.25 m/s, which no accelerometer detects.
-    let head = "seconds = 40\nstill_rate_hz = 0.1\nsleep = true";
-    let tag = "[[tag]]\npath = [[4, 3, 1.2], [13, 3, 1.2]]\nspeed_m_s = 0.25\ncarried_by = \"trolley\"\n";
-    let run = Run::of(Scenario::parse(&(hall(head, 4, &[]) + tag)).unwrap());
+    let walk = "path_m = [[4, 3, 1.2], [13, 3, 1.2]]\nspeed_m_s = 0.25\ncarried_by = \"trolley\"";
+    let tag = tag("still_rate_hz = 0.1\nsleep = true", walk);
+    let run = Run::of(Scenario::parse(&(hall("seconds = 40", 4, &[]) + &tag)).unwrap());
     assert_eq!(states(&run), [MotionSensor::Ready]);
     for second in 5..36 {
         let rate = rate(&run, f64::from(second), f64::from(second + 1));
@@ -116,6 +116,6 @@ fn what_is_drawn_at_rest_has_the_sensors_three_microamperes() {
     let sensor_ua = |run: &Run| 1e3 * run.summary.tag_currents_ma.map_or(0.0, |currents| currents.motion_sensor);
     let watched = sensor_ua(&lying(30.0, ""));
     assert!((2.9..=3.0).contains(&watched), "{watched} µA");
-    let unused = Run::of(Scenario::parse(&(hall("seconds = 10", 4, &[]) + "[[tag]]\npath = [[8, 5, 1.2]]\n")).unwrap());
+    let unused = Run::of_text(&hall("seconds = 10", 4, &["[[8, 5, 1.2]]"]));
     assert!((sensor_ua(&unused) - 0.5).abs() < 1e-6, "{} µA", sensor_ua(&unused));
 }

@@ -3,10 +3,10 @@
 
 use std::time::Duration;
 
-use ::ranging::native::Scheme;
 use sim::scenario::{AirModel, Scenario};
 use sim::{BoardProfile, Interrupts};
-use system_tests::{Run, STAND, TAG, WALK, hall};
+use system_tests::{Run, STAND, TAG, WALK, hall, tag};
+use wire::config::Scheme;
 
 /// The default room on the ideal air. On an air as recorded, fading makes powers unequal, and nodes join later.
 fn room(anchors: usize, tags: usize) -> Scenario {
@@ -64,7 +64,7 @@ fn no_anchor_is_silent_on_boards_two_and_four_times_slower_nor_on_others() {
 fn double_sided_rounds_keep_their_rate() {
     for (anchors, least) in [(4, 280.0), (8, 140.0)] {
         let mut scenario = Scenario { seconds: 5.0, ..room(anchors, 1) };
-        scenario.tag.scheme = Scheme::DoubleSided;
+        scenario.change_tags(|tag| tag.scheme = Some(Scheme::DoubleSided));
         let positions = positions_of_whole_rounds(&Run::of(scenario), anchors, 2.0, 5.0);
         assert!(positions >= least, "{anchors} anchors: {positions} positions a second");
     }
@@ -87,7 +87,7 @@ fn ten_seconds_from_switching_on_have_the_promised_rate_whatever_the_seed() {
     ] {
         for seed in [1, 2, 94] {
             let mut scenario = Scenario { seed, board, ..Scenario::rooms(anchors, tags) };
-            scenario.tag.scheme = scheme;
+            scenario.change_tags(|tag| tag.scheme = Some(scheme));
             let summary = Run::of(scenario).summary;
             let which = format!("{} times {}, {tags} × {anchors}, seed {seed}", board.name, board.slowdown);
             assert!(summary.fixes_per_s >= least, "{which}: {summary:?}");
@@ -98,9 +98,11 @@ fn ten_seconds_from_switching_on_have_the_promised_rate_whatever_the_seed() {
 #[test]
 fn interrupts_that_stall_a_tag_now_and_then_cost_a_tenth_of_its_rate_at_most() {
     // Four beacons, so that the tag scans.
-    let beacons: String = (1..=4).map(|x| format!("[[beacon]]\nat = [{x}.0, 1.0, 2.0]\n")).collect();
+    let beacon = |x: u8| format!("[[node]]\nrole = \"beacon\"\nposition_m = [{x}.0, 1.0, 2.0]\n");
+    let beacons: String = (1..=4).map(beacon).collect();
+    let walk = format!("path_m = {WALK}\nclosed = true");
     let rate = |per_second: f64, each: Duration| {
-        let text = hall("seconds = 10", 4, &[WALK]) + &beacons;
+        let text = hall("seconds = 10", 4, &[]) + &tag("scan_interval_ms = 1000", &walk) + &beacons;
         let mut scenario = Scenario::parse(&text).expect("it is valid");
         let scanning = Interrupts { per_second, each };
         scenario.tags[0].board = Some(BoardProfile { scanning, ..scenario.board });
@@ -158,7 +160,7 @@ fn a_loss_of_thirty_in_a_hundred_costs_rate_and_never_stalls() {
 
 #[test]
 fn a_slower_tag_gets_the_rate_it_asks_for() {
-    let run = Run::of_text(&hall("seconds = 7\nrate_hz = 10", 4, &[STAND]));
+    let run = Run::of_text(&(hall("seconds = 7", 4, &[]) + &tag("rate_hz = 10", &format!("path_m = {STAND}"))));
     let rate = run.fix_times(TAG, 2.0, 7.0).len() as f64 / 5.0;
     assert!((9.0..=11.5).contains(&rate), "{rate}");
 }

@@ -76,7 +76,8 @@ pub struct Tour {
 pub fn run(tune: fn(&mut engine::Settings<f32>)) -> Result<Tour> {
     let mut scenario = Scenario::rooms(ANCHORS, 1);
     scenario.seconds = SECONDS;
-    scenario.tag.rate_hz = Some(RATE_HZ);
+    // Config records count rounds in 100 s.
+    scenario.change_tags(|tag| tag.rate_chz = Some((100.0 * RATE_HZ) as u32));
     let exchanges: Rc<RefCell<Vec<Exchange>>> = Rc::default();
     let seen = exchanges.clone();
     let step = move |tag: u16, event: &Event<'_>, action: &Action<'_>| {
@@ -95,7 +96,7 @@ pub fn run(tune: fn(&mut engine::Settings<f32>)) -> Result<Tour> {
         .collect();
     let exchanges = exchanges.borrow();
     let of = |epoch: &SimulatedEpoch| exchanges.iter().position(|exchange| exchange.number == epoch.fix.round);
-    let mut settings = Settings::tag(scenario.tag.height_m);
+    let mut settings = Settings::tag(scenario.height_m());
     tune(&mut settings.engine);
     let mut locator: Locator<'_, 0> = Locator::new(settings);
     for epoch in epochs {

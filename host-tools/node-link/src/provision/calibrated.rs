@@ -2,17 +2,11 @@
 
 use std::path::Path;
 
+use site::Calibrated;
 use wire::config::Beacon;
 
 use recording::UserError;
 use recording::beacons::read_beacons;
-
-/// A beacon of the file. If its height is not known there, the document must list the beacon.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Calibrated {
-    pub(super) beacon: Beacon,
-    pub(super) height_is_known: bool,
-}
 
 /// Reads the file.
 ///

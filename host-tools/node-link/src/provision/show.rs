@@ -2,11 +2,11 @@
 
 use std::fmt::{Display, Write};
 
+use site::{HIDDEN, mode_name};
 use wire::config::{Advertiser, Anchor, Beacon, Board, Mode, Record, Role, Tag};
 use wire::telemetry::Address;
 
 use super::image::Held;
-use super::network::{self, HIDDEN};
 use super::site_models::KEYS;
 
 /// Whether keys are shown.
@@ -125,7 +125,7 @@ impl Text {
         if let Some(region) = network.region {
             self.text("region", region.name());
         }
-        self.text("mode", network::name(network.mode));
+        self.text("mode", mode_name(network.mode));
         match network.mode {
             Mode::Listening { rounds_chz } => self.line("rounds_hz", hertz(rounds_chz)),
             Mode::Native | Mode::DecaRanging { fast: _ } => (),

@@ -1,48 +1,17 @@
-//! A site: the nodes of a network and the receivers of a station, in one file.
+//! A site with the files that it names: calibrated beacons, and the classifier, map and room model of each tag.
 
-use std::collections::HashMap;
+use std::ops::Deref;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
+use ::site::{NodeFiles, Purpose, Receiver, SiteError, SiteFile};
 use positioning_core::geodesy::GeographicOrigin;
-use serde::Deserialize;
-use wire::config::{Anchor, Beacon, Identity, Mode, Network, Record, Role};
-use wire::telemetry::Address;
+use positioning_core::nlos::{Classifier, NodeModel};
+use wire::config::{Board, Record};
 
-use super::calibrated;
-use super::document::{Document, Lines};
-use super::lists::{AnchorTable, BeaconTable, Lists};
-use super::network::NetworkTable;
-use super::node::{Node, NodeTable, Own};
-use super::receivers::{self, Receiver};
+use super::{calibrated, site_models};
+use analysis::train::Chosen;
 use recording::UserError;
 use recording::read_text;
-
-/// The file.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SiteFile {
-    network: Option<NetworkTable>,
-    #[serde(default)]
-    node: Vec<NodeTable>,
-    #[serde(default)]
-    anchor: Vec<AnchorTable>,
-    #[serde(default)]
-    beacon: Vec<BeaconTable>,
-    #[serde(default)]
-    receiver: Vec<Receiver>,
-    beacons_csv: Option<PathBuf>,
-    geographic_origin: Option<GeographicOrigin>,
-}
-
-impl SiteFile {
-    /// Whether it describes a station's receivers and nothing that is for nodes.
-    fn is_of_receivers(&self) -> bool {
-        let Self { network: _, node, anchor, beacon, receiver, beacons_csv, geographic_origin: _ } = self;
-        let is_for_nodes = !(node.is_empty() && anchor.is_empty() && beacon.is_empty()) || beacons_csv.is_some();
-        !is_for_nodes && !receiver.is_empty()
-    }
-}
 
 /// The nodes of a network, and the receivers of a station.
 #[derive(Clone, Debug)]
@@ -53,6 +22,34 @@ pub struct Site {
     pub receivers: Vec<Receiver>,
     /// Where the frame of the positions is on the earth.
     pub geographic_origin: Option<GeographicOrigin>,
+}
+
+/// A node of a site with its record and with what its files hold.
+#[derive(Clone, Debug)]
+pub struct Node {
+    node: ::site::Node,
+    /// The classifier for p_nlos, where the node does not use the powers alone.
+    pub model: Option<Chosen>,
+    /// The RSSI models of the site, as `wire::config::decode_models` reads them.
+    pub site_models: Option<Vec<u8>>,
+    file: PathBuf,
+}
+
+/// What the files of a tag hold.
+#[derive(Clone, Debug, Default)]
+pub struct NodeModels {
+    /// The classifier for p_nlos, where the node does not use the powers alone.
+    pub nlos: Option<Chosen>,
+    /// The RSSI models of the site, as `wire::config::decode_models` reads them.
+    pub site: Option<Vec<u8>>,
+}
+
+impl Deref for Node {
+    type Target = ::site::Node;
+
+    fn deref(&self) -> &::site::Node {
+        &self.node
+    }
 }
 
 impl Site {
@@ -69,49 +66,15 @@ impl Site {
     /// The site that a text describes. Errors name `file`.
     ///
     /// # Errors
-    /// The first line that is wrong: the text is not TOML, a key is unknown or missing, a value is not valid, two nodes
-    /// or receivers are the same, or a node could not follow its record. A file without nodes is wrong unless it has
-    /// receivers and nothing for nodes.
+    /// The first line that is wrong: see [`SiteFile::parse`] and [`SiteFile::site`]; or a file that it names is wrong.
     pub fn parse(file: &Path, text: &str) -> Result<Self, UserError> {
-        let document = Document { file, text };
-        let site: SiteFile = document.read()?;
-        let (root, tables) = document.lines();
-        let lines = |key: &str| tables.get(key).map_or(&[][..], Vec::as_slice);
-        let network_lines = lines("network").first().cloned().unwrap_or_default();
-        let network = site.network.as_ref().map(|network| network.network(document, &network_lines)).transpose()?;
-        receivers::check(document, &site.receiver, lines("receiver"))?;
-        if site.is_of_receivers() {
-            let (receivers, geographic_origin) = (site.receiver, site.geographic_origin);
-            return Ok(Self { nodes: Vec::new(), receivers, geographic_origin });
-        }
-        if site.node.is_empty() {
-            let what = "there is no [[node]]; only [[receiver]] and [geographic_origin] can be alone";
-            return Err(UserError::file(file, what));
-        }
-        let (network, beacon_key) = network.ok_or_else(|| document.wrong(1, "network is missing"))?;
-        let owns = site.node.iter().zip(lines("node")).map(|(table, lines)| table.read(document, lines));
-        let owns = owns.collect::<Result<Vec<_>, _>>()?;
-
-        let line = |lines: &Lines| lines.line;
-        let listed = Lists {
-            anchors: site.anchor.iter().map(Into::into).zip(lines("anchor").iter().map(line)).collect(),
-            beacons: site.beacon.iter().map(Into::into).zip(lines("beacon").iter().map(line)).collect(),
-        };
-        let mut lists = tag_lists(listed, &owns, network.mode);
-        if let Some(name) = &site.beacons_csv {
-            let (calibrated, line) = (calibrated::read(&document.beside(name))?, root.of("beacons_csv"));
-            lists.calibrate(&calibrated, line).map_err(|what| document.wrong(line, what))?;
-        }
-        let lists = Arc::new(lists);
-        let shared = Shared { network, beacon_key, lines: network_lines };
-        let mut nodes = Vec::with_capacity(owns.len());
-        for own in &owns {
-            let node = node(document, own, &shared, &lists, owns.len())?;
-            node.record_for(None)?;
-            nodes.push(node);
-        }
-        distinct(document, &nodes)?;
-        Ok(Self { nodes, receivers: site.receiver, geographic_origin: site.geographic_origin })
+        let site = read_site(file, text, Purpose::Nodes)?;
+        let nodes = site.nodes.into_iter().map(|node| {
+            let NodeModels { nlos: model, site: site_models } = NodeModels::read(file, &node)?;
+            Ok(Node { node, model, site_models, file: file.to_owned() })
+        });
+        let nodes = nodes.collect::<Result<_, UserError>>()?;
+        Ok(Self { nodes, receivers: site.receivers, geographic_origin: site.geographic_origin })
     }
 
     /// The node with this name, or the only node.
@@ -134,93 +97,66 @@ impl Site {
     }
 }
 
-/// The settings that all nodes share.
-struct Shared {
-    network: Network,
-    beacon_key: Option<[u8; 16]>,
-    lines: Lines,
-}
-
-/// The lists of a tag's record: the listed anchors and beacons, then beacons that are nodes. In DecaRanging mode,
-/// anchors that are nodes are added where they do not report their positions.
-fn tag_lists(mut lists: Lists, owns: &[Own], mode: Mode) -> Lists {
-    for own in owns {
-        match (&own.role, own.position_m) {
-            (Role::Anchor { .. }, Some(position_m)) => match (mode, own.identity.address) {
-                (Mode::DecaRanging { fast: _ }, Some(address)) => {
-                    lists.add_anchor(Anchor { address, position_m }, own.lines.line);
-                }
-                (Mode::DecaRanging { fast: _ }, None) | (Mode::Native | Mode::Listening { .. }, _) => (),
-            },
-            (Role::Advertiser(advertiser), Some(position_m)) => {
-                let (major, minor) = (advertiser.major, advertiser.minor);
-                let beacon = Beacon { major, minor, position_m, rssi_1m_dbm: None, path_loss_exponent: None };
-                lists.add_beacon(beacon, own.lines.line);
-            }
-            (Role::Anchor { .. } | Role::Advertiser(_), None) | (Role::Tag(_), _) => (),
-        }
+impl Node {
+    /// The record, if a node on this board can follow it. Without a given board, the file's board is used.
+    ///
+    /// # Errors
+    /// The node cannot follow the record. The error has the line number and the reason.
+    pub fn record_for(&self, board: Option<Board>) -> Result<&Record, UserError> {
+        self.node.record_for(board).map_err(|error| in_file(&self.file, error))
     }
-    lists
 }
 
-fn node(
-    document: Document<'_>,
-    own: &Own,
-    shared: &Shared,
-    lists: &Arc<Lists>,
-    count: usize,
-) -> Result<Node, UserError> {
-    let name = match (&own.name, count) {
-        (Some(name), _) => name.clone(),
-        (None, 1) => "node".to_owned(),
-        (None, _) => return Err(document.wrong(own.lines.line, "name is missing: there are several nodes")),
-    };
-    let ((anchors, beacons), beacon_key) = match &own.role {
-        Role::Tag(_) => {
-            let record = lists.of_record().map_err(|(line, what)| document.wrong(line, what))?;
-            (record, shared.beacon_key)
-        }
-        Role::Advertiser(_) => (Default::default(), shared.beacon_key),
-        // An anchor does not use the key, so its record does not contain the key.
-        Role::Anchor { .. } => (Default::default(), None),
-    };
-    let record = Record {
-        identity: own.identity,
-        role: own.role,
-        network: shared.network,
-        calibration: own.calibration,
-        pins: own.pins,
-        anchors,
-        beacons,
-        beacon_key,
-    };
-    let site_models = own.site_models.bound(&record.beacons).map_err(|(line, what)| document.wrong(line, what))?;
-    let (file, model) = (document.file.to_owned(), own.model.clone());
-    let (network_lines, lines, lists) = (shared.lines.clone(), own.lines.clone(), Arc::clone(lists));
-    Ok(Node { name, board: own.board, record, model, site_models, file, network_lines, lines, lists })
-}
-
-/// Checks that no two nodes have the same name or the same identity.
-fn distinct(document: Document<'_>, nodes: &[Node]) -> Result<(), UserError> {
-    let (mut names, mut addresses, mut euis) = (HashMap::new(), HashMap::new(), HashMap::new());
-    for node in nodes {
-        let Identity { eui, address } = node.record.identity;
-        let same = |what: String, before: &Node| {
-            document.wrong(node.lines.line, format!("{what} as {}'s in line {}", before.name, before.lines.line))
-        };
-        if let Some(before) = names.insert(&node.name, node) {
-            return Err(same(format!("the name {} is the same", node.name), before));
-        }
-        if let Some((eui, before)) = eui.and_then(|eui| Some((eui, euis.insert(eui, node)?))) {
-            return Err(same(format!("the EUI {eui:016X} is the same"), before));
-        }
-        // A node without an address takes the low 16 bits of its EUI.
-        let (own, is_given) = (address.or(eui.map(|eui| eui as u16)), address.is_some());
-        if let Some((own, before)) = own.and_then(|own| Some((own, addresses.insert(own, node)?))) {
-            let both_given = is_given && before.record.identity.address.is_some();
-            let whence = if both_given { "" } else { ", which a node without address takes from its EUI," };
-            return Err(same(format!("the address {}{whence} is the same", Address(own)), before));
-        }
+impl NodeModels {
+    /// Reads the files that a node's table names, whose paths are relative to the site's file.
+    ///
+    /// # Errors
+    /// A file cannot be read, is not of its kind, or is not suitable for the node.
+    pub fn read(file: &Path, node: &::site::Node) -> Result<Self, UserError> {
+        let wrong = |(key, what): (&str, String)| UserError::line(file, node.lines.of(key), what);
+        Ok(Self {
+            nlos: classifier(file, &node.files).map_err(|what| wrong(("nlos_model", what)))?,
+            site: site_models::of_files(file, &node.files, &node.record.beacons).map_err(wrong)?,
+        })
     }
-    Ok(())
+}
+
+/// The site that a text describes, with the calibrated beacons that it names. Errors name `file`.
+///
+/// # Errors
+/// As for [`Site::parse`].
+pub fn read_site(file: &Path, text: &str, purpose: Purpose) -> Result<::site::Site, UserError> {
+    let tables = SiteFile::parse(text).map_err(|error| in_file(file, error))?;
+    let calibrated = tables.beacons_csv().map(|name| calibrated::read(&beside(file, name))).transpose()?;
+    tables.site(purpose, &calibrated.unwrap_or_default()).map_err(|error| in_file(file, error))
+}
+
+/// The error of a site's text as that of its file.
+pub fn in_file(file: &Path, SiteError { line, message }: SiteError) -> UserError {
+    match line {
+        Some(line) => UserError::line(file, line, message),
+        None => UserError::file(file, message),
+    }
+}
+
+/// The path of a file that a site names.
+pub(super) fn beside(file: &Path, name: &Path) -> PathBuf {
+    file.parent().map_or_else(|| name.to_owned(), |folder| folder.join(name))
+}
+
+/// The classifier of a file.
+fn classifier(file: &Path, files: &NodeFiles) -> Result<Option<Chosen>, String> {
+    let Some(name) = &files.nlos_model else { return Ok(None) };
+    let chosen = Chosen::read(&beside(file, name), files.nlos_classifier.as_deref());
+    let chosen = chosen.map_err(|error| format!("nlos_model: {error}"))?;
+    let (bytes, room) = (chosen.bytes().len(), wire::config::MODEL_BYTES);
+    if bytes > room {
+        return Err(format!("nlos_model has {bytes} bytes: a node has room for {room}"));
+    }
+    if NodeModel::decode(chosen.bytes()).is_err() {
+        let name = chosen.model().map_or("", |model| model.name());
+        let kinds = "power-difference, skewness, logistic or quantised";
+        return Err(format!("nlos_model is {name}, which nodes do not hold: it must be {kinds}"));
+    }
+    Ok(Some(chosen))
 }

@@ -5,90 +5,51 @@ use std::path::Path;
 
 use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map};
 use positioning_core::ble::rooms::{Classifier, Model, NodeModel};
-use wire::config::{Beacon, BeaconModel, MODELS_BYTES, Solver, StoredSiteModels, decode_models, encode_models};
+use site::NodeFiles;
+use wire::config::{Beacon, BeaconModel, MODELS_BYTES, StoredSiteModels, decode_models, encode_models};
 
 use super::calibrated::numbers;
-use super::document::{Document, Lines};
-use super::node::NodeTable;
+use super::site::beside;
 use analysis::survey::rooms::ModelFile;
-use recording::UserError;
 use recording::{DOCUMENT_BYTES, limited_bytes};
 
 /// The keys of a tag's section.
 pub(super) const KEYS: [&str; 2] = ["fingerprint_map", "room_model"];
 
-/// The files that a tag's section names, before they are bound to beacons.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Files {
-    map: Option<Named<Vec<u8>>>,
-    rooms: Option<Named<ModelFile>>,
-}
-
-/// A file's content, and the number of the line that names it.
-#[derive(Clone, Debug)]
-struct Named<T> {
-    content: T,
-    line: u64,
-}
-
 /// One of the two models.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
-    /// The RSSI map.
+enum Part {
     Map,
-    /// The model of rooms.
     Rooms,
 }
 
 /// A beacon's name in a model: its minor number, and its major number where the name has one.
 type Called = (Option<u16>, u16);
 
-impl Files {
-    /// Reads the files that a tag's table names.
-    ///
-    /// # Errors
-    /// A file cannot be read, is not of its kind, or is not suitable for a node.
-    pub(super) fn read(table: &NodeTable, document: Document<'_>, lines: &Lines) -> Result<Self, UserError> {
-        let files = [&table.fingerprint_map, &table.room_model];
-        for (key, _) in KEYS.into_iter().zip(files).filter(|(_, file)| file.is_some()) {
-            let without = |other, why| Err(document.wrong(lines.of(key), format!("{key} without {other}: {why}")));
-            if table.scan_interval_ms.is_none() {
-                return without("scan_interval_ms", "the tag does not listen to beacons");
-            }
-            if table.solver.is_some_and(|solver| solver != Solver::Track) {
-                let what = format!("solver with {key}: only a track uses beacons");
-                return Err(document.wrong(lines.of("solver"), what));
-            }
-            if table.height_m.is_none() {
-                return without(
-                    "height_m",
-                    "beacons give positions in the plane, at the height at which a tag is carried",
-                );
-            }
-        }
-        let [map, rooms] = KEYS;
-        Ok(Self {
-            map: table.fingerprint_map.as_ref().map(|file| named(map, file, document, lines, read_map)).transpose()?,
-            rooms: table.room_model.as_ref().map(|file| named(rooms, file, document, lines, read_rooms)).transpose()?,
-        })
+/// The models of the files that a tag's table names, as a node stores them, bound to these beacons; `None` without
+/// files. Paths are relative to the site's file. The error is a key and what is wrong with it.
+///
+/// # Errors
+/// A file cannot be read, is not of its kind, or is not suitable for a node; or a beacon of the models is not among
+/// `beacons`.
+pub(super) fn of_files(
+    site: &Path,
+    files: &NodeFiles,
+    beacons: &[Beacon],
+) -> Result<Option<Vec<u8>>, (&'static str, String)> {
+    let [map_key, rooms_key] = KEYS;
+    let map = files.fingerprint_map.as_ref().map(|name| named(map_key, &beside(site, name), read_map)).transpose()?;
+    let rooms = files.room_model.as_ref().map(|name| named(rooms_key, &beside(site, name), read_rooms)).transpose()?;
+    if map.is_none() && rooms.is_none() {
+        return Ok(None);
     }
-
-    /// The models as a node stores them, bound to these beacons; `None` without models. The error has a line number.
-    pub(super) fn bound(&self, beacons: &[Beacon]) -> Result<Option<Vec<u8>>, (u64, String)> {
-        let map = self.map.as_ref().map(|map| map.content.as_slice());
-        let rooms = self.rooms.as_ref().map(|rooms| &rooms.content);
-        if map.is_none() && rooms.is_none() {
-            return Ok(None);
-        }
-        encode(map, rooms, beacons).map(Some).map_err(|(part, what)| {
-            let [map_key, rooms_key] = KEYS;
-            let (line, key) = match part {
-                Part::Map => (self.map.as_ref().map(|map| map.line), map_key),
-                Part::Rooms => (self.rooms.as_ref().map(|rooms| rooms.line), rooms_key),
-            };
-            (line.unwrap_or(1), format!("{key} {what}"))
-        })
-    }
+    encode(map.as_deref(), rooms.as_ref(), beacons).map(Some).map_err(|(part, what)| {
+        let key = match part {
+            Part::Map => map_key,
+            Part::Rooms => rooms_key,
+        };
+        (key, format!("{key} {what}"))
+    })
 }
 
 /// A map and a model of rooms as a node stores them, bound to the beacons of its record. The error is the model and
@@ -96,7 +57,7 @@ impl Files {
 ///
 /// # Errors
 /// A beacon of the models is not among `beacons`, or two beacons match it, or the models are too long.
-pub fn encode(map: Option<&[u8]>, rooms: Option<&ModelFile>, beacons: &[Beacon]) -> Result<Vec<u8>, (Part, String)> {
+fn encode(map: Option<&[u8]>, rooms: Option<&ModelFile>, beacons: &[Beacon]) -> Result<Vec<u8>, (Part, String)> {
     let (mut of_map, mut of_rooms) = (Vec::new(), Vec::new());
     if let Some(map) = map {
         let identities: Vec<u16> = Map::decode(map).map(|(map, _)| map.identities().collect()).unwrap_or_default();
@@ -155,17 +116,13 @@ pub fn read_rooms(file: &Path) -> Result<ModelFile, String> {
     }
 }
 
-/// The content of the file that a key names.
+/// The content of the file that a key names. The error has the key.
 fn named<T>(
-    key: &str,
-    name: &Path,
-    document: Document<'_>,
-    lines: &Lines,
+    key: &'static str,
+    file: &Path,
     read: impl FnOnce(&Path) -> Result<T, String>,
-) -> Result<Named<T>, UserError> {
-    let (file, line) = (document.beside(name), lines.of(key));
-    let content = read(&file).map_err(|what| document.wrong(line, format!("{key}: {}: {what}", file.display())))?;
-    Ok(Named { content, line })
+) -> Result<T, (&'static str, String)> {
+    read(file).map_err(|what| (key, format!("{key}: {}: {what}", file.display())))
 }
 
 fn called(name: &str) -> Option<Called> {

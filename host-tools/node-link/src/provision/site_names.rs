@@ -9,21 +9,18 @@ use std::{fs, io};
 
 use positioning_core::geodesy::GeographicOrigin;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use site::{Receiver, is_copy, read_toml};
 use wire::config::{Role, decode_models};
 use wire::telemetry::{Address, BeaconEvidence, Condition, Message, RoomEstimate};
 
 use super::calibrated::numbers;
-use super::document::Document;
-use super::{Receiver, Site};
+use super::{Site, in_file};
 use recording::UserError;
 use recording::output::write_file;
 use recording::read_text;
 
 /// The name of the file in the folder of a recording.
 pub const SITE: &str = "site.toml";
-
-/// The key of the copy's tables. A file that `provision` reads has no such key.
-const KNOWN: &str = "known";
 
 /// The names of a site, and the places of its anchors, beacons and receivers. Without a site there are none.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
@@ -115,8 +112,11 @@ impl SiteNames {
     /// The file cannot be read, or its first line that is wrong.
     pub fn read(file: &Path) -> Result<Self, UserError> {
         let text = read_text(file)?;
-        let document = Document { file, text: &text };
-        if is_copy(document) { document.read() } else { Site::parse(file, &text).map(|site| Self::of(&site)) }
+        if is_copy(&text) {
+            read_toml(&text).map_err(|error| in_file(file, error))
+        } else {
+            Site::parse(file, &text).map(|site| Self::of(&site))
+        }
     }
 
     /// The names of a site.
@@ -156,7 +156,7 @@ impl SiteNames {
     pub fn write_into(&self, folder: &Path) -> io::Result<()> {
         let file = folder.join(SITE);
         let is_of_user = match fs::read_to_string(&file) {
-            Ok(text) => !is_copy(Document { file: &file, text: &text }),
+            Ok(text) => !is_copy(&text),
             Err(error) => error.kind() != io::ErrorKind::NotFound,
         };
         if is_of_user || self.known.is_empty() {
@@ -288,10 +288,6 @@ impl SiteNames {
 /// A number of a record to four decimals: finer than any survey.
 fn rounded(number: f32) -> f64 {
     (f64::from(number) * 1e4).round() / 1e4
-}
-
-fn is_copy(document: Document<'_>) -> bool {
-    document.lines().1.contains_key(KNOWN)
 }
 
 impl Known {

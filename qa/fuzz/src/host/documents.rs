@@ -12,16 +12,21 @@ use wire::config::Board;
 
 use super::folder;
 
+/// The shortest site that can be simulated, with a path and a fault.
+const SHORTEST: &[u8] = b"[[node]]\nrole = \"anchor\"\nposition_m = [0, 0, 2]\n\
+    [[node]]\nrole = \"tag\"\nsimulation = { path_m = [[1, 2, 1]] }\n\
+    [[simulation.fault]]\nat_s = 1\nnode = 1\nwhat = \"off\"\n";
+
 pub fn scenario(input: &[u8]) {
     let Ok(text) = std::str::from_utf8(input) else { return };
     if let Err(error) = Scenario::parse(text) {
-        assert!(error.line >= 1 && !error.message.is_empty() && !error.message.contains('\n'), "{error}");
+        assert!(error.line != Some(0) && !error.message.is_empty() && !error.message.contains('\n'), "{error}");
     }
 }
 
 pub fn scenario_seeds() -> Vec<Vec<u8>> {
     let every_key = include_bytes!("../../../../examples/every-key.toml");
-    vec![every_key.to_vec(), b"[[anchor]]\nat = [0, 0, 2]\n[[tag]]\npath = [[1, 2, 1]]\n".to_vec()]
+    vec![every_key.to_vec(), SHORTEST.to_vec(), EXAMPLE.as_bytes().to_vec()]
 }
 
 pub fn site(input: &[u8]) {

@@ -250,7 +250,7 @@ impl Sources {
         let names = arguments.site.as_deref().map(SiteNames::read).transpose()?.unwrap_or_default();
         let rooms = arguments.rooms.as_deref().map(read_outlines).transpose()?.unwrap_or_default();
         let simulation = match &arguments.simulate {
-            Some(Some(file)) => Some(host_tools::simulate::load(file)?),
+            Some(Some(file)) => Some(host_tools::simulate::read_scenario(file, true)?),
             Some(None) => Some(Scenario::rooms(SIMULATED.0, SIMULATED.1)),
             None => None,
         };

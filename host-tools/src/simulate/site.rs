@@ -1,44 +1,36 @@
-//! Maps and room models in a simulation: loads the files that a scenario names into its tags, and makes the survey of
-//! its beacons for such files.
+//! A site in a simulation: its scenario, with the files that it names in the tags, and the survey of its beacons for
+//! maps and room models.
 
 use std::path::Path;
 
 use anyhow::{Context, Result};
 use sim::scenario::{Scenario, survey};
+use site::Purpose;
+use wire::config::Role;
 
 use analysis::survey::presence::{Room, room_of};
-use node_link::provision::site_models::{Part, encode, read_map, read_rooms};
+use node_link::provision::{NodeModels, in_file, read_site};
 use recording::UserError;
+use recording::read_text;
 
 /// Greatest number of positions of a survey, which are receivers that are simulated at once.
 const MOST_PLACES: usize = 10_000;
 
-/// Reads the files that the scenario of this file names, and gives them to the tags, bound to the beacons that are
-/// configured on them.
+/// The scenario of a site's file. With `has_models`, its tags have what the files hold that the site names: classifiers,
+/// maps and room models.
 ///
 /// # Errors
-/// A file cannot be read, or does not fit these tags.
-pub fn load_site_models(scenario: &mut Scenario, file: &Path) -> Result<(), UserError> {
-    let files = &scenario.bluetooth.files;
-    if files.map.is_none() && files.rooms.is_none() {
-        return Ok(());
+/// A file cannot be read, or the first line of it that is wrong.
+pub fn read_scenario(file: &Path, has_models: bool) -> Result<Scenario, UserError> {
+    let site = read_site(file, &read_text(file)?, Purpose::Simulation)?;
+    let mut scenario = Scenario::of_site(&site).map_err(|error| in_file(file, error))?;
+    let tags = site.nodes.iter().filter(|node| matches!(node.record.role, Role::Tag(_)));
+    for (tag, node) in scenario.tags.iter_mut().zip(tags).filter(|_| has_models) {
+        let NodeModels { nlos, site } = NodeModels::read(file, node)?;
+        tag.settings.model = nlos.map(|chosen| chosen.bytes().into());
+        tag.settings.site_models = site.map(Into::into);
     }
-    let folder = file.parent().unwrap_or(Path::new(""));
-    let wrong = |key: &str, name: &str, what: String| UserError::file(file, format!("{key}: {name}: {what}"));
-    let map = files.map.as_ref().map(|name| read_map(&folder.join(name)).map_err(|what| wrong("map", name, what)));
-    let rooms =
-        files.rooms.as_ref().map(|name| read_rooms(&folder.join(name)).map_err(|what| wrong("rooms", name, what)));
-    let (map, rooms) = (map.transpose()?, rooms.transpose()?);
-    let listed: Vec<_> = scenario.beacons.iter().filter_map(|beacon| beacon.listed).collect();
-    let site_models = encode(map.as_deref(), rooms.as_ref(), &listed).map_err(|(part, what)| {
-        let key = match part {
-            Part::Map => "map",
-            Part::Rooms => "rooms",
-        };
-        UserError::file(file, format!("{key} {what}"))
-    })?;
-    scenario.bluetooth.site_models = Some(site_models.into());
-    Ok(())
+    Ok(scenario)
 }
 
 /// A survey of the scenario's beacons as `fingerprints.csv`: dwells of `stay_s` seconds on a grid over the area
@@ -60,7 +52,7 @@ pub fn survey_csv(scenario: &Scenario, step_m: f64, stay_s: f64, rooms: Option<&
         let what = format!("{} points, where {MOST_PLACES} can be simulated", x.2 * y.2);
         return Err(UserError::flag("--survey-step-m", what).into());
     }
-    let height = scenario.tag.height_m.map_or(1.2, f64::from);
+    let height = scenario.height_m().map_or(1.2, f64::from);
     let grid = (0..x.2).flat_map(|i| (0..y.2).map(move |j| (i, j)));
     let places = grid.map(|(i, j)| [x.0 + i as f64 * x.1, y.0 + j as f64 * y.1, height]);
     let room = |[x, y, _]: [f64; 3]| rooms.map(|rooms| room_of(rooms, [x, y]).and_then(|room| rooms.get(room)));

@@ -5,8 +5,7 @@ use std::collections::HashMap;
 use serde::Deserialize;
 use wire::telemetry::Address;
 
-use super::document::{Document, Lines};
-use recording::UserError;
+use crate::document::{Lines, SiteError};
 
 /// The greatest coordinate, metres: the station's.
 const FARTHEST_M: f64 = 1e6;
@@ -31,14 +30,14 @@ pub struct Receiver {
 ///
 /// # Errors
 /// The first line that is wrong.
-pub(super) fn check(document: Document<'_>, receivers: &[Receiver], lines: &[Lines]) -> Result<(), UserError> {
+pub(crate) fn check(receivers: &[Receiver], lines: &[Lines]) -> Result<(), SiteError> {
     let mut before = HashMap::new();
     for (receiver, lines) in receivers.iter().zip(lines) {
         let name = &receiver.name;
-        receiver.check().map_err(|(key, what)| document.wrong(lines.of(key), format!("{key} is {what}")))?;
+        receiver.check().map_err(|(key, what)| SiteError::at(lines.of(key), format!("{key} is {what}")))?;
         if let Some(line) = before.insert(name, lines.line) {
             let what = format!("the name {name} is the same as the receiver's in line {line}");
-            return Err(document.wrong(lines.of("name"), what));
+            return Err(SiteError::at(lines.of("name"), what));
         }
     }
     Ok(())
@@ -77,11 +76,11 @@ fn is_other_node(name: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Site;
     use super::*;
+    use crate::{Purpose, Site};
 
-    fn parse(text: &str) -> Result<Site, UserError> {
-        Site::parse("site.toml".as_ref(), text)
+    fn parse(text: &str) -> Result<Site, SiteError> {
+        Site::parse(text, Purpose::Nodes)
     }
 
     const KITCHEN: &str = "[[receiver]]\nname = \"kitchen\"\nposition_m = [5.5, 2, 2.1]\n";
@@ -116,32 +115,48 @@ mod tests {
         let long = format!("\"{}\"", "k".repeat(65));
         let (second, must) = (KITCHEN.to_owned() + KITCHEN, "it must not be that of an anchor, a tag or a beacon");
         let cases = [
-            ("\"kitchen\"", "\"\"", ":2: name is \"\": it must be 1 to 64 bytes without control characters".to_owned()),
-            ("\"kitchen\"", &long, format!(":2: name is {long}: it must be 1 to 64 bytes")),
-            ("\"kitchen\"", "\"a\\tb\"", ":2: name is \"a\\tb\": it must be 1 to 64 bytes".to_owned()),
-            ("\"kitchen\"", "\"0x0101\"", format!(":2: name is \"0x0101\": {must}")),
-            ("\"kitchen\"", "\"1-7\"", format!(":2: name is \"1-7\": {must}")),
-            ("\"kitchen\"", "7", ":2: name is 7: it must be text in quotation marks".to_owned()),
-            ("name = \"kitchen\"\n", "", ":1: name is missing".to_owned()),
-            ("5.5", "nan", ":3: position_m is NaN: it must be finite and within 1000 km of the origin".to_owned()),
-            ("5.5", "-inf", ":3: position_m is -inf: it must be finite".to_owned()),
-            ("5.5", "1000001", ":3: position_m is 1000001: it must be finite and within 1000 km".to_owned()),
-            ("[5.5, 2, 2.1]", "[5.5, 2]", ":3: position_m is [5.5, 2]: it must be three numbers, [x, y, z]".to_owned()),
-            ("2.1]", "2.1]\nrssi_1m_dbm = 61", ":4: rssi_1m_dbm is 61: it must be -127 to -1".to_owned()),
-            ("2.1]", "2.1]\npath_loss_exponent = 0", ":4: path_loss_exponent is 0: it must be 0.1 to 20".to_owned()),
-            ("2.1]", "2.1]\nheight_m = 2", ":4: unknown key height_m".to_owned()),
-            (KITCHEN, &second, ":5: the name kitchen is the same as the receiver's in line 1".to_owned()),
-            (KITCHEN, "", ": there is no [[node]]; only [[receiver]] and [geographic_origin] can be alone".to_owned()),
-            (KITCHEN, &NODE[NODE.find("[[node]]").expect("a node")..], ":1: network is missing".to_owned()),
-            ("[[receiver]]", "[network]\npan = 1\nrounds_hz = 5\n[[receiver]]", ":3: rounds_hz is for mode".to_owned()),
+            (
+                "\"kitchen\"",
+                "\"\"",
+                "line 2: name is \"\": it must be 1 to 64 bytes without control characters".to_owned(),
+            ),
+            ("\"kitchen\"", &long, format!("line 2: name is {long}: it must be 1 to 64 bytes")),
+            ("\"kitchen\"", "\"a\\tb\"", "line 2: name is \"a\\tb\": it must be 1 to 64 bytes".to_owned()),
+            ("\"kitchen\"", "\"0x0101\"", format!("line 2: name is \"0x0101\": {must}")),
+            ("\"kitchen\"", "\"1-7\"", format!("line 2: name is \"1-7\": {must}")),
+            ("\"kitchen\"", "7", "line 2: name is 7: it must be text in quotation marks".to_owned()),
+            ("name = \"kitchen\"\n", "", "line 1: name is missing".to_owned()),
+            ("5.5", "nan", "line 3: position_m is NaN: it must be finite and within 1000 km of the origin".to_owned()),
+            ("5.5", "-inf", "line 3: position_m is -inf: it must be finite".to_owned()),
+            ("5.5", "1000001", "line 3: position_m is 1000001: it must be finite and within 1000 km".to_owned()),
+            (
+                "[5.5, 2, 2.1]",
+                "[5.5, 2]",
+                "line 3: position_m is [5.5, 2]: it must be three numbers, [x, y, z]".to_owned(),
+            ),
+            ("2.1]", "2.1]\nrssi_1m_dbm = 61", "line 4: rssi_1m_dbm is 61: it must be -127 to -1".to_owned()),
+            (
+                "2.1]",
+                "2.1]\npath_loss_exponent = 0",
+                "line 4: path_loss_exponent is 0: it must be 0.1 to 20".to_owned(),
+            ),
+            ("2.1]", "2.1]\nheight_m = 2", "line 4: unknown key height_m".to_owned()),
+            (KITCHEN, &second, "line 5: the name kitchen is the same as the receiver's in line 1".to_owned()),
+            (KITCHEN, "", "there is no [[node]]; only [[receiver]] and [geographic_origin] can be alone".to_owned()),
+            (KITCHEN, &NODE[NODE.find("[[node]]").expect("a node")..], "line 1: network is missing".to_owned()),
+            (
+                "[[receiver]]",
+                "[network]\npan = 1\nrounds_hz = 5\n[[receiver]]",
+                "line 3: rounds_hz is for mode".to_owned(),
+            ),
         ];
         for (right, wrong, said) in cases {
             let error = parse(&KITCHEN.replacen(right, wrong, 1)).expect_err(&said).to_string();
-            assert!(error.starts_with(&format!("site.toml{said}")), "{said}\n{error}");
+            assert!(error.starts_with(&said), "{said}\n{error}");
         }
         let anchor = "[[anchor]]\naddress = 1\nposition_m = [0, 0, 0]\n";
         let error = parse(&format!("{KITCHEN}{anchor}")).expect_err("an anchor is for nodes").to_string();
-        assert!(error.starts_with("site.toml: there is no [[node]]"), "{error}");
+        assert!(error.starts_with("there is no [[node]]"), "{error}");
     }
 
     #[test]

@@ -1,0 +1,46 @@
+//! A site: the nodes of a network, the beacons and receivers around them, and what a simulation adds, in one TOML file.
+//!
+//! A text becomes a [`SiteFile`], and with the calibrated beacons that it names a [`Site`]: nodes with the config
+//! records that `baliza provision` writes, receivers, and the table `[simulation]`. Errors have a line and say what to
+//! write. `docs/provisioning.md` has the keys of nodes, `docs/scenarios.md` those of simulations.
+#![forbid(unsafe_code)]
+
+mod document;
+mod file;
+mod lists;
+mod moved;
+mod network;
+mod node;
+mod receivers;
+mod simulation;
+mod values;
+
+pub use document::{Lines, SiteError};
+pub use file::{Purpose, Site, SiteFile};
+pub use lists::{Calibrated, Lists};
+pub use network::{HIDDEN, LISTENING, SIMULATED_NETWORK, mode_name};
+pub use node::{Node, NodeFiles, SIMULATED_UUID};
+pub use receivers::Receiver;
+pub use simulation::{
+    AirModel, Bluetooth, Carrier, Fault, FaultKind, Fidelity, Format, Material, NodeSimulation, Sensor, SimulatedBoard,
+    Simulation, Wall,
+};
+
+/// An example file to start from: four anchors, a tag and a beacon, with comments.
+pub const EXAMPLE: &str = include_str!("example.toml");
+
+/// The key of the copy of a site's names and positions that a recording has. A site's file has no such key.
+const COPY: &str = "known";
+
+/// Whether a text is the copy of a site's names and positions, not the site's file.
+pub fn is_copy(text: &str) -> bool {
+    document::Document { text }.lines().1.contains_key(COPY)
+}
+
+/// A TOML text as a type, with the errors of a site.
+///
+/// # Errors
+/// The text is not TOML, or not of the type.
+pub fn read_toml<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, SiteError> {
+    document::Document { text }.read()
+}
