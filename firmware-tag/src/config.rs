@@ -6,7 +6,7 @@ use positioning_core::locator::{AnchorPosition, Settings, SiteModels};
 use positioning_core::nlos::Classifier;
 use wire::config::Solver;
 
-use crate::{HEARS_BEACONS, KnownBeacons};
+use crate::KnownBeacons;
 
 /// How a tag computes positions.
 #[derive(Clone)]
@@ -64,8 +64,7 @@ impl<'a> LocatorConfig<'a> {
 
     /// The configuration of a tag with this record.
     pub fn of(tag: &wire::config::Tag, record: &'a wire::config::Record, anchors: &'a [AnchorPosition]) -> Self {
-        let config = Self::new(tag.height_m, anchors).by(tag.solver);
-        if HEARS_BEACONS { config.with_beacons(KnownBeacons::of(record)) } else { config }
+        Self::new(tag.height_m, anchors).by(tag.solver).with_beacons(KnownBeacons::of(record))
     }
 
     /// The same, with this classifier of links, if there is one.
@@ -85,7 +84,7 @@ impl<'a> LocatorConfig<'a> {
 
     /// A tracker with this configuration. It lives for ever.
     #[cfg(test)]
-    pub(crate) fn tracker(self) -> crate::Tracker<'a> {
+    pub(crate) fn tracker<const BEACONS: usize>(self) -> crate::Tracker<'a, BEACONS> {
         let Self { settings, solver, beacons } = self;
         crate::Tracker::new(settings, solver, std::boxed::Box::leak(std::boxed::Box::new(beacons)))
     }

@@ -1,5 +1,5 @@
 //! The complete tag, in two tasks. [`ranging()`] owns the radio and the protocol, and [`engine()`] computes positions.
-//! A board spawns them at two priorities, and [`run_from_config`] runs both in one task.
+//! A board spawns them at two priorities.
 //!
 //! Radio → protocol → a round of ranges or of differences → [`TaskChannels`] → [`Tracker`] → an [`RoundOutcome`]: a
 //! position with its covariance, or the reason why there is none. Ranging never waits for the engine: if the engine is
@@ -12,7 +12,6 @@
 
 mod channels;
 mod config;
-mod digest;
 pub mod motion;
 #[cfg(feature = "node")]
 mod nlos_model;
@@ -21,8 +20,6 @@ pub mod node;
 mod rate_control;
 pub mod scan;
 mod sightings;
-#[cfg(feature = "room")]
-pub mod simulated;
 mod site_models;
 mod sounding;
 mod telemetry_sink;
@@ -34,23 +31,20 @@ extern crate std;
 
 use core::convert::Infallible;
 
-use embassy_futures::join::join3;
 use embassy_futures::select::{Either4, select4};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
-use firmware_common::{Reporter, Settings, TagProtocol};
 use ranging::exchange::{Action, Event, Guidance, Link, Protocol, Report};
 use ranging::node::Listener;
 use ranging::radio::Sensors;
 use ranging::{Radio, RadioDuration, RadioInstant, Restart};
-use wire::telemetry::{Condition, Hello, MotionSensor, Sighting};
+use wire::telemetry::{Condition, MotionSensor, Sighting};
 
 use channels::Quiet;
 use sounding::Sounder;
 
 pub use channels::{Measured, ReceivedAdvertisement, RssiWindow, TaskChannels};
 pub use config::{LocatorConfig, anchor_positions, method};
-pub use digest::Digest;
 pub use positioning_core::locator::{AnchorPosition, Position, SiteModels};
 pub use rate_control::RateControl;
 pub use sightings::KnownBeacons;
@@ -59,11 +53,12 @@ pub use sounding::Sounding;
 pub use telemetry_sink::TelemetrySink;
 pub use tracker::{RoomReport, RoundOutcome, Tracker};
 
-/// Whether a tag uses beacons. The code for them, 13 kB, is only in images with Bluetooth.
-pub(crate) const HEARS_BEACONS: bool = cfg!(any(feature = "ble", test));
+/// The number of listed beacons that a tag with Bluetooth can follow.
+pub const MAX_LISTED: usize = wire::config::MAX_BEACONS;
 
-/// The number of listed beacons that a tag can follow.
-pub(crate) const LISTED: usize = if HEARS_BEACONS { wire::config::MAX_BEACONS } else { 0 };
+/// The number of listed beacons that this build's tag can follow. The code for them, 13 kB, is only in images with
+/// Bluetooth.
+pub const LISTED: usize = if cfg!(feature = "ble") { MAX_LISTED } else { 0 };
 
 /// The period of the engine's heartbeat while no rounds come, milliseconds.
 const IDLE_MS: u32 = 1000;
@@ -118,7 +113,7 @@ pub trait Sink {
     fn scanner_restarted(&self, times: u32);
 }
 
-/// Sees what a tag reports, before it is reported. Examples: a display, a digest, a simulation that accounts for the
+/// Sees what a tag reports, before it is reported. Examples: a display, a simulation that accounts for the
 /// time it takes.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
 pub trait Observer {
@@ -146,23 +141,6 @@ pub enum Task {
     Engine,
 }
 
-/// Runs a tag as its record says, in one task, and repeats its hello for ever. `observer` sees what is reported.
-pub async fn run_from_config<R: Restart, D: DelayNs + Clone, M: RawMutex, const BYTES: usize>(
-    radio: R,
-    delay: D,
-    (settings, tag): (&Settings, &wire::config::Tag),
-    locator: LocatorConfig<'_>,
-    (channels, reporter): (&TaskChannels<M>, &Reporter<M, BYTES>),
-    hello: Hello,
-    observer: impl Observer,
-) -> Infallible {
-    let sink = TelemetrySink::new(reporter, tag.report_ranges).with_observer(observer);
-    let machine = TagProtocol::new(settings, tag);
-    let ranging = ranging(radio, delay.clone(), machine, channels, &sink);
-    let engine = engine(channels, delay.clone(), locator, RateControl::of(tag), &sink);
-    join3(ranging, engine, reporter.keep_telling(hello, delay)).await.0
-}
-
 /// The task that owns the radio.
 pub async fn ranging<R: Restart, M: RawMutex>(
     mut radio: R,
@@ -180,8 +158,9 @@ pub async fn ranging<R: Restart, M: RawMutex>(
     .await
 }
 
-/// The task that computes positions. It alone owns the solver and the track.
-pub async fn engine<M: RawMutex>(
+/// The task that computes positions. It alone owns the solver and the track. It can follow `BEACONS` listed beacons:
+/// usually [`LISTED`].
+pub async fn engine<const BEACONS: usize, M: RawMutex>(
     channels: &TaskChannels<M>,
     mut delay: impl DelayNs,
     locator: LocatorConfig<'_>,
@@ -189,7 +168,7 @@ pub async fn engine<M: RawMutex>(
     sink: &impl Sink,
 ) -> Infallible {
     let LocatorConfig { settings, solver, beacons } = locator;
-    let mut tracker = Tracker::new(settings, solver, &beacons);
+    let mut tracker = Tracker::<BEACONS>::new(settings, solver, &beacons);
     let turns = tracker.wants_response();
     loop {
         sink.alive(Task::Engine);
@@ -217,7 +196,7 @@ pub async fn engine<M: RawMutex>(
                 channels.end(sink.now_us());
             }
             Either4::Second(heard) => {
-                if HEARS_BEACONS && let Some(sighting) = tracker.receive(&heard) {
+                if let Some(sighting) = tracker.receive(&heard) {
                     sink.sighting(sighting);
                 }
             }
@@ -232,18 +211,19 @@ pub async fn engine<M: RawMutex>(
             }
             Either4::Fourth(()) => {}
         }
-        if HEARS_BEACONS {
-            if let Some(epoch) = tracker.window(sink.now_us()) {
-                if let Ok(position) = &epoch.outcome {
-                    channels.guide(Guidance { position_m: Some(position.position_m), turns, ..Guidance::NONE });
-                }
-                sink.publish(epoch).await;
-            }
-            if let Some(told) = tracker.room() {
-                sink.room(told);
-            }
+        if BEACONS == 0 {
+            continue;
         }
-        if HEARS_BEACONS && let Some(word) = tracker.beacon_condition() {
+        if let Some(epoch) = tracker.window(sink.now_us()) {
+            if let Ok(position) = &epoch.outcome {
+                channels.guide(Guidance { position_m: Some(position.position_m), turns, ..Guidance::NONE });
+            }
+            sink.publish(epoch).await;
+        }
+        if let Some(told) = tracker.room() {
+            sink.room(told);
+        }
+        if let Some(word) = tracker.beacon_condition() {
             sink.beacon(word);
         }
     }

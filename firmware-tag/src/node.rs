@@ -154,7 +154,7 @@ impl Tag {
             Some(surveyed) => locator.with_site_models(surveyed),
             None => locator,
         };
-        crate::engine(self.channels, delay, locator, RateControl::of(&self.config), sink).await
+        crate::engine::<{ crate::LISTED }, _>(self.channels, delay, locator, RateControl::of(&self.config), sink).await
     }
 
     /// The task of a motion sensor. It runs only if the record has a rate for a tag that lies still.

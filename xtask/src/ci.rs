@@ -18,7 +18,7 @@ use crate::root;
 /// The name of the check, its command, and additions to its environment.
 type Step = (&'static str, &'static [&'static str], &'static [(&'static str, &'static str)]);
 
-const STEPS: [Step; 20] = [
+const STEPS: [Step; 19] = [
     ("lock file", &["cargo", "fetch", "--locked"], &[]),
     ("tests", &["cargo", "test"], &[]),
     ("formatting", &["cargo", "fmt", "--all", "--check"], &[]),
@@ -36,7 +36,6 @@ const STEPS: [Step; 20] = [
     ("bare-metal builds", &["cargo", "xtask", "no-std"], &[]),
     ("firmware", &["cargo", "xtask", "firmware"], &[]),
     ("lints of the boards", &["cargo", "xtask", "firmware", "--lint"], &[]),
-    ("tag in QEMU", &["cargo", "xtask", "qemu", "tag"], &[]),
     ("network in QEMU", &["cargo", "xtask", "qemu", "network", "--seconds", "3"], &[]),
     ("promises", &["cargo", "xtask", "promises", "--check", "--quick"], &[]),
     ("cost on the chip", &["cargo", "xtask", "promises", "--check", "chip"], &[]),

@@ -18,7 +18,6 @@ mod promises;
 mod protocol;
 mod python;
 mod qemu;
-mod qemu_tag;
 mod schemes;
 mod shape;
 mod simulation;
@@ -101,8 +100,6 @@ enum Chore {
 /// What runs in QEMU.
 #[derive(Subcommand)]
 enum Qemu {
-    /// A tag and its air: it finds the same positions as the same app on the desktop.
-    Tag,
     /// A tag and four anchors on simulated DW1000s: they range as often, and come as late, as in `baliza simulate`.
     Network(network::Arguments),
 }
@@ -128,7 +125,6 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Dist(arguments) => dist::run(arguments),
         Chore::Deny => deny::run(),
         Chore::Sizes(arguments) => sizes::run(arguments),
-        Chore::Qemu(Qemu::Tag) => qemu_tag::run(),
         Chore::Qemu(Qemu::Network(arguments)) => network::run(arguments),
         Chore::Python => python::run(),
         Chore::Station(arguments) => station::run(arguments),

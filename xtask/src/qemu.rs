@@ -18,20 +18,7 @@ const PATIENCE: Duration = Duration::from_secs(300);
 /// # Errors
 /// QEMU cannot be started, or the image fails or does not end.
 pub fn run(chip: Chip, image: &Path) -> Result<String> {
-    run_command(chip, image, chip.qemu())
-}
-
-/// The same for an image that opens files in this directory, and is started with this argument.
-///
-/// # Errors
-/// QEMU cannot be started, or the image fails or does not end.
-pub fn run_in(chip: Chip, image: &Path, directory: &Path, argument: &str) -> Result<String> {
     let mut command = chip.qemu();
-    command.current_dir(directory).arg("-append").arg(argument);
-    run_command(chip, image, command)
-}
-
-fn run_command(chip: Chip, image: &Path, mut command: Command) -> Result<String> {
     command.arg("-kernel").arg(image).stdin(Stdio::null()).stdout(Stdio::piped());
     let mut machine = command.spawn().with_context(|| format!("cannot run {}: {}", name(&command), install(chip)))?;
     let mut printed = machine.stdout.take().context("no output")?;

@@ -7,7 +7,10 @@ use wire::config::{MODELS_BYTES, decode_models, encode_models};
 
 use super::*;
 use crate::channels::ReceivedAdvertisement;
-use crate::{KnownBeacons, LocatorConfig, Tracker};
+use crate::{KnownBeacons, LocatorConfig};
+
+/// The tracker of a tag with Bluetooth.
+type Tracker<'a> = crate::Tracker<'a, { crate::MAX_LISTED }>;
 
 /// The corners of a square of 6 m, at the tag's height: the positions of beacons 1-1 to 1-4.
 const CORNERS: [[f32; 2]; 4] = [[0.0, 0.0], [6.0, 0.0], [6.0, 6.0], [0.0, 6.0]];

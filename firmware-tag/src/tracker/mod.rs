@@ -16,7 +16,7 @@ use wire::config::Solver;
 use wire::telemetry::{BeaconEvidence, Condition, Room, RoomProbability, Sighting};
 
 use crate::channels::{ReceivedAdvertisement, RssiWindow};
-use crate::{HEARS_BEACONS, KnownBeacons, LISTED, Measured, Sounding};
+use crate::{KnownBeacons, Measured, Sounding};
 
 /// The result of one round, or of a window of beacons.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,20 +43,20 @@ pub struct RoomReport {
     pub is_news: bool,
 }
 
-/// Follows one tag.
+/// Follows one tag. It can follow `BEACONS` listed beacons; without any, it ignores all advertisements.
 #[derive(Clone)]
-pub struct Tracker<'a> {
-    locator: Locator<'a, LISTED>,
+pub struct Tracker<'a, const BEACONS: usize> {
+    locator: Locator<'a, BEACONS>,
     solver: Solver,
     beacons: &'a KnownBeacons<'a>,
     /// The number of the last epoch.
     number: u16,
 }
 
-impl<'a> Tracker<'a> {
+impl<'a, const BEACONS: usize> Tracker<'a, BEACONS> {
     /// A tracker without information about the tag, made of the parts of a [`LocatorConfig`](crate::LocatorConfig).
     pub fn new(settings: Settings<'a>, solver: Solver, beacons: &'a KnownBeacons<'a>) -> Self {
-        let settings = if HEARS_BEACONS { settings.with_beacons(beacons) } else { settings };
+        let settings = if BEACONS > 0 { settings.with_beacons(beacons) } else { settings };
         Self { locator: Locator::new(settings), solver, beacons, number: 0 }
     }
 
@@ -129,6 +129,9 @@ impl<'a> Tracker<'a> {
 
     /// Takes a beacon's advertisement. Returns a sighting to report, if the tag knows the beacon.
     pub fn receive(&mut self, heard: &ReceivedAdvertisement) -> Option<Sighting> {
+        if BEACONS == 0 {
+            return None;
+        }
         let known = self.beacons.identify(&heard.beacon)?;
         let (rssi, measured_power) = (heard.rssi_dbm, heard.beacon.rssi_1m_dbm());
         if let Some(index) = known.place {

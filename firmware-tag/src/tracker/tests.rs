@@ -6,6 +6,9 @@ use ranging::RadioInstant;
 use ranging::exchange::{self, Difference};
 use std::vec::Vec;
 
+/// The tracker of a tag with Bluetooth.
+type Tracker<'a> = super::Tracker<'a, { crate::MAX_LISTED }>;
+
 /// Four anchors at the corners of a room of 3 m × 4 m, 2 m up. Their addresses are 1 to 4, in this order.
 const CORNERS: [[f32; 3]; 4] = [[0.0, 0.0, 2.0], [3.0, 0.0, 2.0], [3.0, 4.0, 2.0], [0.0, 4.0, 2.0]];
 /// The corners are √(1+1+4), √(4+1+4), √(4+9+4), √(1+9+4) m away from the tag.
@@ -79,6 +82,36 @@ fn a_tag_at_a_known_height_is_found_in_the_plane() {
 }
 
 #[test]
+fn a_tag_without_bluetooth_finds_the_same_bits_and_ignores_advertisements() {
+    let (heard, table) = (ranges(|i| Some(CORNERS[i])), table());
+    let mut without: super::Tracker<'_, 0> = LocatorConfig::new(Some(0.0), &table).tracker();
+    let mut with = at_floor(&table);
+    for k in 1..=20 {
+        let [found, reference] =
+            [&mut without.follow(round(&heard), None, 50_000 * k), &mut with.follow(round(&heard), None, 50_000 * k)]
+                .map(|epoch| epoch.outcome);
+        assert_eq!(found, reference);
+        assert!(k == 1 || found.is_ok_and(|position| near(position.position_m, TAG)), "{found:?}");
+    }
+    // A beacon that is listed at the tag's position.
+    let beacons = [wire::config::Beacon {
+        major: 1,
+        minor: 2,
+        position_m: TAG,
+        rssi_1m_dbm: Some(-60.0),
+        path_loss_exponent: None,
+    }];
+    let config = LocatorConfig::new(Some(0.0), &[]).with_beacons(KnownBeacons::new(&beacons, None));
+    let mut without: super::Tracker<'_, 0> = config.clone().tracker();
+    let mut with: Tracker<'_> = config.tracker();
+    let ibeacon = wire::ble::IBeacon { uuid: [1; 16], major: 1, minor: 2, measured_power_dbm: -60 };
+    let heard = ReceivedAdvertisement { t_us: 0, beacon: wire::ble::Advertised::IBeacon(ibeacon), rssi_dbm: -60 };
+    assert!(with.receive(&heard).is_some() && with.window_end_us().is_some());
+    assert!(without.receive(&heard).is_none() && without.window_end_us().is_none());
+    assert!(without.window(10_000_000).is_none() && without.room().is_none() && without.beacon_condition().is_none());
+}
+
+#[test]
 fn configured_places_count_more_than_those_from_the_air() {
     let heard = ranges(|_| Some([9.0, 9.0, 9.0]));
     let table = table();
@@ -110,7 +143,7 @@ fn too_few_ranges_give_a_reason_until_there_is_a_track() {
 fn a_tag_that_solves_each_round_by_itself_needs_three_ranges_in_each() {
     let heard = ranges(|i| Some(CORNERS[i]));
     for solver in Solver::ALL {
-        let mut tracker = LocatorConfig::new(Some(0.0), &[]).by(solver).tracker();
+        let mut tracker: Tracker<'_> = LocatorConfig::new(Some(0.0), &[]).by(solver).tracker();
         for k in 1..=20 {
             let epoch = tracker.follow(round(&heard), None, 50_000 * k);
             let found = epoch.outcome.unwrap().position_m;
@@ -191,7 +224,7 @@ fn a_weak_first_path_is_a_doubt() {
 fn what_the_impulse_response_tells_weighs_its_range() {
     let skewness = |los_mean, nlos_mean| Skewness { feature: Feature::Skewness, los_mean, nlos_mean, deviation: 0.5 };
     let model = Model { kind: Kind::Skewness(skewness(5.0, 0.0)), calibration: Platt::NONE };
-    let mut tracker = LocatorConfig::new(Some(0.0), &[]).with_model(Some(&model)).tracker();
+    let mut tracker: Tracker<'_> = LocatorConfig::new(Some(0.0), &[]).with_model(Some(&model)).tracker();
     assert!(tracker.wants_response());
     // A single peak among 29 zeros: skewness (1 - 2/30)/√(1/30·29/30) = 5.2; its mirror image −5.2.
     let shape = |peak: bool| {

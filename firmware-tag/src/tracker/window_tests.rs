@@ -3,6 +3,9 @@ use crate::LocatorConfig;
 use wire::ble::{Advertised, IBeacon};
 use wire::config::Beacon;
 
+/// The tracker of a tag with Bluetooth.
+type Tracker<'a> = super::Tracker<'a, { crate::MAX_LISTED }>;
+
 /// Beacons in the corners of a square of 6 m, at the tag's height.
 fn corners() -> [Beacon; 4] {
     [[0.0, 0.0, 1.0], [6.0, 0.0, 1.0], [6.0, 6.0, 1.0], [0.0, 6.0, 1.0]].map(|position_m: [f32; 3]| Beacon {

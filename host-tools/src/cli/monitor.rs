@@ -72,7 +72,7 @@ const PATIENCE: Duration = Duration::from_millis(100);
 const EXAMPLES: &str = "Examples:
   baliza monitor --elf target/firmware/tag-dwm1001.elf
   baliza monitor --serial /dev/ttyACM0 --elf target/firmware/tag-esp32c3-ble.elf
-  baliza monitor --file telemetry.bin --defmt-file log.bin --elf target/firmware/tag-simulated-arm.elf";
+  baliza monitor --file telemetry.bin --defmt-file log.bin --elf target/firmware/tag-dwm1001.elf";
 
 /// `--format`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

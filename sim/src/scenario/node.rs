@@ -14,7 +14,7 @@ use firmware_common::{AnchorProtocol, Settings, Start, TagProtocol, introduce};
 use firmware_tag::motion;
 use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
 use firmware_tag::scan;
-use firmware_tag::{LocatorConfig, Observer, RateControl, TaskChannels, TelemetrySink, site_models};
+use firmware_tag::{LISTED, LocatorConfig, Observer, RateControl, TaskChannels, TelemetrySink, site_models};
 use positioning_core::Blocked;
 use positioning_core::engine::Solvers;
 use positioning_core::nlos::Model;
@@ -253,7 +253,8 @@ impl TagApp {
         let sink = TelemetrySink::new(reporter, tag.report_ranges).with_observer(&charging);
         let channels = Rc::new(TaskChannels::<NoopRawMutex>::new());
         let ranging = firmware_tag::ranging(radio, delay, machine, &channels, &sink);
-        let engine = firmware_tag::engine(&channels, background.clone(), locator, RateControl::of(tag), &sink);
+        let engine =
+            firmware_tag::engine::<LISTED, _>(&channels, background.clone(), locator, RateControl::of(tag), &sink);
         let scan = async {
             let (Some(plan), Some(Ears { air, path })) = (tag.scan, &self.ears) else { return pending().await };
             let scanner = {

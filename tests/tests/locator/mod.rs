@@ -88,7 +88,8 @@ fn tag(
     let sink = &node;
     {
         let rates = RateControl::new(Rate::Greedy, None);
-        let mut engine = pin!(firmware_tag::engine(&channels, Delay(&node), config, rates, &sink));
+        let mut engine =
+            pin!(firmware_tag::engine::<{ firmware_tag::LISTED }, _>(&channels, Delay(&node), config, rates, &sink));
         feed(&node, &channels, &mut || work(engine.as_mut()));
     }
     node.outcomes.take()

@@ -1,9 +1,10 @@
 //! Measures all code that a node runs, piece by piece, as the simulation's table lists it: the driver with a chip that
-//! answers at once ([`driver`]), the protocols in a small air ([`protocol`]), waking ([`executor`]), and a tag's engine
+//! answers at once ([`driver`]), the protocols on an ideal air ([`protocol`]), waking ([`executor`]), and a tag's engine
 //! and telemetry ([`tag`]).
 //!
 //! Intervals are measured between two readings of the counter. The cost of a reading is subtracted.
 
+pub mod air;
 pub mod chip;
 pub mod driver;
 pub mod executor;

@@ -1,5 +1,5 @@
-//! Measures the protocols of native mode, step by step: a tag and four anchors in the small air, from the first sync
-//! frame on. Each step is assigned to a kind. The node's own loop runs the protocols, so that the exchange may take any
+//! Measures the protocols of native mode, step by step: a tag and four anchors on an [`air`](super::air), from the first
+//! sync frame on. Each step is assigned to a kind. The node's own loop runs the protocols, so that the exchange may take any
 //! course.
 
 use core::convert::Infallible;
@@ -14,9 +14,9 @@ use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 use ranging::native::{Anchor, AnchorConfig, Network, Rate, Scheme, Tag, TagConfig};
 use ranging::node::{self, Listener};
 use ranging::{Pace, PhyConfig, RadioInstant, StampModel};
-use small_air::{ANTENNA_DELAY, Crystal, Path, World, uptime_us};
 use wire::uwb::native::{Frame, Message};
 
+use super::air::{ANTENNA_DELAY, World};
 use super::{Mean, since};
 use crate::instrument::stamp;
 
@@ -142,13 +142,13 @@ impl<M: Protocol> Protocol for Measured<'_, M> {
 /// Measures the costs.
 ///
 /// # Panics
-/// The small air has no place for five nodes.
+/// The air has no place for five nodes.
 pub fn measure() -> Costs {
     let costs = Costs::default();
-    let world = World::new(NETWORK.phy, 1, 0);
+    let world = World::new(NETWORK.phy);
     let anchors = core::array::from_fn::<_, ANCHORS, _>(|i| anchor(&world, i, &costs));
     let tag = async {
-        let radio = world.add(Path::Fixed([2_000, 3_000, 1_200]), Crystal { start: 5, fast_ppb: 8_000 });
+        let radio = world.add();
         let config = TagConfig {
             address: 0x100,
             network: NETWORK,
@@ -158,24 +158,23 @@ pub fn measure() -> Costs {
             tell_distances: false,
         };
         let machine = Measured { address: config.address, machine: Tag::new(config), costs: &costs, reported: None };
-        let reporter = Reporter::<NoopRawMutex, 256>::new(uptime_us);
+        let reporter = Reporter::<NoopRawMutex, 256, _>::new(|| world.now_us());
         let handover = TaskChannels::<NoopRawMutex>::new();
         let radio = radio.expect("the air has room");
         firmware_tag::ranging(radio, world.delay(), machine, &handover, &TelemetrySink::new(&reporter, false)).await
     };
-    world.run(LIFE_US, pin!(join(tag, join_array(anchors))), || {});
+    world.run(LIFE_US, pin!(join(tag, join_array(anchors))));
     costs
 }
 
 async fn anchor(world: &World, number: usize, costs: &Costs) -> Infallible {
-    let place = [[0, 0, 2_500], [8_000, 0, 2_000], [8_000, 6_000, 2_500], [0, 6_000, 2_000]][number % 4];
-    let crystal = Crystal { start: (number as u64 + 1) << 37, fast_ppb: [3_000, -17_500, 12_250, -6_125][number % 4] };
-    let mut radio = world.add(Path::Fixed(place), crystal).expect("the air has room");
+    let place = [[0.0, 0.0, 2.5], [8.0, 0.0, 2.0], [8.0, 6.0, 2.5], [0.0, 6.0, 2.0]][number % 4];
+    let mut radio = world.add().expect("the air has room");
     let config = AnchorConfig {
         address: number as u16 + 1,
         network: NETWORK,
         antenna_delay: ANTENNA_DELAY,
-        position_m: Some(place.map(|mm| mm as f32 / 1000.0)),
+        position_m: Some(place),
         rounds: None,
     };
     let mut machine = Measured { address: config.address, machine: Anchor::new(config), costs, reported: None };

@@ -10,7 +10,7 @@ use core::task::{Context, Waker};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embedded_hal_async::delay::DelayNs;
 use firmware_common::{EventLog, Reporter};
-use firmware_tag::{LocatorConfig, RateControl, TaskChannels, TelemetrySink};
+use firmware_tag::{LISTED, LocatorConfig, RateControl, TaskChannels, TelemetrySink};
 use oorandom::Rand32;
 use positioning_core::Method;
 use positioning_core::engine::{Settings, Solvers};
@@ -75,7 +75,13 @@ pub fn measure(ranges: u16, tracks: bool, space: bool) -> Costs {
         if !tracks {
             locator.settings.engine = Settings::solve(locator.settings.engine.dimensions, Solvers::of(Method::Robust));
         }
-        firmware_tag::engine(&channels[tag], Never, locator, RateControl::new(Rate::Greedy, None), &sinks[tag])
+        firmware_tag::engine::<LISTED, _>(
+            &channels[tag],
+            Never,
+            locator,
+            RateControl::new(Rate::Greedy, None),
+            &sinks[tag],
+        )
     };
     let (mut silent, mut telling) = (pin!(engine(0)), pin!(engine(1)));
     run(silent.as_mut(), &reporters[0]);

@@ -1,5 +1,0 @@
-//! Sets the linker's arguments.
-
-fn main() {
-    baliza_board_link::qemu();
-}
