@@ -20,6 +20,8 @@ extern crate std;
 pub mod ble;
 mod bounding_box;
 mod constraints;
+#[cfg(test)]
+mod derivatives;
 pub mod engine;
 mod fix;
 pub mod geodesy;

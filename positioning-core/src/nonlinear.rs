@@ -225,3 +225,21 @@ pub fn bb_nls_r<T: Real, const D: usize>(
     let position = minimise(samples, &beta, &starts, constraints)?;
     conclude_weighted(samples, &survey.layout, position, &beta)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::model;
+    use crate::derivatives::assert_derivatives;
+    use crate::{MAX_ANCHORS, RangeSample};
+
+    #[test]
+    fn the_descent_is_half_the_costs_negative_gradient() {
+        let anchors = [[0.0, 0.0, 2.5], [8.0, 0.0, 2.0], [8.0, 6.0, 2.7], [0.0, 6.0, 0.4]];
+        let samples = anchors.map(|anchor| RangeSample::<f64, 3>::new(anchor, 5.0));
+        let beta: [f64; MAX_ANCHORS] = core::array::from_fn(|i| 1.0 + 0.5 * i as f64);
+        assert_derivatives("ranges", [4.0, 3.0, 1.2], [6.0, 5.0, 1.0], |position| {
+            let model = model(&samples, &beta, position);
+            (model.cost, model.descent.map(|component| -2.0 * component))
+        });
+    }
+}

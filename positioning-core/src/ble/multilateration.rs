@@ -270,9 +270,10 @@ fn conclude<T: Real, const D: usize>(
 
 #[cfg(test)]
 mod tests {
-    use super::{nonlinear, weighted_linear};
+    use super::{model, nonlinear, residual, weighted_linear};
     use crate::ble::path_loss::PathLoss;
     use crate::ble::rssi::RssiObservation;
+    use crate::derivatives::assert_derivatives;
     use crate::{Area, Constraints, SolveError};
 
     const MODEL: PathLoss<f64> = PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 4.0 };
@@ -293,6 +294,23 @@ mod tests {
 
     fn is_near(position: [f64; 2], place: [f64; 2], within: f64) -> bool {
         (position[0] - place[0]).hypot(position[1] - place[1]) < within
+    }
+
+    #[test]
+    fn derivatives_are_those_of_the_expected_rssi_and_of_the_cost() {
+        let heard = heard(2.0);
+        // No position is nearer to a beacon than 0.3 m, where the path loss has no slope.
+        let (center, spread) = ([3.0, 4.0], [2.5, 3.5]);
+        for one in &heard {
+            assert_derivatives("rssi", center, spread, |position| {
+                let (off, slope) = residual(one, position);
+                (-off, slope)
+            });
+        }
+        assert_derivatives("cost", center, spread, |position| {
+            let model = model(&heard, 4.0, position);
+            (model.cost, model.descent.map(|component| -2.0 * component))
+        });
     }
 
     #[test]

@@ -17,23 +17,16 @@ const SCATTER_M: f64 = 0.15;
 /// The source of the height.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum HeightSource<T> {
-    /// From ranges, or known from outside.
+    /// From ranges.
     Known,
     /// From solved rounds; the value is the variance of the last one, m².
     Solved(T),
-    /// Measured from outside; solved rounds are not needed.
-    External,
 }
 
 impl<T: Real> HeightSource<T> {
     /// Until a round is solved, the ranges are assumed to determine the height.
     pub(super) fn new() -> Self {
         Self::Known
-    }
-
-    /// The height has been measured from outside.
-    pub(super) fn set_external(&mut self) {
-        *self = Self::External;
     }
 
     /// Whether each round should be solved for its height.
@@ -43,9 +36,6 @@ impl<T: Real> HeightSource<T> {
 
     /// The height that a track should take from a solved round.
     pub(super) fn of(&mut self, fix: &Fix<T, 3>) -> Option<Height<T>> {
-        if matches!(self, Self::External) {
-            return None;
-        }
         let variances: [T; 3] = core::array::from_fn(|axis| fix.covariance[axis][axis]);
         let ambiguous = variances[2] > T::of(AMBIGUOUS * AMBIGUOUS) * variances[0].at_least(variances[1]);
         *self = if ambiguous { Self::Solved(variances[2]) } else { Self::Known };

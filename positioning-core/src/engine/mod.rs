@@ -15,7 +15,8 @@ mod settings;
 mod track_management;
 mod update;
 
-pub use crate::measurement::{BeaconPosition, ExternalPosition, Height, Measurement, Range, Tdoa};
+use crate::measurement::Height;
+pub use crate::measurement::{BeaconPosition, Measurement, Range, Tdoa};
 pub use crate::track::FilterSettings;
 pub use output::{Missing, Output, Start, TrackFix, Verdict};
 pub use settings::{Dimensions, Mode, NodeMethod, Settings, Solvers};
@@ -99,8 +100,6 @@ impl<T: Real> Engine<T> {
             Measurement::RoundEnd => return self.end_round(),
             Measurement::Tdoa(tdoa) => self.tdoa(tdoa),
             Measurement::BeaconPosition(position) => self.beacon_position(position),
-            Measurement::Height(height) => self.external_height(height),
-            Measurement::Position(position) => self.external_position(position),
         };
         Output { verdict, fix: self.fix() }
     }

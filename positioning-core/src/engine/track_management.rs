@@ -154,13 +154,6 @@ impl<T: Real> Engine<T> {
         }
     }
 
-    /// Starts a track at a position without measurements.
-    pub(super) fn start(&mut self, position: [T; 3], covariance: &[[T; 3]; 3]) -> Start {
-        let flat = self.settings.dimensions.height().is_some();
-        self.filter.start(self.now_us, position, covariance, flat, &self.settings.filter);
-        self.forget_former_track()
-    }
-
     /// Drops what the engine has learnt along a former track.
     fn forget_former_track(&mut self) -> Start {
         self.height = HeightSource::new();

@@ -1,8 +1,8 @@
 //! The update by one measurement: it goes into the track, or it is kept for the end of the round.
 
-use super::{Engine, Mode, Verdict};
+use super::{Engine, Verdict};
 use crate::Real;
-use crate::measurement::{BeaconPosition, ExternalPosition, Height, Observation, Range, Tdoa};
+use crate::measurement::{BeaconPosition, Observation, Range, Tdoa};
 use crate::track::UpdateResult;
 
 impl<T: Real> Engine<T> {
@@ -68,31 +68,6 @@ impl<T: Real> Engine<T> {
         self.round.given = self.round.given.saturating_add(1);
         self.round.by_beacons = Some(*position);
         Verdict::Held
-    }
-
-    pub(super) fn external_height(&mut self, height: &Height<T>) -> Verdict {
-        if self.track.is_ok() {
-            self.height.set_external();
-        }
-        self.observe(height)
-    }
-
-    pub(super) fn external_position(&mut self, position: &ExternalPosition<T>) -> Verdict {
-        if self.track.is_ok() {
-            self.height.set_external();
-            return self.observe(position);
-        }
-        match self.settings.mode {
-            Mode::Solve => Verdict::NoTrack,
-            Mode::Track => {
-                let height = self.settings.dimensions.height();
-                let start = core::array::from_fn(|axis| match height {
-                    Some(height) if axis == 2 => height,
-                    Some(_) | None => position.position_m[axis],
-                });
-                Verdict::Started(self.start(start, &position.covariance_m2))
-            }
-        }
     }
 
     /// Counts the result of a measurement; `place` is the index of a range in its round.

@@ -1,4 +1,4 @@
-//! A height: z = p₃ + n. It comes from a barometer, or from how a tag is carried.
+//! A height: z = p₃ + n. It comes from rounds that are solved by themselves ([`HeightSource`](crate::engine)).
 
 use super::{HEIGHT_GATE, Observation, sane, variance};
 use crate::Real;
@@ -7,12 +7,11 @@ use crate::track::{Filter, FilterSettings, Linearised, Model, UpdateResult};
 
 /// A height.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Height<T> {
+pub(crate) struct Height<T> {
     /// The height, metres.
-    pub height_m: T,
+    pub(crate) height_m: T,
     /// Standard deviation, metres.
-    pub deviation_m: T,
+    pub(crate) deviation_m: T,
 }
 
 /// The model of a height.

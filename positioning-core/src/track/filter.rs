@@ -22,8 +22,8 @@ const VAGUE: f64 = 0.02;
 /// A change of a link's prior that changes its error's variance, or its mean in deviations, by less than this part is
 /// left out.
 const WORTH: f64 = 0.03;
-/// The number of gates for single numbers: a height, the three of a position, and the rest for new kinds.
-const OWN_GATES: usize = 8;
+/// The number of gates for single numbers: a height, and the rest for new kinds.
+const OWN_GATES: usize = 4;
 
 /// The settings of the filter.
 #[derive(Clone, Copy, Debug)]

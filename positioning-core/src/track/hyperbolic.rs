@@ -179,3 +179,21 @@ fn sight<T: Real>(from: &[T; 3], to: &[T; 3]) -> (T, [T; 3]) {
     let inverse = T::ONE / distance;
     (distance, across.map(|component| component * inverse))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::Problem;
+    use crate::TdoaSample;
+    use crate::derivatives::assert_derivatives;
+
+    #[test]
+    fn the_descent_is_half_the_costs_negative_gradient() {
+        let anchors = [[8.0, 0.5, 2.5], [7.5, 6.0, 2.9], [0.5, 6.5, 0.4], [4.0, 7.0, 1.5]];
+        let samples = anchors.map(|anchor| TdoaSample { anchor, difference: 0.5, sigma: 0.3 });
+        let problem = Problem { samples: &samples, reference: [0.0, 0.0, 2.8], prior: 1.0 / (0.2 * 0.2), flat: false };
+        assert_derivatives("differences", [4.0, 3.0, 1.2], [5.0, 4.0, 1.0], |position| {
+            let model = problem.model(position);
+            (model.cost, model.descent.map(|component| -2.0 * component))
+        });
+    }
+}

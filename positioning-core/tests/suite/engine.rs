@@ -2,8 +2,7 @@
 
 use nalgebra::Matrix3;
 use positioning_core::engine::{
-    BeaconPosition, Dimensions, Engine, ExternalPosition, Height, Measurement, Missing, Range, Settings, Solvers,
-    Start, Tdoa, Verdict,
+    BeaconPosition, Dimensions, Engine, Measurement, Missing, Range, Settings, Solvers, Start, Tdoa, Verdict,
 };
 use positioning_core::{Blocked, Constraints, Method, Motion, Noise, RangeSample, Side, flatten, robust};
 use rand::Rng;
@@ -162,8 +161,6 @@ fn silence_makes_a_track_doubtful_then_ends_it_and_a_round_begins_another() {
         sigma(&mut engine, 3_600_000_000),
         Err(Missing::SolveError(positioning_core::SolveError::TooFewAnchors))
     );
-    let height = engine.step(last + 3_600_000_000, &Measurement::Height(Height { height_m: 1.0, deviation_m: 0.1 }));
-    assert!(matches!(height.fix, Err(Missing::Lost(Start::Gap | Start::Lost))), "{height:?}");
     let error = round(&mut engine, last + 3_600_100_000, [7.0, 6.0], |_| 0.0).expect("a track");
     assert!(error < 0.1, "{error}");
 }
@@ -250,35 +247,11 @@ fn a_range_is_corrected_only_where_the_settings_say_so() {
     }
 }
 
-#[test]
-fn heights_and_positions_are_measurements_too() {
-    let tag = [4.0, 3.0, 1.0];
-    let mut engine = Engine::new(lying(Dimensions::Space { side: Side::Unknown }));
-    let far = [4.6, 2.7, 1.4].map(|c| c as f32);
-    let start = engine.step(1, &external(far, [[0.5, 0.1, 0.0], [0.1, 0.5, 0.0], [0.0, 0.0, 0.5]]));
-    assert_eq!(start.verdict, Verdict::Started(Start::First));
-    let first = start.fix.expect("a track");
-    let covariance = [[0.09, 0.0, 0.0], [0.0, 0.09, 0.0], [0.0, 0.0, 0.09]];
-    for k in 2..200_u64 {
-        engine.step(k * 1000, &external(tag.map(|c| c as f32), covariance));
-        engine.step(k * 1000, &Measurement::RoundEnd);
-    }
-    let fix =
-        engine.step(200_000, &Measurement::Height(Height { height_m: 1.0, deviation_m: 0.02 })).fix.expect("a track");
-    let error = distance(&fix.position.map(f64::from), &tag);
-    assert!(error < 0.05, "{error}");
-    assert!(fix.sigma()[2] < 0.03 && fix.sigma()[0] < first.sigma()[0]);
-}
-
 /// A tag at rest.
 fn lying(dimensions: Dimensions<f32>) -> Settings<f32> {
     let mut settings = Settings::track(dimensions);
     settings.filter.motion = Motion::Static { wander: 0.0 };
     settings
-}
-
-fn external(position_m: [f32; 3], covariance_m2: [[f32; 3]; 3]) -> Measurement<f32> {
-    Measurement::Position(ExternalPosition { position_m, covariance_m2 })
 }
 
 /// The tag's position by a map of RSSI values.
@@ -298,9 +271,7 @@ fn a_position_of_a_map_starts_a_track_and_its_error_lasts() {
     // Known within 3 m before. A thousand values with a lasting error of 2 m count as one: 2 · 3 ⁄ √13 = 1.664 m.
     // With noise: 2 ⁄ √1000 = 0.063 m.
     for (lasting, expected) in [(1.0, 1.664), (0.0, 0.063)] {
-        let mut engine = Engine::new(settings());
-        let covariance = [[9.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0; 3]];
-        engine.step(1, &external([4.0, 4.0, 1.0], covariance));
+        let mut engine = Engine::new(Settings { start_variance: Some(9.0), ..settings() });
         for k in 1..=1000_u64 {
             engine.step(1 + 100 * k, &located([4.0, 0.0, 4.0], lasting));
             engine.step(1 + 100 * k, &Measurement::RoundEnd);
@@ -345,16 +316,11 @@ fn hostile(rng: &mut Pcg64, tag: [f64; 2]) -> Measurement<f32> {
     let bad = rng.random_bool(0.2);
     let p_nlos = rng.random_bool(0.5).then(|| nasty(rng));
     match rng.random_range(0..12) {
-        2 => Measurement::BeaconPosition(BeaconPosition {
+        0..=2 => Measurement::BeaconPosition(BeaconPosition {
             position_m: [nasty(rng), nasty(rng)],
             covariance_m2: core::array::from_fn(|_| nasty(rng)),
             lasting: nasty(rng),
         }),
-        0 => Measurement::Height(Height { height_m: nasty(rng), deviation_m: nasty(rng) }),
-        1 => external(
-            [nasty(rng), nasty(rng), nasty(rng)],
-            core::array::from_fn(|_| core::array::from_fn(|_| nasty(rng))),
-        ),
         3 => Measurement::Tdoa(Tdoa {
             anchor,
             position_m,

@@ -1,7 +1,7 @@
 //! Differences of arrival compared with full matrices.
 
 use nalgebra::{DMatrix, DVector, Matrix2};
-use positioning_core::engine::{Dimensions, Engine, ExternalPosition, Measurement, Settings, Tdoa};
+use positioning_core::engine::{BeaconPosition, Dimensions, Engine, Measurement, Settings, Tdoa};
 use positioning_core::{Blocked, Motion, SolveError, TdoaSample, hyperbolic};
 
 use crate::support::{distance, normal, rng};
@@ -90,11 +90,13 @@ fn differences_one_by_one_make_the_update_of_their_full_covariance() {
     let start = [3.000_02, 1.999_99, 1.0];
     engine.step(
         1,
-        &Measurement::Position(ExternalPosition {
-            position_m: start,
-            covariance_m2: [[0.5, 0.1, 0.0], [0.1, 0.4, 0.0], [0.0; 3]],
+        &Measurement::BeaconPosition(BeaconPosition {
+            position_m: [start[0], start[1]],
+            covariance_m2: [0.5, 0.1, 0.4],
+            lasting: 0.0,
         }),
     );
+    engine.step(1, &Measurement::RoundEnd);
     let mut fix = None;
     for i in 1..5 {
         let tdoa = Tdoa {
@@ -109,8 +111,10 @@ fn differences_one_by_one_make_the_update_of_their_full_covariance() {
         fix = engine.step(1, &Measurement::Tdoa(tdoa)).fix.ok();
     }
     let fix = fix.expect("a track");
+    // The start has a variance of 0.5 m², and the position by beacons has its own covariance.
+    let by_beacons = DMatrix::from_row_slice(2, 2, &[0.5, 0.1, 0.1, 0.4]).try_inverse().expect("regular");
+    let p = (DMatrix::identity(2, 2) / 0.5 + by_beacons).try_inverse().expect("regular");
     // Equation 5 with equation 6.
-    let p = DMatrix::from_row_slice(2, 2, &[0.5, 0.1, 0.1, 0.4]);
     let h = jacobian(&start);
     let gain = &p * h.transpose() * (&h * &p * h.transpose() + covariance()).try_inverse().expect("regular");
     let e = DVector::from_fn(4, |i, _| difference(i + 1, &tag) - difference(i + 1, &start));
