@@ -11,7 +11,8 @@
 //! - the error of an undetected path may be negative (the text forbids it).
 
 use rand::Rng;
-use rand_distr::{Distribution, StandardNormal};
+
+use crate::random::gauss;
 
 /// Mean of the multipath error, metres.
 const MULTIPATH_MEAN_M: f64 = 0.09;
@@ -32,13 +33,9 @@ pub const POINTS_M: [[f64; 2]; 2] = [[0.5, 0.5], [9.0, 7.0]];
 /// The measured range for a true distance, both in metres. The direct path is detected or not (equations 7-1, 7-2).
 pub fn measured_m(distance_m: f64, detected: bool, random: &mut impl Rng) -> f64 {
     // The logarithm is libm's, so that equal seeds give equal ranges on every machine.
-    let multipath = MULTIPATH_MEAN_M + MULTIPATH_SIGMA_M * normal(random) * libm::log10(1.0 + distance_m);
-    let undetected = if detected { 0.0 } else { UNDETECTED_MEAN_M + UNDETECTED_SIGMA_M * normal(random) };
+    let multipath = MULTIPATH_MEAN_M + MULTIPATH_SIGMA_M * gauss(random) * libm::log10(1.0 + distance_m);
+    let undetected = if detected { 0.0 } else { UNDETECTED_MEAN_M + UNDETECTED_SIGMA_M * gauss(random) };
     distance_m + multipath + undetected
-}
-
-fn normal(random: &mut impl Rng) -> f64 {
-    StandardNormal.sample(random)
 }
 
 /// One range of a simulated point.

@@ -15,7 +15,6 @@ use std::task::{Poll, Waker};
 
 use crc::{CRC_16_KERMIT, Crc};
 use rand::Rng;
-use rand_distr::{Distribution, StandardNormal};
 use ranging::Restart;
 use ranging::phy::{DataRate, Prf as PhyPrf, Sfd as PhySfd};
 use ranging::radio::{Capabilities, Config, FrameFilter, MAX_FRAME, RangeBias};
@@ -31,7 +30,7 @@ use crate::air::{
 };
 use crate::clock::{Clock, ClockConfig, Count, TICKS_PER_PS};
 use crate::costs::Costs;
-use crate::random::{Purpose, stream};
+use crate::random::{Purpose, gauss, stream};
 use crate::{Processor, TrueTime, World};
 
 const CHECK: Crc<u16> = Crc::<u16>::new(&CRC_16_KERMIT);
@@ -244,8 +243,7 @@ impl State {
         let rx_power_dbm = estimated_dbm(prf, link.power_dbm);
         let first_path_power_dbm = link.first_path_dbm + rx_power_dbm - link.power_dbm;
         let mut noise = rand_pcg::Pcg64Mcg::new(u128::from(reception.noise_seed) | 1);
-        let gauss: f64 = StandardNormal.sample(&mut noise);
-        let offset_ppm = reception.sender_ppm - self.clock.ppm_at(now) + CARRIER_DEVIATION_PPM * gauss;
+        let offset_ppm = reception.sender_ppm - self.clock.ppm_at(now) + CARRIER_DEVIATION_PPM * gauss(&mut noise);
         Some(Received {
             bytes: Rc::from(payload),
             rx_time: RadioInstant::from_ticks(stamp.ticks()),

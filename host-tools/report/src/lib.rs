@@ -8,4 +8,4 @@ mod statistics;
 
 pub use explain::{Explained, explain, line_of, nearest};
 pub use markdown::MarkdownTable;
-pub use statistics::{Statistics, mean, percentile, rms};
+pub use statistics::{Statistics, mean, median, percentile, rms};

@@ -48,9 +48,15 @@ pub fn percentile(sorted: &[f64], share: f64) -> f64 {
     }
 }
 
+/// The median of a set in any order; NaN without values.
+pub fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    percentile(&values, 0.5)
+}
+
 #[cfg(test)]
 mod tests {
-    use super::{Statistics, mean, percentile, rms};
+    use super::{Statistics, mean, median, percentile, rms};
 
     #[test]
     fn figures_are_those_of_a_hand_calculation() {
@@ -62,12 +68,17 @@ mod tests {
     }
 
     #[test]
+    fn the_median_of_an_even_number_is_between_the_two_in_the_middle() {
+        assert_eq!((median(vec![9.0, 1.0, 2.0, 4.0]), median(vec![9.0, 1.0, 2.0])), (3.0, 2.0));
+    }
+
+    #[test]
     fn one_error_is_all_four_figures_and_none_is_nothing() {
         assert_eq!(Statistics::of(&[0.5]), Some(Statistics { rmse: 0.5, mae: 0.5, p50: 0.5, p90: 0.5 }));
         assert_eq!(Statistics::of(&[]), None);
     }
     #[test]
     fn figures_of_nothing_are_no_numbers() {
-        assert!(mean([]).is_nan() && rms([]).is_nan() && percentile(&[], 0.5).is_nan());
+        assert!(mean([]).is_nan() && median(Vec::new()).is_nan() && rms([]).is_nan() && percentile(&[], 0.5).is_nan());
     }
 }

@@ -4,9 +4,8 @@
 //! by temperature. It is constant over segments of 50 ms. Within a segment, time and counter are proportional, so the
 //! conversion can be inverted. Counts are in 1/256 tick (61 fs) and do not wrap here; the chip shows 40 bits of them.
 
-use crate::random::Stream;
+use crate::random::{Stream, gauss};
 use crate::time::{PS_PER_S, TrueTime};
-use rand_distr::{Distribution, StandardNormal};
 use std::collections::VecDeque;
 
 /// Ticks per picosecond of a clock without drift: 63.8976 GHz.
@@ -143,7 +142,7 @@ impl Clock {
     fn extend_while(&mut self, short: impl Fn(&Segment) -> bool) {
         while let Some(last) = self.segments.back().copied().filter(&short) {
             let start = last.start + SEGMENT_PS;
-            let step: f64 = StandardNormal.sample(&mut self.random);
+            let step = gauss(&mut self.random);
             self.walk_ppm += step * self.config.walk_ppm * (SEGMENT_PS as f64 / PS_PER_S as f64).sqrt();
             if self.segments.len() == KEPT {
                 self.segments.pop_front();

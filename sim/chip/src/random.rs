@@ -3,8 +3,14 @@
 //! The simulation's seed, the purpose and an index (a node, a pair of nodes, a position) determine a stream. Equal
 //! seeds give equal streams on every machine.
 
-use rand::SeedableRng;
+use rand::{Rng, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
+
+/// A normally distributed number with mean 0 and standard deviation 1.
+pub fn gauss(random: &mut (impl Rng + ?Sized)) -> f64 {
+    StandardNormal.sample(random)
+}
 
 /// The generator behind every stream.
 pub type Stream = Pcg64Mcg;

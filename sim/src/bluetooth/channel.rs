@@ -6,11 +6,9 @@
 //! channel and changes within centimetres. A tag that does not move therefore has a different, constant RSSI on each
 //! channel. Noise is drawn for each reception.
 
-use rand_distr::{Distribution, StandardNormal};
-
 use super::field::Field;
 use crate::air::Wall;
-use crate::random::{Purpose, Stream, stream};
+use crate::random::{Purpose, Stream, gauss, stream};
 
 /// The model's minimum distance of a tag from a beacon, metres.
 const NEAREST_M: f64 = 0.1;
@@ -107,8 +105,7 @@ impl Link {
 
 /// Noise of one reception, dB.
 pub(super) fn noise_db(channel: Channel, draws: &mut Stream) -> f64 {
-    let unit: f64 = StandardNormal.sample(draws);
-    channel.noise_db() * unit
+    channel.noise_db() * gauss(draws)
 }
 
 #[cfg(test)]

@@ -10,9 +10,8 @@
 use std::f64::consts::{SQRT_2, TAU};
 
 use rand::Rng;
-use rand_distr::{Distribution, StandardNormal};
 
-use crate::random::Stream;
+use crate::random::{Stream, gauss};
 
 /// The number of cosines: the sum of 48 cosines is close enough to Gaussian.
 const WAVES: usize = 48;
@@ -28,7 +27,6 @@ pub(super) struct Field {
 impl Field {
     /// A field with this standard deviation whose correlation is 1/e at the distance `length_m`.
     pub(super) fn draw(sigma_db: f64, length_m: f64, draws: &mut Stream) -> Self {
-        let gauss = |draws: &mut Stream| -> f64 { StandardNormal.sample(draws) };
         let waves = std::array::from_fn(|_| {
             // A Cauchy vector is a Gaussian vector divided by the magnitude of another Gaussian number.
             let spread = 1.0 / (length_m * gauss(draws).abs().max(1e-9));

@@ -1,10 +1,8 @@
 //! How a scenario's air treats ranges, and the surveyed positions of its anchors.
 
-use rand_distr::{Distribution, StandardNormal};
-
 use super::{AirModel, Anchor, Carrier, Scenario, Tag};
 use crate::AirConfig;
-use crate::random::{Purpose, stream};
+use crate::random::{Purpose, gauss, stream};
 
 /// Standard deviation of a surveyed coordinate, metres: an assumption, for tape and laser. In recordings it cannot be
 /// told from the anchors' antenna delays.
@@ -26,10 +24,7 @@ impl Scenario {
             AirModel::Ideal => anchor.at,
             AirModel::Recorded => {
                 let mut draws = stream(self.seed, Purpose::Survey, anchor.address.into());
-                anchor.at.map(|metres| {
-                    let error: f64 = StandardNormal.sample(&mut draws);
-                    metres + SURVEY_M * error
-                })
+                anchor.at.map(|metres| metres + SURVEY_M * gauss(&mut draws))
             }
         }
     }

@@ -4,10 +4,10 @@
 use std::cell::RefCell;
 
 use rand::Rng;
-use rand_distr::{Distribution, StandardNormal};
+use rand_distr::StandardNormal;
 
 use super::{Carrier, Walk, distance};
-use crate::random::Stream;
+use crate::random::{Stream, gauss};
 
 /// mg per m/s².
 const MG: f64 = 1e3 / 9.806_65;
@@ -48,7 +48,7 @@ impl Feeling {
         let deviation_mg = self.vibration_mg.hypot(NOISE_MG);
         self.orientation.map(|axis| {
             let along: f64 = axis.iter().zip(room).map(|(turn, value)| turn * value).sum();
-            let noise: f64 = StandardNormal.sample(&mut *random);
+            let noise = gauss(&mut *random);
             MG * along + deviation_mg * noise
         })
     }

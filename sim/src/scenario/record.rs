@@ -1,5 +1,6 @@
 //! The output of a simulation: the nodes' reports beside the true values, the faults, and a summary.
 
+use baliza_report::Statistics;
 use positioning_core::nlos::Shape;
 use serde::Serialize;
 use wire::telemetry::{Difference, Fix, Message, Range};
@@ -217,15 +218,14 @@ pub struct Cover {
 }
 
 impl Cover {
-    fn of(mut errors_m: Vec<f64>) -> Self {
-        errors_m.sort_by(f64::total_cmp);
-        let fixes = errors_m.len();
-        let square: f64 = errors_m.iter().map(|e| e * e).sum();
+    fn of(errors_m: impl Iterator<Item = f64>) -> Self {
+        let errors_m: Vec<f64> = errors_m.collect();
+        let figures = Statistics::of(&errors_m);
         Self {
-            fixes,
-            rmse_m: (fixes > 0).then(|| (square / fixes as f64).sqrt()),
-            p50_m: percentile(&errors_m, 0.5),
-            p90_m: percentile(&errors_m, 0.9),
+            fixes: errors_m.len(),
+            rmse_m: figures.map(|figures| figures.rmse),
+            p50_m: figures.map(|figures| figures.p50),
+            p90_m: figures.map(|figures| figures.p90),
         }
     }
 }
@@ -233,9 +233,8 @@ impl Cover {
 impl BluetoothSummary {
     /// Makes the figures from the number of beacons and the errors of all positions.
     pub(super) fn new(beacons: usize, errors: &[PositionError], air: BluetoothStatistics) -> Self {
-        let by = |source: Source| {
-            Cover::of(errors.iter().filter(|error| error.source == source).map(|error| error.error_m).collect())
-        };
+        let by =
+            |source: Source| Cover::of(errors.iter().filter(|error| error.source == source).map(|error| error.error_m));
         Self {
             beacons,
             adverts_sent: air.sent,
@@ -256,7 +255,7 @@ impl Summary {
         air: AirStatistics,
         airtime_shares: &[f64],
     ) -> Self {
-        let Cover { fixes, rmse_m, p50_m, p90_m } = Cover::of(errors.iter().map(|error| error.error_m).collect());
+        let Cover { fixes, rmse_m, p50_m, p90_m } = Cover::of(errors.iter().map(|error| error.error_m));
         let squares: Vec<f64> = errors.iter().filter_map(|error| error.normalised_square).collect();
         let inside = squares.iter().map(|square| if *square <= 1.0 { 1.0 } else { 0.0 });
         let per_second = if seconds > 0.0 { 1.0 / seconds } else { 0.0 };
@@ -297,17 +296,9 @@ impl Summary {
     }
 }
 
+/// The arithmetic mean. `None` without values.
 fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
-    let count = values.len();
-    (count > 0).then(|| values.sum::<f64>() / count as f64)
-}
-
-/// The value below which a share of `part` of the sorted values lies, interpolated linearly between neighbours.
-fn percentile(sorted: &[f64], part: f64) -> Option<f64> {
-    let place = part * sorted.len().checked_sub(1)? as f64;
-    let below = sorted.get(place as usize)?;
-    let above = sorted.get(place as usize + 1).unwrap_or(below);
-    Some(below + (above - below) * place.fract())
+    (values.len() > 0).then(|| baliza_report::mean(values))
 }
 
 #[cfg(test)]

@@ -94,7 +94,7 @@ fn simulation(seed: &str) -> Result<Vec<Column>> {
 fn mean(columns: &[Column]) -> Column {
     std::array::from_fn(|row| {
         let values: Vec<f64> = columns.iter().filter_map(|column| column[row]).collect();
-        (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+        (!values.is_empty()).then(|| baliza_report::mean(values))
     })
 }
 

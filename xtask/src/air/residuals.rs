@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use baliza_report::mean;
 
 /// Residuals beyond this belong to no direct path, metres.
 const LARGEST_M: f64 = 1.5;
@@ -146,11 +147,6 @@ fn white_m(link: &[Sample]) -> f64 {
     let differences = || link.windows(2).map(|pair| pair[1].residual_m - pair[0].residual_m);
     let mean_m = mean(differences());
     (mean(differences().map(|difference| (difference - mean_m).powi(2))) / 2.0).sqrt()
-}
-
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0_u32), |(sum, count), value| (sum + value, count + 1));
-    sum / f64::from(count)
 }
 
 /// The middle one, or the lower of the two in the middle.

@@ -17,7 +17,7 @@ pub enum Purpose {
 }
 
 /// The purpose of each folder. The longest name that fits counts.
-pub const PURPOSES: [(&str, Purpose); 29] = [
+pub const PURPOSES: [(&str, Purpose); 21] = [
     ("positioning-core/", Purpose::Nodes),
     ("radio/", Purpose::Nodes),
     ("dw1000/", Purpose::Nodes),
@@ -31,19 +31,11 @@ pub const PURPOSES: [(&str, Purpose); 29] = [
     ("site/", Purpose::Host),
     ("host-tools/", Purpose::Host),
     ("station/", Purpose::Host),
-    ("report/", Purpose::Host),
     ("python/", Purpose::Host),
     ("sim/", Purpose::Simulation),
-    ("dw1000-sim/", Purpose::Simulation),
-    ("small-air/", Purpose::Simulation),
-    ("boards/simulated/", Purpose::Simulation),
     ("boards/wired/", Purpose::Simulation),
-    ("qemu-link/", Purpose::Simulation),
     ("qa/qemu-link/", Purpose::Simulation),
     ("qa/", Purpose::Tools),
-    ("research/", Purpose::Tools),
-    ("onchip-bench/", Purpose::Tools),
-    ("fuzz/", Purpose::Tools),
     ("xtask/", Purpose::Tools),
     ("examples/", Purpose::Tools),
     ("tests/", Purpose::Tools),

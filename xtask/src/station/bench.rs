@@ -263,7 +263,7 @@ fn message(from: &mut impl Read) -> Result<Vec<u8>> {
 fn percentiles(mut values: Vec<f64>) -> Result<[f64; 2]> {
     ensure!(values.len() > 1000, "only {} positions came", values.len());
     values.sort_by(f64::total_cmp);
-    Ok([50, 99].map(|percent| values[(values.len() - 1) * percent / 100]))
+    Ok([0.50, 0.99].map(|share| baliza_report::percentile(&values, share)))
 }
 
 /// Ages of positions at the first frame of the page that may show them, milliseconds: P50 and P99.

@@ -12,6 +12,7 @@
 
 use std::collections::BTreeMap;
 
+use baliza_report::median;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use ranging::time::METRES_PER_TICK;
 
@@ -168,13 +169,6 @@ fn pairs(ranges: &[KnownRange]) -> Vec<Pair> {
         Pair { nodes, ranges: errors.len(), error_m, sigma_m: variance.sqrt(), residual_m: 0.0 }
     };
     by_nodes.into_iter().map(pair).collect()
-}
-
-/// The middle of at least one value.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let middle = values.len() / 2;
-    if values.len().is_multiple_of(2) { (values[middle - 1] + values[middle]) / 2.0 } else { values[middle] }
 }
 
 #[cfg(test)]

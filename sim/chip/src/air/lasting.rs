@@ -9,9 +9,8 @@
 //! remainder of its calibration. A person who carries a node shadows the links behind him or her.
 
 use super::propagation::{End, Material};
-use crate::random::{Purpose, Stream, mix, stream};
+use crate::random::{Purpose, Stream, gauss, mix, stream};
 use rand::Rng;
-use rand_distr::{Distribution, StandardNormal};
 use rustc_hash::FxHashMap;
 use std::f64::consts::TAU;
 use std::sync::LazyLock;
@@ -271,10 +270,6 @@ fn cosine(step: i64) -> f64 {
     static COSINES: LazyLock<Vec<f64>> =
         LazyLock::new(|| (0..STEPS).map(|step| (TAU * step as f64 / STEPS as f64).cos()).collect());
     COSINES.get((step & (STEPS - 1)) as usize).copied().unwrap_or_default()
-}
-
-fn gauss(draws: &mut Stream) -> f64 {
-    StandardNormal.sample(draws)
 }
 
 #[cfg(test)]

@@ -9,9 +9,8 @@
 //! again when the tag returns.
 
 use super::lasting::Lasting;
-use crate::random::{Purpose, Stream, mix, stream};
+use crate::random::{Purpose, gauss, mix, stream};
 use rand::Rng;
-use rand_distr::{Distribution, StandardNormal};
 
 /// Speed of light in air (refractive index 1.000293), metres per second.
 pub const SPEED_OF_LIGHT: f64 = 299_792_458.0 / 1.000_293;
@@ -227,10 +226,6 @@ fn place_of(a: End, b: End) -> u64 {
         hash = mix(hash ^ ((x / CELL_M).floor() as i64 as u64));
     }
     hash
-}
-
-fn gauss(draws: &mut Stream) -> f64 {
-    StandardNormal.sample(draws)
 }
 
 /// Converts a power to milliwatts.

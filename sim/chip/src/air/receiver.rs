@@ -8,9 +8,9 @@ use super::propagation::{SPEED_OF_LIGHT, dbm, milliwatts};
 use super::{Air, PortId};
 use crate::clock::TICKS_PER_PS;
 use crate::kernel::Kernel;
+use crate::random::gauss;
 use crate::time::TrueTime;
 use rand::Rng;
-use rand_distr::{Distribution, StandardNormal};
 
 /// Nominal duration of a preamble symbol, picoseconds.
 pub(super) fn symbol_ps(prf: Prf) -> u64 {
@@ -160,7 +160,7 @@ impl Air {
             (true, false) => Payload::Uncorrectable,
             (true, true) => Payload::Corrupted,
         };
-        let gauss: f64 = StandardNormal.sample(&mut port.random);
+        let deviations = gauss(&mut port.random);
         let noise_seed = port.random.random();
         self.close(event.port);
         match (collided, noisy) {
@@ -170,7 +170,7 @@ impl Air {
         }
         let bias_factor = self.ports[event.port as usize].antenna.map_or(1.0, |antenna| antenna.bias_factor);
         let first_path_dbm = lock.link.first_path_dbm;
-        let stamp_m = gauss * stamp_deviation_m(self.config.stamp_noise_m, first_path_dbm, lock.symbols)
+        let stamp_m = deviations * stamp_deviation_m(self.config.stamp_noise_m, first_path_dbm, lock.symbols)
             + if self.config.range_bias {
                 bias_factor * range_bias_m(sent.phy.channel, sent.phy.prf, lock.link.power_dbm)
             } else {

@@ -8,10 +8,10 @@ use super::transmit::{Enable, check_of, prf, units_after};
 use super::{Chip, Counter, Direction, Line, MASK_40, RX_START_US, RX_TURN_US, Trx, What};
 use crate::air::{Payload, Phy, Prf, Rate, Reception, ReceptionEvent, Response, RxSettings};
 use crate::clock::TICKS_PER_PS;
+use crate::random::gauss;
 use crate::time::TrueTime;
 use crate::world::World;
 use rand::Rng;
-use rand_distr::{Distribution, StandardNormal};
 
 /// The state of the receiver.
 #[derive(Clone, Copy, Debug, Default)]
@@ -302,10 +302,7 @@ impl Chip {
     /// RX_TTCKI, RXTOFS and DRX_CAR_INT. All are positive if our clock runs faster than the sender's.
     fn clock_offset(&mut self, now: TrueTime, reception: &Reception) -> (u32, i32, i32) {
         let ours = self.clock.ppm_at(now) - reception.sender_ppm;
-        let mut noisy = |deviation_ppm: f64| {
-            let gauss: f64 = StandardNormal.sample(&mut self.random);
-            (ours + deviation_ppm * gauss) * 1e-6
-        };
+        let mut noisy = |deviation_ppm: f64| (ours + deviation_ppm * gauss(&mut self.random)) * 1e-6;
         let interval: u32 = match reception.phy.prf {
             Prf::Mhz16 => 0x01F0_0000,
             Prf::Mhz64 => 0x01FC_0000,
