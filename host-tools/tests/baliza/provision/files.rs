@@ -79,33 +79,6 @@ fn a_good_record_may_be_for_another_board() {
     refused(&run, "records/tag.bin: a good record, but not for evk1000: tag.scan.interval_ms is 100: ");
 }
 
-#[cfg(feature = "probe")]
-#[test]
-fn a_missing_probe_or_an_unknown_chip_is_an_error() {
-    let folder = Folder::with(&[("site.toml", ANCHOR)]);
-    refused(&folder.run("monitor --chip nosuch"), "--chip: probe-rs knows no chip nosuch");
-    refused(&folder.run("monitor --probe nonsense"), "--probe: \"nonsense\": ");
-    let run = folder.run("provision --config site.toml --write --chip STM32F105XX");
-    refused(&run, "--chip: probe-rs knows no chip STM32F105XX; near it are STM32F105");
-    // This probe is not connected, whatever else is.
-    let run = folder.run("provision --config site.toml --write --probe ffff:ffff:nobody");
-    assert!(run.code == Some(1) || run.code == Some(2), "{run:?}");
-    let said = ["baliza: no debug probe found: plug in", "--probe: no probe ffff:ffff:nobody; found: "];
-    assert!(said.iter().any(|said| run.stderr.starts_with(said)), "{}", run.stderr);
-}
-
-#[cfg(not(feature = "probe"))]
-#[test]
-fn without_the_feature_probe_a_command_that_needs_a_probe_is_refused() {
-    let folder = Folder::with(&[("site.toml", ANCHOR)]);
-    for arguments in ["monitor", "provision --config site.toml --write", "provision --read --board dwm1001"] {
-        let run = folder.run(arguments);
-        assert_eq!((run.code, run.stdout.as_str()), (Some(1), ""), "{arguments}: {run:?}");
-        let said = "baliza: this program was built without the feature probe, so it does not reach debug probes: ";
-        assert!(run.stderr.starts_with(said) && run.stderr.lines().count() == 1, "{arguments}: {run:?}");
-    }
-}
-
 #[test]
 fn reading_a_record_needs_a_board_that_a_probe_can_read() {
     let folder = Folder::with(&[]);

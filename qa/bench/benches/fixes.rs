@@ -1,6 +1,6 @@
 //! Positions a second on one core of the desktop: 8 anchors in the plane, `f32`, half of the ranges blocked.
 //!
-//! `cargo bench -p host-tools`. One element is one position.
+//! `cargo bench -p baliza-bench`. One element is one position.
 
 use std::hint::black_box;
 
