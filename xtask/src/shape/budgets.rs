@@ -55,19 +55,19 @@ pub struct Budget {
 /// Lines of code without tests, benches and examples.
 pub const LINES: [(Purpose, Budget); 4] = [
     (Purpose::Nodes, Budget { what: "lines: nodes", most: 25_500, reach: 25_000 }),
-    (Purpose::Host, Budget { what: "lines: host and station", most: 37_100, reach: 34_000 }),
+    (Purpose::Host, Budget { what: "lines: host and station", most: 38_000, reach: 34_000 }),
     (Purpose::Simulation, Budget { what: "lines: simulation", most: 11_100, reach: 11_000 }),
     (Purpose::Tools, Budget { what: "lines: developers' tools", most: 14_500, reach: 10_000 }),
 ];
 
 /// Names of public types that more than two types bear.
-pub const TYPE_NAMES: Budget = Budget { what: "type names used more than twice", most: 77, reach: 30 };
+pub const TYPE_NAMES: Budget = Budget { what: "type names used more than twice", most: 78, reach: 30 };
 /// Names that each command or table may have for its own: they are only used with the module's name before them.
 pub const COMMON_TYPE_NAMES: [&str; 2] = ["Arguments", "Row"];
 
 /// Names of modules that stand in more than two rooms and are not [`SHARED_MODULE_NAMES`]. A room is a package, or a
 /// folder of its sources. Developers' tools do not count, nor do commands, which bear the names of what they call.
-pub const MODULE_NAMES: Budget = Budget { what: "module names in more than two rooms", most: 17, reach: 0 };
+pub const MODULE_NAMES: Budget = Budget { what: "module names in more than two rooms", most: 18, reach: 0 };
 
 /// Names of modules that mean the same in each room.
 pub const SHARED_MODULE_NAMES: [&str; 20] = [
