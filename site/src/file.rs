@@ -1,6 +1,7 @@
 //! A site's file as a whole.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -191,7 +192,7 @@ impl Site {
         of_network.insert(0, (self.network, Arc::clone(&self.lists)));
         for own in owns {
             let number = own.table.simulation.network;
-            if !of_network.contains_key(&number) {
+            if let Entry::Vacant(unknown) = of_network.entry(number) {
                 let neighbour = self.simulation.networks.get(number - 1).copied().ok_or_else(|| {
                     let count = self.simulation.networks.len();
                     let what =
@@ -200,7 +201,7 @@ impl Site {
                 })?;
                 let strangers = Lists { anchors: Vec::new(), ..listed.clone() };
                 let lists = calibrated(tag_lists(strangers, owns, number, neighbour.mode))?;
-                of_network.insert(number, (neighbour, lists));
+                unknown.insert((neighbour, lists));
             }
             if let Some((network, lists)) = of_network.get(&number) {
                 let node = self.node(own, (*network, lists), &network_lines, owns.len())?;

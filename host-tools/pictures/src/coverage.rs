@@ -42,16 +42,13 @@ pub struct Coverage {
     rows: Range<usize>,
 }
 
+/// No rows or columns yet: the least is above all.
+const NOTHING: Range<usize> = Range { start: usize::MAX, end: 0 };
+
 impl Coverage {
     /// For pictures of this size.
     pub fn new([width, height]: [usize; 2]) -> Self {
-        Self {
-            width,
-            height,
-            cells: vec![0.0; (width + 2) * height],
-            changed: vec![usize::MAX..0; height],
-            rows: usize::MAX..0,
-        }
+        Self { width, height, cells: vec![0.0; (width + 2) * height], changed: vec![NOTHING; height], rows: NOTHING }
     }
 
     /// Calls `paint` with column, row and covered share of each pixel that the area covers.
@@ -60,9 +57,9 @@ impl Coverage {
             self.add(*edge);
         }
         let stride = self.width + 2;
-        for row in std::mem::replace(&mut self.rows, usize::MAX..0) {
+        for row in std::mem::replace(&mut self.rows, NOTHING) {
             let Some(changed) = self.changed.get_mut(row) else { break };
-            let columns = std::mem::replace(changed, usize::MAX..0);
+            let columns = std::mem::replace(changed, NOTHING);
             let mut covered = 0.0_f32;
             for column in columns {
                 let Some(cell) = self.cells.get_mut(row * stride + column) else { break };

@@ -309,7 +309,7 @@ mod tests {
     #[test]
     fn an_unknown_chip_is_refused_with_its_neighbours() {
         let arguments = ProbeArguments { chip: Some("nRF52832_xxZZ".into()), ..ProbeArguments::default() };
-        let error = arguments.attach(None).err().expect("there is no such chip");
+        let error = ProbeRs.attach(&arguments, None).err().expect("there is no such chip");
         let wrong = error.downcast_ref::<UserError>().expect("the argument is wrong").to_string();
         assert!(wrong.starts_with("--chip: probe-rs knows no chip nRF52832_xxZZ; near it are "), "{wrong}");
         assert!(wrong.contains("nRF52832_xxAA"), "{wrong}");

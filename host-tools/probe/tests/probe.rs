@@ -13,7 +13,7 @@ use support::{Folder, Run};
 const PROGRAM: &str = env!("CARGO_BIN_EXE_baliza-probe");
 
 /// An anchor on a DWM1001.
-const ANCHOR: &str = "[[node]]\nname = \"a\"\nrole = \"anchor\"\nboard = \"dwm1001\"\nshort_address = 0x0101\n";
+const ANCHOR: &str = "[network]\npan = 0xDECA\n[[node]]\nname = \"a\"\nrole = \"anchor\"\nboard = \"dwm1001\"\naddress = 0x0101\neui = \"01-23-45-67-89-ab-cd-ef\"\nposition_m = [1, 2.5, -0.5]\n";
 
 fn refused(run: &Run, beginning: &str) {
     assert!(run.code == Some(2) && run.stderr.starts_with(beginning), "{run:?}");

@@ -120,6 +120,6 @@ mod tests {
         for (id, _) in OUTPUTS {
             assert!(ids.iter().any(|found| found == id), "no command has the output {id}");
         }
-        assert!(["ranges", "config", "scenario", "stream"].iter().all(|id| ids.iter().any(|found| found == id)));
+        assert!(["ranges", "config", "site", "stream"].iter().all(|id| ids.iter().any(|found| found == id)));
     }
 }

@@ -174,7 +174,7 @@ fn scenarios_of_absurd_numbers_are_refused_with_their_line() {
         ("seconds = 1e18", "s.toml:2: seconds is 1e18: it must be at most 1000000"),
         (
             "[simulation.board]\nspi_hz = 0",
-            "s.toml:2: [simulation.board] begins a table: it must be text in quotation marks",
+            "s.toml:2: [simulation.board] begins a table: it must be text in quotation marks, as a key",
         ),
         ("[simulation.bluetooth]\nshadowing_db = 1e300", "s.toml:3: shadowing_db is 1e300: it must be at most 1000000"),
         (

@@ -11,14 +11,17 @@ const TAG: u16 = 0x1001;
 struct Life(Vec<Record>);
 
 impl Life {
-    /// Six anchors around a hall, low and high; two per cent of the receptions are lost. `head` has the scenario's
-    /// other settings, `tag` the tag's.
-    fn of(head: &str, tag: &str) -> Self {
+    /// Six anchors around a hall, low and high; two per cent of the receptions are lost. `record` has the tag's record,
+    /// `movement` how it moves.
+    fn of(seconds: f64, record: &str, movement: &str) -> Self {
         let anchors = [[1, 1, 3], [10, 1, 2], [19, 1, 3], [19, 11, 2], [10, 11, 3], [1, 11, 2]];
-        let anchors: String = anchors.iter().map(|at| format!("[[anchor]]\nat = {at:?}\n")).collect();
-        let text = format!("air = \"ideal\"\nheight_m = 1.2\nloss = 0.02\n{head}\n{anchors}[[tag]]\n{tag}");
+        let anchors: String =
+            anchors.iter().map(|at| format!("[[node]]\nrole = \"anchor\"\nposition_m = {at:?}\n")).collect();
+        let text = format!(
+            "{anchors}[[node]]\nrole = \"tag\"\nheight_m = 1.2\n{record}\n[node.simulation]\n{movement}\n[simulation]\n\
+             air = \"ideal\"\nloss = 0.02\nseconds = {seconds}\n"
+        );
         let scenario = Scenario::parse(&text).unwrap_or_else(|error| panic!("the test's scenario, line {error}"));
-        let seconds = scenario.seconds;
         Self(Simulation::new(scenario).run_until(seconds))
     }
 
@@ -43,11 +46,11 @@ impl Life {
 }
 
 const WALK: &str =
-    "path = [[4, 3, 1.2], [16, 3, 1.2], [16, 9, 1.2], [4, 9, 1.2]]\nclosed = true\nmotion_sensor = \"none\"\n";
+    "path_m = [[4, 3, 1.2], [16, 3, 1.2], [16, 9, 1.2], [4, 9, 1.2]]\nclosed = true\nmotion_sensor = \"none\"\n";
 
 #[test]
 fn a_tag_reports_who_it_is_joins_and_ends_its_rounds_in_order() {
-    let life = Life::of("seconds = 6\nrate_hz = 20", WALK);
+    let life = Life::of(6.0, "rate_hz = 20", WALK);
     let kinds: Vec<&str> = life.messages().take(2).map(|(_, message)| message.kind()).collect();
     assert_eq!(kinds, ["reset", "hello"]);
     let joined_s = life.states().iter().find(|(_, is)| matches!(is, Condition::Joined(_))).map(|(t_s, _)| *t_s);
@@ -66,7 +69,7 @@ fn a_tag_reports_who_it_is_joins_and_ends_its_rounds_in_order() {
 
 #[test]
 fn what_a_tag_counts_is_what_it_reports() {
-    let life = Life::of("seconds = 6\nrate_hz = 20", WALK);
+    let life = Life::of(6.0, "rate_hz = 20", WALK);
     let counters = life
         .messages()
         .find_map(|(_, message)| if let Message::Counters(counters) = message { Some(counters) } else { None });
@@ -89,7 +92,7 @@ fn what_a_tag_counts_is_what_it_reports() {
 /// That its radio sleeps meanwhile is seen by the charge that it draws (`sim/tests/battery.rs`).
 #[test]
 fn a_seldom_tag_that_sleeps_between_its_rounds_loses_nothing_but_some_accuracy() {
-    let life = Life::of("seconds = 30\nrate_hz = 1\nsleep = true", WALK);
+    let life = Life::of(30.0, "rate_hz = 1\nsleep = true", WALK);
     let rounds = life.epochs().count();
     assert!((27..=31).contains(&rounds), "{rounds} rounds");
     // Each time it is synchronised again, and reports no change of its link.
@@ -105,8 +108,8 @@ fn a_seldom_tag_that_sleeps_between_its_rounds_loses_nothing_but_some_accuracy()
 
 #[test]
 fn a_tag_at_rest_goes_to_its_still_rate_and_back_when_it_is_carried_on() {
-    let tag = "path = [[4, 3, 1.2], [16, 9, 1.2]]\nspeed_m_s = 0.8\nleaves_s = 10\nmotion_sensor = \"none\"\n";
-    let life = Life::of("seconds = 15\nrate_hz = 20\nstill_rate_hz = 2", tag);
+    let tag = "path_m = [[4, 3, 1.2], [16, 9, 1.2]]\nspeed_m_s = 0.8\nleaves_s = 10\nmotion_sensor = \"none\"\n";
+    let life = Life::of(15.0, "rate_hz = 20\nstill_rate_hz = 2", tag);
     let rounds = |from_s: f64, to_s: f64| life.epochs().filter(|(t_s, _)| (from_s..to_s).contains(t_s)).count();
     // Twenty rounds a second. Five seconds later, and half a second for the grant of other slots, two rounds a second.
     assert!((38..=42).contains(&rounds(2.0, 4.0)), "{}", rounds(2.0, 4.0));

@@ -761,13 +761,13 @@ fn residuals_are_those_of_the_loss_free_run_when_half_of_the_positions_are_lost(
     let whole = residual_sigmas_m(true, |_| true);
     assert!(whole.len() == 5 && whole.iter().all(|sigma_m| (sigma_m - 0.1).abs() < 0.002), "{whole:?}");
     // Every second one, and two of four.
-    for arrives in [(|round: u16| round % 2 == 0) as fn(u16) -> bool, |round| round % 4 < 2] {
+    for arrives in [(|round: u16| round.is_multiple_of(2)) as fn(u16) -> bool, |round| round % 4 < 2] {
         for (lossy, whole) in residual_sigmas_m(true, arrives).iter().zip(&whole) {
             assert!((lossy / whole - 1.0).abs() < 0.1, "{lossy} against {whole}");
         }
     }
     // A source without numbers: the ranges of two rounds are taken for one.
-    let guessed = residual_sigmas_m(false, |round| round % 2 == 0);
+    let guessed = residual_sigmas_m(false, |round| round.is_multiple_of(2));
     assert!(guessed.iter().zip(&whole).any(|(guessed, whole)| guessed / whole > 1.02), "{guessed:?}");
 }
 

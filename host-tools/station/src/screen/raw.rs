@@ -117,7 +117,7 @@ mod tests {
     #[test]
     fn a_panic_gives_the_terminal_back_and_then_says_what_it_is() {
         let program = std::env::current_exe().expect("this program");
-        let name = "station::screen::raw::tests::panics_while_it_draws";
+        let name = "screen::raw::tests::panics_while_it_draws";
         let command = format!(
             "stty rows 24 cols 80; '{}' --exact {name} --ignored --nocapture --test-threads=1; stty -a",
             program.display()

@@ -466,7 +466,7 @@ fn what_cannot_be_served_is_refused_before_the_station_starts() {
         ("--uncertain-rssi-m 0", "--uncertain-rssi-m"),
         ("--site missing.toml", "missing.toml"),
         ("--simulate missing.toml", "missing.toml"),
-        ("--simulate fingerprints.toml", "fingerprints.toml: map: "),
+        ("--simulate fingerprints.toml", "fingerprints.toml:37: fingerprint_map: "),
     ] {
         folder.run(&format!("serve {arguments}")).refused(expected);
     }
