@@ -187,7 +187,7 @@ fn scenarios_of_absurd_numbers_are_refused_with_their_line() {
         ),
         (
             "[[node]]\nrole = \"anchor\"\nposition_m = [1e300, 0, 0]",
-            "s.toml:4: position_m is inf: it must be finite and within 8388 m",
+            "s.toml:4: position_m is inf: it must be finite and within 8388 m of the origin",
         ),
     ];
     for (text, line) in cases {
