@@ -9,7 +9,7 @@ import baliza
 
 
 def frame(body: bytes) -> bytes:
-    """Schema, body and CRC-16/IBM-3740 as one COBS frame: docs/wire-format.md."""
+    """Schema, body and CRC-16/IBM-3740 as one COBS frame: docs/reference/wire-format.md."""
     plain = bytes([1]) + body
     crc = 0xFFFF
     for byte in plain:

@@ -1,5 +1,5 @@
 //! Attacks on native mode by one DW1000 without any key, successful or not: forged sync frames, requests and responses
-//! on a small simulated air. `docs/security.md` describes the remaining attacks.
+//! on a small simulated air. `docs/use/security.md` describes the remaining attacks.
 
 mod air;
 

@@ -2,7 +2,7 @@
 //!
 //! A text becomes a [`SiteFile`], and with the calibrated beacons that it names a [`Site`]: nodes with the config
 //! records that `baliza provision` writes, receivers, and the table `[simulation]`. Errors have a line and say what to
-//! write. `docs/provisioning.md` has the keys of nodes, `docs/scenarios.md` those of simulations.
+//! write. `docs/use/site.md` has the keys of nodes, `docs/use/scenarios.md` those of simulations.
 #![forbid(unsafe_code)]
 
 mod document;

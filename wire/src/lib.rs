@@ -1,5 +1,5 @@
-//! Every byte format of Baliza, from bytes to validated representations and back. `docs/wire-format.md` describes them
-//! byte by byte.
+//! Every byte format of Baliza, from bytes to validated representations and back. `docs/reference/wire-format.md`
+//! describes them byte by byte.
 //!
 //! | module | between | format |
 //! |---|---|---|

@@ -21,7 +21,7 @@ struct Score {
 }
 
 /// The figure of the thesis' simulation.
-const THESIS: &str = "docs/thesis.svg";
+const THESIS: &str = "docs/reference/thesis.svg";
 
 /// The thesis' simulation, and its figure.
 ///
@@ -45,8 +45,8 @@ pub fn rooms() -> Result<Made> {
     Ok(Made::one("rooms", markdown(&table)))
 }
 
-/// The first table of a text in which columns are aligned by two spaces or more, in Markdown. The first column is words,
-/// the others are numbers.
+/// The first table of a text in which columns are aligned by two spaces or more, in Markdown. The first column is
+/// words, the others are numbers.
 fn markdown(text: &str) -> String {
     let mut lines = text.lines().take_while(|line| !line.trim().is_empty());
     let cells = |line: &str| {

@@ -84,7 +84,7 @@ enum Chore {
     /// the store against a PostgreSQL, which is killed in the end, and make requests at random.
     Station(station::Arguments),
     /// Compare the accuracy of solver, track and fingerprints with an earlier version, over all recordings and a
-    /// simulated set: docs/design/accuracy.md.
+    /// simulated set: docs/build/design/measurement.md.
     Accuracy(protocol::Arguments),
     /// Fuzz what comes from the air, wires, flash and files.
     Fuzz(fuzz::Arguments),
@@ -93,7 +93,7 @@ enum Chore {
     /// Recordings are looked for in the folder that BALIZA_DATA names, else in ../shared/data; figures of recordings
     /// that are not there stay as they are. All together take some twenty minutes, those of --quick two.
     Promises(promises::Arguments),
-    /// Go through the steps of docs/hardware.md with boards on the desk: flash, provision, listen, and report.
+    /// Go through the steps of docs/use/hardware.md with boards on the desk: flash, provision, listen, and report.
     BenchBoards(bench_boards::Arguments),
 }
 

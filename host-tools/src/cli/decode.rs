@@ -14,7 +14,7 @@ use super::stream::{Input, Writing, catch_signals, feed_stdout};
 ///
 /// Messages go to standard output or --out, a count of what was received and what was lost goes to standard error.
 /// After any damaged bytes, the next complete frame is decoded. The stream may also contain other data (defmt frames, a
-/// boot loader's text). docs/wire-format.md has the format.
+/// boot loader's text). docs/reference/wire-format.md has the format.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {

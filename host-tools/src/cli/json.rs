@@ -107,7 +107,7 @@ mod tests {
 
     #[test]
     fn every_command_with_json_has_a_schema() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/schema");
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/reference/schema");
         let files = fs::read_dir(folder).expect("the folder of schemas").map(|file| file.expect("an entry").path());
         let files = files.filter(|path| path.extension().is_some_and(|extension| extension == "json"));
         let mut described: Vec<String> = files

@@ -3,7 +3,7 @@
 //!
 //! A new command needs five changes: its module, its `mod` line and its line in [`Command`] here, its group in `help`,
 //! its test, and the test's `mod` line in `tests/baliza/main.rs`. An argument of the type `PathBuf` is an input, unless
-//! [`paths`] knows it as an output. `--json` needs a schema in `docs/schema`.
+//! [`paths`] knows it as an output. `--json` needs a schema in `docs/reference/schema`.
 
 mod ble;
 mod boards;

@@ -23,7 +23,7 @@ use super::boards::{board_of, contents, one_after_another};
 /// Configure nodes: make their records, write, show and check them
 ///
 /// A record is made from a TOML file, `--config`; --example prints one to begin with. It goes to a file, --out, for
-/// espflash, probe-rs or any other flasher; or over a debug probe into the board, --write. docs/provisioning.md has all
+/// espflash, probe-rs or any other flasher; or over a debug probe into the board, --write. docs/use/site.md has all
 /// keys.
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("what").required(true).args(["config", "show", "read", "check", "example"]))]

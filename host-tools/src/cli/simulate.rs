@@ -39,7 +39,7 @@ use crate::cli::progress::Progress;
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
     /// The site to simulate: the file that `baliza provision` reads, alone or with a table [simulation], as
-    /// docs/scenarios.md describes it. Tags without a path walk among the anchors
+    /// docs/use/scenarios.md describes it. Tags without a path walk among the anchors
     #[arg(long, value_name = "FILE", visible_alias = "scenario")]
     site: Option<PathBuf>,
     /// Anchors on the room's walls

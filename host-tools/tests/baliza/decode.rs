@@ -94,7 +94,7 @@ fn of_a_stream_with_one_byte_in_a_hundred_flipped_every_frame_that_is_whole_is_d
 #[test]
 fn a_stream_of_another_build_is_not_counted_as_damaged() {
     let folder = Folder::with(&[]);
-    // The golden frames of the state message in docs/wire-format.md, with schema 2 and with message 99.
+    // The golden frames of the state message in docs/reference/wire-format.md, with schema 2 and with message 99.
     let other = b"\x0B\x02\x04\x80\x89\x7A\x04\x81\x02\x27\xDF\0".repeat(3);
     folder.write("other.bin", &[&other[..], b"\x06\x01\x63\x05\x70\xF5\0"].concat());
     let run = folder.run("decode --file other.bin").ok();

@@ -137,11 +137,8 @@ fn in_sentences(lines: &[&str], part: Range<usize>) -> Vec<(usize, String)> {
 
 /// README.md and the pages under `docs/`.
 fn pages() -> Vec<PathBuf> {
-    let folders = ["docs", "docs/design"].into_iter().flat_map(|folder| {
-        let entries = fs::read_dir(root().join(folder)).expect("a folder of documents");
-        entries.map(|entry| entry.expect("an entry").path())
-    });
-    let mut pages: Vec<_> = folders.filter(|path| path.extension().is_some_and(|end| end == "md")).collect();
+    let documents = files_under(&root().join("docs")).into_iter();
+    let mut pages: Vec<_> = documents.filter(|path| path.extension().is_some_and(|end| end == "md")).collect();
     pages.extend(["README.md", "CONTRIBUTING.md", "qa/papers/README.md"].map(|name| root().join(name)));
     pages.sort();
     pages

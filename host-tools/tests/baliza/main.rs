@@ -20,8 +20,9 @@ mod foxglove_client;
 mod import;
 mod interrupted;
 mod limits;
-mod manners;
 #[cfg(target_os = "linux")]
+mod links;
+mod manners;
 mod memory;
 mod messages;
 mod monitor;

@@ -1,4 +1,4 @@
-//! The schemas of `docs/schema`. Every document of `--json` that a test reads is checked against them.
+//! The schemas of `docs/reference/schema`. Every document of `--json` that a test reads is checked against them.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -13,7 +13,7 @@ const BASE: &str = "file:///schema/";
 
 /// The schemas by their files' names.
 static SCHEMAS: LazyLock<BTreeMap<String, Value>> = LazyLock::new(|| {
-    let files = std::fs::read_dir(root().join("docs/schema")).expect("the folder of schemas");
+    let files = std::fs::read_dir(root().join("docs/reference/schema")).expect("the folder of schemas");
     let paths = files.map(|file| file.expect("an entry").path());
     let schemas = paths.filter(|path| path.extension().is_some_and(|extension| extension == "json")).map(|path| {
         let name = path.file_name().and_then(|name| name.to_str()).expect("a name").to_owned();
@@ -51,14 +51,14 @@ fn check_against(file: &str, value: &Value) {
     let validator = &VALIDATORS[file];
     let wrong: Vec<_> =
         validator.iter_errors(value).map(|error| format!("{}: {error}", error.instance_path())).collect();
-    assert!(wrong.is_empty(), "docs/schema/{file}: {}\n{value:#}", wrong.join("\n"));
+    assert!(wrong.is_empty(), "docs/reference/schema/{file}: {}\n{value:#}", wrong.join("\n"));
     let mut objects = Vec::new();
     objects_of(value, String::new(), &mut objects);
     for pointer in objects {
         let mut changed = value.clone();
         let object = changed.pointer_mut(&pointer).and_then(Value::as_object_mut).expect("an object");
         object.insert("surplus".to_owned(), "a value".into());
-        assert!(!validator.is_valid(&changed), "docs/schema/{file} takes any key in {pointer:?}");
+        assert!(!validator.is_valid(&changed), "docs/reference/schema/{file} takes any key in {pointer:?}");
     }
 }
 
@@ -85,7 +85,7 @@ pub fn check(document: &Value) {
     match file_of(command) {
         Some(file) => check_against(file, document),
         None if document["results"].is_null() => check_against("envelope.schema.json", document),
-        None => panic!("no file of docs/schema is about {command:?}"),
+        None => panic!("no file of docs/reference/schema is about {command:?}"),
     }
 }
 

@@ -1,4 +1,4 @@
-//! The schemas of `docs/schema` refuse what they should.
+//! The schemas of `docs/reference/schema` refuse what they should.
 
 use serde_json::{Value, json};
 

@@ -22,7 +22,7 @@ pub struct Skewness {
 }
 
 impl Default for Skewness {
-    /// Fitted to 22 placements in a furnished flat (`docs/nlos.md`), including its calibration by held-out
+    /// Fitted to 22 placements in a furnished flat (`docs/use/nlos.md`), including its calibration by held-out
     /// placements: λ = 1.29. `baliza nlos train` finds there the means 1.497 and 0.909 and the deviation 0.322, then
     /// the slope 0.648 and the offset 0.308. The slope divides the variance, and the offset moves λ.
     fn default() -> Self {

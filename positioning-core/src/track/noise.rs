@@ -86,7 +86,8 @@ pub struct Noise<T> {
 }
 
 impl<T: Real> Noise<T> {
-    /// The noise of a DW1000 indoors (`docs/design/tracking.md` has the reasons, `docs/performance.md` the checks).
+    /// The noise of a DW1000 indoors (`docs/build/design/tracking.md` has the reasons, `docs/reference/performance.md`
+    /// the checks).
     pub fn indoors() -> Self {
         Self {
             common_sigma: T::of(COMMON_SIGMA_M),

@@ -1,5 +1,5 @@
 // Bundles the tests and runs them with node's own test runner. `--mock` serves the page with simulated tags instead,
-// `--screenshots` writes the pictures of docs/, `--frames` measures what a frame costs, `--ages` how
+// `--screenshots` writes the pictures of docs/use/station/, `--frames` measures what a frame costs, `--ages` how
 // old positions are when a frame shows them.
 
 import { spawn } from 'node:child_process';

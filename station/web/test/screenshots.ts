@@ -1,5 +1,5 @@
-// Writes the pictures of docs/ from real stations: the map, a zone with its alarm, the history, the anchors, a survey, a
-// plan that is scaled by two clicks, and the login.
+// Writes the pictures of docs/use/station/ from real stations: the map, a zone with its alarm, the history, the
+// anchors, a survey, a plan that is scaled by two clicks, and the login.
 
 import { mkdir, stat } from 'node:fs/promises';
 import { fileURLToPath } from 'node:url';
@@ -8,7 +8,7 @@ import { chromiumPath, launch } from './chromium.js';
 import { drawZone, get, live, placePlan, until } from './page.js';
 import { Station } from './station.js';
 
-const docs = fileURLToPath(new URL('../../../../docs', import.meta.url));
+const docs = fileURLToPath(new URL('../../../../docs/use/station', import.meta.url));
 const MOST = 200_000;
 /// Long enough for trails and a chart.
 const HISTORY_MS = 45_000;
@@ -53,12 +53,12 @@ try {
   await until('enough history', history, (rows) => span(rows) > HISTORY_MS);
   await page.locator('#tags li').nth(1).click();
   await page.getByRole('button', { name: 'Show all' }).click();
-  await shoot('station-map.png');
+  await shoot('map.png');
 
   await drawZone(page, 'Press', [4, 0.5, 11, 7]);
   await page.locator('.toast', { hasText: 'entered Press' }).first().waitFor();
   await page.locator('[data-zone="Press"]').waitFor();
-  await shoot('station-zone.png');
+  await shoot('zone.png');
   await closeToasts();
 
   await page.click('#tab-history');
@@ -68,12 +68,12 @@ try {
   const end = Number(await page.locator('#slider').getAttribute('max'));
   await page.locator('#slider').fill(String(Math.round(end / 2)));
   await page.getByText(/Darkest: \d+ s/).waitFor();
-  await shoot('station-history.png');
+  await shoot('history.png');
   await page.getByRole('button', { name: 'Back to live' }).click();
 
   await page.click('#tab-health');
   await page.locator('#health tbody tr').filter({ hasText: '%' }).nth(5).waitFor();
-  await shoot('station-health.png');
+  await shoot('health.png');
 
   await page.click('#tab-survey');
   await page.fill('#campaign-name', 'ground floor');
@@ -81,7 +81,7 @@ try {
   await page.getByRole('button', { name: 'Make it' }).click();
   await page.locator('#survey-go', { hasText: 'Go to point p1' }).waitFor();
   await page.getByRole('button', { name: 'Show all' }).click();
-  await shoot('station-survey.png');
+  await shoot('survey.png');
 
   // Its alarms would cover the plan.
   await fetch(`${station.url}/api/v1/rooms/simulation/Press`, { method: 'DELETE' });
@@ -95,12 +95,12 @@ try {
   await placePlan(page, buffer, [[30, 510], [750, 510]], '12', ['0', '0']); // prettier-ignore
   await page.getByRole('button', { name: 'Show all' }).click();
   await closeToasts();
-  await shoot('station-plan.png');
+  await shoot('plan.png');
 
   await closed.start();
   await page.goto(closed.url);
   await page.locator('#login').waitFor();
-  await shoot('station-login.png');
+  await shoot('login.png');
 } finally {
   await browser.close();
   await station.stop();

@@ -206,7 +206,7 @@ pub struct Network {
     pub region: Option<Region>,
 }
 
-/// The region whose rules apply to transmissions: `docs/regulation.md`.
+/// The region whose rules apply to transmissions: `docs/use/regulation.md`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Region {

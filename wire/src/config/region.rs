@@ -1,4 +1,4 @@
-//! What regions allow: the channels on which a node may transmit. `docs/regulation.md` has the rules with their
+//! What regions allow: the channels on which a node may transmit. `docs/use/regulation.md` has the rules with their
 //! sources.
 
 use crate::config::validate::{ensure, integer};

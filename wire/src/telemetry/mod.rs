@@ -2,8 +2,8 @@
 //! it.
 //!
 //! A [`Message`] becomes a frame: the [`SCHEMA`] byte, the message in postcard and a CRC-16, all COBS-encoded and ended
-//! by a zero byte. `docs/wire-format.md` describes it byte by byte. On a node a [`Queue`] holds frames until the
-//! channel takes them. On the host a [`Decoder`] decodes them into messages.
+//! by a zero byte. `docs/reference/wire-format.md` describes it byte by byte. On a node a [`Queue`] holds frames until
+//! the channel takes them. On the host a [`Decoder`] decodes them into messages.
 //!
 //! Each message has one file in `messages/`. The file contains its fields, the conversions to SI units, its line for a
 //! person (the same in a node's log, but for the `0x` of addresses, and on the host's screen) and, with the feature

@@ -1,4 +1,4 @@
-//! Literal bytes of every message, here and in `docs/wire-format.md`.
+//! Literal bytes of every message, here and in `docs/reference/wire-format.md`.
 //!
 //! They were made by an independent implementation, some thirty lines of Python that do not use this crate: varints by
 //! repeated division by 128; zigzag as 2n and −2n − 1; the CRC bit by bit with polynomial 0x1021 (it gives 0x29B1 for
@@ -299,7 +299,7 @@ fn messages_are_these_objects_of_json() {
 
 #[test]
 fn the_page_has_the_golden_bytes() {
-    let page = include_str!("../../../docs/wire-format.md");
+    let page = include_str!("../../../docs/reference/wire-format.md");
     let section = page.split("\n## ").find(|section| section.starts_with("Golden frames")).expect("the section");
     let rows = section.lines().filter_map(|line| {
         let mut cells = line.split('|').map(str::trim).skip(1);
@@ -314,7 +314,7 @@ fn the_page_has_the_golden_bytes() {
 
 #[test]
 fn the_page_tells_the_longest_frames() {
-    let page = include_str!("../../../docs/wire-format.md");
+    let page = include_str!("../../../docs/reference/wire-format.md");
     assert!(page.contains(&format!("| longest frame of schema 1 as it is here | {MAX_FRAME} bytes")));
     assert!(page.contains(&format!("| longest frame of any build | {LONGEST_FRAME} bytes")));
 }

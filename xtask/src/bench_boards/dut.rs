@@ -26,7 +26,7 @@ pub struct Board {
     pub port: Option<String>,
     /// Its image [default: ROLE-BOARD in target/firmware].
     pub image: Option<PathBuf>,
-    /// How it is wired, for the report: what `docs/hardware.md` says, or otherwise.
+    /// How it is wired, for the report: what `docs/use/hardware.md` says, or otherwise.
     #[serde(default)]
     pub wiring: String,
 }

@@ -1,4 +1,4 @@
-//! `cargo xtask bench-boards --dut FOLDER`: the steps of `docs/hardware.md` as a program, for boards on a desk.
+//! `cargo xtask bench-boards --dut FOLDER`: the steps of `docs/use/hardware.md` as a program, for boards on a desk.
 //!
 //! The folder has `site.toml`, as `baliza provision` reads it, and one `*.toml` a board ([`dut::Board`]). Each step
 //! flashes, provisions or listens by commands of `baliza`, holds what they print against its criterion, and gives a
@@ -27,7 +27,7 @@ pub struct Arguments {
     /// List what would be done, and do nothing
     #[arg(long)]
     dry_run: bool,
-    /// Only these steps, by their numbers in docs/hardware.md
+    /// Only these steps, by their numbers in docs/use/hardware.md
     #[arg(long, value_name = "N", value_delimiter = ',')]
     steps: Vec<u8>,
     /// Write the report into this file, too

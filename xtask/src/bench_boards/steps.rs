@@ -1,4 +1,4 @@
-//! The steps of `docs/hardware.md`, by their numbers there: which commands, and what they must print.
+//! The steps of `docs/use/hardware.md`, by their numbers there: which commands, and what they must print.
 
 use std::fmt;
 
@@ -46,7 +46,7 @@ impl fmt::Display for Verdict {
             Self::Passed(figures) => write!(out, "passed: {figures}"),
             Self::Failed(why) => write!(out, "FAILED: {why}"),
             Self::LeftOut(why) => write!(out, "left out: {why}"),
-            Self::Hand => write!(out, "by hand: see docs/hardware.md"),
+            Self::Hand => write!(out, "by hand: see docs/use/hardware.md"),
         }
     }
 }

@@ -63,9 +63,7 @@ fn rounds(count: u32, period_s: f64, short: u32) -> String {
 
 #[test]
 fn steps_are_numbered_as_in_the_document() {
-    let document = fs::read_to_string(crate::root().join("docs/hardware.md"));
-    let document = document.or_else(|_| fs::read_to_string(crate::root().join("docs/use/hardware.md")));
-    let document = document.or_else(|_| fs::read_to_string(crate::root().join("docs/build/hardware.md")));
+    let document = fs::read_to_string(crate::root().join("docs/use/hardware.md"));
     let document = document.expect("the document of the steps");
     for (step, number) in STEPS.iter().zip(1..) {
         assert_eq!(step.number, number);

@@ -44,7 +44,7 @@ const DEPLOYED: [&str; 5] = [
     "deploy/baliza.default",
     "deploy/grafana/postgresql.json",
     "deploy/grafana/prometheus.json",
-    "docs/deploy.md",
+    "docs/use/station/service.md",
 ];
 
 /// Makes the folder of a release, or verifies that images can be built again.

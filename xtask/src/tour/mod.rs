@@ -1,5 +1,5 @@
-//! `docs/tour.md`: one round with all its numbers and bytes. The page is a template ([`PAGE`]) with named values, and a
-//! run of the simulation ([`run`]) gives the values.
+//! `docs/build/tour.md`: one round with all its numbers and bytes. The page is a template ([`PAGE`]) with named values,
+//! and a run of the simulation ([`run`]) gives the values.
 
 mod run;
 

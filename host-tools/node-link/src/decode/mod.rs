@@ -2,7 +2,7 @@
 //!
 //! [`StreamFiles`] opens files, and [`Chunks`] reads them or a pipe. [`Stream`] takes the bytes and returns messages,
 //! each with its time in the recording's [`Timeline`]. [`row`] returns a message's row in its table. [`Summary`] counts
-//! what was received and what was lost. `docs/wire-format.md` specifies the bytes.
+//! what was received and what was lost. `docs/reference/wire-format.md` specifies the bytes.
 
 mod chunks;
 mod opened;

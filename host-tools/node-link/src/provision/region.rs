@@ -1,5 +1,5 @@
-//! Warnings about nodes under the rules of their region, where a record is not refused. `docs/regulation.md` has the
-//! rules with their sources.
+//! Warnings about nodes under the rules of their region, where a record is not refused. `docs/use/regulation.md` has
+//! the rules with their sources.
 
 use wire::config::Region;
 
@@ -25,7 +25,7 @@ fn of(node: &Node) -> Vec<String> {
     match network.region {
         None => lines.push(
             "region is missing in [network], so the radio rules of the country are not checked: set \"eu\", \"us\", \
-             \"japan\" or \"none\" (docs/regulation.md)"
+             \"japan\" or \"none\" (docs/use/regulation.md)"
                 .to_owned(),
         ),
         Some(Region::Unchecked) => (),

@@ -83,7 +83,7 @@ fn wrong_flags_of_mqtt_are_refused_without_the_password() {
 
 #[test]
 fn the_page_about_home_assistant_works_as_written() {
-    let page = std::fs::read_to_string(root().join("docs/home-assistant.md")).expect("the page");
+    let page = std::fs::read_to_string(root().join("docs/use/station/home-assistant.md")).expect("the page");
     let Some(broker) = Mosquitto::with_user("baliza", "secret") else { return };
     let folder = Folder::with(&[("password", "secret\n")]);
     std::fs::create_dir_all(folder.path("examples/espresense")).expect("a folder");

@@ -91,7 +91,7 @@ fn where_the_api_has_placed_a_receiver_counts_more_than_the_sites_file() {
 
 #[test]
 fn the_files_of_the_document_are_right() {
-    let page = std::fs::read_to_string(root().join("docs/receivers.md")).expect("the page");
+    let page = std::fs::read_to_string(root().join("docs/use/station/receivers.md")).expect("the page");
     let blocks: Vec<&str> = page.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
     assert!(!blocks.is_empty(), "the page shows how a receiver is written");
     for block in blocks {

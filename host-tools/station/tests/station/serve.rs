@@ -276,7 +276,7 @@ fn the_page_and_the_health_are_there_at_once() {
 
 #[test]
 fn the_requests_of_the_page_about_the_station_work_as_written() {
-    let page = std::fs::read_to_string(root().join("docs/station.md")).expect("the page");
+    let page = std::fs::read_to_string(root().join("docs/use/station/README.md")).expect("the page");
     let folder = Folder::with(&[]);
     let station = Station::start(&folder, "--simulate");
     station.wait("/api/v1/tags", |tags| {

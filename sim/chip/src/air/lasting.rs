@@ -47,7 +47,7 @@ impl LastingErrors {
     /// As in recordings in line of sight: a laboratory with DWM1001 (`leiria_128_los_pos1`, `leiria_128_move_slow`:
     /// ipleiria-robotics/indoor_positioning_uwb) and a motion-capture room (`cuhk_static`, `cuhk_dynamic_mid`:
     /// LIAS-CUHKSZ/Efficient-Pose-Estimation-via-UWB-measurements). Fitted so that the default room of `baliza
-    /// simulate` has their statistics: `docs/performance.md` has both side by side.
+    /// simulate` has their statistics: `docs/reference/performance.md` has both side by side.
     pub const RECORDED: Self = Self {
         // Means of links differ by 0.055 to 0.066 m between anchors of a recording: two nodes, and bearings.
         calibration_m: 0.03,

@@ -101,7 +101,7 @@ fn a_beacon_s_page_has_these_bytes() {
 
 #[test]
 fn the_bytes_are_those_of_the_documentation() {
-    let documentation = include_str!("../../../../docs/wire-format.md");
+    let documentation = include_str!("../../../../docs/reference/wire-format.md");
     for page in [page(&anchor(), 7), page(&tag(), 1)] {
         let bytes: Vec<_> = page.iter().map(|byte| format!("{byte:02X}")).collect();
         assert!(documentation.contains(&format!("`{}`", bytes.join(" "))), "{bytes:?}");

@@ -57,8 +57,8 @@ pub struct Arguments {
     sign_in: SignInArguments,
     #[command(flatten)]
     encryption: Encryption,
-    /// Send events to other programs: a TOML file with a table `webhook` for each, as docs/station-network.md describes
-    /// it
+    /// Send events to other programs: a TOML file with a table `webhook` for each, as docs/use/station/network.md
+    /// describes it
     #[arg(long, value_name = "FILE")]
     webhooks: Option<PathBuf>,
     /// Keep one position a second of positions that are older than this, days

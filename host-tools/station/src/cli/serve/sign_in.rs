@@ -12,10 +12,10 @@ use station_core::oidc::Oidc;
 /// The flags.
 #[derive(clap::Args)]
 pub struct SignInArguments {
-    /// Who may do what: a TOML file with a table `token` for each, as docs/station.md describes it
+    /// Who may do what: a TOML file with a table `token` for each, as docs/use/station/README.md describes it
     #[arg(long, value_name = "FILE")]
     tokens: Option<PathBuf>,
-    /// Let people sign in at a provider of OpenID Connect: a TOML file, as docs/station-network.md describes it
+    /// Let people sign in at a provider of OpenID Connect: a TOML file, as docs/use/station/network.md describes it
     #[arg(long, value_name = "FILE")]
     oidc: Option<PathBuf>,
     /// A reverse proxy in front of the station: the client's address is what it says in X-Forwarded-For or Forwarded.
