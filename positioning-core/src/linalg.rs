@@ -1,5 +1,5 @@
 //! Small symmetric matrices. A D × D normal matrix (D ≤ 4) is accumulated row by row and solved once per position, in
-//! fewer instructions than a general library needs (`docs/build/design/host.md` has the counts).
+//! fewer instructions than a general library needs (the manifest of the workspace has the counts).
 
 use crate::Real;
 

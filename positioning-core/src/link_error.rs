@@ -13,7 +13,7 @@
 use crate::Real;
 
 /// Deviation of the error of a direct link, metres: what recorded links in line of sight have about their common error
-/// (0.06 to 0.10 m; `docs/build/design/tracking.md`).
+/// (0.06 to 0.10 m; `positioning-core/README.md`).
 pub(crate) const DIRECT_SIGMA_M: f64 = 0.1;
 /// Deviation of the error common to all ranges of a tag, metres: an antenna delay that was never calibrated.
 pub(crate) const COMMON_SIGMA_M: f64 = 0.14;

@@ -21,7 +21,7 @@ struct Score {
 }
 
 /// The figure of the thesis' simulation.
-const THESIS: &str = "docs/reference/thesis.svg";
+const THESIS: &str = "qa/accuracy/thesis.svg";
 
 /// The thesis' simulation, and its figure.
 ///

@@ -84,7 +84,7 @@ enum Chore {
     /// the store against a PostgreSQL, which is killed in the end, and make requests at random.
     Station(station::Arguments),
     /// Compare the accuracy of solver, track and fingerprints with an earlier version, over all recordings and a
-    /// simulated set: docs/build/design/measurement.md.
+    /// simulated set: qa/accuracy/README.md.
     Accuracy(protocol::Arguments),
     /// Fuzz what comes from the air, wires, flash and files.
     Fuzz(fuzz::Arguments),

@@ -1,8 +1,7 @@
 //! The commands, one module each, and what the programs of the project share. A command has its arguments and `run`,
 //! which reads, computes and reports.
 //!
-//! A new command needs five changes: its module, its `mod` line and its line in [`Command`] here, its group in `help`,
-//! its test, and the test's `mod` line in `tests/baliza/main.rs`. An argument of the type `PathBuf` is an input, unless
+//! `docs/build/extend.md` says what a new command needs. An argument of the type `PathBuf` is an input, unless
 //! [`paths`] knows it as an output. `--json` needs a schema in `docs/reference/schema`.
 
 mod ble;

@@ -316,7 +316,7 @@ fn recipes(names: &[String]) -> Result<Vec<&'static Recipe>, UserError> {
     Ok(RECIPES.iter().filter(asked).collect())
 }
 
-/// The results as a Markdown table, as in docs/reference/performance.md.
+/// The results as a Markdown table, as in qa/accuracy/README.md.
 fn table(rows: &[Row]) -> String {
     let sizes = rows.iter().any(|row| row.bytes.is_some());
     let titles = ["classifier", "features", "AUC:", "accuracy:", "Brier:", "receptions:"];

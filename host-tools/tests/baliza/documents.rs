@@ -139,7 +139,10 @@ fn in_sentences(lines: &[&str], part: Range<usize>) -> Vec<(usize, String)> {
 fn pages() -> Vec<PathBuf> {
     let documents = files_under(&root().join("docs")).into_iter();
     let mut pages: Vec<_> = documents.filter(|path| path.extension().is_some_and(|end| end == "md")).collect();
-    pages.extend(["README.md", "CONTRIBUTING.md", "qa/papers/README.md"].map(|name| root().join(name)));
+    pages.extend(
+        ["README.md", "CONTRIBUTING.md", "qa/papers/README.md", "qa/accuracy/README.md", "qa/onchip-bench/README.md"]
+            .map(|name| root().join(name)),
+    );
     pages.sort();
     pages
 }
@@ -211,6 +214,27 @@ fn the_commands_of_every_page_work_as_written() {
         assert!(needs.contains(&begin), "{begin} ({need}) is on no page");
     }
     assert!(ran >= 25, "only {ran} commands were found");
+}
+
+#[test]
+fn the_page_about_recordings_has_every_reason_why_there_is_no_position() {
+    let page = fs::read_to_string(root().join("docs/use/recordings.md")).expect("the page");
+    // Where each `as_str` of a reason is.
+    for file in [
+        "positioning-core/src/fix.rs",
+        "positioning-core/src/engine/output.rs",
+        "positioning-core/src/ble/fingerprint/mod.rs",
+        "host-tools/recording/src/position.rs",
+    ] {
+        let source = fs::read_to_string(root().join(file)).unwrap_or_else(|error| panic!("{file}: {error}"));
+        let (_, arms) = source.split_once("fn as_str").unwrap_or_else(|| panic!("{file}: no reasons"));
+        let arms = arms.split("\n    }").next().expect("text").split("=> \"").skip(1);
+        let reasons: Vec<&str> = arms.filter_map(|arm| arm.split('"').next()).collect();
+        assert!(!reasons.is_empty(), "{file}");
+        for reason in reasons {
+            assert!(page.contains(&format!("`{reason}`")), "the page lacks {reason} of {file}");
+        }
+    }
 }
 
 #[test]

@@ -86,7 +86,7 @@ pub struct Noise<T> {
 }
 
 impl<T: Real> Noise<T> {
-    /// The noise of a DW1000 indoors (`docs/build/design/tracking.md` has the reasons, `docs/reference/performance.md`
+    /// The noise of a DW1000 indoors (`positioning-core/README.md` has the reasons, `qa/accuracy/README.md`
     /// the checks).
     pub fn indoors() -> Self {
         Self {

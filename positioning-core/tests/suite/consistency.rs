@@ -91,7 +91,7 @@ impl Tag {
         tag
     }
 
-    /// The mean and the deviation of a link's error, metres: those of `docs/build/design/tracking.md`.
+    /// The mean and the deviation of a link's error, metres: those of `positioning-core/README.md`.
     fn link(&self, anchor: usize) -> (f64, f64) {
         if self.is_blocked[anchor] { (0.8, 0.65) } else { (0.0, f64::from(self.noise.direct_sigma)) }
     }

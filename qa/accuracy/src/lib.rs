@@ -1,4 +1,4 @@
-//! The statistics of the accuracy protocol (`docs/build/design/measurement.md`): the figures of a recording, the ratio
+//! The statistics of the accuracy protocol (`qa/accuracy/README.md`): the figures of a recording, the ratio
 //! of two errors with its standard error, the verdict over sites, and the choice of settings that leaves a site out.
 //!
 //! Successive errors are alike, so an error's uncertainty comes from [`Block`]s of successive epochs and not from

@@ -276,7 +276,9 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
 }
 
 fn bytes(hex: &str) -> Vec<u8> {
-    hex.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).expect("two hexadecimal digits")).collect()
+    let digits: Vec<u8> = hex.bytes().filter(|digit| !digit.is_ascii_whitespace()).collect();
+    let byte = |pair: &[u8]| u8::from_str_radix(str::from_utf8(pair).ok()?, 16).ok();
+    digits.chunks(2).map(|pair| byte(pair).expect("two hexadecimal digits")).collect()
 }
 
 #[test]

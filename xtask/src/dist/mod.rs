@@ -39,9 +39,10 @@ const COPIED: [&str; 6] =
     ["README.md", "CHANGELOG.md", "SECURITY.md", "LICENSE-MIT", "LICENSE-APACHE", "host-tools/assets/70-baliza.rules"];
 
 /// Files of the repository that run the station as a service; they go into a folder of the release.
-const DEPLOYED: [&str; 5] = [
+const DEPLOYED: [&str; 6] = [
     "deploy/baliza.service",
     "deploy/baliza.default",
+    "deploy/nginx.conf",
     "deploy/grafana/postgresql.json",
     "deploy/grafana/prometheus.json",
     "docs/use/station/service.md",

@@ -1,6 +1,6 @@
 //! Costs of the positioning methods on the chip: builds the images of `onchip-bench`, runs them in QEMU, compares
 //! their results with the desktop's and their costs with the budgets, and makes the tables of
-//! `docs/reference/performance.md`.
+//! `qa/onchip-bench/README.md`.
 
 mod budget;
 mod costs;

@@ -1,4 +1,4 @@
-//! The tables of `docs/reference/performance.md`, in Markdown.
+//! The tables of `qa/onchip-bench/README.md`, in Markdown.
 
 use anyhow::{Context, Result, ensure};
 use baliza_report::MarkdownTable;

@@ -1,5 +1,5 @@
 //! `baliza bench accuracy`: the protocol by which a change of solver, track, fingerprints or settings is accepted
-//! (`docs/build/design/measurement.md`).
+//! (`qa/accuracy/README.md`).
 //!
 //! Recorded sites and groups of simulated cases go through the code of `baliza solve`, `track` and `ble fingerprint`.
 //! The output are figures, the comparison with an earlier run, and settings that are chosen without the site on which
