@@ -5,6 +5,7 @@ mod air;
 mod baliza;
 mod beacons;
 mod bench_boards;
+mod changelog;
 mod chip;
 mod ci;
 mod deny;
@@ -71,6 +72,8 @@ enum Chore {
     Firmware(firmware::Arguments),
     /// Make the folder of a release: images, `baliza`, manual, licences, parts lists and sums.
     Dist(dist::Arguments),
+    /// Join the fragments of changes/ into CHANGELOG.md as the changes of a version, and remove them.
+    Changelog(changelog::Arguments),
     /// Check licences, sources and advisories of third-party crates by deny.toml.
     Deny,
     /// Print what the flash of images is spent on: driver, exchanges, engine, solvers, telemetry, Bluetooth and so on.
@@ -123,6 +126,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::OldestRust => oldest_rust(),
         Chore::Firmware(arguments) => firmware::run(arguments),
         Chore::Dist(arguments) => dist::run(arguments),
+        Chore::Changelog(arguments) => changelog::run(arguments),
         Chore::Deny => deny::run(),
         Chore::Sizes(arguments) => sizes::run(arguments),
         Chore::Qemu(Qemu::Network(arguments)) => network::run(arguments),
