@@ -20,9 +20,9 @@ mod foxglove_client;
 mod import;
 mod interrupted;
 mod limits;
-#[cfg(target_os = "linux")]
 mod links;
 mod manners;
+#[cfg(target_os = "linux")]
 mod memory;
 mod messages;
 mod monitor;
