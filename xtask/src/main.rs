@@ -19,6 +19,7 @@ mod promises;
 mod protocol;
 mod python;
 mod qemu;
+mod recipes;
 mod schemes;
 mod shape;
 mod simulation;
@@ -55,9 +56,10 @@ enum Chore {
     /// Run all checks of continuous integration, one after the other, and say which passed. `.ci/setup` installs what
     /// they need.
     Ci,
-    /// Measure lines, names, functions and files, print what is long or used too often, and compare it with the budgets
-    /// in xtask/src/shape/budgets.rs.
-    Shape,
+    /// Measure lines, names, functions and files, and compare them with the budgets in xtask/src/shape/budgets.rs.
+    Shape(shape::Arguments),
+    /// Apply each patch of examples/recipes to a copy of the sources, count the files that it touches, and build it.
+    Recipes,
     /// Run all test programs again and again, several at once on a busy computer, and print what failed: tests that
     /// depend on time, load or order show themselves.
     Soak(soak::Arguments),
@@ -120,7 +122,8 @@ fn main() -> ExitCode {
 fn run(chore: &Chore) -> Result<()> {
     match chore {
         Chore::Ci => ci::run(),
-        Chore::Shape => shape::run(),
+        Chore::Shape(arguments) => shape::run(arguments),
+        Chore::Recipes => recipes::run(),
         Chore::Soak(arguments) => soak::run(arguments),
         Chore::NoStd => no_std(),
         Chore::OldestRust => oldest_rust(),

@@ -14,6 +14,14 @@ use anyhow::{Context, Result, bail};
 use crate::{printed, root};
 use budgets::{Budget, Purpose};
 
+/// The arguments of `cargo xtask shape`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Also list what is long or used too often where it is within its budget
+    #[arg(long)]
+    list: bool,
+}
+
 /// A Rust file of the repository.
 struct File {
     /// Its path from the root, with slashes.
@@ -68,7 +76,7 @@ fn is_of_tests(path: &str) -> bool {
 ///
 /// # Errors
 /// A budget is exceeded, a folder has no purpose, or a manifest switches tests off that are there.
-pub fn run() -> Result<()> {
+pub fn run(&Arguments { list: lists_all }: &Arguments) -> Result<()> {
     let mut list = Command::new("git");
     list.args(["ls-files", "--cached", "--others", "--exclude-standard", "*.rs"]).current_dir(root());
     let names = printed(&mut list)?;
@@ -79,20 +87,20 @@ pub fn run() -> Result<()> {
     println!("{:>7} {:>7} {:>7}", "is", "budget", "reach");
     for (purpose, budget) in budgets::LINES {
         let code = files.iter().filter(|file| file.purpose() == Some(purpose) && is_source(&file.path));
-        wrong.extend(compare(budget, code.map(File::code).sum(), &[]));
+        wrong.extend(compare(budget, code.map(File::code).sum(), &[], lists_all));
     }
     let strangers = files.iter().filter(|file| file.purpose().is_none());
     wrong.extend(strangers.map(|file| format!("{}: its folder has no purpose in shape/budgets.rs", file.path)));
     let types = type_names(&files);
-    wrong.extend(compare(budgets::TYPE_NAMES, types.len(), &types));
+    wrong.extend(compare(budgets::TYPE_NAMES, types.len(), &types, lists_all));
     let modules = module_names(&files);
-    wrong.extend(compare(budgets::MODULE_NAMES, modules.len(), &modules));
+    wrong.extend(compare(budgets::MODULE_NAMES, modules.len(), &modules, lists_all));
     let functions = long_functions(&files);
-    wrong.extend(compare(budgets::FUNCTIONS, functions.len(), &functions));
+    wrong.extend(compare(budgets::FUNCTIONS, functions.len(), &functions, lists_all));
     let long = files.iter().map(|file| (file, file.lines_without_tests()));
     let long = long.filter(|(_, lines)| *lines > budgets::MOST_LINES_OF_FILE);
     let long: Vec<_> = long.map(|(file, lines)| format!("{}: {lines} lines", file.path)).collect();
-    wrong.extend(compare(budgets::FILES, long.len(), &long));
+    wrong.extend(compare(budgets::FILES, long.len(), &long, lists_all));
     wrong.extend(manifests::wrong(&files)?);
     if !wrong.is_empty() {
         bail!("the sources are out of shape:\n{}", wrong.join("\n"));
@@ -105,12 +113,12 @@ fn is_source(path: &str) -> bool {
     path.contains("/src/") || path.ends_with("/build.rs")
 }
 
-/// Prints what is measured, and what it consists of. A line where it is too much.
-fn compare(budget: Budget, is: usize, items: &[String]) -> Option<String> {
+/// Prints what is measured, and what it consists of where that is too much or asked for. A line where it is too much.
+fn compare(budget: Budget, is: usize, items: &[String], lists_all: bool) -> Option<String> {
     let Budget { what, most, reach } = budget;
     println!("{is:7} {most:7} {reach:7}  {what}");
-    for item in items {
-        println!("{:25}{item}", "");
+    if is > most || lists_all {
+        items.iter().for_each(|item| println!("{:25}{item}", ""));
     }
     (is > most).then(|| format!("{what}: {is} are more than {most}, the budget in xtask/src/shape/budgets.rs"))
 }
