@@ -6,12 +6,12 @@ use std::{env, fs};
 fn main() -> std::io::Result<()> {
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rerun-if-changed=memory-riscv32.x");
-    println!("cargo::rerun-if-changed=../memory.x");
+    println!("cargo::rerun-if-changed=../../memory.x");
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     match env::var("CARGO_CFG_TARGET_ARCH").as_deref() {
         Ok("arm") => {
             // The DWM1001's map, with the flash of QEMU's mps2-an386, and the stack at the end of its RAM.
-            fs::copy("../memory.x", out.join("memory.x"))?;
+            fs::copy("../../memory.x", out.join("memory.x"))?;
             println!("cargo::rustc-link-arg-bins=--defsym=_flash_length=4M");
             println!("cargo::rustc-link-arg-bins=--defsym=_stack_start=0x20400000");
         }

@@ -28,12 +28,12 @@ const BLOCKED_EVERY: usize = 4;
 
 /// The ranges of one epoch.
 #[derive(Clone, Copy, Debug)]
-pub struct Epoch<const D: usize> {
+pub struct DrawnEpoch<const D: usize> {
     samples: [RangeSample<f32, D>; MAX_ANCHORS],
     count: usize,
 }
 
-impl<const D: usize> Epoch<D> {
+impl<const D: usize> DrawnEpoch<D> {
     /// The ranges to `anchors` anchors at epoch number `number`, in the plane or in space.
     ///
     /// The anchors have equal distances along the room's perimeter. In space all of them are under the ceiling in every

@@ -39,7 +39,7 @@ pub fn by_hand(samples: &[RangeSample<f32, 2>], weights: &[f32], at: [f32; 2], r
 }
 
 /// The same sums as 2 × 2 and 2 × 1 matrices of nalgebra.
-#[cfg(feature = "libraries")]
+#[cfg(feature = "methods")]
 #[inline(never)]
 pub fn by_nalgebra_sums(
     samples: &[RangeSample<f32, 2>],
@@ -62,7 +62,7 @@ pub fn by_nalgebra_sums(
 }
 
 /// The formula as printed: (JᵀWJ)⁻¹JᵀWe with a 12 × 2 matrix J and a 12 × 12 matrix W.
-#[cfg(feature = "libraries")]
+#[cfg(feature = "methods")]
 #[inline(never)]
 pub fn by_nalgebra_matrices(
     samples: &[RangeSample<f32, 2>],

@@ -21,7 +21,7 @@ const RANGE_US: u64 = 300;
 
 /// The kind of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step {
+pub enum WalkStep {
     /// The end of the round that starts the track.
     Start,
     /// A range.
@@ -30,7 +30,7 @@ pub enum Step {
     RoundEnd,
 }
 
-impl Step {
+impl WalkStep {
     /// The name that the image prints.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -46,7 +46,7 @@ impl Step {
 pub fn walk(
     anchors: u16,
     space: bool,
-    mut step: impl FnMut(&mut Engine<f32>, Step, u64, &Measurement<f32>) -> Output<f32>,
+    mut step: impl FnMut(&mut Engine<f32>, WalkStep, u64, &Measurement<f32>) -> Output<f32>,
 ) {
     let dimensions = if space { Dimensions::Space { side: Side::Unknown } } else { Dimensions::Plane { height: 1.2 } };
     let mut engine = Engine::new(Settings::track(dimensions));
@@ -58,10 +58,10 @@ pub fn walk(
             // A metre a second along the room.
             let tag = [2.0 + 1.0e-6 * now as f32, 3.0, 1.2];
             let range = Measurement::Range(range(anchor, anchors, tag, random.rand_float()));
-            step(&mut engine, Step::Range, now, &range);
+            step(&mut engine, WalkStep::Range, now, &range);
         }
         let end = begun + u64::from(anchors) * RANGE_US;
-        step(&mut engine, if round == 0 { Step::Start } else { Step::RoundEnd }, end, &Measurement::RoundEnd);
+        step(&mut engine, if round == 0 { WalkStep::Start } else { WalkStep::RoundEnd }, end, &Measurement::RoundEnd);
     }
 }
 

@@ -3,7 +3,7 @@
 use positioning_core::Method;
 
 /// The limits of one call of a method.
-pub struct Budget {
+pub struct CallBudget {
     pub method: Method,
     pub dims: usize,
     pub anchors: usize,
@@ -13,9 +13,9 @@ pub struct Budget {
 }
 
 /// Budgets of calls.
-pub const CALLS: [Budget; 2] = [
-    Budget { method: Method::BWls, dims: 2, anchors: 8, instructions: 1_500, stack: 512 },
-    Budget { method: Method::Robust, dims: 2, anchors: 8, instructions: 18_000, stack: 1024 },
+pub const CALLS: [CallBudget; 2] = [
+    CallBudget { method: Method::BWls, dims: 2, anchors: 8, instructions: 1_500, stack: 512 },
+    CallBudget { method: Method::Robust, dims: 2, anchors: 8, instructions: 18_000, stack: 1024 },
 ];
 
 /// Budget of the features of one impulse response, instructions.

@@ -1,7 +1,7 @@
 //! The same samples through the same code on the desktop.
 
 use anyhow::{Result, ensure};
-use onchip_bench::cases::{ANCHORS, EPOCHS, Epoch};
+use onchip_bench::cases::{ANCHORS, DrawnEpoch, EPOCHS};
 use onchip_bench::{beacons, response, rooms};
 use positioning_core::nlos::Feature;
 use positioning_core::{Constraints, Method, solve};
@@ -80,7 +80,7 @@ pub fn compare_beacons(chip: &Printed) -> Result<()> {
 }
 
 fn answer<const D: usize>(case: &Solve) -> Result<Vec<f32>, String> {
-    let epoch = Epoch::<D>::new(case.anchors, case.epoch);
+    let epoch = DrawnEpoch::<D>::new(case.anchors, case.epoch);
     solve(case.method, epoch.samples(), &Constraints::default())
         .map(|fix| fix.position.to_vec())
         .map_err(|reason| reason.to_string())

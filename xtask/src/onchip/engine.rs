@@ -2,7 +2,7 @@
 
 use anyhow::{Result, ensure};
 use baliza_report::MarkdownTable;
-use onchip_bench::walk::{ANCHORS, Step, WARM_UP, walk};
+use onchip_bench::walk::{ANCHORS, WARM_UP, WalkStep, walk};
 
 use super::Measured;
 use super::printed::EngineStep;
@@ -31,7 +31,7 @@ pub fn compare(steps: &[EngineStep]) -> Result<()> {
             walk(anchors, space, |engine, step, now, measurement| {
                 count += 1;
                 let output = engine.step(now, measurement);
-                if count > warm_up || step == Step::Start {
+                if count > warm_up || step == WalkStep::Start {
                     let position = output.fix.map_or([f32::NAN; 3], |fix| fix.position);
                     here.push((step.as_str(), if space { 3 } else { 2 }, anchors, position));
                 }
@@ -67,7 +67,7 @@ pub fn table(measured: &Measured) -> String {
         ("start", "the end of the first round: solved, and its ranges let in"),
     ] {
         for dims in [2, 3] {
-            let costs = ANCHORS.map(|anchors| worst(&measured.engine.engine, what, dims, anchors));
+            let costs = ANCHORS.map(|anchors| worst(&measured.printed.engine, what, dims, anchors));
             let instructions = costs.map(|(instructions, _)| grouped(instructions)).join(" | ");
             let stack = costs.map(|(_, stack)| grouped(stack)).join(" | ");
             table.row(format_args!("{title}, {dims}D | {instructions} | {stack}"));

@@ -28,7 +28,7 @@ pub struct Root {
 
 /// One step of weighted least squares.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Step {
+pub struct WeightedStep {
     pub variant: String,
     /// The library of the square root.
     pub library: String,
@@ -41,7 +41,7 @@ pub struct Step {
 
 /// A protocol's step after a received frame, or towards a sent one.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Frame {
+pub struct FrameCost {
     pub name: String,
     /// Bytes, without the check bytes.
     pub length: u32,
@@ -89,14 +89,14 @@ pub struct Printed {
     pub calibration: u32,
     pub solves: Vec<Solve>,
     pub roots: Vec<Root>,
-    pub steps: Vec<Step>,
-    pub frames: Vec<Frame>,
+    pub steps: Vec<WeightedStep>,
+    pub frames: Vec<FrameCost>,
     pub sights: Vec<Call>,
     pub beacons: Vec<Call>,
     pub engine: Vec<EngineStep>,
     /// Names and instructions of the image `costs`.
     pub costs: Vec<(String, u32)>,
-    /// The ranges of the round in the image `exchange`, metres.
+    /// The ranges of the round of [`frames`](Self::frames), metres.
     pub ranges: Vec<f32>,
 }
 
@@ -140,14 +140,14 @@ impl Printed {
                 instructions: instructions.parse()?,
                 root: float(root)?,
             }),
-            ["step", variant, library, instructions, stack, x, y] => self.steps.push(Step {
+            ["step", variant, library, instructions, stack, x, y] => self.steps.push(WeightedStep {
                 variant: (*variant).to_owned(),
                 library: (*library).to_owned(),
                 instructions: instructions.parse()?,
                 stack: stack.parse()?,
                 position: [float(x)?, float(y)?],
             }),
-            ["frame", name, length, instructions, stack] => self.frames.push(Frame {
+            ["frame", name, length, instructions, stack] => self.frames.push(FrameCost {
                 name: (*name).to_owned(),
                 length: length.parse()?,
                 instructions: instructions.parse()?,
@@ -196,7 +196,7 @@ mod tests {
     #[test]
     fn lines_are_read() {
         // 1.5 is 0x3FC00000 and −2 is 0xC0000000 (IEEE 754, single).
-        let text = "calibration solvers 1000\n\
+        let text = "calibration methods 1000\n\
                     solve b-wls 2 8 31 1499 352 fix 3fc00000 c0000000\n\
                     solve lls 3 4 0 10 20 none diverged\n\
                     step hand core 428 32 3fc00000 c0000000\n\
@@ -214,7 +214,7 @@ mod tests {
         assert_eq!(printed.worst(Method::BWls, 2, 8), (1499, 352));
         assert_eq!(printed.steps[0].position, [1.5, -2.0]);
         assert_eq!((printed.engine[0].anchors, printed.engine[0].position), (8, [1.5, -2.0, 1.5]));
-        let poll = Frame { name: "poll".to_owned(), length: 21, instructions: 2136, stack: 920 };
+        let poll = FrameCost { name: "poll".to_owned(), length: 21, instructions: 2136, stack: 920 };
         assert_eq!((&printed.frames[..], &printed.ranges[..]), (&[poll][..], &[1.5][..]));
         assert_eq!(printed.costs, [("driver.now".to_owned(), 120)]);
         let features = Call { what: "features".to_owned(), instructions: 9935, stack: 592, value: 1.5 };
@@ -224,7 +224,7 @@ mod tests {
 
     #[test]
     fn an_image_that_stops_early_is_an_error() {
-        assert!(Printed::parse("calibration solvers 1000\n").is_err());
+        assert!(Printed::parse("calibration methods 1000\n").is_err());
         assert!(Printed::parse("solve b-wls 2 8 31 1499\ndone\n").is_err());
     }
 }

@@ -26,7 +26,7 @@ pub fn costs(measured: &Measured) -> String {
         let (first, last) = ([format!("method, {dims}D")], ["code, bytes:".to_owned()]);
         let mut table = MarkdownTable::new(first.into_iter().chain(instructions).chain(stack).chain(last));
         for method in Method::ALL {
-            let worst = ANCHORS.map(|anchors| measured.solvers.worst(method, dims, anchors));
+            let worst = ANCHORS.map(|anchors| measured.printed.worst(method, dims, anchors));
             let instructions = worst.map(|(instructions, _)| grouped(u64::from(instructions))).join(" | ");
             let stack = worst.map(|(_, stack)| grouped(stack as u64)).join(" | ");
             let code = measured.sizes.of(method, dims).map_or_else(String::new, grouped);
@@ -55,21 +55,21 @@ pub fn budgets(measured: &[Measured]) -> Result<(String, bool)> {
     };
     for budget in &CALLS {
         let case = format!("`{}`, {} anchors, {}D", budget.method, budget.anchors, budget.dims);
-        let (instructions, stack) = chip.solvers.worst(budget.method, budget.dims, budget.anchors);
+        let (instructions, stack) = chip.printed.worst(budget.method, budget.dims, budget.anchors);
         row(format!("{case}: instructions"), u64::from(instructions), u64::from(budget.instructions));
         row(format!("{case}: bytes of stack"), stack as u64, budget.stack as u64);
     }
-    let features = chip.sight.sights.iter().find(|sight| sight.what == "features").context("no features")?;
+    let features = chip.printed.sights.iter().find(|sight| sight.what == "features").context("no features")?;
     row(
         "features of an impulse response of 152 samples: instructions".to_owned(),
         features.instructions.into(),
         FEATURES,
     );
     for (what, title, budget) in BEACONS {
-        let call = chip.beacons.beacons.iter().find(|call| call.what == what).with_context(|| format!("no {what}"))?;
+        let call = chip.printed.beacons.iter().find(|call| call.what == what).with_context(|| format!("no {what}"))?;
         row(format!("{title}: instructions"), call.instructions.into(), budget);
     }
-    let (instructions, stack) = engine::worst(&chip.engine.engine, "range", 2, engine::BUDGET_ANCHORS);
+    let (instructions, stack) = engine::worst(&chip.printed.engine, "range", 2, engine::BUDGET_ANCHORS);
     let case = format!("engine, a range, {} links followed", engine::BUDGET_ANCHORS);
     row(format!("{case}: instructions"), instructions, engine::STEP_INSTRUCTIONS);
     row(format!("{case}: bytes of stack"), stack, engine::STEP_STACK);
@@ -82,7 +82,7 @@ pub fn budgets(measured: &[Measured]) -> Result<(String, bool)> {
 /// # Errors
 /// A library has no measured square root.
 pub fn algebra(measured: &Measured) -> Result<String> {
-    let printed = &measured.algebra;
+    let printed = &measured.printed;
     let mut roots = MarkdownTable::new(["square root", "instructions, worst:", "error, worst:"]);
     for library in ["core", "libm", "micromath"] {
         let of_it: Vec<_> = printed.roots.iter().filter(|root| root.library == library).collect();
@@ -90,7 +90,7 @@ pub fn algebra(measured: &Measured) -> Result<String> {
         let error = of_it.iter().map(|root| (root.root / root.argument.sqrt() - 1.0).abs()).fold(0.0, f32::max);
         roots.row(format_args!("{} | {instructions} | {:.2} %", title(library), error * 100.0));
     }
-    let epoch = cases::Epoch::<2>::new(step::ANCHORS, 0);
+    let epoch = cases::DrawnEpoch::<2>::new(step::ANCHORS, 0);
     let exact = step::by_hand(epoch.samples(), &step::weights(), step::START, f32::sqrt);
     let mut steps = MarkdownTable::new(["weighted step", "square root", "instructions:", "stack, bytes:", "off by:"]);
     for step in &printed.steps {
@@ -113,7 +113,7 @@ pub fn algebra(measured: &Measured) -> Result<String> {
 /// # Errors
 /// The ranges of the exchange are wrong, or a frame is missing.
 pub fn frames(measured: &Measured) -> Result<String> {
-    let printed = &measured.exchange;
+    let printed = &measured.printed;
     // The image's tag is ten metres from each of four anchors.
     let near = printed.ranges.iter().filter(|metres| (*metres - 10.0).abs() < 0.02).count();
     ensure!(near == 4, "the exchange's ranges are {:?}", printed.ranges);
@@ -147,7 +147,7 @@ pub fn frames(measured: &Measured) -> Result<String> {
 pub fn sight(measured: &[Measured]) -> Result<String> {
     calls(
         measured,
-        |chip| &chip.sight.sights,
+        |chip| &chip.printed.sights,
         |what| {
             if what == "features" { "magnitudes and features".to_owned() } else { format!("`{what}`") }
         },
@@ -161,7 +161,7 @@ pub fn sight(measured: &[Measured]) -> Result<String> {
 pub fn beacons(measured: &[Measured]) -> Result<String> {
     calls(
         measured,
-        |chip| &chip.beacons.beacons,
+        |chip| &chip.printed.beacons,
         |what| {
             let known = [
                 ("advert", "an advert: judged, smoothed, a distance"),

@@ -8,7 +8,7 @@
 
 use core::hint::black_box;
 
-use onchip_bench::cases::Epoch;
+use onchip_bench::cases::DrawnEpoch;
 use positioning_core::{Constraints, Method, solve};
 use semihosting::println;
 
@@ -27,7 +27,7 @@ fn main() -> ! {
 }
 
 fn hold<const D: usize>() {
-    let epoch = black_box(Epoch::<D>::new(8, 0));
+    let epoch = black_box(DrawnEpoch::<D>::new(8, 0));
     let samples = epoch.samples();
     let constraints = black_box(Constraints::default());
     // Every image prints the first number of the result, so that the formatting is not counted.

@@ -26,7 +26,7 @@ pub const FRAME: usize = 25;
 
 /// The next event that the script wants.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub enum Next {
+pub enum NextEvent {
     /// The frame has been sent.
     Sent,
     /// A frame is received.
@@ -36,13 +36,13 @@ pub enum Next {
 }
 
 /// The chip, and the measurements around it.
-pub struct Chip {
+pub struct ScriptedChip {
     status: Cell<u32>,
     time: u64,
     /// Whether waits end at once, because the chip is being started.
     pub starting: Cell<bool>,
     /// The next interrupt that the script lets come.
-    pub next: Cell<Option<Next>>,
+    pub next: Cell<Option<NextEvent>>,
     /// When the driver began to wait for the interrupt.
     pub waiting: Cell<Option<u32>>,
     /// When the driver continued after the interrupt.
@@ -51,7 +51,7 @@ pub struct Chip {
     inside: Cell<(u32, u32)>,
 }
 
-impl Chip {
+impl ScriptedChip {
     /// A chip at its start.
     pub fn new() -> Self {
         Self {
@@ -71,12 +71,12 @@ impl Chip {
         (instructions(inside), transactions)
     }
 
-    fn happen(&self, next: Next) {
+    fn happen(&self, next: NextEvent) {
         let status = self.status.get();
         self.status.set(match next {
-            Next::Sent => status | TXFRS,
-            Next::Frame => (status | RECEIVED) ^ ICRBP,
-            Next::Timeout => status | RXRFTO,
+            NextEvent::Sent => status | TXFRS,
+            NextEvent::Frame => (status | RECEIVED) ^ ICRBP,
+            NextEvent::Timeout => status | RXRFTO,
         });
     }
 
@@ -162,7 +162,7 @@ impl Chip {
     }
 }
 
-impl Default for Chip {
+impl Default for ScriptedChip {
     fn default() -> Self {
         Self::new()
     }
@@ -187,7 +187,7 @@ fn sub_address(header: &[u8; 3]) -> usize {
 
 /// The bus.
 #[derive(Clone, Copy)]
-pub struct Spi<'a>(pub &'a Chip);
+pub struct Spi<'a>(pub &'a ScriptedChip);
 
 impl ErrorType for Spi<'_> {
     type Error = Infallible;
@@ -211,7 +211,7 @@ impl ClockedSpi for Spi<'_> {
 
 /// The interrupt line. It is low until the script lets an event happen.
 #[derive(Clone, Copy)]
-pub struct Irq<'a>(pub &'a Chip);
+pub struct Irq<'a>(pub &'a ScriptedChip);
 
 impl embedded_hal::digital::ErrorType for Irq<'_> {
     type Error = Infallible;
@@ -266,9 +266,9 @@ impl Wait for Irq<'_> {
 
 /// The waits. They end at once while the chip is started, and later never.
 #[derive(Clone, Copy)]
-pub struct Delay<'a>(pub &'a Chip);
+pub struct ChipDelay<'a>(pub &'a ScriptedChip);
 
-impl DelayNs for Delay<'_> {
+impl DelayNs for ChipDelay<'_> {
     async fn delay_ns(&mut self, _: u32) {
         poll_fn(|_| if self.0.starting.get() { Poll::Ready(()) } else { Poll::Pending }).await;
     }

@@ -13,13 +13,13 @@ use ranging::exchange::{Action, Event, Protocol};
 use ranging::radio::Config;
 use ranging::{PhyConfig, Radio, RadioDuration, RadioInstant, Start};
 
-use super::chip::{Chip, Delay, Irq, Next, Spi};
+use super::chip::{ChipDelay, Irq, NextEvent, ScriptedChip, Spi};
 use super::{Mean, since};
 use crate::instrument::{between, stamp};
 
 /// The costs of the driver's operations, instructions, without their transactions.
 #[derive(Default)]
-pub struct Costs {
+pub struct DriverCosts {
     /// A transaction.
     pub transaction: Mean,
     /// A reading of the clock.
@@ -100,7 +100,7 @@ impl Marks {
 }
 
 struct Script<'a> {
-    chip: &'a Chip,
+    chip: &'a ScriptedChip,
     marks: &'a Marks,
     frame: [u8; 32],
 }
@@ -138,18 +138,18 @@ impl Protocol for Script<'_> {
 ///
 /// # Panics
 /// The driver does not do what the script expects.
-pub fn measure() -> Costs {
-    let costs = Costs::default();
-    let chip = Chip::new();
+pub fn measure() -> DriverCosts {
+    let costs = DriverCosts::default();
+    let chip = ScriptedChip::new();
     let marks =
         Marks { acts: Cell::new(0), begun: Cell::new(0), stretches: RefCell::new([[(0, 0); 2]; 2 * SCRIPT.len()]) };
     {
         let reporter = Reporter::<NoopRawMutex, 256>::new(|| 0);
         let handover = TaskChannels::<NoopRawMutex>::new();
         let sink = TelemetrySink::new(&reporter, false);
-        let radio = Dw1000::new(Spi(&chip), Irq(&chip), (), Delay(&chip), Config::new(PhyConfig::FAST));
+        let radio = Dw1000::new(Spi(&chip), Irq(&chip), (), ChipDelay(&chip), Config::new(PhyConfig::FAST));
         let script = Script { chip: &chip, marks: &marks, frame: [7; 32] };
-        let mut node = pin!(firmware_tag::ranging(radio, Delay(&chip), script, &handover, &sink));
+        let mut node = pin!(firmware_tag::ranging(radio, ChipDelay(&chip), script, &handover, &sink));
         let mut context = Context::from_waker(Waker::noop());
         for (number, act) in (0..2).flat_map(|_| SCRIPT).enumerate() {
             let polled = stamp();
@@ -163,9 +163,9 @@ pub fn measure() -> Costs {
             let instructions = between(marks.begun.get(), waiting);
             marks.stretches.borrow_mut()[number][0] = (instructions.saturating_sub(inside), transactions);
             chip.next.set(Some(match act {
-                Act::Send { .. } => Next::Sent,
-                Act::Receive { frame: true, .. } => Next::Frame,
-                Act::Receive { frame: false, .. } => Next::Timeout,
+                Act::Send { .. } => NextEvent::Sent,
+                Act::Receive { frame: true, .. } => NextEvent::Frame,
+                Act::Receive { frame: false, .. } => NextEvent::Timeout,
             }));
         }
     }
@@ -207,9 +207,9 @@ pub fn measure() -> Costs {
 }
 
 /// Measures the clock and the switching-off alone.
-fn clock(costs: &Costs, transaction: u32) {
-    let chip = Chip::new();
-    let mut radio = Dw1000::new(Spi(&chip), Irq(&chip), (), Delay(&chip), Config::new(PhyConfig::FAST));
+fn clock(costs: &DriverCosts, transaction: u32) {
+    let chip = ScriptedChip::new();
+    let mut radio = Dw1000::new(Spi(&chip), Irq(&chip), (), ChipDelay(&chip), Config::new(PhyConfig::FAST));
     embassy_futures::block_on(async {
         radio.init().await.expect("the chip starts");
         chip.take_inside();

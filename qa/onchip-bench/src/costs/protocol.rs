@@ -27,7 +27,7 @@ const LIFE_US: u64 = 1_500_000;
 
 /// The costs of the steps, instructions.
 #[derive(Default)]
-pub struct Costs {
+pub struct MachineCosts {
     /// A tag makes its poll.
     pub poll_made: Mean,
     /// An anchor answers a poll.
@@ -48,7 +48,7 @@ pub struct Costs {
     pub handover: Mean,
 }
 
-impl Costs {
+impl MachineCosts {
     /// The mean that a step of the node with this address belongs to.
     fn of(&self, address: u16, event: &Event<'_>, action: &Action<'_>) -> Option<&Mean> {
         let message = |bytes: &[u8]| Frame::parse(bytes).ok().map(|frame| frame.message);
@@ -99,7 +99,7 @@ impl Costs {
 struct Measured<'a, M> {
     machine: M,
     address: u16,
-    costs: &'a Costs,
+    costs: &'a MachineCosts,
     reported: Option<u32>,
 }
 
@@ -143,8 +143,8 @@ impl<M: Protocol> Protocol for Measured<'_, M> {
 ///
 /// # Panics
 /// The air has no place for five nodes.
-pub fn measure() -> Costs {
-    let costs = Costs::default();
+pub fn measure() -> MachineCosts {
+    let costs = MachineCosts::default();
     let world = World::new(NETWORK.phy);
     let anchors = core::array::from_fn::<_, ANCHORS, _>(|i| anchor(&world, i, &costs));
     let tag = async {
@@ -167,7 +167,7 @@ pub fn measure() -> Costs {
     costs
 }
 
-async fn anchor(world: &World, number: usize, costs: &Costs) -> Infallible {
+async fn anchor(world: &World, number: usize, costs: &MachineCosts) -> Infallible {
     let place = [[0.0, 0.0, 2.5], [8.0, 0.0, 2.0], [8.0, 6.0, 2.5], [0.0, 6.0, 2.0]][number % 4];
     let mut radio = world.add().expect("the air has room");
     let config = AnchorConfig {

@@ -36,7 +36,7 @@ type Guard = NoopRawMutex;
 /// The costs of a round in the engine's task, and of the frames that it publishes, taken out of the event log again;
 /// instructions.
 #[derive(Default)]
-pub struct Costs {
+pub struct TagCosts {
     /// A round with its published position.
     pub round: Mean,
     /// A range that is published with the position.
@@ -63,8 +63,8 @@ fn round(ranges: u16, number: u32, random: &mut Rand32) -> (u64, [Range; MOST]) 
 }
 
 /// Measures rounds of `ranges` ranges, tracked or each solved by itself, in the plane or in space.
-pub fn measure(ranges: u16, tracks: bool, space: bool) -> Costs {
-    let costs = Costs::default();
+pub fn measure(ranges: u16, tracks: bool, space: bool) -> TagCosts {
+    let costs = TagCosts::default();
     let channels = [TaskChannels::<Guard>::new(), TaskChannels::new()];
     // The time is constant, so that the log has a line for the first round only.
     let reporters = [Reporter::<Guard, BYTES>::new(|| 0), Reporter::new(|| 0)];

@@ -1,8 +1,4 @@
-//! Image: the costs of native mode's protocols, frame by frame, for a tag ten metres from each of four anchors.
-#![no_std]
-#![no_main]
-// The entry macros make a public function without documentation.
-#![allow(missing_docs)]
+//! The costs of native mode's protocols, frame by frame, for a tag ten metres from each of four anchors.
 
 use core::hint::black_box;
 
@@ -27,11 +23,22 @@ const STAMPS: StampModel = StampModel {
 /// Ten metres: 10 / 299 704 645 s.
 const FLIGHT: RadioDuration = RadioDuration::from_ticks(2132);
 
-#[cfg_attr(target_arch = "arm", cortex_m_rt::entry)]
-#[cfg_attr(target_arch = "riscv32", riscv_rt::entry)]
-fn main() -> ! {
-    let mut instrument = Instrument::start();
-    println!("calibration exchange {}", instrument.calibration());
+/// Measures and prints.
+pub fn print(instrument: &mut Instrument) {
+    let (mut tag, now) = tag_in_network();
+    let (poll, now) = print_poll(instrument, &mut tag, now);
+    let departure = now.plus(ANTENNA_DELAY);
+    settle(tag.step(departure, Event::Sent(departure)));
+    let Message::Poll(asked) = Frame::parse(poll.bytes()).expect("a poll").message else { panic!("no poll") };
+    for asked in &asked.anchors {
+        let (response, start) = print_answer(instrument, asked.address, poll.bytes(), departure);
+        let rx_time = STAMPS.departure(start).plus(FLIGHT);
+        print_response(instrument, &mut tag, heard(response.bytes(), rx_time));
+    }
+}
+
+/// A tag that has received the sync frames of all anchors, and the end of the last.
+fn tag_in_network() -> (Tag, RadioInstant) {
     let mut tag = Tag::new(TagConfig {
         address: TAG,
         network: NETWORK,
@@ -41,7 +48,7 @@ fn main() -> ! {
         tell_distances: false,
     });
     tag.calibrate(&STAMPS);
-    let mut now = RadioInstant::from_ticks(1 << 39);
+    let now = RadioInstant::from_ticks(1 << 39);
     settle(tag.step(now, Event::Started));
     let timing = Timing::of(&NETWORK.phy, NETWORK.first_layout());
     for anchor in 0..ANCHORS {
@@ -52,10 +59,13 @@ fn main() -> ! {
             settle(tag.step(rx_time, Event::Reported));
         }
     }
-    now = now.plus(timing.sync_frame(ANCHORS.into()));
+    (tag, now.plus(timing.sync_frame(ANCHORS.into())))
+}
+
+/// The step in which the tag makes its poll. Returns the poll and when that is.
+fn print_poll(instrument: &mut Instrument, tag: &mut Tag, mut now: RadioInstant) -> (FrameBuffer, RadioInstant) {
     let mut event = Event::Timeout;
-    let mut poll = FrameBuffer::new();
-    let poll_frame = loop {
+    loop {
         let before = tag.clone();
         let (at, what) = (now, event);
         match tag.step(now, event) {
@@ -65,8 +75,7 @@ fn main() -> ! {
                 });
                 println!("frame poll {} {} {}", frame.len(), cost.instructions, cost.stack);
                 assert!(matches!(start, Start::At(_)), "the table takes the poll for one that leaves at its instant");
-                Frame::parse(frame).expect("a poll").emit(&mut poll);
-                break poll;
+                return (copied(frame), now);
             }
             Action::Receive { window, .. } => (now, event) = (now.plus(window), Event::Timeout),
             Action::WaitUntil(instant) => (now, event) = (instant, Event::Woken),
@@ -74,49 +83,62 @@ fn main() -> ! {
             Action::Compensate => event = Event::Woken,
             Action::Report(_) => event = Event::Reported,
         }
+    }
+}
+
+/// The step in which an anchor answers the poll that left at `departure`. Returns the response and when it is sent.
+fn print_answer(
+    instrument: &mut Instrument,
+    address: u16,
+    poll: &[u8],
+    departure: RadioInstant,
+) -> (FrameBuffer, RadioInstant) {
+    let mut anchor = Anchor::new(AnchorConfig {
+        address,
+        network: NETWORK,
+        antenna_delay: ANTENNA_DELAY,
+        position_m: None,
+        rounds: None,
+    });
+    anchor.calibrate(&STAMPS);
+    settle(anchor.step(departure, Event::Started));
+    // The sync frame of another anchor tells this anchor when to answer.
+    let sync_frame = sync_frame(address as u8);
+    settle(anchor.step(departure, Event::Received(heard(sync_frame.bytes(), departure))));
+    let before = anchor.clone();
+    let poll_rx = departure.plus(FLIGHT);
+    let frame = heard(poll, poll_rx);
+    let Action::Transmit { frame: response, start: Start::At(start), .. } =
+        anchor.step(poll_rx, Event::Received(frame))
+    else {
+        panic!("no response")
     };
-    let departure = now.plus(ANTENNA_DELAY);
-    settle(tag.step(departure, Event::Sent(departure)));
-    let Message::Poll(asked) = Frame::parse(poll_frame.bytes()).expect("a poll").message else { panic!("no poll") };
-    for asked in &asked.anchors {
-        let mut anchor = Anchor::new(AnchorConfig {
-            address: asked.address,
-            network: NETWORK,
-            antenna_delay: ANTENNA_DELAY,
-            position_m: None,
-            rounds: None,
-        });
-        anchor.calibrate(&STAMPS);
-        settle(anchor.step(departure, Event::Started));
-        // The sync frame of another anchor tells this anchor when to answer.
-        let sync_frame = sync_frame(asked.address as u8);
-        settle(anchor.step(departure, Event::Received(heard(sync_frame.bytes(), departure))));
-        let before = anchor.clone();
-        let poll_rx = departure.plus(FLIGHT);
-        let frame = heard(poll_frame.bytes(), poll_rx);
-        let Action::Transmit { frame: response, start: Start::At(start), .. } =
-            anchor.step(poll_rx, Event::Received(frame))
-        else {
-            panic!("no response")
-        };
-        let cost = instrument.cost_on(&before, |anchor| {
-            black_box(anchor.step(black_box(poll_rx), black_box(Event::Received(frame))));
-        });
-        println!("frame answer {} {} {}", response.len(), cost.instructions, cost.stack);
-        let rx_time = STAMPS.departure(start).plus(FLIGHT);
-        let frame = heard(response, rx_time);
-        let cost = instrument.cost_on(&tag, |tag| {
-            black_box(tag.step(black_box(rx_time), black_box(Event::Received(frame))));
-        });
-        println!("frame response {} {} {}", response.len(), cost.instructions, cost.stack);
-        if let Action::Report(Report::Round(round)) = tag.step(rx_time, Event::Received(frame)) {
-            for range in round.ranges {
-                println!("range {} {:08x}", range.peer, range.distance_m.to_bits());
-            }
+    let cost = instrument.cost_on(&before, |anchor| {
+        black_box(anchor.step(black_box(poll_rx), black_box(Event::Received(frame))));
+    });
+    println!("frame answer {} {} {}", response.len(), cost.instructions, cost.stack);
+    (copied(response), start)
+}
+
+/// The step in which the tag makes a range of a response; after the last, also the ranges of the round.
+fn print_response(instrument: &mut Instrument, tag: &mut Tag, response: RxFrame<'_>) {
+    let rx_time = response.rx_time;
+    let cost = instrument.cost_on(tag, |tag| {
+        black_box(tag.step(black_box(rx_time), black_box(Event::Received(response))));
+    });
+    println!("frame response {} {} {}", response.bytes.len(), cost.instructions, cost.stack);
+    if let Action::Report(Report::Round(round)) = tag.step(rx_time, Event::Received(response)) {
+        for range in round.ranges {
+            println!("range {} {:08x}", range.peer, range.distance_m.to_bits());
         }
     }
-    println!("done");
-    semihosting::process::exit(0)
+}
+
+/// A frame that outlives the step which made it.
+fn copied(frame: &[u8]) -> FrameBuffer {
+    let mut copy = FrameBuffer::new();
+    Frame::parse(frame).expect("a frame").emit(&mut copy);
+    copy
 }
 
 fn settle(action: Action<'_>) {

@@ -1,9 +1,5 @@
-//! Image: the costs of telling blocked paths from direct ones: the features of an impulse response, and every
+//! The costs of telling blocked paths from direct ones: the features of an impulse response, and every
 //! classifier.
-#![no_std]
-#![no_main]
-// The entry macros make a public function without documentation.
-#![allow(missing_docs)]
 
 use core::hint::black_box;
 
@@ -12,11 +8,8 @@ use onchip_bench::response::{features, for_each_classifier, response};
 use positioning_core::nlos::Feature;
 use semihosting::println;
 
-#[cfg_attr(target_arch = "arm", cortex_m_rt::entry)]
-#[cfg_attr(target_arch = "riscv32", riscv_rt::entry)]
-fn main() -> ! {
-    let mut instrument = Instrument::start();
-    println!("calibration nlos {}", instrument.calibration());
+/// Measures and prints.
+pub fn print(instrument: &mut Instrument) {
     let response = response();
     let (cost, features) = instrument.cost(|| features(black_box(&response)));
     let skewness = features.get(Feature::SkewnessNear).unwrap_or(f32::NAN);
@@ -25,6 +18,4 @@ fn main() -> ! {
         let (cost, p) = instrument.cost(|| black_box(classifier).nlos_probability(black_box(&features)));
         println!("nlos {name} {} {} {:08x}", cost.instructions, cost.stack, p.unwrap_or(f32::NAN).to_bits());
     });
-    println!("done");
-    semihosting::process::exit(0)
 }
