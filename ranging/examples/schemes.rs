@@ -42,7 +42,7 @@ fn layout(scheme: native::Scheme) -> Layout {
 
 /// A scheme to measure ranges to several anchors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Scheme {
+pub enum ComparedScheme {
     /// Poll and responses, four timestamps.
     SingleSided,
     /// The same, with the responder's clock estimated from the carrier of each response.
@@ -85,17 +85,17 @@ pub struct Errors {
 }
 
 /// The table's rows.
-pub const SCHEMES: [Scheme; 7] = [
-    Scheme::SingleSided,
-    Scheme::WithCarrier,
-    Scheme::WithPolls,
-    Scheme::SymmetricOneFinal,
-    Scheme::AsymmetricOneFinal,
-    Scheme::AsymmetricToldLater,
-    Scheme::AsymmetricEach,
+pub const SCHEMES: [ComparedScheme; 7] = [
+    ComparedScheme::SingleSided,
+    ComparedScheme::WithCarrier,
+    ComparedScheme::WithPolls,
+    ComparedScheme::SymmetricOneFinal,
+    ComparedScheme::AsymmetricOneFinal,
+    ComparedScheme::AsymmetricToldLater,
+    ComparedScheme::AsymmetricEach,
 ];
 
-impl Scheme {
+impl ComparedScheme {
     fn name(self) -> &'static str {
         match self {
             Self::SingleSided => "single-sided",
@@ -161,7 +161,7 @@ impl Clock {
 }
 
 /// Errors of every slot, metres.
-fn simulate(scheme: Scheme, case: Case, sign: f64, rng: &mut Pcg64) -> Vec<Vec<f64>> {
+fn simulate(scheme: ComparedScheme, case: Case, sign: f64, rng: &mut Pcg64) -> Vec<Vec<f64>> {
     let stamp_noise = Normal::new(0.0, STAMP_NOISE_TICKS).unwrap();
     let carrier_noise = Normal::new(0.0, CARRIER_NOISE_PPM).unwrap();
     let wander = Normal::new(0.0, WANDER_PPM * 1e-6).unwrap();
@@ -193,8 +193,8 @@ fn simulate(scheme: Scheme, case: Case, sign: f64, rng: &mut Pcg64) -> Vec<Vec<f
         for slot in 0..ANCHORS {
             let mut noise = || stamp_noise.sample(rng);
             // Polled alone, every anchor is the first to answer.
-            let place = if scheme == Scheme::AsymmetricEach { 0 } else { slot };
-            let last = if scheme == Scheme::AsymmetricEach { 0 } else { ANCHORS - 1 };
+            let place = if scheme == ComparedScheme::AsymmetricEach { 0 } else { slot };
+            let last = if scheme == ComparedScheme::AsymmetricEach { 0 } else { ANCHORS - 1 };
             let reply1 = timing.reply_in(place).ticks() as f64;
             let final_at = timing.reply_in(last).ticks() as f64 + timing.reply.ticks() as f64;
             // True times of departure, from which the responder's and the tag's timestamps follow.
@@ -219,7 +219,7 @@ fn simulate(scheme: Scheme, case: Case, sign: f64, rng: &mut Pcg64) -> Vec<Vec<f
 }
 
 fn range(
-    scheme: Scheme,
+    scheme: ComparedScheme,
     [round1, reply1, round2, reply2]: [RadioDuration; 4],
     carrier_ppm: f32,
     clock: &mut ClockModel,
@@ -227,15 +227,15 @@ fn range(
     poll_rx: RadioInstant,
 ) -> TimeOfFlight {
     match scheme {
-        Scheme::SingleSided => single_sided(round1, reply1),
-        Scheme::WithCarrier => single_sided_corrected(round1, reply1, carrier_ppm * 1e-6),
-        Scheme::WithPolls => {
+        ComparedScheme::SingleSided => single_sided(round1, reply1),
+        ComparedScheme::WithCarrier => single_sided_corrected(round1, reply1, carrier_ppm * 1e-6),
+        ComparedScheme::WithPolls => {
             clock.poll(poll_tx, poll_rx);
             clock.carrier(carrier_ppm);
             single_sided_corrected(round1, reply1, clock.rate())
         }
-        Scheme::SymmetricOneFinal => double_sided_symmetric(round1, reply1, round2, reply2),
-        Scheme::AsymmetricOneFinal | Scheme::AsymmetricToldLater | Scheme::AsymmetricEach => {
+        ComparedScheme::SymmetricOneFinal => double_sided_symmetric(round1, reply1, round2, reply2),
+        ComparedScheme::AsymmetricOneFinal | ComparedScheme::AsymmetricToldLater | ComparedScheme::AsymmetricEach => {
             double_sided_asymmetric(round1, reply1, round2, reply2).unwrap_or_default()
         }
     }
@@ -246,7 +246,7 @@ fn mean(values: &[f64]) -> f64 {
 }
 
 /// The worst slot's bias under either sign of the drift, and the deviation about the slots' means.
-pub fn errors(scheme: Scheme, case: Case) -> Errors {
+pub fn errors(scheme: ComparedScheme, case: Case) -> Errors {
     let mut rng = Pcg64::seed_from_u64(1);
     let mut bias_m: f64 = 0.0;
     let mut squares = Vec::new();
@@ -290,7 +290,7 @@ mod tests {
 
     #[test]
     fn successive_polls_give_double_sided_accuracy_for_half_the_frames() {
-        let [polls, double] = [Scheme::WithPolls, Scheme::AsymmetricOneFinal];
+        let [polls, double] = [ComparedScheme::WithPolls, ComparedScheme::AsymmetricOneFinal];
         for scheme in [polls, double] {
             let Errors { bias_m, deviation_m } = errors(scheme, Case::Followed);
             assert!(bias_m.abs() < 0.01 && deviation_m < 0.03, "{scheme:?}: {bias_m} m, {deviation_m} m");
@@ -307,7 +307,7 @@ mod tests {
     fn single_sided_is_off_by_half_the_drift_of_the_reply() {
         // Poll's tail 83.1 + answer 304 + 138.4 to the RMARKER = 525.5 µs; a slot 189.7 + 72 + 3 = 264.7 µs.
         // ½ × 40 ppm × (525.5 + 7 × 264.7) µs × c = 14.26 m in the last slot.
-        let Errors { bias_m, .. } = errors(Scheme::SingleSided, Case::Followed);
+        let Errors { bias_m, .. } = errors(ComparedScheme::SingleSided, Case::Followed);
         assert!((bias_m.abs() - 14.26).abs() < 0.05, "{bias_m}");
     }
 
@@ -315,14 +315,14 @@ mod tests {
     fn the_carrier_alone_is_coarse() {
         // 0.2 ppm over half of 0.53 to 2.38 ms, root mean square 1.57 ms: 4.7 cm; with the timestamps' 2.1 cm it is 5.2
         // cm.
-        let Errors { bias_m, deviation_m } = errors(Scheme::WithCarrier, Case::Followed);
+        let Errors { bias_m, deviation_m } = errors(ComparedScheme::WithCarrier, Case::Followed);
         assert!(bias_m.abs() < 0.01 && (deviation_m - 0.052).abs() < 0.003, "{bias_m}, {deviation_m}");
     }
 
     #[test]
     fn the_sum_suffers_from_unequal_replies() {
         // The last anchor answers after 2.38 ms and gets its final 0.53 ms later: ¼ × 40 ppm × 1.85 ms × c = 5.55 m.
-        let Errors { bias_m, .. } = errors(Scheme::SymmetricOneFinal, Case::Followed);
+        let Errors { bias_m, .. } = errors(ComparedScheme::SymmetricOneFinal, Case::Followed);
         assert!((bias_m.abs() - 5.55).abs() < 0.05, "{bias_m}");
     }
 
@@ -330,8 +330,13 @@ mod tests {
     fn the_product_needs_no_model_of_clocks() {
         for scheme in SCHEMES {
             let product = match scheme {
-                Scheme::AsymmetricOneFinal | Scheme::AsymmetricToldLater | Scheme::AsymmetricEach => true,
-                Scheme::SingleSided | Scheme::WithCarrier | Scheme::WithPolls | Scheme::SymmetricOneFinal => false,
+                ComparedScheme::AsymmetricOneFinal
+                | ComparedScheme::AsymmetricToldLater
+                | ComparedScheme::AsymmetricEach => true,
+                ComparedScheme::SingleSided
+                | ComparedScheme::WithCarrier
+                | ComparedScheme::WithPolls
+                | ComparedScheme::SymmetricOneFinal => false,
             };
             for case in CASES.into_iter().filter(|_| product) {
                 let Errors { bias_m, deviation_m } = errors(scheme, case);
@@ -344,12 +349,12 @@ mod tests {
     fn a_model_of_clocks_stands_a_second_of_silence_and_not_a_jump() {
         // 0.05 ppm over half of up to 2.38 ms are 1.8 cm. The carrier and the poll itself reduce this to less than
         // half.
-        let Errors { bias_m, deviation_m } = errors(Scheme::WithPolls, Case::Silence);
+        let Errors { bias_m, deviation_m } = errors(ComparedScheme::WithPolls, Case::Silence);
         assert!(bias_m.abs() < 0.01 && (0.0212..0.028).contains(&deviation_m), "{bias_m} m, {deviation_m} m");
         // 1 ppm over half of 2.38 ms is 35.7 cm in the last slot: a single round gives nearly no information about it.
-        let Errors { bias_m, .. } = errors(Scheme::WithPolls, Case::Jump);
+        let Errors { bias_m, .. } = errors(ComparedScheme::WithPolls, Case::Jump);
         assert!((bias_m.abs() - 0.357).abs() < 0.01, "{bias_m} m");
-        let Errors { bias_m, .. } = errors(Scheme::WithCarrier, Case::Jump);
+        let Errors { bias_m, .. } = errors(ComparedScheme::WithCarrier, Case::Jump);
         assert!(bias_m.abs() < 0.01, "{bias_m} m");
     }
 }

@@ -5,7 +5,7 @@ use core::ptr;
 
 use critical_section::Mutex;
 use embassy_executor::{Spawner, raw};
-use qemu_link::{Answer, Request};
+use qemu_link::{Request, WorldAnswer};
 use static_cell::StaticCell;
 
 use super::clock::{self, Level, Pause};
@@ -80,7 +80,7 @@ impl Executors {
     pub(super) fn run(&self, mut after: impl FnMut()) {
         loop {
             while self.ranging.step() {}
-            if !PIPE.says(Answer::BACKGROUND_IS_BUSY) && self.background.step() {
+            if !PIPE.says(WorldAnswer::BACKGROUND_IS_BUSY) && self.background.step() {
                 clock::count(Level::Background, &mut after);
                 continue;
             }
@@ -90,12 +90,12 @@ impl Executors {
                 background: self.background.is_pending(),
             };
             let now_ns = PIPE.ask(request, |answer| answer.now_ns);
-            if PIPE.says(Answer::END) {
+            if PIPE.says(WorldAnswer::END) {
                 return;
             }
             // As an interrupt handler would.
             timers::ring(now_ns);
-            if PIPE.says(Answer::IRQ_IS_HIGH) {
+            if PIPE.says(WorldAnswer::IRQ_IS_HIGH) {
                 lines::wake();
             }
         }

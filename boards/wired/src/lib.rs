@@ -18,7 +18,7 @@ use baliza_board_rtt::TelemetryChannel;
 use baliza_dw1000::driver::Dw1000;
 use embassy_executor::Spawner;
 use firmware_common::node::{self, Node};
-use qemu_link::{Request, Start};
+use qemu_link::{NodeStart, Request};
 use wire::config::Record;
 use wire::telemetry::ResetCause;
 
@@ -65,7 +65,8 @@ impl Board {
         let telemetry = baliza_board_rtt::start();
         let record = PIPE.open(|pipe| {
             pipe.ask(Request::Start, |answer| {
-                let Start { instruction_ps, record } = Start::decode(answer.body).expect("the world says how to start");
+                let NodeStart { instruction_ps, record } =
+                    NodeStart::decode(answer.body).expect("the world says how to start");
                 clock::set_instruction_ps(instruction_ps);
                 wire::config::decode(record).map(|(record, _): (Record, u32)| record)
             })

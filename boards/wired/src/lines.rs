@@ -11,7 +11,7 @@ use embedded_hal::digital;
 use embedded_hal_async::digital::Wait;
 use embedded_hal_async::spi::{self, SpiDevice};
 use heapless::Vec;
-use qemu_link::{Answer, MAX_MESSAGE, MAX_OPERATIONS, Operation, Request};
+use qemu_link::{MAX_MESSAGE, MAX_OPERATIONS, Operation, Request, WorldAnswer};
 
 use super::clock::Pause;
 use super::pipe::PIPE;
@@ -135,7 +135,7 @@ impl Interrupt {
         poll_fn(|context| {
             let _pause = Pause::begin();
             let woken = armed && !is_awaited();
-            if woken || PIPE.says(Answer::IRQ_IS_HIGH) {
+            if woken || PIPE.says(WorldAnswer::IRQ_IS_HIGH) {
                 return Poll::Ready(());
             }
             armed = true;
@@ -148,7 +148,7 @@ impl Interrupt {
 
 /// Checks the line each microsecond: the world reports no falling edge, and the driver waits for none.
 async fn low() {
-    while PIPE.says(Answer::IRQ_IS_HIGH) {
+    while PIPE.says(WorldAnswer::IRQ_IS_HIGH) {
         embassy_time::Timer::after_micros(1).await;
     }
 }
@@ -177,6 +177,6 @@ impl Wait for Interrupt {
     }
 
     async fn wait_for_any_edge(&mut self) -> Result<(), Infallible> {
-        if PIPE.says(Answer::IRQ_IS_HIGH) { self.wait_for_low().await } else { self.wait_for_high().await }
+        if PIPE.says(WorldAnswer::IRQ_IS_HIGH) { self.wait_for_low().await } else { self.wait_for_high().await }
     }
 }

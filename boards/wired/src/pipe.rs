@@ -3,7 +3,7 @@
 use core::cell::{Cell, RefCell};
 
 use critical_section::Mutex;
-use qemu_link::{Answer, MAX_MESSAGE, Request};
+use qemu_link::{MAX_MESSAGE, Request, WorldAnswer};
 use semihosting::fs::File;
 use semihosting::io::{Read, Write};
 
@@ -37,7 +37,7 @@ impl Shared {
     }
 
     /// Sends a request to the simulated world, and passes the answer to `take`.
-    pub fn ask<R>(&self, request: Request<'_>, take: impl FnOnce(&Answer<'_>) -> R) -> R {
+    pub fn ask<R>(&self, request: Request<'_>, take: impl FnOnce(&WorldAnswer<'_>) -> R) -> R {
         let _pause = Pause::begin();
         let spent = clock::take_spent();
         critical_section::with(|token| {
@@ -63,7 +63,7 @@ impl Shared {
 }
 
 impl Pipe {
-    fn read(&mut self) -> Answer<'_> {
+    fn read(&mut self) -> WorldAnswer<'_> {
         let mut length = [0; 2];
         if self.from.read_exact(&mut length).is_err() {
             semihosting::process::exit(1);
@@ -72,6 +72,6 @@ impl Pipe {
         if self.from.read_exact(body).is_err() {
             semihosting::process::exit(1);
         }
-        Answer::decode(body).expect("the world answers")
+        WorldAnswer::decode(body).expect("the world answers")
     }
 }

@@ -1,6 +1,6 @@
 //! Blocks of successive epochs, and the ratio of two errors by them.
 
-use super::{Scored, begins_anew};
+use super::{ScoredEpoch, begins_anew};
 
 /// A block ends when it is this long, seconds …
 const BLOCK_S: f64 = 5.0;
@@ -41,7 +41,7 @@ pub struct LogRatio {
 }
 
 /// The blocks of epochs in the order of time. They depend on the times of all epochs, and not on their results.
-pub fn blocks(scored: &[Scored]) -> Vec<Block> {
+pub fn blocks(scored: &[ScoredEpoch]) -> Vec<Block> {
     let mut blocks: Vec<Block> = Vec::new();
     let (mut begun_s, mut before_s) = (None, None);
     for epoch in scored {
@@ -137,8 +137,8 @@ pub fn over_recordings(ratios: &[LogRatio]) -> Option<LogRatio> {
 mod tests {
     use super::*;
 
-    fn scored(t_s: Option<f64>, error_m: f64) -> Scored {
-        Scored { t_s, error_m: Some(error_m), normalised_square: None }
+    fn scored(t_s: Option<f64>, error_m: f64) -> ScoredEpoch {
+        ScoredEpoch { t_s, error_m: Some(error_m), normalised_square: None }
     }
 
     fn block(fixed: usize, sum_m2: f64) -> Block {
@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn a_block_ends_after_five_seconds_fifty_epochs_or_a_silence() {
-        let sizes = |epochs: &[Scored]| blocks(epochs).iter().map(|block| block.epochs).collect::<Vec<_>>();
+        let sizes = |epochs: &[ScoredEpoch]| blocks(epochs).iter().map(|block| block.epochs).collect::<Vec<_>>();
         let timed: Vec<_> = (0..25).map(|at| scored(Some(f64::from(at) * 0.5), 1.0)).collect();
         assert_eq!(sizes(&timed), [10, 10, 5]);
         let untimed = vec![scored(None, 1.0); 120];

@@ -2,7 +2,7 @@
 
 use baliza_report::{Statistics, mean};
 
-use super::{Scored, begins_anew};
+use super::{ScoredEpoch, begins_anew};
 
 /// An error beyond this is an excursion, metres …
 const FAR_M: f64 = 2.0;
@@ -45,7 +45,7 @@ pub struct Excursion {
 
 impl Figures {
     /// The figures of epochs in the order of time.
-    pub fn of(scored: &[Scored]) -> Self {
+    pub fn of(scored: &[ScoredEpoch]) -> Self {
         let errors: Vec<f64> = scored.iter().filter_map(|epoch| epoch.error_m).collect();
         let statistics = Statistics::of(&errors);
         let squares: Vec<f64> = scored.iter().filter_map(|epoch| epoch.normalised_square).collect();
@@ -66,7 +66,7 @@ impl Figures {
 }
 
 /// The normalised squares without the first second after each start.
-fn settled(scored: &[Scored]) -> Vec<f64> {
+fn settled(scored: &[ScoredEpoch]) -> Vec<f64> {
     let (mut begun_s, mut before_s) = (None, None);
     let mut squares = Vec::new();
     for epoch in scored {
@@ -82,7 +82,7 @@ fn settled(scored: &[Scored]) -> Vec<f64> {
     squares
 }
 
-fn longest_excursion(scored: &[Scored]) -> Option<Excursion> {
+fn longest_excursion(scored: &[ScoredEpoch]) -> Option<Excursion> {
     let (mut longest, mut run): (Option<Excursion>, Option<Excursion>) = (None, None);
     // An epoch without a position neither continues nor ends an excursion.
     for error_m in scored.iter().filter_map(|epoch| epoch.error_m) {
@@ -100,10 +100,10 @@ fn longest_excursion(scored: &[Scored]) -> Option<Excursion> {
 #[cfg(test)]
 mod tests {
     use super::{Excursion, Figures};
-    use crate::Scored;
+    use crate::ScoredEpoch;
 
-    fn epochs(rows: &[(f64, Option<f64>, f64)]) -> Vec<Scored> {
-        let of = |&(t_s, error_m, square): &(f64, Option<f64>, f64)| Scored {
+    fn epochs(rows: &[(f64, Option<f64>, f64)]) -> Vec<ScoredEpoch> {
+        let of = |&(t_s, error_m, square): &(f64, Option<f64>, f64)| ScoredEpoch {
             t_s: Some(t_s),
             error_m,
             normalised_square: error_m.map(|_| square),

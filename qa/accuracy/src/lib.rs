@@ -17,14 +17,14 @@ mod verdict;
 pub use blocks::{Block, LogRatio, Measure, blocks, over_recordings, ratio};
 pub use figures::{Excursion, Figures};
 pub use left_out::{Choice, choices};
-pub use verdict::{LEAST_ANSWERED, Outcome, Verdict, outcome, verdict};
+pub use verdict::{ChangeVerdict, LEAST_ANSWERED, SiteOutcome, outcome, verdict};
 
 /// A silence of this length begins a new block, and whoever follows the tag begins anew, seconds.
 const SILENCE_S: f64 = 10.0;
 
 /// The result of an epoch whose true position is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Scored {
+pub struct ScoredEpoch {
     /// The epoch's time, seconds.
     pub t_s: Option<f64>,
     /// The horizontal error, metres; `None` without a position.
@@ -34,7 +34,7 @@ pub struct Scored {
 }
 
 /// Two methods' results of the same epochs, where both have a position.
-pub fn both_fixed(one: &[Scored], other: &[Scored]) -> [Vec<Scored>; 2] {
+pub fn both_fixed(one: &[ScoredEpoch], other: &[ScoredEpoch]) -> [Vec<ScoredEpoch>; 2] {
     let both = one.iter().zip(other).filter(|(one, other)| one.error_m.is_some() && other.error_m.is_some());
     let (one, other) = both.map(|(one, other)| (*one, *other)).unzip();
     [one, other]

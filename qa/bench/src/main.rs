@@ -6,5 +6,5 @@ mod cli;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    host_tools::cli::program::<cli::Program>()
+    host_tools::cli::program::<cli::BenchProgram>()
 }

@@ -1,28 +1,28 @@
 //! The answers of the world.
 
-use crate::{LinkError, Message, begin, put, seal, take};
+use crate::{LinkError, LinkMessage, begin, put, seal, take};
 
 /// An answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Answer<'a> {
+pub struct WorldAnswer<'a> {
     /// The world's time, nanoseconds.
     pub now_ns: u64,
-    /// The flags: [`Answer::IRQ_IS_HIGH`] and so on.
+    /// The flags: [`WorldAnswer::IRQ_IS_HIGH`] and so on.
     pub flags: u8,
-    /// The bytes received, or the settings of the node ([`Start`]).
+    /// The bytes received, or the settings of the node ([`NodeStart`]).
     pub body: &'a [u8],
 }
 
 /// The settings of the node: the body of the answer to [`Request::Start`](crate::Request::Start).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Start<'a> {
+pub struct NodeStart<'a> {
     /// The duration of an instruction, picoseconds.
     pub instruction_ps: u32,
     /// The beginning of a config record's page.
     pub record: &'a [u8],
 }
 
-impl<'a> Answer<'a> {
+impl<'a> WorldAnswer<'a> {
     /// The chip's interrupt line is high.
     pub const IRQ_IS_HIGH: u8 = 1 << 0;
     /// The background's work is not done yet: the image must not do more of it now.
@@ -34,7 +34,7 @@ impl<'a> Answer<'a> {
     ///
     /// # Errors
     /// [`LinkError::TooLong`] if the message would be longer than the maximum.
-    pub fn encode(&self) -> Result<Message, LinkError> {
+    pub fn encode(&self) -> Result<LinkMessage, LinkError> {
         let mut message = begin();
         put(&mut message, &self.now_ns.to_le_bytes())?;
         put(&mut message, &[self.flags])?;
@@ -53,12 +53,12 @@ impl<'a> Answer<'a> {
     }
 }
 
-impl<'a> Start<'a> {
+impl<'a> NodeStart<'a> {
     /// Encodes the settings as a body. `into` is overwritten.
     ///
     /// # Errors
     /// [`LinkError::TooLong`] if the message would be longer than the maximum.
-    pub fn encode(&self, into: &mut Message) -> Result<(), LinkError> {
+    pub fn encode(&self, into: &mut LinkMessage) -> Result<(), LinkError> {
         into.clear();
         put(into, &self.instruction_ps.to_le_bytes())?;
         put(into, self.record)
@@ -79,19 +79,19 @@ mod tests {
 
     #[test]
     fn an_answer_is_these_bytes() {
-        let answer = Answer { now_ns: 0x0A0B, flags: Answer::IRQ_IS_HIGH | Answer::END, body: &[7, 8] };
+        let answer = WorldAnswer { now_ns: 0x0A0B, flags: WorldAnswer::IRQ_IS_HIGH | WorldAnswer::END, body: &[7, 8] };
         let message = answer.encode().unwrap();
         assert_eq!(message, [11, 0, 0x0B, 0x0A, 0, 0, 0, 0, 0, 0, 5, 7, 8]);
-        assert_eq!(Answer::decode(&message[2..]), Ok(answer));
-        assert_eq!(Answer::decode(&message[2..10]), Err(LinkError::Malformed));
+        assert_eq!(WorldAnswer::decode(&message[2..]), Ok(answer));
+        assert_eq!(WorldAnswer::decode(&message[2..10]), Err(LinkError::Malformed));
     }
 
     #[test]
     fn a_start_goes_through_a_body() {
-        let start = Start { instruction_ps: 20_000, record: &[1, 2, 3] };
-        let mut body = Message::new();
+        let start = NodeStart { instruction_ps: 20_000, record: &[1, 2, 3] };
+        let mut body = LinkMessage::new();
         start.encode(&mut body).unwrap();
-        assert_eq!(Start::decode(&body), Ok(start));
-        assert_eq!(Start::decode(&[0; 3]), Err(LinkError::Malformed));
+        assert_eq!(NodeStart::decode(&body), Ok(start));
+        assert_eq!(NodeStart::decode(&[0; 3]), Err(LinkError::Malformed));
     }
 }

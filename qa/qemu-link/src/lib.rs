@@ -15,7 +15,7 @@
 //! | [`Request::Wait`] | 4 | | until, nanoseconds (8); bit 0: or an interrupt, bit 1: or the background's end (1) |
 //! | [`Request::Telemetry`] | 5 | | frames |
 //!
-//! An answer has the world's time in nanoseconds (8), [`Answer::IRQ_IS_HIGH`] and so on (1), and a body. The body of a
+//! An answer has the world's time in nanoseconds (8), [`WorldAnswer::IRQ_IS_HIGH`] and so on (1), and a body. The body of a
 //! transaction is the bytes received; the body of a start is the time of an instruction in picoseconds (4) and the
 //! node's config record.
 #![no_std]
@@ -24,14 +24,14 @@
 mod answer;
 mod request;
 
-pub use answer::{Answer, Start};
+pub use answer::{NodeStart, WorldAnswer};
 pub use request::{Asked, MAX_OPERATIONS, Operation, Request, Spent};
 
 /// The maximum length of a message, with its length field.
 pub const MAX_MESSAGE: usize = 2048;
 
 /// A message: its length, then its bytes.
-pub type Message = heapless::Vec<u8, MAX_MESSAGE>;
+pub type LinkMessage = heapless::Vec<u8, MAX_MESSAGE>;
 
 /// Why a message cannot be written or read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,18 +54,18 @@ impl core::fmt::Display for LinkError {
 impl core::error::Error for LinkError {}
 
 /// Begins a message with room for the length, which [`seal`] fills in.
-fn begin() -> Message {
-    let mut message = Message::new();
+fn begin() -> LinkMessage {
+    let mut message = LinkMessage::new();
     // There is room for two bytes: the capacity is more than a thousand bytes.
     let _ = message.extend_from_slice(&[0; 2]);
     message
 }
 
-fn put(message: &mut Message, bytes: &[u8]) -> Result<(), LinkError> {
+fn put(message: &mut LinkMessage, bytes: &[u8]) -> Result<(), LinkError> {
     message.extend_from_slice(bytes).map_err(|_| LinkError::TooLong)
 }
 
-fn seal(mut message: Message) -> Message {
+fn seal(mut message: LinkMessage) -> LinkMessage {
     let length = (message.len().saturating_sub(2) as u16).to_le_bytes();
     message.iter_mut().zip(length).for_each(|(byte, length)| *byte = length);
     message

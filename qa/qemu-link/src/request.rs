@@ -1,6 +1,6 @@
 //! The requests of an image to the world.
 
-use crate::{LinkError, Message, begin, put, seal, take};
+use crate::{LinkError, LinkMessage, begin, put, seal, take};
 
 /// The maximum number of operations in a transaction.
 pub const MAX_OPERATIONS: usize = 4;
@@ -114,7 +114,7 @@ impl Request<'_> {
     ///
     /// # Errors
     /// [`LinkError::TooLong`] if the message would be longer than the maximum.
-    pub fn encode(&self, spent: Spent) -> Result<Message, LinkError> {
+    pub fn encode(&self, spent: Spent) -> Result<LinkMessage, LinkError> {
         let mut message = begin();
         let kind = match self {
             Self::Start => 0,

@@ -14,12 +14,12 @@ const SITE: &str = "site.toml";
 /// A board.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Board {
+pub struct BoardUnderTest {
     /// Its node in the site's file.
     pub node: String,
     /// What it is, in the words of `baliza provision --board`.
     pub board: String,
-    pub role: Role,
+    pub role: RoleUnderTest,
     /// Its debug probe, VID:PID[:SERIAL] …
     pub probe: Option<String>,
     /// … or its serial port.
@@ -34,7 +34,7 @@ pub struct Board {
 /// The role of a board.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "lowercase")]
-pub enum Role {
+pub enum RoleUnderTest {
     Anchor,
     Tag,
 }
@@ -44,7 +44,7 @@ pub enum Role {
 pub struct Desk {
     /// The site's file.
     pub site: PathBuf,
-    pub boards: Vec<Board>,
+    pub boards: Vec<BoardUnderTest>,
 }
 
 impl Desk {
@@ -59,13 +59,13 @@ impl Desk {
         let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
         files.retain(|file| file.extension().is_some_and(|ending| ending == "toml") && *file != site);
         files.sort();
-        let boards = files.iter().map(|file| Board::read(file)).collect::<Result<Vec<_>>>()?;
+        let boards = files.iter().map(|file| BoardUnderTest::read(file)).collect::<Result<Vec<_>>>()?;
         ensure!(!boards.is_empty(), "no board in {}: one TOML file each, beside {SITE}", folder.display());
         Ok(Self { site, boards })
     }
 
     /// The boards of a role.
-    pub fn of(&self, role: Role) -> impl Iterator<Item = &Board> {
+    pub fn of(&self, role: RoleUnderTest) -> impl Iterator<Item = &BoardUnderTest> {
         self.boards.iter().filter(move |board| board.role == role)
     }
 
@@ -73,8 +73,8 @@ impl Desk {
     ///
     /// # Errors
     /// There are fewer.
-    pub fn anchors(&self, count: usize) -> Result<Vec<&Board>> {
-        let anchors: Vec<&Board> = self.of(Role::Anchor).take(count).collect();
+    pub fn anchors(&self, count: usize) -> Result<Vec<&BoardUnderTest>> {
+        let anchors: Vec<&BoardUnderTest> = self.of(RoleUnderTest::Anchor).take(count).collect();
         ensure!(anchors.len() == count, "{count} anchors are needed, {} are here", anchors.len());
         Ok(anchors)
     }
@@ -83,15 +83,15 @@ impl Desk {
     ///
     /// # Errors
     /// There is none.
-    pub fn tag(&self) -> Result<&Board> {
-        self.of(Role::Tag).next().context("a tag is needed")
+    pub fn tag(&self) -> Result<&BoardUnderTest> {
+        self.of(RoleUnderTest::Tag).next().context("a tag is needed")
     }
 }
 
 impl fmt::Display for Desk {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(out, "{} boards, site {}", self.boards.len(), self.site.display())?;
-        for Board { node, board, role, probe, port, wiring, .. } in &self.boards {
+        for BoardUnderTest { node, board, role, probe, port, wiring, .. } in &self.boards {
             let at = probe.as_ref().or(port.as_ref()).map_or("the only probe", String::as_str);
             let wiring = if wiring.is_empty() { String::new() } else { format!("; {wiring}") };
             writeln!(out, "- {node}: {role:?} on {board}, at {at}{wiring}")?;
@@ -100,7 +100,7 @@ impl fmt::Display for Desk {
     }
 }
 
-impl Board {
+impl BoardUnderTest {
     fn read(file: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
         let board: Self = toml::from_str(&text).with_context(|| file.display().to_string())?;
@@ -113,8 +113,8 @@ impl Board {
     /// The image's file.
     pub fn image(&self) -> PathBuf {
         let role = match self.role {
-            Role::Anchor => "anchor",
-            Role::Tag => "tag",
+            RoleUnderTest::Anchor => "anchor",
+            RoleUnderTest::Tag => "tag",
         };
         let usual = || crate::target_directory().join(format!("firmware/{role}-{}.elf", self.board));
         self.image.clone().unwrap_or_else(usual)

@@ -1,6 +1,6 @@
 //! `cargo xtask bench-boards --dut FOLDER`: the steps of `docs/use/hardware.md` as a program, for boards on a desk.
 //!
-//! The folder has `site.toml`, as `baliza provision` reads it, and one `*.toml` a board ([`dut::Board`]). Each step
+//! The folder has `site.toml`, as `baliza provision` reads it, and one `*.toml` a board ([`dut::BoardUnderTest`]). Each step
 //! flashes, provisions or listens by commands of `baliza`, holds what they print against its criterion, and gives a
 //! verdict with figures. What no program can do (a meter, a button, a hand) is printed as a task for a person.
 
@@ -16,7 +16,7 @@ use baliza_report::MarkdownTable;
 
 use crate::baliza;
 use dut::Desk;
-use steps::{STEPS, Step, Verdict};
+use steps::{BenchStep, STEPS, StepVerdict};
 
 /// The arguments of `cargo xtask bench-boards`.
 #[derive(clap::Args)]
@@ -62,8 +62,8 @@ impl Commands for Program {
 /// A file of the folder is wrong, or a step fails; after all have been tried.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let desk = Desk::read(&arguments.dut)?;
-    let is_wanted = |step: &&Step| arguments.steps.is_empty() || arguments.steps.contains(&step.number);
-    let chosen: Vec<&Step> = STEPS.iter().filter(is_wanted).collect();
+    let is_wanted = |step: &&BenchStep| arguments.steps.is_empty() || arguments.steps.contains(&step.number);
+    let chosen: Vec<&BenchStep> = STEPS.iter().filter(is_wanted).collect();
     ensure!(!chosen.is_empty(), "there are steps 1 to {}", STEPS.len());
     if arguments.dry_run {
         print!("{}", plan(&desk, &chosen));
@@ -75,7 +75,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(file) = &arguments.report {
         std::fs::write(file, &report).with_context(|| format!("cannot write {}", file.display()))?;
     }
-    let failed = verdicts.iter().filter(|(_, verdict)| matches!(verdict, Verdict::Failed(_))).count();
+    let failed = verdicts.iter().filter(|(_, verdict)| matches!(verdict, StepVerdict::Failed(_))).count();
     ensure!(failed == 0, "{failed} of {} steps failed", verdicts.len());
     Ok(())
 }
@@ -83,10 +83,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 /// Does the steps. A failed one does not stop those after it: they tell more about the fault.
 fn go<'s>(
     desk: &Desk,
-    steps: &[&'s Step],
+    steps: &[&'s BenchStep],
     commands: &mut dyn Commands,
     mut progress: impl FnMut(&str),
-) -> Vec<(&'s Step, Verdict)> {
+) -> Vec<(&'s BenchStep, StepVerdict)> {
     let mut verdicts = Vec::new();
     for step in steps {
         progress(&format!("step {}: {}", step.number, step.what));
@@ -98,7 +98,7 @@ fn go<'s>(
 }
 
 /// What would be done.
-fn plan(desk: &Desk, steps: &[&Step]) -> String {
+fn plan(desk: &Desk, steps: &[&BenchStep]) -> String {
     let mut text = desk.to_string();
     for step in steps {
         text += &format!("\nstep {}: {}\n", step.number, step.what);
@@ -114,7 +114,7 @@ fn plan(desk: &Desk, steps: &[&Step]) -> String {
 }
 
 /// The report.
-fn report(desk: &Desk, verdicts: &[(&Step, Verdict)]) -> String {
+fn report(desk: &Desk, verdicts: &[(&BenchStep, StepVerdict)]) -> String {
     let mut table = MarkdownTable::new(["step", "what", "expected", "verdict"]);
     for (step, verdict) in verdicts {
         table.row(format_args!("{} | {} | {} | {verdict}", step.number, step.what, step.expect));

@@ -5,11 +5,11 @@ use std::fmt;
 use anyhow::{Context, Result, bail, ensure};
 
 use super::Commands;
-use super::dut::{Board, Desk};
+use super::dut::{BoardUnderTest, Desk};
 use super::heard::Heard;
 
 /// A step.
-pub struct Step {
+pub struct BenchStep {
     /// Its number in the document.
     pub number: u8,
     pub what: &'static str,
@@ -30,7 +30,7 @@ type Check = fn(&[String]) -> Result<String>;
 
 /// The outcome of a step.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Verdict {
+pub enum StepVerdict {
     /// With its figures.
     Passed(String),
     Failed(String),
@@ -40,7 +40,7 @@ pub enum Verdict {
     Hand,
 }
 
-impl fmt::Display for Verdict {
+impl fmt::Display for StepVerdict {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Passed(figures) => write!(out, "passed: {figures}"),
@@ -69,8 +69,8 @@ const COORDINATES_S: f64 = 0.6;
 const SYNCHRONISED_S: f64 = 1.0;
 
 /// A step by hand.
-const fn hand(number: u8, what: &'static str, expect: &'static str) -> Step {
-    Step { number, what, expect, kind: Kind::Hand }
+const fn hand(number: u8, what: &'static str, expect: &'static str) -> BenchStep {
+    BenchStep { number, what, expect, kind: Kind::Hand }
 }
 
 /// A step by commands.
@@ -80,12 +80,12 @@ const fn commands(
     expect: &'static str,
     words: fn(&Desk) -> Result<Vec<Vec<String>>>,
     check: Check,
-) -> Step {
-    Step { number, what, expect, kind: Kind::Commands { words, check } }
+) -> BenchStep {
+    BenchStep { number, what, expect, kind: Kind::Commands { words, check } }
 }
 
 /// All steps, in the order of the document.
-pub const STEPS: [Step; 20] = [
+pub const STEPS: [BenchStep; 20] = [
     commands(1, "flashing, RTT, supervisor", "hello of every board", flash_all, every_hello),
     commands(2, "record", "records are read back", read_all, every_record),
     hand(3, "instruction cache", "bit 0 is 1"),
@@ -114,7 +114,7 @@ pub const STEPS: [Step; 20] = [
     hand(20, "power cuts", "old or new record"),
 ];
 
-impl Step {
+impl BenchStep {
     /// The commands.
     ///
     /// # Errors
@@ -127,16 +127,16 @@ impl Step {
     }
 
     /// Does it.
-    pub fn check(&self, desk: &Desk, commands: &mut dyn Commands) -> Verdict {
-        let Kind::Commands { words, check } = &self.kind else { return Verdict::Hand };
+    pub fn check(&self, desk: &Desk, commands: &mut dyn Commands) -> StepVerdict {
+        let Kind::Commands { words, check } = &self.kind else { return StepVerdict::Hand };
         let words = match words(desk) {
             Ok(words) => words,
-            Err(missing) => return Verdict::LeftOut(format!("{missing:#}")),
+            Err(missing) => return StepVerdict::LeftOut(format!("{missing:#}")),
         };
         let outputs = words.iter().map(|words| commands.run(words)).collect::<Result<Vec<_>>>();
         match outputs.and_then(|outputs| check(&outputs)) {
-            Ok(figures) => Verdict::Passed(figures),
-            Err(error) => Verdict::Failed(format!("{error:#}")),
+            Ok(figures) => StepVerdict::Passed(figures),
+            Err(error) => StepVerdict::Failed(format!("{error:#}")),
         }
     }
 }
@@ -159,7 +159,7 @@ fn every_hello(outputs: &[String]) -> Result<String> {
 /// A probe can read the flash of all but an ESP.
 fn read_all(desk: &Desk) -> Result<Vec<Vec<String>>> {
     let readable = desk.boards.iter().filter(|board| board.port.is_none() && !board.board.starts_with("esp"));
-    let commands: Vec<_> = readable.map(Board::read_record).collect();
+    let commands: Vec<_> = readable.map(BoardUnderTest::read_record).collect();
     ensure!(!commands.is_empty(), "no board whose record a probe can read");
     Ok(commands)
 }

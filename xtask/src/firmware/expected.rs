@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 
 use super::inspect::Sections;
-use super::matrix::{self, Image};
+use super::matrix::{self, NodeImage};
 use crate::promises::first_difference;
 use crate::{root, workspace};
 
@@ -52,7 +52,7 @@ impl Expected {
 }
 
 /// The file of an image with this ending.
-fn file(image: &Image, ending: &str) -> Result<PathBuf> {
+fn file(image: &NodeImage, ending: &str) -> Result<PathBuf> {
     let packages = workspace::packages()?;
     let package = packages.iter().find(|package| package.name == image.package).context("an image without a crate")?;
     Ok(package.manifest_path.with_file_name("expected").join(format!("{}.{ending}", image.name)))
@@ -112,7 +112,7 @@ fn save(file: &Path, text: &str) -> Result<()> {
 ///
 /// # Errors
 /// It cannot be written.
-pub fn write(image: &Image, expected: &Expected) -> Result<()> {
+pub fn write(image: &NodeImage, expected: &Expected) -> Result<()> {
     save(&file(image, "size")?, &expected.text())
 }
 
@@ -120,7 +120,7 @@ pub fn write(image: &Image, expected: &Expected) -> Result<()> {
 ///
 /// # Errors
 /// A file is missing, or an image has another size: one line for each.
-pub fn compare<'r>(built: impl Iterator<Item = (&'r Image, &'r Expected)>) -> Result<()> {
+pub fn compare<'r>(built: impl Iterator<Item = (&'r NodeImage, &'r Expected)>) -> Result<()> {
     let mut complaints = Vec::new();
     for (image, built) in built {
         let file = file(image, "size")?;

@@ -52,7 +52,7 @@ impl Platform {
 
 /// One image.
 #[derive(Clone, Debug)]
-pub struct Image {
+pub struct NodeImage {
     /// Role, board and variant: the file's name in `target/firmware`.
     pub name: String,
     /// The board's crate.
@@ -62,12 +62,12 @@ pub struct Image {
     pub platform: Platform,
     /// All features to be enabled, in cargo's format.
     pub features: String,
-    pub budget: Budget,
+    pub budget: ImageBudget,
 }
 
 /// The greatest size of an image, bytes; a value without a budget is printed but not checked.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Budget {
+pub struct ImageBudget {
     /// Code, constants and initial values; for an ESP the image that espflash makes.
     pub flash: Option<u64>,
     /// Variables, without stack.
@@ -103,7 +103,7 @@ struct Row {
 }
 
 impl Row {
-    fn image(self, package: &Package) -> Result<Image> {
+    fn image(self, package: &Package) -> Result<NodeImage> {
         let Self { bin, board, qemu, features, .. } = &self;
         let platform = match (board, qemu) {
             (Some(name), None) => Board::from_name(name).map(Platform::Board),
@@ -120,13 +120,13 @@ impl Row {
         let own = package.features.contains_key(on).then(|| on.to_owned());
         let enabled: Vec<_> = required.iter().chain(&own).chain(features).map(String::as_str).collect();
         let bytes = |kib: Option<u64>| kib.map(|kib| kib << 10);
-        Ok(Image {
+        Ok(NodeImage {
             name: variant.into_iter().chain(features).fold(format!("{bin}-{on}"), |name, it| format!("{name}-{it}")),
             package: package.name.clone(),
             binary: bin.clone(),
             platform,
             features: enabled.join(","),
-            budget: Budget {
+            budget: ImageBudget {
                 flash: bytes(self.flash_kib),
                 ram: bytes(self.ram_kib),
                 heap: bytes(self.heap_kib),
@@ -140,7 +140,7 @@ impl Row {
 ///
 /// # Errors
 /// Cargo cannot list the crates, or the table of a crate is wrong.
-pub fn images() -> Result<Vec<Image>> {
+pub fn images() -> Result<Vec<NodeImage>> {
     let mut images = Vec::new();
     for package in workspace::packages()? {
         let Some(table) = package.metadata.as_ref().and_then(|metadata| metadata.get("baliza")) else { continue };
@@ -149,7 +149,7 @@ pub fn images() -> Result<Vec<Image>> {
             images.push(row.image(&package).with_context(|| format!("images of {}", package.name))?);
         }
     }
-    let rank = |image: &Image| {
+    let rank = |image: &NodeImage| {
         let board = match image.platform {
             Platform::Board(board) => Board::HARDWARE.iter().position(|other| *other == board),
             Platform::Qemu(_) => None,

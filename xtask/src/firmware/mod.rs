@@ -20,7 +20,7 @@ use crate::{succeed, target_directory};
 use expected::Expected;
 use inspect::Takes;
 pub use matrix::BOARDS;
-use matrix::{Budget, Image, Platform};
+use matrix::{ImageBudget, NodeImage, Platform};
 
 /// The arguments of `cargo xtask firmware`.
 #[derive(clap::Args)]
@@ -42,8 +42,8 @@ pub struct Arguments {
 /// No image has the name, a build fails, a board cannot start an image, or an image is over its budget.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let all = matrix::images()?;
-    let wanted = |image: &&Image| arguments.filter.as_ref().is_none_or(|part| image.name.contains(part.as_str()));
-    let images: Vec<&Image> = all.iter().filter(wanted).collect();
+    let wanted = |image: &&NodeImage| arguments.filter.as_ref().is_none_or(|part| image.name.contains(part.as_str()));
+    let images: Vec<&NodeImage> = all.iter().filter(wanted).collect();
     let names = || all.iter().map(|image| image.name.as_str()).collect::<Vec<_>>().join(", ");
     ensure!(!images.is_empty(), "no image has that in its name; there are {}", names());
     if arguments.lint {
@@ -83,7 +83,7 @@ fn of_rows(rows: &[Row<'_>]) -> Made {
 }
 
 /// Builds and inspects an image.
-fn built(image: &Image) -> Result<Row<'_>> {
+fn built(image: &NodeImage) -> Result<Row<'_>> {
     let toolchain = Toolchain::find(image.platform.target())?;
     let elf = build(image, &toolchain)?;
     let takes = inspect(image, &elf)?;
@@ -100,7 +100,7 @@ fn over<'i>(rows: &[Row<'i>]) -> Vec<&'i str> {
 
 /// An image, built.
 struct Row<'i> {
-    image: &'i Image,
+    image: &'i NodeImage,
     takes: Takes,
     expected: Expected,
     /// The tolerance for its compiler beyond the budgets, in percent.
@@ -153,9 +153,9 @@ pub struct Released {
 /// No image has the name, a build fails, a board cannot start an image, or a file cannot be written.
 pub fn release(filter: Option<&str>) -> Result<Vec<Released>> {
     let all = matrix::images()?;
-    let is_wanted = |image: &&Image| filter.is_none_or(|part| image.name.contains(part));
+    let is_wanted = |image: &&NodeImage| filter.is_none_or(|part| image.name.contains(part));
     let is_hardware =
-        |image: &&Image| matches!(image.platform, Platform::Board(board) if Board::HARDWARE.contains(&board));
+        |image: &&NodeImage| matches!(image.platform, Platform::Board(board) if Board::HARDWARE.contains(&board));
     let mut released = Vec::new();
     for image in all.iter().filter(is_wanted).filter(is_hardware) {
         let elf = build(image, &Toolchain::find(image.platform.target())?)?;
@@ -173,7 +173,7 @@ pub fn release(filter: Option<&str>) -> Result<Vec<Released>> {
 }
 
 /// Builds an image, and returns its ELF file.
-fn build(image: &Image, toolchain: &Toolchain) -> Result<PathBuf> {
+fn build(image: &NodeImage, toolchain: &Toolchain) -> Result<PathBuf> {
     let name = &image.name;
     let mut cargo = match image.platform {
         Platform::Board(_) => toolchain.cargo_image("build")?,
@@ -192,7 +192,7 @@ fn build(image: &Image, toolchain: &Toolchain) -> Result<PathBuf> {
 }
 
 /// Checks that the board can start the image, and returns its memory use.
-fn inspect(image: &Image, elf: &Path) -> Result<Takes> {
+fn inspect(image: &NodeImage, elf: &Path) -> Result<Takes> {
     let mut takes = inspect::inspect(elf, image.platform)?;
     if let Some(chip) = image.platform.espflash_chip() {
         takes.flash = espflash_image(elf, chip)?;
@@ -216,7 +216,7 @@ fn espflash_image(elf: &Path, chip: &str) -> Result<u64> {
     Ok(fs::metadata(&file).with_context(|| format!("cannot read {}", file.display()))?.len())
 }
 
-fn lint(image: &Image) -> Result<()> {
+fn lint(image: &NodeImage) -> Result<()> {
     let toolchain = Toolchain::find(image.platform.target())?;
     if !toolchain.has_clippy() {
         println!("{}: no clippy for {}", image.name, image.platform.target().triple());
@@ -249,7 +249,7 @@ fn table(rows: &[Row<'_>]) -> String {
     table.into_text()
 }
 
-fn flash_budget(budget: &Budget) -> String {
+fn flash_budget(budget: &ImageBudget) -> String {
     match budget.missed {
         Some(meant) => format!("{} (meant: {})", kib(budget.flash), kib(Some(meant))),
         None => kib(budget.flash),

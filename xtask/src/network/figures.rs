@@ -4,7 +4,7 @@ use dw1000_sim::{Node, TrueTime};
 use sim::scenario::{Scenario, Simulation, What};
 use wire::telemetry::Message;
 
-use super::scene::Outcome;
+use super::scene::NetworkRun;
 
 /// The figures of a network.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -39,7 +39,7 @@ struct Round {
 
 impl Figures {
     /// The figures of images.
-    pub fn of_images(outcome: &Outcome, seconds: f64) -> Self {
+    pub fn of_images(outcome: &NetworkRun, seconds: f64) -> Self {
         let mut rounds = Vec::new();
         for tag in &outcome.tags {
             let mut ranges = 0;

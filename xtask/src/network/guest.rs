@@ -6,7 +6,7 @@ use std::process::{Child, ChildStdin, ChildStdout, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::{Context, Result, ensure};
-use qemu_link::{Answer, MAX_MESSAGE};
+use qemu_link::{MAX_MESSAGE, WorldAnswer};
 
 use crate::chip::Chip;
 use crate::qemu;
@@ -63,7 +63,7 @@ impl Guest {
     }
 
     /// Answers it.
-    pub fn answer(&mut self, answer: &Answer<'_>) -> Result<()> {
+    pub fn answer(&mut self, answer: &WorldAnswer<'_>) -> Result<()> {
         Ok(self.to.write_all(&answer.encode()?)?)
     }
 }

@@ -19,7 +19,7 @@ use crate::chip::Chip;
 use crate::firmware;
 use figures::Figures;
 use node::Work;
-use scene::{Images, Lived, Outcome};
+use scene::{Images, Lived, NetworkRun};
 
 /// The arguments of `cargo xtask qemu network`.
 #[derive(clap::Args)]
@@ -100,7 +100,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// Writes or compares what a tag and the first anchor report.
-fn logs(chip: Chip, outcome: &Outcome, document: bool, disagreements: &mut Vec<String>) -> Result<()> {
+fn logs(chip: Chip, outcome: &NetworkRun, document: bool, disagreements: &mut Vec<String>) -> Result<()> {
     for (role, lives) in [("tag", &outcome.tags), ("anchor", &outcome.anchors)] {
         let Some(Lived { life, .. }) = lives.first() else { continue };
         let (image, log) = (format!("{role}-wired-{}", chip.name()), log::text(life));
@@ -114,7 +114,7 @@ fn logs(chip: Chip, outcome: &Outcome, document: bool, disagreements: &mut Vec<S
 }
 
 /// A table of where the images' instructions are spent.
-fn spent(outcome: &Outcome) -> String {
+fn spent(outcome: &NetworkRun) -> String {
     let mut text = String::new();
     let mut messages = 0;
     for (role, lives) in [("tag", &outcome.tags), ("anchor", &outcome.anchors)] {

@@ -13,7 +13,7 @@ use embedded_hal::digital::OutputPin;
 use embedded_hal::spi;
 use embedded_hal_async::digital::Wait;
 use embedded_hal_async::spi::SpiDevice;
-use qemu_link::{Answer, Asked, Message, Operation, Request, Spent, Start};
+use qemu_link::{Asked, LinkMessage, NodeStart, Operation, Request, Spent, WorldAnswer};
 use wire::telemetry::Decoder;
 
 use super::guest::Guest;
@@ -95,7 +95,7 @@ impl Life {
 }
 
 /// A node in the simulated world.
-pub struct Node {
+pub struct SimulatedNode {
     /// Its processor.
     pub guest: Guest,
     /// The beginning of its config record's page.
@@ -106,7 +106,7 @@ pub struct Node {
     pub life: Rc<RefCell<Life>>,
 }
 
-impl Node {
+impl SimulatedNode {
     /// Runs until the simulated time ends.
     pub async fn run(mut self, peripherals: Peripherals) {
         if let Err(error) = self.serve(peripherals).await {
@@ -120,7 +120,7 @@ impl Node {
         // A million of them, so that rounding loses nothing.
         let instruction_ps = u32::try_from(processor.board().instructions_ps(1_000_000) / 1_000_000)?;
         let mut background = Background::idle(&world, &processor, life);
-        let mut body = Message::new();
+        let mut body = LinkMessage::new();
         let mut ended = false;
         while let Some(message) = guest.request()? {
             let asked = Asked::decode(message)?;
@@ -131,7 +131,7 @@ impl Node {
             // True also for a line that is low again.
             let mut interrupted = false;
             match asked.request() {
-                Request::Start => Start { instruction_ps, record }.encode(&mut body)?,
+                Request::Start => NodeStart { instruction_ps, record }.encode(&mut body)?,
                 Request::Transaction { operations, sent } => {
                     let carrying = transact(&mut peripherals.spi, operations, sent, &mut body).await?;
                     let work = &mut life.borrow_mut().work;
@@ -169,13 +169,13 @@ impl Node {
                 }
             }
             let flags = [
-                (interrupted || peripherals.irq.is_high(), Answer::IRQ_IS_HIGH),
-                (background.is_busy(), Answer::BACKGROUND_IS_BUSY),
-                (ended, Answer::END),
+                (interrupted || peripherals.irq.is_high(), WorldAnswer::IRQ_IS_HIGH),
+                (background.is_busy(), WorldAnswer::BACKGROUND_IS_BUSY),
+                (ended, WorldAnswer::END),
             ];
             let flags = flags.into_iter().filter(|(is, _)| *is).fold(0, |all, (_, flag)| all | flag);
             let now_ns = processor.settle(world.now()).as_ps() / 1000;
-            guest.answer(&Answer { now_ns, flags, body: &body })?;
+            guest.answer(&WorldAnswer { now_ns, flags, body: &body })?;
         }
         background.finish();
         life.borrow_mut().work.messages = guest.messages;
@@ -247,7 +247,7 @@ async fn transact(
     spi: &mut impl SpiDevice<u8>,
     operations: &[Operation],
     mut sent: &[u8],
-    received: &mut Message,
+    received: &mut LinkMessage,
 ) -> Result<usize> {
     let mut buffers: Vec<Vec<u8>> = Vec::new();
     for operation in operations {

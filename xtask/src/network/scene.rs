@@ -14,7 +14,7 @@ use sim::scenario::Scenario;
 use wire::config::{Identity, MAX_BYTES, Record};
 
 use super::guest::Guest;
-use super::node::{Life, Node};
+use super::node::{Life, SimulatedNode};
 use crate::chip::Chip;
 
 /// The images of a chip.
@@ -26,7 +26,7 @@ pub struct Images {
 }
 
 /// The result of a run.
-pub struct Outcome {
+pub struct NetworkRun {
     /// The tags.
     pub tags: Vec<Lived>,
     /// The anchors.
@@ -55,7 +55,7 @@ type Running = (dw1000_sim::Node, Rc<RefCell<Life>>);
 ///
 /// # Errors
 /// QEMU cannot be started, or an image fails or takes too long.
-pub fn run(chip: Chip, images: &Images, scenario: &Scenario) -> Result<Outcome> {
+pub fn run(chip: Chip, images: &Images, scenario: &Scenario) -> Result<NetworkRun> {
     let world = World::new(scenario.seed, scenario.air_config());
     let end = TrueTime::from_secs_f64(scenario.seconds);
     let mut machines = Vec::new();
@@ -68,7 +68,7 @@ pub fn run(chip: Chip, images: &Images, scenario: &Scenario) -> Result<Outcome> 
         // All processors are the same chip.
         let record = Record { identity: Identity { eui: None, address: Some(address) }, ..record };
         let record = wire::config::encode(&record, 0, &mut [0; MAX_BYTES]).to_vec();
-        let node = RefCell::new(Some(Node { guest, record, end, life: life.clone() }));
+        let node = RefCell::new(Some(SimulatedNode { guest, record, end, life: life.clone() }));
         let hardware = world.add_node(NodeConfig { path, chip: config, board: scenario.board });
         hardware.boot(move |peripherals| {
             let node = node.take();
@@ -110,5 +110,5 @@ pub fn run(chip: Chip, images: &Images, scenario: &Scenario) -> Result<Outcome> 
         let each = running.into_iter().map(|(node, life)| (node, life.replace(Life::new())));
         each.map(|(node, mut life)| life.failure.take().map_or(Ok(Lived { node, life }), Err)).collect()
     };
-    Ok(Outcome { tags: lived(tags)?, anchors: lived(anchors)?, air: world.statistics(), took: start.elapsed() })
+    Ok(NetworkRun { tags: lived(tags)?, anchors: lived(anchors)?, air: world.statistics(), took: start.elapsed() })
 }

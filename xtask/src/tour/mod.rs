@@ -15,7 +15,7 @@ use wire::uwb::Header;
 
 use crate::onchip::grouped;
 use crate::promises::{self, Made};
-use run::{Answer, Tour};
+use run::{Tour, TourAnswer};
 
 const PAGE: &str = include_str!("page.md");
 
@@ -88,7 +88,7 @@ fn ticks(instant: RadioInstant) -> String {
 }
 
 /// The first response.
-fn first(tour: &Tour) -> Result<&Answer> {
+fn first(tour: &Tour) -> Result<&TourAnswer> {
     tour.exchange.answers.first().context("no response")
 }
 

@@ -23,7 +23,7 @@ const AFTER_US: u64 = 3_000_000;
 
 /// A response, as the tag received it.
 #[derive(Clone, Debug)]
-pub struct Answer {
+pub struct TourAnswer {
     pub bytes: Vec<u8>,
     /// Its sender.
     pub anchor: u16,
@@ -39,13 +39,13 @@ pub struct Exchange {
     pub number: u16,
     pub poll: Vec<u8>,
     pub poll_tx: Option<RadioInstant>,
-    pub answers: Vec<Answer>,
+    pub answers: Vec<TourAnswer>,
     pub ranges: Vec<exchange::Range>,
 }
 
 /// What one range does to the track.
 #[derive(Clone, Copy, Debug)]
-pub struct Step {
+pub struct TourStep {
     pub anchor: u16,
     pub range_m: f32,
     /// The distance from the track to the anchor, before the range.
@@ -66,7 +66,7 @@ pub struct Tour {
     pub epoch: SimulatedEpoch,
     /// The track at the time of the poll, before any range.
     pub predicted_m: [f32; 3],
-    pub steps: Vec<Step>,
+    pub steps: Vec<TourStep>,
 }
 
 /// Runs it. `tune` changes the engine's settings: of the simulated tag and of the engine beside it.
@@ -130,7 +130,7 @@ fn see(exchanges: &mut Vec<Exchange>, event: &Event<'_>, action: &Action<'_>) {
         && response.round == exchange.number
     {
         let (bytes, rx_time, diagnostics) = (frame.bytes.to_vec(), frame.rx_time, frame.diagnostics);
-        exchange.answers.push(Answer { bytes, anchor: source, rx_time, diagnostics, response });
+        exchange.answers.push(TourAnswer { bytes, anchor: source, rx_time, diagnostics, response });
     }
     match action {
         Action::Transmit { frame, .. } => {
@@ -153,7 +153,12 @@ fn see(exchanges: &mut Vec<Exchange>, event: &Event<'_>, action: &Action<'_>) {
 }
 
 /// Gives a round's ranges to the engine, as the tag does.
-fn follow(locator: &mut Locator<'_, 0>, poll_us: u64, exchange: &Exchange, mut track_m: Option<[f32; 3]>) -> Vec<Step> {
+fn follow(
+    locator: &mut Locator<'_, 0>,
+    poll_us: u64,
+    exchange: &Exchange,
+    mut track_m: Option<[f32; 3]>,
+) -> Vec<TourStep> {
     let mut steps = Vec::new();
     for (index, range) in exchange.ranges.iter().enumerate() {
         let Some(position_m) = range.position_m else { continue };
@@ -167,7 +172,7 @@ fn follow(locator: &mut Locator<'_, 0>, poll_us: u64, exchange: &Exchange, mut t
         let after = locator.clone().end_round(poll_us, index + 1).fix.map(|fix| fix.position).ok();
         if let (Some(from), Some(after)) = (track_m, after) {
             let expected_m = from.iter().zip(position_m).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt();
-            steps.push(Step { anchor, range_m: distance_m, expected_m, power_difference_db, position_m: after });
+            steps.push(TourStep { anchor, range_m: distance_m, expected_m, power_difference_db, position_m: after });
         }
         track_m = after;
     }

@@ -98,7 +98,7 @@ pub enum Powers {
 
 /// What a case is drawn from.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Conditions {
+pub struct CaseConditions {
     /// The group.
     pub group: Group,
     /// The room: length, width and height, metres.
@@ -133,7 +133,7 @@ pub struct Conditions {
     pub powers: Powers,
 }
 
-impl Conditions {
+impl CaseConditions {
     /// Draws the conditions of a case of this group.
     pub(super) fn draw(random: &mut impl Rng, group: Group) -> Self {
         let length = log_between(random, 5.0, 40.0);

@@ -2,7 +2,7 @@
 
 use rand::Rng;
 
-use super::{Conditions, Powers, Range, distance, happens};
+use super::{CaseConditions, CaseRange, Powers, distance, happens};
 use crate::draw::{between, normal, uniform};
 use crate::field::Field;
 
@@ -35,7 +35,7 @@ pub(super) struct Link {
 }
 
 impl Link {
-    pub(super) fn draw(random: &mut impl Rng, conditions: &Conditions) -> Self {
+    pub(super) fn draw(random: &mut impl Rng, conditions: &CaseConditions) -> Self {
         Self {
             lasting_m: between(random, 0.03, 0.12),
             lasting: Field::draw(random, conditions.lasting_length_m),
@@ -51,10 +51,10 @@ impl Link {
     pub(super) fn range(
         &self,
         random: &mut impl Rng,
-        conditions: &Conditions,
+        conditions: &CaseConditions,
         at_m: &[f64; 3],
         anchor_m: &[f64; 3],
-    ) -> Option<Range> {
+    ) -> Option<CaseRange> {
         let blocked = self.blocked.share_at(at_m) < conditions.blocked;
         let true_m = distance(at_m, anchor_m);
         let direct_m =
@@ -66,7 +66,7 @@ impl Link {
         let lost = happens(random, conditions.loss + if blocked { BLOCKED_LOSS } else { 0.0 });
         let range_m = (true_m + direct_m + excess_m + wild_m).max(LEAST_RANGE_M);
         let range_m = (range_m * 1e3).round() / 1e3;
-        (!lost).then_some(Range { anchor: 0, range_m, powers_dbm, blocked, wild })
+        (!lost).then_some(CaseRange { anchor: 0, range_m, powers_dbm, blocked, wild })
     }
 
     /// The excess of a blocked range that lasts, metres: its logarithm is evenly distributed.

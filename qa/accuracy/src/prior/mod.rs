@@ -40,7 +40,7 @@ mod movement;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-pub use conditions::{Conditions, Group, Layout, Movement, Powers};
+pub use conditions::{CaseConditions, Group, Layout, Movement, Powers};
 pub use files::{index, texts};
 
 use link::Link;
@@ -54,27 +54,27 @@ pub struct Case {
     /// Its number in the set.
     pub number: usize,
     /// What it is drawn from.
-    pub conditions: Conditions,
+    pub conditions: CaseConditions,
     /// The anchors' positions, metres.
     pub anchors_m: Vec<[f64; 3]>,
     /// The epochs in the order of time.
-    pub epochs: Vec<Epoch>,
+    pub epochs: Vec<CaseEpoch>,
 }
 
 /// The ranges that come at one time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Epoch {
+pub struct CaseEpoch {
     /// The time, seconds.
     pub t_s: f64,
     /// The tag's true position, metres.
     pub at_m: [f64; 3],
     /// The ranges that are not lost.
-    pub ranges: Vec<Range>,
+    pub ranges: Vec<CaseRange>,
 }
 
 /// A range.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Range {
+pub struct CaseRange {
     /// The anchor's index.
     pub anchor: usize,
     /// The range, metres, in whole millimetres.
@@ -98,7 +98,7 @@ impl Case {
 pub fn draw(number: usize, seed: u64) -> Case {
     let random = &mut Pcg64Mcg::seed_from_u64(seed.wrapping_mul(1_000_003).wrapping_add(number as u64));
     let group = Group::ALL[number % Group::ALL.len()];
-    let conditions = Conditions::draw(random, group);
+    let conditions = CaseConditions::draw(random, group);
     let anchors_m = conditions.anchors(random);
     let links: Vec<Link> = anchors_m.iter().map(|_| Link::draw(random, &conditions)).collect();
     let times_s = conditions.times_s(anchors_m.len());
@@ -106,14 +106,14 @@ pub fn draw(number: usize, seed: u64) -> Case {
     let epochs = times_s.into_iter().zip(places_m).enumerate().map(|(at, (t_s, at_m))| {
         let measured = |anchor: usize, random: &mut Pcg64Mcg| {
             let range = links.get(anchor)?.range(random, &conditions, &at_m, anchors_m.get(anchor)?);
-            range.map(|range| Range { anchor, ..range })
+            range.map(|range| CaseRange { anchor, ..range })
         };
         let ranges = if group == Group::Asynchronous {
             measured(at % anchors_m.len(), random).into_iter().collect()
         } else {
             (0..anchors_m.len()).filter_map(|anchor| measured(anchor, random)).collect()
         };
-        Epoch { t_s, at_m, ranges }
+        CaseEpoch { t_s, at_m, ranges }
     });
     let epochs = epochs.collect();
     Case { number, conditions, anchors_m, epochs }

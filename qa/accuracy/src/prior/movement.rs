@@ -2,7 +2,7 @@
 
 use rand::Rng;
 
-use super::{Conditions, Movement, distance, happens};
+use super::{CaseConditions, Movement, distance, happens};
 use crate::draw::between;
 
 /// Least distance of a goal from a wall, metres.
@@ -23,7 +23,7 @@ const MOVED_AFTER_S: f64 = 30.0;
 const STOPS: f64 = 0.3;
 
 /// The positions at these times, metres.
-pub(super) fn places_m(random: &mut impl Rng, conditions: &Conditions, times_s: &[f64]) -> Vec<[f64; 3]> {
+pub(super) fn places_m(random: &mut impl Rng, conditions: &CaseConditions, times_s: &[f64]) -> Vec<[f64; 3]> {
     let jumps = match conditions.movement {
         Movement::Walk | Movement::Rest => 0,
         Movement::WalkAndJump | Movement::RestAndJump => random.random_range(1..=2),
@@ -54,7 +54,7 @@ pub(super) fn places_m(random: &mut impl Rng, conditions: &Conditions, times_s: 
 
 /// A tag that walks.
 struct Walker<'a> {
-    conditions: &'a Conditions,
+    conditions: &'a CaseConditions,
     at_m: [f64; 3],
     velocity_m_s: [f64; 3],
     goal_m: [f64; 3],
@@ -64,7 +64,7 @@ struct Walker<'a> {
 }
 
 impl<'a> Walker<'a> {
-    fn new(random: &mut impl Rng, conditions: &'a Conditions) -> Self {
+    fn new(random: &mut impl Rng, conditions: &'a CaseConditions) -> Self {
         let (at_m, goal_m) = (goal(random, conditions), goal(random, conditions));
         let speed_m_s = speed(random);
         Self { conditions, at_m, velocity_m_s: [0.0; 3], goal_m, speed_m_s, stops_s: 0.0 }
@@ -111,7 +111,7 @@ impl<'a> Walker<'a> {
 }
 
 /// The least length of a jump, metres.
-pub(super) fn least_jump_m(conditions: &Conditions) -> f64 {
+pub(super) fn least_jump_m(conditions: &CaseConditions) -> f64 {
     let [length, width] = [0, 1].map(|axis: usize| conditions.room_m[axis] - 2.0 * MARGIN_M);
     JUMP.0.min(JUMP.1 * length.hypot(width))
 }
@@ -120,7 +120,7 @@ fn speed(random: &mut impl Rng) -> f64 {
     between(random, 0.3, 1.5)
 }
 
-fn goal(random: &mut impl Rng, conditions: &Conditions) -> [f64; 3] {
+fn goal(random: &mut impl Rng, conditions: &CaseConditions) -> [f64; 3] {
     let [length, width, _] = conditions.room_m;
     let [x, y] = [length, width].map(|size| between(random, MARGIN_M, size - MARGIN_M));
     let [least, greatest] = conditions.heights_m;

@@ -11,7 +11,7 @@ fn mean(values: &[f64]) -> f64 {
 }
 
 /// All ranges with their errors, metres.
-fn errors(case: &Case) -> impl Iterator<Item = (Range, f64)> {
+fn errors(case: &Case) -> impl Iterator<Item = (CaseRange, f64)> {
     case.epochs.iter().flat_map(|epoch| {
         epoch.ranges.iter().map(|range| (*range, range.range_m - distance(&epoch.at_m, &case.anchors_m[range.anchor])))
     })
@@ -27,7 +27,7 @@ fn equal_numbers_and_seeds_draw_equal_cases() {
 #[test]
 fn rooms_anchors_and_rates_are_within_their_bounds() {
     for case in some() {
-        let Conditions { room_m, group, rate_hz, .. } = case.conditions;
+        let CaseConditions { room_m, group, rate_hz, .. } = case.conditions;
         assert!((5.0..=40.0).contains(&room_m[0]) && (4.0..=40.0).contains(&room_m[1]), "{room_m:?}");
         assert!((4..=19).contains(&case.anchors_m.len()) && (2.0..=50.0).contains(&rate_hz));
         assert_eq!(group == Group::ManyAnchors, case.anchors_m.len() > 12);
@@ -88,7 +88,7 @@ fn direct_errors_have_the_variance_that_is_stated() {
     // Lasting: the mean square of U(0.03, 0.12) is (0.03² + 0.03 · 0.12 + 0.12²) ⁄ 3 = 0.0063 m².
     let mut lasting = Vec::new();
     for case in some() {
-        let Conditions { common_m, white_m, .. } = case.conditions;
+        let CaseConditions { common_m, white_m, .. } = case.conditions;
         let direct: Vec<f64> = errors(&case)
             .filter(|(range, _)| !range.blocked && !range.wild)
             .map(|(_, error)| error - common_m)
@@ -119,7 +119,7 @@ fn errors_at_rest_change_by_the_white_part_alone() {
 #[test]
 fn blocked_and_wild_ranges_have_the_shares_and_sizes_that_are_stated() {
     let cases: Vec<Case> = (0..40).map(|number| draw(number, 2)).collect();
-    let share = |case: &Case, which: fn(&Range) -> bool| {
+    let share = |case: &Case, which: fn(&CaseRange) -> bool| {
         let of: Vec<f64> = errors(case).map(|(range, _)| f64::from(u8::from(which(&range)))).collect();
         mean(&of)
     };
@@ -133,7 +133,7 @@ fn blocked_and_wild_ranges_have_the_shares_and_sizes_that_are_stated() {
         assert!((wild - expected).abs() < 4.0 * (expected / count).sqrt() + 1.0 / count, "{wild}, {expected}");
     }
     for case in &cases {
-        let Conditions { common_m, .. } = case.conditions;
+        let CaseConditions { common_m, .. } = case.conditions;
         for (_, error) in errors(case).filter(|(range, _)| range.blocked && !range.wild) {
             // The excess is at least 0.2 m; lasting and white errors are within five deviations.
             assert!((error - common_m) > 0.2 - 5.0 * 0.15, "{error}");

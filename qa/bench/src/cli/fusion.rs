@@ -1,7 +1,7 @@
 //! `baliza bench fusion`: anchors alone, beacons alone, and both.
 
 use anyhow::Result;
-use papers::fusion::bench::{self, Algorithm, Inputs, Scored};
+use papers::fusion::bench::{self, FusionAlgorithm, Inputs, Scored};
 use pictures::Series;
 
 use super::Drawing;
@@ -43,7 +43,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         drop(progress);
         return shown.print(&rows, || bench::sweep_to_markdown(&rows));
     }
-    let progress = Progress::new(Algorithm::ALL.len() * Inputs::ALL.len());
+    let progress = Progress::new(FusionAlgorithm::ALL.len() * Inputs::ALL.len());
     let rows = bench::run(arguments.walks, arguments.drawing.seed, || progress.step());
     drop(progress);
     let scores: Vec<_> = rows.iter().map(|(score, _)| score).collect();

@@ -1,7 +1,7 @@
 //! `baliza bench garcia`: a filter that detects blocked paths by their skewness, beside the published figures.
 
 use anyhow::Result;
-use papers::garcia::{self, Outcome};
+use papers::garcia::{self, Experiment};
 use pictures::Series;
 
 use super::Drawing;
@@ -37,7 +37,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// The distribution of the horizontal errors.
-fn draw(outcome: &Outcome) -> pictures::Drawing {
+fn draw(outcome: &Experiment) -> pictures::Drawing {
     let tracks = outcome.errors_m.iter().map(|(way, errors)| Series {
         method: way.as_str().to_owned(),
         errors_m: errors.iter().map(|[x, y]| x.hypot(*y)).collect(),

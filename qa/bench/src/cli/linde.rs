@@ -1,7 +1,7 @@
 //! `baliza bench linde`: RSSI and times of flight of four beacons in a room, beside the published figures.
 
 use anyhow::{Context, Result};
-use papers::linde::{self, Algorithm, Parameter, Scored};
+use papers::linde::{self, Parameter, RoomAlgorithm, Scored};
 use pictures::Series;
 
 use super::Drawing;
@@ -42,7 +42,7 @@ fn draw(rows: &[Scored]) -> pictures::Drawing {
     let named = rows.iter().zip(linde::ROWS).map(|((_, errors_m), (parameter, algorithm, _))| {
         let track =
             Series { method: linde::name(parameter, algorithm), errors_m: errors_m.clone(), ..Series::default() };
-        (track, matches!((parameter, algorithm), (Parameter::Tof(_), Algorithm::Multilateration)))
+        (track, matches!((parameter, algorithm), (Parameter::Tof(_), RoomAlgorithm::Multilateration)))
     });
     let drawn = named.filter(|(_, far)| !far).map(|(track, _)| track);
     pictures::distribution(&drawn.collect::<Vec<_>>())

@@ -30,7 +30,7 @@ host_tools::commands! {
 /// Re-enacts published benchmarks and scores accuracy. `baliza bench` starts this program.
 #[derive(clap::Parser)]
 #[command(name = "baliza", version = VERSION, max_term_width = 120, after_help = EXIT_CODES)]
-pub struct Program {
+pub struct BenchProgram {
     #[command(subcommand)]
     command: Command,
     #[command(flatten)]
@@ -46,7 +46,7 @@ enum Command {
     Baliza(host_tools::cli::Command),
 }
 
-impl host_tools::cli::Program for Program {
+impl host_tools::cli::Program for BenchProgram {
     fn grouped() -> clap::Command {
         help::grouped(Self::command())
     }
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn the_curves_of_a_benchmark_are_distinct() {
-        let fused = fusion::Algorithm::ALL.into_iter().flat_map(|algorithm| {
+        let fused = fusion::FusionAlgorithm::ALL.into_iter().flat_map(|algorithm| {
             fusion::Inputs::ALL.map(|heard| format!("{}, {}", algorithm.as_str(), heard.as_str()))
         });
         let found = linde::ROWS.into_iter().map(|(parameter, algorithm, _)| linde::name(parameter, algorithm));

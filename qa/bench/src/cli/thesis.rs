@@ -4,7 +4,7 @@
 use anyhow::Result;
 use host_tools::cli::progress::Progress;
 use papers::thesis::printed::{DDP_ANCHORS, printed};
-use papers::thesis::{self, Score};
+use papers::thesis::{self, ThesisScore};
 use pictures::{Curve, Curves};
 use positioning_core::Method;
 
@@ -38,7 +38,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     shown.show(&scores, || thesis::to_markdown(&scores), || draw(&scores))
 }
 
-fn scores(count: usize, seed: u64) -> Vec<Score> {
+fn scores(count: usize, seed: u64) -> Vec<ThesisScore> {
     let points = thesis::points(count, seed);
     let progress = Progress::new(Method::ALL.len() * count);
     Method::ALL
@@ -57,7 +57,7 @@ fn scores(count: usize, seed: u64) -> Vec<Score> {
 }
 
 /// Error against the number of detected direct paths: a line for ours, rings for the printed ones.
-fn draw(scores: &[Score]) -> pictures::Drawing {
+fn draw(scores: &[ThesisScore]) -> pictures::Drawing {
     let curve = |method: Method| {
         let of = |number| scores.iter().find(|s| s.method == method.as_str() && s.ddp_anchors == Some(number));
         let line = DDP_ANCHORS.filter_map(|number| Some([number as f64, of(number)?.rmse_m?])).collect();

@@ -60,7 +60,7 @@ pub struct Received {
 
 /// One round.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Round {
+pub struct HallRound {
     /// Its time, microseconds.
     pub t_us: u64,
     /// The tag's position, metres.
@@ -80,9 +80,9 @@ struct Link {
 }
 
 /// Draws the nine minutes and the walks between.
-pub fn draw(seed: u64) -> Vec<Round> {
+pub fn draw(seed: u64) -> Vec<HallRound> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
-    let mut rounds: Vec<Round> = Vec::new();
+    let mut rounds: Vec<HallRound> = Vec::new();
     let mut last: Option<[f64; 3]> = None;
     for point in grid_m() {
         let links = links(&mut random);
@@ -130,7 +130,7 @@ fn links(random: &mut impl Rng) -> [Link; ANCHORS_M.len()] {
     })
 }
 
-fn round(random: &mut impl Rng, number: usize, at_m: [f64; 3], links: &[Link; 5], counts: bool) -> Round {
+fn round(random: &mut impl Rng, number: usize, at_m: [f64; 3], links: &[Link; 5], counts: bool) -> HallRound {
     let ranges = std::array::from_fn(|i| {
         let distance: f64 = at_m.iter().zip(ANCHORS_M[i]).map(|(t, a)| (t - a).powi(2)).sum::<f64>().sqrt();
         let link = links[i];
@@ -143,7 +143,7 @@ fn round(random: &mut impl Rng, number: usize, at_m: [f64; 3], links: &[Link; 5]
             excess_m: link.believed_m,
         }
     });
-    Round { t_us: ROUND_US * (number as u64 + 1), at_m, counts, ranges }
+    HallRound { t_us: ROUND_US * (number as u64 + 1), at_m, counts, ranges }
 }
 
 #[cfg(test)]
@@ -152,7 +152,7 @@ mod tests {
 
     #[test]
     fn the_ranges_have_the_statistics_that_are_stated() {
-        let rounds: Vec<Round> = (0..160).flat_map(draw).filter(|round| round.counts).collect();
+        let rounds: Vec<HallRound> = (0..160).flat_map(draw).filter(|round| round.counts).collect();
         let heard = rounds.iter().flat_map(|round| {
             round.ranges.iter().enumerate().map(|(i, heard)| {
                 let distance = round.at_m.iter().zip(ANCHORS_M[i]).map(|(t, a)| (t - a).powi(2)).sum::<f64>().sqrt();

@@ -13,14 +13,14 @@ use baliza_report::Statistics;
 use positioning_core::engine::{Dimensions, Engine, Measurement, Range, Settings, Solvers};
 use positioning_core::{Blocked, Method, Motion};
 
-use hall::{ANCHORS_M, Round};
+use hall::{ANCHORS_M, HallRound};
 
 pub use table::to_markdown;
 
 /// How positions are computed from the ranges.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Algorithm {
+pub enum HallAlgorithm {
     /// The iterated extended Kalman filter (section 4.2).
     Iekf,
     /// Nonlinear least squares (section 4.1); where there is no new position the last one is kept.
@@ -50,26 +50,26 @@ pub enum Configuration {
 }
 
 /// The rows of tables 4 and 5 (k-NN and Gaussian process), as measured and as simulated by the authors, metres.
-pub const ROWS: [(Algorithm, Configuration, Option<[f64; 2]>); 12] = [
-    (Algorithm::Iekf, Configuration::NoIgnore, Some([0.381, 0.228])),
-    (Algorithm::Iekf, Configuration::Ignore, Some([0.084, 0.071])),
-    (Algorithm::Iekf, Configuration::IgnoreMitigate, Some([0.136, 0.051])),
-    (Algorithm::Iekf, Configuration::Mitigate, Some([0.413, 0.310])),
-    (Algorithm::Nls, Configuration::NoIgnore, Some([0.379, 0.227])),
-    (Algorithm::Nls, Configuration::Ignore, Some([0.778, 0.175])),
-    (Algorithm::Nls, Configuration::IgnoreMin4, Some([0.155, 0.063])),
-    (Algorithm::Nls, Configuration::IgnoreMitigate, Some([0.789, 0.161])),
-    (Algorithm::Nls, Configuration::IgnoreMin4Mitigate, Some([0.330, 0.056])),
-    (Algorithm::Nls, Configuration::Mitigate, None),
-    (Algorithm::Engine, Configuration::NoIgnore, None),
-    (Algorithm::Engine, Configuration::Weigh, None),
+pub const ROWS: [(HallAlgorithm, Configuration, Option<[f64; 2]>); 12] = [
+    (HallAlgorithm::Iekf, Configuration::NoIgnore, Some([0.381, 0.228])),
+    (HallAlgorithm::Iekf, Configuration::Ignore, Some([0.084, 0.071])),
+    (HallAlgorithm::Iekf, Configuration::IgnoreMitigate, Some([0.136, 0.051])),
+    (HallAlgorithm::Iekf, Configuration::Mitigate, Some([0.413, 0.310])),
+    (HallAlgorithm::Nls, Configuration::NoIgnore, Some([0.379, 0.227])),
+    (HallAlgorithm::Nls, Configuration::Ignore, Some([0.778, 0.175])),
+    (HallAlgorithm::Nls, Configuration::IgnoreMin4, Some([0.155, 0.063])),
+    (HallAlgorithm::Nls, Configuration::IgnoreMitigate, Some([0.789, 0.161])),
+    (HallAlgorithm::Nls, Configuration::IgnoreMin4Mitigate, Some([0.330, 0.056])),
+    (HallAlgorithm::Nls, Configuration::Mitigate, None),
+    (HallAlgorithm::Engine, Configuration::NoIgnore, None),
+    (HallAlgorithm::Engine, Configuration::Weigh, None),
 ];
 
 /// The errors of one row.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Score {
+pub struct HallScore {
     /// The algorithm.
-    pub algorithm: Algorithm,
+    pub algorithm: HallAlgorithm,
     /// The treatment of blocked ranges.
     pub configuration: Configuration,
     /// Mean error, metres.
@@ -83,17 +83,17 @@ pub struct Score {
 }
 
 /// The result of a row: the score, and the errors in order, metres.
-pub type Row = (Score, Vec<f64>);
+pub type Row = (HallScore, Vec<f64>);
 
 /// Runs all rows in this number of halls.
 pub fn run(halls: u32, seed: u64) -> Vec<Row> {
-    let halls: Vec<Vec<Round>> =
+    let halls: Vec<Vec<HallRound>> =
         (0..halls).map(|hall| hall::draw(seed.wrapping_mul(10_007).wrapping_add(hall.into()))).collect();
     ROWS.into_iter()
         .map(|(algorithm, configuration, printed)| {
             let errors: Vec<f64> = halls.iter().flat_map(|rounds| errors_m(rounds, algorithm, configuration)).collect();
             let figures = Statistics::of(&errors);
-            let score = Score {
+            let score = HallScore {
                 algorithm,
                 configuration,
                 mae_m: figures.map_or(f64::NAN, |figures| figures.mae),
@@ -107,7 +107,7 @@ pub fn run(halls: u32, seed: u64) -> Vec<Row> {
 }
 
 /// The settings of a row.
-fn settings(algorithm: Algorithm, configuration: Configuration) -> Settings<f32> {
+fn settings(algorithm: HallAlgorithm, configuration: Configuration) -> Settings<f32> {
     let ignore = |at_least| Blocked::Ignore { threshold: 0.5, at_least };
     let blocked = match configuration {
         Configuration::NoIgnore | Configuration::Mitigate => Blocked::Alike,
@@ -122,16 +122,16 @@ fn settings(algorithm: Algorithm, configuration: Configuration) -> Settings<f32>
     let dimensions = Dimensions::Plane { height: hall::HEIGHT_M as f32 };
     let motion = Motion::ConstantVelocity { acceleration: hall::ACCELERATION };
     let base = match algorithm {
-        Algorithm::Iekf => {
+        HallAlgorithm::Iekf => {
             Settings { solvers: Solvers::of(Method::Nls), ..Settings::plain(dimensions, motion, blocked, 5) }
         }
-        Algorithm::Nls => Settings::solve(dimensions, Solvers::of(Method::Nls)).with_blocked(blocked),
-        Algorithm::Engine => Settings::track(dimensions).with_blocked(blocked),
+        HallAlgorithm::Nls => Settings::solve(dimensions, Solvers::of(Method::Nls)).with_blocked(blocked),
+        HallAlgorithm::Engine => Settings::track(dimensions).with_blocked(blocked),
     };
     Settings { mitigate, ..base }
 }
 
-fn errors_m(rounds: &[Round], algorithm: Algorithm, configuration: Configuration) -> Vec<f64> {
+fn errors_m(rounds: &[HallRound], algorithm: HallAlgorithm, configuration: Configuration) -> Vec<f64> {
     let mut engine = Engine::new(settings(algorithm, configuration));
     let mut last = None;
     let mut errors = Vec::new();

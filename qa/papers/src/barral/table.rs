@@ -2,9 +2,9 @@
 
 use baliza_report::MarkdownTable;
 
-use super::{Algorithm, Configuration, Row};
+use super::{Configuration, HallAlgorithm, Row};
 
-impl Algorithm {
+impl HallAlgorithm {
     /// The name in the table.
     pub fn as_str(self) -> &'static str {
         match self {

@@ -2,7 +2,7 @@
 //! alike are merged.
 
 use super::hypothesis::{Hypothesis, squared_over};
-use super::{Estimate, Fusion};
+use super::{Fusion, FusionEstimate};
 use positioning_core::Real;
 use positioning_core::linalg::Ldl;
 
@@ -172,7 +172,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
     }
 
     /// Mean, mode and covariance of the mixture.
-    pub(super) fn estimate(&self, nodes: usize, started: bool) -> Estimate<T, D> {
+    pub(super) fn estimate(&self, nodes: usize, started: bool) -> FusionEstimate<T, D> {
         let mean = self.mean(0);
         let mut covariance = [[T::ZERO; D]; D];
         for hypothesis in &self.bank {
@@ -183,7 +183,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
                 columns.for_each(|((c, &own), &o)| *c += hypothesis.weight * (own + off[r] * o));
             }
         }
-        Estimate {
+        FusionEstimate {
             mean,
             mode: self.mode(),
             covariance,

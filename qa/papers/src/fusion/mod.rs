@@ -2,7 +2,7 @@
 //! de la posición fusionando la información de los niveles de potencia y el retardo temporal de propagación de las
 //! señales recibidas").
 //!
-//! The input is [`Observation`]s, one a value. [`Fusion::step`] computes an [`Estimate`] from all values since the
+//! The input is [`Observation`]s, one a value. [`Fusion::step`] computes an [`FusionEstimate`] from all values since the
 //! last step, or gives the reason for having none ([`Missing`]). Powers alone, delays alone and both use the same
 //! call. A node counts with the values that it gives, and [`Sources`] can leave one kind out.
 //!
@@ -43,9 +43,9 @@ mod tests;
 mod values;
 mod window;
 
-pub use node::{Channel, Observation};
-pub use output::{Estimate, Missing, Verdict};
-pub use settings::{DelayErrors, PowerErrors, Settings, Sources};
+pub use node::{ChannelModel, Observation};
+pub use output::{FusionEstimate, FusionVerdict, Missing};
+pub use settings::{DelayErrors, FusionSettings, PowerErrors, Sources};
 
 use heapless::Vec;
 
@@ -78,7 +78,7 @@ const PATIENCE: u8 = 5;
 /// [`states`].
 #[derive(Clone, Debug)]
 pub struct Fusion<T, const D: usize, const H: usize, const N: usize, const S: usize> {
-    settings: Settings<T>,
+    settings: FusionSettings<T>,
     nodes: Vec<Node<T>, N>,
     bank: Vec<Hypothesis<T, N, S>, H>,
     /// Number of states in use.
@@ -98,7 +98,7 @@ pub struct Fusion<T, const D: usize, const H: usize, const N: usize, const S: us
 impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fusion<T, D, H, N, S> {
     /// A fusion without values.
     #[inline(always)]
-    pub fn new(settings: Settings<T>) -> Self {
+    pub fn new(settings: FusionSettings<T>) -> Self {
         const { assert!(D == 2 || D == 3, "positions are in the plane or in space") };
         const { assert!(H > 0 && N <= MOST_NODES, "there are hypotheses, and 16 bits say which links are blocked") };
         const { assert!(S >= 2 * D, "there is room for position and velocity") };
@@ -120,29 +120,29 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
     }
 
     /// Takes one value of the time `now_us`, microseconds. It is used at the next step.
-    pub fn observe(&mut self, now_us: u64, observation: &Observation<T>) -> Verdict {
+    pub fn observe(&mut self, now_us: u64, observation: &Observation<T>) -> FusionVerdict {
         if !observation.is_sane() {
-            return Verdict::NotSane;
+            return FusionVerdict::NotSane;
         }
         match (self.settings.sources, observation.channel.is_power()) {
-            (Sources::Power, false) | (Sources::Delay, true) => return Verdict::Ignored,
+            (Sources::Power, false) | (Sources::Delay, true) => return FusionVerdict::Ignored,
             (Sources::Power | Sources::Both, true) | (Sources::Delay | Sources::Both, false) => {}
         }
         self.watch_clock(now_us);
-        let Some(at) = self.room(observation) else { return Verdict::NoRoom };
+        let Some(at) = self.room(observation) else { return FusionVerdict::NoRoom };
         if let Some(node) = self.nodes.get_mut(at) {
             node.channel = observation.channel;
             node.heard_us = self.now_us;
             node.window.push(observation.channel.level(observation.value), self.now_us, self.settings.recent_us);
         }
-        Verdict::Held
+        FusionVerdict::Held
     }
 
     /// Advances to `now_us` with all values since the last step.
     ///
     /// # Errors
     /// There is no position; [`Missing`] gives the reason.
-    pub fn step(&mut self, now_us: u64) -> Result<Estimate<T, D>, Missing> {
+    pub fn step(&mut self, now_us: u64) -> Result<FusionEstimate<T, D>, Missing> {
         self.watch_clock(now_us);
         let dt = self.now_us.saturating_sub(self.stepped_us);
         self.stepped_us = self.now_us;

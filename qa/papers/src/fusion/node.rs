@@ -12,7 +12,7 @@ const PER_DECIBEL: f64 = core::f64::consts::LN_10 / 10.0;
 
 /// How a value relates to the distance, in line of sight.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Channel<T> {
+pub enum ChannelModel<T> {
     /// Received power in dBm: `at_1m` − 10 · `exponent` · log₁₀ d.
     Power {
         /// The power at one metre, dBm.
@@ -37,12 +37,12 @@ pub struct Observation<T> {
     /// Its position, metres.
     pub place: [T; 3],
     /// The channel of its values, as well as it is known.
-    pub channel: Channel<T>,
+    pub channel: ChannelModel<T>,
     /// The value, in the channel's unit.
     pub value: T,
 }
 
-impl<T: Real> Channel<T> {
+impl<T: Real> ChannelModel<T> {
     /// Delays that are ranges already, metres.
     pub fn range() -> Self {
         Self::Delay { offset: T::ZERO, scale: T::ONE }
@@ -111,8 +111,8 @@ impl<T: Real> Observation<T> {
         let place = self.place.iter().fold(T::ZERO, |sum, c| sum + c.abs());
         let value = match self.channel {
             // 127 means "unknown", and no receiver reports 0 dBm.
-            Channel::Power { .. } => level < T::ZERO && level > T::of(-128.0),
-            Channel::Delay { .. } => level.abs() <= T::of(FARTHEST_M),
+            ChannelModel::Power { .. } => level < T::ZERO && level > T::of(-128.0),
+            ChannelModel::Delay { .. } => level.abs() <= T::of(FARTHEST_M),
         };
         value && self.channel.is_sane() && place <= T::of(FARTHEST_M)
     }
@@ -123,7 +123,7 @@ impl<T: Real> Observation<T> {
 pub(super) struct Node<T> {
     pub(super) id: u16,
     pub(super) place: [T; 3],
-    pub(super) channel: Channel<T>,
+    pub(super) channel: ChannelModel<T>,
     pub(super) window: Window<T>,
     /// When it was last received.
     pub(super) heard_us: u64,

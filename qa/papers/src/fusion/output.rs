@@ -4,7 +4,7 @@ use positioning_core::Real;
 
 /// What was done with a value. None of these is an error, because values come from the radio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum FusionVerdict {
     /// It is kept until the next step.
     Held,
     /// It is not a valid value: not finite, absurdly large, a power that is not negative, or its node has no position
@@ -29,7 +29,7 @@ pub enum Missing {
 
 /// A position with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Estimate<T, const D: usize> {
+pub struct FusionEstimate<T, const D: usize> {
     /// Mean of the posterior, metres: the estimate of the least square error.
     pub mean: [T; D],
     /// Its mode, metres: the maximum a posteriori estimate.
@@ -47,7 +47,7 @@ pub struct Estimate<T, const D: usize> {
     pub started: bool,
 }
 
-impl<T: Real, const D: usize> Estimate<T, D> {
+impl<T: Real, const D: usize> FusionEstimate<T, D> {
     /// Standard deviation, all axes together, metres.
     pub fn spread(&self) -> T {
         (0..D).fold(T::ZERO, |sum, axis| sum + self.covariance[axis][axis]).sqrt()

@@ -1,4 +1,4 @@
-//! Settings of the fusion.
+//! FusionSettings of the fusion.
 
 use positioning_core::{Area, Real};
 
@@ -49,9 +49,9 @@ pub struct DelayErrors<T> {
     pub learning: T,
 }
 
-/// Settings of the fusion.
+/// FusionSettings of the fusion.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings<T> {
+pub struct FusionSettings<T> {
     /// Which values are used.
     pub sources: Sources,
     /// The tag's height where only x and y are estimated, metres.
@@ -93,7 +93,7 @@ impl<T: Real> DelayErrors<T> {
     }
 }
 
-impl<T: Real> Settings<T> {
+impl<T: Real> FusionSettings<T> {
     /// A person with a tag at a known height, metres, in a building.
     pub fn indoors(height: T) -> Self {
         Self {

@@ -4,7 +4,7 @@
 use super::hypothesis::Hypothesis;
 use super::likelihood::Likelihood;
 use super::node::Node;
-use super::{Fusion, Settings};
+use super::{Fusion, FusionSettings};
 use positioning_core::Real;
 use positioning_core::ble::particles::Random;
 
@@ -137,7 +137,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
 
 impl<'a, T: Real> Seen<'a, T> {
     /// The expected value is accurate to the width of a tried position.
-    fn new(node: &'a Node<T>, settings: &Settings<T>, width: T) -> Option<Self> {
+    fn new(node: &'a Node<T>, settings: &FusionSettings<T>, width: T) -> Option<Self> {
         let power = node.channel.is_power();
         let mixture = node.window.mixture(settings.noise(power))?;
         let likelihood = if power {
@@ -155,7 +155,7 @@ fn draw<T: Real, const D: usize>(
     place: &[T; D],
     seen: &[Seen<'_, T>],
     nodes: &[Node<T>],
-    settings: &Settings<T>,
+    settings: &FusionSettings<T>,
     random: &mut Random,
 ) -> Draw<T> {
     let mut draw = Draw { blocked: 0, drawn: T::ZERO, weight: T::ZERO };

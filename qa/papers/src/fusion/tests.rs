@@ -8,13 +8,13 @@ use positioning_core::Area;
 
 type OnNode = Box<Fusion<f32, 2, ON_NODE, 12, { states(2, 12, 6) }>>;
 
-const POWER: Channel<f32> = Channel::Power { at_1m: -59.0, exponent: 2.0 };
+const POWER: ChannelModel<f32> = ChannelModel::Power { at_1m: -59.0, exponent: 2.0 };
 
 fn fusion(sources: Sources) -> OnNode {
-    Box::new(Fusion::new(Settings { sources, ..Settings::indoors(0.0) }))
+    Box::new(Fusion::new(FusionSettings { sources, ..FusionSettings::indoors(0.0) }))
 }
 
-fn observation(node: u16, place: [f32; 2], channel: Channel<f32>, value: f32) -> Observation<f32> {
+fn observation(node: u16, place: [f32; 2], channel: ChannelModel<f32>, value: f32) -> Observation<f32> {
     Observation { node, place: [place[0], place[1], 0.0], channel, value }
 }
 
@@ -55,7 +55,8 @@ fn the_first_position_by_powers_is_that_of_a_fine_grid() {
     let area = Some(Area { min: [0.0; 3], max: [10.0, 8.0, 1.0] });
     let errors: Vec<[f64; 2]> = (0..20)
         .map(|seed| {
-            let mut fusion: OnNode = Box::new(Fusion::new(Settings { area, seed, ..Settings::indoors(0.0) }));
+            let mut fusion: OnNode =
+                Box::new(Fusion::new(FusionSettings { area, seed, ..FusionSettings::indoors(0.0) }));
             for (k, (place, value)) in CORNERS.iter().zip(&values).enumerate() {
                 fusion.observe(0, &observation(k as u16, *place, POWER, *value));
             }
@@ -75,11 +76,11 @@ fn straight_ranges_make_a_kalman_filter() {
     // Anchors a kilometre away along the axes, so that distances are coordinates. The reference is the textbook's
     // filter in f64, of position and velocity, with the same density of acceleration.
     let anchors = [[-1000.0, 0.0], [1000.0, 0.0], [0.0, -1000.0], [0.0, 1000.0]];
-    let settings = Settings {
+    let settings = FusionSettings {
         reach: 1200.0_f32,
         delay: DelayErrors { noise: 0.1, bias: 1e-3, blocked: 0.0, lasting: 1e9, ..DelayErrors::indoors() },
         acceleration: 0.7,
-        ..Settings::indoors(0.0)
+        ..FusionSettings::indoors(0.0)
     };
     let mut fusion: Box<Fusion<f32, 2, ON_NODE, 4, { states(2, 0, 4) }>> = Box::new(Fusion::new(settings));
     let mut random = Random::new(9);
@@ -98,7 +99,7 @@ fn straight_ranges_make_a_kalman_filter() {
                 1 => sum += 1000.0 - f64::from(range),
                 _ => {}
             }
-            fusion.observe(u64::from(k) * 200_000, &observation(node as u16, *anchor, Channel::range(), range));
+            fusion.observe(u64::from(k) * 200_000, &observation(node as u16, *anchor, ChannelModel::range(), range));
         }
         if k > 0 {
             let [a, b, c] = p;
@@ -130,7 +131,7 @@ fn a_blocked_anchor_does_not_pull() {
         for (node, corner) in CORNERS.iter().enumerate() {
             let excess = if node == 3 { 2.0 } else { 0.0 };
             let range = (distance(at, *corner) + excess) as f32;
-            fusion.observe(k * 200_000, &observation(node as u16, *corner, Channel::range(), range));
+            fusion.observe(k * 200_000, &observation(node as u16, *corner, ChannelModel::range(), range));
         }
         last = fusion.step(k * 200_000).ok();
     }
@@ -148,7 +149,7 @@ fn a_beacon_is_calibrated_while_anchors_know_better() {
         for (node, corner) in CORNERS.iter().enumerate() {
             let range = distance(at, *corner) as f32;
             if k < 50 {
-                fusion.observe(k * 200_000, &observation(node as u16, *corner, Channel::range(), range));
+                fusion.observe(k * 200_000, &observation(node as u16, *corner, ChannelModel::range(), range));
             }
             let power = -51.0 - 20.0 * range.log10();
             fusion.observe(k * 200_000, &observation(node as u16, *corner, POWER, power));
@@ -162,17 +163,17 @@ fn a_beacon_is_calibrated_while_anchors_know_better() {
 #[test]
 fn sources_are_heeded() {
     let power = observation(1, [0.0, 0.0], POWER, -60.0);
-    let range = observation(1, [0.0, 0.0], Channel::range(), 2.0);
+    let range = observation(1, [0.0, 0.0], ChannelModel::range(), 2.0);
     let verdicts = |sources| [fusion(sources).observe(0, &power), fusion(sources).observe(0, &range)];
-    assert_eq!(verdicts(Sources::Power), [Verdict::Held, Verdict::Ignored]);
-    assert_eq!(verdicts(Sources::Delay), [Verdict::Ignored, Verdict::Held]);
-    assert_eq!(verdicts(Sources::Both), [Verdict::Held, Verdict::Held]);
+    assert_eq!(verdicts(Sources::Power), [FusionVerdict::Held, FusionVerdict::Ignored]);
+    assert_eq!(verdicts(Sources::Delay), [FusionVerdict::Ignored, FusionVerdict::Held]);
+    assert_eq!(verdicts(Sources::Both), [FusionVerdict::Held, FusionVerdict::Held]);
 }
 
 #[test]
 fn a_delay_in_ticks_is_its_affine_distance() {
     // 300 ticks of 0.0047 m, minus an antenna delay of 100 ticks.
-    let channel = Channel::Delay { offset: -0.47, scale: 0.0047 };
+    let channel = ChannelModel::Delay { offset: -0.47, scale: 0.0047 };
     assert!((channel.level(300.0_f64) - 0.94).abs() < 1e-12);
 }
 
@@ -180,15 +181,15 @@ fn a_delay_in_ticks_is_its_affine_distance() {
 fn what_is_no_value_is_refused() {
     let mut fusion = fusion(Sources::Both);
     for value in [f32::NAN, f32::INFINITY, 127.0, 0.0, 5.0, -200.0] {
-        assert_eq!(fusion.observe(0, &observation(1, [0.0; 2], POWER, value)), Verdict::NotSane, "{value}");
+        assert_eq!(fusion.observe(0, &observation(1, [0.0; 2], POWER, value)), FusionVerdict::NotSane, "{value}");
     }
     for value in [f32::NAN, f32::NEG_INFINITY, 1e9] {
-        assert_eq!(fusion.observe(0, &observation(1, [0.0; 2], Channel::range(), value)), Verdict::NotSane);
+        assert_eq!(fusion.observe(0, &observation(1, [0.0; 2], ChannelModel::range(), value)), FusionVerdict::NotSane);
     }
     let nowhere = observation(1, [f32::NAN, 0.0], POWER, -60.0);
-    assert_eq!(fusion.observe(0, &nowhere), Verdict::NotSane);
-    let flat = Channel::Power { at_1m: -59.0, exponent: 0.0 };
-    assert_eq!(fusion.observe(0, &observation(1, [0.0; 2], flat, -60.0)), Verdict::NotSane);
+    assert_eq!(fusion.observe(0, &nowhere), FusionVerdict::NotSane);
+    let flat = ChannelModel::Power { at_1m: -59.0, exponent: 0.0 };
+    assert_eq!(fusion.observe(0, &observation(1, [0.0; 2], flat, -60.0)), FusionVerdict::NotSane);
     assert_eq!(fusion.step(1), Err(Missing::TooFewNodes));
 }
 
@@ -211,7 +212,7 @@ fn two_nodes_do_not_begin_a_track_and_one_continues_it() {
 fn nodes_at_one_place_make_a_ring_and_no_panic() {
     let mut fusion = fusion(Sources::Both);
     for node in 0..4 {
-        fusion.observe(0, &observation(node, [5.0, 5.0], Channel::range(), 3.0));
+        fusion.observe(0, &observation(node, [5.0, 5.0], ChannelModel::range(), 3.0));
     }
     let estimate = fusion.step(0).expect("four nodes");
     // All directions are alike: the deviation is the radius.
@@ -223,7 +224,7 @@ fn uncertainty_grows_without_values_until_the_gap() {
     let mut fusion = fusion(Sources::Delay);
     for (node, corner) in CORNERS.iter().enumerate() {
         let range = distance([4.0, 3.0], *corner) as f32;
-        fusion.observe(0, &observation(node as u16, *corner, Channel::range(), range));
+        fusion.observe(0, &observation(node as u16, *corner, ChannelModel::range(), range));
     }
     let spreads: Vec<f32> = (0..=10).filter_map(|s| fusion.step(s * 1_000_000).ok()).map(|e| e.spread()).collect();
     assert!(spreads.len() == 11 && spreads.windows(2).all(|pair| pair[0] < pair[1]), "{spreads:?}");
@@ -238,7 +239,10 @@ fn a_clock_that_begins_anew_begins_a_track_anew_and_overtaken_values_count() {
         for (node, corner) in CORNERS.iter().enumerate() {
             let range = distance([4.0, 3.0], *corner) as f32;
             let now = now - backwards * node as u64;
-            assert_eq!(fusion.observe(now, &observation(node as u16, *corner, Channel::range(), range)), Verdict::Held);
+            assert_eq!(
+                fusion.observe(now, &observation(node as u16, *corner, ChannelModel::range(), range)),
+                FusionVerdict::Held
+            );
         }
         fusion.step(now).map(|estimate| estimate.started)
     };
@@ -256,7 +260,7 @@ fn a_kidnapped_tag_is_found_again() {
         let at = if k < 20 { [2.0, 2.0] } else { [9.0, 7.0] };
         for (node, corner) in CORNERS.iter().enumerate() {
             let range = distance(at, *corner) as f32;
-            fusion.observe(k * 200_000, &observation(node as u16, *corner, Channel::range(), range));
+            fusion.observe(k * 200_000, &observation(node as u16, *corner, ChannelModel::range(), range));
         }
         error = fusion.step(k * 200_000).map_or(f64::NAN, |estimate| distance(at, estimate.mean));
     }
@@ -267,23 +271,23 @@ fn a_kidnapped_tag_is_found_again() {
 fn a_full_table_refuses_until_a_node_falls_silent() {
     let mut fusion = fusion(Sources::Power);
     for node in 0..12 {
-        assert_eq!(fusion.observe(0, &observation(node, CORNERS[0], POWER, -60.0)), Verdict::Held);
+        assert_eq!(fusion.observe(0, &observation(node, CORNERS[0], POWER, -60.0)), FusionVerdict::Held);
     }
-    assert_eq!(fusion.observe(0, &observation(12, CORNERS[0], POWER, -60.0)), Verdict::NoRoom);
-    assert_eq!(fusion.observe(6_000_000, &observation(12, CORNERS[0], POWER, -60.0)), Verdict::Held);
+    assert_eq!(fusion.observe(0, &observation(12, CORNERS[0], POWER, -60.0)), FusionVerdict::NoRoom);
+    assert_eq!(fusion.observe(6_000_000, &observation(12, CORNERS[0], POWER, -60.0)), FusionVerdict::Held);
 }
 
 #[test]
 fn space_has_four_anchors_and_three_coordinates() {
     let mut fusion: Box<Fusion<f32, 3, ON_NODE, 8, { states(3, 0, 8) }>> =
-        Box::new(Fusion::new(Settings::indoors(0.0)));
+        Box::new(Fusion::new(FusionSettings::indoors(0.0)));
     let at = [4.0_f32, 3.0, 1.0];
     let places = [[0.0, 0.0, 3.0], [10.0, 0.0, 0.2], [10.0, 8.0, 2.8], [0.0, 8.0, 0.3], [5.0, 4.0, 3.0]];
     let mut last = None;
     for k in 0..10_u64 {
         for (node, place) in places.iter().enumerate() {
             let value = at.iter().zip(place).map(|(a, b): (&f32, &f32)| (a - b).powi(2)).sum::<f32>().sqrt();
-            let range = Observation { node: node as u16, place: *place, channel: Channel::range(), value };
+            let range = Observation { node: node as u16, place: *place, channel: ChannelModel::range(), value };
             fusion.observe(k * 200_000, &range);
         }
         last = fusion.step(k * 200_000).ok();

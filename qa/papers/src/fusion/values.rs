@@ -2,7 +2,7 @@
 
 use super::hypothesis::{Expected, Hypothesis, PEAK};
 use super::node::Node;
-use super::{Fusion, Settings};
+use super::{Fusion, FusionSettings};
 use positioning_core::Real;
 
 /// The probability that values are outliers.
@@ -45,7 +45,7 @@ impl<T: Real> Drift<T> {
 
 impl<T: Real, const N: usize, const S: usize> Hypothesis<T, N, S> {
     /// Makes a node's bias unknown but for the state of its link.
-    pub(super) fn doubt(&mut self, node: &Node<T>, at: usize, settings: &Settings<T>) {
+    pub(super) fn doubt(&mut self, node: &Node<T>, at: usize, settings: &FusionSettings<T>) {
         let errors = &settings.delay;
         match node.slope {
             None => self.reset(node.bias, T::ZERO, settings.power.bias.squared()),

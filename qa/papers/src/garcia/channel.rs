@@ -47,7 +47,7 @@ type Path = (f64, f64);
 
 /// A link between a beacon and a point.
 #[derive(Clone, Debug)]
-pub struct Link {
+pub struct DrawnLink {
     /// The direct path through the obstacle.
     through: Path,
     reflections: Vec<Path>,
@@ -55,7 +55,7 @@ pub struct Link {
 
 /// The result of one reception.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reception {
+pub struct FoundArrival {
     /// The arrival as a distance, metres.
     pub distance_m: f64,
     /// The skewness of the window (equation 2).
@@ -64,7 +64,7 @@ pub struct Reception {
     pub blocked: bool,
 }
 
-impl Link {
+impl DrawnLink {
     /// Draws a link.
     pub fn draw(random: &mut impl Rng) -> Self {
         let loss_db: f64 = random.random_range(6.0..20.0);
@@ -73,7 +73,7 @@ impl Link {
     }
 
     /// One reception over `distance_m`.
-    pub fn receive(&self, random: &mut impl Rng, distance_m: f64, blocked: bool) -> Reception {
+    pub fn receive(&self, random: &mut impl Rng, distance_m: f64, blocked: bool) -> FoundArrival {
         let response = self.response(random, blocked);
         let peak = (0..LENGTH).max_by(|&a, &b| response[a].total_cmp(&response[b])).unwrap_or(DIRECT);
         let begin = peak.saturating_sub(WINDOW / 2).min(LENGTH - WINDOW);
@@ -83,7 +83,7 @@ impl Link {
         // A single pulse exceeds 40 % of its peak this long before its centre: the platform's calibration.
         let ahead_ns = PULSE_NS * (-2.0 * THRESHOLD.ln()).sqrt();
         let late_ns = (first as f64 - DIRECT as f64) * SAMPLE_NS + ahead_ns;
-        Reception { distance_m: distance_m + LIGHT_M_PER_NS * late_ns, skewness: skewness(window), blocked }
+        FoundArrival { distance_m: distance_m + LIGHT_M_PER_NS * late_ns, skewness: skewness(window), blocked }
     }
 
     /// Magnitudes of the response.
@@ -146,7 +146,7 @@ mod tests {
     #[test]
     fn a_lone_direct_path_arrives_in_time_and_a_lost_one_late() {
         let mut random = Pcg64Mcg::seed_from_u64(1);
-        let link = Link { through: (0.0, 0.05), reflections: vec![(10.0, 0.8)] };
+        let link = DrawnLink { through: (0.0, 0.05), reflections: vec![(10.0, 0.8)] };
         let mut mean =
             |blocked: bool| (0..200).map(|_| link.receive(&mut random, 5.0, blocked).distance_m).sum::<f64>() / 200.0;
         assert!((mean(false) - 5.0).abs() < 0.1);

@@ -17,7 +17,7 @@ use positioning_core::{Area, Blocked, Motion, Noise, TdoaSample, hyperbolic};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use channel::{Link, Reception};
+use channel::{DrawnLink, FoundArrival};
 
 pub use table::to_markdown;
 
@@ -47,7 +47,7 @@ const LEARNT: usize = 4000;
 /// How a position is computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Way {
+pub enum BlockedTreatment {
     /// Gauss-Newton on every measurement by itself: "no mitigation" in the paper.
     NoMitigation,
     /// The paper's filter with all variances 0.5 m²: shows how much of the improvement is averaging.
@@ -58,7 +58,7 @@ pub enum Way {
     Calibrated,
 }
 
-impl Way {
+impl BlockedTreatment {
     /// All, in the order of the table.
     pub const ALL: [Self; 4] = [Self::NoMitigation, Self::EkfWithoutDetection, Self::Ekf, Self::Calibrated];
 
@@ -84,9 +84,9 @@ impl Way {
 
 /// Errors of one way over all points.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Score {
+pub struct TreatmentScore {
     /// The way.
-    pub way: Way,
+    pub way: BlockedTreatment,
     /// Number of positions.
     pub positions: usize,
     /// Root mean square error along x, metres.
@@ -105,30 +105,30 @@ pub struct Score {
 
 /// All results.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Outcome {
+pub struct Experiment {
     /// One score a way.
-    pub scores: Vec<Score>,
+    pub scores: Vec<TreatmentScore>,
     /// λ: the skewness at which direct and blocked are equally likely.
     pub threshold: f64,
     /// The share of receptions that were classified rightly.
     pub detected: f64,
     /// The errors along x and y of each way, metres, point after point.
     #[serde(skip)]
-    pub errors_m: Vec<(Way, Vec<[f64; 2]>)>,
+    pub errors_m: Vec<(BlockedTreatment, Vec<[f64; 2]>)>,
 }
 
 /// Measurements of all beacons at a point.
 struct Point {
     at_m: [f64; 2],
-    receptions: Vec<[Reception; BEACONS_M.len()]>,
+    receptions: Vec<[FoundArrival; BEACONS_M.len()]>,
 }
 
 /// Runs the benchmark in this number of rooms, each with furniture of its own.
-pub fn run(rooms: usize, seed: u64) -> Outcome {
+pub fn run(rooms: usize, seed: u64) -> Experiment {
     let detector = learn(&mut Pcg64Mcg::seed_from_u64(seed ^ 0x5EED));
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let points: Vec<Point> = (0..rooms).flat_map(|_| places()).map(|at_m| Point::draw(&mut random, at_m)).collect();
-    let errors_m: Vec<_> = Way::ALL
+    let errors_m: Vec<_> = BlockedTreatment::ALL
         .into_iter()
         .map(|way| (way, points.iter().flat_map(|point| point.errors_m(way, &detector)).collect::<Vec<_>>()))
         .collect();
@@ -138,8 +138,8 @@ pub fn run(rooms: usize, seed: u64) -> Outcome {
     });
     let (told, all) = right.fold((0.0, 0.0), |(told, all), right| (told + right, all + 1.0));
     let bare = errors_m.first().map_or(f64::NAN, |(_, errors)| rms(errors.iter().flatten().copied()));
-    let scores = errors_m.iter().map(|(way, errors)| Score::of(*way, errors, bare)).collect();
-    Outcome { scores, threshold: detector.threshold().into(), detected: told / all, errors_m }
+    let scores = errors_m.iter().map(|(way, errors)| TreatmentScore::of(*way, errors, bare)).collect();
+    Experiment { scores, threshold: detector.threshold().into(), detected: told / all, errors_m }
 }
 
 /// The 48 points, metres.
@@ -147,8 +147,8 @@ fn places() -> impl Iterator<Item = [f64; 2]> {
     ROWS_M.iter().flat_map(|&y| COLUMNS_M.map(|x| [x, y]))
 }
 
-impl Score {
-    fn of(way: Way, errors: &[[f64; 2]], bare: f64) -> Self {
+impl TreatmentScore {
+    fn of(way: BlockedTreatment, errors: &[[f64; 2]], bare: f64) -> Self {
         let [x, y] = [0, 1].map(|axis| rms(errors.iter().map(|error| error[axis])));
         let printed = way.printed_m();
         Self {
@@ -169,7 +169,7 @@ fn learn(random: &mut impl Rng) -> Skewness {
     let mut figures = |blocked: bool| {
         let skewness: Vec<f64> = (0..LEARNT)
             .map(|_| {
-                let link = Link::draw(random);
+                let link = DrawnLink::draw(random);
                 link.receive(random, 0.0, blocked).skewness
             })
             .collect();
@@ -187,7 +187,7 @@ fn learn(random: &mut impl Rng) -> Skewness {
 }
 
 /// The probability that a reception was blocked, by its skewness alone.
-fn blocked(detector: &Skewness, reception: &Reception) -> Option<f32> {
+fn blocked(detector: &Skewness, reception: &FoundArrival) -> Option<f32> {
     let mut features = Features::default();
     features.set(Feature::Skewness, reception.skewness as f32);
     detector.nlos_probability(&features)
@@ -196,7 +196,7 @@ fn blocked(detector: &Skewness, reception: &Reception) -> Option<f32> {
 impl Point {
     fn draw(random: &mut impl Rng, at_m: [f64; 2]) -> Self {
         let (least, most) = BLOCKED_SHARE;
-        let links = BEACONS_M.map(|_| (Link::draw(random), random.random_range(least..most)));
+        let links = BEACONS_M.map(|_| (DrawnLink::draw(random), random.random_range(least..most)));
         let receptions = (0..MEASUREMENTS)
             .map(|_| {
                 std::array::from_fn(|i| {
@@ -213,7 +213,7 @@ impl Point {
 
     /// The errors of all positions at this point, metres. Where there is no position, the middle of the beacons
     /// counts instead.
-    fn errors_m(&self, way: Way, detector: &Skewness) -> Vec<[f64; 2]> {
+    fn errors_m(&self, way: BlockedTreatment, detector: &Skewness) -> Vec<[f64; 2]> {
         let middle = [0, 1].map(|axis| BEACONS_M.iter().map(|beacon| beacon[axis]).sum::<f64>() / 4.0);
         let error = |position: Option<[f32; 3]>| {
             let at = position.map_or(middle, |[x, y, _]| [x, y].map(f64::from));
@@ -246,7 +246,7 @@ impl Point {
 }
 
 /// The engine of a way; `None` where there is no filter.
-fn settings(way: Way) -> Option<Settings<f32>> {
+fn settings(way: BlockedTreatment) -> Option<Settings<f32>> {
     let dimensions = Dimensions::Plane { height: HEIGHT_M as f32 };
     // The paper uses no prediction: the tag does not move.
     let still = Motion::Static { wander: 0.0 };
@@ -257,12 +257,12 @@ fn settings(way: Way) -> Option<Settings<f32>> {
         ..Settings::plain(dimensions, still, blocked, 1)
     };
     match way {
-        Way::NoMitigation => None,
-        Way::EkfWithoutDetection => {
+        BlockedTreatment::NoMitigation => None,
+        BlockedTreatment::EkfWithoutDetection => {
             Some(plain(Blocked::TwoVariances { threshold: 2.0, direct_m2: 0.5, blocked_m2: 0.5 }))
         }
-        Way::Ekf => Some(plain(Blocked::garcia())),
-        Way::Calibrated => {
+        BlockedTreatment::Ekf => Some(plain(Blocked::garcia())),
+        BlockedTreatment::Calibrated => {
             let noise =
                 Noise { blocked_noise_sigma: channel::BLOCKED_SIGMA_M, link_seconds: 1.0e3, ..Noise::indoors() };
             let mut settings = Settings::track(dimensions).with_noise(noise);
@@ -273,7 +273,7 @@ fn settings(way: Way) -> Option<Settings<f32>> {
 }
 
 /// The position from one set of differences, with equal weights for all beacons.
-fn gauss_newton(set: &[Reception; 4]) -> Option<[f32; 3]> {
+fn gauss_newton(set: &[FoundArrival; 4]) -> Option<[f32; 3]> {
     let sample = |i: usize| TdoaSample {
         anchor: BEACONS_M[i].map(|c| c as f32),
         difference: (set[i].distance_m - set[0].distance_m) as f32,

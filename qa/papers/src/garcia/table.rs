@@ -4,10 +4,10 @@ use std::fmt::Write as _;
 
 use baliza_report::MarkdownTable;
 
-use super::Outcome;
+use super::Experiment;
 
 /// One row a way.
-pub fn to_markdown(outcome: &Outcome) -> String {
+pub fn to_markdown(outcome: &Experiment) -> String {
     let mut table =
         MarkdownTable::new(["way", "RMSE x, m:", "as printed:", "RMSE y, m:", "as printed:", "less than without:"]);
     for score in &outcome.scores {

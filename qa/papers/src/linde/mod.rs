@@ -59,7 +59,7 @@ pub enum Parameter {
 /// What is measured, without the noise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Measured {
+pub enum MeasuredParameter {
     /// RSSI values.
     Rssi,
     /// Times of flight.
@@ -69,7 +69,7 @@ pub enum Measured {
 /// How a position is computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Algorithm {
+pub enum RoomAlgorithm {
     /// The nearest fingerprints, weighted.
     Fingerprinting,
     /// Weighted linear least squares (6): for RSSI values [`multilateration::weighted_linear`], for times
@@ -81,35 +81,35 @@ pub enum Algorithm {
 }
 
 /// A row: what is measured, how it is solved, and RMSE and MAE as the annex prints them, metres.
-pub type Row = (Parameter, Algorithm, Option<[f64; 2]>);
+pub type Row = (Parameter, RoomAlgorithm, Option<[f64; 2]>);
 
 /// The value in the rows where the annex prints "> 5 m", metres.
 pub const PRINTED_MOST_M: f64 = 5.0;
 
 /// The rows of the annex, each with the nonlinear form added.
 pub const ROWS: [Row; 9] = [
-    (Parameter::Rssi(5.0), Algorithm::Fingerprinting, Some([1.32, 0.86])),
-    (Parameter::Rssi(5.0), Algorithm::Multilateration, Some([2.08, 1.09])),
-    (Parameter::Rssi(5.0), Algorithm::Nonlinear, None),
-    (Parameter::Rssi(10.0), Algorithm::Fingerprinting, Some([1.6, 1.17])),
-    (Parameter::Rssi(10.0), Algorithm::Multilateration, Some([2.24, 1.39])),
-    (Parameter::Rssi(10.0), Algorithm::Nonlinear, None),
-    (Parameter::Tof(100.0), Algorithm::Fingerprinting, Some([2.14, 1.75])),
-    (Parameter::Tof(100.0), Algorithm::Multilateration, Some([PRINTED_MOST_M; 2])),
-    (Parameter::Tof(100.0), Algorithm::Nonlinear, None),
+    (Parameter::Rssi(5.0), RoomAlgorithm::Fingerprinting, Some([1.32, 0.86])),
+    (Parameter::Rssi(5.0), RoomAlgorithm::Multilateration, Some([2.08, 1.09])),
+    (Parameter::Rssi(5.0), RoomAlgorithm::Nonlinear, None),
+    (Parameter::Rssi(10.0), RoomAlgorithm::Fingerprinting, Some([1.6, 1.17])),
+    (Parameter::Rssi(10.0), RoomAlgorithm::Multilateration, Some([2.24, 1.39])),
+    (Parameter::Rssi(10.0), RoomAlgorithm::Nonlinear, None),
+    (Parameter::Tof(100.0), RoomAlgorithm::Fingerprinting, Some([2.14, 1.75])),
+    (Parameter::Tof(100.0), RoomAlgorithm::Multilateration, Some([PRINTED_MOST_M; 2])),
+    (Parameter::Tof(100.0), RoomAlgorithm::Nonlinear, None),
 ];
 
 /// The errors of one row.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Score {
+pub struct RoomScore {
     /// What was measured.
-    pub parameter: Measured,
+    pub parameter: MeasuredParameter,
     /// Deviation of a measurement.
     pub noise: f64,
     /// Its unit: `dB` or `us`.
     pub unit: &'static str,
     /// How positions were computed.
-    pub algorithm: Algorithm,
+    pub algorithm: RoomAlgorithm,
     /// Root mean square error, metres; none without positions.
     pub rmse_m: Option<f64>,
     /// Mean error, metres.
@@ -123,7 +123,7 @@ pub struct Score {
 }
 
 /// The result of a row: the score, and the errors in order, metres.
-pub type Scored = (Score, Vec<f64>);
+pub type Scored = (RoomScore, Vec<f64>);
 
 /// Runs all rows, with this number of trials for every receiver. Rows of one parameter have the same measurements.
 ///
@@ -145,7 +145,7 @@ pub fn run(trials: u32, seed: u64) -> Result<Vec<Scored>, MapError> {
                     tried += 1;
                 }
             }
-            Ok((Score::of(parameter, algorithm, printed, &errors, tried), errors))
+            Ok((RoomScore::of(parameter, algorithm, printed, &errors, tried), errors))
         })
         .collect()
 }
@@ -165,12 +165,18 @@ pub fn unmeasured() -> [f64; 2] {
     Statistics::of(&errors).map_or([f64::NAN; 2], |figures| [figures.rmse, figures.mae])
 }
 
-impl Score {
-    fn of(parameter: Parameter, algorithm: Algorithm, printed: Option<[f64; 2]>, errors: &[f64], tried: usize) -> Self {
+impl RoomScore {
+    fn of(
+        parameter: Parameter,
+        algorithm: RoomAlgorithm,
+        printed: Option<[f64; 2]>,
+        errors: &[f64],
+        tried: usize,
+    ) -> Self {
         let figures = Statistics::of(errors);
         let (measured, noise, unit) = match parameter {
-            Parameter::Rssi(db) => (Measured::Rssi, db, "dB"),
-            Parameter::Tof(us) => (Measured::Tof, us, "us"),
+            Parameter::Rssi(db) => (MeasuredParameter::Rssi, db, "dB"),
+            Parameter::Tof(us) => (MeasuredParameter::Tof, us, "us"),
         };
         Self {
             parameter: measured,
@@ -234,7 +240,7 @@ impl Parameter {
     }
 
     /// A position from one measurement of each beacon; `None` where the algorithm finds none.
-    fn locate(self, algorithm: Algorithm, map: &Map<'_>, measured: &[f64; BEACONS_M.len()]) -> Option<[f64; 2]> {
+    fn locate(self, algorithm: RoomAlgorithm, map: &Map<'_>, measured: &[f64; BEACONS_M.len()]) -> Option<[f64; 2]> {
         let [min, max] = room::BOX_M;
         let within = Constraints { side: Side::Unknown, area: Some(Area { min, max }) };
         let solve = |method, constraints: &Constraints<f64, 2>| {
@@ -254,19 +260,19 @@ impl Parameter {
             })
         };
         match (algorithm, self) {
-            (Algorithm::Fingerprinting, _) => {
+            (RoomAlgorithm::Fingerprinting, _) => {
                 let nearest = Nearest { neighbours: NEIGHBOURS, weighted: true, offset: 0.0 };
                 let scan = measured.map(|measured| Some(self.in_map(measured)));
                 nearest.locate(map, &scan).ok().map(|vicinity| vicinity.position)
             }
-            (Algorithm::Multilateration, Self::Rssi(sigma_db)) => {
+            (RoomAlgorithm::Multilateration, Self::Rssi(sigma_db)) => {
                 multilateration::weighted_linear(&heard(sigma_db)).ok().map(|fix| fix.position)
             }
-            (Algorithm::Nonlinear, Self::Rssi(sigma_db)) => {
+            (RoomAlgorithm::Nonlinear, Self::Rssi(sigma_db)) => {
                 multilateration::nonlinear(&heard(sigma_db), 0.0, &within).ok().map(|fix| fix.position)
             }
-            (Algorithm::Multilateration, Self::Tof(_)) => solve(Method::BWls, &Constraints::default()),
-            (Algorithm::Nonlinear, Self::Tof(_)) => solve(Method::Nls, &within),
+            (RoomAlgorithm::Multilateration, Self::Tof(_)) => solve(Method::BWls, &Constraints::default()),
+            (RoomAlgorithm::Nonlinear, Self::Tof(_)) => solve(Method::Nls, &within),
         }
     }
 }

@@ -4,9 +4,9 @@ use std::fmt::Write as _;
 
 use baliza_report::MarkdownTable;
 
-use super::{Algorithm, PRINTED_MOST_M, Parameter, ROWS, Scored, blocked, unmeasured};
+use super::{PRINTED_MOST_M, Parameter, ROWS, RoomAlgorithm, Scored, blocked, unmeasured};
 
-impl Algorithm {
+impl RoomAlgorithm {
     /// The name in the table.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -28,7 +28,7 @@ impl Parameter {
 }
 
 /// A row's name in a picture.
-pub fn name(parameter: Parameter, algorithm: Algorithm) -> String {
+pub fn name(parameter: Parameter, algorithm: RoomAlgorithm) -> String {
     let [measured, noise] = parameter.words();
     format!("{measured} {noise}, {}", algorithm.as_str())
 }

@@ -19,7 +19,7 @@ const _: () = assert!(ANCHORS <= MAX_ANCHORS);
 
 /// Scores of one method over a set of points.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Score {
+pub struct ThesisScore {
     /// The method's name.
     pub method: &'static str,
     /// The points with this number of detected direct paths; all of them where `None`.
@@ -56,7 +56,7 @@ pub fn error_m(method: Method, point: &Point) -> Option<f64> {
 
 /// Scores of one method: over all points first, then by the number of detected direct paths. `errors` are those of the
 /// points.
-pub fn score(method: Method, points: &[Point], errors: &[Option<f64>]) -> Vec<Score> {
+pub fn score(method: Method, points: &[Point], errors: &[Option<f64>]) -> Vec<ThesisScore> {
     let detected = |point: &Point| point.ranges.iter().filter(|range| range.detected).count();
     let classes = std::iter::once(None).chain((0..=ANCHORS).map(Some));
     let scores = classes.map(|class| {
@@ -64,7 +64,7 @@ pub fn score(method: Method, points: &[Point], errors: &[Option<f64>]) -> Vec<Sc
             points.iter().zip(errors).filter(|(p, _)| class.is_none_or(|c| c == detected(p))).collect();
         let errors: Vec<f64> = members.iter().filter_map(|(_, error)| **error).collect();
         let figures = Statistics::of(&errors);
-        Score {
+        ThesisScore {
             method: method.as_str(),
             ddp_anchors: class,
             points: members.len(),

@@ -4,11 +4,11 @@ use std::fmt::Write as _;
 
 use positioning_core::Method;
 
-use super::Score;
+use super::ThesisScore;
 use super::printed::{DDP_ANCHORS, printed};
 
 /// Root mean square errors by method and number of detected direct paths, one row ours and one row as printed.
-pub fn to_markdown(scores: &[Score]) -> String {
+pub fn to_markdown(scores: &[ThesisScore]) -> String {
     let classes = || std::iter::once(None).chain(DDP_ANCHORS.map(Some));
     let mut text = String::from("| RMSE in metres |   all |");
     for number in DDP_ANCHORS {

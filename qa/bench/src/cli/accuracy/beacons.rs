@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use accuracy::Scored;
+use accuracy::ScoredEpoch;
 use analysis::survey::fingerprint::{Comparison, Making, Maps, Setup, Survey, held_out};
 use anyhow::{Context, Result};
 use recording::beacons::{Capture, read_captures, read_stays};
@@ -52,7 +52,7 @@ pub struct Beaconed {
     /// Its name.
     pub name: String,
     /// The errors of each of [`METHODS`].
-    pub scored: Vec<Vec<Scored>>,
+    pub scored: Vec<Vec<ScoredEpoch>>,
 }
 
 /// The errors at all sites of a data folder that exist; `done` is called after each site.
@@ -119,11 +119,11 @@ fn of_site(site: &'static str, folder: &Path, survey: &str, asked: &Asked) -> Re
 }
 
 /// The errors of captures with a known true position, in the order of the file.
-fn scored(captures: &[Capture], solved: &[Solved]) -> Vec<Scored> {
+fn scored(captures: &[Capture], solved: &[Solved]) -> Vec<ScoredEpoch> {
     let score = |(capture, solved): (&Capture, &Solved)| {
         let [x_m, y_m] = capture.truth_m?;
         let (truth, position) = (Coordinates { x_m, y_m, z_m: None }, solved.outcome.ok());
-        Some(Scored {
+        Some(ScoredEpoch {
             t_s: capture.t_s,
             error_m: position.map(|position| position.place.horizontal_m(&truth)),
             normalised_square: position.map(|position| position.normalised_square(&truth)).filter(|s| s.is_finite()),

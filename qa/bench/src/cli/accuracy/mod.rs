@@ -16,14 +16,14 @@ mod variations;
 use std::path::{Path, PathBuf};
 
 use accuracy::prior::{self, Case, Group};
-use accuracy::{Figures, Measure, Verdict};
+use accuracy::{ChangeVerdict, Figures, Measure};
 use anyhow::{Context, Result};
 use recording::UserError;
 use recording::output;
 
 use host_tools::cli::progress::Progress;
-use results::{Compared, Earlier, Pair, Score};
-use settings::{LeftOut, Tried, Varied};
+use results::{Compared, Earlier, MethodScore, Pair};
+use settings::{LeftOutSite, Tried, Varied};
 use sites::Ranged;
 use variations::VARIATIONS;
 
@@ -117,24 +117,24 @@ fn write_prior(folder: &Path, cases: &[Case]) -> Result<()> {
 
 /// All results of a run.
 struct Results {
-    scores: Vec<Score>,
+    scores: Vec<MethodScore>,
     varied: Vec<Varied>,
-    left_out: Vec<LeftOut>,
+    left_out: Vec<LeftOutSite>,
 }
 
 impl Results {
     fn of(arguments: &Arguments, ranged: Vec<Ranged>, earlier: Option<&Earlier>) -> Result<Self> {
         let varied = if arguments.quick { 0 } else { VARIATIONS.len() - 1 };
         let progress = Progress::new(ranged.len() * (tables::RANGES.len() + varied) + beacons::sites());
-        let (mut scores, mut tried): (Vec<Score>, Vec<Tried>) = (Vec::new(), Vec::new());
+        let (mut scores, mut tried): (Vec<MethodScore>, Vec<Tried>) = (Vec::new(), Vec::new());
         for mut ranged in ranged {
             let known_s = earlier.and_then(|earlier| earlier.offset_s(&ranged.name));
             let offset_s = ranges::join_truth(&mut ranged, known_s);
             for (method, scored) in
                 tables::RANGES.into_iter().zip([ranges::solve(&ranged), ranges::track(&ranged, |_| ())])
             {
-                let score = Score::of([&ranged.site, &ranged.name, method], Measure::Rmse, scored);
-                scores.push(Score { simulated: ranged.simulated, offset_s, ..score });
+                let score = MethodScore::of([&ranged.site, &ranged.name, method], Measure::Rmse, scored);
+                scores.push(MethodScore { simulated: ranged.simulated, offset_s, ..score });
                 progress.step();
             }
             if let (false, Some(track)) = (arguments.quick, scores.last()) {
@@ -145,7 +145,7 @@ impl Results {
             for beacons::Beaconed { site, name, scored } in beacons::recorded(data, || progress.step())? {
                 let methods = beacons::METHODS.map(|method| method.name());
                 let of = methods.iter().zip(scored);
-                scores.extend(of.map(|(method, scored)| Score::of([site, &name, method], Measure::Mean, scored)));
+                scores.extend(of.map(|(method, scored)| MethodScore::of([site, &name, method], Measure::Mean, scored)));
             }
         }
         let (varied, left_out) = settings::left_out(&tried);
@@ -156,7 +156,7 @@ impl Results {
     fn track_to_solve<'r>(&'r self) -> Vec<Compared> {
         let [solve, track] = tables::RANGES;
         let of = |method| self.scores.iter().filter(move |score| score.method == method);
-        let pair = |score: &'r Score| {
+        let pair = |score: &'r MethodScore| {
             let solved = of(solve).find(|other| other.recording == score.recording);
             Some(Pair::with_other(score, solved?))
         };
@@ -165,7 +165,8 @@ impl Results {
 
     /// This version against an earlier one, at all sites.
     fn comparison<'r>(&'r self, earlier: &'r Earlier) -> Vec<Compared> {
-        let pair = |score: &'r Score| Some(Pair::with_earlier(score, earlier.blocks(&score.recording, &score.method)?));
+        let pair =
+            |score: &'r MethodScore| Some(Pair::with_earlier(score, earlier.blocks(&score.recording, &score.method)?));
         results::compare(self.scores.iter().filter_map(pair))
     }
 
@@ -207,7 +208,7 @@ impl Results {
 struct Document<'r> {
     recordings: Vec<RecordingFigures<'r>>,
     variations: &'r [Varied],
-    settings: &'r [LeftOut],
+    settings: &'r [LeftOutSite],
     track_to_solve: Vec<SiteRatio>,
     comparison: Vec<SiteRatio>,
     verdicts: Vec<MethodVerdict>,
@@ -224,8 +225,8 @@ struct RecordingFigures<'r> {
 }
 
 impl<'r> RecordingFigures<'r> {
-    fn of(score: &'r Score) -> Self {
-        let Score { site, recording, method, offset_s, figures, .. } = score;
+    fn of(score: &'r MethodScore) -> Self {
+        let MethodScore { site, recording, method, offset_s, figures, .. } = score;
         Self { site, recording, method, offset_s: *offset_s, figures: *figures }
     }
 }
@@ -238,7 +239,7 @@ struct SiteRatio {
     old_m: Option<f64>,
     log_ratio: Option<f64>,
     standard_error: Option<f64>,
-    outcome: accuracy::Outcome,
+    outcome: accuracy::SiteOutcome,
 }
 
 impl SiteRatio {
@@ -253,5 +254,5 @@ impl SiteRatio {
 struct MethodVerdict {
     method: String,
     #[serde(flatten)]
-    verdict: Verdict,
+    verdict: ChangeVerdict,
 }

@@ -1,6 +1,6 @@
 //! Positions of recorded ranges, as `baliza solve` and `baliza track` compute them, and their errors.
 
-use accuracy::Scored;
+use accuracy::ScoredEpoch;
 use analysis::Solver;
 use analysis::locate::time_offset::clocks;
 use analysis::locate::track::{Tracker, Weighting, settings};
@@ -21,7 +21,7 @@ pub fn join_truth(ranged: &mut Ranged, known_s: Option<f64>) -> f64 {
 }
 
 /// The position of each round by itself, and its error: as `baliza solve`, which makes rounds of single ranges.
-pub fn solve(ranged: &Ranged) -> Vec<Scored> {
+pub fn solve(ranged: &Ranged) -> Vec<ScoredEpoch> {
     let solver = Solver::new(&ranged.recording.anchors, ranged.setup);
     let rounds = round_s(&ranged.recording.epochs).map(|longest_s| rounds(&ranged.recording.epochs, longest_s));
     let epochs = rounds.as_ref().unwrap_or(&ranged.recording.epochs);
@@ -29,7 +29,7 @@ pub fn solve(ranged: &Ranged) -> Vec<Scored> {
 }
 
 /// The positions by the engine with settings that `change` changes, and their errors.
-pub fn track(ranged: &Ranged, change: impl FnOnce(&mut Settings<f32>)) -> Vec<Scored> {
+pub fn track(ranged: &Ranged, change: impl FnOnce(&mut Settings<f32>)) -> Vec<ScoredEpoch> {
     let mut settings = settings(&ranged.setup, Weighting::Weigh);
     change(&mut settings);
     let epochs = &ranged.recording.epochs;
@@ -39,11 +39,11 @@ pub fn track(ranged: &Ranged, change: impl FnOnce(&mut Settings<f32>)) -> Vec<Sc
 }
 
 /// The horizontal errors of the epochs with a known true position, in the order of time.
-fn scored(epochs: &Epochs, solved: &[Solved]) -> Vec<Scored> {
+fn scored(epochs: &Epochs, solved: &[Solved]) -> Vec<ScoredEpoch> {
     let order = by_time(epochs.times_s()).into_iter();
     let score = |(epoch, solved): (Epoch, &Solved)| {
         let (truth, position) = (epoch.truth?, solved.outcome.ok());
-        Some(Scored {
+        Some(ScoredEpoch {
             t_s: epoch.t_s,
             error_m: position.map(|position| position.place.horizontal_m(&truth)),
             normalised_square: position.map(|position| position.normalised_square(&truth)).filter(|s| s.is_finite()),

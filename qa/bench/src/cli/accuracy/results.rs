@@ -7,8 +7,8 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use accuracy::{
-    Block, Figures, LEAST_ANSWERED, LogRatio, Measure, Outcome, Scored, blocks, both_fixed, outcome, over_recordings,
-    ratio,
+    Block, Figures, LEAST_ANSWERED, LogRatio, Measure, ScoredEpoch, SiteOutcome, blocks, both_fixed, outcome,
+    over_recordings, ratio,
 };
 use anyhow::Result;
 use recording::{Table, UserError};
@@ -16,7 +16,7 @@ use recording::{Table, UserError};
 const COLUMNS: &str = "site,recording,method,offset_s,block,epochs,fixed,sum_m,sum_m2";
 
 /// One method on one recording.
-pub struct Score {
+pub struct MethodScore {
     /// The site.
     pub site: String,
     /// Whether the site is simulated.
@@ -32,14 +32,14 @@ pub struct Score {
     /// The figures.
     pub figures: Figures,
     /// The results of the epochs, in the order of time.
-    pub scored: Vec<Scored>,
+    pub scored: Vec<ScoredEpoch>,
     /// The blocks.
     pub blocks: Vec<Block>,
 }
 
-impl Score {
+impl MethodScore {
     /// The score of epochs in the order of time.
-    pub fn of([site, recording, method]: [&str; 3], measure: Measure, scored: Vec<Scored>) -> Self {
+    pub fn of([site, recording, method]: [&str; 3], measure: Measure, scored: Vec<ScoredEpoch>) -> Self {
         let [site, recording, method] = [site, recording, method].map(str::to_owned);
         let (figures, blocks) = (Figures::of(&scored), blocks(&scored));
         Self { site, simulated: false, recording, method, measure, offset_s: 0.0, figures, scored, blocks }
@@ -47,7 +47,7 @@ impl Score {
 }
 
 /// The file of `--out`: a row a block.
-pub fn to_csv(scores: &[Score]) -> String {
+pub fn to_csv(scores: &[MethodScore]) -> String {
     let mut text = format!("{COLUMNS}\n");
     // A name with a comma is quoted. Writing to a string cannot fail.
     let quoted = |name: &str| if name.contains(',') { format!("\"{name}\"") } else { name.to_owned() };
@@ -113,24 +113,24 @@ pub struct Compared {
     /// The geometric means of both errors over the recordings, new and old, metres.
     pub errors_m: [Option<f64>; 2],
     pub ratio: Option<LogRatio>,
-    pub outcome: Outcome,
+    pub outcome: SiteOutcome,
 }
 
 /// New and old blocks of a method on a recording, which are pairs, and the shares of epochs with a position.
 pub struct Pair<'s> {
-    pub new: &'s Score,
+    pub new: &'s MethodScore,
     pub blocks: [Cow<'s, [Block]>; 2],
     pub answered: [f64; 2],
 }
 
 impl<'s> Pair<'s> {
     /// Against the blocks of an earlier run.
-    pub fn with_earlier(new: &'s Score, old: &'s [Block]) -> Self {
+    pub fn with_earlier(new: &'s MethodScore, old: &'s [Block]) -> Self {
         Self { new, blocks: [new.blocks.as_slice().into(), old.into()], answered: [&new.blocks, old].map(answered) }
     }
 
     /// Against another method of the same run: only epochs where both have a position.
-    pub fn with_other(new: &'s Score, old: &'s Score) -> Self {
+    pub fn with_other(new: &'s MethodScore, old: &'s MethodScore) -> Self {
         let both = both_fixed(&new.scored, &old.scored).map(|scored| blocks(&scored).into());
         Self { new, blocks: both, answered: [&new.blocks, &old.blocks].map(|blocks| answered(blocks)) }
     }
@@ -164,7 +164,7 @@ pub fn compare<'s>(pairs: impl IntoIterator<Item = Pair<'s>>) -> Vec<Compared> {
 }
 
 fn compare_site(pairs: &[Pair]) -> Option<Compared> {
-    let Score { site, simulated, method, measure, .. } = pairs.first()?.new;
+    let MethodScore { site, simulated, method, measure, .. } = pairs.first()?.new;
     let ratios: Vec<_> = pairs.iter().filter_map(Pair::ratio).collect();
     let compared = || pairs.iter().filter(|pair| pair.ratio().is_some());
     let errors_m = [0, 1].map(|which: usize| {
@@ -184,18 +184,18 @@ pub fn geometric_mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use accuracy::{Measure, Outcome, Scored};
+    use accuracy::{Measure, ScoredEpoch, SiteOutcome};
 
-    use super::{Earlier, Pair, Score, compare, to_csv};
+    use super::{Earlier, MethodScore, Pair, compare, to_csv};
 
-    fn score(recording: &str, method: &str, error_m: f64) -> Score {
-        let epoch = |at| Scored {
+    fn score(recording: &str, method: &str, error_m: f64) -> MethodScore {
+        let epoch = |at| ScoredEpoch {
             t_s: Some(f64::from(at)),
             error_m: Some(error_m * (1.0 + 0.1 * f64::from(at % 3))),
             normalised_square: None,
         };
         let scored: Vec<_> = (0..30).map(epoch).collect();
-        Score { offset_s: 0.28, ..Score::of(["a, b", recording, method], Measure::Rmse, scored) }
+        MethodScore { offset_s: 0.28, ..MethodScore::of(["a, b", recording, method], Measure::Rmse, scored) }
     }
 
     #[test]
@@ -219,7 +219,7 @@ mod tests {
         // Half at one of two: √½.
         let ratio = site.ratio.expect("a ratio");
         assert!((ratio.value - 0.5 * 0.5_f64.ln()).abs() < 1e-9 && ratio.deviation < 1e-9, "{ratio:?}");
-        assert_eq!(site.outcome, Outcome::Better);
+        assert_eq!(site.outcome, SiteOutcome::Better);
     }
 
     #[test]

@@ -31,7 +31,7 @@ pub fn tried(ranged: &Ranged, default: &Figures, done: impl Fn()) -> Option<Trie
 
 /// The settings chosen for one site.
 #[derive(Debug, serde::Serialize)]
-pub struct LeftOut {
+pub struct LeftOutSite {
     pub site: String,
     /// The error with the default settings: a geometric mean over the site's recordings, metres.
     pub default_rmse_m: f64,
@@ -55,7 +55,7 @@ pub struct Varied {
 }
 
 /// The variations over all sites, and the choice for each site.
-pub fn left_out(tried: &[Tried]) -> (Vec<Varied>, Vec<LeftOut>) {
+pub fn left_out(tried: &[Tried]) -> (Vec<Varied>, Vec<LeftOutSite>) {
     let mut sites: Vec<&str> = Vec::new();
     for of in tried {
         if !sites.contains(&of.site.as_str()) {
@@ -77,7 +77,7 @@ pub fn left_out(tried: &[Tried]) -> (Vec<Varied>, Vec<LeftOut>) {
         worse: costs.iter().filter(|cost| **cost > 0.0).count(),
     });
     let chosen = choices(&costs);
-    let of = |(site, choice): (&&str, &accuracy::Choice)| LeftOut {
+    let of = |(site, choice): (&&str, &accuracy::Choice)| LeftOutSite {
         site: (*site).to_owned(),
         default_rmse_m: error_m(0, site),
         elsewhere: VARIATIONS[choice.elsewhere].0,

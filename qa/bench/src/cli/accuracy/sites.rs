@@ -90,7 +90,7 @@ pub fn simulated(case: &Case, seed: u64) -> Ranged {
     }
 }
 
-fn measured(range: &accuracy::prior::Range) -> Measured {
+fn measured(range: &accuracy::prior::CaseRange) -> Measured {
     let [received, first] = range.powers_dbm.map_or([f32::NAN; 2], |powers| powers.map(|dbm| dbm as f32));
     let mut features = Features::default();
     features.set(Feature::PowerDifference, received - first);

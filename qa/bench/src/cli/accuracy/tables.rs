@@ -2,17 +2,17 @@
 
 use std::fmt::Write as _;
 
-use accuracy::{Excursion, Figures, Outcome, Verdict, verdict};
+use accuracy::{ChangeVerdict, Excursion, Figures, SiteOutcome, verdict};
 use baliza_report::MarkdownTable;
 
-use super::results::{Compared, Score, geometric_mean};
-use super::settings::{LeftOut, Varied};
+use super::results::{Compared, MethodScore, geometric_mean};
+use super::settings::{LeftOutSite, Varied};
 
 /// The methods that recorded ranges go through.
 pub const RANGES: [&str; 2] = ["solve", "track"];
 
 /// A row a recording, and a row a group of simulated cases: the figures of solver and track.
-pub fn recordings(scores: &[Score]) -> String {
+pub fn recordings(scores: &[MethodScore]) -> String {
     let titles = ["RMSE (P90), m:", "inside 1σ; NEES; after 1 s:", "longest excursion:"];
     let titles = RANGES.into_iter().flat_map(|method| titles.map(|title| format!("`{method}`: {title}")));
     let mut table = MarkdownTable::new(["recording", "epochs:"].map(str::to_owned).into_iter().chain(titles));
@@ -28,7 +28,7 @@ pub fn recordings(scores: &[Score]) -> String {
 type Row<'s> = (String, [Option<Vec<&'s Figures>>; 2]);
 
 /// Rows in the order of the scores: the figures of both methods on one recording or on a group of cases.
-fn rows(scores: &[Score]) -> Vec<Row<'_>> {
+fn rows(scores: &[MethodScore]) -> Vec<Row<'_>> {
     let mut rows: Vec<Row<'_>> = Vec::new();
     for score in scores {
         let Some(method) = RANGES.iter().position(|method| *method == score.method) else { continue };
@@ -70,14 +70,14 @@ fn cells(figures: &Vec<&Figures>) -> String {
 }
 
 /// A row a recording of beacons, with all methods.
-pub fn beacons(scores: &[Score], methods: &[String]) -> String {
+pub fn beacons(scores: &[MethodScore], methods: &[String]) -> String {
     let titles = methods.iter().map(|method| format!("`{method}`: MAE (RMSE), m; NEES:"));
     let titles = ["recording", "epochs:"].map(str::to_owned).into_iter().chain(titles);
     let mut table = MarkdownTable::new(titles);
     let first = methods.first();
     for score in scores.iter().filter(|score| Some(&score.method) == first) {
         let cell = |method: &String| {
-            let same = |other: &&Score| {
+            let same = |other: &&MethodScore| {
                 [&other.site, &other.recording, &other.method] == [&score.site, &score.recording, method]
             };
             scores.iter().find(same).map_or_else(String::new, |score| {
@@ -119,16 +119,16 @@ pub fn comparison(compared: &[Compared], [new, old]: [&str; 2]) -> String {
     table.into_text()
 }
 
-fn word(outcome: Outcome) -> &'static str {
+fn word(outcome: SiteOutcome) -> &'static str {
     match outcome {
-        Outcome::Better => "better",
-        Outcome::Undecided => "",
-        Outcome::Worse => "worse",
+        SiteOutcome::Better => "better",
+        SiteOutcome::Undecided => "",
+        SiteOutcome::Worse => "worse",
     }
 }
 
 /// The verdict on each method, over all sites and over the recorded ones.
-pub fn verdicts(compared: &[Compared]) -> Vec<(String, [Verdict; 2])> {
+pub fn verdicts(compared: &[Compared]) -> Vec<(String, [ChangeVerdict; 2])> {
     let mut methods: Vec<&str> = Vec::new();
     for of in compared {
         if !methods.contains(&of.method.as_str()) {
@@ -143,7 +143,7 @@ pub fn verdicts(compared: &[Compared]) -> Vec<(String, [Verdict; 2])> {
 }
 
 /// The verdicts as text.
-pub fn verdict_lines(verdicts: &[(String, [Verdict; 2])]) -> String {
+pub fn verdict_lines(verdicts: &[(String, [ChangeVerdict; 2])]) -> String {
     let mut text = String::new();
     for (method, [all, recorded]) in verdicts {
         let counts = if all.counts { "the change counts" } else { "the change does not count" };
@@ -159,7 +159,7 @@ pub fn verdict_lines(verdicts: &[(String, [Verdict; 2])]) -> String {
 }
 
 /// A row a variation of the settings, and a row a site: the settings chosen without it.
-pub fn settings(varied: &[Varied], left_out: &[LeftOut]) -> String {
+pub fn settings(varied: &[Varied], left_out: &[LeftOutSite]) -> String {
     let mut variations = MarkdownTable::new(["settings", "RMSE ÷ default:", "sites better:", "worse:"]);
     for Varied { variation, ratio, better, worse } in varied {
         variations.row(format_args!("{variation} | {ratio:.3} | {better} | {worse}"));
@@ -173,7 +173,7 @@ pub fn settings(varied: &[Varied], left_out: &[LeftOut]) -> String {
         "RMSE, not to be believed, m:",
     ];
     let mut table = MarkdownTable::new(titles);
-    for LeftOut { site, default_rmse_m, elsewhere, elsewhere_rmse_m, here, here_rmse_m } in left_out {
+    for LeftOutSite { site, default_rmse_m, elsewhere, elsewhere_rmse_m, here, here_rmse_m } in left_out {
         table.row(format_args!(
             "{site} | {default_rmse_m:.3} | {elsewhere} | {elsewhere_rmse_m:.3} | {here} | ({here_rmse_m:.3})"
         ));
@@ -188,11 +188,11 @@ pub fn settings(varied: &[Varied], left_out: &[LeftOut]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use accuracy::{LogRatio, Outcome};
+    use accuracy::{LogRatio, SiteOutcome};
 
     use super::{Compared, comparison, verdict_lines, verdicts};
 
-    fn compared(site: &str, simulated: bool, outcome: Outcome) -> Compared {
+    fn compared(site: &str, simulated: bool, outcome: SiteOutcome) -> Compared {
         let ratio = Some(LogRatio { value: 0.5_f64.ln(), deviation: 0.05 });
         Compared {
             site: site.into(),
@@ -207,9 +207,9 @@ mod tests {
     #[test]
     fn the_verdict_says_at_how_many_sites_a_change_is_better() {
         let compared = [
-            compared("here", false, Outcome::Better),
-            compared("there", false, Outcome::Worse),
-            compared("drawn", true, Outcome::Better),
+            compared("here", false, SiteOutcome::Better),
+            compared("there", false, SiteOutcome::Worse),
+            compared("drawn", true, SiteOutcome::Better),
         ];
         let expected = "`track`: better at 2 of 3 sites (beyond one standard error), worse at 1; of 2 recorded ones better at \
                         1, worse at 1: the change counts.\n";

@@ -16,13 +16,14 @@ use positioning_core::engine::{self, Dimensions, Range};
 use positioning_core::locator::{self, Locator, Reception};
 use positioning_core::nlos::Features;
 
-use crate::fusion::{self, Channel, Fusion, ON_NODE, Observation, Settings, Sources};
-use world::{BELIEVED, Conditions, HALL_M, HEIGHT_M, Round};
+use crate::fusion::{self, ChannelModel, Fusion, FusionSettings, ON_NODE, Observation, Sources};
+use world::{BELIEVED, HALL_M, HEIGHT_M, HallConditions, WalkRound};
 
 pub use table::{sweep_to_markdown, to_markdown};
 
 /// Three anchors, one of them blocked, and five beacons.
-pub const BASE: Conditions = Conditions { anchors: 3, blocked: 1, range_sigma_m: 0.1, excess_m: 1.0, beacons: 5 };
+pub const BASE: HallConditions =
+    HallConditions { anchors: 3, blocked: 1, range_sigma_m: 0.1, excess_m: 1.0, beacons: 5 };
 /// Number of hypotheses on a desktop.
 pub const ON_HOST: usize = 64;
 /// Length of a walk, seconds.
@@ -62,7 +63,7 @@ impl Inputs {
 /// How positions are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Algorithm {
+pub enum FusionAlgorithm {
     /// The fusion with the number of hypotheses of a desktop.
     Fusion,
     /// The fusion with the number of hypotheses of a node.
@@ -71,16 +72,16 @@ pub enum Algorithm {
     Engine,
 }
 
-impl Algorithm {
+impl FusionAlgorithm {
     /// All, in the order of the table.
     pub const ALL: [Self; 3] = [Self::Fusion, Self::FusionOnNode, Self::Engine];
 }
 
 /// The errors of one algorithm under one choice of nodes.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Score {
+pub struct FusionScore {
     /// The algorithm.
-    pub algorithm: Algorithm,
+    pub algorithm: FusionAlgorithm,
     /// The nodes that were used.
     pub heard: Inputs,
     /// Root mean square error, metres; none without positions.
@@ -101,7 +102,7 @@ pub struct Score {
 type Found = ([f64; 2], [[f64; 2]; 2]);
 
 /// A score with the errors behind it, metres.
-pub type Scored = (Score, Vec<f64>);
+pub type Scored = (FusionScore, Vec<f64>);
 
 /// The fusion's errors under one set of conditions.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -130,7 +131,7 @@ pub struct Swept {
 pub fn run(walks: u32, seed: u64, progress: impl Fn()) -> Vec<Scored> {
     let drawn = draw(&BASE, walks, seed);
     let mut scores = Vec::new();
-    for algorithm in Algorithm::ALL {
+    for algorithm in FusionAlgorithm::ALL {
         for heard in Inputs::ALL {
             scores.push(score(algorithm, heard, &BASE, &drawn));
             progress();
@@ -141,10 +142,10 @@ pub fn run(walks: u32, seed: u64, progress: impl Fn()) -> Vec<Scored> {
 
 /// The conditions of the sweep: two to four anchors, with all in line of sight, with one blocked, with one badly
 /// blocked and much noise; few beacons and many.
-pub fn conditions() -> impl Iterator<Item = Conditions> {
+pub fn conditions() -> impl Iterator<Item = HallConditions> {
     [2, 3, 4].into_iter().flat_map(|anchors| {
         [(0, 0.1, 1.0), (1, 0.1, 1.0), (1, 0.3, 3.0)].into_iter().flat_map(move |(blocked, range_sigma_m, excess_m)| {
-            [3, 8].map(|beacons| Conditions { anchors, blocked, range_sigma_m, excess_m, beacons })
+            [3, 8].map(|beacons| HallConditions { anchors, blocked, range_sigma_m, excess_m, beacons })
         })
     })
 }
@@ -154,34 +155,34 @@ pub fn sweep(walks: u32, seed: u64, progress: impl Fn()) -> Vec<Swept> {
     conditions()
         .map(|conditions| {
             let drawn = draw(&conditions, walks, seed);
-            let scores = Inputs::ALL.map(|heard| score(Algorithm::Fusion, heard, &conditions, &drawn).0);
+            let scores = Inputs::ALL.map(|heard| score(FusionAlgorithm::Fusion, heard, &conditions, &drawn).0);
             progress();
             let rmse_m = [0, 1, 2].map(|heard| scores[heard].rmse_m);
             let [uwb, ble, both] = rmse_m;
-            let [.., Score { nees, inside_1_sigma, .. }] = scores;
+            let [.., FusionScore { nees, inside_1_sigma, .. }] = scores;
             let better = uwb.unwrap_or(f64::INFINITY).min(ble.unwrap_or(f64::INFINITY));
-            let Conditions { anchors, blocked, range_sigma_m, excess_m, beacons } = conditions;
+            let HallConditions { anchors, blocked, range_sigma_m, excess_m, beacons } = conditions;
             let ratio = both.map(|both| both / better);
             Swept { anchors, blocked, range_sigma_m, excess_m, beacons, rmse_m, ratio, nees, inside_1_sigma }
         })
         .collect()
 }
 
-fn draw(conditions: &Conditions, walks: u32, seed: u64) -> Vec<Vec<Round>> {
+fn draw(conditions: &HallConditions, walks: u32, seed: u64) -> Vec<Vec<WalkRound>> {
     (0..walks)
         .map(|walk| world::draw(conditions, SECONDS, seed.wrapping_mul(10_007).wrapping_add(walk.into())))
         .collect()
 }
 
-fn score(algorithm: Algorithm, heard: Inputs, conditions: &Conditions, walks: &[Vec<Round>]) -> Scored {
+fn score(algorithm: FusionAlgorithm, heard: Inputs, conditions: &HallConditions, walks: &[Vec<WalkRound>]) -> Scored {
     let mut errors = Vec::new();
     let mut squares = Vec::new();
     let mut rounds_counted = 0;
     for (walk, rounds) in walks.iter().enumerate() {
         let found = match algorithm {
-            Algorithm::Fusion => fused::<ON_HOST>(rounds, heard, conditions, walk as u64),
-            Algorithm::FusionOnNode => fused::<ON_NODE>(rounds, heard, conditions, walk as u64),
-            Algorithm::Engine => located(rounds, heard, conditions),
+            FusionAlgorithm::Fusion => fused::<ON_HOST>(rounds, heard, conditions, walk as u64),
+            FusionAlgorithm::FusionOnNode => fused::<ON_NODE>(rounds, heard, conditions, walk as u64),
+            FusionAlgorithm::Engine => located(rounds, heard, conditions),
         };
         for (round, found) in rounds.iter().zip(found).filter(|(round, _)| round.t_us >= BEGIN_US) {
             rounds_counted += 1;
@@ -194,7 +195,7 @@ fn score(algorithm: Algorithm, heard: Inputs, conditions: &Conditions, walks: &[
     }
     let figures = Statistics::of(&errors);
     let answers = errors.len() as f64;
-    let score = Score {
+    let score = FusionScore {
         algorithm,
         heard,
         rmse_m: figures.map(|figures| figures.rmse),
@@ -221,14 +222,19 @@ fn single(place: [f64; 3]) -> [f32; 3] {
 }
 
 /// The fusion's position for each round.
-fn fused<const H: usize>(rounds: &[Round], heard: Inputs, conditions: &Conditions, seed: u64) -> Vec<Option<Found>> {
-    let mut settings = Settings::indoors(HEIGHT_M as f32);
+fn fused<const H: usize>(
+    rounds: &[WalkRound],
+    heard: Inputs,
+    conditions: &HallConditions,
+    seed: u64,
+) -> Vec<Option<Found>> {
+    let mut settings = FusionSettings::indoors(HEIGHT_M as f32);
     settings.sources = heard.sources();
     settings.area = Some(area());
     settings.delay.noise = conditions.range_sigma_m as f32;
     settings.seed = seed;
     let mut fusion: Box<Fusion<f32, 2, H, NODES, STATES>> = Box::new(Fusion::new(settings));
-    let power = Channel::Power { at_1m: BELIEVED[0] as f32, exponent: BELIEVED[1] as f32 };
+    let power = ChannelModel::Power { at_1m: BELIEVED[0] as f32, exponent: BELIEVED[1] as f32 };
     rounds
         .iter()
         .map(|round| {
@@ -237,7 +243,7 @@ fn fused<const H: usize>(rounds: &[Round], heard: Inputs, conditions: &Condition
                 fusion.observe(t_us, &Observation { node: beacon as u16, place, channel: power, value: dbm as f32 });
             }
             for &(anchor, metres) in &round.ranges {
-                let (node, place, channel) = (anchor as u16, single(world::anchor_m(anchor)), Channel::range());
+                let (node, place, channel) = (anchor as u16, single(world::anchor_m(anchor)), ChannelModel::range());
                 fusion.observe(round.t_us, &Observation { node, place, channel, value: metres as f32 });
             }
             let estimate = fusion.step(round.t_us).ok()?;
@@ -247,7 +253,7 @@ fn fused<const H: usize>(rounds: &[Round], heard: Inputs, conditions: &Condition
 }
 
 /// The position of a tag's locator for each round.
-fn located(rounds: &[Round], heard: Inputs, conditions: &Conditions) -> Vec<Option<Found>> {
+fn located(rounds: &[WalkRound], heard: Inputs, conditions: &HallConditions) -> Vec<Option<Found>> {
     let engine = engine::Settings::track(Dimensions::Plane { height: HEIGHT_M as f32 });
     let [rssi_1m_dbm, path_loss_exponent] = BELIEVED.map(|believed| Some(believed as f32));
     let list = std::array::from_fn::<_, { world::MOST_BEACONS }, _>(|beacon| {
@@ -311,7 +317,7 @@ mod tests {
     fn beside_a_blocked_anchor_errors_stay_small_and_the_covariance_nearly_honest() {
         // Walks that were not used to choose constants.
         let drawn = draw(&BASE, 4, 1);
-        let both = score(Algorithm::FusionOnNode, Inputs::Both, &BASE, &drawn).0;
+        let both = score(FusionAlgorithm::FusionOnNode, Inputs::Both, &BASE, &drawn).0;
         assert!(both.rmse_m.is_some_and(|rmse| rmse < 0.6), "{both:?}");
         assert!(both.nees.is_some_and(|nees| nees < 6.0), "{both:?}");
         assert!(both.inside_1_sigma.is_some_and(|inside| (0.25..0.55).contains(&inside)), "{both:?}");
@@ -319,9 +325,10 @@ mod tests {
 
     #[test]
     fn beacons_help_where_one_of_three_anchors_is_badly_blocked() {
-        let conditions = Conditions { anchors: 3, blocked: 1, range_sigma_m: 0.3, excess_m: 3.0, beacons: 8 };
+        let conditions = HallConditions { anchors: 3, blocked: 1, range_sigma_m: 0.3, excess_m: 3.0, beacons: 8 };
         let drawn = draw(&conditions, 4, 1);
-        let [uwb, ble, both] = Inputs::ALL.map(|heard| score(Algorithm::Fusion, heard, &conditions, &drawn).0.rmse_m);
+        let [uwb, ble, both] =
+            Inputs::ALL.map(|heard| score(FusionAlgorithm::Fusion, heard, &conditions, &drawn).0.rmse_m);
         assert!(both < uwb && both < ble, "{both:?} {uwb:?} {ble:?}");
     }
 }

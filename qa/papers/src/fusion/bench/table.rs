@@ -2,9 +2,9 @@
 
 use baliza_report::MarkdownTable;
 
-use super::{Algorithm, Inputs, Scored, Swept};
+use super::{FusionAlgorithm, Inputs, Scored, Swept};
 
-impl Algorithm {
+impl FusionAlgorithm {
     /// The name in the table.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -106,15 +106,15 @@ pub fn sweep_to_markdown(rows: &[Swept]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Score;
+    use super::super::FusionScore;
     use super::*;
 
     #[test]
     fn both_are_compared_with_the_better_one() {
         let score = |heard, rmse_m| {
             let (mae_m, p90_m, nees, inside_1_sigma) = (rmse_m, rmse_m, Some(2.04), Some(0.394));
-            let algorithm = Algorithm::Fusion;
-            let score = Score { algorithm, heard, rmse_m, mae_m, p90_m, answered: 1.0, nees, inside_1_sigma };
+            let algorithm = FusionAlgorithm::Fusion;
+            let score = FusionScore { algorithm, heard, rmse_m, mae_m, p90_m, answered: 1.0, nees, inside_1_sigma };
             (score, Vec::new())
         };
         let text = to_markdown(&[

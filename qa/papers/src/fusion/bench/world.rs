@@ -63,7 +63,7 @@ const MARGIN_M: f64 = 1.0;
 
 /// The installed nodes and the errors of their measurements.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Conditions {
+pub struct HallConditions {
     /// Number of anchors, up to 4.
     pub anchors: usize,
     /// Number of blocked anchors: the last ones.
@@ -78,7 +78,7 @@ pub struct Conditions {
 
 /// One round.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Round {
+pub struct WalkRound {
     /// Its time, microseconds.
     pub t_us: u64,
     /// The tag's position, metres.
@@ -112,7 +112,7 @@ struct Beacon {
 }
 
 /// Draws a walk of this number of seconds.
-pub fn draw(conditions: &Conditions, seconds: u32, seed: u64) -> Vec<Round> {
+pub fn draw(conditions: &HallConditions, seconds: u32, seed: u64) -> Vec<WalkRound> {
     let random = &mut Pcg64Mcg::seed_from_u64(seed);
     let links: Vec<Link> = (0..conditions.anchors.min(ANCHORS_M.len()))
         .map(|anchor| Link {
@@ -159,13 +159,13 @@ pub fn draw(conditions: &Conditions, seconds: u32, seed: u64) -> Vec<Round> {
                 let lost = random.random_bool(RANGE_LOSS[usize::from(link.blocked)]);
                 (!lost).then_some((number, range))
             });
-            Round { t_us, at_m, ranges: ranges.collect(), powers }
+            WalkRound { t_us, at_m, ranges: ranges.collect(), powers }
         })
         .collect()
 }
 
 impl Link {
-    fn range(&self, random: &mut impl Rng, conditions: &Conditions, at_m: &[f64; 3], anchor_m: &[f64; 3]) -> f64 {
+    fn range(&self, random: &mut impl Rng, conditions: &HallConditions, at_m: &[f64; 3], anchor_m: &[f64; 3]) -> f64 {
         // The distribution function of a normal number makes it uniform, and the logarithm makes that exponential.
         let share = 0.5 * libm::erfc(self.field.at(&[at_m[0], at_m[1]]) / std::f64::consts::SQRT_2);
         let excess = -conditions.excess_m * share.max(f64::MIN_POSITIVE).ln();
@@ -196,11 +196,12 @@ mod tests {
     use super::*;
 
     /// Three anchors, one of them blocked, and five beacons.
-    const CONDITIONS: Conditions = Conditions { anchors: 3, blocked: 1, range_sigma_m: 0.1, excess_m: 1.0, beacons: 5 };
+    const CONDITIONS: HallConditions =
+        HallConditions { anchors: 3, blocked: 1, range_sigma_m: 0.1, excess_m: 1.0, beacons: 5 };
 
     #[test]
     fn the_errors_have_the_statistics_that_are_stated() {
-        let walks: Vec<Round> = (0..60).flat_map(|seed| draw(&CONDITIONS, 60, seed)).collect();
+        let walks: Vec<WalkRound> = (0..60).flat_map(|seed| draw(&CONDITIONS, 60, seed)).collect();
         let error = |of: usize| {
             let errors = walks.iter().flat_map(move |round| {
                 let ranges = round.ranges.iter().filter(move |(anchor, _)| *anchor == of);
