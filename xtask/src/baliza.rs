@@ -9,7 +9,6 @@ use std::sync::OnceLock;
 use anyhow::{Context, Result, ensure};
 use serde::de::DeserializeOwned;
 
-use crate::promises::Made;
 use crate::{cargo, printed, root, succeed, target_directory};
 
 /// The output of `baliza` with these arguments. The program is built before the first run, and each run is printed on
@@ -84,46 +83,48 @@ pub fn binary() -> Result<PathBuf> {
     Ok(PROGRAM.get_or_init(|| built).clone())
 }
 
-/// A recording: a folder in the one that `BALIZA_DATA` names, or beside the repository.
+/// A recording, or a file of one, in the folder that `BALIZA_DATA` names, or beside the repository.
 ///
 /// # Errors
 /// It does not exist.
 pub fn recording(name: &str) -> Result<PathBuf> {
     let folder = data().context("no folder of recordings (BALIZA_DATA, ../shared/data)")?.join(name);
-    ensure!(folder.is_dir(), "no recording {}", folder.display());
+    ensure!(folder.exists(), "no recording {}", folder.display());
     Ok(folder)
 }
 
-/// The folders with recorded ranges, anchors and true positions.
-pub fn ranges() -> Vec<PathBuf> {
-    let files = ["anchors.csv", "ranges.csv", "truth.csv"];
+/// The names of the recordings with ranges, anchors and true positions.
+pub fn ranges() -> Vec<String> {
     let entries =
         data().and_then(|folder| folder.read_dir().ok()).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut folders: Vec<_> = entries.filter(|folder| files.iter().all(|file| folder.join(file).is_file())).collect();
+    let mut folders: Vec<_> =
+        entries.filter(|folder| FILES.iter().all(|(_, file)| folder.join(file).is_file())).collect();
     folders.sort();
-    folders
+    folders.iter().filter_map(|folder| Some(folder.file_name()?.to_string_lossy().into_owned())).collect()
 }
 
-/// The arguments that name a folder's recorded ranges, anchors and true positions.
-pub fn files(folder: &Path) -> Vec<PathBuf> {
-    let options = [("--anchors", "anchors.csv"), ("--ranges", "ranges.csv"), ("--truth", "truth.csv")];
-    options.into_iter().flat_map(|(option, file)| [PathBuf::from(option), folder.join(file)]).collect()
-}
+/// The files of a recording of ranges, and the options that name them.
+const FILES: [(&str, &str); 3] = [("--anchors", "anchors.csv"), ("--ranges", "ranges.csv"), ("--truth", "truth.csv")];
 
-/// The name of a folder.
-pub fn name(folder: &Path) -> String {
-    folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-/// The table of `baliza bench NAME --seed 1`, and its picture, which is kept at this path.
+/// The arguments in a text. `DATA` is the folder of recordings and `DATA/FILE` a file there, `RANGES/NAME` the options
+/// with the files of a recording, and `OUT/FILE` a [`scratch`] file.
 ///
 /// # Errors
-/// The run fails.
-pub fn drawn(name: &str, picture: &str) -> Result<Made> {
-    let file = scratch("promised.svg")?;
-    let words = ["bench", name, "--seed", "1", "--plot"].map(PathBuf::from);
-    let table = baliza(words.into_iter().chain([file.clone()]))?;
-    Made::drawn(name, table, picture, &file)
+/// There is no such recording, or the folder of build outputs cannot be made.
+pub fn words(text: &str) -> Result<Vec<PathBuf>> {
+    let mut words = Vec::new();
+    for word in text.split_whitespace() {
+        match word.split_once('/').unwrap_or((word, "")) {
+            ("DATA", file) => words.push(recording(file)?),
+            ("OUT", file) => words.push(scratch(file)?),
+            ("RANGES", name) => {
+                let folder = recording(name)?;
+                words.extend(FILES.iter().flat_map(|(option, file)| [PathBuf::from(option), folder.join(file)]));
+            }
+            _ => words.push(word.into()),
+        }
+    }
+    Ok(words)
 }
 
 /// A file in the folder of build outputs, which one run writes and another reads.

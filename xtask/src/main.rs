@@ -1,16 +1,13 @@
 //! The project's own tasks: `cargo xtask --help`.
 
-mod accuracy;
 mod air;
 mod baliza;
-mod beacons;
 mod bench_boards;
 mod changelog;
 mod chip;
 mod ci;
 mod deny;
 mod dist;
-mod fingerprints;
 mod firmware;
 mod fuzz;
 mod network;
@@ -20,17 +17,15 @@ mod protocol;
 mod python;
 mod qemu;
 mod recipes;
-mod schemes;
 mod shape;
-mod simulation;
 mod sizes;
 mod soak;
 mod station;
+mod tables;
 mod target;
 mod test_programs;
 mod toolchain;
 mod tour;
-mod tracks;
 mod workspace;
 
 use std::path::{Path, PathBuf};

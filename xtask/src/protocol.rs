@@ -7,8 +7,7 @@ use std::process::Command;
 
 use anyhow::Result;
 
-use crate::baliza::{baliza, binary, data};
-use crate::promises::Made;
+use crate::baliza::{binary, data};
 use crate::succeed;
 
 /// The arguments of `cargo xtask accuracy`.
@@ -29,14 +28,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     // Files are named relative to the folder of the caller.
     succeed(Command::new(binary()?).args(command()).args(&arguments.arguments).current_dir(env::current_dir()?))
-}
-
-/// The table of the document.
-///
-/// # Errors
-/// The program cannot be built, or its run fails.
-pub fn made() -> Result<Made> {
-    Ok(Made::one("accuracy", baliza(command())?))
 }
 
 fn command() -> Vec<PathBuf> {

@@ -5,8 +5,8 @@ use std::fmt;
 use anyhow::{Context, Result};
 use serde_json::Value;
 
-use super::compare::{self, Difference};
-use super::file::{Figure, Promises, Reach, Table};
+use super::compare::{self, CellDifference};
+use super::file::{Figure, PromisedTable, Promises, Reach};
 use super::{Book, Promise, document, runs, sentences};
 
 /// A promise that does not hold, as one line.
@@ -66,7 +66,7 @@ impl Book<'_> {
         }
     }
 
-    fn check_tables(&self, table: &Table) -> Result<Vec<Failure>> {
+    fn check_tables(&self, table: &PromisedTable) -> Result<Vec<Failure>> {
         let made = self.make(table)?;
         let path = self.promises.path(&table.document)?;
         let mut failures = Vec::new();
@@ -77,7 +77,7 @@ impl Book<'_> {
                 let is_compared = !(self.quick && table.measured.contains(column));
                 is_compared.then(|| table.tolerance_percent(column))
             };
-            for Difference { row, column, promised, measured, why } in compare::tables(promised, text, &tolerance) {
+            for CellDifference { row, column, promised, measured, why } in compare::tables(promised, text, &tolerance) {
                 let place = [path.display().to_string(), name.clone(), row, column];
                 let place = place.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(", ");
                 failures.push(Failure::off(&place, &table.name, &promised, &measured, &why));
@@ -115,7 +115,7 @@ impl Book<'_> {
 }
 
 /// The reaches that a made table misses.
-pub fn reaches(promises: &Promises, table: &Table, text: &str) -> Vec<Failure> {
+pub fn reaches(promises: &Promises, table: &PromisedTable, text: &str) -> Vec<Failure> {
     let rows = compare::rows(text);
     let of_table = promises.reaches.iter().filter(|reach| reach.table == table.name);
     let missed = of_table.flat_map(|reach| {

@@ -2,7 +2,7 @@
 
 /// A cell or a sentence that is not as promised.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Difference {
+pub struct CellDifference {
     /// The row, and the column. Empty for a whole table or a sentence.
     pub row: String,
     pub column: String,
@@ -107,10 +107,10 @@ pub fn rows(table: &str) -> Vec<Vec<&str>> {
 }
 
 /// All that differs between a document's tables and the measured ones. Each column has its tolerance.
-pub fn tables(promised: &str, measured: &str, tolerance: ToleranceOf<'_>) -> Vec<Difference> {
+pub fn tables(promised: &str, measured: &str, tolerance: ToleranceOf<'_>) -> Vec<CellDifference> {
     let whole = |why: String| {
         let [row, column, promised, measured] = [const { String::new() }; 4];
-        vec![Difference { row, column, promised, measured, why }]
+        vec![CellDifference { row, column, promised, measured, why }]
     };
     let (old, new) = (rows(promised), rows(measured));
     let titles = |rows: &[Vec<&str>]| rows.first().map(|row| row.join(" | ")).unwrap_or_default();
@@ -131,7 +131,7 @@ pub fn tables(promised: &str, measured: &str, tolerance: ToleranceOf<'_>) -> Vec
             let Some(percent) = tolerance(column) else { continue };
             if let Some(why) = why(promised, measured, percent) {
                 let [row, column, promised, measured] = [row, column, promised, measured].map(str::to_owned);
-                differences.push(Difference { row, column, promised, measured, why });
+                differences.push(CellDifference { row, column, promised, measured, why });
             }
         }
     }

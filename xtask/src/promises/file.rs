@@ -24,7 +24,7 @@ pub struct Promises {
     pub documents: BTreeMap<String, PathBuf>,
     /// Tables.
     #[serde(rename = "table")]
-    pub tables: Vec<Table>,
+    pub tables: Vec<PromisedTable>,
     /// Single figures: in a sentence, or only with a reach.
     #[serde(rename = "figure")]
     pub figures: Vec<Figure>,
@@ -36,14 +36,14 @@ pub struct Promises {
 /// Tables that are made together.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Table {
+pub struct PromisedTable {
     /// The name on the command line, and between the marks of the document where `way` does not name others.
     pub name: String,
     /// The document.
     pub document: String,
     /// What makes it.
     #[serde(default)]
-    pub way: Way,
+    pub way: TableWay,
     /// About how long it takes, seconds.
     pub seconds: u32,
     /// Whether `--quick` includes it.
@@ -58,11 +58,13 @@ pub struct Table {
     /// Titles of columns that the machine's speed determines. `--quick` does not compare them.
     #[serde(default)]
     pub measured: BTreeSet<String>,
-    /// For [`Way::Runs`]: the title of the first column, the others, and the rows.
+    /// For [`TableWay::Prints`]: the picture that the runs draw with `--plot`. It is written, and not compared.
+    pub picture: Option<PathBuf>,
+    /// For [`TableWay::Runs`]: the title of the first column, the others, and the rows.
     #[serde(default)]
     pub first: String,
     #[serde(default)]
-    pub columns: Vec<Column>,
+    pub columns: Vec<PromisedColumn>,
     #[serde(default)]
     pub rows: Vec<Row>,
 }
@@ -70,10 +72,12 @@ pub struct Table {
 /// What makes a table.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "kebab-case")]
-pub enum Way {
+pub enum TableWay {
     /// A run of `baliza … --json` for each row.
     #[default]
     Runs,
+    /// The texts that runs of `baliza` print.
+    Prints(Vec<String>),
     /// Code of this program, by its name in `ways.rs`.
     Code(String),
 }
@@ -81,7 +85,7 @@ pub enum Way {
 /// A column of figures.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Column {
+pub struct PromisedColumn {
     pub title: String,
     /// The text with keys of the result in braces, such as `{p50_m:3}`. `None`: the rows have it, in `beside`.
     pub cell: Option<Template>,
@@ -180,8 +184,10 @@ impl Promises {
         for table in &self.tables {
             self.path(&table.document).with_context(|| format!("{FILE}: {}", table.name))?;
             match table.way {
-                Way::Runs => ensure!(!table.rows.is_empty(), "{FILE}: {} has no rows", table.name),
-                Way::Code(_) => ensure!(table.rows.is_empty(), "{FILE}: {} is made by code: no rows", table.name),
+                TableWay::Runs => ensure!(!table.rows.is_empty(), "{FILE}: {} has no rows", table.name),
+                TableWay::Prints(_) | TableWay::Code(_) => {
+                    ensure!(table.rows.is_empty(), "{FILE}: {} is made otherwise: no rows", table.name);
+                }
             }
         }
         for figure in &self.figures {
@@ -216,7 +222,7 @@ impl Promises {
     }
 }
 
-impl Table {
+impl PromisedTable {
     /// How far a cell of this column may be off, percent.
     pub fn tolerance_percent(&self, column: &str) -> f64 {
         self.tolerance_percent.get(column).copied().unwrap_or(TOLERANCE_PERCENT)

@@ -22,8 +22,8 @@ use anyhow::{Context, Result, bail, ensure};
 use crate::{baliza, root, toolchain};
 use check::Failure;
 pub use check::first_difference;
-use file::{Figure, Need, Promises, Table, Way};
-use runs::{Program, Runner};
+use file::{Figure, Need, PromisedTable, Promises, TableWay};
+use runs::{BuiltBaliza, Runner};
 pub use ways::Made;
 
 /// The arguments of `cargo xtask promises`.
@@ -62,8 +62,13 @@ pub fn remake(name: &str, made: &Made) -> Result<()> {
     let promises = Promises::read()?;
     let table =
         promises.tables.iter().find(|table| table.name == name).with_context(|| format!("no promise {name}"))?;
-    let mut book =
-        Book { promises: &promises, files: Files::of_repository(), runner: &Program, quick: false, keeps_speed: false };
+    let mut book = Book {
+        promises: &promises,
+        files: Files::of_repository(),
+        runner: &BuiltBaliza,
+        quick: false,
+        keeps_speed: false,
+    };
     let failures = book.print(table, Book::shown(made))?;
     ensure!(failures.is_empty(), "{}", failures.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"));
     Ok(())
@@ -71,7 +76,7 @@ pub fn remake(name: &str, made: &Made) -> Result<()> {
 
 /// What is to be made: tables or a figure.
 enum Promise<'p> {
-    Tables(&'p Table),
+    Tables(&'p PromisedTable),
     Figure(&'p Figure),
 }
 
@@ -136,7 +141,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let files = Files::of_repository();
     let (quick, keeps_speed) = (arguments.quick, arguments.program.is_some());
-    let mut book = Book { promises: &promises, files, runner: &Cached::new(&Program), quick, keeps_speed };
+    let mut book = Book { promises: &promises, files, runner: &Cached::new(&BuiltBaliza), quick, keeps_speed };
     let (mut failures, mut summary) = (Vec::new(), String::new());
     for (at, promise) in (1..).zip(&chosen) {
         let name = promise.name();
@@ -232,13 +237,14 @@ struct Book<'b> {
 
 impl Book<'_> {
     /// What a table's way makes; each table as documents show it.
-    fn make(&self, table: &Table) -> Result<Made> {
+    fn make(&self, table: &PromisedTable) -> Result<Made> {
         let made = match &table.way {
-            Way::Runs => {
+            TableWay::Runs => {
                 let text = runs::table(table, self.runner, |row| eprintln!("    {row}"))?;
                 Made::one(&table.name, text)
             }
-            Way::Code(name) => ways::make(name)?,
+            TableWay::Prints(arguments) => runs::printed(&table.name, arguments, table.picture.as_deref())?,
+            TableWay::Code(name) => ways::make(name)?,
         };
         if !self.quick {
             made.tables.iter().for_each(|(_, text)| println!("{text}"));
@@ -264,12 +270,12 @@ impl Book<'_> {
         }
     }
 
-    fn remake_tables(&mut self, table: &Table) -> Result<Vec<Failure>> {
+    fn remake_tables(&mut self, table: &PromisedTable) -> Result<Vec<Failure>> {
         self.print(table, self.make(table)?)
     }
 
     /// Writes what was made. Returns the reaches that are missed.
-    fn print(&mut self, table: &Table, made: Made) -> Result<Vec<Failure>> {
+    fn print(&mut self, table: &PromisedTable, made: Made) -> Result<Vec<Failure>> {
         let path = self.promises.path(&table.document)?;
         let mut failures = Vec::new();
         for (name, text) in &made.tables {

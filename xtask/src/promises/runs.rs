@@ -1,7 +1,8 @@
 //! Figures that a run of `baliza … --json` gives: templates of cells and sentences, filled with the keys of a result.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::fs;
+use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
@@ -9,11 +10,10 @@ use baliza_report::MarkdownTable;
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::file::Table;
+use super::Made;
+use super::file::PromisedTable;
 use crate::baliza;
 
-/// Stands for the folder of recordings at the beginning of an argument.
-pub const DATA: &str = "DATA/";
 /// The key of a result for simulated seconds per second of the clock.
 const SPEED: &str = "times_real_time";
 
@@ -27,16 +27,15 @@ pub trait Runner {
 }
 
 /// The program itself.
-pub struct Program;
+pub struct BuiltBaliza;
 
-impl Runner for Program {
+impl Runner for BuiltBaliza {
     fn results(&self, arguments: &str) -> Result<Vec<Value>> {
         // Built before any time is measured.
         baliza::binary()?;
-        let data = baliza::data().unwrap_or_default();
-        let word = |word: &str| word.strip_prefix(DATA).map_or_else(|| PathBuf::from(word), |file| data.join(file));
+        let words = baliza::words(arguments)?;
         let begun = Instant::now();
-        let mut results: Vec<Value> = baliza::json(arguments.split_whitespace().map(word).chain(["--json".into()]))?;
+        let mut results: Vec<Value> = baliza::json(words.into_iter().chain(["--json".into()]))?;
         let took_s = begun.elapsed().as_secs_f64();
         for result in results.iter_mut().filter_map(Value::as_object_mut) {
             if let Some(seconds) = result.get("seconds").and_then(Value::as_f64) {
@@ -60,12 +59,12 @@ pub enum Piece {
     /// As it is.
     Text(String),
     /// A key's value.
-    Key { key: String, format: Format },
+    Key { key: String, format: NumberFormat },
 }
 
 /// How a number is printed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Format {
+pub enum NumberFormat {
     /// With this number of digits after the point.
     Digits(usize),
     /// Times a hundred, and a percent sign.
@@ -84,9 +83,11 @@ impl TryFrom<String> for Template {
             let (inside, behind) = after.split_once('}').ok_or_else(|| format!("no closing brace after {{{after}"))?;
             let (key, format) = inside.split_once(':').ok_or_else(|| format!("no format in {{{inside}}}"))?;
             let format = match (format, format.strip_prefix("life ")) {
-                ("%", _) => Format::Percent,
-                (_, Some(mah)) => Format::Life(mah.parse().map_err(|_| format!("no charge in {{{inside}}}"))?),
-                (digits, None) => Format::Digits(digits.parse().map_err(|_| format!("no format in {{{inside}}}"))?),
+                ("%", _) => NumberFormat::Percent,
+                (_, Some(mah)) => NumberFormat::Life(mah.parse().map_err(|_| format!("no charge in {{{inside}}}"))?),
+                (digits, None) => {
+                    NumberFormat::Digits(digits.parse().map_err(|_| format!("no format in {{{inside}}}"))?)
+                }
             };
             pieces.extend((!before.is_empty()).then(|| Piece::Text(before.to_owned())));
             pieces.push(Piece::Key { key: key.to_owned(), format });
@@ -126,7 +127,7 @@ pub fn number(result: &Value, key: &str) -> Result<Option<f64>> {
     }
 }
 
-impl Format {
+impl NumberFormat {
     fn text(self, number: Option<f64>) -> String {
         let Some(number) = number else { return "–".to_owned() };
         match self {
@@ -164,7 +165,7 @@ pub fn chosen<'r>(results: &'r [Value], wanted: &BTreeMap<String, String>) -> Re
 ///
 /// # Errors
 /// A run fails, or its result lacks a key.
-pub fn table(of: &Table, runner: &dyn Runner, mut progress: impl FnMut(&str)) -> Result<String> {
+pub fn table(of: &PromisedTable, runner: &dyn Runner, mut progress: impl FnMut(&str)) -> Result<String> {
     let titles = of.columns.iter().map(|column| format!("{}:", column.title));
     let mut table = MarkdownTable::new(std::iter::once(of.first.clone()).chain(titles));
     for row in &of.rows {
@@ -180,6 +181,25 @@ pub fn table(of: &Table, runner: &dyn Runner, mut progress: impl FnMut(&str)) ->
         table.row(format_args!("{} | {}", row.title, cells.join(" | ")));
     }
     Ok(table.into_text())
+}
+
+/// The texts that runs print, as one table with its picture.
+///
+/// # Errors
+/// A run fails, or the picture cannot be read.
+pub fn printed(name: &str, arguments: &[String], picture: Option<&Path>) -> Result<Made> {
+    let drawn = baliza::scratch("promised.svg")?;
+    let mut texts = Vec::new();
+    for arguments in arguments {
+        let plot = picture.map(|_| ["--plot".into(), drawn.clone()]);
+        texts.push(baliza::baliza(baliza::words(arguments)?.into_iter().chain(plot.into_iter().flatten()))?);
+    }
+    let mut made = Made::one(name, texts.join("\n"));
+    if let Some(picture) = picture {
+        let text = fs::read_to_string(&drawn).with_context(|| format!("cannot read {}", drawn.display()))?;
+        made.pictures.push((picture.to_owned(), text));
+    }
+    Ok(made)
 }
 
 #[cfg(test)]

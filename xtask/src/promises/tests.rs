@@ -19,7 +19,7 @@ fn every_promise_has_its_place_and_its_way() {
         let page = read(promises.path(&table.document).expect("in [documents]"));
         let missing = document::table(&page, &table.name).is_err() && !unmarked(&table.name);
         assert!(!missing, "{} has no place for {}", table.document, table.name);
-        if let Way::Code(name) = &table.way {
+        if let TableWay::Code(name) = &table.way {
             assert!(ways::is_there(name), "{} is made by {name}, which is not there", table.name);
         }
     }
@@ -42,8 +42,13 @@ fn quick_promises_take_two_minutes_at_most() {
 fn the_list_of_checks_is_that_of_ci() {
     let promises = Promises::read().expect("promises.toml");
     let table = promises.tables.iter().find(|table| table.name == "checks").expect("a promise");
-    let book =
-        Book { promises: &promises, files: Files::of_repository(), runner: &Program, quick: true, keeps_speed: false };
+    let book = Book {
+        promises: &promises,
+        files: Files::of_repository(),
+        runner: &BuiltBaliza,
+        quick: true,
+        keeps_speed: false,
+    };
     assert_eq!(book.check(&Promise::Tables(table)).expect("a list"), []);
 }
 

@@ -4,9 +4,8 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 
-use crate::{
-    accuracy, air, beacons, ci, fingerprints, firmware, onchip, protocol, schemes, simulation, station, tour, tracks,
-};
+use crate::tables::{beacons, fingerprints, recordings, scenarios, schemes};
+use crate::{air, ci, firmware, onchip, station, tour};
 
 /// What a way has made.
 #[derive(Clone, Debug, Default)]
@@ -37,15 +36,6 @@ impl Made {
     pub fn file(path: &str, text: String) -> Self {
         Self { files: vec![(path.into(), text)], ..Self::default() }
     }
-
-    /// One table with its picture, which a run has drawn into a file of its own.
-    ///
-    /// # Errors
-    /// The drawn file cannot be read.
-    pub fn drawn(name: &str, table: String, picture: &str, drawn: &PathBuf) -> Result<Self> {
-        let text = std::fs::read_to_string(drawn).with_context(|| format!("cannot read {}", drawn.display()))?;
-        Ok(Self { pictures: vec![(picture.into(), text)], ..Self::one(name, table) })
-    }
 }
 
 /// A way: its name, and what makes the tables.
@@ -58,22 +48,14 @@ const WAYS: &[Way] = &[
     ("chip", onchip::made),
     ("costs", onchip::costs),
     ("air", air::compared),
-    ("schemes", schemes::compared),
-    ("scenarios", simulation::scenarios),
-    ("thesis", accuracy::thesis),
-    ("recordings", accuracy::recorded),
-    ("tracks", tracks::recorded),
-    ("accuracy", protocol::made),
-    ("garcia", tracks::garcia),
-    ("barral", tracks::barral),
-    ("fusion", tracks::fusion),
-    ("sweep", tracks::sweep),
-    ("nlos", accuracy::sight),
-    ("linde", beacons::linde),
+    ("schemes", schemes),
+    ("scenarios", scenarios::made),
+    ("recordings", recordings::solved),
+    ("tracks", recordings::tracked),
     ("beacons", beacons::by_path_loss),
     ("fingerprints", fingerprints::comparisons),
     ("station", station::bench::made),
-    ("rooms", accuracy::rooms),
+    ("rooms", recordings::rooms),
     ("walls", fingerprints::barriers),
     ("maps", fingerprints::maps),
     ("page", station::bench::page),

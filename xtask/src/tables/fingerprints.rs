@@ -1,25 +1,14 @@
 //! Accuracy of comparisons with fingerprints: runs `baliza ble fingerprint` and `baliza ble map` on recorded surveys,
 //! and makes tables of the results.
 
-use baliza_report::MarkdownTable;
 use std::collections::BTreeMap;
-use std::ffi::OsString;
 
 use anyhow::{Context, Result};
-use serde::Deserialize;
-use serde::de::DeserializeOwned;
+use baliza_report::MarkdownTable;
 
-use crate::baliza::{json, recording, scratch};
+use super::{Score, number};
+use crate::baliza::{json, words};
 use crate::promises::Made;
-
-/// One method, as `baliza ble fingerprint --json` prints it; `ble map` prints only the errors.
-#[derive(Clone, Debug, Deserialize)]
-struct Score {
-    #[serde(default)]
-    method: String,
-    mae_m: Option<f64>,
-    rmse_m: Option<f64>,
-}
 
 /// One column each: a title, the recording, and the arguments; `{` is replaced by the recording's folder.
 const COLUMNS: [(&str, &str, &str); 6] = [
@@ -60,7 +49,7 @@ pub fn comparisons() -> Result<Made> {
     let mut table = MarkdownTable::new(["MAE (RMSE), m", "the thesis:"].into_iter().map(String::from).chain(titles));
     let mut scores: Vec<BTreeMap<String, String>> = Vec::new();
     for (_, folder, arguments) in COLUMNS {
-        let rows: Vec<Score> = run("fingerprint --kernel all --json", folder, arguments)?;
+        let rows = run("fingerprint --kernel all --json", folder, arguments)?;
         // The name of a method with the particle filter shows that.
         let named = rows.iter().map(|row| (row.method.trim_start_matches("fp_").to_owned(), cell(row)));
         scores.push(named.collect());
@@ -86,7 +75,7 @@ pub fn barriers() -> Result<Made> {
     for kernel in ["gp-walk", "gp --particle-filter", "knn --weighted --particle-filter"] {
         let command = format!("fingerprint --json --hold-out 5 --block 100 --kernel {kernel}");
         let score = |walls| -> Result<String> {
-            let rows: Vec<Score> = run(&command, walk, walls)?;
+            let rows = run(&command, walk, walls)?;
             Ok(cell(rows.first().context("no score")?))
         };
         let (open, walled) = (score("")?, score("--walls {walls.csv")?);
@@ -101,7 +90,6 @@ pub fn barriers() -> Result<Made> {
 /// A run of `baliza` fails.
 pub fn maps() -> Result<Made> {
     let mut table = MarkdownTable::new(["recording", "known beside", "MAE of the others (RMSE), m"]);
-    let out = scratch("few.map")?;
     for (folder, known, points) in MAPS {
         let beside = match known.matches("--").count() {
             0 => "nothing",
@@ -109,8 +97,8 @@ pub fn maps() -> Result<Made> {
             _ => "the beacons' places, walls",
         };
         let cells = points.map(|count| {
-            let map = format!("map --survey-points {count} --json --out {}", out.display());
-            let scores: Vec<Score> = run(&map, folder, known)?;
+            let map = format!("map --survey-points {count} --json --out OUT/few.map");
+            let scores = run(&map, folder, known)?;
             Ok(format!("{count} points: {}", cell(scores.first().context("no score")?)))
         });
         let cells = cells.into_iter().collect::<Result<Vec<_>>>()?;
@@ -120,19 +108,13 @@ pub fn maps() -> Result<Made> {
 }
 
 /// The output of `baliza ble` for a recording's survey.
-fn run<T: DeserializeOwned>(command: &str, folder: &str, arguments: &str) -> Result<Vec<T>> {
-    let folder = recording(folder)?;
-    let argument = |word: &str| match word.strip_prefix('{') {
-        Some(file) => folder.join(file).into_os_string(),
-        None => OsString::from(word),
-    };
-    let words = format!("ble {command} --fingerprints {{fingerprints.csv {arguments}");
-    json(words.split_whitespace().map(argument))
+fn run(command: &str, folder: &str, arguments: &str) -> Result<Vec<Score>> {
+    let run = format!("ble {command} --fingerprints {{fingerprints.csv {arguments}");
+    json(words(&run.replace('{', &format!("DATA/{folder}/")))?)
 }
 
 fn cell(score: &Score) -> String {
-    let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.2}"));
-    format!("{} ({})", number(score.mae_m), number(score.rmse_m))
+    format!("{} ({})", number(score.mae_m, 2), number(score.rmse_m, 2))
 }
 
 #[cfg(test)]

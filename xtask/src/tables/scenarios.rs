@@ -1,4 +1,4 @@
-//! Tags among anchors and beacons: runs `baliza simulate` with several seeds, and makes a table of the errors.
+//! Tags among anchors and beacons: `baliza simulate` with several seeds.
 
 use anyhow::Result;
 use baliza_report::MarkdownTable;
@@ -41,7 +41,7 @@ const SEEDS: [&str; 3] = ["1", "2", "3"];
 ///
 /// # Errors
 /// A run of `baliza` fails.
-pub fn scenarios() -> Result<Made> {
+pub fn made() -> Result<Made> {
     let mut table = MarkdownTable::new(["scenario", "positions a second:", "by anchors:", "by beacons:"]);
     for [file, what] in SCENARIOS {
         let path = format!("examples/{file}");
