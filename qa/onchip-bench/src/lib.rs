@@ -6,19 +6,22 @@
 //! the feature `image` it also has what the images share with each other: the `instrument` that counts instructions and
 //! stack.
 //!
-//! An image prints lines of words, separated by blanks. Numbers for comparison are the bits of an `f32` in hexadecimal:
+//! An image prints lines of words. A call has the words that name it, the instructions and the bytes of stack that it
+//! takes, and its results: the bits of an `f32` each, in hexadecimal.
 //!
 //! ```text
-//! calibration NAME INSTRUCTIONS                                  a stretch of 1000 instructions: the counter's check
-//! solve METHOD DIMS ANCHORS EPOCH INSTRUCTIONS STACK fix X Y [Z]
-//! solve METHOD DIMS ANCHORS EPOCH INSTRUCTIONS STACK none REASON
-//! root LIBRARY ARGUMENT INSTRUCTIONS ROOT
-//! step VARIANT ROOT_OF INSTRUCTIONS STACK X Y
-//! engine WHAT DIMS ANCHORS INSTRUCTIONS STACK X Y Z
-//! nlos WHAT INSTRUCTIONS STACK VALUE
-//! beacons WHAT INSTRUCTIONS STACK VALUE
-//! cost WHAT INSTRUCTIONS                                         a mean: a row of `sim/src/costs.csv`
-//! done                                                           nothing is missing
+//! calibration NAME INSTRUCTIONS                     a stretch of 1000 instructions: the counter's check
+//! solve METHOD DIMS ANCHORS EPOCH : INSTRUCTIONS STACK : X Y [Z]
+//! solve METHOD DIMS ANCHORS EPOCH REASON : INSTRUCTIONS STACK :
+//! root LIBRARY ARGUMENT : INSTRUCTIONS STACK : ROOT
+//! step VARIANT ROOT_OF : INSTRUCTIONS STACK : X Y
+//! frame NAME BYTES : INSTRUCTIONS STACK :
+//! engine WHAT DIMS ANCHORS : INSTRUCTIONS STACK : X Y Z
+//! nlos WHAT : INSTRUCTIONS STACK : VALUE
+//! beacons WHAT : INSTRUCTIONS STACK : VALUE
+//! range PEER METRES                                 of the round of frames
+//! cost WHAT INSTRUCTIONS                            a mean: a row of `sim/src/costs.csv`
+//! done                                              nothing is missing
 //! ```
 #![no_std]
 #![deny(unsafe_code)]

@@ -7,9 +7,9 @@ pub struct CallBudget {
     pub method: Method,
     pub dims: usize,
     pub anchors: usize,
-    pub instructions: u32,
+    pub instructions: u64,
     /// Bytes.
-    pub stack: usize,
+    pub stack: u64,
 }
 
 /// Budgets of calls.
@@ -30,6 +30,13 @@ pub const BEACONS: [(&str, &str, u64); 5] = [
     ("lattice", "the posterior over 200 points, 12 beacons", 120_000),
     ("walk", "a step of the walk over them", 600_000),
 ];
+
+/// Budget of the engine's step with one range, instructions, with [`ENGINE_LINKS`] tracked links.
+pub const ENGINE_INSTRUCTIONS: u64 = 6_000;
+/// Budget of its stack, bytes.
+pub const ENGINE_STACK: u64 = 1_536;
+/// Number of links of the budget.
+pub const ENGINE_LINKS: u16 = 8;
 
 /// Budget of the code of all methods together in the plane, bytes.
 pub const ALL_METHODS_2D: u64 = 24 * 1024;

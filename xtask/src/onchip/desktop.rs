@@ -1,87 +1,112 @@
 //! The same samples through the same code on the desktop.
 
 use anyhow::{Result, ensure};
-use onchip_bench::cases::{ANCHORS, DrawnEpoch, EPOCHS};
+use onchip_bench::cases::{self, DrawnEpoch, EPOCHS};
+use onchip_bench::walk::{self, WARM_UP, WalkStep, walk};
 use onchip_bench::{beacons, response, rooms};
 use positioning_core::nlos::Feature;
 use positioning_core::{Constraints, Method, solve};
 
-use super::printed::{Call, Printed, Solve};
+use super::printed::Printed;
+
+/// A call by its words, with its results.
+type Call = (String, Vec<f32>);
 
 /// The greatest accepted difference between chip and desktop, metres.
 const TOLERANCE_M: f32 = 1.0e-3;
+/// The same for the engine, whose errors of rounding add up from step to step.
+const ENGINE_TOLERANCE_M: f32 = 5.0e-3;
+/// The greatest accepted difference of a probability.
+const TOLERANCE_P: f32 = 1.0e-4;
 
-/// Compares every answer of the chip with the desktop's, and returns the greatest distance, metres.
+/// Compares every result of the chip with the desktop's, and returns the greatest distance between solvers' positions,
+/// metres.
 ///
 /// # Errors
-/// The distance is too great, only one of them has a position, or the chip left a case out.
+/// A result differs by more than its tolerance, or is missing.
 pub fn compare(chip: &Printed) -> Result<f32> {
+    same(chip, "nlos ", &sights(), TOLERANCE_P)?;
+    same(chip, "beacons ", &of_beacons(), TOLERANCE_M)?;
+    same(chip, "engine ", &of_engine(), ENGINE_TOLERANCE_M)?;
+    same(chip, "solve ", &solves(), TOLERANCE_M)
+}
+
+/// Compares the calls whose words begin alike, and returns the greatest distance.
+fn same(chip: &Printed, begin: &str, here: &[Call], tolerance: f32) -> Result<f32> {
+    let there: Vec<_> = chip.calls(begin).map(|(_, call)| call).collect();
+    ensure!(there.len() == here.len(), "the chip made {} of {} calls of {begin}", there.len(), here.len());
     let mut greatest = 0.0_f32;
-    let mut seen = Vec::new();
-    for case in &chip.solves {
-        let here = match case.dims {
-            2 => answer::<2>(case),
-            _ => answer::<3>(case),
-        };
-        let distance = match (&case.answer, &here) {
-            (Ok(there), Ok(here)) => there.iter().zip(here).map(|(t, h)| (t - h).powi(2)).sum::<f32>().sqrt(),
-            (Err(there), Err(here)) if there == here => 0.0,
-            (Ok(_), Err(_)) | (Err(_), Ok(_)) | (Err(_), Err(_)) => f32::INFINITY,
-        };
-        ensure!(distance <= TOLERANCE_M, "chip and desktop disagree: {case:?}, here {here:?}");
+    for (there, (words, results)) in there.into_iter().zip(here) {
+        let distance = there.results.iter().zip(results).map(|(t, h)| (t - h).powi(2)).sum::<f32>().sqrt();
+        let is_same = there.words == *words && there.results.len() == results.len() && distance <= tolerance;
+        ensure!(is_same, "chip and desktop disagree: {there:?}, here {words} {results:?}");
         greatest = greatest.max(distance);
-        seen.push((case.method.as_str(), case.dims, case.anchors, case.epoch));
     }
-    seen.sort_unstable();
-    seen.dedup();
-    let cases = Method::ALL.len() * 2 * ANCHORS.len() * EPOCHS as usize;
-    ensure!(seen.len() == cases, "the chip solved {} of {cases} cases", seen.len());
     Ok(greatest)
 }
 
-/// Compares the features and every probability of the chip with the desktop's.
-///
-/// # Errors
-/// A value differs or is missing.
-pub fn compare_sight(chip: &Printed) -> Result<()> {
-    let features = response::features(&response::response());
-    let mut here = vec![("features".to_owned(), features.get(Feature::SkewnessNear))];
-    response::for_each_classifier(&mut |name, classifier| {
-        here.push((name.to_owned(), classifier.nlos_probability(&features)));
-    });
-    let same = |(there, (what, value)): (&Call, &(String, Option<f32>))| {
-        there.what == *what && value.is_some_and(|value| (value - there.value).abs() <= 1.0e-4)
-    };
-    let all = chip.sights.len() == here.len() && chip.sights.iter().zip(&here).all(same);
-    ensure!(all, "chip and desktop disagree: {:?}, here {here:?}", chip.sights);
-    Ok(())
+fn solves() -> Vec<Call> {
+    let mut calls = Vec::new();
+    for method in Method::ALL {
+        for anchors in cases::ANCHORS {
+            for number in 0..EPOCHS {
+                calls.push(solved::<2>(method, anchors, number));
+                calls.push(solved::<3>(method, anchors, number));
+            }
+        }
+    }
+    calls
 }
 
-/// Compares the chip's results of the functions on the RSSI of beacons with the desktop's.
-///
-/// # Errors
-/// A value differs or is missing.
-pub fn compare_beacons(chip: &Printed) -> Result<()> {
-    struct Here(Vec<(String, f32)>);
+fn solved<const D: usize>(method: Method, anchors: usize, number: u32) -> Call {
+    let epoch = DrawnEpoch::<D>::new(anchors, number);
+    let words = format!("solve {method} {D} {anchors} {number}");
+    match solve(method, epoch.samples(), &Constraints::default()) {
+        Ok(fix) => (words, fix.position.to_vec()),
+        Err(reason) => (format!("{words} {reason}"), Vec::new()),
+    }
+}
+
+fn sights() -> Vec<Call> {
+    let features = response::features(&response::response());
+    let number = |value: Option<f32>| vec![value.unwrap_or(f32::NAN)];
+    let mut calls = vec![("nlos features".to_owned(), number(features.get(Feature::SkewnessNear)))];
+    response::for_each_classifier(&mut |name, classifier| {
+        calls.push((format!("nlos {name}"), number(classifier.nlos_probability(&features))));
+    });
+    calls
+}
+
+fn of_beacons() -> Vec<Call> {
+    struct Here(Vec<Call>);
     impl beacons::Measure for Here {
         fn call<S: Clone>(&mut self, what: &str, state: &S, call: impl Fn(&mut S) -> f32) {
-            self.0.push((what.to_owned(), call(&mut state.clone())));
+            self.0.push((format!("beacons {what}"), vec![call(&mut state.clone())]));
         }
     }
     let mut here = Here(Vec::new());
     beacons::for_each(&mut here);
     rooms::for_each(&mut here);
-    let same = |(there, (what, value)): (&Call, &(String, f32))| {
-        there.what == *what && (value - there.value).abs() <= TOLERANCE_M
-    };
-    let all = chip.beacons.len() == here.0.len() && chip.beacons.iter().zip(&here.0).all(same);
-    ensure!(all, "chip and desktop disagree: {:?}, here {:?}", chip.beacons, here.0);
-    Ok(())
+    here.0
 }
 
-fn answer<const D: usize>(case: &Solve) -> Result<Vec<f32>, String> {
-    let epoch = DrawnEpoch::<D>::new(case.anchors, case.epoch);
-    solve(case.method, epoch.samples(), &Constraints::default())
-        .map(|fix| fix.position.to_vec())
-        .map_err(|reason| reason.to_string())
+fn of_engine() -> Vec<Call> {
+    let mut calls = Vec::new();
+    for space in [false, true] {
+        for anchors in walk::ANCHORS {
+            let warm_up = WARM_UP * (u32::from(anchors) + 1);
+            let mut count = 0;
+            walk(anchors, space, |engine, step, now, measurement| {
+                count += 1;
+                let output = engine.step(now, measurement);
+                if count > warm_up || step == WalkStep::Start {
+                    let position = output.fix.map_or([f32::NAN; 3], |fix| fix.position);
+                    let dims = if space { 3 } else { 2 };
+                    calls.push((format!("engine {} {dims} {anchors}", step.as_str()), position.to_vec()));
+                }
+                output
+            });
+        }
+    }
+    calls
 }

@@ -5,7 +5,6 @@
 mod budget;
 mod costs;
 mod desktop;
-mod engine;
 mod printed;
 mod size;
 mod tables;
@@ -45,7 +44,7 @@ pub fn made() -> Result<Made> {
         ("frames", measured.iter().map(tables::frames).collect::<Result<_>>()?),
         ("sight on the chip", tables::sight(&measured)?),
         ("beacons on the chip", tables::beacons(&measured)?),
-        ("engine", measured.iter().map(engine::table).collect()),
+        ("engine", measured.iter().map(tables::engine).collect()),
         ("libraries", measured.iter().map(tables::algebra).collect::<Result<_>>()?),
         ("budgets", budgets),
     ];
@@ -56,9 +55,6 @@ fn measure(chip: Chip) -> Result<Measured> {
     let toolchain = Toolchain::find(chip.target())?;
     let printed = run(&toolchain, chip, "methods", "image,methods")?;
     let disagreement_m = desktop::compare(&printed)?;
-    desktop::compare_sight(&printed)?;
-    desktop::compare_beacons(&printed)?;
-    engine::compare(&printed.engine)?;
     let sizes = Sizes::measure(&toolchain)?;
     let compiler = toolchain.version().unwrap_or_default();
     Ok(Measured { chip, compiler, printed, sizes, disagreement_m })

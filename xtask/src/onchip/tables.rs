@@ -3,12 +3,13 @@
 use anyhow::{Context, Result, ensure};
 use baliza_report::MarkdownTable;
 use onchip_bench::cases::ANCHORS;
-use onchip_bench::{cases, step};
+use onchip_bench::{cases, step, walk};
 use positioning_core::Method;
 
-use super::budget::{ALL_METHODS_2D, BEACONS, CALLS, FEATURES};
-use super::printed::Call;
-use super::{Measured, engine};
+use super::Measured;
+use super::budget::{
+    ALL_METHODS_2D, BEACONS, CALLS, CallBudget, ENGINE_INSTRUCTIONS, ENGINE_LINKS, ENGINE_STACK, FEATURES,
+};
 use crate::chip::Chip;
 
 /// Every method with every number of anchors.
@@ -26,9 +27,9 @@ pub fn costs(measured: &Measured) -> String {
         let (first, last) = ([format!("method, {dims}D")], ["code, bytes:".to_owned()]);
         let mut table = MarkdownTable::new(first.into_iter().chain(instructions).chain(stack).chain(last));
         for method in Method::ALL {
-            let worst = ANCHORS.map(|anchors| measured.printed.worst(method, dims, anchors));
-            let instructions = worst.map(|(instructions, _)| grouped(u64::from(instructions))).join(" | ");
-            let stack = worst.map(|(_, stack)| grouped(stack as u64)).join(" | ");
+            let worst = ANCHORS.map(|anchors| measured.printed.worst(&format!("solve {method} {dims} {anchors} ")));
+            let instructions = worst.map(|(instructions, _)| grouped(instructions)).join(" | ");
+            let stack = worst.map(|(_, stack)| grouped(stack)).join(" | ");
             let code = measured.sizes.of(method, dims).map_or_else(String::new, grouped);
             table.row(format_args!("`{method}` | {instructions} | {stack} | {code}"));
         }
@@ -53,26 +54,23 @@ pub fn budgets(measured: &[Measured]) -> Result<(String, bool)> {
         within &= figure <= budget;
         table.row(format_args!("{what} | {} | {} | {verdict}", grouped(figure), grouped(budget)));
     };
-    for budget in &CALLS {
-        let case = format!("`{}`, {} anchors, {}D", budget.method, budget.anchors, budget.dims);
-        let (instructions, stack) = chip.printed.worst(budget.method, budget.dims, budget.anchors);
-        row(format!("{case}: instructions"), u64::from(instructions), u64::from(budget.instructions));
-        row(format!("{case}: bytes of stack"), stack as u64, budget.stack as u64);
+    for CallBudget { method, dims, anchors, instructions: most, stack: most_stack } in CALLS {
+        let case = format!("`{method}`, {anchors} anchors, {dims}D");
+        let (instructions, stack) = chip.printed.worst(&format!("solve {method} {dims} {anchors} "));
+        row(format!("{case}: instructions"), instructions, most);
+        row(format!("{case}: bytes of stack"), stack, most_stack);
     }
-    let features = chip.printed.sights.iter().find(|sight| sight.what == "features").context("no features")?;
-    row(
-        "features of an impulse response of 152 samples: instructions".to_owned(),
-        features.instructions.into(),
-        FEATURES,
-    );
+    let (features, _) = chip.printed.worst("nlos features");
+    row("features of an impulse response of 152 samples: instructions".to_owned(), features, FEATURES);
     for (what, title, budget) in BEACONS {
-        let call = chip.printed.beacons.iter().find(|call| call.what == what).with_context(|| format!("no {what}"))?;
+        let mut calls = chip.printed.calls("beacons ");
+        let (_, call) = calls.find(|(name, _)| *name == what).with_context(|| format!("no {what}"))?;
         row(format!("{title}: instructions"), call.instructions.into(), budget);
     }
-    let (instructions, stack) = engine::worst(&chip.printed.engine, "range", 2, engine::BUDGET_ANCHORS);
-    let case = format!("engine, a range, {} links followed", engine::BUDGET_ANCHORS);
-    row(format!("{case}: instructions"), instructions, engine::STEP_INSTRUCTIONS);
-    row(format!("{case}: bytes of stack"), stack, engine::STEP_STACK);
+    let (instructions, stack) = chip.printed.worst(&format!("engine range 2 {ENGINE_LINKS}"));
+    let case = format!("engine, a range, {ENGINE_LINKS} links followed");
+    row(format!("{case}: instructions"), instructions, ENGINE_INSTRUCTIONS);
+    row(format!("{case}: bytes of stack"), stack, ENGINE_STACK);
     row("all methods in 2D: bytes of code".to_owned(), chip.sizes.of_all(2), ALL_METHODS_2D);
     Ok((table.into_text(), within))
 }
@@ -85,24 +83,23 @@ pub fn algebra(measured: &Measured) -> Result<String> {
     let printed = &measured.printed;
     let mut roots = MarkdownTable::new(["square root", "instructions, worst:", "error, worst:"]);
     for library in ["core", "libm", "micromath"] {
-        let of_it: Vec<_> = printed.roots.iter().filter(|root| root.library == library).collect();
-        let instructions = of_it.iter().map(|root| root.instructions).max().context("no square root")?;
-        let error = of_it.iter().map(|root| (root.root / root.argument.sqrt() - 1.0).abs()).fold(0.0, f32::max);
+        let begin = format!("root {library} ");
+        let (instructions, _) = printed.worst(&begin);
+        let errors = printed.calls(&begin).map(|(argument, call)| {
+            let argument: f32 = argument.parse()?;
+            Ok((call.results.first().context("no square root")? / argument.sqrt() - 1.0).abs())
+        });
+        let error = errors.collect::<Result<Vec<_>>>()?.into_iter().fold(0.0, f32::max);
         roots.row(format_args!("{} | {instructions} | {:.2} %", title(library), error * 100.0));
     }
     let epoch = cases::DrawnEpoch::<2>::new(step::ANCHORS, 0);
     let exact = step::by_hand(epoch.samples(), &step::weights(), step::START, f32::sqrt);
     let mut steps = MarkdownTable::new(["weighted step", "square root", "instructions:", "stack, bytes:", "off by:"]);
-    for step in &printed.steps {
-        let [x, y] = [step.position[0] - exact[0], step.position[1] - exact[1]];
-        steps.row(format_args!(
-            "{} | {} | {} | {} | {:.3} m",
-            step.variant,
-            title(&step.library),
-            grouped(u64::from(step.instructions)),
-            grouped(step.stack as u64),
-            x.hypot(y)
-        ));
+    for (words, call) in printed.calls("step ") {
+        let (variant, library) = words.split_once(' ').context("no library")?;
+        let off_m = call.results.iter().zip(exact).map(|(is, exact)| (is - exact).powi(2)).sum::<f32>().sqrt();
+        let (instructions, stack) = (grouped(call.instructions.into()), grouped(call.stack as u64));
+        steps.row(format_args!("{variant} | {} | {instructions} | {stack} | {off_m:.3} m", title(library)));
     }
     Ok(format!("### {}\n\n{}\n{}\n", measured.chip.title(), roots.into_text(), steps.into_text()))
 }
@@ -126,14 +123,15 @@ pub fn frames(measured: &Measured) -> Result<String> {
         ("answer", "anchor answers a poll; response sent at an instant", (6, 17)),
         ("response", "tag makes a range of a response; received, listening on", (9, 47)),
     ] {
-        let frames = || printed.frames.iter().filter(|frame| frame.name == name);
-        let length = frames().map(|frame| frame.length).max().with_context(|| format!("no {name}"))?;
-        let instructions = frames().map(|frame| frame.instructions).max().unwrap_or_default();
-        let stack = frames().map(|frame| frame.stack).max().unwrap_or_default();
+        let begin = format!("frame {name} ");
+        let lengths =
+            printed.calls(&begin).map(|(length, _)| Ok(length.parse::<u32>()?)).collect::<Result<Vec<_>>>()?;
+        let length = lengths.into_iter().max().with_context(|| format!("no {name}"))?;
+        let (instructions, stack) = printed.worst(&begin);
         table.row(format_args!(
             "{title} | {length} | {} | {} | {transactions} | {}",
-            grouped(u64::from(instructions)),
-            grouped(stack as u64),
+            grouped(instructions),
+            grouped(stack),
             length + beside
         ));
     }
@@ -145,13 +143,9 @@ pub fn frames(measured: &Measured) -> Result<String> {
 /// # Errors
 /// A chip lacks a measurement.
 pub fn sight(measured: &[Measured]) -> Result<String> {
-    calls(
-        measured,
-        |chip| &chip.printed.sights,
-        |what| {
-            if what == "features" { "magnitudes and features".to_owned() } else { format!("`{what}`") }
-        },
-    )
+    let title =
+        |what: &str| if what == "features" { "magnitudes and features".to_owned() } else { format!("`{what}`") };
+    calls(measured, "nlos ", title)
 }
 
 /// Costs of the functions on the RSSI of beacons, chip by chip.
@@ -159,44 +153,60 @@ pub fn sight(measured: &[Measured]) -> Result<String> {
 /// # Errors
 /// A chip lacks a measurement.
 pub fn beacons(measured: &[Measured]) -> Result<String> {
-    calls(
-        measured,
-        |chip| &chip.printed.beacons,
-        |what| {
-            let known = [
-                ("advert", "an advert: judged, smoothed, a distance"),
-                ("scan", "a scan of 12 beacons, 6 of them heard"),
-                ("particles", "a step of 256 particles, resampled, 6 beacons"),
-                ("particles-kept", "the same, not resampled"),
-                ("nearest", "5 nearest of 200 points × 12 beacons, weighted"),
-                ("map", "checking a map of 200 points × 12 beacons, once"),
-                ("lattice", "the posterior over 200 points × 12 beacons"),
-                ("walk", "a step of the walk over them"),
-                ("rooms-svm", "one of 5 rooms by 12 beacons, support vector machine"),
-                ("rooms-nearest", "the same, 3 nearest of 40 fingerprints"),
-                ("rooms-presence", "the answer that does not flap, a step"),
-            ];
-            known
-                .iter()
-                .find(|(name, _)| *name == what)
-                .map_or_else(|| format!("`{what}`, 6 beacons"), |(_, title)| (*title).to_owned())
-        },
-    )
+    let known = [
+        ("advert", "an advert: judged, smoothed, a distance"),
+        ("scan", "a scan of 12 beacons, 6 of them heard"),
+        ("particles", "a step of 256 particles, resampled, 6 beacons"),
+        ("particles-kept", "the same, not resampled"),
+        ("nearest", "5 nearest of 200 points × 12 beacons, weighted"),
+        ("map", "checking a map of 200 points × 12 beacons, once"),
+        ("lattice", "the posterior over 200 points × 12 beacons"),
+        ("walk", "a step of the walk over them"),
+        ("rooms-svm", "one of 5 rooms by 12 beacons, support vector machine"),
+        ("rooms-nearest", "the same, 3 nearest of 40 fingerprints"),
+        ("rooms-presence", "the answer that does not flap, a step"),
+    ];
+    let title = |what: &str| {
+        let found = known.iter().find(|(name, _)| *name == what);
+        found.map_or_else(|| format!("`{what}`, 6 beacons"), |(_, title)| (*title).to_owned())
+    };
+    calls(measured, "beacons ", title)
 }
 
 /// Calls that return a number, chip by chip.
-fn calls(measured: &[Measured], of: impl Fn(&Measured) -> &[Call], title: impl Fn(&str) -> String) -> Result<String> {
+fn calls(measured: &[Measured], begin: &str, title: impl Fn(&str) -> String) -> Result<String> {
     let titles =
         measured.iter().flat_map(|of| [format!("{}: instructions:", of.chip.title()), "stack, bytes:".to_owned()]);
     let mut table = MarkdownTable::new(std::iter::once("what".to_owned()).chain(titles));
-    for (at, row) in measured.first().map_or(&[][..], &of).iter().enumerate() {
+    let first = measured.first().context("no chip")?;
+    for (at, (what, _)) in first.printed.calls(begin).enumerate() {
         let cells = measured.iter().map(|chip| {
-            let cell = of(chip).get(at).context("a chip left something out")?;
-            Ok(format!("{} | {}", grouped(u64::from(cell.instructions)), grouped(cell.stack as u64)))
+            let (_, call) = chip.printed.calls(begin).nth(at).context("a chip left something out")?;
+            Ok(format!("{} | {}", grouped(call.instructions.into()), grouped(call.stack as u64)))
         });
-        table.row(format_args!("{} | {}", title(&row.what), cells.collect::<Result<Vec<_>>>()?.join(" | ")));
+        table.row(format_args!("{} | {}", title(what), cells.collect::<Result<Vec<_>>>()?.join(" | ")));
     }
     Ok(table.into_text())
+}
+
+/// The engine's steps.
+pub fn engine(measured: &Measured) -> String {
+    let links = walk::ANCHORS.map(|anchors| format!("instructions, {anchors} links:"));
+    let stacks = walk::ANCHORS.map(|anchors| format!("stack, {anchors}:"));
+    let mut table = MarkdownTable::new(std::iter::once("step".to_owned()).chain(links).chain(stacks));
+    for (what, title) in [
+        ("range", "a range"),
+        ("round-end", "the end of a round"),
+        ("start", "the end of the first round: solved, and its ranges let in"),
+    ] {
+        for dims in [2, 3] {
+            let costs = walk::ANCHORS.map(|links| measured.printed.worst(&format!("engine {what} {dims} {links}")));
+            let instructions = costs.map(|(instructions, _)| grouped(instructions)).join(" | ");
+            let stack = costs.map(|(_, stack)| grouped(stack)).join(" | ");
+            table.row(format_args!("{title}, {dims}D | {instructions} | {stack}"));
+        }
+    }
+    format!("### {}\n\n{}\n", measured.chip.title(), table.into_text())
 }
 
 fn title(library: &str) -> &str {

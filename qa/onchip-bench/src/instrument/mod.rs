@@ -5,6 +5,7 @@
 //! it has overwritten. A word that a call reserves and never writes is not counted.
 #![allow(unsafe_code)]
 
+use core::fmt;
 use core::hint::black_box;
 use core::sync::atomic::{Ordering, compiler_fence};
 
@@ -13,6 +14,7 @@ use core::sync::atomic::{Ordering, compiler_fence};
 mod chip;
 
 pub use chip::{instructions, stamp, steps};
+use semihosting::{print, println};
 
 /// The instructions between two stamps.
 pub fn between(from: u32, to: u32) -> u32 {
@@ -30,6 +32,15 @@ pub struct Cost {
     pub instructions: u32,
     /// The bytes of stack below the caller's frame. The arguments and the result are in the caller's frame.
     pub stack: usize,
+}
+
+impl Cost {
+    /// Prints the line of a call: the words that name it, its cost, and its results.
+    pub fn print(self, words: fmt::Arguments<'_>, results: &[f32]) {
+        print!("{words} : {} {} :", self.instructions, self.stack);
+        results.iter().for_each(|result| print!(" {:08x}", result.to_bits()));
+        println!();
+    }
 }
 
 /// The only counter of the chip.

@@ -7,7 +7,6 @@ use onchip_bench::cases::DrawnEpoch;
 use onchip_bench::instrument::Instrument;
 use onchip_bench::step;
 use positioning_core::{RangeSample, Real};
-use semihosting::println;
 
 /// Measures and prints.
 pub fn print(instrument: &mut Instrument) {
@@ -22,14 +21,13 @@ type Variant<'a> = dyn Fn(&[RangeSample<f32, 2>], &[f32]) -> Option<[f32; 2]> + 
 fn compare(instrument: &mut Instrument, library: &str, root: impl Fn(f32) -> f32 + Copy) {
     for argument in step::ROOTS_OF {
         let (cost, answer) = instrument.cost(|| root(black_box(argument)));
-        println!("root {library} {argument} {} {:08x}", cost.instructions, answer.to_bits());
+        cost.print(format_args!("root {library} {argument}"), &[answer]);
     }
     let epoch = DrawnEpoch::<2>::new(step::ANCHORS, 0);
     let weights = step::weights();
     let mut report = |variant: &str, call: &Variant| {
         let (cost, answer) = instrument.cost(|| call(black_box(epoch.samples()), black_box(&weights)));
-        let [x, y] = answer.unwrap_or([f32::NAN; 2]).map(f32::to_bits);
-        println!("step {variant} {library} {} {} {x:08x} {y:08x}", cost.instructions, cost.stack);
+        cost.print(format_args!("step {variant} {library}"), &answer.unwrap_or([f32::NAN; 2]));
     };
     report("hand", &|samples, weights| Some(step::by_hand(samples, weights, step::START, root)));
     report("nalgebra-sums", &|samples, weights| step::by_nalgebra_sums(samples, weights, step::START, root));

@@ -6,7 +6,6 @@ use core::hint::black_box;
 use onchip_bench::beacons::{Measure, for_each};
 use onchip_bench::instrument::Instrument;
 use onchip_bench::rooms;
-use semihosting::println;
 
 struct Printer<'a>(&'a mut Instrument);
 
@@ -16,7 +15,7 @@ impl Measure for Printer<'_> {
             black_box(call(black_box(state)));
         });
         let value = call(&mut state.clone());
-        println!("beacons {what} {} {} {:08x}", cost.instructions, cost.stack, value.to_bits());
+        cost.print(format_args!("beacons {what}"), &[value]);
     }
 }
 

@@ -4,7 +4,6 @@ use core::hint::black_box;
 
 use onchip_bench::instrument::Instrument;
 use onchip_bench::walk::{ANCHORS, WARM_UP, WalkStep, walk};
-use semihosting::println;
 
 /// Measures and prints.
 pub fn print(instrument: &mut Instrument) {
@@ -19,17 +18,9 @@ pub fn print(instrument: &mut Instrument) {
                         black_box(engine.step(black_box(now), black_box(measurement)));
                     });
                     let output = engine.step(now, measurement);
-                    let position = output.fix.map_or([f32::NAN; 3], |fix| fix.position).map(f32::to_bits);
-                    println!(
-                        "engine {} {} {anchors} {} {} {:08x} {:08x} {:08x}",
-                        step.as_str(),
-                        if space { 3 } else { 2 },
-                        cost.instructions,
-                        cost.stack,
-                        position[0],
-                        position[1],
-                        position[2]
-                    );
+                    let dims = if space { 3 } else { 2 };
+                    let position = output.fix.map_or([f32::NAN; 3], |fix| fix.position);
+                    cost.print(format_args!("engine {} {dims} {anchors}", step.as_str()), &position);
                     return output;
                 }
                 engine.step(now, measurement)

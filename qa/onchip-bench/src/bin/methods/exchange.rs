@@ -73,7 +73,7 @@ fn print_poll(instrument: &mut Instrument, tag: &mut Tag, mut now: RadioInstant)
                 let cost = instrument.cost_on(&before, |tag| {
                     black_box(tag.step(black_box(at), black_box(what)));
                 });
-                println!("frame poll {} {} {}", frame.len(), cost.instructions, cost.stack);
+                cost.print(format_args!("frame poll {}", frame.len()), &[]);
                 assert!(matches!(start, Start::At(_)), "the table takes the poll for one that leaves at its instant");
                 return (copied(frame), now);
             }
@@ -116,7 +116,7 @@ fn print_answer(
     let cost = instrument.cost_on(&before, |anchor| {
         black_box(anchor.step(black_box(poll_rx), black_box(Event::Received(frame))));
     });
-    println!("frame answer {} {} {}", response.len(), cost.instructions, cost.stack);
+    cost.print(format_args!("frame answer {}", response.len()), &[]);
     (copied(response), start)
 }
 
@@ -126,7 +126,7 @@ fn print_response(instrument: &mut Instrument, tag: &mut Tag, response: RxFrame<
     let cost = instrument.cost_on(tag, |tag| {
         black_box(tag.step(black_box(rx_time), black_box(Event::Received(response))));
     });
-    println!("frame response {} {} {}", response.bytes.len(), cost.instructions, cost.stack);
+    cost.print(format_args!("frame response {}", response.bytes.len()), &[]);
     if let Action::Report(Report::Round(round)) = tag.step(rx_time, Event::Received(response)) {
         for range in round.ranges {
             println!("range {} {:08x}", range.peer, range.distance_m.to_bits());

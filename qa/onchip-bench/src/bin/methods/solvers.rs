@@ -6,7 +6,6 @@ use core::hint::black_box;
 use onchip_bench::cases::{ANCHORS, DrawnEpoch, EPOCHS};
 use onchip_bench::instrument::Instrument;
 use positioning_core::{Constraints, Method};
-use semihosting::{print, println};
 
 /// Measures and prints.
 pub fn print(instrument: &mut Instrument) {
@@ -26,15 +25,8 @@ fn measure<const D: usize>(instrument: &mut Instrument, method: Method, anchors:
     let solver = black_box(method.solver::<f32, D>());
     let constraints = Constraints::default();
     let (cost, answer) = instrument.cost(|| solver(black_box(epoch.samples()), black_box(&constraints)));
-    print!("solve {method} {D} {anchors} {number} {} {} ", cost.instructions, cost.stack);
     match answer {
-        Ok(fix) => {
-            print!("fix");
-            for component in fix.position {
-                print!(" {:08x}", component.to_bits());
-            }
-            println!();
-        }
-        Err(reason) => println!("none {reason}"),
+        Ok(fix) => cost.print(format_args!("solve {method} {D} {anchors} {number}"), &fix.position),
+        Err(reason) => cost.print(format_args!("solve {method} {D} {anchors} {number} {reason}"), &[]),
     }
 }
