@@ -2,9 +2,8 @@
 
 use anyhow::Result;
 use papers::barral::{self, Row};
-use pictures::Series;
 
-use super::Drawing;
+use super::{Drawing, distribution};
 
 /// Ranges from five anchors with blocked ranges ignored, corrected or weighted, by filter and by least squares
 ///
@@ -47,10 +46,8 @@ const DRAWN: [&str; 7] = [
 
 /// The distribution of the errors, as in the paper's figure 4.
 fn draw(rows: &[Row]) -> pictures::Drawing {
-    let tracks = rows.iter().map(|(score, errors_m)| Series {
-        method: format!("{}, {}", score.algorithm.as_str(), score.configuration.as_str()),
-        errors_m: errors_m.clone(),
-        ..Series::default()
+    let named = rows.iter().map(|(score, errors_m)| {
+        (format!("{}, {}", score.algorithm.as_str(), score.configuration.as_str()), errors_m.clone())
     });
-    pictures::distribution(&tracks.filter(|track| DRAWN.contains(&track.method.as_str())).collect::<Vec<_>>())
+    distribution(named.filter(|(name, _)| DRAWN.contains(&name.as_str())))
 }

@@ -2,9 +2,8 @@
 
 use anyhow::Result;
 use papers::fusion::bench::{self, FusionAlgorithm, Inputs, Scored};
-use pictures::Series;
 
-use super::Drawing;
+use super::{Drawing, distribution};
 use host_tools::cli::progress::Progress;
 
 /// A walking tag with ranges to anchors and powers of beacons: each alone, and both fused
@@ -52,10 +51,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 /// The distribution of the errors.
 fn draw(scores: &[Scored]) -> pictures::Drawing {
-    let tracks = scores.iter().map(|(score, errors_m)| Series {
-        method: format!("{}, {}", score.algorithm.as_str(), score.heard.as_str()),
-        errors_m: errors_m.clone(),
-        ..Series::default()
-    });
-    pictures::distribution(&tracks.collect::<Vec<_>>())
+    distribution(
+        scores.iter().map(|(score, errors_m)| {
+            (format!("{}, {}", score.algorithm.as_str(), score.heard.as_str()), errors_m.clone())
+        }),
+    )
 }

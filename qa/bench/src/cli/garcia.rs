@@ -2,9 +2,8 @@
 
 use anyhow::Result;
 use papers::garcia::{self, Experiment};
-use pictures::Series;
 
-use super::Drawing;
+use super::{Drawing, distribution};
 
 /// Differences of arrival from four beacons, with and without detection of blocked paths
 ///
@@ -38,10 +37,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 /// The distribution of the horizontal errors.
 fn draw(outcome: &Experiment) -> pictures::Drawing {
-    let tracks = outcome.errors_m.iter().map(|(way, errors)| Series {
-        method: way.as_str().to_owned(),
-        errors_m: errors.iter().map(|[x, y]| x.hypot(*y)).collect(),
-        ..Series::default()
-    });
-    pictures::distribution(&tracks.collect::<Vec<_>>())
+    distribution(
+        outcome
+            .errors_m
+            .iter()
+            .map(|(way, errors)| (way.as_str().to_owned(), errors.iter().map(|[x, y]| x.hypot(*y)).collect())),
+    )
 }

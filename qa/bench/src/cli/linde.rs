@@ -2,9 +2,8 @@
 
 use anyhow::{Context, Result};
 use papers::linde::{self, Parameter, RoomAlgorithm, Scored};
-use pictures::Series;
 
-use super::Drawing;
+use super::{Drawing, distribution};
 
 /// Four beacons in a room, by RSSI and by times of flight, by fingerprints and by multilateration
 ///
@@ -39,11 +38,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 /// The distribution of the errors, without times by multilateration, whose large errors would flatten the other curves.
 fn draw(rows: &[Scored]) -> pictures::Drawing {
-    let named = rows.iter().zip(linde::ROWS).map(|((_, errors_m), (parameter, algorithm, _))| {
-        let track =
-            Series { method: linde::name(parameter, algorithm), errors_m: errors_m.clone(), ..Series::default() };
-        (track, matches!((parameter, algorithm), (Parameter::Tof(_), RoomAlgorithm::Multilateration)))
+    let drawn = rows.iter().zip(linde::ROWS).filter(|(_, (parameter, algorithm, _))| {
+        !matches!((parameter, algorithm), (Parameter::Tof(_), RoomAlgorithm::Multilateration))
     });
-    let drawn = named.filter(|(_, far)| !far).map(|(track, _)| track);
-    pictures::distribution(&drawn.collect::<Vec<_>>())
+    distribution(
+        drawn.map(|((_, errors_m), (parameter, algorithm, _))| (linde::name(parameter, algorithm), errors_m.clone())),
+    )
 }

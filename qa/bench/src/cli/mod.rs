@@ -14,6 +14,7 @@ use anyhow::Result;
 use clap::CommandFactory as _;
 use host_tools::cli::verbosity::Verbosity;
 use host_tools::cli::{EXIT_CODES, PictureFile, VERSION, help};
+use pictures::Series;
 
 host_tools::commands! {
     /// Benchmarks on simulated ranges and RSSI values
@@ -109,6 +110,12 @@ impl Output<'_> {
         }
         Ok(())
     }
+}
+
+/// The distribution of the errors, metres, by what they are of.
+fn distribution(errors: impl Iterator<Item = (String, Vec<f64>)>) -> pictures::Drawing {
+    let series = errors.map(|(method, errors_m)| Series { method, errors_m, ..Series::default() });
+    pictures::distribution(&series.collect::<Vec<_>>())
 }
 
 #[cfg(test)]
