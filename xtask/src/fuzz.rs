@@ -1,15 +1,13 @@
 //! Fuzzing: builds the targets of `qa/fuzz` with the compiler's coverage instrumentation, on stable Rust, and runs them.
 
 use std::num::NonZero;
-use std::panic::resume_unwind;
 use std::path::Path;
 use std::process::Command;
-use std::sync::{Mutex, PoisonError};
 use std::{env, fs, thread};
 
 use anyhow::{Context, Result, bail};
 
-use crate::root;
+use crate::{cargo, in_parallel, printed, root, succeed};
 
 /// What makes the compiler instrument the code for libFuzzer.
 const INSTRUMENTATION: [&str; 7] = [
@@ -50,31 +48,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut targets = Vec::new();
     for binary in BINARIES {
         let program = folder.join(&triple).join("release").join(binary);
-        let names = output(Command::new(&program).env_remove("FUZZ_TARGET"))?;
+        let names = printed(Command::new(&program).env_remove("FUZZ_TARGET"))?;
         let wanted = names.lines().filter(|name| arguments.target.as_deref().is_none_or(|only| only == *name));
         targets.extend(wanted.map(|name| (program.clone(), name.to_owned())));
     }
     if targets.is_empty() {
         bail!("there is no target {}", arguments.target.as_deref().unwrap_or_default());
     }
-    let targets = Mutex::new(targets.into_iter());
-    let next = || targets.lock().unwrap_or_else(PoisonError::into_inner).next();
-    let work = || {
-        let mut failed = Vec::new();
-        while let Some((program, name)) = next() {
-            if !fuzz(&program, &name, arguments)? {
-                failed.push(name);
-            }
-        }
-        Ok(failed)
-    };
-    let failed = thread::scope(|scope| {
-        let count = thread::available_parallelism().map_or(1, NonZero::get);
-        let workers: Vec<_> = (0..count).map(|_| scope.spawn(work)).collect();
-        let found = workers.into_iter().map(|worker| worker.join().unwrap_or_else(|panic| resume_unwind(panic)));
-        found.collect::<Result<Vec<Vec<String>>>>()
-    })?;
-    let failed = failed.concat();
+    let cores = thread::available_parallelism().map_or(1, NonZero::get);
+    let passed = in_parallel(cores, &targets, |(program, name)| fuzz(program, name, arguments));
+    let passed = passed.into_iter().collect::<Result<Vec<_>>>()?;
+    let failed: Vec<_> =
+        targets.iter().zip(passed).filter(|(_, passed)| !passed).map(|((_, name), _)| &**name).collect();
     if failed.is_empty() { Ok(()) } else { bail!("found by {}: see target/fuzz/artifacts", failed.join(", ")) }
 }
 
@@ -82,13 +67,9 @@ fn build(triple: &str) -> Result<()> {
     // The target is named so that build scripts and macros are not instrumented.
     let arguments =
         "build --release --locked --manifest-path qa/fuzz/Cargo.toml --features host --target-dir target/fuzz --target";
-    let status = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
-        .args(arguments.split(' '))
-        .arg(triple)
-        .env("RUSTFLAGS", INSTRUMENTATION.join(" "))
-        .current_dir(root())
-        .status()?;
-    if status.success() { Ok(()) } else { bail!("the fuzz targets do not build") }
+    let mut build = cargo();
+    build.args(arguments.split(' ')).arg(triple).env("RUSTFLAGS", INSTRUMENTATION.join(" "));
+    succeed(&mut build).context("the fuzz targets do not build")
 }
 
 /// Runs a target from its seeds and the corpus of earlier runs; false where it finds something.
@@ -98,7 +79,7 @@ fn fuzz(program: &Path, name: &str, &Arguments { seconds, seed, .. }: &Arguments
     for folder in [&corpus, &artifacts] {
         fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     }
-    output(Command::new(program).env("FUZZ_TARGET", name).env("FUZZ_SEEDS", &corpus))?;
+    printed(Command::new(program).env("FUZZ_TARGET", name).env("FUZZ_SEEDS", &corpus))?;
     println!("{name}: {seconds} s");
     let run = Command::new(program)
         .args([format!("-max_total_time={seconds}"), format!("-seed={seed}")])
@@ -118,15 +99,7 @@ fn fuzz(program: &Path, name: &str, &Arguments { seconds, seed, .. }: &Arguments
 }
 
 fn host_triple() -> Result<String> {
-    let version = output(Command::new(env::var_os("RUSTC").unwrap_or_else(|| "rustc".into())).arg("-vV"))?;
+    let version = printed(Command::new(env::var_os("RUSTC").unwrap_or_else(|| "rustc".into())).arg("-vV"))?;
     let host = version.lines().find_map(|line| line.strip_prefix("host: "));
     Ok(host.context("rustc does not say its host")?.to_owned())
-}
-
-fn output(command: &mut Command) -> Result<String> {
-    let run = command.output().with_context(|| format!("cannot run {command:?}"))?;
-    if !run.status.success() {
-        bail!("{command:?}: {}", String::from_utf8_lossy(&run.stderr));
-    }
-    Ok(String::from_utf8(run.stdout)?)
 }

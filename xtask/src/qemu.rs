@@ -4,11 +4,12 @@ use std::io::Read;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 
 use crate::chip::Chip;
+use crate::ended;
 
 /// Limit of an image's run time: each needs some seconds, so that a longer run hangs.
 const PATIENCE: Duration = Duration::from_secs(300);
@@ -26,18 +27,7 @@ pub fn run(chip: Chip, image: &Path) -> Result<String> {
         let mut text = String::new();
         printed.read_to_string(&mut text).map(|_| text)
     });
-    let start = Instant::now();
-    let status = loop {
-        if let Some(status) = machine.try_wait()? {
-            break Some(status);
-        }
-        if start.elapsed() > PATIENCE {
-            machine.kill()?;
-            machine.wait()?;
-            break None;
-        }
-        thread::sleep(Duration::from_millis(20));
-    };
+    let status = ended(&mut machine, PATIENCE)?;
     let text = reader.join().ok().context("the reader panicked")??;
     let last = text.lines().last().unwrap_or("nothing");
     match status {

@@ -5,19 +5,16 @@ use std::fs::{self, File};
 use std::hint;
 use std::path::Path;
 use std::process::Stdio;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 
-use crate::target_directory;
 use crate::test_programs::{self, TestProgram};
+use crate::{ended, in_parallel, target_directory};
 
 /// A test program that runs for longer hangs.
 const HANGS: Duration = Duration::from_secs(1800);
-/// The interval between two looks at a running program.
-const LOOK: Duration = Duration::from_millis(50);
 
 /// What is run, how often and under which load.
 #[derive(clap::Args)]
@@ -44,47 +41,42 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut programs = test_programs::all()?;
     programs.retain(|program| arguments.only.as_ref().is_none_or(|only| program.name.contains(only.as_str())));
     let runs: Vec<_> =
-        (0..arguments.times).flat_map(|time| programs.iter().map(move |program| (time, program))).collect();
+        (1..=arguments.times).flat_map(|time| programs.iter().map(move |program| (time, program))).collect();
     let cores = thread::available_parallelism().map_or(1, usize::from);
     let busy = arguments.busy.unwrap_or(cores);
     println!("{} programs, {} times, {} at once, {busy} busy loops", programs.len(), arguments.times, arguments.jobs);
-    let (next, failed, over) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicBool::new(false));
     let logs = target_directory().join("soak");
     fs::create_dir_all(&logs).with_context(|| format!("cannot make {}", logs.display()))?;
-    thread::scope(|scope| {
-        for _ in 0..busy {
-            scope.spawn(|| {
-                while !over.load(Ordering::Relaxed) {
-                    (0..10_000).for_each(|_| hint::spin_loop());
-                }
-            });
+    for _ in 0..busy {
+        // It ends with this program.
+        thread::spawn(|| {
+            loop {
+                hint::spin_loop();
+            }
+        });
+    }
+    let verdicts = in_parallel(arguments.jobs.into(), &runs, |(time, program)| {
+        let log = logs.join(format!("{}-{time}.log", program.name.replace(['/', ' '], "-")));
+        let verdict = once(program, &log);
+        if let Err(error) = &verdict {
+            println!("=== {}, run {time}: {error:#}", program.name);
         }
-        let workers: Vec<_> = (0..arguments.jobs)
-            .map(|job| {
-                let (runs, next, failed, log) = (&runs, &next, &failed, logs.join(format!("{job}.log")));
-                scope.spawn(move || {
-                    while let Some((time, program)) = runs.get(next.fetch_add(1, Ordering::Relaxed)) {
-                        if let Err(error) = once(program, &log) {
-                            failed.fetch_add(1, Ordering::Relaxed);
-                            println!("=== {}, run {}: {error:#}", program.name, time + 1);
-                        }
-                    }
-                })
-            })
-            .collect();
-        let ended = workers.into_iter().map(|worker| worker.join().is_ok()).collect::<Vec<_>>();
-        over.store(true, Ordering::Relaxed);
-        if ended.contains(&false) { bail!("a worker has panicked") } else { Ok(()) }
-    })?;
-    let failed = failed.into_inner();
-    println!("{} runs, {failed} failed", runs.len());
-    if failed > 0 {
-        bail!("{failed} runs failed");
+        verdict
+    });
+    // A reader of a long log looks at its end.
+    let failed: Vec<_> =
+        runs.iter().zip(verdicts).filter(|(_, verdict)| verdict.is_err()).map(|(run, _)| run).collect();
+    for (time, program) in &failed {
+        println!("FAILED {}, run {time}", program.name);
+    }
+    println!("{} programs, {} runs, {} failed", programs.len(), runs.len(), failed.len());
+    if !failed.is_empty() {
+        bail!("{} of {} runs failed", failed.len(), runs.len());
     }
     Ok(())
 }
 
-/// Runs a program once; its output goes into `log`.
+/// Runs a program once; its output goes into `log`, which stays where it fails.
 ///
 /// # Errors
 /// It fails or hangs: its output.
@@ -93,17 +85,10 @@ fn once(program: &TestProgram, log: &Path) -> Result<()> {
     let mut command = program.command();
     command.stdin(Stdio::null()).stdout(output.try_clone()?).stderr(output);
     let mut child = command.spawn().with_context(|| format!("cannot run {}", program.name))?;
-    let begun = Instant::now();
-    let verdict = loop {
-        if let Some(status) = child.try_wait()? {
-            break if status.success() { return Ok(()) } else { status.to_string() };
-        }
-        if begun.elapsed() > HANGS {
-            child.kill()?;
-            child.wait()?;
-            break format!("still running after {} s", HANGS.as_secs());
-        }
-        thread::sleep(LOOK);
+    let verdict = match ended(&mut child, HANGS)? {
+        Some(status) if status.success() => return Ok(fs::remove_file(log)?),
+        Some(status) => status.to_string(),
+        None => format!("still running after {} s", HANGS.as_secs()),
     };
     let said = fs::read(log).with_context(|| format!("cannot read {}", log.display()))?;
     bail!("{verdict}\n{}", String::from_utf8_lossy(&said))
