@@ -1,4 +1,4 @@
-//! Recipes of docs/extend.md, proven: each patch in examples/recipes follows one. It must apply to the sources as they
+//! Recipes of docs/build/extend.md, proven: each patch in examples/recipes follows one. It must apply to the sources as they
 //! are, touch no more files than its first lines say, and build.
 
 use std::fs;
@@ -101,7 +101,7 @@ fn prove(patch: &str, tree: &Path) -> Result<String> {
     ensure!(
         touched.len() <= most_files,
         "{title} takes {} files instead of {most_files}: {}. Simplify what it extends, or change its number there and \
-         in docs/extend.md",
+         in docs/build/extend.md",
         touched.len(),
         touched.join(", ")
     );
