@@ -35,7 +35,7 @@ struct Fragment {
 /// # Errors
 /// A fragment is malformed, the changelog has the version or no list for it, or a file cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let count = join(&root(), &arguments.version, &arguments.date)?;
+    let count = join(root(), &arguments.version, &arguments.date)?;
     println!("CHANGELOG.md: version {}, with {count} changes of changes/", arguments.version);
     Ok(())
 }
@@ -64,7 +64,7 @@ impl Fragment {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let kind = name.strip_suffix(".md").and_then(|name| name.rsplit_once('.')).map(|(_, kind)| kind);
         let is_it = |known: &&str| kind.is_some_and(|kind| known.to_lowercase() == kind);
-        let kind = KINDS.iter().position(|known| is_it(&known));
+        let kind = KINDS.iter().position(|known| is_it(known));
         let kind =
             kind.with_context(|| format!("not NAME.KIND.md with a KIND of {}", KINDS.join(", ").to_lowercase()))?;
         let text = fs::read_to_string(path)?;

@@ -20,8 +20,9 @@ impl Span {
     /// The longest, 3.968 ms.
     pub const LONGEST: Self = Self(0x7F);
 
-    /// The shortest span that is at least as long; for longer durations the longest span.
-    #[inline]
+    /// The shortest span that is at least as long; for longer durations the longest span. A node calls it for a few
+    /// frames a second, from many places: its code exists once.
+    #[inline(never)]
     pub const fn at_least(duration: RadioDuration) -> Self {
         let ticks = duration.ticks();
         // Octave by octave, each with sixteen steps; the first begins at 16 µs.
