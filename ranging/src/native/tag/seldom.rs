@@ -8,7 +8,7 @@ use super::super::search::{Next, Search};
 use super::super::sync_schedule::{Listening, WatchedAnchor};
 use super::super::timing::{HOLDOVER_SUPERFRAMES, SUPERFRAME, Timing};
 use super::super::wake_ups::Slept;
-use super::{Doing, Rate, Tag};
+use super::{Rate, State, Tag};
 use crate::exchange::{Action, COMPENSATION};
 use crate::time::TICKS_PER_SECOND;
 use crate::{RadioDuration, RadioInstant, Start};
@@ -35,7 +35,7 @@ const RECEIVER_START: RadioDuration = RadioDuration::from_micros(20);
 const TURNS_A_POLL: i64 = 5;
 
 /// A wait through which the radio may sleep.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Nap {
     from: RadioInstant,
     duration: RadioDuration,
@@ -51,7 +51,7 @@ pub(super) struct Aim {
 }
 
 /// An anchor whose sync frame is awaited, and the end of the wait.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Awaited {
     address: u16,
     until: RadioInstant,
@@ -82,14 +82,14 @@ impl Tag {
             return Action::WaitUntil(present.plus(wait));
         }
         let duration = difference(wait, self.wakes.late(Slept::once(wait)));
-        self.nap = Some(Nap { from: present, duration, is_cut: false });
+        self.state = State::Napping(Nap { from: present, duration, is_cut: false });
         Action::Sleep { from: present, duration }
     }
 
     /// The last requested wait ends early. Its purpose is given up: the tag listens to the next sync frame.
     pub(super) fn cut_wait(&mut self) {
-        (self.aim, self.wake_at, self.pulse_at) = (None, None, None);
-        if let Some(nap) = &mut self.nap {
+        (self.aim, self.stopwatch.wake_at, self.pulse_at) = (None, None, None);
+        if let State::Napping(nap) = &mut self.state {
             nap.is_cut = true;
         }
     }
@@ -160,7 +160,7 @@ impl Tag {
     pub(super) fn receive_late(&mut self, awaited: Awaited, present: RadioInstant) -> Option<Action<'static>> {
         let window = awaited.until.since(present);
         (window > RadioDuration::ZERO).then(|| {
-            self.awaited = Some(awaited);
+            self.state = State::Awaiting(awaited);
             Action::Receive { start: Start::Now, window, keep_listening: false }
         })
     }
@@ -209,7 +209,7 @@ impl Tag {
         }
         self.aim = None;
         let (WatchedAnchor { address, .. }, close) = one.filter(|(_, close)| *close > RadioDuration::ZERO)?;
-        self.awaited = Some(Awaited { address, until: present.plus(close) });
+        self.state = State::Awaiting(Awaited { address, until: present.plus(close) });
         Some(Self::listen_between(present, present.plus(open), present.plus(close)))
     }
 
@@ -238,7 +238,7 @@ impl Tag {
             self.missed(awaited);
             return None;
         }
-        self.awaited = Some(awaited);
+        self.state = State::Awaiting(awaited);
         Some(Self::listen_between(present, phase.at(open), phase.at(close)))
     }
 
@@ -252,7 +252,7 @@ impl Tag {
         let (timing, phase) = (network.sync.course.timing, network.sync.course.phase);
         let uncertainty = self.wakes.uncertainty(Slept::once(wait));
         let later = next_round(network.owned, &timing, pulse, self.round.asked(), uncertainty)?;
-        (self.wake_at, self.pulse_at) = (None, Some(phase.at(later)));
+        (self.stopwatch.wake_at, self.pulse_at) = (None, Some(phase.at(later)));
         let until = difference(later, sum(self.meter.lead(), uncertainty));
         Some(self.pause(phase.at(passed), difference(until, passed)))
     }
@@ -340,7 +340,7 @@ impl Tag {
 
     /// Whether the receiver stays off after a poll.
     pub(super) fn is_off_after_poll(&self, scheme: Scheme) -> bool {
-        self.doing == Doing::Polling && scheme == Scheme::SingleSided && self.is_seldom()
+        scheme == Scheme::SingleSided && self.is_seldom()
     }
 
     /// `superframes` have begun. A tag that listens seldom keeps the anchors that it awaits in turn.
@@ -365,7 +365,7 @@ impl Tag {
     }
 }
 
-impl super::Followed {
+impl super::schedule::Followed {
     /// From the beginning of a superframe to the first pulse of the tag's round of `anchors` anchors in it, as far as
     /// that is settled. The superframe is `superframes` ahead, and the tag's clock may be off by `uncertainty`.
     fn round_in(

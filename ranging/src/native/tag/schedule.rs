@@ -1,0 +1,294 @@
+//! What an idle tag does next in the superframe: it listens to sync frames and requests slots, then ranges in its own
+//! slots.
+
+use super::{State, Tag, TagConfig};
+use crate::exchange::{Action, Link, Report};
+use crate::native::plan::{Rate, lists, next_round, owned_slots, share_of};
+use crate::native::sync::Sync;
+use crate::native::timing::{SUPERFRAME, Timing};
+use crate::native::{SHORTEST_WAIT, spread};
+use crate::{RadioDuration, RadioInstant, Start};
+use wire::uwb::layout::Scheme;
+use wire::uwb::native::{MAX_MEMBERS, Message, Request, Share};
+
+/// Without a sync frame for this many superframes the tag searches again.
+pub(super) const LOST_AFTER: u16 = 5;
+/// Superframes from a request until the list can contain it: to a relay, from there to the coordinator, and back.
+const REQUEST_PATIENCE: u16 = 4;
+
+/// The network that the tag follows.
+#[derive(Clone, Debug)]
+pub(super) struct Followed {
+    pub(super) sync: Sync,
+    /// From this superframe on the tag may request slots.
+    pub(super) request_from: u16,
+    /// Requests without effect.
+    requests: u8,
+    /// The superframe that `owned` is for.
+    planned: Option<u16>,
+    /// This tag's round slots in this superframe: bit i for slot i.
+    pub(super) owned: u64,
+    /// Rounds begun in this superframe.
+    rounds: u32,
+    joined: bool,
+    /// The tag has reported that the network is full.
+    is_full: bool,
+    /// Superframes followed, counted only as far as needed.
+    pub(super) followed: u16,
+}
+
+impl Tag {
+    /// The next action in the superframe, when no round is in progress.
+    pub(super) fn schedule(&mut self, present: RadioInstant) -> Action<'_> {
+        let lead = self.meter.lead();
+        let is_seldom = self.is_seldom();
+        let is_greedy = self.rate == Some(Rate::Greedy);
+        self.free_at = self.free_at.filter(|free_at| is_greedy && free_at.since(present) > RadioDuration::ZERO);
+        let Some(network) = &mut self.network else { return self.search(present) };
+        let superframe = network.sync.course.timing.superframe;
+        // A superframe begins early for this node, because it must decide in time what to send first.
+        let early = RadioDuration::from_ticks(lead.ticks() + SHORTEST_WAIT.ticks());
+        if let Some(since) = network.sync.adrift {
+            network.sync.advance(present.plus(early));
+            if let Some(action) = self.end_doze(present) {
+                return action;
+            }
+            let patience = RadioDuration::from_ticks(i64::from(LOST_AFTER) * superframe.ticks());
+            if present.since(since) <= patience {
+                return Self::listen(superframe);
+            }
+            return self.lose_network();
+        }
+        let begun = network.sync.advance(present.plus(early));
+        network.followed = network.followed.saturating_add(begun);
+        self.age_anchors(begun, is_seldom);
+        let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
+        if network.sync.silent() > LOST_AFTER {
+            return self.lose_network();
+        }
+        let Sync { course, .. } = &network.sync;
+        let timing = course.timing;
+        let passed = present.since(course.phase.start);
+        // The sync slots end early, because the tag must decide in time on a round in the first round slot.
+        let sync_end = RadioDuration::from_ticks(timing.rounds().ticks() - early.ticks());
+        if passed < sync_end {
+            if !is_seldom {
+                return self.among_sync_frames(passed, sync_end);
+            }
+            if let Some(action) = self.among_few_sync_frames(passed, sync_end) {
+                return action;
+            }
+        }
+        let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
+        network.plan(&self.config, &timing);
+        let course = &network.sync.course;
+        let listed = course.membership.in_force().is_some_and(|members| lists(members, self.config.address));
+        if self.rate.is_some() && !network.is_full && network.is_full_without(self.config.address) {
+            network.is_full = true;
+            return Action::Report(Report::Link(Link::NetworkFull));
+        }
+        if listed && !network.joined {
+            (network.joined, network.is_full) = (true, false);
+            let slots = network.owned.count_ones().max(1) as u8;
+            return Action::Report(Report::Link(Link::Joined(slots)));
+        }
+        network.joined &= listed;
+        if network.planned.replace(course.phase.number) != Some(course.phase.number) {
+            network.rounds = 0;
+            self.round.set_team(self.anchors.choose(self.config.anchors.into(), self.position_m));
+        }
+        self.among_rounds(passed)
+    }
+
+    /// No anchor was received for too long.
+    fn lose_network(&mut self) -> Action<'static> {
+        self.network = None;
+        self.anchors.end_session();
+        Action::Report(Report::Link(Link::Unsynchronised))
+    }
+
+    /// In the sync slots: listens, and requests slots if the listed share differs from the wanted one.
+    fn among_sync_frames(&mut self, passed: RadioDuration, end: RadioDuration) -> Action<'_> {
+        let (lead, rate) = (self.meter.lead(), self.rate);
+        let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
+        let course = &network.sync.course;
+        let (timing, phase) = (course.timing, course.phase);
+        let rest = RadioDuration::from_ticks(end.ticks() - passed.ticks());
+        let (address, number) = (self.config.address, phase.number);
+        let share = rate.map_or(Share::Release, |rate| share_of(rate, &timing));
+        let listed = course.membership.members().iter().find(|member| member.tag == address);
+        let settled = listed.map_or(Share::Release, |member| member.share) == share;
+        let full = network.is_full_without(address);
+        if settled {
+            network.requests = 0;
+        }
+        if settled || full || number.wrapping_sub(network.request_from) >= 0x8000 {
+            return Self::listen(rest);
+        }
+        let in_reach = |slot: &u8| timing.request(usize::from(*slot)) < end;
+        let slots = (0..timing.request_slots).take_while(in_reach).count() as u16;
+        let rmarker = timing.request(spread(address, number, slots).into());
+        let until_pulse = rmarker.ticks() - timing.to_rmarker.ticks() - passed.ticks();
+        let spare = RadioDuration::from_ticks(until_pulse - lead.ticks());
+        if spare > SHORTEST_WAIT {
+            self.stopwatch.wake_at = Some(phase.at(RadioDuration::from_ticks(passed.ticks() + spare.ticks())));
+            return Self::listen(spare);
+        }
+        if until_pulse <= 0 {
+            // The request's instant in this superframe has passed.
+            network.request_from = number.wrapping_add(1);
+            if let Some(wake) = self.stopwatch.wake_at.take() {
+                self.meter.overslept(phase.at(passed).since(wake));
+            }
+            return Self::listen(rest);
+        }
+        // After each collision a tag waits longer, and each tag a different time.
+        let patience = spread(number, address, 2 << network.requests.min(3));
+        network.request_from = number.wrapping_add(REQUEST_PATIENCE + patience);
+        network.requests = network.requests.saturating_add(1);
+        self.state = State::Requesting;
+        let wish = self.meter.wish(self.config.scheme);
+        self.write(Message::Request(Request { share, wish }));
+        Action::Transmit { frame: self.out.bytes(), start: Start::At(phase.at(rmarker)), listen: true }
+    }
+
+    /// In the round slots: a round if one fits in this tag's slots, else off until the next of them or the next
+    /// superframe.
+    fn among_rounds(&mut self, passed: RadioDuration) -> Action<'_> {
+        let lead = self.meter.lead();
+        let is_greedy = self.rate == Some(Rate::Greedy);
+        let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
+        let course = &network.sync.course;
+        let (timing, phase, uncertainty) = (course.timing, course.phase, network.sync.uncertainty);
+        if is_greedy && self.compensation.take(phase.number, self.config.address) {
+            return Action::Compensate;
+        }
+        // Rounds of few anchors are shorter than slots. A tag with a fixed rate makes as many rounds as it has slots.
+        let has_enough = !is_greedy && network.rounds >= network.owned.count_ones();
+        let anchors = if has_enough { 0 } else { self.round.asked() };
+        let after = |earliest: RadioDuration| {
+            next_round(network.owned, &timing, earliest, anchors, uncertainty).filter(|_| anchors > 0)
+        };
+        let immediate = RadioDuration::from_ticks(passed.ticks() + self.meter.immediate().ticks());
+        // A tag that must wait with its next frame sends it at an instant.
+        let spaced = self.next_pulse.map(|pulse| pulse.since(phase.start)).filter(|pulse| *pulse > passed);
+        let in_lead = RadioDuration::from_ticks(passed.ticks() + lead.ticks());
+        let soonest = spaced.map_or(immediate, |pulse| pulse.max(in_lead));
+        // A measurement before the end of the computation would be wasted. The time from the round's end to its report
+        // is about that of two frames.
+        let computed = self.free_at.map_or(RadioDuration::ZERO, |free_at| free_at.since(phase.start));
+        let takes = timing.round(anchors).ticks() + 2 * self.meter.reading().ticks();
+        let in_time = soonest.max(RadioDuration::from_ticks(computed.ticks() - takes));
+        // But during the sync frames there is time to compute what is measured at the superframe's end.
+        let next_rounds = RadioDuration::from_ticks(timing.superframe.ticks() + timing.rounds().ticks());
+        let backlog = Backlog { computed, per_round: self.busy_per_round, until: next_rounds };
+        let last = RadioDuration::from_ticks(timing.superframe.ticks() - timing.round(anchors).ticks());
+        let every = RadioDuration::from_ticks(takes + self.meter.immediate().ticks());
+        let is_for_sync_frames = in_time > soonest
+            && computed < next_rounds
+            && (backlog.has_room_until(last, soonest, every) || after(in_time).is_none());
+        let in_time = if is_for_sync_frames { soonest } else { in_time };
+        // The tag was woken for a round. It makes the round if the round's instant is still in the future.
+        let spare = |pulse: RadioDuration| RadioDuration::from_ticks(pulse.ticks() - passed.ticks() - lead.ticks());
+        let planned = self.pulse_at.take().map(|pulse| pulse.since(phase.start));
+        let is_in_time = |pulse: &RadioDuration| *pulse > passed && 2 * spare(*pulse).ticks() > -lead.ticks();
+        if let Some(wake) = self.stopwatch.wake_at.filter(|_| planned.is_some_and(|pulse| !is_in_time(&pulse))) {
+            self.meter.overslept(phase.at(passed).since(wake));
+        }
+        let planned = planned.filter(|pulse| anchors > 0 && network.owned != 0 && is_in_time(pulse));
+        if let Some(pulse) = planned.or_else(|| after(in_time)) {
+            let pulse_at = phase.at(pulse);
+            let at_once = planned.is_none() && spaced.is_none() && pulse == soonest;
+            if !at_once && spare(pulse) > SHORTEST_WAIT {
+                if let Some(action) = self.nap_before(pulse, passed) {
+                    return action;
+                }
+                let wake = pulse_at.plus(RadioDuration::from_ticks(-lead.ticks()));
+                (self.stopwatch.wake_at, self.pulse_at) = (Some(wake), Some(pulse_at));
+                return Action::WaitUntil(wake);
+            }
+            self.stopwatch.wake_at = self.stopwatch.wake_at.filter(|_| planned.is_some());
+            let start = if at_once { Start::Now } else { Start::At(pulse_at.plus(timing.to_rmarker)) };
+            network.rounds = network.rounds.saturating_add(1);
+            let scheme = self.config.scheme.min(timing.layout.scheme);
+            return self.poll(scheme, start, at_once.then(|| phase.at(passed)));
+        }
+        self.rest(passed)
+    }
+
+    /// Begins a round.
+    fn poll(&mut self, scheme: Scheme, start: Start, decided_at: Option<RadioInstant>) -> Action<'_> {
+        let wish = self.meter.wish(self.config.scheme);
+        let poll = self.round.begin(&mut self.anchors, scheme, wish, self.config.tell_distances);
+        self.write(Message::Poll(poll));
+        let is_off_after = self.is_off_after_poll(scheme);
+        self.state = State::Polling { decided_at, is_off_after };
+        Action::Transmit { frame: self.out.bytes(), start, listen: !is_off_after }
+    }
+}
+
+/// The rounds that the node has not computed yet.
+#[derive(Clone, Copy, Debug)]
+struct Backlog {
+    /// From the superframe's beginning to the end of the computation.
+    computed: RadioDuration,
+    /// How long a round takes, in the mean.
+    per_round: RadioDuration,
+    /// From the superframe's beginning to the instant by which all must be computed.
+    until: RadioDuration,
+}
+
+/// A node computes one round while this many others wait.
+const WAITING_ROUNDS: i64 = 2;
+
+impl Backlog {
+    /// Whether the rounds that begin from `soonest` to `last`, one after each interval `every`, can wait until they are
+    /// computed. While rounds are made, the node may have no time to compute.
+    fn has_room_until(self, last: RadioDuration, soonest: RadioDuration, every: RadioDuration) -> bool {
+        let per_round = self.per_round.ticks();
+        // An eighth of a round is for what is not the mean.
+        let limit = soonest.ticks() + every.ticks() + (WAITING_ROUNDS + 1) * per_round - per_round / 8;
+        let limit = self.until.ticks().min(limit);
+        let (mut pulse, mut computed) = (soonest.ticks(), self.computed.ticks());
+        while pulse <= last.ticks() && computed <= limit {
+            computed += per_round;
+            pulse += every.ticks().max(1);
+        }
+        computed <= limit
+    }
+}
+
+impl Followed {
+    /// Nothing requested, nothing owned.
+    pub(super) fn begin(sync: Sync) -> Self {
+        let request_from = sync.course.phase.number;
+        Self {
+            sync,
+            request_from,
+            requests: 0,
+            planned: None,
+            owned: 0,
+            rounds: 0,
+            joined: false,
+            is_full: false,
+            followed: 0,
+        }
+    }
+
+    /// Whether all places are taken, none by this tag.
+    fn is_full_without(&self, tag: u16) -> bool {
+        let members = self.sync.course.membership.members();
+        members.len() == MAX_MEMBERS && !lists(members, tag)
+    }
+
+    /// Determines this tag's slots in this superframe: none if the plan may have changed without the tag receiving the
+    /// change.
+    fn plan(&mut self, config: &TagConfig, timing: &Timing) {
+        let number = self.sync.course.phase.number;
+        if self.planned == Some(number) {
+            return;
+        }
+        let owned = |members| owned_slots(members, config.address, number, timing.round_slots);
+        self.owned = self.sync.members().map_or(0, owned);
+    }
+}
