@@ -14,6 +14,33 @@
 //! and is then ignored until it is quiet. If movements begin again and again and the tag never leaves its place, the
 //! sensor is ignored for longer each time, for five minutes at most. Positions always count.
 
+//!
+//! The states of the tag:
+//!
+//! ```text
+//!              the tag stays
+//!  Started ──────────────────────► Still
+//!                                  │   ▲
+//!      moved, lost, or a movement  │   │  the tag stays: a waking by the sensor after which it has not left its place
+//!      of the sensor begins        │   │  was in vain
+//!                                  ▼   │
+//!                                  Woken
+//! ```
+//!
+//! The states of its sensor, and of its position:
+//!
+//! ```text
+//!           a movement              becomes still while it moves
+//!  Absent ──────────────► Trusted ─────────────────────────────► Endless
+//!                            ▲          a movement begins            │
+//!                            └───────────────────────────────────────┘
+//!
+//!         two rounds without a position
+//!  Known ──────────────────────────────► Lost
+//!    ▲               a position            │
+//!    └─────────────────────────────────────┘
+//! ```
+
 mod sensor;
 
 use firmware_common::protocol;
@@ -51,20 +78,43 @@ pub struct RateControl {
     full: Rate,
     /// The still rate. `None` means that the tag always has its full rate.
     still: Option<Rate>,
-    is_still: bool,
-    place: Option<MeanPosition>,
-    failures: u8,
-    /// Since when there has been no position.
-    lost_since_us: Option<u64>,
-    /// The reports of the sensor; `None` without a sensor.
-    movements: Option<Movements>,
-    /// The sensor reports movement without end and is ignored.
-    is_shaken: bool,
-    /// The cause of the last waking, and its outcome.
-    waking: Option<Waking>,
+    state: State,
+    presence: Presence,
+    sensor: Sensor,
     /// The number of wakings by the sensor, in a row, after which the tag had not left its place.
     in_vain: u8,
+    /// The sensor is ignored until then.
     deaf_until_us: u64,
+}
+
+/// The rate in use, and why.
+#[derive(Clone, Copy, Debug)]
+enum State {
+    /// The full rate, since the start.
+    Started,
+    /// The full rate, since a waking.
+    Woken(Waking),
+    /// The still rate.
+    Still,
+}
+
+/// Whether rounds give positions.
+#[derive(Clone, Copy, Debug)]
+enum Presence {
+    /// They do, apart from the last `failures`.
+    Known { place: Option<MeanPosition>, failures: u8 },
+    /// There has been no position since then.
+    Lost { since_us: u64 },
+}
+
+/// The motion sensor.
+#[derive(Clone, Copy, Debug)]
+enum Sensor {
+    /// There is none.
+    Absent,
+    Trusted(Movements),
+    /// It reports movement without end and is ignored.
+    Endless(Movements),
 }
 
 /// The mean position of a tag that stays.
@@ -96,13 +146,9 @@ impl RateControl {
         Self {
             full,
             still,
-            is_still: false,
-            place: None,
-            failures: 0,
-            lost_since_us: None,
-            movements: None,
-            is_shaken: false,
-            waking: None,
+            state: State::Started,
+            presence: Presence::Known { place: None, failures: 0 },
+            sensor: Sensor::Absent,
             in_vain: 0,
             deaf_until_us: 0,
         }
@@ -110,79 +156,89 @@ impl RateControl {
 
     /// Whether the tag is at its still rate.
     pub const fn is_still(&self) -> bool {
-        self.is_still
+        matches!(self.state, State::Still)
     }
 
     /// Whether the sensor reports movement without end and is ignored.
     pub const fn is_shaken(&self) -> bool {
-        self.is_shaken
+        matches!(self.sensor, Sensor::Endless(_))
     }
 
     /// The sensor works and reports movement at `now_us`. Returns the new rate if it changes.
     pub fn moved(&mut self, now_us: u64) -> Option<Rate> {
-        let begins = match &mut self.movements {
-            None => {
-                self.movements = Some(Movements::begin(now_us));
-                true
-            }
-            Some(movements) => movements.note(now_us),
-        };
-        if begins {
-            self.is_shaken = false;
-        }
-        if !self.is_still || !begins || now_us < self.deaf_until_us {
+        let begins = self.sensor.note(now_us);
+        if !self.is_still() || !begins || now_us < self.deaf_until_us {
             return None;
         }
-        let waking = Waking { from: self.place, by_sensor: true, has_left: false };
-        Some(self.wake(waking))
+        Some(self.wake(Waking { from: self.presence.place(), by_sensor: true, has_left: false }))
     }
 
     /// A round is over at `now_us`. Returns the new rate if it changes.
     pub fn after(&mut self, now_us: u64, position: Option<&Position>) -> Option<Rate> {
         let still = self.still?;
-        let from = self.place;
-        let is_quiet = self.movements.map(|movements| movements.is_quiet(now_us));
+        let from = self.presence.place();
         let stays = match position {
-            Some(position) => {
-                (self.failures, self.lost_since_us) = (0, None);
-                if let Some(waking) = &mut self.waking {
-                    waking.has_left |= waking.from.is_none_or(|place| place.is_left(position, LEFT_SIGMAS));
-                }
-                let stayed_us = self.stayed_us(now_us, position);
-                let quiet = is_quiet.unwrap_or(true) || self.is_shaken;
-                stayed_us >= if quiet { STILL_AFTER_US } else { STILL_AFTER_SHAKEN_US }
-            }
-            None => {
-                self.failures = self.failures.saturating_add(1);
-                if self.failures < FAILURES {
-                    return None;
-                }
-                self.place = None;
-                let lost_us = now_us.saturating_sub(*self.lost_since_us.get_or_insert(now_us));
-                is_quiet == Some(true) && (self.is_still || lost_us >= STILL_AFTER_US)
-            }
+            Some(position) => self.stays_at(now_us, position),
+            None => self.stays_without_position(now_us)?,
         };
-        if stays == self.is_still {
-            return None;
+        match (self.state, stays) {
+            (State::Still, true) | (State::Started | State::Woken(_), false) => None,
+            (State::Still, false) => {
+                let has_left = from.zip(position).is_some_and(|(place, position)| place.is_left(position, LEFT_SIGMAS));
+                Some(self.wake(Waking { from, by_sensor: false, has_left }))
+            }
+            (State::Started | State::Woken(_), true) => {
+                self.fall_still(now_us);
+                Some(still)
+            }
         }
-        if !stays {
-            let has_left = from.zip(position).is_some_and(|(place, position)| place.is_left(position, LEFT_SIGMAS));
-            return Some(self.wake(Waking { from, by_sensor: false, has_left }));
+    }
+
+    /// Whether the tag has stayed at this position for long enough.
+    fn stays_at(&mut self, now_us: u64, position: &Position) -> bool {
+        if let State::Woken(waking) = &mut self.state {
+            waking.has_left |= waking.from.is_none_or(|place| place.is_left(position, LEFT_SIGMAS));
         }
-        self.is_still = true;
-        self.is_shaken |= is_quiet == Some(false);
-        self.judge_waking(now_us);
-        Some(still)
+        let place = match self.presence.place().filter(|place| !place.is_left(position, MOVED_SIGMAS)) {
+            Some(place) => place.with(now_us, position),
+            None => MeanPosition::new(now_us, position),
+        };
+        self.presence = Presence::Known { place: Some(place), failures: 0 };
+        let is_shaken_now = match &self.sensor {
+            Sensor::Trusted(movements) => !movements.is_quiet(now_us),
+            Sensor::Absent | Sensor::Endless(_) => false,
+        };
+        place.stayed_us(now_us) >= if is_shaken_now { STILL_AFTER_SHAKEN_US } else { STILL_AFTER_US }
+    }
+
+    /// Whether the sensor alone shows that the tag stays. `None`: a single round without a position shows nothing.
+    fn stays_without_position(&mut self, now_us: u64) -> Option<bool> {
+        let since_us = match &mut self.presence {
+            Presence::Known { failures, .. } if *failures + 1 < FAILURES => {
+                *failures += 1;
+                return None;
+            }
+            Presence::Known { .. } => now_us,
+            Presence::Lost { since_us } => *since_us,
+        };
+        self.presence = Presence::Lost { since_us };
+        let has_been_lost = now_us.saturating_sub(since_us) >= STILL_AFTER_US;
+        Some(self.sensor.is_quiet(now_us) == Some(true) && (self.is_still() || has_been_lost))
     }
 
     fn wake(&mut self, waking: Waking) -> Rate {
-        (self.is_still, self.waking) = (false, Some(waking));
+        self.state = State::Woken(waking);
         self.full
     }
 
-    /// The tag is still again: decides whether it was woken in vain.
-    fn judge_waking(&mut self, now_us: u64) {
-        let Some(waking) = self.waking.take() else { return };
+    /// Changes to the still rate. Decides whether the tag was woken in vain.
+    fn fall_still(&mut self, now_us: u64) {
+        if let Sensor::Trusted(movements) = self.sensor
+            && !movements.is_quiet(now_us)
+        {
+            self.sensor = Sensor::Endless(movements);
+        }
+        let State::Woken(waking) = core::mem::replace(&mut self.state, State::Still) else { return };
         if waking.has_left {
             (self.in_vain, self.deaf_until_us) = (0, now_us);
         } else if waking.by_sensor {
@@ -190,25 +246,62 @@ impl RateControl {
             self.in_vain = (self.in_vain + 1).min(MOST_IN_VAIN - 1);
         }
     }
+}
 
-    /// For how long the tag has stayed.
-    fn stayed_us(&mut self, now_us: u64, position: &Position) -> u64 {
-        let Some(place) = self.place.as_mut().filter(|place| !place.is_left(position, MOVED_SIGMAS)) else {
-            self.place =
-                Some(MeanPosition { since_us: now_us, last_us: now_us, mean_m: position.position_m, count: 1 });
-            return 0;
-        };
-        let passed_us = now_us.saturating_sub(place.last_us) as f32;
-        (place.count, place.last_us) = (place.count.saturating_add(1), now_us);
-        let weight = (passed_us / MEAN_US).min(1.0 / MEAN_OF).max(1.0 / place.count as f32);
-        for (mean, new) in place.mean_m.iter_mut().zip(position.position_m) {
-            *mean += weight * (new - *mean);
+impl Presence {
+    /// The place at which the tag stays.
+    const fn place(&self) -> Option<MeanPosition> {
+        match self {
+            Self::Known { place, .. } => *place,
+            Self::Lost { .. } => None,
         }
-        now_us.saturating_sub(place.since_us)
+    }
+}
+
+impl Sensor {
+    /// Notes a movement. Returns whether it begins with this report.
+    fn note(&mut self, now_us: u64) -> bool {
+        let begins = match self {
+            Self::Absent => true,
+            Self::Trusted(movements) | Self::Endless(movements) => movements.note(now_us),
+        };
+        if begins {
+            *self = Self::Trusted(Movements::begin(now_us));
+        }
+        begins
+    }
+
+    /// Whether there is no movement; `None` without a sensor.
+    const fn is_quiet(&self, now_us: u64) -> Option<bool> {
+        match self {
+            Self::Absent => None,
+            Self::Trusted(movements) | Self::Endless(movements) => Some(movements.is_quiet(now_us)),
+        }
     }
 }
 
 impl MeanPosition {
+    /// The mean of one position.
+    const fn new(now_us: u64, position: &Position) -> Self {
+        Self { since_us: now_us, last_us: now_us, mean_m: position.position_m, count: 1 }
+    }
+
+    /// With one more position.
+    fn with(mut self, now_us: u64, position: &Position) -> Self {
+        let passed_us = now_us.saturating_sub(self.last_us) as f32;
+        (self.count, self.last_us) = (self.count.saturating_add(1), now_us);
+        let weight = (passed_us / MEAN_US).min(1.0 / MEAN_OF).max(1.0 / self.count as f32);
+        for (mean, new) in self.mean_m.iter_mut().zip(position.position_m) {
+            *mean += weight * (new - *mean);
+        }
+        self
+    }
+
+    /// For how long the tag has stayed.
+    const fn stayed_us(&self, now_us: u64) -> u64 {
+        now_us.saturating_sub(self.since_us)
+    }
+
     fn is_left(&self, position: &Position, sigmas: f32) -> bool {
         let away = self.mean_m.iter().zip(position.position_m).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
         let variance: f32 = (0..3).map(|axis| position.covariance_m2[axis][axis]).sum();
