@@ -160,14 +160,7 @@ impl<S: Sink> View<S> {
                 let epoch = stamp.epoch.to_string();
                 self.position(t_ns, TAG, &Estimate { t_s: stamp.t_s, epoch: &epoch, place, sigma_m, reason })
             }
-            Message::Hello(_)
-            | Message::Sighting(_)
-            | Message::State(_)
-            | Message::Counters(_)
-            | Message::Reset(_)
-            | Message::Difference(_)
-            | Message::Room(_)
-            | Message::Supply(_) => Ok(()),
+            _ => Ok(()),
         }
     }
 

@@ -99,18 +99,8 @@ impl SimulatedRecording {
             What::Message(message @ Message::Room(_)) => {
                 self.tables.message_with(stamp, message, |row| row.push(tag))?;
             }
-            // Ranges without a round are those that tags report to anchors.
-            What::Message(
-                Message::Hello(_)
-                | Message::Fix(_)
-                | Message::Range(_)
-                | Message::Difference(_)
-                | Message::State(_)
-                | Message::Counters(_)
-                | Message::Reset(_)
-                | Message::Supply(_),
-            )
-            | What::Fault(_) => {}
+            // Ranges without a round are those that tags report to anchors. No other message has a table of its own.
+            What::Message(_) | What::Fault(_) => {}
         }
         Ok(())
     }

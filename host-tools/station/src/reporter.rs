@@ -54,11 +54,8 @@ impl Reporter {
                 vec![ReportKind::Sighting { tag, beacon: format!("{major}-{minor}"), rssi_dbm }]
             }
             Message::Supply(supply) => vec![ReportKind::Supply { node: tag, supply_v: supply.supply_v() }],
-            Message::Difference(_)
-            | Message::Room(_)
-            | Message::State(_)
-            | Message::Counters(_)
-            | Message::Reset(_) => Vec::new(),
+            // The station keeps nothing of the others.
+            _ => Vec::new(),
         };
         whats.into_iter().map(|what| Report { t, site: self.site.clone(), what }).collect()
     }

@@ -164,15 +164,7 @@ impl Outlet {
                 self.count(&epoch);
                 What::Epoch(epoch)
             }
-            Message::Hello(_)
-            | Message::Range(_)
-            | Message::Difference(_)
-            | Message::Sighting(_)
-            | Message::State(_)
-            | Message::Counters(_)
-            | Message::Reset(_)
-            | Message::Room(_)
-            | Message::Supply(_) => What::Message(message),
+            other => What::Message(other),
         };
         self.write((boot_us + message.t_us()) as f64 / 1e6, what);
     }

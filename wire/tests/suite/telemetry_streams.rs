@@ -3,6 +3,10 @@
 use baliza_wire::telemetry::*;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+
+use crate::drawn;
 
 /// A message with this time, so that frames can be distinguished.
 fn message(t_us: u64) -> Message {
@@ -132,173 +136,9 @@ fn each_kind_of_damage_has_its_count() {
     assert_eq!(torn, [DecodeError::Checksum, DecodeError::Cobs, DecodeError::Body, DecodeError::TooLong].map(Err));
 }
 
-fn outcome() -> impl Strategy<Value = Outcome> {
-    const REASONS: [SolveError; 8] = [
-        SolveError::TooFewAnchors,
-        SolveError::TooManyAnchors,
-        SolveError::NotFinite,
-        SolveError::CoincidentAnchors,
-        SolveError::CollinearAnchors,
-        SolveError::RangesDisjoint,
-        SolveError::Diverged,
-        SolveError::SightUnknown,
-    ];
-    let position = any::<([i32; 3], [u32; 3], [i8; 3], u16, u8)>();
-    prop_oneof![
-        position.prop_map(|(position_tenth_mm, deviation_tenth_mm, correlation_127ths, used, quality_255ths)| {
-            Outcome::Position { position_tenth_mm, deviation_tenth_mm, correlation_127ths, used, quality_255ths }
-        }),
-        proptest::sample::select(&REASONS).prop_map(Outcome::Reason),
-    ]
-}
-
-fn condition() -> impl Strategy<Value = Condition> {
-    any::<(u32, u16, u8)>().prop_flat_map(|(times, peer, small)| {
-        proptest::sample::select(vec![
-            Condition::NoRecord(RecordError::Missing),
-            Condition::NoRecord(RecordError::Version(small)),
-            Condition::NoRecord(RecordError::Corrupt),
-            Condition::NoRecord(RecordError::Invalid),
-            Condition::WrongRecord,
-            Condition::Searching,
-            Condition::Paired(peer),
-            Condition::Synchronised(peer),
-            Condition::Joined(small),
-            Condition::Coordinating,
-            Condition::Following(peer),
-            Condition::RadioFailed(times),
-            Condition::ScannerRestarted(times),
-            Condition::Advertising,
-            Condition::NetworkFull,
-            Condition::MotionSensor(MotionSensor::Silent),
-            Condition::BeaconMoved(BeaconEvidence { major: peer, minor: small.into(), seconds: times as u16 }),
-            Condition::BeaconDuplicated(BeaconEvidence { major: peer, minor: small.into(), seconds: times as u16 }),
-            Condition::BeaconRestored(BeaconEvidence { major: peer, minor: small.into(), seconds: times as u16 }),
-        ])
-    })
-}
-
-fn reset() -> impl Strategy<Value = (ResetCause, Option<Crash>)> {
-    let reason = proptest::sample::select(&[
-        CrashReason::Panic,
-        CrashReason::Fault,
-        CrashReason::StackOverflow,
-        CrashReason::Stalled,
-    ]);
-    let cause = any::<u32>().prop_flat_map(|number| {
-        proptest::sample::select(vec![
-            ResetCause::PowerOn,
-            ResetCause::BrownOut,
-            ResetCause::Pin,
-            ResetCause::Software,
-            ResetCause::Watchdog,
-            ResetCause::Lockup,
-            ResetCause::Wake,
-            ResetCause::Other(number),
-        ])
-    });
-    (cause, any::<bool>(), reason, any::<[u32; 3]>()).prop_map(|(cause, any, reason, [program_counter, line, file])| {
-        (cause, any.then_some(Crash { reason, program_counter, line, file }))
-    })
-}
-
-fn diagnostics(([rx_power_cdbm, first_path_power_cdbm, clock_offset_cppm], chip): ([i16; 3], [u16; 7])) -> Diagnostics {
-    let [first_path_index_64ths, a1, a2, a3, cir_power, preamble_count, noise_deviation] = chip;
-    Diagnostics {
-        rx_power_cdbm,
-        first_path_power_cdbm,
-        first_path_index_64ths,
-        first_path_amplitudes: [a1, a2, a3],
-        cir_power,
-        preamble_count,
-        noise_deviation,
-        clock_offset_cppm,
-    }
-}
-
 /// Any message at all.
 fn any_message() -> impl Strategy<Value = Message> {
-    let roles = proptest::sample::select(&[Role::Tag, Role::Anchor, Role::Beacon]);
-    let boards = proptest::sample::select(Board::HARDWARE.into_iter().chain([Board::Simulated]).collect::<Vec<_>>());
-    let solvers = proptest::sample::select(&[
-        Solver::Unknown,
-        Solver::Track,
-        Solver::Robust,
-        Solver::BWls,
-        Solver::BWlsR,
-        Solver::BoundingBox,
-    ]);
-    let t_us = || any::<u64>().prop_flat_map(|greatest| 0..=greatest);
-    prop_oneof![
-        (t_us(), any::<(u64, u16, [u8; 8])>(), roles, boards).prop_map(|(t_us, (eui, address, build), role, board)| {
-            Message::Hello(Hello { t_us, eui, address, role, board, build })
-        }),
-        (t_us(), any::<(u16, u32, u8)>(), outcome(), solvers).prop_map(
-            |(t_us, (round, age_us, asked), outcome, solver)| {
-                Message::Fix(Fix { t_us, round, age_us, asked, outcome, solver })
-            }
-        ),
-        (t_us(), any::<(u16, u16, i32, u32, Option<[i32; 3]>)>(), any::<([i16; 3], [u16; 7])>()).prop_map(
-            |(t_us, (round, peer, distance_tenth_mm, deviation_tenth_mm, position_tenth_mm), measured)| {
-                let diagnostics = diagnostics(measured);
-                Message::Range(Range {
-                    t_us,
-                    round,
-                    peer,
-                    distance_tenth_mm,
-                    deviation_tenth_mm,
-                    position_tenth_mm,
-                    diagnostics,
-                })
-            }
-        ),
-        (t_us(), any::<(u16, u16, u16, i32, u32, Option<[i32; 3]>)>(), any::<([i16; 3], [u16; 7])>()).prop_map(
-            |(t_us, (round, reference, peer, difference_tenth_mm, deviation_tenth_mm, position_tenth_mm), measured)| {
-                let diagnostics = diagnostics(measured);
-                Message::Difference(Difference {
-                    t_us,
-                    round,
-                    reference,
-                    peer,
-                    difference_tenth_mm,
-                    deviation_tenth_mm,
-                    position_tenth_mm,
-                    diagnostics,
-                })
-            }
-        ),
-        (t_us(), any::<(u32, u16, u16, i8, i8)>()).prop_map(
-            |(t_us, (network, major, minor, rssi_dbm, measured_power_dbm))| {
-                Message::Sighting(Sighting {
-                    t_us,
-                    beacon: BeaconId { network, major, minor },
-                    rssi_dbm,
-                    measured_power_dbm,
-                })
-            }
-        ),
-        (t_us(), condition()).prop_map(|(t_us, is)| Message::State(State { t_us, is })),
-        (t_us(), any::<[u32; 11]>()).prop_map(|(t_us, [a, b, c, d, e, f, g, h, i, j, k])| {
-            Message::Counters(Counters {
-                t_us,
-                sent: a,
-                received: b,
-                timeouts: c,
-                corrupt: d,
-                late: e,
-                not_sent: f,
-                radio_failures: g,
-                rounds_dropped: h,
-                telemetry_dropped: i,
-                sightings: j,
-                sightings_dropped: k,
-            })
-        }),
-        (t_us(), reset()).prop_map(|(t_us, (cause, crash))| Message::Reset(Reset { t_us, cause, crash })),
-        (t_us(), any::<(u16, i16)>()).prop_map(|(t_us, (supply_mv, temperature_centi_celsius))| {
-            Message::Supply(Supply { t_us, supply_mv, temperature_centi_celsius })
-        }),
-    ]
+    any::<u64>().prop_map(|seed| drawn::value(&mut Pcg64::seed_from_u64(seed)))
 }
 
 proptest! {

@@ -29,11 +29,8 @@ pub fn text(life: &Life) -> String {
                 fixes <= FEW
             }
             Message::Hello(_) | Message::Counters(_) | Message::Supply(_) => false,
-            Message::Difference(_)
-            | Message::Sighting(_)
-            | Message::State(_)
-            | Message::Reset(_)
-            | Message::Room(_) => true,
+            // Every other message is a change that a reader should see.
+            _ => true,
         };
         if t_s < UNTIL_S && is_shown {
             // Writing to a string does not fail.

@@ -239,7 +239,8 @@ impl SiteNames {
             },
             Message::Sighting(sighting) => self.with_beacon(text, &sighting.beacon.to_string()),
             Message::Room(room) => self.room(room.is, sender).unwrap_or(text),
-            Message::Fix(_) | Message::Counters(_) | Message::Reset(_) | Message::Supply(_) => text,
+            // No other message names a node.
+            _ => text,
         }
     }
 
