@@ -77,25 +77,9 @@ pub enum Role {
     Receiver,
 }
 
-/// An anchor or a beacon, and its health: how its ranges to all tags were over the last minutes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Node {
-    /// Short address (`0x0101`), or major and minor number of a beacon (`1-7`).
-    pub node: String,
-    /// The site in whose frame it is.
-    pub site: String,
-    /// Its name in the site's file.
-    pub name: Option<String>,
-    /// What it does.
-    pub role: Role,
-    /// Its surveyed position.
-    pub position_m: Option<[f64; 3]>,
-    /// RSSI at one metre, dBm: of a beacon, or of devices at a receiver. None: that of most beacons.
-    pub rssi_1m_dbm: Option<f64>,
-    /// The path loss exponent of its signals, 2 in free space. None: that of rooms.
-    pub path_loss_exponent: Option<f64>,
-    /// When a tag last measured to it.
-    pub last_seen: Option<Utc>,
+/// The health of a node: how its ranges to all tags were over the last minutes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct HealthFigures {
     /// Ranges a second, from all tags.
     pub rate_hz: f64,
     /// The share of the rounds within its usual reach in which it had a range.
@@ -115,7 +99,31 @@ pub struct Node {
     pub supply_v: Option<f64>,
 }
 
-/// The health of a node in a minute of the past: what [`Node`] had at that time.
+/// An anchor or a beacon, and its health.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Node {
+    /// Short address (`0x0101`), or major and minor number of a beacon (`1-7`).
+    pub node: String,
+    /// The site in whose frame it is.
+    pub site: String,
+    /// Its name in the site's file.
+    pub name: Option<String>,
+    /// What it does.
+    pub role: Role,
+    /// Its surveyed position.
+    pub position_m: Option<[f64; 3]>,
+    /// RSSI at one metre, dBm: of a beacon, or of devices at a receiver. None: that of most beacons.
+    pub rssi_1m_dbm: Option<f64>,
+    /// The path loss exponent of its signals, 2 in free space. None: that of rooms.
+    pub path_loss_exponent: Option<f64>,
+    /// When a tag last measured to it.
+    pub last_seen: Option<Utc>,
+    /// How its ranges are.
+    #[serde(flatten)]
+    pub health: HealthFigures,
+}
+
+/// The health of a node in a minute of the past.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct NodeHealth {
     /// The site in whose frame it is.
@@ -124,41 +132,9 @@ pub struct NodeHealth {
     pub node: String,
     /// The beginning of the minute.
     pub t: Utc,
-    /// Ranges a second, from all tags.
-    pub rate_hz: f64,
-    /// The share of the rounds within its usual reach in which it had a range.
-    pub success_rate: Option<f64>,
-    /// Mean of measured minus expected range, from the position that was solved in the same round.
-    pub residual_mean_m: Option<f64>,
-    /// Standard deviation of the same.
-    pub residual_sigma_m: Option<f64>,
-    /// Mean of the first path's power minus the received power, dB.
-    pub first_path_minus_received_db: Option<f64>,
-    /// Mean of the rate of its clock relative to the tags' clocks, parts per million.
-    pub clock_offset_ppm: Option<f64>,
-    /// It was probably moved.
-    pub moved: bool,
-    /// The supply voltage of its radio, V.
-    pub supply_v: Option<f64>,
-}
-
-impl NodeHealth {
-    /// The health of a node, as it is at this time.
-    pub fn of(t: Utc, node: Node) -> Self {
-        Self {
-            site: node.site,
-            node: node.node,
-            t,
-            rate_hz: node.rate_hz,
-            success_rate: node.success_rate,
-            residual_mean_m: node.residual_mean_m,
-            residual_sigma_m: node.residual_sigma_m,
-            first_path_minus_received_db: node.first_path_minus_received_db,
-            clock_offset_ppm: node.clock_offset_ppm,
-            moved: node.moved,
-            supply_v: node.supply_v,
-        }
-    }
+    /// How its ranges were.
+    #[serde(flatten)]
+    pub health: HealthFigures,
 }
 
 /// What someone may do. Each role may do what those before it may.
@@ -201,7 +177,7 @@ pub enum Measured {
 }
 
 /// A range, and how it was received.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RangeMeasurement {
     /// Metres.
     pub range_m: f64,
@@ -211,6 +187,24 @@ pub struct RangeMeasurement {
     pub first_path_power_dbm: Option<f64>,
     /// The rate of the anchor's clock relative to the tag's, parts per million.
     pub clock_offset_ppm: Option<f64>,
+}
+
+impl RangeMeasurement {
+    /// The longest range, metres.
+    const LONGEST_M: f64 = 10_000.0;
+    /// Received powers, dBm.
+    const POWERS_DBM: std::ops::RangeInclusive<f64> = -200.0..=100.0;
+    /// The greatest offset of a clock, ppm: more than telemetry can carry.
+    const FASTEST_PPM: f64 = 1000.0;
+
+    /// Whether its numbers can have been measured.
+    pub fn is_sane(&self) -> bool {
+        let Self { range_m, rx_power_dbm, first_path_power_dbm, clock_offset_ppm } = self;
+        let powers_dbm = [rx_power_dbm, first_path_power_dbm];
+        (0.0..=Self::LONGEST_M).contains(range_m)
+            && powers_dbm.into_iter().flatten().all(|power_dbm| Self::POWERS_DBM.contains(power_dbm))
+            && clock_offset_ppm.is_none_or(|offset_ppm| offset_ppm.abs() <= Self::FASTEST_PPM)
+    }
 }
 
 /// A node and its place: a beacon or a receiver that a person has placed, or a node as it was last reported.

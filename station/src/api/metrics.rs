@@ -59,7 +59,7 @@ async fn metrics(State(station): State<Shared>) -> Response {
     let by_state = by_state.map(|(state, tags)| (format!("{{state=\"{state}\"}}"), tags as f64));
     family("tags", "gauge", "Tags that are known.", &by_state);
     family("nodes", "gauge", "Anchors, beacons and receivers that are known.", &one(nodes.len() as f64));
-    let moved = nodes.iter().filter(|node| node.moved).count();
+    let moved = nodes.iter().filter(|node| node.health.moved).count();
     family("nodes_moved", "gauge", "Anchors that were probably moved.", &one(moved as f64));
     let counts = station.app.hub.counts();
     for (name, help, count) in [

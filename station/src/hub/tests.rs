@@ -491,7 +491,7 @@ async fn the_health_of_the_nodes_that_were_seen_is_written_each_minute() {
     };
     let written = || -> Vec<(String, Option<f64>)> {
         let rows = store.content(|content| std::mem::take(&mut content.health));
-        rows.into_iter().map(|row| (row.node, row.clock_offset_ppm)).collect()
+        rows.into_iter().map(|row| (row.node, row.health.clock_offset_ppm)).collect()
     };
     let a_minute = Duration::from_secs(60);
     range("0x0101", Some(2.5)).await;

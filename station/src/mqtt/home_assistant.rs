@@ -110,7 +110,7 @@ impl Discovery {
             "state_topic": self.topics.health(&node.site, &node.node),
             "value_template": "{{ 'ON' if value_json.moved else 'OFF' }}",
         });
-        let supply = node.supply_v.map(|_| ("supply", supply(self.topics.health(&node.site, &node.node))));
+        let supply = node.health.supply_v.map(|_| ("supply", supply(self.topics.health(&node.site, &node.node))));
         let name = node.name.as_deref().unwrap_or(&node.node);
         Some(self.document(&id, name, "anchor", &node.node, [("moved", moved)].into_iter().chain(supply)))
     }

@@ -17,12 +17,6 @@ const AHEAD: Duration = Duration::from_secs(60);
 const LONGEST_REASON: usize = 200;
 /// The greatest standard deviation, metres.
 const VAGUEST_M: f64 = 1e5;
-/// The longest range, metres.
-const LONGEST_M: f64 = 10_000.0;
-/// Received powers, dBm.
-const POWERS_DBM: std::ops::RangeInclusive<f64> = -200.0..=100.0;
-/// The greatest offset of a clock, ppm: more than telemetry can carry.
-const FASTEST_PPM: f64 = 1000.0;
 /// Supply voltages of radios, V.
 const SUPPLIES_V: std::ops::RangeInclusive<f64> = 0.5..=10.0;
 
@@ -162,11 +156,7 @@ impl Live {
         range: RangeMeasurement,
         updates: &mut Vec<Update>,
     ) -> Option<()> {
-        let RangeMeasurement { range_m, rx_power_dbm, first_path_power_dbm, clock_offset_ppm } = range;
-        let powers_dbm = [rx_power_dbm, first_path_power_dbm];
-        let is_power = powers_dbm.iter().flatten().all(|power_dbm| POWERS_DBM.contains(power_dbm));
-        let is_offset = clock_offset_ppm.is_none_or(|offset_ppm| offset_ppm.abs() <= FASTEST_PPM);
-        if !((0.0..=LONGEST_M).contains(&range_m) && is_power && is_offset && is_name(anchor)) {
+        if !(range.is_sane() && is_name(anchor)) {
             return None;
         }
         self.reporting_tag(t, site, tag, updates)?;

@@ -21,7 +21,7 @@ use super::rate::{Mean, Rate};
 use super::rounds::RoundMeasurement;
 use super::supply::Supply;
 use crate::Utc;
-use crate::model::{Measured, Node, NodeHealth, RangeMeasurement, Role};
+use crate::model::{HealthFigures, Measured, Node, NodeHealth, RangeMeasurement, Role};
 use crate::rssi::KnownNode;
 
 /// Residuals must be off for this time.
@@ -57,22 +57,28 @@ enum Placement {
 #[derive(Debug)]
 struct NodeState {
     node: String,
-    name: Option<String>,
     role: Role,
+    name: Option<String>,
     position_m: Option<[f64; 3]>,
     rssi_1m_dbm: Option<f64>,
     path_loss_exponent: Option<f64>,
     last_seen: Option<Utc>,
     /// Seen since its health was taken.
     is_seen: bool,
+    means: Means,
+    placement: Placement,
+    supply: Supply,
+}
+
+/// How a node's ranges were over the last minutes.
+#[derive(Debug, Default)]
+struct Means {
     rate: Rate,
     ranges: Mean,
     residuals: Mean,
     power: Mean,
     clock_offset: Mean,
     success: Mean,
-    placement: Placement,
-    supply: Supply,
 }
 
 /// What a round needs of a node, side by side in memory: a round looks at all nodes of its site.
@@ -103,24 +109,7 @@ impl Nodes {
     pub(super) fn add(&mut self, node: &str, role: Role) -> usize {
         let index = self.states.len();
         self.by_name.insert(node.to_owned(), index);
-        self.states.push(NodeState {
-            node: node.to_owned(),
-            name: None,
-            role,
-            position_m: None,
-            rssi_1m_dbm: None,
-            path_loss_exponent: None,
-            last_seen: None,
-            is_seen: false,
-            rate: Rate::default(),
-            ranges: Mean::default(),
-            residuals: Mean::default(),
-            power: Mean::default(),
-            clock_offset: Mean::default(),
-            success: Mean::default(),
-            placement: Placement::AtPlace,
-            supply: Supply::default(),
-        });
+        self.states.push(NodeState::new(node, role));
         self.reaches.push(Reach { position_m: [f64::NAN; 3], mean_m: 0.0, round: 0 });
         index
     }
@@ -143,7 +132,7 @@ impl Nodes {
         let is_surveyed = position_m.is_some() && position_m != state.position_m;
         if let Some(position_m) = position_m.filter(|_| is_surveyed) {
             (state.position_m, reach.position_m) = (Some(position_m), position_m);
-            (state.residuals, state.success) = (Mean::default(), Mean::default());
+            (state.means.residuals, state.means.success) = (Mean::default(), Mean::default());
             state.placement = Placement::AtPlace;
         }
         let is_other = role != state.role;
@@ -184,7 +173,7 @@ impl Nodes {
         if let Some(state) = self.states.get_mut(index) {
             state.last_seen = Some(t);
             state.is_seen = true;
-            state.rate.count(t);
+            state.means.rate.count(t);
         }
     }
 
@@ -202,13 +191,13 @@ impl Nodes {
     pub(super) fn range(&mut self, index: usize, t: Utc, range: &RangeMeasurement) {
         self.sight(index, t);
         let (Some(state), Some(reach)) = (self.states.get_mut(index), self.reaches.get_mut(index)) else { return };
-        state.ranges.add(t, range.range_m);
-        reach.mean_m = state.ranges.mean().unwrap_or(0.0);
+        state.means.ranges.add(t, range.range_m);
+        reach.mean_m = state.means.ranges.mean().unwrap_or(0.0);
         if let Some((first_path_dbm, received_dbm)) = range.first_path_power_dbm.zip(range.rx_power_dbm) {
-            state.power.add(t, first_path_dbm - received_dbm);
+            state.means.power.add(t, first_path_dbm - received_dbm);
         }
         if let Some(offset_ppm) = range.clock_offset_ppm {
-            state.clock_offset.add(t, offset_ppm);
+            state.means.clock_offset.add(t, offset_ppm);
         }
     }
 
@@ -240,8 +229,8 @@ impl Nodes {
                 continue;
             }
             reach.round = self.rounds;
-            state.success.add(t, 1.0);
-            state.residuals.add(t, range_m - distance_m);
+            state.means.success.add(t, 1.0);
+            state.means.residuals.add(t, range_m - distance_m);
             let was_moved = state.is_moved();
             state.check_place(t, limits);
             if state.is_moved() && !was_moved {
@@ -251,7 +240,7 @@ impl Nodes {
         }
         for (state, reach) in self.states.iter_mut().zip(&self.reaches) {
             if reach.round != self.rounds && distance(reach.position_m, at_m) < reach.mean_m {
-                state.success.add(t, 0.0);
+                state.means.success.add(t, 0.0);
             }
         }
         is_back
@@ -265,11 +254,32 @@ impl Nodes {
     /// The health of those that were seen since the last time.
     pub(super) fn take_health(&mut self, site: &str, now: Utc) -> impl Iterator<Item = NodeHealth> {
         let seen = self.states.iter_mut().filter_map(|state| std::mem::take(&mut state.is_seen).then_some(state));
-        seen.map(move |state| NodeHealth::of(now, state.show(site, now)))
+        seen.map(move |state| NodeHealth {
+            site: site.to_owned(),
+            node: state.node.clone(),
+            t: now,
+            health: state.health(now),
+        })
     }
 }
 
 impl NodeState {
+    fn new(node: &str, role: Role) -> Self {
+        Self {
+            node: node.to_owned(),
+            role,
+            name: None,
+            position_m: None,
+            rssi_1m_dbm: None,
+            path_loss_exponent: None,
+            last_seen: None,
+            is_seen: false,
+            means: Means::default(),
+            placement: Placement::AtPlace,
+            supply: Supply::default(),
+        }
+    }
+
     fn show(&self, site: &str, now: Utc) -> Node {
         Node {
             node: self.node.clone(),
@@ -280,20 +290,27 @@ impl NodeState {
             rssi_1m_dbm: self.rssi_1m_dbm,
             path_loss_exponent: self.path_loss_exponent,
             last_seen: self.last_seen,
-            rate_hz: self.rate.hz(now),
-            success_rate: self.success.mean(),
-            residual_mean_m: self.residuals.mean(),
-            residual_sigma_m: self.residuals.sigma(),
-            first_path_minus_received_db: self.power.mean(),
-            clock_offset_ppm: self.clock_offset.mean(),
+            health: self.health(now),
+        }
+    }
+
+    fn health(&self, now: Utc) -> HealthFigures {
+        let Means { rate, ranges: _, residuals, power, clock_offset, success } = &self.means;
+        HealthFigures {
+            rate_hz: rate.hz(now),
+            success_rate: success.mean(),
+            residual_mean_m: residuals.mean(),
+            residual_sigma_m: residuals.sigma(),
+            first_path_minus_received_db: power.mean(),
+            clock_offset_ppm: clock_offset.mean(),
             moved: self.is_moved(),
             supply_v: self.supply.volts,
         }
     }
 
     fn check_place(&mut self, t: Utc, limits: &Limits) {
-        let Some(mean_m) = self.residuals.mean().map(f64::abs) else { return };
-        let error_m = self.residuals.standard_error(LEAST_SECONDS);
+        let Some(mean_m) = self.means.residuals.mean().map(f64::abs) else { return };
+        let error_m = self.means.residuals.standard_error(LEAST_SECONDS);
         let is_off = mean_m > limits.moved_m && error_m.is_some_and(|error_m| mean_m > STANDARD_ERRORS * error_m);
         self.placement = match self.placement {
             Placement::Moved if !is_off && mean_m < BACK_AGAIN * limits.moved_m => Placement::AtPlace,

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::*;
-use crate::model::RangeMeasurement;
+use crate::model::{HealthFigures, RangeMeasurement};
 use crate::{Report, ReportKind, SolvedFrom};
 
 const SITE: &str = "hall";
@@ -301,7 +301,7 @@ fn a_low_supply_is_an_alarm_of_its_tag_or_anchor() {
         assert_eq!(events(&live.apply(&report(at(120_000), supply(node, 2.79)))), []);
     }
     assert_eq!((live.tags()[0].supply_v, live.tags().len()), (Some(2.79), 1));
-    assert_eq!(live.nodes()[0].supply_v, Some(2.79));
+    assert_eq!(live.nodes()[0].health.supply_v, Some(2.79));
     for nonsense in [0.0, -1.0, 60.0, f64::NAN] {
         live.apply(&report(at(121_000), supply("0x1001", nonsense)));
     }
@@ -352,10 +352,10 @@ fn residuals_are_ranges_minus_distances_in_space() {
     live.apply(&report(at(0), position("0x1001", [0.0, 0.0], 0.1)));
     let nodes = live.nodes();
     // Distances 5 (3, 4) and 7 (2, 3, 6); nobody knows where the third anchor is.
-    let residuals: Vec<Option<f64>> = nodes.iter().map(|node| node.residual_mean_m).collect();
+    let residuals: Vec<Option<f64>> = nodes.iter().map(|node| node.health.residual_mean_m).collect();
     assert_eq!(residuals, [Some(0.25), Some(-0.5), None]);
-    assert!(nodes.iter().all(|node| node.first_path_minus_received_db == Some(-4.0)));
-    assert_eq!(nodes.iter().map(|node| node.clock_offset_ppm).collect::<Vec<_>>(), [Some(2.0), Some(-3.0), Some(2.0)]);
+    assert!(nodes.iter().all(|node| node.health.first_path_minus_received_db == Some(-4.0)));
+    assert_eq!(nodes.iter().map(|node| node.health.clock_offset_ppm).collect::<Vec<_>>(), [Some(2.0), Some(-3.0), Some(2.0)]);
     assert_eq!(nodes[0].last_seen, Some(at(0)));
     // A second value of 0.75: the mean is 0.5 and the deviation 0.25. Without z, and without a position, there is none.
     live.apply(&report(at(0), range("0x0101", 5.75)));
@@ -380,7 +380,7 @@ fn residuals_are_ranges_minus_distances_in_space() {
     }
     live.apply(&report(at(0), position("0x1001", [0.0, 0.0], 0.1)));
     let node = live.nodes().remove(0);
-    assert_eq!((node.residual_mean_m, node.residual_sigma_m), (Some(0.5), Some(0.25)));
+    assert_eq!((node.health.residual_mean_m, node.health.residual_sigma_m), (Some(0.5), Some(0.25)));
 }
 
 #[test]
@@ -393,7 +393,7 @@ fn success_is_the_share_of_rounds_nearer_than_the_mean_range() {
         }
         live.apply(&report(at(0), range("0x0102", 3.0)));
         live.apply(&report(at(0), position("0x1001", [x, 0.0], 0.1)));
-        live.nodes()[0].success_rate
+        live.nodes()[0].health.success_rate
     };
     // Ranges of 4 m and 6 m: the mean is 5 m.
     assert_eq!((round(6.0, true), round(4.0, true)), (Some(1.0), Some(1.0)));
@@ -403,7 +403,7 @@ fn success_is_the_share_of_rounds_nearer_than_the_mean_range() {
     assert!((round(7.0, false).unwrap() - 0.5).abs() < 1e-12);
     // A position without ranges is no round: its source does not report them.
     live.apply(&report(at(0), position("0x1001", [7.0, 0.0], 0.1)));
-    assert_eq!(live.nodes()[0].success_rate, Some(0.5));
+    assert_eq!(live.nodes()[0].health.success_rate, Some(0.5));
 }
 
 #[test]
@@ -420,18 +420,20 @@ fn the_health_of_a_node_is_taken_once_after_it_was_seen() {
     live.apply(&report(at(9_900), ReportKind::Supply { node: "0x0101".to_owned(), supply_v: 3.25 }));
     live.tick(at(10_000));
     let health = live.take_health().remove(0);
-    assert!((health.residual_mean_m.unwrap() - 1.0).abs() < 1e-9 && health.residual_sigma_m.unwrap() < 1e-9);
+    assert!((health.health.residual_mean_m.unwrap() - 1.0).abs() < 1e-9 && health.health.residual_sigma_m.unwrap() < 1e-9);
     let expected = NodeHealth {
         site: SITE.to_owned(),
         node: "0x0101".to_owned(),
         t: at(10_000),
-        rate_hz: 5.0,
-        success_rate: Some(1.0),
-        first_path_minus_received_db: Some(-4.0),
-        clock_offset_ppm: Some(2.0),
-        moved: false,
-        supply_v: Some(3.25),
-        ..health
+        health: HealthFigures {
+            rate_hz: 5.0,
+            success_rate: Some(1.0),
+            first_path_minus_received_db: Some(-4.0),
+            clock_offset_ppm: Some(2.0),
+            moved: false,
+            supply_v: Some(3.25),
+            ..health.health
+        },
     };
     assert_eq!(health, expected);
     assert_eq!(live.take_health(), []);
@@ -464,10 +466,10 @@ fn an_anchor_that_was_moved_makes_one_event_and_is_well_again_when_it_is_surveye
     let moved = walk(&mut live, 600, 6.0);
     let [(EventKind::Moved, node, seconds)] = moved.as_slice() else { panic!("{moved:?}") };
     assert!(node == "0x0101" && (300 + 195..=300 + 215).contains(seconds), "{moved:?}");
-    assert_eq!(live.nodes().iter().map(|node| node.moved).collect::<Vec<_>>(), [true, false]);
+    assert_eq!(live.nodes().iter().map(|node| node.health.moved).collect::<Vec<_>>(), [true, false]);
     // Surveyed at its new place, 6 m away.
     live.apply(&report(at(1000 * 900), anchor("0x0101", [3.6, 4.8, 0.0])));
-    assert!(!live.nodes()[0].moved);
+    assert!(!live.nodes()[0].health.moved);
     assert_eq!(walk(&mut live, 300, 6.0), []);
 }
 
@@ -481,7 +483,7 @@ fn an_anchor_that_is_put_back_is_no_longer_moved() {
         // Residuals of 1 m: after 34 s there are values of 30 seconds (120 (1 - e^(-t/120)) = 30), and two minutes
         // later the anchor counts as moved. It is put back after 400 s. t later, the mean is 0.964 q / (1 - 0.036 q)
         // with q = e^(-t/120): 0.25 m for q = 0.257, t = 163 s.
-        let is_moved = live.nodes()[0].moved;
+        let is_moved = live.nodes()[0].health.moved;
         match s {
             0..=150 => assert!(!is_moved, "{s}"),
             160..=560 => assert!(is_moved, "{s}"),
@@ -612,7 +614,7 @@ fn a_host_clock_that_jumps_leaves_nothing_wrong() {
         assert_eq!(step(&mut live, at(1000 * s)), []);
     }
     let (tag, node) = (live.tags().remove(0), live.nodes().remove(0));
-    assert_eq!((tag.rate_hz, node.rate_hz, node.success_rate), (1.0, 1.0, Some(1.0)));
+    assert_eq!((tag.rate_hz, node.health.rate_hz, node.health.success_rate), (1.0, 1.0, Some(1.0)));
     assert!(!tag.silent);
     assert_eq!(events(&live.tick(at(70_000))), [(EventKind::Silent, None, None)], "30 s after the last report");
 }
@@ -703,8 +705,8 @@ fn a_node_that_is_forgotten_leaves_the_others_as_they_are() {
     let nodes = live.nodes();
     assert_eq!(nodes.iter().map(|node| node.node.as_str()).collect::<Vec<_>>(), ["0x0101", "0x0102"]);
     // The anchor is at 2 m, the tag at 4 m: 3 m are 1 m too much.
-    assert_eq!(nodes[1].residual_mean_m, Some(1.0));
-    assert_eq!(nodes[0].residual_mean_m, None);
+    assert_eq!(nodes[1].health.residual_mean_m, Some(1.0));
+    assert_eq!(nodes[0].health.residual_mean_m, None);
 }
 
 #[test]
@@ -753,7 +755,7 @@ fn residual_sigmas_m(has_numbers: bool, arrives: impl Fn(u16) -> bool) -> Vec<f6
             live.apply(&report(t, fix));
         }
     }
-    live.nodes().iter().filter_map(|node| node.residual_sigma_m).collect()
+    live.nodes().iter().filter_map(|node| node.health.residual_sigma_m).collect()
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use hyper::{Method, header};
 use serde_json::{Value, json};
 use station_core::ReportKind;
-use station_core::model::{NodeHealth, Role};
+use station_core::model::{HealthFigures, NodeHealth, Role};
 
 use crate::api::client::{SITE, keys, open, png};
 
@@ -186,14 +186,12 @@ async fn the_health_of_a_node_has_its_history_newest_first_in_pages() {
         site: SITE.to_owned(),
         node: "north west".to_owned(),
         t: format!("2026-01-01T10:{minute:02}:00Z").parse().unwrap(),
-        rate_hz: 10.0,
-        success_rate: Some(f64::from(minute) / 10.0),
-        residual_mean_m: None,
-        residual_sigma_m: None,
-        first_path_minus_received_db: None,
-        clock_offset_ppm: None,
-        moved: minute == 3,
-        supply_v: None,
+        health: HealthFigures {
+            rate_hz: 10.0,
+            success_rate: Some(f64::from(minute) / 10.0),
+            moved: minute == 3,
+            ..HealthFigures::default()
+        },
     };
     station.store.write_health(&[1, 2, 3].map(at)).await.unwrap();
     let path = "/api/v1/nodes/lab/north%20west/health";

@@ -67,14 +67,14 @@ const OF_NODES: [Column<Node>; 9] = [
         title: "  ok",
         width: 4,
         order: 1,
-        value: |node, _| node.success_rate.map_or_else(String::new, |rate| format!("{:3.0}%", 100.0 * rate)),
+        value: |node, _| node.health.success_rate.map_or_else(String::new, |rate| format!("{:3.0}%", 100.0 * rate)),
     },
-    Column { title: "error m", width: 7, order: 2, value: |node, _| number(node.residual_mean_m, 7, 2) },
-    Column { title: "  ± m", width: 5, order: 4, value: |node, _| number(node.residual_sigma_m, 5, 2) },
-    Column { title: "FP-RX dB", width: 8, order: 5, value: |node, _| number(node.first_path_minus_received_db, 8, 1) },
-    Column { title: "  ppm", width: 5, order: 8, value: |node, _| number(node.clock_offset_ppm, 5, 1) },
-    Column { title: "   Hz", width: 5, order: 6, value: |node, _| number(Some(node.rate_hz), 5, 1) },
-    Column { title: "   V", width: 4, order: 7, value: |node, _| number(node.supply_v, 4, 2) },
+    Column { title: "error m", width: 7, order: 2, value: |node, _| number(node.health.residual_mean_m, 7, 2) },
+    Column { title: "  ± m", width: 5, order: 4, value: |node, _| number(node.health.residual_sigma_m, 5, 2) },
+    Column { title: "FP-RX dB", width: 8, order: 5, value: |node, _| number(node.health.first_path_minus_received_db, 8, 1) },
+    Column { title: "  ppm", width: 5, order: 8, value: |node, _| number(node.health.clock_offset_ppm, 5, 1) },
+    Column { title: "   Hz", width: 5, order: 6, value: |node, _| number(Some(node.health.rate_hz), 5, 1) },
+    Column { title: "   V", width: 4, order: 7, value: |node, _| number(node.health.supply_v, 4, 2) },
     Column { title: "state", width: 12, order: 3, value: state_of_node },
 ];
 
@@ -119,7 +119,7 @@ fn state_of_tag(tag: &Tag, now: Utc) -> String {
 }
 
 fn state_of_node(node: &Node, now: Utc) -> String {
-    if node.moved {
+    if node.health.moved {
         return "moved?".to_owned();
     }
     match (node.role, node.last_seen) {
@@ -216,7 +216,7 @@ impl Screen {
                 let row = |node: &Node| Shown {
                     key: node.node.clone(),
                     fields: columns.iter().map(|(column, _)| (column.value)(node, now)).collect(),
-                    style: if node.moved { self.style(Color::Red) } else { Style::new() },
+                    style: if node.health.moved { self.style(Color::Red) } else { Style::new() },
                 };
                 let rows = self.found_nodes().map(row).collect();
                 (" Anchors ", columns.iter().map(|(column, width)| (column.title, *width)).collect(), rows)

@@ -127,7 +127,7 @@ impl Screen {
                 Role::Beacon => "◆",
                 Role::Receiver => "■",
             };
-            let colour = if node.moved { Color::Red } else { Color::Green };
+            let colour = if node.health.moved { Color::Red } else { Color::Green };
             let (name, style) = (label_of_node(node).to_owned(), self.style(colour));
             marks.push(Mark { at_m: [x, y], symbol, name, style });
         }

@@ -201,7 +201,7 @@ impl Screen {
     fn head(&self) -> Line<'static> {
         let tags = self.tags().count();
         let silent = self.tags().filter(|tag| tag.silent).count();
-        let moved = self.nodes().filter(|node| node.moved).count();
+        let moved = self.nodes().filter(|node| node.health.moved).count();
         let site = self.site.as_deref().unwrap_or("no site yet");
         // RFC 3339: the time of day.
         let time = self.snapshot.now.to_string();

@@ -9,7 +9,7 @@ use sqlx::migrate::Migrator;
 use super::measurements::{RANGE, measurement, node};
 use super::*;
 use crate::model::{
-    Campaign, CampaignPoint, Measured, Measurement, NodeHealth, PlacedNode, Plan, Role, Sample, Site, Tag, Zone,
+    Campaign, CampaignPoint, HealthFigures, Measured, Measurement, NodeHealth, PlacedNode, Plan, Role, Sample, Site, Tag, Zone,
     ZoneKind,
 };
 use crate::store::open::migrations;
@@ -121,7 +121,8 @@ async fn fill(store: &Store) {
     store.create_campaign(&campaign).await.unwrap();
     let samples = [-61.0, -62.5].map(|rssi_dbm| Sample { beacon: "1-1".to_owned(), rssi_dbm, t_s: 0.1 });
     store.add_samples("survey", "p1", &samples).await.unwrap();
-    let bare = NodeHealth { success_rate: None, residual_mean_m: None, supply_v: None, ..health("0x0101", 60_000) };
+    let mut bare = health("0x0101", 60_000);
+    bare.health = HealthFigures { success_rate: None, residual_mean_m: None, supply_v: None, ..bare.health };
     store.write_health(&[health("0x0101", 0), bare]).await.unwrap();
     let ranges = [measurement("a", "0x0101", 10, RANGE), measurement("b", "1-7", 20, Measured::Rssi(-60.5))];
     store.write_measurements(&ranges).await.unwrap();

@@ -1,7 +1,7 @@
 //! Measurements, and the nodes that they are to.
 
 use super::*;
-use crate::model::{Measured, Measurement, Node, PlacedNode, RangeMeasurement, Role};
+use crate::model::{HealthFigures, Measured, Measurement, Node, PlacedNode, RangeMeasurement, Role};
 
 pub const RANGE: Measured = Measured::Range(RangeMeasurement {
     range_m: 3.217,
@@ -26,14 +26,7 @@ pub fn node(name: &str, role: Role, position_m: Option<[f64; 3]>, rssi_1m_dbm: O
         rssi_1m_dbm,
         path_loss_exponent: rssi_1m_dbm.map(|_| 2.25),
         last_seen: None,
-        rate_hz: 0.0,
-        success_rate: None,
-        residual_mean_m: None,
-        residual_sigma_m: None,
-        first_path_minus_received_db: None,
-        clock_offset_ppm: None,
-        moved: false,
-        supply_v: None,
+        health: HealthFigures::default(),
     }
 }
 

@@ -15,7 +15,7 @@ use std::sync::Once;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use super::*;
-use crate::model::{Event, EventKind, NodeHealth, TagPosition};
+use crate::model::{Event, EventKind, HealthFigures, NodeHealth, TagPosition};
 
 /// A place for a store, empty at first.
 pub struct Place {
@@ -146,13 +146,15 @@ pub fn health(node: &str, ms: i64) -> NodeHealth {
         site: "hall".to_owned(),
         node: node.to_owned(),
         t: at(ms),
-        rate_hz: 9.7,
-        success_rate: Some(0.985),
-        residual_mean_m: Some(-0.125),
-        residual_sigma_m: Some(0.083),
-        first_path_minus_received_db: Some(-2.75),
-        clock_offset_ppm: Some(-12.345),
-        moved: true,
-        supply_v: Some(3.281),
+        health: HealthFigures {
+            rate_hz: 9.7,
+            success_rate: Some(0.985),
+            residual_mean_m: Some(-0.125),
+            residual_sigma_m: Some(0.083),
+            first_path_minus_received_db: Some(-2.75),
+            clock_offset_ppm: Some(-12.345),
+            moved: true,
+            supply_v: Some(3.281),
+        },
     }
 }

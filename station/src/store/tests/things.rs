@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::model::{
-    Campaign, CampaignPoint, GeographicOrigin, NodeHealth, PlacedNode, Plan, Role, Sample, Site, Zone, ZoneKind,
+    Campaign, CampaignPoint, GeographicOrigin, HealthFigures, NodeHealth, PlacedNode, Plan, Role, Sample, Site, Zone, ZoneKind,
 };
 
 const HOSTILE: [&str; 5] =
@@ -110,27 +110,20 @@ on_both! {
         let store = place.open().await;
         let known = health("0x0101", 60_000);
         // A beacon of which only the rate is known, and that goes beyond what is stored.
-        let bare = NodeHealth {
-            rate_hz: 1e12,
-            success_rate: None,
-            residual_mean_m: None,
-            residual_sigma_m: None,
-            first_path_minus_received_db: None,
-            clock_offset_ppm: None,
-            moved: false,
-            supply_v: None,
+        let bare = |rate_hz| NodeHealth {
+            health: HealthFigures { rate_hz, ..HealthFigures::default() },
             ..health("0x0101", 2 * 60_000)
         };
-        store.write_health(&[known.clone(), bare.clone(), health("0x0102", 60_000)]).await.unwrap();
+        store.write_health(&[known.clone(), bare(1e12), health("0x0102", 60_000)]).await.unwrap();
         // A second row of a minute is not stored; minutes in between are missing.
-        let again = NodeHealth { moved: false, ..health("0x0101", 119_999) };
+        let again = NodeHealth { health: HealthFigures::default(), ..health("0x0101", 119_999) };
         store.write_health(&[again, health("0x0101", 5 * 60_000 + 59_000)]).await.unwrap();
         let minutes = |rows: Vec<NodeHealth>| -> Vec<i64> {
             rows.iter().map(|row| (row.t.us() - at(0).us()) / 60_000_000).collect()
         };
         let read = store.health("hall", "0x0101", EVER(), 10).await.unwrap();
         // 2^31 - 1 hundredths of a hertz are the greatest rate.
-        assert_eq!(read, [health("0x0101", 5 * 60_000), NodeHealth { rate_hz: 21_474_836.47, ..bare }, known]);
+        assert_eq!(read, [health("0x0101", 5 * 60_000), bare(21_474_836.47), known]);
         assert_eq!(minutes(store.health("hall", "0x0101", EVER(), 2).await.unwrap()), [5, 2]);
         // A minute is in a span with its beginning.
         assert_eq!(minutes(store.health("hall", "0x0101", span(60_000, 120_000), 9).await.unwrap()), [1]);
