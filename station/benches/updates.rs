@@ -8,9 +8,9 @@ use std::hint::black_box;
 use std::time::Duration;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use station_core::model::{RangeMeasurement, Role, Zone, ZoneKind};
-use station_core::state::Limits;
-use station_core::{Live, Report, ReportKind, SolvedFrom, Utc};
+use station_core::model::{NodeRole, RangeMeasurement, Zone, ZoneKind};
+use station_core::state::StateLimits;
+use station_core::{LiveState, ReportKind, SolvedFrom, SourceReport, Utc};
 
 const TAGS: u32 = 1000;
 const ANCHORS: u32 = 50;
@@ -36,23 +36,23 @@ fn anchor_m(k: u32) -> [f64; 3] {
     [f64::from(4 * (k % 10)), f64::from(8 * (k / 10)), 2.5]
 }
 
-fn live() -> Live {
-    let mut live = Live::new(Limits::default());
+fn live() -> LiveState {
+    let mut live = LiveState::new(StateLimits::default());
     live.set_zones(zones());
     for k in 0..ANCHORS {
         let what = ReportKind::Node {
             node: format!("0x{:04X}", 0x100 + k),
             name: None,
-            role: Role::Anchor,
+            role: NodeRole::Anchor,
             position_m: Some(anchor_m(k)),
         };
-        live.apply(&Report { t: Utc::default(), site: SITE.to_owned(), what });
+        live.apply(&SourceReport { t: Utc::default(), site: SITE.to_owned(), what });
     }
     live
 }
 
 /// The reports of a tenth of a second: each tag walks at 1 m/s.
-fn tenth(step: u32) -> Vec<Report> {
+fn tenth(step: u32) -> Vec<SourceReport> {
     let t = Utc::clamped(1_700_000_000_000_000) + Duration::from_millis(u64::from(100 * step));
     let mut reports = Vec::new();
     for k in 0..TAGS {
@@ -74,7 +74,7 @@ fn tenth(step: u32) -> Vec<Report> {
                     clock_offset_ppm: Some(-2.35),
                 },
             };
-            reports.push(Report { t, site: site.clone(), what });
+            reports.push(SourceReport { t, site: site.clone(), what });
         }
         let what = ReportKind::Position {
             tag: name,
@@ -87,13 +87,13 @@ fn tenth(step: u32) -> Vec<Report> {
             used: 12,
             solved_from: SolvedFrom::Ranges,
         };
-        reports.push(Report { t, site, what });
+        reports.push(SourceReport { t, site, what });
     }
     reports
 }
 
 fn updates(criterion: &mut Criterion) {
-    let tenths: Vec<Vec<Report>> = (0..20).map(tenth).collect();
+    let tenths: Vec<Vec<SourceReport>> = (0..20).map(tenth).collect();
     let mut live = live();
     let mut group = criterion.benchmark_group("live state");
     group.throughput(Throughput::Elements(u64::from(TAGS)));

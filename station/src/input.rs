@@ -1,11 +1,11 @@
 //! Input events: positions, ranges, sightings, nodes. A source makes them, the [`Hub`](crate::Hub) takes them.
 
 use crate::Utc;
-use crate::model::{PlacedNode, RangeMeasurement, Role};
+use crate::model::{NodeRole, PlacedNode, RangeMeasurement};
 
 /// A report of a source.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Report {
+pub struct SourceReport {
     /// When it was received, or when it is valid.
     pub t: Utc,
     /// The site whose frame its coordinates are in.
@@ -24,7 +24,7 @@ pub enum ReportKind {
         /// Its name in the site's file.
         name: Option<String>,
         /// What it does.
-        role: Role,
+        role: NodeRole,
         /// Where it is, metres.
         position_m: Option<[f64; 3]>,
     },
@@ -118,10 +118,10 @@ pub enum SolvedFrom {
 
 impl PlacedNode {
     /// The reports of it for the live state.
-    pub fn reports(&self, t: Utc) -> [Report; 2] {
+    pub fn reports(&self, t: Utc) -> [SourceReport; 2] {
         let Self { node, name, role, position_m, rssi_1m_dbm, path_loss_exponent, .. } = self.clone();
         let place = ReportKind::Node { node: node.clone(), name, role, position_m: Some(position_m) };
         let path_loss = ReportKind::PathLoss { node, rssi_1m_dbm, path_loss_exponent };
-        [place, path_loss].map(|what| Report { t, site: self.site.clone(), what })
+        [place, path_loss].map(|what| SourceReport { t, site: self.site.clone(), what })
     }
 }

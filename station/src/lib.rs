@@ -17,8 +17,8 @@
 //! | [`oidc`] | sign-in at a provider of OpenID Connect |
 //! | [`webhooks`] | events to other programs |
 //!
-//! Data flows one way: a source makes a [`Report`] and sends it to the [`Hub`]; the hub's task applies it to the
-//! [`Live`] state, which returns [`Update`]s; these go to the listeners at once and to the [`Store`] in batches. The
+//! Data flows one way: a source makes a [`SourceReport`] and sends it to the [`Hub`]; the hub's task applies it to the
+//! [`LiveState`] state, which returns [`Update`]s; these go to the listeners at once and to the [`Store`] in batches. The
 //! API reads the live state and the store. It writes what a person configures (sites, zones, campaigns) to the store,
 //! and reloads the live state from there.
 #![forbid(unsafe_code)]
@@ -41,7 +41,7 @@ mod utc;
 pub mod webhooks;
 
 pub use hub::Hub;
-pub use input::{Report, ReportKind, SolvedFrom};
-pub use state::{Live, Update};
+pub use input::{ReportKind, SolvedFrom, SourceReport};
+pub use state::{LiveState, Update};
 pub use store::Store;
 pub use utc::{NoUtc, Utc};

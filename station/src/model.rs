@@ -38,7 +38,8 @@ pub struct TagPosition {
 
 /// A tag or a terminal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Tag {
+#[schema(as = Tag)]
+pub struct TagStatus {
     /// Its address (`0x1001`), or the name by which a terminal calls itself.
     pub tag: String,
     /// The site that it reports in.
@@ -66,7 +67,8 @@ pub struct Tag {
 /// What a node does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Role {
+#[schema(as = Role)]
+pub enum NodeRole {
     /// It measures ranges with tags, from a surveyed position.
     Anchor,
     /// It is located.
@@ -101,7 +103,8 @@ pub struct HealthFigures {
 
 /// An anchor or a beacon, and its health.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Node {
+#[schema(as = Node)]
+pub struct NodeStatus {
     /// Short address (`0x0101`), or major and minor number of a beacon (`1-7`).
     pub node: String,
     /// The site in whose frame it is.
@@ -109,7 +112,7 @@ pub struct Node {
     /// Its name in the site's file.
     pub name: Option<String>,
     /// What it does.
-    pub role: Role,
+    pub role: NodeRole,
     /// Its surveyed position.
     pub position_m: Option<[f64; 3]>,
     /// RSSI at one metre, dBm: of a beacon, or of devices at a receiver. None: that of most beacons.
@@ -151,7 +154,7 @@ pub enum UserRole {
 
 /// A measurement between a tag and a node.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Measurement {
+pub struct NodeMeasurement {
     /// The site.
     pub site: String,
     /// The tag, or the device that a receiver received.
@@ -164,12 +167,12 @@ pub struct Measurement {
     /// When it was made.
     pub t: Utc,
     /// What was measured.
-    pub what: Measured,
+    pub what: MeasuredValue,
 }
 
 /// What was measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Measured {
+pub enum MeasuredValue {
     /// A range.
     Range(RangeMeasurement),
     /// The RSSI of an advertisement, dBm.
@@ -217,7 +220,7 @@ pub struct PlacedNode {
     /// Its name for people.
     pub name: Option<String>,
     /// What it does.
-    pub role: Role,
+    pub role: NodeRole,
     /// Where it is.
     pub position_m: [f64; 3],
     /// RSSI at one metre, dBm: of the beacon, or of devices at the receiver. None: that of most beacons.
@@ -274,7 +277,8 @@ pub enum EventKind {
 
 /// An event.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Event {
+#[schema(as = Event)]
+pub struct StationEvent {
     /// Grows from event to event.
     pub id: i64,
     /// When it happened.
@@ -295,7 +299,8 @@ pub struct Event {
 
 /// A site: a frame of coordinates with its plan. Six routes call it a scenario.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Site {
+#[schema(as = Site)]
+pub struct SiteMap {
     /// Unique.
     pub name: String,
     /// Walls, each from one end to the other.
@@ -303,13 +308,13 @@ pub struct Site {
     pub walls_m: Vec<[[f64; 2]; 2]>,
     /// The picture behind the map.
     #[serde(default)]
-    pub plan: Option<Plan>,
+    pub plan: Option<FloorPlan>,
     /// Where its frame is on the earth, where that is known.
     #[serde(default)]
     pub geographic_origin: Option<GeographicOrigin>,
 }
 
-impl Site {
+impl SiteMap {
     /// A site of which only the name is known.
     pub fn new(name: impl Into<String>) -> Self {
         Self { name: name.into(), walls_m: Vec::new(), plan: None, geographic_origin: None }
@@ -358,7 +363,8 @@ impl ToSchema for GeographicOrigin {}
 /// A picture of a site, and where it is: a point (u, v) of the picture, in pixels from its upper left corner, is at
 /// `origin_m + metres_per_pixel * (cos a * u + sin a * v, sin a * u - cos a * v)` with `a` = `rotation_rad`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Plan {
+#[schema(as = Plan)]
+pub struct FloorPlan {
     /// Where the upper left corner is.
     pub origin_m: [f64; 2],
     /// The scale.
@@ -409,7 +415,8 @@ pub struct CampaignPoint {
 
 /// The RSSI of a beacon's advertisement, as a terminal received it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Sample {
+#[schema(as = Sample)]
+pub struct SurveySample {
     /// The beacon: major and minor number (`1-7`).
     pub beacon: String,
     /// The RSSI.

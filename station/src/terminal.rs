@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use positioning_core::ble::signal::rssi;
 
-use crate::model::Sample;
+use crate::model::SurveySample;
 use crate::rssi::{KnownNode, RssiPosition, solve};
 
 /// Samples older than this, before the latest one, are of another place, seconds.
@@ -18,7 +18,7 @@ const WINDOW_S: f64 = 10.0;
 ///
 /// # Errors
 /// Why there is none: `too-few-beacons` where no sample counts, else the reason of a solver.
-pub fn locate(beacons: &BTreeMap<String, KnownNode>, samples: &[Sample]) -> Result<RssiPosition, &'static str> {
+pub fn locate(beacons: &BTreeMap<String, KnownNode>, samples: &[SurveySample]) -> Result<RssiPosition, &'static str> {
     let counts = samples.iter().filter(|sample| {
         sample.t_s.is_finite() && rssi(sample.rssi_dbm).is_ok() && beacons.contains_key(&sample.beacon)
     });
@@ -51,12 +51,12 @@ mod tests {
         known(&[[x, y], [x + 8.0, y], [x, y + 8.0], [x + 8.0, y + 8.0]])
     }
 
-    fn sample(k: usize, rssi_dbm: f64, t_s: f64) -> Sample {
-        Sample { beacon: format!("1-{k}"), rssi_dbm, t_s }
+    fn sample(k: usize, rssi_dbm: f64, t_s: f64) -> SurveySample {
+        SurveySample { beacon: format!("1-{k}"), rssi_dbm, t_s }
     }
 
     /// Equal RSSI values.
-    fn equal() -> Vec<Sample> {
+    fn equal() -> Vec<SurveySample> {
         (0..4).map(|k| sample(k, -75.0, 0.1 * k as f64)).collect()
     }
 
@@ -91,7 +91,7 @@ mod tests {
             samples.insert(0, sample(0, wrong, 0.0));
             samples.push(sample(3, -50.0, if wrong.is_finite() { f64::NAN } else { wrong }));
         }
-        samples.push(Sample { beacon: "9-9".to_owned(), rssi_dbm: -40.0, t_s: 1e12 });
+        samples.push(SurveySample { beacon: "9-9".to_owned(), rssi_dbm: -40.0, t_s: 1e12 });
         samples.push(sample(0, -40.0, -11.0));
         samples.reverse();
         assert_eq!(locate(&beacons, &samples), Ok(expected));
@@ -100,13 +100,13 @@ mod tests {
     #[test]
     fn thousands_of_samples_count_by_their_mean() {
         // -70 and -80 in turn: -75.
-        let samples: Vec<Sample> =
+        let samples: Vec<SurveySample> =
             (0..40_000).map(|k| sample(k % 4, if k / 4 % 2 == 0 { -70.0 } else { -80.0 }, 1e-4 * k as f64)).collect();
         let expected = locate(&corners([0.0, 0.0]), &equal());
         assert_eq!(locate(&corners([0.0, 0.0]), &samples), expected);
         // More beacons than a solver takes: those that are received best count.
         let beacons = known(&(0..500).map(|k| [f64::from(k % 25), f64::from(k / 25)]).collect::<Vec<_>>());
-        let samples: Vec<Sample> = (0..500).map(|k| sample(k, -60.0 - 0.1 * k as f64, 0.0)).collect();
+        let samples: Vec<SurveySample> = (0..500).map(|k| sample(k, -60.0 - 0.1 * k as f64, 0.0)).collect();
         assert_eq!(locate(&beacons, &samples).map(|found| usize::from(found.used)), Ok(MAX_ANCHORS));
     }
 
@@ -144,7 +144,7 @@ mod tests {
             // Twelve uniform numbers minus six: mean 0, deviation 1.
             let mut gaussian = || (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
             let offset_db = 5.0 * gaussian();
-            let samples: Vec<Sample> = [[0.0, 0.0], [8.0, 0.0], [0.0, 8.0], [8.0, 8.0]]
+            let samples: Vec<SurveySample> = [[0.0, 0.0], [8.0, 0.0], [0.0, 8.0], [8.0, 8.0]]
                 .iter()
                 .enumerate()
                 .map(|(k, [bx, by])| {

@@ -1,8 +1,8 @@
 //! What `baliza serve` and `baliza live` feed into the station: the telemetry of nodes, live, from files or simulated.
 //! [`screen`] is the map of `live`.
 //!
-//! Each [`SourceSpec`] is opened and read by a thread of its own, through the same decoder as `monitor`. A [`Reporter`]
-//! converts the messages of one node to [`Report`](station_core::Report)s, with the host's time by a [`NodeClock`].
+//! Each [`SourceSpec`] is opened and read by a thread of its own, through the same decoder as `monitor`. A [`NodeReporter`]
+//! converts the messages of one node to [`SourceReport`](station_core::SourceReport)s, with the host's time by a [`NodeClock`].
 #![forbid(unsafe_code)]
 
 pub mod cli;

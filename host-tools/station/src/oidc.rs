@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use serde::Deserialize;
-use station_core::oidc::{Oidc, Patience, Roles, Settings};
+use station_core::oidc::{Oidc, OidcSettings, Patience, Roles};
 
 use recording::UserError;
 use recording::read_text;
@@ -78,7 +78,7 @@ pub fn read_oidc(file: &Path) -> Result<Oidc, UserError> {
     if !SESSION_H.contains(&read.session_h) {
         return Err(wrong(format!("session_h: {} is not between 1 and 720 hours", read.session_h)));
     }
-    let settings = Settings {
+    let settings = OidcSettings {
         issuer: read.issuer,
         client_id: read.client_id,
         client_secret,

@@ -12,7 +12,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 use serde::de::DeserializeOwned;
 use station_core::Utc;
-use station_core::model::Site;
+use station_core::model::SiteMap;
 
 use super::screen::Snapshot;
 use recording::UserError;
@@ -77,7 +77,7 @@ impl Remote {
     ///
     /// # Errors
     /// It does not answer, or refuses.
-    pub fn sites(&self) -> Result<Vec<Site>> {
+    pub fn sites(&self) -> Result<Vec<SiteMap>> {
         self.get("/scenarios")
     }
 
@@ -147,7 +147,7 @@ mod tests {
         let (remote, asked) =
             answering("HTTP/1.0 200 OK\r\ncontent-type: application/json\r\n\r\n[{\"name\": \"hall\"}]");
         let sites = remote.with_token(&file).expect("a token").sites().expect("an answer");
-        assert_eq!(sites, [Site::new("hall")]);
+        assert_eq!(sites, [SiteMap::new("hall")]);
         let asked = asked.join().expect("asked");
         assert_eq!(asked[0], "GET /scenarios HTTP/1.0");
         assert!(asked.contains(&"Authorization: Bearer abc".to_owned()), "{asked:?}");

@@ -1,7 +1,7 @@
 //! From the messages of one node to reports of the station.
 
-use station_core::model::{RangeMeasurement, Role};
-use station_core::{Report, ReportKind, SolvedFrom, Utc};
+use station_core::model::{NodeRole, RangeMeasurement};
+use station_core::{ReportKind, SolvedFrom, SourceReport, Utc};
 use wire::telemetry::{self, Address, BeaconId, Fix, Message, Range};
 
 use super::NodeClock;
@@ -9,14 +9,14 @@ use node_link::decode::Stamp;
 
 /// Converts the messages of one node, in their order.
 #[derive(Clone, Debug)]
-pub struct Reporter {
+pub struct NodeReporter {
     site: String,
     clock: NodeClock,
     /// The node's address. It is unknown until the node says `Hello`, which it does every two seconds.
     address: Option<u16>,
 }
 
-impl Reporter {
+impl NodeReporter {
     /// A node of a site.
     pub fn new(site: impl Into<String>) -> Self {
         Self { site: site.into(), clock: NodeClock::default(), address: None }
@@ -29,7 +29,7 @@ impl Reporter {
 
     /// The reports that a message makes, which arrived at `arrived`. The messages before the node's first `Hello` make
     /// none, because nobody knows whose they are.
-    pub fn reports(&mut self, stamp: Stamp, message: &Message, arrived: Utc) -> Vec<Report> {
+    pub fn reports(&mut self, stamp: Stamp, message: &Message, arrived: Utc) -> Vec<SourceReport> {
         let t = self.clock.utc(stamp.t_s, arrived);
         if let Message::Hello(hello) = message {
             self.address = Some(hello.address);
@@ -39,9 +39,9 @@ impl Reporter {
         let whats = match message {
             Message::Hello(hello) => {
                 let role = match hello.role {
-                    telemetry::Role::Anchor => Role::Anchor,
-                    telemetry::Role::Tag => Role::Tag,
-                    telemetry::Role::Beacon => Role::Beacon,
+                    telemetry::Role::Anchor => NodeRole::Anchor,
+                    telemetry::Role::Tag => NodeRole::Tag,
+                    telemetry::Role::Beacon => NodeRole::Beacon,
                 };
                 vec![ReportKind::Node { node: tag, name: None, role, position_m: None }]
             }
@@ -57,7 +57,7 @@ impl Reporter {
             // The station keeps nothing of the others.
             _ => Vec::new(),
         };
-        whats.into_iter().map(|what| Report { t, site: self.site.clone(), what }).collect()
+        whats.into_iter().map(|what| SourceReport { t, site: self.site.clone(), what }).collect()
     }
 }
 
@@ -90,7 +90,7 @@ fn range_reports(tag: String, range: &Range) -> Vec<ReportKind> {
     let known = range.position_m().map(|position_m| ReportKind::Node {
         node: anchor.clone(),
         name: None,
-        role: Role::Anchor,
+        role: NodeRole::Anchor,
         position_m: Some(position_m),
     });
     let diagnostics = &range.diagnostics;
@@ -119,7 +119,7 @@ mod tests {
         let beacon = BeaconId { network: 0xC2A8_AD55, major: 1, minor: 7 };
         let sighting = Sighting { t_us: 450_000, beacon, rssi_dbm: -67, measured_power_dbm: -59 };
         let stamp = Stamp { t_s: 0.45, epoch: 0 };
-        let reports = Reporter::of("hall", 0x1001).reports(stamp, &sighting.into(), Utc::now());
+        let reports = NodeReporter::of("hall", 0x1001).reports(stamp, &sighting.into(), Utc::now());
         let whats: Vec<_> = reports.into_iter().map(|report| report.what).collect();
         let (tag, beacon) = ("0x1001".to_owned(), "1-7".to_owned());
         assert_eq!(whats, [ReportKind::Sighting { tag, beacon, rssi_dbm: -67.0 }]);

@@ -5,11 +5,11 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use sim::scenario::{Scenario, Simulation};
-use station_core::model::{Role, Site, Zone, ZoneKind};
-use station_core::{Report, ReportKind, Utc};
+use station_core::model::{NodeRole, SiteMap, Zone, ZoneKind};
+use station_core::{ReportKind, SourceReport, Utc};
 use wire::telemetry::Address;
 
-use super::Reporter;
+use super::NodeReporter;
 use super::sources::ReportSender;
 use node_link::decode::{Stamp, Timeline};
 
@@ -24,18 +24,18 @@ const MARGIN_M: f64 = 0.2;
 #[derive(Clone, Debug)]
 pub struct SimulatedSite {
     /// The site, with its walls.
-    pub site: Site,
+    pub site: SiteMap,
     /// A room for each network: the rectangle around its anchors.
     pub zones: Vec<Zone>,
     /// The anchors and beacons.
-    pub nodes: Vec<Report>,
+    pub nodes: Vec<SourceReport>,
 }
 
 impl SimulatedSite {
     /// The site of a scenario, by this name.
     pub fn of(scenario: &Scenario, name: &str, t: Utc) -> Self {
         let walls_m = scenario.walls.iter().map(|wall| [wall.from, wall.to]).collect();
-        let site = Site { walls_m, ..Site::new(name) };
+        let site = SiteMap { walls_m, ..SiteMap::new(name) };
         let rooms = (0..scenario.networks.len()).filter_map(|network| room(scenario, network));
         let zones = rooms.zip(1..).map(|(corners_m, number)| Zone {
             site: name.to_owned(),
@@ -47,18 +47,18 @@ impl SimulatedSite {
         let anchors = scenario.anchors.iter().map(|anchor| ReportKind::Node {
             node: Address(anchor.address).to_string(),
             name: None,
-            role: Role::Anchor,
+            role: NodeRole::Anchor,
             position_m: Some(scenario.surveyed_m(anchor)),
         });
         let beacons = scenario.beacons.iter().filter_map(|beacon| Some((beacon.name(), beacon.listed?)));
         let beacons = beacons.flat_map(|(node, listed)| {
             let position_m = Some(listed.position_m.map(f64::from));
-            let place = ReportKind::Node { node: node.clone(), name: None, role: Role::Beacon, position_m };
+            let place = ReportKind::Node { node: node.clone(), name: None, role: NodeRole::Beacon, position_m };
             let [rssi_1m_dbm, path_loss_exponent] =
                 [listed.rssi_1m_dbm, listed.path_loss_exponent].map(|value| value.map(f64::from));
             [place, ReportKind::PathLoss { node, rssi_1m_dbm, path_loss_exponent }]
         });
-        let nodes = anchors.chain(beacons).map(|what| Report { t, site: name.to_owned(), what });
+        let nodes = anchors.chain(beacons).map(|what| SourceReport { t, site: name.to_owned(), what });
         Self { site, zones: zones.collect(), nodes: nodes.collect() }
     }
 }
@@ -80,14 +80,14 @@ fn room(scenario: &Scenario, network: usize) -> Option<Vec<[f64; 2]>> {
 /// Runs a scenario until the station ends; its time is that of the wall's clock.
 pub fn simulate(scenario: Scenario, site: &str, send: ReportSender<'_>) {
     let mut simulation = Simulation::new(scenario);
-    let mut nodes: HashMap<u16, (Timeline, Reporter)> = HashMap::new();
+    let mut nodes: HashMap<u16, (Timeline, NodeReporter)> = HashMap::new();
     let (mut begun, mut now_s) = (Instant::now(), 0.0);
     loop {
         now_s += STEP_S;
         for record in simulation.run_until(now_s) {
             let node = record.node;
             let (timeline, reporter) =
-                nodes.entry(node).or_insert_with(|| (Timeline::default(), Reporter::of(site, node)));
+                nodes.entry(node).or_insert_with(|| (Timeline::default(), NodeReporter::of(site, node)));
             for message in record.messages() {
                 let stamp: Stamp = timeline.place(&message);
                 if !reporter.reports(stamp, &message, Utc::now()).into_iter().all(&mut *send) {

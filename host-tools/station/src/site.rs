@@ -1,23 +1,23 @@
 //! A site's file to what the station knows of the site.
 
-use station_core::model::{Role, Zone, ZoneKind};
-use station_core::{Report, ReportKind, Utc};
+use station_core::model::{NodeRole, Zone, ZoneKind};
+use station_core::{ReportKind, SourceReport, Utc};
 
 use analysis::survey::presence::Room;
 use node_link::provision::{NamedNode, NamedRole, SiteNames};
 
 /// The nodes, beacons and receivers of a site's file, as reports.
-pub fn nodes(site: &str, names: &SiteNames, t: Utc) -> Vec<Report> {
-    names.nodes().flat_map(reports).map(|what| Report { t, site: site.to_owned(), what }).collect()
+pub fn nodes(site: &str, names: &SiteNames, t: Utc) -> Vec<SourceReport> {
+    names.nodes().flat_map(reports).map(|what| SourceReport { t, site: site.to_owned(), what }).collect()
 }
 
 fn reports(node: NamedNode<'_>) -> impl Iterator<Item = ReportKind> {
     let NamedNode { key, name, role, position_m, rssi_1m_dbm, path_loss_exponent } = node;
     let role = match role {
-        NamedRole::Beacon => Role::Beacon,
-        NamedRole::Receiver => Role::Receiver,
-        NamedRole::Ranging if position_m.is_some() => Role::Anchor,
-        NamedRole::Ranging => Role::Tag,
+        NamedRole::Beacon => NodeRole::Beacon,
+        NamedRole::Receiver => NodeRole::Receiver,
+        NamedRole::Ranging if position_m.is_some() => NodeRole::Anchor,
+        NamedRole::Ranging => NodeRole::Tag,
     };
     let has_path_loss = rssi_1m_dbm.is_some() || path_loss_exponent.is_some();
     let path_loss = has_path_loss.then(|| ReportKind::PathLoss { node: key.clone(), rssi_1m_dbm, path_loss_exponent });
@@ -57,13 +57,13 @@ mod tests {
         let node = |node: &str, name: Option<&str>, position_m| ReportKind::Node {
             node: node.to_owned(),
             name: name.map(str::to_owned),
-            role: Role::Beacon,
+            role: NodeRole::Beacon,
             position_m: Some(position_m),
         };
         let receiver = |node: &str, position_m| ReportKind::Node {
             node: node.to_owned(),
             name: None,
-            role: Role::Receiver,
+            role: NodeRole::Receiver,
             position_m: Some(position_m),
         };
         let path_loss = |node: &str, rssi_1m_dbm, path_loss_exponent| ReportKind::PathLoss {

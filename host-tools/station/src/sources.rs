@@ -8,9 +8,9 @@ use std::thread;
 use std::time::Duration;
 
 use anyhow::Result;
-use station_core::{Report, Utc};
+use station_core::{SourceReport, Utc};
 
-use super::Reporter;
+use super::NodeReporter;
 use super::udp::{bind, listen};
 use node_link::decode::{Pacing, Stream};
 use node_link::monitor::{Channel, Event, Files, Pace, Piped, Port, Serial, Source};
@@ -96,7 +96,7 @@ fn is_device(path: &Path) -> bool {
 }
 
 /// Where reports go. It returns whether the station still takes them.
-pub type ReportSender<'a> = &'a mut dyn FnMut(Report) -> bool;
+pub type ReportSender<'a> = &'a mut dyn FnMut(SourceReport) -> bool;
 
 /// A source that is ready: its file is open, and datagrams to it are received.
 pub enum OpenSource {
@@ -171,7 +171,7 @@ fn read(
     send: ReportSender<'_>,
     note: &mut dyn FnMut(&str),
 ) -> Result<()> {
-    let (mut stream, mut reporter) = (Stream::default(), Reporter::new(site));
+    let (mut stream, mut reporter) = (Stream::default(), NodeReporter::new(site));
     loop {
         match source.next(PATIENCE)? {
             Some(Event::Bytes(Channel::Telemetry, bytes)) => {

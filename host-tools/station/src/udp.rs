@@ -10,7 +10,7 @@ use anyhow::{Context as _, Result};
 use station_core::Utc;
 use station_core::net::make_room;
 
-use super::Reporter;
+use super::NodeReporter;
 use super::sources::{PATIENCE, ReportSender};
 use node_link::decode::Stream;
 
@@ -26,7 +26,7 @@ const FORGOTTEN_AFTER: Duration = Duration::from_secs(600);
 /// The stream of one sender.
 struct Sender {
     stream: Stream,
-    reporter: Reporter,
+    reporter: NodeReporter,
     received: Instant,
 }
 
@@ -51,7 +51,7 @@ pub(super) fn listen(socket: &UdpSocket, site: &str, send: ReportSender<'_>) -> 
             }
             let sender = senders.entry(from).or_insert_with(|| Sender {
                 stream: Stream::default(),
-                reporter: Reporter::new(site),
+                reporter: NodeReporter::new(site),
                 received: now,
             });
             sender.received = now;

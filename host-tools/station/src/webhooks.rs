@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde::Deserialize;
-use station_core::webhooks::{Settings, Webhook};
+use station_core::webhooks::{Webhook, WebhookSettings};
 
 use recording::UserError;
 use recording::read_text;
@@ -12,10 +12,10 @@ use recording::read_text;
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
-    webhook: Vec<Settings>,
+    webhook: Vec<WebhookSettings>,
 }
 
-/// Reads the hooks of a file: `[[webhook]]` with the keys of [`Settings`]. The file that `ca` names is beside it.
+/// Reads the hooks of a file: `[[webhook]]` with the keys of [`WebhookSettings`]. The file that `ca` names is beside it.
 ///
 /// # Errors
 /// The file cannot be read, or something in it is wrong.
@@ -25,7 +25,7 @@ pub fn read_webhooks(file: &Path) -> Result<Vec<Webhook>, UserError> {
     let File { webhook } = toml::from_str(&text)
         .map_err(|error| UserError::secret_toml(file, &text, &error, "a hook is [[webhook]] with name and url"))?;
     let mut names: Vec<&str> = Vec::new();
-    for Settings { name, .. } in &webhook {
+    for WebhookSettings { name, .. } in &webhook {
         if names.contains(&name.as_str()) {
             return Err(wrong(format!("{name}: this name is there twice")));
         }
@@ -38,7 +38,7 @@ pub fn read_webhooks(file: &Path) -> Result<Vec<Webhook>, UserError> {
     let hooks = webhook.into_iter().map(|settings| {
         let name = settings.name.clone();
         let ca = settings.ca.as_ref().map(|ca| folder.join(ca));
-        Webhook::new(Settings { ca, ..settings }).map_err(|error| wrong(format!("{name}: {error}")))
+        Webhook::new(WebhookSettings { ca, ..settings }).map_err(|error| wrong(format!("{name}: {error}")))
     });
     hooks.collect()
 }

@@ -15,7 +15,7 @@ use url::Url;
 
 use super::problem::Problem;
 pub use crate::model::UserRole;
-use crate::net::limits::{Buckets, Limits};
+use crate::net::limits::{Buckets, RequestLimits};
 use crate::net::{is_loopback, lock, make_room, same, sha256};
 
 /// Who may use the station.
@@ -103,7 +103,7 @@ impl Session {
 
 impl AccessControl {
     /// The access state without sessions.
-    pub fn new(access: Access, secure: bool, limits: &Limits) -> Self {
+    pub fn new(access: Access, secure: bool, limits: &RequestLimits) -> Self {
         Self {
             access,
             secure,
@@ -268,7 +268,7 @@ mod tests {
 
     #[test]
     fn a_further_session_replaces_the_one_that_was_used_longest_ago() {
-        let gate = AccessControl::new(Access::Tokens(Vec::new()), true, &Limits::default());
+        let gate = AccessControl::new(Access::Tokens(Vec::new()), true, &RequestLimits::default());
         let who = Principal { name: Some("ana".into()), role: UserRole::View, until: None };
         let cookies: Vec<String> = (0..=SESSIONS).map(|_| gate.log_in(who.clone(), None).unwrap()).collect();
         assert!(cookies[0].ends_with("; HttpOnly; SameSite=Strict; Secure"));
@@ -284,7 +284,7 @@ mod tests {
 
     #[test]
     fn a_session_with_a_lifetime_ends_even_if_it_is_used() {
-        let gate = AccessControl::new(Access::Tokens(Vec::new()), false, &Limits::default());
+        let gate = AccessControl::new(Access::Tokens(Vec::new()), false, &RequestLimits::default());
         let [short, long] = [Duration::from_secs(2), Duration::from_millis(3_600_900)].map(|lifetime| {
             let until = Some(Instant::now() + lifetime);
             Principal { name: Some("oidc:ana".into()), role: UserRole::View, until }

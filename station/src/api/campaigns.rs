@@ -14,7 +14,7 @@ use super::extract::{Coordinate, Json, Limit, Name, Path, Query};
 use super::problem::Problem;
 use super::{SAMPLES_BODY, Shared, answer};
 use crate::Utc;
-use crate::model::{Campaign, CampaignPoint, Sample};
+use crate::model::{Campaign, CampaignPoint, SurveySample};
 
 /// The greatest number of campaigns.
 const CAMPAIGNS: usize = 1_000;
@@ -176,7 +176,7 @@ async fn point(
 /// The samples of a point, in the order of their arrival. The header `Link` tells where further ones are.
 #[utoipa::path(get, path = "/campaigns/{name}/points/{id}/samples", tag = "campaigns", security(("token" = ["view"])),
     params(("name" = Name, Path, description = "the campaign"), ("id" = Name, Path, description = "the point"), Page),
-    responses((status = 200, body = [Sample])))]
+    responses((status = 200, body = [SurveySample])))]
 async fn samples(
     State(station): State<Shared>,
     Path((name, id)): Path<(Name, Name)>,
@@ -203,13 +203,13 @@ pub struct NewSample {
 }
 
 /// Checks samples of a request.
-pub fn checked(samples: Vec<NewSample>) -> Result<Vec<Sample>, Problem> {
+pub fn checked(samples: Vec<NewSample>) -> Result<Vec<SurveySample>, Problem> {
     if samples.len() > SAMPLES {
         return Err(Problem::wrong(format!("at most {SAMPLES} samples a request")));
     }
     let samples = samples.into_iter().map(|sample| {
         check_rssi(sample.rssi_dbm, sample.t_s)?;
-        Ok(Sample { beacon: sample.beacon.into(), rssi_dbm: sample.rssi_dbm, t_s: sample.t_s })
+        Ok(SurveySample { beacon: sample.beacon.into(), rssi_dbm: sample.rssi_dbm, t_s: sample.t_s })
     });
     samples.collect()
 }

@@ -15,7 +15,7 @@ use super::extract::{Limit, Name, Query, span};
 use super::problem::Problem;
 use super::{Shared, answer};
 use crate::Utc;
-use crate::model::{Event, EventKind};
+use crate::model::{EventKind, StationEvent};
 
 /// The routes.
 pub fn routes() -> OpenApiRouter<Shared> {
@@ -69,7 +69,7 @@ impl FromStr for EventKind {
 
 /// Events, newest first. The header `Link` tells where older ones are.
 #[utoipa::path(get, path = "/api/v1/events", tag = "events", security(("token" = ["view"])),
-    params(Asked), responses((status = 200, body = [Event])))]
+    params(Asked), responses((status = 200, body = [StationEvent])))]
 async fn list(State(station): State<Shared>, Query(asked): Query<Asked>, uri: Uri) -> Result<Response, Problem> {
     let span = span(asked.from, asked.to)?;
     let kinds = asked.kind.unwrap_or_default().0;

@@ -19,13 +19,13 @@ pub fn routes() -> OpenApiRouter<Shared> {
 
 /// Counts of the API.
 #[derive(Debug, Default)]
-pub struct Counts {
+pub struct RequestCounts {
     /// Answers by the first digit of their status, from 1.
     answers: [AtomicU64; 5],
     listeners: AtomicI64,
 }
 
-impl Counts {
+impl RequestCounts {
     /// An answer was given.
     pub fn answer(&self, status: StatusCode) {
         if let Some(count) = self.answers.get(usize::from(status.as_u16() / 100).wrapping_sub(1)) {
@@ -76,7 +76,7 @@ async fn metrics(State(station): State<Shared>) -> Response {
     }
     family("rows_backlog", "gauge", "Rows that wait for the store.", &one(counts.backlog as f64));
     let hooks: Vec<_> = station.app.webhooks.counts().collect();
-    let by_hook = |count: fn(&webhooks::Counts) -> u64| {
+    let by_hook = |count: fn(&webhooks::WebhookCounts) -> u64| {
         let row = |(name, counts): &(&str, _)| (format!("{{webhook=\"{}\"}}", label(name)), count(counts) as f64);
         hooks.iter().map(row).collect::<Vec<_>>()
     };

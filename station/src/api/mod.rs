@@ -59,8 +59,8 @@ use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
 use utoipa_axum::router::OpenApiRouter;
 
-pub use crate::net::limits::Limits;
-pub use crate::net::proxies::{Network, NoNetwork, Proxies};
+pub use crate::net::limits::RequestLimits;
+pub use crate::net::proxies::{IpNetwork, NoNetwork, Proxies};
 pub use crate::net::tls::{Tls, TlsCause, TlsError};
 pub use access::{Access, Token, UserRole};
 pub use openapi::openapi;
@@ -69,12 +69,12 @@ pub use serve::serve;
 
 use crate::net::limits::Connections;
 use access::{AccessControl, Client, Peer, RequiredRole};
-use metrics::Counts;
+use metrics::RequestCounts;
 use problem::Problem;
 
-use crate::model::Tag;
+use crate::model::TagStatus;
 use crate::oidc::Oidc;
-use crate::{Hub, Report, Store, webhooks};
+use crate::{Hub, SourceReport, Store, webhooks};
 
 /// The greatest body of a request, bytes, but for samples and pictures.
 const BODY: usize = 256_000;
@@ -97,13 +97,13 @@ pub struct App {
     /// Connections are encrypted with this certificate; cookies are marked so. None: plain HTTP.
     pub tls: Option<Arc<Tls>>,
     /// What one client may use.
-    pub limits: Limits,
+    pub limits: RequestLimits,
     /// The hooks that get events, for the metrics.
     pub webhooks: webhooks::Watch,
     /// The files of the page.
     pub page: Page,
     /// The tags that the store had when the station started.
-    pub earlier: Vec<Tag>,
+    pub earlier: Vec<TagStatus>,
 }
 
 impl App {
@@ -116,7 +116,7 @@ impl App {
             oidc: None,
             proxies: Proxies::default(),
             tls: None,
-            limits: Limits::default(),
+            limits: RequestLimits::default(),
             webhooks: webhooks::Watch::default(),
             page: Page::built(),
             earlier: Vec::new(),
@@ -132,7 +132,7 @@ struct Station {
     /// What each route asks for, by method and path.
     needs: HashMap<(Method, String), RequiredRole>,
     connections: Connections,
-    counts: Counts,
+    counts: RequestCounts,
     /// True when the station stops.
     stop: watch::Sender<bool>,
     /// Held while the configuration is changed: what is checked first is still true then.
@@ -151,7 +151,7 @@ impl Station {
             ),
             needs: openapi::needs(),
             connections: Connections::new(&app.limits),
-            counts: Counts::default(),
+            counts: RequestCounts::default(),
             stop: watch::Sender::new(false),
             configuring: tokio::sync::Mutex::default(),
             app,
@@ -159,7 +159,7 @@ impl Station {
     }
 
     /// Sends reports to the hub.
-    async fn report(&self, reports: impl IntoIterator<Item = Report>) -> Result<(), Problem> {
+    async fn report(&self, reports: impl IntoIterator<Item = SourceReport>) -> Result<(), Problem> {
         let hub = self.app.hub.reports();
         for report in reports {
             let stops = |_| Problem::new(StatusCode::SERVICE_UNAVAILABLE, "the station stops");

@@ -15,7 +15,7 @@ use super::tags::OfSite;
 use super::{Shared, answer};
 use crate::Utc;
 use crate::bounds::{EXPONENTS, FARTHEST_M, LONGEST_NAME, is_name};
-use crate::model::{Node, NodeHealth, PlacedNode, Role};
+use crate::model::{NodeHealth, NodeRole, NodeStatus, PlacedNode};
 
 /// The greatest number of placed nodes of all sites.
 const NODES: usize = 5_000;
@@ -27,7 +27,7 @@ pub fn routes() -> OpenApiRouter<Shared> {
 
 /// The anchors, beacons and receivers, with their health, by site and address.
 #[utoipa::path(get, path = "/api/v1/nodes", tag = "nodes", security(("token" = ["view"])),
-    params(OfSite), responses((status = 200, body = [Node])))]
+    params(OfSite), responses((status = 200, body = [NodeStatus])))]
 async fn list(State(station): State<Shared>, Query(of): Query<OfSite>) -> Result<Response, Problem> {
     let mut nodes = station.app.hub.read(|live| live.nodes());
     nodes.retain(|node| of.site.as_ref().is_none_or(|site| site.as_str() == node.site));
@@ -121,8 +121,8 @@ async fn put(
         return Err(Problem::wrong("path_loss_exponent is 0.1 to 20"));
     }
     let role = match place.role {
-        PlacedRole::Beacon => Role::Beacon,
-        PlacedRole::Receiver => Role::Receiver,
+        PlacedRole::Beacon => NodeRole::Beacon,
+        PlacedRole::Receiver => NodeRole::Receiver,
     };
     let (rssi_1m_dbm, path_loss_exponent) = (place.rssi_1m_dbm, place.path_loss_exponent);
     let name = place.name.map(String::from);

@@ -14,8 +14,8 @@ use super::problem::Problem;
 use super::rtls::is_address;
 use super::{SAMPLES_BODY, Shared};
 use crate::bounds::{LONGEST_NAME, is_name};
-use crate::model::Role;
-use crate::{Report, ReportKind, Utc};
+use crate::model::NodeRole;
+use crate::{ReportKind, SourceReport, Utc};
 
 /// The routes.
 pub fn routes() -> OpenApiRouter<Shared> {
@@ -70,7 +70,7 @@ async fn sightings(
 ) -> Result<axum::Json<Taken>, Problem> {
     let site = station.site(&received.scenario).await?.name;
     let (receiver, samples) = (String::from(receiver), received.samples);
-    if !station.app.hub.read(|live| live.known(&site, Role::Receiver)).contains_key(&receiver) {
+    if !station.app.hub.read(|live| live.known(&site, NodeRole::Receiver)).contains_key(&receiver) {
         let how = "PUT /api/v1/nodes/{site}/{node} places one";
         return Err(Problem::missing(format_args!("receiver {receiver:?} at a known place in {site:?}; {how}")));
     }
@@ -93,7 +93,7 @@ async fn sightings(
         let t = now - Duration::from_secs_f64((latest_s - t_s).max(0.0));
         let what =
             ReportKind::ReceiverSighting { receiver: receiver.clone(), device: device.into(), rssi_dbm, rssi_1m_dbm };
-        Report { t, site: site.clone(), what }
+        SourceReport { t, site: site.clone(), what }
     });
     station.report(reports).await?;
     Ok(axum::Json(Taken { taken }))

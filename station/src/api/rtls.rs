@@ -11,10 +11,10 @@ use super::extract::{Json, Name, Path};
 use super::problem::Problem;
 use super::{SAMPLES_BODY, Shared, Station};
 use crate::bounds::{LONGEST_NAME, is_name};
-use crate::model::Role;
+use crate::model::NodeRole;
 use crate::state::Gaussian;
 use crate::terminal::locate;
-use crate::{Report, ReportKind, Utc};
+use crate::{ReportKind, SourceReport, Utc};
 
 /// The routes.
 pub fn routes() -> OpenApiRouter<Shared> {
@@ -99,7 +99,7 @@ impl Station {
         let samples = campaigns::checked(samples)?;
         let tag = String::from(terminal);
         // Numbers of rooms and beacons are small, but a least-squares solution of 10,000 samples takes a while.
-        let beacons = self.app.hub.read(|live| live.known(&site, Role::Beacon));
+        let beacons = self.app.hub.read(|live| live.known(&site, NodeRole::Beacon));
         let located = tokio::task::spawn_blocking(move || locate(&beacons, &samples)).await;
         let located = located.unwrap_or_else(|panic| std::panic::resume_unwind(panic.into_panic()));
         let (what, answer) = match located {
@@ -122,7 +122,7 @@ impl Station {
                 Located { reason: Some(reason), ..Located::default() },
             ),
         };
-        self.report([Report { t: Utc::now(), site, what }]).await?;
+        self.report([SourceReport { t: Utc::now(), site, what }]).await?;
         Ok(answer)
     }
 }

@@ -12,7 +12,7 @@ use utoipa_axum::routes;
 use super::extract::{Bytes, Coordinate, Json, Name, Path, Query, point_m};
 use super::problem::Problem;
 use super::{Shared, Station, answer};
-use crate::model::{GeographicOrigin, Plan, Site};
+use crate::model::{FloorPlan, GeographicOrigin, SiteMap};
 
 /// The greatest size of a picture, bytes.
 const PICTURE: usize = 20_000_000;
@@ -34,7 +34,7 @@ pub fn routes() -> OpenApiRouter<Shared> {
 
 /// The sites, with their walls and the scale of their plans.
 #[utoipa::path(get, path = "/scenarios", tag = "sites", security(("token" = ["view"])),
-    responses((status = 200, body = [Site])))]
+    responses((status = 200, body = [SiteMap])))]
 async fn list(State(station): State<Shared>, headers: HeaderMap) -> Result<Response, Problem> {
     answer::tagged_json(&headers, &station.app.store.sites().await?)
 }
@@ -59,16 +59,16 @@ async fn picture(
 /// Replaces the walls of a site; makes the site where there is none.
 #[utoipa::path(put, path = "/api/v1/sites/{site}/walls", tag = "sites", security(("token" = ["administer"])),
     params(("site" = Name, Path, description = "the site")),
-    request_body = Vec<[[f64; 2]; 2]>, responses((status = 200, body = Site)))]
+    request_body = Vec<[[f64; 2]; 2]>, responses((status = 200, body = SiteMap)))]
 async fn put_walls(
     State(station): State<Shared>,
     Path(site): Path<Name>,
     Json(walls): Json<Vec<[[Coordinate; 2]; 2]>>,
-) -> Result<axum::Json<Site>, Problem> {
+) -> Result<axum::Json<SiteMap>, Problem> {
     let walls_m = walls.into_iter().map(|wall| wall.map(point_m)).collect();
     station
         .configure(async move |station| {
-            let site = Site { walls_m, ..station.site_or_new(&site).await? };
+            let site = SiteMap { walls_m, ..station.site_or_new(&site).await? };
             station.app.store.put_site(&site).await?;
             station.reload().await?;
             Ok(axum::Json(site))
@@ -139,15 +139,15 @@ impl TryFrom<f64> for Rotation {
 #[utoipa::path(put, path = "/api/v1/sites/{site}/plan", tag = "sites", security(("token" = ["administer"])),
     params(("site" = Name, Path, description = "the site: made where there is none"), Placed),
     request_body(content((Vec<u8> = "image/png"), (Vec<u8> = "image/jpeg"), (Vec<u8> = "image/webp"))),
-    responses((status = 200, body = Plan)))]
+    responses((status = 200, body = FloorPlan)))]
 async fn put_plan(
     State(station): State<Shared>,
     Path(site): Path<Name>,
     Query(placed): Query<Placed>,
     Bytes(picture): Bytes,
-) -> Result<axum::Json<Plan>, Problem> {
+) -> Result<axum::Json<FloorPlan>, Problem> {
     let (media_type, width_px, height_px) = measure(&picture)?;
-    let plan = Plan {
+    let plan = FloorPlan {
         origin_m: [placed.origin_x_m.into(), placed.origin_y_m.into()],
         metres_per_pixel: placed.metres_per_pixel.0,
         rotation_rad: placed.rotation_rad.0,
@@ -168,17 +168,17 @@ async fn put_plan(
 /// Changes the scale and the position of a plan.
 #[utoipa::path(put, path = "/api/v1/sites/{site}/plan/scale", tag = "sites", security(("token" = ["administer"])),
     params(("site" = Name, Path, description = "the site")),
-    request_body = Scale, responses((status = 200, body = Plan)))]
+    request_body = Scale, responses((status = 200, body = FloorPlan)))]
 async fn put_scale(
     State(station): State<Shared>,
     Path(site): Path<Name>,
     Json(scale): Json<Scale>,
-) -> Result<axum::Json<Plan>, Problem> {
+) -> Result<axum::Json<FloorPlan>, Problem> {
     station
         .configure(async move |station| {
             let none = || Problem::missing(format_args!("plan of {}", site.as_str()));
             let plan = station.site(&site).await?.plan.ok_or_else(none)?;
-            let plan = Plan {
+            let plan = FloorPlan {
                 origin_m: point_m(scale.origin_m),
                 metres_per_pixel: scale.metres_per_pixel.0,
                 rotation_rad: scale.rotation_rad.0,
@@ -194,18 +194,18 @@ async fn put_scale(
 /// Replaces where a site's frame is on the earth; makes the site where there is none.
 #[utoipa::path(put, path = "/api/v1/sites/{site}/geographic-origin", tag = "sites",
     security(("token" = ["administer"])), params(("site" = Name, Path, description = "the site")),
-    request_body = GeographicOrigin, responses((status = 200, body = Site)))]
+    request_body = GeographicOrigin, responses((status = 200, body = SiteMap)))]
 async fn put_geographic_origin(
     State(station): State<Shared>,
     Path(site): Path<Name>,
     Json(origin): Json<GeographicOrigin>,
-) -> Result<axum::Json<Site>, Problem> {
+) -> Result<axum::Json<SiteMap>, Problem> {
     station
         .configure(async move |station| {
             let stored = station.make_site(&site).await?;
             station.app.store.put_geographic_origin(site.as_str(), Some(&origin)).await?;
             station.reload().await?;
-            Ok(axum::Json(Site { geographic_origin: Some(origin), ..stored }))
+            Ok(axum::Json(SiteMap { geographic_origin: Some(origin), ..stored }))
         })
         .await
 }
@@ -251,7 +251,7 @@ fn measure(picture: &[u8]) -> Result<(&'static str, u32, u32), Problem> {
 
 impl Station {
     /// The site of this name.
-    pub(super) async fn site(&self, name: &Name) -> Result<Site, Problem> {
+    pub(super) async fn site(&self, name: &Name) -> Result<SiteMap, Problem> {
         let sites = self.app.store.sites().await?;
         let site = sites.into_iter().find(|site| site.name == name.as_str());
         site.ok_or_else(|| Problem::missing(format_args!("site {}", name.as_str())))
@@ -269,19 +269,19 @@ impl Station {
     }
 
     /// The site of this name, which is in the store from now on.
-    async fn make_site(&self, name: &Name) -> Result<Site, Problem> {
+    async fn make_site(&self, name: &Name) -> Result<SiteMap, Problem> {
         let site = self.site_or_new(name).await?;
         self.app.store.put_site(&site).await?;
         Ok(site)
     }
 
-    async fn site_or_new(&self, name: &Name) -> Result<Site, Problem> {
+    async fn site_or_new(&self, name: &Name) -> Result<SiteMap, Problem> {
         let sites = self.app.store.sites().await?;
         let many = sites.len() >= SITES;
         match sites.into_iter().find(|site| site.name == name.as_str()) {
             Some(site) => Ok(site),
             None if many => Err(Problem::new(StatusCode::CONFLICT, format!("there are already {SITES} sites"))),
-            None => Ok(Site::new(name.as_str())),
+            None => Ok(SiteMap::new(name.as_str())),
         }
     }
 }

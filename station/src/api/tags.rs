@@ -16,7 +16,7 @@ use super::problem::Problem;
 use super::{Shared, answer};
 use crate::Utc;
 use crate::gpx::Gpx;
-use crate::model::{Tag, TagPosition};
+use crate::model::{TagPosition, TagStatus};
 use crate::store::Span;
 
 /// The routes.
@@ -39,7 +39,7 @@ pub struct OfSite {
 
 /// The tags, with their last positions, by site and address.
 #[utoipa::path(get, path = "/api/v1/tags", tag = "tags", security(("token" = ["view"])),
-    params(OfSite), responses((status = 200, body = [Tag])))]
+    params(OfSite), responses((status = 200, body = [TagStatus])))]
 async fn list(State(station): State<Shared>, Query(of): Query<OfSite>) -> Result<Response, Problem> {
     let mut tags = station.tags();
     tags.retain(|tag| of.site.as_ref().is_none_or(|site| site.as_str() == tag.site));
@@ -207,7 +207,7 @@ impl super::Station {
 
     /// The site where a tag reported last.
     async fn site_of(&self, tag: &str) -> Result<String, Problem> {
-        let last = |tags: Vec<Tag>| tags.into_iter().filter(|one| one.tag == tag).max_by_key(|one| one.last_seen);
+        let last = |tags: Vec<TagStatus>| tags.into_iter().filter(|one| one.tag == tag).max_by_key(|one| one.last_seen);
         let tag = match self.app.hub.read(|live| last(live.tags())) {
             Some(tag) => tag,
             None => last(self.app.store.tags().await?).ok_or_else(|| Problem::missing(format_args!("tag {tag}")))?,
@@ -216,10 +216,10 @@ impl super::Station {
     }
 
     /// The tags of the live state, and those that have not reported since the station started.
-    fn tags(&self) -> Vec<Tag> {
+    fn tags(&self) -> Vec<TagStatus> {
         let mut tags = self.app.hub.read(|live| live.tags());
         let live: HashSet<_> = tags.iter().map(|tag| (tag.site.clone(), tag.tag.clone())).collect();
-        let is_gone = |tag: &&Tag| !live.contains(&(tag.site.clone(), tag.tag.clone()));
+        let is_gone = |tag: &&TagStatus| !live.contains(&(tag.site.clone(), tag.tag.clone()));
         tags.extend(self.app.earlier.iter().filter(is_gone).cloned());
         tags.sort_unstable_by(|a, b| (&a.site, &a.tag).cmp(&(&b.site, &b.tag)));
         tags

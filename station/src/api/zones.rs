@@ -12,7 +12,7 @@ use super::extract::{Coordinate, Json, Name, Path, Query, point_m};
 use super::problem::Problem;
 use super::tags::OfSite;
 use super::{Shared, answer};
-use crate::model::{Tag, Zone, ZoneKind};
+use crate::model::{TagStatus, Zone, ZoneKind};
 
 /// The greatest number of zones of a site.
 const ZONES: usize = 1_000;
@@ -51,7 +51,7 @@ async fn list(
     answer::tagged_json(&headers, &occupied.collect::<Vec<_>>())
 }
 
-fn is_in(tag: &Tag, zone: &Zone) -> bool {
+fn is_in(tag: &TagStatus, zone: &Zone) -> bool {
     match zone.kind {
         ZoneKind::Room => tag.last_position.as_ref().and_then(|position| position.room.as_ref()) == Some(&zone.name),
         ZoneKind::Zone => tag.zones.contains(&zone.name),

@@ -1,6 +1,6 @@
 //! The hub: one task that takes reports, and everything that must see them.
 //!
-//! Input: [`Report`]s by a channel. They are applied to the [`Live`] state; its updates go to the listeners at once and
+//! Input: [`SourceReport`]s by a channel. They are applied to the [`LiveState`] state; its updates go to the listeners at once and
 //! into a queue for the store. Reports of receivers also go to the `devices`, which makes positions of them. A second
 //! task writes the queue's rows in batches, a third one writes the health of nodes once a minute, compacts the store and
 //! deletes what is old. So nothing that the store does holds up a report: while it fails, rows wait in the queue, which
@@ -21,9 +21,9 @@ use utoipa::ToSchema;
 
 use self::devices::DeviceLocator;
 use self::writer::Queue;
-use crate::model::{Event, Measurement, Node, NodeHealth, Role, TagPosition};
+use crate::model::{NodeHealth, NodeMeasurement, NodeRole, NodeStatus, StationEvent, TagPosition};
 use crate::store::{self, Retention, Store};
-use crate::{Live, Report, ReportKind, Update, Utc};
+use crate::{LiveState, ReportKind, SourceReport, Update, Utc};
 
 /// Reports that wait for the hub. A source that is faster waits.
 const REPORTS: usize = 4096;
@@ -44,15 +44,19 @@ const RETAIN_EVERY: u64 = 60;
 pub const WRITE_EVERY: Duration = Duration::from_millis(500);
 
 /// Where the hub writes to.
-pub trait Sink: Clone + Send + Sync + 'static {
+pub trait HubStore: Clone + Send + Sync + 'static {
     /// Writes positions and events together. Returns the number of positions that it never will take.
-    fn write(&self, positions: &[TagPosition], events: &[Event]) -> impl Future<Output = store::Result<u64>> + Send;
+    fn write(
+        &self,
+        positions: &[TagPosition],
+        events: &[StationEvent],
+    ) -> impl Future<Output = store::Result<u64>> + Send;
 
     /// Writes measurements. Returns the number of those that it never will take.
-    fn write_measurements(&self, measurements: &[Measurement]) -> impl Future<Output = store::Result<u64>> + Send;
+    fn write_measurements(&self, measurements: &[NodeMeasurement]) -> impl Future<Output = store::Result<u64>> + Send;
 
     /// Writes where nodes are.
-    fn write_peers(&self, nodes: &[Node]) -> impl Future<Output = store::Result<()>> + Send;
+    fn write_peers(&self, nodes: &[NodeStatus]) -> impl Future<Output = store::Result<()>> + Send;
 
     /// Writes how nodes are in this minute.
     fn write_health(&self, rows: &[NodeHealth]) -> impl Future<Output = store::Result<()>> + Send;
@@ -67,16 +71,16 @@ pub trait Sink: Clone + Send + Sync + 'static {
     fn retain(&self, retention: Retention, now: Utc) -> impl Future<Output = store::Result<()>> + Send;
 }
 
-impl Sink for Store {
-    async fn write(&self, positions: &[TagPosition], events: &[Event]) -> store::Result<u64> {
+impl HubStore for Store {
+    async fn write(&self, positions: &[TagPosition], events: &[StationEvent]) -> store::Result<u64> {
         Store::write(self, positions, events).await
     }
 
-    async fn write_measurements(&self, measurements: &[Measurement]) -> store::Result<u64> {
+    async fn write_measurements(&self, measurements: &[NodeMeasurement]) -> store::Result<u64> {
         Store::write_measurements(self, measurements).await
     }
 
-    async fn write_peers(&self, nodes: &[Node]) -> store::Result<()> {
+    async fn write_peers(&self, nodes: &[NodeStatus]) -> store::Result<()> {
         Store::write_peers(self, nodes).await
     }
 
@@ -101,16 +105,16 @@ impl Sink for Store {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NullStore;
 
-impl Sink for NullStore {
-    async fn write(&self, _: &[TagPosition], _: &[Event]) -> store::Result<u64> {
+impl HubStore for NullStore {
+    async fn write(&self, _: &[TagPosition], _: &[StationEvent]) -> store::Result<u64> {
         Ok(0)
     }
 
-    async fn write_measurements(&self, _: &[Measurement]) -> store::Result<u64> {
+    async fn write_measurements(&self, _: &[NodeMeasurement]) -> store::Result<u64> {
         Ok(0)
     }
 
-    async fn write_peers(&self, _: &[Node]) -> store::Result<()> {
+    async fn write_peers(&self, _: &[NodeStatus]) -> store::Result<()> {
         Ok(())
     }
 
@@ -133,7 +137,8 @@ impl Sink for NullStore {
 
 /// What the hub has done since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, ToSchema)]
-pub struct Counts {
+#[schema(as = Counts)]
+pub struct HubCounts {
     /// Reports that were taken.
     pub reports: u64,
     /// Reports of these that were refused: their numbers cannot be measurements, or there are too many tags or nodes.
@@ -154,7 +159,7 @@ pub struct Counts {
     pub missed: u64,
 }
 
-/// The counters behind [`Counts`].
+/// The counters behind [`HubCounts`].
 #[derive(Debug, Default)]
 struct Counters {
     reports: AtomicU64,
@@ -172,9 +177,9 @@ fn add(counter: &AtomicU64, count: usize) {
 /// The way into the station, for sources, and the way out, for listeners.
 #[derive(Clone, Debug)]
 pub struct Hub {
-    reports: mpsc::Sender<Report>,
+    reports: mpsc::Sender<SourceReport>,
     updates: broadcast::Sender<Update>,
-    live: Arc<RwLock<Live>>,
+    live: Arc<RwLock<LiveState>>,
     queue: Arc<Queue>,
     counters: Arc<Counters>,
     /// Those that take all events; None after the end.
@@ -183,7 +188,7 @@ pub struct Hub {
 }
 
 /// Where all events go. None: there are no more.
-type EventSubscribers = Option<Vec<mpsc::UnboundedSender<Event>>>;
+type EventSubscribers = Option<Vec<mpsc::UnboundedSender<StationEvent>>>;
 
 impl Hub {
     /// Starts the hub's tasks on the current runtime. Numbers of events go on after those of the store. The task that
@@ -193,8 +198,8 @@ impl Hub {
     /// # Errors
     /// The store does not answer.
     pub async fn start(
-        mut live: Live,
-        store: impl Sink,
+        mut live: LiveState,
+        store: impl HubStore,
         retention: Retention,
     ) -> store::Result<(Self, JoinHandle<()>)> {
         live.continue_events(store.last_event().await?);
@@ -221,7 +226,7 @@ impl Hub {
     }
 
     /// Where sources send their reports.
-    pub fn reports(&self) -> mpsc::Sender<Report> {
+    pub fn reports(&self) -> mpsc::Sender<SourceReport> {
         self.reports.clone()
     }
 
@@ -232,7 +237,7 @@ impl Hub {
 
     /// Every event from now on until the hub's end: unlike those of [`Hub::listen`], none is missed. Who takes them
     /// must keep up.
-    pub fn events(&self) -> mpsc::UnboundedReceiver<Event> {
+    pub fn events(&self) -> mpsc::UnboundedReceiver<StationEvent> {
         let (sender, receiver) = mpsc::unbounded_channel();
         if let Some(subscribers) = &mut *self.subscribers.lock().unwrap_or_else(PoisonError::into_inner) {
             subscribers.push(sender);
@@ -246,17 +251,17 @@ impl Hub {
     }
 
     /// Reads the current state.
-    pub fn read<T>(&self, read: impl FnOnce(&Live) -> T) -> T {
+    pub fn read<T>(&self, read: impl FnOnce(&LiveState) -> T) -> T {
         read(&self.live.read().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Changes the current state, where a person has configured something.
-    pub fn change<T>(&self, change: impl FnOnce(&mut Live) -> T) -> T {
+    pub fn change<T>(&self, change: impl FnOnce(&mut LiveState) -> T) -> T {
         change(&mut self.live.write().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// What was done since the start.
-    pub fn counts(&self) -> Counts {
+    pub fn counts(&self) -> HubCounts {
         let counters = &self.counters;
         let [reports, positions, events, rows_written, store_failures, missed] = [
             &counters.reports,
@@ -267,9 +272,9 @@ impl Hub {
             &counters.missed,
         ]
         .map(|counter| counter.load(Ordering::Relaxed));
-        let refused = self.read(Live::refused);
+        let refused = self.read(LiveState::refused);
         let (backlog, dropped) = self.queue.backlog_and_dropped();
-        Counts { reports, refused, positions, events, rows_written, backlog, dropped, store_failures, missed }
+        HubCounts { reports, refused, positions, events, rows_written, backlog, dropped, store_failures, missed }
     }
 
     /// Ends the hub: it takes no more reports, and applies and writes those that it has.
@@ -281,7 +286,7 @@ impl Hub {
 /// The hub's task.
 struct Applier {
     updates: broadcast::Sender<Update>,
-    live: Arc<RwLock<Live>>,
+    live: Arc<RwLock<LiveState>>,
     queue: Arc<Queue>,
     counters: Arc<Counters>,
     locator: DeviceLocator,
@@ -295,9 +300,9 @@ struct Applier {
 impl Applier {
     async fn run(
         mut self,
-        mut reports: mpsc::Receiver<Report>,
+        mut reports: mpsc::Receiver<SourceReport>,
         mut stopped: watch::Receiver<bool>,
-        store: impl Sink,
+        store: impl HubStore,
         retention: Retention,
     ) {
         let (end, ended) = watch::channel(false);
@@ -359,7 +364,7 @@ impl Applier {
     }
 
     /// Solves for the devices that receivers receive, while readers of the state do not wait.
-    fn locate(&mut self, now: Utc, sightings: Vec<Report>) {
+    fn locate(&mut self, now: Utc, sightings: Vec<SourceReport>) {
         for report in sightings {
             self.locator.take(now, report);
         }
@@ -374,7 +379,7 @@ impl Applier {
     }
 
     /// Applies reports. Returns those of receivers that were not refused.
-    fn apply(&mut self, reports: impl IntoIterator<Item = Report>) -> Vec<Report> {
+    fn apply(&mut self, reports: impl IntoIterator<Item = SourceReport>) -> Vec<SourceReport> {
         let mut sightings = Vec::new();
         self.publish(|live, updates| {
             for report in reports {
@@ -396,13 +401,13 @@ impl Applier {
         let live = self.live.read().unwrap_or_else(PoisonError::into_inner);
         if self.surveys != live.surveys() {
             self.surveys = live.surveys();
-            let nodes = live.nodes().into_iter().filter(|node| node.role != Role::Tag && node.position_m.is_some());
+            let nodes = live.nodes().into_iter().filter(|node| node.role != NodeRole::Tag && node.position_m.is_some());
             self.queue.set_peers(nodes.collect());
         }
     }
 
     /// Changes the state, and passes its updates on to the listeners and the store.
-    fn publish(&self, change: impl FnOnce(&mut Live, &mut Vec<Update>)) {
+    fn publish(&self, change: impl FnOnce(&mut LiveState, &mut Vec<Update>)) {
         let mut updates = Vec::new();
         let measurements = {
             let mut live = self.live.write().unwrap_or_else(PoisonError::into_inner);
@@ -431,8 +436,8 @@ impl Applier {
 
 /// Writes the health of nodes, compacts the store, and thins and deletes what is old, until the end.
 async fn maintain(
-    live: Arc<RwLock<Live>>,
-    store: impl Sink,
+    live: Arc<RwLock<LiveState>>,
+    store: impl HubStore,
     retention: Retention,
     counters: Arc<Counters>,
     mut ended: watch::Receiver<bool>,

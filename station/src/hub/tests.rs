@@ -8,8 +8,8 @@ use tokio::time::sleep;
 
 use super::*;
 use crate::input::{ReportKind, SolvedFrom};
-use crate::model::{EventKind, Measured, Role, Zone, ZoneKind};
-use crate::state::Limits;
+use crate::model::{EventKind, MeasuredValue, NodeRole, Zone, ZoneKind};
+use crate::state::StateLimits;
 use crate::store::StoreError;
 
 const SITE: &str = "hall";
@@ -24,8 +24,8 @@ struct Content {
     /// Rows of each write that succeeded.
     writes: Vec<usize>,
     positions: Vec<TagPosition>,
-    events: Vec<Event>,
-    measurements: Vec<Measurement>,
+    events: Vec<StationEvent>,
+    measurements: Vec<NodeMeasurement>,
     /// The nodes of each write.
     peers: Vec<Vec<String>>,
     health: Vec<NodeHealth>,
@@ -49,8 +49,8 @@ fn broken() -> StoreError {
     StoreError::Missing("disk".to_owned())
 }
 
-impl Sink for Memory {
-    async fn write(&self, positions: &[TagPosition], events: &[Event]) -> store::Result<u64> {
+impl HubStore for Memory {
+    async fn write(&self, positions: &[TagPosition], events: &[StationEvent]) -> store::Result<u64> {
         if self.content(|content| content.is_stuck) {
             std::future::pending::<()>().await;
         }
@@ -68,7 +68,7 @@ impl Sink for Memory {
         })
     }
 
-    async fn write_measurements(&self, measurements: &[Measurement]) -> store::Result<u64> {
+    async fn write_measurements(&self, measurements: &[NodeMeasurement]) -> store::Result<u64> {
         self.content(|content| {
             if content.is_failing {
                 return Err(broken());
@@ -78,7 +78,7 @@ impl Sink for Memory {
         })
     }
 
-    async fn write_peers(&self, nodes: &[Node]) -> store::Result<()> {
+    async fn write_peers(&self, nodes: &[NodeStatus]) -> store::Result<()> {
         self.content(|content| {
             if content.is_failing {
                 return Err(broken());
@@ -111,7 +111,7 @@ impl Sink for Memory {
     }
 }
 
-fn report(tag: &str, x_m: f64) -> Report {
+fn report(tag: &str, x_m: f64) -> SourceReport {
     let what = ReportKind::Position {
         tag: tag.to_owned(),
         round: None,
@@ -123,7 +123,7 @@ fn report(tag: &str, x_m: f64) -> Report {
         used: 4,
         solved_from: SolvedFrom::Ranges,
     };
-    Report { t: Utc::now(), site: SITE.to_owned(), what }
+    SourceReport { t: Utc::now(), site: SITE.to_owned(), what }
 }
 
 fn kitchen() -> Zone {
@@ -137,7 +137,7 @@ fn kitchen() -> Zone {
 }
 
 async fn start(store: &Memory) -> (Hub, JoinHandle<()>) {
-    Hub::start(Live::new(Limits::default()), store.clone(), FOREVER).await.expect("the store answers")
+    Hub::start(LiveState::new(StateLimits::default()), store.clone(), FOREVER).await.expect("the store answers")
 }
 
 async fn next_position(listener: &mut broadcast::Receiver<Update>) -> f64 {
@@ -157,7 +157,7 @@ async fn a_position_reaches_listeners_at_once_and_the_store_within_half_a_second
     hub.reports().send(report("0x1001", 2.5)).await.expect("the hub runs");
     assert_eq!(next_position(&mut listener).await, 2.5);
     assert_eq!(begin.elapsed(), Duration::ZERO);
-    assert_eq!(hub.read(Live::tags)[0].tag, "0x1001");
+    assert_eq!(hub.read(LiveState::tags)[0].tag, "0x1001");
     tokio::time::sleep(WRITE_EVERY + Duration::from_millis(1)).await;
     assert_eq!(store.content(|content| content.positions[0].x_m), 2.5);
     let counts = hub.counts();
@@ -254,12 +254,12 @@ async fn a_device_that_receivers_hear_is_a_tag_with_positions_in_the_store() {
     let store = Memory::default();
     let (hub, task) = start(&store).await;
     let send = async |what| {
-        let report = Report { t: Utc::now(), site: SITE.to_owned(), what };
+        let report = SourceReport { t: Utc::now(), site: SITE.to_owned(), what };
         hub.reports().send(report).await.expect("the hub runs");
     };
     for (k, [x, y]) in [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [4.0, 4.0]].into_iter().enumerate() {
         let (node, position_m) = (format!("r{k}"), Some([x, y, 2.0]));
-        send(ReportKind::Node { node, name: None, role: Role::Receiver, position_m }).await;
+        send(ReportKind::Node { node, name: None, role: NodeRole::Receiver, position_m }).await;
     }
     let mut listener = hub.listen();
     for k in 0..4 {
@@ -278,7 +278,7 @@ async fn a_device_that_receivers_hear_is_a_tag_with_positions_in_the_store() {
 }
 
 /// Ranges of a round at 1 m and 2 m, and a sighting at -60 dBm, all before its position.
-fn round(tag: &str, t: Utc) -> Vec<Report> {
+fn round(tag: &str, t: Utc) -> Vec<SourceReport> {
     let range = |anchor: &str, range_m| ReportKind::Range {
         tag: tag.to_owned(),
         anchor: anchor.to_owned(),
@@ -292,9 +292,9 @@ fn round(tag: &str, t: Utc) -> Vec<Report> {
     };
     let sighting = ReportKind::Sighting { tag: tag.to_owned(), beacon: "1-7".to_owned(), rssi_dbm: -60.0 };
     let whats = [range("0x0101", 1.0), range("0x0102", 2.0), range("0x0103", -3.0), sighting];
-    let at = |(k, what)| Report { t: t + Duration::from_millis(k), site: SITE.to_owned(), what };
+    let at = |(k, what)| SourceReport { t: t + Duration::from_millis(k), site: SITE.to_owned(), what };
     let mut reports: Vec<_> = (0..).zip(whats).map(at).collect();
-    reports.push(Report { t: t + Duration::from_millis(10), ..report(tag, 1.0) });
+    reports.push(SourceReport { t: t + Duration::from_millis(10), ..report(tag, 1.0) });
     reports
 }
 
@@ -303,16 +303,16 @@ async fn measurements_have_the_time_of_their_position_and_are_kept_where_asked_f
     for is_kept in [false, true] {
         let (store, keep) = (Memory::default(), is_kept.then_some(Duration::from_secs(86_400)));
         let retention = Retention { measurements: keep, ..FOREVER };
-        let live = Live::new(Limits::default());
+        let live = LiveState::new(StateLimits::default());
         let (hub, task) = Hub::start(live, store.clone(), retention).await.expect("the store answers");
         let what = ReportKind::Node {
             node: "0x0101".to_owned(),
             name: None,
-            role: Role::Anchor,
+            role: NodeRole::Anchor,
             position_m: Some([0.0, 0.0, 2.0]),
         };
         let t = Utc::now();
-        let place = Report { t, site: SITE.to_owned(), what };
+        let place = SourceReport { t, site: SITE.to_owned(), what };
         let (a, b) = (round("0x1001", t), round("0x1002", t + Duration::from_millis(1)));
         // The rounds of two tags, report by report.
         let reports = a.into_iter().zip(b).flat_map(|(a, b)| [a, b]);
@@ -322,12 +322,12 @@ async fn measurements_have_the_time_of_their_position_and_are_kept_where_asked_f
         // A device that is never located.
         let (receiver, device) = ("hall".to_owned(), "phone".to_owned());
         let what = ReportKind::ReceiverSighting { receiver, device, rssi_dbm: -65.0, rssi_1m_dbm: None };
-        let late = Report { t: t + Duration::from_millis(20), site: SITE.to_owned(), what };
+        let late = SourceReport { t: t + Duration::from_millis(20), site: SITE.to_owned(), what };
         hub.reports().send(late).await.expect("the hub runs");
         sleep(Duration::from_secs(8)).await;
         let ms = |later: Utc| later.since(t).as_millis();
         let mut rows: Vec<_> = store.content(|content| {
-            let row = |row: &Measurement| (row.tag.clone(), row.node.clone(), ms(row.round), ms(row.t));
+            let row = |row: &NodeMeasurement| (row.tag.clone(), row.node.clone(), ms(row.round), ms(row.t));
             content.measurements.iter().map(row).collect()
         });
         rows.sort();
@@ -342,11 +342,11 @@ async fn measurements_have_the_time_of_their_position_and_are_kept_where_asked_f
             row("phone", "hall", 20, 20),
         ];
         assert_eq!(rows, if is_kept { &expected[..] } else { &[] }, "a range below zero is refused");
-        let is_range = |row: &Measurement| match row.what {
-            Measured::Range(RangeMeasurement { range_m, rx_power_dbm, .. }) => {
+        let is_range = |row: &NodeMeasurement| match row.what {
+            MeasuredValue::Range(RangeMeasurement { range_m, rx_power_dbm, .. }) => {
                 (range_m, rx_power_dbm) == (2.0, Some(-80.25))
             }
-            Measured::Rssi(rssi_dbm) => rssi_dbm == -60.0 || rssi_dbm == -65.0,
+            MeasuredValue::Rssi(rssi_dbm) => rssi_dbm == -60.0 || rssi_dbm == -65.0,
         };
         store.content(|content| assert!(content.measurements.iter().all(|row| row.node == "0x0101" || is_range(row))));
         assert_eq!(store.content(|content| content.peers.concat()), if is_kept { vec!["0x0101"] } else { vec![] });
@@ -360,7 +360,8 @@ async fn measurements_have_the_time_of_their_position_and_are_kept_where_asked_f
 async fn measurements_outlast_a_store_that_fails() {
     let store = Memory::default();
     let retention = Retention { measurements: Some(Duration::from_secs(86_400)), ..FOREVER };
-    let (hub, task) = Hub::start(Live::new(Limits::default()), store.clone(), retention).await.expect("it answers");
+    let (hub, task) =
+        Hub::start(LiveState::new(StateLimits::default()), store.clone(), retention).await.expect("it answers");
     store.content(|content| content.is_failing = true);
     for report in round("0x1001", Utc::now()) {
         hub.reports().send(report).await.expect("the hub runs");
@@ -410,9 +411,9 @@ async fn a_store_that_hangs_holds_up_no_report() {
 #[test]
 fn a_full_queue_drops_the_oldest_positions_and_keeps_events() {
     let queue = Queue::new(3);
-    let mut live = Live::new(Limits::default());
-    let position = |live: &mut Live, x_m| live.apply(&report("0x1001", x_m));
-    let event = Event {
+    let mut live = LiveState::new(StateLimits::default());
+    let position = |live: &mut LiveState, x_m| live.apply(&report("0x1001", x_m));
+    let event = StationEvent {
         id: 1,
         t: Utc::now(),
         site: SITE.to_owned(),
@@ -428,7 +429,7 @@ fn a_full_queue_drops_the_oldest_positions_and_keeps_events() {
     }
     assert_eq!(queue.backlog_and_dropped(), (3, 2));
     // Without positions, the oldest events go.
-    let events: Vec<Update> = (2..=5).map(|id| Update::Event(Event { id, ..event.clone() })).collect();
+    let events: Vec<Update> = (2..=5).map(|id| Update::Event(StationEvent { id, ..event.clone() })).collect();
     queue.push(&events);
     assert_eq!(queue.backlog_and_dropped(), (3, 6));
 }
@@ -437,7 +438,7 @@ fn a_full_queue_drops_the_oldest_positions_and_keeps_events() {
 async fn numbers_of_events_go_on_after_those_of_the_store() {
     let store = Memory::default();
     store.content(|content| content.last_event = 41);
-    let mut live = Live::new(Limits::default());
+    let mut live = LiveState::new(StateLimits::default());
     live.set_zones(vec![kitchen()]);
     let (hub, task) = Hub::start(live, store.clone(), FOREVER).await.expect("the store answers");
     hub.reports().send(report("0x1001", 2.0)).await.expect("the hub runs");
@@ -452,7 +453,7 @@ async fn numbers_of_events_go_on_after_those_of_the_store() {
 async fn a_store_that_does_not_answer_at_the_start_is_an_error() {
     let store = Memory::default();
     store.content(|content| content.is_failing = true);
-    let started = Hub::start(Live::new(Limits::default()), store, FOREVER).await;
+    let started = Hub::start(LiveState::new(StateLimits::default()), store, FOREVER).await;
     assert!(matches!(started, Err(StoreError::Missing(_))));
 }
 
@@ -486,7 +487,7 @@ async fn the_health_of_the_nodes_that_were_seen_is_written_each_minute() {
             round: None,
             range: RangeMeasurement { range_m: 3.0, rx_power_dbm: None, first_path_power_dbm: None, clock_offset_ppm },
         };
-        let report = Report { t: Utc::now(), site: SITE.to_owned(), what };
+        let report = SourceReport { t: Utc::now(), site: SITE.to_owned(), what };
         hub.reports().send(report).await.expect("the hub runs");
     };
     let written = || -> Vec<(String, Option<f64>)> {
@@ -560,7 +561,7 @@ async fn positions_and_events_of_a_run_are_in_the_store_and_the_next_run_goes_on
     let file = folder.path().join("baliza.db");
     for (run, x_m) in [(1, 2.0), (2, 3.0)] {
         let store = Store::open(file.to_str().expect("UTF-8")).await.expect("a store");
-        let mut live = Live::new(Limits::default());
+        let mut live = LiveState::new(StateLimits::default());
         live.set_zones(vec![kitchen()]);
         let (hub, task) = Hub::start(live, store.clone(), FOREVER).await.expect("the store answers");
         hub.reports().send(report("0x1001", x_m)).await.expect("the hub runs");

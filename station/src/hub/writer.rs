@@ -12,9 +12,9 @@ use std::time::Duration;
 use tokio::sync::{Notify, watch};
 use tokio::time::{Instant, timeout};
 
-use super::{Counters, Sink, WRITE_EVERY, add};
+use super::{Counters, HubStore, WRITE_EVERY, add};
 use crate::Update;
-use crate::model::{Event, Measurement, Node, TagPosition};
+use crate::model::{NodeMeasurement, NodeStatus, StationEvent, TagPosition};
 use crate::store;
 
 /// Rows of a batch.
@@ -39,10 +39,10 @@ pub(super) struct Queue {
 #[derive(Debug, Default)]
 struct Rows {
     positions: VecDeque<TagPosition>,
-    events: VecDeque<Event>,
-    measurements: VecDeque<Measurement>,
+    events: VecDeque<StationEvent>,
+    measurements: VecDeque<NodeMeasurement>,
     /// All nodes, where one has a new place.
-    peers: Option<Vec<Node>>,
+    peers: Option<Vec<NodeStatus>>,
     /// Taken, and not yet written.
     taken: usize,
     dropped: u64,
@@ -70,9 +70,9 @@ impl Rows {
 #[derive(Debug, Default)]
 struct Batch {
     positions: Vec<TagPosition>,
-    events: Vec<Event>,
-    measurements: Vec<Measurement>,
-    peers: Vec<Node>,
+    events: Vec<StationEvent>,
+    measurements: Vec<NodeMeasurement>,
+    peers: Vec<NodeStatus>,
 }
 
 impl Default for Queue {
@@ -108,7 +108,7 @@ impl Queue {
     }
 
     /// Adds measurements.
-    pub(super) fn push_measurements(&self, measurements: Vec<Measurement>) {
+    pub(super) fn push_measurements(&self, measurements: Vec<NodeMeasurement>) {
         if !measurements.is_empty() {
             let mut rows = self.rows();
             rows.measurements.extend(measurements);
@@ -117,7 +117,7 @@ impl Queue {
     }
 
     /// Replaces the places of nodes that wait.
-    pub(super) fn set_peers(&self, nodes: Vec<Node>) {
+    pub(super) fn set_peers(&self, nodes: Vec<NodeStatus>) {
         self.rows().peers = Some(nodes);
     }
 
@@ -170,7 +170,7 @@ impl Queue {
 
 /// Writes rows until the end, and then those that are left.
 pub(super) async fn write(
-    store: impl Sink,
+    store: impl HubStore,
     queue: Arc<Queue>,
     counters: Arc<Counters>,
     mut ended: watch::Receiver<bool>,
@@ -208,7 +208,7 @@ struct Writer<S> {
     is_full: bool,
 }
 
-impl<S: Sink> Writer<S> {
+impl<S: HubStore> Writer<S> {
     /// Writes a batch. Returns the number of rows that were left out. After an error, it can be written again.
     async fn try_once(&self, batch: &Batch) -> store::Result<u64> {
         let mut left_out = self.store.write(&batch.positions, &batch.events).await?;

@@ -8,7 +8,7 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::topics::{Topics, identifier};
-use crate::model::{Node, Role, Tag};
+use crate::model::{NodeRole, NodeStatus, TagStatus};
 
 /// Where Home Assistant tells that it is there, below its prefix.
 pub(super) const STATUS: &str = "status";
@@ -52,7 +52,7 @@ impl Discovery {
     }
 
     /// A tag's document.
-    pub(super) fn tag(&self, tag: &Tag) -> String {
+    pub(super) fn tag(&self, tag: &TagStatus) -> String {
         let id = self.device_id(&tag.site, &tag.tag);
         let (room, position) = (self.topics.room(&tag.site, &tag.tag), self.topics.position(&tag.site, &tag.tag));
         let components = [
@@ -96,10 +96,10 @@ impl Discovery {
     }
 
     /// An anchor's document; none for what does not measure ranges, which nobody can see to be moved.
-    pub(super) fn node(&self, node: &Node) -> Option<String> {
+    pub(super) fn node(&self, node: &NodeStatus) -> Option<String> {
         match node.role {
-            Role::Anchor => {}
-            Role::Tag | Role::Beacon | Role::Receiver => return None,
+            NodeRole::Anchor => {}
+            NodeRole::Tag | NodeRole::Beacon | NodeRole::Receiver => return None,
         }
         let id = self.device_id(&node.site, &node.node);
         let moved = json!({

@@ -5,9 +5,9 @@
 //! | `baliza/status` | `online`, `offline` | retained, last will |
 //! | `baliza/SITE/tags/TAG/position` | a [`TagPosition`](crate::model::TagPosition), at most one a second | retained |
 //! | `baliza/SITE/tags/TAG/room` | `site`, `tag`, `name`, `room`, `zones`, `silent`, `reason`, `supply_v` | retained |
-//! | `baliza/SITE/tags/TAG/events` | an [`Event`](crate::model::Event) | QoS 1 |
-//! | `baliza/SITE/nodes/NODE/health` | a [`Node`](crate::model::Node), each half minute and when it is moved | retained |
-//! | `baliza/SITE/nodes/NODE/events` | an [`Event`](crate::model::Event) | QoS 1 |
+//! | `baliza/SITE/tags/TAG/events` | an [`StationEvent`](crate::model::StationEvent) | QoS 1 |
+//! | `baliza/SITE/nodes/NODE/health` | a [`NodeStatus`](crate::model::NodeStatus), each half minute and when it is moved | retained |
+//! | `baliza/SITE/nodes/NODE/events` | an [`StationEvent`](crate::model::StationEvent) | QoS 1 |
 //! | `homeassistant/device/ID/config` | a device for Home Assistant | retained |
 //!
 //! `publisher` listens to the hub and fills the `outbox`; `connection` empties it into the broker and gives what comes
@@ -39,12 +39,12 @@ use self::inbox::Inbox;
 use self::outbox::Outbox;
 use self::publisher::Publisher;
 pub use self::topics::{NoPrefix, Topics};
-use crate::model::{Tag, Zone};
-use crate::{Hub, Report, Utc};
+use crate::model::{TagStatus, Zone};
+use crate::{Hub, SourceReport, Utc};
 
 /// What the station does at its broker.
 #[derive(Debug)]
-pub struct Settings {
+pub struct MqttSettings {
     /// Where it is.
     pub broker: Broker,
     /// The topics.
@@ -57,14 +57,14 @@ pub struct Settings {
     pub espresense: Option<(House, String)>,
 }
 
-impl Settings {
+impl MqttSettings {
     /// The rooms of the house.
     pub fn zones(&self) -> Vec<Zone> {
         self.espresense.iter().flat_map(|(house, site)| house.zones(site)).collect()
     }
 
     /// The receivers of the house, as reports.
-    pub fn receivers(&self, t: Utc) -> Vec<Report> {
+    pub fn receivers(&self, t: Utc) -> Vec<SourceReport> {
         self.espresense.iter().flat_map(|(house, site)| house.nodes(site, t)).collect()
     }
 }
@@ -79,8 +79,13 @@ pub struct Mqtt {
 
 impl Mqtt {
     /// Starts its tasks. `earlier` are the tags that the store had, `sites` the sites.
-    pub fn start(hub: &Hub, settings: Settings, earlier: Vec<Tag>, sites: impl IntoIterator<Item = String>) -> Self {
-        let Settings { broker, topics, every, discovery, espresense } = settings;
+    pub fn start(
+        hub: &Hub,
+        settings: MqttSettings,
+        earlier: Vec<TagStatus>,
+        sites: impl IntoIterator<Item = String>,
+    ) -> Self {
+        let MqttSettings { broker, topics, every, discovery, espresense } = settings;
         let outbox = Arc::new(Outbox::default());
         let discovery = discovery.map(|prefix| Discovery::new(&prefix, &topics));
         let (stop, stopped) = watch::channel(false);

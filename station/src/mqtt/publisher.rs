@@ -13,7 +13,7 @@ use super::home_assistant::Discovery;
 use super::json;
 use super::outbox::Outbox;
 use super::topics::Topics;
-use crate::model::{EventKind, Tag, TagPosition};
+use crate::model::{EventKind, TagPosition, TagStatus};
 use crate::{Hub, Update};
 
 /// How often positions that wait for their time are looked at.
@@ -52,7 +52,7 @@ pub(super) struct Publisher {
     /// The least time between two positions of a tag.
     pub(super) every: Duration,
     /// The tags that the store had at the start.
-    pub(super) earlier: Vec<Tag>,
+    pub(super) earlier: Vec<TagStatus>,
     paces: HashMap<(String, String), Pace>,
     /// Tags with documents.
     announced: HashSet<(String, String)>,
@@ -67,7 +67,7 @@ impl Publisher {
         topics: Topics,
         discovery: Option<Discovery>,
         every: Duration,
-        earlier: Vec<Tag>,
+        earlier: Vec<TagStatus>,
     ) -> Self {
         let (paces, announced, nodes) = (HashMap::new(), HashSet::new(), HashSet::new());
         Self { hub, outbox, topics, discovery, every, earlier, paces, announced, nodes }
@@ -157,10 +157,10 @@ impl Publisher {
 
     /// Brings the documents of all tags and nodes up to date.
     pub(super) fn refresh(&mut self) {
-        let mut tags = self.hub.read(crate::Live::tags);
+        let mut tags = self.hub.read(crate::LiveState::tags);
         let live: HashSet<_> = tags.iter().map(|tag| (tag.site.clone(), tag.tag.clone())).collect();
         self.earlier.retain(|tag| !live.contains(&(tag.site.clone(), tag.tag.clone())));
-        tags.extend(self.earlier.iter().map(|tag| Tag { silent: true, ..tag.clone() }));
+        tags.extend(self.earlier.iter().map(|tag| TagStatus { silent: true, ..tag.clone() }));
         let now: HashSet<_> = tags.iter().map(|tag| (tag.site.clone(), tag.tag.clone())).collect();
         for tag in &tags {
             self.send_tag(tag);
@@ -179,7 +179,7 @@ impl Publisher {
         self.send_health();
     }
 
-    fn send_tag(&self, tag: &Tag) {
+    fn send_tag(&self, tag: &TagStatus) {
         let room = TagRoom {
             site: &tag.site,
             tag: &tag.tag,
@@ -197,7 +197,7 @@ impl Publisher {
     }
 
     fn send_health(&mut self) {
-        let nodes = self.hub.read(crate::Live::nodes);
+        let nodes = self.hub.read(crate::LiveState::nodes);
         let now: HashSet<_> = nodes.iter().map(|node| (node.site.clone(), node.node.clone())).collect();
         for (site, node) in self.nodes.difference(&now) {
             self.outbox.clear(self.topics.health(site, node));

@@ -11,7 +11,7 @@ use super::{lock, make_room};
 
 /// How much is allowed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
+pub struct RequestLimits {
     /// Requests that change something or position a terminal, a second and address.
     pub writes_per_s: f64,
     /// How many of them may come at once.
@@ -42,7 +42,7 @@ pub struct Limits {
     pub ping: Duration,
 }
 
-impl Default for Limits {
+impl Default for RequestLimits {
     fn default() -> Self {
         Self {
             writes_per_s: 50.0,
@@ -136,7 +136,7 @@ struct Held {
 
 impl Connections {
     /// A counter without open connections.
-    pub fn new(limits: &Limits) -> Self {
+    pub fn new(limits: &RequestLimits) -> Self {
         let free = Arc::new(Semaphore::new(limits.connections as usize));
         Self { free, all: limits.connections, per_address: limits.connections_per_address, counts: Arc::default() }
     }
@@ -216,7 +216,8 @@ mod tests {
 
     #[test]
     fn connections_of_one_address_and_of_all_are_bounded_and_counted_until_they_end() {
-        let connections = Connections::new(&Limits { connections: 3, connections_per_address: 2, ..Limits::default() });
+        let connections =
+            Connections::new(&RequestLimits { connections: 3, connections_per_address: 2, ..RequestLimits::default() });
         let [one, other] = ["192.0.2.1", "192.0.2.2"].map(|address| address.parse().unwrap());
         let held = [connections.open(one, false), connections.open(one, false)];
         assert!(held.iter().all(Option::is_some) && connections.open(one, false).is_none());
@@ -230,7 +231,8 @@ mod tests {
 
     #[test]
     fn a_proxy_has_as_many_connections_as_all_together() {
-        let connections = Connections::new(&Limits { connections: 3, connections_per_address: 1, ..Limits::default() });
+        let connections =
+            Connections::new(&RequestLimits { connections: 3, connections_per_address: 1, ..RequestLimits::default() });
         let proxy = "192.0.2.1".parse().unwrap();
         let held: Vec<_> = (0..4).map(|_| connections.open(proxy, true)).collect();
         assert_eq!(held.iter().map(Option::is_some).collect::<Vec<_>>(), [true, true, true, false]);

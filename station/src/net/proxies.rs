@@ -11,7 +11,7 @@ const X_FORWARDED_FOR: HeaderName = HeaderName::from_static("x-forwarded-for");
 
 /// Addresses that have their first bits in common.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Network {
+pub struct IpNetwork {
     address: IpAddr,
     bits: u8,
 }
@@ -28,7 +28,7 @@ impl fmt::Display for NoNetwork {
 
 impl std::error::Error for NoNetwork {}
 
-impl FromStr for Network {
+impl FromStr for IpNetwork {
     type Err = NoNetwork;
 
     fn from_str(text: &str) -> Result<Self, NoNetwork> {
@@ -43,7 +43,7 @@ impl FromStr for Network {
     }
 }
 
-impl Network {
+impl IpNetwork {
     fn contains(&self, address: IpAddr) -> bool {
         let all = width(self.address);
         // An address of IPv4 has no bits of IPv6 in common.
@@ -65,7 +65,7 @@ fn bits(address: IpAddr) -> u128 {
 
 /// The proxies whose headers are believed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Proxies(pub Vec<Network>);
+pub struct Proxies(pub Vec<IpNetwork>);
 
 impl Proxies {
     /// Whether an address is that of a trusted proxy.
@@ -203,10 +203,10 @@ mod tests {
     #[test]
     fn networks_have_their_bits_and_no_more() {
         for text in ["", "10.0.0.0/33", "::/129", "10.0.0.0/-1", "10.0.0/8", "10.0.0.0/", "example.org", "10.0.0.1 "] {
-            assert_eq!(text.parse::<Network>(), Err(NoNetwork), "{text}");
+            assert_eq!(text.parse::<IpNetwork>(), Err(NoNetwork), "{text}");
         }
         let contains =
-            |network: &str, address: &str| network.parse::<Network>().unwrap().contains(address.parse().unwrap());
+            |network: &str, address: &str| network.parse::<IpNetwork>().unwrap().contains(address.parse().unwrap());
         assert!(contains("192.0.2.128/25", "192.0.2.129") && !contains("192.0.2.128/25", "192.0.2.127"));
         assert!(contains("0.0.0.0/0", "255.1.2.3") && !contains("0.0.0.0/0", "::1"));
         assert!(contains("::/0", "2001:db8::1") && contains("2001:db8::1", "2001:db8::1"));

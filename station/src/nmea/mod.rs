@@ -35,7 +35,7 @@ const AGAIN: Duration = Duration::from_millis(100);
 
 /// A tag, and where its clients connect.
 #[derive(Debug)]
-pub struct Port {
+pub struct NmeaPort {
     /// The tag.
     pub tag: String,
     /// Only its positions in this site. None: in whichever it is.
@@ -52,9 +52,9 @@ pub struct Nmea {
 
 impl Nmea {
     /// Serves tags, each at its port. A tag that has no position for `silent_after` has none from then on.
-    pub fn start(hub: &Hub, ports: Vec<Port>, silent_after: Duration) -> Self {
+    pub fn start(hub: &Hub, ports: Vec<NmeaPort>, silent_after: Duration) -> Self {
         let mut tasks = JoinSet::new();
-        let feeds = ports.into_iter().map(|Port { tag, site, listener }| {
+        let feeds = ports.into_iter().map(|NmeaPort { tag, site, listener }| {
             let (text, reader) = watch::channel(Arc::from(""));
             tasks.spawn(accept(listener, reader));
             Feed { tag, site, text, newest: None, is_warned: false }

@@ -5,10 +5,10 @@ use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
 
 use super::*;
 use crate::hub::NullStore;
-use crate::model::{GeographicOrigin, Site};
-use crate::state::{Limits, Live};
+use crate::model::{GeographicOrigin, SiteMap};
+use crate::state::{LiveState, StateLimits};
 use crate::store::Retention;
-use crate::{Report, ReportKind, SolvedFrom};
+use crate::{ReportKind, SolvedFrom, SourceReport};
 
 const SITE: &str = "hall";
 
@@ -21,7 +21,7 @@ struct Station {
 impl Station {
     /// A station with a port for each tag, in a site that has a geographic origin.
     async fn start(tags: &[&str], silent_after: Duration) -> Self {
-        let mut live = Live::new(Limits::default());
+        let mut live = LiveState::new(StateLimits::default());
         live.set_geographic_origins(&[site()]);
         let retention = Retention::default();
         let (hub, _) = Hub::start(live, NullStore, retention).await.unwrap();
@@ -29,7 +29,7 @@ impl Station {
         for tag in tags {
             let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
             addresses.push(listener.local_addr().unwrap());
-            ports.push(Port { tag: (*tag).to_owned(), site: None, listener });
+            ports.push(NmeaPort { tag: (*tag).to_owned(), site: None, listener });
         }
         let nmea = Nmea::start(&hub, ports, silent_after);
         Self { hub, addresses, _nmea: nmea }
@@ -47,7 +47,7 @@ impl Station {
             used: 5,
             solved_from: SolvedFrom::Ranges,
         };
-        self.hub.reports().send(Report { t: Utc::now(), site: SITE.to_owned(), what }).await.unwrap();
+        self.hub.reports().send(SourceReport { t: Utc::now(), site: SITE.to_owned(), what }).await.unwrap();
     }
 
     async fn client(&self, port: usize) -> Client {
@@ -56,9 +56,9 @@ impl Station {
     }
 }
 
-fn site() -> Site {
+fn site() -> SiteMap {
     let origin = r#"{"latitude_deg": 0, "longitude_deg": 0, "y_azimuth_deg": 0, "height_m": 5}"#;
-    Site { geographic_origin: Some(serde_json::from_str::<GeographicOrigin>(origin).unwrap()), ..Site::new(SITE) }
+    SiteMap { geographic_origin: Some(serde_json::from_str::<GeographicOrigin>(origin).unwrap()), ..SiteMap::new(SITE) }
 }
 
 struct Client {
@@ -128,7 +128,7 @@ async fn a_tag_that_is_silent_has_no_position() {
 #[tokio::test]
 async fn a_site_without_a_geographic_origin_has_no_positions_until_it_gets_one() {
     let station = Station::start(&["0x1001"], Duration::from_secs(30)).await;
-    station.hub.change(|live| live.set_geographic_origins(&[Site::new(SITE)]));
+    station.hub.change(|live| live.set_geographic_origins(&[SiteMap::new(SITE)]));
     let mut client = station.client(0).await;
     station.report("0x1001", 100.0).await;
     for _ in 0..4 {

@@ -40,7 +40,7 @@ use tokio::time::timeout;
 use url::Url;
 
 use self::begun::{Begun, SignIn};
-pub use self::settings::{OidcError, Patience, Settings};
+pub use self::settings::{OidcError, OidcSettings, Patience};
 use self::user::{Claims, Given, Mapping};
 pub use self::user::{Roles, User};
 use crate::net::client::{self, last_cause};
@@ -134,7 +134,7 @@ type Client =
 
 /// Signs people in.
 pub struct Oidc {
-    settings: Settings,
+    settings: OidcSettings,
     patience: Patience,
     issuer: IssuerUrl,
     public_url: Url,
@@ -158,7 +158,7 @@ impl Oidc {
     ///
     /// # Errors
     /// Addresses, roles or certificates are wrong.
-    pub fn new(settings: Settings, patience: Patience) -> Result<Self, OidcError> {
+    pub fn new(settings: OidcSettings, patience: Patience) -> Result<Self, OidcError> {
         let (issuer, public_url) = settings.addresses()?;
         let mapping = Mapping::of(&settings.claim, &settings.roles)?;
         let redirect = public_url.join(CALLBACK).map_err(|_| OidcError::PublicUrl("it is no address"))?;
@@ -344,7 +344,7 @@ impl Oidc {
     }
 
     fn client(&self, metadata: &ProviderMetadataWithLogout) -> Client {
-        let Settings { client_id, client_secret, .. } = &self.settings;
+        let OidcSettings { client_id, client_secret, .. } = &self.settings;
         let secret = client_secret.clone().map(ClientSecret::new);
         let client = Client::from_provider_metadata(metadata.clone(), ClientId::new(client_id.clone()), secret);
         // Basic is what a provider takes that says nothing (OpenID Connect Discovery 1.0, section 3).

@@ -12,7 +12,7 @@ use crate::net::is_loopback_name;
 
 /// The provider, and what its users may do.
 #[derive(Clone)]
-pub struct Settings {
+pub struct OidcSettings {
     /// The provider, exactly as it writes its own name: `https://…`.
     pub issuer: String,
     /// The station's name at the provider.
@@ -35,9 +35,9 @@ pub struct Settings {
     pub end_session: bool,
 }
 
-impl fmt::Debug for Settings {
+impl fmt::Debug for OidcSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Settings").field("issuer", &self.issuer).finish_non_exhaustive()
+        f.debug_struct("OidcSettings").field("issuer", &self.issuer).finish_non_exhaustive()
     }
 }
 
@@ -91,7 +91,7 @@ pub enum OidcError {
     Client(ClientError),
 }
 
-impl Settings {
+impl OidcSettings {
     /// Checks what can be checked without the provider; the addresses of the issuer and of the station.
     pub(super) fn addresses(&self) -> Result<(Url, Url), OidcError> {
         let issuer = address(&self.issuer).map_err(OidcError::Issuer)?;

@@ -5,11 +5,11 @@ use std::time::Duration;
 
 use super::rounds::RoundMeasurement;
 use super::tags::TagState;
-use super::{Live, NewEvent, Site, Update, event, keep};
+use super::{LiveState, NewEvent, SiteState, Update, event, keep};
 use crate::Utc;
 use crate::bounds::{EXPONENTS, FARTHEST_M, is_name};
-use crate::input::{Report, ReportKind, SolvedFrom};
-use crate::model::{Event, EventKind, Measured, RangeMeasurement, Role, TagPosition};
+use crate::input::{ReportKind, SolvedFrom, SourceReport};
+use crate::model::{EventKind, MeasuredValue, NodeRole, RangeMeasurement, StationEvent, TagPosition};
 
 /// Reports may be this much after the state's clock.
 const AHEAD: Duration = Duration::from_secs(60);
@@ -20,15 +20,15 @@ const VAGUEST_M: f64 = 1e5;
 /// Supply voltages of radios, V.
 const SUPPLIES_V: std::ops::RangeInclusive<f64> = 0.5..=10.0;
 
-impl Live {
+impl LiveState {
     /// The time as which that of a report is taken.
-    fn time_of(&self, report: &Report) -> Utc {
+    fn time_of(&self, report: &SourceReport) -> Utc {
         let now = self.clock.unwrap_or(report.t);
         if report.t > now + AHEAD { now } else { report.t }
     }
 
     /// Applies a report.
-    pub fn apply(&mut self, report: &Report) -> Vec<Update> {
+    pub fn apply(&mut self, report: &SourceReport) -> Vec<Update> {
         let t = self.time_of(report);
         self.clock = Some(self.clock.unwrap_or(t).max(t));
         let mut updates = Vec::new();
@@ -65,7 +65,7 @@ impl Live {
         site: &str,
         node: &str,
         name: Option<&str>,
-        role: Role,
+        role: NodeRole,
         position_m: Option<[f64; 3]>,
     ) -> Option<()> {
         let is_place = position_m.is_none_or(|position_m| position_m.iter().all(|at| at.abs() <= FARTHEST_M));
@@ -73,7 +73,7 @@ impl Live {
             return None;
         }
         match role {
-            Role::Tag => {
+            NodeRole::Tag => {
                 // A tag is listed when it reports.
                 let Some(name) = name else { return Some(()) };
                 if !self.sites.get(site).is_some_and(|site| site.tag_names.contains_key(node)) {
@@ -85,7 +85,7 @@ impl Live {
                 let names = &mut self.sites.entry(site.to_owned()).or_default().tag_names;
                 self.is_changed |= names.insert(node.to_owned(), name.to_owned()).as_deref() != Some(name);
             }
-            Role::Anchor | Role::Beacon | Role::Receiver => {
+            NodeRole::Anchor | NodeRole::Beacon | NodeRole::Receiver => {
                 let index = self.node(site, node, role)?;
                 let is_new = self.sites.get_mut(site)?.nodes.describe(index, name, role, position_m);
                 self.is_changed |= is_new;
@@ -99,12 +99,12 @@ impl Live {
     fn position(&mut self, t: Utc, site: &str, kind: &ReportKind, updates: &mut Vec<Update>) -> Option<()> {
         let (mut position, round, solved_from) = tag_position(t, site, kind)?;
         self.reporting_tag(t, site, &position.tag, updates)?;
-        let Site { tags, nodes, areas, rounds, .. } = self.sites.get_mut(site)?;
+        let SiteState { tags, nodes, areas, rounds, .. } = self.sites.get_mut(site)?;
         let state = tags.get_mut(&position.tag)?;
         state.find(&mut position, solved_from, areas, &self.limits, &mut self.happened);
         let last_event = &mut self.last_event;
         let events = self.happened.drain(..);
-        let events: Vec<Event> = events.map(|new| event(last_event, t, site, &position.tag, new)).collect();
+        let events: Vec<StationEvent> = events.map(|new| event(last_event, t, site, &position.tag, new)).collect();
         let mut moved = Vec::new();
         if let Some(open) = rounds.known(&position.tag) {
             keep(&mut self.measurements, site, &position.tag, nodes, open.end_other(round));
@@ -136,7 +136,7 @@ impl Live {
     ) -> Option<()> {
         let is_new = self.reporting_tag(t, site, tag, updates)?.lose(shortened(reason));
         self.is_changed |= is_new;
-        let Site { nodes, rounds, .. } = self.sites.get_mut(site)?;
+        let SiteState { nodes, rounds, .. } = self.sites.get_mut(site)?;
         if let Some(open) = rounds.known(tag) {
             keep(&mut self.measurements, site, tag, nodes, open.end_other(round));
             keep(&mut self.measurements, site, tag, nodes, open.end(t));
@@ -160,9 +160,9 @@ impl Live {
             return None;
         }
         self.reporting_tag(t, site, tag, updates)?;
-        let node = self.node(site, anchor, Role::Anchor)?;
+        let node = self.node(site, anchor, NodeRole::Anchor)?;
         self.sites.get_mut(site)?.nodes.range(node, t, &range);
-        self.gather(site, tag, round, RoundMeasurement { node, t, measured: Measured::Range(range) })
+        self.gather(site, tag, round, RoundMeasurement { node, t, measured: MeasuredValue::Range(range) })
     }
 
     /// The voltage of a node's supply.
@@ -200,9 +200,9 @@ impl Live {
             return None;
         }
         self.reporting_tag(t, site, tag, updates)?;
-        let node = self.node(site, beacon, Role::Beacon)?;
+        let node = self.node(site, beacon, NodeRole::Beacon)?;
         self.sites.get_mut(site)?.nodes.sight(node, t);
-        self.gather_rssi(site, tag, RoundMeasurement { node, t, measured: Measured::Rssi(rssi_dbm) })
+        self.gather_rssi(site, tag, RoundMeasurement { node, t, measured: MeasuredValue::Rssi(rssi_dbm) })
     }
 
     /// A receiver received a device. It is a tag from its first position on: most devices are of people who walk by.
@@ -221,9 +221,9 @@ impl Live {
         if !(is_name(site) && is_name(receiver) && is_name(device)) {
             return None;
         }
-        let node = self.node(site, receiver, Role::Receiver)?;
+        let node = self.node(site, receiver, NodeRole::Receiver)?;
         self.sites.get_mut(site)?.nodes.sight(node, t);
-        self.gather_rssi(site, device, RoundMeasurement { node, t, measured: Measured::Rssi(rssi_dbm) })
+        self.gather_rssi(site, device, RoundMeasurement { node, t, measured: MeasuredValue::Rssi(rssi_dbm) })
     }
 
     /// The path loss of a node's signals.
@@ -254,7 +254,7 @@ impl Live {
 
     /// Adds a measurement to the tag's round of this number.
     fn gather(&mut self, site: &str, tag: &str, number: Option<u16>, measurement: RoundMeasurement) -> Option<()> {
-        let Site { nodes, rounds, .. } = self.sites.get_mut(site)?;
+        let SiteState { nodes, rounds, .. } = self.sites.get_mut(site)?;
         let round = rounds.of(tag);
         keep(&mut self.measurements, site, tag, nodes, round.end_other(number));
         keep(&mut self.measurements, site, tag, nodes, round.add(number, measurement));
@@ -281,7 +281,7 @@ impl Live {
     }
 
     /// The index of a node in its site. None where there are too many.
-    fn node(&mut self, site: &str, node: &str, role: Role) -> Option<usize> {
+    fn node(&mut self, site: &str, node: &str, role: NodeRole) -> Option<usize> {
         if let Some(index) = self.sites.get(site).and_then(|site| site.nodes.index(node)) {
             return Some(index);
         }

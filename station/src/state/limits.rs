@@ -4,7 +4,7 @@ use std::time::Duration;
 
 /// When something counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
+pub struct StateLimits {
     /// A tag that does not report for this time is silent.
     pub silent_after: Duration,
     /// A position by ranges with a greater standard deviation is uncertain, metres.
@@ -47,7 +47,7 @@ impl Default for Alarms {
     }
 }
 
-impl Default for Limits {
+impl Default for StateLimits {
     fn default() -> Self {
         Self {
             silent_after: Duration::from_secs(30),

@@ -1,6 +1,6 @@
 //! The current state.
 //!
-//! The input is a [`Report`], the output its [`Update`]s. Time comes from the reports and from [`Live::tick`]; there is
+//! The input is a [`SourceReport`], the output its [`Update`]s. Time comes from the reports and from [`LiveState::tick`]; there is
 //! no clock here.
 //!
 //! | module | what is in it |
@@ -20,8 +20,8 @@
 //! compared with, no time has passed. So a clock that jumps makes events at worst (all tags are silent, and back with
 //! their next report), and nothing stays wrong after it.
 //!
-//! **Bounds.** Tags and nodes are limited in number ([`Limits`]), names in length. What exceeds a limit, and numbers
-//! that cannot be measurements, are refused and counted ([`Live::refused`]).
+//! **Bounds.** Tags and nodes are limited in number ([`StateLimits`]), names in length. What exceeds a limit, and numbers
+//! that cannot be measurements, are refused and counted ([`LiveState::refused`]).
 
 mod apply;
 mod limits;
@@ -37,7 +37,7 @@ use std::collections::{BTreeMap, HashMap};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-pub use self::limits::{Alarms, Limits};
+pub use self::limits::{Alarms, StateLimits};
 use self::nodes::Nodes;
 pub use self::outline::Gaussian;
 use self::outline::Outline;
@@ -45,7 +45,8 @@ use self::rounds::{EndedRound, Rounds};
 use self::tags::{Area, Inside, TagState};
 use crate::Utc;
 use crate::model::{
-    self, Event, EventKind, GeographicOrigin, Measurement, Node, NodeHealth, Role, Tag, TagPosition, Zone, ZoneKind,
+    self, EventKind, GeographicOrigin, NodeHealth, NodeMeasurement, NodeRole, NodeStatus, StationEvent, TagPosition,
+    TagStatus, Zone, ZoneKind,
 };
 use crate::rssi::KnownNode;
 
@@ -56,7 +57,7 @@ pub enum Update {
     /// A tag has a new position.
     Position(TagPosition),
     /// Something happened.
-    Event(Event),
+    Event(StationEvent),
     /// Tags, nodes or zones changed in another way: they are to be read again. At most one a tick.
     Changed,
 }
@@ -86,7 +87,7 @@ impl NewEvent {
 
 /// The state of a site.
 #[derive(Debug, Default)]
-struct Site {
+struct SiteState {
     tags: HashMap<String, TagState>,
     /// By address: the names in the site's file.
     tag_names: HashMap<String, String>,
@@ -97,9 +98,9 @@ struct Site {
 
 /// The current state of all sites.
 #[derive(Debug)]
-pub struct Live {
-    limits: Limits,
-    sites: HashMap<String, Site>,
+pub struct LiveState {
+    limits: StateLimits,
+    sites: HashMap<String, SiteState>,
     geographic_origins: HashMap<String, GeographicOrigin>,
     /// None before the first report and the first tick.
     clock: Option<Utc>,
@@ -114,14 +115,14 @@ pub struct Live {
     waiting: Vec<Update>,
     is_changed: bool,
     /// Measurements of rounds that have ended, in the order of their ends. None: they are not kept.
-    measurements: Option<Vec<Measurement>>,
+    measurements: Option<Vec<NodeMeasurement>>,
     /// Kept for its memory.
     happened: Vec<NewEvent>,
 }
 
-impl Live {
+impl LiveState {
     /// The state without tags and nodes.
-    pub fn new(limits: Limits) -> Self {
+    pub fn new(limits: StateLimits) -> Self {
         Self {
             limits,
             sites: HashMap::new(),
@@ -140,20 +141,20 @@ impl Live {
         }
     }
 
-    /// Keeps the measurements of rounds from now on, for [`Live::take_measurements`].
+    /// Keeps the measurements of rounds from now on, for [`LiveState::take_measurements`].
     pub fn keep_measurements(&mut self) {
         self.measurements.get_or_insert_default();
     }
 
     /// The measurements of the rounds that have ended since the last call, where they are kept.
-    pub fn take_measurements(&mut self) -> Vec<Measurement> {
+    pub fn take_measurements(&mut self) -> Vec<NodeMeasurement> {
         self.measurements.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
     /// Ends all rounds: there are no more reports.
     pub fn end_rounds(&mut self) {
         for (name, site) in &mut self.sites {
-            let Site { nodes, rounds, .. } = site;
+            let SiteState { nodes, rounds, .. } = site;
             rounds.end_all(|tag, ended| keep(&mut self.measurements, name, tag, nodes, Some(ended)));
         }
     }
@@ -199,7 +200,7 @@ impl Live {
     }
 
     /// Replaces the geographic origins of all sites.
-    pub fn set_geographic_origins(&mut self, sites: &[model::Site]) {
+    pub fn set_geographic_origins(&mut self, sites: &[model::SiteMap]) {
         let origins = sites.iter().filter_map(|site| Some((site.name.clone(), site.geographic_origin?)));
         self.geographic_origins = origins.collect();
         self.is_changed = true;
@@ -215,7 +216,7 @@ impl Live {
         self.clock = Some(now);
         let mut updates = std::mem::take(&mut self.waiting);
         for (name, site) in &mut self.sites {
-            let Site { nodes, rounds, .. } = site;
+            let SiteState { nodes, rounds, .. } = site;
             rounds.tick(|tag, ended| keep(&mut self.measurements, name, tag, nodes, Some(ended)));
             for (tag, state) in &mut site.tags {
                 // The clock may have been set back.
@@ -234,9 +235,9 @@ impl Live {
     }
 
     /// The tags, by site and address.
-    pub fn tags(&self) -> Vec<Tag> {
+    pub fn tags(&self) -> Vec<TagStatus> {
         let now = self.clock.unwrap_or_default();
-        let mut tags: Vec<Tag> = Vec::with_capacity(self.tags);
+        let mut tags: Vec<TagStatus> = Vec::with_capacity(self.tags);
         for (name, site) in &self.sites {
             let name_of = |tag: &str| site.tag_names.get(tag).map(String::as_str);
             tags.extend(site.tags.iter().map(|(tag, state)| state.show(name, tag, name_of(tag), &site.areas, now)));
@@ -246,16 +247,17 @@ impl Live {
     }
 
     /// A tag.
-    pub fn tag(&self, site: &str, tag: &str) -> Option<Tag> {
+    pub fn tag(&self, site: &str, tag: &str) -> Option<TagStatus> {
         let (now, name, site) = (self.clock.unwrap_or_default(), site, self.sites.get(site)?);
         let state = site.tags.get(tag)?;
         Some(state.show(name, tag, site.tag_names.get(tag).map(String::as_str), &site.areas, now))
     }
 
     /// The anchors and beacons, by site and address.
-    pub fn nodes(&self) -> Vec<Node> {
+    pub fn nodes(&self) -> Vec<NodeStatus> {
         let now = self.clock.unwrap_or_default();
-        let mut nodes: Vec<Node> = self.sites.iter().flat_map(|(name, site)| site.nodes.show(name, now)).collect();
+        let mut nodes: Vec<NodeStatus> =
+            self.sites.iter().flat_map(|(name, site)| site.nodes.show(name, now)).collect();
         nodes.sort_unstable_by(|a, b| (&a.site, &a.node).cmp(&(&b.site, &b.node)));
         nodes
     }
@@ -267,7 +269,7 @@ impl Live {
     }
 
     /// The nodes of a role in a site whose places are known.
-    pub fn known(&self, site: &str, role: Role) -> BTreeMap<String, KnownNode> {
+    pub fn known(&self, site: &str, role: NodeRole) -> BTreeMap<String, KnownNode> {
         self.sites.get(site).map(|site| site.nodes.known(role)).unwrap_or_default()
     }
 
@@ -280,7 +282,7 @@ impl Live {
     pub fn forget_node(&mut self, site: &str, node: &str) {
         let Some(of) = self.sites.get_mut(site) else { return };
         if of.nodes.index(node).is_some() {
-            let Site { nodes, rounds, .. } = of;
+            let SiteState { nodes, rounds, .. } = of;
             // They hold indices of nodes.
             rounds.end_all(|tag, ended| keep(&mut self.measurements, site, tag, nodes, Some(ended)));
             nodes.remove(node);
@@ -294,7 +296,7 @@ impl Live {
     pub fn forget(&mut self, site: &str, tag: &str) -> Vec<Update> {
         let now = self.clock.unwrap_or_default();
         let Some(of) = self.sites.get_mut(site) else { return Vec::new() };
-        let Site { nodes, rounds, .. } = of;
+        let SiteState { nodes, rounds, .. } = of;
         rounds.forget(tag, |ended| keep(&mut self.measurements, site, tag, nodes, Some(ended)));
         let Some(state) = of.tags.remove(tag) else { return Vec::new() };
         self.tags -= 1;
@@ -329,7 +331,7 @@ impl Live {
 
 /// Adds the measurements of a round that has ended, where they are kept.
 fn keep(
-    measurements: &mut Option<Vec<Measurement>>,
+    measurements: &mut Option<Vec<NodeMeasurement>>,
     site: &str,
     tag: &str,
     nodes: &Nodes,
@@ -341,10 +343,10 @@ fn keep(
 }
 
 /// The next event.
-fn event(last: &mut i64, t: Utc, site: &str, node: &str, happened: NewEvent) -> Event {
+fn event(last: &mut i64, t: Utc, site: &str, node: &str, happened: NewEvent) -> StationEvent {
     let NewEvent { kind, zone, dwell_s, alarm } = happened;
     *last = last.saturating_add(1);
-    Event { id: *last, t, site: site.to_owned(), kind, node: node.to_owned(), zone, dwell_s, alarm }
+    StationEvent { id: *last, t, site: site.to_owned(), kind, node: node.to_owned(), zone, dwell_s, alarm }
 }
 
 #[cfg(test)]

@@ -16,12 +16,12 @@
 use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
 
-use super::Limits;
+use super::StateLimits;
 use super::rate::{Mean, Rate};
 use super::rounds::RoundMeasurement;
 use super::supply::Supply;
 use crate::Utc;
-use crate::model::{HealthFigures, Measured, Node, NodeHealth, RangeMeasurement, Role};
+use crate::model::{HealthFigures, MeasuredValue, NodeHealth, NodeRole, NodeStatus, RangeMeasurement};
 use crate::rssi::KnownNode;
 
 /// Residuals must be off for this time.
@@ -57,7 +57,7 @@ enum Placement {
 #[derive(Debug)]
 struct NodeState {
     node: String,
-    role: Role,
+    role: NodeRole,
     name: Option<String>,
     position_m: Option<[f64; 3]>,
     rssi_1m_dbm: Option<f64>,
@@ -106,7 +106,7 @@ impl Nodes {
         self.by_name.get(node).copied()
     }
 
-    pub(super) fn add(&mut self, node: &str, role: Role) -> usize {
+    pub(super) fn add(&mut self, node: &str, role: NodeRole) -> usize {
         let index = self.states.len();
         self.by_name.insert(node.to_owned(), index);
         self.states.push(NodeState::new(node, role));
@@ -119,7 +119,7 @@ impl Nodes {
         &mut self,
         index: usize,
         name: Option<&str>,
-        role: Role,
+        role: NodeRole,
         position_m: Option<[f64; 3]>,
     ) -> bool {
         let (Some(state), Some(reach)) = (self.states.get_mut(index), self.reaches.get_mut(index)) else {
@@ -160,7 +160,7 @@ impl Nodes {
     }
 
     /// The nodes of a role whose places are known.
-    pub(super) fn known(&self, role: Role) -> BTreeMap<String, KnownNode> {
+    pub(super) fn known(&self, role: NodeRole) -> BTreeMap<String, KnownNode> {
         let known = self.states.iter().filter(|state| state.role == role).filter_map(|state| {
             let &NodeState { position_m, rssi_1m_dbm, path_loss_exponent, .. } = state;
             Some((state.node.clone(), KnownNode { position_m: position_m?, rssi_1m_dbm, path_loss_exponent }))
@@ -208,13 +208,13 @@ impl Nodes {
         t: Utc,
         at_m: [f64; 3],
         round: &[RoundMeasurement],
-        limits: &Limits,
+        limits: &StateLimits,
         mut moved: impl FnMut(&str),
     ) -> bool {
         let mut is_back = false;
         let range_m = |measurement: &RoundMeasurement| match measurement.measured {
-            Measured::Range(range) => Some((measurement.node, range.range_m)),
-            Measured::Rssi(_) => None,
+            MeasuredValue::Range(range) => Some((measurement.node, range.range_m)),
+            MeasuredValue::Rssi(_) => None,
         };
         if !round.iter().any(|measurement| range_m(measurement).is_some()) {
             return false;
@@ -247,7 +247,7 @@ impl Nodes {
     }
 
     /// What the API shows of them.
-    pub(super) fn show(&self, site: &str, now: Utc) -> impl Iterator<Item = Node> {
+    pub(super) fn show(&self, site: &str, now: Utc) -> impl Iterator<Item = NodeStatus> {
         self.states.iter().map(move |state| state.show(site, now))
     }
 
@@ -264,7 +264,7 @@ impl Nodes {
 }
 
 impl NodeState {
-    fn new(node: &str, role: Role) -> Self {
+    fn new(node: &str, role: NodeRole) -> Self {
         Self {
             node: node.to_owned(),
             role,
@@ -280,8 +280,8 @@ impl NodeState {
         }
     }
 
-    fn show(&self, site: &str, now: Utc) -> Node {
-        Node {
+    fn show(&self, site: &str, now: Utc) -> NodeStatus {
+        NodeStatus {
             node: self.node.clone(),
             site: site.to_owned(),
             name: self.name.clone(),
@@ -308,7 +308,7 @@ impl NodeState {
         }
     }
 
-    fn check_place(&mut self, t: Utc, limits: &Limits) {
+    fn check_place(&mut self, t: Utc, limits: &StateLimits) {
         let Some(mean_m) = self.means.residuals.mean().map(f64::abs) else { return };
         let error_m = self.means.residuals.standard_error(LEAST_SECONDS);
         let is_off = mean_m > limits.moved_m && error_m.is_some_and(|error_m| mean_m > STANDARD_ERRORS * error_m);

@@ -16,7 +16,7 @@ use std::collections::HashMap;
 
 use super::nodes::Nodes;
 use crate::Utc;
-use crate::model::{Measured, Measurement};
+use crate::model::{MeasuredValue, NodeMeasurement};
 
 /// The most measurements of a round.
 pub(super) const MOST: usize = 64;
@@ -29,7 +29,7 @@ pub(super) struct RoundMeasurement {
     /// The node's index.
     pub(super) node: usize,
     pub(super) t: Utc,
-    pub(super) measured: Measured,
+    pub(super) measured: MeasuredValue,
 }
 
 /// A round of a tag: the one that is open, or the last one.
@@ -51,10 +51,10 @@ pub(super) struct EndedRound<'a> {
 
 impl EndedRound<'_> {
     /// Its measurements, as they are kept.
-    pub(super) fn kept(self, site: &str, tag: &str, nodes: &Nodes) -> impl Iterator<Item = Measurement> {
+    pub(super) fn kept(self, site: &str, tag: &str, nodes: &Nodes) -> impl Iterator<Item = NodeMeasurement> {
         self.measurements.iter().filter_map(move |&RoundMeasurement { node, t, measured }| {
             let node = nodes.name(node)?.to_owned();
-            Some(Measurement { site: site.to_owned(), tag: tag.to_owned(), node, round: self.t, t, what: measured })
+            Some(NodeMeasurement { site: site.to_owned(), tag: tag.to_owned(), node, round: self.t, t, what: measured })
         })
     }
 }

@@ -5,8 +5,8 @@ use std::time::Duration;
 use super::outline::{Gaussian, Outline};
 use super::rate::Rate;
 use super::supply::Supply;
-use super::{Alarms, Limits, NewEvent};
-use crate::model::{EventKind, Tag, TagPosition, Zone, ZoneKind};
+use super::{Alarms, NewEvent, StateLimits};
+use crate::model::{EventKind, TagPosition, TagStatus, Zone, ZoneKind};
 use crate::{SolvedFrom, Utc};
 
 /// A tag's positions are uncertain when they have been so for this time.
@@ -110,7 +110,7 @@ impl TagState {
         position: &mut TagPosition,
         solved_from: SolvedFrom,
         areas: &[Area],
-        limits: &Limits,
+        limits: &StateLimits,
         happened: &mut Vec<NewEvent>,
     ) {
         self.rate.count(position.t);
@@ -152,7 +152,7 @@ impl TagState {
         t: Utc,
         at: &Gaussian,
         areas: &[Area],
-        limits: &Limits,
+        limits: &StateLimits,
         happened: &mut Vec<NewEvent>,
     ) {
         let mut best = (0.0, None);
@@ -195,11 +195,11 @@ impl TagState {
     }
 
     /// What the API shows of it.
-    pub(super) fn show(&self, site: &str, tag: &str, name: Option<&str>, areas: &[Area], now: Utc) -> Tag {
+    pub(super) fn show(&self, site: &str, tag: &str, name: Option<&str>, areas: &[Area], now: Utc) -> TagStatus {
         let zone = |inside: &Inside| Some(areas.get(inside.area)?.zone.name.clone());
         let mut zones: Vec<String> = self.zones.iter().filter_map(zone).collect();
         zones.sort_unstable();
-        Tag {
+        TagStatus {
             tag: tag.to_owned(),
             site: site.to_owned(),
             name: name.map(str::to_owned),

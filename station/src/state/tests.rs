@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::*;
 use crate::model::{HealthFigures, RangeMeasurement};
-use crate::{Report, ReportKind, SolvedFrom};
+use crate::{ReportKind, SolvedFrom, SourceReport};
 
 const SITE: &str = "hall";
 
@@ -13,8 +13,8 @@ fn at(ms: u64) -> Utc {
     Utc::clamped(1_000_000_000_000_000) + Duration::from_millis(ms)
 }
 
-fn report(t: Utc, what: ReportKind) -> Report {
-    Report { t, site: SITE.to_owned(), what }
+fn report(t: Utc, what: ReportKind) -> SourceReport {
+    SourceReport { t, site: SITE.to_owned(), what }
 }
 
 fn position(tag: &str, position_m: [f64; 2], sigma_m: f64) -> ReportKind {
@@ -46,7 +46,7 @@ fn range(anchor: &str, range_m: f64) -> ReportKind {
 }
 
 fn anchor(node: &str, position_m: [f64; 3]) -> ReportKind {
-    ReportKind::Node { node: node.to_owned(), name: None, role: Role::Anchor, position_m: Some(position_m) }
+    ReportKind::Node { node: node.to_owned(), name: None, role: NodeRole::Anchor, position_m: Some(position_m) }
 }
 
 fn received(receiver: &str, device: &str, rssi_dbm: f64, rssi_1m_dbm: Option<f64>) -> ReportKind {
@@ -59,8 +59,8 @@ fn zone(name: &str, kind: ZoneKind, [x0, x1]: [f64; 2]) -> Zone {
 }
 
 /// Two rooms of 4 m side by side, a zone about their door, and one in the second room where nobody should be.
-fn live() -> Live {
-    let mut live = Live::new(Limits::default());
+fn live() -> LiveState {
+    let mut live = LiveState::new(StateLimits::default());
     live.set_zones(vec![
         zone("kitchen", ZoneKind::Room, [0.0, 4.0]),
         zone("attic", ZoneKind::Room, [4.0, 8.0]),
@@ -251,7 +251,7 @@ fn positions_by_rssi_have_a_limit_of_their_own() {
         }
         events(&live.apply(&report(at(ms), what))).into_iter().map(|(kind, ..)| kind).collect::<Vec<_>>()
     };
-    let limit_m = Limits::default().uncertain_rssi_m;
+    let limit_m = StateLimits::default().uncertain_rssi_m;
     for ms in [0, 10_000, 20_000] {
         assert_eq!(step(ms, limit_m, SolvedFrom::Rssi), []);
     }
@@ -314,7 +314,7 @@ fn each_kind_of_event_is_an_alarm_or_none_as_the_limits_say() {
     // silent.
     let kinds = [EventKind::Uncertain, EventKind::LowSupply, EventKind::Moved, EventKind::Silent];
     let alarms = |alarms: Alarms| {
-        let mut live = Live::new(Limits { alarms, ..Limits::default() });
+        let mut live = LiveState::new(StateLimits { alarms, ..StateLimits::default() });
         live.apply(&report(at(0), anchor("0x0101", [3.0, 4.0, 0.0])));
         let mut updates = Vec::new();
         for second in 0..600 {
@@ -355,7 +355,10 @@ fn residuals_are_ranges_minus_distances_in_space() {
     let residuals: Vec<Option<f64>> = nodes.iter().map(|node| node.health.residual_mean_m).collect();
     assert_eq!(residuals, [Some(0.25), Some(-0.5), None]);
     assert!(nodes.iter().all(|node| node.health.first_path_minus_received_db == Some(-4.0)));
-    assert_eq!(nodes.iter().map(|node| node.health.clock_offset_ppm).collect::<Vec<_>>(), [Some(2.0), Some(-3.0), Some(2.0)]);
+    assert_eq!(
+        nodes.iter().map(|node| node.health.clock_offset_ppm).collect::<Vec<_>>(),
+        [Some(2.0), Some(-3.0), Some(2.0)]
+    );
     assert_eq!(nodes[0].last_seen, Some(at(0)));
     // A second value of 0.75: the mean is 0.5 and the deviation 0.25. Without z, and without a position, there is none.
     live.apply(&report(at(0), range("0x0101", 5.75)));
@@ -420,7 +423,9 @@ fn the_health_of_a_node_is_taken_once_after_it_was_seen() {
     live.apply(&report(at(9_900), ReportKind::Supply { node: "0x0101".to_owned(), supply_v: 3.25 }));
     live.tick(at(10_000));
     let health = live.take_health().remove(0);
-    assert!((health.health.residual_mean_m.unwrap() - 1.0).abs() < 1e-9 && health.health.residual_sigma_m.unwrap() < 1e-9);
+    assert!(
+        (health.health.residual_mean_m.unwrap() - 1.0).abs() < 1e-9 && health.health.residual_sigma_m.unwrap() < 1e-9
+    );
     let expected = NodeHealth {
         site: SITE.to_owned(),
         node: "0x0101".to_owned(),
@@ -445,7 +450,7 @@ fn an_anchor_that_was_moved_makes_one_event_and_is_well_again_when_it_is_surveye
     live.apply(&report(at(0), anchor("0x0101", [3.0, 4.0, 0.0])));
     live.apply(&report(at(0), anchor("0x0102", [0.0, 5.0, 0.0])));
     let mut now_s = 0;
-    let mut walk = |live: &mut Live, seconds: u64, range_m: f64| {
+    let mut walk = |live: &mut LiveState, seconds: u64, range_m: f64| {
         let mut moved = Vec::new();
         for _ in 0..seconds {
             now_s += 1;
@@ -497,8 +502,8 @@ fn an_anchor_that_is_put_back_is_no_longer_moved() {
 fn numbers_that_are_no_measurements_are_refused_and_counted() {
     let mut live = live();
     let mut expected = 0;
-    let mut refuse = |live: &mut Live, site: &str, what: ReportKind| {
-        let report = Report { t: at(0), site: site.to_owned(), what };
+    let mut refuse = |live: &mut LiveState, site: &str, what: ReportKind| {
+        let report = SourceReport { t: at(0), site: site.to_owned(), what };
         assert_eq!(live.apply(&report), [], "{report:?}");
         expected += 1;
         assert_eq!(live.refused(), expected, "{report:?}");
@@ -547,14 +552,14 @@ fn a_covariance_beyond_the_deviations_is_that_of_a_line() {
 
 #[test]
 fn more_tags_and_nodes_than_the_limits_are_refused_and_the_others_go_on() {
-    let mut live = Live::new(Limits { tags: 3, nodes: 2, ..Limits::default() });
+    let mut live = LiveState::new(StateLimits { tags: 3, nodes: 2, ..StateLimits::default() });
     for k in 0..10 {
         live.apply(&report(at(0), position(&format!("tag {k}"), [0.0; 2], 0.1)));
         live.apply(&report(at(0), anchor(&format!("anchor {k}"), [0.0; 3])));
         let what = ReportKind::Node {
             node: format!("tag {k}"),
             name: Some("n".to_owned()),
-            role: Role::Tag,
+            role: NodeRole::Tag,
             position_m: None,
         };
         live.apply(&report(at(0), what));
@@ -597,7 +602,7 @@ fn old_reports_keep_their_time_and_their_tag_is_not_silent() {
 fn a_host_clock_that_jumps_leaves_nothing_wrong() {
     let mut live = live();
     live.apply(&report(at(0), anchor("0x0101", [3.0, 4.0, 0.0])));
-    let step = |live: &mut Live, t: Utc| {
+    let step = |live: &mut LiveState, t: Utc| {
         let mut updates = live.tick(t);
         updates.extend(live.apply(&report(t, range("0x0101", 5.0))));
         updates.extend(live.apply(&report(t, position("0x1001", [2.0, 2.0], 4.0))));
@@ -625,7 +630,7 @@ fn a_nodes_name_and_place_stay_when_it_says_nothing_of_them() {
     let node = |name: Option<&str>, position_m| ReportKind::Node {
         node: "0x0101".to_owned(),
         name: name.map(str::to_owned),
-        role: Role::Anchor,
+        role: NodeRole::Anchor,
         position_m,
     };
     live.apply(&report(at(0), node(Some("by the door"), Some([1.0, 2.0, 3.0]))));
@@ -635,8 +640,12 @@ fn a_nodes_name_and_place_stay_when_it_says_nothing_of_them() {
     let shown = live.nodes().remove(0);
     assert_eq!((shown.name.as_deref(), shown.position_m), (Some("by the door"), Some([1.0, 2.0, 3.0])));
     // A tag's name waits for the tag.
-    let tag =
-        ReportKind::Node { node: "0x1001".to_owned(), name: Some("Ada".to_owned()), role: Role::Tag, position_m: None };
+    let tag = ReportKind::Node {
+        node: "0x1001".to_owned(),
+        name: Some("Ada".to_owned()),
+        role: NodeRole::Tag,
+        position_m: None,
+    };
     live.apply(&report(at(0), tag));
     assert!(live.tags().is_empty());
     live.apply(&report(at(0), position("0x1001", [2.0, 9.0], 0.1)));
@@ -658,7 +667,7 @@ fn a_receiver_that_hears_a_device_is_listed_and_the_device_is_not() {
     assert_eq!(live.apply(&report(at(0), received("hall", "phone", -60.0, Some(-59.0)))), []);
     let nodes = live.nodes();
     assert_eq!(nodes.len(), 1);
-    assert_eq!((nodes[0].node.as_str(), nodes[0].role, nodes[0].last_seen), ("hall", Role::Receiver, Some(at(0))));
+    assert_eq!((nodes[0].node.as_str(), nodes[0].role, nodes[0].last_seen), ("hall", NodeRole::Receiver, Some(at(0))));
     assert!(live.tags().is_empty());
 }
 
@@ -673,7 +682,10 @@ fn a_path_loss_is_that_of_a_known_node_and_must_be_possible() {
     live.apply(&report(at(0), path_loss("1-7", Some(-60.0), None)));
     assert_eq!(live.refused(), 1, "nobody knows it");
     let position_m = Some([1.0, 2.0, 3.0]);
-    live.apply(&report(at(0), ReportKind::Node { node: "1-7".to_owned(), name: None, role: Role::Beacon, position_m }));
+    live.apply(&report(
+        at(0),
+        ReportKind::Node { node: "1-7".to_owned(), name: None, role: NodeRole::Beacon, position_m },
+    ));
     let before = live.surveys();
     live.apply(&report(at(0), path_loss("1-7", Some(-60.0), Some(2.2))));
     assert!(live.surveys() > before);
@@ -682,9 +694,9 @@ fn a_path_loss_is_that_of_a_known_node_and_must_be_possible() {
         live.apply(&report(at(0), path_loss("1-7", None, Some(wrong))));
     }
     assert_eq!(live.refused(), 11);
-    let known = live.known(SITE, Role::Beacon).remove("1-7").expect("it is placed");
+    let known = live.known(SITE, NodeRole::Beacon).remove("1-7").expect("it is placed");
     assert_eq!((known.rssi_1m_dbm, known.path_loss_exponent), (Some(-60.0), Some(2.2)));
-    assert!(live.known(SITE, Role::Receiver).is_empty() && live.known("other", Role::Beacon).is_empty());
+    assert!(live.known(SITE, NodeRole::Receiver).is_empty() && live.known("other", NodeRole::Beacon).is_empty());
     live.apply(&report(at(0), path_loss("1-7", None, None)));
     assert_eq!(live.nodes()[0].rssi_1m_dbm, None, "back to the usual one");
 }
@@ -711,7 +723,7 @@ fn a_node_that_is_forgotten_leaves_the_others_as_they_are() {
 
 #[test]
 fn a_tag_that_is_forgotten_leaves_its_rooms_and_makes_room_for_another() {
-    let mut live = Live::new(Limits { tags: 1, ..Limits::default() });
+    let mut live = LiveState::new(StateLimits { tags: 1, ..StateLimits::default() });
     live.set_zones(vec![zone("kitchen", ZoneKind::Room, [0.0, 4.0]), zone("door", ZoneKind::Zone, [0.0, 4.0])]);
     live.apply(&report(at(0), position("0x1001", [2.0, 2.0], 0.1)));
     live.apply(&report(at(7000), position("0x1002", [2.0, 2.0], 0.1)));

@@ -9,7 +9,7 @@ use sqlx::any::AnyRow;
 use super::rows::{MultiRowInsert, get};
 use super::{Result, Store, StoreError};
 use crate::Utc;
-use crate::model::{Campaign, CampaignPoint, Sample};
+use crate::model::{Campaign, CampaignPoint, SurveySample};
 
 static INSERT_SAMPLES: LazyLock<MultiRowInsert> =
     LazyLock::new(|| MultiRowInsert::new("INSERT INTO samples (point, number, beacon, rssi_dbm, t_s)", 5, ""));
@@ -98,7 +98,7 @@ impl Store {
     }
 
     /// The samples of a point, in the order of their arrival, after the first `skip`.
-    pub async fn samples(&self, campaign: &str, point: &str, skip: u64, limit: u32) -> Result<Vec<Sample>> {
+    pub async fn samples(&self, campaign: &str, point: &str, skip: u64, limit: u32) -> Result<Vec<SurveySample>> {
         let mut tx = self.read().await?;
         let id = point_id(&mut tx, campaign, point).await?;
         // Samples are numbered without gaps, from zero.
@@ -111,11 +111,13 @@ impl Store {
         .fetch_all(&mut *tx)
         .await?;
         tx.commit().await?;
-        rows.iter().map(|row| Ok(Sample { beacon: get(row, 0)?, rssi_dbm: get(row, 1)?, t_s: get(row, 2)? })).collect()
+        rows.iter()
+            .map(|row| Ok(SurveySample { beacon: get(row, 0)?, rssi_dbm: get(row, 1)?, t_s: get(row, 2)? }))
+            .collect()
     }
 
     /// Adds samples to a point.
-    pub async fn add_samples(&self, campaign: &str, point: &str, samples: &[Sample]) -> Result<()> {
+    pub async fn add_samples(&self, campaign: &str, point: &str, samples: &[SurveySample]) -> Result<()> {
         let mut writing = self.begin().await?;
         let id = point_id(&mut writing.tx, campaign, point).await?;
         let count = i64::try_from(samples.len()).unwrap_or(i64::MAX);

@@ -3,7 +3,7 @@
 use super::rows::{get, name_of, variant};
 use super::{Result, Span, Store};
 use crate::Utc;
-use crate::model::{Event, EventKind};
+use crate::model::{EventKind, StationEvent};
 
 const ALL: [EventKind; 7] = [
     EventKind::Entered,
@@ -25,7 +25,7 @@ impl Store {
         kinds: &[EventKind],
         before: Option<i64>,
         limit: u32,
-    ) -> Result<Vec<Event>> {
+    ) -> Result<Vec<StationEvent>> {
         let mut tx = self.read().await?;
         let before = match before {
             None => (i64::MAX, i64::MAX),
@@ -58,7 +58,7 @@ impl Store {
         tx.commit().await?;
         let mut events = Vec::with_capacity(rows.len());
         for row in rows {
-            events.push(Event {
+            events.push(StationEvent {
                 id: get(&row, 0)?,
                 t: Utc::clamped(get(&row, 1)?),
                 site: get(&row, 2)?,

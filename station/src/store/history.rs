@@ -6,10 +6,10 @@ use std::time::Duration;
 use sqlx::AnyConnection;
 
 use super::key::{MINUTE_MS, TAG, key, ms_of, tag_of, utc};
-use super::lines::{Line, Names, fetch, lines};
+use super::lines::{Names, PositionLine, fetch, lines};
 use super::rows::{get, limit};
 use super::{Result, Span, Store};
-use crate::model::{Tag, TagPosition};
+use crate::model::{TagPosition, TagStatus};
 
 /// Minutes that are read together at first; then four times as many, where they did not fill the answer.
 const FIRST_MINUTES: usize = 16;
@@ -58,7 +58,7 @@ impl Store {
         let rooms = rooms(&mut tx).await?;
         // By step and tag.
         let mut found = BTreeMap::new();
-        let add = |line: Line, found: &mut BTreeMap<(i64, i64), Line>| {
+        let add = |line: PositionLine, found: &mut BTreeMap<(i64, i64), PositionLine>| {
             let first = found.entry((ms_of(line.key) / step, tag_of(line.key))).or_insert(line);
             if line.key < first.key {
                 *first = line;
@@ -84,7 +84,7 @@ impl Store {
     }
 
     /// Tags that ever reported, with the times of their first and last position, and the last position.
-    pub async fn tags(&self) -> Result<Vec<Tag>> {
+    pub async fn tags(&self) -> Result<Vec<TagStatus>> {
         let mut tx = self.read().await?;
         let rooms = rooms(&mut tx).await?;
         let rows = sqlx::query("SELECT id, site, tag, first_ms, last_ms FROM tags ORDER BY site, tag");
@@ -94,7 +94,7 @@ impl Store {
             let (site, tag): (String, String) = (get(&row, 1)?, get(&row, 2)?);
             let [first_seen, last_seen] = [utc(get(&row, 3)?), utc(get(&row, 4)?)];
             by_number.insert(get::<i64>(&row, 0)?, tags.len());
-            tags.push(Tag {
+            tags.push(TagStatus {
                 tag,
                 site,
                 name: None,
@@ -188,7 +188,7 @@ async fn span_of_tag(
     Ok((from < to).then_some((get(&row, 0)?, from, to)))
 }
 
-async fn recent_of_tag(connection: &mut AnyConnection, tag: i64, from: i64, to: i64) -> Result<Vec<Line>> {
+async fn recent_of_tag(connection: &mut AnyConnection, tag: i64, from: i64, to: i64) -> Result<Vec<PositionLine>> {
     let rows = sqlx::query_scalar(lines!(recent "WHERE key >= $1 AND key < $2 AND (key >> 16) & 1048575 = $3"));
     fetch(connection, rows.bind(key(from, tag)).bind(key(to, tag)).bind(tag)).await
 }
@@ -200,7 +200,7 @@ async fn history_of_tag(
     (from, to): (i64, i64),
     (first, last): (i64, i64),
     rows: usize,
-) -> Result<Vec<Line>> {
+) -> Result<Vec<PositionLine>> {
     let statement = sqlx::query_scalar(concat!(
         "SELECT (",
         lines!("", history "FROM history AS h \
@@ -221,7 +221,7 @@ async fn steps_of_history(
     step: i64,
     (from, to): (i64, i64),
     (first, last): (i64, i64),
-) -> Result<Vec<Line>> {
+) -> Result<Vec<PositionLine>> {
     let statement = sqlx::query_scalar(lines!("WITH RECURSIVE \
          step (n) AS (SELECT CAST(0 AS BIGINT) UNION ALL SELECT n + 1 FROM step WHERE (n + 1) * $3 < 60000 + $3), \
          part (minute, low, high, start, stop) AS (\
@@ -250,7 +250,7 @@ async fn steps_of_recent(
     step: i64,
     from: i64,
     to: i64,
-) -> Result<Vec<Line>> {
+) -> Result<Vec<PositionLine>> {
     let statement = sqlx::query_scalar(lines!(recent "WHERE key IN (SELECT MIN(key) FROM (\
                  SELECT key, (key >> 16) & 1048575 AS tag, (key >> 36) * 60000 + (key & 65535) AS t \
                  FROM recent) AS timed \
@@ -259,7 +259,7 @@ async fn steps_of_recent(
 }
 
 /// The last position of each tag in `history` and that in `recent`. Thinning may have taken the very last one.
-async fn last_positions(connection: &mut AnyConnection) -> Result<Vec<Line>> {
+async fn last_positions(connection: &mut AnyConnection) -> Result<Vec<PositionLine>> {
     let history = sqlx::query_scalar(lines!("", history "FROM (SELECT (SELECT MAX(key) FROM history \
                  WHERE key >= (g.last_ms / 60000) * 68719476736 + g.id * 65536 \
                  AND key < (g.last_ms / 60000) * 68719476736 + (g.id + 1) * 65536) AS key FROM tags AS g) AS f \

@@ -45,7 +45,7 @@ pub(super) use lines;
 
 /// A position's columns.
 #[derive(Clone, Copy, Debug)]
-pub struct Line {
+pub struct PositionLine {
     pub key: i64,
     columns: [Option<i64>; 9],
 }
@@ -54,17 +54,17 @@ pub struct Line {
 pub async fn fetch(
     connection: &mut AnyConnection,
     statement: QueryScalar<'_, Any, Option<String>, AnyArguments>,
-) -> Result<Vec<Line>> {
+) -> Result<Vec<PositionLine>> {
     let texts = statement.fetch_all(connection).await?;
     let lines = texts.iter().flatten().flat_map(|text| text.split(';'));
-    lines.map(|line| Line::parse(line).ok_or_else(|| damaged(line))).collect()
+    lines.map(|line| PositionLine::parse(line).ok_or_else(|| damaged(line))).collect()
 }
 
 fn damaged(line: &str) -> StoreError {
     StoreError::Damaged(format!("a position is {line:?}"))
 }
 
-impl Line {
+impl PositionLine {
     fn parse(line: &str) -> Option<Self> {
         let mut values = line.split(',');
         let key = values.next()?.parse().ok()?;

@@ -9,7 +9,7 @@ use super::key::{MINUTE, MINUTE_MS, key, ms, ms_of, utc};
 use super::rows::{MultiRowInsert, UnboundStatement, get, name_of, real, variant, whole};
 use super::write::{Seen, millimetres};
 use super::{Result, Span, Store, StoreError};
-use crate::model::{Measured, Measurement, Node, PlacedNode, RangeMeasurement};
+use crate::model::{MeasuredValue, NodeMeasurement, NodeStatus, PlacedNode, RangeMeasurement};
 
 static INSERT: LazyLock<MultiRowInsert> = LazyLock::new(|| {
     let before = "INSERT INTO measurements \
@@ -29,13 +29,16 @@ struct Stored {
 }
 
 impl Stored {
-    fn new(measurement: &Measurement, tag: i64, peer: i64) -> Self {
-        let Measurement { round, t, what, .. } = measurement;
+    fn new(measurement: &NodeMeasurement, tag: i64, peer: i64) -> Self {
+        let NodeMeasurement { round, t, what, .. } = measurement;
         let (range_m, power_dbm, first_path_dbm, offset_ppm) = match *what {
-            Measured::Range(RangeMeasurement { range_m, rx_power_dbm, first_path_power_dbm, clock_offset_ppm }) => {
-                (Some(range_m), rx_power_dbm, first_path_power_dbm, clock_offset_ppm)
-            }
-            Measured::Rssi(rssi_dbm) => (None, Some(rssi_dbm), None, None),
+            MeasuredValue::Range(RangeMeasurement {
+                range_m,
+                rx_power_dbm,
+                first_path_power_dbm,
+                clock_offset_ppm,
+            }) => (Some(range_m), rx_power_dbm, first_path_power_dbm, clock_offset_ppm),
+            MeasuredValue::Rssi(rssi_dbm) => (None, Some(rssi_dbm), None, None),
         };
         Self {
             key: key(ms(*round), tag),
@@ -61,20 +64,20 @@ impl Stored {
 }
 
 /// The measurement of a row with key, `before_ms`, range, powers, clock offset, tag and node.
-fn measurement(site: &str, row: &AnyRow) -> Result<Measurement> {
+fn measurement(site: &str, row: &AnyRow) -> Result<NodeMeasurement> {
     let round = utc(ms_of(get(row, 0)?));
     let before_ms: i64 = get(row, 1)?;
     let (power_dbm, no_power) = (real(row, 3, 100.0)?, || StoreError::Damaged("a sighting has no RSSI".to_owned()));
     let what = match real(row, 2, 1000.0)? {
-        Some(range_m) => Measured::Range(RangeMeasurement {
+        Some(range_m) => MeasuredValue::Range(RangeMeasurement {
             range_m,
             rx_power_dbm: power_dbm,
             first_path_power_dbm: real(row, 4, 100.0)?,
             clock_offset_ppm: real(row, 5, 1000.0)?,
         }),
-        None => Measured::Rssi(power_dbm.ok_or_else(no_power)?),
+        None => MeasuredValue::Rssi(power_dbm.ok_or_else(no_power)?),
     };
-    Ok(Measurement {
+    Ok(NodeMeasurement {
         site: site.to_owned(),
         tag: get(row, 6)?,
         node: get(row, 7)?,
@@ -87,7 +90,7 @@ fn measurement(site: &str, row: &AnyRow) -> Result<Measurement> {
 impl Store {
     /// Writes measurements; after it returns, they survive a crash of the process and a power cut. What is written
     /// again is not stored twice. Those of a new tag for which the key has no number are left out; returns how many.
-    pub async fn write_measurements(&self, measurements: &[Measurement]) -> Result<u64> {
+    pub async fn write_measurements(&self, measurements: &[NodeMeasurement]) -> Result<u64> {
         let mut writing = self.begin().await?;
         // Numbers of this transaction hold only if it is committed.
         let mut numbers = std::mem::take(&mut *writing.numbers);
@@ -95,7 +98,7 @@ impl Store {
         let mut left_out = 0;
         let mut seen = Seen::default();
         for measurement in measurements {
-            let Measurement { site, tag, node, round, .. } = measurement;
+            let NodeMeasurement { site, tag, node, round, .. } = measurement;
             let Some(tag) = numbers.tag(&mut writing.tx, site, tag, *round).await? else {
                 left_out += 1;
                 continue;
@@ -112,7 +115,7 @@ impl Store {
     }
 
     /// Takes what nodes do and where they are; what is written again replaces what was there.
-    pub async fn write_peers(&self, nodes: &[Node]) -> Result<()> {
+    pub async fn write_peers(&self, nodes: &[NodeStatus]) -> Result<()> {
         let mut writing = self.begin().await?;
         let mut numbers = std::mem::take(&mut *writing.numbers);
         for node in nodes {
@@ -138,7 +141,7 @@ impl Store {
     }
 
     /// The measurements of a site whose rounds ended in a span, by minute, tag and time.
-    pub async fn measurements(&self, site: &str, span: Span) -> Result<Vec<Measurement>> {
+    pub async fn measurements(&self, site: &str, span: Span) -> Result<Vec<NodeMeasurement>> {
         let (from, to) = span.ms();
         let statement = sqlx::query(
             "SELECT m.key, m.before_ms, m.range_mm, m.power_cdbm, m.first_path_power_cdbm, m.clock_offset_ppb, \

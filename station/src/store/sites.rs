@@ -2,23 +2,23 @@
 
 use super::rows::{get, json, maybe_json, name_of, to_json, variant};
 use super::{Result, Store, StoreError};
-use crate::model::{GeographicOrigin, Plan, Site, Zone};
+use crate::model::{FloorPlan, GeographicOrigin, SiteMap, Zone};
 
 impl Store {
     /// The sites, by name.
-    pub async fn sites(&self) -> Result<Vec<Site>> {
+    pub async fn sites(&self) -> Result<Vec<SiteMap>> {
         let rows = sqlx::query("SELECT name, walls, plan, geographic_origin FROM sites ORDER BY name");
         let rows = rows.fetch_all(&self.pool).await?;
         let mut sites = Vec::with_capacity(rows.len());
         for row in rows {
             let (plan, geographic_origin) = (maybe_json(&row, 2)?, maybe_json(&row, 3)?);
-            sites.push(Site { name: get(&row, 0)?, walls_m: json(&row, 1)?, plan, geographic_origin });
+            sites.push(SiteMap { name: get(&row, 0)?, walls_m: json(&row, 1)?, plan, geographic_origin });
         }
         Ok(sites)
     }
 
     /// Makes or replaces a site, but for its plan and its geographic origin.
-    pub async fn put_site(&self, site: &Site) -> Result<()> {
+    pub async fn put_site(&self, site: &SiteMap) -> Result<()> {
         let mut writing = self.begin().await?;
         sqlx::query(
             "INSERT INTO sites (name, walls) VALUES ($1, $2) ON CONFLICT (name) DO UPDATE SET walls = excluded.walls",
@@ -31,7 +31,7 @@ impl Store {
     }
 
     /// Replaces a site's plan, and its picture where one is given.
-    pub async fn put_plan(&self, site: &str, plan: &Plan, picture: Option<&[u8]>) -> Result<()> {
+    pub async fn put_plan(&self, site: &str, plan: &FloorPlan, picture: Option<&[u8]>) -> Result<()> {
         let mut writing = self.begin().await?;
         let update = sqlx::query("UPDATE sites SET plan = $1 WHERE name = $2").bind(to_json(plan)?).bind(site);
         if update.execute(&mut *writing.tx).await?.rows_affected() == 0 {

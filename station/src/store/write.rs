@@ -11,7 +11,7 @@ use super::key::{LAST_TAG, key, ms};
 use super::rows::{MultiRowInsert, UnboundStatement, name_of, whole};
 use super::{Result, Store};
 use crate::Utc;
-use crate::model::{Event, TagPosition};
+use crate::model::{StationEvent, TagPosition};
 
 static INSERT_POSITIONS: LazyLock<MultiRowInsert> = LazyLock::new(|| {
     let before = "INSERT INTO recent \
@@ -180,7 +180,7 @@ impl Store {
     /// Writes positions and events together; after it returns, they survive a crash of the process and a power cut.
     /// What is written again is not stored twice. A position that is not finite is left out, and one of a new tag for
     /// which the key of positions has no number. Returns how many were left out.
-    pub async fn write(&self, positions: &[TagPosition], events: &[Event]) -> Result<u64> {
+    pub async fn write(&self, positions: &[TagPosition], events: &[StationEvent]) -> Result<u64> {
         let mut writing = self.begin().await?;
         // Numbers of this transaction hold only if it is committed.
         let mut numbers = std::mem::take(&mut *writing.numbers);
@@ -214,7 +214,7 @@ impl Store {
     }
 }
 
-async fn insert_events(connection: &mut AnyConnection, events: &[Event]) -> Result<()> {
+async fn insert_events(connection: &mut AnyConnection, events: &[StationEvent]) -> Result<()> {
     let events = events.iter().map(|event| Ok((event, name_of(event.kind)?))).collect::<Result<Vec<_>>>()?;
     INSERT_EVENTS
         .run(connection, &events, |query, (event, kind)| {

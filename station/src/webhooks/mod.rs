@@ -29,13 +29,13 @@ use tokio::time::{sleep, timeout};
 use self::queue::Queue;
 use self::request::Requests;
 pub use self::request::WebhookError;
-use crate::model::{Event, EventKind};
+use crate::model::{EventKind, StationEvent};
 use crate::{Hub, Utc};
 
 /// A hook, as a person describes it.
 #[derive(Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Settings {
+pub struct WebhookSettings {
     /// Unique; what the log calls it.
     pub name: String,
     /// Where events go: `http://…` or `https://…`.
@@ -55,14 +55,14 @@ pub struct Settings {
     pub alarms_only: bool,
 }
 
-impl fmt::Debug for Settings {
+impl fmt::Debug for WebhookSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Settings").field("name", &self.name).finish_non_exhaustive()
+        f.debug_struct("WebhookSettings").field("name", &self.name).finish_non_exhaustive()
     }
 }
 
-impl Settings {
-    fn wants(&self, event: &Event) -> bool {
+impl WebhookSettings {
+    fn wants(&self, event: &StationEvent) -> bool {
         fn is_among<T: PartialEq>(some: Option<&Vec<T>>, one: &T) -> bool {
             some.is_none_or(|some| some.contains(one))
         }
@@ -103,7 +103,7 @@ impl Default for Patience {
 /// A hook that is ready to send.
 #[derive(Clone, Debug)]
 pub struct Webhook {
-    settings: Settings,
+    settings: WebhookSettings,
     requests: Requests,
 }
 
@@ -112,7 +112,7 @@ impl Webhook {
     ///
     /// # Errors
     /// Address, secret or certificates are wrong.
-    pub fn new(settings: Settings) -> Result<Self, WebhookError> {
+    pub fn new(settings: WebhookSettings) -> Result<Self, WebhookError> {
         let requests = Requests::new(&settings)?;
         Ok(Self { settings, requests })
     }
@@ -120,7 +120,7 @@ impl Webhook {
 
 /// What a hook has done since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
+pub struct WebhookCounts {
     /// Events that wait now.
     pub waiting: usize,
     /// Events that the receiver has taken.
@@ -137,7 +137,7 @@ pub struct Watch(Vec<(String, Arc<Queue>)>);
 
 impl Watch {
     /// Each hook's name, and what it has done.
-    pub fn counts(&self) -> impl Iterator<Item = (&str, Counts)> {
+    pub fn counts(&self) -> impl Iterator<Item = (&str, WebhookCounts)> {
         self.0.iter().map(|(name, queue)| (name.as_str(), queue.counts()))
     }
 }
@@ -177,7 +177,7 @@ impl Webhooks {
     /// Waits, for a short time, until all is sent. The hub must have ended.
     pub async fn finish(mut self) {
         if timeout(self.end, async { while self.running.join_next().await.is_some() {} }).await.is_err() {
-            for (name, Counts { waiting, .. }) in self.watch.counts().filter(|(_, counts)| counts.waiting > 0) {
+            for (name, WebhookCounts { waiting, .. }) in self.watch.counts().filter(|(_, counts)| counts.waiting > 0) {
                 log::error!("webhook {name:?}: {waiting} events were not sent");
             }
         }
@@ -185,7 +185,7 @@ impl Webhooks {
 }
 
 /// Puts each event into the queues of those that want it.
-async fn distribute(mut events: mpsc::UnboundedReceiver<Event>, hooks: Vec<(Settings, Arc<Queue>)>) {
+async fn distribute(mut events: mpsc::UnboundedReceiver<StationEvent>, hooks: Vec<(WebhookSettings, Arc<Queue>)>) {
     while let Some(event) = events.recv().await {
         for (settings, queue) in &hooks {
             if settings.wants(&event) {

@@ -6,8 +6,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
-use super::Counts;
-use crate::model::Event;
+use super::WebhookCounts;
+use crate::model::StationEvent;
 
 /// A queue of events.
 #[derive(Debug)]
@@ -21,7 +21,7 @@ pub(super) struct Queue {
 #[derive(Debug, Default)]
 struct Waiting {
     /// Each with the time since which it waits.
-    events: VecDeque<(Event, Instant)>,
+    events: VecDeque<(StationEvent, Instant)>,
     sent: u64,
     lost: u64,
     failures: u64,
@@ -45,7 +45,7 @@ impl Queue {
     }
 
     /// Adds an event; the oldest is lost where there are too many.
-    pub fn push(&self, event: Event) {
+    pub fn push(&self, event: StationEvent) {
         let mut waiting = self.lock();
         waiting.events.push_back((event, Instant::now()));
         while waiting.events.len() > self.most {
@@ -73,7 +73,7 @@ impl Queue {
 
     /// Waits for the oldest event, and since when it waits. It stays until it is `done` or lost. None: there is none,
     /// and no more come.
-    pub async fn first(&self) -> Option<(Event, Instant)> {
+    pub async fn first(&self) -> Option<(StationEvent, Instant)> {
         let mut state = self.state.subscribe();
         loop {
             if let Some(first) = self.lock().events.front() {
@@ -125,9 +125,9 @@ impl Queue {
     }
 
     /// What was done since the start.
-    pub fn counts(&self) -> Counts {
+    pub fn counts(&self) -> WebhookCounts {
         let waiting = self.lock();
         let Waiting { sent, lost, failures, .. } = *waiting;
-        Counts { waiting: waiting.events.len(), sent, lost, failures }
+        WebhookCounts { waiting: waiting.events.len(), sent, lost, failures }
     }
 }

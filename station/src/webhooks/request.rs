@@ -16,9 +16,9 @@ use hyper::header::{CONTENT_TYPE, HeaderValue, RETRY_AFTER, USER_AGENT};
 use hyper::{StatusCode, Uri};
 use sha2::Sha256;
 
-use super::Settings;
+use super::WebhookSettings;
 use crate::Utc;
-use crate::model::Event;
+use crate::model::StationEvent;
 use crate::net::client::{Client, ClientError, client, last_cause};
 
 /// An answer of at most this many bytes is read to its end, so that its connection can be used again …
@@ -93,7 +93,7 @@ impl fmt::Debug for Requests {
 }
 
 impl Requests {
-    pub fn new(settings: &Settings) -> Result<Self, WebhookError> {
+    pub fn new(settings: &WebhookSettings) -> Result<Self, WebhookError> {
         let uri = address(&settings.url).map_err(WebhookError::Url)?;
         let secret = match &settings.secret {
             Some(secret) => Some(bytes_of(secret).ok_or(WebhookError::Secret)?),
@@ -105,7 +105,7 @@ impl Requests {
     }
 
     /// Sends an event at this time.
-    pub async fn send(&self, event: &Event, now: Utc) -> Result<(), Failure> {
+    pub async fn send(&self, event: &StationEvent, now: Utc) -> Result<(), Failure> {
         let answer = self.client.request(self.request(event, now)).await.map_err(Failure::Connection)?;
         let status = answer.status();
         let after = answer.headers().get(RETRY_AFTER).and_then(|after| after.to_str().ok()?.trim().parse().ok());
@@ -115,7 +115,7 @@ impl Requests {
         if status.is_success() { Ok(()) } else { Err(Failure::Status(status, after.map(Duration::from_secs))) }
     }
 
-    fn request(&self, event: &Event, now: Utc) -> hyper::Request<Full<Bytes>> {
+    fn request(&self, event: &StationEvent, now: Utc) -> hyper::Request<Full<Bytes>> {
         // The fields of an event are texts and numbers: they can be written.
         let body = serde_json::to_vec(event).unwrap_or_default();
         // Numbers begin again with a new store; times do not.

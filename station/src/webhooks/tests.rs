@@ -20,7 +20,7 @@ use self::port::Port;
 use super::*;
 use crate::model::{Zone, ZoneKind};
 use crate::store::Retention;
-use crate::{Live, Report, ReportKind, SolvedFrom, Store, state};
+use crate::{LiveState, ReportKind, SolvedFrom, SourceReport, Store, state};
 
 #[path = "../../tests/shared/port.rs"]
 mod port;
@@ -145,8 +145,8 @@ impl Receiver {
         }
     }
 
-    fn settings(&self) -> Settings {
-        Settings {
+    fn settings(&self) -> WebhookSettings {
+        WebhookSettings {
             name: "house".to_owned(),
             url: format!("http://{}/hook/private-path?key=1", self.port.address),
             secret: Some(SECRET.to_owned()),
@@ -205,7 +205,7 @@ impl Walk {
     async fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path().join("baliza.db").to_str().unwrap()).await.unwrap();
-        let mut live = Live::new(state::Limits::default());
+        let mut live = LiveState::new(state::StateLimits::default());
         live.set_zones(vec![Zone {
             site: SITE.to_owned(),
             name: "dock".to_owned(),
@@ -232,7 +232,7 @@ impl Walk {
                 used: 4,
                 solved_from: SolvedFrom::Ranges,
             };
-            self.hub.reports().send(Report { t: Utc::now(), site: SITE.to_owned(), what }).await.unwrap();
+            self.hub.reports().send(SourceReport { t: Utc::now(), site: SITE.to_owned(), what }).await.unwrap();
         }
     }
 
@@ -292,7 +292,7 @@ async fn every_event_arrives_in_order_although_the_receiver_fails_is_slow_and_go
     assert_eq!((name, counts.waiting, counts.sent, counts.lost), ("house", 0, 24, 0));
     // Those that met nobody are failures too.
     assert!(counts.failures > failures && failures >= 6, "{counts:?}");
-    let first: Event = serde_json::from_slice(&receiver.got()[0].body).unwrap();
+    let first: StationEvent = serde_json::from_slice(&receiver.got()[0].body).unwrap();
     assert_eq!((first.kind, first.zone.as_deref(), first.alarm), (EventKind::Entered, Some("dock"), true));
     walk.end().await;
     hooks.finish().await;
@@ -416,10 +416,12 @@ async fn a_receiver_with_tls_must_have_a_certificate_of_a_known_authority() {
     let stranger = rcgen::generate_simple_self_signed(["localhost".to_owned()]).unwrap();
     std::fs::write(&other, stranger.cert.pem()).unwrap();
     let url = format!("https://localhost:{}/hook/private-path?key=1", receiver.port.address.port());
-    let trusting = |ca| Settings { url: url.clone(), ca: Some(ca), ..receiver.settings() };
+    let trusting = |ca| WebhookSettings { url: url.clone(), ca: Some(ca), ..receiver.settings() };
     let mut walk = Walk::new().await;
-    let hooks =
-        vec![Webhook::new(trusting(own)).unwrap(), Webhook::new(Settings { secret: None, ..trusting(other) }).unwrap()];
+    let hooks = vec![
+        Webhook::new(trusting(own)).unwrap(),
+        Webhook::new(WebhookSettings { secret: None, ..trusting(other) }).unwrap(),
+    ];
     let hooks = Webhooks::start(hooks, PATIENCE, &walk.hub);
     walk.make(3).await;
     receiver.until(|receiver| receiver.accepted().len() == 3).await;
@@ -430,7 +432,7 @@ async fn a_receiver_with_tls_must_have_a_certificate_of_a_known_authority() {
     walk.end().await;
     Webhooks { end: Duration::from_millis(100), ..hooks }.finish().await;
 
-    let wrong = Settings { ca: Some(folder.path().join("missing.pem")), ..trusting(folder.path().into()) };
+    let wrong = WebhookSettings { ca: Some(folder.path().join("missing.pem")), ..trusting(folder.path().into()) };
     assert!(Webhook::new(wrong).unwrap_err().to_string().contains("missing.pem: cannot read it"));
 }
 
@@ -438,7 +440,7 @@ async fn a_receiver_with_tls_must_have_a_certificate_of_a_known_authority() {
 async fn a_hook_gets_what_it_asks_for() {
     let receiver = Receiver::new(Behaviour::Status(200)).await;
     let all = receiver.settings();
-    let event = |kind, site: &str, zone: Option<&str>, alarm| Event {
+    let event = |kind, site: &str, zone: Option<&str>, alarm| StationEvent {
         id: 1,
         t: Utc::now(),
         site: site.to_owned(),
@@ -453,12 +455,12 @@ async fn a_hook_gets_what_it_asks_for() {
     let some = |names: [&str; 1]| Some(names.map(str::to_owned).to_vec());
     for (settings, wanted) in [
         (all.clone(), [true, true]),
-        (Settings { alarms_only: true, ..all.clone() }, [false, true]),
-        (Settings { kinds: Some(vec![EventKind::Entered, EventKind::Left]), ..all.clone() }, [true, false]),
-        (Settings { sites: some(["home"]), ..all.clone() }, [false, true]),
-        (Settings { zones: some(["dock"]), ..all.clone() }, [true, false]),
-        (Settings { zones: some(["attic"]), ..all.clone() }, [false, false]),
-        (Settings { zones: some(["dock"]), alarms_only: true, ..all.clone() }, [false, false]),
+        (WebhookSettings { alarms_only: true, ..all.clone() }, [false, true]),
+        (WebhookSettings { kinds: Some(vec![EventKind::Entered, EventKind::Left]), ..all.clone() }, [true, false]),
+        (WebhookSettings { sites: some(["home"]), ..all.clone() }, [false, true]),
+        (WebhookSettings { zones: some(["dock"]), ..all.clone() }, [true, false]),
+        (WebhookSettings { zones: some(["attic"]), ..all.clone() }, [false, false]),
+        (WebhookSettings { zones: some(["dock"]), alarms_only: true, ..all.clone() }, [false, false]),
     ] {
         assert_eq!([settings.wants(&entered), settings.wants(&silent)], wanted);
     }

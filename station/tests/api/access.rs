@@ -2,7 +2,7 @@
 
 use hyper::{Method, header};
 use serde_json::json;
-use station_core::api::{Access, App, Limits, openapi, serve};
+use station_core::api::{Access, App, RequestLimits, openapi, serve};
 
 use crate::api::client::{Answer, PATIENCE, Station, generous, open, with_tokens};
 use crate::api::document::operations;
@@ -166,7 +166,8 @@ async fn wrong_tokens_are_refused_and_then_have_to_wait() {
         station.send(request).await
     };
     // The next one is allowed a quarter of an hour later.
-    let station = with_tokens(Limits { wrong_tokens_per_s: 1e-3, wrong_tokens_at_once: 4.0, ..generous() }).await;
+    let station =
+        with_tokens(RequestLimits { wrong_tokens_per_s: 1e-3, wrong_tokens_at_once: 4.0, ..generous() }).await;
     let wrong = async |value: &str| wrong_at(&station, value).await;
     for value in ["Bearer wrong", "Bearer", "Basic dmlldy1zZWNyZXQ="] {
         let answer = wrong(value).await;
@@ -183,7 +184,7 @@ async fn wrong_tokens_are_refused_and_then_have_to_wait() {
     };
     assert_eq!(login(&station).await, 429);
     // The next one is allowed a second later.
-    let station = with_tokens(Limits { wrong_tokens_per_s: 1.0, wrong_tokens_at_once: 1.0, ..generous() }).await;
+    let station = with_tokens(RequestLimits { wrong_tokens_per_s: 1.0, wrong_tokens_at_once: 1.0, ..generous() }).await;
     while wrong_at(&station, "Bearer wrong").await.status != 429 {}
     let allowed = async {
         while login(&station).await == 429 {
@@ -196,7 +197,8 @@ async fn wrong_tokens_are_refused_and_then_have_to_wait() {
 
 #[tokio::test]
 async fn a_flood_of_changes_has_to_wait_and_readers_do_not_notice() {
-    let station = with_tokens(Limits { writes_per_s: 1e-3, writes_at_once: 5.0, ..Limits::default() }).await;
+    let station =
+        with_tokens(RequestLimits { writes_per_s: 1e-3, writes_at_once: 5.0, ..RequestLimits::default() }).await;
     let mut statuses = Vec::new();
     for _ in 0..8 {
         statuses.push(as_role(&station, "delete", "/campaigns/x", Some("operate")).await);

@@ -9,10 +9,10 @@ use hyper::body::{Bytes, Incoming};
 use hyper::{HeaderMap, Method, Request, Response, StatusCode, header};
 use hyper_util::rt::TokioIo;
 use serde_json::Value;
-use station_core::api::{Access, App, Limits, Page, Tls, Token, UserRole, serve};
-use station_core::model::{Role, Site};
+use station_core::api::{Access, App, Page, RequestLimits, Tls, Token, UserRole, serve};
+use station_core::model::{NodeRole, SiteMap};
 use station_core::store::Retention;
-use station_core::{Hub, Live, Report, ReportKind, SolvedFrom, Store, Utc};
+use station_core::{Hub, LiveState, ReportKind, SolvedFrom, SourceReport, Store, Utc};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
@@ -42,8 +42,8 @@ pub struct Answer {
 }
 
 /// Limits that no test reaches by accident.
-pub fn generous() -> Limits {
-    Limits { writes_per_s: 1e6, writes_at_once: 1e6, ..Limits::default() }
+pub fn generous() -> RequestLimits {
+    RequestLimits { writes_per_s: 1e6, writes_at_once: 1e6, ..RequestLimits::default() }
 }
 
 /// A station for everyone at the loopback address.
@@ -52,18 +52,18 @@ pub async fn open() -> Station {
 }
 
 /// A station with a token of each role: `view-secret`, `operate-secret`, `administer-secret`.
-pub async fn with_tokens(limits: Limits) -> Station {
+pub async fn with_tokens(limits: RequestLimits) -> Station {
     let token = |(name, role)| Token::new(name, role, &format!("{name}-secret"));
     let roles = [("view", UserRole::View), ("operate", UserRole::Operate), ("administer", UserRole::Administer)];
     station(Access::Tokens(roles.map(token).to_vec()), limits).await
 }
 
-pub async fn station(access: Access, limits: Limits) -> Station {
+pub async fn station(access: Access, limits: RequestLimits) -> Station {
     station_with(access, limits, None).await
 }
 
 /// A station, with TLS where there is a certificate.
-pub async fn station_with(access: Access, limits: Limits, tls: Option<Arc<Tls>>) -> Station {
+pub async fn station_with(access: Access, limits: RequestLimits, tls: Option<Arc<Tls>>) -> Station {
     station_of(|app| App { access, limits, tls, ..app }).await
 }
 
@@ -71,8 +71,8 @@ pub async fn station_with(access: Access, limits: Limits, tls: Option<Arc<Tls>>)
 pub async fn station_of(set: impl FnOnce(App) -> App) -> Station {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path().join("baliza.db").to_str().unwrap()).await.unwrap();
-    store.put_site(&Site::new(SITE)).await.unwrap();
-    let live = Live::new(station_core::state::Limits::default());
+    store.put_site(&SiteMap::new(SITE)).await.unwrap();
+    let live = LiveState::new(station_core::state::StateLimits::default());
     let keep = Retention::default();
     let (hub, _) = Hub::start(live, store.clone(), keep).await.unwrap();
     let page = Page::of([
@@ -134,7 +134,7 @@ impl Station {
 
     /// Reports something of the site of tests, now.
     pub async fn report(&self, what: ReportKind) {
-        self.hub.reports().send(Report { t: Utc::now(), site: SITE.to_owned(), what }).await.unwrap();
+        self.hub.reports().send(SourceReport { t: Utc::now(), site: SITE.to_owned(), what }).await.unwrap();
     }
 
     /// Reports a position with a standard deviation of 10 cm.
@@ -157,8 +157,13 @@ impl Station {
     pub async fn report_beacons(&self) {
         for (number, [x_m, y_m]) in [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]].into_iter().enumerate() {
             let position_m = Some([x_m, y_m, 1.0]);
-            self.report(ReportKind::Node { node: format!("1-{number}"), name: None, role: Role::Beacon, position_m })
-                .await;
+            self.report(ReportKind::Node {
+                node: format!("1-{number}"),
+                name: None,
+                role: NodeRole::Beacon,
+                position_m,
+            })
+            .await;
         }
     }
 

@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use hyper::{Method, header};
 use serde_json::{Value, json};
-use station_core::api::{Access, Limits};
-use station_core::model::Role;
-use station_core::{Report, ReportKind, SolvedFrom, Utc};
+use station_core::api::{Access, RequestLimits};
+use station_core::model::NodeRole;
+use station_core::{ReportKind, SolvedFrom, SourceReport, Utc};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 
@@ -215,7 +215,7 @@ async fn clocks_that_jump_do_not_stop_the_station() {
     let now = Utc::now();
     let times = [now, Utc::clamped(i64::MAX), Utc::clamped(0), now + Duration::from_secs(1)];
     for (x_m, t) in [1.0, 2.0, 3.0, 4.0].into_iter().zip(times) {
-        station.hub.reports().send(Report { t, site: SITE.into(), what: position(x_m) }).await.unwrap();
+        station.hub.reports().send(SourceReport { t, site: SITE.into(), what: position(x_m) }).await.unwrap();
     }
     station.until("/api/v1/tags", |tags| tags[0]["last_position"]["x_m"] == 4.0).await;
     assert_eq!(station.get("/healthz").await.status, 200);
@@ -226,7 +226,7 @@ async fn clocks_that_jump_do_not_stop_the_station() {
 
 #[tokio::test]
 async fn slow_clients_are_disconnected() {
-    let limits = Limits { head: Duration::from_millis(300), request: Duration::from_millis(600), ..generous() };
+    let limits = RequestLimits { head: Duration::from_millis(300), request: Duration::from_millis(600), ..generous() };
     let station = station(Access::Open, limits).await;
     // A head that never ends, one byte at a time.
     let mut stream = TcpStream::connect(station.address).await.unwrap();
@@ -262,7 +262,7 @@ async fn a_head_that_is_no_http_or_too_long_is_refused() {
 
 #[tokio::test]
 async fn connections_of_one_address_are_bounded() {
-    let station = station(Access::Open, Limits { connections_per_address: 3, ..generous() }).await;
+    let station = station(Access::Open, RequestLimits { connections_per_address: 3, ..generous() }).await;
     let mut held = Vec::new();
     for _ in 0..3 {
         held.push(station.begin(station.request(Method::GET, "/api/v1/updates")).await);
@@ -316,7 +316,7 @@ async fn wrong_sightings_and_places_are_refused() {
     let sample = json!({"device": "phone", "rssi_dbm": -60, "t_s": 0});
     post(json!([sample])).await.is_problem(404);
     // A receiver without a place.
-    station.report(ReportKind::Node { node: "r".into(), name: None, role: Role::Receiver, position_m: None }).await;
+    station.report(ReportKind::Node { node: "r".into(), name: None, role: NodeRole::Receiver, position_m: None }).await;
     station.until("/api/v1/nodes", |nodes| nodes[0].is_object()).await;
     let refused = post(json!([sample])).await;
     refused.is_problem(404);

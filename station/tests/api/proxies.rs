@@ -1,14 +1,14 @@
 //! Clients behind a reverse proxy. The tests' own connections, from the loopback address, are those of the proxy.
 
 use hyper::Method;
-use station_core::api::{Access, App, Limits, Proxies, Token, UserRole};
+use station_core::api::{Access, App, Proxies, RequestLimits, Token, UserRole};
 
 use crate::api::client::{Answer, Station, generous, station_of};
 
 async fn station(proxies: &[&str]) -> Station {
     let proxies = Proxies(proxies.iter().map(|network| network.parse().unwrap()).collect());
     let access = Access::Tokens(vec![Token::new("wall", UserRole::View, "wall-secret")]);
-    let limits = Limits { wrong_tokens_per_s: 1e-3, wrong_tokens_at_once: 3.0, ..generous() };
+    let limits = RequestLimits { wrong_tokens_per_s: 1e-3, wrong_tokens_at_once: 3.0, ..generous() };
     station_of(|app| App { access, proxies, limits, ..app }).await
 }
 

@@ -3,7 +3,7 @@
 use hyper::{Method, header};
 use serde_json::{Value, json};
 use station_core::ReportKind;
-use station_core::model::{HealthFigures, NodeHealth, Role};
+use station_core::model::{HealthFigures, NodeHealth, NodeRole};
 
 use crate::api::client::{SITE, keys, open, png};
 
@@ -161,7 +161,7 @@ async fn nodes_are_listed_with_their_health() {
     let station = open().await;
     let position_m = Some([1.0, 2.0, 3.0]);
     station
-        .report(ReportKind::Node { node: "0x0101".into(), name: Some("A".into()), role: Role::Anchor, position_m })
+        .report(ReportKind::Node { node: "0x0101".into(), name: Some("A".into()), role: NodeRole::Anchor, position_m })
         .await;
     let nodes = station.until("/api/v1/nodes?site=lab", |nodes| nodes[0].is_object()).await;
     assert_eq!(nodes[0]["node"], "0x0101");

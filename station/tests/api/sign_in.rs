@@ -7,8 +7,8 @@ use base64::Engine;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use hyper::{Method, StatusCode, header};
 use serde_json::json;
-use station_core::api::{Access, App, Limits, Token, UserRole};
-use station_core::oidc::{Oidc, OidcError, Patience, Roles, Settings};
+use station_core::api::{Access, App, RequestLimits, Token, UserRole};
+use station_core::oidc::{Oidc, OidcError, OidcSettings, Patience, Roles};
 use tokio::net::TcpListener;
 use url::Url;
 
@@ -18,9 +18,9 @@ use crate::api::provider::{CLIENT, FORGERIES, Provider};
 
 const PUBLIC: &str = "http://station.localhost";
 
-fn settings(issuer: &str) -> Settings {
+fn settings(issuer: &str) -> OidcSettings {
     let list = |value: &str| vec![value.to_owned()];
-    Settings {
+    OidcSettings {
         issuer: issuer.to_owned(),
         client_id: CLIENT.0.to_owned(),
         client_secret: Some(CLIENT.1.to_owned()),
@@ -39,7 +39,7 @@ fn hasty() -> Patience {
     Patience { request: Duration::from_secs(5), pause: Duration::ZERO, ..Patience::default() }
 }
 
-async fn station_with(settings: Settings, patience: Patience, limits: Limits) -> Station {
+async fn station_with(settings: OidcSettings, patience: Patience, limits: RequestLimits) -> Station {
     let oidc = Some(Arc::new(Oidc::new(settings, patience).unwrap()));
     let access = Access::Tokens(vec![Token::new("wall", UserRole::View, "wall-secret")]);
     station_of(|app| App { access, oidc, limits, ..app }).await
@@ -137,7 +137,7 @@ async fn log_out(station: &Station, cookie: &str) -> Answer {
 #[tokio::test]
 async fn logging_out_ends_the_session_of_the_provider_where_that_is_wanted_and_possible() {
     let provider = Provider::start().await;
-    let settings = Settings { end_session: true, ..settings(&provider.issuer) };
+    let settings = OidcSettings { end_session: true, ..settings(&provider.issuer) };
     let station = station_with(settings, hasty(), generous()).await;
     provider.claim(json!({"groups": ["staff"]}));
     let cookie = session(&sign_in(&station, &provider).await);
@@ -210,7 +210,7 @@ async fn groups_are_asked_for_where_the_token_does_not_name_them() {
 #[tokio::test]
 async fn a_state_counts_once_and_only_in_the_browser_that_has_it() {
     let provider = Provider::start().await;
-    let limits = Limits { wrong_tokens_per_s: 1e-3, wrong_tokens_at_once: 5.0, ..generous() };
+    let limits = RequestLimits { wrong_tokens_per_s: 1e-3, wrong_tokens_at_once: 5.0, ..generous() };
     let station = station_with(settings(&provider.issuer), hasty(), limits).await;
     let (cookie, path) = begin(&station, &provider).await;
     // Another browser; one with another sign-in; a changed state; none at all.
@@ -335,7 +335,7 @@ async fn a_provider_that_calls_itself_otherwise_is_not_used() {
 async fn a_session_ends_after_its_time_and_live_updates_with_it() {
     const SESSION: Duration = Duration::from_secs(4);
     let provider = Provider::start().await;
-    let settings = Settings { session: SESSION, ..settings(&provider.issuer) };
+    let settings = OidcSettings { session: SESSION, ..settings(&provider.issuer) };
     let station = station_with(settings, hasty(), generous()).await;
     let begun = std::time::Instant::now();
     let answer = sign_in(&station, &provider).await;
@@ -351,7 +351,7 @@ async fn a_session_ends_after_its_time_and_live_updates_with_it() {
 #[tokio::test]
 async fn a_flood_of_sign_ins_has_to_wait() {
     let provider = Provider::start().await;
-    let limits = Limits { sign_ins_per_s: 1e-3, sign_ins_at_once: 3.0, ..generous() };
+    let limits = RequestLimits { sign_ins_per_s: 1e-3, sign_ins_at_once: 3.0, ..generous() };
     let station = station_with(settings(&provider.issuer), hasty(), limits).await;
     let mut statuses = Vec::new();
     for _ in 0..5 {
@@ -365,7 +365,7 @@ async fn a_flood_of_sign_ins_has_to_wait() {
 #[tokio::test]
 async fn cookies_are_for_tls_where_browsers_reach_the_station_by_it() {
     let provider = Provider::start().await;
-    let settings = Settings { public_url: "https://station.localhost/".to_owned(), ..settings(&provider.issuer) };
+    let settings = OidcSettings { public_url: "https://station.localhost/".to_owned(), ..settings(&provider.issuer) };
     let station = station_with(settings, hasty(), generous()).await;
     let me = station.get("/api/v1/me").await.json();
     assert_eq!(me["sign_in"], "https://station.localhost/oidc/login");
@@ -377,7 +377,7 @@ async fn cookies_are_for_tls_where_browsers_reach_the_station_by_it() {
 #[tokio::test]
 async fn a_wrong_secret_of_the_client_is_a_refusal_and_without_a_provider_there_is_no_route() {
     let provider = Provider::start().await;
-    let wrong = Settings { client_secret: Some("another".to_owned()), ..settings(&provider.issuer) };
+    let wrong = OidcSettings { client_secret: Some("another".to_owned()), ..settings(&provider.issuer) };
     let station = station_with(wrong, hasty(), generous()).await;
     sign_in(&station, &provider).await.is_problem(502);
     let plain = crate::api::client::with_tokens(generous()).await;
@@ -399,7 +399,7 @@ fn settings_that_cannot_be_used_are_refused() {
         assert!(of(issuer).is_ok(), "{issuer}");
     }
     for public_url in ["", "station", "https://station.example.org/map", "https://station.example.org/?a=b"] {
-        let settings = Settings { public_url: public_url.to_owned(), ..settings("https://id.example.org") };
+        let settings = OidcSettings { public_url: public_url.to_owned(), ..settings("https://id.example.org") };
         assert!(matches!(new(settings), Err(OidcError::PublicUrl(_))), "{public_url}");
     }
 }

@@ -12,7 +12,7 @@ use hyper::{Method, Request, header};
 use hyper_util::rt::TokioIo;
 use rcgen::{CertifiedKey, KeyPair, generate_simple_self_signed};
 use serde_json::{Value, json};
-use station_core::api::{Access, Limits, Tls, TlsCause, Token, UserRole};
+use station_core::api::{Access, RequestLimits, Tls, TlsCause, Token, UserRole};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio_rustls::TlsConnector;
@@ -58,7 +58,7 @@ impl Files {
 }
 
 /// A station with TLS, the files of its certificate, and the certificate.
-async fn encrypted(limits: Limits) -> (Station, Files, CertificateDer<'static>) {
+async fn encrypted(limits: RequestLimits) -> (Station, Files, CertificateDer<'static>) {
     let (files, certificate) = Files::new();
     let access = Access::Tokens(vec![Token::new("ana", UserRole::View, "secret")]);
     let station = station_with(access, limits, Some(files.read())).await;
@@ -181,13 +181,13 @@ async fn garbage_and_silence_hold_nobody_up_and_are_closed() {
         streams
     };
     // The station waits an hour for each of them.
-    let patient = Limits { handshake: Duration::from_secs(3600), ..generous() };
+    let patient = RequestLimits { handshake: Duration::from_secs(3600), ..generous() };
     let (station, _files, certificate) = encrypted(patient).await;
     let _slow = begun(&station, 20).await;
     let served = async { health(&mut connect(&station, &certificate, &[&TLS13]).await.unwrap()).await };
     assert_eq!(tokio::time::timeout(PATIENCE, served).await.unwrap(), 200);
 
-    let limits = Limits { handshake: Duration::from_millis(600), ..generous() };
+    let limits = RequestLimits { handshake: Duration::from_millis(600), ..generous() };
     let (station, _files, certificate) = encrypted(limits).await;
     let mut slow = begun(&station, 1).await;
     // A busy computer may take longer for its handshake than the station waits.
@@ -208,7 +208,7 @@ async fn garbage_and_silence_hold_nobody_up_and_are_closed() {
 
 #[tokio::test]
 async fn handshakes_that_are_not_over_count_as_connections() {
-    let (station, _files, certificate) = encrypted(Limits { connections_per_address: 2, ..generous() }).await;
+    let (station, _files, certificate) = encrypted(RequestLimits { connections_per_address: 2, ..generous() }).await;
     let held = [TcpStream::connect(station.address).await.unwrap(), TcpStream::connect(station.address).await.unwrap()];
     assert!(connect(&station, &certificate, &[&TLS13]).await.is_err());
     drop(held);
@@ -225,7 +225,7 @@ async fn handshakes_that_are_not_over_count_as_connections() {
 
 #[tokio::test]
 async fn a_renewed_certificate_is_for_new_connections_and_a_wrong_one_changes_nothing() {
-    let limits = Limits { renewal: Duration::from_millis(50), ..generous() };
+    let limits = RequestLimits { renewal: Duration::from_millis(50), ..generous() };
     let (station, files, first) = encrypted(limits).await;
     let mut early = connect(&station, &first, &[&TLS13]).await.unwrap();
     assert_eq!(health(&mut early).await, 200);

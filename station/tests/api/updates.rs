@@ -6,7 +6,7 @@ use futures_util::{SinkExt, StreamExt};
 use http_body_util::BodyExt;
 use hyper::{Method, header};
 use serde_json::{Value, json};
-use station_core::api::{Access, Limits};
+use station_core::api::{Access, RequestLimits};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 use tokio_tungstenite::WebSocketStream;
@@ -63,7 +63,7 @@ async fn what_a_listener_sends_is_ignored_and_what_is_too_long_ends_it() {
 
 #[tokio::test]
 async fn a_listener_that_answers_no_ping_is_disconnected() {
-    let station = station(Access::Open, Limits { ping: Duration::from_secs(2), ..generous() }).await;
+    let station = station(Access::Open, RequestLimits { ping: Duration::from_secs(2), ..generous() }).await;
     let silent = listen(&station, "").await;
     let mut answering = listen(&station, "").await;
     tokio::spawn(async move { while let Some(Ok(_)) = answering.next().await {} });

@@ -1,7 +1,7 @@
 //! A house with ESPresense: its receivers' messages come in, positions go out.
 
 use serde_json::json;
-use station_core::mqtt::Settings;
+use station_core::mqtt::MqttSettings;
 use station_core::mqtt::espresense::House;
 
 use crate::mqtt::mosquitto::Mosquitto;
@@ -37,8 +37,8 @@ fn messages(at: [f64; 2]) -> Vec<(&'static str, String)> {
     PLACES.map(message).into()
 }
 
-fn house(port: u16) -> Settings {
-    Settings { espresense: Some((House::read(HOUSE).expect("a house"), SITE.to_owned())), ..settings(port) }
+fn house(port: u16) -> MqttSettings {
+    MqttSettings { espresense: Some((House::read(HOUSE).expect("a house"), SITE.to_owned())), ..settings(port) }
 }
 
 #[tokio::test(flavor = "multi_thread")]

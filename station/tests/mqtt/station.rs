@@ -3,10 +3,10 @@
 use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
-use station_core::model::{Role, Site, TagPosition, Zone, ZoneKind};
-use station_core::mqtt::{Broker, Mqtt, Settings, Topics};
+use station_core::model::{NodeRole, SiteMap, TagPosition, Zone, ZoneKind};
+use station_core::mqtt::{Broker, Mqtt, MqttSettings, Topics};
 use station_core::store::Retention;
-use station_core::{Hub, Live, Report, ReportKind, SolvedFrom, Store, Utc};
+use station_core::{Hub, LiveState, ReportKind, SolvedFrom, SourceReport, Store, Utc};
 
 use crate::mqtt::mosquitto::PATIENCE;
 
@@ -23,15 +23,15 @@ pub struct Station {
 }
 
 /// Settings for a broker at a port.
-pub fn settings(port: u16) -> Settings {
+pub fn settings(port: u16) -> MqttSettings {
     let broker = Broker::new(&format!("mqtt://127.0.0.1:{port}"), None, None).expect("an address");
     at(broker)
 }
 
 /// Settings for a broker.
-pub fn at(broker: Broker) -> Settings {
+pub fn at(broker: Broker) -> MqttSettings {
     let topics = |prefix| Topics::new(prefix).expect("a prefix");
-    Settings {
+    MqttSettings {
         broker,
         topics: topics("baliza"),
         every: Duration::from_secs(1),
@@ -42,11 +42,11 @@ pub fn at(broker: Broker) -> Settings {
 
 impl Station {
     /// A station with a room of 6 m by 4 m.
-    pub async fn start(settings: Settings) -> Self {
+    pub async fn start(settings: MqttSettings) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let store = Store::open(folder.path().join("baliza.db").to_str().expect("UTF-8")).await.expect("a store");
-        store.put_site(&Site::new(SITE)).await.expect("written");
-        let mut live = Live::new(station_core::state::Limits::default());
+        store.put_site(&SiteMap::new(SITE)).await.expect("written");
+        let mut live = LiveState::new(station_core::state::StateLimits::default());
         let mut zones = settings.zones();
         zones.push(Zone {
             site: SITE.to_owned(),
@@ -68,7 +68,7 @@ impl Station {
 
     /// Sends a report of now.
     pub async fn report(&self, what: ReportKind) {
-        let report = Report { t: Utc::now(), site: SITE.to_owned(), what };
+        let report = SourceReport { t: Utc::now(), site: SITE.to_owned(), what };
         self.hub.reports().send(report).await.expect("taken");
     }
 
@@ -94,7 +94,7 @@ impl Station {
         self.report(ReportKind::Node {
             node: node.to_owned(),
             name: Some("corner".to_owned()),
-            role: Role::Anchor,
+            role: NodeRole::Anchor,
             position_m,
         })
         .await;

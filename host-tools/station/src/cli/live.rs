@@ -14,9 +14,9 @@ use anyhow::{Context, Result};
 use ratatui::crossterm::event::{self, Event};
 use recording::UserError;
 use station_core::hub::NullStore;
-use station_core::model::Site;
+use station_core::model::SiteMap;
 use station_core::store::Retention;
-use station_core::{Hub, Live, Utc};
+use station_core::{Hub, LiveState, Utc};
 
 use super::serve::{InputArguments, Sources, sources_help};
 use host_tools::cli::stream::{STOP, catch_signals_and};
@@ -103,7 +103,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             let runtime =
                 tokio::runtime::Builder::new_multi_thread().enable_all().build().context("cannot start the runtime")?;
             let (sites, zones): (Vec<_>, Vec<_>) = sources.sites().into_iter().unzip();
-            let mut live = Live::new(arguments.inputs.limits());
+            let mut live = LiveState::new(arguments.inputs.limits());
             live.set_zones(zones.into_iter().flatten().collect());
             let (hub, _task) = runtime.block_on(Hub::start(live, NullStore, Retention::default()))?;
             let to_notes = notes.clone();
@@ -142,7 +142,7 @@ fn poll(remote: Remote, notes: Notes) -> Arc<Mutex<Option<Snapshot>>> {
 }
 
 /// Shows states in the terminal until a person or a signal ends it.
-fn show(sites: Vec<Site>, notes: &Notes, state: impl FnMut() -> Option<Snapshot>) -> Result<()> {
+fn show(sites: Vec<SiteMap>, notes: &Notes, state: impl FnMut() -> Option<Snapshot>) -> Result<()> {
     let mut screen = Screen::new(sites, host_tools::cli::stdout_has_colours());
     let [of_panics, of_log] = [notes.clone(), notes.clone()];
     // Nothing is kept, so nothing is lost.

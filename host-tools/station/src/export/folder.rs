@@ -10,7 +10,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use station_core::Store;
 use station_core::Utc;
-use station_core::model::{Measurement, TagPosition, Zone, ZoneKind};
+use station_core::model::{NodeMeasurement, TagPosition, Zone, ZoneKind};
 use station_core::store::Span;
 
 use super::measurements::Measurements;
@@ -65,7 +65,7 @@ pub async fn write_folder(store: &Store, selection: &Selection, folder: &Path) -
 #[derive(Default)]
 struct Round {
     position: Option<TagPosition>,
-    measurements: Vec<Measurement>,
+    measurements: Vec<NodeMeasurement>,
 }
 
 /// The rounds of a part.

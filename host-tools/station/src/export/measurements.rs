@@ -6,7 +6,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use station_core::model::{Measured, Measurement, PlacedNode, RangeMeasurement};
+use station_core::model::{MeasuredValue, NodeMeasurement, PlacedNode, RangeMeasurement};
 
 use super::folder::metres;
 use super::seconds;
@@ -59,25 +59,30 @@ impl Measurements {
     }
 
     /// Takes the measurements of a round.
-    pub(super) fn take(&mut self, epoch: usize, measurements: &[Measurement]) -> csv::Result<()> {
+    pub(super) fn take(&mut self, epoch: usize, measurements: &[NodeMeasurement]) -> csv::Result<()> {
         measurements.iter().try_for_each(|measurement| self.row(epoch, measurement))
     }
 
-    fn row(&mut self, epoch: usize, measurement: &Measurement) -> csv::Result<()> {
-        let Measurement { node, tag, t, what, .. } = measurement;
+    fn row(&mut self, epoch: usize, measurement: &NodeMeasurement) -> csv::Result<()> {
+        let NodeMeasurement { node, tag, t, what, .. } = measurement;
         let Some(place) = self.places.get(node) else {
             *self.left_out.entry(node.clone()).or_default() += 1;
             return Ok(());
         };
         let mut row = vec![epoch.to_string(), seconds(*t), tag.clone(), node.clone()];
         let (pair, written) = match *what {
-            Measured::Range(RangeMeasurement { range_m, rx_power_dbm, first_path_power_dbm, clock_offset_ppm }) => {
+            MeasuredValue::Range(RangeMeasurement {
+                range_m,
+                rx_power_dbm,
+                first_path_power_dbm,
+                clock_offset_ppm,
+            }) => {
                 row.push(metres(Some(range_m)));
                 row.extend([rx_power_dbm, first_path_power_dbm].map(hundredths));
                 row.push(metres(clock_offset_ppm));
                 (RANGES, &mut self.ranges)
             }
-            Measured::Rssi(rssi_dbm) => {
+            MeasuredValue::Rssi(rssi_dbm) => {
                 row.push(hundredths(Some(rssi_dbm)));
                 (SIGHTINGS, &mut self.sightings)
             }

@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use anyhow::Result;
-use station_core::model::{Site, Tag, TagPosition};
+use station_core::model::{SiteMap, TagPosition, TagStatus};
 use station_core::store::Span;
 use station_core::{Store, Utc};
 
@@ -48,7 +48,7 @@ pub struct Exported {
 }
 
 impl Exported {
-    fn nothing_of(site: &Site) -> Self {
+    fn nothing_of(site: &SiteMap) -> Self {
         Self { site: site.name.clone(), tags: 0, positions: 0, measurements: 0, left_out: BTreeMap::new() }
     }
 
@@ -65,8 +65,8 @@ impl Exported {
 /// The part of the history that is exported: tags of a site, and a span in which they have reported.
 #[derive(Clone, Debug)]
 pub struct Selection {
-    site: Site,
-    tags: Vec<Tag>,
+    site: SiteMap,
+    tags: Vec<TagStatus>,
     span: Span,
 }
 
@@ -87,14 +87,14 @@ impl Selection {
             to: tags.iter().map(|tag| tag.last_seen + Duration::from_millis(1)).max().unwrap_or_default().min(span.to),
         };
         let known = store.sites().await?.into_iter().find(|known| known.name == site);
-        Ok(Self { site: known.unwrap_or_else(|| Site::new(site)), tags, span })
+        Ok(Self { site: known.unwrap_or_else(|| SiteMap::new(site)), tags, span })
     }
 
     /// Gives `take` the positions of `tags` in the order of time.
     async fn each(
         &self,
         store: &Store,
-        tags: &[Tag],
+        tags: &[TagStatus],
         mut take: impl FnMut(&TagPosition) -> Result<()>,
     ) -> Result<Exported> {
         let mut exported = Exported::nothing_of(&self.site);
@@ -115,7 +115,7 @@ impl Selection {
     async fn positions<'t>(
         &self,
         store: &Store,
-        tags: &'t [Tag],
+        tags: &'t [TagStatus],
         part: Span,
         with_positions: &mut BTreeSet<&'t str>,
     ) -> Result<Vec<TagPosition>> {
@@ -163,7 +163,7 @@ impl Parts {
 }
 
 /// The site that a person names, or the only one.
-fn site_of(tags: &[Tag], site: Option<&str>) -> Result<String, UserError> {
+fn site_of(tags: &[TagStatus], site: Option<&str>) -> Result<String, UserError> {
     let mut sites: Vec<_> = tags.iter().map(|tag| tag.site.as_str()).collect();
     sites.sort_unstable();
     sites.dedup();

@@ -5,8 +5,8 @@ use std::time::{Duration, SystemTime};
 use anyhow::Result;
 use foxglove_scenes::{Live as Server, View};
 use host_tools::cli::live_view::Address;
-use station_core::model::Node;
-use station_core::{Hub, Live, Update};
+use station_core::model::NodeStatus;
+use station_core::{Hub, LiveState, Update};
 use tokio::sync::broadcast::error::RecvError;
 
 use crate::foxglove::tag_position;
@@ -48,7 +48,7 @@ impl FoxgloveServer {
                     }
                     Err(RecvError::Closed) => break,
                 },
-                _ = nodes.tick() => self.send_nodes(&hub.read(Live::nodes), &site),
+                _ = nodes.tick() => self.send_nodes(&hub.read(LiveState::nodes), &site),
             };
             if let Err(error) = sent {
                 log::warn!("Foxglove: {error:#}");
@@ -56,7 +56,7 @@ impl FoxgloveServer {
         }
     }
 
-    fn send_nodes(&mut self, nodes: &[Node], site: &str) -> Result<()> {
+    fn send_nodes(&mut self, nodes: &[NodeStatus], site: &str) -> Result<()> {
         for node in nodes.iter().filter(|node| node.site == site) {
             let Some(position_m) = node.position_m else { continue };
             self.0.anchor(now_ns(), node.name.as_deref().unwrap_or(&node.node), position_m)?;

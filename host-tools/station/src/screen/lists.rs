@@ -7,7 +7,7 @@ use ratatui::layout::{Constraint, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::widgets::{Block, Borders, Row, Table, TableState};
 use station_core::Utc;
-use station_core::model::{Node, Role, Tag};
+use station_core::model::{NodeRole, NodeStatus, TagStatus};
 
 use super::Screen;
 
@@ -43,7 +43,7 @@ struct Column<T> {
 }
 
 /// The columns of tags.
-const OF_TAGS: [Column<Tag>; 9] = [
+const OF_TAGS: [Column<TagStatus>; 9] = [
     Column { title: "tag", width: 10, order: 0, value: |tag, _| label_of_tag(tag).to_owned() },
     Column { title: "    x m", width: 7, order: 1, value: |tag, _| number(position(tag, |p| Some(p.x_m)), 7, 2) },
     Column { title: "    y m", width: 7, order: 1, value: |tag, _| number(position(tag, |p| Some(p.y_m)), 7, 2) },
@@ -61,7 +61,7 @@ const OF_TAGS: [Column<Tag>; 9] = [
 ];
 
 /// The columns of anchors.
-const OF_NODES: [Column<Node>; 9] = [
+const OF_NODES: [Column<NodeStatus>; 9] = [
     Column { title: "anchor", width: 10, order: 0, value: |node, _| label_of_node(node).to_owned() },
     Column {
         title: "  ok",
@@ -71,18 +71,23 @@ const OF_NODES: [Column<Node>; 9] = [
     },
     Column { title: "error m", width: 7, order: 2, value: |node, _| number(node.health.residual_mean_m, 7, 2) },
     Column { title: "  ± m", width: 5, order: 4, value: |node, _| number(node.health.residual_sigma_m, 5, 2) },
-    Column { title: "FP-RX dB", width: 8, order: 5, value: |node, _| number(node.health.first_path_minus_received_db, 8, 1) },
+    Column {
+        title: "FP-RX dB",
+        width: 8,
+        order: 5,
+        value: |node, _| number(node.health.first_path_minus_received_db, 8, 1),
+    },
     Column { title: "  ppm", width: 5, order: 8, value: |node, _| number(node.health.clock_offset_ppm, 5, 1) },
     Column { title: "   Hz", width: 5, order: 6, value: |node, _| number(Some(node.health.rate_hz), 5, 1) },
     Column { title: "   V", width: 4, order: 7, value: |node, _| number(node.health.supply_v, 4, 2) },
     Column { title: "state", width: 12, order: 3, value: state_of_node },
 ];
 
-fn position(tag: &Tag, of: impl Fn(&station_core::model::TagPosition) -> Option<f64>) -> Option<f64> {
+fn position(tag: &TagStatus, of: impl Fn(&station_core::model::TagPosition) -> Option<f64>) -> Option<f64> {
     tag.last_position.as_ref().and_then(of)
 }
 
-fn room(tag: &Tag) -> &str {
+fn room(tag: &TagStatus) -> &str {
     tag.last_position.as_ref().and_then(|position| position.room.as_deref()).unwrap_or_default()
 }
 
@@ -101,16 +106,16 @@ fn age(age: Duration) -> String {
 }
 
 /// The name of a tag, or its address.
-pub(super) fn label_of_tag(tag: &Tag) -> &str {
+pub(super) fn label_of_tag(tag: &TagStatus) -> &str {
     tag.name.as_deref().unwrap_or(&tag.tag)
 }
 
 /// The name of an anchor, or its address.
-pub(super) fn label_of_node(node: &Node) -> &str {
+pub(super) fn label_of_node(node: &NodeStatus) -> &str {
     node.name.as_deref().unwrap_or(&node.node)
 }
 
-fn state_of_tag(tag: &Tag, now: Utc) -> String {
+fn state_of_tag(tag: &TagStatus, now: Utc) -> String {
     match &tag.reason {
         _ if tag.silent => format!("silent {}", age(now.since(tag.last_seen))),
         Some(reason) => reason.clone(),
@@ -118,16 +123,16 @@ fn state_of_tag(tag: &Tag, now: Utc) -> String {
     }
 }
 
-fn state_of_node(node: &Node, now: Utc) -> String {
+fn state_of_node(node: &NodeStatus, now: Utc) -> String {
     if node.health.moved {
         return "moved?".to_owned();
     }
     match (node.role, node.last_seen) {
         (_, None) => "never seen".to_owned(),
         (_, Some(seen)) if now.since(seen) > Duration::from_secs(30) => format!("seen {} ago", age(now.since(seen))),
-        (Role::Anchor | Role::Tag, Some(_)) => String::new(),
-        (Role::Beacon, Some(_)) => "beacon".to_owned(),
-        (Role::Receiver, Some(_)) => "receiver".to_owned(),
+        (NodeRole::Anchor | NodeRole::Tag, Some(_)) => String::new(),
+        (NodeRole::Beacon, Some(_)) => "beacon".to_owned(),
+        (NodeRole::Receiver, Some(_)) => "receiver".to_owned(),
     }
 }
 
@@ -161,7 +166,7 @@ struct Shown {
 
 impl Screen {
     /// The tags that the search finds.
-    pub(super) fn found_tags(&self) -> impl Iterator<Item = &Tag> {
+    pub(super) fn found_tags(&self) -> impl Iterator<Item = &TagStatus> {
         let search = self.search.to_lowercase();
         self.tags().filter(move |tag| {
             [label_of_tag(tag), &tag.tag, room(tag)].iter().any(|text| text.to_lowercase().contains(&search))
@@ -169,7 +174,7 @@ impl Screen {
     }
 
     /// The anchors and beacons that the search finds.
-    fn found_nodes(&self) -> impl Iterator<Item = &Node> {
+    fn found_nodes(&self) -> impl Iterator<Item = &NodeStatus> {
         let search = self.search.to_lowercase();
         self.nodes().filter(move |node| {
             [label_of_node(node), &node.node].iter().any(|text| text.to_lowercase().contains(&search))
@@ -203,7 +208,7 @@ impl Screen {
             List::Hidden => return,
             List::Tags => {
                 let columns = fitting(&OF_TAGS, width);
-                let row = |tag: &Tag| Shown {
+                let row = |tag: &TagStatus| Shown {
                     key: tag.tag.clone(),
                     fields: columns.iter().map(|(column, _)| (column.value)(tag, now)).collect(),
                     style: if tag.silent { self.style(Color::Red) } else { Style::new() },
@@ -213,7 +218,7 @@ impl Screen {
             }
             List::Anchors => {
                 let columns = fitting(&OF_NODES, width);
-                let row = |node: &Node| Shown {
+                let row = |node: &NodeStatus| Shown {
                     key: node.node.clone(),
                     fields: columns.iter().map(|(column, _)| (column.value)(node, now)).collect(),
                     style: if node.health.moved { self.style(Color::Red) } else { Style::new() },

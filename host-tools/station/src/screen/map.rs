@@ -7,7 +7,7 @@ use ratatui::layout::{Position, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::symbols::Marker;
 use ratatui::widgets::canvas::{Canvas, Line, Points};
-use station_core::model::{Role, Tag, TagPosition, ZoneKind};
+use station_core::model::{NodeRole, TagPosition, TagStatus, ZoneKind};
 
 use super::lists::{label_of_node, label_of_tag};
 use super::view::{DOTS, Part};
@@ -67,7 +67,7 @@ impl Screen {
     }
 
     /// The tag that is selected in the list.
-    fn selected_tag(&self) -> Option<&Tag> {
+    fn selected_tag(&self) -> Option<&TagStatus> {
         let selected = self.selected.as_ref().filter(|_| self.list == List::Tags)?;
         self.tags().find(|tag| tag.tag == *selected)
     }
@@ -92,7 +92,7 @@ impl Screen {
 
     /// The trails of the tags, and their colours.
     fn trail_points(&self) -> Vec<(Vec<[f64; 2]>, Color)> {
-        let of = |tag: &Tag| {
+        let of = |tag: &TagStatus| {
             let trail = self.trails.get(&(tag.site.clone(), tag.tag.clone()))?;
             Some((trail.iter().map(|(_, at_m)| *at_m).collect(), self.colour(colour_of(&tag.tag))))
         };
@@ -123,9 +123,9 @@ impl Screen {
         for node in self.nodes() {
             let Some([x, y, _]) = node.position_m else { continue };
             let symbol = match node.role {
-                Role::Anchor | Role::Tag => "▲",
-                Role::Beacon => "◆",
-                Role::Receiver => "■",
+                NodeRole::Anchor | NodeRole::Tag => "▲",
+                NodeRole::Beacon => "◆",
+                NodeRole::Receiver => "■",
             };
             let colour = if node.health.moved { Color::Red } else { Color::Green };
             let (name, style) = (label_of_node(node).to_owned(), self.style(colour));
@@ -148,7 +148,7 @@ impl Screen {
 }
 
 /// Where a tag was last.
-fn place(tag: &Tag) -> Option<[f64; 2]> {
+fn place(tag: &TagStatus) -> Option<[f64; 2]> {
     tag.last_position.as_ref().map(|position| [position.x_m, position.y_m])
 }
 

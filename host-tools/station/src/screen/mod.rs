@@ -20,13 +20,13 @@ use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Clear, Paragraph};
-use station_core::model::{Node, Site, Tag, Zone};
-use station_core::{Live, Utc};
+use station_core::model::{NodeStatus, SiteMap, TagStatus, Zone};
+use station_core::{LiveState, Utc};
 
 pub use self::keys::Then;
 use self::lists::List;
 pub use self::raw::{Raw, on_hangup};
-use self::view::View;
+use self::view::MapView;
 
 /// How long a trail is.
 const TRAIL: Duration = Duration::from_secs(20);
@@ -45,16 +45,16 @@ pub struct Snapshot {
     /// When.
     pub now: Utc,
     /// The tags of all sites.
-    pub tags: Vec<Tag>,
+    pub tags: Vec<TagStatus>,
     /// The anchors and beacons of all sites.
-    pub nodes: Vec<Node>,
+    pub nodes: Vec<NodeStatus>,
     /// The rooms and zones of all sites.
     pub zones: Vec<Zone>,
 }
 
 impl Snapshot {
     /// The current state.
-    pub fn of(live: &Live, now: Utc) -> Self {
+    pub fn of(live: &LiveState, now: Utc) -> Self {
         Self { now, tags: live.tags(), nodes: live.nodes(), zones: live.zones() }
     }
 }
@@ -67,13 +67,13 @@ type Key = (String, String);
 pub struct Screen {
     has_colours: bool,
     /// With their walls.
-    sites: Vec<Site>,
+    sites: Vec<SiteMap>,
     /// The name of the site that is shown; none before anything is known.
     site: Option<String>,
     snapshot: Snapshot,
     trails: HashMap<Key, VecDeque<(Utc, [f64; 2])>>,
     is_paused: bool,
-    view: View,
+    view: MapView,
     list: List,
     /// The address of a tag or an anchor in the list.
     selected: Option<String>,
@@ -88,7 +88,7 @@ pub struct Screen {
 
 impl Screen {
     /// A screen without tags. `sites` has the walls. Without colours, text is bold, dim and reversed at most.
-    pub fn new(sites: Vec<Site>, has_colours: bool) -> Self {
+    pub fn new(sites: Vec<SiteMap>, has_colours: bool) -> Self {
         Self {
             has_colours,
             site: sites.first().map(|site| site.name.clone()),
@@ -96,7 +96,7 @@ impl Screen {
             snapshot: Snapshot::default(),
             trails: HashMap::new(),
             is_paused: false,
-            view: View::default(),
+            view: MapView::default(),
             list: List::default(),
             selected: None,
             follows: false,
@@ -153,12 +153,12 @@ impl Screen {
     }
 
     /// The tags of the site.
-    fn tags(&self) -> impl Iterator<Item = &Tag> {
+    fn tags(&self) -> impl Iterator<Item = &TagStatus> {
         self.snapshot.tags.iter().filter(|tag| self.is_here(&tag.site))
     }
 
     /// The anchors and beacons of the site.
-    fn nodes(&self) -> impl Iterator<Item = &Node> {
+    fn nodes(&self) -> impl Iterator<Item = &NodeStatus> {
         self.snapshot.nodes.iter().filter(|node| self.is_here(&node.site))
     }
 

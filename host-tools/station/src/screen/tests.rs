@@ -4,7 +4,7 @@ use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
-use station_core::model::{Role, TagPosition, ZoneKind};
+use station_core::model::{NodeRole, TagPosition, ZoneKind};
 
 use super::*;
 
@@ -12,8 +12,8 @@ fn at(s: u64) -> Utc {
     "2026-01-01T10:00:00Z".parse::<Utc>().expect("a time") + Duration::from_secs(s)
 }
 
-fn tag(address: &str, name: Option<&str>, at_m: [f64; 2], s: u64) -> Tag {
-    Tag {
+fn tag(address: &str, name: Option<&str>, at_m: [f64; 2], s: u64) -> TagStatus {
+    TagStatus {
         tag: address.to_owned(),
         site: "hall".to_owned(),
         name: name.map(str::to_owned),
@@ -41,12 +41,12 @@ fn tag(address: &str, name: Option<&str>, at_m: [f64; 2], s: u64) -> Tag {
     }
 }
 
-fn anchor(address: &str, at_m: [f64; 2]) -> Node {
-    Node {
+fn anchor(address: &str, at_m: [f64; 2]) -> NodeStatus {
+    NodeStatus {
         node: address.to_owned(),
         site: "hall".to_owned(),
         name: None,
-        role: Role::Anchor,
+        role: NodeRole::Anchor,
         position_m: Some([at_m[0], at_m[1], 2.5]),
         rssi_1m_dbm: None,
         path_loss_exponent: None,
@@ -72,11 +72,11 @@ fn room(side_m: f64) -> Zone {
     }
 }
 
-fn snapshot(tags: Vec<Tag>) -> Snapshot {
+fn snapshot(tags: Vec<TagStatus>) -> Snapshot {
     Snapshot { now: at(0), tags, nodes: vec![anchor("0x0101", [0.0, 10.0])], zones: vec![room(10.0)] }
 }
 
-fn screen(tags: Vec<Tag>) -> Screen {
+fn screen(tags: Vec<TagStatus>) -> Screen {
     let mut screen = Screen::new(Vec::new(), true);
     screen.take(snapshot(tags));
     screen
@@ -108,7 +108,7 @@ fn press_code(screen: &mut Screen, code: KeyCode) {
 }
 
 /// The map alone on 60 by 32 characters: 30 rows of the map, 120 dots in both directions.
-fn map_alone(tags: Vec<Tag>) -> Screen {
+fn map_alone(tags: Vec<TagStatus>) -> Screen {
     let mut screen = screen(tags);
     screen.list = List::Hidden;
     screen

@@ -2,7 +2,7 @@
 
 /// Where the map is: all of the site, or a part.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct View {
+pub struct MapView {
     /// What has been seen of the site: least and greatest coordinates, metres. It only grows, so that the map does not
     /// tremble with the tags.
     extent: Option<[[f64; 2]; 2]>,
@@ -56,7 +56,7 @@ impl Part {
     }
 }
 
-impl View {
+impl MapView {
     /// Takes a point of the site into the extent.
     pub fn include(&mut self, [x_m, y_m]: [f64; 2]) {
         if !(x_m.is_finite() && y_m.is_finite()) {
@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn all_of_a_site_is_seen_with_its_proportions() {
-        let mut view = View::default();
+        let mut view = MapView::default();
         // A hall of 20 m by 5 m on 101 by 101 dots: the width decides. 20 m and 6 % on both sides over 100 steps.
         for point in [[0.0, 0.0], [20.0, 5.0], [f64::NAN, 1.0]] {
             view.include(point);
@@ -134,7 +134,7 @@ mod tests {
 
     #[test]
     fn the_map_moves_by_parts_of_what_is_seen_and_zooms_about_its_middle() {
-        let mut view = View::default();
+        let mut view = MapView::default();
         for point in [[0.0, 0.0], [10.0, 10.0]] {
             view.include(point);
         }

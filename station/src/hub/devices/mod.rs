@@ -19,10 +19,10 @@
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::time::Duration;
 
-use crate::input::{Report, ReportKind};
-use crate::model::Role;
+use crate::input::{ReportKind, SourceReport};
+use crate::model::NodeRole;
 use crate::rssi::{KnownNode, solve};
-use crate::{Live, Utc};
+use crate::{LiveState, Utc};
 
 /// RSSI values count for this time. A person walks five metres meanwhile; receivers report every one or two seconds.
 const WINDOW: Duration = Duration::from_secs(5);
@@ -152,7 +152,7 @@ pub(super) struct DeviceLocator {
 
 impl DeviceLocator {
     /// Takes a report that the state did not refuse. What is no [`ReportKind::ReceiverSighting`] changes nothing.
-    pub(super) fn take(&mut self, now: Utc, report: Report) {
+    pub(super) fn take(&mut self, now: Utc, report: SourceReport) {
         let ReportKind::ReceiverSighting { receiver, device, rssi_dbm, rssi_1m_dbm } = report.what else { return };
         let t = report.t.min(now);
         let key = (report.site, device);
@@ -189,20 +189,20 @@ impl DeviceLocator {
     }
 
     /// The receivers that solutions use are those of `live` from now on.
-    pub(super) fn survey(&mut self, live: &Live) {
+    pub(super) fn survey(&mut self, live: &LiveState) {
         if self.surveys != live.surveys() {
             self.surveys = live.surveys();
             self.receivers.clear();
         }
         for (site, _) in &self.waiting {
             if !self.receivers.contains_key(site) {
-                self.receivers.insert(site.clone(), live.known(site, Role::Receiver));
+                self.receivers.insert(site.clone(), live.known(site, NodeRole::Receiver));
             }
         }
     }
 
     /// The reports of the devices that have new values and were not solved for a second.
-    pub(super) fn solve(&mut self, now: Utc) -> Vec<Report> {
+    pub(super) fn solve(&mut self, now: Utc) -> Vec<SourceReport> {
         let Self { devices, waiting, receivers, .. } = self;
         let mut reports = Vec::new();
         waiting.retain(|key| {
@@ -212,7 +212,7 @@ impl DeviceLocator {
             }
             (device.solved, device.is_waiting) = (Some(now), false);
             let report = device.report(now, &key.1, receivers);
-            reports.extend(report.map(|(t, what)| Report { t, site: key.0.clone(), what }));
+            reports.extend(report.map(|(t, what)| SourceReport { t, site: key.0.clone(), what }));
             false
         });
         reports

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::model::{EventKind, TagPosition, Zone, ZoneKind};
-use crate::state::{Limits, Update};
+use crate::state::{StateLimits, Update};
 
 const SITE: &str = "flat";
 
@@ -11,8 +11,8 @@ fn at(ms: u64) -> Utc {
     Utc::clamped(1_000_000_000_000_000) + Duration::from_millis(ms)
 }
 
-fn report(t: Utc, what: ReportKind) -> Report {
-    Report { t, site: SITE.to_owned(), what }
+fn report(t: Utc, what: ReportKind) -> SourceReport {
+    SourceReport { t, site: SITE.to_owned(), what }
 }
 
 fn sighting(receiver: &str, device: &str, rssi_dbm: f64) -> ReportKind {
@@ -26,13 +26,13 @@ fn sighting(receiver: &str, device: &str, rssi_dbm: f64) -> ReportKind {
 
 /// A state with receivers `r0`, `r1` … at these places, and a locator, as the hub has them.
 struct World {
-    live: Live,
+    live: LiveState,
     locator: DeviceLocator,
 }
 
 impl World {
     fn new(places: &[[f64; 3]]) -> Self {
-        let mut world = Self { live: Live::new(Limits::default()), locator: DeviceLocator::default() };
+        let mut world = Self { live: LiveState::new(StateLimits::default()), locator: DeviceLocator::default() };
         for (k, place) in places.iter().enumerate() {
             world.place(&format!("r{k}"), Some(*place));
         }
@@ -41,7 +41,7 @@ impl World {
 
     fn place(&mut self, receiver: &str, position_m: Option<[f64; 3]>) {
         let node = receiver.to_owned();
-        self.live.apply(&report(at(0), ReportKind::Node { node, name: None, role: Role::Receiver, position_m }));
+        self.live.apply(&report(at(0), ReportKind::Node { node, name: None, role: NodeRole::Receiver, position_m }));
     }
 
     /// Reports that arrive at `now`; the updates of the positions that they lead to.
@@ -378,7 +378,7 @@ fn the_limit_of_uncertain_positions_is_between_receivers_8_m_and_15_m_apart() {
     let [near_m, far_m] = [8.0, 15.0].map(&mut sigmas_m);
     println!("8 m apart: half above {:.1} m, 1 % above {:.1} m", near_m[0], near_m[1]);
     println!("15 m apart: half above {:.1} m, 1 % above {:.1} m", far_m[0], far_m[1]);
-    let limit_m = Limits::default().uncertain_rssi_m;
+    let limit_m = StateLimits::default().uncertain_rssi_m;
     assert!(near_m[1] < limit_m && far_m[0] > limit_m, "{near_m:?} {far_m:?}");
 }
 
@@ -416,7 +416,7 @@ fn a_recorded_robot_is_found_better_than_by_the_nearest_receiver() {
         alarms.extend(kinds(updates.clone()).into_iter().filter(|kind| *kind == EventKind::Uncertain));
         for found in positions(updates) {
             let device = world.locator.devices.values().next().unwrap();
-            let (means, _) = device.means(now, &world.live.known(SITE, Role::Receiver));
+            let (means, _) = device.means(now, &world.live.known(SITE, NodeRole::Receiver));
             let nearest = means.iter().max_by(|(_, one), (_, other)| one.total_cmp(other)).unwrap().0;
             // The mean of the receivers' places, each by the inverse of its distance by the same path loss.
             let weights: Vec<([f64; 3], f64)> =
@@ -442,6 +442,6 @@ fn a_recorded_robot_is_found_better_than_by_the_nearest_receiver() {
     let [p95_m, most_m] = [0.95, 1.0].map(|share| sigmas_m[(share * (count - 1) as f64) as usize]);
     println!("deviation along the long axis: 95 % below {p95_m:.2} m, all below {most_m:.2} m");
     // The default limit is three times what is usual with enough receivers.
-    assert!((p95_m - Limits::default().uncertain_rssi_m / 3.0).abs() < 0.3, "{p95_m}");
+    assert!((p95_m - StateLimits::default().uncertain_rssi_m / 3.0).abs() < 0.3, "{p95_m}");
     assert_eq!(alarms, []);
 }

@@ -16,8 +16,8 @@ use tokio::time::Instant;
 pub use self::config::{House, NoHouse};
 use self::floors::Floors;
 use crate::bounds::is_name;
-use crate::model::Role;
-use crate::{Report, ReportKind, Utc};
+use crate::model::NodeRole;
+use crate::{ReportKind, SourceReport, Utc};
 
 /// The time between two lines of the log about messages that were refused.
 const LOG_EVERY: Duration = Duration::from_secs(60);
@@ -40,7 +40,7 @@ struct Said {
 pub(super) struct Espresense {
     house: House,
     site: String,
-    reports: mpsc::Sender<Report>,
+    reports: mpsc::Sender<SourceReport>,
     /// By key: node and floor.
     receivers: HashMap<String, Vec<(String, usize)>>,
     floors: Floors,
@@ -53,7 +53,7 @@ impl Espresense {
     /// What it subscribes to.
     pub(super) const FILTERS: [&'static str; 2] = ["espresense/devices/+/+", "espresense/rooms/+/status"];
 
-    pub(super) fn new(house: House, site: String, reports: mpsc::Sender<Report>) -> Self {
+    pub(super) fn new(house: House, site: String, reports: mpsc::Sender<SourceReport>) -> Self {
         let mut receivers: HashMap<String, Vec<(String, usize)>> = HashMap::new();
         for receiver in &house.receivers {
             receivers.entry(receiver.key.clone()).or_default().push((receiver.node.clone(), receiver.floor));
@@ -92,7 +92,7 @@ impl Espresense {
     }
 
     /// The reports of a message; none of what is not wanted.
-    fn said(&mut self, device: &str, receiver: &str, payload: &[u8]) -> Result<Vec<Report>, String> {
+    fn said(&mut self, device: &str, receiver: &str, payload: &[u8]) -> Result<Vec<SourceReport>, String> {
         let said: Said = serde_json::from_slice(payload).map_err(|error| error.to_string())?;
         let Some(rssi_dbm) = said.rssi else { return Ok(Vec::new()) };
         for dbm in [Some(rssi_dbm), said.rssi_1m].into_iter().flatten() {
@@ -121,7 +121,7 @@ impl Espresense {
         let mut whats = Vec::new();
         if is_new {
             let (node, name) = (device.to_owned(), name.map(str::to_owned));
-            whats.push(ReportKind::Node { node, name, role: Role::Tag, position_m: None });
+            whats.push(ReportKind::Node { node, name, role: NodeRole::Tag, position_m: None });
         }
         if let Some((node, _)) = nodes.iter().find(|(_, on)| *on == floor) {
             let rssi_1m_dbm = wanted.rssi_1m_dbm.or(said.rssi_1m);
@@ -132,7 +132,7 @@ impl Espresense {
                 rssi_1m_dbm,
             });
         }
-        Ok(whats.into_iter().map(|what| Report { t, site: self.site.clone(), what }).collect())
+        Ok(whats.into_iter().map(|what| SourceReport { t, site: self.site.clone(), what }).collect())
     }
 
     fn refuse(&mut self, topic: &str, why: &str) {

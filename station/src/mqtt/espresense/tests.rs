@@ -16,13 +16,13 @@ const MESSAGE: &str = r#"{"mac":"dd8800003777","id":"iBeacon:426c7565-4368-6172-
     "rssi@1m":-59,"rssi":-81.10,"rxAdj":0,"rssiVar":7.42,"distance":6.58,"var":4.00,"int":2028}"#;
 const BEACON: &str = "iBeacon:426c7565-4368-6172-6d42-6561636f6e73-3838-4949";
 
-fn flat() -> (Espresense, mpsc::Receiver<Report>) {
+fn flat() -> (Espresense, mpsc::Receiver<SourceReport>) {
     let (sender, receiver) = mpsc::channel(100);
     (Espresense::new(House::read(FLAT).expect("a house"), "home".to_owned(), sender), receiver)
 }
 
 /// What comes of a message.
-async fn whats(of: &mut (Espresense, mpsc::Receiver<Report>), topic: &str, payload: &str) -> Vec<ReportKind> {
+async fn whats(of: &mut (Espresense, mpsc::Receiver<SourceReport>), topic: &str, payload: &str) -> Vec<ReportKind> {
     of.0.take(topic, payload.as_bytes(), false).await;
     let mut whats = Vec::new();
     while let Ok(report) = of.1.try_recv() {
@@ -51,7 +51,7 @@ async fn a_device_gets_its_name_once_and_from_the_file_first() {
     let topic = "espresense/devices/irk:1/bedroom";
     let first = whats(&mut flat, topic, r#"{"name": "phone", "rssi": -60}"#).await;
     let name = |what: &ReportKind| match what {
-        ReportKind::Node { node, name, role: Role::Tag, .. } => Some((node.clone(), name.clone())),
+        ReportKind::Node { node, name, role: NodeRole::Tag, .. } => Some((node.clone(), name.clone())),
         _ => None,
     };
     assert_eq!(first.len(), 2);

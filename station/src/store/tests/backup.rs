@@ -9,8 +9,8 @@ use sqlx::migrate::Migrator;
 use super::measurements::{RANGE, measurement, node};
 use super::*;
 use crate::model::{
-    Campaign, CampaignPoint, HealthFigures, Measured, Measurement, NodeHealth, PlacedNode, Plan, Role, Sample, Site, Tag, Zone,
-    ZoneKind,
+    Campaign, CampaignPoint, FloorPlan, HealthFigures, MeasuredValue, NodeHealth, NodeMeasurement, NodeRole,
+    PlacedNode, SiteMap, SurveySample, TagStatus, Zone, ZoneKind,
 };
 use crate::store::open::migrations;
 
@@ -34,17 +34,17 @@ fn assert_no_parts(folder: &Path) {
 
 /// All that the store answers.
 type Answers = (
-    Vec<Tag>,
+    Vec<TagStatus>,
     Vec<TagPosition>,
-    Vec<Event>,
-    Vec<Site>,
+    Vec<StationEvent>,
+    Vec<SiteMap>,
     Vec<u8>,
     Vec<Zone>,
     Vec<PlacedNode>,
     Vec<Campaign>,
-    Vec<Sample>,
+    Vec<SurveySample>,
     Vec<NodeHealth>,
-    Vec<Measurement>,
+    Vec<NodeMeasurement>,
     Vec<PlacedNode>,
 );
 
@@ -77,12 +77,12 @@ async fn fill(store: &Store) {
         .collect();
     store.write(&rows, &[event(1, 5, EventKind::Entered)]).await.unwrap();
     store.compact(at(100_000)).await.unwrap();
-    let bare = Event { zone: None, dwell_s: None, alarm: false, ..event(2, 6, EventKind::Moved) };
+    let bare = StationEvent { zone: None, dwell_s: None, alarm: false, ..event(2, 6, EventKind::Moved) };
     store.write(&[position("b", 600_000)], &[bare]).await.unwrap();
-    let site = Site { walls_m: vec![[[0.0, 0.1], [5.0, 0.3]]], ..Site::new("hall") };
+    let site = SiteMap { walls_m: vec![[[0.0, 0.1], [5.0, 0.3]]], ..SiteMap::new("hall") };
     store.put_site(&site).await.unwrap();
-    store.put_site(&Site { name: "bare".to_owned(), ..site }).await.unwrap();
-    let plan = Plan {
+    store.put_site(&SiteMap { name: "bare".to_owned(), ..site }).await.unwrap();
+    let plan = FloorPlan {
         origin_m: [0.1, -2.0],
         metres_per_pixel: 0.01,
         rotation_rad: 0.0,
@@ -101,7 +101,7 @@ async fn fill(store: &Store) {
             site: "hall".to_owned(),
             node: node.to_owned(),
             name: rssi_1m_dbm.map(|_| "door".to_owned()),
-            role: Role::Beacon,
+            role: NodeRole::Beacon,
             position_m: [0.1, 0.2, 0.3],
             rssi_1m_dbm,
             path_loss_exponent,
@@ -119,14 +119,14 @@ async fn fill(store: &Store) {
     let points = vec![point("p1", Some(1.0 / 3.0)), point("p0", None)];
     let campaign = Campaign { name: "survey".to_owned(), scenario: "hall".to_owned(), created: at(1), points };
     store.create_campaign(&campaign).await.unwrap();
-    let samples = [-61.0, -62.5].map(|rssi_dbm| Sample { beacon: "1-1".to_owned(), rssi_dbm, t_s: 0.1 });
+    let samples = [-61.0, -62.5].map(|rssi_dbm| SurveySample { beacon: "1-1".to_owned(), rssi_dbm, t_s: 0.1 });
     store.add_samples("survey", "p1", &samples).await.unwrap();
     let mut bare = health("0x0101", 60_000);
     bare.health = HealthFigures { success_rate: None, residual_mean_m: None, supply_v: None, ..bare.health };
     store.write_health(&[health("0x0101", 0), bare]).await.unwrap();
-    let ranges = [measurement("a", "0x0101", 10, RANGE), measurement("b", "1-7", 20, Measured::Rssi(-60.5))];
+    let ranges = [measurement("a", "0x0101", 10, RANGE), measurement("b", "1-7", 20, MeasuredValue::Rssi(-60.5))];
     store.write_measurements(&ranges).await.unwrap();
-    store.write_peers(&[node("0x0101", Role::Anchor, Some([1.0, 2.0, 2.5]), None)]).await.unwrap();
+    store.write_peers(&[node("0x0101", NodeRole::Anchor, Some([1.0, 2.0, 2.5]), None)]).await.unwrap();
 }
 
 on_both! {
@@ -294,13 +294,13 @@ on_both! {
         pool.close().await;
         let other = restored(place).await;
         for store in [place.open().await, other.open().await] {
-            let hall = Site { walls_m: vec![[[0.0, 0.5], [5.0, 0.25]]], ..Site::new("hall") };
+            let hall = SiteMap { walls_m: vec![[[0.0, 0.5], [5.0, 0.25]]], ..SiteMap::new("hall") };
             assert_eq!(store.sites().await.unwrap(), std::slice::from_ref(&hall));
             assert_eq!(store.nodes().await.unwrap()[0].position_m, [1.5, -2.0, 0.25]);
             let origin = r#"{"latitude_deg": 40.5, "longitude_deg": -3.75, "y_azimuth_deg": 0}"#;
             let geographic_origin = Some(serde_json::from_str(origin).unwrap());
             store.put_geographic_origin("hall", geographic_origin.as_ref()).await.unwrap();
-            assert_eq!(store.sites().await.unwrap(), [Site { geographic_origin, ..hall }]);
+            assert_eq!(store.sites().await.unwrap(), [SiteMap { geographic_origin, ..hall }]);
         }
         other.remove().await;
     }

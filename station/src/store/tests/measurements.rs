@@ -1,9 +1,9 @@
 //! Measurements, and the nodes that they are to.
 
 use super::*;
-use crate::model::{HealthFigures, Measured, Measurement, Node, PlacedNode, RangeMeasurement, Role};
+use crate::model::{HealthFigures, MeasuredValue, NodeMeasurement, NodeRole, NodeStatus, PlacedNode, RangeMeasurement};
 
-pub const RANGE: Measured = Measured::Range(RangeMeasurement {
+pub const RANGE: MeasuredValue = MeasuredValue::Range(RangeMeasurement {
     range_m: 3.217,
     rx_power_dbm: Some(-81.25),
     first_path_power_dbm: Some(-84.5),
@@ -11,13 +11,13 @@ pub const RANGE: Measured = Measured::Range(RangeMeasurement {
 });
 
 /// A measurement 5 ms before the end of its round.
-pub fn measurement(tag: &str, node: &str, round_ms: i64, what: Measured) -> Measurement {
+pub fn measurement(tag: &str, node: &str, round_ms: i64, what: MeasuredValue) -> NodeMeasurement {
     let (site, tag, node) = ("hall".to_owned(), tag.to_owned(), node.to_owned());
-    Measurement { site, tag, node, round: at(round_ms), t: at(round_ms) - Duration::from_millis(5), what }
+    NodeMeasurement { site, tag, node, round: at(round_ms), t: at(round_ms) - Duration::from_millis(5), what }
 }
 
-pub fn node(name: &str, role: Role, position_m: Option<[f64; 3]>, rssi_1m_dbm: Option<f64>) -> Node {
-    Node {
+pub fn node(name: &str, role: NodeRole, position_m: Option<[f64; 3]>, rssi_1m_dbm: Option<f64>) -> NodeStatus {
+    NodeStatus {
         node: name.to_owned(),
         site: "hall".to_owned(),
         name: None,
@@ -33,7 +33,7 @@ pub fn node(name: &str, role: Role, position_m: Option<[f64; 3]>, rssi_1m_dbm: O
 on_both! {
     async fn measurements_come_back_as_they_were_written_and_once(place) {
         let store = place.open().await;
-        let bare = Measured::Range(RangeMeasurement {
+        let bare = MeasuredValue::Range(RangeMeasurement {
             range_m: 0.0,
             rx_power_dbm: None,
             first_path_power_dbm: None,
@@ -42,8 +42,8 @@ on_both! {
         let rows = [
             measurement("a", "0x0101", 10, RANGE),
             measurement("a", "0x0102", 10, bare),
-            measurement("b", "1-7", 61_000, Measured::Rssi(-60.5)),
-            Measurement { site: "attic".to_owned(), ..measurement("a", "0x0101", 10, RANGE) },
+            measurement("b", "1-7", 61_000, MeasuredValue::Rssi(-60.5)),
+            NodeMeasurement { site: "attic".to_owned(), ..measurement("a", "0x0101", 10, RANGE) },
         ];
         for _ in 0..2 {
             assert_eq!(store.write_measurements(&rows).await.unwrap(), 0);
@@ -63,9 +63,9 @@ on_both! {
         let store = place.open().await;
         store.write_measurements(&[measurement("a", "0x0101", 10, RANGE)]).await.unwrap();
         assert_eq!(store.peers("hall").await.unwrap(), [], "no place is known");
-        let anchor = |x_m| node("0x0101", Role::Anchor, Some([x_m, -2.5, 2.125]), None);
-        let beacon = node("1-7", Role::Beacon, Some([0.0; 3]), Some(-59.5));
-        store.write_peers(&[anchor(1.0), beacon, node("1-8", Role::Beacon, None, None)]).await.unwrap();
+        let anchor = |x_m| node("0x0101", NodeRole::Anchor, Some([x_m, -2.5, 2.125]), None);
+        let beacon = node("1-7", NodeRole::Beacon, Some([0.0; 3]), Some(-59.5));
+        store.write_peers(&[anchor(1.0), beacon, node("1-8", NodeRole::Beacon, None, None)]).await.unwrap();
         store.write_peers(&[anchor(1.5)]).await.unwrap();
         let placed = |node: &str, role, position_m, rssi_1m_dbm: Option<f64>| PlacedNode {
             site: "hall".to_owned(),
@@ -77,8 +77,8 @@ on_both! {
             path_loss_exponent: rssi_1m_dbm.map(|_| 2.25),
         };
         let expected = [
-            placed("0x0101", Role::Anchor, [1.5, -2.5, 2.125], None),
-            placed("1-7", Role::Beacon, [0.0; 3], Some(-59.5)),
+            placed("0x0101", NodeRole::Anchor, [1.5, -2.5, 2.125], None),
+            placed("1-7", NodeRole::Beacon, [0.0; 3], Some(-59.5)),
         ];
         assert_eq!(store.peers("hall").await.unwrap(), expected);
         assert_eq!(store.peers("attic").await.unwrap(), []);

@@ -15,7 +15,7 @@ use std::sync::Once;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use super::*;
-use crate::model::{Event, EventKind, HealthFigures, NodeHealth, TagPosition};
+use crate::model::{EventKind, HealthFigures, NodeHealth, StationEvent, TagPosition};
 
 /// A place for a store, empty at first.
 pub struct Place {
@@ -127,8 +127,8 @@ pub fn times(positions: &[TagPosition]) -> Vec<i64> {
     positions.iter().map(|position| (position.t.us() - at(0).us()) / 1000).collect()
 }
 
-pub fn event(id: i64, ms: i64, kind: EventKind) -> Event {
-    Event {
+pub fn event(id: i64, ms: i64, kind: EventKind) -> StationEvent {
+    StationEvent {
         id,
         t: at(ms),
         site: "hall".to_owned(),

@@ -2,13 +2,14 @@
 
 use super::*;
 use crate::model::{
-    Campaign, CampaignPoint, GeographicOrigin, HealthFigures, NodeHealth, PlacedNode, Plan, Role, Sample, Site, Zone, ZoneKind,
+    Campaign, CampaignPoint, FloorPlan, GeographicOrigin, HealthFigures, NodeHealth, NodeRole, PlacedNode, SiteMap,
+    SurveySample, Zone, ZoneKind,
 };
 
 const HOSTILE: [&str; 5] =
     ["'; DROP TABLE sites; --", "<script>alert(1)</script>", "\u{1f9ed} naïve\n\"quoted\" $1 ?1 %s \\", "", " "];
 
-fn ids(events: &[Event]) -> Vec<i64> {
+fn ids(events: &[StationEvent]) -> Vec<i64> {
     events.iter().map(|event| event.id).collect()
 }
 
@@ -35,7 +36,7 @@ on_both! {
         let mut events = Vec::new();
         use EventKind::*;
         for (id, kind) in (1..).zip([Entered, Left, Silent, Back, Moved, Uncertain, LowSupply]) {
-            events.push(Event { alarm: id % 2 == 0, ..event(id, id * 7, kind) });
+            events.push(StationEvent { alarm: id % 2 == 0, ..event(id, id * 7, kind) });
         }
         events[2].zone = None;
         events[3].dwell_s = None;
@@ -50,7 +51,7 @@ on_both! {
             site: site.to_owned(),
             node: node.to_owned(),
             name: name.map(str::to_owned),
-            role: Role::Receiver,
+            role: NodeRole::Receiver,
             position_m: [1.234_567_8, -2.0, 0.0],
             rssi_1m_dbm: name.map(|_| -61.5),
             path_loss_exponent: name.map(|_| 2.2),
@@ -60,7 +61,7 @@ on_both! {
         for node in &nodes {
             store.put_node(node).await.unwrap();
         }
-        nodes[0].role = Role::Beacon;
+        nodes[0].role = NodeRole::Beacon;
         store.put_node(&nodes[0]).await.unwrap();
         let mut read = store.nodes().await.unwrap();
         assert_eq!(read[0], nodes[0]);
@@ -81,7 +82,7 @@ on_both! {
             .map(|id| {
                 let kind = if id % 2 == 1 { EventKind::Entered } else { EventKind::Left };
                 let site = if id % 5 == 0 { "yard" } else { "hall" };
-                Event { site: site.to_owned(), ..event(id, id * 1000, kind) }
+                StationEvent { site: site.to_owned(), ..event(id, id * 1000, kind) }
             })
             .collect();
         store.write(&[], &events).await.unwrap();
@@ -136,7 +137,7 @@ on_both! {
         let store = place.open().await;
         for name in HOSTILE {
             let name = name.to_owned();
-            store.put_site(&Site::new(&name)).await.unwrap();
+            store.put_site(&SiteMap::new(&name)).await.unwrap();
             let zone = Zone {
                 site: name.clone(), name: name.clone(), kind: ZoneKind::Room, corners_m: vec![], alarm: false
             };
@@ -145,11 +146,11 @@ on_both! {
             let room = Some(name.clone());
             let position = TagPosition { site: name.clone(), tag: name.clone(), room, ..position("", 1) };
             let zone = Some(name.clone());
-            let event = Event { site: name.clone(), node: name.clone(), zone, ..event(1, 1, EventKind::Left) };
+            let event = StationEvent { site: name.clone(), node: name.clone(), zone, ..event(1, 1, EventKind::Left) };
             store.write(std::slice::from_ref(&position), std::slice::from_ref(&event)).await.unwrap();
             assert_eq!(store.positions(&name, &name, EVER(), 10).await.unwrap(), [position]);
             store.create_campaign(&campaign(&name, &[&name])).await.unwrap();
-            let sample = Sample { beacon: name.clone(), rssi_dbm: -70.5, t_s: 0.1 };
+            let sample = SurveySample { beacon: name.clone(), rssi_dbm: -70.5, t_s: 0.1 };
             store.add_samples(&name, &name, std::slice::from_ref(&sample)).await.unwrap();
             assert_eq!(store.samples(&name, &name, 0, 10).await.unwrap(), [sample]);
             assert_eq!(store.campaign(&name).await.unwrap().points[0].room, Some(name));
@@ -163,7 +164,7 @@ on_both! {
 
     async fn the_character_nul_is_kept_or_refused_by_name(place) {
         let store = place.open().await;
-        let site = Site::new("a\0b");
+        let site = SiteMap::new("a\0b");
         match store.put_site(&site).await {
             Ok(()) => assert_eq!(store.sites().await.unwrap(), [site]),
             Err(error) => assert_eq!(error.to_string(), "a text contains the character U+0000"),
@@ -172,7 +173,7 @@ on_both! {
 
     async fn a_site_keeps_its_plan_when_its_walls_are_replaced(place) {
         let store = place.open().await;
-        let plan = Plan {
+        let plan = FloorPlan {
             origin_m: [0.1, 20.0],
             metres_per_pixel: 0.013,
             rotation_rad: 0.2,
@@ -181,16 +182,16 @@ on_both! {
             media_type: "image/png".to_owned(),
         };
         assert!(matches!(store.put_plan("hall", &plan, None).await, Err(StoreError::Missing(_))));
-        store.put_site(&Site::new("hall")).await.unwrap();
+        store.put_site(&SiteMap::new("hall")).await.unwrap();
         assert!(matches!(store.picture("hall").await, Err(StoreError::Missing(_))));
         let picture: Vec<u8> = (0..=255).cycle().take(300_000).collect();
         store.put_plan("hall", &plan, Some(&picture)).await.unwrap();
         let walls_m = vec![[[0.0, 0.0], [10.25, 0.1]]];
-        store.put_site(&Site { walls_m: walls_m.clone(), ..Site::new("hall") }).await.unwrap();
-        let plan = Plan { metres_per_pixel: 0.014, ..plan };
+        store.put_site(&SiteMap { walls_m: walls_m.clone(), ..SiteMap::new("hall") }).await.unwrap();
+        let plan = FloorPlan { metres_per_pixel: 0.014, ..plan };
         store.put_plan("hall", &plan, None).await.unwrap();
         let store = place.open().await;
-        assert_eq!(store.sites().await.unwrap(), [Site { walls_m, plan: Some(plan), ..Site::new("hall") }]);
+        assert_eq!(store.sites().await.unwrap(), [SiteMap { walls_m, plan: Some(plan), ..SiteMap::new("hall") }]);
         assert_eq!(store.picture("hall").await.unwrap(), picture);
         assert!(matches!(store.picture("yard").await, Err(StoreError::Missing(_))));
     }
@@ -201,18 +202,18 @@ on_both! {
         let origin: GeographicOrigin = serde_json::from_str(text).unwrap();
         assert!(matches!(store.put_geographic_origin("hall", Some(&origin)).await, Err(StoreError::Missing(_))));
         for name in ["hall", "yard"] {
-            store.put_site(&Site::new(name)).await.unwrap();
+            store.put_site(&SiteMap::new(name)).await.unwrap();
         }
         store.put_geographic_origin("hall", Some(&origin)).await.unwrap();
         let walls_m = vec![[[0.0, 0.0], [10.25, 0.1]]];
-        let hall = Site { walls_m, ..Site::new("hall") };
+        let hall = SiteMap { walls_m, ..SiteMap::new("hall") };
         store.put_site(&hall).await.unwrap();
         let store = place.open().await;
         let read = store.sites().await.unwrap();
-        assert_eq!(read, [Site { geographic_origin: Some(origin), ..hall.clone() }, Site::new("yard")]);
+        assert_eq!(read, [SiteMap { geographic_origin: Some(origin), ..hall.clone() }, SiteMap::new("yard")]);
         assert_eq!(serde_json::to_string(&read[0].geographic_origin).unwrap(), text);
         store.put_geographic_origin("hall", None).await.unwrap();
-        assert_eq!(store.sites().await.unwrap(), [hall, Site::new("yard")]);
+        assert_eq!(store.sites().await.unwrap(), [hall, SiteMap::new("yard")]);
     }
 
     async fn a_zone_is_replaced_and_deleted(place) {
@@ -254,7 +255,7 @@ on_both! {
         assert_eq!(store.campaign("second floor").await.unwrap(), made);
 
         let samples: Vec<_> = (0..300)
-            .map(|i| Sample { beacon: format!("1-{i}"), rssi_dbm: -60.25 - f64::from(i), t_s: f64::from(i) / 3.0 })
+            .map(|i| SurveySample { beacon: format!("1-{i}"), rssi_dbm: -60.25 - f64::from(i), t_s: f64::from(i) / 3.0 })
             .collect();
         store.add_samples("second floor", "1", &samples[..20]).await.unwrap();
         store.add_samples("second floor", "1", &[]).await.unwrap();

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use clap::ValueEnum;
-use station_core::state::{Alarms, Limits};
+use station_core::state::{Alarms, StateLimits};
 
 use host_tools::cli::numbers::positive;
 
@@ -14,16 +14,16 @@ pub struct Limiting {
     #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     silent_s: u64,
     /// Positions by ranges with a greater standard deviation are uncertain, metres
-    #[arg(long, value_name = "M", default_value_t = Limits::default().uncertain_m, value_parser = positive)]
+    #[arg(long, value_name = "M", default_value_t = StateLimits::default().uncertain_m, value_parser = positive)]
     uncertain_m: f64,
     /// The same of positions by RSSI alone, metres
-    #[arg(long, value_name = "M", default_value_t = Limits::default().uncertain_rssi_m, value_parser = positive)]
+    #[arg(long, value_name = "M", default_value_t = StateLimits::default().uncertain_rssi_m, value_parser = positive)]
     uncertain_rssi_m: f64,
     /// An anchor with a greater mean residual was moved, metres
-    #[arg(long, value_name = "M", default_value_t = Limits::default().moved_m, value_parser = positive)]
+    #[arg(long, value_name = "M", default_value_t = StateLimits::default().moved_m, value_parser = positive)]
     moved_m: f64,
     /// The supply of a node is low below this voltage, volts
-    #[arg(long, value_name = "V", default_value_t = Limits::default().low_supply_v, value_parser = positive)]
+    #[arg(long, value_name = "V", default_value_t = StateLimits::default().low_supply_v, value_parser = positive)]
     low_supply_v: f64,
     /// Events that are no alarms; all of these kinds are, and a zone's entry as the zone says
     #[arg(long, value_name = "KINDS", value_delimiter = ',')]
@@ -41,9 +41,9 @@ enum Kind {
 
 impl Limiting {
     /// The limits of the live state.
-    pub fn limits(&self) -> Limits {
+    pub fn limits(&self) -> StateLimits {
         let is_alarm = |kind| !self.no_alarm.contains(&kind);
-        Limits {
+        StateLimits {
             silent_after: Duration::from_secs(self.silent_s),
             uncertain_m: self.uncertain_m,
             uncertain_rssi_m: self.uncertain_rssi_m,
@@ -55,7 +55,7 @@ impl Limiting {
                 uncertain: is_alarm(Kind::Uncertain),
                 low_supply: is_alarm(Kind::LowSupply),
             },
-            ..Limits::default()
+            ..StateLimits::default()
         }
     }
 }
@@ -75,17 +75,17 @@ mod tests {
     #[test]
     fn each_flag_sets_its_limit() {
         let limits = |arguments: &str| Command::parse_from(arguments.split(' ')).limiting.limits();
-        assert_eq!(limits("serve"), Limits::default());
+        assert_eq!(limits("serve"), StateLimits::default());
         let given = limits("serve --uncertain-m 1 --uncertain-rssi-m 2 --moved-m 4 --low-supply-v 5 --silent-s 6");
         assert_eq!(
             given,
-            Limits {
+            StateLimits {
                 silent_after: Duration::from_secs(6),
                 uncertain_m: 1.0,
                 uncertain_rssi_m: 2.0,
                 moved_m: 4.0,
                 low_supply_v: 5.0,
-                ..Limits::default()
+                ..StateLimits::default()
             }
         );
     }

@@ -19,12 +19,12 @@ use anyhow::{Context, Result};
 use node_link::provision::SiteNames;
 use sim::scenario::Scenario;
 use station_core::api::{self, App, Tls};
-use station_core::model::{GeographicOrigin, PlacedNode, Site, Zone};
+use station_core::model::{GeographicOrigin, PlacedNode, SiteMap, Zone};
 use station_core::mqtt::{self as broker, Mqtt};
-use station_core::state::Limits;
+use station_core::state::StateLimits;
 use station_core::store::Retention;
 use station_core::webhooks::{Patience, Webhook, Webhooks};
-use station_core::{Hub, Live, Report, ReportKind, Store, Utc};
+use station_core::{Hub, LiveState, ReportKind, SourceReport, Store, Utc};
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 
@@ -100,7 +100,7 @@ pub(super) struct InputArguments {
 
 impl InputArguments {
     /// When a tag or an anchor counts as something.
-    pub(super) fn limits(&self) -> Limits {
+    pub(super) fn limits(&self) -> StateLimits {
         self.limiting.limits()
     }
 }
@@ -187,7 +187,7 @@ async fn serve(arguments: &Arguments, url: &str, network: Network, sources: Sour
         measurements: days(arguments.measurement_days),
     };
     let (earlier, placed) = (store.tags().await?, store.nodes().await?);
-    let mut live = Live::new(arguments.inputs.limits());
+    let mut live = LiveState::new(arguments.inputs.limits());
     live.set_zones(store.zones().await?);
     live.set_geographic_origins(&store.sites().await?);
     let (hub, writing) = Hub::start(live, store.clone(), retention).await?;
@@ -229,7 +229,7 @@ pub(super) struct Sources {
     /// Each with its name.
     sources: Vec<(String, OpenSource)>,
     simulation: Option<(Scenario, SimulatedSite)>,
-    mqtt: Option<broker::Settings>,
+    mqtt: Option<broker::MqttSettings>,
 }
 
 impl Sources {
@@ -237,7 +237,7 @@ impl Sources {
     ///
     /// # Errors
     /// A file is wrong, or a source cannot be opened.
-    pub(super) fn of(arguments: &InputArguments, mqtt: Option<broker::Settings>) -> Result<Self> {
+    pub(super) fn of(arguments: &InputArguments, mqtt: Option<broker::MqttSettings>) -> Result<Self> {
         let sources = arguments.sources.iter().map(|spec| {
             let source = spec.open()?;
             let (asked, name) = (spec.to_string(), source.name_of(spec));
@@ -259,7 +259,7 @@ impl Sources {
             (scenario, site)
         });
         let mut zones = crate::zones(&arguments.site_name, &rooms);
-        zones.extend(mqtt.iter().flat_map(broker::Settings::zones));
+        zones.extend(mqtt.iter().flat_map(broker::MqttSettings::zones));
         Ok(Self { site: arguments.site_name.clone(), zones, names, sources, simulation, mqtt })
     }
 
@@ -275,9 +275,9 @@ impl Sources {
     }
 
     /// The sites, and the rooms of each.
-    pub(super) fn sites(&self) -> Vec<(Site, Vec<Zone>)> {
+    pub(super) fn sites(&self) -> Vec<(SiteMap, Vec<Zone>)> {
         let origin = self.names.geographic_origin();
-        let own = Site { geographic_origin: origin.map(GeographicOrigin), ..Site::new(&self.site) };
+        let own = SiteMap { geographic_origin: origin.map(GeographicOrigin), ..SiteMap::new(&self.site) };
         let own = (!self.is_simulation()).then(|| (own, self.zones.clone()));
         let simulated = self.simulation.as_ref().map(|(_, site)| (site.site.clone(), site.zones.clone()));
         own.into_iter().chain(simulated).collect()
@@ -318,7 +318,7 @@ impl Sources {
         hub: &Hub,
         placed: &[PlacedNode],
         note: impl Fn(&str) + Clone + Send + 'static,
-    ) -> Option<broker::Settings> {
+    ) -> Option<broker::MqttSettings> {
         let nodes = crate::nodes(&self.site, &self.names, Utc::now());
         let simulated = self.simulation.iter().flat_map(|(_, site)| site.nodes.clone()).collect::<Vec<_>>();
         let receivers = self.mqtt.iter().flat_map(|mqtt| mqtt.receivers(Utc::now())).collect::<Vec<_>>();
@@ -352,11 +352,11 @@ impl Sources {
 }
 
 /// Whether a report of the site's file is of this node, with another position.
-fn is_elsewhere(report: &Report, placed: &PlacedNode) -> bool {
+fn is_elsewhere(report: &SourceReport, placed: &PlacedNode) -> bool {
     let ReportKind::Node { node, position_m: Some(position_m), .. } = &report.what else { return false };
     (&report.site, node) == (&placed.site, &placed.node) && *position_m != placed.position_m
 }
 
-fn sender(reports: mpsc::Sender<Report>) -> impl FnMut(Report) -> bool {
+fn sender(reports: mpsc::Sender<SourceReport>) -> impl FnMut(SourceReport) -> bool {
     move |report| reports.blocking_send(report).is_ok()
 }

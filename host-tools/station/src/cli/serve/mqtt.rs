@@ -6,7 +6,7 @@ use std::time::Duration;
 use recording::UserError;
 use recording::read_text;
 use station_core::mqtt::espresense::{House, NoHouse};
-use station_core::mqtt::{Broker, NoBroker, Settings, Topics};
+use station_core::mqtt::{Broker, MqttSettings, NoBroker, Topics};
 
 /// Where the broker's password may be.
 const PASSWORD: &str = "BALIZA_MQTT_PASSWORD";
@@ -45,7 +45,7 @@ pub struct MqttArguments {
 
 impl MqttArguments {
     /// What the flags say; none without `--mqtt`. The house belongs to `site`.
-    pub fn read(&self, site: &str) -> Result<Option<Settings>, UserError> {
+    pub fn read(&self, site: &str) -> Result<Option<MqttSettings>, UserError> {
         let Some(url) = &self.mqtt else { return Ok(None) };
         let password = match &self.mqtt_password_file {
             Some(file) => Some(read_text(file)?.trim_end_matches(['\r', '\n']).to_owned()),
@@ -69,7 +69,7 @@ impl MqttArguments {
                 NoHouse::Yaml { line: None, text } | NoHouse::Value(text) => UserError::file(file, text),
             })
         });
-        Ok(Some(Settings {
+        Ok(Some(MqttSettings {
             broker,
             topics: topics("--mqtt-prefix", &self.mqtt_prefix)?,
             every: Duration::from_secs_f64(self.mqtt_every_s),

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use crate::{read_oidc, read_tokens};
 use recording::UserError;
-use station_core::api::{Access, Network, Proxies};
+use station_core::api::{Access, IpNetwork, Proxies};
 use station_core::oidc::Oidc;
 
 /// The flags.
@@ -21,7 +21,7 @@ pub struct SignInArguments {
     /// A reverse proxy in front of the station: the client's address is what it says in X-Forwarded-For or Forwarded.
     /// May be given for each of several
     #[arg(long, value_name = "IP[/BITS]")]
-    trusted_proxy: Vec<Network>,
+    trusted_proxy: Vec<IpNetwork>,
 }
 
 /// Who may use the station.

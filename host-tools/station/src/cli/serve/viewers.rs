@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use recording::UserError;
 use station_core::Hub;
 use station_core::net::is_loopback_name;
-use station_core::nmea::{Nmea, Port};
+use station_core::nmea::{Nmea, NmeaPort};
 use tokio::net::TcpListener;
 use tokio::task::JoinSet;
 
@@ -116,7 +116,7 @@ impl Listening {
         let Self { site, nmea, foxglove } = self;
         let ports = nmea.into_iter().map(|(tag, listener)| {
             let listener = TcpListener::from_std(listener).context("cannot use a port of --nmea")?;
-            Ok(Port { tag, site: Some(site.clone()), listener })
+            Ok(NmeaPort { tag, site: Some(site.clone()), listener })
         });
         let nmea = Nmea::start(hub, ports.collect::<Result<_>>()?, silent_after);
         let mut serving = JoinSet::new();

@@ -8,8 +8,8 @@ use std::collections::HashSet;
 use serde::Deserialize;
 
 use crate::bounds::{LONGEST_NAME, is_name};
-use crate::model::{Role, Zone, ZoneKind};
-use crate::{Report, ReportKind, Utc};
+use crate::model::{NodeRole, Zone, ZoneKind};
+use crate::{ReportKind, SourceReport, Utc};
 
 /// Between two floors on the plan, metres.
 const GAP_M: f64 = 3.0;
@@ -183,14 +183,14 @@ impl House {
     }
 
     /// Its receivers, as reports of a site.
-    pub fn nodes(&self, site: &str, t: Utc) -> Vec<Report> {
+    pub fn nodes(&self, site: &str, t: Utc) -> Vec<SourceReport> {
         let what = |receiver: &Receiver| ReportKind::Node {
             node: receiver.node.clone(),
             name: Some(receiver.name.clone()),
-            role: Role::Receiver,
+            role: NodeRole::Receiver,
             position_m: Some(receiver.position_m),
         };
-        self.receivers.iter().map(|receiver| Report { t, site: site.to_owned(), what: what(receiver) }).collect()
+        self.receivers.iter().map(|receiver| SourceReport { t, site: site.to_owned(), what: what(receiver) }).collect()
     }
 
     /// Whether a device is wanted, and what the file says of it. `name` is what its receiver calls it.

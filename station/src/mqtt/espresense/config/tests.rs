@@ -68,7 +68,7 @@ fn receivers_are_on_their_floors_under_the_names_of_their_topics() {
         .nodes("home", Utc::default())
         .into_iter()
         .map(|report| match report.what {
-            ReportKind::Node { node, position_m: Some([x, y, z]), role: Role::Receiver, .. } => (node, x, y, z),
+            ReportKind::Node { node, position_m: Some([x, y, z]), role: NodeRole::Receiver, .. } => (node, x, y, z),
             other => panic!("{other:?}"),
         })
         .collect();
