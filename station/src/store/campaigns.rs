@@ -14,10 +14,6 @@ use crate::model::{Campaign, CampaignPoint, SurveySample};
 static INSERT_SAMPLES: LazyLock<MultiRowInsert> =
     LazyLock::new(|| MultiRowInsert::new("INSERT INTO samples (point, number, beacon, rssi_dbm, t_s)", 5, ""));
 
-fn no_campaign(name: &str) -> StoreError {
-    StoreError::Missing(format!("campaign {name:?}"))
-}
-
 fn no_point(campaign: &str, point: &str) -> StoreError {
     StoreError::Missing(format!("point {point:?} of campaign {campaign:?}"))
 }
@@ -44,7 +40,7 @@ impl Store {
             .bind(name)
             .fetch_optional(&mut *tx)
             .await?
-            .ok_or_else(|| no_campaign(name))?;
+            .ok_or_else(|| StoreError::Missing(format!("campaign {name:?}")))?;
         let points = sqlx::query(
             "SELECT campaign, name, x_m, y_m, z_m, room, samples FROM points WHERE campaign = $1 ORDER BY id",
         );
@@ -79,12 +75,8 @@ impl Store {
 
     /// Deletes a campaign with its points and samples.
     pub async fn delete_campaign(&self, name: &str) -> Result<()> {
-        let mut writing = self.begin().await?;
         let delete = sqlx::query("DELETE FROM campaigns WHERE name = $1").bind(name);
-        if delete.execute(&mut *writing.tx).await?.rows_affected() == 0 {
-            return Err(no_campaign(name));
-        }
-        Ok(writing.tx.commit().await?)
+        self.change(delete, || format!("campaign {name:?}")).await
     }
 
     /// A point of a campaign.

@@ -1,6 +1,8 @@
 //! Events out of the store.
 
-use super::rows::{get, name_of, variant};
+use sqlx::any::AnyRow;
+
+use super::rows::{get, name_of, real, variant};
 use super::{Result, Span, Store};
 use crate::Utc;
 use crate::model::{EventKind, StationEvent};
@@ -56,20 +58,19 @@ impl Store {
         }
         let rows = query.fetch_all(&mut *tx).await?;
         tx.commit().await?;
-        let mut events = Vec::with_capacity(rows.len());
-        for row in rows {
-            events.push(StationEvent {
-                id: get(&row, 0)?,
-                t: Utc::clamped(get(&row, 1)?),
-                site: get(&row, 2)?,
-                kind: variant(&row, 3)?,
-                node: get(&row, 4)?,
-                zone: get(&row, 5)?,
-                dwell_s: get::<Option<i64>>(&row, 6)?.map(|us| us as f64 / 1e6),
-                alarm: get::<i64>(&row, 7)? != 0,
-            });
-        }
-        Ok(events)
+        let event = |row: &AnyRow| {
+            Ok(StationEvent {
+                id: get(row, 0)?,
+                t: Utc::clamped(get(row, 1)?),
+                site: get(row, 2)?,
+                kind: variant(row, 3)?,
+                node: get(row, 4)?,
+                zone: get(row, 5)?,
+                dwell_s: real(row, 6, 1e6)?,
+                alarm: get::<i64>(row, 7)? != 0,
+            })
+        };
+        rows.iter().map(event).collect()
     }
 
     /// The greatest id of an event; 0 where there is none.

@@ -2,18 +2,31 @@
 
 use std::sync::LazyLock;
 
+use sqlx::AssertSqlSafe;
 use sqlx::any::AnyRow;
 
 use super::key::{MINUTE_MS, ms, utc};
-use super::rows::{MultiRowInsert, UnboundStatement, get, real, whole};
+use super::rows::{MultiRowInsert, StoredNumber, UnboundStatement, columns_of, get, whole};
 use super::{Result, Span, Store};
 use crate::model::{HealthFigures, NodeHealth};
 
+/// Figures that may be unknown: their columns, and how many parts of a unit these count.
+const FIGURES: [StoredNumber<HealthFigures>; 6] = [
+    StoredNumber { column: "success_permille", parts: 1000.0, of: |figures| &mut figures.success_rate },
+    StoredNumber { column: "residual_mean_mm", parts: 1000.0, of: |figures| &mut figures.residual_mean_m },
+    StoredNumber { column: "residual_sigma_mm", parts: 1000.0, of: |figures| &mut figures.residual_sigma_m },
+    StoredNumber {
+        column: "first_path_minus_received_cdb",
+        parts: 100.0,
+        of: |figures| &mut figures.first_path_minus_received_db,
+    },
+    StoredNumber { column: "clock_offset_ppb", parts: 1000.0, of: |figures| &mut figures.clock_offset_ppm },
+    StoredNumber { column: "supply_mv", parts: 1000.0, of: |figures| &mut figures.supply_v },
+];
+
 static INSERT: LazyLock<MultiRowInsert> = LazyLock::new(|| {
-    let before = "INSERT INTO health \
-         (site, node, minute, rate_chz, success_permille, residual_mean_mm, residual_sigma_mm, \
-         first_path_minus_received_cdb, clock_offset_ppb, supply_mv, moved)";
-    MultiRowInsert::new(before, 11, "ON CONFLICT (site, node, minute) DO NOTHING")
+    let before = format!("INSERT INTO health (site, node, minute, rate_chz, moved, {})", columns_of(&FIGURES));
+    MultiRowInsert::new(&before, 5 + FIGURES.len(), "ON CONFLICT (site, node, minute) DO NOTHING")
 });
 
 impl Store {
@@ -28,47 +41,30 @@ impl Store {
     pub async fn health(&self, site: &str, node: &str, span: Span, limit: u32) -> Result<Vec<NodeHealth>> {
         let (from, to) = span.ms();
         let up = |ms: i64| (ms + MINUTE_MS - 1) / MINUTE_MS;
-        let rows = sqlx::query(
-            "SELECT minute, rate_chz, success_permille, residual_mean_mm, residual_sigma_mm, \
-             first_path_minus_received_cdb, clock_offset_ppb, supply_mv, moved FROM health \
+        let rows = sqlx::query(AssertSqlSafe(format!(
+            "SELECT minute, rate_chz, moved, {} FROM health \
              WHERE site = $1 AND node = $2 AND minute >= $3 AND minute < $4 ORDER BY minute DESC LIMIT $5",
-        );
+            columns_of(&FIGURES)
+        )));
         let rows = rows.bind(site).bind(node).bind(up(from)).bind(up(to)).bind(i64::from(limit));
         let rows = rows.fetch_all(&self.pool).await?;
-        let health = |row| {
+        let health = |row: &AnyRow| {
             let t = utc(get::<i64>(row, 0)? * MINUTE_MS);
-            Ok(NodeHealth { site: site.to_owned(), node: node.to_owned(), t, health: figures(row)? })
+            let (rate_hz, moved) = (get::<i64>(row, 1)? as f64 / 100.0, get::<i64>(row, 2)? != 0);
+            let mut health = HealthFigures { rate_hz, moved, ..HealthFigures::default() };
+            FIGURES.iter().zip(3..).try_for_each(|(figure, column)| figure.read(row, column, &mut health))?;
+            Ok(NodeHealth { site: site.to_owned(), node: node.to_owned(), t, health })
         };
         rows.iter().map(health).collect()
     }
 }
 
-/// The figures of a row, after its minute.
-fn figures(row: &AnyRow) -> Result<HealthFigures> {
-    Ok(HealthFigures {
-        rate_hz: get::<i64>(row, 1)? as f64 / 100.0,
-        success_rate: real(row, 2, 1000.0)?,
-        residual_mean_m: real(row, 3, 1000.0)?,
-        residual_sigma_m: real(row, 4, 1000.0)?,
-        first_path_minus_received_db: real(row, 5, 100.0)?,
-        clock_offset_ppm: real(row, 6, 1000.0)?,
-        supply_v: real(row, 7, 1000.0)?,
-        moved: get::<i64>(row, 8)? != 0,
-    })
-}
-
 fn bind<'q>(query: UnboundStatement<'q>, row: &NodeHealth) -> UnboundStatement<'q> {
-    let figures = &row.health;
-    query
+    let query = query
         .bind(row.site.clone())
         .bind(row.node.clone())
         .bind(ms(row.t) / MINUTE_MS)
-        .bind(whole(figures.rate_hz, 100.0))
-        .bind(figures.success_rate.map(|rate| whole(rate, 1000.0)))
-        .bind(figures.residual_mean_m.map(|m| whole(m, 1000.0)))
-        .bind(figures.residual_sigma_m.map(|m| whole(m, 1000.0)))
-        .bind(figures.first_path_minus_received_db.map(|db| whole(db, 100.0)))
-        .bind(figures.clock_offset_ppm.map(|ppm| whole(ppm, 1000.0)))
-        .bind(figures.supply_v.map(|v| whole(v, 1000.0)))
-        .bind(i16::from(figures.moved))
+        .bind(whole(row.health.rate_hz, 100.0))
+        .bind(i16::from(row.health.moved));
+    FIGURES.iter().fold(query, |query, figure| query.bind(figure.whole(row.health)))
 }

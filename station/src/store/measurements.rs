@@ -3,18 +3,26 @@
 use std::sync::LazyLock;
 use std::time::Duration;
 
+use sqlx::AssertSqlSafe;
 use sqlx::any::AnyRow;
 
 use super::key::{MINUTE, MINUTE_MS, key, ms, ms_of, utc};
-use super::rows::{MultiRowInsert, UnboundStatement, get, name_of, real, variant, whole};
+use super::rows::{MultiRowInsert, StoredNumber, UnboundStatement, columns_of, get, name_of, real, variant, whole};
 use super::write::{Seen, millimetres};
 use super::{Result, Span, Store, StoreError};
 use crate::model::{MeasuredValue, NodeMeasurement, NodeStatus, PlacedNode, RangeMeasurement};
 
+/// Numbers of a range that may be unknown: their columns, and how many parts of a unit these count. The power of a
+/// sighting is its RSSI.
+const NUMBERS: [StoredNumber<RangeMeasurement>; 3] = [
+    StoredNumber { column: "power_cdbm", parts: 100.0, of: |range| &mut range.rx_power_dbm },
+    StoredNumber { column: "first_path_power_cdbm", parts: 100.0, of: |range| &mut range.first_path_power_dbm },
+    StoredNumber { column: "clock_offset_ppb", parts: 1000.0, of: |range| &mut range.clock_offset_ppm },
+];
+
 static INSERT: LazyLock<MultiRowInsert> = LazyLock::new(|| {
-    let before = "INSERT INTO measurements \
-         (key, peer, before_ms, range_mm, power_cdbm, first_path_power_cdbm, clock_offset_ppb)";
-    MultiRowInsert::new(before, 7, "ON CONFLICT (key, peer, before_ms) DO NOTHING")
+    let before = format!("INSERT INTO measurements (key, peer, before_ms, range_mm, {})", columns_of(&NUMBERS));
+    MultiRowInsert::new(&before, 4 + NUMBERS.len(), "ON CONFLICT (key, peer, before_ms) DO NOTHING")
 });
 
 /// A measurement as it is stored.
@@ -23,64 +31,46 @@ struct Stored {
     peer: i64,
     before_ms: i32,
     range_mm: Option<i32>,
-    power_cdbm: Option<i32>,
-    first_path_power_cdbm: Option<i32>,
-    clock_offset_ppb: Option<i32>,
+    numbers: [Option<i32>; NUMBERS.len()],
 }
 
 impl Stored {
     fn new(measurement: &NodeMeasurement, tag: i64, peer: i64) -> Self {
         let NodeMeasurement { round, t, what, .. } = measurement;
-        let (range_m, power_dbm, first_path_dbm, offset_ppm) = match *what {
-            MeasuredValue::Range(RangeMeasurement {
-                range_m,
-                rx_power_dbm,
-                first_path_power_dbm,
-                clock_offset_ppm,
-            }) => (Some(range_m), rx_power_dbm, first_path_power_dbm, clock_offset_ppm),
-            MeasuredValue::Rssi(rssi_dbm) => (None, Some(rssi_dbm), None, None),
+        let (range_mm, range) = match *what {
+            MeasuredValue::Range(range) => (Some(millimetres(range.range_m)), range),
+            MeasuredValue::Rssi(dbm) => (None, RangeMeasurement { rx_power_dbm: Some(dbm), ..Default::default() }),
         };
         Self {
             key: key(ms(*round), tag),
             peer,
             before_ms: i32::try_from(ms(*round) - ms(*t)).unwrap_or_default().max(0),
-            range_mm: range_m.map(millimetres),
-            power_cdbm: power_dbm.map(|dbm| whole(dbm, 100.0)),
-            first_path_power_cdbm: first_path_dbm.map(|dbm| whole(dbm, 100.0)),
-            clock_offset_ppb: offset_ppm.map(|ppm| whole(ppm, 1000.0)),
+            range_mm,
+            numbers: NUMBERS.each_ref().map(|number| number.whole(range)),
         }
     }
 
     fn bind<'q>(query: UnboundStatement<'q>, row: &Self) -> UnboundStatement<'q> {
-        query
-            .bind(row.key)
-            .bind(row.peer)
-            .bind(row.before_ms)
-            .bind(row.range_mm)
-            .bind(row.power_cdbm)
-            .bind(row.first_path_power_cdbm)
-            .bind(row.clock_offset_ppb)
+        let query = query.bind(row.key).bind(row.peer).bind(row.before_ms).bind(row.range_mm);
+        row.numbers.iter().fold(query, |query, number| query.bind(*number))
     }
 }
 
-/// The measurement of a row with key, `before_ms`, range, powers, clock offset, tag and node.
+/// The measurement of a row with key, `before_ms`, tag, node, range and [`NUMBERS`].
 fn measurement(site: &str, row: &AnyRow) -> Result<NodeMeasurement> {
     let round = utc(ms_of(get(row, 0)?));
     let before_ms: i64 = get(row, 1)?;
-    let (power_dbm, no_power) = (real(row, 3, 100.0)?, || StoreError::Damaged("a sighting has no RSSI".to_owned()));
-    let what = match real(row, 2, 1000.0)? {
-        Some(range_m) => MeasuredValue::Range(RangeMeasurement {
-            range_m,
-            rx_power_dbm: power_dbm,
-            first_path_power_dbm: real(row, 4, 100.0)?,
-            clock_offset_ppm: real(row, 5, 1000.0)?,
-        }),
-        None => MeasuredValue::Rssi(power_dbm.ok_or_else(no_power)?),
+    let mut range = RangeMeasurement::default();
+    NUMBERS.iter().zip(5..).try_for_each(|(number, column)| number.read(row, column, &mut range))?;
+    let no_power = || StoreError::Damaged("a sighting has no RSSI".to_owned());
+    let what = match real(row, 4, 1000.0)? {
+        Some(range_m) => MeasuredValue::Range(RangeMeasurement { range_m, ..range }),
+        None => MeasuredValue::Rssi(range.rx_power_dbm.ok_or_else(no_power)?),
     };
     Ok(NodeMeasurement {
         site: site.to_owned(),
-        tag: get(row, 6)?,
-        node: get(row, 7)?,
+        tag: get(row, 2)?,
+        node: get(row, 3)?,
         round,
         t: round - Duration::from_millis(u64::try_from(before_ms).unwrap_or_default()),
         what,
@@ -143,12 +133,13 @@ impl Store {
     /// The measurements of a site whose rounds ended in a span, by minute, tag and time.
     pub async fn measurements(&self, site: &str, span: Span) -> Result<Vec<NodeMeasurement>> {
         let (from, to) = span.ms();
-        let statement = sqlx::query(
-            "SELECT m.key, m.before_ms, m.range_mm, m.power_cdbm, m.first_path_power_cdbm, m.clock_offset_ppb, \
-             g.tag, p.node FROM measurements AS m JOIN tags AS g ON g.id = ((m.key >> 16) & 1048575) \
+        let statement = sqlx::query(AssertSqlSafe(format!(
+            "SELECT m.key, m.before_ms, g.tag, p.node, m.range_mm, {} \
+             FROM measurements AS m JOIN tags AS g ON g.id = ((m.key >> 16) & 1048575) \
              JOIN peers AS p ON p.id = m.peer \
              WHERE m.key >= $1 AND m.key < $2 AND g.site = $3 ORDER BY m.key, m.before_ms DESC, p.node",
-        );
+            columns_of(&NUMBERS)
+        )));
         let [first, end] = [from / MINUTE_MS, to / MINUTE_MS + 1].map(|minute| minute.saturating_mul(MINUTE));
         let rows = statement.bind(first).bind(end).bind(site).fetch_all(&self.pool).await?;
         let mut found = Vec::with_capacity(rows.len());

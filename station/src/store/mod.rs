@@ -32,6 +32,7 @@ mod history;
 mod key;
 mod lines;
 mod measurements;
+mod migrations;
 mod nodes;
 mod open;
 mod retention;
@@ -48,6 +49,7 @@ use sqlx::{Any, Transaction};
 use tokio::sync::{Mutex, MutexGuard};
 
 use crate::Utc;
+use rows::UnboundStatement;
 use write::Numbers;
 
 /// An error of the store.
@@ -162,6 +164,19 @@ impl Store {
             Engine::Postgres => "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY",
         };
         Ok(self.pool.begin_with(begin).await?)
+    }
+
+    /// Runs a statement that writes. Returns the number of rows that it changed.
+    async fn run(&self, statement: UnboundStatement<'_>) -> Result<u64> {
+        let mut writing = self.begin().await?;
+        let rows = statement.execute(&mut *writing.tx).await?.rows_affected();
+        writing.tx.commit().await?;
+        Ok(rows)
+    }
+
+    /// Runs a statement that changes a row. An error where there is no such row.
+    async fn change(&self, statement: UnboundStatement<'_>, missing: impl FnOnce() -> String) -> Result<()> {
+        if self.run(statement).await? == 0 { Err(StoreError::Missing(missing())) } else { Ok(()) }
     }
 
     async fn begin(&self) -> Result<Writing<'_>> {

@@ -1,7 +1,7 @@
 //! Beacons and receivers that a person has placed.
 
 use super::rows::{get, name_of, variant};
-use super::{Result, Store, StoreError};
+use super::{Result, Store};
 use crate::model::PlacedNode;
 
 impl Store {
@@ -28,39 +28,26 @@ impl Store {
 
     /// Places a node, or places it anew.
     pub async fn put_node(&self, node: &PlacedNode) -> Result<()> {
-        let mut writing = self.begin().await?;
         let [x_m, y_m, z_m] = node.position_m;
-        sqlx::query(
+        let put = sqlx::query(
             "INSERT INTO nodes (site, node, name, role, x_m, y_m, z_m, rssi_1m_dbm, path_loss_exponent) \
              VALUES ($1, $2, $3, $4, $5, $6, $7, CASE WHEN $8 = 1 THEN $9 END, CASE WHEN $10 = 1 THEN $11 END) \
              ON CONFLICT (site, node) DO UPDATE SET \
              name = excluded.name, role = excluded.role, x_m = excluded.x_m, y_m = excluded.y_m, z_m = excluded.z_m, \
              rssi_1m_dbm = excluded.rssi_1m_dbm, path_loss_exponent = excluded.path_loss_exponent",
-        )
-        .bind(&node.site)
-        .bind(&node.node)
-        .bind(&node.name)
-        .bind(name_of(node.role)?)
-        .bind(x_m)
-        .bind(y_m)
-        .bind(z_m)
-        // sqlx tells PostgreSQL that a number that is missing has four bytes.
-        .bind(i64::from(node.rssi_1m_dbm.is_some()))
-        .bind(node.rssi_1m_dbm.unwrap_or_default())
-        .bind(i64::from(node.path_loss_exponent.is_some()))
-        .bind(node.path_loss_exponent.unwrap_or_default())
-        .execute(&mut *writing.tx)
-        .await?;
-        Ok(writing.tx.commit().await?)
+        );
+        let put = put.bind(&node.site).bind(&node.node).bind(&node.name).bind(name_of(node.role)?);
+        let put = [node.rssi_1m_dbm, node.path_loss_exponent].into_iter().fold(
+            put.bind(x_m).bind(y_m).bind(z_m),
+            // sqlx tells PostgreSQL that a number that is missing has four bytes.
+            |put, number| put.bind(i64::from(number.is_some())).bind(number.unwrap_or_default()),
+        );
+        self.run(put).await.map(drop)
     }
 
     /// Forgets a node that a person has placed.
     pub async fn delete_node(&self, site: &str, node: &str) -> Result<()> {
-        let mut writing = self.begin().await?;
         let delete = sqlx::query("DELETE FROM nodes WHERE site = $1 AND node = $2").bind(site).bind(node);
-        if delete.execute(&mut *writing.tx).await?.rows_affected() == 0 {
-            return Err(StoreError::Missing(format!("placed node {node:?} of site {site:?}")));
-        }
-        Ok(writing.tx.commit().await?)
+        self.change(delete, || format!("placed node {node:?} of site {site:?}")).await
     }
 }

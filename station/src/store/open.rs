@@ -5,10 +5,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use sqlx::Connection;
 use sqlx::any::AnyPoolOptions;
-use sqlx::migrate::{MigrateError, Migration, MigrationType, Migrator};
-use sqlx::{Connection, SqlSafeStr};
+use sqlx::migrate::{MigrateError, Migrator};
 
+use super::migrations::migrations;
 use super::{Engine, Result, Store, StoreError};
 
 /// What every connection to a SQLite file begins with. The first waits for other processes; `cache_size` is in KiB.
@@ -17,31 +18,6 @@ const PRAGMAS: &str = "PRAGMA busy_timeout = 10000; PRAGMA journal_mode = WAL; P
 
 /// How long an operation waits for a connection.
 const ACQUIRE_WITHIN: Duration = Duration::from_secs(5);
-
-/// The changes of the tables, oldest first. Those that a release has are never changed.
-pub(super) fn migrations(engine: Engine) -> Vec<Migration> {
-    let texts = match engine {
-        Engine::Sqlite => [
-            include_str!("../../migrations/sqlite/0001_first.sql"),
-            include_str!("../../migrations/sqlite/0002_nodes.sql"),
-            include_str!("../../migrations/sqlite/0003_geographic_origin.sql"),
-            include_str!("../../migrations/sqlite/0004_measurements.sql"),
-            include_str!("../../migrations/sqlite/0005_health.sql"),
-        ],
-        Engine::Postgres => [
-            include_str!("../../migrations/postgres/0001_first.sql"),
-            include_str!("../../migrations/postgres/0002_nodes.sql"),
-            include_str!("../../migrations/postgres/0003_geographic_origin.sql"),
-            include_str!("../../migrations/postgres/0004_measurements.sql"),
-            include_str!("../../migrations/postgres/0005_health.sql"),
-        ],
-    };
-    let migration = |((version, name), sql): ((i64, &'static str), &'static str)| {
-        Migration::new(version, name.into(), MigrationType::Simple, sql.into_sql_str(), false)
-    };
-    let names = ["first", "nodes", "geographic_origin", "measurements", "health"];
-    (1..).zip(names).zip(texts).map(migration).collect()
-}
 
 /// Where a store is.
 pub(super) struct Place {

@@ -100,6 +100,31 @@ pub fn real(row: &AnyRow, column: usize, parts: f64) -> Result<Option<f64>> {
     Ok(get::<Option<i64>>(row, column)?.map(|number| number as f64 / parts))
 }
 
+/// A number of a `T` that may be unknown, and that is stored as a whole number of these parts of its unit.
+pub struct StoredNumber<T> {
+    pub column: &'static str,
+    pub parts: f64,
+    pub of: fn(&mut T) -> &mut Option<f64>,
+}
+
+impl<T> StoredNumber<T> {
+    /// As it is stored.
+    pub fn whole(&self, mut of: T) -> Option<i32> {
+        (self.of)(&mut of).map(|value| whole(value, self.parts))
+    }
+
+    /// Reads it from a column.
+    pub fn read(&self, row: &AnyRow, column: usize, into: &mut T) -> Result<()> {
+        *(self.of)(into) = real(row, column, self.parts)?;
+        Ok(())
+    }
+}
+
+/// The names of their columns, with commas.
+pub fn columns_of<T>(numbers: &[StoredNumber<T>]) -> String {
+    numbers.iter().map(|number| number.column).collect::<Vec<_>>().join(", ")
+}
+
 /// A number of rows as it is bound to LIMIT.
 pub fn limit(rows: usize) -> i64 {
     i64::try_from(rows).unwrap_or(i64::MAX)

@@ -1,5 +1,7 @@
 //! Sites, their plans, their rooms and zones. A zone may name a site that has no row: one that only sources tell of.
 
+use sqlx::any::AnyRow;
+
 use super::rows::{get, json, maybe_json, name_of, to_json, variant};
 use super::{Result, Store, StoreError};
 use crate::model::{FloorPlan, GeographicOrigin, SiteMap, Zone};
@@ -8,51 +10,33 @@ impl Store {
     /// The sites, by name.
     pub async fn sites(&self) -> Result<Vec<SiteMap>> {
         let rows = sqlx::query("SELECT name, walls, plan, geographic_origin FROM sites ORDER BY name");
-        let rows = rows.fetch_all(&self.pool).await?;
-        let mut sites = Vec::with_capacity(rows.len());
-        for row in rows {
-            let (plan, geographic_origin) = (maybe_json(&row, 2)?, maybe_json(&row, 3)?);
-            sites.push(SiteMap { name: get(&row, 0)?, walls_m: json(&row, 1)?, plan, geographic_origin });
-        }
-        Ok(sites)
+        let site = |row: &AnyRow| {
+            let (plan, geographic_origin) = (maybe_json(row, 2)?, maybe_json(row, 3)?);
+            Ok(SiteMap { name: get(row, 0)?, walls_m: json(row, 1)?, plan, geographic_origin })
+        };
+        rows.fetch_all(&self.pool).await?.iter().map(site).collect()
     }
 
     /// Makes or replaces a site, but for its plan and its geographic origin.
     pub async fn put_site(&self, site: &SiteMap) -> Result<()> {
-        let mut writing = self.begin().await?;
-        sqlx::query(
+        let put = sqlx::query(
             "INSERT INTO sites (name, walls) VALUES ($1, $2) ON CONFLICT (name) DO UPDATE SET walls = excluded.walls",
-        )
-        .bind(&site.name)
-        .bind(to_json(&site.walls_m)?)
-        .execute(&mut *writing.tx)
-        .await?;
-        Ok(writing.tx.commit().await?)
+        );
+        self.run(put.bind(&site.name).bind(to_json(&site.walls_m)?)).await.map(drop)
     }
 
     /// Replaces a site's plan, and its picture where one is given.
     pub async fn put_plan(&self, site: &str, plan: &FloorPlan, picture: Option<&[u8]>) -> Result<()> {
-        let mut writing = self.begin().await?;
-        let update = sqlx::query("UPDATE sites SET plan = $1 WHERE name = $2").bind(to_json(plan)?).bind(site);
-        if update.execute(&mut *writing.tx).await?.rows_affected() == 0 {
-            return Err(StoreError::Missing(format!("site {site:?}")));
-        }
-        if let Some(picture) = picture {
-            let update = sqlx::query("UPDATE sites SET picture = $1 WHERE name = $2").bind(picture).bind(site);
-            update.execute(&mut *writing.tx).await?;
-        }
-        Ok(writing.tx.commit().await?)
+        let update = sqlx::query("UPDATE sites SET plan = $1, picture = COALESCE($2, picture) WHERE name = $3");
+        let update = update.bind(to_json(plan)?).bind(picture).bind(site);
+        self.change(update, || format!("site {site:?}")).await
     }
 
     /// Replaces a site's geographic origin; none: removes it.
     pub async fn put_geographic_origin(&self, site: &str, origin: Option<&GeographicOrigin>) -> Result<()> {
-        let mut writing = self.begin().await?;
         let update = sqlx::query("UPDATE sites SET geographic_origin = $1 WHERE name = $2");
         let update = update.bind(origin.map(to_json).transpose()?).bind(site);
-        if update.execute(&mut *writing.tx).await?.rows_affected() == 0 {
-            return Err(StoreError::Missing(format!("site {site:?}")));
-        }
-        Ok(writing.tx.commit().await?)
+        self.change(update, || format!("site {site:?}")).await
     }
 
     /// The picture of a site's plan.
@@ -66,47 +50,28 @@ impl Store {
 
     /// The rooms and zones of all sites, by site and name.
     pub async fn zones(&self) -> Result<Vec<Zone>> {
-        let rows = sqlx::query("SELECT site, name, kind, corners, alarm FROM zones ORDER BY site, name")
-            .fetch_all(&self.pool)
-            .await?;
-        let mut zones = Vec::with_capacity(rows.len());
-        for row in rows {
-            zones.push(Zone {
-                site: get(&row, 0)?,
-                name: get(&row, 1)?,
-                kind: variant(&row, 2)?,
-                corners_m: json(&row, 3)?,
-                alarm: get::<i64>(&row, 4)? != 0,
-            });
-        }
-        Ok(zones)
+        let rows = sqlx::query("SELECT site, name, kind, corners, alarm FROM zones ORDER BY site, name");
+        let zone = |row: &AnyRow| {
+            let (kind, corners_m, alarm) = (variant(row, 2)?, json(row, 3)?, get::<i64>(row, 4)? != 0);
+            Ok(Zone { site: get(row, 0)?, name: get(row, 1)?, kind, corners_m, alarm })
+        };
+        rows.fetch_all(&self.pool).await?.iter().map(zone).collect()
     }
 
     /// Makes or replaces a zone.
     pub async fn put_zone(&self, zone: &Zone) -> Result<()> {
-        let mut writing = self.begin().await?;
-        sqlx::query(
+        let put = sqlx::query(
             "INSERT INTO zones (site, name, kind, corners, alarm) VALUES ($1, $2, $3, $4, $5) \
              ON CONFLICT (site, name) DO UPDATE SET \
              kind = excluded.kind, corners = excluded.corners, alarm = excluded.alarm",
-        )
-        .bind(&zone.site)
-        .bind(&zone.name)
-        .bind(name_of(zone.kind)?)
-        .bind(to_json(&zone.corners_m)?)
-        .bind(i16::from(zone.alarm))
-        .execute(&mut *writing.tx)
-        .await?;
-        Ok(writing.tx.commit().await?)
+        );
+        let put = put.bind(&zone.site).bind(&zone.name).bind(name_of(zone.kind)?);
+        self.run(put.bind(to_json(&zone.corners_m)?).bind(i16::from(zone.alarm))).await.map(drop)
     }
 
     /// Deletes a zone.
     pub async fn delete_zone(&self, site: &str, name: &str) -> Result<()> {
-        let mut writing = self.begin().await?;
         let delete = sqlx::query("DELETE FROM zones WHERE site = $1 AND name = $2").bind(site).bind(name);
-        if delete.execute(&mut *writing.tx).await?.rows_affected() == 0 {
-            return Err(StoreError::Missing(format!("zone {name:?} of site {site:?}")));
-        }
-        Ok(writing.tx.commit().await?)
+        self.change(delete, || format!("zone {name:?} of site {site:?}")).await
     }
 }

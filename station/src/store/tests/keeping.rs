@@ -87,7 +87,7 @@ on_both! {
             Engine::Sqlite => format!("sqlite://{}?mode=rwc", place.folder.path().join("old.db").display()),
         };
         let old = sqlx::AnyPool::connect(&url).await.unwrap();
-        let first = super::open::migrations(engine).into_iter().take(1).collect();
+        let first = super::migrations::migrations(engine).into_iter().take(1).collect();
         sqlx::migrate::Migrator::with_migrations(first).run(&old).await.unwrap();
         let insert = "INSERT INTO sites (name, walls) VALUES ('hall', '[[[0.0,0.0],[4.0,0.0]]]')";
         sqlx::query(insert).execute(&old).await.unwrap();
