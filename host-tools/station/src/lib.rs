@@ -29,7 +29,7 @@ pub use export::{Exported, Selection, is_of_export, write_folder, write_gpx};
 pub use node_clock::NodeClock;
 pub use oidc::read_oidc;
 pub use remote::Remote;
-pub use reporter::Reporter;
+pub use reporter::NodeReporter;
 pub use simulated::{SimulatedSite, simulate};
 pub use site::{nodes, zones};
 pub use sources::{OpenSource, SourceSpec, run};
