@@ -183,7 +183,7 @@ pub fn table(of: &PromisedTable, runner: &dyn Runner, mut progress: impl FnMut(&
     Ok(table.into_text())
 }
 
-/// The texts that runs print, as one table with its picture.
+/// The texts that runs print, as one table with its picture. Tables of aligned columns become Markdown.
 ///
 /// # Errors
 /// A run fails, or the picture cannot be read.
@@ -194,7 +194,8 @@ pub fn printed(name: &str, arguments: &[String], picture: Option<&Path>) -> Resu
         let plot = picture.map(|_| ["--plot".into(), drawn.clone()]);
         texts.push(baliza::baliza(baliza::words(arguments)?.into_iter().chain(plot.into_iter().flatten()))?);
     }
-    let mut made = Made::one(name, texts.join("\n"));
+    let text = texts.join("\n");
+    let mut made = Made::one(name, if text.contains('|') { text } else { markdown(&text) });
     if let Some(picture) = picture {
         let text = fs::read_to_string(&drawn).with_context(|| format!("cannot read {}", drawn.display()))?;
         made.pictures.push((picture.to_owned(), text));
@@ -202,9 +203,34 @@ pub fn printed(name: &str, arguments: &[String], picture: Option<&Path>) -> Resu
     Ok(made)
 }
 
+/// Tables with two spaces or more between their columns, in Markdown. An empty line ends a table.
+fn markdown(text: &str) -> String {
+    let tables = text.split("\n\n").map(|block| {
+        let cells = |line| str::split(line, "  ").map(str::trim).filter(|cell| !cell.is_empty()).collect::<Vec<_>>();
+        let rows: Vec<_> = block.lines().map(cells).filter(|cells| !cells.is_empty()).collect();
+        let (titles, rows) = rows.split_first().map_or((&[][..], &[][..]), |(titles, rows)| (&**titles, rows));
+        let is_number = |cell: &&str| cell.starts_with(|first: char| first.is_ascii_digit() || "-–".contains(first));
+        let titles = titles.iter().enumerate().map(|(at, title)| {
+            let is_of_numbers = rows.iter().filter_map(|cells| cells.get(at)).all(is_number);
+            if is_of_numbers { format!("{title}:") } else { (*title).to_owned() }
+        });
+        let mut table = MarkdownTable::new(titles);
+        rows.iter().for_each(|cells| table.row(format_args!("{}", cells.join(" | "))));
+        table.into_text()
+    });
+    tables.collect::<Vec<_>>().join("\n")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn aligned_columns_are_tables_in_markdown() {
+        let text = "method  of   points  right windows\nsvm     all      37         94.4 %\n\nby svm, in  a  b\n";
+        let expected = "| method | of | points | right windows |\n|---|---|---:|---:|\n| svm | all | 37 | 94.4 % |\n\n";
+        assert!(markdown(text).starts_with(expected), "{}", markdown(text));
+    }
 
     #[test]
     fn keys_are_filled_in_their_formats() {

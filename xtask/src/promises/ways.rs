@@ -55,7 +55,6 @@ const WAYS: &[Way] = &[
     ("beacons", beacons::by_path_loss),
     ("fingerprints", fingerprints::comparisons),
     ("station", station::bench::made),
-    ("rooms", recordings::rooms),
     ("walls", fingerprints::barriers),
     ("maps", fingerprints::maps),
     ("page", station::bench::page),

@@ -1,10 +1,10 @@
-//! Recorded ranges, solved and tracked, and the rooms of a recorded floor.
+//! Recorded ranges, solved and tracked.
 
 use anyhow::{Context, Result};
 use baliza_report::MarkdownTable;
 
 use super::{Score, number};
-use crate::baliza::{baliza, json, ranges, words};
+use crate::baliza::{json, ranges, words};
 use crate::promises::Made;
 
 /// One row each of the table of tracks: a title, and the arguments before and behind those of the recording.
@@ -86,40 +86,9 @@ fn track(score: &Score) -> String {
     format!("{} ({}){consistency}", number(score.rmse_m, 3), number(score.p90_m, 3))
 }
 
-/// The rooms of a recorded floor.
-///
-/// # Errors
-/// A run of `baliza` fails.
-pub fn rooms() -> Result<Made> {
-    let run = "ble rooms --leave-one-out --fingerprints DATA/linde_floor/fingerprints.csv";
-    Ok(Made::one("rooms", markdown(&baliza(words(run)?)?)))
-}
-
-/// The first table of a text in which columns are aligned by two spaces or more, in Markdown. The first column is
-/// words, the others are numbers.
-fn markdown(text: &str) -> String {
-    let mut lines = text.lines().take_while(|line| !line.trim().is_empty());
-    let cells = |line: &str| {
-        line.split("  ").map(str::trim).filter(|cell| !cell.is_empty()).map(str::to_owned).collect::<Vec<_>>()
-    };
-    let titles = lines.next().map(cells).unwrap_or_default();
-    let titles = titles.into_iter().enumerate().map(|(at, title)| if at == 0 { title } else { format!("{title}:") });
-    let mut table = MarkdownTable::new(titles);
-    lines.for_each(|line| table.row(format_args!("{}", cells(line).join(" | "))));
-    table.into_text()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn aligned_columns_are_a_table_in_markdown() {
-        let text = "method  points  right windows\nsvm         37         94.4 %\n\nby svm, in  a  b\n";
-        let expected = "| method | points | right windows |\n|---|---:|---:|\n| svm | 37 | 94.4 % |\n";
-        let made = markdown(text);
-        assert_eq!(made.replace(['-', ':', ' '], ""), expected.replace(['-', ':', ' '], ""), "{made}");
-    }
 
     #[test]
     fn methods_are_rows_and_recordings_columns() {
