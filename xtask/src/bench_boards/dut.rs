@@ -20,7 +20,7 @@ pub struct BoardUnderTest {
     /// What it is, in the words of `baliza provision --board`.
     pub board: String,
     pub role: RoleUnderTest,
-    /// Its debug probe, VID:PID[:SERIAL] …
+    /// Its debug probe, `VID:PID[:SERIAL]` …
     pub probe: Option<String>,
     /// … or its serial port.
     pub port: Option<String>,
