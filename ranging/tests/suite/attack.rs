@@ -1,14 +1,12 @@
 //! Attacks on native mode by one DW1000 without any key, successful or not: forged sync frames, requests and responses
 //! on a small simulated air. `docs/use/security.md` describes the remaining attacks.
 
-mod air;
-
 use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 
-use air::anchors::{self, corner};
-use air::{ANTENNA_DELAY, Air, Boxed, Owned};
+use crate::air::anchors::{self, corner};
+use crate::air::{ANTENNA_DELAY, Air, Boxed, Owned};
 use ranging::exchange::{Event, Link, Protocol};
 use ranging::native::{Layout, Network, Rate, Refused, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig, Timing};
 use ranging::{PhyConfig, RadioDuration, RadioInstant, Start};
@@ -267,7 +265,7 @@ impl Impostor {
                             let timing: Timing = timing;
                             let due = timing.reply_in(slot).ticks() + (self.late_us * 63_897.6) as i64;
                             let start = heard.rx_time.plus(ticks(due - ANTENNA_DELAY));
-                            let departure = air::STAMPS.departure(start);
+                            let departure = crate::air::STAMPS.departure(start);
                             // d = c (round − reply) / 2; a late answer is reported as on time.
                             let add = (self.told_m * 2.0 / METRES_PER_TICK) as i64;
                             let late = (self.late_us * 63_897.6) as i64;

@@ -1,15 +1,13 @@
 //! Our tag and our anchor against stock EVK1000 boards with every known software, implemented from their description:
 //! they receive only in their windows, are strict in their delays, and have bytes of their own.
 
-#[path = "../air/mod.rs"]
-mod air;
 mod anchor;
 mod kit;
 mod tag;
 
 use std::rc::Rc;
 
-use air::{ANTENNA_DELAY, Air, Boxed, boxed, moments};
+use crate::air::{ANTENNA_DELAY, Air, Boxed, boxed, moments};
 use anchor::StockAnchor;
 use kit::{Kit, Software};
 use ranging::decaranging::{Anchor, AnchorConfig, INIT_DELAY, Tag, TagConfig};

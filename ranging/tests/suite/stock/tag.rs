@@ -7,8 +7,8 @@ use std::rc::Rc;
 use ranging::exchange::Event;
 use ranging::{RadioDuration, RadioInstant, Start};
 
+use super::kit::{Kit, METRES, START_UP_SYMBOLS, SYMBOL_US, Software, leaves, little, micros, signed40, span};
 use crate::air::{Boxed, Owned};
-use crate::kit::{Kit, METRES, START_UP_SYMBOLS, SYMBOL_US, Software, leaves, little, micros, signed40, span};
 
 const BLINK_US: u32 = 1_000_000;
 const POLL_US: u32 = 400_000;

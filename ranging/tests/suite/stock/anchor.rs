@@ -7,8 +7,8 @@ use std::rc::Rc;
 use ranging::exchange::Event;
 use ranging::{RadioDuration, RadioInstant, Start};
 
+use super::kit::{Kit, METRES, START_UP_SYMBOLS, SYMBOL_US, Software, little, span, ticks};
 use crate::air::{Boxed, Owned};
-use crate::kit::{Kit, METRES, START_UP_SYMBOLS, SYMBOL_US, Software, little, span, ticks};
 
 /// The reply delay of newer software. An anchor's is 150 µs, or more than 170 if it does not answer from its interrupt;
 /// a node of this air needs 220.

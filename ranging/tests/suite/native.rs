@@ -1,12 +1,10 @@
 //! Native mode on a small simulated air: rates, accuracy, faults, the life of a network.
 
-mod air;
-
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use air::anchors::{self, corner, drift};
-use air::{ANTENNA_DELAY, Air, Boxed, boxed, mischief, moments};
+use crate::air::anchors::{self, corner, drift};
+use crate::air::{ANTENNA_DELAY, Air, Boxed, boxed, mischief, moments};
 use ranging::exchange::{Action, Event, Link, Protocol, Range};
 use ranging::native::{Anchor, AnchorConfig, Layout, Network, Rate, Scheme, Tag, TagConfig};
 use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
@@ -137,13 +135,13 @@ fn a_negative_flight_is_a_value() {
 fn strong_and_weak_signals_are_corrected_by_the_table() {
     // Channel 5, PRF 64: −11.0 cm at −61 dBm (which the chip estimates as less than −70), +8.1 cm at −93 dBm (APS011).
     // The air adds no bias, so the corrected distance has the opposite error.
-    let radio = ranging::StampModel { range_bias: baliza_dw1000::bias::of(&NETWORK.phy), ..air::STAMPS };
+    let radio = ranging::StampModel { range_bias: baliza_dw1000::bias::of(&NETWORK.phy), ..crate::air::STAMPS };
     for (power, bias) in [(-70.0, -0.110), (-93.0, 0.081)] {
         let mut air = Air::new(NETWORK.phy, 8);
         air.power_dbm = power;
         let anchors = room(&mut air, 4);
         let tag = Tag::new(config_of(NETWORK, 0x100, Rate::Greedy));
-        let node = air.add([1.0, 2.0, 1.0], 20.0, air::boxed_on(&radio, tag));
+        let node = air.add([1.0, 2.0, 1.0], 20.0, crate::air::boxed_on(&radio, tag));
         air.run_until(2.0);
         let (mean, _) = moments(&errors(&air, node, 1.0, anchors[2], 3));
         assert!((mean + bias).abs() < 0.01, "{power} dBm: {mean}");
@@ -655,7 +653,7 @@ fn an_anchor_tells_the_departure_with_the_delay_that_its_radio_has_in_force() {
         position_m: None,
         rounds: None,
     });
-    anchor.calibrate(&ranging::StampModel { antenna_delay: RadioDuration::from_ticks(16_500), ..air::STAMPS });
+    anchor.calibrate(&ranging::StampModel { antenna_delay: RadioDuration::from_ticks(16_500), ..crate::air::STAMPS });
     let (mut now, mut event) = (RadioInstant::from_ticks(1 << 30), Event::Started);
     // No other node is there: it founds a network.
     while let Action::Receive { window, .. } = anchor.step(now, event) {

@@ -1,8 +1,6 @@
 //! A tag whose frames must be a millisecond apart, on a small simulated air.
 
-mod air;
-
-use air::{Air, anchors, boxed};
+use crate::air::{Air, anchors, boxed};
 use ranging::native::{Network, Rate, Scheme, Tag, TagConfig};
 use ranging::{PhyConfig, RadioDuration};
 

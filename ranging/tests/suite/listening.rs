@@ -1,8 +1,6 @@
 //! Tags that only listen, on a small simulated air: accuracy under drift, rates, losses, restarts.
 
-mod air;
-
-use air::{Air, Boxed, STAMPS, anchors, boxed, boxed_on, mischief, moments};
+use crate::air::{Air, Boxed, STAMPS, anchors, boxed, boxed_on, mischief, moments};
 use ranging::exchange::{Difference, Link};
 use ranging::native::{Network, Rate, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig};
 use ranging::{PhyConfig, RadioDuration, StampModel};

@@ -1,8 +1,6 @@
 //! For any bytes and any order of events: nothing panics, and a parsed frame is written back unchanged.
 
-mod air;
-
-use air::Owned;
+use crate::air::Owned;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 use ranging::exchange::{Event, Protocol};

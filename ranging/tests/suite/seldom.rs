@@ -1,9 +1,7 @@
 //! Tags with a fixed low rate, on a small simulated air: their receiver is on only briefly, and no accuracy is lost.
 
-mod air;
-
-use air::anchors::{self, drift};
-use air::{Air, Boxed, boxed, boxed_sleeper, moments};
+use crate::air::anchors::{self, drift};
+use crate::air::{Air, Boxed, boxed, boxed_sleeper, moments};
 use ranging::exchange::Link;
 use ranging::native::{Network, Rate, Scheme, Tag, TagConfig};
 use ranging::{PhyConfig, RadioDuration};
@@ -109,8 +107,8 @@ fn an_anchor_that_is_gone_is_asked_no_more_and_the_others_sync_frames_serve() {
         assert!(rounds.len() as f64 > 0.9 * expected, "{} of {expected}", rounds.len());
         assert!(rounds.iter().all(|(_, ranges)| ranges.len() == 4));
         let asked = air.reports.iter().rev().find_map(|report| match &report.what {
-            air::What::Round { asked, .. } if report.node == node => Some(*asked),
-            air::What::Round { .. } | air::What::Differences { .. } | air::What::Link(_) => None,
+            crate::air::What::Round { asked, .. } if report.node == node => Some(*asked),
+            crate::air::What::Round { .. } | crate::air::What::Differences { .. } | crate::air::What::Link(_) => None,
         });
         assert_eq!(asked, Some(4), "the fifth is forgotten");
     }

@@ -4,7 +4,6 @@
 //! Time is true time in seconds since the beginning. A node executes its protocol's actions as a radio would: delayed
 //! starts snap to 512 ticks, a start too near is late, and a receiver receives one frame at a time and returns it after
 //! reading it.
-#![allow(dead_code, reason = "each test file uses a part of it")]
 
 pub mod anchors;
 
@@ -46,7 +45,7 @@ pub enum Owned {
     WaitUntil(RadioInstant),
     Compensate,
     Sleep { from: RadioInstant, duration: RadioDuration, may: bool },
-    Round { number: u16, asked: u8, ranges: Vec<Range> },
+    Round { asked: u8, ranges: Vec<Range> },
     Differences { reference: u16, differences: Vec<Difference> },
     Link(Link),
 }
@@ -59,9 +58,7 @@ impl From<Action<'_>> for Owned {
             Action::WaitUntil(instant) => Self::WaitUntil(instant),
             Action::Compensate => Self::Compensate,
             Action::Sleep { from, duration } => Self::Sleep { from, duration, may: false },
-            Action::Report(Report::Round(round)) => {
-                Self::Round { number: round.number, asked: round.asked, ranges: round.ranges.to_vec() }
-            }
+            Action::Report(Report::Round(round)) => Self::Round { asked: round.asked, ranges: round.ranges.to_vec() },
             Action::Report(Report::Differences(round)) => {
                 Self::Differences { reference: round.reference, differences: round.differences.to_vec() }
             }
@@ -150,7 +147,7 @@ pub struct Reported {
 
 #[derive(Clone, Debug)]
 pub enum What {
-    Round { number: u16, asked: u8, ranges: Vec<Range> },
+    Round { asked: u8, ranges: Vec<Range> },
     Differences { reference: u16, differences: Vec<Difference> },
     Link(Link),
 }
@@ -207,8 +204,6 @@ enum State {
 #[derive(Clone, Copy, Debug)]
 enum Plain {
     Started,
-    Sent(RadioInstant),
-    Timeout,
     Late,
     Woken,
     /// Woken with another clock.
@@ -379,8 +374,6 @@ impl Air {
             State::Step(_, plain) => {
                 let event = match plain {
                     Plain::Started | Plain::Slept => Event::Started,
-                    Plain::Sent(departure) => Event::Sent(departure),
-                    Plain::Timeout => Event::Timeout,
                     Plain::Late => Event::Late,
                     Plain::Woken => Event::Woken,
                     Plain::Reported => Event::Reported,
@@ -422,8 +415,8 @@ impl Air {
         let pace = std::mem::take(&mut this.pace);
         let action = machine(local, Pace { ready: reported.then_some(local), ..pace }, event);
         let state = match action {
-            Owned::Round { number, asked, ranges } => {
-                self.reports.push(Reported { time: now, node, what: What::Round { number, asked, ranges } });
+            Owned::Round { asked, ranges } => {
+                self.reports.push(Reported { time: now, node, what: What::Round { asked, ranges } });
                 State::Step(now, Plain::Reported)
             }
             Owned::Differences { reference, differences } => {

@@ -1,12 +1,10 @@
 //! DecaRanging mode on a small simulated air, against this project's own nodes and against a board implemented from the
 //! frames' description alone.
 
-mod air;
-
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use air::{ANTENNA_DELAY, Air, Boxed, Owned, boxed, mischief, moments};
+use crate::air::{ANTENNA_DELAY, Air, Boxed, Owned, boxed, mischief, moments};
 use ranging::decaranging::{Anchor, AnchorConfig, INIT_DELAY, Tag, TagConfig};
 use ranging::exchange::{Event, Link};
 use ranging::native::ReplyDelay;

@@ -1,0 +1,11 @@
+//! Protocols on a small simulated air: among themselves, against stock boards, and against attackers and any bytes.
+
+mod air;
+mod attack;
+mod decaranging;
+mod hostile;
+mod listening;
+mod native;
+mod seldom;
+mod spacing;
+mod stock;
