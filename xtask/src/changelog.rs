@@ -64,7 +64,7 @@ impl Fragment {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let kind = name.strip_suffix(".md").and_then(|name| name.rsplit_once('.')).map(|(_, kind)| kind);
         let is_it = |known: &&str| kind.is_some_and(|kind| known.to_lowercase() == kind);
-        let kind = KINDS.iter().position(|known| is_it(known));
+        let kind = KINDS.iter().position(is_it);
         let kind =
             kind.with_context(|| format!("not NAME.KIND.md with a KIND of {}", KINDS.join(", ").to_lowercase()))?;
         let text = fs::read_to_string(path)?;

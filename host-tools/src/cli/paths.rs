@@ -1,6 +1,6 @@
 //! What holds for the paths of all commands: an output is none of the inputs, nor another output.
 //!
-//! Arguments of the type `PathBuf` are inputs, but those that are called as in [`OUTPUTS`].
+//! Arguments of the type `PathBuf` are inputs, but those that are called as in `OUTPUTS`.
 
 use std::ffi::OsStr;
 use std::fs;

@@ -4,7 +4,7 @@ use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
-use station_core::model::{NodeRole, TagPosition, ZoneKind};
+use station_core::model::{HealthFigures, NodeRole, TagPosition, ZoneKind};
 
 use super::*;
 
@@ -51,14 +51,16 @@ fn anchor(address: &str, at_m: [f64; 2]) -> NodeStatus {
         rssi_1m_dbm: None,
         path_loss_exponent: None,
         last_seen: Some(at(0)),
-        rate_hz: 25.0,
-        success_rate: Some(0.97),
-        residual_mean_m: Some(0.61),
-        residual_sigma_m: Some(0.08),
-        first_path_minus_received_db: Some(-3.2),
-        clock_offset_ppm: Some(-2.4),
-        moved: true,
-        supply_v: Some(2.87),
+        health: HealthFigures {
+            rate_hz: 25.0,
+            success_rate: Some(0.97),
+            residual_mean_m: Some(0.61),
+            residual_sigma_m: Some(0.08),
+            first_path_minus_received_db: Some(-3.2),
+            clock_offset_ppm: Some(-2.4),
+            moved: true,
+            supply_v: Some(2.87),
+        },
     }
 }
 
