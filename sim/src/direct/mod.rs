@@ -5,6 +5,9 @@
 //! [`Processor`] and the table of [`Costs`]. A simulation of a thousand such nodes takes as long as one of a dozen
 //! nodes on simulated chips.
 
+mod air_phy;
+mod bus_load;
+
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::convert::Infallible;
@@ -16,56 +19,34 @@ use std::task::{Poll, Waker};
 use crc::{CRC_16_KERMIT, Crc};
 use rand::Rng;
 use ranging::Restart;
-use ranging::phy::{DataRate, Prf as PhyPrf, Sfd as PhySfd};
 use ranging::radio::{Capabilities, Config, FrameFilter, MAX_FRAME, RangeBias};
 use ranging::{
-    Diagnostics, Pace, PhyConfig, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, RxFrame, Sample,
-    Start, TransmitError,
+    Diagnostics, Pace, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, RxFrame, Sample, Start,
+    TransmitError,
 };
 use wire::uwb::{Address, BROADCAST, Header};
 
 use crate::air::{
-    AirClient, Path, Payload, Phy, PortId, Prf, Rate, Reception, ReceptionEvent, Response, RxSettings, Sfd, SfdKind,
-    TxStart, estimated_dbm,
+    AirClient, Path, Payload, Phy, PortId, Reception, ReceptionEvent, Response, RxSettings, TxStart, estimated_dbm,
 };
 use crate::clock::{Clock, ClockConfig, Count, TICKS_PER_PS};
 use crate::costs::Costs;
 use crate::random::{Purpose, gauss, stream};
 use crate::{Processor, TrueTime, World};
 
+use air_phy::{air_phy, radiated_dbm, settings};
+use bus_load::{
+    ARMED, CLOCK, FRAME_READ, FRAME_SEEN, LISTEN, LISTEN_AGAIN, LOAD_AT, LOAD_NOW, SENT_AT, SENT_NOW, STOP,
+    STOP_AND_SEND, STOP_AND_SEND_AT, WINDOW_OVER,
+};
+
 const CHECK: Crc<u16> = Crc::<u16>::new(&CRC_16_KERMIT);
 /// From a command to the first preamble symbol, ticks (10 µs): a delayed start that is nearer than this is late.
 const LEAD_TICKS: i64 = 638_976;
-/// Radiated power: the regulatory limit, −41.3 dBm/MHz over 500 MHz. Below: how much short frames are boosted (smart
-/// power, DW1000 user manual, 7.2.31.2).
-const RADIATED_DBM: f64 = -14.3;
-const BOOSTS: [(f64, f64); 3] = [(125.0, 9.0), (250.0, 6.0), (500.0, 3.0)];
 /// Standard deviation of the clock offset that the carrier integrator reports, parts per million.
 const CARRIER_DEVIATION_PPM: f64 = 0.05;
 /// The maximum number of receptions that wait for the node, as in the chip's two buffers.
 const BUFFERS: usize = 2;
-/// The driver's transactions and bytes on the bus, without the frame's bytes (`baliza_dw1000::driver`, "What goes over the
-/// bus"), for sending at once and at an instant: what must be written before the frame can leave, and what follows when
-/// it has left. For sending at an instant, also what is read while the frame leaves.
-const LOAD_NOW: (u64, usize) = (2, 3);
-const LOAD_AT: (u64, usize) = (3, 9);
-const ARMED: (u64, usize) = (2, 9);
-const SENT_NOW: (u64, usize) = (3, 10);
-const SENT_AT: (u64, usize) = (2, 4);
-/// The same for receiving: switching the receiver on, with another wait in the chip's timer; for a frame, what precedes
-/// switching the receiver on again, the switching on, and the rest; the end of a window.
-const LISTEN: (u64, usize) = (2, 6);
-const FRAME_SEEN: (u64, usize) = (2, 13);
-const LISTEN_AGAIN: (u64, usize) = (1, 3);
-const FRAME_READ: (u64, usize) = (6, 31);
-const WINDOW_OVER: (u64, usize) = (4, 17);
-/// The same for switching off a receiver that listens: by itself, before a frame that is sent at once, and before a
-/// frame that is sent at an instant.
-const STOP: (u64, usize) = (2, 7);
-const STOP_AND_SEND: (u64, usize) = (2, 8);
-const STOP_AND_SEND_AT: (u64, usize) = (1, 2);
-/// The same for reading the chip's clock.
-const CLOCK: (u64, usize) = (1, 6);
 /// The minimum time that the end of a window takes, ticks (1 µs). Without it, a node that asks again for the rest of
 /// the window could stop time.
 const WINDOW_END_TICKS: i64 = 63_898;
@@ -480,48 +461,5 @@ impl Restart for Direct {
 impl Drop for Direct {
     fn drop(&mut self) {
         self.antenna.switch_off();
-    }
-}
-
-fn radiated_dbm(phy: &Phy, bytes: usize) -> f64 {
-    let micros = phy.frame_ticks(bytes) as f64 / TICKS_PER_PS * 1e-6;
-    let boost = BOOSTS.iter().find(|(shorter_than, _)| phy.rate == Rate::Kbps6800 && micros < *shorter_than);
-    RADIATED_DBM + boost.map_or(0.0, |(_, decibels)| *decibels)
-}
-
-fn air_phy(phy: &PhyConfig) -> Phy {
-    let kind = match phy.sfd() {
-        PhySfd::Standard => SfdKind::Ieee,
-        PhySfd::Decawave => SfdKind::Decawave,
-    };
-    Phy {
-        channel: phy.channel().number(),
-        code: phy.preamble_code(),
-        prf: match phy.prf() {
-            PhyPrf::Mhz16 => Prf::Mhz16,
-            PhyPrf::Mhz64 => Prf::Mhz64,
-        },
-        rate: match phy.data_rate() {
-            DataRate::Kbps110 => Rate::Kbps110,
-            DataRate::Kbps850 => Rate::Kbps850,
-            DataRate::Kbps6810 => Rate::Kbps6800,
-        },
-        preamble: phy.preamble_length().symbols(),
-        sfd: Sfd { kind, symbols: phy.sfd_symbols() },
-        long_frames: false,
-    }
-}
-
-fn settings(phy: &PhyConfig, air: &Phy) -> RxSettings {
-    RxSettings {
-        channel: air.channel,
-        code: air.code,
-        prf: air.prf,
-        sfd: air.sfd,
-        slow: air.rate == Rate::Kbps110,
-        long_frames: false,
-        pac: phy.pac().symbols(),
-        // Preamble, delimiter and one more symbol, minus one chunk (DW1000 user manual, 4.1.3).
-        sfd_timeout: air.preamble + 1 + air.sfd.symbols - phy.pac().symbols(),
     }
 }
