@@ -4,7 +4,7 @@ use std::path::Path;
 
 use analysis::{Setup, Solver};
 use positioning_core::Method;
-use recording::{Files, Mode, Recording, Space, UserError};
+use recording::{Files, MeasurementMode, Recording, Space, UserError};
 
 fn main() -> Result<(), UserError> {
     let folder = Path::new("examples/room");
@@ -12,7 +12,7 @@ fn main() -> Result<(), UserError> {
     let files = Files {
         anchors: &anchors,
         measured: &ranges,
-        mode: Mode::Ranges,
+        mode: MeasurementMode::Ranges,
         truth: None,
         anchor_heights: true,
         truth_heights: false,

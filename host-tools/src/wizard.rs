@@ -8,7 +8,7 @@ use wire::telemetry::Message;
 
 use analysis::survey::campaign::{Bias, Dwell, FingerprintFile, SurveyPoint, biases};
 use node_link::decode::Stream;
-use node_link::monitor::{Channel, Event, Source};
+use node_link::monitor::{Event, NodeChannel, Source};
 
 /// Longest wait for a source at a time, so that a typed line is read soon.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -202,7 +202,7 @@ impl<'a> Wizard<'a> {
             self.person.note("nothing comes from the node: is it connected, and does its record have it scan?");
         }
         match event {
-            Some(Event::Bytes(Channel::Telemetry, bytes)) => each_advert(&mut self.stream, &bytes, take),
+            Some(Event::Bytes(NodeChannel::Telemetry, bytes)) => each_advert(&mut self.stream, &bytes, take),
             Some(Event::Lost(why)) => {
                 self.stream.interrupted();
                 self.person.note(&format!("connection lost ({why}); trying to connect again"));
@@ -210,7 +210,8 @@ impl<'a> Wizard<'a> {
             Some(Event::Connected(to)) => self.person.note(&format!("connected to {to}")),
             Some(Event::Silent) => self.person.note("the node runs, but says nothing: is a baliza image flashed?"),
             Some(Event::End) => return Ok(None),
-            Some(Event::Bytes(Channel::Log, _) | Event::Text(_) | Event::Restarted | Event::Flashed { .. }) | None => {}
+            Some(Event::Bytes(NodeChannel::Log, _) | Event::Text(_) | Event::Restarted | Event::Flashed { .. })
+            | None => {}
         }
         Ok(Some(()))
     }
@@ -241,7 +242,7 @@ mod tests {
 
     use super::{Person, Typed, Wizard};
     use analysis::survey::campaign::{FingerprintFile, parse_point};
-    use node_link::monitor::{Channel, Event, Source};
+    use node_link::monitor::{Event, NodeChannel, Source};
 
     /// A node that receives one beacon ten times a second; it is silent while its clock is in the gap.
     struct Node {
@@ -258,7 +259,7 @@ mod tests {
             let message = Message::Sighting(Sighting { t_us: self.t_us, beacon, rssi_dbm, measured_power_dbm: -59 });
             let mut buffer = [0; MAX_FRAME];
             let frame = encode(&message, &mut buffer);
-            Ok(Some(Event::Bytes(Channel::Telemetry, frame.to_vec())))
+            Ok(Some(Event::Bytes(NodeChannel::Telemetry, frame.to_vec())))
         }
     }
 

@@ -7,8 +7,8 @@
 mod arguments;
 mod arrays;
 mod errors;
+mod methods;
 mod recording;
-mod solve;
 mod telemetry;
 mod track;
 
@@ -19,9 +19,9 @@ mod _native {
     #[pymodule_export]
     use crate::errors::InputError;
     #[pymodule_export]
-    use crate::recording::Recording;
+    use crate::methods::{methods, solve};
     #[pymodule_export]
-    use crate::solve::{methods, solve};
+    use crate::recording::Recording;
     #[pymodule_export]
     use crate::telemetry::Decoder;
     #[pymodule_export]

@@ -10,12 +10,12 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use recording::folder::{Folder, RecordingSettings};
 use recording::{Epochs, Height, Solved, Space, Truth, Truths, UserError};
-use recording::{Files, Mode, SingleRanges, rounds};
+use recording::{Files, MeasurementMode, SingleRanges, rounds};
 
 use crate::arguments::{Within, needs_heights};
 use crate::arrays::{OfTag, metres, numbers, positions, vectors};
 use crate::errors::{input_error, value_error};
-use crate::solve::method;
+use crate::methods::method;
 use crate::track::weighting;
 
 /// How epochs are made of the rows of a file.
@@ -35,7 +35,7 @@ pub(crate) struct Recording {
     tags: Vec<recording::Recording>,
     truths: Option<Truths>,
     settings: RecordingSettings,
-    mode: Mode,
+    mode: MeasurementMode,
     anchors: PathBuf,
 }
 
@@ -99,7 +99,7 @@ impl Recording {
     /// Whether differences of arrivals were measured, and no ranges.
     #[getter]
     fn differences(&self) -> bool {
-        self.mode == Mode::Differences
+        self.mode == MeasurementMode::Differences
     }
 
     /// Solves each epoch by itself.
@@ -112,7 +112,7 @@ impl Recording {
     ) -> PyResult<Bound<'py, PyDict>> {
         let (method, setup): (Method, _) = (method(method_name)?, self.setup(within)?);
         self.positions(py, grouping, SingleRanges::Group, |anchors, epochs| {
-            if self.mode == Mode::Differences {
+            if self.mode == MeasurementMode::Differences {
                 let mut tracker = Tracker::new(anchors, setup, settings_of_single_epochs(&setup), None);
                 return epochs.iter().map(|epoch| tracker.follow(&epoch)).collect();
             }

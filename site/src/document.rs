@@ -67,7 +67,7 @@ impl Document<'_> {
     }
 
     /// The line numbers of the outermost table, and those of the tables in it, by their keys and in their order.
-    pub(crate) fn lines(self) -> (Lines, BTreeMap<String, Vec<Lines>>) {
+    pub(crate) fn lines(self) -> (KeyLines, BTreeMap<String, Vec<KeyLines>>) {
         let Ok(root) = DeTable::parse(self.text) else { return Default::default() };
         let tables = root.get_ref().iter().map(|(key, value)| {
             let tables = tables_of(value).into_iter().map(|(start, table)| self.lines_of(start, table)).collect();
@@ -76,8 +76,8 @@ impl Document<'_> {
         (self.lines_of(0, root.get_ref()), tables.collect())
     }
 
-    fn lines_of(self, start: usize, table: &DeTable<'_>) -> Lines {
-        let mut lines = Lines { line: self.line(start), keys: BTreeMap::new() };
+    fn lines_of(self, start: usize, table: &DeTable<'_>) -> KeyLines {
+        let mut lines = KeyLines { line: self.line(start), keys: BTreeMap::new() };
         for (key, value) in table {
             lines.keys.insert(key.get_ref().to_string(), self.line(key.span().start));
             for (inner, _) in value.get_ref().as_table().into_iter().flatten() {
@@ -100,13 +100,13 @@ pub(crate) fn tables_of<'v, 'i>(value: &'v Spanned<DeValue<'i>>) -> Vec<(usize, 
 
 /// The line numbers of a table and of its keys. A key of a table within it has a dot: `simulation.path_m`.
 #[derive(Clone, Debug, Default)]
-pub struct Lines {
+pub struct KeyLines {
     /// The line of the table itself.
     pub line: u64,
     pub(crate) keys: BTreeMap<String, u64>,
 }
 
-impl Lines {
+impl KeyLines {
     /// The line number of a key, or of the table where the table does not have the key.
     pub fn of(&self, key: &str) -> u64 {
         self.keys.get(key).copied().unwrap_or(self.line)

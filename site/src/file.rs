@@ -10,7 +10,7 @@ use serde::Deserialize;
 use wire::config::{Anchor, Beacon, Identity, Mode, Network, Record, Role};
 use wire::telemetry::Address;
 
-use crate::document::{Document, Lines, SiteError};
+use crate::document::{Document, KeyLines, SiteError};
 use crate::lists::{AnchorTable, BeaconTable, Calibrated, Lists};
 use crate::moved;
 use crate::network::{NetworkTable, SIMULATED_NETWORK};
@@ -32,8 +32,8 @@ pub enum Purpose {
 pub struct SiteFile<'t> {
     document: Document<'t>,
     tables: Tables,
-    root: Lines,
-    lines: std::collections::BTreeMap<String, Vec<Lines>>,
+    root: KeyLines,
+    lines: std::collections::BTreeMap<String, Vec<KeyLines>>,
 }
 
 #[derive(Deserialize)]
@@ -136,7 +136,7 @@ impl<'t> SiteFile<'t> {
         let own = own.filter(|(table, _)| purpose == Purpose::Simulation || !table.is_foreign());
         let owns = own.map(|(table, lines)| table.read(lines.clone(), purpose, &mut numbers));
         let owns = owns.collect::<Result<Vec<_>, _>>()?;
-        let line = |lines: &Lines| lines.line;
+        let line = |lines: &KeyLines| lines.line;
         let listed = Lists {
             anchors: tables.anchor.iter().map(Into::into).zip(lines("anchor").iter().map(line)).collect(),
             beacons: tables.beacon.iter().map(Into::into).zip(lines("beacon").iter().map(line)).collect(),
@@ -153,7 +153,7 @@ impl<'t> SiteFile<'t> {
 /// The site's own network.
 fn network(
     table: Option<&NetworkTable>,
-    lines: &Lines,
+    lines: &KeyLines,
     purpose: Purpose,
     is_of_receivers: bool,
 ) -> Result<Network, SiteError> {
@@ -183,7 +183,7 @@ impl Site {
         mut self,
         owns: &[Own],
         listed: Lists,
-        network_lines: Lines,
+        network_lines: KeyLines,
         calibrated: impl Fn(Lists) -> Result<Arc<Lists>, SiteError>,
     ) -> Result<Self, SiteError> {
         // The lists of anchors are of one network each.
@@ -217,7 +217,7 @@ impl Site {
         &self,
         own: &Own,
         (network, lists): (Network, &Arc<Lists>),
-        network_lines: &Lines,
+        network_lines: &KeyLines,
         count: usize,
     ) -> Result<Node, SiteError> {
         let name = match (&own.table.name, count) {

@@ -15,7 +15,7 @@ mod receivers;
 mod simulation;
 mod values;
 
-pub use document::{Lines, SiteError};
+pub use document::{KeyLines, SiteError};
 pub use file::{Purpose, Site, SiteFile};
 pub use lists::{Calibrated, Lists};
 pub use network::{HIDDEN, LISTENING, SIMULATED_NETWORK, mode_name};

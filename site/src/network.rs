@@ -4,7 +4,7 @@ use radio::phy::PhyConfig;
 use serde::de::{Deserialize, Deserializer, Error as _};
 use wire::config::{Mode, Network, Phy, Region, ReplyDelay};
 
-use crate::document::{Hex, Lines, SiteError, choice};
+use crate::document::{Hex, KeyLines, SiteError, choice};
 
 /// The network of a simulation whose file has none. Simulated frames stay in the simulation, so no radio regulations
 /// apply.
@@ -81,7 +81,7 @@ impl<'de> Deserialize<'de> for BeaconKey {
 
 impl NetworkTable {
     /// The network of a record. What the table leaves out is as in `default`.
-    pub(crate) fn network(&self, default: Network, lines: &Lines) -> Result<Network, SiteError> {
+    pub(crate) fn network(&self, default: Network, lines: &KeyLines) -> Result<Network, SiteError> {
         let turnaround = match (self.answer_us, self.listen_again_us, self.transmit_us) {
             (None, None, None) => None,
             (Some(answer_us), Some(listen_again_us), Some(transmit_us)) => {
@@ -130,7 +130,7 @@ impl NetworkTable {
     }
 
     /// The beacons' key.
-    pub(crate) fn beacon_key(&self, lines: &Lines) -> Result<Option<[u8; 16]>, SiteError> {
+    pub(crate) fn beacon_key(&self, lines: &KeyLines) -> Result<Option<[u8; 16]>, SiteError> {
         let key = self.beacon_key.map(|BeaconKey(key)| key);
         match key.and_then(known_key) {
             Some(why) => {
@@ -183,7 +183,7 @@ mod tests {
         for mode in 1..=8 {
             let config = PhyConfig::evk1000_mode(mode).expect("a mode");
             let table = NetworkTable { evk1000_mode: Some(mode), ..NetworkTable::default() };
-            let network = table.network(SIMULATED_NETWORK, &Lines::default()).expect("a network");
+            let network = table.network(SIMULATED_NETWORK, &KeyLines::default()).expect("a network");
             let record = Record {
                 identity: Identity::default(),
                 role: Role::Anchor { position_m: None },

@@ -8,7 +8,7 @@ use serde::de::{Deserializer, Error as _, Unexpected};
 use wire::config::{Advertiser, Board, Calibration, Identity, Invalid, Pins, Record, Role, Scan, Scheme, Solver, Tag};
 
 use crate::Purpose;
-use crate::document::{Hex, Lines, SiteError, choice};
+use crate::document::{Hex, KeyLines, SiteError, choice};
 use crate::lists::Lists;
 use crate::network::centihertz;
 use crate::simulation::NodeSimulation;
@@ -177,11 +177,11 @@ pub struct Node {
     /// What only a simulation has.
     pub simulation: NodeSimulation,
     /// The line numbers of the node's table.
-    pub lines: Lines,
+    pub lines: KeyLines,
     /// What tags of its network are told of.
     pub lists: Arc<Lists>,
     /// The line numbers of `[network]`.
-    pub(crate) network_lines: Lines,
+    pub(crate) network_lines: KeyLines,
 }
 
 /// The files of a tag, whose paths are relative to the site's file, and the solver that its table gives.
@@ -205,7 +205,7 @@ pub(crate) struct Own {
     pub(crate) role: Role,
     pub(crate) calibration: Calibration,
     pub(crate) pins: Option<Pins>,
-    pub(crate) lines: Lines,
+    pub(crate) lines: KeyLines,
 }
 
 impl Own {
@@ -286,7 +286,7 @@ impl NodeTable {
     ///
     /// # Errors
     /// A key belongs to another role, is missing, or keys cannot be combined.
-    pub(crate) fn read(mut self, lines: Lines, purpose: Purpose, numbers: &mut Numbers) -> Result<Own, SiteError> {
+    pub(crate) fn read(mut self, lines: KeyLines, purpose: Purpose, numbers: &mut Numbers) -> Result<Own, SiteError> {
         self.refuse_foreign_keys(&lines)?;
         let mut identity = Identity { eui: self.eui.map(|Hex(eui)| u64::from_be_bytes(eui)), address: self.address };
         if purpose == Purpose::Simulation {
@@ -314,7 +314,7 @@ impl NodeTable {
         Ok(Own { table: self, identity, role, calibration, pins, lines })
     }
 
-    fn refuse_foreign_keys(&self, lines: &Lines) -> Result<(), SiteError> {
+    fn refuse_foreign_keys(&self, lines: &KeyLines) -> Result<(), SiteError> {
         let is_of = |role: RoleName, key: &str| ROLE_KEYS.iter().any(|(of, keys)| *of == role && keys.contains(&key));
         let foreign = lines.keys.iter().filter(|(key, _)| !is_of(self.role, key));
         let foreign = foreign.filter_map(|(key, line)| {
@@ -326,7 +326,7 @@ impl NodeTable {
         foreign.min_by_key(|(line, _)| **line).map_or(Ok(()), |(line, what)| Err(SiteError::at(*line, what)))
     }
 
-    fn tag(&self, lines: &Lines) -> Result<Tag, SiteError> {
+    fn tag(&self, lines: &KeyLines) -> Result<Tag, SiteError> {
         let scan = match (self.scan_interval_ms, self.scan_window_ms) {
             (Some(interval_ms), window) => Some(Scan { interval_ms, window_ms: window.unwrap_or(interval_ms) }),
             (None, None) => None,
@@ -355,7 +355,7 @@ impl NodeTable {
     }
 
     /// Checks that a tag with a map or a model of rooms can use it.
-    fn check_site_models(&self, lines: &Lines) -> Result<(), SiteError> {
+    fn check_site_models(&self, lines: &KeyLines) -> Result<(), SiteError> {
         let files = [("fingerprint_map", &self.fingerprint_map), ("room_model", &self.room_model)];
         for (key, _) in files.into_iter().filter(|(_, file)| file.is_some()) {
             let without = |other, why| Err(SiteError::at(lines.of(key), format!("{key} without {other}: {why}")));

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use serde::Deserialize;
 use wire::telemetry::Address;
 
-use crate::document::{Lines, SiteError};
+use crate::document::{KeyLines, SiteError};
 
 /// The greatest coordinate, metres: the station's.
 const FARTHEST_M: f64 = 1e6;
@@ -30,7 +30,7 @@ pub struct Receiver {
 ///
 /// # Errors
 /// The first line that is wrong.
-pub(crate) fn check(receivers: &[Receiver], lines: &[Lines]) -> Result<(), SiteError> {
+pub(crate) fn check(receivers: &[Receiver], lines: &[KeyLines]) -> Result<(), SiteError> {
     let mut before = HashMap::new();
     for (receiver, lines) in receivers.iter().zip(lines) {
         let name = &receiver.name;

@@ -8,7 +8,7 @@ use serde::de::{Deserializer, Visitor};
 use toml::Spanned;
 use wire::config::{Board, Network};
 
-use crate::document::{Document, Lines, SiteError, choice};
+use crate::document::{Document, KeyLines, SiteError, choice};
 use crate::network::{NetworkTable, SIMULATED_NETWORK};
 use crate::values::{
     antenna_delay, clock_offset, decibels, method, not_negative, path, position, positive, probability, rssi, slowdown,
@@ -328,7 +328,7 @@ impl SimulationTable {
     pub(crate) fn simulation(self, document: Document<'_>) -> Result<Simulation, SiteError> {
         let networks = self.network.into_iter().map(|table| {
             let (table, line) = document.with_line(table);
-            table.network(SIMULATED_NETWORK, &Lines { line, ..Lines::default() })
+            table.network(SIMULATED_NETWORK, &KeyLines { line, ..KeyLines::default() })
         });
         Ok(Simulation {
             seconds: self.seconds,

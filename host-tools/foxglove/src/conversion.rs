@@ -10,7 +10,7 @@ use node_link::decode::{Stream, StreamFiles};
 use node_link::recorder::TIMES;
 use recording::folder::Folder;
 use recording::{Coordinates, Recording, Table, Truths, UserError, read_anchors};
-use recording::{Files, Mode, positions};
+use recording::{Files, MeasurementMode, positions};
 
 /// The host's time of a recording's times.
 #[derive(Clone, Debug, Default)]
@@ -76,7 +76,7 @@ pub fn convert<S: Sink>(folder: &Folder, view: &mut View<S>) -> Result<Converted
     let files = Files {
         anchors: &anchors,
         measured: &ranges,
-        mode: Mode::Ranges,
+        mode: MeasurementMode::Ranges,
         truth: None,
         anchor_heights: false,
         truth_heights: false,

@@ -13,8 +13,8 @@
 #![forbid(unsafe_code)]
 
 mod conversion;
-mod file;
 mod live;
+mod mcap_file;
 mod messages;
 
 use std::collections::{BTreeMap, HashMap};
@@ -25,8 +25,8 @@ use positioning_core::geodesy::Geographic;
 use wire::telemetry::{Address, Message};
 
 pub use conversion::{Clock, Converted, convert, convert_stream};
-pub use file::McapFile;
 pub use live::Live;
+pub use mcap_file::McapFile;
 pub use messages::{Estimate, RangeRow};
 
 use node_link::decode::Stamp;

@@ -9,14 +9,14 @@ use recording::UserError;
 
 /// The format of a picture's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
+pub enum PictureFormat {
     /// Scalable vector graphics.
     Svg,
     /// Portable network graphics.
     Png,
 }
 
-impl Format {
+impl PictureFormat {
     /// The format that belongs to the file's name.
     ///
     /// # Errors

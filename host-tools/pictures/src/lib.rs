@@ -8,6 +8,7 @@
 //! may be any numbers: what is on no map is counted in the legend, and is not drawn.
 #![forbid(unsafe_code)]
 
+mod arrangement;
 mod axes;
 mod builder;
 mod cdf;
@@ -25,7 +26,6 @@ mod labels;
 mod legend;
 mod map;
 mod outline;
-mod page;
 mod path_loss;
 mod pens;
 mod pixels;
@@ -45,7 +45,7 @@ pub use curves::{Curve, Curves};
 pub use distribution::distribution;
 pub use drawing::{Area, Colour, Drawing};
 pub use ellipses::{SIGMAS, outline as ellipse};
-pub use format::Format;
+pub use format::PictureFormat;
 pub use heat::{Heat, heat};
 pub use image::{Image, ImageError};
 pub use path_loss::path_loss;
@@ -126,7 +126,7 @@ pub enum Errors {
 impl Picture {
     /// The picture, drawn.
     pub fn draw(&self) -> Drawing {
-        page::draw(self)
+        arrangement::draw(self)
     }
 
     fn has_errors(&self) -> bool {

@@ -9,8 +9,8 @@ use std::path::Path;
 
 use positioning_core::ble::signal::rssi;
 
+use crate::grouping::{ByName, tag_of};
 use crate::table::quoted;
-use crate::tags::{ByName, tag_of};
 use crate::{Column, Coordinates, NoPosition, Position, Row, Solved, Table, Truths, UserError, by_time};
 
 /// The largest number of beacons of a site.

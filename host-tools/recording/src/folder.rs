@@ -23,13 +23,13 @@ pub struct RecordingSettings {
     pub height_m: Option<f64>,
     /// How the tags measured.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub mode: Option<Mode>,
+    pub mode: Option<MeasurementMode>,
 }
 
 /// How tags measure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Mode {
+pub enum MeasurementMode {
     /// Ranges to anchors: `ranges.csv`.
     Ranges,
     /// Differences of arrivals, of tags that only listen: `differences.csv`.
@@ -70,15 +70,15 @@ impl Folder {
     ///
     /// # Errors
     /// The folder has no such file.
-    pub fn measured(&self) -> Result<(Mode, PathBuf), UserError> {
+    pub fn measured(&self) -> Result<(MeasurementMode, PathBuf), UserError> {
         let by_file = || {
             let listened = self.find("ranges.csv").is_none() && self.find("differences.csv").is_some();
-            if listened { Mode::Differences } else { Mode::Ranges }
+            if listened { MeasurementMode::Differences } else { MeasurementMode::Ranges }
         };
         let mode = self.settings.mode.unwrap_or_else(by_file);
         let name = match mode {
-            Mode::Ranges => "ranges.csv",
-            Mode::Differences => "differences.csv",
+            MeasurementMode::Ranges => "ranges.csv",
+            MeasurementMode::Differences => "differences.csv",
         };
         Ok((mode, self.file(name)?))
     }
@@ -133,12 +133,12 @@ fn read(file: &Path) -> Result<RecordingSettings, UserError> {
 mod tests {
     use std::fs;
 
-    use super::{Folder, Mode, RecordingSettings, SETTINGS};
+    use super::{Folder, MeasurementMode, RecordingSettings, SETTINGS};
 
     #[test]
     fn settings_are_read_as_they_were_written_and_wrong_ones_are_refused_with_their_line() {
         let folder = tempfile::tempdir().expect("a temporary folder");
-        let settings = RecordingSettings { dims: Some(2), height_m: Some(1.2), mode: Some(Mode::Ranges) };
+        let settings = RecordingSettings { dims: Some(2), height_m: Some(1.2), mode: Some(MeasurementMode::Ranges) };
         fs::write(folder.path().join(SETTINGS), settings.to_toml().expect("text")).expect("written");
         assert_eq!(Folder::open(folder.path()).expect("read").settings, settings);
         for (text, said) in [

@@ -10,10 +10,10 @@ use std::path::Path;
 
 use crate::differences::read_differences;
 use crate::epochs::{Epochs, Gathering, Measured};
+use crate::grouping::{ByName, tag_of};
 use crate::table::quoted;
-use crate::tags::{ByName, tag_of};
 use crate::{Column, Row, Table, Truths, UserError};
-use crate::{DiagnosticColumns, Mode, spelled};
+use crate::{DiagnosticColumns, MeasurementMode, spelled};
 
 /// A position, metres. Its height may be unknown.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,7 +54,7 @@ pub struct Files<'a> {
     /// `ranges.csv` or `differences.csv`.
     pub measured: &'a Path,
     /// Which of the two it is.
-    pub mode: Mode,
+    pub mode: MeasurementMode,
     /// `truth.csv`.
     pub truth: Option<&'a Path>,
     /// Whether an anchor without a height is an error.
@@ -71,8 +71,8 @@ impl Recording {
     pub fn read(files: &Files) -> Result<Vec<Self>, UserError> {
         let anchors = anchor_rows(files.anchors, files.anchor_heights)?;
         let mut recordings = match files.mode {
-            Mode::Ranges => read_ranges(files.measured, &anchors)?,
-            Mode::Differences => read_differences(files.measured, &anchors)?,
+            MeasurementMode::Ranges => read_ranges(files.measured, &anchors)?,
+            MeasurementMode::Differences => read_differences(files.measured, &anchors)?,
         };
         if let Some(truth) = files.truth {
             let truths = Truths::read(truth, files.truth_heights)?;

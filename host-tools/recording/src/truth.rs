@@ -5,10 +5,10 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::grouping::{ByName, tag_of};
 use crate::names::{Index, Texts};
 use crate::spelled;
 use crate::table::quoted;
-use crate::tags::{ByName, tag_of};
 use crate::{Coordinates, Epochs, Table, UserError};
 
 /// A true position holds for this time before and after its row where it cannot be interpolated, seconds.

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use analysis::survey::coverage::bound::{Noise, Station};
-use analysis::survey::coverage::{Fitted, Grid, Map, USUAL_WALL_DB, errors_m, fitted, walls_of};
+use analysis::survey::coverage::{CoverageMap, Fitted, Grid, USUAL_WALL_DB, errors_m, fitted, walls_of};
 use analysis::survey::fingerprint::{Average, Survey};
 use anyhow::Result;
 use pictures::{Heat, heat};
@@ -88,7 +88,7 @@ struct Row {
 /// A map with the name of its source, and the errors of its cells where they are known.
 struct Source {
     name: &'static str,
-    map: Map,
+    map: CoverageMap,
     errors_m: Option<Vec<f64>>,
 }
 
@@ -119,14 +119,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
     let mut sources = Vec::new();
     if let Some(stays) = &stays {
-        sources.push(Source { name: "measured", map: Map::measured(grid, &beacons, stays), errors_m: None });
+        sources.push(Source { name: "measured", map: CoverageMap::measured(grid, &beacons, stays), errors_m: None });
     }
     let mut fits = Vec::new();
     if let Some(placed) = &placed {
         let stations: Vec<_> = placed.iter().map(Station::of).collect();
         let noise = Noise::Level { sensitivity_dbm: arguments.sensitivity_dbm };
         let errors_m = Some(errors_m(grid, &stations, &barriers, noise));
-        let map = Map::simulated(grid, placed, &barriers, arguments.sensitivity_dbm);
+        let map = CoverageMap::simulated(grid, placed, &barriers, arguments.sensitivity_dbm);
         sources.push(Source { name: "simulated", map, errors_m });
         fits = stays.as_deref().map(|stays| fitted(placed, &barriers, stays)).unwrap_or_default();
     }

@@ -8,7 +8,7 @@ use node_link::decode::Stream;
 use recording::output::{self, Growing};
 
 use super::site_names::SiteNamesArgs;
-use super::stream::{Input, Writing, catch_signals, feed_stdout};
+use super::stream::{ByteInput, Writing, catch_signals, feed_stdout};
 
 /// Decode telemetry: the messages of nodes, from any stream of bytes
 ///
@@ -76,7 +76,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let file = arguments.file.as_deref().or(arguments.stream.as_deref());
     let names = arguments.names.read(file)?;
-    let input = Input::open(file)?;
+    let input = ByteInput::open(file)?;
     let out = arguments.out.as_ref().filter(|file| file.as_os_str() != output::STANDARD);
     let mut sink = match out {
         Some(file) => Sink::File(Growing::create(file).with_context(|| format!("cannot write {}", file.display()))?),

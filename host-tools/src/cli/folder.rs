@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use recording::UserError;
-use recording::folder::{Folder, Mode, RecordingSettings};
+use recording::folder::{Folder, MeasurementMode, RecordingSettings};
 
 /// Where files come from that no flag names.
 pub struct FolderFiles(Option<Folder>);
@@ -33,7 +33,7 @@ impl FolderFiles {
     ///
     /// # Errors
     /// There is no folder, or it has no such file.
-    pub fn measured(&self) -> Result<(Mode, PathBuf), UserError> {
+    pub fn measured(&self) -> Result<(MeasurementMode, PathBuf), UserError> {
         self.0.as_ref().ok_or_else(|| needed("ranges.csv"))?.measured()
     }
 

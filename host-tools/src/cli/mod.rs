@@ -110,7 +110,7 @@ commands! {
 
 use anyhow::{Context, Result};
 use clap::CommandFactory;
-use pictures::{Drawing, Format};
+use pictures::{Drawing, PictureFormat};
 pub use program::{Program, program};
 use recording::UserError;
 use recording::output::{self, Growing};
@@ -152,14 +152,14 @@ impl Program for Arguments {
 #[derive(Clone, Copy)]
 pub struct PictureFile<'a> {
     file: &'a Path,
-    format: Format,
+    format: PictureFormat,
 }
 
 impl<'a> PictureFile<'a> {
     /// The file that a flag names. Its format must be supported, and the file must be writable.
     pub fn of(flag: &'static str, file: &'a Path) -> Result<Self, UserError> {
         output::check(flag, file)?;
-        Ok(Self { file, format: Format::of(flag, file)? })
+        Ok(Self { file, format: PictureFormat::of(flag, file)? })
     }
 
     /// The file of `--plot`, where it is given.

@@ -9,8 +9,8 @@ use anyhow::{Context, Result};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use node_link::monitor::{
-    Channel, Counts, Event, Files, Image, Limits, Lines, Listener, NodeOutput, Piped, Reload, Session, Source, json,
-    listen, summary,
+    Event, Files, Image, Limits, Lines, Listener, NodeChannel, NodeOutput, Piped, Reload, Session, SessionCounts,
+    Source, json, listen, summary,
 };
 use node_link::provision::SiteNames;
 use node_link::recorder::{Recorder, Settings};
@@ -146,7 +146,7 @@ fn relay(source: &mut dyn Source, time: Option<Duration>) -> Result<()> {
     let mut out = std::io::stdout();
     while !STOP.load(Ordering::Relaxed) && time.is_none_or(|time| begun.elapsed() < time) {
         match source.next(PATIENCE)? {
-            Some(Event::Bytes(Channel::Telemetry, bytes)) => {
+            Some(Event::Bytes(NodeChannel::Telemetry, bytes)) => {
                 if !read_on(out.write_all(&bytes).and_then(|()| out.flush()))? {
                     return Ok(());
                 }
@@ -157,14 +157,15 @@ fn relay(source: &mut dyn Source, time: Option<Duration>) -> Result<()> {
                 super::note("the chip has no RTT control block: is a baliza image flashed and running?\n");
             }
             Some(Event::End) => return Ok(()),
-            Some(Event::Bytes(Channel::Log, _) | Event::Text(_) | Event::Restarted | Event::Flashed { .. }) | None => {}
+            Some(Event::Bytes(NodeChannel::Log, _) | Event::Text(_) | Event::Restarted | Event::Flashed { .. })
+            | None => {}
         }
     }
     Ok(())
 }
 
 /// Refuses a file that has neither telemetry nor a log.
-fn refuse_without_content(file: &Path, counts: &Counts) -> Result<(), UserError> {
+fn refuse_without_content(file: &Path, counts: &SessionCounts) -> Result<(), UserError> {
     let is_empty = std::fs::metadata(file).is_ok_and(|metadata| metadata.len() == 0);
     if is_empty || !is_without_content(counts) {
         return Ok(());
@@ -172,7 +173,7 @@ fn refuse_without_content(file: &Path, counts: &Counts) -> Result<(), UserError>
     Err(UserError::file(file, "this is no telemetry, and no log: there is no frame in it"))
 }
 
-fn is_without_content(counts: &Counts) -> bool {
+fn is_without_content(counts: &SessionCounts) -> bool {
     let telemetry = &counts.telemetry;
     telemetry.frames + telemetry.newer() + counts.log_lines == 0
 }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use analysis::survey::coverage::bound::{Information, Noise, Station};
 use analysis::survey::coverage::{Grid, USUAL_WALL_DB};
-use analysis::survey::plan::{Found, Problem};
+use analysis::survey::placement::{Found, Problem};
 use anyhow::Result;
 use clap::ValueEnum;
 use pictures::{Heat, heat};

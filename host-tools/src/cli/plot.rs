@@ -9,7 +9,7 @@ use anyhow::Result;
 use pictures::{Dot, Errors, Picture, PictureBuilder};
 use recording::beacons::read_beacons;
 use recording::positions::{self, PositionRow};
-use recording::{Files, Height, Mode, Recording, Space, Truths, read_anchors};
+use recording::{Files, Height, MeasurementMode, Recording, Space, Truths, read_anchors};
 
 use super::PictureFile;
 use super::floor_plan::FloorPlanArgs;
@@ -145,7 +145,7 @@ fn errors(rows: &[PositionRow], truths: Option<&Truths>) -> Errors {
 }
 
 /// The track of each tag of a recording in this space.
-fn track(space: Space, anchors: &Path, mode: Mode, measured: &Path) -> Result<Vec<PositionRow>> {
+fn track(space: Space, anchors: &Path, mode: MeasurementMode, measured: &Path) -> Result<Vec<PositionRow>> {
     let anchor_heights = space != Space::Plane(Height::Unknown);
     let files = Files { anchors, measured, mode, truth: None, anchor_heights, truth_heights: false };
     let recordings = Recording::read(&files)?;

@@ -9,7 +9,7 @@ use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use crc::{CRC_32_ISO_HDLC, Crc};
 use node_link::probe::ProbeArguments;
-use node_link::provision::image::{Contents, Held, Image};
+use node_link::provision::image::{Contents, Held, RecordImage};
 use node_link::provision::one_by_one::Job;
 use node_link::provision::show::{self, Keys};
 use node_link::provision::{EXAMPLE, Node, Site, oddities, transfer, warnings};
@@ -98,7 +98,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return make(arguments, file);
     }
     if let Some(file) = &arguments.show {
-        let held = Image::new(&read_file(file)?)
+        let held = RecordImage::new(&read_file(file)?)
             .map_err(|(line, what)| UserError::line(file, line, what))?
             .read()
             .map_err(|fault| UserError::file(file, fault.to_string()))?;
@@ -169,7 +169,7 @@ fn records_in(folder: &Path) -> HashSet<String> {
 /// Whether a file has a good record.
 fn holds_record(file: &Path) -> bool {
     let bytes = read_limited(file, IMAGE_BYTES);
-    bytes.is_ok_and(|bytes| Image::new(&bytes).is_ok_and(|image| image.read().is_ok()))
+    bytes.is_ok_and(|bytes| RecordImage::new(&bytes).is_ok_and(|image| image.read().is_ok()))
 }
 
 fn warn<'n>(site: &Site, nodes: impl IntoIterator<Item = &'n Node>) {
@@ -339,7 +339,7 @@ fn print_record(arguments: &Arguments, held: &Held) -> Result<()> {
 }
 
 fn check(arguments: &Arguments, file: &Path) -> Result<()> {
-    let checked = match Image::new(&read_file(file)?) {
+    let checked = match RecordImage::new(&read_file(file)?) {
         Ok(image) => image.check().map_err(|what| UserError::file(file, what)),
         Err((line, what)) => Err(UserError::line(file, line, what)),
     };

@@ -6,15 +6,15 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use node_link::decode::{Summary, Waited};
-use node_link::monitor::{Channel, Event};
+use node_link::decode::{DecodeSummary, Waited};
+use node_link::monitor::{Event, NodeChannel};
 use node_link::provision::SiteNames;
 use node_link::recorder::{Recorded, Recorder, Rotation, Settings, folders, make_tables};
 use recording::read_anchors;
 use wire::telemetry::Message;
 
 use super::site_names::SiteNamesArgs;
-use super::stream::{Input, STOP, SourceArguments, catch_signals};
+use super::stream::{ByteInput, STOP, SourceArguments, catch_signals};
 
 /// Record a node's telemetry, for solve, plot and replay
 ///
@@ -88,7 +88,7 @@ fn rotation(text: &str) -> Result<Rotation, String> {
 #[derive(serde::Serialize)]
 struct Document<'a> {
     #[serde(flatten)]
-    summary: &'a Summary,
+    summary: &'a DecodeSummary,
     recorded: &'a Recorded,
 }
 
@@ -121,7 +121,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 /// `--out`: records what comes.
 fn record(arguments: &Arguments, folder: &Path, settings: Settings) -> Result<()> {
     let input = arguments.source.input()?;
-    let file = input.as_ref().and_then(Input::finished_file).map(Path::to_owned);
+    let file = input.as_ref().and_then(ByteInput::finished_file).map(Path::to_owned);
     catch_signals()?;
     let names = settings.site.clone();
     let mut recorder = Recorder::create("--out", folder, Settings { file: file.clone(), ..settings })?;
@@ -152,7 +152,7 @@ fn record(arguments: &Arguments, folder: &Path, settings: Settings) -> Result<()
 const PATIENCE: Duration = Duration::from_millis(50);
 
 /// Reads a file or a pipe to its end.
-fn read(input: &Input, recorder: &mut Recorder, until: &Deadline) -> Result<()> {
+fn read(input: &ByteInput, recorder: &mut Recorder, until: &Deadline) -> Result<()> {
     let progress = input.progress();
     while !until.over() {
         match input.wait(PATIENCE)? {
@@ -175,9 +175,9 @@ fn listen(source: &SourceArguments, recorder: &mut Recorder, until: &Deadline) -
     while !until.over() && !STOP.load(Ordering::Relaxed) {
         match source.next(PATIENCE)? {
             None => recorder.tick()?,
-            Some(Event::Bytes(Channel::Telemetry, bytes)) => recorder.take(&bytes)?,
+            Some(Event::Bytes(NodeChannel::Telemetry, bytes)) => recorder.take(&bytes)?,
             // The log and the boot loader's text are for `monitor`. The content of the flash does not matter here.
-            Some(Event::Bytes(Channel::Log, _) | Event::Text(_) | Event::Flashed { .. } | Event::Restarted) => {}
+            Some(Event::Bytes(NodeChannel::Log, _) | Event::Text(_) | Event::Flashed { .. } | Event::Restarted) => {}
             Some(Event::Connected(to)) => super::note(&format!("listening to {to}\n")),
             Some(Event::Lost(why)) => {
                 recorder.interrupted();
@@ -206,7 +206,7 @@ fn report(
     arguments: &Arguments,
     folder: &Path,
     names: &SiteNames,
-    summary: &Summary,
+    summary: &DecodeSummary,
     recorded: &Recorded,
 ) -> Result<()> {
     if arguments.json {
@@ -216,7 +216,7 @@ fn report(
     Ok(())
 }
 
-fn summary_text(folder: &Path, names: &SiteNames, summary: &Summary, recorded: &Recorded) -> String {
+fn summary_text(folder: &Path, names: &SiteNames, summary: &DecodeSummary, recorded: &Recorded) -> String {
     let mut text = summary.text(names);
     let Recorded { rows, anchors, left_out } = recorded;
     let count = |name: &str| rows.get(name).copied().unwrap_or(0);

@@ -10,7 +10,7 @@ use anyhow::Result;
 use clap::ValueEnum;
 use node_link::provision::SiteNames;
 use recording::folder::RecordingSettings;
-use recording::{Files, Half, Height, Mode, Recording, Solved, Space, Truth, Truths, UserError};
+use recording::{Files, Half, Height, MeasurementMode, Recording, Solved, Space, Truth, Truths, UserError};
 use recording::{Joined, SingleRanges, drop_repeats, round_s, rounds};
 
 use super::floor_plan::{FloorPlan, FloorPlanArgs};
@@ -172,8 +172,8 @@ impl RecordingArgs {
         let folder = FolderFiles::open(self.folder.as_deref())?;
         let settings = folder.settings();
         let (mode, measured) = match (&self.ranges, &self.differences) {
-            (Some(file), _) => (Mode::Ranges, file.clone()),
-            (None, Some(file)) => (Mode::Differences, file.clone()),
+            (Some(file), _) => (MeasurementMode::Ranges, file.clone()),
+            (None, Some(file)) => (MeasurementMode::Differences, file.clone()),
             (None, None) => folder.measured()?,
         };
         let anchors = folder.file(&self.anchors, "anchors.csv")?;
@@ -220,7 +220,7 @@ impl RecordingArgs {
             tags.push(self.joined(recording, truth, setup, singles, &mut notes_of_tag));
             notes.extend(notes_of_tag.into_iter().map(|line| of.clone() + &line));
         }
-        if sources.mode == Mode::Differences && self.residuals {
+        if sources.mode == MeasurementMode::Differences && self.residuals {
             return Err(UserError::flag("--residuals", "only for ranges"));
         }
         Ok(Input {
@@ -282,7 +282,7 @@ impl RecordingArgs {
 /// The files of a recording, and its settings.
 struct Sources {
     anchors: PathBuf,
-    mode: Mode,
+    mode: MeasurementMode,
     measured: PathBuf,
     truth: Option<PathBuf>,
     walls: Option<PathBuf>,
@@ -311,7 +311,7 @@ pub struct Input<'a> {
     /// One a tag.
     pub tags: Vec<OfTag>,
     /// What was measured.
-    pub mode: Mode,
+    pub mode: MeasurementMode,
     pub setup: Setup,
     /// The file of what was measured.
     source: String,

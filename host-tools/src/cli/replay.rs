@@ -7,7 +7,7 @@ use anyhow::Result;
 use node_link::decode::{Pacing, Stream};
 
 use super::site_names::SiteNamesArgs;
-use super::stream::{Input, Writing, feed_stdout};
+use super::stream::{ByteInput, Writing, feed_stdout};
 
 /// Play a recorded stream at its own pace
 ///
@@ -50,7 +50,7 @@ fn speed(text: &str) -> Result<f64, String> {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let lines = arguments.writing.lines()?;
     let names = arguments.names.read(Some(&arguments.file))?;
-    let input = Input::open(Some(&arguments.file))?;
+    let input = ByteInput::open(Some(&arguments.file))?;
     let mut stream = Stream::default();
     let mut pacing = Pacing::new(arguments.speed);
     // The output that is due, followed by the bytes that are not a complete message yet.

@@ -4,7 +4,7 @@ use analysis::locate::track::{Tracker, settings_of_single_epochs};
 use analysis::{Setup, Solver};
 use anyhow::Result;
 use positioning_core::Method;
-use recording::{Mode, SingleRanges};
+use recording::{MeasurementMode, SingleRanges};
 use recording::{Recording, Solved, UserError};
 
 use super::recording_args::RecordingArgs;
@@ -58,22 +58,22 @@ fn methods_help() -> String {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let input = arguments.recording.read(SingleRanges::Group)?;
     let methods = match (&arguments.method, input.mode) {
-        (None, Mode::Ranges) => vec![Method::Robust],
-        (Some(Methods(methods)), Mode::Ranges) => methods.clone(),
-        (None, Mode::Differences) => Vec::new(),
-        (Some(_), Mode::Differences) => {
+        (None, MeasurementMode::Ranges) => vec![Method::Robust],
+        (Some(Methods(methods)), MeasurementMode::Ranges) => methods.clone(),
+        (None, MeasurementMode::Differences) => Vec::new(),
+        (Some(_), MeasurementMode::Differences) => {
             return Err(UserError::flag("--method", "only for ranges: differences have one method, hyperbolic").into());
         }
     };
     let names = match input.mode {
-        Mode::Ranges => methods.iter().map(|method| method.as_str()).collect(),
-        Mode::Differences => vec!["hyperbolic"],
+        MeasurementMode::Ranges => methods.iter().map(|method| method.as_str()).collect(),
+        MeasurementMode::Differences => vec!["hyperbolic"],
     };
     let epochs: usize = input.tags.iter().map(|of| of.recording.epochs.len()).sum();
     let progress = Progress::new(names.len() * epochs);
     let solve = |recording: &Recording| match input.mode {
-        Mode::Differences => vec![hyperbolic(recording, input.setup, &progress)],
-        Mode::Ranges => solve(recording, &methods, input.setup, &progress),
+        MeasurementMode::Differences => vec![hyperbolic(recording, input.setup, &progress)],
+        MeasurementMode::Ranges => solve(recording, &methods, input.setup, &progress),
     };
     let solved: Vec<_> = input.tags.iter().map(|of| solve(&of.recording)).collect();
     drop(progress);

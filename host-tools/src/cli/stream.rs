@@ -53,10 +53,10 @@ impl SourceArguments {
     ///
     /// # Errors
     /// The file cannot be opened.
-    pub fn input(&self) -> Result<Option<Input>, UserError> {
+    pub fn input(&self) -> Result<Option<ByteInput>, UserError> {
         match self.file() {
-            Some(file) => Input::open(Some(file)).map(Some),
-            None if self.stdin => Input::open(None).map(Some),
+            Some(file) => ByteInput::open(Some(file)).map(Some),
+            None if self.stdin => ByteInput::open(None).map(Some),
             None => Ok(None),
         }
     }
@@ -116,7 +116,7 @@ fn seconds(text: &str) -> Result<Duration, String> {
 }
 
 /// A stream in a file or on standard input.
-pub struct Input {
+pub struct ByteInput {
     chunks: Chunks,
     /// The name of the input, for error messages.
     name: PathBuf,
@@ -126,7 +126,7 @@ pub struct Input {
     is_live: bool,
 }
 
-impl Input {
+impl ByteInput {
     /// Opens a file, or the folder of a recording; without a file, or with `-`, standard input.
     ///
     /// # Errors
@@ -171,10 +171,10 @@ impl Input {
         }
     }
 
-    /// As [`Input::next`], but waits no longer than `patience`.
+    /// As [`ByteInput::next`], but waits no longer than `patience`.
     ///
     /// # Errors
-    /// As those of [`Input::next`].
+    /// As those of [`ByteInput::next`].
     pub fn wait(&self, patience: Duration) -> Result<Waited> {
         if STOP.load(Ordering::Relaxed) {
             return if self.is_live { Ok(Waited::End) } else { Err(Interrupted.into()) };

@@ -14,7 +14,7 @@ use wire::telemetry::{Address, Body, Fix, MAX_FRAME, Message, Sighting, Table, e
 
 use node_link::decode::{Stamp, row};
 use node_link::recorder::{STREAM, Tables, is_of_recording, writer};
-use recording::folder::{Mode, RecordingSettings, SETTINGS};
+use recording::folder::{MeasurementMode, RecordingSettings, SETTINGS};
 use recording::output::OutputFolder;
 
 /// The walls of the floor plan, which pictures and beacons use.
@@ -215,7 +215,8 @@ fn short_name(sighting: &Sighting) -> String {
 /// How the tags of a scenario measure, and in which space.
 fn settings(scenario: &Scenario) -> RecordingSettings {
     let listens = |network: &Network| matches!(network.mode, config::Mode::Listening { .. });
-    let mode = if scenario.networks.iter().all(listens) { Mode::Differences } else { Mode::Ranges };
+    let mode =
+        if scenario.networks.iter().all(listens) { MeasurementMode::Differences } else { MeasurementMode::Ranges };
     // Half a millimetre is finer than any height.
     let height_m = scenario.height_m().map(|height_m| (f64::from(height_m) * 2000.0).round() / 2000.0);
     let is_in_space = scenario.tags.iter().all(|tag| tag.settings.record.height_m.is_none());

@@ -13,7 +13,7 @@ use station_core::{SourceReport, Utc};
 use super::NodeReporter;
 use super::udp::{bind, listen};
 use node_link::decode::{Pacing, Stream};
-use node_link::monitor::{Channel, Event, Files, Pace, Piped, Port, Serial, Source};
+use node_link::monitor::{Event, Files, NodeChannel, Pace, Piped, Port, Serial, Source};
 
 use crate::piped_probe::PipedProbe;
 
@@ -174,7 +174,7 @@ fn read(
     let (mut stream, mut reporter) = (Stream::default(), NodeReporter::new(site));
     loop {
         match source.next(PATIENCE)? {
-            Some(Event::Bytes(Channel::Telemetry, bytes)) => {
+            Some(Event::Bytes(NodeChannel::Telemetry, bytes)) => {
                 for byte in bytes {
                     let Some((stamp, message)) = stream.feed(byte) else { continue };
                     if let Some(wait) = pacing.as_mut().and_then(|pacing| pacing.until(stamp.t_s)) {
@@ -192,7 +192,7 @@ fn read(
             }
             Some(Event::Restarted) => stream.restarted(),
             Some(Event::Silent) => note("the chip has no RTT control block: is a baliza image flashed and running?"),
-            Some(Event::Bytes(Channel::Log, _) | Event::Text(_) | Event::Flashed { .. }) => {}
+            Some(Event::Bytes(NodeChannel::Log, _) | Event::Text(_) | Event::Flashed { .. }) => {}
             Some(Event::End) => return Ok(()),
             None => {}
         }

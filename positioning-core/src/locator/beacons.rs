@@ -3,8 +3,8 @@
 
 use heapless::Vec;
 
+use super::outcome::TagUpdate;
 use super::site_models::SiteTracker;
-use super::update::TagUpdate;
 use super::{Locator, RoomUpdate, Settings};
 use crate::ble::beacon_monitor::{BeaconMonitor, HealthChange, Known, Site};
 use crate::ble::rssi::BeaconRssi;

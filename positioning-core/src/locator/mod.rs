@@ -7,19 +7,19 @@
 //! ([`Locator::end_window`]): by a fingerprint map if there is one, else by path losses.
 
 mod beacons;
+mod outcome;
 mod settings;
 mod site_models;
-mod update;
 
+pub use outcome::{Position, TagUpdate};
 pub use settings::{AnchorPosition, Settings};
 pub use site_models::{ForBeacons, RoomUpdate, SiteModels};
-pub use update::{Position, TagUpdate};
 
 use crate::engine::{Engine, Measurement, Range, Tdoa, Verdict};
 use crate::nlos::{Feature, Features, NlosDetector};
 use crate::{Alternative, Real};
 use beacons::Beacons;
-use update::Used;
+use outcome::Used;
 
 /// The receiver's diagnostics of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]

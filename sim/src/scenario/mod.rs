@@ -8,6 +8,7 @@
 mod air;
 mod airtime;
 mod beacon;
+mod beacon_survey;
 mod carrying;
 mod config;
 mod default_walk;
@@ -20,7 +21,6 @@ mod node;
 mod of_site;
 mod record;
 mod run;
-mod survey;
 mod telemetry;
 
 use std::sync::Arc;
@@ -34,6 +34,7 @@ use crate::board::BoardProfile;
 use crate::lis2dh12;
 
 pub use beacon::Beacon;
+pub use beacon_survey::{SurveySample, survey};
 pub use draw::Charges;
 pub use inspection::{Inspection, StepObserver};
 pub use motion::{Walk, distance};
@@ -42,7 +43,6 @@ pub use record::{
 };
 pub use run::Simulation;
 pub use site::{AirModel, Carrier, FaultKind, Fidelity, Format, LISTENING, SIMULATED_NETWORK as NETWORK};
-pub use survey::{SurveySample, survey};
 
 /// What is simulated.
 #[derive(Clone, Debug, PartialEq)]

@@ -10,7 +10,7 @@
 //! | `rounds` | the measurements of a tag until its round ends |
 //! | `tags` | a tag's position, room and zones |
 //! | `nodes` | anchors and beacons, and their health |
-//! | `outline` | the probability that a position is in a room |
+//! | `containment` | the probability that a position is in a room |
 //! | `rate` | events a second, means that forget |
 //! | `supply` | a supply voltage, and whether it is low |
 //!
@@ -24,9 +24,9 @@
 //! that cannot be measurements, are refused and counted ([`LiveState::refused`]).
 
 mod apply;
+mod containment;
 mod limits;
 mod nodes;
-mod outline;
 mod rate;
 mod rounds;
 mod supply;
@@ -37,10 +37,10 @@ use std::collections::{BTreeMap, HashMap};
 use serde::Serialize;
 use utoipa::ToSchema;
 
+pub use self::containment::Gaussian;
+use self::containment::Outline;
 pub use self::limits::{Alarms, StateLimits};
 use self::nodes::Nodes;
-pub use self::outline::Gaussian;
-use self::outline::Outline;
 use self::rounds::{EndedRound, Rounds};
 use self::tags::{Area, Inside, TagState};
 use crate::Utc;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::outline::{Gaussian, Outline};
+use super::containment::{Gaussian, Outline};
 use super::rate::Rate;
 use super::supply::Supply;
 use super::{Alarms, NewEvent, StateLimits};

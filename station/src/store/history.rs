@@ -6,7 +6,7 @@ use std::time::Duration;
 use sqlx::AnyConnection;
 
 use super::key::{MINUTE_MS, TAG, key, ms_of, tag_of, utc};
-use super::lines::{Names, PositionLine, fetch, lines};
+use super::position_text::{Names, PositionLine, fetch, lines};
 use super::rows::{get, limit};
 use super::{Result, Span, Store};
 use crate::model::{TagPosition, TagStatus};

@@ -1,6 +1,6 @@
 //! Advertisements: `baliza ble solve --method engine` and the tag's task.
 
-use analysis::locate::ble::{RssiMethod, Setup, Solver};
+use analysis::locate::ble::{BeaconSetup, RssiMethod, Solver};
 use firmware_tag::{KnownBeacons, LocatorConfig, scan};
 use recording::beacons::{Beacon, Capture, Sample};
 use wire::ble::IBeacon;
@@ -74,7 +74,8 @@ fn a_walk_among_beacons_has_the_same_bits_on_tag_and_host() {
             deviation_db: None,
         })
         .collect();
-    let setup = Setup { window_s: 0.5, height_m: Some(HEIGHT_M), area_m: None, offset_db: 5.0, wall_db: 0.0, seed: 1 };
+    let setup =
+        BeaconSetup { window_s: 0.5, height_m: Some(HEIGHT_M), area_m: None, offset_db: 5.0, wall_db: 0.0, seed: 1 };
     // One capture per window. Its position is that of the window.
     let captures: Vec<Capture> = received
         .chunk_by(|(a, ..), (b, ..)| a / WINDOW_MS == b / WINDOW_MS)

@@ -9,7 +9,7 @@ use positioning_core::nlos::{Feature, Features};
 use ranging::exchange::{Range, Round};
 use ranging::{Diagnostics, RadioInstant};
 use recording::Diagnostics as RowDiagnostics;
-use recording::{Anchor, Coordinates, Epochs, Files, Height, Measured, Mode, Recording, Space, by_time};
+use recording::{Anchor, Coordinates, Epochs, Files, Height, Measured, MeasurementMode, Recording, Space, by_time};
 
 use super::tag;
 
@@ -65,7 +65,7 @@ fn recorded(name: &str) -> Option<Recording> {
     let files = Files {
         anchors: &anchors,
         measured: &ranges,
-        mode: Mode::Ranges,
+        mode: MeasurementMode::Ranges,
         truth: None,
         anchor_heights: true,
         truth_heights: false,

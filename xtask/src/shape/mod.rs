@@ -12,7 +12,7 @@ use std::process::Command;
 use anyhow::{Context, Result, bail};
 
 use crate::{printed, root};
-use budgets::{Budget, Purpose};
+use budgets::{Budget, CratePurpose};
 
 /// The arguments of `cargo xtask shape`.
 #[derive(clap::Args)]
@@ -59,7 +59,7 @@ impl File {
         self.text.lines().enumerate().filter(|(line, _)| self.is_product(*line)).count()
     }
 
-    fn purpose(&self) -> Option<Purpose> {
+    fn purpose(&self) -> Option<CratePurpose> {
         let fitting = budgets::PURPOSES.iter().filter(|(folder, _)| self.path.starts_with(folder));
         fitting.max_by_key(|(folder, _)| folder.len()).map(|(_, purpose)| *purpose)
     }
@@ -149,7 +149,7 @@ fn type_names(files: &[File]) -> Vec<String> {
 /// The names of modules that stand in more than two rooms.
 fn module_names(files: &[File]) -> Vec<String> {
     let mut rooms: BTreeMap<&str, BTreeSet<(&str, &str)>> = BTreeMap::new();
-    let is_counted = |file: &&File| !is_of_tests(&file.path) && file.purpose() != Some(Purpose::Tools);
+    let is_counted = |file: &&File| !is_of_tests(&file.path) && file.purpose() != Some(CratePurpose::Tools);
     for file in files.iter().filter(is_counted) {
         let Some((package, inner)) = within_package(&file.path) else { continue };
         let package = if package.starts_with("boards/") { "boards" } else { package };

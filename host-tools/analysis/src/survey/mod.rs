@@ -5,6 +5,6 @@ pub mod calibration;
 pub mod campaign;
 pub mod coverage;
 pub mod fingerprint;
-pub mod plan;
+pub mod placement;
 pub mod presence;
 pub mod rooms;

@@ -6,11 +6,11 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
 
-use super::samples::Sample;
+use super::samples::TrainingSample;
 
 /// Assigns placements to `count` folds, direct and blocked ones separately, so that the other folds always have both
 /// classes. Returns the fold of each placement; the result is the same for the same seed.
-pub fn deal(samples: &[&Sample], placements: usize, count: usize, seed: u64) -> Vec<usize> {
+pub fn deal(samples: &[&TrainingSample], placements: usize, count: usize, seed: u64) -> Vec<usize> {
     let (mut votes, mut present) = (vec![0_i64; placements], vec![false; placements]);
     for sample in samples {
         votes[sample.placement] += if sample.blocked == Some(true) { 1 } else { -1 };
@@ -30,10 +30,10 @@ pub fn deal(samples: &[&Sample], placements: usize, count: usize, seed: u64) -> 
 
 /// At most `most` receptions of either class. Every placement of the class gives the same number, spread evenly over
 /// it, because a longer recording of a placement is not more evidence.
-pub fn balanced<'a>(samples: &[&'a Sample], most: usize) -> Vec<&'a Sample> {
+pub fn balanced<'a>(samples: &[&'a TrainingSample], most: usize) -> Vec<&'a TrainingSample> {
     let mut chosen = Vec::new();
     for class in [false, true] {
-        let mut placements: BTreeMap<usize, Vec<&Sample>> = BTreeMap::new();
+        let mut placements: BTreeMap<usize, Vec<&TrainingSample>> = BTreeMap::new();
         for sample in samples.iter().filter(|sample| sample.blocked == Some(class)) {
             placements.entry(sample.placement).or_default().push(sample);
         }
@@ -48,8 +48,8 @@ pub fn balanced<'a>(samples: &[&'a Sample], most: usize) -> Vec<&'a Sample> {
 
 /// Weights of receptions: both classes have the same sum, and within a class every placement has the same. All
 /// weights sum to one.
-pub fn weights(samples: &[&Sample]) -> Vec<f64> {
-    let key = |sample: &Sample| (sample.blocked == Some(true), sample.placement);
+pub fn weights(samples: &[&TrainingSample]) -> Vec<f64> {
+    let key = |sample: &TrainingSample| (sample.blocked == Some(true), sample.placement);
     let mut counts = BTreeMap::new();
     for sample in samples {
         *counts.entry(key(sample)).or_insert(0_usize) += 1;
@@ -71,9 +71,10 @@ mod tests {
     use super::*;
     use positioning_core::nlos::Features;
 
-    fn samples(counts: &[(usize, bool)]) -> Vec<Sample> {
+    fn samples(counts: &[(usize, bool)]) -> Vec<TrainingSample> {
         let make = |(placement, &(count, blocked)): (usize, &(usize, bool))| {
-            let sample = Sample { placement, blocked: Some(blocked), features: Features::default(), error_m: None };
+            let sample =
+                TrainingSample { placement, blocked: Some(blocked), features: Features::default(), error_m: None };
             std::iter::repeat_n(sample, count)
         };
         counts.iter().enumerate().flat_map(make).collect()
@@ -82,7 +83,7 @@ mod tests {
     #[test]
     fn whole_placements_go_to_one_fold_and_classes_are_spread() {
         let samples = samples(&[(5, false), (9, true), (2, false), (7, true), (1, true), (3, true)]);
-        let samples: Vec<&Sample> = samples.iter().collect();
+        let samples: Vec<&TrainingSample> = samples.iter().collect();
         let folds = deal(&samples, 6, 2, 3);
         assert_eq!(folds, deal(&samples, 6, 2, 3), "the same for the same seed");
         assert_ne!(folds[0], folds[2], "the two direct placements");
@@ -94,7 +95,7 @@ mod tests {
     #[test]
     fn the_choice_is_even() {
         let samples = samples(&[(100, false), (50, true), (10, true), (40, true)]);
-        let samples: Vec<&Sample> = samples.iter().collect();
+        let samples: Vec<&TrainingSample> = samples.iter().collect();
         let chosen = balanced(&samples, 60);
         let of = |placement| chosen.iter().filter(|sample| sample.placement == placement).count();
         // 60 of one direct placement; 60/3 = 20 of each blocked one, of which one has only 10.
@@ -104,7 +105,7 @@ mod tests {
     #[test]
     fn classes_and_placements_weigh_as_much() {
         let samples = samples(&[(4, false), (2, true), (6, true)]);
-        let samples: Vec<&Sample> = samples.iter().collect();
+        let samples: Vec<&TrainingSample> = samples.iter().collect();
         let weights = weights(&samples);
         // ½ for the direct placement, ¼ for each blocked one: ½/4, ¼/2, ¼/6.
         assert!((weights[0] - 0.125).abs() < 1e-12 && (weights[4] - 0.125).abs() < 1e-12);

@@ -8,7 +8,7 @@ use positioning_core::nlos::{Feature, Features, Input, Inputs, Perceptron};
 use super::backpropagation::{Example, Goal, Network};
 use super::folds::deal;
 use super::gaussian_process::GaussianProcess;
-use super::samples::{Sample, Samples};
+use super::samples::{Samples, TrainingSample};
 
 /// Inputs of table 1's and table 2's mitigators.
 const FEATURES: [Feature; 2] = [Feature::RangeMean, Feature::PowerMean];
@@ -126,7 +126,7 @@ pub const STEPS: usize = 12;
 /// Features, placement, whether blocked, and the error without the building's common bias, of the receptions for
 /// which all of these are known.
 fn unbiased(samples: &Samples) -> Vec<(Features, usize, bool, f64)> {
-    let known = |sample: &Sample| FEATURES.iter().all(|&feature| sample.features.get(feature).is_some());
+    let known = |sample: &TrainingSample| FEATURES.iter().all(|&feature| sample.features.get(feature).is_some());
     let all = samples.all.iter().filter(|sample| known(sample));
     let all: Vec<_> =
         all.filter_map(|s| Some((s.features, s.placement, s.blocked.unwrap_or(false), s.error_m?))).collect();
@@ -144,7 +144,7 @@ fn held_out(
     samples: &Samples,
     seed: u64,
 ) -> Vec<(f64, f64)> {
-    let of_class: Vec<&Sample> =
+    let of_class: Vec<&TrainingSample> =
         samples.all.iter().filter(|sample| sample.blocked.unwrap_or(false) == blocked).collect();
     let folds = deal(&of_class, samples.placements.len(), FOLDS, seed);
     let mut pairs = Vec::new();
@@ -234,7 +234,7 @@ mod tests {
                 // Direct ranges are exact; blocked ones follow the curve.
                 let blocked = i % 2 == 1;
                 let error = if blocked { 0.4 + 0.3 * (range * 2.5 + shift).sin() } else { 0.01 * f64::from(i % 3) };
-                samples.all.push(Sample { placement, blocked: Some(blocked), features, error_m: Some(error) });
+                samples.all.push(TrainingSample { placement, blocked: Some(blocked), features, error_m: Some(error) });
             }
         }
         samples

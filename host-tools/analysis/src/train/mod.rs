@@ -20,7 +20,7 @@ pub use backpropagation::{Example, Goal, Network};
 pub use chosen::Chosen;
 pub use fit::IS_AVAILABLE;
 pub use recipe::{Method, RECIPES, Recipe};
-pub use samples::{DEFAULT_PLACEMENT, Sample, Samples};
+pub use samples::{DEFAULT_PLACEMENT, Samples, TrainingSample};
 pub use score::Score;
 
 use positioning_core::nlos::{Classifier, Feature, Model, Platt, StoredError};
@@ -41,7 +41,7 @@ pub fn features_of_recipe(recipe: &Recipe) -> String {
 }
 
 /// The labelled receptions.
-fn labelled(samples: &Samples) -> Vec<&Sample> {
+fn labelled(samples: &Samples) -> Vec<&TrainingSample> {
     samples.all.iter().filter(|sample| sample.blocked.is_some()).collect()
 }
 
@@ -51,7 +51,7 @@ pub fn train(recipe: &Recipe, samples: &Samples, seed: u64) -> Option<Vec<u8>> {
     train_on(recipe, &labelled(samples), samples.placements.len(), seed)
 }
 
-fn train_on(recipe: &Recipe, samples: &[&Sample], placements: usize, seed: u64) -> Option<Vec<u8>> {
+fn train_on(recipe: &Recipe, samples: &[&TrainingSample], placements: usize, seed: u64) -> Option<Vec<u8>> {
     let held_out =
         held_out(samples, placements, CALIBRATION_FOLDS, seed, |training| recipe.train(training, Platt::NONE, seed));
     let calibration = if held_out.is_empty() { Platt::NONE } else { platt::fit(&held_out) };
@@ -60,16 +60,16 @@ fn train_on(recipe: &Recipe, samples: &[&Sample], placements: usize, seed: u64) 
 
 /// The probabilities of receptions, each from a model trained without its fold of placements.
 fn held_out<'a>(
-    samples: &[&'a Sample],
+    samples: &[&'a TrainingSample],
     placements: usize,
     count: usize,
     seed: u64,
-    mut train: impl FnMut(&[&'a Sample]) -> Option<Vec<u8>>,
-) -> Vec<(f32, &'a Sample)> {
+    mut train: impl FnMut(&[&'a TrainingSample]) -> Option<Vec<u8>>,
+) -> Vec<(f32, &'a TrainingSample)> {
     let folds = folds::deal(samples, placements, count, seed);
     let mut scored = Vec::new();
     for fold in 0..count {
-        let (test, training): (Vec<&Sample>, Vec<&Sample>) =
+        let (test, training): (Vec<&TrainingSample>, Vec<&TrainingSample>) =
             samples.iter().copied().partition(|sample| folds[sample.placement] == fold);
         if test.is_empty() {
             continue;
@@ -101,13 +101,13 @@ pub fn cross_validate(
 
 /// Scores a model on the labelled receptions that have its features; `None` where there are none.
 pub fn score(model: &Model<'_>, samples: &Samples) -> Option<Score> {
-    let probability = |sample: &'_ Sample| model.nlos_probability(&sample.features);
-    let scored: Vec<(f32, &Sample)> =
+    let probability = |sample: &'_ TrainingSample| model.nlos_probability(&sample.features);
+    let scored: Vec<(f32, &TrainingSample)> =
         labelled(samples).into_iter().filter_map(|s| Some((probability(s)?, s))).collect();
     Score::of(&pairs(&scored))
 }
 
-fn pairs(scored: &[(f32, &Sample)]) -> Vec<(f32, bool)> {
+fn pairs(scored: &[(f32, &TrainingSample)]) -> Vec<(f32, bool)> {
     scored.iter().filter_map(|(p, sample)| Some((*p, sample.blocked?))).collect()
 }
 

@@ -3,15 +3,15 @@
 use positioning_core::nlos::Platt;
 
 use super::folds::weights;
-use super::samples::Sample;
+use super::samples::TrainingSample;
 
 /// Fits slope and offset to the scores of held-out receptions by Newton's method.
 ///
 /// In Platt's targets, (n + 1)/(n + 2) and 1/(n + 2), n is the number of placements and not that of receptions. A
 /// hundred receptions of one placement are still one observation, and a probability of 0.999 needs a thousand
 /// placements.
-pub fn fit(scored: &[(f32, &Sample)]) -> Platt {
-    let samples: Vec<&Sample> = scored.iter().map(|(_, sample)| *sample).collect();
+pub fn fit(scored: &[(f32, &TrainingSample)]) -> Platt {
+    let samples: Vec<&TrainingSample> = scored.iter().map(|(_, sample)| *sample).collect();
     let weights = weights(&samples);
     let mut placements: Vec<(bool, usize)> = samples.iter().map(|s| (s.blocked == Some(true), s.placement)).collect();
     placements.sort_unstable();

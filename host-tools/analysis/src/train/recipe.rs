@@ -13,7 +13,7 @@ use positioning_core::nlos::{
 use super::backpropagation::{Example, Goal, Network};
 use super::fit;
 use super::folds::{balanced, deal, weights};
-use super::samples::Sample;
+use super::samples::TrainingSample;
 
 /// Number of receptions of either class to which a learnt classifier is fitted.
 const MOST: usize = 600;
@@ -97,8 +97,8 @@ impl Recipe {
 
     /// Trains on the labelled receptions that have its features. Returns the bytes of the model with this
     /// calibration; `None` where one of the classes is missing, or the library that fits it.
-    pub fn train(&self, samples: &[&Sample], calibration: Platt, seed: u64) -> Option<Vec<u8>> {
-        let known: Vec<&Sample> =
+    pub fn train(&self, samples: &[&TrainingSample], calibration: Platt, seed: u64) -> Option<Vec<u8>> {
+        let known: Vec<&TrainingSample> =
             samples.iter().copied().filter(|s| s.blocked.is_some() && self.knows(&s.features)).collect();
         let classes = [false, true].map(|class| known.iter().any(|sample| sample.blocked == Some(class)));
         let is_fitted = matches!(self.method, Method::Logistic | Method::NearestReduced);
@@ -150,7 +150,7 @@ fn encode(model: &Model<'_>) -> Option<Vec<u8>> {
 }
 
 /// Means and deviations of the features, with equal weights for both classes.
-fn inputs(features: &[Feature], samples: &[&Sample]) -> Inputs {
+fn inputs(features: &[Feature], samples: &[&TrainingSample]) -> Inputs {
     let input = |&feature: &Feature| {
         let (mean, deviation) = moments(feature, samples);
         Input { feature, mean: mean as f32, deviation: deviation as f32 }
@@ -159,7 +159,7 @@ fn inputs(features: &[Feature], samples: &[&Sample]) -> Inputs {
 }
 
 /// Weighted mean and deviation of a feature; a deviation of zero becomes one.
-fn moments(feature: Feature, samples: &[&Sample]) -> (f64, f64) {
+fn moments(feature: Feature, samples: &[&TrainingSample]) -> (f64, f64) {
     let values = samples.iter().map(|sample| f64::from(sample.features.get(feature).unwrap_or(0.0)));
     let weights = weights(samples);
     let mean: f64 = values.clone().zip(&weights).map(|(value, weight)| value * weight).sum();
@@ -167,9 +167,9 @@ fn moments(feature: Feature, samples: &[&Sample]) -> (f64, f64) {
     (mean, if variance > 1e-12 { variance.sqrt() } else { 1.0 })
 }
 
-fn skewness(feature: Feature, samples: &[&Sample]) -> Skewness {
+fn skewness(feature: Feature, samples: &[&TrainingSample]) -> Skewness {
     let [(los_mean, los), (nlos_mean, nlos)] = [false, true].map(|class| {
-        let of: Vec<&Sample> = samples.iter().copied().filter(|sample| sample.blocked == Some(class)).collect();
+        let of: Vec<&TrainingSample> = samples.iter().copied().filter(|sample| sample.blocked == Some(class)).collect();
         moments(feature, &of)
     });
     let deviation = ((los * los + nlos * nlos) / 2.0).sqrt();
@@ -177,12 +177,12 @@ fn skewness(feature: Feature, samples: &[&Sample]) -> Skewness {
 }
 
 /// The inputs of every reception of a class.
-fn points(inputs: &Inputs, samples: &[&Sample], class: bool) -> Vec<Vec<f64>> {
+fn points(inputs: &Inputs, samples: &[&TrainingSample], class: bool) -> Vec<Vec<f64>> {
     let of = samples.iter().filter(|sample| sample.blocked == Some(class));
     of.filter_map(|sample| point(inputs, sample)).collect()
 }
 
-fn point(inputs: &Inputs, sample: &Sample) -> Option<Vec<f64>> {
+fn point(inputs: &Inputs, sample: &TrainingSample) -> Option<Vec<f64>> {
     Some(inputs.of(&sample.features)?.iter().map(|&input| f64::from(input)).collect())
 }
 
@@ -206,7 +206,7 @@ fn centres(points: Vec<Vec<f64>>, seed: u64) -> Vec<Vec<f64>> {
         .collect()
 }
 
-fn logistic(inputs: Inputs, samples: &[&Sample]) -> Option<Logistic> {
+fn logistic(inputs: Inputs, samples: &[&TrainingSample]) -> Option<Logistic> {
     let examples = examples(&inputs, samples);
     let rows: Vec<Vec<f64>> = examples.iter().map(|(point, _)| point.clone()).collect();
     let labels: Vec<i32> = examples.iter().map(|(_, target)| i32::from(*target > 0.5)).collect();
@@ -214,8 +214,8 @@ fn logistic(inputs: Inputs, samples: &[&Sample]) -> Option<Logistic> {
     Some(Logistic { weights: weights.into_iter().collect(), intercept, inputs })
 }
 
-fn examples(inputs: &Inputs, samples: &[&Sample]) -> Vec<Example> {
-    let example = |sample: &&Sample| {
+fn examples(inputs: &Inputs, samples: &[&TrainingSample]) -> Vec<Example> {
+    let example = |sample: &&TrainingSample| {
         let target = f64::from(u8::from(sample.blocked == Some(true)));
         Some((point(inputs, sample)?, target))
     };
@@ -223,10 +223,10 @@ fn examples(inputs: &Inputs, samples: &[&Sample]) -> Vec<Example> {
 }
 
 /// Trained on most placements, with early stopping by the others.
-fn perceptron(inputs: &Inputs, hidden: &[u8], known: &[&Sample], seed: u64) -> Vec<f64> {
+fn perceptron(inputs: &Inputs, hidden: &[u8], known: &[&TrainingSample], seed: u64) -> Vec<f64> {
     let placements = known.iter().map(|sample| sample.placement + 1).max().unwrap_or(0);
     let folds = deal(known, placements, 4, seed);
-    let (validation, training): (Vec<&Sample>, Vec<&Sample>) =
+    let (validation, training): (Vec<&TrainingSample>, Vec<&TrainingSample>) =
         known.iter().copied().partition(|sample| folds[sample.placement] == 0);
     let [training, validation] = [training, validation].map(|part| examples(inputs, &balanced(&part, MOST)));
     // Where all receptions are of one placement, it also serves for early stopping.
@@ -235,7 +235,7 @@ fn perceptron(inputs: &Inputs, hidden: &[u8], known: &[&Sample], seed: u64) -> V
     Network::new(inputs.len(), hidden, Goal::Classify).train(&training, &validation, seed)
 }
 
-fn quantised(inputs: Inputs, known: &[&Sample], seed: u64) -> Option<Quantised> {
+fn quantised(inputs: Inputs, known: &[&TrainingSample], seed: u64) -> Option<Quantised> {
     let weights = perceptron(&inputs, &SMALL_LAYER, known, seed);
     let [width] = SMALL_LAYER.map(usize::from);
     let (hidden, outputs) = weights.split_at_checked(width * (inputs.len() + 1))?;
@@ -259,7 +259,7 @@ mod tests {
 
     /// Sixty receptions in six placements: x = (1.5 sin 1.7i, cos 0.9i + 0.3 sin i), blocked where x₀ − 0.8x₁ + sin
     /// 5.3i > 0.2.
-    fn receptions() -> Vec<Sample> {
+    fn receptions() -> Vec<TrainingSample> {
         (0..60)
             .map(|i| {
                 let r = i as f64;
@@ -268,7 +268,7 @@ mod tests {
                 features.set(Feature::SkewnessNear, x[0] as f32);
                 features.set(Feature::PowerDifference, x[1] as f32);
                 let blocked = Some(x[0] - 0.8 * x[1] + (5.3 * r).sin() > 0.2);
-                Sample { placement: i % 6, blocked, features, error_m: None }
+                TrainingSample { placement: i % 6, blocked, features, error_m: None }
             })
             .collect()
     }
@@ -302,7 +302,7 @@ mod tests {
     fn neighbours_are_those_of_scikit_learn() {
         // sklearn 1.9: KNeighborsClassifier(47, metric="cityblock"): 22, 9 and 20 votes of 47.
         let samples = receptions();
-        let all: Vec<&Sample> = samples.iter().collect();
+        let all: Vec<&TrainingSample> = samples.iter().collect();
         let [los, nlos] = [false, true].map(|class| coordinates(&points(&plain(), &all, class)));
         let nearest = Nearest { inputs: plain(), neighbours: 47, los: &los, nlos: &nlos };
         for (x, votes) in [([0.5, -0.5], 22.0), ([-1.0, 1.0], 9.0), ([1.2, 0.1], 20.0)] {
@@ -319,7 +319,7 @@ mod tests {
                 sample.features.set(feature, (i % 7) as f32);
             }
         }
-        let all: Vec<&Sample> = samples.iter().collect();
+        let all: Vec<&TrainingSample> = samples.iter().collect();
         for recipe in RECIPES {
             let bytes = recipe.train(&all, Platt::NONE, 1).unwrap_or_else(|| panic!("{recipe:?}"));
             let (model, rest) = Model::decode(&bytes).expect("a model");
@@ -329,7 +329,7 @@ mod tests {
             assert_eq!(features, recipe.features);
             assert!(model.nlos_probability(&samples[0].features).is_some());
         }
-        let direct: Vec<&Sample> = all.iter().copied().filter(|sample| sample.blocked == Some(false)).collect();
+        let direct: Vec<&TrainingSample> = all.iter().copied().filter(|sample| sample.blocked == Some(false)).collect();
         assert!(
             RECIPES.iter().all(|recipe| recipe.train(&direct, Platt::NONE, 1).is_none()),
             "one class teaches nothing"
@@ -343,7 +343,7 @@ mod tests {
         let sample = |placement, blocked, value| {
             let mut features = Features::default();
             features.set(Feature::SkewnessNear, value);
-            Sample { placement, blocked: Some(blocked), features, error_m: None }
+            TrainingSample { placement, blocked: Some(blocked), features, error_m: None }
         };
         let samples = [
             sample(0, false, 2.0),

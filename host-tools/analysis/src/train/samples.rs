@@ -9,13 +9,13 @@ use std::path::Path;
 
 use positioning_core::nlos::{BEFORE, Features, Means, Shape, WINDOW};
 
-use recording::tags::tag_of;
+use recording::grouping::tag_of;
 use recording::{DiagnosticColumns, Diagnostics};
 use recording::{Table, UserError};
 
 /// One reception.
 #[derive(Clone, Debug)]
-pub struct Sample {
+pub struct TrainingSample {
     /// Its index in [`Samples::placements`].
     pub placement: usize,
     /// Whether the direct path is blocked, where that is known.
@@ -30,7 +30,7 @@ pub struct Sample {
 #[derive(Clone, Debug, Default)]
 pub struct Samples {
     /// In the order of the files.
-    pub all: Vec<Sample>,
+    pub all: Vec<TrainingSample>,
     /// Names of the placements.
     pub placements: Vec<String>,
     /// The index of each name in [`placements`](Self::placements).
@@ -74,7 +74,7 @@ impl Samples {
                 features.set_shape(&shape);
             }
             let error_m = row.number(diagnostics.range)?.zip(row.number(truth)?).map(|(range, truth)| range - truth);
-            self.all.push(Sample { placement, blocked, features, error_m });
+            self.all.push(TrainingSample { placement, blocked, features, error_m });
         }
         if self.all.len() == before { Err(UserError::line(file, 1, "no receptions below the header")) } else { Ok(()) }
     }
@@ -112,7 +112,7 @@ impl Samples {
                 anchor: row.text(anchor),
             });
             let error_m = range_m.zip(truth).map(|(range, truth)| range - truth);
-            self.all.push(Sample { placement, blocked, features, error_m });
+            self.all.push(TrainingSample { placement, blocked, features, error_m });
         }
         if self.all.len() == before { Err(UserError::line(file, 1, "no ranges below the header")) } else { Ok(()) }
     }

@@ -1,7 +1,7 @@
 //! A node's telemetry: from the bytes of a stream to messages on one time line.
 //!
 //! [`StreamFiles`] opens files, and [`Chunks`] reads them or a pipe. [`Stream`] takes the bytes and returns messages,
-//! each with its time in the recording's [`Timeline`]. [`row`] returns a message's row in its table. [`Summary`] counts
+//! each with its time in the recording's [`Timeline`]. [`row`] returns a message's row in its table. [`DecodeSummary`] counts
 //! what was received and what was lost. `docs/reference/wire-format.md` specifies the bytes.
 
 mod chunks;
@@ -13,7 +13,7 @@ mod timeline;
 pub use chunks::{Chunks, Waited};
 pub use opened::StreamFiles;
 pub use pacing::Pacing;
-pub use summary::Summary;
+pub use summary::DecodeSummary;
 pub(crate) use summary::no_telemetry;
 pub use timeline::{Stamp, Timeline};
 
@@ -74,8 +74,8 @@ impl Stream {
     }
 
     /// The summary so far.
-    pub fn summary(&self) -> Summary {
-        Summary::of(&self.seen, &self.timeline, self.decoder.counts(), self.decoder.pending())
+    pub fn summary(&self) -> DecodeSummary {
+        DecodeSummary::of(&self.seen, &self.timeline, self.decoder.counts(), self.decoder.pending())
     }
 }
 

@@ -12,11 +12,11 @@ use recording::UserError;
 
 /// What was received in a stream, and what was lost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Summary {
+pub struct DecodeSummary {
     /// The number of bytes.
     pub bytes: u64,
     /// The number of messages, by their kind.
-    pub frames: Frames,
+    pub frames: FrameCounts,
     /// Fixes with a position.
     pub positions: u64,
     /// How many times a full network refused the node.
@@ -54,20 +54,20 @@ pub struct Summary {
 
 /// Messages by their kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Frames {
+pub struct FrameCounts {
     /// All messages.
     pub total: u64,
     /// Messages of each kind, in the order of [`Message::KINDS`].
     pub kinds: [u64; Message::KINDS.len()],
 }
 
-impl Frames {
+impl FrameCounts {
     fn by_kind(&self) -> impl Iterator<Item = (&'static str, u64)> {
         Message::KINDS.iter().copied().zip(self.kinds)
     }
 }
 
-impl Serialize for Frames {
+impl Serialize for FrameCounts {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_map([("total", self.total)].into_iter().chain(self.by_kind()))
     }
@@ -93,12 +93,12 @@ pub struct Newer {
     pub unknown: u64,
 }
 
-impl Summary {
+impl DecodeSummary {
     pub(super) fn of(seen: &Seen, timeline: &Timeline, counts: &Counts, pending: usize) -> Self {
         let (gaps, rounds_missed) = timeline.gaps();
         Self {
             bytes: seen.bytes,
-            frames: Frames { total: counts.frames, kinds: seen.kinds },
+            frames: FrameCounts { total: counts.frames, kinds: seen.kinds },
             positions: seen.positions,
             network_full: seen.network_full,
             malformed: Malformed {

@@ -6,7 +6,7 @@
 //! a frame of defmt, unless the whole piece is a valid frame of telemetry. So the second frame after any loss is
 //! decoded correctly again.
 
-use super::source::{Channel, Event};
+use super::source::{Event, NodeChannel};
 use wire::telemetry::DecodeError;
 
 /// Longer than any frame. A piece without a zero within this number of bytes is not a frame.
@@ -34,7 +34,7 @@ impl Demux {
             }
             if self.piece.len() >= MAX_PIECE {
                 // The decoder of telemetry counts this piece.
-                push(&mut events, Channel::Telemetry, &std::mem::take(&mut self.piece));
+                push(&mut events, NodeChannel::Telemetry, &std::mem::take(&mut self.piece));
                 self.announced = false;
             }
         }
@@ -44,7 +44,7 @@ impl Demux {
     /// Returns the rest when no more bytes come. The decoders count it.
     pub fn finish(&mut self) -> Vec<Event> {
         let mut events = Vec::new();
-        let channel = if self.announced { Channel::Log } else { Channel::Telemetry };
+        let channel = if self.announced { NodeChannel::Log } else { NodeChannel::Telemetry };
         push(&mut events, channel, &std::mem::take(&mut self.piece));
         events
     }
@@ -59,11 +59,11 @@ impl Demux {
             self.announced = true;
             if !piece.is_empty() {
                 piece.push(0);
-                push(events, Channel::Telemetry, &piece);
+                push(events, NodeChannel::Telemetry, &piece);
             }
             return;
         }
-        let channel = if self.announced && !is_telemetry(&piece) { Channel::Log } else { Channel::Telemetry };
+        let channel = if self.announced && !is_telemetry(&piece) { NodeChannel::Log } else { NodeChannel::Telemetry };
         self.announced = false;
         piece.push(0);
         push(events, channel, &piece);
@@ -90,7 +90,7 @@ fn is_telemetry(piece: &[u8]) -> bool {
 }
 
 /// Adds a piece. It is appended to the last event where that has the same channel.
-fn push(events: &mut Vec<Event>, channel: Channel, piece: &[u8]) {
+fn push(events: &mut Vec<Event>, channel: NodeChannel, piece: &[u8]) {
     if piece.is_empty() {
         return;
     }
@@ -105,7 +105,7 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64;
 
-    use super::super::source::{Channel, Event};
+    use super::super::source::{Event, NodeChannel};
     use super::super::testing::{BUILD, fix, frame, hello, telemetry_frame};
     use super::Demux;
 
@@ -117,8 +117,8 @@ mod tests {
         let (mut log, mut telemetry, mut text) = (Vec::new(), Vec::new(), Vec::new());
         for event in events {
             match event {
-                Event::Bytes(Channel::Log, bytes) => log.extend(bytes),
-                Event::Bytes(Channel::Telemetry, bytes) => telemetry.extend(bytes),
+                Event::Bytes(NodeChannel::Log, bytes) => log.extend(bytes),
+                Event::Bytes(NodeChannel::Telemetry, bytes) => telemetry.extend(bytes),
                 Event::Text(line) => text.push(line),
                 other => panic!("{other:?}"),
             }

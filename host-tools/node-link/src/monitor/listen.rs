@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use wire::telemetry::Message;
 
-use super::session::{Counts, Item, NodeOutput, Session};
+use super::session::{Item, NodeOutput, Session, SessionCounts};
 use super::source::{Event, Source};
 
 /// The limits at which listening ends, besides the end of the source.
@@ -49,7 +49,7 @@ pub fn listen(
     listener: &mut dyn Listener,
     limits: Limits,
     stop: &AtomicBool,
-) -> Result<Counts> {
+) -> Result<SessionCounts> {
     let begun = Instant::now();
     let mut fixes = 0;
     let mut failed = None;

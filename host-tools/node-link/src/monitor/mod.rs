@@ -6,11 +6,11 @@
 //! [`Image`] is the ELF file; the log cannot be read without it.
 
 mod demux;
+mod elf;
 mod formats;
-mod image;
 mod json;
 mod listen;
-mod log;
+mod log_frames;
 mod probed;
 mod rtt;
 mod serial;
@@ -21,16 +21,16 @@ mod streams;
 mod table;
 
 pub use demux::Demux;
-pub use image::{Build, Image, Marks, SourceLocation};
+pub use elf::{Build, Image, Marks, SourceLocation};
 pub use json::json;
 pub use listen::{Limits, Listener, listen};
-pub use log::LogLine;
+pub use log_frames::LogLine;
 pub use probed::{Attach, Probed};
 pub use rtt::{Memory, Polled, Rings, find};
 pub use serial::{Open, Port, Serial, no_port, ports};
-pub use session::{Counts, Item, NodeOutput, Reload, Session};
+pub use session::{Item, NodeOutput, Reload, Session, SessionCounts};
 pub use show::{Lines, summary};
-pub use source::{Channel, Event, Pace, Source};
+pub use source::{Event, NodeChannel, Pace, Source};
 pub use streams::{Files, Piped};
 
 #[cfg(test)]

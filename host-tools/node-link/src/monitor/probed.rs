@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 
-use super::image::Marks;
+use super::elf::Marks;
 use super::rtt::{self, Memory, Polled, Rings};
 use super::source::{Event, Pace, Retry, Source};
 use crate::probe::ProbeArguments;
@@ -172,9 +172,9 @@ mod tests {
 
     use anyhow::{Result, anyhow};
 
-    use super::super::image::Marks;
+    use super::super::elf::Marks;
     use super::super::rtt::Memory;
-    use super::super::source::{Channel, Event, Pace, Source};
+    use super::super::source::{Event, NodeChannel, Pace, Source};
     use super::super::testing_chip::Ram;
     use super::{Attach, Probed};
 
@@ -231,7 +231,7 @@ mod tests {
     }
 
     fn log(text: &str) -> Event {
-        Event::Bytes(Channel::Log, text.into())
+        Event::Bytes(NodeChannel::Log, text.into())
     }
 
     #[test]
@@ -240,7 +240,7 @@ mod tests {
         let mut source = desk.source(None);
         desk.0.borrow_mut().send(0, b"log");
         desk.0.borrow_mut().send(1, b"told");
-        let told = Event::Bytes(Channel::Telemetry, b"told".to_vec());
+        let told = Event::Bytes(NodeChannel::Telemetry, b"told".to_vec());
         assert_eq!(events(&mut source), [Event::Connected("chip".into()), told, log("log")]);
         assert_eq!(desk.0.borrow().resets, 0);
     }

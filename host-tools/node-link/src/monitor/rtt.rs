@@ -10,7 +10,7 @@ use std::ops::Range;
 
 use anyhow::{Result, anyhow};
 
-use super::source::Channel;
+use super::source::NodeChannel;
 
 /// The functions of a chip that the monitor needs.
 pub trait Memory {
@@ -44,7 +44,7 @@ const DESCRIPTOR: usize = 24;
 /// The offset of the host's read position in a descriptor.
 const READ: u64 = 16;
 /// The channels of the log and of telemetry.
-const CHANNELS: [Channel; 2] = [Channel::Log, Channel::Telemetry];
+const CHANNELS: [NodeChannel; 2] = [NodeChannel::Log, NodeChannel::Telemetry];
 /// More channels than any node has. A block with more is not a control block.
 const MAX_CHANNELS: u32 = 32;
 /// The number of bytes read at once while searching.
@@ -114,7 +114,7 @@ pub enum Polled {
     /// The bytes that the node has written since the last poll, by channel.
     Bytes {
         /// The channels with new bytes.
-        bytes: Vec<(Channel, Vec<u8>)>,
+        bytes: Vec<(NodeChannel, Vec<u8>)>,
         /// The rings have begun again: the node has restarted, or another program also reads them.
         restarted: bool,
     },
@@ -226,11 +226,11 @@ fn word(bytes: &[u8], at: usize) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::source::Channel;
+    use super::super::source::NodeChannel;
     use super::super::testing_chip::Ram;
     use super::{Memory, Polled, find};
 
-    fn bytes(polled: Polled) -> Vec<(Channel, Vec<u8>)> {
+    fn bytes(polled: Polled) -> Vec<(NodeChannel, Vec<u8>)> {
         match polled {
             Polled::Bytes { bytes, restarted: false } => bytes,
             other => panic!("{other:?}"),
@@ -262,7 +262,7 @@ mod tests {
             let (log, telemetry) = (vec![round; 50], vec![round ^ 0x80; 17]);
             assert!(ram.send(0, &log) && ram.send(1, &telemetry));
             let read = bytes(rings.poll(&mut ram).expect("memory"));
-            assert_eq!(read, [(Channel::Log, log), (Channel::Telemetry, telemetry)]);
+            assert_eq!(read, [(NodeChannel::Log, log), (NodeChannel::Telemetry, telemetry)]);
         }
         assert!(ram.send(0, &[1; 63]) && !ram.send(0, &[2]));
     }
@@ -276,7 +276,7 @@ mod tests {
         rings.poll(&mut ram).expect("memory");
         ram.start(0);
         ram.send(0, b"after");
-        let restarted = Polled::Bytes { bytes: vec![(Channel::Log, b"after".to_vec())], restarted: true };
+        let restarted = Polled::Bytes { bytes: vec![(NodeChannel::Log, b"after".to_vec())], restarted: true };
         assert_eq!(rings.poll(&mut ram).expect("memory"), restarted);
         ram.clear();
         assert_eq!(rings.poll(&mut ram).expect("memory"), Polled::Gone);

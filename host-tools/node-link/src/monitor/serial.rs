@@ -178,7 +178,7 @@ mod tests {
 
     use anyhow::{Result, anyhow};
 
-    use super::super::source::{Channel, Event, Pace, Source};
+    use super::super::source::{Event, NodeChannel, Pace, Source};
     use super::super::testing::{fix, frame, telemetry_frame};
     use super::{Open, Port, Serial};
 
@@ -223,16 +223,16 @@ mod tests {
         ]));
         let mut source = Serial::new(cable, "port".into(), PACE);
         let mut events = Vec::new();
-        while events.last() != Some(&Event::Bytes(Channel::Telemetry, place.clone())) || events.len() < 5 {
+        while events.last() != Some(&Event::Bytes(NodeChannel::Telemetry, place.clone())) || events.len() < 5 {
             events.extend(source.next(Duration::from_millis(50)).expect("no failure"));
         }
-        let torn = Event::Bytes(Channel::Telemetry, place[..9].to_vec());
+        let torn = Event::Bytes(NodeChannel::Telemetry, place[..9].to_vec());
         let lost = Event::Lost(io::Error::from(ErrorKind::BrokenPipe).to_string());
-        let place = Event::Bytes(Channel::Telemetry, place);
+        let place = Event::Bytes(NodeChannel::Telemetry, place);
         let connected = Event::Connected("port".into());
         assert_eq!(
             events,
-            [connected.clone(), Event::Bytes(Channel::Log, line), place.clone(), torn, lost, connected, place]
+            [connected.clone(), Event::Bytes(NodeChannel::Log, line), place.clone(), torn, lost, connected, place]
         );
     }
 

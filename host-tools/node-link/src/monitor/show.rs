@@ -6,8 +6,8 @@ use std::time::Duration;
 use defmt_parser::Level;
 use wire::telemetry::{Message, Tone};
 
-use super::log::LogLine;
-use super::session::{Counts, NodeOutput};
+use super::log_frames::LogLine;
+use super::session::{NodeOutput, SessionCounts};
 use crate::provision::SiteNames;
 
 const RED: &str = "\x1b[31m";
@@ -108,8 +108,8 @@ fn of_tone(tone: Tone) -> &'static str {
 }
 
 /// The counts, in one line.
-pub fn summary(counts: &Counts, elapsed: Duration) -> String {
-    let Counts {
+pub fn summary(counts: &SessionCounts, elapsed: Duration) -> String {
+    let SessionCounts {
         fixes,
         no_fixes,
         others,
@@ -153,9 +153,9 @@ mod tests {
         RecordError, Reset, ResetCause, Sighting, SolveError, Solver, State,
     };
 
-    use super::super::image::SourceLocation;
-    use super::super::log::LogLine;
-    use super::super::session::{Counts, NodeOutput};
+    use super::super::elf::SourceLocation;
+    use super::super::log_frames::LogLine;
+    use super::super::session::{NodeOutput, SessionCounts};
     use super::super::testing::{BUILD, fix, hello};
     use super::{Lines, summary};
     use crate::decode::Stamp;
@@ -323,14 +323,14 @@ mod tests {
 
     #[test]
     fn the_summary_names_only_what_went_wrong() {
-        let good = Counts { fixes: 10, no_fixes: 1, others: 30, log_lines: 5, ..Counts::default() };
+        let good = SessionCounts { fixes: 10, no_fixes: 1, others: 30, log_lines: 5, ..SessionCounts::default() };
         assert_eq!(
             summary(&good, Duration::from_millis(1500)),
             "1.5 s: 10 fixes, 1 rounds without one, 30 other messages, 5 lines of the log"
         );
         let telemetry =
             wire::telemetry::Counts { checksum: 2, cobs: 1, lost_bytes: 70, ..wire::telemetry::Counts::default() };
-        let bad = Counts { log_malformed: 3, node_dropped: 4, restarts: 1, lost: 2, telemetry, ..good };
+        let bad = SessionCounts { log_malformed: 3, node_dropped: 4, restarts: 1, lost: 2, telemetry, ..good };
         let said = summary(&bad, Duration::ZERO);
         for part in [
             "3 malformed frames of the log",

@@ -6,7 +6,7 @@ use anyhow::Result;
 
 /// A channel of a node: RTT channel 0 or 1, or its part of the mixture on a serial line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Channel {
+pub enum NodeChannel {
     /// Frames of defmt.
     Log,
     /// Frames of telemetry.
@@ -17,7 +17,7 @@ pub enum Channel {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Event {
     /// Bytes of a channel, not necessarily whole frames.
-    Bytes(Channel, Vec<u8>),
+    Bytes(NodeChannel, Vec<u8>),
     /// A line of plain text between the frames, from a boot loader.
     Text(String),
     /// The connection is established: a short description of the other end.

@@ -8,7 +8,7 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 
 use super::demux::Demux;
-use super::source::{Channel, Event, Source};
+use super::source::{Event, NodeChannel, Source};
 use crate::decode::{Chunks, StreamFiles, Waited};
 use recording::UserError;
 
@@ -123,7 +123,7 @@ impl Source for Files {
             let behind = self.log.as_mut().filter(|log| !log.ended && log.progress() < self.mixture.progress());
             if let Some(log) = behind {
                 let chunk = log.read()?;
-                self.ready.push_back(Event::Bytes(Channel::Log, chunk));
+                self.ready.push_back(Event::Bytes(NodeChannel::Log, chunk));
             } else if !self.mixture.ended {
                 let chunk = self.mixture.read()?;
                 let ended = self.mixture.ended;

@@ -30,7 +30,7 @@ mod with {
     use defmt_decoder::Encoding;
 
     use super::Decoded;
-    use crate::monitor::image::SourceLocation;
+    use crate::monitor::elf::SourceLocation;
 
     /// The table.
     pub struct Table(defmt_decoder::Table);
@@ -95,7 +95,7 @@ mod with {
 #[cfg(not(feature = "defmt"))]
 mod without {
     use super::Decoded;
-    use crate::monitor::image::SourceLocation;
+    use crate::monitor::elf::SourceLocation;
 
     /// There is none.
     pub enum Table {}

@@ -101,7 +101,7 @@ impl Contents<'_> {
 
 /// A file that may hold a record.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Image {
+pub struct RecordImage {
     bytes: Vec<u8>,
 }
 
@@ -148,7 +148,7 @@ pub fn held(pages: [&[u8]; 2], site_models: &[u8]) -> Result<Held, LoadError> {
     Ok(Held { record, version, sequence, model: model(which), site_models })
 }
 
-impl Image {
+impl RecordImage {
     /// An image from a file's bytes: one page or two pages, or Intel HEX.
     ///
     /// # Errors
@@ -273,7 +273,7 @@ mod tests {
             assert_eq!(decode(&bytes[..size]), Ok((record(), 1)));
             assert_eq!(decode(&bytes[size..]), Ok((record(), 1)));
             assert_eq!(
-                Image::new(&bytes).unwrap().check(),
+                RecordImage::new(&bytes).unwrap().check(),
                 Ok(Held { record: record(), version: 2, sequence: 1, model: None, site_models: None })
             );
         }
@@ -291,7 +291,7 @@ mod tests {
         assert_eq!(lines.last(), Some(&":00000001FF"));
         assert!(text.lines().any(|line| line.starts_with(":10F80000424C5A52")));
         for board in Board::HARDWARE {
-            let image = Image::new(of(&record(), None).intel_hex(board).unwrap().as_bytes()).unwrap();
+            let image = RecordImage::new(of(&record(), None).intel_hex(board).unwrap().as_bytes()).unwrap();
             assert_eq!(image.check().map(|held| held.record), Ok(record()), "{board:?}");
         }
     }
@@ -300,10 +300,10 @@ mod tests {
     fn hex_files_that_are_none_are_refused_without_panic() {
         let text = of(&record(), None).intel_hex(Board::Dwm1001).unwrap();
         let flipped = text.replacen("424C", "424D", 1);
-        assert_eq!(Image::new(flipped.as_bytes()).map_err(|(line, _)| line), Err(2), "its checksum is wrong");
+        assert_eq!(RecordImage::new(flipped.as_bytes()).map_err(|(line, _)| line), Err(2), "its checksum is wrong");
         let wide = ":020000040000FA\n:0100000000FF\n:020000040800F2\n:0100000000FF\n:00000001FF\n";
-        assert_eq!(Image::new(wide.as_bytes()).map_err(|(line, _)| line), Err(1));
-        assert!(Image::new(b":").is_err());
+        assert_eq!(RecordImage::new(wide.as_bytes()).map_err(|(line, _)| line), Err(1));
+        assert!(RecordImage::new(b":").is_err());
     }
 
     #[test]
@@ -316,14 +316,14 @@ mod tests {
             let bytes = of(&record(), Some(model)).binary(board);
             let hex = of(&record(), Some(model)).intel_hex(board).unwrap();
             for bytes in [bytes.as_slice(), hex.as_bytes()] {
-                let held = Image::new(bytes).unwrap().check().unwrap();
+                let held = RecordImage::new(bytes).unwrap().check().unwrap();
                 assert_eq!(held.record, record(), "{board:?}");
                 assert_eq!(held.classifier().as_deref(), Some("skewness (skewness_near)"), "{board:?}");
             }
             let size = board.pages().size as usize;
             let mut damaged = bytes.clone();
             damaged[size + MODEL_AT + 9] ^= 1;
-            let said = Image::new(&damaged).unwrap().check().unwrap_err();
+            let said = RecordImage::new(&damaged).unwrap().check().unwrap_err();
             assert_eq!(said, "page 2 of 2: the record is whole, but beside it is a damaged model", "{board:?}");
         }
     }
@@ -332,13 +332,13 @@ mod tests {
     fn a_single_page_is_enough() {
         for size in [2048, 4096] {
             let bytes = &of(&record(), None).binary(Board::Dwm1001)[..size];
-            assert_eq!(Image::new(bytes).unwrap().check().map(|held| held.sequence), Ok(1), "{size} bytes");
+            assert_eq!(RecordImage::new(bytes).unwrap().check().map(|held| held.sequence), Ok(1), "{size} bytes");
         }
     }
 
     #[test]
     fn each_damaged_file_has_its_own_error() {
-        let said = |bytes: &[u8]| Image::new(bytes).unwrap().check().expect_err("it is wrong");
+        let said = |bytes: &[u8]| RecordImage::new(bytes).unwrap().check().expect_err("it is wrong");
         let good = of(&record(), None).binary(Board::Dwm1001);
         assert_eq!(said(&good[..5000]), "the file is cut short: 5000 bytes are no whole pages");
         assert_eq!(said(&good[..40]), "the record is damaged or cut short: its checksum is wrong");
@@ -351,7 +351,7 @@ mod tests {
         let expected =
             "page 2 of 2: the record is damaged or cut short: its checksum is wrong; the other page is whole";
         assert_eq!(said(&flipped), expected);
-        assert_eq!(Image::new(&flipped).unwrap().read().map(|held| held.record), Ok(record()));
+        assert_eq!(RecordImage::new(&flipped).unwrap().read().map(|held| held.record), Ok(record()));
     }
 
     #[test]
@@ -370,18 +370,18 @@ mod tests {
             assert_eq!((bytes.len(), &bytes[place..place + region.len()]), (16_384, region.as_slice()), "{board:?}");
             let hex = contents.intel_hex(board).unwrap();
             for bytes in [bytes.as_slice(), hex.as_bytes()] {
-                let held = Image::new(bytes).unwrap().check().unwrap();
+                let held = RecordImage::new(bytes).unwrap().check().unwrap();
                 assert_eq!(held.record, record, "{board:?}");
                 assert!(held.site_models.is_some_and(|site_models| site_models.starts_with(&region)), "{board:?}");
             }
             let mut damaged = bytes.clone();
             damaged[place + 20] ^= 1;
-            let said = Image::new(&damaged).unwrap().check().unwrap_err();
+            let said = RecordImage::new(&damaged).unwrap().check().unwrap_err();
             assert_eq!(said, "the record is whole, but beside it is damaged models of beacons", "{board:?}");
             // Flash as read from a board, with an erased region.
             let mut none = bytes;
             none[place..place + 8192].fill(0xFF);
-            assert_eq!(Image::new(&none).unwrap().check().map(|held| held.site_models), Ok(None), "{board:?}");
+            assert_eq!(RecordImage::new(&none).unwrap().check().map(|held| held.site_models), Ok(None), "{board:?}");
         }
         // A board without Bluetooth has no region for the models.
         assert_eq!(Contents { site_models: Some(&region), ..of(&record(), None) }.binary(Board::Evk1000).len(), 4096);

@@ -6,7 +6,7 @@
 //! and each write goes to the system at once: whatever ends the program, the bytes stay. The tables follow within a
 //! second, and [`make_tables`] makes them again from the bytes.
 
-mod folder;
+mod file_names;
 mod remade;
 mod tables;
 
@@ -18,12 +18,12 @@ use std::time::{Duration, Instant, SystemTime};
 use anyhow::{Context, Result};
 use wire::telemetry::Message;
 
-use crate::decode::{Stamp, Stream, Summary, no_telemetry};
+use crate::decode::{DecodeSummary, Stamp, Stream, no_telemetry};
 use crate::provision::SiteNames;
 use recording::output::{Live, clear, refuse_existing};
 use recording::{Anchor, UserError};
 
-pub use folder::{STREAM, TIMES, folders, is_of_recording};
+pub use file_names::{STREAM, TIMES, folders, is_of_recording};
 pub use remade::make_tables;
 pub use tables::writer;
 pub use tables::{Recorded, Tables, address_and_place};
@@ -109,9 +109,10 @@ impl Recorder {
     pub fn create(flag: &'static str, folder: &Path, settings: Settings) -> Result<Self> {
         let rotates = settings.rotation.is_some();
         refuse_existing(flag, folder, &is_of_recording, settings.force && !rotates)?;
-        let parts = folder::parts(folder);
+        let parts = file_names::parts(folder);
         if let (Some((number, _)), false) = (parts.first(), rotates) {
-            let what = format!("{} has the parts of a recording ({})", folder.display(), folder::part_name(*number));
+            let what =
+                format!("{} has the parts of a recording ({})", folder.display(), file_names::part_name(*number));
             return Err(UserError::flag(flag, what).into());
         }
         fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
@@ -199,7 +200,7 @@ impl Recorder {
         let mut folder = self.folder.clone();
         if self.settings.rotation.is_some() {
             self.number += 1;
-            folder.push(folder::part_name(self.number));
+            folder.push(file_names::part_name(self.number));
             fs::create_dir(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
         } else {
             clear(&folder, &is_of_recording).with_context(|| format!("cannot replace {}", folder.display()))?;
@@ -238,7 +239,7 @@ impl Recorder {
     }
 
     /// The summary of what was received so far.
-    pub fn summary(&self) -> Summary {
+    pub fn summary(&self) -> DecodeSummary {
         self.stream.summary()
     }
 

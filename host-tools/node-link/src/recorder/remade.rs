@@ -8,9 +8,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result};
 
-use super::folder::{ANCHORS, STREAM, TRUTH, folders, is_table};
+use super::file_names::{ANCHORS, STREAM, TRUTH, folders, is_table};
 use super::tables::{Recorded, Tables, address_and_place};
-use crate::decode::{Stream, StreamFiles, Summary};
+use crate::decode::{DecodeSummary, Stream, StreamFiles};
 use recording::output::OutputFolder;
 use recording::read_text;
 use recording::{Interrupted, UserError, read_anchors};
@@ -24,7 +24,11 @@ const CHUNK: usize = 1 << 16;
 /// # Errors
 /// The folder has no recording or a simulated one, its bytes are no telemetry, `stop` was set ([`Interrupted`]), or the
 /// file system returns an error.
-pub fn make_tables(folder: &Path, given: &BTreeMap<u16, [f64; 3]>, stop: &AtomicBool) -> Result<(Summary, Recorded)> {
+pub fn make_tables(
+    folder: &Path,
+    given: &BTreeMap<u16, [f64; 3]>,
+    stop: &AtomicBool,
+) -> Result<(DecodeSummary, Recorded)> {
     let mut stream = Stream::default();
     let mut recorded = Recorded::default();
     let mut reported = BTreeMap::new();

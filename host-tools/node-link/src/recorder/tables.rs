@@ -13,7 +13,7 @@ use anyhow::Result;
 use serde::Serializer;
 use wire::telemetry::{Address, Message, Table, metres};
 
-use super::folder::ANCHORS;
+use super::file_names::ANCHORS;
 use crate::decode::{Stamp, row};
 use recording::output::write_file;
 use recording::{Anchor, UserError};

@@ -3,8 +3,8 @@
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
+use crate::grouping::tag_of;
 use crate::recording::Coordinates;
-use crate::tags::tag_of;
 use crate::{Table, UserError};
 
 /// The largest number of methods in a file: a picture gives each one a line of its legend.

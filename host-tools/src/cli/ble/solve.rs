@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use analysis::locate::advice;
-use analysis::locate::ble::{RssiMethod, Setup, Solver};
+use analysis::locate::ble::{BeaconSetup, RssiMethod, Solver};
 use anyhow::Result;
 use positioning_core::ble::beacon_monitor::{BeaconHealth, HealthChange};
 use recording::beacons::{Captured, read_beacons, read_captures, read_walls};
@@ -104,7 +104,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let solver = Solver::new(
         &beacons,
         &walls,
-        Setup {
+        BeaconSetup {
             window_s: f64::from(arguments.window_ms) / 1000.0,
             height_m: arguments.height_m,
             area_m: arguments.area.map(|CornersM(corners)| corners),

@@ -11,7 +11,7 @@ use indicatif::ProgressBar;
 use node_link::decode::Stream;
 use recording::UserError;
 
-use crate::cli::stream::{Input, STOP, SourceArguments, catch_signals};
+use crate::cli::stream::{ByteInput, STOP, SourceArguments, catch_signals};
 use crate::cli::{note, print_json, prompt};
 
 /// Survey fingerprints: go from point to point with a tag, and record the RSSI values that it receives
@@ -106,7 +106,7 @@ fn missing<'p>(places: &'p [SurveyPoint], book: &FingerprintFile) -> Vec<&'p Sur
 
 fn recorded(
     arguments: &Arguments,
-    input: &Input,
+    input: &ByteInput,
     places: &[SurveyPoint],
     book: &mut FingerprintFile,
 ) -> Result<Vec<Visit>> {

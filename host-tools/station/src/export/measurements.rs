@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use station_core::model::{MeasuredValue, NodeMeasurement, PlacedNode, RangeMeasurement};
 
-use super::folder::metres;
+use super::recording_tables::metres;
 use super::seconds;
 use node_link::recorder::writer;
 

@@ -4,11 +4,11 @@
 //! The input is the store and a [`Selection`] of it. The memory that an export takes does not depend on the span:
 //! positions are read a part after the other.
 
-mod folder;
 mod gpx;
 #[cfg(feature = "foxglove")]
 mod mcap;
 mod measurements;
+mod recording_tables;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -18,10 +18,10 @@ use station_core::model::{SiteMap, TagPosition, TagStatus};
 use station_core::store::Span;
 use station_core::{Store, Utc};
 
-pub use folder::{is_of_export, write_folder};
 pub use gpx::write_gpx;
 #[cfg(feature = "foxglove")]
 pub use mcap::write_mcap;
+pub use recording_tables::{is_of_export, write_folder};
 
 use recording::UserError;
 

@@ -4,9 +4,9 @@
 //! the list and the search. Keys go in by [`Screen::key`]; [`Screen::draw`] draws a frame. It has no clock and no
 //! terminal, so tests draw into memory. [`Raw`] is the terminal: it is as it was before when `Raw` is dropped.
 
+mod braille_map;
 mod keys;
 mod lists;
-mod map;
 mod raw;
 #[cfg(test)]
 mod tests;

@@ -13,17 +13,17 @@
 //! mediante Bluetooth Low Energy* (Universitat Oberta de Catalunya, 2024), unless another source is named.
 
 mod hysteresis;
-#[cfg(feature = "serde")]
-mod model;
 mod nearest;
 mod outline;
+#[cfg(feature = "serde")]
+mod room_model;
 mod svm;
 
 pub use hysteresis::{RoomEstimate, RoomHysteresis, Settings};
-#[cfg(feature = "serde")]
-pub use model::{Kind, MODEL_VERSION, Model, NodeModel, StoredError};
 pub use nearest::{Nearest, UNHEARD, level_byte};
 pub use outline::{Outlines, Spot};
+#[cfg(feature = "serde")]
+pub use room_model::{Kind, MODEL_VERSION, Model, NodeModel, StoredError};
 pub use svm::{Svm, pairs};
 
 use heapless::Vec;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use node_link::provision::image::Image;
+use node_link::provision::image::RecordImage;
 use node_link::provision::show::{self, Keys};
 use node_link::provision::{EXAMPLE, Site, oddities, site_models, warnings};
 use analysis::survey::rooms::ModelFile;
@@ -48,7 +48,7 @@ pub fn site_seeds() -> Vec<Vec<u8>> {
 
 /// A record that is shown can be provisioned again, unless everyone knows its key.
 pub fn record_image(input: &[u8]) {
-    let Ok(image) = Image::new(input) else { return };
+    let Ok(image) = RecordImage::new(input) else { return };
     let _ = image.check();
     let Ok(held) = image.read() else { return };
     let _ = (held.classifier(), held.map_and_rooms(), show::summary(&held), show::json(&held, None, Keys::Hidden));

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use std::time::Duration;
 
 use node_link::decode::{Stream, row};
-use node_link::monitor::{Channel, Demux, Event, Image, Item, Lines, Session, json, summary};
+use node_link::monitor::{NodeChannel, Demux, Event, Image, Item, Lines, Session, json, summary};
 use node_link::provision::SiteNames;
 use object::write::{Object, Symbol, SymbolSection};
 use object::{Architecture, BinaryFormat, Endianness, SectionKind, SymbolFlags, SymbolKind, SymbolScope};
@@ -78,7 +78,7 @@ pub fn elf(input: &[u8]) {
     if let Ok(image) = Image::read(&folder::file("any.elf", input)) {
         let mut session = Session::new(Some(image), Box::new(|_| None), false);
         let line = stream_seeds().pop().unwrap_or_default();
-        for event in [Event::Flashed { same: true }, Event::Bytes(Channel::Log, line), Event::End] {
+        for event in [Event::Flashed { same: true }, Event::Bytes(NodeChannel::Log, line), Event::End] {
             session.accept(Duration::ZERO, event).expect("nothing is recorded");
         }
         let mut lines = Lines::new(true, true);

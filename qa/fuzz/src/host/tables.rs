@@ -9,7 +9,7 @@ use analysis::locate::track::{Tracker, Weighting, settings, settings_of_single_e
 use analysis::survey::campaign::read_points;
 use analysis::survey::presence::{follow, read_outlines};
 use analysis::train::{DEFAULT_PLACEMENT, Samples};
-use recording::{Files, Height, Mode, Recording, Solved, Space, Truths, UserError, read_anchors};
+use recording::{Files, Height, MeasurementMode, Recording, Solved, Space, Truths, UserError, read_anchors};
 use analysis::{Setup, Solver};
 use positioning_core::Method;
 
@@ -30,7 +30,7 @@ fn one_line<T>(read: Result<T, UserError>) -> Option<T> {
 pub fn recording(input: &[u8]) {
     let [anchors, ranges, truth] = files(input, ["anchors.csv", "ranges.csv", "truth.csv"]);
     let truth = input.iter().filter(|byte| **byte == 0).nth(1).map(|_| truth.as_path());
-    let (measured, mode) = (&*ranges, Mode::Ranges);
+    let (measured, mode) = (&*ranges, MeasurementMode::Ranges);
     let files = Files { anchors: &anchors, measured, mode, truth, anchor_heights: true, truth_heights: false };
     one_line(Recording::read(&files)).into_iter().flatten().take(2).for_each(solve);
 }
@@ -38,7 +38,7 @@ pub fn recording(input: &[u8]) {
 /// The recordings of a tag that only listens.
 pub fn differences(input: &[u8]) {
     let [anchors, differences] = files(input, ["anchors.csv", "differences.csv"]);
-    let (measured, mode) = (&*differences, Mode::Differences);
+    let (measured, mode) = (&*differences, MeasurementMode::Differences);
     let files = Files { anchors: &anchors, measured, mode, truth: None, anchor_heights: true, truth_heights: false };
     one_line(Recording::read(&files)).into_iter().flatten().take(2).for_each(solve);
 }

@@ -6,18 +6,18 @@
 //! followed frame is stronger by the capture ratio. A stronger frame that comes while the first is still in its
 //! preamble captures the receiver.
 
+mod air_event;
 pub mod bias;
 mod channel;
-mod events;
 mod lasting;
 pub mod phy;
 mod port;
 mod propagation;
 mod receiver;
 
+pub use air_event::{AirClient, AirStatistics, Payload, Reception, ReceptionEvent, Sniffed};
+pub(crate) use air_event::{AirEvent, Stage};
 pub use channel::{Response, estimated_dbm};
-pub use events::{AirClient, AirStatistics, Payload, Reception, ReceptionEvent, Sniffed};
-pub(crate) use events::{AirEvent, Stage};
 pub use lasting::LastingErrors;
 pub use phy::{Phy, Prf, Rate, Sfd, SfdKind};
 pub use port::{Path, PortId, RxSettings};

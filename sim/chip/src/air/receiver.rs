@@ -1,7 +1,7 @@
 //! A receiver's course through a frame, step by step.
 
+use super::air_event::{AirEvent, Payload, Reception, ReceptionEvent, Stage};
 use super::bias::range_bias_m;
-use super::events::{AirEvent, Payload, Reception, ReceptionEvent, Stage};
 use super::phy::{Phy, Prf};
 use super::port::Lock;
 use super::propagation::{SPEED_OF_LIGHT, dbm, milliwatts};

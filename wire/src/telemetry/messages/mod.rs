@@ -8,12 +8,12 @@ mod counters;
 mod difference;
 mod fix;
 mod hello;
+mod node_state;
 mod range;
 mod reception;
 mod reset;
 mod room;
 mod sighting;
-mod state;
 mod supply;
 
 use core::fmt;
@@ -28,13 +28,13 @@ pub use counters::Counters;
 pub use difference::Difference;
 pub use fix::{Fix, FixLine, Outcome, Solver};
 pub use hello::{Hello, Role};
+pub use node_state::{BeaconEvidence, Condition, MotionSensor, RecordError, RssiModelError, SiteModelPart, State};
 pub use positioning_core::SolveError;
 pub use range::Range;
 pub use reception::Diagnostics;
 pub use reset::{Crash, CrashReason, Reset, ResetCause};
 pub use room::{Room, RoomEstimate, RoomLine, RoomProbability};
 pub use sighting::{BeaconId, Sighting};
-pub use state::{BeaconEvidence, Condition, MotionSensor, RecordError, RssiModelError, SiteModelPart, State};
 pub use supply::Supply;
 
 messages! {

@@ -60,7 +60,7 @@ impl RssiMethod {
 
 /// The settings of a solver.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Setup {
+pub struct BeaconSetup {
     /// The window of integration, seconds.
     pub window_s: f64,
     /// The tag's height, metres, where it is known. The beacons' heights are used only if it is known.
@@ -79,7 +79,7 @@ pub struct Setup {
 #[derive(Debug)]
 pub struct Solver<'a> {
     pub(super) beacons: &'a [Beacon],
-    pub(super) setup: Setup,
+    pub(super) setup: BeaconSetup,
     /// The kernels' origin of coordinates, metres.
     origin: [f64; 2],
     /// Barriers for particles. For signals, their attenuation counts.
@@ -88,7 +88,7 @@ pub struct Solver<'a> {
 
 impl<'a> Solver<'a> {
     /// A solver for these beacons. Only the first [`MOST_BEACONS`] are used.
-    pub fn new(beacons: &'a [Beacon], walls: &[files::Wall], setup: Setup) -> Self {
+    pub fn new(beacons: &'a [Beacon], walls: &[files::Wall], setup: BeaconSetup) -> Self {
         let beacons = beacons.get(..MOST_BEACONS).unwrap_or(beacons);
         let origin = std::array::from_fn(|axis| {
             beacons.iter().map(|beacon| beacon.position_m[axis]).sum::<f64>() / beacons.len().max(1) as f64

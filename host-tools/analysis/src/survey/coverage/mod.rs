@@ -1,12 +1,12 @@
 //! Coverage: measured or simulated RSSI values over an area, and how accurate a position from them would be.
 //!
-//! The input is fingerprints, or beacons and walls. The output is a [`Map`]: one RSSI a beacon in each cell of a
+//! The input is fingerprints, or beacons and walls. The output is a [`CoverageMap`]: one RSSI a beacon in each cell of a
 //! [`Grid`]. [`bound`] has the least error that those RSSI values, or ranges to anchors, allow. The search for
 //! positions of beacons and anchors ([`crate::survey::plan`]) uses it too.
 
 pub mod bound;
 mod grid;
-mod map;
+mod rssi_grid;
 
 pub use grid::Grid;
-pub use map::{Fitted, Map, USUAL_WALL_DB, errors_m, fitted, walls_of};
+pub use rssi_grid::{CoverageMap, Fitted, USUAL_WALL_DB, errors_m, fitted, walls_of};

@@ -14,9 +14,9 @@ use std::time::Duration;
 use anyhow::Result;
 use wire::telemetry::{Condition, Message, State};
 
-use super::image::{Build, Image};
-use super::log::{self, Frames, LogLine};
-use super::source::{Channel, Event};
+use super::elf::{Build, Image};
+use super::log_frames::{self, Frames, LogLine};
+use super::source::{Event, NodeChannel};
 use crate::decode::{Stamp, Stream};
 use crate::recorder::Recorder;
 use recording::UserError;
@@ -43,7 +43,7 @@ pub enum NodeOutput {
 
 /// The counts of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
+pub struct SessionCounts {
     /// Positions.
     pub fixes: u64,
     /// Rounds without a position.
@@ -66,7 +66,7 @@ pub struct Counts {
     pub telemetry: wire::telemetry::Counts,
 }
 
-impl Counts {
+impl SessionCounts {
     /// Frames that did not arrive as the node sent them.
     pub fn lost_frames(&self) -> u64 {
         self.telemetry.malformed() + self.log_malformed
@@ -121,7 +121,7 @@ pub struct Session {
     hinted: bool,
     silent_reported: bool,
     notes: VecDeque<String>,
-    counts: Counts,
+    counts: SessionCounts,
     state: Option<Condition>,
 }
 
@@ -143,7 +143,7 @@ impl Session {
             hinted: false,
             silent_reported: false,
             notes: VecDeque::new(),
-            counts: Counts::default(),
+            counts: SessionCounts::default(),
             state: None,
         };
         if let Some(image) = &session.image
@@ -182,8 +182,8 @@ impl Session {
     /// The event cannot be recorded.
     pub fn accept(&mut self, now: Duration, event: Event) -> Result<()> {
         match event {
-            Event::Bytes(Channel::Telemetry, bytes) => self.telemetry(&bytes)?,
-            Event::Bytes(Channel::Log, bytes) => {
+            Event::Bytes(NodeChannel::Telemetry, bytes) => self.telemetry(&bytes)?,
+            Event::Bytes(NodeChannel::Log, bytes) => {
                 for frame in self.frames.feed(&bytes) {
                     self.log_frame(now, frame);
                 }
@@ -270,8 +270,8 @@ impl Session {
     }
 
     /// The counts so far.
-    pub fn counts(&self) -> Counts {
-        Counts {
+    pub fn counts(&self) -> SessionCounts {
+        SessionCounts {
             log_malformed: self.counts.log_malformed + self.frames.malformed(),
             telemetry: *self.stream.counts(),
             ..self.counts
@@ -342,7 +342,7 @@ impl Session {
             self.counts.log_unreadable += 1;
             return (!std::mem::replace(is_shown, true)).then_some(NodeOutput::Unreadable);
         }
-        let Some(mut line) = self.image.as_ref().and_then(|image| log::read(image, frame)) else {
+        let Some(mut line) = self.image.as_ref().and_then(|image| log_frames::read(image, frame)) else {
             self.counts.log_malformed += 1;
             return None;
         };

@@ -8,8 +8,8 @@ use rand_pcg::Pcg64;
 use wire::telemetry::Message;
 
 use super::{Item, NodeOutput, Session};
-use crate::monitor::image::{Image, SourceLocation};
-use crate::monitor::source::{Channel, Event};
+use crate::monitor::elf::{Image, SourceLocation};
+use crate::monitor::source::{Event, NodeChannel};
 use crate::monitor::testing::{BUILD, OTHER_BUILD, elf, fix, frame, hello, telemetry_frame};
 
 const fn ms(milliseconds: u64) -> Duration {
@@ -29,11 +29,11 @@ fn accept(session: &mut Session, now: Duration, event: Event) {
 }
 
 fn log(session: &mut Session, now: Duration, t_us: u64, argument: u8) {
-    accept(session, now, Event::Bytes(Channel::Log, frame(1, t_us, &[argument])));
+    accept(session, now, Event::Bytes(NodeChannel::Log, frame(1, t_us, &[argument])));
 }
 
 fn receive(session: &mut Session, now: Duration, message: &Message) {
-    accept(session, now, Event::Bytes(Channel::Telemetry, telemetry_frame(message)));
+    accept(session, now, Event::Bytes(NodeChannel::Telemetry, telemetry_frame(message)));
 }
 
 /// The session's output, in short form.
@@ -167,13 +167,13 @@ fn what_a_lost_connection_cuts_is_counted_and_spoils_nothing_after_it() {
     accept(&mut session, ms(0), Event::Connected("port".into()));
     receive(&mut session, ms(0), &hello(1, BUILD));
     let (line, place) = (frame(1, 5, &[1]), telemetry_frame(&fix(6, 1.0)));
-    accept(&mut session, ms(1), Event::Bytes(Channel::Log, line[..4].to_vec()));
-    accept(&mut session, ms(1), Event::Bytes(Channel::Telemetry, place[..9].to_vec()));
+    accept(&mut session, ms(1), Event::Bytes(NodeChannel::Log, line[..4].to_vec()));
+    accept(&mut session, ms(1), Event::Bytes(NodeChannel::Telemetry, place[..9].to_vec()));
     accept(&mut session, ms(2), Event::Lost("the cable is gone".into()));
     accept(&mut session, ms(3), Event::Connected("port".into()));
     receive(&mut session, ms(4), &hello(7, BUILD));
-    accept(&mut session, ms(5), Event::Bytes(Channel::Log, frame(1, 8, &[2])));
-    accept(&mut session, ms(5), Event::Bytes(Channel::Telemetry, place));
+    accept(&mut session, ms(5), Event::Bytes(NodeChannel::Log, frame(1, 8, &[2])));
+    accept(&mut session, ms(5), Event::Bytes(NodeChannel::Telemetry, place));
     assert_eq!(output(&mut session, ms(300)), ["hello 1", "hello 7", "hello 2", "fix 6"]);
     let counts = session.counts();
     assert_eq!((counts.log_malformed, counts.telemetry.lost_bytes, counts.lost, counts.restarts), (1, 9, 1, 0));
@@ -211,7 +211,7 @@ fn random_bytes_on_both_channels_are_counted_and_do_no_harm() {
     let mut session = session(Some(image(Some(BUILD))), true);
     receive(&mut session, ms(0), &hello(1, BUILD));
     for now in 0..500 {
-        for channel in [Channel::Log, Channel::Telemetry] {
+        for channel in [NodeChannel::Log, NodeChannel::Telemetry] {
             let bytes = (0..200).map(|_| random.random()).collect();
             accept(&mut session, ms(now), Event::Bytes(channel, bytes));
         }

@@ -7,7 +7,9 @@ use analysis::Setup;
 use anyhow::Result;
 use positioning_core::nlos::{Feature, Features};
 use recording::Diagnostics;
-use recording::{Anchor, Coordinates, Epochs, Files, Height, Measured, Mode, Recording, Space, Truth, Truths};
+use recording::{
+    Anchor, Coordinates, Epochs, Files, Height, Measured, MeasurementMode, Recording, Space, Truth, Truths,
+};
 
 /// A site with recorded ranges, and the folders of its recordings.
 const SITES: [(&str, &[&str]); 5] = [
@@ -47,7 +49,7 @@ pub fn recorded(data: &Path) -> Result<Vec<Ranged>> {
             let recordings = Recording::read(&Files {
                 anchors: &anchors,
                 measured: &ranges,
-                mode: Mode::Ranges,
+                mode: MeasurementMode::Ranges,
                 truth: Some(&truth),
                 anchor_heights: true,
                 truth_heights: true,

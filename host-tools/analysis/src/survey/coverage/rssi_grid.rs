@@ -17,7 +17,7 @@ const NEAREST_M: f64 = 0.1;
 
 /// RSSI values over a grid.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Map {
+pub struct CoverageMap {
     /// The cells.
     pub grid: Grid,
     /// Names of the beacons.
@@ -55,7 +55,7 @@ impl Station {
     }
 }
 
-impl Map {
+impl CoverageMap {
     /// Interpolates between fingerprints, with weights by the inverse square of the distance (Shepard). Where the
     /// points that received a beacon have less than half of the weight, the beacon counts as not received.
     pub fn measured(grid: Grid, beacons: &[Beacon], stays: &[Dwell]) -> Self {
@@ -151,7 +151,7 @@ fn names(beacons: &[Beacon]) -> Vec<String> {
 mod tests {
     use positioning_core::ble::path_loss::Wall;
 
-    use super::{Map, errors_m, fitted};
+    use super::{CoverageMap, errors_m, fitted};
     use crate::survey::coverage::Grid;
     use crate::survey::coverage::bound::{Noise, Station};
     use recording::beacons::{Beacon, Dwell, Sample};
@@ -180,7 +180,7 @@ mod tests {
     #[test]
     fn between_two_points_a_level_is_interpolated() {
         let beacons = [beacon("a", [0.0, 0.0]), beacon("b", [0.0, 9.0])];
-        let map = Map::measured(
+        let map = CoverageMap::measured(
             grid(),
             &beacons,
             &[stay([0.0, 0.0], &[("a", -60.0), ("b", -70.0)]), stay([4.0, 0.0], &[("a", -80.0)])],
@@ -198,7 +198,7 @@ mod tests {
     fn a_simulated_level_ends_at_the_sensitivity() {
         let walls = [Wall { ends: [[2.0, -5.0], [2.0, 5.0]], attenuation: 6.0 }];
         let beacons = [beacon("a", [0.0, 0.0])];
-        let map = Map::simulated(grid(), &beacons, &walls, -80.0);
+        let map = CoverageMap::simulated(grid(), &beacons, &walls, -80.0);
         // −60 at 1 m; −60 − 20 log₁₀ 3 − 6 = −75.542425 at 3 m; −60 − 19.084850 − 6 = −85.08 at 9 m.
         let rssi = |index: usize| map.rssis[index].as_ref().and_then(|rssis| rssis[0]);
         assert!(rssi(0) == Some(-60.0) && (rssi(1).expect("heard") + 75.542_425).abs() < 1e-4 && rssi(4).is_none());

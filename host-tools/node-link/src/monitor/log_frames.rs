@@ -4,7 +4,7 @@ use std::path::Path;
 
 use defmt_parser::Level;
 
-use super::image::{Image, SourceLocation};
+use super::elf::{Image, SourceLocation};
 use super::table::Decoded;
 
 /// Longer than any frame.
@@ -109,7 +109,7 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64;
 
-    use super::super::image::Image;
+    use super::super::elf::Image;
     use super::super::testing::{BUILD, elf, elf_with, frame};
     use super::{Frames, LogLine, microseconds, read};
 
