@@ -2,7 +2,8 @@
 //! times are [`Utc`].
 
 use positioning_core::geodesy;
-use serde::{Deserialize, Serialize};
+use serde::de::{DeserializeOwned, Error as _};
+use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::ToSchema;
 
 use crate::Utc;
@@ -101,6 +102,13 @@ pub struct HealthFigures {
     pub supply_v: Option<f64>,
 }
 
+/// Reads a struct that stands among the fields of another one. Where a program reads numbers as texts (`serde_json` with
+/// `arbitrary_precision`, which decoders of logs ask for), serde by itself finds maps where it wants numbers.
+fn flattened<'de, T: DeserializeOwned, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
+    let fields = serde_json::Map::deserialize(deserializer)?;
+    serde_json::from_value(serde_json::Value::Object(fields)).map_err(D::Error::custom)
+}
+
 /// An anchor or a beacon, and its health.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = Node)]
@@ -122,7 +130,7 @@ pub struct NodeStatus {
     /// When a tag last measured to it.
     pub last_seen: Option<Utc>,
     /// How its ranges are.
-    #[serde(flatten)]
+    #[serde(flatten, deserialize_with = "flattened")]
     pub health: HealthFigures,
 }
 
@@ -136,7 +144,7 @@ pub struct NodeHealth {
     /// The beginning of the minute.
     pub t: Utc,
     /// How its ranges were.
-    #[serde(flatten)]
+    #[serde(flatten, deserialize_with = "flattened")]
     pub health: HealthFigures,
 }
 

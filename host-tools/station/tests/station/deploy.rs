@@ -77,7 +77,8 @@ fn all_files_of_the_package_are_there_or_made_by_dist() {
         let made = from.starts_with("target/release/")
             || from.starts_with("../target/release/")
             || from.starts_with("../target/dist/");
-        let file = root().join("host-tools").join(from.replace("*.json", "prometheus.json"));
+        let file =
+            root().join("host-tools").join(from.replace("*.json", "prometheus.json").replace("*.md", "README.md"));
         assert!(made || file.is_file(), "{from}");
     }
     let installed = |name: &str| assets.iter().any(|asset| field(asset, 1).starts_with(name));
