@@ -75,6 +75,32 @@ pub(crate) fn both_sides<T: Real, const D: usize>(
     Some([normal, normal.map(|c| -c)].map(|normal| lift_along(&normal, point, samples)))
 }
 
+/// The centre of places and the unit normal of the line (in two dimensions) or plane near which they lie. `None` where
+/// they are spread by more than [`ELONGATED`], or do not determine it.
+#[inline(never)]
+pub(crate) fn mirror_of<T: Real, const D: usize>(
+    places: impl Iterator<Item = Vector<T, D>> + Clone,
+) -> Option<(Vector<T, D>, Vector<T, D>)> {
+    let (mut centre, mut count) = ([T::ZERO; D], 0);
+    for place in places.clone() {
+        centre = add_scaled(&centre, T::ONE, &place);
+        count += 1;
+    }
+    if count < D {
+        return None;
+    }
+    let share = T::ONE / T::count(count);
+    centre = centre.map(|component| component * share);
+    let mut scatter: Matrix<T, D> = [[T::ZERO; D]; D];
+    for place in places {
+        add_outer(&mut scatter, T::ONE, &sub(&place, &centre));
+    }
+    let (values, vectors) = symmetric_eigen(&scatter);
+    let is_flat = values[0] <= T::of(ELONGATED * ELONGATED) * values[1];
+    let is_determined = values[1] > T::of(COLLINEAR * COLLINEAR) * values[D - 1] && values[1] > T::of(COINCIDENT_M);
+    (is_flat && is_determined).then_some((centre, vectors[0]))
+}
+
 /// The mean of the anchors and their scatter about it.
 fn spread_of_anchors<T: Real, const D: usize>(samples: &[RangeSample<T, D>]) -> (Vector<T, D>, Matrix<T, D>) {
     let centre = centroid(samples);

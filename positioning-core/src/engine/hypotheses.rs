@@ -5,22 +5,25 @@
 //! integrated over the place (Laplace's approximation), times the probability that a tag is somewhere else. The
 //! evidence of the track is the product of the densities that it predicted. Where neither wins, both are followed, and
 //! the position is their mixture, so its deviation shows the doubt. The log odds are summed from round to round and
-//! slowly forgotten, because the errors of consecutive rounds are not independent.
+//! slowly forgotten, because the errors of consecutive rounds are not independent, and they never exceed what the lasting
+//! errors of links allow.
 //!
-//! The second of a solver's two places at a start is a rival too.
+//! The second of a solver's two places at a start is a rival too, and so is the track's mirror image across the line or
+//! plane near which the anchors lie, where the track comes from both of its sides.
 
 use super::round::Round;
 use super::track_management::begin;
 use super::{Dimensions, Engine, Settings, Start};
-use crate::linalg::{Ldl, Matrix, distance_squared, sub};
+use crate::linalg::{Ldl, Matrix, distance_squared, dot, sub};
 use crate::track::Filter;
 use crate::track::state::{COMMON, POSITION};
+use crate::track::{fading, seconds};
 use crate::{Alternative, Fix, Real};
 
 /// ln of the odds at which a hypothesis has won.
 const SURE: f64 = 4.0;
-/// The part of the log odds that is kept from one round to the next.
-const KEPT: f64 = 0.9;
+/// Two thirds of the log odds are forgotten after this time, seconds: ten rounds at 10 Hz.
+const FORGOTTEN_S: f64 = 0.95;
 /// The log odds are limited to this.
 const GREATEST: f64 = 20.0;
 /// ln of the probability, per square metre and round, that the tag is somewhere else: once in a thousand rounds,
@@ -32,6 +35,9 @@ const LOG_WELL_EXPLAINED: f64 = 2.2;
 const HALF_LOG_TURN: f64 = 0.918_938_5;
 /// A place within this number of deviations of the track is the track's own.
 const SAME: f64 = 2.0;
+/// A mirror image within this number of deviations of the track begins a hypothesis of its own: within a third of it, the
+/// track is on both sides.
+const BOTH_SIDES: f64 = 6.0;
 
 /// A second hypothesis. Its filter has a place of its own, because filters are too large to be moved about.
 #[derive(Clone, Debug)]
@@ -39,11 +45,15 @@ pub(super) struct Rival<T> {
     pub(super) filter: Filter<T>,
     /// ln of the odds of the track against it, while there is one.
     lead: Option<T>,
+    /// Whether the track has been on both sides of the anchors' line or plane since it was last on one side for sure.
+    astride: bool,
+    /// When the hypotheses were last compared, microseconds.
+    compared_us: u64,
 }
 
 impl<T: Real> Rival<T> {
     pub(super) fn none() -> Self {
-        Self { filter: Filter::new(), lead: None }
+        Self { filter: Filter::new(), lead: None, astride: false, compared_us: 0 }
     }
 
     pub(super) fn end(&mut self) {
@@ -94,15 +104,27 @@ impl<T: Real> Engine<T> {
     pub(super) fn compare(&mut self) -> Option<Start> {
         let mine = core::mem::replace(&mut self.filter.log_evidence, T::ZERO);
         let ranges = core::mem::take(&mut self.round.unjudged);
+        let since_us = self.now_us.saturating_sub(core::mem::replace(&mut self.rival.compared_us, self.now_us));
         if let Some(lead) = self.rival.lead {
             let other = core::mem::replace(&mut self.rival.filter.log_evidence, T::ZERO);
-            let lead = T::of(KEPT) * lead + mine - other;
-            if self.is_at(self.rival.filter.state.position()) {
-                // Both have come to the same place.
+            let kept = fading(seconds::<T>(since_us) * T::of(1.0 / FORGOTTEN_S));
+            let place = self.rival.filter.state.position();
+            if self.is_at(place) {
+                // Both have come to the same place, and the track becomes as wide as both together.
+                let apart = sub(&place, &self.filter.state.position());
+                let share = self.rival.share().unwrap_or(T::ZERO);
+                for axis in 0..3 {
+                    self.filter.state.widen(POSITION + axis, share * (T::ONE - share) * apart[axis].squared());
+                }
                 self.rival.end();
+                self.rival.astride = true;
                 return None;
             }
-            return self.decide(lead.at_least(T::of(-GREATEST)).at_most(T::of(GREATEST)));
+            let limit = self.distinction(&place);
+            return self.decide((kept * lead + mine - other).at_least(-limit).at_most(limit));
+        }
+        if self.add_mirror_image() {
+            return None;
         }
         // No hypothesis explains ranges better than this, so that most rounds need no solver.
         let best = T::count(ranges) * T::of(LOG_WELL_EXPLAINED) + T::of(LOG_ELSEWHERE);
@@ -118,6 +140,44 @@ impl<T: Real> Engine<T> {
         // A single round proves nothing: a gateway that mixes up the anchors of one round makes a perfect fix
         // elsewhere. The next round decides; meanwhile the position is between both, and its deviation reaches to both.
         self.decide((mine - other).at_least(T::ZERO))
+    }
+
+    /// The most that the ranges of a round can tell between the track and another place: a quarter of the sum of the
+    /// squared differences of their distances, in deviations of a direct link's lasting error, which is half of what
+    /// they tell on average. An error that lasts is the same
+    /// in each round, so no number of rounds tells more.
+    fn distinction(&self, other: &[T; 3]) -> T {
+        if !self.round.tdoas.is_empty() {
+            return T::of(GREATEST);
+        }
+        let position = self.filter.state.position();
+        let square = self.round.ranges().fold(T::ZERO, |sum, range| {
+            let [here, there] = [&position, other].map(|place| distance_squared(place, &range.position_m).sqrt());
+            sum + (here - there).squared()
+        });
+        let variance = self.settings.filter.noise.direct_sigma.at_least(T::of(1.0e-2)).squared();
+        (T::of(0.25) * square / variance).at_most(T::of(GREATEST))
+    }
+
+    /// Follows the track's mirror image as well, where the track comes from both sides of the line or plane near which
+    /// the anchors lie: ranges hardly tell sides, and what the track knew of its side is lost. Returns whether it does.
+    #[inline(never)]
+    fn add_mirror_image(&mut self) -> bool {
+        let Some((centre, normal)) = self.round.mirror(&self.settings.dimensions) else {
+            self.rival.astride = false;
+            return false;
+        };
+        let position = self.filter.state.position();
+        let off = dot(&normal, &sub(&position, &centre));
+        let (square, spread) = (T::of(4.0) * off.squared(), self.filter.state.spread());
+        let is_on_both_sides = square < T::of(SAME * SAME) * spread;
+        let was_astride = core::mem::replace(&mut self.rival.astride, is_on_both_sides);
+        if is_on_both_sides || !(was_astride || square < T::of(BOTH_SIDES * BOTH_SIDES) * spread) {
+            return false;
+        }
+        self.rival.filter.mirror(&self.filter, &centre, &normal);
+        self.rival.lead = Some(T::ZERO);
+        true
     }
 
     /// Follows the hypothesis that has won with these log odds of the track, or both. Returns why a track was started,

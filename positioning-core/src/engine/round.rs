@@ -3,6 +3,7 @@
 use heapless::Vec;
 
 use super::settings::{Dimensions, Settings};
+use crate::geometry::mirror_of;
 use crate::measurement::{BeaconPosition, Range, Tdoa, probability};
 use crate::track::{Blocked, TdoaSample, hyperbolic};
 use crate::{
@@ -120,7 +121,7 @@ impl<T: Real> Round<T> {
     }
 
     /// The ranges that a solver gets.
-    pub(super) fn ranges(&self) -> impl Iterator<Item = &Range<T>> {
+    pub(super) fn ranges(&self) -> impl Iterator<Item = &Range<T>> + Clone {
         self.ranges.iter().map(|kept| &kept.range)
     }
 
@@ -141,6 +142,20 @@ impl<T: Real> Round<T> {
     /// The share of the measurements that were used.
     pub(super) fn quality(&self) -> T {
         if self.given == 0 { T::ZERO } else { T::count(self.taken) / T::count(self.given) }
+    }
+
+    /// The centre of the anchors and the unit normal of the line (in the plane) or plane (in space) near which they lie;
+    /// `None` where they are spread.
+    pub(super) fn mirror(&self, dimensions: &Dimensions<T>) -> Option<([T; 3], [T; 3])> {
+        let places = || self.ranges().map(|range| range.position_m);
+        match dimensions {
+            Dimensions::Plane { height } => {
+                let (centre, normal) = mirror_of(places().map(|[x, y, _]| [x, y]))?;
+                Some(([centre[0], centre[1], *height], [normal[0], normal[1], T::ZERO]))
+            }
+            // Of a ceiling's two sides the lower one is taken, as solvers do.
+            Dimensions::Space { .. } => mirror_of(places()).filter(|(_, normal)| normal[2].abs() < T::of(0.5)),
+        }
     }
 
     /// The round's position.

@@ -133,7 +133,7 @@ impl<T: Real> Settings<T> {
                 blocked: Blocked::Weigh,
                 iterations: 3,
                 gate: T::of(4.0),
-                patience: 6,
+                patience_s: T::of(0.5),
                 speed: T::of(0.7),
             },
             mitigate: false,

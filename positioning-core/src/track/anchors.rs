@@ -29,6 +29,8 @@ pub(crate) struct Link<T> {
     pub(crate) source: Source,
     /// The time of its last measurement, microseconds.
     pub(crate) measured_us: u64,
+    /// The time from the measurement before to the last one, seconds.
+    pub(crate) age_s: T,
     /// The measured distance of an anchor, metres; 0 for beacons.
     pub(crate) distance_m: T,
     /// Its own gate.
@@ -62,6 +64,13 @@ impl<T: Real> Links<T> {
         Self { links: heapless::Vec::new() }
     }
 
+    /// Becomes a copy of another table.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        self.links.clear();
+        // Both have the same capacity.
+        let _ = self.links.extend_from_slice(&other.links);
+    }
+
     /// Removes all links.
     pub(crate) fn clear(&mut self) {
         self.links.clear();
@@ -82,6 +91,7 @@ impl<T: Real> Links<T> {
         let fresh = Link {
             source,
             measured_us: now_us,
+            age_s: T::ZERO,
             distance_m,
             gate: Gate::default(),
             site: Gaussian { mean: T::ZERO, variance: T::ZERO },

@@ -38,9 +38,9 @@ pub struct FilterSettings<T> {
     pub iterations: u8,
     /// A measurement beyond this number of deviations is refused.
     pub gate: T,
-    /// This number of similar refused measurements of one source reopens its gate. Ranges that are shorter than the
-    /// distance to the anchor do not.
-    pub patience: u8,
+    /// Similar measurements of one source that are refused for this time, seconds, reopen its gate. Ranges that are
+    /// shorter than the distance to the anchor do not.
+    pub patience_s: T,
     /// Deviation of the unknown velocity at the start, metres per second and axis.
     pub speed: T,
 }
@@ -149,6 +149,17 @@ impl<T: Real> Filter<T> {
         }
     }
 
+    /// Becomes the mirror image of another track, across the plane through `centre` with this unit normal. What is
+    /// known of the links stays: in the mirror image of their line or plane, anchors are where they are.
+    #[inline(never)]
+    pub(crate) fn mirror(&mut self, other: &Self, centre: &[T; 3], normal: &[T; 3]) {
+        self.state.copy_from(&other.state);
+        self.links.copy_from(&other.links);
+        (self.now_us, self.surprise, self.reference) = (other.now_us, other.surprise, other.reference);
+        (self.own_gates, self.flat, self.log_evidence) = (other.own_gates, other.flat, T::ZERO);
+        self.state.reflect(centre, normal);
+    }
+
     /// Predicts the track to a later time. Earlier times do not change it.
     pub(crate) fn advance(&mut self, now_us: u64, settings: &FilterSettings<T>) {
         let dt = seconds(now_us.saturating_sub(self.now_us));
@@ -246,7 +257,7 @@ impl<T: Real> Filter<T> {
         };
         let posterior = prior.posterior(residual);
         let as_before = if fresh { T::ZERO } else { density(innovation.value.squared(), s) };
-        let renewal = if fresh { T::ONE } else { noise.renewal };
+        let renewal = if fresh { T::ONE } else { share_of(noise.renewals_per_s, link.age_s) };
         let renewed = renewal * posterior.density;
         let wild = T::of(WILD_DENSITY);
         self.log_evidence += log(as_before + renewed + wild);
@@ -254,7 +265,7 @@ impl<T: Real> Filter<T> {
         if is_wild {
             // A wild range that repeats itself is a new error after all, unless it is too short: walls lengthen a
             // range, only a fault or a forgery shortens it.
-            let decision = link.gate.check(innovation.value, s, settings.gate, settings.patience);
+            let decision = link.gate.check(innovation.value, s, settings.gate, [link.age_s, settings.patience_s]);
             let insists = decision == GateDecision::Reopen && residual.mean > T::ZERO;
             if !insists {
                 if fresh {
@@ -274,7 +285,7 @@ impl<T: Real> Filter<T> {
                 result = UpdateResult::Readmitted;
             }
         } else if let Some(link) = self.links.at(place) {
-            link.shown.learn(noise, innovation.value, innovation.predicted, s);
+            link.shown.learn(share_of(noise.learning_per_s, link.age_s), innovation.value, innovation.predicted, s);
         }
         self.absorb(&model, &innovation, white, settings);
         self.refresh(place, &prior);
@@ -372,7 +383,7 @@ impl<T: Real> Filter<T> {
     fn carry(&mut self, place: usize, site: Gaussian<T>, after: [T; 2]) {
         let Some(link) = self.links.at(place) else { return };
         let age: T = seconds(self.now_us.saturating_sub(link.measured_us));
-        link.measured_us = self.now_us;
+        (link.measured_us, link.age_s) = (self.now_us, age);
         if age > T::ZERO && site.variance > T::ZERO {
             let velocity = self.state.velocity();
             let square = velocity[0].squared() + velocity[1].squared() + velocity[2].squared();
@@ -394,23 +405,25 @@ impl<T: Real> Filter<T> {
         let innovation = Innovation::of(&self.state, model);
         let (value, predicted) = (innovation.value, innovation.predicted);
         let s = predicted + white;
-        let (limit, patience) = (settings.gate, settings.patience);
+        let limit = settings.gate;
         let (decision, link) = match gate {
             GateOf::Link(place) | GateOf::Beacons(place) => {
                 let state = Links::<T>::state(place);
                 let Some(link) = self.links.at(place) else { return UpdateResult::NoPlace };
-                let decision = link.gate.check(value, s, limit, patience);
+                let decision = link.gate.check(value, s, limit, [link.age_s, settings.patience_s]);
                 if matches!(gate, GateOf::Link(_)) {
                     self.log_evidence += log(density(value.squared(), s) + T::of(WILD_DENSITY));
                 }
                 if decision == GateDecision::Accept && !matches!(gate, GateOf::Beacons(_)) {
-                    link.shown.learn(&settings.noise, value, predicted, s);
+                    let weight = share_of(settings.noise.learning_per_s, link.age_s);
+                    link.shown.learn(weight, value, predicted, s);
                 }
                 (decision, Some(state))
             }
             GateOf::Own(own) => {
                 let Some(gate) = self.own_gates.get_mut(own) else { return UpdateResult::Rejected };
-                (gate.check(value, s, limit, patience), None)
+                // These have no times of their own: six in a row.
+                (gate.check(value, s, limit, [T::of(0.2) * settings.patience_s, settings.patience_s]), None)
             }
         };
         self.take(model, &innovation, white, decision, link, settings)
@@ -469,12 +482,18 @@ fn log<T: Real>(density: T) -> T {
 }
 
 /// Microseconds as seconds, at most an hour: longer times have the same effect.
-fn seconds<T: Real>(microseconds: u64) -> T {
+pub(crate) fn seconds<T: Real>(microseconds: u64) -> T {
     T::count(microseconds.min(3_600_000_000) as usize) * T::of(1.0e-6)
+}
+
+/// The part that changes in a time, seconds, of what changes at a rate per second.
+#[inline(always)]
+fn share_of<T: Real>(per_s: T, seconds: T) -> T {
+    T::ONE - fading(per_s * seconds)
 }
 
 /// e⁻ˣ for x ≥ 0, approximately, by (1 + x ⁄ 8)⁻⁸. It is 1 for 0, falls, stays above 0, and is within 1 % up to x =
 /// 0.4. It needs no table and no branch.
-fn fading<T: Real>(x: T) -> T {
+pub(crate) fn fading<T: Real>(x: T) -> T {
     (T::ONE / (T::ONE + T::of(0.125) * x)).squared().squared().squared()
 }

@@ -21,21 +21,27 @@ pub(crate) struct Gate<T> {
     alike: u8,
     /// The innovation of the last measurement that it refused.
     last: T,
+    /// The time since the first of them, seconds.
+    waited_s: T,
 }
 
+/// The least number of similar measurements that reopen a gate.
+const LEAST_ALIKE: u8 = 3;
+
 impl<T: Real> Gate<T> {
-    /// Checks an innovation of variance `s`. It is refused beyond `limit` deviations, unless it is the `patience`-th
-    /// similar one.
-    pub(crate) fn check(&mut self, innovation: T, s: T, limit: T, patience: u8) -> GateDecision {
+    /// Checks an innovation of variance `s`, `age_s` after the former one of its source. It is refused beyond `limit`
+    /// deviations, unless similar ones have been refused for `patience_s` seconds.
+    pub(crate) fn check(&mut self, innovation: T, s: T, limit: T, [age_s, patience_s]: [T; 2]) -> GateDecision {
         let bound = limit.squared() * s;
         if innovation.squared() <= bound {
             self.alike = 0;
             return GateDecision::Accept;
         }
         let like_last = self.alike > 0 && (innovation - self.last).squared() <= bound;
-        self.alike = if like_last { self.alike.saturating_add(1) } else { 1 };
+        (self.alike, self.waited_s) =
+            if like_last { (self.alike.saturating_add(1), self.waited_s + age_s) } else { (1, T::ZERO) };
         self.last = innovation;
-        if self.alike < patience {
+        if self.alike < LEAST_ALIKE || self.waited_s < patience_s {
             return GateDecision::Reject;
         }
         self.alike = 0;
@@ -47,9 +53,9 @@ impl<T: Real> Gate<T> {
 mod tests {
     use super::*;
 
-    /// Variance 0.01 m², limit 3: 0.3 m.
+    /// Variance 0.01 m², limit 3: 0.3 m. Ten measurements a second, and patience for two more of them.
     fn check(gate: &mut Gate<f64>, innovation: f64) -> GateDecision {
-        gate.check(innovation, 0.01, 3.0, 3)
+        gate.check(innovation, 0.01, 3.0, [0.1, 0.2])
     }
 
     #[test]

@@ -68,15 +68,15 @@ pub struct Noise<T> {
     pub direct_sigma: T,
     /// The additional deviation of the noise of one range of a blocked link, metres.
     pub blocked_noise_sigma: T,
-    /// The weight of a new range in a link's measured noise, 0 to 1. With 0, the deviation given with the range is
+    /// How fast a link's measured noise follows its ranges, per second. With 0, the deviation given with the range is
     /// used.
-    pub learning: T,
+    pub learning_per_s: T,
     /// The time after which two thirds of a link's error have changed, seconds.
     pub link_seconds: T,
     /// The distance after which two thirds of a link's error have changed, metres.
     pub link_metres: T,
-    /// The probability that a link's error is a new one at the next range: somebody steps between.
-    pub renewal: T,
+    /// How often a link gets another error, per second: somebody steps between.
+    pub renewals_per_s: T,
     /// The time after which two thirds of the error of a position by beacons have changed, seconds: people move.
     pub beacon_seconds: T,
     /// The distance after which two thirds of the error of a position by beacons have changed, metres: shadows end.
@@ -93,10 +93,10 @@ impl<T: Real> Noise<T> {
             common_sigma: T::of(COMMON_SIGMA_M),
             direct_sigma: T::of(DIRECT_SIGMA_M),
             blocked_noise_sigma: T::of(0.3),
-            learning: T::of(0.03),
+            learning_per_s: T::of(0.3),
             link_seconds: T::of(1.0),
             link_metres: T::of(0.4),
-            renewal: T::of(0.02),
+            renewals_per_s: T::of(0.2),
             beacon_seconds: T::of(60.0),
             beacon_metres: T::of(2.0),
             degrees: T::of(10.0),
@@ -109,10 +109,10 @@ impl<T: Real> Noise<T> {
             common_sigma: T::ZERO,
             direct_sigma: T::ZERO,
             blocked_noise_sigma: T::ZERO,
-            learning: T::ZERO,
+            learning_per_s: T::ZERO,
             link_seconds: T::ONE,
             link_metres: T::ONE,
-            renewal: T::ZERO,
+            renewals_per_s: T::ZERO,
             beacon_seconds: T::ONE,
             beacon_metres: T::ONE,
             degrees: T::ZERO,
@@ -159,10 +159,11 @@ impl<T: Real> ObservedNoise<T> {
         expected.at_least(self.variance)
     }
 
-    /// Learns from an innovation of variance `s`; `predicted` is the part of the track's own uncertainty.
-    pub(crate) fn learn(&mut self, noise: &Noise<T>, innovation: T, predicted: T, s: T) {
+    /// Learns with a weight, 0 to 1, from an innovation of variance `s`; `predicted` is the part of the track's own
+    /// uncertainty.
+    pub(crate) fn learn(&mut self, weight: T, innovation: T, predicted: T, s: T) {
         let seen = innovation.squared().at_most(T::of(9.0) * s) - predicted;
-        self.variance += noise.learning * (seen.at_least(T::ZERO) - self.variance);
+        self.variance += weight * (seen.at_least(T::ZERO) - self.variance);
     }
 }
 
@@ -172,12 +173,11 @@ mod tests {
 
     #[test]
     fn a_link_that_jumps_about_is_found_out() {
-        let noise = Noise::<f64>::indoors();
-        let mut shown = ObservedNoise::nothing();
+        let mut shown = ObservedNoise::<f64>::nothing();
         assert_eq!(shown.variance(0.0009), 0.0009);
         for k in 0..400 {
             let innovation = if k % 2 == 0 { 0.3 } else { -0.3 };
-            shown.learn(&noise, innovation, 0.0, 0.09);
+            shown.learn(0.03, innovation, 0.0, 0.09);
         }
         // 0.3² whatever is expected.
         assert!((shown.variance(0.0009) - 0.09).abs() < 1e-4, "{shown:?}");

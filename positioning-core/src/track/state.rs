@@ -7,6 +7,7 @@
 //! measured. It is therefore predicted only when it is measured ([`State::renew`]). That is exact, and saves most of
 //! the work.
 
+use crate::linalg::dot;
 use crate::link_error::Gaussian;
 use crate::{MAX_ANCHORS, Real};
 
@@ -159,6 +160,37 @@ impl<T: Real> State<T> {
         true
     }
 
+    /// Becomes a copy of another state, in place: states are large.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        self.mean.copy_from_slice(&other.mean);
+        self.packed.copy_from_slice(&other.packed);
+        self.live = other.live;
+    }
+
+    /// Reflects position and velocity across the plane through `centre` with this unit normal: the mean x becomes
+    /// x − 2 n nᵀ (x − c), and the covariance P becomes H P Hᵀ with H = I − 2 n nᵀ.
+    pub(crate) fn reflect(&mut self, centre: &[T; 3], normal: &[T; 3]) {
+        for (block, centre) in [(POSITION, *centre), (VELOCITY, [T::ZERO; 3])] {
+            let mean = core::array::from_fn(|axis| self.mean[block + axis] - centre[axis]);
+            for (axis, moved) in reflected(&mean, normal).into_iter().enumerate() {
+                self.mean[block + axis] = centre[axis] + moved;
+            }
+            for other in (0..self.live).filter(|other| !(block..block + 3).contains(other)) {
+                let column = core::array::from_fn(|axis| self.covariance(block + axis, other));
+                for (axis, value) in reflected(&column, normal).into_iter().enumerate() {
+                    self.set_covariance(block + axis, other, value);
+                }
+            }
+            let within: [[T; 3]; 3] =
+                core::array::from_fn(|r| core::array::from_fn(|c| self.covariance(block + r, block + c)));
+            let half: [[T; 3]; 3] = core::array::from_fn(|r| reflected(&within[r], normal));
+            for r in 0..3 {
+                let column = reflected(&core::array::from_fn(|k| half[k][r]), normal);
+                (0..=r).for_each(|c| self.set_covariance(block + r, block + c, column[c]));
+            }
+        }
+    }
+
     /// Moves the position by the velocity for `dt` seconds, with an acceleration that is white noise of the given
     /// density for each axis, m²/s³.
     pub(crate) fn advance(&mut self, dt: T, density: [T; 3]) {
@@ -277,6 +309,12 @@ impl<T: Real> State<T> {
 
 // Chunks cover the whole of a vector of states.
 const _: () = assert!(STATES.is_multiple_of(CHUNK));
+
+/// A vector with its part along a unit vector turned round.
+fn reflected<T: Real>(vector: &[T; 3], normal: &[T; 3]) -> [T; 3] {
+    let along = dot(vector, normal);
+    core::array::from_fn(|axis| vector[axis] - T::of(2.0) * along * normal[axis])
+}
 
 #[cfg(test)]
 mod tests {

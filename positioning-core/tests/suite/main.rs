@@ -6,6 +6,7 @@ mod hostile;
 mod links;
 mod properties;
 mod reference;
+mod sides;
 mod space;
 mod support;
 mod tdoa;

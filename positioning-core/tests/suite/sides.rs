@@ -1,0 +1,161 @@
+//! Tracks whose anchors leave two sides alike, and tracks at high rates: what they say of their errors.
+
+use positioning_core::engine::{Dimensions, Engine, Measurement, Range, Settings};
+use rand_pcg::Pcg64;
+
+use crate::support::{distance, normal, rng};
+
+const PLANE: Dimensions<f32> = Dimensions::Plane { height: 1.2 };
+const SEEDS: u64 = 20;
+
+/// What a run shows of a track after its first three seconds.
+#[derive(Debug, Default)]
+struct Score {
+    positions: u32,
+    /// Errors of more than four deviations of both axes together.
+    beyond_4_sigma: u32,
+    /// Errors of more than a metre with a deviation below 0.3 m.
+    confident_and_wrong: u32,
+    /// The sum of squared errors, m².
+    square: f64,
+    /// The sum of squared errors over variances.
+    nees: f64,
+}
+
+impl Score {
+    fn rmse(&self) -> f64 {
+        (self.square / f64::from(self.positions)).sqrt()
+    }
+
+    fn nees(&self) -> f64 {
+        self.nees / f64::from(self.positions)
+    }
+}
+
+/// A point on a closed path of these corners, walked at 1 m/s.
+fn walk(corners: &[[f64; 2]], t_s: f64) -> [f64; 3] {
+    let side = |k: usize| [corners[k % corners.len()], corners[(k + 1) % corners.len()]];
+    let length = |[a, b]: [[f64; 2]; 2]| distance(&a, &b);
+    let around: f64 = (0..corners.len()).map(|k| length(side(k))).sum();
+    let (mut left, mut k) = (t_s % around, 0);
+    while left > length(side(k)) {
+        left -= length(side(k));
+        k += 1;
+    }
+    let [a, b] = side(k);
+    let part = left / length([a, b]);
+    [a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), 1.2]
+}
+
+/// Tracks a tag on a path for `seconds` among anchors, of which `is_on` tells those in reach. Their positions are
+/// surveyed to 3 cm. Each link has an error of 8 cm that is another one each second, which is about a metre; each range
+/// has 3 cm of noise.
+fn run(
+    anchors: &[[f64; 3]],
+    corners: &[[f64; 2]],
+    (rate_hz, seconds): (u64, u64),
+    seed: u64,
+    is_on: impl Fn(usize, f64) -> bool,
+) -> Score {
+    let mut rng = rng(seed);
+    let surveyed: Vec<[f64; 3]> = anchors.iter().map(|place| place.map(|c| c + 0.03 * normal(&mut rng))).collect();
+    let errors: Vec<Vec<f64>> =
+        (0..=seconds).map(|_| anchors.iter().map(|_| 0.08 * normal(&mut rng)).collect()).collect();
+    let mut engine = Engine::new(Settings::track(PLANE));
+    let mut score = Score::default();
+    for k in 0..rate_hz * seconds {
+        let t_s = k as f64 / rate_hz as f64;
+        let now_us = 1_000_000 * k / rate_hz;
+        let tag = walk(corners, t_s);
+        for (anchor, place) in anchors.iter().enumerate().filter(|(anchor, _)| is_on(*anchor, t_s)) {
+            let range = range(anchor, &surveyed[anchor], distance(place, &tag), t_s, &errors, &mut rng);
+            engine.step(now_us, &Measurement::Range(range));
+        }
+        let Ok(fix) = engine.step(now_us, &Measurement::RoundEnd).fix else { continue };
+        if t_s < 3.0 {
+            continue;
+        }
+        let square: f64 = (0..2).map(|axis| (f64::from(fix.position[axis]) - tag[axis]).powi(2)).sum();
+        let variance: f64 = (0..2).map(|axis| f64::from(fix.covariance[axis][axis])).sum();
+        score.positions += 1;
+        score.beyond_4_sigma += u32::from(square > 16.0 * variance);
+        score.confident_and_wrong += u32::from(square > 1.0 && variance < 0.09);
+        score.square += square;
+        score.nees += square / variance;
+    }
+    score
+}
+
+/// A range whose link's error changes from that of one second to that of the next.
+fn range(
+    anchor: usize,
+    place: &[f64; 3],
+    distance_m: f64,
+    t_s: f64,
+    errors: &[Vec<f64>],
+    rng: &mut Pcg64,
+) -> Range<f32> {
+    let (second, part) = (t_s as usize, t_s.fract());
+    let next = errors.get(second + 1).map_or(0.0, |of| of[anchor]);
+    let error = (1.0 - part) * errors[second][anchor] + part * next;
+    Range {
+        anchor: anchor as u16,
+        position_m: place.map(|c| c as f32),
+        distance_m: (distance_m + error + 0.03 * normal(rng)) as f32,
+        deviation_m: 0.03,
+        p_nlos: None,
+        excess_m: None,
+    }
+}
+
+const ROOM: [[f64; 3]; 6] =
+    [[0.2, 0.2, 2.6], [11.8, 0.2, 1.8], [11.8, 7.8, 2.6], [0.2, 7.8, 1.8], [6.0, 0.2, 2.4], [6.0, 7.8, 2.4]];
+const WALL: [[f64; 3]; 4] = [[0.5, 0.2, 2.05], [4.2, 0.2, 1.9], [7.8, 0.2, 1.98], [11.5, 0.2, 2.33]];
+
+#[test]
+fn a_track_along_a_wall_of_anchors_says_that_it_does_not_know_its_side() {
+    let corners = [[2.0, 0.8], [10.0, 0.8], [10.0, 4.2], [2.0, 4.2]];
+    let (mut tracked, mut beyond_4_sigma, mut positions) = (0, 0, 0);
+    for seed in 1..=SEEDS {
+        let score = run(&WALL, &corners, (10, 120), seed, |_, _| true);
+        // Anchors that are surveyed within millimetres of a line make no position: `collinear-anchors`.
+        tracked += u32::from(score.positions > 1_100);
+        assert!(score.positions > 1_100 || score.positions == 0, "{seed}: {score:?}");
+        beyond_4_sigma += score.beyond_4_sigma;
+        positions += score.positions;
+        assert_eq!(score.confident_and_wrong, 0, "{seed}: {score:?}");
+        assert!(score.positions == 0 || score.nees() < 4.0, "{seed}: {score:?}");
+    }
+    assert!(tracked > 15, "{tracked} of {SEEDS}");
+    assert!(100 * beyond_4_sigma <= positions, "{beyond_4_sigma} of {positions}");
+}
+
+#[test]
+fn a_track_that_crosses_the_line_of_its_last_two_anchors_follows_both_sides() {
+    let corners = [[2.0, 2.0], [10.0, 2.0], [10.0, 6.0], [2.0, 6.0]];
+    let (mut beyond_4_sigma, mut positions) = (0, 0);
+    for seed in 1..=SEEDS {
+        // From 40 s to 80 s, two of six anchors are left, in corners that face each other across the path.
+        let score = run(&ROOM, &corners, (10, 120), seed, |anchor, t_s| {
+            !(40.0..80.0).contains(&t_s) || [2, 5].contains(&anchor)
+        });
+        beyond_4_sigma += score.beyond_4_sigma;
+        positions += score.positions;
+        assert_eq!(score.confident_and_wrong, 0, "{seed}: {score:?}");
+        assert!(score.nees() < 4.0 && score.positions > 1_100, "{seed}: {score:?}");
+    }
+    assert!(100 * beyond_4_sigma <= positions, "{beyond_4_sigma} of {positions}");
+}
+
+#[test]
+fn a_walk_at_full_rate_errs_no_more_than_at_10_hz() {
+    let corners = [[4.0, 3.0], [9.0, 6.0], [4.0, 6.0]];
+    let (mut slow, mut fast) = (0.0, 0.0);
+    for seed in 1..=5 {
+        let [of_slow, of_fast] = [10, 400].map(|rate_hz| run(&ROOM[..4], &corners, (rate_hz, 40), seed, |_, _| true));
+        assert_eq!(of_fast.confident_and_wrong, 0, "{seed}: {of_fast:?}");
+        slow += of_slow.rmse();
+        fast += of_fast.rmse();
+    }
+    assert!(fast < 1.05 * slow, "{fast} {slow}");
+}
