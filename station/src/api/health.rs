@@ -26,7 +26,7 @@ struct Health {
     title: &'static str,
     /// As in the answer's head.
     status: u16,
-    /// The store answers.
+    /// The store answers, and takes rows.
     store: bool,
     /// The hub takes reports.
     hub: bool,
@@ -39,7 +39,8 @@ struct Health {
         (status = 503, description = "something does not work", body = Health,
             content_type = "application/problem+json")))]
 async fn health(State(station): State<Shared>) -> Response {
-    let (store, hub) = (station.app.store.is_well().await, !station.app.hub.reports().is_closed());
+    let hub = &station.app.hub;
+    let (store, hub) = (hub.is_storing() && station.app.store.is_well().await, !hub.reports().is_closed());
     let (status, title, media_type) = if store && hub {
         (StatusCode::OK, "OK", "application/json")
     } else {

@@ -9,7 +9,7 @@
 mod devices;
 mod writer;
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::Duration;
 
@@ -168,6 +168,8 @@ struct Counters {
     rows_written: AtomicU64,
     store_failures: AtomicU64,
     missed: AtomicU64,
+    /// The last write failed.
+    is_failing: AtomicBool,
 }
 
 fn add(counter: &AtomicU64, count: usize) {
@@ -275,6 +277,11 @@ impl Hub {
         let refused = self.read(LiveState::refused);
         let (backlog, dropped) = self.queue.backlog_and_dropped();
         HubCounts { reports, refused, positions, events, rows_written, backlog, dropped, store_failures, missed }
+    }
+
+    /// Whether the store took the rows that were last given to it.
+    pub fn is_storing(&self) -> bool {
+        !self.counters.is_failing.load(Ordering::Relaxed)
     }
 
     /// Ends the hub: it takes no more reports, and applies and writes those that it has.

@@ -220,13 +220,14 @@ async fn a_store_that_fails_is_tried_again_ever_less_often_and_loses_nothing() {
     assert_eq!(store.content(|content| content.tries), 6);
     let counts = hub.counts();
     assert_eq!((counts.backlog, counts.rows_written, counts.store_failures, counts.dropped), (100, 0, 6, 0));
+    assert!(!hub.is_storing());
     // Positions still reach the listeners.
     let mut listener = hub.listen();
     hub.reports().send(report("0x1001", 100.0)).await.expect("the hub runs");
     assert_eq!(next_position(&mut listener).await, 100.0);
     store.content(|content| content.is_failing = false);
     tokio::time::sleep(Duration::from_secs(10)).await;
-    assert_eq!((hub.counts().rows_written, hub.counts().backlog), (101, 0));
+    assert_eq!((hub.counts().rows_written, hub.counts().backlog, hub.is_storing()), (101, 0, true));
     hub.stop();
     task.await.expect("no panic");
     let written: Vec<f64> = store.content(|content| content.positions.iter().map(|row| row.x_m).collect());

@@ -6,6 +6,7 @@
 //! counted with them, and does not hold up the others.
 
 use std::collections::VecDeque;
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -175,7 +176,7 @@ pub(super) async fn write(
     counters: Arc<Counters>,
     mut ended: watch::Receiver<bool>,
 ) {
-    let mut writer = Writer { store, queue, counters, is_failing: false, is_full: false };
+    let mut writer = Writer { store, queue, counters, is_full: false };
     loop {
         let is_last = tokio::select! {
             () = writer.queue.is_full.notified() => false,
@@ -203,7 +204,6 @@ struct Writer<S> {
     store: S,
     queue: Arc<Queue>,
     counters: Arc<Counters>,
-    is_failing: bool,
     /// The store left rows out.
     is_full: bool,
 }
@@ -236,7 +236,7 @@ impl<S: HubStore> Writer<S> {
                         );
                     }
                     self.is_full = left_out > 0;
-                    if std::mem::take(&mut self.is_failing) {
+                    if self.counters.is_failing.swap(false, Ordering::Relaxed) {
                         let (backlog, dropped) = self.queue.backlog_and_dropped();
                         log::info!("the store takes rows again: {backlog} wait, {dropped} were dropped");
                     }
@@ -244,7 +244,7 @@ impl<S: HubStore> Writer<S> {
                 }
                 Err(error) => {
                     add(&self.counters.store_failures, 1);
-                    if !std::mem::replace(&mut self.is_failing, true) {
+                    if !self.counters.is_failing.swap(true, Ordering::Relaxed) {
                         log::error!("the store fails, and is tried again: {error}");
                     }
                 }

@@ -42,7 +42,11 @@ impl Store {
         sqlx::any::install_default_drivers();
         let Place { engine, name } = Place::of(url);
         let cannot_open = |error| StoreError::Open(name.clone(), error);
-        let options = AnyPoolOptions::new().acquire_timeout(ACQUIRE_WITHIN);
+        // SQLite ends a transaction by itself where the disk is full. What sqlx rolls back then is no transaction, which
+        // fails, and the connection can begin no other one: another connection is made in its place.
+        let options = AnyPoolOptions::new()
+            .acquire_timeout(ACQUIRE_WITHIN)
+            .before_acquire(|connection, _| Box::pin(async move { Ok(!connection.is_in_transaction()) }));
         let pool = match engine {
             Engine::Sqlite => {
                 let options = options.max_connections(4).after_connect(|connection, _| {

@@ -57,4 +57,16 @@ on_both! {
             store.close().await;
         }
     }
+
+    async fn a_transaction_that_the_database_ended_by_itself_spoils_no_connection(place) {
+        let store = place.open().await;
+        for _ in 0..8 {
+            let mut writing = store.begin().await.unwrap();
+            // As SQLite does where the disk is full; what sqlx rolls back afterwards is no transaction.
+            sqlx::raw_sql("ROLLBACK").execute(&mut *writing.tx).await.unwrap();
+        }
+        store.write(&[position("a", 1000)], &[]).await.unwrap();
+        assert_eq!(store.positions("hall", "a", EVER(), u32::MAX).await.unwrap().len(), 1);
+        store.close().await;
+    }
 }

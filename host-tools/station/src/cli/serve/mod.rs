@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use crate::{OpenSource, SimulatedSite, SourceSpec, read_webhooks, simulate};
 use analysis::survey::presence::read_outlines;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use node_link::provision::SiteNames;
 use sim::scenario::Scenario;
 use station_core::api::{self, App, Tls};
@@ -210,7 +210,11 @@ async fn serve(arguments: &Arguments, url: &str, network: Network, sources: Sour
     if let Some(mqtt) = mqtt {
         mqtt.stop().await;
     }
-    written
+    written?;
+    match hub.counts().dropped {
+        0 => Ok(()),
+        lost => bail!("{lost} rows are lost: the store could not take them"),
+    }
 }
 
 /// Waits for a signal that ends the program.
