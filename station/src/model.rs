@@ -210,6 +210,11 @@ impl RangeMeasurement {
     /// The greatest offset of a clock, ppm: more than telemetry can carry.
     const FASTEST_PPM: f64 = 1000.0;
 
+    /// A range of which nothing else is known.
+    pub const fn of(range_m: f64) -> Self {
+        Self { range_m, rx_power_dbm: None, first_path_power_dbm: None, clock_offset_ppm: None }
+    }
+
     /// Whether its numbers can have been measured.
     pub fn is_sane(&self) -> bool {
         let Self { range_m, rx_power_dbm, first_path_power_dbm, clock_offset_ppm } = self;

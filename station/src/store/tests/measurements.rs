@@ -4,10 +4,10 @@ use super::*;
 use crate::model::{HealthFigures, MeasuredValue, NodeMeasurement, NodeRole, NodeStatus, PlacedNode, RangeMeasurement};
 
 pub const RANGE: MeasuredValue = MeasuredValue::Range(RangeMeasurement {
-    range_m: 3.217,
     rx_power_dbm: Some(-81.25),
     first_path_power_dbm: Some(-84.5),
     clock_offset_ppm: Some(-2.35),
+    ..RangeMeasurement::of(3.217)
 });
 
 /// A measurement 5 ms before the end of its round.
