@@ -153,9 +153,9 @@ pub fn health(node: &str, ms: i64) -> NodeHealth {
         supply_v: Some(3.281),
         ..least
     };
-    // Whatever else has a column.
+    // Whatever else has a column: a whole number, whatever parts of a unit the column counts.
     for figure in FIGURES {
-        (figure.of)(&mut health).get_or_insert(1.25);
+        (figure.of)(&mut health).get_or_insert(2.0);
     }
     NodeHealth { site: "hall".to_owned(), node: node.to_owned(), t: at(ms), health }
 }
