@@ -68,10 +68,10 @@ fn tenth(step: u32) -> Vec<SourceReport> {
                 anchor: format!("0x{:04X}", 0x100 + anchor),
                 round: None,
                 range: RangeMeasurement {
-                    range_m,
                     rx_power_dbm: Some(-80.0),
                     first_path_power_dbm: Some(-83.0),
                     clock_offset_ppm: Some(-2.35),
+                    ..RangeMeasurement::of(range_m)
                 },
             };
             reports.push(SourceReport { t, site: site.clone(), what });

@@ -34,6 +34,7 @@ pub mod net;
 pub mod nmea;
 pub mod oidc;
 pub mod rssi;
+mod shapes;
 pub mod state;
 pub mod store;
 pub mod terminal;

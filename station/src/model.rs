@@ -7,6 +7,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::ToSchema;
 
 use crate::Utc;
+use crate::shapes::{PlanePoint, SpacePoint, WallLine};
 
 /// A position of a tag, with its uncertainty.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -122,6 +123,7 @@ pub struct NodeStatus {
     /// What it does.
     pub role: NodeRole,
     /// Its surveyed position.
+    #[schema(value_type = Option<SpacePoint>)]
     pub position_m: Option<[f64; 3]>,
     /// RSSI at one metre, dBm: of a beacon, or of devices at a receiver. None: that of most beacons.
     pub rssi_1m_dbm: Option<f64>,
@@ -208,6 +210,11 @@ impl RangeMeasurement {
     /// The greatest offset of a clock, ppm: more than telemetry can carry.
     const FASTEST_PPM: f64 = 1000.0;
 
+    /// A range of which nothing else is known.
+    pub const fn of(range_m: f64) -> Self {
+        Self { range_m, rx_power_dbm: None, first_path_power_dbm: None, clock_offset_ppm: None }
+    }
+
     /// Whether its numbers can have been measured.
     pub fn is_sane(&self) -> bool {
         let Self { range_m, rx_power_dbm, first_path_power_dbm, clock_offset_ppm } = self;
@@ -230,6 +237,7 @@ pub struct PlacedNode {
     /// What it does.
     pub role: NodeRole,
     /// Where it is.
+    #[schema(value_type = SpacePoint)]
     pub position_m: [f64; 3],
     /// RSSI at one metre, dBm: of the beacon, or of devices at the receiver. None: that of most beacons.
     pub rssi_1m_dbm: Option<f64>,
@@ -257,6 +265,7 @@ pub struct Zone {
     /// What the outline means.
     pub kind: ZoneKind,
     /// The outline's corners in their order.
+    #[schema(value_type = Vec<PlanePoint>)]
     pub corners_m: Vec<[f64; 2]>,
     /// An alarm is raised when a tag enters.
     #[serde(default)]
@@ -313,6 +322,7 @@ pub struct SiteMap {
     pub name: String,
     /// Walls, each from one end to the other.
     #[serde(default)]
+    #[schema(value_type = Vec<WallLine>)]
     pub walls_m: Vec<[[f64; 2]; 2]>,
     /// The picture behind the map.
     #[serde(default)]
@@ -374,6 +384,7 @@ impl ToSchema for GeographicOrigin {}
 #[schema(as = Plan)]
 pub struct FloorPlan {
     /// Where the upper left corner is.
+    #[schema(value_type = PlanePoint)]
     pub origin_m: [f64; 2],
     /// The scale.
     pub metres_per_pixel: f64,

@@ -1,5 +1,6 @@
 //! Recipes of docs/build/extend.md, proven: each patch in examples/recipes follows one. It must apply to the sources as they
-//! are, touch no more files than its first lines say, and build.
+//! are, touch no more files than its first lines say, and build. Where it touches the station, the committed description
+//! of the API must be that of the code, and the types of the page must fit.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -8,10 +9,13 @@ use std::process::Command;
 
 use anyhow::{Context, Result, bail, ensure};
 
+use crate::toolchain::is_installed;
 use crate::{cargo, printed, root, succeed, target_directory};
 
 /// The folder of the patches.
 const FOLDER: &str = "examples/recipes/";
+/// The folder of the station.
+const STATION: &str = "station/";
 
 /// What a patch says of itself.
 #[derive(Debug, PartialEq, Eq)]
@@ -113,9 +117,27 @@ fn prove(patch: &str, tree: &Path) -> Result<String> {
     check.args(packages.iter().flat_map(|package| ["--package", package]));
     let built =
         succeed(&mut check).with_context(|| format!("with it {} do not build: correct it", packages.join(", ")));
+    let is_of_station = touched.iter().any(|file| file.starts_with(STATION));
+    let also = built.and_then(|()| if is_of_station { check_station(tree) } else { Ok("") });
     succeed(&mut apply(&["--reverse"]))?;
-    built?;
-    Ok(format!("{title} takes {} of at most {most_files} files, and builds", touched.len()))
+    Ok(format!("{title} takes {} of at most {most_files} files, and builds{}", touched.len(), also?))
+}
+
+/// Compares the description of the station's API with the code, and checks the types of the page, which are made of it.
+/// Returns what was checked.
+fn check_station(tree: &Path) -> Result<&'static str> {
+    let (file, package) = ("station/openapi.json", "baliza-station-core");
+    let mut describe = cargo();
+    describe.current_dir(tree).args(["run", "--quiet", "--locked", "--package", package, "--example", "openapi"]);
+    let described = printed(describe.arg("--target-dir").arg(target_directory()))?;
+    ensure!(described == fs::read_to_string(tree.join(file))?, "{file} is not what the code describes: make it anew");
+    if !is_installed("npm") {
+        return Ok("; the types of the page are not checked, as there is no npm");
+    }
+    let npm = |arguments: &[&str]| succeed(Command::new("npm").args(arguments).current_dir(tree.join("station/web")));
+    npm(&["ci", "--silent", "--no-audit", "--no-fund"])?;
+    npm(&["run", "--silent", "check"]).context("the types of the page do not fit")?;
+    Ok(", and the types of the page fit")
 }
 
 #[cfg(test)]

@@ -1,27 +1,7 @@
 //! HTTP: REST, live updates, the page.
 //!
-//! | route | what |
-//! |---|---|
-//! | `GET /` | the page |
-//! | `GET /openapi.json`, `/healthz`, `/metrics` | description, health (200 or 503), Prometheus |
-//! | `GET /scenarios`, `GET /blueprints/{scenario}` | sites (`Site`), the picture of a site's plan |
-//! | `GET`, `POST /campaigns`; `GET`, `DELETE /campaigns/{name}`; `GET /campaigns/{name}/points`, `…/points/{id}`; `GET`, `POST …/points/{id}/samples` | surveys |
-//! | `POST /rtls`, `POST /rtls/{scenario}` | a terminal's RSSI values to its position and room |
-//! | `GET /api/v1/tags?site=`, `GET /api/v1/tags/{tag}/positions?site=&from=&to=&limit=` | tags with their last position; history, newest first |
-//! | `GET /api/v1/tags/{tag}/positions.gpx?site=&from=&to=&limit=` | the same as a track in GPX 1.1 |
-//! | `GET /api/v1/positions?site=&from=&to=&step_s=&limit=` | all tags of a site, oldest first, at most one a tag and step |
-//! | `GET /api/v1/nodes?site=`, `GET /api/v1/rooms?site=`, `GET /api/v1/events?site=&from=&to=&kind=&before=&limit=` | health of anchors and beacons; rooms and zones with who is in them; events, newest first |
-//! | `PUT`, `DELETE /api/v1/nodes/{site}/{node}` | places, forgets a beacon or a receiver (`PlacedNode`) |
-//! | `POST /api/v1/receivers/{receiver}/sightings` | what a fixed receiver receives: devices get positions |
-//! | `PUT`, `DELETE /api/v1/rooms/{site}/{name}` | draws, deletes a room or a zone (`Zone`) |
-//! | `PUT /api/v1/sites/{site}/walls` | replaces the walls (a list of pairs of points) |
-//! | `PUT /api/v1/sites/{site}/plan?origin_x_m=&origin_y_m=&metres_per_pixel=&rotation_rad=` | the body is the picture |
-//! | `PUT /api/v1/sites/{site}/plan/scale` | JSON: `origin_m`, `metres_per_pixel`, `rotation_rad` |
-//! | `PUT`, `DELETE /api/v1/sites/{site}/geographic-origin` | where the site's frame is on the earth (`GeographicOrigin`) |
-//! | `GET /api/v1/live?site=` | WebSocket: one `TagPosition` a message |
-//! | `GET /api/v1/updates?site=` | server-sent events `position`, `event`, `changed`, `missed` |
-//! | `POST /login`, `POST /logout`, `GET /api/v1/me` | a token becomes a cookie; who one is: role, and how to get one |
-//! | `GET /oidc/login`, `GET /oidc/callback` | a browser to the provider of sign-ins, and back with a cookie |
+//! `station/openapi.json` lists the routes, with what each does and the least role that may use it; it is made of their
+//! own descriptions, and served at `/openapi.json`.
 //!
 //! A request passes through these, from outside to inside: `serve` (connections), `net::tls` where there is a certificate,
 //! the layers of `router` (problem documents, headers, compression, `admit`: who may), `extract` (its values are

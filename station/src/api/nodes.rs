@@ -16,6 +16,7 @@ use super::{Shared, answer};
 use crate::Utc;
 use crate::bounds::{EXPONENTS, FARTHEST_M, LONGEST_NAME, is_name};
 use crate::model::{NodeHealth, NodeRole, NodeStatus, PlacedNode};
+use crate::shapes::SpacePoint;
 
 /// The greatest number of placed nodes of all sites.
 const NODES: usize = 5_000;
@@ -84,7 +85,7 @@ struct Place {
     name: Option<Name>,
     role: PlacedRole,
     /// At most 1,000 km from the origin.
-    #[schema(value_type = [f64; 3])]
+    #[schema(value_type = SpacePoint)]
     position_m: [Coordinate; 3],
     /// RSSI at one metre, dBm: of the beacon, or of devices at the receiver.
     #[serde(default)]

@@ -1,13 +1,13 @@
 //! The description of the API: the routes' own descriptions to one document in OpenAPI 3.1, and from it what each route
 //! asks for.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::LazyLock;
 
 use axum::body::Bytes;
 use axum::http::{HeaderMap, Method};
 use axum::response::Response;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::openapi::path::{Operation, PathItem};
 use utoipa::openapi::response::{Response as Described, ResponseBuilder};
@@ -59,6 +59,8 @@ pub fn openapi() -> OpenApi {
     Problem::schemas(&mut schemas);
     components.schemas.extend(schemas);
     components.schemas.values_mut().for_each(describe_once);
+    components.responses = REFUSALS.map(|(name, _, words)| (name.to_owned(), refusal(words).into())).into();
+    require_keys_of_answers(&mut document);
     for (path, item) in &mut document.paths.paths {
         for (method, operation) in operations(item) {
             let words = path.split(|letter: char| !letter.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
@@ -90,31 +92,88 @@ fn operations(item: &mut PathItem) -> impl Iterator<Item = (&'static str, &mut O
     operations.into_iter().filter_map(|(method, operation)| Some((method, operation.as_mut()?)))
 }
 
+/// Requires all keys of objects that only answers have. What is unknown there is null, and not missing; in a request it
+/// may be missing. A problem document is the exception.
+fn require_keys_of_answers(document: &mut OpenApi) {
+    let Some(components) = &mut document.components else { return };
+    let mut names = Vec::new();
+    for item in document.paths.paths.values_mut() {
+        let bodies = operations(item).filter_map(|(_, operation)| operation.request_body.as_ref());
+        bodies.for_each(|body| names.extend(referred(body)));
+    }
+    let mut open = HashSet::from(["Problem".to_owned()]);
+    while let Some(name) = names.pop() {
+        names
+            .extend(components.schemas.get(&name).into_iter().flat_map(referred).filter(|other| !open.contains(other)));
+        open.insert(name);
+    }
+    for (_, schema) in components.schemas.iter_mut().filter(|(name, _)| !open.contains(*name)) {
+        require_keys(schema);
+    }
+}
+
+/// Requires all keys of an object, or of those that it is made of.
+fn require_keys(schema: &mut RefOr<Schema>) {
+    match schema {
+        RefOr::T(Schema::Object(object)) => object.required = object.properties.keys().cloned().collect(),
+        RefOr::T(Schema::AllOf(parts)) => parts.items.iter_mut().for_each(require_keys),
+        _ => {}
+    }
+}
+
+/// The names of the schemas that a part of the document refers to.
+fn referred(part: &impl Serialize) -> Vec<String> {
+    fn add(part: &Value, names: &mut Vec<String>) {
+        match part {
+            Value::Object(members) => {
+                let name =
+                    members.get("$ref").and_then(Value::as_str).and_then(|reference| reference.rsplit('/').next());
+                names.extend(name.map(str::to_owned));
+                members.values().for_each(|member| add(member, names));
+            }
+            Value::Array(items) => items.iter().for_each(|item| add(item, names)),
+            Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => {}
+        }
+    }
+    let mut names = Vec::new();
+    add(&serde_json::to_value(part).unwrap_or_default(), &mut names);
+    names
+}
+
+/// What routes may refuse: its name, its status and why.
+const REFUSALS: [(&str, &str, &str); 13] = [
+    ("Unreadable", "400", "a parameter or the body cannot be read"),
+    ("NoToken", "401", "there is no token, or a wrong one"),
+    ("NotAllowed", "403", "the role does not allow it, or the request comes from a page of another host"),
+    ("Missing", "404", "there is none"),
+    ("TooSlow", "408", "the request took too long"),
+    ("Conflict", "409", "there is one already, or there are too many"),
+    ("TooLarge", "413", "the body is too large"),
+    ("OtherKind", "415", "the body is of another kind"),
+    ("OtherHost", "421", "the host is no loopback one, and there are no tokens"),
+    ("WrongValue", "422", "a value is wrong"),
+    ("TooMany", "429", "too many requests or wrong tokens from this address"),
+    ("NoStore", "503", "the store does not answer"),
+    ("Refused", "default", "another refusal"),
+];
+
 /// What every route may answer, by what it takes.
 fn add_refusals(operation: &mut Operation) {
     let is_open = operation.security.as_ref().is_none_or(|needs| needs.iter().all(|need| *need == Default::default()));
     let has_body = operation.request_body.is_some();
-    let refusals = [
-        (400, "a parameter or the body cannot be read", has_body || operation.parameters.is_some()),
-        (401, "there is no token, or a wrong one", !is_open || has_body),
-        (403, "the role does not allow it, or the request comes from a page of another host", !is_open || has_body),
-        (404, "there is none", operation.parameters.is_some() || has_body),
-        (408, "the request took too long", true),
-        (409, "there is one already, or there are too many", has_body),
-        (413, "the body is too large", has_body),
-        (415, "the body is of another kind", has_body),
-        (421, "the host is no loopback one, and there are no tokens", true),
-        (422, "a value is wrong", has_body),
-        (429, "too many requests or wrong tokens from this address", !is_open || has_body),
-        (503, "the store does not answer", true),
-    ];
-    for (status, description, may_be) in refusals {
+    let has_parameters = operation.parameters.is_some();
+    for (name, status, _) in REFUSALS {
+        let may_be = match status {
+            "400" | "404" => has_parameters || has_body,
+            "401" | "403" | "429" => !is_open || has_body,
+            "409" | "413" | "415" | "422" => has_body,
+            _ => true,
+        };
         if may_be {
             let answers = &mut operation.responses.responses;
-            answers.entry(status.to_string()).or_insert_with(|| refusal(description).into());
+            answers.entry(status.to_owned()).or_insert_with(|| Ref::from_response_name(name).into());
         }
     }
-    operation.responses.responses.insert("default".to_owned(), refusal("another refusal").into());
 }
 
 fn refusal(description: &str) -> Described {

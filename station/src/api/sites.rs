@@ -13,6 +13,7 @@ use super::extract::{Bytes, Coordinate, Json, Name, Path, Query, point_m};
 use super::problem::Problem;
 use super::{Shared, Station, answer};
 use crate::model::{FloorPlan, GeographicOrigin, SiteMap};
+use crate::shapes::{PlanePoint, WallLine};
 
 /// The greatest size of a picture, bytes.
 const PICTURE: usize = 20_000_000;
@@ -59,7 +60,7 @@ async fn picture(
 /// Replaces the walls of a site; makes the site where there is none.
 #[utoipa::path(put, path = "/api/v1/sites/{site}/walls", tag = "sites", security(("token" = ["administer"])),
     params(("site" = Name, Path, description = "the site")),
-    request_body = Vec<[[f64; 2]; 2]>, responses((status = 200, body = SiteMap)))]
+    request_body = Vec<WallLine>, responses((status = 200, body = SiteMap)))]
 async fn put_walls(
     State(station): State<Shared>,
     Path(site): Path<Name>,
@@ -101,7 +102,7 @@ struct Placed {
 #[serde(deny_unknown_fields)]
 struct Scale {
     /// Where the upper left corner is.
-    #[schema(value_type = [f64; 2])]
+    #[schema(value_type = PlanePoint)]
     origin_m: [Coordinate; 2],
     metres_per_pixel: MetresPerPixel,
     /// Anticlockwise.

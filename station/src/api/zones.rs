@@ -13,6 +13,7 @@ use super::problem::Problem;
 use super::tags::OfSite;
 use super::{Shared, answer};
 use crate::model::{TagStatus, Zone, ZoneKind};
+use crate::shapes::PlanePoint;
 
 /// The greatest number of zones of a site.
 const ZONES: usize = 1_000;
@@ -71,7 +72,7 @@ struct Drawn {
     name: Option<Name>,
     kind: ZoneKind,
     /// The outline's corners in their order.
-    #[schema(value_type = Vec<[f64; 2]>, min_items = 3, max_items = 1000)]
+    #[schema(value_type = Vec<PlanePoint>, min_items = 3, max_items = 1000)]
     corners_m: Vec<[Coordinate; 2]>,
     /// An alarm is raised when a tag enters.
     #[serde(default)]

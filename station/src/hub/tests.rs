@@ -285,10 +285,9 @@ fn round(tag: &str, t: Utc) -> Vec<SourceReport> {
         anchor: anchor.to_owned(),
         round: None,
         range: RangeMeasurement {
-            range_m,
             rx_power_dbm: Some(-80.25),
-            first_path_power_dbm: None,
             clock_offset_ppm: Some(1.5),
+            ..RangeMeasurement::of(range_m)
         },
     };
     let sighting = ReportKind::Sighting { tag: tag.to_owned(), beacon: "1-7".to_owned(), rssi_dbm: -60.0 };
@@ -486,7 +485,7 @@ async fn the_health_of_the_nodes_that_were_seen_is_written_each_minute() {
             tag,
             anchor,
             round: None,
-            range: RangeMeasurement { range_m: 3.0, rx_power_dbm: None, first_path_power_dbm: None, clock_offset_ppm },
+            range: RangeMeasurement { clock_offset_ppm, ..RangeMeasurement::of(3.0) },
         };
         let report = SourceReport { t: Utc::now(), site: SITE.to_owned(), what };
         hub.reports().send(report).await.expect("the hub runs");

@@ -37,10 +37,10 @@ fn range(anchor: &str, range_m: f64) -> ReportKind {
         anchor: anchor.to_owned(),
         round: None,
         range: RangeMeasurement {
-            range_m,
             rx_power_dbm: Some(-80.0),
             first_path_power_dbm: Some(-84.0),
             clock_offset_ppm: Some(if range_m < 6.0 { 2.0 } else { -3.0 }),
+            ..RangeMeasurement::of(range_m)
         },
     }
 }

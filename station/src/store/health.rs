@@ -11,7 +11,7 @@ use super::{Result, Span, Store};
 use crate::model::{HealthFigures, NodeHealth};
 
 /// Figures that may be unknown: their columns, and how many parts of a unit these count.
-const FIGURES: [StoredNumber<HealthFigures>; 6] = [
+pub(super) const FIGURES: &[StoredNumber<HealthFigures>] = &[
     StoredNumber { column: "success_permille", parts: 1000.0, of: |figures| &mut figures.success_rate },
     StoredNumber { column: "residual_mean_mm", parts: 1000.0, of: |figures| &mut figures.residual_mean_m },
     StoredNumber { column: "residual_sigma_mm", parts: 1000.0, of: |figures| &mut figures.residual_sigma_m },
@@ -25,7 +25,7 @@ const FIGURES: [StoredNumber<HealthFigures>; 6] = [
 ];
 
 static INSERT: LazyLock<MultiRowInsert> = LazyLock::new(|| {
-    let before = format!("INSERT INTO health (site, node, minute, rate_chz, moved, {})", columns_of(&FIGURES));
+    let before = format!("INSERT INTO health (site, node, minute, rate_chz, moved, {})", columns_of(FIGURES));
     MultiRowInsert::new(&before, 5 + FIGURES.len(), "ON CONFLICT (site, node, minute) DO NOTHING")
 });
 
@@ -44,7 +44,7 @@ impl Store {
         let rows = sqlx::query(AssertSqlSafe(format!(
             "SELECT minute, rate_chz, moved, {} FROM health \
              WHERE site = $1 AND node = $2 AND minute >= $3 AND minute < $4 ORDER BY minute DESC LIMIT $5",
-            columns_of(&FIGURES)
+            columns_of(FIGURES)
         )));
         let rows = rows.bind(site).bind(node).bind(up(from)).bind(up(to)).bind(i64::from(limit));
         let rows = rows.fetch_all(&self.pool).await?;

@@ -70,6 +70,35 @@ async fn document_is_served_as_it_is_made() {
     assert!(answer.json()["openapi"].as_str().unwrap().starts_with("3.1."));
 }
 
+/// The page's types are made from the committed file, without a station.
+#[test]
+fn the_committed_description_is_that_of_the_code() {
+    let committed = include_str!("../../openapi.json");
+    let made = openapi().to_pretty_json().unwrap();
+    assert!(
+        committed.trim_end() == made,
+        "station/openapi.json is not what the code describes: commit what `cargo run -p baliza-station-core --example \
+         openapi > station/openapi.json` writes"
+    );
+}
+
+#[test]
+fn answers_have_all_keys_and_requests_only_some() {
+    let document = serde_json::to_value(openapi()).unwrap();
+    let required = |name: &str| {
+        let schema = &document["components"]["schemas"][name];
+        (schema["required"].as_array().unwrap().len(), schema["properties"].as_object().unwrap().len())
+    };
+    // Of a request, the name and the site, without the points; of a refusal, all but the pause.
+    assert_eq!(required("NewCampaign"), (2, 3));
+    assert_eq!(required("GeographicOrigin"), (3, 5));
+    assert_eq!(required("Problem"), (4, 5));
+    for name in ["Tag", "HealthFigures", "TagPosition", "Site", "Me"] {
+        let (keys, all) = required(name);
+        assert_eq!(keys, all, "{name}");
+    }
+}
+
 #[test]
 fn each_route_is_described_with_its_role_parameters_answers_and_refusals() {
     let document = serde_json::to_value(openapi()).unwrap();
@@ -87,7 +116,9 @@ fn each_route_is_described_with_its_role_parameters_answers_and_refusals() {
         assert!(ids.insert(operation["operationId"].as_str().unwrap().to_owned()), "{name}: not its own operationId");
         let responses = operation["responses"].as_object().unwrap();
         assert!(responses.keys().any(|status| status.starts_with(['2', '3'])), "{name}");
-        assert!(responses["default"]["content"]["application/problem+json"]["schema"].is_object(), "{name}");
+        let refused = responses["default"]["$ref"].as_str().unwrap().trim_start_matches('#');
+        let refused = document.pointer(refused).unwrap();
+        assert!(refused["content"]["application/problem+json"]["schema"].is_object(), "{name}");
         let parameters = operation["parameters"].as_array().cloned().unwrap_or_default();
         let in_path: Vec<_> = parameters.iter().filter(|parameter| parameter["in"] == "path").collect();
         assert_eq!(in_path.len(), path.matches('{').count(), "{name}");

@@ -116,9 +116,6 @@ const en = {
   'health.state': 'State',
   'health.success': 'Success',
   'health.residual': 'Residual',
-  'health.firstpath': 'First path − received',
-  'health.clock': 'Clock offset',
-  'health.seen': 'Last seen',
   'health.supply': 'Supply',
   'health.good': 'good',
   'health.moved': 'was it moved?',
@@ -339,9 +336,6 @@ const es: Record<Key, string> = {
   'health.state': 'Estado',
   'health.success': 'Éxito',
   'health.residual': 'Residuo',
-  'health.firstpath': 'Primer camino − recibida',
-  'health.clock': 'Desvío del reloj',
-  'health.seen': 'Vista',
   'health.supply': 'Alimentación',
   'health.good': 'bien',
   'health.moved': '¿se ha movido?',
@@ -442,6 +436,9 @@ const es: Record<Key, string> = {
 
 export type Language = 'en' | 'es';
 
+/// A text in all languages, for what stands in one place only.
+export type Text = Record<Language, string>;
+
 const texts: Record<Language, Record<Key, string>> = { en, es };
 
 let current: Language = 'en';
@@ -464,8 +461,10 @@ export function setLanguage(next: Language): void {
   numbers.clear();
 }
 
-export function t(key: Key, values: Record<string, string | number> = {}): string {
-  return texts[current][key].replace(/\{(\w+)\}/g, (whole, name: string) => String(values[name] ?? whole));
+/// The text of a key, or a text of its own, in the current language.
+export function t(text: Key | Text, values: Record<string, string | number> = {}): string {
+  const pattern = typeof text === 'string' ? texts[current][text] : text[current];
+  return pattern.replace(/\{(\w+)\}/g, (whole, name: string) => String(values[name] ?? whole));
 }
 
 /// The current language as the person's own region has it, where that is known.

@@ -30,7 +30,7 @@ export class Store {
   zones: Zone[] = [];
   events: StationEvent[] = [];
   selected: string | null = null;
-  me: Me = { role: 'administer', tokens: false, sign_in: null };
+  me: Me = { name: null, role: 'administer', tokens: false, sign_in: null };
   /// The map shows the past.
   past = false;
   private readonly soon = new Set<Topic>();

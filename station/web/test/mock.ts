@@ -20,6 +20,7 @@ import type {
   Zone,
 } from '../src/model.js';
 import { inPolygon } from '../src/map/geometry.js';
+import { blank } from './blank.js';
 
 const POLICY =
   "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; font-src 'self'; " +
@@ -437,12 +438,12 @@ function anchors(): Node[] {
     [8.2, 6.5],
     [14, 11.7],
   ];
-  return places.map(([x, y], i) => ({
+  const anchor = ([x, y]: [number, number], i: number) => ({
     node: `0x010${i + 1}`,
     site: 'office',
     name: i === 0 ? 'Door' : null,
-    role: 'anchor',
-    position_m: [x, y, 2.6],
+    role: 'anchor' as const,
+    position_m: [x, y, 2.6] as [number, number, number],
     last_seen: new Date().toISOString(),
     rate_hz: 80 - 7 * i,
     success_rate: i === 4 ? 0.52 : 0.99 - 0.02 * i,
@@ -452,7 +453,8 @@ function anchors(): Node[] {
     clock_offset_ppm: 1.6 - 0.9 * i,
     moved: i === 2,
     supply_v: 3.29 - 0.01 * i,
-  }));
+  });
+  return places.map((place, i) => blank<Node>('Node', anchor(place, i)));
 }
 
 export function rooms(): Zone[] {

@@ -11,6 +11,7 @@ import { localInput, stepFor } from '../src/panels/history.js';
 import { parseOrigin } from '../src/panels/origin.js';
 import { gridPoints } from '../src/panels/survey.js';
 import { parseCorners } from '../src/panels/zones.js';
+import { blank } from './blank.js';
 
 function at(seconds: number, x: number): TagPosition {
   const t = new Date(Date.UTC(2026, 0, 1, 0, 0, seconds)).toISOString();
@@ -125,11 +126,9 @@ test('the grid of a campaign goes there and back, and stays in the rooms', () =>
 });
 
 test('an anchor that was moved is told before anything else', () => {
-  const node: Node = {
-    node: '0x0101', site: 's', name: null, role: 'anchor', position_m: [0, 0, 2], last_seen: '2026-01-01T00:00:00Z',
-    rate_hz: 10, success_rate: 0.98, residual_mean_m: 0, residual_sigma_m: 0.1, first_path_minus_received_db: -3,
-    clock_offset_ppm: null, moved: false, supply_v: null,
-  };
+  const node = blank<Node>('Node', {
+    last_seen: '2026-01-01T00:00:00Z', success_rate: 0.98, first_path_minus_received_db: -3,
+  });
   assert.equal(stateOf(node), 'good');
   assert.equal(stateOf({ ...node, moved: true, success_rate: 0.1 }), 'moved');
   assert.equal(stateOf({ ...node, success_rate: 0.5 }), 'weak');
@@ -159,11 +158,8 @@ test('a time with a fraction of a second is after that of the whole second', () 
 });
 
 test('the health of an anchor has a gap where minutes are missing, and its worst minutes are told', () => {
-  const row = (minute: number, success_rate: number | null, residual_mean_m: number | null): NodeHealth => ({
-    site: 'office', node: '0x0101', t: new Date(2026, 0, 1, 10, minute).toISOString(), rate_hz: 10, success_rate,
-    residual_mean_m, residual_sigma_m: null, first_path_minus_received_db: null, clock_offset_ppm: null, moved: false,
-    supply_v: null,
-  }); // prettier-ignore
+  const row = (minute: number, success_rate: number | null, residual_mean_m: number | null): NodeHealth =>
+    blank<NodeHealth>('NodeHealth', { t: new Date(2026, 0, 1, 10, minute).toISOString(), success_rate, residual_mean_m });
   const minutes = (rows: NodeHealth[]) => curvesOf(rows).times.map((at) => new Date(at).getMinutes());
   // Newest first, as the station gives them; the minutes 3 and 4 are missing.
   const rows = [row(5, 0.5, 0.25), row(2, 0.5, -0.75), row(1, 0.75, null)];

@@ -6,6 +6,7 @@ import { spawn } from 'node:child_process';
 import { readdir, rm } from 'node:fs/promises';
 import { fileURLToPath } from 'node:url';
 import { build } from 'esbuild';
+import '../types.mjs';
 
 const here = fileURLToPath(new URL('.', import.meta.url));
 const out = `${here}.build`;

@@ -6,7 +6,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use station_core::model::{MeasuredValue, NodeMeasurement, PlacedNode, RangeMeasurement};
+use station_core::model::{MeasuredValue, NodeMeasurement, PlacedNode};
 
 use super::recording_tables::metres;
 use super::seconds;
@@ -71,15 +71,10 @@ impl Measurements {
         };
         let mut row = vec![epoch.to_string(), seconds(*t), tag.clone(), node.clone()];
         let (pair, written) = match *what {
-            MeasuredValue::Range(RangeMeasurement {
-                range_m,
-                rx_power_dbm,
-                first_path_power_dbm,
-                clock_offset_ppm,
-            }) => {
-                row.push(metres(Some(range_m)));
-                row.extend([rx_power_dbm, first_path_power_dbm].map(hundredths));
-                row.push(metres(clock_offset_ppm));
+            MeasuredValue::Range(range) => {
+                row.push(metres(Some(range.range_m)));
+                row.extend([range.rx_power_dbm, range.first_path_power_dbm].map(hundredths));
+                row.push(metres(range.clock_offset_ppm));
                 (RANGES, &mut self.ranges)
             }
             MeasuredValue::Rssi(rssi_dbm) => {

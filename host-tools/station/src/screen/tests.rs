@@ -52,7 +52,6 @@ fn anchor(address: &str, at_m: [f64; 2]) -> NodeStatus {
         path_loss_exponent: None,
         last_seen: Some(at(0)),
         health: HealthFigures {
-            rate_hz: 25.0,
             success_rate: Some(0.97),
             residual_mean_m: Some(0.61),
             residual_sigma_m: Some(0.08),
@@ -60,6 +59,7 @@ fn anchor(address: &str, at_m: [f64; 2]) -> NodeStatus {
             clock_offset_ppm: Some(-2.4),
             moved: true,
             supply_v: Some(2.87),
+            ..HealthFigures { rate_hz: 25.0, ..HealthFigures::default() }
         },
     }
 }

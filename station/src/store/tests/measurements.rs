@@ -4,10 +4,10 @@ use super::*;
 use crate::model::{HealthFigures, MeasuredValue, NodeMeasurement, NodeRole, NodeStatus, PlacedNode, RangeMeasurement};
 
 pub const RANGE: MeasuredValue = MeasuredValue::Range(RangeMeasurement {
-    range_m: 3.217,
     rx_power_dbm: Some(-81.25),
     first_path_power_dbm: Some(-84.5),
     clock_offset_ppm: Some(-2.35),
+    ..RangeMeasurement::of(3.217)
 });
 
 /// A measurement 5 ms before the end of its round.
@@ -33,12 +33,7 @@ pub fn node(name: &str, role: NodeRole, position_m: Option<[f64; 3]>, rssi_1m_db
 on_both! {
     async fn measurements_come_back_as_they_were_written_and_once(place) {
         let store = place.open().await;
-        let bare = MeasuredValue::Range(RangeMeasurement {
-            range_m: 0.0,
-            rx_power_dbm: None,
-            first_path_power_dbm: None,
-            clock_offset_ppm: None,
-        });
+        let bare = MeasuredValue::Range(RangeMeasurement::of(0.0));
         let rows = [
             measurement("a", "0x0101", 10, RANGE),
             measurement("a", "0x0102", 10, bare),

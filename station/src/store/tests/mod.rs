@@ -14,6 +14,7 @@ use std::io::Write;
 use std::sync::Once;
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use super::health::FIGURES;
 use super::*;
 use crate::model::{EventKind, HealthFigures, NodeHealth, StationEvent, TagPosition};
 
@@ -140,21 +141,21 @@ pub fn event(id: i64, ms: i64, kind: EventKind) -> StationEvent {
     }
 }
 
-/// The health of an anchor, of which all is known.
+/// The health of an anchor, of which all that is stored is known.
 pub fn health(node: &str, ms: i64) -> NodeHealth {
-    NodeHealth {
-        site: "hall".to_owned(),
-        node: node.to_owned(),
-        t: at(ms),
-        health: HealthFigures {
-            rate_hz: 9.7,
-            success_rate: Some(0.985),
-            residual_mean_m: Some(-0.125),
-            residual_sigma_m: Some(0.083),
-            first_path_minus_received_db: Some(-2.75),
-            clock_offset_ppm: Some(-12.345),
-            moved: true,
-            supply_v: Some(3.281),
-        },
+    let least = HealthFigures { rate_hz: 9.7, moved: true, ..HealthFigures::default() };
+    let mut health = HealthFigures {
+        success_rate: Some(0.985),
+        residual_mean_m: Some(-0.125),
+        residual_sigma_m: Some(0.083),
+        first_path_minus_received_db: Some(-2.75),
+        clock_offset_ppm: Some(-12.345),
+        supply_v: Some(3.281),
+        ..least
+    };
+    // Whatever else has a column: a whole number, whatever parts of a unit the column counts.
+    for figure in FIGURES {
+        (figure.of)(&mut health).get_or_insert(2.0);
     }
+    NodeHealth { site: "hall".to_owned(), node: node.to_owned(), t: at(ms), health }
 }

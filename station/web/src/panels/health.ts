@@ -2,12 +2,38 @@
 
 import { attempt, type App, type Panel } from '../app.js';
 import { empty, h } from '../dom.js';
-import { inOrder, number, signed, supply, t, time } from '../i18n.js';
+import { inOrder, number, signed, supply, t, time, type Key, type Text } from '../i18n.js';
 import { stateOf } from '../map/draw.js';
 import type { Node } from '../model.js';
 import { HealthHistory } from './health-history.js';
 
 const EVERY_MS = 5000;
+
+/// A column of the table: its title, and what it says of a node.
+interface Column {
+  title: Key | Text;
+  cell: (node: Node) => string;
+}
+
+/// The columns after the node's name and its state.
+const COLUMNS: readonly Column[] = [
+  { title: 'health.success', cell: (node) => known(node.success_rate, (rate) => `${number(rate * 100, 0)} %`) },
+  { title: 'health.residual', cell: residual },
+  {
+    title: { en: 'First path − received', es: 'Primer camino − recibida' },
+    cell: (node) => known(node.first_path_minus_received_db, (db) => `${signed(db, 1)} dB`),
+  },
+  {
+    title: { en: 'Clock offset', es: 'Desvío del reloj' },
+    cell: (node) => known(node.clock_offset_ppm, (ppm) => `${signed(ppm, 1)} ppm`),
+  },
+  { title: 'health.supply', cell: (node) => supply(node.supply_v) },
+  { title: { en: 'Last seen', es: 'Vista' }, cell: (node) => known(node.last_seen, time) },
+];
+
+function known<T>(value: T | null, text: (value: T) => string): string {
+  return value === null ? '–' : text(value);
+}
 
 function residual(node: Node): string {
   if (node.residual_mean_m === null) return '–';
@@ -20,9 +46,11 @@ export function healthPanel(app: App): Panel {
   const none = empty('health.none');
   const body = h('tbody');
   const head = h('tr');
-  for (const key of ['node', 'state', 'success', 'residual', 'firstpath', 'clock', 'supply', 'seen'] as const) {
-    head.append(h('th', { t: `health.${key}`, attributes: { scope: 'col' } }));
-  }
+  const writeHead = () => {
+    const titles: (Key | Text)[] = ['health.node', 'health.state', ...COLUMNS.map((column) => column.title)];
+    head.replaceChildren(...titles.map((title) => h('th', { attributes: { scope: 'col' } }, t(title))));
+  };
+  writeHead();
   const table = h(
     'div',
     { class: 'scroll', label: 'tab.health', attributes: { tabindex: 0, role: 'region', id: 'health' } },
@@ -71,16 +99,7 @@ export function healthPanel(app: App): Panel {
             ),
           ),
           h('td', {}, h('span', { class: `badge ${state}` }, t(`health.${state}`))),
-          h('td', {}, node.success_rate === null ? '–' : `${number(node.success_rate * 100, 0)} %`),
-          h('td', {}, residual(node)),
-          h(
-            'td',
-            {},
-            node.first_path_minus_received_db === null ? '–' : `${signed(node.first_path_minus_received_db, 1)} dB`,
-          ),
-          h('td', {}, node.clock_offset_ppm === null ? '–' : `${signed(node.clock_offset_ppm, 1)} ppm`),
-          h('td', {}, supply(node.supply_v)),
-          h('td', {}, node.last_seen === null ? '–' : time(node.last_seen)),
+          ...COLUMNS.map((column) => h('td', {}, column.cell(node))),
         );
       }),
     );
@@ -91,7 +110,10 @@ export function healthPanel(app: App): Panel {
   }
 
   store.on(['nodes', 'language'], update);
-  store.on('language', () => day.write());
+  store.on('language', () => {
+    writeHead();
+    day.write();
+  });
   let site = store.site?.name;
   store.on('site', () => {
     if (site !== store.site?.name) void day.show(null);

@@ -38,8 +38,9 @@ function describe(origin: GeographicOrigin): string {
     t('origin.at', { latitude: number(latitude_deg, 7), longitude: number(longitude_deg, 7) }),
     t('origin.azimuth', { azimuth: number(y_azimuth_deg, 2) }),
   ];
-  if (height_m !== undefined) parts.push(t('origin.height', { height: number(height_m, 2) }));
-  if (geoid_separation_m !== undefined) {
+  // An answer leaves out what is unknown; a request may say null.
+  if (typeof height_m === 'number') parts.push(t('origin.height', { height: number(height_m, 2) }));
+  if (typeof geoid_separation_m === 'number') {
     parts.push(t('origin.separation', { separation: number(geoid_separation_m, 2) }));
   }
   return parts.join(' · ');
