@@ -63,7 +63,7 @@ pub(crate) fn both_sides<T: Real, const D: usize>(
     point: Vector<T, D>,
     samples: &[RangeSample<T, D>],
 ) -> Option<[Vector<T, D>; 2]> {
-    let (_, scatter) = spread_of_anchors(samples);
+    let (_, scatter) = spread_of(samples.iter().map(|sample| sample.anchor));
     // For λ₀ ≪ λ₁, det ⁄ trace² is λ₀ ⁄ λ₁: no eigenvalues needed.
     let trace = scatter[0][0] + scatter[1][1];
     let det = scatter[0][0] * scatter[1][1] - scatter[1][0].squared();
@@ -81,33 +81,24 @@ pub(crate) fn both_sides<T: Real, const D: usize>(
 pub(crate) fn mirror_of<T: Real, const D: usize>(
     places: impl Iterator<Item = Vector<T, D>> + Clone,
 ) -> Option<(Vector<T, D>, Vector<T, D>)> {
-    let (mut centre, mut count) = ([T::ZERO; D], 0);
-    for place in places.clone() {
-        centre = add_scaled(&centre, T::ONE, &place);
-        count += 1;
-    }
-    if count < D {
+    if places.clone().count() < D {
         return None;
     }
-    let share = T::ONE / T::count(count);
-    centre = centre.map(|component| component * share);
-    let mut scatter: Matrix<T, D> = [[T::ZERO; D]; D];
-    for place in places {
-        add_outer(&mut scatter, T::ONE, &sub(&place, &centre));
-    }
+    let (centre, scatter) = spread_of(places);
     let (values, vectors) = symmetric_eigen(&scatter);
-    let is_flat = values[0] <= T::of(ELONGATED * ELONGATED) * values[1];
-    let is_determined = values[1] > T::of(COLLINEAR * COLLINEAR) * values[D - 1] && values[1] > T::of(COINCIDENT_M);
-    (is_flat && is_determined).then_some((centre, vectors[0]))
+    let least = T::of(COINCIDENT_M).at_least(T::of(COLLINEAR * COLLINEAR) * values[D - 1]);
+    (values[1] > least && values[0] <= T::of(ELONGATED * ELONGATED) * values[1]).then_some((centre, vectors[0]))
 }
 
-/// The mean of the anchors and their scatter about it.
-fn spread_of_anchors<T: Real, const D: usize>(samples: &[RangeSample<T, D>]) -> (Vector<T, D>, Matrix<T, D>) {
-    let centre = centroid(samples);
+/// The mean of places and their scatter about it.
+fn spread_of<T: Real, const D: usize>(
+    places: impl Iterator<Item = Vector<T, D>> + Clone,
+) -> (Vector<T, D>, Matrix<T, D>) {
+    let (sum, count) =
+        places.clone().fold(([T::ZERO; D], 0), |(sum, count), place| (add_scaled(&sum, T::ONE, &place), count + 1));
+    let centre = sum.map(|component| component / T::count(count));
     let mut scatter: Matrix<T, D> = [[T::ZERO; D]; D];
-    for sample in samples {
-        add_outer(&mut scatter, T::ONE, &sub(&sample.anchor, &centre));
-    }
+    places.for_each(|place| add_outer(&mut scatter, T::ONE, &sub(&place, &centre)));
     (centre, scatter)
 }
 
@@ -179,7 +170,7 @@ impl<T: Real, const D: usize> Layout<T, D> {
     /// The same for three dimensions, where the anchors may lie on a plane.
     #[inline(never)]
     fn of_space(samples: &[RangeSample<T, D>], constraints: &Constraints<T, D>) -> Result<Self, SolveError> {
-        let (centre, scatter) = spread_of_anchors(samples);
+        let (centre, scatter) = spread_of(samples.iter().map(|sample| sample.anchor));
         let (values, vectors) = symmetric_eigen(&scatter);
         if values[1] <= T::of(COLLINEAR).squared() * values[D - 1] {
             return Err(SolveError::CollinearAnchors);

@@ -113,9 +113,8 @@ impl<T: Real> Engine<T> {
                 // Both have come to the same place, and the track becomes as wide as both together.
                 let apart = sub(&place, &self.filter.state.position());
                 let share = self.rival.share().unwrap_or(T::ZERO);
-                for axis in 0..3 {
-                    self.filter.state.widen(POSITION + axis, share * (T::ONE - share) * apart[axis].squared());
-                }
+                let doubt = share * (T::ONE - share);
+                (0..3).for_each(|axis| self.filter.state.widen(POSITION + axis, doubt * apart[axis].squared()));
                 self.rival.end();
                 self.rival.astride = true;
                 return None;
@@ -123,12 +122,9 @@ impl<T: Real> Engine<T> {
             let limit = self.distinction(&place);
             return self.decide((kept * lead + mine - other).at_least(-limit).at_most(limit));
         }
-        if self.add_mirror_image() {
-            return None;
-        }
         // No hypothesis explains ranges better than this, so that most rounds need no solver.
         let best = T::count(ranges) * T::of(LOG_WELL_EXPLAINED) + T::of(LOG_ELSEWHERE);
-        if !(mine < best) {
+        if self.add_mirror_image() || !(mine < best) {
             return None;
         }
         let fix = self.round.solve(&self.settings).ok()?;
@@ -163,21 +159,17 @@ impl<T: Real> Engine<T> {
     /// the anchors lie: ranges hardly tell sides, and what the track knew of its side is lost. Returns whether it does.
     #[inline(never)]
     fn add_mirror_image(&mut self) -> bool {
-        let Some((centre, normal)) = self.round.mirror(&self.settings.dimensions) else {
-            self.rival.astride = false;
-            return false;
-        };
-        let position = self.filter.state.position();
-        let off = dot(&normal, &sub(&position, &centre));
+        let was_astride = core::mem::take(&mut self.rival.astride);
+        let Some((centre, normal)) = self.round.mirror(&self.settings.dimensions) else { return false };
+        let off = dot(&normal, &sub(&self.filter.state.position(), &centre));
         let (square, spread) = (T::of(4.0) * off.squared(), self.filter.state.spread());
-        let is_on_both_sides = square < T::of(SAME * SAME) * spread;
-        let was_astride = core::mem::replace(&mut self.rival.astride, is_on_both_sides);
-        if is_on_both_sides || !(was_astride || square < T::of(BOTH_SIDES * BOTH_SIDES) * spread) {
-            return false;
+        self.rival.astride = square < T::of(SAME * SAME) * spread;
+        let begins = !self.rival.astride && (was_astride || square < T::of(BOTH_SIDES * BOTH_SIDES) * spread);
+        if begins {
+            self.rival.filter.mirror(&self.filter, &centre, &normal);
+            self.rival.lead = Some(T::ZERO);
         }
-        self.rival.filter.mirror(&self.filter, &centre, &normal);
-        self.rival.lead = Some(T::ZERO);
-        true
+        begins
     }
 
     /// Follows the hypothesis that has won with these log odds of the track, or both. Returns why a track was started,

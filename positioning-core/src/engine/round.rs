@@ -147,14 +147,14 @@ impl<T: Real> Round<T> {
     /// The centre of the anchors and the unit normal of the line (in the plane) or plane (in space) near which they lie;
     /// `None` where they are spread.
     pub(super) fn mirror(&self, dimensions: &Dimensions<T>) -> Option<([T; 3], [T; 3])> {
-        let places = || self.ranges().map(|range| range.position_m);
+        let places = self.ranges().map(|range| range.position_m);
         match dimensions {
             Dimensions::Plane { height } => {
-                let (centre, normal) = mirror_of(places().map(|[x, y, _]| [x, y]))?;
-                Some(([centre[0], centre[1], *height], [normal[0], normal[1], T::ZERO]))
+                let ([x, y], [across_x, across_y]) = mirror_of(places.map(|[x, y, _]| [x, y]))?;
+                Some(([x, y, *height], [across_x, across_y, T::ZERO]))
             }
             // Of a ceiling's two sides the lower one is taken, as solvers do.
-            Dimensions::Space { .. } => mirror_of(places()).filter(|(_, normal)| normal[2].abs() < T::of(0.5)),
+            Dimensions::Space { .. } => mirror_of(places).filter(|(_, normal)| normal[2].abs() < T::of(0.5)),
         }
     }
 

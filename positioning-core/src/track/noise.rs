@@ -42,11 +42,6 @@ pub enum Blocked<T> {
 }
 
 impl<T: Real> Blocked<T> {
-    /// The variances of García et al.
-    pub fn garcia() -> Self {
-        Self::TwoVariances { threshold: T::of(0.5), direct_m2: T::of(0.5), blocked_m2: T::of(3.0) }
-    }
-
     /// The variance of a range with this probability of a blocked link, m², where it is independent of the range's own.
     pub(crate) fn variance(&self, p_nlos: T) -> Option<T> {
         match *self {

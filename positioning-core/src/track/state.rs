@@ -7,7 +7,7 @@
 //! measured. It is therefore predicted only when it is measured ([`State::renew`]). That is exact, and saves most of
 //! the work.
 
-use crate::linalg::dot;
+use crate::linalg::{add_scaled, dot};
 use crate::link_error::Gaussian;
 use crate::{MAX_ANCHORS, Real};
 
@@ -171,21 +171,18 @@ impl<T: Real> State<T> {
     /// x − 2 n nᵀ (x − c), and the covariance P becomes H P Hᵀ with H = I − 2 n nᵀ.
     pub(crate) fn reflect(&mut self, centre: &[T; 3], normal: &[T; 3]) {
         for (block, centre) in [(POSITION, *centre), (VELOCITY, [T::ZERO; 3])] {
+            let own = block..block + 3;
             let mean = core::array::from_fn(|axis| self.mean[block + axis] - centre[axis]);
-            for (axis, moved) in reflected(&mean, normal).into_iter().enumerate() {
-                self.mean[block + axis] = centre[axis] + moved;
+            self.mean[own.clone()].copy_from_slice(&add_scaled(&reflected(&mean, normal), T::ONE, &centre));
+            for other in (0..self.live).filter(|other| !own.contains(other)) {
+                let column = reflected(&core::array::from_fn(|axis| self.covariance(block + axis, other)), normal);
+                (0..3).for_each(|axis| self.set_covariance(block + axis, other, column[axis]));
             }
-            for other in (0..self.live).filter(|other| !(block..block + 3).contains(other)) {
-                let column = core::array::from_fn(|axis| self.covariance(block + axis, other));
-                for (axis, value) in reflected(&column, normal).into_iter().enumerate() {
-                    self.set_covariance(block + axis, other, value);
-                }
-            }
-            let within: [[T; 3]; 3] =
-                core::array::from_fn(|r| core::array::from_fn(|c| self.covariance(block + r, block + c)));
-            let half: [[T; 3]; 3] = core::array::from_fn(|r| reflected(&within[r], normal));
+            let rows: [[T; 3]; 3] = core::array::from_fn(|r| {
+                reflected(&core::array::from_fn(|c| self.covariance(block + r, block + c)), normal)
+            });
             for r in 0..3 {
-                let column = reflected(&core::array::from_fn(|k| half[k][r]), normal);
+                let column = reflected(&rows.map(|row| row[r]), normal);
                 (0..=r).for_each(|c| self.set_covariance(block + r, block + c, column[c]));
             }
         }
@@ -311,9 +308,9 @@ impl<T: Real> State<T> {
 const _: () = assert!(STATES.is_multiple_of(CHUNK));
 
 /// A vector with its part along a unit vector turned round.
+#[inline(never)]
 fn reflected<T: Real>(vector: &[T; 3], normal: &[T; 3]) -> [T; 3] {
-    let along = dot(vector, normal);
-    core::array::from_fn(|axis| vector[axis] - T::of(2.0) * along * normal[axis])
+    add_scaled(vector, T::of(-2.0) * dot(vector, normal), normal)
 }
 
 #[cfg(test)]

@@ -347,8 +347,8 @@ fn whatever_comes_there_is_a_position_with_a_covariance_or_a_reason() {
     let mut rng = rng(17);
     for run in 0..150 {
         let dimensions = if run % 2 == 0 { PLANE } else { Dimensions::Space { side: Side::Unknown } };
-        let blocked =
-            [Blocked::Alike, Blocked::Weigh, Blocked::garcia(), Blocked::Ignore { threshold: 0.5, at_least: 4 }];
+        let two_variances = Blocked::TwoVariances { threshold: 0.5, direct_m2: 0.5, blocked_m2: 3.0 };
+        let blocked = [Blocked::Alike, Blocked::Weigh, two_variances, Blocked::Ignore { threshold: 0.5, at_least: 4 }];
         let motion = [
             Motion::Static { wander: 0.1 },
             Motion::ConstantVelocity { acceleration: 1.0 },

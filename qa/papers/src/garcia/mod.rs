@@ -261,7 +261,7 @@ fn settings(way: BlockedTreatment) -> Option<Settings<f32>> {
         BlockedTreatment::EkfWithoutDetection => {
             Some(plain(Blocked::TwoVariances { threshold: 2.0, direct_m2: 0.5, blocked_m2: 0.5 }))
         }
-        BlockedTreatment::Ekf => Some(plain(Blocked::garcia())),
+        BlockedTreatment::Ekf => Some(plain(Blocked::TwoVariances { threshold: 0.5, direct_m2: 0.5, blocked_m2: 3.0 })),
         BlockedTreatment::Calibrated => {
             let noise =
                 Noise { blocked_noise_sigma: channel::BLOCKED_SIGMA_M, link_seconds: 1.0e3, ..Noise::indoors() };
