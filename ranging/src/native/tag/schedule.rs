@@ -15,6 +15,14 @@ use wire::uwb::native::{MAX_MEMBERS, Message, Request, Share};
 pub(super) const LOST_AFTER: u16 = 5;
 /// Superframes from a request until the list can contain it: to a relay, from there to the coordinator, and back.
 const REQUEST_PATIENCE: u16 = 4;
+/// The most superframes that a tag waits from one request to the next.
+const MOST_PATIENCE: u16 = REQUEST_PATIENCE + 16;
+
+/// Whether a superframe for requests is ahead of the current one. What is farther ahead than a tag ever waits passed long
+/// ago: a tag that wants nothing new leaves it where it was while the numbers go round.
+fn is_ahead(request_from: u16, number: u16) -> bool {
+    (1..=MOST_PATIENCE).contains(&request_from.wrapping_sub(number))
+}
 
 /// The network that the tag follows.
 #[derive(Clone, Debug)]
@@ -118,11 +126,8 @@ impl Tag {
         let share = rate.map_or(Share::Release, |rate| share_of(rate, &timing));
         let listed = course.membership.members().iter().find(|member| member.tag == address);
         let settled = listed.map_or(Share::Release, |member| member.share) == share;
-        let full = network.is_full_without(address);
-        if settled {
-            network.requests = 0;
-        }
-        if settled || full || number.wrapping_sub(network.request_from) >= 0x8000 {
+        network.requests *= u8::from(!settled);
+        if settled || network.is_full_without(address) || is_ahead(network.request_from, number) {
             return Self::listen(rest);
         }
         let in_reach = |slot: &u8| timing.request(usize::from(*slot)) < end;
@@ -290,5 +295,22 @@ impl Followed {
         }
         let owned = |members| owned_slots(members, config.address, number, timing.round_slots);
         self.owned = self.sync.members().map_or(0, owned);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{MOST_PATIENCE, is_ahead};
+
+    #[test]
+    fn a_tag_that_wanted_nothing_for_any_time_may_request_at_once() {
+        // From 2 s to 109 minutes and 13 s, a whole turn of the numbers less the longest wait.
+        for rest in 0..=u16::MAX - MOST_PATIENCE {
+            let number = 65_000_u16.wrapping_add(rest);
+            assert!(!is_ahead(65_000, number), "after {rest} superframes");
+        }
+        for wait in 1..=MOST_PATIENCE {
+            assert!(is_ahead(65_530_u16.wrapping_add(wait), 65_530), "{wait} superframes ahead");
+        }
     }
 }
