@@ -1,7 +1,7 @@
 //! The current state.
 //!
-//! The input is a [`SourceReport`], the output its [`Update`]s. Time comes from the reports and from [`LiveState::tick`]; there is
-//! no clock here.
+//! The input is a [`SourceReport`](crate::SourceReport), the output its [`Update`]s. Time comes from the reports and
+//! from [`LiveState::tick`]; there is no clock here.
 //!
 //! | module | what is in it |
 //! |---|---|

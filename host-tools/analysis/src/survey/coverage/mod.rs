@@ -2,7 +2,7 @@
 //!
 //! The input is fingerprints, or beacons and walls. The output is a [`CoverageMap`]: one RSSI a beacon in each cell of a
 //! [`Grid`]. [`bound`] has the least error that those RSSI values, or ranges to anchors, allow. The search for
-//! positions of beacons and anchors ([`crate::survey::plan`]) uses it too.
+//! positions of beacons and anchors ([`crate::survey::placement`]) uses it too.
 
 pub mod bound;
 mod grid;
