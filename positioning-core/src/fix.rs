@@ -41,7 +41,8 @@ pub struct Fix<T, const D: usize> {
     pub used: AnchorSet,
     /// How far the ranges agree with the position, 0 to 1: the mean weight of a range.
     pub quality: T,
-    /// The second of two places that explain the ranges, if there are two: `position` is their mean.
+    /// The second of two places that explain the ranges, if there are two: `position` is the likelier one, and the
+    /// covariance reaches from it to the other.
     pub alternative: Option<Alternative<T, D>>,
 }
 
@@ -71,9 +72,7 @@ impl<T: Real, const D: usize> Fix<T, D> {
     pub(crate) fn places(&self) -> (Self, Option<(Self, T)>) {
         let Some(Alternative { apart, share }) = self.alternative else { return (*self, None) };
         let mut likelier = *self;
-        // The position is the mean of both, and the covariance reaches from one to the other.
-        likelier.position = add_scaled(&self.position, -share, &apart);
-        add_outer_full(&mut likelier.covariance, -(share * (T::ONE - share)), &apart);
+        add_outer_full(&mut likelier.covariance, -share, &apart);
         let other = Self { position: add_scaled(&likelier.position, T::ONE, &apart), ..likelier };
         (likelier, Some((other, share)))
     }

@@ -51,7 +51,8 @@ pub struct Position {
     pub velocity_m_s: Option<Coordinates>,
     /// The number of anchors whose ranges were used.
     pub used: usize,
-    /// The second of two places that explain the ranges, if there are two. `place` is their mean.
+    /// The second of two places that explain the ranges, if there are two: `place` is the likelier one, and the covariance
+    /// reaches from it to the other.
     pub alternative: Option<Alternative<f64, 3>>,
 }
 

@@ -149,15 +149,13 @@ impl<T: Real> Filter<T> {
         }
     }
 
-    /// Becomes the mirror image of another track, across the plane through `centre` with this unit normal. What is
-    /// known of the links stays: in the mirror image of their line or plane, anchors are where they are.
+    /// Becomes a copy of another track, without its evidence.
     #[inline(never)]
-    pub(crate) fn mirror(&mut self, other: &Self, centre: &[T; 3], normal: &[T; 3]) {
+    pub(crate) fn copy_from(&mut self, other: &Self) {
         self.state.copy_from(&other.state);
         self.links.copy_from(&other.links);
         (self.now_us, self.surprise, self.reference) = (other.now_us, other.surprise, other.reference);
         (self.own_gates, self.flat, self.log_evidence) = (other.own_gates, other.flat, T::ZERO);
-        self.state.reflect(centre, normal);
     }
 
     /// Predicts the track to a later time. Earlier times do not change it.
