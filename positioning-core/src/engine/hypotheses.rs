@@ -4,9 +4,9 @@
 //! changed at once. Then a fresh start explains the round better. Its evidence is the likelihood of the round's ranges,
 //! integrated over the place (Laplace's approximation), times the probability that a tag is somewhere else. The
 //! evidence of the track is the product of the densities that it predicted. Where neither wins, both are followed, and
-//! the position is the likelier place, with a deviation that reaches to the other. The log odds are summed from round to round and
-//! slowly forgotten, because the errors of consecutive rounds are not independent, and they never exceed what the lasting
-//! errors of links allow.
+//! the position is the likelier place, with a deviation that reaches to the other. The log odds are summed from round
+//! to round and slowly forgotten, because the errors of consecutive rounds are not independent, and they never exceed
+//! what the lasting errors of links allow.
 //!
 //! The second of a solver's two places at a start is a rival too, and so is the track's mirror image across the line or
 //! plane near which the anchors lie, where the track comes from both of its sides.
@@ -18,7 +18,7 @@ use crate::linalg::{Ldl, Matrix, distance_squared, sub};
 use crate::track::Filter;
 use crate::track::state::{COMMON, POSITION, State};
 use crate::track::{fading, seconds};
-use crate::{Alternative, Fix, Real};
+use crate::{Alternative, Fix, Flag, Real};
 
 /// ln of the odds at which a hypothesis has won.
 const SURE: f64 = 4.0;
@@ -96,6 +96,13 @@ impl<T: Real> Engine<T> {
         let (mine, other) = (self.filter.state.position(), self.rival.filter.state.position());
         let (from, to, share) = if share > T::of(0.5) { (other, mine, T::ONE - share) } else { (mine, other, share) };
         Some(Alternative { apart: sub(&to, &from), share })
+    }
+
+    /// What makes the track's position doubtful.
+    pub(super) fn flag(&self) -> Option<Flag> {
+        let unknowns = if self.settings.dimensions.height().is_some() { 2 } else { 3 };
+        let [given, direct] = self.filter.measured_and_direct();
+        Flag::of(self.rival.lead.is_some(), unknowns, given, direct)
     }
 
     /// Compares the hypotheses at the end of a round. Returns why a track was started, if the rival has won.

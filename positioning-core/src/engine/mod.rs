@@ -148,6 +148,7 @@ impl<T: Real> Engine<T> {
             used: crate::AnchorSet(self.round.used),
             quality: self.round.quality(),
             age_us: self.now_us.saturating_sub(self.used_us),
+            flag: self.flag(),
         })
     }
 }

@@ -22,6 +22,8 @@ const VAGUE: f64 = 0.02;
 /// A change of a link's prior that changes its error's variance, or its mean in deviations, by less than this part is
 /// left out.
 const WORTH: f64 = 0.03;
+/// A link that was measured within this time tells of the present position, microseconds.
+const RECENT_US: u64 = 1_000_000;
 /// The number of gates for single numbers: a height, and the rest for new kinds.
 const OWN_GATES: usize = 4;
 
@@ -156,6 +158,15 @@ impl<T: Real> Filter<T> {
         self.links.copy_from(&other.links);
         (self.now_us, self.surprise, self.reference) = (other.now_us, other.surprise, other.reference);
         (self.own_gates, self.flat, self.log_evidence) = (other.own_gates, other.flat, T::ZERO);
+    }
+
+    /// The number of links to anchors that were measured within the last second, and how many of them are rather direct
+    /// than blocked.
+    pub(crate) fn measured_and_direct(&self) -> [usize; 2] {
+        let recent = self.links.iter().filter(|link| {
+            matches!(link.source, Source::Anchor(_)) && self.now_us.saturating_sub(link.measured_us) <= RECENT_US
+        });
+        recent.fold([0, 0], |[measured, direct], link| [measured + 1, direct + usize::from(link.blocked < T::of(0.5))])
     }
 
     /// Predicts the track to a later time. Earlier times do not change it.
