@@ -9,6 +9,7 @@ mod epochs;
 pub mod folder;
 pub mod grouping;
 pub mod import;
+pub mod inputs;
 mod interrupted;
 mod limited;
 mod names;

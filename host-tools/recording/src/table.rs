@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use csv::{Reader, ReaderBuilder, StringRecord, Trim};
 
 use crate::UserError;
+use crate::inputs::note_read;
 use crate::output::STANDARD;
 
 /// The longest accepted line, bytes.
@@ -110,6 +111,7 @@ impl Table {
             (Path::new("standard input"), Input::Standard(io::stdin()))
         } else {
             let opened = File::open(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))?;
+            note_read(file);
             (file, Input::File(opened))
         };
         log::info!("reading {}", file.display());

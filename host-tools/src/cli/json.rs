@@ -7,6 +7,8 @@ use anyhow::{Context, Result};
 use recording::UserError;
 use serde_json::{Value, json};
 
+use super::program::user_error;
+
 /// The number of the schema. A change that a reader of the former one would misunderstand gets the next number.
 const SCHEMA: u32 = 1;
 
@@ -42,7 +44,7 @@ pub fn print_results(results: &impl serde::Serialize) -> Result<()> {
 /// # Errors
 /// Standard output cannot be written.
 pub fn print_error(error: &anyhow::Error) -> Result<()> {
-    let (file, line, message) = match error.downcast_ref::<UserError>() {
+    let (file, line, message) = match user_error(error) {
         Some(UserError::Line { file, line, what }) => (Some(file.display().to_string()), Some(*line), what.clone()),
         Some(UserError::File { file, what }) => (Some(file.display().to_string()), None, what.clone()),
         Some(flag @ UserError::Flag { .. }) => (None, None, flag.to_string()),

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use crate::recorder::{STREAM, folders};
 use recording::UserError;
+use recording::inputs::note_read;
 
 /// A stream from files.
 #[derive(Debug)]
@@ -38,6 +39,7 @@ impl StreamFiles {
             if metadata.is_dir() {
                 return Err(UserError::file(file, "it is a folder"));
             }
+            note_read(file);
             length += metadata.len();
             is_live |= !metadata.is_file();
         }
