@@ -1,5 +1,6 @@
 //! `baliza solve`: one fix for each epoch, without memory between epochs.
 
+use analysis::locate::ble::RssiMethod;
 use analysis::locate::track::{Tracker, settings_of_single_epochs};
 use analysis::{Setup, Solver};
 use anyhow::Result;
@@ -14,7 +15,7 @@ use crate::cli::progress::Progress;
 ///
 /// Rows of one `epoch` in the file of ranges make one fix; single ranges are made into rounds. The positions go to
 /// standard output or --out as CSV, a summary to standard error. An epoch without position is a row with empty
-/// coordinates and a reason.
+/// coordinates and a reason. Where a folder has no ranges, its beacons are used.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -56,6 +57,9 @@ fn methods_help() -> String {
 /// # Errors
 /// Flags or a file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    if arguments.recording.report_by_beacons(RssiMethod::Posterior, arguments.method.is_some())? {
+        return Ok(());
+    }
     let input = arguments.recording.read(SingleRanges::Group)?;
     let methods = match (&arguments.method, input.mode) {
         (None, MeasurementMode::Ranges) => vec![Method::Robust],

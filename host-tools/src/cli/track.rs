@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use analysis::Setup;
+use analysis::locate::ble::RssiMethod;
 use analysis::locate::track::{Tracker, Weighting, settings};
 use analysis::train::{Chosen, features_of};
 use anyhow::Result;
@@ -17,7 +18,8 @@ use crate::cli::progress::Progress;
 /// Follow a tag through a recording, as the tag itself does: weighting, gates, filter
 ///
 /// The epochs go through the engine of the tag in their order. The first one is solved by itself; from then on every
-/// range changes the track. The positions go to standard output or --out as CSV, a summary to standard error.
+/// range changes the track. The positions go to standard output or --out as CSV, a summary to standard error. Where
+/// a folder has no ranges, its beacons are used.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -66,6 +68,9 @@ fn could_tell(model: &Model<'_>, features: &Features) -> bool {
 /// # Errors
 /// Flags, the classifier or another file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    if arguments.recording.report_by_beacons(RssiMethod::Engine, false)? {
+        return Ok(());
+    }
     let weighting = match arguments.nlos {
         Nlos::Weigh => Weighting::Weigh,
         Nlos::Ignore => Weighting::Ignore,

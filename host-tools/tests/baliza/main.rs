@@ -14,6 +14,7 @@ mod documents;
 mod example;
 mod fingerprint;
 mod flash;
+mod folders;
 mod formats;
 #[cfg(feature = "foxglove")]
 mod foxglove_client;

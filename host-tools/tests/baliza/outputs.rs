@@ -149,7 +149,8 @@ fn a_folder_with_a_recording_is_replaced_as_a_whole_and_only_with_force() {
     folder.run(&format!("simulate --seconds 1 --scenario {beacons} --out room --force --json")).ok();
     assert!(names(&folder, "room").contains(&"rssi.csv".to_owned()));
     // Nothing of the beacons is left, and nothing of other nodes.
-    folder.run("simulate --seconds 1 --tags 1 --anchors 1 --out room --force --json").ok();
+    let run = folder.run("simulate --seconds 1 --tags 1 --anchors 1 --out room --force --json");
+    assert_eq!(run.code, Some(1), "there is no position: {run:?}");
     let expected = [&recording[..], &["telemetry.bin", "truth.csv", "walls.csv"]].concat();
     assert_eq!(names(&folder, "room"), expected);
     assert_eq!(folder.read("room/notes.txt"), b"mine");
