@@ -26,6 +26,7 @@ mod monitor;
 mod nlos;
 pub mod numbers;
 pub mod paths;
+mod piped;
 mod plan_anchors;
 mod plot;
 mod program;

@@ -11,15 +11,18 @@ use anyhow::Result;
 use clap::ValueEnum;
 use node_link::provision::SiteNames;
 use recording::folder::{Folder, RecordingSettings};
+use recording::output::STANDARD;
 use recording::{Files, Half, Height, MeasurementMode, Recording, Solved, Space, Truth, Truths, UserError};
-use recording::{Joined, SingleRanges, drop_repeats, round_s, rounds};
+use recording::{Joined, SingleRanges, anchor_rows, drop_repeats, round_s, rounds};
 
 use super::floor_plan::{FloorPlan, FloorPlanArgs};
 use super::folder::FolderFiles;
 use super::numbers::finite;
+use super::piped::Piped;
 use super::report::{Output, OutputArgs, Report, Site, TagReport, flat};
 use super::residuals::table;
 use super::site_names::SiteNamesArgs;
+use super::stream::is_live_stdin;
 
 /// The arguments of a command that computes positions from a recording.
 #[derive(clap::Args)]
@@ -166,6 +169,29 @@ impl RecordingArgs {
                 Side::Above => Half::Above,
             }))),
         }
+    }
+
+    /// The recording whose ranges come in a pipe, where positions can be written before its end.
+    ///
+    /// # Errors
+    /// Flags cannot be combined, or a file is wrong.
+    pub fn piped(&self) -> Result<Option<Piped>, UserError> {
+        let is_standard = self.ranges.as_ref().is_some_and(|file| file.as_os_str() == STANDARD);
+        let (TimeOffset::Seconds(offset_s), true) = (self.time_offset_s, is_standard && is_live_stdin()) else {
+            return Ok(None);
+        };
+        let Some(is_csv) = self.output.is_csv_of_stdout().filter(|_| !self.residuals) else { return Ok(None) };
+        let sources = self.sources()?;
+        let setup = self.setup(&sources.settings)?;
+        let heights = setup.space == Space::Plane(Height::FromTruth);
+        Ok(Some(Piped {
+            anchors: anchor_rows(&sources.anchors, setup.space != Space::Plane(Height::Unknown))?,
+            setup,
+            truths: sources.truth.as_deref().map(|file| Truths::read(file, heights)).transpose()?,
+            offset_s,
+            longest_s: self.group_s.filter(|group_s| *group_s > 0.0),
+            is_csv,
+        }))
     }
 
     /// Reports the positions by beacons, where the folder's tags only received those. Returns whether they did.

@@ -47,6 +47,17 @@ pub struct Output<'a> {
 }
 
 impl OutputArgs {
+    /// Whether CSV, or else JSON lines, is all that is written, and goes to standard output.
+    pub fn is_csv_of_stdout(&self) -> Option<bool> {
+        let is_stdout = self.out.as_ref().is_none_or(|file| file.as_os_str() == output::STANDARD);
+        match self.format.unwrap_or(Format::Csv) {
+            Format::Csv | Format::Jsonl if !is_stdout || self.json || self.plot.is_some() => None,
+            Format::Csv => Some(true),
+            Format::Jsonl => Some(false),
+            Format::Parquet => None,
+        }
+    }
+
     /// Refuses files that cannot be written, before any work is done for them.
     ///
     /// # Errors

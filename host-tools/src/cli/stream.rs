@@ -194,7 +194,7 @@ impl ByteInput {
 }
 
 /// Whether standard input is a pipe, a terminal or a device, and not a file.
-fn is_live_stdin() -> bool {
+pub(super) fn is_live_stdin() -> bool {
     #[cfg(unix)]
     {
         use std::os::fd::AsFd;

@@ -1,5 +1,6 @@
 //! `baliza track`: sends the epochs in their order through the tag's own engine.
 
+use std::collections::HashMap;
 use std::path::PathBuf;
 
 use analysis::Setup;
@@ -18,8 +19,9 @@ use crate::cli::progress::Progress;
 /// Follow a tag through a recording, as the tag itself does: weighting, gates, filter
 ///
 /// The epochs go through the engine of the tag in their order. The first one is solved by itself; from then on every
-/// range changes the track. The positions go to standard output or --out as CSV, a summary to standard error. Where
-/// a folder has no ranges, its beacons are used.
+/// range changes the track. The positions go to standard output or --out as CSV, a summary to standard error. Of
+/// ranges in a pipe (--ranges -), each position is written when the next epoch begins. Where a folder has no ranges, its
+/// beacons are used.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -79,6 +81,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let chosen =
         arguments.model.as_ref().map(|file| Chosen::read(file, arguments.classifier.as_deref())).transpose()?;
     let mut model = chosen.as_ref().map(Chosen::model).transpose()?;
+    if let Some(piped) = arguments.recording.piped()? {
+        let settings = settings(&piped.setup, weighting);
+        let mut trackers: HashMap<Option<String>, Tracker> = HashMap::new();
+        return piped.run(&["track"], true, |tag, epoch| {
+            let new = || Tracker::new(&piped.anchors[..], piped.setup, settings, model.as_ref());
+            vec![trackers.entry(tag.map(str::to_owned)).or_insert_with(new).follow(epoch)]
+        });
+    }
     let input = arguments.recording.read(SingleRanges::Keep)?;
     let recordings = || input.tags.iter().map(|of| &of.recording);
     if let Some(unused) = model.take_if(|model| !recordings().any(|recording| tells(recording, model))) {

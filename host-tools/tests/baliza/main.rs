@@ -30,6 +30,7 @@ mod monitor;
 mod nlos;
 mod outputs;
 mod pictures;
+mod piped;
 mod presence;
 mod provision;
 mod record;
