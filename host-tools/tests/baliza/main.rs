@@ -14,6 +14,7 @@ mod documents;
 mod example;
 mod fingerprint;
 mod flash;
+mod folders;
 mod formats;
 #[cfg(feature = "foxglove")]
 mod foxglove_client;
@@ -29,6 +30,7 @@ mod monitor;
 mod nlos;
 mod outputs;
 mod pictures;
+mod piped;
 mod presence;
 mod provision;
 mod record;
