@@ -64,7 +64,7 @@ fn a_tag_that_rested_for_any_time_ranges_at_full_rate_within_two_seconds() {
         let walk = format!("path_m = [[8, 5, 1.2], [11, 5, 1.2]]\nleaves_s = {}", 60 * minutes);
         tag("still_rate_hz = 0.1\nsleep = true", &walk)
     });
-    let run = Run::of_text(&(hall("seconds = 10220\nlevel = \"air\"", 4, &[]) + &tags.concat()));
+    let run = Run::of_text(&(hall("seconds = 10220\nfidelity = \"air\"", 4, &[]) + &tags.concat()));
     for (address, minutes) in (TAG..).zip(minutes) {
         let times = run.fix_times(address, f64::from(60 * minutes), f64::INFINITY);
         let awake = times.windows(10).find(|ten| ten[9] - ten[0] < 0.1).map(|ten| ten[0] - f64::from(60 * minutes));
