@@ -146,8 +146,15 @@ fn a_map_that_was_written_finds_what_its_survey_finds() {
             ("points", "--k 2 --weighted --particle-filter"),
         ] {
             let from = |source: &str| figures(&folder, &format!("--{source} --targets targets.csv {how}"));
-            let trained = from("fingerprints survey.csv");
-            assert_eq!(trained, from(&format!("map {map}.map")), "{map} {how}");
+            let (mut trained, mut read) = (from("fingerprints survey.csv"), from(&format!("map {map}.map")));
+            if map == "lattice" {
+                // What four points tell of the covariances when they are left out is not in the map.
+                for rows in [&mut trained, &mut read] {
+                    rows[0]["nees"].take();
+                    rows[0]["inside_1_sigma"].take();
+                }
+            }
+            assert_eq!(trained, read, "{map} {how}");
             assert!(trained[0]["mae_m"].as_f64().is_some_and(|mae_m| mae_m < 6.0), "{trained}");
         }
         let usual = figures(&folder, "--map points.map --targets targets.csv --kernel all");
