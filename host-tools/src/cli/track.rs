@@ -24,9 +24,9 @@ pub struct Arguments {
     #[command(flatten)]
     recording: RecordingArgs,
     /// How to use the probability that a link is without line of sight, which comes from rx_power_dbm and fp_power_dbm,
-    /// or from --model
-    #[arg(long, value_name = "HOW", default_value = "weigh")]
-    nlos: Nlos,
+    /// or from --model [default: as recording.toml says, else weigh]
+    #[arg(long, value_name = "HOW")]
+    nlos: Option<Nlos>,
     /// A trained classifier that detects links without line of sight: a file of `nlos train`; where a range lacks the
     /// features for it, the powers are used
     #[arg(long, value_name = "FILE")]
@@ -66,15 +66,16 @@ fn could_tell(model: &Model<'_>, features: &Features) -> bool {
 /// # Errors
 /// Flags, the classifier or another file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let weighting = match arguments.nlos {
-        Nlos::Weigh => Weighting::Weigh,
-        Nlos::Ignore => Weighting::Ignore,
-        Nlos::Alike => Weighting::Alike,
-    };
     let chosen =
         arguments.model.as_ref().map(|file| Chosen::read(file, arguments.classifier.as_deref())).transpose()?;
     let mut model = chosen.as_ref().map(Chosen::model).transpose()?;
     let input = arguments.recording.read(SingleRanges::Keep)?;
+    let weighting = match arguments.nlos {
+        Some(Nlos::Weigh) => Weighting::Weigh,
+        Some(Nlos::Ignore) => Weighting::Ignore,
+        Some(Nlos::Alike) => Weighting::Alike,
+        None => input.weighting,
+    };
     let recordings = || input.tags.iter().map(|of| &of.recording);
     if let Some(unused) = model.take_if(|model| !recordings().any(|recording| tells(recording, model))) {
         let asked = features_of(&unused);

@@ -36,6 +36,7 @@ mod recordings;
 mod replay;
 mod residuals;
 mod rooms;
+mod same_positions;
 mod schema_check;
 mod schemas;
 mod simulate;

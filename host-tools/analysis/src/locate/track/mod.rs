@@ -10,31 +10,21 @@ use std::borrow::Cow;
 use positioning_core::Side;
 use positioning_core::engine::{Dimensions, Mode, Range, Settings, Solvers, Tdoa};
 use positioning_core::locator::{self, Locator, Reception};
-use positioning_core::nlos::{Features, Model};
+use positioning_core::nlos::Model;
 use positioning_core::{Area, Blocked};
 
 use crate::locate::solve::{Setup, double, middle_m};
+pub use recording::folder::Weighting;
 use recording::{Anchor, Coordinates, Diagnostics, Epoch, Epochs, Measured, MeasuredDifference, by_time};
 use recording::{Half, Height, NoPosition, Position, Solved, Space};
 
-/// Standard deviation of the noise of a DW1000 range in line of sight, metres. The engine models all other range
-/// errors.
+/// Standard deviation of the noise of a DW1000 range in line of sight, metres, where the recording has none. The engine
+/// models all other range errors.
 const DEVIATION_M: f32 = 0.03;
 /// The assumed interval between epochs without recorded times, seconds.
 const USUAL_S: f64 = 0.1;
 /// The engine's time of the first epoch, seconds. It is large so that slightly earlier times are not negative.
 const BEGIN_S: f64 = 3600.0;
-
-/// How the powers are used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Weighting {
-    /// They move the prior probability that a link is blocked.
-    Weigh,
-    /// Ranges whose link is more probably blocked than not are left out, but at least four ranges are kept.
-    Ignore,
-    /// Not at all: all ranges have equal weight.
-    Alike,
-}
 
 /// The engine's settings for a recording.
 pub fn settings(setup: &Setup, weighting: Weighting) -> Settings<f32> {
@@ -84,7 +74,7 @@ impl<'a> Tracker<'a> {
         model: Option<&'a Model<'a>>,
     ) -> Self {
         let anchors = anchors.into();
-        let origin = middle_m(&anchors);
+        let origin = origin_m(&anchors);
         settings.area = setup.area_m.map(|[least, greatest]| {
             let local = |axis: usize, coordinate: f64| (coordinate - origin[axis]) as f32;
             Area {
@@ -134,9 +124,8 @@ impl<'a> Tracker<'a> {
         for index in by_time(epoch.ranges.iter().map(|measured| measured.t_s)) {
             let Some(measured) = epoch.ranges.get(index) else { continue };
             if let Some(range) = self.range(&measured) {
-                let Diagnostics { features, power_dbm, .. } = measured.diagnostics;
-                let t_us = measured.t_s.map_or(now_us, |t_s| self.clock_us(t_s));
-                self.locator.range(t_us, index, range, &Reception { features, power_dbm });
+                let t_us = measured.t_s.map_or(now_us, |t_s| self.clock_us(t_s - epoch.age_s));
+                self.locator.range(t_us, index, range, &reception(&measured.diagnostics));
             }
         }
         self.differences(now_us, epoch);
@@ -161,10 +150,6 @@ impl<'a> Tracker<'a> {
 
     /// Gives the differences of an epoch to the locator, each with the receptions of its two anchors.
     fn differences(&mut self, now_us: u64, epoch: &Epoch) {
-        let reception = |of: &MeasuredDifference| {
-            let Diagnostics { features, power_dbm, .. } = of.diagnostics;
-            Reception { features, power_dbm }
-        };
         let own =
             |reference: usize| epoch.differences.iter().find(|of| of.anchor == reference && of.reference == reference);
         for (index, difference) in epoch.differences.iter().enumerate() {
@@ -174,28 +159,27 @@ impl<'a> Tracker<'a> {
             let (Ok(reference_address), Ok(anchor)) = (u16::try_from(reference), u16::try_from(anchor)) else {
                 continue;
             };
+            let of_reference = own(reference).map(|of| of.diagnostics).unwrap_or_default();
             let tdoa = Tdoa {
                 anchor,
                 position_m,
                 reference: reference_address,
                 reference_m,
                 difference_m: difference_m as f32,
-                deviations_m: [DEVIATION_M; 2],
+                deviations_m: [&of_reference, &difference.diagnostics].map(deviation_m),
                 p_nlos: [None; 2],
             };
-            let unknown = Reception { features: Features::default(), power_dbm: f32::NAN };
-            let of_reference = own(reference).map_or(unknown, |of| reception(&of));
-            self.locator.tdoa(now_us, index, tdoa, [&of_reference, &reception(&difference)]);
+            self.locator.tdoa(now_us, index, tdoa, [&reception(&of_reference), &reception(&difference.diagnostics)]);
         }
     }
 
     /// The time of an epoch, on the engine's clock.
     fn microseconds(&mut self, epoch: &Epoch) -> u64 {
         let (first, last) = self.times_s.unwrap_or_else(|| {
-            let begin = epoch.t_s.unwrap_or(0.0);
+            let begin = epoch.t_s.map_or(0.0, |t_s| t_s - epoch.age_s);
             (begin, begin - USUAL_S)
         });
-        let now = epoch.t_s.unwrap_or(last + USUAL_S);
+        let now = epoch.t_s.map_or(last + USUAL_S, |t_s| t_s - epoch.age_s);
         self.times_s = Some((first, now));
         self.clock_us(now)
     }
@@ -204,7 +188,7 @@ impl<'a> Tracker<'a> {
     fn clock_us(&self, t_s: f64) -> u64 {
         let first_s = self.times_s.map_or(t_s, |(first_s, _)| first_s);
         // The conversion saturates: a float that is too large or negative becomes the largest or the least integer.
-        ((t_s - first_s + BEGIN_S) * 1.0e6) as u64
+        ((t_s - first_s + BEGIN_S) * 1.0e6).round() as u64
     }
 
     /// The position of an anchor relative to the origin, metres.
@@ -219,6 +203,28 @@ impl<'a> Tracker<'a> {
     fn range(&self, measured: &Measured) -> Option<Range<f32>> {
         let position_m = self.local_m(measured.anchor)?;
         let (anchor, distance_m) = (u16::try_from(measured.anchor).ok()?, measured.range_m as f32);
-        Some(Range { anchor, position_m, distance_m, deviation_m: DEVIATION_M, p_nlos: None, excess_m: None })
+        let deviation_m = deviation_m(&measured.diagnostics);
+        Some(Range { anchor, position_m, distance_m, deviation_m, p_nlos: None, excess_m: None })
     }
+}
+
+/// The origin of the locator's coordinates, metres: that of the site, as on a node, where `f32` has hundredths of a
+/// millimetre there, else the middle of the anchors.
+fn origin_m(anchors: &[Anchor]) -> [f64; 3] {
+    /// The greatest coordinate of a site that keeps its origin, metres.
+    const NEAR_M: f64 = 128.0;
+    let near = |Coordinates { x_m, y_m, z_m }: &Coordinates| {
+        [*x_m, *y_m, z_m.unwrap_or(0.0)].iter().all(|coordinate| coordinate.abs() <= NEAR_M)
+    };
+    if anchors.iter().all(|anchor| near(&anchor.place)) { [0.0; 3] } else { middle_m(anchors) }
+}
+
+/// The expected standard deviation of a measurement, metres.
+fn deviation_m(diagnostics: &Diagnostics) -> f32 {
+    if diagnostics.deviation_m.is_nan() { DEVIATION_M } else { diagnostics.deviation_m }
+}
+
+fn reception(diagnostics: &Diagnostics) -> Reception {
+    let Diagnostics { features, power_dbm, .. } = *diagnostics;
+    Reception { features, power_dbm }
 }
