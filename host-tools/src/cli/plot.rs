@@ -159,7 +159,8 @@ fn track(
     let progress = Progress::new(recordings.iter().map(|recording| recording.epochs.len()).sum());
     let mut rows = Vec::new();
     for recording in &recordings {
-        let solved = super::track::track(recording, setup, weighting, None, &progress);
+        let mut tracker = super::track::tracker(recording, setup, weighting, None);
+        let solved = tracker.follow_all(&recording.epochs, || progress.step());
         rows.extend(recording.epochs.iter().zip(solved).map(|(epoch, solved)| {
             let position = solved.outcome.ok();
             PositionRow {

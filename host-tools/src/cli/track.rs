@@ -8,8 +8,8 @@ use analysis::train::{Chosen, features_of};
 use anyhow::Result;
 use clap::ValueEnum;
 use positioning_core::nlos::{Classifier, Features, Model};
+use recording::Recording;
 use recording::{Diagnostics, SingleRanges};
-use recording::{Recording, Solved};
 
 use super::recording_args::RecordingArgs;
 use crate::cli::progress::Progress;
@@ -34,6 +34,10 @@ pub struct Arguments {
     /// Which of the file's classifiers, where it has several; of several with one name, NAME:1, NAME:2
     #[arg(long, value_name = "NAME", requires = "model")]
     classifier: Option<String>,
+    /// Also go back through the recording: the method track-smooth has each position by all measurements, those after it
+    /// too
+    #[arg(long)]
+    smooth: bool,
 }
 
 const EXAMPLES: &str = "\
@@ -82,10 +86,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         super::note(&format!("no range of the recording tells what the classifier asks for: {asked}\n"));
     }
     let progress = Progress::new(recordings().map(|recording| recording.epochs.len()).sum());
-    let follow = |recording| vec![track(recording, input.setup, weighting, model.as_ref(), &progress)];
+    let follow = |recording: &Recording| {
+        let mut tracker = tracker(recording, input.setup, weighting, model.as_ref());
+        let step = || progress.step();
+        match arguments.smooth {
+            true => tracker.smooth_all(&recording.epochs, step).into(),
+            false => vec![tracker.follow_all(&recording.epochs, step)],
+        }
+    };
     let solved: Vec<_> = recordings().map(follow).collect();
     drop(progress);
-    input.report(vec!["track".to_owned()], &solved)
+    let methods = ["track", "track-smooth"].iter().take(1 + usize::from(arguments.smooth));
+    input.report(methods.map(|method| (*method).to_owned()).collect(), &solved)
 }
 
 /// Whether any range of a recording has the diagnostics that the classifier needs. Without them it changes nothing.
@@ -97,15 +109,12 @@ fn tells(recording: &Recording, model: &Model<'_>) -> bool {
     })
 }
 
-/// Positions of the epochs, in the order of the file.
-pub fn track(
-    recording: &Recording,
+/// The tracker of a recording.
+pub fn tracker<'a>(
+    recording: &'a Recording,
     setup: Setup,
     weighting: Weighting,
-    model: Option<&Model<'_>>,
-    progress: &Progress,
-) -> Vec<Solved> {
-    let settings = settings(&setup, weighting);
-    let mut tracker = Tracker::new(&recording.anchors, setup, settings, model);
-    tracker.follow_all(&recording.epochs, || progress.step())
+    model: Option<&'a Model<'a>>,
+) -> Tracker<'a> {
+    Tracker::new(&recording.anchors, setup, settings(&setup, weighting), model)
 }

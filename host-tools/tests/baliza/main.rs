@@ -42,6 +42,7 @@ mod schemas;
 mod simulate;
 mod site_models;
 mod site_names;
+mod smooth;
 mod streams;
 mod support;
 mod survey;

@@ -123,6 +123,11 @@ impl<T: Real> Links<T> {
         None
     }
 
+    /// All links, each with the index of its state.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, &Link<T>)> {
+        self.links.iter().enumerate().map(|(place, link)| (Self::state(place), link))
+    }
+
     /// The link at a place.
     pub(crate) fn at(&mut self, place: usize) -> Option<&mut Link<T>> {
         self.links.get_mut(place)

@@ -7,6 +7,7 @@
 //! measured. It is therefore predicted only when it is measured ([`State::renew`]). That is exact, and saves most of
 //! the work.
 
+use super::filter::fading;
 use crate::linalg::{add_scaled, dot};
 use crate::link_error::Gaussian;
 use crate::{MAX_ANCHORS, Real};
@@ -24,6 +25,10 @@ pub(crate) const LINKS: usize = 7;
 pub(crate) const REFERENCE: usize = LINKS + MAX_ANCHORS;
 /// The number of states.
 pub(crate) const STATES: usize = REFERENCE + 1;
+
+/// The greatest speed that counts for the forgetting of a link's error, metres per second: people indoors are not
+/// faster.
+const FASTEST: f64 = 10.0;
 
 /// Each row is padded to the next multiple of this, so that loops over a row have no remainder. Elements beyond the
 /// diagonal have no meaning.
@@ -64,6 +69,11 @@ impl<T: Real> State<T> {
         Self { mean: [T::ZERO; STATES], packed: [T::ZERO; PACKED], live: LINKS }
     }
 
+    /// The number of states in use, without the error of a reception of the reference anchor.
+    pub(crate) fn lasting(&self) -> usize {
+        self.live.min(REFERENCE)
+    }
+
     /// Covariance of two states.
     pub(crate) fn covariance(&self, one: usize, other: usize) -> T {
         let (low, high) = if one < other { (one, other) } else { (other, one) };
@@ -100,6 +110,16 @@ impl<T: Real> State<T> {
         if let Some(element) = self.packed.get_mut(row(state) + state) {
             *element += variance;
         }
+    }
+
+    /// The part of a link's error that is left after some seconds of the present motion. `after` is the time in seconds
+    /// and the distance in metres after which the error is a different one.
+    #[inline(always)]
+    pub(crate) fn kept(&self, age: T, after: [T; 2]) -> T {
+        let velocity = self.velocity();
+        let square = velocity[0].squared() + velocity[1].squared() + velocity[2].squared();
+        let speed = square.at_most(T::of(FASTEST * FASTEST)).sqrt();
+        fading(age * (T::ONE / after[0] + speed / after[1]))
     }
 
     /// Resets a state to this mean and variance, without covariance with other states.

@@ -5,14 +5,19 @@
 //! without line of sight (p_nlos), by a trained model or by its powers. The output is the position at the end of every
 //! epoch.
 
+mod offsets;
+mod rts;
+mod smoother;
+
 use std::borrow::Cow;
 
 use positioning_core::Side;
-use positioning_core::engine::{Dimensions, Mode, Range, Settings, Solvers, Tdoa};
+use positioning_core::engine::{Dimensions, Mode, Range, Settings, Solvers, Tdoa, Verdict};
 use positioning_core::locator::{self, Locator, Reception};
 use positioning_core::nlos::Model;
 use positioning_core::{Area, Blocked};
 
+use self::smoother::{History, Smoothed};
 use crate::locate::solve::{Setup, double, middle_m};
 pub use recording::folder::Weighting;
 use recording::{Anchor, Coordinates, Diagnostics, Epoch, Epochs, Measured, MeasuredDifference, by_time};
@@ -63,6 +68,10 @@ pub struct Tracker<'a> {
     origin: [f64; 3],
     /// The times of the first and of the last epoch, seconds.
     times_s: Option<(f64, f64)>,
+    /// What a smoother needs.
+    history: Option<History>,
+    /// By anchor: what is subtracted from its ranges, metres; none where the vector ends.
+    offsets_m: Vec<f64>,
 }
 
 impl<'a> Tracker<'a> {
@@ -85,7 +94,7 @@ impl<'a> Tracker<'a> {
         let follows = settings.mode == Mode::Track;
         let classifier = model.map(|model| model as _);
         let locator = Locator::new(locator::Settings { classifier, ..locator::Settings::new(settings) });
-        Self { anchors, setup, locator, follows, origin, times_s: None }
+        Self { anchors, setup, locator, follows, origin, times_s: None, history: None, offsets_m: Vec::new() }
     }
 
     /// The position at the end of the next epoch, and its error where the true position is known.
@@ -106,7 +115,70 @@ impl<'a> Tracker<'a> {
         solved.into_iter().map(|(_, solved)| solved).collect()
     }
 
+    /// The positions of epochs by the filter, and by a smoother behind it: each by the measurements of the whole
+    /// recording. They are in the order of the epochs; `step` is called after each.
+    ///
+    /// The smoother goes through the recording twice. The residuals at its first positions give each anchor an error
+    /// that lasts for the whole recording, and the second time the ranges are without it (one step of expectation and
+    /// maximisation).
+    pub fn smooth_all(&mut self, epochs: &Epochs, step: impl Fn()) -> [Vec<Solved>; 2] {
+        let begin = self.locator.clone();
+        let [filtered, first] = self.smooth_once(epochs, step);
+        self.offsets_m = offsets::of_anchors(&self.anchors, epochs, &self.setup, &first);
+        if self.offsets_m.iter().all(|offset_m| *offset_m == 0.0) {
+            return [filtered, first];
+        }
+        (self.locator, self.times_s) = (begin, None);
+        let [_, smoothed] = self.smooth_once(epochs, || ());
+        // An epoch has either both positions or none.
+        let both = filtered.iter().zip(smoothed).zip(first);
+        let smoothed = both.map(|((filtered, second), first)| match (filtered.outcome, second.outcome) {
+            (Ok(_), Ok(_)) => second,
+            (Ok(_), Err(_)) => first,
+            (Err(_), _) => *filtered,
+        });
+        let smoothed = smoothed.collect();
+        [filtered, smoothed]
+    }
+
+    fn smooth_once(&mut self, epochs: &Epochs, step: impl Fn()) -> [Vec<Solved>; 2] {
+        self.history = self.follows.then(History::default);
+        let filtered = self.follow_all(epochs, step);
+        let mut both = filtered.clone();
+        let states = self.history.take().map_or_else(Vec::new, |history| history.smoothed(&self.locator));
+        for (at, state) in by_time(epochs.times_s()).into_iter().zip(states) {
+            if let (Some(solved), Some(epoch), Some(state)) = (both.get_mut(at), epochs.get(at), state) {
+                *solved = Solved::of(solved.outcome.map(|position| self.smoothed(&position, &state)), epoch.truth);
+            }
+        }
+        [filtered, both]
+    }
+
+    /// The smoothed position of an epoch, where the filter had this one.
+    fn smoothed(&self, filtered: &Position, state: &Smoothed) -> Position {
+        let [x_m, y_m, z_m] = std::array::from_fn(|axis| state.position[axis] + self.origin[axis]);
+        let covariance = &state.covariance;
+        let [sigma_x, sigma_y, mut sigma_z] = [0, 1, 2].map(|axis: usize| covariance[axis][axis].max(0.0).sqrt());
+        // A height that ranges do not determine is no more certain than a solved round, however many there are.
+        if let Some(reported) = filtered.sigma.z_m.filter(|sigma| sigma * sigma > 1.001 * state.filtered_zz) {
+            sigma_z = sigma_z.max(reported);
+        }
+        let [vx, vy, vz] = state.velocity;
+        let in_space = filtered.place.z_m.is_some();
+        let of_place = |x_m, y_m, z_m| Coordinates { x_m, y_m, z_m: in_space.then_some(z_m) };
+        Position {
+            place: of_place(x_m, y_m, z_m),
+            sigma: of_place(sigma_x, sigma_y, sigma_z),
+            covariance_xy: covariance[0][1],
+            covariance_z: in_space.then(|| [covariance[0][2], covariance[1][2]]),
+            velocity_m_s: Some(of_place(vx, vy, vz)),
+            used: filtered.used,
+            alternative: state.alternative,
+        }
+    }
+
     fn position(&mut self, epoch: &Epoch) -> Result<Position, NoPosition> {
+        self.history.iter_mut().for_each(History::begin_epoch);
         let now_us = self.microseconds(epoch);
         let in_space = match self.setup.space {
             Space::Full(_) => true,
@@ -125,12 +197,15 @@ impl<'a> Tracker<'a> {
             let Some(measured) = epoch.ranges.get(index) else { continue };
             if let Some(range) = self.range(&measured) {
                 let t_us = measured.t_s.map_or(now_us, |t_s| self.clock_us(t_s - epoch.age_s));
-                self.locator.range(t_us, index, range, &reception(&measured.diagnostics));
+                self.observe(t_us, |locator| locator.range(t_us, index, range, &reception(&measured.diagnostics)));
             }
         }
         self.differences(now_us, epoch);
         let measured = epoch.ranges.len() + epoch.differences.len();
-        let update = self.locator.end_round(now_us, measured);
+        let update = match &mut self.history {
+            Some(history) => history.end_round(&mut self.locator, now_us, measured),
+            None => self.locator.end_round(now_us, measured),
+        };
         let fix = update.fix.map_err(NoPosition::Missing)?;
         let [x_m, y_m, z_m] = std::array::from_fn(|axis| f64::from(fix.position[axis]) + self.origin[axis]);
         let [sigma_x, sigma_y, sigma_z] = fix.sigma().map(f64::from);
@@ -169,7 +244,16 @@ impl<'a> Tracker<'a> {
                 deviations_m: [&of_reference, &difference.diagnostics].map(deviation_m),
                 p_nlos: [None; 2],
             };
-            self.locator.tdoa(now_us, index, tdoa, [&reception(&of_reference), &reception(&difference.diagnostics)]);
+            let receptions = [&of_reference, &difference.diagnostics].map(reception);
+            self.observe(now_us, |locator| locator.tdoa(now_us, index, tdoa, [&receptions[0], &receptions[1]]));
+        }
+    }
+
+    /// Gives a measurement to the locator.
+    fn observe(&mut self, t_us: u64, measure: impl FnOnce(&mut Locator<'a, 0>) -> Verdict) {
+        match &mut self.history {
+            Some(history) => history.observe(&mut self.locator, t_us, measure),
+            None => drop(measure(&mut self.locator)),
         }
     }
 
@@ -202,7 +286,8 @@ impl<'a> Tracker<'a> {
 
     fn range(&self, measured: &Measured) -> Option<Range<f32>> {
         let position_m = self.local_m(measured.anchor)?;
-        let (anchor, distance_m) = (u16::try_from(measured.anchor).ok()?, measured.range_m as f32);
+        let offset_m = self.offsets_m.get(measured.anchor).copied().unwrap_or(0.0);
+        let (anchor, distance_m) = (u16::try_from(measured.anchor).ok()?, (measured.range_m - offset_m) as f32);
         let deviation_m = deviation_m(&measured.diagnostics);
         Some(Range { anchor, position_m, distance_m, deviation_m, p_nlos: None, excess_m: None })
     }
