@@ -4,6 +4,7 @@
 use super::Engine;
 use crate::Real;
 use crate::link_error::Gaussian;
+use crate::track::state::LINKS;
 use crate::track::{Filter, Noise, Source, seconds};
 
 /// A hypothesis about the tag: mean and covariance of position (three states), velocity (three), the error common to
@@ -47,7 +48,7 @@ impl<T: Real> Hypothesis<'_, T> {
 
     /// The errors of its links to anchors.
     pub fn links(&self) -> impl Iterator<Item = LinkState<T>> {
-        self.filter.links.iter().filter_map(|(state, link)| {
+        (LINKS..).zip(self.filter.links.iter()).filter_map(|(state, link)| {
             let Source::Anchor(anchor) = link.source else { return None };
             let (Gaussian { mean, variance }, measured_us) = (link.site, link.measured_us);
             let age = seconds(self.filter.now_us.saturating_sub(measured_us));

@@ -123,9 +123,9 @@ impl<T: Real> Links<T> {
         None
     }
 
-    /// All links, each with the index of its state.
-    pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, &Link<T>)> {
-        self.links.iter().enumerate().map(|(place, link)| (Self::state(place), link))
+    /// All links.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &Link<T>> {
+        self.links.iter()
     }
 
     /// The link at a place.

@@ -119,6 +119,7 @@ impl<'a> Solver<'a> {
                 apart: [x.into(), y.into(), 0.0],
                 share: share.into(),
             }),
+            flag: fix.flag(epoch.ranges.len()),
         })
     }
 
@@ -150,6 +151,7 @@ impl<'a> Solver<'a> {
             velocity_m_s: None,
             used: fix.used.len(),
             alternative: fix.alternative.map(double),
+            flag: fix.flag(epoch.ranges.len()),
         })
     }
 

@@ -15,7 +15,7 @@ use positioning_core::Side;
 use positioning_core::engine::{Dimensions, Mode, Range, Settings, Solvers, Tdoa, Verdict};
 use positioning_core::locator::{self, Locator, Reception};
 use positioning_core::nlos::Model;
-use positioning_core::{Area, Blocked};
+use positioning_core::{Area, Blocked, Flag};
 
 use self::smoother::{History, Smoothed};
 use crate::locate::solve::{Setup, double, middle_m};
@@ -174,6 +174,10 @@ impl<'a> Tracker<'a> {
             velocity_m_s: Some(of_place(vx, vy, vz)),
             used: filtered.used,
             alternative: state.alternative,
+            flag: match state.alternative {
+                Some(_) => Some(Flag::Ambiguous),
+                None => filtered.flag.filter(|flag| *flag == Flag::Suspect),
+            },
         }
     }
 
@@ -220,6 +224,7 @@ impl<'a> Tracker<'a> {
             }),
             used: update.used.count_ones() as usize,
             alternative: self.locator.alternative().map(double),
+            flag: fix.flag,
         })
     }
 

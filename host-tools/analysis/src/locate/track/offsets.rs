@@ -70,6 +70,7 @@ mod tests {
             velocity_m_s: None,
             used: 4,
             alternative: None,
+            flag: None,
         };
         let smoothed = vec![Solved { outcome: Ok(position), error_m: None }; LEAST];
         let setup = Setup { space: Space::Plane(Height::Unknown), area_m: None };

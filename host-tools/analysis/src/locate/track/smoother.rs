@@ -8,7 +8,7 @@
 //! was started, have no state before.
 //!
 //! Each of two hypotheses is a chain of nodes. Where the second one won, its positions count from its beginning on, and
-//! the track before ends there. Where both live at the end, the position is their mixture.
+//! the track before ends there. Where both live at the end, the position is that of the likelier one.
 
 use std::collections::{HashMap, HashSet};
 
@@ -233,7 +233,7 @@ impl History {
             let track = found[(*track)?]?;
             let Some(rival) = *rival else { return Some(track) };
             let share = self.chains.get(self.nodes.get(rival)?.chain)?.share;
-            Some(track.mixed(&found[rival]?, share))
+            Some(track.or(&found[rival]?, share))
         };
         self.epochs.iter().map(of_epoch).collect()
     }
@@ -288,26 +288,20 @@ impl Smoothed {
         }
     }
 
-    /// The mean and the covariance of this place and another with its probability.
-    fn mixed(self, other: &Self, share: f64) -> Self {
-        if share <= 0.0 || share >= 1.0 {
-            return if share <= 0.0 { self } else { *other };
+    /// The likelier of this place and another with its probability. The covariance reaches from it to the other.
+    fn or(&self, other: &Self, share: f64) -> Self {
+        let ([likelier, other], share) =
+            if share > 0.5 { ([other, self], 1.0 - share) } else { ([self, other], share) };
+        if share <= 0.0 {
+            return *likelier;
         }
-        let apart: [f64; 3] = std::array::from_fn(|axis| other.position[axis] - self.position[axis]);
-        let between = |one: f64, other: f64| one + share * (other - one);
-        let [from, least] = if share > 0.5 { [-1.0, 1.0 - share] } else { [1.0, share] };
-        Self {
-            position: std::array::from_fn(|axis| self.position[axis] + share * apart[axis]),
-            velocity: std::array::from_fn(|axis| between(self.velocity[axis], other.velocity[axis])),
-            covariance: std::array::from_fn(|r| {
-                std::array::from_fn(|c| {
-                    let doubt = share * (1.0 - share) * apart[r] * apart[c];
-                    between(self.covariance[r][c], other.covariance[r][c]) + doubt
-                })
-            }),
-            filtered_zz: between(self.filtered_zz, other.filtered_zz),
-            alternative: Some(Alternative { apart: apart.map(|metres| from * metres), share: least }),
-        }
+        let apart: [f64; 3] = std::array::from_fn(|axis| other.position[axis] - likelier.position[axis]);
+        let reaching = |r: usize, c: usize| {
+            let [own, others] = [likelier, other].map(|place| place.covariance[r][c]);
+            own + share * (others - own + apart[r] * apart[c])
+        };
+        let covariance = std::array::from_fn(|r| std::array::from_fn(|c| reaching(r, c)));
+        Self { covariance, alternative: Some(Alternative { apart, share }), ..*likelier }
     }
 }
 
