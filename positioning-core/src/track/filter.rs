@@ -5,7 +5,7 @@ use super::anchors::{Links, Source};
 use super::gate::{Gate, GateDecision};
 use super::motion::{Motion, Surprise};
 use super::noise::{Blocked, Noise};
-use super::state::{COMMON, POSITION, REFERENCE, STATES, State, VELOCITY};
+use super::state::{COMMON, POSITION, REFERENCE, STATES, State, VELOCITY, fading};
 use super::update::{Innovation, Model, update};
 use crate::Real;
 use crate::link_error::{Gaussian, LinkPrior, WILD_DENSITY, density};
@@ -493,10 +493,4 @@ pub(crate) fn seconds<T: Real>(microseconds: u64) -> T {
 #[inline(always)]
 fn share_of<T: Real>(per_s: T, seconds: T) -> T {
     T::ONE - fading(per_s * seconds)
-}
-
-/// e⁻ˣ for x ≥ 0, approximately, by (1 + x ⁄ 8)⁻⁸. It is 1 for 0, falls, stays above 0, and is within 1 % up to x =
-/// 0.4. It needs no table and no branch.
-pub(crate) fn fading<T: Real>(x: T) -> T {
-    (T::ONE / (T::ONE + T::of(0.125) * x)).squared().squared().squared()
 }

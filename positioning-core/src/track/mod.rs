@@ -22,5 +22,6 @@ pub use motion::Motion;
 pub use noise::{Blocked, Noise, POWER_DIFFERENCE_PRIOR};
 
 pub(crate) use anchors::Source;
-pub(crate) use filter::{Filter, GateOf, UpdateResult, fading, seconds};
+pub(crate) use filter::{Filter, GateOf, UpdateResult, seconds};
+pub(crate) use state::fading;
 pub(crate) use update::{Linearised, Model};
