@@ -103,5 +103,5 @@ pub(crate) fn anchors(places_m: &PyReadonlyArray2<'_, f64>, setup: &Setup) -> Py
 pub(crate) fn diagnostics(power_dbm: f64, first_path_dbm: f64) -> Diagnostics {
     let mut features = Features::default();
     features.set(Feature::PowerDifference, (power_dbm - first_path_dbm) as f32);
-    Diagnostics { features, power_dbm: power_dbm as f32 }
+    Diagnostics { features, power_dbm: power_dbm as f32, ..Diagnostics::default() }
 }

@@ -120,18 +120,20 @@ impl Recording {
         })
     }
 
-    /// Follows each tag from epoch to epoch.
+    /// Follows each tag from epoch to epoch, and back again where `smooth`.
     fn track<'py>(
         &self,
         py: Python<'py>,
-        nlos: &str,
+        nlos: Option<&str>,
+        smooth: bool,
         within: Within,
         grouping: Grouping,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let (weighting, setup) = (weighting(nlos)?, self.setup(within)?);
+        let recorded = self.settings.nlos.unwrap_or_default();
+        let (weighting, setup) = (nlos.map_or(Ok(recorded), weighting)?, self.setup(within)?);
         self.positions(py, grouping, SingleRanges::Keep, |anchors, epochs| {
             let mut tracker = Tracker::new(anchors, setup, settings(&setup, weighting), None);
-            tracker.follow_all(epochs, || ())
+            if smooth { tracker.smooth_all(epochs, || ())[1].clone() } else { tracker.follow_all(epochs, || ()) }
         })
     }
 }

@@ -81,3 +81,12 @@ def test_wrong_steps_are_errors():
         baliza.Track(ANCHORS, nlos="guess")
     assert track.step(1e300, {}).reason == "too-few-anchors"
     assert track.step(-1e300, {"a": 1e30}).reason is not None
+
+
+def test_the_whole_recording_makes_a_better_track(room):
+    recording = baliza.read(room)
+    track, smooth = recording.track(), recording.track(smooth=True)
+    assert (track.method, smooth.method) == ("track", "track-smooth")
+    assert smooth.epoch == track.epoch
+    rms = [np.sqrt(np.nanmean(found.error_m**2)) for found in (track, smooth)]
+    assert rms[1] < 0.9 * rms[0]

@@ -14,6 +14,7 @@ pub struct DiagnosticColumns {
     amplitudes: [Column; 3],
     cir_power: Column,
     noise: Column,
+    deviation: Column,
     /// Features that have a column of their own, with that column.
     named: Vec<(Feature, Column)>,
 }
@@ -25,6 +26,15 @@ pub struct Diagnostics {
     pub features: Features,
     /// The received power, dBm.
     pub power_dbm: f32,
+    /// The expected standard deviation of the range or difference with line of sight, metres, which nodes report.
+    pub deviation_m: f32,
+}
+
+impl Default for Diagnostics {
+    /// Nothing is known.
+    fn default() -> Self {
+        Self { features: Features::default(), power_dbm: f32::NAN, deviation_m: f32::NAN }
+    }
 }
 
 impl DiagnosticColumns {
@@ -46,6 +56,7 @@ impl DiagnosticColumns {
             amplitudes: ["fp_amp1", "fp_amp2", "fp_amp3"].map(|name| table.optional(name)),
             cir_power: table.optional("cir_pwr"),
             noise: table.optional(noise),
+            deviation: table.optional("sigma_m"),
             named: Feature::ALL
                 .map(|feature| (feature, table.optional(feature.as_str())))
                 .into_iter()
@@ -75,6 +86,7 @@ impl DiagnosticColumns {
                 features.set(*feature, value as f32);
             }
         }
-        Ok(Diagnostics { features, power_dbm })
+        let deviation_m = known(self.deviation)?;
+        Ok(Diagnostics { features, power_dbm, deviation_m: if deviation_m > 0.0 { deviation_m } else { f32::NAN } })
     }
 }

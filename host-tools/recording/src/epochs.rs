@@ -44,6 +44,8 @@ pub struct Epoch<'a> {
     pub name: &'a str,
     /// Its time, seconds: the latest of its rows.
     pub t_s: Option<f64>,
+    /// How long before that time it was measured, seconds. It differs from 0 where a node reported its ranges later.
+    pub age_s: f64,
     /// The ranges, in the order of the file.
     pub ranges: Measurements<'a, StoredRange>,
     /// Differences of arrivals, of a tag that only listens.
@@ -57,6 +59,8 @@ pub struct Epoch<'a> {
 pub struct Epochs {
     names: Texts,
     times_s: Vec<Option<f64>>,
+    /// As far as the last one that is not 0.
+    ages_s: Vec<f64>,
     /// As far as the last one that is known.
     truths: Vec<Option<Coordinates>>,
     ranges: Rows<StoredRange>,
@@ -96,6 +100,7 @@ impl Epochs {
         Some(Epoch {
             name: self.names.get(at)?,
             t_s: *self.times_s.get(at)?,
+            age_s: self.ages_s.get(at).copied().unwrap_or(0.0),
             ranges: self.ranges.of(at),
             differences: self.differences.of(at),
             truth: self.truths.get(at).copied().flatten(),
@@ -268,6 +273,7 @@ impl<S: Stored> Rows<S> {
 struct DiagnosticsByRow {
     features: [Vec<f32>; Feature::ALL.len()],
     power_dbm: Vec<f32>,
+    deviation_m: Vec<f32>,
 }
 
 impl DiagnosticsByRow {
@@ -282,6 +288,7 @@ impl DiagnosticsByRow {
             put(column, diagnostics.features.get(feature).unwrap_or(f32::NAN));
         }
         put(&mut self.power_dbm, diagnostics.power_dbm);
+        put(&mut self.deviation_m, diagnostics.deviation_m);
     }
 
     fn get(&self, at: usize) -> Diagnostics {
@@ -289,7 +296,9 @@ impl DiagnosticsByRow {
         for (column, feature) in self.features.iter().zip(Feature::ALL) {
             features.set_known(feature, column.get(at).copied());
         }
-        Diagnostics { features, power_dbm: self.power_dbm.get(at).copied().unwrap_or(f32::NAN) }
+        let [power_dbm, deviation_m] =
+            [&self.power_dbm, &self.deviation_m].map(|column| column.get(at).copied().unwrap_or(f32::NAN));
+        Diagnostics { features, power_dbm, deviation_m }
     }
 }
 
@@ -319,8 +328,9 @@ impl<S> Default for Late<S> {
 }
 
 impl Gathering {
-    /// Takes the epoch's name in a row, and the row's time, seconds. The measurements of the row follow.
-    pub fn begin_row(&mut self, epoch: &str, t_s: Option<f64>) {
+    /// Takes the epoch's name in a row, the row's time and, where it is known, its age, seconds. The measurements of the
+    /// row follow.
+    pub fn begin_row(&mut self, epoch: &str, t_s: Option<f64>, age_s: Option<f64>) {
         let Self { epochs, index, current, .. } = self;
         if epochs.names.get(*current) != Some(epoch) {
             *current = index.find(&epochs.names, epoch).unwrap_or_else(|| {
@@ -331,6 +341,10 @@ impl Gathering {
         }
         if let Some(time_s) = epochs.times_s.get_mut(*current) {
             *time_s = [*time_s, t_s].into_iter().flatten().reduce(f64::max);
+        }
+        if let Some(age_s) = age_s {
+            epochs.ages_s.resize(epochs.ages_s.len().max(*current + 1), 0.0);
+            epochs.ages_s[*current] = age_s;
         }
     }
 
@@ -399,7 +413,7 @@ mod tests {
     fn range(range_m: f64, power_dbm: f32) -> Measured {
         let mut features = Features::default();
         features.set(Feature::RiseTime, 2.0 * power_dbm);
-        let diagnostics = Diagnostics { features, power_dbm };
+        let diagnostics = Diagnostics { features, power_dbm, ..Diagnostics::default() };
         Measured { anchor: 3, range_m, t_s: None, line_of_sight: Some(true), diagnostics }
     }
 
@@ -407,7 +421,7 @@ mod tests {
     fn rows_in_any_order_come_to_their_epochs_in_the_order_of_the_file() {
         let mut rows = Gathering::default();
         let mut row = |epoch, t_s, range_m, power_dbm| {
-            rows.begin_row(epoch, t_s);
+            rows.begin_row(epoch, t_s, None);
             rows.push_range(&range(range_m, power_dbm));
         };
         row("a", Some(1.0), 10.0, f32::NAN);
@@ -416,11 +430,11 @@ mod tests {
         row("c", Some(0.0), 30.0, f32::NAN);
         row("b", Some(5.0), 21.0, f32::NAN);
         row("a", Some(2.0), 12.0, -90.0);
-        rows.begin_row("empty", None);
+        rows.begin_row("empty", None, None);
         let epochs = rows.finish();
         let of = |epoch: Epoch| {
             let ranges = epoch.ranges.iter().map(|range| {
-                let Diagnostics { features, power_dbm } = range.diagnostics;
+                let Diagnostics { features, power_dbm, .. } = range.diagnostics;
                 let of_row = (!power_dbm.is_nan()).then_some(power_dbm);
                 assert_eq!(features.get(Feature::RiseTime), of_row.map(|power| 2.0 * power));
                 (range.range_m, of_row)

@@ -24,6 +24,22 @@ pub struct RecordingSettings {
     /// How the tags measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mode: Option<MeasurementMode>,
+    /// How the tags used the powers of receptions.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nlos: Option<Weighting>,
+}
+
+/// How the powers of receptions are used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Weighting {
+    /// They move the prior probability that a link is blocked.
+    #[default]
+    Weigh,
+    /// Ranges whose link is more probably blocked than not are left out, but at least four ranges are kept.
+    Ignore,
+    /// Not at all: all ranges have equal weight.
+    Alike,
 }
 
 /// How tags measure.
@@ -152,12 +168,17 @@ fn read(file: &Path) -> Result<RecordingSettings, UserError> {
 mod tests {
     use std::fs;
 
-    use super::{Folder, MeasurementMode, RecordingSettings, SETTINGS};
+    use super::{Folder, MeasurementMode, RecordingSettings, SETTINGS, Weighting};
 
     #[test]
     fn settings_are_read_as_they_were_written_and_wrong_ones_are_refused_with_their_line() {
         let folder = tempfile::tempdir().expect("a temporary folder");
-        let settings = RecordingSettings { dims: Some(2), height_m: Some(1.2), mode: Some(MeasurementMode::Ranges) };
+        let settings = RecordingSettings {
+            dims: Some(2),
+            height_m: Some(1.2),
+            mode: Some(MeasurementMode::Ranges),
+            nlos: Some(Weighting::Alike),
+        };
         fs::write(folder.path().join(SETTINGS), settings.to_toml().expect("text")).expect("written");
         assert_eq!(Folder::open(folder.path()).expect("read").settings, settings);
         for (text, said) in [

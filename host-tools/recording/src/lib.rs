@@ -31,7 +31,7 @@ pub use interrupted::Interrupted;
 pub use limited::{DOCUMENT_BYTES, IMAGE_BYTES, LOG_BYTES, limited_bytes, read_limited, read_text};
 pub use live_epochs::LiveEpochs;
 pub use position::{Half, Height, NoPosition, Position, Solved, Space};
-pub use recording::{Anchor, Coordinates, Files, Recording, anchor_rows, by_time, read_anchors};
+pub use recording::{AGE, Anchor, Coordinates, Files, Recording, anchor_rows, by_time, read_anchors};
 pub use rounds::{OpenRound, SingleRanges, drop_repeats, round_s, rounds};
 pub use spelling::spelled;
 pub use table::{Column, Row, Table};

@@ -86,11 +86,16 @@ impl Recording {
     }
 }
 
+/// The column that says how long before its time a row was measured, seconds: a node reports its ranges when it has
+/// computed their position.
+pub const AGE: &str = "age_s";
+
 /// The epochs of a file with the columns `epoch` and, where known, `t_s` and `tag`: those of each tag, in the order of
 /// their first rows.
 pub(crate) struct EpochsByTag<'a> {
     epoch: Column,
     time: Column,
+    age: Column,
     tag: Column,
     anchors: &'a [Anchor],
     /// By tag: its name, and its epochs.
@@ -100,16 +105,16 @@ pub(crate) struct EpochsByTag<'a> {
 impl<'a> EpochsByTag<'a> {
     /// No epochs yet, of a recording with these anchors.
     pub(crate) fn of(table: &Table, anchors: &'a [Anchor]) -> Result<Self, UserError> {
-        let (epoch, time, tag) = (table.column("epoch")?, table.optional("t_s"), table.optional("tag"));
-        Ok(Self { epoch, time, tag, anchors, tags: ByName::default() })
+        let [time, age, tag] = ["t_s", AGE, "tag"].map(|name| table.optional(name));
+        Ok(Self { epoch: table.column("epoch")?, time, age, tag, anchors, tags: ByName::default() })
     }
 
     /// The epochs of the row's tag, which take the measurement of the row, and the time of the row itself, seconds.
     pub(crate) fn of_row(&mut self, row: &Row) -> Result<(&mut Gathering, Option<f64>), UserError> {
-        let (name, t_s) = (row.some_text(self.epoch)?, row.number(self.time)?);
+        let (name, t_s, age_s) = (row.some_text(self.epoch)?, row.number(self.time)?, row.number(self.age)?);
         let tag = tag_of(row, self.tag);
         let (_, epochs) = self.tags.of(tag.unwrap_or(""), || (tag.map(str::to_owned), Gathering::default()));
-        epochs.begin_row(name, t_s);
+        epochs.begin_row(name, t_s, age_s);
         Ok((epochs, t_s))
     }
 

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use analysis::Setup;
 use analysis::locate::advice;
-use analysis::locate::track::Weighting;
 use anyhow::Result;
 use pictures::{Dot, Errors, Picture, PictureBuilder};
 use recording::beacons::read_beacons;
+use recording::folder::RecordingSettings;
 use recording::positions::{self, PositionRow};
 use recording::{Coordinates, Files, Height, MeasurementMode, Recording, Space, Truths, read_anchors};
 
@@ -130,7 +130,7 @@ impl Arguments {
             return Ok((positions::read(&file)?, file.display().to_string()));
         }
         let (anchors, (mode, measured)) = (files.file(&self.anchors, "anchors.csv")?, files.measured()?);
-        let rows = track(files.settings().space(), &anchors, mode, &measured)?;
+        let rows = track(&files.settings(), &anchors, mode, &measured)?;
         Ok((rows, format!("track of {}", measured.display())))
     }
 }
@@ -151,8 +151,14 @@ fn errors(rows: &[PositionRow], truths: Option<&Truths>) -> Errors {
     }
 }
 
-/// The track of each tag of a recording in this space.
-fn track(space: Space, anchors: &Path, mode: MeasurementMode, measured: &Path) -> Result<Vec<PositionRow>> {
+/// The track of each tag of a recording with these settings.
+fn track(
+    settings: &RecordingSettings,
+    anchors: &Path,
+    mode: MeasurementMode,
+    measured: &Path,
+) -> Result<Vec<PositionRow>> {
+    let (space, weighting) = (settings.space(), settings.nlos.unwrap_or_default());
     let anchor_heights = space != Space::Plane(Height::Unknown);
     let files = Files { anchors, measured, mode, truth: None, anchor_heights, truth_heights: false };
     let recordings = Recording::read(&files)?;
@@ -160,7 +166,8 @@ fn track(space: Space, anchors: &Path, mode: MeasurementMode, measured: &Path) -
     let progress = Progress::new(recordings.iter().map(|recording| recording.epochs.len()).sum());
     let mut rows = Vec::new();
     for recording in &recordings {
-        let solved = super::track::track(recording, setup, Weighting::Weigh, None, &progress);
+        let mut tracker = super::track::tracker(recording, setup, weighting, None);
+        let solved = tracker.follow_all(&recording.epochs, || progress.step());
         rows.extend(recording.epochs.iter().zip(solved).map(|(epoch, solved)| {
             let position = solved.outcome.ok();
             PositionRow {

@@ -10,7 +10,7 @@ use analysis::locate::time_offset::{Clocks, REACH_S, clocks};
 use anyhow::Result;
 use clap::ValueEnum;
 use node_link::provision::SiteNames;
-use recording::folder::{Folder, RecordingSettings};
+use recording::folder::{Folder, RecordingSettings, Weighting};
 use recording::output::STANDARD;
 use recording::{Files, Half, Height, MeasurementMode, Recording, Solved, Space, Truth, Truths, UserError};
 use recording::{Joined, SingleRanges, anchor_rows, drop_repeats, round_s, rounds};
@@ -291,6 +291,7 @@ impl RecordingArgs {
             tags,
             mode: sources.mode,
             setup,
+            weighting: sources.settings.nlos.unwrap_or_default(),
             source: sources.measured.display().to_string(),
             names,
             floor_plan,
@@ -380,6 +381,8 @@ pub struct Input<'a> {
     /// What was measured.
     pub mode: MeasurementMode,
     pub setup: Setup,
+    /// How the tags used the powers of receptions.
+    pub weighting: Weighting,
     /// The file of what was measured.
     source: String,
     names: SiteNames,

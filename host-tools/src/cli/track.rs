@@ -10,8 +10,8 @@ use analysis::train::{Chosen, features_of};
 use anyhow::Result;
 use clap::ValueEnum;
 use positioning_core::nlos::{Classifier, Features, Model};
+use recording::{Recording, UserError};
 use recording::{Diagnostics, SingleRanges};
-use recording::{Recording, Solved};
 
 use super::recording_args::RecordingArgs;
 use crate::cli::progress::Progress;
@@ -28,9 +28,9 @@ pub struct Arguments {
     #[command(flatten)]
     recording: RecordingArgs,
     /// How to use the probability that a link is without line of sight, which comes from rx_power_dbm and fp_power_dbm,
-    /// or from --model
-    #[arg(long, value_name = "HOW", default_value = "weigh")]
-    nlos: Nlos,
+    /// or from --model [default: as recording.toml says, else weigh]
+    #[arg(long, value_name = "HOW")]
+    nlos: Option<Nlos>,
     /// A trained classifier that detects links without line of sight: a file of `nlos train`; where a range lacks the
     /// features for it, the powers are used
     #[arg(long, value_name = "FILE")]
@@ -38,6 +38,10 @@ pub struct Arguments {
     /// Which of the file's classifiers, where it has several; of several with one name, NAME:1, NAME:2
     #[arg(long, value_name = "NAME", requires = "model")]
     classifier: Option<String>,
+    /// Also go back through the recording: the method track-smooth has each position by all measurements, those after it
+    /// too
+    #[arg(long)]
+    smooth: bool,
 }
 
 const EXAMPLES: &str = "\
@@ -73,16 +77,20 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.recording.report_by_beacons(RssiMethod::Engine, false)? {
         return Ok(());
     }
-    let weighting = match arguments.nlos {
+    let asked = arguments.nlos.map(|nlos| match nlos {
         Nlos::Weigh => Weighting::Weigh,
         Nlos::Ignore => Weighting::Ignore,
         Nlos::Alike => Weighting::Alike,
-    };
+    });
     let chosen =
         arguments.model.as_ref().map(|file| Chosen::read(file, arguments.classifier.as_deref())).transpose()?;
     let mut model = chosen.as_ref().map(Chosen::model).transpose()?;
     if let Some(piped) = arguments.recording.piped()? {
-        let settings = settings(&piped.setup, weighting);
+        if arguments.smooth {
+            let message = "it needs the whole recording: write the ranges into a file first";
+            return Err(UserError::flag("--smooth", message).into());
+        }
+        let settings = settings(&piped.setup, asked.unwrap_or(Weighting::Weigh));
         let mut trackers: HashMap<Option<String>, Tracker> = HashMap::new();
         return piped.run(&["track"], true, |tag, epoch| {
             let new = || Tracker::new(&piped.anchors[..], piped.setup, settings, model.as_ref());
@@ -90,16 +98,25 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         });
     }
     let input = arguments.recording.read(SingleRanges::Keep)?;
+    let weighting = asked.unwrap_or(input.weighting);
     let recordings = || input.tags.iter().map(|of| &of.recording);
     if let Some(unused) = model.take_if(|model| !recordings().any(|recording| tells(recording, model))) {
         let asked = features_of(&unused);
         super::note(&format!("no range of the recording tells what the classifier asks for: {asked}\n"));
     }
     let progress = Progress::new(recordings().map(|recording| recording.epochs.len()).sum());
-    let follow = |recording| vec![track(recording, input.setup, weighting, model.as_ref(), &progress)];
+    let follow = |recording: &Recording| {
+        let mut tracker = tracker(recording, input.setup, weighting, model.as_ref());
+        let step = || progress.step();
+        match arguments.smooth {
+            true => tracker.smooth_all(&recording.epochs, step).into(),
+            false => vec![tracker.follow_all(&recording.epochs, step)],
+        }
+    };
     let solved: Vec<_> = recordings().map(follow).collect();
     drop(progress);
-    input.report(vec!["track".to_owned()], &solved)
+    let methods = ["track", "track-smooth"].iter().take(1 + usize::from(arguments.smooth));
+    input.report(methods.map(|method| (*method).to_owned()).collect(), &solved)
 }
 
 /// Whether any range of a recording has the diagnostics that the classifier needs. Without them it changes nothing.
@@ -111,15 +128,12 @@ fn tells(recording: &Recording, model: &Model<'_>) -> bool {
     })
 }
 
-/// Positions of the epochs, in the order of the file.
-pub fn track(
-    recording: &Recording,
+/// The tracker of a recording.
+pub fn tracker<'a>(
+    recording: &'a Recording,
     setup: Setup,
     weighting: Weighting,
-    model: Option<&Model<'_>>,
-    progress: &Progress,
-) -> Vec<Solved> {
-    let settings = settings(&setup, weighting);
-    let mut tracker = Tracker::new(&recording.anchors, setup, settings, model);
-    tracker.follow_all(&recording.epochs, || progress.step())
+    model: Option<&'a Model<'a>>,
+) -> Tracker<'a> {
+    Tracker::new(&recording.anchors, setup, settings(&setup, weighting), model)
 }

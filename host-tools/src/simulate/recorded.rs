@@ -8,13 +8,14 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use positioning_core::nlos::{Feature, Features};
-use sim::scenario::{Record, Scenario, SimulatedEpoch, What};
+use sim::scenario::{Record, Scenario, SimulatedEpoch, Unrounded, What};
 use wire::config::{self, Network};
-use wire::telemetry::{Address, Body, Fix, MAX_FRAME, Message, Sighting, Table, encode, metres};
+use wire::telemetry::{Address, Body, Difference, Fix, MAX_FRAME, Message, Range, Sighting, Table, encode, metres};
 
 use node_link::decode::{Stamp, row};
 use node_link::recorder::{STREAM, Tables, is_of_recording, writer};
-use recording::folder::{MeasurementMode, RecordingSettings, SETTINGS};
+use recording::AGE;
+use recording::folder::{MeasurementMode, RecordingSettings, SETTINGS, Weighting};
 use recording::output::OutputFolder;
 
 /// The walls of the floor plan, which pictures and beacons use.
@@ -46,14 +47,18 @@ impl SimulatedRecording {
     /// The file system fails.
     pub fn create(output: OutputFolder, scenario: &Scenario) -> anyhow::Result<Self> {
         let folder = output.path();
-        let anchors = scenario.anchors.iter().map(|anchor| (anchor.address, scenario.surveyed_m(anchor))).collect();
+        let surveyed = scenario.anchors.iter().map(|anchor| (anchor.address, scenario.surveyed_m(anchor)));
+        // Tags use the position in their records, where these have one.
+        let listed = scenario.listed_anchors.iter().map(|anchor| (anchor.address, anchor.position_m.map(f64::from)));
+        let anchors = surveyed.chain(listed).collect();
         let reads = scenario.tags.iter().any(|tag| tag.settings.model.is_some());
         let features: Vec<_> = Feature::ALL.into_iter().filter(|feature| reads && feature.is_of_response()).collect();
-        let of_ranges = ["los", "tag"].into_iter().chain(features.iter().map(|feature| feature.as_str()));
+        let power_difference = Feature::PowerDifference.as_str();
+        let of_ranges = ["los", "tag", AGE, power_difference].into_iter();
         let more = BTreeMap::from([
             ("positions", vec!["error_m", "tag"]),
-            ("ranges", of_ranges.collect()),
-            ("differences", vec!["los", "truth_m", "tag"]),
+            ("ranges", of_ranges.chain(features.iter().map(|feature| feature.as_str())).collect()),
+            ("differences", vec!["los", "truth_m", "tag", AGE, power_difference]),
             ("rssi", vec!["tag"]),
             ("rooms", vec!["tag"]),
         ]);
@@ -109,17 +114,21 @@ impl SimulatedRecording {
         let stamp = Stamp { t_s: record.t_s, epoch: epoch.number };
         let tag = || Address(record.node).to_string();
         let los = |los: bool| if los { "1" } else { "0" }.to_owned();
+        let given = |of: &Unrounded| [epoch.fix.age_s().to_string(), number(of.powers_dbm[0] - of.powers_dbm[1])];
         for measured in &epoch.ranges {
             let mut shape = Features::default();
             measured.shape.iter().for_each(|of| shape.set_shape(of));
             let features = self.features.iter().map(|&of| shape.get(of).map_or_else(String::new, |x| x.to_string()));
             self.tables.message_with(stamp, &Message::Range(measured.range), |row| {
-                row.extend([los(measured.los), tag()].into_iter().chain(features));
+                unround(row, Range::TABLE, "range_m", &measured.unrounded);
+                row.extend([los(measured.los), tag()].into_iter().chain(given(&measured.unrounded)).chain(features));
             })?;
         }
         for measured in &epoch.differences {
             self.tables.message_with(stamp, &Message::Difference(measured.difference), |row| {
-                row.extend([los(measured.los), metres(measured.truth_m), tag()]);
+                unround(row, Difference::TABLE, "difference_m", &measured.unrounded);
+                let own = [los(measured.los), metres(measured.truth_m), tag()];
+                row.extend(own.into_iter().chain(given(&measured.unrounded)));
             })?;
         }
         let method = self.methods.get(&record.node).copied().unwrap_or_default();
@@ -140,6 +149,28 @@ impl SimulatedRecording {
         self.streams.flush()?;
         Ok(self.output.finish()?)
     }
+}
+
+/// Replaces the rounded numbers of telemetry in a row with those of the tag's engine.
+fn unround(row: &mut [String], table: Option<Table>, measured: &str, of: &Unrounded) {
+    let [rx_power_dbm, first_path_dbm] = of.powers_dbm;
+    let exact = [
+        (measured, of.measured_m),
+        ("sigma_m", of.deviation_m),
+        ("rx_power_dbm", rx_power_dbm),
+        ("fp_power_dbm", first_path_dbm),
+    ];
+    let header = table.map_or_else(Vec::new, |table| table.header());
+    for (field, column) in row.iter_mut().zip(header) {
+        if let Some((_, value)) = exact.iter().find(|(name, _)| *name == column) {
+            *field = number(*value);
+        }
+    }
+}
+
+/// A number with all its digits; empty where there is none.
+fn number(value: f32) -> String {
+    if value.is_finite() { value.to_string() } else { String::new() }
 }
 
 /// The telemetry of each node in a file of its own, because a stream belongs to one node. A simulation may have more
@@ -222,7 +253,7 @@ fn settings(scenario: &Scenario) -> RecordingSettings {
     let is_in_space = scenario.tags.iter().all(|tag| tag.settings.record.height_m.is_none());
     // Where tags differ, the reader has to say it.
     let dims = if is_in_space { Some(3) } else { height_m.map(|_| 2) };
-    RecordingSettings { dims, height_m, mode: Some(mode) }
+    RecordingSettings { dims, height_m, mode: Some(mode), nlos: (!scenario.weigh_nlos).then_some(Weighting::Alike) }
 }
 
 /// The columns of a position.

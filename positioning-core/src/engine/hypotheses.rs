@@ -61,7 +61,7 @@ impl<T: Real> Rival<T> {
     }
 
     /// Its probability, if there is one: the rest is that of the track.
-    fn share(&self) -> Option<T> {
+    pub(super) fn share(&self) -> Option<T> {
         Some(T::ONE / (T::ONE + self.lead?.exp()))
     }
 
@@ -250,6 +250,7 @@ impl<T: Real> Engine<T> {
     pub(super) fn add_rival(&mut self, other: &Fix<T, 3>, share: T) {
         begin(&mut self.rival.filter, other, &self.round, &self.settings, self.now_us);
         self.rival.lead = Some(((T::ONE - share) / share).ln());
+        self.rival.compared_us = self.now_us;
     }
 
     /// Whether another position is where the track is.

@@ -12,6 +12,7 @@ mod hypotheses;
 mod output;
 mod round;
 mod settings;
+mod snapshot;
 mod track_management;
 mod update;
 
@@ -20,6 +21,7 @@ pub use crate::measurement::{BeaconPosition, Measurement, Range, Tdoa};
 pub use crate::track::FilterSettings;
 pub use output::{Missing, Output, Start, TrackFix, Verdict};
 pub use settings::{Dimensions, Mode, NodeMethod, Settings, Solvers};
+pub use snapshot::{Hypothesis, LinkState};
 
 use crate::Real;
 use crate::measurement::Observation as _;

@@ -15,7 +15,7 @@ pub use outcome::{Position, TagUpdate};
 pub use settings::{AnchorPosition, Settings};
 pub use site_models::{ForBeacons, RoomUpdate, SiteModels};
 
-use crate::engine::{Engine, Measurement, Range, Tdoa, Verdict};
+use crate::engine::{Engine, Hypothesis, Measurement, Range, Tdoa, Verdict};
 use crate::nlos::{Feature, Features, NlosDetector};
 use crate::{Alternative, Real};
 use beacons::Beacons;
@@ -71,6 +71,16 @@ impl<'a, const BEACONS: usize> Locator<'a, BEACONS> {
     /// Changes the height of a tag in the plane, metres.
     pub fn set_height(&mut self, height_m: f32) {
         self.engine.set_height(height_m);
+    }
+
+    /// Predicts the track to a time, microseconds, as the next measurement of that time would do first.
+    pub fn advance(&mut self, t_us: u64) {
+        self.engine.advance(t_us);
+    }
+
+    /// The track, if there is one, and the second hypothesis with its probability, if there are two.
+    pub fn hypotheses(&self) -> [Option<(Hypothesis<'_, f32>, f32)>; 2] {
+        self.engine.hypotheses()
     }
 
     /// The configured position of an anchor; without one, the position that the anchor reports, metres.

@@ -5,15 +5,12 @@ use super::anchors::{Links, Source};
 use super::gate::{Gate, GateDecision};
 use super::motion::{Motion, Surprise};
 use super::noise::{Blocked, Noise};
-use super::state::{COMMON, POSITION, REFERENCE, STATES, State, VELOCITY};
+use super::state::{COMMON, POSITION, REFERENCE, STATES, State, VELOCITY, fading};
 use super::update::{Innovation, Model, update};
 use crate::Real;
 use crate::link_error::{Gaussian, LinkPrior, WILD_DENSITY, density};
 use crate::measurement::{Range, Tdoa, TdoaModel};
 
-/// The greatest speed that counts for the forgetting of a link's error, metres per second: people indoors are not
-/// faster.
-const FASTEST: f64 = 10.0;
 /// The part of the way to a link's new prior that one measurement goes: the error of one link changes what is believed
 /// of the others, and they take turns.
 const DAMPING: f64 = 0.5;
@@ -86,7 +83,7 @@ pub(crate) enum UpdateResult {
 #[derive(Clone, Debug)]
 pub(crate) struct Filter<T> {
     pub(crate) state: State<T>,
-    links: Links<T>,
+    pub(crate) links: Links<T>,
     /// The time of the state, microseconds.
     pub(crate) now_us: u64,
     surprise: Surprise<T>,
@@ -394,11 +391,8 @@ impl<T: Real> Filter<T> {
         let age: T = seconds(self.now_us.saturating_sub(link.measured_us));
         (link.measured_us, link.age_s) = (self.now_us, age);
         if age > T::ZERO && site.variance > T::ZERO {
-            let velocity = self.state.velocity();
-            let square = velocity[0].squared() + velocity[1].squared() + velocity[2].squared();
-            let speed = square.at_most(T::of(FASTEST * FASTEST)).sqrt();
-            let lapse = age * (T::ONE / after[0] + speed / after[1]);
-            self.state.renew(Links::<T>::state(place), fading(lapse), site);
+            let kept = self.state.kept(age, after);
+            self.state.renew(Links::<T>::state(place), kept, site);
         }
     }
 
@@ -499,10 +493,4 @@ pub(crate) fn seconds<T: Real>(microseconds: u64) -> T {
 #[inline(always)]
 fn share_of<T: Real>(per_s: T, seconds: T) -> T {
     T::ONE - fading(per_s * seconds)
-}
-
-/// e⁻ˣ for x ≥ 0, approximately, by (1 + x ⁄ 8)⁻⁸. It is 1 for 0, falls, stays above 0, and is within 1 % up to x =
-/// 0.4. It needs no table and no branch.
-pub(crate) fn fading<T: Real>(x: T) -> T {
-    (T::ONE / (T::ONE + T::of(0.125) * x)).squared().squared().squared()
 }

@@ -21,5 +21,7 @@ pub use hyperbolic::{TdoaSample, hyperbolic};
 pub use motion::Motion;
 pub use noise::{Blocked, Noise, POWER_DIFFERENCE_PRIOR};
 
-pub(crate) use filter::{Filter, GateOf, UpdateResult, fading, seconds};
+pub(crate) use anchors::Source;
+pub(crate) use filter::{Filter, GateOf, UpdateResult, seconds};
+pub(crate) use state::fading;
 pub(crate) use update::{Linearised, Model};

@@ -179,7 +179,8 @@ class Recording:
     def track(
         self,
         *,
-        nlos: Nlos = "weigh",
+        nlos: Nlos | None = None,
+        smooth: bool = False,
         dims: int | None = None,
         height_m: float | None = None,
         height_from_truth: bool = False,
@@ -190,14 +191,17 @@ class Recording:
     ) -> Positions:
         """Follows the tag through the epochs in the order of time, as `baliza track`.
 
-        `nlos` is the use of powers: `weigh`, `ignore` (leave blocked ranges out) or `alike` (powers are not used). The
-        other arguments are those of `solve`, but single ranges become rounds only where `group_s` is given.
+        `nlos` is the use of powers: `weigh` (as recording.toml says by default), `ignore` (leave blocked ranges out) or
+        `alike` (powers are not used). With `smooth`, each position is by the measurements of the whole recording, as
+        `track-smooth`. The other arguments are those of `solve`, but single ranges become rounds only where `group_s` is
+        given.
 
         Raises ValueError for arguments that are unknown or do not fit.
         """
         within = _within(dims, height_m, height_from_truth, side, area_m)
-        found = self._native.track(nlos, within, {"group_s": group_s, "time_offset_s": time_offset_s})
-        return Positions(method="track", **found)
+        grouping = {"group_s": group_s, "time_offset_s": time_offset_s}
+        found = self._native.track(nlos, smooth, within, grouping)
+        return Positions(method="track-smooth" if smooth else "track", **found)
 
 
 def read(folder: FilePath) -> Recording:

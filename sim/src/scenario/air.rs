@@ -18,15 +18,17 @@ impl Scenario {
         AirConfig { loss: self.loss, walls: self.walls.clone(), ..air }
     }
 
-    /// The position of an anchor according to its survey, metres: what its config record has, and a recording.
+    /// The position of an anchor according to its survey, metres: what its config record has, and a recording. It is in
+    /// whole millimetres, as anchors report it.
     pub fn surveyed_m(&self, anchor: &Anchor) -> [f64; 3] {
-        match self.air {
+        let surveyed_m = match self.air {
             AirModel::Ideal => anchor.at,
             AirModel::Recorded => {
                 let mut draws = stream(self.seed, Purpose::Survey, anchor.address.into());
                 anchor.at.map(|metres| metres + SURVEY_M * gauss(&mut draws))
             }
-        }
+        };
+        surveyed_m.map(|metres| (metres * 1e3).round() / 1e3)
     }
 }
 

@@ -39,7 +39,7 @@ pub use draw::Charges;
 pub use inspection::{Inspection, StepObserver};
 pub use motion::{Walk, distance};
 pub use record::{
-    BluetoothSummary, Cover, DifferenceRecord, RangeRecord, Record, SimulatedEpoch, Source, Summary, What,
+    BluetoothSummary, Cover, DifferenceRecord, RangeRecord, Record, SimulatedEpoch, Source, Summary, Unrounded, What,
 };
 pub use run::Simulation;
 pub use site::{AirModel, Carrier, FaultKind, Fidelity, Format, LISTENING, SIMULATED_NETWORK as NETWORK};

@@ -188,7 +188,7 @@ impl Observer for &Charging<'_> {
         // The tag moves a few millimetres during the ranges of a round. This is the true position at the end of the
         // round.
         let truth_m = self.tag.tag.walk.at(world.now().as_secs_f64());
-        outlet.note_truth(epoch.measured.number(), truth_m, epoch.sounding.copied());
+        outlet.note_truth(epoch, truth_m);
         // In the simulation the position was computed in zero time. Its cost is awaited here, before the position is
         // reported.
         let costs = &Costs::of(self.processor.board().core).tag;

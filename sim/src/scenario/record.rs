@@ -80,11 +80,24 @@ pub struct SimulatedEpoch {
     pub differences: Vec<DifferenceRecord>,
 }
 
+/// What a tag's engine was given of a reception. Telemetry rounds it to tenths of millimetres and hundredths of dB.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Unrounded {
+    /// The range or the difference, metres.
+    pub measured_m: f32,
+    /// Its expected standard deviation with line of sight, metres.
+    pub deviation_m: f32,
+    /// Received power and power of the first path, dBm.
+    pub powers_dbm: [f32; 2],
+}
+
 /// A range beside the true distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RangeRecord {
     /// As the tag reported it.
     pub range: Range,
+    /// As the tag's engine used it.
+    pub unrounded: Unrounded,
     /// The straight distance, metres.
     pub truth_m: f64,
     /// Whether nothing is between the tag and the anchor.
@@ -98,6 +111,8 @@ pub struct RangeRecord {
 pub struct DifferenceRecord {
     /// As the tag reported it.
     pub difference: Difference,
+    /// As the tag's engine used it.
+    pub unrounded: Unrounded,
     /// The straight distance minus that of the reference, metres.
     pub truth_m: f64,
     /// Whether nothing is between the tag and the anchor.

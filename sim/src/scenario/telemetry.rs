@@ -6,10 +6,11 @@ use std::collections::{HashMap, VecDeque};
 use std::rc::Rc;
 
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
-use firmware_tag::Sounding;
+use firmware_tag::{Measured, RoundOutcome, Sounding};
+use ranging::Diagnostics;
 use wire::telemetry::{Difference, Message, Range};
 
-use super::record::{DifferenceRecord, PositionError, RangeRecord, Record, SimulatedEpoch, What};
+use super::record::{DifferenceRecord, PositionError, RangeRecord, Record, SimulatedEpoch, Unrounded, What};
 use super::{FaultKind, Scenario, distance};
 use crate::{Processor, TrueTime, World};
 
@@ -74,6 +75,32 @@ struct Truth {
     round: u16,
     at_m: [f64; 3],
     sounding: Option<Sounding>,
+    /// By the address of the anchor.
+    unrounded: Vec<(u16, Unrounded)>,
+}
+
+impl Truth {
+    fn unrounded(&self, anchor: u16) -> Option<Unrounded> {
+        self.unrounded.iter().find(|(of, _)| *of == anchor).map(|(_, unrounded)| *unrounded)
+    }
+}
+
+/// What an engine was given of the receptions of a round.
+fn unrounded(measured: &Measured<'_>) -> Vec<(u16, Unrounded)> {
+    let of = |measured_m, deviation_m, diagnostics: &Diagnostics| {
+        let powers_dbm = [diagnostics.rx_power_dbm, diagnostics.first_path_power_dbm];
+        Unrounded { measured_m, deviation_m, powers_dbm }
+    };
+    let ranges = measured.ranges().iter();
+    let ranges = ranges.map(|range| (range.peer, of(range.distance_m, range.deviation_m, &range.diagnostics)));
+    let differences = measured.differences().into_iter().flat_map(|round| {
+        let reference = of(0.0, round.reference_deviation_m, &round.reference_diagnostics);
+        let others = round.differences.iter();
+        let others =
+            others.map(|of_peer| (of_peer.peer, of(of_peer.difference_m, of_peer.deviation_m, &of_peer.diagnostics)));
+        [(round.reference, reference)].into_iter().chain(others)
+    });
+    ranges.chain(differences).collect()
 }
 
 fn micros(time: TrueTime) -> u64 {
@@ -108,8 +135,10 @@ impl Outlet {
     }
 
     /// Notes that a tag ends this round at this position and is about to report it.
-    pub(super) fn note_truth(&self, round: u16, at_m: [f64; 3], sounding: Option<Sounding>) {
-        self.round.borrow_mut().truths.push_back(Truth { round, at_m, sounding });
+    pub(super) fn note_truth(&self, epoch: &RoundOutcome<'_>, at_m: [f64; 3]) {
+        let RoundOutcome { measured, sounding, .. } = epoch;
+        let (round, unrounded) = (measured.number(), unrounded(measured));
+        self.round.borrow_mut().truths.push_back(Truth { round, at_m, sounding: sounding.copied(), unrounded });
     }
 
     /// The scenario applies this fault to the node. Reports made before it are kept; later ones are lost.
@@ -181,13 +210,15 @@ impl Outlet {
     fn range(&self, range: Range, truth: &Truth) -> Option<RangeRecord> {
         let (truth_m, los) = self.sight(range.peer, truth.at_m)?;
         let sounding = truth.sounding.filter(|sounding| sounding.peer == range.peer);
-        Some(RangeRecord { range, truth_m, los, shape: sounding.map(|sounding| sounding.shape) })
+        let unrounded = truth.unrounded(range.peer)?;
+        Some(RangeRecord { range, unrounded, truth_m, los, shape: sounding.map(|sounding| sounding.shape) })
     }
 
     fn difference(&self, difference: Difference, truth: &Truth) -> Option<DifferenceRecord> {
         let ((from_m, _), (to_m, los)) =
             (self.sight(difference.reference, truth.at_m)?, self.sight(difference.peer, truth.at_m)?);
-        Some(DifferenceRecord { difference, truth_m: to_m - from_m, los })
+        let unrounded = truth.unrounded(difference.peer)?;
+        Some(DifferenceRecord { difference, unrounded, truth_m: to_m - from_m, los })
     }
 
     /// The distance of an anchor from a position, metres, and whether nothing is in between.

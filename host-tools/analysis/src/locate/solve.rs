@@ -200,7 +200,6 @@ fn solve<const D: usize>(
 mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    use positioning_core::nlos::Features;
     use positioning_core::{Method, SolveError};
 
     use super::{AT_ONCE, Height, NoPosition, Setup, Solver, Space};
@@ -220,7 +219,7 @@ mod tests {
             epochs.push("", None, Some(tag));
             for (anchor, Anchor { place, .. }) in anchors.iter().enumerate().filter(|_| at % 10 != 0) {
                 let range_m = place.horizontal_m(&tag);
-                let diagnostics = Diagnostics { features: Features::default(), power_dbm: f32::NAN };
+                let diagnostics = Diagnostics::default();
                 epochs.push_range(&Measured { anchor, range_m, t_s: None, line_of_sight: None, diagnostics });
             }
         }

@@ -106,6 +106,6 @@ fn measured(range: &accuracy::prior::CaseRange) -> Measured {
         t_s: None,
         range_m: range.range_m,
         line_of_sight: Some(!range.blocked),
-        diagnostics: Diagnostics { features, power_dbm: received },
+        diagnostics: Diagnostics { features, power_dbm: received, ..Diagnostics::default() },
     }
 }
