@@ -251,6 +251,8 @@ mod tests {
             report_ranges: false,
             solver: Solver::Track,
             scheme: None,
+            height_sigma_m: None,
+            area: None,
         });
         assert_eq!(Settings::of(&record, 1).unwrap().radio.filter, FrameFilter::OFF);
     }

@@ -79,6 +79,24 @@ impl<T: Real, const D: usize> Fix<T, D> {
     }
 }
 
+/// The fix in the plane at a height that is known to ± `sigma`, metres. The covariance grows by what an error of the height
+/// moves the position: by the mean square at heights one deviation lower and higher.
+pub fn at_uncertain_height<T: Real, E, const D: usize>(
+    height: T,
+    sigma: T,
+    mut solve_at: impl FnMut(T) -> Result<Fix<T, D>, E>,
+) -> Result<Fix<T, D>, E> {
+    let mut fix = solve_at(height)?;
+    if sigma > T::ZERO {
+        for other in [height - sigma, height + sigma] {
+            if let Ok(other) = solve_at(other) {
+                add_outer_full(&mut fix.covariance, T::of(0.5), &sub(&other.position, &fix.position));
+            }
+        }
+    }
+    Ok(fix)
+}
+
 /// Why there is no position. Telemetry writes the variants as numbers: add new ones at the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -29,6 +29,24 @@ pub use simulation::{
 /// An example file to start from: four anchors, a tag and a beacon, with comments.
 pub const EXAMPLE: &str = include_str!("example.toml");
 
+/// The example for this number of boards: a tag and anchors, of which three need the tag's height. `None`: the whole.
+pub fn example(boards: Option<u8>) -> String {
+    let Some(boards) = boards else { return EXAMPLE.to_owned() };
+    let has_few = boards < 5;
+    let is_left_out =
+        |part: &&str| part.contains("name = \"beacon-1\"") || has_few && part.contains("name = \"anchor-4\"");
+    let parts: Vec<&str> = EXAMPLE.split("\n\n").filter(|part| !is_left_out(part)).collect();
+    let text = parts.join("\n\n").trim_end().to_owned() + "\n";
+    let lines =
+        text.lines().filter(|line| !line.starts_with("scan_")).map(|line| match line.strip_prefix("# height_m") {
+            Some(rest) if has_few => format!("height_m{rest}\n"),
+            _ => format!("{line}\n"),
+        });
+    let anchors = if has_few { "three" } else { "four" };
+    let first = "# A site: four anchors in the corners of a room, a tag, a beacon.";
+    lines.collect::<String>().replace(first, &format!("# A site: {anchors} anchors in the corners of a room, a tag."))
+}
+
 /// The key of the copy of a site's names and positions that a recording has. A site's file has no such key.
 const COPY: &str = "known";
 

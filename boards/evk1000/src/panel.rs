@@ -35,6 +35,8 @@ const TAG: Tag = Tag {
     report_ranges: true,
     solver: Solver::Track,
     scheme: None,
+    height_sigma_m: None,
+    area: None,
 };
 
 impl Switches {

@@ -149,7 +149,7 @@ fn track(space: Space, anchors: &Path, mode: MeasurementMode, measured: &Path) -
     let anchor_heights = space != Space::Plane(Height::Unknown);
     let files = Files { anchors, measured, mode, truth: None, anchor_heights, truth_heights: false };
     let recordings = Recording::read(&files)?;
-    let setup = Setup { space, area_m: None };
+    let setup = Setup::of(space);
     let progress = Progress::new(recordings.iter().map(|recording| recording.epochs.len()).sum());
     let mut rows = Vec::new();
     for recording in &recordings {

@@ -9,7 +9,7 @@ use analysis::locate::time_offset::{Clocks, REACH_S, clocks};
 use anyhow::Result;
 use clap::ValueEnum;
 use node_link::provision::SiteNames;
-use recording::folder::RecordingSettings;
+use recording::folder::{MOST_HEIGHT_SIGMA_M, RecordingSettings};
 use recording::{Files, Half, Height, MeasurementMode, Recording, Solved, Space, Truth, Truths, UserError};
 use recording::{Joined, SingleRanges, drop_repeats, round_s, rounds};
 
@@ -62,6 +62,10 @@ pub struct RecordingArgs {
     /// The tag's height, metres: ranges are flattened to the plane (--dims 2)
     #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = finite, conflicts_with = "height_from_truth")]
     height_m: Option<f64>,
+    /// The height is known to ± this, metres (standard deviation): it is then estimated, too [default: as recording.toml
+    /// says, else exact]
+    #[arg(long, value_name = "SIGMA", value_parser = deviation, conflicts_with = "height_from_truth")]
+    height_sigma_m: Option<f64>,
     /// Take the tag's height of each epoch from the truth (--dims 2)
     #[arg(long)]
     height_from_truth: bool,
@@ -137,6 +141,16 @@ impl CornersM {
     }
 }
 
+/// Parses a standard deviation of a height.
+fn deviation(text: &str) -> Result<f64, String> {
+    let metres = finite(text)?;
+    if (0.0..=MOST_HEIGHT_SIGMA_M).contains(&metres) {
+        Ok(metres)
+    } else {
+        Err(format!("it must be from 0 to {MOST_HEIGHT_SIGMA_M}: beyond, use --dims 3"))
+    }
+}
+
 /// Parses a duration.
 fn seconds(text: &str) -> Result<f64, String> {
     let seconds = finite(text)?;
@@ -167,6 +181,22 @@ impl RecordingArgs {
         }
     }
 
+    /// The space, and what the flags or else the folder's settings know of the tag's place.
+    fn setup(&self, settings: &RecordingSettings) -> Result<Setup, UserError> {
+        let space = self.space(settings)?;
+        // A deviation belongs to its height.
+        let of_folder = settings.height_sigma_m.filter(|_| self.height_m.is_none());
+        let height_sigma_m = match space {
+            Space::Plane(Height::Fixed(_)) => self.height_sigma_m.or(of_folder).unwrap_or(0.0),
+            Space::Plane(_) | Space::Full(_) if self.height_sigma_m.is_some() => {
+                return Err(UserError::flag("--height-sigma-m", "only with --dims 2 --height-m Z"));
+            }
+            Space::Plane(_) | Space::Full(_) => 0.0,
+        };
+        let area_m = self.area.map(|CornersM(corners)| corners).or(settings.area_m);
+        Ok(Setup { space, height_sigma_m, area_m })
+    }
+
     /// The files that the flags name, or else those of the folder.
     fn sources(&self) -> Result<Sources, UserError> {
         let folder = FolderFiles::open(self.folder.as_deref())?;
@@ -195,7 +225,7 @@ impl RecordingArgs {
     /// Flags cannot be combined, an output cannot be written, or a file is wrong; the error names the first wrong line.
     pub fn read(&self, singles: SingleRanges) -> Result<Input<'_>, UserError> {
         let sources = self.sources()?;
-        let setup = Setup { space: self.space(&sources.settings)?, area_m: self.area.map(|CornersM(corners)| corners) };
+        let setup = self.setup(&sources.settings)?;
         let output = self.output.check()?;
         let recordings = Recording::read(&Files {
             anchors: &sources.anchors,

@@ -218,11 +218,18 @@ fn settings(scenario: &Scenario) -> RecordingSettings {
     let mode =
         if scenario.networks.iter().all(listens) { MeasurementMode::Differences } else { MeasurementMode::Ranges };
     // Half a millimetre is finer than any height.
-    let height_m = scenario.height_m().map(|height_m| (f64::from(height_m) * 2000.0).round() / 2000.0);
+    let metres = |metres: f32| (f64::from(metres) * 2000.0).round() / 2000.0;
+    let height_m = scenario.height_m().map(metres);
     let is_in_space = scenario.tags.iter().all(|tag| tag.settings.record.height_m.is_none());
     // Where tags differ, the reader has to say it.
     let dims = if is_in_space { Some(3) } else { height_m.map(|_| 2) };
-    RecordingSettings { dims, height_m, mode: Some(mode) }
+    let mut sigmas = scenario.tags.iter().map(|tag| tag.settings.record.height_sigma_m);
+    let sigma = sigmas.next().flatten().filter(|first| sigmas.all(|other| other == Some(*first)));
+    let height_sigma_m = sigma.filter(|_| height_m.is_some()).map(metres);
+    // All tags of a site have its area.
+    let area = scenario.tags.first().and_then(|tag| tag.settings.record.area);
+    let area_m = area.map(|config::TagArea { x_m, y_m, .. }| [0, 1].map(|at| [metres(x_m[at]), metres(y_m[at])]));
+    RecordingSettings { dims, height_m, height_sigma_m, area_m, mode: Some(mode) }
 }
 
 /// The columns of a position.

@@ -3,6 +3,7 @@
 use heapless::Vec;
 
 use super::settings::{Dimensions, Settings};
+use crate::fix::at_uncertain_height;
 use crate::geometry::mirror_of;
 use crate::measurement::{BeaconPosition, Range, Tdoa, probability};
 use crate::track::{Blocked, TdoaSample, hyperbolic};
@@ -163,7 +164,9 @@ impl<T: Real> Round<T> {
     pub(super) fn solve(&self, settings: &Settings<T>) -> Result<Fix<T, 3>, SolveError> {
         if !self.ranges.is_empty() {
             return match settings.dimensions {
-                Dimensions::Plane { height } => self.solve_plane(settings, height),
+                Dimensions::Plane { height } => {
+                    at_uncertain_height(height, settings.height_sigma, |height| self.solve_plane(settings, height))
+                }
                 Dimensions::Space { side } => self.solve_space(settings, side),
             };
         }

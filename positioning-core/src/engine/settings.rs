@@ -1,6 +1,7 @@
 //! The settings of the engine.
 
 use crate::linear::b_wls_in_parts;
+use crate::link_error::Gaussian;
 use crate::measurement::{Tdoa, probability};
 use crate::track::{Blocked, FilterSettings, Motion, Noise};
 use crate::{Area, Method, Real, Side, Solver};
@@ -100,6 +101,9 @@ pub struct Settings<T> {
     pub mode: Mode,
     /// The unknowns of the position.
     pub dimensions: Dimensions<T>,
+    /// Standard deviation of the height of a tag in the plane, metres. With 0 the height is exact; else it is estimated
+    /// as well, with this prior.
+    pub height_sigma: T,
     /// How a round is solved: the first one of a track, and in [`Mode::Solve`] each one.
     pub solvers: Solvers<T>,
     /// The area where a solved position can be.
@@ -125,6 +129,7 @@ impl<T: Real> Settings<T> {
         Self {
             mode: Mode::Track,
             dimensions,
+            height_sigma: T::ZERO,
             solvers: Solvers::robust(),
             area: None,
             filter: FilterSettings {
@@ -158,6 +163,11 @@ impl<T: Real> Settings<T> {
         let (noise, gate) = (Noise::white(), T::of(1.0e6));
         let filter = FilterSettings { motion, blocked, iterations, noise, gate, ..tracking.filter };
         Self { filter, supervised: false, ..tracking }
+    }
+
+    /// The height of a tag in the plane.
+    pub(crate) fn height(&self) -> Option<Gaussian<T>> {
+        self.dimensions.height().map(|mean| Gaussian { mean, variance: self.height_sigma.squared() })
     }
 
     /// Whether a measurement whose link is without line of sight with this probability is used, and not ignored.

@@ -13,13 +13,15 @@
 //! | 1280 | 400 | [`MODEL_AT`]: a tag's trained classifier of line of sight, with its own checksum, or erased |
 //!
 //! Version 2 is version 1 with [`Appended`] after the record's fields, and zeros for a reply delay that is not pinned.
+//! Version 3 is version 2 with [`Limits`] after that. A record without limits is written in version 2, which older images
+//! read.
 //! Numbers are little-endian. The rest of the page is erased, 0xFF. The header stays the same in all versions, so that
 //! a reader can recognise an unknown version.
 
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use serde::{Deserialize, Serialize};
 
-use crate::config::{Invalid, Record, Region, ReplyDelay, Role, Scheme, Solver, VERSION};
+use crate::config::{Invalid, Record, Region, ReplyDelay, Role, Scheme, Solver, TagArea, VERSION};
 
 /// Room for a config record in its page, bytes; the rest of the page is left erased.
 pub const MAX_BYTES: usize = 1280;
@@ -57,6 +59,29 @@ impl Appended {
     }
 }
 
+/// The fields that version 3 has after those of version 2: what is known of a tag's place.
+#[derive(Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+struct Limits {
+    height_sigma_m: Option<f32>,
+    area: Option<TagArea>,
+}
+
+impl Limits {
+    fn of(record: &Record) -> Self {
+        match &record.role {
+            Role::Tag(tag) => Self { height_sigma_m: tag.height_sigma_m, area: tag.area },
+            Role::Anchor { position_m: _ } | Role::Advertiser(_) => Self::default(),
+        }
+    }
+
+    fn put_into(self, record: &mut Record) {
+        match &mut record.role {
+            Role::Tag(tag) => (tag.height_sigma_m, tag.area) = (self.height_sigma_m, self.area),
+            Role::Anchor { position_m: _ } | Role::Advertiser(_) => (),
+        }
+    }
+}
+
 /// The first bytes of a page: they identify its format.
 pub(crate) type Letters = [u8; 4];
 
@@ -70,7 +95,7 @@ const CRC: Crc<u32, Table<0>> = Crc::<u32, Table<0>>::new(&CRC_32_ISO_HDLC);
 pub enum LoadError {
     /// There is none: the flash is erased.
     Missing,
-    /// It is whole, but of this version, which is neither 1 nor [`VERSION`].
+    /// It is whole, but of this version, which is not one from 1 to [`VERSION`].
     Version(u8),
     /// Its checksum is wrong, it is cut short, or it is something else.
     Corrupt,
@@ -114,12 +139,18 @@ impl Header {
 pub fn encode<'a>(record: &Record, sequence: u32, page: &'a mut [u8; MAX_BYTES]) -> &'a [u8] {
     page.fill(0xFF);
     let (_, body) = page.split_at_mut(HEADER_BYTES);
-    let length = match postcard::to_slice(&(record, Appended::of(record)), body) {
+    let limits = Limits::of(record);
+    let (version, written) = if limits == Limits::default() {
+        (VERSION - 1, postcard::to_slice(&(record, Appended::of(record)), body))
+    } else {
+        (VERSION, postcard::to_slice(&(record, Appended::of(record), limits), body))
+    };
+    let length = match written {
         Ok(written) => written.len(),
         // MAX_BYTES holds the longest possible record: `the_longest_record_fits`.
         Err(_) => unreachable!(),
     };
-    seal(Framed { letters: LETTERS, version: VERSION, sequence }, length, page)
+    seal(Framed { letters: LETTERS, version, sequence }, length, page)
 }
 
 /// The contents of a header.
@@ -148,7 +179,7 @@ pub(crate) fn seal(framed: Framed, length: usize, page: &mut [u8]) -> &[u8] {
 /// If no record in it is whole, of a known version and valid.
 pub fn decode(page: &[u8]) -> Result<(Record, u32), LoadError> {
     let (header, body) = parse(LETTERS, page)?;
-    if !matches!(header.version, 1 | VERSION) {
+    if !matches!(header.version, 1..=VERSION) {
         return Err(LoadError::Version(header.version));
     }
     let (mut record, mut rest) = postcard::take_from_bytes::<Record>(body).map_err(|_| LoadError::Corrupt)?;
@@ -158,6 +189,11 @@ pub fn decode(page: &[u8]) -> Result<(Record, u32), LoadError> {
     } else {
         let (appended, end) = postcard::take_from_bytes::<Appended>(rest).map_err(|_| LoadError::Corrupt)?;
         appended.put_into(&mut record);
+        rest = end;
+    }
+    if header.version == VERSION {
+        let (limits, end) = postcard::take_from_bytes::<Limits>(rest).map_err(|_| LoadError::Corrupt)?;
+        limits.put_into(&mut record);
         rest = end;
     }
     if !rest.is_empty() {

@@ -86,6 +86,24 @@ pub struct Tag {
     /// How it measures its distances in native mode; `None`: the image's default. From version 2 on.
     #[serde(skip)]
     pub scheme: Option<Scheme>,
+    /// Standard deviation of `height_m`, metres; `None`: it is exact. From version 3 on, as the area.
+    #[serde(skip)]
+    pub height_sigma_m: Option<f32>,
+    /// Where the tag can be; `None`: everywhere.
+    #[serde(skip)]
+    pub area: Option<TagArea>,
+}
+
+/// The box in which a tag can be: the outline of a building, floor and ceiling. Least and greatest coordinates, metres.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TagArea {
+    /// Along x.
+    pub x_m: [f32; 2],
+    /// Along y.
+    pub y_m: [f32; 2],
+    /// The height; `None`: any.
+    pub z_m: Option<[f32; 2]>,
 }
 
 /// The solver of a tag's positions.

@@ -5,9 +5,11 @@ use core::fmt;
 use radio::phy::{Channel, DataRate, PhyError, PreambleLength, Prf};
 use radio::{Capabilities, PhyConfig, Unsupported};
 
-use crate::config::{Advertiser, Board, Identity, Mode, Network, Pins, Record, Role, Scan, Solver, Tag};
+use crate::config::{Advertiser, Board, Identity, Mode, Network, Pins, Record, Role, Scan, Solver, Tag, TagArea};
 use crate::uwb::MAX_ROUND;
 
+/// The deviations of a height that is known, metres. Beyond, positions in space are better.
+const HEIGHT_SIGMAS_M: core::ops::RangeInclusive<f32> = 0.01..=3.0;
 /// The greatest distance of anything from the origin, metres.
 const FARTHEST_M: f32 = 100_000.0;
 /// The greatest distance from the origin of an anchor that sends its position on the air, metres: three bytes of
@@ -372,6 +374,11 @@ impl Tag {
             Value::Real(height),
             "finite and within 100 km of the origin",
         )?;
+        if let Some(sigma) = self.height_sigma_m {
+            let holds = self.height_m.is_some() && HEIGHT_SIGMAS_M.contains(&sigma);
+            ensure(holds, "tag.height_sigma_m", Value::Real(sigma), "0.01 to 3, beside height_m")?;
+        }
+        self.area.map_or(Ok(()), |area| area.validate())?;
         for (field, rate) in [("tag.rate_hz", self.rate_chz), ("tag.still_rate_hz", self.still_rate_chz)] {
             rate.map_or(Ok(()), |chz| rates.ensure(chz, field))?;
         }
@@ -383,6 +390,20 @@ impl Tag {
         let few = (1..=MAX_ROUND as u8).contains(&anchors);
         ensure(few, "tag.anchors_per_round", integer(anchors), "1 to 8")?;
         self.scan.map_or(Ok(()), |scan| scan.validate())
+    }
+}
+
+impl TagArea {
+    fn validate(&self) -> Result<(), Invalid> {
+        let Self { x_m, y_m, z_m } = *self;
+        let must = "within 100 km of the origin, the less of two numbers first";
+        for (field, [least, greatest]) in
+            [("area.x_m", x_m), ("area.y_m", y_m), ("area.z_m", z_m.unwrap_or([0.0, 1.0]))]
+        {
+            let holds = least >= -FARTHEST_M && least < greatest && greatest <= FARTHEST_M;
+            ensure(holds, field, Value::Real(least), must)?;
+        }
+        Ok(())
     }
 }
 

@@ -27,6 +27,9 @@ pub fn oddities(site: &Site) -> Vec<String> {
             "no anchor has a position_m, so that tags have no positions: measure where the anchors are".to_owned(),
         );
     }
+    if !placed.is_empty() {
+        warnings.extend(unplaced(site));
+    }
     // A DecaRanging pair measures distances only, and anchors may be nodes of another file.
     let needs_three =
         |(node, _): &(&Node, &Tag)| is_own_mode(node.record.network.mode) && node.record.anchors.is_empty();
@@ -37,7 +40,19 @@ pub fn oddities(site: &Site) -> Vec<String> {
         ));
     }
     let in_space = tags.iter().find(|(_, tag)| tag.height_m.is_none());
-    if let Some((node, _)) = in_space.filter(|_| advice::coplanar(&placed)) {
+    if let Some((node, _)) = in_space.filter(|of| needs_three(of) && anchors == 3) {
+        warnings.push(format!(
+            "there are only 3 anchors, but {} needs the ranges of 4: give it the height at which it is carried, height_m",
+            node.name
+        ));
+    }
+    if advice::on_a_line(&placed) && !tags.iter().all(|(_, tag)| tag.area.is_some()) {
+        warnings.push(
+            "the anchors lie nearly on one line, so that each position has a mirror image on its other side: put an anchor \
+             beside the line, or give the [area] in which tags can be"
+                .to_owned(),
+        );
+    } else if let Some((node, _)) = in_space.filter(|_| advice::coplanar(&placed)) {
         warnings.push(format!(
             "the anchors lie in one plane, so that the height of {} is uncertain: put one anchor higher or lower, or give \
              height_m",
@@ -61,6 +76,19 @@ pub fn oddities(site: &Site) -> Vec<String> {
         }
     }
     warnings
+}
+
+/// A warning about anchors without a position.
+fn unplaced(site: &Site) -> Option<String> {
+    let is_listed = |node: &Node| {
+        let listed = |tag: &Node| tag.record.anchors.iter().any(|of| Some(of.address) == node.record.identity.address);
+        site.nodes.iter().any(listed)
+    };
+    let unplaced = |node: &&Node| matches!(node.record.role, Role::Anchor { position_m: None }) && !is_listed(node);
+    let names: Vec<&str> = site.nodes.iter().filter(unplaced).map(|node| node.name.as_str()).collect();
+    let [first, ..] = names[..] else { return None };
+    let names = names.join(", ");
+    Some(format!("no position_m of {names}: tags do not use ranges to an anchor without one, measure where {first} is"))
 }
 
 fn is_own_mode(mode: Mode) -> bool {

@@ -47,6 +47,13 @@ pub trait Desk {
     fn wait(&mut self) -> bool;
 }
 
+/// Which boards are waited for.
+pub fn waits_for(jobs: &[Job<'_>], written: &Written) -> String {
+    let left: Vec<_> = jobs.iter().filter(|job| !written.has(job)).collect();
+    let names: Vec<_> = left.iter().map(|job| format!("{} ({})", job.name, job.board.name())).collect();
+    format!("{} of {} boards are waited for, one at a time: {}", left.len(), jobs.len(), names.join(", "))
+}
+
 /// Writes all jobs that are not written yet, with `write`. Returns the names of those that are left where the person
 /// ends earlier.
 ///
