@@ -120,7 +120,8 @@ impl<T: Real> Engine<T> {
                 return None;
             }
             let limit = self.distinction(&place);
-            return self.decide((kept * lead + mine - other).at_least(-limit).at_most(limit));
+            let lead = (kept * lead + mine - other).at_least(-limit).at_most(limit);
+            return self.decide(lead + self.odds_by_area());
         }
         // No hypothesis explains ranges better than this, so that most rounds need no solver.
         let best = T::count(ranges) * T::of(LOG_WELL_EXPLAINED) + T::of(LOG_ELSEWHERE);
@@ -155,6 +156,12 @@ impl<T: Real> Engine<T> {
         (T::of(0.25) * square / variance).at_most(T::of(GREATEST))
     }
 
+    /// ln of the odds of the track against the rival by the area where the tag can be.
+    fn odds_by_area(&self) -> T {
+        let [mine, other] = [&self.filter, &self.rival.filter].map(|filter| self.settings.outside(&filter.state));
+        (T::of(0.5) * (other - mine)).at_least(T::of(-GREATEST)).at_most(T::of(GREATEST))
+    }
+
     /// Follows the track's mirror image as well, where the track comes from both sides of the line or plane near which
     /// the anchors lie: ranges hardly tell sides, and what the track knew of its side is lost. Returns whether it does.
     #[inline(never)]
@@ -164,7 +171,9 @@ impl<T: Real> Engine<T> {
         let off = dot(&normal, &sub(&self.filter.state.position(), &centre));
         let (square, spread) = (T::of(4.0) * off.squared(), self.filter.state.spread());
         self.rival.astride = square < T::of(SAME * SAME) * spread;
-        let begins = !self.rival.astride && (was_astride || square < T::of(BOTH_SIDES * BOTH_SIDES) * spread);
+        let is_outside = self.settings.outside(&self.filter.state) > T::of(SAME * SAME);
+        let is_near = was_astride || is_outside || square < T::of(BOTH_SIDES * BOTH_SIDES) * spread;
+        let begins = !self.rival.astride && is_near;
         if begins {
             self.rival.filter.mirror(&self.filter, &centre, &normal);
             self.rival.lead = Some(T::ZERO);

@@ -3,8 +3,12 @@
 use crate::linear::b_wls_in_parts;
 use crate::link_error::Gaussian;
 use crate::measurement::{Tdoa, probability};
+use crate::track::state::State;
 use crate::track::{Blocked, FilterSettings, Motion, Noise};
 use crate::{Area, Method, Real, Side, Solver};
+
+/// The standard deviation of the bounds of an area, metres: outlines of buildings are drawn roughly.
+const BOUND_SIGMA_M: f64 = 0.2;
 
 /// Whether the engine keeps a state between rounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,7 +110,7 @@ pub struct Settings<T> {
     pub height_sigma: T,
     /// How a round is solved: the first one of a track, and in [`Mode::Solve`] each one.
     pub solvers: Solvers<T>,
-    /// The area where a solved position can be.
+    /// The area where the tag can be. Solved positions stay inside; of two hypotheses, the one inside wins.
     pub area: Option<Area<T, 3>>,
     /// The settings of a track's filter.
     pub filter: FilterSettings<T>,
@@ -168,6 +172,16 @@ impl<T: Real> Settings<T> {
     /// The height of a tag in the plane.
     pub(crate) fn height(&self) -> Option<Gaussian<T>> {
         self.dimensions.height().map(|mean| Gaussian { mean, variance: self.height_sigma.squared() })
+    }
+
+    /// How far a track is outside of the area: the squared distance in deviations of the track and of the area's bounds.
+    pub(crate) fn outside(&self, state: &State<T>) -> T {
+        let Some(area) = &self.area else { return T::ZERO };
+        let (position, covariance) = (state.position(), state.position_covariance());
+        (0..3).fold(T::ZERO, |sum, axis| {
+            let beyond = (area.min[axis] - position[axis]).at_least(position[axis] - area.max[axis]).at_least(T::ZERO);
+            sum + beyond.squared() / (covariance[axis][axis] + T::of(BOUND_SIGMA_M * BOUND_SIGMA_M))
+        })
     }
 
     /// Whether a measurement whose link is without line of sight with this probability is used, and not ignored.

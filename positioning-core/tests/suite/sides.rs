@@ -10,12 +10,12 @@ const SEEDS: u64 = 20;
 
 /// What a run shows of a track after its first three seconds.
 #[derive(Debug, Default)]
-struct Score {
-    positions: u32,
+pub struct Score {
+    pub positions: u32,
     /// Errors of more than four deviations of both axes together.
-    beyond_4_sigma: u32,
+    pub beyond_4_sigma: u32,
     /// Errors of more than a metre with a deviation below 0.3 m.
-    confident_and_wrong: u32,
+    pub confident_and_wrong: u32,
     /// The sum of squared errors, m².
     square: f64,
     /// The sum of squared errors over variances.
@@ -23,11 +23,11 @@ struct Score {
 }
 
 impl Score {
-    fn rmse(&self) -> f64 {
+    pub fn rmse(&self) -> f64 {
         (self.square / f64::from(self.positions)).sqrt()
     }
 
-    fn nees(&self) -> f64 {
+    pub fn nees(&self) -> f64 {
         self.nees / f64::from(self.positions)
     }
 }
@@ -53,6 +53,18 @@ fn walk(corners: &[[f64; 2]], t_s: f64) -> [f64; 3] {
 fn run(
     anchors: &[[f64; 3]],
     corners: &[[f64; 2]],
+    rate: (u64, u64),
+    seed: u64,
+    is_on: impl Fn(usize, f64) -> bool,
+) -> Score {
+    run_as(Settings::track(PLANE), anchors, corners, rate, seed, is_on)
+}
+
+/// The same with these settings.
+pub fn run_as(
+    settings: Settings<f32>,
+    anchors: &[[f64; 3]],
+    corners: &[[f64; 2]],
     (rate_hz, seconds): (u64, u64),
     seed: u64,
     is_on: impl Fn(usize, f64) -> bool,
@@ -61,7 +73,7 @@ fn run(
     let surveyed: Vec<[f64; 3]> = anchors.iter().map(|place| place.map(|c| c + 0.03 * normal(&mut rng))).collect();
     let errors: Vec<Vec<f64>> =
         (0..=seconds).map(|_| anchors.iter().map(|_| 0.08 * normal(&mut rng)).collect()).collect();
-    let mut engine = Engine::new(Settings::track(PLANE));
+    let mut engine = Engine::new(settings);
     let mut score = Score::default();
     for k in 0..rate_hz * seconds {
         let t_s = k as f64 / rate_hz as f64;
@@ -110,7 +122,7 @@ fn range(
 
 const ROOM: [[f64; 3]; 6] =
     [[0.2, 0.2, 2.6], [11.8, 0.2, 1.8], [11.8, 7.8, 2.6], [0.2, 7.8, 1.8], [6.0, 0.2, 2.4], [6.0, 7.8, 2.4]];
-const WALL: [[f64; 3]; 4] = [[0.5, 0.2, 2.05], [4.2, 0.2, 1.9], [7.8, 0.2, 1.98], [11.5, 0.2, 2.33]];
+pub const WALL: [[f64; 3]; 4] = [[0.5, 0.2, 2.05], [4.2, 0.2, 1.9], [7.8, 0.2, 1.98], [11.5, 0.2, 2.33]];
 
 #[test]
 fn a_track_along_a_wall_of_anchors_says_that_it_does_not_know_its_side() {
