@@ -18,6 +18,7 @@ pub fn oddities(site: &Site) -> Vec<String> {
     let anchors = site.nodes.iter().filter(|node| matches!(node.record.role, Role::Anchor { .. })).count();
     let placed: Vec<Anchor> = site.nodes.iter().filter_map(anchor).collect();
     let mut warnings: Vec<String> = site.nodes.iter().filter_map(far).collect();
+    let are_near = warnings.is_empty();
     warnings.extend(advice::one_place(placed.iter().map(|anchor| {
         let Coordinates { x_m, y_m, z_m } = anchor.place;
         (anchor.name.as_str(), [x_m, y_m, z_m.unwrap_or(0.0)])
@@ -40,13 +41,13 @@ pub fn oddities(site: &Site) -> Vec<String> {
         ));
     }
     let in_space = tags.iter().find(|(_, tag)| tag.height_m.is_none());
-    if let Some((node, _)) = in_space.filter(|of| needs_three(of) && anchors == 3) {
+    if let Some((node, _)) = in_space.filter(|of| needs_three(of) && anchors == 3 && !placed.is_empty()) {
         warnings.push(format!(
             "there are only 3 anchors, but {} needs the ranges of 4: give it the height at which it is carried, height_m",
             node.name
         ));
     }
-    if advice::on_a_line(&placed) && !tags.iter().all(|(_, tag)| tag.area.is_some()) {
+    if are_near && advice::on_a_line(&placed) && !tags.iter().all(|(_, tag)| tag.area.is_some()) {
         warnings.push(
             "the anchors lie nearly on one line, so that each position has a mirror image on its other side: put an anchor \
              beside the line, or give the [area] in which tags can be"

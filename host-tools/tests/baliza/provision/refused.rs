@@ -143,7 +143,7 @@ fn tags_and_beacons_are_refused_with_their_lines() {
         ),
         ("[network]", "[area]\nx_m = [0, 6, 0, 4]\ny_m = [0, 4]\n[network]", ":3: x_m is [0, 6, 0, 4]: it must be two"),
         ("[[node]]\nname = \"tag\"", "[node]\nname = \"tag\"", ":28: there may be several of [node]: put it in two"),
-        ("0.1, -0.7, 1e3", "0,1, -0,7, 1e3", ":60: position_m is [0,1, -0,7, 1e3]: it must be three numbers"),
+        ("0.1, -0.7, 1e3", "0,1, -0,7, 1e3", ":61: position_m is [0,1, -0,7, 1e3]: it must be three numbers"),
         ("scan_window_ms = 30", "scan_window_ms = 101", ":41: scan_window_ms is 101: it must be 3 to the interval"),
         ("scan_interval_ms = 100\n", "", ":28: scan_window_ms without scan_interval_ms"),
         ("channels = [37, 39]", "channels = [36]", ":55: channels has 36: it must be a list of 37, 38, 39"),
