@@ -22,8 +22,6 @@ const VAGUE: f64 = 0.02;
 /// A change of a link's prior that changes its error's variance, or its mean in deviations, by less than this part is
 /// left out.
 const WORTH: f64 = 0.03;
-/// The time after which two thirds of the error of a tag's assumed height have changed, seconds: people sit down.
-const HEIGHT_S: f64 = 10.0;
 /// The number of gates for single numbers: a height, and the rest for new kinds.
 const OWN_GATES: usize = 4;
 
@@ -94,7 +92,7 @@ pub(crate) struct Filter<T> {
     reference: Option<(u16, u64)>,
     own_gates: [Gate<T>; OWN_GATES],
     /// The height of a tag in the plane: its prior, whose variance is 0 where the height is exact.
-    height: Option<Gaussian<T>>,
+    pub(super) height: Option<Gaussian<T>>,
     /// ln of the likelihood of the ranges since this was last taken.
     pub(crate) log_evidence: T,
 }
@@ -168,9 +166,7 @@ impl<T: Real> Filter<T> {
         let dt = seconds(now_us.saturating_sub(self.now_us));
         if dt > T::ZERO {
             settings.motion.advance(&mut self.state, dt, self.surprise, self.height.is_some());
-            if let Some(height) = self.height.filter(|height| height.variance > T::ZERO) {
-                self.state.renew(POSITION + 2, fading(dt * T::of(1.0 / HEIGHT_S)), height);
-            }
+            self.advance_height(dt);
             self.now_us = now_us;
         }
     }
@@ -433,14 +429,6 @@ impl<T: Real> Filter<T> {
             }
         };
         self.take(model, &innovation, white, decision, link, settings)
-    }
-
-    /// Changes the assumed height. What ranges have shown of its error stays.
-    pub(crate) fn set_height(&mut self, height: T) {
-        if let Some(known) = &mut self.height {
-            let z = &mut self.state.mean[POSITION + 2];
-            *z = height + (*z - core::mem::replace(&mut known.mean, height));
-        }
     }
 
     /// Takes a measurement into the state.
