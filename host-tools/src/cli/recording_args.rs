@@ -64,7 +64,7 @@ pub struct RecordingArgs {
     height_m: Option<f64>,
     /// The height is known to ± this, metres (standard deviation): it is then estimated, too [default: as recording.toml
     /// says, else exact]
-    #[arg(long, value_name = "SIGMA", value_parser = deviation, conflicts_with = "height_from_truth")]
+    #[arg(long, value_name = "SIGMA", allow_negative_numbers = true, value_parser = deviation, conflicts_with = "height_from_truth")]
     height_sigma_m: Option<f64>,
     /// Take the tag's height of each epoch from the truth (--dims 2)
     #[arg(long)]
@@ -73,7 +73,7 @@ pub struct RecordingArgs {
     /// uncertainty that reaches to the mirror image]
     #[arg(long, value_name = "SIDE")]
     side: Option<Side>,
-    /// Where the tag can be at all, metres; the iterated methods stay inside
+    /// Where the tag can be at all, metres: the iterated methods stay inside, and a track on this side of a line of anchors
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
     area: Option<CornersM>,
     #[command(flatten)]

@@ -47,13 +47,14 @@ pub fn oddities(site: &Site) -> Vec<String> {
             node.name
         ));
     }
-    if are_near && advice::on_a_line(&placed) && !tags.iter().all(|(_, tag)| tag.area.is_some()) {
+    let is_on_a_line = are_near && advice::on_a_line(&placed);
+    if is_on_a_line && !tags.iter().all(|(_, tag)| tag.area.is_some()) {
         warnings.push(
             "the anchors lie nearly on one line, so that each position has a mirror image on its other side: put an anchor \
              beside the line, or give the [area] in which tags can be"
                 .to_owned(),
         );
-    } else if let Some((node, _)) = in_space.filter(|_| advice::coplanar(&placed)) {
+    } else if let Some((node, _)) = in_space.filter(|_| !is_on_a_line && advice::coplanar(&placed)) {
         warnings.push(format!(
             "the anchors lie in one plane, so that the height of {} is uncertain: put one anchor higher or lower, or give \
              height_m",
