@@ -12,7 +12,7 @@ use crate::{Height, Space, UserError};
 pub const SETTINGS: &str = "recording.toml";
 
 /// A height that is less certain is none, metres.
-pub const MOST_HEIGHT_SIGMA_M: f64 = 3.0;
+pub const MOST_HEIGHT_SIGMA_M: f64 = 1.0;
 
 /// What the tables of a recording do not say. Commands that read the folder use it where no flag says otherwise.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]

@@ -39,7 +39,7 @@ fn a_deviation_belongs_to_a_height() {
         ("--dims 3 --height-sigma-m 0.3", "--height-sigma-m: only with --dims 2 --height-m Z"),
         (
             "--height-sigma-m 4",
-            "invalid value '4' for '--height-sigma-m <SIGMA>': it must be from 0 to 3: beyond, use --dims 3",
+            "invalid value '4' for '--height-sigma-m <SIGMA>': it must be from 0 to 1: beyond, use --dims 3",
         ),
         ("--height-m 1 --height-sigma-m -1", "invalid value '-1' for '--height-sigma-m <SIGMA>'"),
         ("--height-from-truth --height-sigma-m 0.3", "--height-from-truth"),
@@ -52,6 +52,6 @@ fn a_deviation_belongs_to_a_height() {
     let run = folder.run("track room");
     assert_eq!(
         (run.code, run.stderr.as_str()),
-        (Some(2), "room/recording.toml: height_sigma_m is -1; it must be 0 to 3\n")
+        (Some(2), "room/recording.toml: height_sigma_m is -1; it must be 0 to 1\n")
     );
 }

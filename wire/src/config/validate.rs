@@ -9,7 +9,7 @@ use crate::config::{Advertiser, Board, Identity, Mode, Network, Pins, Record, Ro
 use crate::uwb::MAX_ROUND;
 
 /// The deviations of a height that is known, metres. Beyond, positions in space are better.
-const HEIGHT_SIGMAS_M: core::ops::RangeInclusive<f32> = 0.01..=3.0;
+const HEIGHT_SIGMAS_M: core::ops::RangeInclusive<f32> = 0.01..=1.0;
 /// The greatest distance of anything from the origin, metres.
 const FARTHEST_M: f32 = 100_000.0;
 /// The greatest distance from the origin of an anchor that sends its position on the air, metres: three bytes of
@@ -376,7 +376,7 @@ impl Tag {
         )?;
         if let Some(sigma) = self.height_sigma_m {
             let holds = self.height_m.is_some() && HEIGHT_SIGMAS_M.contains(&sigma);
-            ensure(holds, "tag.height_sigma_m", Value::Real(sigma), "0.01 to 3, beside height_m")?;
+            ensure(holds, "tag.height_sigma_m", Value::Real(sigma), "0.01 to 1, beside height_m")?;
         }
         self.area.map_or(Ok(()), |area| area.validate())?;
         for (field, rate) in [("tag.rate_hz", self.rate_chz), ("tag.still_rate_hz", self.still_rate_chz)] {

@@ -133,9 +133,9 @@ fn tags_and_beacons_are_refused_with_their_lines() {
         (
             "height_m = 1.2",
             "height_m = 1.2\nheight_sigma_m = 3.5",
-            ":34: height_sigma_m is 3.5: it must be 0.01 to 3, beside height_m",
+            ":34: height_sigma_m is 3.5: it must be 0.01 to 1, beside height_m",
         ),
-        ("height_m = 1.2", "height_sigma_m = 0.3", ":33: height_sigma_m is 0.3: it must be 0.01 to 3, beside height_m"),
+        ("height_m = 1.2", "height_sigma_m = 0.3", ":33: height_sigma_m is 0.3: it must be 0.01 to 1, beside height_m"),
         (
             "[network]",
             "[area]\nx_m = [6, 0]\ny_m = [0, 4]\n[network]",
