@@ -60,10 +60,7 @@ impl<'a> LocatorConfig<'a> {
 
     /// The same, with what a tag's record knows of its place.
     pub fn within(self, tag: &wire::config::Tag) -> Self {
-        let area = tag.area.map(|wire::config::TagArea { x_m, y_m, z_m }| {
-            let bounds = [x_m, y_m, z_m.unwrap_or([f32::NEG_INFINITY, f32::INFINITY])];
-            Area { min: bounds.map(|[least, _]| least), max: bounds.map(|[_, greatest]| greatest) }
-        });
+        let area = tag.area.map(|area| Area { min: area.least_m, max: area.greatest_m });
         let height_sigma = tag.height_sigma_m.unwrap_or(0.0);
         let engine = engine::Settings { area, height_sigma, ..self.settings.engine };
         Self { settings: Settings { engine, ..self.settings }, ..self }

@@ -66,6 +66,12 @@ impl<T: Real, const D: usize> Fix<T, D> {
         (0..D).fold(T::ZERO, |sum, axis| sum + self.covariance[axis][axis])
     }
 
+    /// Adds half of the square of the way to another position to the covariance.
+    #[inline(never)]
+    fn widen_to(&mut self, position: &[T; D]) {
+        add_outer_full(&mut self.covariance, T::of(0.5), &sub(position, &self.position));
+    }
+
     /// The likelier of two places, with the covariance about it, and the other place with its share. Where there is
     /// only one, it is the fix itself.
     pub(crate) fn places(&self) -> (Self, Option<(Self, T)>) {
@@ -87,12 +93,12 @@ pub fn at_uncertain_height<T: Real, E, const D: usize>(
     mut solve_at: impl FnMut(T) -> Result<Fix<T, D>, E>,
 ) -> Result<Fix<T, D>, E> {
     let mut fix = solve_at(height)?;
-    if sigma > T::ZERO {
-        for other in [height - sigma, height + sigma] {
-            if let Ok(other) = solve_at(other) {
-                add_outer_full(&mut fix.covariance, T::of(0.5), &sub(&other.position, &fix.position));
-            }
+    let mut error = if sigma > T::ZERO { -sigma } else { T::ZERO };
+    while error != T::ZERO {
+        if let Ok(other) = solve_at(height + error) {
+            fix.widen_to(&other.position);
         }
+        error = if error < T::ZERO { sigma } else { T::ZERO };
     }
     Ok(fix)
 }

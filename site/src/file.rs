@@ -285,10 +285,10 @@ impl Site {
 
 impl AreaTable {
     fn area(self, lines: Option<&KeyLines>) -> Result<TagArea, SiteError> {
-        let Self { x_m: Exactly(x_m), y_m: Exactly(y_m), z_m } = self;
-        let z_m = z_m.map(|Exactly(z_m)| z_m);
-        for (key, [least, greatest]) in [("x_m", x_m), ("y_m", y_m), ("z_m", z_m.unwrap_or([0.0, 1.0]))] {
-            let is_sane = |metres: f32| metres.abs() <= FARTHEST_M;
+        let z_m = self.z_m.unwrap_or(Exactly([f32::NEG_INFINITY, f32::INFINITY]));
+        let bounds = [("x_m", self.x_m), ("y_m", self.y_m), ("z_m", z_m)].map(|(key, Exactly(bounds))| (key, bounds));
+        for (key, [least, greatest]) in bounds {
+            let is_sane = |metres: f32| metres.abs() <= FARTHEST_M || key == "z_m" && self.z_m.is_none();
             if !(least < greatest && is_sane(least) && is_sane(greatest)) {
                 let what = format!(
                     "{key} is [{least}, {greatest}]: it must be the least and the greatest {key}, within 8388 m"
@@ -296,7 +296,8 @@ impl AreaTable {
                 return Err(SiteError::at(lines.map_or(1, |lines| lines.of(key)), what));
             }
         }
-        Ok(TagArea { x_m, y_m, z_m })
+        let [least_m, greatest_m] = [0, 1].map(|end| bounds.map(|(_, bounds)| bounds[end]));
+        Ok(TagArea { least_m, greatest_m })
     }
 }
 

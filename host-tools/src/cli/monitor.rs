@@ -201,8 +201,8 @@ fn images(given: Option<&Path>) -> Option<ImageFiles> {
         Some(folder) if folder.is_dir() => Some(ImageFiles::Folders(vec![folder.to_owned()])),
         Some(file) => Some(ImageFiles::File(file.to_owned())),
         None => {
-            let folders: Vec<_> = firmware_folders().into_iter().filter(|folder| folder.is_dir()).collect();
-            (!folders.is_empty()).then_some(ImageFiles::Folders(folders))
+            let images = ImageFiles::Folders(firmware_folders());
+            (!images.files().is_empty()).then_some(images)
         }
     }
 }

@@ -228,7 +228,7 @@ fn settings(scenario: &Scenario) -> RecordingSettings {
     let height_sigma_m = sigma.filter(|_| height_m.is_some()).map(metres);
     // All tags of a site have its area.
     let area = scenario.tags.first().and_then(|tag| tag.settings.record.area);
-    let area_m = area.map(|config::TagArea { x_m, y_m, .. }| [0, 1].map(|at| [metres(x_m[at]), metres(y_m[at])]));
+    let area_m = area.map(|area| [area.least_m, area.greatest_m].map(|[x_m, y_m, _]| [metres(x_m), metres(y_m)]));
     RecordingSettings { dims, height_m, height_sigma_m, area_m, mode: Some(mode) }
 }
 

@@ -164,9 +164,7 @@ impl<T: Real> Round<T> {
     pub(super) fn solve(&self, settings: &Settings<T>) -> Result<Fix<T, 3>, SolveError> {
         if !self.ranges.is_empty() {
             return match settings.dimensions {
-                Dimensions::Plane { height } => {
-                    at_uncertain_height(height, settings.height_sigma, |height| self.solve_plane(settings, height))
-                }
+                Dimensions::Plane { height } => self.solve_plane(settings, height),
                 Dimensions::Space { side } => self.solve_space(settings, side),
             };
         }
@@ -217,11 +215,12 @@ impl<T: Real> Round<T> {
     #[inline(never)]
     fn solve_plane(&self, settings: &Settings<T>, height: T) -> Result<Fix<T, 3>, SolveError> {
         let area = settings.area.map(|area| Area { min: [area.min[0], area.min[1]], max: [area.max[0], area.max[1]] });
-        let fix =
+        let fix = at_uncertain_height(height, settings.height_sigma, |height| {
             self.solve_in(settings, settings.solvers.plane, &Constraints { side: Side::Unknown, area }, |range| {
                 let distance = flatten(range.distance_m, range.position_m[2] - height);
                 RangeSample::new([range.position_m[0], range.position_m[1]], distance)
-            })?;
+            })
+        })?;
         let [x, y] = fix.position;
         let mut covariance = [[T::ZERO; 3]; 3];
         for (row, of) in covariance.iter_mut().zip(&fix.covariance) {

@@ -1,14 +1,15 @@
 //! The settings of the engine.
 
+use crate::linalg::distance_squared;
 use crate::linear::b_wls_in_parts;
 use crate::link_error::Gaussian;
 use crate::measurement::{Tdoa, probability};
 use crate::track::state::State;
 use crate::track::{Blocked, FilterSettings, Motion, Noise};
-use crate::{Area, Method, Real, Side, Solver};
+use crate::{Area, Constraints, Method, Real, Side, Solver};
 
-/// The standard deviation of the bounds of an area, metres: outlines of buildings are drawn roughly.
-const BOUND_SIGMA_M: f64 = 0.2;
+/// The standard deviation of an area's outline, metres: outlines of buildings are drawn roughly.
+const OUTLINE_SIGMA_M: f64 = 0.2;
 
 /// Whether the engine keeps a state between rounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -174,14 +175,12 @@ impl<T: Real> Settings<T> {
         self.dimensions.height().map(|mean| Gaussian { mean, variance: self.height_sigma.squared() })
     }
 
-    /// How far a track is outside of the area: the squared distance in deviations of the track and of the area's bounds.
+    /// How far a track is outside of the area: the squared distance over the variances of the track and of the outline.
+    #[inline(never)]
     pub(crate) fn outside(&self, state: &State<T>) -> T {
-        let Some(area) = &self.area else { return T::ZERO };
-        let (position, covariance) = (state.position(), state.position_covariance());
-        (0..3).fold(T::ZERO, |sum, axis| {
-            let beyond = (area.min[axis] - position[axis]).at_least(position[axis] - area.max[axis]).at_least(T::ZERO);
-            sum + beyond.squared() / (covariance[axis][axis] + T::of(BOUND_SIGMA_M * BOUND_SIGMA_M))
-        })
+        let position = state.position();
+        let nearest = Constraints { side: Side::Unknown, area: self.area }.inside(position);
+        distance_squared(&position, &nearest) / (state.spread() + T::of(OUTLINE_SIGMA_M * OUTLINE_SIGMA_M))
     }
 
     /// Whether a measurement whose link is without line of sight with this probability is used, and not ignored.

@@ -94,16 +94,21 @@ pub struct Tag {
     pub area: Option<TagArea>,
 }
 
-/// The box in which a tag can be: the outline of a building, floor and ceiling. Least and greatest coordinates, metres.
+/// The box in which a tag can be: the outline of a building, floor and ceiling. Infinite coordinates are not known.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TagArea {
-    /// Along x.
-    pub x_m: [f32; 2],
-    /// Along y.
-    pub y_m: [f32; 2],
-    /// The height; `None`: any.
-    pub z_m: Option<[f32; 2]>,
+    /// The least coordinate of each axis, metres.
+    pub least_m: [f32; 3],
+    /// The greatest coordinate of each axis, metres.
+    pub greatest_m: [f32; 3],
+}
+
+impl TagArea {
+    /// The least and the greatest coordinate along x, y and z, metres.
+    pub fn bounds_m(&self) -> [[f32; 2]; 3] {
+        core::array::from_fn(|axis| [self.least_m[axis], self.greatest_m[axis]])
+    }
 }
 
 /// The solver of a tag's positions.

@@ -378,7 +378,10 @@ impl Tag {
             let holds = self.height_m.is_some() && HEIGHT_SIGMAS_M.contains(&sigma);
             ensure(holds, "tag.height_sigma_m", Value::Real(sigma), "0.01 to 1, beside height_m")?;
         }
-        self.area.map_or(Ok(()), |area| area.validate())?;
+        if let Some(TagArea { least_m, greatest_m }) = self.area {
+            let holds = least_m.iter().zip(&greatest_m).all(|(least, greatest)| least < greatest);
+            ensure(holds, "tag.area", Value::Real(least_m[0]), "of least coordinates below the greatest ones")?;
+        }
         for (field, rate) in [("tag.rate_hz", self.rate_chz), ("tag.still_rate_hz", self.still_rate_chz)] {
             rate.map_or(Ok(()), |chz| rates.ensure(chz, field))?;
         }
@@ -390,20 +393,6 @@ impl Tag {
         let few = (1..=MAX_ROUND as u8).contains(&anchors);
         ensure(few, "tag.anchors_per_round", integer(anchors), "1 to 8")?;
         self.scan.map_or(Ok(()), |scan| scan.validate())
-    }
-}
-
-impl TagArea {
-    fn validate(&self) -> Result<(), Invalid> {
-        let Self { x_m, y_m, z_m } = *self;
-        let must = "within 100 km of the origin, the less of two numbers first";
-        for (field, [least, greatest]) in
-            [("area.x_m", x_m), ("area.y_m", y_m), ("area.z_m", z_m.unwrap_or([0.0, 1.0]))]
-        {
-            let holds = least >= -FARTHEST_M && least < greatest && greatest <= FARTHEST_M;
-            ensure(holds, field, Value::Real(least), must)?;
-        }
-        Ok(())
     }
 }
 

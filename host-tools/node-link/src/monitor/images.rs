@@ -38,7 +38,8 @@ impl ImageFiles {
             }
             (Self::File(file), []) => format!("the ELF file {} cannot be read now", file.display()),
             (Self::Folders(folders), others) => {
-                let folders: Vec<_> = folders.iter().map(|folder| folder.display().to_string()).collect();
+                let folders = folders.iter().filter(|folder| folder.is_dir());
+                let folders: Vec<_> = folders.map(|folder| folder.display().to_string()).collect();
                 let there: Vec<_> =
                     others.iter().map(|(file, build)| format!("{} {}", name(file), is(*build))).collect();
                 let there = if there.is_empty() { "no ELF file".to_owned() } else { there.join(", ") };
@@ -58,7 +59,8 @@ impl ImageFiles {
         }
     }
 
-    fn files(&self) -> Vec<PathBuf> {
+    /// The files that there are now.
+    pub fn files(&self) -> Vec<PathBuf> {
         let folders = match self {
             Self::File(file) => return vec![file.clone()],
             Self::Folders(folders) => folders,

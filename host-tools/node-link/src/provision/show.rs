@@ -187,10 +187,10 @@ impl Text {
         }
     }
 
-    fn area(&mut self, TagArea { x_m, y_m, z_m }: &TagArea) {
+    fn area(&mut self, area: &TagArea) {
         self.0.push_str("\n[area]\n");
-        for (key, bounds) in [("x_m", Some(x_m)), ("y_m", Some(y_m)), ("z_m", z_m.as_ref())] {
-            self.line_if(key, bounds.map(|bounds| format!("{bounds:?}")));
+        for (key, bounds_m) in ["x_m", "y_m", "z_m"].into_iter().zip(area.bounds_m()) {
+            self.line_if(key, bounds_m[0].is_finite().then(|| format!("{bounds_m:?}")));
         }
     }
 

@@ -57,7 +57,7 @@ pub fn tag_within() -> Record {
     let mut record = tag();
     if let Role::Tag(tag) = &mut record.role {
         tag.height_sigma_m = Some(0.3);
-        tag.area = Some(TagArea { x_m: [0.0, 6.0], y_m: [-0.5, 4.0], z_m: Some([0.0, 2.6]) });
+        tag.area = Some(TagArea { least_m: [0.0, -0.5, f32::NEG_INFINITY], greatest_m: [6.0, 4.0, 2.6] });
     }
     record
 }

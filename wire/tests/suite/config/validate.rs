@@ -65,9 +65,9 @@ fn refusals_name_the_field_and_its_value() {
         (refusal(tag_within(), |r| role_of(r).height_m = None), "tag.height_sigma_m is 0.3: "),
         (refusal(tag(), |r| role_of(r).height_sigma_m = Some(f32::NAN)), "tag.height_sigma_m is NaN: "),
         (refusal(tag(), |r| role_of(r).height_sigma_m = Some(0.0)), "tag.height_sigma_m is 0: "),
-        (refusal(tag_within(), |r| area_of(r).x_m = [6.0, 6.0]), "area.x_m is 6: "),
-        (refusal(tag_within(), |r| area_of(r).y_m = [f32::NAN, 6.0]), "area.y_m is NaN: "),
-        (refusal(tag_within(), |r| area_of(r).z_m = Some([0.0, f32::INFINITY])), "area.z_m is 0: "),
+        (refusal(tag_within(), |r| area_of(r).greatest_m[0] = 0.0), "tag.area is 0: "),
+        (refusal(tag_within(), |r| area_of(r).least_m[1] = f32::NAN), "tag.area is 0: "),
+        (refusal(tag_within(), |r| area_of(r).least_m[2] = f32::INFINITY), "tag.area is 0: "),
         (refusal(tag(), |r| role_of(r).rate_chz = Some(0)), "tag.rate_hz is 0: it must be 0.01 to 1000"),
         (
             refusal(tag(), |r| (r.network.mode, role_of(r).rate_chz) = (Mode::DecaRanging { fast: false }, Some(12))),
