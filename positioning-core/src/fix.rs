@@ -66,12 +66,6 @@ impl<T: Real, const D: usize> Fix<T, D> {
         (0..D).fold(T::ZERO, |sum, axis| sum + self.covariance[axis][axis])
     }
 
-    /// Adds half of the square of the way to another position to the covariance.
-    #[inline(never)]
-    fn widen_to(&mut self, position: &[T; D]) {
-        add_outer_full(&mut self.covariance, T::of(0.5), &sub(position, &self.position));
-    }
-
     /// The likelier of two places, with the covariance about it, and the other place with its share. Where there is
     /// only one, it is the fix itself.
     pub(crate) fn places(&self) -> (Self, Option<(Self, T)>) {
@@ -83,24 +77,6 @@ impl<T: Real, const D: usize> Fix<T, D> {
         let other = Self { position: add_scaled(&likelier.position, T::ONE, &apart), ..likelier };
         (likelier, Some((other, share)))
     }
-}
-
-/// The fix in the plane at a height that is known to ± `sigma`, metres. The covariance grows by what an error of the height
-/// moves the position: by the mean square at heights one deviation lower and higher.
-pub fn at_uncertain_height<T: Real, E, const D: usize>(
-    height: T,
-    sigma: T,
-    mut solve_at: impl FnMut(T) -> Result<Fix<T, D>, E>,
-) -> Result<Fix<T, D>, E> {
-    let mut fix = solve_at(height)?;
-    let mut error = if sigma > T::ZERO { -sigma } else { T::ZERO };
-    while error != T::ZERO {
-        if let Ok(other) = solve_at(height + error) {
-            fix.widen_to(&other.position);
-        }
-        error = if error < T::ZERO { sigma } else { T::ZERO };
-    }
-    Ok(fix)
 }
 
 /// Why there is no position. Telemetry writes the variants as numbers: add new ones at the end.

@@ -1,10 +1,9 @@
 //! What is known of the building: the height at which a tag is carried, and the area in which it can be.
 
 use positioning_core::engine::{Dimensions, Settings, Solvers};
-use positioning_core::{Area, at_uncertain_height, robust};
+use positioning_core::{Area, RangeSample};
 
 use crate::sides::{Score, WALL, run_as};
-use crate::support::distance;
 
 const CORNERS: [[f64; 2]; 4] = [[2.0, 2.0], [10.0, 2.0], [10.0, 6.0], [2.0, 6.0]];
 
@@ -38,20 +37,13 @@ fn a_height_that_is_wrong_within_its_deviation_makes_no_confident_error() {
 }
 
 #[test]
-fn the_covariance_has_what_an_error_of_the_height_moves_the_position() {
-    // One range of 5 m from an anchor 3 m above: at 4 m in the plane; with the tag 1 m higher √(25 − 4) = 4.583, with it
-    // 1 m lower √(25 − 16) = 3. The mean square is (0.583² + 1²) ⁄ 2 = 0.670.
-    let at = |height: f64| {
-        let anchors = [[0.0, 0.0], [8.0, 0.0], [4.0, 3.0], [4.0, -3.0]];
-        let far = (25.0 - (3.0 - height).powi(2)).sqrt();
-        let tag = [far, 0.0];
-        let samples = anchors.map(|anchor| positioning_core::RangeSample::new(anchor, distance(&anchor, &tag)));
-        robust(&samples, &positioning_core::Constraints::default())
-    };
-    let [known, uncertain] = [0.0, 1.0].map(|sigma| at_uncertain_height(0.0, sigma, at).expect("a fix"));
-    assert_eq!(known.position, uncertain.position);
-    let grown = uncertain.covariance[0][0] - known.covariance[0][0];
-    assert!((grown - 0.670).abs() < 0.02, "{grown}");
+fn an_error_of_the_height_widens_a_flattened_range() {
+    // 5 m from an anchor 3 m above are 4 m in the plane; 0.2 m of height are 0.2 · 3 ⁄ 4 = 0.15 m of them.
+    let range = RangeSample { sigma: 0.2, ..RangeSample::new([0.0, 0.0], 5.0) };
+    let [exact, uncertain] = [0.0, 0.2].map(|height_sigma| range.flattened(3.0, height_sigma));
+    assert_eq!((exact.range, exact.sigma, uncertain.range), (4.0, 0.2, 4.0));
+    let close = |a: f64, b: f64| (a - b).abs() < 1e-12;
+    assert!(close(uncertain.sigma, 0.25), "{uncertain:?}");
 }
 
 #[test]

@@ -59,27 +59,28 @@ impl Appended {
     }
 }
 
-/// The fields that version 3 has after those of version 2: what is known of a tag's place.
-#[derive(Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-struct Limits {
-    height_sigma_m: Option<f32>,
-    area: Option<TagArea>,
+/// What version 3 has after the fields of version 2, of a tag: the deviation of its height, and the least and the greatest
+/// coordinates of its area, `f32`. All zeros: neither is known. As numbers of equal size they are read without a parser,
+/// whose code would cost more flash than they do.
+type Limits = [f32; 7];
+
+fn limits_of(record: &Record) -> Limits {
+    let Role::Tag(tag) = &record.role else { return [0.0; 7] };
+    let [least_m, greatest_m] = tag.area.map_or([[0.0; 3]; 2], |area| [area.least_m, area.greatest_m]);
+    let ([x0, y0, z0], [x1, y1, z1]) = (least_m, greatest_m);
+    [tag.height_sigma_m.unwrap_or(0.0), x0, y0, z0, x1, y1, z1]
 }
 
-impl Limits {
-    fn of(record: &Record) -> Self {
-        match &record.role {
-            Role::Tag(tag) => Self { height_sigma_m: tag.height_sigma_m, area: tag.area },
-            Role::Anchor { position_m: _ } | Role::Advertiser(_) => Self::default(),
-        }
+fn put_limits(bytes: &[u8; size_of::<Limits>()], record: &mut Record) {
+    let Role::Tag(tag) = &mut record.role else { return };
+    let mut numbers: Limits = [0.0; 7];
+    for (number, bytes) in numbers.iter_mut().zip(bytes.as_chunks().0) {
+        *number = f32::from_le_bytes(*bytes);
     }
-
-    fn put_into(self, record: &mut Record) {
-        match &mut record.role {
-            Role::Tag(tag) => (tag.height_sigma_m, tag.area) = (self.height_sigma_m, self.area),
-            Role::Anchor { position_m: _ } | Role::Advertiser(_) => (),
-        }
-    }
+    let [sigma_m, x0, y0, z0, x1, y1, z1] = numbers;
+    tag.height_sigma_m = (sigma_m != 0.0).then_some(sigma_m);
+    let area = TagArea { least_m: [x0, y0, z0], greatest_m: [x1, y1, z1] };
+    tag.area = (area.least_m != area.greatest_m).then_some(area);
 }
 
 /// The first bytes of a page: they identify its format.
@@ -139,8 +140,8 @@ impl Header {
 pub fn encode<'a>(record: &Record, sequence: u32, page: &'a mut [u8; MAX_BYTES]) -> &'a [u8] {
     page.fill(0xFF);
     let (_, body) = page.split_at_mut(HEADER_BYTES);
-    let limits = Limits::of(record);
-    let (version, written) = if limits == Limits::default() {
+    let limits = limits_of(record);
+    let (version, written) = if limits == [0.0; 7] {
         (VERSION - 1, postcard::to_slice(&(record, Appended::of(record)), body))
     } else {
         (VERSION, postcard::to_slice(&(record, Appended::of(record), limits), body))
@@ -192,8 +193,8 @@ pub fn decode(page: &[u8]) -> Result<(Record, u32), LoadError> {
         rest = end;
     }
     if header.version == VERSION {
-        let (limits, end) = postcard::take_from_bytes::<Limits>(rest).map_err(|_| LoadError::Corrupt)?;
-        limits.put_into(&mut record);
+        let (limits, end) = rest.split_first_chunk().ok_or(LoadError::Corrupt)?;
+        put_limits(limits, &mut record);
         rest = end;
     }
     if !rest.is_empty() {

@@ -9,7 +9,6 @@ use std::thread;
 use positioning_core::nlos::Classifier as _;
 use positioning_core::{
     Alternative, Area, Constraints, Fix, MAX_ANCHORS, Method, POWER_DIFFERENCE_PRIOR, RangeSample, Side, SolveError,
-    at_uncertain_height, flatten,
 };
 
 use recording::{Anchor, Coordinates, Epoch, Epochs, Half, Height, Measured, NoPosition, Position, Solved, Space};
@@ -97,25 +96,21 @@ impl<'a> Solver<'a> {
             Height::Fixed(z) => Some(z),
             Height::FromTruth => Some(epoch.truth.and_then(|truth| truth.z_m).ok_or(NoPosition::HeightUnknown)?),
         };
-        // By `higher` metres.
-        let of = |measured: Measured, higher: f32| {
+        let of = |measured: Measured| {
             let place = &self.anchors.get(measured.anchor)?.place;
-            let range = measured.range_m as f32;
-            let range = match tag_z {
-                Some(tag_z) => flatten(range, (place.z_m? - tag_z) as f32 - higher),
-                None => range,
-            };
             let anchor = [self.local(0, place.x_m), self.local(1, place.y_m)];
-            Some(sample(&measured, anchor, range))
+            let slant = sample(&measured, anchor, measured.range_m as f32);
+            Some(match tag_z {
+                Some(tag_z) => slant.flattened((place.z_m? - tag_z) as f32, self.setup.height_sigma_m as f32),
+                None => slant,
+            })
         };
         let area = self.setup.area_m.map(|corners| {
             let [min, max] = corners.map(|[x, y]| [self.local(0, x), self.local(1, y)]);
             Area { min, max }
         });
         let constraints = Constraints { side: Side::Unknown, area };
-        let fix = at_uncertain_height(0.0, self.setup.height_sigma_m as f32, |higher| {
-            solve(method, epoch.ranges.iter().filter_map(|measured| of(measured, higher)), &constraints)
-        })?;
+        let fix = solve(method, epoch.ranges.iter().filter_map(of), &constraints)?;
         let [sigma_x, sigma_y] = fix.sigma().map(f64::from);
         Ok(Position {
             place: Coordinates {

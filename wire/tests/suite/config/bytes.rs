@@ -42,10 +42,10 @@ fn a_tag_s_page_has_these_bytes() {
 #[test]
 fn a_tag_s_page_with_what_is_known_of_its_place_has_these_bytes() {
     // The same Python program. Version 3 is version 2 and: ± 0.3 m; x from 0 to 6, y from −0.5 to 4, z to 2.6 m.
-    let bytes = "42 4c 5a 52 03 00 4e 00 01 00 00 00 25 d9 91 db \
+    let bytes = "42 4c 5a 52 03 00 4c 00 01 00 00 00 eb 80 31 e1 \
                  00 01 81 04  00 01 9a 99 99 3f 01 e8 07 01 64 01 04 00 01 64 32 01 \
                  ca bd 03 00 05 40 9a 35 80 01 00 00 00 00  00 00 00 00 00 00 00  01 00 02 01 01 \
-                 01 9a 99 99 3e 01 00 00 00 00 00 00 00 bf 00 00 80 ff 00 00 c0 40 00 00 80 40 66 66 26 40";
+                 9a 99 99 3e  00 00 00 00 00 00 00 bf 00 00 80 ff  00 00 c0 40 00 00 80 40 66 66 26 40";
     let record = tag_within();
     assert_eq!(page(&record, 1), from_hex(bytes));
     assert_eq!(decode(&page(&record, 1)), Ok((record, 1)));
