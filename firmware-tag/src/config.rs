@@ -61,7 +61,7 @@ impl<'a> LocatorConfig<'a> {
     /// The same, with what a tag's record knows of its place.
     pub fn within(self, tag: &wire::config::Tag) -> Self {
         let area = tag.area.map(|area| Area { min: area.least_m, max: area.greatest_m });
-        let height_sigma = tag.height_sigma_m.unwrap_or(0.0);
+        let height_sigma = tag.height_sigma_m;
         let engine = engine::Settings { area, height_sigma, ..self.settings.engine };
         Self { settings: Settings { engine, ..self.settings }, ..self }
     }

@@ -359,7 +359,7 @@ impl NodeTable {
             report_ranges: self.report_ranges.unwrap_or(true),
             solver: self.solver.unwrap_or_default(),
             scheme: self.scheme,
-            height_sigma_m: self.height_sigma_m,
+            height_sigma_m: self.height_sigma_m.unwrap_or(0.0),
             area: None,
         })
     }

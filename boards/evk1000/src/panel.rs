@@ -35,7 +35,7 @@ const TAG: Tag = Tag {
     report_ranges: true,
     solver: Solver::Track,
     scheme: None,
-    height_sigma_m: None,
+    height_sigma_m: 0.0,
     area: None,
 };
 

@@ -224,7 +224,7 @@ fn settings(scenario: &Scenario) -> RecordingSettings {
     // Where tags differ, the reader has to say it.
     let dims = if is_in_space { Some(3) } else { height_m.map(|_| 2) };
     let mut sigmas = scenario.tags.iter().map(|tag| tag.settings.record.height_sigma_m);
-    let sigma = sigmas.next().flatten().filter(|first| sigmas.all(|other| other == Some(*first)));
+    let sigma = sigmas.next().filter(|first| *first != 0.0 && sigmas.all(|other| other == *first));
     let height_sigma_m = sigma.filter(|_| height_m.is_some()).map(metres);
     // All tags of a site have its area.
     let area = scenario.tags.first().and_then(|tag| tag.settings.record.area);

@@ -68,7 +68,7 @@ fn limits_of(record: &Record) -> Limits {
     let Role::Tag(tag) = &record.role else { return [0.0; 7] };
     let [least_m, greatest_m] = tag.area.map_or([[0.0; 3]; 2], |area| [area.least_m, area.greatest_m]);
     let ([x0, y0, z0], [x1, y1, z1]) = (least_m, greatest_m);
-    [tag.height_sigma_m.unwrap_or(0.0), x0, y0, z0, x1, y1, z1]
+    [tag.height_sigma_m, x0, y0, z0, x1, y1, z1]
 }
 
 fn put_limits(bytes: &[u8; size_of::<Limits>()], record: &mut Record) {
@@ -78,7 +78,7 @@ fn put_limits(bytes: &[u8; size_of::<Limits>()], record: &mut Record) {
         *number = f32::from_le_bytes(*bytes);
     }
     let [sigma_m, x0, y0, z0, x1, y1, z1] = numbers;
-    tag.height_sigma_m = (sigma_m != 0.0).then_some(sigma_m);
+    tag.height_sigma_m = sigma_m;
     let area = TagArea { least_m: [x0, y0, z0], greatest_m: [x1, y1, z1] };
     tag.area = (area.least_m != area.greatest_m).then_some(area);
 }

@@ -86,9 +86,9 @@ pub struct Tag {
     /// How it measures its distances in native mode; `None`: the image's default. From version 2 on.
     #[serde(skip)]
     pub scheme: Option<Scheme>,
-    /// Standard deviation of `height_m`, metres; `None`: it is exact. From version 3 on, as the area.
+    /// Standard deviation of `height_m`, metres; 0: it is exact. From version 3 on, as the area.
     #[serde(skip)]
-    pub height_sigma_m: Option<f32>,
+    pub height_sigma_m: f32,
     /// Where the tag can be; `None`: everywhere.
     #[serde(skip)]
     pub area: Option<TagArea>,

@@ -374,10 +374,9 @@ impl Tag {
             Value::Real(height),
             "finite and within 100 km of the origin",
         )?;
-        if let Some(sigma) = self.height_sigma_m {
-            let holds = self.height_m.is_some() && HEIGHT_SIGMAS_M.contains(&sigma);
-            ensure(holds, "tag.height_sigma_m", Value::Real(sigma), "0.01 to 1, beside height_m")?;
-        }
+        let (sigma, known) = (self.height_sigma_m, self.height_m.is_some());
+        let holds = sigma == 0.0 || known && HEIGHT_SIGMAS_M.contains(&sigma);
+        ensure(holds, "tag.height_sigma_m", Value::Real(sigma), "0.01 to 1, beside height_m")?;
         if let Some(TagArea { least_m, greatest_m }) = self.area {
             let holds = least_m.iter().zip(&greatest_m).all(|(least, greatest)| least < greatest);
             ensure(holds, "tag.area", Value::Real(least_m[0]), "of least coordinates below the greatest ones")?;

@@ -197,7 +197,7 @@ impl Text {
     fn tag(&mut self, tag: &Tag) {
         // A float keeps its decimal point, so that it is read as a float.
         self.line_if("height_m", tag.height_m.map(|height| format!("{height:?}")));
-        self.line_if("height_sigma_m", tag.height_sigma_m.map(|sigma| format!("{sigma:?}")));
+        self.line_if("height_sigma_m", (tag.height_sigma_m != 0.0).then(|| format!("{:?}", tag.height_sigma_m)));
         self.text("solver", tag.solver.name());
         if let Some(scheme) = tag.scheme {
             self.text("scheme", scheme.name());

@@ -248,7 +248,7 @@ prop_compose! {
         Role::Tag(Tag {
             height_m, rate_chz: rate, still_rate_chz: still.map(slower), sleep, anchors_per_round, tell_distances,
             scan: scan.map(window), report_ranges, solver: Solver::Track, scheme,
-            height_sigma_m: sigma.filter(|_| height_m.is_some()), area,
+            height_sigma_m: sigma.filter(|_| height_m.is_some()).unwrap_or(0.0), area,
         })
     }
 }

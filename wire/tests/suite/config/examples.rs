@@ -40,7 +40,7 @@ pub fn tag() -> Record {
         report_ranges: true,
         solver: Solver::BWls,
         scheme: Some(Scheme::DoubleSided),
-        height_sigma_m: None,
+        height_sigma_m: 0.0,
         area: None,
     };
     Record {
@@ -56,7 +56,7 @@ pub fn tag() -> Record {
 pub fn tag_within() -> Record {
     let mut record = tag();
     if let Role::Tag(tag) = &mut record.role {
-        tag.height_sigma_m = Some(0.3);
+        tag.height_sigma_m = 0.3;
         tag.area = Some(TagArea { least_m: [0.0, -0.5, f32::NEG_INFINITY], greatest_m: [6.0, 4.0, 2.6] });
     }
     record
