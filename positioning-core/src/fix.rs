@@ -41,7 +41,8 @@ pub struct Fix<T, const D: usize> {
     pub used: AnchorSet,
     /// How far the ranges agree with the position, 0 to 1: the mean weight of a range.
     pub quality: T,
-    /// The second of two places that explain the ranges, if there are two: `position` is their mean.
+    /// The second of two places that explain the ranges, if there are two: `position` is the likelier one, and the
+    /// covariance reaches from it to the other.
     pub alternative: Option<Alternative<T, D>>,
 }
 
@@ -66,16 +67,47 @@ impl<T: Real, const D: usize> Fix<T, D> {
         (0..D).fold(T::ZERO, |sum, axis| sum + self.covariance[axis][axis])
     }
 
+    /// What makes the position doubtful, where it is from this number of ranges.
+    pub fn flag(&self, given: usize) -> Option<Flag> {
+        Flag::of(self.alternative.is_some(), D, given, self.used.len())
+    }
+
     /// The likelier of two places, with the covariance about it, and the other place with its share. Where there is
     /// only one, it is the fix itself.
     pub(crate) fn places(&self) -> (Self, Option<(Self, T)>) {
         let Some(Alternative { apart, share }) = self.alternative else { return (*self, None) };
         let mut likelier = *self;
-        // The position is the mean of both, and the covariance reaches from one to the other.
-        likelier.position = add_scaled(&self.position, -share, &apart);
-        add_outer_full(&mut likelier.covariance, -(share * (T::ONE - share)), &apart);
+        add_outer_full(&mut likelier.covariance, -share, &apart);
         let other = Self { position: add_scaled(&likelier.position, T::ONE, &apart), ..likelier };
         (likelier, Some((other, share)))
+    }
+}
+
+/// What makes a position doubtful beyond its covariance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Flag {
+    /// The ranges fit two places, and the position is the likelier one.
+    Ambiguous,
+    /// Ranges contradict each other, and those that agree are too few to confirm the position: another choice of
+    /// blocked links fits as well.
+    Suspect,
+}
+
+impl Flag {
+    /// The flag of a position of `D` unknown coordinates from this number of ranges, of which `used` agree with it.
+    pub(crate) fn of(has_alternative: bool, unknowns: usize, given: usize, used: usize) -> Option<Self> {
+        // As many ranges as unknowns and the common error always meet somewhere.
+        let unconfirmed = used < given && used <= unknowns + 1;
+        has_alternative.then_some(Self::Ambiguous).or(unconfirmed.then_some(Self::Suspect))
+    }
+
+    /// The flag as it is written in files.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Ambiguous => "ambiguous",
+            Self::Suspect => "suspect",
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 //! computes all of it.
 
 use crate::linalg::{Matrix, Vector, add_outer, add_scaled, dot, sub, symmetric_eigen};
+use crate::link_error::DIRECT_SIGMA_M;
 use crate::{Constraints, MAX_ANCHORS, RangeSample, Real, Side, SolveError};
 
 /// Anchors closer together than this are at one position, metres.
@@ -18,6 +19,11 @@ const COPLANAR: f64 = 0.05;
 /// Anchors in the plane leave the two sides of a line alike when their spread across it is less than this part of their
 /// spread along it.
 const ELONGATED: f64 = 0.2;
+
+/// The sum of squared distances of anchors from a line or plane that lasting errors of direct links hide, m². Of a range
+/// at an angle of 30° to the line, the two sides differ by the anchor's distance from it. A sum of sixteen squared
+/// deviations makes log odds of four.
+const HIDDEN_M2: f64 = 16.0 * DIRECT_SIGMA_M * DIRECT_SIGMA_M;
 
 /// What is known before any method runs.
 #[derive(Clone, Copy, Debug)]
@@ -54,40 +60,43 @@ pub(crate) fn centroid<T: Real, const D: usize>(samples: &[RangeSample<T, D>]) -
     sum.map(|component| component * share)
 }
 
-/// The two places on both sides of the anchors' line, in the plane, that fit the ranges best: at the height over the
-/// line that [`Layout::lift`] takes. `None` where the anchors' spread across the line is more than [`ELONGATED`] of
-/// that along it. Near the line itself the ranges say nothing of the direction across, so no method gets away from
-/// there.
+/// The two places on both sides of the line (in the plane) or plane near which the anchors lie that fit the ranges best:
+/// at the height over it that [`Layout::lift`] takes. `None` where the anchors are spread. Near the line itself the ranges
+/// say nothing of the direction across, so no method gets away from there.
 #[inline(never)]
 pub(crate) fn both_sides<T: Real, const D: usize>(
     point: Vector<T, D>,
     samples: &[RangeSample<T, D>],
 ) -> Option<[Vector<T, D>; 2]> {
-    let (_, scatter) = spread_of(samples.iter().map(|sample| sample.anchor));
-    // For λ₀ ≪ λ₁, det ⁄ trace² is λ₀ ⁄ λ₁: no eigenvalues needed.
-    let trace = scatter[0][0] + scatter[1][1];
-    let det = scatter[0][0] * scatter[1][1] - scatter[1][0].squared();
-    if det > T::of(ELONGATED * ELONGATED) * trace.squared() {
-        return None;
-    }
-    let (_, vectors) = symmetric_eigen(&scatter);
-    let normal = vectors[0];
+    let Plane { normal, .. } = plane_of(samples.iter().map(|sample| sample.anchor))?;
     Some([normal, normal.map(|c| -c)].map(|normal| lift_along(&normal, point, samples)))
 }
 
-/// The centre of places and the unit normal of the line (in two dimensions) or plane near which they lie. `None` where
-/// they are spread by more than [`ELONGATED`], or do not determine it.
+/// The line (in two dimensions) or plane near which places lie.
+pub(crate) struct Plane<T, const D: usize> {
+    /// The middle of the places.
+    pub(crate) centre: Vector<T, D>,
+    /// Its unit normal.
+    pub(crate) normal: Vector<T, D>,
+    /// Whether a solver takes the places to lie on it, and so takes one side.
+    pub(crate) is_exact: bool,
+}
+
+/// The line or plane near which places lie. `None` where they are spread by more than [`ELONGATED`] and by more than
+/// lasting errors of links hide, or do not determine it.
 #[inline(never)]
-pub(crate) fn mirror_of<T: Real, const D: usize>(
+pub(crate) fn plane_of<T: Real, const D: usize>(
     places: impl Iterator<Item = Vector<T, D>> + Clone,
-) -> Option<(Vector<T, D>, Vector<T, D>)> {
+) -> Option<Plane<T, D>> {
     if places.clone().count() < D {
         return None;
     }
     let (centre, scatter) = spread_of(places);
     let (values, vectors) = symmetric_eigen(&scatter);
     let least = T::of(COINCIDENT_M).at_least(T::of(COLLINEAR * COLLINEAR) * values[D - 1]);
-    (values[1] > least && values[0] <= T::of(ELONGATED * ELONGATED) * values[1]).then_some((centre, vectors[0]))
+    let near = (T::of(ELONGATED * ELONGATED) * values[1]).at_least(T::of(HIDDEN_M2));
+    let is_exact = values[0] <= T::of(COPLANAR * COPLANAR) * values[1];
+    (values[1] > least && values[0] <= near).then_some(Plane { centre, normal: vectors[0], is_exact })
 }
 
 /// The mean of places and their scatter about it.

@@ -43,7 +43,7 @@ mod track;
 
 pub use bounding_box::bounding_box;
 pub use constraints::{Area, Constraints, Side};
-pub use fix::{Alternative, AnchorSet, Fix, SolveError};
+pub use fix::{Alternative, AnchorSet, Fix, Flag, SolveError};
 pub use linear::{b_wls, b_wls_c, b_wls_r, lls};
 pub use method::{Method, Solver, UnknownMethod, solve};
 pub use nonlinear::{bb_nls, bb_nls_c, bb_nls_r, nls, nls_ccv};

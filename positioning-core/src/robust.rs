@@ -10,8 +10,8 @@
 //! of the anchors; for anchors near a line in the plane, B-WLS and a place on each side of the line. Each step is a
 //! weighted Gauss-Newton step. The bias is eliminated by its Schur complement, and the narrow part is widened at first.
 //! Starts that meet continue as one. The two modes with the most evidence (Laplace's approximation) are averaged with
-//! the evidence as weight. The mean of the posterior errs less than its mode, and the distance of the modes is part of
-//! the covariance.
+//! the evidence as weight, as the mean of the posterior errs less than its mode. Where they do not overlap, the position
+//! is the likelier one, and the other one is its alternative. The distance of the modes is part of the covariance.
 
 use crate::fix::{blame, conclude_weighted, widen_to_mirror};
 use crate::geometry::{Survey, both_sides, centroid};
@@ -35,6 +35,8 @@ const STEP_LIMIT_M: f64 = 2.0;
 const SAME_MODE_M: f64 = 0.2;
 /// A second mode with less than this part of the best one's evidence is dropped: ln of the part.
 const LEAST_LOG_EVIDENCE: f64 = -5.0;
+/// Modes farther apart than this number of deviations of the best one are two places.
+const APART: f64 = 3.0;
 /// The steps treat a range's part in the mixture as certain, and so overestimate the information (Louis, J. R. Stat.
 /// Soc. B 44, 1982). With this factor on the covariance, 95 % ellipses contain 90-99 % of the true positions,
 /// simulated and recorded.
@@ -58,8 +60,9 @@ pub fn robust<T: Real, const D: usize>(
     let posterior = Posterior { samples, constraints, odds };
     let by_box = b_wls_position(samples, &survey).ok();
     let middle = || Some(survey.layout.lift(centroid(samples), samples));
-    // Anchors near a line leave its two sides alike.
-    let sides = by_box.filter(|_| D == 2).and_then(|place| both_sides(place, samples));
+    // Anchors near a line leave its two sides alike, and those near a plane too.
+    let one_sided = survey.layout.normal().is_some();
+    let sides = by_box.filter(|_| !one_sided).and_then(|place| both_sides(place, samples));
     let starts = match sides {
         Some([one, other]) => [Some(one), Some(other), by_box],
         None => [by_box, lls_position(samples, &survey).ok(), middle()],
@@ -76,14 +79,19 @@ pub fn robust<T: Real, const D: usize>(
         let share = T::ONE / (T::ONE + (first.log_evidence - second.log_evidence).at_least(T::ZERO).exp());
         (share, sub(&second.next.position, &first.state.position))
     });
-    let position = add_scaled(&first.state.position, share, &apart);
+    let covariance = first.information.inverse().map(|row| row.map(|element| T::of(INFLATION) * element));
+    let spread = (0..D).fold(T::ZERO, |sum, axis| sum + covariance[axis][axis]);
+    let ambiguous = dot(&apart, &apart) > T::of(APART * APART) * spread;
+    // Between modes that overlap, the mean errs less than either; nobody is between two places.
+    let moved = if ambiguous { T::ZERO } else { share };
+    let position = add_scaled(&first.state.position, moved, &apart);
     let weights = posterior.direct_probabilities(&State { position, bias: first.state.bias });
 
     let mut fix = conclude_weighted(samples, &survey.layout, position, &weights)?;
-    fix.covariance = first.information.inverse().map(|row| row.map(|element| T::of(INFLATION) * element));
-    add_outer_full(&mut fix.covariance, share * (T::ONE - share), &apart);
+    fix.covariance = covariance;
+    add_outer_full(&mut fix.covariance, share * (T::ONE - moved), &apart);
     widen_to_mirror(&mut fix.covariance, samples, &survey.layout, &position);
-    fix.alternative = (share > T::ZERO).then_some(Alternative { apart, share });
+    fix.alternative = ambiguous.then_some(Alternative { apart, share });
     Ok(fix)
 }
 

@@ -2,7 +2,7 @@
 
 use positioning_core::ble::fingerprint;
 use positioning_core::engine::Missing;
-use positioning_core::{Alternative, SolveError};
+use positioning_core::{Alternative, Flag, SolveError};
 
 use crate::Coordinates;
 
@@ -51,8 +51,11 @@ pub struct Position {
     pub velocity_m_s: Option<Coordinates>,
     /// The number of anchors whose ranges were used.
     pub used: usize,
-    /// The second of two places that explain the ranges, if there are two. `place` is their mean.
+    /// The second of two places that explain the ranges, if there are two: `place` is the likelier one, and the covariance
+    /// reaches from it to the other.
     pub alternative: Option<Alternative<f64, 3>>,
+    /// What makes the position doubtful beyond its covariance.
+    pub flag: Option<Flag>,
 }
 
 /// Why there is no position.

@@ -4,9 +4,9 @@
 //! changed at once. Then a fresh start explains the round better. Its evidence is the likelihood of the round's ranges,
 //! integrated over the place (Laplace's approximation), times the probability that a tag is somewhere else. The
 //! evidence of the track is the product of the densities that it predicted. Where neither wins, both are followed, and
-//! the position is their mixture, so its deviation shows the doubt. The log odds are summed from round to round and
-//! slowly forgotten, because the errors of consecutive rounds are not independent, and they never exceed what the lasting
-//! errors of links allow.
+//! the position is the likelier place, with a deviation that reaches to the other. The log odds are summed from round
+//! to round and slowly forgotten, because the errors of consecutive rounds are not independent, and they never exceed
+//! what the lasting errors of links allow.
 //!
 //! The second of a solver's two places at a start is a rival too, and so is the track's mirror image across the line or
 //! plane near which the anchors lie, where the track comes from both of its sides.
@@ -14,11 +14,11 @@
 use super::round::Round;
 use super::track_management::begin;
 use super::{Dimensions, Engine, Settings, Start};
-use crate::linalg::{Ldl, Matrix, distance_squared, dot, sub};
+use crate::linalg::{Ldl, Matrix, distance_squared, sub};
 use crate::track::Filter;
-use crate::track::state::{COMMON, POSITION};
+use crate::track::state::{COMMON, POSITION, State};
 use crate::track::{fading, seconds};
-use crate::{Alternative, Fix, Real};
+use crate::{Alternative, Fix, Flag, Real};
 
 /// ln of the odds at which a hypothesis has won.
 const SURE: f64 = 4.0;
@@ -72,22 +72,21 @@ impl<T: Real> Rival<T> {
 }
 
 impl<T: Real> Engine<T> {
-    /// The current position by both hypotheses, and its covariance.
-    pub(super) fn mixture(&self) -> ([T; 3], [[T; 3]; 3]) {
-        let state = &self.filter.state;
-        let (position, covariance) = (state.position(), state.position_covariance());
-        let Some(share) = self.rival.share() else { return (position, covariance) };
-        let (other, of_other) = (self.rival.filter.state.position(), self.rival.filter.state.position_covariance());
+    /// The likelier place of the hypotheses, and the covariance about it, which reaches to the other place.
+    pub(super) fn likelier(&self) -> ([T; 3], [[T; 3]; 3]) {
+        let place = |state: &State<T>| (state.position(), state.position_covariance());
+        let mine = place(&self.filter.state);
+        let Some(share) = self.rival.share() else { return mine };
+        let other = place(&self.rival.filter.state);
+        let ((position, covariance), (other, of_other), share) =
+            if share > T::of(0.5) { (other, mine, T::ONE - share) } else { (mine, other, share) };
         let apart = sub(&other, &position);
-        let spread = share * (T::ONE - share);
-        (
-            core::array::from_fn(|axis| position[axis] + share * apart[axis]),
-            core::array::from_fn(|r| {
-                core::array::from_fn(|c| {
-                    covariance[r][c] + share * (of_other[r][c] - covariance[r][c]) + spread * apart[r] * apart[c]
-                })
-            }),
-        )
+        let reaching = core::array::from_fn(|r| {
+            core::array::from_fn(|c| {
+                covariance[r][c] + share * (of_other[r][c] - covariance[r][c] + apart[r] * apart[c])
+            })
+        });
+        (position, reaching)
     }
 
     /// The other of the two places that a track of two hypotheses can be at.
@@ -99,11 +98,19 @@ impl<T: Real> Engine<T> {
         Some(Alternative { apart: sub(&to, &from), share })
     }
 
+    /// What makes the track's position doubtful.
+    pub(super) fn flag(&self) -> Option<Flag> {
+        let unknowns = if self.settings.dimensions.height().is_some() { 2 } else { 3 };
+        let [given, direct] = self.filter.measured_and_direct();
+        Flag::of(self.rival.lead.is_some(), unknowns, given, direct)
+    }
+
     /// Compares the hypotheses at the end of a round. Returns why a track was started, if the rival has won.
     #[inline(never)]
     pub(super) fn compare(&mut self) -> Option<Start> {
         let mine = core::mem::replace(&mut self.filter.log_evidence, T::ZERO);
         let ranges = core::mem::take(&mut self.round.unjudged);
+        self.keep_side();
         let since_us = self.now_us.saturating_sub(core::mem::replace(&mut self.rival.compared_us, self.now_us));
         if let Some(lead) = self.rival.lead {
             let other = core::mem::replace(&mut self.rival.filter.log_evidence, T::ZERO);
@@ -119,7 +126,7 @@ impl<T: Real> Engine<T> {
                 self.rival.astride = true;
                 return None;
             }
-            let limit = self.distinction(&place);
+            let limit = self.distinction(&place).at_most(self.distinction_of_sides(&place));
             let lead = (kept * lead + mine - other).at_least(-limit).at_most(limit);
             return self.decide(lead + self.odds_by_area());
         }
@@ -135,7 +142,7 @@ impl<T: Real> Engine<T> {
         begin(&mut self.rival.filter, &fix, &self.round, &self.settings, self.now_us);
         let other = log_evidence(&self.rival.filter, &self.round, &self.settings) + T::of(LOG_ELSEWHERE);
         // A single round proves nothing: a gateway that mixes up the anchors of one round makes a perfect fix
-        // elsewhere. The next round decides; meanwhile the position is between both, and its deviation reaches to both.
+        // elsewhere. The next round decides; meanwhile the position's deviation reaches to both.
         self.decide((mine - other).at_least(T::ZERO))
     }
 
@@ -162,20 +169,59 @@ impl<T: Real> Engine<T> {
         (T::of(0.5) * (other - mine)).at_least(T::of(-GREATEST)).at_most(T::of(GREATEST))
     }
 
+    /// The most that the ranges can tell between the sides of the anchors' line or plane, where another place is on the
+    /// other side: what they tell between the track and its mirror image. Along the line, and in height, the two places
+    /// differ by the errors of links, which tell nothing of the side.
+    #[inline(never)]
+    fn distinction_of_sides(&self, other: &[T; 3]) -> T {
+        let position = self.filter.state.position();
+        match self.round.mirror(&self.settings.dimensions) {
+            Some(mirror) if mirror.off(&position) * mirror.off(other) < T::ZERO => {
+                self.distinction(&mirror.image(&position))
+            }
+            Some(_) | None => T::of(GREATEST),
+        }
+    }
+
+    /// Where tags are on one side of the anchors' plane, brings back what errors have moved to the other side, if ranges
+    /// do not tell the two sides apart.
+    #[inline(never)]
+    fn keep_side(&mut self) {
+        let Some(mirror) = self.round.mirror(&self.settings.dimensions).filter(|mirror| mirror.one_sided) else {
+            return;
+        };
+        let position = self.filter.state.position();
+        if mirror.off(&position) < T::ZERO && self.distinction(&mirror.image(&position)) < T::of(SURE) {
+            mirror.reflect(&mut self.filter.state);
+        }
+        if let Some(rival) = self.rival.filter()
+            && mirror.off(&rival.state.position()) < T::ZERO
+        {
+            mirror.reflect(&mut rival.state);
+        }
+    }
+
     /// Follows the track's mirror image as well, where the track comes from both sides of the line or plane near which
     /// the anchors lie: ranges hardly tell sides, and what the track knew of its side is lost. Returns whether it does.
     #[inline(never)]
     fn add_mirror_image(&mut self) -> bool {
         let was_astride = core::mem::take(&mut self.rival.astride);
-        let Some((centre, normal)) = self.round.mirror(&self.settings.dimensions) else { return false };
-        let off = dot(&normal, &sub(&self.filter.state.position(), &centre));
-        let (square, spread) = (T::of(4.0) * off.squared(), self.filter.state.spread());
-        self.rival.astride = square < T::of(SAME * SAME) * spread;
+        let Some(mirror) = self.round.mirror(&self.settings.dimensions) else { return false };
+        let position = self.filter.state.position();
+        let off = mirror.off(&position);
+        if mirror.one_sided {
+            return false;
+        }
+        // Within two deviations of the line the track is on both sides.
+        let square = T::of(4.0) * off.squared();
+        self.rival.astride = square < T::of(SAME * SAME) * self.filter.state.spread();
+        let spread = self.filter.state.spread();
         let is_outside = self.settings.outside(&self.filter.state) > T::of(SAME * SAME);
         let is_near = was_astride || is_outside || square < T::of(BOTH_SIDES * BOTH_SIDES) * spread;
         let begins = !self.rival.astride && is_near;
         if begins {
-            self.rival.filter.mirror(&self.filter, &centre, &normal);
+            self.rival.filter.copy_from(&self.filter);
+            mirror.reflect(&mut self.rival.filter.state);
             self.rival.lead = Some(T::ZERO);
         }
         begins

@@ -140,7 +140,7 @@ impl<T: Real> Engine<T> {
     /// The track's current position.
     fn fix(&self) -> Result<TrackFix<T>, Missing> {
         self.track?;
-        let (position, covariance) = self.mixture();
+        let (position, covariance) = self.likelier();
         Ok(TrackFix {
             position,
             velocity: self.filter.state.velocity(),
@@ -148,6 +148,7 @@ impl<T: Real> Engine<T> {
             used: crate::AnchorSet(self.round.used),
             quality: self.round.quality(),
             age_us: self.now_us.saturating_sub(self.used_us),
+            flag: self.flag(),
         })
     }
 }

@@ -1,6 +1,6 @@
 //! The outputs of the engine.
 
-use crate::{AnchorSet, Real, SolveError};
+use crate::{AnchorSet, Flag, Real, SolveError};
 
 /// The result of a measurement: its verdict, and the tag's current position.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,6 +70,8 @@ pub struct TrackFix<T> {
     pub quality: T,
     /// The time since the last measurement that was used, microseconds.
     pub age_us: u64,
+    /// What makes the position doubtful beyond its covariance.
+    pub flag: Option<Flag>,
 }
 
 impl<T: Real> TrackFix<T> {

@@ -3,14 +3,19 @@
 use heapless::Vec;
 
 use super::settings::{Dimensions, Settings};
-use crate::geometry::mirror_of;
+use crate::geometry::{Plane, plane_of};
+use crate::linalg::{add_scaled, dot, sub};
 use crate::measurement::{BeaconPosition, Range, Tdoa, probability};
+use crate::track::state::State;
 use crate::track::{Blocked, TdoaSample, hyperbolic};
 use crate::{Alternative, AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, RangeSample, Real, Side, SolveError, Solver};
 
 /// A range of an earlier round helps to solve a round with too few ranges for this time, microseconds: a person walks a
 /// metre meanwhile.
 const RECENT_US: u64 = 1_000_000;
+
+/// A plane is level if the upward part of its unit normal exceeds this: within 14°.
+const LEVEL: f64 = 0.97;
 
 /// A range of this round, or of one shortly before.
 #[derive(Clone, Copy, Debug)]
@@ -19,6 +24,33 @@ struct Kept<T> {
     t_us: u64,
     /// Its index in this round; `None`: it is of an earlier one.
     place: Option<u8>,
+}
+
+/// The line or plane near which the anchors of a round lie.
+pub(super) struct Mirror<T> {
+    /// The middle of the anchors, metres.
+    centre: [T; 3],
+    /// Its unit normal, towards the side that solvers take.
+    normal: [T; 3],
+    /// Whether tags are on that side: the side is known, or the plane is level, and anchors hang higher than tags.
+    pub(super) one_sided: bool,
+}
+
+impl<T: Real> Mirror<T> {
+    /// The distance of a place from it, metres; positive on the side that solvers take.
+    pub(super) fn off(&self, place: &[T; 3]) -> T {
+        dot(&self.normal, &sub(place, &self.centre))
+    }
+
+    /// The mirror image of a place.
+    pub(super) fn image(&self, place: &[T; 3]) -> [T; 3] {
+        add_scaled(place, T::of(-2.0) * self.off(place), &self.normal)
+    }
+
+    /// Turns a state into its mirror image.
+    pub(super) fn reflect(&self, state: &mut State<T>) {
+        state.reflect(&self.centre, &self.normal);
+    }
 }
 
 /// The measurements of a round.
@@ -142,17 +174,24 @@ impl<T: Real> Round<T> {
         if self.given == 0 { T::ZERO } else { T::count(self.taken) / T::count(self.given) }
     }
 
-    /// The centre of the anchors and the unit normal of the line (in the plane) or plane (in space) near which they lie;
-    /// `None` where they are spread.
-    pub(super) fn mirror(&self, dimensions: &Dimensions<T>) -> Option<([T; 3], [T; 3])> {
+    /// The line (in the plane) or plane (in space) near which the anchors lie; `None` where they are spread.
+    pub(super) fn mirror(&self, dimensions: &Dimensions<T>) -> Option<Mirror<T>> {
         let places = self.ranges().map(|range| range.position_m);
         match dimensions {
             Dimensions::Plane { height } => {
-                let ([x, y], [across_x, across_y]) = mirror_of(places.map(|[x, y, _]| [x, y]))?;
-                Some(([x, y, *height], [across_x, across_y, T::ZERO]))
+                let Plane { centre: [x, y], normal: [across_x, across_y], .. } =
+                    plane_of(places.map(|[x, y, _]| [x, y]))?;
+                Some(Mirror { centre: [x, y, *height], normal: [across_x, across_y, T::ZERO], one_sided: false })
             }
-            // Of a ceiling's two sides the lower one is taken, as solvers do.
-            Dimensions::Space { .. } => mirror_of(places).filter(|(_, normal)| normal[2].abs() < T::of(0.5)),
+            Dimensions::Space { side } => {
+                let Plane { centre, normal, is_exact } = plane_of(places)?;
+                let (towards_tag, one_sided) = match side {
+                    Side::Unknown => (-normal[2], is_exact && normal[2].abs() > T::of(LEVEL)),
+                    Side::Of(point) => (dot(&normal, &sub(point, &centre)), true),
+                };
+                let normal = if towards_tag < T::ZERO { normal.map(|c| -c) } else { normal };
+                Some(Mirror { centre, normal, one_sided })
+            }
         }
     }
 

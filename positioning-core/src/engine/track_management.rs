@@ -44,7 +44,8 @@ impl<T: Real> Engine<T> {
     fn solved(&self) -> Result<TrackFix<T>, Missing> {
         let fix = self.round.solve(&self.settings).map_err(Missing::SolveError)?;
         let Fix { position, covariance, used, quality, .. } = fix;
-        Ok(TrackFix { position, velocity: [T::ZERO; 3], covariance, used, quality, age_us: 0 })
+        let flag = fix.flag(self.round.ranges().count());
+        Ok(TrackFix { position, velocity: [T::ZERO; 3], covariance, used, quality, age_us: 0, flag })
     }
 
     /// Starts a track from the round.

@@ -123,6 +123,11 @@ impl<T: Real> Links<T> {
         None
     }
 
+    /// All links.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &Link<T>> {
+        self.links.iter()
+    }
+
     /// The link at a place.
     pub(crate) fn at(&mut self, place: usize) -> Option<&mut Link<T>> {
         self.links.get_mut(place)

@@ -22,6 +22,8 @@ const VAGUE: f64 = 0.02;
 /// A change of a link's prior that changes its error's variance, or its mean in deviations, by less than this part is
 /// left out.
 const WORTH: f64 = 0.03;
+/// A link that was measured within this time tells of the present position, microseconds.
+const RECENT_US: u64 = 1_000_000;
 /// The number of gates for single numbers: a height, and the rest for new kinds.
 const OWN_GATES: usize = 4;
 
@@ -150,15 +152,22 @@ impl<T: Real> Filter<T> {
         }
     }
 
-    /// Becomes the mirror image of another track, across the plane through `centre` with this unit normal. What is
-    /// known of the links stays: in the mirror image of their line or plane, anchors are where they are.
+    /// Becomes a copy of another track, without its evidence.
     #[inline(never)]
-    pub(crate) fn mirror(&mut self, other: &Self, centre: &[T; 3], normal: &[T; 3]) {
+    pub(crate) fn copy_from(&mut self, other: &Self) {
         self.state.copy_from(&other.state);
         self.links.copy_from(&other.links);
         (self.now_us, self.surprise, self.reference) = (other.now_us, other.surprise, other.reference);
         (self.own_gates, self.height, self.log_evidence) = (other.own_gates, other.height, T::ZERO);
-        self.state.reflect(centre, normal);
+    }
+
+    /// The number of links to anchors that were measured within the last second, and how many of them are rather direct
+    /// than blocked.
+    pub(crate) fn measured_and_direct(&self) -> [usize; 2] {
+        let recent = self.links.iter().filter(|link| {
+            matches!(link.source, Source::Anchor(_)) && self.now_us.saturating_sub(link.measured_us) <= RECENT_US
+        });
+        recent.fold([0, 0], |[measured, direct], link| [measured + 1, direct + usize::from(link.blocked < T::of(0.5))])
     }
 
     /// Predicts the track to a later time. Earlier times do not change it.

@@ -3,7 +3,7 @@
 use positioning_core::engine::{Dimensions, Settings, Solvers};
 use positioning_core::{Area, RangeSample};
 
-use crate::sides::{Score, WALL, run_as};
+use crate::sides::{Score, WALL, run};
 
 const CORNERS: [[f64; 2]; 4] = [[2.0, 2.0], [10.0, 2.0], [10.0, 6.0], [2.0, 6.0]];
 
@@ -16,7 +16,7 @@ const ABOVE: [[f64; 3]; 4] = [[2.0, 2.5, 3.9], [10.0, 2.5, 4.1], [10.0, 5.5, 3.9
 fn said_lower(settings: impl Fn(Dimensions<f32>) -> Settings<f32>, low: f32, height_sigma: f32) -> (f64, f64) {
     let scores: [Score; 5] = core::array::from_fn(|seed| {
         let settings = Settings { height_sigma, ..settings(Dimensions::Plane { height: 1.2 - low }) };
-        run_as(settings, &ABOVE, &CORNERS, (10, 60), seed as u64, |_, _| true)
+        run(settings, &ABOVE, &CORNERS, (10, 60), seed as u64, |_, _| true)
     });
     let sum = |of: fn(&Score) -> u32| f64::from(scores.iter().map(of).sum::<u32>());
     let worst = scores.iter().map(Score::nees).fold(0.0, f64::max);
@@ -52,7 +52,7 @@ fn a_track_along_a_wall_stays_on_the_side_on_which_the_building_is() {
     let within = Area { min: [0.0, 0.0, f32::NEG_INFINITY], max: [12.0, 8.0, f32::INFINITY] };
     let settings = Settings { area: Some(within), ..Settings::track(Dimensions::Plane { height: 1.2 }) };
     let mut known: Vec<Score> =
-        (1..=10).map(|seed| run_as(settings, &WALL, &corners, (10, 120), seed, |_, _| true)).collect();
+        (1..=10).map(|seed| run(settings, &WALL, &corners, (10, 120), seed, |_, _| true)).collect();
     // Anchors that are surveyed within millimetres of a line make no position.
     known.retain(|score| score.positions > 0);
     assert!(known.len() > 7, "{known:?}");

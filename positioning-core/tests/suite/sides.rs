@@ -1,18 +1,20 @@
 //! Tracks whose anchors leave two sides alike, and tracks at high rates: what they say of their errors.
 
-use positioning_core::engine::{Dimensions, Engine, Measurement, Range, Settings};
+use positioning_core::engine::{Dimensions, Engine, Measurement, Range, Settings, Solvers};
+use positioning_core::{Method, Side};
 use rand_pcg::Pcg64;
 
 use crate::support::{distance, normal, rng};
 
 const PLANE: Dimensions<f32> = Dimensions::Plane { height: 1.2 };
+const SPACE: Dimensions<f32> = Dimensions::Space { side: Side::Unknown };
 const SEEDS: u64 = 20;
 
 /// What a run shows of a track after its first three seconds.
 #[derive(Debug, Default)]
 pub struct Score {
     pub positions: u32,
-    /// Errors of more than four deviations of both axes together.
+    /// Errors of more than four deviations of all axes together.
     pub beyond_4_sigma: u32,
     /// Errors of more than a metre with a deviation below 0.3 m.
     pub confident_and_wrong: u32,
@@ -20,6 +22,8 @@ pub struct Score {
     square: f64,
     /// The sum of squared errors over variances.
     nees: f64,
+    /// Positions higher than 3.3 m.
+    high: u32,
 }
 
 impl Score {
@@ -50,18 +54,7 @@ fn walk(corners: &[[f64; 2]], t_s: f64) -> [f64; 3] {
 /// Tracks a tag on a path for `seconds` among anchors, of which `is_on` tells those in reach. Their positions are
 /// surveyed to 3 cm. Each link has an error of 8 cm that is another one each second, which is about a metre; each range
 /// has 3 cm of noise.
-fn run(
-    anchors: &[[f64; 3]],
-    corners: &[[f64; 2]],
-    rate: (u64, u64),
-    seed: u64,
-    is_on: impl Fn(usize, f64) -> bool,
-) -> Score {
-    run_as(Settings::track(PLANE), anchors, corners, rate, seed, is_on)
-}
-
-/// The same with these settings.
-pub fn run_as(
+pub fn run(
     settings: Settings<f32>,
     anchors: &[[f64; 3]],
     corners: &[[f64; 2]],
@@ -73,6 +66,7 @@ pub fn run_as(
     let surveyed: Vec<[f64; 3]> = anchors.iter().map(|place| place.map(|c| c + 0.03 * normal(&mut rng))).collect();
     let errors: Vec<Vec<f64>> =
         (0..=seconds).map(|_| anchors.iter().map(|_| 0.08 * normal(&mut rng)).collect()).collect();
+    let axes = if matches!(settings.dimensions, Dimensions::Plane { .. }) { 2 } else { 3 };
     let mut engine = Engine::new(settings);
     let mut score = Score::default();
     for k in 0..rate_hz * seconds {
@@ -87,13 +81,14 @@ pub fn run_as(
         if t_s < 3.0 {
             continue;
         }
-        let square: f64 = (0..2).map(|axis| (f64::from(fix.position[axis]) - tag[axis]).powi(2)).sum();
-        let variance: f64 = (0..2).map(|axis| f64::from(fix.covariance[axis][axis])).sum();
+        let square: f64 = (0..axes).map(|axis| (f64::from(fix.position[axis]) - tag[axis]).powi(2)).sum();
+        let variance: f64 = (0..axes).map(|axis| f64::from(fix.covariance[axis][axis])).sum();
         score.positions += 1;
         score.beyond_4_sigma += u32::from(square > 16.0 * variance);
         score.confident_and_wrong += u32::from(square > 1.0 && variance < 0.09);
         score.square += square;
         score.nees += square / variance;
+        score.high += u32::from(fix.position[2] > 3.3);
     }
     score
 }
@@ -129,7 +124,7 @@ fn a_track_along_a_wall_of_anchors_says_that_it_does_not_know_its_side() {
     let corners = [[2.0, 0.8], [10.0, 0.8], [10.0, 4.2], [2.0, 4.2]];
     let (mut tracked, mut beyond_4_sigma, mut positions) = (0, 0, 0);
     for seed in 1..=SEEDS {
-        let score = run(&WALL, &corners, (10, 120), seed, |_, _| true);
+        let score = run(Settings::track(PLANE), &WALL, &corners, (10, 120), seed, |_, _| true);
         // Anchors that are surveyed within millimetres of a line make no position: `collinear-anchors`.
         tracked += u32::from(score.positions > 1_100);
         assert!(score.positions > 1_100 || score.positions == 0, "{seed}: {score:?}");
@@ -148,7 +143,7 @@ fn a_track_that_crosses_the_line_of_its_last_two_anchors_follows_both_sides() {
     let (mut beyond_4_sigma, mut positions) = (0, 0);
     for seed in 1..=SEEDS {
         // From 40 s to 80 s, two of six anchors are left, in corners that face each other across the path.
-        let score = run(&ROOM, &corners, (10, 120), seed, |anchor, t_s| {
+        let score = run(Settings::track(PLANE), &ROOM, &corners, (10, 120), seed, |anchor, t_s| {
             !(40.0..80.0).contains(&t_s) || [2, 5].contains(&anchor)
         });
         beyond_4_sigma += score.beyond_4_sigma;
@@ -164,10 +159,64 @@ fn a_walk_at_full_rate_errs_no_more_than_at_10_hz() {
     let corners = [[4.0, 3.0], [9.0, 6.0], [4.0, 6.0]];
     let (mut slow, mut fast) = (0.0, 0.0);
     for seed in 1..=5 {
-        let [of_slow, of_fast] = [10, 400].map(|rate_hz| run(&ROOM[..4], &corners, (rate_hz, 40), seed, |_, _| true));
+        let [of_slow, of_fast] = [10, 400]
+            .map(|rate_hz| run(Settings::track(PLANE), &ROOM[..4], &corners, (rate_hz, 40), seed, |_, _| true));
         assert_eq!(of_fast.confident_and_wrong, 0, "{seed}: {of_fast:?}");
         slow += of_slow.rmse();
         fast += of_fast.rmse();
     }
     assert!(fast < 1.05 * slow, "{fast} {slow}");
+}
+
+#[test]
+fn in_space_a_track_before_a_wall_of_anchors_says_that_it_does_not_know_its_side() {
+    // Eight anchors within centimetres of a vertical plane, at heights that differ.
+    let wall: [[f64; 3]; 8] =
+        core::array::from_fn(|k| [0.5 + 1.5 * k as f64, 0.1 * (k % 3) as f64, [1.8, 2.6, 2.1, 2.4][k % 4]]);
+    let corners = [[2.0, 1.0], [10.0, 1.0], [10.0, 4.2], [2.0, 4.2]];
+    let (mut confident_and_wrong, mut beyond_4_sigma, mut positions) = (0, 0, 0);
+    for seed in 1..=SEEDS {
+        let score = run(Settings::track(SPACE), &wall, &corners, (10, 60), seed, |_, _| true);
+        assert!(score.nees() < 4.0 && score.positions > 500, "{seed}: {score:?}");
+        confident_and_wrong += score.confident_and_wrong;
+        beyond_4_sigma += score.beyond_4_sigma;
+        positions += score.positions;
+    }
+    assert!(100 * beyond_4_sigma <= positions, "{beyond_4_sigma} of {positions}");
+    assert!(1000 * confident_and_wrong <= positions, "{confident_and_wrong} of {positions}");
+}
+
+#[test]
+fn a_track_below_a_ceiling_of_anchors_does_not_climb_above_it() {
+    let ceiling: [[f64; 3]; 5] = [[1.0, 1.0, 3.0], [7.0, 1.5, 3.0], [6.5, 6.0, 3.0], [1.5, 6.5, 3.0], [4.0, 3.5, 3.0]];
+    // The tag passes the anchors at a distance, where ranges tell little of its height.
+    let corners = [[-4.0, -4.0], [14.0, -4.0], [14.0, 12.0], [-4.0, 12.0]];
+    for seed in 1..=SEEDS {
+        let score = run(Settings::track(SPACE), &ceiling, &corners, (10, 60), seed, |_, _| true);
+        assert!(score.positions > 500 && 100 * score.high <= score.positions, "{seed}: {score:?}");
+    }
+}
+
+#[test]
+fn a_fix_of_two_places_is_at_one_of_them() {
+    // 6 m before anchors that are within 8 cm of a line at y = 0.275: the image is at y = −5.6 or so.
+    let wall: [[f64; 3]; 4] = core::array::from_fn(|k| [WALL[k][0], 0.2 + 0.15 * (k % 2) as f64, WALL[k][2]]);
+    let corners = [[3.0, 6.2], [9.0, 6.2]];
+    let settings = Settings::solve(PLANE, Solvers::of(Method::Robust));
+    let mut rng = rng(5);
+    let errors = [vec![0.0; 4], vec![0.0; 4]];
+    let mut ambiguous = 0;
+    for k in 0..100 {
+        let tag = walk(&corners, 0.12 * f64::from(k));
+        let mut engine = Engine::new(settings);
+        for (anchor, place) in wall.iter().enumerate() {
+            let range = range(anchor, place, distance(place, &tag), 0.0, &errors, &mut rng);
+            engine.step(0, &Measurement::Range(range));
+        }
+        let Ok(fix) = engine.step(0, &Measurement::RoundEnd).fix else { panic!("round {k}") };
+        let (y, sigma) = (f64::from(fix.position[1]), fix.sigma()[1]);
+        assert!((y.abs() - 5.9).abs() < 0.6, "round {k}: {y}");
+        ambiguous += u32::from(sigma > 2.0);
+    }
+    assert!(ambiguous > 50, "{ambiguous}");
 }

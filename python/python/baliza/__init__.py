@@ -109,7 +109,7 @@ class Fix:
     """Why there is no position, such as `too-few-anchors`; None if there is one."""
     alternative_apart_m: Floats | None
     """(3,) if the tag can be at two positions: the vector from the likelier to the other, metres. `position_m` is
-    their mean."""
+    the likelier one."""
     alternative_share: float | None
     """The probability of the other position, at most a half."""
 

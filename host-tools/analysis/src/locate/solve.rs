@@ -127,6 +127,7 @@ impl<'a> Solver<'a> {
                 apart: [x.into(), y.into(), 0.0],
                 share: share.into(),
             }),
+            flag: fix.flag(epoch.ranges.len()),
         })
     }
 
@@ -158,6 +159,7 @@ impl<'a> Solver<'a> {
             velocity_m_s: None,
             used: fix.used.len(),
             alternative: fix.alternative.map(double),
+            flag: fix.flag(epoch.ranges.len()),
         })
     }
 

@@ -44,7 +44,7 @@ const METRES: usize = 4;
 const SQUARE_METRES: usize = 6;
 
 /// All columns. A reader finds them by name; new ones come last but for the tag.
-const COLUMNS: [Column; 19] = [
+const COLUMNS: [Column; 23] = [
     always("epoch", Values::Text(|entry| Some(entry.epoch.name))),
     always("t_s", Values::Exact(|entry| entry.epoch.t_s)),
     always("method", Values::Text(|entry| Some(entry.method))),
@@ -87,6 +87,26 @@ const COLUMNS: [Column; 19] = [
         shown: |parts| parts.velocities && parts.heights,
         values: Values::Rounded(METRES, |entry| entry.velocity()?.z_m),
     },
+    Column {
+        name: "flag",
+        shown: |parts| parts.flags,
+        values: Values::Text(|entry| Some(entry.position()?.flag?.as_str())),
+    },
+    Column {
+        name: "alt_x_m",
+        shown: |parts| parts.flags,
+        values: Values::Rounded(METRES, |entry| Some(entry.alternative()?.x_m)),
+    },
+    Column {
+        name: "alt_y_m",
+        shown: |parts| parts.flags,
+        values: Values::Rounded(METRES, |entry| Some(entry.alternative()?.y_m)),
+    },
+    Column {
+        name: "alt_z_m",
+        shown: |parts| parts.flags && parts.heights,
+        values: Values::Rounded(METRES, |entry| entry.alternative()?.z_m),
+    },
     Column { name: "tag", shown: |parts| parts.tags, values: Values::Text(|entry| entry.tag) },
 ];
 
@@ -99,6 +119,7 @@ struct Parts {
     errors: bool,
     heights: bool,
     velocities: bool,
+    flags: bool,
     tags: bool,
 }
 
@@ -112,6 +133,7 @@ pub fn columns<'a>(rows: impl Iterator<Item = Rows<'a>> + Clone, with_errors: bo
         errors: with_errors,
         heights: any(|position| position.covariance_z.is_some()),
         velocities: any(|position| position.velocity_m_s.is_some()),
+        flags: any(|position| position.flag.is_some()),
         tags: rows.clone().any(|rows| rows.tag.is_some()),
     };
     COLUMNS.iter().filter(|column| (column.shown)(&parts)).collect()
@@ -128,6 +150,13 @@ impl<'a> Entry<'a> {
 
     fn sigma(&self) -> Option<Coordinates> {
         Some(self.position()?.sigma)
+    }
+
+    /// The other of two places.
+    fn alternative(&self) -> Option<Coordinates> {
+        let Position { place, alternative, .. } = self.position()?;
+        let [x, y, z] = alternative.as_ref()?.apart;
+        Some(Coordinates { x_m: place.x_m + x, y_m: place.y_m + y, z_m: place.z_m.map(|z_m| z_m + z) })
     }
 
     fn velocity(&self) -> Option<Coordinates> {

@@ -201,6 +201,7 @@ impl<'a> Solver<'a> {
             covariance_z: None,
             velocity_m_s: None,
             alternative: None,
+            flag: None,
             used,
         }
     }

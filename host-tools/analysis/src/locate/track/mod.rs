@@ -158,6 +158,7 @@ impl<'a> Tracker<'a> {
             }),
             used: update.used.count_ones() as usize,
             alternative: self.locator.alternative().map(double),
+            flag: fix.flag,
         })
     }
 

@@ -72,6 +72,7 @@ impl Solver<'_> {
                     covariance_z: None,
                     velocity_m_s: None,
                     alternative: None,
+                    flag: None,
                     used: found.used,
                 }
             });
