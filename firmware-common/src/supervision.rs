@@ -3,6 +3,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use wire::serial_number::SerialNumber;
 use wire::telemetry::Condition;
 
 /// The heartbeat of one task, for a `static`. The task beats, and the supervisor checks.
@@ -28,7 +29,7 @@ impl Heartbeat {
     /// Whether the last beat is recent enough.
     pub fn is_alive(&self, t_us: u64) -> bool {
         // A beat may come during this check, so that it is later than `t_us`.
-        let since = millis(t_us).wrapping_sub(self.last_ms.load(Ordering::Relaxed)) as i32;
+        let since = SerialNumber(millis(t_us)).minus(self.last_ms.load(Ordering::Relaxed));
         since <= i32::try_from(self.patience_ms).unwrap_or(i32::MAX)
     }
 }

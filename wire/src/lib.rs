@@ -15,5 +15,6 @@ extern crate std;
 
 pub mod ble;
 pub mod config;
+pub mod serial_number;
 pub mod telemetry;
 pub mod uwb;

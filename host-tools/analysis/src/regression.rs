@@ -33,6 +33,18 @@ impl Regression {
         self.weights.iter().zip(near).map(|(weight, near)| weight * near).sum()
     }
 
+    /// The weights of the points in [`Self::mean`] there, K⁻¹ near.
+    pub fn weights(&self, near: &[f64]) -> DVector<f64> {
+        self.root.solve(&DVector::from_column_slice(near))
+    }
+
+    /// For each point, with A = K⁻¹ and α = A y, αᵢ ⁄ Aᵢᵢ and 1 ⁄ Aᵢᵢ (section 5.4.2): where the point has the weight w and
+    /// is left out, the mean is less by w αᵢ ⁄ Aᵢᵢ, and the variance greater by w² ⁄ Aᵢᵢ.
+    pub fn left_out(&self) -> Vec<[f64; 2]> {
+        let inverse = self.root.inverse();
+        self.weights.iter().zip(inverse.diagonal().iter()).map(|(weight, own)| [weight / own, own.recip()]).collect()
+    }
+
     /// Reduction of the variance there by the points: nearᵀ K⁻¹ near.
     pub fn explained(&self, near: &[f64]) -> f64 {
         let near = DVector::from_column_slice(near);
@@ -53,6 +65,12 @@ mod tests {
         assert!((process.mean(&[1.0, 2.0]) - 3.0).abs() < 1e-12);
         assert!((process.explained(&[4.0, 2.0]) - 4.0).abs() < 1e-12);
         assert!((process.log_likelihood + 6.5 + 4.0_f64.ln()).abs() < 1e-12);
+        // Where the covariances are (4, 2), the mean is 6, and all of a variance of 4 is explained. Without the first point
+        // the second gives 2 ⁄ 5 · 7 = 2.8, and explains 4 ⁄ 5.
+        let ([mean, variance], weight) = (process.left_out()[0], process.weights(&[4.0, 2.0])[0]);
+        assert!(
+            (weight * mean - (6.0 - 2.8)).abs() < 1e-12 && (weight * weight * variance - (4.0 - 0.8)).abs() < 1e-12
+        );
         assert!(Regression::new(&[1.0, 1.0], |i, j| [[1.0, 2.0], [2.0, 1.0]][i][j]).is_none());
     }
 }

@@ -71,17 +71,22 @@ enum Row {
 /// A file is wrong, no row has a time, or the sink returns an error.
 pub fn convert<S: Sink>(folder: &Folder, view: &mut View<S>) -> Result<Converted> {
     let clock = Clock::read(folder.find(TIMES).as_deref())?;
-    let (anchors, ranges) = (folder.file("anchors.csv")?, folder.file("ranges.csv")?);
+    let anchors = folder.find_rows("anchors.csv")?;
+    let ranges = folder.find_rows("ranges.csv")?;
     let mut rows: Vec<(Option<f64>, Row)> = Vec::new();
-    let files = Files {
-        anchors: &anchors,
-        measured: &ranges,
-        mode: MeasurementMode::Ranges,
-        truth: None,
-        anchor_heights: false,
-        truth_heights: false,
+    let recordings = match &ranges {
+        Some(measured) => Recording::read(&Files {
+            anchors: &folder.file("anchors.csv")?,
+            measured,
+            mode: MeasurementMode::Ranges,
+            truth: None,
+            anchor_heights: false,
+            truth_heights: false,
+        })?,
+        // Tags that receive beacons, or only listen, have positions.
+        None => Vec::new(),
     };
-    for Recording { tag, epochs, .. } in Recording::read(&files)? {
+    for Recording { tag, epochs, .. } in recordings {
         for epoch in epochs.iter() {
             rows.extend(epoch.ranges.iter().map(|range| {
                 let (tag, epoch_name) = (tag.clone(), epoch.name.to_owned());
@@ -109,9 +114,10 @@ pub fn convert<S: Sink>(folder: &Folder, view: &mut View<S>) -> Result<Converted
     let mut timed: Vec<(f64, Row)> = rows.into_iter().filter_map(|(t_s, row)| Some((t_s?, row))).collect();
     timed.sort_by(|(one, _), (other, _)| one.total_cmp(other));
     let Some(begin_s) = timed.first().map(|(t_s, _)| *t_s) else {
+        let ranges = folder.file("ranges.csv")?;
         return Err(UserError::line(&ranges, 1, "no row has a t_s, and messages need times").into());
     };
-    let anchors = read_anchors(&anchors)?;
+    let anchors = anchors.as_deref().map(read_anchors).transpose()?.unwrap_or_default();
     for anchor in &anchors {
         let place = &anchor.place;
         view.anchor(clock.ns(begin_s), &anchor.name, [place.x_m, place.y_m, place.z_m.unwrap_or(0.0)])?;

@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use baliza_report::line_of;
+use baliza_report::explain;
 use serde::{Deserialize, Serialize};
 
 use crate::read_text;
-use crate::{Height, Space, UserError};
+use crate::{Height, Space, Table, UserError};
 
 /// The name of the file of settings.
 pub const SETTINGS: &str = "recording.toml";
@@ -75,6 +75,25 @@ impl Folder {
         Some(self.path.join(name)).filter(|file| file.is_file())
     }
 
+    /// The path of one of its tables, if the table exists and has a row: a simulation without anchors has a header only.
+    ///
+    /// # Errors
+    /// The table is wrong before its first row.
+    pub fn find_rows(&self, name: &str) -> Result<Option<PathBuf>, UserError> {
+        let Some(file) = self.find(name) else { return Ok(None) };
+        let has_row = Table::open(&file)?.next_row()?.is_some();
+        Ok(has_row.then_some(file))
+    }
+
+    /// Whether its tags have measured the RSSI of beacons, and neither ranges nor differences.
+    ///
+    /// # Errors
+    /// A table is wrong before its first row.
+    pub fn is_of_beacons(&self) -> Result<bool, UserError> {
+        let has = |name| Ok::<_, UserError>(self.find_rows(name)?.is_some());
+        Ok(has("rssi.csv")? && has("beacons.csv")? && !has("ranges.csv")? && !has("differences.csv")?)
+    }
+
     /// How its tags measured, and the file of it: as the settings say, else by the file that is there.
     ///
     /// # Errors
@@ -124,8 +143,8 @@ impl RecordingSettings {
 fn read(file: &Path) -> Result<RecordingSettings, UserError> {
     let text = read_text(file)?;
     let settings: RecordingSettings = toml::from_str(&text).map_err(|error| {
-        let line = line_of(&text, error.span().map_or(0, |span| span.start));
-        UserError::line(file, line as u64, error.message())
+        let explained = explain(&text, error.span(), error.message());
+        UserError::line(file, explained.line as u64, explained.message)
     })?;
     match settings {
         RecordingSettings { dims: Some(dims), .. } if !(2..=3).contains(&dims) => {
@@ -163,9 +182,14 @@ mod tests {
         fs::write(folder.path().join(SETTINGS), settings.to_toml().expect("text")).expect("written");
         assert_eq!(Folder::open(folder.path()).expect("read").settings, settings);
         for (text, said) in [
-            ("dims = 2\nheigth_m = 1", ":2: unknown field"),
+            ("dims = 2\nheigth_m = 1", ":2: unknown key heigth_m; height_m is near it"),
             ("dims = 4", "it must be 2 or 3"),
-            ("mode = \"rang\"", ":1: unknown variant `rang`"),
+            ("dims = \"two\"", ":1: dims is \"two\": it must be a whole number"),
+            ("height_m = [1.2]", ":1: height_m is [1.2]: it must be a number"),
+            (
+                "mode = \"rang\"",
+                ":1: mode is \"rang\": it must be one of \"ranges\", \"differences\"; ranges is near it",
+            ),
         ] {
             fs::write(folder.path().join(SETTINGS), text).expect("written");
             let error = Folder::open(folder.path()).expect_err("wrong").to_string();

@@ -5,6 +5,7 @@ use std::io::Read;
 use std::path::Path;
 
 use crate::UserError;
+use crate::inputs::note_read;
 
 /// The largest site file, scenario, map or file of models, bytes.
 pub const DOCUMENT_BYTES: u64 = 8 << 20;
@@ -29,6 +30,7 @@ pub fn limited_bytes(file: &Path, most: u64) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
     let read = File::open(file).and_then(|input| input.take(most + 1).read_to_end(&mut bytes));
     read.map_err(|error| format!("cannot open it: {error}"))?;
+    note_read(file);
     if bytes.len() as u64 > most {
         return Err(format!("it is larger than {} MiB: is it the right file?", most >> 20));
     }

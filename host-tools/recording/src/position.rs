@@ -27,6 +27,16 @@ pub enum Height {
     FromTruth,
 }
 
+impl Space {
+    /// The height that is given, where positions are in the plane.
+    pub fn height(self) -> Height {
+        match self {
+            Self::Plane(height) => height,
+            Self::Full(_) => Height::Unknown,
+        }
+    }
+}
+
 /// A side of the anchors' plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Half {

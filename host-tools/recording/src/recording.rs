@@ -146,20 +146,44 @@ pub(crate) fn anchor_of(row: &Row, column: Column, places: &AnchorIndex) -> Resu
     places.find(name).ok_or_else(|| row.wrong(column, &format!("{} is not in the file of anchors", quoted(name))))
 }
 
+/// The columns of a file of ranges that belong to a range.
+pub(crate) struct RangeColumns<'a> {
+    anchor: Column,
+    range: Column,
+    sight: Column,
+    diagnostics: DiagnosticColumns,
+    places: AnchorIndex<'a>,
+}
+
+impl<'a> RangeColumns<'a> {
+    pub(crate) fn of(table: &Table, anchors: &'a [Anchor]) -> Result<Self, UserError> {
+        Ok(Self {
+            anchor: table.column("anchor")?,
+            range: table.column("range_m")?,
+            sight: table.optional("los"),
+            diagnostics: DiagnosticColumns::of_ranges(table),
+            places: AnchorIndex::of(anchors),
+        })
+    }
+
+    /// The range of a row at this time, seconds; `None` where the row has none.
+    pub(crate) fn read(&self, row: &Row, t_s: Option<f64>) -> Result<Option<Measured>, UserError> {
+        let anchor = anchor_of(row, self.anchor, &self.places)?;
+        let line_of_sight = row.truth_value(self.sight)?;
+        let Some(range_m) = row.number(self.range)? else { return Ok(None) };
+        Ok(Some(Measured { anchor, range_m, t_s, line_of_sight, diagnostics: self.diagnostics.read(row)? }))
+    }
+}
+
 /// The recordings of a file of ranges, one a tag.
 fn read_ranges(file: &Path, anchors: &[Anchor]) -> Result<Vec<Recording>, UserError> {
-    let places = AnchorIndex::of(anchors);
     let mut table = Table::open(file)?;
     let mut epochs = EpochsByTag::of(&table, anchors)?;
-    let (anchor, range, sight) = (table.column("anchor")?, table.column("range_m")?, table.optional("los"));
-    let columns = DiagnosticColumns::of_ranges(&table);
+    let columns = RangeColumns::of(&table, anchors)?;
     while let Some(row) = table.next_row()? {
         let (epochs, t_s) = epochs.of_row(&row)?;
-        let anchor = anchor_of(&row, anchor, &places)?;
-        let line_of_sight = row.truth_value(sight)?;
-        if let Some(range_m) = row.number(range)? {
-            let diagnostics = columns.read(&row)?;
-            epochs.push_range(&Measured { anchor, range_m, t_s, line_of_sight, diagnostics });
+        if let Some(range) = columns.read(&row, t_s)? {
+            epochs.push_range(&range);
         }
     }
     epochs.recordings().ok_or_else(|| UserError::line(file, 1, "no ranges below the header"))
@@ -186,10 +210,20 @@ pub fn read_anchors(file: &Path) -> Result<Vec<Anchor>, UserError> {
     anchor_rows(file, false)
 }
 
-fn anchor_rows(file: &Path, heights: bool) -> Result<Vec<Anchor>, UserError> {
+/// Reads `anchors.csv`; with `heights`, each anchor must have its height.
+///
+/// # Errors
+/// The first line that is wrong.
+pub fn anchor_rows(file: &Path, heights: bool) -> Result<Vec<Anchor>, UserError> {
     let mut table = Table::open(file)?;
     let (anchor, x, y) = (table.column("anchor")?, table.column("x_m")?, table.column("y_m")?);
-    let z = if heights { table.column("z_m")? } else { table.optional("z_m") };
+    let z = match table.column("z_m") {
+        Err(UserError::Line { file, line, what }) if heights => {
+            let what = what + "; only --dims 2 without a height needs no z_m";
+            return Err(UserError::Line { file, line, what });
+        }
+        Ok(_) | Err(_) => table.optional("z_m"),
+    };
     let mut anchors: Vec<Anchor> = Vec::new();
     let mut lines: HashMap<String, u64> = HashMap::new();
     while let Some(row) = table.next_row()? {

@@ -76,29 +76,50 @@ pub fn drop_repeats(epochs: &mut Epochs) -> usize {
     dropped.len()
 }
 
-/// A round that has not ended.
-#[derive(Default)]
-struct Round<'a> {
+/// A round that has not ended. It ends where an anchor repeats, or where more than `longest_s` seconds have passed since
+/// its first range. It has the name, time and true position of its last range's epoch.
+#[derive(Debug, Default)]
+pub struct OpenRound {
+    longest_s: f64,
     began_s: Option<f64>,
     /// Of the last range: the name, the true position and, where it is known, the time of its epoch.
-    name: &'a str,
+    name: String,
     t_s: Option<f64>,
     truth: Option<Coordinates>,
     ranges: Vec<Measured>,
 }
 
-impl Round<'_> {
-    fn end(&mut self, rounds: &mut Epochs) {
+impl OpenRound {
+    /// The first of rounds that last for `longest_s` seconds at most.
+    pub fn new(longest_s: f64) -> Self {
+        Self { longest_s, ..Self::default() }
+    }
+
+    /// Takes the next range, of an epoch with this name and true position. A round that ends before it is added to
+    /// `rounds`.
+    pub fn take(&mut self, name: &str, truth: Option<Coordinates>, range: Measured, rounds: &mut Epochs) {
+        let is_late = range.t_s.zip(self.began_s).is_some_and(|(t_s, began_s)| t_s - began_s > self.longest_s);
+        if is_late || self.ranges.iter().any(|other| other.anchor == range.anchor) {
+            self.end(rounds);
+        }
+        if self.ranges.is_empty() {
+            (self.began_s, self.t_s) = (range.t_s, None);
+        }
+        name.clone_into(&mut self.name);
+        (self.t_s, self.truth) = (range.t_s.or(self.t_s), truth);
+        self.ranges.push(range);
+    }
+
+    /// Ends the round, where it has a range.
+    pub fn end(&mut self, rounds: &mut Epochs) {
         if !self.ranges.is_empty() {
-            rounds.push(self.name, self.t_s, self.truth);
+            rounds.push(&self.name, self.t_s, self.truth);
             self.ranges.drain(..).for_each(|range| rounds.push_range(&range));
         }
     }
 }
 
-/// The ranges of all epochs in rounds. A round ends where an anchor repeats, or where more than `longest_s` seconds
-/// have passed since its first range. It has the name, time and true position of its last range's epoch. Epochs without
-/// ranges make no round.
+/// The ranges of all epochs in rounds of at most `longest_s` seconds. Epochs without ranges make no round.
 pub fn rounds(epochs: &Epochs, longest_s: f64) -> Epochs {
     let of_epoch = |at: usize| epochs.get(at).map_or(0, |epoch| epoch.ranges.len());
     // The place of each range: its epoch, and its number in it.
@@ -111,18 +132,10 @@ pub fn rounds(epochs: &Epochs, longest_s: f64) -> Epochs {
         let range = epoch.ranges.get(range)?;
         Some((epoch, Measured { t_s: range.t_s.or(epoch.t_s), ..range }))
     };
-    let (mut rounds, mut round) = (Epochs::default(), Round::default());
+    let (mut rounds, mut round) = (Epochs::default(), OpenRound::new(longest_s));
     for at in by_time(singles.iter().map(|place| single(place)?.1.t_s)) {
         let Some((Epoch { name, truth, .. }, range)) = singles.get(at).and_then(single) else { continue };
-        let is_late = range.t_s.zip(round.began_s).is_some_and(|(t_s, began_s)| t_s - began_s > longest_s);
-        if is_late || round.ranges.iter().any(|other| other.anchor == range.anchor) {
-            round.end(&mut rounds);
-        }
-        if round.ranges.is_empty() {
-            round = Round { began_s: range.t_s, ranges: round.ranges, ..Round::default() };
-        }
-        (round.name, round.t_s, round.truth) = (name, range.t_s.or(round.t_s), truth);
-        round.ranges.push(range);
+        round.take(name, truth, range, &mut rounds);
     }
     round.end(&mut rounds);
     rounds

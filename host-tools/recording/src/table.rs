@@ -12,10 +12,13 @@ use std::path::{Path, PathBuf};
 use csv::{Reader, ReaderBuilder, StringRecord, Trim};
 
 use crate::UserError;
+use crate::inputs::note_read;
 use crate::output::STANDARD;
 
 /// The longest accepted line, bytes.
 pub const LONGEST_LINE: usize = 64 * 1024;
+/// Names of columns that are more alike than this (Jaro-Winkler) may be meant for each other.
+const ALIKE: f64 = 0.9;
 /// A record that is read after each line, and that no line can contain. An open quote in the line swallows the
 /// beginning of this record. A carriage return within the line puts another record before this one.
 const BEHIND: &str = "\n\".\n.\"\n";
@@ -110,6 +113,7 @@ impl Table {
             (Path::new("standard input"), Input::Standard(io::stdin()))
         } else {
             let opened = File::open(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))?;
+            note_read(file);
             (file, Input::File(opened))
         };
         log::info!("reading {}", file.display());
@@ -152,7 +156,7 @@ impl Table {
             Ok(column)
         } else {
             let missing = format!("no column {name} in the header {}", quoted(&self.header.join(",")));
-            Err(UserError::line(&self.file, 1, missing + self.other_separator()))
+            Err(UserError::line(&self.file, self.line, missing + &self.hint(name)))
         }
     }
 
@@ -166,13 +170,29 @@ impl Table {
             && fields.windows(2).any(|pair| pair.iter().all(is_whole))
     }
 
-    /// A question for the user where the header seems to be separated by another character than a comma.
-    fn other_separator(&self) -> &'static str {
+    /// What may be the reason that a column is missing: another separator, a comment, or another spelling.
+    fn hint(&self, name: &str) -> String {
         match &self.header[..] {
-            [name] if name.contains(';') => "; separated by `;`? commas are expected",
-            [name] if name.contains('\t') => "; separated by tabs? commas are expected",
-            _ => "",
+            [first, ..] if first.starts_with('#') => "; the header must be the first line, without comments".to_owned(),
+            [only] if only.contains(';') => "; separated by `;`? commas are expected".to_owned(),
+            [only] if only.contains('\t') => "; separated by tabs? commas are expected".to_owned(),
+            _ => self.near(name).map_or_else(String::new, |near| format!("; {near} is near it")),
         }
+    }
+
+    /// The column of the file that is called nearly so, or by another word for the same.
+    fn near(&self, name: &str) -> Option<&str> {
+        let (_, unit) = name.rsplit_once('_').unwrap_or((name, ""));
+        let is_other_word = |column: &str| {
+            name == "range_m" && ["range", "distance", "dist"].iter().any(|word| column.starts_with(word))
+        };
+        let alike = |column: &&String| {
+            let column = column.to_lowercase();
+            column == name
+                || is_other_word(&column)
+                || strsim::jaro_winkler(&column, name) > ALIKE && column.ends_with(unit)
+        };
+        self.header.iter().find(alike).map(String::as_str)
     }
 
     /// An optional column.
@@ -191,7 +211,11 @@ impl Table {
         }
         let (found, expected) = (self.fields.places.len(), self.header.len());
         if found != expected {
-            let hint = if self.has_decimal_commas() { "; decimal commas? points are expected" } else { "" };
+            let hint = match self.fields.get(0) {
+                Some(first) if first.starts_with('#') => "; remove the comment: CSV has none",
+                _ if self.has_decimal_commas() => "; decimal commas? points are expected",
+                _ => "",
+            };
             return Err(self.wrong(format!("{found} fields where the header has {expected}{hint}")));
         }
         Ok(Some(Row { file: &self.file, line: self.line, fields: &self.fields }))

@@ -91,13 +91,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut stream = Stream::default();
     let mut read_on = true;
     // The header waits for the first frame, because there may be none.
-    let mut text = lines.header()?;
+    let mut text = lines.header(false)?;
     while read_on && let Some(bytes) = input.next()? {
         for byte in &bytes {
             if let Some((stamp, message)) = stream.feed(*byte)
                 && !matches!(sink, Sink::Nowhere)
             {
-                lines.append(&mut text, stamp, &message)?;
+                lines.append(&mut text, stamp, &message, None)?;
             }
         }
         if stream.counts().frames > 0 {

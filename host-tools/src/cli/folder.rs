@@ -42,6 +42,18 @@ impl FolderFiles {
         of_flag.clone().or_else(|| self.0.as_ref()?.find(name))
     }
 
+    /// The file of a flag, or else the folder's table of this name, where it has a row.
+    ///
+    /// # Errors
+    /// The table is wrong before its first row.
+    pub fn find_rows(&self, of_flag: &Option<PathBuf>, name: &str) -> Result<Option<PathBuf>, UserError> {
+        match (of_flag, &self.0) {
+            (Some(file), _) => Ok(Some(file.clone())),
+            (None, Some(folder)) => folder.find_rows(name),
+            (None, None) => Ok(None),
+        }
+    }
+
     /// What the folder says of the recording.
     pub fn settings(&self) -> RecordingSettings {
         self.0.as_ref().map(|folder| folder.settings.clone()).unwrap_or_default()

@@ -1,11 +1,13 @@
 //! What `--json` prints: one object with the schema's number, the command, and its results or its error.
 
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use anyhow::{Context, Result};
 use recording::UserError;
 use serde_json::{Value, json};
+
+use super::program::user_error;
 
 /// The number of the schema. A change that a reader of the former one would misunderstand gets the next number.
 const SCHEMA: u32 = 1;
@@ -16,6 +18,14 @@ static COMMAND: OnceLock<String> = OnceLock::new();
 /// Whether a document was printed: there is one at most. Results may be followed by an error, which is then only on
 /// standard error.
 static PRINTED: AtomicBool = AtomicBool::new(false);
+
+/// What the user was warned of, which the document has too.
+static WARNINGS: Mutex<Vec<String>> = Mutex::new(Vec::new());
+
+/// Notes a warning for the document.
+pub fn warned(warning: &str) {
+    WARNINGS.lock().unwrap_or_else(PoisonError::into_inner).push(warning.to_owned());
+}
 
 /// Notes which command runs: its words without `baliza`.
 pub fn begin(command: &str) {
@@ -34,7 +44,7 @@ pub fn print_results(results: &impl serde::Serialize) -> Result<()> {
     if !results.is_array() {
         results = Value::Array(vec![results]);
     }
-    print(&json!({ "schema": SCHEMA, "command": command(), "results": results }))
+    print(json!({ "schema": SCHEMA, "command": command(), "results": results }))
 }
 
 /// Prints an error.
@@ -42,7 +52,7 @@ pub fn print_results(results: &impl serde::Serialize) -> Result<()> {
 /// # Errors
 /// Standard output cannot be written.
 pub fn print_error(error: &anyhow::Error) -> Result<()> {
-    let (file, line, message) = match error.downcast_ref::<UserError>() {
+    let (file, line, message) = match user_error(error) {
         Some(UserError::Line { file, line, what }) => (Some(file.display().to_string()), Some(*line), what.clone()),
         Some(UserError::File { file, what }) => (Some(file.display().to_string()), None, what.clone()),
         Some(flag @ UserError::Flag { .. }) => (None, None, flag.to_string()),
@@ -61,18 +71,28 @@ pub fn print_argument_error(message: &str) -> Result<()> {
 
 fn print_error_of(file: Option<String>, line: Option<u64>, message: &str) -> Result<()> {
     let error = json!({ "file": file, "line": line, "message": message });
-    print(&json!({ "schema": SCHEMA, "command": command(), "error": error }))
+    print(json!({ "schema": SCHEMA, "command": command(), "error": error }))
+}
+
+/// The command as it was called, with its arguments.
+pub fn arguments() -> String {
+    let arguments = std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned());
+    ["baliza".to_owned()].into_iter().chain(arguments).collect::<Vec<_>>().join(" ")
 }
 
 fn command() -> &'static str {
     COMMAND.get().map_or("", String::as_str)
 }
 
-fn print(document: &Value) -> Result<()> {
+fn print(mut document: Value) -> Result<()> {
     if PRINTED.swap(true, Ordering::Relaxed) {
         return Ok(());
     }
-    let mut text = serde_json::to_vec_pretty(document).context("cannot write JSON")?;
+    let warnings = std::mem::take(&mut *WARNINGS.lock().unwrap_or_else(PoisonError::into_inner));
+    if let (Some(fields), false) = (document.as_object_mut(), warnings.is_empty()) {
+        fields.insert("warnings".to_owned(), warnings.into());
+    }
+    let mut text = serde_json::to_vec_pretty(&document).context("cannot write JSON")?;
     text.push(b'\n');
     super::print(&text)
 }

@@ -26,6 +26,7 @@ mod monitor;
 mod nlos;
 pub mod numbers;
 pub mod paths;
+mod piped;
 mod plan_anchors;
 mod plot;
 mod program;
@@ -225,9 +226,12 @@ pub fn prompt(text: &str) {
     let _ = std::io::stderr().write_all(text.as_bytes());
 }
 
-/// Prints warnings, each on a line of its own.
+/// Prints warnings, each on a line of its own. The document of `--json` has them too.
 pub fn warn(warnings: impl IntoIterator<Item = String>) {
-    warnings.into_iter().for_each(|warning| note(&format!("warning: {warning}\n")));
+    for warning in warnings {
+        json::warned(&warning);
+        note(&format!("warning: {warning}\n"));
+    }
 }
 
 /// Whether standard output shows colours: it is a terminal that can, and `NO_COLOR` is not set.

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget};
+use node_link::decode::{NodeStream, node_streams};
 use node_link::monitor::{
     Event, Files, FindImage, Image, ImageFiles, Limits, Lines, Listener, NodeChannel, NodeOutput, Piped, Session,
     SessionCounts, Source, json, listen, summary,
@@ -26,7 +27,8 @@ use super::verbosity::is_quiet;
 /// Show a node's output: its telemetry, and its log where that has more
 ///
 /// By probe (the default), serial port, standard input or from files. The log is shown with the ELF file that was flashed,
-/// which is looked for by the node's build; without it only telemetry. Monitoring continues after unplugging, resets and new images. Ctrl-C
+/// which is looked for by the node's build; without it only telemetry. Of a simulation's folder, all nodes are shown, one
+/// after the other, each line with its node (in CSV: tag). Monitoring continues after unplugging, resets and new images. Ctrl-C
 /// ends it, with a count of what was received and what was lost.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -97,6 +99,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.table.is_some() && arguments.format != Format::Csv {
         return Err(UserError::flag("--table", "only with --format csv").into());
     }
+    if let Some(streams) = several(arguments)? {
+        return show_all(arguments, streams);
+    }
     let images = images(arguments.elf.as_deref());
     let image = images.as_ref().map_or(Ok(None), ImageFiles::single)?;
     let (mut source, live) = source(arguments, image.as_ref())?;
@@ -140,6 +145,55 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return Err(UserError::file(Path::new("standard input"), "it ended without telemetry and without a log").into());
     }
     super::note(&format!("{}\n", summary(&counts, begun.elapsed())));
+    Ok(())
+}
+
+/// The streams of a folder with several nodes, where what is asked for may be of several. With what belongs to one
+/// node (`--elf`, `--record`, …), a note says whose stream is read.
+fn several(arguments: &Arguments) -> Result<Option<Vec<NodeStream>>, UserError> {
+    let Some(folder) = arguments.source.file() else { return Ok(None) };
+    let streams = node_streams(folder)?;
+    let [_, next, ..] = &streams[..] else { return Ok(None) };
+    let is_of_one = arguments.elf.is_some()
+        || arguments.record.is_some()
+        || arguments.foxglove.is_some()
+        || arguments.format == Format::Telemetry;
+    if is_of_one {
+        let (folder, next) = (folder.display(), next.path.display());
+        super::note(&format!("{folder} has several nodes, and this is the first tag: --file {next} is another\n"));
+        return Ok(None);
+    }
+    Ok(Some(streams))
+}
+
+/// Shows one node of a folder after the other.
+fn show_all(arguments: &Arguments, streams: Vec<NodeStream>) -> Result<()> {
+    catch_signals()?;
+    let names = arguments.names.read(arguments.source.file())?;
+    let (begun, mut fixes) = (Instant::now(), 0);
+    let mut screen = Screen { are_several: true, ..Screen::new(arguments, names.clone(), false) };
+    screen.begin()?;
+    let mut said = String::new();
+    for NodeStream { path, node } in streams {
+        let limits = Limits {
+            time: arguments.source.seconds.map(|time| time.saturating_sub(begun.elapsed())),
+            fixes: arguments.fixes.map(|most| most.saturating_sub(fixes)),
+        };
+        if limits.fixes == Some(0) {
+            break;
+        }
+        let mut session = Session::new(None, None, false);
+        screen.node = node;
+        listen(&mut Files::open(&path, None)?, &mut session, &mut screen, limits, &STOP)?;
+        refuse_interrupted()?;
+        let counts = session.counts();
+        refuse_without_content(&path, &counts)?;
+        fixes += counts.fixes;
+        let of = screen.node.as_deref().map_or("", |node| names.node(node));
+        said += &format!("{of}: {}\n", summary(&counts, begun.elapsed()));
+    }
+    screen.end()?;
+    super::note(&said);
     Ok(())
 }
 
@@ -224,12 +278,17 @@ struct Screen {
     rate: (u64, Duration, f64),
     /// `--foxglove`.
     view: Option<LiveView>,
+    /// Whether there are several nodes, and the address of the one that is shown.
+    are_several: bool,
+    node: Option<String>,
+    names: SiteNames,
 }
 
 impl Screen {
     fn new(arguments: &Arguments, names: SiteNames, live: bool) -> Self {
+        let lines = Lines::new(super::stdout_has_colours(), arguments.show_source);
         let writing = match arguments.format {
-            Format::Text => Writing::Text(Lines::new(super::stdout_has_colours(), arguments.show_source).named(names)),
+            Format::Text => Writing::Text(lines.named(names.clone())),
             Format::Jsonl => Writing::Json,
             // Telemetry has no screen.
             Format::Csv | Format::Telemetry => Writing::Csv(stream::Lines::csv(arguments.table)),
@@ -239,12 +298,21 @@ impl Screen {
         } else {
             ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden())
         };
-        Self { writing, out: BufWriter::new(std::io::stdout()), bar, rate: (0, Duration::ZERO, 0.0), view: None }
+        Self {
+            writing,
+            out: BufWriter::new(std::io::stdout()),
+            bar,
+            rate: (0, Duration::ZERO, 0.0),
+            view: None,
+            are_several: false,
+            node: None,
+            names,
+        }
     }
 
     fn begin(&mut self) -> Result<()> {
         match &self.writing {
-            Writing::Csv(lines) => read_on(self.out.write_all(&lines.header()?)).map(drop),
+            Writing::Csv(lines) => read_on(self.out.write_all(&lines.header(self.are_several)?)).map(drop),
             Writing::Text(_) | Writing::Json => Ok(()),
         }
     }
@@ -257,16 +325,19 @@ impl Screen {
     /// The text of one item of the node's output; empty where the item is not shown.
     fn text(&mut self, output: &NodeOutput) -> Result<Vec<u8>> {
         match &mut self.writing {
-            Writing::Text(lines) => Ok(lines.line(output).unwrap_or_default().into_bytes()),
+            Writing::Text(lines) => {
+                let of = self.node.as_ref().map_or_else(String::new, |node| format!("{} ", self.names.node(node)));
+                Ok(lines.line(output).map_or_else(String::new, |line| of + &line).into_bytes())
+            }
             Writing::Json => {
-                let mut line = json(output).context("cannot write JSON")?;
+                let mut line = json(output, self.node.as_deref()).context("cannot write JSON")?;
                 line.push(b'\n');
                 Ok(line)
             }
             Writing::Csv(lines) => {
                 let mut row = Vec::new();
                 if let NodeOutput::Message(stamp, message) = output {
-                    lines.append(&mut row, *stamp, message)?;
+                    lines.append(&mut row, *stamp, message, self.node.as_deref())?;
                 }
                 Ok(row)
             }

@@ -213,7 +213,8 @@ fn train(arguments: &Train) -> Result<()> {
     }
     drop(progress);
     if file.is_empty() {
-        let wrong = "it knows the features of no classifier that was asked for";
+        let wrong = "it lacks the columns for each classifier that was asked for: rx_power_dbm and fp_power_dbm, or fp_amp1, \
+                     fp_amp2, fp_amp3 with cir_pwr or std_noise, or an impulse response (--cir)";
         return Err(UserError::file(&arguments.receptions.first(), wrong).into());
     }
     super::write(&arguments.out, &file)?;

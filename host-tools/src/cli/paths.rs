@@ -4,12 +4,16 @@
 
 use std::ffi::OsStr;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use clap::{Arg, ArgMatches, Command, ValueHint};
-use node_link::recorder::{folders, is_of_recording};
+use node_link::provision::SITE;
+use node_link::recorder::folders;
 use recording::UserError;
+use recording::inputs::identity;
 use recording::output::STANDARD;
+
+use crate::simulate::is_of_simulation;
 
 /// The flags of outputs, by name and as the user writes them.
 const OUTPUTS: [(&str, &str); 5] =
@@ -74,33 +78,25 @@ fn has_flag(matches: &ArgMatches, id: &str) -> bool {
     matches.try_get_one::<bool>(id).is_ok_and(|flag| flag == Some(&true))
 }
 
-/// Whether writing to `output` would change `input`: both are one file, or the output is a file of the recording in the
-/// folder that is the input, or the input is a file of the recording that the output replaces.
+/// Whether writing to `output` would change `input`: both are one file, or the output is, by whatever name, a file of
+/// the recording in the folder that is the input, or the input is a file of the recording that the output replaces.
 fn is_at_risk(output: &Path, input: &Path, replaces: bool) -> bool {
-    let is_in = |file: &Path, folder: &Path| {
-        let name = file.file_name().and_then(OsStr::to_str);
-        let is_there = |folder: &PathBuf| name.is_some_and(|name| is_same(&folder.join(name), file));
-        name.is_some_and(is_of_recording) && folder.is_dir() && folders(folder).iter().any(is_there)
+    let is_in = |file: &Path, folder: &Path, is_meant: fn(&str) -> bool| {
+        let Some(file) = identity(file).filter(|_| folder.is_dir()) else { return false };
+        let entries = folders(folder).into_iter().filter_map(|folder| fs::read_dir(folder).ok()).flatten().flatten();
+        let mut files = entries.filter(|entry| entry.file_name().to_str().is_some_and(is_meant));
+        files.any(|entry| identity(&entry.path()).as_ref() == Some(&file))
     };
-    is_same(output, input) || is_in(output, input) || replaces && is_in(input, output)
+    let is_read = |name: &str| is_of_simulation(name) || name == SITE;
+    is_same(output, input) || is_in(output, input, is_read) || replaces && is_in(input, output, is_of_simulation)
 }
 
-/// Whether two paths lead to one file or folder. A pipe, a terminal or `/dev/null` may be both input and output.
+/// Whether two paths lead to one file or folder.
 fn is_same(one: &Path, other: &Path) -> bool {
-    let (Ok(of_one), Ok(of_other)) = (fs::metadata(one), fs::metadata(other)) else {
+    match (one.exists(), identity(one)) {
+        (true, identity_of_one) => identity_of_one.is_some() && identity_of_one == identity(other),
         // A file that does not exist yet is the same by its name only.
-        return one.as_os_str() != STANDARD && one == other;
-    };
-    let is_kept = of_one.is_file() || of_one.is_dir();
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::MetadataExt;
-        is_kept && (of_one.dev(), of_one.ino()) == (of_other.dev(), of_other.ino())
-    }
-    #[cfg(not(unix))]
-    {
-        let _ = of_other;
-        is_kept && fs::canonicalize(one).is_ok_and(|one| fs::canonicalize(other).is_ok_and(|other| one == other))
+        (false, _) => one.as_os_str() != STANDARD && one == other,
     }
 }
 

@@ -9,7 +9,7 @@ use anyhow::Result;
 use pictures::{Dot, Errors, Picture, PictureBuilder};
 use recording::beacons::read_beacons;
 use recording::positions::{self, PositionRow};
-use recording::{Files, Height, MeasurementMode, Recording, Space, Truths, read_anchors};
+use recording::{Coordinates, Files, Height, MeasurementMode, Recording, Space, Truths, read_anchors};
 
 use super::PictureFile;
 use super::floor_plan::FloorPlanArgs;
@@ -79,9 +79,9 @@ impl Arguments {
         super::warn(advice::of_positions(&rows));
         let truth_file = files.find(&self.truth, "truth.csv");
         let truths = truth_file.as_deref().map(|file| Truths::read(file, false)).transpose()?;
-        let anchors_file = files.find(&self.anchors, "anchors.csv");
+        let anchors_file = files.find_rows(&self.anchors, "anchors.csv")?;
         let anchors = anchors_file.as_deref().map(read_anchors).transpose()?.unwrap_or_default();
-        let beacons_file = files.find(&self.beacons, "beacons.csv");
+        let beacons_file = files.find_rows(&self.beacons, "beacons.csv")?;
         let beacons = beacons_file.as_deref().map(read_beacons).transpose()?.unwrap_or_default();
         let floor_plan = self.floor_plan.read(files.find(&None, "walls.csv").as_deref())?;
 
@@ -113,7 +113,11 @@ impl Arguments {
                 truth_m: truth.as_ref().map(flat),
                 covariance_m2: row.covariance_m2(),
             });
-            let error_m = row.place.and_then(|place| row.error_m.or_else(|| Some(place.distance_m(truth.as_ref()?))));
+            let distance_m = |place: Coordinates| {
+                let truth = truth.as_ref()?;
+                Some(if was_given(row) { place.horizontal_m(truth) } else { place.distance_m(truth) })
+            };
+            let error_m = row.place.and_then(|place| row.error_m.or_else(|| distance_m(place)));
             builder.position(&row.method, &name(row.tag.as_deref()), dot, error_m);
             row.t_s.into_iter().for_each(|t_s| builder.time(t_s));
         }
@@ -131,10 +135,13 @@ impl Arguments {
     }
 }
 
+/// Whether the height of a position was given: it has no deviation, where the other coordinates have one.
+fn was_given(row: &PositionRow) -> bool {
+    row.sigma_m.is_some() && row.sigma_z_m.unwrap_or(0.0) == 0.0
+}
+
 /// The space of the errors: without truth that of the positions, as far as it is known.
 fn errors(rows: &[PositionRow], truths: Option<&Truths>) -> Errors {
-    // A height that was given has no deviation, where the other coordinates have one.
-    let was_given = |row: &PositionRow| row.sigma_m.is_some() && row.sigma_z_m.unwrap_or(0.0) == 0.0;
     let has_height = |row: &PositionRow| row.place.is_some_and(|place| place.z_m.is_some());
     let heights = rows.iter().any(|row| has_height(row) && !was_given(row));
     let mut of_truth = truths.into_iter().flat_map(Truths::by_tag).flat_map(|(_, truth)| truth.places());

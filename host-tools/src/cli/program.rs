@@ -3,7 +3,8 @@
 //! Data goes to standard output or to files, diagnostics go to standard error. Exit code 0: success. Exit code 2: the
 //! input or the arguments are wrong, and one line says how. Exit code 1: any other error, with its causes.
 
-use std::io::Write;
+use std::error::Error;
+use std::io::{self, Write};
 use std::process::ExitCode;
 
 use anyhow::Result;
@@ -58,11 +59,17 @@ fn report(error: &anyhow::Error) -> ExitCode {
         // If standard output is closed, the line on standard error is left.
         let _ = json::print_error(error);
     }
-    match error.downcast_ref::<UserError>() {
+    match user_error(error) {
         Some(wrong) => complain(2, &wrong.to_string()),
         None if error.is::<Interrupted>() => complain(130, &format!("baliza: {error}")),
         None => complain(1, &format!("baliza: {error:#}")),
     }
+}
+
+/// The mistake of the user that an error is, also where a file could not be opened or written for it.
+pub(super) fn user_error<'e>(error: &'e anyhow::Error) -> Option<&'e UserError> {
+    let within = |cause: &'e (dyn Error + 'static)| cause.downcast_ref::<io::Error>()?.get_ref()?.downcast_ref();
+    error.downcast_ref().or_else(|| error.chain().find_map(within))
 }
 
 /// Whether errors are JSON too. The arguments may be wrong, so they are read as they are.
@@ -76,7 +83,7 @@ fn refuse(error: &clap::Error, called: &str) -> ExitCode {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
             match error.print().and_then(|()| std::io::stdout().flush()) {
                 // If the reader closed its end, the help is not needed.
-                Err(unwritten) if unwritten.kind() != std::io::ErrorKind::BrokenPipe => {
+                Err(unwritten) if unwritten.kind() != io::ErrorKind::BrokenPipe => {
                     complain(1, &format!("baliza: cannot write to standard output: {unwritten}"))
                 }
                 Ok(()) | Err(_) if error.use_stderr() => ExitCode::from(2),

@@ -175,8 +175,9 @@ fn records_in(folder: &Path) -> HashSet<String> {
 
 /// Whether a file has a good record.
 fn holds_record(file: &Path) -> bool {
-    let bytes = read_limited(file, IMAGE_BYTES);
-    bytes.is_ok_and(|bytes| RecordImage::new(&bytes).is_ok_and(|image| image.read().is_ok()))
+    // It is looked at and not an input: the output may replace it.
+    let is_small = fs::metadata(file).is_ok_and(|of| of.is_file() && of.len() <= IMAGE_BYTES);
+    is_small && fs::read(file).is_ok_and(|bytes| RecordImage::new(&bytes).is_ok_and(|image| image.read().is_ok()))
 }
 
 fn warn<'n>(site: &Site, nodes: impl IntoIterator<Item = &'n Node>) {

@@ -4,27 +4,31 @@ use std::path::PathBuf;
 
 use analysis::Setup;
 use analysis::locate::advice;
+use analysis::locate::ble::RssiMethod;
 use analysis::locate::residuals::{Reference, residuals};
 use analysis::locate::time_offset::{Clocks, REACH_S, clocks};
 use anyhow::Result;
 use clap::ValueEnum;
 use node_link::provision::SiteNames;
-use recording::folder::{MOST_HEIGHT_SIGMA_M, RecordingSettings};
+use recording::folder::{Folder, MOST_HEIGHT_SIGMA_M, RecordingSettings};
+use recording::output::STANDARD;
 use recording::{Files, Half, Height, MeasurementMode, Recording, Solved, Space, Truth, Truths, UserError};
-use recording::{Joined, SingleRanges, drop_repeats, round_s, rounds};
+use recording::{Joined, SingleRanges, anchor_rows, drop_repeats, round_s, rounds};
 
 use super::floor_plan::{FloorPlan, FloorPlanArgs};
 use super::folder::FolderFiles;
 use super::numbers::finite;
+use super::piped::Piped;
 use super::report::{Output, OutputArgs, Report, Site, TagReport, flat};
 use super::residuals::table;
 use super::site_names::SiteNamesArgs;
+use super::stream::is_live_stdin;
 
 /// The arguments of a command that computes positions from a recording.
 #[derive(clap::Args)]
 pub struct RecordingArgs {
     /// A recording: a folder with anchors.csv, ranges.csv (or differences.csv) and, where there are, truth.csv,
-    /// walls.csv and recording.toml, which says --dims and --height-m
+    /// walls.csv and recording.toml, which says --dims and --height-m; or with beacons.csv and rssi.csv alone
     #[arg(value_name = "FOLDER")]
     folder: Option<PathBuf>,
     /// Surveyed anchors: CSV with anchor,x_m,y_m,z_m
@@ -181,6 +185,57 @@ impl RecordingArgs {
         }
     }
 
+    /// The recording whose ranges come in a pipe, where positions can be written before its end.
+    ///
+    /// # Errors
+    /// Flags cannot be combined, or a file is wrong.
+    pub fn piped(&self) -> Result<Option<Piped>, UserError> {
+        let is_standard = self.ranges.as_ref().is_some_and(|file| file.as_os_str() == STANDARD);
+        let (TimeOffset::Seconds(offset_s), true) = (self.time_offset_s, is_standard && is_live_stdin()) else {
+            return Ok(None);
+        };
+        let Some(is_csv) = self.output.is_csv_of_stdout().filter(|_| !self.residuals) else { return Ok(None) };
+        let sources = self.sources()?;
+        let setup = self.setup(&sources.settings)?;
+        let heights = setup.space == Space::Plane(Height::FromTruth);
+        Ok(Some(Piped {
+            anchors: anchor_rows(&sources.anchors, setup.space != Space::Plane(Height::Unknown))?,
+            setup,
+            truths: sources.truth.as_deref().map(|file| Truths::read(file, heights)).transpose()?,
+            offset_s,
+            longest_s: self.group_s.filter(|group_s| *group_s > 0.0),
+            is_csv,
+        }))
+    }
+
+    /// Reports the positions by beacons, where the folder's tags only received those. Returns whether they did.
+    ///
+    /// # Errors
+    /// A flag is only for ranges, a file is wrong, or an output cannot be written.
+    pub fn report_by_beacons(&self, method: RssiMethod, is_method_given: bool) -> Result<bool> {
+        let files = [&self.anchors, &self.ranges, &self.differences, &self.truth];
+        let folder = self.folder.as_deref().filter(|_| files.iter().all(|file| file.is_none()));
+        let Some(folder) = folder.map(Folder::open).transpose()? else { return Ok(false) };
+        if !folder.is_of_beacons()? {
+            return Ok(false);
+        }
+        for (flag, is_given) in [
+            ("--method", is_method_given),
+            ("--residuals", self.residuals),
+            ("--height-from-truth", self.height_from_truth),
+            ("--side", self.side.is_some()),
+            ("--group-s", self.group_s.is_some()),
+        ] {
+            if is_given {
+                return Err(UserError::flag(flag, "only for ranges, and the folder has none").into());
+            }
+        }
+        let area_m = self.area.map(|CornersM(corners)| corners);
+        let files = FolderFiles::open(self.folder.as_deref())?;
+        super::ble::solve::of_folder(&files, method, self.height_m, area_m, &self.output)?;
+        Ok(true)
+    }
+
     /// The space, and what the flags or else the folder's settings know of the tag's place.
     fn setup(&self, settings: &RecordingSettings) -> Result<Setup, UserError> {
         let space = self.space(settings)?;
@@ -248,7 +303,12 @@ impl RecordingArgs {
             let mut notes_of_tag: Vec<String> = warnings.map(|warning| format!("warning: {warning}")).collect();
             let of = recording.tag.as_ref().map(|tag| format!("tag {}: ", names.node(tag))).unwrap_or_default();
             tags.push(self.joined(recording, truth, setup, singles, &mut notes_of_tag));
-            notes.extend(notes_of_tag.into_iter().map(|line| of.clone() + &line));
+            for line in notes_of_tag {
+                if let Some(warning) = line.strip_prefix("warning: ") {
+                    super::json::warned(&format!("{of}{warning}"));
+                }
+                notes.push(of.clone() + &line);
+            }
         }
         if sources.mode == MeasurementMode::Differences && self.residuals {
             return Err(UserError::flag("--residuals", "only for ranges"));
@@ -302,6 +362,9 @@ impl RecordingArgs {
             let joined = truth.join(&mut recording.epochs, offset_s);
             if joined == Joined::ByEpochDespiteTimes {
                 notes.push("the truth has no time in common with the ranges: joined by epoch".to_owned());
+            }
+            if recording.epochs.iter().all(|epoch| epoch.truth.is_none()) {
+                notes.push(format!("warning: {}", advice::without_truth(&recording.epochs, truth)));
             }
             (joined == Joined::ByTime).then_some(offset_s)
         });
@@ -384,6 +447,7 @@ impl Input<'_> {
                 ..Site::default()
             },
             with_errors: self.with_errors,
+            height: self.setup.space.height(),
             neighbours: None,
             tags,
         };

@@ -11,7 +11,7 @@ use node_link::provision::SiteNames;
 use pictures::{Dot, Errors, Picture, PictureBuilder};
 use recording::output;
 use recording::positions::{Format, Rows};
-use recording::{Coordinates, Epochs, Position, Solved, UserError};
+use recording::{Coordinates, Epochs, Height, Position, Solved, UserError};
 
 use super::PictureFile;
 use super::floor_plan::FloorPlan;
@@ -47,6 +47,17 @@ pub struct Output<'a> {
 }
 
 impl OutputArgs {
+    /// Whether CSV, or else JSON lines, is all that is written, and goes to standard output.
+    pub fn is_csv_of_stdout(&self) -> Option<bool> {
+        let is_stdout = self.out.as_ref().is_none_or(|file| file.as_os_str() == output::STANDARD);
+        match self.format.unwrap_or(Format::Csv) {
+            Format::Csv | Format::Jsonl if !is_stdout || self.json || self.plot.is_some() => None,
+            Format::Csv => Some(true),
+            Format::Jsonl => Some(false),
+            Format::Parquet => None,
+        }
+    }
+
     /// Refuses files that cannot be written, before any work is done for them.
     ///
     /// # Errors
@@ -100,6 +111,8 @@ pub struct Report<'a> {
     pub site: Site,
     /// Whether the true positions are known.
     pub with_errors: bool,
+    /// The tags' height, where it is given.
+    pub height: Height,
     /// For positions by beacons: the number of neighbours of each method, where the method has neighbours.
     pub neighbours: Option<Vec<Option<usize>>>,
     /// The positions, one a tag.
@@ -140,7 +153,10 @@ impl Report<'_> {
                     super::print(self.preview().as_bytes())?;
                 }
                 Some(_) | None => {
-                    super::write_with(out.as_deref(), |file| format_of_file.write(self.rows(), self.with_errors, file))?
+                    let maker = [super::VERSION, &super::json::arguments()];
+                    super::write_with(out.as_deref(), |file| {
+                        format_of_file.write(self.rows(), self.with_errors, maker, file)
+                    })?;
                 }
             }
         }
@@ -166,7 +182,7 @@ impl Report<'_> {
         let mut table = MarkdownTable::new(["t_s:", "tag", "method", "x_m:", "y_m:", "z_m:", "sigma_m:", "error_m:"]);
         let rows: usize = self.rows().map(|rows| rows.solved.len()).sum();
         let each = rows.div_ceil(PREVIEW).max(1);
-        let all = self.rows().flat_map(|Rows { tag, method, epochs, solved }| {
+        let all = self.rows().flat_map(|Rows { tag, method, epochs, solved, .. }| {
             epochs.iter().zip(solved).map(move |(epoch, solved)| (tag, method, epoch, solved))
         });
         let figure = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.2}"));
@@ -197,10 +213,11 @@ impl Report<'_> {
 
     /// The positions by method, and of each method by tag.
     fn rows(&self) -> impl Iterator<Item = Rows<'_>> + Clone {
-        self.methods.iter().enumerate().flat_map(|(at, method)| {
-            self.tags
-                .iter()
-                .filter_map(move |of| Some(Rows { tag: of.tag, method, epochs: of.epochs, solved: of.solved.get(at)? }))
+        self.methods.iter().enumerate().flat_map(move |(at, method)| {
+            self.tags.iter().filter_map(move |of| {
+                let (epochs, solved) = (of.epochs, of.solved.get(at)?);
+                Some(Rows { tag: of.tag, method, epochs, solved, height: self.height })
+            })
         })
     }
 
@@ -245,7 +262,7 @@ impl Report<'_> {
                 epoch.t_s.filter(|_| !are_dwells).into_iter().for_each(|t_s| builder.time(t_s));
             }
         }
-        for Rows { tag, method, epochs, solved } in self.rows() {
+        for Rows { tag, method, epochs, solved, .. } in self.rows() {
             let name = name(tag);
             for (epoch, solved) in epochs.iter().zip(solved) {
                 let dot = solved.outcome.as_ref().ok().map(|position| Dot {

@@ -1,5 +1,6 @@
 //! `baliza solve`: one fix for each epoch, without memory between epochs.
 
+use analysis::locate::ble::RssiMethod;
 use analysis::locate::track::{Tracker, settings_of_single_epochs};
 use analysis::{Setup, Solver};
 use anyhow::Result;
@@ -14,7 +15,8 @@ use crate::cli::progress::Progress;
 ///
 /// Rows of one `epoch` in the file of ranges make one fix; single ranges are made into rounds. The positions go to
 /// standard output or --out as CSV, a summary to standard error. An epoch without position is a row with empty
-/// coordinates and a reason.
+/// coordinates and a reason. Of ranges in a pipe (--ranges -), each position is written when the next epoch begins; there
+/// single ranges are made into rounds only with --group-s. Where a folder has no ranges, its beacons are used.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -56,6 +58,16 @@ fn methods_help() -> String {
 /// # Errors
 /// Flags or a file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    if arguments.recording.report_by_beacons(RssiMethod::Posterior, arguments.method.is_some())? {
+        return Ok(());
+    }
+    if let Some(piped) = arguments.recording.piped()? {
+        let Methods(methods) = arguments.method.clone().unwrap_or(Methods(vec![Method::Robust]));
+        let names: Vec<_> = methods.iter().map(|method| method.as_str()).collect();
+        let solver = Solver::new(&piped.anchors, piped.setup);
+        return piped
+            .run(&names, false, |_, epoch| methods.iter().map(|&method| solver.solve(method, epoch)).collect());
+    }
     let input = arguments.recording.read(SingleRanges::Group)?;
     let methods = match (&arguments.method, input.mode) {
         (None, MeasurementMode::Ranges) => vec![Method::Robust],

@@ -9,14 +9,16 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use node_link::decode::{Chunks, Stamp, StreamFiles, Waited, row};
+use node_link::decode::{Chunks, Stamp, StreamFiles, Waited, node_streams, object, row};
 use node_link::monitor::{Image, Pace, Port, Probed, Serial, Source, no_port, ports};
 use node_link::probe::ProbeArguments;
+use node_link::recorder::STREAM;
 use recording::Interrupted;
 use recording::UserError;
 use recording::output;
 use wire::telemetry::{Fix, Message, Table};
 
+use crate::cli::note;
 use crate::cli::progress::Progress;
 
 /// The source of a node's bytes. The default is a probe.
@@ -33,7 +35,7 @@ pub struct SourceArguments {
     /// Read standard input
     #[arg(long, group = "source", conflicts_with_all = BY_PROBE)]
     pub stdin: bool,
-    /// Read a stream from a file, or from a folder that record made
+    /// Read a stream from a file, or from a folder that record or simulate made
     #[arg(long, value_name = "FILE", group = "source", conflicts_with_all = BY_PROBE)]
     file: Option<PathBuf>,
     /// End after N seconds
@@ -136,6 +138,14 @@ impl ByteInput {
             let (name, is_live) = ("standard input".into(), is_live_stdin());
             return Ok(Self { chunks: Chunks::new(std::io::stdin()), name, length: 0, is_live });
         };
+        if let [first, next, ..] = &node_streams(path)?[..] {
+            note(&format!(
+                "{} has several nodes; this is {}: give the file of another, as {}, or let replay or monitor show all\n",
+                path.display(),
+                first.node.as_deref().unwrap_or(STREAM),
+                next.path.display()
+            ));
+        }
         let file = StreamFiles::open(path)?;
         let (length, is_live) = (usize::try_from(file.length()).unwrap_or(usize::MAX), file.is_live());
         Ok(Self { chunks: Chunks::new(file), name: path.to_owned(), length, is_live })
@@ -184,7 +194,7 @@ impl ByteInput {
 }
 
 /// Whether standard input is a pipe, a terminal or a device, and not a file.
-fn is_live_stdin() -> bool {
+pub(super) fn is_live_stdin() -> bool {
     #[cfg(unix)]
     {
         use std::os::fd::AsFd;
@@ -288,29 +298,35 @@ impl Lines {
         Self::Csv(table.unwrap_or(Fix::POSITIONS))
     }
 
-    /// The text before all messages.
+    /// The text before all messages. Those of several nodes say of which each is.
     ///
     /// # Errors
     /// The CSV writer returns an error.
-    pub fn header(&self) -> Result<Vec<u8>> {
+    pub fn header(&self, are_several: bool) -> Result<Vec<u8>> {
         match self {
             Self::Json => Ok(Vec::new()),
-            Self::Csv(table) => csv_row(&table.header()),
+            Self::Csv(table) => {
+                let mut columns = table.header();
+                columns.extend(are_several.then_some("tag"));
+                csv_row(&columns)
+            }
         }
     }
 
-    /// Appends a message. A message that does not belong to the table is left out.
+    /// Appends a message. A message that does not belong to the table is left out. `node`: the address of the node,
+    /// where there are several.
     ///
     /// # Errors
     /// The message cannot be serialized.
-    pub fn append(&self, text: &mut Vec<u8>, stamp: Stamp, message: &Message) -> Result<()> {
+    pub fn append(&self, text: &mut Vec<u8>, stamp: Stamp, message: &Message, node: Option<&str>) -> Result<()> {
         match self {
             Self::Json => {
-                serde_json::to_writer(&mut *text, &message.json()).context("cannot write JSON")?;
+                serde_json::to_writer(&mut *text, &object(message, node)).context("cannot write JSON")?;
                 text.push(b'\n');
             }
             Self::Csv(table) => {
-                if let Some((_, fields)) = row(stamp, message).filter(|(of, _)| of == table) {
+                if let Some((_, mut fields)) = row(stamp, message).filter(|(of, _)| of == table) {
+                    fields.extend(node.map(str::to_owned));
                     text.extend(csv_row(&fields)?);
                 }
             }

@@ -1,8 +1,10 @@
 //! `baliza track`: sends the epochs in their order through the tag's own engine.
 
+use std::collections::HashMap;
 use std::path::PathBuf;
 
 use analysis::Setup;
+use analysis::locate::ble::RssiMethod;
 use analysis::locate::track::{Tracker, Weighting, settings};
 use analysis::train::{Chosen, features_of};
 use anyhow::Result;
@@ -17,7 +19,9 @@ use crate::cli::progress::Progress;
 /// Follow a tag through a recording, as the tag itself does: weighting, gates, filter
 ///
 /// The epochs go through the engine of the tag in their order. The first one is solved by itself; from then on every
-/// range changes the track. The positions go to standard output or --out as CSV, a summary to standard error.
+/// range changes the track. The positions go to standard output or --out as CSV, a summary to standard error. Of
+/// ranges in a pipe (--ranges -), each position is written when the next epoch begins. Where a folder has no ranges, its
+/// beacons are used.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -66,6 +70,9 @@ fn could_tell(model: &Model<'_>, features: &Features) -> bool {
 /// # Errors
 /// Flags, the classifier or another file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    if arguments.recording.report_by_beacons(RssiMethod::Engine, false)? {
+        return Ok(());
+    }
     let weighting = match arguments.nlos {
         Nlos::Weigh => Weighting::Weigh,
         Nlos::Ignore => Weighting::Ignore,
@@ -74,6 +81,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let chosen =
         arguments.model.as_ref().map(|file| Chosen::read(file, arguments.classifier.as_deref())).transpose()?;
     let mut model = chosen.as_ref().map(Chosen::model).transpose()?;
+    if let Some(piped) = arguments.recording.piped()? {
+        let settings = settings(&piped.setup, weighting);
+        let mut trackers: HashMap<Option<String>, Tracker> = HashMap::new();
+        return piped.run(&["track"], true, |tag, epoch| {
+            let new = || Tracker::new(&piped.anchors[..], piped.setup, settings, model.as_ref());
+            vec![trackers.entry(tag.map(str::to_owned)).or_insert_with(new).follow(epoch)]
+        });
+    }
     let input = arguments.recording.read(SingleRanges::Keep)?;
     let recordings = || input.tags.iter().map(|of| &of.recording);
     if let Some(unused) = model.take_if(|model| !recordings().any(|recording| tells(recording, model))) {

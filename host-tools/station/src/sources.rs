@@ -12,8 +12,9 @@ use station_core::{SourceReport, Utc};
 
 use super::NodeReporter;
 use super::udp::{bind, listen};
-use node_link::decode::{Pacing, Stream};
+use node_link::decode::{Pacing, Stream, node_streams};
 use node_link::monitor::{Event, Files, NodeChannel, Pace, Piped, Port, Serial, Source};
+use node_link::recorder::STREAM;
 
 use crate::piped_probe::PipedProbe;
 
@@ -125,6 +126,22 @@ impl OpenSource {
 }
 
 impl SourceSpec {
+    /// The sources that this names: one for each node of a simulation's folder.
+    ///
+    /// # Errors
+    /// A file of the folder cannot be read.
+    pub fn each(&self) -> Result<Vec<Self>> {
+        match self {
+            Self::File(path) => {
+                let streams = node_streams(path)?.into_iter().map(|stream| stream.path);
+                // The first tag's is called as the folder is.
+                let named = streams.map(|stream| if stream == path.join(STREAM) { path.clone() } else { stream });
+                Ok(named.map(Self::File).collect())
+            }
+            Self::Probe(_) | Self::Serial(..) | Self::Udp(_) | Self::Stdin => Ok(vec![self.clone()]),
+        }
+    }
+
     /// Opens what must be there before the station starts. Probes and serial ports may come later.
     ///
     /// # Errors

@@ -36,6 +36,52 @@ fn warned(anchors: &str, ranges: &str, arguments: &str, begins: &str) {
 }
 
 #[test]
+fn the_document_of_json_has_the_warnings() {
+    let flat = "anchor,x_m,y_m,z_m\na,0,0,2.5\nb,6,0,2.5\nc,6,8,2.5\nd,0,8,2.501\n";
+    for command in ["solve --json", "track --json --quiet"] {
+        let document = run_of(flat, &ranges(flat), command).ok().document();
+        let warning = document["warnings"][0].as_str().expect("a warning");
+        assert!(warning.starts_with("the anchors lie in one plane"), "{document}");
+        let document = run_of(ANCHORS, &ranges(ANCHORS), command).ok().document();
+        assert!(document.get("warnings").is_none(), "{document}");
+    }
+}
+
+#[test]
+fn a_truth_that_has_nothing_in_common_with_the_ranges_is_named() {
+    let files = [("anchors.csv", ANCHORS), ("ranges.csv", &ranges(ANCHORS))];
+    let folder = Folder::with(&files);
+    let solve = "solve --anchors anchors.csv --ranges ranges.csv --truth truth.csv";
+    folder.write("truth.csv", b"epoch,t_s,x_m,y_m,z_m\n8,100,2,3,1\n9,101,2,3,1\n");
+    let run = folder.run(solve).ok();
+    let expected = "no epoch has a true position, so there are no errors: the ranges have 0 to 1 s, the truth has 100 to 101 s, \
+                    and their epochs have other names; --time-offset-s adds seconds to the times of the truth";
+    assert_eq!(warnings(&run), [expected]);
+    assert_eq!(warnings(&folder.run(&format!("{solve} --time-offset-s=-100")).ok()), [""; 0]);
+    folder.write("truth.csv", b"epoch,t_s,x_m,y_m,z_m\n1,100,2,3,1\n");
+    assert_eq!(warnings(&folder.run(solve).ok()), [""; 0], "it is joined by epoch");
+}
+
+#[test]
+fn a_height_beyond_the_ranges_is_named() {
+    let run = run_of(ANCHORS, &ranges(ANCHORS), "solve --dims 2 --height-m 120");
+    let said = "ranges-disjoint: the ranges cannot meet: is the tag's height (--height-m) right, ";
+    assert!(run.code == Some(1) && run.stderr.contains(said), "{run:?}");
+}
+
+#[test]
+fn a_number_that_stands_for_no_range_is_named() {
+    // Anchor d is not heard in both epochs, which a program writes as -1.
+    let good = ranges(ANCHORS);
+    let lines = good.lines().map(|line| {
+        if line.contains(",d,") { format!("{},-1", line.rsplit_once(',').expect("a range").0) } else { line.to_owned() }
+    });
+    let run = run_of(ANCHORS, &(lines.collect::<Vec<_>>().join("\n") + "\n"), "solve --dims 2 --height-m 1").ok();
+    let expected = "2 of the ranges are -1, which no measurement gives again and again: leave the field empty where there is no range";
+    assert!(warnings(&run).contains(&expected), "{run:?}");
+}
+
+#[test]
 fn a_good_recording_gets_no_warning() {
     let run = run_of(ANCHORS, &ranges(ANCHORS), "solve").ok();
     assert_eq!(warnings(&run), [""; 0]);
@@ -195,17 +241,19 @@ fn negative_deviations_and_outlines_that_cross_are_named() {
 fn a_simulation_without_positions_says_why() {
     let why = |arguments: &str, scenario: &str| {
         let folder = Folder::with(&[("s.toml", scenario)]);
-        let run = folder.run(&format!("simulate --fidelity air --json {arguments}")).ok();
+        let run = folder.run(&format!("simulate --fidelity air --json {arguments}"));
         assert_eq!(run.object()["fixes"], 0, "{run:?}");
-        warnings(&run).join("|")
+        (run.code, warnings(&run).join("|"), run.stderr)
     };
     let few = "no positions: a tag has 2 anchors in its network, and a position needs 3: add anchors";
-    assert_eq!(why("--anchors 2 --seconds 1", ""), few);
+    assert_eq!(why("--anchors 2 --seconds 1", ""), (Some(1), String::new(), format!("baliza: {few}\n")));
     let anchors = ["0, 0", "9, 0", "9, 9", "0, 9"]
         .map(|at| format!("[[node]]\nrole = \"anchor\"\nposition_m = [{at}, 2]\n"))
         .concat();
     // 4000 m from the nearest anchor.
     let tag = "[[node]]\nrole = \"tag\"\nsimulation = { path_m = [[4009, 9, 2]] }\n";
-    let far = why("--scenario s.toml --seconds 1", &format!("{anchors}{tag}"));
+    // A file may mean it.
+    let (code, far, _) = why("--scenario s.toml --seconds 1", &format!("{anchors}{tag}"));
+    assert_eq!(code, Some(0));
     assert!(far.starts_with("no positions: no anchor answered any tag; the nearest is 4000 m away"), "{far}");
 }

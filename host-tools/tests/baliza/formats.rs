@@ -117,18 +117,33 @@ fn numbers_are_numbers_and_what_is_unknown_is_null() {
     let columns = reader.metadata().file_metadata().schema_descr().columns();
     for column in columns {
         let expected = match column.name() {
-            "used" => (Physical::INT64, None),
+            "used" | "epoch" => (Physical::INT64, None),
             name if TEXTS.contains(&name) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
             _ => (Physical::DOUBLE, None),
         };
         let found = (column.physical_type(), column.logical_type_ref().cloned());
         assert_eq!(found, expected, "{}", column.name());
     }
+    let about = reader.metadata().file_metadata().key_value_metadata().expect("metadata").clone();
+    let about: Vec<_> = about.iter().map(|of| (of.key.as_str(), of.value.as_deref().unwrap_or(""))).collect();
+    let [("baliza.version", version), ("baliza.command", command), ("baliza.units", units)] = about[..] else {
+        panic!("{about:?}")
+    };
+    assert_eq!(folder.run("--version").stdout, format!("baliza {version}\n"));
+    assert_eq!(command, format!("baliza {solve} --out p.parquet"));
+    assert!(units.starts_with("t_s: s, x_m: m, ") && units.ends_with("cov_xy_m2: m²"), "{units}");
     let rows: Vec<_> = reader.into_iter().map(|row| row.expect("a row").into_columns()).collect();
     let field = |row: usize, name: &str| rows[row].iter().find(|(key, _)| key == name).expect("the column").1.clone();
     assert_eq!(field(0, "x_m"), Field::Double(3.0));
-    assert_eq!(field(0, "used"), Field::Long(4));
+    assert_eq!((field(0, "used"), field(0, "epoch")), (Field::Long(4), Field::Long(7)));
     assert_eq!((field(1, "x_m"), field(1, "reason")), (Field::Null, Field::Str("too-few-anchors".to_owned())));
+    // Where one name is no number, or another spelling of one, all are texts.
+    for name in ["walk", "08"] {
+        folder.write("named.csv", format!("epoch,t_s,anchor,range_m\n7,0.5,a,5\n{name},,a,5\n").as_bytes());
+        folder.run("solve --anchors anchors.csv --ranges named.csv --dims 2 --out named.parquet");
+        let epoch = parquet(&folder, "named.parquet").metadata().file_metadata().schema_descr().column(0);
+        assert_eq!((epoch.name(), epoch.physical_type()), ("epoch", Physical::BYTE_ARRAY), "{name}");
+    }
 }
 
 #[test]

@@ -89,7 +89,7 @@ fn is_old_or_new(folder: &Folder, old: &str, new: &str, seed: u64) {
 fn a_simulation_leaves_the_old_recording_or_the_new_one() {
     let folder = Folder::with(&[]);
     let simulate = "simulate --tags 1 --anchors 4 --fidelity air --force --out out --seconds";
-    is_old_or_new(&folder, &format!("{simulate} 0.5 --mode tdoa"), &format!("{simulate} 3"), 1);
+    is_old_or_new(&folder, &format!("{simulate} 1.5 --mode tdoa"), &format!("{simulate} 3"), 1);
 }
 
 #[test]

@@ -15,6 +15,7 @@ mod documents;
 mod example;
 mod fingerprint;
 mod flash;
+mod folders;
 mod formats;
 #[cfg(feature = "foxglove")]
 mod foxglove_client;
@@ -30,6 +31,7 @@ mod monitor;
 mod nlos;
 mod outputs;
 mod pictures;
+mod piped;
 mod presence;
 mod provision;
 mod record;

@@ -193,7 +193,8 @@ fn wrong_input_is_one_line_and_leaves_no_file() {
     let negative = cir.replace("745.25", "-1");
     let narrow = "file,label,fp_idx,c-16\n1,los,745,3\n";
     let no_sight = ranges().replace(",1,9", ",,9").replace(",0,15", ",,15");
-    let cases: [(&str, &str, &str); 8] = [
+    let bare = "anchor,range_m,los\na,5,1\na,6,0\n";
+    let cases: [(&str, &str, &str); 9] = [
         ("--cir", &unlabelled, "direct, by `label` or `los`: there is nothing to learn from"),
         ("--cir", &blocked, "direct, by `label` or `los`: there is nothing to learn from"),
         ("--cir", &infinite, "in.csv:2: fp_idx \"inf\" is not finite"),
@@ -202,6 +203,11 @@ fn wrong_input_is_one_line_and_leaves_no_file() {
         ("--cir", "", "in.csv:1: the file is empty"),
         ("--ranges", &no_sight, "direct, by `label` or `los`: there is nothing to learn from"),
         ("--ranges", "anchor\n0\n", "in.csv:1: no column range_m"),
+        (
+            "--ranges",
+            bare,
+            "in.csv: it lacks the columns for each classifier that was asked for: rx_power_dbm and fp_power_dbm, ",
+        ),
     ];
     for (flag, text, expected) in cases {
         let folder = Folder::with(&[("in.csv", text)]);

@@ -60,6 +60,66 @@ fn an_output_is_never_an_input_however_its_path_is_written() {
     folder.run(&format!("{SOLVE} --out /dev/null")).ok();
 }
 
+/// Whatever leads to a file that a command reads: a link, a folder, a name in another file, or the usual name of an
+/// output.
+#[cfg(unix)]
+#[test]
+fn no_command_replaces_a_file_that_it_reads() {
+    type Link = fn(&std::path::Path, &std::path::Path) -> std::io::Result<()>;
+    let links: [(&str, Link); 2] = [
+        ("symlink", |file, link| std::os::unix::fs::symlink(file, link)),
+        ("hard link", |file, link| std::fs::hard_link(file, link)),
+    ];
+    // The link, the file that it leads to, and the command that would replace the file.
+    let cases = [
+        ("room/p.csv", "room/anchors.csv", "solve room --out room/p.csv"),
+        ("p.csv", "room/ranges.csv", "track room --out p.csv"),
+        ("p.jsonl", "room/truth.csv", "solve room --out p.jsonl"),
+        ("p.parquet", "room/recording.toml", "track room --out p.parquet"),
+        ("p.csv", "room/walls.csv", "solve room --out p.csv"),
+        ("q.png", "room/ranges.csv", "solve room --plot q.png"),
+        ("q.svg", "room/site.toml", "track room --plot q.svg"),
+        ("q.png", "room/positions.csv", "plot room --out q.png"),
+        ("room/picture.png", "room/truth.csv", "plot room"),
+        ("room.mcap", "room/ranges.csv", "convert room --out room.mcap"),
+        ("room.mcap", "room/telemetry.bin", "convert room/telemetry.bin --out room.mcap"),
+        ("out.jsonl", "room/telemetry.bin", "decode room --out out.jsonl"),
+        ("air.pcap", "site.toml", "simulate --site site.toml --seconds 1 --pcap air.pcap"),
+        (
+            "air.pcap",
+            "examples/fingerprints.map",
+            "simulate --scenario examples/fingerprints.toml --seconds 1 --pcap air.pcap",
+        ),
+        ("q.svg", "plan.png", "solve room --plan plan.png --plan-scale 0.02 --plot q.svg"),
+    ];
+    let folder = folder();
+    folder.run("simulate --seconds 1 --tags 1 --out room --force -q").ok();
+    folder.run("plot room --out plan.png -q").ok();
+    folder.run("provision --example --out room/site.toml -q").ok();
+    folder.write("room/walls.csv", b"x1_m,y1_m,x2_m,y2_m\n0,0,1,0\n");
+    std::fs::create_dir(folder.path("examples")).expect("made");
+    for name in ["toml", "map", "rooms", "outlines.csv"].map(|end| format!("fingerprints.{end}")) {
+        std::fs::copy(root().join("examples").join(&name), folder.path("examples").join(name)).expect("copied");
+    }
+    for (kind, link) in links {
+        for (from, to, command) in cases {
+            link(&folder.path(to), &folder.path(from)).expect("linked");
+            let before = folder.read(to);
+            let run = folder.run(command);
+            assert!(run.code == Some(2) && folder.read(to) == before, "{kind}: {command}: {run:?}");
+            assert!(folder.read(from) == before, "{kind}: {command}");
+            let said = run.stderr.lines().last().unwrap_or_default();
+            assert!(said.contains("input"), "{kind}: {command}: {said}");
+            // The usual output is no input, and is replaced.
+            std::fs::remove_file(folder.path(from)).expect("removed");
+            folder.write(from, b"an earlier output");
+            let run = folder.run(command);
+            assert!(run.code == Some(0) && folder.read(from) != b"an earlier output", "{command}: {run:?}");
+            std::fs::remove_file(folder.path(from)).expect("removed");
+        }
+    }
+}
+
 #[test]
 fn a_record_is_not_written_over_a_file_that_is_none() {
     let folder = folder();
@@ -89,7 +149,8 @@ fn a_folder_with_a_recording_is_replaced_as_a_whole_and_only_with_force() {
     folder.run(&format!("simulate --seconds 1 --scenario {beacons} --out room --force --json")).ok();
     assert!(names(&folder, "room").contains(&"rssi.csv".to_owned()));
     // Nothing of the beacons is left, and nothing of other nodes.
-    folder.run("simulate --seconds 1 --tags 1 --anchors 1 --out room --force --json").ok();
+    let run = folder.run("simulate --seconds 1 --tags 1 --anchors 1 --out room --force --json");
+    assert_eq!(run.code, Some(1), "there is no position: {run:?}");
     let expected = [&recording[..], &["telemetry.bin", "truth.csv", "walls.csv"]].concat();
     assert_eq!(names(&folder, "room"), expected);
     assert_eq!(folder.read("room/notes.txt"), b"mine");

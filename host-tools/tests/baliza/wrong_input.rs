@@ -41,8 +41,19 @@ fn a_header_that_lacks_or_repeats_a_column() {
     refuses(
         "ranges.csv",
         "epoch,t_s,anchor,range\n7,0.5,a,5\n",
-        r#"ranges.csv:1: no column range_m in the header "epoch,t_s,anchor,range""#,
+        r#"ranges.csv:1: no column range_m in the header "epoch,t_s,anchor,range"; range is near it"#,
     );
+    for (header, near) in [
+        ("epoch,t_s,anchor,Range_M", "Range_M is near it"),
+        ("epoch,t_s,anchor,distance_m", "distance_m is near it"),
+        ("# made by hand,,,", "the header must be the first line, without comments"),
+    ] {
+        let line = format!("ranges.csv:1: no column epoch in the header \"{header}\"; {near}");
+        let line = if header.starts_with('#') { line } else { line.replace("column epoch", "column range_m") };
+        refuses("ranges.csv", format!("{header}\n7,0.5,a,5\n"), &line);
+    }
+    let comment = "epoch,t_s,anchor,range_m\n# the second walk\n7,0.5,a,5\n";
+    refuses("ranges.csv", comment, "ranges.csv:2: 1 fields where the header has 4; remove the comment: CSV has none");
     refuses("anchors.csv", "anchor,x_m,z_m\na,0,0\n", r#"anchors.csv:1: no column y_m in the header "anchor,x_m,z_m""#);
     refuses("truth.csv", "t_s,x_m,y_m\n0,0,0\n", r#"truth.csv:1: no column epoch in the header "t_s,x_m,y_m""#);
     refuses("anchors.csv", "anchor,x_m,y_m,x_m\na,0,0,0\n", r#"anchors.csv:1: column "x_m" stands twice"#);
@@ -143,7 +154,8 @@ fn heights_are_missed_only_where_they_are_needed() {
     let folder =
         Folder::with(&[("anchors.csv", flat), ("ranges.csv", RANGES), ("truth.csv", "epoch,x_m,y_m\n7,3,4\n")]);
     folder.run("solve --anchors anchors.csv --ranges ranges.csv --dims 2").ok();
-    let missing = r#"anchors.csv:1: no column z_m in the header "anchor,x_m,y_m""#;
+    let missing =
+        r#"anchors.csv:1: no column z_m in the header "anchor,x_m,y_m"; only --dims 2 without a height needs no z_m"#;
     refused(&folder.run("solve --anchors anchors.csv --ranges ranges.csv"), missing);
     refused(&folder.run("solve --anchors anchors.csv --ranges ranges.csv --dims 2 --height-m 1"), missing);
     folder.write("anchors.csv", b"anchor,x_m,y_m,z_m\na,0,0,0\nb,3,0,\nc,0,4,0\n");

@@ -11,7 +11,7 @@
 //! The second of a solver's two places at a start is a rival too, and so is the track's mirror image across the line or
 //! plane near which the anchors lie, where the track comes from both of its sides.
 
-use super::round::Round;
+use super::round::{Mirror, Round};
 use super::track_management::begin;
 use super::{Dimensions, Engine, Settings, Start};
 use crate::linalg::{Ldl, Matrix, distance_squared, sub};
@@ -220,11 +220,27 @@ impl<T: Real> Engine<T> {
         let is_near = was_astride || is_outside || square < T::of(BOTH_SIDES * BOTH_SIDES) * spread;
         let begins = !self.rival.astride && is_near;
         if begins {
-            self.rival.filter.copy_from(&self.filter);
-            mirror.reflect(&mut self.rival.filter.state);
-            self.rival.lead = Some(T::ZERO);
+            self.begin_image(&mirror);
         }
         begins
+    }
+
+    /// Follows the mirror image of a new track too, where ranges do not tell the sides apart: of anchors on a plane a
+    /// solver takes one side.
+    #[inline(never)]
+    pub(super) fn start_mirror_image(&mut self) {
+        let mirror = self.round.mirror(&self.settings.dimensions).filter(|mirror| !mirror.one_sided);
+        if let Some(mirror) = mirror
+            && self.distinction(&mirror.image(&self.filter.state.position())) < T::of(SURE)
+        {
+            self.begin_image(&mirror);
+        }
+    }
+
+    fn begin_image(&mut self, mirror: &Mirror<T>) {
+        self.rival.filter.copy_from(&self.filter);
+        mirror.reflect(&mut self.rival.filter.state);
+        self.rival.lead = Some(T::ZERO);
     }
 
     /// Follows the hypothesis that has won with these log odds of the track, or both. Returns why a track was started,

@@ -66,8 +66,9 @@ impl<T: Real> Engine<T> {
         let (likelier, other) = fix.places();
         begin(&mut self.filter, &likelier, &self.round, &self.settings, self.now_us);
         self.round.count_all();
-        if let Some((other, share)) = other {
-            self.add_rival(&other, share);
+        match other {
+            Some((other, share)) => self.add_rival(&other, share),
+            None => self.start_mirror_image(),
         }
         self.take_height(&likelier);
         self.apply_beacon_position();

@@ -10,6 +10,7 @@ mod blocks;
 pub mod draw;
 pub mod field;
 mod figures;
+pub mod honesty;
 mod left_out;
 pub mod prior;
 mod verdict;

@@ -144,6 +144,14 @@ impl Anchor {
         }
     }
 
+    /// Nothing is known of the network and of the time any more.
+    fn restart(&mut self) {
+        (self.network, self.found_at, self.answer) = (None, None, None);
+        self.answered.clear();
+        (self.wake_at, self.pulse_at) = (None, None);
+        self.rounds.restart();
+    }
+
     fn receive(&mut self, frame: &RxFrame<'_>) {
         let Some(told) = Frame::parse(frame.bytes).ok().filter(|told| told.pan == self.config.network.pan) else {
             return;
@@ -383,15 +391,11 @@ impl Protocol for Anchor {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         let mut present = now;
         self.was_awaited = matches!(event, Event::Timeout | Event::Woken);
+        if self.network.as_ref().is_some_and(|network| network.course.is_beyond(now)) {
+            self.restart();
+        }
         match event {
-            Event::Started => {
-                self.network = None;
-                self.found_at = None;
-                self.answer = None;
-                self.answered.clear();
-                (self.wake_at, self.pulse_at) = (None, None);
-                self.rounds.restart();
-            }
+            Event::Started => self.restart(),
             Event::Sent(departure) => {
                 if self.doing == Doing::Polling {
                     self.rounds.sent(departure);

@@ -14,6 +14,7 @@ use super::plan::{Rate, next_round, owned_slots, share_of};
 use super::round::RoundState;
 use super::timing::{Phase, Timing};
 use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel};
+use wire::serial_number::SerialNumber;
 use wire::uwb::layout::{Layout, Scheme};
 use wire::uwb::native::{Distance, Member, Poll, Response};
 
@@ -124,10 +125,12 @@ impl AnchorRounds {
         let Some(rate) = self.rate else { return };
         let timing = network.course.timing;
         let number = network.course.phase.number;
-        let Some(passed) = self.planned.replace(number).map_or(Some(1), |last| match number.wrapping_sub(last) {
-            0 => None,
-            superframes => Some(superframes),
-        }) else {
+        let Some(passed) =
+            self.planned.replace(number).map_or(Some(1), |last| match SerialNumber(number).steps_from(last) {
+                0 => None,
+                superframes => Some(superframes),
+            })
+        else {
             return;
         };
         // Long past. It must not be mistaken for a future instant once the clock has wrapped.

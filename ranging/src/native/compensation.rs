@@ -2,6 +2,7 @@
 //! up, and then once a minute. A node receives nothing during a correction, so nodes do it at different times.
 
 use super::spread;
+use wire::serial_number::SerialNumber;
 
 /// Superframes between the first corrections …
 const SOON: u16 = 100;
@@ -22,7 +23,8 @@ impl Compensation {
     pub fn take(&mut self, superframe: u16, address: u16) -> bool {
         let every = if self.times <= SOON_TIMES { SOON } else { LATER };
         let every = every + spread(address, 0, every / 4);
-        let is_due = self.last.is_none_or(|last| superframe.wrapping_sub(last) >= every);
+        // A node that did not ask for a whole turn of the numbers may correct later by `every`.
+        let is_due = self.last.is_none_or(|last| !SerialNumber(last).is_within(every - 1, superframe));
         if is_due {
             (self.last, self.times) = (Some(superframe), self.times.saturating_add(1));
         }

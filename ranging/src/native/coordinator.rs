@@ -11,7 +11,22 @@
 //! before.
 //!
 //! An anchor chooses a sync slot in which no other anchor was received or reported (each sync frame reports whom its
-//! sender receives in which slot). An anchor chooses another slot when a neighbour reports another sender in its slot.
+//! sender receives in which slot). An anchor chooses another slot when a neighbour reports another sender in its slot,
+//! and when no neighbour has reported the anchor itself for long: two anchors that transmit at the same time do not
+//! receive each other, and nobody receives either. (Anchors whose addresses differ by a multiple of 255 look like one in
+//! such reports.)
+//!
+//! Every state of an anchor has a way out:
+//!
+//! | state | way out |
+//! |---|---|
+//! | no network | a sync frame, or it founds one |
+//! | founded, alone | any network that prevails, at once |
+//! | follows | a coordinator that prevails, after patience; takes over from a silent one |
+//! | out of step | the age grows, and the next sync frame begins anew |
+//! | a network that does not prevail is received | that network follows this one, see [`election`](super::election) |
+//! | layout changes at the start | the notice ends after four superframes |
+//! | slot contested, or unconfirmed | shared slots, then another slot |
 
 use super::anchor_position::{hash, is_own_slot};
 use super::election::{Choice, Election};
@@ -30,6 +45,8 @@ use wire::uwb::native::{Member, OWNED_SYNC_SLOTS, Position, SyncFrame};
 const COORDINATOR_GONE: u8 = 3;
 /// The owner of a sync slot that was neither received nor reported for this many superframes has left it.
 const SLOT_LEFT: u8 = 5;
+/// An anchor leaves its sync slot if its neighbours have not reported it there for this many superframes.
+const UNCONFIRMED: u8 = 20;
 
 /// Owners of sync slots: a byte of the address's hash (0: no owner) and superframes since the last sign of it.
 type Owners = [(u8, u8); OWNED_SYNC_SLOTS];
@@ -45,6 +62,8 @@ pub struct Coordinator {
     /// Superframes spent listening.
     listened: u16,
     slot: Option<u8>,
+    /// Superframes with neighbours of which none has reported this anchor in its slot.
+    unconfirmed: u8,
     heard_owners: Owners,
     told_owners: Owners,
     /// Members of the newest list whose poll was received, here or according to anchors farther from the coordinator.
@@ -97,6 +116,7 @@ impl Coordinator {
             election: Election::founded(address),
             listened: 0,
             slot: None,
+            unconfirmed: 0,
             heard_owners: [(0, 0); OWNED_SYNC_SLOTS],
             told_owners: [(0, 0); OWNED_SYNC_SLOTS],
             heard_members: 0,
@@ -150,9 +170,7 @@ impl Coordinator {
             let followed = is_deaf && self.begin_anew(phy, source, sync_frame, rx_time);
             return if followed { FollowUpdate::Followed } else { FollowUpdate::Ignored };
         }
-        let is_alone = self.coordinates()
-            && self.course.membership.members().is_empty()
-            && self.heard_owners.iter().all(|(owner, _)| *owner == 0);
+        let is_alone = self.coordinates() && self.course.membership.members().is_empty() && !self.has_neighbours();
         match (self.election.receive(sync_frame, is_alone), in_step) {
             (Choice::Same, Some(phase)) => {
                 if sync_frame.hops < self.election.hops {
@@ -171,7 +189,7 @@ impl Coordinator {
                 match phase {
                     Some(phase) => {
                         self.course.phase = phase;
-                        self.course.membership.receive(sync_frame);
+                        self.course.membership.adopt(sync_frame);
                         self.follow(source, sync_frame);
                     }
                     None if self.begin_anew(phy, source, sync_frame, rx_time) => {}
@@ -193,11 +211,13 @@ impl Coordinator {
             }
         }
         let Some(slot) = self.slot else { return };
-        let contested = sync_frame
-            .slot_owners
-            .get(usize::from(slot))
-            .is_some_and(|&owner| owner != 0 && owner != hash(self.address));
-        if contested || sync_frame.slot == slot && source < self.address {
+        let owner = sync_frame.slot_owners.get(usize::from(slot)).copied().unwrap_or(0);
+        let is_confirmed = owner == hash(self.address);
+        if is_confirmed {
+            self.unconfirmed = 0;
+        }
+        let is_contested = owner != 0 && !is_confirmed;
+        if is_contested || sync_frame.slot == slot && source < self.address {
             self.slot = None;
         }
     }
@@ -258,8 +278,12 @@ impl Coordinator {
             self.election.age = 0;
             self.coordinate(begun);
         }
+        self.unconfirmed = if self.has_neighbours() { self.unconfirmed.saturating_add(superframes) } else { 0 };
+        if self.unconfirmed > UNCONFIRMED {
+            self.slot = None;
+        }
         if self.slot.is_none() && self.listened > 1 {
-            self.slot = self.pick_slot();
+            (self.slot, self.unconfirmed) = (self.pick_slot(), 0);
         }
     }
 
@@ -273,6 +297,10 @@ impl Coordinator {
         if membership.layout() != before {
             self.wishes.adopted();
         }
+    }
+
+    fn has_neighbours(&self) -> bool {
+        self.heard_owners.iter().any(|(owner, _)| *owner != 0)
     }
 
     fn pick_slot(&self) -> Option<u8> {

@@ -1,9 +1,12 @@
 //! Which coordinator a node follows. The node is an anchor that relays, the coordinator itself, or a tag.
 //!
-//! Of two coordinators, the one with the later term prevails; for equal terms, the one with the lower address. So two
-//! networks that meet become one, and nodes follow an anchor that takes over from a silent coordinator. Sync frames are
-//! not authenticated, and a single sync frame with a later term must not end a working network. So a node follows a
-//! coordinator that prevails
+//! Of two coordinators, the one with the later term prevails; for equal terms, the one with the lower address. So
+//! networks that meet become one, and nodes follow an anchor that takes over from a silent coordinator. Terms do not
+//! wrap, since a circle has no latest term: a network whose coordinator has changed 255 times keeps the term 255. There
+//! an anchor that takes over is followed whatever its address is, because the coordinator before it is silent.
+//!
+//! Sync frames are not authenticated, and a single sync frame with a later term must not end a working network. So a
+//! node follows a coordinator that prevails
 //!
 //! - at once, if the followed coordinator is silent: its last message is older than the node's number of hops explains;
 //! - at once, if it is the followed coordinator with the next term: it was restarted. This is accepted at most once in
@@ -105,11 +108,12 @@ impl Election {
             }
             return Choice::Same;
         }
-        if !prevails(told, followed) {
+        let is_silent = u16::from(self.age) > HOLDOVER_SUPERFRAMES + u16::from(self.hops);
+        let takes_over_last_term = is_silent && sync_frame.age < self.age && told.0 == u8::MAX && followed.0 == u8::MAX;
+        if !prevails(told, followed) && !takes_over_last_term {
             return Choice::Older;
         }
-        let ahead = told.0.wrapping_sub(followed.0);
-        let is_silent = u16::from(self.age) > HOLDOVER_SUPERFRAMES + u16::from(self.hops);
+        let ahead = told.0.saturating_sub(followed.0);
         let has_restarted = told.1 == followed.1 && ahead == 1 && self.unrestarted >= RESTARTS_APART;
         let patience = if ahead <= 1 { NEAR_PATIENCE } else { FAR_PATIENCE };
         let is_trusted = is_silent || has_restarted || is_alone || self.superframes < YOUNG;
@@ -142,7 +146,7 @@ impl Election {
 
     /// The node itself coordinates from now on, one term later.
     pub fn take_over(&mut self, address: u16) {
-        self.term = self.term.wrapping_add(1);
+        self.term = self.term.saturating_add(1);
         (self.coordinator, self.hops, self.age) = (address, 0, 0);
         self.candidate = None;
     }
@@ -188,6 +192,8 @@ mod tests {
         assert_eq!(election.receive(&sync_frame(4, 9), false), Choice::Change);
         assert_eq!(election.receive(&sync_frame(103, 9), false), Choice::Change);
         assert_eq!(election.receive(&sync_frame(2, 1), false), Choice::Older);
+        // 200 terms back, which a circle would take for 56 ahead.
+        assert_eq!(Election::joined(&sync_frame(200, 5)).receive(&sync_frame(0, 1), false), Choice::Older);
     }
 
     #[test]
@@ -216,6 +222,68 @@ mod tests {
         election.advance(1);
         assert_eq!(election.receive(&sync_frame(6, 5), false), Choice::Refused);
         assert_eq!(election.receive(&sync_frame(5, 5), false), Choice::Change);
+    }
+
+    /// A node that has worked for a minute as the coordinator of a network.
+    fn coordinator(term: u8, address: u16) -> Election {
+        let mut election = Election { term, ..Election::founded(address) };
+        election.advance(600);
+        Election { age: 0, ..election }
+    }
+
+    #[test]
+    fn one_of_any_networks_prevails_over_all_others() {
+        for networks in [[0, 86, 172], [0, 129, 255], [0, 1, 255], [100, 228, 1], [255, 255, 0], [0, 128, 128]] {
+            for addresses in [[1, 2, 3], [3, 1, 2], [2, 3, 1]] {
+                let networks: std::vec::Vec<(u8, u16)> = networks.into_iter().zip(addresses).collect();
+                let over_all = |told: &&(u8, u16)| networks.iter().all(|followed| prevails(**told, *followed));
+                assert_eq!(networks.iter().filter(over_all).count(), 1, "{networks:?}");
+            }
+        }
+        // An anchor without knowledge prevails over no network whose coordinator has ever changed.
+        assert!((1..=u8::MAX).all(|term| !prevails((0, 0), (term, 9))));
+    }
+
+    #[test]
+    fn three_networks_that_meet_follow_one_coordinator() {
+        let mut nodes = [(0, 3), (86, 1), (172, 2)].map(|(term, address)| (address, coordinator(term, address)));
+        for _ in 0..300 {
+            for at in 0..nodes.len() {
+                let (address, node) = &mut nodes[at];
+                node.advance(1);
+                if node.coordinator == *address {
+                    node.age = 0;
+                } else if node.age > 3 + 2 * node.hops {
+                    node.take_over(*address);
+                }
+                let (source, Election { term, coordinator, hops, age, .. }) = (*address, *node);
+                for (_, other) in nodes.iter_mut().filter(|(address, _)| *address != source) {
+                    let told = SyncFrame { hops, age, ..sync_frame(term, coordinator) };
+                    if other.receive(&told, false) == Choice::Change {
+                        other.follow(&told);
+                    }
+                }
+            }
+        }
+        assert_eq!(nodes.map(|(_, node)| (node.term, node.coordinator)), [(172, 2); 3]);
+    }
+
+    #[test]
+    fn a_network_at_the_last_term_replaces_its_coordinator_by_any_address() {
+        let mut taker = Election { hops: 1, ..coordinator(u8::MAX, 5) };
+        taker.take_over(9);
+        assert_eq!((taker.term, taker.coordinator), (u8::MAX, 9));
+        let told = sync_frame(u8::MAX, 9);
+        let mut election = coordinator(u8::MAX, 5);
+        election.hops = 1;
+        // As long as coordinator 5 is received, the higher address does not prevail.
+        assert_eq!(election.receive(&told, false), Choice::Older);
+        election.advance(4);
+        assert_eq!(election.receive(&told, false), Choice::Change);
+        election.follow(&told);
+        // Who has not followed yet repeats the old coordinator's message, which changes nothing.
+        let old = SyncFrame { age: 4, hops: 1, ..sync_frame(u8::MAX, 5) };
+        assert_eq!(election.receive(&old, false), Choice::Refused);
     }
 
     #[test]

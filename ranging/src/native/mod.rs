@@ -59,13 +59,10 @@ pub use wire::uwb::layout::{Layout, Scheme, Span};
 const SHORTEST_WAIT: crate::RadioDuration = crate::RadioDuration::from_micros(50);
 
 /// Whether a node that follows the network `followed` is to follow the network `told` (each a term and a coordinator).
-/// True if both are the same, if the term of `told` is later, or if the terms are equal and the address of `told` is
-/// lower.
+/// True if both are the same, if the term of `told` is greater, or if the terms are equal and the address of `told` is
+/// lower. So of any networks that meet, one prevails over all others.
 fn prevails(told: (u8, u16), followed: (u8, u16)) -> bool {
-    match told.0.wrapping_sub(followed.0) {
-        0 => told.1 <= followed.1,
-        later => later < 0x80,
-    }
+    told.0 > followed.0 || told.0 == followed.0 && told.1 <= followed.1
 }
 
 /// Spreads choices without a source of randomness: other nodes choose differently, and so does the same node in another

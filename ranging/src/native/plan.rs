@@ -8,11 +8,15 @@ use heapless::Vec;
 
 use super::timing::{MAX_ROUND_SLOTS, Timing};
 use crate::RadioDuration;
+use wire::serial_number::SerialNumber;
 use wire::uwb::layout::Layout;
 use wire::uwb::native::{MAX_MEMBERS, Member, Share, SyncFrame};
 
 /// A changed list is in force this many superframes after its first announcement.
 pub const NOTICE_SUPERFRAMES: u8 = 4;
+/// A list that is behind by at most this many versions is late: a relay sent it that has not received the newest. A
+/// relay that receives nothing takes over sooner than the list can change so often. Any other list is newer.
+const LATE_VERSIONS: u8 = 16;
 
 /// How often a node ranges.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -107,20 +111,23 @@ impl Membership {
         }
     }
 
-    /// Takes the contents of a sync frame, if they are newer.
+    /// Takes the contents of a sync frame of the followed coordinator, if they are newer.
     pub fn receive(&mut self, sync_frame: &SyncFrame) {
-        self.replace(
-            sync_frame.version,
-            sync_frame.countdown.min(NOTICE_SUPERFRAMES),
-            &sync_frame.members,
-            sync_frame.layout,
-        );
+        if !SerialNumber(sync_frame.version).is_within(LATE_VERSIONS, self.version) {
+            self.adopt(sync_frame);
+        }
+    }
+
+    /// Takes the contents of the first sync frame of another coordinator, unless they are the same. Its versions do not
+    /// continue those of the coordinator before it: it may have missed the newest list when it took over.
+    pub fn adopt(&mut self, sync_frame: &SyncFrame) {
+        let SyncFrame { version, members, layout, .. } = sync_frame;
+        if (version, members, layout) != (&self.version, &self.members, &self.layout) {
+            self.replace(*version, sync_frame.countdown.min(NOTICE_SUPERFRAMES), members, *layout);
+        }
     }
 
     fn replace(&mut self, version: u8, countdown: u8, members: &Members, layout: Layout) {
-        if !(1..0x80).contains(&version.wrapping_sub(self.version)) {
-            return;
-        }
         let former = self.in_force().cloned().map(|former| (former, self.layout_in_force()));
         *self = Self { version, members: members.clone(), layout, former: former.filter(|_| countdown > 0), countdown };
     }
@@ -327,6 +334,22 @@ mod tests {
         (0..NOTICE_SUPERFRAMES).for_each(|_| membership.advance());
         assert_eq!(membership.layout_in_force(), wide);
         assert!(!membership.changes_layout());
+    }
+
+    #[test]
+    fn a_list_is_late_if_it_is_a_few_versions_behind_and_newer_at_any_other_distance() {
+        let [known, told] = [list(&[Share::Greedy]), list(&[Share::Slots(1)])];
+        let sync_frame = |version, members: &Members| SyncFrame {
+            version,
+            members: members.clone(),
+            ..crate::native::blank_sync_frame()
+        };
+        for (at, behind) in [0, 7, 128, 255].into_iter().flat_map(|at| (0..=u8::MAX).map(move |behind| (at, behind))) {
+            let mut membership = Membership::from_sync_frame(&sync_frame(at, &known));
+            membership.receive(&sync_frame(at.wrapping_sub(behind), &told));
+            let expected = if behind <= 16 { &known } else { &told };
+            assert_eq!(membership.members(), expected, "{behind} behind {at}");
+        }
     }
 
     #[test]

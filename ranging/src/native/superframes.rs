@@ -54,10 +54,16 @@ impl Superframes {
         Some(course)
     }
 
+    /// Whether this superframe seems to begin only after the next one. Instants can be ordered within 8.6 s: a node that
+    /// was halted for 8.6 to 17 s has lost the time. After a longer halt its superframe is one of 17 s ago, so that no
+    /// sync frame is in step.
+    pub fn is_beyond(&self, now: RadioInstant) -> bool {
+        self.phase.start.since(now) > self.timing.superframe
+    }
+
     /// Advances to the superframe that contains `now`. Returns the number of superframes begun since.
     pub fn advance(&mut self, now: RadioInstant) -> u16 {
         let mut begun = 0;
-        // Instants can be ordered within 8.6 s, which are some hundred superframes.
         while self.phase.ends_by(&self.timing, now) {
             self.next();
             begun += 1;
@@ -92,5 +98,22 @@ impl Superframes {
         let off = phase.start.since(self.phase.start).ticks().unsigned_abs();
         let tolerance = self.timing.guard.ticks().saturating_add(uncertainty.ticks());
         (phase.number == self.phase.number && off <= tolerance.unsigned_abs()).then_some(phase)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_time_is_lost_to_who_was_halted_for_longer_than_instants_can_be_ordered() {
+        let start = RadioInstant::from_ticks(1 << 39);
+        let course = Superframes::begin(&PhyConfig::FAST, Layout::LEAST, start);
+        let is_lost = |micros: u32| course.is_beyond(start.plus(RadioDuration::from_micros(micros)));
+        // Half of the clock's 2^40 ticks of 1 / 63.8976 GHz are 8.6 s.
+        assert!([8_700_000, 12_000_000, 17_000_000].into_iter().all(is_lost));
+        assert!(![0, 100_000, 8_500_000].into_iter().any(is_lost));
+        // A node prepares for a superframe, and then receives the last frame of the one before.
+        assert!(!course.is_beyond(start.plus(RadioDuration::from_ticks(-63_897_600))));
     }
 }

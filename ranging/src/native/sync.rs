@@ -5,6 +5,7 @@ use super::plan::Members;
 use super::superframes::Superframes;
 use super::timing::HOLDOVER_SUPERFRAMES;
 use crate::{PhyConfig, RadioDuration, RadioInstant};
+use wire::serial_number::SerialNumber;
 use wire::uwb::native::SyncFrame;
 
 /// The followed network.
@@ -67,6 +68,7 @@ impl Sync {
                     (self.heard, self.uncertainty) = (phase.number, RadioDuration::ZERO);
                     if choice == Choice::Change {
                         self.election.follow(sync_frame);
+                        self.course.membership.adopt(sync_frame);
                     }
                     self.course.membership.receive(sync_frame);
                     return if sync_frame.coordinator == followed { SyncUpdate::Followed } else { SyncUpdate::Changed };
@@ -95,6 +97,11 @@ impl Sync {
         begun
     }
 
+    /// Whether the node was halted and has lost the time. In a doze the superframe of the next turn lies ahead.
+    pub fn has_lost_time(&self, now: RadioInstant) -> bool {
+        self.adrift.is_none() && self.course.is_beyond(now)
+    }
+
     /// Advances by `superframes`, which the tag sleeps through. From here on the clock counts from the last of them.
     /// They count as one superframe without a received sync frame.
     pub fn hold_over(&mut self, superframes: u16) {
@@ -109,9 +116,9 @@ impl Sync {
         self.adrift = Some(present);
     }
 
-    /// Superframes since the last received sync frame.
+    /// Superframes since the last received sync frame. Who misses them for long does not follow for a whole turn.
     pub fn silent(&self) -> u16 {
-        self.course.phase.number.wrapping_sub(self.heard)
+        SerialNumber(self.course.phase.number).steps_from(self.heard)
     }
 
     /// The radio's clock was restarted: the former instant `before` is now `now`.
@@ -131,6 +138,7 @@ mod tests {
     use super::super::timing::Timing;
     use super::*;
     use wire::uwb::layout::{Layout, Span};
+    use wire::uwb::native::{Member, Share};
 
     const PHY: PhyConfig = PhyConfig::FAST;
     const SLOT: u8 = 2;
@@ -179,6 +187,22 @@ mod tests {
         let begin = sync.course.phase.start.plus(third);
         sync.advance(begin);
         assert_eq!((sync.course.timing, sync.course.phase.start), (new, begin));
+    }
+
+    #[test]
+    fn an_anchor_that_takes_over_with_an_older_list_is_followed_with_its_list() {
+        let start = RadioInstant::from_ticks(5_000_000_000);
+        let timing = Timing::of(&PHY, layout(600));
+        let at = |superframe: i64| {
+            let superframes = RadioDuration::from_ticks((superframe - 10) * timing.superframe.ticks());
+            start.plus(superframes).plus(timing.sync_frame(SLOT.into()))
+        };
+        let mut sync = Sync::new(&PHY, &sync_frame(10, 8, layout(600), 0), at(10)).expect("nothing changes");
+        let members: Members = [Member { tag: 7, share: Share::Greedy }].into_iter().collect();
+        // Coordinator 2 has missed the change from version 7 to 8.
+        let told = SyncFrame { term: 1, coordinator: 2, members: members.clone(), ..sync_frame(14, 7, layout(600), 0) };
+        assert_eq!(sync.receive(&PHY, &told, at(14)), SyncUpdate::Changed);
+        assert_eq!((sync.members(), sync.course.membership.version()), (Some(&members), 7));
     }
 
     #[test]

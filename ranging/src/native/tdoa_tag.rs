@@ -220,7 +220,7 @@ impl TdoaTag {
         let Some(network) = &mut self.network else { return };
         let begun = network.advance(present);
         self.anchors.advance(begun);
-        if network.silent() > LOST_AFTER {
+        if network.silent() > LOST_AFTER || network.has_lost_time(present) {
             self.network = None;
             self.anchors.end_session();
             self.link = Some(Link::Unsynchronised);

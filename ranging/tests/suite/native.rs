@@ -309,6 +309,44 @@ fn the_coordinator_is_replaced() {
 }
 
 #[test]
+fn anchors_that_transmit_at_the_same_time_part_though_nobody_receives_either() {
+    let mut air = Air::new(NETWORK.phy, 40);
+    // Anchor 2 coordinates. Anchors 1 and 17, both of whose addresses stand for slot 1, are switched on together.
+    let at = [[9.0, 0.0, 2.0], [0.0, 9.0, 2.0], [-9.0, 0.0, 2.0]];
+    air.add(at[0], 0.0, anchor(2, at[0]));
+    air.run_until(2.0);
+    for (address, place) in [(1, at[1]), (17, at[2])] {
+        air.add(place, drift(address), anchor(address, place));
+    }
+    let node = air.add([1.0, 2.0, 1.0], 0.0, tag(0x100, Rate::Greedy));
+    air.run_until(3.0);
+    assert!(air.collisions > 4, "{} collisions", air.collisions);
+    // Two seconds until both notice, and some superframes to be received.
+    air.run_until(6.0);
+    let rounds = air.rounds(node, 5.0);
+    assert!(rounds.len() > 100 && rounds.iter().all(|(_, ranges)| ranges.len() == 3), "{} rounds", rounds.len());
+}
+
+#[test]
+fn a_node_that_was_halted_for_longer_than_its_clock_can_tell_goes_on_within_two_seconds() {
+    // Instants of 40 bits can be ordered within 8.6 s, and repeat after 17.2 s.
+    for (seed, seconds) in [(41, 9.0), (42, 12.0), (43, 16.9), (44, 17.3), (45, 30.0)] {
+        let mut air = Air::new(NETWORK.phy, seed);
+        let anchors = room(&mut air, 4);
+        let tags: Vec<usize> = (0..2).map(|i| air.add([1.0, 2.0, 1.0], 10.0, tag(0x100 + i, Rate::Greedy))).collect();
+        air.run_until(3.0);
+        // The coordinator, which was switched on first, another anchor, and a tag.
+        [anchors[0], anchors[2], tags[0]].into_iter().for_each(|node| air.halt(node, seconds));
+        air.run_until(3.0 + seconds + 4.0);
+        for &node in &tags {
+            let rounds = air.rounds(node, 3.0 + seconds + 2.0);
+            let whole = rounds.iter().filter(|(_, ranges)| ranges.len() == 4).count();
+            assert!(whole > 200, "tag {node} after {seconds} s: {whole} of {} rounds", rounds.len());
+        }
+    }
+}
+
+#[test]
 fn time_and_grants_pass_from_anchor_to_anchor() {
     // Anchors in a row, each receives its two neighbours on either side; the tag is four hops from the first.
     let mut air = Air::new(NETWORK.phy, 16);

@@ -16,7 +16,7 @@ use std::time::Duration;
 use serde::Serialize;
 use tokio::sync::{broadcast, mpsc, watch};
 use tokio::task::JoinHandle;
-use tokio::time::{Instant, MissedTickBehavior, interval, interval_at};
+use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, timeout};
 use utoipa::ToSchema;
 
 use self::devices::DeviceLocator;
@@ -39,6 +39,8 @@ const TICK: Duration = Duration::from_secs(1);
 const MAINTAIN_EVERY: Duration = Duration::from_secs(60);
 /// The number of these after which old rows are thinned and deleted.
 const RETAIN_EVERY: u64 = 60;
+/// Rows of the health of nodes that wait while the store fails.
+const MOST_HEALTH: usize = 20_000;
 
 /// How long rows wait for others before they are written together.
 pub const WRITE_EVERY: Duration = Duration::from_millis(500);
@@ -168,7 +170,7 @@ struct Counters {
     rows_written: AtomicU64,
     store_failures: AtomicU64,
     missed: AtomicU64,
-    /// The last write failed.
+    /// The last write failed, or is late.
     is_failing: AtomicBool,
 }
 
@@ -279,7 +281,7 @@ impl Hub {
         HubCounts { reports, refused, positions, events, rows_written, backlog, dropped, store_failures, missed }
     }
 
-    /// Whether the store took the rows that were last given to it.
+    /// Whether the store took the rows that were last given to it, and is not late with others.
     pub fn is_storing(&self) -> bool {
         !self.counters.is_failing.load(Ordering::Relaxed)
     }
@@ -314,8 +316,8 @@ impl Applier {
     ) {
         let (end, ended) = watch::channel(false);
         let counters = Arc::clone(&self.counters);
-        let (live, counted) = (Arc::clone(&self.live), Arc::clone(&counters));
-        let maintenance = tokio::spawn(maintain(live, store.clone(), retention, counted, ended.clone()));
+        let (live, queue, counted) = (Arc::clone(&self.live), Arc::clone(&self.queue), Arc::clone(&counters));
+        let maintenance = tokio::spawn(maintain(live, store.clone(), retention, queue, counted, ended.clone()));
         let writer = tokio::spawn(writer::write(store, Arc::clone(&self.queue), counters, ended));
         let mut ticks = interval(TICK);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -441,27 +443,34 @@ impl Applier {
     }
 }
 
-/// Writes the health of nodes, compacts the store, and thins and deletes what is old, until the end.
+/// Writes the health of nodes, compacts the store, and thins and deletes what is old, until the end. What the store does
+/// not take waits for the next minute.
 async fn maintain(
     live: Arc<RwLock<LiveState>>,
     store: impl HubStore,
     retention: Retention,
+    queue: Arc<Queue>,
     counters: Arc<Counters>,
     mut ended: watch::Receiver<bool>,
 ) {
     let mut minutes = interval_at(Instant::now() + MAINTAIN_EVERY, MAINTAIN_EVERY);
     minutes.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut is_failing = false;
+    let mut health = Vec::new();
     let work = async {
         for minute in 0_u64.. {
             minutes.tick().await;
-            let health = live.write().unwrap_or_else(PoisonError::into_inner).take_health();
-            let mut done = store.compact(Utc::now()).await;
+            health.append(&mut live.write().unwrap_or_else(PoisonError::into_inner).take_health());
+            let too_many = health.len().saturating_sub(MOST_HEALTH);
+            health.drain(..too_many);
+            queue.count_lost(too_many);
+            let mut done = if health.is_empty() { Ok(()) } else { store.write_health(&health).await };
+            if done.is_ok() {
+                health.clear();
+                done = store.compact(Utc::now()).await;
+            }
             if minute % RETAIN_EVERY == 0 && done.is_ok() {
                 done = store.retain(retention, Utc::now()).await;
-            }
-            if done.is_ok() {
-                done = store.write_health(&health).await;
             }
             if let Err(error) = &done {
                 add(&counters.store_failures, 1);
@@ -474,10 +483,13 @@ async fn maintain(
             is_failing = done.is_err();
         }
     };
-    // What the end interrupts is done after the next start.
+    // What the end interrupts is done after the next start, but for the health that waits.
     tokio::select! {
         () = work => {}
         _ = ended.wait_for(|ended| *ended) => {}
+    }
+    if !health.is_empty() && !matches!(timeout(writer::LAST_TRIES, store.write_health(&health)).await, Ok(Ok(()))) {
+        queue.count_lost(health.len());
     }
 }
 

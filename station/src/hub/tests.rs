@@ -89,8 +89,13 @@ impl HubStore for Memory {
     }
 
     async fn write_health(&self, rows: &[NodeHealth]) -> store::Result<()> {
-        self.content(|content| content.health.extend_from_slice(rows));
-        Ok(())
+        self.content(|content| {
+            if content.is_failing {
+                return Err(broken());
+            }
+            content.health.extend_from_slice(rows);
+            Ok(())
+        })
     }
 
     async fn last_event(&self) -> store::Result<i64> {
@@ -391,6 +396,31 @@ async fn a_stop_does_not_wait_for_ever_for_a_store_that_fails() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_store_that_hangs_is_not_well_and_is_tried_again() {
+    let store = Memory::default();
+    let (hub, task) = start(&store).await;
+    store.content(|content| content.is_stuck = true);
+    hub.reports().send(report("0x1001", 1.0)).await.expect("the hub runs");
+    // Written after half a second; four seconds are late.
+    sleep(Duration::from_secs(4)).await;
+    assert!(hub.is_storing());
+    sleep(Duration::from_secs(1)).await;
+    assert!(!hub.is_storing());
+    store.content(|content| content.is_stuck = false);
+    sleep(writer::GIVEN_UP).await;
+    let counts = hub.counts();
+    assert_eq!((counts.rows_written, counts.store_failures, counts.dropped, hub.is_storing()), (1, 1, 0, true));
+    store.content(|content| content.is_stuck = true);
+    hub.reports().send(report("0x1001", 2.0)).await.expect("the hub runs");
+    sleep(Duration::from_secs(2)).await;
+    let begin = Instant::now();
+    hub.stop();
+    task.await.expect("no panic");
+    assert!(begin.elapsed() < 3 * writer::LAST_TRIES, "{:?}", begin.elapsed());
+    assert_eq!((hub.counts().dropped, hub.counts().backlog), (1, 0));
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_store_that_hangs_holds_up_no_report() {
     let store = Memory::default();
     let (hub, _task) = start(&store).await;
@@ -498,7 +528,7 @@ async fn the_health_of_the_nodes_that_were_seen_is_written_each_minute() {
     range("0x0101", Some(2.5)).await;
     sleep(a_minute + Duration::from_secs(1)).await;
     assert_eq!(written(), [("0x0101".to_owned(), Some(2.5))]);
-    // Nothing is known of a minute without a range, and nothing of one in which the store fails.
+    // Nothing is known of a minute without a range.
     sleep(a_minute).await;
     assert_eq!(written(), []);
     range("0x0101", None).await;
@@ -507,10 +537,15 @@ async fn the_health_of_the_nodes_that_were_seen_is_written_each_minute() {
     store.content(|content| content.is_failing = false);
     range("0x0102", None).await;
     sleep(a_minute).await;
-    assert_eq!(written(), [("0x0102".to_owned(), None)]);
+    // What the store did not take comes with the next minute's.
+    assert_eq!(written(), [("0x0101".to_owned(), Some(2.5)), ("0x0102".to_owned(), None)]);
     assert_eq!(hub.counts().store_failures, 1);
+    range("0x0103", None).await;
+    store.content(|content| content.is_failing = true);
+    sleep(a_minute).await;
     hub.stop();
     task.await.expect("no panic");
+    assert_eq!(hub.counts().dropped, 1, "what is lost at the end is counted");
 }
 
 #[tokio::test(start_paused = true)]

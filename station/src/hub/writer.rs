@@ -1,7 +1,7 @@
 //! The queue of rows for the store, and the task that writes them.
 //!
-//! Rows wait for half a second, or until there are enough for a batch. A batch that the store does not take is tried
-//! again, after pauses that grow. Meanwhile rows wait in the queue; beyond its bound, the oldest measurements are
+//! Rows wait for half a second, or until there are enough for a batch. A batch that the store does not take, or not in
+//! time, is tried again, after pauses that grow. Meanwhile rows wait in the queue; beyond its bound, the oldest measurements are
 //! dropped; where there are none, the oldest positions; then the oldest events. What the store leaves out for good is
 //! counted with them, and does not hold up the others.
 
@@ -25,6 +25,10 @@ const MOST_ROWS: usize = 1_000_000;
 /// The pause after the first failure, and the longest one: rows are written again within five seconds after a database
 /// is back.
 const PAUSES: [Duration; 2] = [Duration::from_millis(250), Duration::from_secs(3)];
+/// A store that has not answered for this time counts as failing: it is locked, or the connection is cut, …
+const LATE: Duration = Duration::from_secs(4);
+/// … and after this time it is tried again, by another connection.
+pub(super) const GIVEN_UP: Duration = Duration::from_secs(60);
 /// At the end, a store that fails is tried for this time.
 pub(super) const LAST_TRIES: Duration = Duration::from_secs(10);
 
@@ -151,6 +155,11 @@ impl Queue {
         (rows.taken > 0 || !batch.peers.is_empty()).then_some(batch)
     }
 
+    /// Counts rows that are lost elsewhere.
+    pub(super) fn count_lost(&self, rows: usize) {
+        self.rows().dropped += u64::try_from(rows).unwrap_or(u64::MAX);
+    }
+
     /// The rows that were taken are written, but for those that the store left out. Returns the number of the former.
     fn written(&self, left_out: u64) -> usize {
         let mut rows = self.rows();
@@ -221,12 +230,36 @@ impl<S: HubStore> Writer<S> {
         Ok(left_out)
     }
 
+    /// The same within the time that a store has for an answer, which is shorter at the end.
+    async fn try_in_time(&self, batch: &Batch, mut ended: watch::Receiver<bool>) -> Result<u64, String> {
+        let end = async {
+            let _ = ended.wait_for(|ended| *ended).await;
+            tokio::time::sleep(LAST_TRIES).await;
+        };
+        let late = async {
+            tokio::time::sleep(LATE).await;
+            self.fails(&format!("no answer for {} s", LATE.as_secs()));
+            tokio::time::sleep(GIVEN_UP - LATE).await;
+        };
+        tokio::select! {
+            done = self.try_once(batch) => done.map_err(|error| error.to_string()),
+            () = late => Err(format!("no answer for {} s", GIVEN_UP.as_secs())),
+            () = end => Err("no answer".to_owned()),
+        }
+    }
+
+    fn fails(&self, why: &str) {
+        if !self.counters.is_failing.swap(true, Ordering::Relaxed) {
+            log::error!("the store fails, and is tried again: {why}");
+        }
+    }
+
     /// Writes a batch, by many tries where necessary. Returns false where the end came and the store still failed.
     async fn write(&mut self, batch: &Batch, ended: &mut watch::Receiver<bool>) -> bool {
         let [mut pause, longest] = PAUSES;
         let mut last = None;
         loop {
-            match self.try_once(batch).await {
+            match self.try_in_time(batch, ended.clone()).await {
                 Ok(left_out) => {
                     add(&self.counters.rows_written, self.queue.written(left_out));
                     if left_out > 0 && !self.is_full {
@@ -244,9 +277,7 @@ impl<S: HubStore> Writer<S> {
                 }
                 Err(error) => {
                     add(&self.counters.store_failures, 1);
-                    if !self.counters.is_failing.swap(true, Ordering::Relaxed) {
-                        log::error!("the store fails, and is tried again: {error}");
-                    }
+                    self.fails(&error);
                 }
             }
             // An error: the sender is gone.

@@ -56,6 +56,22 @@ fn a_tag_that_is_picked_up_ranges_at_full_rate_within_a_second() {
     }
 }
 
+/// 32 768 superframes, half of their numbers, are 55 minutes, and all of them 109.
+#[test]
+fn a_tag_that_rested_for_any_time_ranges_at_full_rate_within_two_seconds() {
+    let minutes = [30, 55, 80, 108, 120, 170];
+    let tags = minutes.map(|minutes| {
+        let walk = format!("path_m = [[8, 5, 1.2], [11, 5, 1.2]]\nleaves_s = {}", 60 * minutes);
+        tag("still_rate_hz = 0.1\nsleep = true", &walk)
+    });
+    let run = Run::of_text(&(hall("seconds = 10220\nfidelity = \"air\"", 4, &[]) + &tags.concat()));
+    for (address, minutes) in (TAG..).zip(minutes) {
+        let times = run.fix_times(address, f64::from(60 * minutes), f64::INFINITY);
+        let awake = times.windows(10).find(|ten| ten[9] - ten[0] < 0.1).map(|ten| ten[0] - f64::from(60 * minutes));
+        assert!(awake.is_some_and(|awake_s| awake_s < 2.0), "after {minutes} minutes: {awake:?} s");
+    }
+}
+
 #[test]
 fn a_trolley_that_is_pushed_off_gently_wakes_its_tag_while_it_gains_speed() {
     let run = carried_off("sleep = true", "carried_by = \"trolley\"");

@@ -22,6 +22,7 @@ use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{Invalid, Record, Region, ReplyDelay, Role, Scheme, Solver, TagArea, VERSION};
+use crate::serial_number::SerialNumber;
 
 /// Room for a config record in its page, bytes; the rest of the page is left erased.
 pub const MAX_BYTES: usize = 1280;
@@ -130,8 +131,8 @@ pub(crate) struct Header {
 impl Header {
     /// Whether its page was written after the other.
     pub(crate) const fn is_later_than(self, other: Self) -> bool {
-        let ahead = self.sequence.wrapping_sub(other.sequence);
-        ahead != 0 && ahead < 1 << 31
+        // A store writes both pages in turn: their numbers are one apart.
+        SerialNumber(self.sequence).minus(other.sequence) > 0
     }
 }
 

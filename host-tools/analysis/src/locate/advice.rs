@@ -10,7 +10,7 @@ use positioning_core::engine::Missing;
 
 use crate::survey::presence::Room;
 use recording::positions::PositionRow;
-use recording::{Anchor, Coordinates, Epoch, Epochs, Recording};
+use recording::{Anchor, Coordinates, Epoch, Epochs, Recording, Truth};
 use recording::{Height, NoPosition, Solved, Space};
 
 /// Anchors lie in one plane where their spread across it is less than this share of the next larger one: as the
@@ -178,7 +178,18 @@ fn negative(recording: &Recording) -> Option<String> {
         .flat_map(|epoch| epoch.ranges.iter().map(move |range| (epoch, range)))
         .filter(|(_, range)| range.range_m < 0.0);
     let (epoch, range) = negative.next()?;
-    let count = 1 + negative.count();
+    let (mut count, mut are_alike) = (1, true);
+    for (_, other) in negative {
+        count += 1;
+        are_alike &= other.range_m == range.range_m;
+    }
+    if are_alike && count > 1 {
+        return Some(format!(
+            "{count} of the ranges are {}, which no measurement gives again and again: leave the field empty where there is no \
+             range",
+            range.range_m
+        ));
+    }
     let anchor = recording.anchors.get(range.anchor).map_or("?", |anchor| anchor.name.as_str());
     Some(format!(
         "{count} of the ranges are negative, the first is {} m to anchor {anchor} in epoch {}: calibrate the antenna \
@@ -204,6 +215,21 @@ fn times(epochs: &Epochs) -> Option<String> {
         1 + long.count(),
         epoch.name
     ))
+}
+
+/// A warning that no epoch has a true position, though there is a truth.
+pub fn without_truth(epochs: &Epochs, truth: &Truth) -> String {
+    let span = |times_s: &mut dyn Iterator<Item = f64>| {
+        let none = (f64::INFINITY, f64::NEG_INFINITY);
+        let (first, last) = times_s.fold(none, |(first, last), t_s| (first.min(t_s), last.max(t_s)));
+        if first <= last { format!("{first} to {last} s") } else { "no times".to_owned() }
+    };
+    let (ranges, truths) =
+        (span(&mut epochs.times_s().flatten()), span(&mut truth.rows().filter_map(|(_, t_s, _)| t_s)));
+    format!(
+        "no epoch has a true position, so there are no errors: the ranges have {ranges}, the truth has {truths}, and their \
+         epochs have other names; --time-offset-s adds seconds to the times of the truth"
+    )
 }
 
 /// A warning that epochs had several ranges of one anchor, of which `count` were dropped.
@@ -253,6 +279,10 @@ fn because(reason: NoPosition, stations: &str, in_space: bool) -> String {
             }
             SolveError::CollinearAnchors => {
                 return format!("all {stations} lie on one line: move one of them, or leave its height out (--dims 2)");
+            }
+            SolveError::RangesDisjoint if !in_space => {
+                "the ranges cannot meet: is the tag's height (--height-m) right, are ranges and positions both in metres, and \
+                 do the names belong to the positions?"
             }
             SolveError::RangesDisjoint => {
                 "the ranges cannot meet: are ranges and positions both in metres, and do the names belong to the positions?"

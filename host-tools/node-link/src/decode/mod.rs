@@ -11,12 +11,13 @@ mod summary;
 mod timeline;
 
 pub use chunks::{Chunks, Waited};
-pub use opened::StreamFiles;
+pub use opened::{NodeStream, StreamFiles, node_streams};
 pub use pacing::Pacing;
 pub use summary::DecodeSummary;
 pub(crate) use summary::no_telemetry;
 pub use timeline::{Stamp, Timeline};
 
+use serde_json::Value;
 use wire::telemetry::{Condition, Decoder, Hello, Message, State, Table};
 
 /// A telemetry stream that is being read. All commands use this decoder.
@@ -99,6 +100,15 @@ impl Seen {
             self.telemetry_dropped = Some(counters.telemetry_dropped);
         }
     }
+}
+
+/// A message as a JSON object, with the address of its node where there are several.
+pub fn object(message: &Message, node: Option<&str>) -> Value {
+    let mut object = message.json();
+    if let (Some(fields), Some(node)) = (object.as_object_mut(), node) {
+        fields.insert("node".to_owned(), node.into());
+    }
+    object
 }
 
 /// The table of a message, and the message's row in it; `None` where the message is in no table.

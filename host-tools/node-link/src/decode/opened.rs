@@ -1,12 +1,58 @@
 //! Opens the stream of a file, of a recording's folder, or of all parts of a rotated recording, one after the other.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use crate::recorder::{STREAM, folders};
+use super::Stream;
+use crate::recorder::{STREAM, folders, other_nodes};
 use recording::UserError;
+use recording::inputs::note_read;
+use wire::telemetry::{Address, Message};
+
+/// The stream of a node.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NodeStream {
+    /// Its file, or the folder of a recording of one node.
+    pub path: PathBuf,
+    /// The node's address, where the input has the streams of several nodes.
+    pub node: Option<String>,
+}
+
+/// The streams of an input: those of all nodes in the folder of a simulation, the first tag's at the beginning; else
+/// one. There is at least one.
+///
+/// # Errors
+/// A file cannot be read.
+pub fn node_streams(input: &Path) -> Result<Vec<NodeStream>, UserError> {
+    let others = if input.is_dir() { other_nodes(input) } else { BTreeMap::new() };
+    if others.is_empty() {
+        return Ok(vec![NodeStream { path: input.to_owned(), node: None }]);
+    }
+    let first = input.join(STREAM);
+    // A simulation without tags has an empty stream.
+    let first = address_of(&first)?.map(|node| NodeStream { path: first, node: Some(node) });
+    let others = others.into_iter();
+    let others = others.map(|(address, path)| NodeStream { path, node: Some(Address(address).to_string()) });
+    Ok(first.into_iter().chain(others).collect())
+}
+
+/// The address of the node that a stream is of, as its first `Hello` says.
+fn address_of(file: &Path) -> Result<Option<String>, UserError> {
+    let (mut from, mut stream, mut chunk) = (StreamFiles::open(file)?, Stream::default(), vec![0; 1 << 12]);
+    loop {
+        let count = from.read(&mut chunk).map_err(|error| UserError::file(file, format!("cannot read it: {error}")))?;
+        for byte in chunk.iter().take(count) {
+            if let Some((_, Message::Hello(hello))) = stream.feed(*byte) {
+                return Ok(Some(Address(hello.address).to_string()));
+            }
+        }
+        if count == 0 {
+            return Ok(None);
+        }
+    }
+}
 
 /// A stream from files.
 #[derive(Debug)]
@@ -38,6 +84,7 @@ impl StreamFiles {
             if metadata.is_dir() {
                 return Err(UserError::file(file, "it is a folder"));
             }
+            note_read(file);
             length += metadata.len();
             is_live |= !metadata.is_file();
         }

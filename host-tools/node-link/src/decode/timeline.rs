@@ -1,6 +1,7 @@
 //! One time line and one numbering of rounds for a whole recording, although a node's clock begins again at a restart,
 //! and its round numbers wrap.
 
+use wire::serial_number::SerialNumber;
 use wire::telemetry::Message;
 
 /// Messages of several tasks may be out of order by less than this, microseconds.
@@ -64,11 +65,11 @@ impl Timeline {
             self.new_run = false;
             return round.into();
         };
-        let (ahead, behind) = (round.wrapping_sub(latest), latest.wrapping_sub(round));
-        if !self.new_run && behind <= LATE {
-            return epoch.saturating_sub(behind.into());
+        if !self.new_run && SerialNumber(round).is_within(LATE, latest) {
+            return epoch.saturating_sub(SerialNumber(latest).steps_from(round).into());
         }
-        let missed = if self.new_run || ahead > u16::MAX / 2 { 0 } else { u64::from(ahead) - 1 };
+        let ahead = SerialNumber(round).minus(latest);
+        let missed = if self.new_run || ahead < 0 { 0 } else { ahead.unsigned_abs().saturating_sub(1).into() };
         self.gaps += u64::from(missed > 0);
         self.rounds_missed += missed;
         let epoch = epoch + 1 + missed;

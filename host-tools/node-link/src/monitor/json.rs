@@ -3,15 +3,17 @@
 use serde::Serialize;
 
 use super::session::NodeOutput;
+use crate::decode::object;
 
 /// One item of a node's output as one line of JSON, without the line end. Its `type` is the message's kind, or `log`,
-/// `text` (a line of the boot loader) or `unreadable` (the log cannot be read from here on).
+/// `text` (a line of the boot loader) or `unreadable` (the log cannot be read from here on). `node`: the address of the
+/// node, where there are several.
 ///
 /// # Errors
 /// The serializer returns an error.
-pub fn json(output: &NodeOutput) -> serde_json::Result<Vec<u8>> {
+pub fn json(output: &NodeOutput, node: Option<&str>) -> serde_json::Result<Vec<u8>> {
     let object = match output {
-        NodeOutput::Message(_, message) => return serde_json::to_vec(&message.json()),
+        NodeOutput::Message(_, message) => return serde_json::to_vec(&object(message, node)),
         NodeOutput::Log(line) => Object::Log {
             t_s: line.t_us.map(|t_us| t_us as f64 / 1e6),
             level: line.level.map(defmt_parser::Level::as_str),

@@ -155,15 +155,13 @@ impl SiteNames {
     /// The file system returns an error.
     pub fn write_into(&self, folder: &Path) -> io::Result<()> {
         let file = folder.join(SITE);
-        let is_of_user = match fs::read_to_string(&file) {
-            Ok(text) => !is_copy(&text),
+        let text = toml::to_string(self).map_err(io::Error::other)?;
+        let text = format!("# The names and places of a site, without its keys.\n\n{text}");
+        let stays = match fs::read_to_string(&file) {
+            Ok(there) => !is_copy(&there) || there == text,
             Err(error) => error.kind() != io::ErrorKind::NotFound,
         };
-        if is_of_user || self.known.is_empty() {
-            return Ok(());
-        }
-        let text = toml::to_string(self).map_err(io::Error::other)?;
-        write_file(&file, format!("# The names and places of a site, without its keys.\n\n{text}").as_bytes())
+        if stays || self.known.is_empty() { Ok(()) } else { write_file(&file, text.as_bytes()) }
     }
 
     /// The positions of the anchors, metres, by short address.

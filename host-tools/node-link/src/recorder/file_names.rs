@@ -1,5 +1,6 @@
 //! The files of a recording: their names, and where the stream of a folder is.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -23,11 +24,20 @@ pub fn is_table(name: &str) -> bool {
     name == ANCHORS || table.is_some_and(|name| Message::tables().any(|table| table.name == name))
 }
 
+/// The node of a simulation whose received bytes are in a file of this name, where it is not [`STREAM`].
+fn other_node(name: &str) -> Option<Address> {
+    name.strip_prefix("telemetry-")?.strip_suffix(".bin")?.parse().ok()
+}
+
+/// The received bytes of the other nodes in the folder of a simulation, by their addresses.
+pub fn other_nodes(folder: &Path) -> BTreeMap<u16, PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.filter_map(|entry| Some((other_node(entry.file_name().to_str()?)?.0, entry.path()))).collect()
+}
+
 /// Whether `record`, `simulate` or `example` write a file of this name.
 pub fn is_of_recording(name: &str) -> bool {
-    let address = name.strip_prefix("telemetry-").and_then(|rest| rest.strip_suffix(".bin"));
-    let is_of_another_node = address.is_some_and(|address| address.parse::<Address>().is_ok());
-    is_table(name) || is_of_another_node || [STREAM, TIMES, TRUTH, SETTINGS, "beacons.csv"].contains(&name)
+    is_table(name) || other_node(name).is_some() || [STREAM, TIMES, TRUTH, SETTINGS, "beacons.csv"].contains(&name)
 }
 
 /// The name of a part of a rotated recording: `000001`.

@@ -23,7 +23,7 @@ use crate::provision::SiteNames;
 use recording::output::{Live, clear, refuse_existing};
 use recording::{Anchor, UserError};
 
-pub use file_names::{STREAM, TIMES, folders, is_of_recording};
+pub use file_names::{STREAM, TIMES, folders, is_of_recording, other_nodes};
 pub use remade::make_tables;
 pub use tables::writer;
 pub use tables::{Recorded, Tables, address_and_place};

@@ -8,6 +8,7 @@ use tempfile::NamedTempFile;
 
 use super::temporary::{new_file, without_path};
 use super::{STANDARD, folder_of};
+use crate::inputs::refuse_read;
 
 /// A file in progress. Until it is complete, its place keeps the old content. It is on the disk before it is moved, so
 /// that a loss of power leaves the old content or the new. A symbolic link stays a symbolic link. If the place is not a
@@ -28,7 +29,7 @@ impl Growing {
     /// Begins a file with the permissions of any new file.
     ///
     /// # Errors
-    /// The file system returns an error.
+    /// The file is an input of this program, or the file system returns an error.
     pub fn create(file: &Path) -> io::Result<Self> {
         Self::with_mode(file, 0o666)
     }
@@ -46,6 +47,7 @@ impl Growing {
         if file.as_os_str() == STANDARD {
             return Ok(Self { file: BufWriter::new(Target::Standard(io::stdout())) });
         }
+        refuse_read(file)?;
         let target = fs::canonicalize(file).unwrap_or_else(|_| file.to_owned());
         if fs::metadata(&target).is_ok_and(|metadata| !metadata.is_file()) {
             let direct = File::options().write(true).open(&target)?;
@@ -58,12 +60,14 @@ impl Growing {
     /// Moves the file to its place.
     ///
     /// # Errors
-    /// The file system returns an error.
+    /// The file has become an input of this program, or the file system returns an error.
     pub fn finish(self) -> io::Result<()> {
         match self.file.into_inner().map_err(io::IntoInnerError::into_error)? {
             Target::Standard(mut stdout) => closed_is_done(stdout.flush()),
             Target::Direct(_) => Ok(()),
             Target::Beside(file, target) => {
+                // What is named in an input is read after the output is begun.
+                refuse_read(&target)?;
                 file.as_file().sync_all()?;
                 file.persist(&target).map_err(|error| without_path(error.error))?;
                 sync_folder(folder_of(&target));

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use serde_json::Value;
 
 use super::Rows;
-use crate::{Coordinates, Epoch};
+use crate::{Coordinates, Epoch, Height};
 use crate::{Position, Solved};
 
 /// An epoch of a tag, solved by a method.
@@ -15,13 +15,15 @@ pub struct Entry<'a> {
     pub method: &'a str,
     pub epoch: Epoch<'a>,
     pub solved: &'a Solved,
+    /// The tag's height, where it is given and not solved for.
+    pub height: Height,
 }
 
 /// A column.
 pub struct Column {
     pub name: &'static str,
     /// Whether a file with these parts has the column.
-    shown: fn(&Parts) -> bool,
+    shown: fn(&TableParts) -> bool,
     pub values: Values,
 }
 
@@ -50,7 +52,7 @@ const COLUMNS: [Column; 23] = [
     always("method", Values::Text(|entry| Some(entry.method))),
     always("x_m", Values::Rounded(METRES, |entry| Some(entry.place()?.x_m))),
     always("y_m", Values::Rounded(METRES, |entry| Some(entry.place()?.y_m))),
-    always("z_m", Values::Rounded(METRES, |entry| entry.place()?.z_m)),
+    always("z_m", Values::Rounded(METRES, |entry| entry.place()?.z_m.or(entry.given_m()))),
     always("sigma_x_m", Values::Rounded(METRES, |entry| Some(entry.sigma()?.x_m))),
     always("sigma_y_m", Values::Rounded(METRES, |entry| Some(entry.sigma()?.y_m))),
     always("sigma_z_m", Values::Rounded(METRES, |entry| entry.sigma()?.z_m)),
@@ -115,28 +117,40 @@ const fn always(name: &'static str, values: Values) -> Column {
 }
 
 /// What the positions of a file have, on which its columns depend.
-struct Parts {
-    errors: bool,
-    heights: bool,
-    velocities: bool,
-    flags: bool,
-    tags: bool,
+#[derive(Clone, Copy, Debug)]
+pub struct TableParts {
+    /// Errors, from a truth.
+    pub errors: bool,
+    /// Covariances with the height.
+    pub heights: bool,
+    /// Velocities, of a track.
+    pub velocities: bool,
+    /// Flags of doubtful positions, and the other of two places.
+    pub flags: bool,
+    /// Names of tags.
+    pub tags: bool,
 }
 
-/// The columns of a file with these rows.
-pub fn columns<'a>(rows: impl Iterator<Item = Rows<'a>> + Clone, with_errors: bool) -> Vec<&'static Column> {
-    let any = |has: fn(&Position) -> bool| {
-        let mut solved = rows.clone().flat_map(|rows| rows.solved);
-        solved.any(|solved| solved.outcome.as_ref().is_ok_and(has))
-    };
-    let parts = Parts {
-        errors: with_errors,
-        heights: any(|position| position.covariance_z.is_some()),
-        velocities: any(|position| position.velocity_m_s.is_some()),
-        flags: any(|position| position.flag.is_some()),
-        tags: rows.clone().any(|rows| rows.tag.is_some()),
-    };
-    COLUMNS.iter().filter(|column| (column.shown)(&parts)).collect()
+impl TableParts {
+    /// What these rows have.
+    pub(super) fn of<'a>(rows: impl Iterator<Item = Rows<'a>> + Clone, errors: bool) -> Self {
+        let any = |has: fn(&Position) -> bool| {
+            let mut solved = rows.clone().flat_map(|rows| rows.solved);
+            solved.any(|solved| solved.outcome.as_ref().is_ok_and(has))
+        };
+        Self {
+            errors,
+            heights: any(|position| position.covariance_z.is_some()),
+            velocities: any(|position| position.velocity_m_s.is_some()),
+            flags: any(|position| position.flag.is_some()),
+            tags: rows.clone().any(|rows| rows.tag.is_some()),
+        }
+    }
+
+    /// The columns of a file.
+    pub(super) fn columns(&self) -> Vec<&'static Column> {
+        COLUMNS.iter().filter(|column| (column.shown)(self)).collect()
+    }
 }
 
 impl<'a> Entry<'a> {
@@ -146,6 +160,14 @@ impl<'a> Entry<'a> {
 
     fn place(&self) -> Option<Coordinates> {
         Some(self.position()?.place)
+    }
+
+    fn given_m(&self) -> Option<f64> {
+        match self.height {
+            Height::Unknown => None,
+            Height::Fixed(z_m) => Some(z_m),
+            Height::FromTruth => self.epoch.truth?.z_m,
+        }
     }
 
     fn sigma(&self) -> Option<Coordinates> {

@@ -10,10 +10,10 @@ use std::path::Path;
 
 use serde_json::Map;
 
-use self::columns::{Column, Entry, columns};
-use crate::Epochs;
-use crate::Solved;
+use self::columns::{Column, Entry};
+use crate::{Epochs, Height, Solved};
 
+pub use columns::TableParts;
 pub use read::{PositionRow, Positions, read, read_track};
 
 /// The positions of one tag by one method.
@@ -27,6 +27,8 @@ pub struct Rows<'a> {
     pub epochs: &'a Epochs,
     /// What was found for each of them.
     pub solved: &'a [Solved],
+    /// The tag's height, where it is given: it is written beside positions in the plane, without a deviation.
+    pub height: Height,
 }
 
 /// The format of a file of positions. All have the same columns and values.
@@ -61,7 +63,8 @@ impl Format {
         }
     }
 
-    /// Writes the file: row after row in the order given. With `with_errors` it has the errors.
+    /// Writes the file: row after row in the order given. With `with_errors` it has the errors. `maker`: the version and
+    /// the command that make it, which Parquet keeps.
     ///
     /// # Errors
     /// The file cannot be written, the format's writer returns an error, or the format is not available.
@@ -69,29 +72,73 @@ impl Format {
         self,
         rows: impl Iterator<Item = Rows<'a>> + Clone,
         with_errors: bool,
+        maker: [&str; 2],
         file: impl Write,
     ) -> anyhow::Result<()> {
-        let columns = columns(rows.clone(), with_errors);
-        let entries = rows.flat_map(|Rows { tag, method, epochs, solved }| {
-            epochs.iter().zip(solved).map(move |(epoch, solved)| Entry { tag, method, epoch, solved })
-        });
+        let columns = TableParts::of(rows.clone(), with_errors).columns();
+        let entries = rows.flat_map(Rows::entries);
         match self {
-            Self::Csv => csv(&columns, entries, file),
+            Self::Csv => csv(&columns, true, entries, file),
             Self::Jsonl => jsonl(&columns, entries, file),
             #[cfg(feature = "parquet")]
             Self::Parquet => {
                 let mut file = file;
-                Ok(file.write_all(&parquet::encode(&columns, &entries)?)?)
+                Ok(file.write_all(&parquet::encode(&columns, &entries, maker)?)?)
             }
             #[cfg(not(feature = "parquet"))]
-            Self::Parquet => anyhow::bail!("this program cannot write Parquet"),
+            Self::Parquet => {
+                let [version, _] = maker;
+                anyhow::bail!("baliza {version} was built without Parquet")
+            }
         }
     }
 }
 
-fn csv<'a>(columns: &[&Column], entries: impl Iterator<Item = Entry<'a>>, file: impl Write) -> anyhow::Result<()> {
+impl<'a> Rows<'a> {
+    fn entries(self) -> impl Iterator<Item = Entry<'a>> + Clone {
+        let Self { tag, method, epochs, solved, height } = self;
+        epochs.iter().zip(solved).map(move |(epoch, solved)| Entry { tag, method, epoch, solved, height })
+    }
+}
+
+/// A table of positions that is written row by row, while what it will have is not known yet.
+pub struct LiveTable {
+    columns: Vec<&'static Column>,
+    is_csv: bool,
+    is_begun: bool,
+}
+
+impl LiveTable {
+    /// A table with the columns of these parts, as CSV or as JSON lines.
+    pub fn new(parts: TableParts, is_csv: bool) -> Self {
+        Self { columns: parts.columns(), is_csv, is_begun: false }
+    }
+
+    /// The text of these rows; before the first ones, the header.
+    ///
+    /// # Errors
+    /// The format's writer returns an error.
+    pub fn text(&mut self, rows: Rows) -> anyhow::Result<Vec<u8>> {
+        let mut text = Vec::new();
+        if self.is_csv {
+            csv(&self.columns, !std::mem::replace(&mut self.is_begun, true), rows.entries(), &mut text)?;
+        } else {
+            jsonl(&self.columns, rows.entries(), &mut text)?;
+        }
+        Ok(text)
+    }
+}
+
+fn csv<'a>(
+    columns: &[&Column],
+    has_header: bool,
+    entries: impl Iterator<Item = Entry<'a>>,
+    file: impl Write,
+) -> anyhow::Result<()> {
     let mut writer = csv::Writer::from_writer(file);
-    writer.write_record(columns.iter().map(|column| column.name))?;
+    if has_header {
+        writer.write_record(columns.iter().map(|column| column.name))?;
+    }
     let mut field = String::new();
     for entry in entries {
         for column in columns {

@@ -166,7 +166,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Found {
         source: targets.as_deref().or(rssi.as_deref()).or(arguments.fingerprints.as_deref()),
         methods: comparisons.iter().map(|comparison| arguments.name(*comparison)).collect(),
-        neighbours: comparisons.iter().map(|comparison| comparison.k()).collect(),
+        neighbours: Some(comparisons.iter().map(|comparison| comparison.k()).collect()),
         tags: &tags,
         solved: &solved,
         beacons: &plan.beacons,

@@ -3,7 +3,7 @@
 mod fingerprint;
 mod map;
 mod rooms;
-mod solve;
+pub mod solve;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use anyhow::Result;
 use positioning_core::ble::fingerprint::MAX_BEACONS;
 use recording::beacons::{Beacon, Capture, Captured, Dwell, Wall, read_beacons, read_walls};
 use recording::{DOCUMENT_BYTES, read_limited};
-use recording::{Epochs, Solved, UserError};
+use recording::{Epochs, Height, Solved, UserError};
 
 use crate::cli::floor_plan::FloorPlan;
 use crate::cli::report::{Output, Report, Site, TagReport};
@@ -134,8 +134,8 @@ struct Found<'a> {
     /// The file of the captures.
     source: Option<&'a Path>,
     methods: Vec<String>,
-    /// The number of neighbours of each method, where the method has neighbours.
-    neighbours: Vec<Option<usize>>,
+    /// The number of neighbours of each method, where the method has neighbours; `None` for `solve` and `track`.
+    neighbours: Option<Vec<Option<usize>>>,
     tags: &'a [Captured],
     /// By tag and method: the position of each capture.
     solved: &'a [Vec<Vec<Solved>>],
@@ -164,7 +164,8 @@ impl Found<'_> {
                 ..Site::default()
             },
             with_errors: epochs.iter().flat_map(Epochs::iter).any(|epoch| epoch.truth.is_some()),
-            neighbours: Some(self.neighbours),
+            height: Height::Unknown,
+            neighbours: self.neighbours,
             tags: tags.collect(),
         };
         report.write(output)

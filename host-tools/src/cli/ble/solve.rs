@@ -6,6 +6,7 @@ use analysis::locate::advice;
 use analysis::locate::ble::{BeaconSetup, RssiMethod, Solver};
 use anyhow::Result;
 use positioning_core::ble::beacon_monitor::{BeaconHealth, HealthChange};
+use recording::UserError;
 use recording::beacons::{Captured, read_beacons, read_captures, read_walls};
 
 use super::Found;
@@ -93,38 +94,82 @@ impl RssiMethods {
 /// # Errors
 /// Flags or a file are wrong, or an output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let output = arguments.output.check()?;
     let folder = FolderFiles::open(arguments.folder.as_deref())?;
-    let beacons = read_beacons(&folder.file(&arguments.beacons, "beacons.csv")?)?;
-    let truth = folder.find(&arguments.truth, "truth.csv");
-    let rssi = folder.file(&arguments.rssi, "rssi.csv")?;
-    let tags = read_captures(&rssi, truth.as_deref())?;
-    let walls = folder.find(&arguments.walls, "walls.csv").as_deref().map(read_walls).transpose()?.unwrap_or_default();
+    let flags = [&arguments.beacons, &arguments.rssi, &arguments.truth, &arguments.walls];
+    let sources = Sources::of(&folder, flags)?;
+    let setup = BeaconSetup {
+        window_s: f64::from(arguments.window_ms) / 1000.0,
+        height_m: arguments.height_m,
+        area_m: arguments.area.map(|CornersM(corners)| corners),
+        offset_db: arguments.receiver_offset_db,
+        wall_db: arguments.wall_db,
+        seed: arguments.seed,
+    };
+    let methods = &arguments.method.0;
+    locate(&sources, setup, methods, Some(vec![None; methods.len()]), &arguments.output)
+}
+
+/// `solve` and `track` of a folder whose tags only received beacons: the posterior of each epoch, or the tag's engine.
+///
+/// # Errors
+/// A file is wrong, or an output cannot be written.
+pub fn of_folder(
+    folder: &FolderFiles,
+    method: RssiMethod,
+    height_m: Option<f64>,
+    area_m: Option<[[f64; 2]; 2]>,
+    output: &OutputArgs,
+) -> Result<()> {
+    let sources = Sources::of(folder, [&None; 4])?;
+    let height_m = height_m.or(folder.settings().height_m);
+    note(&format!(
+        "there are no ranges; positions are by beacons, as those of ble solve --method {}\n",
+        method.as_str()
+    ));
+    locate(&sources, BeaconSetup { height_m, area_m, ..BeaconSetup::default() }, &[method], None, output)
+}
+
+/// The files of a recording by beacons.
+struct Sources {
+    beacons: PathBuf,
+    rssi: PathBuf,
+    truth: Option<PathBuf>,
+    walls: Option<PathBuf>,
+}
+
+impl Sources {
+    fn of(folder: &FolderFiles, [beacons, rssi, truth, walls]: [&Option<PathBuf>; 4]) -> Result<Self, UserError> {
+        let [beacons, rssi] = [folder.file(beacons, "beacons.csv")?, folder.file(rssi, "rssi.csv")?];
+        let [truth, walls] = [folder.find(truth, "truth.csv"), folder.find(walls, "walls.csv")];
+        Ok(Self { beacons, rssi, truth, walls })
+    }
+}
+
+/// Locates tags by these methods, and reports their positions. `neighbours` is as in [`Found`].
+fn locate(
+    sources: &Sources,
+    setup: BeaconSetup,
+    methods: &[RssiMethod],
+    neighbours: Option<Vec<Option<usize>>>,
+    output: &OutputArgs,
+) -> Result<()> {
+    let output = output.check()?;
+    let beacons = read_beacons(&sources.beacons)?;
+    let tags = read_captures(&sources.rssi, sources.truth.as_deref())?;
+    let walls = sources.walls.as_deref().map(read_walls).transpose()?.unwrap_or_default();
     super::tell_unknown(&beacons, &tags);
-    let solver = Solver::new(
-        &beacons,
-        &walls,
-        BeaconSetup {
-            window_s: f64::from(arguments.window_ms) / 1000.0,
-            height_m: arguments.height_m,
-            area_m: arguments.area.map(|CornersM(corners)| corners),
-            offset_db: arguments.receiver_offset_db,
-            wall_db: arguments.wall_db,
-            seed: arguments.seed,
-        },
-    );
+    let solver = Solver::new(&beacons, &walls, setup);
     let mut news = Vec::new();
     let mut solve = |of: &Captured, kernel: &RssiMethod| {
         let (positions, told) = solver.solve(*kernel, &of.captures);
         news.extend(told);
         positions
     };
-    let methods = &arguments.method.0;
     let solved: Vec<Vec<_>> = tags.iter().map(|of| methods.iter().map(|kernel| solve(of, kernel)).collect()).collect();
     Found {
-        source: Some(&rssi),
+        source: Some(&sources.rssi),
         methods: methods.iter().map(|kernel| kernel.as_str().to_owned()).collect(),
-        neighbours: vec![None; methods.len()],
+        neighbours,
         tags: &tags,
         solved: &solved,
         beacons: &beacons,

@@ -22,6 +22,7 @@ use wire::config::{Mode, Scheme, Solver};
 use wire::telemetry::Address;
 
 use super::PictureFile;
+use super::report::some_position;
 use super::stream::{catch_signals, refuse_interrupted};
 use crate::cli::progress::Progress;
 use show::{Show, summary_text};
@@ -393,11 +394,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let summary = simulation.summary();
     super::warn(attempts.refused());
-    if summary.fixes == 0 {
-        super::warn([format!("no positions: {}", attempts.why_none(simulation.scenario()))]);
-    }
+    let none = (summary.fixes == 0).then(|| format!("no positions: {}", attempts.why_none(simulation.scenario())));
+    // A site's file may mean it: a tag out of reach, ranges for a calibration.
+    let (meant, wrong) = if arguments.site.is_some() { (none, None) } else { (None, none) };
+    super::warn(meant);
     if arguments.json {
-        return super::print_json(&summary);
+        super::print_json(&summary)?;
+        return some_position(wrong);
     }
     let mut said = summary_text(&summary);
     for (what, file) in [("files", &arguments.out), ("capture", &arguments.pcap), ("picture", &arguments.plot)] {
@@ -406,7 +409,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     super::note(&said);
-    Ok(())
+    some_position(wrong)
 }
 
 /// What a picture needs of a record.

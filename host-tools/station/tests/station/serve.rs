@@ -1,5 +1,6 @@
 //! `baliza serve`: the station with a simulation and with recordings.
 
+use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::process::{Child, Command, Stdio};
@@ -216,6 +217,37 @@ fn a_recording_is_played_into_the_store() {
     let station = Station::start(&folder, "run");
     assert_history(&station, &positions);
     assert!(folder.names().contains(&"baliza.db".to_owned()));
+}
+
+#[test]
+fn all_tags_of_each_examples_folder_are_played() {
+    let folder = Folder::with(&[]);
+    let entries = std::fs::read_dir(root().join("examples")).expect("a folder").flatten().map(|entry| entry.path());
+    let mut simulations: Vec<_> = entries
+        .filter(|path| path.extension().is_some_and(|end| end == "toml"))
+        .map(|path| (path.file_stem().expect("a name").display().to_string(), format!("--scenario {}", path.display())))
+        .collect();
+    assert!(simulations.len() > 10, "{simulations:?}");
+    simulations.push(("three".to_owned(), "--tags 3 --anchors 4 --rate 10".to_owned()));
+    let stations = simulations.iter().map(|(name, simulate)| {
+        let run = folder.run(&format!("simulate {simulate} --seconds 2 --fidelity air --out {name} --quiet"));
+        assert!(run.code == Some(0), "{name}: {run:?}");
+        let positions = String::from_utf8(folder.read(&format!("{name}/positions.csv"))).expect("UTF-8");
+        let rows = crate::support::Run { code: Some(0), stdout: positions, stderr: String::new() };
+        let mut expected: BTreeMap<String, usize> = BTreeMap::new();
+        for (tag, x_m) in rows.column("tag").into_iter().zip(rows.numbers("x_m")) {
+            *expected.entry(tag.to_owned()).or_default() += usize::from(x_m.is_finite());
+        }
+        (Station::start(&folder, &format!("{name} --store {name}.db")), name, expected)
+    });
+    // They play at the same time.
+    for (station, name, expected) in stations.collect::<Vec<_>>() {
+        assert!(name != "three" || expected.len() == 3, "{expected:?}");
+        for (tag, count) in expected.into_iter().filter(|(_, count)| *count > 0) {
+            let path = format!("/api/v1/tags/{tag}/positions?site=site&limit=10000");
+            station.wait(&path, |history| history.as_array().is_some_and(|rows| rows.len() == count));
+        }
+    }
 }
 
 /// Waits until a socket of this host has no datagrams that are not read. It holds a limited number, and loses the
@@ -452,7 +484,8 @@ fn what_cannot_be_served_is_refused_before_the_station_starts() {
     folder.write("fingerprints.toml", &scenario);
     for (arguments, expected) in [
         ("--listen 0.0.0.0:0", "--tokens"),
-        ("--listen somewhere", "--listen"),
+        ("--listen somewhere", "ADDRESS:PORT is expected, such as 127.0.0.1:8080"),
+        ("--listen 8765", "ADDRESS:PORT is expected, such as 127.0.0.1:8765"),
         ("missing.bin", "missing.bin"),
         ("serial:", "the port is missing"),
         ("udp:7000", "ADDRESS:PORT"),

@@ -22,7 +22,7 @@ mod walk;
 pub use encode::{Point, encode};
 pub use lattice::{Posterior, Receiver, locate, locate_on_node};
 pub use map::{DEVIATIONS_DB, MAX_BEACONS, MAX_NODE_POINTS, Map, MapError, VERSION};
-pub use nearest::{MAX_NEIGHBOURS, Nearest, Vicinity};
+pub use nearest::{MAX_NEIGHBOURS, Nearest, NeighbourError, Vicinity};
 pub use offset::OffsetFilter;
 pub use walk::{Motion, Walk};
 

@@ -3,16 +3,24 @@
 //! The distance between a scan z and a point f is √Σ (zᵢ − fᵢ)², as in the thesis. With an unknown offset of the
 //! receiver it is the Mahalanobis distance: its square is Σ dᵢ² − (Σ dᵢ)² ⁄ (N + ρ), d = z − f. A normal offset whose
 //! variance is 1 ⁄ ρ times that of an RSSI has been integrated out.
+//!
+//! The scatter of a few neighbours is a poor covariance: it is singular where they lie on a line. So it is shrunk towards
+//! the errors that the map's own points have where they are located by the points elsewhere: the posterior mean of a
+//! covariance with an inverse Wishart prior (A. Gelman et al., *Bayesian Data Analysis*, 3rd edition, section 3.6).
 
 use heapless::Vec;
 
-use super::{Codes, Map, NoPosition};
+use super::{Codes, MAX_BEACONS, Map, NoPosition};
 use crate::Real;
 
 /// The most neighbours.
 pub const MAX_NEIGHBOURS: usize = 15;
 /// The least distance that counts: half a decibel, to which the map's RSSI values are rounded (a quarter of a dB²).
 const LEAST_SQUARE: f64 = 1.0;
+/// The prior's weight beside the neighbours', in neighbours: as much as the least K of the thesis.
+const PRIOR_NEIGHBOURS: usize = 3;
+/// Points of a map that are located by the others, at most.
+const MOST_LEFT_OUT: usize = 100;
 
 /// How neighbours make a position.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,8 +42,10 @@ pub struct Vicinity<T> {
     /// Their weighted mean, metres.
     pub position: [T; 2],
     /// Their scatter about the mean, m²: xx, xy, yy, plus a unit's square. With one neighbour it is hardly more than
-    /// that, because no more is known.
+    /// that: [`Vicinity::covariance`] is the position's.
     pub scatter: [T; 3],
+    /// Their number.
+    pub neighbours: usize,
     /// The nearest point's index in the map.
     pub nearest: usize,
     /// Its distance, dB.
@@ -45,6 +55,30 @@ pub struct Vicinity<T> {
     pub offset_db: T,
     /// The number of the map's beacons that are received.
     pub heard: usize,
+}
+
+/// How far positions by neighbours are off, by the map's own points: see [`Nearest::left_out`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct NeighbourError<T> {
+    /// The mean square of the errors along an axis, m², at least that within a cell of the survey.
+    error: T,
+    /// The mean of the neighbours' scatter along an axis, m².
+    scatter: T,
+}
+
+impl<T: Real> Vicinity<T> {
+    /// The covariance of the position, m²: xx, xy, yy. Without the errors of a map, whose points all have one position,
+    /// it is the scatter.
+    pub fn covariance(&self, map: Option<NeighbourError<T>>) -> [T; 3] {
+        let Some(NeighbourError { error, scatter }) = map else { return self.scatter };
+        let (prior, neighbours) = (T::count(PRIOR_NEIGHBOURS), T::count(self.neighbours));
+        // The scatter is that of the neighbours about their mean, and not about the truth.
+        let scale = neighbours * error / scatter;
+        let [xx, xy, yy] = self.scatter.map(|sum| scale * sum / (prior + neighbours));
+        let floor = prior * error / (prior + neighbours);
+        [xx + floor, xy, yy + floor]
+    }
 }
 
 /// One of the nearest points found so far.
@@ -66,21 +100,61 @@ impl<T: Real> Nearest<T> {
     /// No beacon of the map is received.
     pub fn locate(&self, map: &Map<'_>, scan: &[Option<T>]) -> Result<Vicinity<T>, NoPosition> {
         let codes = Codes::of(scan, map.beacons())?;
-        let fallbacks = map.fallbacks();
-        let mut wanted = [T::ZERO; super::MAX_BEACONS];
-        for (((wanted, code), heard), fallback) in wanted.iter_mut().zip(codes.codes).zip(codes.heard).zip(fallbacks) {
+        let mut wanted = [T::ZERO; MAX_BEACONS];
+        let all = wanted.iter_mut().zip(codes.codes).zip(codes.heard).zip(map.fallbacks());
+        for (((wanted, code), heard), fallback) in all {
             *wanted = if heard { code } else { T::count(usize::from(*fallback)) };
         }
-        let share = if self.offset > T::ZERO {
+        self.mean(map, &self.nearest(map, &wanted, None), codes.count).ok_or(NoPosition::Unheard)
+    }
+
+    /// How far positions by neighbours are off on this map: some of its points, as scans, are located by the points at
+    /// other positions. `None` if there are no others.
+    pub fn left_out(&self, map: &Map<'_>) -> Option<NeighbourError<T>> {
+        let (mut count, mut error, mut scatter, mut cell) = (T::ZERO, T::ZERO, T::ZERO, T::ZERO);
+        let square_m2 = map.unit::<T>().squared();
+        for row in map.rows().step_by(1 + map.points() / MOST_LEFT_OUT) {
+            let mut wanted = [T::ZERO; MAX_BEACONS];
+            for ((wanted, code), fallback) in wanted.iter_mut().zip(row.rssis).zip(map.fallbacks()) {
+                *wanted = T::count(usize::from(if *code == 0 { *fallback } else { *code }));
+            }
+            let near = self.nearest(map, &wanted, Some(row.units));
+            let Some(found) = self.mean(map, &near, map.beacons()) else { continue };
+            let [x, y] = map.place(row.units.map(|units| T::count(units.into())));
+            let apart = |other: [u8; 2]| {
+                let [dx, dy] = [0, 1].map(|axis: usize| T::count(other[axis].abs_diff(row.units[axis]).into()));
+                dx * dx + dy * dy
+            };
+            let others = map.rows().map(|other| apart(other.units)).filter(|square| *square > T::ZERO);
+            let next = others.fold(T::of(f64::INFINITY), |next, square| if square < next { square } else { next });
+            error += (found.position[0] - x).squared() + (found.position[1] - y).squared();
+            scatter += found.scatter[0] + found.scatter[2];
+            cell += next * square_m2;
+            count += T::ONE;
+        }
+        let axes = count + count;
+        // Within a square cell, whose side is the distance to the next point.
+        let cell = cell / (T::of(12.0) * count);
+        (count > T::ZERO).then(|| NeighbourError { error: (error / axes).at_least(cell), scatter: scatter / axes })
+    }
+
+    /// The share of the sum of differences that an unknown offset explains.
+    fn share(&self, map: &Map<'_>) -> T {
+        if self.offset > T::ZERO {
             T::ONE / (T::count(map.beacons()) + T::ONE / self.offset.squared())
         } else {
             T::ZERO
-        };
+        }
+    }
+
+    /// The nearest points, the nearest first, but none at this position.
+    fn nearest(&self, map: &Map<'_>, wanted: &[T], except: Option<[u8; 2]>) -> Vec<Neighbour<T>, MAX_NEIGHBOURS> {
+        let (fallbacks, share) = (map.fallbacks(), self.share(map));
         let most = self.neighbours.clamp(1, MAX_NEIGHBOURS);
         // Sorted, the nearest first.
         let mut near: Vec<Neighbour<T>, MAX_NEIGHBOURS> = Vec::new();
         let mut farthest = T::of(f64::INFINITY);
-        for (index, row) in map.rows().enumerate() {
+        for (index, row) in map.rows().enumerate().filter(|(_, row)| except != Some(row.units)) {
             let (mut sum, mut square) = (T::ZERO, T::ZERO);
             for ((wanted, code), fallback) in wanted.iter().zip(row.rssis).zip(fallbacks) {
                 let code = if *code == 0 { *fallback } else { *code };
@@ -101,10 +175,10 @@ impl<T: Real> Nearest<T> {
                 }
             }
         }
-        self.mean(map, &near, share, codes.count).ok_or(NoPosition::Unheard)
+        near
     }
 
-    fn mean(&self, map: &Map<'_>, near: &[Neighbour<T>], share: T, heard: usize) -> Option<Vicinity<T>> {
+    fn mean(&self, map: &Map<'_>, near: &[Neighbour<T>], heard: usize) -> Option<Vicinity<T>> {
         let &Neighbour { square, index: nearest, .. } = near.first()?;
         let neighbours = || {
             near.iter().map(|near| {
@@ -119,7 +193,7 @@ impl<T: Real> Nearest<T> {
             apart += weight * near.sum;
         }
         // Codes are half decibels, and count downward.
-        let offset_db = T::of(-0.5) * share * apart / total;
+        let offset_db = T::of(-0.5) * self.share(map) * apart / total;
         let [x, y] = mean.map(|sum| sum / total);
         let mut scatter = [T::ZERO; 3];
         for (weight, [px, py]) in neighbours() {
@@ -134,7 +208,8 @@ impl<T: Real> Nearest<T> {
         let within = T::of(1.0 / 12.0);
         let scatter = [xx + within, xy, yy + within].map(|sum| sum * square_m2);
         let distance_db = T::of(0.5) * square.at_least(T::ZERO).sqrt();
-        Some(Vicinity { position: map.place([x, y]), scatter, nearest, distance_db, offset_db, heard })
+        let (position, neighbours) = (map.place([x, y]), near.len());
+        Some(Vicinity { position, scatter, neighbours, nearest, distance_db, offset_db, heard })
     }
 }
 
@@ -228,6 +303,60 @@ mod tests {
             let found = Nearest { neighbours, weighted: true, offset: 0.0 }.locate(&map, &scan).expect("found");
             for axis in [0, 1] {
                 assert!((found.position[axis] - expected[axis]).abs() < 1e-9, "{found:?} {expected:?}");
+            }
+        }
+    }
+
+    /// The smaller eigenvalue of a covariance.
+    fn least_variance([xx, xy, yy]: [f64; 3]) -> f64 {
+        (xx + yy) / 2.0 - ((xx - yy) / 2.0).hypot(xy)
+    }
+
+    #[test]
+    fn errors_of_a_map_are_those_of_its_points_left_out() {
+        // Points at 0, 10 and 20 m of one beacon: −60, −62 and −70 dBm. The nearest other point of the first is the
+        // second, of the second the first, of the third the second: each 10 m off along x. Along an axis: 300 ⁄ 6 = 50
+        // m². A cell has 10² ⁄ 12 m², and one neighbour no scatter but that of rounding to 79 mm.
+        let bytes =
+            surveyed(&[([0.0, 0.0], &[Some(-60.0)]), ([10.0, 0.0], &[Some(-62.0)]), ([20.0, 0.0], &[Some(-70.0)])]);
+        let (map, _) = Map::decode(&bytes).expect("a map");
+        let one = Nearest { neighbours: 1, ..PLAIN };
+        let errors = one.left_out(&map).expect("there are others");
+        assert!((errors.error - 50.0).abs() < 1.0 && errors.scatter < 0.001, "{errors:?}");
+        // A neighbour of one, and a prior of three: by the scale the neighbour's scatter is 50 m² too.
+        let [xx, xy, yy] = one.locate(&map, &[Some(-61.0)]).expect("found").covariance(Some(errors));
+        assert!((xx - 50.0).abs() < 1.0 && xy.abs() < 0.01 && (yy - 50.0).abs() < 1.0, "{xx} {xy} {yy}");
+        // Two neighbours of the middle point are its mean: no error there. The others are 15 m off: 450 ⁄ 6 = 75.
+        let two = Nearest { neighbours: 2, ..PLAIN }.left_out(&map).expect("there are others");
+        assert!((two.error - 75.0).abs() < 1.0, "{two:?}");
+        assert_eq!(PLAIN.left_out(&Map::decode(&surveyed(&[([0.0, 0.0], &[Some(-60.0)])])).expect("a map").0), None);
+    }
+
+    #[test]
+    fn a_covariance_is_never_singular() {
+        let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(2);
+        let mut rssi = move || Some(-f64::from(random.random_range(120..190)) / 2.0);
+        // Points on a line along an axis, on a diagonal, all but one in one place.
+        let lines = [[1.0, 0.0], [0.0, 1.0], [0.7, 0.7], [0.0, 0.0]];
+        for [dx, dy] in lines {
+            let mut rows: Vec<([f64; 2], [Option<f64>; 3])> =
+                (0..8).map(|at| ([f64::from(at) * dx, f64::from(at) * dy], [rssi(), rssi(), rssi()])).collect();
+            if dx == dy && dx == 0.0 {
+                rows.push(([5.0, 0.0], [rssi(), rssi(), rssi()]));
+            }
+            let rows: Vec<_> = rows.iter().map(|(place, rssis)| (*place, &rssis[..])).collect();
+            let bytes = surveyed(&rows);
+            let (map, _) = Map::decode(&bytes).expect("a map");
+            for (neighbours, weighted) in [(1, false), (3, false), (3, true), (5, true)] {
+                let nearest = Nearest { neighbours, weighted, offset: 1.3 };
+                let errors = nearest.left_out(&map).expect("there are others");
+                for _ in 0..20 {
+                    let covariance =
+                        nearest.locate(&map, &[rssi(), rssi(), rssi()]).expect("found").covariance(Some(errors));
+                    // A cell of 1 m has 1 ⁄ 12 m² along an axis, of which a prior of 3 beside 5 neighbours leaves ⅜.
+                    let least = least_variance(covariance);
+                    assert!(least > 0.9 / 32.0, "{least} m² of {neighbours} on ({dx}, {dy})");
+                }
             }
         }
     }

@@ -4,6 +4,7 @@ mod accuracy;
 mod barral;
 mod fusion;
 mod garcia;
+mod honesty;
 mod linde;
 mod thesis;
 
@@ -25,6 +26,7 @@ host_tools::commands! {
         Fusion(fusion),
         Linde(linde),
         Accuracy(accuracy),
+        Honesty(honesty),
     }
 }
 

@@ -391,7 +391,7 @@ impl Tag {
             },
             State::Requesting => {
                 if let Some(network) = &mut self.network {
-                    network.request_from = network.sync.course.phase.number.wrapping_add(1);
+                    network.request_in = 1;
                 }
                 self.idle(now)
             }

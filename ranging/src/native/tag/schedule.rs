@@ -15,21 +15,13 @@ use wire::uwb::native::{MAX_MEMBERS, Message, Request, Share};
 pub(super) const LOST_AFTER: u16 = 5;
 /// Superframes from a request until the list can contain it: to a relay, from there to the coordinator, and back.
 const REQUEST_PATIENCE: u16 = 4;
-/// The most superframes that a tag waits from one request to the next.
-const MOST_PATIENCE: u16 = REQUEST_PATIENCE + 16;
-
-/// Whether a superframe for requests is ahead of the current one. What is farther ahead than a tag ever waits passed long
-/// ago: a tag that wants nothing new leaves it where it was while the numbers go round.
-fn is_ahead(request_from: u16, number: u16) -> bool {
-    (1..=MOST_PATIENCE).contains(&request_from.wrapping_sub(number))
-}
 
 /// The network that the tag follows.
 #[derive(Clone, Debug)]
 pub(super) struct Followed {
     pub(super) sync: Sync,
-    /// From this superframe on the tag may request slots.
-    pub(super) request_from: u16,
+    /// Superframes until the tag may request slots again.
+    pub(super) request_in: u16,
     /// Requests without effect.
     requests: u8,
     /// The superframe that `owned` is for.
@@ -53,6 +45,9 @@ impl Tag {
         let is_greedy = self.rate == Some(Rate::Greedy);
         self.free_at = self.free_at.filter(|free_at| is_greedy && free_at.since(present) > RadioDuration::ZERO);
         let Some(network) = &mut self.network else { return self.search(present) };
+        if network.sync.has_lost_time(present) {
+            return self.lose_network();
+        }
         let superframe = network.sync.course.timing.superframe;
         // A superframe begins early for this node, because it must decide in time what to send first.
         let early = RadioDuration::from_ticks(lead.ticks() + SHORTEST_WAIT.ticks());
@@ -69,6 +64,7 @@ impl Tag {
         }
         let begun = network.sync.advance(present.plus(early));
         network.followed = network.followed.saturating_add(begun);
+        network.request_in = if is_seldom { 0 } else { network.request_in.saturating_sub(begun) };
         self.age_anchors(begun, is_seldom);
         let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
         if network.sync.silent() > LOST_AFTER {
@@ -127,7 +123,7 @@ impl Tag {
         let listed = course.membership.members().iter().find(|member| member.tag == address);
         let settled = listed.map_or(Share::Release, |member| member.share) == share;
         network.requests *= u8::from(!settled);
-        if settled || network.is_full_without(address) || is_ahead(network.request_from, number) {
+        if settled || network.is_full_without(address) || network.request_in > 0 {
             return Self::listen(rest);
         }
         let in_reach = |slot: &u8| timing.request(usize::from(*slot)) < end;
@@ -141,7 +137,7 @@ impl Tag {
         }
         if until_pulse <= 0 {
             // The request's instant in this superframe has passed.
-            network.request_from = number.wrapping_add(1);
+            network.request_in = 1;
             if let Some(wake) = self.stopwatch.wake_at.take() {
                 self.meter.overslept(phase.at(passed).since(wake));
             }
@@ -149,7 +145,7 @@ impl Tag {
         }
         // After each collision a tag waits longer, and each tag a different time.
         let patience = spread(number, address, 2 << network.requests.min(3));
-        network.request_from = number.wrapping_add(REQUEST_PATIENCE + patience);
+        network.request_in = REQUEST_PATIENCE + patience;
         network.requests = network.requests.saturating_add(1);
         self.state = State::Requesting;
         let wish = self.meter.wish(self.config.scheme);
@@ -266,10 +262,9 @@ impl Backlog {
 impl Followed {
     /// Nothing requested, nothing owned.
     pub(super) fn begin(sync: Sync) -> Self {
-        let request_from = sync.course.phase.number;
         Self {
             sync,
-            request_from,
+            request_in: 0,
             requests: 0,
             planned: None,
             owned: 0,
@@ -295,22 +290,5 @@ impl Followed {
         }
         let owned = |members| owned_slots(members, config.address, number, timing.round_slots);
         self.owned = self.sync.members().map_or(0, owned);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{MOST_PATIENCE, is_ahead};
-
-    #[test]
-    fn a_tag_that_wanted_nothing_for_any_time_may_request_at_once() {
-        // From 2 s to 109 minutes and 13 s, a whole turn of the numbers less the longest wait.
-        for rest in 0..=u16::MAX - MOST_PATIENCE {
-            let number = 65_000_u16.wrapping_add(rest);
-            assert!(!is_ahead(65_000, number), "after {rest} superframes");
-        }
-        for wait in 1..=MOST_PATIENCE {
-            assert!(is_ahead(65_530_u16.wrapping_add(wait), 65_530), "{wait} superframes ahead");
-        }
     }
 }

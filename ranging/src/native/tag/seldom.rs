@@ -12,6 +12,7 @@ use super::{Rate, State, Tag};
 use crate::exchange::{Action, COMPENSATION};
 use crate::time::TICKS_PER_SECOND;
 use crate::{RadioDuration, RadioInstant, Start};
+use wire::serial_number::SerialNumber;
 use wire::uwb::layout::Scheme;
 use wire::uwb::native::{POLL_BYTES, SYNC_FRAME_BYTES, Share};
 
@@ -182,7 +183,7 @@ impl Tag {
         let Aim { superframe, listening } = self.aim?;
         let course = &self.network.as_ref()?.sync.course;
         let (timing, phase) = (course.timing, course.phase);
-        let superframes = i64::from(superframe.wrapping_sub(phase.number) as i16);
+        let superframes = i64::from(SerialNumber(superframe).minus(phase.number));
         let begin = RadioDuration::from_ticks(superframes * timing.superframe.ticks());
         self.doze_until(difference(begin, present.since(phase.start)), listening, present)
     }

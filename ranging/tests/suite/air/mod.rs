@@ -293,6 +293,14 @@ impl Air {
         node.start = ticks.wrapping_sub(elapsed) & ((1 << 40) - 1);
     }
 
+    /// Halts a node: it executes nothing for this time, and its clock goes on.
+    pub fn halt(&mut self, node: usize, seconds: f64) {
+        let end = self.now + seconds;
+        let node = &mut self.nodes[node];
+        (node.listening, node.state) = (None, State::Step(end, Plain::Woken));
+        node.heard.clear();
+    }
+
     pub fn move_to(&mut self, node: usize, position: [f64; 3]) {
         self.nodes[node].position = position;
     }

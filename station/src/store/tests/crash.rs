@@ -1,4 +1,4 @@
-//! A process that is killed while it writes.
+//! A process that is killed while it writes; a disk that is full; a database that another process locks.
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Command, Stdio};
@@ -69,4 +69,66 @@ on_both! {
         assert_eq!(store.positions("hall", "a", EVER(), u32::MAX).await.unwrap().len(), 1);
         store.close().await;
     }
+}
+
+/// Runs a statement on each of a SQLite store's connections.
+async fn on_all_connections(store: &Store, statement: &'static str) {
+    let mut connections = Vec::new();
+    while connections.len() < 4 {
+        connections.push(store.pool.acquire().await.unwrap());
+    }
+    for connection in &mut connections {
+        sqlx::raw_sql(statement).execute(&mut **connection).await.unwrap();
+    }
+}
+
+/// A store of 500 positions refuses three batches more where its connections have this setting, and has nothing of them.
+/// After `back` it takes them, once each.
+async fn assert_comes_back(store: &Store, setting: &'static str, back: impl Future<Output = ()>) {
+    let batch = |number: i64| (0..500).map(|s| position("a", (500 * number + s) * 1000)).collect::<Vec<_>>();
+    let batches = [1, 2, 3].map(|number| (number, batch(number)));
+    // More often than there are connections.
+    for (number, batch) in &batches {
+        for _ in 0..3 {
+            on_all_connections(store, setting).await;
+            let refused = store.write(batch, &[event(*number, 0, EventKind::Moved)]).await;
+            assert!(matches!(refused, Err(StoreError::Database(_))), "{refused:?}");
+        }
+    }
+    let before = store.positions("hall", "a", EVER(), u32::MAX).await.unwrap();
+    assert_eq!((before.len(), store.last_event().await.unwrap()), (500, 0));
+    back.await;
+    for (number, batch) in &batches {
+        assert_eq!(store.write(batch, &[event(*number, 0, EventKind::Moved)]).await.unwrap(), 0);
+    }
+    let after = store.positions("hall", "a", EVER(), u32::MAX).await.unwrap();
+    assert_eq!(times(&after), (0..2000).rev().map(|s| s * 1000).collect::<Vec<_>>());
+    assert_eq!(store.last_event().await.unwrap(), 3);
+}
+
+/// A store with the first 500 positions.
+async fn begun(place: &Place) -> Store {
+    let store = place.open().await;
+    let first: Vec<_> = (0..500).map(|s| position("a", s * 1000)).collect();
+    store.write(&first, &[]).await.unwrap();
+    store
+}
+
+#[tokio::test]
+async fn a_disk_that_was_full_is_written_again() {
+    let place = Place::sqlite();
+    let store = begun(&place).await;
+    // SQLITE_FULL, as where the disk is full: there is no other page.
+    let back = on_all_connections(&store, "PRAGMA max_page_count = 4294967294");
+    assert_comes_back(&store, "PRAGMA max_page_count = 1", back).await;
+}
+
+#[tokio::test]
+async fn a_database_that_another_process_locked_is_written_again() {
+    let place = Place::sqlite();
+    let store = begun(&place).await;
+    let other = place.open().await;
+    let writing = other.begin().await.unwrap();
+    assert!(store.is_well().await, "who reads does not wait");
+    assert_comes_back(&store, "PRAGMA busy_timeout = 0", async { writing.tx.rollback().await.unwrap() }).await;
 }

@@ -75,6 +75,12 @@ pub struct BeaconSetup {
     pub seed: u64,
 }
 
+impl Default for BeaconSetup {
+    fn default() -> Self {
+        Self { window_s: 0.5, height_m: None, area_m: None, offset_db: 2.0, wall_db: 0.0, seed: 1 }
+    }
+}
+
 /// Solves captures with the same beacons.
 #[derive(Debug)]
 pub struct Solver<'a> {

@@ -10,6 +10,7 @@ use anyhow::{Context, Result};
 
 use super::dwell::Dwell;
 use super::points::SurveyPoint;
+use recording::inputs::continue_read;
 use recording::output;
 use recording::{Table, UserError};
 
@@ -54,6 +55,8 @@ impl FingerprintFile {
         while let Some(row) = table.next_row()? {
             book.points.insert(row.text(point).to_owned());
         }
+        // What was read stays in the file.
+        continue_read(file);
         if book.text.last() != Some(&b'\n') {
             book.text.push(b'\n');
         }

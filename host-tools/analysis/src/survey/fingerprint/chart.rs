@@ -1,10 +1,14 @@
 //! Exports a process as a map for the node: the expected RSSI values on a lattice, with their deviations.
+//!
+//! A position's likelihood takes the errors of the beacons at one position for independent. Walls and furniture between
+//! surveyed points shade several beacons together, most of all where points are few. The surveyed points, each located by
+//! the others, tell by how much positions are farther off than the posterior says.
 
 use std::collections::HashMap;
 
-use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, MapError, Point};
+use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map, MapError, Point, Receiver, locate};
 
-use super::process::{Process, apart};
+use super::process::{LeftOut, Process, apart};
 use super::survey::{Survey, to_bytes};
 
 /// How far beyond the surveyed points a receiver may be, metres.
@@ -16,6 +20,8 @@ const LEAST_STEP_M: f64 = 0.25;
 const REACH: f64 = 2.0;
 /// Least value of that distance, where surveyed points are close to each other, metres.
 const LEAST_REACH_M: f64 = 0.5;
+/// Points that are left out, at most.
+const MOST_LEFT_OUT: usize = 100;
 
 /// The shape of the lattice.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -26,11 +32,12 @@ pub struct Grid {
     pub step_m: Option<f64>,
 }
 
-/// The map of a process over the surveyed area.
+/// The map of a process over the surveyed area, and by how much the covariances of positions by it are greater than the
+/// posterior has them.
 ///
 /// # Errors
 /// There are no points, too many beacons, or more lattice points than allowed.
-pub fn chart(survey: &Survey, process: &Process, grid: Grid) -> Result<Vec<u8>, MapError> {
+pub fn chart(survey: &Survey, process: &Process, grid: Grid) -> Result<(Vec<u8>, f64), MapError> {
     let most = grid.most.unwrap_or(MAX_NODE_POINTS);
     let area = Area::of(survey.spots.iter().map(|spot| spot.position_m).collect());
     let (step_m, points_m) = match grid.step_m {
@@ -45,20 +52,57 @@ pub fn chart(survey: &Survey, process: &Process, grid: Grid) -> Result<Vec<u8>, 
     if points_m.len() > most {
         return Err(MapError::TooLong);
     }
-    let predicted: Vec<(Vec<Option<f64>>, Vec<f64>)> = points_m
-        .iter()
-        .map(|at_m| {
-            let rssis = (0..survey.beacons.len()).map(|beacon| process.predict(beacon, *at_m));
-            rssis.map(|(rssi, deviation)| (Some(rssi.clamp(-127.0, -1.0)), deviation)).unzip()
-        })
-        .collect();
-    let points: Vec<Point> = points_m
-        .iter()
-        .copied()
-        .zip(&predicted)
-        .map(|(at_m, (rssis, deviations))| Point { position_m: at_m, rssis, deviations })
-        .collect();
-    to_bytes(&points, &survey.identities(), &survey.fallbacks(), Some(step_m))
+    let lattice = Lattice { survey, step_m, points_m };
+    let map = lattice.map(|beacon, point| process.predict(beacon, lattice.points_m[point]))?;
+    Ok((map, lattice.excess(process)?))
+}
+
+/// The points of a map of a survey.
+struct Lattice<'a> {
+    survey: &'a Survey,
+    step_m: f64,
+    points_m: Vec<[f64; 2]>,
+}
+
+impl Lattice<'_> {
+    /// The map of RSSI values and deviations by beacon and point.
+    fn map(&self, predict: impl Fn(usize, usize) -> (f64, f64)) -> Result<Vec<u8>, MapError> {
+        let predicted: Vec<(Vec<Option<f64>>, Vec<f64>)> = (0..self.points_m.len())
+            .map(|point| {
+                let rssis = (0..self.survey.beacons.len()).map(|beacon| predict(beacon, point));
+                rssis.map(|(rssi, deviation)| (Some(rssi.clamp(-127.0, -1.0)), deviation)).unzip()
+            })
+            .collect();
+        let points: Vec<Point> = self
+            .points_m
+            .iter()
+            .copied()
+            .zip(&predicted)
+            .map(|(at_m, (rssis, deviations))| Point { position_m: at_m, rssis, deviations })
+            .collect();
+        to_bytes(&points, &self.survey.identities(), &self.survey.fallbacks(), Some(self.step_m))
+    }
+
+    /// By how much the squared errors of left-out points are greater than the posterior says, at least 1.
+    fn excess(&self, process: &Process) -> Result<f64, MapError> {
+        let places_m = process.places_m(MOST_LEFT_OUT);
+        let beacons = 0..self.survey.beacons.len();
+        let left_out: Vec<Vec<LeftOut>> =
+            beacons.map(|beacon| process.left_out(beacon, &places_m, &self.points_m)).collect();
+        let (mut squares, mut count) = (0.0, 0.0);
+        for (cell, place_m) in places_m.iter().enumerate() {
+            let bytes = self.map(|beacon, point| left_out[beacon][cell].predicted[point])?;
+            let scan: Vec<Option<f64>> = left_out.iter().map(|beacon| beacon[cell].rssi).collect();
+            let Ok(found) = locate(&Map::decode(&bytes)?.0, &scan, &Receiver::default()) else { continue };
+            let [dx, dy] = [0, 1].map(|axis| found.position[axis] - place_m[axis]);
+            let [xx, xy, yy] = found.covariance;
+            squares += (dx * dx * yy - 2.0 * dx * dy * xy + dy * dy * xx) / (xx * yy - xy * xy);
+            count += 1.0;
+        }
+        // In two dimensions the mean is 2 where the covariance is right, and the relative deviation of the mean of n squares
+        // is n^−½: few points do not excuse a covariance.
+        Ok((squares / (2.0 * count) * (1.0 + f64::sqrt(1.0 / count))).max(1.0))
+    }
 }
 
 /// The surveyed area.

@@ -28,8 +28,11 @@ pub struct Maps {
     beacons: Vec<String>,
     /// Surveyed points.
     points: Option<Vec<u8>>,
-    /// A process on a lattice.
+    /// A process on a lattice, …
     lattice: Option<Vec<u8>>,
+    /// … and by how much the covariances of its positions are greater than the posterior has them, by the survey; 1 where
+    /// the map was read from a file.
+    excess: f64,
 }
 
 impl Maps {
@@ -47,7 +50,8 @@ impl Maps {
         let points = (!comparisons.iter().all(wants_lattice)).then(|| survey.map()).transpose()?;
         let lattice = || chart(survey, &fitted(survey, making, guess)?, making.grid);
         let lattice = comparisons.iter().any(wants_lattice).then(lattice).transpose()?;
-        Ok(Self { beacons: survey.beacons.clone(), points, lattice })
+        let (lattice, excess) = lattice.unzip();
+        Ok(Self { beacons: survey.beacons.clone(), points, lattice, excess: excess.unwrap_or(1.0) })
     }
 
     /// The map in a file's bytes; `beacons` are the names of its beacons, in its order.
@@ -60,10 +64,15 @@ impl Maps {
             return Err(MapError::Corrupt);
         }
         Ok(if map.has_deviations() {
-            Self { beacons, points: None, lattice: Some(bytes) }
+            Self { beacons, points: None, lattice: Some(bytes), excess: 1.0 }
         } else {
-            Self { beacons, points: Some(bytes), lattice: None }
+            Self { beacons, points: Some(bytes), lattice: None, excess: 1.0 }
         })
+    }
+
+    /// The factor of the covariances of a comparison.
+    pub(super) fn excess(&self, comparison: Comparison) -> f64 {
+        if comparison.wants_lattice() { self.excess } else { 1.0 }
     }
 
     /// The names of the beacons, in the maps' order.

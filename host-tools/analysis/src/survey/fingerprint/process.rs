@@ -63,6 +63,8 @@ struct Cell {
 struct Field {
     /// The cells that received it.
     places_m: Vec<[f64; 2]>,
+    /// Their RSSI values minus the trend.
+    residuals: Vec<f64>,
     /// Regression of RSSI values minus the trend.
     rssis: Regression,
 }
@@ -144,13 +146,66 @@ impl Process {
 
     /// The expected RSSI of a beacon at a visit to a position, and its deviation, dBm and dB.
     pub fn predict(&self, beacon: usize, at_m: [f64; 2]) -> (f64, f64) {
+        let near = self.near(beacon, at_m);
+        let (rssi, variance) = self.expect(beacon, at_m, &near);
+        (rssi, variance.sqrt())
+    }
+
+    /// The covariances of the RSSI there with those of the cells.
+    fn near(&self, beacon: usize, at_m: [f64; 2]) -> Vec<f64> {
+        self.fields[beacon].places_m.iter().map(|place_m| self.kernel.at(apart(*place_m, at_m))).collect()
+    }
+
+    /// The expected RSSI and its variance.
+    fn expect(&self, beacon: usize, at_m: [f64; 2], near: &[f64]) -> (f64, f64) {
         let (field, trend) = (&self.fields[beacon], &self.trends[beacon]);
-        let near: Vec<f64> = field.places_m.iter().map(|place_m| self.kernel.at(apart(*place_m, at_m))).collect();
-        let variance = (self.kernel.at(0.0) - field.rssis.explained(&near)).max(0.0)
+        let variance = (self.kernel.at(0.0) - field.rssis.explained(near)).max(0.0)
             + VISITS * self.kernel.noise_db.powi(2)
             + self.scatter_db[beacon].powi(2);
-        (trend.at(at_m) + field.rssis.mean(&near), variance.sqrt())
+        (trend.at(at_m) + field.rssis.mean(near), variance)
     }
+
+    /// The cells of the survey, at most this number of them.
+    pub fn places_m(&self, most: usize) -> Vec<[f64; 2]> {
+        let mut places_m: Vec<[f64; 2]> = self.fields.iter().flat_map(|field| field.places_m.clone()).collect();
+        places_m.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+        places_m.dedup();
+        let every = places_m.len().div_ceil(most).max(1);
+        places_m.into_iter().step_by(every).collect()
+    }
+
+    /// For each of these cells the RSSI of a beacon there, and what [`predict`](Self::predict) gives at some points if
+    /// the cell is left out of the survey.
+    pub fn left_out(&self, beacon: usize, places_m: &[[f64; 2]], points_m: &[[f64; 2]]) -> Vec<LeftOut> {
+        let field = &self.fields[beacon];
+        let changes = field.rssis.left_out();
+        let expected = points_m.iter().map(|at_m| {
+            let near = self.near(beacon, *at_m);
+            (self.expect(beacon, *at_m, &near), field.rssis.weights(&near))
+        });
+        let expected: Vec<_> = expected.collect();
+        let of = |place_m: &[f64; 2]| {
+            let cell = field.places_m.iter().position(|other| other == place_m);
+            let predicted = expected.iter().map(|((rssi, variance), weights)| match cell {
+                Some(cell) => {
+                    let (weight, [mean, more]) = (weights[cell], changes[cell]);
+                    (rssi - weight * mean, (variance + weight * weight * more).sqrt())
+                }
+                None => (*rssi, variance.sqrt()),
+            });
+            let rssi = cell.map(|cell| self.trends[beacon].at(*place_m) + field.residuals[cell]);
+            LeftOut { rssi, predicted: predicted.collect() }
+        };
+        places_m.iter().map(of).collect()
+    }
+}
+
+/// A beacon at a cell that is left out.
+pub struct LeftOut {
+    /// Its RSSI, dBm; `None` where it was not received.
+    pub rssi: Option<f64>,
+    /// What the other cells predict at points: RSSI and deviation, dBm and dB.
+    pub predicted: Vec<(f64, f64)>,
 }
 
 /// The data of a beacon.
@@ -182,7 +237,7 @@ impl Beacon {
             kernel.at(self.apart_m[i][j]) + noise
         })?;
         let cost = -rssis.log_likelihood;
-        Some((Field { places_m: self.places_m.clone(), rssis }, cost))
+        Some((Field { places_m: self.places_m.clone(), residuals: self.residuals.clone(), rssis }, cost))
     }
 }
 
@@ -290,6 +345,31 @@ mod tests {
         }
         // −log_marginal_likelihood_value_ of both − 18 ⁄ 2 ln 2π.
         assert!((cost - 37.735_776_5).abs() < 1e-6, "{cost}");
+    }
+
+    #[test]
+    fn a_cell_that_is_left_out_is_predicted_by_a_survey_without_it() {
+        let (survey, kernel) = (survey(), Kernel { signal_db: 6.0, length_m: 2.5, noise_db: 2.0 });
+        let trends = Trend::rssis(&survey);
+        let process = |survey: &Survey| {
+            let (cells, scatter_db) = cells(survey);
+            let beacons: Vec<Beacon> = (0..2).map(|b| Beacon::of(&cells, b, &trends[b], scatter_db[b])).collect();
+            Process::with(&beacons, trends.clone(), scatter_db, kernel).expect("a root")
+        };
+        let (all, points_m) = (process(&survey), [[5.0, 4.0], [2.0, 6.5], survey.spots[3].position_m]);
+        // The second beacon was not received at spot 8.
+        for (beacon, spot) in [(0, 3), (1, 3), (1, 8)] {
+            let place_m = survey.spots[spot].position_m;
+            let others = process(&survey.only(|other| other != spot));
+            let LeftOut { rssi, predicted } = all.left_out(beacon, &[place_m], &points_m).remove(0);
+            assert_eq!(rssi.is_some(), survey.spots[spot].rssis[beacon].is_some());
+            assert!(rssi.zip(survey.spots[spot].rssis[beacon]).is_none_or(|(a, b)| (a - b).abs() < 1e-9));
+            for (found, at_m) in predicted.into_iter().zip(points_m) {
+                let expected = others.predict(beacon, at_m);
+                assert!((found.0 - expected.0).abs() < 1e-9 && (found.1 - expected.1).abs() < 1e-9, "{found:?}");
+            }
+        }
+        assert_eq!((all.places_m(100).len(), all.places_m(5).len()), (12, 4));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //! node.
 
 use positioning_core::ble::fingerprint::{
-    self, Map, MapError, Motion, Nearest, OffsetFilter, Posterior, Receiver, Vicinity, Walk, locate,
+    self, Map, MapError, Motion, Nearest, NeighbourError, OffsetFilter, Posterior, Receiver, Vicinity, Walk, locate,
 };
 use positioning_core::ble::particles::{ON_HOST, ParticleFilter, Settings, Towards};
 use positioning_core::ble::path_loss::Wall;
@@ -58,12 +58,13 @@ impl Solver<'_> {
     /// The maps lack the one that the comparison reads.
     pub fn solve(&self, comparison: Comparison, captures: &[Capture]) -> Result<Vec<Solved>, MapError> {
         let (origin_m, map) = self.maps.map(comparison)?.about_its_origin();
+        let excess = self.maps.excess(comparison);
         let mut way = Way::new(self, comparison, map, origin_m);
         let mut solved = vec![None; captures.len()];
         for at in in_order(captures) {
             let outcome = way.position(&captures[at]).map_err(NoPosition::Unmatched).map(|found| {
                 let [x_m, y_m] = [0, 1].map(|axis: usize| f64::from(found.position[axis]) + origin_m[axis]);
-                let [xx, xy, yy] = found.covariance.map(f64::from);
+                let [xx, xy, yy] = found.covariance.map(|entry| excess * f64::from(entry));
                 let sigma = Coordinates { x_m: xx.max(0.0).sqrt(), y_m: yy.max(0.0).sqrt(), z_m: None };
                 Position {
                     place: Coordinates { x_m, y_m, z_m: None },
@@ -90,6 +91,8 @@ struct Way<'a> {
     setup: &'a Setup<'a>,
     comparison: Comparison,
     map: Map<'a>,
+    /// The errors of positions by neighbours.
+    errors: Option<NeighbourError<f32>>,
     /// Walls in the map's metres.
     walls: Vec<Wall<f32>>,
     /// The receiver, whose offset is learnt from one capture to the next.
@@ -108,11 +111,16 @@ impl<'a> Way<'a> {
         let local = |end: [f64; 2]| [0, 1].map(|axis: usize| (end[axis] - origin_m[axis]) as f32);
         let barrier = |wall: &beacons::Wall| Wall { ends: wall.ends_m.map(local), attenuation: 0.0 };
         let receiver = Receiver { offset_deviation_db: setup.offset_db as f32, ..Receiver::default() };
+        let errors = match comparison {
+            Comparison::Nearest { k, weighted } => nearest(k, weighted, &receiver).left_out(&map),
+            Comparison::Process | Comparison::Walk => None,
+        };
         Self {
             beacons: maps.beacons(),
             setup,
             comparison,
             map,
+            errors,
             walls: setup.walls.iter().map(barrier).collect(),
             receiver,
             learnt_us: 0,
@@ -167,10 +175,9 @@ impl<'a> Way<'a> {
     fn at_once(&self, scan: &[Option<f32>], receiver: &Receiver<f32>) -> Result<Found, fingerprint::NoPosition> {
         match self.comparison {
             Comparison::Nearest { k, weighted } => {
-                let offset = receiver.offset_deviation_db / LEVEL_DB;
                 let scan: Vec<_> = scan.iter().map(|rssi| rssi.map(|rssi| rssi - receiver.offset_db)).collect();
-                let found = Nearest { neighbours: k, weighted, offset }.locate(&self.map, &scan)?;
-                Ok(Found::of(found, receiver, self.map.beacons()))
+                let found = nearest(k, weighted, receiver).locate(&self.map, &scan)?;
+                Ok(Found::of(found, receiver, self.map.beacons(), self.errors))
             }
             Comparison::Process | Comparison::Walk => locate(&self.map, scan, receiver).map(Found::from),
         }
@@ -194,6 +201,11 @@ impl<'a> Way<'a> {
     }
 }
 
+/// A comparison with neighbours for this receiver.
+fn nearest(k: usize, weighted: bool, receiver: &Receiver<f32>) -> Nearest<f32> {
+    Nearest { neighbours: k, weighted, offset: receiver.offset_deviation_db / LEVEL_DB }
+}
+
 fn single_precision(scan: Vec<Option<f64>>) -> Vec<Option<f32>> {
     scan.into_iter().map(|rssi| rssi.map(|rssi| rssi as f32)).collect()
 }
@@ -210,11 +222,16 @@ struct Found {
 
 impl Found {
     /// The offset from neighbours: their mean differences, with the uncertainty of a mean of `beacons` RSSI values.
-    fn of(vicinity: Vicinity<f32>, before: &Receiver<f32>, beacons: usize) -> Self {
+    fn of(
+        vicinity: Vicinity<f32>,
+        before: &Receiver<f32>,
+        beacons: usize,
+        errors: Option<NeighbourError<f32>>,
+    ) -> Self {
         let precision = beacons as f32 / LEVEL_DB.powi(2) + before.offset_deviation_db.powi(-2);
         Self {
             position: vicinity.position,
-            covariance: vicinity.scatter,
+            covariance: vicinity.covariance(errors),
             used: vicinity.heard,
             offset_db: before.offset_db + vicinity.offset_db,
             offset_deviation_db: precision.sqrt().recip(),

@@ -47,7 +47,7 @@ pub struct Arguments {
     #[command(flatten)]
     inputs: InputArguments,
     /// Where to listen; port 0 takes a free one. Beyond this computer only with --tokens or --oidc
-    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8080")]
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8080", value_parser = listen_address)]
     listen: SocketAddr,
     /// A SQLite file, which is made where it does not exist, or postgres://USER:PASSWORD@HOST/DATABASE [default:
     /// baliza.db; for --simulate alone a temporary file]
@@ -74,6 +74,13 @@ pub struct Arguments {
     mqtt: MqttArguments,
     #[command(flatten)]
     viewers: Viewers,
+}
+
+/// Parses `--listen`.
+fn listen_address(text: &str) -> Result<SocketAddr, String> {
+    let port = text.strip_prefix(':').unwrap_or(text).parse::<u16>();
+    let example = format!("127.0.0.1:{}", port.unwrap_or(8080));
+    text.parse().map_err(|_| format!("ADDRESS:PORT is expected, such as {example}"))
 }
 
 /// What the station gets its reports from: the same for `serve` and `live`.
@@ -113,7 +120,7 @@ Sources:
   probe[:VID:PID[:SERIAL]]  a node at a debug probe
   serial:PORT[@BAUD]        a node at a serial port; the path of a device alone will do
   udp:ADDRESS:PORT          datagrams with telemetry, of any number of nodes; port 0 picks a free one
-  FILE, FOLDER              telemetry in a file, or a recording
+  FILE, FOLDER              telemetry in a file, or a recording: all nodes of a simulation's
   -                         standard input
 "
     };
@@ -242,7 +249,8 @@ impl Sources {
     /// # Errors
     /// A file is wrong, or a source cannot be opened.
     pub(super) fn of(arguments: &InputArguments, mqtt: Option<broker::MqttSettings>) -> Result<Self> {
-        let sources = arguments.sources.iter().map(|spec| {
+        let specs = arguments.sources.iter().map(SourceSpec::each).collect::<Result<Vec<_>>>()?;
+        let sources = specs.iter().flatten().map(|spec| {
             let source = spec.open()?;
             let (asked, name) = (spec.to_string(), source.name_of(spec));
             if name != asked {

@@ -9,7 +9,7 @@ mod beacons;
 mod ranges;
 mod results;
 mod settings;
-mod sites;
+pub(super) mod sites;
 mod tables;
 mod variations;
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use accuracy::prior::{Case, Group};
+use accuracy::prior::{Case, CaseEpoch, Group};
 use analysis::Setup;
 use anyhow::Result;
 use positioning_core::nlos::{Feature, Features};
@@ -68,14 +68,6 @@ pub fn recorded(data: &Path) -> Result<Vec<Ranged>> {
 
 /// A case of the simulated set of this seed. Its site is its group.
 pub fn simulated(case: &Case, seed: u64) -> Ranged {
-    let place = |[x_m, y_m, z_m]: [f64; 3]| Coordinates { x_m, y_m, z_m: Some(z_m) };
-    let anchors = case.anchors_m.iter().enumerate();
-    let anchors = anchors.map(|(at, at_m)| Anchor { name: at.to_string(), place: place(*at_m) }).collect();
-    let mut epochs = Epochs::default();
-    for (at, epoch) in case.epochs.iter().enumerate() {
-        epochs.push(&at.to_string(), Some(epoch.t_s), Some(place(epoch.at_m)));
-        epoch.ranges.iter().for_each(|range| epochs.push_range(&measured(range)));
-    }
     let space = match case.conditions.group {
         Group::Space => Space::Full(None),
         Group::Walk | Group::Rest | Group::Teleport | Group::Asynchronous | Group::Collinear | Group::ManyAnchors => {
@@ -86,10 +78,23 @@ pub fn simulated(case: &Case, seed: u64) -> Ranged {
         site: format!("simulated, {}", case.conditions.group.as_str()),
         simulated: true,
         name: format!("{} of seed {seed}", case.name()),
-        recording: Recording { tag: None, anchors, epochs },
+        recording: drawn(&case.anchors_m, &case.epochs),
         setup: Setup::of(space),
         truth: None,
     }
+}
+
+/// Drawn ranges as a recording.
+pub fn drawn(anchors_m: &[[f64; 3]], drawn: &[CaseEpoch]) -> Recording {
+    let place = |[x_m, y_m, z_m]: [f64; 3]| Coordinates { x_m, y_m, z_m: Some(z_m) };
+    let anchors = anchors_m.iter().enumerate();
+    let anchors = anchors.map(|(at, at_m)| Anchor { name: at.to_string(), place: place(*at_m) }).collect();
+    let mut epochs = Epochs::default();
+    for (at, epoch) in drawn.iter().enumerate() {
+        epochs.push(&at.to_string(), Some(epoch.t_s), Some(place(epoch.at_m)));
+        epoch.ranges.iter().for_each(|range| epochs.push_range(&measured(range)));
+    }
+    Recording { tag: None, anchors, epochs }
 }
 
 fn measured(range: &accuracy::prior::CaseRange) -> Measured {
