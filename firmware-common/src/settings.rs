@@ -251,6 +251,8 @@ mod tests {
             report_ranges: false,
             solver: Solver::Track,
             scheme: None,
+            height_sigma_m: 0.0,
+            area: None,
         });
         assert_eq!(Settings::of(&record, 1).unwrap().radio.filter, FrameFilter::OFF);
     }

@@ -1,7 +1,8 @@
 //! The configuration of a tag's locator, by its record.
 
 use heapless::Vec;
-use positioning_core::engine::{NodeMethod, Solvers};
+use positioning_core::Area;
+use positioning_core::engine::{self, NodeMethod, Solvers};
 use positioning_core::locator::{AnchorPosition, Settings, SiteModels};
 use positioning_core::nlos::Classifier;
 use wire::config::Solver;
@@ -57,6 +58,14 @@ impl<'a> LocatorConfig<'a> {
         Self { solver, ..config }
     }
 
+    /// The same, with what a tag's record knows of its place.
+    pub fn within(self, tag: &wire::config::Tag) -> Self {
+        let area = tag.area.map(|area| Area { min: area.least_m, max: area.greatest_m });
+        let height_sigma = tag.height_sigma_m;
+        let engine = engine::Settings { area, height_sigma, ..self.settings.engine };
+        Self { settings: Settings { engine, ..self.settings }, ..self }
+    }
+
     /// The same, but each round is solved by itself.
     pub fn solving(self, solvers: Solvers<f32>) -> Self {
         Self { settings: self.settings.solving(solvers), ..self }
@@ -64,7 +73,7 @@ impl<'a> LocatorConfig<'a> {
 
     /// The configuration of a tag with this record.
     pub fn of(tag: &wire::config::Tag, record: &'a wire::config::Record, anchors: &'a [AnchorPosition]) -> Self {
-        Self::new(tag.height_m, anchors).by(tag.solver).with_beacons(KnownBeacons::of(record))
+        Self::new(tag.height_m, anchors).within(tag).by(tag.solver).with_beacons(KnownBeacons::of(record))
     }
 
     /// The same, with this classifier of links, if there is one.

@@ -145,8 +145,8 @@ impl Tag {
 
     /// The task that computes positions.
     pub async fn locate(&self, delay: impl DelayNs, sink: &impl Sink) -> Infallible {
-        let locator =
-            LocatorConfig::new(self.config.height_m, self.anchors).by(self.config.solver).with_model(self.nlos_model);
+        let locator = LocatorConfig::new(self.config.height_m, self.anchors).within(&self.config);
+        let locator = locator.by(self.config.solver).with_model(self.nlos_model);
         #[cfg(feature = "ble")]
         let locator = locator.with_beacons(crate::KnownBeacons::of(self.record));
         #[cfg(feature = "ble")]

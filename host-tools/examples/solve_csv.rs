@@ -19,7 +19,7 @@ fn main() -> Result<(), UserError> {
     };
     // One recording a tag.
     for recording in Recording::read(&files)? {
-        let solver = Solver::new(&recording.anchors, Setup { space: Space::Full(None), area_m: None });
+        let solver = Solver::new(&recording.anchors, Setup::of(Space::Full(None)));
         for epoch in recording.epochs.iter() {
             match solver.solve(Method::Robust, &epoch).outcome {
                 Ok(position) => {

@@ -49,6 +49,15 @@ impl<T: Real, const D: usize> RangeSample<T, D> {
         Self { p_blocked: prior_blocked(known(p_nlos)), ..self }
     }
 
+    /// The same range, flattened from an anchor that is `dz` metres higher than the tag, ± `height_sigma`. The flat range is
+    /// ρ = √(d² − dz²), so that an error δ of the height is one of ρ by δ dz ⁄ ρ.
+    #[inline(never)]
+    pub fn flattened(self, dz: T, height_sigma: T) -> Self {
+        let range = flatten(self.range, dz);
+        let sigma = (self.sigma.squared() + (height_sigma * dz / range).squared()).sqrt();
+        Self { range, sigma, ..self }
+    }
+
     /// Whether every number is finite and plausible.
     pub(crate) fn is_sane(&self) -> bool {
         // One comparison for all: NaN and infinity stay in a sum of magnitudes, so the comparison fails.

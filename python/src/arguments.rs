@@ -5,7 +5,7 @@ use numpy::PyReadonlyArray2;
 use positioning_core::nlos::{Feature, Features};
 use pyo3::prelude::*;
 use recording::Diagnostics;
-use recording::folder::RecordingSettings;
+use recording::folder::{MOST_HEIGHT_SIGMA_M, RecordingSettings};
 use recording::{Anchor, Coordinates, Half, Height, Space};
 
 use crate::errors::value_error;
@@ -18,6 +18,8 @@ pub(crate) struct Within {
     dims: Option<u8>,
     /// Metres.
     height_m: Option<f64>,
+    /// Standard deviation of the height, metres; `None`: as the recording says, else 0.
+    height_sigma_m: Option<f64>,
     height_from_truth: bool,
     side: Option<String>,
     /// Least x and y, greatest x and y, metres.
@@ -29,7 +31,10 @@ impl Within {
     pub(crate) fn or(self, settings: &RecordingSettings) -> Self {
         let dims = self.dims.or(settings.dims);
         let height_m = if dims == Some(2) && !self.height_from_truth { settings.height_m } else { None };
-        Self { dims, height_m: self.height_m.or(height_m), ..self }
+        let sigma_m = height_m.and(settings.height_sigma_m).filter(|_| self.height_m.is_none());
+        let area_m = settings.area_m.map(|[[x0, y0], [x1, y1]]| [x0, y0, x1, y1]);
+        let (height_sigma_m, area_m) = (self.height_sigma_m.or(sigma_m), self.area_m.or(area_m));
+        Self { dims, height_m: self.height_m.or(height_m), height_sigma_m, area_m, ..self }
     }
 
     /// The same as the types of `host-tools`.
@@ -56,6 +61,15 @@ impl Within {
             (3, Some(other)) => return Err(value_error(format!("side: {other:?} is neither 'below' nor 'above'"))),
             (other, _) => return Err(value_error(format!("dims: {other} is neither 2 nor 3"))),
         };
+        let height_sigma_m = match (space, self.height_sigma_m) {
+            (_, None) => 0.0,
+            (Space::Plane(Height::Fixed(_)), Some(sigma_m)) if (0.0..=MOST_HEIGHT_SIGMA_M).contains(&sigma_m) => {
+                sigma_m
+            }
+            (_, Some(_)) => {
+                return Err(value_error(format!("height_sigma_m: 0 to {MOST_HEIGHT_SIGMA_M}, beside height_m")));
+            }
+        };
         let area_m = match self.area_m {
             None => None,
             Some([x0, y0, x1, y1]) if x0 < x1 && y0 < y1 && [x0, y0, x1, y1].iter().all(|at| at.is_finite()) => {
@@ -63,7 +77,7 @@ impl Within {
             }
             Some(_) => return Err(value_error("area_m: (x0, y0, x1, y1) with x0 < x1 and y0 < y1 is expected")),
         };
-        Ok(Setup { space, area_m })
+        Ok(Setup { space, height_sigma_m, area_m })
     }
 }
 

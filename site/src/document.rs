@@ -51,8 +51,17 @@ impl Document<'_> {
     pub(crate) fn read<T: DeserializeOwned>(self) -> Result<T, SiteError> {
         toml::from_str(self.text).map_err(|error| {
             let explained = explain(self.text, error.span(), error.message());
-            SiteError::at(explained.line as u64, explained.message)
+            let error = SiteError::at(explained.line as u64, explained.message);
+            if error.message.starts_with("duplicate key") { self.single_brackets().unwrap_or(error) } else { error }
         })
+    }
+
+    /// A table in single brackets among others of its name in double ones.
+    fn single_brackets(self) -> Option<SiteError> {
+        let is_double = |name: &str| self.text.lines().any(|line| header(line) == format!("[[{name}]]"));
+        let single = |line| header(line).strip_prefix('[')?.strip_suffix(']').filter(|name| is_double(name));
+        let (line, name) = (1..).zip(self.text.lines()).find_map(|(at, line)| Some((at, single(line)?)))?;
+        Some(SiteError::at(line, format!("there may be several of [{name}]: put it in two brackets")))
     }
 
     /// The line number of an offset.
@@ -87,6 +96,11 @@ impl Document<'_> {
         }
         lines
     }
+}
+
+/// A line without comment and spaces.
+fn header(line: &str) -> &str {
+    line.split('#').next().unwrap_or_default().trim()
 }
 
 /// The table of a value, or the tables of its list, with the offsets of their beginnings.

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use positioning_core::geodesy::GeographicOrigin;
 use serde::Deserialize;
-use wire::config::{Anchor, Beacon, Identity, Mode, Network, Record, Role};
+use wire::config::{Anchor, Beacon, Identity, Mode, Network, Record, Role, TagArea};
 use wire::telemetry::Address;
 
 use crate::document::{Document, KeyLines, SiteError};
@@ -17,6 +17,12 @@ use crate::network::{NetworkTable, SIMULATED_NETWORK};
 use crate::node::{Node, NodeTable, Numbers, Own};
 use crate::receivers::{self, Receiver};
 use crate::simulation::{Simulation, SimulationTable};
+use crate::values::Exactly;
+
+/// Frames carry coordinates up to this, metres.
+const FARTHEST_M: f32 = 8388.0;
+/// UWB ranges are hardly longer, metres.
+const REACH_M: f64 = 300.0;
 
 /// What a site is read for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,17 +56,27 @@ struct Tables {
     receiver: Vec<Receiver>,
     beacons_csv: Option<PathBuf>,
     geographic_origin: Option<GeographicOrigin>,
+    area: Option<AreaTable>,
     #[serde(default)]
     simulation: SimulationTable,
 }
 
+/// `[area]`: least and greatest coordinates.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct AreaTable {
+    x_m: Exactly<f32, 2>,
+    y_m: Exactly<f32, 2>,
+    z_m: Option<Exactly<f32, 2>>,
+}
+
 impl Tables {
-    /// Whether it describes a station's receivers and nothing that is for nodes.
-    fn is_of_receivers(&self) -> bool {
-        let Self { network: _, node, anchor, beacon, receiver, beacons_csv, geographic_origin: _, simulation: _ } =
+    /// Whether it describes a station's receivers or the origin, and nothing that is for nodes.
+    fn is_without_nodes(&self) -> bool {
+        let Self { network: _, node, anchor, beacon, receiver, beacons_csv, geographic_origin, area: _, simulation: _ } =
             self;
         let is_for_nodes = !(node.is_empty() && anchor.is_empty() && beacon.is_empty()) || beacons_csv.is_some();
-        !is_for_nodes && !receiver.is_empty()
+        !is_for_nodes && (!receiver.is_empty() || geographic_origin.is_some())
     }
 }
 
@@ -79,6 +95,8 @@ pub struct Site {
     pub listed_anchors: Vec<Anchor>,
     /// The fixed Bluetooth receivers in the file's order.
     pub receivers: Vec<Receiver>,
+    /// Where tags can be.
+    pub area: Option<TagArea>,
     /// Where the frame of the positions is on the earth.
     pub geographic_origin: Option<GeographicOrigin>,
     /// What only a simulation has.
@@ -112,23 +130,24 @@ impl<'t> SiteFile<'t> {
         let Self { document, tables, root, lines } = self;
         let lines = |key: &str| lines.get(key).map_or(&[][..], Vec::as_slice);
         let network_lines = lines("network").first().cloned().unwrap_or_default();
-        let is_of_receivers = tables.is_of_receivers();
-        if tables.node.is_empty() && !is_of_receivers {
+        let is_without_nodes = tables.is_without_nodes();
+        if tables.node.is_empty() && !is_without_nodes {
             let what = "there is no [[node]]; only [[receiver]] and [geographic_origin] can be alone";
             return Err(SiteError::whole(what));
         }
         receivers::check(&tables.receiver, lines("receiver"))?;
         let site = Site {
-            network: network(tables.network.as_ref(), &network_lines, purpose, is_of_receivers)?,
+            network: network(tables.network.as_ref(), &network_lines, purpose, is_without_nodes)?,
             beacon_key: tables.network.as_ref().map_or(Ok(None), |table| table.beacon_key(&network_lines))?,
             nodes: Vec::new(),
             lists: Arc::default(),
             listed_anchors: tables.anchor.iter().map(Into::into).collect(),
             receivers: tables.receiver,
+            area: tables.area.map(|table| table.area(lines("area").first())).transpose()?,
             geographic_origin: tables.geographic_origin,
             simulation: tables.simulation.simulation(document)?,
         };
-        if is_of_receivers {
+        if is_without_nodes {
             return Ok(site);
         }
         let mut numbers = Numbers::default();
@@ -146,7 +165,11 @@ impl<'t> SiteFile<'t> {
             lists.calibrate(calibrated, csv_line).map_err(|what| SiteError::at(csv_line, what))?;
             Ok(Arc::new(lists))
         };
-        site.with_nodes(&owns, listed, network_lines, calibrated)
+        let site = site.with_nodes(&owns, listed, network_lines, calibrated)?;
+        if purpose == Purpose::Nodes {
+            in_reach(&site.nodes)?;
+        }
+        Ok(site)
     }
 }
 
@@ -155,7 +178,7 @@ fn network(
     table: Option<&NetworkTable>,
     lines: &KeyLines,
     purpose: Purpose,
-    is_of_receivers: bool,
+    is_without_nodes: bool,
 ) -> Result<Network, SiteError> {
     let real = Network { region: None, ..SIMULATED_NETWORK };
     match (table, purpose) {
@@ -164,7 +187,7 @@ fn network(
             None => Err(SiteError::at(lines.line, "pan is missing")),
         },
         (Some(table), Purpose::Simulation) => table.network(SIMULATED_NETWORK, lines),
-        (None, Purpose::Nodes) if !is_of_receivers => Err(SiteError::at(1, "network is missing")),
+        (None, Purpose::Nodes) if !is_without_nodes => Err(SiteError::at(1, "network is missing")),
         (None, Purpose::Nodes | Purpose::Simulation) => Ok(SIMULATED_NETWORK),
     }
 }
@@ -231,9 +254,13 @@ impl Site {
             // An anchor does not use the key, so its record does not contain the key.
             Role::Anchor { .. } => (Default::default(), None),
         };
+        let mut role = own.role;
+        if let Role::Tag(tag) = &mut role {
+            tag.area = self.area;
+        }
         let record = Record {
             identity: own.identity,
-            role: own.role,
+            role,
             network,
             calibration: own.calibration,
             pins: own.pins,
@@ -253,6 +280,44 @@ impl Site {
             lists: Arc::clone(lists),
             network_lines: network_lines.clone(),
         })
+    }
+}
+
+impl AreaTable {
+    fn area(self, lines: Option<&KeyLines>) -> Result<TagArea, SiteError> {
+        let z_m = self.z_m.unwrap_or(Exactly([f32::NEG_INFINITY, f32::INFINITY]));
+        let bounds = [("x_m", self.x_m), ("y_m", self.y_m), ("z_m", z_m)].map(|(key, Exactly(bounds))| (key, bounds));
+        for (key, [least, greatest]) in bounds {
+            let is_sane = |metres: f32| metres.abs() <= FARTHEST_M || key == "z_m" && self.z_m.is_none();
+            if !(least < greatest && is_sane(least) && is_sane(greatest)) {
+                let what = format!(
+                    "{key} is [{least}, {greatest}]: it must be the least and the greatest {key}, within 8388 m"
+                );
+                return Err(SiteError::at(lines.map_or(1, |lines| lines.of(key)), what));
+            }
+        }
+        let [least_m, greatest_m] = [0, 1].map(|end| bounds.map(|(_, bounds)| bounds[end]));
+        Ok(TagArea { least_m, greatest_m })
+    }
+}
+
+/// Refuses anchors of which none reaches another: their positions are no metres.
+fn in_reach(nodes: &[Node]) -> Result<(), SiteError> {
+    let anchors = nodes.iter().filter(|node| matches!(node.record.role, Role::Anchor { .. }));
+    let placed: Vec<(&Node, [f64; 3])> = anchors.filter_map(|node| Some((node, node.position_m?))).collect();
+    let square = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+    let pairs =
+        placed.iter().enumerate().flat_map(|(at, (_, a))| placed.iter().skip(at + 1).map(|(_, b)| square(*a, *b)));
+    let nearest_m = pairs.fold(f64::INFINITY, f64::min).sqrt();
+    match placed.first() {
+        Some((node, _)) if nearest_m.is_finite() && nearest_m > REACH_M => {
+            let what = format!(
+                "the nearest two anchors are {nearest_m:.0} m from each other, and ranges reach {REACH_M} m at most: write \
+                 position_m in metres"
+            );
+            Err(SiteError::at(node.lines.of("position_m"), what))
+        }
+        _ => Ok(()),
     }
 }
 

@@ -29,6 +29,21 @@ pub use simulation::{
 /// An example file to start from: four anchors, a tag and a beacon, with comments.
 pub const EXAMPLE: &str = include_str!("example.toml");
 
+/// The example for this number of boards: a tag and anchors, of which three need the tag's height. `None`: the whole.
+pub fn example(boards: Option<u8>) -> String {
+    let Some(boards) = boards else { return EXAMPLE.to_owned() };
+    let (anchors, without) =
+        if boards < 5 { ("three", "name = \"anchor-4\"") } else { ("four", "name = \"beacon-1\"") };
+    let is_left_out = |part: &&str| part.contains("name = \"beacon-1\"") || part.contains(without);
+    let parts: Vec<&str> = EXAMPLE.trim_end().split("\n\n").filter(|part| !is_left_out(part)).collect();
+    let text = parts.join("\n\n").replace(
+        "# A site: four anchors in the corners of a room, a tag, a beacon.",
+        &format!("# A site: {anchors} anchors in the corners of a room, a tag."),
+    );
+    let text = if boards < 5 { text.replace("# height_m = 1.2 ", "height_m = 1.2   ") } else { text };
+    text.lines().filter(|line| !line.starts_with("scan_")).flat_map(|line| [line, "\n"]).collect()
+}
+
 /// The key of the copy of a site's names and positions that a recording has. A site's file has no such key.
 const COPY: &str = "known";
 

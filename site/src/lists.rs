@@ -6,13 +6,14 @@ use serde::Deserialize;
 use wire::config::{Anchor, Anchors, Beacon, Beacons, MAX_ANCHORS, MAX_BEACONS};
 
 use crate::document::SiteError;
+use crate::values::Exactly;
 
 /// `[[anchor]]`.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct AnchorTable {
     address: u16,
-    position_m: [f32; 3],
+    position_m: Exactly<f32, 3>,
 }
 
 /// `[[beacon]]`.
@@ -21,20 +22,20 @@ pub(crate) struct AnchorTable {
 pub(crate) struct BeaconTable {
     major: u16,
     minor: u16,
-    position_m: [f32; 3],
+    position_m: Exactly<f32, 3>,
     rssi_1m_dbm: Option<f32>,
     path_loss_exponent: Option<f32>,
 }
 
 impl From<&AnchorTable> for Anchor {
     fn from(table: &AnchorTable) -> Self {
-        Self { address: table.address, position_m: table.position_m }
+        Self { address: table.address, position_m: table.position_m.0 }
     }
 }
 
 impl From<&BeaconTable> for Beacon {
     fn from(table: &BeaconTable) -> Self {
-        let BeaconTable { major, minor, position_m, rssi_1m_dbm, path_loss_exponent } = *table;
+        let BeaconTable { major, minor, position_m: Exactly(position_m), rssi_1m_dbm, path_loss_exponent } = *table;
         Self { major, minor, position_m, rssi_1m_dbm, path_loss_exponent }
     }
 }

@@ -12,6 +12,7 @@ use crate::document::{Hex, KeyLines, SiteError, choice};
 use crate::lists::Lists;
 use crate::network::centihertz;
 use crate::simulation::NodeSimulation;
+use crate::values::Exactly;
 
 /// The keys that are only for anchors, only for tags or only for beacons.
 const ROLE_KEYS: [(RoleName, &[&str]); 3] = [
@@ -23,6 +24,7 @@ const ROLE_KEYS: [(RoleName, &[&str]); 3] = [
         RoleName::Tag,
         &[
             "height_m",
+            "height_sigma_m",
             "solver",
             "scheme",
             "rate_hz",
@@ -114,11 +116,12 @@ pub(crate) struct NodeTable {
     crystal_trim: Option<u8>,
     uwb_tx_power: Option<u32>,
     pins: Option<PinTable>,
-    position_m: Option<[f64; 3]>,
+    position_m: Option<Exactly<f64, 3>>,
     #[serde(default)]
     pub(crate) simulation: NodeSimulation,
 
     height_m: Option<f32>,
+    height_sigma_m: Option<f32>,
     #[serde(default, deserialize_with = "solver")]
     solver: Option<Solver>,
     #[serde(default, deserialize_with = "scheme")]
@@ -279,7 +282,7 @@ impl NodeTable {
     }
 
     fn position(&self) -> Option<[f32; 3]> {
-        self.position_m.map(|at| at.map(|metres| metres as f32))
+        self.position_m.map(|Exactly(at)| at.map(|metres| metres as f32))
     }
 
     /// Checks the table, and completes what only real nodes need where the purpose is a simulation.
@@ -299,6 +302,11 @@ impl NodeTable {
             self.minor.get_or_insert(number.saturating_add(1));
         }
         let wrong = |what| SiteError::at(lines.line, what);
+        if self.antenna_delay_ticks == Some(0) {
+            let what = "antenna_delay_ticks is 0, which makes ranges 154 m too long: without the key, the delay of the \
+                        module or the usual one is taken";
+            return Err(SiteError::at(lines.of("antenna_delay_ticks"), what));
+        }
         let role = match self.role {
             RoleName::Anchor => Role::Anchor { position_m: self.position() },
             RoleName::Tag => Role::Tag(self.tag(&lines)?),
@@ -351,6 +359,8 @@ impl NodeTable {
             report_ranges: self.report_ranges.unwrap_or(true),
             solver: self.solver.unwrap_or_default(),
             scheme: self.scheme,
+            height_sigma_m: self.height_sigma_m.unwrap_or(0.0),
+            area: None,
         })
     }
 
@@ -399,7 +409,7 @@ impl NodeTable {
     }
 
     pub(crate) fn node(&self) -> (Option<Board>, Option<[f64; 3]>) {
-        (self.board, self.position_m)
+        (self.board, self.position_m.map(|Exactly(at)| at))
     }
 }
 

@@ -2,10 +2,11 @@
 
 use std::collections::HashMap;
 
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
 use wire::telemetry::Address;
 
 use crate::document::{KeyLines, SiteError};
+use crate::values::Exactly;
 
 /// The greatest coordinate, metres: the station's.
 const FARTHEST_M: f64 = 1e6;
@@ -19,11 +20,16 @@ pub struct Receiver {
     /// The name under which it posts what it receives.
     pub name: String,
     /// Its position, metres.
+    #[serde(deserialize_with = "numbers")]
     pub position_m: [f64; 3],
     /// The RSSI of a usual device one metre from it, dBm.
     pub rssi_1m_dbm: Option<f64>,
     /// The path loss exponent of what it receives, 2 in free space.
     pub path_loss_exponent: Option<f64>,
+}
+
+fn numbers<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 3], D::Error> {
+    Exactly::deserialize(from).map(|Exactly(numbers)| numbers)
 }
 
 /// Checks the receivers, whose lines are `lines`.

@@ -5,7 +5,7 @@ use std::fmt::Display;
 
 use positioning_core::Method;
 use serde::Deserialize;
-use serde::de::Deserializer;
+use serde::de::{Deserializer, Error as _};
 
 use crate::document::choice;
 
@@ -13,6 +13,19 @@ use crate::document::choice;
 const MOST: f64 = 1.0e6;
 /// The slowest processor. Far beyond, durations do not fit into the clock.
 const SLOWEST: f64 = 1000.0;
+
+/// A list of exactly N numbers. An array of `serde` would drop what a longer list has more.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Exactly<T, const N: usize>(pub(crate) [T; N]);
+
+impl<'de, T: Deserialize<'de>, const N: usize> Deserialize<'de> for Exactly<T, N> {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        let list = Vec::<T>::deserialize(from)?;
+        let length = list.len();
+        let must = format!("an array of length {N}");
+        list.try_into().map(Self).map_err(|_| D::Error::invalid_length(length, &must.as_str()))
+    }
+}
 
 /// An error that `baliza_report::explain` completes with the key and its value.
 fn must_be<E: serde::de::Error>(what: impl Display) -> E {
@@ -67,19 +80,16 @@ pub(crate) fn method<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Method
     choice(from, &all, |method| method.map_or("track", Method::as_str))
 }
 
-pub(crate) fn position<'de, D: Deserializer<'de>, const N: usize>(from: D) -> Result<[f64; N], D::Error>
-where
-    [f64; N]: Deserialize<'de>,
-{
-    within_reach(<[f64; N]>::deserialize(from)?)
+pub(crate) fn position<'de, D: Deserializer<'de>, const N: usize>(from: D) -> Result<[f64; N], D::Error> {
+    within_reach(Exactly::deserialize(from)?.0)
 }
 
 pub(crate) fn path<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec<[f64; 3]>>, D::Error> {
-    let points = Vec::<[f64; 3]>::deserialize(from)?;
+    let points = Vec::<Exactly<f64, 3>>::deserialize(from)?;
     if points.is_empty() {
         return Err(must_be("a list of at least one point"));
     }
-    points.into_iter().map(within_reach).collect::<Result<_, _>>().map(Some)
+    points.into_iter().map(|Exactly(point)| within_reach(point)).collect::<Result<_, _>>().map(Some)
 }
 
 /// Frames carry millimetres in 24 bits, which reach 8388 m.

@@ -35,6 +35,8 @@ const TAG: Tag = Tag {
     report_ranges: true,
     solver: Solver::Track,
     scheme: None,
+    height_sigma_m: 0.0,
+    area: None,
 };
 
 impl Switches {

@@ -11,6 +11,9 @@ use crate::{Height, Space, Table, UserError};
 /// The name of the file of settings.
 pub const SETTINGS: &str = "recording.toml";
 
+/// A height that is less certain is none, metres.
+pub const MOST_HEIGHT_SIGMA_M: f64 = 1.0;
+
 /// What the tables of a recording do not say. Commands that read the folder use it where no flag says otherwise.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
@@ -21,6 +24,12 @@ pub struct RecordingSettings {
     /// The tags' height in the plane, metres.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub height_m: Option<f64>,
+    /// Standard deviation of that height, metres; without it, the height is exact.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub height_sigma_m: Option<f64>,
+    /// Where the tags can be at all: least and greatest x and y, metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub area_m: Option<[[f64; 2]; 2]>,
     /// How the tags measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mode: Option<MeasurementMode>,
@@ -160,6 +169,12 @@ fn read(file: &Path) -> Result<RecordingSettings, UserError> {
         RecordingSettings { height_m: Some(height_m), .. } if !height_m.is_finite() => {
             Err(UserError::file(file, "height_m is not a number"))
         }
+        RecordingSettings { height_sigma_m: Some(sigma_m), .. } if !(0.0..=MOST_HEIGHT_SIGMA_M).contains(&sigma_m) => {
+            Err(UserError::file(file, format!("height_sigma_m is {sigma_m}; it must be 0 to {MOST_HEIGHT_SIGMA_M}")))
+        }
+        RecordingSettings { area_m: Some([[x0, y0], [x1, y1]]), .. } if !(x0 < x1 && y0 < y1) => {
+            Err(UserError::file(file, "area_m must be [[x0, y0], [x1, y1]] with x0 < x1 and y0 < y1"))
+        }
         settings => Ok(settings),
     }
 }
@@ -176,6 +191,8 @@ mod tests {
         let settings = RecordingSettings {
             dims: Some(2),
             height_m: Some(1.2),
+            height_sigma_m: Some(0.3),
+            area_m: Some([[0.0, -1.0], [6.0, 4.5]]),
             mode: Some(MeasurementMode::Ranges),
             nlos: Some(Weighting::Alike),
         };

@@ -44,6 +44,9 @@ pub fn explain(text: &str, span: Option<Range<usize>>, message: &str) -> Explain
             }
         }
         (Some("invalid"), Some(expected)) => format!("{key} is {value}: it must be {expected}"),
+        (Some("string"), Some(_)) => {
+            format!("{key} is {value}: it must be true or false, a number, or text in quotation marks")
+        }
         (_, _) => message.lines().collect::<Vec<_>>().join(", "),
     };
     Explained { line: line_of(text, span.start), message }
@@ -80,8 +83,8 @@ fn must_be(expected: &str) -> &str {
         "f32" | "f64" => "a number",
         "a boolean" => "true or false",
         "a string" => "text in quotation marks",
-        "an array of length 2" => "two numbers, [x, y]",
-        "an array of length 3" => "three numbers, [x, y, z]",
+        "an array of length 2" => "two numbers, [x, y], with decimal points",
+        "an array of length 3" => "three numbers, [x, y, z], with decimal points",
         "a sequence" => LIST,
         structure if structure.starts_with("struct ") => "a table, { … }",
         other => other,

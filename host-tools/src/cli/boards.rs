@@ -8,7 +8,7 @@ use analysis::train::Chosen;
 use anyhow::{Result, bail};
 use node_link::probe::ProbeArguments;
 use node_link::provision::image::Contents;
-use node_link::provision::one_by_one::{Desk, Job, Seen, write_all};
+use node_link::provision::one_by_one::{self, Desk, Job, Seen, write_all};
 use node_link::provision::transfer::Flash;
 use node_link::provision::{Node, Written};
 use recording::UserError;
@@ -36,17 +36,19 @@ pub fn board_of(given: Option<Board>, node: &Node) -> Result<Board, UserError> {
 }
 
 /// Writes jobs to boards that the person connects one after another. What is written is noted beside the site's file.
+/// Beside the jobs is what to do where a board is missing.
 ///
 /// # Errors
 /// The probe's arguments or the file of what is written are wrong, or the person ends before all is written.
 pub fn one_after_another(
     probe: &ProbeArguments,
     site: &Path,
-    jobs: &[Job<'_>],
+    (jobs, remedy): (&[Job<'_>], &str),
     write: &mut dyn FnMut(&mut dyn Flash, &Job<'_>) -> Result<()>,
 ) -> Result<()> {
     let mut written = Written::beside(site)?;
     catch_signals()?;
+    super::prompt(&format!("{}{remedy}\n", one_by_one::waits_for(jobs, &written)));
     let left = write_all(&mut Probes(probe), jobs, &mut written, write)?;
     if left.is_empty() {
         return Ok(());

@@ -24,9 +24,9 @@ pub struct Arguments {
     /// The file of the site, as `baliza provision --example` prints one
     #[arg(long, value_name = "FILE", default_value = "site.toml")]
     config: PathBuf,
-    /// Which node of the file, where there are several
-    #[arg(long, value_name = "NAME", conflicts_with = "all")]
-    node: Option<String>,
+    /// Which node of the file, where there are several; NAME,NAME… are written board after board
+    #[arg(long, value_name = "NAME", value_delimiter = ',', conflicts_with = "all")]
+    node: Vec<String>,
     /// All nodes of the file, board after board; those that are written already are skipped
     #[arg(long, conflicts_with = "image")]
     all: bool,
@@ -47,7 +47,8 @@ const EXAMPLES: &str = "\
 Examples:
   baliza flash --node anchor-1
   baliza flash --node tag-1 --config site.toml --images baliza-0.1.0/firmware
-  baliza flash --all";
+  baliza flash --all
+  baliza flash --node anchor-1,anchor-2,anchor-3,tag-1";
 
 /// What goes to one board.
 struct Load<'a> {
@@ -62,16 +63,22 @@ struct Load<'a> {
 /// The site's file or an image is wrong, the probe fails, or the flash does not keep what is written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let site = Site::read(&arguments.config)?;
-    if arguments.all {
-        let loads = site.nodes.iter().map(|node| arguments.load(node)).collect::<Result<Vec<_>>>()?;
-        warn(&site.nodes);
+    if arguments.all || arguments.node.len() > 1 {
+        let named = arguments.node.iter().map(|name| site.node(Some(name))).collect::<Result<Vec<_>, _>>()?;
+        let nodes = if arguments.all { site.nodes.iter().collect() } else { named };
+        if arguments.image.is_some() {
+            return Err(UserError::flag("--image", "only with one node").into());
+        }
+        let loads = nodes.iter().map(|node| arguments.load(node)).collect::<Result<Vec<_>>>()?;
+        warn(nodes);
         let jobs: Vec<_> = loads.iter().map(Load::job).collect();
-        return one_after_another(&arguments.probe, &arguments.config, &jobs, &mut |flash, job| {
+        let remedy = "; where a board does not exist, name the others: --node NAME,NAME";
+        return one_after_another(&arguments.probe, &arguments.config, (&jobs, remedy), &mut |flash, job| {
             let load = loads.iter().find(|load| load.node.name == job.name).context("no such node")?;
             load.write(flash).map(drop)
         });
     }
-    let load = arguments.load(site.node(arguments.node.as_deref())?)?;
+    let load = arguments.load(site.node(arguments.node.first().map(String::as_str))?)?;
     warn([load.node]);
     let probe = arguments.probe.attach(load.board.spec().flasher.probe_chip()).map_err(|error| load.by_hand(error))?;
     let (addresses, sequence) = load.write(probe.into_flash().as_mut())?;
@@ -100,15 +107,20 @@ impl Arguments {
         Ok(Load { node, board, firmware: Firmware::read(&file, board, record)? })
     }
 
-    /// Where images are looked for. A release has the program in `bin`, beside `firmware`.
+    /// Where images are looked for.
     fn folders(&self) -> Vec<PathBuf> {
         if let Some(folder) = &self.images {
             return vec![folder.clone()];
         }
-        let program = std::env::current_exe().ok();
-        let release = program.as_deref().and_then(Path::parent).and_then(Path::parent).map(|up| up.join("firmware"));
-        ["target/firmware", "firmware"].map(PathBuf::from).into_iter().chain(release).collect()
+        firmware_folders()
     }
+}
+
+/// Where the images of a release or of `cargo xtask firmware` are. A release has the program in `bin`, beside `firmware`.
+pub fn firmware_folders() -> Vec<PathBuf> {
+    let program = std::env::current_exe().ok();
+    let release = program.as_deref().and_then(Path::parent).and_then(Path::parent).map(|up| up.join("firmware"));
+    ["target/firmware", "firmware"].map(PathBuf::from).into_iter().chain(release).collect()
 }
 
 impl Load<'_> {

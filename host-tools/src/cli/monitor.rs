@@ -3,21 +3,22 @@
 use std::io::{BufWriter, ErrorKind, Stdout, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use node_link::decode::{NodeStream, node_streams};
 use node_link::monitor::{
-    Event, Files, Image, Limits, Lines, Listener, NodeChannel, NodeOutput, Piped, Reload, Session, SessionCounts,
-    Source, json, listen, summary,
+    Event, Files, FindImage, Image, ImageFiles, Limits, Lines, Listener, NodeChannel, NodeOutput, Piped, Session,
+    SessionCounts, Source, json, listen, summary,
 };
 use node_link::provision::SiteNames;
 use node_link::recorder::{Recorder, Settings};
 use recording::UserError;
 use wire::telemetry::Table;
 
+use super::flash::firmware_folders;
 use super::live_view::{Address, LiveView};
 use super::site_names::SiteNamesArgs;
 use super::stream::{self, STOP, SourceArguments, catch_signals, refuse_interrupted, table_names};
@@ -25,14 +26,15 @@ use super::verbosity::is_quiet;
 
 /// Show a node's output: its telemetry, and its log where that has more
 ///
-/// By probe (the default), serial port, standard input or from files. With --elf, the ELF file that was flashed, the
-/// log is shown too; without it only telemetry. Of a simulation's folder, all nodes are shown, one after the other, each
-/// line with its node (in CSV: tag). Monitoring continues after unplugging, resets and new images. Ctrl-C
+/// By probe (the default), serial port, standard input or from files. The log is shown with the ELF file that was flashed,
+/// which is looked for by the node's build; without it only telemetry. Of a simulation's folder, all nodes are shown, one
+/// after the other, each line with its node (in CSV: tag). Monitoring continues after unplugging, resets and new images. Ctrl-C
 /// ends it, with a count of what was received and what was lost.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// The ELF file that was flashed: target/firmware/…elf
+    /// The ELF file that was flashed, or a folder with it: the one of the node's build is taken [default: target/firmware,
+    /// firmware, or the folder firmware of a release]
     #[arg(long, value_name = "FILE")]
     elf: Option<PathBuf>,
     #[command(flatten)]
@@ -72,7 +74,7 @@ pub struct Arguments {
 const PATIENCE: Duration = Duration::from_millis(100);
 
 const EXAMPLES: &str = "Examples:
-  baliza monitor --elf target/firmware/tag-dwm1001.elf
+  baliza monitor
   baliza monitor --serial /dev/ttyACM0 --elf target/firmware/tag-esp32c3-ble.elf
   baliza monitor --file telemetry.bin --defmt-file log.bin --elf target/firmware/tag-dwm1001.elf";
 
@@ -100,7 +102,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(streams) = several(arguments)? {
         return show_all(arguments, streams);
     }
-    let image = arguments.elf.as_deref().map(Image::read).transpose()?;
+    let images = images(arguments.elf.as_deref());
+    let image = images.as_ref().map_or(Ok(None), ImageFiles::single)?;
     let (mut source, live) = source(arguments, image.as_ref())?;
     let file = arguments.source.file().filter(|_| !live);
     catch_signals()?;
@@ -117,7 +120,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         None => None,
     };
     let limits = Limits { time: arguments.source.seconds, fixes: arguments.fixes };
-    let mut session = Session::new(image, reload(arguments.elf.as_deref()), live);
+    let find = images.map(|images| -> FindImage { Box::new(move |build| images.find(build)) });
+    let mut session = Session::new(image, find, live);
     if let Some(recorder) = recorder {
         session.record(recorder);
     }
@@ -178,7 +182,7 @@ fn show_all(arguments: &Arguments, streams: Vec<NodeStream>) -> Result<()> {
         if limits.fixes == Some(0) {
             break;
         }
-        let mut session = Session::new(None, reload(None), false);
+        let mut session = Session::new(None, None, false);
         screen.node = node;
         listen(&mut Files::open(&path, None)?, &mut session, &mut screen, limits, &STOP)?;
         refuse_interrupted()?;
@@ -245,18 +249,16 @@ fn source(arguments: &Arguments, image: Option<&Image>) -> Result<(Box<dyn Sourc
     Ok((arguments.source.live(image, arguments.reset), true))
 }
 
-/// Reads the ELF file again if it has changed since the last time.
-fn reload(file: Option<&Path>) -> Reload {
-    let changed = |file: &Path| -> Option<SystemTime> { std::fs::metadata(file).ok()?.modified().ok() };
-    let mut read = file.and_then(changed);
-    Box::new(move |image| {
-        let now = changed(&image.file);
-        if now == read {
-            return None;
+/// Where the node's ELF file is looked for.
+fn images(given: Option<&Path>) -> Option<ImageFiles> {
+    match given {
+        Some(folder) if folder.is_dir() => Some(ImageFiles::Folders(vec![folder.to_owned()])),
+        Some(file) => Some(ImageFiles::File(file.to_owned())),
+        None => {
+            let images = ImageFiles::Folders(firmware_folders());
+            (!images.files().is_empty()).then_some(images)
         }
-        read = now;
-        Some(Image::read(&image.file))
-    })
+    }
 }
 
 /// The format of the node's output.

@@ -162,7 +162,7 @@ fn track(
     let anchor_heights = space != Space::Plane(Height::Unknown);
     let files = Files { anchors, measured, mode, truth: None, anchor_heights, truth_heights: false };
     let recordings = Recording::read(&files)?;
-    let setup = Setup { space, area_m: None };
+    let setup = Setup::of(space);
     let progress = Progress::new(recordings.iter().map(|recording| recording.epochs.len()).sum());
     let mut rows = Vec::new();
     for recording in &recordings {

@@ -12,7 +12,7 @@ use node_link::probe::ProbeArguments;
 use node_link::provision::image::{Contents, Held, RecordImage};
 use node_link::provision::one_by_one::Job;
 use node_link::provision::show::{self, Keys};
-use node_link::provision::{EXAMPLE, Node, Site, oddities, transfer, warnings};
+use node_link::provision::{Node, Site, SiteNames, example, oddities, transfer, warnings};
 use recording::UserError;
 use recording::output::{self, OutputFolder};
 use recording::{IMAGE_BYTES, read_limited};
@@ -64,9 +64,15 @@ pub struct Arguments {
     /// Checks whether a file is a good record, in one line; exit code 2 where it is not
     #[arg(long, value_name = "FILE")]
     check: Option<PathBuf>,
-    /// Prints a file to begin with: four anchors, a tag and a beacon
+    /// Prints a file to begin with: four anchors, a tag that scans, and a beacon
     #[arg(long)]
     example: bool,
+    /// The same for so many boards: a tag, and anchors. With four boards, the tag needs its height
+    #[arg(long, value_name = "4|5", requires = "example", value_parser = clap::value_parser!(u8).range(4..=5))]
+    boards: Option<u8>,
+    /// The names of nodes for --show and --read: the file that records are made from. A record has no room for a name
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["config", "check", "example"])]
+    site: Option<PathBuf>,
     /// Prints JSON: results has an object a file written, or one object, with the node written, the record shown, or
     /// the verdict of --check
     #[arg(long, conflicts_with = "example")]
@@ -110,12 +116,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.read {
         return read(arguments);
     }
+    let text = example(arguments.boards);
     match &arguments.out {
         Some(file) => {
             output::check("--out", file)?;
-            super::write(file, EXAMPLE.as_bytes())
+            super::write(file, text.as_bytes())
         }
-        None => super::print(EXAMPLE.as_bytes()),
+        None => super::print(text.as_bytes()),
     }
 }
 
@@ -292,7 +299,7 @@ fn write_all(arguments: &Arguments, file: &Path, site: &Site) -> Result<()> {
         jobs.push(Job { name: &node.name, board, record, sum: sum(&[&contents(node, record).binary(board)]) });
     }
     warn(site, &site.nodes);
-    one_after_another(&arguments.probe, file, &jobs, &mut |flash, job| {
+    one_after_another(&arguments.probe, file, (&jobs, ""), &mut |flash, job| {
         let node = site.node(Some(job.name))?;
         transfer::write(flash, job.board, &contents(node, job.record)).map(drop)
     })?;
@@ -332,10 +339,11 @@ fn read(arguments: &Arguments) -> Result<()> {
 
 fn print_record(arguments: &Arguments, held: &Held) -> Result<()> {
     let keys = if arguments.show_keys { Keys::Shown } else { Keys::Hidden };
+    let names = arguments.site.as_deref().map(SiteNames::read).transpose()?.unwrap_or_default();
     if arguments.json {
-        super::print_json(&show::json(held, arguments.board, keys).context("cannot write JSON")?)
+        super::print_json(&show::json(held, arguments.board, keys, &names).context("cannot write JSON")?)
     } else {
-        super::print(show::toml(held, arguments.board, keys).as_bytes())
+        super::print(show::toml(held, arguments.board, keys, &names).as_bytes())
     }
 }
 

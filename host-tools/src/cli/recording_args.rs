@@ -10,7 +10,7 @@ use analysis::locate::time_offset::{Clocks, REACH_S, clocks};
 use anyhow::Result;
 use clap::ValueEnum;
 use node_link::provision::SiteNames;
-use recording::folder::{Folder, RecordingSettings, Weighting};
+use recording::folder::{Folder, MOST_HEIGHT_SIGMA_M, RecordingSettings, Weighting};
 use recording::output::STANDARD;
 use recording::{Files, Half, Height, MeasurementMode, Recording, Solved, Space, Truth, Truths, UserError};
 use recording::{Joined, SingleRanges, anchor_rows, drop_repeats, round_s, rounds};
@@ -66,6 +66,10 @@ pub struct RecordingArgs {
     /// The tag's height, metres: ranges are flattened to the plane (--dims 2)
     #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = finite, conflicts_with = "height_from_truth")]
     height_m: Option<f64>,
+    /// The height is known to ± this, metres (standard deviation): it is then estimated, too [default: as recording.toml
+    /// says, else exact]
+    #[arg(long, value_name = "SIGMA", allow_negative_numbers = true, value_parser = deviation, conflicts_with = "height_from_truth")]
+    height_sigma_m: Option<f64>,
     /// Take the tag's height of each epoch from the truth (--dims 2)
     #[arg(long)]
     height_from_truth: bool,
@@ -73,7 +77,7 @@ pub struct RecordingArgs {
     /// uncertainty that reaches to the mirror image]
     #[arg(long, value_name = "SIDE")]
     side: Option<Side>,
-    /// Where the tag can be at all, metres; the iterated methods stay inside
+    /// Where the tag can be at all, metres: the iterated methods stay inside, and a track on this side of a line of anchors
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
     area: Option<CornersM>,
     #[command(flatten)]
@@ -138,6 +142,16 @@ impl CornersM {
             [_, _, _, _] => Err("X0 must be less than X1, and Y0 less than Y1".to_owned()),
             _ => Err("four numbers are expected: X0,Y0,X1,Y1".to_owned()),
         }
+    }
+}
+
+/// Parses a standard deviation of a height.
+fn deviation(text: &str) -> Result<f64, String> {
+    let metres = finite(text)?;
+    if (0.0..=MOST_HEIGHT_SIGMA_M).contains(&metres) {
+        Ok(metres)
+    } else {
+        Err(format!("it must be from 0 to {MOST_HEIGHT_SIGMA_M}: beyond, use --dims 3"))
     }
 }
 
@@ -222,8 +236,20 @@ impl RecordingArgs {
         Ok(true)
     }
 
+    /// The space, and what the flags or else the folder's settings know of the tag's place.
     fn setup(&self, settings: &RecordingSettings) -> Result<Setup, UserError> {
-        Ok(Setup { space: self.space(settings)?, area_m: self.area.map(|CornersM(corners)| corners) })
+        let space = self.space(settings)?;
+        // A deviation belongs to its height.
+        let of_folder = settings.height_sigma_m.filter(|_| self.height_m.is_none());
+        let height_sigma_m = match space {
+            Space::Plane(Height::Fixed(_)) => self.height_sigma_m.or(of_folder).unwrap_or(0.0),
+            Space::Plane(_) | Space::Full(_) if self.height_sigma_m.is_some() => {
+                return Err(UserError::flag("--height-sigma-m", "only with --dims 2 --height-m Z"));
+            }
+            Space::Plane(_) | Space::Full(_) => 0.0,
+        };
+        let area_m = self.area.map(|CornersM(corners)| corners).or(settings.area_m);
+        Ok(Setup { space, height_sigma_m, area_m })
     }
 
     /// The files that the flags name, or else those of the folder.

@@ -249,11 +249,19 @@ fn settings(scenario: &Scenario) -> RecordingSettings {
     let mode =
         if scenario.networks.iter().all(listens) { MeasurementMode::Differences } else { MeasurementMode::Ranges };
     // Half a millimetre is finer than any height.
-    let height_m = scenario.height_m().map(|height_m| (f64::from(height_m) * 2000.0).round() / 2000.0);
+    let metres = |metres: f32| (f64::from(metres) * 2000.0).round() / 2000.0;
+    let height_m = scenario.height_m().map(metres);
     let is_in_space = scenario.tags.iter().all(|tag| tag.settings.record.height_m.is_none());
     // Where tags differ, the reader has to say it.
     let dims = if is_in_space { Some(3) } else { height_m.map(|_| 2) };
-    RecordingSettings { dims, height_m, mode: Some(mode), nlos: (!scenario.weigh_nlos).then_some(Weighting::Alike) }
+    let mut sigmas = scenario.tags.iter().map(|tag| tag.settings.record.height_sigma_m);
+    let sigma = sigmas.next().filter(|first| *first != 0.0 && sigmas.all(|other| other == *first));
+    let height_sigma_m = sigma.filter(|_| height_m.is_some()).map(metres);
+    // All tags of a site have its area.
+    let area = scenario.tags.first().and_then(|tag| tag.settings.record.area);
+    let area_m = area.map(|area| [area.least_m, area.greatest_m].map(|[x_m, y_m, _]| [metres(x_m), metres(y_m)]));
+    let nlos = (!scenario.weigh_nlos).then_some(Weighting::Alike);
+    RecordingSettings { dims, height_m, height_sigma_m, area_m, mode: Some(mode), nlos }
 }
 
 /// The columns of a position.

@@ -217,6 +217,30 @@ fn the_commands_of_every_page_work_as_written() {
 }
 
 #[test]
+fn the_images_that_the_readme_names_are_built() {
+    let boards = fs::read_dir(root().join("boards")).expect("boards").map(|board| board.expect("a board").path());
+    let manifests = boards.filter_map(|board| fs::read_to_string(board.join("Cargo.toml")).ok());
+    // { bin = "tag", board = "dwm1001", features = ["ble"], … } is tag-dwm1001-ble.elf.
+    let name = |line: &str| line.split('"').skip(1).step_by(2).collect::<Vec<_>>().join("-");
+    let is_image = |line: &&str| line.trim_start().starts_with("{ bin = ");
+    let built: Vec<String> =
+        manifests.flat_map(|text| text.lines().filter(is_image).map(name).collect::<Vec<_>>()).collect();
+    let readme = fs::read_to_string(root().join("README.md")).expect("the page");
+    let named: Vec<&str> = readme
+        .split(|c: char| c.is_whitespace() || "`(),;".contains(c))
+        .filter_map(|word| word.rsplit('/').next()?.strip_suffix(".elf"))
+        .filter(|name| !name.is_empty() && !name.starts_with('…'))
+        .collect();
+    assert!(named.len() > 5, "{named:?}");
+    for name in named {
+        assert!(
+            built.iter().any(|built| built == name),
+            "README.md names {name}.elf, which no board builds: {built:?}"
+        );
+    }
+}
+
+#[test]
 fn the_page_about_recordings_has_every_reason_why_there_is_no_position() {
     let page = fs::read_to_string(root().join("docs/use/recordings.md")).expect("the page");
     // Where each `as_str` of a reason is.

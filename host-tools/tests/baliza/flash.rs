@@ -32,6 +32,14 @@ fn the_image_of_the_board_and_role_is_looked_for() {
 }
 
 #[test]
+fn those_nodes_are_flashed_that_exist() {
+    let folder = site();
+    refused(&folder, "flash --node anchor-1,anchor-9 --images images", "--node: there is no node anchor-9");
+    refused(&folder, "flash --node tag-1,anchor-2 --images images", "--images: no tag-dwm1001-ble.elf in images");
+    refused(&folder, "flash --node anchor-1,anchor-2 --image a.elf", "--image: only with one node");
+}
+
+#[test]
 fn what_is_no_image_for_the_node_is_refused_before_a_probe_is_asked() {
     let folder = site();
     folder.write("anchor.hex", b":020000040000FA\n");

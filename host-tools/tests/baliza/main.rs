@@ -5,6 +5,7 @@ const PROGRAM: &str = env!("CARGO_BIN_EXE_baliza");
 
 mod antenna_delay;
 mod ble;
+mod building;
 mod causes;
 mod companions;
 mod contract;

@@ -111,6 +111,34 @@ fn a_wrong_elf_file_is_reported_in_one_sentence_with_both_builds() {
 }
 
 #[test]
+fn of_several_elf_files_that_of_the_nodes_build_is_taken() {
+    let folder = folder();
+    let text = [HELLO, FIXES[0], FIXES[1], LOG[0], LOG[1], LOG[2]].concat();
+    for images in ["target/firmware", "images"] {
+        std::fs::create_dir_all(folder.path(images)).expect("a folder");
+        folder.write(&format!("{images}/anchor-dwm1001.elf"), &elf(Some(OTHER_BUILD)));
+        folder.write(&format!("{images}/broken.elf"), b"ELF?");
+        let none = folder.run(&format!("monitor --file telemetry.bin --defmt-file log.bin --elf {images}")).ok();
+        let said = format!(
+            "the node runs build 1a2b3c4d5e6f7081, {images} has anchor-dwm1001.elf 3c4d000000000001: flash one, or give --elf \
+             the ELF that was flashed"
+        );
+        assert_eq!(none.stderr.lines().next(), Some(said.as_str()));
+        folder.write(&format!("{images}/tag-dwm1001-ble.elf"), &elf(Some(BUILD)));
+        let run = folder.run(&format!("monitor --file telemetry.bin --defmt-file log.bin --elf {images}")).ok();
+        assert_eq!(run.stdout, text);
+        let said = format!("the node runs build 1a2b3c4d5e6f7081, which is {images}/tag-dwm1001-ble.elf");
+        assert_eq!(run.stderr.lines().next(), Some(said.as_str()));
+    }
+    // Without --elf, it looks where `cargo xtask firmware` puts images.
+    let run = folder.run("monitor --file mixture.bin").ok();
+    assert!(run.stdout.contains(LOG[1]), "{run:?}");
+    // Telemetry without a log needs no image.
+    let run = folder.run("monitor --file telemetry.bin").ok();
+    assert_eq!((run.stdout, run.stderr.lines().count()), ([HELLO, FIXES[0], FIXES[1]].concat(), 1));
+}
+
+#[test]
 fn json_lines_are_those_of_decode_and_the_log() {
     let folder = folder();
     let run = folder.run("monitor --file telemetry.bin --defmt-file log.bin --elf image.elf --format jsonl").ok();

@@ -127,7 +127,8 @@ impl<T: Real> Engine<T> {
                 return None;
             }
             let limit = self.distinction(&place).at_most(self.distinction_of_sides(&place));
-            return self.decide((kept * lead + mine - other).at_least(-limit).at_most(limit));
+            let lead = (kept * lead + mine - other).at_least(-limit).at_most(limit);
+            return self.decide(lead + self.odds_by_area());
         }
         // No hypothesis explains ranges better than this, so that most rounds need no solver.
         let best = T::count(ranges) * T::of(LOG_WELL_EXPLAINED) + T::of(LOG_ELSEWHERE);
@@ -160,6 +161,12 @@ impl<T: Real> Engine<T> {
         });
         let variance = self.settings.filter.noise.direct_sigma.at_least(T::of(1.0e-2)).squared();
         (T::of(0.25) * square / variance).at_most(T::of(GREATEST))
+    }
+
+    /// ln of the odds of the track against the rival by the area where the tag can be.
+    fn odds_by_area(&self) -> T {
+        let [mine, other] = [&self.filter, &self.rival.filter].map(|filter| self.settings.outside(&filter.state));
+        (T::of(0.5) * (other - mine)).at_least(T::of(-GREATEST)).at_most(T::of(GREATEST))
     }
 
     /// The most that the ranges can tell between the sides of the anchors' line or plane, where another place is on the
@@ -209,7 +216,9 @@ impl<T: Real> Engine<T> {
         let square = T::of(4.0) * off.squared();
         self.rival.astride = square < T::of(SAME * SAME) * self.filter.state.spread();
         let spread = self.filter.state.spread();
-        let begins = !self.rival.astride && (was_astride || square < T::of(BOTH_SIDES * BOTH_SIDES) * spread);
+        let is_outside = self.settings.outside(&self.filter.state) > T::of(SAME * SAME);
+        let is_near = was_astride || is_outside || square < T::of(BOTH_SIDES * BOTH_SIDES) * spread;
+        let begins = !self.rival.astride && is_near;
         if begins {
             self.begin_image(&mirror);
         }

@@ -8,9 +8,7 @@ use crate::linalg::{add_scaled, dot, sub};
 use crate::measurement::{BeaconPosition, Range, Tdoa, probability};
 use crate::track::state::State;
 use crate::track::{Blocked, TdoaSample, hyperbolic};
-use crate::{
-    Alternative, AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, RangeSample, Real, Side, SolveError, Solver, flatten,
-};
+use crate::{Alternative, AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, RangeSample, Real, Side, SolveError, Solver};
 
 /// A range of an earlier round helps to solve a round with too few ranges for this time, microseconds: a person walks a
 /// metre meanwhile.
@@ -253,13 +251,15 @@ impl<T: Real> Round<T> {
     #[inline(never)]
     fn solve_plane(&self, settings: &Settings<T>, height: T) -> Result<Fix<T, 3>, SolveError> {
         let area = settings.area.map(|area| Area { min: [area.min[0], area.min[1]], max: [area.max[0], area.max[1]] });
-        let fix =
-            self.solve_in(settings, settings.solvers.plane, &Constraints { side: Side::Unknown, area }, |range| {
-                let distance = flatten(range.distance_m, range.position_m[2] - height);
-                RangeSample::new([range.position_m[0], range.position_m[1]], distance)
-            })?;
+        let constraints = Constraints { side: Side::Unknown, area };
+        let fix = self.solve_in(settings, settings.solvers.plane, &constraints, |range, sigma| {
+            let [x, y, z] = range.position_m;
+            let slant = RangeSample { sigma, ..RangeSample::new([x, y], range.distance_m) };
+            slant.flattened(z - height, settings.height_sigma)
+        })?;
         let [x, y] = fix.position;
         let mut covariance = [[T::ZERO; 3]; 3];
+        covariance[2][2] = settings.height_sigma.squared();
         for (row, of) in covariance.iter_mut().zip(&fix.covariance) {
             [row[0], row[1]] = *of;
         }
@@ -278,8 +278,8 @@ impl<T: Real> Round<T> {
 
     #[inline(never)]
     fn solve_space(&self, settings: &Settings<T>, side: Side<T, 3>) -> Result<Fix<T, 3>, SolveError> {
-        self.solve_in(settings, settings.solvers.space, &Constraints { side, area: settings.area }, |range| {
-            RangeSample::new(range.position_m, range.distance_m)
+        self.solve_in(settings, settings.solvers.space, &Constraints { side, area: settings.area }, |range, sigma| {
+            RangeSample { sigma, ..RangeSample::new(range.position_m, range.distance_m) }
         })
     }
 
@@ -288,7 +288,7 @@ impl<T: Real> Round<T> {
         settings: &Settings<T>,
         solver: Solver<T, D>,
         constraints: &Constraints<T, D>,
-        sample: impl Fn(&Range<T>) -> RangeSample<T, D>,
+        sample: impl Fn(&Range<T>, T) -> RangeSample<T, D>,
     ) -> Result<Fix<T, D>, SolveError> {
         let chosen = self.chosen(settings);
         let mut samples: Vec<RangeSample<T, D>, MAX_ANCHORS> = Vec::new();
@@ -298,7 +298,7 @@ impl<T: Real> Round<T> {
                 let sigma = deviation(settings, range.deviation_m, range.p_nlos);
                 let alike = matches!(settings.filter.blocked, Blocked::Alike);
                 let p_nlos = range.p_nlos.filter(|_| !alike);
-                let _ = samples.push(RangeSample { sigma, ..sample(range) }.with_p_nlos(p_nlos));
+                let _ = samples.push(sample(range, sigma).with_p_nlos(p_nlos));
             }
         }
         let mut fix = solver(&samples, constraints)?;

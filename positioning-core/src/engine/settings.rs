@@ -1,9 +1,15 @@
 //! The settings of the engine.
 
+use crate::linalg::distance_squared;
 use crate::linear::b_wls_in_parts;
+use crate::link_error::Gaussian;
 use crate::measurement::{Tdoa, probability};
+use crate::track::state::State;
 use crate::track::{Blocked, FilterSettings, Motion, Noise};
-use crate::{Area, Method, Real, Side, Solver};
+use crate::{Area, Constraints, Method, Real, Side, Solver};
+
+/// The standard deviation of an area's outline, metres: outlines of buildings are drawn roughly.
+const OUTLINE_SIGMA_M: f64 = 0.2;
 
 /// Whether the engine keeps a state between rounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -100,9 +106,12 @@ pub struct Settings<T> {
     pub mode: Mode,
     /// The unknowns of the position.
     pub dimensions: Dimensions<T>,
+    /// Standard deviation of the height of a tag in the plane, metres. With 0 the height is exact; else it is estimated
+    /// as well, with this prior.
+    pub height_sigma: T,
     /// How a round is solved: the first one of a track, and in [`Mode::Solve`] each one.
     pub solvers: Solvers<T>,
-    /// The area where a solved position can be.
+    /// The area where the tag can be. Solved positions stay inside; of two hypotheses, the one inside wins.
     pub area: Option<Area<T, 3>>,
     /// The settings of a track's filter.
     pub filter: FilterSettings<T>,
@@ -125,6 +134,7 @@ impl<T: Real> Settings<T> {
         Self {
             mode: Mode::Track,
             dimensions,
+            height_sigma: T::ZERO,
             solvers: Solvers::robust(),
             area: None,
             filter: FilterSettings {
@@ -158,6 +168,19 @@ impl<T: Real> Settings<T> {
         let (noise, gate) = (Noise::white(), T::of(1.0e6));
         let filter = FilterSettings { motion, blocked, iterations, noise, gate, ..tracking.filter };
         Self { filter, supervised: false, ..tracking }
+    }
+
+    /// The height of a tag in the plane.
+    pub(crate) fn height(&self) -> Option<Gaussian<T>> {
+        self.dimensions.height().map(|mean| Gaussian { mean, variance: self.height_sigma.squared() })
+    }
+
+    /// How far a track is outside of the area: the squared distance over the variances of the track and of the outline.
+    #[inline(never)]
+    pub(crate) fn outside(&self, state: &State<T>) -> T {
+        let position = state.position();
+        let nearest = Constraints { side: Side::Unknown, area: self.area }.inside(position);
+        distance_squared(&position, &nearest) / (state.spread() + T::of(OUTLINE_SIGMA_M * OUTLINE_SIGMA_M))
     }
 
     /// Whether a measurement whose link is without line of sight with this probability is used, and not ignored.

@@ -211,9 +211,8 @@ fn begin_with<T: Real>(
     settings: &Settings<T>,
     now_us: u64,
 ) {
-    let flat = settings.dimensions.height().is_some();
     let lasts = settings.filter.noise.lasts();
-    filter.start(now_us, fix.position, &fix.covariance, flat, &settings.filter);
+    filter.start(now_us, fix.position, &fix.covariance, settings.height(), &settings.filter);
     for range in round.ranges().filter(|range| lasts && settings.admits(range.p_nlos)) {
         filter.prepare_range(range, &settings.filter);
     }

@@ -75,8 +75,9 @@ impl<'a> Settings<'a> {
 
     /// The same settings for a tag that solves each round by itself.
     pub fn solving(self, solvers: Solvers<f32>) -> Self {
-        let engine::Settings { dimensions, filter, .. } = self.engine;
+        let engine::Settings { dimensions, filter, area, height_sigma, .. } = self.engine;
         let engine = engine::Settings::solve(dimensions, solvers).with_noise(filter.noise);
+        let engine = engine::Settings { area, height_sigma, ..engine };
         Self { engine, ..self }
     }
 

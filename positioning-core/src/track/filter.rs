@@ -90,8 +90,8 @@ pub(crate) struct Filter<T> {
     /// The reception of the reference anchor whose error is currently a state.
     reference: Option<(u16, u64)>,
     own_gates: [Gate<T>; OWN_GATES],
-    /// Whether the height is known.
-    flat: bool,
+    /// The height of a tag in the plane: its prior, whose variance is 0 where the height is exact.
+    pub(super) height: Option<Gaussian<T>>,
     /// ln of the likelihood of the ranges since this was last taken.
     pub(crate) log_evidence: T,
 }
@@ -106,23 +106,23 @@ impl<T: Real> Filter<T> {
             surprise: Surprise::none(),
             reference: None,
             own_gates: [Gate::default(); OWN_GATES],
-            flat: false,
+            height: None,
             log_evidence: T::ZERO,
         }
     }
 
-    /// Starts at a position with its covariance, in the plane where `flat`. The velocity is unknown, within the
-    /// deviation of a tag's speed.
+    /// Starts at a position with its covariance, in the plane where there is a `height`. The velocity is unknown, within
+    /// the deviation of a tag's speed.
     #[inline(never)]
     pub(crate) fn start(
         &mut self,
         now_us: u64,
         position: [T; 3],
         covariance: &[[T; 3]; 3],
-        flat: bool,
+        height: Option<Gaussian<T>>,
         settings: &FilterSettings<T>,
     ) {
-        self.flat = flat;
+        self.height = height;
         self.links.clear();
         self.state.forget_links();
         self.reference = None;
@@ -130,7 +130,7 @@ impl<T: Real> Filter<T> {
         self.now_us = now_us;
         let speed = if settings.motion.moves() { settings.speed.squared() } else { T::ZERO };
         for axis in 0..3 {
-            self.state.reset(VELOCITY + axis, T::ZERO, if flat && axis == 2 { T::ZERO } else { speed });
+            self.state.reset(VELOCITY + axis, T::ZERO, if height.is_some() && axis == 2 { T::ZERO } else { speed });
         }
         self.set_position(position, covariance);
         self.state.reset(COMMON, T::ZERO, settings.noise.common_sigma.squared());
@@ -139,10 +139,11 @@ impl<T: Real> Filter<T> {
     /// Sets the position and its covariance, independent of all other states.
     pub(crate) fn set_position(&mut self, position: [T; 3], covariance: &[[T; 3]; 3]) {
         for axis in 0..3 {
-            let known = self.flat && axis == 2;
-            self.state.reset(POSITION + axis, position[axis], if known { T::ZERO } else { covariance[axis][axis] });
+            let known = self.height.filter(|_| axis == 2);
+            let variance = known.map_or(covariance[axis][axis], |height| height.variance);
+            self.state.reset(POSITION + axis, position[axis], variance);
             for other in 0..axis {
-                let both = if known { T::ZERO } else { covariance[axis][other] };
+                let both = if known.is_some() { T::ZERO } else { covariance[axis][other] };
                 self.state.set_covariance(POSITION + axis, POSITION + other, both);
             }
         }
@@ -154,7 +155,7 @@ impl<T: Real> Filter<T> {
         self.state.copy_from(&other.state);
         self.links.copy_from(&other.links);
         (self.now_us, self.surprise, self.reference) = (other.now_us, other.surprise, other.reference);
-        (self.own_gates, self.flat, self.log_evidence) = (other.own_gates, other.flat, T::ZERO);
+        (self.own_gates, self.height, self.log_evidence) = (other.own_gates, other.height, T::ZERO);
     }
 
     /// The number of links to anchors that were measured within the last second, and how many of them are rather direct
@@ -170,7 +171,8 @@ impl<T: Real> Filter<T> {
     pub(crate) fn advance(&mut self, now_us: u64, settings: &FilterSettings<T>) {
         let dt = seconds(now_us.saturating_sub(self.now_us));
         if dt > T::ZERO {
-            settings.motion.advance(&mut self.state, dt, self.surprise, self.flat);
+            settings.motion.advance(&mut self.state, dt, self.surprise, self.height.is_some());
+            self.advance_height(dt);
             self.now_us = now_us;
         }
     }
@@ -432,11 +434,6 @@ impl<T: Real> Filter<T> {
         self.take(model, &innovation, white, decision, link, settings)
     }
 
-    /// Sets the known height.
-    pub(crate) fn set_height(&mut self, height: T) {
-        self.state.mean[POSITION + 2] = height;
-    }
-
     /// Takes a measurement into the state.
     #[inline(never)]
     fn absorb(&mut self, model: &impl Model<T>, innovation: &Innovation<T>, white: T, settings: &FilterSettings<T>) {
@@ -468,7 +465,7 @@ impl<T: Real> Filter<T> {
                 match link {
                     Some(link) => self.state.widen(link, square.at_most(T::of(100.0))),
                     None => (0..3)
-                        .filter(|&axis| axis != 2 || !self.flat)
+                        .filter(|&axis| axis != 2 || self.height.is_none())
                         .for_each(|axis| self.state.widen(POSITION + axis, T::ONE)),
                 }
                 let again = Innovation::of(&self.state, model);

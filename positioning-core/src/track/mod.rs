@@ -11,6 +11,7 @@ mod anchors;
 mod filter;
 mod gate;
 mod hyperbolic;
+mod known_height;
 mod motion;
 mod noise;
 pub(crate) mod state;

@@ -155,6 +155,7 @@ impl<T: Real> State<T> {
 
     /// Predicts a state that forgets itself: the share `kept` of it remains, and mean and variance go to those of
     /// `prior` as `kept` goes to zero (a Gauss-Markov process).
+    #[inline(never)]
     pub(crate) fn renew(&mut self, state: usize, kept: T, prior: Gaussian<T>) {
         if state < STATES {
             self.scale(state, kept);

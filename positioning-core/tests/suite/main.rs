@@ -1,5 +1,6 @@
 //! Tests of the solvers as their callers use them.
 
+mod building;
 mod consistency;
 mod engine;
 mod hostile;

@@ -12,12 +12,12 @@ const SEEDS: u64 = 20;
 
 /// What a run shows of a track after its first three seconds.
 #[derive(Debug, Default)]
-struct Score {
-    positions: u32,
+pub struct Score {
+    pub positions: u32,
     /// Errors of more than four deviations of all axes together.
-    beyond_4_sigma: u32,
+    pub beyond_4_sigma: u32,
     /// Errors of more than a metre with a deviation below 0.3 m.
-    confident_and_wrong: u32,
+    pub confident_and_wrong: u32,
     /// The sum of squared errors, m².
     square: f64,
     /// The sum of squared errors over variances.
@@ -27,11 +27,11 @@ struct Score {
 }
 
 impl Score {
-    fn rmse(&self) -> f64 {
+    pub fn rmse(&self) -> f64 {
         (self.square / f64::from(self.positions)).sqrt()
     }
 
-    fn nees(&self) -> f64 {
+    pub fn nees(&self) -> f64 {
         self.nees / f64::from(self.positions)
     }
 }
@@ -54,7 +54,7 @@ fn walk(corners: &[[f64; 2]], t_s: f64) -> [f64; 3] {
 /// Tracks a tag on a path for `seconds` among anchors, of which `is_on` tells those in reach. Their positions are
 /// surveyed to 3 cm. Each link has an error of 8 cm that is another one each second, which is about a metre; each range
 /// has 3 cm of noise.
-fn run(
+pub fn run(
     settings: Settings<f32>,
     anchors: &[[f64; 3]],
     corners: &[[f64; 2]],
@@ -117,7 +117,7 @@ fn range(
 
 const ROOM: [[f64; 3]; 6] =
     [[0.2, 0.2, 2.6], [11.8, 0.2, 1.8], [11.8, 7.8, 2.6], [0.2, 7.8, 1.8], [6.0, 0.2, 2.4], [6.0, 7.8, 2.4]];
-const WALL: [[f64; 3]; 4] = [[0.5, 0.2, 2.05], [4.2, 0.2, 1.9], [7.8, 0.2, 1.98], [11.5, 0.2, 2.33]];
+pub const WALL: [[f64; 3]; 4] = [[0.5, 0.2, 2.05], [4.2, 0.2, 1.9], [7.8, 0.2, 1.98], [11.5, 0.2, 2.33]];
 
 #[test]
 fn a_track_along_a_wall_of_anchors_says_that_it_does_not_know_its_side() {

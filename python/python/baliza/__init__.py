@@ -156,6 +156,7 @@ class Recording:
         *,
         dims: int | None = None,
         height_m: float | None = None,
+        height_sigma_m: float | None = None,
         height_from_truth: bool = False,
         side: Side | None = None,
         area_m: Area | None = None,
@@ -164,15 +165,15 @@ class Recording:
     ) -> Positions:
         """Solves each epoch by itself, as `baliza solve`. Differences of arrivals have the one method `hyperbolic`.
 
-        `dims` is 2 or 3; None takes that of `recording.toml`, or 3. With dims=2, `height_m` is the tag's height, or
-        `height_from_truth` takes each epoch's height from the truth. With dims=3 and anchors in one plane, `side` is
+        `dims` is 2 or 3; None takes that of `recording.toml`, or 3. With dims=2, `height_m` is the tag's height,
+        known to ± `height_sigma_m`, or `height_from_truth` takes each epoch's height from the truth. With dims=3 and anchors in one plane, `side` is
         the tag's side of that plane. `area_m` bounds the positions: least x and y, greatest x and y. Single ranges are
         grouped to rounds of at most `group_s` seconds: None chooses a time, 0 keeps the epochs of the file.
         `time_offset_s` is added to the times of the truth.
 
         Raises ValueError for arguments that are unknown or do not fit.
         """
-        within = _within(dims, height_m, height_from_truth, side, area_m)
+        within = _within(dims, height_m, height_sigma_m, height_from_truth, side, area_m)
         found = self._native.solve(method, within, {"group_s": group_s, "time_offset_s": time_offset_s})
         return Positions(method="hyperbolic" if self._native.differences else method, **found)
 
@@ -183,6 +184,7 @@ class Recording:
         smooth: bool = False,
         dims: int | None = None,
         height_m: float | None = None,
+        height_sigma_m: float | None = None,
         height_from_truth: bool = False,
         side: Side | None = None,
         area_m: Area | None = None,
@@ -198,7 +200,7 @@ class Recording:
 
         Raises ValueError for arguments that are unknown or do not fit.
         """
-        within = _within(dims, height_m, height_from_truth, side, area_m)
+        within = _within(dims, height_m, height_sigma_m, height_from_truth, side, area_m)
         grouping = {"group_s": group_s, "time_offset_s": time_offset_s}
         found = self._native.track(nlos, smooth, within, grouping)
         return Positions(method="track-smooth" if smooth else "track", **found)
@@ -220,6 +222,7 @@ def solve(
     *,
     dims: int = 3,
     height_m: float | None = None,
+    height_sigma_m: float | None = None,
     side: Side | None = None,
     area_m: Area | None = None,
     los: npt.ArrayLike | None = None,
@@ -240,7 +243,7 @@ def solve(
         "rx_power_dbm": None if rx_power_dbm is None else _rows("rx_power_dbm", rx_power_dbm),
         "fp_power_dbm": None if fp_power_dbm is None else _rows("fp_power_dbm", fp_power_dbm),
     }
-    within = _within(dims, height_m, False, side, area_m)
+    within = _within(dims, height_m, height_sigma_m, False, side, area_m)
     return Positions(method=method, **_native.solve(_matrix("anchors_m", anchors_m), ranges, method, within))
 
 
@@ -253,6 +256,7 @@ class Track:
         *,
         dims: int = 3,
         height_m: float | None = None,
+        height_sigma_m: float | None = None,
         side: Side | None = None,
         area_m: Area | None = None,
         nlos: Nlos = "weigh",
@@ -268,7 +272,7 @@ class Track:
             positions = _matrix("anchors_m", anchors_m)
             names = list(range(len(positions)))
         self._index = {name: index for index, name in enumerate(names)}
-        within = _within(dims, height_m, False, side, area_m)
+        within = _within(dims, height_m, height_sigma_m, False, side, area_m)
         self._native = _native.Track(_matrix("anchors_m", positions), nlos, within)
 
     def step(
@@ -326,11 +330,17 @@ def _messages(decoder: Decoder, file: BinaryIO) -> Iterator[dict[str, Any]]:
 
 
 def _within(
-    dims: int | None, height_m: float | None, height_from_truth: bool, side: str | None, area_m: Area | None
+    dims: int | None,
+    height_m: float | None,
+    height_sigma_m: float | None,
+    height_from_truth: bool,
+    side: str | None,
+    area_m: Area | None,
 ) -> dict[str, Any]:
     return {
         "dims": dims,
         "height_m": height_m,
+        "height_sigma_m": height_sigma_m,
         "height_from_truth": height_from_truth,
         "side": side,
         "area_m": area_m,

@@ -139,6 +139,8 @@ impl Default for TagSettings {
             report_ranges: true,
             solver: Solver::Track,
             scheme: Some(Scheme::SingleSided),
+            height_sigma_m: 0.0,
+            area: None,
         };
         Self { record, model: None, site_models: None }
     }

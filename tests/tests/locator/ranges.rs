@@ -136,7 +136,7 @@ fn has_the_same_bits(recording: &Recording) {
             work();
         }
     });
-    let setup = Setup { space: Space::Plane(Height::Fixed(HEIGHT_M)), area_m: None };
+    let setup = Setup::of(Space::Plane(Height::Fixed(HEIGHT_M)));
     let mut host = Tracker::new(&recording.anchors, setup, settings(&setup, Weighting::Weigh), None);
     assert_eq!(of_tag.len(), order.len());
     let mut found = 0;

@@ -21,5 +21,5 @@ pub use record::*;
 pub use store::{Next, StoreError, load, load_model, model_of, newest, next, store};
 pub use validate::{Invalid, Value};
 
-/// The version of the config records that are written. Records of version 1 can also be read.
-pub const VERSION: u8 = 2;
+/// The newest version of config records. Older ones, from 1 on, can also be read.
+pub const VERSION: u8 = 3;

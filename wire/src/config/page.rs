@@ -13,13 +13,15 @@
 //! | 1280 | 400 | [`MODEL_AT`]: a tag's trained classifier of line of sight, with its own checksum, or erased |
 //!
 //! Version 2 is version 1 with [`Appended`] after the record's fields, and zeros for a reply delay that is not pinned.
+//! Version 3 is version 2 with [`Limits`] after that. A record without limits is written in version 2, which older images
+//! read.
 //! Numbers are little-endian. The rest of the page is erased, 0xFF. The header stays the same in all versions, so that
 //! a reader can recognise an unknown version.
 
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use serde::{Deserialize, Serialize};
 
-use crate::config::{Invalid, Record, Region, ReplyDelay, Role, Scheme, Solver, VERSION};
+use crate::config::{Invalid, Record, Region, ReplyDelay, Role, Scheme, Solver, TagArea, VERSION};
 use crate::serial_number::SerialNumber;
 
 /// Room for a config record in its page, bytes; the rest of the page is left erased.
@@ -58,6 +60,30 @@ impl Appended {
     }
 }
 
+/// What version 3 has after the fields of version 2, of a tag: the deviation of its height, and the least and the greatest
+/// coordinates of its area, `f32`. All zeros: neither is known. As numbers of equal size they are read without a parser,
+/// whose code would cost more flash than they do.
+type Limits = [f32; 7];
+
+fn limits_of(record: &Record) -> Limits {
+    let Role::Tag(tag) = &record.role else { return [0.0; 7] };
+    let [least_m, greatest_m] = tag.area.map_or([[0.0; 3]; 2], |area| [area.least_m, area.greatest_m]);
+    let ([x0, y0, z0], [x1, y1, z1]) = (least_m, greatest_m);
+    [tag.height_sigma_m, x0, y0, z0, x1, y1, z1]
+}
+
+fn put_limits(bytes: &[u8; size_of::<Limits>()], record: &mut Record) {
+    let Role::Tag(tag) = &mut record.role else { return };
+    let mut numbers: Limits = [0.0; 7];
+    for (number, bytes) in numbers.iter_mut().zip(bytes.as_chunks().0) {
+        *number = f32::from_le_bytes(*bytes);
+    }
+    let [sigma_m, x0, y0, z0, x1, y1, z1] = numbers;
+    tag.height_sigma_m = sigma_m;
+    let area = TagArea { least_m: [x0, y0, z0], greatest_m: [x1, y1, z1] };
+    tag.area = (area.least_m != area.greatest_m).then_some(area);
+}
+
 /// The first bytes of a page: they identify its format.
 pub(crate) type Letters = [u8; 4];
 
@@ -71,7 +97,7 @@ const CRC: Crc<u32, Table<0>> = Crc::<u32, Table<0>>::new(&CRC_32_ISO_HDLC);
 pub enum LoadError {
     /// There is none: the flash is erased.
     Missing,
-    /// It is whole, but of this version, which is neither 1 nor [`VERSION`].
+    /// It is whole, but of this version, which is not one from 1 to [`VERSION`].
     Version(u8),
     /// Its checksum is wrong, it is cut short, or it is something else.
     Corrupt,
@@ -115,12 +141,18 @@ impl Header {
 pub fn encode<'a>(record: &Record, sequence: u32, page: &'a mut [u8; MAX_BYTES]) -> &'a [u8] {
     page.fill(0xFF);
     let (_, body) = page.split_at_mut(HEADER_BYTES);
-    let length = match postcard::to_slice(&(record, Appended::of(record)), body) {
+    let limits = limits_of(record);
+    let (version, written) = if limits == [0.0; 7] {
+        (VERSION - 1, postcard::to_slice(&(record, Appended::of(record)), body))
+    } else {
+        (VERSION, postcard::to_slice(&(record, Appended::of(record), limits), body))
+    };
+    let length = match written {
         Ok(written) => written.len(),
         // MAX_BYTES holds the longest possible record: `the_longest_record_fits`.
         Err(_) => unreachable!(),
     };
-    seal(Framed { letters: LETTERS, version: VERSION, sequence }, length, page)
+    seal(Framed { letters: LETTERS, version, sequence }, length, page)
 }
 
 /// The contents of a header.
@@ -149,7 +181,7 @@ pub(crate) fn seal(framed: Framed, length: usize, page: &mut [u8]) -> &[u8] {
 /// If no record in it is whole, of a known version and valid.
 pub fn decode(page: &[u8]) -> Result<(Record, u32), LoadError> {
     let (header, body) = parse(LETTERS, page)?;
-    if !matches!(header.version, 1 | VERSION) {
+    if !matches!(header.version, 1..=VERSION) {
         return Err(LoadError::Version(header.version));
     }
     let (mut record, mut rest) = postcard::take_from_bytes::<Record>(body).map_err(|_| LoadError::Corrupt)?;
@@ -159,6 +191,11 @@ pub fn decode(page: &[u8]) -> Result<(Record, u32), LoadError> {
     } else {
         let (appended, end) = postcard::take_from_bytes::<Appended>(rest).map_err(|_| LoadError::Corrupt)?;
         appended.put_into(&mut record);
+        rest = end;
+    }
+    if header.version == VERSION {
+        let (limits, end) = rest.split_first_chunk().ok_or(LoadError::Corrupt)?;
+        put_limits(limits, &mut record);
         rest = end;
     }
     if !rest.is_empty() {

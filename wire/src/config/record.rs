@@ -86,6 +86,29 @@ pub struct Tag {
     /// How it measures its distances in native mode; `None`: the image's default. From version 2 on.
     #[serde(skip)]
     pub scheme: Option<Scheme>,
+    /// Standard deviation of `height_m`, metres; 0: it is exact. From version 3 on, as the area.
+    #[serde(skip)]
+    pub height_sigma_m: f32,
+    /// Where the tag can be; `None`: everywhere.
+    #[serde(skip)]
+    pub area: Option<TagArea>,
+}
+
+/// The box in which a tag can be: the outline of a building, floor and ceiling. Infinite coordinates are not known.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TagArea {
+    /// The least coordinate of each axis, metres.
+    pub least_m: [f32; 3],
+    /// The greatest coordinate of each axis, metres.
+    pub greatest_m: [f32; 3],
+}
+
+impl TagArea {
+    /// The least and the greatest coordinate along x, y and z, metres.
+    pub fn bounds_m(&self) -> [[f32; 2]; 3] {
+        core::array::from_fn(|axis| [self.least_m[axis], self.greatest_m[axis]])
+    }
 }
 
 /// The solver of a tag's positions.

@@ -5,9 +5,11 @@ use core::fmt;
 use radio::phy::{Channel, DataRate, PhyError, PreambleLength, Prf};
 use radio::{Capabilities, PhyConfig, Unsupported};
 
-use crate::config::{Advertiser, Board, Identity, Mode, Network, Pins, Record, Role, Scan, Solver, Tag};
+use crate::config::{Advertiser, Board, Identity, Mode, Network, Pins, Record, Role, Scan, Solver, Tag, TagArea};
 use crate::uwb::MAX_ROUND;
 
+/// The deviations of a height that is known, metres. Beyond, positions in space are better.
+const HEIGHT_SIGMAS_M: core::ops::RangeInclusive<f32> = 0.01..=1.0;
 /// The greatest distance of anything from the origin, metres.
 const FARTHEST_M: f32 = 100_000.0;
 /// The greatest distance from the origin of an anchor that sends its position on the air, metres: three bytes of
@@ -372,6 +374,13 @@ impl Tag {
             Value::Real(height),
             "finite and within 100 km of the origin",
         )?;
+        let (sigma, known) = (self.height_sigma_m, self.height_m.is_some());
+        let holds = sigma == 0.0 || known && HEIGHT_SIGMAS_M.contains(&sigma);
+        ensure(holds, "tag.height_sigma_m", Value::Real(sigma), "0.01 to 1, beside height_m")?;
+        if let Some(TagArea { least_m, greatest_m }) = self.area {
+            let holds = least_m.iter().zip(&greatest_m).all(|(least, greatest)| least < greatest);
+            ensure(holds, "tag.area", Value::Real(least_m[0]), "of least coordinates below the greatest ones")?;
+        }
         for (field, rate) in [("tag.rate_hz", self.rate_chz), ("tag.still_rate_hz", self.still_rate_chz)] {
             rate.map_or(Ok(()), |chz| rates.ensure(chz, field))?;
         }

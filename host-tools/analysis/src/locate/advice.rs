@@ -51,6 +51,12 @@ pub fn coplanar(anchors: &[Anchor]) -> bool {
     are_coplanar(points.len(), spreads(&points))
 }
 
+/// Whether anchors lie nearly on one line, seen from above.
+pub fn on_a_line(anchors: &[Anchor]) -> bool {
+    let points: Vec<[f64; 2]> = anchors.iter().map(|anchor| [anchor.place.x_m, anchor.place.y_m]).collect();
+    are_collinear(points.len(), spreads(&points))
+}
+
 /// Whether points with these spreads lie in one plane. Three points always do.
 fn are_coplanar(count: usize, [up, across, _]: [f64; 3]) -> bool {
     count > 3 && up < COPLANAR * across

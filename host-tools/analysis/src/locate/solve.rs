@@ -9,7 +9,6 @@ use std::thread;
 use positioning_core::nlos::Classifier as _;
 use positioning_core::{
     Alternative, Area, Constraints, Fix, MAX_ANCHORS, Method, POWER_DIFFERENCE_PRIOR, RangeSample, Side, SolveError,
-    flatten,
 };
 
 use recording::{Anchor, Coordinates, Epoch, Epochs, Half, Height, Measured, NoPosition, Position, Solved, Space};
@@ -22,8 +21,17 @@ const AT_ONCE: usize = 1024;
 pub struct Setup {
     /// The space.
     pub space: Space,
+    /// Standard deviation of the height in the plane, metres; 0: it is exact.
+    pub height_sigma_m: f64,
     /// The area in which the tag can be: least and greatest x and y, metres.
     pub area_m: Option<[[f64; 2]; 2]>,
+}
+
+impl Setup {
+    /// With an exact height, and nothing known of the area.
+    pub fn of(space: Space) -> Self {
+        Self { space, height_sigma_m: 0.0, area_m: None }
+    }
 }
 
 /// An alternative of a node's `f32`.
@@ -90,19 +98,19 @@ impl<'a> Solver<'a> {
         };
         let of = |measured: Measured| {
             let place = &self.anchors.get(measured.anchor)?.place;
-            let range = measured.range_m as f32;
-            let range = match tag_z {
-                Some(tag_z) => flatten(range, (place.z_m? - tag_z) as f32),
-                None => range,
-            };
             let anchor = [self.local(0, place.x_m), self.local(1, place.y_m)];
-            Some(sample(&measured, anchor, range))
+            let slant = sample(&measured, anchor, measured.range_m as f32);
+            Some(match tag_z {
+                Some(tag_z) => slant.flattened((place.z_m? - tag_z) as f32, self.setup.height_sigma_m as f32),
+                None => slant,
+            })
         };
         let area = self.setup.area_m.map(|corners| {
             let [min, max] = corners.map(|[x, y]| [self.local(0, x), self.local(1, y)]);
             Area { min, max }
         });
-        let fix = solve(method, epoch.ranges.iter().filter_map(of), &Constraints { side: Side::Unknown, area })?;
+        let constraints = Constraints { side: Side::Unknown, area };
+        let fix = solve(method, epoch.ranges.iter().filter_map(of), &constraints)?;
         let [sigma_x, sigma_y] = fix.sigma().map(f64::from);
         Ok(Position {
             place: Coordinates {
@@ -223,7 +231,7 @@ mod tests {
                 epochs.push_range(&Measured { anchor, range_m, t_s: None, line_of_sight: None, diagnostics });
             }
         }
-        let solver = Solver::new(&anchors, Setup { space: Space::Plane(Height::Unknown), area_m: None });
+        let solver = Solver::new(&anchors, Setup::of(Space::Plane(Height::Unknown)));
         let done = AtomicUsize::new(0);
         let solved = solver.solve_all(Method::Robust, &epochs, |epochs| {
             done.fetch_add(epochs, Ordering::Relaxed);

@@ -8,6 +8,7 @@
 mod demux;
 mod elf;
 mod formats;
+mod images;
 mod json;
 mod listen;
 mod log_frames;
@@ -22,13 +23,14 @@ mod table;
 
 pub use demux::Demux;
 pub use elf::{Build, Image, Marks, SourceLocation};
+pub use images::ImageFiles;
 pub use json::json;
 pub use listen::{Limits, Listener, listen};
 pub use log_frames::LogLine;
 pub use probed::{Attach, Probed};
 pub use rtt::{Memory, Polled, Rings, find};
 pub use serial::{Open, Port, Serial, no_port, ports};
-pub use session::{Item, NodeOutput, Reload, Session, SessionCounts};
+pub use session::{FindImage, Item, NodeOutput, Session, SessionCounts};
 pub use show::{Lines, summary};
 pub use source::{Event, NodeChannel, Pace, Source};
 pub use streams::{Files, Piped};

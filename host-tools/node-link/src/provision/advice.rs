@@ -18,6 +18,7 @@ pub fn oddities(site: &Site) -> Vec<String> {
     let anchors = site.nodes.iter().filter(|node| matches!(node.record.role, Role::Anchor { .. })).count();
     let placed: Vec<Anchor> = site.nodes.iter().filter_map(anchor).collect();
     let mut warnings: Vec<String> = site.nodes.iter().filter_map(far).collect();
+    let are_near = warnings.is_empty();
     warnings.extend(advice::one_place(placed.iter().map(|anchor| {
         let Coordinates { x_m, y_m, z_m } = anchor.place;
         (anchor.name.as_str(), [x_m, y_m, z_m.unwrap_or(0.0)])
@@ -26,6 +27,9 @@ pub fn oddities(site: &Site) -> Vec<String> {
         warnings.push(
             "no anchor has a position_m, so that tags have no positions: measure where the anchors are".to_owned(),
         );
+    }
+    if !placed.is_empty() {
+        warnings.extend(unplaced(site));
     }
     // A DecaRanging pair measures distances only, and anchors may be nodes of another file.
     let needs_three =
@@ -37,7 +41,20 @@ pub fn oddities(site: &Site) -> Vec<String> {
         ));
     }
     let in_space = tags.iter().find(|(_, tag)| tag.height_m.is_none());
-    if let Some((node, _)) = in_space.filter(|_| advice::coplanar(&placed)) {
+    if let Some((node, _)) = in_space.filter(|of| needs_three(of) && anchors == 3 && !placed.is_empty()) {
+        warnings.push(format!(
+            "there are only 3 anchors, but {} needs the ranges of 4: give it the height at which it is carried, height_m",
+            node.name
+        ));
+    }
+    let is_on_a_line = are_near && advice::on_a_line(&placed);
+    if is_on_a_line && !tags.iter().all(|(_, tag)| tag.area.is_some()) {
+        warnings.push(
+            "the anchors lie nearly on one line, so that each position has a mirror image on its other side: put an anchor \
+             beside the line, or give the [area] in which tags can be"
+                .to_owned(),
+        );
+    } else if let Some((node, _)) = in_space.filter(|_| !is_on_a_line && advice::coplanar(&placed)) {
         warnings.push(format!(
             "the anchors lie in one plane, so that the height of {} is uncertain: put one anchor higher or lower, or give \
              height_m",
@@ -61,6 +78,19 @@ pub fn oddities(site: &Site) -> Vec<String> {
         }
     }
     warnings
+}
+
+/// A warning about anchors without a position.
+fn unplaced(site: &Site) -> Option<String> {
+    let is_listed = |node: &Node| {
+        let listed = |tag: &Node| tag.record.anchors.iter().any(|of| Some(of.address) == node.record.identity.address);
+        site.nodes.iter().any(listed)
+    };
+    let unplaced = |node: &&Node| matches!(node.record.role, Role::Anchor { position_m: None }) && !is_listed(node);
+    let names: Vec<&str> = site.nodes.iter().filter(unplaced).map(|node| node.name.as_str()).collect();
+    let [first, ..] = names[..] else { return None };
+    let names = names.join(", ");
+    Some(format!("no position_m of {names}: tags do not use ranges to an anchor without one, measure where {first} is"))
 }
 
 fn is_own_mode(mode: Mode) -> bool {

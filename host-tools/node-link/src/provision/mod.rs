@@ -17,7 +17,7 @@ mod site_names;
 pub mod transfer;
 mod written;
 
-pub use ::site::EXAMPLE;
+pub use ::site::{EXAMPLE, example};
 pub use advice::oddities;
 pub use firmware::Firmware;
 pub use region::warnings;

@@ -47,6 +47,13 @@ pub trait Desk {
     fn wait(&mut self) -> bool;
 }
 
+/// Which boards are waited for.
+pub fn waits_for(jobs: &[Job<'_>], written: &Written) -> String {
+    let left: Vec<_> = jobs.iter().filter(|job| !written.has(job)).collect();
+    let names: Vec<_> = left.iter().map(|job| format!("{} ({})", job.name, job.board.name())).collect();
+    format!("{} of {} boards are waited for, one at a time: {}", left.len(), jobs.len(), names.join(", "))
+}
+
 /// Writes all jobs that are not written yet, with `write`. Returns the names of those that are left where the person
 /// ends earlier.
 ///
@@ -141,7 +148,7 @@ mod tests {
     use anyhow::{Result, bail};
     use wire::config::Board;
 
-    use super::{Desk, Flash, Job, Seen, write_all};
+    use super::{Desk, Flash, Job, Seen, waits_for, write_all};
     use crate::provision::image::Contents;
     use crate::provision::{EXAMPLE, Firmware, Site, Written, transfer};
 
@@ -254,6 +261,21 @@ mod tests {
                 "anchor-3: written",
             ]
         );
+    }
+
+    #[test]
+    fn it_says_which_boards_are_waited_for() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        run(folder.path(), Board::Dwm1001, vec![Some((Chip::default(), "probe"))]);
+        let site = Site::parse("site.toml".as_ref(), EXAMPLE).expect("the example is right");
+        let job = |(sum, at): (u32, usize)| {
+            let node = &site.nodes[at];
+            Job { name: &node.name, board: node.board.expect("it has one"), record: &node.record, sum }
+        };
+        let jobs = [(1, 0), (2, 1), (3, 5)].map(job);
+        let written = Written::beside(&folder.path().join("site.toml")).expect("it was written");
+        let said = "2 of 3 boards are waited for, one at a time: anchor-2 (dwm1001), beacon-1 (esp32c3)";
+        assert_eq!(waits_for(&jobs, &written), said);
     }
 
     #[test]

@@ -3,9 +3,10 @@
 use std::fmt::{Display, Write};
 
 use site::{HIDDEN, mode_name};
-use wire::config::{Advertiser, Anchor, Beacon, Board, Mode, Record, Role, Tag};
+use wire::config::{Advertiser, Anchor, Beacon, Board, Mode, Record, Role, Tag, TagArea};
 use wire::telemetry::Address;
 
+use super::SiteNames;
 use super::image::Held;
 use super::site_models::KEYS;
 
@@ -18,14 +19,14 @@ pub enum Keys {
     Shown,
 }
 
-/// The record as TOML that [`Site::parse`](super::Site::parse) reads, with its board where that is known. Comments name
-/// a classifier, a map and a model of rooms.
-pub fn toml(held: &Held, board: Option<Board>, keys: Keys) -> String {
+/// The record as TOML that [`Site::parse`](super::Site::parse) reads, with its board where that is known. A record has no
+/// room for the node's name: `names` have it. Comments name a classifier, a map and a model of rooms.
+pub fn toml(held: &Held, board: Option<Board>, keys: Keys, names: &SiteNames) -> String {
     let record = &held.record;
     let mut text =
         Text(format!("# The record of a node: version {}, sequence {}\n\n[network]\n", held.version, held.sequence));
     text.network(record, keys);
-    text.node(record, board);
+    text.node(record, board, names);
     if let Some(classifier) = held.classifier() {
         let _ = writeln!(text.0, "# nlos_model: {classifier}");
     }
@@ -48,8 +49,13 @@ pub fn toml(held: &Held, board: Option<Board>, keys: Keys) -> String {
 ///
 /// # Errors
 /// No record can cause an error.
-pub fn json(held: &Held, board: Option<Board>, keys: Keys) -> Result<serde_json::Value, toml::de::Error> {
-    let mut document: serde_json::Value = toml::from_str(&toml(held, board, keys))?;
+pub fn json(
+    held: &Held,
+    board: Option<Board>,
+    keys: Keys,
+    names: &SiteNames,
+) -> Result<serde_json::Value, toml::de::Error> {
+    let mut document: serde_json::Value = toml::from_str(&toml(held, board, keys, names))?;
     for list in ["node", "anchor"] {
         let nodes = document.get_mut(list).and_then(serde_json::Value::as_array_mut);
         for address in nodes.into_iter().flatten().filter_map(|node| node.get_mut("address")) {
@@ -147,12 +153,16 @@ impl Text {
         }
     }
 
-    fn node(&mut self, record: &Record, board: Option<Board>) {
+    fn node(&mut self, record: &Record, board: Option<Board>, names: &SiteNames) {
+        if let Role::Tag(Tag { area: Some(area), .. }) = &record.role {
+            self.area(area);
+        }
         self.0.push_str("\n[[node]]\n");
         let (role, identity) = (role(&record.role), &record.identity);
-        match identity.address {
-            Some(address) => self.text("name", format_args!("{role}-{address:04X}")),
-            None => self.text("name", role),
+        match (names.name_of(record), identity.address) {
+            (Some(name), _) => self.text("name", name),
+            (None, Some(address)) => self.text("name", format_args!("{role}-{address:04X}")),
+            (None, None) => self.text("name", role),
         }
         if let Some(board) = board {
             self.text("board", board.name());
@@ -177,9 +187,17 @@ impl Text {
         }
     }
 
+    fn area(&mut self, area: &TagArea) {
+        self.0.push_str("\n[area]\n");
+        for (key, bounds_m) in ["x_m", "y_m", "z_m"].into_iter().zip(area.bounds_m()) {
+            self.line_if(key, bounds_m[0].is_finite().then(|| format!("{bounds_m:?}")));
+        }
+    }
+
     fn tag(&mut self, tag: &Tag) {
         // A float keeps its decimal point, so that it is read as a float.
         self.line_if("height_m", tag.height_m.map(|height| format!("{height:?}")));
+        self.line_if("height_sigma_m", (tag.height_sigma_m != 0.0).then(|| format!("{:?}", tag.height_sigma_m)));
         self.text("solver", tag.solver.name());
         if let Some(scheme) = tag.scheme {
             self.text("scheme", scheme.name());

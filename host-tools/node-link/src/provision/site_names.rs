@@ -10,7 +10,7 @@ use std::{fs, io};
 use positioning_core::geodesy::GeographicOrigin;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use site::{Receiver, is_copy, read_toml};
-use wire::config::{Role, decode_models};
+use wire::config::{Record, Role, decode_models};
 use wire::telemetry::{Address, BeaconEvidence, Condition, Message, RoomEstimate};
 
 use super::calibrated::numbers;
@@ -242,6 +242,15 @@ impl SiteNames {
         }
     }
 
+    /// The name of the node with this record.
+    pub fn name_of(&self, record: &Record) -> Option<&str> {
+        match (own_address(record), &record.role) {
+            (Some(address), _) => self.name(address),
+            (None, Role::Advertiser(beacon)) => self.beacon_name(beacon.major, beacon.minor),
+            (None, Role::Tag(_) | Role::Anchor { .. }) => None,
+        }
+    }
+
     fn name(&self, address: u16) -> Option<&str> {
         self.known.iter().find(|node| node.address == Some(address))?.name.as_deref()
     }
@@ -289,6 +298,11 @@ fn rounded(number: f32) -> f64 {
     (f64::from(number) * 1e4).round() / 1e4
 }
 
+/// A node's address: one without takes the low 16 bits of its EUI.
+fn own_address(record: &Record) -> Option<u16> {
+    record.identity.address.or(record.identity.eui.map(|eui| eui as u16))
+}
+
 impl Known {
     fn of_receiver(receiver: Receiver) -> Self {
         let Receiver { name, position_m, rssi_1m_dbm, path_loss_exponent } = receiver;
@@ -297,10 +311,7 @@ impl Known {
     }
 
     fn of(node: &super::Node) -> Self {
-        let identity = node.record.identity;
-        // A node without an address takes the low 16 bits of its EUI.
-        let address = identity.address.or(identity.eui.map(|eui| eui as u16));
-        let known = Self { name: Some(node.name.clone()), address, ..Self::default() };
+        let known = Self { name: Some(node.name.clone()), address: own_address(&node.record), ..Self::default() };
         match &node.record.role {
             Role::Anchor { position_m } => Self { position_m: position_m.map(|at| at.map(rounded)), ..known },
             Role::Tag(_) => {

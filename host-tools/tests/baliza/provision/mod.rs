@@ -170,6 +170,52 @@ fn the_example_provisions_without_a_warning() {
 }
 
 #[test]
+fn the_example_fits_the_boards_that_there_are() {
+    let folder = Folder::with(&[]);
+    for (boards, anchors) in [(4, 3), (5, 4)] {
+        let example = folder.run(&format!("provision --example --boards {boards}")).ok();
+        folder.write("site.toml", example.stdout.as_bytes());
+        let made = folder.run("provision --config site.toml --all --out records --force --json").ok();
+        let names: Vec<_> = made.json().as_array().expect("a list").iter().map(|made| made["node"].clone()).collect();
+        let expected: Vec<_> = (1..=anchors).map(|n| format!("anchor-{n}")).chain(["tag-1".to_owned()]).collect();
+        assert_eq!(names, expected);
+        assert!(!made.stderr.contains("warning"), "{}", made.stderr);
+        let tag = folder.run("provision --show records/tag-1.bin --json").ok().object()["node"][0].clone();
+        // Three ranges are enough in the plane only. Without a scan, the image is tag-dwm1001.elf.
+        let height_m = if anchors == 3 { serde_json::json!(1.2) } else { serde_json::Value::Null };
+        assert_eq!((&tag["height_m"], &tag["scan_interval_ms"]), (&height_m, &serde_json::Value::Null));
+        folder.run("simulate --site site.toml --seconds 2 --out room").ok();
+        fs::remove_dir_all(folder.path("room")).expect("removed");
+    }
+    refused(&folder.run("provision --example --boards 3"), "invalid value '3' for '--boards <4|5>'");
+}
+
+#[test]
+fn names_come_back_from_the_sites_file() {
+    let folder = provisioned(EVERYTHING);
+    for node in ["anchor", "tag", "beacon"] {
+        let shown = folder.run(&format!("provision --show records/{node}.bin --site site.toml --json")).ok().object();
+        assert_eq!(shown["node"][0]["name"], node);
+    }
+}
+
+#[test]
+fn what_is_known_of_a_tags_place_is_in_its_record() {
+    let known = "[area]\nx_m = [0.0, 6.5]\ny_m = [-1.0, 4.0]\nz_m = [0.0, 2.5]\n";
+    let text = format!("{EVERYTHING}{known}").replace("height_m = 1.2\n", "height_m = 1.2\nheight_sigma_m = 0.25\n");
+    let folder = provisioned(&text);
+    let tag = folder.run("provision --show records/tag.bin --show-keys --json").ok().object();
+    let area = serde_json::json!({ "x_m": [0.0, 6.5], "y_m": [-1.0, 4.0], "z_m": [0.0, 2.5] });
+    assert_eq!((&tag["node"][0]["height_sigma_m"], &tag["area"]), (&serde_json::json!(0.25), &area));
+    let shown = folder.run("provision --show records/tag.bin --show-keys").ok();
+    folder.write("shown.toml", shown.stdout.as_bytes());
+    folder.run("provision --config shown.toml --board dwm1001 --out again.bin").ok();
+    assert!(folder.read("again.bin") == folder.read("records/tag.bin"), "{}", shown.stdout);
+    let check = folder.run("provision --check again.bin").ok();
+    assert!(check.stdout.ends_with("; version 3, sequence 1\n"), "{}", check.stdout);
+}
+
+#[test]
 fn the_example_sites_provision() {
     let sites = fs::read_dir(root().join("examples/sites")).expect("examples/sites");
     let examples: Vec<_> = sites.map(|file| fs::read_to_string(file.expect("a file").path()).expect("text")).collect();

@@ -87,6 +87,12 @@ fn an_error_in_a_site_has_its_line() {
         ("0x0101", "true", "site.toml:10: address is true: it must be a whole number, 0 to 65535"),
         ("16_436", "1.5", "site.toml:11: antenna_delay_ticks is 1.5: it must be a whole number"),
         ("[1, 2.5, -0.5]", "[1, 2.5]", "site.toml:12: position_m is [1, 2.5]: it must be three numbers"),
+        (
+            "[1, 2.5, -0.5]",
+            "[1,0, 2,5, -0,5]",
+            "site.toml:12: position_m is [1,0, 2,5, -0,5]: it must be three numbers, [x, y, z], with decimal points",
+        ),
+        ("16_436", "0", "site.toml:11: antenna_delay_ticks is 0, which makes ranges 154 m too long: "),
         ("[1, 2.5, -0.5]", "[1, 2.5, nan]", "site.toml:12: position_m is NaN: it must be finite"),
         ("[1, 2.5, -0.5]", "[1, 2.5, 9e3]", "site.toml:12: position_m is 9000: it must be finite and within 8388 m"),
         ("[1, 2.5, -0.5]", "[1, 2.5, 0]\nrate_hz = 1", "site.toml:13: rate_hz is a key of a node whose role is tag"),
@@ -123,6 +129,21 @@ fn tags_and_beacons_are_refused_with_their_lines() {
         ("scheme = \"double-sided\"", "scheme = 2", ":43: scheme is 2: it must be text in quotation marks"),
         ("\"decaranging-fast\"", "\"listening\"", ":42: solver is b-wls-r: it must be track in mode \"listening\""),
         ("sleep = true", "sleep = 1", ":36: sleep is 1: it must be true or false"),
+        ("sleep = true", "sleep = yes", ":36: sleep is yes: it must be true or false, a number, or text in quotation"),
+        (
+            "height_m = 1.2",
+            "height_m = 1.2\nheight_sigma_m = 3.5",
+            ":34: height_sigma_m is 3.5: it must be 0.01 to 1, beside height_m",
+        ),
+        ("height_m = 1.2", "height_sigma_m = 0.3", ":33: height_sigma_m is 0.3: it must be 0.01 to 1, beside height_m"),
+        (
+            "[network]",
+            "[area]\nx_m = [6, 0]\ny_m = [0, 4]\n[network]",
+            ":3: x_m is [6, 0]: it must be the least and the greatest x_m, within 8388 m",
+        ),
+        ("[network]", "[area]\nx_m = [0, 6, 0, 4]\ny_m = [0, 4]\n[network]", ":3: x_m is [0, 6, 0, 4]: it must be two"),
+        ("[[node]]\nname = \"tag\"", "[node]\nname = \"tag\"", ":28: there may be several of [node]: put it in two"),
+        ("0.1, -0.7, 1e3", "0,1, -0,7, 1e3", ":61: position_m is [0,1, -0,7, 1e3]: it must be three numbers"),
         ("scan_window_ms = 30", "scan_window_ms = 101", ":41: scan_window_ms is 101: it must be 3 to the interval"),
         ("scan_interval_ms = 100\n", "", ":28: scan_window_ms without scan_interval_ms"),
         ("channels = [37, 39]", "channels = [36]", ":55: channels has 36: it must be a list of 37, 38, 39"),
@@ -149,6 +170,39 @@ fn tags_and_beacons_are_refused_with_their_lines() {
         refused(&run, &format!("site.toml{said}"));
         assert_eq!(folder.names(), ["site.toml"], "{said}");
     }
+}
+
+#[test]
+fn positions_in_other_units_are_refused() {
+    let site = |metre: f64| {
+        let corners =
+            [[0.0, 0.0, 2.4], [6.0, 0.0, 2.4], [6.0, 4.0, 2.4], [0.0, 4.0, 0.6]].map(|at| at.map(|c| c * metre));
+        let anchor = |(number, at): (usize, [f64; 3])| {
+            format!("[[node]]\nname = \"a{number}\"\nrole = \"anchor\"\naddress = {number}\nposition_m = {at:?}\n")
+        };
+        let anchors: String = corners.into_iter().enumerate().map(anchor).collect();
+        Folder::with(&[("site.toml", &format!("[network]\npan = 1\nregion = \"eu\"\n{anchors}"))])
+    };
+    let run = "provision --config site.toml --all --board dwm1001 --out records";
+    site(1.0).run(run).ok();
+    for (metre, apart) in [(100.0, "400"), (1000.0, "4000")] {
+        let folder = site(metre);
+        let said =
+            format!("site.toml:8: the nearest two anchors are {apart} m from each other, and ranges reach 300 m at");
+        refused(&folder.run(run), &said);
+        assert_eq!(folder.names(), ["site.toml"]);
+    }
+}
+
+#[test]
+fn the_origin_alone_is_a_site_without_nodes() {
+    let origin = "[geographic_origin]\nlatitude_deg = 40.3\nlongitude_deg = -3.7\ny_azimuth_deg = 0\n";
+    let folder = Folder::with(&[("site.toml", origin)]);
+    refused(&folder.run("provision --config site.toml --all --out records"), "site.toml: there is no [[node]]");
+    // Names of it can be read, though there are none.
+    folder.write("anchors.csv", b"anchor,x_m,y_m,z_m\na,0,0,2\nb,6,0,2\nc,0,6,2\n");
+    folder.write("ranges.csv", b"epoch,t_s,anchor,range_m\n0,0,a,4\n0,0,b,4\n0,0,c,4\n");
+    folder.run("solve --anchors anchors.csv --ranges ranges.csv --dims 2 --height-m 1 --site site.toml").ok();
 }
 
 #[test]
@@ -215,6 +269,7 @@ fn sites_with_a_probable_mistake_get_a_warning() {
     let corners = ["[0, 0, 2.4]", "[6, 0, 2.4]", "[6, 4, 2.4]", "[0, 4, 2.4]"].map(|at| format!("position_m = {at}"));
     let flat: String = (1..).zip(&corners).map(|(number, position)| anchor(number, position)).collect();
     let steep = flat.replace("[0, 4, 2.4]", "[0, 4, 0.6]");
+    let line = steep.replace(", 4, ", ", 0.05, ").replace("[6, 0.05", "[3, 0.05").replace("[0, 0.05", "[4, 0.05");
     let cases = [
         (steep.clone() + &tag(""), None),
         (flat.clone() + &tag(""), Some("the anchors lie in one plane, so that the height of t is uncertain")),
@@ -230,6 +285,18 @@ fn sites_with_a_probable_mistake_get_a_warning() {
         ),
         (anchor(1, "") + &anchor(2, "") + &anchor(3, "") + &tag(""), Some("no anchor has a position_m")),
         (anchor(1, &corners[0]) + &anchor(2, &corners[1]) + &tag(""), Some("there are only 2 anchors")),
+        (
+            anchor(1, &corners[0]) + &anchor(2, &corners[1]) + &anchor(3, &corners[2]) + &tag(""),
+            Some("there are only 3 anchors, but t needs the ranges of 4: give it the height"),
+        ),
+        (anchor(1, &corners[0]) + &anchor(2, &corners[1]) + &anchor(3, &corners[2]) + &tag("height_m = 1.2"), None),
+        (
+            steep.clone() + &anchor(5, "") + &tag(""),
+            Some("no position_m of a5: tags do not use ranges to an anchor without one, measure where a5 is"),
+        ),
+        (steep.clone() + &anchor(5, "") + &tag("") + "[[anchor]]\naddress = 5\nposition_m = [3, 0, 2]\n", None),
+        (line.clone() + &tag(""), Some("the anchors lie nearly on one line, so that each position has a mirror image")),
+        (line + &tag("") + "[area]\nx_m = [0, 6]\ny_m = [0, 4]\n", None),
         (steep.clone() + beacon + "measured_power_dbm = 59\n", Some("measured_power_dbm of b is 59")),
         (steep + beacon + "measured_power_dbm = -59\n", None),
     ];

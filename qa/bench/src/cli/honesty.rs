@@ -103,7 +103,7 @@ fn site(class: SiteClass, number: usize, seed: u64, progress: &Progress) -> (Sit
     let site = draw(class, number, seed);
     let recording = drawn(&site.anchors_m, &site.epochs);
     let space = if class.in_space { Space::Full(None) } else { Space::Plane(Height::FromTruth) };
-    let setup = Setup { space, area_m: None };
+    let setup = Setup::of(space);
     let solved = Solver::new(&recording.anchors, setup).solve_all(Method::Robust, &recording.epochs, |_| ());
     let mut tracker = Tracker::new(&recording.anchors, setup, settings(&setup, Weighting::Weigh), None);
     let tracked = tracker.follow_all(&recording.epochs, || ());

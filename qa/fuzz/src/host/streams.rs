@@ -45,7 +45,7 @@ pub fn monitored(input: &[u8]) {
         0 => rest.to_vec(),
         _ => rest.split(|byte| *byte == 0xA5).flat_map(framed).collect(),
     };
-    let mut session = Session::new(Some(image), Box::new(|_| None), mode & 2 != 0);
+    let mut session = Session::new(Some(image), None, mode & 2 != 0);
     let mut events = vec![Event::Connected("a port".to_owned())];
     if mode & 4 == 0 {
         events.push(Event::Flashed { same: true });
@@ -76,7 +76,7 @@ fn show(lines: &mut Lines, item: &Item) {
 /// An image, and a line of the log by it.
 pub fn elf(input: &[u8]) {
     if let Ok(image) = Image::read(&folder::file("any.elf", input)) {
-        let mut session = Session::new(Some(image), Box::new(|_| None), false);
+        let mut session = Session::new(Some(image), None, false);
         let line = stream_seeds().pop().unwrap_or_default();
         for event in [Event::Flashed { same: true }, Event::Bytes(NodeChannel::Log, line), Event::End] {
             session.accept(Duration::ZERO, event).expect("nothing is recorded");

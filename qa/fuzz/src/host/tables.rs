@@ -53,7 +53,7 @@ fn solve(mut recording: Recording) {
     drop_repeats(&mut recording.epochs);
     let _ = rounds(&recording.epochs, round_s(&recording.epochs).unwrap_or(0.1));
     for space in [Space::Full(None), Space::Plane(Height::Fixed(1.0)), Space::Plane(Height::Unknown)] {
-        let setup = Setup { space, area_m: None };
+        let setup = Setup::of(space);
         assert!(advice::of_recording(&recording, space).iter().all(|line| !line.contains('\n')));
         let solver = Solver::new(&recording.anchors, setup);
         for epoch in recording.epochs.iter().take(3) {

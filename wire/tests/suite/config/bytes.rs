@@ -2,13 +2,13 @@
 
 use baliza_wire::config::{
     Advertiser, Anchor, Beacon, Calibration, HEADER_BYTES, Identity, LoadError, MAX_BYTES, Mode, Network, Phy, Pins,
-    Record, Region, ReplyDelay, Role, Scan, Scheme, Solver, Tag, VERSION, decode, encode, version,
+    Record, Region, ReplyDelay, Role, Scan, Scheme, Solver, Tag, TagArea, VERSION, decode, encode, version,
 };
 use proptest::collection::vec;
 use proptest::option::of;
 use proptest::prelude::*;
 
-use super::examples::{anchor, beacon, longest, tag};
+use super::examples::{anchor, beacon, longest, tag, tag_within};
 
 fn page(record: &Record, sequence: u32) -> Vec<u8> {
     encode(record, sequence, &mut [0; MAX_BYTES]).to_vec()
@@ -37,6 +37,20 @@ fn a_tag_s_page_has_these_bytes() {
                  00 01 81 04  00 01 9a 99 99 3f 01 e8 07 01 64 01 04 00 01 64 32 01 \
                  ca bd 03 00 05 40 9a 35 80 01 00 00 00 00  00 00 00 00 00 00 00  01 00 02 01 01";
     assert_eq!(page(&tag(), 1), from_hex(bytes));
+}
+
+#[test]
+fn a_tag_s_page_with_what_is_known_of_its_place_has_these_bytes() {
+    // The same Python program. Version 3 is version 2 and: ± 0.3 m; x from 0 to 6, y from −0.5 to 4, z to 2.6 m.
+    let bytes = "42 4c 5a 52 03 00 4c 00 01 00 00 00 eb 80 31 e1 \
+                 00 01 81 04  00 01 9a 99 99 3f 01 e8 07 01 64 01 04 00 01 64 32 01 \
+                 ca bd 03 00 05 40 9a 35 80 01 00 00 00 00  00 00 00 00 00 00 00  01 00 02 01 01 \
+                 9a 99 99 3e  00 00 00 00 00 00 00 bf 00 00 80 ff  00 00 c0 40 00 00 80 40 66 66 26 40";
+    let record = tag_within();
+    assert_eq!(page(&record, 1), from_hex(bytes));
+    assert_eq!(decode(&page(&record, 1)), Ok((record, 1)));
+    // Images that read no version 3 read a record without limits.
+    assert_eq!(version(&page(&tag(), 1)), Ok(2));
 }
 
 /// A tag's page of version 1, with these bytes for the reply delay.
@@ -104,7 +118,7 @@ fn the_bytes_are_those_of_the_documentation() {
     let documentation = include_str!("../../../../docs/reference/wire-format.md");
     // The page has the bytes in groups of four.
     let digits = documentation.replace(' ', "");
-    for page in [page(&anchor(), 7), page(&tag(), 1)] {
+    for page in [page(&anchor(), 7), page(&tag(), 1), page(&tag_within(), 1)] {
         let bytes: String = page.iter().map(|byte| format!("{byte:02X}")).collect();
         assert!(digits.contains(&format!("`{bytes}`")), "{bytes}");
     }
@@ -121,6 +135,11 @@ fn the_longest_record_fits() {
     let longest = 15 + 31 + 24 + 12 + 7 + (1 + 24 * 15) + (1 + 24 * 28) + 17 + 4;
     assert_eq!(page(&record, 1).len(), HEADER_BYTES + longest);
     assert_eq!(decode(&page(&record, 1)), Ok((record, 1)));
+    // A tag's role and limits are longer than a beacon's role.
+    let mut tag = super::examples::longest();
+    tag.role = tag_within().role;
+    tag.network.mode = Mode::Native;
+    assert_eq!(decode(&page(&tag, 1)), Ok((tag, 1)));
 }
 
 #[test]
@@ -210,10 +229,17 @@ fn place() -> impl Strategy<Value = [f32; 3]> {
 }
 
 prop_compose! {
+    fn an_area()(least_m in place(), size in [0.1_f32..1e3, 0.1_f32..1e3, 0.1_f32..1e3]) -> TagArea {
+        TagArea { least_m, greatest_m: core::array::from_fn(|axis| least_m[axis] + size[axis]) }
+    }
+}
+
+prop_compose! {
     fn a_tag()(
         height_m in of(-10_f32..100.0), rate in of(100..=100_000_u32), still in of(0.0..1_f64), sleep: bool,
         anchors_per_round in 1..=8_u8, tell_distances: bool, scan in of((3..=10_240_u16, 0.0..1_f64)),
-        report_ranges: bool, scheme in of(prop::sample::select(&Scheme::ALL)),
+        report_ranges: bool, scheme in of(prop::sample::select(&Scheme::ALL)), sigma in of(0.01_f32..1.0),
+        area in of(an_area()),
     ) -> Role {
         let slower = |share: f64| (f64::from(rate.unwrap_or(100)) * share).max(13.0) as u32;
         let window = |(interval_ms, share): (u16, f64)| {
@@ -222,6 +248,7 @@ prop_compose! {
         Role::Tag(Tag {
             height_m, rate_chz: rate, still_rate_chz: still.map(slower), sleep, anchors_per_round, tell_distances,
             scan: scan.map(window), report_ranges, solver: Solver::Track, scheme,
+            height_sigma_m: sigma.filter(|_| height_m.is_some()).unwrap_or(0.0), area,
         })
     }
 }

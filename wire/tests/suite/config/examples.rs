@@ -2,7 +2,7 @@
 
 use baliza_wire::config::{
     Advertiser, Anchor, Beacon, Calibration, Identity, MAX_ANCHORS, MAX_BEACONS, Mode, Network, Phy, Pins, Record,
-    Region, ReplyDelay, Role, Scan, Scheme, Solver, Tag,
+    Region, ReplyDelay, Role, Scan, Scheme, Solver, Tag, TagArea,
 };
 
 pub const NETWORK: Network = Network {
@@ -40,6 +40,8 @@ pub fn tag() -> Record {
         report_ranges: true,
         solver: Solver::BWls,
         scheme: Some(Scheme::DoubleSided),
+        height_sigma_m: 0.0,
+        area: None,
     };
     Record {
         identity: Identity { eui: None, address: Some(0x0201) },
@@ -48,6 +50,16 @@ pub fn tag() -> Record {
         calibration: Calibration::default(),
         ..anchor()
     }
+}
+
+/// The same tag, with all fields that version 3 added.
+pub fn tag_within() -> Record {
+    let mut record = tag();
+    if let Role::Tag(tag) = &mut record.role {
+        tag.height_sigma_m = 0.3;
+        tag.area = Some(TagArea { least_m: [0.0, -0.5, f32::NEG_INFINITY], greatest_m: [6.0, 4.0, 2.6] });
+    }
+    record
 }
 
 /// A beacon with all optional fields.

@@ -2,12 +2,12 @@
 
 use baliza_wire::config::{
     Anchor, Beacon, Board, Identity, Invalid, Mode, Phy, Pins, Record, Region, ReplyDelay, Role, Scan, Scheme, Solver,
-    Tag,
+    Tag, TagArea,
 };
 use radio::phy::{Channel, DataRate, PreambleLength, Prf};
 use radio::{Capabilities, PhyConfig};
 
-use super::examples::{anchor, beacon, longest, tag};
+use super::examples::{anchor, beacon, longest, tag, tag_within};
 
 fn refusal(of: Record, change: impl FnOnce(&mut Record)) -> String {
     let mut record = of;
@@ -20,6 +20,10 @@ fn role_of(record: &mut Record) -> &mut Tag {
         Role::Tag(tag) => tag,
         Role::Anchor { .. } | Role::Advertiser(_) => panic!("it is a tag"),
     }
+}
+
+fn area_of(record: &mut Record) -> &mut TagArea {
+    role_of(record).area.as_mut().expect("it has an area")
 }
 
 fn pinned(record: &mut Record) -> &mut ReplyDelay {
@@ -58,6 +62,12 @@ fn refusals_name_the_field_and_its_value() {
         (refusal(anchor(), |r| pinned(r).answer_us = 20_001), "network.turnaround.answer_us is 20001: "),
         (refusal(anchor(), |r| r.calibration.crystal_trim = Some(32)), "calibration.crystal_trim is 32: "),
         (refusal(tag(), |r| role_of(r).height_m = Some(f32::NAN)), "tag.height_m is NaN: "),
+        (refusal(tag_within(), |r| role_of(r).height_m = None), "tag.height_sigma_m is 0.3: "),
+        (refusal(tag(), |r| role_of(r).height_sigma_m = f32::NAN), "tag.height_sigma_m is NaN: "),
+        (refusal(tag(), |r| role_of(r).height_sigma_m = 1.5), "tag.height_sigma_m is 1.5: "),
+        (refusal(tag_within(), |r| area_of(r).greatest_m[0] = 0.0), "tag.area is 0: "),
+        (refusal(tag_within(), |r| area_of(r).least_m[1] = f32::NAN), "tag.area is 0: "),
+        (refusal(tag_within(), |r| area_of(r).least_m[2] = f32::INFINITY), "tag.area is 0: "),
         (refusal(tag(), |r| role_of(r).rate_chz = Some(0)), "tag.rate_hz is 0: it must be 0.01 to 1000"),
         (
             refusal(tag(), |r| (r.network.mode, role_of(r).rate_chz) = (Mode::DecaRanging { fast: false }, Some(12))),

@@ -48,13 +48,15 @@ pub fn settings(setup: &Setup, weighting: Weighting) -> Settings<f32> {
         Weighting::Ignore => Blocked::Ignore { threshold: 0.5, at_least: 4 },
         Weighting::Alike => Blocked::Alike,
     };
-    Settings::track(dimensions).with_blocked(blocked)
+    let height_sigma = setup.height_sigma_m as f32;
+    Settings { height_sigma, ..Settings::track(dimensions).with_blocked(blocked) }
 }
 
 /// The engine's settings for a recording of differences without memory between the epochs: each position is where the
 /// hyperbolas meet.
 pub fn settings_of_single_epochs(setup: &Setup) -> Settings<f32> {
-    Settings::solve(settings(setup, Weighting::Weigh).dimensions, Solvers::robust())
+    let Settings { dimensions, height_sigma, .. } = settings(setup, Weighting::Weigh);
+    Settings { height_sigma, ..Settings::solve(dimensions, Solvers::robust()) }
 }
 
 /// Follows a tag through a recording.

@@ -19,7 +19,6 @@ use super::log_frames::{self, Frames, LogLine};
 use super::source::{Event, NodeChannel};
 use crate::decode::{Stamp, Stream};
 use crate::recorder::Recorder;
-use recording::UserError;
 
 /// A node sends `Hello` every two seconds. After this time without `Hello`, the session does not wait for it any
 /// longer.
@@ -73,8 +72,9 @@ impl SessionCounts {
     }
 }
 
-/// Reads an ELF file again if it may have been rebuilt.
-pub type Reload = Box<dyn FnMut(&Image) -> Option<Result<Image, UserError>>>;
+/// Looks for the image of a build, as [`ImageFiles::find`](super::ImageFiles::find) does. A node may get a new image while
+/// the session runs.
+pub type FindImage = Box<dyn FnMut(Build) -> Result<Image, String>>;
 
 /// An item of a session, in the order of its arrival.
 #[derive(Clone, Debug, PartialEq)]
@@ -106,7 +106,7 @@ enum ImageMatch {
 /// A session of listening to a node.
 pub struct Session {
     image: Option<Image>,
-    reload: Reload,
+    find: Option<FindImage>,
     /// The source is live: it has no end to wait for.
     live: bool,
     image_match: ImageMatch,
@@ -116,6 +116,8 @@ pub struct Session {
     waiting: VecDeque<Waiting>,
     ended: bool,
     connected_before: bool,
+    /// The node's build, as it last reported it.
+    node: Option<Build>,
     /// The node's build that was reported to the user.
     reported: Option<Build>,
     hinted: bool,
@@ -126,11 +128,11 @@ pub struct Session {
 }
 
 impl Session {
-    /// A session that decodes the log with `image`, where there is one.
-    pub fn new(image: Option<Image>, reload: Reload, live: bool) -> Self {
+    /// A session that decodes the log with `image`, or else with the one that `find` has for the node's build.
+    pub fn new(image: Option<Image>, find: Option<FindImage>, live: bool) -> Self {
         let mut session = Self {
             image,
-            reload,
+            find,
             live,
             image_match: ImageMatch::Unknown { flash: None },
             frames: Frames::default(),
@@ -139,6 +141,7 @@ impl Session {
             waiting: VecDeque::new(),
             ended: false,
             connected_before: false,
+            node: None,
             reported: None,
             hinted: false,
             silent_reported: false,
@@ -194,7 +197,8 @@ impl Session {
                 self.connected_before = true;
                 self.notes.push_back(format!("connected {again}to {to}"));
                 // Another image may run after a new connection.
-                if self.image.as_ref().is_some_and(|image| image.build.is_some()) {
+                self.node = None;
+                if self.image.as_ref().map_or(self.find.is_some(), |image| image.build.is_some()) {
                     self.image_match = ImageMatch::Unknown { flash: None };
                 }
             }
@@ -325,8 +329,11 @@ impl Session {
     }
 
     fn log_frame(&mut self, now: Duration, frame: Vec<u8>) {
-        if self.image.is_some() {
+        if self.image.is_some() || self.find.is_some() {
             self.waiting.push_back(Waiting::Log(now, frame));
+            if let (None, Some(node)) = (&self.image, self.node) {
+                self.look_for(node);
+            }
             return;
         }
         self.counts.log_unreadable += 1;
@@ -354,26 +361,35 @@ impl Session {
 
     /// Compares the build that the node reports with the ELF file.
     fn compare(&mut self, node: Build) {
-        let Some(image) = &self.image else { return };
-        let Some(build) = image.build else { return };
-        if node == build {
-            return self.is_same();
+        self.node = Some(node);
+        match self.image.as_ref().map(|image| image.build) {
+            Some(Some(build)) if build == node => self.is_same(),
+            Some(Some(_)) => self.look_for(node),
+            // An image of somebody else's cannot be compared.
+            Some(None) => {}
+            // Nodes without a log need none.
+            None if self.waiting.iter().any(|waiting| matches!(waiting, Waiting::Log(..))) => self.look_for(node),
+            None => {}
         }
+    }
+
+    /// Looks for the ELF file of the node's build, where that is not the one that is used.
+    fn look_for(&mut self, node: Build) {
         if self.reported != Some(node) {
-            // A user who flashes a new image while the session runs has rebuilt the ELF file before.
-            if let Some(Ok(newer)) = (self.reload)(image)
-                && newer.build == Some(node)
-            {
-                self.notes.push_back(format!("{} was rebuilt, and is the node's again", newer.file.display()));
-                self.image = Some(newer);
-                self.is_same();
-                return;
+            let before = self.image.as_ref().map(|image| image.file.clone());
+            match self.find.as_mut().map_or_else(|| Err("and there is no ELF file".to_owned()), |find| find(node)) {
+                Ok(found) => {
+                    let file = found.file.display();
+                    self.notes.push_back(match before {
+                        Some(before) if before == found.file => format!("{file} was rebuilt, and is the node's again"),
+                        Some(_) | None => format!("the node runs build {node}, which is {file}"),
+                    });
+                    self.image = Some(found);
+                    return self.is_same();
+                }
+                Err(what) => self.notes.push_back(format!("the node runs build {node}, {what}")),
             }
             self.reported = Some(node);
-            self.notes.push_back(format!(
-                "the node runs build {node}, the ELF file {} is {build}: flash it, or give the ELF that was flashed",
-                image.file.display()
-            ));
         }
         self.is_other();
     }
@@ -392,7 +408,7 @@ impl Session {
     /// Decides without a build reported by the node: by the comparison with its flash, else the ELF file is accepted as
     /// the user gave it.
     fn decide(&mut self, flash: Option<bool>) {
-        if flash != Some(false) {
+        if flash != Some(false) && self.image.is_some() {
             return self.is_same();
         }
         if let Some(image) = &self.image {

@@ -7,8 +7,8 @@ use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 use wire::telemetry::Message;
 
-use super::{Item, NodeOutput, Session};
-use crate::monitor::elf::{Image, SourceLocation};
+use super::{FindImage, Item, NodeOutput, Session};
+use crate::monitor::elf::{Build, Image, SourceLocation};
 use crate::monitor::source::{Event, NodeChannel};
 use crate::monitor::testing::{BUILD, OTHER_BUILD, elf, fix, frame, hello, telemetry_frame};
 
@@ -21,7 +21,11 @@ fn image(build: Option<[u8; 8]>) -> Image {
 }
 
 fn session(image: Option<Image>, live: bool) -> Session {
-    Session::new(image, Box::new(|_| None), live)
+    let find =
+        |_| Err("the ELF file image.elf is 1a2b3c4d5e6f7081: flash it, or give the ELF that was flashed".to_owned());
+    let find: FindImage = Box::new(find);
+    let has_image = image.is_some();
+    Session::new(image, has_image.then_some(find), live)
 }
 
 fn accept(session: &mut Session, now: Duration, event: Event) {
@@ -92,12 +96,43 @@ fn a_wrong_elf_file_is_reported_in_one_sentence_and_telemetry_goes_on() {
 
 #[test]
 fn an_elf_file_that_was_rebuilt_is_read_again() {
-    let newer = || Some(Ok(image(Some(OTHER_BUILD))));
-    let mut session = Session::new(Some(image(Some(BUILD))), Box::new(move |_| newer()), true);
+    let newer: FindImage = Box::new(|Build(build)| Ok(image(Some(build))));
+    let mut session = Session::new(Some(image(Some(BUILD))), Some(newer), true);
     receive(&mut session, ms(0), &hello(1, OTHER_BUILD));
     log(&mut session, ms(0), 2, 1);
     assert_eq!(output(&mut session, ms(300)), ["hello 1", "hello 1"]);
     assert_eq!(notes(&mut session), ["image.elf was rebuilt, and is the node's again"]);
+}
+
+#[test]
+fn among_several_elf_files_that_of_the_nodes_build_is_taken() {
+    let of_build: FindImage = Box::new(|Build(build)| match build {
+        BUILD => Ok(image(Some(BUILD))),
+        _ => Err("target/firmware has image.elf 1a2b3c4d5e6f7081".to_owned()),
+    });
+    let mut session = Session::new(None, Some(of_build), true);
+    // Nothing is looked for until there is a log.
+    receive(&mut session, ms(0), &hello(1, OTHER_BUILD));
+    assert!(notes(&mut session).is_empty());
+    log(&mut session, ms(1), 2, 1);
+    assert_eq!(output(&mut session, ms(1)), ["hello 1", "unreadable"]);
+    let none = "the node runs build 3c4d000000000001, target/firmware has image.elf 1a2b3c4d5e6f7081";
+    assert_eq!(notes(&mut session), [none]);
+    // Another node: its log comes before its build.
+    accept(&mut session, ms(2), Event::Restarted);
+    receive(&mut session, ms(3), &hello(1, BUILD));
+    log(&mut session, ms(4), 2, 2);
+    assert_eq!(output(&mut session, ms(4)), ["(the node has restarted)", "hello 1", "hello 2"]);
+    assert_eq!(notes(&mut session), ["the node runs build 1a2b3c4d5e6f7081, which is image.elf"]);
+
+    // A node that does not report its build cannot be read.
+    let mut silent = Session::new(None, Some(Box::new(|_| Ok(image(Some(BUILD))))), true);
+    log(&mut silent, ms(0), 1, 1);
+    assert!(output(&mut silent, ms(2999)).is_empty());
+    assert_eq!(output(&mut silent, ms(3000)), ["unreadable"]);
+    receive(&mut silent, ms(3500), &hello(1, BUILD));
+    log(&mut silent, ms(3501), 2, 3);
+    assert_eq!(output(&mut silent, ms(3501)), ["hello 1", "hello 3"]);
 }
 
 #[test]

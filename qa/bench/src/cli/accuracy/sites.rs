@@ -54,7 +54,7 @@ pub fn recorded(data: &Path) -> Result<Vec<Ranged>> {
                 anchor_heights: true,
                 truth_heights: true,
             })?;
-            let setup = Setup { space: Space::Plane(Height::FromTruth), area_m: None };
+            let setup = Setup::of(Space::Plane(Height::FromTruth));
             let truths = Truths::read(&truth, true)?;
             for recording in recordings {
                 let truth = truths.of(recording.tag.as_deref())?.cloned();
@@ -79,7 +79,7 @@ pub fn simulated(case: &Case, seed: u64) -> Ranged {
         simulated: true,
         name: format!("{} of seed {seed}", case.name()),
         recording: drawn(&case.anchors_m, &case.epochs),
-        setup: Setup { space, area_m: None },
+        setup: Setup::of(space),
         truth: None,
     }
 }
