@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use analysis::Setup;
+use analysis::check::{Finding, of_rows, of_whole};
 use analysis::locate::advice;
 use analysis::locate::residuals::{Reference, residuals};
 use analysis::locate::time_offset::{Clocks, REACH_S, clocks};
@@ -53,6 +54,9 @@ pub struct RecordingArgs {
     /// anchors)
     #[arg(long)]
     residuals: bool,
+    /// Exit with 1 where there is a warning about the recording
+    #[arg(long)]
+    strict: bool,
     /// The consistency of errors and uncertainties is always printed.
     #[arg(long, hide = true)]
     consistency: bool,
@@ -214,11 +218,15 @@ impl RecordingArgs {
         for mut recording in recordings {
             let truth = truths.as_ref().map(|truths| truths.of(recording.tag.as_deref())).transpose()?.flatten();
             let repeats = drop_repeats(&mut recording.epochs);
-            let warnings = advice::of_recording(&recording, setup.space).into_iter().chain(advice::of_repeats(repeats));
-            let mut notes_of_tag: Vec<String> = warnings.map(|warning| format!("warning: {warning}")).collect();
+            let mut findings = of_rows(&recording, setup.space, repeats);
             let of = recording.tag.as_ref().map(|tag| format!("tag {}: ", names.node(tag))).unwrap_or_default();
-            tags.push(self.joined(recording, truth, setup, singles, &mut notes_of_tag));
-            notes.extend(notes_of_tag.into_iter().map(|line| of.clone() + &line));
+            let mut notes_of_tag = Vec::new();
+            let mut tag = self.joined(recording, truth, setup, singles, &mut notes_of_tag);
+            findings.extend(of_whole(&tag.recording, &setup).findings);
+            let warnings = findings.iter().map(|finding| format!("warning: {}", finding.message));
+            notes.extend(warnings.chain(notes_of_tag).map(|line| of.clone() + &line));
+            tag.findings = findings;
+            tags.push(tag);
         }
         if sources.mode == MeasurementMode::Differences && self.residuals {
             return Err(UserError::flag("--residuals", "only for ranges"));
@@ -232,6 +240,7 @@ impl RecordingArgs {
             floor_plan,
             with_errors: truths.is_some(),
             residuals: self.residuals,
+            strict: self.strict,
             truths: truths.filter(|_| self.residuals),
             notes,
             output,
@@ -275,7 +284,7 @@ impl RecordingArgs {
             }
             (joined == Joined::ByTime).then_some(offset_s)
         });
-        OfTag { recording, offset_s }
+        OfTag { recording, offset_s, findings: Vec::new() }
     }
 }
 
@@ -320,6 +329,7 @@ pub struct Input<'a> {
     /// Whether there is a truth.
     with_errors: bool,
     residuals: bool,
+    strict: bool,
     /// The truth, where residuals need it.
     truths: Option<Truths>,
     /// Lines for the user.
@@ -333,6 +343,8 @@ pub struct OfTag {
     /// What was added to the times of the truth, seconds; `None` where it was joined by the epochs' names, or there is
     /// none.
     offset_s: Option<f64>,
+    /// What is odd about it.
+    findings: Vec<Finding>,
 }
 
 impl Input<'_> {
@@ -364,20 +376,25 @@ impl Input<'_> {
         for line in &self.notes {
             super::note(&format!("{line}\n"));
         }
+        let found = self.tags.iter().map(|of| of.findings.len()).sum();
+        if self.strict {
+            super::check::refuse(found)?;
+        }
         let in_space = matches!(self.setup.space, Space::Full(_));
         let why = advice::nothing_solved(solved.iter().flatten().flatten(), "anchors", in_space);
         super::report::some_position(why)
     }
 
     fn tag_report<'a>(&self, of: &'a OfTag, solved: &'a [Vec<Solved>]) -> Result<TagReport<'a>, UserError> {
-        let OfTag { recording: Recording { tag, anchors, epochs }, offset_s } = of;
+        let OfTag { recording: Recording { tag, anchors, epochs }, offset_s, findings } = of;
         let against = |reference| residuals(anchors, epochs, &self.setup, reference);
         let truth = self.truths.as_ref().map(|truths| truths.of(tag.as_deref())).transpose()?.flatten();
         let residuals = self.residuals.then(|| match truth {
             Some(truth) => vec![against(Reference::Truth(truth, offset_s.unwrap_or(0.0))); solved.len()],
             None => solved.iter().map(|solved| against(Reference::Solved(solved))).collect(),
         });
-        Ok(TagReport { tag: tag.as_deref(), epochs, solved, time_offset_s: *offset_s, residuals })
+        let findings = Some(findings.as_slice());
+        Ok(TagReport { tag: tag.as_deref(), epochs, solved, time_offset_s: *offset_s, residuals, findings })
     }
 
     fn print_residuals(&self, report: &Report) {

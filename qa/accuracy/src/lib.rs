@@ -11,6 +11,7 @@ pub mod draw;
 pub mod field;
 mod figures;
 mod left_out;
+pub mod mistakes;
 pub mod prior;
 mod verdict;
 

@@ -4,7 +4,7 @@
 use wire::config::{Mode, Role, Tag};
 
 use super::{Node, Site};
-use analysis::locate::advice;
+use analysis::check;
 use recording::{Anchor, Coordinates};
 
 /// Anchors of one network are hardly farther apart than this, metres.
@@ -18,7 +18,7 @@ pub fn oddities(site: &Site) -> Vec<String> {
     let anchors = site.nodes.iter().filter(|node| matches!(node.record.role, Role::Anchor { .. })).count();
     let placed: Vec<Anchor> = site.nodes.iter().filter_map(anchor).collect();
     let mut warnings: Vec<String> = site.nodes.iter().filter_map(far).collect();
-    warnings.extend(advice::one_place(placed.iter().map(|anchor| {
+    warnings.extend(check::one_place(placed.iter().map(|anchor| {
         let Coordinates { x_m, y_m, z_m } = anchor.place;
         (anchor.name.as_str(), [x_m, y_m, z_m.unwrap_or(0.0)])
     })));
@@ -37,7 +37,7 @@ pub fn oddities(site: &Site) -> Vec<String> {
         ));
     }
     let in_space = tags.iter().find(|(_, tag)| tag.height_m.is_none());
-    if let Some((node, _)) = in_space.filter(|_| advice::coplanar(&placed)) {
+    if let Some((node, _)) = in_space.filter(|_| check::coplanar(&placed)) {
         warnings.push(format!(
             "the anchors lie in one plane, so that the height of {} is uncertain: put one anchor higher or lower, or give \
              height_m",

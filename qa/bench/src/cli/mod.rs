@@ -5,6 +5,7 @@ mod barral;
 mod fusion;
 mod garcia;
 mod linde;
+mod mistakes;
 mod thesis;
 
 use std::path::PathBuf;
@@ -25,6 +26,7 @@ host_tools::commands! {
         Fusion(fusion),
         Linde(linde),
         Accuracy(accuracy),
+        Mistakes(mistakes),
     }
 }
 
