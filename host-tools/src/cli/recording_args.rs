@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use analysis::Setup;
-use analysis::check::{Finding, of_rows, of_whole};
+use analysis::check::{Finding, Whole, of_rows, of_whole};
 use analysis::locate::advice;
 use analysis::locate::residuals::{Reference, residuals};
 use analysis::locate::time_offset::{Clocks, REACH_S, clocks};
@@ -222,7 +222,9 @@ impl RecordingArgs {
             let of = recording.tag.as_ref().map(|tag| format!("tag {}: ", names.node(tag))).unwrap_or_default();
             let mut notes_of_tag = Vec::new();
             let mut tag = self.joined(recording, truth, setup, singles, &mut notes_of_tag);
-            findings.extend(of_whole(&tag.recording, &setup).findings);
+            let whole = of_whole(&tag.recording, &setup);
+            findings.extend(whole.findings.iter().cloned());
+            tag.whole = whole;
             let warnings = findings.iter().map(|finding| format!("warning: {}", finding.message));
             notes.extend(warnings.chain(notes_of_tag).map(|line| of.clone() + &line));
             tag.findings = findings;
@@ -284,7 +286,31 @@ impl RecordingArgs {
             }
             (joined == Joined::ByTime).then_some(offset_s)
         });
-        OfTag { recording, offset_s, findings: Vec::new() }
+        OfTag { recording, offset_s, findings: Vec::new(), whole: Whole::default() }
+    }
+}
+
+/// Lets the deviations of positions reach as far as a contradiction makes them wrong: root mean square along each axis.
+fn widen(solved: &mut [Solved], whole: &Whole) {
+    let Some(least_m) = whole.wrong_m else { return };
+    let both =
+        whole.explained_m.iter().filter_map(|(at, right_m)| Some((solved.get(*at)?.outcome.ok()?.place, right_m)));
+    let (mut squares, mut count) = ([0.0; 3], 0.0_f64);
+    for (place, right_m) in both {
+        count += 1.0;
+        let given = [place.x_m, place.y_m, place.z_m.unwrap_or(right_m[2])];
+        squares
+            .iter_mut()
+            .zip(given)
+            .zip(right_m)
+            .for_each(|((square, given), right)| *square += (given - right).powi(2));
+    }
+    let [x_m, y_m, z_m] = squares.map(|square| (square / count.max(1.0)).sqrt().max(least_m));
+    for position in solved.iter_mut().filter_map(|solved| solved.outcome.as_mut().ok()) {
+        let sigma = &mut position.sigma;
+        sigma.x_m = sigma.x_m.hypot(x_m);
+        sigma.y_m = sigma.y_m.hypot(y_m);
+        sigma.z_m = sigma.z_m.map(|sigma_m| sigma_m.hypot(z_m));
     }
 }
 
@@ -345,6 +371,8 @@ pub struct OfTag {
     offset_s: Option<f64>,
     /// What is odd about it.
     findings: Vec<Finding>,
+    /// What the whole of it says.
+    whole: Whole,
 }
 
 impl Input<'_> {
@@ -352,8 +380,11 @@ impl Input<'_> {
     ///
     /// # Errors
     /// A file cannot be written.
-    pub fn report(&self, methods: Vec<String>, solved: &[Vec<Vec<Solved>>]) -> Result<()> {
-        let tags = self.tags.iter().zip(solved).map(|(of, solved)| self.tag_report(of, solved));
+    pub fn report(&self, methods: Vec<String>, mut solved: Vec<Vec<Vec<Solved>>>) -> Result<()> {
+        for (of, solved) in self.tags.iter().zip(&mut solved) {
+            solved.iter_mut().for_each(|by_method| widen(by_method, &of.whole));
+        }
+        let tags = self.tags.iter().zip(&solved).map(|(of, solved)| self.tag_report(of, solved));
         let tags = tags.collect::<Result<Vec<_>, UserError>>()?;
         let anchors = self.tags.first().map_or(&[][..], |of| &of.recording.anchors);
         let report = Report {
@@ -386,7 +417,7 @@ impl Input<'_> {
     }
 
     fn tag_report<'a>(&self, of: &'a OfTag, solved: &'a [Vec<Solved>]) -> Result<TagReport<'a>, UserError> {
-        let OfTag { recording: Recording { tag, anchors, epochs }, offset_s, findings } = of;
+        let OfTag { recording: Recording { tag, anchors, epochs }, offset_s, findings, whole: _ } = of;
         let against = |reference| residuals(anchors, epochs, &self.setup, reference);
         let truth = self.truths.as_ref().map(|truths| truths.of(tag.as_deref())).transpose()?.flatten();
         let residuals = self.residuals.then(|| match truth {

@@ -84,7 +84,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let follow = |recording| vec![track(recording, input.setup, weighting, model.as_ref(), &progress)];
     let solved: Vec<_> = recordings().map(follow).collect();
     drop(progress);
-    input.report(vec!["track".to_owned()], &solved)
+    input.report(vec!["track".to_owned()], solved)
 }
 
 /// Whether any range of a recording has the diagnostics that the classifier needs. Without them it changes nothing.

@@ -6,6 +6,7 @@ const PROGRAM: &str = env!("CARGO_BIN_EXE_baliza");
 mod antenna_delay;
 mod ble;
 mod causes;
+mod check;
 mod companions;
 mod contract;
 mod coverage;

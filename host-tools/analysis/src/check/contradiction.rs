@@ -13,7 +13,7 @@ const CONTRADICTORY: f64 = 2.5;
 const LEFT: f64 = 0.75;
 /// The same of a moved anchor of which ranges are too short, and of one of which none are, which may be blocked instead;
 /// of a height, of which ranges say little; and of a tag at rest, where much explains little.
-const LEFT_MOVED: [f64; 2] = [0.6, 0.45];
+const LEFT_MOVED: [f64; 3] = [0.6, 0.45, 0.38];
 const LEFT_HEIGHT: f64 = 0.8;
 const LEFT_AT_REST: f64 = 0.35;
 /// An explanation lowers the cost by more than this.
@@ -21,9 +21,11 @@ const LOWERS: f64 = 0.05;
 /// The factor of the cost for each value that is estimated: of two explanations the simpler one counts.
 const A_VALUE: f64 = 1.1;
 /// Explanations whose costs differ by less than this factor cannot be told apart.
-const ALIKE: f64 = 1.1;
+const ALIKE: f64 = 1.25;
+/// The most explanations that are named.
+const MOST_NAMED: usize = 3;
 /// Errors that are too small to be named, metres: of all ranges, of those of an anchor, of a place, and of the height.
-const LEAST_M: [f64; 4] = [0.4, 1.0, 0.45, 0.6];
+const LEAST_M: [f64; 4] = [0.4, 1.0, 0.6, 0.6];
 /// The share of an anchor's ranges that fit under an explanation that is about this anchor. A link that is blocked here
 /// and there has less.
 const FITTING: f64 = 0.85;
@@ -71,13 +73,13 @@ pub fn contradiction(rounds: &Rounds) -> (Fit, Option<Contradiction>) {
             _ if !fit.moves() => LEFT_AT_REST,
             Assumption::Moved(anchor) => {
                 let [fitting, short] = rounds.as_given(anchor, fit);
-                let [is_short, is_long] = LEFT_MOVED;
+                let [is_short, is_long, is_often_right] = LEFT_MOVED;
                 if short > SHORT {
                     is_short
                 } else if fitting < FITTING_AS_GIVEN {
                     is_long
                 } else {
-                    0.0
+                    is_often_right
                 }
             }
             Assumption::Height => LEFT_HEIGHT,
@@ -99,9 +101,10 @@ pub fn contradiction(rounds: &Rounds) -> (Fit, Option<Contradiction>) {
     let finely = roughly.iter().take(BEST).map(|rough| rounds.fit(rough.assumption, &[rough.values_m]));
     let mut fits: Vec<Fit> = finely.filter(explains).collect();
     fits.sort_by(|one, other| score(one).total_cmp(&score(other)));
-    // Where the best explanation is too small for a word, a worse one is none.
-    let (score_of_best, is_named) = fits.first().map_or((0.0, false), |best| (score(best), is_large(best)));
-    fits.retain(|fit| is_named && score(fit) < ALIKE * score_of_best && is_large(fit));
+    // Where the best explanation is too small for a word, a much worse one is none.
+    let score_of_best = fits.first().map_or(0.0, score);
+    fits.retain(|fit| score(fit) < ALIKE * score_of_best && is_large(rounds, fit));
+    fits.truncate(MOST_NAMED);
     let is_contradiction = !fits.is_empty() || as_given.cost > CONTRADICTORY;
     (as_given, is_contradiction.then_some(Contradiction { explanations: fits }))
 }
@@ -124,14 +127,19 @@ fn score(fit: &Fit, dims: usize) -> f64 {
 }
 
 /// Whether what an assumption says is worth a word.
-fn is_large(fit: &Fit) -> bool {
+fn is_large(rounds: &Rounds, fit: &Fit) -> bool {
     let [common_m, value_m, _, _] = fit.values_m;
     let [all, link, place, height] = LEAST_M;
     match fit.assumption {
         Assumption::Sound => false,
         Assumption::Unit(_) | Assumption::Exchanged(..) => true,
         Assumption::AllLong => common_m.abs() > all,
-        Assumption::LinkLong(anchor) => value_m.abs() > link && fit.fitting[anchor] > FITTING,
+        Assumption::LinkLong(anchor) => {
+            let [as_given, _] = rounds.as_given(anchor, fit);
+            let fits_everywhere = fit.fitting[anchor] > FITTING_MOVED && as_given < FITTING_AS_GIVEN;
+            let least_m = if fits_everywhere && fit.moves() { place } else { link };
+            value_m.abs() > least_m && fit.fitting[anchor] > FITTING && as_given < 2.0 * FITTING_AS_GIVEN
+        }
         Assumption::Moved(anchor) => {
             fit.moves() && fit.fitting[anchor] > FITTING_MOVED && (place..FARTHEST_M).contains(&fit.moved_m())
         }

@@ -16,8 +16,10 @@ const USUAL_COMMON_M: f64 = 0.3;
 const SCALES_M: [f64; 9] = [2.0, 2.0, 1.0, 0.5, 0.3, SCALE_M, SCALE_M, SCALE_M, SCALE_M];
 /// A round whose mean cost is below this needs no other beginning.
 const GOOD: f64 = 0.3;
-/// Steps of all places together, before and after the places are sought once more.
+/// Steps of all places together, and how often the places are sought again after them: a step may
+/// carry a place away.
 const STEPS: usize = 6;
+const SEEKS: usize = 2;
 /// The most that a place moves in one step, metres.
 const STEP_M: f64 = 5.0;
 /// What all rounds have in common: the error of all ranges, and three values of the assumption.
@@ -51,6 +53,8 @@ pub struct Round {
     pub height_m: f64,
     /// The time, seconds.
     pub t_s: Option<f64>,
+    /// The number of its epoch, where it is one.
+    pub epoch: Option<usize>,
 }
 
 /// What is fitted.
@@ -178,14 +182,15 @@ impl Rounds {
         let mut values_m = begin_m;
         let mut model = Model::of(self, assumption, &values_m);
         let mut places_m = self.locate(&model);
-        model = self.steps(STEPS, assumption, &mut values_m, &mut places_m);
-        let again_m = self.locate(&model);
-        for ((round, place), again) in self.rounds.iter().zip(&mut places_m).zip(again_m) {
-            if model.cost(&again, round) < model.cost(place, round) {
-                *place = again;
+        for _ in 0..SEEKS {
+            model = self.steps(STEPS, assumption, &mut values_m, &mut places_m);
+            let again_m = self.locate(&model);
+            for ((round, place), again) in self.rounds.iter().zip(&mut places_m).zip(again_m) {
+                if model.cost(&again, round) < model.cost(place, round) {
+                    *place = again;
+                }
             }
         }
-        model = self.steps(STEPS, assumption, &mut values_m, &mut places_m);
         self.rated(assumption, values_m, &model, places_m)
     }
 
@@ -288,8 +293,8 @@ impl Rounds {
                 consider([linear[0], linear[1], linear[2] + 2.0]);
             }
             consider(middle);
-            for by_m in [-3.0, 3.0] {
-                consider([middle[0] + by_m, middle[1], middle[2]]);
+            for [x_m, y_m] in [[-3.0, 0.0], [3.0, 0.0], [0.0, -3.0], [0.0, 3.0]] {
+                consider([middle[0] + x_m, middle[1] + y_m, middle[2]]);
             }
             last = Some(best.1);
             places.push(best.1);

@@ -31,6 +31,10 @@ pub struct Whole {
     /// The root mean square of the residuals as the files say, but for the tenth that is largest, metres; `None` where
     /// too few epochs have more ranges than a position needs.
     pub residual_m: Option<f64>,
+    /// How wrong the positions are at least, by a contradiction, metres; `None` without one.
+    pub wrong_m: Option<f64>,
+    /// Where the tag is by the explanation, by the numbers of epochs, metres; none where single ranges made rounds.
+    pub explained_m: Vec<(usize, [f64; 3])>,
     /// Where the ranges meet in the epochs that were asked, as the files say, metres.
     pub places_m: Vec<[f64; 2]>,
     /// The magnitudes of their residuals, metres.
@@ -52,10 +56,16 @@ pub fn of_whole(recording: &Recording, setup: &Setup) -> Whole {
     };
     match contradiction {
         Some(Contradiction { explanations }) if !explanations.is_empty() => {
+            whole.wrong_m = Some(as_given.residual_m);
+            let places_m = explanations.first().map_or(&[][..], |fit| &fit.places_m);
+            let by_epoch = rounds.rounds.iter().zip(places_m).filter_map(|(round, place)| Some((round.epoch?, place)));
+            let global = |place: &[f64; 3]| std::array::from_fn(|axis| place[axis] + origin[axis]);
+            whole.explained_m = by_epoch.map(|(epoch, place)| (epoch, global(place))).collect();
             whole.findings.push(said(recording, &rounds, origin, &as_given, &explanations));
             whole.preferred_m = explanations.iter().flat_map(|fit| preferred(&rounds, origin, fit)).collect();
         }
         unexplained => {
+            whole.wrong_m = unexplained.is_some().then_some(2.0 * as_given.residual_m);
             let nothing = || unexplained.is_some().then(|| unknown(&as_given));
             whole.findings.extend(row_values::unit(recording).or_else(nothing));
         }
@@ -84,7 +94,7 @@ fn of(recording: &Recording, setup: &Setup, origin: [f64; 3]) -> Option<Rounds> 
     });
     let step = usable.len().div_ceil(MOST_ROUNDS).max(1);
     let mut chosen = Vec::new();
-    for epoch in usable.into_iter().step_by(step).filter_map(|at| epochs.get(at)) {
+    for (at, epoch) in usable.into_iter().step_by(step).filter_map(|at| Some((at, epochs.get(at)?))) {
         let height_m = match height {
             Some(Height::Fixed(z_m)) => z_m - origin[2],
             Some(Height::FromTruth) => match epoch.truth.and_then(|truth| truth.z_m) {
@@ -96,7 +106,8 @@ fn of(recording: &Recording, setup: &Setup, origin: [f64; 3]) -> Option<Rounds> 
         let known =
             |anchor: usize| recording.anchors.get(anchor).is_some_and(|anchor| flat || anchor.place.z_m.is_some());
         let ranges = epoch.ranges.iter().filter(|range| known(range.anchor)).map(|range| (range.anchor, range.range_m));
-        chosen.push(Round { ranges: ranges.collect(), height_m, t_s: epoch.t_s });
+        let own = of_singles.is_none().then_some(at);
+        chosen.push(Round { ranges: ranges.collect(), height_m, t_s: epoch.t_s, epoch: own });
     }
     let height_is_known = matches!(height, Some(Height::Fixed(_)));
     let rounds = Rounds { anchors_m: anchors_m.collect(), rounds: chosen, dims, height_is_known };
@@ -196,7 +207,7 @@ impl Explained {
             Assumption::Height => {
                 let given_m = rounds.rounds.first().map_or(0.0, |round| round.height_m) + origin[2];
                 let height_m = given_m + value_m;
-                let looks = format!("the tag is at a height of about {height_m:.1} m and not of {given_m:.1} m");
+                let looks = format!("the tag is at a height of about {height_m:.2} m and not of {given_m:.2} m");
                 let remedy = "correct --height-m, or height_m in recording.toml";
                 (
                     FindingCode::HeightWrong,

@@ -37,10 +37,10 @@ pub struct Arguments {
     /// Seed of the random numbers: equal seeds give equal figures
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Only this mistake
+    /// Only this mistake, or `none`
     #[arg(long, value_name = "NAME")]
     mistake: Option<String>,
-    /// Print JSON: results has an object a mistake (null: without one, where named counts false alarms), and `all`
+    /// Print JSON: results has an object a mistake (`none`: without one, where named counts false alarms), and `all`
     #[arg(long)]
     json: bool,
     /// Write a small recording of each mistake into this folder, and do nothing else
@@ -51,7 +51,7 @@ pub struct Arguments {
 /// The figures of a mistake.
 #[derive(serde::Serialize)]
 struct Row {
-    mistake: Option<&'static str>,
+    mistake: &'static str,
     drawn: u64,
     named: u64,
     named_share: f64,
@@ -78,7 +78,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut rows: Vec<Row> =
         asked.map(|mistake| row(Some(mistake), ANCHORS.len() as u64 * arguments.recordings, arguments.seed)).collect();
     let count = |of: fn(&Row) -> u64| rows.iter().map(of).sum::<u64>();
-    let all = Row::new(Some("all"), count(|row| row.drawn), count(|row| row.named));
+    let all = Row::new("all", count(|row| row.drawn), count(|row| row.named));
     if is_asked("none") && arguments.sound > 0 {
         rows.push(row(None, arguments.sound, arguments.seed));
     }
@@ -87,7 +87,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 impl Row {
-    fn new(mistake: Option<&'static str>, drawn: u64, named: u64) -> Self {
+    fn new(mistake: &'static str, drawn: u64, named: u64) -> Self {
         let named_share = named as f64 / drawn.max(1) as f64;
         Self { mistake, drawn, named, named_share, by_anchors: [0; 3], other: BTreeMap::new() }
     }
@@ -118,7 +118,7 @@ fn row(mistake: Option<Mistake>, count: u64, seed: u64) -> Row {
             findings.iter().for_each(|finding| *other.entry(finding.code.as_str()).or_default() += 1);
         }
     }
-    Row { by_anchors, other, ..Row::new(mistake.map(Mistake::as_str), count, named) }
+    Row { by_anchors, other, ..Row::new(mistake.map_or("none", Mistake::as_str), count, named) }
 }
 
 fn names(finding: &Finding, mistake: Mistake, drawn: &DrawnRecording) -> bool {
@@ -175,7 +175,7 @@ fn table(rows: &[Row]) -> String {
         let other: Vec<String> = other.iter().map(|(code, count)| format!("{count} {code}")).collect();
         table.row(format_args!(
             "{} | {drawn} | {named} | {:.1} % | {four}, {six}, {eight} | {}",
-            mistake.unwrap_or("none: false alarms"),
+            mistake,
             100.0 * named_share,
             other.join(", ")
         ));
