@@ -13,7 +13,7 @@ const CONTRADICTORY: f64 = 2.5;
 const LEFT: f64 = 0.75;
 /// The same of a moved anchor of which ranges are too short, and of one of which none are, which may be blocked instead;
 /// of a height, of which ranges say little; and of a tag at rest, where much explains little.
-const LEFT_MOVED: [f64; 3] = [0.6, 0.45, 0.38];
+const LEFT_MOVED: [f64; 3] = [0.7, 0.55, 0.42];
 const LEFT_HEIGHT: f64 = 0.8;
 const LEFT_AT_REST: f64 = 0.35;
 /// An explanation lowers the cost by more than this.
@@ -33,7 +33,7 @@ const FITTING_MOVED: f64 = 0.95;
 /// A link that is blocked in places fits in the others, and is nowhere short: more of the ranges of a moved anchor are
 /// short, or fewer fit.
 const SHORT: f64 = 0.1;
-const FITTING_AS_GIVEN: f64 = 0.15;
+const FITTING_AS_GIVEN: f64 = 0.2;
 /// The farthest that a moved anchor is looked for, metres.
 const FARTHEST_M: f64 = 6.0;
 
@@ -138,7 +138,7 @@ fn is_large(rounds: &Rounds, fit: &Fit) -> bool {
             let [as_given, _] = rounds.as_given(anchor, fit);
             let fits_everywhere = fit.fitting[anchor] > FITTING_MOVED && as_given < FITTING_AS_GIVEN;
             let least_m = if fits_everywhere && fit.moves() { place } else { link };
-            value_m.abs() > least_m && fit.fitting[anchor] > FITTING && as_given < 2.0 * FITTING_AS_GIVEN
+            value_m.abs() > least_m && fit.fitting[anchor] > FITTING && as_given < 1.5 * FITTING_AS_GIVEN
         }
         Assumption::Moved(anchor) => {
             fit.moves() && fit.fitting[anchor] > FITTING_MOVED && (place..FARTHEST_M).contains(&fit.moved_m())
