@@ -213,6 +213,7 @@ fn symbols(picture: &Picture, view: &View) -> Vec<(Symbol, String)> {
         }
     };
     add(!picture.anchors.is_empty(), Symbol::Anchor, "anchors");
+    add(!picture.preferred_m.is_empty(), Symbol::Cross, "where the ranges prefer an anchor");
     add(!picture.beacons.is_empty(), Symbol::Beacon, "beacons");
     add(!picture.walls_m.is_empty(), Symbol::Wall, "walls");
     let ways = || picture.truth.iter().filter(|way| !way.points_m.is_empty());

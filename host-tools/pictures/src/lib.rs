@@ -61,6 +61,8 @@ pub struct Picture {
     pub anchors: Vec<(String, [f64; 2])>,
     /// Names and positions of the beacons, metres.
     pub beacons: Vec<(String, [f64; 2])>,
+    /// Lines from anchors to where the ranges prefer them, metres.
+    pub preferred_m: Vec<[[f64; 2]; 2]>,
     /// The walls: both ends of each, metres.
     pub walls_m: Vec<[[f64; 2]; 2]>,
     /// The image of the floor plan.
@@ -118,6 +120,8 @@ pub enum Errors {
     Horizontal,
     /// Of x, y and z.
     Spatial,
+    /// None: the residuals of ranges stand in their place.
+    Residuals,
     /// Not known.
     #[default]
     Unknown,
@@ -144,6 +148,7 @@ impl Errors {
         match self {
             Self::Horizontal => "horizontal error (x, y)",
             Self::Spatial => "3-D error (x, y, z)",
+            Self::Residuals => "residual of a range",
             Self::Unknown => "error",
         }
     }

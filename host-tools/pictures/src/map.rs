@@ -107,6 +107,12 @@ impl Map<'_> {
         for way in truth {
             self.way(chart, view, way, metres_a_pixel);
         }
+        for line in &self.picture.preferred_m {
+            view.cut(*line).iter().for_each(|line| chart.path(line, INK.line(stroke(1.3))));
+            if view.has(line[1]) {
+                chart.paper.cross(chart.at(line[1]), pixels(6), INK.line(stroke(2.2)));
+            }
+        }
     }
 
     /// Whether positions are joined by a line: without truth, and where the line shows a way.

@@ -376,7 +376,8 @@ impl Bound {
     fn of(column: &str) -> Self {
         let has_unit = |unit: &str| column.ends_with(unit);
         let (most, text) = match column {
-            "range_m" => (1.0e4, "10 km"),
+            // A hundred metres in millimetres: `check` says which unit it is.
+            "range_m" => (1.0e5, "100 km"),
             "path_loss_exponent" => (100.0, "100"),
             // Coordinates may be those of a national grid.
             "x" | "y" => (1.0e7, "10000 km"),

@@ -10,7 +10,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ("Simulate", &["simulate", "example"]),
     ("Set up a site", &["plan-anchors", "coverage", "survey", "calibrate", "provision", "flash"]),
     ("Run", &["serve", "live", "station", "monitor", "record", "replay", "decode", "import", "convert"]),
-    ("Analyse", &["solve", "track", "ble", "classify-rooms", "plot"]),
+    ("Analyse", &["solve", "track", "check", "ble", "classify-rooms", "plot"]),
     ("Research", &["nlos", "bench"]),
     ("This program", &["completions", "man"]),
 ];

@@ -7,6 +7,7 @@
 mod ble;
 mod boards;
 mod calibrate;
+mod check;
 mod classify_rooms;
 pub mod companion;
 mod completions;
@@ -79,6 +80,7 @@ commands! {
     pub enum Command {
         Solve(solve),
         Track(track),
+        Check(check),
         Plot(plot),
         #[command(subcommand)]
         Nlos(nlos),

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use analysis::Setup;
+use analysis::check::{Finding, Whole, of_rows, of_whole};
 use analysis::locate::advice;
 use analysis::locate::ble::RssiMethod;
 use analysis::locate::residuals::{Reference, residuals};
@@ -57,6 +58,9 @@ pub struct RecordingArgs {
     /// anchors)
     #[arg(long)]
     residuals: bool,
+    /// Exit with 1 where there is a warning about the recording
+    #[arg(long)]
+    strict: bool,
     /// The consistency of errors and uncertainties is always printed.
     #[arg(long, hide = true)]
     consistency: bool,
@@ -299,16 +303,22 @@ impl RecordingArgs {
         for mut recording in recordings {
             let truth = truths.as_ref().map(|truths| truths.of(recording.tag.as_deref())).transpose()?.flatten();
             let repeats = drop_repeats(&mut recording.epochs);
-            let warnings = advice::of_recording(&recording, setup.space).into_iter().chain(advice::of_repeats(repeats));
-            let mut notes_of_tag: Vec<String> = warnings.map(|warning| format!("warning: {warning}")).collect();
+            let mut findings = of_rows(&recording, setup.space, repeats);
             let of = recording.tag.as_ref().map(|tag| format!("tag {}: ", names.node(tag))).unwrap_or_default();
-            tags.push(self.joined(recording, truth, setup, singles, &mut notes_of_tag));
-            for line in notes_of_tag {
+            let mut notes_of_tag = Vec::new();
+            let mut tag = self.joined(recording, truth, setup, singles, &mut notes_of_tag);
+            let whole = of_whole(&tag.recording, &setup);
+            findings.extend(whole.findings.iter().cloned());
+            tag.whole = whole;
+            let warnings = findings.iter().map(|finding| format!("warning: {}", finding.message));
+            for line in warnings.chain(notes_of_tag) {
                 if let Some(warning) = line.strip_prefix("warning: ") {
                     super::json::warned(&format!("{of}{warning}"));
                 }
                 notes.push(of.clone() + &line);
             }
+            tag.findings = findings;
+            tags.push(tag);
         }
         if sources.mode == MeasurementMode::Differences && self.residuals {
             return Err(UserError::flag("--residuals", "only for ranges"));
@@ -323,6 +333,7 @@ impl RecordingArgs {
             floor_plan,
             with_errors: truths.is_some(),
             residuals: self.residuals,
+            strict: self.strict,
             truths: truths.filter(|_| self.residuals),
             notes,
             output,
@@ -369,7 +380,31 @@ impl RecordingArgs {
             }
             (joined == Joined::ByTime).then_some(offset_s)
         });
-        OfTag { recording, offset_s }
+        OfTag { recording, offset_s, findings: Vec::new(), whole: Whole::default() }
+    }
+}
+
+/// Lets the deviations of positions reach as far as a contradiction makes them wrong: root mean square along each axis.
+fn widen(solved: &mut [Solved], whole: &Whole) {
+    let Some(least_m) = whole.wrong_m else { return };
+    let both =
+        whole.explained_m.iter().filter_map(|(at, right_m)| Some((solved.get(*at)?.outcome.ok()?.place, right_m)));
+    let (mut squares, mut count) = ([0.0; 3], 0.0_f64);
+    for (place, right_m) in both {
+        count += 1.0;
+        let given = [place.x_m, place.y_m, place.z_m.unwrap_or(right_m[2])];
+        squares
+            .iter_mut()
+            .zip(given)
+            .zip(right_m)
+            .for_each(|((square, given), right)| *square += (given - right).powi(2));
+    }
+    let [x_m, y_m, z_m] = squares.map(|square| (square / count.max(1.0)).sqrt().max(least_m));
+    for position in solved.iter_mut().filter_map(|solved| solved.outcome.as_mut().ok()) {
+        let sigma = &mut position.sigma;
+        sigma.x_m = sigma.x_m.hypot(x_m);
+        sigma.y_m = sigma.y_m.hypot(y_m);
+        sigma.z_m = sigma.z_m.map(|sigma_m| sigma_m.hypot(z_m));
     }
 }
 
@@ -416,6 +451,7 @@ pub struct Input<'a> {
     /// Whether there is a truth.
     with_errors: bool,
     residuals: bool,
+    strict: bool,
     /// The truth, where residuals need it.
     truths: Option<Truths>,
     /// Lines for the user.
@@ -429,6 +465,10 @@ pub struct OfTag {
     /// What was added to the times of the truth, seconds; `None` where it was joined by the epochs' names, or there is
     /// none.
     offset_s: Option<f64>,
+    /// What is odd about it.
+    findings: Vec<Finding>,
+    /// What the whole of it says.
+    whole: Whole,
 }
 
 impl Input<'_> {
@@ -436,8 +476,11 @@ impl Input<'_> {
     ///
     /// # Errors
     /// A file cannot be written.
-    pub fn report(&self, methods: Vec<String>, solved: &[Vec<Vec<Solved>>]) -> Result<()> {
-        let tags = self.tags.iter().zip(solved).map(|(of, solved)| self.tag_report(of, solved));
+    pub fn report(&self, methods: Vec<String>, mut solved: Vec<Vec<Vec<Solved>>>) -> Result<()> {
+        for (of, solved) in self.tags.iter().zip(&mut solved) {
+            solved.iter_mut().for_each(|by_method| widen(by_method, &of.whole));
+        }
+        let tags = self.tags.iter().zip(&solved).map(|(of, solved)| self.tag_report(of, solved));
         let tags = tags.collect::<Result<Vec<_>, UserError>>()?;
         let anchors = self.tags.first().map_or(&[][..], |of| &of.recording.anchors);
         let report = Report {
@@ -461,20 +504,25 @@ impl Input<'_> {
         for line in &self.notes {
             super::note(&format!("{line}\n"));
         }
+        let found = self.tags.iter().map(|of| of.findings.len()).sum();
+        if self.strict {
+            super::check::refuse(found)?;
+        }
         let in_space = matches!(self.setup.space, Space::Full(_));
         let why = advice::nothing_solved(solved.iter().flatten().flatten(), "anchors", in_space);
         super::report::some_position(why)
     }
 
     fn tag_report<'a>(&self, of: &'a OfTag, solved: &'a [Vec<Solved>]) -> Result<TagReport<'a>, UserError> {
-        let OfTag { recording: Recording { tag, anchors, epochs }, offset_s } = of;
+        let OfTag { recording: Recording { tag, anchors, epochs }, offset_s, findings, whole: _ } = of;
         let against = |reference| residuals(anchors, epochs, &self.setup, reference);
         let truth = self.truths.as_ref().map(|truths| truths.of(tag.as_deref())).transpose()?.flatten();
         let residuals = self.residuals.then(|| match truth {
             Some(truth) => vec![against(Reference::Truth(truth, offset_s.unwrap_or(0.0))); solved.len()],
             None => solved.iter().map(|solved| against(Reference::Solved(solved))).collect(),
         });
-        Ok(TagReport { tag: tag.as_deref(), epochs, solved, time_offset_s: *offset_s, residuals })
+        let findings = Some(findings.as_slice());
+        Ok(TagReport { tag: tag.as_deref(), epochs, solved, time_offset_s: *offset_s, residuals, findings })
     }
 
     fn print_residuals(&self, report: &Report) {

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::io::IsTerminal;
 use std::path::PathBuf;
 
+use analysis::check::Finding;
 use analysis::locate::residuals::AnchorResiduals;
 use anyhow::Result;
 use baliza_report::MarkdownTable;
@@ -131,6 +132,8 @@ pub struct TagReport<'a> {
     pub time_offset_s: Option<f64>,
     /// The residuals by method and anchor, where they are asked for.
     pub residuals: Option<Vec<Vec<AnchorResiduals>>>,
+    /// What is odd about the recording, where it was asked.
+    pub findings: Option<&'a [Finding]>,
 }
 
 impl Report<'_> {
@@ -232,7 +235,7 @@ impl Report<'_> {
                 let anchors = anchors.map(|anchors| anchors.iter().map(Row::of).collect());
                 let tag = of.tag.map(Of::Tag);
                 let summary = Summary::of(method, tag, &[(of.epochs, solved.as_slice())], k);
-                summaries.push(summary.with(of.time_offset_s, anchors));
+                summaries.push(summary.with(of.time_offset_s, anchors, of.findings));
             }
             if parts.len() > 1 {
                 let all: Vec<_> = parts.iter().map(|(of, solved)| (of.epochs, solved.as_slice())).collect();

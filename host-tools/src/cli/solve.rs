@@ -89,7 +89,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let solved: Vec<_> = input.tags.iter().map(|of| solve(&of.recording)).collect();
     drop(progress);
-    input.report(names.into_iter().map(str::to_owned).collect(), &solved)
+    input.report(names.into_iter().map(str::to_owned).collect(), solved)
 }
 
 /// The positions of each epoch by each method.

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
+use analysis::check::Finding;
 use baliza_report::{Statistics, mean};
 use node_link::provision::SiteNames;
 use recording::{Coordinates, Epochs, Position, Solved};
@@ -33,6 +34,8 @@ pub struct Summary<'a> {
     time_offset_s: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     anchors: Option<Vec<residuals::Row<'a>>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    findings: Option<&'a [Finding]>,
     /// The reasons for epochs without a position, with their numbers.
     #[serde(skip)]
     reasons: BTreeMap<&'static str, usize>,
@@ -155,13 +158,20 @@ impl<'a> Summary<'a> {
             consistency: Consistency::of(known),
             time_offset_s: None,
             anchors: None,
+            findings: None,
             reasons,
         }
     }
 
-    /// The summary with the offset of the truth's clock, seconds, and the residuals of the anchors.
-    pub fn with(self, time_offset_s: Option<f64>, anchors: Option<Vec<residuals::Row<'a>>>) -> Self {
-        Self { time_offset_s, anchors, ..self }
+    /// The summary with the offset of the truth's clock, seconds, the residuals of the anchors, and what is odd about the
+    /// recording.
+    pub fn with(
+        self,
+        time_offset_s: Option<f64>,
+        anchors: Option<Vec<residuals::Row<'a>>>,
+        findings: Option<&'a [Finding]>,
+    ) -> Self {
+        Self { time_offset_s, anchors, findings, ..self }
     }
 }
 

@@ -116,7 +116,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let solved: Vec<_> = recordings().map(follow).collect();
     drop(progress);
     let methods = ["track", "track-smooth"].iter().take(1 + usize::from(arguments.smooth));
-    input.report(methods.map(|method| (*method).to_owned()).collect(), &solved)
+    input.report(methods.map(|method| (*method).to_owned()).collect(), solved)
 }
 
 /// Whether any range of a recording has the diagnostics that the classifier needs. Without them it changes nothing.

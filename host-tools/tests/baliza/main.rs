@@ -7,6 +7,7 @@ mod antenna_delay;
 mod ble;
 mod building;
 mod causes;
+mod check;
 mod companions;
 mod contract;
 mod coverage;

@@ -25,7 +25,7 @@ fn help_lists_the_commands_in_groups() {
     assert_eq!(titles, expected);
     let analyse = help.split("\n\n").find(|group| group.starts_with("Analyse:")).expect("the group");
     let commands: Vec<_> = analyse.lines().skip(1).filter_map(|line| line.split_whitespace().next()).collect();
-    assert_eq!(commands, ["solve", "track", "ble", "classify-rooms", "plot"]);
+    assert_eq!(commands, ["solve", "track", "check", "ble", "classify-rooms", "plot"]);
 }
 
 #[test]

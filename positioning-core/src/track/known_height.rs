@@ -1,8 +1,8 @@
 //! The height of a tag in the plane: a state where it is not exact, with the prior N(height, σ²). The tag does not climb,
 //! but the height's error changes slowly, as a Gauss-Markov process.
 
-use super::filter::{Filter, fading};
-use super::state::POSITION;
+use super::filter::Filter;
+use super::state::{POSITION, fading};
 use crate::Real;
 
 /// The time after which two thirds of the error of an assumed height have changed, seconds: people sit down.

@@ -12,6 +12,7 @@ pub mod field;
 mod figures;
 pub mod honesty;
 mod left_out;
+pub mod mistakes;
 pub mod prior;
 mod verdict;
 

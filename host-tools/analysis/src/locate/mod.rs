@@ -7,4 +7,5 @@ mod solve;
 pub mod time_offset;
 pub mod track;
 
+pub(crate) use solve::middle_m;
 pub use solve::{Setup, Solver};

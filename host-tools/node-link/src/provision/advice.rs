@@ -4,7 +4,7 @@
 use wire::config::{Mode, Role, Tag};
 
 use super::{Node, Site};
-use analysis::locate::advice;
+use analysis::check;
 use recording::{Anchor, Coordinates};
 
 /// Anchors of one network are hardly farther apart than this, metres.
@@ -19,7 +19,7 @@ pub fn oddities(site: &Site) -> Vec<String> {
     let placed: Vec<Anchor> = site.nodes.iter().filter_map(anchor).collect();
     let mut warnings: Vec<String> = site.nodes.iter().filter_map(far).collect();
     let are_near = warnings.is_empty();
-    warnings.extend(advice::one_place(placed.iter().map(|anchor| {
+    warnings.extend(check::one_place(placed.iter().map(|anchor| {
         let Coordinates { x_m, y_m, z_m } = anchor.place;
         (anchor.name.as_str(), [x_m, y_m, z_m.unwrap_or(0.0)])
     })));
@@ -47,14 +47,14 @@ pub fn oddities(site: &Site) -> Vec<String> {
             node.name
         ));
     }
-    let is_on_a_line = are_near && advice::on_a_line(&placed);
+    let is_on_a_line = are_near && check::on_a_line(&placed);
     if is_on_a_line && !tags.iter().all(|(_, tag)| tag.area.is_some()) {
         warnings.push(
             "the anchors lie nearly on one line, so that each position has a mirror image on its other side: put an anchor \
              beside the line, or give the [area] in which tags can be"
                 .to_owned(),
         );
-    } else if let Some((node, _)) = in_space.filter(|_| !is_on_a_line && advice::coplanar(&placed)) {
+    } else if let Some((node, _)) = in_space.filter(|_| !is_on_a_line && check::coplanar(&placed)) {
         warnings.push(format!(
             "the anchors lie in one plane, so that the height of {} is uncertain: put one anchor higher or lower, or give \
              height_m",

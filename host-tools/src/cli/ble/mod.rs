@@ -153,6 +153,7 @@ impl Found<'_> {
             solved,
             time_offset_s: None,
             residuals: None,
+            findings: None,
         });
         let report = Report {
             methods: self.methods,

@@ -6,6 +6,7 @@ mod fusion;
 mod garcia;
 mod honesty;
 mod linde;
+mod mistakes;
 mod thesis;
 
 use std::path::PathBuf;
@@ -27,6 +28,7 @@ host_tools::commands! {
         Linde(linde),
         Accuracy(accuracy),
         Honesty(honesty),
+        Mistakes(mistakes),
     }
 }
 

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use recording::beacons::{read_beacons, read_captures, read_stays, read_walls};
 use recording::{drop_repeats, positions, round_s, rounds};
+use analysis::check;
 use analysis::locate::advice;
 use analysis::locate::track::{Tracker, Weighting, settings, settings_of_single_epochs};
 use analysis::survey::campaign::read_points;
@@ -54,7 +55,9 @@ fn solve(mut recording: Recording) {
     let _ = rounds(&recording.epochs, round_s(&recording.epochs).unwrap_or(0.1));
     for space in [Space::Full(None), Space::Plane(Height::Fixed(1.0)), Space::Plane(Height::Unknown)] {
         let setup = Setup::of(space);
-        assert!(advice::of_recording(&recording, space).iter().all(|line| !line.contains('\n')));
+        let of_rows = check::of_rows(&recording, space, 0);
+        let all = of_rows.into_iter().chain(check::of_whole(&recording, &setup).findings);
+        all.for_each(|finding| assert!(!finding.message.contains('\n'), "{finding:?}"));
         let solver = Solver::new(&recording.anchors, setup);
         for epoch in recording.epochs.iter().take(3) {
             Method::ALL.into_iter().for_each(|method| check(&solver.solve(method, &epoch)));

@@ -73,7 +73,7 @@ mod tests {
             flag: None,
         };
         let smoothed = vec![Solved { outcome: Ok(position), error_m: None }; LEAST];
-        let setup = Setup { space: Space::Plane(Height::Unknown), area_m: None };
+        let setup = Setup::of(Space::Plane(Height::Unknown));
         let found = of_anchors(&anchors, &epochs, &setup, &smoothed);
         // 0.8 · 0.1; of the blocked one 0.8 · (0.1 + 0.15).
         for (found_m, expected_m) in found.iter().zip([0.08, 0.08, 0.08, 0.2, 0.08]) {
