@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::epochs::{Epochs, Gathering};
 use crate::grouping::tag_of;
-use crate::recording::RangeColumns;
+use crate::recording::{AGE, RangeColumns};
 use crate::{Anchor, Column, Table, UserError};
 
 /// This number of a tag's epochs that have ended are remembered: a row of one of them is an error.
@@ -16,6 +16,7 @@ pub struct LiveEpochs<'a> {
     table: Table,
     epoch: Column,
     time: Column,
+    age: Column,
     tag: Column,
     range: RangeColumns<'a>,
     /// The epoch of each tag that has not ended.
@@ -49,9 +50,9 @@ impl<'a> LiveEpochs<'a> {
     /// The header is wrong.
     pub fn open(file: &Path, anchors: &'a [Anchor]) -> Result<Self, UserError> {
         let table = Table::open(file)?;
-        let (epoch, time, tag) = (table.column("epoch")?, table.optional("t_s"), table.optional("tag"));
-        let range = RangeColumns::of(&table, anchors)?;
-        Ok(Self { table, epoch, time, tag, range, open: Vec::new() })
+        let [time, age, tag] = ["t_s", AGE, "tag"].map(|name| table.optional(name));
+        let (epoch, range) = (table.column("epoch")?, RangeColumns::of(&table, anchors)?);
+        Ok(Self { table, epoch, time, age, tag, range, open: Vec::new() })
     }
 
     /// Whether the table has several tags, or one with a name.
@@ -64,9 +65,10 @@ impl<'a> LiveEpochs<'a> {
     /// # Errors
     /// The first line that is wrong, or that belongs to an epoch that has ended.
     pub fn next_epoch(&mut self) -> Result<Option<(Option<String>, Epochs)>, UserError> {
-        let Self { table, epoch, time, tag, range, open } = self;
+        let Self { table, epoch, time, age, tag, range, open } = self;
         while let Some(row) = table.next_row()? {
             let (name, t_s, tag) = (row.some_text(*epoch)?, row.number(*time)?, tag_of(&row, *tag));
+            let age_s = row.number(*age)?;
             let measured = range.read(&row, t_s)?;
             let at = open.iter().position(|of| of.tag.as_deref() == tag).unwrap_or_else(|| {
                 open.push(OpenEpoch { tag: tag.map(str::to_owned), name: name.to_owned(), ..OpenEpoch::default() });
@@ -80,7 +82,7 @@ impl<'a> LiveEpochs<'a> {
                 ));
             }
             let ended = (of.name != name).then(|| of.end(name));
-            of.rows.begin_row(name, t_s);
+            of.rows.begin_row(name, t_s, age_s);
             measured.iter().for_each(|measured| of.rows.push_range(measured));
             if ended.is_some() {
                 return Ok(ended);

@@ -10,8 +10,8 @@ use analysis::train::{Chosen, features_of};
 use anyhow::Result;
 use clap::ValueEnum;
 use positioning_core::nlos::{Classifier, Features, Model};
-use recording::{Recording, UserError};
 use recording::{Diagnostics, SingleRanges};
+use recording::{Recording, UserError};
 
 use super::recording_args::RecordingArgs;
 use crate::cli::progress::Progress;

@@ -50,7 +50,7 @@ fn drawn() -> Recording {
 fn row(power_dbm: f32, first_path_dbm: f32) -> RowDiagnostics {
     let mut features = Features::default();
     features.set(Feature::PowerDifference, power_dbm - first_path_dbm);
-    RowDiagnostics { features, power_dbm }
+    RowDiagnostics { features, power_dbm, ..RowDiagnostics::default() }
 }
 
 /// A recording that is not part of the project. If it is missing, this is printed.

@@ -9,7 +9,6 @@ use analysis::Setup;
 use analysis::check::{Finding, FindingCode, of_rows, of_whole};
 use anyhow::Result;
 use baliza_report::MarkdownTable;
-use positioning_core::nlos::Features;
 use recording::folder::RecordingSettings;
 use recording::{Anchor, Coordinates, Diagnostics, Epochs, Measured, Recording};
 
@@ -135,7 +134,7 @@ fn findings(drawn: &DrawnRecording) -> Vec<Finding> {
     for (number, (t_s, ranges)) in drawn.epochs.iter().enumerate() {
         epochs.push(&number.to_string(), Some(*t_s), None);
         for &(anchor, range_m) in ranges {
-            let diagnostics = Diagnostics { features: Features::default(), power_dbm: f32::NAN };
+            let diagnostics = Diagnostics::default();
             epochs.push_range(&Measured { anchor, range_m, t_s: Some(*t_s), line_of_sight: None, diagnostics });
         }
     }
@@ -149,7 +148,7 @@ fn findings(drawn: &DrawnRecording) -> Vec<Finding> {
 
 fn settings(drawn: &DrawnRecording) -> RecordingSettings {
     let dims = Some(if drawn.height_m.is_some() { 2 } else { 3 });
-    RecordingSettings { dims, height_m: drawn.height_m, mode: None }
+    RecordingSettings { dims, height_m: drawn.height_m, ..RecordingSettings::default() }
 }
 
 fn write(folder: &std::path::Path, drawn: &DrawnRecording) -> Result<()> {

@@ -3,7 +3,6 @@
 mod accuracy;
 mod figures;
 mod mistakes;
-mod mistakes;
 #[allow(dead_code)]
 #[path = "../../../../host-tools/tests/baliza/schema_check.rs"]
 mod schema_check;
