@@ -9,19 +9,19 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::UserError;
 
-static READ: Mutex<BTreeSet<Identity>> = Mutex::new(BTreeSet::new());
+static READ: Mutex<BTreeSet<FileIdentity>> = Mutex::new(BTreeSet::new());
 
 /// What is the same for all paths that lead to one file or folder. The time at which the file was made is part of it,
 /// because the number of a file that is gone is used again.
 #[cfg(unix)]
-pub type Identity = (u64, u64, Option<std::time::SystemTime>);
+pub type FileIdentity = (u64, u64, Option<std::time::SystemTime>);
 
 /// What is the same for all paths that lead to one file or folder.
 #[cfg(not(unix))]
-pub type Identity = std::path::PathBuf;
+pub type FileIdentity = std::path::PathBuf;
 
 /// The identity of a file or folder. A pipe, a terminal and `/dev/null` have none: they may be both input and output.
-pub fn identity(path: &Path) -> Option<Identity> {
+pub fn identity(path: &Path) -> Option<FileIdentity> {
     let metadata = fs::metadata(path).ok().filter(|metadata| metadata.is_file() || metadata.is_dir())?;
     #[cfg(unix)]
     {

@@ -14,7 +14,7 @@ use recording::beacons::{Beacon, Dwell, Wall, read_beacons, read_stays, read_wal
 use recording::output;
 
 use super::numbers::{finite, positive};
-use super::recording_args::CornersM;
+use super::recording_values::CornersM;
 use super::{PictureFile, note, print, print_json, write};
 
 /// Map the reception of beacons: measured from fingerprints, simulated from beacons and walls, or both side by side

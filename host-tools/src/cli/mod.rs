@@ -35,6 +35,7 @@ pub mod progress;
 mod provision;
 mod record;
 mod recording_args;
+mod recording_values;
 mod replay;
 mod report;
 mod residuals;

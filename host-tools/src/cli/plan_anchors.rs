@@ -18,7 +18,7 @@ use wire::telemetry::metres;
 
 use super::coverage::barriers;
 use super::numbers::{finite, positive};
-use super::recording_args::CornersM;
+use super::recording_values::CornersM;
 use super::{PictureFile, note, print, print_json, write};
 use crate::cli::progress::Progress;
 

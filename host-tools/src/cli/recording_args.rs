@@ -9,9 +9,8 @@ use analysis::locate::ble::RssiMethod;
 use analysis::locate::residuals::{Reference, residuals};
 use analysis::locate::time_offset::{Clocks, REACH_S, clocks};
 use anyhow::Result;
-use clap::ValueEnum;
 use node_link::provision::SiteNames;
-use recording::folder::{Folder, MOST_HEIGHT_SIGMA_M, RecordingSettings, Weighting};
+use recording::folder::{Folder, RecordingSettings, Weighting};
 use recording::output::STANDARD;
 use recording::{Files, Half, Height, MeasurementMode, Recording, Solved, Space, Truth, Truths, UserError};
 use recording::{Joined, SingleRanges, anchor_rows, drop_repeats, round_s, rounds};
@@ -20,6 +19,7 @@ use super::floor_plan::{FloorPlan, FloorPlanArgs};
 use super::folder::FolderFiles;
 use super::numbers::finite;
 use super::piped::Piped;
+use super::recording_values::{CornersM, Dims, Side, TimeOffset, deviation, seconds};
 use super::report::{Output, OutputArgs, Report, Site, TagReport, flat};
 use super::residuals::table;
 use super::site_names::SiteNamesArgs;
@@ -90,79 +90,6 @@ pub struct RecordingArgs {
     floor_plan: FloorPlanArgs,
     #[command(flatten)]
     output: OutputArgs,
-}
-
-/// `--time-offset-s`.
-#[derive(Clone, Copy, Debug)]
-enum TimeOffset {
-    Seconds(f64),
-    Auto,
-}
-
-impl std::str::FromStr for TimeOffset {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "auto" => Ok(Self::Auto),
-            seconds => finite(seconds).map(Self::Seconds),
-        }
-    }
-}
-
-/// `--dims`.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Dims {
-    /// The plane.
-    #[value(name = "2")]
-    Two,
-    /// Space.
-    #[value(name = "3")]
-    Three,
-}
-
-/// `--side`.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Side {
-    /// Lower than the anchors
-    Below,
-    /// Higher than the anchors
-    Above,
-}
-
-/// `--area`: least and greatest x and y.
-#[derive(Clone, Copy, Debug)]
-pub struct CornersM(pub [[f64; 2]; 2]);
-
-impl CornersM {
-    /// Parses the argument of `--area`.
-    ///
-    /// # Errors
-    /// The text is not four numbers, or the least values are not below the greatest ones.
-    pub fn parse(text: &str) -> Result<Self, String> {
-        let numbers = text.split(',').map(finite).collect::<Result<Vec<_>, _>>()?;
-        match numbers[..] {
-            [x0, y0, x1, y1] if x0 < x1 && y0 < y1 => Ok(Self([[x0, y0], [x1, y1]])),
-            [_, _, _, _] => Err("X0 must be less than X1, and Y0 less than Y1".to_owned()),
-            _ => Err("four numbers are expected: X0,Y0,X1,Y1".to_owned()),
-        }
-    }
-}
-
-/// Parses a standard deviation of a height.
-fn deviation(text: &str) -> Result<f64, String> {
-    let metres = finite(text)?;
-    if (0.0..=MOST_HEIGHT_SIGMA_M).contains(&metres) {
-        Ok(metres)
-    } else {
-        Err(format!("it must be from 0 to {MOST_HEIGHT_SIGMA_M}: beyond, use --dims 3"))
-    }
-}
-
-/// Parses a duration.
-fn seconds(text: &str) -> Result<f64, String> {
-    let seconds = finite(text)?;
-    if seconds >= 0.0 { Ok(seconds) } else { Err("it must not be below 0".to_owned()) }
 }
 
 impl RecordingArgs {
@@ -384,30 +311,6 @@ impl RecordingArgs {
     }
 }
 
-/// Lets the deviations of positions reach as far as a contradiction makes them wrong: root mean square along each axis.
-fn widen(solved: &mut [Solved], whole: &Whole) {
-    let Some(least_m) = whole.wrong_m else { return };
-    let both =
-        whole.explained_m.iter().filter_map(|(at, right_m)| Some((solved.get(*at)?.outcome.ok()?.place, right_m)));
-    let (mut squares, mut count) = ([0.0; 3], 0.0_f64);
-    for (place, right_m) in both {
-        count += 1.0;
-        let given = [place.x_m, place.y_m, place.z_m.unwrap_or(right_m[2])];
-        squares
-            .iter_mut()
-            .zip(given)
-            .zip(right_m)
-            .for_each(|((square, given), right)| *square += (given - right).powi(2));
-    }
-    let [x_m, y_m, z_m] = squares.map(|square| (square / count.max(1.0)).sqrt().max(least_m));
-    for position in solved.iter_mut().filter_map(|solved| solved.outcome.as_mut().ok()) {
-        let sigma = &mut position.sigma;
-        sigma.x_m = sigma.x_m.hypot(x_m);
-        sigma.y_m = sigma.y_m.hypot(y_m);
-        sigma.z_m = sigma.z_m.map(|sigma_m| sigma_m.hypot(z_m));
-    }
-}
-
 /// The files of a recording, and its settings.
 struct Sources {
     anchors: PathBuf,
@@ -478,7 +381,7 @@ impl Input<'_> {
     /// A file cannot be written.
     pub fn report(&self, methods: Vec<String>, mut solved: Vec<Vec<Vec<Solved>>>) -> Result<()> {
         for (of, solved) in self.tags.iter().zip(&mut solved) {
-            solved.iter_mut().for_each(|by_method| widen(by_method, &of.whole));
+            solved.iter_mut().for_each(|by_method| of.whole.widen(by_method));
         }
         let tags = self.tags.iter().zip(&solved).map(|(of, solved)| self.tag_report(of, solved));
         let tags = tags.collect::<Result<Vec<_>, UserError>>()?;

@@ -46,7 +46,7 @@ pub enum Assumption {
 
 /// The ranges that were measured at one place of the tag.
 #[derive(Clone, Debug)]
-pub struct Round {
+pub struct FitRound {
     /// Anchor and range, metres.
     pub ranges: Vec<(usize, f64)>,
     /// The tag's height as given, metres, in the plane.
@@ -63,7 +63,7 @@ pub struct Rounds {
     /// The places of the anchors as given, metres.
     pub anchors_m: Vec<[f64; 3]>,
     /// The rounds, in the order of time.
-    pub rounds: Vec<Round>,
+    pub rounds: Vec<FitRound>,
     /// The number of coordinates that the ranges have to give: 2, or 3.
     pub dims: usize,
     /// Whether the tag has one height, which the user gave.
@@ -148,7 +148,7 @@ impl Model {
         (range_m * self.factor - self.long_m[anchor] - distance_m, away.map(|part| part / distance_m))
     }
 
-    fn cost(&self, place_m: &[f64; 3], round: &Round) -> f64 {
+    fn cost(&self, place_m: &[f64; 3], round: &FitRound) -> f64 {
         round.ranges.iter().map(|range| (self.residual(place_m, range).0 / SCALE_M).powi(2).ln_1p()).sum()
     }
 }
@@ -303,7 +303,7 @@ impl Rounds {
     }
 
     /// The place by the differences of the squared ranges, which are linear in it.
-    fn linear(&self, model: &Model, round: &Round, middle: &[f64; 3]) -> [f64; 3] {
+    fn linear(&self, model: &Model, round: &FitRound, middle: &[f64; 3]) -> [f64; 3] {
         let count = round.ranges.len().max(1) as f64;
         let rows: Vec<([f64; 3], f64)> = round
             .ranges
@@ -332,7 +332,7 @@ impl Rounds {
     }
 
     /// The nearest minimum of the cost from a place, with a scale that shrinks.
-    fn descend(&self, model: &Model, round: &Round, mut place: [f64; 3]) -> [f64; 3] {
+    fn descend(&self, model: &Model, round: &FitRound, mut place: [f64; 3]) -> [f64; 3] {
         for scale_m in SCALES_M {
             let (mut matrix, mut right): Normal = ([[0.0; 3]; 3], [0.0; 3]);
             for range in &round.ranges {

@@ -1,10 +1,10 @@
 //! Questions that the whole recording answers: whether its ranges contradict the site, and what explains that.
 
 use baliza_report::percentile;
-use recording::{Epochs, Height, Recording, Space, round_s, rounds};
+use recording::{Epochs, Height, Recording, Solved, Space, round_s, rounds};
 
 use super::contradiction::{CENTIMETRE_M, Contradiction, FOOT_M, INCH_M, MILLIMETRE_M, NANOSECOND_M, contradiction};
-use super::joint_fit::{Assumption, Fit, Round, Rounds};
+use super::joint_fit::{Assumption, Fit, FitRound, Rounds};
 use super::{Finding, FindingCode, row_values};
 use crate::Setup;
 use crate::locate::middle_m;
@@ -39,6 +39,33 @@ pub struct Whole {
     pub places_m: Vec<[f64; 2]>,
     /// The magnitudes of their residuals, metres.
     pub residuals_m: Vec<f64>,
+}
+
+impl Whole {
+    /// Lets the deviations of positions reach as far as a contradiction makes them wrong: root mean square along each
+    /// axis.
+    pub fn widen(&self, solved: &mut [Solved]) {
+        let Some(least_m) = self.wrong_m else { return };
+        let both =
+            self.explained_m.iter().filter_map(|(at, right_m)| Some((solved.get(*at)?.outcome.ok()?.place, right_m)));
+        let (mut squares, mut count) = ([0.0; 3], 0.0_f64);
+        for (place, right_m) in both {
+            count += 1.0;
+            let given = [place.x_m, place.y_m, place.z_m.unwrap_or(right_m[2])];
+            squares
+                .iter_mut()
+                .zip(given)
+                .zip(right_m)
+                .for_each(|((square, given), right)| *square += (given - right).powi(2));
+        }
+        let [x_m, y_m, z_m] = squares.map(|square| (square / count.max(1.0)).sqrt().max(least_m));
+        for position in solved.iter_mut().filter_map(|solved| solved.outcome.as_mut().ok()) {
+            let sigma = &mut position.sigma;
+            sigma.x_m = sigma.x_m.hypot(x_m);
+            sigma.y_m = sigma.y_m.hypot(y_m);
+            sigma.z_m = sigma.z_m.map(|sigma_m| sigma_m.hypot(z_m));
+        }
+    }
 }
 
 /// What a whole recording says about its site. Its epochs have their true positions, if heights come from these.
@@ -107,7 +134,7 @@ fn of(recording: &Recording, setup: &Setup, origin: [f64; 3]) -> Option<Rounds> 
             |anchor: usize| recording.anchors.get(anchor).is_some_and(|anchor| flat || anchor.place.z_m.is_some());
         let ranges = epoch.ranges.iter().filter(|range| known(range.anchor)).map(|range| (range.anchor, range.range_m));
         let own = of_singles.is_none().then_some(at);
-        chosen.push(Round { ranges: ranges.collect(), height_m, t_s: epoch.t_s, epoch: own });
+        chosen.push(FitRound { ranges: ranges.collect(), height_m, t_s: epoch.t_s, epoch: own });
     }
     let height_is_known = matches!(height, Some(Height::Fixed(_)));
     let rounds = Rounds { anchors_m: anchors_m.collect(), rounds: chosen, dims, height_is_known };

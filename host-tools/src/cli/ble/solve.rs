@@ -13,7 +13,7 @@ use super::Found;
 use crate::cli::folder::FolderFiles;
 use crate::cli::note;
 use crate::cli::numbers::finite;
-use crate::cli::recording_args::CornersM;
+use crate::cli::recording_values::CornersM;
 use crate::cli::report::{OutputArgs, some_position};
 
 /// Positions by path loss: least squares, the posterior mean, a particle filter, the tag's engine

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 
 use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map, MapError, Point, Receiver, locate};
 
-use super::process::{LeftOut, Process, apart};
+use super::process::{LeftOutPoint, Process, apart};
 use super::survey::{Survey, to_bytes};
 
 /// How far beyond the surveyed points a receiver may be, metres.
@@ -87,7 +87,7 @@ impl Lattice<'_> {
     fn excess(&self, process: &Process) -> Result<f64, MapError> {
         let places_m = process.places_m(MOST_LEFT_OUT);
         let beacons = 0..self.survey.beacons.len();
-        let left_out: Vec<Vec<LeftOut>> =
+        let left_out: Vec<Vec<LeftOutPoint>> =
             beacons.map(|beacon| process.left_out(beacon, &places_m, &self.points_m)).collect();
         let (mut squares, mut count) = (0.0, 0.0);
         for (cell, place_m) in places_m.iter().enumerate() {

@@ -176,7 +176,7 @@ impl Process {
 
     /// For each of these cells the RSSI of a beacon there, and what [`predict`](Self::predict) gives at some points if
     /// the cell is left out of the survey.
-    pub fn left_out(&self, beacon: usize, places_m: &[[f64; 2]], points_m: &[[f64; 2]]) -> Vec<LeftOut> {
+    pub fn left_out(&self, beacon: usize, places_m: &[[f64; 2]], points_m: &[[f64; 2]]) -> Vec<LeftOutPoint> {
         let field = &self.fields[beacon];
         let changes = field.rssis.left_out();
         let expected = points_m.iter().map(|at_m| {
@@ -194,14 +194,14 @@ impl Process {
                 None => (*rssi, variance.sqrt()),
             });
             let rssi = cell.map(|cell| self.trends[beacon].at(*place_m) + field.residuals[cell]);
-            LeftOut { rssi, predicted: predicted.collect() }
+            LeftOutPoint { rssi, predicted: predicted.collect() }
         };
         places_m.iter().map(of).collect()
     }
 }
 
 /// A beacon at a cell that is left out.
-pub struct LeftOut {
+pub struct LeftOutPoint {
     /// Its RSSI, dBm; `None` where it was not received.
     pub rssi: Option<f64>,
     /// What the other cells predict at points: RSSI and deviation, dBm and dB.
@@ -361,7 +361,7 @@ mod tests {
         for (beacon, spot) in [(0, 3), (1, 3), (1, 8)] {
             let place_m = survey.spots[spot].position_m;
             let others = process(&survey.only(|other| other != spot));
-            let LeftOut { rssi, predicted } = all.left_out(beacon, &[place_m], &points_m).remove(0);
+            let LeftOutPoint { rssi, predicted } = all.left_out(beacon, &[place_m], &points_m).remove(0);
             assert_eq!(rssi.is_some(), survey.spots[spot].rssis[beacon].is_some());
             assert!(rssi.zip(survey.spots[spot].rssis[beacon]).is_none_or(|(a, b)| (a - b).abs() < 1e-9));
             for (found, at_m) in predicted.into_iter().zip(points_m) {
