@@ -159,5 +159,5 @@ fn table(scores: &[MethodHonesty]) -> String {
             "{class} | {method} | {fixed:.1} % | {flagged:.1} % | {wrong:.2} % | {half:.1} | {most:.1}"
         ));
     }
-    table.into_columns()
+    table.into_text()
 }
