@@ -10,8 +10,8 @@
 //! of the anchors; for anchors near a line in the plane, B-WLS and a place on each side of the line. Each step is a
 //! weighted Gauss-Newton step. The bias is eliminated by its Schur complement, and the narrow part is widened at first.
 //! Starts that meet continue as one. The two modes with the most evidence (Laplace's approximation) are averaged with
-//! the evidence as weight, as the mean of the posterior errs less than its mode. Where they do not overlap, the position
-//! is the likelier one, and the other one is its alternative. The distance of the modes is part of the covariance.
+//! the evidence as weight, as the mean of the posterior errs less than its mode. Where they are two places, the
+//! position is the likelier one, and the other one is its alternative. The distance of the modes is part of the covariance.
 
 use crate::fix::{blame, conclude_weighted, widen_to_mirror};
 use crate::geometry::{Survey, both_sides, centroid};
@@ -35,8 +35,9 @@ const STEP_LIMIT_M: f64 = 2.0;
 const SAME_MODE_M: f64 = 0.2;
 /// A second mode with less than this part of the best one's evidence is dropped: ln of the part.
 const LEAST_LOG_EVIDENCE: f64 = -5.0;
-/// Modes farther apart than this number of deviations of the best one are two places.
+/// Modes farther apart than this number of deviations of the best one, and than this many metres, are two places.
 const APART: f64 = 3.0;
+const APART_M: f64 = 2.0;
 /// The steps treat a range's part in the mixture as certain, and so overestimate the information (Louis, J. R. Stat.
 /// Soc. B 44, 1982). With this factor on the covariance, 95 % ellipses contain 90-99 % of the true positions,
 /// simulated and recorded.
@@ -81,8 +82,8 @@ pub fn robust<T: Real, const D: usize>(
     });
     let covariance = first.information.inverse().map(|row| row.map(|element| T::of(INFLATION) * element));
     let spread = (0..D).fold(T::ZERO, |sum, axis| sum + covariance[axis][axis]);
-    let ambiguous = dot(&apart, &apart) > T::of(APART * APART) * spread;
-    // Between modes that overlap, the mean errs less than either; nobody is between two places.
+    let ambiguous = dot(&apart, &apart) > (T::of(APART * APART) * spread).at_least(T::of(APART_M * APART_M));
+    // The mean of near modes errs less than either; nobody is between two places.
     let moved = if ambiguous { T::ZERO } else { share };
     let position = add_scaled(&first.state.position, moved, &apart);
     let weights = posterior.direct_probabilities(&State { position, bias: first.state.bias });

@@ -77,7 +77,7 @@ fn a_number_that_stands_for_no_range_is_named() {
         if line.contains(",d,") { format!("{},-1", line.rsplit_once(',').expect("a range").0) } else { line.to_owned() }
     });
     let run = run_of(ANCHORS, &(lines.collect::<Vec<_>>().join("\n") + "\n"), "solve --dims 2 --height-m 1").ok();
-    let expected = "2 of the ranges are -1, which no measurement gives again and again: leave the field empty where there is no range";
+    let expected = "2 of 8 ranges are exactly -1: does -1 stand for none? Leave the field empty, or the row out";
     assert!(warnings(&run).contains(&expected), "{run:?}");
 }
 

@@ -11,7 +11,7 @@ use crate::schema_check;
 use crate::support::Folder;
 
 /// Columns of text. Those of all other names hold numbers.
-const TEXTS: [&str; 4] = ["epoch", "method", "reason", "tag"];
+const TEXTS: [&str; 5] = ["epoch", "method", "reason", "flag", "tag"];
 
 /// Four anchors around the tag at (3, 4), as far as the ranges say; epoch 8 has too few ranges.
 fn folder() -> Folder {

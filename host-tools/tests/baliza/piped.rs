@@ -74,9 +74,21 @@ fn a_pipe_gives_what_a_file_gives() {
             lines.sort();
             lines
         };
+        // A pipe has columns of flags, as later rows may have one; no row of the file has.
+        let without_flags = |line: &str| {
+            let line = line.replace(",\"flag\":null,\"alt_x_m\":null,\"alt_y_m\":null", "");
+            match line.strip_suffix(",flag,alt_x_m,alt_y_m,tag") {
+                Some(columns) => columns.to_owned() + ",tag",
+                None => ["x", "y"].into_iter().fold(line.clone(), |line, tag| {
+                    let empty = line.strip_suffix(tag).and_then(|row| row.strip_suffix(",,,,"));
+                    empty.map_or(line.clone(), |row| format!("{row},{tag}"))
+                }),
+            }
+        };
         let by_file = folder.run(&format!("{command} ranges.csv")).ok();
         let (code, by_pipe, said) = run(&folder, &format!("{command} -"), &text);
         // The positions of two tags come as their epochs end.
+        let by_pipe: String = by_pipe.lines().map(|line| without_flags(line) + "\n").collect();
         assert_eq!((code, sorted(&by_pipe)), (Some(0), sorted(&by_file.stdout)), "{command}: {said}");
         let positions = by_file.stdout.lines().count() - usize::from(!command.contains("jsonl"));
         assert!(said.starts_with(&format!("{positions} positions, RMSE 0.0")), "{said}");

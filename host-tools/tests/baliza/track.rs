@@ -41,7 +41,8 @@ fn a_walk_is_followed_and_a_lost_round_is_bridged() {
     let mut keys: Vec<_> = object.keys().map(String::as_str).collect();
     keys.sort_unstable();
     let plane = ["mae_xy_m", "p50_xy_m", "p90_xy_m", "rmse_xy_m", "inside_1_sigma", "nees", "time_offset_s"];
-    let mut expected = [&["epochs", "fixed", "mae_m", "method", "p50_m", "p90_m", "rmse_m"], &plane[..]].concat();
+    let mut expected =
+        [&["epochs", "findings", "fixed", "mae_m", "method", "p50_m", "p90_m", "rmse_m"], &plane[..]].concat();
     expected.sort_unstable();
     assert_eq!(keys, expected);
     assert_eq!((&object["method"], &object["epochs"], &object["fixed"]), (&"track".into(), &60.into(), &60.into()));

@@ -88,28 +88,18 @@ fn first_path_dbm(row: &RowDiagnostics) -> f32 {
     row.power_dbm - row.features.get(Feature::PowerDifference).unwrap_or(f32::NAN)
 }
 
-/// The middle of the anchors along each axis, metres. It is the zero of the host's locator.
-fn middle_m(anchors: &[Anchor]) -> [f64; 3] {
-    let axes: [fn(&Coordinates) -> f64; 3] = [|p| p.x_m, |p| p.y_m, |p| p.z_m.expect("a height")];
-    axes.map(|axis| {
-        let all = || anchors.iter().map(|anchor| axis(&anchor.place));
-        0.5 * all().fold(f64::INFINITY, f64::min) + 0.5 * all().fold(f64::NEG_INFINITY, f64::max)
-    })
-}
-
 fn has_the_same_bits(recording: &Recording) {
-    let middle_m = middle_m(&recording.anchors);
-    let local = |axis: usize, coordinate: f64| (coordinate - middle_m[axis]) as f32;
+    // All coordinates are within 128 m: the host keeps the site's origin.
     let anchors: Vec<AnchorPosition> = (0..)
         .zip(&recording.anchors)
         .map(|(address, Anchor { place, .. })| {
             let z_m = place.z_m.expect("a height");
-            AnchorPosition { address, position_m: [local(0, place.x_m), local(1, place.y_m), local(2, z_m)] }
+            AnchorPosition { address, position_m: [place.x_m, place.y_m, z_m].map(|c| c as f32) }
         })
         .collect();
     let order = by_time(recording.epochs.times_s());
     let first_s = recording.epochs.times_s().nth(order[0]).flatten().expect("a time");
-    let config = LocatorConfig::new(Some(local(2, HEIGHT_M)), &anchors);
+    let config = LocatorConfig::new(Some(HEIGHT_M as f32), &anchors);
     let of_tag = tag(config, |node, channels, work| {
         for (number, &at) in (0_u16..).zip(&order) {
             let epoch = recording.epochs.get(at).expect("an epoch");
@@ -154,7 +144,7 @@ fn has_the_same_bits(recording: &Recording) {
             continue;
         };
         let of_host = of_host.expect("a position of the host, as of the tag");
-        let [x_m, y_m, _] = [0, 1, 2].map(|axis| f64::from(position.position_m[axis]) + middle_m[axis]);
+        let [x_m, y_m, _] = [0, 1, 2].map(|axis| f64::from(position.position_m[axis]));
         assert_eq!([of_host.place.x_m, of_host.place.y_m], [x_m, y_m], "{}", epoch.name);
         assert_eq!(of_host.covariance_xy, f64::from(position.covariance_m2[0][1]), "{}", epoch.name);
         let [sigma_x, sigma_y, _] = position.deviation_m().map(f64::from);

@@ -38,7 +38,9 @@ fn for_none(recording: &Recording) -> Option<Finding> {
     }
     let (value, count) = counts.into_iter().max_by_key(|(value, count)| (*count, *value))?;
     let (value, share) = (f64::from_bits(value), count as f64 / f64::from(all));
-    (count >= AT_LEAST && share > STANDS_FOR_NONE).then(|| {
+    // A zero may be a short range, a negative one that repeats is none.
+    let least = if value < 0.0 { 2 } else { AT_LEAST };
+    (count >= least && share > STANDS_FOR_NONE).then(|| {
         let message = format!(
             "{count} of {all} ranges are exactly {value}: does {value} stand for none? Leave the field empty, or the row out"
         );

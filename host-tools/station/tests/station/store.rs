@@ -98,9 +98,10 @@ fn kept_measurements_are_exported_as_the_recording_that_they_came_from() {
     assert!(said.contains("measurements") && !said.contains("left out"), "{said}");
     assert_exported(&folder, "all", &positions);
     let (recorded, exported) = (table(&folder, "run/ranges.csv"), table(&folder, "all/ranges.csv"));
-    // Telemetry has tenths of millimetres, hundredths of dB and of ppm; the store has whole millimetres.
+    // The recording has all digits, telemetry tenths of millimetres and hundredths of dB and of ppm, the store whole
+    // millimetres: halves of them, 0.05 mm + 0.5 mm.
     for (column, greatest) in
-        [("range_m", 0.000_51), ("rx_power_dbm", 1e-9), ("fp_power_dbm", 1e-9), ("clock_offset_ppm", 1e-9)]
+        [("range_m", 0.000_551), ("rx_power_dbm", 0.005_01), ("fp_power_dbm", 0.005_01), ("clock_offset_ppm", 0.005_01)]
     {
         let (kept, was) = (by_round(&exported, column), by_round(&recorded, column));
         let names = |rows: &[(usize, String, f64)]| rows.iter().map(|row| (row.0, row.1.clone())).collect::<Vec<_>>();

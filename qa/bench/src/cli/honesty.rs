@@ -149,14 +149,14 @@ impl MethodHonesty {
 }
 
 fn table(scores: &[MethodHonesty]) -> String {
-    let titles = ["class", "method", "with position:", "flagged:", "wrong:", "NEES P50:", "NEES P90:"];
+    let titles = ["sites, method", "with position:", "flagged:", "wrong:", "NEES P50:", "NEES P90:"];
     let mut table = MarkdownTable::new(titles);
     for of in scores {
         let [fixed, flagged, wrong] = [of.fixed, of.flagged, of.wrong].map(|share| 100.0 * share);
         let [half, most] = [of.nees_p50, of.nees_p90].map(|nees| nees.unwrap_or(f64::NAN));
         let (class, method) = (of.class, of.method);
         table.row(format_args!(
-            "{class} | {method} | {fixed:.1} % | {flagged:.1} % | {wrong:.2} % | {half:.1} | {most:.1}"
+            "{class}, {method} | {fixed:.1} % | {flagged:.1} % | {wrong:.2} % | {half:.1} | {most:.1}"
         ));
     }
     table.into_text()
