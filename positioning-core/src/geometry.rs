@@ -92,6 +92,14 @@ pub(crate) fn plane_of<T: Real, const D: usize>(
         return None;
     }
     let (centre, scatter) = spread_of(places);
+    if D == 2 {
+        // λ₀ ≥ det ⁄ trace, and λ₁ ≤ trace: most anchors are spread, and need no eigenvalues.
+        let trace = scatter[0][0] + scatter[1][1];
+        let det = scatter[0][0] * scatter[1][1] - scatter[1][0].squared();
+        if det > trace * (T::of(ELONGATED * ELONGATED) * trace).at_least(T::of(HIDDEN_M2)) {
+            return None;
+        }
+    }
     let (values, vectors) = symmetric_eigen(&scatter);
     let least = T::of(COINCIDENT_M).at_least(T::of(COLLINEAR * COLLINEAR) * values[D - 1]);
     let near = (T::of(ELONGATED * ELONGATED) * values[1]).at_least(T::of(HIDDEN_M2));

@@ -99,7 +99,7 @@ impl<T: Real> Engine<T> {
     }
 
     /// What makes the track's position doubtful.
-    pub(super) fn flag(&self) -> Option<Flag> {
+    pub(super) fn doubt(&self) -> Option<Flag> {
         let unknowns = if self.settings.dimensions.height().is_some() { 2 } else { 3 };
         let [given, direct] = self.filter.measured_and_direct();
         Flag::of(self.rival.lead.is_some(), unknowns, given, direct)
@@ -110,7 +110,10 @@ impl<T: Real> Engine<T> {
     pub(super) fn compare(&mut self) -> Option<Start> {
         let mine = core::mem::replace(&mut self.filter.log_evidence, T::ZERO);
         let ranges = core::mem::take(&mut self.round.unjudged);
-        self.keep_side();
+        let mirror = self.round.mirror(&self.settings.dimensions);
+        if let Some(mirror) = mirror.as_ref().filter(|mirror| mirror.one_sided) {
+            self.keep_side(mirror);
+        }
         let since_us = self.now_us.saturating_sub(core::mem::replace(&mut self.rival.compared_us, self.now_us));
         if let Some(lead) = self.rival.lead {
             let other = core::mem::replace(&mut self.rival.filter.log_evidence, T::ZERO);
@@ -126,13 +129,15 @@ impl<T: Real> Engine<T> {
                 self.rival.astride = true;
                 return None;
             }
-            let limit = self.distinction(&place).at_most(self.distinction_of_sides(&place));
+            let limit = self.distinction(&place).at_most(self.distinction_of_sides(&place, mirror.as_ref()));
             let lead = (kept * lead + mine - other).at_least(-limit).at_most(limit);
             return self.decide(lead + self.odds_by_area());
         }
         // No hypothesis explains ranges better than this, so that most rounds need no solver.
         let best = T::count(ranges) * T::of(LOG_WELL_EXPLAINED) + T::of(LOG_ELSEWHERE);
-        if self.add_mirror_image() || !(mine < best) {
+        let begins = mirror.as_ref().is_some_and(|mirror| self.add_mirror_image(mirror));
+        self.rival.astride &= mirror.is_some();
+        if begins || !(mine < best) {
             return None;
         }
         let fix = self.round.solve(&self.settings).ok()?;
@@ -173,9 +178,9 @@ impl<T: Real> Engine<T> {
     /// other side: what they tell between the track and its mirror image. Along the line, and in height, the two places
     /// differ by the errors of links, which tell nothing of the side.
     #[inline(never)]
-    fn distinction_of_sides(&self, other: &[T; 3]) -> T {
+    fn distinction_of_sides(&self, other: &[T; 3], mirror: Option<&Mirror<T>>) -> T {
         let position = self.filter.state.position();
-        match self.round.mirror(&self.settings.dimensions) {
+        match mirror {
             Some(mirror) if mirror.off(&position) * mirror.off(other) < T::ZERO => {
                 self.distinction(&mirror.image(&position))
             }
@@ -186,10 +191,7 @@ impl<T: Real> Engine<T> {
     /// Where tags are on one side of the anchors' plane, brings back what errors have moved to the other side, if ranges
     /// do not tell the two sides apart.
     #[inline(never)]
-    fn keep_side(&mut self) {
-        let Some(mirror) = self.round.mirror(&self.settings.dimensions).filter(|mirror| mirror.one_sided) else {
-            return;
-        };
+    fn keep_side(&mut self, mirror: &Mirror<T>) {
         let position = self.filter.state.position();
         if mirror.off(&position) < T::ZERO && self.distinction(&mirror.image(&position)) < T::of(SURE) {
             mirror.reflect(&mut self.filter.state);
@@ -204,9 +206,8 @@ impl<T: Real> Engine<T> {
     /// Follows the track's mirror image as well, where the track comes from both sides of the line or plane near which
     /// the anchors lie: ranges hardly tell sides, and what the track knew of its side is lost. Returns whether it does.
     #[inline(never)]
-    fn add_mirror_image(&mut self) -> bool {
+    fn add_mirror_image(&mut self, mirror: &Mirror<T>) -> bool {
         let was_astride = core::mem::take(&mut self.rival.astride);
-        let Some(mirror) = self.round.mirror(&self.settings.dimensions) else { return false };
         let position = self.filter.state.position();
         let off = mirror.off(&position);
         if mirror.one_sided {
@@ -220,7 +221,7 @@ impl<T: Real> Engine<T> {
         let is_near = was_astride || is_outside || square < T::of(BOTH_SIDES * BOTH_SIDES) * spread;
         let begins = !self.rival.astride && is_near;
         if begins {
-            self.begin_image(&mirror);
+            self.begin_image(mirror);
         }
         begins
     }

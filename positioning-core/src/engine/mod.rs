@@ -23,9 +23,9 @@ pub use output::{Missing, Output, Start, TrackFix, Verdict};
 pub use settings::{Dimensions, Mode, NodeMethod, Settings, Solvers};
 pub use snapshot::{Hypothesis, LinkState};
 
-use crate::Real;
 use crate::measurement::Observation as _;
 use crate::track::Filter;
+use crate::{Flag, Real};
 use height::HeightSource;
 use hypotheses::Rival;
 use round::Round;
@@ -45,6 +45,8 @@ pub struct Engine<T> {
     track: Result<(), Missing>,
     /// Why the next track will be started.
     next_start: Start,
+    /// What made the track's position doubtful at the end of the last round.
+    flag: Option<Flag>,
     /// The latest time of a measurement.
     now_us: u64,
     /// The time of the last measurement that was used.
@@ -71,6 +73,7 @@ impl<T: Real> Engine<T> {
             height: HeightSource::new(),
             track: Err(Missing::RoundOpen),
             next_start: Start::First,
+            flag: None,
             now_us: 0,
             used_us: 0,
         }
@@ -150,7 +153,7 @@ impl<T: Real> Engine<T> {
             used: crate::AnchorSet(self.round.used),
             quality: self.round.quality(),
             age_us: self.now_us.saturating_sub(self.used_us),
-            flag: self.flag(),
+            flag: self.flag,
         })
     }
 }

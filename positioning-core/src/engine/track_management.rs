@@ -26,11 +26,17 @@ const AGREES: f64 = 4.0;
 impl<T: Real> Engine<T> {
     #[inline(never)]
     pub(super) fn end_round(&mut self) -> Output<T> {
-        let output = match self.settings.mode {
+        let mut output = match self.settings.mode {
             Mode::Solve => Output { verdict: Verdict::Concluded, fix: self.solved() },
             Mode::Track if self.track.is_err() => self.begin(),
             Mode::Track => self.update_track(),
         };
+        if self.track.is_ok()
+            && let Ok(fix) = &mut output.fix
+        {
+            self.flag = self.doubt();
+            fix.flag = self.flag;
+        }
         // Where single ranges come one by one, those of the last second make a round together.
         if self.settings.mode == Mode::Solve || self.round.is_complete(&self.settings.dimensions) {
             self.round.clear();
