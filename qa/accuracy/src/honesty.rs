@@ -20,7 +20,7 @@ use rand_pcg::Pcg64Mcg;
 
 use crate::draw::{between, log_between, normal, uniform};
 use crate::field::Field;
-use crate::prior::{CaseEpoch, CaseRange};
+use crate::prior::{CaseEpoch, CaseRange, on_the_walls};
 
 /// A kind of site.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,12 +108,7 @@ fn anchors_m(random: &mut impl Rng, class: SiteClass, [length, width, height]: [
             return [between(random, 0.5, length - 0.5), between(random, 0.0, width), height - 0.1];
         }
         let along = (share + between(random, -0.3, 0.3) / count as f64).rem_euclid(1.0) * 2.0 * (length + width);
-        let [x, y] = match along {
-            _ if along < length => [along, 0.0],
-            _ if along < length + width => [length, along - length],
-            _ if along < 2.0 * length + width => [2.0 * length + width - along, width],
-            _ => [0.0, 2.0 * (length + width) - along],
-        };
+        let [x, y] = on_the_walls([length, width], along, 0.0);
         [x, y, between(random, if class.in_space && any_height { 0.2 } else { 1.6 }, height - 0.2)]
     };
     (0..count).map(place).collect()

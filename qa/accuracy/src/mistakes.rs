@@ -11,6 +11,7 @@ use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use crate::draw::{between, normal, uniform};
+use crate::prior::on_the_walls;
 
 /// What somebody did wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -207,16 +208,7 @@ fn anchors(random: &mut impl Rng, [length, width, height]: [f64; 3], extent: Ext
     let begin_m = between(random, 0.0, around_m);
     let place = |number: usize| {
         let share = (number as f64 + between(random, 0.1, 0.9)) / extent.anchors as f64;
-        let along_m = (begin_m + share * around_m) % around_m;
-        let [x, y] = if along_m < length {
-            [along_m, 0.0]
-        } else if along_m < length + width {
-            [length, along_m - length]
-        } else if along_m < 2.0 * length + width {
-            [2.0 * length + width - along_m, width]
-        } else {
-            [0.0, around_m - along_m]
-        };
+        let [x, y] = on_the_walls([length, width], begin_m + share * around_m, 0.0);
         let is_low = !extent.is_plane && number % 2 == 1;
         let z = if is_low {
             between(random, 0.2, 1.0)

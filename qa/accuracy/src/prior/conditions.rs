@@ -242,7 +242,7 @@ impl CaseConditions {
 }
 
 /// The position at this length along the walls, this far inside, metres.
-fn on_the_walls([length, width]: [f64; 2], along_m: f64, inset_m: f64) -> [f64; 2] {
+pub(crate) fn on_the_walls([length, width]: [f64; 2], along_m: f64, inset_m: f64) -> [f64; 2] {
     let along_m = along_m % (2.0 * (length + width));
     let [x, y] = if along_m < length {
         [along_m, 0.0]

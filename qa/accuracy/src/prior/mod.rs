@@ -40,6 +40,7 @@ mod movement;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
+pub(crate) use conditions::on_the_walls;
 pub use conditions::{CaseConditions, Group, Layout, Movement, Powers};
 pub use files::{index, texts};
 
