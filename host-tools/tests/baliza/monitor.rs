@@ -92,7 +92,13 @@ fn a_serial_mixture_comes_apart_from_a_file_or_a_pipe() {
 
 #[test]
 fn without_an_elf_file_telemetry_is_shown_and_a_hint() {
-    let run = folder().run("monitor --file mixture.bin").ok();
+    let folder = folder();
+    // Images are looked for beside the program, too, and the one that is tested may have some. A link needs its file system.
+    let alone = tempfile::TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).expect("a temporary folder");
+    std::fs::create_dir(alone.path().join("bin")).expect("a folder");
+    let program = alone.path().join("bin/baliza");
+    std::fs::hard_link(env!("CARGO_BIN_EXE_baliza"), &program).expect("a link");
+    let run = folder.run_by(&program, "monitor --file mixture.bin").ok();
     assert!(run.stdout.ends_with(&[HELLO, FIXES[0], FIXES[1]].concat()), "{run:?}");
     let hint = "the node writes a log as well: --elf FILE, the ELF file that was flashed, shows it";
     assert_eq!(run.stderr.lines().next(), Some(hint));

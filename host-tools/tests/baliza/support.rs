@@ -117,13 +117,22 @@ impl Folder {
 
     /// Runs `baliza` with arguments that are separated by blanks.
     pub fn run(&self, arguments: &str) -> Run {
-        let output = self.command(arguments).output().expect("baliza runs");
+        self.run_by(Path::new(crate::PROGRAM), arguments)
+    }
+
+    /// Runs another copy of `baliza`.
+    pub fn run_by(&self, program: &Path, arguments: &str) -> Run {
+        let output = self.command_of(program, arguments).output().expect("baliza runs");
         let text = |bytes| String::from_utf8(bytes).expect("UTF-8");
         Run { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) }
     }
 
     pub fn command(&self, arguments: &str) -> Command {
-        let mut command = Command::new(crate::PROGRAM);
+        self.command_of(Path::new(crate::PROGRAM), arguments)
+    }
+
+    fn command_of(&self, program: &Path, arguments: &str) -> Command {
+        let mut command = Command::new(program);
         command.args(arguments.split_whitespace()).current_dir(self.0.path()).stdin(Stdio::null());
         command
     }

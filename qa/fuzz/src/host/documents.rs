@@ -4,7 +4,7 @@ use std::path::Path;
 
 use node_link::provision::image::RecordImage;
 use node_link::provision::show::{self, Keys};
-use node_link::provision::{EXAMPLE, Site, oddities, site_models, warnings};
+use node_link::provision::{EXAMPLE, Site, SiteNames, oddities, site_models, warnings};
 use analysis::survey::rooms::ModelFile;
 use analysis::train::Chosen;
 use sim::scenario::Scenario;
@@ -51,8 +51,10 @@ pub fn record_image(input: &[u8]) {
     let Ok(image) = RecordImage::new(input) else { return };
     let _ = image.check();
     let Ok(held) = image.read() else { return };
-    let _ = (held.classifier(), held.map_and_rooms(), show::summary(&held), show::json(&held, None, Keys::Hidden));
-    let shown = show::toml(&held, None, Keys::Shown);
+    let names = SiteNames::default();
+    let _ = (held.classifier(), held.map_and_rooms(), show::summary(&held));
+    let _ = show::json(&held, None, Keys::Hidden, &names);
+    let shown = show::toml(&held, None, Keys::Shown, &names);
     if let Err(error) = Site::parse(Path::new("site.toml"), &shown) {
         assert!(error.to_string().contains("beacon_key"), "{error}\n{shown}");
     }

@@ -69,7 +69,7 @@ pub fn monitored(input: &[u8]) {
 fn show(lines: &mut Lines, item: &Item) {
     let Item::Node(output) = item else { return };
     let _ = lines.line(output);
-    let text = json(output).expect("JSON");
+    let text = json(output, None).expect("JSON");
     assert!(serde_json::from_slice::<serde_json::Value>(&text).is_ok());
 }
 
