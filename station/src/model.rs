@@ -1,6 +1,8 @@
 //! What the station knows: the rows of its store and the objects of its API. Lengths are metres in the anchors' frame,
 //! times are [`Utc`].
 
+use std::collections::BTreeMap;
+
 use positioning_core::geodesy;
 use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -148,6 +150,31 @@ pub struct NodeHealth {
     /// How its ranges were.
     #[serde(flatten, deserialize_with = "flattened")]
     pub health: HealthFigures,
+}
+
+/// What the ranges of the last minutes say against a site, as `baliza check` says it of a recording.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = Finding)]
+pub struct SiteFinding {
+    /// The site.
+    pub site: String,
+    /// When it was found first.
+    pub since: Utc,
+    /// What it is, for programs: `anchors-exchanged`, `anchor-moved`.
+    pub code: String,
+    /// What it is, with numbers and a remedy, for people.
+    pub message: String,
+    /// The addresses of the anchors that it is about.
+    pub subjects: Vec<String>,
+    /// The numbers, by names that end with their units.
+    pub evidence: BTreeMap<String, f64>,
+}
+
+impl SiteFinding {
+    /// Whether another one is of the same mistake: its numbers may differ.
+    pub fn is_same(&self, other: &Self) -> bool {
+        (&self.site, &self.code, &self.subjects) == (&other.site, &other.code, &other.subjects)
+    }
 }
 
 /// What someone may do. Each role may do what those before it may.

@@ -42,7 +42,10 @@ function list({ items, minItems, maxItems }, indent) {
     : `${/[|&]/.test(item) ? `(${item})` : item}[]`;
 }
 
-function object({ properties = {}, required = [] }, indent) {
+function object({ properties = {}, required = [], additionalProperties }, indent) {
+  if (additionalProperties !== undefined && additionalProperties !== false) {
+    return `Record<string, ${type(additionalProperties, indent)}>`;
+  }
   const inner = `${indent}  `;
   const members = Object.entries(properties).map(([key, schema]) => {
     const mark = required.includes(key) ? '' : '?';

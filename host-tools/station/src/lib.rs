@@ -17,6 +17,7 @@ mod remote;
 mod reporter;
 pub mod screen;
 mod simulated;
+mod site_check;
 mod site_file;
 mod sources;
 mod tokens;

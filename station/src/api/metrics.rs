@@ -53,7 +53,7 @@ async fn metrics(State(station): State<Shared>) -> Response {
         }
     };
     let one = |value: f64| [(String::new(), value)];
-    let (tags, nodes) = station.app.hub.read(|live| (live.tags(), live.nodes()));
+    let (tags, nodes, findings) = station.app.hub.read(|live| (live.tags(), live.nodes(), live.findings().len()));
     let silent = tags.iter().filter(|tag| tag.silent).count();
     let by_state = [("silent", silent), ("reporting", tags.len() - silent)];
     let by_state = by_state.map(|(state, tags)| (format!("{{state=\"{state}\"}}"), tags as f64));
@@ -61,6 +61,7 @@ async fn metrics(State(station): State<Shared>) -> Response {
     family("nodes", "gauge", "Anchors, beacons and receivers that are known.", &one(nodes.len() as f64));
     let moved = nodes.iter().filter(|node| node.health.moved).count();
     family("nodes_moved", "gauge", "Anchors that were probably moved.", &one(moved as f64));
+    family("findings", "gauge", "What ranges say against their sites now.", &one(findings as f64));
     let counts = station.app.hub.counts();
     for (name, help, count) in [
         ("reports_total", "Reports that were taken.", counts.reports),

@@ -12,6 +12,7 @@ mod answer;
 mod campaigns;
 mod events;
 mod extract;
+mod findings;
 mod health;
 mod metrics;
 mod nodes;
@@ -183,6 +184,7 @@ fn routes() -> OpenApiRouter<Shared> {
         receivers::routes(),
         tags::routes(),
         nodes::routes(),
+        findings::routes(),
         zones::routes(),
         events::routes(),
         updates::routes(),

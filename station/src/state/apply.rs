@@ -99,7 +99,7 @@ impl LiveState {
     fn position(&mut self, t: Utc, site: &str, kind: &ReportKind, updates: &mut Vec<Update>) -> Option<()> {
         let (mut position, round, solved_from) = tag_position(t, site, kind)?;
         self.reporting_tag(t, site, &position.tag, updates)?;
-        let SiteState { tags, nodes, areas, rounds, .. } = self.sites.get_mut(site)?;
+        let SiteState { tags, nodes, areas, rounds, recent, .. } = self.sites.get_mut(site)?;
         let state = tags.get_mut(&position.tag)?;
         state.find(&mut position, solved_from, areas, &self.limits, &mut self.happened);
         let last_event = &mut self.last_event;
@@ -109,6 +109,9 @@ impl LiveState {
         if let Some(open) = rounds.known(&position.tag) {
             keep(&mut self.measurements, site, &position.tag, nodes, open.end_other(round));
             let ended = open.end(t);
+            if let Some(ended) = ended {
+                recent.add(&position.tag, state.height_m(), ended, nodes);
+            }
             if let (Some(z_m), Some(ended)) = (position.z_m, ended) {
                 let at_m = [position.x_m, position.y_m, z_m];
                 let is_back = nodes.end_round(t, at_m, ended.measurements, &self.limits, |anchor| {
@@ -136,10 +139,14 @@ impl LiveState {
     ) -> Option<()> {
         let is_new = self.reporting_tag(t, site, tag, updates)?.lose(shortened(reason));
         self.is_changed |= is_new;
-        let SiteState { nodes, rounds, .. } = self.sites.get_mut(site)?;
+        let SiteState { tags, nodes, rounds, recent, .. } = self.sites.get_mut(site)?;
         if let Some(open) = rounds.known(tag) {
             keep(&mut self.measurements, site, tag, nodes, open.end_other(round));
-            keep(&mut self.measurements, site, tag, nodes, open.end(t));
+            let ended = open.end(t);
+            if let Some(ended) = ended {
+                recent.add(tag, tags.get(tag).and_then(TagState::height_m), ended, nodes);
+            }
+            keep(&mut self.measurements, site, tag, nodes, ended);
         }
         Some(())
     }

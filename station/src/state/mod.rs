@@ -8,6 +8,7 @@
 //! | `apply` | a report to what it changes |
 //! | `limits` | when something counts, and what is an alarm |
 //! | `rounds` | the measurements of a tag until its round ends |
+//! | `recent` | a sample of the rounds of the last minutes |
 //! | `tags` | a tag's position, room and zones |
 //! | `nodes` | anchors and beacons, and their health |
 //! | `containment` | the probability that a position is in a room |
@@ -28,6 +29,7 @@ mod containment;
 mod limits;
 mod nodes;
 mod rate;
+mod recent;
 mod rounds;
 mod supply;
 mod tags;
@@ -41,12 +43,14 @@ pub use self::containment::Gaussian;
 use self::containment::Outline;
 pub use self::limits::{Alarms, StateLimits};
 use self::nodes::Nodes;
+pub use self::recent::RecentRound;
+use self::recent::RecentRounds;
 use self::rounds::{EndedRound, Rounds};
 use self::tags::{Area, Inside, TagState};
 use crate::Utc;
 use crate::model::{
-    self, EventKind, GeographicOrigin, NodeHealth, NodeMeasurement, NodeRole, NodeStatus, StationEvent, TagPosition,
-    TagStatus, Zone, ZoneKind,
+    self, EventKind, GeographicOrigin, NodeHealth, NodeMeasurement, NodeRole, NodeStatus, SiteFinding, StationEvent,
+    TagPosition, TagStatus, Zone, ZoneKind,
 };
 use crate::rssi::KnownNode;
 
@@ -94,6 +98,7 @@ struct SiteState {
     nodes: Nodes,
     areas: Vec<Area>,
     rounds: Rounds,
+    recent: RecentRounds,
 }
 
 /// The current state of all sites.
@@ -102,6 +107,7 @@ pub struct LiveState {
     limits: StateLimits,
     sites: HashMap<String, SiteState>,
     geographic_origins: HashMap<String, GeographicOrigin>,
+    findings: Vec<SiteFinding>,
     /// None before the first report and the first tick.
     clock: Option<Utc>,
     last_event: i64,
@@ -127,6 +133,7 @@ impl LiveState {
             limits,
             sites: HashMap::new(),
             geographic_origins: HashMap::new(),
+            findings: Vec::new(),
             clock: None,
             last_event: 0,
             tags: 0,
@@ -218,6 +225,7 @@ impl LiveState {
         for (name, site) in &mut self.sites {
             let SiteState { nodes, rounds, .. } = site;
             rounds.tick(|tag, ended| keep(&mut self.measurements, name, tag, nodes, Some(ended)));
+            site.recent.tick();
             for (tag, state) in &mut site.tags {
                 // The clock may have been set back.
                 state.reported = state.reported.min(now);
@@ -260,6 +268,26 @@ impl LiveState {
             self.sites.iter().flat_map(|(name, site)| site.nodes.show(name, now)).collect();
         nodes.sort_unstable_by(|a, b| (&a.site, &a.node).cmp(&(&b.site, &b.node)));
         nodes
+    }
+
+    /// A sample of the rounds of the last five minutes, at most 300 of each site, the oldest first.
+    pub fn recent_rounds(&self) -> BTreeMap<String, Vec<RecentRound>> {
+        self.sites.iter().map(|(name, site)| (name.clone(), site.recent.rounds().cloned().collect())).collect()
+    }
+
+    /// Replaces what the check of the last minutes has found. What it had found before keeps its time.
+    pub fn set_findings(&mut self, mut findings: Vec<SiteFinding>) {
+        for finding in &mut findings {
+            let before = self.findings.iter().find(|before| before.is_same(finding));
+            finding.since = before.map_or_else(|| self.clock.unwrap_or_default(), |before| before.since);
+        }
+        self.is_changed |= findings != self.findings;
+        self.findings = findings;
+    }
+
+    /// What the check of the last minutes has found.
+    pub fn findings(&self) -> &[SiteFinding] {
+        &self.findings
     }
 
     /// The health, at the state's time, of the nodes that were seen since the last call.

@@ -104,6 +104,12 @@ impl TagState {
         is_new
     }
 
+    /// The height that it is configured to have, by its last position, metres.
+    pub(super) fn height_m(&self) -> Option<f64> {
+        let position = self.last_position.as_ref()?;
+        position.z_m.filter(|_| position.sigma_z_m.is_none())
+    }
+
     /// Takes a position and finds its room and zones.
     pub(super) fn find(
         &mut self,

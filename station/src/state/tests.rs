@@ -805,3 +805,49 @@ fn measurements_of_a_round_whose_end_was_lost_have_the_time_of_their_last_one() 
     let ended: Vec<_> = live.take_measurements().into_iter().map(|row| (row.node, row.t, row.round)).collect();
     assert_eq!(ended, [("0x0101".to_owned(), at(100), at(105))]);
 }
+
+/// A round of a tag with this range to each of three anchors.
+fn round_of(live: &mut LiveState, tag: &str, range_m: f64) {
+    for anchor in ["0x0101", "0x0102", "0x0103"] {
+        let ReportKind::Range { round, range, .. } = range(anchor, range_m) else { panic!("a range") };
+        let (tag, anchor) = (tag.to_owned(), anchor.to_owned());
+        live.apply(&report(at(0), ReportKind::Range { tag, round, anchor, range }));
+    }
+    live.apply(&report(at(0), position(tag, [1.0, 1.0], 0.1)));
+}
+
+#[test]
+fn recent_rounds_are_a_bounded_sample_spread_over_tags_and_time() {
+    let mut live = live();
+    // Ten tags with two rounds a second for ten minutes, of which five are kept: each tag gives one in ten seconds.
+    for second in 0..600_u32 {
+        for tag in 0..20 {
+            round_of(&mut live, &format!("0x10{:02}", tag % 10), f64::from(second) / 10.0);
+        }
+        live.tick(at(0));
+    }
+    let rounds = &live.recent_rounds()[SITE];
+    assert!((290..=300).contains(&rounds.len()), "{}", rounds.len());
+    let seconds: Vec<f64> = rounds.iter().map(|round| (round.ranges[0].1 * 10.0).round()).collect();
+    assert!(seconds.is_sorted() && seconds[0] >= 300.0 && seconds[seconds.len() - 1] >= 590.0, "{seconds:?}");
+    for minute in 5..10 {
+        let of_minute = seconds.iter().filter(|second| (**second / 60.0) as u32 == minute).count();
+        assert!((50..=70).contains(&of_minute), "{of_minute} in minute {minute}");
+    }
+    assert_eq!((rounds[0].height_m, rounds[0].ranges.len(), rounds[0].ranges[2].0.as_str()), (Some(0.0), 3, "0x0103"));
+    // After five minutes without rounds there are none.
+    for _ in 0..301 {
+        live.tick(at(0));
+    }
+    assert_eq!(live.recent_rounds()[SITE], []);
+}
+
+#[test]
+fn a_thousand_tags_give_no_more_recent_rounds_than_the_bound() {
+    let mut live = live();
+    for tag in 0..1000 {
+        round_of(&mut live, &format!("t{tag}"), f64::from(tag) / 100.0);
+    }
+    let rounds = &live.recent_rounds()[SITE];
+    assert_eq!((rounds.len(), rounds[0].ranges[0].1), (300, 7.0));
+}

@@ -7,7 +7,7 @@ use station_core::api::openapi;
 use crate::api::client::open;
 
 /// The routes of the API's table, each with the least role that may use it; `-` is everyone.
-pub const ROUTES: [(&str, &str, &str); 41] = [
+pub const ROUTES: [(&str, &str, &str); 42] = [
     ("get", "/", "-"),
     ("get", "/openapi.json", "-"),
     ("get", "/healthz", "-"),
@@ -35,6 +35,7 @@ pub const ROUTES: [(&str, &str, &str); 41] = [
     ("post", "/api/v1/receivers/{receiver}/sightings", "operate"),
     ("get", "/api/v1/rooms", "view"),
     ("get", "/api/v1/events", "view"),
+    ("get", "/api/v1/findings", "view"),
     ("put", "/api/v1/rooms/{site}/{name}", "operate"),
     ("delete", "/api/v1/rooms/{site}/{name}", "operate"),
     ("put", "/api/v1/sites/{site}/walls", "administer"),

@@ -2,8 +2,8 @@
 
 use hyper::{Method, header};
 use serde_json::{Value, json};
-use station_core::ReportKind;
-use station_core::model::{HealthFigures, NodeHealth, NodeRole};
+use station_core::model::{HealthFigures, NodeHealth, NodeRole, SiteFinding};
+use station_core::{ReportKind, Utc};
 
 use crate::api::client::{SITE, keys, open, png};
 
@@ -177,6 +177,40 @@ async fn nodes_are_listed_with_their_health() {
     for key in health {
         assert!(nodes[0].get(key).is_some(), "{key}");
     }
+}
+
+#[tokio::test]
+async fn findings_are_listed_counted_and_gone_when_the_site_is_right() {
+    let station = open().await;
+    assert_eq!(station.get("/api/v1/findings").await.json(), json!([]));
+    let found = SiteFinding {
+        site: SITE.to_owned(),
+        since: Utc::default(),
+        code: "anchors-exchanged".to_owned(),
+        message: "the anchors a and b look exchanged: exchange their places".to_owned(),
+        subjects: vec!["0x0101".to_owned(), "0x0102".to_owned()],
+        evidence: [("residual_m".to_owned(), 2.9)].into(),
+    };
+    station.hub.change(|live| {
+        live.tick("2026-01-01T10:00:00Z".parse().unwrap());
+        live.set_findings(vec![found.clone()]);
+    });
+    // Its numbers change, its time stays.
+    let later = SiteFinding { evidence: [("residual_m".to_owned(), 3.1)].into(), ..found };
+    station.hub.change(|live| {
+        live.tick("2026-01-01T10:00:30Z".parse().unwrap());
+        live.set_findings(vec![later]);
+    });
+    let expected = json!([{"site": SITE, "since": "2026-01-01T10:00:00Z", "code": "anchors-exchanged",
+        "message": "the anchors a and b look exchanged: exchange their places", "subjects": ["0x0101", "0x0102"],
+        "evidence": {"residual_m": 3.1}}]);
+    assert_eq!(station.get("/api/v1/findings?site=lab").await.json(), expected);
+    assert_eq!(station.get("/api/v1/findings?site=other").await.json(), json!([]));
+    station.get("/api/v1/findings?sites=lab").await.is_problem(400);
+    let metrics = String::from_utf8(station.get("/metrics").await.body.to_vec()).unwrap();
+    assert!(metrics.contains("\nbaliza_findings 1\n"), "{metrics}");
+    station.hub.change(|live| live.set_findings(Vec::new()));
+    assert_eq!(station.get("/api/v1/findings").await.json(), json!([]));
 }
 
 #[tokio::test]

@@ -4,6 +4,7 @@
 import type {
   Campaign,
   CampaignPoint,
+  Finding,
   GeographicOrigin,
   Me,
   Node,
@@ -108,6 +109,7 @@ export const api = {
   nodes: (site: string) => get<Node[]>('/api/v1/nodes', { site }),
   nodeHealth: (site: string, node: string, from: string, limit: number) =>
     get<NodeHealth[]>(`/api/v1/nodes/${part(site)}/${part(node)}/health`, { from, limit }),
+  findings: (site: string) => get<Finding[]>('/api/v1/findings', { site }),
   zones: (site: string) => get<Zone[]>('/api/v1/rooms', { site }),
   putZone: (zone: Zone) => send('PUT', `/api/v1/rooms/${part(zone.site)}/${part(zone.name)}`, zone),
   deleteZone: (site: string, name: string) => send('DELETE', `/api/v1/rooms/${part(site)}/${part(name)}`),

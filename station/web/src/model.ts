@@ -9,6 +9,7 @@ export type {
   CampaignPoint,
   Event as StationEvent,
   EventKind,
+  Finding,
   GeographicOrigin,
   Me,
   Node,

@@ -63,6 +63,23 @@ describe('in a browser', { skip: chromium === null }, () => {
     assert.equal(await page.locator('#health tbody tr').count(), 6);
   });
 
+  test('what the ranges say against the site stands above the anchors until it is gone', async (t) => {
+    const finding = (message: string) => {
+      const [site, since] = ['office', '2026-01-01T10:00:00Z'];
+      return { site, since, code: 'anchors-exchanged', message, subjects: [], evidence: { residual_m: 2.9 } };
+    };
+    const { page, mock } = await open(t, {}, (mock) => {
+      mock.findings = [finding('Door and 0x0103 look exchanged'), finding('<b>0x0104</b> moved')];
+    });
+    await live(page);
+    await page.click('#tab-health');
+    const findings = page.locator('#findings');
+    await findings.waitFor();
+    assert.equal(await findings.textContent(), 'Door and 0x0103 look exchanged\n<b>0x0104</b> moved');
+    mock.findings = [];
+    await findings.waitFor({ state: 'hidden' });
+  });
+
   test('the last 24 hours of an anchor are loaded when they are opened, and told in words', async (t) => {
     const { page, mock } = await open(t);
     const asked = () => mock.requests.filter((request) => request.endsWith('/health'));

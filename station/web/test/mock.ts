@@ -8,6 +8,7 @@ import type {
   Access,
   Campaign,
   EventKind,
+  Finding,
   GeographicOrigin,
   Node,
   NodeHealth,
@@ -49,6 +50,7 @@ export class Mock {
   readonly site: Site = { name: 'office', walls_m: walls(), plan: null, geographic_origin: null };
   zones: Zone[] = [];
   nodes: Node[] = anchors();
+  findings: Finding[] = [];
   events: StationEvent[] = [];
   campaigns: Campaign[] = [];
   picture: Buffer | null = null;
@@ -203,6 +205,8 @@ export class Mock {
         return this.replay(url, response);
       case 'GET api/v1/nodes':
         return json(response, path[5] === 'health' ? this.health(path[4], query) : this.nodes);
+      case 'GET api/v1/findings':
+        return json(response, this.findings);
       case 'GET api/v1/rooms':
         return json(response, this.zones);
       case 'GET api/v1/events':

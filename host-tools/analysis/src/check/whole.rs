@@ -235,7 +235,7 @@ impl Explained {
                 let given_m = rounds.rounds.first().map_or(0.0, |round| round.height_m) + origin[2];
                 let height_m = given_m + value_m;
                 let looks = format!("the tag is at a height of about {height_m:.2} m and not of {given_m:.2} m");
-                let remedy = "correct --height-m, or height_m in recording.toml";
+                let remedy = "correct --height-m, or height_m in recording.toml or site.toml";
                 (
                     FindingCode::HeightWrong,
                     looks,

@@ -1,7 +1,9 @@
-// The health of anchors and beacons, as a table, and the last 24 hours of one of them; the map shows it by colours.
+// What ranges say against the site; the health of anchors and beacons, as a table, and the last 24 hours of one of them;
+// the map shows it by colours.
 
+import { api } from '../api.js';
 import { attempt, type App, type Panel } from '../app.js';
-import { empty, h } from '../dom.js';
+import { empty, h, setText } from '../dom.js';
 import { inOrder, number, signed, supply, t, time, type Key, type Text } from '../i18n.js';
 import { stateOf } from '../map/draw.js';
 import type { Node } from '../model.js';
@@ -44,6 +46,8 @@ function residual(node: Node): string {
 export function healthPanel(app: App): Panel {
   const { store, map } = app;
   const none = empty('health.none');
+  // The station's own words, which are English.
+  const findings = h('p', { class: 'problem', attributes: { id: 'findings', role: 'status', lang: 'en' } });
   const body = h('tbody');
   const head = h('tr');
   const writeHead = () => {
@@ -57,8 +61,15 @@ export function healthPanel(app: App): Panel {
     h('table', {}, h('thead', {}, head), body),
   );
   const day = new HealthHistory(app);
-  const element = h('div', {}, none, table, day.element, h('p', { t: 'health.help', class: 'help' }));
+  const element = h('div', {}, findings, none, table, day.element, h('p', { t: 'health.help', class: 'help' }));
   let shown = false;
+
+  async function reload(): Promise<void> {
+    const site = store.site?.name;
+    if (site === undefined) return;
+    const [found] = await Promise.all([api.findings(site), app.reload('nodes')]);
+    if (site === store.site?.name) setText(findings, found.map((finding) => finding.message).join('\n'));
+  }
 
   function update(): void {
     if (!shown) return;
@@ -116,13 +127,15 @@ export function healthPanel(app: App): Panel {
   });
   let site = store.site?.name;
   store.on('site', () => {
-    if (site !== store.site?.name) void day.show(null);
+    if (site !== store.site?.name) {
+      void day.show(null);
+      setText(findings, '');
+    }
     site = store.site?.name;
     update();
   });
   setInterval(() => {
-    if (shown && document.visibilityState === 'visible' && store.site !== null)
-      void app.reload('nodes').catch(() => {});
+    if (shown && document.visibilityState === 'visible') void reload().catch(() => {});
   }, EVERY_MS);
   return {
     key: 'tab.health',
@@ -130,7 +143,7 @@ export function healthPanel(app: App): Panel {
     shown: (is) => {
       shown = is;
       update();
-      if (is && store.site !== null) void attempt(app, () => app.reload('nodes'));
+      if (is) void attempt(app, reload);
     },
   };
 }

@@ -13,7 +13,7 @@ use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
 
-use crate::{OpenSource, SimulatedSite, SourceSpec, read_webhooks, simulate};
+use crate::{OpenSource, SimulatedSite, SourceSpec, read_webhooks, simulate, site_check};
 use analysis::survey::presence::read_outlines;
 use anyhow::{Context, Result, bail};
 use node_link::provision::SiteNames;
@@ -345,6 +345,7 @@ impl Sources {
         let known = nodes.into_iter().chain(simulated).chain(receivers).chain(placed);
         let reports = hub.reports();
         thread::spawn(move || known.into_iter().all(|report| reports.blocking_send(report).is_ok()));
+        site_check::watch(hub.clone(), note.clone());
         for (name, source) in self.sources {
             let (reports, site, note) = (hub.reports(), self.site.clone(), note.clone());
             thread::spawn(move || {
