@@ -6,7 +6,7 @@ use firmware_common::messages::{difference_messages, range_message};
 use ranging::exchange::{Event, Link};
 use ranging::radio::Sensors;
 use wire::config::Solver;
-use wire::telemetry::{Condition, Fix, MotionSensor, Outcome, Sighting};
+use wire::telemetry::{Condition, Doubt, Fix, MotionSensor, Outcome, Sighting};
 
 use crate::{Measured, Observer, Position, RoomReport, RoundOutcome, Sink, Task};
 
@@ -58,15 +58,15 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64, O: Observer> Sink for Tele
                 Measured::RssiWindow(_) => {}
             }
         }
-        let outcome = match epoch.outcome {
-            Ok(Position { position_m, covariance_m2, used, quality }) => {
-                Outcome::position(position_m, covariance_m2, used, quality)
+        let (outcome, doubt) = match epoch.outcome {
+            Ok(Position { position_m, covariance_m2, used, quality, flag, alternative_m }) => {
+                (Outcome::position(position_m, covariance_m2, used, quality), Doubt::of(flag, alternative_m))
             }
-            Err(reason) => Outcome::Reason(reason),
+            Err(reason) => (Outcome::Reason(reason), Doubt::None),
         };
         let age_us = u32::try_from(t_us.saturating_sub(epoch.poll_us)).unwrap_or(u32::MAX);
         let (round, asked) = (measured.number(), measured.asked());
-        let fix = Fix { t_us, round, age_us, asked, outcome, solver: in_telemetry(epoch.solver) };
+        let fix = Fix { t_us, round, age_us, asked, outcome, solver: in_telemetry(epoch.solver), doubt };
         event_log.fix(fix, measured.count() as u8);
     }
 

@@ -59,6 +59,8 @@ pub(crate) fn positions<'py>(py: Python<'py>, tags: &[OfTag]) -> PyResult<Bound<
     dict.set_item("used", numbers(py, found().map(|at| at.map_or(0, |at| at.used as i64))))?;
     let reasons = solved().map(|solved| solved.outcome.as_ref().err().map(|reason| reason.as_str()));
     dict.set_item("reason", reasons.collect::<Vec<_>>())?;
+    let flags = found().map(|at| at.and_then(|at| at.flag).map(|flag| flag.as_str()));
+    dict.set_item("flag", flags.collect::<Vec<_>>())?;
     let velocities = found().map(|at| at.and_then(|at| at.velocity_m_s.as_ref()).map_or(NONE_M, metres));
     dict.set_item("velocity_m_s", vectors(py, velocities)?)?;
     let others = || found().map(|at| at.and_then(|at| at.alternative));

@@ -57,21 +57,35 @@ def test_a_track_has_the_positions_of_the_program(room, program):
     check(baliza.read(room).track(dims=2, height_m=1.2).frame(), expected)
 
 
+@pytest.mark.parametrize("command", ["solve", "track"])
+def test_a_frame_has_the_other_of_two_places(tmp_path, program, command):
+    # Anchors nearly on a line: (4, 3) and (4, -3) are as far from them.
+    (tmp_path / "anchors.csv").write_text("anchor,x_m,y_m,z_m\na,0,0,1\nb,5,0.05,1\nc,10,0,1\n")
+    rows = [f"0,0,{name},{np.hypot(4 - x, 3 - y)}\n" for name, x, y in [("a", 0, 0), ("b", 5, 0.05), ("c", 10, 0)]]
+    (tmp_path / "ranges.csv").write_text("epoch,t_s,anchor,range_m\n" + "".join(rows))
+    expected = pandas.read_csv(io.StringIO(program(command, tmp_path, "--dims", "2", "--height-m", "1")))
+    recording = baliza.read(tmp_path)
+    found = getattr(recording, command)(dims=2, height_m=1.0)
+    check(found.frame(), expected)
+    assert found.flag == expected["flag"].tolist() == ["ambiguous"]
+    both = sorted([found.frame()["y_m"][0], found.frame()["alt_y_m"][0]])
+    np.testing.assert_allclose(both, [-3.0, 3.0], atol=0.2)
+
+
 def flag(key, value):
     name = "--" + key.replace("_", "-")
     return [name] if value is True else [name, str(value)]
 
 
 def check(found, expected):
-    # The program's files also have flags, and the height that was given; the frames do not.
-    flags = ["flag", "alt_x_m", "alt_y_m", "alt_z_m"]
-    expected = expected.drop(columns=flags, errors="ignore")
+    # The program's files also have the height that was given; the frames do not.
     if found["z_m"].isna().all():
         expected["z_m"] = np.nan
     assert list(found.columns) == list(expected.columns)
     assert found["epoch"].tolist() == [str(epoch) for epoch in expected["epoch"]]
-    reasons = [frame["reason"].astype(object).fillna("").tolist() for frame in (found, expected)]
-    assert reasons[0] == reasons[1]
+    for column in {"reason", "flag"} & set(expected.columns):
+        texts = [frame[column].astype(object).fillna("").tolist() for frame in (found, expected)]
+        assert texts[0] == texts[1], column
     used = found["used"].where(found["x_m"].notna())
     np.testing.assert_array_equal(used, expected["used"])
     for column in [name for name in expected.columns if name.split("_")[-1] in ("m", "m2", "s")]:

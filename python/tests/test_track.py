@@ -55,6 +55,7 @@ def test_a_tag_that_jumps_may_be_at_two_places():
     doubtful = [fix for fix in shares if fix.alternative_share is not None]
     assert doubtful, "the first round elsewhere proves nothing"
     assert all(0.0 <= fix.alternative_share <= 0.5 for fix in doubtful)
+    assert all((fix.flag == "ambiguous") == (fix.alternative_share is not None) for fix in shares)
     # From one corner to the other: (7, 5).
     np.testing.assert_allclose(np.abs(doubtful[0].alternative_apart_m[:2]), [7.0, 5.0], atol=0.3)
     np.testing.assert_allclose(shares[-1].position_m[:2], [8.0, 6.0], atol=0.1)

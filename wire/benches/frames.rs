@@ -3,7 +3,7 @@
 
 use std::hint::black_box;
 
-use baliza_wire::telemetry::{Decoder, Diagnostics, Fix, MAX_FRAME, Message, Outcome, Range, Solver, encode};
+use baliza_wire::telemetry::{Decoder, Diagnostics, Doubt, Fix, MAX_FRAME, Message, Outcome, Range, Solver, encode};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
 const FRAMES: u32 = 1000;
@@ -18,6 +18,7 @@ fn fix(i: u32) -> Message {
         asked: 6,
         outcome: Outcome::position(place, covariance, 0b11_1011, 0.9),
         solver: Solver::Track,
+        doubt: Doubt::None,
     })
 }
 

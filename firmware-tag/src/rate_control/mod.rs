@@ -322,7 +322,14 @@ mod tests {
         let mut covariance_m2 = [[0.0; 3]; 3];
         // 0.03² + 0.04² = 0.05².
         (covariance_m2[0][0], covariance_m2[1][1]) = (0.0009, 0.0016);
-        Position { position_m: [x, 1.0, 1.5], covariance_m2, used: 0b1111, quality: 1.0 }
+        Position {
+            position_m: [x, 1.0, 1.5],
+            covariance_m2,
+            used: 0b1111,
+            quality: 1.0,
+            flag: None,
+            alternative_m: None,
+        }
     }
 
     fn rates() -> RateControl {

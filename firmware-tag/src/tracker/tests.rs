@@ -163,6 +163,30 @@ fn a_tag_that_solves_each_round_by_itself_needs_three_ranges_in_each() {
 }
 
 #[test]
+fn a_position_by_anchors_nearly_on_a_line_has_its_mirror_image_beside_it() {
+    // The tag at (4, 3) is 5, √(1 + 2.95²) = 3.1149 and √(36 + 9) m away; its mirror image is (4, −3).
+    let places = [[0.0, 0.0, 0.0], [5.0, 0.05, 0.0], [10.0, 0.0, 0.0]];
+    let mut heard = ranges(|i| places.get(i).copied());
+    heard.iter_mut().zip([5.0, 3.114_883_6, 6.708_204]).for_each(|(range, metres)| range.distance_m = metres);
+    for solver in [Solver::Track, Solver::Robust] {
+        let mut tracker: Tracker<'_> = LocatorConfig::new(Some(0.0), &[]).by(solver).tracker();
+        let found = tracker.follow(round(&heard[..3]), None, 50_000).outcome.unwrap();
+        let Position { position_m: [x, y, z], flag, alternative_m: Some([other_x, other_y, other_z]), .. } = found
+        else {
+            panic!("{solver:?}: {found:?}")
+        };
+        assert_eq!((flag, z, other_z), (Some(positioning_core::Flag::Ambiguous), 0.0, 0.0));
+        let is_near = |a: f32, b: f32| (a - b).abs() < 0.15;
+        assert!([x, other_x].into_iter().all(|x| is_near(x, 4.0)), "{solver:?}: {found:?}");
+        assert!(is_near(y.abs(), 3.0) && is_near(other_y, -y), "{solver:?}: {found:?}");
+        // Four corners of a room leave no doubt.
+        let heard = ranges(|i| Some(CORNERS[i]));
+        let sure = tracker.follow(round(&heard), None, 9_050_000).outcome.unwrap();
+        assert_eq!((sure.flag, sure.alternative_m), (None, None), "{solver:?}");
+    }
+}
+
+#[test]
 fn a_solver_is_the_method_of_its_name() {
     for solver in Solver::ALL {
         let name = crate::method(solver).map_or("track", |method| method.method().as_str());

@@ -10,13 +10,15 @@ use std::path::{Path, PathBuf};
 use positioning_core::nlos::{Feature, Features};
 use sim::scenario::{Record, Scenario, SimulatedEpoch, Unrounded, What};
 use wire::config::{self, Network};
-use wire::telemetry::{Address, Body, Difference, Fix, MAX_FRAME, Message, Range, Sighting, Table, encode, metres};
+use wire::telemetry::{
+    Address, Body, Difference, Doubt, Fix, MAX_FRAME, Message, Range, Sighting, Table, encode, metres,
+};
 
 use node_link::decode::{Stamp, row};
 use node_link::recorder::{STREAM, Tables, is_of_recording, writer};
 use recording::AGE;
 use recording::folder::{MeasurementMode, RecordingSettings, SETTINGS, Weighting};
-use recording::output::OutputFolder;
+use recording::output::{Growing, OutputFolder};
 
 /// The walls of the floor plan, which pictures and beacons use.
 const WALLS: &str = "walls.csv";
@@ -38,6 +40,8 @@ pub struct SimulatedRecording {
     methods: HashMap<u16, &'static str>,
     /// Features of impulse responses, which telemetry does not contain; empty where tags read no responses.
     features: Vec<Feature>,
+    /// Whether a position is doubtful.
+    has_flags: bool,
 }
 
 impl SimulatedRecording {
@@ -77,6 +81,7 @@ impl SimulatedRecording {
             epoch: 0,
             methods: scenario.tags.iter().map(|tag| (tag.address, scenario.method_name(tag))).collect(),
             features,
+            has_flags: false,
         })
     }
 
@@ -131,6 +136,7 @@ impl SimulatedRecording {
                 row.extend(own.into_iter().chain(given(&measured.unrounded)));
             })?;
         }
+        self.has_flags |= epoch.fix.doubt != Doubt::None;
         let method = self.methods.get(&record.node).copied().unwrap_or_default();
         self.tables.message_with(stamp, &Message::Fix(epoch.fix), |row| {
             complete_position(row, record.node, method, epoch);
@@ -145,10 +151,26 @@ impl SimulatedRecording {
     /// The file system fails.
     pub fn finish(mut self) -> anyhow::Result<()> {
         self.tables.finish()?;
+        if !self.has_flags {
+            leave_out_flags(&self.output.path().join(format!("{}.csv", Fix::POSITIONS.name)))?;
+        }
         self.truth.flush()?;
         self.streams.flush()?;
         Ok(self.output.finish()?)
     }
+}
+
+/// Leaves out the columns of flags, as `solve` and `track` do where no position has one.
+fn leave_out_flags(positions: &Path) -> anyhow::Result<()> {
+    let mut rows = csv::ReaderBuilder::new().has_headers(false).from_path(positions)?;
+    let mut kept = csv::Writer::from_writer(Growing::create(positions)?);
+    let header = Fix::POSITIONS.header();
+    let is_flag = |column: usize| header.get(column).is_some_and(|name| Fix::FLAGS.contains(name));
+    let mut row = csv::StringRecord::new();
+    while rows.read_record(&mut row)? {
+        kept.write_record(row.iter().enumerate().filter(|(column, _)| !is_flag(*column)).map(|(_, field)| field))?;
+    }
+    Ok(kept.into_inner().map_err(csv::IntoInnerError::into_error)?.finish()?)
 }
 
 /// Replaces the rounded numbers of telemetry in a row with those of the tag's engine.

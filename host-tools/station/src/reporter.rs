@@ -110,7 +110,7 @@ fn range_reports(tag: String, range: &Range) -> Vec<ReportKind> {
 
 #[cfg(test)]
 mod tests {
-    use wire::telemetry::{Outcome, Sighting, Solver};
+    use wire::telemetry::{Doubt, Outcome, Sighting, Solver};
 
     use super::*;
 
@@ -135,7 +135,7 @@ mod tests {
             quality_255ths: 255,
         };
         for (asked, expected) in [(0, SolvedFrom::Rssi), (1, SolvedFrom::Ranges), (4, SolvedFrom::Ranges)] {
-            let fix = Fix { t_us: 1, round: 1, age_us: 0, asked, outcome, solver: Solver::Track };
+            let fix = Fix { t_us: 1, round: 1, age_us: 0, asked, outcome, solver: Solver::Track, doubt: Doubt::None };
             let ReportKind::Position { solved_from, position_m, .. } = fix_report("0x1001".to_owned(), &fix) else {
                 panic!("a position")
             };

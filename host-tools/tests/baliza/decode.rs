@@ -133,7 +133,7 @@ fn csv_has_the_columns_that_solve_and_plot_know() {
     let messages = walk();
     let folder = walk_folder();
     let positions = folder.run("decode --file walk.bin --format csv").ok();
-    let header = "epoch,t_s,method,x_m,y_m,z_m,sigma_x_m,sigma_y_m,sigma_z_m,used,reason";
+    let header = "epoch,t_s,method,x_m,y_m,z_m,sigma_x_m,sigma_y_m,sigma_z_m,used,reason,flag,alt_x_m,alt_y_m,alt_z_m";
     assert_eq!(positions.stdout.lines().next(), Some(header));
     let (x, reasons) = (positions.numbers("x_m"), positions.column("reason"));
     assert_eq!(x.len() as u64, count(&messages, "fix"));

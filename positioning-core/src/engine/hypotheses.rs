@@ -89,9 +89,12 @@ impl<T: Real> Engine<T> {
         (position, reaching)
     }
 
-    /// The other of the two places that a track of two hypotheses can be at.
+    /// The other of two places: of a track of two hypotheses, or of the last round where every round is solved by
+    /// itself.
     pub fn alternative(&self) -> Option<Alternative<T, 3>> {
-        self.track.ok()?;
+        if self.track.is_err() {
+            return self.alternative;
+        }
         let share = self.rival.share()?;
         let (mine, other) = (self.filter.state.position(), self.rival.filter.state.position());
         let (from, to, share) = if share > T::of(0.5) { (other, mine, T::ONE - share) } else { (mine, other, share) };

@@ -25,7 +25,7 @@ pub use snapshot::{Hypothesis, LinkState};
 
 use crate::measurement::Observation as _;
 use crate::track::Filter;
-use crate::{Flag, Real};
+use crate::{Alternative, Flag, Real};
 use height::HeightSource;
 use hypotheses::Rival;
 use round::Round;
@@ -47,6 +47,8 @@ pub struct Engine<T> {
     next_start: Start,
     /// What made the track's position doubtful at the end of the last round.
     flag: Option<Flag>,
+    /// The other place of the last round, where every round is solved by itself.
+    alternative: Option<Alternative<T, 3>>,
     /// The latest time of a measurement.
     now_us: u64,
     /// The time of the last measurement that was used.
@@ -74,6 +76,7 @@ impl<T: Real> Engine<T> {
             track: Err(Missing::RoundOpen),
             next_start: Start::First,
             flag: None,
+            alternative: None,
             now_us: 0,
             used_us: 0,
         }

@@ -47,9 +47,11 @@ impl<T: Real> Engine<T> {
     }
 
     /// The position of the round by itself.
-    fn solved(&self) -> Result<TrackFix<T>, Missing> {
+    fn solved(&mut self) -> Result<TrackFix<T>, Missing> {
+        self.alternative = None;
         let fix = self.round.solve(&self.settings).map_err(Missing::SolveError)?;
-        let Fix { position, covariance, used, quality, .. } = fix;
+        let Fix { position, covariance, used, quality, alternative, .. } = fix;
+        self.alternative = alternative;
         let flag = fix.flag(self.round.ranges().count());
         Ok(TrackFix { position, velocity: [T::ZERO; 3], covariance, used, quality, age_us: 0, flag })
     }

@@ -89,7 +89,7 @@ impl<'a, const BEACONS: usize> Locator<'a, BEACONS> {
         configured.map(|anchor| anchor.position_m).or(own_m)
     }
 
-    /// The other of the two places that a track of two hypotheses can be at.
+    /// The other of two places that explain the ranges.
     pub fn alternative(&self) -> Option<Alternative<f32, 3>> {
         self.engine.alternative()
     }
@@ -135,7 +135,7 @@ impl<'a, const BEACONS: usize> Locator<'a, BEACONS> {
         let end = self.engine.step_on_node(t_us, &Measurement::RoundEnd);
         self.last_m = end.fix.as_ref().ok().map(|fix| fix.position);
         let used = core::mem::take(&mut self.used).of(&end);
-        TagUpdate { fix: end.fix, used, measured }
+        TagUpdate { fix: end.fix, alternative: self.alternative(), used, measured }
     }
 
     fn p_nlos(

@@ -3,13 +3,15 @@
 use heapless::Vec;
 
 use crate::engine::{Missing, Output, TrackFix, Verdict};
-use crate::{MAX_ANCHORS, Real, SolveError};
+use crate::{Alternative, Flag, MAX_ANCHORS, Real, SolveError};
 
 /// The end of a round, or of a window of beacons.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TagUpdate {
     /// The engine's current position of the tag, or why there is none.
     pub fix: Result<TrackFix<f32>, Missing>,
+    /// The other of two places that explain the ranges.
+    pub alternative: Option<Alternative<f32, 3>>,
     /// The measurements that were used: bit i is the i-th range, difference or RSSI.
     pub used: u16,
     /// The number of measurements.
@@ -28,6 +30,10 @@ pub struct Position {
     pub used: u16,
     /// How far the round agrees with the position, 0 to 1.
     pub quality: f32,
+    /// What makes the position doubtful beyond its covariance.
+    pub flag: Option<Flag>,
+    /// The other of two places that explain the ranges, metres.
+    pub alternative_m: Option<[f32; 3]>,
 }
 
 impl TagUpdate {
@@ -43,6 +49,10 @@ impl TagUpdate {
                 covariance_m2: fix.covariance,
                 used: self.used,
                 quality: fix.quality,
+                flag: fix.flag,
+                alternative_m: self
+                    .alternative
+                    .map(|of| core::array::from_fn(|axis| fix.position[axis] + of.apart[axis])),
             }),
             Ok(_) if self.measured > 0 => Err(SolveError::RangesDisjoint),
             // A round that has ended has a position, or a solver's error.

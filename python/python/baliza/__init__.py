@@ -56,6 +56,8 @@ class Positions:
     """(n,) the number of anchors whose ranges were used."""
     reason: list[str | None]
     """Why there is no position, such as `too-few-anchors`; None where there is one."""
+    flag: list[str | None]
+    """`ambiguous` where ranges fit two positions, `suspect` where too few ranges agree; else None."""
     velocity_m_s: Floats
     """(n, 3) velocities of a track, metres per second; NaN for a solver."""
     alternative_apart_m: Floats
@@ -84,6 +86,10 @@ class Positions:
         if np.isfinite(self.velocity_m_s).any():
             axes = "xyz" if in_space else "xy"
             columns |= {f"v{axis}_m_s": self.velocity_m_s[:, i] for i, axis in enumerate(axes)}
+        if any(flag is not None for flag in self.flag):
+            columns["flag"] = self.flag
+            others_m = self.position_m + self.alternative_apart_m
+            columns |= {f"alt_{axis}_m": others_m[:, i] for i, axis in enumerate("xyz" if in_space else "xy")}
         if any(tag is not None for tag in self.tag):
             columns["tag"] = self.tag
         return _frame(columns)
@@ -107,6 +113,8 @@ class Fix:
     """The number of ranges of this step that were used; 0: the position is predicted."""
     reason: str | None
     """Why there is no position, such as `too-few-anchors`; None if there is one."""
+    flag: str | None
+    """`ambiguous` if the tag can be at two positions, `suspect` if too few ranges agree; else None."""
     alternative_apart_m: Floats | None
     """(3,) if the tag can be at two positions: the vector from the likelier to the other, metres. `position_m` is
     the likelier one."""
@@ -301,6 +309,7 @@ class Track:
             velocity_m_s=found["velocity_m_s"][0],
             used=int(found["used"][0]),
             reason=found["reason"][0],
+            flag=found["flag"][0],
             alternative_apart_m=None if np.isnan(share) else found["alternative_apart_m"][0],
             alternative_share=None if np.isnan(share) else share,
         )

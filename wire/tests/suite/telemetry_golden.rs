@@ -12,8 +12,8 @@ use baliza_wire::telemetry::*;
 
 const T_FIX_US: u64 = 12_345_678;
 
-fn fix(outcome: Outcome) -> Message {
-    Message::Fix(Fix { t_us: T_FIX_US, round: 300, age_us: 8500, asked: 6, outcome, solver: Solver::BWls })
+fn fix(outcome: Outcome, doubt: Doubt) -> Message {
+    Message::Fix(Fix { t_us: T_FIX_US, round: 300, age_us: 8500, asked: 6, outcome, solver: Solver::BWls, doubt })
 }
 
 fn diagnostics() -> Diagnostics {
@@ -108,20 +108,32 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
         ),
         (
             "fix",
-            fix(position),
+            fix(position, Doubt::None),
             "0C 01 01 CE C2 F1 05 AC 02 B4 42 06 11 C8 F5 03 E8 F8 04 B0 EA 01 D8 04 F4 03 B0 09 20 07 C0 3B E6 03 5A 39 00",
             "{'type':'fix','t_s':12.345678,'round':300,'age_s':0.0085,'asked':6,'x_m':3.21,'y_m':4.05,'z_m':1.5,\
              'sigma_x_m':0.06,'sigma_y_m':0.05,'sigma_z_m':0.12,'covariance_m2':[[0.0036,0.000755906,0.0],\
              [0.000755906,0.0025,-0.003023622],[0.0,-0.003023622,0.0144]],'used':5,'used_ranges':[0,1,3,4,5],\
-             'quality':0.902,'reason':null,'solver':'b-wls'}",
+             'quality':0.902,'reason':null,'solver':'b-wls','flag':null,'alt_x_m':null,'alt_y_m':null,'alt_z_m':null}",
+        ),
+        (
+            "fix, ambiguous",
+            fix(position, Doubt::Ambiguous([32_100, -19_500, 15_000])),
+            "0C 01 01 CE C2 F1 05 AC 02 B4 42 06 11 C8 F5 03 E8 F8 04 B0 EA 01 D8 04 F4 03 B0 09 20 11 C0 3B E6 03 02 C8 F5 \
+             03 D7 B0 02 B0 EA 01 81 1F 00",
+            "{'type':'fix','t_s':12.345678,'round':300,'age_s':0.0085,'asked':6,'x_m':3.21,'y_m':4.05,'z_m':1.5,\
+             'sigma_x_m':0.06,'sigma_y_m':0.05,'sigma_z_m':0.12,'covariance_m2':[[0.0036,0.000755906,0.0],\
+             [0.000755906,0.0025,-0.003023622],[0.0,-0.003023622,0.0144]],'used':5,'used_ranges':[0,1,3,4,5],\
+             'quality':0.902,'reason':null,'solver':'b-wls','flag':'ambiguous','alt_x_m':3.21,'alt_y_m':-1.95,\
+             'alt_z_m':1.5}",
         ),
         (
             "no fix",
-            fix(Outcome::Reason(SolveError::RangesDisjoint)),
+            fix(Outcome::Reason(SolveError::RangesDisjoint), Doubt::None),
             "11 01 01 CE C2 F1 05 AC 02 B4 42 06 01 05 03 8B 3E 00",
             "{'type':'fix','t_s':12.345678,'round':300,'age_s':0.0085,'asked':6,'x_m':null,'y_m':null,'z_m':null,\
              'sigma_x_m':null,'sigma_y_m':null,'sigma_z_m':null,'covariance_m2':null,'used':null,'used_ranges':null,\
-             'quality':null,'reason':'ranges-disjoint','solver':'b-wls'}",
+             'quality':null,'reason':'ranges-disjoint','solver':'b-wls','flag':null,'alt_x_m':null,'alt_y_m':null,\
+             'alt_z_m':null}",
         ),
         (
             "range",
@@ -357,26 +369,39 @@ fn a_fix_of_a_build_without_solvers_or_of_one_with_more_is_read() {
     ];
     for hex in frames {
         let Ok(Message::Fix(fix)) = decode(&bytes(hex)) else { panic!("{hex} is a fix") };
-        assert_eq!((fix.round, fix.solver), (300, Solver::Unknown), "{hex}");
+        assert_eq!((fix.round, fix.solver, fix.doubt), (300, Solver::Unknown, Doubt::None), "{hex}");
+    }
+}
+
+#[test]
+fn a_suspect_fix_takes_a_byte_more_and_a_doubt_of_a_newer_build_is_left_out() {
+    // The fix with 1 and 9 for a doubt, by the same Python.
+    let start = "0C 01 01 CE C2 F1 05 AC 02 B4 42 06 11 C8 F5 03 E8 F8 04 B0 EA 01 D8 04 F4 03 B0 09 20 08 C0 3B E6 03";
+    for (end, doubt) in [("01 5B ED 00", Doubt::Suspect), ("09 53 6C 00", Doubt::None)] {
+        let hex = format!("{start} {end}");
+        let Ok(Message::Fix(fix)) = decode(&bytes(&hex)) else { panic!("{hex} is a fix") };
+        assert_eq!((fix.solver, fix.doubt), (Solver::BWls, doubt));
+        let written = encode(&fix.into(), &mut [0; MAX_FRAME]).to_vec();
+        assert_eq!(written == bytes(&hex), doubt == Doubt::Suspect, "{hex}");
     }
 }
 
 #[test]
 fn a_fix_takes_at_most_49_bytes() {
-    let longest = |t_us, round, age_us, position_tenth_mm, deviation_tenth_mm| {
+    let longest = |t_us, round, age_us, position_tenth_mm, deviation_tenth_mm, doubt| {
         let (correlation_127ths, used, quality_255ths) = ([127, -127, 1], u16::MAX, 255);
         let outcome =
             Outcome::Position { position_tenth_mm, deviation_tenth_mm, correlation_127ths, used, quality_255ths };
-        let fix = Message::Fix(Fix { t_us, round, age_us, asked: 255, outcome, solver: Solver::BoundingBox });
+        let fix = Message::Fix(Fix { t_us, round, age_us, asked: 255, outcome, solver: Solver::BoundingBox, doubt });
         encode(&fix, &mut [0; MAX_FRAME]).len()
     };
     // 31 days of uptime, 1 s old, a kilometre from the origin, deviations of 10 m.
     let month_us = 31 * 24 * 3600 * 1_000_000;
-    assert_eq!(longest(month_us, u16::MAX, 1_000_000, [-10_000_000; 3], [100_000; 3]), 49);
+    assert_eq!(longest(month_us, u16::MAX, 1_000_000, [-10_000_000; 3], [100_000; 3], Doubt::None), 49);
     // No frame is longer: 1 schema, 1 message, varints of at most 10, 3 and 5 bytes, 1 asked, 1 outcome, 6 varints of
-    // 5, 3 correlations, a varint of 3, 1 quality, 1 solver, 2 checksum, 2 of COBS.
-    let worst = longest(u64::MAX, u16::MAX, u32::MAX, [i32::MIN; 3], [u32::MAX; 3]);
-    assert_eq!(worst, 1 + 1 + 10 + 3 + 5 + 1 + 1 + 30 + 3 + 3 + 1 + 1 + 2 + 2);
+    // 5, 3 correlations, a varint of 3, 1 quality, 1 solver, 1 doubt, 3 varints of 5, 2 checksum, 2 of COBS.
+    let worst = longest(u64::MAX, u16::MAX, u32::MAX, [i32::MIN; 3], [u32::MAX; 3], Doubt::Ambiguous([i32::MIN; 3]));
+    assert_eq!(worst, 1 + 1 + 10 + 3 + 5 + 1 + 1 + 30 + 3 + 3 + 1 + 1 + 1 + 15 + 2 + 2);
     assert!(worst <= MAX_FRAME);
 }
 

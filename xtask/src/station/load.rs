@@ -6,7 +6,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, Result};
 use wire::config::Board;
-use wire::telemetry::{Diagnostics, Fix, Hello, MAX_FRAME, Message, Outcome, Range, Role, Solver, encode};
+use wire::telemetry::{Diagnostics, Doubt, Fix, Hello, MAX_FRAME, Message, Outcome, Range, Role, Solver, encode};
 
 /// Anchors around a room of 20 m by 12 m, 0.1 mm, with their addresses.
 const ANCHORS: [(u16, [i32; 3]); 4] = [
@@ -75,7 +75,7 @@ pub fn round(tag: u16, number: u64, t_us: u64, to: &mut Vec<u8>) {
         used: 0b1111,
         quality_255ths: 230,
     };
-    put(&Fix { t_us, round, age_us: 2000, asked: 4, outcome, solver: Solver::Track }.into(), to);
+    put(&Fix { t_us, round, age_us: 2000, asked: 4, outcome, solver: Solver::Track, doubt: Doubt::None }.into(), to);
 }
 
 fn put(message: &Message, to: &mut Vec<u8>) {

@@ -92,11 +92,11 @@ impl Timeline {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use wire::telemetry::{Fix, Outcome, Reset, ResetCause, SolveError, Solver};
+    use wire::telemetry::{Doubt, Fix, Outcome, Reset, ResetCause, SolveError, Solver};
 
     fn fix(t_us: u64, round: u16) -> Message {
         let outcome = Outcome::Reason(SolveError::TooFewAnchors);
-        Message::Fix(Fix { t_us, round, age_us: 0, asked: 4, outcome, solver: Solver::Track })
+        Message::Fix(Fix { t_us, round, age_us: 0, asked: 4, outcome, solver: Solver::Track, doubt: Doubt::None })
     }
 
     fn reset(t_us: u64) -> Message {

@@ -149,8 +149,8 @@ mod tests {
 
     use defmt_parser::Level;
     use wire::telemetry::{
-        BeaconId, Condition, Counters, Crash, CrashReason, Diagnostics, Difference, Fix, Message, Outcome, Range,
-        RecordError, Reset, ResetCause, Sighting, SolveError, Solver, State,
+        BeaconId, Condition, Counters, Crash, CrashReason, Diagnostics, Difference, Doubt, Fix, Message, Outcome,
+        Range, RecordError, Reset, ResetCause, Sighting, SolveError, Solver, State,
     };
 
     use super::super::elf::SourceLocation;
@@ -184,7 +184,15 @@ mod tests {
             "    12.345678 fix   x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms, b-wls\n"
         );
         let outcome = Outcome::Reason(SolveError::TooFewAnchors);
-        let none = Message::Fix(Fix { t_us: 1, round: 1, age_us: 0, asked: 4, outcome, solver: Solver::Track });
+        let none = Message::Fix(Fix {
+            t_us: 1,
+            round: 1,
+            age_us: 0,
+            asked: 4,
+            outcome,
+            solver: Solver::Track,
+            doubt: Doubt::None,
+        });
         assert_eq!(shown(none), "     0.000001 fix   none: too-few-anchors, 4 asked\n");
         let diagnostics = Diagnostics {
             rx_power_cdbm: -7950,

@@ -97,5 +97,6 @@ pub fn fix(t_us: u64, x_m: f64) -> wire::telemetry::Message {
             quality_255ths: 200,
         },
         solver: wire::telemetry::Solver::BWls,
+        doubt: wire::telemetry::Doubt::None,
     })
 }

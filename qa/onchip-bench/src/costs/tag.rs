@@ -17,7 +17,7 @@ use positioning_core::engine::{Settings, Solvers};
 use ranging::exchange::{Range, Round};
 use ranging::native::Rate;
 use ranging::{Diagnostics, RadioInstant};
-use wire::telemetry::{Fix, Outcome, Solver};
+use wire::telemetry::{Doubt, Fix, Outcome, Solver};
 
 use super::{Mean, since};
 use crate::instrument::stamp;
@@ -134,7 +134,8 @@ impl DelayNs for Never {
 pub fn measure_line() -> u32 {
     let event_log = EventLog::<Guard, BYTES>::new();
     let outcome = Outcome::position([3.21, 4.05, 1.5], [[0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0; 3]], 0b1111, 0.9);
-    let fix = Fix { t_us: 1_000_000, round: 7, age_us: 2_400, asked: 4, outcome, solver: Solver::Track };
+    let fix =
+        Fix { t_us: 1_000_000, round: 7, age_us: 2_400, asked: 4, outcome, solver: Solver::Track, doubt: Doubt::None };
     // The first gets a line, the second of the same instant none.
     let [with_line, without] = [(); 2].map(|()| {
         let begun = stamp();

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use positioning_core::{Real, SolveError};
+use positioning_core::{Flag, Real, SolveError};
 use postcard::experimental::max_size::MaxSize;
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -28,9 +28,65 @@ pub struct Fix {
     /// The result of the round.
     pub outcome: Outcome,
     /// The solver of the position.
-    #[serde(deserialize_with = "or_unknown")]
+    #[serde(deserialize_with = "or_default")]
     pub solver: Solver,
+    /// What makes the position doubtful. Nothing takes no byte, as long as this is the last field.
+    #[serde(deserialize_with = "or_default", skip_serializing_if = "Doubt::is_none")]
+    pub doubt: Doubt,
 }
+
+/// What makes a position doubtful beyond its deviations.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub enum Doubt {
+    /// Nothing, or the node is of a build that does not report it.
+    #[default]
+    None,
+    /// Ranges contradict each other, and those that agree are too few to confirm the position.
+    Suspect,
+    /// The ranges fit this place too, 0.1 mm.
+    Ambiguous([i32; 3]),
+}
+
+impl Doubt {
+    /// The doubt of a flag; the other place in metres.
+    pub fn of(flag: Option<Flag>, alternative_m: Option<[f32; 3]>) -> Self {
+        match (flag, alternative_m.and_then(position)) {
+            (None, _) => Self::None,
+            (Some(Flag::Ambiguous), Some(tenth_mm)) => Self::Ambiguous(tenth_mm),
+            (Some(Flag::Suspect), _) | (Some(Flag::Ambiguous), None) => Self::Suspect,
+        }
+    }
+
+    fn is_none(&self) -> bool {
+        *self == Self::None
+    }
+
+    /// The flag.
+    pub fn flag(self) -> Option<Flag> {
+        match self {
+            Self::None => None,
+            Self::Suspect => Some(Flag::Suspect),
+            Self::Ambiguous(_) => Some(Flag::Ambiguous),
+        }
+    }
+
+    /// The other place, metres.
+    pub fn alternative_m(self) -> Option<[f64; 3]> {
+        match self {
+            Self::None | Self::Suspect => None,
+            Self::Ambiguous(tenth_mm) => Some(tenth_mm.map(metres)),
+        }
+    }
+}
+
+text!(Doubt, |this| this;
+    Self::None => (""),
+    Self::Suspect => (", suspect"),
+    Self::Ambiguous([x, y, z]) => (
+        ", ambiguous: or x={} y={} z={}",
+        Centimetres::of_tenth_mm(*x), Centimetres::of_tenth_mm(*y), Centimetres::of_tenth_mm(*z)
+    ),
+);
 
 /// The solver of a tag's positions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
@@ -67,8 +123,8 @@ impl Solver {
 
 /// A field that was appended to the end of its message. A body that ends before it is from an older build, and an
 /// unknown number is from a newer one.
-fn or_unknown<'de, D: Deserializer<'de>>(from: D) -> Result<Solver, D::Error> {
-    Ok(Solver::deserialize(from).unwrap_or_default())
+fn or_default<'de, D: Deserializer<'de>, T: Deserialize<'de> + Default>(from: D) -> Result<T, D::Error> {
+    Ok(T::deserialize(from).unwrap_or_default())
 }
 
 /// The result of a round.
@@ -217,7 +273,7 @@ pub struct FixLine {
 }
 
 text!(FixLine, |this| this.fix.found();
-    Ok(found) => ("fix {}", found),
+    Ok(found) => ("fix {}{}", found, this.fix.doubt),
     Err(reason) =>
         ("no fix: {} ({} of {} answered){}", reason.as_str(), this.answered, this.fix.asked, By(this.fix.solver)),
 );
@@ -225,7 +281,7 @@ text!(FixLine, |this| this.fix.found();
 impl fmt::Display for Fix {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.found() {
-            Ok(found) => found.fmt(out),
+            Ok(found) => write!(out, "{found}{}", self.doubt),
             Err(reason) => write!(out, "none: {}, {} asked", reason.as_str(), self.asked),
         }
     }
@@ -233,13 +289,29 @@ impl fmt::Display for Fix {
 
 #[cfg(feature = "host")]
 impl Fix {
+    /// The columns of doubtful positions.
+    pub const FLAGS: [&str; 4] = ["flag", "alt_x_m", "alt_y_m", "alt_z_m"];
     /// The table of positions.
     pub const POSITIONS: crate::telemetry::Table = crate::telemetry::Table {
         name: "positions",
         rows: "positions",
         counted: "rounds",
         about: "Positions and rounds without one, as solve writes them",
-        columns: &["method", "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m", "sigma_z_m", "used", "reason"],
+        columns: &[
+            "method",
+            "x_m",
+            "y_m",
+            "z_m",
+            "sigma_x_m",
+            "sigma_y_m",
+            "sigma_z_m",
+            "used",
+            "reason",
+            Self::FLAGS[0],
+            Self::FLAGS[1],
+            Self::FLAGS[2],
+            Self::FLAGS[3],
+        ],
     };
 }
 
@@ -254,8 +326,8 @@ impl Body for Fix {
 
     fn tone(&self) -> Tone {
         match self.outcome {
-            Outcome::Position { .. } => Tone::Good,
-            Outcome::Reason(_) => Tone::Warning,
+            Outcome::Position { .. } if self.doubt == Doubt::None => Tone::Good,
+            Outcome::Position { .. } | Outcome::Reason(_) => Tone::Warning,
         }
     }
 
@@ -264,6 +336,7 @@ impl Body for Fix {
         use crate::telemetry::host::rounded;
         let [x, y, z] = self.position_m().map_or([None; 3], |position| position.map(Some));
         let [sigma_x, sigma_y, sigma_z] = self.deviation_m().map_or([None; 3], |deviation| deviation.map(Some));
+        let [alt_x, alt_y, alt_z] = self.doubt.alternative_m().map_or([None; 3], |place| place.map(Some));
         let used_ranges = |used: u16| (0..16).filter(|bit| used >> bit & 1 == 1).collect::<std::vec::Vec<u16>>();
         serde_json::json!({
             "round": self.round,
@@ -282,6 +355,10 @@ impl Body for Fix {
             "quality": self.quality().map(|quality| rounded(quality, 1e3)),
             "reason": self.reason().map(SolveError::as_str),
             "solver": self.solver.as_str(),
+            "flag": self.doubt.flag().map(Flag::as_str),
+            "alt_x_m": alt_x,
+            "alt_y_m": alt_y,
+            "alt_z_m": alt_z.filter(|_| sigma_z != Some(0.0)),
         })
     }
 
@@ -291,14 +368,18 @@ impl Body for Fix {
         let known = |values: Option<[f64; 3]>| {
             values.map_or([const { String::new() }; 3], |of| of.map(crate::telemetry::metres))
         };
-        let [sigma_x, sigma_y, sigma_z] = known(self.deviation_m());
-        // A configured height has no deviation.
+        // A configured height has no deviation, and no other place has another one.
         let is_given = self.deviation_m().is_some_and(|[.., z]| z == 0.0);
+        let of_height = |text: String| if is_given { String::new() } else { text };
+        let [sigma_x, sigma_y, sigma_z] = known(self.deviation_m());
+        let [alt_x, alt_y, alt_z] = known(self.doubt.alternative_m());
         let mut fields = std::vec!["tag".to_string()];
         fields.extend(known(self.position_m()));
-        fields.extend([sigma_x, sigma_y, if is_given { String::new() } else { sigma_z }]);
+        fields.extend([sigma_x, sigma_y, of_height(sigma_z)]);
         fields.push(self.used().map_or_else(String::new, |used| used.count_ones().to_string()));
         fields.push(self.reason().map_or_else(String::new, |reason| reason.as_str().to_string()));
+        fields.push(self.doubt.flag().map_or_else(String::new, |flag| flag.as_str().to_string()));
+        fields.extend([alt_x, alt_y, of_height(alt_z)]);
         fields
     }
 }
@@ -318,6 +399,7 @@ mod tests {
             asked: 4,
             outcome: Outcome::position(position_m, covariance_m2, 0b1011, 0.5),
             solver: Solver::Track,
+            doubt: Doubt::None,
         }
     }
 
@@ -377,7 +459,8 @@ mod tests {
             used: 0b11_0111_1000,
             quality_255ths: 255,
         };
-        let fix = Fix { t_us: 0, round: 0, age_us: 12_400, asked: 8, outcome, solver: Solver::BWls };
+        let fix =
+            Fix { t_us: 0, round: 0, age_us: 12_400, asked: 8, outcome, solver: Solver::BWls, doubt: Doubt::None };
         FixLine { fix, answered: 6 }.to_string()
     }
 
@@ -393,8 +476,46 @@ mod tests {
     #[test]
     fn no_fix_tells_how_many_answered() {
         let outcome = Outcome::Reason(SolveError::TooFewAnchors);
-        let fix = Fix { t_us: 0, round: 0, age_us: 0, asked: 4, outcome, solver: Solver::Unknown };
+        let fix = Fix { t_us: 0, round: 0, age_us: 0, asked: 4, outcome, solver: Solver::Unknown, doubt: Doubt::None };
         assert_eq!(FixLine { fix, answered: 2 }.to_string(), "no fix: too-few-anchors (2 of 4 answered)");
         assert_eq!(fix.to_string(), "none: too-few-anchors, 4 asked");
+    }
+
+    #[test]
+    fn a_doubtful_position_is_a_warning_with_its_other_place() {
+        let sure = fix([3.2149, -0.045, 1.5], diagonal(0.0009, 0.0016, 0.0));
+        let other = Doubt::of(Some(Flag::Ambiguous), Some([3.2149, 12.3456, 1.5]));
+        assert_eq!(other, Doubt::Ambiguous([32_149, 123_456, 15_000]));
+        let shown = |doubt| {
+            let fix = Fix { doubt, ..sure };
+            (fix.to_string(), FixLine { fix, answered: 4 }.to_string(), fix.tone())
+        };
+        // √(300² + 400²) = 500: 5 cm.
+        let text = "x=3.21 y=-0.05 z=1.50 (given) ±0.05 m, 3 anchors, 0 ms, track";
+        let expected = |more: &str, tone| (std::format!("{text}{more}"), std::format!("fix {text}{more}"), tone);
+        assert_eq!(shown(Doubt::None), expected("", Tone::Good));
+        assert_eq!(shown(Doubt::Suspect), expected(", suspect", Tone::Warning));
+        assert_eq!(shown(other), expected(", ambiguous: or x=3.21 y=12.35 z=1.50", Tone::Warning));
+    }
+
+    #[test]
+    fn a_flag_is_never_lost() {
+        let place = Some([1.0, 2.0, 3.0]);
+        assert_eq!(Doubt::of(None, place), Doubt::None);
+        assert_eq!(Doubt::of(Some(Flag::Suspect), place), Doubt::Suspect);
+        // Where the other place is not known, the position is doubtful all the same.
+        for unknown in [None, Some([f32::NAN, 2.0, 3.0])] {
+            assert_eq!(Doubt::of(Some(Flag::Ambiguous), unknown), Doubt::Suspect);
+        }
+    }
+
+    #[cfg(feature = "host")]
+    #[test]
+    fn a_row_has_the_other_height_only_in_space() {
+        let doubt = Doubt::Ambiguous([10_000, -20_000, 15_000]);
+        let ends = |zz| Fix { doubt, ..fix([1.0, 2.0, 1.5], diagonal(0.01, 0.01, zz)) }.fields().split_off(9);
+        assert_eq!(ends(0.04), ["ambiguous", "1.0000", "-2.0000", "1.5000"]);
+        assert_eq!(ends(0.0), ["ambiguous", "1.0000", "-2.0000", ""]);
+        assert_eq!(fix([1.0, 2.0, 1.5], diagonal(0.01, 0.01, 0.04)).fields().split_off(9), ["", "", "", ""]);
     }
 }

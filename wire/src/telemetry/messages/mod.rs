@@ -26,7 +26,7 @@ use crate::telemetry::message::{Body, Tone, messages};
 pub use crate::config::Board;
 pub use counters::Counters;
 pub use difference::Difference;
-pub use fix::{Fix, FixLine, Outcome, Solver};
+pub use fix::{Doubt, Fix, FixLine, Outcome, Solver};
 pub use hello::{Hello, Role};
 pub use node_state::{BeaconEvidence, Condition, MotionSensor, RecordError, RssiModelError, SiteModelPart, State};
 pub use positioning_core::SolveError;
