@@ -77,13 +77,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let file = arguments.file.as_deref().or(arguments.stream.as_deref());
     let names = arguments.names.read(file)?;
     let input = ByteInput::open(file)?;
+    // Before a file is begun: a signal leaves nothing of it.
+    catch_signals()?;
     let out = arguments.out.as_ref().filter(|file| file.as_os_str() != output::STANDARD);
     let mut sink = match out {
         Some(file) => Sink::File(Growing::create(file).with_context(|| format!("cannot write {}", file.display()))?),
         None if arguments.json => Sink::Nowhere,
         None => Sink::Stdout,
     };
-    catch_signals()?;
     // No progress bar between messages on a terminal.
     let shown = matches!(sink, Sink::Stdout) && std::io::stdout().is_terminal();
     let progress = if shown { None } else { input.progress() };

@@ -359,12 +359,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut show = Show::new(is_silent, &scenario);
     show.begin()?;
 
+    // Before a file is begun: a signal leaves nothing of it.
+    catch_signals()?;
     let mut simulation = Simulation::new(scenario);
     let capture = arguments.pcap.as_ref().map(|file| Capture::begin(&simulation, file)).transpose()?;
     let seconds = simulation.scenario().seconds;
     let steps = (seconds / STEP_S).ceil() as usize;
     let progress = Progress::new(steps);
-    catch_signals()?;
     for step in 1..=steps {
         refuse_interrupted()?;
         let records = simulation.run_until(seconds.min(step as f64 * STEP_S));
