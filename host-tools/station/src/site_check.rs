@@ -10,7 +10,7 @@ use std::thread;
 use std::time::Duration;
 
 use analysis::Setup;
-use analysis::check::{Finding, FindingCode, of_rows, of_whole};
+use analysis::check::{Finding, FindingCode, of_places, of_whole};
 use recording::{Anchor, Coordinates, Diagnostics, Epochs, Half, Height, Measured, Recording, Space, drop_repeats};
 use station_core::model::{NodeRole, NodeStatus, SiteFinding};
 use station_core::state::RecentRound;
@@ -113,12 +113,9 @@ fn ask(rounds: &[RecentRound], placed: &[(&NodeStatus, [f64; 3])]) -> Vec<Findin
         (true, Some(height_m)) => Space::Plane(Height::Fixed(*height_m)),
         (true, None) => Space::Plane(Height::FromTruth),
     };
-    let repeats = drop_repeats(&mut epochs);
+    drop_repeats(&mut epochs);
     let recording = Recording { tag: None, anchors: anchors.collect(), epochs };
-    let mut findings = of_rows(&recording, space, repeats);
-    findings.retain(|finding| finding.code == FindingCode::AnchorsCoincide);
-    findings.extend(of_whole(&recording, &Setup::of(space)).findings);
-    findings
+    of_places(&recording).into_iter().chain(of_whole(&recording, &Setup::of(space)).findings).collect()
 }
 
 #[cfg(test)]

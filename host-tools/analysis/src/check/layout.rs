@@ -18,9 +18,19 @@ const ONE_PLACE_M: f64 = 0.01;
 pub(super) fn questions(recording: &Recording, space: Space) -> Vec<Finding> {
     let ranged = ranged(recording);
     let places: Vec<&Coordinates> = ranged.iter().map(|anchor| &anchor.place).collect();
-    let placed = ranged.iter().map(|anchor| (anchor.name.as_str(), corner(&anchor.place, 0.0)));
-    let coincide = one_place(placed).map(|message| Finding::new(FindingCode::AnchorsCoincide, message));
-    [geometry(&places, space), without_height(&places, space), coincide].into_iter().flatten().collect()
+    let findings = [geometry(&places, space), without_height(&places, space), coincident(&ranged)];
+    findings.into_iter().flatten().collect()
+}
+
+/// Whether two of the anchors are at one place.
+fn coincident(anchors: &[&Anchor]) -> Option<Finding> {
+    let placed = anchors.iter().map(|anchor| (anchor.name.as_str(), corner(&anchor.place, 0.0)));
+    one_place(placed).map(|message| Finding::new(FindingCode::AnchorsCoincide, message))
+}
+
+/// Whether two of the anchors that have ranges are at one place.
+pub fn of_places(recording: &Recording) -> Option<Finding> {
+    coincident(&ranged(recording))
 }
 
 fn ambiguous(message: &str) -> Finding {

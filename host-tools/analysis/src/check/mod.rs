@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 use recording::{Recording, Space};
 use serde::{Serialize, Serializer};
 
-pub use layout::{coplanar, on_a_line, one_place};
+pub use layout::{coplanar, of_places, on_a_line, one_place};
 pub use whole::{Whole, of_whole};
 
 /// What is odd about a recording.
