@@ -21,7 +21,7 @@ use super::rate::{Mean, Rate};
 use super::rounds::RoundMeasurement;
 use super::supply::Supply;
 use crate::Utc;
-use crate::model::{HealthFigures, MeasuredValue, NodeHealth, NodeRole, NodeStatus, RangeMeasurement};
+use crate::model::{HealthFigures, NodeHealth, NodeRole, NodeStatus, RangeMeasurement};
 use crate::rssi::KnownNode;
 
 /// Residuals must be off for this time.
@@ -212,15 +212,11 @@ impl Nodes {
         mut moved: impl FnMut(&str),
     ) -> bool {
         let mut is_back = false;
-        let range_m = |measurement: &RoundMeasurement| match measurement.measured {
-            MeasuredValue::Range(range) => Some((measurement.node, range.range_m)),
-            MeasuredValue::Rssi(_) => None,
-        };
-        if !round.iter().any(|measurement| range_m(measurement).is_some()) {
+        if !round.iter().any(|measurement| measurement.range_m().is_some()) {
             return false;
         }
         self.rounds += 1;
-        for (node, range_m) in round.iter().filter_map(range_m) {
+        for (node, range_m) in round.iter().filter_map(RoundMeasurement::range_m) {
             let (Some(state), Some(reach)) = (self.states.get_mut(node), self.reaches.get_mut(node)) else {
                 continue;
             };

@@ -8,8 +8,7 @@
 use std::collections::{HashMap, VecDeque};
 
 use super::nodes::Nodes;
-use super::rounds::EndedRound;
-use crate::model::MeasuredValue;
+use super::rounds::{EndedRound, RoundMeasurement};
 
 /// The most rounds.
 const MOST: usize = 300;
@@ -45,12 +44,9 @@ impl RecentRounds {
         if self.last.get(tag).is_some_and(|last| self.tick - last < tags) {
             return;
         }
-        let range = |measured| match measured {
-            MeasuredValue::Range(range) => Some(range.range_m),
-            MeasuredValue::Rssi(_) => None,
-        };
-        let ranges = round.measurements.iter().filter_map(|one| Some((nodes.name(one.node)?, range(one.measured)?)));
-        let ranges: Vec<_> = ranges.map(|(anchor, range_m)| (anchor.to_owned(), range_m)).collect();
+        let ranges = round.measurements.iter().filter_map(RoundMeasurement::range_m);
+        let ranges: Vec<_> =
+            ranges.filter_map(|(node, range_m)| Some((nodes.name(node)?.to_owned(), range_m))).collect();
         if ranges.len() < LEAST_RANGES {
             return;
         }

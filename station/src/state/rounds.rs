@@ -32,6 +32,16 @@ pub(super) struct RoundMeasurement {
     pub(super) measured: MeasuredValue,
 }
 
+impl RoundMeasurement {
+    /// The node and the range to it, metres, if it is a range.
+    pub(super) fn range_m(&self) -> Option<(usize, f64)> {
+        match self.measured {
+            MeasuredValue::Range(range) => Some((self.node, range.range_m)),
+            MeasuredValue::Rssi(_) => None,
+        }
+    }
+}
+
 /// A round of a tag: the one that is open, or the last one.
 #[derive(Debug, Default)]
 pub(super) struct Round {
