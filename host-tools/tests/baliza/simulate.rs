@@ -1,6 +1,6 @@
 //! `baliza simulate`: what scripts use, files that `solve` reads, and errors with line numbers.
 
-use crate::support::Folder;
+use crate::support::{Folder, without_flags};
 
 const SCENARIO: &str = "[[node]]\nrole = \"anchor\"\nposition_m = [0, 0, 2]\n\
     [[node]]\nrole = \"anchor\"\nposition_m = [6, 0, 2]\n[[node]]\nrole = \"anchor\"\nposition_m = [6, 5, 2]\n\
@@ -166,13 +166,7 @@ fn solve_reads_what_was_simulated_and_finds_what_the_tag_found() {
     let simulated = folder.run("simulate --scenario hall.toml --method nls").ok();
     let run = folder.run("simulate --scenario hall.toml --method nls --out out").ok();
     assert_eq!(run.stdout, "", "the positions are in the folder");
-    // Standard output has columns of flags, as later rows may have one; no row of this simulation has.
-    let without_flags = |row: &str| {
-        let fields: Vec<_> = row.split(',').collect();
-        assert!([["flag", "alt_x_m", "alt_y_m", "alt_z_m"], [""; 4]].iter().any(|of| fields[11..15] == *of), "{row}");
-        [&fields[..11], &fields[15..]].concat().join(",") + "\n"
-    };
-    let expected: String = simulated.stdout.lines().map(without_flags).collect();
+    let expected = without_flags(&simulated.stdout, 11);
     assert_eq!(String::from_utf8(folder.read("out/positions.csv")).expect("text"), expected);
     let files = "--anchors out/anchors.csv --ranges out/ranges.csv --truth out/truth.csv";
     let solved = folder.run(&format!("solve {files} --dims 2 --height-m 1.2 --method nls")).ok();

@@ -67,6 +67,18 @@ impl Run {
     }
 }
 
+/// A table without its columns of flags, the first of which has this index, and in which no row has one. Where rows come
+/// one by one there are such columns, as later rows may have a flag; a file has them only where a row does.
+pub fn without_flags(table: &str, first: usize) -> String {
+    let without = |row: &str| {
+        let fields: Vec<_> = row.split(',').collect();
+        let (flags, after) = fields[first..].split_at(4);
+        assert!([["flag", "alt_x_m", "alt_y_m", "alt_z_m"], [""; 4]].iter().any(|of| flags == *of), "{row}");
+        [&fields[..first], after].concat().join(",") + "\n"
+    };
+    table.lines().map(without).collect()
+}
+
 /// Waits until this is true. `what` says what does not come where it stays false.
 pub fn wait_until(what: &str, is_right: impl Fn() -> bool) {
     let begun = Instant::now();
