@@ -36,6 +36,16 @@ impl Utc {
         self.0
     }
 
+    /// An instant from milliseconds since 1970; the nearest one that is allowed.
+    pub(crate) fn of_ms(ms: i64) -> Self {
+        Self::clamped(ms.saturating_mul(1000))
+    }
+
+    /// Milliseconds since 1970, rounded down, as positions are stored.
+    pub(crate) fn ms(self) -> i64 {
+        self.0 / 1000
+    }
+
     /// Date and time of day, UTC.
     pub(crate) fn civil(self) -> jiff::civil::DateTime {
         // Only instants outside the years -9999 to 9999 are errors.

@@ -101,6 +101,7 @@ impl LiveState {
         self.reporting_tag(t, site, &position.tag, updates)?;
         let SiteState { tags, nodes, areas, rounds, recent, .. } = self.sites.get_mut(site)?;
         let state = tags.get_mut(&position.tag)?;
+        position.t = state.time_of_position(t);
         state.find(&mut position, solved_from, areas, &self.limits, &mut self.happened);
         let last_event = &mut self.last_event;
         let events = self.happened.drain(..);
@@ -108,7 +109,7 @@ impl LiveState {
         let mut moved = Vec::new();
         if let Some(open) = rounds.known(&position.tag) {
             keep(&mut self.measurements, site, &position.tag, nodes, open.end_other(round));
-            let ended = open.end(t);
+            let ended = open.end(position.t);
             if let Some(ended) = ended {
                 recent.add(&position.tag, state.height_m(), ended, nodes);
             }

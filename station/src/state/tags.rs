@@ -13,6 +13,8 @@ use crate::{SolvedFrom, Utc};
 const UNCERTAIN_FOR: Duration = Duration::from_secs(5);
 /// … and certain again when the standard deviation is below this share of the limit.
 const CERTAIN_AGAIN: f64 = 0.8;
+/// The estimate of a node's clock is corrected by at most this. A greater step back is a clock that was set.
+const GREATEST_CORRECTION: Duration = Duration::from_millis(100);
 
 /// A room or a zone, and its outline.
 #[derive(Clone, Debug)]
@@ -108,6 +110,14 @@ impl TagState {
     pub(super) fn height_m(&self) -> Option<f64> {
         let position = self.last_position.as_ref()?;
         position.z_m.filter(|_| position.sigma_z_m.is_none())
+    }
+
+    /// The time of its position that was reported as of `t`: in a later millisecond than its last position, because
+    /// positions are stored by milliseconds.
+    pub(super) fn time_of_position(&self, t: Utc) -> Utc {
+        let Some(last) = &self.last_position else { return t };
+        let free = Utc::of_ms(last.t.ms() + 1);
+        if free.since(t) <= GREATEST_CORRECTION { t.max(free) } else { t }
     }
 
     /// Takes a position and finds its room and zones.

@@ -70,6 +70,22 @@ fn live() -> LiveState {
     live
 }
 
+#[test]
+fn two_positions_of_a_tag_have_two_milliseconds() {
+    let mut live = live();
+    let mut time = |us: u64| {
+        let t = at(0) + Duration::from_micros(us);
+        let updates = live.apply(&report(t, position("0x1001", [1.0, 2.0], 0.2)));
+        let Some(Update::Position(position)) = updates.first() else { panic!("no position: {updates:?}") };
+        position.t.since(at(0)).as_micros()
+    };
+    // A tag at full rate has 955 µs between two of them: the second one here is in the millisecond of the first one.
+    assert_eq!([time(5_010), time(5_965), time(6_920)], [5_010, 6_000, 7_000]);
+    // The estimate of its clock was corrected by 50 ms, and then the clock was set back.
+    assert_eq!([time(107_000), time(57_500), time(106_900)], [107_000, 108_000, 109_000]);
+    assert_eq!(time(3_000), 3_000);
+}
+
 type Short = (EventKind, Option<String>, Option<f64>);
 
 fn events(updates: &[Update]) -> Vec<Short> {

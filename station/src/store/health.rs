@@ -5,9 +5,10 @@ use std::sync::LazyLock;
 use sqlx::AssertSqlSafe;
 use sqlx::any::AnyRow;
 
-use super::key::{MINUTE_MS, ms, utc};
+use super::key::MINUTE_MS;
 use super::rows::{MultiRowInsert, StoredNumber, UnboundStatement, columns_of, get, whole};
 use super::{Result, Span, Store};
+use crate::Utc;
 use crate::model::{HealthFigures, NodeHealth};
 
 /// Figures that may be unknown: their columns, and how many parts of a unit these count.
@@ -49,7 +50,7 @@ impl Store {
         let rows = rows.bind(site).bind(node).bind(up(from)).bind(up(to)).bind(i64::from(limit));
         let rows = rows.fetch_all(&self.pool).await?;
         let health = |row: &AnyRow| {
-            let t = utc(get::<i64>(row, 0)? * MINUTE_MS);
+            let t = Utc::of_ms(get::<i64>(row, 0)? * MINUTE_MS);
             let (rate_hz, moved) = (get::<i64>(row, 1)? as f64 / 100.0, get::<i64>(row, 2)? != 0);
             let mut health = HealthFigures { rate_hz, moved, ..HealthFigures::default() };
             FIGURES.iter().zip(3..).try_for_each(|(figure, column)| figure.read(row, column, &mut health))?;
@@ -63,7 +64,7 @@ fn bind<'q>(query: UnboundStatement<'q>, row: &NodeHealth) -> UnboundStatement<'
     let query = query
         .bind(row.site.clone())
         .bind(row.node.clone())
-        .bind(ms(row.t) / MINUTE_MS)
+        .bind(row.t.ms() / MINUTE_MS)
         .bind(whole(row.health.rate_hz, 100.0))
         .bind(i16::from(row.health.moved));
     FIGURES.iter().fold(query, |query, figure| query.bind(figure.whole(row.health)))

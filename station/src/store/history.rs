@@ -5,10 +5,11 @@ use std::time::Duration;
 
 use sqlx::AnyConnection;
 
-use super::key::{MINUTE_MS, TAG, key, ms_of, tag_of, utc};
+use super::key::{MINUTE_MS, TAG, key, ms_of, tag_of};
 use super::position_text::{Names, PositionLine, fetch, lines};
 use super::rows::{get, limit};
 use super::{Result, Span, Store};
+use crate::Utc;
 use crate::model::{TagPosition, TagStatus};
 
 /// Minutes that are read together at first; then four times as many, where they did not fill the answer.
@@ -92,7 +93,7 @@ impl Store {
         let mut by_number = BTreeMap::new();
         for row in rows.fetch_all(&mut *tx).await? {
             let (site, tag): (String, String) = (get(&row, 1)?, get(&row, 2)?);
-            let [first_seen, last_seen] = [utc(get(&row, 3)?), utc(get(&row, 4)?)];
+            let [first_seen, last_seen] = [Utc::of_ms(get(&row, 3)?), Utc::of_ms(get(&row, 4)?)];
             by_number.insert(get::<i64>(&row, 0)?, tags.len());
             tags.push(TagStatus {
                 tag,

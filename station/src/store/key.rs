@@ -12,16 +12,6 @@ pub const TAG: i64 = 1 << 16;
 /// The greatest number of a tag. The rest of the key's 63 bits holds minutes up to the year 2225.
 pub const LAST_TAG: i64 = MINUTE / TAG - 1;
 
-/// Milliseconds since 1970, rounded down, as positions are stored.
-pub fn ms(t: Utc) -> i64 {
-    t.us() / 1000
-}
-
-/// The instant of a number of milliseconds.
-pub fn utc(ms: i64) -> Utc {
-    Utc::clamped(ms.saturating_mul(1000))
-}
-
 /// The key of a tag's position.
 pub fn key(ms: i64, tag: i64) -> i64 {
     ms / MINUTE_MS * MINUTE + tag * TAG + ms % MINUTE_MS

@@ -6,10 +6,11 @@ use std::time::Duration;
 use sqlx::AssertSqlSafe;
 use sqlx::any::AnyRow;
 
-use super::key::{MINUTE, MINUTE_MS, key, ms, ms_of, utc};
+use super::key::{MINUTE, MINUTE_MS, key, ms_of};
 use super::rows::{MultiRowInsert, StoredNumber, UnboundStatement, columns_of, get, name_of, real, variant, whole};
 use super::write::{Seen, millimetres};
 use super::{Result, Span, Store, StoreError};
+use crate::Utc;
 use crate::model::{MeasuredValue, NodeMeasurement, NodeStatus, PlacedNode, RangeMeasurement};
 
 /// Numbers of a range that may be unknown: their columns, and how many parts of a unit these count. The power of a
@@ -42,9 +43,9 @@ impl Stored {
             MeasuredValue::Rssi(dbm) => (None, RangeMeasurement { rx_power_dbm: Some(dbm), ..Default::default() }),
         };
         Self {
-            key: key(ms(*round), tag),
+            key: key(round.ms(), tag),
             peer,
-            before_ms: i32::try_from(ms(*round) - ms(*t)).unwrap_or_default().max(0),
+            before_ms: i32::try_from(round.ms() - t.ms()).unwrap_or_default().max(0),
             range_mm,
             numbers: NUMBERS.each_ref().map(|number| number.whole(range)),
         }
@@ -58,7 +59,7 @@ impl Stored {
 
 /// The measurement of a row with key, `before_ms`, tag, node, range and [`NUMBERS`].
 fn measurement(site: &str, row: &AnyRow) -> Result<NodeMeasurement> {
-    let round = utc(ms_of(get(row, 0)?));
+    let round = Utc::of_ms(ms_of(get(row, 0)?));
     let before_ms: i64 = get(row, 1)?;
     let mut range = RangeMeasurement::default();
     NUMBERS.iter().zip(5..).try_for_each(|(number, column)| number.read(row, column, &mut range))?;

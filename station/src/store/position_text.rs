@@ -8,8 +8,9 @@ use sqlx::any::AnyArguments;
 use sqlx::query::QueryScalar;
 use sqlx::{Any, AnyConnection};
 
-use super::key::{ms_of, tag_of, utc};
+use super::key::{ms_of, tag_of};
 use super::{Result, StoreError};
+use crate::Utc;
 use crate::model::TagPosition;
 
 /// A name by number: of tags, or of rooms.
@@ -96,7 +97,7 @@ impl PositionLine {
         Ok(TagPosition {
             site: site.to_owned(),
             tag: tags.get(&tag).ok_or_else(|| no_name("tag", tag))?.clone(),
-            t: utc(ms_of(self.key)),
+            t: Utc::of_ms(ms_of(self.key)),
             x_m: metres(x),
             y_m: metres(y),
             z_m: z.map(metres),

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::key::{MINUTE, MINUTE_MS, ms};
+use super::key::{MINUTE, MINUTE_MS};
 use super::{Result, Retention, Store};
 use crate::Utc;
 
@@ -16,7 +16,7 @@ impl Store {
     /// Moves the minutes that are over from `recent` to `history`.
     pub async fn compact(&self, now: Utc) -> Result<()> {
         // Rows of a clock that is far ahead are moved too, or they would be read again at each search of `recent`.
-        let current = ms(now - OVER_AFTER) / MINUTE_MS;
+        let current = (now - OVER_AFTER).ms() / MINUTE_MS;
         let mut writing = self.begin().await?;
         let [first_kept, first_ahead] = [current, current + 2].map(|minute| minute * MINUTE);
         sqlx::query(
@@ -50,16 +50,16 @@ impl Store {
     pub async fn retain(&self, retention: Retention, now: Utc) -> Result<()> {
         let measurements = [retention.measurements, retention.delete_after];
         if let Some(age) = measurements.into_iter().flatten().min() {
-            let before = ms(now - age) / MINUTE_MS;
+            let before = (now - age).ms() / MINUTE_MS;
             while self.delete_measurements(before, MINUTES_AT_ONCE).await? {}
         }
         if let Some(age) = retention.delete_after {
             let before = now - age;
-            while self.delete_minutes(ms(before) / MINUTE_MS).await? {}
+            while self.delete_minutes(before.ms() / MINUTE_MS).await? {}
             self.delete_rest(before).await?;
         }
         if let Some(age) = retention.thin_after {
-            while self.thin_minute(ms(now - age) / MINUTE_MS).await? {}
+            while self.thin_minute((now - age).ms() / MINUTE_MS).await? {}
         }
         Ok(())
     }
@@ -86,7 +86,7 @@ impl Store {
     /// Deletes late rows, events, the health of nodes, and tags.
     async fn delete_rest(&self, before: Utc) -> Result<()> {
         let mut writing = self.begin().await?;
-        let minute = ms(before) / MINUTE_MS;
+        let minute = before.ms() / MINUTE_MS;
         sqlx::query("DELETE FROM recent WHERE key < $1").bind(minute * MINUTE).execute(&mut *writing.tx).await?;
         sqlx::query("DELETE FROM events WHERE t_us < $1").bind(before.us()).execute(&mut *writing.tx).await?;
         sqlx::query("DELETE FROM health WHERE minute < $1").bind(minute).execute(&mut *writing.tx).await?;

@@ -7,7 +7,7 @@ use sqlx::any::AnyArguments;
 use sqlx::query::QueryScalar;
 use sqlx::{Any, AnyConnection};
 
-use super::key::{LAST_TAG, key, ms};
+use super::key::{LAST_TAG, key};
 use super::rows::{MultiRowInsert, UnboundStatement, name_of, whole};
 use super::{Result, Store};
 use crate::Utc;
@@ -57,7 +57,7 @@ impl Numbers {
             "INSERT INTO tags (id, site, tag, first_ms, last_ms) SELECT next, $1, $2, $3, $3 \
              FROM (SELECT COALESCE(MAX(id), 0) + 1 AS next FROM tags) AS numbers WHERE next <= $4 RETURNING id",
         );
-        let made = made.bind(site).bind(tag).bind(ms(t)).bind(LAST_TAG);
+        let made = made.bind(site).bind(tag).bind(t.ms()).bind(LAST_TAG);
         let Some(id) = known_or_made(connection, known, made).await? else { return Ok(None) };
         self.tags.entry(site.to_owned()).or_default().insert(tag.to_owned(), id);
         Ok(Some(id))
@@ -108,7 +108,7 @@ pub(super) struct Seen(BTreeMap<i64, (i64, i64)>);
 
 impl Seen {
     pub(super) fn note(&mut self, tag: i64, t: Utc) {
-        let t = ms(t);
+        let t = t.ms();
         let span = self.0.entry(tag).or_insert((t, t));
         *span = (span.0.min(t), span.1.max(t));
     }
@@ -134,7 +134,7 @@ struct Stored {
 impl Stored {
     fn new(position: &TagPosition, tag: i64, room: Option<i64>) -> Self {
         Self {
-            key: key(ms(position.t), tag),
+            key: key(position.t.ms(), tag),
             mm: [position.x_m, position.y_m].map(millimetres),
             z_mm: position.z_m.filter(|z| z.is_finite()).map(millimetres),
             sigma_mm: [position.sigma_x_m, position.sigma_y_m].map(sigma_millimetres),
