@@ -19,7 +19,7 @@ use serde::Deserialize;
 
 use super::BALIZA;
 use super::load::{self, FRAMES};
-use super::server::Server;
+use super::server::{self, Server};
 use crate::promises::Made;
 use crate::{printed, root};
 
@@ -41,7 +41,7 @@ const TIME: Duration = Duration::from_secs(20);
 pub fn made() -> Result<Made> {
     let program = match std::env::var_os(BALIZA) {
         Some(program) => PathBuf::from(program),
-        None => crate::baliza::binary()?,
+        None => server::optimised()?,
     };
     let mut table = String::from("| what | measured | wanted |\n|---|---:|---:|\n");
     let mut row = |what: &str, measured: String, wanted: &str| -> Result<()> {

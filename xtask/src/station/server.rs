@@ -23,8 +23,20 @@ const AGAIN: Duration = Duration::from_millis(50);
 /// # Errors
 /// It cannot be built.
 pub fn program() -> Result<PathBuf> {
-    succeed(cargo().args(["build", "--package", "baliza-station", "--features", "foxglove"]).current_dir(root()))?;
-    Ok(target_directory().join("debug").join("baliza-station").with_extension(std::env::consts::EXE_EXTENSION))
+    built(&["--features", "foxglove"], "debug")
+}
+
+/// The station as users install it.
+///
+/// # Errors
+/// It cannot be built.
+pub fn optimised() -> Result<PathBuf> {
+    built(&["--release"], "release")
+}
+
+fn built(arguments: &[&str], folder: &str) -> Result<PathBuf> {
+    succeed(cargo().args(["build", "--package", "baliza-station"]).args(arguments).current_dir(root()))?;
+    Ok(target_directory().join(folder).join("baliza-station").with_extension(std::env::consts::EXE_EXTENSION))
 }
 
 /// A station on a free port of loopback, which is killed in the end, with a folder that is deleted then.
