@@ -15,8 +15,9 @@ use super::round::{Mirror, Round};
 use super::track_management::begin;
 use super::{Dimensions, Engine, Settings, Start};
 use crate::linalg::{Ldl, Matrix, distance_squared, sub};
+use crate::measurement::Range;
 use crate::track::Filter;
-use crate::track::state::{COMMON, POSITION, State};
+use crate::track::state::{COMMON, POSITION};
 use crate::track::{fading, seconds};
 use crate::{Alternative, Fix, Flag, Real};
 
@@ -45,15 +46,17 @@ pub(super) struct Rival<T> {
     pub(super) filter: Filter<T>,
     /// ln of the odds of the track against it, while there is one.
     lead: Option<T>,
-    /// Whether the track has been on both sides of the anchors' line or plane since it was last on one side for sure.
-    astride: bool,
+    /// The line or plane on both sides of which the track has been since it was last on one side for sure.
+    astride: Option<Mirror<T>>,
+    /// Whether it began as the track's mirror image.
+    is_image: bool,
     /// When the hypotheses were last compared, microseconds.
     compared_us: u64,
 }
 
 impl<T: Real> Rival<T> {
     pub(super) fn none() -> Self {
-        Self { filter: Filter::new(), lead: None, astride: false, compared_us: 0 }
+        Self { filter: Filter::new(), lead: None, astride: None, is_image: false, compared_us: 0 }
     }
 
     pub(super) fn end(&mut self) {
@@ -74,10 +77,10 @@ impl<T: Real> Rival<T> {
 impl<T: Real> Engine<T> {
     /// The likelier place of the hypotheses, and the covariance about it, which reaches to the other place.
     pub(super) fn likelier(&self) -> ([T; 3], [[T; 3]; 3]) {
-        let place = |state: &State<T>| (state.position(), state.position_covariance());
-        let mine = place(&self.filter.state);
+        let place = |filter: &Filter<T>| (filter.state.position(), filter.state.position_covariance());
+        let mine = place(&self.filter);
         let Some(share) = self.rival.share() else { return mine };
-        let other = place(&self.rival.filter.state);
+        let other = place(&self.rival.filter);
         let ((position, covariance), (other, of_other), share) =
             if share > T::of(0.5) { (other, mine, T::ONE - share) } else { (mine, other, share) };
         let apart = sub(&other, &position);
@@ -101,6 +104,22 @@ impl<T: Real> Engine<T> {
         Some(Alternative { apart: sub(&to, &from), share })
     }
 
+    /// The line or plane near which the anchors lie. Where a link that would tell the sides apart insists on being too
+    /// short, it is that of the other direct links: the track may be on the wrong side.
+    #[inline(never)]
+    fn mirror(&mut self) -> Option<Mirror<T>> {
+        let all = self.round.mirror(&self.settings.dimensions, &|_| true);
+        let short = self.filter.too_short.take();
+        let others = |short| {
+            let counts = |range: &Range<T>| range.anchor != short && self.filter.is_direct(range.anchor);
+            let mirror = self.round.mirror(&self.settings.dimensions, &counts)?;
+            (!mirror.one_sided).then_some(mirror.of_some())
+        };
+        let mirror = all.or_else(|| short.and_then(others));
+        self.rival.astride = mirror.filter(|_| short.is_some()).or(self.rival.astride);
+        mirror
+    }
+
     /// What makes the track's position doubtful.
     pub(super) fn doubt(&self) -> Option<Flag> {
         let unknowns = if self.settings.dimensions.height().is_some() { 2 } else { 3 };
@@ -113,7 +132,7 @@ impl<T: Real> Engine<T> {
     pub(super) fn compare(&mut self) -> Option<Start> {
         let mine = core::mem::replace(&mut self.filter.log_evidence, T::ZERO);
         let ranges = core::mem::take(&mut self.round.unjudged);
-        let mirror = self.round.mirror(&self.settings.dimensions);
+        let mirror = self.mirror();
         if let Some(mirror) = mirror.as_ref().filter(|mirror| mirror.one_sided) {
             self.keep_side(mirror);
         }
@@ -129,8 +148,19 @@ impl<T: Real> Engine<T> {
                 let doubt = share * (T::ONE - share);
                 (0..3).for_each(|axis| self.filter.state.widen(POSITION + axis, doubt * apart[axis].squared()));
                 self.rival.end();
-                self.rival.astride = true;
+                self.rival.astride = mirror;
                 return None;
+            }
+            if let Some(mirror) = mirror.as_ref().filter(|mirror| self.rival.is_image && !mirror.one_sided)
+                && mirror.off(&place) * mirror.off(&self.filter.state.position()) > T::ZERO
+            {
+                // Both have come to one side, and nothing tells that the tag is there.
+                let is_rival = self.rival.share() > Some(T::of(0.5));
+                if is_rival {
+                    core::mem::swap(&mut self.filter, &mut self.rival.filter);
+                }
+                self.begin_image(mirror);
+                return is_rival.then_some(Start::Contradicted);
             }
             let limit = self.distinction(&place).at_most(self.distinction_of_sides(&place, mirror.as_ref()));
             let lead = (kept * lead + mine - other).at_least(-limit).at_most(limit);
@@ -138,8 +168,7 @@ impl<T: Real> Engine<T> {
         }
         // No hypothesis explains ranges better than this, so that most rounds need no solver.
         let best = T::count(ranges) * T::of(LOG_WELL_EXPLAINED) + T::of(LOG_ELSEWHERE);
-        let begins = mirror.as_ref().is_some_and(|mirror| self.add_mirror_image(mirror));
-        self.rival.astride &= mirror.is_some();
+        let begins = self.add_mirror_image(mirror);
         if begins || !(mine < best) {
             return None;
         }
@@ -149,6 +178,7 @@ impl<T: Real> Engine<T> {
         }
         begin(&mut self.rival.filter, &fix, &self.round, &self.settings, self.now_us);
         let other = log_evidence(&self.rival.filter, &self.round, &self.settings) + T::of(LOG_ELSEWHERE);
+        self.rival.is_image = false;
         // A single round proves nothing: a gateway that mixes up the anchors of one round makes a perfect fix
         // elsewhere. The next round decides; meanwhile the position's deviation reaches to both.
         self.decide((mine - other).at_least(T::ZERO))
@@ -209,31 +239,30 @@ impl<T: Real> Engine<T> {
     /// Follows the track's mirror image as well, where the track comes from both sides of the line or plane near which
     /// the anchors lie: ranges hardly tell sides, and what the track knew of its side is lost. Returns whether it does.
     #[inline(never)]
-    fn add_mirror_image(&mut self, mirror: &Mirror<T>) -> bool {
-        let was_astride = core::mem::take(&mut self.rival.astride);
-        let position = self.filter.state.position();
-        let off = mirror.off(&position);
-        if mirror.one_sided {
+    fn add_mirror_image(&mut self, mirror: Option<Mirror<T>>) -> bool {
+        let astride = self.rival.astride.take();
+        let Some(mirror) = mirror.or(astride.map(Mirror::of_some)).filter(|mirror| !mirror.one_sided) else {
+            return false;
+        };
+        let square = T::of(4.0) * mirror.off(&self.filter.state.position()).squared();
+        let spread = self.filter.state.spread();
+        // Within two deviations of the line the track is on both sides.
+        if square < T::of(SAME * SAME) * spread {
+            self.rival.astride = Some(mirror);
             return false;
         }
-        // Within two deviations of the line the track is on both sides.
-        let square = T::of(4.0) * off.squared();
-        self.rival.astride = square < T::of(SAME * SAME) * self.filter.state.spread();
-        let spread = self.filter.state.spread();
         let is_outside = self.settings.outside(&self.filter.state) > T::of(SAME * SAME);
-        let is_near = was_astride || is_outside || square < T::of(BOTH_SIDES * BOTH_SIDES) * spread;
-        let begins = !self.rival.astride && is_near;
-        if begins {
-            self.begin_image(mirror);
+        if astride.is_some() || is_outside || square < T::of(BOTH_SIDES * BOTH_SIDES) * spread {
+            self.begin_image(&mirror);
         }
-        begins
+        self.rival.lead.is_some()
     }
 
     /// Follows the mirror image of a new track too, where ranges do not tell the sides apart: of anchors on a plane a
     /// solver takes one side.
     #[inline(never)]
     pub(super) fn start_mirror_image(&mut self) {
-        let mirror = self.round.mirror(&self.settings.dimensions).filter(|mirror| !mirror.one_sided);
+        let mirror = self.round.mirror(&self.settings.dimensions, &|_| true).filter(|mirror| !mirror.one_sided);
         if let Some(mirror) = mirror
             && self.distinction(&mirror.image(&self.filter.state.position())) < T::of(SURE)
         {
@@ -241,10 +270,32 @@ impl<T: Real> Engine<T> {
         }
     }
 
+    #[inline(never)]
     fn begin_image(&mut self, mirror: &Mirror<T>) {
         self.rival.filter.copy_from(&self.filter);
         mirror.reflect(&mut self.rival.filter.state);
-        self.rival.lead = Some(T::ZERO);
+        (self.rival.lead, self.rival.is_image) = (Some(T::ZERO), true);
+        if !mirror.is_of_all {
+            self.weigh_image();
+        }
+    }
+
+    /// Weighs a new mirror image by the ranges that tell the two sides apart. Their links have other errors there.
+    #[inline(never)]
+    fn weigh_image(&mut self) {
+        let [position, image] = [&self.filter, &self.rival.filter].map(|filter| filter.state.position());
+        let settings = &self.settings.filter;
+        let mut lead = T::ZERO;
+        for range in self.round.ranges() {
+            let [here, there] = [&position, &image].map(|place| distance_squared(place, &range.position_m).sqrt());
+            if (here - there).squared() > settings.noise.direct_sigma.squared() {
+                // An error that lasts tells half of what a new one in each round would tell.
+                lead += T::of(0.5)
+                    * (self.filter.log_density(range, settings) - self.rival.filter.log_density(range, settings));
+                self.rival.filter.prepare_range(range, settings);
+            }
+        }
+        self.rival.lead = Some(lead.at_least(T::ZERO)).filter(|lead| *lead < T::of(SURE));
     }
 
     /// Follows the hypothesis that has won with these log odds of the track, or both. Returns why a track was started,
@@ -262,7 +313,7 @@ impl<T: Real> Engine<T> {
     /// the first one.
     pub(super) fn add_rival(&mut self, other: &Fix<T, 3>, share: T) {
         begin(&mut self.rival.filter, other, &self.round, &self.settings, self.now_us);
-        self.rival.lead = Some(((T::ONE - share) / share).ln());
+        (self.rival.lead, self.rival.is_image) = (Some(((T::ONE - share) / share).ln()), false);
         self.rival.compared_us = self.now_us;
     }
 

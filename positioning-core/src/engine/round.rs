@@ -27,6 +27,7 @@ struct Kept<T> {
 }
 
 /// The line or plane near which the anchors of a round lie.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Mirror<T> {
     /// The middle of the anchors, metres.
     centre: [T; 3],
@@ -34,9 +35,16 @@ pub(super) struct Mirror<T> {
     normal: [T; 3],
     /// Whether tags are on that side: the side is known, or the plane is level, and anchors hang higher than tags.
     pub(super) one_sided: bool,
+    /// Whether all of the round's anchors lie near it.
+    pub(super) is_of_all: bool,
 }
 
 impl<T: Real> Mirror<T> {
+    /// The same, where other anchors do not lie near it.
+    pub(super) fn of_some(self) -> Self {
+        Self { is_of_all: false, ..self }
+    }
+
     /// The distance of a place from it, metres; positive on the side that solvers take.
     pub(super) fn off(&self, place: &[T; 3]) -> T {
         dot(&self.normal, &sub(place, &self.centre))
@@ -174,14 +182,19 @@ impl<T: Real> Round<T> {
         if self.given == 0 { T::ZERO } else { T::count(self.taken) / T::count(self.given) }
     }
 
-    /// The line (in the plane) or plane (in space) near which the anchors lie; `None` where they are spread.
-    pub(super) fn mirror(&self, dimensions: &Dimensions<T>) -> Option<Mirror<T>> {
-        let places = self.ranges().map(|range| range.position_m);
+    /// The line (in the plane) or plane (in space) near which the anchors lie that count; `None` where they are spread.
+    pub(super) fn mirror(&self, dimensions: &Dimensions<T>, counts: &dyn Fn(&Range<T>) -> bool) -> Option<Mirror<T>> {
+        let places = self.ranges().filter(|range| counts(range)).map(|range| range.position_m);
         match dimensions {
             Dimensions::Plane { height } => {
                 let Plane { centre: [x, y], normal: [across_x, across_y], .. } =
                     plane_of(places.map(|[x, y, _]| [x, y]))?;
-                Some(Mirror { centre: [x, y, *height], normal: [across_x, across_y, T::ZERO], one_sided: false })
+                Some(Mirror {
+                    centre: [x, y, *height],
+                    normal: [across_x, across_y, T::ZERO],
+                    one_sided: false,
+                    is_of_all: true,
+                })
             }
             Dimensions::Space { side } => {
                 let Plane { centre, normal, is_exact } = plane_of(places)?;
@@ -190,7 +203,7 @@ impl<T: Real> Round<T> {
                     Side::Of(point) => (dot(&normal, &sub(point, &centre)), true),
                 };
                 let normal = if towards_tag < T::ZERO { normal.map(|c| -c) } else { normal };
-                Some(Mirror { centre, normal, one_sided })
+                Some(Mirror { centre, normal, one_sided, is_of_all: true })
             }
         }
     }

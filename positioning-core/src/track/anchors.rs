@@ -44,6 +44,11 @@ pub(crate) struct Link<T> {
 }
 
 impl<T: Real> Link<T> {
+    /// Whether it is rather direct than blocked, and its ranges are not refused.
+    pub(crate) fn is_direct(&self) -> bool {
+        self.blocked < T::of(0.5) && !self.gate.refuses()
+    }
+
     /// The variance of the noise of its next measurement, m²; `own` is that in line of sight, `blocked` the probability
     /// that the link is blocked.
     pub(crate) fn white(&self, own: T, blocked: T, settings: &FilterSettings<T>) -> T {

@@ -92,6 +92,8 @@ pub(crate) struct Filter<T> {
     own_gates: [Gate<T>; OWN_GATES],
     /// The height of a tag in the plane: its prior, whose variance is 0 where the height is exact.
     pub(super) height: Option<Gaussian<T>>,
+    /// An anchor whose ranges insist on being too short, since this was last taken.
+    pub(crate) too_short: Option<u16>,
     /// ln of the likelihood of the ranges since this was last taken.
     pub(crate) log_evidence: T,
 }
@@ -107,6 +109,7 @@ impl<T: Real> Filter<T> {
             reference: None,
             own_gates: [Gate::default(); OWN_GATES],
             height: None,
+            too_short: None,
             log_evidence: T::ZERO,
         }
     }
@@ -158,13 +161,17 @@ impl<T: Real> Filter<T> {
         (self.own_gates, self.height, self.log_evidence) = (other.own_gates, other.height, T::ZERO);
     }
 
-    /// The number of links to anchors that were measured within the last second, and how many of them are rather direct
-    /// than blocked.
+    /// The number of links to anchors that were measured within the last second, and how many of them are direct.
     pub(crate) fn measured_and_direct(&self) -> [usize; 2] {
         let recent = self.links.iter().filter(|link| {
             matches!(link.source, Source::Anchor(_)) && self.now_us.saturating_sub(link.measured_us) <= RECENT_US
         });
-        recent.fold([0, 0], |[measured, direct], link| [measured + 1, direct + usize::from(link.blocked < T::of(0.5))])
+        recent.fold([0, 0], |[measured, direct], link| [measured + 1, direct + usize::from(link.is_direct())])
+    }
+
+    /// Whether the link to an anchor is known, and direct.
+    pub(crate) fn is_direct(&self, anchor: u16) -> bool {
+        self.links.iter().any(|link| link.source == Source::Anchor(anchor) && link.is_direct())
     }
 
     /// Predicts the track to a later time. Earlier times do not change it.
@@ -225,6 +232,7 @@ impl<T: Real> Filter<T> {
     }
 
     /// Gives the link of a range its prior by the range's residual, without a change of the track.
+    #[inline(never)]
     pub(crate) fn prepare_range(&mut self, range: &Range<T>, settings: &FilterSettings<T>) {
         let Some((place, _)) = self.carry_anchor(range.anchor, range.distance_m, settings) else { return };
         let state = Links::<T>::state(place);
@@ -276,6 +284,9 @@ impl<T: Real> Filter<T> {
             let decision = link.gate.check(innovation.value, s, settings.gate, [link.age_s, settings.patience_s]);
             let insists = decision == GateDecision::Reopen && residual.mean > T::ZERO;
             if !insists {
+                if decision == GateDecision::Reopen {
+                    self.too_short = Some(range.anchor);
+                }
                 if fresh {
                     self.renew(place, posterior.site, posterior.blocked);
                 }
@@ -301,6 +312,7 @@ impl<T: Real> Filter<T> {
     }
 
     /// ln of the density of a range at the track's position, where its link is a new one.
+    #[inline(never)]
     pub(crate) fn log_density(&self, range: &Range<T>, settings: &FilterSettings<T>) -> T {
         let residual = range.model(STATES).linearise(&self.state.mean).innovation;
         let prior = settings.noise.link_prior(range.p_nlos_for(settings));

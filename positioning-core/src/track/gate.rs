@@ -29,6 +29,11 @@ pub(crate) struct Gate<T> {
 const LEAST_ALIKE: u8 = 3;
 
 impl<T: Real> Gate<T> {
+    /// Whether it has refused similar measurements in a row, and is not yet open for them.
+    pub(crate) fn refuses(&self) -> bool {
+        self.alike > 1
+    }
+
     /// Checks an innovation of variance `s`, `age_s` after the former one of its source. It is refused beyond `limit`
     /// deviations, unless similar ones have been refused for `patience_s` seconds.
     pub(crate) fn check(&mut self, innovation: T, s: T, limit: T, [age_s, patience_s]: [T; 2]) -> GateDecision {

@@ -138,6 +138,41 @@ fn a_track_along_a_wall_of_anchors_says_that_it_does_not_know_its_side() {
 }
 
 #[test]
+fn a_track_that_turns_near_a_wall_of_anchors_keeps_both_sides() {
+    // The two hypotheses come to one side of the line where the tag turns, 0.4 m from it.
+    let corners = [[2.0, 1.0], [10.0, 0.6], [10.0, 4.0]];
+    for seed in 1..=SEEDS {
+        let score = run(Settings::track(PLANE), &WALL, &corners, (10, 120), seed, |_, _| true);
+        assert_eq!(score.confident_and_wrong, 0, "{seed}: {score:?}");
+        assert!(score.positions == 0 || score.nees() < 4.0, "{seed}: {score:?}");
+    }
+}
+
+#[test]
+fn a_track_on_the_wrong_side_of_a_wall_comes_back_when_a_link_insists_on_being_too_short() {
+    let anchors = [[0.0, 8.0, 2.5], [6.0, 8.0, 1.5], [12.0, 8.0, 2.5], [0.0, 0.0, 2.5]];
+    let (tag, image) = ([9.0, 5.0, 1.2], [9.0, 11.0, 1.2]);
+    let mut rng = rng(41);
+    let mut engine = Engine::new(Settings::track(PLANE));
+    let errors = [vec![0.0; 4], vec![0.0; 4]];
+    let mut off_m = [0.0; 60];
+    for (k, off_m) in off_m.iter_mut().enumerate() {
+        for (anchor, place) in anchors.iter().enumerate() {
+            // For two seconds, a fault makes the range of the only anchor that tells the sides as long as at the image.
+            let seen = if anchor == 3 && k < 20 { &image } else { &tag };
+            let range = range(anchor, place, distance(place, seen), 0.0, &errors, &mut rng);
+            engine.step(100_000 * k as u64, &Measurement::Range(range));
+        }
+        let fix = engine.step(100_000 * k as u64, &Measurement::RoundEnd).fix.expect("four ranges");
+        *off_m = distance(&fix.position.map(f64::from), &tag);
+    }
+    // Twice the distance of 3 m to the wall.
+    assert!((off_m[19] - 6.0).abs() < 0.5, "{off_m:?}");
+    // Half a second of patience, and some rounds in which the ranges decide.
+    assert!(off_m[30..].iter().all(|off_m| *off_m < 0.5), "{off_m:?}");
+}
+
+#[test]
 fn a_track_that_crosses_the_line_of_its_last_two_anchors_follows_both_sides() {
     let corners = [[2.0, 2.0], [10.0, 2.0], [10.0, 6.0], [2.0, 6.0]];
     let (mut beyond_4_sigma, mut positions) = (0, 0);

@@ -7,6 +7,7 @@ mod garcia;
 mod honesty;
 mod linde;
 mod mistakes;
+mod seeds;
 mod thesis;
 
 use std::path::PathBuf;
@@ -29,6 +30,7 @@ host_tools::commands! {
         Accuracy(accuracy),
         Honesty(honesty),
         Mistakes(mistakes),
+        Seeds(seeds),
     }
 }
 

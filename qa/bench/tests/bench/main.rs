@@ -6,6 +6,7 @@ mod mistakes;
 #[allow(dead_code)]
 #[path = "../../../../host-tools/tests/baliza/schema_check.rs"]
 mod schema_check;
+mod seeds;
 #[allow(dead_code)]
 #[path = "../../../../host-tools/tests/baliza/support.rs"]
 mod support;
