@@ -111,7 +111,7 @@ impl<T: Real> Engine<T> {
         let all = self.round.mirror(&self.settings.dimensions, &|_| true);
         let short = self.filter.too_short.take();
         let others = |short| {
-            let counts = |range: &Range<T>| range.anchor != short && self.filter.is_direct(range.anchor);
+            let counts = |range: &Range<T>| range.anchor != short && self.filter.links.is_direct(range.anchor);
             let mirror = self.round.mirror(&self.settings.dimensions, &counts)?;
             (!mirror.one_sided).then_some(mirror.of_some())
         };

@@ -133,6 +133,11 @@ impl<T: Real> Links<T> {
         self.links.iter()
     }
 
+    /// Whether the link to an anchor is known, and direct.
+    pub(crate) fn is_direct(&self, anchor: u16) -> bool {
+        self.iter().any(|link| link.source == Source::Anchor(anchor) && link.is_direct())
+    }
+
     /// The link at a place.
     pub(crate) fn at(&mut self, place: usize) -> Option<&mut Link<T>> {
         self.links.get_mut(place)

@@ -169,11 +169,6 @@ impl<T: Real> Filter<T> {
         recent.fold([0, 0], |[measured, direct], link| [measured + 1, direct + usize::from(link.is_direct())])
     }
 
-    /// Whether the link to an anchor is known, and direct.
-    pub(crate) fn is_direct(&self, anchor: u16) -> bool {
-        self.links.iter().any(|link| link.source == Source::Anchor(anchor) && link.is_direct())
-    }
-
     /// Predicts the track to a later time. Earlier times do not change it.
     pub(crate) fn advance(&mut self, now_us: u64, settings: &FilterSettings<T>) {
         let dt = seconds(now_us.saturating_sub(self.now_us));
