@@ -17,7 +17,7 @@ use super::{Dimensions, Engine, Settings, Start};
 use crate::linalg::{Ldl, Matrix, distance_squared, sub};
 use crate::measurement::Range;
 use crate::track::Filter;
-use crate::track::state::{COMMON, POSITION};
+use crate::track::state::{COMMON, POSITION, State};
 use crate::track::{fading, seconds};
 use crate::{Alternative, Fix, Flag, Real};
 
@@ -77,10 +77,10 @@ impl<T: Real> Rival<T> {
 impl<T: Real> Engine<T> {
     /// The likelier place of the hypotheses, and the covariance about it, which reaches to the other place.
     pub(super) fn likelier(&self) -> ([T; 3], [[T; 3]; 3]) {
-        let place = |filter: &Filter<T>| (filter.state.position(), filter.state.position_covariance());
-        let mine = place(&self.filter);
+        let place = |state: &State<T>| (state.position(), state.position_covariance());
+        let mine = place(&self.filter.state);
         let Some(share) = self.rival.share() else { return mine };
-        let other = place(&self.rival.filter);
+        let other = place(&self.rival.filter.state);
         let ((position, covariance), (other, of_other), share) =
             if share > T::of(0.5) { (other, mine, T::ONE - share) } else { (mine, other, share) };
         let apart = sub(&other, &position);
