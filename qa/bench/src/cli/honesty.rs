@@ -1,7 +1,5 @@
 //! `baliza bench honesty`: whether the deviations of positions are as large as their errors, by kinds of geometry.
 
-use std::thread;
-
 use accuracy::honesty::{CLASSES, SiteClass, draw};
 use analysis::locate::track::{Tracker, Weighting, settings};
 use analysis::{Setup, Solver};
@@ -13,12 +11,10 @@ use positioning_core::Method;
 use recording::{Height, Recording, Solved, Space};
 use serde::Serialize;
 
-use super::Output;
 use super::accuracy::sites::drawn;
+use super::{MOST_DEVIATIONS, Output, on_all_processors};
 
 const METHODS: [&str; 2] = ["solve", "track"];
-/// An error of more than this number of deviations is wrong.
-const WRONG: f64 = 4.0;
 
 /// Errors beyond four deviations, and NEES, by kinds of geometry
 ///
@@ -85,16 +81,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 fn score(class: SiteClass, sites: usize, seed: u64, progress: &Progress) -> [MethodHonesty; 2] {
-    let threads = thread::available_parallelism().map_or(1, usize::from);
-    let part = |first: usize| {
-        let numbers = (first..sites).step_by(threads);
-        numbers.map(|number| site(class, number, seed, progress)).collect::<Vec<_>>()
-    };
-    let parts: Vec<_> = thread::scope(|scope| {
-        let running: Vec<_> = (0..threads).map(|first| scope.spawn(move || part(first))).collect();
-        running.into_iter().flat_map(|thread| thread.join().unwrap_or_default()).collect()
-    });
-    let (solved, tracked): (Vec<_>, Vec<_>) = parts.into_iter().unzip();
+    let scores = on_all_processors(0..sites as u64, |number| site(class, number as usize, seed, progress));
+    let (solved, tracked): (Vec<_>, Vec<_>) = scores.into_iter().unzip();
     [MethodHonesty::of([class.name, METHODS[0]], &solved), MethodHonesty::of([class.name, METHODS[1]], &tracked)]
 }
 
@@ -121,7 +109,7 @@ impl SiteHonesty {
             let square = position.place.distance_m(&truth).powi(2) / variance;
             honesty.positions += 1;
             honesty.flagged += usize::from(position.flag.is_some());
-            honesty.wrong += usize::from(position.flag.is_none() && square > WRONG * WRONG);
+            honesty.wrong += usize::from(position.flag.is_none() && square > MOST_DEVIATIONS * MOST_DEVIATIONS);
             honesty.nees += square;
         }
         honesty

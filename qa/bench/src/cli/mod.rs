@@ -10,7 +10,10 @@ mod mistakes;
 mod seeds;
 mod thesis;
 
+use std::ops::Range;
+use std::panic::resume_unwind;
 use std::path::PathBuf;
+use std::thread;
 
 use anyhow::Result;
 
@@ -116,6 +119,20 @@ impl Output<'_> {
         }
         Ok(())
     }
+}
+
+/// An error of more than this number of deviations is beyond what a deviation allows.
+const MOST_DEVIATIONS: f64 = 4.0;
+
+/// What `make` makes of each of these numbers, on all processors: those of one processor after those of another.
+fn on_all_processors<T: Send>(numbers: Range<u64>, make: impl Fn(u64) -> T + Sync) -> Vec<T> {
+    let threads = thread::available_parallelism().map_or(1, usize::from);
+    let part = |first: usize| numbers.clone().skip(first).step_by(threads).map(&make).collect::<Vec<_>>();
+    thread::scope(|scope| {
+        let part = &part;
+        let running: Vec<_> = (0..threads).map(|first| scope.spawn(move || part(first))).collect();
+        running.into_iter().flat_map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
+    })
 }
 
 /// The distribution of the errors, metres, by what they are of.

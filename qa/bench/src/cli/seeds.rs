@@ -1,9 +1,8 @@
 //! `baliza bench seeds`: whether the positions of simulated sites are as good as they say, over many seeds.
 
 use std::path::{Path, PathBuf};
-use std::thread;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use baliza_report::{MarkdownTable, Statistics};
 use host_tools::cli::progress::Progress;
 use host_tools::simulate::read_scenario;
@@ -12,13 +11,11 @@ use serde::Serialize;
 use sim::scenario::{Scenario, SimulatedEpoch, Simulation};
 use wire::telemetry::Doubt;
 
-use super::Output;
+use super::{MOST_DEVIATIONS, Output, on_all_processors};
 
 /// A position is misleading if it is farther off than the first number while its deviation is below the second one,
 /// metres.
 const MISLEADING_M: [f64; 2] = [1.0, 0.3];
-/// An error of more than this number of deviations is beyond what a deviation allows.
-const MOST_DEVIATIONS: f64 = 4.0;
 
 /// Errors of simulated sites beside the deviations that tags report, over many seeds
 ///
@@ -88,16 +85,8 @@ fn scenario(file: &Path, seed: u64) -> Result<Scenario, UserError> {
 }
 
 fn row(file: &Path, seeds: u64, progress: &Progress) -> Result<Row> {
-    let threads = thread::available_parallelism().map_or(1, usize::from);
-    let part = |first: u64| {
-        let numbers = (first..=seeds).step_by(threads);
-        numbers.map(|number| Ok(simulate(scenario(file, number)?, progress))).collect::<Result<Vec<_>, UserError>>()
-    };
-    let parts: Vec<_> = thread::scope(|scope| {
-        let running: Vec<_> = (1..=threads as u64).map(|first| scope.spawn(move || part(first))).collect();
-        running.into_iter().map(|thread| thread.join().ok().context("a simulation stopped")).collect::<Result<_>>()
-    })?;
-    let all: Vec<Seed> = parts.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
+    let all = on_all_processors(1..seeds + 1, |seed| Ok(simulate(scenario(file, seed)?, progress)));
+    let all: Vec<Seed> = all.into_iter().collect::<Result<_, UserError>>()?;
     let count = |of: fn(&Seed) -> usize| all.iter().map(of).sum::<usize>();
     let errors_m: Vec<f64> = all.iter().flat_map(|seed| seed.errors_m.iter().copied()).collect();
     let squares: Vec<f64> = all.iter().flat_map(|seed| seed.squares.iter().copied()).collect();
