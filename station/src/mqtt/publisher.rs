@@ -34,11 +34,11 @@ struct TagRoom<'a> {
     supply_v: Option<f64>,
 }
 
-/// The pace of a tag's positions.
-#[derive(Debug)]
-struct Pace {
-    /// When its last position went out.
-    sent: Instant,
+/// What the broker has of a tag.
+#[derive(Debug, Default)]
+struct Sent {
+    /// When the last position went out.
+    position: Option<Instant>,
     /// A later one, which waits.
     waiting: Option<TagPosition>,
 }
@@ -53,9 +53,8 @@ pub(super) struct Publisher {
     pub(super) every: Duration,
     /// The tags that the store had at the start.
     pub(super) earlier: Vec<TagStatus>,
-    paces: HashMap<(String, String), Pace>,
     /// Tags with documents.
-    announced: HashSet<(String, String)>,
+    tags: HashMap<(String, String), Sent>,
     /// Nodes with documents.
     nodes: HashSet<(String, String)>,
 }
@@ -69,8 +68,8 @@ impl Publisher {
         every: Duration,
         earlier: Vec<TagStatus>,
     ) -> Self {
-        let (paces, announced, nodes) = (HashMap::new(), HashSet::new(), HashSet::new());
-        Self { hub, outbox, topics, discovery, every, earlier, paces, announced, nodes }
+        let (tags, nodes) = (HashMap::new(), HashSet::new());
+        Self { hub, outbox, topics, discovery, every, earlier, tags, nodes }
     }
 
     /// Follows the hub until the station stops.
@@ -131,25 +130,21 @@ impl Publisher {
     }
 
     fn take_position(&mut self, position: TagPosition, now: Instant) {
-        let key = (position.site.clone(), position.tag.clone());
-        if let Some(pace) = self.paces.get_mut(&key) {
-            if now.duration_since(pace.sent) < self.every {
-                pace.waiting = Some(position);
-                return;
-            }
-            *pace = Pace { sent: now, waiting: None };
-        } else {
-            self.paces.insert(key, Pace { sent: now, waiting: None });
+        let sent = self.tags.entry((position.site.clone(), position.tag.clone())).or_default();
+        if sent.position.is_some_and(|last| now.duration_since(last) < self.every) {
+            sent.waiting = Some(position);
+            return;
         }
+        *sent = Sent { position: Some(now), waiting: None };
         self.outbox.retain(self.topics.position(&position.site, &position.tag), json(&position));
     }
 
     fn send_waiting(&mut self, now: Instant) {
-        for pace in self.paces.values_mut() {
-            if now.duration_since(pace.sent) >= self.every
-                && let Some(position) = pace.waiting.take()
+        for sent in self.tags.values_mut() {
+            if sent.position.is_none_or(|last| now.duration_since(last) >= self.every)
+                && let Some(position) = sent.waiting.take()
             {
-                pace.sent = now;
+                sent.position = Some(now);
                 self.outbox.retain(self.topics.position(&position.site, &position.tag), json(&position));
             }
         }
@@ -164,22 +159,21 @@ impl Publisher {
         let now: HashSet<_> = tags.iter().map(|tag| (tag.site.clone(), tag.tag.clone())).collect();
         for tag in &tags {
             self.send_tag(tag);
-            let key = (tag.site.clone(), tag.tag.clone());
             // Of before the start; later ones come as updates.
-            let is_paced = self.paces.contains_key(&key);
-            let is_first = self.announced.insert(key) && !is_paced;
-            if let Some(position) = tag.last_position.as_ref().filter(|_| is_first) {
+            let sent = self.tags.entry((tag.site.clone(), tag.tag.clone())).or_default();
+            if let Some(position) = tag.last_position.as_ref().filter(|_| sent.position.is_none()) {
+                sent.position = Some(Instant::now());
                 self.outbox.retain(self.topics.position(&tag.site, &tag.tag), json(position));
             }
         }
-        for (site, tag) in self.announced.extract_if(|key| !now.contains(key)) {
-            self.paces.remove(&(site.clone(), tag.clone()));
+        for ((site, tag), _) in self.tags.extract_if(|key, _| !now.contains(key)) {
             forget(&self.outbox, &self.topics, self.discovery.as_ref(), &site, &tag);
         }
         self.send_health();
     }
 
-    fn send_tag(&self, tag: &TagStatus) {
+    fn send_tag(&mut self, tag: &TagStatus) {
+        self.tags.entry((tag.site.clone(), tag.tag.clone())).or_default();
         let room = TagRoom {
             site: &tag.site,
             tag: &tag.tag,
@@ -223,5 +217,93 @@ pub(super) fn forget(outbox: &Outbox, topics: &Topics, discovery: Option<&Discov
     outbox.clear(topics.room(site, tag));
     if let Some(discovery) = discovery {
         outbox.clear(discovery.topic(site, tag));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::outbox::Message;
+    use super::*;
+    use crate::model::StationEvent;
+    use crate::state::StateLimits;
+    use crate::store::Retention;
+    use crate::{LiveState, ReportKind, SolvedFrom, SourceReport, Store, Utc};
+
+    const SITE: &str = "hall";
+    const TAG: &str = "0x1001";
+    const POSITION: &str = "baliza/hall/tags/0x1001/position";
+    const ROOM: &str = "baliza/hall/tags/0x1001/room";
+    const DEVICE: &str = "homeassistant/device/baliza__hall__0x1001/config";
+
+    fn retained(messages: &[Message], is_right: impl Fn(&str) -> bool) -> Vec<&str> {
+        let right = messages.iter().filter(|message| message.is_retained && is_right(&message.payload));
+        let mut topics: Vec<_> = right.map(|message| &*message.topic).collect();
+        topics.sort_unstable();
+        topics
+    }
+
+    /// A tag is forgotten after one update, before its documents were brought up to date in another way.
+    async fn assert_that_a_tag_of_one_update_can_be_forgotten(
+        update: impl Fn(TagPosition) -> Update,
+        documents: &[&str],
+    ) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let store = Store::open(folder.path().join("baliza.db").to_str().expect("UTF-8")).await.expect("a store");
+        let live = LiveState::new(StateLimits::default());
+        let (hub, _task) = Hub::start(live, store, Retention::default()).await.expect("a hub");
+        let mut updates = hub.listen();
+        let what = ReportKind::Position {
+            tag: TAG.to_owned(),
+            round: None,
+            position_m: [1.0, 1.0],
+            z_m: None,
+            sigma_m: [0.1; 2],
+            sigma_z_m: None,
+            cov_xy_m2: 0.0,
+            used: 4,
+            solved_from: SolvedFrom::Ranges,
+        };
+        let report = SourceReport { t: Utc::now(), site: SITE.to_owned(), what };
+        hub.reports().send(report).await.expect("taken");
+        let position = loop {
+            if let Update::Position(position) = updates.recv().await.expect("the hub runs") {
+                break position;
+            }
+        };
+        let outbox = Arc::new(Outbox::default());
+        let topics = Topics::new("baliza").expect("a prefix");
+        let discovery = Discovery::new(&Topics::new("homeassistant").expect("a prefix"), &topics);
+        let every = Duration::from_secs(1);
+        let mut publisher = Publisher::new(hub.clone(), outbox.clone(), topics, Some(discovery), every, Vec::new());
+
+        publisher.take(update(position));
+        assert_eq!(retained(&outbox.next(10).await, |payload| !payload.is_empty()), documents);
+        outbox.sent();
+        hub.change(|live| live.forget(SITE, TAG));
+        publisher.refresh();
+        assert!(!outbox.is_empty(), "nothing is cleared");
+        assert_eq!(retained(&outbox.next(10).await, str::is_empty), [POSITION, ROOM, DEVICE]);
+    }
+
+    #[tokio::test]
+    async fn a_tag_whose_position_alone_was_sent_is_cleared() {
+        assert_that_a_tag_of_one_update_can_be_forgotten(Update::Position, &[POSITION]).await;
+    }
+
+    #[tokio::test]
+    async fn a_tag_of_whom_an_event_came_first_is_cleared() {
+        let back = |position: TagPosition| {
+            Update::Event(StationEvent {
+                id: 1,
+                t: position.t,
+                site: position.site,
+                kind: EventKind::Back,
+                node: position.tag,
+                zone: None,
+                dwell_s: None,
+                alarm: false,
+            })
+        };
+        assert_that_a_tag_of_one_update_can_be_forgotten(back, &[ROOM, DEVICE]).await;
     }
 }
