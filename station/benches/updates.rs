@@ -86,6 +86,7 @@ fn tenth(step: u32) -> Vec<SourceReport> {
             cov_xy_m2: 0.005,
             used: 12,
             solved_from: SolvedFrom::Ranges,
+            doubt: None,
         };
         reports.push(SourceReport { t, site, what });
     }

@@ -150,6 +150,7 @@ mod tests {
             cov_xy_m2: 0.0,
             room: None,
             used: 4,
+            doubt: None,
         }
     }
 

@@ -1,7 +1,7 @@
 //! Input events: positions, ranges, sightings, nodes. A source makes them, the [`Hub`](crate::Hub) takes them.
 
 use crate::Utc;
-use crate::model::{NodeRole, PlacedNode, RangeMeasurement};
+use crate::model::{Doubt, NodeRole, PlacedNode, RangeMeasurement};
 
 /// A report of a source.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,6 +48,8 @@ pub enum ReportKind {
         used: u8,
         /// What it was computed from.
         solved_from: SolvedFrom,
+        /// What makes it doubtful.
+        doubt: Option<Doubt>,
     },
     /// The end of a tag's round, without a position.
     NoPosition {

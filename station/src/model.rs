@@ -38,6 +38,43 @@ pub struct TagPosition {
     pub room: Option<String>,
     /// The number of ranges or beacons that were used.
     pub used: u8,
+    /// What makes it doubtful beyond its deviations.
+    #[serde(default)]
+    pub doubt: Option<Doubt>,
+}
+
+/// What makes a position doubtful beyond its deviations.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "flag", rename_all = "snake_case")]
+pub enum Doubt {
+    /// Ranges contradict each other, and those that agree are too few to confirm it.
+    Suspect,
+    /// The ranges fit another place too.
+    Ambiguous {
+        /// The other place, metres. The deviations reach from the position to it.
+        #[schema(value_type = SpacePoint)]
+        alternative_m: [f64; 3],
+    },
+}
+
+impl Doubt {
+    /// Its name in the API and in a recording's column `flag`.
+    #[must_use]
+    pub const fn flag(&self) -> &'static str {
+        match self {
+            Self::Suspect => "suspect",
+            Self::Ambiguous { .. } => "ambiguous",
+        }
+    }
+
+    /// The other place: x, y and z, metres.
+    #[must_use]
+    pub const fn alternative_m(&self) -> Option<[f64; 3]> {
+        match *self {
+            Self::Suspect => None,
+            Self::Ambiguous { alternative_m } => Some(alternative_m),
+        }
+    }
 }
 
 /// A tag or a terminal.
@@ -370,40 +407,6 @@ impl SiteMap {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct GeographicOrigin(pub geodesy::GeographicOrigin);
-
-impl utoipa::PartialSchema for GeographicOrigin {
-    fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::schema::Schema> {
-        use geodesy::GeographicOrigin as Origin;
-        use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, SchemaType, Type};
-        let number = |(least, greatest), is_required: bool, description: &str| {
-            let null = (!is_required).then_some(Type::Null);
-            ObjectBuilder::new()
-                .schema_type(SchemaType::from_iter([Type::Number].into_iter().chain(null)))
-                .minimum(Some(least))
-                .maximum(Some(greatest))
-                .description(Some(description))
-        };
-        let separation = "The height of the geoid (mean sea level) above the ellipsoid there. Without it, points 1 km \
-                          from the origin are up to 17 mm off.";
-        ObjectBuilder::new()
-            .property("latitude_deg", number(Origin::LATITUDES_DEG, true, "North of the equator, WGS 84"))
-            .property("longitude_deg", number(Origin::LONGITUDES_DEG, true, "East of Greenwich, WGS 84"))
-            .property(
-                "y_azimuth_deg",
-                number(Origin::AZIMUTHS_DEG, true, "The azimuth of the y axis: clockwise from true north"),
-            )
-            .property("height_m", number(Origin::HEIGHTS_M, false, "The height of z = 0 above mean sea level"))
-            .property("geoid_separation_m", number(Origin::SEPARATIONS_M, false, separation))
-            .additional_properties(Some(AdditionalProperties::FreeForm(false)))
-            .required("latitude_deg")
-            .required("longitude_deg")
-            .required("y_azimuth_deg")
-            .description(Some("Where the origin of a site's frame is on the earth, and how the frame is turned."))
-            .into()
-    }
-}
-
-impl ToSchema for GeographicOrigin {}
 
 /// A picture of a site, and where it is: a point (u, v) of the picture, in pixels from its upper left corner, is at
 /// `origin_m + metres_per_pixel * (cos a * u + sin a * v, sin a * u - cos a * v)` with `a` = `rotation_rad`.

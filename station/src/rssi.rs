@@ -49,6 +49,7 @@ impl RssiPosition {
             cov_xy_m2,
             used,
             solved_from,
+            doubt: None,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! From the messages of one node to reports of the station.
 
-use station_core::model::{NodeRole, RangeMeasurement};
+use station_core::model::{Doubt, NodeRole, RangeMeasurement};
 use station_core::{ReportKind, SolvedFrom, SourceReport, Utc};
 use wire::telemetry::{self, Address, BeaconId, Fix, Message, Range};
 
@@ -81,6 +81,13 @@ fn fix_report(tag: String, fix: &Fix) -> ReportKind {
         used: u8::try_from(fix.used().map_or(0, u16::count_ones)).unwrap_or(u8::MAX),
         // No anchor was asked: it is from beacons.
         solved_from: if fix.asked == 0 { SolvedFrom::Rssi } else { SolvedFrom::Ranges },
+        doubt: match fix.doubt {
+            telemetry::Doubt::None => None,
+            telemetry::Doubt::Suspect => Some(Doubt::Suspect),
+            two_places @ telemetry::Doubt::Ambiguous(_) => {
+                two_places.alternative_m().map(|alternative_m| Doubt::Ambiguous { alternative_m })
+            }
+        },
     }
 }
 
@@ -110,7 +117,7 @@ fn range_reports(tag: String, range: &Range) -> Vec<ReportKind> {
 
 #[cfg(test)]
 mod tests {
-    use wire::telemetry::{Doubt, Outcome, Sighting, Solver};
+    use wire::telemetry::{Outcome, Sighting, Solver};
 
     use super::*;
 
@@ -125,8 +132,7 @@ mod tests {
         assert_eq!(whats, [ReportKind::Sighting { tag, beacon, rssi_dbm: -67.0 }]);
     }
 
-    #[test]
-    fn a_position_without_asked_anchors_is_by_rssi() {
+    fn fix(asked: u8, doubt: telemetry::Doubt) -> Fix {
         let outcome = Outcome::Position {
             position_tenth_mm: [10_000, 20_000, 0],
             deviation_tenth_mm: [1_000; 3],
@@ -134,12 +140,32 @@ mod tests {
             used: 0b11,
             quality_255ths: 255,
         };
+        Fix { t_us: 1, round: 1, age_us: 0, asked, outcome, solver: Solver::Track, doubt }
+    }
+
+    #[test]
+    fn a_position_without_asked_anchors_is_by_rssi() {
         for (asked, expected) in [(0, SolvedFrom::Rssi), (1, SolvedFrom::Ranges), (4, SolvedFrom::Ranges)] {
-            let fix = Fix { t_us: 1, round: 1, age_us: 0, asked, outcome, solver: Solver::Track, doubt: Doubt::None };
+            let fix = fix(asked, telemetry::Doubt::None);
             let ReportKind::Position { solved_from, position_m, .. } = fix_report("0x1001".to_owned(), &fix) else {
                 panic!("a position")
             };
             assert_eq!((solved_from, position_m), (expected, [1.0, 2.0]));
+        }
+    }
+
+    #[test]
+    fn a_fix_keeps_its_doubt() {
+        let two_places = Doubt::Ambiguous { alternative_m: [-1.5, 2.0, 0.3] };
+        for (of_wire, expected) in [
+            (telemetry::Doubt::None, None),
+            (telemetry::Doubt::Suspect, Some(Doubt::Suspect)),
+            (telemetry::Doubt::Ambiguous([-15_000, 20_000, 3_000]), Some(two_places)),
+        ] {
+            let ReportKind::Position { doubt, .. } = fix_report("0x1001".to_owned(), &fix(4, of_wire)) else {
+                panic!("a position")
+            };
+            assert_eq!(doubt, expected);
         }
     }
 }

@@ -127,6 +127,7 @@ fn report(tag: &str, x_m: f64) -> SourceReport {
         cov_xy_m2: 0.0,
         used: 4,
         solved_from: SolvedFrom::Ranges,
+        doubt: None,
     };
     SourceReport { t: Utc::now(), site: SITE.to_owned(), what }
 }

@@ -262,6 +262,7 @@ mod tests {
             cov_xy_m2: 0.0,
             used: 4,
             solved_from: SolvedFrom::Ranges,
+            doubt: None,
         };
         let report = SourceReport { t: Utc::now(), site: SITE.to_owned(), what };
         hub.reports().send(report).await.expect("taken");

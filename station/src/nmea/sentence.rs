@@ -98,6 +98,7 @@ mod tests {
             cov_xy_m2: 0.0,
             room: None,
             used: 6,
+            doubt: None,
         }
     }
 

@@ -46,6 +46,7 @@ impl Station {
             cov_xy_m2: 0.0,
             used: 5,
             solved_from: SolvedFrom::Ranges,
+            doubt: None,
         };
         self.hub.reports().send(SourceReport { t: Utc::now(), site: SITE.to_owned(), what }).await.unwrap();
     }

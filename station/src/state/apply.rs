@@ -314,11 +314,14 @@ fn tag_position(t: Utc, site: &str, kind: &ReportKind) -> Option<(TagPosition, O
         cov_xy_m2,
         used,
         solved_from,
+        doubt,
     } = kind
     else {
         return None;
     };
-    let is_place = [Some(*x_m), Some(*y_m), *z_m].into_iter().flatten().all(|at| at.abs() <= FARTHEST_M);
+    let other_m = doubt.and_then(|doubt| doubt.alternative_m()).into_iter().flatten();
+    let mut places = [*x_m, *y_m].into_iter().chain(*z_m).chain(other_m);
+    let is_place = places.all(|at| at.abs() <= FARTHEST_M);
     let sigmas_m = [Some(*sigma_x_m), Some(*sigma_y_m), *sigma_z_m];
     let is_sigma = sigmas_m.into_iter().flatten().all(|sigma_m| (0.0..=VAGUEST_M).contains(&sigma_m));
     if !(is_place && is_sigma && cov_xy_m2.is_finite()) {
@@ -339,6 +342,7 @@ fn tag_position(t: Utc, site: &str, kind: &ReportKind) -> Option<(TagPosition, O
         cov_xy_m2: cov_xy_m2.clamp(-most_m2, most_m2),
         room: None,
         used: *used,
+        doubt: *doubt,
     };
     Some((position, *round, *solved_from))
 }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::*;
-use crate::model::{HealthFigures, RangeMeasurement};
+use crate::model::{Doubt, HealthFigures, RangeMeasurement};
 use crate::{ReportKind, SolvedFrom, SourceReport};
 
 const SITE: &str = "hall";
@@ -28,6 +28,7 @@ fn position(tag: &str, position_m: [f64; 2], sigma_m: f64) -> ReportKind {
         cov_xy_m2: 0.0,
         used: 4,
         solved_from: SolvedFrom::Ranges,
+        doubt: None,
     }
 }
 
@@ -300,6 +301,7 @@ fn the_long_axis_of_the_ellipse_decides_whether_a_position_is_uncertain() {
             cov_xy_m2: 3.75,
             used: 3,
             solved_from: SolvedFrom::Ranges,
+            doubt: None,
         };
         seen.extend(events(&live.apply(&report(at(ms), what))));
     }
@@ -393,6 +395,7 @@ fn residuals_are_ranges_minus_distances_in_space() {
                 cov_xy_m2: 0.0,
                 used: 3,
                 solved_from: SolvedFrom::Ranges,
+                doubt: None,
             },
         };
         live.apply(&report(at(0), end));
@@ -539,6 +542,11 @@ fn numbers_that_are_no_measurements_are_refused_and_counted() {
             *z_m = Some(wrong);
         }
         refuse(&mut live, SITE, vague);
+        let mut two_places = position("0x1001", [0.0; 2], 0.1);
+        if let ReportKind::Position { doubt, .. } = &mut two_places {
+            *doubt = Some(Doubt::Ambiguous { alternative_m: [0.0, wrong, 0.0] });
+        }
+        refuse(&mut live, SITE, two_places);
     }
     refuse(&mut live, SITE, position("0x1001", [0.0; 2], -0.1));
     refuse(&mut live, SITE, range("0x0101", -1.0));

@@ -30,6 +30,7 @@ const CHANGES: &[(&str, Text)] = &[
     ("geographic_origin", Text::Same(include_str!("../../migrations/0003_geographic_origin.sql"))),
     ("measurements", files!("0004_measurements.sql")),
     ("health", files!("0005_health.sql")),
+    ("doubt", Text::Same(include_str!("../../migrations/0006_doubt.sql"))),
 ];
 
 /// The changes for an engine, oldest first.

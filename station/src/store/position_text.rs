@@ -9,9 +9,10 @@ use sqlx::query::QueryScalar;
 use sqlx::{Any, AnyConnection};
 
 use super::key::{ms_of, tag_of};
+use super::write::millimetres;
 use super::{Result, StoreError};
 use crate::Utc;
-use crate::model::TagPosition;
+use crate::model::{Doubt, TagPosition};
 
 /// A name by number: of tags, or of rooms.
 pub type Names = BTreeMap<i64, String>;
@@ -36,7 +37,8 @@ macro_rules! lines {
             $key,
             " || ',' || x_mm || ',' || y_mm || ',' || COALESCE(CAST(z_mm AS TEXT), '') \
              || ',' || sigma_x_mm || ',' || sigma_y_mm || ',' || COALESCE(CAST(sigma_z_mm AS TEXT), '') \
-             || ',' || correlation || ',' || COALESCE(CAST(room AS TEXT), '') || ',' || used AS line ",
+             || ',' || correlation || ',' || COALESCE(CAST(room AS TEXT), '') || ',' || used \
+             || ',' || COALESCE(doubt, '') AS line ",
             $rest,
             ") AS lines"
         )
@@ -49,6 +51,28 @@ pub(super) use lines;
 pub struct PositionLine {
     pub key: i64,
     columns: [Option<i64>; 9],
+    doubt: Option<Doubt>,
+}
+
+const SUSPECT: &str = "suspect";
+
+/// A doubt as it is stored.
+pub fn of_doubt(doubt: Doubt) -> String {
+    doubt.alternative_m().map_or(SUSPECT.to_owned(), |place| place.map(|m| millimetres(m).to_string()).join(" "))
+}
+
+/// A stored doubt: none of an empty text.
+fn parse_doubt(text: &str) -> Option<Option<Doubt>> {
+    if matches!(text, "" | SUSPECT) {
+        return Some((text == SUSPECT).then_some(Doubt::Suspect));
+    }
+    let mm: Vec<i64> = text.split(' ').map(|mm| mm.parse().ok()).collect::<Option<_>>()?;
+    let mm: [i64; 3] = mm.try_into().ok()?;
+    Some(Some(Doubt::Ambiguous { alternative_m: mm.map(metres) }))
+}
+
+fn metres(mm: i64) -> f64 {
+    mm as f64 / 1000.0
 }
 
 /// A statement's lines; none where it finds no position.
@@ -76,13 +100,13 @@ impl PositionLine {
                 *column = Some(value.parse().ok()?);
             }
         }
-        values.next().is_none().then_some(Self { key, columns })
+        let doubt = parse_doubt(values.next()?)?;
+        values.next().is_none().then_some(Self { key, columns, doubt })
     }
 
     /// The position, with the names of its site, tag and room.
     pub fn position(&self, site: &str, tags: &Names, rooms: &Names) -> Result<TagPosition> {
         let [x, y, z, sigma_x, sigma_y, sigma_z, correlation, room, used] = self.columns;
-        let metres = |mm: i64| mm as f64 / 1000.0;
         let all = (x, y, sigma_x, sigma_y, correlation, used);
         let (Some(x), Some(y), Some(sigma_x), Some(sigma_y), Some(correlation), Some(used)) = all else {
             return Err(StoreError::Damaged(format!("the position with the key {} is incomplete", self.key)));
@@ -107,6 +131,7 @@ impl PositionLine {
             cov_xy_m2: correlation as f64 / 127.0 * sigma_x_m * sigma_y_m,
             room,
             used: u8::try_from(used).unwrap_or(u8::MAX),
+            doubt: self.doubt,
         })
     }
 }

@@ -30,8 +30,8 @@ impl Store {
         .await?;
         sqlx::query(
             "INSERT INTO history \
-             (key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used) \
-             SELECT key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used \
+             (key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used, doubt) \
+             SELECT key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used, doubt \
              FROM recent WHERE key < $1 OR key >= $2 ORDER BY key, id ON CONFLICT (key) DO NOTHING",
         )
         .bind(first_kept)

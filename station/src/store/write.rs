@@ -9,14 +9,14 @@ use sqlx::{Any, AnyConnection};
 
 use super::key::{LAST_TAG, key};
 use super::rows::{MultiRowInsert, UnboundStatement, name_of, whole};
-use super::{Result, Store};
+use super::{Result, Store, position_text};
 use crate::Utc;
 use crate::model::{StationEvent, TagPosition};
 
 static INSERT_POSITIONS: LazyLock<MultiRowInsert> = LazyLock::new(|| {
     let before = "INSERT INTO recent \
-         (key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used)";
-    MultiRowInsert::new(before, 10, "")
+         (key, x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm, correlation, room, used, doubt)";
+    MultiRowInsert::new(before, 11, "")
 });
 
 static INSERT_EVENTS: LazyLock<MultiRowInsert> = LazyLock::new(|| {
@@ -129,6 +129,7 @@ struct Stored {
     correlation: i16,
     room: Option<i64>,
     used: u8,
+    doubt: Option<String>,
 }
 
 impl Stored {
@@ -142,6 +143,7 @@ impl Stored {
             correlation: correlation(position),
             room,
             used: position.used,
+            doubt: position.doubt.map(position_text::of_doubt),
         }
     }
 
@@ -157,6 +159,7 @@ impl Stored {
             .bind(row.correlation)
             .bind(row.room)
             .bind(i16::from(row.used))
+            .bind(row.doubt.clone())
     }
 }
 
@@ -250,6 +253,7 @@ mod tests {
             cov_xy_m2,
             room: None,
             used: 255,
+            doubt: None,
         }
     }
 

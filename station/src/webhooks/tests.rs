@@ -231,6 +231,7 @@ impl Walk {
                 cov_xy_m2: 0.0,
                 used: 4,
                 solved_from: SolvedFrom::Ranges,
+                doubt: None,
             };
             self.hub.reports().send(SourceReport { t: Utc::now(), site: SITE.to_owned(), what }).await.unwrap();
         }

@@ -149,6 +149,7 @@ impl Station {
             cov_xy_m2: 0.0,
             used: 4,
             solved_from: SolvedFrom::Ranges,
+            doubt: None,
         };
         self.report(what).await;
     }

@@ -211,6 +211,7 @@ async fn clocks_that_jump_do_not_stop_the_station() {
         cov_xy_m2: 0.0,
         used: 4,
         solved_from: SolvedFrom::Ranges,
+        doubt: None,
     };
     let now = Utc::now();
     let times = [now, Utc::clamped(i64::MAX), Utc::clamped(0), now + Duration::from_secs(1)];

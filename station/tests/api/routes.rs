@@ -7,8 +7,21 @@ use station_core::{ReportKind, Utc};
 
 use crate::api::client::{SITE, keys, open, png};
 
-const POSITION: [&str; 12] =
-    ["site", "tag", "t", "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m", "sigma_z_m", "cov_xy_m2", "room", "used"];
+const POSITION: [&str; 13] = [
+    "site",
+    "tag",
+    "t",
+    "x_m",
+    "y_m",
+    "z_m",
+    "sigma_x_m",
+    "sigma_y_m",
+    "sigma_z_m",
+    "cov_xy_m2",
+    "room",
+    "used",
+    "doubt",
+];
 
 #[tokio::test]
 async fn page_has_its_files_with_a_strict_policy_and_entity_tags() {

@@ -84,6 +84,7 @@ impl Station {
             cov_xy_m2: 0.01,
             used: 4,
             solved_from: SolvedFrom::Ranges,
+            doubt: None,
         })
         .await;
     }

@@ -54,7 +54,7 @@ class FakeTimers implements Timers {
 function position(tag: string, t: string, x = 0): TagPosition {
   return {
     site: 'office', tag, t, x_m: x, y_m: 0, z_m: null,
-    sigma_x_m: 0.1, sigma_y_m: 0.1, sigma_z_m: null, cov_xy_m2: 0, room: null, used: 4,
+    sigma_x_m: 0.1, sigma_y_m: 0.1, sigma_z_m: null, cov_xy_m2: 0, room: null, used: 4, doubt: null,
   };
 }
 

@@ -129,6 +129,7 @@ export class Mock {
       cov_xy_m2: 0.6 * sigmaX * sigmaY * Math.sin(t / 7000 + i),
       room: this.zones.find((zone) => zone.kind === 'room' && inPolygon(zone.corners_m, { x, y }))?.name ?? null,
       used: 5,
+      doubt: null,
     };
   }
 

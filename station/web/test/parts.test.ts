@@ -17,7 +17,7 @@ function at(seconds: number, x: number): TagPosition {
   const t = new Date(Date.UTC(2026, 0, 1, 0, 0, seconds)).toISOString();
   return {
     site: 'office', tag: 'a', t, x_m: x, y_m: 0, z_m: null,
-    sigma_x_m: 0.1, sigma_y_m: 0.1, sigma_z_m: null, cov_xy_m2: 0, room: null, used: 4,
+    sigma_x_m: 0.1, sigma_y_m: 0.1, sigma_z_m: null, cov_xy_m2: 0, room: null, used: 4, doubt: null,
   };
 }
 
@@ -53,6 +53,24 @@ test('the replay shows a tag between two positions, and not where it was away', 
   assert.deepEqual(x(12), [1]);
   assert.deepEqual(x(13), []);
   assert.deepEqual(x(100), [5]);
+});
+
+test('an ambiguous position is at two places, live and in the replay', () => {
+  const motion = new Motion();
+  motion.move({ ...at(0, 0), doubt: { flag: 'ambiguous', alternative_m: [3, -1, 0.5] } }, 'a', 1000);
+  assert.deepEqual([...motion.at(1000)][0].other, { x: 3, y: -1 });
+  const from = Date.UTC(2026, 0, 1);
+  const past: TagPosition[] = [
+    { ...at(0, 0), doubt: { flag: 'ambiguous', alternative_m: [3, -1, 0.5] } },
+    { ...at(2, 0), doubt: { flag: 'suspect' } },
+  ];
+  const replay = new Replay(past, from, from + 200_000, 10_000, (tag) => tag);
+  const other = (seconds: number) => {
+    replay.time = from + seconds * 1000;
+    return [...replay.at()][0].other;
+  };
+  assert.deepEqual(other(1), { x: 3, y: -1 });
+  assert.equal(other(2), null);
 });
 
 test('the row before a time is found', () => {

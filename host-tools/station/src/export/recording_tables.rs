@@ -10,7 +10,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use station_core::Store;
 use station_core::Utc;
-use station_core::model::{NodeMeasurement, TagPosition, Zone, ZoneKind};
+use station_core::model::{Doubt, NodeMeasurement, TagPosition, Zone, ZoneKind};
 use station_core::store::Span;
 
 use super::measurements::Measurements;
@@ -123,6 +123,10 @@ impl Positions {
             "cov_xy_m2",
             "tag",
             "room",
+            "flag",
+            "alt_x_m",
+            "alt_y_m",
+            "alt_z_m",
         ];
         Ok(Self { writer: writer(folder, "positions.csv", &columns)?, epoch: 0 })
     }
@@ -130,6 +134,8 @@ impl Positions {
     /// The row of a round.
     fn take(&mut self, t: Utc, tag: &str, position: Option<&TagPosition>) -> csv::Result<()> {
         let of = |value: fn(&TagPosition) -> Option<f64>| metres(position.and_then(value));
+        let alternative_m = position.and_then(|position| position.doubt?.alternative_m());
+        let [alt_x, alt_y, alt_z] = [0, 1, 2].map(|axis| metres(alternative_m.map(|place| place[axis])));
         self.writer.write_record([
             self.epoch.to_string().as_str(),
             &seconds(t),
@@ -145,6 +151,10 @@ impl Positions {
             &position.map(|position| format!("{:.6}", position.cov_xy_m2)).unwrap_or_default(),
             tag,
             position.and_then(|position| position.room.as_deref()).unwrap_or_default(),
+            position.and_then(|position| position.doubt.as_ref()).map_or("", Doubt::flag),
+            &alt_x,
+            &alt_y,
+            &alt_z,
         ])
     }
 

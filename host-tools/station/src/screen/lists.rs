@@ -7,7 +7,7 @@ use ratatui::layout::{Constraint, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::widgets::{Block, Borders, Row, Table, TableState};
 use station_core::Utc;
-use station_core::model::{NodeRole, NodeStatus, TagStatus};
+use station_core::model::{Doubt, NodeRole, NodeStatus, TagStatus};
 
 use super::Screen;
 
@@ -119,7 +119,11 @@ fn state_of_tag(tag: &TagStatus, now: Utc) -> String {
     match &tag.reason {
         _ if tag.silent => format!("silent {}", age(now.since(tag.last_seen))),
         Some(reason) => reason.clone(),
-        None => tag.zones.join(", "),
+        None => match tag.last_position.as_ref().and_then(|position| position.doubt) {
+            Some(Doubt::Ambiguous { alternative_m: [x, y, _] }) => format!("or {x:.1}, {y:.1}"),
+            Some(Doubt::Suspect) => "suspect".to_owned(),
+            None => tag.zones.join(", "),
+        },
     }
 }
 

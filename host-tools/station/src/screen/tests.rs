@@ -4,7 +4,7 @@ use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
-use station_core::model::{HealthFigures, NodeRole, TagPosition, ZoneKind};
+use station_core::model::{Doubt, HealthFigures, NodeRole, TagPosition, ZoneKind};
 
 use super::*;
 
@@ -32,6 +32,7 @@ fn tag(address: &str, name: Option<&str>, at_m: [f64; 2], s: u64) -> TagStatus {
             cov_xy_m2: 0.0,
             room: Some("lab".to_owned()),
             used: 5,
+            doubt: None,
         }),
         rate_hz: 10.0,
         silent: false,
@@ -167,7 +168,14 @@ fn the_list_has_positions_and_says_why_there_is_none() {
     (lost.last_position, lost.reason) = (None, Some("too few ranges".to_owned()));
     let mut silent = tag("0x1003", Some("cart"), [2.0, 2.0], 0);
     silent.silent = true;
-    let mut screen = screen(vec![tag("0x1001", Some("Ana"), [5.0, 5.0], 0), lost, silent]);
+    let doubtful = |address: &str, doubt| {
+        let mut tag = tag(address, None, [3.0, 3.0], 0);
+        tag.last_position.as_mut().expect("a position").doubt = Some(doubt);
+        tag
+    };
+    let two_places = doubtful("0x1004", Doubt::Ambiguous { alternative_m: [-3.12, 2.0, 0.0] });
+    let suspect = doubtful("0x1005", Doubt::Suspect);
+    let mut screen = screen(vec![tag("0x1001", Some("Ana"), [5.0, 5.0], 0), lost, silent, two_places, suspect]);
     screen.snapshot.now = at(45);
     // Wide enough for all columns.
     let text = text(&mut screen, 160, 20);
@@ -181,7 +189,8 @@ fn the_list_has_positions_and_says_why_there_is_none() {
         assert!(text.lines().any(|line| line.contains("Ana ") && line.contains(field)), "{field}: {text}");
     }
     assert!(row("0x1002").contains("too few range"), "{text}");
-    assert!(text.contains("silent 45 s") && text.contains("3 tags  1 silent"), "{text}");
+    assert!(row("0x1004").contains("or -3.1, 2.0") && row("0x1005").contains("suspect"), "{text}");
+    assert!(text.contains("silent 45 s") && text.contains("5 tags  1 silent"), "{text}");
 }
 
 #[test]

@@ -81,6 +81,66 @@ fn an_export_is_a_folder_that_other_commands_read() {
     assert!(!names.iter().any(|name| name == "new" || name == "missing.db" || name.contains("tmp")), "{names:?}");
 }
 
+/// Three anchors all but in a line, so that ranges fit two places until the tag has moved.
+const LINE: &str = r#"
+[network]
+pan = 1
+
+[[node]]
+name = "anchor-1"
+board = "dwm1001"
+role = "anchor"
+address = 0x0101
+position_m = [0.0, 0.0, 2.4]
+
+[[node]]
+name = "anchor-2"
+board = "dwm1001"
+role = "anchor"
+address = 0x0102
+position_m = [5.0, 0.05, 2.4]
+
+[[node]]
+name = "anchor-3"
+board = "dwm1001"
+role = "anchor"
+address = 0x0103
+position_m = [10.0, 0.0, 2.4]
+
+[[node]]
+name = "tag-1"
+board = "dwm1001"
+role = "tag"
+address = 0x1001
+rate_hz = 10
+height_m = 1.2
+"#;
+
+#[test]
+fn an_export_says_which_positions_are_doubtful() {
+    let folder = Folder::with(&[("line.toml", LINE)]);
+    folder.run("simulate --site line.toml --seconds 4 --fidelity air --out run --quiet").ok();
+    let doubts = |name: &str| -> Vec<(String, [f64; 2])> {
+        let table = table(&folder, name);
+        let others = table.numbers("alt_x_m").into_iter().zip(table.numbers("alt_y_m")).map(|(x, y)| [x, y]);
+        let rows = table.column("reason").into_iter().zip(table.column("flag")).zip(others);
+        rows.filter(|((reason, _), _)| reason.is_empty()).map(|((_, flag), at)| (flag.to_owned(), at)).collect()
+    };
+    let recorded = doubts("run/positions.csv");
+    assert!(recorded.iter().any(|(flag, [x, y])| flag == "ambiguous" && x.is_finite() && y.is_finite()));
+    let station = Station::start(&folder, "run --store tags.db");
+    let path = "/api/v1/tags/0x1001/positions?site=site&limit=1000";
+    station.wait(path, |history| history.as_array().is_some_and(|rows| rows.len() >= recorded.len()));
+    station.stop();
+    folder.run("station export --store tags.db --out all").ok();
+    let exported = doubts("all/positions.csv");
+    assert_eq!(exported.len(), recorded.len());
+    for (is, expected) in exported.iter().zip(&recorded) {
+        let at = is.1.iter().zip(expected.1).all(|(is, m)| (is - m).abs() < 1e-3 || is.is_nan() && m.is_nan());
+        assert!(at && is.0 == expected.0, "{is:?} is not {expected:?}");
+    }
+}
+
 /// The values of a column of ranges, each with the number of its round and its anchor, in this order.
 fn by_round(ranges: &Run, column: &str) -> Vec<(usize, String, f64)> {
     let epochs = ranges.column("epoch");

@@ -31,6 +31,22 @@ on_both! {
         }
     }
 
+    async fn a_doubt_is_read_as_it_was_written(place) {
+        let store = place.open().await;
+        let two_places = Doubt::Ambiguous { alternative_m: [-12.345, 7.0, 0.5] };
+        let written: Vec<_> = [(1000, Some(two_places)), (2000, Some(Doubt::Suspect)), (3000, None)]
+            .into_iter()
+            .map(|(ms, doubt)| TagPosition { doubt, ..position("a", ms) })
+            .collect();
+        store.write(&written, &[]).await.unwrap();
+        for _ in 0..2 {
+            let mut read = store.positions("hall", "a", EVER(), 10).await.unwrap();
+            read.reverse();
+            assert_eq!(read, written);
+            store.compact(at(1_000_000)).await.unwrap();
+        }
+    }
+
     async fn positions_of_a_tag_come_newest_first_from_both_tables(place) {
         let store = place.open().await;
         // Five minutes of two tags, one a second, in an order that is not that of time; the last minute is not over.

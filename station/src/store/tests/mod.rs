@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use super::health::FIGURES;
 use super::*;
-use crate::model::{EventKind, HealthFigures, NodeHealth, StationEvent, TagPosition};
+use crate::model::{Doubt, EventKind, HealthFigures, NodeHealth, StationEvent, TagPosition};
 
 /// A place for a store, empty at first.
 pub struct Place {
@@ -109,6 +109,7 @@ pub fn position(tag: &str, ms: i64) -> TagPosition {
         cov_xy_m2: 0.0,
         room: None,
         used: 4,
+        doubt: None,
     }
 }
 

@@ -405,6 +405,21 @@ function paintDot(g: Context, at: Point, mark: Mark, dark: boolean, radius: numb
   g.fill();
 }
 
+/// A dashed ring where the tag may be instead, and a dashed line to it.
+function paintOther(g: Context, at: Point, other: Point, mark: Mark, dark: boolean): void {
+  g.setLineDash([4, 4]);
+  g.strokeStyle = colourOf(mark.id, dark, mark.faded ? 0.4 : 1);
+  g.lineWidth = 1.5;
+  g.beginPath();
+  g.moveTo(at.x, at.y);
+  g.lineTo(other.x, other.y);
+  g.stroke();
+  g.beginPath();
+  g.arc(other.x, other.y, SELECTED_DOT, 0, 2 * Math.PI);
+  g.stroke();
+  g.setLineDash([]);
+}
+
 export function drawMarks(
   g: Context,
   view: View,
@@ -421,6 +436,7 @@ export function drawMarks(
     const p = toScreen(view, mark);
     if (p.x < -200 || p.y < -200 || p.x > view.width + 200 || p.y > view.height + 200) continue;
     const selected = mark.id === style.selected;
+    if (mark.other !== null) paintOther(g, p, toScreen(view, mark.other), mark, dark);
     const e = ellipse(mark.sigmaX, mark.sigmaY, mark.cov);
     const major = e.major * view.pixelsPerMetre;
     const minor = e.minor * view.pixelsPerMetre;

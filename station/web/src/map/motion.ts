@@ -11,6 +11,8 @@ export interface Mark {
   sigmaX: number;
   sigmaY: number;
   cov: number;
+  /// The other place that the ranges fit.
+  other: { x: number; y: number } | null;
   faded: boolean;
 }
 
@@ -30,6 +32,13 @@ interface Moving extends Mark {
   toY: number;
   start: number;
   length: number;
+}
+
+/// The other place of an ambiguous position.
+export function otherPlace(position: TagPosition): Mark['other'] {
+  if (position.doubt?.flag !== 'ambiguous') return null;
+  const [x, y] = position.doubt.alternative_m;
+  return { x, y };
 }
 
 const LONGEST_MS = 1000;
@@ -65,7 +74,8 @@ export class Motion {
 
   move(position: TagPosition, label: string, now: number): void {
     const tag = this.tags.get(position.tag);
-    const shape = { sigmaX: position.sigma_x_m, sigmaY: position.sigma_y_m, cov: position.cov_xy_m2 };
+    const other = otherPlace(position);
+    const shape = { sigmaX: position.sigma_x_m, sigmaY: position.sigma_y_m, cov: position.cov_xy_m2, other };
     const to = { toX: position.x_m, toY: position.y_m };
     if (tag === undefined) {
       const x = position.x_m;

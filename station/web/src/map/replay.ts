@@ -3,7 +3,7 @@
 
 import type { TagPosition } from '../model.js';
 import type { Track } from './heat.js';
-import type { Mark, Marks } from './motion.js';
+import { type Mark, type Marks, otherPlace } from './motion.js';
 
 interface Row {
   t: number;
@@ -64,6 +64,7 @@ export class Replay implements Marks {
         sigmaX: row.position.sigma_x_m,
         sigmaY: row.position.sigma_y_m,
         cov: row.position.cov_xy_m2,
+        other: otherPlace(row.position),
         faded: false,
       };
     }

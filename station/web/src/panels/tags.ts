@@ -4,7 +4,7 @@ import type { App, Panel } from '../app.js';
 import { empty, h, setText } from '../dom.js';
 import { inOrder, number, supply, t, time } from '../i18n.js';
 import { colourOf } from '../map/draw.js';
-import type { Tag } from '../model.js';
+import type { Tag, TagPosition } from '../model.js';
 
 const EVERY_MS = 1000;
 
@@ -18,6 +18,15 @@ interface Row {
 export function sigmaOf(tag: Tag): number {
   const p = tag.last_position;
   return p === null ? NaN : Math.hypot(p.sigma_x_m, p.sigma_y_m);
+}
+
+/// What makes a position doubtful, to stand after it; nothing of one that is not.
+function doubtOf(position: TagPosition): string {
+  const { doubt } = position;
+  if (doubt === null) return '';
+  if (doubt.flag === 'suspect') return ` · ${t('tags.suspect')}`;
+  const [x, y] = doubt.alternative_m;
+  return ` · ${t('tags.ambiguous', { x: number(x, 2), y: number(y, 2) })}`;
 }
 
 export function tagsPanel(app: App): Panel {
@@ -69,7 +78,7 @@ export function tagsPanel(app: App): Panel {
     if (tag.silent) return t('tags.silent', { time: time(tag.last_seen) });
     if (tag.reason !== null) return t('tags.nowhere', { reason: tag.reason });
     if (p === null) return '–';
-    const place = `${number(p.x_m, 2)}, ${number(p.y_m, 2)} ± ${number(sigmaOf(tag), 2)} m`;
+    const place = `${number(p.x_m, 2)}, ${number(p.y_m, 2)} ± ${number(sigmaOf(tag), 2)} m${doubtOf(p)}`;
     return p.room === null ? place : `${p.room} · ${place}`;
   }
 
