@@ -86,7 +86,9 @@ fn once(program: &TestProgram, log: &Path) -> Result<()> {
     command.stdin(Stdio::null()).stdout(output.try_clone()?).stderr(output);
     let mut child = command.spawn().with_context(|| format!("cannot run {}", program.name))?;
     let verdict = match ended(&mut child, HANGS)? {
-        Some(status) if status.success() => return Ok(fs::remove_file(log)?),
+        Some(status) if status.success() => {
+            return fs::remove_file(log).with_context(|| format!("cannot remove {}", log.display()));
+        }
         Some(status) => status.to_string(),
         None => format!("still running after {} s", HANGS.as_secs()),
     };

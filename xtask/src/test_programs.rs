@@ -11,7 +11,8 @@ use crate::{cargo, printed, root};
 
 /// A test program.
 pub struct TestProgram {
-    /// The folder of its package from the root, and its target: `station api`.
+    /// The folder of its package from the root, and its target, which a program and its tests may both have the name of:
+    /// `station test api`.
     pub name: String,
     file: PathBuf,
     /// The folder of its package, where cargo runs it.
@@ -48,7 +49,8 @@ pub fn all() -> Result<Vec<TestProgram>> {
         let folder = manifest.parent().context("no folder of a manifest")?.to_owned();
         let package = folder.strip_prefix(root()).unwrap_or(&folder).display().to_string();
         let target = message["target"]["name"].as_str().context("no name of a target")?;
-        programs.push(TestProgram { name: format!("{package} {target}"), file: file.into(), folder });
+        let kind = message["target"]["kind"][0].as_str().context("no kind of a target")?;
+        programs.push(TestProgram { name: format!("{package} {kind} {target}"), file: file.into(), folder });
     }
     Ok(programs)
 }
