@@ -112,7 +112,7 @@ impl Settings {
 /// Whether the region limits the mean power over a millisecond. A region that is not given counts as limited.
 fn is_limited(region: Option<Region>) -> bool {
     match region {
-        None | Some(Region::Eu | Region::Us | Region::Japan) => true,
+        None | Some(Region::Eu | Region::Us | Region::Japan | Region::China) => true,
         Some(Region::Unchecked) => false,
     }
 }

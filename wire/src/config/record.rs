@@ -241,11 +241,13 @@ pub enum Region {
     Japan,
     /// No rules apply: frames do not leave a shielded room or cable, or there is a licence for them.
     Unchecked,
+    /// China: MIIT No. 77 (2024), in force since August 2025.
+    China,
 }
 
 impl Region {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Eu, Self::Us, Self::Japan, Self::Unchecked];
+    pub const ALL: [Self; 5] = [Self::Eu, Self::Us, Self::Japan, Self::China, Self::Unchecked];
 
     /// Its name in files.
     pub const fn name(self) -> &'static str {
@@ -253,6 +255,7 @@ impl Region {
             Self::Eu => "eu",
             Self::Us => "us",
             Self::Japan => "japan",
+            Self::China => "china",
             Self::Unchecked => "none",
         }
     }

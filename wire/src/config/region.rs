@@ -31,6 +31,9 @@ impl Record {
                 false,
                 "one that region \"japan\" permits: from 7.25 GHz up, or below 4.8 GHz with DAA; a DW1000 has neither",
             ),
+            Some(Region::China) => {
+                (false, "one that region \"china\" permits: 7.163 to 8.812 GHz; a DW1000 has none above 7.03 GHz")
+            }
         };
         ensure(lawful || !self.transmits(), "network.phy.channel", integer(self.network.phy.channel), must)
     }

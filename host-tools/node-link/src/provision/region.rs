@@ -25,11 +25,11 @@ fn of(node: &Node) -> Vec<String> {
     match network.region {
         None => lines.push(
             "region is missing in [network], so the radio rules of the country are not checked: set \"eu\", \"us\", \
-             \"japan\" or \"none\" (docs/use/regulation.md)"
+             \"japan\", \"china\" or \"none\" (docs/use/regulation.md)"
                 .to_owned(),
         ),
         Some(Region::Unchecked) => (),
-        Some(Region::Eu | Region::Us | Region::Japan) => {
+        Some(Region::Eu | Region::Us | Region::Japan | Region::China) => {
             if node.record.calibration.tx_power.is_some() {
                 lines.push(format!("uwb_tx_power of {}: measure that it stays below -41.3 dBm/MHz", node.name));
             }

@@ -216,6 +216,8 @@ fn a_region_refuses_what_it_forbids_and_only_of_nodes_that_transmit() {
         assert_eq!(on(anchor(), Some(Region::Eu), channel), eu, "{channel}");
         // 7.25 GHz and above, or DAA: no channel fulfils this.
         assert_eq!(on(anchor(), Some(Region::Japan), channel), refused, "{channel}");
+        // MIIT No. 77 (2024): 7163 to 8812 MHz; channel 7 ends at 7.03 GHz.
+        assert_eq!(on(anchor(), Some(Region::China), channel), refused, "{channel}");
         for anywhere in [None, Some(Region::Us), Some(Region::Unchecked)] {
             assert_eq!(on(anchor(), anywhere, channel), Ok(()), "{channel}");
         }
@@ -243,7 +245,7 @@ fn names_are_those_of_one_solver_scheme_and_region() {
     assert_eq!(solvers.map(|name| Solver::from_name(name).map(Solver::name)), solvers.map(Some));
     let schemes = ["single-sided", "double-sided"];
     assert_eq!(schemes.map(|name| Scheme::from_name(name).map(Scheme::name)), schemes.map(Some));
-    let regions = ["eu", "us", "japan", "none"];
+    let regions = ["eu", "us", "japan", "china", "none"];
     assert_eq!(regions.map(|name| Region::from_name(name).map(Region::name)), regions.map(Some));
     assert_eq!((Solver::from_name("nls"), Scheme::from_name(""), Region::from_name("EU")), (None, None, None));
 }
