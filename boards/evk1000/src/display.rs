@@ -39,7 +39,6 @@ impl SharedPanel {
             | Link::Synchronised(_)
             | Link::Joined(_)
             | Link::NetworkFull
-            | Link::Unlisted
             | Link::Coordinating
             | Link::Following(_) => {}
         }

@@ -7,8 +7,9 @@ use super::plan::{Members, lists};
 use wire::uwb::layout::Layout;
 use wire::uwb::native::MAX_MEMBERS;
 
-/// Requests of anchors are kept for one to two times this many superframes, because anchors repeat them in their sync
-/// frames. Requests of members are kept until the members request something else, or leave.
+/// Requests of anchors, and of tags that are not members, are kept for one to two times this many superframes, because
+/// anchors repeat them in their sync frames. Requests of members are kept until the members request something else, or
+/// leave.
 const KEPT_SUPERFRAMES: u16 = 10;
 /// A layout may become shorter only from this superframe of a network, or of an anchor's coordination, on. Before that,
 /// not all nodes were received.
@@ -50,10 +51,10 @@ impl LayoutRequests {
         self.current = self.current.max(wish);
     }
 
-    /// A tag requests this, in place of its earlier request. Only members count: anybody can send a tag's request.
+    /// A tag requests this, in place of its earlier request.
     pub fn note_tag(&mut self, tag: u16, wish: Layout, members: &Members) {
         if !lists(members, tag) {
-            return;
+            return self.note(wish);
         }
         match self.members.iter_mut().find(|(known, _)| *known == tag) {
             Some((_, byte)) => *byte = wish.tag_byte(),

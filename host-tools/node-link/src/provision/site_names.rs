@@ -233,7 +233,6 @@ impl SiteNames {
                 | Condition::Advertising
                 | Condition::Unused(..)
                 | Condition::NetworkFull
-                | Condition::Unlisted
                 | Condition::MotionSensor(_) => text,
             },
             Message::Sighting(sighting) => self.with_beacon(text, &sighting.beacon.to_string()),

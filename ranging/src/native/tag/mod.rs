@@ -254,7 +254,9 @@ impl Tag {
                     *network = Followed::begin(network.sync.clone());
                     SyncUpdate::Anew
                 }
-                heard => heard,
+                heard @ (SyncUpdate::Ignored | SyncUpdate::Refused | SyncUpdate::Followed | SyncUpdate::Changed) => {
+                    heard
+                }
             },
         };
         match heard {
@@ -266,7 +268,6 @@ impl Tag {
                 return;
             }
             SyncUpdate::Followed => {}
-            SyncUpdate::Contradicted => self.anchors.refuse_list(),
             SyncUpdate::Changed | SyncUpdate::Anew => self.link = Some(Link::Synchronised(sync_frame.coordinator)),
         }
         self.aim = None;
