@@ -4,6 +4,7 @@ import type { App, Panel } from '../app.js';
 import { empty, h, setText } from '../dom.js';
 import { inOrder, number, supply, t, time } from '../i18n.js';
 import { colourOf } from '../map/draw.js';
+import { otherPlace } from '../map/motion.js';
 import type { Tag, TagPosition } from '../model.js';
 
 const EVERY_MS = 1000;
@@ -22,11 +23,9 @@ export function sigmaOf(tag: Tag): number {
 
 /// What makes a position doubtful, to stand after it; nothing of one that is not.
 function doubtOf(position: TagPosition): string {
-  const { doubt } = position;
-  if (doubt === null) return '';
-  if (doubt.flag === 'suspect') return ` · ${t('tags.suspect')}`;
-  const [x, y] = doubt.alternative_m;
-  return ` · ${t('tags.ambiguous', { x: number(x, 2), y: number(y, 2) })}`;
+  const other = otherPlace(position);
+  if (other !== null) return ` · ${t('tags.ambiguous', { x: number(other.x, 2), y: number(other.y, 2) })}`;
+  return position.doubt === null ? '' : ` · ${t('tags.suspect')}`;
 }
 
 export function tagsPanel(app: App): Panel {
