@@ -62,7 +62,7 @@ fn an_error_in_a_site_has_its_line() {
         (
             "pan = 0xDECA",
             "pan = 1\nregion = \"europe\"",
-            "site.toml:4: region is \"europe\": it must be one of \"eu\", \"us\", \"japan\", \"none\"",
+            "site.toml:4: region is \"europe\": it must be one of \"eu\", \"us\", \"japan\", \"china\", \"none\"",
         ),
         (
             "pan = 0xDECA",
