@@ -77,6 +77,7 @@ impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
             Link::Synchronised(coordinator) => Condition::Synchronised(coordinator),
             Link::Joined(slots) => Condition::Joined(slots),
             Link::NetworkFull => Condition::NetworkFull,
+            Link::Unlisted => Condition::Unlisted,
             Link::Coordinating => Condition::Coordinating,
             Link::Following(coordinator) => Condition::Following(coordinator),
         };

@@ -100,6 +100,7 @@ impl Lights {
             | Condition::Paired(_)
             | Condition::Synchronised(_)
             | Condition::NetworkFull
+            | Condition::Unlisted
             | Condition::Joined(_)
             | Condition::Coordinating
             | Condition::Following(_)
@@ -121,7 +122,9 @@ impl Lights {
             | Condition::BeaconDuplicated(_)
             | Condition::BeaconRestored(_)
             | Condition::MotionSensor(_) => (ms < 50, false),
-            Condition::Synchronised(_) | Condition::NetworkFull => (ms < 50 || (200..250).contains(&ms), false),
+            Condition::Synchronised(_) | Condition::NetworkFull | Condition::Unlisted => {
+                (ms < 50 || (200..250).contains(&ms), false)
+            }
             Condition::Paired(_)
             | Condition::Joined(_)
             | Condition::Coordinating
@@ -183,6 +186,7 @@ mod tests {
         assert_eq!(lit(Condition::Searching), (1, 0));
         assert_eq!(lit(Condition::Synchronised(1)), (2, 0));
         assert_eq!(lit(Condition::NetworkFull), (2, 0));
+        assert_eq!(lit(Condition::Unlisted), (2, 0));
         assert_eq!(lit(Condition::Joined(1)), (20, 0));
     }
 

@@ -174,6 +174,8 @@ pub enum Link {
     /// Native: the tag requests slots, but the network has no place for a further member. Reported once, until the tag
     /// joins or searches again.
     NetworkFull,
+    /// Native: the network's list has the tag no more. It requests slots again.
+    Unlisted,
     /// Native: this anchor has become the coordinator of its network.
     Coordinating,
     /// Native: this anchor follows another coordinator again.

@@ -39,6 +39,7 @@ impl SharedPanel {
             | Link::Synchronised(_)
             | Link::Joined(_)
             | Link::NetworkFull
+            | Link::Unlisted
             | Link::Coordinating
             | Link::Following(_) => {}
         }

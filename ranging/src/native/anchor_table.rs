@@ -51,6 +51,8 @@ pub struct Refused {
     /// Sync frames of a coordinator whose term prevails but which is not followed, because frames of the followed one
     /// are received.
     pub coordinators: u32,
+    /// Sync frames with a list of members that was not announced in time, or that the coordinator does not know.
+    pub lists: u32,
     /// Responses that came outside their slot, or reported a departure outside it.
     pub off_slot: u32,
     /// Responses whose carrier does not fit the anchor's crystal.
@@ -71,7 +73,7 @@ pub type Team = Vec<u16, MAX_ROUND>;
 impl AnchorTable {
     /// No anchor.
     pub const fn new() -> Self {
-        let refused = Refused { positions: 0, coordinators: 0, off_slot: 0, carriers: 0 };
+        let refused = Refused { positions: 0, coordinators: 0, lists: 0, off_slot: 0, carriers: 0 };
         Self { anchors: Vec::new(), refused }
     }
 
@@ -155,6 +157,11 @@ impl AnchorTable {
     /// Another coordinator's sync frame was not followed.
     pub fn refuse_coordinator(&mut self) {
         self.refused.coordinators = self.refused.coordinators.saturating_add(1);
+    }
+
+    /// A list of members was refused.
+    pub fn refuse_list(&mut self) {
+        self.refused.lists = self.refused.lists.saturating_add(1);
     }
 
     fn weakest(&self) -> Option<usize> {

@@ -222,9 +222,9 @@ impl Coordinator {
         }
     }
 
-    /// Takes the report of tags by an anchor farther from the coordinator. Its report counts if it is sent in the
-    /// anchor's own slot, and the anchor had that slot before. A sync frame in a shared slot can be forged without any
-    /// cost.
+    /// Takes the report of tags and the request of a layout by an anchor farther from the coordinator. They count if
+    /// they are sent in the anchor's own slot, and the anchor had that slot before. A sync frame in a shared slot can
+    /// be forged without any cost.
     fn note_members(&mut self, source: u16, sync_frame: &SyncFrame) {
         if sync_frame.hops <= self.election.hops {
             return;
@@ -237,10 +237,12 @@ impl Coordinator {
         if let Some(request) = sync_frame.request {
             self.request(request);
         }
-        self.wishes.note(sync_frame.wish);
+        if is_known_relay {
+            self.wishes.note(sync_frame.wish);
+        }
     }
 
-    /// A tag requests this layout.
+    /// A tag requests this layout. Its request counts once it is a member.
     pub fn wish(&mut self, tag: u16, wish: Layout) {
         self.wishes.note_tag(tag, wish, self.course.membership.members());
     }

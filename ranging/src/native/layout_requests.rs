@@ -7,12 +7,11 @@ use super::plan::{Members, lists};
 use wire::uwb::layout::Layout;
 use wire::uwb::native::MAX_MEMBERS;
 
-/// Requests of anchors, and of tags that are not members, are kept for one to two times this many superframes, because
-/// anchors repeat them in their sync frames. Requests of members are kept until the members request something else, or
-/// leave.
+/// Requests of anchors, and of a new network's tags, are kept for one to two times this many superframes, because anchors
+/// repeat them in their sync frames. Requests of members are kept until the members request something else, or leave.
 const KEPT_SUPERFRAMES: u16 = 10;
-/// A layout may become shorter only from this superframe of a network, or of an anchor's coordination, on. Before that,
-/// not all nodes were received.
+/// From this superframe of a network, or of an anchor's coordination, on, it is settled: all nodes were received, the
+/// layout may become shorter, and only members request a longer one.
 const SETTLED_AFTER: u16 = 5;
 /// A layout that follows from requests becomes shorter only if it exceeds the requests by more than this many steps (of
 /// 3 to 6 % each). Otherwise every small variation would change it.
@@ -51,10 +50,14 @@ impl LayoutRequests {
         self.current = self.current.max(wish);
     }
 
-    /// A tag requests this, in place of its earlier request.
+    /// A tag requests this, in place of its earlier request. Tags that are not members count only in a new network.
+    /// After that they would make the tags of a site slow at no cost: anybody can send a tag's request.
     pub fn note_tag(&mut self, tag: u16, wish: Layout, members: &Members) {
         if !lists(members, tag) {
-            return self.note(wish);
+            if !self.is_settled {
+                self.note(wish);
+            }
+            return;
         }
         match self.members.iter_mut().find(|(known, _)| *known == tag) {
             Some((_, byte)) => *byte = wish.tag_byte(),

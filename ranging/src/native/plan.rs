@@ -14,9 +14,12 @@ use wire::uwb::native::{MAX_MEMBERS, Member, Share, SyncFrame};
 
 /// A changed list is in force this many superframes after its first announcement.
 pub const NOTICE_SUPERFRAMES: u8 = 4;
-/// A list that is behind by at most this many versions is late: a relay sent it that has not received the newest. A
-/// relay that receives nothing takes over sooner than the list can change so often. Any other list is newer.
-const LATE_VERSIONS: u8 = 16;
+/// A node that has received nothing of its list for this many superframes takes any other one: it may have missed a
+/// change.
+const MISSED_SUPERFRAMES: u8 = 2 * NOTICE_SUPERFRAMES;
+/// A list that is not in force yet is taken back after this many more sync frames with the list in force than with the
+/// new one: relays send the former list for a few superframes, the coordinator never does.
+const TAKEN_BACK_AFTER: u8 = 6;
 
 /// How often a node ranges.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,51 +34,74 @@ pub enum Rate {
 /// Members by address, each once.
 pub type Members = Vec<Member, MAX_MEMBERS>;
 
+/// A list with its number and its layout.
+#[derive(Clone, Debug, PartialEq)]
+struct Plan {
+    version: u8,
+    members: Members,
+    layout: Layout,
+}
+
+impl Plan {
+    /// Whether a sync frame tells this list.
+    fn is_in(&self, sync_frame: &SyncFrame) -> bool {
+        let SyncFrame { version, members, layout, .. } = sync_frame;
+        (version, members, layout) == (&self.version, &self.members, &self.layout)
+    }
+}
+
 /// The list of members, and the layout of the slots, as a node knows them.
+///
+/// Sync frames are not authenticated, so a forged list must neither stay nor keep the true ones out:
+///
+/// - a list is announced with its whole notice, and the next one only when it is in force: a list that would have been
+///   announced before the known one was last received is refused;
+/// - a list that is announced is taken back if the coordinator, or the majority of sync frames, goes on with the list in
+///   force;
+/// - who has received nothing of its list for long takes any other.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Membership {
-    /// Number of the list.
-    version: u8,
-    /// The newest list …
-    members: Members,
-    /// … and its layout.
-    layout: Layout,
-    /// The former list and its layout, as long as they are in force; `None` also if they are unknown.
-    former: Option<(Members, Layout)>,
+    newest: Plan,
+    /// The former list, as long as it is in force; `None` also if it is unknown.
+    former: Option<Plan>,
     /// Superframes until the newest list is in force.
     countdown: u8,
+    /// Superframes since the newest list was received.
+    unheard: u8,
+    /// Sync frames with the former list since the newest one was announced, minus those with the newest one.
+    contradicted: u8,
 }
 
 impl Membership {
     /// No members yet, with this layout.
     pub const fn new(layout: Layout) -> Self {
-        Self { version: 0, members: Members::new(), layout, former: None, countdown: 0 }
+        Self::in_notice(Plan { version: 0, members: Members::new(), layout }, None, 0)
+    }
+
+    const fn in_notice(newest: Plan, former: Option<Plan>, countdown: u8) -> Self {
+        Self { newest, former, countdown, unheard: 0, contradicted: 0 }
     }
 
     /// What a node without any knowledge learns from a sync frame.
     pub fn from_sync_frame(sync_frame: &SyncFrame) -> Self {
-        Self {
-            version: sync_frame.version,
-            members: sync_frame.members.clone(),
-            layout: sync_frame.layout,
-            former: None,
-            countdown: sync_frame.countdown.min(NOTICE_SUPERFRAMES),
-        }
+        let newest =
+            Plan { version: sync_frame.version, members: sync_frame.members.clone(), layout: sync_frame.layout };
+        Self::in_notice(newest, None, sync_frame.countdown.min(NOTICE_SUPERFRAMES))
     }
 
     /// Number of the newest list.
     pub const fn version(&self) -> u8 {
-        self.version
+        self.newest.version
     }
 
     /// The newest list.
     pub const fn members(&self) -> &Members {
-        &self.members
+        &self.newest.members
     }
 
     /// The layout of the newest list.
     pub const fn layout(&self) -> Layout {
-        self.layout
+        self.newest.layout
     }
 
     /// Superframes until the newest list is in force.
@@ -85,59 +111,85 @@ impl Membership {
 
     /// The list in force, if known.
     pub fn in_force(&self) -> Option<&Members> {
-        if self.countdown == 0 { Some(&self.members) } else { self.former.as_ref().map(|(members, _)| members) }
+        self.plan_in_force().map(|plan| &plan.members)
     }
 
     /// The list that is in force and stays in force, as far as is known: no change has been announced.
     pub fn settled(&self) -> Option<&Members> {
-        (self.countdown == 0).then_some(&self.members)
+        (self.countdown == 0).then_some(&self.newest.members)
     }
 
     /// The layout in force. No node joins a network in the middle of a change of its layout.
     pub fn layout_in_force(&self) -> Layout {
-        self.former.as_ref().filter(|_| self.countdown > 0).map_or(self.layout, |(_, layout)| *layout)
+        self.plan_in_force().unwrap_or(&self.newest).layout
+    }
+
+    fn plan_in_force(&self) -> Option<&Plan> {
+        if self.countdown == 0 { Some(&self.newest) } else { self.former.as_ref() }
     }
 
     /// Whether the layout changes when the newest list comes into force.
     pub fn changes_layout(&self) -> bool {
-        self.layout_in_force() != self.layout
+        self.layout_in_force() != self.newest.layout
     }
 
     /// A superframe has begun.
     pub fn advance(&mut self) {
         self.countdown = self.countdown.saturating_sub(1);
+        self.unheard = self.unheard.saturating_add(1);
         if self.countdown == 0 {
             self.former = None;
         }
     }
 
-    /// Takes the contents of a sync frame of the followed coordinator, if they are newer.
-    pub fn receive(&mut self, sync_frame: &SyncFrame) {
-        if !SerialNumber(sync_frame.version).is_within(LATE_VERSIONS, self.version) {
+    /// Takes the contents of a sync frame of the followed coordinator, if they are newer. Returns false if they
+    /// contradict what was received before.
+    pub fn receive(&mut self, sync_frame: &SyncFrame) -> bool {
+        if self.newest.is_in(sync_frame) {
+            (self.unheard, self.contradicted) = (0, self.contradicted.saturating_sub(1));
+            return true;
+        }
+        if self.former.as_ref().is_some_and(|former| former.is_in(sync_frame)) {
+            let is_of_the_coordinator = sync_frame.hops == 0;
+            self.contradicted = if is_of_the_coordinator { TAKEN_BACK_AFTER } else { self.contradicted + 1 };
+            let is_forged = self.contradicted >= TAKEN_BACK_AFTER;
+            if is_forged {
+                self.adopt(sync_frame);
+            }
+            return !is_forged;
+        }
+        let ahead = SerialNumber(sync_frame.version).minus(self.newest.version);
+        let announced = NOTICE_SUPERFRAMES.saturating_sub(sync_frame.countdown);
+        let is_next = ahead == 1 && self.countdown == 0 && announced <= self.unheard.saturating_add(1);
+        let changes_nothing = ahead > 0 && self.newest.members.is_empty();
+        let is_taken = is_next || changes_nothing || self.unheard >= MISSED_SUPERFRAMES;
+        if is_taken {
             self.adopt(sync_frame);
         }
+        // A relay that has not received the newest list sends the one before.
+        is_taken || ahead <= 0
     }
 
     /// Takes the contents of the first sync frame of another coordinator, unless they are the same. Its versions do not
     /// continue those of the coordinator before it: it may have missed the newest list when it took over.
     pub fn adopt(&mut self, sync_frame: &SyncFrame) {
-        let SyncFrame { version, members, layout, .. } = sync_frame;
-        if (version, members, layout) != (&self.version, &self.members, &self.layout) {
-            self.replace(*version, sync_frame.countdown.min(NOTICE_SUPERFRAMES), members, *layout);
+        if !self.newest.is_in(sync_frame) {
+            let SyncFrame { version, members, layout, countdown, .. } = sync_frame;
+            self.replace(*version, (*countdown).min(NOTICE_SUPERFRAMES), members, *layout);
         }
     }
 
     fn replace(&mut self, version: u8, countdown: u8, members: &Members, layout: Layout) {
-        let former = self.in_force().cloned().map(|former| (former, self.layout_in_force()));
-        *self = Self { version, members: members.clone(), layout, former: former.filter(|_| countdown > 0), countdown };
+        let former = self.plan_in_force().cloned().filter(|_| countdown > 0);
+        *self = Self::in_notice(Plan { version, members: members.clone(), layout }, former, countdown);
     }
 
     /// The coordinator changes list or layout: with notice, but at once if there was no member whose slots could be
     /// taken.
     pub fn change(&mut self, members: &Members, layout: Layout) {
-        let nobody_is_affected = self.members.is_empty() && layout == self.layout;
+        let nobody_is_affected = self.newest.members.is_empty() && layout == self.newest.layout;
         let notice = if nobody_is_affected { 0 } else { NOTICE_SUPERFRAMES };
-        self.replace(self.version.wrapping_add(1), notice, members, layout);
+        self.replace(self.newest.version.wrapping_add(1), notice, members, layout);
     }
 }
 
@@ -336,31 +388,74 @@ mod tests {
         assert!(!membership.changes_layout());
     }
 
+    /// A relay's sync frame with this list.
+    fn sync_frame(version: u8, countdown: u8, members: &Members) -> SyncFrame {
+        SyncFrame { version, countdown, members: members.clone(), hops: 1, ..crate::native::blank_sync_frame() }
+    }
+
     #[test]
-    fn a_list_is_late_if_it_is_a_few_versions_behind_and_newer_at_any_other_distance() {
+    fn a_list_is_taken_with_its_whole_notice_or_if_the_known_one_was_missed_for_long() {
         let [known, told] = [list(&[Share::Greedy]), list(&[Share::Slots(1)])];
-        let sync_frame = |version, members: &Members| SyncFrame {
-            version,
-            members: members.clone(),
-            ..crate::native::blank_sync_frame()
-        };
-        for (at, behind) in [0, 7, 128, 255].into_iter().flat_map(|at| (0..=u8::MAX).map(move |behind| (at, behind))) {
-            let mut membership = Membership::from_sync_frame(&sync_frame(at, &known));
-            membership.receive(&sync_frame(at.wrapping_sub(behind), &told));
-            let expected = if behind <= 16 { &known } else { &told };
-            assert_eq!(membership.members(), expected, "{behind} behind {at}");
+        let all = (0..=u8::MAX).flat_map(|ahead| (0..=NOTICE_SUPERFRAMES).map(move |countdown| (ahead, countdown)));
+        for (at, (ahead, countdown)) in [0, 7, 128, 255].into_iter().flat_map(|at| all.clone().map(move |of| (at, of)))
+        {
+            for missed in 0..=MISSED_SUPERFRAMES {
+                let mut membership = Membership::from_sync_frame(&sync_frame(at, 0, &known));
+                (0..missed).for_each(|_| membership.advance());
+                membership.receive(&sync_frame(at.wrapping_add(ahead), countdown, &told));
+                // The notice began 4 − countdown superframes ago. A relay may have sent the former list until then, and
+                // in one more superframe.
+                let follows = ahead == 1 && 4 - countdown <= missed + 1;
+                let expected = if follows || missed == 8 { &told } else { &known };
+                assert_eq!(membership.members(), expected, "{ahead} ahead, {countdown} before, {missed} missed");
+            }
         }
+    }
+
+    #[test]
+    fn no_other_list_is_announced_before_the_newest_one_is_in_force() {
+        let [known, told, forged] = [list(&[Share::Greedy]), list(&[Share::Slots(1)]), list(&[Share::Slots(2)])];
+        let mut membership = Membership::from_sync_frame(&sync_frame(5, 0, &known));
+        assert!(membership.receive(&sync_frame(6, 4, &told)));
+        for left in (0..4).rev() {
+            assert!(!membership.receive(&sync_frame(7, 4, &forged)));
+            membership.advance();
+            assert!(membership.receive(&sync_frame(6, left, &told)));
+        }
+        assert_eq!(membership.in_force(), Some(&told));
+        assert!(membership.receive(&sync_frame(7, 4, &forged)), "now it may be announced");
+    }
+
+    #[test]
+    fn an_announced_list_is_taken_back_if_the_coordinator_or_the_majority_does_not_know_it() {
+        let [known, forged] = [list(&[Share::Greedy]), Members::new()];
+        let announced = || {
+            let mut membership = Membership::from_sync_frame(&sync_frame(5, 0, &known));
+            assert!(membership.receive(&sync_frame(6, 4, &forged)));
+            membership
+        };
+        let mut by_coordinator = announced();
+        assert!(!by_coordinator.receive(&SyncFrame { hops: 0, ..sync_frame(5, 0, &known) }));
+        assert_eq!((by_coordinator.settled(), by_coordinator.version()), (Some(&known), 5));
+        let mut by_relays = announced();
+        // Some relays are late, others are not.
+        for _ in 0..4 {
+            for version in [5, 5, 5, 6, 6] {
+                let list = if version == 5 { &known } else { &forged };
+                assert!(by_relays.receive(&sync_frame(version, 0, list)));
+            }
+            by_relays.receive(&sync_frame(6, 3, &forged));
+        }
+        assert_eq!(by_relays.members(), &forged);
+        for more in 0..6 {
+            assert_eq!(by_relays.receive(&sync_frame(5, 0, &known)), more < 5);
+        }
+        assert_eq!((by_relays.settled(), by_relays.version()), (Some(&known), 5));
     }
 
     #[test]
     fn a_newcomer_knows_the_new_list_and_not_the_one_that_counts() {
         let [old, new] = [list(&[Share::Greedy]), list(&[Share::Greedy, Share::Slots(1)])];
-        let sync_frame = |version, countdown, members: &Members| SyncFrame {
-            version,
-            countdown,
-            members: members.clone(),
-            ..crate::native::blank_sync_frame()
-        };
         let mut newcomer = Membership::from_sync_frame(&sync_frame(2, 3, &new));
         assert_eq!(newcomer.in_force(), None);
         (0..3).for_each(|_| newcomer.advance());

@@ -32,6 +32,8 @@ pub enum SyncUpdate {
     Refused,
     /// The network is followed as before.
     Followed,
+    /// The same, but the list contradicts what was received before.
+    Contradicted,
     /// The network has another coordinator now.
     Changed,
     /// Another network is followed, or the same with another time: everything is new.
@@ -70,8 +72,12 @@ impl Sync {
                         self.election.follow(sync_frame);
                         self.course.membership.adopt(sync_frame);
                     }
-                    self.course.membership.receive(sync_frame);
-                    return if sync_frame.coordinator == followed { SyncUpdate::Followed } else { SyncUpdate::Changed };
+                    let agrees = self.course.membership.receive(sync_frame);
+                    return match sync_frame.coordinator == followed {
+                        true if agrees => SyncUpdate::Followed,
+                        true => SyncUpdate::Contradicted,
+                        false => SyncUpdate::Changed,
+                    };
                 }
                 (Choice::Same | Choice::Older, _) if !is_lost => return SyncUpdate::Ignored,
                 (Choice::Refused, _) if !is_lost => return SyncUpdate::Refused,

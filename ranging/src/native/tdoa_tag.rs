@@ -130,6 +130,7 @@ impl TdoaTag {
             SyncUpdate::Ignored => return,
             SyncUpdate::Refused => return self.anchors.refuse_coordinator(),
             SyncUpdate::Followed => {}
+            SyncUpdate::Contradicted => self.anchors.refuse_list(),
             SyncUpdate::Changed | SyncUpdate::Anew => self.link = Some(Link::Synchronised(sync_frame.coordinator)),
         }
         self.anchors.on_sync_frame(source, sync_frame, frame.diagnostics.rx_power_dbm);

@@ -10,6 +10,7 @@ use crate::air::{ANTENNA_DELAY, Air, Boxed, Owned};
 use ranging::exchange::{Event, Link, Protocol};
 use ranging::native::{Layout, Network, Rate, Refused, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig, Timing};
 use ranging::{PhyConfig, RadioDuration, RadioInstant, Start};
+use wire::uwb::layout::Span;
 use wire::uwb::native::{Frame, Member, Message, Position, Request, Response, Share, SyncFrame};
 use wire::uwb::{BROADCAST, FrameBuffer};
 
@@ -239,6 +240,110 @@ fn tags_that_do_not_exist_neither_stay_nor_keep_others_out() {
     assert!((2..=8).contains(&full.get()), "{} invented members", full.get());
 }
 
+/// A forger's sync frame and its sender, made of the coordinator's newest one.
+type ForgeOne = fn(&SyncFrame) -> (u16, SyncFrame);
+
+/// Another list of the coordinator, `ahead` of its own.
+fn other_list(told: &SyncFrame, ahead: u8, countdown: u8) -> SyncFrame {
+    SyncFrame { version: told.version.wrapping_add(ahead), countdown, members: Default::default(), ..told.clone() }
+}
+
+/// The same members with the slowest layout.
+fn slowest(told: &SyncFrame, ahead: u8, countdown: u8) -> SyncFrame {
+    let layout = Layout { answer: Span::LONGEST, listen_again: Span::LONGEST, scheme: Scheme::DoubleSided };
+    SyncFrame {
+        members: told.members.clone(),
+        layout,
+        layout_is_new: countdown > 0,
+        ..other_list(told, ahead, countdown)
+    }
+}
+
+/// Four anchors and a greedy tag; a forged sync frame at 3 s and every six seconds after it. The tag's rounds in
+/// the second before, in each second after, and the lists that it has refused.
+fn beside(forge: ForgeOne) -> (usize, Vec<usize>, u32) {
+    let mut air = Air::new(NETWORK.phy, 7);
+    room(&mut air, 4, None);
+    let (node, handle) = tag(&mut air, 0x100, Rate::Greedy);
+    let armed = Rc::new(Cell::new(false));
+    let mut last: Option<u16> = None;
+    let forge: Forge = Box::new(move |timing, heard, known| {
+        let Some(told) = known.get(&heard.coordinator) else { return Vec::new() };
+        if last.is_some_and(|last| heard.superframe.wrapping_sub(last) < 60) {
+            return Vec::new();
+        }
+        last = Some(heard.superframe);
+        let superframe = heard.superframe;
+        let (source, forged) =
+            forge(&SyncFrame { superframe, slot: 19, position: None, request: None, ..told.clone() });
+        vec![(timing.sync_frame(19), bytes(source, BROADCAST, Message::SyncFrame(forged)))]
+    });
+    air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, forge));
+    air.run_until(3.0);
+    armed.set(true);
+    air.run_until(12.0);
+    let in_second = |from: u32| {
+        let from = f64::from(from);
+        air.rounds(node, from).into_iter().filter(|(time, _)| *time < from + 1.0).count()
+    };
+    let lists = handle.borrow().refused().lists;
+    (in_second(2), (3..12).map(in_second).collect(), lists)
+}
+
+#[test]
+fn no_single_frame_keeps_a_tag_from_ranging() {
+    let forgeries: [(&str, ForgeOne, bool); 9] = [
+        ("no members, far ahead, at once", |told| (told.coordinator, other_list(told, 127, 0)), true),
+        ("no members, far ahead, announced", |told| (told.coordinator, other_list(told, 127, 4)), true),
+        ("no members, the next list, at once", |told| (told.coordinator, other_list(told, 1, 0)), true),
+        ("no members, the next list, announced", |told| (told.coordinator, other_list(told, 1, 4)), true),
+        ("no members, by a stranger", |told| (0x0BAD, SyncFrame { hops: 2, ..other_list(told, 1, 4) }), true),
+        ("another layout, far ahead, at once", |told| (told.coordinator, slowest(told, 127, 0)), true),
+        ("another layout, the next list, announced", |told| (told.coordinator, slowest(told, 1, 4)), true),
+        (
+            "a stranger's request of the slowest layout",
+            |told| (0x0BAD, SyncFrame { hops: 3, wish: slowest(told, 0, 0).layout, ..told.clone() }),
+            false,
+        ),
+        (
+            "all sync slots claimed",
+            |told| (0x0BAD, SyncFrame { hops: 3, slot_owners: [77; 16], ..told.clone() }),
+            false,
+        ),
+    ];
+    for (name, forge, is_refused) in forgeries {
+        let (before, after, lists) = beside(forge);
+        assert!(before > 400, "{name}: {before}");
+        let slowest = after.iter().min().copied().unwrap_or(0);
+        assert!(slowest * 10 > before * 9, "{name}: {before}, then {after:?}");
+        assert_eq!(lists > 0, is_refused, "{name}: {lists}");
+    }
+}
+
+#[test]
+fn a_tag_whose_slots_were_released_in_its_name_says_so_and_has_them_again_within_two_seconds() {
+    let mut air = Air::new(NETWORK.phy, 13);
+    room(&mut air, 4, None);
+    let (node, _) = tag(&mut air, 0x100, Rate::Greedy);
+    let armed = Rc::new(Cell::new(false));
+    // With no other member the list could be changed back at once.
+    tag(&mut air, 0x101, Rate::Greedy);
+    let mut is_sent = false;
+    let forge: Forge = Box::new(move |timing, _, _| {
+        let release = Request { share: Share::Release, wish: Layout::LEAST };
+        let is_first = !std::mem::replace(&mut is_sent, true);
+        let frame = || (timing.request(1), bytes(0x100, BROADCAST, Message::Request(release)));
+        is_first.then(frame).into_iter().collect()
+    });
+    air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, forge));
+    air.run_until(3.0);
+    armed.set(true);
+    air.run_until(6.0);
+    let links: Vec<_> = air.links(node).into_iter().filter(|(time, _)| *time > 3.0).collect();
+    let [(lost, Link::Unlisted), (joined, Link::Joined(_))] = links[..] else { panic!("{links:?}") };
+    assert!(joined - lost < 2.0, "{links:?}");
+}
+
 /// A node that transmits with an anchor's address.
 #[derive(Clone, Copy)]
 struct Impostor {
@@ -431,4 +536,30 @@ fn two_networks_that_have_worked_for_long_still_merge_when_they_come_to_hear_eac
     assert_eq!(air.collisions, before);
     let rounds = air.rounds(near, together + 16.0);
     assert!(rounds.len() > 200 && rounds.iter().all(|(_, ranges)| ranges.len() == 6), "{} rounds", rounds.len());
+}
+
+#[test]
+fn a_stranger_who_requests_slots_and_the_slowest_layout_once_costs_a_tag_nothing() {
+    let mut air = Air::new(NETWORK.phy, 7);
+    room(&mut air, 4, None);
+    let (node, _) = tag(&mut air, 0x100, Rate::Greedy);
+    let armed = Rc::new(Cell::new(false));
+    let mut is_sent = false;
+    let forge: Forge = Box::new(move |timing, _, _| {
+        let wish = Layout { listen_again: Span::LONGEST, scheme: Scheme::DoubleSided, ..Layout::LEAST };
+        let request = Request { share: Share::OneIn(100), wish };
+        let is_first = !std::mem::replace(&mut is_sent, true);
+        let frame = || (timing.request(1), bytes(0x300, BROADCAST, Message::Request(request)));
+        is_first.then(frame).into_iter().collect()
+    });
+    air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, forge));
+    air.run_until(3.0);
+    armed.set(true);
+    air.run_until(8.0);
+    let in_second = |from: u32| {
+        let from = f64::from(from);
+        air.rounds(node, from).into_iter().filter(|(time, _)| *time < from + 1.0).count()
+    };
+    let (before, after) = (in_second(2), (3..8).map(in_second).min().unwrap_or(0));
+    assert!(before > 400 && after * 10 > before * 9, "{before}, then {after}");
 }

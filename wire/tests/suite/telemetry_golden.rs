@@ -179,6 +179,14 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
              'for_s':null}",
         ),
         (
+            "unlisted",
+            Message::State(State { t_us: 2_000_000, is: Condition::Unlisted }),
+            "09 01 04 80 89 7A 11 C7 5F 00",
+            "{'type':'state','t_s':2.0,'state':'unlisted','peer':null,'slots':null,'times':null,\
+             'record_fault':null,'record_version':null,'levels_fault':null,'levels_version':null,'beacon':null,\
+             'for_s':null}",
+        ),
+        (
             "motion sensor silent",
             Message::State(State { t_us: 2_000_000, is: Condition::MotionSensor(MotionSensor::Silent) }),
             "0A 01 04 80 89 7A 10 01 0A 4F 00",

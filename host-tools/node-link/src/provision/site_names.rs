@@ -233,6 +233,7 @@ impl SiteNames {
                 | Condition::Advertising
                 | Condition::Unused(..)
                 | Condition::NetworkFull
+                | Condition::Unlisted
                 | Condition::MotionSensor(_) => text,
             },
             Message::Sighting(sighting) => self.with_beacon(text, &sighting.beacon.to_string()),

@@ -254,9 +254,7 @@ impl Tag {
                     *network = Followed::begin(network.sync.clone());
                     SyncUpdate::Anew
                 }
-                heard @ (SyncUpdate::Ignored | SyncUpdate::Refused | SyncUpdate::Followed | SyncUpdate::Changed) => {
-                    heard
-                }
+                heard => heard,
             },
         };
         match heard {
@@ -268,6 +266,7 @@ impl Tag {
                 return;
             }
             SyncUpdate::Followed => {}
+            SyncUpdate::Contradicted => self.anchors.refuse_list(),
             SyncUpdate::Changed | SyncUpdate::Anew => self.link = Some(Link::Synchronised(sync_frame.coordinator)),
         }
         self.aim = None;

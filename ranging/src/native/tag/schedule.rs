@@ -96,7 +96,12 @@ impl Tag {
             let slots = network.owned.count_ones().max(1) as u8;
             return Action::Report(Report::Link(Link::Joined(slots)));
         }
-        network.joined &= listed;
+        if network.joined && !listed {
+            network.joined = false;
+            if self.rate.is_some() {
+                return Action::Report(Report::Link(Link::Unlisted));
+            }
+        }
         if network.planned.replace(course.phase.number) != Some(course.phase.number) {
             network.rounds = 0;
             self.round.set_team(self.anchors.choose(self.config.anchors.into(), self.position_m));

@@ -55,6 +55,8 @@ pub enum Condition {
     NetworkFull,
     /// The state of a tag's motion sensor.
     MotionSensor(MotionSensor),
+    /// Native: the network's list has the tag no more; it requests slots again.
+    Unlisted,
 }
 
 impl Condition {
@@ -64,6 +66,7 @@ impl Condition {
             Self::NoRecord(_) | Self::WrongRecord => Severity::Error,
             Self::RadioFailed(_)
             | Self::NetworkFull
+            | Self::Unlisted
             | Self::ScannerRestarted(_)
             | Self::Unused(..)
             | Self::BeaconMoved(_)
@@ -100,7 +103,8 @@ impl Condition {
             | Self::ScannerRestarted(_)
             | Self::Advertising
             | Self::Unused(..)
-            | Self::NetworkFull => true,
+            | Self::NetworkFull
+            | Self::Unlisted => true,
         }
     }
 
@@ -125,6 +129,7 @@ impl Condition {
             Self::BeaconDuplicated(_) => "beacon-doubled",
             Self::BeaconRestored(_) => "beacon-believed",
             Self::NetworkFull => "network-full",
+            Self::Unlisted => "unlisted",
             Self::MotionSensor(MotionSensor::Ready) => "motion-sensor-ready",
             Self::MotionSensor(MotionSensor::Silent) => "motion-sensor-silent",
             Self::MotionSensor(MotionSensor::Foreign) => "motion-sensor-foreign",
@@ -146,6 +151,7 @@ text!(Condition, |this| this;
     Self::Synchronised(coordinator) => ("synchronised with the network of {}", Address(*coordinator)),
     Self::Joined(slots) => ("joined, {} slots a superframe", slots),
     Self::NetworkFull => ("network full: all places are taken, no slots for this tag"),
+    Self::Unlisted => ("unlisted: the network gives this tag no slots any more; it requests them again"),
     Self::Coordinating => ("coordinating"),
     Self::Following(coordinator) => ("following {}", Address(*coordinator)),
     Self::RadioFailed(times) => ("radio failed, {} in a row; starting it again", times),
@@ -217,6 +223,7 @@ impl Body for State {
             Condition::WrongRecord
             | Condition::Searching
             | Condition::NetworkFull
+            | Condition::Unlisted
             | Condition::MotionSensor(_)
             | Condition::Coordinating
             | Condition::Advertising => {}
