@@ -1,5 +1,6 @@
 //! Captures, as `tshark` reads them: every frame is complete, addresses and networks are as sent, and blinks are
-//! blinks.
+//! blinks. With the dissector of `tools/wireshark` the contents are those that were sent, and what is no frame is said
+//! to be none.
 
 use std::path::Path;
 use std::process::Command;
@@ -7,33 +8,33 @@ use std::process::Command;
 use host_tools::simulate::Capture;
 use sim::scenario::{Scenario, Simulation};
 use system_tests::{STAND, hall};
+use wire::uwb::{FrameBuffer, decaranging, native};
 
-/// Fields of every frame of a capture, without some of `tshark`'s heuristics for payloads; `None` if there is no
-/// `tshark`.
-fn dissected(capture: &Path, fields: &[&str], without: &[&str]) -> Option<Vec<Vec<String>>> {
+/// Arguments of `tshark` with the project's dissector.
+const WITH_DISSECTOR: [&str; 2] =
+    ["-X", concat!("lua_script:", env!("CARGO_MANIFEST_DIR"), "/../tools/wireshark/baliza.lua")];
+
+/// Fields of every frame of a capture, by `tshark` with these arguments; a field that occurs several times has `;`
+/// between its values. `None` if there is no `tshark`.
+fn dissected(capture: &Path, fields: &[&str], arguments: &[&str]) -> Option<Vec<Vec<String>>> {
     let mut command = Command::new("tshark");
-    for guess in without {
-        command.args(["--disable-protocol", guess]);
-    }
-    command.args([
-        "-r".as_ref(),
-        capture.as_os_str(),
-        "-T".as_ref(),
-        "fields".as_ref(),
-        "-E".as_ref(),
-        "separator=,".as_ref(),
-    ]);
+    command.args(arguments).arg("-r").arg(capture);
+    command.args(["-T", "fields", "-E", "separator=,", "-E", "aggregator=;"]);
     for field in fields {
         command.args(["-e", field]);
     }
-    let output = command.output().ok()?;
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let Ok(output) = command.output() else {
+        eprintln!("skipped: tshark is not installed");
+        return None;
+    };
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && !errors.contains("Lua"), "{errors}");
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     Some(text.lines().map(|line| line.split(',').map(str::to_owned).collect()).collect())
 }
 
 /// Runs a scenario and dissects its capture.
-fn frames_of(text: &str, fields: &[&str], without: &[&str]) -> Option<Vec<Vec<String>>> {
+fn frames_of(text: &str, fields: &[&str], arguments: &[&str]) -> Option<Vec<Vec<String>>> {
     let scenario = Scenario::parse(text).expect("the test's scenario");
     let seconds = scenario.seconds;
     let mut simulation = Simulation::new(scenario);
@@ -42,11 +43,7 @@ fn frames_of(text: &str, fields: &[&str], without: &[&str]) -> Option<Vec<Vec<St
     let capture = Capture::begin(&simulation, &file).expect("a file");
     simulation.run_until(seconds);
     capture.finish().expect("a capture");
-    let frames = dissected(&file, fields, without);
-    if frames.is_none() {
-        eprintln!("skipped: tshark is not installed");
-    }
-    frames
+    dissected(&file, fields, arguments)
 }
 
 const FIELDS: [&str; 7] =
@@ -76,18 +73,23 @@ fn native_frames_are_data_frames_of_their_network() {
     }
 }
 
+/// A DecaRanging tag √26 m from its anchor.
+fn pair(variant: &str) -> String {
+    format!(
+        "[simulation]\nseconds = 3\n[network]\nmode = \"{variant}\"\n\
+         [[node]]\nrole = \"anchor\"\nposition_m = [0, 0, 2]\n\
+         [[node]]\nrole = \"tag\"\nsimulation = {{ path_m = [[5, 0, 1]] }}\n"
+    )
+}
+
 #[test]
 fn decaranging_frames_are_those_of_the_boards() {
     // The ZigBee heuristic reads two bytes of every payload, even if there is only one byte, as in a fast poll. The
     // fast response's code is 6LoWPAN's code for broadcasts.
-    for (variant, without) in [("decaranging", &[][..]), ("decaranging-fast", &["zbee_nwk", "6lowpan"][..])] {
-        let text = format!(
-            "[simulation]\nseconds = 3\n[network]\nmode = \"{variant}\"\n\
-             [[node]]\nrole = \"anchor\"\nposition_m = [0, 0, 2]\n\
-             [[node]]\nrole = \"tag\"\nsimulation = {{ path_m = [[5, 0, 1]] }}\n"
-        );
+    let without = ["--disable-protocol", "zbee_nwk", "--disable-protocol", "6lowpan"];
+    for (variant, arguments) in [("decaranging", &[][..]), ("decaranging-fast", &without[..])] {
         let fields = ["_ws.malformed", "wpan.fcs_ok", "wpan.frame_type", "frame.len", "wpan.dst_pan", "wpan.src64"];
-        let Some(frames) = frames_of(&text, &fields, without) else { return };
+        let Some(frames) = frames_of(&pair(variant), &fields, arguments) else { return };
         assert!(frames.len() > 50, "{}", frames.len());
         for frame in &frames {
             assert!(frame[0].is_empty() && matches!(frame[1].as_str(), "1" | "True"), "{frame:?}");
@@ -104,4 +106,183 @@ fn decaranging_frames_are_those_of_the_boards() {
         }
         assert!(others.iter().all(|frame| frame[2] == "0x0001" && frame[4] == "0xdeca"), "{variant}");
     }
+}
+
+#[test]
+fn the_dissector_knows_every_frame_of_a_network() {
+    let fields = ["baliza.code", "baliza.wrong", "baliza.anchor", "baliza.x", "baliza.coordinator", "wpan.src16"];
+    let Some(frames) = frames_of(&hall("seconds = 2", 4, &[STAND]), &fields, &WITH_DISSECTOR) else { return };
+    let of_code = |code: &'static str| frames.iter().filter(move |frame| frame[0] == code);
+    // Poll, response, sync frame, request.
+    for (code, least) in [("0x30", 300), ("0x31", 1200), ("0x32", 60), ("0x33", 1)] {
+        assert!(of_code(code).count() >= least, "{code}: {}", of_code(code).count());
+    }
+    assert!(frames.iter().all(|frame| !frame[0].is_empty() && frame[1].is_empty()));
+    for poll in of_code("0x30") {
+        assert!(
+            poll[2].split(';').all(|anchor| ["0x0001", "0x0002", "0x0003", "0x0004"].contains(&anchor)),
+            "{poll:?}"
+        );
+    }
+    // The scenario's anchors, in metres.
+    let scenario = Scenario::parse(&hall("seconds = 2", 4, &[STAND])).expect("the test's scenario");
+    for sync_frame in of_code("0x32") {
+        let x: f64 = sync_frame[3].parse().expect("a coordinate");
+        let address = u16::from_str_radix(sync_frame[5].trim_start_matches("0x"), 16).expect("an address");
+        let anchor = scenario.anchors.iter().find(|anchor| anchor.address == address).expect("an anchor");
+        assert!((x - anchor.at[0]).abs() < 0.001, "{sync_frame:?}");
+    }
+}
+
+#[test]
+fn the_dissector_shows_the_distance_of_both_variants_of_decaranging() {
+    for variant in ["decaranging", "decaranging-fast"] {
+        let fields = ["wpan.frame_type", "baliza.code", "baliza.wrong", "baliza.tof.distance"];
+        let Some(frames) = frames_of(&pair(variant), &fields, &WITH_DISSECTOR) else { return };
+        assert!(frames.iter().all(|frame| frame[0] == "0x0005" || !frame[1].is_empty() && frame[2].is_empty()));
+        let mut distances: Vec<f64> = frames.iter().filter_map(|frame| frame[3].parse().ok()).collect();
+        distances.sort_by(f64::total_cmp);
+        // √26 m are 5.099 m.
+        let median = distances[distances.len() / 2];
+        assert!(distances.len() > 20 && (median - 5.099).abs() < 0.1, "{variant}: {median}");
+    }
+}
+
+/// A file of frames without check bytes (link type 230).
+fn capture_of(frames: &[Vec<u8>], file: &Path) {
+    let mut bytes = [0xa1b2_c3d4_u32, 0x0002_0004, 0, 0, 127, 230].map(u32::to_be_bytes).concat();
+    for frame in frames {
+        let length = frame.len() as u32;
+        bytes.extend([0, 0, length, length].map(u32::to_be_bytes).concat());
+        bytes.extend(frame);
+    }
+    std::fs::write(file, bytes).expect("a file");
+}
+
+/// What `tshark` says of these frames.
+fn fields_of(frames: &[Vec<u8>], fields: &[&str]) -> Option<Vec<Vec<String>>> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("frames.pcap");
+    capture_of(frames, &file);
+    let lines = dissected(&file, fields, &WITH_DISSECTOR)?;
+    assert_eq!(lines.len(), frames.len());
+    Some(lines)
+}
+
+fn from_hex(text: &str) -> Vec<u8> {
+    let digits: Vec<u8> = text.bytes().filter(|byte| *byte != b' ').collect();
+    let byte = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).expect("digits"), 16).expect("hexadecimal");
+    digits.chunks(2).map(byte).collect()
+}
+
+/// The frames of the wire format's page, whose text says what they contain, and a sync frame by hand.
+const GOLDEN: [&str; 6] = [
+    "30341220 A8010003 02",
+    "30010031 00010002 00030020 030080E7 FF",
+    "31FEFF04 030201FF 67452301",
+    "31FEFF04 030201FF 67452301 FDCDAB89 00",
+    "34 02 01",
+    "32 0201 05 01 02 0701 63 00020304050607080900000000000000 0210 C8 030000 09 B131 E80300 18FCFF FFFFFF 82 0210 7F \
+     0310 8A",
+];
+
+fn golden() -> Vec<Vec<u8>> {
+    GOLDEN.iter().map(|payload| from_hex(&format!("41882A1A BAFFFF07 01 {payload}"))).collect()
+}
+
+#[test]
+fn the_dissector_reads_what_the_page_of_the_wire_format_says() {
+    let fields = [
+        "baliza.round",
+        "baliza.anchor",
+        "baliza.distance",
+        "baliza.wish.listen_again",
+        "baliza.wish.final",
+        "baliza.poll_rx",
+        "baliza.final.round",
+    ];
+    let Some(frames) = fields_of(&golden(), &fields) else { return };
+    let expected = [
+        ["4660", "0x0001;0x0203", "", "96", "1", "", ""],
+        ["1", "0x0001;0x0002;0x0003", "3.2;-0.1", "16", "0", "", ""],
+        ["65534", "", "", "", "", "1095233569540", ""],
+        ["65534", "", "", "", "", "1095233569540", "253"],
+        ["258", "", "", "", "", "", ""],
+    ];
+    for (frame, expected) in frames.iter().zip(expected) {
+        let frame: Vec<_> = frame.iter().map(|value| value.replace("True", "1").replace("False", "0")).collect();
+        assert_eq!(frame, expected);
+    }
+    // 0x01234567 and 0x89ABCD ticks of 1/63.8976 GHz are 298.9 and 141.2 µs.
+    let times = fields_of(&golden()[3..4], &["baliza.reply", "baliza.after_response"]).expect("tshark");
+    let [reply, after] = [&times[0][0], &times[0][1]].map(|text| text.parse::<f64>().expect("microseconds"));
+    assert!((reply - 19_088_743.0 / 63_897.6).abs() < 1e-3 && (after - 9_022_413.0 / 63_897.6).abs() < 1e-3);
+    let fields = [
+        "baliza.superframe",
+        "baliza.term",
+        "baliza.age",
+        "baliza.hops",
+        "baliza.coordinator",
+        "baliza.slot",
+        "baliza.countdown",
+        "baliza.requested_by",
+        "baliza.layout.answer",
+        "baliza.layout.listen_again",
+        "baliza.layout.new",
+        "baliza.x",
+        "baliza.y",
+        "baliza.z",
+        "baliza.member",
+        "baliza.share",
+    ];
+    let sync_frame = &fields_of(&golden()[5..], &fields).expect("tshark")[0];
+    // 0xB1 is the code 49, (16 + 1) · 2³ µs, of a new layout; 0x31 the same for listening again. 0x0003E8 is 1 m,
+    // 0xFFFC18 −1 m, 0xFFFFFF −1 mm.
+    let expected = "258 5 1 2 0x0107 3 3 0x1002 136 136 1 1 -1 -0.001 0x1002;0x1003 one in 72 superframes;greedy;\
+                    one in 10 superframes";
+    assert_eq!(sync_frame.join(" ").replace("True", "1"), expected);
+}
+
+#[test]
+fn the_dissector_and_the_nodes_agree_on_what_is_no_frame() {
+    let decaranging = [
+        decaranging::Message::RangingInit { tag: 0x1001, anchor_delay: 150, tag_delay: Some(0x8001) },
+        decaranging::Message::Poll(decaranging::Variant::Standard, Some([7, 9])),
+        decaranging::Message::Response(decaranging::Variant::Standard, decaranging::Answer::default()),
+    ];
+    let header = wire::uwb::Header {
+        sequence: 1,
+        pan: decaranging::PAN,
+        destination: wire::uwb::Address::Short(0x1001),
+        source: wire::uwb::Address::Short(1),
+    };
+    let mut whole = golden();
+    for message in decaranging {
+        let mut out = FrameBuffer::new();
+        decaranging::Frame { header, message }.emit(&mut out);
+        whole.push(out.bytes().to_vec());
+    }
+    let mut frames = whole.clone();
+    for frame in &whole {
+        frames.extend((10..frame.len()).map(|length| frame[..length].to_vec()));
+        frames.extend([1, 3].map(|more| [&frame[..], &vec![0; more]].concat()));
+        // Every byte of the payload after the code, with each of these values.
+        for place in 10..frame.len() {
+            for value in [0, 1, 2, 0x7F, 0x80, 0x81, 0xFF] {
+                let mut changed = frame.clone();
+                changed[place] = value;
+                frames.push(changed);
+            }
+        }
+    }
+    let Some(lines) = fields_of(&frames, &["baliza.code", "baliza.wrong"]) else { return };
+    let mut refused = 0;
+    for (frame, line) in frames.iter().zip(lines) {
+        let is_frame = native::Frame::parse(frame).is_ok() && frame[3..5] != [0xCA, 0xDE]
+            || decaranging::Frame::parse(frame).is_ok();
+        assert!(!line[0].is_empty(), "{frame:02X?}");
+        assert_eq!(line[1].is_empty(), is_frame, "{frame:02X?}: {line:?}");
+        refused += usize::from(!is_frame);
+    }
+    assert!(refused > 150 && frames.len() - refused > 150, "{refused} of {}", frames.len());
 }

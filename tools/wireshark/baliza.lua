@@ -1,0 +1,352 @@
+-- A Wireshark dissector for the UWB frames of docs/reference/wire-format.md: native mode and DecaRanging. Blinks of
+-- DecaRanging have no payload: Wireshark itself shows all of them.
+--
+-- Wireshark: copy this file into the folder of personal Lua plugins (Help, About, Folders). tshark:
+--   tshark -X lua_script:tools/wireshark/baliza.lua -r air.pcap -Y baliza
+
+-- Ticks of the DW1000's clock are 1 / 63.8976 GHz.
+local TICK_NS = 1 / 63.8976
+local METRES_PER_TICK = 299702547 / 63.8976e9 -- in air
+local DECARANGING_PAN = 0xDECA
+local MAX_ROUND = 8
+local UNKNOWN_MM = -8388608
+
+local proto = Proto("baliza", "Baliza UWB ranging")
+local f = {}
+local function field(constructor, name, title, ...)
+    local key = name:gsub("%.", "_")
+    f[key] = constructor("baliza." .. name, title, ...)
+end
+
+local NAMES = {
+    [0x30] = "Poll", [0x31] = "Response", [0x32] = "Sync frame", [0x33] = "Request", [0x34] = "Final",
+}
+local DECARANGING_NAMES = {
+    [0x20] = "Ranging init", [0x21] = "Poll", [0x10] = "Response", [0x29] = "Final", [0x2A] = "Report",
+    [0x61] = "Fast poll", [0x50] = "Fast response", [0x69] = "Fast final", [0x6A] = "Fast report",
+}
+
+field(ProtoField.uint8, "code", "Message", base.HEX)
+field(ProtoField.uint16, "round", "Round")
+field(ProtoField.uint8, "count", "Anchors", base.DEC, nil, 0xF0)
+field(ProtoField.bool, "with_distances", "With distances", 8, nil, 0x01)
+field(ProtoField.uint16, "anchor", "Anchor", base.HEX)
+field(ProtoField.double, "distance", "Distance (m)")
+field(ProtoField.string, "distance.unknown", "Distance")
+field(ProtoField.uint64, "poll_rx", "Poll RX (ticks)")
+field(ProtoField.double, "reply", "Response TX − poll RX (µs)")
+field(ProtoField.uint8, "final.round", "Final of round, low byte")
+field(ProtoField.double, "after_response", "Final RX − response TX (µs)")
+field(ProtoField.uint16, "superframe", "Superframe")
+field(ProtoField.uint8, "term", "Term")
+field(ProtoField.uint8, "age", "Age (superframes)")
+field(ProtoField.uint8, "hops", "Hops to the coordinator")
+field(ProtoField.uint16, "coordinator", "Coordinator", base.HEX)
+field(ProtoField.uint8, "slot", "Sync slot", base.DEC, nil, 0x1F)
+field(ProtoField.uint8, "countdown", "List in force in (superframes)", base.DEC, nil, 0xE0)
+field(ProtoField.bytes, "slot_owners", "Slot owners (hash of the address, 00: none)", base.SPACE)
+field(ProtoField.uint24, "heard", "Members heard", base.HEX)
+field(ProtoField.uint8, "version", "List version")
+field(ProtoField.uint32, "layout.answer", "Answer (µs)")
+field(ProtoField.uint32, "layout.listen_again", "Listen again (µs)")
+field(ProtoField.bool, "layout.final", "With a final", 8, nil, 0x80)
+field(ProtoField.bool, "layout.new", "In force with the list only", 8, nil, 0x80)
+field(ProtoField.uint32, "wish.answer", "Requested answer (µs)")
+field(ProtoField.uint32, "wish.listen_again", "Requested listen again (µs)")
+field(ProtoField.bool, "wish.final", "Requests a final", 8, nil, 0x80)
+field(ProtoField.double, "x", "x (m)")
+field(ProtoField.double, "y", "y (m)")
+field(ProtoField.double, "z", "z (m)")
+field(ProtoField.string, "position.unknown", "Position")
+field(ProtoField.bool, "passes_request_on", "Passes a request on", 8, nil, 0x80)
+field(ProtoField.uint8, "members", "Members", base.DEC, nil, 0x7F)
+field(ProtoField.uint16, "member", "Tag", base.HEX)
+field(ProtoField.string, "share", "Share")
+field(ProtoField.uint16, "requested_by", "Request of tag", base.HEX)
+-- DecaRanging.
+field(ProtoField.uint16, "tag", "Tag's short address", base.HEX)
+field(ProtoField.string, "delay.anchor", "Anchor's delay")
+field(ProtoField.string, "delay.tag", "Tag's delay")
+field(ProtoField.uint8, "temperature", "Temperature (raw)")
+field(ProtoField.uint8, "voltage", "Voltage (raw)")
+field(ProtoField.bool, "report_follows", "A report follows")
+field(ProtoField.int64, "tof", "Time of flight (ticks)")
+field(ProtoField.double, "tof.distance", "Time of flight as a distance (m)")
+field(ProtoField.uint64, "poll_tx", "Poll TX (ticks)")
+field(ProtoField.uint64, "resp_rx", "Response RX (ticks)")
+field(ProtoField.uint64, "final_tx", "Final TX (ticks)")
+field(ProtoField.double, "reply2", "Final TX − response RX (µs)")
+field(ProtoField.double, "round1", "Response RX − poll TX (µs)")
+
+proto.fields = {}
+for _, each in pairs(f) do
+    table.insert(proto.fields, each)
+end
+
+local wrong =
+    ProtoExpert.new("baliza.wrong", "Not a frame of this format", expert.group.MALFORMED, expert.severity.ERROR)
+proto.experts = { wrong }
+
+local pan_of = Field.new("wpan.dst_pan")
+
+-- A reader of a payload: each call takes the next bytes.
+local Reader = {}
+Reader.__index = Reader
+
+function Reader.new(tvb, at)
+    return setmetatable({ tvb = tvb, at = at }, Reader)
+end
+
+function Reader:left()
+    return self.tvb:len() - self.at
+end
+
+function Reader:take(bytes)
+    if bytes > self:left() then
+        error("too short", 0)
+    end
+    local range = self.tvb(self.at, bytes)
+    self.at = self.at + bytes
+    return range
+end
+
+-- A span's code of 7 bits, in microseconds.
+local function span_us(code)
+    return (16 + code % 16) * 2 ^ math.floor(code / 16)
+end
+
+local function ticks_us(ticks)
+    return ticks * TICK_NS / 1000
+end
+
+local function add_us(tree, which, range)
+    tree:add(which, range, ticks_us(range:le_uint()))
+end
+
+local function signed(value, bits)
+    return value >= 2 ^ (bits - 1) and value - 2 ^ bits or value
+end
+
+local function share_text(byte)
+    if byte == 0 then
+        return "release"
+    elseif byte == 127 then
+        return "greedy"
+    elseif byte < 127 then
+        return byte .. " a superframe"
+    elseif byte < 130 then
+        error("a share of " .. byte, 0)
+    end
+    return "one in " .. (byte - 128) .. " superframes"
+end
+
+local function add_share(tree, range)
+    tree:add(f.share, range, share_text(range:uint()))
+end
+
+-- The byte with the span until a tag listens again, and whether rounds have a final.
+local function add_tag_byte(tree, range, what)
+    tree:add(f[what .. "_listen_again"], range, span_us(range:uint() % 128))
+    tree:add(f[what .. "_final"], range)
+end
+
+local function poll(tree, reader)
+    tree:add_le(f.round, reader:take(2))
+    local head = reader:take(1)
+    local count, options = math.floor(head:uint() / 16), head:uint() % 16
+    if options > 1 or count == 0 or count > MAX_ROUND then
+        error("options " .. options .. ", " .. count .. " anchors", 0)
+    end
+    tree:add(f.count, head)
+    tree:add(f.with_distances, head)
+    add_tag_byte(tree, reader:take(1), "wish")
+    for _ = 1, count do
+        tree:add_le(f.anchor, reader:take(2))
+    end
+    for _ = 1, options == 1 and count or 0 do
+        local range = reader:take(2)
+        local units = range:le_int()
+        if units == -32768 then
+            tree:add(f.distance_unknown, range, "unknown")
+        else
+            tree:add(f.distance, range, units / 250)
+        end
+    end
+    return " of " .. count
+end
+
+local function response(tree, reader)
+    tree:add_le(f.round, reader:take(2))
+    tree:add_le(f.poll_rx, reader:take(5))
+    add_us(tree, f.reply, reader:take(4))
+    if reader:left() > 0 then
+        tree:add(f.final_round, reader:take(1))
+        add_us(tree, f.after_response, reader:take(4))
+        return ", final received"
+    end
+    return ""
+end
+
+local function add_position(tree, range)
+    local mm = {}
+    for axis = 0, 2 do
+        mm[axis] = signed(range(3 * axis, 3):le_uint(), 24)
+    end
+    if mm[0] == UNKNOWN_MM and mm[1] == 0 and mm[2] == 0 then
+        tree:add(f.position_unknown, range, "unknown")
+        return
+    elseif mm[0] == UNKNOWN_MM or mm[1] == UNKNOWN_MM or mm[2] == UNKNOWN_MM then
+        error("a coordinate of −8388.608 m", 0)
+    end
+    for axis, which in ipairs({ f.x, f.y, f.z }) do
+        tree:add(which, range(3 * axis - 3, 3), mm[axis - 1] / 1000)
+    end
+end
+
+local function add_member(tree, which, range)
+    local branch = tree:add_le(which, range(0, 2))
+    branch:append_text(", " .. share_text(range(2, 1):uint()))
+    add_share(branch, range(2, 1))
+    return range(0, 2):le_uint()
+end
+
+local function sync_frame(tree, reader)
+    local superframe = reader:take(2)
+    tree:add_le(f.superframe, superframe)
+    for _, which in ipairs({ f.term, f.age, f.hops }) do
+        tree:add(which, reader:take(1))
+    end
+    tree:add_le(f.coordinator, reader:take(2))
+    local slot = reader:take(1)
+    tree:add(f.slot, slot)
+    tree:add(f.countdown, slot)
+    tree:add(f.slot_owners, reader:take(16))
+    local passed_on = reader:take(3)
+    -- What these three bytes are is said by the highest bit of the count of members, 15 bytes on.
+    local is_request = reader.tvb(reader.at + 15, 1):uint() >= 128
+    if is_request then
+        add_member(tree, f.requested_by, passed_on)
+    else
+        tree:add(f.wish_answer, passed_on(0, 1), span_us(passed_on(0, 1):uint() % 128))
+        add_tag_byte(tree, passed_on(1, 1), "wish")
+        if passed_on(2, 1):uint() ~= 0 then
+            error("a request's third byte is not zero", 0)
+        end
+    end
+    tree:add_le(f.heard, reader:take(3))
+    tree:add(f.version, reader:take(1))
+    local answer = reader:take(1)
+    tree:add(f.layout_answer, answer, span_us(answer:uint() % 128))
+    tree:add(f.layout_new, answer)
+    add_tag_byte(tree, reader:take(1), "layout")
+    add_position(tree, reader:take(9))
+    local count = reader:take(1)
+    tree:add(f.passes_request_on, count)
+    tree:add(f.members, count)
+    local last = -1
+    for _ = 1, count:uint() % 128 do
+        local tag = add_member(tree, f.member, reader:take(3))
+        if tag <= last then
+            error("members are not in order", 0)
+        end
+        last = tag
+    end
+    return " of superframe " .. superframe:le_uint()
+end
+
+local function request(tree, reader)
+    local share = reader:take(1)
+    add_share(tree, share)
+    add_tag_byte(tree, reader:take(1), "wish")
+    return ": " .. share_text(share:uint())
+end
+
+local function final(tree, reader)
+    tree:add_le(f.round, reader:take(2))
+    return ""
+end
+
+local NATIVE = { [0x30] = poll, [0x31] = response, [0x32] = sync_frame, [0x33] = request, [0x34] = final }
+
+local function add_delay(tree, which, range)
+    local value = range:le_uint()
+    tree:add(which, range, value % 32768 .. (value >= 32768 and " ms" or " µs (older software: ms)"))
+end
+
+local function add_flight(tree, range)
+    local ticks = range:len() == 4 and range:le_int() or range:le_int64():tonumber()
+    tree:add(f.tof, range, Int64(ticks))
+    tree:add(f.tof_distance, range, ticks * METRES_PER_TICK)
+end
+
+local DECARANGING = {
+    [0x20] = function(tree, reader)
+        tree:add_le(f.tag, reader:take(2))
+        add_delay(tree, f.delay_anchor, reader:take(2))
+        if reader:left() > 0 then
+            add_delay(tree, f.delay_tag, reader:take(2))
+        end
+    end,
+    [0x21] = function(tree, reader)
+        if reader:left() > 0 then
+            tree:add(f.temperature, reader:take(1))
+            tree:add(f.voltage, reader:take(1))
+        end
+    end,
+    [0x10] = function(tree, reader)
+        if reader:take(1):uint() ~= 2 then
+            error("another option than no action", 0)
+        end
+        local parameter = reader:take(2)
+        tree:add(f.report_follows, parameter(0, 1), parameter(0, 1):uint() == 1)
+        if reader:left() > 0 then
+            add_flight(tree, reader:take(5))
+        end
+    end,
+    [0x29] = function(tree, reader)
+        for _, which in ipairs({ f.poll_tx, f.resp_rx, f.final_tx }) do
+            tree:add_le(which, reader:take(5))
+        end
+    end,
+    [0x2A] = function(tree, reader)
+        add_flight(tree, reader:take(5))
+    end,
+    [0x61] = function() end,
+    [0x50] = function() end,
+    [0x69] = function(tree, reader)
+        add_us(tree, f.reply2, reader:take(4))
+        add_us(tree, f.round1, reader:take(4))
+    end,
+    [0x6A] = function(tree, reader)
+        add_flight(tree, reader:take(4))
+    end,
+}
+
+local function dissect(tvb, pinfo, root)
+    local pan = pan_of()
+    if tvb:len() == 0 or pan == nil then
+        return false
+    end
+    local is_decaranging = pan.value == DECARANGING_PAN
+    local code = tvb(0, 1):uint()
+    local names = is_decaranging and DECARANGING_NAMES or NAMES
+    local rest = (is_decaranging and DECARANGING or NATIVE)[code]
+    if rest == nil then
+        return false
+    end
+    local tree = root:add(proto, tvb())
+    tree:add(f.code, tvb(0, 1)):append_text(" (" .. names[code] .. ")")
+    local reader = Reader.new(tvb, 1)
+    local is_whole, text = pcall(rest, tree, reader)
+    if is_whole and reader:left() > 0 then
+        is_whole, text = false, reader:left() .. " bytes too many"
+    end
+    pinfo.cols.protocol = "Baliza"
+    pinfo.cols.info = names[code] .. (is_whole and text or "")
+    if not is_whole then
+        tree:add_proto_expert_info(wrong, "Not a frame of this format: " .. tostring(text))
+    end
+    return true
+end
+
+proto:register_heuristic("wpan", dissect)
