@@ -160,12 +160,30 @@ impl Outcome {
         // A variance below zero is a zero with a rounding error.
         let [x, y, z] = [xx, yy, zz].map(|variance| if variance < 0.0 { 0.0 } else { Real::sqrt(variance) });
         // If a deviation is zero or not a number, the quotient is not a number either, and `as` makes it 0.
-        let correlation_127ths =
-            [xy / (x * y), xz / (x * z), yz / (y * z)].map(|rho| nearest(rho.clamp(-1.0, 1.0) * FULL) as i8);
+        let correlation_127ths = whole_127ths([xy / (x * y), xz / (x * z), yz / (y * z)]);
         let quality_255ths = nearest(quality * f32::from(u8::MAX)) as u8;
         let deviation_tenth_mm = [x, y, z].map(deviation);
         Self::Position { position_tenth_mm, deviation_tenth_mm, correlation_127ths, used, quality_255ths }
     }
+}
+
+/// Correlations xy, xz, yz in 1/127. Rounding may make the matrix of a long thin ellipsoid singular, or its least
+/// eigenvalue negative: then the ellipsoid becomes a little thicker.
+fn whole_127ths(correlations: [f32; 3]) -> [i8; 3] {
+    // Plus 2/127 of the unit matrix. Rounding moves an eigenvalue by at most 1/127.
+    const THICKER: f32 = FULL - 2.0;
+    let rounded = |full: f32| correlations.map(|rho| nearest(rho.clamp(-1.0, 1.0) * full) as i8);
+    let whole = rounded(FULL);
+    if is_definite(whole) { whole } else { rounded(THICKER) }
+}
+
+/// Whether the least eigenvalue of the matrix of correlations exceeds 1/254, by its leading minors.
+fn is_definite(correlation_127ths: [i8; 3]) -> bool {
+    // 127 less a half, in halves.
+    const DIAGONAL: i32 = 253;
+    let [a, b, c] = correlation_127ths.map(|rho| 2 * i32::from(rho));
+    let determinant = DIAGONAL.pow(3) + 2 * a * b * c - DIAGONAL * (a * a + b * b + c * c);
+    a.abs() < DIAGONAL && determinant > 0
 }
 
 impl Fix {
@@ -424,6 +442,26 @@ mod tests {
         let expected = [[0.09, 0.03165, -0.07087], [0.03165, 0.04, 0.0], [-0.07087, 0.0, 0.25]];
         for (row, expected) in covariance.iter().zip(expected) {
             assert!(row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5), "{covariance:?}");
+        }
+    }
+
+    #[test]
+    fn the_covariance_of_a_long_thin_ellipsoid_has_an_inverse() {
+        // Of a position that is one of two, 6 m apart; ρ = −0.9992 would become −1.
+        let told = fix([0.0; 3], [[5.758, -8.740, 0.0], [-8.740, 13.2875, 0.0], [0.0; 3]]);
+        let [[xx, xy, _], [_, yy, _], _] = told.covariance_m2().expect("a position");
+        assert!(xx * yy - xy * xy > 0.01 * xx * yy, "{xx} {xy} {yy}");
+        // 1 m along each of these axes, 3 cm across it.
+        for (i, j) in (0..20).flat_map(|i| (0..20).map(move |j| (i, j))) {
+            let [polar, azimuth] = [i, j].map(|k| f64::from(k) * 0.157);
+            let axis = [polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos()];
+            let covariance = [0, 1, 2].map(|row| {
+                [0, 1, 2].map(|column| (axis[row] * axis[column] + if row == column { 0.0009 } else { 0.0 }) as f32)
+            });
+            let [[xx, xy, xz], [_, yy, yz], [_, _, zz]] = fix([0.0; 3], covariance).covariance_m2().expect("one");
+            let second = xx * yy - xy * xy;
+            let third = zz * second - yy * xz * xz - xx * yz * yz + 2.0 * xy * xz * yz;
+            assert!(second > 0.0 && third > 0.0, "{axis:?}: {second}, {third}");
         }
     }
 
