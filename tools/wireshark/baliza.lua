@@ -18,14 +18,6 @@ local function field(constructor, name, title, ...)
     f[key] = constructor("baliza." .. name, title, ...)
 end
 
-local NAMES = {
-    [0x30] = "Poll", [0x31] = "Response", [0x32] = "Sync frame", [0x33] = "Request", [0x34] = "Final",
-}
-local DECARANGING_NAMES = {
-    [0x20] = "Ranging init", [0x21] = "Poll", [0x10] = "Response", [0x29] = "Final", [0x2A] = "Report",
-    [0x61] = "Fast poll", [0x50] = "Fast response", [0x69] = "Fast final", [0x6A] = "Fast report",
-}
-
 field(ProtoField.uint8, "code", "Message", base.HEX)
 field(ProtoField.uint16, "round", "Round")
 field(ProtoField.uint8, "count", "Anchors", base.DEC, nil, 0xF0)
@@ -184,7 +176,6 @@ local function response(tree, reader)
         add_us(tree, f.after_response, reader:take(4))
         return ", final received"
     end
-    return ""
 end
 
 local function add_position(tree, range)
@@ -263,10 +254,16 @@ end
 
 local function final(tree, reader)
     tree:add_le(f.round, reader:take(2))
-    return ""
 end
 
-local NATIVE = { [0x30] = poll, [0x31] = response, [0x32] = sync_frame, [0x33] = request, [0x34] = final }
+-- By the code: the message's name, and what reads the bytes after the code.
+local NATIVE = {
+    [0x30] = { "Poll", poll },
+    [0x31] = { "Response", response },
+    [0x32] = { "Sync frame", sync_frame },
+    [0x33] = { "Request", request },
+    [0x34] = { "Final", final },
+}
 
 local function add_delay(tree, which, range)
     local value = range:le_uint()
@@ -279,47 +276,63 @@ local function add_flight(tree, range)
     tree:add(f.tof_distance, range, ticks * METRES_PER_TICK)
 end
 
-local DECARANGING = {
-    [0x20] = function(tree, reader)
-        tree:add_le(f.tag, reader:take(2))
-        add_delay(tree, f.delay_anchor, reader:take(2))
-        if reader:left() > 0 then
-            add_delay(tree, f.delay_tag, reader:take(2))
-        end
-    end,
-    [0x21] = function(tree, reader)
-        if reader:left() > 0 then
-            tree:add(f.temperature, reader:take(1))
-            tree:add(f.voltage, reader:take(1))
-        end
-    end,
-    [0x10] = function(tree, reader)
-        if reader:take(1):uint() ~= 2 then
-            error("another option than no action", 0)
-        end
-        local parameter = reader:take(2)
-        tree:add(f.report_follows, parameter(0, 1), parameter(0, 1):uint() == 1)
-        if reader:left() > 0 then
-            add_flight(tree, reader:take(5))
-        end
-    end,
-    [0x29] = function(tree, reader)
-        for _, which in ipairs({ f.poll_tx, f.resp_rx, f.final_tx }) do
-            tree:add_le(which, reader:take(5))
-        end
-    end,
-    [0x2A] = function(tree, reader)
+local function nothing() end
+
+local function ranging_init(tree, reader)
+    tree:add_le(f.tag, reader:take(2))
+    add_delay(tree, f.delay_anchor, reader:take(2))
+    if reader:left() > 0 then
+        add_delay(tree, f.delay_tag, reader:take(2))
+    end
+end
+
+local function standard_poll(tree, reader)
+    if reader:left() > 0 then
+        tree:add(f.temperature, reader:take(1))
+        tree:add(f.voltage, reader:take(1))
+    end
+end
+
+local function standard_response(tree, reader)
+    if reader:take(1):uint() ~= 2 then
+        error("another option than no action", 0)
+    end
+    local parameter = reader:take(2)
+    tree:add(f.report_follows, parameter(0, 1), parameter(0, 1):uint() == 1)
+    if reader:left() > 0 then
         add_flight(tree, reader:take(5))
-    end,
-    [0x61] = function() end,
-    [0x50] = function() end,
-    [0x69] = function(tree, reader)
-        add_us(tree, f.reply2, reader:take(4))
-        add_us(tree, f.round1, reader:take(4))
-    end,
-    [0x6A] = function(tree, reader)
-        add_flight(tree, reader:take(4))
-    end,
+    end
+end
+
+local function standard_final(tree, reader)
+    for _, which in ipairs({ f.poll_tx, f.resp_rx, f.final_tx }) do
+        tree:add_le(which, reader:take(5))
+    end
+end
+
+local function standard_report(tree, reader)
+    add_flight(tree, reader:take(5))
+end
+
+local function fast_final(tree, reader)
+    add_us(tree, f.reply2, reader:take(4))
+    add_us(tree, f.round1, reader:take(4))
+end
+
+local function fast_report(tree, reader)
+    add_flight(tree, reader:take(4))
+end
+
+local DECARANGING = {
+    [0x20] = { "Ranging init", ranging_init },
+    [0x21] = { "Poll", standard_poll },
+    [0x10] = { "Response", standard_response },
+    [0x29] = { "Final", standard_final },
+    [0x2A] = { "Report", standard_report },
+    [0x61] = { "Fast poll", nothing },
+    [0x50] = { "Fast response", nothing },
+    [0x69] = { "Fast final", fast_final },
+    [0x6A] = { "Fast report", fast_report },
 }
 
 local function dissect(tvb, pinfo, root)
@@ -327,22 +340,22 @@ local function dissect(tvb, pinfo, root)
     if tvb:len() == 0 or pan == nil then
         return false
     end
-    local is_decaranging = pan.value == DECARANGING_PAN
-    local code = tvb(0, 1):uint()
-    local names = is_decaranging and DECARANGING_NAMES or NAMES
-    local rest = (is_decaranging and DECARANGING or NATIVE)[code]
-    if rest == nil then
+    local messages = pan.value == DECARANGING_PAN and DECARANGING or NATIVE
+    local message = messages[tvb(0, 1):uint()]
+    if message == nil then
         return false
     end
+    local name, rest = message[1], message[2]
     local tree = root:add(proto, tvb())
-    tree:add(f.code, tvb(0, 1)):append_text(" (" .. names[code] .. ")")
+    tree:add(f.code, tvb(0, 1)):append_text(" (" .. name .. ")")
     local reader = Reader.new(tvb, 1)
+    -- What follows the name in the list of frames, or what is wrong.
     local is_whole, text = pcall(rest, tree, reader)
     if is_whole and reader:left() > 0 then
         is_whole, text = false, reader:left() .. " bytes too many"
     end
     pinfo.cols.protocol = "Baliza"
-    pinfo.cols.info = names[code] .. (is_whole and text or "")
+    pinfo.cols.info = name .. (is_whole and text or "")
     if not is_whole then
         tree:add_proto_expert_info(wrong, "Not a frame of this format: " .. tostring(text))
     end

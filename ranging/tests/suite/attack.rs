@@ -259,6 +259,22 @@ fn slowest(told: &SyncFrame, ahead: u8, countdown: u8) -> SyncFrame {
     }
 }
 
+/// The rounds of a node in the second from this one on.
+fn rounds_in_second(air: &Air, node: usize, from: u32) -> usize {
+    let from = f64::from(from);
+    air.rounds(node, from).into_iter().filter(|(time, _)| *time < from + 1.0).count()
+}
+
+/// A request in this tag's name, sent once.
+fn request_once(source: u16, request: Request) -> Forge {
+    let mut is_sent = false;
+    Box::new(move |timing, _, _| {
+        let is_first = !std::mem::replace(&mut is_sent, true);
+        let frame = || (timing.request(1), bytes(source, BROADCAST, Message::Request(request)));
+        is_first.then(frame).into_iter().collect()
+    })
+}
+
 /// Four anchors and a greedy tag; a forged sync frame at 3 s and every six seconds after it. The tag's rounds in
 /// the second before, in each second after, and the lists that it has refused.
 fn beside(forge: ForgeOne) -> (usize, Vec<usize>, u32) {
@@ -282,10 +298,7 @@ fn beside(forge: ForgeOne) -> (usize, Vec<usize>, u32) {
     air.run_until(3.0);
     armed.set(true);
     air.run_until(12.0);
-    let in_second = |from: u32| {
-        let from = f64::from(from);
-        air.rounds(node, from).into_iter().filter(|(time, _)| *time < from + 1.0).count()
-    };
+    let in_second = |from| rounds_in_second(&air, node, from);
     let lists = handle.borrow().refused().lists;
     (in_second(2), (3..12).map(in_second).collect(), lists)
 }
@@ -328,14 +341,8 @@ fn a_tag_whose_slots_were_released_in_its_name_says_so_and_has_them_again_within
     let armed = Rc::new(Cell::new(false));
     // With no other member the list could be changed back at once.
     tag(&mut air, 0x101, Rate::Greedy);
-    let mut is_sent = false;
-    let forge: Forge = Box::new(move |timing, _, _| {
-        let release = Request { share: Share::Release, wish: Layout::LEAST };
-        let is_first = !std::mem::replace(&mut is_sent, true);
-        let frame = || (timing.request(1), bytes(0x100, BROADCAST, Message::Request(release)));
-        is_first.then(frame).into_iter().collect()
-    });
-    air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, forge));
+    let release = Request { share: Share::Release, wish: Layout::LEAST };
+    air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, request_once(0x100, release)));
     air.run_until(3.0);
     armed.set(true);
     air.run_until(6.0);
@@ -544,22 +551,13 @@ fn a_stranger_who_requests_slots_and_the_slowest_layout_once_costs_a_tag_nothing
     room(&mut air, 4, None);
     let (node, _) = tag(&mut air, 0x100, Rate::Greedy);
     let armed = Rc::new(Cell::new(false));
-    let mut is_sent = false;
-    let forge: Forge = Box::new(move |timing, _, _| {
-        let wish = Layout { listen_again: Span::LONGEST, scheme: Scheme::DoubleSided, ..Layout::LEAST };
-        let request = Request { share: Share::OneIn(100), wish };
-        let is_first = !std::mem::replace(&mut is_sent, true);
-        let frame = || (timing.request(1), bytes(0x300, BROADCAST, Message::Request(request)));
-        is_first.then(frame).into_iter().collect()
-    });
-    air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, forge));
+    let wish = Layout { listen_again: Span::LONGEST, scheme: Scheme::DoubleSided, ..Layout::LEAST };
+    let request = Request { share: Share::OneIn(100), wish };
+    air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, request_once(0x300, request)));
     air.run_until(3.0);
     armed.set(true);
     air.run_until(8.0);
-    let in_second = |from: u32| {
-        let from = f64::from(from);
-        air.rounds(node, from).into_iter().filter(|(time, _)| *time < from + 1.0).count()
-    };
+    let in_second = |from| rounds_in_second(&air, node, from);
     let (before, after) = (in_second(2), (3..8).map(in_second).min().unwrap_or(0));
     assert!(before > 400 && after * 10 > before * 9, "{before}, then {after}");
 }
