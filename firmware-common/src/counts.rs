@@ -22,6 +22,11 @@ impl Tally {
         self.0.store(self.get().wrapping_add(1), Ordering::Relaxed);
     }
 
+    /// The count is kept elsewhere, and is this now.
+    pub fn set(&self, count: u32) {
+        self.0.store(count, Ordering::Relaxed);
+    }
+
     /// The count.
     pub fn get(&self) -> u32 {
         self.0.load(Ordering::Relaxed)
@@ -42,6 +47,7 @@ pub struct Counts {
     pub rounds_dropped: Tally,
     pub sightings: Tally,
     pub sightings_dropped: Tally,
+    pub refused: Tally,
 }
 
 impl Counts {
@@ -58,6 +64,7 @@ impl Counts {
             rounds_dropped: Tally::new(),
             sightings: Tally::new(),
             sightings_dropped: Tally::new(),
+            refused: Tally::new(),
         }
     }
 
@@ -89,6 +96,7 @@ impl Counts {
             telemetry_dropped,
             sightings: self.sightings.get(),
             sightings_dropped: self.sightings_dropped.get(),
+            refused: self.refused.get(),
         }
     }
 }
@@ -118,6 +126,7 @@ mod tests {
             (0..times).for_each(|_| counts.event(&event));
         }
         counts.radio_failures.add();
+        counts.refused.set(9);
         let expected = Counters {
             t_us: 5,
             sent: 7,
@@ -128,6 +137,7 @@ mod tests {
             late: 4,
             radio_failures: 1,
             telemetry_dropped: 8,
+            refused: 9,
             ..Counters::default()
         };
         assert_eq!(counts.told(5, 8), expected);

@@ -54,7 +54,7 @@ impl TagProtocol {
                     anchors: tag.anchors_per_round,
                     rate: rate(tag.rate_chz),
                     scheme: tag.scheme.map_or(native::Scheme::SingleSided, native::Scheme::from),
-                    tell_distances: tag.tell_distances,
+                    tells: tag.tells,
                 });
                 if tag.sleep {
                     machine.doze();

@@ -5,9 +5,9 @@ use core::convert::Infallible;
 
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
-use ranging::exchange::{Event, Report};
+use ranging::exchange::{Event, Polled, Report};
 use ranging::radio::Sensors;
-use wire::telemetry::{Hello, Supply};
+use wire::telemetry::{Hello, Supply, TagFix};
 
 use crate::messages::range_message;
 
@@ -74,6 +74,9 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Reporter<M, BYTES, C> {
             }
             // Only a tag listens to rounds of others, and it computes positions from them.
             Report::Differences(_) => {}
+            Report::Polled(Polled { tag, round, asked, position }) => {
+                self.event_log.send(TagFix::new(now, tag, round, asked, &position));
+            }
             Report::Link(link) => self.event_log.link(now, link),
         }
     }

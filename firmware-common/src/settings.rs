@@ -246,7 +246,7 @@ mod tests {
             still_rate_chz: None,
             sleep: false,
             anchors_per_round: 8,
-            tell_distances: false,
+            tells: wire::config::PollContent::Nothing,
             scan: None,
             report_ranges: false,
             solver: Solver::Track,

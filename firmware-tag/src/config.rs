@@ -5,7 +5,7 @@ use positioning_core::Area;
 use positioning_core::engine::{self, NodeMethod, Solvers};
 use positioning_core::locator::{AnchorPosition, Settings, SiteModels};
 use positioning_core::nlos::Classifier;
-use wire::config::Solver;
+use wire::config::{PollContent, Solver};
 
 use crate::KnownBeacons;
 
@@ -18,6 +18,8 @@ pub struct LocatorConfig<'a> {
     pub solver: Solver,
     /// Beacons whose RSSI also contributes to the position of a tag that follows a track.
     pub beacons: KnownBeacons<'a>,
+    /// Whether the tag's polls carry its positions.
+    pub tells_position: bool,
 }
 
 /// The method by which a tag with this solver solves each round by itself. `None` means that the tag follows a track.
@@ -46,7 +48,7 @@ impl<'a> LocatorConfig<'a> {
     /// solver.
     pub fn new(height_m: Option<f32>, anchors: &'a [AnchorPosition]) -> Self {
         let settings = Settings { anchors, ..Settings::tag(height_m) };
-        Self { settings, solver: Solver::Track, beacons: KnownBeacons::new(&[], None) }
+        Self { settings, solver: Solver::Track, beacons: KnownBeacons::new(&[], None), tells_position: false }
     }
 
     /// The same, with this solver.
@@ -73,7 +75,9 @@ impl<'a> LocatorConfig<'a> {
 
     /// The configuration of a tag with this record.
     pub fn of(tag: &wire::config::Tag, record: &'a wire::config::Record, anchors: &'a [AnchorPosition]) -> Self {
-        Self::new(tag.height_m, anchors).within(tag).by(tag.solver).with_beacons(KnownBeacons::of(record))
+        let tells_position = tag.tells == PollContent::Position;
+        let config = Self { tells_position, ..Self::new(tag.height_m, anchors) };
+        config.within(tag).by(tag.solver).with_beacons(KnownBeacons::of(record))
     }
 
     /// The same, with this classifier of links, if there is one.
@@ -94,7 +98,7 @@ impl<'a> LocatorConfig<'a> {
     /// A tracker with this configuration. It lives for ever.
     #[cfg(test)]
     pub(crate) fn tracker<const BEACONS: usize>(self) -> crate::Tracker<'a, BEACONS> {
-        let Self { settings, solver, beacons } = self;
+        let Self { settings, solver, beacons, tells_position: _ } = self;
         crate::Tracker::new(settings, solver, std::boxed::Box::leak(std::boxed::Box::new(beacons)))
     }
 }

@@ -34,11 +34,12 @@ use core::convert::Infallible;
 use embassy_futures::select::{Either4, select4};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
-use ranging::exchange::{Action, Event, Guidance, Link, Protocol, Report};
+use ranging::exchange::{Action, Event, Guidance, Link, Protocol, Report, RoundFix};
 use ranging::node::Listener;
 use ranging::radio::Sensors;
 use ranging::{Radio, RadioDuration, RadioInstant, Restart};
 use wire::telemetry::{Condition, MotionSensor, Sighting};
+use wire::uwb::native::PolledPosition;
 
 use channels::Quiet;
 use sounding::Sounder;
@@ -87,6 +88,9 @@ pub trait Sink {
 
     /// The radio failed for the `failures`-th time in a row. It will be restarted.
     fn radio_failed(&self, error: &impl core::fmt::Debug, failures: u32);
+
+    /// The exchange has refused this many frames since the node started.
+    fn refused(&self, frames: u32);
 
     /// The engine had no time for a round.
     fn round_dropped(&self);
@@ -167,9 +171,10 @@ pub async fn engine<const BEACONS: usize, M: RawMutex>(
     mut rates: RateControl,
     sink: &impl Sink,
 ) -> Infallible {
-    let LocatorConfig { settings, solver, beacons } = locator;
+    let LocatorConfig { settings, solver, beacons, tells_position } = locator;
     let mut tracker = Tracker::<BEACONS>::new(settings, solver, &beacons);
     let turns = tracker.wants_response();
+    let mut fix = None;
     loop {
         sink.alive(Task::Engine);
         let idle_ms = match tracker.window_end_us() {
@@ -185,7 +190,11 @@ pub async fn engine<const BEACONS: usize, M: RawMutex>(
                 let was_shaken = rates.is_shaken();
                 let rate = rates.after(sink.now_us(), position);
                 let position_m = position.map(|position| position.position_m);
-                channels.guide(Guidance { position_m, rate, turns, ..Guidance::NONE });
+                fix = position.filter(|_| tells_position).and_then(|found| {
+                    let position = PolledPosition::new(found.position_m, found.covariance_m2, found.flag.is_some())?;
+                    Some(RoundFix { round: epoch.measured.number(), position })
+                });
+                channels.guide(Guidance { position_m, fix, rate, turns, ..Guidance::NONE });
                 if let Some(rate) = rate.filter(|_| !rates.is_still()) {
                     channels.rouse(rate);
                 }
@@ -216,7 +225,7 @@ pub async fn engine<const BEACONS: usize, M: RawMutex>(
         }
         if let Some(epoch) = tracker.window(sink.now_us()) {
             if let Ok(position) = &epoch.outcome {
-                channels.guide(Guidance { position_m: Some(position.position_m), turns, ..Guidance::NONE });
+                channels.guide(Guidance { position_m: Some(position.position_m), fix, turns, ..Guidance::NONE });
             }
             sink.publish(epoch).await;
         }
@@ -253,10 +262,16 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
         let poll_us =
             |poll: RadioInstant| now_us.saturating_sub(u64::try_from(present.since(poll).as_micros()).unwrap_or(0));
         let dropped = match report {
-            Report::Round(round) => self.channels.put_ranges(&round, poll_us(round.poll), self.sounder.take()),
+            Report::Round(round) => {
+                self.sink.refused(round.refused);
+                self.channels.put_ranges(&round, poll_us(round.poll), self.sounder.take())
+            }
             Report::Differences(round) => {
+                self.sink.refused(round.refused);
                 self.channels.put_differences(&round, poll_us(round.poll), self.sounder.take())
             }
+            // Anchors report the polls of others.
+            Report::Polled(_) => 0,
             Report::Link(link) => {
                 self.sink.link(link);
                 0

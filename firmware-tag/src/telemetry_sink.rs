@@ -91,6 +91,10 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64, O: Observer> Sink for Tele
         self.reporter.radio_failed(error, failures);
     }
 
+    fn refused(&self, frames: u32) {
+        self.reporter.counts.refused.set(frames);
+    }
+
     fn round_dropped(&self) {
         self.reporter.counts.rounds_dropped.add();
     }

@@ -10,6 +10,7 @@
 use crate::native::Rate;
 use crate::radio::Sensors;
 use crate::{Diagnostics, Pace, RadioDuration, RadioInstant, RxFrame, StampModel, Start};
+use wire::uwb::native::PolledPosition;
 
 /// How long [`Action::Compensate`] takes at most: twice what a DWM1001 needs.
 pub(crate) const COMPENSATION: RadioDuration = RadioDuration::from_micros(3_000);
@@ -85,8 +86,24 @@ pub enum Report<'m> {
     /// A round among anchors was received. It contains how much farther each answering anchor is than the asking one,
     /// perhaps for no anchor.
     Differences(Differences<'m>),
+    /// A tag's poll was received, which carries a position of the tag.
+    Polled(Polled),
     /// A change of state.
     Link(Link),
+}
+
+/// A tag's position, as an anchor received it in a poll, asked or not.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Polled {
+    /// Short address of the tag.
+    pub tag: u16,
+    /// Number of the poll's round, as the tag counts it.
+    pub round: u16,
+    /// Anchors that were asked.
+    pub asked: u8,
+    /// The position.
+    pub position: PolledPosition,
 }
 
 /// One round of ranging.
@@ -99,6 +116,9 @@ pub struct Round<'m> {
     pub poll: RadioInstant,
     /// Peers that were asked.
     pub asked: u8,
+    /// Frames that this protocol has received and refused so far, wrapping: they contradict what it knows of the network.
+    /// More than a few are a sign of forged frames.
+    pub refused: u32,
     /// The measured ranges.
     pub ranges: &'m [Range],
 }
@@ -129,6 +149,8 @@ pub struct Differences<'m> {
     pub poll: RadioInstant,
     /// Anchors that were asked.
     pub asked: u8,
+    /// As that of [`Round`].
+    pub refused: u32,
     /// Short address of the anchor that asked.
     pub reference: u16,
     /// Position of the asking anchor, metres.
@@ -248,12 +270,24 @@ impl<M: Protocol + ?Sized> Protocol for &mut M {
     }
 }
 
+/// The position that was computed of a round.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct RoundFix {
+    /// The round's number.
+    pub round: u16,
+    /// As a poll carries it.
+    pub position: PolledPosition,
+}
+
 /// What a node passes to its protocol between steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Guidance {
     /// Position of the node, metres, if known: a tag chooses its next anchors by it.
     pub position_m: Option<[f32; 3]>,
+    /// The position of a round for the tag's polls.
+    pub fix: Option<RoundFix>,
     /// How often a tag is to range from now on; `None`: as before.
     pub rate: Option<Rate>,
     /// Whether the anchors of a round take turns in being the last one asked. The impulse response of each can then be
@@ -270,6 +304,7 @@ impl Guidance {
     /// Nothing is known, nothing changes.
     pub const NONE: Self = Self {
         position_m: None,
+        fix: None,
         rate: None,
         turns: false,
         busy: RadioDuration::ZERO,

@@ -195,8 +195,8 @@ pub struct Charged<T> {
     costs: &'static Costs,
     /// For a radio: the receiver stayed on after the last operation.
     listens: bool,
-    /// For a protocol: the last step reported a round, which is handed to the engine before the next step.
-    hands_over: bool,
+    /// For a protocol: the cost of handing over what the last step reported, before the next step.
+    handover: u32,
     /// For a protocol: it ignores responses to other addresses than this one. `None`: it takes all responses.
     address: Option<u16>,
 }
@@ -205,7 +205,7 @@ impl<T> Charged<T> {
     /// Charges the costs of `inner` to `processor`.
     pub fn new(inner: T, processor: &Processor) -> Self {
         let costs = Costs::of(processor.board().core);
-        Self { inner, processor: processor.clone(), costs, listens: false, hands_over: false, address: None }
+        Self { inner, processor: processor.clone(), costs, listens: false, handover: 0, address: None }
     }
 
     /// For a protocol that ignores responses to other addresses than this one.
@@ -229,7 +229,7 @@ impl ProtocolCosts {
         };
         let reports_round = match action {
             Action::Report(Report::Round(_) | Report::Differences(_)) => true,
-            Action::Report(Report::Link(_))
+            Action::Report(Report::Polled(_) | Report::Link(_))
             | Action::Transmit { .. }
             | Action::Receive { .. }
             | Action::WaitUntil(_)
@@ -271,18 +271,19 @@ impl ProtocolCosts {
 
 impl<M: Protocol> Protocol for Charged<M> {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
-        // The node's loop reads the clock before it hands a round over, so this is charged after the step that reports
-        // the round.
-        let handover = if core::mem::take(&mut self.hands_over) { self.costs.tag.handover } else { 0 };
+        // The node's loop reads the clock before it hands a report over, so this is charged after the step that reports.
+        let handover = core::mem::take(&mut self.handover);
         let action = self.inner.step(now, event);
-        self.hands_over = match &action {
-            Action::Report(Report::Round(_) | Report::Differences(_)) => true,
+        self.handover = match &action {
+            Action::Report(Report::Round(_) | Report::Differences(_)) => self.costs.tag.handover,
+            // A message of telemetry, as long as that of a range.
+            Action::Report(Report::Polled(_)) => self.costs.tag.publish_range,
             Action::Report(Report::Link(_))
             | Action::Transmit { .. }
             | Action::Receive { .. }
             | Action::WaitUntil(_)
             | Action::Sleep { .. }
-            | Action::Compensate => false,
+            | Action::Compensate => 0,
         };
         self.processor.charge(self.costs.machine.of_step(self.address, &event, &action) + handover);
         action

@@ -5,7 +5,9 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _, Unexpected};
-use wire::config::{Advertiser, Board, Calibration, Identity, Invalid, Pins, Record, Role, Scan, Scheme, Solver, Tag};
+use wire::config::{
+    Advertiser, Board, Calibration, Identity, Invalid, Pins, PollContent, Record, Role, Scan, Scheme, Solver, Tag,
+};
 
 use crate::Purpose;
 use crate::document::{Hex, KeyLines, SiteError, choice};
@@ -32,6 +34,7 @@ const ROLE_KEYS: [(RoleName, &[&str]); 3] = [
             "sleep",
             "anchors_per_round",
             "tell_distances",
+            "tell_position",
             "report_ranges",
             "scan_interval_ms",
             "scan_window_ms",
@@ -133,6 +136,8 @@ pub(crate) struct NodeTable {
     anchors_per_round: Option<u8>,
     #[serde(default)]
     tell_distances: bool,
+    #[serde(default)]
+    tell_position: bool,
     report_ranges: Option<bool>,
     scan_interval_ms: Option<u16>,
     scan_window_ms: Option<u16>,
@@ -348,13 +353,22 @@ impl NodeTable {
             return Err(SiteError::at(lines.of("nlos_classifier"), what));
         }
         self.check_site_models(lines)?;
+        let tells = match (self.tell_distances, self.tell_position) {
+            (false, false) => PollContent::Nothing,
+            (true, false) => PollContent::Distances,
+            (false, true) => PollContent::Position,
+            (true, true) => {
+                let what = "tell_position and tell_distances: a poll has room for one of them";
+                return Err(SiteError::at(lines.of("tell_position"), what));
+            }
+        };
         Ok(Tag {
             height_m: self.height_m,
             rate_chz: self.rate_hz.map(centihertz),
             still_rate_chz: self.still_rate_hz.map(centihertz),
             sleep: self.sleep,
             anchors_per_round: self.anchors_per_round.unwrap_or(8),
-            tell_distances: self.tell_distances,
+            tells,
             scan,
             report_ranges: self.report_ranges.unwrap_or(true),
             solver: self.solver.unwrap_or_default(),

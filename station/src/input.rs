@@ -78,6 +78,13 @@ pub enum ReportKind {
         /// Volts.
         supply_v: f64,
     },
+    /// A tag has counted what it received whole and refused, because it contradicts what the tag knows of the network.
+    Refusals {
+        /// The tag.
+        tag: String,
+        /// Frames since its start, wrapping.
+        frames: u32,
+    },
     /// A tag received a beacon's advertisement.
     Sighting {
         /// The tag.

@@ -354,6 +354,8 @@ pub enum EventKind {
     Uncertain,
     /// The supply voltage of a tag or an anchor is below the limit.
     LowSupply,
+    /// A tag refuses many frames that contradict what it knows of the network: somebody may send forged ones.
+    Refusals,
 }
 
 /// An event.

@@ -50,6 +50,14 @@ field(ProtoField.double, "x", "x (m)")
 field(ProtoField.double, "y", "y (m)")
 field(ProtoField.double, "z", "z (m)")
 field(ProtoField.string, "position.unknown", "Position")
+field(ProtoField.double, "sigma_x", "Standard deviation of x (m)")
+field(ProtoField.double, "sigma_y", "Standard deviation of y (m)")
+field(ProtoField.double, "sigma_z", "Standard deviation of z (m)")
+field(ProtoField.double, "rho_xy", "Correlation of x and y")
+field(ProtoField.double, "rho_xz", "Correlation of x and z")
+field(ProtoField.double, "rho_yz", "Correlation of y and z")
+field(ProtoField.bool, "suspect", "Suspect", 8, nil, 0x80)
+field(ProtoField.uint8, "rounds_ago", "Measured this many rounds ago", base.DEC, nil, 0x7F)
 field(ProtoField.bool, "passes_request_on", "Passes a request on", 8, nil, 0x80)
 field(ProtoField.uint8, "members", "Members", base.DEC, nil, 0x7F)
 field(ProtoField.uint16, "member", "Tag", base.HEX)
@@ -142,11 +150,59 @@ local function add_tag_byte(tree, range, what)
     tree:add(f[what .. "_final"], range)
 end
 
+local function add_position(tree, range)
+    local mm = {}
+    for axis = 0, 2 do
+        mm[axis] = signed(range(3 * axis, 3):le_uint(), 24)
+    end
+    if mm[0] == UNKNOWN_MM and mm[1] == 0 and mm[2] == 0 then
+        tree:add(f.position_unknown, range, "unknown")
+        return false
+    elseif mm[0] == UNKNOWN_MM or mm[1] == UNKNOWN_MM or mm[2] == UNKNOWN_MM then
+        error("a coordinate of −8388.608 m", 0)
+    end
+    for axis, which in ipairs({ f.x, f.y, f.z }) do
+        tree:add(which, range(3 * axis - 3, 3), mm[axis - 1] / 1000)
+    end
+    return true
+end
+
+-- A deviation's code, in metres.
+local function deviation_m(code)
+    return code == 0 and 0 or (16 + code % 16) * 2 ^ math.floor(code / 16) / 16000
+end
+
+-- A position that a tag tells, with its covariance: correlations in 1/127, of a matrix that has an inverse.
+local function add_tag_position(tree, reader)
+    if not add_position(tree, reader:take(9)) then
+        error("a tag's position that is unknown", 0)
+    end
+    for _, which in ipairs({ f.sigma_x, f.sigma_y, f.sigma_z }) do
+        local range = reader:take(1)
+        tree:add(which, range, deviation_m(range:uint()))
+    end
+    -- In halves, with a diagonal a little shorter than 127: as the nodes reckon it.
+    local doubled, diagonal = {}, 253
+    for axis, which in ipairs({ f.rho_xy, f.rho_xz, f.rho_yz }) do
+        local range = reader:take(1)
+        tree:add(which, range, range:int() / 127)
+        doubled[axis] = 2 * range:int()
+    end
+    local a, b, c = table.unpack(doubled)
+    local determinant = diagonal ^ 3 + 2 * a * b * c - diagonal * (a * a + b * b + c * c)
+    if math.abs(a) >= diagonal or determinant <= 0 then
+        error("correlations of no covariance", 0)
+    end
+    local last = reader:take(1)
+    tree:add(f.suspect, last)
+    tree:add(f.rounds_ago, last)
+end
+
 local function poll(tree, reader)
     tree:add_le(f.round, reader:take(2))
     local head = reader:take(1)
     local count, options = math.floor(head:uint() / 16), head:uint() % 16
-    if options > 1 or count == 0 or count > MAX_ROUND then
+    if options > 2 or count == 0 or count > MAX_ROUND then
         error("options " .. options .. ", " .. count .. " anchors", 0)
     end
     tree:add(f.count, head)
@@ -164,6 +220,9 @@ local function poll(tree, reader)
             tree:add(f.distance, range, units / 250)
         end
     end
+    if options == 2 then
+        add_tag_position(tree, reader)
+    end
     return " of " .. count
 end
 
@@ -175,22 +234,6 @@ local function response(tree, reader)
         tree:add(f.final_round, reader:take(1))
         add_us(tree, f.after_response, reader:take(4))
         return ", final received"
-    end
-end
-
-local function add_position(tree, range)
-    local mm = {}
-    for axis = 0, 2 do
-        mm[axis] = signed(range(3 * axis, 3):le_uint(), 24)
-    end
-    if mm[0] == UNKNOWN_MM and mm[1] == 0 and mm[2] == 0 then
-        tree:add(f.position_unknown, range, "unknown")
-        return
-    elseif mm[0] == UNKNOWN_MM or mm[1] == UNKNOWN_MM or mm[2] == UNKNOWN_MM then
-        error("a coordinate of −8388.608 m", 0)
-    end
-    for axis, which in ipairs({ f.x, f.y, f.z }) do
-        tree:add(which, range(3 * axis - 3, 3), mm[axis - 1] / 1000)
     end
 end
 

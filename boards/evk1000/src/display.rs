@@ -70,8 +70,8 @@ impl<L: Listener> Listener for Shown<L> {
     async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance {
         match report {
             Report::Round(round) => self.panel.measured(round.ranges.iter().map(|range| range.distance_m)),
-            // An anchor does not listen to rounds of others.
-            Report::Differences(_) => {}
+            // An anchor does not listen to rounds of others. The panel shows the distances of tags, not their positions.
+            Report::Differences(_) | Report::Polled(_) => {}
             Report::Link(link) => self.panel.link(link),
         }
         self.listener.report(report, present).await

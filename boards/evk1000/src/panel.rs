@@ -5,7 +5,7 @@
 
 use heapless::HistoryBuf;
 use ranging::PhyConfig;
-use wire::config::{Calibration, Identity, Mode, Network, Phy, Record, Role, Solver, Tag};
+use wire::config::{Calibration, Identity, Mode, Network, Phy, PollContent, Record, Role, Solver, Tag};
 
 use crate::lcd::{Text, WIDTH};
 
@@ -30,7 +30,7 @@ const TAG: Tag = Tag {
     still_rate_chz: None,
     sleep: false,
     anchors_per_round: 4,
-    tell_distances: true,
+    tells: PollContent::Distances,
     scan: None,
     report_ranges: true,
     solver: Solver::Track,

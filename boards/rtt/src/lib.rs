@@ -5,8 +5,12 @@
 
 use rtt_target::{ChannelMode, UpChannel, rtt_init, set_defmt_channel};
 
-/// The sizes of the channels in bytes: some twenty log lines, and as many frames of telemetry.
-const _: () = assert!(wire::telemetry::MAX_FRAME < 1024);
+/// Some twenty log lines, bytes.
+const LOG_BYTES: usize = 1024;
+/// A tag of 384 rounds a second with four ranges sends some 80 kB/s of telemetry: the channel holds a tenth of a second,
+/// for a computer that is busy for so long.
+const TELEMETRY_BYTES: usize = 8 * 1024;
+const _: () = assert!(wire::telemetry::MAX_FRAME < TELEMETRY_BYTES);
 
 /// The channel of telemetry: whole frames, one after the other.
 pub struct TelemetryChannel(UpChannel);
@@ -22,8 +26,8 @@ impl TelemetryChannel {
 pub fn start() -> TelemetryChannel {
     let channels = rtt_init! {
         up: {
-            0: { size: 1024, mode: ChannelMode::NoBlockSkip, name: "defmt" }
-            1: { size: 1024, mode: ChannelMode::NoBlockSkip, name: "telemetry" }
+            0: { size: LOG_BYTES, mode: ChannelMode::NoBlockSkip, name: "defmt" }
+            1: { size: TELEMETRY_BYTES, mode: ChannelMode::NoBlockSkip, name: "telemetry" }
         }
     };
     set_defmt_channel(channels.up.0);

@@ -1,8 +1,11 @@
 //! From the messages of one node to reports of the station.
 
+use std::collections::{HashMap, VecDeque};
+
 use station_core::model::{Doubt, NodeRole, RangeMeasurement};
 use station_core::{ReportKind, SolvedFrom, SourceReport, Utc};
-use wire::telemetry::{self, Address, BeaconId, Fix, Message, Range};
+use wire::telemetry::{self, Address, BeaconId, Fix, Message, Range, TagFix};
+use wire::uwb::native::PolledPosition;
 
 use super::NodeClock;
 use node_link::decode::Stamp;
@@ -14,12 +17,42 @@ pub struct NodeReporter {
     clock: NodeClock,
     /// The node's address. It is unknown until the node says `Hello`, which it does every two seconds.
     address: Option<u16>,
+    /// It has said that it is a tag.
+    is_tag: bool,
+    /// The tags whose polls it receives, by address.
+    polls: HashMap<u16, ReceivedPolls>,
+}
+
+/// The polls of a tag that an anchor received.
+#[derive(Clone, Debug, Default)]
+struct ReceivedPolls {
+    /// The last rounds and when their polls came, oldest first.
+    rounds: VecDeque<(u16, Utc)>,
+    /// The round of the last position.
+    located: Option<u16>,
+}
+
+impl ReceivedPolls {
+    /// Takes a poll with a position that was received at `t`. Returns when the position was measured, as far as the poll of
+    /// its round was received, or nothing if an earlier poll has brought it.
+    fn take(&mut self, told: &TagFix, t: Utc) -> Option<Utc> {
+        if self.rounds.len() > PolledPosition::OLDEST.into() {
+            self.rounds.pop_front();
+        }
+        self.rounds.push_back((told.round, t));
+        let measured = told.fix().round;
+        if self.located.replace(measured) == Some(measured) {
+            return None;
+        }
+        let of_round = self.rounds.iter().rev().find(|(round, _)| *round == measured);
+        Some(of_round.map_or(t, |(_, t)| *t))
+    }
 }
 
 impl NodeReporter {
     /// A node of a site.
     pub fn new(site: impl Into<String>) -> Self {
-        Self { site: site.into(), clock: NodeClock::default(), address: None }
+        Self { site: site.into(), clock: NodeClock::default(), address: None, is_tag: false, polls: HashMap::new() }
     }
 
     /// A node whose address is known.
@@ -33,8 +66,17 @@ impl NodeReporter {
         let t = self.clock.utc(stamp.t_s, arrived);
         if let Message::Hello(hello) = message {
             self.address = Some(hello.address);
+            self.is_tag = hello.role == telemetry::Role::Tag;
         }
         let Some(address) = self.address else { return Vec::new() };
+        if let Message::TagFix(told) = message {
+            let measured = self.polls.entry(told.tag).or_default().take(told, t);
+            let what = fix_report(Address(told.tag).to_string(), &told.fix());
+            return measured
+                .into_iter()
+                .map(|t| SourceReport { t, site: self.site.clone(), what: what.clone() })
+                .collect();
+        }
         let tag = Address(address).to_string();
         let whats = match message {
             Message::Hello(hello) => {
@@ -54,6 +96,8 @@ impl NodeReporter {
                 vec![ReportKind::Sighting { tag, beacon: format!("{major}-{minor}"), rssi_dbm }]
             }
             Message::Supply(supply) => vec![ReportKind::Supply { node: tag, supply_v: supply.supply_v() }],
+            // Anchors count nothing that they refuse, and must not become tags.
+            Message::Counters(counters) if self.is_tag => vec![ReportKind::Refusals { tag, frames: counters.refused }],
             // The station keeps nothing of the others.
             _ => Vec::new(),
         };
@@ -117,6 +161,8 @@ fn range_reports(tag: String, range: &Range) -> Vec<ReportKind> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use wire::telemetry::{Outcome, Sighting, Solver};
 
     use super::*;
@@ -130,6 +176,63 @@ mod tests {
         let whats: Vec<_> = reports.into_iter().map(|report| report.what).collect();
         let (tag, beacon) = ("0x1001".to_owned(), "1-7".to_owned());
         assert_eq!(whats, [ReportKind::Sighting { tag, beacon, rssi_dbm: -67.0 }]);
+    }
+
+    #[test]
+    fn tags_say_what_they_refused_and_anchors_do_not() {
+        let refused = |role| {
+            let hello = telemetry::Hello {
+                t_us: 1,
+                eui: 7,
+                address: 0x1001,
+                role,
+                board: telemetry::Board::Dwm1001,
+                build: [0; 8],
+            };
+            let counters = telemetry::Counters { t_us: 2, refused: 12, ..telemetry::Counters::default() };
+            let mut node = NodeReporter::new("hall");
+            let mut reports = |message| node.reports(Stamp { t_s: 0.0, epoch: 0 }, &message, Utc::now());
+            reports(hello.into());
+            reports(counters.into()).into_iter().map(|report| report.what).collect::<Vec<_>>()
+        };
+        let expected = ReportKind::Refusals { tag: "0x1001".to_owned(), frames: 12 };
+        assert_eq!(refused(telemetry::Role::Tag), [expected]);
+        assert_eq!(refused(telemetry::Role::Anchor), []);
+    }
+
+    #[test]
+    fn an_anchor_tells_the_positions_of_tags_when_they_were_measured() {
+        let hello = telemetry::Hello {
+            t_us: 1,
+            eui: 7,
+            address: 0x0101,
+            role: telemetry::Role::Anchor,
+            board: telemetry::Board::Dwm1001,
+            build: [0; 8],
+        };
+        let mut node = NodeReporter::new("hall");
+        let begin = Utc::now();
+        node.reports(Stamp { t_s: 0.0, epoch: 0 }, &hello.into(), begin);
+        let position = PolledPosition::new([1.0, 2.0, 0.5], [[0.01, 0.0, 0.0]; 3], false).unwrap();
+        // A poll each 100 ms. The first one's position is of a round whose poll was not received, and 7 brings that of 5
+        // again.
+        let mut told = |round: u16, rounds_ago| {
+            let polled = position.of_rounds_ago(rounds_ago);
+            let message = TagFix::new(u64::from(round) * 100_000, 0x1001, round, 4, &polled).into();
+            let stamp = Stamp { t_s: f64::from(round) / 10.0, epoch: 0 };
+            let reports = node.reports(stamp, &message, begin + Duration::from_millis(u64::from(round) * 100));
+            let times = reports.iter().map(|report| (report.t.since(begin).as_millis() + 50) / 100);
+            let tags = reports.iter().map(|report| match &report.what {
+                ReportKind::Position { tag, round, .. } => (tag.clone(), *round),
+                other => panic!("{other:?}"),
+            });
+            times.zip(tags).collect::<Vec<_>>()
+        };
+        let tag = |round| ("0x1001".to_owned(), Some(round));
+        assert_eq!(told(5, 1), [(5, tag(4))]);
+        assert_eq!(told(6, 1), [(5, tag(5))]);
+        assert_eq!(told(7, 2), []);
+        assert_eq!(told(9, 2), [(7, tag(7))]);
     }
 
     fn fix(asked: u8, doubt: telemetry::Doubt) -> Fix {

@@ -9,7 +9,7 @@ use super::pace::Meter;
 use super::plan::Rate;
 use super::timing::{SYNC_SLOTS, Timing, end_of};
 use super::{Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS, spread};
-use crate::exchange::{Action, COMPENSATION, Event, Link, Protocol, Range, Report, Round};
+use crate::exchange::{Action, COMPENSATION, Event, Link, Polled, Protocol, Range, Report, Round};
 use crate::time::METRES_PER_TICK;
 use crate::{Pace, RadioDuration, RadioInstant, RxFrame, StampModel, Start};
 use wire::uwb::layout::Scheme;
@@ -72,6 +72,7 @@ pub struct Anchor {
     compensation: Compensation,
     link: Option<Link>,
     told: Option<ReportedRange>,
+    polled: Option<Polled>,
     /// The one that the node is reading.
     reported: Option<ReportedRange>,
     doing: Doing,
@@ -132,6 +133,7 @@ impl Anchor {
             compensation: Compensation::default(),
             link: None,
             told: None,
+            polled: None,
             reported: None,
             doing: Doing::Nothing,
             wake_at: None,
@@ -225,6 +227,8 @@ impl Anchor {
         let Some(network) = &mut self.network else { return };
         network.on_tag(tag);
         network.wish(tag, poll.wish);
+        let asked = poll.anchors.len() as u8;
+        self.polled = poll.position.map(|position| Polled { tag, round: poll.round, asked, position });
         let timing = network.course.timing;
         let named = |place: &usize| poll.anchors.get(*place).is_some_and(|asked| asked.address == self.config.address);
         let Some(slot) = (0..poll.anchors.len()).find(named) else { return };
@@ -427,7 +431,16 @@ impl Protocol for Anchor {
         }
         if let Some(told) = self.told.take() {
             let ReportedRange { round, poll, range } = self.reported.insert(told);
-            return Action::Report(Report::Round(Round { number: *round, poll: *poll, asked: 1, ranges: range }));
+            return Action::Report(Report::Round(Round {
+                number: *round,
+                poll: *poll,
+                asked: 1,
+                refused: 0,
+                ranges: range,
+            }));
+        }
+        if let Some(polled) = self.polled.take() {
+            return Action::Report(Report::Polled(polled));
         }
         self.schedule(present)
     }

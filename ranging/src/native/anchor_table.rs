@@ -59,6 +59,14 @@ pub struct Refused {
     pub carriers: u32,
 }
 
+impl Refused {
+    /// All of them, wrapping.
+    pub fn total(&self) -> u32 {
+        let Self { positions, coordinators, lists, off_slot, carriers } = *self;
+        [positions, coordinators, lists, off_slot, carriers].into_iter().fold(0, u32::wrapping_add)
+    }
+}
+
 /// The anchors that a tag receives.
 #[derive(Clone, Debug, Default)]
 pub struct AnchorTable {

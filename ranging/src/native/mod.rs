@@ -52,6 +52,7 @@ pub use plan::{NOTICE_SUPERFRAMES, Rate};
 pub use tag::{Tag, TagConfig};
 pub use tdoa_tag::{TdoaTag, TdoaTagConfig};
 pub use timing::{Network, ReplyDelay, Timing};
+pub use wire::config::PollContent;
 pub use wire::uwb::MAX_ROUND;
 pub use wire::uwb::layout::{Layout, Scheme, Span};
 

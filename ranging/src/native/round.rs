@@ -139,7 +139,7 @@ impl RoundState {
             };
             Asked { address, distance }
         };
-        Poll { round: self.number, wish, anchors: self.team.iter().map(ask).collect() }
+        Poll { round: self.number, wish, anchors: self.team.iter().map(ask).collect(), position: None }
     }
 
     /// The poll has left.
@@ -259,13 +259,13 @@ impl RoundState {
         self.report().asked > 0
     }
 
-    /// The result of the round; in double-sided ranging, of the round before.
+    /// The result of the round; in double-sided ranging, of the round before. It does not know what was refused.
     pub fn report(&self) -> Round<'_> {
         let (number, poll, asked) = match self.scheme {
             Scheme::SingleSided => (self.number, self.poll_tx, self.asked),
             Scheme::DoubleSided => (self.former.number, self.former.poll_tx, self.former.asked),
         };
-        Round { number, poll, asked, ranges: &self.ranges }
+        Round { number, poll, asked, refused: 0, ranges: &self.ranges }
     }
 }
 

@@ -287,6 +287,7 @@ impl Protocol for TdoaTag {
                 number: self.number,
                 poll: round.poll,
                 asked: round.asked.len() as u8,
+                refused: self.anchors.refused.total(),
                 reference: round.reference,
                 reference_m: round.reference_m,
                 reference_deviation_m: STAMP_DEVIATION_M,

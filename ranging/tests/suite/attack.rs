@@ -8,7 +8,9 @@ use std::rc::Rc;
 use crate::air::anchors::{self, corner};
 use crate::air::{ANTENNA_DELAY, Air, Boxed, Owned};
 use ranging::exchange::{Event, Link, Protocol};
-use ranging::native::{Layout, Network, Rate, Refused, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig, Timing};
+use ranging::native::{
+    Layout, Network, PollContent, Rate, Refused, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig, Timing,
+};
 use ranging::{PhyConfig, RadioDuration, RadioInstant, Start};
 use wire::uwb::layout::Span;
 use wire::uwb::native::{Frame, Member, Message, Position, Request, Response, Share, SyncFrame};
@@ -41,8 +43,14 @@ fn shared<M: Protocol + 'static>(machine: M) -> (Boxed, Rc<RefCell<M>>) {
 
 /// A tag at (1, 2, 1) m.
 fn tag(air: &mut Air, address: u16, rate: Rate) -> (usize, Rc<RefCell<Tag>>) {
-    let config =
-        TagConfig { address, network: NETWORK, anchors: 8, rate, scheme: Scheme::SingleSided, tell_distances: false };
+    let config = TagConfig {
+        address,
+        network: NETWORK,
+        anchors: 8,
+        rate,
+        scheme: Scheme::SingleSided,
+        tells: PollContent::Nothing,
+    };
     let (machine, handle) = shared(Tag::new(config));
     (air.add([1.0, 2.0, 1.0], -20.0, machine), handle)
 }

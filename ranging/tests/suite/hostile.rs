@@ -110,7 +110,7 @@ fn torment(mut machine: impl Protocol, seed: u64) {
             // The radio slept: its clock restarted.
             (Owned::Sleep { .. }, 0..9) => Event::Started,
             (Owned::WaitUntil(_) | Owned::Sleep { .. } | Owned::Compensate, _) => Event::Woken,
-            (Owned::Round { .. } | Owned::Differences { .. } | Owned::Link(_), _) => Event::Reported,
+            (Owned::Round { .. } | Owned::Differences { .. } | Owned::Polled | Owned::Link(_), _) => Event::Reported,
             (Owned::Receive { .. }, 0) => Event::Timeout,
             (Owned::Receive { .. }, _) => {
                 frame = bytes(&mut rng);
@@ -143,16 +143,16 @@ fn torment(mut machine: impl Protocol, seed: u64) {
             }
             Owned::Round { ranges, .. } => assert!(ranges.len() <= 8),
             Owned::Differences { differences, .. } => assert!(differences.len() <= 8),
-            Owned::Link(_) | Owned::Compensate => {}
+            Owned::Polled | Owned::Link(_) | Owned::Compensate => {}
         }
     }
 }
 
 #[test]
 fn a_native_tag_survives_anything() {
-    use ranging::native::{Tag, TagConfig};
+    use ranging::native::{PollContent, Tag, TagConfig};
     for seed in 0..5 {
-        let tell_distances = seed % 2 == 0;
+        let tells = [PollContent::Distances, PollContent::Position][seed as usize % 2];
         let rate = if seed == 0 { Rate::Greedy } else { Rate::Every(RadioDuration::from_micros(30_000)) };
         let mut tag = Tag::new(TagConfig {
             address: ADDRESS,
@@ -160,7 +160,7 @@ fn a_native_tag_survives_anything() {
             anchors: 8,
             rate,
             scheme: if seed < 3 { Scheme::DoubleSided } else { Scheme::SingleSided },
-            tell_distances,
+            tells,
         });
         if seed > 1 {
             tag.doze();

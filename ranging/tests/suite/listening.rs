@@ -2,7 +2,7 @@
 
 use crate::air::{Air, Boxed, STAMPS, anchors, boxed, boxed_on, mischief, moments};
 use ranging::exchange::{Difference, Link};
-use ranging::native::{Network, Rate, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig};
+use ranging::native::{Network, PollContent, Rate, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig};
 use ranging::{PhyConfig, RadioDuration, StampModel};
 use wire::uwb::native::{Frame, Message};
 
@@ -103,7 +103,7 @@ fn every_listener_hears_every_round_and_nothing_collides() {
         anchors: 8,
         rate: Rate::Greedy,
         scheme: Scheme::SingleSided,
-        tell_distances: false,
+        tells: PollContent::Nothing,
     };
     let ranging = air.add([2.0, 2.0, 1.0], 5.0, boxed(Tag::new(ranging)));
     air.run_until(3.0);

@@ -3,7 +3,7 @@
 use crate::air::anchors::{self, drift};
 use crate::air::{Air, Boxed, boxed, boxed_sleeper, moments};
 use ranging::exchange::Link;
-use ranging::native::{Network, Rate, Scheme, Tag, TagConfig};
+use ranging::native::{Network, PollContent, Rate, Scheme, Tag, TagConfig};
 use ranging::{PhyConfig, RadioDuration};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
@@ -23,7 +23,7 @@ fn room(air: &mut Air, anchors: u16) -> Vec<usize> {
 
 fn machine(address: u16, rate: Rate) -> Tag {
     let scheme = Scheme::SingleSided;
-    Tag::new(TagConfig { address, network: NETWORK, anchors: 8, rate, scheme, tell_distances: false })
+    Tag::new(TagConfig { address, network: NETWORK, anchors: 8, rate, scheme, tells: PollContent::Nothing })
 }
 
 fn every_ms(millis: u32) -> Rate {

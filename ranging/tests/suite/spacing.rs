@@ -1,7 +1,7 @@
 //! A tag whose frames must be a millisecond apart, on a small simulated air.
 
 use crate::air::{Air, anchors, boxed};
-use ranging::native::{Network, Rate, Scheme, Tag, TagConfig};
+use ranging::native::{Network, PollContent, Rate, Scheme, Tag, TagConfig};
 use ranging::{PhyConfig, RadioDuration};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
@@ -12,8 +12,14 @@ const SPACING_US: u32 = 1_000;
 fn rounds_and_spacing(anchors: u16, scheme: Scheme, is_spaced: bool) -> (usize, f64) {
     let mut air = Air::new(NETWORK.phy, 1);
     anchors::room(&mut air, NETWORK, anchors, None);
-    let config =
-        TagConfig { address: 0x100, network: NETWORK, anchors: 8, rate: Rate::Greedy, scheme, tell_distances: false };
+    let config = TagConfig {
+        address: 0x100,
+        network: NETWORK,
+        anchors: 8,
+        rate: Rate::Greedy,
+        scheme,
+        tells: PollContent::Nothing,
+    };
     let mut tag = Tag::new(config);
     if is_spaced {
         tag.space_frames(RadioDuration::from_micros(SPACING_US));

@@ -26,7 +26,7 @@ mod telemetry;
 use std::sync::Arc;
 
 use positioning_core::Method;
-use wire::config::{Network, Scheme, Solver};
+use wire::config::{Network, PollContent, Scheme, Solver};
 
 use crate::air::Wall;
 use crate::bluetooth::BluetoothConfig;
@@ -134,7 +134,7 @@ impl Default for TagSettings {
             still_rate_chz: None,
             sleep: false,
             anchors_per_round: 8,
-            tell_distances: false,
+            tells: PollContent::Nothing,
             scan: None,
             report_ranges: true,
             solver: Solver::Track,

@@ -113,7 +113,8 @@ impl Publisher {
                     | EventKind::Left
                     | EventKind::Silent
                     | EventKind::Back
-                    | EventKind::Uncertain => true,
+                    | EventKind::Uncertain
+                    | EventKind::Refusals => true,
                 };
                 if of_tag {
                     self.outbox.push(self.topics.tag_events(&event.site, &event.node), json(&event));

@@ -50,6 +50,7 @@ impl LiveState {
                 self.range(t, site, tag, *round, anchor, *range, updates)
             }
             ReportKind::Supply { node, supply_v } => self.supply(t, site, node, *supply_v, updates),
+            ReportKind::Refusals { tag, frames } => self.refusals(t, site, tag, *frames, updates),
             ReportKind::Sighting { tag, beacon, rssi_dbm } => self.sighting(t, site, tag, beacon, *rssi_dbm, updates),
             ReportKind::ReceiverSighting { receiver, device, rssi_dbm, rssi_1m_dbm } => {
                 self.receiver_sighting(t, site, receiver, device, *rssi_dbm, *rssi_1m_dbm)
@@ -98,7 +99,9 @@ impl LiveState {
     /// The end of a round with a position.
     fn position(&mut self, t: Utc, site: &str, kind: &ReportKind, updates: &mut Vec<Update>) -> Option<()> {
         let (mut position, round, solved_from) = tag_position(t, site, kind)?;
-        self.reporting_tag(t, site, &position.tag, updates)?;
+        if self.reporting_tag(t, site, &position.tag, updates)?.is_repeated(t, round) {
+            return Some(());
+        }
         let SiteState { tags, nodes, areas, rounds, recent, .. } = self.sites.get_mut(site)?;
         let state = tags.get_mut(&position.tag)?;
         position.t = state.time_of_position(t);
@@ -190,6 +193,15 @@ impl LiveState {
             updates.push(Update::Event(event(&mut self.last_event, t, site, node, new)));
         }
         self.is_changed |= is_new;
+        Some(())
+    }
+
+    /// A tag has refused frames.
+    fn refusals(&mut self, t: Utc, site: &str, tag: &str, frames: u32, updates: &mut Vec<Update>) -> Option<()> {
+        if self.reporting_tag(t, site, tag, updates)?.refusals.take(t, frames) {
+            let new = NewEvent::of(EventKind::Refusals, &self.limits.alarms);
+            updates.push(Update::Event(event(&mut self.last_event, t, site, tag, new)));
+        }
         Some(())
     }
 

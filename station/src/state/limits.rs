@@ -39,11 +39,13 @@ pub struct Alarms {
     pub uncertain: bool,
     /// [`EventKind::LowSupply`](crate::model::EventKind::LowSupply).
     pub low_supply: bool,
+    /// [`EventKind::Refusals`](crate::model::EventKind::Refusals).
+    pub refusals: bool,
 }
 
 impl Default for Alarms {
     fn default() -> Self {
-        Self { silent: true, moved: true, uncertain: true, low_supply: true }
+        Self { silent: true, moved: true, uncertain: true, low_supply: true, refusals: true }
     }
 }
 

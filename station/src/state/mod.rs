@@ -30,6 +30,7 @@ mod limits;
 mod nodes;
 mod rate;
 mod recent;
+mod refusals;
 mod rounds;
 mod supply;
 mod tags;
@@ -83,6 +84,7 @@ impl NewEvent {
             EventKind::Moved => alarms.moved,
             EventKind::Uncertain => alarms.uncertain,
             EventKind::LowSupply => alarms.low_supply,
+            EventKind::Refusals => alarms.refusals,
             EventKind::Back | EventKind::Entered | EventKind::Left => false,
         };
         Self { kind, zone: None, dwell_s: None, alarm }

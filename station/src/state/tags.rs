@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use super::containment::{Gaussian, Outline};
 use super::rate::Rate;
+use super::refusals::Refusals;
 use super::supply::Supply;
 use super::{Alarms, NewEvent, StateLimits};
 use crate::model::{EventKind, TagPosition, TagStatus, Zone, ZoneKind};
@@ -15,6 +16,11 @@ const UNCERTAIN_FOR: Duration = Duration::from_secs(5);
 const CERTAIN_AGAIN: f64 = 0.8;
 /// The estimate of a node's clock is corrected by at most this. A greater step back is a clock that was set.
 const GREATEST_CORRECTION: Duration = Duration::from_millis(100);
+
+/// A round is known from elsewhere if it is the tag's last one or at most this many before, and came within this time. A
+/// tag that starts again counts from the beginning.
+const REPEATED_ROUNDS: u16 = 32;
+const REPEATED_WITHIN: Duration = Duration::from_secs(5);
 
 /// A room or a zone, and its outline.
 #[derive(Clone, Debug)]
@@ -67,9 +73,12 @@ pub(super) struct TagState {
     pub(super) is_silent: bool,
     rate: Rate,
     last_position: Option<TagPosition>,
+    /// The round of the last position, and when.
+    last_round: Option<(u16, Utc)>,
     reason: Option<String>,
     certainty: Certainty,
     pub(super) supply: Supply,
+    pub(super) refusals: Refusals,
     pub(super) room: Option<Inside>,
     pub(super) zones: Vec<Inside>,
 }
@@ -83,9 +92,11 @@ impl TagState {
             is_silent: false,
             rate: Rate::default(),
             last_position: None,
+            last_round: None,
             reason: None,
             certainty: Certainty::Certain,
             supply: Supply::default(),
+            refusals: Refusals::default(),
             room: None,
             zones: Vec::new(),
         }
@@ -95,6 +106,19 @@ impl TagState {
     pub(super) fn note(&mut self, t: Utc, now: Utc) -> bool {
         (self.last_seen, self.reported) = (t, now);
         std::mem::take(&mut self.is_silent)
+    }
+
+    /// Whether the position of this round is already known: from another anchor that received it, or from the tag itself.
+    /// Otherwise it is from now on.
+    pub(super) fn is_repeated(&mut self, t: Utc, round: Option<u16>) -> bool {
+        let Some(round) = round else { return false };
+        let is_known = self.last_round.is_some_and(|(last, at)| {
+            last.wrapping_sub(round) < REPEATED_ROUNDS && t < at + REPEATED_WITHIN && at < t + REPEATED_WITHIN
+        });
+        if !is_known {
+            self.last_round = Some((round, t));
+        }
+        is_known
     }
 
     /// Notes that its round gave no position. Returns whether the reason is a new one.

@@ -309,6 +309,20 @@ fn the_long_axis_of_the_ellipse_decides_whether_a_position_is_uncertain() {
 }
 
 #[test]
+fn a_position_that_two_anchors_bring_counts_once() {
+    let mut live = live();
+    let mut positions = |ms: u64, number: u16| {
+        let mut what = position("0x1001", [1.0, 2.0], 0.1);
+        let ReportKind::Position { round, .. } = &mut what else { panic!("a position") };
+        *round = Some(number);
+        live.apply(&report(at(ms), what)).iter().filter(|update| matches!(update, Update::Position(_))).count()
+    };
+    // Two anchors tell each round, the slower one after the next; then the tag starts again.
+    let told = [(0, 65_535), (5, 65_535), (100, 0), (110, 1), (120, 0), (4000, 1), (9200, 1), (9300, 2)];
+    assert_eq!(told.map(|(ms, round)| positions(ms, round)), [1, 0, 1, 1, 0, 0, 1, 1]);
+}
+
+#[test]
 fn a_low_supply_is_an_alarm_of_its_tag_or_anchor() {
     let mut live = live();
     let supply = |node: &str, supply_v| ReportKind::Supply { node: node.to_owned(), supply_v };
@@ -330,7 +344,7 @@ fn a_low_supply_is_an_alarm_of_its_tag_or_anchor() {
 fn each_kind_of_event_is_an_alarm_or_none_as_the_limits_say() {
     // A tag is uncertain after 5 s, its supply is low, an anchor is 1 m from its place for ten minutes, the tag is
     // silent.
-    let kinds = [EventKind::Uncertain, EventKind::LowSupply, EventKind::Moved, EventKind::Silent];
+    let kinds = [EventKind::Uncertain, EventKind::LowSupply, EventKind::Moved, EventKind::Silent, EventKind::Refusals];
     let alarms = |alarms: Alarms| {
         let mut live = LiveState::new(StateLimits { alarms, ..StateLimits::default() });
         live.apply(&report(at(0), anchor("0x0101", [3.0, 4.0, 0.0])));
@@ -342,6 +356,10 @@ fn each_kind_of_event_is_an_alarm_or_none_as_the_limits_say() {
         }
         let supply = ReportKind::Supply { node: "0x1001".to_owned(), supply_v: 2.8 };
         updates.extend(live.apply(&report(at(600_000), supply)));
+        for (ms, frames) in [(600_000, 0), (605_000, 10)] {
+            let refusals = ReportKind::Refusals { tag: "0x1001".to_owned(), frames };
+            updates.extend(live.apply(&report(at(ms), refusals)));
+        }
         updates.extend(live.tick(at(700_000)));
         kinds.map(|kind| {
             let of_kind = |update: &Update| match update {
@@ -352,11 +370,12 @@ fn each_kind_of_event_is_an_alarm_or_none_as_the_limits_say() {
         })
     };
     let all = Alarms::default();
-    assert_eq!(alarms(all), [true; 4]);
-    assert_eq!(alarms(Alarms { uncertain: false, ..all }), [false, true, true, true]);
-    assert_eq!(alarms(Alarms { low_supply: false, ..all }), [true, false, true, true]);
-    assert_eq!(alarms(Alarms { moved: false, ..all }), [true, true, false, true]);
-    assert_eq!(alarms(Alarms { silent: false, ..all }), [true, true, true, false]);
+    assert_eq!(alarms(all), [true; 5]);
+    assert_eq!(alarms(Alarms { uncertain: false, ..all }), [false, true, true, true, true]);
+    assert_eq!(alarms(Alarms { low_supply: false, ..all }), [true, false, true, true, true]);
+    assert_eq!(alarms(Alarms { moved: false, ..all }), [true, true, false, true, true]);
+    assert_eq!(alarms(Alarms { silent: false, ..all }), [true, true, true, false, true]);
+    assert_eq!(alarms(Alarms { refusals: false, ..all }), [true, true, true, true, false]);
 }
 
 #[test]

@@ -7,7 +7,7 @@ use super::{Result, Span, Store};
 use crate::Utc;
 use crate::model::{EventKind, StationEvent};
 
-const ALL: [EventKind; 7] = [
+const ALL: [EventKind; 8] = [
     EventKind::Entered,
     EventKind::Left,
     EventKind::Silent,
@@ -15,6 +15,7 @@ const ALL: [EventKind; 7] = [
     EventKind::Moved,
     EventKind::Uncertain,
     EventKind::LowSupply,
+    EventKind::Refusals,
 ];
 
 impl Store {

@@ -51,6 +51,8 @@ impl Sink for &Node {
 
     fn rests(&self, _: u64) {}
 
+    fn refused(&self, _: u32) {}
+
     fn round_dropped(&self) {}
 
     fn alive(&self, _: Task) {}

@@ -176,7 +176,7 @@ fn from_hex(text: &str) -> Vec<u8> {
 }
 
 /// The frames of the wire format's page, whose text says what they contain, and a sync frame by hand.
-const GOLDEN: [&str; 6] = [
+const GOLDEN: [&str; 7] = [
     "30341220 A8010003 02",
     "30010031 00010002 00030020 030080E7 FF",
     "31FEFF04 030201FF 67452301",
@@ -184,6 +184,7 @@ const GOLDEN: [&str; 6] = [
     "34 02 01",
     "32 0201 05 01 02 0701 63 00020304050607080900000000000000 0210 C8 030000 09 B131 E80300 18FCFF FFFFFF 82 0210 7F \
      0310 8A",
+    "30010012 000100E8 0300FFFF FFC42000 69A00040 000083",
 ];
 
 fn golden() -> Vec<Vec<u8>> {
@@ -241,6 +242,15 @@ fn the_dissector_reads_what_the_page_of_the_wire_format_says() {
     let expected = "258 5 1 2 0x0107 3 3 0x1002 136 136 1 1 -1 -0.001 0x1002;0x1003 one in 72 superframes;greedy;\
                     one in 10 superframes";
     assert_eq!(sync_frame.join(" ").replace("True", "1"), expected);
+    let fields = ["x", "y", "z", "sigma_x", "sigma_y", "sigma_z", "rho_xy", "rho_yz", "suspect", "rounds_ago"];
+    let fields = fields.map(|field| format!("baliza.{field}"));
+    let told = &fields_of(&golden()[6..], &fields.each_ref().map(String::as_str)).expect("tshark")[0];
+    let [numbers @ .., suspect, ago] = &told[..] else { panic!("{told:?}") };
+    let numbers: Vec<f64> = numbers.iter().map(|number| number.parse().expect("a number")).collect();
+    // 64/127 = 0.503937.
+    let expected = [1.0, -0.001, 8.388, 0.1, 1.024, 0.0, 64.0 / 127.0, 0.0];
+    assert!(numbers.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{numbers:?}");
+    assert_eq!((suspect.replace("True", "1").as_str(), ago.as_str()), ("1", "3"));
 }
 
 #[test]

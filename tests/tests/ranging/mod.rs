@@ -9,3 +9,4 @@ mod listening;
 mod motion;
 mod rates;
 mod reproducible;
+mod uplink;

@@ -74,8 +74,8 @@ pub struct Tag {
     pub sleep: bool,
     /// Anchors a round, 1 to 8.
     pub anchors_per_round: u8,
-    /// Whether the tag reports their distances to the anchors.
-    pub tell_distances: bool,
+    /// What its polls tell the anchors.
+    pub tells: PollContent,
     /// Bluetooth scan: interval and window; `None`: no scan.
     pub scan: Option<Scan>,
     /// Whether the tag reports each range to the host in addition to the fixes.
@@ -92,6 +92,20 @@ pub struct Tag {
     /// Where the tag can be; `None`: everywhere.
     #[serde(skip)]
     pub area: Option<TagArea>,
+}
+
+/// What a tag's polls tell the anchors, beside whom they ask. An image that does not know the last one takes a record with
+/// it for a damaged one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum PollContent {
+    /// Nothing.
+    #[default]
+    Nothing,
+    /// The last distances, for anchors that report or show them.
+    Distances,
+    /// The last position, for anchors that report it to their hosts.
+    Position,
 }
 
 /// The box in which a tag can be: the outline of a building, floor and ceiling. Infinite coordinates are not known.

@@ -27,6 +27,7 @@ pub use framing::{DecodeError, LONGEST_FRAME, MAX_FRAME, decode, encode};
 #[cfg(feature = "host")]
 pub use host::{Table, metres};
 pub use message::{Body, Severity, Tone};
+pub(crate) use messages::is_definite;
 pub use messages::*;
 pub use quantised::UNKNOWN_POWER;
 pub use queue::Queue;

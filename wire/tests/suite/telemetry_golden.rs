@@ -87,6 +87,23 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
         telemetry_dropped: 0,
         sightings: 1200,
         sightings_dropped: 4,
+        refused: 2,
+    };
+    let of_tag = Outcome::Position {
+        position_tenth_mm: [12_340, -56_000, 0],
+        deviation_tenth_mm: [2000, 3040, 5120],
+        correlation_127ths: [42, 13, 0],
+        used: 0,
+        quality_255ths: 0,
+    };
+    let tag_fix = TagFix {
+        t_us: 12_345_600,
+        tag: 0x1001,
+        round: 300,
+        rounds_ago: 1,
+        asked: 4,
+        outcome: of_tag,
+        doubt: Doubt::Suspect,
     };
     let hello = Hello {
         t_us: 1_500_000,
@@ -205,10 +222,10 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
         (
             "counters",
             Message::Counters(counters),
-            "0F 01 05 80 8E CE 1C D8 04 DE 1B 32 07 02 01 02 03 06 B0 09 04 88 94 00",
+            "0F 01 05 80 8E CE 1C D8 04 DE 1B 32 07 02 01 02 03 07 B0 09 04 02 7F 6B 00",
             "{'type':'counters','t_s':60.0,'sent':600,'received':3550,'timeouts':50,'corrupt':7,'late':2,\
              'not_sent':1,'radio_failures':0,'rounds_dropped':3,'telemetry_dropped':0,'sightings':1200,\
-             'sightings_dropped':4}",
+             'sightings_dropped':4,'refused':2}",
         ),
         (
             "reset",
@@ -279,6 +296,13 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
             "{'type':'state','t_s':0.3,'state':'levels-unused','peer':null,'slots':null,'times':null,\
              'record_fault':null,'record_version':null,'levels_fault':'version','levels_version':2,'beacon':null,\
              'for_s':null}",
+        ),
+        (
+            "tag-fix",
+            Message::TagFix(tag_fix),
+            "0D 01 0A 80 C2 F1 05 81 20 AC 02 01 04 07 E8 C0 01 FF EA 06 09 D0 0F E0 17 80 28 2A 0D 01 01 04 01 41 CC 00",
+            "{'type':'tag-fix','t_s':12.3456,'tag':'0x1001','round':299,'rounds_ago':1,'asked':4,'x_m':1.234,'y_m':-5.6,\
+             'z_m':0.0,'sigma_x_m':0.2,'sigma_y_m':0.304,'sigma_z_m':0.512,'covariance_m2':[[0.04,0.020107087,0.01048189],[0.020107087,0.092416,0.0],[0.01048189,0.0,0.262144]],'flag':'suspect'}",
         ),
         (
             "supply",

@@ -257,7 +257,7 @@ mod tests {
         assert_eq!(
             shown(Message::Counters(counters)),
             "     0.000000 count 1 sent, 2 received, 3 timeouts, 0 corrupt, 0 late, 0 not sent, 0 radio failures; 0 sightings; \
-             dropped: 0 rounds, 0 sightings, 4 telemetry frames\n"
+             dropped: 0 rounds, 0 sightings, 4 telemetry frames; 0 refused\n"
         );
         let crash = Crash { reason: CrashReason::Panic, program_counter: 0x1234, line: 56, file: 0xABC };
         assert_eq!(

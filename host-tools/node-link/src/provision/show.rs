@@ -3,7 +3,7 @@
 use std::fmt::{Display, Write};
 
 use site::{HIDDEN, mode_name};
-use wire::config::{Advertiser, Anchor, Beacon, Board, Mode, Record, Role, Tag, TagArea};
+use wire::config::{Advertiser, Anchor, Beacon, Board, Mode, PollContent, Record, Role, Tag, TagArea};
 use wire::telemetry::Address;
 
 use super::SiteNames;
@@ -206,7 +206,8 @@ impl Text {
         self.line_if("still_rate_hz", tag.still_rate_chz.map(hertz));
         self.line("sleep", tag.sleep);
         self.line("anchors_per_round", tag.anchors_per_round);
-        self.line("tell_distances", tag.tell_distances);
+        self.line("tell_distances", tag.tells == PollContent::Distances);
+        self.line("tell_position", tag.tells == PollContent::Position);
         self.line("report_ranges", tag.report_ranges);
         if let Some(scan) = tag.scan {
             self.line("scan_interval_ms", scan.interval_ms);

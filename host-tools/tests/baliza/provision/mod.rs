@@ -260,7 +260,7 @@ fn every_key_of_a_site_is_in_the_record() {
         },
         "node": [{
             "name": "tag-0201", "board": "dwm1001", "role": "tag", "address": "0x0201", "height_m": 1.2, "rate_hz": 9.99,
-            "still_rate_hz": 0.13, "sleep": true, "anchors_per_round": 3, "tell_distances": true, "report_ranges": false,
+            "still_rate_hz": 0.13, "sleep": true, "anchors_per_round": 3, "tell_distances": true, "tell_position": false, "report_ranges": false,
             "scan_interval_ms": 100, "scan_window_ms": 30, "solver": "b-wls-r", "scheme": "double-sided",
         }],
         // The listed anchors come first, then the nodes whose positions tags cannot receive from the nodes.

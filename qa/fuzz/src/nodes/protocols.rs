@@ -43,7 +43,7 @@ pub fn tag(input: &[u8]) {
             anchors: 8,
             rate: if is_even(input) { Rate::Greedy } else { every },
             scheme,
-            tell_distances: true,
+            tells: PollContent::Distances,
         }),
         input,
     );
@@ -148,7 +148,7 @@ fn check(now: RadioInstant, action: Action<'_>) -> Last {
             }
             Last::Report
         }
-        Action::Report(Report::Link(_)) => Last::Report,
+        Action::Report(Report::Link(_) | Report::Polled(_)) => Last::Report,
     }
 }
 

@@ -11,7 +11,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_common::Reporter;
 use firmware_tag::{TaskChannels, TelemetrySink};
 use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
-use ranging::native::{Anchor, AnchorConfig, Network, Rate, Scheme, Tag, TagConfig};
+use ranging::native::{Anchor, AnchorConfig, Network, PollContent, Rate, Scheme, Tag, TagConfig};
 use ranging::node::{self, Listener};
 use ranging::{Pace, PhyConfig, RadioInstant, StampModel};
 use wire::uwb::native::{Frame, Message};
@@ -155,7 +155,7 @@ pub fn measure() -> MachineCosts {
             anchors: 4,
             rate: Rate::Greedy,
             scheme: Scheme::SingleSided,
-            tell_distances: false,
+            tells: PollContent::Nothing,
         };
         let machine = Measured { address: config.address, machine: Tag::new(config), costs: &costs, reported: None };
         let reporter = Reporter::<NoopRawMutex, 256, _>::new(|| world.now_us());

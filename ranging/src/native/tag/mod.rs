@@ -54,8 +54,9 @@ use super::sync::{Sync, SyncUpdate};
 use super::sync_schedule::SyncSchedule;
 use super::timing::{SYNC_SLOTS, end_of};
 use super::wake_ups::{Slept, WakeUps};
-use crate::exchange::{Action, Event, Guidance, Link, Protocol, Report};
+use crate::exchange::{Action, Event, Guidance, Link, Protocol, Report, Round, RoundFix};
 use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel, Start};
+use wire::config::PollContent;
 use wire::uwb::layout::Scheme;
 use wire::uwb::native::{Frame, Message, SyncFrame};
 use wire::uwb::{BROADCAST, FrameBuffer};
@@ -74,8 +75,8 @@ pub struct TagConfig {
     pub rate: Rate,
     /// The scheme of its rounds, as soon as the network has room for it.
     pub scheme: Scheme,
-    /// Whether polls report to the anchors the last distance to each.
-    pub tell_distances: bool,
+    /// What polls tell the anchors.
+    pub tells: PollContent,
 }
 
 /// What the tag's last action was, and so the meaning of the next event.
@@ -115,6 +116,7 @@ pub struct Tag {
     network: Option<Followed>,
     anchors: AnchorTable,
     position_m: Option<[f32; 3]>,
+    fix: Option<RoundFix>,
     /// How long the node computes with the last round and earlier ones, …
     busy: RadioDuration,
     /// … and the end of this computation.
@@ -158,6 +160,7 @@ impl Tag {
             network: None,
             anchors: AnchorTable::new(),
             position_m: None,
+            fix: None,
             busy: RadioDuration::ZERO,
             free_at: None,
             busy_per_round: RadioDuration::ZERO,
@@ -442,7 +445,10 @@ impl Tag {
         self.state = State::Idle;
         self.round.close(&mut self.anchors);
         self.note_outcomes();
-        if self.round.has_report() { Action::Report(Report::Round(self.round.report())) } else { self.idle(present) }
+        if !self.round.has_report() {
+            return self.idle(present);
+        }
+        Action::Report(Report::Round(Round { refused: self.refused().total(), ..self.round.report() }))
     }
 
     /// Nothing is in progress: reports a change of the link, or does what is next in the superframe.
@@ -465,7 +471,7 @@ impl Protocol for Tag {
     }
 
     fn guide(&mut self, guidance: Guidance) {
-        self.position_m = guidance.position_m;
+        (self.position_m, self.fix) = (guidance.position_m, guidance.fix);
         (self.busy, self.busy_per_round) = (guidance.busy, guidance.busy_per_round);
         self.round.set_turns(guidance.turns);
         if guidance.rate.is_some() {

@@ -8,8 +8,9 @@ use crate::native::sync::Sync;
 use crate::native::timing::{SUPERFRAME, Timing};
 use crate::native::{SHORTEST_WAIT, spread};
 use crate::{RadioDuration, RadioInstant, Start};
+use wire::config::PollContent;
 use wire::uwb::layout::Scheme;
-use wire::uwb::native::{MAX_MEMBERS, Message, Request, Share};
+use wire::uwb::native::{MAX_MEMBERS, Message, PolledPosition, Request, Share};
 
 /// Without a sync frame for this many superframes the tag searches again.
 pub(super) const LOST_AFTER: u16 = 5;
@@ -225,7 +226,11 @@ impl Tag {
     /// Begins a round.
     fn poll(&mut self, scheme: Scheme, start: Start, decided_at: Option<RadioInstant>) -> Action<'_> {
         let wish = self.meter.wish(self.config.scheme);
-        let poll = self.round.begin(&mut self.anchors, scheme, wish, self.config.tell_distances);
+        let mut poll = self.round.begin(&mut self.anchors, scheme, wish, self.config.tells == PollContent::Distances);
+        poll.position = self.fix.filter(|_| self.config.tells == PollContent::Position).and_then(|fix| {
+            let rounds_ago = u8::try_from(poll.round.wrapping_sub(fix.round)).ok()?;
+            (rounds_ago <= PolledPosition::OLDEST).then_some(fix.position.of_rounds_ago(rounds_ago))
+        });
         self.write(Message::Poll(poll));
         let is_off_after = self.is_off_after_poll(scheme);
         self.state = State::Polling { decided_at, is_off_after };

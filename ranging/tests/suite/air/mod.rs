@@ -47,6 +47,7 @@ pub enum Owned {
     Sleep { from: RadioInstant, duration: RadioDuration, may: bool },
     Round { asked: u8, ranges: Vec<Range> },
     Differences { reference: u16, differences: Vec<Difference> },
+    Polled,
     Link(Link),
 }
 
@@ -62,6 +63,7 @@ impl From<Action<'_>> for Owned {
             Action::Report(Report::Differences(round)) => {
                 Self::Differences { reference: round.reference, differences: round.differences.to_vec() }
             }
+            Action::Report(Report::Polled(_)) => Self::Polled,
             Action::Report(Report::Link(link)) => Self::Link(link),
         }
     }
@@ -435,6 +437,7 @@ impl Air {
                 self.reports.push(Reported { time: now, node, what: What::Link(link) });
                 State::Step(now, Plain::Reported)
             }
+            Owned::Polled => State::Step(now, Plain::Reported),
             Owned::WaitUntil(instant) => {
                 self.nodes[node].listening = None;
                 self.nodes[node].heard.clear();

@@ -3,6 +3,7 @@
 use postcard::experimental::max_size::MaxSize;
 use serde::{Deserialize, Serialize};
 
+use super::or_default;
 use crate::telemetry::text::text;
 use crate::telemetry::{Body, Severity};
 
@@ -33,17 +34,21 @@ pub struct Counters {
     pub sightings: u32,
     /// Advertisements dropped because they were not processed in time.
     pub sightings_dropped: u32,
+    /// UWB frames received whole and refused by a tag, because they contradict what it knows of the network. More than a
+    /// few are a sign of forged frames. 0 in frames of older nodes, which do not have it.
+    #[serde(deserialize_with = "or_default")]
+    pub refused: u32,
 }
 
 text!(Counters, |this| this;
     Self {
         t_us: _, sent, received, timeouts, corrupt, late, not_sent, radio_failures, rounds_dropped, telemetry_dropped, sightings,
-        sightings_dropped,
+        sightings_dropped, refused,
     } => (
         "{} sent, {} received, {} timeouts, {} corrupt, {} late, {} not sent, {} radio failures; {} sightings; \
-         dropped: {} rounds, {} sightings, {} telemetry frames",
+         dropped: {} rounds, {} sightings, {} telemetry frames; {} refused",
         sent, received, timeouts, corrupt, late, not_sent, radio_failures, sightings, rounds_dropped, sightings_dropped,
-        telemetry_dropped
+        telemetry_dropped, refused
     ),
 );
 
@@ -69,6 +74,7 @@ impl Body for Counters {
             "telemetry_dropped": self.telemetry_dropped,
             "sightings": self.sightings,
             "sightings_dropped": self.sightings_dropped,
+            "refused": self.refused,
         })
     }
 }
@@ -81,9 +87,10 @@ mod tests {
 
     #[test]
     fn all_counts_are_in_the_line() {
-        let counters = Counters { sent: 1, received: 2, timeouts: 3, telemetry_dropped: 4, ..Counters::default() };
+        let counters =
+            Counters { sent: 1, received: 2, timeouts: 3, telemetry_dropped: 4, refused: 5, ..Counters::default() };
         let expected = "1 sent, 2 received, 3 timeouts, 0 corrupt, 0 late, 0 not sent, 0 radio failures; 0 sightings; \
-                        dropped: 0 rounds, 0 sightings, 4 telemetry frames";
+                        dropped: 0 rounds, 0 sightings, 4 telemetry frames; 5 refused";
         assert_eq!(counters.to_string(), expected);
     }
 }

@@ -4,8 +4,9 @@ use core::fmt;
 
 use positioning_core::{Flag, Real, SolveError};
 use postcard::experimental::max_size::MaxSize;
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
 
+use super::or_default;
 use crate::telemetry::quantised::{deviation, deviation_m, metres, nearest, position};
 use crate::telemetry::text::{Centimetres, text};
 use crate::telemetry::{Body, Tone};
@@ -121,12 +122,6 @@ impl Solver {
     }
 }
 
-/// A field that was appended to the end of its message. A body that ends before it is from an older build, and an
-/// unknown number is from a newer one.
-fn or_default<'de, D: Deserializer<'de>, T: Deserialize<'de> + Default>(from: D) -> Result<T, D::Error> {
-    Ok(T::deserialize(from).unwrap_or_default())
-}
-
 /// The result of a round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -178,7 +173,7 @@ fn whole_127ths(correlations: [f32; 3]) -> [i8; 3] {
 }
 
 /// Whether the least eigenvalue of the matrix of correlations exceeds 1/254, by its leading minors.
-fn is_definite(correlation_127ths: [i8; 3]) -> bool {
+pub(crate) fn is_definite(correlation_127ths: [i8; 3]) -> bool {
     // 127 less a half, in halves.
     const DIAGONAL: i32 = 253;
     let [a, b, c] = correlation_127ths.map(|rho| 2 * i32::from(rho));
@@ -246,9 +241,7 @@ impl Fix {
         let Outcome::Position { position_tenth_mm, deviation_tenth_mm, used, .. } = self.outcome else {
             return Err(self.reason().unwrap_or(SolveError::NotFinite));
         };
-        let squares = deviation_tenth_mm.map(|axis| u64::from(axis).saturating_mul(axis.into()));
-        let size = squares.into_iter().fold(0, u64::saturating_add).isqrt();
-        let deviation = Centimetres::of_tenth_mm(i32::try_from(size).unwrap_or(i32::MAX));
+        let deviation = deviation_in_space(deviation_tenth_mm);
         let position = position_tenth_mm.map(Centimetres::of_tenth_mm);
         let (used, age_ms, by) = (used.count_ones(), self.age_us.saturating_add(500) / 1000, By(self.solver));
         let [.., height_deviation] = deviation_tenth_mm;
@@ -258,6 +251,13 @@ impl Fix {
             Found::Space { position, deviation, used, age_ms, by }
         })
     }
+}
+
+/// The standard deviation of the distance to the true position.
+pub(super) fn deviation_in_space(deviation_tenth_mm: [u32; 3]) -> Centimetres {
+    let squares = deviation_tenth_mm.map(|axis| u64::from(axis).saturating_mul(axis.into()));
+    let size = squares.into_iter().fold(0, u64::saturating_add).isqrt();
+    Centimetres::of_tenth_mm(i32::try_from(size).unwrap_or(i32::MAX))
 }
 
 /// A position with its standard deviation (of the distance to the true position: in the plane if the height was

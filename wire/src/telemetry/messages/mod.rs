@@ -15,17 +15,19 @@ mod reset;
 mod room;
 mod sighting;
 mod supply;
+mod tag_fix;
 
 use core::fmt;
 
 use postcard::experimental::max_size::MaxSize;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::telemetry::message::{Body, Tone, messages};
 
 pub use crate::config::Board;
 pub use counters::Counters;
 pub use difference::Difference;
+pub(crate) use fix::is_definite;
 pub use fix::{Doubt, Fix, FixLine, Outcome, Solver};
 pub use hello::{Hello, Role};
 pub use node_state::{BeaconEvidence, Condition, MotionSensor, RecordError, RssiModelError, SiteModelPart, State};
@@ -36,6 +38,13 @@ pub use reset::{Crash, CrashReason, Reset, ResetCause};
 pub use room::{Room, RoomEstimate, RoomLine, RoomProbability};
 pub use sighting::{BeaconId, Sighting};
 pub use supply::Supply;
+pub use tag_fix::TagFix;
+
+/// A field that was appended to the end of its message. A body that ends before it is from an older build, and an
+/// unknown number is from a newer one.
+fn or_default<'de, D: Deserializer<'de>, T: Deserialize<'de> + Default>(from: D) -> Result<T, D::Error> {
+    Ok(T::deserialize(from).unwrap_or_default())
+}
 
 messages! {
     /// The identity of the sender: sent at the start and every few seconds, for a listener that starts later.
@@ -58,4 +67,6 @@ messages! {
     Room,
     /// Supply voltage and temperature of the radio.
     Supply,
+    /// The position of a tag, as an anchor received it in the tag's poll.
+    TagFix,
 }

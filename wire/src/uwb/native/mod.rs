@@ -2,7 +2,9 @@
 //! code. The messages have these codes and this payload after the code, with numbers of bytes in parentheses:
 //!
 //! - 30, poll, tag → all: round (2), number of anchors (high nibble) and options (1), the tag's request for the layout
-//!   (1), anchors in slot order (2 each); with option 1, the last distance to each (2 each).
+//!   (1), anchors in slot order (2 each); with option 1, the last distance to each (2 each); with option 2, the tag's
+//!   last position (16): position (9), deviations (1 each), correlations xy, xz, yz (1 each), rounds ago with the highest
+//!   bit set if it is suspect (1).
 //! - 31, response, anchor → tag: round (2), poll RX (5), response TX − poll RX (4); if the anchor received the final of
 //!   an earlier round: low byte of that round (1), final RX − response TX (4).
 //! - 32, sync frame, anchor → all: superframe (2), term (1), age (1), hops (1), coordinator (2), slot (low five bits)
@@ -13,7 +15,8 @@
 //! - 34, final, tag → all: round (2).
 //!
 //! Times are in ticks. A distance is in units of 4 mm, signed; 0x8000 is unknown. A position is three times 24 bits,
-//! millimetres, signed; (−2²³, 0, 0) is unknown. A layout is the code of the answer (7 bits) and of receiving again (7
+//! millimetres, signed; (−2²³, 0, 0) is unknown. A deviation is 0, that of a given height, or the code c for
+//! (16 + c mod 16) · 2^⌊c / 16⌋ / 16 mm, at least the true one; a correlation is in 1/127, signed. A layout is the code of the answer (7 bits) and of receiving again (7
 //! bits), each (16 + c mod 16) · 2^⌊c / 16⌋ µs for the code c. The highest bit of the first byte is set if the layout
 //! is in force only with the list of members, and that of the second if rounds have a final. A tag's request contains
 //! only the second byte.
@@ -27,7 +30,7 @@ use super::layout::Layout;
 use super::{Address, BROADCAST, FrameBuffer, FrameError, Header, Reader};
 use radio::{RadioDuration, RadioInstant};
 
-pub use values::{Distance, Position, Share};
+pub use values::{Distance, PolledPosition, Position, Share};
 
 /// Sync slots of a superframe that an anchor can own.
 pub const OWNED_SYNC_SLOTS: usize = 16;
@@ -41,8 +44,9 @@ const SYNC: u8 = 0x32;
 const REQUEST: u8 = 0x33;
 const FINAL: u8 = 0x34;
 
-/// Option of a poll.
+/// Options of a poll, one of them at most: both would make it longer than the slots have room for.
 const WITH_DISTANCES: u8 = 1;
+const WITH_POSITION: u8 = 2;
 
 /// A native frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,6 +94,8 @@ pub struct Poll {
     pub wish: Layout,
     /// The anchors that are to answer, in the order of the slots.
     pub anchors: Vec<Asked, MAX_ROUND>,
+    /// The tag's last position, for anchors that report it to their hosts. A poll with distances carries none.
+    pub position: Option<PolledPosition>,
 }
 
 /// A tag requests slots.
@@ -265,11 +271,9 @@ impl Poll {
     fn parse(mut reader: Reader<'_>) -> Result<Self, FrameError> {
         let round = reader.u16()?;
         let [count, options] = reader.u8().map(|byte| [byte >> 4, byte & 0x0F])?;
-        let with_distances = match options {
-            0 => false,
-            WITH_DISTANCES => true,
-            _ => return Err(FrameError::Field),
-        };
+        if options > WITH_POSITION {
+            return Err(FrameError::Field);
+        }
         let wish = Layout::from_tag_byte(reader.u8()?);
         let mut anchors = Vec::new();
         for _ in 0..count {
@@ -277,7 +281,7 @@ impl Poll {
                 .push(Asked { address: reader.u16()?, distance: Distance::Unsent })
                 .map_err(|_| FrameError::Field)?;
         }
-        if with_distances {
+        if options == WITH_DISTANCES {
             for asked in &mut anchors {
                 asked.distance = match reader.u16()? as i16 {
                     i16::MIN => Distance::Unknown,
@@ -285,14 +289,20 @@ impl Poll {
                 };
             }
         }
+        let position = if options == WITH_POSITION { Some(PolledPosition::parse(reader.take()?)?) } else { None };
         reader.end()?;
-        if anchors.is_empty() { Err(FrameError::Field) } else { Ok(Self { round, wish, anchors }) }
+        if anchors.is_empty() { Err(FrameError::Field) } else { Ok(Self { round, wish, anchors, position }) }
     }
 
     #[inline]
     fn emit(&self, out: &mut FrameBuffer) {
         let with_distances = self.anchors.iter().any(|asked| asked.distance != Distance::Unsent);
-        let options = if with_distances { WITH_DISTANCES } else { 0 };
+        let position = self.position.filter(|_| !with_distances);
+        let options = match position {
+            Some(_) => WITH_POSITION,
+            None if with_distances => WITH_DISTANCES,
+            None => 0,
+        };
         out.put(&[POLL]);
         out.put(&self.round.to_le_bytes());
         out.put(&[(self.anchors.len() as u8) << 4 | options, self.wish.tag_byte()]);
@@ -305,6 +315,9 @@ impl Poll {
                 Distance::Quarters(units) => units,
             };
             out.put(&units.to_le_bytes());
+        }
+        if let Some(position) = position {
+            out.put(&position.bytes());
         }
     }
 }
@@ -455,7 +468,8 @@ mod tests {
         // (16 + 8) · 2² = 96 µs: code 0x28; with a final 0xA8.
         let wish = Layout::from_tag_byte(0xA8);
         assert_eq!(wish.listen_again.duration(), RadioDuration::from_micros(96));
-        let poll = Poll { round: 0x1234, wish, anchors: [asked(1), asked(0x0203)].into_iter().collect() };
+        let poll =
+            Poll { round: 0x1234, wish, anchors: [asked(1), asked(0x0203)].into_iter().collect(), position: None };
         round_trip(Message::Poll(poll), &[0x30, 0x34, 0x12, 0x20, 0xA8, 1, 0, 3, 2]);
     }
 
@@ -464,8 +478,25 @@ mod tests {
         // 3.2 m are 800 units of 4 mm, 0x0320; −0.1 m are −25, 0xFFE7.
         let anchors = [(1, Distance::from_metres(3.2)), (2, Distance::Unknown), (3, Distance::from_metres(-0.1))];
         let anchors = anchors.into_iter().map(|(address, distance)| Asked { address, distance }).collect();
-        let poll = Poll { round: 1, wish: Layout::LEAST, anchors };
+        let poll = Poll { round: 1, wish: Layout::LEAST, anchors, position: None };
         round_trip(Message::Poll(poll), &[0x30, 1, 0, 0x31, 0, 1, 0, 2, 0, 3, 0, 0x20, 0x03, 0x00, 0x80, 0xE7, 0xFF]);
+    }
+
+    /// At (1, −0.001, 8.388) m of a given height, ± 0.1 m and ± 1 m, correlated by a half, three rounds ago, suspect.
+    fn a_position() -> PolledPosition {
+        let covariance_m2 = [[0.01, 0.05, 0.0], [0.05, 1.0, 0.0], [0.0; 3]];
+        PolledPosition::new([1.0, -0.001, 8.388], covariance_m2, true).unwrap().of_rounds_ago(3)
+    }
+
+    #[test]
+    fn golden_poll_with_a_position() {
+        let anchors = [Asked { address: 1, distance: Distance::Unsent }].into_iter().collect();
+        let poll = Poll { round: 1, wish: Layout::LEAST, anchors, position: Some(a_position()) };
+        // 100 = (16 + 9) · 2⁶ / 16 mm: 9 + 6 · 16 = 0x69; 1024 = 16 · 2¹⁰ / 16 is the next after 992: 0xA0.
+        // The half is 63.5/127, away from zero 64. 0x83 = 3 rounds ago and suspect.
+        let golden =
+            [0x30, 1, 0, 0x12, 0, 1, 0, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0, 0x69, 0xA0, 0, 64, 0, 0, 0x83];
+        round_trip(Message::Poll(poll), &golden);
     }
 
     #[test]
@@ -560,9 +591,12 @@ mod tests {
         };
         let longest = length(Message::SyncFrame(sync_frame(MAX_MEMBERS)));
         assert_eq!((longest, longest + 2), (MAX_FRAME, usize::from(SYNC_FRAME_BYTES)));
-        let asked = Asked { address: 1, distance: Distance::Unknown };
-        let poll = Poll { round: 0, wish: Layout::LEAST, anchors: core::iter::repeat_n(asked, MAX_ROUND).collect() };
-        assert_eq!(length(Message::Poll(poll)) + 2, usize::from(POLL_BYTES));
+        for (distance, position) in [(Distance::Unknown, None), (Distance::Unsent, Some(a_position()))] {
+            let asked = Asked { address: 1, distance };
+            let anchors = core::iter::repeat_n(asked, MAX_ROUND).collect();
+            let poll = Poll { round: 0, wish: Layout::LEAST, anchors, position };
+            assert_eq!(length(Message::Poll(poll)) + 2, usize::from(POLL_BYTES));
+        }
     }
 
     #[test]

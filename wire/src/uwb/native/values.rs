@@ -1,6 +1,7 @@
 //! Values in frames of native mode: distances, shares of the slots, positions. Each converts to and from its bytes on
 //! the air.
 
+use crate::telemetry::{Outcome, is_definite};
 use crate::uwb::FrameError;
 
 /// A distance on the air.
@@ -120,9 +121,127 @@ impl Position {
     }
 }
 
+/// A tag's position in its poll: what an anchor needs for a fix of that tag in its telemetry.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PolledPosition {
+    position: Position,
+    /// Codes of the deviations.
+    deviations: [u8; 3],
+    correlation_127ths: [i8; 3],
+    /// Its ranges contradict each other, or another place fits them, too.
+    pub is_suspect: bool,
+    /// How many rounds before that of the poll it was measured, at most [`PolledPosition::OLDEST`].
+    pub rounds_ago: u8,
+}
+
+impl PolledPosition {
+    /// The most rounds ago.
+    pub const OLDEST: u8 = 127;
+    const SUSPECT: u8 = 0x80;
+
+    /// A position, metres, with its covariance, m², of the round before the poll's. `None` for a position that is not a
+    /// number or beyond 8388 m.
+    pub fn new(position_m: [f32; 3], covariance_m2: [[f32; 3]; 3], is_suspect: bool) -> Option<Self> {
+        let position = Position::from_metres(position_m)?;
+        match Outcome::position(position_m, covariance_m2, 0, 0.0) {
+            Outcome::Position { deviation_tenth_mm, correlation_127ths, .. } => Some(Self {
+                position,
+                deviations: deviation_tenth_mm.map(deviation_code),
+                correlation_127ths,
+                is_suspect,
+                rounds_ago: 1,
+            }),
+            Outcome::Reason(_) => None,
+        }
+    }
+
+    /// The same, of this many rounds before the poll's.
+    pub const fn of_rounds_ago(self, rounds_ago: u8) -> Self {
+        Self { rounds_ago, ..self }
+    }
+
+    /// As the outcome of a round, whose ranges are not known here.
+    pub fn outcome(&self) -> Outcome {
+        Outcome::Position {
+            position_tenth_mm: self.position.0.map(|mm| mm * 10),
+            deviation_tenth_mm: self.deviations.map(deviation_tenth_mm),
+            correlation_127ths: self.correlation_127ths,
+            used: 0,
+            quality_255ths: 0,
+        }
+    }
+
+    #[inline]
+    pub(super) fn parse(bytes: [u8; 16]) -> Result<Self, FrameError> {
+        let [place @ .., dx, dy, dz, xy, xz, yz, last] = bytes;
+        let correlation_127ths = [xy, xz, yz].map(|byte| byte as i8);
+        let position = Position::parse(place)?.filter(|_| is_definite(correlation_127ths));
+        Ok(Self {
+            position: position.ok_or(FrameError::Field)?,
+            deviations: [dx, dy, dz],
+            correlation_127ths,
+            is_suspect: last & Self::SUSPECT != 0,
+            rounds_ago: last & !Self::SUSPECT,
+        })
+    }
+
+    #[inline]
+    pub(super) fn bytes(&self) -> [u8; 16] {
+        let [a, b, c, d, e, f, g, h, i] = Position::bytes(Some(self.position));
+        let ([dx, dy, dz], [xy, xz, yz]) = (self.deviations, self.correlation_127ths.map(|of_127| of_127 as u8));
+        let suspect = if self.is_suspect { Self::SUSPECT } else { 0 };
+        [a, b, c, d, e, f, g, h, i, dx, dy, dz, xy, xz, yz, self.rounds_ago.min(Self::OLDEST) | suspect]
+    }
+}
+
+/// 0.1 mm of a code.
+fn deviation_tenth_mm(code: u8) -> u32 {
+    if code == 0 { 0 } else { ((16 + u32::from(code % 16)) << (code / 16)) * 10 / 16 }
+}
+
+/// The least code that is not less than a deviation in 0.1 mm; the greatest is 63 m.
+fn deviation_code(tenth_mm: u32) -> u8 {
+    // Sixteen codes reach from 2^e to nearly 2^(e + 1) mm.
+    let start = (tenth_mm / 10).checked_ilog2().unwrap_or(0).min(15) as u8 * 16;
+    (start..u8::MAX).find(|code| deviation_tenth_mm(*code) >= tenth_mm).unwrap_or(u8::MAX)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_deviation_is_never_less_and_at_most_a_sixteenth_more() {
+        for tenth_mm in (1..2000).chain((2000..600_000).step_by(777)) {
+            let coded = deviation_tenth_mm(deviation_code(tenth_mm));
+            // Two units for the rounding of short ones.
+            assert!((tenth_mm..=tenth_mm + tenth_mm / 16 + 2).contains(&coded) || tenth_mm < 10, "{tenth_mm}: {coded}");
+        }
+        // (16 + 15) · 2¹⁵ / 16 mm = 63.488 m.
+        assert_eq!([0, 1, u32::MAX].map(deviation_code), [0, 1, 255]);
+        assert_eq!([0, 1, 255].map(deviation_tenth_mm), [0, 10, 634_880]);
+    }
+
+    #[test]
+    fn a_position_comes_back_as_an_outcome() {
+        let covariance_m2 = [[0.04, 0.02, 0.01], [0.02, 0.09, 0.0], [0.01, 0.0, 0.25]];
+        let polled = PolledPosition::new([1.2344, -5.6, 0.0], covariance_m2, false).unwrap();
+        let Outcome::Position { position_tenth_mm, deviation_tenth_mm, correlation_127ths, .. } = polled.outcome()
+        else {
+            panic!("a position")
+        };
+        // 0.02 / (0.2 · 0.3) = 1/3 = 42.3/127, 0.01 / (0.2 · 0.5) = 0.1 = 12.7/127.
+        assert_eq!((position_tenth_mm, correlation_127ths), ([12_340, -56_000, 0], [42, 13, 0]));
+        // Codes 25 · 2⁷, 19 · 2⁸ and 31 · 2⁸ or 16 · 2⁹ sixteenths of a millimetre.
+        assert_eq!(deviation_tenth_mm, [2000, 3040, 5120]);
+        assert_eq!(PolledPosition::parse(polled.bytes()), Ok(polled));
+        assert_eq!(PolledPosition::new([f32::NAN, 0.0, 0.0], covariance_m2, false), None);
+        // Correlations of 1 of x with y and z, and of -1 of y with z, are of no covariance.
+        let mut forged = polled.bytes();
+        forged[12..15].copy_from_slice(&[127, 127, 129]);
+        assert_eq!(PolledPosition::parse(forged), Err(FrameError::Field));
+    }
 
     #[test]
     fn positions_and_distances_beyond_their_range_are_unknown() {

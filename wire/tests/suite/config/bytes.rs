@@ -2,7 +2,8 @@
 
 use baliza_wire::config::{
     Advertiser, Anchor, Beacon, Calibration, HEADER_BYTES, Identity, LoadError, MAX_BYTES, Mode, Network, Phy, Pins,
-    Record, Region, ReplyDelay, Role, Scan, Scheme, Solver, Tag, TagArea, VERSION, decode, encode, version,
+    PollContent, Record, Region, ReplyDelay, Role, Scan, Scheme, Solver, Tag, TagArea, VERSION, decode, encode,
+    version,
 };
 use proptest::collection::vec;
 use proptest::option::of;
@@ -237,7 +238,8 @@ prop_compose! {
 prop_compose! {
     fn a_tag()(
         height_m in of(-10_f32..100.0), rate in of(100..=100_000_u32), still in of(0.0..1_f64), sleep: bool,
-        anchors_per_round in 1..=8_u8, tell_distances: bool, scan in of((3..=10_240_u16, 0.0..1_f64)),
+        anchors_per_round in 1..=8_u8, tells in prop::sample::select(vec![PollContent::Nothing, PollContent::Distances, PollContent::Position]),
+        scan in of((3..=10_240_u16, 0.0..1_f64)),
         report_ranges: bool, scheme in of(prop::sample::select(&Scheme::ALL)), sigma in of(0.01_f32..1.0),
         area in of(an_area()),
     ) -> Role {
@@ -246,7 +248,7 @@ prop_compose! {
             Scan { interval_ms, window_ms: 3 + (f64::from(interval_ms - 3) * share) as u16 }
         };
         Role::Tag(Tag {
-            height_m, rate_chz: rate, still_rate_chz: still.map(slower), sleep, anchors_per_round, tell_distances,
+            height_m, rate_chz: rate, still_rate_chz: still.map(slower), sleep, anchors_per_round, tells,
             scan: scan.map(window), report_ranges, solver: Solver::Track, scheme,
             height_sigma_m: sigma.filter(|_| height_m.is_some()).unwrap_or(0.0), area,
         })

@@ -1,8 +1,8 @@
 //! Config records for tests.
 
 use baliza_wire::config::{
-    Advertiser, Anchor, Beacon, Calibration, Identity, MAX_ANCHORS, MAX_BEACONS, Mode, Network, Phy, Pins, Record,
-    Region, ReplyDelay, Role, Scan, Scheme, Solver, Tag, TagArea,
+    Advertiser, Anchor, Beacon, Calibration, Identity, MAX_ANCHORS, MAX_BEACONS, Mode, Network, Phy, Pins, PollContent,
+    Record, Region, ReplyDelay, Role, Scan, Scheme, Solver, Tag, TagArea,
 };
 
 pub const NETWORK: Network = Network {
@@ -35,7 +35,7 @@ pub fn tag() -> Record {
         still_rate_chz: Some(100),
         sleep: true,
         anchors_per_round: 4,
-        tell_distances: false,
+        tells: PollContent::Nothing,
         scan: Some(Scan { interval_ms: 100, window_ms: 50 }),
         report_ranges: true,
         solver: Solver::BWls,

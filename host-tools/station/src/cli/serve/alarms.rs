@@ -37,6 +37,7 @@ enum Kind {
     Moved,
     Uncertain,
     LowSupply,
+    Refusals,
 }
 
 impl Limiting {
@@ -54,6 +55,7 @@ impl Limiting {
                 moved: is_alarm(Kind::Moved),
                 uncertain: is_alarm(Kind::Uncertain),
                 low_supply: is_alarm(Kind::LowSupply),
+                refusals: is_alarm(Kind::Refusals),
             },
             ..StateLimits::default()
         }

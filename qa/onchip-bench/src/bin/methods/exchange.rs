@@ -4,7 +4,7 @@ use core::hint::black_box;
 
 use onchip_bench::instrument::Instrument;
 use ranging::exchange::{Action, Event, Protocol, Report};
-use ranging::native::{Anchor, AnchorConfig, Layout, Network, Rate, Scheme, Tag, TagConfig, Timing};
+use ranging::native::{Anchor, AnchorConfig, Layout, Network, PollContent, Rate, Scheme, Tag, TagConfig, Timing};
 use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, StampModel, Start};
 use semihosting::println;
 use wire::uwb::native::{Frame, Member, Message, OWNED_SYNC_SLOTS, Share, SyncFrame};
@@ -45,7 +45,7 @@ fn tag_in_network() -> (Tag, RadioInstant) {
         anchors: 4,
         rate: Rate::Greedy,
         scheme: Scheme::SingleSided,
-        tell_distances: false,
+        tells: PollContent::Nothing,
     });
     tag.calibrate(&STAMPS);
     let now = RadioInstant::from_ticks(1 << 39);
