@@ -256,16 +256,16 @@ impl RoundState {
 
     /// Whether there is anything to report: the first double-sided round has nothing yet.
     pub fn has_report(&self) -> bool {
-        self.report().asked > 0
+        self.report(0).asked > 0
     }
 
-    /// The result of the round; in double-sided ranging, of the round before. It does not know what was refused.
-    pub fn report(&self) -> Round<'_> {
+    /// The result of the round; in double-sided ranging, of the round before. `refused` frames were refused so far.
+    pub fn report(&self, refused: u32) -> Round<'_> {
         let (number, poll, asked) = match self.scheme {
             Scheme::SingleSided => (self.number, self.poll_tx, self.asked),
             Scheme::DoubleSided => (self.former.number, self.former.poll_tx, self.former.asked),
         };
-        Round { number, poll, asked, refused: 0, ranges: &self.ranges }
+        Round { number, poll, asked, refused, ranges: &self.ranges }
     }
 }
 

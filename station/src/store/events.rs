@@ -1,5 +1,6 @@
 //! Events out of the store.
 
+use sqlx::AssertSqlSafe;
 use sqlx::any::AnyRow;
 
 use super::rows::{get, name_of, real, variant};
@@ -41,11 +42,13 @@ impl Store {
                 }
             }
         };
-        let mut query = sqlx::query(
+        let asked: Vec<String> = (8..).take(ALL.len()).map(|number| format!("${number}")).collect();
+        let mut query = sqlx::query(AssertSqlSafe(format!(
             "SELECT id, t_us, site, kind, node, zone, dwell_us, alarm FROM events \
              WHERE t_us >= $1 AND t_us < $2 AND (t_us, id) < ($3, $4) AND ($5 = 0 OR site = $6) \
-             AND kind IN ($8, $9, $10, $11, $12, $13, $14) ORDER BY t_us DESC, id DESC LIMIT $7",
-        )
+             AND kind IN ({}) ORDER BY t_us DESC, id DESC LIMIT $7",
+            asked.join(", ")
+        )))
         .bind(span.from.us())
         .bind(span.to.us())
         .bind(before.0)

@@ -43,7 +43,6 @@ mod stopwatch;
 use self::schedule::Followed;
 use self::seldom::{Aim, Awaited, Nap};
 use self::stopwatch::Stopwatch;
-use super::Network;
 use super::anchor_table::{AnchorTable, Refused};
 use super::compensation::Compensation;
 use super::pace::Meter;
@@ -54,9 +53,9 @@ use super::sync::{Sync, SyncUpdate};
 use super::sync_schedule::SyncSchedule;
 use super::timing::{SYNC_SLOTS, end_of};
 use super::wake_ups::{Slept, WakeUps};
-use crate::exchange::{Action, Event, Guidance, Link, Protocol, Report, Round, RoundFix};
+use super::{Network, PollContent};
+use crate::exchange::{Action, Event, Guidance, Link, Protocol, Report, RoundFix};
 use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel, Start};
-use wire::config::PollContent;
 use wire::uwb::layout::Scheme;
 use wire::uwb::native::{Frame, Message, SyncFrame};
 use wire::uwb::{BROADCAST, FrameBuffer};
@@ -445,10 +444,12 @@ impl Tag {
         self.state = State::Idle;
         self.round.close(&mut self.anchors);
         self.note_outcomes();
-        if !self.round.has_report() {
-            return self.idle(present);
+        let refused = self.refused().total();
+        if self.round.has_report() {
+            Action::Report(Report::Round(self.round.report(refused)))
+        } else {
+            self.idle(present)
         }
-        Action::Report(Report::Round(Round { refused: self.refused().total(), ..self.round.report() }))
     }
 
     /// Nothing is in progress: reports a change of the link, or does what is next in the superframe.

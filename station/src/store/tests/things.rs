@@ -36,7 +36,7 @@ on_both! {
         let mut events = Vec::new();
         use EventKind::*;
         for (id, kind) in (1..).zip([Entered, Left, Silent, Back, Moved, Uncertain, LowSupply, Refusals]) {
-            events.push(StationEvent { alarm: id % 2 == 0, ..event(id, id * 6, kind) });
+            events.push(StationEvent { alarm: id % 2 == 0, ..event(id, id * 7, kind) });
         }
         events[2].zone = None;
         events[3].dwell_s = None;
