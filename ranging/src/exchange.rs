@@ -116,8 +116,8 @@ pub struct Round<'m> {
     pub poll: RadioInstant,
     /// Peers that were asked.
     pub asked: u8,
-    /// Frames that this protocol has received and refused so far, wrapping: they contradict what it knows of the network.
-    /// More than a few are a sign of forged frames.
+    /// Frames that this protocol had received and refused before the round, wrapping: they contradicted what it knew of
+    /// the network. More than a few are a sign of forged frames.
     pub refused: u32,
     /// The measured ranges.
     pub ranges: &'m [Range],

@@ -32,6 +32,8 @@ pub struct RoundState {
     pending: u8,
     /// How many anchors this round asks.
     asked: u8,
+    /// What the tag had refused when it began.
+    refused: u32,
     /// Responses of this round.
     answers: Vec<Answer, MAX_ROUND>,
     /// Departure of its final.
@@ -77,6 +79,7 @@ impl RoundState {
             scheme: Scheme::SingleSided,
             pending: 0,
             asked: 0,
+            refused: 0,
             answers: Vec::new(),
             final_tx: None,
             former: Former::default(),
@@ -125,6 +128,7 @@ impl RoundState {
             self.team.rotate_left(1);
         }
         self.asked = self.team.len() as u8;
+        self.refused = anchors.refused.total();
         self.ranges.clear();
         self.pending = match self.team.len() {
             0 => 0,
@@ -256,16 +260,16 @@ impl RoundState {
 
     /// Whether there is anything to report: the first double-sided round has nothing yet.
     pub fn has_report(&self) -> bool {
-        self.report(0).asked > 0
+        self.report().asked > 0
     }
 
-    /// The result of the round; in double-sided ranging, of the round before. `refused` frames were refused so far.
-    pub fn report(&self, refused: u32) -> Round<'_> {
+    /// The result of the round; in double-sided ranging, of the round before.
+    pub fn report(&self) -> Round<'_> {
         let (number, poll, asked) = match self.scheme {
             Scheme::SingleSided => (self.number, self.poll_tx, self.asked),
             Scheme::DoubleSided => (self.former.number, self.former.poll_tx, self.former.asked),
         };
-        Round { number, poll, asked, refused, ranges: &self.ranges }
+        Round { number, poll, asked, refused: self.refused, ranges: &self.ranges }
     }
 }
 

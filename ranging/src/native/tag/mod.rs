@@ -444,12 +444,7 @@ impl Tag {
         self.state = State::Idle;
         self.round.close(&mut self.anchors);
         self.note_outcomes();
-        let refused = self.refused().total();
-        if self.round.has_report() {
-            Action::Report(Report::Round(self.round.report(refused)))
-        } else {
-            self.idle(present)
-        }
+        if self.round.has_report() { Action::Report(Report::Round(self.round.report())) } else { self.idle(present) }
     }
 
     /// Nothing is in progress: reports a change of the link, or does what is next in the superframe.
