@@ -31,6 +31,7 @@ impl Memory {
 
     /// The anchor that a record describes, with the radio's driver that `radio` creates. For a record of another role
     /// the function reports the fault and returns `None`.
+    #[cold]
     pub fn anchor<R>(
         &'static self,
         node: &mut Node,

@@ -78,6 +78,7 @@ impl Node {
     /// Reports why the node started, its identity and, if so, why its record cannot be used. The node sends a hello in
     /// any case.
     #[inline(never)]
+    #[cold]
     pub fn start(memory: &'static StaticCell<Reporter>, role: Role, start: Start) -> (Self, Option<Configured>) {
         let Start { board, clock, record, eui, reset, crash } = start;
         let reporter: &_ = memory.init_with(|| Reporter::new(clock));

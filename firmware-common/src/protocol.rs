@@ -44,6 +44,7 @@ pub(crate) fn period(chz: u32) -> RadioDuration {
 
 impl TagProtocol {
     /// The protocol of a tag with these settings.
+    #[cold]
     pub fn new(settings: &Settings, tag: &wire::config::Tag) -> Self {
         let network = settings.network;
         match settings.protocol {

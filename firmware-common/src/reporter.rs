@@ -8,6 +8,7 @@ use embedded_hal_async::delay::DelayNs;
 use ranging::exchange::{Event, Polled, Report};
 use ranging::radio::Sensors;
 use wire::telemetry::{Hello, Supply, TagFix};
+use wire::uwb::native::PolledPosition;
 
 use crate::messages::range_message;
 
@@ -74,8 +75,8 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Reporter<M, BYTES, C> {
             }
             // Only a tag listens to rounds of others, and it computes positions from them.
             Report::Differences(_) => {}
-            Report::Polled(Polled { tag, round, asked, position }) => {
-                self.event_log.send(TagFix::new(now, tag, round, asked, &position));
+            Report::Polled(Polled { tag, round, asked, position: PolledPosition(position) }) => {
+                self.event_log.send(TagFix { t_us: now, tag, round, asked, position });
             }
             Report::Link(link) => self.event_log.link(now, link),
         }

@@ -56,6 +56,7 @@ impl Settings {
     ///
     /// # Errors
     /// The radio cannot do what the record says, or the short address is the broadcast address.
+    #[cold]
     pub fn of(record: &Record, chip_eui: u64) -> Result<Self, Invalid> {
         let (eui, address) = record.identity.on(chip_eui);
         if address == 0xFFFF {

@@ -19,6 +19,7 @@ impl NlosModelStore {
 
     /// Loads the classifier from flash, once in a program's run. `None` if there is none or if it is not valid: the log
     /// then gives the reason, and received powers classify links instead.
+    #[cold]
     pub fn fill(&'static self, flash: &mut impl ReadNorFlash, board: Board) -> Option<&'static NodeModel> {
         let bytes = self.bytes.init_with(|| [0; MODEL_BYTES]);
         // A node without a record has no classifier either.

@@ -73,6 +73,7 @@ impl Memory {
 
     /// The tag that a record describes, with the radio's driver that `radio` creates. For a record of another role the
     /// function reports the fault and returns `None`.
+    #[cold]
     pub fn tag<R>(
         &'static self,
         node: &mut Node,

@@ -150,21 +150,22 @@ local function add_tag_byte(tree, range, what)
     tree:add(f[what .. "_final"], range)
 end
 
-local function add_position(tree, range)
+-- Nodes do not read a position that a tag tells: nonsense in it makes no wrong frame.
+local function add_position(tree, range, is_told)
     local mm = {}
     for axis = 0, 2 do
         mm[axis] = signed(range(3 * axis, 3):le_uint(), 24)
     end
-    if mm[0] == UNKNOWN_MM and mm[1] == 0 and mm[2] == 0 then
+    local is_wrong = mm[0] == UNKNOWN_MM or mm[1] == UNKNOWN_MM or mm[2] == UNKNOWN_MM
+    if is_wrong and (is_told or mm[1] == 0 and mm[2] == 0) then
         tree:add(f.position_unknown, range, "unknown")
-        return false
-    elseif mm[0] == UNKNOWN_MM or mm[1] == UNKNOWN_MM or mm[2] == UNKNOWN_MM then
+        return
+    elseif is_wrong then
         error("a coordinate of −8388.608 m", 0)
     end
     for axis, which in ipairs({ f.x, f.y, f.z }) do
         tree:add(which, range(3 * axis - 3, 3), mm[axis - 1] / 1000)
     end
-    return true
 end
 
 -- A deviation's code, in metres.
@@ -172,26 +173,16 @@ local function deviation_m(code)
     return code == 0 and 0 or (16 + code % 16) * 2 ^ math.floor(code / 16) / 16000
 end
 
--- A position that a tag tells, with its covariance: correlations in 1/127, of a matrix that has an inverse.
+-- A position that a tag tells, with its covariance, whose correlations are in 1/127.
 local function add_tag_position(tree, reader)
-    if not add_position(tree, reader:take(9)) then
-        error("a tag's position that is unknown", 0)
-    end
+    add_position(tree, reader:take(9), true)
     for _, which in ipairs({ f.sigma_x, f.sigma_y, f.sigma_z }) do
         local range = reader:take(1)
         tree:add(which, range, deviation_m(range:uint()))
     end
-    -- In halves, with a diagonal a little shorter than 127: as the nodes reckon it.
-    local doubled, diagonal = {}, 253
-    for axis, which in ipairs({ f.rho_xy, f.rho_xz, f.rho_yz }) do
+    for _, which in ipairs({ f.rho_xy, f.rho_xz, f.rho_yz }) do
         local range = reader:take(1)
         tree:add(which, range, range:int() / 127)
-        doubled[axis] = 2 * range:int()
-    end
-    local a, b, c = table.unpack(doubled)
-    local determinant = diagonal ^ 3 + 2 * a * b * c - diagonal * (a * a + b * b + c * c)
-    if math.abs(a) >= diagonal or determinant <= 0 then
-        error("correlations of no covariance", 0)
     end
     local last = reader:take(1)
     tree:add(f.suspect, last)

@@ -75,6 +75,8 @@ pub struct Board {
 
 impl Board {
     /// Takes the board. May be called once in a program's run. From here on the log works and the watchdog runs.
+    // Done once: for size.
+    #[cold]
     pub fn take() -> Self {
         let reset = pac::RCC.csr().read().0;
         // The flags add up until they are cleared.

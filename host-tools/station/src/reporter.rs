@@ -4,7 +4,7 @@ use std::collections::{HashMap, VecDeque};
 
 use station_core::model::{Doubt, NodeRole, RangeMeasurement};
 use station_core::{ReportKind, SolvedFrom, SourceReport, Utc};
-use wire::telemetry::{self, Address, BeaconId, Fix, Message, Range, TagFix};
+use wire::telemetry::{self, Address, BeaconId, Fix, Message, Range};
 use wire::uwb::native::PolledPosition;
 
 use super::NodeClock;
@@ -33,14 +33,13 @@ struct ReceivedPolls {
 }
 
 impl ReceivedPolls {
-    /// Takes a poll with a position that was received at `t`. Returns when the position was measured, as far as the poll of
-    /// its round was received, or nothing if an earlier poll has brought it.
-    fn take(&mut self, told: &TagFix, t: Utc) -> Option<Utc> {
+    /// Takes the poll of a round, received at `t`, with a position of the round `measured`. Returns when the position was
+    /// measured, as far as the poll of its round was received, or nothing if an earlier poll has brought it.
+    fn take(&mut self, round: u16, measured: u16, t: Utc) -> Option<Utc> {
         if self.rounds.len() > PolledPosition::OLDEST.into() {
             self.rounds.pop_front();
         }
-        self.rounds.push_back((told.round, t));
-        let measured = told.fix().round;
+        self.rounds.push_back((round, t));
         if self.located.replace(measured) == Some(measured) {
             return None;
         }
@@ -217,8 +216,9 @@ mod tests {
         // A poll each 100 ms. The first one's position is of a round whose poll was not received, and 7 brings that of 5
         // again.
         let mut told = |round: u16, rounds_ago| {
-            let polled = position.of_rounds_ago(rounds_ago);
-            let message = TagFix::new(u64::from(round) * 100_000, 0x1001, round, 4, &polled).into();
+            let PolledPosition(position) = position.of_rounds_ago(rounds_ago);
+            let t_us = u64::from(round) * 100_000;
+            let message = telemetry::TagFix { t_us, tag: 0x1001, round, asked: 4, position }.into();
             let stamp = Stamp { t_s: f64::from(round) / 10.0, epoch: 0 };
             let reports = node.reports(stamp, &message, begin + Duration::from_millis(u64::from(round) * 100));
             let times = reports.iter().map(|report| (report.t.since(begin).as_millis() + 50) / 100);

@@ -119,6 +119,7 @@ struct ReportedRange {
 
 impl Anchor {
     /// An anchor that has not received any frame yet.
+    #[cold]
     pub fn new(config: AnchorConfig) -> Self {
         Self {
             config,
@@ -147,6 +148,7 @@ impl Anchor {
     }
 
     /// Nothing is known of the network and of the time any more.
+    #[cold]
     fn restart(&mut self) {
         (self.network, self.found_at, self.answer) = (None, None, None);
         self.answered.clear();

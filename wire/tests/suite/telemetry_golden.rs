@@ -89,22 +89,10 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
         sightings_dropped: 4,
         refused: 2,
     };
-    let of_tag = Outcome::Position {
-        position_tenth_mm: [12_340, -56_000, 0],
-        deviation_tenth_mm: [2000, 3040, 5120],
-        correlation_127ths: [42, 13, 0],
-        used: 0,
-        quality_255ths: 0,
-    };
-    let tag_fix = TagFix {
-        t_us: 12_345_600,
-        tag: 0x1001,
-        round: 300,
-        rounds_ago: 1,
-        asked: 4,
-        outcome: of_tag,
-        doubt: Doubt::Suspect,
-    };
+    // 1234 and -5600 mm; (16 + 9) · 2⁷, (16 + 3) · 2⁸ and 16 · 2⁹ sixteenths of a millimetre; 42/127, 13/127; 0x81: of the
+    // round before, suspect.
+    let position = [0xD2, 4, 0, 0x20, 0xEA, 0xFF, 0, 0, 0, 0x79, 0x83, 0x90, 42, 13, 0, 0x81];
+    let tag_fix = TagFix { t_us: 12_345_600, tag: 0x1001, round: 300, asked: 4, position };
     let hello = Hello {
         t_us: 1_500_000,
         eui: 0x1020_5F12_3456_7890,
@@ -300,7 +288,7 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
         (
             "tag-fix",
             Message::TagFix(tag_fix),
-            "0D 01 0A 80 C2 F1 05 81 20 AC 02 01 04 07 E8 C0 01 FF EA 06 09 D0 0F E0 17 80 28 2A 0D 01 01 04 01 41 CC 00",
+            "0E 01 0A 80 C2 F1 05 81 20 AC 02 04 D2 04 04 20 EA FF 01 01 06 79 83 90 2A 0D 04 81 9C 77 00",
             "{'type':'tag-fix','t_s':12.3456,'tag':'0x1001','round':299,'rounds_ago':1,'asked':4,'x_m':1.234,'y_m':-5.6,\
              'z_m':0.0,'sigma_x_m':0.2,'sigma_y_m':0.304,'sigma_z_m':0.512,'covariance_m2':[[0.04,0.020107087,0.01048189],[0.020107087,0.092416,0.0],[0.01048189,0.0,0.262144]],'flag':'suspect'}",
         ),

@@ -12,7 +12,7 @@ use crate::telemetry::{Address, Body, Tone};
 use crate::uwb::native::PolledPosition;
 
 /// The position of a tag, as an anchor received it in the tag's poll: a site's tags need no cable where one of its
-/// anchors has one.
+/// anchors has one. The anchor passes the bytes on; the host reads them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TagFix {
@@ -22,40 +22,41 @@ pub struct TagFix {
     pub tag: u16,
     /// The round of the poll, as the tag counts it.
     pub round: u16,
-    /// How many rounds before that of the poll the position was measured.
-    pub rounds_ago: u8,
     /// Anchors that the poll asked.
     pub asked: u8,
-    /// The position; which ranges were used is not known.
-    pub outcome: Outcome,
-    /// Nothing, or that it is suspect: a poll has no room for another place.
-    pub doubt: Doubt,
+    /// The position as the poll carries it.
+    pub position: [u8; PolledPosition::BYTES],
 }
 
 impl TagFix {
-    /// The message of a position in a poll, which was received at `t_us` and asked this many anchors.
-    pub fn new(t_us: u64, tag: u16, round: u16, asked: u8, polled: &PolledPosition) -> Self {
-        let doubt = if polled.is_suspect { Doubt::Suspect } else { Doubt::None };
-        Self { t_us, tag, round, rounds_ago: polled.rounds_ago, asked, outcome: polled.outcome(), doubt }
+    /// How many rounds before that of the poll the position was measured.
+    pub const fn rounds_ago(&self) -> u8 {
+        PolledPosition(self.position).rounds_ago()
     }
 
-    /// The tag's own fix, as far as its poll says it.
-    pub fn fix(&self) -> Fix {
-        let round = self.round.wrapping_sub(self.rounds_ago.into());
-        let Self { t_us, asked, outcome, doubt, .. } = *self;
-        Fix { t_us, round, age_us: 0, asked, outcome, solver: Solver::Unknown, doubt }
+    /// The tag's own fix, as far as its poll says it: which ranges were used is not known, and of a suspect position
+    /// whether another place fits. `None` if the bytes are of no position.
+    pub fn fix(&self) -> Option<Fix> {
+        let position = PolledPosition(self.position);
+        let outcome = position.outcome().ok()?;
+        let round = self.round.wrapping_sub(position.rounds_ago().into());
+        let doubt = if position.is_suspect() { Doubt::Suspect } else { Doubt::None };
+        let Self { t_us, asked, .. } = *self;
+        Some(Fix { t_us, round, age_us: 0, asked, outcome, solver: Solver::Unknown, doubt })
     }
 }
 
 impl fmt::Display for TagFix {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let tag = Address(self.tag);
-        let Outcome::Position { position_tenth_mm, deviation_tenth_mm, .. } = self.outcome else {
-            return write!(out, "{tag} none");
+        let Some(Fix { outcome: Outcome::Position { position_tenth_mm, deviation_tenth_mm, .. }, doubt, .. }) =
+            self.fix()
+        else {
+            return write!(out, "{tag} no position");
         };
         let [x, y, z] = position_tenth_mm.map(Centimetres::of_tenth_mm);
-        let (deviation, ago) = (deviation_in_space(deviation_tenth_mm), self.rounds_ago);
-        write!(out, "{tag} x={x} y={y} z={z} ±{deviation} m, {ago} rounds ago{}", self.doubt)
+        let (deviation, ago) = (deviation_in_space(deviation_tenth_mm), self.rounds_ago());
+        write!(out, "{tag} x={x} y={y} z={z} ±{deviation} m, {ago} rounds ago{doubt}")
     }
 }
 
@@ -69,13 +70,13 @@ impl Body for TagFix {
 
     #[cfg(feature = "host")]
     fn json(&self) -> serde_json::Value {
-        let mut of_fix = self.fix().json();
+        let mut of_fix = self.fix().map_or(serde_json::Value::Null, |fix| fix.json());
         let mut take = |key: &str| of_fix.get_mut(key).map_or(serde_json::Value::Null, serde_json::Value::take);
         serde_json::json!({
             "tag": std::format!("{}", Address(self.tag)),
             "round": take("round"),
-            "rounds_ago": self.rounds_ago,
-            "asked": take("asked"),
+            "rounds_ago": self.rounds_ago(),
+            "asked": self.asked,
             "x_m": take("x_m"),
             "y_m": take("y_m"),
             "z_m": take("z_m"),

@@ -289,7 +289,7 @@ impl Poll {
                 };
             }
         }
-        let position = if options == WITH_POSITION { Some(PolledPosition::parse(reader.take()?)?) } else { None };
+        let position = if options == WITH_POSITION { Some(PolledPosition(reader.take()?)) } else { None };
         reader.end()?;
         if anchors.is_empty() { Err(FrameError::Field) } else { Ok(Self { round, wish, anchors, position }) }
     }
@@ -317,7 +317,7 @@ impl Poll {
             out.put(&units.to_le_bytes());
         }
         if let Some(position) = position {
-            out.put(&position.bytes());
+            out.put(&position.0);
         }
     }
 }

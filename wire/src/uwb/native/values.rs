@@ -121,77 +121,78 @@ impl Position {
     }
 }
 
-/// A tag's position in its poll: what an anchor needs for a fix of that tag in its telemetry.
+/// A tag's position in its poll, as its bytes, which anchors pass on to their hosts. No node reads them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct PolledPosition {
-    position: Position,
-    /// Codes of the deviations.
-    deviations: [u8; 3],
-    correlation_127ths: [i8; 3],
-    /// Its ranges contradict each other, or another place fits them, too.
-    pub is_suspect: bool,
-    /// How many rounds before that of the poll it was measured, at most [`PolledPosition::OLDEST`].
-    pub rounds_ago: u8,
-}
+pub struct PolledPosition(pub [u8; PolledPosition::BYTES]);
 
 impl PolledPosition {
+    /// Its length on the air.
+    pub const BYTES: usize = 16;
     /// The most rounds ago.
     pub const OLDEST: u8 = 127;
     const SUSPECT: u8 = 0x80;
 
-    /// A position, metres, with its covariance, m², of the round before the poll's. `None` for a position that is not a
-    /// number or beyond 8388 m.
+    /// A position, metres, with its covariance, m², of the round before the poll's. It is suspect if its ranges contradict
+    /// each other, or another place fits them, too. `None` for a position that is not a number or beyond 8388 m.
+    #[inline(never)]
     pub fn new(position_m: [f32; 3], covariance_m2: [[f32; 3]; 3], is_suspect: bool) -> Option<Self> {
-        let position = Position::from_metres(position_m)?;
-        match Outcome::position(position_m, covariance_m2, 0, 0.0) {
-            Outcome::Position { deviation_tenth_mm, correlation_127ths, .. } => Some(Self {
-                position,
-                deviations: deviation_tenth_mm.map(deviation_code),
-                correlation_127ths,
-                is_suspect,
-                rounds_ago: 1,
-            }),
-            Outcome::Reason(_) => None,
+        let outcome = Outcome::position(position_m, covariance_m2, 0, 0.0);
+        let Outcome::Position { position_tenth_mm, deviation_tenth_mm, correlation_127ths, .. } = outcome else {
+            return None;
+        };
+        let mut bytes = [0; Self::BYTES];
+        let (places, rest) = bytes.split_at_mut(9);
+        let (deviations, rest) = rest.split_at_mut(3);
+        for (place, tenth_mm) in places.as_chunks_mut().0.iter_mut().zip(position_tenth_mm) {
+            let mm = (tenth_mm / 5 + tenth_mm.signum()) / 2;
+            if mm.unsigned_abs() >= Position::LIMIT.unsigned_abs() {
+                return None;
+            }
+            let [low, middle, high, _] = mm.to_le_bytes();
+            *place = [low, middle, high];
         }
+        for (code, tenth_mm) in deviations.iter_mut().zip(deviation_tenth_mm) {
+            *code = deviation_code(tenth_mm);
+        }
+        for (byte, of_127) in rest.iter_mut().zip(correlation_127ths) {
+            *byte = of_127 as u8;
+        }
+        bytes[Self::BYTES - 1] = if is_suspect { Self::SUSPECT | 1 } else { 1 };
+        Some(Self(bytes))
     }
 
-    /// The same, of this many rounds before the poll's.
-    pub const fn of_rounds_ago(self, rounds_ago: u8) -> Self {
-        Self { rounds_ago, ..self }
+    /// The same, of this many rounds before the poll's, at most [`PolledPosition::OLDEST`].
+    pub const fn of_rounds_ago(mut self, rounds_ago: u8) -> Self {
+        self.0[15] = self.0[15] & Self::SUSPECT | rounds_ago & Self::OLDEST;
+        self
+    }
+
+    /// How many rounds before that of the poll it was measured.
+    pub const fn rounds_ago(self) -> u8 {
+        self.0[15] & Self::OLDEST
+    }
+
+    /// Whether it is suspect.
+    pub const fn is_suspect(self) -> bool {
+        self.0[15] & Self::SUSPECT != 0
     }
 
     /// As the outcome of a round, whose ranges are not known here.
-    pub fn outcome(&self) -> Outcome {
-        Outcome::Position {
-            position_tenth_mm: self.position.0.map(|mm| mm * 10),
-            deviation_tenth_mm: self.deviations.map(deviation_tenth_mm),
-            correlation_127ths: self.correlation_127ths,
-            used: 0,
-            quality_255ths: 0,
-        }
-    }
-
-    #[inline]
-    pub(super) fn parse(bytes: [u8; 16]) -> Result<Self, FrameError> {
-        let [place @ .., dx, dy, dz, xy, xz, yz, last] = bytes;
+    ///
+    /// # Errors
+    /// The bytes are of no position, or of no covariance.
+    pub fn outcome(self) -> Result<Outcome, FrameError> {
+        let [place @ .., dx, dy, dz, xy, xz, yz, _] = self.0;
         let correlation_127ths = [xy, xz, yz].map(|byte| byte as i8);
         let position = Position::parse(place)?.filter(|_| is_definite(correlation_127ths));
-        Ok(Self {
-            position: position.ok_or(FrameError::Field)?,
-            deviations: [dx, dy, dz],
+        Ok(Outcome::Position {
+            position_tenth_mm: position.ok_or(FrameError::Field)?.0.map(|mm| mm * 10),
+            deviation_tenth_mm: [dx, dy, dz].map(deviation_tenth_mm),
             correlation_127ths,
-            is_suspect: last & Self::SUSPECT != 0,
-            rounds_ago: last & !Self::SUSPECT,
+            used: 0,
+            quality_255ths: 0,
         })
-    }
-
-    #[inline]
-    pub(super) fn bytes(&self) -> [u8; 16] {
-        let [a, b, c, d, e, f, g, h, i] = Position::bytes(Some(self.position));
-        let ([dx, dy, dz], [xy, xz, yz]) = (self.deviations, self.correlation_127ths.map(|of_127| of_127 as u8));
-        let suspect = if self.is_suspect { Self::SUSPECT } else { 0 };
-        [a, b, c, d, e, f, g, h, i, dx, dy, dz, xy, xz, yz, self.rounds_ago.min(Self::OLDEST) | suspect]
     }
 }
 
@@ -202,9 +203,14 @@ fn deviation_tenth_mm(code: u8) -> u32 {
 
 /// The least code that is not less than a deviation in 0.1 mm; the greatest is 63 m.
 fn deviation_code(tenth_mm: u32) -> u8 {
-    // Sixteen codes reach from 2^e to nearly 2^(e + 1) mm.
-    let start = (tenth_mm / 10).checked_ilog2().unwrap_or(0).min(15) as u8 * 16;
-    (start..u8::MAX).find(|code| deviation_tenth_mm(*code) >= tenth_mm).unwrap_or(u8::MAX)
+    if tenth_mm == 0 {
+        return 0;
+    }
+    // In sixteenths of a millimetre, rounded up as the significand is: one that becomes 32 is 16 of the next exponent.
+    let sixteenths = (tenth_mm.min(634_880) * 8).div_ceil(5).max(16);
+    let exponent = sixteenths.ilog2() - 4;
+    let code = 16 * exponent + sixteenths.div_ceil(1 << exponent) - 16;
+    code.max(1) as u8
 }
 
 #[cfg(test)]
@@ -227,7 +233,7 @@ mod tests {
     fn a_position_comes_back_as_an_outcome() {
         let covariance_m2 = [[0.04, 0.02, 0.01], [0.02, 0.09, 0.0], [0.01, 0.0, 0.25]];
         let polled = PolledPosition::new([1.2344, -5.6, 0.0], covariance_m2, false).unwrap();
-        let Outcome::Position { position_tenth_mm, deviation_tenth_mm, correlation_127ths, .. } = polled.outcome()
+        let Ok(Outcome::Position { position_tenth_mm, deviation_tenth_mm, correlation_127ths, .. }) = polled.outcome()
         else {
             panic!("a position")
         };
@@ -235,12 +241,13 @@ mod tests {
         assert_eq!((position_tenth_mm, correlation_127ths), ([12_340, -56_000, 0], [42, 13, 0]));
         // Codes 25 · 2⁷, 19 · 2⁸ and 31 · 2⁸ or 16 · 2⁹ sixteenths of a millimetre.
         assert_eq!(deviation_tenth_mm, [2000, 3040, 5120]);
-        assert_eq!(PolledPosition::parse(polled.bytes()), Ok(polled));
-        assert_eq!(PolledPosition::new([f32::NAN, 0.0, 0.0], covariance_m2, false), None);
+        for nowhere in [f32::NAN, 8388.7, -9000.0] {
+            assert_eq!(PolledPosition::new([0.0, nowhere, 0.0], covariance_m2, false), None, "{nowhere}");
+        }
         // Correlations of 1 of x with y and z, and of -1 of y with z, are of no covariance.
-        let mut forged = polled.bytes();
-        forged[12..15].copy_from_slice(&[127, 127, 129]);
-        assert_eq!(PolledPosition::parse(forged), Err(FrameError::Field));
+        let mut forged = polled;
+        forged.0[12..15].copy_from_slice(&[127, 127, 129]);
+        assert_eq!(forged.outcome(), Err(FrameError::Field));
     }
 
     #[test]
