@@ -69,12 +69,12 @@ impl NodeReporter {
         }
         let Some(address) = self.address else { return Vec::new() };
         if let Message::TagFix(told) = message {
-            let measured = self.polls.entry(told.tag).or_default().take(told, t);
-            let what = fix_report(Address(told.tag).to_string(), &told.fix());
-            return measured
-                .into_iter()
-                .map(|t| SourceReport { t, site: self.site.clone(), what: what.clone() })
-                .collect();
+            let Some(fix) = told.fix() else { return Vec::new() };
+            let Some(t) = self.polls.entry(told.tag).or_default().take(told.round, fix.round, t) else {
+                return Vec::new();
+            };
+            let what = fix_report(Address(told.tag).to_string(), &fix);
+            return vec![SourceReport { t, site: self.site.clone(), what }];
         }
         let tag = Address(address).to_string();
         let whats = match message {

@@ -91,8 +91,8 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
     };
     // 1234 and -5600 mm; (16 + 9) · 2⁷, (16 + 3) · 2⁸ and 16 · 2⁹ sixteenths of a millimetre; 42/127, 13/127; 0x81: of the
     // round before, suspect.
-    let position = [0xD2, 4, 0, 0x20, 0xEA, 0xFF, 0, 0, 0, 0x79, 0x83, 0x90, 42, 13, 0, 0x81];
-    let tag_fix = TagFix { t_us: 12_345_600, tag: 0x1001, round: 300, asked: 4, position };
+    let told = [0xD2, 4, 0, 0x20, 0xEA, 0xFF, 0, 0, 0, 0x79, 0x83, 0x90, 42, 13, 0, 0x81];
+    let tag_fix = TagFix { t_us: 12_345_600, tag: 0x1001, round: 300, asked: 4, position: told };
     let hello = Hello {
         t_us: 1_500_000,
         eui: 0x1020_5F12_3456_7890,

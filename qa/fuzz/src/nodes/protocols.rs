@@ -3,7 +3,7 @@
 
 use ranging::decaranging::{self, INIT_DELAY};
 use ranging::exchange::{Action, Event, Protocol, Report};
-use ranging::native::{self, Network, Rate, ReplyDelay, Scheme};
+use ranging::native::{self, Network, PollContent, Rate, ReplyDelay, Scheme};
 use ranging::{Diagnostics, Pace, PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel, Start};
 use wire::uwb::decaranging::Variant;
 
