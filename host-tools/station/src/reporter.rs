@@ -177,21 +177,18 @@ mod tests {
         assert_eq!(whats, [ReportKind::Sighting { tag, beacon, rssi_dbm: -67.0 }]);
     }
 
+    fn hello(address: u16, role: telemetry::Role) -> Message {
+        let board = telemetry::Board::Dwm1001;
+        telemetry::Hello { t_us: 1, eui: 7, address, role, board, build: [0; 8] }.into()
+    }
+
     #[test]
     fn tags_say_what_they_refused_and_anchors_do_not() {
         let refused = |role| {
-            let hello = telemetry::Hello {
-                t_us: 1,
-                eui: 7,
-                address: 0x1001,
-                role,
-                board: telemetry::Board::Dwm1001,
-                build: [0; 8],
-            };
             let counters = telemetry::Counters { t_us: 2, refused: 12, ..telemetry::Counters::default() };
             let mut node = NodeReporter::new("hall");
             let mut reports = |message| node.reports(Stamp { t_s: 0.0, epoch: 0 }, &message, Utc::now());
-            reports(hello.into());
+            reports(hello(0x1001, role));
             reports(counters.into()).into_iter().map(|report| report.what).collect::<Vec<_>>()
         };
         let expected = ReportKind::Refusals { tag: "0x1001".to_owned(), frames: 12 };
@@ -201,17 +198,9 @@ mod tests {
 
     #[test]
     fn an_anchor_tells_the_positions_of_tags_when_they_were_measured() {
-        let hello = telemetry::Hello {
-            t_us: 1,
-            eui: 7,
-            address: 0x0101,
-            role: telemetry::Role::Anchor,
-            board: telemetry::Board::Dwm1001,
-            build: [0; 8],
-        };
         let mut node = NodeReporter::new("hall");
         let begin = Utc::now();
-        node.reports(Stamp { t_s: 0.0, epoch: 0 }, &hello.into(), begin);
+        node.reports(Stamp { t_s: 0.0, epoch: 0 }, &hello(0x0101, telemetry::Role::Anchor), begin);
         let position = PolledPosition::new([1.0, 2.0, 0.5], [[0.01, 0.0, 0.0]; 3], false).unwrap();
         // A poll each 100 ms. The first one's position is of a round whose poll was not received, and 7 brings that of 5
         // again.

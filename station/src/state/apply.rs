@@ -189,8 +189,7 @@ impl LiveState {
         };
         let is_new = supply.volts != Some(supply_v);
         if supply.take(supply_v, low_v) {
-            let new = NewEvent::of(EventKind::LowSupply, &self.limits.alarms);
-            updates.push(Update::Event(event(&mut self.last_event, t, site, node, new)));
+            self.happened_to(t, site, node, EventKind::LowSupply, updates);
         }
         self.is_changed |= is_new;
         Some(())
@@ -199,10 +198,15 @@ impl LiveState {
     /// A tag has refused frames.
     fn refusals(&mut self, t: Utc, site: &str, tag: &str, frames: u32, updates: &mut Vec<Update>) -> Option<()> {
         if self.reporting_tag(t, site, tag, updates)?.refusals.take(t, frames) {
-            let new = NewEvent::of(EventKind::Refusals, &self.limits.alarms);
-            updates.push(Update::Event(event(&mut self.last_event, t, site, tag, new)));
+            self.happened_to(t, site, tag, EventKind::Refusals, updates);
         }
         Some(())
+    }
+
+    /// An event of a tag or an anchor, without a zone.
+    fn happened_to(&mut self, t: Utc, site: &str, node: &str, kind: EventKind, updates: &mut Vec<Update>) {
+        let new = NewEvent::of(kind, &self.limits.alarms);
+        updates.push(Update::Event(event(&mut self.last_event, t, site, node, new)));
     }
 
     /// A tag received a beacon.

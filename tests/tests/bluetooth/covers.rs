@@ -63,10 +63,12 @@ fn a_tag_goes_out_of_the_anchors_cover_into_the_beacons_and_back() {
     let found: Vec<_> = run
         .epochs(TAG)
         .filter_map(|(t_s, epoch)| {
-            let [sigma_m, ..] = epoch.fix.deviation_m()?;
-            // The deviation of an ambiguous position reaches to the other place.
-            let is_honest = sigma_m < 1.0 || epoch.fix.doubt.alternative_m().is_some();
-            Some((t_s, epoch.source(), is_honest, epoch.error_m()?))
+            let ([sigma_m, ..], [x_m, ..]) = (epoch.fix.deviation_m()?, epoch.fix.position_m()?);
+            // The variance of an ambiguous position has a part that reaches to the other place, which is no likelier:
+            // at most half the square of its distance. The rest is the position's own.
+            let apart_m = epoch.fix.doubt.alternative_m().map_or(0.0, |[other_x_m, ..]| other_x_m - x_m);
+            let own_sigma_m = (sigma_m * sigma_m - apart_m * apart_m / 2.0).max(0.0).sqrt();
+            Some((t_s, epoch.source(), own_sigma_m, epoch.error_m()?))
         })
         .collect();
     let gap = found.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(0.0, f64::max);
@@ -76,7 +78,7 @@ fn a_tag_goes_out_of_the_anchors_cover_into_the_beacons_and_back() {
     // their other side fits as well.
     let left = found.windows(2).filter(|pair| (pair[0].1, pair[1].1) == (Source::Anchors, Source::Beacons));
     let first: Vec<_> = left.map(|pair| (pair[1].3, pair[1].2)).collect();
-    assert!(!first.is_empty() && first.iter().all(|(error_m, is_honest)| *error_m < 1.0 && *is_honest), "{first:?}");
+    assert!(!first.is_empty() && first.iter().all(|(error_m, sigma_m)| *error_m < 1.0 && *sigma_m < 1.0), "{first:?}");
     // A track by beacons does not spoil the first ranges.
     let by_anchors = found.iter().filter(|(t_s, source, ..)| *t_s > 5.0 && *source == Source::Anchors);
     let greatest_m = by_anchors.map(|(.., error_m)| *error_m).fold(0.0, f64::max);
