@@ -26,6 +26,46 @@ pub trait ClockedSpi: SpiDevice {
     fn set_clock(&mut self, clock: SpiClock) -> Result<(), Self::Error>;
 }
 
+/// Edges one, two, four and eight bits apart.
+const PATTERN: u64 = 0xAA55_33CC_0FF0_00FF;
+
+/// The fastest clock, MHz, at which the chip returns what was written to it: `wanted`, or as many halves of it as its
+/// wires demand, but not less than `sure`. For boards whose wires may be too long: call it when the driver first asks
+/// for the fast clock. The register that it uses, EUI, is written after that.
+///
+/// `exchange` makes one transaction at a clock: it sends the bytes, and replaces them by what it receives.
+///
+/// # Errors
+/// If an exchange fails.
+pub fn fastest_clock<E>(
+    wanted: u32,
+    sure: u32,
+    mut exchange: impl FnMut(u32, &mut [u8]) -> Result<(), E>,
+) -> Result<u32, E> {
+    let mut mhz = wanted;
+    while mhz > sure && !returns(|bytes| exchange(mhz, bytes))? {
+        mhz /= 2;
+    }
+    Ok(mhz.max(sure))
+}
+
+/// Whether the chip returns 64 patterns.
+fn returns<E>(mut exchange: impl FnMut(&mut [u8]) -> Result<(), E>) -> Result<bool, E> {
+    const EUI: u8 = 0x01;
+    const WRITE: u8 = 0x80;
+    for shift in 0..u64::BITS {
+        let pattern = PATTERN.rotate_left(shift).to_le_bytes();
+        let (mut written, mut read) = ([EUI | WRITE; 9], [EUI; 9]);
+        written[1..].copy_from_slice(&pattern);
+        exchange(&mut written)?;
+        exchange(&mut read)?;
+        if read[1..] != pattern {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
 /// The line that resets the chip. It is pulled low or left floating, never driven high (DW1000 data sheet, RSTn).
 pub trait ResetLine {
     /// Pulls the line low.

@@ -132,7 +132,7 @@ mod tests;
 
 use embedded_hal_async::{delay::DelayNs, digital::Wait};
 
-pub use bus::{ClockedSpi, ResetLine, SpiClock, Traffic};
+pub use bus::{ClockedSpi, ResetLine, SpiClock, Traffic, fastest_clock};
 pub use configuration::{DEFAULT_ANTENNA_DELAY, default_antenna_delay};
 pub use sleep::{Wake, WakeBy};
 

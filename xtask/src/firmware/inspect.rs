@@ -9,7 +9,8 @@ use object::read::{Object, ObjectSection, ObjectSymbol};
 use object::{File, SectionFlags, elf};
 use wire::config::Memory;
 
-use super::matrix::Platform;
+use super::fast_code;
+use super::matrix::NodeImage;
 
 /// The magic word of an ESP app descriptor.
 const APP_DESCRIPTOR: u32 = 0xABCD_5432;
@@ -71,15 +72,15 @@ pub fn sections(file: &Path) -> Result<Sections> {
     Ok(sizes)
 }
 
-/// Reads an image for `platform`, and checks its landmarks.
+/// Reads an image's file, and checks its landmarks.
 ///
 /// # Errors
-/// The file cannot be read, is no ELF file, or lacks something that the platform needs.
-pub fn inspect(file: &Path, platform: Platform) -> Result<Takes> {
+/// The file cannot be read, is no ELF file, or lacks something that its platform needs.
+pub fn inspect(file: &Path, image: &NodeImage) -> Result<Takes> {
     let bytes = fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
     let elf = parse(file, &bytes)?;
-    check(&elf, platform).with_context(|| file.display().to_string())?;
-    Ok(takes(&elf, platform.memory()))
+    check(&elf, image).with_context(|| file.display().to_string())?;
+    Ok(takes(&elf, image.platform.memory()))
 }
 
 fn parse<'b>(file: &Path, bytes: &'b [u8]) -> Result<File<'b>> {
@@ -110,7 +111,8 @@ fn takes(elf: &File<'_>, memory: Memory) -> Takes {
     Takes { flash: flash_of(elf), ram, heap, stack }
 }
 
-fn check(elf: &File<'_>, platform: Platform) -> Result<()> {
+fn check(elf: &File<'_>, image: &NodeImage) -> Result<()> {
+    let platform = image.platform;
     let memory = platform.memory();
     let (ram_origin, ram_bytes) = (u64::from(memory.ram.0), u64::from(memory.ram.1));
     let ram = ram_origin..=ram_origin + ram_bytes;
@@ -141,6 +143,9 @@ fn check(elf: &File<'_>, platform: Platform) -> Result<()> {
         let descriptor = address(elf, "esp_app_desc").context("no app descriptor")?;
         let magic = at(elf, descriptor).context("the app descriptor is in no section")?;
         ensure!(magic == APP_DESCRIPTOR, "the app descriptor begins with {magic:#x}");
+        if image.ranges() {
+            fast_code::check(elf, memory)?;
+        }
     }
     match address(elf, "_SEGGER_RTT") {
         Some(block) => ensure!(ram.contains(&block), "the RTT control block is at {block:#x}, outside the RAM"),

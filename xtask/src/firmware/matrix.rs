@@ -65,6 +65,13 @@ pub struct NodeImage {
     pub budget: ImageBudget,
 }
 
+impl NodeImage {
+    /// Whether it ranges: a beacon's does not.
+    pub fn ranges(&self) -> bool {
+        self.binary != "beacon"
+    }
+}
+
 /// The greatest size of an image, bytes; a value without a budget is printed but not checked.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ImageBudget {

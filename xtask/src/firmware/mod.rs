@@ -2,6 +2,7 @@
 //! budget. The images are left in `target/firmware`.
 
 pub mod expected;
+mod fast_code;
 mod hex;
 pub mod inspect;
 mod matrix;
@@ -193,7 +194,7 @@ fn build(image: &NodeImage, toolchain: &Toolchain) -> Result<PathBuf> {
 
 /// Checks that the board can start the image, and returns its memory use.
 fn inspect(image: &NodeImage, elf: &Path) -> Result<Takes> {
-    let mut takes = inspect::inspect(elf, image.platform)?;
+    let mut takes = inspect::inspect(elf, image)?;
     if let Some(chip) = image.platform.espflash_chip() {
         takes.flash = espflash_image(elf, chip)?;
     }

@@ -3,7 +3,7 @@
 use core::pin::Pin;
 use core::task::{Context, Poll};
 
-use baliza_dw1000::driver::{ClockedSpi, ResetLine, SpiClock};
+use baliza_dw1000::driver::{ClockedSpi, ResetLine, SpiClock, fastest_clock};
 use embedded_hal::delay::DelayNs as _;
 use embedded_hal_async::spi::{ErrorType, Operation, SpiDevice};
 use esp_hal::Blocking;
@@ -39,12 +39,15 @@ impl Port {
         let reset = Output::new(pin(pins.reset), Level::High, floating);
         // The line is low while the DW1000 has no power.
         let irq = Input::new(pin(pins.irq), InputConfig::default().with_pull(Pull::Down));
-        let clock = |mhz| Config::default().with_frequency(Rate::from_mhz(mhz)).with_mode(Mode::_0);
         let slow = clock(SLOW_MHZ);
         let spi = Spi::new(self.0, slow).expect("2 MHz is a fraction of the chip's clock");
         let spi = spi.with_sck(pin(pins.sck)).with_mosi(pin(pins.mosi)).with_miso(pin(pins.miso));
-        (Bus { spi, select, slow, fast: clock(fast_mhz) }, irq, Reset(reset))
+        (Bus { spi, select, slow, fast: clock(fast_mhz), unproven_mhz: Some(fast_mhz) }, irq, Reset(reset))
     }
+}
+
+fn clock(mhz: u32) -> Config {
+    Config::default().with_frequency(Rate::from_mhz(mhz)).with_mode(Mode::_0)
 }
 
 /// SPI with the DW1000's chip select.
@@ -58,6 +61,8 @@ pub struct Bus {
     select: Output<'static>,
     slow: Config,
     fast: Config,
+    /// The fast clock until the chip was seen to return what was written to it.
+    unproven_mhz: Option<u32>,
 }
 
 impl Bus {
@@ -83,6 +88,27 @@ impl Bus {
                 Ok(())
             }
         }
+    }
+}
+
+impl Bus {
+    fn apply(&mut self, config: &Config) -> Result<(), Error> {
+        self.spi.apply_config(config).map_err(|_| Error::Unsupported)
+    }
+
+    /// Takes the fastest clock that the wires carry.
+    #[cold]
+    fn prove(&mut self, wanted_mhz: u32) -> Result<(), Error> {
+        let mhz = fastest_clock(wanted_mhz, SLOW_MHZ, |mhz, bytes| {
+            self.apply(&clock(mhz))?;
+            self.transact(&mut [Operation::TransferInPlace(bytes)])
+        })?;
+        if mhz < wanted_mhz {
+            defmt::warn!("SPI: wrong answers at {} MHz; {} MHz from here on: shorten the wires", wanted_mhz, mhz);
+        }
+        self.fast = clock(mhz);
+        self.unproven_mhz = None;
+        Ok(())
     }
 }
 
@@ -115,11 +141,14 @@ impl Future for Transaction<'_, '_, '_> {
 impl ClockedSpi for Bus {
     #[inline(never)]
     fn set_clock(&mut self, clock: SpiClock) -> Result<(), Error> {
+        if let (SpiClock::Fast, Some(mhz)) = (clock, self.unproven_mhz) {
+            self.prove(mhz)?;
+        }
         let config = match clock {
-            SpiClock::Slow => &self.slow,
-            SpiClock::Fast => &self.fast,
+            SpiClock::Slow => self.slow,
+            SpiClock::Fast => self.fast,
         };
-        self.spi.apply_config(config).map_err(|_| Error::Unsupported)
+        self.apply(&config)
     }
 }
 

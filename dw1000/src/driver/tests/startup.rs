@@ -3,7 +3,8 @@
 use embassy_futures::block_on;
 
 use super::double::*;
-use crate::driver::{Dw1000, Error, SpiClock};
+use crate::driver::{Dw1000, Error, SpiClock, fastest_clock};
+use core::convert::Infallible;
 use radio::{Config, FrameFilter, PhyConfig, Radio, RadioInstant, TxPower};
 
 fn uninitialised() -> (Driver, Bus) {
@@ -168,4 +169,44 @@ fn filter_address_power_and_trim_reach_the_chip() {
     }
     block_on(radio.set_address(0xABCD, 0x0042)).unwrap();
     assert_eq!(bus.seen(), [write(&[0x83, 0x42, 0x00, 0xCD, 0xAB])]);
+}
+
+/// The fastest clock of a chip whose answers arrive a bit late above `late_mhz`, and lose a one between zeros, which is
+/// the shortest pulse, above `weak_mhz`.
+fn fastest_on_wires(late_mhz: u32, weak_mhz: u32) -> u32 {
+    let mut eui = [0; 8];
+    let exchange = |mhz, bytes: &mut [u8]| {
+        match bytes[0] {
+            0x81 => eui.copy_from_slice(&bytes[1..]),
+            0x01 => {
+                let mut answer = u64::from_be_bytes(eui);
+                if mhz > weak_mhz {
+                    answer &= answer << 1 | answer >> 1;
+                }
+                if mhz > late_mhz {
+                    answer >>= 1;
+                }
+                bytes[1..].copy_from_slice(&answer.to_be_bytes());
+            }
+            other => panic!("no other register than EUI may be touched: {other:#x}"),
+        }
+        Ok::<_, Infallible>(())
+    };
+    let Ok(mhz) = fastest_clock(20, 2, exchange);
+    mhz
+}
+
+#[test]
+fn wires_that_are_too_long_get_a_slower_clock() {
+    assert_eq!(fastest_on_wires(20, 20), 20);
+    assert_eq!(fastest_on_wires(19, 20), 10);
+    assert_eq!(fastest_on_wires(20, 9), 5);
+    // Below 5 MHz there is the clock that the chip was identified at.
+    assert_eq!(fastest_on_wires(4, 4), 2);
+    assert_eq!(fastest_on_wires(0, 0), 2);
+}
+
+#[test]
+fn a_bus_that_fails_is_no_slow_bus() {
+    assert_eq!(fastest_clock(20, 2, |_, _| Err("unplugged")), Err("unplugged"));
 }
