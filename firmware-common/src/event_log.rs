@@ -11,7 +11,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use ranging::exchange::Link;
 use wire::telemetry::log::{self, Line};
-use wire::telemetry::{Body, Condition, Fix, FixLine, Hello, Message, Queue, State};
+use wire::telemetry::{Body, Condition, Fix, FixLine, Hello, MAX_FRAME, Message, Queue, State, encode};
 
 use crate::Counts;
 use crate::lines::LinePace;
@@ -46,8 +46,10 @@ impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
 
     /// Sends an event that has no line in the log: only the telemetry frame.
     pub fn send(&self, body: impl Into<Message>) {
-        let message = body.into();
-        self.queue.lock(|queue| queue.borrow_mut().push(&message));
+        let mut frame = [0; MAX_FRAME];
+        let frame = encode(&body.into(), &mut frame);
+        // On a chip no interrupt is served while the queue is locked: not while a frame is made.
+        self.queue.lock(|queue| queue.borrow_mut().push(frame));
     }
 
     /// Sends the result of a round in which `answered` anchors answered. The log gets a line as well if its last such

@@ -7,8 +7,9 @@
 //!
 //! There are two priorities. **Ranging** (the high one) is the code that drives the chip: its charges, its
 //! transactions, during which the processor does not sleep, and the interrupts that wake it. **The background** is
-//! everything else ([`Processor::background`]). It continues only while ranging does nothing. [Interrupts of a
-//! Bluetooth controller](Processor::interfere) have a higher priority than both.
+//! everything else ([`Processor::background`]). It continues only while ranging does nothing, but for the parts that it
+//! runs with interrupts off ([`Processor::locked`]). [Interrupts of a Bluetooth controller](Processor::interfere) have
+//! a higher priority than both.
 //!
 //! The processor adds up how long it ran, waited and slept ([`Processor::times`]). From that follows the charge that
 //! the board draws.
@@ -185,6 +186,12 @@ impl Processor {
         }
     }
 
+    /// The background runs this number of instructions with interrupts off: ranging waits for its end.
+    pub async fn locked(&self, world: &World, instructions: u32) {
+        let end = self.occupy(world.now(), self.0.board.instructions_ps(instructions.into()));
+        world.sleep_until(end).await;
+    }
+
     /// The time that ranging was busy up to `now`, picoseconds.
     fn busy_before(&self, now: TrueTime) -> u64 {
         self.0.busy_ps.get() - self.0.free_at.get().ps_since(now)
@@ -318,6 +325,21 @@ mod tests {
         assert_eq!((times.running, times.waiting), (Duration::from_micros(15), Duration::from_micros(5)));
         // 15 µs at 4 mA and 5 µs at 1 mA: 65 nC.
         assert!((times.charge_uc(&BOARD) - 0.065).abs() < 1e-12);
+    }
+
+    #[test]
+    fn ranging_waits_while_interrupts_are_off() {
+        let world = World::new(1, AirConfig::default());
+        let processor = Processor::new(BOARD);
+        // Ranging has 2 µs to pay when the background locks for 5 µs.
+        processor.charge(2_000);
+        let (w, p) = (world.clone(), processor.clone());
+        world.spawn(async move { p.locked(&w, 5_000).await });
+        world.block_on(world.sleep_until(at_us(3))).expect("it ends");
+        assert_eq!(processor.wake(at_us(3)), at_us(7).plus_ps(150_000));
+        // Nobody had to wait for an earlier lock, nor has it run twice.
+        assert_eq!(processor.settle(at_us(9)), at_us(9));
+        assert_eq!(processor.times(at_us(20)).running, Duration::from_nanos(7_150));
     }
 
     #[test]

@@ -196,8 +196,11 @@ impl Observer for &Charging<'_> {
         let (tracks, space) = (scenario.method_name(tag) == track, tag.settings.record.height_m.is_none());
         let measured = epoch.measured.count();
         let round = costs.round(tracks, space, measured);
-        let line = if self.lines.borrow_mut().is_due(self.reporter.now_us()) { costs.line } else { 0 };
-        self.processor.background(world, round + costs.publish_range * measured as u32 + line).await;
+        self.processor.background(world, round + costs.publish_range * measured as u32).await;
+        if self.lines.borrow_mut().is_due(self.reporter.now_us()) {
+            // `defmt` writes a line in one critical section.
+            self.processor.locked(world, costs.line).await;
+        }
     }
 
     fn sighting(&self) {
