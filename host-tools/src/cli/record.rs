@@ -20,9 +20,10 @@ use super::stream::{ByteInput, STOP, SourceArguments, catch_signals};
 ///
 /// By probe (the default), serial port, standard input or from a file. The folder gets telemetry.bin, the received
 /// bytes, from the first one on; telemetry.times.csv, when each frame of a live node was received (UTC); and the tables
-/// anchors.csv, ranges.csv and positions.csv, and rssi.csv where beacons were received, a second behind. Ctrl-C, `kill`
-/// or a closed terminal end a recording well. After a loss of power, --finish makes the tables of what telemetry.bin
-/// has. Times continue where the node restarts, and an epoch is a round.
+/// anchors.csv, ranges.csv and positions.csv, rssi.csv where beacons were received, and tag-positions.csv where an
+/// anchor received tags' positions, a second behind. Ctrl-C, `kill` or a closed terminal end a recording well. After a
+/// loss of power, --finish makes the tables of what telemetry.bin has. Times continue where the node restarts, and an
+/// epoch is a round.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES, group = clap::ArgGroup::new("folder").required(true).args(["out", "finish"]))]
 pub struct Arguments {

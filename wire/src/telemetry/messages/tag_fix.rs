@@ -63,6 +63,26 @@ impl fmt::Display for TagFix {
 impl Body for TagFix {
     const KIND: &'static str = "tag-fix";
     const LABEL: &'static str = "tag";
+    #[cfg(feature = "host")]
+    const TABLE: Option<crate::telemetry::Table> = Some(crate::telemetry::Table {
+        name: "tag-positions",
+        rows: "tag_positions",
+        counted: "positions of tags",
+        about: "Positions that an anchor received in the polls of tags",
+        columns: &[
+            "method",
+            "x_m",
+            "y_m",
+            "z_m",
+            "sigma_x_m",
+            "sigma_y_m",
+            "sigma_z_m",
+            "flag",
+            "tag",
+            "round",
+            "rounds_ago",
+        ],
+    });
 
     fn tone(&self) -> Tone {
         Tone::Good
@@ -86,5 +106,37 @@ impl Body for TagFix {
             "covariance_m2": take("covariance_m2"),
             "flag": take("flag"),
         })
+    }
+
+    #[cfg(feature = "host")]
+    fn fields(&self) -> std::vec::Vec<std::string::String> {
+        use std::string::ToString;
+        const FLAG: usize = 9;
+        let fix = self.fix();
+        let mut fields = fix.map_or_else(|| std::vec![Default::default(); FLAG + 1], |fix| fix.fields());
+        // Neither used anchors nor a reason, and no other place.
+        fields.drain(7..FLAG);
+        fields.truncate(8);
+        let round = fix.map_or_else(Default::default, |fix| fix.round.to_string());
+        fields.extend([Address(self.tag).to_string(), round, self.rounds_ago().to_string()]);
+        fields
+    }
+}
+
+#[cfg(all(test, feature = "host"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_row_has_the_columns_of_its_table() {
+        // The poll of the wire format's examples, three rounds after the position.
+        let position = [0xE8, 0x03, 0x00, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0x00, 0x69, 0xA0, 0x00, 0x40, 0x00, 0x00, 0x83];
+        let told = TagFix { t_us: 1, tag: 0x1001, round: 1, asked: 4, position };
+        let columns = TagFix::TABLE.map(|table| table.columns).unwrap_or_default();
+        let row = ["tag", "1.0000", "-0.0010", "8.3880", "0.1000", "1.0240", "", "suspect", "0x1001", "65534", "3"];
+        assert_eq!(told.fields(), row);
+        assert_eq!(columns.len(), row.len());
+        let torn = TagFix { position: [0xFF; 16], ..told };
+        assert_eq!(torn.fields().len(), columns.len(), "no position has empty fields");
     }
 }
