@@ -385,7 +385,7 @@ fn tags_that_a_full_network_refuses_are_counted() {
     let text = format!("{anchors}{tags}[simulation]\nseconds = 4\nfidelity = \"air\"\n");
     let folder = Folder::with(&[("crowd.toml", &text)]);
     let run = folder.run("simulate --scenario crowd.toml --out run").ok();
-    let refused = "warning: 6 of the tags had no place, for the reason network-full: a network has 24 places; ";
+    let refused = "warning: 6 of the tags had no place, for the reason network-full: a network has 24 places, ";
     assert!(run.stderr.contains(refused), "{}", run.stderr);
     // One of them: its own telemetry counts it.
     let full = (0x1001..=0x101E).filter(|address: &u16| {

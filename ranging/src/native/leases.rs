@@ -4,6 +4,10 @@
 //! received. A forged request costs a single frame, so tags that do not exist must neither stay nor take every place.
 //! If more tags request slots than there are places on probation, chance decides who gets one. No tag keeps such a
 //! place for long, and the others request again.
+//!
+//! A full network is shared in turn: while a tag asks for a place, the member that has had its own for longest gives it
+//! up after its turn. At most two places at a time are given away like this before the new tags' polls are received, so
+//! that tags that do not exist cannot drive out those that do.
 
 use heapless::Vec;
 
@@ -20,6 +24,11 @@ const PROBATION_TURNS: u16 = 2;
 const PROBATION_SUPERFRAMES: u16 = 8;
 /// Members on probation at a time.
 const MAX_ON_PROBATION: usize = 8;
+/// A member of a full network keeps its place for this many turns before another tag gets it: a sleeping tag receives
+/// the changed list only when it wakes, and must not lose many rounds by that.
+const KEPT_TURNS: u16 = 60;
+/// No place of a full network is given away while this many members are on probation.
+const MAX_GIVEN_AWAY: usize = 2;
 /// Pending requests.
 const MAX_REQUESTS: usize = 16;
 
@@ -29,6 +38,8 @@ pub struct Leases {
     requests: Vec<Member, MAX_REQUESTS>,
     /// Superframes since a poll of each member.
     unheard: [u16; MAX_MEMBERS],
+    /// Superframes since each member became one.
+    tenure: [u16; MAX_MEMBERS],
     /// Members (bit i: the list's i-th) with a poll received since they became members.
     proven: u32,
 }
@@ -36,12 +47,12 @@ pub struct Leases {
 impl Leases {
     /// No requests. The members of a list that is taken over count as proven.
     pub const fn new() -> Self {
-        Self { requests: Vec::new(), unheard: [0; MAX_MEMBERS], proven: u32::MAX }
+        Self { requests: Vec::new(), unheard: [0; MAX_MEMBERS], tenure: [0; MAX_MEMBERS], proven: u32::MAX }
     }
 
     /// The list was another coordinator's: the leases of its members begin now.
     pub fn take_over(&mut self) {
-        (self.unheard, self.proven) = ([0; MAX_MEMBERS], u32::MAX);
+        (self.unheard, self.tenure, self.proven) = ([0; MAX_MEMBERS], [0; MAX_MEMBERS], u32::MAX);
     }
 
     /// A tag requests a share, in superframe `number`.
@@ -72,6 +83,9 @@ impl Leases {
         for (place, unheard) in self.unheard.iter_mut().enumerate() {
             *unheard = if heard >> place & 1 == 1 { 0 } else { unheard.saturating_add(begun) };
         }
+        for tenure in &mut self.tenure {
+            *tenure = tenure.saturating_add(begun);
+        }
         self.proven |= heard;
         if membership.countdown() > 0 {
             return;
@@ -82,10 +96,16 @@ impl Leases {
         let unproven = (0..members.len()).filter(|place| !is_proven(*place)).count();
         let is_crowded =
             unproven >= MAX_ON_PROBATION && self.requests.iter().any(|request| place_of(request.tag).is_none());
-        let is_kept = |&(place, member): &(usize, &Member)| {
+        let is_over = |&(place, member): &(usize, &Member)| {
             let unheard = self.unheard.get(place).copied().unwrap_or(u16::MAX);
             let lease = if is_proven(place) { lease(member.share) } else { probation(member.share, is_crowded) };
-            unheard <= lease && !self.requests.iter().any(|request| request.tag == member.tag)
+            unheard > lease
+        };
+        let is_full = members.len() == MAX_MEMBERS && !members.iter().enumerate().any(|member| is_over(&member));
+        let gives_way = (is_full && unproven < MAX_GIVEN_AWAY).then(|| self.gives_way(members)).flatten();
+        let is_kept = |member: &(usize, &Member)| {
+            let asks = self.requests.iter().any(|request| request.tag == member.1.tag);
+            !is_over(member) && !asks && gives_way != Some(member.0)
         };
         // In the order of their addresses. A library's sort takes five kilobytes.
         let mut list = Members::new();
@@ -112,15 +132,28 @@ impl Leases {
         if list == *members && layout == membership.layout() {
             return;
         }
-        let (mut unheard, mut proven) = ([0; MAX_MEMBERS], 0);
-        for ((place, member), unheard) in list.iter().enumerate().zip(&mut unheard) {
+        let (mut unheard, mut tenure, mut proven) = ([0; MAX_MEMBERS], [0; MAX_MEMBERS], 0);
+        for ((place, member), (unheard, tenure)) in list.iter().enumerate().zip(unheard.iter_mut().zip(&mut tenure)) {
             if let Some(before) = members.iter().position(|known| known.tag == member.tag) {
                 *unheard = self.unheard.get(before).copied().unwrap_or(0);
+                *tenure = self.tenure.get(before).copied().unwrap_or(0);
                 proven |= (self.proven >> before & 1) << place;
             }
         }
-        (self.unheard, self.proven) = (unheard, proven);
+        (self.unheard, self.tenure, self.proven) = (unheard, tenure, proven);
         membership.change(&list, layout);
+    }
+
+    /// The member of a full network whose place another tag gets, if one asks for it: the one that has had its place
+    /// for longest, after its turn.
+    fn gives_way(&self, members: &Members) -> Option<usize> {
+        let is_listed = |request: &Member| members.iter().any(|member| member.tag == request.tag);
+        if !self.requests.iter().any(|request| request.share != Share::Release && !is_listed(request)) {
+            return None;
+        }
+        let turns = members.iter().map(|member| KEPT_TURNS * turn(member.share));
+        let served = self.tenure.iter().zip(turns).enumerate().filter(|(_, (tenure, turn))| *tenure >= turn);
+        served.max_by_key(|(_, (tenure, _))| **tenure).map(|(place, _)| place)
     }
 }
 
@@ -214,6 +247,64 @@ mod tests {
         }
         assert!(real.iter().all(|&tag| coordinator.has(tag)), "{:?}", coordinator.membership.members());
         assert!(most <= MAX_ON_PROBATION, "{most}");
+    }
+
+    #[test]
+    fn a_full_network_is_shared_in_turn() {
+        let mut coordinator = Coordinator::new();
+        let tags: std::vec::Vec<u16> = (1..=30).collect();
+        let mut served = [0_u32; 30];
+        let mut waited = [0_u32; 30];
+        let mut longest = 0;
+        for superframe in 0..12_000 {
+            // Each polls once in ten superframes; who has no place asks every 15.
+            let polls = |tag: u16| (superframe + tag).is_multiple_of(10) && coordinator.has(tag);
+            let heard: std::vec::Vec<u16> = tags.iter().copied().filter(|&tag| polls(tag)).collect();
+            for &tag in &tags {
+                if !coordinator.has(tag) && (superframe + tag).is_multiple_of(15) {
+                    coordinator.request(tag, Share::OneIn(10));
+                }
+            }
+            coordinator.superframe(&heard);
+            for (tag, (served, waited)) in tags.iter().zip(served.iter_mut().zip(&mut waited)) {
+                if coordinator.has(*tag) {
+                    (*served, *waited) = (*served + 1, 0);
+                } else {
+                    *waited += 1;
+                    longest = longest.max(*waited);
+                }
+            }
+        }
+        // 24 places for 30 tags: each has one for four fifths of the time. A member keeps its place for 60 turns of 10
+        // superframes, so that one is given away every 25. Chance picks one of the six that wait: of some 120 waits the
+        // longest takes 6 ln 120 = 29 times as long, after the first 600.
+        let (fair, cycle) = (12_000 * 24 / 30, 600 * 30 / 24);
+        assert!(served.iter().all(|served| served.abs_diff(fair) <= cycle), "{served:?}");
+        assert!((600..600 + 25 * 29).contains(&longest), "{longest}");
+    }
+
+    #[test]
+    fn in_a_full_network_invented_tags_take_two_places_at_most() {
+        let mut coordinator = Coordinator::new();
+        let real: std::vec::Vec<u16> = (1..=24).collect();
+        real.iter().for_each(|&tag| coordinator.request(tag, Share::Slots(1)));
+        (0..40).for_each(|_| {
+            real.iter().for_each(|&tag| coordinator.request(tag, Share::Slots(1)));
+            coordinator.superframe(&real);
+        });
+        assert!(real.iter().all(|&tag| coordinator.has(tag)));
+        let (mut invented, mut most) = (0x4000, 0);
+        for _ in 0..1200 {
+            for _ in 0..6 {
+                invented += 1;
+                coordinator.request(invented, Share::OneIn(127));
+            }
+            let out: std::vec::Vec<u16> = real.iter().copied().filter(|&tag| !coordinator.has(tag)).collect();
+            out.iter().for_each(|&tag| coordinator.request(tag, Share::Slots(1)));
+            coordinator.superframe(&real);
+            most = most.max(coordinator.membership.members().iter().filter(|member| member.tag > 0x4000).count());
+        }
+        assert!((1..=MAX_GIVEN_AWAY).contains(&most), "{most}");
     }
 
     #[test]

@@ -168,7 +168,7 @@ impl DecodeSummary {
                 let _ = writeln!(text, "{count} {what}");
             }
         };
-        line(self.network_full, "times refused, the network being full: it has 24 places");
+        line(self.network_full, "times without a place, the network being full: its tags share 24 in turn");
         line(self.newer.schema, "frames of another schema: the node's build is another than this program's");
         line(self.newer.unknown, "frames with a message that this program does not know: the node's build is newer");
         line(self.torn_at_start, "frame torn at the start: the stream begins in its middle");

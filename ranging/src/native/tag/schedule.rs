@@ -16,6 +16,9 @@ use wire::uwb::native::{MAX_MEMBERS, Message, PolledPosition, Request, Share};
 pub(super) const LOST_AFTER: u16 = 5;
 /// Superframes from a request until the list can contain it: to a relay, from there to the coordinator, and back.
 const REQUEST_PATIENCE: u16 = 4;
+/// A tag without a place in a full network asks again after this many to twice as many superframes: its members give
+/// their places up in turn.
+const FULL_PATIENCE: u16 = 10;
 
 /// The network that the tag follows.
 #[derive(Clone, Debug)]
@@ -88,8 +91,8 @@ impl Tag {
         network.plan(&self.config, &timing);
         let course = &network.sync.course;
         let listed = course.membership.in_force().is_some_and(|members| lists(members, self.config.address));
-        if self.rate.is_some() && !network.is_full && network.is_full_without(self.config.address) {
-            network.is_full = true;
+        if self.rate.is_some() && !listed && !network.is_full && network.is_full_without(self.config.address) {
+            (network.is_full, network.joined) = (true, false);
             return Action::Report(Report::Link(Link::NetworkFull));
         }
         if listed && !network.joined {
@@ -129,7 +132,13 @@ impl Tag {
         let listed = course.membership.members().iter().find(|member| member.tag == address);
         let settled = listed.map_or(Share::Release, |member| member.share) == share;
         network.requests *= u8::from(!settled);
-        if settled || network.is_full_without(address) || network.request_in > 0 {
+        let is_full = network.is_full_without(address);
+        let in_turn = FULL_PATIENCE + spread(number, address, FULL_PATIENCE);
+        if is_full && network.joined && network.request_in == 0 {
+            // It has just given its place up.
+            network.request_in = in_turn;
+        }
+        if settled || network.request_in > 0 {
             return Self::listen(rest);
         }
         let in_reach = |slot: &u8| timing.request(usize::from(*slot)) < end;
@@ -151,7 +160,7 @@ impl Tag {
         }
         // After each collision a tag waits longer, and each tag a different time.
         let patience = spread(number, address, 2 << network.requests.min(3));
-        network.request_in = REQUEST_PATIENCE + patience;
+        network.request_in = if is_full { in_turn } else { REQUEST_PATIENCE + patience };
         network.requests = network.requests.saturating_add(1);
         self.state = State::Requesting;
         let wish = self.meter.wish(self.config.scheme);
