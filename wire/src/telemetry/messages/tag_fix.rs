@@ -110,16 +110,19 @@ impl Body for TagFix {
 
     #[cfg(feature = "host")]
     fn fields(&self) -> std::vec::Vec<std::string::String> {
-        use std::string::ToString;
-        const FLAG: usize = 9;
+        use std::string::{String, ToString};
         let fix = self.fix();
-        let mut fields = fix.map_or_else(|| std::vec![Default::default(); FLAG + 1], |fix| fix.fields());
-        // Neither used anchors nor a reason, and no other place.
-        fields.drain(7..FLAG);
-        fields.truncate(8);
-        let round = fix.map_or_else(Default::default, |fix| fix.round.to_string());
-        fields.extend([Address(self.tag).to_string(), round, self.rounds_ago().to_string()]);
-        fields
+        let of_fix = fix.map_or_else(Default::default, |fix| fix.fields());
+        let field = |column: &&str| match *column {
+            "tag" => Address(self.tag).to_string(),
+            "round" => fix.map_or_else(String::new, |fix| fix.round.to_string()),
+            "rounds_ago" => self.rounds_ago().to_string(),
+            other => {
+                let place = Fix::POSITIONS.columns.iter().position(|column| *column == other);
+                place.and_then(|place| of_fix.get(place)).cloned().unwrap_or_default()
+            }
+        };
+        Self::TABLE.iter().flat_map(|table| table.columns).map(field).collect()
     }
 }
 
