@@ -242,9 +242,9 @@ pub struct RxFrame<'b> {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Diagnostics {
-    /// Received power, dBm (DW1000 user manual, 4.7.2).
+    /// Received power, dBm (DW1000 user manual, 4.7.2); NaN if unknown.
     pub rx_power_dbm: f32,
-    /// Power of the first path, dBm (4.7.1).
+    /// Power of the first path, dBm (4.7.1); NaN if unknown.
     pub first_path_power_dbm: f32,
     /// Index of the first path in the accumulator, samples of 1.0016 ns.
     pub first_path_index: f32,

@@ -42,10 +42,10 @@ impl RawDiagnostics {
     }
 }
 
-/// 10·log₁₀(energy/N²) − A, equations of 4.7.1 and 4.7.2. An energy below the register's step counts as one step, so
-/// that no power is infinite.
+/// 10·log₁₀(energy/N²) − A, equations of 4.7.1 and 4.7.2. NaN if the registers show no energy: a receiver that was
+/// switched on at the end of a preamble has accumulated less than their step.
 fn power_dbm(energy: f32, symbols: f32, offset_db: f32) -> f32 {
-    decibels(energy.max(1.0) / (symbols * symbols)) - offset_db
+    if energy > 0.0 { decibels(energy / (symbols * symbols)) - offset_db } else { f32::NAN }
 }
 
 /// A of 4.7.1, dB.
@@ -124,9 +124,17 @@ mod tests {
     fn nonsense_counts_give_finite_powers() {
         let d = frame(0, 0, [0; 3]).evaluate(&Config::new(PhyConfig::FAST));
         assert!(d.rx_power_dbm.is_finite() && d.first_path_power_dbm.is_finite());
+    }
+
+    #[test]
+    fn no_energy_gives_no_power() {
+        // One symbol at −79.6 dBm: 10^((121.74 − 79.6)/10)/2¹⁷ = 0.12, which CIR_PWR shows as zero.
+        let late = RawDiagnostics { quality: [52, 0, 0xF8, 0x2A, 0x28, 0x23, 0, 0], ..frame(11, 11, [0; 3]) };
+        let d = late.evaluate(&Config::new(PhyConfig::FAST));
+        assert!(d.rx_power_dbm.is_nan() && d.first_path_power_dbm.is_finite());
         let silent = RawDiagnostics { frame_info: 0, first_path: [0; 4], quality: [0; 8], carrier: [0; 6] };
         let d = silent.evaluate(&Config::new(PhyConfig::FAST));
-        assert!(d.rx_power_dbm.is_finite() && d.first_path_power_dbm.is_finite());
+        assert!(d.rx_power_dbm.is_nan() && d.first_path_power_dbm.is_nan());
     }
 
     #[test]

@@ -127,11 +127,13 @@ impl AnchorTable {
         self.anchors.retain(|anchor| anchor.unheard <= FORGOTTEN_AFTER);
     }
 
-    /// A frame of an anchor was received. A new anchor replaces the weakest one if there is no other room.
+    /// A frame of an anchor was received. A new anchor replaces the weakest one if there is no other room. It becomes
+    /// known by the first frame whose power is.
     pub fn receive(&mut self, address: u16, power_dbm: f32) -> Option<&mut Neighbour> {
         let known = self.anchors.iter().position(|anchor| anchor.address == address);
         let place = match known {
             Some(place) => place,
+            None if !power_dbm.is_finite() => return None,
             None => {
                 if self.anchors.is_full() {
                     let weakest = self.weakest()?;
@@ -355,6 +357,15 @@ mod tests {
         }
         anchors.advance(4);
         assert_eq!(anchors.len(), 3);
+    }
+
+    #[test]
+    fn an_unknown_power_leaves_the_mean_as_it_is() {
+        let mut anchors = AnchorTable::new();
+        assert!(anchors.receive(1, f32::NAN).is_none());
+        // A tenth of the difference: −80 + 0.1·10.
+        let means = [-80.0, f32::NAN, -70.0].map(|power_dbm| anchors.receive(1, power_dbm).unwrap().power_dbm());
+        assert_eq!(means, [-80.0, -80.0, -79.0]);
     }
 
     #[test]

@@ -221,8 +221,9 @@ impl State {
         let response = Response::of(reception);
         // The chip's estimates of the powers.
         let (link, prf) = (&reception.link, reception.phy.prf);
-        let rx_power_dbm = estimated_dbm(prf, link.power_dbm);
-        let first_path_power_dbm = link.first_path_dbm + rx_power_dbm - link.power_dbm;
+        let estimate_dbm = estimated_dbm(prf, link.power_dbm);
+        let rx_power_dbm = if response.cir_power == 0 { f64::NAN } else { estimate_dbm };
+        let first_path_power_dbm = link.first_path_dbm + estimate_dbm - link.power_dbm;
         let mut noise = rand_pcg::Pcg64Mcg::new(u128::from(reception.noise_seed) | 1);
         let offset_ppm = reception.sender_ppm - self.clock.ppm_at(now) + CARRIER_DEVIATION_PPM * gauss(&mut noise);
         Some(Received {

@@ -5,10 +5,6 @@ use wire::telemetry::SolveError;
 
 /// The time after which all nodes have joined, seconds.
 const JOINED_S: f64 = 1.0;
-/// The time after which all readings of received power are whole, seconds. Before, with the first layout, one response
-/// of an anchor in twenty has neither CIR_PWR nor RXPACC, which counts as -121.7 dBm. It pulls the mean power of the anchor by 5
-/// dB, and the correction of the range's bias, which follows the mean, makes the ranges 8 cm too short.
-const SETTLED_S: f64 = 1.4;
 
 /// "More than four anchors or one tag makes it freeze."
 #[test]
@@ -61,7 +57,7 @@ fn a_lost_coordinator_is_replaced_within_a_second() {
         assert!(gap < 1.0, "anchor {lost} off: {gap} s without a position");
         assert!(run.ranges(TAG, lost, 5.0, 6.0).len() > 30, "anchor {lost} is back");
         for anchor in (1..=5).filter(|anchor| *anchor != lost) {
-            let (before, _) = run.range_error(TAG, anchor, SETTLED_S, 2.0);
+            let (before, _) = run.range_error(TAG, anchor, JOINED_S, 2.0);
             let (between, _) = run.range_error(TAG, anchor, 2.5, 4.0);
             let (after, _) = run.range_error(TAG, anchor, 5.0, 6.0);
             assert!((between - before).abs() < 0.01, "anchor {anchor} without {lost}: {before} m, then {between} m");

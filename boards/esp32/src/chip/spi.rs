@@ -89,9 +89,7 @@ impl Bus {
             }
         }
     }
-}
 
-impl Bus {
     fn apply(&mut self, config: &Config) -> Result<(), Error> {
         self.spi.apply_config(config).map_err(|_| Error::Unsupported)
     }
