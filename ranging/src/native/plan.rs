@@ -55,7 +55,7 @@ impl Plan {
 /// Sync frames are not authenticated, so a forged list must neither stay nor keep the true ones out:
 ///
 /// - a list is announced with its whole notice, and the next one only when it is in force: a list that would have been
-///   announced before the known one was last received is refused;
+///   announced before the coordinator last told the known one is refused;
 /// - a list that is announced is taken back if the coordinator, or the majority of sync frames, goes on with the list in
 ///   force;
 /// - who has received nothing of its list for long takes any other.
@@ -66,7 +66,7 @@ pub struct Membership {
     former: Option<Plan>,
     /// Superframes until the newest list is in force.
     countdown: u8,
-    /// Superframes since the newest list was received.
+    /// Superframes since the coordinator told the newest list, as far as is known.
     unheard: u8,
     /// Sync frames with the former list since the newest one was announced, minus those with the newest one.
     contradicted: u8,
@@ -146,7 +146,9 @@ impl Membership {
     /// contradict what was received before.
     pub fn receive(&mut self, sync_frame: &SyncFrame) -> bool {
         if self.newest.is_in(sync_frame) {
-            (self.unheard, self.contradicted) = (0, self.contradicted.saturating_sub(1));
+            // What a relay tells is as old as what it knows of the coordinator.
+            self.unheard = self.unheard.min(sync_frame.age);
+            self.contradicted = self.contradicted.saturating_sub(1);
             return true;
         }
         if self.former.as_ref().is_some_and(|former| former.is_in(sync_frame)) {
@@ -159,8 +161,9 @@ impl Membership {
             return !is_forged;
         }
         let ahead = SerialNumber(sync_frame.version).minus(self.newest.version);
-        let announced = NOTICE_SUPERFRAMES.saturating_sub(sync_frame.countdown);
-        let is_next = ahead == 1 && self.countdown == 0 && announced <= self.unheard.saturating_add(1);
+        // Each list between the known one and this one was announced for its whole notice.
+        let announced = NOTICE_SUPERFRAMES.saturating_mul(ahead.max(1) as u8).saturating_sub(sync_frame.countdown);
+        let is_next = ahead > 0 && self.countdown == 0 && announced <= self.unheard.saturating_add(1);
         let changes_nothing = ahead > 0 && self.newest.members.is_empty();
         let is_taken = is_next || changes_nothing || self.unheard >= MISSED_SUPERFRAMES;
         if is_taken {
@@ -403,12 +406,25 @@ mod tests {
                 let mut membership = Membership::from_sync_frame(&sync_frame(at, 0, &known));
                 (0..missed).for_each(|_| membership.advance());
                 membership.receive(&sync_frame(at.wrapping_add(ahead), countdown, &told));
-                // The notice began 4 − countdown superframes ago. A relay may have sent the former list until then, and
-                // in one more superframe.
-                let follows = ahead == 1 && 4 - countdown <= missed + 1;
+                // The notice began 4 − countdown superframes ago, and the list before it was announced for four. A relay
+                // may have sent the known list until then, and in one more superframe.
+                let follows =
+                    matches!(ahead, 1..=127) && 4 * u16::from(ahead) - u16::from(countdown) <= u16::from(missed) + 1;
                 let expected = if follows || missed == 8 { &told } else { &known };
                 assert_eq!(membership.members(), expected, "{ahead} ahead, {countdown} before, {missed} missed");
             }
+        }
+    }
+
+    #[test]
+    fn a_relay_that_is_late_does_not_keep_a_node_from_the_next_list() {
+        let [known, told] = [list(&[Share::Greedy]), list(&[Share::Slots(1)])];
+        for age in 0..=3 {
+            let mut membership = Membership::from_sync_frame(&sync_frame(5, 0, &known));
+            (0..3).for_each(|_| membership.advance());
+            assert!(membership.receive(&SyncFrame { age, ..sync_frame(5, 0, &known) }));
+            // Announced two superframes ago, when a relay that has heard the coordinator since knows of it.
+            assert_eq!(membership.receive(&sync_frame(6, 2, &told)), age >= 1, "{age}");
         }
     }
 
