@@ -9,6 +9,10 @@ local TICK_NS = 1 / 63.8976
 local METRES_PER_TICK = 299702547 / 63.8976e9 -- in air
 local DECARANGING_PAN = 0xDECA
 local MAX_ROUND = 8
+local MAX_MEMBERS = 16
+local MAX_LEASES = 10
+local MAX_POLLS = 6
+local MAX_PERIOD = 5120 -- superframes
 local UNKNOWN_MM = -8388608
 
 local proto = Proto("baliza", "Baliza UWB ranging")
@@ -20,6 +24,9 @@ end
 
 field(ProtoField.uint8, "code", "Message", base.HEX)
 field(ProtoField.uint16, "round", "Round")
+field(ProtoField.uint8, "round.low", "Round, low byte")
+local CONFIRMATIONS = { [0] = "none", [1] = "renewed", [2] = "ended" }
+field(ProtoField.uint8, "confirmation", "Lease", base.DEC, CONFIRMATIONS)
 field(ProtoField.uint8, "count", "Anchors", base.DEC, nil, 0xF0)
 field(ProtoField.bool, "with_distances", "With distances", 8, nil, 0x01)
 field(ProtoField.uint16, "anchor", "Anchor", base.HEX)
@@ -37,7 +44,7 @@ field(ProtoField.uint16, "coordinator", "Coordinator", base.HEX)
 field(ProtoField.uint8, "slot", "Sync slot", base.DEC, nil, 0x1F)
 field(ProtoField.uint8, "countdown", "List in force in (superframes)", base.DEC, nil, 0xE0)
 field(ProtoField.bytes, "slot_owners", "Slot owners (hash of the address, 00: none)", base.SPACE)
-field(ProtoField.uint24, "heard", "Members heard", base.HEX)
+field(ProtoField.uint16, "heard", "Members heard", base.HEX)
 field(ProtoField.uint8, "version", "List version")
 field(ProtoField.uint32, "layout.answer", "Answer (µs)")
 field(ProtoField.uint32, "layout.listen_again", "Listen again (µs)")
@@ -60,9 +67,19 @@ field(ProtoField.bool, "suspect", "Suspect", 8, nil, 0x80)
 field(ProtoField.uint8, "rounds_ago", "Measured this many rounds ago", base.DEC, nil, 0x7F)
 field(ProtoField.bool, "passes_request_on", "Passes a request on", 8, nil, 0x80)
 field(ProtoField.uint8, "members", "Members", base.DEC, nil, 0x7F)
+field(ProtoField.uint8, "leased", "Leased round slots")
+field(ProtoField.uint8, "leases", "Leases", base.DEC, nil, 0xF0)
+field(ProtoField.uint8, "polls", "Polls passed on", base.DEC, nil, 0x0F)
 field(ProtoField.uint16, "member", "Tag", base.HEX)
 field(ProtoField.string, "share", "Share")
 field(ProtoField.uint16, "requested_by", "Request of tag", base.HEX)
+local GRANTS = { [0] = "new", [1] = "kept", [2] = "refused", [3] = "ended" }
+field(ProtoField.uint16, "lease", "Lease of tag", base.HEX)
+field(ProtoField.uint8, "lease.grant", "Grant", base.DEC, GRANTS, 0xC0)
+field(ProtoField.uint8, "lease.slot", "Round slot", base.DEC, nil, 0x3F)
+field(ProtoField.uint16, "lease.period", "Period (superframes)")
+field(ProtoField.uint16, "lease.phase", "Phase (superframes)")
+field(ProtoField.uint16, "polled_by", "Poll of tag", base.HEX)
 -- DecaRanging.
 field(ProtoField.uint16, "tag", "Tag's short address", base.HEX)
 field(ProtoField.string, "delay.anchor", "Anchor's delay")
@@ -110,6 +127,12 @@ function Reader:take(bytes)
     return range
 end
 
+function Reader:finish()
+    if self:left() > 0 then
+        error(self:left() .. " bytes too many", 0)
+    end
+end
+
 -- A span's code of 7 bits, in microseconds.
 local function span_us(code)
     return (16 + code % 16) * 2 ^ math.floor(code / 16)
@@ -127,6 +150,20 @@ local function signed(value, bits)
     return value >= 2 ^ (bits - 1) and value - 2 ^ bits or value
 end
 
+-- A period's code, in superframes.
+local function period_of(code)
+    local twos, fives = code % 16, math.floor(code / 16)
+    local period = math.floor(2 ^ twos * 5 ^ fives)
+    if twos > 10 or fives > 5 or period > MAX_PERIOD then
+        error(string.format("a period of code 0x%02X", code), 0)
+    end
+    return period
+end
+
+local function period_text(period)
+    return "one in " .. period .. (period == 1 and " superframe" or " superframes")
+end
+
 local function share_text(byte)
     if byte == 0 then
         return "release"
@@ -134,10 +171,8 @@ local function share_text(byte)
         return "greedy"
     elseif byte < 127 then
         return byte .. " a superframe"
-    elseif byte < 130 then
-        error("a share of " .. byte, 0)
     end
-    return "one in " .. (byte - 128) .. " superframes"
+    return period_text(period_of(byte - 128))
 end
 
 local function add_share(tree, range)
@@ -218,7 +253,12 @@ local function poll(tree, reader)
 end
 
 local function response(tree, reader)
-    tree:add_le(f.round, reader:take(2))
+    tree:add(f.round_low, reader:take(1))
+    local options = reader:take(1)
+    if CONFIRMATIONS[options:uint()] == nil then
+        error("options " .. options:uint(), 0)
+    end
+    tree:add(f.confirmation, options)
     tree:add_le(f.poll_rx, reader:take(5))
     add_us(tree, f.reply, reader:take(4))
     if reader:left() > 0 then
@@ -235,6 +275,36 @@ local function add_member(tree, which, range)
     return range(0, 2):le_uint()
 end
 
+-- What a sync frame passes on towards the coordinator: a request for slots or one for the layout.
+local function add_passed_on(tree, range, is_for_slots)
+    if is_for_slots then
+        add_member(tree, f.requested_by, range)
+        return
+    elseif range(2, 1):uint() ~= 0 then
+        error("a request's third byte is not zero", 0)
+    end
+    tree:add(f.wish_answer, range(0, 1), span_us(range(0, 1):uint() % 128))
+    add_tag_byte(tree, range(1, 1), "wish")
+end
+
+local function add_lease(tree, reader)
+    local branch = tree:add_le(f.lease, reader:take(2))
+    local slot, code = reader:take(1), reader:take(1)
+    local period = period_of(code:uint())
+    local phase = reader:take(2)
+    local grant = GRANTS[math.floor(slot:uint() / 64)]
+    if phase:le_uint() >= period then
+        error("phase " .. phase:le_uint() .. " of a period of " .. period, 0)
+    end
+    -- The slot and the phase of a refused lease say nothing.
+    local place = grant ~= "refused" and " from " .. phase:le_uint() .. ", slot " .. slot:uint() % 64 or ""
+    branch:append_text(", " .. grant .. ": " .. period_text(period) .. place)
+    branch:add(f.lease_grant, slot)
+    branch:add(f.lease_slot, slot)
+    branch:add(f.lease_period, code, period)
+    branch:add_le(f.lease_phase, phase)
+end
+
 local function sync_frame(tree, reader)
     local superframe = reader:take(2)
     tree:add_le(f.superframe, superframe)
@@ -246,35 +316,50 @@ local function sync_frame(tree, reader)
     tree:add(f.slot, slot)
     tree:add(f.countdown, slot)
     tree:add(f.slot_owners, reader:take(16))
+    -- What these three bytes are is said by the highest bit of the count of members.
     local passed_on = reader:take(3)
-    -- What these three bytes are is said by the highest bit of the count of members, 15 bytes on.
-    local is_request = reader.tvb(reader.at + 15, 1):uint() >= 128
-    if is_request then
-        add_member(tree, f.requested_by, passed_on)
-    else
-        tree:add(f.wish_answer, passed_on(0, 1), span_us(passed_on(0, 1):uint() % 128))
-        add_tag_byte(tree, passed_on(1, 1), "wish")
-        if passed_on(2, 1):uint() ~= 0 then
-            error("a request's third byte is not zero", 0)
-        end
-    end
-    tree:add_le(f.heard, reader:take(3))
+    tree:add_le(f.heard, reader:take(2))
     tree:add(f.version, reader:take(1))
-    local answer = reader:take(1)
+    local answer, listen_again = reader:take(1), reader:take(1)
     tree:add(f.layout_answer, answer, span_us(answer:uint() % 128))
     tree:add(f.layout_new, answer)
-    add_tag_byte(tree, reader:take(1), "layout")
+    add_tag_byte(tree, listen_again, "layout")
     add_position(tree, reader:take(9))
-    local count = reader:take(1)
+    local count, leased, entries = reader:take(1), reader:take(1), reader:take(1)
     tree:add(f.passes_request_on, count)
+    add_passed_on(tree, passed_on, count:uint() >= 128)
     tree:add(f.members, count)
-    local last = -1
-    for _ = 1, count:uint() % 128 do
-        local tag = add_member(tree, f.member, reader:take(3))
-        if tag <= last then
-            error("members are not in order", 0)
+    tree:add(f.leased, leased)
+    tree:add(f.leases, entries)
+    tree:add(f.polls, entries)
+    local last, is_in_order = -1, true
+    for i = 1, count:uint() % 128 do
+        local range = reader:take(3)
+        local tag = add_member(tree, f.member, range)
+        if range(2, 1):uint() >= 128 then
+            error("a member with a period", 0)
+        elseif i > MAX_MEMBERS then
+            error("more than " .. MAX_MEMBERS .. " members", 0)
         end
+        is_in_order = is_in_order and tag > last
         last = tag
+    end
+    for i = 1, math.floor(entries:uint() / 16) do
+        add_lease(tree, reader)
+        if i > MAX_LEASES then
+            error("more than " .. MAX_LEASES .. " leases", 0)
+        end
+    end
+    for i = 1, entries:uint() % 16 do
+        local branch = tree:add_le(f.polled_by, reader:take(2))
+        add_tag_byte(branch, reader:take(1), "wish")
+        if i > MAX_POLLS then
+            error("more than " .. MAX_POLLS .. " polls", 0)
+        end
+    end
+    reader:finish()
+    if not is_in_order then
+        error("members are not in order", 0)
     end
     return " of superframe " .. superframe:le_uint()
 end
@@ -384,10 +469,11 @@ local function dissect(tvb, pinfo, root)
     tree:add(f.code, tvb(0, 1)):append_text(" (" .. name .. ")")
     local reader = Reader.new(tvb, 1)
     -- What follows the name in the list of frames, or what is wrong.
-    local is_whole, text = pcall(rest, tree, reader)
-    if is_whole and reader:left() > 0 then
-        is_whole, text = false, reader:left() .. " bytes too many"
-    end
+    local is_whole, text = pcall(function()
+        local about = rest(tree, reader)
+        reader:finish()
+        return about
+    end)
     pinfo.cols.protocol = "Baliza"
     pinfo.cols.info = name .. (is_whole and text or "")
     if not is_whole then

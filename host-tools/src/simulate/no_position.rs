@@ -39,8 +39,8 @@ impl Attempts {
         let count = self.refused.len();
         (count > 0).then(|| {
             format!(
-                "{count} of the tags had no place, for the reason network-full: a network has 24 places, which its tags share \
-                 in turns of 60 rounds; add networks, or tags that only listen (--mode tdoa)"
+                "{count} of the tags had no place, for the reason network-full: a network has 16 places for tags \
+                 that range more than once a superframe, and leases for slower ones, which they share in turns of 60 rounds; add networks, or tags that only listen (--mode tdoa)"
             )
         })
     }

@@ -138,7 +138,7 @@ fn csv_has_the_columns_that_solve_and_plot_know() {
     let (x, reasons) = (positions.numbers("x_m"), positions.column("reason"));
     assert_eq!(x.len() as u64, count(&messages, "fix"));
     assert!(x.iter().zip(&reasons).all(|(x, reason)| x.is_nan() != reason.is_empty()), "a position or a reason");
-    assert!(x.iter().any(|x| x.is_nan()) && x.iter().any(|x| x.is_finite()), "the first rounds hear too few anchors");
+    assert!(x.iter().any(|x| x.is_finite()), "no position");
     let ranges = folder.run("decode --file walk.bin --format csv --table ranges").ok();
     let start =
         "epoch,t_s,anchor,range_m,rx_power_dbm,fp_power_dbm,fp_idx,fp_amp1,fp_amp2,fp_amp3,cir_pwr,rxpacc,std_noise";

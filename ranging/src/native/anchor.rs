@@ -5,6 +5,7 @@ use heapless::Vec;
 use super::anchor_rounds::AnchorRounds;
 use super::compensation::Compensation;
 use super::coordinator::{Coordinator, FollowUpdate};
+use super::leases::Leases;
 use super::pace::Meter;
 use super::plan::Rate;
 use super::timing::{SYNC_SLOTS, Timing, end_of};
@@ -13,7 +14,7 @@ use crate::exchange::{Action, COMPENSATION, Event, Link, Polled, Protocol, Range
 use crate::time::METRES_PER_TICK;
 use crate::{Pace, RadioDuration, RadioInstant, RxFrame, StampModel, Start};
 use wire::uwb::layout::Scheme;
-use wire::uwb::native::{FinalReceived, Frame, MAX_MEMBERS, Member, Message, Poll, Position, Response, SyncFrame};
+use wire::uwb::native::{FinalReceived, Frame, Member, Message, Poll, Position, Response, SyncFrame};
 use wire::uwb::{BROADCAST, FrameBuffer};
 
 /// The configuration of an anchor.
@@ -38,6 +39,8 @@ const SEARCH_SUPERFRAMES: i64 = 2;
 /// … and for a number of sync slots that follows from the address, less than this number. So one of several anchors
 /// switched on together is the first.
 const SEARCH_SPREAD: u16 = 128;
+/// Tags whose finals are awaited. Of more tags, those that are silent longest get single-sided ranges.
+const MAX_ANSWERED: usize = 32;
 /// Standard deviation of a distance reported by a tag: two timestamps, halved (see [`tof`](crate::tof)).
 const DEVIATION_M: f32 = 0.5 * core::f32::consts::SQRT_2 * STAMP_DEVIATION_TICKS * METRES_PER_TICK as f32;
 
@@ -63,11 +66,12 @@ pub struct Anchor {
     meter: Meter,
     position: Option<Position>,
     network: Option<Coordinator>,
+    leases: Leases,
     /// Without a network: the instant at which to found one.
     found_at: Option<RadioInstant>,
     answer: Option<Answer>,
     /// The last response to each tag, and the final that followed the response.
-    answered: Vec<Answered, MAX_MEMBERS>,
+    answered: Vec<Answered, MAX_ANSWERED>,
     rounds: AnchorRounds,
     compensation: Compensation,
     link: Option<Link>,
@@ -127,6 +131,7 @@ impl Anchor {
             meter: Meter::new(config.network.pinned),
             position: config.position_m.and_then(Position::from_metres),
             network: None,
+            leases: Leases::new(),
             found_at: None,
             answer: None,
             answered: Vec::new(),
@@ -151,6 +156,7 @@ impl Anchor {
     #[cold]
     fn restart(&mut self) {
         (self.network, self.found_at, self.answer) = (None, None, None);
+        self.leases.clear();
         self.answered.clear();
         (self.wake_at, self.pulse_at) = (None, None);
         self.rounds.restart();
@@ -165,7 +171,7 @@ impl Anchor {
             Message::Poll(poll) if everyone => self.on_poll(told.source, &poll, frame),
             Message::Request(request) if everyone => {
                 if let Some(network) = &mut self.network {
-                    network.request(Member { tag: told.source, share: request.share });
+                    network.request(&mut self.leases, Member { tag: told.source, share: request.share }, false);
                     network.wish(told.source, request.wish);
                 }
             }
@@ -192,7 +198,7 @@ impl Anchor {
         self.rounds.receive(source);
         let phy = &self.config.network.phy;
         match &mut self.network {
-            Some(network) => match network.receive(phy, source, sync_frame, frame.rx_time) {
+            Some(network) => match network.receive(phy, &mut self.leases, source, sync_frame, frame.rx_time) {
                 FollowUpdate::Ignored | FollowUpdate::Followed => {}
                 FollowUpdate::Changed(link) => self.link = Some(link),
             },
@@ -227,11 +233,11 @@ impl Anchor {
     fn on_poll(&mut self, tag: u16, poll: &Poll, frame: &RxFrame<'_>) {
         // An anchor without a network knows no layout, and so does not know when to answer.
         let Some(network) = &mut self.network else { return };
-        network.on_tag(tag);
-        network.wish(tag, poll.wish);
+        let timing = network.course.timing;
+        let pulse = frame.rx_time.plus(RadioDuration::from_ticks(-timing.to_rmarker.ticks()));
+        let lease = network.on_poll(&mut self.leases, tag, poll.wish, pulse);
         let asked = poll.anchors.len() as u8;
         self.polled = poll.position.map(|position| Polled { tag, round: poll.round, asked, position });
-        let timing = network.course.timing;
         let named = |place: &usize| poll.anchors.get(*place).is_some_and(|asked| asked.address == self.config.address);
         let Some(slot) = (0..poll.anchors.len()).find(named) else { return };
         let poll_rx = frame.rx_time;
@@ -242,7 +248,8 @@ impl Anchor {
         let last_final = self.note_response(tag, poll.round, departure);
         // A long response is only for rounds that have room for it.
         let last_final = last_final.filter(|_| timing.layout.scheme == Scheme::DoubleSided);
-        let response = Response { round: poll.round, poll_rx, reply: departure.since(poll_rx), last_final };
+        let reply = departure.since(poll_rx);
+        let response = Response { round: poll.round as u8, lease, poll_rx, reply, last_final };
         let polled = end_of(&self.config.network.phy, frame);
         self.answer = Some(Answer { tag, polled, start, response });
         // The distances in another anchor's poll are for tags that only listen.
@@ -295,7 +302,7 @@ impl Anchor {
         };
         // A superframe begins early for this node, because it must decide in time on a sync frame in the first slot.
         let early = RadioDuration::from_ticks(lead.ticks() + SHORTEST_WAIT.ticks());
-        network.advance(present.plus(early));
+        network.advance(phy, &mut self.leases, present.plus(early));
         let (timing, phase) = (network.course.timing, network.course.phase);
         let passed = present.since(phase.start).ticks();
         // A clock that jumped may have any value: a window is never negative.
@@ -323,7 +330,7 @@ impl Anchor {
         let start = phase.at(rmarker).plus(RadioDuration::from_ticks(-self.stamps.antenna_delay.ticks()));
         // Tags ask for the room for finals.
         let wish = self.meter.wish(Scheme::SingleSided);
-        let (sync_frame, takes_over) = network.compose(slot, self.position, wish);
+        let (sync_frame, takes_over) = network.compose(&mut self.leases, slot, self.position, wish);
         if takes_over {
             self.link = Some(Link::Coordinating);
         }
@@ -337,7 +344,7 @@ impl Anchor {
         let lead = self.meter.lead();
         let Some(network) = &mut self.network else { return Self::listen(rest) };
         let timing = network.course.timing;
-        self.rounds.plan(network, self.config.address);
+        self.rounds.plan(network, &mut self.leases, self.config.address);
         let phase = network.course.phase;
         let in_time = RadioDuration::from_ticks(passed.ticks() + lead.ticks());
         // The anchor was woken for a round. It makes the round if the round's instant is still in the future.

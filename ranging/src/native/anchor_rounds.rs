@@ -10,13 +10,14 @@ use heapless::Vec;
 use super::MAX_ROUND;
 use super::anchor_table::AnchorTable;
 use super::coordinator::Coordinator;
-use super::plan::{Rate, next_round, owned_slots, share_of};
+use super::leases::Leases;
+use super::plan::{Rate, next_round, share_of};
 use super::round::RoundState;
 use super::timing::{Phase, Timing};
 use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel};
 use wire::serial_number::SerialNumber;
 use wire::uwb::layout::{Layout, Scheme};
-use wire::uwb::native::{Distance, Member, Poll, Response};
+use wire::uwb::native::{Distance, Member, Poll, Response, Share};
 
 /// Anchors that are remembered.
 const MAX_HEARD: usize = 16;
@@ -121,7 +122,7 @@ impl AnchorRounds {
     }
 
     /// Once a superframe: requests slots if the anchor lacks some, and finds its own slots.
-    pub fn plan(&mut self, network: &mut Coordinator, address: u16) {
+    pub fn plan(&mut self, network: &mut Coordinator, leases: &mut Leases, address: u16) {
         let Some(rate) = self.rate else { return };
         let timing = network.course.timing;
         let number = network.course.phase.number;
@@ -140,10 +141,17 @@ impl AnchorRounds {
             other.unheard = other.unheard.saturating_add(passed);
         }
         self.heard.retain(|other| other.unheard <= FORGOTTEN_AFTER);
-        network.request(Member { tag: address, share: share_of(rate, &timing) });
+        // Who listens must know the slots of anchors at once, from the list. An anchor that ranges less often than once a
+        // superframe leaves its slot unused.
+        let (share, every) = match share_of(rate, &timing) {
+            Share::OneIn(period) => (Share::Slots(1), period.superframes()),
+            share => (share, 1),
+        };
+        network.request(leases, Member { tag: address, share }, false);
+        let is_turn = number.wrapping_add(address).is_multiple_of(every);
         self.owned = match network.course.membership.in_force() {
-            Some(members) => owned_slots(members, address, number, timing.round_slots),
-            None => 0,
+            Some(plan) if is_turn => plan.owned_slots(address, number, timing.round_slots),
+            Some(_) | None => 0,
         };
     }
 

@@ -1,4 +1,4 @@
-//! How anchors share one time, one coordinator and one list of members.
+//! How anchors share one time, one coordinator, one plan and one table of leases.
 //!
 //! Each sync frame repeats the coordinator's last message, with its age in superframes (`age`) and the number of hops.
 //! An anchor follows the freshest message. Its clock follows only senders that are nearer to the coordinator. If the
@@ -30,15 +30,17 @@
 
 use super::anchor_position::{hash, is_own_slot};
 use super::election::{Choice, Election};
+use super::enrolment::Enrolment;
 use super::layout_requests::LayoutRequests;
 use super::leases::Leases;
+use super::plan::most_leased;
 use super::spread;
 use super::superframes::Superframes;
-use super::timing::{HOLDOVER_SUPERFRAMES, SHARED_SLOTS};
+use super::timing::{HOLDOVER_SUPERFRAMES, SHARED_SLOTS, Timing};
 use crate::exchange::Link;
 use crate::{PhyConfig, RadioInstant};
 use wire::uwb::layout::Layout;
-use wire::uwb::native::{Member, OWNED_SYNC_SLOTS, Position, SyncFrame};
+use wire::uwb::native::{Confirmation, Member, OWNED_SYNC_SLOTS, Position, Share, SyncFrame};
 
 /// If the coordinator's last message is older than this many superframes, and two more for each hop, the coordinator is
 /// gone.
@@ -51,7 +53,8 @@ const UNCONFIRMED: u8 = 20;
 /// Owners of sync slots: a byte of the address's hash (0: no owner) and superframes since the last sign of it.
 type Owners = [(u8, u8); OWNED_SYNC_SLOTS];
 
-/// An anchor's state in its network.
+/// An anchor's state in its network, but for the leases: their table is large and stays where it is, and methods take
+/// it.
 #[derive(Clone, Debug)]
 pub struct Coordinator {
     /// The time of the network, and the list and layout in force.
@@ -67,8 +70,8 @@ pub struct Coordinator {
     heard_owners: Owners,
     told_owners: Owners,
     /// Members of the newest list whose poll was received, here or according to anchors farther from the coordinator.
-    heard_members: u32,
-    leases: Leases,
+    heard_members: u16,
+    enrolment: Enrolment,
     /// What tags, and anchors farther from the coordinator, request of the layout.
     wishes: LayoutRequests,
     /// The last superframe whose sync frame is finished.
@@ -120,7 +123,7 @@ impl Coordinator {
             heard_owners: [(0, 0); OWNED_SYNC_SLOTS],
             told_owners: [(0, 0); OWNED_SYNC_SLOTS],
             heard_members: 0,
-            leases: Leases::new(),
+            enrolment: Enrolment::new(),
             wishes: LayoutRequests::new(),
             told: None,
             late: None,
@@ -144,9 +147,17 @@ impl Coordinator {
 
     /// Joins the network of a sync frame without any earlier knowledge. Returns false in the middle of a change of its
     /// layout.
-    fn begin_anew(&mut self, phy: &PhyConfig, source: u16, sync_frame: &SyncFrame, rx_time: RadioInstant) -> bool {
+    fn begin_anew(
+        &mut self,
+        phy: &PhyConfig,
+        leases: &mut Leases,
+        source: u16,
+        sync_frame: &SyncFrame,
+        rx_time: RadioInstant,
+    ) -> bool {
         match Self::join(self.address, phy, source, sync_frame, rx_time) {
             Some(joined) => {
+                leases.clear();
                 *self = joined;
                 true
             }
@@ -158,16 +169,17 @@ impl Coordinator {
     pub fn receive(
         &mut self,
         phy: &PhyConfig,
+        leases: &mut Leases,
         source: u16,
         sync_frame: &SyncFrame,
         rx_time: RadioInstant,
     ) -> FollowUpdate {
-        self.advance(rx_time);
+        self.advance(phy, leases, rx_time);
         let in_step = self.course.in_step(sync_frame, rx_time);
         let is_the_same = (sync_frame.term, sync_frame.coordinator) == (self.election.term, self.election.coordinator);
         if is_the_same && in_step.is_none() {
             let is_deaf = u16::from(self.election.age) > HOLDOVER_SUPERFRAMES && !self.coordinates();
-            let followed = is_deaf && self.begin_anew(phy, source, sync_frame, rx_time);
+            let followed = is_deaf && self.begin_anew(phy, leases, source, sync_frame, rx_time);
             return if followed { FollowUpdate::Followed } else { FollowUpdate::Ignored };
         }
         let is_alone = self.coordinates() && self.course.membership.members().is_empty() && !self.has_neighbours();
@@ -175,9 +187,12 @@ impl Coordinator {
             (Choice::Same, Some(phase)) => {
                 if sync_frame.hops < self.election.hops {
                     self.course.phase = phase;
-                    self.course.membership.receive(sync_frame);
+                    let agrees = self.course.membership.receive(sync_frame);
+                    if agrees && self.is_known(source, sync_frame) {
+                        leases.learn(sync_frame);
+                    }
                 }
-                self.note_members(source, sync_frame);
+                self.note_members(leases, source, sync_frame);
                 self.note_owners(source, sync_frame);
                 FollowUpdate::Followed
             }
@@ -192,7 +207,7 @@ impl Coordinator {
                         self.course.membership.adopt(sync_frame);
                         self.follow(source, sync_frame);
                     }
-                    None if self.begin_anew(phy, source, sync_frame, rx_time) => {}
+                    None if self.begin_anew(phy, leases, source, sync_frame, rx_time) => {}
                     None => return FollowUpdate::Ignored,
                 }
                 FollowUpdate::Changed(link)
@@ -225,21 +240,27 @@ impl Coordinator {
     /// Takes the report of tags and the request of a layout by an anchor farther from the coordinator. They count if
     /// they are sent in the anchor's own slot, and the anchor had that slot before. A sync frame in a shared slot can
     /// be forged without any cost.
-    fn note_members(&mut self, source: u16, sync_frame: &SyncFrame) {
+    fn note_members(&mut self, leases: &mut Leases, source: u16, sync_frame: &SyncFrame) {
         if sync_frame.hops <= self.election.hops {
             return;
         }
-        let owner = self.heard_owners.get(usize::from(sync_frame.slot));
-        let is_known_relay = is_own_slot(source, sync_frame) && owner.is_some_and(|(owner, _)| *owner == hash(source));
+        let is_known_relay = self.is_known(source, sync_frame);
         if is_known_relay && sync_frame.version == self.course.membership.version() {
             self.heard_members |= sync_frame.heard;
         }
         if let Some(request) = sync_frame.request {
-            self.request(request);
+            self.request(leases, request, true);
         }
         if is_known_relay {
+            leases.on_passed_polls(sync_frame, self.coordinates());
             self.wishes.note(sync_frame.wish);
         }
+    }
+
+    /// Whether a sync frame came in a slot of its sender's own, which the sender had before.
+    fn is_known(&self, source: u16, sync_frame: &SyncFrame) -> bool {
+        let owner = self.heard_owners.get(usize::from(sync_frame.slot));
+        is_own_slot(source, sync_frame) && owner.is_some_and(|(owner, _)| *owner == hash(source))
     }
 
     /// A tag requests this layout. Its request counts once it is a member.
@@ -247,9 +268,22 @@ impl Coordinator {
         self.wishes.note_tag(tag, wish, self.course.membership.members());
     }
 
-    /// A tag requests slots.
-    pub fn request(&mut self, request: Member) {
-        self.leases.request(request, self.course.membership.members(), self.course.phase.number);
+    /// A tag requests slots. `is_passed_on`: another anchor has received the request.
+    pub fn request(&mut self, leases: &mut Leases, request: Member, is_passed_on: bool) {
+        let (members, number) = (self.course.membership.members(), self.course.phase.number);
+        let Member { tag, share } = request;
+        match share {
+            Share::OneIn(period) if self.coordinates() => {
+                leases.request(tag, period, number, is_passed_on);
+                self.enrolment.withdraw(tag, members, number);
+            }
+            _ => {
+                if self.coordinates() {
+                    leases.release(tag, number);
+                }
+                self.enrolment.request(request, members, leases.has(tag), number);
+            }
+        }
     }
 
     /// A tag's poll was received.
@@ -259,8 +293,20 @@ impl Coordinator {
         }
     }
 
+    /// A tag's poll was received, whose first pulse came at `pulse` and which requests this layout. Returns what
+    /// this anchor knows of its lease.
+    pub fn on_poll(&mut self, leases: &mut Leases, tag: u16, wish: Layout, pulse: RadioInstant) -> Confirmation {
+        self.wish(tag, wish);
+        let Some((number, slot)) = self.course.round_slot_at(pulse) else { return Confirmation::None };
+        // Members poll in slots that are not leased. A forged request may have listed a tag that has a lease.
+        if self.course.membership.in_force().is_none_or(|plan| slot >= plan.leased) {
+            self.on_tag(tag);
+        }
+        leases.on_poll(tag, slot, wish.tag_byte(), number, self.coordinates())
+    }
+
     /// Advances to the superframe that contains `now`.
-    pub fn advance(&mut self, now: RadioInstant) {
+    pub fn advance(&mut self, phy: &PhyConfig, leases: &mut Leases, now: RadioInstant) {
         let begun = self.course.advance(now);
         if begun == 0 {
             return;
@@ -268,6 +314,8 @@ impl Coordinator {
         let superframes = begun.min(u8::MAX.into()) as u8;
         self.wishes.advance(begun);
         self.wishes.keep(self.course.membership.members());
+        self.wishes.note(leases.wish());
+        leases.look_over(self.course.phase.number, self.course.membership.newest().leased);
         self.listened = self.listened.saturating_add(begun);
         for (owner, unheard) in self.heard_owners.iter_mut().chain(&mut self.told_owners) {
             *unheard = unheard.saturating_add(superframes);
@@ -278,7 +326,7 @@ impl Coordinator {
         self.election.advance(begun);
         if self.coordinates() {
             self.election.age = 0;
-            self.coordinate(begun);
+            self.coordinate(phy, leases, begun);
         }
         self.unconfirmed = if self.has_neighbours() { self.unconfirmed.saturating_add(superframes) } else { 0 };
         if self.unconfirmed > UNCONFIRMED {
@@ -289,13 +337,19 @@ impl Coordinator {
         }
     }
 
-    /// The coordinator's work of a superframe: it ends leases, grants requests and sets the layout of the slots.
-    fn coordinate(&mut self, begun: u16) {
-        let Superframes { membership, phase, .. } = &mut self.course;
+    /// The coordinator's work of a superframe: it grants requests and sets the layout of the slots.
+    fn coordinate(&mut self, phy: &PhyConfig, leases: &mut Leases, begun: u16) {
+        let Superframes { membership, phase, timing, .. } = &mut self.course;
         let before = membership.layout();
         let layout = self.wishes.better_than(before).unwrap_or(before);
         let heard = core::mem::take(&mut self.heard_members);
-        self.leases.renew(membership, layout, heard, begun, phase.number);
+        let round_slots =
+            if layout == timing.layout { timing.round_slots } else { Timing::of(phy, layout).round_slots };
+        let most = most_leased(round_slots);
+        leases.grant(phase.number, membership.leased().unwrap_or(0), most);
+        let others_use_them = !membership.members().is_empty() || self.enrolment.is_awaited();
+        let leased = leases.wanted_slots(membership.newest().leased, most, others_use_them);
+        self.enrolment.renew(membership, leased, layout, heard, begun, phase.number);
         if membership.layout() != before {
             self.wishes.adopted();
         }
@@ -353,14 +407,20 @@ impl Coordinator {
 
     /// The sync frame for a slot, to be sent now; and whether this anchor has just become coordinator. `wish` is what
     /// this anchor itself requests of the layout.
-    pub fn compose(&mut self, slot: u8, position: Option<Position>, wish: Layout) -> (SyncFrame, bool) {
+    pub fn compose(
+        &mut self,
+        leases: &mut Leases,
+        slot: u8,
+        position: Option<Position>,
+        wish: Layout,
+    ) -> (SyncFrame, bool) {
         self.skip();
         self.wishes.note(wish);
         let gone = COORDINATOR_GONE.saturating_add(self.election.hops.saturating_mul(2));
         let takes_over = !self.coordinates() && self.election.age > gone.min(u8::MAX - 1);
         if takes_over {
             self.election.take_over(self.address);
-            self.leases.take_over();
+            self.enrolment.take_over();
         }
         let mut slot_owners = self.heard_owners.map(|(owner, _)| owner);
         if let Some(own) = self.slot.and_then(|slot| slot_owners.get_mut(usize::from(slot))) {
@@ -371,7 +431,7 @@ impl Coordinator {
         } else {
             // Requests of slots and requests of the layout take turns.
             let passes_request_on = self.course.phase.number.is_multiple_of(2) || self.wishes.all() == Layout::LEAST;
-            let request = if passes_request_on { self.leases.pass_on() } else { None };
+            let request = if passes_request_on { self.enrolment.pass_on() } else { None };
             let heard = self.heard_members;
             // A transmission in a shared slot does not count: it is repeated.
             if usize::from(slot) < OWNED_SYNC_SLOTS {
@@ -381,7 +441,7 @@ impl Coordinator {
         };
         let Election { term, age, hops, coordinator, .. } = self.election;
         let membership = &self.course.membership;
-        let sync_frame = SyncFrame {
+        let mut sync_frame = SyncFrame {
             superframe: self.course.phase.number,
             term,
             age,
@@ -397,8 +457,12 @@ impl Coordinator {
             layout: membership.layout(),
             layout_is_new: membership.changes_layout(),
             position,
+            leased: membership.newest().leased,
             members: membership.members().clone(),
+            leases: Default::default(),
+            polls: Default::default(),
         };
+        leases.fill(&mut sync_frame);
         (sync_frame, takes_over)
     }
 }

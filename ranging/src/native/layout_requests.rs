@@ -167,7 +167,7 @@ mod tests {
 
     #[test]
     fn a_member_that_ranges_seldom_is_not_forgotten_until_it_leaves() {
-        let member = |tag| Member { tag, share: Share::OneIn(100) };
+        let member = |tag| Member { tag, share: Share::Slots(2) };
         let members: Members = [member(1), member(2)].into_iter().collect();
         let mut wishes = LayoutRequests::new();
         wishes.note_tag(2, layout(0), &members);

@@ -31,8 +31,11 @@ mod clock;
 mod compensation;
 mod coordinator;
 mod election;
+mod enrolment;
 mod layout_requests;
+mod lease_entry;
 mod leases;
+mod own_lease;
 mod pace;
 mod plan;
 mod round;
@@ -95,6 +98,9 @@ fn blank_sync_frame() -> wire::uwb::native::SyncFrame {
         layout: Layout::LEAST,
         layout_is_new: false,
         position: None,
+        leased: 0,
         members: Default::default(),
+        leases: Default::default(),
+        polls: Default::default(),
     }
 }

@@ -1,8 +1,8 @@
-//! Who may range when: a network's list of members, and the plan of round slots that follows from the list.
+//! Who may range when: how many round slots are leased, the list of members that share the others, and the layout.
 //!
-//! Sync frames carry the list. Every node computes the same plan from it, so no slot needs to be announced. A changed
-//! list is in force from a superframe that is late enough for every node to have received the list. Until then the
-//! former list is in force.
+//! Sync frames carry this plan. Every node computes the slots of each member from it, so none of them needs to be
+//! announced. A changed plan is in force from a superframe that is late enough for every node to have received it. Until
+//! then the former plan is in force. Leases are not part of it ([`leases`](super::leases)).
 
 use heapless::Vec;
 
@@ -10,7 +10,7 @@ use super::timing::{MAX_ROUND_SLOTS, Timing};
 use crate::RadioDuration;
 use wire::serial_number::SerialNumber;
 use wire::uwb::layout::Layout;
-use wire::uwb::native::{MAX_MEMBERS, Member, Share, SyncFrame};
+use wire::uwb::native::{MAX_MEMBERS, Member, Period, Share, SyncFrame};
 
 /// A changed list is in force this many superframes after its first announcement.
 pub const NOTICE_SUPERFRAMES: u8 = 4;
@@ -34,20 +34,40 @@ pub enum Rate {
 /// Members by address, each once.
 pub type Members = Vec<Member, MAX_MEMBERS>;
 
-/// A list with its number and its layout.
+/// What all nodes compute the slots from.
 #[derive(Clone, Debug, PartialEq)]
-struct Plan {
+pub struct Plan {
     version: u8,
-    members: Members,
-    layout: Layout,
+    /// The tags that share the slots that are not leased.
+    pub members: Members,
+    /// The first round slots of each superframe are leased, this many.
+    pub leased: u8,
+    /// The layout.
+    pub layout: Layout,
 }
 
 impl Plan {
-    /// Whether a sync frame tells this list.
-    fn is_in(&self, sync_frame: &SyncFrame) -> bool {
-        let SyncFrame { version, members, layout, .. } = sync_frame;
-        (version, members, layout) == (&self.version, &self.members, &self.layout)
+    fn of_sync_frame(sync_frame: &SyncFrame) -> Self {
+        let SyncFrame { version, ref members, leased, layout, .. } = *sync_frame;
+        Self { version, members: members.clone(), leased, layout }
     }
+
+    /// Whether a sync frame tells this plan.
+    fn is_in(&self, sync_frame: &SyncFrame) -> bool {
+        let SyncFrame { version, members, leased, layout, .. } = sync_frame;
+        (version, members, leased, layout) == (&self.version, &self.members, &self.leased, &self.layout)
+    }
+
+    /// The round slots of a member in a superframe with this many: bit i for slot i.
+    pub fn owned_slots(&self, tag: u16, superframe: u16, slots: u8) -> u64 {
+        let dealt = owned_slots(&self.members, tag, superframe, slots.saturating_sub(self.leased));
+        dealt.checked_shl(self.leased.into()).unwrap_or(0)
+    }
+}
+
+/// The most round slots, of this many, that can be leased: an eighth is left to the list of members.
+pub const fn most_leased(round_slots: u8) -> u8 {
+    round_slots - round_slots.div_ceil(8)
 }
 
 /// The list of members, and the layout of the slots, as a node knows them.
@@ -75,7 +95,7 @@ pub struct Membership {
 impl Membership {
     /// No members yet, with this layout.
     pub const fn new(layout: Layout) -> Self {
-        Self::in_notice(Plan { version: 0, members: Members::new(), layout }, None, 0)
+        Self::in_notice(Plan { version: 0, members: Members::new(), leased: 0, layout }, None, 0)
     }
 
     const fn in_notice(newest: Plan, former: Option<Plan>, countdown: u8) -> Self {
@@ -84,14 +104,17 @@ impl Membership {
 
     /// What a node without any knowledge learns from a sync frame.
     pub fn from_sync_frame(sync_frame: &SyncFrame) -> Self {
-        let newest =
-            Plan { version: sync_frame.version, members: sync_frame.members.clone(), layout: sync_frame.layout };
-        Self::in_notice(newest, None, sync_frame.countdown.min(NOTICE_SUPERFRAMES))
+        Self::in_notice(Plan::of_sync_frame(sync_frame), None, sync_frame.countdown.min(NOTICE_SUPERFRAMES))
     }
 
     /// Number of the newest list.
     pub const fn version(&self) -> u8 {
         self.newest.version
+    }
+
+    /// The newest plan.
+    pub const fn newest(&self) -> &Plan {
+        &self.newest
     }
 
     /// The newest list.
@@ -109,23 +132,25 @@ impl Membership {
         self.countdown
     }
 
-    /// The list in force, if known.
-    pub fn in_force(&self) -> Option<&Members> {
-        self.plan_in_force().map(|plan| &plan.members)
+    /// The plan in force, if known.
+    pub fn in_force(&self) -> Option<&Plan> {
+        if self.countdown == 0 { Some(&self.newest) } else { self.former.as_ref() }
     }
 
-    /// The list that is in force and stays in force, as far as is known: no change has been announced.
-    pub fn settled(&self) -> Option<&Members> {
-        (self.countdown == 0).then_some(&self.newest.members)
+    /// The plan that is in force and stays in force, as far as is known: no change has been announced.
+    pub fn settled(&self) -> Option<&Plan> {
+        (self.countdown == 0).then_some(&self.newest)
+    }
+
+    /// How many slots are leased now and with the newest plan, too; `None` while the layout changes.
+    pub fn leased(&self) -> Option<u8> {
+        let in_force = self.in_force()?;
+        (in_force.layout == self.newest.layout).then_some(in_force.leased.min(self.newest.leased))
     }
 
     /// The layout in force. No node joins a network in the middle of a change of its layout.
     pub fn layout_in_force(&self) -> Layout {
-        self.plan_in_force().unwrap_or(&self.newest).layout
-    }
-
-    fn plan_in_force(&self) -> Option<&Plan> {
-        if self.countdown == 0 { Some(&self.newest) } else { self.former.as_ref() }
+        self.in_force().unwrap_or(&self.newest).layout
     }
 
     /// Whether the layout changes when the newest list comes into force.
@@ -177,22 +202,22 @@ impl Membership {
     /// continue those of the coordinator before it: it may have missed the newest list when it took over.
     pub fn adopt(&mut self, sync_frame: &SyncFrame) {
         if !self.newest.is_in(sync_frame) {
-            let SyncFrame { version, members, layout, countdown, .. } = sync_frame;
-            self.replace(*version, (*countdown).min(NOTICE_SUPERFRAMES), members, *layout);
+            self.replace(Plan::of_sync_frame(sync_frame), sync_frame.countdown.min(NOTICE_SUPERFRAMES));
         }
     }
 
-    fn replace(&mut self, version: u8, countdown: u8, members: &Members, layout: Layout) {
-        let former = self.plan_in_force().cloned().filter(|_| countdown > 0);
-        *self = Self::in_notice(Plan { version, members: members.clone(), layout }, former, countdown);
+    fn replace(&mut self, plan: Plan, countdown: u8) {
+        let former = self.in_force().cloned().filter(|_| countdown > 0);
+        *self = Self::in_notice(plan, former, countdown);
     }
 
-    /// The coordinator changes list or layout: with notice, but at once if there was no member whose slots could be
-    /// taken.
-    pub fn change(&mut self, members: &Members, layout: Layout) {
-        let nobody_is_affected = self.newest.members.is_empty() && layout == self.newest.layout;
+    /// The coordinator changes the plan: with notice, but at once if nobody's slots are taken.
+    pub fn change(&mut self, members: &Members, leased: u8, layout: Layout) {
+        let newest = &self.newest;
+        let nobody_is_affected = newest.members.is_empty() && leased >= newest.leased && layout == newest.layout;
         let notice = if nobody_is_affected { 0 } else { NOTICE_SUPERFRAMES };
-        self.replace(self.newest.version.wrapping_add(1), notice, members, layout);
+        let version = newest.version.wrapping_add(1);
+        self.replace(Plan { version, members: members.clone(), leased, layout }, notice);
     }
 }
 
@@ -201,20 +226,20 @@ pub fn lists(members: &Members, tag: u16) -> bool {
     members.iter().any(|member| member.tag == tag)
 }
 
-/// The round slots that `tag` owns in a superframe: bit i for slot i.
+/// Those of the `slots` that `tag` owns in a superframe: bit i for the i-th.
 ///
 /// Slots are dealt in turn to the members that need one more, beginning with another member in each superframe. If
 /// fewer are needed than there are, they are spread evenly over the superframe. All nodes compute the same result from
 /// a list and a number.
-pub fn owned_slots(members: &Members, tag: u16, superframe: u16, slots: u8) -> u64 {
+fn owned_slots(members: &Members, tag: u16, superframe: u16, slots: u8) -> u64 {
     let slots = slots.min(MAX_ROUND_SLOTS as u8);
     let mut wanted: Vec<(u16, u8), MAX_MEMBERS> = Vec::new();
-    for (place, member) in members.iter().enumerate() {
+    for member in members {
         let slots = match member.share {
-            Share::Release => 0,
+            // A lease is not in the list.
+            Share::Release | Share::OneIn(_) => 0,
             Share::Slots(n) => n,
             Share::Greedy => u8::MAX,
-            Share::OneIn(n) => u8::from(superframe.wrapping_add(place as u16).is_multiple_of(u16::from(n))),
         };
         if slots > 0 {
             // As many places as members: it fits.
@@ -280,9 +305,9 @@ pub fn share_of(rate: Rate, timing: &Timing) -> Share {
         Rate::Every(period) => {
             let (period, superframe) = (period.ticks().max(1), timing.superframe.ticks());
             // At least as often as requested: slots rounded up, superframes down.
-            match (period / superframe).min(127) as u8 {
-                0 | 1 => Share::Slots(((superframe + period - 1) / period).min(126) as u8),
-                superframes => Share::OneIn(superframes),
+            match u16::try_from(period / superframe).unwrap_or(u16::MAX) {
+                0 => Share::Slots(((superframe + period - 1) / period).min(126) as u8),
+                superframes => Share::OneIn(Period::at_most(superframes)),
             }
         }
     }
@@ -295,6 +320,10 @@ mod tests {
 
     fn list(shares: &[Share]) -> Members {
         shares.iter().enumerate().map(|(tag, &share)| Member { tag: tag as u16, share }).collect()
+    }
+
+    fn in_force(membership: &Membership) -> Option<&Members> {
+        membership.in_force().map(|plan| &plan.members)
     }
 
     fn plan(members: &Members, superframe: u16, slots: u8) -> std::vec::Vec<u64> {
@@ -336,27 +365,53 @@ mod tests {
             }
         }
         assert_eq!(counts, [370; 15]);
-        // 24 tags, 10 slots: every tag gets slots, 10 / 24 a superframe.
-        let members = list(&[Share::Greedy; 24]);
-        let mut counts = [0u32; 24];
-        for superframe in 0..240 {
+        // 16 tags, 10 slots: every tag gets slots, 10 / 16 a superframe.
+        let members = list(&[Share::Greedy; 16]);
+        let mut counts = [0u32; 16];
+        for superframe in 0..160 {
             for (count, owned) in counts.iter_mut().zip(plan(&members, superframe, 10)) {
                 *count += owned.count_ones();
             }
         }
-        assert_eq!(counts, [100; 24]);
+        assert_eq!(counts, [100; 16]);
     }
 
     #[test]
     fn modest_tags_get_what_they_ask_for_and_greedy_ones_the_rest() {
-        let members = list(&[Share::Slots(2), Share::Greedy, Share::OneIn(4), Share::Release]);
+        let members = list(&[Share::Slots(2), Share::Greedy, Share::OneIn(Period::ONE), Share::Release]);
         let mut counts = [0u32; 4];
         for superframe in 0..40 {
             for (count, owned) in counts.iter_mut().zip(plan(&members, superframe, 37)) {
                 *count += owned.count_ones();
             }
         }
-        assert_eq!(counts, [80, 40 * 37 - 80 - 10, 10, 0]);
+        assert_eq!(counts, [80, 40 * 37 - 80, 0, 0]);
+    }
+
+    #[test]
+    fn members_share_the_slots_that_are_not_leased() {
+        let plan = |leased| Plan { version: 0, members: list(&[Share::Greedy]), leased, layout: Layout::LEAST };
+        assert_eq!(plan(5).owned_slots(0, 7, 8), 0b1110_0000);
+        assert_eq!(plan(0).owned_slots(0, 7, 8), 0b1111_1111);
+        assert_eq!([8, 64, 255].map(|leased| plan(leased).owned_slots(0, 7, 8)), [0; 3]);
+        assert_eq!(plan(63).owned_slots(0, 7, 64), 1 << 63);
+        // An eighth stays: 1 of 4, 5 of 35.
+        assert_eq!([0, 1, 4, 35, 64].map(most_leased), [0, 0, 3, 30, 56]);
+    }
+
+    #[test]
+    fn more_leased_slots_count_at_once_and_fewer_or_taken_ones_after_their_notice() {
+        let mut membership = Membership::new(Layout::LEAST);
+        membership.change(&Members::new(), 9, Layout::LEAST);
+        assert_eq!((membership.leased(), membership.countdown()), (Some(9), 0));
+        membership.change(&list(&[Share::Greedy]), 4, Layout::LEAST);
+        assert_eq!((membership.leased(), membership.countdown()), (Some(4), 4));
+        assert_eq!(membership.in_force().map(|plan| plan.leased), Some(9));
+        (0..4).for_each(|_| membership.advance());
+        membership.change(&list(&[Share::Greedy]), 6, Layout::LEAST);
+        assert_eq!((membership.leased(), membership.countdown()), (Some(4), 4));
+        membership.change(&list(&[Share::Greedy]), 6, Layout { answer: Span::LONGEST, ..Layout::LEAST });
+        assert_eq!(membership.leased(), None, "the layout changes");
     }
 
     #[test]
@@ -369,21 +424,21 @@ mod tests {
     fn a_changed_list_counts_after_its_notice() {
         let mut membership = Membership::new(Layout::LEAST);
         let [old, new] = [list(&[Share::Greedy]), list(&[Share::Greedy, Share::Slots(1)])];
-        membership.change(&old, Layout::LEAST);
-        assert_eq!(membership.in_force(), Some(&old), "nobody's slots were taken");
-        membership.change(&new, Layout::LEAST);
-        assert_eq!((membership.in_force(), membership.countdown()), (Some(&old), 4));
+        membership.change(&old, 0, Layout::LEAST);
+        assert_eq!(in_force(&membership), Some(&old), "nobody's slots were taken");
+        membership.change(&new, 0, Layout::LEAST);
+        assert_eq!((in_force(&membership), membership.countdown()), (Some(&old), 4));
         (0..3).for_each(|_| membership.advance());
-        assert_eq!(membership.in_force(), Some(&old));
+        assert_eq!(in_force(&membership), Some(&old));
         membership.advance();
-        assert_eq!(membership.in_force(), Some(&new));
+        assert_eq!(in_force(&membership), Some(&new));
     }
 
     #[test]
     fn a_changed_layout_counts_after_its_notice_even_where_there_are_no_members() {
         let wide = Layout { answer: Span::LONGEST, ..Layout::LEAST };
         let mut membership = Membership::new(Layout::LEAST);
-        membership.change(&Members::new(), wide);
+        membership.change(&Members::new(), 0, wide);
         assert_eq!((membership.layout_in_force(), membership.layout()), (Layout::LEAST, wide));
         assert!(membership.changes_layout());
         (0..NOTICE_SUPERFRAMES).for_each(|_| membership.advance());
@@ -438,7 +493,7 @@ mod tests {
             membership.advance();
             assert!(membership.receive(&sync_frame(6, left, &told)));
         }
-        assert_eq!(membership.in_force(), Some(&told));
+        assert_eq!(in_force(&membership), Some(&told));
         assert!(membership.receive(&sync_frame(7, 4, &forged)), "now it may be announced");
     }
 
@@ -452,7 +507,7 @@ mod tests {
         };
         let mut by_coordinator = announced();
         assert!(!by_coordinator.receive(&SyncFrame { hops: 0, ..sync_frame(5, 0, &known) }));
-        assert_eq!((by_coordinator.settled(), by_coordinator.version()), (Some(&known), 5));
+        assert_eq!((by_coordinator.settled().map(|plan| &plan.members), by_coordinator.version()), (Some(&known), 5));
         let mut by_relays = announced();
         // Some relays are late, others are not.
         for _ in 0..4 {
@@ -466,16 +521,16 @@ mod tests {
         for more in 0..6 {
             assert_eq!(by_relays.receive(&sync_frame(5, 0, &known)), more < 5);
         }
-        assert_eq!((by_relays.settled(), by_relays.version()), (Some(&known), 5));
+        assert_eq!((by_relays.settled().map(|plan| &plan.members), by_relays.version()), (Some(&known), 5));
     }
 
     #[test]
     fn a_newcomer_knows_the_new_list_and_not_the_one_that_counts() {
         let [old, new] = [list(&[Share::Greedy]), list(&[Share::Greedy, Share::Slots(1)])];
         let mut newcomer = Membership::from_sync_frame(&sync_frame(2, 3, &new));
-        assert_eq!(newcomer.in_force(), None);
+        assert_eq!(in_force(&newcomer), None);
         (0..3).for_each(|_| newcomer.advance());
-        assert_eq!(newcomer.in_force(), Some(&new));
+        assert_eq!(in_force(&newcomer), Some(&new));
         // An older list that another anchor still relays changes nothing.
         newcomer.receive(&sync_frame(1, 0, &old));
         assert_eq!(newcomer.members(), &new);

@@ -180,7 +180,7 @@ impl RoundState {
     ) -> Option<f32> {
         let slot = self.team.iter().position(|&anchor| anchor == source)?;
         let round1 = frame.rx_time.since(self.poll_tx);
-        let awaited = response.round == self.number && self.pending >> slot & 1 == 1;
+        let awaited = response.round == self.number as u8 && self.pending >> slot & 1 == 1;
         if !awaited {
             return None;
         }

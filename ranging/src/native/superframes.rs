@@ -81,6 +81,20 @@ impl Superframes {
         }
     }
 
+    /// The superframe and the round slot of an instant in this superframe or the one before, if it is in a round slot.
+    pub fn round_slot_at(&self, instant: RadioInstant) -> Option<(u16, u8)> {
+        let Phase { number, start } = self.phase;
+        let passed = instant.since(start).ticks();
+        // A node prepares for the next superframe before this one ends.
+        let (number, passed) = match passed < 0 {
+            true => (number.wrapping_sub(1), passed + self.timing.superframe.ticks()),
+            false => (number, passed),
+        };
+        let into = passed - self.timing.rounds().ticks();
+        let slot = u8::try_from(into.div_euclid(self.timing.round_slot.ticks())).ok()?;
+        Some((number, slot))
+    }
+
     /// The phase of a sync frame that arrived at `rx_time`, if its superframe has the same number and beginning as this
     /// course has then. A sync frame that was repeated later does not.
     pub fn in_step(&self, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Option<Phase> {

@@ -1,7 +1,7 @@
 //! How a tag follows a network: the time, the coordinator, and who may range when.
 
 use super::election::{Choice, Election};
-use super::plan::Members;
+use super::plan::Plan;
 use super::superframes::Superframes;
 use super::timing::HOLDOVER_SUPERFRAMES;
 use crate::{PhyConfig, RadioDuration, RadioInstant};
@@ -133,14 +133,15 @@ impl Sync {
         self.course.phase.start = now.plus(passed);
     }
 
-    /// The list in force in this superframe, unless it may have changed without the tag receiving the change.
-    pub fn members(&self) -> Option<&Members> {
+    /// The plan in force in this superframe, unless it may have changed without the tag receiving the change.
+    pub fn plan(&self) -> Option<&Plan> {
         self.course.membership.in_force().filter(|_| self.silent() <= HOLDOVER_SUPERFRAMES)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::plan::Members;
     use super::super::timing::Timing;
     use super::*;
     use wire::uwb::layout::{Layout, Span};
@@ -208,7 +209,7 @@ mod tests {
         // Coordinator 2 has missed the change from version 7 to 8.
         let told = SyncFrame { term: 1, coordinator: 2, members: members.clone(), ..sync_frame(14, 7, layout(600), 0) };
         assert_eq!(sync.receive(&PHY, &told, at(14)), SyncUpdate::Changed);
-        assert_eq!((sync.members(), sync.course.membership.version()), (Some(&members), 7));
+        assert_eq!((sync.plan().map(|plan| &plan.members), sync.course.membership.version()), (Some(&members), 7));
     }
 
     #[test]

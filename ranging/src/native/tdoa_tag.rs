@@ -20,7 +20,7 @@ use positioning_core::Real;
 
 use super::anchor_table::{AnchorTable, Refused};
 use super::pace::Meter;
-use super::plan::{Rate, owned_slots};
+use super::plan::Rate;
 use super::sync::{Sync, SyncUpdate};
 use super::timing::{SUPERFRAME, SYNC_SLOTS, end_of};
 use super::{MAX_ROUND, Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS};
@@ -163,7 +163,7 @@ impl TdoaTag {
         let Some(slot) = round.asked.iter().position(|asked| asked.address == source) else { return };
         let told = round.asked.get(slot).and_then(|asked| asked.distance.metres());
         let awaited =
-            destination == round.reference && response.round == round.number && round.pending >> slot & 1 == 1;
+            destination == round.reference && response.round == round.number as u8 && round.pending >> slot & 1 == 1;
         let between = frame.rx_time.since(round.poll);
         if !awaited {
             return;
@@ -209,11 +209,10 @@ impl TdoaTag {
         let pulse = rx_time.plus(RadioDuration::from_ticks(-network.course.timing.to_rmarker.ticks()));
         let begun = network.advance(pulse);
         self.anchors.advance(begun);
-        let (timing, phase) = (network.course.timing, network.course.phase);
-        let into = pulse.since(phase.start).ticks() - timing.rounds().ticks();
-        let Some(slot) = u32::try_from(into.div_euclid(timing.round_slot.ticks())).ok() else { return false };
-        let owned = |members| owned_slots(members, anchor, phase.number, timing.round_slots);
-        network.members().map_or(0, owned).checked_shr(slot).is_some_and(|slots| slots & 1 == 1)
+        let Some((number, slot)) = network.course.round_slot_at(pulse) else { return false };
+        let round_slots = network.course.timing.round_slots;
+        let owned = network.plan().map_or(0, |plan| plan.owned_slots(anchor, number, round_slots));
+        owned.checked_shr(slot.into()).is_some_and(|slots| slots & 1 == 1)
     }
 
     /// Superframes pass, whether a sync frame is received or not.

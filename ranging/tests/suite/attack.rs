@@ -13,10 +13,10 @@ use ranging::native::{
 };
 use ranging::{PhyConfig, RadioDuration, RadioInstant, Start};
 use wire::uwb::layout::Span;
-use wire::uwb::native::{Frame, Member, Message, Position, Request, Response, Share, SyncFrame};
+use wire::uwb::native::{Confirmation, Frame, Member, Message, Period, Position, Request, Response, Share, SyncFrame};
 use wire::uwb::{BROADCAST, FrameBuffer};
 
-const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
+pub(crate) const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 /// Metres that light travels in air in a tick: metres per second divided by ticks per second.
 const METRES_PER_TICK: f64 = 299_702_547.0 / 63_897_600_000.0;
 
@@ -25,7 +25,7 @@ fn anchor(address: u16, position: [f64; 3], rounds: Option<Rate>) -> Boxed {
 }
 
 /// Anchors 1, 2, … on a circle of 10 m, their drifts ±20 ppm in turn.
-fn room(air: &mut Air, anchors: u16, rounds: Option<Rate>) -> Vec<usize> {
+pub(crate) fn room(air: &mut Air, anchors: u16, rounds: Option<Rate>) -> Vec<usize> {
     anchors::room(air, NETWORK, anchors, rounds)
 }
 
@@ -42,7 +42,7 @@ fn shared<M: Protocol + 'static>(machine: M) -> (Boxed, Rc<RefCell<M>>) {
 }
 
 /// A tag at (1, 2, 1) m.
-fn tag(air: &mut Air, address: u16, rate: Rate) -> (usize, Rc<RefCell<Tag>>) {
+pub(crate) fn tag(air: &mut Air, address: u16, rate: Rate) -> (usize, Rc<RefCell<Tag>>) {
     let config = TagConfig {
         address,
         network: NETWORK,
@@ -59,7 +59,7 @@ fn ticks(ticks: i64) -> RadioDuration {
     RadioDuration::from_ticks(ticks)
 }
 
-fn bytes(source: u16, destination: u16, message: Message) -> Vec<u8> {
+pub(crate) fn bytes(source: u16, destination: u16, message: Message) -> Vec<u8> {
     let mut out = FrameBuffer::new();
     Frame { sequence: 9, pan: NETWORK.pan, destination, source, message }.emit(&mut out);
     out.bytes().to_vec()
@@ -67,10 +67,10 @@ fn bytes(source: u16, destination: u16, message: Message) -> Vec<u8> {
 
 /// The frames to send and their times from the superframe's beginning. `forge` gets the first sync frame received in a
 /// superframe, and the last one of each anchor.
-type Forge = Box<dyn FnMut(&Timing, &SyncFrame, &BTreeMap<u16, SyncFrame>) -> Vec<(RadioDuration, Vec<u8>)>>;
+pub(crate) type Forge = Box<dyn FnMut(&Timing, &SyncFrame, &BTreeMap<u16, SyncFrame>) -> Vec<(RadioDuration, Vec<u8>)>>;
 
 /// Listens, and from `armed` on sends the forged frames. It follows the layout in the sync frames.
-fn forger(armed: &Rc<Cell<bool>>, mut forge: Forge) -> Boxed {
+pub(crate) fn forger(armed: &Rc<Cell<bool>>, mut forge: Forge) -> Boxed {
     let armed = Rc::clone(armed);
     let mut known = BTreeMap::new();
     let mut queue: VecDeque<(RadioInstant, Vec<u8>)> = VecDeque::new();
@@ -222,7 +222,7 @@ fn tags_that_do_not_exist_neither_stay_nor_keep_others_out() {
         let relay = SyncFrame {
             slot: 18,
             hops: heard.hops.saturating_add(3),
-            heard: u32::MAX,
+            heard: u16::MAX,
             position: None,
             request: Some(Member { tag: invent(1), share: Share::Slots(1) }),
             ..heard.clone()
@@ -268,7 +268,7 @@ fn slowest(told: &SyncFrame, ahead: u8, countdown: u8) -> SyncFrame {
 }
 
 /// The rounds of a node in the second from this one on.
-fn rounds_in_second(air: &Air, node: usize, from: u32) -> usize {
+pub(crate) fn rounds_in_second(air: &Air, node: usize, from: u32) -> usize {
     let from = f64::from(from);
     air.rounds(node, from).into_iter().filter(|(time, _)| *time < from + 1.0).count()
 }
@@ -390,8 +390,13 @@ impl Impostor {
                             let add = (self.told_m * 2.0 / METRES_PER_TICK) as i64;
                             let late = (self.late_us * 63_897.6) as i64;
                             let reply = ticks(departure.since(heard.rx_time).ticks() - late - add);
-                            let response =
-                                Response { round: poll.round, poll_rx: heard.rx_time, reply, last_final: None };
+                            let response = Response {
+                                round: poll.round as u8,
+                                lease: Confirmation::None,
+                                poll_rx: heard.rx_time,
+                                reply,
+                                last_final: None,
+                            };
                             let frame = bytes(self.address, frame.source, Message::Response(response));
                             return Owned::Transmit { frame, start: Start::At(start), listen: true };
                         }
@@ -560,7 +565,7 @@ fn a_stranger_who_requests_slots_and_the_slowest_layout_once_costs_a_tag_nothing
     let (node, _) = tag(&mut air, 0x100, Rate::Greedy);
     let armed = Rc::new(Cell::new(false));
     let wish = Layout { listen_again: Span::LONGEST, scheme: Scheme::DoubleSided, ..Layout::LEAST };
-    let request = Request { share: Share::OneIn(100), wish };
+    let request = Request { share: Share::OneIn(Period::at_most(100)), wish };
     air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, request_once(0x300, request)));
     air.run_until(3.0);
     armed.set(true);

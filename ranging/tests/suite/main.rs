@@ -3,6 +3,7 @@
 mod air;
 mod attack;
 mod decaranging;
+mod forged_leases;
 mod hostile;
 mod listening;
 mod native;

@@ -14,8 +14,13 @@ use crate::board::BoardProfile;
 const ROOM: [f64; 2] = [12.0, 8.0];
 /// From a room's corner to the corner of the next room, metres.
 const PITCH_M: f64 = 40.0;
-/// The maximum number of tags in a room; a network takes 24.
-const TAGS_A_ROOM: usize = 20;
+/// The most tags in a room that range more than once a superframe: a network lists 16.
+const TAGS_A_ROOM: usize = 16;
+/// The most rounds a second of all tags in a room that range less often: 25 leased slots in a superframe.
+const LEASED_HZ: f64 = 25.0 * SUPERFRAMES_HZ;
+const SUPERFRAMES_HZ: f64 = 10.0;
+/// Tags on ellipses of their own; further ones share them.
+const ELLIPSES: usize = 20;
 /// The minimum number of anchors in a room, if there are several rooms.
 const ANCHORS_A_ROOM: usize = 4;
 /// Anchors hang at this distance from the walls, alternately high and low, metres.
@@ -28,10 +33,17 @@ const WALKING_M_S: f64 = 1.0;
 
 impl Scenario {
     /// `tags` tags that walk in a furnished room of 12 m × 8 m, with `anchors` anchors on its walls; at least one of
-    /// each. More than twenty tags fill further rooms, if there are four anchors for each. Each room has its own
+    /// each. More than sixteen tags fill further rooms, if there are four anchors for each. Each room has its own
     /// network and channel.
     pub fn rooms(anchors: usize, tags: usize) -> Self {
-        let rooms = tags.max(1).div_ceil(TAGS_A_ROOM).min(anchors / ANCHORS_A_ROOM).max(1);
+        Self::rooms_at(anchors, tags, f64::INFINITY)
+    }
+
+    /// The same for tags that range this often a second. Of those that range once a superframe (10 Hz) or less, more are
+    /// in a room: 25 at 10 Hz, 250 at 1 Hz.
+    pub fn rooms_at(anchors: usize, tags: usize, rate_hz: f64) -> Self {
+        let tags_a_room = if rate_hz > SUPERFRAMES_HZ { TAGS_A_ROOM } else { (LEASED_HZ / rate_hz) as usize };
+        let rooms = tags.max(1).div_ceil(tags_a_room).min(anchors / ANCHORS_A_ROOM).max(1);
         Self::in_rooms(rooms, anchors, tags)
     }
 
@@ -149,7 +161,7 @@ fn perimeter([x, y]: [f64; 2], count: usize) -> impl Iterator<Item = [f64; 3]> {
 /// An ellipse around the room's middle as twelve straight segments. The ellipse of each tag is a little narrower than
 /// the one before; every second tag walks in the opposite direction.
 fn walk([x, y]: [f64; 2], number: usize) -> Walk {
-    let narrow = 1.0 - 0.04 * (number % TAGS_A_ROOM) as f64;
+    let narrow = 1.0 - 0.04 * (number % ELLIPSES) as f64;
     let direction = if number.is_multiple_of(2) { 1.0 } else { -1.0 };
     let points = (0..12).map(|step| {
         let angle = direction * TAU * step as f64 / 12.0 + number as f64;
@@ -166,14 +178,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_thousand_tags_share_fifty_rooms_with_networks_of_their_own() {
-        let campus = Scenario::rooms(200, 1000);
-        assert_eq!((campus.networks.len(), campus.anchors.len(), campus.tags.len()), (50, 200, 1000));
+    fn eight_hundred_tags_share_fifty_rooms_with_networks_of_their_own() {
+        let campus = Scenario::rooms(200, 800);
+        assert_eq!((campus.networks.len(), campus.anchors.len(), campus.tags.len()), (50, 200, 800));
         for room in 0..50 {
             let anchors = campus.anchors.iter().filter(|a| a.network == room).count();
             let tags = campus.tags.iter().filter(|t| t.network == room).count();
-            assert_eq!((anchors, tags), (4, 20), "room {room}");
+            assert_eq!((anchors, tags), (4, 16), "room {room}");
         }
+        let rooms = |tags, rate_hz| Scenario::rooms_at(16, tags, rate_hz).networks.len();
+        assert_eq!(
+            [rooms(250, 1.0), rooms(251, 1.0), rooms(25, 10.0), rooms(17, 11.0), rooms(16, 400.0)],
+            [1, 2, 1, 2, 1]
+        );
         for (i, a) in campus.networks.iter().enumerate() {
             for b in &campus.networks[..i] {
                 assert_ne!(a.pan, b.pan);
@@ -187,7 +204,7 @@ mod tests {
 
     #[test]
     fn everybody_is_in_the_room() {
-        let room = Scenario::rooms(7, 20);
+        let room = Scenario::rooms_at(7, 20, 1.0);
         let inside = |p: [f64; 3]| p[0] > 0.0 && p[0] < ROOM[0] && p[1] > 0.0 && p[1] < ROOM[1];
         assert!(room.anchors.iter().all(|anchor| inside(anchor.at)));
         assert!(room.tags.iter().all(|tag| (0..600).all(|t| inside(tag.walk.at(f64::from(t) * 0.1)))));

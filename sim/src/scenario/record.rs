@@ -190,6 +190,13 @@ pub struct Summary {
     pub airtime_share: f64,
     /// The same of the busiest network.
     pub airtime_share_max: f64,
+    /// Tags that had slots of a network at some time. Tags that only listen, or have no native mode, need none.
+    pub tags_joined: usize,
+    /// When the last of them had slots for the first time, seconds. `None` if none had.
+    pub joined_s: Option<f64>,
+    /// The share of the slots of tags with a fixed rate that gave a position, since each tag joined; above 1 if slots
+    /// come a little more often than asked for. `None` without such tags.
+    pub slots_with_fix: Option<f64>,
     /// Mean current of a tag from its supply, board and DW1000 together, milliamperes. It counts from the tag's first
     /// position on, or from the beginning if the tag found no position. `None` for radios directly on the air.
     pub tag_mean_current_ma: Option<f64>,
@@ -291,10 +298,29 @@ impl Summary {
             collisions: air.frames_collided,
             airtime_share: airtime_shares.iter().sum::<f64>() / airtime_shares.len().max(1) as f64,
             airtime_share_max: airtime_shares.iter().copied().fold(0.0, f64::max),
+            tags_joined: 0,
+            joined_s: None,
+            slots_with_fix: None,
             tag_mean_current_ma: None,
             charge_per_fix_uc: None,
             tag_currents_ma: None,
             bluetooth: None,
+        }
+    }
+
+    /// Adds how tags joined: for each of those the time, seconds, its rate, if that is fixed, rounds a second, and its
+    /// number of positions.
+    pub(super) fn with_joined(self, joined: &[(f64, Option<f64>, usize)]) -> Self {
+        let last_s = joined.iter().map(|(at_s, ..)| *at_s).fold(f64::NEG_INFINITY, f64::max);
+        let of_fixed = joined.iter().filter_map(|&(at_s, rate_hz, fixes)| Some((at_s, rate_hz?, fixes)));
+        let (slots, fixes) = of_fixed.fold((0.0, 0), |(slots, all), (at_s, rate_hz, fixes)| {
+            (slots + (self.seconds - at_s) * rate_hz, all + fixes)
+        });
+        Self {
+            tags_joined: joined.len(),
+            joined_s: last_s.is_finite().then_some(last_s),
+            slots_with_fix: (slots > 0.0).then(|| fixes as f64 / slots),
+            ..self
         }
     }
 
@@ -345,6 +371,15 @@ mod tests {
         assert_eq!((summary.fixes, summary.fixes_per_s), (4, 2.0));
         assert_eq!((summary.airtime_share, summary.airtime_share_max), (0.25, 0.5));
         assert_eq!((summary.frames_sent, summary.frames_lost, summary.collisions), (7, 6, 2));
+    }
+
+    #[test]
+    fn joined_tags_and_their_slots_by_hand() {
+        let summary = Summary::new([4, 4], 10.0, &[], AirStatistics::default(), &[]);
+        assert_eq!((summary.tags_joined, summary.joined_s, summary.slots_with_fix), (0, None, None));
+        // 8 slots of one tag and 5 · 2 of another: 18, of which 17 gave a position. A greedy tag has no number of slots.
+        let summary = summary.with_joined(&[(2.0, Some(1.0), 8), (5.0, Some(2.0), 9), (6.0, None, 900)]);
+        assert_eq!((summary.tags_joined, summary.joined_s, summary.slots_with_fix), (3, Some(6.0), Some(17.0 / 18.0)));
     }
 
     #[test]

@@ -214,7 +214,12 @@ impl Simulation {
             self.world.statistics(),
             &self.airtime.shares(self.world.now()),
         );
-        let summary = summary.with_charge(self.drawn());
+        let joined = self.scenario.tags.iter().filter_map(|tag| {
+            let at_s = *log.joined_s.get(&tag.address)?;
+            let rate_hz = tag.settings.record.rate_chz.map(|rate_chz| f64::from(rate_chz) / 100.0);
+            Some((at_s, rate_hz, log.fixes.get(&tag.address).copied().unwrap_or(0)))
+        });
+        let summary = summary.with_joined(&joined.collect::<Vec<_>>()).with_charge(self.drawn());
         Summary { bluetooth: self.bluetooth.as_ref().map(of_beacons), ..summary }
     }
 }

@@ -8,7 +8,7 @@ use std::rc::Rc;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_tag::{Measured, RoundOutcome, Sounding};
 use ranging::Diagnostics;
-use wire::telemetry::{Difference, Message, Range};
+use wire::telemetry::{Condition, Difference, Message, Range, State};
 
 use super::record::{DifferenceRecord, PositionError, RangeRecord, Record, SimulatedEpoch, Unrounded, What};
 use super::{FaultKind, Scenario, distance};
@@ -29,6 +29,8 @@ pub(super) struct Log {
     epochs: u64,
     /// Positions found by each tag.
     pub(super) fixes: HashMap<u16, usize>,
+    /// When each tag had slots for the first time, seconds.
+    pub(super) joined_s: HashMap<u16, f64>,
     /// Errors of all positions.
     pub(super) errors: Vec<PositionError>,
 }
@@ -195,7 +197,11 @@ impl Outlet {
             }
             other => What::Message(other),
         };
-        self.write((boot_us + message.t_us()) as f64 / 1e6, what);
+        let t_s = (boot_us + message.t_us()) as f64 / 1e6;
+        if let Message::State(State { is: Condition::Joined(_), .. }) = message {
+            self.log.borrow_mut().joined_s.entry(self.node).or_insert(t_s);
+        }
+        self.write(t_s, what);
     }
 
     fn count(&self, epoch: &SimulatedEpoch) {

@@ -176,15 +176,17 @@ fn from_hex(text: &str) -> Vec<u8> {
 }
 
 /// The frames of the wire format's page, whose text says what they contain, and a sync frame by hand.
-const GOLDEN: [&str; 7] = [
+const GOLDEN: [&str; 8] = [
     "30341220 A8010003 02",
     "30010031 00010002 00030020 030080E7 FF",
-    "31FEFF04 030201FF 67452301",
-    "31FEFF04 030201FF 67452301 FDCDAB89 00",
+    "31FE0104 030201FF 67452301",
+    "31FE0104 030201FF 67452301 FDCDAB89 00",
     "34 02 01",
-    "32 0201 05 01 02 0701 63 00020304050607080900000000000000 0210 C8 030000 09 B131 E80300 18FCFF FFFFFF 82 0210 7F \
-     0310 8A",
+    "32 0201 05 01 02 0701 63 00020304050607080900000000000000 0210 91 0300 09 B131 E80300 18FCFF FFFFFF 82 0C 00 \
+     0210 7F 0310 02",
     "30010012 000100E8 0300FFFF FFC42000 69A00040 000083",
+    "32 0201 03 04 05 0706 E8 101112131415161718191A1B1C1D1E1F 214300 0C0B 09 B590 E80300 FFFFFF C42000 00 11 41 \
+     0908 05 22 6300 0908 45 22 6300 0908 85 22 6300 0908 C5 22 6300 0B0A A8",
 ];
 
 fn golden() -> Vec<Vec<u8>> {
@@ -206,8 +208,8 @@ fn the_dissector_reads_what_the_page_of_the_wire_format_says() {
     let expected = [
         ["4660", "0x0001;0x0203", "", "96", "1", "", ""],
         ["1", "0x0001;0x0002;0x0003", "3.2;-0.1", "16", "0", "", ""],
-        ["65534", "", "", "", "", "1095233569540", ""],
-        ["65534", "", "", "", "", "1095233569540", "253"],
+        ["", "", "", "", "", "1095233569540", ""],
+        ["", "", "", "", "", "1095233569540", "253"],
         ["258", "", "", "", "", "", ""],
     ];
     for (frame, expected) in frames.iter().zip(expected) {
@@ -215,8 +217,10 @@ fn the_dissector_reads_what_the_page_of_the_wire_format_says() {
         assert_eq!(frame, expected);
     }
     // 0x01234567 and 0x89ABCD ticks of 1/63.8976 GHz are 298.9 and 141.2 µs.
-    let times = fields_of(&golden()[3..4], &["baliza.reply", "baliza.after_response"]).expect("tshark");
-    let [reply, after] = [&times[0][0], &times[0][1]].map(|text| text.parse::<f64>().expect("microseconds"));
+    let fields = ["baliza.reply", "baliza.after_response", "baliza.round.low", "baliza.confirmation"];
+    let response = &fields_of(&golden()[3..4], &fields).expect("tshark")[0];
+    assert_eq!(response[2..], ["254", "1"]);
+    let [reply, after] = [&response[0], &response[1]].map(|text| text.parse::<f64>().expect("microseconds"));
     assert!((reply - 19_088_743.0 / 63_897.6).abs() < 1e-3 && (after - 9_022_413.0 / 63_897.6).abs() < 1e-3);
     let fields = [
         "baliza.superframe",
@@ -239,9 +243,14 @@ fn the_dissector_reads_what_the_page_of_the_wire_format_says() {
     let sync_frame = &fields_of(&golden()[5..], &fields).expect("tshark")[0];
     // 0xB1 is the code 49, (16 + 1) · 2³ µs, of a new layout; 0x31 the same for listening again. 0x0003E8 is 1 m,
     // 0xFFFC18 −1 m, 0xFFFFFF −1 mm.
-    let expected = "258 5 1 2 0x0107 3 3 0x1002 136 136 1 1 -1 -0.001 0x1002;0x1003 one in 72 superframes;greedy;\
-                    one in 10 superframes";
+    let expected =
+        "258 5 1 2 0x0107 3 3 0x1002 136 136 1 1 -1 -0.001 0x1002;0x1003 one in 10 superframes;greedy;2 a superframe";
     assert_eq!(sync_frame.join(" ").replace("True", "1"), expected);
+    let fields = ["leased", "lease", "lease.grant", "lease.slot", "lease.period", "lease.phase", "polled_by"];
+    let fields = fields.map(|field| format!("baliza.{field}"));
+    let leases = &fields_of(&golden()[7..], &fields.each_ref().map(String::as_str)).expect("tshark")[0];
+    // 2² · 5² superframes.
+    assert_eq!(leases.join(" "), "17 0x0809;0x0809;0x0809;0x0809 0;1;2;3 5;5;5;5 100;100;100;100 99;99;99;99 0x0a0b");
     let fields = ["x", "y", "z", "sigma_x", "sigma_y", "sigma_z", "rho_xy", "rho_yz", "suspect", "rounds_ago"];
     let fields = fields.map(|field| format!("baliza.{field}"));
     let told = &fields_of(&golden()[6..], &fields.each_ref().map(String::as_str)).expect("tshark")[0];

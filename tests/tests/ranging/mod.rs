@@ -4,6 +4,7 @@ mod accuracy;
 mod air;
 mod captures;
 mod complaints;
+mod crowds;
 mod fidelity;
 mod listening;
 mod motion;

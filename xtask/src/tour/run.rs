@@ -127,7 +127,7 @@ fn see(exchanges: &mut Vec<Exchange>, event: &Event<'_>, action: &Action<'_>) {
     }
     if let (Event::Received(frame), Some(exchange)) = (event, exchanges.last_mut())
         && let Ok(Frame { source, message: Message::Response(response), .. }) = Frame::parse(frame.bytes)
-        && response.round == exchange.number
+        && response.round == exchange.number as u8
     {
         let (bytes, rx_time, diagnostics) = (frame.bytes.to_vec(), frame.rx_time, frame.diagnostics);
         exchange.answers.push(TourAnswer { bytes, anchor: source, rx_time, diagnostics, response });

@@ -43,7 +43,8 @@ pub struct Arguments {
     /// Anchors on the room's walls
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = count(), conflicts_with = "site")]
     anchors: u16,
-    /// Walking tags; more than twenty fill more rooms, each with its share of the anchors and a network of its own
+    /// Walking tags; more than sixteen (at a --rate of up to 10, more than 250 rounds a second of all tags) fill more
+    /// rooms, each with its share of the anchors and a network of its own
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = count(), conflicts_with = "site")]
     tags: u16,
     /// Simulated time, seconds [default: the site's, or 10]
@@ -130,7 +131,8 @@ pub struct Arguments {
     survey_rooms: Option<PathBuf>,
     /// Print JSON and no positions: results has one object, with tags, anchors, seconds, fixes, fixes_per_s, rmse_m,
     /// p50_m, p90_m, mae_m, inside_1_sigma, nees (in x and y), frames_sent, frames_lost, collisions, airtime_share (of
-    /// a network, the mean), airtime_share_max (of the busiest network), tag_mean_current_ma, charge_per_fix_uc and
+    /// a network, the mean), airtime_share_max (of the busiest network), tags_joined, joined_s (when the last of them had
+    /// slots for the first time), slots_with_fix (of tags with a fixed rate, since each joined), tag_mean_current_ma, charge_per_fix_uc and
     /// tag_currents_ma (board and DW1000, from the first position on; none with --fidelity air); with beacons also
     /// bluetooth
     #[arg(long)]
@@ -250,7 +252,10 @@ impl Arguments {
         let mut scenario = match &self.site {
             Some(file) => read_scenario(file, self.survey.is_none())?,
             None => match self.mode {
-                Some(ModeName::Native) | None => Scenario::rooms(self.anchors.into(), self.tags.into()),
+                Some(ModeName::Native) | None => {
+                    let rate_hz = self.rate.unwrap_or(f64::INFINITY);
+                    Scenario::rooms_at(self.anchors.into(), self.tags.into(), rate_hz)
+                }
                 Some(ModeName::Tdoa) => Scenario::listening(self.anchors.into(), self.tags.into()),
             },
         };

@@ -15,6 +15,8 @@ use crate::simulate::{position_header, position_row};
 const ROW_S: f64 = 0.5;
 const ROW_TAGS: usize = 8;
 const ROWS: f64 = 24.0;
+/// Of more tags the summary tells how they joined.
+const FEW_TAGS: usize = 8;
 
 /// The output to standard output while the simulation runs.
 pub(super) enum Show {
@@ -131,6 +133,18 @@ pub(super) fn summary_text(summary: &Summary) -> String {
         summary.collisions,
         airtime(summary)
     );
+    if summary.tags > FEW_TAGS {
+        let last = summary.joined_s.map_or_else(String::new, |last_s| format!(", the last after {last_s:.1} s"));
+        let slots = summary
+            .slots_with_fix
+            .map_or_else(String::new, |share| format!("; {:.1} % of their slots gave a position", 100.0 * share));
+        let _ = writeln!(
+            text,
+            "slots: {} of {} have had some{last}{slots}",
+            summary.tags_joined,
+            counted(summary.tags, "tag")
+        );
+    }
     if let Some(current_ma) = summary.tag_mean_current_ma {
         let charge = summary.charge_per_fix_uc.map_or_else(|| "-".to_owned(), |charge_uc| format!("{charge_uc:.1} µC"));
         let _ = writeln!(text, "supply of a tag: {current_ma:.3} mA in the mean, {charge} a position");

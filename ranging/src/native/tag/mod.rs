@@ -36,47 +36,31 @@
 //!
 //! A start of the radio from any state but `Napping` returns the tag to `Idle` and to its search.
 
+mod config;
 mod schedule;
 mod seldom;
 mod stopwatch;
 
+pub use self::config::TagConfig;
 use self::schedule::Followed;
 use self::seldom::{Aim, Awaited, Nap};
 use self::stopwatch::Stopwatch;
+use super::Network;
 use super::anchor_table::{AnchorTable, Refused};
 use super::compensation::Compensation;
 use super::pace::Meter;
 use super::plan::Rate;
 use super::round::RoundState;
 use super::search::Search;
+use super::superframes::Superframes;
 use super::sync::{Sync, SyncUpdate};
 use super::sync_schedule::SyncSchedule;
 use super::timing::{SYNC_SLOTS, end_of};
 use super::wake_ups::{Slept, WakeUps};
-use super::{Network, PollContent};
 use crate::exchange::{Action, Event, Guidance, Link, Protocol, Report, RoundFix};
 use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel, Start};
-use wire::uwb::layout::Scheme;
 use wire::uwb::native::{Frame, Message, SyncFrame};
 use wire::uwb::{BROADCAST, FrameBuffer};
-
-/// The configuration of a tag.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct TagConfig {
-    /// Short address, unique in the network; not 0xFFFF (broadcast).
-    pub address: u16,
-    /// The network.
-    pub network: Network,
-    /// Anchors in a round, at most [`MAX_ROUND`](super::MAX_ROUND).
-    pub anchors: u8,
-    /// How often it wants to range.
-    pub rate: Rate,
-    /// The scheme of its rounds, as soon as the network has room for it.
-    pub scheme: Scheme,
-    /// What polls tell the anchors.
-    pub tells: PollContent,
-}
 
 /// What the tag's last action was, and so the meaning of the next event.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -219,9 +203,12 @@ impl Tag {
             Message::Response(response)
                 if told.destination == self.config.address && self.state == State::Collecting =>
             {
-                let Some(network) = &self.network else { return };
-                let timing = &network.sync.course.timing;
-                self.round.receive(timing, &self.bias, &mut self.anchors, told.source, response, frame);
+                let Some(network) = &mut self.network else { return };
+                let Superframes { timing, phase, .. } = &network.sync.course;
+                let range = self.round.receive(timing, &self.bias, &mut self.anchors, told.source, response, frame);
+                if range.is_some() {
+                    network.lease.answered(response.lease, phase.number);
+                }
             }
             // Messages for other tags, or not addressed to this tag.
             Message::SyncFrame(_)
@@ -272,6 +259,7 @@ impl Tag {
             SyncUpdate::Changed | SyncUpdate::Anew => self.link = Some(Link::Synchronised(sync_frame.coordinator)),
         }
         self.aim = None;
+        self.learn_leases(sync_frame);
         let phase = self.network.as_ref().map(|network| network.sync.course.phase);
         if let (Some(assumed), Some(phase)) = (assumed, phase)
             && assumed.number == phase.number

@@ -3,19 +3,23 @@
 
 use super::{State, Tag, TagConfig};
 use crate::exchange::{Action, Link, Report};
-use crate::native::plan::{Rate, lists, next_round, owned_slots, share_of};
+use crate::native::own_lease::OwnLease;
+use crate::native::plan::{Rate, lists, next_round, share_of};
 use crate::native::sync::Sync;
 use crate::native::timing::{SUPERFRAME, Timing};
 use crate::native::{SHORTEST_WAIT, spread};
 use crate::{RadioDuration, RadioInstant, Start};
 use wire::config::PollContent;
 use wire::uwb::layout::Scheme;
-use wire::uwb::native::{MAX_MEMBERS, Message, PolledPosition, Request, Share};
+use wire::uwb::native::{MAX_MEMBERS, Message, PolledPosition, Request, Share, SyncFrame};
 
 /// Without a sync frame for this many superframes the tag searches again.
 pub(super) const LOST_AFTER: u16 = 5;
-/// Superframes from a request until the list can contain it: to a relay, from there to the coordinator, and back.
-const REQUEST_PATIENCE: u16 = 4;
+/// Superframes from a request until the coordinator's next sync frame can answer it …
+const REQUEST_PATIENCE: u16 = 2;
+/// … and from there up to this many more, doubled after each request without effect, this often at most.
+const REQUEST_SPREAD: u16 = 4;
+const MOST_DOUBLINGS: u8 = 3;
 /// A tag without a place in a full network asks again after this many to twice as many superframes: its members give
 /// their places up in turn.
 const FULL_PATIENCE: u16 = 10;
@@ -32,6 +36,8 @@ pub(super) struct Followed {
     planned: Option<u16>,
     /// This tag's round slots in this superframe: bit i for slot i.
     pub(super) owned: u64,
+    /// Its lease.
+    pub(super) lease: OwnLease,
     /// Rounds begun in this superframe.
     rounds: u32,
     joined: bool,
@@ -88,19 +94,22 @@ impl Tag {
             }
         }
         let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
-        network.plan(&self.config, &timing);
+        let share = self.rate.map_or(Share::Release, |rate| share_of(rate, &timing));
+        network.plan(&self.config, share, &timing);
         let course = &network.sync.course;
-        let listed = course.membership.in_force().is_some_and(|members| lists(members, self.config.address));
-        if self.rate.is_some() && !listed && !network.is_full && network.is_full_without(self.config.address) {
+        let is_listed = course.membership.in_force().is_some_and(|plan| lists(&plan.members, self.config.address));
+        let has_slots = is_listed || network.lease.turn().is_some();
+        let is_refused = !has_slots && network.is_full_for(self.config.address, share);
+        if self.rate.is_some() && !network.is_full && is_refused {
             (network.is_full, network.joined) = (true, false);
             return Action::Report(Report::Link(Link::NetworkFull));
         }
-        if listed && !network.joined {
+        if has_slots && !network.joined {
             (network.joined, network.is_full) = (true, false);
             let slots = network.owned.count_ones().max(1) as u8;
             return Action::Report(Report::Link(Link::Joined(slots)));
         }
-        if network.joined && !listed {
+        if network.joined && !has_slots {
             network.joined = false;
             if self.rate.is_some() {
                 return Action::Report(Report::Link(Link::Unlisted));
@@ -129,10 +138,9 @@ impl Tag {
         let rest = RadioDuration::from_ticks(end.ticks() - passed.ticks());
         let (address, number) = (self.config.address, phase.number);
         let share = rate.map_or(Share::Release, |rate| share_of(rate, &timing));
-        let listed = course.membership.members().iter().find(|member| member.tag == address);
-        let settled = listed.map_or(Share::Release, |member| member.share) == share;
+        let settled = network.has(address, share);
         network.requests *= u8::from(!settled);
-        let is_full = network.is_full_without(address);
+        let is_full = network.is_full_for(address, share);
         let in_turn = FULL_PATIENCE + spread(number, address, FULL_PATIENCE);
         if is_full && network.joined && network.request_in == 0 {
             // It has just given its place up.
@@ -159,7 +167,11 @@ impl Tag {
             return Self::listen(rest);
         }
         // After each collision a tag waits longer, and each tag a different time.
-        let patience = spread(number, address, 2 << network.requests.min(3));
+        let patience = spread(number, address, REQUEST_SPREAD << network.requests.min(MOST_DOUBLINGS));
+        if share == Share::Release {
+            // If the request is lost, the lease ends because it is not renewed.
+            network.lease.release();
+        }
         network.request_in = if is_full { in_turn } else { REQUEST_PATIENCE + patience };
         network.requests = network.requests.saturating_add(1);
         self.state = State::Requesting;
@@ -232,6 +244,17 @@ impl Tag {
         self.rest(passed)
     }
 
+    /// A sync frame of the followed network may have news of this tag's lease.
+    pub(super) fn learn_leases(&mut self, sync_frame: &SyncFrame) {
+        let Some(network) = &mut self.network else { return };
+        let Some(Share::OneIn(period)) = self.rate.map(|rate| share_of(rate, &network.sync.course.timing)) else {
+            return;
+        };
+        for lease in sync_frame.leases.iter().filter(|lease| lease.tag == self.config.address) {
+            network.lease.receive(lease, period, sync_frame.superframe);
+        }
+    }
+
     /// Begins a round.
     fn poll(&mut self, scheme: Scheme, start: Start, decided_at: Option<RadioInstant>) -> Action<'_> {
         let wish = self.meter.wish(self.config.scheme);
@@ -287,6 +310,7 @@ impl Followed {
             requests: 0,
             planned: None,
             owned: 0,
+            lease: OwnLease::default(),
             rounds: 0,
             joined: false,
             is_full: false,
@@ -294,20 +318,45 @@ impl Followed {
         }
     }
 
-    /// Whether all places are taken, none by this tag.
-    fn is_full_without(&self, tag: u16) -> bool {
+    /// Whether the tag has the share that it wants.
+    pub(super) fn has(&self, tag: u16, share: Share) -> bool {
+        let listed = self.sync.course.membership.members().iter().find(|member| member.tag == tag);
+        match share {
+            Share::OneIn(period) => self.lease.has(period),
+            Share::Release => listed.is_none() && self.lease.turn().is_none(),
+            Share::Slots(_) | Share::Greedy => listed.is_some_and(|member| member.share == share),
+        }
+    }
+
+    /// Whether the network has no place of the wanted kind for this tag.
+    fn is_full_for(&self, tag: u16, share: Share) -> bool {
         let members = self.sync.course.membership.members();
-        members.len() == MAX_MEMBERS && !lists(members, tag)
+        match share {
+            Share::OneIn(_) => self.lease.is_refused,
+            Share::Release | Share::Slots(_) | Share::Greedy => members.len() == MAX_MEMBERS && !lists(members, tag),
+        }
     }
 
     /// Determines this tag's slots in this superframe: none if the plan may have changed without the tag receiving the
-    /// change.
-    fn plan(&mut self, config: &TagConfig, timing: &Timing) {
+    /// change. A tag that wants a lease uses its slots of the list until it has one, and the other way round.
+    fn plan(&mut self, config: &TagConfig, share: Share, timing: &Timing) {
         let number = self.sync.course.phase.number;
         if self.planned == Some(number) {
             return;
         }
-        let owned = |members| owned_slots(members, config.address, number, timing.round_slots);
-        self.owned = self.sync.members().map_or(0, owned);
+        self.lease.expire(number);
+        let Some(plan) = self.sync.plan() else {
+            self.owned = 0;
+            return;
+        };
+        let wants_lease = matches!(share, Share::OneIn(_));
+        if !wants_lease && lists(&plan.members, config.address) {
+            self.lease.release();
+        }
+        self.owned = match self.lease.turn() {
+            Some(turn) if turn.is_in(number) && turn.slot < plan.leased.min(timing.round_slots) => turn.bit(),
+            Some(_) => 0,
+            None => plan.owned_slots(config.address, number, timing.round_slots),
+        };
     }
 }

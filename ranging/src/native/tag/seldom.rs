@@ -3,7 +3,7 @@
 //! clock.
 
 use super::super::SHORTEST_WAIT;
-use super::super::plan::{next_round, owned_slots, share_of};
+use super::super::plan::{next_round, share_of};
 use super::super::search::{Next, Search};
 use super::super::sync_schedule::{Listening, WatchedAnchor};
 use super::super::timing::{HOLDOVER_SUPERFRAMES, SUPERFRAME, Timing};
@@ -31,9 +31,9 @@ const ACQUAINTING: u16 = 10;
 const ARMING: RadioDuration = RadioDuration::from_micros(250);
 /// The receiver starts this long before the expected frame: its own start takes 16 µs.
 const RECEIVER_START: RadioDuration = RadioDuration::from_micros(20);
-/// The coordinator ends a lease after ten turns without a poll. A tag that ranges even less often than its share uses
-/// half of these turns.
-const TURNS_A_POLL: i64 = 5;
+/// An anchor confirms a lease of which it knows a poll of the last four turns. A tag that ranges even less often than
+/// the longest period uses half of them.
+const TURNS_A_POLL: i64 = 2;
 
 /// A wait through which the radio may sleep.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -145,9 +145,7 @@ impl Tag {
         if network.followed < ACQUAINTING {
             return false;
         }
-        let course = &network.sync.course;
-        let share = share_of(rate, &course.timing);
-        course.membership.members().iter().any(|member| member.tag == self.config.address && member.share == share)
+        network.has(self.config.address, share_of(rate, &network.sync.course.timing))
     }
 
     /// Listens from `open` to `close`.
@@ -378,23 +376,26 @@ impl super::schedule::Followed {
     ) -> Option<RadioDuration> {
         let (course, timing) = (&self.sync.course, &self.sync.course.timing);
         let number = course.phase.number.wrapping_add(superframes);
-        let owned = owned_slots(course.membership.settled()?, address, number, timing.round_slots);
+        let owned = match self.lease.turn() {
+            Some(turn) if turn.is_in(number) && turn.slot < course.membership.leased()? => turn.bit(),
+            Some(_) => 0,
+            None => course.membership.settled()?.owned_slots(address, number, timing.round_slots),
+        };
         next_round(owned, timing, timing.rounds(), anchors, uncertainty)
     }
 
     /// The number of superframes until a tag's next turn, as far as that is settled.
     fn next_turn(&self, address: u16, rate: Rate) -> Option<u16> {
         let course = &self.sync.course;
-        let members = course.membership.settled()?;
         let share = share_of(rate, &course.timing);
-        let place = members.iter().position(|member| member.tag == address && member.share == share)?;
-        let (Share::OneIn(every), Rate::Every(period)) = (share, rate) else { return Some(1) };
-        let is_turn = |turns: &u16| {
-            course.phase.number.wrapping_add(*turns).wrapping_add(place as u16).is_multiple_of(u16::from(every).max(1))
+        let (Share::OneIn(every), Rate::Every(period)) = (share, rate) else {
+            course.membership.settled()?;
+            return self.has(address, share).then_some(1);
         };
-        let next = (1..=u16::from(every)).find(is_turn).unwrap_or(u16::from(every));
-        let turn = i64::from(every) * course.timing.superframe.ticks();
+        course.membership.leased()?;
+        let next = self.lease.turn().filter(|_| self.has(address, share))?.next_after(course.phase.number);
+        let turn = i64::from(every.superframes()) * course.timing.superframe.ticks();
         let skipped = (period.ticks() / turn.max(1)).clamp(1, TURNS_A_POLL) - 1;
-        Some(next.saturating_add(skipped as u16 * u16::from(every)))
+        Some(next.saturating_add(skipped as u16 * every.superframes()))
     }
 }

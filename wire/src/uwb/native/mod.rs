@@ -5,12 +5,14 @@
 //!   (1), anchors in slot order (2 each); with option 1, the last distance to each (2 each); with option 2, the tag's
 //!   last position (16): position (9), deviations (1 each), correlations xy, xz, yz (1 each), rounds ago with the highest
 //!   bit set if it is suspect (1).
-//! - 31, response, anchor → tag: round (2), poll RX (5), response TX − poll RX (4); if the anchor received the final of
-//!   an earlier round: low byte of that round (1), final RX − response TX (4).
+//! - 31, response, anchor → tag: low byte of the round (1), the tag's lease (1: 1 renewed, 2 ended), poll RX (5),
+//!   response TX − poll RX (4); if the anchor received the final of an earlier round: low byte of that round (1), final
+//!   RX − response TX (4).
 //! - 32, sync frame, anchor → all: superframe (2), term (1), age (1), hops (1), coordinator (2), slot (low five bits)
-//!   and countdown (high three) (1), slot owners (16), request for slots or request for the layout (3), heard (3),
+//!   and countdown (high three) (1), slot owners (16), request for slots or request for the layout (3), heard (2),
 //!   version (1), layout (2), position (9), number of members, with the highest bit set if a request for slots is
-//!   passed on (1), members (3 each).
+//!   passed on (1), leased round slots (1), numbers of leases (high nibble) and polls (1), members (3 each), leases (6
+//!   each), polls (3 each).
 //! - 33, request, tag → all: share (1), the tag's request for the layout (1).
 //! - 34, final, tag → all: round (2).
 //!
@@ -19,8 +21,10 @@
 //! (16 + c mod 16) · 2^⌊c / 16⌋ / 16 mm, at least the true one; a correlation is in 1/127, signed. A layout is the code of the answer (7 bits) and of receiving again (7
 //! bits), each (16 + c mod 16) · 2^⌊c / 16⌋ µs for the code c. The highest bit of the first byte is set if the layout
 //! is in force only with the list of members, and that of the second if rounds have a final. A tag's request contains
-//! only the second byte.
+//! only the second byte. A lease is the tag (2), the slot with the grant in its high two bits (1), the period (1) and the
+//! phase (2); a poll that is passed on is the tag (2) and its request for the layout (1).
 
+mod lease;
 mod values;
 
 use heapless::Vec;
@@ -30,12 +34,17 @@ use super::layout::Layout;
 use super::{Address, BROADCAST, FrameBuffer, FrameError, Header, Reader};
 use radio::{RadioDuration, RadioInstant};
 
+pub use lease::{Confirmation, Grant, Lease, LeasedPoll, Period, Turn};
 pub use values::{Distance, PolledPosition, Position, Share};
 
 /// Sync slots of a superframe that an anchor can own.
 pub const OWNED_SYNC_SLOTS: usize = 16;
-/// The most tags of a network: as many as a sync frame can list.
-pub const MAX_MEMBERS: usize = 24;
+/// The most tags that range more than once a superframe: as many as a sync frame lists.
+pub const MAX_MEMBERS: usize = 16;
+/// The most leases in a sync frame.
+pub const MAX_LEASES: usize = 10;
+/// The most polls that a sync frame passes on.
+pub const MAX_POLLS: usize = 6;
 
 // No protocol above 802.15.4 begins its payload with these codes: an analyser shows them as data and as nothing else.
 const POLL: u8 = 0x30;
@@ -120,8 +129,10 @@ pub struct Asked {
 /// An anchor's answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Response {
-    /// Number of the poll's round.
-    pub round: u16,
+    /// Low byte of the number of the poll's round.
+    pub round: u8,
+    /// What the anchor knows of the lease of the poll's turn.
+    pub lease: Confirmation,
     /// Arrival of the poll, in the anchor's clock.
     pub poll_rx: RadioInstant,
     /// From the poll's arrival to this frame's departure, in the anchor's clock: below 67 ms.
@@ -163,7 +174,7 @@ pub struct SyncFrame {
     /// request for slots.
     pub wish: Layout,
     /// Members (bit i: the list's i-th) whose poll was received here or farther from the coordinator.
-    pub heard: u32,
+    pub heard: u16,
     /// Number of the list of members.
     pub version: u8,
     /// Superframes, from this one, until the list is in force, at most 7; until then the former list is in force.
@@ -174,8 +185,14 @@ pub struct SyncFrame {
     pub layout_is_new: bool,
     /// The position of the sender.
     pub position: Option<Position>,
-    /// The tags of the network, by address.
+    /// The first round slots of a superframe are leased, this many of them; the others are dealt to the members.
+    pub leased: u8,
+    /// The tags that range more than once a superframe, by address.
     pub members: Vec<Member, MAX_MEMBERS>,
+    /// News of leases.
+    pub leases: Vec<Lease, MAX_LEASES>,
+    /// Polls of tags whose leases are to be renewed.
+    pub polls: Vec<LeasedPoll, MAX_POLLS>,
 }
 
 /// A tag in the network's list.
@@ -254,8 +271,11 @@ pub const LONG_RESPONSE_BYTES: u16 = RESPONSE_BYTES + 5;
 pub const FINAL_BYTES: u16 = HEAD + 2 + 2;
 /// Bytes of a request on the air, including its check bytes.
 pub const REQUEST_BYTES: u16 = HEAD + 2 + 2;
-/// Bytes of the longest sync frame on the air, including its check bytes.
-pub const SYNC_FRAME_BYTES: u16 = HEAD + 43 + 3 * MAX_MEMBERS as u16 + 2;
+/// Bytes of a sync frame without members, leases and polls on the air, including its check bytes.
+const SHORTEST_SYNC_FRAME_BYTES: u16 = HEAD + 44 + 2;
+/// Bytes of the longest sync frame on the air, including its check bytes. Eight more, for a message integrity code, fit
+/// into a frame.
+pub const SYNC_FRAME_BYTES: u16 = 119;
 
 /// In the byte with the number of members: the frame passes on a request for slots, and not one for the layout.
 const PASSES_REQUEST_ON: u8 = 0x80;
@@ -325,7 +345,8 @@ impl Poll {
 impl Response {
     #[inline]
     fn parse(mut reader: Reader<'_>) -> Result<Self, FrameError> {
-        let round = reader.u16()?;
+        let [round, lease] = reader.take()?;
+        let lease = Confirmation::from_code(lease)?;
         let poll_rx = RadioInstant::from_le_bytes(reader.take()?);
         let reply = RadioDuration::from_ticks(reader.u32()?.into());
         let last_final = match reader.u8() {
@@ -333,13 +354,12 @@ impl Response {
             Ok(round) => Some(FinalReceived { round, after_response: RadioDuration::from_ticks(reader.u32()?.into()) }),
         };
         reader.end()?;
-        Ok(Self { round, poll_rx, reply, last_final })
+        Ok(Self { round, lease, poll_rx, reply, last_final })
     }
 
     #[inline]
     fn emit(&self, out: &mut FrameBuffer) {
-        out.put(&[RESPONSE]);
-        out.put(&self.round.to_le_bytes());
+        out.put(&[RESPONSE, self.round, self.lease as u8]);
         out.put(&self.poll_rx.to_le_bytes());
         out.put(&(self.reply.ticks() as u32).to_le_bytes());
         if let Some(FinalReceived { round, after_response }) = self.last_final {
@@ -358,11 +378,11 @@ impl SyncFrame {
         let slot_and_countdown = reader.u8()?;
         let slot_owners = reader.take()?;
         let passed_on: [u8; 3] = reader.take()?;
-        let [a, b, c, version] = reader.take()?;
-        let heard = u32::from_le_bytes([a, b, c, 0]);
+        let heard = reader.u16()?;
+        let version = reader.u8()?;
         let layout: [u8; 2] = reader.take()?;
         let position = Position::parse(reader.take()?)?;
-        let count = reader.u8()?;
+        let [count, leased, entries] = reader.take()?;
         let (request, wish) = if count & PASSES_REQUEST_ON == 0 {
             let [answer, tag, 0] = passed_on else { return Err(FrameError::Field) };
             (None, Layout::from_bytes([answer, tag]))
@@ -371,7 +391,18 @@ impl SyncFrame {
         };
         let mut members = Vec::new();
         for _ in 0..count & !PASSES_REQUEST_ON {
-            members.push(Member::parse(&mut reader)?).map_err(|_| FrameError::Field)?;
+            let member = Member::parse(&mut reader)?;
+            if matches!(member.share, Share::OneIn(_)) {
+                return Err(FrameError::Field);
+            }
+            members.push(member).map_err(|_| FrameError::Field)?;
+        }
+        let (mut leases, mut polls) = (Vec::new(), Vec::new());
+        for _ in 0..entries >> 4 {
+            leases.push(Lease::parse(&mut reader)?).map_err(|_| FrameError::Field)?;
+        }
+        for _ in 0..entries & 0x0F {
+            polls.push(LeasedPoll::parse(&mut reader)?).map_err(|_| FrameError::Field)?;
         }
         reader.end()?;
         // In the order of addresses, each once: all nodes make the same plan from it.
@@ -394,8 +425,19 @@ impl SyncFrame {
             layout: Layout::from_bytes(layout),
             layout_is_new: layout[0] & LAYOUT_IS_NEW != 0,
             position,
+            leased,
             members,
+            leases,
+            polls,
         })
+    }
+
+    /// How many further leases fit, and how many polls if no lease is added.
+    pub fn room(&self) -> (usize, usize) {
+        let used = 3 * self.members.len() + Lease::BYTES * self.leases.len() + LeasedPoll::BYTES * self.polls.len();
+        let room = usize::from(SYNC_FRAME_BYTES - SHORTEST_SYNC_FRAME_BYTES).saturating_sub(used);
+        let leases = (room / Lease::BYTES).min(MAX_LEASES - self.leases.len());
+        (leases, (room / LeasedPoll::BYTES).min(MAX_POLLS - self.polls.len()))
     }
 
     #[inline]
@@ -417,15 +459,16 @@ impl SyncFrame {
                 0
             }
         };
-        let [a, b, c, _] = self.heard.to_le_bytes();
-        out.put(&[a, b, c, self.version]);
+        out.put(&self.heard.to_le_bytes());
+        out.put(&[self.version]);
         let [answer, tag] = self.layout.bytes();
         out.put(&[if self.layout_is_new { answer | LAYOUT_IS_NEW } else { answer }, tag]);
         out.put(&Position::bytes(self.position));
-        out.put(&[self.members.len() as u8 | passes_request_on]);
-        for member in &self.members {
-            member.emit(out);
-        }
+        let entries = (self.leases.len() as u8) << 4 | self.polls.len() as u8;
+        out.put(&[self.members.len() as u8 | passes_request_on, self.leased, entries]);
+        self.members.iter().for_each(|member| member.emit(out));
+        self.leases.iter().for_each(|lease| lease.emit(out));
+        self.polls.iter().for_each(|poll| poll.emit(out));
     }
 }
 
@@ -502,12 +545,13 @@ mod tests {
     #[test]
     fn golden_response() {
         let response = Response {
-            round: 0xFFFE,
+            round: 0xFE,
+            lease: Confirmation::Renewed,
             poll_rx: RadioInstant::from_ticks(0xFF_0102_0304),
             reply: RadioDuration::from_ticks(0x0123_4567),
             last_final: None,
         };
-        let golden = [0x31, 0xFE, 0xFF, 4, 3, 2, 1, 0xFF, 0x67, 0x45, 0x23, 0x01];
+        let golden = [0x31, 0xFE, 0x01, 4, 3, 2, 1, 0xFF, 0x67, 0x45, 0x23, 0x01];
         let mut out = FrameBuffer::new();
         Frame { sequence: 0, pan: 0, destination: 0, source: 0, message: Message::Response(response) }.emit(&mut out);
         assert_eq!(out.bytes().get(9..), Some(&golden[..]));
@@ -534,7 +578,8 @@ mod tests {
     #[test]
     fn golden_requests() {
         let wish = Layout::from_tag_byte(0x12);
-        for (share, byte) in [(Share::Release, 0), (Share::Slots(2), 2), (Share::Greedy, 127), (Share::OneIn(10), 0x8A)]
+        for (share, byte) in
+            [(Share::Release, 0), (Share::Slots(2), 2), (Share::Greedy, 127), (Share::OneIn(Period::at_most(10)), 0x91)]
         {
             round_trip(Message::Request(Request { share, wish }), &[0x33, byte, 0x12]);
         }
@@ -551,14 +596,22 @@ mod tests {
             slot_owners: core::array::from_fn(|i| i as u8 + 0x10),
             request: None,
             wish: Layout::from_bytes([0x21, 0x43]),
-            heard: 0x0A0B0C,
+            heard: 0x0B0C,
             version: 9,
             countdown: 7,
             layout: Layout::from_bytes([0x35, 0x90]),
             layout_is_new: true,
             position: Position::from_metres([1.0, -0.001, 8.388]),
+            leased: 17,
             members: (0..members as u16).map(|tag| Member { tag: 0x0400 + tag, share: Share::Greedy }).collect(),
+            leases: Vec::new(),
+            polls: Vec::new(),
         }
+    }
+
+    /// A lease of slot 5, once in 100 superframes, 2² · 5²: code 22.
+    fn lease(grant: Grant) -> Lease {
+        Lease { tag: 0x0809, turn: Turn { slot: 5, period: Period::at_most(100), phase: 99 }, grant }
     }
 
     #[test]
@@ -567,8 +620,8 @@ mod tests {
         // Slot 8 and countdown 7: 8 + 7 · 32 = 0xE8. Layout 35 90, new: B5 90.
         let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 0xE8];
         golden.extend(0x10..0x20);
-        golden.extend([0x21, 0x43, 0, 0x0C, 0x0B, 0x0A, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
-        golden.extend([2, 0x00, 0x04, 127, 0x01, 0x04, 127]);
+        golden.extend([0x21, 0x43, 0, 0x0C, 0x0B, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
+        golden.extend([2, 17, 0, 0x00, 0x04, 127, 0x01, 0x04, 127]);
         round_trip(Message::SyncFrame(sync_frame(2)), &golden);
     }
 
@@ -577,9 +630,40 @@ mod tests {
         let request = Some(Member { tag: 0x0506, share: Share::Slots(3) });
         let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 0xE8];
         golden.extend(0x10..0x20);
-        golden.extend([0x06, 0x05, 3, 0x0C, 0x0B, 0x0A, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
-        golden.push(0x80);
+        golden.extend([0x06, 0x05, 3, 0x0C, 0x0B, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
+        golden.extend([0x80, 17, 0]);
         round_trip(Message::SyncFrame(SyncFrame { request, wish: Layout::LEAST, ..sync_frame(0) }), &golden);
+    }
+
+    #[test]
+    fn golden_sync_frame_with_leases_and_polls() {
+        let leases = [Grant::New, Grant::Kept, Grant::Refused, Grant::Ended].into_iter().map(lease).collect();
+        let polls = [LeasedPoll { tag: 0x0A0B, wish: 0xA8 }].into_iter().collect();
+        let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 0xE8];
+        golden.extend(0x10..0x20);
+        golden.extend([0x21, 0x43, 0, 0x0C, 0x0B, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
+        golden.extend([0, 17, 0x41]);
+        for slot in [0x05, 0x45, 0x85, 0xC5] {
+            golden.extend([0x09, 0x08, slot, 0x22, 99, 0]);
+        }
+        golden.extend([0x0B, 0x0A, 0xA8]);
+        round_trip(Message::SyncFrame(SyncFrame { leases, polls, ..sync_frame(0) }), &golden);
+    }
+
+    #[test]
+    fn a_lease_outside_its_period_or_with_no_period_is_refused() {
+        let mut out = FrameBuffer::new();
+        let leases = [lease(Grant::New)].into_iter().collect();
+        let message = Message::SyncFrame(SyncFrame { leases, ..sync_frame(0) });
+        Frame { sequence: 0, pan: 0, destination: BROADCAST, source: 0, message }.emit(&mut out);
+        let end = out.bytes().len();
+        assert!(Frame::parse(out.bytes()).is_ok());
+        // From the end: phase (2), period. Period 0x0B is 2¹¹, 0x60 5⁶, 0x25 32 · 25 = 800, 0x57 128 · 3125.
+        for (place, value) in [(2, 100), (3, 0x0B), (3, 0x60), (3, 0x57), (3, 0x80)] {
+            let mut bytes = out.bytes().to_vec();
+            bytes[end - place] = value;
+            assert_eq!(Frame::parse(&bytes), Err(FrameError::Field), "{place}: {value}");
+        }
     }
 
     #[test]
@@ -589,8 +673,16 @@ mod tests {
             Frame { sequence: 0, pan: 0, destination: BROADCAST, source: 0, message }.emit(&mut out);
             out.bytes().len()
         };
-        let longest = length(Message::SyncFrame(sync_frame(MAX_MEMBERS)));
-        assert_eq!((longest, longest + 2), (MAX_FRAME, usize::from(SYNC_FRAME_BYTES)));
+        let mut longest = sync_frame(MAX_MEMBERS);
+        // 16 members take 48 of the 63 bytes: two leases and a poll take the rest.
+        assert_eq!(longest.room(), (2, 5));
+        longest.leases = [lease(Grant::New); 2].into_iter().collect();
+        assert_eq!(longest.room(), (0, 1));
+        longest.polls = [LeasedPoll { tag: 0, wish: 0 }].into_iter().collect();
+        assert_eq!(longest.room(), (0, 0));
+        assert_eq!(sync_frame(0).room(), (MAX_LEASES, MAX_POLLS));
+        let longest = length(Message::SyncFrame(longest));
+        assert_eq!((longest + 2, longest + 8), (usize::from(SYNC_FRAME_BYTES), MAX_FRAME));
         for (distance, position) in [(Distance::Unknown, None), (Distance::Unsent, Some(a_position()))] {
             let asked = Asked { address: 1, distance };
             let anchors = core::iter::repeat_n(asked, MAX_ROUND).collect();

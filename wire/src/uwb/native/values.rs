@@ -1,6 +1,7 @@
 //! Values in frames of native mode: distances, shares of the slots, positions. Each converts to and from its bytes on
 //! the air.
 
+use super::Period;
 use crate::telemetry::{Outcome, is_definite};
 use crate::uwb::FrameError;
 
@@ -47,8 +48,8 @@ pub enum Share {
     Slots(u8),
     /// As many as a fair division allows: byte 127.
     Greedy,
-    /// One slot in this many superframes, 2 to 127: the byte plus 128.
-    OneIn(u8),
+    /// One slot in each period, by a lease: the code of the period plus 128.
+    OneIn(Period),
 }
 
 impl Share {
@@ -60,8 +61,7 @@ impl Share {
             0 => Ok(Self::Release),
             1..Self::GREEDY => Ok(Self::Slots(byte)),
             Self::GREEDY => Ok(Self::Greedy),
-            0x80 | 0x81 => Err(FrameError::Field),
-            0x82.. => Ok(Self::OneIn(byte & 0x7F)),
+            0x80.. => Period::from_code(byte & 0x7F).map(Self::OneIn),
         }
     }
 
@@ -71,7 +71,7 @@ impl Share {
             Self::Release => 0,
             Self::Slots(slots) => slots.clamp(1, Self::GREEDY - 1),
             Self::Greedy => Self::GREEDY,
-            Self::OneIn(superframes) => 0x80 | superframes.clamp(2, 0x7F),
+            Self::OneIn(period) => 0x80 | period.code(),
         }
     }
 }

@@ -167,6 +167,9 @@ fn sync_frame(slot: u8) -> FrameBuffer {
         layout: NETWORK.first_layout(),
         layout_is_new: false,
         position: None,
+        leased: 0,
+        leases: Default::default(),
+        polls: Default::default(),
         members: [Member { tag: TAG, share: Share::Greedy }].into_iter().collect(),
     };
     let mut out = FrameBuffer::new();

@@ -1,0 +1,137 @@
+//! A lease as an anchor knows it: how long it lasts, and what a poll means for it. What a look over all leases collects,
+//! and who waits for one.
+
+use wire::uwb::layout::Layout;
+use wire::uwb::native::{Grant, Lease, Period, Turn};
+
+/// A tag's new lease holds until its first turn and this many superframes …
+pub const GRANTED_SUPERFRAMES: u16 = 40;
+/// … and the coordinator keeps it for this many more: sync frames take some superframes from anchor to anchor.
+pub const RELAYED_SUPERFRAMES: u16 = 22;
+/// A term of a lease is at least this many superframes …
+const TERM_SUPERFRAMES: u16 = 100;
+/// … and this many periods.
+const TERM_PERIODS: u16 = 4;
+/// What a lease of whole slots weighs on probation, and the least weight of one that comes seldom.
+const WHOLE_SLOT: u16 = 100;
+const LEAST_WEIGHT: u16 = 2;
+/// A lease of a full network is renewed for this many turns before another tag gets it.
+const KEPT_TURNS: u32 = 60;
+
+/// A third of a lease, superframes.
+pub const fn term(period: Period) -> u16 {
+    let periods = TERM_PERIODS * period.superframes();
+    if periods > TERM_SUPERFRAMES { periods } else { TERM_SUPERFRAMES }
+}
+
+/// How a lease stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Standing {
+    /// No poll was received yet.
+    Probation,
+    /// It is renewed.
+    Proven,
+    /// Its tag gave it back. It is proven again by a poll.
+    Released,
+    /// It has ended, as another tag waits. Its tag may not know.
+    Ending,
+    /// It has ended, and its tag was told so in a response.
+    Told,
+}
+
+/// A lease as an anchor knows it.
+#[derive(Clone, Copy, Debug)]
+pub struct Entry {
+    /// The tag.
+    pub tag: u16,
+    /// Its turns.
+    pub turn: Turn,
+    /// The superframe in which it was granted or renewed, as far as known here.
+    pub made: u16,
+    /// How often it was renewed.
+    pub renewals: u8,
+    /// How it stands.
+    pub standing: Standing,
+    /// The tag's request for the layout, if it polls here.
+    pub wish: u8,
+    /// A poll was received here, or by an anchor that passed it on.
+    pub is_heard: bool,
+}
+
+impl Entry {
+    /// How much it counts if it is on probation.
+    pub fn weight(&self) -> u16 {
+        (WHOLE_SLOT / self.turn.period.superframes()).max(LEAST_WEIGHT)
+    }
+
+    /// Superframes since it was made.
+    pub fn age(&self, number: u16) -> u16 {
+        number.wrapping_sub(self.made)
+    }
+
+    /// Superframes that it lasts if it is not renewed.
+    fn lasts(&self) -> u16 {
+        match self.standing {
+            Standing::Probation => self.turn.next_after(self.made) + GRANTED_SUPERFRAMES + RELAYED_SUPERFRAMES,
+            // Anchors that do not know that it was given back pass polls on only after half a term.
+            Standing::Released => term(self.turn.period) / 2 + 2 * self.turn.period.superframes() + RELAYED_SUPERFRAMES,
+            Standing::Told => 2 * self.turn.period.superframes() + RELAYED_SUPERFRAMES,
+            Standing::Proven | Standing::Ending => 3 * term(self.turn.period) + RELAYED_SUPERFRAMES,
+        }
+    }
+
+    /// Whether it is void.
+    pub fn is_over(&self, number: u16) -> bool {
+        self.age(number) > self.lasts()
+    }
+
+    /// Whether a poll is news to the coordinator: in the second half of a term, or if it is not proven.
+    pub fn is_due(&self, number: u16) -> bool {
+        match self.standing {
+            Standing::Proven => self.age(number) >= term(self.turn.period) / 2,
+            Standing::Probation | Standing::Released | Standing::Ending | Standing::Told => true,
+        }
+    }
+
+    /// Whether it has had its share of a full network. A renewal comes after half a term.
+    pub fn has_had_its_turn(&self) -> bool {
+        let half_term = u32::from(term(self.turn.period) / 2);
+        u32::from(self.renewals) * half_term >= KEPT_TURNS * u32::from(self.turn.period.superframes())
+    }
+
+    /// The entry that says this of it.
+    pub fn lease(&self, grant: Grant) -> Lease {
+        Lease { tag: self.tag, turn: self.turn, grant }
+    }
+}
+
+/// What a look over all leases collects, a part in each superframe.
+#[derive(Clone, Copy, Debug)]
+pub struct Survey {
+    /// The next lease.
+    pub at: usize,
+    /// What tags request of the layout.
+    pub wish: Layout,
+    /// Slots up to the highest one with a lease.
+    pub slots: u8,
+    /// Leases that end for others, or are on probation.
+    pub unsettled: usize,
+    /// The tag that has had its turn for longest, and its number of renewals.
+    pub served: Option<(u16, u8)>,
+}
+
+impl Survey {
+    /// Nothing looked at.
+    pub const NONE: Self = Self { at: 0, wish: Layout::LEAST, slots: 0, unsettled: 0, served: None };
+}
+
+/// A tag that waits for a lease.
+#[derive(Clone, Copy, Debug)]
+pub struct Waiting {
+    /// Its short address.
+    pub tag: u16,
+    /// The period that it wants.
+    pub period: Period,
+    /// It has asked again.
+    pub insists: bool,
+}

@@ -1,0 +1,45 @@
+//! Many tags in one network: leases of slots.
+
+use sim::scenario::{Fidelity, Scenario, Simulation, Summary};
+use wire::telemetry::{Condition, Message};
+
+/// Tags that walk in one room of sixteen anchors and range this often, in hundredths of a hertz.
+fn crowd(tags: usize, rate_chz: u32, fidelity: Fidelity, seconds: f64) -> Scenario {
+    let mut scenario = Scenario { seconds, fidelity, ..Scenario::rooms_at(16, tags, f64::from(rate_chz) / 100.0) };
+    assert_eq!(scenario.networks.len(), 1);
+    scenario.change_tags(|tag| tag.rate_chz = Some(rate_chz));
+    scenario
+}
+
+fn summary(scenario: Scenario) -> Summary {
+    let seconds = scenario.seconds;
+    let mut simulation = Simulation::new(scenario);
+    simulation.run_until(seconds);
+    simulation.summary()
+}
+
+#[test]
+fn a_hundred_tags_that_appear_at_once_have_slots_within_seconds() {
+    for fidelity in [Fidelity::Air, Fidelity::Spi] {
+        // A second until the network has its layout, then some 30 requests a second that find one of eleven slots alone,
+        // and a tail of tags that were unlucky.
+        let summary = summary(crowd(100, 100, fidelity, 9.0));
+        assert!(summary.tags_joined == 100, "{fidelity:?}: {summary:?}");
+    }
+}
+
+#[test]
+fn two_hundred_and_fifty_tags_range_once_a_second_in_one_room() {
+    let scenario = crowd(250, 100, Fidelity::Air, 40.0);
+    let mut simulation = Simulation::new(scenario);
+    let records = simulation.run_until(40.0);
+    let summary = simulation.summary();
+    assert!(summary.tags_joined == 250 && summary.joined_s < Some(20.0), "{summary:?}");
+    assert!(summary.slots_with_fix > Some(0.99), "{summary:?}");
+    // Nobody loses a lease, and nobody polls at the time of another.
+    let is_lost = |condition: Condition| matches!(condition, Condition::Unlisted | Condition::NetworkFull);
+    let lost = records.iter().flat_map(|record| record.messages().map(move |message| (record.node, message)));
+    let lost: Vec<_> =
+        lost.filter(|(_, message)| matches!(message, Message::State(state) if is_lost(state.is))).collect();
+    assert!(lost.is_empty(), "{lost:?}");
+}
