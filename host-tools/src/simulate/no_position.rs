@@ -40,7 +40,8 @@ impl Attempts {
         (count > 0).then(|| {
             format!(
                 "{count} of the tags had no place, for the reason network-full: a network has 16 places for tags \
-                 that range more than once a superframe, and leases for slower ones, which they share in turns of 60 rounds; add networks, or tags that only listen (--mode tdoa)"
+                 that range more than once a superframe, and leases for slower ones, which they share in turns of 60 \
+                 rounds; add networks, or tags that only listen (--mode tdoa)"
             )
         })
     }
