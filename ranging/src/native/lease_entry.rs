@@ -64,6 +64,11 @@ impl Entry {
         (WHOLE_SLOT / self.turn.period.superframes()).max(LEAST_WEIGHT)
     }
 
+    /// Whether its turns are for another tag.
+    pub fn has_ended(&self) -> bool {
+        matches!(self.standing, Standing::Ending | Standing::Told)
+    }
+
     /// Superframes since it was made.
     pub fn age(&self, number: u16) -> u16 {
         number.wrapping_sub(self.made)

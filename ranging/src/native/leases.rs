@@ -1,10 +1,10 @@
 //! Which tag owns which turns of the leased slots: the coordinator's table, and every other anchor's replica of it.
 //!
-//! A lease lasts three terms ([`lease_entry`](super::lease_entry)). The coordinator renews it if one of its polls is received in the second half of
-//! the first term, here or by an anchor that passes the poll on. Each anchor confirms it to the tag during the first
-//! term, and a tag that was confirmed goes on for two. So a tag stops before the coordinator gives its turns away, and no
-//! turn has two owners. A new lease is on probation until its first poll: a request costs a single frame, so tags that
-//! do not exist must not keep turns.
+//! A lease lasts three terms ([`lease_entry`](super::lease_entry)). The coordinator renews it if one of its polls is
+//! received in the second half of the first term, here or by an anchor that passes the poll on. Each anchor confirms it
+//! to the tag during the first term, and a tag that was confirmed goes on for two. So a tag stops before the coordinator
+//! gives its turns away, and no turn has two owners. A new lease is on probation until its first poll: a request costs a
+//! single frame, so tags that do not exist must not keep turns.
 //!
 //! A tag may have two leases, while it changes from one period to another. A lease that its tag gives back ends only if
 //! it does not poll in its turns any more: anybody can send a tag's request.
@@ -24,7 +24,7 @@ use wire::uwb::layout::Layout;
 use wire::uwb::native::{Confirmation, Grant, Lease, LeasedPoll, Period, SyncFrame, Turn};
 
 /// Leases that an anchor knows, 12 bytes each.
-pub const MAX_KNOWN: usize = 1024;
+const MAX_KNOWN: usize = 1024;
 /// From a grant to the first turn: the entry is repeated, and relayed.
 const NOTICE: u16 = 4;
 /// Sync frames that contain a new lease, one that is kept, a refusal, and the end of a lease.
@@ -32,7 +32,7 @@ const REPETITIONS: [u8; 4] = [3, 1, 2, 3];
 /// Leases on probation at a time weigh no more than this. One of whole slots weighs 100, one of a slot in n superframes
 /// the n-th part, but at least 2: so 10, or 100 with a turn in ten superframes, or 500 with few turns.
 const MAX_ON_PROBATION: u16 = 1000;
-/// Tags that wait for a lease, in the order of their requests.
+/// Tags that wait for a lease.
 const MAX_WAITING: usize = 128;
 /// Entries that wait for a sync frame, and polls that do.
 const MAX_OUTGOING: usize = 64;
@@ -181,10 +181,21 @@ impl Leases {
         self.outgoing.push_back((lease, REPETITIONS[lease.grant as usize])).is_ok()
     }
 
+    fn is_announced(&self, lease: &Lease) -> bool {
+        self.outgoing.iter().any(|(known, _)| known == lease)
+    }
+
+    /// The same, unless the next sync frames contain it already.
+    fn announce_once(&mut self, lease: Lease) {
+        if !self.is_announced(&lease) {
+            self.announce(lease);
+        }
+    }
+
     /// The coordinator knows of a poll. Returns whether it renews the lease.
     fn note_poll(&mut self, place: usize, number: u16) -> bool {
         let Some(entry) = self.entries.get_mut(place).filter(|entry| entry.is_due(number)) else { return false };
-        if matches!(entry.standing, Standing::Ending | Standing::Told) {
+        if entry.has_ended() {
             (entry.standing, entry.made) = (Standing::Told, number);
             return false;
         }
@@ -269,7 +280,7 @@ impl Leases {
                     self.set_standing(place, Standing::Ending);
                     is_news
                 }
-                (Grant::Refused, ..) => !self.outgoing.iter().any(|(known, _)| known == lease),
+                (Grant::Refused, ..) => !self.is_announced(lease),
                 (_, None, _) => {
                     self.forget_unproven(lease.tag);
                     self.make_room(lease.tag, number);
@@ -320,17 +331,14 @@ impl Leases {
     pub fn request(&mut self, tag: u16, period: Period, number: u16, is_passed_on: bool) {
         let known = self.range_of(tag).find(|&place| {
             let entry = &self.entries[place];
-            let has_ended = matches!(entry.standing, Standing::Ending | Standing::Told);
-            entry.turn.period == period && !has_ended && !entry.is_over(number)
+            entry.turn.period == period && !entry.has_ended() && !entry.is_over(number)
         });
         if let Some(place) = known {
             let entry = &mut self.entries[place];
             entry.made = number;
             // Anchors that missed a renewal, or were told of a false end, learn of it.
             let lease = entry.lease(if entry.standing == Standing::Proven { Grant::Kept } else { Grant::New });
-            if !self.outgoing.iter().any(|(known, _)| *known == lease) {
-                self.announce(lease);
-            }
+            self.announce_once(lease);
             return;
         }
         self.wait(tag, period, number, is_passed_on);
@@ -389,7 +397,7 @@ impl Leases {
                 }
             }
             // Invented tags do not drive out those that poll.
-            let is_unsettled = matches!(entry.standing, Standing::Probation | Standing::Ending | Standing::Told);
+            let is_unsettled = entry.standing == Standing::Probation || entry.has_ended();
             survey.unsettled += usize::from(is_unsettled);
             survey.slots = survey.slots.max(entry.turn.slot + 1);
             survey.at += 1;
@@ -463,10 +471,7 @@ impl Leases {
     }
 
     fn announce_refusal(&mut self, tag: u16, period: Period) {
-        let refusal = Lease { tag, turn: Turn { slot: 0, period, phase: 0 }, grant: Grant::Refused };
-        if !self.outgoing.iter().any(|(known, _)| *known == refusal) {
-            self.announce(refusal);
-        }
+        self.announce_once(Lease { tag, turn: Turn { slot: 0, period, phase: 0 }, grant: Grant::Refused });
     }
 
     /// The phase of a turn in this slot that meets no other, the first from superframe `from` on. Turns with the same
