@@ -140,3 +140,25 @@ pub struct Waiting {
     /// It has asked again.
     pub insists: bool,
 }
+
+/// The phase of a turn in this slot that meets none of these leases, the first from superframe `from` on. Turns with the same
+/// remainder of ten, five or two as others come first: so remainders stay free for turns that come more often.
+pub fn free_phase(entries: &[Entry], slot: u8, period: Period, from: u16) -> Option<u16> {
+    let mut taken = [0_u64; Period::MOST.div_ceil(u64::BITS as u16) as usize];
+    let mut remainders = [(10, 0_u16), (5, 0), (2, 0), (1, 1)];
+    let length = period.superframes();
+    for entry in entries.iter().filter(|entry| entry.turn.slot == slot) {
+        let step = period.common_with(entry.turn.period);
+        for phase in (entry.turn.phase % step..length).step_by(step.into()) {
+            taken[usize::from(phase / 64)] |= 1 << (phase % 64);
+        }
+        for (of, used) in remainders.iter_mut().filter(|(of, _)| step.is_multiple_of(*of)) {
+            *used |= 1 << (entry.turn.phase % *of);
+        }
+    }
+    let is_free = |phase: u16| taken[usize::from(phase / 64)] >> (phase % 64) & 1 == 0;
+    let first = from % length;
+    remainders.into_iter().find_map(|(of, used)| {
+        (first..length).chain(0..first).find(|&phase| used >> (phase % of) & 1 == 1 && is_free(phase))
+    })
+}

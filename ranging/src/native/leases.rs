@@ -18,7 +18,9 @@
 
 use heapless::{Deque, Vec};
 
-use super::lease_entry::{Entry, GRANTED_SUPERFRAMES, RELAYED_SUPERFRAMES, Standing, Survey, Waiting, term};
+use super::lease_entry::{
+    Entry, GRANTED_SUPERFRAMES, RELAYED_SUPERFRAMES, Standing, Survey, Waiting, free_phase, term,
+};
 use super::spread;
 use wire::uwb::layout::Layout;
 use wire::uwb::native::{Confirmation, Grant, Lease, LeasedPoll, Period, SyncFrame, Turn};
@@ -448,7 +450,7 @@ impl Leases {
                 return;
             }
             let slot = if self.cursor < slots { self.cursor } else { 0 };
-            match self.free_phase(slot, period, number.wrapping_add(NOTICE)) {
+            match free_phase(&self.entries, slot, period, number.wrapping_add(NOTICE)) {
                 Some(phase) => {
                     self.waiting.remove(self.turn_of);
                     (self.cursor, self.searched, self.is_cramped) = (slot, 0, false);
@@ -472,28 +474,6 @@ impl Leases {
 
     fn announce_refusal(&mut self, tag: u16, period: Period) {
         self.announce_once(Lease { tag, turn: Turn { slot: 0, period, phase: 0 }, grant: Grant::Refused });
-    }
-
-    /// The phase of a turn in this slot that meets no other, the first from superframe `from` on. Turns with the same
-    /// remainder of ten, five or two as others come first: so remainders stay free for turns that come more often.
-    fn free_phase(&self, slot: u8, period: Period, from: u16) -> Option<u16> {
-        let mut taken = [0_u64; Period::MOST.div_ceil(u64::BITS as u16) as usize];
-        let mut remainders = [(10, 0_u16), (5, 0), (2, 0), (1, 1)];
-        let length = period.superframes();
-        for entry in self.entries.iter().filter(|entry| entry.turn.slot == slot) {
-            let step = period.common_with(entry.turn.period);
-            for phase in (entry.turn.phase % step..length).step_by(step.into()) {
-                taken[usize::from(phase / 64)] |= 1 << (phase % 64);
-            }
-            for (of, used) in remainders.iter_mut().filter(|(of, _)| step.is_multiple_of(*of)) {
-                *used |= 1 << (entry.turn.phase % *of);
-            }
-        }
-        let is_free = |phase: u16| taken[usize::from(phase / 64)] >> (phase % 64) & 1 == 0;
-        let first = from % length;
-        remainders.into_iter().find_map(|(of, used)| {
-            (first..length).chain(0..first).find(|&phase| used >> (phase % of) & 1 == 1 && is_free(phase))
-        })
     }
 
     /// Fills a sync frame with what fits into it.
