@@ -163,25 +163,25 @@ impl Anchor {
     }
 
     fn receive(&mut self, frame: &RxFrame<'_>) {
-        let Some(told) = Frame::parse(frame.bytes).ok().filter(|told| told.pan == self.config.network.pan) else {
-            return;
-        };
+        // By reference: a message takes hundreds of bytes, and each copy as many instructions.
+        let parsed = Frame::parse(frame.bytes);
+        let Some(told) = parsed.as_ref().ok().filter(|told| told.pan == self.config.network.pan) else { return };
         let everyone = told.destination == BROADCAST;
-        match told.message {
-            Message::Poll(poll) if everyone => self.on_poll(told.source, &poll, frame),
+        match &told.message {
+            Message::Poll(poll) if everyone => self.on_poll(told.source, poll, frame),
             Message::Request(request) if everyone => {
                 if let Some(network) = &mut self.network {
                     network.request(&mut self.leases, Member { tag: told.source, share: request.share }, false);
                     network.wish(told.source, request.wish);
                 }
             }
-            Message::SyncFrame(sync_frame) if everyone => self.on_sync_frame(told.source, &sync_frame, frame),
+            Message::SyncFrame(sync_frame) if everyone => self.on_sync_frame(told.source, sync_frame, frame),
             Message::Response(response) if told.destination == self.config.address => {
                 if let Some(network) = &self.network {
-                    self.rounds.answer(&network.course.timing, told.source, response, frame);
+                    self.rounds.answer(&network.course.timing, told.source, *response, frame);
                 }
             }
-            Message::Final { round } if everyone => self.on_final(told.source, round, frame.rx_time),
+            Message::Final { round } if everyone => self.on_final(told.source, *round, frame.rx_time),
             // Messages for other anchors, or not addressed to this anchor.
             Message::Poll(_)
             | Message::Request(_)

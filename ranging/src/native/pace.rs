@@ -196,9 +196,11 @@ impl Meter {
 
     /// How long before a transmission's first pulse the node must wake and decide.
     ///
-    /// A pinned lead that proved too short is increased: otherwise the node would be silent for ever.
+    /// A pinned lead that proved too short is increased, with the same margin: otherwise the node would be silent for
+    /// ever.
     pub fn lead(&self) -> RadioDuration {
         match self.pinned {
+            Some(pinned) if self.lead.is_measured => pinned.transmit.max(self.lead.with_margin()),
             Some(pinned) => pinned.transmit.max(RadioDuration::from_ticks(self.lead.ticks)),
             None => self.lead.with_margin(),
         }
@@ -341,9 +343,9 @@ mod tests {
         meter.answered(us(900));
         meter.led(us(100), true);
         assert_eq!(meter.lead(), us(150));
-        // A pinned value that is too short is increased.
-        meter.led(us(900), true);
-        assert_eq!(meter.lead(), us(900));
+        // A pinned value that is too short is increased: 800 + 100 + 30.
+        meter.led(us(800), true);
+        assert_eq!(meter.lead(), us(930));
         let wish = meter.wish(Scheme::DoubleSided);
         assert_eq!([wish.answer.duration(), wish.listen_again.duration()], [us(256), us(64)]);
     }

@@ -283,6 +283,13 @@ pub fn next_round(
     })
 }
 
+/// The same for the last instant at which a round may begin.
+pub fn last_round(owned: u64, timing: &Timing, anchors: usize, uncertainty: RadioDuration) -> RadioDuration {
+    let end = u64::BITS - owned.leading_zeros();
+    let length = timing.round(anchors).ticks() + timing.guard.ticks() / 2 + uncertainty.ticks();
+    RadioDuration::from_ticks(timing.round_slot_begin(end as usize).ticks() - length)
+}
+
 /// Runs of set bits: (first, one past the last).
 fn runs(bits: u64) -> impl Iterator<Item = (usize, usize)> {
     let mut from = 0;
@@ -534,5 +541,17 @@ mod tests {
         // An older list that another anchor still relays changes nothing.
         newcomer.receive(&sync_frame(1, 0, &old));
         assert_eq!(newcomer.members(), &new);
+    }
+
+    #[test]
+    fn no_round_fits_after_the_last() {
+        let timing = Timing::of(&crate::PhyConfig::FAST, Layout::LEAST);
+        let uncertainty = RadioDuration::from_micros(3);
+        for (owned, anchors) in [(0b1, 8), (0b0110_0100, 4), (0b11, 1)] {
+            let last = last_round(owned, &timing, anchors, uncertainty);
+            let next = |earliest| next_round(owned, &timing, earliest, anchors, uncertainty);
+            assert_eq!(next(last), Some(last));
+            assert_eq!(next(RadioDuration::from_ticks(last.ticks() + 1)), None);
+        }
     }
 }

@@ -108,20 +108,24 @@ impl RoundState {
 
     /// This node's clock was restarted: no interval reaches across.
     pub fn forget(&mut self) {
-        (self.final_tx, self.former) = (None, Former::default());
+        self.final_tx = None;
+        self.former.forget();
         self.answers.clear();
     }
 
     /// The next round's poll.
     pub fn begin(&mut self, anchors: &mut AnchorTable, scheme: Scheme, wish: Layout, tell_distances: bool) -> Poll {
-        let (final_tx, answers) = (self.final_tx.take(), core::mem::take(&mut self.answers));
-        self.former = match self.scheme {
+        match self.scheme {
             // Its ranges have been reported.
-            Scheme::SingleSided => Former::default(),
+            Scheme::SingleSided => self.former.forget(),
             Scheme::DoubleSided => {
-                Former { number: self.number, poll_tx: self.poll_tx, asked: self.asked, final_tx, answers }
+                self.former.answers.clone_from(&self.answers);
+                (self.former.number, self.former.poll_tx) = (self.number, self.poll_tx);
+                (self.former.asked, self.former.final_tx) = (self.asked, self.final_tx);
             }
-        };
+        }
+        self.answers.clear();
+        self.final_tx = None;
         self.number = self.number.wrapping_add(1);
         self.scheme = scheme;
         if self.turns && !self.team.is_empty() {
@@ -274,6 +278,11 @@ impl RoundState {
 }
 
 impl Former {
+    fn forget(&mut self) {
+        (self.asked, self.final_tx) = (0, None);
+        self.answers.clear();
+    }
+
     /// An anchor reports when it received this round's final: its range is double-sided now. Returns its distance,
     /// metres.
     fn complete(&mut self, anchor: u16, heard: FinalReceived) -> Option<f32> {

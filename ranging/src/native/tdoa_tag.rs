@@ -100,15 +100,15 @@ impl TdoaTag {
     }
 
     fn receive(&mut self, frame: &RxFrame<'_>) {
-        let Some(told) = Frame::parse(frame.bytes).ok().filter(|told| told.pan == self.config.network.pan) else {
-            return;
-        };
-        match told.message {
+        // By reference: a message takes hundreds of bytes, and each copy as many instructions.
+        let parsed = Frame::parse(frame.bytes);
+        let Some(told) = parsed.as_ref().ok().filter(|told| told.pan == self.config.network.pan) else { return };
+        match &told.message {
             Message::SyncFrame(sync_frame) if told.destination == BROADCAST => {
-                self.on_sync_frame(told.source, &sync_frame, frame)
+                self.on_sync_frame(told.source, sync_frame, frame)
             }
-            Message::Poll(poll) if told.destination == BROADCAST => self.on_poll(told.source, &poll, frame),
-            Message::Response(response) => self.on_response(told.source, told.destination, response, frame),
+            Message::Poll(poll) if told.destination == BROADCAST => self.on_poll(told.source, poll, frame),
+            Message::Response(response) => self.on_response(told.source, told.destination, *response, frame),
             Message::SyncFrame(_) | Message::Poll(_) | Message::Request(_) | Message::Final { .. } => {}
         }
     }

@@ -193,19 +193,19 @@ impl Tag {
     }
 
     fn receive(&mut self, frame: &RxFrame<'_>) {
-        let Some(told) = Frame::parse(frame.bytes).ok().filter(|told| told.pan == self.config.network.pan) else {
-            return;
-        };
-        match told.message {
+        // By reference: a message takes hundreds of bytes, and each copy as many instructions.
+        let parsed = Frame::parse(frame.bytes);
+        let Some(told) = parsed.as_ref().ok().filter(|told| told.pan == self.config.network.pan) else { return };
+        match &told.message {
             Message::SyncFrame(sync_frame) if told.destination == BROADCAST => {
-                self.on_sync_frame(told.source, &sync_frame, frame)
+                self.on_sync_frame(told.source, sync_frame, frame)
             }
             Message::Response(response)
                 if told.destination == self.config.address && self.state == State::Collecting =>
             {
                 let Some(network) = &mut self.network else { return };
                 let Superframes { timing, phase, .. } = &network.sync.course;
-                let range = self.round.receive(timing, &self.bias, &mut self.anchors, told.source, response, frame);
+                let range = self.round.receive(timing, &self.bias, &mut self.anchors, told.source, *response, frame);
                 if range.is_some() {
                     network.lease.answered(response.lease, phase.number);
                 }

@@ -4,7 +4,7 @@
 use super::{State, Tag, TagConfig};
 use crate::exchange::{Action, Link, Report};
 use crate::native::own_lease::OwnLease;
-use crate::native::plan::{Rate, lists, next_round, share_of};
+use crate::native::plan::{Rate, last_round, lists, next_round, share_of};
 use crate::native::sync::Sync;
 use crate::native::timing::{SUPERFRAME, Timing};
 use crate::native::{SHORTEST_WAIT, spread};
@@ -209,13 +209,15 @@ impl Tag {
         let in_time = soonest.max(RadioDuration::from_ticks(computed.ticks() - takes));
         // But during the sync frames there is time to compute what is measured at the superframe's end.
         let next_rounds = RadioDuration::from_ticks(timing.superframe.ticks() + timing.rounds().ticks());
-        let backlog = Backlog { computed, per_round: self.busy_per_round, until: next_rounds };
-        let last = RadioDuration::from_ticks(timing.superframe.ticks() - timing.round(anchors).ticks());
-        let every = RadioDuration::from_ticks(takes + self.meter.immediate().ticks());
-        let is_for_sync_frames = in_time > soonest
-            && computed < next_rounds
-            && (backlog.has_room_until(last, soonest, every) || after(in_time).is_none());
-        let in_time = if is_for_sync_frames { soonest } else { in_time };
+        let in_time = if in_time > soonest && computed < next_rounds {
+            let backlog = Backlog { computed, per_round: self.busy_per_round, until: next_rounds };
+            let last = last_round(network.owned, &timing, anchors, uncertainty);
+            let every = RadioDuration::from_ticks(takes + self.meter.immediate().ticks());
+            let otherwise = after(in_time).map_or(soonest, |_| in_time);
+            backlog.begin(last, soonest, every).map_or(otherwise, |begin| begin.min(otherwise))
+        } else {
+            in_time
+        };
         // The tag was woken for a round. It makes the round if the round's instant is still in the future.
         let spare = |pulse: RadioDuration| RadioDuration::from_ticks(pulse.ticks() - passed.ticks() - lead.ticks());
         let planned = self.pulse_at.take().map(|pulse| pulse.since(phase.start));
@@ -285,19 +287,19 @@ struct Backlog {
 const WAITING_ROUNDS: i64 = 2;
 
 impl Backlog {
-    /// Whether the rounds that begin from `soonest` to `last`, one after each interval `every`, can wait until they are
-    /// computed. While rounds are made, the node may have no time to compute.
-    fn has_room_until(self, last: RadioDuration, soonest: RadioDuration, every: RadioDuration) -> bool {
-        let per_round = self.per_round.ticks();
-        // An eighth of a round is for what is not the mean.
-        let limit = soonest.ticks() + every.ticks() + (WAITING_ROUNDS + 1) * per_round - per_round / 8;
-        let limit = self.until.ticks().min(limit);
-        let (mut pulse, mut computed) = (soonest.ticks(), self.computed.ticks());
-        while pulse <= last.ticks() && computed <= limit {
-            computed += per_round;
-            pulse += every.ticks().max(1);
-        }
-        computed <= limit
+    /// When rounds may begin, one after each interval `every` until `last`, so that they can wait until they are
+    /// computed: as soon as possible, from `soonest` on. While rounds are made, the node may have no time to compute.
+    fn begin(self, last: RadioDuration, soonest: RadioDuration, every: RadioDuration) -> Option<RadioDuration> {
+        let [last, soonest, every] = [last, soonest, every].map(RadioDuration::ticks);
+        (0..=WAITING_ROUNDS).rev().find_map(|before_last| {
+            let begin = last - before_last * every;
+            // An eighth of a round is for what is not the mean.
+            let limit = begin + every + (WAITING_ROUNDS + 1) * self.per_round.ticks() - self.per_round.ticks() / 8;
+            let computed = self.computed.ticks() + (before_last + 1) * self.per_round.ticks();
+            let fits = begin >= soonest && computed <= limit.min(self.until.ticks());
+            // All that there is time for need not wait.
+            fits.then_some(if begin - every < soonest { soonest } else { begin }).map(RadioDuration::from_ticks)
+        })
     }
 }
 
@@ -358,5 +360,28 @@ impl Followed {
             Some(_) => 0,
             None => plan.owned_slots(config.address, number, timing.round_slots),
         };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn as_many_rounds_as_the_sync_frames_leave_time_for_come_at_the_end() {
+        let us = RadioDuration::from_micros;
+        let begin = |computed, soonest| {
+            let backlog = Backlog { computed: us(computed), per_round: us(8_480), until: us(119_488) };
+            backlog.begin(us(97_585), us(soonest), us(3_510)).map(|begin| begin.as_micros())
+        };
+        // Of three rounds the last would be computed at 99.187 + 3 · 8.48 = 124.6 ms, of two at 116.1: the first of them
+        // begins 3.51 ms before the last.
+        assert_eq!(begin(99_187, 85_000), Some(94_075));
+        // There is time for two and no more.
+        assert_eq!(begin(99_187, 92_000), Some(92_000));
+        assert_eq!(begin(99_187, 95_000), Some(95_000));
+        assert_eq!(begin(99_187, 98_000), None);
+        // 115 + 8.48 = 123.5.
+        assert_eq!(begin(115_000, 95_000), None);
     }
 }

@@ -216,6 +216,9 @@ impl Frame {
         let (Address::Short(destination), Address::Short(source)) = (header.destination, header.source) else {
             return Err(FrameError::Header);
         };
+        if source == BROADCAST {
+            return Err(FrameError::Header);
+        }
         let mut reader = Reader(payload);
         let message = match reader.u8()? {
             POLL => Message::Poll(Poll::parse(reader)?),
@@ -234,9 +237,6 @@ impl Frame {
             }
             code => return Err(FrameError::Code(code)),
         };
-        if source == BROADCAST {
-            return Err(FrameError::Header);
-        }
         Ok(Self { sequence: header.sequence, pan: header.pan, destination, source, message })
     }
 
