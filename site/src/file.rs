@@ -153,7 +153,8 @@ impl<'t> SiteFile<'t> {
         let mut numbers = Numbers::default();
         let own = tables.node.into_iter().zip(lines("node"));
         let own = own.filter(|(table, _)| purpose == Purpose::Simulation || !table.is_foreign());
-        let owns = own.map(|(table, lines)| table.read(lines.clone(), purpose, &mut numbers));
+        let each = own.flat_map(|(table, lines)| table.each(purpose).map(move |table| (table, lines)));
+        let owns = each.map(|(table, lines)| table.read(lines.clone(), purpose, &mut numbers));
         let owns = owns.collect::<Result<Vec<_>, _>>()?;
         let line = |lines: &KeyLines| lines.line;
         let listed = Lists {

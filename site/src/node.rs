@@ -42,6 +42,7 @@ const ROLE_KEYS: [(RoleName, &[&str]); 3] = [
             "nlos_classifier",
             "fingerprint_map",
             "room_model",
+            "simulation.count",
             "simulation.network",
             "simulation.cpu_slowdown",
             "simulation.true_antenna_delay_ticks",
@@ -284,6 +285,17 @@ impl NodeTable {
     /// are not told of.
     pub(crate) fn is_foreign(&self) -> bool {
         self.simulation.network > 0 || !self.simulation.listed
+    }
+
+    /// The nodes that it stands for: the others have no name and no EUI-64 of their own.
+    pub(crate) fn each(self, purpose: Purpose) -> impl Iterator<Item = Self> {
+        let count = if purpose == Purpose::Simulation { self.simulation.count } else { 1 };
+        (0..count).map(move |i| match i {
+            0 => self.clone(),
+            _ => {
+                Self { name: None, eui: None, address: self.address.map(|first| first.wrapping_add(i)), ..self.clone() }
+            }
+        })
     }
 
     fn position(&self) -> Option<[f32; 3]> {

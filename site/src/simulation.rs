@@ -11,7 +11,8 @@ use wire::config::{Board, Network};
 use crate::document::{Document, KeyLines, SiteError, choice};
 use crate::network::{NetworkTable, SIMULATED_NETWORK};
 use crate::values::{
-    antenna_delay, clock_offset, decibels, method, not_negative, path, position, positive, probability, rssi, slowdown,
+    antenna_delay, clock_offset, count, decibels, method, not_negative, path, position, positive, probability, rssi,
+    slowdown,
 };
 
 /// What is simulated besides the site.
@@ -179,6 +180,9 @@ pub struct Bluetooth {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct NodeSimulation {
+    /// How many tags like this one there are, with consecutive addresses.
+    #[serde(deserialize_with = "count")]
+    pub count: u16,
     /// The node's network: 0 is the site's own, 1 the first neighbour.
     pub network: usize,
     /// How many times slower than estimated its processor is; `None`: as all.
@@ -217,6 +221,7 @@ pub struct NodeSimulation {
 impl Default for NodeSimulation {
     fn default() -> Self {
         Self {
+            count: 1,
             network: 0,
             cpu_slowdown: None,
             true_antenna_delay_ticks: None,

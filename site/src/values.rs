@@ -54,6 +54,12 @@ pub(crate) fn not_negative<'de, D: Deserializer<'de>, T: From<f64>>(from: D) -> 
     at_most(number(from, "zero or a positive number", |x| x >= 0.0)?, MOST)
 }
 
+/// How many nodes a table stands for: addresses are sixteen bits, and a file must not ask for all memory.
+pub(crate) fn count<'de, D: Deserializer<'de>>(from: D) -> Result<u16, D::Error> {
+    let count = u16::deserialize(from)?;
+    if (1..=4096).contains(&count) { Ok(count) } else { Err(must_be("from 1 to 4096")) }
+}
+
 pub(crate) fn rssi<'de, D: Deserializer<'de>, T: From<f64>>(from: D) -> Result<T, D::Error> {
     number(from, "from -127 to 20 dBm", |x| (-127.0..=20.0).contains(&x)).map(T::from)
 }

@@ -30,7 +30,7 @@ const MAX_KNOWN: usize = 1024;
 /// From a grant to the first turn: the entry is repeated, and relayed.
 const NOTICE: u16 = 4;
 /// Sync frames that contain a new lease, one that is kept, a refusal, and the end of a lease.
-const REPETITIONS: [u8; 4] = [3, 1, 2, 3];
+const REPETITIONS: [u8; 4] = [2, 1, 2, 3];
 /// Leases on probation at a time weigh no more than this. One of whole slots weighs 100, one of a slot in n superframes
 /// the n-th part, but at least 2: so 10, or 100 with a turn in ten superframes, or 500 with few turns.
 const MAX_ON_PROBATION: u16 = 1000;

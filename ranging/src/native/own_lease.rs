@@ -11,6 +11,8 @@ use wire::uwb::native::{Confirmation, Grant, Lease, Period, Turn};
 #[derive(Clone, Debug, Default)]
 pub struct OwnLease {
     held: Option<Held>,
+    /// The tag has requested turns with this period, and has not used them yet.
+    requested: Option<Period>,
     /// The coordinator has no turn for this tag at present.
     pub is_refused: bool,
 }
@@ -39,6 +41,11 @@ impl OwnLease {
         self.turn().is_some_and(|turn| turn.period == period)
     }
 
+    /// The tag requests turns with this period.
+    pub fn request(&mut self, period: Period) {
+        self.requested = Some(period);
+    }
+
     /// A sync frame of superframe `number` has an entry for this tag, which wants turns with this period. An entry that
     /// the tag has not asked for changes nothing: anybody can send one.
     pub fn receive(&mut self, lease: &Lease, wanted: Period, number: u16) {
@@ -52,6 +59,7 @@ impl OwnLease {
                 held.told = held.told.saturating_add(1);
             }
             (Grant::New | Grant::Kept, Some(held)) if held.told > 1 => held.told -= 1,
+            (_, None) if self.requested != Some(wanted) => {}
             (Grant::New | Grant::Kept, _) => {
                 let lasts = lease.turn.next_after(number).saturating_add(GRANTED_SUPERFRAMES);
                 self.held = Some(Held { turn: lease.turn, told: 1, is_answered: false, since: number, lasts });
@@ -66,6 +74,7 @@ impl OwnLease {
     pub fn answered(&mut self, confirmation: Confirmation, number: u16) {
         let Some(held) = self.held.as_mut().filter(|held| held.turn.is_in(number)) else { return };
         let period = held.turn.period;
+        self.requested = self.requested.filter(|requested| *requested != period);
         match confirmation {
             Confirmation::Renewed => (held.is_answered, held.since, held.lasts) = (true, number, 2 * term(period)),
             // The anchor passes the poll on to the coordinator, unless the grant was forged.
@@ -81,7 +90,10 @@ impl OwnLease {
     /// It is superframe `number`: a lease that was not confirmed in time is void. The tag calls this at least once in
     /// 10,000 superframes.
     pub fn expire(&mut self, number: u16) {
-        self.held = self.held.filter(|held| number.wrapping_sub(held.since) <= held.lasts);
+        let is_over = |held: &mut Held| number.wrapping_sub(held.since) > held.lasts;
+        if let Some(held) = self.held.take_if(is_over) {
+            self.requested = self.requested.filter(|requested| *requested != held.turn.period);
+        }
     }
 
     /// The tag gives its turns back.
@@ -98,6 +110,10 @@ mod tests {
         Lease { tag: 1, turn: Turn { slot: 3, period: Period::at_most(10), phase: 4 }, grant }
     }
 
+    fn requested() -> OwnLease {
+        OwnLease { requested: Some(lease(Grant::New).turn.period), ..OwnLease::default() }
+    }
+
     fn holds_until(own: &OwnLease, from: u16) -> u16 {
         let mut own = own.clone();
         (0..)
@@ -111,7 +127,7 @@ mod tests {
     #[test]
     fn a_lease_lasts_as_long_as_it_is_confirmed() {
         for at in [0, u16::MAX] {
-            let mut own = OwnLease::default();
+            let mut own = requested();
             own.receive(&lease(Grant::New), Period::at_most(10), at);
             // Its turn comes in 4 superframes, or after the wrap in 1 + 4; then 40 superframes pass.
             let turn = if at == 0 { 4 } else { 5 };
@@ -138,6 +154,10 @@ mod tests {
     #[test]
     fn entries_that_were_not_asked_for_change_nothing() {
         let mut own = OwnLease::default();
+        own.receive(&lease(Grant::New), Period::at_most(10), 0);
+        own.receive(&lease(Grant::Refused), Period::at_most(10), 0);
+        assert!(own.turn().is_none() && !own.is_refused, "not requested");
+        own.request(Period::at_most(10));
         own.receive(&lease(Grant::New), Period::at_most(20), 0);
         assert_eq!(own.turn(), None);
         own.receive(&lease(Grant::Refused), Period::at_most(10), 0);
@@ -149,9 +169,25 @@ mod tests {
     }
 
     #[test]
+    fn turns_with_another_period_are_awaited_while_the_old_ones_are_used() {
+        let (mut own, old) = (requested(), lease(Grant::New));
+        own.receive(&old, old.turn.period, 0);
+        own.answered(Confirmation::Renewed, 4);
+        let period = Period::at_most(20);
+        own.request(period);
+        own.answered(Confirmation::Renewed, 14);
+        own.receive(&Lease { turn: Turn { period, ..old.turn }, ..old }, period, 15);
+        assert!(own.has(period));
+        // A lease that is void must be requested again.
+        own.expire(15 + 20 + 41);
+        own.receive(&Lease { turn: Turn { period, ..old.turn }, ..old }, period, 80);
+        assert_eq!(own.turn(), None);
+    }
+
+    #[test]
     fn the_turns_that_most_entries_say_count_until_an_anchor_answers() {
         let other = Lease { turn: Turn { slot: 9, ..lease(Grant::New).turn }, ..lease(Grant::New) };
-        let (mut own, period) = (OwnLease::default(), Period::at_most(10));
+        let (mut own, period) = (requested(), Period::at_most(10));
         own.receive(&other, period, 0);
         own.receive(&lease(Grant::New), period, 1);
         own.receive(&lease(Grant::New), period, 1);

@@ -245,6 +245,18 @@ impl Timing {
         sum(self.sync_frame(OWNED_SYNC_SLOTS), times(self.request_slot, slot as i64))
     }
 
+    /// How many requests there is room for in the round slots from this one on.
+    pub const fn requests_from_round_slot(&self, slot: u8) -> u16 {
+        (times(self.round_slot, self.round_slots as i64 - slot as i64).ticks() / self.request_slot.ticks()) as u16
+    }
+
+    /// From the beginning of the superframe to the RMARKER of one of them.
+    pub const fn request_from_round_slot(&self, slot: u8, place: usize) -> RadioDuration {
+        let half_guard = RadioDuration::from_ticks(self.guard.ticks() / 2);
+        let begin = sum(self.round_slot_begin(slot as usize), half_guard);
+        sum(sum(begin, self.to_rmarker), times(self.request_slot, place as i64))
+    }
+
     /// From the beginning of the superframe to the end of its sync slots, where the round slots begin.
     pub const fn rounds(&self) -> RadioDuration {
         times(self.sync_slot, SYNC_SLOTS as i64)

@@ -522,6 +522,32 @@ mod tests {
     }
 
     #[test]
+    fn a_table_stands_for_many_tags() {
+        let tags = |keys: &str| {
+            let text = format!("{LEAST}[[node]]\nrole = \"tag\"\nrate_hz = 1\n{keys}[[node]]\nrole = \"tag\"\n");
+            Scenario::parse(&text).unwrap().tags
+        };
+        let addresses = |tags: &[Tag]| tags.iter().map(|tag| tag.address).collect::<Vec<_>>();
+        let many = tags("simulation = { count = 3 }\n");
+        assert_eq!(addresses(&many), [0x1001, 0x1002, 0x1003, 0x1004, 0x1005]);
+        let rates: Vec<_> = many.iter().map(|tag| tag.settings.record.rate_chz).collect();
+        assert_eq!(rates, [None, Some(100), Some(100), Some(100), None]);
+        assert!(distance(many[1].walk.at(0.0), many[2].walk.at(0.0)) > 0.1, "each walks its own way");
+        let named = tags("name = \"cart\"\naddress = 0x100\nsimulation = { count = 2 }\n");
+        assert_eq!(addresses(&named), [0x1001, 0x100, 0x101, 0x1004]);
+        for (keys, message) in [
+            ("simulation = { count = 0 }", "count is 0: it must be from 1 to 4096"),
+            ("simulation = { count = 5000 }", "count is 5000: it must be from 1 to 4096"),
+            ("address = 0x1001\nsimulation = { count = 2 }", "0x1001"),
+        ] {
+            let found = error(&format!("{LEAST}[[node]]\nrole = \"tag\"\n{keys}\n"));
+            assert!(found.message.contains(message), "{keys}: {found}");
+        }
+        let found = error("[[node]]\nrole = \"anchor\"\nposition_m = [0, 0, 2]\nsimulation = { count = 2 }\n");
+        assert!(found.message.contains("count is a key of a node whose role is tag"), "{found}");
+    }
+
+    #[test]
     fn tags_differ_in_what_their_records_say() {
         let text = format!(
             "{LEAST}height_m = 1.0\nsolver = \"b-wls\"\n[[node]]\nrole = \"tag\"\nscheme = \"double-sided\"\nrate_hz = 2.5\n"

@@ -37,6 +37,7 @@
 //! A start of the radio from any state but `Napping` returns the tag to `Idle` and to its search.
 
 mod config;
+mod request;
 mod schedule;
 mod seldom;
 mod stopwatch;

@@ -1,29 +1,21 @@
 //! What an idle tag does next in the superframe: it listens to sync frames and requests slots, then ranges in its own
 //! slots.
 
+use super::request::{DueRequest, Now};
 use super::{State, Tag, TagConfig};
 use crate::exchange::{Action, Link, Report};
+use crate::native::SHORTEST_WAIT;
 use crate::native::own_lease::OwnLease;
 use crate::native::plan::{Rate, last_round, lists, next_round, share_of};
 use crate::native::sync::Sync;
 use crate::native::timing::{SUPERFRAME, Timing};
-use crate::native::{SHORTEST_WAIT, spread};
 use crate::{RadioDuration, RadioInstant, Start};
 use wire::config::PollContent;
 use wire::uwb::layout::Scheme;
-use wire::uwb::native::{MAX_MEMBERS, Message, PolledPosition, Request, Share, SyncFrame};
+use wire::uwb::native::{MAX_MEMBERS, Message, PolledPosition, Share, SyncFrame};
 
 /// Without a sync frame for this many superframes the tag searches again.
 pub(super) const LOST_AFTER: u16 = 5;
-/// Superframes from a request until the coordinator's next sync frame can answer it …
-const REQUEST_PATIENCE: u16 = 2;
-/// … and from there up to this many more, doubled after each request without effect, this often at most.
-const REQUEST_SPREAD: u16 = 4;
-const MOST_DOUBLINGS: u8 = 3;
-/// A tag without a place in a full network asks again after this many to twice as many superframes: its members give
-/// their places up in turn.
-const FULL_PATIENCE: u16 = 10;
-
 /// The network that the tag follows.
 #[derive(Clone, Debug)]
 pub(super) struct Followed {
@@ -31,7 +23,7 @@ pub(super) struct Followed {
     /// Superframes until the tag may request slots again.
     pub(super) request_in: u16,
     /// Requests without effect.
-    requests: u8,
+    pub(super) requests: u8,
     /// The superframe that `owned` is for.
     planned: Option<u16>,
     /// This tag's round slots in this superframe: bit i for slot i.
@@ -40,7 +32,7 @@ pub(super) struct Followed {
     pub(super) lease: OwnLease,
     /// Rounds begun in this superframe.
     rounds: u32,
-    joined: bool,
+    pub(super) joined: bool,
     /// The tag has reported that the network is full.
     is_full: bool,
     /// Superframes followed, counted only as far as needed.
@@ -119,7 +111,10 @@ impl Tag {
             network.rounds = 0;
             self.round.set_team(self.anchors.choose(self.config.anchors.into(), self.position_m));
         }
-        self.among_rounds(passed)
+        match self.due_request(sync_end).filter(|due| !is_seldom && due.rmarker >= sync_end) {
+            Some(due) => self.request_among_rounds(due, passed),
+            None => self.among_rounds(passed),
+        }
     }
 
     /// No anchor was received for too long.
@@ -131,53 +126,25 @@ impl Tag {
 
     /// In the sync slots: listens, and requests slots if the listed share differs from the wanted one.
     fn among_sync_frames(&mut self, passed: RadioDuration, end: RadioDuration) -> Action<'_> {
-        let (lead, rate) = (self.meter.lead(), self.rate);
-        let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
-        let course = &network.sync.course;
-        let (timing, phase) = (course.timing, course.phase);
         let rest = RadioDuration::from_ticks(end.ticks() - passed.ticks());
-        let (address, number) = (self.config.address, phase.number);
-        let share = rate.map_or(Share::Release, |rate| share_of(rate, &timing));
-        let settled = network.has(address, share);
-        network.requests *= u8::from(!settled);
-        let is_full = network.is_full_for(address, share);
-        let in_turn = FULL_PATIENCE + spread(number, address, FULL_PATIENCE);
-        if is_full && network.joined && network.request_in == 0 {
-            // It has just given its place up.
-            network.request_in = in_turn;
+        let Some(due) = self.due_request(end).filter(|due| due.rmarker < end) else { return Self::listen(rest) };
+        match self.time_to_request(due, passed) {
+            Now::Nothing => Self::listen(rest),
+            Now::Wait(spare) => Self::listen(spare),
+            Now::Send => self.request(due),
         }
-        if settled || network.request_in > 0 {
-            return Self::listen(rest);
-        }
-        let in_reach = |slot: &u8| timing.request(usize::from(*slot)) < end;
-        let slots = (0..timing.request_slots).take_while(in_reach).count() as u16;
-        let rmarker = timing.request(spread(address, number, slots).into());
-        let until_pulse = rmarker.ticks() - timing.to_rmarker.ticks() - passed.ticks();
-        let spare = RadioDuration::from_ticks(until_pulse - lead.ticks());
-        if spare > SHORTEST_WAIT {
-            self.stopwatch.wake_at = Some(phase.at(RadioDuration::from_ticks(passed.ticks() + spare.ticks())));
-            return Self::listen(spare);
-        }
-        if until_pulse <= 0 {
-            // The request's instant in this superframe has passed.
-            network.request_in = 1;
-            if let Some(wake) = self.stopwatch.wake_at.take() {
-                self.meter.overslept(phase.at(passed).since(wake));
+    }
+
+    /// A request in round slots that belong to nobody.
+    fn request_among_rounds(&mut self, due: DueRequest, passed: RadioDuration) -> Action<'_> {
+        match self.time_to_request(due, passed) {
+            Now::Nothing => self.rest(passed),
+            Now::Wait(spare) => {
+                let Some(network) = &self.network else { return Self::listen(SUPERFRAME) };
+                Action::WaitUntil(network.sync.course.phase.at(passed).plus(spare))
             }
-            return Self::listen(rest);
+            Now::Send => self.request(due),
         }
-        // After each collision a tag waits longer, and each tag a different time.
-        let patience = spread(number, address, REQUEST_SPREAD << network.requests.min(MOST_DOUBLINGS));
-        if share == Share::Release {
-            // If the request is lost, the lease ends because it is not renewed.
-            network.lease.release();
-        }
-        network.request_in = if is_full { in_turn } else { REQUEST_PATIENCE + patience };
-        network.requests = network.requests.saturating_add(1);
-        self.state = State::Requesting;
-        let wish = self.meter.wish(self.config.scheme);
-        self.write(Message::Request(Request { share, wish }));
-        Action::Transmit { frame: self.out.bytes(), start: Start::At(phase.at(rmarker)), listen: true }
     }
 
     /// In the round slots: a round if one fits in this tag's slots, else off until the next of them or the next
@@ -331,7 +298,7 @@ impl Followed {
     }
 
     /// Whether the network has no place of the wanted kind for this tag.
-    fn is_full_for(&self, tag: u16, share: Share) -> bool {
+    pub(super) fn is_full_for(&self, tag: u16, share: Share) -> bool {
         let members = self.sync.course.membership.members();
         match share {
             Share::OneIn(_) => self.lease.is_refused,
