@@ -37,9 +37,9 @@
 //! A start of the radio from any state but `Napping` returns the tag to `Idle` and to its search.
 
 mod config;
-mod request;
 mod schedule;
 mod seldom;
+mod slot_request;
 mod stopwatch;
 
 pub use self::config::TagConfig;

@@ -1,7 +1,7 @@
 //! What an idle tag does next in the superframe: it listens to sync frames and requests slots, then ranges in its own
 //! slots.
 
-use super::request::{DueRequest, Now};
+use super::slot_request::{DueRequest, Now};
 use super::{State, Tag, TagConfig};
 use crate::exchange::{Action, Link, Report};
 use crate::native::SHORTEST_WAIT;
