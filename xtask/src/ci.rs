@@ -33,7 +33,6 @@ const STEPS: [Step; 20] = [
     ("fuzzing", &["cargo", "xtask", "fuzz", "--seconds", "5", "--seed", "1"], &[]),
     ("licences and advisories", &["cargo", "xtask", "deny"], &[]),
     ("Python package", &["cargo", "xtask", "python"], &[]),
-    ("station", &["cargo", "xtask", "station"], &[]),
     ("oldest Rust", &["cargo", "xtask", "oldest-rust"], &[]),
     ("bare-metal builds", &["cargo", "xtask", "no-std"], &[]),
     ("firmware", &["cargo", "xtask", "firmware"], &[]),
@@ -42,11 +41,13 @@ const STEPS: [Step; 20] = [
     ("network in QEMU", &["cargo", "xtask", "qemu", "network", "--seconds", "3", "--tolerance", "12"], &[]),
     ("promises", &["cargo", "xtask", "promises", "--check", "--quick"], &[]),
     ("cost on the chip", &["cargo", "xtask", "promises", "--check", "chip"], &[]),
+    // Its programs are built by then, and most of the time it waits: for a browser, and for a database.
+    ("station", &["cargo", "xtask", "station"], &[]),
 ];
 
 /// Steps that run beside the others, one after the other: they build into folders of their own, so that no cargo waits
-/// for another one. A core that one row leaves idle (a link, a test that waits, QEMU) works for the other row.
-const BESIDE: [&str; 9] = [
+/// for another one (or what the others have built by then). A core that one row leaves idle (a link, a test that waits, QEMU) works for the other row.
+const BESIDE: [&str; 10] = [
     "first command",
     "fuzzing",
     "oldest Rust",
@@ -56,6 +57,7 @@ const BESIDE: [&str; 9] = [
     "network in QEMU",
     "promises",
     "cost on the chip",
+    "station",
 ];
 
 /// The first command of the README, exactly as there.
