@@ -532,7 +532,9 @@ mod tests {
         assert_eq!(addresses(&many), [0x1001, 0x1002, 0x1003, 0x1004, 0x1005]);
         let rates: Vec<_> = many.iter().map(|tag| tag.settings.record.rate_chz).collect();
         assert_eq!(rates, [None, Some(100), Some(100), Some(100), None]);
-        assert!(distance(many[1].walk.at(0.0), many[2].walk.at(0.0)) > 0.1, "each walks its own way");
+        let hall = Scenario::parse(include_str!("../../../examples/hall.toml")).unwrap();
+        assert_eq!((hall.anchors.len(), hall.tags.len()), (16, 250));
+        assert!(distance(hall.tags[0].walk.at(0.0), hall.tags[1].walk.at(0.0)) > 0.1, "each walks its own way");
         let named = tags("name = \"cart\"\naddress = 0x100\nsimulation = { count = 2 }\n");
         assert_eq!(addresses(&named), [0x1001, 0x100, 0x101, 0x1004]);
         for (keys, message) in [
