@@ -46,7 +46,8 @@ const STEPS: [Step; 20] = [
 ];
 
 /// Steps that run beside the others, one after the other: they build into folders of their own, so that no cargo waits
-/// for another one (or what the others have built by then). A core that one row leaves idle (a link, a test that waits, QEMU) works for the other row.
+/// for another one; the last one finds built what it needs. A core that one row leaves idle (a link, a test that waits,
+/// QEMU) works for the other row.
 const BESIDE: [&str; 10] = [
     "first command",
     "fuzzing",

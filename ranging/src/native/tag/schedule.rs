@@ -16,6 +16,7 @@ use wire::uwb::native::{MAX_MEMBERS, Message, PolledPosition, Share, SyncFrame};
 
 /// Without a sync frame for this many superframes the tag searches again.
 pub(super) const LOST_AFTER: u16 = 5;
+
 /// The network that the tag follows.
 #[derive(Clone, Debug)]
 pub(super) struct Followed {
