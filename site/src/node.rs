@@ -20,7 +20,13 @@ use crate::values::Exactly;
 const ROLE_KEYS: [(RoleName, &[&str]); 3] = [
     (
         RoleName::Anchor,
-        &["position_m", "simulation.network", "simulation.cpu_slowdown", "simulation.true_antenna_delay_ticks"],
+        &[
+            "position_m",
+            "simulation.network",
+            "simulation.gateway",
+            "simulation.cpu_slowdown",
+            "simulation.true_antenna_delay_ticks",
+        ],
     ),
     (
         RoleName::Tag,

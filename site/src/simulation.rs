@@ -185,6 +185,8 @@ pub struct NodeSimulation {
     pub count: u16,
     /// The node's network: 0 is the site's own, 1 the first neighbour.
     pub network: usize,
+    /// Whether an anchor has a cable to a host. If none has, all have.
+    pub gateway: bool,
     /// How many times slower than estimated its processor is; `None`: as all.
     #[serde(deserialize_with = "slowdown")]
     pub cpu_slowdown: Option<f64>,
@@ -223,6 +225,7 @@ impl Default for NodeSimulation {
         Self {
             count: 1,
             network: 0,
+            gateway: false,
             cpu_slowdown: None,
             true_antenna_delay_ticks: None,
             path_m: None,

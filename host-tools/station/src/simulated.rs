@@ -77,7 +77,7 @@ fn room(scenario: &Scenario, network: usize) -> Option<Vec<[f64; 2]>> {
     is_area.then(|| vec![low, [high[0], low[1]], high, [low[0], high[1]]])
 }
 
-/// Runs a scenario until the station ends; its time is that of the wall's clock.
+/// Runs a scenario until the station ends; its time is that of the wall's clock. Only nodes with a cable are read.
 pub fn simulate(scenario: Scenario, site: &str, send: ReportSender<'_>) {
     let mut simulation = Simulation::new(scenario);
     let mut nodes: HashMap<u16, (Timeline, NodeReporter)> = HashMap::new();
@@ -86,6 +86,9 @@ pub fn simulate(scenario: Scenario, site: &str, send: ReportSender<'_>) {
         now_s += STEP_S;
         for record in simulation.run_until(now_s) {
             let node = record.node;
+            if !simulation.scenario().has_cable(node) {
+                continue;
+            }
             let (timeline, reporter) =
                 nodes.entry(node).or_insert_with(|| (Timeline::default(), NodeReporter::of(site, node)));
             for message in record.messages() {

@@ -93,6 +93,7 @@ impl Scenario {
                     address,
                     network: room,
                     at: place,
+                    gateway: false,
                     board: None,
                     antenna_delay_ticks: None,
                 });

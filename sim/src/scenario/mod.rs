@@ -22,6 +22,7 @@ mod of_site;
 mod record;
 mod run;
 mod telemetry;
+mod uplink;
 
 use std::sync::Arc;
 
@@ -95,6 +96,18 @@ impl Scenario {
         }
     }
 
+    /// Whether a node has a cable to a host: where some anchors have one, no other node has.
+    pub fn has_cable(&self, address: u16) -> bool {
+        let mut gateways = self.anchors.iter().filter(|anchor| anchor.gateway).peekable();
+        gateways.peek().is_none() || gateways.any(|anchor| anchor.address == address)
+    }
+
+    /// Whether a node is a tag that tells its positions in its polls.
+    pub(crate) fn tells_position(&self, address: u16) -> bool {
+        let tells = |tag: &Tag| tag.settings.record.tells == PollContent::Position;
+        self.tags.iter().any(|tag| tag.address == address && tells(tag))
+    }
+
     /// Changes what the records of all tags say.
     pub fn change_tags(&mut self, change: impl Fn(&mut wire::config::Tag)) {
         self.tags.iter_mut().for_each(|tag| change(&mut tag.settings.record));
@@ -155,6 +168,8 @@ pub struct Anchor {
     pub network: usize,
     /// Its true position, metres. Its config record has [`Scenario::surveyed_m`].
     pub at: [f64; 3],
+    /// Whether it has a cable to a host: see [`Scenario::has_cable`].
+    pub gateway: bool,
     /// Its board, if it is not the default board.
     pub board: Option<BoardProfile>,
     /// The true delay between its chip and its antenna, ticks in each direction, which its record does not have; if it

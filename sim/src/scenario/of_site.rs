@@ -102,6 +102,7 @@ impl Scenario {
             address: address(node.record.identity),
             network: node.simulation.network,
             at: position(node)?,
+            gateway: node.simulation.gateway,
             board: own_board(node, simulation),
             antenna_delay_ticks: node.simulation.true_antenna_delay_ticks,
         });
@@ -185,7 +186,14 @@ impl Scenario {
                 return Err(SiteError::at(*line, what));
             }
             let (address, at) = (anchor.address, anchor.position_m.map(f64::from));
-            self.anchors.push(Anchor { address, network: 0, at, board: None, antenna_delay_ticks: None });
+            self.anchors.push(Anchor {
+                address,
+                network: 0,
+                at,
+                gateway: false,
+                board: None,
+                antenna_delay_ticks: None,
+            });
         }
         let mut addresses = (FIRST_LISTED_BEACON..).filter(|address| is_free(*address));
         for (listed, line) in &site.lists.beacons {

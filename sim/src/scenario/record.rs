@@ -197,6 +197,10 @@ pub struct Summary {
     /// The share of the slots of tags with a fixed rate that gave a position, since each tag joined; above 1 if slots
     /// come a little more often than asked for. `None` without such tags.
     pub slots_with_fix: Option<f64>,
+    /// The share of the positions told in polls that an anchor with a cable reported. `None` without such positions.
+    pub uplink_share: Option<f64>,
+    /// The time from a tag's report of a position to that of the anchor which 99 % of them do not exceed, seconds.
+    pub uplink_p99_s: Option<f64>,
     /// Mean current of a tag from its supply, board and DW1000 together, milliamperes. It counts from the tag's first
     /// position on, or from the beginning if the tag found no position. `None` for radios directly on the air.
     pub tag_mean_current_ma: Option<f64>,
@@ -301,6 +305,8 @@ impl Summary {
             tags_joined: 0,
             joined_s: None,
             slots_with_fix: None,
+            uplink_share: None,
+            uplink_p99_s: None,
             tag_mean_current_ma: None,
             charge_per_fix_uc: None,
             tag_currents_ma: None,

@@ -220,7 +220,8 @@ impl Simulation {
             Some((at_s, rate_hz, log.fixes.get(&tag.address).copied().unwrap_or(0)))
         });
         let summary = summary.with_joined(&joined.collect::<Vec<_>>()).with_charge(self.drawn());
-        Summary { bluetooth: self.bluetooth.as_ref().map(of_beacons), ..summary }
+        let (uplink_share, uplink_p99_s) = log.uplink.figures().unzip();
+        Summary { uplink_share, uplink_p99_s, bluetooth: self.bluetooth.as_ref().map(of_beacons), ..summary }
     }
 }
 

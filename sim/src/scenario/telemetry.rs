@@ -10,7 +10,8 @@ use firmware_tag::{Measured, RoundOutcome, Sounding};
 use ranging::Diagnostics;
 use wire::telemetry::{Condition, Difference, Message, Range, State};
 
-use super::record::{DifferenceRecord, PositionError, RangeRecord, Record, SimulatedEpoch, Unrounded, What};
+use super::record::{DifferenceRecord, PositionError, RangeRecord, Record, SimulatedEpoch, Source, Unrounded, What};
+use super::uplink::Uplink;
 use super::{FaultKind, Scenario, distance};
 use crate::{Processor, TrueTime, World};
 
@@ -33,6 +34,8 @@ pub(super) struct Log {
     pub(super) joined_s: HashMap<u16, f64>,
     /// Errors of all positions.
     pub(super) errors: Vec<PositionError>,
+    /// The positions that tags tell in their polls.
+    pub(super) uplink: Uplink,
 }
 
 impl Log {
@@ -57,6 +60,9 @@ pub(super) struct Outlet {
     world: World,
     scenario: Rc<Scenario>,
     log: Rc<RefCell<Log>>,
+    has_cable: bool,
+    /// Whether it is a tag that tells its positions in its polls.
+    tells_position: bool,
     /// The reporter of the node's present run, and the time of its start, microseconds.
     life: RefCell<Option<(Rc<Reporter>, u64)>>,
     /// The time up to which the log is complete, seconds.
@@ -116,6 +122,8 @@ impl Outlet {
             world: world.clone(),
             scenario: scenario.clone(),
             log: log.clone(),
+            has_cable: scenario.has_cable(node),
+            tells_position: scenario.tells_position(node),
             life: RefCell::default(),
             reported_s: RefCell::default(),
             round: RefCell::default(),
@@ -133,6 +141,7 @@ impl Outlet {
         })));
         *self.life.borrow_mut() = Some((reporter.clone(), boot_us));
         *self.round.borrow_mut() = Round::default();
+        self.log.borrow_mut().uplink.restart(self.node);
         reporter
     }
 
@@ -169,6 +178,7 @@ impl Outlet {
 
     fn message(&self, boot_us: u64, message: Message) {
         let mut round = self.round.borrow_mut();
+        let t_s = (boot_us + message.t_us()) as f64 / 1e6;
         let what = match message {
             // For an anchor that receives its tags' ranges, `truths` is empty: it has no rounds.
             Message::Range(range) if !round.truths.is_empty() => return round.ranges.push(range),
@@ -192,21 +202,31 @@ impl Outlet {
                         .filter_map(|difference| self.difference(difference, &truth))
                         .collect(),
                 };
-                self.count(&epoch);
+                self.count(&epoch, t_s);
                 What::Epoch(epoch)
             }
             other => What::Message(other),
         };
-        let t_s = (boot_us + message.t_us()) as f64 / 1e6;
-        if let Message::State(State { is: Condition::Joined(_), .. }) = message {
-            self.log.borrow_mut().joined_s.entry(self.node).or_insert(t_s);
+        match message {
+            Message::State(State { is: Condition::Joined(_), .. }) => {
+                self.log.borrow_mut().joined_s.entry(self.node).or_insert(t_s);
+            }
+            Message::TagFix(told) if self.has_cable => {
+                if let Some(fix) = told.fix() {
+                    self.log.borrow_mut().uplink.arrived(told.tag, fix.round, t_s);
+                }
+            }
+            _ => {}
         }
         self.write(t_s, what);
     }
 
-    fn count(&self, epoch: &SimulatedEpoch) {
+    fn count(&self, epoch: &SimulatedEpoch, t_s: f64) {
         if let Some(error_m) = epoch.error_m() {
             let mut log = self.log.borrow_mut();
+            if self.tells_position && epoch.source() == Source::Anchors {
+                log.uplink.found(self.node, epoch.fix.round, t_s);
+            }
             *log.fixes.entry(self.node).or_default() += 1;
             let (source, normalised_square) = (epoch.source(), epoch.normalised_square());
             log.errors.push(PositionError { source, error_m, normalised_square });

@@ -1,0 +1,135 @@
+//! The positions that tags tell in their polls, on their way to a host: anchors with a cable report them.
+
+use std::collections::{HashMap, VecDeque};
+
+use baliza_report::percentile;
+use wire::uwb::native::PolledPosition;
+
+/// The last rounds of a tag that are kept: a poll tells no older position. Twice as many, because an anchor's report may
+/// be read before that of the tag.
+const KEPT_ROUNDS: usize = 2 * PolledPosition::OLDEST as usize;
+
+/// What became of the positions that tags told.
+#[derive(Default)]
+pub(super) struct Uplink {
+    /// By tag, in the order of its rounds.
+    positions: HashMap<u16, VecDeque<Position>>,
+    /// How long each took that arrived, seconds.
+    delays_s: Vec<f64>,
+    lost: usize,
+}
+
+/// A position of a round.
+struct Position {
+    round: u16,
+    /// When the tag reported it, seconds …
+    found_s: Option<f64>,
+    /// … and when the first anchor with a cable did.
+    arrived_s: Option<f64>,
+}
+
+impl Position {
+    /// Seconds from the tag's report to that of an anchor.
+    fn delay_s(&self) -> Option<f64> {
+        // The tag's own report may come a little later than its poll.
+        Some((self.arrived_s? - self.found_s?).max(0.0))
+    }
+}
+
+impl Uplink {
+    /// A tag that tells its positions found one.
+    pub(super) fn found(&mut self, tag: u16, round: u16, t_s: f64) {
+        self.position(tag, round).found_s = Some(t_s);
+    }
+
+    /// An anchor with a cable reported a tag's position of this round.
+    pub(super) fn arrived(&mut self, tag: u16, round: u16, t_s: f64) {
+        let earliest_s = &mut self.position(tag, round).arrived_s;
+        *earliest_s = Some(earliest_s.map_or(t_s, |earlier_s| earlier_s.min(t_s)));
+    }
+
+    /// A tag starts again, and so do the numbers of its rounds. Its last position was not told.
+    pub(super) fn restart(&mut self, tag: u16) {
+        let mut last = self.positions.remove(&tag).unwrap_or_default();
+        last.pop_back_if(|last| last.arrived_s.is_none());
+        last.iter().for_each(|position| self.judge(position));
+    }
+
+    fn position(&mut self, tag: u16, round: u16) -> &mut Position {
+        let full = self.positions.get_mut(&tag).filter(|of_tag| of_tag.len() > KEPT_ROUNDS);
+        if let Some(oldest) = full.and_then(VecDeque::pop_front) {
+            self.judge(&oldest);
+        }
+        let of_tag = self.positions.entry(tag).or_default();
+        let place = of_tag.iter().rposition(|known| known.round == round).unwrap_or_else(|| {
+            of_tag.push_back(Position { round, found_s: None, arrived_s: None });
+            of_tag.len() - 1
+        });
+        &mut of_tag[place]
+    }
+
+    fn judge(&mut self, position: &Position) {
+        match position.delay_s() {
+            Some(delay_s) => self.delays_s.push(delay_s),
+            None if position.found_s.is_some() => self.lost += 1,
+            None => {}
+        }
+    }
+
+    /// The share of the positions that arrived, and how long 99 % of those took at most, seconds. A tag's last position
+    /// counts only if it arrived: no later poll may have told it. `None` without positions.
+    pub(super) fn figures(&self) -> Option<(f64, f64)> {
+        let kept = || self.positions.values().flatten();
+        let newest = self.positions.values().filter_map(VecDeque::back).filter(|last| last.arrived_s.is_none()).count();
+        let mut delays_s: Vec<f64> = self.delays_s.iter().copied().chain(kept().filter_map(Position::delay_s)).collect();
+        delays_s.sort_by(f64::total_cmp);
+        let found = self.lost + self.delays_s.len() + kept().filter(|position| position.found_s.is_some()).count();
+        let counted = found - newest;
+        (counted > 0).then(|| (delays_s.len() as f64 / counted as f64, percentile(&delays_s, 0.99)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_and_delays_by_hand() {
+        let mut uplink = Uplink::default();
+        assert_eq!(uplink.figures(), None);
+        uplink.found(1, 7, 1.0);
+        // It was not told yet.
+        assert_eq!(uplink.figures(), None);
+        for (round, found_s, arrived_s) in [(8, 2.0, Some(2.5)), (9, 3.0, None), (10, 4.0, Some(4.25))] {
+            uplink.found(1, round, found_s);
+            if let Some(arrived_s) = arrived_s {
+                // Another anchor reports it later.
+                uplink.arrived(1, round, arrived_s + 0.5);
+                uplink.arrived(1, round, arrived_s);
+            }
+        }
+        uplink.found(1, 11, 5.0);
+        // Two of the four before the last: 99 % of the way from 0.25 to 0.5 s.
+        let (share, p99_s) = uplink.figures().expect("positions");
+        assert!(share == 0.5 && (p99_s - 0.4975).abs() < 1e-12, "{share} {p99_s}");
+    }
+
+    #[test]
+    fn positions_count_once_after_many_rounds_and_after_a_restart() {
+        let mut uplink = Uplink::default();
+        for round in 0..1000_u16 {
+            // An anchor's report may be read first.
+            if round % 2 == 0 {
+                uplink.arrived(1, round, f64::from(round) + 0.5);
+            }
+            uplink.found(1, round, f64::from(round));
+        }
+        uplink.found(1, 1000, 1000.0);
+        assert_eq!(uplink.figures(), Some((0.5, 0.5)));
+        uplink.restart(1);
+        // The same numbers again: 500 of 1,000 and one of one.
+        uplink.arrived(1, 2, 1002.0);
+        uplink.found(1, 2, 1001.5);
+        assert_eq!(uplink.figures(), Some((501.0 / 1001.0, 0.5)));
+    }
+}
