@@ -190,6 +190,7 @@ impl Coordinator {
                     let agrees = self.course.membership.receive(sync_frame);
                     if agrees && self.is_known(source, sync_frame) {
                         leases.learn(sync_frame);
+                        self.enrolment.answered(&sync_frame.leases);
                     }
                 }
                 self.note_members(leases, source, sync_frame);
@@ -431,7 +432,8 @@ impl Coordinator {
         } else {
             // Requests of slots and requests of the layout take turns.
             let passes_request_on = self.course.phase.number.is_multiple_of(2) || self.wishes.all() == Layout::LEAST;
-            let request = if passes_request_on { self.enrolment.pass_on() } else { None };
+            let request =
+                if passes_request_on { self.enrolment.pass_on(self.address, self.course.phase.number) } else { None };
             let heard = self.heard_members;
             // A transmission in a shared slot does not count: it is repeated.
             if usize::from(slot) < OWNED_SYNC_SLOTS {

@@ -14,7 +14,7 @@ use heapless::Vec;
 use super::plan::{Members, Membership};
 use super::spread;
 use wire::uwb::layout::Layout;
-use wire::uwb::native::{MAX_MEMBERS, Member, Share};
+use wire::uwb::native::{Grant, Lease, MAX_MEMBERS, Member, Share};
 
 /// A member without a received poll for this many superframes loses its slots.
 const KEPT_UNHEARD: u16 = 10;
@@ -82,9 +82,18 @@ impl Enrolment {
         self.request(Member { tag, share: Share::Release }, members, false, number);
     }
 
-    /// A request to be passed on towards the coordinator.
-    pub fn pass_on(&mut self) -> Option<Member> {
-        self.requests.pop()
+    /// A request to be passed on towards the coordinator: a random one, so that other relays pass on others.
+    pub fn pass_on(&mut self, relay: u16, number: u16) -> Option<Member> {
+        let place = spread(relay, number, self.requests.len() as u16);
+        (!self.requests.is_empty()).then(|| self.requests.swap_remove(place.into()))
+    }
+
+    /// The coordinator has answered requests of leases.
+    pub fn answered(&mut self, leases: &[Lease]) {
+        let answers = |lease: &Lease, request: &Member| {
+            lease.grant != Grant::Ended && (lease.tag, Share::OneIn(lease.turn.period)) == (request.tag, request.share)
+        };
+        self.requests.retain(|request| !leases.iter().any(|lease| answers(lease, request)));
     }
 
     /// The coordinator's work when `begun` superframes have begun, up to `number`: it ends memberships, grants requests,

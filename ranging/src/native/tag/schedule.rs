@@ -112,7 +112,10 @@ impl Tag {
             network.rounds = 0;
             self.round.set_team(self.anchors.choose(self.config.anchors.into(), self.position_m));
         }
-        match self.due_request(sync_end).filter(|due| !is_seldom && due.rmarker >= sync_end) {
+        // Who has slots asks for others among the sync frames only.
+        let asks = !is_seldom && !network.joined;
+        let due = if asks { self.due_request(sync_end) } else { None };
+        match due.filter(|due| due.rmarker >= sync_end) {
             Some(due) => self.request_among_rounds(due, passed),
             None => self.among_rounds(passed),
         }
