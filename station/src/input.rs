@@ -105,6 +105,9 @@ pub enum ReportKind {
         /// What receivers measure at one metre from the device, where the device or a calibration says so, dBm.
         rssi_1m_dbm: Option<f64>,
     },
+    /// A report that comes late. A position is written to the store, and changes nothing of the current state; others
+    /// are left.
+    Late(Box<ReportKind>),
     /// The path loss of a beacon's or a receiver's signals; what is not said is what it usually is.
     PathLoss {
         /// The node, which has been reported.

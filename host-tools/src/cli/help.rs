@@ -9,7 +9,7 @@ use clap::builder::StyledStr;
 const GROUPS: [(&str, &[&str]); 6] = [
     ("Simulate", &["simulate", "example"]),
     ("Set up a site", &["plan-anchors", "coverage", "survey", "calibrate", "provision", "flash"]),
-    ("Run", &["serve", "live", "station", "monitor", "record", "replay", "decode", "import", "convert"]),
+    ("Run", &["serve", "live", "forward", "station", "monitor", "record", "replay", "decode", "import", "convert"]),
     ("Analyse", &["solve", "track", "check", "ble", "classify-rooms", "plot"]),
     ("Research", &["nlos", "bench"]),
     ("This program", &["completions", "man"]),

@@ -10,6 +10,8 @@ mod export;
 #[cfg(feature = "foxglove")]
 mod foxglove;
 mod foxglove_server;
+mod forward;
+mod gateways;
 mod node_clock;
 mod oidc;
 mod piped_probe;
@@ -27,6 +29,7 @@ mod webhooks;
 #[cfg(feature = "foxglove")]
 pub use export::write_mcap;
 pub use export::{Exported, Selection, is_of_export, write_folder, write_gpx};
+pub use gateways::{Admission, GatewayKey};
 pub use node_clock::NodeClock;
 pub use oidc::read_oidc;
 pub use remote::Remote;

@@ -63,6 +63,11 @@ impl NodeReporter {
     /// none, because nobody knows whose they are.
     pub fn reports(&mut self, stamp: Stamp, message: &Message, arrived: Utc) -> Vec<SourceReport> {
         let t = self.clock.utc(stamp.t_s, arrived);
+        self.reports_of(t, message)
+    }
+
+    /// The reports that a message of the time `t` makes.
+    pub fn reports_of(&mut self, t: Utc, message: &Message) -> Vec<SourceReport> {
         if let Message::Hello(hello) = message {
             self.address = Some(hello.address);
             self.is_tag = hello.role == telemetry::Role::Tag;

@@ -7,14 +7,16 @@ use std::str::FromStr;
 use std::thread;
 use std::time::Duration;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use station_core::{SourceReport, Utc};
 
 use super::NodeReporter;
+use super::gateways::Admission;
 use super::udp::{bind, listen};
-use node_link::decode::{Pacing, Stream, node_streams};
+use node_link::decode::{Pacing, Stamp, Stream, node_streams};
 use node_link::monitor::{Event, Files, NodeChannel, Pace, Piped, Port, Serial, Source};
 use node_link::recorder::STREAM;
+use wire::telemetry::Message;
 
 use crate::piped_probe::PipedProbe;
 
@@ -28,7 +30,7 @@ pub enum SourceSpec {
     Probe(Option<String>),
     /// `serial:PORT[@BAUD]`: a node on a serial port.
     Serial(String, u32),
-    /// `udp:ADDRESS:PORT`: datagrams with the bytes of a stream, of any number of nodes.
+    /// `udp:ADDRESS:PORT`: datagrams of gateways with any number of nodes, or the bytes of one node's stream a sender.
     Udp(SocketAddr),
     /// `-`: standard input.
     Stdin,
@@ -161,34 +163,72 @@ impl SourceSpec {
 ///
 /// # Errors
 /// The source cannot be read.
-pub fn run(source: OpenSource, site: &str, send: ReportSender<'_>, note: &mut dyn FnMut(&str)) -> Result<()> {
-    match source {
-        OpenSource::Probe(probe) => {
-            let mut piped = PipedProbe::start(probe.as_deref())?;
-            read(&mut piped.source, site, None, send, note)
-        }
-        OpenSource::Serial(name, baud) => {
-            let port = Port { name: name.clone(), baud };
-            read(&mut Serial::new(port, name, Pace::default()), site, None, send, note)
-        }
-        OpenSource::Stdin => read(&mut Piped::new(std::io::stdin()), site, None, send, note),
-        OpenSource::File(mut files) => {
-            let pacing = (!files.is_live()).then(|| Pacing::new(1.0));
-            read(files.as_mut(), site, pacing, send, note)
-        }
-        OpenSource::Udp(socket) => listen(&socket, site, send),
-    }
-}
-
-/// Reads one node. A recording has `pacing`.
-fn read(
-    source: &mut dyn Source,
+pub fn run(
+    source: OpenSource,
+    admission: &Admission,
     site: &str,
-    mut pacing: Option<Pacing>,
     send: ReportSender<'_>,
     note: &mut dyn FnMut(&str),
 ) -> Result<()> {
-    let (mut stream, mut reporter) = (Stream::default(), NodeReporter::new(site));
+    if let OpenSource::Udp(socket) = source {
+        return listen(&socket, admission, site, send, note);
+    }
+    let mut reporter = NodeReporter::new(site);
+    let mut take = |heard: Heard| match heard {
+        Heard::Message(stamp, message) => {
+            reporter.reports(stamp, &message, Utc::now()).into_iter().all(&mut *send)
+        }
+        Heard::Nothing | Heard::Lost => true,
+    };
+    read_node(source, &mut take, note)
+}
+
+/// What comes of a node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Heard {
+    /// A message.
+    Message(Stamp, Message),
+    /// Nothing for a moment.
+    Nothing,
+    /// The connection was lost: perhaps another node comes next.
+    Lost,
+}
+
+/// Reads the one node of a source, until its end or until `take` returns false.
+///
+/// # Errors
+/// The source cannot be read.
+pub(super) fn read_node(
+    source: OpenSource,
+    take: &mut dyn FnMut(Heard) -> bool,
+    note: &mut dyn FnMut(&str),
+) -> Result<()> {
+    match source {
+        OpenSource::Probe(probe) => {
+            let mut piped = PipedProbe::start(probe.as_deref())?;
+            read(&mut piped.source, None, take, note)
+        }
+        OpenSource::Serial(name, baud) => {
+            let port = Port { name: name.clone(), baud };
+            read(&mut Serial::new(port, name, Pace::default()), None, take, note)
+        }
+        OpenSource::Stdin => read(&mut Piped::new(std::io::stdin()), None, take, note),
+        OpenSource::File(mut files) => {
+            let pacing = (!files.is_live()).then(|| Pacing::new(1.0));
+            read(files.as_mut(), pacing, take, note)
+        }
+        OpenSource::Udp(_) => bail!("datagrams are of many nodes"),
+    }
+}
+
+/// A recording has `pacing`.
+fn read(
+    source: &mut dyn Source,
+    mut pacing: Option<Pacing>,
+    take: &mut dyn FnMut(Heard) -> bool,
+    note: &mut dyn FnMut(&str),
+) -> Result<()> {
+    let mut stream = Stream::default();
     loop {
         match source.next(PATIENCE)? {
             Some(Event::Bytes(NodeChannel::Telemetry, bytes)) => {
@@ -197,7 +237,7 @@ fn read(
                     if let Some(wait) = pacing.as_mut().and_then(|pacing| pacing.until(stamp.t_s)) {
                         thread::sleep(wait);
                     }
-                    if !reporter.reports(stamp, &message, Utc::now()).into_iter().all(&mut *send) {
+                    if !take(Heard::Message(stamp, message)) {
                         return Ok(());
                     }
                 }
@@ -205,13 +245,20 @@ fn read(
             Some(Event::Connected(to)) => note(&format!("connected to {to}")),
             Some(Event::Lost(why)) => {
                 stream.interrupted();
+                if !take(Heard::Lost) {
+                    return Ok(());
+                }
                 note(&format!("connection lost ({why}); trying to connect again"));
             }
             Some(Event::Restarted) => stream.restarted(),
             Some(Event::Silent) => note("the chip has no RTT control block: is a baliza image flashed and running?"),
             Some(Event::Bytes(NodeChannel::Log, _) | Event::Text(_) | Event::Flashed { .. }) => {}
             Some(Event::End) => return Ok(()),
-            None => {}
+            None => {
+                if !take(Heard::Nothing) {
+                    return Ok(());
+                }
+            }
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Telemetry in datagrams: what a gateway passes on, of any number of nodes.
+//! Telemetry in datagrams: what gateways pass on, and the bare stream of a single node.
 
 use std::collections::HashMap;
 use std::io::{self, ErrorKind};
@@ -9,8 +9,11 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, Result};
 use station_core::Utc;
 use station_core::net::make_room;
+use wire::datagram::is_datagram;
+use wire::telemetry::{Address, Message};
 
 use super::NodeReporter;
+use super::gateways::{Admission, Gateways};
 use super::sources::{PATIENCE, ReportSender};
 use node_link::decode::Stream;
 
@@ -22,12 +25,40 @@ const MOST_SENDERS: usize = 1024;
 const REST: Duration = Duration::from_millis(1);
 /// A sender that was silent for this time is forgotten.
 const FORGOTTEN_AFTER: Duration = Duration::from_secs(600);
+/// A node says hello every two seconds. Two that do so within this time share a sender.
+const SHARED_WITHIN: Duration = Duration::from_secs(10);
 
 /// The stream of one sender.
 struct Sender {
     stream: Stream,
     reporter: NodeReporter,
     received: Instant,
+    /// Who said hello last, and when.
+    hello: Option<(u16, Instant)>,
+    /// Several nodes said hello, the last time then.
+    shared: Option<Instant>,
+}
+
+impl Sender {
+    fn new(site: &str, now: Instant) -> Self {
+        Self { stream: Stream::default(), reporter: NodeReporter::new(site), received: now, hello: None, shared: None }
+    }
+
+    /// Whether it is known whose messages these are: frames do not say it. `note` is told of two nodes.
+    fn is_of_one_node(&mut self, message: &Message, now: Instant, note: impl FnOnce(u16, u16)) -> bool {
+        if let Message::Hello(hello) = message {
+            if let Some((other, at)) = self.hello.replace((hello.address, now))
+                && other != hello.address
+                && now.duration_since(at) < SHARED_WITHIN
+                && self.shared.replace(now).is_none()
+            {
+                note(other, hello.address);
+            }
+        }
+        let is_over = self.shared.is_some_and(|at| now.duration_since(at) >= SHARED_WITHIN);
+        self.shared = self.shared.filter(|_| !is_over);
+        self.shared.is_none()
+    }
 }
 
 /// A socket that receives from now on.
@@ -37,35 +68,63 @@ pub(super) fn bind(address: SocketAddr) -> Result<UdpSocket> {
     Ok(socket)
 }
 
-/// Receives datagrams until the station ends. A stream belongs to one sender: an address with its port.
-pub(super) fn listen(socket: &UdpSocket, site: &str, send: ReportSender<'_>) -> Result<()> {
+/// Receives datagrams until the station ends. A bare stream belongs to one sender: an address with its port.
+pub(super) fn listen(
+    socket: &UdpSocket,
+    admission: &Admission,
+    site: &str,
+    send: ReportSender<'_>,
+    note: &mut dyn FnMut(&str),
+) -> Result<()> {
     let mut senders: HashMap<SocketAddr, Sender> = HashMap::new();
+    let mut gateways = Gateways::new(admission, site)?;
     let mut datagram = vec![0; DATAGRAM];
     loop {
         wait(socket, &mut datagram)?;
         while let Some((length, from)) = received(socket.recv_from(&mut datagram))? {
-            let now = Instant::now();
+            let bytes = datagram.get(..length).unwrap_or_default();
+            let (now, arrived) = (Instant::now(), Utc::now());
+            if is_datagram(bytes) {
+                if !gateways.take(bytes, (from, arrived), send, note) {
+                    return Ok(());
+                }
+                continue;
+            }
+            if !admission.takes_unauthenticated(from) {
+                gateways.refuse(from, "is telemetry without a gateway: --open-udp takes it from elsewhere");
+                continue;
+            }
             if !senders.contains_key(&from) {
                 senders.retain(|_, sender| now.duration_since(sender.received) < FORGOTTEN_AFTER);
                 make_room(&mut senders, MOST_SENDERS, |sender| sender.received);
             }
-            let sender = senders.entry(from).or_insert_with(|| Sender {
-                stream: Stream::default(),
-                reporter: NodeReporter::new(site),
-                received: now,
-            });
+            let sender = senders.entry(from).or_insert_with(|| Sender::new(site, now));
             sender.received = now;
-            let arrived = Utc::now();
-            for byte in datagram.iter().take(length) {
+            for byte in bytes {
                 let Some((stamp, message)) = sender.stream.feed(*byte) else { continue };
+                let tell = |one, other| {
+                    note(&format!(
+                        "{from} sends telemetry of {} and {}, and no frame says whose it is: refused; \
+                         `baliza forward` says it",
+                        Address(one),
+                        Address(other)
+                    ));
+                };
+                if !sender.is_of_one_node(&message, now, tell) {
+                    continue;
+                }
                 if !sender.reporter.reports(stamp, &message, arrived).into_iter().all(&mut *send) {
                     return Ok(());
                 }
             }
         }
+        gateways.send_receipts(|bytes, to| {
+            // What cannot be sent now is told again when the datagram comes again.
+            let _ = socket.send_to(bytes, to);
+        });
+        gateways.tell_refused(note);
     }
 }
-
 /// Waits for a datagram, at most for the socket's timeout, and then for those that come shortly after it: a thread that
 /// wakes up for each costs more than the datagrams do.
 fn wait(socket: &UdpSocket, datagram: &mut [u8]) -> Result<()> {

@@ -112,6 +112,15 @@ impl Queue {
         added
     }
 
+    /// Adds positions that came late.
+    pub(super) fn push_late(&self, positions: Vec<TagPosition>) {
+        if !positions.is_empty() {
+            let mut rows = self.rows();
+            rows.positions.extend(positions);
+            self.added(rows);
+        }
+    }
+
     /// Adds measurements.
     pub(super) fn push_measurements(&self, measurements: Vec<NodeMeasurement>) {
         if !measurements.is_empty() {

@@ -55,6 +55,7 @@ impl LiveState {
             ReportKind::ReceiverSighting { receiver, device, rssi_dbm, rssi_1m_dbm } => {
                 self.receiver_sighting(t, site, receiver, device, *rssi_dbm, *rssi_1m_dbm)
             }
+            ReportKind::Late(kind) => self.late(t, site, kind),
             ReportKind::PathLoss { node, rssi_1m_dbm, path_loss_exponent } => {
                 self.path_loss(site, node, *rssi_1m_dbm, *path_loss_exponent)
             }
@@ -128,6 +129,22 @@ impl LiveState {
         }
         updates.push(Update::Position(position));
         updates.extend(events.into_iter().chain(moved).map(Update::Event));
+        Some(())
+    }
+
+    /// What comes late.
+    fn late(&mut self, t: Utc, site: &str, kind: &ReportKind) -> Option<()> {
+        let ReportKind::Position { tag, .. } = kind else { return Some(()) };
+        let (position, ..) = tag_position(t, site, kind)?;
+        if !self.sites.get(site).is_some_and(|site| site.tags.contains_key(tag)) {
+            let key = (site.to_owned(), tag.clone());
+            let has_room = self.late_tags.len() < self.limits.tags || self.late_tags.contains(&key);
+            if !(has_room && is_name(site) && is_name(tag)) {
+                return None;
+            }
+            self.late_tags.insert(key);
+        }
+        self.late.push(position);
         Some(())
     }
 

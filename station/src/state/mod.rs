@@ -35,7 +35,7 @@ mod rounds;
 mod supply;
 mod tags;
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -124,6 +124,10 @@ pub struct LiveState {
     is_changed: bool,
     /// Measurements of rounds that have ended, in the order of their ends. None: they are not kept.
     measurements: Option<Vec<NodeMeasurement>>,
+    /// Positions that came late, for the store.
+    late: Vec<TagPosition>,
+    /// Tags that are known by those only, with their site.
+    late_tags: HashSet<(String, String)>,
     /// Kept for its memory.
     happened: Vec<NewEvent>,
 }
@@ -146,6 +150,8 @@ impl LiveState {
             waiting: Vec::new(),
             is_changed: false,
             measurements: None,
+            late: Vec::new(),
+            late_tags: HashSet::new(),
             happened: Vec::new(),
         }
     }
@@ -158,6 +164,11 @@ impl LiveState {
     /// The measurements of the rounds that have ended since the last call, where they are kept.
     pub fn take_measurements(&mut self) -> Vec<NodeMeasurement> {
         self.measurements.as_mut().map(std::mem::take).unwrap_or_default()
+    }
+
+    /// The positions that came late since the last call: for the store, and for nobody who looks at the present.
+    pub fn take_late(&mut self) -> Vec<TagPosition> {
+        std::mem::take(&mut self.late)
     }
 
     /// Ends all rounds: there are no more reports.

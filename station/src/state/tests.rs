@@ -642,6 +642,27 @@ fn old_reports_keep_their_time_and_their_tag_is_not_silent() {
 }
 
 #[test]
+fn late_positions_are_for_the_store_and_change_nothing_else() {
+    let mut live = LiveState::new(StateLimits { tags: 2, ..StateLimits::default() });
+    live.set_zones(vec![zone("danger", ZoneKind::Zone, [0.0, 4.0])]);
+    live.apply(&report(at(60_000), position("0x1001", [9.0, 2.0], 0.1)));
+    live.tick(at(60_000));
+    let before = (live.tags(), live.nodes());
+    let late = |what: ReportKind| report(at(1000), ReportKind::Late(Box::new(what)));
+    // In the zone, of a tag that is known, and of others; and a range.
+    for tag in ["0x1001", "0x1002", "0x1003", "0x1004", "0x1003"] {
+        assert_eq!(live.apply(&late(position(tag, [2.0, 2.0], 0.1))), []);
+    }
+    assert_eq!(live.apply(&late(range("0x0101", 3.0))), []);
+    assert_eq!((live.tags(), live.nodes()), before);
+    assert_eq!(live.tick(at(60_000)), []);
+    let taken: Vec<_> = live.take_late().into_iter().map(|late| (late.tag, late.t)).collect();
+    let expected = ["0x1001", "0x1002", "0x1003", "0x1003"].map(|tag| (tag.to_owned(), at(1000)));
+    assert_eq!(taken, expected, "two tags that nobody else knows, at most");
+    assert_eq!((live.refused(), live.take_late().len()), (1, 0));
+}
+
+#[test]
 fn a_host_clock_that_jumps_leaves_nothing_wrong() {
     let mut live = live();
     live.apply(&report(at(0), anchor("0x0101", [3.0, 4.0, 0.0])));

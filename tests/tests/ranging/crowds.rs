@@ -44,6 +44,8 @@ fn two_hundred_and_fifty_tags_range_once_a_second_in_a_hall_and_any_anchor_tells
     let lost: Vec<_> =
         messages().filter(|(_, message)| matches!(message, Message::State(state) if is_lost(state.is))).collect();
     assert!(lost.is_empty(), "{lost:?}");
+    // One anchor has a cable. What a tag tells in its next poll, a second later, arrives.
+    assert!(summary.uplink_share > Some(0.98) && summary.uplink_p99_s < Some(1.1), "{summary:?}");
     // In the last twenty seconds.
     for anchor in [1, 16] {
         let told = messages().filter_map(|(record, message)| match message {

@@ -36,6 +36,7 @@ pub const STATION: Companion = Companion {
     commands: &[
         ("serve", "Serve a live map, a store and an API of the positions of tags"),
         ("live", "Show a live map of the positions of tags in this terminal"),
+        ("forward", "Send the telemetry of the nodes at this computer to a station elsewhere"),
         ("station", "Back up, restore and export what the station has stored"),
     ],
 };

@@ -1,5 +1,6 @@
 //! The commands of the station.
 
+mod forward;
 mod live;
 mod serve;
 mod station;
@@ -14,6 +15,7 @@ host_tools::commands! {
     enum Command {
         Serve(serve),
         Live(live),
+        Forward(forward),
         #[command(subcommand)]
         Station(station),
     }

@@ -1,6 +1,7 @@
 //! Runs `baliza serve`, `baliza live` and `baliza station` as a user does.
 
 mod deploy;
+mod forward;
 #[cfg(feature = "foxglove")]
 #[path = "../../../tests/baliza/foxglove_client.rs"]
 mod foxglove_client;

@@ -13,10 +13,11 @@ use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
 
-use crate::{OpenSource, SimulatedSite, SourceSpec, read_webhooks, simulate, site_check};
+use crate::{Admission, GatewayKey, OpenSource, SimulatedSite, SourceSpec, read_webhooks, simulate, site_check};
 use analysis::survey::presence::read_outlines;
 use anyhow::{Context, Result, bail};
 use node_link::provision::SiteNames;
+use recording::UserError;
 use sim::scenario::Scenario;
 use station_core::api::{self, App, Tls};
 use station_core::model::{GeographicOrigin, PlacedNode, SiteMap, Zone};
@@ -92,6 +93,9 @@ pub(super) struct InputArguments {
     /// Run a simulation as well: that of a scenario's file, else tags that walk in a furnished room
     #[arg(long, value_name = "SCENARIO", num_args = 0..=1)]
     simulate: Option<Option<PathBuf>>,
+    /// The scenario's file, as simulate has it
+    #[arg(long, value_name = "FILE", requires = "simulate")]
+    scenario: Option<PathBuf>,
     /// The names of nodes and the places of anchors, beacons and receivers: the file that provision reads
     #[arg(long, value_name = "FILE")]
     site: Option<PathBuf>,
@@ -101,6 +105,13 @@ pub(super) struct InputArguments {
     /// The rooms' outlines: CSV with room,x_m,y_m
     #[arg(long, value_name = "FILE")]
     rooms: Option<PathBuf>,
+    /// The gateways whose datagrams are taken from other computers: the files that `baliza forward --key` has made, in
+    /// one
+    #[arg(long, value_name = "FILE")]
+    gateways: Option<PathBuf>,
+    /// Take datagrams without a key from other computers, too: whoever reaches the port invents positions
+    #[arg(long)]
+    open_udp: bool,
     #[command(flatten)]
     limiting: Limiting,
 }
@@ -119,7 +130,7 @@ macro_rules! sources_help {
 Sources:
   probe[:VID:PID[:SERIAL]]  a node at a debug probe
   serial:PORT[@BAUD]        a node at a serial port; the path of a device alone will do
-  udp:ADDRESS:PORT          datagrams with telemetry, of any number of nodes; port 0 picks a free one
+  udp:ADDRESS:PORT          datagrams of gateways (baliza forward) with any number of nodes; port 0 picks a free one
   FILE, FOLDER              telemetry in a file, or a recording: all nodes of a simulation's
   -                         standard input
 "
@@ -239,6 +250,7 @@ pub(super) struct Sources {
     zones: Vec<Zone>,
     /// Each with its name.
     sources: Vec<(String, OpenSource)>,
+    admission: Arc<Admission>,
     simulation: Option<(Scenario, SimulatedSite)>,
     mqtt: Option<broker::MqttSettings>,
 }
@@ -259,9 +271,15 @@ impl Sources {
             Ok((name, source))
         });
         let sources = sources.collect::<Result<Vec<_>>>()?;
+        let keys = arguments.gateways.as_deref().map(GatewayKey::read_all).transpose()?.unwrap_or_default();
+        let admission = Arc::new(Admission { keys, is_open: arguments.open_udp });
         let names = arguments.site.as_deref().map(SiteNames::read).transpose()?.unwrap_or_default();
         let rooms = arguments.rooms.as_deref().map(read_outlines).transpose()?.unwrap_or_default();
-        let simulation = match &arguments.simulate {
+        let scenario = arguments.scenario.as_ref();
+        if let (Some(Some(_)), Some(_)) = (&arguments.simulate, scenario) {
+            return Err(UserError::flag("--scenario", "--simulate names a scenario already").into());
+        }
+        let simulation = match arguments.simulate.as_ref().map(|file| file.as_ref().or(scenario)) {
             Some(Some(file)) => Some(host_tools::simulate::read_scenario(file, true)?),
             Some(None) => Some(Scenario::rooms(SIMULATED.0, SIMULATED.1)),
             None => None,
@@ -272,7 +290,7 @@ impl Sources {
         });
         let mut zones = crate::zones(&arguments.site_name, &rooms);
         zones.extend(mqtt.iter().flat_map(broker::MqttSettings::zones));
-        Ok(Self { site: arguments.site_name.clone(), zones, names, sources, simulation, mqtt })
+        Ok(Self { site: arguments.site_name.clone(), zones, names, sources, admission, simulation, mqtt })
     }
 
     /// Whether there is nothing but the simulation.
@@ -348,9 +366,10 @@ impl Sources {
         site_check::watch(hub.clone(), note.clone());
         for (name, source) in self.sources {
             let (reports, site, note) = (hub.reports(), self.site.clone(), note.clone());
+            let admission = Arc::clone(&self.admission);
             thread::spawn(move || {
                 let mut note = |text: &str| note(&format!("{name}: {text}\n"));
-                match crate::run(source, &site, &mut sender(reports), &mut note) {
+                match crate::run(source, &admission, &site, &mut sender(reports), &mut note) {
                     Ok(()) => note("it has ended"),
                     Err(error) => note(&format!("{error:#}")),
                 }

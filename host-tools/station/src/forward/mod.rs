@@ -1,0 +1,371 @@
+//! `baliza forward`: from the nodes at this computer to a station elsewhere.
+//!
+//! ```text
+//! source ─▶ Collector ─▶ Queue on disk ─▶ datagram ─▶ station
+//!                          ▲    no receipt  │            │
+//!                          └────────────────┘ ◀─ receipt ┘
+//! ```
+//!
+//! A datagram is sent at once, and again if no receipt comes. The station takes what is sent again as late, so the newest
+//! positions do not wait for those of a break.
+
+mod collector;
+mod queue;
+
+use std::collections::HashMap;
+use std::io::ErrorKind;
+use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+use station_core::Utc;
+use wire::datagram::{CODE_BYTES, Datagram, Envelope, MAX_DATAGRAM, Receipt, Received, parse};
+
+use self::collector::{Bundle, Collector};
+use self::queue::{Place, Queue};
+use crate::gateways::GatewayKey;
+use crate::sources::{Heard, read_node};
+use crate::{OpenSource, SourceSpec};
+
+/// The longest wait for something to send.
+const STEP: Duration = Duration::from_millis(10);
+/// Without a receipt for this time, a datagram is sent again.
+const ANSWERED_WITHIN: Duration = Duration::from_millis(500);
+/// The most datagrams that are sent again at a time: their bytes fit into a socket's buffer.
+const MOST_REPEATED: usize = 64;
+/// Without any receipt for this time, the station is away, and only one datagram is sent again at a time.
+const AWAY_AFTER: Duration = Duration::from_secs(3);
+/// A station that is away may have another address.
+const LOOK_UP_EVERY: Duration = Duration::from_secs(30);
+/// At the end, receipts are awaited for this time.
+const LAST_RECEIPTS: Duration = Duration::from_secs(2);
+
+/// What a gateway sends where.
+pub(crate) struct Settings<'a> {
+    /// `HOST:PORT` of the station.
+    pub(crate) to: &'a str,
+    /// The key that the station knows.
+    pub(crate) key: Option<GatewayKey>,
+    /// The folder of the queue, …
+    pub(crate) folder: &'a Path,
+    /// … and the most bytes in it.
+    pub(crate) most_bytes: u64,
+}
+
+/// Runs until all sources have ended, or `stop` is set. Returns how many bytes wait for a later run.
+///
+/// # Errors
+/// A source cannot be opened, the station's name is unknown, or the queue cannot be used.
+pub(crate) fn run(
+    specs: &[SourceSpec],
+    settings: Settings<'_>,
+    stop: &AtomicBool,
+    note: &mut dyn FnMut(&str),
+) -> Result<u64> {
+    let mut sources = Vec::new();
+    for spec in specs.iter().map(SourceSpec::each).collect::<Result<Vec<_>>>()?.into_iter().flatten() {
+        if matches!(spec, SourceSpec::Udp(_)) {
+            bail!("{spec}: datagrams are already of a gateway, which can send them to the station itself");
+        }
+        sources.push((spec.to_string(), spec.open()?));
+    }
+    let mut gateway = Gateway::open(settings)?;
+    let (sender, heard) = channel();
+    for (name, source) in sources {
+        let sender = sender.clone();
+        thread::spawn(move || read(&name, source, &sender));
+    }
+    // The channel ends with the last source.
+    drop(sender);
+    gateway.pump(&heard, stop, note)?;
+    gateway.finish(note)
+}
+
+/// What a source's thread tells.
+enum Told {
+    Bundles(Vec<Bundle>),
+    Note(String),
+}
+
+/// Reads a source to its end.
+fn read(name: &str, source: OpenSource, sender: &Sender<Told>) {
+    let mut collector = Collector::default();
+    let mut take = |heard: Heard| {
+        let now_us = now_us();
+        match heard {
+            Heard::Message(_, message) => collector.take(&message, now_us),
+            Heard::Nothing => collector.pass(now_us),
+            Heard::Lost => collector.lost(),
+        }
+        let dropped = collector.take_dropped();
+        if dropped > 0 {
+            let what = format!("{name}: {dropped} frames are dropped: their node has not said hello");
+            let _ = sender.send(Told::Note(what));
+        }
+        sender.send(Told::Bundles(collector.take_ready())).is_ok()
+    };
+    let mut note = |text: &str| {
+        // A receiver that is gone has ended.
+        let _ = sender.send(Told::Note(format!("{name}: {text}")));
+    };
+    let ended = read_node(source, &mut take, &mut note);
+    take(Heard::Lost);
+    let how = ended.map_or_else(|error| format!("{error:#}"), |()| "it has ended".to_owned());
+    let _ = sender.send(Told::Note(format!("{name}: {how}")));
+}
+
+fn now_us() -> u64 {
+    Utc::now().us().unsigned_abs()
+}
+
+/// A datagram that no receipt has come for yet.
+#[derive(Clone, Copy, Debug)]
+struct Flight {
+    place: Place,
+    sent: Instant,
+    is_repeated: bool,
+}
+
+/// The gateway.
+struct Gateway<'a> {
+    settings: Settings<'a>,
+    number: u64,
+    session: u32,
+    /// The next datagram's number.
+    next: u32,
+    queue: Queue,
+    socket: UdpSocket,
+    looked_up: Instant,
+    /// The run of the station, 0 if it is unknown.
+    station: u32,
+    answered: Option<Instant>,
+    is_away: Option<bool>,
+    /// By session and number.
+    flights: HashMap<(u32, u32), Flight>,
+}
+
+impl<'a> Gateway<'a> {
+    fn open(settings: Settings<'a>) -> Result<Self> {
+        let queue = Queue::open(settings.folder, settings.most_bytes)?;
+        let random = || getrandom::u64().context("the system has no random numbers");
+        let number = settings.key.as_ref().map_or_else(random, |key| Ok(key.gateway))?;
+        let socket = connect(settings.to)?;
+        Ok(Self {
+            settings,
+            number,
+            session: random()? as u32,
+            next: 0,
+            queue,
+            socket,
+            looked_up: Instant::now(),
+            station: 0,
+            answered: None,
+            is_away: None,
+            flights: HashMap::new(),
+        })
+    }
+
+    /// Sends what the sources tell, until they have ended.
+    fn pump(&mut self, heard: &Receiver<Told>, stop: &AtomicBool, note: &mut dyn FnMut(&str)) -> Result<()> {
+        while !stop.load(Ordering::Relaxed) {
+            match heard.recv_timeout(STEP) {
+                Ok(Told::Bundles(bundles)) => {
+                    for bundle in bundles {
+                        self.send_new(&bundle)?;
+                    }
+                }
+                Ok(Told::Note(text)) => note(&text),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return Ok(()),
+            }
+            self.step(note)?;
+        }
+        Ok(())
+    }
+
+    /// Waits for the last receipts. Returns how many bytes are left.
+    fn finish(mut self, note: &mut dyn FnMut(&str)) -> Result<u64> {
+        let begun = Instant::now();
+        while self.queue.untaken_bytes() > 0 && begun.elapsed() < LAST_RECEIPTS {
+            thread::sleep(STEP);
+            self.step(note)?;
+        }
+        let left = self.queue.untaken_bytes();
+        self.queue.close();
+        Ok(left)
+    }
+
+    /// Reads receipts, sends again what was lost, and tidies up.
+    fn step(&mut self, note: &mut dyn FnMut(&str)) -> Result<()> {
+        let now = Instant::now();
+        self.receive(now);
+        let late: Vec<_> = self
+            .flights
+            .iter()
+            .filter(|(_, flight)| now.duration_since(flight.sent) >= ANSWERED_WITHIN)
+            .map(|(key, flight)| (*key, flight.place))
+            .collect();
+        for (key, place) in late {
+            self.flights.remove(&key);
+            self.queue.unanswered(place);
+        }
+        let is_away = self.answered.is_none_or(|at| now.duration_since(at) >= AWAY_AFTER);
+        self.tell(is_away, note);
+        if is_away && now.duration_since(self.looked_up) >= LOOK_UP_EVERY {
+            self.looked_up = now;
+            match connect(self.settings.to) {
+                Ok(socket) => self.socket = socket,
+                Err(error) => log::info!("{error:#}"),
+            }
+        }
+        let most = if is_away { 1 } else { MOST_REPEATED };
+        let mut repeated = self.flights.values().filter(|flight| flight.is_repeated).count();
+        while repeated < most
+            && let Some(place) = self.queue.next_waiting()
+        {
+            repeated += usize::from(self.send(place, true)?);
+        }
+        self.queue.tidy(now);
+        let lost = self.queue.take_lost();
+        if lost > 0 {
+            note(&format!("the queue is full: {lost} of the oldest datagrams are deleted; --queue-mb allows more"));
+        }
+        Ok(())
+    }
+
+    fn tell(&mut self, is_away: bool, note: &mut dyn FnMut(&str)) {
+        // At first there was no time for an answer.
+        let is_early = self.answered.is_none() && self.looked_up.elapsed() < AWAY_AFTER && self.is_away.is_none();
+        if is_early || self.is_away == Some(is_away) {
+            return;
+        }
+        self.is_away = Some(is_away);
+        let (to, folder) = (self.settings.to, self.settings.folder.display());
+        note(&if is_away {
+            let hint = if self.settings.key.is_some() { "does it know the key?" } else { "does it take datagrams without a key?" };
+            format!("{to} does not answer ({hint}); telemetry waits in {folder}")
+        } else {
+            format!("{to} takes the telemetry")
+        });
+    }
+
+    fn send_new(&mut self, bundle: &Bundle) -> Result<()> {
+        let number = self.next;
+        self.next = self.next.wrapping_add(1);
+        let envelope = Envelope {
+            gateway: self.number,
+            session: self.session,
+            number,
+            station: self.station,
+            is_repeated: false,
+            sent_us: now_us(),
+            received_us: bundle.received_us,
+            node: bundle.node,
+            frames: &bundle.frames,
+        };
+        let place = self.queue.push(&envelope)?;
+        self.transmit(&envelope);
+        self.flights.insert((self.session, number), Flight { place, sent: Instant::now(), is_repeated: false });
+        Ok(())
+    }
+
+    /// Sends a datagram of the queue. Returns whether there is one.
+    fn send(&mut self, place: Place, is_repeated: bool) -> Result<bool> {
+        let Some(bytes) = self.queue.read(place)? else { return Ok(false) };
+        let Ok(Received { datagram: Datagram::Telemetry(kept), .. }) = parse(&bytes) else { return Ok(false) };
+        // The key may be another one than that of the run before.
+        let (gateway, station) = (self.number, self.station);
+        let envelope = Envelope { gateway, station, is_repeated, sent_us: now_us(), ..kept };
+        self.transmit(&envelope);
+        self.flights.insert((kept.session, kept.number), Flight { place, sent: Instant::now(), is_repeated });
+        Ok(true)
+    }
+
+    /// What cannot be sent now is sent again as what gets lost.
+    fn transmit(&self, envelope: &Envelope<'_>) {
+        let mut out = [0; MAX_DATAGRAM];
+        let key = self.settings.key.as_ref();
+        let Some(mut end) = envelope.emit(key.is_some(), &mut out) else { return };
+        if let (Some(key), Some((signed, rest))) = (key, out.split_at_mut_checked(end))
+            && let Some(code) = rest.first_chunk_mut::<CODE_BYTES>()
+        {
+            *code = key.code(signed);
+            end += CODE_BYTES;
+        }
+        if let Err(error) = self.socket.send(out.get(..end).unwrap_or_default()) {
+            log::debug!("cannot send to {}: {error}", self.settings.to);
+        }
+    }
+
+    fn receive(&mut self, now: Instant) {
+        let mut bytes = [0; MAX_DATAGRAM];
+        loop {
+            let length = match self.socket.recv(&mut bytes) {
+                Ok(length) => length,
+                // Nobody listens there.
+                Err(error) if error.kind() == ErrorKind::ConnectionRefused => continue,
+                Err(_) => return,
+            };
+            if let Some(receipt) = self.authentic(bytes.get(..length).unwrap_or_default()) {
+                self.take(&receipt, now);
+            }
+        }
+    }
+
+    /// A receipt of the station, if it is one.
+    fn authentic(&self, bytes: &[u8]) -> Option<Receipt> {
+        let Received { datagram: Datagram::Receipt(receipt), signed, code } = parse(bytes).ok()? else { return None };
+        let is_right = match (&self.settings.key, code) {
+            (Some(key), Some(code)) => key.is_code(signed, code),
+            (Some(_), None) => false,
+            (None, _) => true,
+        };
+        (is_right && receipt.gateway == self.number && receipt.station != 0).then_some(receipt)
+    }
+
+    fn take(&mut self, receipt: &Receipt, now: Instant) {
+        self.answered = Some(now);
+        if receipt.station != self.station {
+            self.station = receipt.station;
+            self.queue.recall();
+            for (_, flight) in self.flights.drain() {
+                self.queue.unanswered(flight.place);
+            }
+        }
+        for number in &receipt.numbers {
+            if let Some(flight) = self.flights.remove(&(receipt.session, *number)) {
+                self.queue.taken(flight.place, now);
+            }
+        }
+    }
+}
+
+/// A socket that sends to the station.
+fn connect(to: &str) -> Result<UdpSocket> {
+    let addresses: Vec<SocketAddr> = to
+        .to_socket_addrs()
+        .with_context(|| format!("{to:?} is not HOST:PORT of a station, or its name is unknown"))?
+        .collect();
+    let mut failed = None;
+    for address in addresses {
+        let any: SocketAddr =
+            if address.is_ipv4() { ([0, 0, 0, 0], 0).into() } else { ([0_u16; 8], 0).into() };
+        let connected = UdpSocket::bind(any).and_then(|socket| {
+            socket.connect(address)?;
+            socket.set_nonblocking(true)?;
+            Ok(socket)
+        });
+        match connected {
+            Ok(socket) => return Ok(socket),
+            Err(error) => failed = Some(error),
+        }
+    }
+    match failed {
+        Some(error) => Err(error).with_context(|| format!("cannot send to {to}")),
+        None => bail!("{to} has no address"),
+    }
+}
