@@ -253,6 +253,12 @@ impl<M: RawMutex, S: Sink> Ranging<'_, M, S> {
         self.sink.rests(until_us);
         self.channels.tell_quiet(Quiet { until_us });
     }
+
+    fn present_guidance(&mut self, now_us: u64) -> Guidance {
+        let guidance = self.channels.take_guidance(now_us);
+        self.sounder.wanted = guidance.turns;
+        guidance
+    }
 }
 
 impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
@@ -278,9 +284,11 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
             }
         };
         (0..dropped).for_each(|_| self.sink.round_dropped());
-        let guidance = self.channels.take_guidance(now_us);
-        self.sounder.wanted = guidance.turns;
-        guidance
+        self.present_guidance(now_us)
+    }
+
+    fn guidance(&mut self) -> Option<Guidance> {
+        Some(self.present_guidance(self.sink.now_us()))
     }
 
     async fn look<R: Radio>(&mut self, radio: &mut R, _: &Report<'_>) -> Result<bool, R::Error> {

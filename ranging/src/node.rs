@@ -16,6 +16,8 @@ use crate::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, Restart, Sta
 /// The first pause after a failure, and the longest one, milliseconds: a chip that works again is used within a second.
 const SHORTEST_PAUSE_MS: u32 = 1;
 const LONGEST_PAUSE_MS: u32 = 250;
+/// In a wait this long, microseconds, the node may have computed what was measured before it.
+const LONG_WAIT_US: u32 = 10_000;
 
 /// Receives the reports of a node. The exchange waits meanwhile: a slow listener makes it miss its slots.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
@@ -43,6 +45,12 @@ pub trait Listener {
     /// Takes the radio's temperature and supply, whenever it has measured them.
     fn sensed(&mut self, sensors: &Sensors) {
         let _ = sensors;
+    }
+
+    /// The present guidance, after a wait in which the node may have computed the last round. `None`: that of the last
+    /// report is the newest.
+    fn guidance(&mut self) -> Option<Guidance> {
+        None
     }
 
     /// Completes when the protocol is to get new guidance before its current wait is over. Returns the guidance.
@@ -141,6 +149,10 @@ async fn attempt<R: Restart>(
         // The listener gives this guidance only once: an error of the radio must not lose it.
         if let Some(guidance) = roused {
             machine.rouse(guidance);
+        } else if micros >= LONG_WAIT_US
+            && let Some(guidance) = listener.guidance()
+        {
+            machine.guide(guidance);
         }
         event = if slept? { Event::Started } else { Event::Woken };
         now = radio.now().await?;

@@ -22,10 +22,10 @@ pub const MAX_NUMBERS: usize = 64;
 const MARK: [u8; 2] = [0, 1];
 const TELEMETRY: u8 = 1;
 const RECEIPT: u8 = 2;
+/// Telemetry that was sent before.
+const REPEATED: u8 = 0x41;
 /// In the byte of the kind: the datagram ends with a code.
 const HAS_CODE: u8 = 0x80;
-/// In the byte of the kind: it was sent before.
-const IS_REPEATED: u8 = 0x40;
 
 /// Telemetry of one node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,6 +66,10 @@ pub struct Receipt {
 
 /// A datagram.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "a datagram lives on the stack for one step; there is no heap to put it on"
+)]
 pub enum Datagram<'f> {
     /// From a gateway to a station.
     Telemetry(Envelope<'f>),
@@ -110,8 +114,9 @@ pub fn parse(bytes: &[u8]) -> Result<Received<'_>, DatagramError> {
     let signed = bytes.len().checked_sub(code_bytes).ok_or(DatagramError::Length)?;
     let (signed, code) = bytes.split_at_checked(signed).ok_or(DatagramError::Length)?;
     let body = signed.get(3..).ok_or(DatagramError::Length)?;
-    let datagram = match kind & !(HAS_CODE | IS_REPEATED) {
-        TELEMETRY => Envelope::parse(body, kind & IS_REPEATED != 0).map(Datagram::Telemetry),
+    let datagram = match kind & !HAS_CODE {
+        TELEMETRY => Envelope::parse(body, false).map(Datagram::Telemetry),
+        REPEATED => Envelope::parse(body, true).map(Datagram::Telemetry),
         RECEIPT => Receipt::parse(body).map(Datagram::Receipt),
         kind => return Err(DatagramError::Kind(kind)),
     };
@@ -122,7 +127,7 @@ pub fn parse(bytes: &[u8]) -> Result<Received<'_>, DatagramError> {
 impl<'f> Envelope<'f> {
     /// Writes it without its code, which is to follow if `has_code`. Returns the number of bytes.
     pub fn emit(&self, has_code: bool, out: &mut [u8; MAX_DATAGRAM]) -> Option<usize> {
-        let kind = TELEMETRY | if has_code { HAS_CODE } else { 0 } | if self.is_repeated { IS_REPEATED } else { 0 };
+        let kind = if self.is_repeated { REPEATED } else { TELEMETRY } | if has_code { HAS_CODE } else { 0 };
         let mut writer = Writer { out, end: 0 };
         writer.put(&MARK)?;
         writer.put(&[kind])?;
@@ -251,7 +256,8 @@ mod tests {
         golden.extend(FRAME);
         assert_eq!(out[..length], golden[..]);
         let told = receipt().emit(true, &mut out).unwrap();
-        let mut of_receipt = std::vec![0, 1, 0x82, 8, 7, 6, 5, 4, 3, 2, 1, 0x14, 0x13, 0x12, 0x11, 0x34, 0x33, 0x32, 0x31];
+        let mut of_receipt =
+            std::vec![0, 1, 0x82, 8, 7, 6, 5, 4, 3, 2, 1, 0x14, 0x13, 0x12, 0x11, 0x34, 0x33, 0x32, 0x31];
         of_receipt.extend([0x24, 0x23, 0x22, 0x21, 0x25, 0x23, 0x22, 0x21]);
         assert_eq!(out[..told], of_receipt[..]);
         let page = include_str!("../../docs/reference/wire-format.md");
@@ -283,9 +289,13 @@ mod tests {
         assert_eq!(parse(FRAME), Err(DatagramError::Foreign));
         assert_eq!(parse(&[0, 0, 1, 2]), Err(DatagramError::Foreign));
         assert_eq!(parse(&[0, 2, 1, 2]), Err(DatagramError::Foreign));
-        assert_eq!(parse(&[0, 1, 0x43, 2]), Err(DatagramError::Kind(3)));
+        assert_eq!(parse(&[0, 1, 3, 2]), Err(DatagramError::Kind(3)));
+        // A receipt is not sent again.
+        assert_eq!(parse(&[0, 1, 0x42, 2]), Err(DatagramError::Kind(0x42)));
         // A frame's end and the next one's beginning.
-        assert!(is_datagram(&out[..length]) && !is_datagram(FRAME) && !is_datagram(&[0, FRAME[0]]) && !is_datagram(&[0]));
+        assert!(
+            is_datagram(&out[..length]) && !is_datagram(FRAME) && !is_datagram(&[0, FRAME[0]]) && !is_datagram(&[0])
+        );
         let numbers = [7; MAX_NUMBERS].into_iter().collect();
         let length = Receipt { numbers, ..receipt() }.emit(false, &mut out).unwrap();
         for more in [1, 4] {

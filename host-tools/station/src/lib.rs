@@ -7,10 +7,10 @@
 
 pub mod cli;
 mod export;
+mod forward;
 #[cfg(feature = "foxglove")]
 mod foxglove;
 mod foxglove_server;
-mod forward;
 mod gateways;
 mod node_clock;
 mod oidc;

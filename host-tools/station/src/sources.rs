@@ -175,9 +175,7 @@ pub fn run(
     }
     let mut reporter = NodeReporter::new(site);
     let mut take = |heard: Heard| match heard {
-        Heard::Message(stamp, message) => {
-            reporter.reports(stamp, &message, Utc::now()).into_iter().all(&mut *send)
-        }
+        Heard::Message(stamp, message) => reporter.reports(stamp, &message, Utc::now()).into_iter().all(&mut *send),
         Heard::Nothing | Heard::Lost => true,
     };
     read_node(source, &mut take, note)

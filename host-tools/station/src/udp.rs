@@ -46,14 +46,13 @@ impl Sender {
 
     /// Whether it is known whose messages these are: frames do not say it. `note` is told of two nodes.
     fn is_of_one_node(&mut self, message: &Message, now: Instant, note: impl FnOnce(u16, u16)) -> bool {
-        if let Message::Hello(hello) = message {
-            if let Some((other, at)) = self.hello.replace((hello.address, now))
-                && other != hello.address
-                && now.duration_since(at) < SHARED_WITHIN
-                && self.shared.replace(now).is_none()
-            {
-                note(other, hello.address);
-            }
+        if let Message::Hello(hello) = message
+            && let Some((other, at)) = self.hello.replace((hello.address, now))
+            && other != hello.address
+            && now.duration_since(at) < SHARED_WITHIN
+            && self.shared.replace(now).is_none()
+        {
+            note(other, hello.address);
         }
         let is_over = self.shared.is_some_and(|at| now.duration_since(at) >= SHARED_WITHIN);
         self.shared = self.shared.filter(|_| !is_over);
@@ -151,5 +150,37 @@ fn received<T>(result: io::Result<T>) -> Result<Option<T>> {
             Ok(None)
         }
         Err(error) => Err(error).context("cannot receive datagrams"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use wire::telemetry::{Board, Condition, Hello, Role, State};
+
+    #[test]
+    fn two_nodes_of_one_sender_are_refused_until_one_is_alone() {
+        let begin = Instant::now();
+        let mut sender = Sender::new("hall", begin);
+        let mut notes = Vec::new();
+        let mut is_of_one = |ms: u64, hello: Option<u16>| {
+            let message: Message = match hello {
+                Some(address) => {
+                    let (role, board) = (Role::Tag, Board::Dwm1001);
+                    Hello { t_us: ms, eui: 1, address, role, board, build: [0; 8] }.into()
+                }
+                None => State { t_us: ms, is: Condition::Searching }.into(),
+            };
+            let now = begin + Duration::from_millis(ms);
+            sender.is_of_one_node(&message, now, |one, other| notes.push((one, other)))
+        };
+        assert!(is_of_one(0, Some(1)) && is_of_one(500, None) && is_of_one(2000, Some(1)));
+        // Another node joins in, and goes after four seconds.
+        assert!(!is_of_one(2500, Some(2)) && !is_of_one(2600, None) && !is_of_one(4000, Some(1)));
+        assert!(!is_of_one(4500, Some(2)) && !is_of_one(6000, Some(1)) && !is_of_one(15_000, None));
+        assert!(is_of_one(16_000, Some(1)) && is_of_one(16_100, None));
+        // A board that is put in the place of another one.
+        assert!(is_of_one(30_000, Some(3)) && is_of_one(30_500, None));
+        assert_eq!(notes, [(1, 2)]);
     }
 }

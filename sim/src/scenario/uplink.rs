@@ -81,7 +81,8 @@ impl Uplink {
     pub(super) fn figures(&self) -> Option<(f64, f64)> {
         let kept = || self.positions.values().flatten();
         let newest = self.positions.values().filter_map(VecDeque::back).filter(|last| last.arrived_s.is_none()).count();
-        let mut delays_s: Vec<f64> = self.delays_s.iter().copied().chain(kept().filter_map(Position::delay_s)).collect();
+        let mut delays_s: Vec<f64> =
+            self.delays_s.iter().copied().chain(kept().filter_map(Position::delay_s)).collect();
         delays_s.sort_by(f64::total_cmp);
         let found = self.lost + self.delays_s.len() + kept().filter(|position| position.found_s.is_some()).count();
         let counted = found - newest;

@@ -37,7 +37,9 @@ fn every_anchor_tells_the_positions_of_a_tag() {
             let expected = if period_s > 0.0 { seconds / 2.0 / period_s } else { 350.0 * seconds / 2.0 };
             assert!(of_anchor.len() as f64 > 0.95 * expected - 1.0, "{record}, anchor {anchor}: {}", of_anchor.len());
             for (_, _, told) in of_anchor {
-                let told = told.fix().expect("a position");
+                let (poll, told) = (told.round, told.fix().expect("a position"));
+                // A tag that has time to compute tells the last round.
+                assert!(period_s == 0.0 || poll.wrapping_sub(told.round) == 1, "{record}: {poll} tells {}", told.round);
                 let fix = fixes.iter().find(|fix| fix.round == told.round).expect("a round of the tag");
                 let ([x, y, z], [of_x, of_y, of_z]) = (told.position_m().unwrap(), fix.position_m().unwrap());
                 // Whole millimetres.

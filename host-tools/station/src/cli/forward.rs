@@ -54,7 +54,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             let (key, is_new) = GatewayKey::read_or_make(file, &name)?;
             if is_new {
                 let file = file.display();
-                note(&format!("made a key: append {file} to the file of --gateways at the station, and start that again\n"));
+                note(&format!(
+                    "made a key: append {file} to the file of --gateways at the station, and start that again\n"
+                ));
             }
             Some(key)
         }

@@ -246,7 +246,11 @@ impl<'a> Gateway<'a> {
         self.is_away = Some(is_away);
         let (to, folder) = (self.settings.to, self.settings.folder.display());
         note(&if is_away {
-            let hint = if self.settings.key.is_some() { "does it know the key?" } else { "does it take datagrams without a key?" };
+            let hint = if self.settings.key.is_some() {
+                "does it know the key?"
+            } else {
+                "does it take datagrams without a key?"
+            };
             format!("{to} does not answer ({hint}); telemetry waits in {folder}")
         } else {
             format!("{to} takes the telemetry")
@@ -352,8 +356,7 @@ fn connect(to: &str) -> Result<UdpSocket> {
         .collect();
     let mut failed = None;
     for address in addresses {
-        let any: SocketAddr =
-            if address.is_ipv4() { ([0, 0, 0, 0], 0).into() } else { ([0_u16; 8], 0).into() };
+        let any: SocketAddr = if address.is_ipv4() { ([0, 0, 0, 0], 0).into() } else { ([0_u16; 8], 0).into() };
         let connected = UdpSocket::bind(any).and_then(|socket| {
             socket.connect(address)?;
             socket.set_nonblocking(true)?;

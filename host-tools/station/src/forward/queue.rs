@@ -182,7 +182,8 @@ impl Queue {
         let Place { file, index } = self.cursor;
         for part in self.parts.iter_mut().skip_while(|part| part.number < file) {
             let begin = if part.number == file { index } else { 0 };
-            let waiting = part.entries.iter_mut().enumerate().skip(begin).find(|(_, entry)| entry.fate == Fate::Waiting);
+            let waiting =
+                part.entries.iter_mut().enumerate().skip(begin).find(|(_, entry)| entry.fate == Fate::Waiting);
             if let Some((index, entry)) = waiting {
                 entry.fate = Fate::Sent;
                 self.cursor = Place { file: part.number, index };
@@ -237,7 +238,8 @@ impl Part {
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes)?;
         let (mut entries, mut at) = (Vec::new(), 0);
-        while let Some(length) = bytes.get(at..).and_then(|rest| rest.first_chunk()).map(|two| u16::from_le_bytes(*two)) {
+        while let Some(length) = bytes.get(at..).and_then(|rest| rest.first_chunk()).map(|two| u16::from_le_bytes(*two))
+        {
             let begin = at + 2;
             let Some(datagram) = bytes.get(begin..begin + usize::from(length)) else { break };
             if parse(datagram).is_ok_and(|known| matches!(known.datagram, Datagram::Telemetry(_))) {

@@ -161,8 +161,7 @@ mod tests {
         let mut secret = [0; SECRET];
         secret[..20].fill(0x0B);
         let key = GatewayKey { name: String::new(), gateway: 1, site: None, secret };
-        let expected =
-            [0xB0, 0x34, 0x4C, 0x61, 0xD8, 0xDB, 0x38, 0x53, 0x5C, 0xA8, 0xAF, 0xCE, 0xAF, 0x0B, 0xF1, 0x2B];
+        let expected = [0xB0, 0x34, 0x4C, 0x61, 0xD8, 0xDB, 0x38, 0x53, 0x5C, 0xA8, 0xAF, 0xCE, 0xAF, 0x0B, 0xF1, 0x2B];
         assert_eq!(key.code(b"Hi There"), expected);
         assert!(key.is_code(b"Hi There", &expected) && !key.is_code(b"Hi there", &expected));
         assert!(!key.is_code(b"Hi There", &expected[..8]) && !key.is_code(b"Hi There", &[]));

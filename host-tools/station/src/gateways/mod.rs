@@ -217,7 +217,8 @@ impl<'a> Gateways<'a> {
             note(&format!("the clock of gateway {name} is {by_s} s {way}: its times are corrected by whole seconds"));
         }
         // Equal datagrams have equal times, also in another run of the station: the store keeps each position once.
-        let correction_us = if is_wrong { behind_us.saturating_add(500_000).div_euclid(1_000_000) * 1_000_000 } else { 0 };
+        let correction_us =
+            if is_wrong { behind_us.saturating_add(500_000).div_euclid(1_000_000) * 1_000_000 } else { 0 };
         let received_us = i64::try_from(envelope.received_us).unwrap_or(i64::MAX);
         let received = Utc::clamped(received_us.saturating_add(correction_us));
         let is_late = envelope.is_repeated || arrived.since(received) > LATE;

@@ -33,7 +33,12 @@ fn us(ms: i64) -> u64 {
 }
 
 /// A datagram of node 0x1001, sent and received at these times.
-fn envelope<'f>(gateways: &Gateways<'_>, number: u32, [received_ms, sent_ms]: [i64; 2], frames: &'f [u8]) -> Envelope<'f> {
+fn envelope<'f>(
+    gateways: &Gateways<'_>,
+    number: u32,
+    [received_ms, sent_ms]: [i64; 2],
+    frames: &'f [u8],
+) -> Envelope<'f> {
     Envelope {
         gateway: 7,
         session: 1,
@@ -60,7 +65,12 @@ fn bytes(envelope: &Envelope<'_>, key: Option<&GatewayKey>) -> Vec<u8> {
 }
 
 /// What a datagram makes: reports and notes.
-fn taken(gateways: &mut Gateways<'_>, bytes: &[u8], from: SocketAddr, arrived: Utc) -> (Vec<SourceReport>, Vec<String>) {
+fn taken(
+    gateways: &mut Gateways<'_>,
+    bytes: &[u8],
+    from: SocketAddr,
+    arrived: Utc,
+) -> (Vec<SourceReport>, Vec<String>) {
     let (mut reports, mut notes) = (Vec::new(), Vec::new());
     let mut send = |report| {
         reports.push(report);

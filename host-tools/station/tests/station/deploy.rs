@@ -115,7 +115,8 @@ fn the_containers_start_the_program_with_flags_that_it_has() {
     for (name, service) in services {
         for volume in service["volumes"].as_array().into_iter().flatten() {
             let from = volume.as_str().and_then(|volume| volume.split(':').next()).expect("a name");
-            let is_known = compose["volumes"].get(from).is_some() || ["tokens.toml", "gateways.toml"].iter().any(|made| Path::new(from).ends_with(made));
+            let is_known = compose["volumes"].get(from).is_some()
+                || ["tokens.toml", "gateways.toml"].iter().any(|made| Path::new(from).ends_with(made));
             assert!(is_known || root().join("deploy").join(from).is_file(), "{name}: {from}");
         }
     }

@@ -13,6 +13,7 @@ pub(crate) use received::{framed, telemetry_seeds as stream_seeds};
 pub const TARGETS: [Target; 13] = [
     Target { name: "frames", run: received::frames, seeds: received::frame_seeds },
     Target { name: "advertisements", run: received::advertisements, seeds: received::advertisement_seeds },
+    Target { name: "datagrams", run: received::datagrams, seeds: received::datagram_seeds },
     Target { name: "telemetry", run: received::telemetry, seeds: received::telemetry_seeds },
     Target { name: "record", run: flash::record, seeds: flash::record_seeds },
     Target { name: "site-models", run: flash::site_models, seeds: flash::site_model_seeds },

@@ -1,6 +1,7 @@
 //! Bytes from the air and from a node's stream: what was parsed and is written again is parsed as the same.
 
 use wire::ble::{Advertised, EddystoneUid, Fresh, IBeacon, RotatingId};
+use wire::datagram::{self, Datagram, Envelope, MAX_DATAGRAM, Receipt};
 use wire::telemetry::{Decoder, Hello, MAX_FRAME, Message, Role};
 use wire::uwb::native::Message as Native;
 use wire::uwb::{FrameBuffer, decaranging, native};
@@ -45,6 +46,44 @@ pub fn frame_seeds() -> Vec<Vec<u8>> {
     blink.emit(&mut out);
     let head = |kind: u8| [&[0x41, 0x88, 1, 0x1A, 0xBA, 0xFF, 0xFF, 1, 1, kind][..], &[0; 60]].concat();
     (0x30..0x35).map(head).chain([out.bytes().to_vec()]).collect()
+}
+
+pub fn datagrams(input: &[u8]) {
+    let Ok(received) = datagram::parse(input) else { return };
+    let mut out = [0; MAX_DATAGRAM];
+    let has_code = received.code.is_some();
+    let written = match &received.datagram {
+        Datagram::Telemetry(envelope) => envelope.emit(has_code, &mut out),
+        Datagram::Receipt(receipt) => receipt.emit(has_code, &mut out),
+    };
+    let Some(length) = written else {
+        // Longer than those that are sent.
+        assert!(input.len() > MAX_DATAGRAM - datagram::CODE_BYTES);
+        return;
+    };
+    assert_eq!(&out[..length], received.signed);
+}
+
+pub fn datagram_seeds() -> Vec<Vec<u8>> {
+    let (gateway, session, station) = (1, 2, 3);
+    let envelope = Envelope {
+        gateway,
+        session,
+        number: 4,
+        station,
+        is_repeated: true,
+        sent_us: 5,
+        received_us: 6,
+        node: 7,
+        frames: &[8; 40],
+    };
+    let receipt = Receipt { gateway, session, station, numbers: (0..9).collect() };
+    let mut out = [0; MAX_DATAGRAM];
+    let seed = |length: Option<usize>, out: &[u8]| out[..length.unwrap_or(0) + datagram::CODE_BYTES].to_vec();
+    let of_envelope = envelope.emit(true, &mut out);
+    let envelope = seed(of_envelope, &out);
+    let of_receipt = receipt.emit(false, &mut out);
+    vec![envelope, seed(of_receipt, &out)]
 }
 
 pub fn advertisements(input: &[u8]) {
