@@ -10,7 +10,7 @@ use crate::Target;
 pub(crate) use received::{framed, telemetry_seeds as stream_seeds};
 
 /// All targets.
-pub const TARGETS: [Target; 13] = [
+pub const TARGETS: [Target; 14] = [
     Target { name: "frames", run: received::frames, seeds: received::frame_seeds },
     Target { name: "advertisements", run: received::advertisements, seeds: received::advertisement_seeds },
     Target { name: "datagrams", run: received::datagrams, seeds: received::datagram_seeds },
