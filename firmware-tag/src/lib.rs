@@ -254,6 +254,7 @@ impl<M: RawMutex, S: Sink> Ranging<'_, M, S> {
         self.channels.tell_quiet(Quiet { until_us });
     }
 
+    #[inline(never)]
     fn present_guidance(&mut self, now_us: u64) -> Guidance {
         let guidance = self.channels.take_guidance(now_us);
         self.sounder.wanted = guidance.turns;

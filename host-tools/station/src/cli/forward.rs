@@ -21,7 +21,7 @@ pub struct Arguments {
     #[arg(value_name = "SOURCE", required = true)]
     sources: Vec<SourceSpec>,
     /// Where the station receives datagrams
-    #[arg(long, value_name = "HOST:PORT")]
+    #[arg(long, value_name = "HOST:PORT", value_parser = host_and_port)]
     to: String,
     /// The key by which the station knows this gateway. If the file does not exist, it is made: the station needs a copy of
     /// it (serve --gateways). Without a key, a station takes datagrams of its own computer only
@@ -33,6 +33,13 @@ pub struct Arguments {
     /// The most that waits, MB; beyond that, the oldest is deleted. A tag at 10 Hz takes about 3 MB an hour
     #[arg(long, value_name = "MB", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     queue_mb: u64,
+}
+
+/// Parses `--to`. Names are looked up later: at the start of a computer there may be no network.
+fn host_and_port(text: &str) -> Result<String, String> {
+    let (host, port) = text.rsplit_once(':').unwrap_or_default();
+    let is_right = !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0);
+    if is_right { Ok(text.to_owned()) } else { Err("HOST:PORT is expected, such as station.local:7000".to_owned()) }
 }
 
 const EXAMPLES: &str = concat!(

@@ -13,7 +13,7 @@ mod collector;
 mod queue;
 
 use std::collections::HashMap;
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -41,6 +41,8 @@ const MOST_REPEATED: usize = 64;
 const AWAY_AFTER: Duration = Duration::from_secs(3);
 /// A station that is away may have another address.
 const LOOK_UP_EVERY: Duration = Duration::from_secs(30);
+/// At the start, the first look-up is awaited for this time.
+const FIRST_LOOK_UP: Duration = Duration::from_secs(1);
 /// At the end, receipts are awaited for this time.
 const LAST_RECEIPTS: Duration = Duration::from_secs(2);
 
@@ -59,7 +61,7 @@ pub(crate) struct Settings<'a> {
 /// Runs until all sources have ended, or `stop` is set. Returns how many bytes wait for a later run.
 ///
 /// # Errors
-/// A source cannot be opened, the station's name is unknown, or the queue cannot be used.
+/// A source cannot be opened, or the queue cannot be used.
 pub(crate) fn run(
     specs: &[SourceSpec],
     settings: Settings<'_>,
@@ -138,8 +140,12 @@ struct Gateway<'a> {
     /// The next datagram's number.
     next: u32,
     queue: Queue,
-    socket: UdpSocket,
+    /// None: the station's name is not known now.
+    socket: Option<UdpSocket>,
+    begun: Instant,
     looked_up: Instant,
+    /// The look-up that is going on.
+    look_up: Option<Receiver<Option<UdpSocket>>>,
     /// The run of the station, 0 if it is unknown.
     station: u32,
     answered: Option<Instant>,
@@ -153,15 +159,18 @@ impl<'a> Gateway<'a> {
         let queue = Queue::open(settings.folder, settings.most_bytes)?;
         let random = || getrandom::u64().context("the system has no random numbers");
         let number = settings.key.as_ref().map_or_else(random, |key| Ok(key.gateway))?;
-        let socket = connect(settings.to)?;
+        let (now, look_up) = (Instant::now(), look_up(settings.to));
+        let found = look_up.recv_timeout(FIRST_LOOK_UP);
         Ok(Self {
             settings,
             number,
             session: random()? as u32,
             next: 0,
             queue,
-            socket,
-            looked_up: Instant::now(),
+            look_up: found.is_err().then_some(look_up),
+            socket: found.ok().flatten(),
+            begun: now,
+            looked_up: now,
             station: 0,
             answered: None,
             is_away: None,
@@ -215,12 +224,12 @@ impl<'a> Gateway<'a> {
         }
         let is_away = self.answered.is_none_or(|at| now.duration_since(at) >= AWAY_AFTER);
         self.tell(is_away, note);
-        if is_away && now.duration_since(self.looked_up) >= LOOK_UP_EVERY {
-            self.looked_up = now;
-            match connect(self.settings.to) {
-                Ok(socket) => self.socket = socket,
-                Err(error) => log::info!("{error:#}"),
-            }
+        if let Some(found) = self.look_up.as_ref().and_then(|found| found.try_recv().ok()) {
+            // A network that is not up knows no names: the address of before is as good as any.
+            (self.look_up, self.socket) = (None, found.or(self.socket.take()));
+        }
+        if is_away && self.look_up.is_none() && now.duration_since(self.looked_up) >= LOOK_UP_EVERY {
+            (self.looked_up, self.look_up) = (now, Some(look_up(self.settings.to)));
         }
         let most = if is_away { 1 } else { MOST_REPEATED };
         let mut repeated = self.flights.values().filter(|flight| flight.is_repeated).count();
@@ -239,17 +248,17 @@ impl<'a> Gateway<'a> {
 
     fn tell(&mut self, is_away: bool, note: &mut dyn FnMut(&str)) {
         // At first there was no time for an answer.
-        let is_early = self.answered.is_none() && self.looked_up.elapsed() < AWAY_AFTER && self.is_away.is_none();
+        let is_early = self.answered.is_none() && self.begun.elapsed() < AWAY_AFTER;
         if is_early || self.is_away == Some(is_away) {
             return;
         }
         self.is_away = Some(is_away);
         let (to, folder) = (self.settings.to, self.settings.folder.display());
         note(&if is_away {
-            let hint = if self.settings.key.is_some() {
-                "does it know the key?"
-            } else {
-                "does it take datagrams without a key?"
+            let hint = match (&self.socket, &self.settings.key) {
+                (None, _) => "its name is not known now",
+                (Some(_), Some(_)) => "does it know the key?",
+                (Some(_), None) => "does it take datagrams without a key?",
             };
             format!("{to} does not answer ({hint}); telemetry waits in {folder}")
         } else {
@@ -300,7 +309,7 @@ impl<'a> Gateway<'a> {
             *code = key.code(signed);
             end += CODE_BYTES;
         }
-        if let Err(error) = self.socket.send(out.get(..end).unwrap_or_default()) {
+        if let Some(Err(error)) = self.socket.as_ref().map(|socket| socket.send(out.get(..end).unwrap_or_default())) {
             log::debug!("cannot send to {}: {error}", self.settings.to);
         }
     }
@@ -308,7 +317,8 @@ impl<'a> Gateway<'a> {
     fn receive(&mut self, now: Instant) {
         let mut bytes = [0; MAX_DATAGRAM];
         loop {
-            let length = match self.socket.recv(&mut bytes) {
+            let Some(socket) = &self.socket else { return };
+            let length = match socket.recv(&mut bytes) {
                 Ok(length) => length,
                 // Nobody listens there.
                 Err(error) if error.kind() == ErrorKind::ConnectionRefused => continue,
@@ -348,14 +358,24 @@ impl<'a> Gateway<'a> {
     }
 }
 
+/// Looks the station's name up, in a thread of its own: without a network that may take long.
+fn look_up(to: &str) -> Receiver<Option<UdpSocket>> {
+    let ((sender, found), to) = (channel(), to.to_owned());
+    thread::spawn(move || {
+        let socket = connect(&to).inspect_err(|error| log::info!("{to}: {error}"));
+        // Nobody waits for it at the end of the program.
+        let _ = sender.send(socket.ok());
+    });
+    found
+}
+
 /// A socket that sends to the station.
-fn connect(to: &str) -> Result<UdpSocket> {
-    let addresses: Vec<SocketAddr> = to
-        .to_socket_addrs()
-        .with_context(|| format!("{to:?} is not HOST:PORT of a station, or its name is unknown"))?
-        .collect();
-    let mut failed = None;
-    for address in addresses {
+///
+/// # Errors
+/// Its name is not known now, or there is no way to it.
+fn connect(to: &str) -> io::Result<UdpSocket> {
+    let mut failed = ErrorKind::NotFound.into();
+    for address in to.to_socket_addrs()? {
         let any: SocketAddr = if address.is_ipv4() { ([0, 0, 0, 0], 0).into() } else { ([0_u16; 8], 0).into() };
         let connected = UdpSocket::bind(any).and_then(|socket| {
             socket.connect(address)?;
@@ -364,11 +384,8 @@ fn connect(to: &str) -> Result<UdpSocket> {
         });
         match connected {
             Ok(socket) => return Ok(socket),
-            Err(error) => failed = Some(error),
+            Err(error) => failed = error,
         }
     }
-    match failed {
-        Some(error) => Err(error).with_context(|| format!("cannot send to {to}")),
-        None => bail!("{to} has no address"),
-    }
+    Err(failed)
 }

@@ -148,9 +148,13 @@ fn all_of_two_tags_arrives_with_its_times_over_a_bad_network_and_a_kill() {
 fn a_key_is_made_and_another_one_is_refused() {
     let folder = Folder::with(&[]);
     folder.run("simulate --tags 1 --seconds 1 --rate 10 --fidelity air --out run --quiet").ok();
-    // Nobody listens there.
-    let made = said(forward(&folder, "- --to 127.0.0.1:9 --key gateway.toml --queue waiting"));
-    assert!(made.contains("made a key") && made.contains("--gateways"), "{made}");
+    // Nobody listens there, and nobody has this name.
+    for to in ["127.0.0.1:9", "no-station.invalid:9"] {
+        let run = said(forward(&folder, &format!("- --to {to} --key gateway.toml --queue waiting")));
+        let is_first = to.starts_with('1');
+        assert_eq!(run.contains("made a key") && run.contains("--gateways"), is_first, "{run}");
+    }
+    folder.run("forward - --to station").refused("such as station.local:7000");
     let other = String::from_utf8(folder.read("gateway.toml")).expect("UTF-8").replace("key = \"", "key = \"00");
     let (head, secret) = other.split_once("key = \"").expect("a key");
     folder.write("other.toml", format!("{head}key = \"{}\"\n", &secret[..64]).as_bytes());
