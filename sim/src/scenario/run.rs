@@ -221,6 +221,7 @@ impl Simulation {
         });
         let summary = summary.with_joined(&joined.collect::<Vec<_>>()).with_charge(self.drawn());
         let (uplink_share, uplink_p99_s) = log.uplink.figures().unzip();
+        let uplink_p99_s = uplink_p99_s.flatten();
         Summary { uplink_share, uplink_p99_s, bluetooth: self.bluetooth.as_ref().map(of_beacons), ..summary }
     }
 }

@@ -77,8 +77,8 @@ impl Uplink {
     }
 
     /// The share of the positions that arrived, and how long 99 % of those took at most, seconds. A tag's last position
-    /// counts only if it arrived: no later poll may have told it. `None` without positions.
-    pub(super) fn figures(&self) -> Option<(f64, f64)> {
+    /// counts only if it arrived: no later poll may have told it. `None` without positions, or without any that arrived.
+    pub(super) fn figures(&self) -> Option<(f64, Option<f64>)> {
         let kept = || self.positions.values().flatten();
         let newest = self.positions.values().filter_map(VecDeque::back).filter(|last| last.arrived_s.is_none()).count();
         let mut delays_s: Vec<f64> =
@@ -86,7 +86,8 @@ impl Uplink {
         delays_s.sort_by(f64::total_cmp);
         let found = self.lost + self.delays_s.len() + kept().filter(|position| position.found_s.is_some()).count();
         let counted = found - newest;
-        (counted > 0).then(|| (delays_s.len() as f64 / counted as f64, percentile(&delays_s, 0.99)))
+        let p99_s = (!delays_s.is_empty()).then(|| percentile(&delays_s, 0.99));
+        (counted > 0).then(|| (delays_s.len() as f64 / counted as f64, p99_s))
     }
 }
 
@@ -101,6 +102,11 @@ mod tests {
         uplink.found(1, 7, 1.0);
         // It was not told yet.
         assert_eq!(uplink.figures(), None);
+        uplink.found(2, 7, 1.0);
+        uplink.found(2, 8, 2.0);
+        assert_eq!(uplink.figures(), Some((0.0, None)), "nothing has arrived");
+        let mut uplink = Uplink::default();
+        uplink.found(1, 7, 1.0);
         for (round, found_s, arrived_s) in [(8, 2.0, Some(2.5)), (9, 3.0, None), (10, 4.0, Some(4.25))] {
             uplink.found(1, round, found_s);
             if let Some(arrived_s) = arrived_s {
@@ -112,7 +118,7 @@ mod tests {
         uplink.found(1, 11, 5.0);
         // Two of the four before the last: 99 % of the way from 0.25 to 0.5 s.
         let (share, p99_s) = uplink.figures().expect("positions");
-        assert!(share == 0.5 && (p99_s - 0.4975).abs() < 1e-12, "{share} {p99_s}");
+        assert!(share == 0.5 && p99_s.is_some_and(|p99_s| (p99_s - 0.4975).abs() < 1e-12), "{share} {p99_s:?}");
     }
 
     #[test]
@@ -126,11 +132,11 @@ mod tests {
             uplink.found(1, round, f64::from(round));
         }
         uplink.found(1, 1000, 1000.0);
-        assert_eq!(uplink.figures(), Some((0.5, 0.5)));
+        assert_eq!(uplink.figures(), Some((0.5, Some(0.5))));
         uplink.restart(1);
         // The same numbers again: 500 of 1,000 and one of one.
         uplink.arrived(1, 2, 1002.0);
         uplink.found(1, 2, 1001.5);
-        assert_eq!(uplink.figures(), Some((501.0 / 1001.0, 0.5)));
+        assert_eq!(uplink.figures(), Some((501.0 / 1001.0, Some(0.5))));
     }
 }

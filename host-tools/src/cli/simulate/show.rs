@@ -145,12 +145,11 @@ pub(super) fn summary_text(summary: &Summary) -> String {
             counted(summary.tags, "tag")
         );
     }
-    if let (Some(share), Some(p99_s)) = (summary.uplink_share, summary.uplink_p99_s) {
-        let _ = writeln!(
-            text,
-            "told in polls: {:.1} % of the positions reached an anchor with a cable, 99 % of these within {p99_s:.2} s",
-            100.0 * share
-        );
+    if let Some(share) = summary.uplink_share {
+        let within =
+            summary.uplink_p99_s.map_or_else(String::new, |p99_s| format!(", 99 % of these within {p99_s:.2} s"));
+        let percent = 100.0 * share;
+        let _ = writeln!(text, "told in polls: {percent:.1} % of the positions reached an anchor with a cable{within}");
     }
     if let Some(current_ma) = summary.tag_mean_current_ma {
         let charge = summary.charge_per_fix_uc.map_or_else(|| "-".to_owned(), |charge_uc| format!("{charge_uc:.1} µC"));

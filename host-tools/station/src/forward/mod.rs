@@ -108,7 +108,8 @@ fn read(name: &str, source: OpenSource, sender: &Sender<Told>) {
             let what = format!("{name}: {dropped} frames are dropped: their node has not said hello");
             let _ = sender.send(Told::Note(what));
         }
-        sender.send(Told::Bundles(collector.take_ready())).is_ok()
+        let ready = collector.take_ready();
+        ready.is_empty() || sender.send(Told::Bundles(ready)).is_ok()
     };
     let mut note = |text: &str| {
         // A receiver that is gone has ended.
