@@ -21,8 +21,10 @@ use node_link::decode::Stream;
 const DATAGRAM: usize = 65_536;
 /// The greatest number of senders at a time. Another one takes the place of the one that was silent for longest.
 const MOST_SENDERS: usize = 1024;
-/// Datagrams that arrive within this time are taken together.
+/// Datagrams that arrive within this time are taken together, …
 const REST: Duration = Duration::from_millis(1);
+/// … up to this number: then their receipts are due.
+const TOGETHER: usize = 1024;
 /// A sender that was silent for this time is forgotten.
 const FORGOTTEN_AFTER: Duration = Duration::from_secs(600);
 /// A node says hello every two seconds. Two that do so within this time share a sender.
@@ -80,7 +82,8 @@ pub(super) fn listen(
     let mut datagram = vec![0; DATAGRAM];
     loop {
         wait(socket, &mut datagram)?;
-        while let Some((length, from)) = received(socket.recv_from(&mut datagram))? {
+        for _ in 0..TOGETHER {
+            let Some((length, from)) = received(socket.recv_from(&mut datagram))? else { break };
             let bytes = datagram.get(..length).unwrap_or_default();
             let (now, arrived) = (Instant::now(), Utc::now());
             if is_datagram(bytes) {

@@ -83,8 +83,8 @@ pub(crate) fn run(
     }
     // The channel ends with the last source.
     drop(sender);
-    gateway.pump(&heard, stop, note)?;
-    gateway.finish(note)
+    gateway.pump(&heard, stop, note);
+    Ok(gateway.finish(note))
 }
 
 /// What a source's thread tells.
@@ -143,14 +143,17 @@ struct Gateway<'a> {
     queue: Queue,
     /// None: the station's name is not known now.
     socket: Option<UdpSocket>,
-    begun: Instant,
     looked_up: Instant,
     /// The look-up that is going on.
     look_up: Option<Receiver<Option<UdpSocket>>>,
     /// The run of the station, 0 if it is unknown.
     station: u32,
-    answered: Option<Instant>,
+    /// When it was first sent something that no receipt has followed, …
+    asked: Option<Instant>,
+    /// … and what was said of that.
     is_away: Option<bool>,
+    /// The last datagram could not be written to the disk.
+    is_disk_failing: bool,
     /// By session and number.
     flights: HashMap<(u32, u32), Flight>,
 }
@@ -170,49 +173,48 @@ impl<'a> Gateway<'a> {
             queue,
             look_up: found.is_err().then_some(look_up),
             socket: found.ok().flatten(),
-            begun: now,
             looked_up: now,
             station: 0,
-            answered: None,
+            asked: None,
             is_away: None,
+            is_disk_failing: false,
             flights: HashMap::new(),
         })
     }
 
     /// Sends what the sources tell, until they have ended.
-    fn pump(&mut self, heard: &Receiver<Told>, stop: &AtomicBool, note: &mut dyn FnMut(&str)) -> Result<()> {
+    fn pump(&mut self, heard: &Receiver<Told>, stop: &AtomicBool, note: &mut dyn FnMut(&str)) {
         while !stop.load(Ordering::Relaxed) {
             match heard.recv_timeout(STEP) {
                 Ok(Told::Bundles(bundles)) => {
                     for bundle in bundles {
-                        self.send_new(&bundle)?;
+                        self.send_new(&bundle, note);
                     }
                 }
                 Ok(Told::Note(text)) => note(&text),
                 Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => return Ok(()),
+                Err(RecvTimeoutError::Disconnected) => return,
             }
-            self.step(note)?;
+            self.step(note);
         }
-        Ok(())
     }
 
     /// Waits for the last receipts. Returns how many bytes are left.
-    fn finish(mut self, note: &mut dyn FnMut(&str)) -> Result<u64> {
+    fn finish(mut self, note: &mut dyn FnMut(&str)) -> u64 {
         let begun = Instant::now();
         while self.queue.untaken_bytes() > 0 && begun.elapsed() < LAST_RECEIPTS {
             thread::sleep(STEP);
-            self.step(note)?;
+            self.step(note);
         }
         let left = self.queue.untaken_bytes();
         self.queue.close();
-        Ok(left)
+        left
     }
 
     /// Reads receipts, sends again what was lost, and tidies up.
-    fn step(&mut self, note: &mut dyn FnMut(&str)) -> Result<()> {
+    fn step(&mut self, note: &mut dyn FnMut(&str)) {
         let now = Instant::now();
-        self.receive(now);
+        self.receive();
         let late: Vec<_> = self
             .flights
             .iter()
@@ -223,7 +225,7 @@ impl<'a> Gateway<'a> {
             self.flights.remove(&key);
             self.queue.unanswered(place);
         }
-        let is_away = self.answered.is_none_or(|at| now.duration_since(at) >= AWAY_AFTER);
+        let is_away = self.asked.is_some_and(|at| now.duration_since(at) >= AWAY_AFTER);
         self.tell(is_away, note);
         if let Some(found) = self.look_up.as_ref().and_then(|found| found.try_recv().ok()) {
             // A network that is not up knows no names: the address of before is as good as any.
@@ -237,19 +239,18 @@ impl<'a> Gateway<'a> {
         while repeated < most
             && let Some(place) = self.queue.next_waiting()
         {
-            repeated += usize::from(self.send(place, true)?);
+            repeated += usize::from(self.send_again(place));
         }
         self.queue.tidy(now);
         let lost = self.queue.take_lost();
         if lost > 0 {
             note(&format!("the queue is full: {lost} of the oldest datagrams are deleted; --queue-mb allows more"));
         }
-        Ok(())
     }
 
     fn tell(&mut self, is_away: bool, note: &mut dyn FnMut(&str)) {
         // At first there was no time for an answer.
-        let is_early = self.answered.is_none() && self.begun.elapsed() < AWAY_AFTER;
+        let is_early = self.station == 0 && !is_away;
         if is_early || self.is_away == Some(is_away) {
             return;
         }
@@ -267,7 +268,7 @@ impl<'a> Gateway<'a> {
         });
     }
 
-    fn send_new(&mut self, bundle: &Bundle) -> Result<()> {
+    fn send_new(&mut self, bundle: &Bundle, note: &mut dyn FnMut(&str)) {
         let number = self.next;
         self.next = self.next.wrapping_add(1);
         let envelope = Envelope {
@@ -281,22 +282,36 @@ impl<'a> Gateway<'a> {
             node: bundle.node,
             frames: &bundle.frames,
         };
-        let place = self.queue.push(&envelope)?;
+        match self.queue.push(&envelope) {
+            Ok(place) => {
+                self.is_disk_failing = false;
+                self.fly((self.session, number), place, false);
+            }
+            Err(error) if !std::mem::replace(&mut self.is_disk_failing, true) => {
+                note(&format!("{error:#}: telemetry is sent, and does not wait where it gets lost"));
+            }
+            Err(_) => {}
+        }
         self.transmit(&envelope);
-        self.flights.insert((self.session, number), Flight { place, sent: Instant::now(), is_repeated: false });
-        Ok(())
     }
 
-    /// Sends a datagram of the queue. Returns whether there is one.
-    fn send(&mut self, place: Place, is_repeated: bool) -> Result<bool> {
-        let Some(bytes) = self.queue.read(place)? else { return Ok(false) };
-        let Ok(Received { datagram: Datagram::Telemetry(kept), .. }) = parse(&bytes) else { return Ok(false) };
+    /// Sends a datagram of the queue once more. Returns whether it is there.
+    fn send_again(&mut self, place: Place) -> bool {
+        let read = self.queue.read(place).inspect_err(|error| log::warn!("{error:#}"));
+        let Ok(Some(bytes)) = read else { return false };
+        let Ok(Received { datagram: Datagram::Telemetry(kept), .. }) = parse(&bytes) else { return false };
         // The key may be another one than that of the run before.
         let (gateway, station) = (self.number, self.station);
-        let envelope = Envelope { gateway, station, is_repeated, sent_us: now_us(), ..kept };
-        self.transmit(&envelope);
-        self.flights.insert((kept.session, kept.number), Flight { place, sent: Instant::now(), is_repeated });
-        Ok(true)
+        self.fly((kept.session, kept.number), place, true);
+        self.transmit(&Envelope { gateway, station, is_repeated: true, sent_us: now_us(), ..kept });
+        true
+    }
+
+    /// A receipt for a datagram is awaited from now on.
+    fn fly(&mut self, key: (u32, u32), place: Place, is_repeated: bool) {
+        let sent = Instant::now();
+        self.asked.get_or_insert(sent);
+        self.flights.insert(key, Flight { place, sent, is_repeated });
     }
 
     /// What cannot be sent now is sent again as what gets lost.
@@ -315,7 +330,7 @@ impl<'a> Gateway<'a> {
         }
     }
 
-    fn receive(&mut self, now: Instant) {
+    fn receive(&mut self) {
         let mut bytes = [0; MAX_DATAGRAM];
         loop {
             let Some(socket) = &self.socket else { return };
@@ -326,7 +341,7 @@ impl<'a> Gateway<'a> {
                 Err(_) => return,
             };
             if let Some(receipt) = self.authentic(bytes.get(..length).unwrap_or_default()) {
-                self.take(&receipt, now);
+                self.take(&receipt);
             }
         }
     }
@@ -342,8 +357,8 @@ impl<'a> Gateway<'a> {
         (is_right && receipt.gateway == self.number && receipt.station != 0).then_some(receipt)
     }
 
-    fn take(&mut self, receipt: &Receipt, now: Instant) {
-        self.answered = Some(now);
+    fn take(&mut self, receipt: &Receipt) {
+        self.asked = None;
         if receipt.station != self.station {
             self.station = receipt.station;
             self.queue.recall();
@@ -353,7 +368,7 @@ impl<'a> Gateway<'a> {
         }
         for number in &receipt.numbers {
             if let Some(flight) = self.flights.remove(&(receipt.session, *number)) {
-                self.queue.taken(flight.place, now);
+                self.queue.taken(flight.place, Instant::now());
             }
         }
     }
