@@ -337,6 +337,7 @@ mod tests {
         assert_eq!(scenario.networks, [NETWORK, Network { pan: 0xBA13, phy, ..NETWORK }]);
         assert_eq!((scenario.board, scenario.method), (BoardProfile::DWM1001, None));
         assert_eq!(scenario.anchors[2].board, Some(BoardProfile::ESP32C3.slowed(4.0)));
+        assert_eq!([1, 2, 3, 0x1001].map(|address| scenario.has_cable(address)), [false, false, true, false]);
         let tag = scenario.tags[0].settings.record;
         let scan = Some(Scan { interval_ms: 1000, window_ms: 1000 });
         assert_eq!((tag.height_m, tag.rate_chz, tag.scan), (Some(1.2), Some(1000), scan));
