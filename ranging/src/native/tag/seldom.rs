@@ -292,7 +292,8 @@ impl Tag {
         let pulse = network.round_in(1, self.config.address, self.round.asked(), uncertainty);
         let silent = network.sync.silent() + 1;
         let silent = if pulse.is_none() { silent.max(HOLDOVER_SUPERFRAMES) } else { silent };
-        self.pulse_at = None;
+        // A request that was awaited may have become needless: its instant is no beginning of the next poll's lead.
+        (self.stopwatch.wake_at, self.pulse_at) = (None, None);
         let wake = match (self.watch.plan(number, silent), pulse) {
             (Listening::One(anchor), _) => difference(self.sync_window(&timing, anchor.slot, uncertainty)[0], ARMING),
             (Listening::Nothing, Some(pulse)) => {
@@ -316,7 +317,7 @@ impl Tag {
         if begin > LONGEST_HOLDOVER {
             return None;
         }
-        self.pulse_at = Some(phase.at(sum(begin, pulse)));
+        (self.stopwatch.wake_at, self.pulse_at) = (None, Some(phase.at(sum(begin, pulse))));
         network.sync.hold_over(turns);
         let wait = difference(sum(begin, difference(pulse, sum(lead, uncertainty))), present.since(phase.start));
         // The superframes slept through count as one.
