@@ -73,6 +73,7 @@ fn completions_have_the_arguments_that_the_other_programs_describe() {
          "possible":[],"defaults":["127.0.0.1:8080"],"takes_values":true,"is_path":false,"is_required":false,
          "is_repeated":false}],"commands":[]},
         {"name":"live","about":"Live","long_about":null,"after_help":null,"aliases":[],"arguments":[],"commands":[]},
+        {"name":"forward","about":"Send","long_about":null,"after_help":null,"aliases":[],"arguments":[],"commands":[]},
         {"name":"station","about":"Store","long_about":null,"after_help":null,"aliases":[],"arguments":[],"commands":[]}]"#;
     folder.write("described.json", described.as_bytes());
     program(&folder.path("baliza-station"));
