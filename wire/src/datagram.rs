@@ -6,6 +6,8 @@
 
 use heapless::Vec;
 
+use crate::uwb::{FrameError, Reader};
+
 /// The longest datagram, bytes. Networks pass it on in one piece.
 pub const MAX_DATAGRAM: usize = 1200;
 /// Bytes of the message authentication code: HMAC-SHA-256, cut.
@@ -115,12 +117,11 @@ pub fn parse(bytes: &[u8]) -> Result<Received<'_>, DatagramError> {
     let (signed, code) = bytes.split_at_checked(signed).ok_or(DatagramError::Length)?;
     let body = signed.get(3..).ok_or(DatagramError::Length)?;
     let datagram = match kind & !HAS_CODE {
-        TELEMETRY => Envelope::parse(body, false).map(Datagram::Telemetry),
-        REPEATED => Envelope::parse(body, true).map(Datagram::Telemetry),
-        RECEIPT => Receipt::parse(body).map(Datagram::Receipt),
+        TELEMETRY => Datagram::Telemetry(Envelope::parse(body, false)?),
+        REPEATED => Datagram::Telemetry(Envelope::parse(body, true)?),
+        RECEIPT => Datagram::Receipt(Receipt::parse(body)?),
         kind => return Err(DatagramError::Kind(kind)),
     };
-    let datagram = datagram.ok_or(DatagramError::Length)?;
     Ok(Received { datagram, signed, code: (code_bytes > 0).then_some(code) })
 }
 
@@ -142,17 +143,17 @@ impl<'f> Envelope<'f> {
         (writer.end + CODE_BYTES <= MAX_DATAGRAM).then_some(writer.end)
     }
 
-    fn parse(body: &'f [u8], is_repeated: bool) -> Option<Self> {
+    fn parse(body: &'f [u8], is_repeated: bool) -> Result<Self, DatagramError> {
         let mut reader = Reader(body);
-        Some(Self {
-            gateway: u64::from_le_bytes(reader.take()?),
-            session: u32::from_le_bytes(reader.take()?),
-            number: u32::from_le_bytes(reader.take()?),
-            station: u32::from_le_bytes(reader.take()?),
+        Ok(Self {
+            gateway: reader.u64()?,
+            session: reader.u32()?,
+            number: reader.u32()?,
+            station: reader.u32()?,
             is_repeated,
-            sent_us: u64::from_le_bytes(reader.take()?),
-            received_us: u64::from_le_bytes(reader.take()?),
-            node: u16::from_le_bytes(reader.take()?),
+            sent_us: reader.u64()?,
+            received_us: reader.u64()?,
+            node: reader.u16()?,
             frames: reader.0,
         })
     }
@@ -173,15 +174,21 @@ impl Receipt {
         Some(writer.end)
     }
 
-    fn parse(body: &[u8]) -> Option<Self> {
+    fn parse(body: &[u8]) -> Result<Self, DatagramError> {
         let mut reader = Reader(body);
-        let (gateway, session) = (u64::from_le_bytes(reader.take()?), u32::from_le_bytes(reader.take()?));
-        let station = u32::from_le_bytes(reader.take()?);
-        let (numbers, []) = reader.0.as_chunks() else { return None };
+        let (gateway, session, station) = (reader.u64()?, reader.u32()?, reader.u32()?);
+        let (numbers, []) = reader.0.as_chunks() else { return Err(DatagramError::Length) };
         if numbers.len() > MAX_NUMBERS {
-            return None;
+            return Err(DatagramError::Length);
         }
-        Some(Self { gateway, session, station, numbers: numbers.iter().map(|n| u32::from_le_bytes(*n)).collect() })
+        Ok(Self { gateway, session, station, numbers: numbers.iter().map(|n| u32::from_le_bytes(*n)).collect() })
+    }
+}
+
+/// A field is cut.
+impl From<FrameError> for DatagramError {
+    fn from(_: FrameError) -> Self {
+        Self::Length
     }
 }
 
@@ -196,16 +203,6 @@ impl Writer<'_> {
         self.out.get_mut(self.end..end)?.copy_from_slice(bytes);
         self.end = end;
         Some(())
-    }
-}
-
-struct Reader<'d>(&'d [u8]);
-
-impl Reader<'_> {
-    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (first, rest) = self.0.split_first_chunk()?;
-        self.0 = rest;
-        Some(*first)
     }
 }
 

@@ -12,6 +12,7 @@ mod forward;
 mod foxglove;
 mod foxglove_server;
 mod gateways;
+mod hexadecimal;
 mod node_clock;
 mod oidc;
 mod piped_probe;

@@ -174,16 +174,16 @@ pub fn run(
         return listen(&socket, admission, site, send, note);
     }
     let mut reporter = NodeReporter::new(site);
-    let mut take = |heard: Heard| match heard {
-        Heard::Message(stamp, message) => reporter.reports(stamp, &message, Utc::now()).into_iter().all(&mut *send),
-        Heard::Nothing | Heard::Lost => true,
+    let mut take = |input: NodeInput| match input {
+        NodeInput::Message(stamp, message) => reporter.reports(stamp, &message, Utc::now()).into_iter().all(&mut *send),
+        NodeInput::Nothing | NodeInput::Lost => true,
     };
     read_node(source, &mut take, note)
 }
 
 /// What comes of a node.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Heard {
+pub(super) enum NodeInput {
     /// A message.
     Message(Stamp, Message),
     /// Nothing for a moment.
@@ -198,7 +198,7 @@ pub(super) enum Heard {
 /// The source cannot be read.
 pub(super) fn read_node(
     source: OpenSource,
-    take: &mut dyn FnMut(Heard) -> bool,
+    take: &mut dyn FnMut(NodeInput) -> bool,
     note: &mut dyn FnMut(&str),
 ) -> Result<()> {
     match source {
@@ -223,7 +223,7 @@ pub(super) fn read_node(
 fn read(
     source: &mut dyn Source,
     mut pacing: Option<Pacing>,
-    take: &mut dyn FnMut(Heard) -> bool,
+    take: &mut dyn FnMut(NodeInput) -> bool,
     note: &mut dyn FnMut(&str),
 ) -> Result<()> {
     let mut stream = Stream::default();
@@ -235,7 +235,7 @@ fn read(
                     if let Some(wait) = pacing.as_mut().and_then(|pacing| pacing.until(stamp.t_s)) {
                         thread::sleep(wait);
                     }
-                    if !take(Heard::Message(stamp, message)) {
+                    if !take(NodeInput::Message(stamp, message)) {
                         return Ok(());
                     }
                 }
@@ -243,7 +243,7 @@ fn read(
             Some(Event::Connected(to)) => note(&format!("connected to {to}")),
             Some(Event::Lost(why)) => {
                 stream.interrupted();
-                if !take(Heard::Lost) {
+                if !take(NodeInput::Lost) {
                     return Ok(());
                 }
                 note(&format!("connection lost ({why}); trying to connect again"));
@@ -253,7 +253,7 @@ fn read(
             Some(Event::Bytes(NodeChannel::Log, _) | Event::Text(_) | Event::Flashed { .. }) => {}
             Some(Event::End) => return Ok(()),
             None => {
-                if !take(Heard::Nothing) {
+                if !take(NodeInput::Nothing) {
                     return Ok(());
                 }
             }

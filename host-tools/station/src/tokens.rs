@@ -5,6 +5,7 @@ use std::path::Path;
 use serde::Deserialize;
 use station_core::api::{Access, Token, UserRole};
 
+use crate::hexadecimal;
 use recording::UserError;
 use recording::read_text;
 
@@ -37,7 +38,7 @@ pub fn read_tokens(file: &Path) -> Result<Access, UserError> {
     })?;
     let mut tokens: Vec<Token> = Vec::new();
     for Entry { name, role, sha256 } in token {
-        let Some(hash) = hash(&sha256) else {
+        let Some(hash) = hexadecimal::bytes(&sha256) else {
             return Err(wrong(format!(
                 "{name}: sha256 is 64 hexadecimal digits, as `printf %s SECRET | sha256sum` prints them"
             )));
@@ -48,18 +49,6 @@ pub fn read_tokens(file: &Path) -> Result<Access, UserError> {
         tokens.push(Token { name, role, sha256: hash });
     }
     if tokens.is_empty() { Err(wrong("there is no [[token]]".to_owned())) } else { Ok(Access::Tokens(tokens)) }
-}
-
-/// 32 bytes from their hexadecimal digits.
-fn hash(text: &str) -> Option<[u8; 32]> {
-    let mut bytes = [0; 32];
-    if text.len() != 2 * bytes.len() || !text.bytes().all(|digit| digit.is_ascii_hexdigit()) {
-        return None;
-    }
-    for (at, byte) in bytes.iter_mut().enumerate() {
-        *byte = u8::from_str_radix(text.get(2 * at..2 * at + 2)?, 16).ok()?;
-    }
-    Some(bytes)
 }
 
 #[cfg(test)]

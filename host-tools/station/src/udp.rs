@@ -124,7 +124,7 @@ pub(super) fn listen(
             // What cannot be sent now is told again when the datagram comes again.
             let _ = socket.send_to(bytes, to);
         });
-        gateways.tell_refused(note);
+        gateways.note_refused(note);
     }
 }
 /// Waits for a datagram, at most for the socket's timeout, and then for those that come shortly after it: a thread that

@@ -1,5 +1,7 @@
 //! How a scenario's air treats ranges, and the surveyed positions of its anchors.
 
+use wire::config::PollContent;
+
 use super::{AirModel, Anchor, Carrier, Scenario, Tag};
 use crate::AirConfig;
 use crate::random::{Purpose, gauss, stream};
@@ -36,5 +38,10 @@ impl Tag {
     /// Whether a person carries it, whose body shadows links.
     pub fn is_worn(&self) -> bool {
         self.motion.carrier == Carrier::Person && self.walk.place().is_none()
+    }
+
+    /// Whether its polls carry its last position.
+    pub(super) fn tells_position(&self) -> bool {
+        self.settings.record.tells == PollContent::Position
     }
 }

@@ -37,7 +37,7 @@ pub fn survey(scenario: &Scenario, places: &[[f64; 3]], seconds: f64) -> Vec<Sur
     let air = Bluetooth::new(&world, config, &scenario.walls);
     let (of, log) = (Rc::new(scenario.clone()), Rc::default());
     let start = |beacon: &Beacon| {
-        let outlet = Outlet::new(beacon.address, &world, &of, &log);
+        let outlet = Outlet::new((beacon.address, false), &world, &of, &log);
         BeaconNode::start(&world, &air, (beacon, scenario.beacon_key), outlet)
     };
     let _beacons: Vec<_> = scenario.beacons.iter().map(start).collect();

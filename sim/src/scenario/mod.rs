@@ -102,12 +102,6 @@ impl Scenario {
         gateways.peek().is_none() || gateways.any(|anchor| anchor.address == address)
     }
 
-    /// Whether a node is a tag that tells its positions in its polls.
-    pub(crate) fn tells_position(&self, address: u16) -> bool {
-        let tells = |tag: &Tag| tag.settings.record.tells == PollContent::Position;
-        self.tags.iter().any(|tag| tag.address == address && tells(tag))
-    }
-
     /// Changes what the records of all tags say.
     pub fn change_tags(&mut self, change: impl Fn(&mut wire::config::Tag)) {
         self.tags.iter_mut().for_each(|tag| change(&mut tag.settings.record));

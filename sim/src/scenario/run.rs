@@ -55,17 +55,18 @@ impl Simulation {
         let bluetooth =
             (!scenario.beacons.is_empty()).then(|| Bluetooth::new(&world, scenario.bluetooth.clone(), &scenario.walls));
         let mut outlets = BTreeMap::new();
-        let mut outlet = |node| outlets.entry(node).or_insert(Outlet::new(node, &world, &scenario, &log)).clone();
+        let mut outlet =
+            |of: (u16, bool)| outlets.entry(of.0).or_insert(Outlet::new(of, &world, &scenario, &log)).clone();
         let mut beacons = HashMap::new();
         for beacon in &scenario.beacons {
             if let Some(air) = &bluetooth {
                 let known = (beacon, scenario.beacon_key);
-                beacons.insert(beacon.address, BeaconNode::start(&world, air, known, outlet(beacon.address)));
+                beacons.insert(beacon.address, BeaconNode::start(&world, air, known, outlet((beacon.address, false))));
             }
         }
         let mut nodes = HashMap::new();
         for anchor in &scenario.anchors {
-            let app = AnchorApp::new(&world, &scenario, anchor, outlet(anchor.address));
+            let app = AnchorApp::new(&world, &scenario, anchor, outlet((anchor.address, false)));
             let board = anchor.board.unwrap_or(scenario.board);
             let hardware = Hardware::start(
                 &world,
@@ -87,7 +88,8 @@ impl Simulation {
             let board = tag.board.unwrap_or(scenario.board);
             let sensor = sensor(&world, tag, &board);
             sensors.extend(sensor.clone().map(|sensor| (tag.address, sensor)));
-            let app = TagApp::new(&world, &scenario, tag, outlet(tag.address), (ears, sensor), inspection);
+            let outlet = outlet((tag.address, tag.tells_position()));
+            let app = TagApp::new(&world, &scenario, tag, outlet, (ears, sensor), inspection);
             let hardware = Hardware::start(&world, scenario.fidelity, board, (path, tag.antenna_delay_ticks), app);
             if tag.is_worn() {
                 world.air().wear(hardware.port());

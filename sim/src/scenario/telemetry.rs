@@ -116,14 +116,20 @@ fn micros(time: TrueTime) -> u64 {
 }
 
 impl Outlet {
-    pub(super) fn new(node: u16, world: &World, scenario: &Rc<Scenario>, log: &Rc<RefCell<Log>>) -> Rc<Self> {
+    /// For a node, which may be a tag that tells its positions in its polls.
+    pub(super) fn new(
+        (node, tells_position): (u16, bool),
+        world: &World,
+        scenario: &Rc<Scenario>,
+        log: &Rc<RefCell<Log>>,
+    ) -> Rc<Self> {
         Rc::new(Self {
             node,
             world: world.clone(),
             scenario: scenario.clone(),
             log: log.clone(),
             has_cable: scenario.has_cable(node),
-            tells_position: scenario.tells_position(node),
+            tells_position,
             life: RefCell::default(),
             reported_s: RefCell::default(),
             round: RefCell::default(),

@@ -52,13 +52,13 @@ impl Uplink {
     pub(super) fn restart(&mut self, tag: u16) {
         let mut last = self.positions.remove(&tag).unwrap_or_default();
         last.pop_back_if(|last| last.arrived_s.is_none());
-        last.iter().for_each(|position| self.judge(position));
+        last.iter().for_each(|position| self.count(position));
     }
 
     fn position(&mut self, tag: u16, round: u16) -> &mut Position {
         let full = self.positions.get_mut(&tag).filter(|of_tag| of_tag.len() > KEPT_ROUNDS);
         if let Some(oldest) = full.and_then(VecDeque::pop_front) {
-            self.judge(&oldest);
+            self.count(&oldest);
         }
         let of_tag = self.positions.entry(tag).or_default();
         let place = of_tag.iter().rposition(|known| known.round == round).unwrap_or_else(|| {
@@ -68,7 +68,7 @@ impl Uplink {
         &mut of_tag[place]
     }
 
-    fn judge(&mut self, position: &Position) {
+    fn count(&mut self, position: &Position) {
         match position.delay_s() {
             Some(delay_s) => self.delays_s.push(delay_s),
             None if position.found_s.is_some() => self.lost += 1,

@@ -418,14 +418,13 @@ impl Applier {
     /// Changes the state, and passes its updates on to the listeners and the store.
     fn publish(&self, change: impl FnOnce(&mut LiveState, &mut Vec<Update>)) {
         let mut updates = Vec::new();
-        let (measurements, late) = {
+        let (late, measurements) = {
             let mut live = self.live.write().unwrap_or_else(PoisonError::into_inner);
             change(&mut live, &mut updates);
-            (live.take_measurements(), live.take_late())
+            (live.take_late(), live.take_measurements())
         };
-        self.queue.push_measurements(measurements);
         add(&self.counters.positions, late.len());
-        self.queue.push_late(late);
+        self.queue.push_unshown(late, measurements);
         let (positions, events) = self.queue.push(&updates);
         add(&self.counters.positions, positions);
         add(&self.counters.events, events);

@@ -112,19 +112,11 @@ impl Queue {
         added
     }
 
-    /// Adds positions that came late.
-    pub(super) fn push_late(&self, positions: Vec<TagPosition>) {
-        if !positions.is_empty() {
+    /// Adds what is for the store alone: positions that came late, and measurements.
+    pub(super) fn push_unshown(&self, late: Vec<TagPosition>, measurements: Vec<NodeMeasurement>) {
+        if !(late.is_empty() && measurements.is_empty()) {
             let mut rows = self.rows();
-            rows.positions.extend(positions);
-            self.added(rows);
-        }
-    }
-
-    /// Adds measurements.
-    pub(super) fn push_measurements(&self, measurements: Vec<NodeMeasurement>) {
-        if !measurements.is_empty() {
-            let mut rows = self.rows();
+            rows.positions.extend(late);
             rows.measurements.extend(measurements);
             self.added(rows);
         }

@@ -80,39 +80,39 @@ impl FrameBuffer {
 
 /// Reads fields from the front of bytes; every read may fail.
 #[derive(Clone, Copy, Debug)]
-struct Reader<'a>(&'a [u8]);
+pub(crate) struct Reader<'a>(pub(crate) &'a [u8]);
 
 impl<'a> Reader<'a> {
     #[inline]
-    fn take<const N: usize>(&mut self) -> Result<[u8; N], FrameError> {
+    pub(crate) fn take<const N: usize>(&mut self) -> Result<[u8; N], FrameError> {
         let (head, rest) = self.0.split_first_chunk().ok_or(FrameError::Truncated)?;
         self.0 = rest;
         Ok(*head)
     }
 
     #[inline]
-    fn u8(&mut self) -> Result<u8, FrameError> {
+    pub(crate) fn u8(&mut self) -> Result<u8, FrameError> {
         self.take().map(|[byte]| byte)
     }
 
     #[inline]
-    fn u16(&mut self) -> Result<u16, FrameError> {
+    pub(crate) fn u16(&mut self) -> Result<u16, FrameError> {
         self.take().map(u16::from_le_bytes)
     }
 
     #[inline]
-    fn u32(&mut self) -> Result<u32, FrameError> {
+    pub(crate) fn u32(&mut self) -> Result<u32, FrameError> {
         self.take().map(u32::from_le_bytes)
     }
 
     #[inline]
-    fn u64(&mut self) -> Result<u64, FrameError> {
+    pub(crate) fn u64(&mut self) -> Result<u64, FrameError> {
         self.take().map(u64::from_le_bytes)
     }
 
     /// Checks that nothing is left: a frame longer than its kind is not of its kind.
     #[inline]
-    fn end(self) -> Result<(), FrameError> {
+    pub(crate) fn end(self) -> Result<(), FrameError> {
         if self.0.is_empty() { Ok(()) } else { Err(FrameError::TooLong(self.0.len())) }
     }
 }

@@ -1,6 +1,6 @@
 //! From the messages of one source to datagrams of its node.
 
-use wire::datagram::{CODE_BYTES, HEADER_BYTES, MAX_DATAGRAM};
+use wire::datagram::MAX_FRAMES;
 use wire::telemetry::{MAX_FRAME, Message, encode};
 
 /// Frames wait for others for this time at most, microseconds.
@@ -55,7 +55,7 @@ impl Collector {
         }
         let mut frame = [0; MAX_FRAME];
         let frame = encode(message, &mut frame);
-        let is_full = self.open.bytes.len() + frame.len() > MAX_DATAGRAM - HEADER_BYTES - CODE_BYTES;
+        let is_full = self.open.bytes.len() + frame.len() > MAX_FRAMES;
         // A node that has started again has another clock.
         let is_back = message.t_us() < self.open.node_us;
         if is_full || is_back {
@@ -178,7 +178,7 @@ mod tests {
             collector.take(&state(t_us), 0);
         }
         let told = collector.take_ready();
-        assert!(told.len() > 3 && told.iter().all(|bundle| bundle.frames.len() <= wire::datagram::MAX_FRAMES));
+        assert!(told.len() > 3 && told.iter().all(|bundle| bundle.frames.len() <= MAX_FRAMES));
         collector.lost();
         for t_us in 1..40_000 {
             collector.take(&state(t_us), 0);

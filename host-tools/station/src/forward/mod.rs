@@ -23,12 +23,12 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use station_core::Utc;
-use wire::datagram::{CODE_BYTES, Datagram, Envelope, MAX_DATAGRAM, Receipt, Received, parse};
+use wire::datagram::{Datagram, Envelope, MAX_DATAGRAM, Receipt, Received, parse};
 
 use self::collector::{Bundle, Collector};
 use self::queue::{Place, Queue};
-use crate::gateways::GatewayKey;
-use crate::sources::{Heard, read_node};
+use crate::gateways::{GatewayKey, sealed};
+use crate::sources::{NodeInput, read_node};
 use crate::{OpenSource, SourceSpec};
 
 /// The longest wait for something to send.
@@ -45,6 +45,8 @@ const LOOK_UP_EVERY: Duration = Duration::from_secs(30);
 const FIRST_LOOK_UP: Duration = Duration::from_secs(1);
 /// At the end, receipts are awaited for this time.
 const LAST_RECEIPTS: Duration = Duration::from_secs(2);
+
+const NO_RANDOM: &str = "the system has no random numbers";
 
 /// What a gateway sends where.
 pub(crate) struct Settings<'a> {
@@ -76,49 +78,49 @@ pub(crate) fn run(
         sources.push((spec.to_string(), spec.open()?));
     }
     let mut gateway = Gateway::open(settings)?;
-    let (sender, heard) = channel();
+    let (sender, inputs) = channel();
     for (name, source) in sources {
         let sender = sender.clone();
         thread::spawn(move || read(&name, source, &sender));
     }
     // The channel ends with the last source.
     drop(sender);
-    gateway.pump(&heard, stop, note);
+    gateway.pump(&inputs, stop, note);
     Ok(gateway.finish(note))
 }
 
-/// What a source's thread tells.
-enum Told {
+/// What a source's thread sends.
+enum FromSource {
     Bundles(Vec<Bundle>),
     Note(String),
 }
 
 /// Reads a source to its end.
-fn read(name: &str, source: OpenSource, sender: &Sender<Told>) {
+fn read(name: &str, source: OpenSource, sender: &Sender<FromSource>) {
     let mut collector = Collector::default();
-    let mut take = |heard: Heard| {
+    let mut take = |input: NodeInput| {
         let now_us = now_us();
-        match heard {
-            Heard::Message(_, message) => collector.take(&message, now_us),
-            Heard::Nothing => collector.pass(now_us),
-            Heard::Lost => collector.lost(),
+        match input {
+            NodeInput::Message(_, message) => collector.take(&message, now_us),
+            NodeInput::Nothing => collector.pass(now_us),
+            NodeInput::Lost => collector.lost(),
         }
         let dropped = collector.take_dropped();
         if dropped > 0 {
             let what = format!("{name}: {dropped} frames are dropped: their node has not said hello");
-            let _ = sender.send(Told::Note(what));
+            let _ = sender.send(FromSource::Note(what));
         }
         let ready = collector.take_ready();
-        ready.is_empty() || sender.send(Told::Bundles(ready)).is_ok()
+        ready.is_empty() || sender.send(FromSource::Bundles(ready)).is_ok()
     };
     let mut note = |text: &str| {
         // A receiver that is gone has ended.
-        let _ = sender.send(Told::Note(format!("{name}: {text}")));
+        let _ = sender.send(FromSource::Note(format!("{name}: {text}")));
     };
     let ended = read_node(source, &mut take, &mut note);
-    take(Heard::Lost);
+    take(NodeInput::Lost);
     let how = ended.map_or_else(|error| format!("{error:#}"), |()| "it has ended".to_owned());
-    let _ = sender.send(Told::Note(format!("{name}: {how}")));
+    let _ = sender.send(FromSource::Note(format!("{name}: {how}")));
 }
 
 fn now_us() -> u64 {
@@ -161,14 +163,13 @@ struct Gateway<'a> {
 impl<'a> Gateway<'a> {
     fn open(settings: Settings<'a>) -> Result<Self> {
         let queue = Queue::open(settings.folder, settings.most_bytes)?;
-        let random = || getrandom::u64().context("the system has no random numbers");
-        let number = settings.key.as_ref().map_or_else(random, |key| Ok(key.gateway))?;
+        let number = settings.key.as_ref().map_or_else(getrandom::u64, |key| Ok(key.gateway));
         let (now, look_up) = (Instant::now(), look_up(settings.to));
         let found = look_up.recv_timeout(FIRST_LOOK_UP);
         Ok(Self {
             settings,
-            number,
-            session: random()? as u32,
+            number: number.context(NO_RANDOM)?,
+            session: getrandom::u32().context(NO_RANDOM)?,
             next: 0,
             queue,
             look_up: found.is_err().then_some(look_up),
@@ -182,16 +183,16 @@ impl<'a> Gateway<'a> {
         })
     }
 
-    /// Sends what the sources tell, until they have ended.
-    fn pump(&mut self, heard: &Receiver<Told>, stop: &AtomicBool, note: &mut dyn FnMut(&str)) {
+    /// Sends what comes of the sources, until they have ended.
+    fn pump(&mut self, inputs: &Receiver<FromSource>, stop: &AtomicBool, note: &mut dyn FnMut(&str)) {
         while !stop.load(Ordering::Relaxed) {
-            match heard.recv_timeout(STEP) {
-                Ok(Told::Bundles(bundles)) => {
+            match inputs.recv_timeout(STEP) {
+                Ok(FromSource::Bundles(bundles)) => {
                     for bundle in bundles {
                         self.send_new(&bundle, note);
                     }
                 }
-                Ok(Told::Note(text)) => note(&text),
+                Ok(FromSource::Note(text)) => note(&text),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
             }
@@ -226,7 +227,7 @@ impl<'a> Gateway<'a> {
             self.queue.unanswered(place);
         }
         let is_away = self.asked.is_some_and(|at| now.duration_since(at) >= AWAY_AFTER);
-        self.tell(is_away, note);
+        self.note_change(is_away, note);
         if let Some(found) = self.look_up.as_ref().and_then(|found| found.try_recv().ok()) {
             // A network that is not up knows no names: the address of before is as good as any.
             (self.look_up, self.socket) = (None, found.or(self.socket.take()));
@@ -248,7 +249,7 @@ impl<'a> Gateway<'a> {
         }
     }
 
-    fn tell(&mut self, is_away: bool, note: &mut dyn FnMut(&str)) {
+    fn note_change(&mut self, is_away: bool, note: &mut dyn FnMut(&str)) {
         // At first there was no time for an answer.
         let is_early = self.station == 0 && !is_away;
         if is_early || self.is_away == Some(is_away) {
@@ -318,14 +319,9 @@ impl<'a> Gateway<'a> {
     fn transmit(&self, envelope: &Envelope<'_>) {
         let mut out = [0; MAX_DATAGRAM];
         let key = self.settings.key.as_ref();
-        let Some(mut end) = envelope.emit(key.is_some(), &mut out) else { return };
-        if let (Some(key), Some((signed, rest))) = (key, out.split_at_mut_checked(end))
-            && let Some(code) = rest.first_chunk_mut::<CODE_BYTES>()
-        {
-            *code = key.code(signed);
-            end += CODE_BYTES;
-        }
-        if let Some(Err(error)) = self.socket.as_ref().map(|socket| socket.send(out.get(..end).unwrap_or_default())) {
+        let Some(length) = envelope.emit(key.is_some(), &mut out) else { return };
+        let datagram = sealed(key, length, &mut out);
+        if let Some(Err(error)) = self.socket.as_ref().map(|socket| socket.send(datagram)) {
             log::debug!("cannot send to {}: {error}", self.settings.to);
         }
     }

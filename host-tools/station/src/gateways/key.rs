@@ -9,7 +9,9 @@ use hmac::{Hmac, KeyInit, Mac};
 use recording::{UserError, read_text};
 use serde::Deserialize;
 use sha2::Sha256;
-use wire::datagram::CODE_BYTES;
+use wire::datagram::{CODE_BYTES, MAX_DATAGRAM};
+
+use crate::hexadecimal;
 
 /// Bytes of a secret.
 const SECRET: usize = 32;
@@ -56,7 +58,7 @@ impl GatewayKey {
         })?;
         let mut keys: Vec<Self> = Vec::new();
         for Entry { name, id, site, key } in gateway {
-            let (Some(gateway), Some(secret)) = (number(&id), secret(&key)) else {
+            let (Some(gateway), Some(secret)) = (number(&id), hexadecimal::bytes(&key)) else {
                 return Err(wrong(format!(
                     "{name}: id is 0x and 16 hexadecimal digits, key is 64 of them; `baliza forward --key FILE` makes both"
                 )));
@@ -90,8 +92,8 @@ impl GatewayKey {
         let mut bytes = [0; 8 + SECRET];
         getrandom::fill(&mut bytes).context("the system has no random numbers")?;
         let (id, secret) = bytes.split_at(8);
-        let gateway = id.iter().fold(0, |number, byte| number << 8 | u64::from(*byte));
-        Ok(Self { name: name.to_owned(), gateway, site: None, secret: secret.try_into()? })
+        let (gateway, secret) = (u64::from_be_bytes(id.try_into()?), secret.try_into()?);
+        Ok(Self { name: name.to_owned(), gateway, site: None, secret })
     }
 
     /// Writes a new file that others cannot read.
@@ -134,21 +136,20 @@ impl GatewayKey {
     }
 }
 
-fn number(text: &str) -> Option<u64> {
-    let digits = text.strip_prefix("0x").filter(|digits| digits.len() == 16)?;
-    u64::from_str_radix(digits, 16).ok()
+/// Puts the code behind a datagram of `length` bytes, if there is a key. Returns the whole datagram.
+pub fn sealed<'o>(key: Option<&GatewayKey>, length: usize, out: &'o mut [u8; MAX_DATAGRAM]) -> &'o [u8] {
+    let mut end = length;
+    if let (Some(key), Some((signed, rest))) = (key, out.split_at_mut_checked(length))
+        && let Some(code) = rest.first_chunk_mut::<CODE_BYTES>()
+    {
+        *code = key.code(signed);
+        end += CODE_BYTES;
+    }
+    out.get(..end).unwrap_or_default()
 }
 
-fn secret(text: &str) -> Option<[u8; SECRET]> {
-    let digits = text.as_bytes();
-    if digits.len() != 2 * SECRET || !text.is_ascii() {
-        return None;
-    }
-    let mut secret = [0; SECRET];
-    for (byte, pair) in secret.iter_mut().zip(digits.as_chunks::<2>().0) {
-        *byte = u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok()?;
-    }
-    Some(secret)
+fn number(text: &str) -> Option<u64> {
+    hexadecimal::bytes(text.strip_prefix("0x")?).map(u64::from_be_bytes)
 }
 
 #[cfg(test)]

@@ -17,17 +17,17 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use station_core::net::make_room;
 use station_core::{ReportKind, SourceReport, Utc};
-use wire::datagram::{CODE_BYTES, Datagram, Envelope, MAX_DATAGRAM, MAX_NUMBERS, Receipt, Received, parse};
+use wire::datagram::{Datagram, Envelope, MAX_DATAGRAM, MAX_NUMBERS, Receipt, Received, parse};
 use wire::telemetry::{Decoder, Message};
 
-pub use self::key::GatewayKey;
+pub use self::key::{GatewayKey, sealed};
 use self::taken::TakenNumbers;
 use crate::sources::ReportSender;
 use crate::{NodeClock, NodeReporter};
 
 /// What is older when it arrives is late.
 const LATE: Duration = Duration::from_secs(5);
-/// A gateway's clock that differs by more is told, and its times are corrected by whole seconds.
+/// A gateway's clock that differs by more is noted, and its times are corrected by whole seconds.
 const WRONG_CLOCK_US: u64 = 2_000_000;
 /// The most gateways without a key, sessions of a gateway, and nodes at a time. Another one takes the place of the one
 /// that was silent for longest.
@@ -56,7 +56,7 @@ impl Admission {
 /// What is known of a gateway.
 struct Gateway {
     clock: NodeClock,
-    is_clock_told: bool,
+    is_clock_noted: bool,
     sessions: HashMap<u32, (TakenNumbers, Instant)>,
     received: Instant,
 }
@@ -82,8 +82,8 @@ impl Gateway {
 /// A node behind a gateway; what comes late has a reporter of its own, because it is not in order.
 type NodeKey = (u64, u16, bool);
 
-/// What was taken and is not yet told.
-type Untold = HashMap<(SocketAddr, u64, u32), Vec<u32>>;
+/// The numbers that were taken and have no receipt yet.
+type DueReceipts = HashMap<(SocketAddr, u64, u32), Vec<u32>>;
 
 /// All gateways of a station.
 pub struct Gateways<'a> {
@@ -93,16 +93,16 @@ pub struct Gateways<'a> {
     run: u32,
     known: HashMap<u64, Gateway>,
     nodes: HashMap<NodeKey, (NodeReporter, Instant)>,
-    untold: Untold,
+    due: DueReceipts,
     refused: Refused,
 }
 
-/// Refused datagrams, which are told now and then.
+/// Refused datagrams, which are noted now and then.
 #[derive(Default)]
 struct Refused {
     datagrams: u64,
     last: Option<(SocketAddr, &'static str)>,
-    told: Option<Instant>,
+    noted: Option<Instant>,
 }
 
 impl<'a> Gateways<'a> {
@@ -118,7 +118,7 @@ impl<'a> Gateways<'a> {
             run,
             known: HashMap::new(),
             nodes: HashMap::new(),
-            untold: Untold::new(),
+            due: DueReceipts::new(),
             refused: Refused::default(),
         })
     }
@@ -146,14 +146,14 @@ impl<'a> Gateways<'a> {
         self.refused.last = Some((from, why));
     }
 
-    /// Tells what was refused, at most once a minute.
-    pub fn tell_refused(&mut self, note: &mut dyn FnMut(&str)) {
-        let Refused { datagrams, last, told } = &mut self.refused;
+    /// Notes what was refused, at most once a minute.
+    pub fn note_refused(&mut self, note: &mut dyn FnMut(&str)) {
+        let Refused { datagrams, last, noted } = &mut self.refused;
         if let Some((from, why)) = *last
-            && told.is_none_or(|told| told.elapsed() >= NOTE_EVERY)
+            && noted.is_none_or(|at| at.elapsed() >= NOTE_EVERY)
         {
             note(&format!("{datagrams} refused so far; the last one, from {from}, {why}"));
-            (*last, *told) = (None, Some(Instant::now()));
+            (*last, *noted) = (None, Some(Instant::now()));
         }
     }
 
@@ -190,9 +190,9 @@ impl<'a> Gateways<'a> {
     ) -> Vec<SourceReport> {
         let Envelope { gateway: id, session, number, node, .. } = *envelope;
         let now = Instant::now();
-        let numbers = self.untold.entry((from, id, session)).or_default();
+        let numbers = self.due.entry((from, id, session)).or_default();
         if envelope.station != self.run {
-            // A receipt without numbers tells the run.
+            // A receipt without numbers has the run.
             return Vec::new();
         }
         numbers.push(number);
@@ -201,7 +201,7 @@ impl<'a> Gateways<'a> {
         }
         let gateway = self.known.entry(id).or_insert_with(|| Gateway {
             clock: NodeClock::default(),
-            is_clock_told: false,
+            is_clock_noted: false,
             sessions: HashMap::new(),
             received: now,
         });
@@ -211,7 +211,7 @@ impl<'a> Gateways<'a> {
         }
         let behind_us = gateway.behind_us(envelope.sent_us, arrived);
         let is_wrong = behind_us.unsigned_abs() > WRONG_CLOCK_US;
-        if is_wrong && !std::mem::replace(&mut gateway.is_clock_told, true) {
+        if is_wrong && !std::mem::replace(&mut gateway.is_clock_noted, true) {
             let (name, by_s) = (self.name(id), behind_us.unsigned_abs() / 1_000_000);
             let way = if behind_us > 0 { "behind" } else { "ahead" };
             note(&format!("the clock of gateway {name} is {by_s} s {way}: its times are corrected by whole seconds"));
@@ -252,20 +252,14 @@ impl<'a> Gateways<'a> {
     /// Sends the receipts of all that was taken since the last call.
     pub fn send_receipts(&mut self, mut send: impl FnMut(&[u8], SocketAddr)) {
         let mut out = [0; MAX_DATAGRAM];
-        for ((from, gateway, session), numbers) in std::mem::take(&mut self.untold) {
+        for ((from, gateway, session), numbers) in std::mem::take(&mut self.due) {
             let key = self.key(gateway);
             let parts: Vec<_> = if numbers.is_empty() { vec![&[][..]] } else { numbers.chunks(MAX_NUMBERS).collect() };
             for part in parts {
                 let numbers = part.iter().copied().collect();
                 let receipt = Receipt { gateway, session, station: self.run, numbers };
                 let Some(length) = receipt.emit(key.is_some(), &mut out) else { continue };
-                let Some((signed, rest)) = out.split_at_mut_checked(length) else { continue };
-                let mut end = length;
-                if let (Some(key), Some(code)) = (key, rest.first_chunk_mut::<CODE_BYTES>()) {
-                    *code = key.code(signed);
-                    end += CODE_BYTES;
-                }
-                send(out.get(..end).unwrap_or_default(), from);
+                send(sealed(key, length, &mut out), from);
             }
         }
     }

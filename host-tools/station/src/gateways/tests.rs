@@ -194,9 +194,9 @@ fn only_who_has_the_key_sends_from_elsewhere() {
         (vec![0, 1], "cut"),
     ] {
         assert_eq!(taken(&mut gateways, &bytes, FAR, at(1)).0, []);
-        gateways.refused.told = None;
+        gateways.refused.noted = None;
         let mut notes = Vec::new();
-        gateways.tell_refused(&mut |text| notes.push(text.to_owned()));
+        gateways.note_refused(&mut |text| notes.push(text.to_owned()));
         assert!(notes.len() == 1 && notes[0].contains(expected) && notes[0].contains("10.0.0.7"), "{notes:?}");
     }
     assert_eq!(receipts(&mut gateways), [], "a stranger gets no answer");
