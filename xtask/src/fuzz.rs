@@ -19,6 +19,8 @@ const INSTRUMENTATION: [&str; 7] = [
     "--cfg",
     "fuzzing",
 ];
+/// From how many seconds a target on, optimised binaries gain more than their build takes.
+const WORTH_OPTIMISING_S: u32 = 30;
 /// The binaries with targets.
 const BINARIES: [&str; 2] = ["nodes", "host"];
 
@@ -44,10 +46,11 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let triple = host_triple()?;
     let folder = root().join("target/fuzz");
-    build(&triple)?;
+    let profile = if arguments.seconds < WORTH_OPTIMISING_S { "quick" } else { "release" };
+    build(&triple, profile)?;
     let mut targets = Vec::new();
     for binary in BINARIES {
-        let program = folder.join(&triple).join("release").join(binary);
+        let program = folder.join(&triple).join(profile).join(binary);
         let names = printed(Command::new(&program).env_remove("FUZZ_TARGET"))?;
         let wanted = names.lines().filter(|name| arguments.target.as_deref().is_none_or(|only| only == *name));
         targets.extend(wanted.map(|name| (program.clone(), name.to_owned())));
@@ -63,12 +66,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if failed.is_empty() { Ok(()) } else { bail!("found by {}: see target/fuzz/artifacts", failed.join(", ")) }
 }
 
-fn build(triple: &str) -> Result<()> {
+fn build(triple: &str, profile: &str) -> Result<()> {
     // The target is named so that build scripts and macros are not instrumented.
     let arguments =
-        "build --release --locked --manifest-path qa/fuzz/Cargo.toml --features host --target-dir target/fuzz --target";
+        "build --locked --manifest-path qa/fuzz/Cargo.toml --features host --target-dir target/fuzz --target";
     let mut build = cargo();
-    build.args(arguments.split(' ')).arg(triple).env("RUSTFLAGS", INSTRUMENTATION.join(" "));
+    build.args(arguments.split(' ')).args([triple, "--profile", profile]).env("RUSTFLAGS", INSTRUMENTATION.join(" "));
     succeed(&mut build).context("the fuzz targets do not build")
 }
 
