@@ -4,6 +4,7 @@ use ranging::exchange::{Action, Event, Guidance, Protocol};
 use ranging::native::{Rate, ReplyDelay};
 use ranging::radio::Sensors;
 use ranging::{Pace, RadioDuration, RadioInstant, StampModel, decaranging, native};
+use wire::uwb::native::UserData;
 
 use crate::settings::{ProtocolConfig, Settings};
 
@@ -148,6 +149,17 @@ impl Protocol for TagProtocol {
             Self::Native(tag) => tag.guide(guidance),
             Self::DecaRanging(tag) => tag.guide(guidance),
             Self::Listening(tag) => tag.guide(guidance),
+        }
+    }
+
+    fn carried(&mut self) -> Option<u8> {
+        if let Self::Native(tag) = self { tag.carried() } else { None }
+    }
+
+    // No other mode has frames for them.
+    fn carry(&mut self, data: Option<UserData>) {
+        if let Self::Native(tag) = self {
+            tag.carry(data);
         }
     }
 

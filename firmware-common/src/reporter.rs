@@ -7,7 +7,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use ranging::exchange::{Event, Polled, Report};
 use ranging::radio::Sensors;
-use wire::telemetry::{Hello, Supply, TagFix};
+use wire::telemetry::{Hello, Supply, TagData, TagFix};
 use wire::uwb::native::PolledPosition;
 
 use crate::messages::range_message;
@@ -75,10 +75,20 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Reporter<M, BYTES, C> {
             }
             // Only a tag listens to rounds of others, and it computes positions from them.
             Report::Differences(_) => {}
-            Report::Polled(Polled { tag, round, asked, position: PolledPosition(position) }) => {
-                self.event_log.send(TagFix { t_us: now, tag, round, asked, position });
-            }
+            Report::Polled(polled) => self.polled(now, polled),
             Report::Link(link) => self.event_log.link(now, link),
+        }
+    }
+
+    /// Sends what a tag's poll carried for hosts.
+    #[inline(never)]
+    fn polled(&self, t_us: u64, polled: &Polled) {
+        let Polled { tag, round, asked, position, data } = *polled;
+        if let Some(PolledPosition(position)) = position {
+            self.event_log.send(TagFix { t_us, tag, round, asked, position });
+        }
+        if let Some(data) = data {
+            self.event_log.send(TagData::new(t_us, tag, &data));
         }
     }
 

@@ -9,12 +9,13 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use firmware_common::counts::Tally;
-use heapless::Vec;
+use heapless::{Deque, Vec};
 use positioning_core::ble::rssi::BeaconRssi;
 use ranging::RadioDuration;
 use ranging::exchange::{self, Difference, Differences, Guidance, Range};
 use ranging::native::{MAX_ROUND, Rate};
 use wire::ble::Advertised;
+use wire::uwb::native::UserData;
 
 use crate::Sounding;
 use crate::workload::Workload;
@@ -23,6 +24,51 @@ use crate::workload::Workload;
 const ROUNDS: usize = 2;
 /// Sightings that may wait for the engine.
 const SIGHTINGS: usize = 8;
+/// Data of the user that may wait for polls.
+pub const DATA: usize = 4;
+
+/// Why data cannot be sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum SendError {
+    /// There are no bytes, or more than [`UserData::MOST`].
+    Length,
+    /// [`DATA`] others wait. Rounds are made less often than data come: try again after a round.
+    Full,
+}
+
+/// Data of the user that wait for polls, and the number of the next.
+struct Outbox {
+    next: u8,
+    waiting: Deque<(UserData, u8), DATA>,
+}
+
+impl Outbox {
+    const fn new() -> Self {
+        Self { next: 0, waiting: Deque::new() }
+    }
+
+    fn push(&mut self, bytes: &[u8], polls: u8) -> Result<u8, SendError> {
+        let data = UserData::new(self.next, bytes).ok_or(SendError::Length)?;
+        self.waiting.push_back((data, polls.max(1))).map_err(|_| SendError::Full)?;
+        self.next = self.next.wrapping_add(1);
+        Ok(data.number())
+    }
+
+    /// A poll has carried data of this number.
+    fn sent(&mut self, number: u8) {
+        let is_last = match self.waiting.front_mut() {
+            Some((data, polls)) if data.number() == number => {
+                *polls = polls.saturating_sub(1);
+                *polls == 0
+            }
+            Some(_) | None => false,
+        };
+        if is_last {
+            self.waiting.pop_front();
+        }
+    }
+}
 
 /// The measurements of a round.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -157,6 +203,7 @@ pub struct TaskChannels<M: RawMutex> {
     movement: Signal<M, ()>,
     /// The guidance has a rate that must be taken now and not at the next report.
     rouse: Signal<M, ()>,
+    outbox: Mutex<M, RefCell<Outbox>>,
     /// Advertisements received from any sender: a sign that the scanner works.
     pub(crate) heard: Tally,
 }
@@ -172,6 +219,7 @@ impl<M: RawMutex> TaskChannels<M> {
             quiet: Signal::new(),
             movement: Signal::new(),
             rouse: Signal::new(),
+            outbox: Mutex::new(RefCell::new(Outbox::new())),
             heard: Tally::new(),
         }
     }
@@ -220,6 +268,28 @@ impl<M: RawMutex> TaskChannels<M> {
     pub(crate) fn rouse(&self, rate: Rate) {
         self.guidance.lock(|cell| cell.set(Guidance { rate: Some(rate), ..cell.get() }));
         self.rouse.signal(());
+    }
+
+    /// Sends up to [`UserData::MOST`] bytes to the hosts of all anchors that receive the tag's polls: in this many polls,
+    /// at least one, for a poll may be lost. A tag sends data in one poll a superframe at most, and ranges with one
+    /// anchor fewer in that poll if it asks eight. Without slots, and in DecaRanging, they wait. Returns the number that hosts see: it counts the data and wraps.
+    ///
+    /// # Errors
+    /// The bytes are none or too many, or too many data wait.
+    pub fn send(&self, bytes: &[u8], polls: u8) -> Result<u8, SendError> {
+        self.outbox.lock(|outbox| outbox.borrow_mut().push(bytes, polls))
+    }
+
+    /// The data for the next poll. The last poll carried those of the number `carried`.
+    #[inline(never)]
+    pub(crate) fn data(&self, carried: Option<u8>) -> Option<UserData> {
+        self.outbox.lock(|outbox| {
+            let mut outbox = outbox.borrow_mut();
+            if let Some(number) = carried {
+                outbox.sent(number);
+            }
+            outbox.waiting.front().map(|(data, _)| *data)
+        })
     }
 
     /// Returns when another task has roused the tag and its rate has not been taken since.
@@ -309,6 +379,25 @@ mod tests {
         let taken = Guidance { position_m: Some([1.0, 2.0, 3.0]), rate, turns: true, ..Guidance::NONE };
         assert_eq!(channels.take_guidance(0), taken);
         assert_eq!(channels.take_guidance(0), Guidance { rate: None, ..taken });
+    }
+
+    #[test]
+    fn data_wait_until_as_many_polls_have_carried_them() {
+        let channels = TaskChannels::<NoopRawMutex>::new();
+        let after = |carried| channels.data(carried).map(|data| (data.number(), data.bytes().to_vec()));
+        assert_eq!((channels.send(b"a", 2), channels.send(b"bc", 0)), (Ok(0), Ok(1)));
+        assert_eq!([channels.send(&[], 1), channels.send(&[0; 25], 1)], [Err(SendError::Length); 2]);
+        let (first, second) = (Some((0, b"a".to_vec())), Some((1, b"bc".to_vec())));
+        // A number that is not the first one's is of an earlier poll.
+        assert_eq!([None, Some(7), Some(0)].map(after), [first.clone(), first.clone(), first]);
+        assert_eq!([Some(0), None].map(after), [second.clone(), second]);
+        assert_eq!(after(Some(1)), None);
+        for number in 2..2 + DATA as u8 {
+            assert_eq!(channels.send(&[0; 24], 1), Ok(number));
+        }
+        assert_eq!(channels.send(b"d", 1), Err(SendError::Full));
+        // Refused data take no number.
+        assert_eq!(after(None).map(|(number, _)| number), Some(2));
     }
 
     #[test]

@@ -39,12 +39,12 @@ use ranging::node::Listener;
 use ranging::radio::Sensors;
 use ranging::{Radio, RadioDuration, RadioInstant, Restart};
 use wire::telemetry::{Condition, MotionSensor, Sighting};
-use wire::uwb::native::PolledPosition;
+use wire::uwb::native::{PolledPosition, UserData};
 
 use channels::Quiet;
 use sounding::Sounder;
 
-pub use channels::{Measured, ReceivedAdvertisement, RssiWindow, TaskChannels};
+pub use channels::{DATA, Measured, ReceivedAdvertisement, RssiWindow, SendError, TaskChannels};
 pub use config::{LocatorConfig, anchor_positions, method};
 pub use positioning_core::locator::{AnchorPosition, Position, SiteModels};
 pub use rate_control::RateControl;
@@ -290,6 +290,10 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
 
     fn guidance(&mut self) -> Option<Guidance> {
         Some(self.present_guidance(self.sink.now_us()))
+    }
+
+    fn data(&mut self, carried: Option<u8>) -> Option<UserData> {
+        self.channels.data(carried)
     }
 
     async fn look<R: Radio>(&mut self, radio: &mut R, _: &Report<'_>) -> Result<bool, R::Error> {

@@ -15,7 +15,7 @@ use wire::config::Role;
 use wire::telemetry::Condition;
 
 use crate::motion::MotionSensor;
-use crate::{AnchorPosition, LocatorConfig, RateControl, Sink, TelemetrySink, anchor_positions, motion};
+use crate::{AnchorPosition, LocatorConfig, RateControl, SendError, Sink, TelemetrySink, anchor_positions, motion};
 
 pub use crate::nlos_model::NlosModelStore;
 
@@ -142,6 +142,14 @@ impl Tag {
         sink: &impl Sink,
     ) -> Infallible {
         crate::ranging(exchange.radio, delay, exchange.machine, self.channels, sink).await
+    }
+
+    /// [`TaskChannels::send`](crate::TaskChannels::send): data for the hosts of anchors, from any task of the program.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn send(&self, bytes: &[u8], polls: u8) -> Result<u8, SendError> {
+        self.channels.send(bytes, polls)
     }
 
     /// The task that computes positions.

@@ -10,7 +10,7 @@
 use crate::native::Rate;
 use crate::radio::Sensors;
 use crate::{Diagnostics, Pace, RadioDuration, RadioInstant, RxFrame, StampModel, Start};
-use wire::uwb::native::PolledPosition;
+use wire::uwb::native::{PolledPosition, UserData};
 
 /// How long [`Action::Compensate`] takes at most: twice what a DWM1001 needs.
 pub(crate) const COMPENSATION: RadioDuration = RadioDuration::from_micros(3_000);
@@ -86,13 +86,13 @@ pub enum Report<'m> {
     /// A round among anchors was received. It contains how much farther each answering anchor is than the asking one,
     /// perhaps for no anchor.
     Differences(Differences<'m>),
-    /// A tag's poll was received, which carries a position of the tag.
-    Polled(Polled),
+    /// A tag's poll was received, which carries what is for hosts.
+    Polled(&'m Polled),
     /// A change of state.
     Link(Link),
 }
 
-/// A tag's position, as an anchor received it in a poll, asked or not.
+/// What a tag's poll carries for hosts, as an anchor received it, asked or not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Polled {
@@ -102,8 +102,10 @@ pub struct Polled {
     pub round: u16,
     /// Anchors that were asked.
     pub asked: u8,
-    /// The position.
-    pub position: PolledPosition,
+    /// The tag's position.
+    pub position: Option<PolledPosition>,
+    /// Data of the tag's user.
+    pub data: Option<UserData>,
 }
 
 /// One round of ranging.
@@ -236,6 +238,17 @@ pub trait Protocol {
         let _ = guidance;
     }
 
+    /// The number of the data of the user that a tag's last poll carried, once for each poll. It is asked for beside
+    /// [`Protocol::guide`] …
+    fn carried(&mut self) -> Option<u8> {
+        None
+    }
+
+    /// … and then come the data for the next poll.
+    fn carry(&mut self, data: Option<UserData>) {
+        let _ = data;
+    }
+
     /// Ends the last requested wait early because of new guidance. The next step is that of the end of the wait. If the
     /// radio slept, the protocol does not know for how long.
     fn rouse(&mut self, guidance: Guidance) {
@@ -263,6 +276,14 @@ impl<M: Protocol + ?Sized> Protocol for &mut M {
 
     fn guide(&mut self, guidance: Guidance) {
         (**self).guide(guidance);
+    }
+
+    fn carried(&mut self) -> Option<u8> {
+        (**self).carried()
+    }
+
+    fn carry(&mut self, data: Option<UserData>) {
+        (**self).carry(data);
     }
 
     fn rouse(&mut self, guidance: Guidance) {

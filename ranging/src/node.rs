@@ -8,6 +8,7 @@ use core::future::pending;
 
 use embassy_futures::select::{Either, select};
 use embedded_hal_async::delay::DelayNs;
+use wire::uwb::native::UserData;
 
 use crate::exchange::{Action, Event, Guidance, Protocol, Report};
 use crate::radio::{MAX_FRAME, Sensors};
@@ -56,6 +57,13 @@ pub trait Listener {
     /// Completes when the protocol is to get new guidance before its current wait is over. Returns the guidance.
     async fn roused(&mut self) -> Guidance {
         pending().await
+    }
+
+    /// Data of the user for a tag's next poll, asked for after [`Listener::report`] and [`Listener::guidance`]. The last
+    /// poll carried those of the number `carried`.
+    fn data(&mut self, carried: Option<u8>) -> Option<UserData> {
+        let _ = carried;
+        None
     }
 
     /// The radio failed, for the `failures`-th time since it last worked. The loop starts it again.
@@ -109,6 +117,7 @@ async fn attempt<R: Restart>(
                 let guidance = listener.report(report, now).await;
                 machine.pace(pace);
                 machine.guide(guidance);
+                carry(machine, listener);
                 event = Event::Reported;
                 continue;
             }
@@ -153,12 +162,19 @@ async fn attempt<R: Restart>(
             && let Some(guidance) = listener.guidance()
         {
             machine.guide(guidance);
+            carry(machine, listener);
         }
         event = if slept? { Event::Started } else { Event::Woken };
         now = radio.now().await?;
         // The radio completed an action without an error.
         *failures = 0;
     }
+}
+
+/// Passes data of a tag's user on.
+fn carry(machine: &mut impl Protocol, listener: &mut impl Listener) {
+    let carried = machine.carried();
+    machine.carry(listener.data(carried));
 }
 
 /// The rest of an action that only lets time pass.

@@ -14,7 +14,7 @@ use ranging::Restart;
 use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 use ranging::radio::{Capabilities, MAX_FRAME, RangeBias, Sample, Sensors, StampModel};
 use ranging::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, RxFrame, Start, TransmitError};
-use wire::uwb::native::{Frame, Message};
+use wire::uwb::native::{Frame, Message, UserData};
 
 const TABLE: &str = include_str!("costs.csv");
 
@@ -303,6 +303,14 @@ impl<M: Protocol> Protocol for Charged<M> {
 
     fn guide(&mut self, guidance: Guidance) {
         self.inner.guide(guidance);
+    }
+
+    fn carried(&mut self) -> Option<u8> {
+        self.inner.carried()
+    }
+
+    fn carry(&mut self, data: Option<UserData>) {
+        self.inner.carry(data);
     }
 
     fn rouse(&mut self, guidance: Guidance) {

@@ -49,6 +49,7 @@ const ROLE_KEYS: [(RoleName, &[&str]); 3] = [
             "fingerprint_map",
             "room_model",
             "simulation.count",
+            "simulation.data_every_s",
             "simulation.network",
             "simulation.cpu_slowdown",
             "simulation.true_antenna_delay_ticks",

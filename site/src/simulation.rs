@@ -187,6 +187,9 @@ pub struct NodeSimulation {
     pub network: usize,
     /// Whether an anchor has a cable to a host. If none has, all have.
     pub gateway: bool,
+    /// How often a tag's user sends 24 bytes, seconds; `None`: never.
+    #[serde(deserialize_with = "positive")]
+    pub data_every_s: Option<f64>,
     /// How many times slower than estimated its processor is; `None`: as all.
     #[serde(deserialize_with = "slowdown")]
     pub cpu_slowdown: Option<f64>,
@@ -226,6 +229,7 @@ impl Default for NodeSimulation {
             count: 1,
             network: 0,
             gateway: false,
+            data_every_s: None,
             cpu_slowdown: None,
             true_antenna_delay_ticks: None,
             path_m: None,

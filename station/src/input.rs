@@ -78,6 +78,15 @@ pub enum ReportKind {
         /// Volts.
         supply_v: f64,
     },
+    /// A tag's user has sent data.
+    Data {
+        /// The tag.
+        tag: String,
+        /// Counts the tag's data, wrapping: data that come again have the same number.
+        number: u8,
+        /// The bytes, at most 24.
+        data: Vec<u8>,
+    },
     /// A tag has counted what it received whole and refused, because it contradicts what the tag knows of the network.
     Refusals {
         /// The tag.
@@ -105,8 +114,8 @@ pub enum ReportKind {
         /// What receivers measure at one metre from the device, where the device or a calibration says so, dBm.
         rssi_1m_dbm: Option<f64>,
     },
-    /// A report that comes late. A position is written to the store, and changes nothing of the current state; others
-    /// are left.
+    /// A report that comes late. A position is written to the store, and changes nothing of the current state; data of a
+    /// tag's user are passed on with their time; others are left.
     Late(Box<ReportKind>),
     /// The path loss of a beacon's or a receiver's signals; what is not said is what it usually is.
     PathLoss {

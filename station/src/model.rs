@@ -105,6 +105,22 @@ pub struct TagStatus {
     pub supply_v: Option<f64>,
 }
 
+/// Data that a tag's user has sent.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct TagData {
+    /// The site.
+    pub site: String,
+    /// The tag.
+    pub tag: String,
+    /// When an anchor received them.
+    pub t: Utc,
+    /// Counts the tag's data from 0 to 255 and round again. The same number after a long time may be the same data; a
+    /// number that is left out was lost.
+    pub number: u8,
+    /// The bytes, two hexadecimal digits each.
+    pub data: String,
+}
+
 /// What a node does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]

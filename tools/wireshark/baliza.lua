@@ -9,6 +9,7 @@ local TICK_NS = 1 / 63.8976
 local METRES_PER_TICK = 299702547 / 63.8976e9 -- in air
 local DECARANGING_PAN = 0xDECA
 local MAX_ROUND = 8
+local MAX_DATA = 24
 local MAX_MEMBERS = 16
 local MAX_LEASES = 10
 local MAX_POLLS = 6
@@ -64,6 +65,8 @@ field(ProtoField.double, "rho_xy", "Correlation of x and y")
 field(ProtoField.double, "rho_xz", "Correlation of x and z")
 field(ProtoField.double, "rho_yz", "Correlation of y and z")
 field(ProtoField.bool, "suspect", "Suspect", 8, nil, 0x80)
+field(ProtoField.uint8, "data_number", "Number of the user's data")
+field(ProtoField.bytes, "data", "Data of the tag's user", base.SPACE)
 field(ProtoField.uint8, "rounds_ago", "Measured this many rounds ago", base.DEC, nil, 0x7F)
 field(ProtoField.bool, "passes_request_on", "Passes a request on", 8, nil, 0x80)
 field(ProtoField.uint8, "members", "Members", base.DEC, nil, 0x7F)
@@ -228,7 +231,9 @@ local function poll(tree, reader)
     tree:add_le(f.round, reader:take(2))
     local head = reader:take(1)
     local count, options = math.floor(head:uint() / 16), head:uint() % 16
-    if options > 2 or count == 0 or count > MAX_ROUND then
+    local data, content = options >= 4, options % 4
+    local most = data and MAX_ROUND - 1 or MAX_ROUND
+    if options > 6 or content > 2 or count == 0 or count > most then
         error("options " .. options .. ", " .. count .. " anchors", 0)
     end
     tree:add(f.count, head)
@@ -237,7 +242,7 @@ local function poll(tree, reader)
     for _ = 1, count do
         tree:add_le(f.anchor, reader:take(2))
     end
-    for _ = 1, options == 1 and count or 0 do
+    for _ = 1, content == 1 and count or 0 do
         local range = reader:take(2)
         local units = range:le_int()
         if units == -32768 then
@@ -246,8 +251,16 @@ local function poll(tree, reader)
             tree:add(f.distance, range, units / 250)
         end
     end
-    if options == 2 then
+    if content == 2 then
         add_tag_position(tree, reader)
+    end
+    if data then
+        tree:add(f.data_number, reader:take(1))
+        local length = reader:take(1):uint()
+        if length == 0 or length > MAX_DATA then
+            error(length .. " bytes of data", 0)
+        end
+        tree:add(f.data, reader:take(length))
     end
     return " of " .. count
 end

@@ -81,6 +81,14 @@ impl NodeReporter {
             let what = fix_report(Address(told.tag).to_string(), &fix);
             return vec![SourceReport { t, site: self.site.clone(), what }];
         }
+        if let Message::TagData(told) = message {
+            let what = ReportKind::Data {
+                tag: Address(told.tag).to_string(),
+                number: told.number,
+                data: told.data().to_vec(),
+            };
+            return vec![SourceReport { t, site: self.site.clone(), what }];
+        }
         let tag = Address(address).to_string();
         let whats = match message {
             Message::Hello(hello) => {
@@ -167,6 +175,8 @@ fn range_reports(tag: String, range: &Range) -> Vec<ReportKind> {
 mod tests {
     use std::time::Duration;
 
+    use wire::uwb::native::UserData;
+
     use wire::telemetry::{Outcome, Sighting, Solver};
 
     use super::*;
@@ -227,6 +237,16 @@ mod tests {
         assert_eq!(told(6, 1), [(5, tag(5))]);
         assert_eq!(told(7, 2), []);
         assert_eq!(told(9, 2), [(7, tag(7))]);
+    }
+
+    #[test]
+    fn an_anchor_tells_data_of_the_tags_that_sent_them() {
+        let mut node = NodeReporter::of("hall", 0x0101);
+        let data = UserData::new(7, b"open").unwrap();
+        let message = telemetry::TagData::new(2, 0x1001, &data).into();
+        let reports = node.reports(Stamp { t_s: 0.0, epoch: 0 }, &message, Utc::now());
+        let whats: Vec<_> = reports.into_iter().map(|report| report.what).collect();
+        assert_eq!(whats, [ReportKind::Data { tag: "0x1001".to_owned(), number: 7, data: b"open".to_vec() }]);
     }
 
     fn fix(asked: u8, doubt: telemetry::Doubt) -> Fix {

@@ -12,9 +12,10 @@ use std::process::{Command, Stdio};
 use crate::support::{Folder, root};
 
 /// The commands of code blocks that cannot run here, by their beginning, and what they need.
-const NOT_RUN: [(&str, &str); 10] = [
+const NOT_RUN: [(&str, &str); 11] = [
     ("baliza flash ", "a board at the probe"),
     ("baliza monitor --chip ", "a board at the probe"),
+    ("baliza forward serial:", "a board at the port, and a station; the tests of `forward` run it"),
     ("baliza serve ", "a person who ends it; the tests of `serve` run it"),
     ("baliza live ", "a terminal, and a person; the tests of `live` have both"),
     ("baliza station backup ", "the store of a station; the tests of `station` run it"),

@@ -76,7 +76,9 @@ pub struct Anchor {
     compensation: Compensation,
     link: Option<Link>,
     told: Option<ReportedRange>,
-    polled: Option<Polled>,
+    polled: Polled,
+    /// The node has not taken it yet.
+    is_polled: bool,
     /// The one that the node is reading.
     reported: Option<ReportedRange>,
     doing: Doing,
@@ -139,7 +141,8 @@ impl Anchor {
             compensation: Compensation::default(),
             link: None,
             told: None,
-            polled: None,
+            polled: Polled { tag: 0, round: 0, asked: 0, position: None, data: None },
+            is_polled: false,
             reported: None,
             doing: Doing::Nothing,
             wake_at: None,
@@ -237,9 +240,14 @@ impl Anchor {
         let pulse = frame.rx_time.plus(RadioDuration::from_ticks(-timing.to_rmarker.ticks()));
         let lease = network.on_poll(&mut self.leases, tag, poll.wish, pulse);
         let asked = poll.anchors.len() as u8;
-        self.polled = poll.position.map(|position| Polled { tag, round: poll.round, asked, position });
+        let Poll { round, position, data, .. } = *poll;
+        self.is_polled = position.is_some() || data.is_some();
+        if self.is_polled {
+            self.polled = Polled { tag, round, asked, position, data };
+        }
         let named = |place: &usize| poll.anchors.get(*place).is_some_and(|asked| asked.address == self.config.address);
-        let Some(slot) = (0..poll.anchors.len()).find(named) else { return };
+        let Some(place) = (0..poll.anchors.len()).find(named) else { return };
+        let slot = poll.first_slot() + place;
         let poll_rx = frame.rx_time;
         let antenna_delay = self.stamps.antenna_delay;
         let start = poll_rx.plus(timing.reply_in(slot)).plus(RadioDuration::from_ticks(-antenna_delay.ticks()));
@@ -253,7 +261,7 @@ impl Anchor {
         let polled = end_of(&self.config.network.phy, frame);
         self.answer = Some(Answer { tag, polled, start, response });
         // The distances in another anchor's poll are for tags that only listen.
-        let asked = poll.anchors.get(slot).filter(|_| !self.rounds.knows(tag));
+        let asked = poll.anchors.get(place).filter(|_| !self.rounds.knows(tag));
         let distance = asked.and_then(|asked| asked.distance.metres());
         self.told = distance.map(|distance_m| ReportedRange {
             // The distance is that of the round before.
@@ -448,8 +456,8 @@ impl Protocol for Anchor {
                 ranges: range,
             }));
         }
-        if let Some(polled) = self.polled.take() {
-            return Action::Report(Report::Polled(polled));
+        if core::mem::take(&mut self.is_polled) {
+            return Action::Report(Report::Polled(&self.polled));
         }
         self.schedule(present)
     }

@@ -16,7 +16,7 @@ use crate::time::METRES_PER_TICK;
 use crate::tof::{double_sided_asymmetric, single_sided_corrected};
 use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 use wire::uwb::layout::{Layout, Scheme};
-use wire::uwb::native::{Asked, Distance, FinalReceived, Poll, Response};
+use wire::uwb::native::{Asked, Distance, FinalReceived, Poll, Response, UserData};
 
 /// The current round, or the last one.
 #[derive(Clone, Debug)]
@@ -28,10 +28,16 @@ pub struct RoundState {
     turns: bool,
     /// The scheme of this round.
     scheme: Scheme,
-    /// Slots of the round whose response may still come.
+    /// Places in the team whose response may still come.
     pending: u8,
-    /// How many anchors this round asks.
+    /// How many anchors this round asks: the first ones of the team.
     asked: u8,
+    /// The slot in which the first of them answers.
+    first_slot: u8,
+    /// Data for the next poll …
+    data: Option<UserData>,
+    /// … and the number of those that the last one carried.
+    sent_data: Option<u8>,
     /// What the tag had refused when it began.
     refused: u32,
     /// Responses of this round.
@@ -79,6 +85,9 @@ impl RoundState {
             scheme: Scheme::SingleSided,
             pending: 0,
             asked: 0,
+            first_slot: 0,
+            data: None,
+            sent_data: None,
             refused: 0,
             answers: Vec::new(),
             final_tx: None,
@@ -101,9 +110,37 @@ impl RoundState {
         self.turns = turns;
     }
 
-    /// How many anchors are asked.
-    pub fn asked(&self) -> usize {
-        self.team.len()
+    /// The number of the data that the last poll carried, once.
+    pub fn take_sent_data(&mut self) -> Option<u8> {
+        self.sent_data.take()
+    }
+
+    /// Sets what the next poll carries beside.
+    pub fn set_data(&mut self, data: Option<UserData>) {
+        self.data = data;
+    }
+
+    /// How many slots for responses the next round needs, none without anchors.
+    pub fn slots(&self) -> usize {
+        if self.data.is_some() { self.most_slots() } else { self.team.len() }
+    }
+
+    /// The same for a round with data.
+    pub fn most_slots(&self) -> usize {
+        match self.team.len() {
+            0 => 0,
+            anchors => (anchors + 1).min(MAX_ROUND),
+        }
+    }
+
+    /// How many anchors this round asks.
+    pub fn asked(&self) -> u8 {
+        self.asked
+    }
+
+    /// The slot of the anchor in this place of the team.
+    fn slot_of(&self, place: usize) -> usize {
+        usize::from(self.first_slot) + place
     }
 
     /// This node's clock was restarted: no interval reaches across.
@@ -113,7 +150,7 @@ impl RoundState {
         self.answers.clear();
     }
 
-    /// The next round's poll.
+    /// The next round's poll. With data it asks one anchor fewer, if they fill all slots.
     pub fn begin(&mut self, anchors: &mut AnchorTable, scheme: Scheme, wish: Layout, tell_distances: bool) -> Poll {
         match self.scheme {
             // Its ranges have been reported.
@@ -131,10 +168,11 @@ impl RoundState {
         if self.turns && !self.team.is_empty() {
             self.team.rotate_left(1);
         }
-        self.asked = self.team.len() as u8;
+        self.first_slot = self.data.is_some().into();
+        self.asked = self.team.len().min(MAX_ROUND - self.slot_of(0)) as u8;
         self.refused = anchors.refused.total();
         self.ranges.clear();
-        self.pending = match self.team.len() {
+        self.pending = match usize::from(self.asked) {
             0 => 0,
             places => u8::MAX >> MAX_ROUND.saturating_sub(places),
         };
@@ -147,12 +185,16 @@ impl RoundState {
             };
             Asked { address, distance }
         };
-        Poll { round: self.number, wish, anchors: self.team.iter().map(ask).collect(), position: None }
+        let asked = self.team.iter().take(self.asked.into()).map(ask).collect();
+        Poll { round: self.number, wish, anchors: asked, position: None, data: self.data }
     }
 
     /// The poll has left.
     pub fn sent(&mut self, departure: RadioInstant) {
         self.poll_tx = departure;
+        if let Some(data) = self.data.take() {
+            self.sent_data = Some(data.number());
+        }
     }
 
     /// The final has left.
@@ -182,12 +224,13 @@ impl RoundState {
         response: Response,
         frame: &RxFrame<'_>,
     ) -> Option<f32> {
-        let slot = self.team.iter().position(|&anchor| anchor == source)?;
+        let place = self.team.iter().position(|&anchor| anchor == source)?;
         let round1 = frame.rx_time.since(self.poll_tx);
-        let awaited = response.round == self.number as u8 && self.pending >> slot & 1 == 1;
+        let awaited = response.round == self.number as u8 && self.pending >> place & 1 == 1;
         if !awaited {
             return None;
         }
+        let slot = self.slot_of(place);
         if !timing.is_in_slot(slot, round1) || !timing.is_reply(slot, response.reply) {
             anchors.refused.off_slot = anchors.refused.off_slot.saturating_add(1);
             return None;
@@ -199,7 +242,7 @@ impl RoundState {
             return None;
         }
         // Responses come in the order of their slots: the earlier ones have been lost.
-        self.pending &= !(u8::MAX >> (MAX_ROUND - 1 - slot));
+        self.pending &= !(u8::MAX >> (MAX_ROUND - 1 - place));
         let flight = single_sided_corrected(round1, response.reply, anchor.clock.rate());
         // A single estimate of the power has an error of a decibel, which corresponds to several decibels of the power
         // itself for a strong signal.
@@ -225,8 +268,8 @@ impl RoundState {
     /// The next action while responses are awaited, the last frame having ended at `ended`: more listening, or `None`
     /// when the round is over.
     pub fn await_more(&self, timing: &Timing, ended: RadioInstant) -> Option<Action<'static>> {
-        let last = self.team.len().checked_sub(1)?;
-        let end = timing.reply_in(last).ticks() + timing.response_tail.ticks() + timing.guard.ticks();
+        let last = usize::from(self.asked).checked_sub(1)?;
+        let end = timing.reply_in(self.slot_of(last)).ticks() + timing.response_tail.ticks() + timing.guard.ticks();
         let window = self.poll_tx.plus(RadioDuration::from_ticks(end)).since(ended);
         let others_may_follow = self.pending & !(1 << last) != 0;
         (self.pending != 0 && window > RadioDuration::ZERO).then_some(Action::Receive {
@@ -238,20 +281,21 @@ impl RoundState {
 
     /// When the first response begins, and how long after the poll the last one ends.
     pub fn responses(&self, timing: &Timing) -> (RadioInstant, RadioDuration) {
-        let first = timing.reply.ticks() - timing.to_rmarker.ticks();
-        let last = timing.reply_in(self.team.len().saturating_sub(1)).ticks() + timing.response_tail.ticks();
+        let first = timing.reply_in(self.slot_of(0)).ticks() - timing.to_rmarker.ticks();
+        let last = self.slot_of(usize::from(self.asked).saturating_sub(1));
+        let last = timing.reply_in(last).ticks() + timing.response_tail.ticks();
         (self.poll_tx.plus(RadioDuration::from_ticks(first)), RadioDuration::from_ticks(last + timing.guard.ticks()))
     }
 
     /// Each anchor of the round, and whether it answered.
     pub fn outcomes(&self) -> impl Iterator<Item = (u16, bool)> {
         let answered = |anchor| self.answers.iter().any(|answer| answer.range.peer == anchor);
-        self.team.iter().map(move |&anchor| (anchor, answered(anchor)))
+        self.team.iter().take(self.asked.into()).map(move |&anchor| (anchor, answered(anchor)))
     }
 
     /// The round is over: records which anchors answered, and computes the ranges to report.
     pub fn close(&mut self, anchors: &mut AnchorTable) {
-        for &anchor in &self.team {
+        for &anchor in self.team.iter().take(self.asked.into()) {
             let answered = self.answers.iter().any(|answer| answer.range.peer == anchor);
             anchors.asked(anchor, answered);
         }

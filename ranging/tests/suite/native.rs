@@ -733,7 +733,7 @@ fn an_anchor_tells_the_departure_with_the_delay_that_its_radio_has_in_force() {
     assert!(matches!(anchor.step(now, Event::Reported), Action::Receive { .. }));
     let anchors = [Asked { address: 1, distance: Distance::Unsent }].into_iter().collect();
     let mut poll = FrameBuffer::new();
-    let message = Message::Poll(Poll { round: 3, wish: Layout::LEAST, anchors, position: None });
+    let message = Message::Poll(Poll { round: 3, wish: Layout::LEAST, anchors, position: None, data: None });
     Frame { sequence: 1, pan: NETWORK.pan, destination: BROADCAST, source: 0x100, message }.emit(&mut poll);
     let heard = RxFrame { bytes: poll.bytes(), rx_time: now, diagnostics: Diagnostics::default() };
     let Action::Transmit { frame, start: Start::At(start), .. } = anchor.step(now, Event::Received(heard)) else {

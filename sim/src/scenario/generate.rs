@@ -108,6 +108,7 @@ impl Scenario {
                     board: None,
                     antenna_delay_ticks: None,
                     motion: Motion::default(),
+                    data_every_s: None,
                 });
             }
         }

@@ -8,6 +8,7 @@ use positioning_core::engine;
 use ranging::exchange::{Action, Event, Guidance, Protocol};
 use ranging::radio::Sensors;
 use ranging::{Pace, RadioInstant, StampModel};
+use wire::uwb::native::UserData;
 
 /// Sees a step of the protocol of the tag with this address: the event, and the action that follows.
 pub type StepObserver = Rc<dyn Fn(u16, &Event<'_>, &Action<'_>)>;
@@ -73,6 +74,14 @@ impl<P: Protocol> Protocol for Inspected<P> {
 
     fn guide(&mut self, guidance: Guidance) {
         self.inner.guide(guidance);
+    }
+
+    fn carried(&mut self) -> Option<u8> {
+        self.inner.carried()
+    }
+
+    fn carry(&mut self, data: Option<UserData>) {
+        self.inner.carry(data);
     }
 
     fn rouse(&mut self, guidance: Guidance) {

@@ -188,6 +188,8 @@ pub struct Tag {
     pub antenna_delay_ticks: Option<f64>,
     /// What its motion sensor measures, besides the motion along its path.
     pub motion: Motion,
+    /// How often its user sends data, seconds; `None`: never.
+    pub data_every_s: Option<f64>,
 }
 
 /// What a tag's motion sensor measures, and whether there is one.

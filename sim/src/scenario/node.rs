@@ -8,6 +8,7 @@ use std::rc::Rc;
 
 use embassy_futures::join::{join, join3};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embedded_hal_async::delay::DelayNs;
 use firmware_common::lines::LinePace;
 use firmware_common::settings::ProtocolConfig;
 use firmware_common::{AnchorProtocol, Settings, Start, TagProtocol, introduce};
@@ -24,6 +25,7 @@ use ranging::Restart;
 use ranging::radio::Config;
 use wire::config::{LoadError, MAX_BYTES, Record, Role};
 use wire::telemetry::{Board, Condition, Hello, ResetCause};
+use wire::uwb::native::UserData;
 
 use super::config::eui;
 use super::hardware::{Firmware, NodePlan};
@@ -36,6 +38,9 @@ use crate::costs::{Charged, Costs};
 use crate::lis2dh12::Sensor;
 use crate::random::{Purpose, stream};
 use crate::{ClockConfig, Interrupts, Processor, SimDelay, World};
+
+/// In how many polls a user asks that data go.
+const DATA_POLLS: u8 = 2;
 
 /// What every node has: its flash, and the sink of its telemetry.
 struct App {
@@ -279,7 +284,22 @@ impl TagApp {
             }
             pending::<Infallible>().await
         };
-        join(join3(ranging, engine, scan), motion).await.1
+        join3(join3(ranging, engine, scan), motion, self.send_data(&channels)).await.1
+    }
+}
+
+impl TagApp {
+    /// The user's task: data whose bytes are their number and its complement, in turn.
+    async fn send_data(&self, channels: &TaskChannels<NoopRawMutex>) -> Infallible {
+        let Some(every_s) = self.tag.data_every_s else { return pending().await };
+        let mut number = 0_u8;
+        loop {
+            self.app.world.delay().delay_ms((every_s * 1e3).max(1.0) as u32).await;
+            let data = core::array::from_fn::<_, { UserData::MOST }, _>(|i| if i % 2 == 0 { number } else { !number });
+            let taken = channels.send(&data, DATA_POLLS).ok();
+            self.app.outlet.sends_data(taken);
+            number = number.wrapping_add(taken.is_some().into());
+        }
     }
 }
 

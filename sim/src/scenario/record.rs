@@ -201,6 +201,8 @@ pub struct Summary {
     pub uplink_share: Option<f64>,
     /// The time from a tag's report of a position to that of the anchor which 99 % of them do not exceed, seconds.
     pub uplink_p99_s: Option<f64>,
+    /// The share of the data of tags' users that an anchor with a cable reported. `None` without such data.
+    pub data_share: Option<f64>,
     /// Mean current of a tag from its supply, board and DW1000 together, milliamperes. It counts from the tag's first
     /// position on, or from the beginning if the tag found no position. `None` for radios directly on the air.
     pub tag_mean_current_ma: Option<f64>,
@@ -307,6 +309,7 @@ impl Summary {
             slots_with_fix: None,
             uplink_share: None,
             uplink_p99_s: None,
+            data_share: None,
             tag_mean_current_ma: None,
             charge_per_fix_uc: None,
             tag_currents_ma: None,

@@ -224,7 +224,8 @@ impl Simulation {
         let summary = summary.with_joined(&joined.collect::<Vec<_>>()).with_charge(self.drawn());
         let (uplink_share, uplink_p99_s) = log.uplink.figures().unzip();
         let uplink_p99_s = uplink_p99_s.flatten();
-        Summary { uplink_share, uplink_p99_s, bluetooth: self.bluetooth.as_ref().map(of_beacons), ..summary }
+        let (data_share, bluetooth) = (log.uplink.data_share(), self.bluetooth.as_ref().map(of_beacons));
+        Summary { uplink_share, uplink_p99_s, data_share, bluetooth, ..summary }
     }
 }
 

@@ -158,6 +158,11 @@ impl Outlet {
         self.round.borrow_mut().truths.push_back(Truth { round, at_m, sounding: sounding.copied(), unrounded });
     }
 
+    /// The tag's user sends data, which the tag takes under this number, or refuses.
+    pub(super) fn sends_data(&self, number: Option<u8>) {
+        self.log.borrow_mut().uplink.sends_data(self.node, number);
+    }
+
     /// The scenario applies this fault to the node. Reports made before it are kept; later ones are lost.
     pub(super) fn fault(&self, fault: FaultKind) {
         self.drain();
@@ -221,6 +226,9 @@ impl Outlet {
                 if let Some(fix) = told.fix() {
                     self.log.borrow_mut().uplink.arrived(told.tag, fix.round, t_s);
                 }
+            }
+            Message::TagData(told) if self.has_cable => {
+                self.log.borrow_mut().uplink.data_arrived(told.tag, told.number);
             }
             _ => {}
         }

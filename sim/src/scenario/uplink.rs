@@ -1,4 +1,4 @@
-//! The positions that tags tell in their polls, on their way to a host: anchors with a cable report them.
+//! The positions and data that tags tell in their polls, on their way to a host: anchors with a cable report them.
 
 use std::collections::{HashMap, VecDeque};
 
@@ -9,9 +9,13 @@ use wire::uwb::native::PolledPosition;
 /// be read before that of the tag.
 const KEPT_ROUNDS: usize = 2 * PolledPosition::OLDEST as usize;
 
-/// What became of the positions that tags told.
+/// What became of the positions and data that tags told.
 #[derive(Default)]
 pub(super) struct Uplink {
+    /// The numbers of each tag's data that have not arrived, oldest first.
+    data: HashMap<u16, VecDeque<u8>>,
+    data_arrived: usize,
+    data_lost: usize,
     /// By tag, in the order of its rounds.
     positions: HashMap<u16, VecDeque<Position>>,
     /// How long each took that arrived, seconds.
@@ -46,6 +50,36 @@ impl Uplink {
     pub(super) fn arrived(&mut self, tag: u16, round: u16, t_s: f64) {
         let earliest_s = &mut self.position(tag, round).arrived_s;
         *earliest_s = Some(earliest_s.map_or(t_s, |earlier_s| earlier_s.min(t_s)));
+    }
+
+    /// A tag's user sends data, which the tag takes under this number, or refuses.
+    pub(super) fn sends_data(&mut self, tag: u16, number: Option<u8>) {
+        let Some(number) = number else {
+            self.data_lost += 1;
+            return;
+        };
+        let waiting = self.data.entry(tag).or_default();
+        // The numbers have come round.
+        let before = waiting.len();
+        waiting.retain(|other| *other != number);
+        self.data_lost += before - waiting.len();
+        waiting.push_back(number);
+    }
+
+    /// An anchor with a cable reported a tag's data of this number.
+    pub(super) fn data_arrived(&mut self, tag: u16, number: u8) {
+        let Some(waiting) = self.data.get_mut(&tag) else { return };
+        if let Some(place) = waiting.iter().position(|other| *other == number) {
+            waiting.remove(place);
+            self.data_arrived += 1;
+        }
+    }
+
+    /// The share of the data that arrived. A tag's last data count only if they arrived. `None` without data.
+    pub(super) fn data_share(&self) -> Option<f64> {
+        let waiting: usize = self.data.values().map(|waiting| waiting.len().saturating_sub(1)).sum();
+        let sent = self.data_arrived + self.data_lost + waiting;
+        (sent > 0).then(|| self.data_arrived as f64 / sent as f64)
     }
 
     /// A tag starts again, and so do the numbers of its rounds. Its last position was not told.
@@ -119,6 +153,25 @@ mod tests {
         // Two of the four before the last: 99 % of the way from 0.25 to 0.5 s.
         let (share, p99_s) = uplink.figures().expect("positions");
         assert!(share == 0.5 && p99_s.is_some_and(|p99_s| (p99_s - 0.4975).abs() < 1e-12), "{share} {p99_s:?}");
+    }
+
+    #[test]
+    fn data_count_once_and_refused_ones_are_lost() {
+        let mut uplink = Uplink::default();
+        assert_eq!(uplink.data_share(), None);
+        (0..4).for_each(|number| uplink.sends_data(1, Some(number)));
+        for number in [0, 0, 2] {
+            uplink.data_arrived(1, number);
+        }
+        // Two of three; the fourth may be on its way.
+        assert_eq!(uplink.data_share(), Some(2.0 / 3.0));
+        uplink.sends_data(1, None);
+        assert_eq!(uplink.data_share(), Some(2.0 / 4.0));
+        // Number 1 comes again: the first one was lost, the new one arrives. The tag that knows nobody counts for nothing.
+        uplink.sends_data(1, Some(1));
+        uplink.data_arrived(1, 1);
+        uplink.data_arrived(2, 1);
+        assert_eq!(uplink.data_share(), Some(3.0 / 5.0));
     }
 
     #[test]

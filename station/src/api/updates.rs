@@ -117,6 +117,7 @@ impl Wanted {
         match update {
             Update::Position(position) => is(&self.site, &position.site) && is(&self.tag, &position.tag),
             Update::Event(event) => is(&self.site, &event.site) && is(&self.tag, &event.node),
+            Update::Data(data) => is(&self.site, &data.site) && is(&self.tag, &data.tag),
             Update::Changed => true,
         }
     }
@@ -165,7 +166,7 @@ async fn talk(socket: WebSocket, mut listener: Listener) {
         let message = tokio::select! {
             next = listener.next() => match next {
                 Next::Update(Update::Position(position)) => text(&SocketMessage::Position(position)),
-                Next::Update(Update::Event(_) | Update::Changed) => continue,
+                Next::Update(Update::Event(_) | Update::Data(_) | Update::Changed) => continue,
                 Next::Missed(missed) => text(&SocketMessage::Missed(Missed { missed })),
                 Next::End(reason) => {
                     let reason = Utf8Bytes::from_static(reason);
@@ -200,8 +201,9 @@ fn text(value: &impl Serialize) -> Message {
     Message::Text(serde_json::to_string(value).unwrap_or_default().into())
 }
 
-/// Updates as they come, as server-sent events: `position` (a `TagPosition`), `event` (an `Event`), `changed` (tags,
-/// nodes, zones or sites are to be read again), `missed` (the listener was too slow: `{"missed": 12}`).
+/// Updates as they come, as server-sent events: `position` (a `TagPosition`), `event` (an `Event`), `data` (of a tag's
+/// user: `{"site": "site", "tag": "0x1001", "t": "2026-06-01T12:00:00Z", "number": 7, "data": "6F70656E"}`), `changed`
+/// (tags, nodes, zones or sites are to be read again), `missed` (the listener was too slow: `{"missed": 12}`).
 #[utoipa::path(get, path = "/api/v1/updates", tag = "live", security(("token" = ["view"])), params(Wanted),
     responses((status = 200, description = "a stream of events", content_type = "text/event-stream", body = String)))]
 async fn events(
@@ -214,6 +216,7 @@ async fn events(
         let event = match listener.next().await {
             Next::Update(Update::Position(position)) => event("position", &position),
             Next::Update(Update::Event(happened)) => event("event", &happened),
+            Next::Update(Update::Data(data)) => event("data", &data),
             Next::Update(Update::Changed) => event("changed", &serde_json::json!({})),
             Next::Missed(missed) => event("missed", &Missed { missed }),
             Next::End(_) => return None,

@@ -433,7 +433,7 @@ impl Applier {
         {
             let events = updates.iter().filter_map(|update| match update {
                 Update::Event(event) => Some(event),
-                Update::Position(_) | Update::Changed => None,
+                Update::Position(_) | Update::Data(_) | Update::Changed => None,
             });
             subscribers.retain(|subscriber| events.clone().all(|event| subscriber.send(event.clone()).is_ok()));
         }

@@ -104,7 +104,7 @@ impl Queue {
             match update {
                 Update::Position(position) => rows.positions.push_back(position.clone()),
                 Update::Event(event) => rows.events.push_back(event.clone()),
-                Update::Changed => {}
+                Update::Data(_) | Update::Changed => {}
             }
         }
         let added = (rows.positions.len() - positions, rows.events.len() - events);

@@ -126,6 +126,7 @@ impl Publisher {
                     self.send_health();
                 }
             }
+            Update::Data(data) => self.outbox.push(self.topics.data(&data.site, &data.tag), json(&data)),
             Update::Changed => self.refresh(),
         }
     }

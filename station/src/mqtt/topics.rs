@@ -61,6 +61,11 @@ impl Topics {
         self.of(site, "tags", tag, "events")
     }
 
+    /// Data of a tag's user.
+    pub fn data(&self, site: &str, tag: &str) -> String {
+        self.of(site, "tags", tag, "data")
+    }
+
     /// A node's health.
     pub fn health(&self, site: &str, node: &str) -> String {
         self.of(site, "nodes", node, "health")

@@ -119,7 +119,7 @@ async fn follow(hub: Hub, mut updates: broadcast::Receiver<Update>, mut feeds: V
                     let of_it = feeds.iter_mut().filter(|feed| feed.is_of(&position));
                     of_it.for_each(|feed| feed.take(&position, &hub));
                 }
-                Ok(Update::Event(_) | Update::Changed) => (),
+                Ok(Update::Event(_) | Update::Data(_) | Update::Changed) => (),
                 Err(RecvError::Lagged(missed)) => hub.note_missed(missed),
                 Err(RecvError::Closed) => break,
             },

@@ -5,11 +5,12 @@ use std::time::Duration;
 
 use super::rounds::RoundMeasurement;
 use super::tags::TagState;
+use super::user_data::UserData;
 use super::{LiveState, NewEvent, SiteState, Update, event, keep};
 use crate::Utc;
 use crate::bounds::{EXPONENTS, FARTHEST_M, is_name};
 use crate::input::{ReportKind, SolvedFrom, SourceReport};
-use crate::model::{EventKind, MeasuredValue, NodeRole, RangeMeasurement, StationEvent, TagPosition};
+use crate::model::{EventKind, MeasuredValue, NodeRole, RangeMeasurement, StationEvent, TagData, TagPosition};
 
 /// Reports may be this much after the state's clock.
 const AHEAD: Duration = Duration::from_secs(60);
@@ -50,12 +51,16 @@ impl LiveState {
                 self.range(t, site, tag, *round, anchor, *range, updates)
             }
             ReportKind::Supply { node, supply_v } => self.supply(t, site, node, *supply_v, updates),
+            ReportKind::Data { tag, number, data } => {
+                self.reporting_tag(t, site, tag, updates)?;
+                self.data(t, site, tag, *number, data, updates)
+            }
             ReportKind::Refusals { tag, frames } => self.refusals(t, site, tag, *frames, updates),
             ReportKind::Sighting { tag, beacon, rssi_dbm } => self.sighting(t, site, tag, beacon, *rssi_dbm, updates),
             ReportKind::ReceiverSighting { receiver, device, rssi_dbm, rssi_1m_dbm } => {
                 self.receiver_sighting(t, site, receiver, device, *rssi_dbm, *rssi_1m_dbm)
             }
-            ReportKind::Late(kind) => self.late(t, site, kind),
+            ReportKind::Late(kind) => self.late(t, site, kind, updates),
             ReportKind::PathLoss { node, rssi_1m_dbm, path_loss_exponent } => {
                 self.path_loss(site, node, *rssi_1m_dbm, *path_loss_exponent)
             }
@@ -133,7 +138,10 @@ impl LiveState {
     }
 
     /// What comes late.
-    fn late(&mut self, t: Utc, site: &str, kind: &ReportKind) -> Option<()> {
+    fn late(&mut self, t: Utc, site: &str, kind: &ReportKind, updates: &mut Vec<Update>) -> Option<()> {
+        if let ReportKind::Data { tag, number, data } = kind {
+            return self.data(t, site, tag, *number, data, updates);
+        }
         let ReportKind::Position { tag, .. } = kind else { return Some(()) };
         let (position, ..) = tag_position(t, site, kind)?;
         if !self.sites.get(site).is_some_and(|site| site.tags.contains_key(tag)) {
@@ -209,6 +217,27 @@ impl LiveState {
             self.happened_to(t, site, node, EventKind::LowSupply, updates);
         }
         self.is_changed |= is_new;
+        Some(())
+    }
+
+    /// Data of the user of a known tag.
+    fn data(
+        &mut self,
+        t: Utc,
+        site: &str,
+        tag: &str,
+        number: u8,
+        data: &[u8],
+        updates: &mut Vec<Update>,
+    ) -> Option<()> {
+        let state = self.sites.get_mut(site)?.tags.get_mut(tag)?;
+        if !UserData::is_possible(data) {
+            return None;
+        }
+        if state.data.take(t, number, data) {
+            let data = data.iter().map(|byte| format!("{byte:02X}")).collect();
+            updates.push(Update::Data(TagData { site: site.to_owned(), tag: tag.to_owned(), t, number, data }));
+        }
         Some(())
     }
 

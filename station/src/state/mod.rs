@@ -34,6 +34,7 @@ mod refusals;
 mod rounds;
 mod supply;
 mod tags;
+mod user_data;
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -51,7 +52,7 @@ use self::tags::{Area, Inside, TagState};
 use crate::Utc;
 use crate::model::{
     self, EventKind, GeographicOrigin, NodeHealth, NodeMeasurement, NodeRole, NodeStatus, SiteFinding, StationEvent,
-    TagPosition, TagStatus, Zone, ZoneKind,
+    TagData, TagPosition, TagStatus, Zone, ZoneKind,
 };
 use crate::rssi::KnownNode;
 
@@ -63,6 +64,8 @@ pub enum Update {
     Position(TagPosition),
     /// Something happened.
     Event(StationEvent),
+    /// A tag's user has sent data. The store does not keep them.
+    Data(TagData),
     /// Tags, nodes or zones changed in another way: they are to be read again. At most one a tick.
     Changed,
 }

@@ -6,6 +6,7 @@ use super::containment::{Gaussian, Outline};
 use super::rate::Rate;
 use super::refusals::Refusals;
 use super::supply::Supply;
+use super::user_data::UserData;
 use super::{Alarms, NewEvent, StateLimits};
 use crate::model::{EventKind, TagPosition, TagStatus, Zone, ZoneKind};
 use crate::{SolvedFrom, Utc};
@@ -79,6 +80,7 @@ pub(super) struct TagState {
     certainty: Certainty,
     pub(super) supply: Supply,
     pub(super) refusals: Refusals,
+    pub(super) data: UserData,
     pub(super) room: Option<Inside>,
     pub(super) zones: Vec<Inside>,
 }
@@ -97,6 +99,7 @@ impl TagState {
             certainty: Certainty::Certain,
             supply: Supply::default(),
             refusals: Refusals::default(),
+            data: UserData::default(),
             room: None,
             zones: Vec::new(),
         }

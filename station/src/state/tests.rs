@@ -87,12 +87,37 @@ fn two_positions_of_a_tag_have_two_milliseconds() {
     assert_eq!(time(3_000), 3_000);
 }
 
+#[test]
+fn data_of_a_tags_user_go_out_once_also_when_they_come_late() {
+    let mut live = live();
+    let mut data = |ms, number, bytes: &[u8], is_late| {
+        let what = ReportKind::Data { tag: "0x1001".to_owned(), number, data: bytes.to_vec() };
+        let what = if is_late { ReportKind::Late(Box::new(what)) } else { what };
+        let updates = live.apply(&report(at(ms), what));
+        let told = updates.into_iter().filter_map(|update| match update {
+            Update::Data(TagData { site, tag, t, number, data }) => {
+                assert_eq!((&*site, &*tag), (SITE, "0x1001"));
+                Some((t.since(at(0)).as_millis(), number, data))
+            }
+            Update::Position(_) | Update::Event(_) | Update::Changed => None,
+        });
+        told.collect::<Vec<_>>()
+    };
+    assert_eq!(data(1_000, 0, b"late", true), [], "of a tag that nobody knows");
+    assert_eq!(data(1_000, 1, b"open", false), [(1_000, 1, "6F70656E".to_owned())]);
+    // The next poll carries them again, another anchor receives both.
+    assert_eq!([data(1_100, 1, b"open", false), data(1_010, 1, b"open", false)].concat(), []);
+    assert_eq!(data(2_000, 2, &[0; 25], false), []);
+    assert_eq!(data(900, 255, b"shut", true), [(900, 255, "73687574".to_owned())]);
+    assert_eq!(live.refused(), 2);
+}
+
 type Short = (EventKind, Option<String>, Option<f64>);
 
 fn events(updates: &[Update]) -> Vec<Short> {
     let event = |update: &Update| match update {
         Update::Event(event) => Some((event.kind, event.zone.clone(), event.dwell_s)),
-        Update::Position(_) | Update::Changed => None,
+        Update::Position(_) | Update::Data(_) | Update::Changed => None,
     };
     updates.iter().filter_map(event).collect()
 }
@@ -108,7 +133,7 @@ fn left(zone: &str, dwell_s: f64) -> Short {
 fn room_of(updates: &[Update]) -> Option<String> {
     updates.iter().find_map(|update| match update {
         Update::Position(position) => Some(position.room.clone()),
-        Update::Event(_) | Update::Changed => None,
+        Update::Event(_) | Update::Data(_) | Update::Changed => None,
     })?
 }
 
@@ -199,7 +224,7 @@ fn an_alarm_is_raised_by_entering_a_zone_that_asks_for_it() {
         .iter()
         .filter_map(|update| match update {
             Update::Event(event) => Some((event.zone.as_deref(), event.alarm)),
-            Update::Position(_) | Update::Changed => None,
+            Update::Position(_) | Update::Data(_) | Update::Changed => None,
         })
         .collect();
     assert_eq!(alarms, [(Some("danger"), true), (Some("attic"), false)]);
@@ -364,7 +389,7 @@ fn each_kind_of_event_is_an_alarm_or_none_as_the_limits_say() {
         kinds.map(|kind| {
             let of_kind = |update: &Update| match update {
                 Update::Event(event) if event.kind == kind => Some(event.alarm),
-                Update::Event(_) | Update::Position(_) | Update::Changed => None,
+                Update::Event(_) | Update::Position(_) | Update::Data(_) | Update::Changed => None,
             };
             updates.iter().find_map(of_kind).expect("an event of each kind")
         })

@@ -43,12 +43,18 @@ async fn positions_rooms_events_and_health_reach_their_topics() {
         (&json!("0x0101"), &json!("anchor"), &json!(false))
     );
 
+    let data = ReportKind::Data { tag: "0x1001".to_owned(), number: 7, data: b"open".to_vec() };
+    station.report(data).await;
+    let told = all.first(&format!("baliza/{LEVEL}/tags/0x1001/data")).json();
+    assert_eq!((&told["tag"], &told["number"], &told["data"]), (&json!("0x1001"), &json!(7), &json!("6F70656E")));
+
     // Who comes later gets the state, and no events.
     let later = broker.listen();
     later.first(&room);
     let seen = later.first(&format!("baliza/{LEVEL}/tags/0x1001/position"));
     assert!(seen.retained, "{seen:?}");
     assert_eq!(later.of(&format!("baliza/{LEVEL}/tags/0x1001/events")).len(), 0);
+    assert_eq!(later.of(&format!("baliza/{LEVEL}/tags/0x1001/data")).len(), 0);
 
     // Outside, which the tag leaves the room for.
     station.position("0x1001", [30.0, 2.0]).await;

@@ -1,8 +1,8 @@
-//! The positions that anchors receive in tags' polls are those of the tags.
+//! The positions and data that anchors receive in tags' polls are those of the tags.
 
 use sim::scenario::{Record, Scenario, Simulation, What};
 use system_tests::{STAND, hall, tag};
-use wire::telemetry::{Fix, Message, TagFix};
+use wire::telemetry::{Fix, Message, TagData, TagFix};
 
 /// What a tag with this record and four anchors in a hall report.
 fn run(seconds: f64, record: &str) -> Vec<Record> {
@@ -60,4 +60,61 @@ fn a_tag_that_tells_positions_is_no_slower() {
     };
     let (silent, telling) = (rate(false), rate(true));
     assert!(telling > 0.98 * silent, "{telling} of {silent} rounds");
+}
+
+/// What became of the data that a tag's user sends `every_s`, in `seconds`: the share that arrived, the rounds and fixes of
+/// the tag, and the data that one anchor reported.
+fn sends(seconds: f64, anchors: usize, every_s: f64, record: &str) -> (f64, Vec<Fix>, Vec<TagData>) {
+    let user = format!("path_m = {STAND}\ndata_every_s = {every_s}");
+    let text = hall(&format!("seconds = {seconds}"), anchors, &[]) + &tag(record, &user);
+    let mut simulation = Simulation::new(Scenario::parse(&text).expect("the test's scenario"));
+    let (mut fixes, mut data) = (Vec::new(), Vec::new());
+    for record in simulation.run_until(seconds) {
+        match record.what {
+            What::Epoch(epoch) => fixes.push(epoch.fix),
+            What::Message(Message::TagData(told)) if record.node == 1 => data.push(told),
+            What::Message(_) | What::Fault(_) => {}
+        }
+    }
+    (simulation.summary().data_share.expect("data"), fixes, data)
+}
+
+#[test]
+fn data_of_a_tags_user_reach_the_anchors_as_they_were_sent() {
+    for (seconds, anchors, every_s, record) in [
+        (10.0, 4, 0.25, "rate_hz = 10\ntell_position = true"),
+        (10.0, 8, 0.25, "tell_position = true"),
+        (10.0, 4, 0.25, "tell_distances = true\nscheme = \"double-sided\""),
+        (120.0, 4, 5.0, "rate_hz = 0.5\nsleep = true"),
+    ] {
+        let (share, fixes, data) = sends(seconds, anchors, every_s, record);
+        // Each goes in two polls. The tag joins in the first second.
+        assert!(share > 0.97, "{record}: {share}");
+        for told in &data {
+            let expected: [u8; 24] = std::array::from_fn(|i| if i % 2 == 0 { told.number } else { !told.number });
+            assert_eq!(told.data(), expected, "{record}");
+        }
+        // Numbers in order, each twice at most.
+        for pair in data.windows(2) {
+            assert!(pair[1].number.wrapping_sub(pair[0].number) <= 2, "{record}: {pair:?}");
+        }
+        // Rounds with data ask one anchor fewer only where eight are asked; all have answers, and a position.
+        let asked = |count| fixes.iter().filter(|fix| fix.asked == count).count();
+        if anchors == 8 {
+            assert!(asked(7) >= data.len() * 9 / 10 && asked(7) < fixes.len() / 10, "{} of {}", asked(7), fixes.len());
+        } else {
+            assert!(asked(4) > fixes.len() * 9 / 10, "{record}: {} of {}", asked(4), fixes.len());
+        }
+        let found = fixes.iter().filter(|fix| fix.position_m().is_some()).count();
+        assert!(found as f64 > 0.97 * fixes.len() as f64 - 2.0, "{record}: {found} of {}", fixes.len());
+    }
+}
+
+#[test]
+fn a_user_who_sends_more_than_fits_is_refused_and_the_tag_ranges_on() {
+    // Ten superframes a second carry data, each twice: five a second of a hundred.
+    let (share, fixes, data) = sends(6.0, 8, 0.01, "");
+    assert!((0.03..0.07).contains(&share) && data.len() > 40, "{share}, {}", data.len());
+    let (_, silent, _) = sends(6.0, 8, 5.5, "");
+    assert!(fixes.len() as f64 > 0.97 * silent.len() as f64, "{} of {} rounds", fixes.len(), silent.len());
 }

@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 use std::collections::BTreeSet;
 
 use baliza_wire::telemetry::*;
+use baliza_wire::uwb::native::UserData;
 
 const T_FIX_US: u64 = 12_345_678;
 
@@ -291,6 +292,12 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
             "0E 01 0A 80 C2 F1 05 81 20 AC 02 04 D2 04 04 20 EA FF 01 01 06 79 83 90 2A 0D 04 81 9C 77 00",
             "{'type':'tag-fix','t_s':12.3456,'tag':'0x1001','round':299,'rounds_ago':1,'asked':4,'x_m':1.234,'y_m':-5.6,\
              'z_m':0.0,'sigma_x_m':0.2,'sigma_y_m':0.304,'sigma_z_m':0.512,'covariance_m2':[[0.04,0.020107087,0.01048189],[0.020107087,0.092416,0.0],[0.01048189,0.0,0.262144]],'flag':'suspect'}",
+        ),
+        (
+            "tag-data",
+            Message::TagData(TagData::new(12_345_600, 0x1001, &UserData::new(7, b"door 3").unwrap())),
+            "11 01 0B 80 C2 F1 05 81 20 07 06 64 6F 6F 72 20 33 01 01 01 01 01 01 01 01 01 01 01 01 01 01 01 01 01 03 E7 B5 00",
+            "{'type':'tag-data','t_s':12.3456,'tag':'0x1001','number':7,'data':'646F6F722033'}",
         ),
         (
             "supply",

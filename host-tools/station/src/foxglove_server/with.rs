@@ -41,7 +41,7 @@ impl FoxgloveServer {
                         epoch += 1;
                         tag_position(&mut self.0, &position, epoch, origin)
                     }
-                    Ok(Update::Position(_) | Update::Event(_) | Update::Changed) => Ok(()),
+                    Ok(Update::Position(_) | Update::Event(_) | Update::Data(_) | Update::Changed) => Ok(()),
                     Err(RecvError::Lagged(missed)) => {
                         hub.note_missed(missed);
                         Ok(())

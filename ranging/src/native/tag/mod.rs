@@ -60,7 +60,7 @@ use super::timing::{SYNC_SLOTS, end_of};
 use super::wake_ups::{Slept, WakeUps};
 use crate::exchange::{Action, Event, Guidance, Link, Protocol, Report, RoundFix};
 use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel, Start};
-use wire::uwb::native::{Frame, Message, SyncFrame};
+use wire::uwb::native::{Frame, Message, SyncFrame, UserData};
 use wire::uwb::{BROADCAST, FrameBuffer};
 
 /// What the tag's last action was, and so the meaning of the next event.
@@ -101,6 +101,8 @@ pub struct Tag {
     anchors: AnchorTable,
     position_m: Option<[f32; 3]>,
     fix: Option<RoundFix>,
+    /// Data for the first poll of a superframe.
+    data: Option<UserData>,
     /// How long the node computes with the last round and earlier ones, …
     busy: RadioDuration,
     /// … and the end of this computation.
@@ -145,6 +147,7 @@ impl Tag {
             anchors: AnchorTable::new(),
             position_m: None,
             fix: None,
+            data: None,
             busy: RadioDuration::ZERO,
             free_at: None,
             busy_per_round: RadioDuration::ZERO,
@@ -462,6 +465,14 @@ impl Protocol for Tag {
         if guidance.rate.is_some() {
             self.set_rate(guidance.rate);
         }
+    }
+
+    fn carried(&mut self) -> Option<u8> {
+        self.round.take_sent_data()
+    }
+
+    fn carry(&mut self, data: Option<UserData>) {
+        self.data = data;
     }
 
     fn rouse(&mut self, guidance: Guidance) {

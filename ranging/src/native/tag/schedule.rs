@@ -111,6 +111,7 @@ impl Tag {
         if network.planned.replace(course.phase.number) != Some(course.phase.number) {
             network.rounds = 0;
             self.round.set_team(self.anchors.choose(self.config.anchors.into(), self.position_m));
+            self.round.set_data(self.data);
         }
         // Who has slots asks for others among the sync frames only.
         let asks = !is_seldom && !network.joined;
@@ -164,7 +165,7 @@ impl Tag {
         }
         // Rounds of few anchors are shorter than slots. A tag with a fixed rate makes as many rounds as it has slots.
         let has_enough = !is_greedy && network.rounds >= network.owned.count_ones();
-        let anchors = if has_enough { 0 } else { self.round.asked() };
+        let anchors = if has_enough { 0 } else { self.round.slots() };
         let after = |earliest: RadioDuration| {
             next_round(network.owned, &timing, earliest, anchors, uncertainty).filter(|_| anchors > 0)
         };

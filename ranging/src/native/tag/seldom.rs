@@ -250,7 +250,7 @@ impl Tag {
         let network = self.network.as_ref()?;
         let (timing, phase) = (network.sync.course.timing, network.sync.course.phase);
         let uncertainty = self.wakes.uncertainty(Slept::once(wait));
-        let later = next_round(network.owned, &timing, pulse, self.round.asked(), uncertainty)?;
+        let later = next_round(network.owned, &timing, pulse, self.round.most_slots(), uncertainty)?;
         (self.stopwatch.wake_at, self.pulse_at) = (None, Some(phase.at(later)));
         let until = difference(later, sum(self.meter.lead(), uncertainty));
         Some(self.pause(phase.at(passed), difference(until, passed)))
@@ -289,7 +289,7 @@ impl Tag {
         let uncertainty =
             if self.dozes { self.wakes.uncertainty(Slept::once(timing.superframe)) } else { network.sync.uncertainty };
         let number = phase.number.wrapping_add(1);
-        let pulse = network.round_in(1, self.config.address, self.round.asked(), uncertainty);
+        let pulse = network.round_in(1, self.config.address, self.round.most_slots(), uncertainty);
         let silent = network.sync.silent() + 1;
         let silent = if pulse.is_none() { silent.max(HOLDOVER_SUPERFRAMES) } else { silent };
         // A request that was awaited may have become needless: its instant is no beginning of the next poll's lead.
@@ -312,7 +312,7 @@ impl Tag {
         let (lead, uncertainty) = (self.meter.lead(), self.wakes.uncertainty(Slept::once(LONGEST_HOLDOVER)));
         let network = self.network.as_mut().filter(|network| network.sync.silent() == 0)?;
         let (timing, phase) = (network.sync.course.timing, network.sync.course.phase);
-        let pulse = network.round_in(turns, self.config.address, self.round.asked(), uncertainty)?;
+        let pulse = network.round_in(turns, self.config.address, self.round.most_slots(), uncertainty)?;
         let begin = RadioDuration::from_ticks(i64::from(turns) * timing.superframe.ticks());
         if begin > LONGEST_HOLDOVER {
             return None;

@@ -70,7 +70,7 @@ impl World {
 fn positions(updates: Vec<Update>) -> Vec<TagPosition> {
     let position = |update| match update {
         Update::Position(position) => Some(position),
-        Update::Event(_) | Update::Changed => None,
+        Update::Event(_) | Update::Data(_) | Update::Changed => None,
     };
     updates.into_iter().filter_map(position).collect()
 }
@@ -78,7 +78,7 @@ fn positions(updates: Vec<Update>) -> Vec<TagPosition> {
 fn kinds(updates: Vec<Update>) -> Vec<EventKind> {
     let kind = |update| match update {
         Update::Event(event) => Some(event.kind),
-        Update::Position(_) | Update::Changed => None,
+        Update::Position(_) | Update::Data(_) | Update::Changed => None,
     };
     updates.into_iter().filter_map(kind).collect()
 }

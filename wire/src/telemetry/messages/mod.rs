@@ -15,6 +15,7 @@ mod reset;
 mod room;
 mod sighting;
 mod supply;
+mod tag_data;
 mod tag_fix;
 
 use core::fmt;
@@ -38,6 +39,7 @@ pub use reset::{Crash, CrashReason, Reset, ResetCause};
 pub use room::{Room, RoomEstimate, RoomLine, RoomProbability};
 pub use sighting::{BeaconId, Sighting};
 pub use supply::Supply;
+pub use tag_data::TagData;
 pub use tag_fix::TagFix;
 
 /// A field that was appended to the end of its message. A body that ends before it is from an older build, and an
@@ -69,4 +71,6 @@ messages! {
     Supply,
     /// The position of a tag, as an anchor received it in the tag's poll.
     TagFix,
+    /// Data of a tag's user, as an anchor received them in the tag's poll.
+    TagData,
 }

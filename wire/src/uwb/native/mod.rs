@@ -4,7 +4,8 @@
 //! - 30, poll, tag → all: round (2), number of anchors (high nibble) and options (1), the tag's request for the layout
 //!   (1), anchors in slot order (2 each); with option 1, the last distance to each (2 each); with option 2, the tag's
 //!   last position (16): position (9), deviations (1 each), correlations xy, xz, yz (1 each), rounds ago with the highest
-//!   bit set if it is suspect (1).
+//!   bit set if it is suspect (1); with option 4, data of the tag's user: number (1), length (1), bytes (1 to 24). Such
+//!   a poll names 7 anchors at most, and the first slot for responses stays free.
 //! - 31, response, anchor → tag: low byte of the round (1), the tag's lease (1: 1 renewed, 2 ended), poll RX (5),
 //!   response TX − poll RX (4); if the anchor received the final of an earlier round: low byte of that round (1), final
 //!   RX − response TX (4).
@@ -25,6 +26,8 @@
 //! phase (2); a poll that is passed on is the tag (2) and its request for the layout (1).
 
 mod lease;
+mod poll;
+mod user_data;
 mod values;
 
 use heapless::Vec;
@@ -35,6 +38,8 @@ use super::{Address, BROADCAST, FrameBuffer, FrameError, Header, Reader};
 use radio::{RadioDuration, RadioInstant};
 
 pub use lease::{Confirmation, Grant, Lease, LeasedPoll, Period, Turn};
+pub use poll::{Asked, Poll};
+pub use user_data::UserData;
 pub use values::{Distance, PolledPosition, Position, Share};
 
 /// Sync slots of a superframe that an anchor can own.
@@ -52,10 +57,6 @@ const RESPONSE: u8 = 0x31;
 const SYNC: u8 = 0x32;
 const REQUEST: u8 = 0x33;
 const FINAL: u8 = 0x34;
-
-/// Options of a poll, one of them at most: both would make it longer than the slots have room for.
-const WITH_DISTANCES: u8 = 1;
-const WITH_POSITION: u8 = 2;
 
 /// A native frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,19 +95,6 @@ pub enum Message {
     },
 }
 
-/// A tag asks anchors to answer, each in its slot.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Poll {
-    /// Number of the round: responses repeat it.
-    pub round: u16,
-    /// The tag's request for the network's layout.
-    pub wish: Layout,
-    /// The anchors that are to answer, in the order of the slots.
-    pub anchors: Vec<Asked, MAX_ROUND>,
-    /// The tag's last position, for anchors that report it to their hosts. A poll with distances carries none.
-    pub position: Option<PolledPosition>,
-}
-
 /// A tag requests slots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Request {
@@ -114,16 +102,6 @@ pub struct Request {
     pub share: Share,
     /// The tag's request for the network's layout.
     pub wish: Layout,
-}
-
-/// An anchor that a poll names.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Asked {
-    /// Its short address.
-    pub address: u16,
-    /// The distance to it: a tag's last distance, for anchors that use it, or an anchor's mean, for tags that listen. A
-    /// poll carries all distances or none.
-    pub distance: Distance,
 }
 
 /// An anchor's answer.
@@ -263,6 +241,9 @@ impl Frame {
 const HEAD: u16 = 10;
 /// Bytes of the longest poll on the air, including its check bytes: eight anchors with distances.
 pub const POLL_BYTES: u16 = HEAD + 4 + 4 * MAX_ROUND as u16 + 2;
+// What data adds to a poll is three bytes more than a response. They take less time than the response's preamble: so all
+// takes less than the time from one response to the next.
+const _: () = assert!(UserData::LONGEST <= RESPONSE_BYTES + 3);
 /// Bytes of a response on the air, including its check bytes.
 pub const RESPONSE_BYTES: u16 = HEAD + 11 + 2;
 /// The same for a response that reports a final.
@@ -284,63 +265,6 @@ const LAYOUT_IS_NEW: u8 = 0x80;
 /// Mask of the slot in the byte with slot and countdown.
 const SLOT: u8 = 0x1F;
 const COUNTDOWN_SHIFT: u8 = 5;
-
-impl Poll {
-    /// Parses what follows the code.
-    #[inline]
-    fn parse(mut reader: Reader<'_>) -> Result<Self, FrameError> {
-        let round = reader.u16()?;
-        let [count, options] = reader.u8().map(|byte| [byte >> 4, byte & 0x0F])?;
-        if options > WITH_POSITION {
-            return Err(FrameError::Field);
-        }
-        let wish = Layout::from_tag_byte(reader.u8()?);
-        let mut anchors = Vec::new();
-        for _ in 0..count {
-            anchors
-                .push(Asked { address: reader.u16()?, distance: Distance::Unsent })
-                .map_err(|_| FrameError::Field)?;
-        }
-        if options == WITH_DISTANCES {
-            for asked in &mut anchors {
-                asked.distance = match reader.u16()? as i16 {
-                    i16::MIN => Distance::Unknown,
-                    units => Distance::Quarters(units),
-                };
-            }
-        }
-        let position = if options == WITH_POSITION { Some(PolledPosition(reader.take()?)) } else { None };
-        reader.end()?;
-        if anchors.is_empty() { Err(FrameError::Field) } else { Ok(Self { round, wish, anchors, position }) }
-    }
-
-    #[inline]
-    fn emit(&self, out: &mut FrameBuffer) {
-        let with_distances = self.anchors.iter().any(|asked| asked.distance != Distance::Unsent);
-        let position = self.position.filter(|_| !with_distances);
-        let options = match position {
-            Some(_) => WITH_POSITION,
-            None if with_distances => WITH_DISTANCES,
-            None => 0,
-        };
-        out.put(&[POLL]);
-        out.put(&self.round.to_le_bytes());
-        out.put(&[(self.anchors.len() as u8) << 4 | options, self.wish.tag_byte()]);
-        for asked in &self.anchors {
-            out.put(&asked.address.to_le_bytes());
-        }
-        for asked in self.anchors.iter().filter(|_| with_distances) {
-            let units = match asked.distance {
-                Distance::Unsent | Distance::Unknown => i16::MIN,
-                Distance::Quarters(units) => units,
-            };
-            out.put(&units.to_le_bytes());
-        }
-        if let Some(position) = position {
-            out.put(&position.0);
-        }
-    }
-}
 
 impl Response {
     #[inline]
@@ -511,8 +435,13 @@ mod tests {
         // (16 + 8) · 2² = 96 µs: code 0x28; with a final 0xA8.
         let wish = Layout::from_tag_byte(0xA8);
         assert_eq!(wish.listen_again.duration(), RadioDuration::from_micros(96));
-        let poll =
-            Poll { round: 0x1234, wish, anchors: [asked(1), asked(0x0203)].into_iter().collect(), position: None };
+        let poll = Poll {
+            round: 0x1234,
+            wish,
+            anchors: [asked(1), asked(0x0203)].into_iter().collect(),
+            position: None,
+            data: None,
+        };
         round_trip(Message::Poll(poll), &[0x30, 0x34, 0x12, 0x20, 0xA8, 1, 0, 3, 2]);
     }
 
@@ -521,7 +450,7 @@ mod tests {
         // 3.2 m are 800 units of 4 mm, 0x0320; −0.1 m are −25, 0xFFE7.
         let anchors = [(1, Distance::from_metres(3.2)), (2, Distance::Unknown), (3, Distance::from_metres(-0.1))];
         let anchors = anchors.into_iter().map(|(address, distance)| Asked { address, distance }).collect();
-        let poll = Poll { round: 1, wish: Layout::LEAST, anchors, position: None };
+        let poll = Poll { round: 1, wish: Layout::LEAST, anchors, position: None, data: None };
         round_trip(Message::Poll(poll), &[0x30, 1, 0, 0x31, 0, 1, 0, 2, 0, 3, 0, 0x20, 0x03, 0x00, 0x80, 0xE7, 0xFF]);
     }
 
@@ -534,12 +463,40 @@ mod tests {
     #[test]
     fn golden_poll_with_a_position() {
         let anchors = [Asked { address: 1, distance: Distance::Unsent }].into_iter().collect();
-        let poll = Poll { round: 1, wish: Layout::LEAST, anchors, position: Some(a_position()) };
+        let poll = Poll { round: 1, wish: Layout::LEAST, anchors, position: Some(a_position()), data: None };
         // 100 = (16 + 9) · 2⁶ / 16 mm: 9 + 6 · 16 = 0x69; 1024 = 16 · 2¹⁰ / 16 is the next after 992: 0xA0.
         // The half is 63.5/127, away from zero 64. 0x83 = 3 rounds ago and suspect.
         let golden =
             [0x30, 1, 0, 0x12, 0, 1, 0, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0, 0x69, 0xA0, 0, 64, 0, 0, 0x83];
-        round_trip(Message::Poll(poll), &golden);
+        round_trip(Message::Poll(poll.clone()), &golden);
+        let data = UserData::new(0xFE, b"door 3");
+        let mut with_data = golden.to_vec();
+        with_data[3] = 0x16;
+        with_data.extend([0xFE, 6, 0x64, 0x6F, 0x6F, 0x72, 0x20, 0x33]);
+        round_trip(Message::Poll(Poll { data, ..poll }), &with_data);
+    }
+
+    #[test]
+    fn a_poll_with_data_names_seven_anchors_at_most() {
+        let mut out = FrameBuffer::new();
+        let mut parse = |anchors, data: &[u8], length| {
+            let asked = Asked { address: 1, distance: Distance::Unknown };
+            let anchors = core::iter::repeat_n(asked, anchors).collect();
+            let data = UserData::new(0, data);
+            let message = Message::Poll(Poll { round: 0, wish: Layout::LEAST, anchors, position: None, data });
+            Frame { sequence: 0, pan: 0, destination: BROADCAST, source: 0, message }.emit(&mut out);
+            let mut bytes = out.bytes().to_vec();
+            // From the end: the data, their length.
+            let place = bytes.len() - UserData::MOST - 1;
+            bytes[place] = length;
+            Frame::parse(&bytes).map(|_| bytes.len() + 2)
+        };
+        // The longest poll with data: 10 + 4 + 7 · 4 + 2 + 24 + 2 bytes.
+        assert_eq!(parse(7, &[1; UserData::MOST], 24), Ok(70));
+        assert_eq!(parse(8, &[1; UserData::MOST], 24), Err(FrameError::Field));
+        assert_eq!(parse(7, &[1; UserData::MOST], 25), Err(FrameError::Truncated));
+        assert_eq!(parse(7, &[1; UserData::MOST], 23), Err(FrameError::TooLong(1)));
+        assert_eq!(parse(7, &[1; UserData::MOST], 0), Err(FrameError::Field));
     }
 
     #[test]
@@ -686,7 +643,7 @@ mod tests {
         for (distance, position) in [(Distance::Unknown, None), (Distance::Unsent, Some(a_position()))] {
             let asked = Asked { address: 1, distance };
             let anchors = core::iter::repeat_n(asked, MAX_ROUND).collect();
-            let poll = Poll { round: 0, wish: Layout::LEAST, anchors, position };
+            let poll = Poll { round: 0, wish: Layout::LEAST, anchors, position, data: None };
             assert_eq!(length(Message::Poll(poll)) + 2, usize::from(POLL_BYTES));
         }
     }
