@@ -32,7 +32,8 @@ const STEPS: [Step; 20] = [
     // The same inputs each time: what random ones find is for those who look for it, not for the next change.
     ("fuzzing", &["cargo", "xtask", "fuzz", "--seconds", "2", "--seed", "1"], &[]),
     ("licences and advisories", &["cargo", "xtask", "deny"], &[]),
-    ("Python package", &["cargo", "xtask", "python"], &[]),
+    // After the tests, which build the program that it is compared with.
+    ("Python package", &["cargo", "xtask", "python"], &[("BALIZA_BUILT", "1")]),
     ("oldest Rust", &["cargo", "xtask", "oldest-rust"], &[]),
     ("bare-metal builds", &["cargo", "xtask", "no-std"], &[]),
     ("firmware", &["cargo", "xtask", "firmware"], &[]),
