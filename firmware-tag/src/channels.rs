@@ -270,9 +270,9 @@ impl<M: RawMutex> TaskChannels<M> {
         self.rouse.signal(());
     }
 
-    /// Sends up to [`UserData::MOST`] bytes to the hosts of all anchors that receive the tag's polls: in this many polls,
-    /// at least one, for a poll may be lost. A tag sends data in one poll a superframe at most, and ranges with one
-    /// anchor fewer in that poll if it asks eight. Without slots, and in DecaRanging, they wait. Returns the number that hosts see: it counts the data and wraps.
+    /// Sends up to [`UserData::MOST`] bytes in this many polls, at least one, to the hosts of all anchors that receive
+    /// them. A superframe has one such poll at most, which asks seven anchors at most. Without slots, and in
+    /// DecaRanging, the data wait. Returns the number that hosts see: it counts the data and wraps.
     ///
     /// # Errors
     /// The bytes are none or too many, or too many data wait.

@@ -81,14 +81,6 @@ impl NodeReporter {
             let what = fix_report(Address(told.tag).to_string(), &fix);
             return vec![SourceReport { t, site: self.site.clone(), what }];
         }
-        if let Message::TagData(told) = message {
-            let what = ReportKind::Data {
-                tag: Address(told.tag).to_string(),
-                number: told.number,
-                data: told.data().to_vec(),
-            };
-            return vec![SourceReport { t, site: self.site.clone(), what }];
-        }
         let tag = Address(address).to_string();
         let whats = match message {
             Message::Hello(hello) => {
@@ -106,6 +98,10 @@ impl NodeReporter {
                 let BeaconId { major, minor, .. } = sighting.beacon;
                 let rssi_dbm = sighting.rssi_dbm.into();
                 vec![ReportKind::Sighting { tag, beacon: format!("{major}-{minor}"), rssi_dbm }]
+            }
+            Message::TagData(told) => {
+                let (tag, data) = (Address(told.tag).to_string(), told.data().to_vec());
+                vec![ReportKind::Data { tag, number: told.number, data }]
             }
             Message::Supply(supply) => vec![ReportKind::Supply { node: tag, supply_v: supply.supply_v() }],
             // Anchors count nothing that they refuse, and must not become tags.

@@ -60,7 +60,10 @@ impl LiveState {
             ReportKind::ReceiverSighting { receiver, device, rssi_dbm, rssi_1m_dbm } => {
                 self.receiver_sighting(t, site, receiver, device, *rssi_dbm, *rssi_1m_dbm)
             }
-            ReportKind::Late(kind) => self.late(t, site, kind, updates),
+            ReportKind::Late(kind) => match &**kind {
+                ReportKind::Data { tag, number, data } => self.data(t, site, tag, *number, data, updates),
+                kind => self.late(t, site, kind),
+            },
             ReportKind::PathLoss { node, rssi_1m_dbm, path_loss_exponent } => {
                 self.path_loss(site, node, *rssi_1m_dbm, *path_loss_exponent)
             }
@@ -138,10 +141,7 @@ impl LiveState {
     }
 
     /// What comes late.
-    fn late(&mut self, t: Utc, site: &str, kind: &ReportKind, updates: &mut Vec<Update>) -> Option<()> {
-        if let ReportKind::Data { tag, number, data } = kind {
-            return self.data(t, site, tag, *number, data, updates);
-        }
+    fn late(&mut self, t: Utc, site: &str, kind: &ReportKind) -> Option<()> {
         let ReportKind::Position { tag, .. } = kind else { return Some(()) };
         let (position, ..) = tag_position(t, site, kind)?;
         if !self.sites.get(site).is_some_and(|site| site.tags.contains_key(tag)) {
