@@ -18,6 +18,9 @@ use crate::root;
 /// The name of the check, its command, and additions to its environment.
 type Step = (&'static str, &'static [&'static str], &'static [(&'static str, &'static str)]);
 
+/// The tests have built the programs. A build of one package would build third-party crates again, with other features.
+const BUILT: [(&str, &str); 1] = [("BALIZA_BUILT", "1")];
+
 const STEPS: [Step; 20] = [
     ("lock file", &["cargo", "fetch", "--locked"], &[]),
     ("tests", &["cargo", "test"], &[]),
@@ -33,7 +36,7 @@ const STEPS: [Step; 20] = [
     ("fuzzing", &["cargo", "xtask", "fuzz", "--seconds", "2", "--seed", "1"], &[]),
     ("licences and advisories", &["cargo", "xtask", "deny"], &[]),
     // After the tests, which build the program that it is compared with.
-    ("Python package", &["cargo", "xtask", "python"], &[("BALIZA_BUILT", "1")]),
+    ("Python package", &["cargo", "xtask", "python"], &BUILT),
     ("oldest Rust", &["cargo", "xtask", "oldest-rust"], &[]),
     ("bare-metal builds", &["cargo", "xtask", "no-std"], &[]),
     ("firmware", &["cargo", "xtask", "firmware"], &[]),
@@ -42,8 +45,8 @@ const STEPS: [Step; 20] = [
     ("network in QEMU", &["cargo", "xtask", "qemu", "network", "--seconds", "3", "--tolerance", "12"], &[]),
     ("promises", &["cargo", "xtask", "promises", "--check", "--quick"], &[]),
     ("cost on the chip", &["cargo", "xtask", "promises", "--check", "chip"], &[]),
-    // Its programs are built by then, and most of the time it waits: for a browser, and for a database.
-    ("station", &["cargo", "xtask", "station"], &[]),
+    // The tests have built its program by then, and most of the time it waits: for a browser, and for a database.
+    ("station", &["cargo", "xtask", "station"], &BUILT),
 ];
 
 /// Steps that run beside the others, one after the other: they build into folders of their own, so that no cargo waits

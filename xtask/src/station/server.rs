@@ -18,11 +18,14 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// The time between two questions.
 const AGAIN: Duration = Duration::from_millis(50);
 
-/// The station, built as the other tests build it.
+/// The station with all features. `BALIZA_BUILT` says that `cargo test` has built it.
 ///
 /// # Errors
 /// It cannot be built.
 pub fn program() -> Result<PathBuf> {
+    if std::env::var_os("BALIZA_BUILT").is_some() {
+        return Ok(in_target("debug"));
+    }
     built(&["--features", "foxglove"], "debug")
 }
 
@@ -36,7 +39,11 @@ pub fn optimised() -> Result<PathBuf> {
 
 fn built(arguments: &[&str], folder: &str) -> Result<PathBuf> {
     succeed(cargo().args(["build", "--package", "baliza-station"]).args(arguments).current_dir(root()))?;
-    Ok(target_directory().join(folder).join("baliza-station").with_extension(std::env::consts::EXE_EXTENSION))
+    Ok(in_target(folder))
+}
+
+fn in_target(folder: &str) -> PathBuf {
+    target_directory().join(folder).join("baliza-station").with_extension(std::env::consts::EXE_EXTENSION)
 }
 
 /// A station on a free port of loopback, which is killed in the end, with a folder that is deleted then.
