@@ -41,6 +41,10 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Listener for TelemetrySink
         self.0.step(event);
     }
 
+    fn refused(&mut self, frames: u32) {
+        self.0.counts.refused.set(frames);
+    }
+
     fn sensed(&mut self, sensors: &Sensors) {
         self.0.sensed(sensors);
     }

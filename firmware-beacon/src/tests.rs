@@ -35,6 +35,7 @@ fn record(role: Role, beacon_key: Option<[u8; 16]>) -> Record {
             phy: Phy { channel: 5, prf_mhz: 64, rate_kbps: 6810, preamble: 128, code: None },
             turnaround: None,
             region: None,
+            key: None,
         },
         calibration: Calibration::default(),
         pins: None,

@@ -158,7 +158,8 @@ mod tests {
     use std::vec::Vec;
     use wire::telemetry::{Board, Decoder, Reset, ResetCause, Role};
 
-    const HELLO: Hello = Hello { t_us: 0, eui: 1, address: 2, role: Role::Tag, board: Board::Simulated, build: [0; 8] };
+    const HELLO: Hello =
+        Hello { t_us: 0, eui: 1, address: 2, role: Role::Tag, board: Board::Simulated, build: [0; 8], keyed: false };
 
     fn messages<const BYTES: usize>(event_log: &EventLog<NoopRawMutex, BYTES>) -> Vec<Message> {
         let mut bytes = Vec::new();

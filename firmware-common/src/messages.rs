@@ -81,7 +81,6 @@ mod tests {
             number: 6,
             poll: ranging::RadioInstant::default(),
             asked: 3,
-            refused: 0,
             reference: 7,
             reference_m: [0.0, 0.5, 2.0],
             reference_deviation_m: 0.03,

@@ -10,6 +10,7 @@ use static_cell::StaticCell;
 use wire::config::{Board, Invalid, LoadError, Record};
 use wire::telemetry::{Condition, Crash, CrashReason, Hello, RecordError, ResetCause, Role};
 
+use crate::settings::Cipher;
 use crate::supervision::Lit;
 use crate::{Settings, introduce};
 
@@ -42,6 +43,8 @@ pub struct Start {
     pub reset: ResetCause,
     /// The crash report of the run before, if there is one.
     pub crash: Option<Crash>,
+    /// What the board has for frames with a key.
+    pub cipher: Cipher,
 }
 
 /// A record that the node can use, and the settings derived from it.
@@ -80,9 +83,9 @@ impl Node {
     #[inline(never)]
     #[cold]
     pub fn start(memory: &'static StaticCell<Reporter>, role: Role, start: Start) -> (Self, Option<Configured>) {
-        let Start { board, clock, record, eui, reset, crash } = start;
+        let Start { board, clock, record, eui, reset, crash, cipher } = start;
         let reporter: &_ = memory.init_with(|| Reporter::new(clock));
-        let found = crate::Start { record, eui, reset, crash };
+        let found = crate::Start { record, eui, reset, crash, cipher };
         let (hello, followed) = introduce(reporter, board, role, found);
         let configured = followed.map(|(record, settings)| Configured { record, settings });
         (Self { board, reporter, tasks: Tasks::None, hello }, configured)

@@ -152,6 +152,14 @@ impl Protocol for TagProtocol {
         }
     }
 
+    fn refused_frames(&self) -> u32 {
+        match self {
+            Self::Native(tag) => tag.refused_frames(),
+            Self::DecaRanging(tag) => tag.refused_frames(),
+            Self::Listening(tag) => tag.refused_frames(),
+        }
+    }
+
     fn carried(&mut self) -> Option<u8> {
         if let Self::Native(tag) = self { tag.carried() } else { None }
     }
@@ -191,6 +199,13 @@ impl Protocol for AnchorProtocol {
         match self {
             Self::Native(anchor) => anchor.pace(pace),
             Self::DecaRanging(anchor) => anchor.pace(pace),
+        }
+    }
+
+    fn refused_frames(&self) -> u32 {
+        match self {
+            Self::Native(anchor) => anchor.refused_frames(),
+            Self::DecaRanging(anchor) => anchor.refused_frames(),
         }
     }
 }

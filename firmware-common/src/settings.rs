@@ -1,7 +1,7 @@
 //! The settings of a node's parts, derived from the record in flash once, at the start.
 
 use ranging::RadioDuration;
-use ranging::native::Network;
+use ranging::native::{MakeCode, Network, NetworkKey};
 use ranging::phy::DataRate;
 use ranging::radio::{Config, FrameFilter, TxPower};
 use wire::config::{Invalid, LoadError, Mode, Record, Region, Role, Tag, Value};
@@ -36,6 +36,15 @@ pub struct Settings {
     pub role: Role,
 }
 
+/// What a board has for frames with a key.
+#[derive(Clone, Copy)]
+pub struct Cipher {
+    /// A number that nobody can foresee, another one at each start.
+    pub seed: u64,
+    /// Makes the codes of frames with the board's AES.
+    pub make_code: MakeCode,
+}
+
 /// How a network ranges.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -57,13 +66,14 @@ impl Settings {
     /// # Errors
     /// The radio cannot do what the record says, or the short address is the broadcast address.
     #[cold]
-    pub fn of(record: &Record, chip_eui: u64) -> Result<Self, Invalid> {
+    pub fn of(record: &Record, chip_eui: u64, cipher: Cipher) -> Result<Self, Invalid> {
         let (eui, address) = record.identity.on(chip_eui);
         if address == 0xFFFF {
             let (field, value) = ("identity.address", Value::Absent);
             return Err(Invalid { within: None, field, value, must: "given: the chip's own is everyone's" });
         }
-        let network = ranging::native::Network::try_from(record)?;
+        let key = record.network.key.map(|key| NetworkKey::new(key, cipher.seed, cipher.make_code));
+        let network = Network { key, ..Network::try_from(record)? };
         let protocol = match record.network.mode {
             Mode::Native => ProtocolConfig::Native,
             Mode::DecaRanging { fast: false } => ProtocolConfig::DecaRanging(Variant::Standard),
@@ -136,6 +146,8 @@ mod tests {
     use ranging::PhyConfig;
     use wire::config::{Calibration, Identity, Solver};
 
+    const CIPHER: Cipher = Cipher { seed: 1, make_code: wire::uwb::native::software_code };
+
     fn record() -> Record {
         Record {
             identity: Identity::default(),
@@ -146,6 +158,7 @@ mod tests {
                 phy: wire::config::Phy { channel: 5, prf_mhz: 64, rate_kbps: 6810, preamble: 128, code: None },
                 turnaround: None,
                 region: None,
+                key: None,
             },
             calibration: Calibration::default(),
             pins: None,
@@ -157,7 +170,7 @@ mod tests {
 
     #[test]
     fn a_plain_record_gives_the_defaults_and_the_chips_own_identity() {
-        let settings = Settings::of(&record(), 0x1122_3344_5566_7788).unwrap();
+        let settings = Settings::of(&record(), 0x1122_3344_5566_7788, CIPHER).unwrap();
         assert_eq!((settings.eui, settings.address), (0x1122_3344_5566_7788, 0x7788));
         assert_eq!(settings.network.phy, PhyConfig::FAST);
         assert_eq!(settings.network.pinned, None);
@@ -196,7 +209,7 @@ mod tests {
         record.network.phy.code = Some(12);
         record.calibration =
             Calibration { antenna_delay: Some(16_500), crystal_trim: Some(17), tx_power: Some(0x1F1F_1F1F) };
-        let settings = Settings::of(&record, 1).unwrap();
+        let settings = Settings::of(&record, 1, CIPHER).unwrap();
         assert_eq!((settings.eui, settings.address), (9, 0x42));
         assert_eq!(settings.protocol, ProtocolConfig::DecaRanging(Variant::Fast));
         assert_eq!(settings.network.phy.preamble_code(), 12);
@@ -211,7 +224,7 @@ mod tests {
         let mut record = record();
         let pinned = wire::config::ReplyDelay { answer_us: 600, listen_again_us: 120, transmit_us: 300 };
         record.network.turnaround = Some(pinned);
-        let settings = Settings::of(&record, 1).unwrap();
+        let settings = Settings::of(&record, 1, CIPHER).unwrap();
         let [answer, listen_again, transmit] = [600, 120, 300].map(RadioDuration::from_micros);
         let expected = ReplyDelay { answer, listen_again, transmit };
         assert_eq!(settings.network.pinned, Some(expected));
@@ -223,7 +236,7 @@ mod tests {
             let mut record = record();
             record.network.region = region;
             record.network.phy = wire::config::Phy { rate_kbps, preamble: 1024, ..record.network.phy };
-            Settings::of(&record, 1).unwrap().frame_spacing
+            Settings::of(&record, 1, CIPHER).unwrap().frame_spacing
         };
         let millisecond = Some(RadioDuration::from_micros(1000));
         assert_eq!(spacing(Some(Region::Eu), 6810), millisecond);
@@ -238,7 +251,7 @@ mod tests {
     fn a_listening_tag_hears_answers_to_others_and_an_anchor_only_its_own() {
         let mut record = record();
         record.network.mode = Mode::Listening { rounds_chz: 1_000 };
-        let anchor = Settings::of(&record, 1).unwrap();
+        let anchor = Settings::of(&record, 1, CIPHER).unwrap();
         let period = RadioDuration::from_micros(100_000);
         assert_eq!((anchor.protocol, anchor.radio.filter), (ProtocolConfig::Listening { period }, FrameFilter::DATA));
         record.role = Role::Tag(Tag {
@@ -255,14 +268,14 @@ mod tests {
             height_sigma_m: 0.0,
             area: None,
         });
-        assert_eq!(Settings::of(&record, 1).unwrap().radio.filter, FrameFilter::OFF);
+        assert_eq!(Settings::of(&record, 1, CIPHER).unwrap().radio.filter, FrameFilter::OFF);
     }
 
     #[test]
     fn what_cannot_be_done_is_named() {
-        assert_eq!(Settings::of(&record(), 0xFFFF).unwrap_err().field, "identity.address");
+        assert_eq!(Settings::of(&record(), 0xFFFF, CIPHER).unwrap_err().field, "identity.address");
         let mut record = record();
         record.network.phy.channel = 6;
-        assert_eq!(Settings::of(&record, 1).unwrap_err().field, "network.phy.channel");
+        assert_eq!(Settings::of(&record, 1, CIPHER).unwrap_err().field, "network.phy.channel");
     }
 }

@@ -7,6 +7,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use wire::config::{LoadError, Record};
 use wire::telemetry::{Board, Condition, Crash, Hello, Reset, ResetCause, Role};
 
+use crate::settings::Cipher;
 use crate::{Reporter, Settings, build, settings};
 
 /// What a node finds when it starts.
@@ -19,6 +20,8 @@ pub struct Start {
     pub reset: ResetCause,
     /// The crash report of the run before, if there is one.
     pub crash: Option<Crash>,
+    /// What the board has for frames with a key.
+    pub cipher: Cipher,
 }
 
 /// Reports why the node started, its identity and, if so, why its record cannot be used. The node sends a hello in any
@@ -29,12 +32,14 @@ pub fn introduce<M: RawMutex, const BYTES: usize, C: Fn() -> u64>(
     role: Role,
     start: Start,
 ) -> (Hello, Option<(Record, Settings)>) {
-    let Start { record, eui, reset, crash } = start;
+    let Start { record, eui, reset, crash, cipher } = start;
     let t_us = reporter.now_us();
     reporter.event_log.log(Reset { t_us, cause: reset, crash });
-    let followed = record.and_then(|record| Ok((Settings::of(&record, eui).map_err(LoadError::Invalid)?, record)));
+    let followed =
+        record.and_then(|record| Ok((Settings::of(&record, eui, cipher).map_err(LoadError::Invalid)?, record)));
     let (eui, address) = followed.as_ref().map_or((eui, 0xFFFF), |(settings, _)| (settings.eui, settings.address));
-    let hello = Hello { t_us, eui, address, role, board, build: *build::BUILD };
+    let keyed = followed.as_ref().is_ok_and(|(settings, _)| settings.network.key.is_some());
+    let hello = Hello { t_us, eui, address, role, board, build: *build::BUILD, keyed };
     reporter.event_log.log(hello);
     match followed {
         Ok((settings, record)) => (hello, Some((record, settings))),
@@ -62,7 +67,9 @@ mod tests {
     #[test]
     fn a_node_without_a_record_greets_by_its_chip_and_says_what_is_missing() {
         let reporter = Reporter::<NoopRawMutex, 512>::new(|| 7);
-        let start = Start { record: Err(LoadError::Missing), eui: 0x1234, reset: ResetCause::Watchdog, crash: None };
+        let cipher = Cipher { seed: 1, make_code: wire::uwb::native::software_code };
+        let start =
+            Start { record: Err(LoadError::Missing), eui: 0x1234, reset: ResetCause::Watchdog, crash: None, cipher };
         let (hello, followed) = introduce(&reporter, Board::Simulated, Role::Anchor, start);
         assert!(followed.is_none());
         assert_eq!((hello.eui, hello.address, hello.role), (0x1234, 0xFFFF, Role::Anchor));

@@ -358,7 +358,7 @@ mod tests {
     use ranging::RadioInstant;
 
     fn round(number: u16) -> exchange::Round<'static> {
-        exchange::Round { number, poll: RadioInstant::default(), asked: 4, refused: 0, ranges: &[] }
+        exchange::Round { number, poll: RadioInstant::default(), asked: 4, ranges: &[] }
     }
 
     #[test]

@@ -269,12 +269,8 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
         let poll_us =
             |poll: RadioInstant| now_us.saturating_sub(u64::try_from(present.since(poll).as_micros()).unwrap_or(0));
         let dropped = match report {
-            Report::Round(round) => {
-                self.sink.refused(round.refused);
-                self.channels.put_ranges(&round, poll_us(round.poll), self.sounder.take())
-            }
+            Report::Round(round) => self.channels.put_ranges(&round, poll_us(round.poll), self.sounder.take()),
             Report::Differences(round) => {
-                self.sink.refused(round.refused);
                 self.channels.put_differences(&round, poll_us(round.poll), self.sounder.take())
             }
             // Anchors report the polls of others.
@@ -286,6 +282,10 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
         };
         (0..dropped).for_each(|_| self.sink.round_dropped());
         self.present_guidance(now_us)
+    }
+
+    fn refused(&mut self, frames: u32) {
+        self.sink.refused(frames);
     }
 
     fn guidance(&mut self) -> Option<Guidance> {

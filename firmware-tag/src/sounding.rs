@@ -184,7 +184,7 @@ mod tests {
         let diagnostics = Diagnostics { first_path_index, ..Diagnostics::default() };
         let frame = RxFrame { bytes: &[], rx_time: RadioInstant::default(), diagnostics };
         let range = Range { peer, distance_m: 3.0, deviation_m: 0.1, position_m: None, diagnostics };
-        let round = Round { number: 1, poll: RadioInstant::default(), asked: 1, refused: 0, ranges: &[range] };
+        let round = Round { number: 1, poll: RadioInstant::default(), asked: 1, ranges: &[range] };
         sounder.observe(&Event::Received(frame), &Action::Report(Report::Round(round)));
         match block_on(sounder.look(radio, now_us)) {
             Ok(_) => sounder.take(),
@@ -223,7 +223,7 @@ mod tests {
         radio.holds = false;
         assert_eq!(look(&mut sounder, &mut radio, 750.5, 0), None);
         // A window that ended after the frame: the accumulator may hold another frame.
-        let round = Round { number: 1, poll: RadioInstant::default(), asked: 1, refused: 0, ranges: &[] };
+        let round = Round { number: 1, poll: RadioInstant::default(), asked: 1, ranges: &[] };
         sounder.observe(&Event::Timeout, &Action::Report(Report::Round(round)));
         radio.holds = true;
         let Ok(_) = block_on(sounder.look(&mut radio, 0));

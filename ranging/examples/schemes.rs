@@ -10,11 +10,12 @@
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
-use ranging::native::{self, ClockModel, Layout, Span, Timing};
+use ranging::native::{self, ClockModel, Layout, Network, Span, Timing};
 use ranging::time::METRES_PER_TICK;
 use ranging::tof::{double_sided_asymmetric, double_sided_symmetric, single_sided, single_sided_corrected};
 use ranging::{PhyConfig, RadioDuration, RadioInstant, TimeOfFlight};
 
+const NETWORK: Network = Network::new(0xBA12, PhyConfig::FAST);
 const ANCHORS: usize = 8;
 const DISTANCE_M: f64 = 10.0;
 const DRIFT_PPM: f64 = 20.0;
@@ -120,9 +121,11 @@ impl ComparedScheme {
 
     /// From the first pulse of the first frame to the last of the last, microseconds.
     pub fn micros(self, n: usize) -> f64 {
-        let (phy, native) = (PhyConfig::FAST, self == Self::AsymmetricToldLater);
-        let timing =
-            Timing::of(&phy, layout(if native { native::Scheme::DoubleSided } else { native::Scheme::SingleSided }));
+        let (phy, native) = (NETWORK.phy, self == Self::AsymmetricToldLater);
+        let timing = Timing::of(
+            &NETWORK,
+            layout(if native { native::Scheme::DoubleSided } else { native::Scheme::SingleSided }),
+        );
         let air = |bytes: usize| phy.airtime(bytes as u16).ticks();
         let answer = timing.layout.answer.duration().ticks();
         // Header and code 10, round 2, check bytes 2; five bytes for each instant, four for each interval.
@@ -165,7 +168,7 @@ fn simulate(scheme: ComparedScheme, case: Case, sign: f64, rng: &mut Pcg64) -> V
     let stamp_noise = Normal::new(0.0, STAMP_NOISE_TICKS).unwrap();
     let carrier_noise = Normal::new(0.0, CARRIER_NOISE_PPM).unwrap();
     let wander = Normal::new(0.0, WANDER_PPM * 1e-6).unwrap();
-    let timing = Timing::of(&PhyConfig::FAST, layout(native::Scheme::SingleSided));
+    let timing = Timing::of(&NETWORK, layout(native::Scheme::SingleSided));
     let mut tag = Clock { count: ((1_u64 << 40) - 1_000_000_000) as f64, drift: sign * DRIFT_PPM * 1e-6 };
     let steady = -sign * DRIFT_PPM * 1e-6;
     let mut anchor = Clock { count: 123_456_789.0, drift: steady };

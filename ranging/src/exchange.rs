@@ -118,9 +118,6 @@ pub struct Round<'m> {
     pub poll: RadioInstant,
     /// Peers that were asked.
     pub asked: u8,
-    /// Frames that this protocol had received and refused before the round, wrapping: they contradicted what it knew of
-    /// the network. More than a few are a sign of forged frames.
-    pub refused: u32,
     /// The measured ranges.
     pub ranges: &'m [Range],
 }
@@ -151,8 +148,6 @@ pub struct Differences<'m> {
     pub poll: RadioInstant,
     /// Anchors that were asked.
     pub asked: u8,
-    /// As that of [`Round`].
-    pub refused: u32,
     /// Short address of the anchor that asked.
     pub reference: u16,
     /// Position of the asking anchor, metres.
@@ -249,6 +244,12 @@ pub trait Protocol {
         let _ = data;
     }
 
+    /// Frames that were received and refused since the start, wrapping: they contradicted what the protocol knew of the
+    /// network, or had no code where the network has a key. More than a few are a sign of forged frames.
+    fn refused_frames(&self) -> u32 {
+        0
+    }
+
     /// Ends the last requested wait early because of new guidance. The next step is that of the end of the wait. If the
     /// radio slept, the protocol does not know for how long.
     fn rouse(&mut self, guidance: Guidance) {
@@ -284,6 +285,10 @@ impl<M: Protocol + ?Sized> Protocol for &mut M {
 
     fn carry(&mut self, data: Option<UserData>) {
         (**self).carry(data);
+    }
+
+    fn refused_frames(&self) -> u32 {
+        (**self).refused_frames()
     }
 
     fn rouse(&mut self, guidance: Guidance) {

@@ -48,6 +48,11 @@ pub trait Listener {
         let _ = sensors;
     }
 
+    /// The protocol has refused this many frames since the start: more than before.
+    fn refused(&mut self, frames: u32) {
+        let _ = frames;
+    }
+
     /// The present guidance, after a wait in which the node may have computed the last round. `None`: that of the last
     /// report is the newest.
     fn guidance(&mut self) -> Option<Guidance> {
@@ -101,8 +106,9 @@ async fn attempt<R: Restart>(
     radio.restart().await?;
     machine.calibrate(&radio.stamp_model());
     let mut buffer = [0; MAX_FRAME];
-    let (mut now, mut event) = (radio.now().await?, Event::Started);
+    let (mut now, mut event, mut refused) = (radio.now().await?, Event::Started, machine.refused_frames());
     loop {
+        count_refused(&mut refused, machine, listener);
         let action = machine.step(now, event);
         listener.observe(now, &event, &action);
         let wait = match action {
@@ -168,6 +174,14 @@ async fn attempt<R: Restart>(
         now = radio.now().await?;
         // The radio completed an action without an error.
         *failures = 0;
+    }
+}
+
+/// Passes on how many frames the protocol has refused, if they are more than `before`.
+fn count_refused(before: &mut u32, machine: &impl Protocol, listener: &mut impl Listener) {
+    let refused = machine.refused_frames();
+    if core::mem::replace(before, refused) != refused {
+        listener.refused(refused);
     }
 }
 

@@ -7,6 +7,7 @@
 //! board's own code (bus, interrupt handlers, timers) is part of the [`BoardProfile`](dw1000_sim::BoardProfile). None
 //! of these costs was measured on a board.
 
+use std::cell::Cell;
 use std::sync::LazyLock;
 
 use dw1000_sim::{Core, Processor};
@@ -14,7 +15,7 @@ use ranging::Restart;
 use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 use ranging::radio::{Capabilities, MAX_FRAME, RangeBias, Sample, Sensors, StampModel};
 use ranging::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, RxFrame, Start, TransmitError};
-use wire::uwb::native::{Frame, Message, UserData};
+use wire::uwb::native::{Frame, IntegrityCode, Message, Nonce, UserData, software_code};
 
 const TABLE: &str = include_str!("costs.csv");
 
@@ -32,8 +33,32 @@ pub struct Costs {
     pub driver: DriverCosts,
     /// The steps of the exchange's protocols.
     pub machine: ProtocolCosts,
+    /// The codes of frames with a key.
+    pub code: CodeCosts,
     /// What a tag does besides ranging.
     pub tag: TagCosts,
+}
+
+/// The code of a response, which takes four blocks.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CodeCosts {
+    /// Without the cipher.
+    pub made: u32,
+    /// With AES in software, its key included.
+    pub in_software: u32,
+}
+
+/// Blocks of the code of a response.
+const RESPONSE_BLOCKS: u32 = 4;
+
+impl CodeCosts {
+    /// Charges the blocks of the codes that a step has made.
+    fn charge(&self, processor: &Processor, blocks: u32) {
+        let block_ns = processor.board().cipher_block_ns;
+        let response = if block_ns > 0 { self.made } else { self.in_software };
+        processor.charge(response * blocks / RESPONSE_BLOCKS);
+        processor.charge_ns(block_ns * blocks);
+    }
 }
 
 /// The driver's operations, without their transactions.
@@ -174,6 +199,7 @@ fn parse(table: &str, name: &str) -> Result<Costs, String> {
             overheard: cost("machine.overheard")?,
             scheduled: cost("machine.scheduled")?,
         },
+        code: CodeCosts { made: cost("code.made")?, in_software: cost("code.in-software")? },
         tag: TagCosts {
             handover: cost("tag.handover")?,
             track_plane: rounds("tag.track-plane")?,
@@ -186,6 +212,19 @@ fn parse(table: &str, name: &str) -> Result<Costs, String> {
             advert: cost("tag.advert")?,
         },
     })
+}
+
+thread_local! {
+    /// Blocks of the codes that were made since they were last charged. A simulation runs in one thread.
+    static BLOCKS: Cell<u32> = const { Cell::new(0) };
+}
+
+/// Makes the code of a frame, and counts its blocks for the [`Charged`] protocol that runs.
+pub fn counted_code(key: &[u8; 16], nonce: &Nonce, parts: [&[u8]; 2]) -> IntegrityCode {
+    let bytes: usize = parts.iter().map(|part| part.len()).sum();
+    // Two blocks, and one for each 16 bytes of the length and what follows it.
+    BLOCKS.set(BLOCKS.get() + 2 + (bytes + 2).div_ceil(16) as u32);
+    software_code(key, nonce, parts)
 }
 
 /// A protocol or a radio whose code takes processor time of its node.
@@ -246,7 +285,9 @@ impl ProtocolCosts {
                     }
                     Message::Response(_) if reports_round => self.round_ended,
                     Message::Response(_) => self.response_received,
-                    Message::SyncFrame(_) | Message::Request(_) | Message::Final { .. } => self.beacon_received,
+                    Message::SyncFrame(_) | Message::Request(_) | Message::Final { .. } | Message::Challenge(_) => {
+                        self.beacon_received
+                    }
                 },
                 Err(_) if sent.is_some() => self.poll_answered,
                 Err(_) => self.response_received,
@@ -260,9 +301,7 @@ impl ProtocolCosts {
             | Event::Woken
             | Event::Reported => match sent {
                 Some(Some(Message::SyncFrame(_))) => self.beacon_made,
-                Some(
-                    Some(Message::Poll(_) | Message::Request(_) | Message::Response(_) | Message::Final { .. }) | None,
-                ) => self.poll_made,
+                Some(_) => self.poll_made,
                 None => self.scheduled,
             },
         }
@@ -286,6 +325,7 @@ impl<M: Protocol> Protocol for Charged<M> {
             | Action::Compensate => 0,
         };
         self.processor.charge(self.costs.machine.of_step(self.address, &event, &action) + handover);
+        self.costs.code.charge(&self.processor, BLOCKS.take());
         action
     }
 
@@ -303,6 +343,10 @@ impl<M: Protocol> Protocol for Charged<M> {
 
     fn guide(&mut self, guidance: Guidance) {
         self.inner.guide(guidance);
+    }
+
+    fn refused_frames(&self) -> u32 {
+        self.inner.refused_frames()
     }
 
     fn carried(&mut self) -> Option<u8> {

@@ -255,6 +255,9 @@ impl Site {
             // An anchor does not use the key, so its record does not contain the key.
             Role::Anchor { .. } => (Default::default(), None),
         };
+        // A beacon sends no frames of the network.
+        let key = network.key.filter(|_| !matches!(own.role, Role::Advertiser(_)));
+        let network = Network { key, ..network };
         let mut role = own.role;
         if let Role::Tag(tag) = &mut role {
             tag.area = self.area;

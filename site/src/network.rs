@@ -14,6 +14,7 @@ pub const SIMULATED_NETWORK: Network = Network {
     phy: Phy { channel: 5, prf_mhz: 64, rate_kbps: 6810, preamble: 128, code: None },
     turnaround: None,
     region: Some(Region::Unchecked),
+    key: None,
 };
 
 /// Tags listen to anchors that range among each other once in each superframe, ten times a second.
@@ -60,22 +61,30 @@ pub(crate) struct NetworkTable {
     answer_us: Option<u16>,
     listen_again_us: Option<u16>,
     transmit_us: Option<u16>,
-    beacon_key: Option<BeaconKey>,
+    #[serde(deserialize_with = "network_key")]
+    key: Option<[u8; 16]>,
+    #[serde(deserialize_with = "beacon_key")]
+    beacon_key: Option<[u8; 16]>,
+}
+
+/// The key of the network's frames.
+fn network_key<'de, D: Deserializer<'de>>(from: D) -> Result<Option<[u8; 16]>, D::Error> {
+    key(from, "key")
 }
 
 /// The key of the beacons' rotating identifiers.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct BeaconKey(pub(crate) [u8; 16]);
+fn beacon_key<'de, D: Deserializer<'de>>(from: D) -> Result<Option<[u8; 16]>, D::Error> {
+    key(from, "beacon_key")
+}
 
-impl<'de> Deserialize<'de> for BeaconKey {
-    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
-        match Hex::from_text(&String::deserialize(from)?) {
-            Ok(Hex(key)) => Ok(Self(key)),
-            Err(text) if text == HIDDEN => {
-                Err(D::Error::custom("beacon_key is hidden: put the key there, or show the record with --show-keys"))
-            }
-            Err(text) => Err(Hex::<16>::refuse(&text)),
+fn key<'de, D: Deserializer<'de>>(from: D, name: &str) -> Result<Option<[u8; 16]>, D::Error> {
+    match Hex::from_text(&String::deserialize(from)?) {
+        Ok(Hex(key)) => Ok(Some(key)),
+        Err(text) if text == HIDDEN => {
+            let what = "put the key there, or show the record with --show-keys";
+            Err(D::Error::custom(format!("{name} is hidden: {what}")))
         }
+        Err(text) => Err(Hex::<16>::refuse(&text)),
     }
 }
 
@@ -107,7 +116,8 @@ impl NetworkTable {
         };
         let phy = self.phy(default.phy).map_err(|what| SiteError::at(lines.of("evk1000_mode"), what))?;
         let (pan, region) = (self.pan.unwrap_or(default.pan), self.region.or(default.region));
-        Ok(Network { pan, mode, phy, turnaround, region })
+        let key = own_key(self.key, "key", lines)?;
+        Ok(Network { pan, mode, phy, turnaround, region, key })
     }
 
     fn phy(&self, default: Phy) -> Result<Phy, String> {
@@ -131,14 +141,18 @@ impl NetworkTable {
 
     /// The beacons' key.
     pub(crate) fn beacon_key(&self, lines: &KeyLines) -> Result<Option<[u8; 16]>, SiteError> {
-        let key = self.beacon_key.map(|BeaconKey(key)| key);
-        match key.and_then(known_key) {
-            Some(why) => {
-                let what = format!("beacon_key is {why}: make one of your own by openssl rand -hex 16");
-                Err(SiteError::at(lines.of("beacon_key"), what))
-            }
-            None => Ok(key),
+        own_key(self.beacon_key, "beacon_key", lines)
+    }
+}
+
+/// A key that not everyone knows.
+fn own_key(key: Option<[u8; 16]>, name: &str, lines: &KeyLines) -> Result<Option<[u8; 16]>, SiteError> {
+    match key.and_then(known_key) {
+        Some(why) => {
+            let what = format!("{name} is {why}: make one of your own by openssl rand -hex 16");
+            Err(SiteError::at(lines.of(name), what))
         }
+        None => Ok(key),
     }
 }
 

@@ -14,6 +14,8 @@ local MAX_MEMBERS = 16
 local MAX_LEASES = 10
 local MAX_POLLS = 6
 local MAX_PERIOD = 5120 -- superframes
+local WITH_CODE = 8 -- in a native message's code
+local CODE_BYTES = 8
 local UNKNOWN_MM = -8388608
 
 local proto = Proto("baliza", "Baliza UWB ranging")
@@ -83,6 +85,11 @@ field(ProtoField.uint8, "lease.slot", "Round slot", base.DEC, nil, 0x3F)
 field(ProtoField.uint16, "lease.period", "Period (superframes)")
 field(ProtoField.uint16, "lease.phase", "Phase (superframes)")
 field(ProtoField.uint16, "polled_by", "Poll of tag", base.HEX)
+field(ProtoField.uint32, "session", "Session", base.HEX)
+field(ProtoField.uint16, "epoch", "Superframe, high half")
+field(ProtoField.bool, "answers", "Answers a challenge", 8, nil, 0x08)
+field(ProtoField.uint32, "challenge", "Number of the challenge", base.HEX)
+field(ProtoField.bytes, "integrity", "Integrity code", base.SPACE)
 -- DecaRanging.
 field(ProtoField.uint16, "tag", "Tag's short address", base.HEX)
 field(ProtoField.string, "delay.anchor", "Anchor's delay")
@@ -113,12 +120,12 @@ local pan_of = Field.new("wpan.dst_pan")
 local Reader = {}
 Reader.__index = Reader
 
-function Reader.new(tvb, at)
-    return setmetatable({ tvb = tvb, at = at }, Reader)
+function Reader.new(tvb, at, stop)
+    return setmetatable({ tvb = tvb, at = at, stop = stop }, Reader)
 end
 
 function Reader:left()
-    return self.tvb:len() - self.at
+    return self.stop - self.at
 end
 
 function Reader:take(bytes)
@@ -318,7 +325,7 @@ local function add_lease(tree, reader)
     branch:add_le(f.lease_phase, phase)
 end
 
-local function sync_frame(tree, reader)
+local function sync_frame(tree, reader, has_code)
     local superframe = reader:take(2)
     tree:add_le(f.superframe, superframe)
     for _, which in ipairs({ f.term, f.age, f.hops }) do
@@ -345,6 +352,16 @@ local function sync_frame(tree, reader)
     tree:add(f.leased, leased)
     tree:add(f.leases, entries)
     tree:add(f.polls, entries)
+    local polls = entries:uint() % 16
+    if has_code then
+        tree:add_le(f.session, reader:take(4))
+        tree:add_le(f.epoch, reader:take(2))
+        tree:add(f.answers, entries)
+        if polls >= 8 then
+            tree:add_le(f.challenge, reader:take(4))
+            polls = polls - 8
+        end
+    end
     local last, is_in_order = -1, true
     for i = 1, count:uint() % 128 do
         local range = reader:take(3)
@@ -363,7 +380,7 @@ local function sync_frame(tree, reader)
             error("more than " .. MAX_LEASES .. " leases", 0)
         end
     end
-    for i = 1, entries:uint() % 16 do
+    for i = 1, polls do
         local branch = tree:add_le(f.polled_by, reader:take(2))
         add_tag_byte(branch, reader:take(1), "wish")
         if i > MAX_POLLS then
@@ -388,6 +405,14 @@ local function final(tree, reader)
     tree:add_le(f.round, reader:take(2))
 end
 
+local function challenge(tree, reader, has_code)
+    tree:add_le(f.session, reader:take(4))
+    tree:add_le(f.challenge, reader:take(4))
+    if not has_code then
+        error("a challenge without an integrity code", 0)
+    end
+end
+
 -- By the code: the message's name, and what reads the bytes after the code.
 local NATIVE = {
     [0x30] = { "Poll", poll },
@@ -395,6 +420,7 @@ local NATIVE = {
     [0x32] = { "Sync frame", sync_frame },
     [0x33] = { "Request", request },
     [0x34] = { "Final", final },
+    [0x35] = { "Challenge", challenge },
 }
 
 local function add_delay(tree, which, range)
@@ -472,19 +498,24 @@ local function dissect(tvb, pinfo, root)
     if tvb:len() == 0 or pan == nil then
         return false
     end
-    local messages = pan.value == DECARANGING_PAN and DECARANGING or NATIVE
-    local message = messages[tvb(0, 1):uint()]
+    local code, messages = tvb(0, 1):uint(), pan.value == DECARANGING_PAN and DECARANGING or NATIVE
+    local has_code = messages == NATIVE and math.floor(code / WITH_CODE) % 2 == 1
+    local message = messages[has_code and code - WITH_CODE or code]
     if message == nil then
         return false
     end
     local name, rest = message[1], message[2]
     local tree = root:add(proto, tvb())
     tree:add(f.code, tvb(0, 1)):append_text(" (" .. name .. ")")
-    local reader = Reader.new(tvb, 1)
+    local stop = has_code and tvb:len() - CODE_BYTES or tvb:len()
+    local reader = Reader.new(tvb, 1, stop)
     -- What follows the name in the list of frames, or what is wrong.
     local is_whole, text = pcall(function()
-        local about = rest(tree, reader)
+        local about = rest(tree, reader, has_code)
         reader:finish()
+        if has_code then
+            tree:add(f.integrity, tvb(stop, CODE_BYTES))
+        end
         return about
     end)
     pinfo.cols.protocol = "Baliza"

@@ -13,6 +13,7 @@
 
 #[cfg(feature = "ble")]
 pub mod bluetooth;
+mod cipher;
 mod delay;
 pub mod motion;
 mod uwb;
@@ -131,7 +132,7 @@ impl Board {
                 watchdog,
                 telemetry,
             },
-            start: Start { board: BOARD, clock: uptime_us, record, eui, reset, crash },
+            start: Start { board: BOARD, clock: uptime_us, record, eui, reset, crash, cipher: cipher::start() },
             flash,
             motion: motion::Parts { twi: p.TWISPI0, scl: p.P0_28, sda: p.P0_29, int1: p.P0_25 },
             ranging: start_ranging(),

@@ -23,6 +23,7 @@ use embassy_time::Delay;
 use firmware_common::node::{Node, Start};
 use firmware_common::supervision::Lit;
 
+use crate::cipher;
 use crate::panel::Switches;
 use crate::uwb::{self, Bus, Interrupt, Reset};
 
@@ -153,7 +154,7 @@ impl Board {
             },
             lcd,
             flash,
-            start: Start { board: BOARD, clock: uptime_us, record, eui, reset, crash },
+            start: Start { board: BOARD, clock: uptime_us, record, eui, reset, crash, cipher: cipher::start() },
             ranging: start_ranging(),
         }
     }

@@ -11,6 +11,8 @@ pub mod panel;
 #[cfg(target_os = "none")]
 mod board;
 #[cfg(target_os = "none")]
+mod cipher;
+#[cfg(target_os = "none")]
 mod display;
 #[cfg(target_os = "none")]
 mod uwb;

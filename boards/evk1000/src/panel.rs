@@ -45,7 +45,14 @@ impl Switches {
         let mut record = record.unwrap_or_else(|| Record {
             identity: Identity::default(),
             role: Role::Tag(TAG),
-            network: Network { pan: PAN, mode: Mode::Native, phy: self.phy(), turnaround: None, region: None },
+            network: Network {
+                pan: PAN,
+                mode: Mode::Native,
+                phy: self.phy(),
+                turnaround: None,
+                region: None,
+                key: None,
+            },
             calibration: Calibration::default(),
             pins: None,
             anchors: Default::default(),
@@ -168,6 +175,9 @@ fn distance(label: &[u8; 5], metres: f32) -> [u8; WIDTH] {
 mod tests {
     use super::*;
     use firmware_common::Settings;
+    use firmware_common::settings::Cipher;
+
+    const CIPHER: Cipher = Cipher { seed: 1, make_code: wire::uwb::native::software_code };
 
     #[test]
     fn without_a_record_the_switches_decide_all() {
@@ -176,7 +186,7 @@ mod tests {
             let record = Switches { anchor: true, mode: switches, native: false }.apply(None);
             assert_eq!(record.role, Role::Anchor { position_m: None });
             assert_eq!(record.network.mode, Mode::DecaRanging { fast: false });
-            let settings = Settings::of(&record, 0x0200_0000_0000_1234).unwrap();
+            let settings = Settings::of(&record, 0x0200_0000_0000_1234, CIPHER).unwrap();
             // Table 5-1 of de Rojas Malpartida's thesis has the modes in this order, as 1 to 8.
             assert_eq!(Some(settings.network.phy), PhyConfig::evk1000_mode(mode + 1));
             assert_eq!(settings.address, 0x1234);
@@ -189,7 +199,7 @@ mod tests {
         for native in [false, true] {
             let record = Switches { native, ..Switches::default() }.apply(None);
             assert_eq!(record.network.turnaround, None);
-            assert_eq!(Settings::of(&record, 1).unwrap().network.pinned, None);
+            assert_eq!(Settings::of(&record, 1, CIPHER).unwrap().network.pinned, None);
         }
     }
 

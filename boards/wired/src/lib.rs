@@ -18,9 +18,11 @@ use baliza_board_rtt::TelemetryChannel;
 use baliza_dw1000::driver::Dw1000;
 use embassy_executor::Spawner;
 use firmware_common::node::{self, Node};
+use firmware_common::settings::Cipher;
 use qemu_link::{NodeStart, Request};
 use wire::config::Record;
 use wire::telemetry::ResetCause;
+use wire::uwb::native::software_code;
 
 use executor::Executors;
 use pipe::PIPE;
@@ -71,6 +73,7 @@ impl Board {
                 wire::config::decode(record).map(|(record, _): (Record, u32)| record)
             })
         });
+        let seed = record.as_ref().ok().and_then(|record| record.identity.address).unwrap_or_default().into();
         let [delay, driver_delay] = Delay::take();
         Self {
             uwb: Uwb { bus: Bus, interrupt: Interrupt, reset: Reset, delay: driver_delay },
@@ -83,6 +86,8 @@ impl Board {
                 eui: 0xDECA_0000_0000_0000,
                 reset: ResetCause::PowerOn,
                 crash: None,
+                // Nobody attacks a simulated world: the start of a node may be foreseen.
+                cipher: Cipher { seed, make_code: software_code },
             },
             care: Care { executors: Executors::take(), telemetry },
         }

@@ -26,7 +26,7 @@ fn ranges(positions: impl Fn(usize) -> Option<[f32; 3]>) -> [exchange::Range; 4]
 }
 
 fn round(ranges: &[exchange::Range]) -> Measured<'_> {
-    Measured::Ranges(Round { number: 1, poll: RadioInstant::default(), asked: 4, refused: 0, ranges })
+    Measured::Ranges(Round { number: 1, poll: RadioInstant::default(), asked: 4, ranges })
 }
 
 /// The differences of the other anchors to the first.
@@ -46,7 +46,6 @@ fn heard(reference_m: [f32; 3], differences: &[Difference]) -> Measured<'_> {
         number: 1,
         poll: RadioInstant::default(),
         asked: 3,
-        refused: 0,
         reference: 1,
         reference_m,
         reference_deviation_m: 0.03,

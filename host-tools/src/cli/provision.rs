@@ -220,7 +220,7 @@ fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
 }
 
 fn has_key(contents: &Contents<'_>) -> bool {
-    contents.record.beacon_key.is_some()
+    contents.record.network.key.or(contents.record.beacon_key).is_some()
 }
 
 /// Writes a record to a file; one with a key is for its owner only.

@@ -190,7 +190,7 @@ mod tests {
 
     fn hello(address: u16, role: telemetry::Role) -> Message {
         let board = telemetry::Board::Dwm1001;
-        telemetry::Hello { t_us: 1, eui: 7, address, role, board, build: [0; 8] }.into()
+        telemetry::Hello { t_us: 1, eui: 7, address, role, board, build: [0; 8], keyed: false }.into()
     }
 
     #[test]

@@ -170,7 +170,7 @@ mod tests {
             let message: Message = match hello {
                 Some(address) => {
                     let (role, board) = (Role::Tag, Board::Dwm1001);
-                    Hello { t_us: ms, eui: 1, address, role, board, build: [0; 8] }.into()
+                    Hello { t_us: ms, eui: 1, address, role, board, build: [0; 8], keyed: false }.into()
                 }
                 None => State { t_us: ms, is: Condition::Searching }.into(),
             };

@@ -24,7 +24,7 @@ fn every_message_is_a_line_of_json() {
     assert_eq!(run.stdout.lines().collect::<Vec<_>>(), lines);
     let first = serde_json::json!({
         "type": "hello", "t_s": 0.001, "eui": "10205f1234567890", "address": "0x1001", "role": "tag", "board": "simulated",
-        "build": "01020304050607ab",
+        "build": "01020304050607ab", "keyed": false,
     });
     assert_eq!(serde_json::from_str::<Value>(&lines[0]).expect("JSON"), first);
     let fixes = count(&messages, "fix");

@@ -68,6 +68,7 @@ pub fn walk() -> Vec<Message> {
         role: Role::Tag,
         board: Board::Simulated,
         build: [1, 2, 3, 4, 5, 6, 7, 0xAB],
+        keyed: false,
     };
     let mut sent = vec![
         Message::Hello(hello(1000)),

@@ -197,6 +197,10 @@ fn a_record_with_a_key_is_for_its_owner_only() {
     folder.run("provision --config site.toml --node tag-1 --board dwm1001 --out plain.bin").ok();
     assert_eq!((mode("tag.bin"), mode("keyed/tag-1.bin")), (0o600, 0o600));
     assert_eq!(mode("plain.bin"), mode("site.toml") | 0o600);
+    let keyed = keyed.replace("beacon_key", "key");
+    folder.write("keyed.toml", keyed.as_bytes());
+    folder.run("provision --config keyed.toml --node tag-1 --board dwm1001 --out tag.bin --force").ok();
+    assert_eq!(mode("tag.bin"), 0o600);
 }
 
 #[test]

@@ -22,6 +22,7 @@ prf_mhz = 64
 rate_kbps = 6810
 preamble_symbols = 128
 beacon_key = "00112233445566778899aabbccddeeff"
+key = "00112233445566778899aabbccddeeff"
 
 [[node]]
 name = "door"
@@ -66,6 +67,7 @@ fn sent() -> Vec<Message> {
             role: Role::Tag,
             board: Board::Dwm1001,
             build: [1; 8],
+            keyed: false,
         }),
         Message::State(State { t_us: 200_000, is: Condition::Synchronised(0x0101) }),
         range(400_000, 0x0102).into(),
@@ -184,7 +186,7 @@ fn a_wrong_site_file_is_refused_with_its_line() {
     ]);
     folder.write("telemetry.bin", &stream(&sent()));
     for (file, said) in [
-        ("site.toml", "site.toml:28: "),
+        ("site.toml", "site.toml:29: "),
         ("copy.toml", "copy.toml:2: \"0x10000\" is not an address"),
         ("origin.toml", "origin.toml:4: latitude_deg = 151.2 is not between -90 and 90"),
     ] {

@@ -309,7 +309,7 @@ impl Protocol for Anchor {
         if let Some((poll, range)) = self.range.take() {
             self.number = self.number.wrapping_add(1);
             let ranges = &*self.reported.insert(range);
-            return Action::Report(Report::Round(Round { number: self.number, poll, asked: 1, refused: 0, ranges }));
+            return Action::Report(Report::Round(Round { number: self.number, poll, asked: 1, ranges }));
         }
         let lost = |known: &&mut Known| known.paired && now.since(known.heard) > LOST_AFTER;
         if let Some(known) = self.tags.iter_mut().find(lost) {

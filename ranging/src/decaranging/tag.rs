@@ -326,7 +326,7 @@ impl Protocol for Tag {
         if let Some((poll, range)) = self.range.take() {
             self.number = self.number.wrapping_add(1);
             let ranges = &*self.reported.insert(range);
-            return Action::Report(Report::Round(Round { number: self.number, poll, asked: 1, refused: 0, ranges }));
+            return Action::Report(Report::Round(Round { number: self.number, poll, asked: 1, ranges }));
         }
         if let State::AwaitingResponse { from, .. } = self.state
             && from.since(now) > RadioDuration::ZERO

@@ -9,6 +9,7 @@ use heapless::Vec;
 
 use super::MAX_ROUND;
 use super::anchor_table::AnchorTable;
+use super::authentication::SealedPoll;
 use super::coordinator::Coordinator;
 use super::leases::Leases;
 use super::plan::{Rate, next_round, share_of};
@@ -104,6 +105,16 @@ impl AnchorRounds {
 
     fn other(&mut self, address: u16) -> Option<&mut Other> {
         self.heard.iter_mut().find(|other| other.address == address)
+    }
+
+    /// The poll was written.
+    pub fn seal(&mut self, sealed: Option<SealedPoll>) {
+        self.round.seal(sealed);
+    }
+
+    /// The last poll, in a network with a key.
+    pub fn sealed(&self) -> Option<&SealedPoll> {
+        self.round.sealed()
     }
 
     /// The poll has left.

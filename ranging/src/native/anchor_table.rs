@@ -10,6 +10,7 @@ use heapless::Vec;
 
 use super::MAX_ROUND;
 use super::anchor_position::{AnchorPosition, is_own_slot};
+use super::authentication::Forged;
 use super::clock::ClockModel;
 use crate::RadioInstant;
 use wire::uwb::native::SyncFrame;
@@ -57,13 +58,15 @@ pub struct Refused {
     pub off_slot: u32,
     /// Responses whose carrier does not fit the anchor's crystal.
     pub carriers: u32,
+    /// Frames without the code that the network's key gives them.
+    pub codes: u32,
 }
 
 impl Refused {
     /// All of them, wrapping.
     pub fn total(&self) -> u32 {
-        let Self { positions, coordinators, lists, off_slot, carriers } = *self;
-        [positions, coordinators, lists, off_slot, carriers].into_iter().fold(0, u32::wrapping_add)
+        let Self { positions, coordinators, lists, off_slot, carriers, codes } = *self;
+        [positions, coordinators, lists, off_slot, carriers, codes].into_iter().fold(0, u32::wrapping_add)
     }
 }
 
@@ -81,7 +84,7 @@ pub type Team = Vec<u16, MAX_ROUND>;
 impl AnchorTable {
     /// No anchor.
     pub const fn new() -> Self {
-        let refused = Refused { positions: 0, coordinators: 0, lists: 0, off_slot: 0, carriers: 0 };
+        let refused = Refused { positions: 0, coordinators: 0, lists: 0, off_slot: 0, carriers: 0, codes: 0 };
         Self { anchors: Vec::new(), refused }
     }
 
@@ -167,6 +170,14 @@ impl AnchorTable {
     /// Another coordinator's sync frame was not followed.
     pub fn refuse_coordinator(&mut self) {
         self.refused.coordinators = self.refused.coordinators.saturating_add(1);
+    }
+
+    /// Whether a frame counts that was checked: it is refused if it was forged.
+    pub fn believe<T>(&mut self, opened: Result<T, Forged>) -> Option<T> {
+        if opened.is_err() {
+            self.refused.codes = self.refused.codes.saturating_add(1);
+        }
+        opened.ok()
     }
 
     /// A list of members was refused.

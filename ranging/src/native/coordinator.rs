@@ -36,9 +36,9 @@ use super::leases::Leases;
 use super::plan::most_leased;
 use super::spread;
 use super::superframes::Superframes;
-use super::timing::{HOLDOVER_SUPERFRAMES, SHARED_SLOTS, Timing};
+use super::timing::{HOLDOVER_SUPERFRAMES, Network, SHARED_SLOTS, Timing};
+use crate::RadioInstant;
 use crate::exchange::Link;
-use crate::{PhyConfig, RadioInstant};
 use wire::uwb::layout::Layout;
 use wire::uwb::native::{Confirmation, Member, OWNED_SYNC_SLOTS, Position, Share, SyncFrame};
 
@@ -93,20 +93,20 @@ pub enum FollowUpdate {
 
 impl Coordinator {
     /// Founds a network that begins at `start`, with a layout for this anchor itself.
-    pub fn found(address: u16, phy: &PhyConfig, layout: Layout, start: RadioInstant) -> Self {
+    pub fn found(address: u16, network: &Network, layout: Layout, start: RadioInstant, session: Option<u32>) -> Self {
         let slot = Some((usize::from(address) % OWNED_SYNC_SLOTS) as u8);
-        Self { slot, ..Self::of_course(address, Superframes::begin(phy, layout, start)) }
+        Self { slot, ..Self::of_course(address, Superframes::begin(network, layout, start, session)) }
     }
 
     /// Joins a network whose sync frame was received, unless its layout is just changing.
     pub fn join(
         address: u16,
-        phy: &PhyConfig,
+        network: &Network,
         source: u16,
         sync_frame: &SyncFrame,
         rx_time: RadioInstant,
     ) -> Option<Self> {
-        let mut joined = Self::of_course(address, Superframes::of_sync_frame(phy, sync_frame, rx_time)?);
+        let mut joined = Self::of_course(address, Superframes::of_sync_frame(network, sync_frame, rx_time)?);
         joined.election = Election::joined(sync_frame);
         joined.follow(source, sync_frame);
         Some(joined)
@@ -149,13 +149,13 @@ impl Coordinator {
     /// layout.
     fn begin_anew(
         &mut self,
-        phy: &PhyConfig,
+        network: &Network,
         leases: &mut Leases,
         source: u16,
         sync_frame: &SyncFrame,
         rx_time: RadioInstant,
     ) -> bool {
-        match Self::join(self.address, phy, source, sync_frame, rx_time) {
+        match Self::join(self.address, network, source, sync_frame, rx_time) {
             Some(joined) => {
                 leases.clear();
                 *self = joined;
@@ -168,18 +168,18 @@ impl Coordinator {
     /// A sync frame of this PAN arrived at `rx_time`.
     pub fn receive(
         &mut self,
-        phy: &PhyConfig,
+        network: &Network,
         leases: &mut Leases,
         source: u16,
         sync_frame: &SyncFrame,
         rx_time: RadioInstant,
     ) -> FollowUpdate {
-        self.advance(phy, leases, rx_time);
+        self.advance(network, leases, rx_time);
         let in_step = self.course.in_step(sync_frame, rx_time);
         let is_the_same = (sync_frame.term, sync_frame.coordinator) == (self.election.term, self.election.coordinator);
         if is_the_same && in_step.is_none() {
             let is_deaf = u16::from(self.election.age) > HOLDOVER_SUPERFRAMES && !self.coordinates();
-            let followed = is_deaf && self.begin_anew(phy, leases, source, sync_frame, rx_time);
+            let followed = is_deaf && self.begin_anew(network, leases, source, sync_frame, rx_time);
             return if followed { FollowUpdate::Followed } else { FollowUpdate::Ignored };
         }
         let is_alone = self.coordinates() && self.course.membership.members().is_empty() && !self.has_neighbours();
@@ -208,7 +208,7 @@ impl Coordinator {
                         self.course.membership.adopt(sync_frame);
                         self.follow(source, sync_frame);
                     }
-                    None if self.begin_anew(phy, leases, source, sync_frame, rx_time) => {}
+                    None if self.begin_anew(network, leases, source, sync_frame, rx_time) => {}
                     None => return FollowUpdate::Ignored,
                 }
                 FollowUpdate::Changed(link)
@@ -307,7 +307,7 @@ impl Coordinator {
     }
 
     /// Advances to the superframe that contains `now`.
-    pub fn advance(&mut self, phy: &PhyConfig, leases: &mut Leases, now: RadioInstant) {
+    pub fn advance(&mut self, network: &Network, leases: &mut Leases, now: RadioInstant) {
         let begun = self.course.advance(now);
         if begun == 0 {
             return;
@@ -327,7 +327,7 @@ impl Coordinator {
         self.election.advance(begun);
         if self.coordinates() {
             self.election.age = 0;
-            self.coordinate(phy, leases, begun);
+            self.coordinate(network, leases, begun);
         }
         self.unconfirmed = if self.has_neighbours() { self.unconfirmed.saturating_add(superframes) } else { 0 };
         if self.unconfirmed > UNCONFIRMED {
@@ -339,13 +339,13 @@ impl Coordinator {
     }
 
     /// The coordinator's work of a superframe: it grants requests and sets the layout of the slots.
-    fn coordinate(&mut self, phy: &PhyConfig, leases: &mut Leases, begun: u16) {
+    fn coordinate(&mut self, network: &Network, leases: &mut Leases, begun: u16) {
         let Superframes { membership, phase, timing, .. } = &mut self.course;
         let before = membership.layout();
         let layout = self.wishes.better_than(before).unwrap_or(before);
         let heard = core::mem::take(&mut self.heard_members);
         let round_slots =
-            if layout == timing.layout { timing.round_slots } else { Timing::of(phy, layout).round_slots };
+            if layout == timing.layout { timing.round_slots } else { Timing::of(network, layout).round_slots };
         let most = most_leased(round_slots);
         leases.grant(phase.number, membership.leased().unwrap_or(0), most);
         let others_use_them = !membership.members().is_empty() || self.enrolment.is_awaited();
@@ -407,13 +407,14 @@ impl Coordinator {
     }
 
     /// The sync frame for a slot, to be sent now; and whether this anchor has just become coordinator. `wish` is what
-    /// this anchor itself requests of the layout.
+    /// this anchor itself requests of the layout, `answer` the number of a challenge.
     pub fn compose(
         &mut self,
         leases: &mut Leases,
         slot: u8,
         position: Option<Position>,
         wish: Layout,
+        answer: Option<u32>,
     ) -> (SyncFrame, bool) {
         self.skip();
         self.wishes.note(wish);
@@ -444,6 +445,7 @@ impl Coordinator {
         let Election { term, age, hops, coordinator, .. } = self.election;
         let membership = &self.course.membership;
         let mut sync_frame = SyncFrame {
+            session: self.course.session_now(answer),
             superframe: self.course.phase.number,
             term,
             age,

@@ -27,6 +27,7 @@ mod anchor;
 mod anchor_position;
 mod anchor_rounds;
 mod anchor_table;
+mod authentication;
 mod clock;
 mod compensation;
 mod coordinator;
@@ -50,6 +51,7 @@ mod wake_ups;
 
 pub use anchor::{Anchor, AnchorConfig};
 pub use anchor_table::Refused;
+pub use authentication::{MakeCode, NetworkKey};
 pub use clock::{ClockModel, STAMP_DEVIATION_TICKS};
 pub use plan::{NOTICE_SUPERFRAMES, Rate};
 pub use tag::{Tag, TagConfig};
@@ -83,6 +85,7 @@ fn spread(address: u16, superframe: u16, choices: u16) -> u16 {
 #[cfg(test)]
 fn blank_sync_frame() -> wire::uwb::native::SyncFrame {
     wire::uwb::native::SyncFrame {
+        session: None,
         superframe: 0,
         term: 0,
         age: 0,

@@ -545,7 +545,7 @@ mod tests {
 
     #[test]
     fn no_round_fits_after_the_last() {
-        let timing = Timing::of(&crate::PhyConfig::FAST, Layout::LEAST);
+        let timing = Timing::of(&crate::native::Network::new(1, crate::PhyConfig::FAST), Layout::LEAST);
         let uncertainty = RadioDuration::from_micros(3);
         for (owned, anchors) in [(0b1, 8), (0b0110_0100, 4), (0b11, 1)] {
             let last = last_round(owned, &timing, anchors, uncertainty);

@@ -9,6 +9,7 @@ use heapless::Vec;
 use positioning_core::Real;
 
 use super::anchor_table::{AnchorTable, Team};
+use super::authentication::SealedPoll;
 use super::timing::Timing;
 use super::{MAX_ROUND, STAMP_DEVIATION_TICKS};
 use crate::exchange::{Action, Range, Round};
@@ -38,8 +39,8 @@ pub struct RoundState {
     data: Option<UserData>,
     /// … and the number of those that the last one carried.
     sent_data: Option<u8>,
-    /// What the tag had refused when it began.
-    refused: u32,
+    /// Its poll, in a network with a key.
+    sealed: Option<SealedPoll>,
     /// Responses of this round.
     answers: Vec<Answer, MAX_ROUND>,
     /// Departure of its final.
@@ -88,7 +89,7 @@ impl RoundState {
             first_slot: 0,
             data: None,
             sent_data: None,
-            refused: 0,
+            sealed: None,
             answers: Vec::new(),
             final_tx: None,
             former: Former::default(),
@@ -170,7 +171,6 @@ impl RoundState {
         }
         self.first_slot = self.data.is_some().into();
         self.asked = self.team.len().min(MAX_ROUND - self.slot_of(0)) as u8;
-        self.refused = anchors.refused.total();
         self.ranges.clear();
         self.pending = match usize::from(self.asked) {
             0 => 0,
@@ -187,6 +187,16 @@ impl RoundState {
         };
         let asked = self.team.iter().take(self.asked.into()).map(ask).collect();
         Poll { round: self.number, wish, anchors: asked, position: None, data: self.data }
+    }
+
+    /// The poll was written.
+    pub fn seal(&mut self, sealed: Option<SealedPoll>) {
+        self.sealed = sealed;
+    }
+
+    /// The poll, in a network with a key.
+    pub fn sealed(&self) -> Option<&SealedPoll> {
+        self.sealed.as_ref()
     }
 
     /// The poll has left.
@@ -317,7 +327,7 @@ impl RoundState {
             Scheme::SingleSided => (self.number, self.poll_tx, self.asked),
             Scheme::DoubleSided => (self.former.number, self.former.poll_tx, self.former.asked),
         };
-        Round { number, poll, asked, refused: self.refused, ranges: &self.ranges }
+        Round { number, poll, asked, ranges: &self.ranges }
     }
 }
 

@@ -1,10 +1,11 @@
 //! The position of a node in the course of a network's superframes, and what is in force there: phase, members, layout.
 
+use super::authentication::Moment;
 use super::plan::Membership;
-use super::timing::{Phase, Timing};
-use crate::{PhyConfig, RadioDuration, RadioInstant};
+use super::timing::{Network, Phase, Timing};
+use crate::{RadioDuration, RadioInstant};
 use wire::uwb::layout::Layout;
-use wire::uwb::native::SyncFrame;
+use wire::uwb::native::{Session, SyncFrame};
 
 /// The course of superframes as a node knows it.
 #[derive(Clone, Debug)]
@@ -15,30 +16,38 @@ pub struct Superframes {
     pub membership: Membership,
     /// The times that follow from the layout in force.
     pub timing: Timing,
-    phy: PhyConfig,
+    /// The session of a network with a key.
+    pub session: Option<u32>,
+    /// The high half of the superframe's number, in a session.
+    epoch: u16,
+    network: Network,
 }
 
 impl Superframes {
     /// A network without members that begins at `start`.
-    pub fn begin(phy: &PhyConfig, layout: Layout, start: RadioInstant) -> Self {
+    pub fn begin(network: &Network, layout: Layout, start: RadioInstant, session: Option<u32>) -> Self {
         Self {
             phase: Phase { number: 0, start },
             membership: Membership::new(layout),
-            timing: Timing::of(phy, layout),
-            phy: *phy,
+            timing: Timing::of(network, layout),
+            session,
+            epoch: 0,
+            network: *network,
         }
     }
 
     /// The course from a sync frame that arrived at `rx_time`; `None` in the middle of a change of layout, when only
     /// nodes that follow already know what is in force.
-    pub fn of_sync_frame(phy: &PhyConfig, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Option<Self> {
+    pub fn of_sync_frame(network: &Network, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Option<Self> {
         let membership = Membership::from_sync_frame(sync_frame);
         if sync_frame.layout_is_new && sync_frame.countdown > 0 {
             return None;
         }
-        let timing = Timing::of(phy, sync_frame.layout);
+        let timing = Timing::of(network, sync_frame.layout);
         let phase = Phase::from_sync_frame(&timing, sync_frame.superframe, sync_frame.slot, rx_time);
-        Some(Self { phase, membership, timing, phy: *phy })
+        let session = sync_frame.session.map(|session| session.number);
+        let epoch = sync_frame.session.map_or(0, |session| session.epoch);
+        Some(Self { phase, membership, timing, session, epoch, network: *network })
     }
 
     /// The course from a sync frame that arrived at `rx_time` in the middle of a change of layout, for a node that
@@ -50,6 +59,7 @@ impl Superframes {
         }
         let mut course = self.clone();
         course.phase = Phase::from_sync_frame(&self.timing, sync_frame.superframe, sync_frame.slot, rx_time);
+        course.epoch = sync_frame.session.map_or(0, |session| session.epoch);
         course.membership.receive(sync_frame);
         Some(course)
     }
@@ -74,11 +84,32 @@ impl Superframes {
     /// Advances to the next superframe.
     pub fn next(&mut self) {
         self.phase.next(&self.timing);
+        if self.phase.number == 0 {
+            self.epoch = self.epoch.wrapping_add(1);
+        }
         self.membership.advance();
         let layout = self.membership.layout_in_force();
         if layout != self.timing.layout {
-            self.timing = Timing::of(&self.phy, layout);
+            self.timing = Timing::of(&self.network, layout);
         }
+    }
+
+    /// What makes frames of this superframe new, in a session.
+    pub fn moment(&self) -> Option<Moment> {
+        let session = self.session?;
+        Some(Moment { session, superframe: u32::from(self.epoch) << 16 | u32::from(self.phase.number) })
+    }
+
+    /// The same for the superframe of an instant in this superframe or the one before.
+    pub fn moment_at(&self, instant: RadioInstant) -> Option<Moment> {
+        let Moment { session, superframe } = self.moment()?;
+        let is_before = instant.since(self.phase.start) < RadioDuration::ZERO;
+        Some(Moment { session, superframe: superframe.wrapping_sub(is_before.into()) })
+    }
+
+    /// What a sync frame of this superframe says of the session. It repeats `answer`.
+    pub fn session_now(&self, answer: Option<u32>) -> Option<Session> {
+        self.session.map(|number| Session { number, epoch: self.epoch, answer })
     }
 
     /// The superframe and the round slot of an instant in this superframe or the one before, if it is in a round slot.
@@ -111,18 +142,37 @@ impl Superframes {
         let phase = Phase::from_sync_frame(&self.timing, sync_frame.superframe, sync_frame.slot, rx_time);
         let off = phase.start.since(self.phase.start).ticks().unsigned_abs();
         let tolerance = self.timing.guard.ticks().saturating_add(uncertainty.ticks());
-        (phase.number == self.phase.number && off <= tolerance.unsigned_abs()).then_some(phase)
+        let is_now = sync_frame
+            .session
+            .is_none_or(|session| Some(session.number) == self.session && session.epoch == self.epoch);
+        (is_now && phase.number == self.phase.number && off <= tolerance.unsigned_abs()).then_some(phase)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::PhyConfig;
+
+    #[test]
+    fn the_number_of_a_superframe_goes_on_after_65535_in_a_session() {
+        let start = RadioInstant::from_ticks(1 << 39);
+        let network = Network::new(1, PhyConfig::FAST);
+        let mut course = Superframes::begin(&network, Layout::LEAST, start, Some(7));
+        (0..65_536).for_each(|_| course.next());
+        let superframe = |moment: Option<Moment>| moment.map(|moment| moment.superframe);
+        assert_eq!((course.phase.number, superframe(course.moment())), (0, Some(65_536)));
+        let before = course.phase.start.plus(RadioDuration::from_ticks(-1));
+        assert_eq!(superframe(course.moment_at(before)), Some(65_535));
+        assert_eq!(superframe(course.moment_at(course.phase.start)), Some(65_536));
+        assert_eq!(course.session_now(Some(9)), Some(Session { number: 7, epoch: 1, answer: Some(9) }));
+        assert_eq!(Superframes::begin(&network, Layout::LEAST, start, None).moment(), None);
+    }
 
     #[test]
     fn the_time_is_lost_to_who_was_halted_for_longer_than_instants_can_be_ordered() {
         let start = RadioInstant::from_ticks(1 << 39);
-        let course = Superframes::begin(&PhyConfig::FAST, Layout::LEAST, start);
+        let course = Superframes::begin(&Network::new(1, PhyConfig::FAST), Layout::LEAST, start, None);
         let is_lost = |micros: u32| course.is_beyond(start.plus(RadioDuration::from_micros(micros)));
         // Half of the clock's 2^40 ticks of 1 / 63.8976 GHz are 8.6 s.
         assert!([8_700_000, 12_000_000, 17_000_000].into_iter().all(is_lost));

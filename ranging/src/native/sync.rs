@@ -1,10 +1,11 @@
 //! How a tag follows a network: the time, the coordinator, and who may range when.
 
+use super::authentication::Moment;
 use super::election::{Choice, Election};
 use super::plan::Plan;
 use super::superframes::Superframes;
-use super::timing::HOLDOVER_SUPERFRAMES;
-use crate::{PhyConfig, RadioDuration, RadioInstant};
+use super::timing::{HOLDOVER_SUPERFRAMES, Network};
+use crate::{RadioDuration, RadioInstant};
 use wire::serial_number::SerialNumber;
 use wire::uwb::native::SyncFrame;
 
@@ -21,7 +22,14 @@ pub struct Sync {
     pub uncertainty: RadioDuration,
     /// The superframe of the last received sync frame.
     heard: u16,
+    /// The same in a session. Sync frames from before are recorded ones.
+    newest: u32,
+    /// Superframes in a session of which nothing proves that it is there; `None`: something does.
+    unproven: Option<u16>,
 }
+
+/// A session that has proved nothing for this many superframes is left for another one.
+const UNPROVEN: u16 = 20;
 
 /// The effect of a sync frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,17 +50,36 @@ pub enum SyncUpdate {
 
 impl Sync {
     /// The network of this sync frame; `None` in the middle of a change of its layout.
-    pub fn new(phy: &PhyConfig, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Option<Self> {
-        Superframes::of_sync_frame(phy, sync_frame, rx_time).map(|course| Self::in_course(course, sync_frame))
+    pub fn new(network: &Network, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Option<Self> {
+        Superframes::of_sync_frame(network, sync_frame, rx_time).map(|course| Self::in_course(course, sync_frame))
     }
 
     fn in_course(course: Superframes, sync_frame: &SyncFrame) -> Self {
         let (heard, election) = (course.phase.number, Election::joined(sync_frame));
-        Self { course, election, adrift: None, uncertainty: RadioDuration::ZERO, heard }
+        let newest = course.moment().map_or(0, |moment| moment.superframe);
+        Self { course, election, adrift: None, uncertainty: RadioDuration::ZERO, heard, newest, unproven: Some(0) }
+    }
+
+    /// This node awaits its turn, which will prove the session or not.
+    pub fn wait_for_proof(&mut self) {
+        self.unproven = self.unproven.map(|_| 0);
+    }
+
+    /// An anchor has answered a poll of this node: the session is no recorded one.
+    pub fn prove(&mut self) {
+        self.unproven = None;
     }
 
     /// A sync frame was received.
-    pub fn receive(&mut self, phy: &PhyConfig, sync_frame: &SyncFrame, rx_time: RadioInstant) -> SyncUpdate {
+    pub fn receive(&mut self, network: &Network, sync_frame: &SyncFrame, rx_time: RadioInstant) -> SyncUpdate {
+        let told = Moment::of_sync_frame(sync_frame);
+        if told.is_some_and(|told| Some(told.session) != self.course.session) {
+            return self.leave_session(network, sync_frame, rx_time);
+        }
+        let newest = told.map_or(0, |told| told.superframe);
+        if newest < self.newest {
+            return SyncUpdate::Ignored;
+        }
         let is_the_same = (sync_frame.term, sync_frame.coordinator) == (self.election.term, self.election.coordinator);
         if self.adrift.is_none() {
             self.advance(rx_time);
@@ -67,7 +94,7 @@ impl Sync {
                 (Choice::Same | Choice::Change, Some(phase)) => {
                     let followed = self.election.coordinator;
                     self.course.phase = phase;
-                    (self.heard, self.uncertainty) = (phase.number, RadioDuration::ZERO);
+                    (self.heard, self.newest, self.uncertainty) = (phase.number, newest, RadioDuration::ZERO);
                     if choice == Choice::Change {
                         self.election.follow(sync_frame);
                         self.course.membership.adopt(sync_frame);
@@ -86,12 +113,32 @@ impl Sync {
         }
         let is_as_before = self.adrift.is_some() && is_the_same;
         let noticed = || self.course.of_notice(sync_frame, rx_time).filter(|_| is_as_before);
-        let anew = Self::new(phy, sync_frame, rx_time);
+        let anew = Self::new(network, sync_frame, rx_time);
         let Some(anew) = anew.or_else(|| noticed().map(|course| Self::in_course(course, sync_frame))) else {
             return SyncUpdate::Ignored;
         };
-        *self = anew;
+        *self = Self { unproven: self.unproven, ..anew };
         if is_as_before { SyncUpdate::Followed } else { SyncUpdate::Anew }
+    }
+
+    /// Whether the session may be a recorded one: it has proved nothing for long.
+    pub fn is_doubtful(&self) -> bool {
+        self.course.session.is_some() && self.unproven.is_some_and(|unproven| unproven > UNPROVEN)
+    }
+
+    /// A sync frame of another session was received. It is followed if the own one is silent or has never answered.
+    fn leave_session(&mut self, network: &Network, sync_frame: &SyncFrame, rx_time: RadioInstant) -> SyncUpdate {
+        if self.adrift.is_none() {
+            self.advance(rx_time);
+        }
+        let may_leave = self.silent() > HOLDOVER_SUPERFRAMES || self.is_doubtful();
+        match Self::new(network, sync_frame, rx_time).filter(|_| may_leave) {
+            Some(anew) => {
+                *self = anew;
+                SyncUpdate::Anew
+            }
+            None => SyncUpdate::Ignored,
+        }
     }
 
     /// Advances to the superframe that contains `now`. Returns the number of superframes begun since.
@@ -99,6 +146,7 @@ impl Sync {
         let begun = self.course.advance(now);
         if begun > 0 {
             self.election.advance(begun);
+            self.unproven = self.unproven.map(|unproven| unproven.saturating_add(begun));
         }
         begun
     }
@@ -147,7 +195,7 @@ mod tests {
     use wire::uwb::layout::{Layout, Span};
     use wire::uwb::native::{Member, Share};
 
-    const PHY: PhyConfig = PhyConfig::FAST;
+    const NETWORK: Network = Network::new(1, crate::PhyConfig::FAST);
     const SLOT: u8 = 2;
     /// Superframes until a new layout is in force.
     const NOTICE: u8 = 3;
@@ -166,15 +214,15 @@ mod tests {
     /// beginning of that superframe.
     fn dozing() -> (Sync, RadioInstant) {
         let start = RadioInstant::from_ticks(5_000_000_000);
-        let heard = start.plus(Timing::of(&PHY, layout(600)).sync_frame(SLOT.into()));
-        let mut sync = Sync::new(&PHY, &sync_frame(10, 7, layout(600), 0), heard).expect("nothing changes");
+        let heard = start.plus(Timing::of(&NETWORK, layout(600)).sync_frame(SLOT.into()));
+        let mut sync = Sync::new(&NETWORK, &sync_frame(10, 7, layout(600), 0), heard).expect("nothing changes");
         sync.adrift = Some(heard);
         (sync, start)
     }
 
     /// Arrival of the same slot in superframe 20, at a clock that became wrong by half a millisecond in between.
     fn heard_late(start: RadioInstant) -> RadioInstant {
-        let timing = Timing::of(&PHY, layout(600));
+        let timing = Timing::of(&NETWORK, layout(600));
         let ten = RadioDuration::from_ticks(10 * timing.superframe.ticks());
         start.plus(ten).plus(timing.sync_frame(SLOT.into())).plus(RadioDuration::from_micros(500))
     }
@@ -183,9 +231,9 @@ mod tests {
     fn who_wakes_in_the_middle_of_a_change_of_layout_keeps_step_by_the_former_one() {
         let (mut sync, start) = dozing();
         let rx_time = heard_late(start);
-        assert_eq!(sync.receive(&PHY, &sync_frame(20, 8, layout(300), NOTICE), rx_time), SyncUpdate::Followed);
+        assert_eq!(sync.receive(&NETWORK, &sync_frame(20, 8, layout(300), NOTICE), rx_time), SyncUpdate::Followed);
         assert_eq!((sync.adrift, sync.course.phase.number), (None, 20));
-        let (former, new) = (Timing::of(&PHY, layout(600)), Timing::of(&PHY, layout(300)));
+        let (former, new) = (Timing::of(&NETWORK, layout(600)), Timing::of(&NETWORK, layout(300)));
         assert_eq!(sync.course.timing, former);
         assert_eq!(sync.course.phase.at(former.sync_frame(SLOT.into())), rx_time);
         // The new layout is in force from the third superframe on, which begins where the former layout's third one
@@ -199,16 +247,16 @@ mod tests {
     #[test]
     fn an_anchor_that_takes_over_with_an_older_list_is_followed_with_its_list() {
         let start = RadioInstant::from_ticks(5_000_000_000);
-        let timing = Timing::of(&PHY, layout(600));
+        let timing = Timing::of(&NETWORK, layout(600));
         let at = |superframe: i64| {
             let superframes = RadioDuration::from_ticks((superframe - 10) * timing.superframe.ticks());
             start.plus(superframes).plus(timing.sync_frame(SLOT.into()))
         };
-        let mut sync = Sync::new(&PHY, &sync_frame(10, 8, layout(600), 0), at(10)).expect("nothing changes");
+        let mut sync = Sync::new(&NETWORK, &sync_frame(10, 8, layout(600), 0), at(10)).expect("nothing changes");
         let members: Members = [Member { tag: 7, share: Share::Greedy }].into_iter().collect();
         // Coordinator 2 has missed the change from version 7 to 8.
         let told = SyncFrame { term: 1, coordinator: 2, members: members.clone(), ..sync_frame(14, 7, layout(600), 0) };
-        assert_eq!(sync.receive(&PHY, &told, at(14)), SyncUpdate::Changed);
+        assert_eq!(sync.receive(&NETWORK, &told, at(14)), SyncUpdate::Changed);
         assert_eq!((sync.plan().map(|plan| &plan.members), sync.course.membership.version()), (Some(&members), 7));
     }
 
@@ -216,12 +264,12 @@ mod tests {
     fn who_may_have_missed_a_change_waits_for_the_end_of_this_one() {
         let (mut sync, start) = dozing();
         let rx_time = heard_late(start);
-        assert_eq!(sync.receive(&PHY, &sync_frame(20, 9, layout(300), NOTICE), rx_time), SyncUpdate::Ignored);
+        assert_eq!(sync.receive(&NETWORK, &sync_frame(20, 9, layout(300), NOTICE), rx_time), SyncUpdate::Ignored);
         // Another coordinator's sync frame does not count as notice.
         let other = SyncFrame { coordinator: 2, ..sync_frame(20, 8, layout(300), NOTICE) };
-        assert_eq!(sync.receive(&PHY, &other, rx_time), SyncUpdate::Ignored);
+        assert_eq!(sync.receive(&NETWORK, &other, rx_time), SyncUpdate::Ignored);
         assert!(sync.adrift.is_some());
-        assert_eq!(sync.receive(&PHY, &sync_frame(20, 9, layout(300), 0), rx_time), SyncUpdate::Followed);
-        assert_eq!(sync.course.timing, Timing::of(&PHY, layout(300)));
+        assert_eq!(sync.receive(&NETWORK, &sync_frame(20, 9, layout(300), 0), rx_time), SyncUpdate::Followed);
+        assert_eq!(sync.course.timing, Timing::of(&NETWORK, layout(300)));
     }
 }

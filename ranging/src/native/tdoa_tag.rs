@@ -19,6 +19,7 @@ use heapless::Vec;
 use positioning_core::Real;
 
 use super::anchor_table::{AnchorTable, Refused};
+use super::authentication::{Moment, SealedPoll};
 use super::pace::Meter;
 use super::plan::Rate;
 use super::sync::{Sync, SyncUpdate};
@@ -73,6 +74,8 @@ struct Round {
     poll: RadioInstant,
     diagnostics: Diagnostics,
     asked: Vec<Asked, MAX_ROUND>,
+    /// The poll, in a network with a key.
+    sealed: Option<SealedPoll>,
     /// Slots whose response may still come.
     pending: u8,
 }
@@ -105,11 +108,18 @@ impl TdoaTag {
         let Some(told) = parsed.as_ref().ok().filter(|told| told.pan == self.config.network.pan) else { return };
         match &told.message {
             Message::SyncFrame(sync_frame) if told.destination == BROADCAST => {
-                self.on_sync_frame(told.source, sync_frame, frame)
+                let opened = self.config.network.open(frame.bytes, Moment::of_sync_frame(sync_frame));
+                if self.anchors.believe(opened).is_some() {
+                    self.on_sync_frame(told.source, sync_frame, frame);
+                }
             }
             Message::Poll(poll) if told.destination == BROADCAST => self.on_poll(told.source, poll, frame),
             Message::Response(response) => self.on_response(told.source, told.destination, *response, frame),
-            Message::SyncFrame(_) | Message::Poll(_) | Message::Request(_) | Message::Final { .. } => {}
+            Message::SyncFrame(_)
+            | Message::Poll(_)
+            | Message::Request(_)
+            | Message::Final { .. }
+            | Message::Challenge(_) => {}
         }
     }
 
@@ -118,13 +128,13 @@ impl TdoaTag {
             return;
         }
         self.advance(frame.rx_time);
-        let phy = &self.config.network.phy;
+        let followed = &self.config.network;
         let heard = match &mut self.network {
             None => {
-                self.network = Sync::new(phy, sync_frame, frame.rx_time);
+                self.network = Sync::new(followed, sync_frame, frame.rx_time);
                 if self.network.is_some() { SyncUpdate::Anew } else { SyncUpdate::Ignored }
             }
-            Some(network) => network.receive(phy, sync_frame, frame.rx_time),
+            Some(network) => network.receive(followed, sync_frame, frame.rx_time),
         };
         match heard {
             SyncUpdate::Ignored => return,
@@ -144,6 +154,8 @@ impl TdoaTag {
         if !self.may_poll(source, frame.rx_time) {
             return;
         }
+        let moment = self.network.as_ref().and_then(|network| network.course.moment_at(frame.rx_time));
+        let Some(sealed) = self.anchors.believe(self.config.network.open(frame.bytes, moment)) else { return };
         self.differences.clear();
         self.round = Some(Round {
             number: poll.round,
@@ -153,6 +165,7 @@ impl TdoaTag {
             diagnostics: frame.diagnostics,
             pending: u8::MAX >> MAX_ROUND.saturating_sub(poll.anchors.len()).min(7),
             asked: poll.anchors.clone(),
+            sealed,
         });
     }
 
@@ -170,6 +183,9 @@ impl TdoaTag {
         }
         if !timing.is_in_slot(slot, between) || !timing.is_reply(slot, response.reply) {
             self.anchors.refused.off_slot = self.anchors.refused.off_slot.saturating_add(1);
+            return;
+        }
+        if self.anchors.believe(self.config.network.open_response(frame.bytes, round.sealed.as_ref())).is_none() {
             return;
         }
         // Responses come in the order of their slots: the earlier ones have been lost.
@@ -240,6 +256,10 @@ impl TdoaTag {
 }
 
 impl Protocol for TdoaTag {
+    fn refused_frames(&self) -> u32 {
+        self.anchors.refused.total()
+    }
+
     fn calibrate(&mut self, stamps: &StampModel) {
         self.bias = stamps.range_bias;
     }
@@ -280,13 +300,16 @@ impl Protocol for TdoaTag {
             return Action::Receive { start: Start::Now, window, keep_listening: true };
         }
         if let Some(round) = self.round.take() {
+            // A listening tag asks nothing, so nothing proves more than this.
+            if let Some(network) = self.network.as_mut().filter(|_| !self.differences.is_empty()) {
+                network.prove();
+            }
             self.number = self.number.wrapping_add(1);
             self.rest_until = self.config.period.map(|period| round.poll.plus(period));
             return Action::Report(Report::Differences(Differences {
                 number: self.number,
                 poll: round.poll,
                 asked: round.asked.len() as u8,
-                refused: self.anchors.refused.total(),
                 reference: round.reference,
                 reference_m: round.reference_m,
                 reference_deviation_m: STAMP_DEVIATION_M,

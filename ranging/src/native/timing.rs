@@ -7,13 +7,15 @@
 //! round:      | poll | answer time | response 0 | gap | response 1 | gap | … | answer time | final |
 //! ```
 
+use super::authentication::NetworkKey;
 use super::pace::Meter;
 use crate::native::MAX_ROUND;
 use crate::{PhyConfig, RadioDuration, RadioInstant, RxFrame};
 use wire::config;
 use wire::uwb::layout::{Layout, Scheme};
 use wire::uwb::native::{
-    FINAL_BYTES, LONG_RESPONSE_BYTES, OWNED_SYNC_SLOTS, POLL_BYTES, REQUEST_BYTES, RESPONSE_BYTES, SYNC_FRAME_BYTES,
+    CHALLENGE_BYTES, CODE_BYTES, FINAL_BYTES, LONG_RESPONSE_BYTES, OWNED_SYNC_SLOTS, POLL_BYTES, REQUEST_BYTES,
+    RESPONSE_BYTES, SYNC_FRAME_BYTES,
 };
 
 /// How quick a board is, without its frames' time on the air: interrupt latency, bus and computation together. In
@@ -62,9 +64,21 @@ pub struct Network {
     pub phy: PhyConfig,
     /// This node's configured reply delay, which replaces the measurement.
     pub pinned: Option<ReplyDelay>,
+    /// The key of its frames; `None`: they are not authenticated.
+    pub key: Option<NetworkKey>,
 }
 
 impl Network {
+    /// A network without a key, whose nodes measure their pace.
+    pub const fn new(pan: u16, phy: PhyConfig) -> Self {
+        Self { pan, phy, pinned: None, key: None }
+    }
+
+    /// Bytes of the code at the end of each frame.
+    pub const fn code_bytes(&self) -> u16 {
+        if self.key.is_some() { CODE_BYTES as u16 } else { 0 }
+    }
+
     /// The layout of a network that this node founds, before any node has measured anything.
     pub fn first_layout(&self) -> Layout {
         Meter::new(self.pinned).first_layout()
@@ -74,13 +88,14 @@ impl Network {
 impl TryFrom<&config::Record> for Network {
     type Error = config::Invalid;
 
-    /// The network of a config record.
+    /// The network of a config record. Its key is added by the node, which has the AES for it.
     fn try_from(record: &config::Record) -> Result<Self, config::Invalid> {
         record.validate_region()?;
         Ok(Self {
             pan: record.network.pan,
             phy: record.phy()?,
             pinned: record.network.turnaround.map(ReplyDelay::from),
+            key: None,
         })
     }
 }
@@ -151,15 +166,16 @@ const fn times(a: RadioDuration, n: i64) -> RadioDuration {
 }
 
 impl Timing {
-    /// The times of a network with this PHY and layout.
-    pub const fn of(phy: &PhyConfig, layout: Layout) -> Self {
+    /// The times of a network with this layout.
+    pub const fn of(network: &Network, layout: Layout) -> Self {
+        let (phy, code) = (&network.phy, network.code_bytes());
         let to_rmarker = phy.time_to_rmarker();
         let answer = layout.answer.duration();
-        let reply = sum(sum(phy.time_after_rmarker(POLL_BYTES), answer), to_rmarker);
+        let reply = sum(sum(phy.time_after_rmarker(POLL_BYTES + code), answer), to_rmarker);
         let listen_again = sum(layout.listen_again.duration(), WAY_THERE_AND_BACK);
         let (response_bytes, finale) = match layout.scheme {
-            Scheme::SingleSided => (RESPONSE_BYTES, RadioDuration::ZERO),
-            Scheme::DoubleSided => (LONG_RESPONSE_BYTES, sum(answer, phy.airtime(FINAL_BYTES))),
+            Scheme::SingleSided => (RESPONSE_BYTES + code, RadioDuration::ZERO),
+            Scheme::DoubleSided => (LONG_RESPONSE_BYTES + code, sum(answer, phy.airtime(FINAL_BYTES + code))),
         };
         let response_slot = sum(phy.airtime(response_bytes), listen_again);
         let response_tail = phy.time_after_rmarker(response_bytes);
@@ -168,7 +184,8 @@ impl Timing {
         // that received the sync frame of one slot must be able to send that of the next, both of the greatest length.
         let longer = times(BYTE, (SYNC_FRAME_BYTES - RESPONSE_BYTES) as i64);
         let sync_frame_answer = sum(answer, times(longer, 2));
-        let sync_frame = phy.airtime(SYNC_FRAME_BYTES).ticks() + sync_frame_answer.ticks() + WAY_THERE_AND_BACK.ticks();
+        let sync_frame =
+            phy.airtime(SYNC_FRAME_BYTES + code).ticks() + sync_frame_answer.ticks() + WAY_THERE_AND_BACK.ticks();
         let nominal = SUPERFRAME.ticks();
         let slow = (sync_frame + sync_frame / 16) * (SYNC_SLOTS as i64) * BEACON_SHARE;
         let superframe = if slow > nominal { slow } else { nominal };
@@ -176,7 +193,9 @@ impl Timing {
         let guard = RadioDuration::from_ticks(drift + WAY_THERE_AND_BACK.ticks());
 
         let sync_slot = RadioDuration::from_ticks(sync_frame + guard.ticks());
-        let request_slot = sum(sum(phy.airtime(REQUEST_BYTES), listen_again), guard);
+        // A challenge comes in the place of a request. Its code is counted already.
+        let longest_request = if code == 0 { REQUEST_BYTES } else { CHALLENGE_BYTES - code };
+        let request_slot = sum(sum(phy.airtime(longest_request + code), listen_again), guard);
         let request_slots = (sync_slot.ticks() * SHARED_SLOTS as i64 / request_slot.ticks()) as u8;
         let responses = sum(sum(sum(to_rmarker, reply), times(response_slot, MAX_ROUND as i64 - 1)), response_tail);
         let shortest = sum(sum(sum(responses, finale), listen_again), guard).ticks();
@@ -315,6 +334,8 @@ mod tests {
     use crate::phy::{Channel, DataRate, PreambleLength, Prf};
     use wire::uwb::layout::Span;
 
+    const FAST: Network = Network::new(1, PhyConfig::FAST);
+
     fn micros(duration: RadioDuration) -> f64 {
         duration.ticks() as f64 / 63_897.6
     }
@@ -327,7 +348,7 @@ mod tests {
     #[test]
     fn times_at_6_81_mbit_s() {
         // 248 = 31 · 8 and 40 = 20 · 2 are spans.
-        let timing = Timing::of(&PhyConfig::FAST, layout(248, 40, Scheme::SingleSided));
+        let timing = Timing::of(&FAST, layout(248, 40, Scheme::SingleSided));
         // To the RMARKER 136 × 1.01763 = 138.4 µs. Poll of 48 bytes: header 21 × 1.02564 = 21.54, payload (384 + 2
         // × 48) × 0.12821 = 61.54 µs. Reply = 83.08 + 248 + 138.4.
         assert!((micros(timing.reply) - 469.5).abs() < 0.1, "{}", micros(timing.reply));
@@ -342,8 +363,8 @@ mod tests {
 
     #[test]
     fn a_final_makes_rounds_longer_by_an_answer_and_two_frames() {
-        let [single, double] = [Scheme::SingleSided, Scheme::DoubleSided]
-            .map(|scheme| Timing::of(&PhyConfig::FAST, layout(248, 40, scheme)));
+        let [single, double] =
+            [Scheme::SingleSided, Scheme::DoubleSided].map(|scheme| Timing::of(&FAST, layout(248, 40, scheme)));
         // Responses are 5 bytes longer, 40 bits of 0.12821 µs: 5.13 µs each. The final of 14 bytes: 138.4 + 21.54 +
         // (112 + 48) × 0.12821 = 180.45 µs, after 248 µs.
         let longer = micros(double.round(4)) - micros(single.round(4));
@@ -358,7 +379,7 @@ mod tests {
                     [(250, Scheme::SingleSided), (600, Scheme::DoubleSided), (3968, Scheme::DoubleSided)]
                 {
                     let Ok(phy) = PhyConfig::new(Channel::Ch5, Prf::Mhz64, rate, preamble) else { continue };
-                    let timing = Timing::of(&phy, layout(answer_us, answer_us / 6, scheme));
+                    let timing = Timing::of(&Network::new(1, phy), layout(answer_us, answer_us / 6, scheme));
                     let name = std::format!("{rate:?}, {preamble:?}, {answer_us} µs");
                     assert!(timing.round_slots >= 4, "{name}: {} round slots", timing.round_slots);
                     assert!(timing.round(MAX_ROUND) < timing.round_slot, "{name}");
@@ -385,7 +406,7 @@ mod tests {
 
     #[test]
     fn a_forged_reply_shifts_a_distance_by_a_metre_at_most() {
-        let timing = Timing::of(&PhyConfig::FAST, layout(248, 40, Scheme::SingleSided));
+        let timing = Timing::of(&FAST, layout(248, 40, Scheme::SingleSided));
         let ticks = RadioDuration::from_ticks;
         let [first, last] = [0, 7].map(|slot| timing.reply_in(slot).ticks());
         assert!(timing.is_reply(0, ticks(first)) && timing.is_reply(0, ticks(first - 511)));
@@ -402,7 +423,7 @@ mod tests {
     fn phases_go_on_across_the_wrap() {
         let superframe = 6_389_760_000;
         let start = RadioInstant::from_ticks((1 << 40) - superframe);
-        let mut course = Superframes::begin(&PhyConfig::FAST, Layout::LEAST, start);
+        let mut course = Superframes::begin(&FAST, Layout::LEAST, start, None);
         course.phase.number = u16::MAX;
         assert_eq!(course.advance(start.plus(RadioDuration::from_ticks(-5))), 0);
         assert_eq!(course.advance(start.plus(RadioDuration::from_ticks(2 * superframe as i64 + 7))), 2);

@@ -16,7 +16,7 @@ use wire::uwb::layout::Span;
 use wire::uwb::native::{Confirmation, Frame, Member, Message, Period, Position, Request, Response, Share, SyncFrame};
 use wire::uwb::{BROADCAST, FrameBuffer};
 
-pub(crate) const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
+pub(crate) const NETWORK: Network = Network::new(0xBA1A, PhyConfig::FAST);
 /// Metres that light travels in air in a tick: metres per second divided by ticks per second.
 const METRES_PER_TICK: f64 = 299_702_547.0 / 63_897_600_000.0;
 
@@ -82,7 +82,7 @@ pub(crate) fn forger(armed: &Rc<Cell<bool>>, mut forge: Forge) -> Boxed {
             known.insert(source, sync_frame.clone());
             if armed.get() && done != Some(sync_frame.superframe) && !sync_frame.layout_is_new {
                 done = Some(sync_frame.superframe);
-                let timing = Timing::of(&NETWORK.phy, sync_frame.layout);
+                let timing = Timing::of(&NETWORK, sync_frame.layout);
                 let start = frame.rx_time.plus(ticks(-timing.sync_frame(sync_frame.slot.into()).ticks()));
                 let mut forged = forge(&timing, &sync_frame, &known);
                 forged.sort_by_key(|(at, _)| *at);
@@ -405,7 +405,7 @@ impl Impostor {
                         if sent_for != Some(sync_frame.superframe) && !sync_frame.layout_is_new =>
                     {
                         sent_for = Some(sync_frame.superframe);
-                        let now_counts = Timing::of(&NETWORK.phy, sync_frame.layout);
+                        let now_counts = Timing::of(&NETWORK, sync_frame.layout);
                         timing = Some(now_counts);
                         let between =
                             now_counts.sync_frame(12).ticks() - now_counts.sync_frame(sync_frame.slot.into()).ticks();
@@ -426,14 +426,7 @@ impl Impostor {
                             return Owned::Transmit { frame, start: Start::At(start), listen: true };
                         }
                     }
-                    (
-                        Message::Poll(_)
-                        | Message::SyncFrame(_)
-                        | Message::Response(_)
-                        | Message::Request(_)
-                        | Message::Final { .. },
-                        _,
-                    ) => {}
+                    _ => {}
                 }
             }
             Owned::Receive { start: Start::Now, window: RadioDuration::from_micros(2000), keep_listening: true }

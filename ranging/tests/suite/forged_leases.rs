@@ -123,7 +123,7 @@ fn granted(air: &Air) -> Vec<Lease> {
     let frames = air.sent.iter().filter_map(|flight| Frame::parse(&flight.bytes).ok());
     let leases = frames.flat_map(|frame| match frame.message {
         Message::SyncFrame(sync_frame) => sync_frame.leases.into_iter().collect(),
-        Message::Poll(_) | Message::Response(_) | Message::Request(_) | Message::Final { .. } => Vec::new(),
+        _ => Vec::new(),
     });
     let leases: Vec<Lease> = leases.filter(|lease| lease.grant == Grant::New).collect();
     TAGS.iter().filter_map(|(tag, _)| leases.iter().rev().find(|lease| lease.tag == *tag).copied()).collect()

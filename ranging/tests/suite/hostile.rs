@@ -9,7 +9,7 @@ use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Stam
 use wire::uwb::decaranging::{self, Variant};
 use wire::uwb::{FrameBuffer, native};
 
-const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
+const NETWORK: Network = Network::new(0xBA1A, PhyConfig::FAST);
 const ADDRESS: u16 = 0x0101;
 const EUI: u64 = 0x1122_3344_5566_7788;
 

@@ -6,7 +6,7 @@ use ranging::native::{Network, PollContent, Rate, Scheme, Tag, TagConfig, TdoaTa
 use ranging::{PhyConfig, RadioDuration, StampModel};
 use wire::uwb::native::{Frame, Message};
 
-const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
+const NETWORK: Network = Network::new(0xBA1A, PhyConfig::FAST);
 
 /// The stamp model of a radio with a bias.
 fn biased() -> StampModel {

@@ -5,6 +5,7 @@ mod attack;
 mod decaranging;
 mod forged_leases;
 mod hostile;
+mod keyed;
 mod listening;
 mod native;
 mod seldom;

@@ -11,7 +11,7 @@ use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Star
 use wire::uwb::native::{Asked, Distance, Frame, Message, Poll};
 use wire::uwb::{BROADCAST, FrameBuffer};
 
-const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
+const NETWORK: Network = Network::new(0xBA1A, PhyConfig::FAST);
 
 fn anchor(address: u16, position: [f64; 3]) -> Boxed {
     anchors::anchor(NETWORK, address, position, None)

@@ -6,7 +6,7 @@ use ranging::exchange::Link;
 use ranging::native::{Network, PollContent, Rate, Scheme, Tag, TagConfig};
 use ranging::{PhyConfig, RadioDuration};
 
-const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
+const NETWORK: Network = Network::new(0xBA1A, PhyConfig::FAST);
 
 fn anchor(i: u16) -> Boxed {
     anchors::anchor(NETWORK, i + 1, corner(i), None)

@@ -4,7 +4,7 @@ use crate::air::{Air, anchors, boxed};
 use ranging::native::{Network, PollContent, Rate, Scheme, Tag, TagConfig};
 use ranging::{PhyConfig, RadioDuration};
 
-const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
+const NETWORK: Network = Network::new(0xBA1A, PhyConfig::FAST);
 const SPACING_US: u32 = 1_000;
 
 /// A greedy tag's rounds in three seconds, and the shortest time from the beginning of one of its frames to that of the

@@ -105,6 +105,12 @@ impl Processor {
         debt.set(debt.get() + self.0.board.instructions_ps(instructions.into()));
     }
 
+    /// Ranging has waited this long for a unit of the processor. The next operation of ranging pays for it.
+    pub fn charge_ns(&self, nanoseconds: u32) {
+        let debt = &self.0.debt_ps;
+        debt.set(debt.get() + self.0.board.stretched_ps(nanoseconds));
+    }
+
     /// The background has run this number of instructions. The next [`background`](Self::background) pays for them.
     pub fn charge_background(&self, instructions: u32) {
         let debt = &self.0.background_debt_ps;

@@ -44,6 +44,8 @@ pub enum Purpose {
     Lasting = 12,
     /// The error of a node's surveyed position.
     Survey = 13,
+    /// What a node draws at its start, for frames with a key.
+    Keys = 14,
 }
 
 /// The stream of `purpose` number `index` in the simulation seeded with `seed`.

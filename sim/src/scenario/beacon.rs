@@ -8,11 +8,13 @@ use std::time::Duration;
 
 use embassy_futures::join::{join, join3};
 use firmware_beacon::{Settings, TelemetrySink};
+use firmware_common::settings::Cipher;
 use firmware_common::{Start, introduce};
 use rand::RngCore;
 use wire::ble::{EddystoneUid, IBeacon};
 use wire::config::Advertiser;
 use wire::telemetry::{Board, ResetCause};
+use wire::uwb::native::software_code;
 
 use super::config::eui;
 use super::telemetry::Outlet;
@@ -116,7 +118,9 @@ async fn live(
             let [low, high] = beacon.address.to_le_bytes();
             let reporter = outlet.boot(None);
             let (record, eui) = (Ok(Scenario::beacon_record(beacon, beacon_key)), eui(beacon.address));
-            let start = Start { record, eui, reset: ResetCause::PowerOn, crash: None };
+            // A beacon sends no frames that have codes.
+            let cipher = Cipher { seed: 0, make_code: software_code };
+            let start = Start { record, eui, reset: ResetCause::PowerOn, crash: None, cipher };
             let (hello, followed) = introduce(&reporter, Board::Simulated, wire::telemetry::Role::Beacon, start);
             let settings = followed.map(|(record, _)| Settings::of(&record, [0xDE, 0xCA, 0, 0, high, low]));
             let Some(Ok(settings)) = settings else { unreachable!("the site was checked") };

@@ -10,7 +10,7 @@ use embassy_futures::join::{join, join3};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embedded_hal_async::delay::DelayNs;
 use firmware_common::lines::LinePace;
-use firmware_common::settings::ProtocolConfig;
+use firmware_common::settings::{Cipher, ProtocolConfig};
 use firmware_common::{AnchorProtocol, Settings, Start, TagProtocol, introduce};
 use firmware_tag::motion;
 use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
@@ -34,7 +34,7 @@ use super::telemetry::{Outlet, Reporter};
 use super::{Anchor, Scenario, Tag};
 use crate::air::Path;
 use crate::bluetooth::Bluetooth;
-use crate::costs::{Charged, Costs};
+use crate::costs::{Charged, Costs, counted_code};
 use crate::lis2dh12::Sensor;
 use crate::random::{Purpose, stream};
 use crate::{ClockConfig, Interrupts, Processor, SimDelay, World};
@@ -62,9 +62,17 @@ impl App {
         wire::config::decode(&self.page).map(|(record, _)| record)
     }
 
+    /// As a board draws it at each start.
+    fn cipher(&self) -> Cipher {
+        let drawn: u64 = stream(self.world.seed(), Purpose::Keys, self.address.into()).random();
+        Cipher { seed: drawn ^ self.world.now().as_ps(), make_code: counted_code }
+    }
+
     fn plan(&self) -> NodePlan {
         let offset_ppm = self.world.random(u64::from(self.address)).random_range(-1.0..=1.0) * self.scenario.clock_ppm;
-        let settings = self.record().and_then(|of| Settings::of(&of, eui(self.address)).map_err(LoadError::Invalid));
+        let settings = self
+            .record()
+            .and_then(|of| Settings::of(&of, eui(self.address), self.cipher()).map_err(LoadError::Invalid));
         // A node whose record cannot be followed starts no radio.
         let config = settings.map_or(Config::new(PhyConfig::FAST), |settings| settings.radio);
         NodePlan { clock: ClockConfig::crystal(offset_ppm), config }
@@ -72,7 +80,8 @@ impl App {
 
     fn start(&self, reporter: &Reporter, role: wire::telemetry::Role) -> (Hello, Option<(Record, Settings)>) {
         let eui = eui(self.address);
-        let start = Start { record: self.record(), eui, reset: ResetCause::PowerOn, crash: None };
+        let start =
+            Start { record: self.record(), eui, reset: ResetCause::PowerOn, crash: None, cipher: self.cipher() };
         introduce(reporter, Board::Simulated, role, start)
     }
 }

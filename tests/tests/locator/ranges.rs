@@ -120,8 +120,7 @@ fn has_the_same_bits(recording: &Recording) {
                 .collect();
             // The host's first epoch is one hour after zero.
             let now_us = ((epoch.t_s.expect("a time") - first_s + 3600.0) * 1.0e6).round() as u64;
-            let round =
-                Round { number, poll: RadioInstant::default(), asked: ranges.len() as u8, refused: 0, ranges: &ranges };
+            let round = Round { number, poll: RadioInstant::default(), asked: ranges.len() as u8, ranges: &ranges };
             assert_eq!(channels.put_ranges(&round, now_us, None), 0);
             node.now_us.set(now_us);
             work();

@@ -176,7 +176,7 @@ fn from_hex(text: &str) -> Vec<u8> {
 }
 
 /// The frames of the wire format's page, whose text says what they contain, and a sync frame by hand.
-const GOLDEN: [&str; 8] = [
+const GOLDEN: [&str; 11] = [
     "30341220 A8010003 02",
     "30010031 00010002 00030020 030080E7 FF",
     "31FE0104 030201FF 67452301",
@@ -187,6 +187,9 @@ const GOLDEN: [&str; 8] = [
     "30010012 000100E8 0300FFFF FFC42000 69A00040 000083",
     "32 0201 03 04 05 0706 E8 101112131415161718191A1B1C1D1E1F 214300 0C0B 09 B590 E80300 FFFFFF C42000 00 11 41 \
      0908 05 22 6300 0908 45 22 6300 0908 85 22 6300 0908 C5 22 6300 0B0A A8",
+    "3C020108 EEF885D1 6B0008",
+    "3D040302 01080706 05B0E06C C074A158 7E",
+    "3A 0201 03 04 05 0706 E8 101112131415161718191A1B1C1D1E1F 214300 0C0B 09 B590 E80300 FFFFFF C42000 00 11 09      04030201 1009 08070605 0B0A A8 FAE2EC06 47840B80",
 ];
 
 fn golden() -> Vec<Vec<u8>> {
@@ -240,12 +243,17 @@ fn the_dissector_reads_what_the_page_of_the_wire_format_says() {
         "baliza.member",
         "baliza.share",
     ];
-    let sync_frame = &fields_of(&golden()[5..], &fields).expect("tshark")[0];
+    let sync_frame = &fields_of(&golden()[5..6], &fields).expect("tshark")[0];
     // 0xB1 is the code 49, (16 + 1) · 2³ µs, of a new layout; 0x31 the same for listening again. 0x0003E8 is 1 m,
     // 0xFFFC18 −1 m, 0xFFFFFF −1 mm.
     let expected =
         "258 5 1 2 0x0107 3 3 0x1002 136 136 1 1 -1 -0.001 0x1002;0x1003 one in 10 superframes;greedy;2 a superframe";
     assert_eq!(sync_frame.join(" ").replace("True", "1"), expected);
+    let fields = ["session", "epoch", "challenge", "polled_by", "integrity"].map(|field| format!("baliza.{field}"));
+    let keyed = fields_of(&golden()[8..], &fields.each_ref().map(String::as_str)).expect("tshark");
+    assert_eq!(keyed[0], ["", "", "", "", "08 ee f8 85 d1 6b 00 08"]);
+    assert_eq!(keyed[1][..3], ["0x01020304", "", "0x05060708"]);
+    assert_eq!(keyed[2][..4], ["0x01020304", "2320", "0x05060708", "0x0a0b"]);
     let fields = ["leased", "lease", "lease.grant", "lease.slot", "lease.period", "lease.phase", "polled_by"];
     let fields = fields.map(|field| format!("baliza.{field}"));
     let leases = &fields_of(&golden()[7..], &fields.each_ref().map(String::as_str)).expect("tshark")[0];

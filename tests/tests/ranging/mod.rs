@@ -6,6 +6,7 @@ mod captures;
 mod complaints;
 mod crowds;
 mod fidelity;
+mod keyed;
 mod listening;
 mod motion;
 mod rates;

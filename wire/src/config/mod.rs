@@ -22,4 +22,4 @@ pub use store::{Next, StoreError, load, load_model, model_of, newest, next, stor
 pub use validate::{Invalid, Value};
 
 /// The newest version of config records. Older ones, from 1 on, can also be read.
-pub const VERSION: u8 = 3;
+pub const VERSION: u8 = 4;

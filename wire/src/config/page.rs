@@ -13,8 +13,8 @@
 //! | 1280 | 400 | [`MODEL_AT`]: a tag's trained classifier of line of sight, with its own checksum, or erased |
 //!
 //! Version 2 is version 1 with [`Appended`] after the record's fields, and zeros for a reply delay that is not pinned.
-//! Version 3 is version 2 with [`Limits`] after that. A record without limits is written in version 2, which older images
-//! read.
+//! Version 3 is version 2 with [`Limits`] after that, and version 4 is version 3 with the network's key after that (16
+//! bytes). A record is written in the least version that has its fields, which older images read.
 //! Numbers are little-endian. The rest of the page is erased, 0xFF. The header stays the same in all versions, so that
 //! a reader can recognise an unknown version.
 
@@ -33,6 +33,11 @@ pub const MODEL_AT: usize = MAX_BYTES;
 pub const MODEL_BYTES: usize = 400;
 /// Bytes before the record.
 pub const HEADER_BYTES: usize = 16;
+
+/// The version from which on a record has [`Limits`], …
+const LIMITS_VERSION: u8 = 3;
+/// … and the one with the network's key.
+const KEY_VERSION: u8 = VERSION;
 
 /// The fields that version 2 has after those of version 1, in records of every role.
 #[derive(Clone, Copy, Default, Serialize, Deserialize)]
@@ -142,10 +147,11 @@ pub fn encode<'a>(record: &Record, sequence: u32, page: &'a mut [u8; MAX_BYTES])
     page.fill(0xFF);
     let (_, body) = page.split_at_mut(HEADER_BYTES);
     let limits = limits_of(record);
-    let (version, written) = if limits == [0.0; 7] {
-        (VERSION - 1, postcard::to_slice(&(record, Appended::of(record)), body))
-    } else {
-        (VERSION, postcard::to_slice(&(record, Appended::of(record), limits), body))
+    let appended = Appended::of(record);
+    let (version, written) = match record.network.key {
+        Some(key) => (KEY_VERSION, postcard::to_slice(&(record, appended, limits, key), body)),
+        None if limits == [0.0; 7] => (LIMITS_VERSION - 1, postcard::to_slice(&(record, appended), body)),
+        None => (LIMITS_VERSION, postcard::to_slice(&(record, appended, limits), body)),
     };
     let length = match written {
         Ok(written) => written.len(),
@@ -193,9 +199,14 @@ pub fn decode(page: &[u8]) -> Result<(Record, u32), LoadError> {
         appended.put_into(&mut record);
         rest = end;
     }
-    if header.version == VERSION {
+    if header.version >= LIMITS_VERSION {
         let (limits, end) = rest.split_first_chunk().ok_or(LoadError::Corrupt)?;
         put_limits(limits, &mut record);
+        rest = end;
+    }
+    if header.version >= KEY_VERSION {
+        let (key, end) = rest.split_first_chunk().ok_or(LoadError::Corrupt)?;
+        record.network.key = Some(*key);
         rest = end;
     }
     if !rest.is_empty() {

@@ -241,6 +241,9 @@ pub struct Network {
     /// other fields.
     #[serde(skip)]
     pub region: Option<Region>,
+    /// The key of native mode's frames; `None`: they are not authenticated. From version 4 on.
+    #[serde(skip)]
+    pub key: Option<[u8; 16]>,
 }
 
 /// The region whose rules apply to transmissions: `docs/use/regulation.md`.

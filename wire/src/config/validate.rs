@@ -161,7 +161,7 @@ impl Record {
     }
 
     fn validate_network(&self) -> Result<(), Invalid> {
-        let Network { pan, mode, phy: _, turnaround, region: _ } = self.network;
+        let Network { pan, mode, phy: _, turnaround, region: _, key } = self.network;
         ensure(
             pan != 0xFFFF,
             "network.pan",
@@ -173,6 +173,13 @@ impl Record {
         }
         self.network.phy()?;
         self.validate_region()?;
+        let fits = key.is_none() || !matches!(mode, Mode::DecaRanging { fast: _ });
+        ensure(
+            fits,
+            "network.key",
+            Value::Word(words("given")),
+            "absent in mode decaranging, whose frames have no code",
+        )?;
         match mode {
             Mode::Native | Mode::DecaRanging { fast: _ } => Ok(()),
             Mode::Listening { rounds_chz } => OTHER_RATES.ensure(rounds_chz, "network.rounds_hz"),

@@ -101,6 +101,7 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
         role: Role::Tag,
         board: Board::Evk1000,
         build: [0x01, 0x23, 0x45, 0x67, 0x89, 0xAB, 0xCD, 0xEF],
+        keyed: true,
     };
     let beacon = BeaconId { network: 0xB940_7F30, major: 7, minor: 513 };
     let no_record = Condition::NoRecord(RecordError::Version(3));
@@ -108,9 +109,9 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
         (
             "hello",
             Message::Hello(hello),
-            "02 01 0F E0 C6 5B 90 F1 D9 A2 A3 E2 97 90 10 B4 24 0C 01 01 23 45 67 89 AB CD EF FC 46 00",
+            "02 01 0F E0 C6 5B 90 F1 D9 A2 A3 E2 97 90 10 B4 24 0D 01 01 23 45 67 89 AB CD EF 01 23 C4 00",
             "{'type':'hello','t_s':1.5,'eui':'10205f1234567890','address':'0x1234','role':'tag','board':'evk1000',\
-             'build':'0123456789abcdef'}",
+             'build':'0123456789abcdef','keyed':true}",
         ),
         (
             "fix",

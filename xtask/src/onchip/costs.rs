@@ -16,7 +16,7 @@ use crate::toolchain::Toolchain;
 const FILE: &str = "sim/src/costs.csv";
 
 /// Descriptions of the rows, for the document.
-const ROWS: [(&str, &str); 32] = [
+const ROWS: [(&str, &str); 34] = [
     ("executor.wake", "executor and node's loop: from the interrupt handler's word to what the task waited for"),
     ("driver.transaction", "driver: a transaction, beside the bus's own code"),
     ("driver.now", "the clock is read"),
@@ -36,6 +36,8 @@ const ROWS: [(&str, &str); 32] = [
     ("machine.beacon-made", "an anchor makes a beacon"),
     ("machine.overheard", "a frame for somebody else is left alone"),
     ("machine.scheduled", "the next window or wait is chosen"),
+    ("code.made", "the code of a frame with a key (four blocks), without the cipher"),
+    ("code.in-software", "the same with AES in software"),
     ("tag.handover", "tag: a round goes to the engine"),
     ("tag.track-plane-4", "engine: a round of 4 ranges, in the plane, and its position published"),
     ("tag.track-plane-8", "of 8"),

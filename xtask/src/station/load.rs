@@ -36,7 +36,15 @@ pub fn age_ms(height_m: f64) -> f64 {
 
 /// Who a tag is.
 pub fn hello(tag: u16, t_us: u64, to: &mut Vec<u8>) {
-    let hello = Hello { t_us, eui: tag.into(), address: tag, role: Role::Tag, board: Board::Dwm1001, build: [0; 8] };
+    let hello = Hello {
+        t_us,
+        eui: tag.into(),
+        address: tag,
+        role: Role::Tag,
+        board: Board::Dwm1001,
+        build: [0; 8],
+        keyed: false,
+    };
     put(&hello.into(), to);
 }
 

@@ -17,7 +17,7 @@ use wire::config::{LoadError, MODELS_BYTES, StoredSiteModels};
 use super::log;
 use super::spi::{Bus, Interrupt, Port, Reset};
 use super::watchdog::{self, Watchdog};
-use super::{BOARD, Care, crash, uptime_us};
+use super::{BOARD, Care, cipher, crash, uptime_us};
 use crate::{pins, reset_cause};
 
 // The application descriptor that the second-stage bootloader and espflash look for.
@@ -100,6 +100,7 @@ impl Board {
             eui: eui_of(address),
             reset: reset_cause::of(esp_hal::system::reset_reason().map_or(0, |reason| reason as u32)),
             crash: crash::take(),
+            cipher: cipher::start(p.RNG, p.ADC1),
         };
         Self {
             uwb: UwbPort(port),

@@ -1,6 +1,7 @@
 //! The board on its chip.
 
 mod board;
+mod cipher;
 pub mod crash;
 pub mod log;
 mod spi;

@@ -145,12 +145,13 @@ impl DecodeSummary {
             separator = ", ";
         }
         text.push('\n');
-        if let Some(Hello { eui, address, role, board, build, .. }) = self.node {
+        if let Some(Hello { eui, address, role, board, build, keyed, .. }) = self.node {
             let (role, board, build) = (role.as_str(), board.name(), u64::from_be_bytes(build));
             let _ = writeln!(
                 text,
-                "node: {role} {} on {board}, EUI-64 {eui:016x}, build {build:016x}",
-                names.with_address(address)
+                "node: {role} {} on {board}, EUI-64 {eui:016x}, build {build:016x}, frames {}",
+                names.with_address(address),
+                if keyed { "authenticated" } else { "not authenticated" }
             );
         }
         if let (Some(first), Some(last)) = (self.first_t_s, self.last_t_s) {

@@ -79,6 +79,7 @@ pub fn hello(t_us: u64, build: [u8; 8]) -> wire::telemetry::Message {
         role: wire::telemetry::Role::Tag,
         board: wire::telemetry::Board::Dwm1001,
         build,
+        keyed: false,
     })
 }
 

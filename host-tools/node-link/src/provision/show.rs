@@ -146,10 +146,12 @@ impl Text {
             self.line("listen_again_us", pinned.listen_again_us);
             self.line("transmit_us", pinned.transmit_us);
         }
-        match (record.beacon_key, keys) {
-            (Some(key), Keys::Shown) => self.text("beacon_key", hex(&key)),
-            (Some(_), Keys::Hidden) => self.text("beacon_key", HIDDEN),
-            (None, _) => (),
+        for (name, key) in [("key", network.key), ("beacon_key", record.beacon_key)] {
+            match (key, keys) {
+                (Some(key), Keys::Shown) => self.text(name, hex(&key)),
+                (Some(_), Keys::Hidden) => self.text(name, HIDDEN),
+                (None, _) => (),
+            }
         }
     }
 

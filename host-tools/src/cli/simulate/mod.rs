@@ -80,6 +80,9 @@ pub struct Arguments {
     /// arrival anchors report in their next responses [default: the site's, or single-sided]
     #[arg(long, value_name = "SCHEME", value_parser = schemes())]
     scheme: Option<Scheme>,
+    /// Give networks a key that have none: their frames have integrity codes, and the nodes take no others
+    #[arg(long)]
+    key: bool,
     /// What the tags' records say that they make their positions by [default: the site's method, or track]
     #[arg(long, value_name = "SOLVER", value_parser = solvers(), conflicts_with = "method")]
     solver: Option<Solver>,
@@ -158,6 +161,8 @@ Examples:
 
 /// The height of tags in the plane where none is configured, metres.
 const HEIGHT_M: f32 = 1.2;
+/// The key of `--key`. Simulated frames do not leave the simulation.
+const SIMULATED_KEY: [u8; 16] = *b"simulated frames";
 /// The interval between two updates of the output, simulated seconds.
 const STEP_S: f64 = 0.1;
 
@@ -267,6 +272,7 @@ impl Arguments {
             let flag = match invalid.field {
                 "tag.rate_hz" => "--rate",
                 "tag.height_m" => "--height-m",
+                "network.key" if self.key => "--key",
                 _ => "--site",
             };
             return Err(UserError::flag(flag, format!("node {}: {invalid}", Address(node))));
@@ -309,6 +315,9 @@ impl Arguments {
             None => self.method.or(scenario.method),
         };
         scenario.weigh_nlos &= !self.no_power_weighting;
+        for network in scenario.networks.iter_mut().filter(|_| self.key) {
+            network.key.get_or_insert(SIMULATED_KEY);
+        }
     }
 
     /// Changes what the flags say of the tags.

@@ -131,7 +131,7 @@ mod tests {
     }
 
     fn hello(t_us: u64, address: u16) -> Message {
-        Hello { t_us, eui: 1, address, role: Role::Tag, board: Board::Dwm1001, build: [0; 8] }.into()
+        Hello { t_us, eui: 1, address, role: Role::Tag, board: Board::Dwm1001, build: [0; 8], keyed: false }.into()
     }
 
     fn frames(messages: &[Message]) -> Vec<u8> {

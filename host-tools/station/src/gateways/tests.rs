@@ -230,7 +230,15 @@ fn an_anchors_gateway_tells_the_positions_of_tags() {
     let mut gateways = Gateways::new(&admission, "hall").expect("random numbers");
     let PolledPosition(position) =
         PolledPosition::new([1.0, 2.0, 0.5], [[0.01, 0.0, 0.0]; 3], false).expect("a position");
-    let hello = Hello { t_us: 1, eui: 1, address: 0x0101, role: Role::Anchor, board: Board::Dwm1001, build: [0; 8] };
+    let hello = Hello {
+        t_us: 1,
+        eui: 1,
+        address: 0x0101,
+        role: Role::Anchor,
+        board: Board::Dwm1001,
+        build: [0; 8],
+        keyed: false,
+    };
     let told = wire::telemetry::TagFix { t_us: 2, tag: 0x1001, round: 9, asked: 4, position };
     let both = frames(&[hello.into(), told.into()]);
     let sent = Envelope { node: 0x0101, ..envelope(&gateways, 0, [0, 0], &both) };

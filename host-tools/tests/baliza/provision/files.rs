@@ -45,7 +45,7 @@ fn each_kind_of_damaged_file_has_its_own_error() {
         page[4] = 0;
         seal(page);
     }
-    check(&old, "the record is of version 0, this program reads versions 1 to 3");
+    check(&old, "the record is of version 0, this program reads versions 1 to 4");
     check(&good[..3000], "the file is cut short: 3000 bytes are no whole pages");
     check(&good[..50], "the record is damaged or cut short: its checksum is wrong");
     check(&[], "there is no record: the flash is erased");

@@ -307,6 +307,27 @@ fn keys_are_hidden_and_a_hidden_key_is_none() {
 }
 
 #[test]
+fn the_key_of_the_frames_is_in_the_records_of_tags_and_anchors() {
+    let key = "b00102030405060708090a0b0c0d0e0f";
+    let text =
+        EVERYTHING.replace("decaranging-fast", "native").replace("region = ", &format!("key = \"{key}\"\nregion = "));
+    let folder = provisioned(&text);
+    for (node, expected) in [("tag", Some(key)), ("anchor", Some(key)), ("beacon", None)] {
+        let shown = folder.run(&format!("provision --show records/{node}.bin --show-keys --json")).ok().object();
+        assert_eq!(shown["network"]["key"].as_str(), expected, "{node}");
+    }
+    let shown = folder.run("provision --show records/anchor.bin").ok();
+    assert!(shown.stdout.contains("\nkey = \"hidden\"\n") && !shown.stdout.contains("b00102"), "{}", shown.stdout);
+    folder.write("shown.toml", shown.stdout.as_bytes());
+    let run = folder.run("provision --config shown.toml --board esp32c3 --out again.bin");
+    refused(&run, "shown.toml:15: key is hidden: ");
+    let shown = folder.run("provision --show records/tag.bin --show-keys").ok();
+    folder.write("shown.toml", shown.stdout.as_bytes());
+    folder.run("provision --config shown.toml --board dwm1001 --out again.bin").ok();
+    assert!(folder.read("again.bin") == folder.read("records/tag.bin"), "{}", shown.stdout);
+}
+
+#[test]
 fn one_of_several_nodes_is_named() {
     let folder = Folder::with(&[("site.toml", EVERYTHING)]);
     refused(

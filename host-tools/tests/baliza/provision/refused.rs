@@ -249,6 +249,14 @@ fn two_nodes_of_one_address_and_keys_that_everyone_knows_are_refused() {
             site("beacon_key = \"000102030405060708090a0b0c0d0e0f\"", low, ""),
             "site.toml:3: beacon_key is the one that is printed in the examples: make one",
         ),
+        (
+            site("key = \"000102030405060708090a0b0c0d0e0f\"", low, ""),
+            "site.toml:3: key is the one that is printed in the examples: make one",
+        ),
+        (
+            site("mode = \"decaranging\"\nkey = \"100102030405060708090a0b0c0d0e0f\"", low, ""),
+            "site.toml:4: key is given: it must be absent in mode decaranging, whose frames have no code",
+        ),
     ];
     for (text, line) in cases {
         let folder = Folder::with(&[("site.toml", &text)]);

@@ -32,7 +32,7 @@ pub fn record_seeds() -> Vec<Vec<u8>> {
     let record = Record {
         identity: Identity { eui: None, address: Some(0x0101) },
         role: Role::Anchor { position_m: Some([1.0, 2.0, 3.0]) },
-        network: Network { pan: 0xBA11, mode: Mode::Native, phy, turnaround: None, region: None },
+        network: Network { pan: 0xBA11, mode: Mode::Native, phy, turnaround: None, region: None, key: None },
         calibration: Default::default(),
         pins: None,
         anchors: Default::default(),

@@ -9,7 +9,7 @@ use wire::uwb::decaranging::Variant;
 
 use crate::finite;
 
-const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
+const NETWORK: Network = Network::new(0xBA1A, PhyConfig::FAST);
 const ADDRESS: u16 = 0x0101;
 const ANTENNA_DELAY: RadioDuration = RadioDuration::from_ticks(16_436);
 const STAMPS: StampModel = StampModel {

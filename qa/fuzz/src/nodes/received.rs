@@ -20,6 +20,9 @@ pub fn frames(input: &[u8]) {
     let mut out = FrameBuffer::new();
     if let Ok(frame) = native::Frame::parse(input) {
         frame.emit(&mut out);
+        if let Some((_, code)) = native::split_code(input) {
+            out.authenticate(|_| *code);
+        }
         // A sync frame has a bit that is free: parsers ignore it.
         assert_eq!(out.bytes().len(), input.len());
         assert_eq!(native::Frame::parse(out.bytes()).as_ref(), Ok(&frame));
@@ -27,7 +30,7 @@ pub fn frames(input: &[u8]) {
             Native::SyncFrame(sync) => {
                 finite(sync.position.into_iter().flat_map(|position| position.metres()).map(f64::from));
             }
-            Native::Poll(_) | Native::Response(_) | Native::Request(_) | Native::Final { .. } => {}
+            _ => {}
         }
     }
     if let Ok(frame) = decaranging::Frame::parse(input) {
@@ -45,7 +48,7 @@ pub fn frame_seeds() -> Vec<Vec<u8>> {
     let mut out = FrameBuffer::new();
     blink.emit(&mut out);
     let head = |kind: u8| [&[0x41, 0x88, 1, 0x1A, 0xBA, 0xFF, 0xFF, 1, 1, kind][..], &[0; 60]].concat();
-    (0x30..0x35).map(head).chain([out.bytes().to_vec()]).collect()
+    (0x30..0x3E).map(head).chain([out.bytes().to_vec()]).collect()
 }
 
 pub fn datagrams(input: &[u8]) {
@@ -141,7 +144,7 @@ fn same_again(message: &Message) {
 
 pub fn telemetry_seeds() -> Vec<Vec<u8>> {
     let hello =
-        Hello { t_us: 1, eui: 2, address: 3, role: Role::Tag, board: wire::config::Board::Dwm1001, build: [4; 8] };
+        Hello { t_us: 1, eui: 2, address: 3, role: Role::Tag, board: wire::config::Board::Dwm1001, build: [4; 8], keyed: false };
     let mut buffer = [0; MAX_FRAME];
     let stream = [&[0][..], wire::telemetry::encode(&Message::Hello(hello), &mut buffer)].concat();
     // Bodies that begin with the number of each message.

@@ -12,6 +12,7 @@ use onchip_bench::instrument::Instrument;
 use onchip_bench::response::{features, response};
 use rtt_target::{ChannelMode, rtt_init, set_defmt_channel};
 use semihosting::println;
+use wire::uwb::native::{integrity_code, software_code};
 
 /// Prints the cost of a computation as the cost of a tag.
 struct Costs<'a>(&'a mut Instrument);
@@ -70,6 +71,13 @@ fn main() -> ! {
     ] {
         print("machine", name, mean);
     }
+    // A response of 21 bytes to a poll: four blocks.
+    let (key, nonce, response) = (&[7; 16], &[8; 13], [&[9; 8][..], &[10; 21]]);
+    let made =
+        instrument.cost(|| integrity_code(&mut |block| _ = black_box(block), black_box(nonce), black_box(response))).0;
+    println!("cost code.made {}", made.instructions);
+    let software = instrument.cost(|| software_code(black_box(key), black_box(nonce), black_box(response))).0;
+    println!("cost code.in-software {}", software.instructions);
     print("tag", "handover", &costs.handover);
 
     let mut publish_range = Mean::new();

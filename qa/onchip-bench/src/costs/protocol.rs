@@ -20,7 +20,7 @@ use super::air::{ANTENNA_DELAY, World};
 use super::{Mean, since};
 use crate::instrument::stamp;
 
-const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
+const NETWORK: Network = Network::new(0xBA1A, PhyConfig::FAST);
 const ANCHORS: usize = 4;
 /// The time for the tag to join, and for some rounds.
 const LIFE_US: u64 = 1_500_000;
@@ -75,7 +75,7 @@ impl MachineCosts {
                         | Action::Compensate => &self.response_received,
                     }),
                     Message::SyncFrame(_) => Some(&self.beacon_received),
-                    Message::Request(_) | Message::Final { .. } => None,
+                    Message::Request(_) | Message::Final { .. } | Message::Challenge(_) => None,
                 }
             }
             Event::Started
@@ -88,7 +88,7 @@ impl MachineCosts {
             | Event::Reported => match sent {
                 Some(Message::Poll(_)) => Some(&self.poll_made),
                 Some(Message::SyncFrame(_)) => Some(&self.beacon_made),
-                Some(Message::Request(_) | Message::Response(_) | Message::Final { .. }) => None,
+                Some(_) => None,
                 None => Some(&self.scheduled),
             },
         }

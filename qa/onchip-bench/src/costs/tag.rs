@@ -91,7 +91,7 @@ pub fn measure(ranges: u16, tracks: bool, space: bool) -> TagCosts {
         let (poll_us, made) = round(ranges, number, &mut random);
         let ranges = &made[..usize::from(ranges).min(MOST)];
         let asked = ranges.len() as u8;
-        let round = Round { number: number as u16, poll: RadioInstant::from_ticks(0), asked, refused: 0, ranges };
+        let round = Round { number: number as u16, poll: RadioInstant::from_ticks(0), asked, ranges };
         channels.iter().for_each(|channel| assert_eq!(channel.put_ranges(black_box(&round), poll_us, None), 0));
         let (alone, _) = run(silent.as_mut(), &reporters[0]);
         let (with_ranges, frames) = run(telling.as_mut(), &reporters[1]);

@@ -37,6 +37,7 @@
 //! A start of the radio from any state but `Napping` returns the tag to `Idle` and to its search.
 
 mod config;
+mod incoming;
 mod schedule;
 mod seldom;
 mod slot_request;
@@ -48,19 +49,18 @@ use self::seldom::{Aim, Awaited, Nap};
 use self::stopwatch::Stopwatch;
 use super::Network;
 use super::anchor_table::{AnchorTable, Refused};
+use super::authentication::{Moment, SealedPoll};
 use super::compensation::Compensation;
 use super::pace::Meter;
 use super::plan::Rate;
 use super::round::RoundState;
 use super::search::Search;
-use super::superframes::Superframes;
-use super::sync::{Sync, SyncUpdate};
 use super::sync_schedule::SyncSchedule;
-use super::timing::{SYNC_SLOTS, end_of};
+use super::timing::end_of;
 use super::wake_ups::{Slept, WakeUps};
 use crate::exchange::{Action, Event, Guidance, Link, Protocol, Report, RoundFix};
 use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel, Start};
-use wire::uwb::native::{Frame, Message, SyncFrame, UserData};
+use wire::uwb::native::{Frame, Message, UserData};
 use wire::uwb::{BROADCAST, FrameBuffer};
 
 /// What the tag's last action was, and so the meaning of the next event.
@@ -196,89 +196,19 @@ impl Tag {
         self.anchors.len()
     }
 
-    fn receive(&mut self, frame: &RxFrame<'_>) {
-        // By reference: a message takes hundreds of bytes, and each copy as many instructions.
-        let parsed = Frame::parse(frame.bytes);
-        let Some(told) = parsed.as_ref().ok().filter(|told| told.pan == self.config.network.pan) else { return };
-        match &told.message {
-            Message::SyncFrame(sync_frame) if told.destination == BROADCAST => {
-                self.on_sync_frame(told.source, sync_frame, frame)
-            }
-            Message::Response(response)
-                if told.destination == self.config.address && self.state == State::Collecting =>
-            {
-                let Some(network) = &mut self.network else { return };
-                let Superframes { timing, phase, .. } = &network.sync.course;
-                let range = self.round.receive(timing, &self.bias, &mut self.anchors, told.source, *response, frame);
-                if range.is_some() {
-                    network.lease.answered(response.lease, phase.number);
-                }
-            }
-            // Messages for other tags, or not addressed to this tag.
-            Message::SyncFrame(_)
-            | Message::Response(_)
-            | Message::Poll(_)
-            | Message::Request(_)
-            | Message::Final { .. } => {}
-        }
-    }
-
-    fn on_sync_frame(&mut self, source: u16, sync_frame: &SyncFrame, frame: &RxFrame<'_>) {
-        if usize::from(sync_frame.slot) >= SYNC_SLOTS {
-            return;
-        }
-        let phy = &self.config.network.phy;
-        let slept = core::mem::take(&mut self.slept);
-        let assumed = self.network.as_mut().filter(|_| !slept.is_none()).map(|network| {
-            network.sync.advance(frame.rx_time);
-            network.sync.course.phase
-        });
-        let heard = match &mut self.network {
-            None => match Sync::new(phy, sync_frame, frame.rx_time) {
-                Some(sync) => {
-                    self.network = Some(Followed::begin(sync));
-                    self.search = Search::default();
-                    SyncUpdate::Anew
-                }
-                None => SyncUpdate::Ignored,
-            },
-            Some(network) => match network.sync.receive(phy, sync_frame, frame.rx_time) {
-                SyncUpdate::Anew => {
-                    *network = Followed::begin(network.sync.clone());
-                    SyncUpdate::Anew
-                }
-                heard => heard,
-            },
-        };
-        match heard {
-            SyncUpdate::Ignored | SyncUpdate::Refused => {
-                self.slept = slept;
-                if heard == SyncUpdate::Refused {
-                    self.anchors.refuse_coordinator();
-                }
-                return;
-            }
-            SyncUpdate::Followed => {}
-            SyncUpdate::Contradicted => self.anchors.refuse_list(),
-            SyncUpdate::Changed | SyncUpdate::Anew => self.link = Some(Link::Synchronised(sync_frame.coordinator)),
-        }
-        self.aim = None;
-        self.learn_leases(sync_frame);
-        let phase = self.network.as_ref().map(|network| network.sync.course.phase);
-        if let (Some(assumed), Some(phase)) = (assumed, phase)
-            && assumed.number == phase.number
-        {
-            self.wakes.learn(slept, assumed.start.since(phase.start));
-        }
-        self.watch.receive(source, sync_frame.slot);
-        self.anchors.on_sync_frame(source, sync_frame, frame.diagnostics.rx_power_dbm);
-    }
-
-    fn write(&mut self, message: Message) {
+    /// Writes a frame of this moment. Returns what its round refers to, in a network with a key.
+    fn write(&mut self, message: Message, moment: Option<Moment>) -> Option<SealedPoll> {
         self.sequence = self.sequence.wrapping_add(1);
         let Network { pan, .. } = self.config.network;
         Frame { sequence: self.sequence, pan, destination: BROADCAST, source: self.config.address, message }
             .emit(&mut self.out);
+        let key = self.config.network.key.as_ref()?;
+        Some(key.seal(&mut self.out, moment?))
+    }
+
+    /// What makes a frame of this superframe new.
+    fn moment(&self) -> Option<Moment> {
+        self.network.as_ref()?.sync.course.moment()
     }
 
     fn listen(window: RadioDuration) -> Action<'static> {
@@ -421,7 +351,8 @@ impl Tag {
     fn end_round(&mut self, present: RadioInstant) -> Action<'_> {
         let Some(round) = self.round.to_end() else { return self.close_round(present) };
         self.state = State::Ending;
-        self.write(Message::Final { round });
+        let moment = self.round.sealed().map(|poll| poll.moment);
+        self.write(Message::Final { round }, moment);
         let to_rmarker = self.config.network.phy.time_to_rmarker();
         let spaced = self.next_pulse.map(|pulse| pulse.since(present));
         let start = match spaced.filter(|wait| *wait > RadioDuration::ZERO) {
@@ -455,7 +386,7 @@ impl Protocol for Tag {
     }
 
     fn pace(&mut self, pace: Pace) {
-        self.stopwatch.take(&pace, &self.config.network.phy, &mut self.meter);
+        self.stopwatch.take(&pace, &self.config.network, &mut self.meter);
     }
 
     fn guide(&mut self, guidance: Guidance) {
@@ -465,6 +396,10 @@ impl Protocol for Tag {
         if guidance.rate.is_some() {
             self.set_rate(guidance.rate);
         }
+    }
+
+    fn refused_frames(&self) -> u32 {
+        self.anchors.refused.total()
     }
 
     fn carried(&mut self) -> Option<u8> {

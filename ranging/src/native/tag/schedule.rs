@@ -237,7 +237,8 @@ impl Tag {
             let rounds_ago = u8::try_from(poll.round.wrapping_sub(fix.round)).ok()?;
             (rounds_ago <= PolledPosition::OLDEST).then_some(fix.position.of_rounds_ago(rounds_ago))
         });
-        self.write(Message::Poll(poll));
+        let sealed = self.write(Message::Poll(poll), self.moment());
+        self.round.seal(sealed);
         let is_off_after = self.is_off_after_poll(scheme);
         self.state = State::Polling { decided_at, is_off_after };
         Action::Transmit { frame: self.out.bytes(), start, listen: !is_off_after }

@@ -6,7 +6,7 @@ use super::super::SHORTEST_WAIT;
 use super::super::plan::{next_round, share_of};
 use super::super::search::{Next, Search};
 use super::super::sync_schedule::{Listening, WatchedAnchor};
-use super::super::timing::{HOLDOVER_SUPERFRAMES, SUPERFRAME, Timing};
+use super::super::timing::{HOLDOVER_SUPERFRAMES, Network, SUPERFRAME, Timing};
 use super::super::wake_ups::Slept;
 use super::{Rate, State, Tag};
 use crate::exchange::{Action, COMPENSATION};
@@ -31,6 +31,8 @@ const ACQUAINTING: u16 = 10;
 const ARMING: RadioDuration = RadioDuration::from_micros(250);
 /// The receiver starts this long before the expected frame: its own start takes 16 µs.
 const RECEIVER_START: RadioDuration = RadioDuration::from_micros(20);
+/// A tag that doubts its session listens for others in one of this many superframes.
+const LOOKS_ABOUT_EVERY: u16 = 8;
 /// An anchor confirms a lease of which it knows a poll of the last four turns. A tag that ranges even less often than
 /// the longest period uses half of them.
 const TURNS_A_POLL: i64 = 2;
@@ -72,7 +74,9 @@ impl Tag {
     fn sync_window(&self, timing: &Timing, slot: u8, uncertainty: RadioDuration) -> [RadioDuration; 2] {
         let rmarker = timing.sync_frame(slot.into());
         let early = sum(timing.to_rmarker, sum(uncertainty, RECEIVER_START));
-        let late = sum(self.config.network.phy.time_after_rmarker(SYNC_FRAME_BYTES), sum(uncertainty, timing.guard));
+        let Network { phy, .. } = &self.config.network;
+        let bytes = SYNC_FRAME_BYTES + self.config.network.code_bytes();
+        let late = sum(phy.time_after_rmarker(bytes), sum(uncertainty, timing.guard));
         [difference(rmarker, early), sum(rmarker, late)]
     }
 
@@ -268,6 +272,10 @@ impl Tag {
             return Action::Compensate;
         }
         let begin = next.plus(difference(RadioDuration::ZERO, lead));
+        // Another session has its sync frames at other times.
+        if network.sync.is_doubtful() && phase.number.is_multiple_of(LOOKS_ABOUT_EVERY) {
+            return Self::listen(begin.since(present).max(SHORTEST_WAIT));
+        }
         let Some(rate) = self.rate.filter(|_| is_seldom) else { return Action::WaitUntil(begin) };
         if let Some(turns) =
             network.next_turn(self.config.address, rate).filter(|turns| *turns >= DOZE_FROM && self.dozes)
@@ -330,7 +338,8 @@ impl Tag {
         let timing = &self.network.as_ref()?.sync.course.timing;
         let (first, length) = self.round.responses(timing);
         let open = first.plus(difference(RadioDuration::ZERO, sum(RECEIVER_START, timing.guard)));
-        let poll = self.config.network.phy.time_after_rmarker(POLL_BYTES);
+        let Network { phy, .. } = &self.config.network;
+        let poll = phy.time_after_rmarker(POLL_BYTES + self.config.network.code_bytes());
         (open.since(departure) > sum(poll, ARMING)).then(|| Action::Receive {
             start: Start::At(open),
             window: departure.plus(length).since(open),

@@ -105,7 +105,7 @@ impl Tag {
         network.requests = network.requests.saturating_add(1);
         self.state = State::Requesting;
         let wish = self.meter.wish(self.config.scheme);
-        self.write(Message::Request(Request { share: due.share, wish }));
+        self.write(Message::Request(Request { share: due.share, wish }), self.moment());
         Action::Transmit { frame: self.out.bytes(), start: Start::At(phase.at(due.rmarker)), listen: true }
     }
 }

@@ -1,7 +1,8 @@
 //! The instants from which a tag measures its own pace: its waits, its transmissions and the frames that it receives.
 
+use crate::native::Network;
 use crate::native::pace::Meter;
-use crate::{Pace, PhyConfig, RadioInstant};
+use crate::{Pace, RadioInstant};
 use wire::uwb::native::RESPONSE_BYTES;
 
 /// The instants of the last action.
@@ -41,7 +42,7 @@ impl Stopwatch {
     }
 
     /// Takes what the radio measured in the last action.
-    pub(super) fn take(&mut self, pace: &Pace, phy: &PhyConfig, meter: &mut Meter) {
+    pub(super) fn take(&mut self, pace: &Pace, network: &Network, meter: &mut Meter) {
         self.listening_at = pace.listening;
         self.was_measured = pace.armed.is_some();
         if let Some(armed) = pace.armed
@@ -50,7 +51,7 @@ impl Stopwatch {
             meter.led(armed.since(wake), self.was_awaited);
         }
         if let (Some(ready), Some(received)) = (pace.ready, self.received) {
-            let next = phy.airtime(RESPONSE_BYTES);
+            let next = network.phy.airtime(RESPONSE_BYTES + network.code_bytes());
             match received {
                 Received::InRound(ended) => meter.dealt_with(ready.since(ended), next),
                 Received::Other(ended) => meter.dealt_with_other(ready.since(ended), next),

@@ -3,6 +3,7 @@
 use postcard::experimental::max_size::MaxSize;
 use serde::{Deserialize, Serialize};
 
+use super::or_default;
 use crate::config::Board;
 use crate::telemetry::text::text;
 use crate::telemetry::{Address, Body};
@@ -23,17 +24,22 @@ pub struct Hello {
     /// The build: derived from the commit and the sources when the image is built. An ELF file has the same bytes in
     /// its section `.baliza.build`.
     pub build: [u8; 8],
+    /// Whether its UWB frames have integrity codes, and it takes no others. No in frames of older nodes, which do not have
+    /// it.
+    #[serde(deserialize_with = "or_default")]
+    pub keyed: bool,
 }
 
 text!(Hello, |this| (this.role, this.build);
     (role, [a, b, c, d, e, f, g, h]) => (
-        "{} {} on {}, EUI {:08x}{:08x}, build {:02x}{:02x}{:02x}{:02x}{:02x}{:02x}{:02x}{:02x}",
+        "{} {} on {}, EUI {:08x}{:08x}, build {:02x}{:02x}{:02x}{:02x}{:02x}{:02x}{:02x}{:02x}{}",
         role.as_str(),
         Address(this.address),
         this.board.name(),
         (this.eui >> 32) as u32,
         this.eui as u32,
-        a, b, c, d, e, f, g, h
+        a, b, c, d, e, f, g, h,
+        if this.keyed { ", authenticated" } else { "" }
     ),
 );
 
@@ -48,6 +54,7 @@ impl Body for Hello {
             "role": self.role.as_str(),
             "board": self.board.name(),
             "build": std::format!("{:016x}", u64::from_be_bytes(self.build)),
+            "keyed": self.keyed,
         })
     }
 }
@@ -77,6 +84,7 @@ impl Role {
 
 #[cfg(test)]
 mod tests {
+    use std::format;
     use std::string::ToString;
 
     use super::*;
@@ -90,8 +98,10 @@ mod tests {
             role: Role::Tag,
             board: Board::Dwm1001,
             build: [0xDD, 0x7E, 0x67, 0xA0, 1, 2, 3, 0xFF],
+            keyed: false,
         };
         let expected = "tag 0x1234 on dwm1001, EUI deca000000001234, build dd7e67a0010203ff";
         assert_eq!(hello.to_string(), expected);
+        assert_eq!(Hello { keyed: true, ..hello }.to_string(), format!("{expected}, authenticated"));
     }
 }

@@ -16,6 +16,11 @@
 //!   each), polls (3 each).
 //! - 33, request, tag → all: share (1), the tag's request for the layout (1).
 //! - 34, final, tag → all: round (2).
+//! - 35, challenge, anchor → all: session (4), number (4).
+//!
+//! Frames of a network with a key have 8 more in their code and end with an integrity code (8), see [`integrity_code`].
+//! Their sync frames have the session (4) and the high half of the superframe's number (2) behind the numbers of entries;
+//! with 8 in the number of polls, the answer to a challenge (4) follows. A challenge has always an integrity code.
 //!
 //! Times are in ticks. A distance is in units of 4 mm, signed; 0x8000 is unknown. A position is three times 24 bits,
 //! millimetres, signed; (−2²³, 0, 0) is unknown. A deviation is 0, that of a given height, or the code c for
@@ -25,8 +30,10 @@
 //! only the second byte. A lease is the tag (2), the slot with the grant in its high two bits (1), the period (1) and the
 //! phase (2); a poll that is passed on is the tag (2) and its request for the layout (1).
 
+mod integrity;
 mod lease;
 mod poll;
+mod table_aes;
 mod user_data;
 mod values;
 
@@ -35,8 +42,10 @@ use heapless::Vec;
 use super::MAX_ROUND;
 use super::layout::Layout;
 use super::{Address, BROADCAST, FrameBuffer, FrameError, Header, Reader};
+use integrity::AUTHENTICATED;
 use radio::{RadioDuration, RadioInstant};
 
+pub use integrity::{CODE_BYTES, IntegrityCode, Nonce, integrity_code, software_code, split_code};
 pub use lease::{Confirmation, Grant, Lease, LeasedPoll, Period, Turn};
 pub use poll::{Asked, Poll};
 pub use user_data::UserData;
@@ -57,6 +66,7 @@ const RESPONSE: u8 = 0x31;
 const SYNC: u8 = 0x32;
 const REQUEST: u8 = 0x33;
 const FINAL: u8 = 0x34;
+const CHALLENGE: u8 = 0x35;
 
 /// A native frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -93,6 +103,28 @@ pub enum Message {
         /// Number of the round.
         round: u16,
     },
+    /// An anchor asks whether a session is a present one.
+    Challenge(Challenge),
+}
+
+/// An anchor asks an anchor of a session to repeat a number. So a recorded network is told from one that is there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Challenge {
+    /// The session.
+    pub session: u32,
+    /// A number that nobody can foresee.
+    pub number: u32,
+}
+
+/// What the sync frames of a network with a key say of its time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Session {
+    /// A random number of the anchor that founded the network.
+    pub number: u32,
+    /// The high half of the superframe's number.
+    pub epoch: u16,
+    /// The number of a challenge that the sender has received.
+    pub answer: Option<u32>,
 }
 
 /// A tag requests slots.
@@ -132,7 +164,9 @@ pub struct FinalReceived {
 /// An anchor's view of the network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SyncFrame {
-    /// Number of the superframe.
+    /// Of a network with a key.
+    pub session: Option<Session>,
+    /// Number of the superframe; of a network with a key its low half.
     pub superframe: u16,
     /// Counts changes of coordinator: the higher term (across a wrap) prevails.
     pub term: u8,
@@ -198,10 +232,16 @@ impl Frame {
             return Err(FrameError::Header);
         }
         let mut reader = Reader(payload);
-        let message = match reader.u8()? {
+        let code = reader.u8()?;
+        let is_authenticated = code & AUTHENTICATED != 0;
+        if is_authenticated {
+            let (message, _) = reader.0.split_last_chunk::<CODE_BYTES>().ok_or(FrameError::Truncated)?;
+            reader = Reader(message);
+        }
+        let message = match code & !AUTHENTICATED {
             POLL => Message::Poll(Poll::parse(reader)?),
             RESPONSE => Message::Response(Response::parse(reader)?),
-            SYNC => Message::SyncFrame(SyncFrame::parse(reader)?),
+            SYNC => Message::SyncFrame(SyncFrame::parse(reader, is_authenticated)?),
             REQUEST => {
                 let share = Share::parse(reader.u8()?)?;
                 let wish = Layout::from_tag_byte(reader.u8()?);
@@ -213,12 +253,17 @@ impl Frame {
                 reader.end()?;
                 Message::Final { round }
             }
-            code => return Err(FrameError::Code(code)),
+            CHALLENGE if is_authenticated => {
+                let challenge = Challenge { session: reader.u32()?, number: reader.u32()? };
+                reader.end()?;
+                Message::Challenge(challenge)
+            }
+            _ => return Err(FrameError::Code(code)),
         };
         Ok(Self { sequence: header.sequence, pan: header.pan, destination, source, message })
     }
 
-    /// Writes the frame, in place of what `out` held.
+    /// Writes the frame, in place of what `out` held, without an integrity code ([`FrameBuffer::authenticate`]).
     #[inline]
     pub fn emit(&self, out: &mut FrameBuffer) {
         out.clear();
@@ -232,6 +277,11 @@ impl Frame {
             Message::Final { round } => {
                 let [low, high] = round.to_le_bytes();
                 out.put(&[FINAL, low, high]);
+            }
+            Message::Challenge(Challenge { session, number }) => {
+                out.put(&[CHALLENGE]);
+                out.put(&session.to_le_bytes());
+                out.put(&number.to_le_bytes());
             }
         }
     }
@@ -252,11 +302,15 @@ pub const LONG_RESPONSE_BYTES: u16 = RESPONSE_BYTES + 5;
 pub const FINAL_BYTES: u16 = HEAD + 2 + 2;
 /// Bytes of a request on the air, including its check bytes.
 pub const REQUEST_BYTES: u16 = HEAD + 2 + 2;
-/// Bytes of a sync frame without members, leases and polls on the air, including its check bytes.
+/// Bytes of a challenge on the air, including its check bytes and its integrity code.
+pub const CHALLENGE_BYTES: u16 = HEAD + 8 + CODE_BYTES as u16 + 2;
+/// Bytes of a sync frame without session, members, leases and polls on the air, including its check bytes.
 const SHORTEST_SYNC_FRAME_BYTES: u16 = HEAD + 44 + 2;
-/// Bytes of the longest sync frame on the air, including its check bytes. Eight more, for a message integrity code, fit
-/// into a frame.
+/// Bytes of the longest sync frame on the air, including its check bytes. An integrity code still fits into a frame.
 pub const SYNC_FRAME_BYTES: u16 = 119;
+/// Bytes of session and epoch, and of the answer to a challenge.
+const SESSION_BYTES: usize = 6;
+const ANSWER_BYTES: usize = 4;
 
 /// In the byte with the number of members: the frame passes on a request for slots, and not one for the layout.
 const PASSES_REQUEST_ON: u8 = 0x80;
@@ -265,6 +319,8 @@ const LAYOUT_IS_NEW: u8 = 0x80;
 /// Mask of the slot in the byte with slot and countdown.
 const SLOT: u8 = 0x1F;
 const COUNTDOWN_SHIFT: u8 = 5;
+/// In the byte with the numbers of leases and polls: the answer to a challenge follows the session.
+const ANSWERS: u8 = 0x08;
 
 impl Response {
     #[inline]
@@ -293,9 +349,16 @@ impl Response {
     }
 }
 
+/// The slot of a sync frame with an integrity code. No other byte is looked at.
+pub fn slot_of(bytes: &[u8]) -> Option<u8> {
+    // After the header, the code: superframe, term, age, hops, coordinator.
+    let [code, .., slot] = bytes.get(9..18)? else { return None };
+    (*code == SYNC | AUTHENTICATED).then_some(*slot & SLOT)
+}
+
 impl SyncFrame {
     #[inline]
-    fn parse(mut reader: Reader<'_>) -> Result<Self, FrameError> {
+    fn parse(mut reader: Reader<'_>, is_authenticated: bool) -> Result<Self, FrameError> {
         let superframe = reader.u16()?;
         let [term, age, hops] = reader.take()?;
         let coordinator = reader.u16()?;
@@ -307,6 +370,11 @@ impl SyncFrame {
         let layout: [u8; 2] = reader.take()?;
         let position = Position::parse(reader.take()?)?;
         let [count, leased, entries] = reader.take()?;
+        let (session, polls_passed_on) = if is_authenticated {
+            (Some(Session::parse(&mut reader, entries & ANSWERS != 0)?), entries & 0x0F & !ANSWERS)
+        } else {
+            (None, entries & 0x0F)
+        };
         let (request, wish) = if count & PASSES_REQUEST_ON == 0 {
             let [answer, tag, 0] = passed_on else { return Err(FrameError::Field) };
             (None, Layout::from_bytes([answer, tag]))
@@ -325,7 +393,7 @@ impl SyncFrame {
         for _ in 0..entries >> 4 {
             leases.push(Lease::parse(&mut reader)?).map_err(|_| FrameError::Field)?;
         }
-        for _ in 0..entries & 0x0F {
+        for _ in 0..polls_passed_on {
             polls.push(LeasedPoll::parse(&mut reader)?).map_err(|_| FrameError::Field)?;
         }
         reader.end()?;
@@ -334,6 +402,7 @@ impl SyncFrame {
             return Err(FrameError::Field);
         }
         Ok(Self {
+            session,
             superframe,
             term,
             age,
@@ -358,7 +427,9 @@ impl SyncFrame {
 
     /// How many further leases fit, and how many polls if no lease is added.
     pub fn room(&self) -> (usize, usize) {
-        let used = 3 * self.members.len() + Lease::BYTES * self.leases.len() + LeasedPoll::BYTES * self.polls.len();
+        let session = self.session.map_or(0, |session| session.bytes());
+        let used =
+            session + 3 * self.members.len() + Lease::BYTES * self.leases.len() + LeasedPoll::BYTES * self.polls.len();
         let room = usize::from(SYNC_FRAME_BYTES - SHORTEST_SYNC_FRAME_BYTES).saturating_sub(used);
         let leases = (room / Lease::BYTES).min(MAX_LEASES - self.leases.len());
         (leases, (room / LeasedPoll::BYTES).min(MAX_POLLS - self.polls.len()))
@@ -388,11 +459,29 @@ impl SyncFrame {
         let [answer, tag] = self.layout.bytes();
         out.put(&[if self.layout_is_new { answer | LAYOUT_IS_NEW } else { answer }, tag]);
         out.put(&Position::bytes(self.position));
-        let entries = (self.leases.len() as u8) << 4 | self.polls.len() as u8;
+        let answers = self.session.is_some_and(|session| session.answer.is_some());
+        let entries = (self.leases.len() as u8) << 4 | self.polls.len() as u8 | if answers { ANSWERS } else { 0 };
         out.put(&[self.members.len() as u8 | passes_request_on, self.leased, entries]);
+        if let Some(Session { number, epoch, answer }) = self.session {
+            out.put(&number.to_le_bytes());
+            out.put(&epoch.to_le_bytes());
+            answer.into_iter().for_each(|answer| out.put(&answer.to_le_bytes()));
+        }
         self.members.iter().for_each(|member| member.emit(out));
         self.leases.iter().for_each(|lease| lease.emit(out));
         self.polls.iter().for_each(|poll| poll.emit(out));
+    }
+}
+
+impl Session {
+    #[inline]
+    fn parse(reader: &mut Reader<'_>, answers: bool) -> Result<Self, FrameError> {
+        let (number, epoch) = (reader.u32()?, reader.u16()?);
+        Ok(Self { number, epoch, answer: if answers { Some(reader.u32()?) } else { None } })
+    }
+
+    const fn bytes(self) -> usize {
+        SESSION_BYTES + if self.answer.is_some() { ANSWER_BYTES } else { 0 }
     }
 }
 
@@ -544,6 +633,7 @@ mod tests {
 
     fn sync_frame(members: usize) -> SyncFrame {
         SyncFrame {
+            session: None,
             superframe: 0x0102,
             term: 3,
             age: 4,
@@ -646,6 +736,53 @@ mod tests {
             let poll = Poll { round: 0, wish: Layout::LEAST, anchors, position, data: None };
             assert_eq!(length(Message::Poll(poll)) + 2, usize::from(POLL_BYTES));
         }
+    }
+
+    /// The code of the bytes that an authenticated frame has before it, here their number.
+    fn authenticated(message: Message) -> std::vec::Vec<u8> {
+        let mut out = FrameBuffer::new();
+        let frame = Frame { sequence: 0x2A, pan: 0xBA1A, destination: BROADCAST, source: 0x0107, message };
+        frame.emit(&mut out);
+        out.authenticate(|bytes| [bytes.len() as u8; CODE_BYTES]);
+        assert_eq!(Frame::parse(out.bytes()), Ok(frame));
+        for cut in 0..out.bytes().len() - 1 {
+            assert!(Frame::parse(&out.bytes()[..cut]).is_err(), "cut to {cut}");
+        }
+        out.bytes()[9..].to_vec()
+    }
+
+    #[test]
+    fn frames_with_a_code_are_the_same_with_another_mark() {
+        // Nine bytes of the header, and the message.
+        assert_eq!(authenticated(Message::Final { round: 0x0102 }), [0x3C, 2, 1, 12, 12, 12, 12, 12, 12, 12, 12]);
+        let challenge = Challenge { session: 0x0102_0304, number: 0x0506_0708 };
+        let golden = [0x3D, 4, 3, 2, 1, 8, 7, 6, 5, 18, 18, 18, 18, 18, 18, 18, 18];
+        assert_eq!(authenticated(Message::Challenge(challenge)), golden);
+        assert_eq!(9 + golden.len() + 2, usize::from(CHALLENGE_BYTES));
+        // A challenge without a code is no frame.
+        let mut out = FrameBuffer::new();
+        let message = Message::Challenge(challenge);
+        Frame { sequence: 0, pan: 0, destination: BROADCAST, source: 0, message }.emit(&mut out);
+        assert_eq!(Frame::parse(out.bytes()), Err(FrameError::Code(0x35)));
+    }
+
+    #[test]
+    fn sync_frames_with_a_code_have_a_session() {
+        let polls = [LeasedPoll { tag: 0x0A0B, wish: 0xA8 }].into_iter().collect();
+        let mut sync_frame = SyncFrame { polls, ..sync_frame(0) };
+        for (answer, entries, bytes) in [(None, 0x01, &[][..]), (Some(0x0506_0708), 0x09, &[8, 7, 6, 5])] {
+            sync_frame.session = Some(Session { number: 0x0102_0304, epoch: 0x0910, answer });
+            let written = authenticated(Message::SyncFrame(sync_frame.clone()));
+            let golden = [&[0, 17, entries, 4, 3, 2, 1, 0x10, 9], bytes, &[0x0B, 0x0A, 0xA8]].concat();
+            assert_eq!(written[0], 0x3A);
+            let frame = [&[0; 9][..], &written].concat();
+            assert_eq!((slot_of(&frame), slot_of(&frame[..17])), (Some(8), None));
+            assert_eq!(written[42..written.len() - CODE_BYTES], golden);
+        }
+        // 16 members take 48 of the 63 bytes, and session, epoch and answer 10.
+        sync_frame.members = (0..16).map(|tag| Member { tag, share: Share::Greedy }).collect();
+        sync_frame.polls.clear();
+        assert_eq!(sync_frame.room(), (0, 1));
     }
 
     #[test]

@@ -153,6 +153,21 @@ fn the_page_s_rest_does_not_matter() {
 }
 
 #[test]
+fn a_key_is_the_end_of_version_4() {
+    let mut keyed = anchor();
+    keyed.network.key = Some(core::array::from_fn(|i| i as u8));
+    let bytes = page(&keyed, 3);
+    assert_eq!((bytes[4], &bytes[bytes.len() - 16..]), (4, &keyed.network.key.unwrap()[..]));
+    // Before it come the limits of version 3, which an anchor has not.
+    assert_eq!(bytes[bytes.len() - 44..bytes.len() - 16], [0; 28]);
+    assert_eq!(decode(&bytes), Ok((keyed.clone(), 3)));
+    // Without a key older images read it.
+    assert_eq!(page(&anchor(), 3)[4], 2);
+    keyed.network.mode = Mode::DecaRanging { fast: true };
+    assert!(matches!(decode(&page(&keyed, 3)), Err(LoadError::Invalid(invalid)) if invalid.field == "network.key"));
+}
+
+#[test]
 fn an_erased_page_has_no_record() {
     assert_eq!(decode(&[0xFF; 4096]), Err(LoadError::Missing));
     assert_eq!(decode(&[]), Err(LoadError::Missing));
@@ -280,7 +295,7 @@ prop_compose! {
         prf_mhz in prop::sample::select(vec![16_u8, 64]), rate_kbps in prop::sample::select(vec![110_u16, 850, 6810]),
         preamble in prop::sample::select(vec![1024_u16, 1536, 2048, 4096]),
         turnaround in of((1000..=20_000_u16, 1..=1000_u16, 1..=1000_u16)),
-        region in of(prop::sample::select(vec![Region::Us, Region::Unchecked])),
+        region in of(prop::sample::select(vec![Region::Us, Region::Unchecked])), key: Option<[u8; 16]>,
     ) -> Network {
         let turnaround = turnaround
             .map(|(answer_us, listen_again_us, transmit_us)| ReplyDelay { answer_us, listen_again_us, transmit_us });
@@ -290,6 +305,7 @@ prop_compose! {
             phy: Phy { channel, prf_mhz, rate_kbps, preamble, code: None },
             turnaround,
             region,
+            key: key.filter(|_| !matches!(mode, Mode::DecaRanging { .. })),
         }
     }
 }

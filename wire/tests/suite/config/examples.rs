@@ -11,6 +11,7 @@ pub const NETWORK: Network = Network {
     phy: Phy { channel: 5, prf_mhz: 64, rate_kbps: 6810, preamble: 128, code: None },
     turnaround: Some(ReplyDelay { answer_us: 250, listen_again_us: 40, transmit_us: 150 }),
     region: None,
+    key: None,
 };
 
 /// An anchor at (1, 2.5, −0.5) m.

@@ -10,7 +10,7 @@ use semihosting::println;
 use wire::uwb::native::{Frame, Member, Message, OWNED_SYNC_SLOTS, Share, SyncFrame};
 use wire::uwb::{BROADCAST, FrameBuffer};
 
-const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
+const NETWORK: Network = Network::new(0xBA1A, PhyConfig::FAST);
 const TAG: u16 = 0x100;
 const ANCHORS: u16 = 4;
 const ANTENNA_DELAY: RadioDuration = RadioDuration::from_ticks(16_436);
@@ -50,7 +50,7 @@ fn tag_in_network() -> (Tag, RadioInstant) {
     tag.calibrate(&STAMPS);
     let now = RadioInstant::from_ticks(1 << 39);
     settle(tag.step(now, Event::Started));
-    let timing = Timing::of(&NETWORK.phy, NETWORK.first_layout());
+    let timing = Timing::of(&NETWORK, NETWORK.first_layout());
     for anchor in 0..ANCHORS {
         let sync_frame = sync_frame(anchor as u8);
         let rx_time = now.plus(timing.sync_frame(anchor.into()));
@@ -152,6 +152,7 @@ fn heard(bytes: &[u8], rx_time: RadioInstant) -> RxFrame<'_> {
 
 fn sync_frame(slot: u8) -> FrameBuffer {
     let sync_frame = SyncFrame {
+        session: None,
         superframe: 7,
         term: 1,
         age: 0,

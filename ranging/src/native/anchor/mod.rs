@@ -1,20 +1,24 @@
 //! The anchor in native mode: answers polls, keeps and relays time, and coordinates if no other anchor does.
 
+mod incoming;
+
 use heapless::Vec;
 
+use self::incoming::PostponedFrame;
 use super::anchor_rounds::AnchorRounds;
+use super::authentication::{Challenger, Moment, SealedPoll};
 use super::compensation::Compensation;
-use super::coordinator::{Coordinator, FollowUpdate};
+use super::coordinator::Coordinator;
 use super::leases::Leases;
 use super::pace::Meter;
 use super::plan::Rate;
-use super::timing::{SYNC_SLOTS, Timing, end_of};
+use super::timing::{Timing, end_of};
 use super::{Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS, spread};
 use crate::exchange::{Action, COMPENSATION, Event, Link, Polled, Protocol, Range, Report, Round};
 use crate::time::METRES_PER_TICK;
-use crate::{Pace, RadioDuration, RadioInstant, RxFrame, StampModel, Start};
+use crate::{Pace, RadioDuration, RadioInstant, StampModel, Start};
 use wire::uwb::layout::Scheme;
-use wire::uwb::native::{FinalReceived, Frame, Member, Message, Poll, Position, Response, SyncFrame};
+use wire::uwb::native::{FinalReceived, Frame, Message, Position, Response};
 use wire::uwb::{BROADCAST, FrameBuffer};
 
 /// The configuration of an anchor.
@@ -55,6 +59,8 @@ enum Doing {
     Syncing,
     /// Polls other anchors.
     Polling,
+    /// Asks a session whether it is there.
+    Challenging,
 }
 
 /// The anchor's side of native mode. It reports changes of its place in the network. Where a tag reports its
@@ -69,6 +75,17 @@ pub struct Anchor {
     leases: Leases,
     /// Without a network: the instant at which to found one.
     found_at: Option<RadioInstant>,
+    challenger: Challenger,
+    /// The network is known to be there. Until then the anchor only listens to it; it matters with a key.
+    is_proven: bool,
+    /// The sync frame of the slot before the own one.
+    postponed: Option<PostponedFrame>,
+    /// When the RMARKER of the challenge that is due leaves.
+    challenge_at: RadioInstant,
+    /// The end of a window that leaves enough time for it.
+    asks_at: Option<RadioInstant>,
+    /// Frames without the code that the network's key gives them.
+    refused: u32,
     answer: Option<Answer>,
     /// The last response to each tag, and the final that followed the response.
     answered: Vec<Answered, MAX_ANSWERED>,
@@ -104,6 +121,8 @@ struct Answer {
     polled: RadioInstant,
     start: RadioInstant,
     response: Response,
+    /// The poll, in a network with a key.
+    sealed: Option<SealedPoll>,
 }
 
 /// The last response to a tag.
@@ -135,6 +154,12 @@ impl Anchor {
             network: None,
             leases: Leases::new(),
             found_at: None,
+            challenger: Challenger::default(),
+            is_proven: false,
+            postponed: None,
+            challenge_at: RadioInstant::default(),
+            asks_at: None,
+            refused: 0,
             answer: None,
             answered: Vec::new(),
             rounds: AnchorRounds::new(config.rounds),
@@ -163,118 +188,8 @@ impl Anchor {
         self.answered.clear();
         (self.wake_at, self.pulse_at) = (None, None);
         self.rounds.restart();
-    }
-
-    fn receive(&mut self, frame: &RxFrame<'_>) {
-        // By reference: a message takes hundreds of bytes, and each copy as many instructions.
-        let parsed = Frame::parse(frame.bytes);
-        let Some(told) = parsed.as_ref().ok().filter(|told| told.pan == self.config.network.pan) else { return };
-        let everyone = told.destination == BROADCAST;
-        match &told.message {
-            Message::Poll(poll) if everyone => self.on_poll(told.source, poll, frame),
-            Message::Request(request) if everyone => {
-                if let Some(network) = &mut self.network {
-                    network.request(&mut self.leases, Member { tag: told.source, share: request.share }, false);
-                    network.wish(told.source, request.wish);
-                }
-            }
-            Message::SyncFrame(sync_frame) if everyone => self.on_sync_frame(told.source, sync_frame, frame),
-            Message::Response(response) if told.destination == self.config.address => {
-                if let Some(network) = &self.network {
-                    self.rounds.answer(&network.course.timing, told.source, *response, frame);
-                }
-            }
-            Message::Final { round } if everyone => self.on_final(told.source, *round, frame.rx_time),
-            // Messages for other anchors, or not addressed to this anchor.
-            Message::Poll(_)
-            | Message::Request(_)
-            | Message::SyncFrame(_)
-            | Message::Response(_)
-            | Message::Final { .. } => {}
-        }
-    }
-
-    fn on_sync_frame(&mut self, source: u16, sync_frame: &SyncFrame, frame: &RxFrame<'_>) {
-        if usize::from(sync_frame.slot) >= SYNC_SLOTS || source == self.config.address {
-            return;
-        }
-        self.rounds.receive(source);
-        let phy = &self.config.network.phy;
-        match &mut self.network {
-            Some(network) => match network.receive(phy, &mut self.leases, source, sync_frame, frame.rx_time) {
-                FollowUpdate::Ignored | FollowUpdate::Followed => {}
-                FollowUpdate::Changed(link) => self.link = Some(link),
-            },
-            None => {
-                self.network = Coordinator::join(self.config.address, phy, source, sync_frame, frame.rx_time);
-                self.link = self.network.as_ref().map(|_| Link::Synchronised(sync_frame.coordinator));
-            }
-        }
-    }
-
-    fn on_final(&mut self, tag: u16, round: u16, rx_time: RadioInstant) {
-        let answered = self.answered.iter_mut().find(|answered| answered.tag == tag && answered.round == round);
-        if let Some(answered) = answered {
-            let after_response = rx_time.since(answered.departure);
-            answered.final_heard = Some(FinalReceived { round: round as u8, after_response });
-        }
-    }
-
-    /// A response to a tag in a round leaves at `departure`. Returns the final of the round before, if it was received.
-    fn note_response(&mut self, tag: u16, round: u16, departure: RadioInstant) -> Option<FinalReceived> {
-        let last = self.answered.iter().position(|answered| answered.tag == tag);
-        let final_heard = last.and_then(|place| self.answered.remove(place).final_heard);
-        if self.answered.is_full() {
-            // The one that has been silent longest.
-            self.answered.remove(0);
-        }
-        // There is a place now.
-        let _ = self.answered.push(Answered { tag, round, departure, final_heard: None });
-        final_heard
-    }
-
-    fn on_poll(&mut self, tag: u16, poll: &Poll, frame: &RxFrame<'_>) {
-        // An anchor without a network knows no layout, and so does not know when to answer.
-        let Some(network) = &mut self.network else { return };
-        let timing = network.course.timing;
-        let pulse = frame.rx_time.plus(RadioDuration::from_ticks(-timing.to_rmarker.ticks()));
-        let lease = network.on_poll(&mut self.leases, tag, poll.wish, pulse);
-        let asked = poll.anchors.len() as u8;
-        let Poll { round, position, data, .. } = *poll;
-        self.is_polled = position.is_some() || data.is_some();
-        if self.is_polled {
-            self.polled = Polled { tag, round, asked, position, data };
-        }
-        let named = |place: &usize| poll.anchors.get(*place).is_some_and(|asked| asked.address == self.config.address);
-        let Some(place) = (0..poll.anchors.len()).find(named) else { return };
-        let slot = poll.first_slot() + place;
-        let poll_rx = frame.rx_time;
-        let antenna_delay = self.stamps.antenna_delay;
-        let start = poll_rx.plus(timing.reply_in(slot)).plus(RadioDuration::from_ticks(-antenna_delay.ticks()));
-        // The chip starts at the snapped instant: the response must contain that instant.
-        let departure = self.stamps.departure(start);
-        let last_final = self.note_response(tag, poll.round, departure);
-        // A long response is only for rounds that have room for it.
-        let last_final = last_final.filter(|_| timing.layout.scheme == Scheme::DoubleSided);
-        let reply = departure.since(poll_rx);
-        let response = Response { round: poll.round as u8, lease, poll_rx, reply, last_final };
-        let polled = end_of(&self.config.network.phy, frame);
-        self.answer = Some(Answer { tag, polled, start, response });
-        // The distances in another anchor's poll are for tags that only listen.
-        let asked = poll.anchors.get(place).filter(|_| !self.rounds.knows(tag));
-        let distance = asked.and_then(|asked| asked.distance.metres());
-        self.told = distance.map(|distance_m| ReportedRange {
-            // The distance is that of the round before.
-            round: poll.round.wrapping_sub(1),
-            poll: poll_rx,
-            range: [Range {
-                peer: tag,
-                distance_m,
-                deviation_m: DEVIATION_M,
-                position_m: None,
-                diagnostics: frame.diagnostics,
-            }],
-        });
+        self.challenger.restart();
+        (self.is_proven, self.postponed) = (false, None);
     }
 
     fn write(&mut self, destination: u16, message: Message) {
@@ -283,19 +198,27 @@ impl Anchor {
         Frame { sequence: self.sequence, pan, destination, source: self.config.address, message }.emit(&mut self.out);
     }
 
+    /// Writes a frame to all nodes, of this moment. Returns what its round refers to, in a network with a key.
+    fn write_to_all(&mut self, message: Message, moment: Option<Moment>) -> Option<SealedPoll> {
+        self.write(BROADCAST, message);
+        let key = self.config.network.key.as_ref()?;
+        Some(key.seal(&mut self.out, moment?))
+    }
+
     fn listen(window: RadioDuration) -> Action<'static> {
         Action::Receive { start: Start::Now, window, keep_listening: true }
     }
 
     /// The next action in the superframe: the sync frame if it is due, else listening.
+    #[inline(never)]
     fn schedule(&mut self, present: RadioInstant) -> Action<'_> {
         let (address, lead) = (self.config.address, self.meter.lead());
-        let phy = &self.config.network.phy;
+        let followed = &self.config.network;
         let network = match &mut self.network {
             Some(network) => network,
             None => {
                 let first_layout = self.meter.first_layout();
-                let timing = Timing::of(phy, first_layout);
+                let timing = Timing::of(followed, first_layout);
                 let patience = SEARCH_SUPERFRAMES * timing.superframe.ticks()
                     + i64::from(spread(address, 0, SEARCH_SPREAD)) * timing.sync_slot.ticks();
                 let found_at = *self.found_at.get_or_insert(present.plus(RadioDuration::from_ticks(patience)));
@@ -303,19 +226,27 @@ impl Anchor {
                 if rest > RadioDuration::ZERO {
                     return Self::listen(rest);
                 }
-                self.network = Some(Coordinator::found(address, phy, first_layout, present));
+                self.is_proven = true;
+                let session = followed.key.as_ref().map(|key| self.challenger.draw(key));
+                self.network = Some(Coordinator::found(address, followed, first_layout, present, session));
                 self.found_at = None;
                 return Action::Report(Report::Link(Link::Coordinating));
             }
         };
         // A superframe begins early for this node, because it must decide in time on a sync frame in the first slot.
         let early = RadioDuration::from_ticks(lead.ticks() + SHORTEST_WAIT.ticks());
-        network.advance(phy, &mut self.leases, present.plus(early));
+        network.advance(followed, &mut self.leases, present.plus(early));
         let (timing, phase) = (network.course.timing, network.course.phase);
         let passed = present.since(phase.start).ticks();
         // A clock that jumped may have any value: a window is never negative.
         let rest = timing.superframe.ticks() - passed - early.ticks();
         let rest = RadioDuration::from_ticks(rest.max(SHORTEST_WAIT.ticks()));
+        if !self.is_proven && followed.key.is_some() {
+            if !self.challenger.is_waiting(present) {
+                (self.network, self.found_at) = (None, Some(present));
+            }
+            return Self::listen(rest);
+        }
         let Some(slot) = network.due() else { return self.among_rounds(RadioDuration::from_ticks(passed), rest) };
         let rmarker = timing.sync_frame(slot.into());
         let until_pulse = rmarker.ticks() - timing.to_rmarker.ticks() - passed;
@@ -338,13 +269,43 @@ impl Anchor {
         let start = phase.at(rmarker).plus(RadioDuration::from_ticks(-self.stamps.antenna_delay.ticks()));
         // Tags ask for the room for finals.
         let wish = self.meter.wish(Scheme::SingleSided);
-        let (sync_frame, takes_over) = network.compose(&mut self.leases, slot, self.position, wish);
+        let answer = self.challenger.answer();
+        let (sync_frame, takes_over) = network.compose(&mut self.leases, slot, self.position, wish, answer);
+        let moment = network.course.moment();
         if takes_over {
             self.link = Some(Link::Coordinating);
         }
         self.doing = Doing::Syncing;
-        self.write(BROADCAST, Message::SyncFrame(sync_frame));
+        self.write_to_all(Message::SyncFrame(sync_frame), moment);
         Action::Transmit { frame: self.out.bytes(), start: Start::At(start), listen: true }
+    }
+
+    /// How much time there is before a challenge, if one is due.
+    fn spare_before_challenge(&mut self, present: RadioInstant) -> Option<RadioDuration> {
+        self.challenge_at = self.challenger.due()?;
+        let to_rmarker = self.config.network.phy.time_to_rmarker().ticks();
+        let until_pulse = self.challenge_at.since(present).ticks() - to_rmarker;
+        let spare = RadioDuration::from_ticks(until_pulse - self.meter.lead().ticks());
+        if spare > SHORTEST_WAIT {
+            self.asks_at = Some(present.plus(spare));
+        }
+        Some(spare)
+    }
+
+    /// Writes the challenge that is due, if there is still time for it.
+    #[cold]
+    fn write_challenge(&mut self, present: RadioInstant) -> bool {
+        let to_rmarker = self.config.network.phy.time_to_rmarker();
+        let is_in_time = self.challenge_at.since(present) > to_rmarker;
+        let Some(challenge) = self.challenger.take().filter(|_| is_in_time) else {
+            if let Some(wake) = self.asks_at.take() {
+                self.meter.overslept(present.since(wake));
+            }
+            return false;
+        };
+        self.doing = Doing::Challenging;
+        self.write_to_all(Message::Challenge(challenge), Some(Moment::of_challenge(&challenge)));
+        true
     }
 
     /// In the round slots: ranges to the other anchors in slots of its own, else listens.
@@ -378,7 +339,9 @@ impl Anchor {
         network.on_tag(self.config.address);
         let poll = self.rounds.poll(&timing, pulse_at, self.meter.reading(), self.meter.wish(Scheme::SingleSided));
         self.doing = Doing::Polling;
-        self.write(BROADCAST, Message::Poll(poll));
+        let moment = network.course.moment();
+        let sealed = self.write_to_all(Message::Poll(poll), moment);
+        self.rounds.seal(sealed);
         // A start at once would be before the slot if the board is quicker than required. Listening tags rely on the
         // slot.
         Action::Transmit { frame: self.out.bytes(), start: Start::At(rmarker), listen: true }
@@ -388,7 +351,7 @@ impl Anchor {
     fn was_late(&mut self) {
         match (self.doing, self.was_measured) {
             (Doing::Answering(_), false) => self.meter.answer_was_late(),
-            (Doing::Syncing | Doing::Polling, false) => self.meter.lead_was_short(),
+            (Doing::Syncing | Doing::Polling | Doing::Challenging, false) => self.meter.lead_was_short(),
             (Doing::Nothing, _) | (_, true) => {}
         }
         if let Some(network) = self.network.as_mut().filter(|_| self.doing == Doing::Syncing) {
@@ -398,6 +361,10 @@ impl Anchor {
 }
 
 impl Protocol for Anchor {
+    fn refused_frames(&self) -> u32 {
+        self.refused
+    }
+
     fn pace(&mut self, pace: Pace) {
         self.listening_at = pace.listening;
         self.was_measured = pace.armed.is_some();
@@ -405,6 +372,11 @@ impl Protocol for Anchor {
         match (self.doing, self.wake_at.take()) {
             (Doing::Answering(polled), _) => self.meter.answered(armed.since(polled)),
             (Doing::Syncing | Doing::Polling, Some(wake)) => self.meter.led(armed.since(wake), self.was_awaited),
+            (Doing::Challenging, _) => {
+                if let Some(wake) = self.asks_at.take() {
+                    self.meter.led(armed.since(wake), self.was_awaited);
+                }
+            }
             (Doing::Syncing | Doing::Polling, None) | (Doing::Nothing, _) => {}
         }
     }
@@ -415,6 +387,9 @@ impl Protocol for Anchor {
         if self.network.as_ref().is_some_and(|network| network.course.is_beyond(now)) {
             self.restart();
         }
+        if self.doing == Doing::Syncing {
+            self.catch_up();
+        }
         match event {
             Event::Started => self.restart(),
             Event::Sent(departure) => {
@@ -423,7 +398,7 @@ impl Protocol for Anchor {
                 }
             }
             Event::Received(frame) => {
-                self.receive(&frame);
+                self.take(&frame);
                 let ended = end_of(&self.config.network.phy, &frame);
                 present = ended.plus(self.meter.reading());
                 if let Some(listening) = self.listening_at.take() {
@@ -438,9 +413,12 @@ impl Protocol for Anchor {
             Event::NotSent | Event::Corrupt | Event::Timeout | Event::Woken | Event::Reported => {}
         }
         self.doing = Doing::Nothing;
-        if let Some(Answer { tag, polled, start, response }) = self.answer.take() {
+        if let Some(Answer { tag, polled, start, response, sealed }) = self.answer.take() {
             self.doing = Doing::Answering(polled);
             self.write(tag, Message::Response(response));
+            if let Some((key, poll)) = self.config.network.key.as_ref().zip(sealed.as_ref()) {
+                key.seal_response(&mut self.out, poll);
+            }
             return Action::Transmit { frame: self.out.bytes(), start: Start::At(start), listen: true };
         }
         if let Some(link) = self.link.take() {
@@ -448,18 +426,22 @@ impl Protocol for Anchor {
         }
         if let Some(told) = self.told.take() {
             let ReportedRange { round, poll, range } = self.reported.insert(told);
-            return Action::Report(Report::Round(Round {
-                number: *round,
-                poll: *poll,
-                asked: 1,
-                refused: 0,
-                ranges: range,
-            }));
+            return Action::Report(Report::Round(Round { number: *round, poll: *poll, asked: 1, ranges: range }));
         }
         if core::mem::take(&mut self.is_polled) {
             return Action::Report(Report::Polled(&self.polled));
         }
-        self.schedule(present)
+        let spare = self.spare_before_challenge(present);
+        if spare.is_some_and(|spare| spare <= SHORTEST_WAIT) && self.write_challenge(present) {
+            let at = self.challenge_at.plus(RadioDuration::from_ticks(-self.stamps.antenna_delay.ticks()));
+            return Action::Transmit { frame: self.out.bytes(), start: Start::At(at), listen: true };
+        }
+        match (self.schedule(present), spare) {
+            (Action::Receive { start, window, keep_listening }, Some(spare)) if spare > SHORTEST_WAIT => {
+                Action::Receive { start, window: window.min(spare), keep_listening }
+            }
+            (action, _) => action,
+        }
     }
 
     fn calibrate(&mut self, stamps: &StampModel) {
