@@ -12,6 +12,7 @@ use super::MAX_ROUND;
 use super::anchor_position::{AnchorPosition, is_own_slot};
 use super::authentication::Forged;
 use super::clock::ClockModel;
+use super::sync::SyncUpdate;
 use crate::RadioInstant;
 use wire::uwb::native::SyncFrame;
 
@@ -167,11 +168,6 @@ impl AnchorTable {
         Some(anchor)
     }
 
-    /// Another coordinator's sync frame was not followed.
-    pub fn refuse_coordinator(&mut self) {
-        self.refused.coordinators = self.refused.coordinators.saturating_add(1);
-    }
-
     /// Whether a frame counts that was checked: it is refused if it was forged.
     pub fn believe<T>(&mut self, opened: Result<T, Forged>) -> Option<T> {
         if opened.is_err() {
@@ -180,9 +176,19 @@ impl AnchorTable {
         opened.ok()
     }
 
-    /// A list of members was refused.
-    pub fn refuse_list(&mut self) {
-        self.refused.lists = self.refused.lists.saturating_add(1);
+    /// Whether the network of a sync frame with this effect is followed. Counts what it contradicts.
+    pub fn follows(&mut self, update: SyncUpdate) -> bool {
+        let Refused { coordinators, lists, .. } = &mut self.refused;
+        match update {
+            SyncUpdate::Ignored => return false,
+            SyncUpdate::Refused => {
+                *coordinators = coordinators.saturating_add(1);
+                return false;
+            }
+            SyncUpdate::Contradicted => *lists = lists.saturating_add(1),
+            SyncUpdate::Followed | SyncUpdate::Changed | SyncUpdate::Anew => {}
+        }
+        true
     }
 
     fn weakest(&self) -> Option<usize> {

@@ -112,6 +112,11 @@ impl Network {
         Ok(Some(SealedPoll { moment, code }))
     }
 
+    /// Checks a sync frame, which says its moment itself.
+    pub fn open_sync_frame(&self, frame: &[u8], sync_frame: &SyncFrame) -> Result<Option<SealedPoll>, Forged> {
+        self.open(frame, Moment::of_sync_frame(sync_frame))
+    }
+
     /// Checks a response to a poll.
     pub fn open_response(&self, frame: &[u8], poll: Option<&SealedPoll>) -> Result<(), Forged> {
         let is_authentic = match &self.key {
@@ -123,10 +128,15 @@ impl Network {
 }
 
 impl Moment {
+    /// A superframe of a session, by the halves of its number.
+    pub const fn new(session: u32, epoch: u16, superframe: u16) -> Self {
+        Self { session, superframe: (epoch as u32) << 16 | superframe as u32 }
+    }
+
     /// The moment of a sync frame; `None` without a session.
     pub fn of_sync_frame(sync_frame: &SyncFrame) -> Option<Self> {
         let Session { number, epoch, .. } = sync_frame.session?;
-        Some(Self { session: number, superframe: u32::from(epoch) << 16 | u32::from(sync_frame.superframe) })
+        Some(Self::new(number, epoch, sync_frame.superframe))
     }
 
     /// The moment of a challenge.
@@ -234,10 +244,10 @@ impl Challenger {
         self.due
     }
 
-    /// The challenge that leaves now.
-    pub fn take(&mut self) -> Option<Challenge> {
-        self.due = None;
-        self.asked.map(|(challenge, _)| challenge)
+    /// The challenge that is due, and when it leaves. It is due no more.
+    pub fn take(&mut self) -> Option<(Challenge, RadioInstant)> {
+        let at = self.due.take()?;
+        self.asked.map(|(challenge, _)| (challenge, at))
     }
 
     /// Another anchor asks for the own session.
@@ -334,8 +344,8 @@ mod tests {
         let mut challenger = Challenger::default();
         assert!(!challenger.is_live(&key, &session(1, None), at(0), at(20)));
         assert_eq!(challenger.due(), Some(at(20)));
-        let first = challenger.take().unwrap();
-        assert_eq!((first.session, challenger.due()), (1, None));
+        let (first, first_at) = challenger.take().unwrap();
+        assert_eq!((first.session, first_at, challenger.due()), (1, at(20), None));
         // The other session waits, and a wrong number is no answer.
         assert!(!challenger.is_live(&key, &session(2, None), at(50), at(70)));
         assert!(!challenger.is_live(&key, &session(1, Some(first.number ^ 1)), at(100), at(120)));
@@ -343,7 +353,7 @@ mod tests {
         // After two seconds it is the other's turn, and the first does not come between.
         assert!(!challenger.is_live(&key, &session(1, None), at(2_100), at(2_120)));
         assert!(!challenger.is_live(&key, &session(2, None), at(2_150), at(2_170)));
-        let second = challenger.take().unwrap();
+        let (second, _) = challenger.take().unwrap();
         assert_eq!(second.session, 2);
         assert_ne!(second.number, first.number);
         assert!(challenger.is_live(&key, &session(2, Some(second.number)), at(2_200), at(2_220)));
@@ -354,6 +364,6 @@ mod tests {
         assert!(!challenger.is_live(&key, &session(3, None), at(2_701), at(2_720)));
         challenger.take();
         assert!(!challenger.is_live(&key, &session(3, None), at(2_800), at(2_820)));
-        assert_eq!(challenger.take().map(|challenge| challenge.session), Some(3));
+        assert_eq!(challenger.take().map(|(challenge, _)| challenge.session), Some(3));
     }
 }

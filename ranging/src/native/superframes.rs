@@ -96,8 +96,7 @@ impl Superframes {
 
     /// What makes frames of this superframe new, in a session.
     pub fn moment(&self) -> Option<Moment> {
-        let session = self.session?;
-        Some(Moment { session, superframe: u32::from(self.epoch) << 16 | u32::from(self.phase.number) })
+        Some(Moment::new(self.session?, self.epoch, self.phase.number))
     }
 
     /// The same for the superframe of an instant in this superframe or the one before.

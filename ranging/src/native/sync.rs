@@ -48,6 +48,13 @@ pub enum SyncUpdate {
     Anew,
 }
 
+impl SyncUpdate {
+    /// Whether another coordinator or network is followed now.
+    pub const fn is_another(self) -> bool {
+        matches!(self, Self::Changed | Self::Anew)
+    }
+}
+
 impl Sync {
     /// The network of this sync frame; `None` in the middle of a change of its layout.
     pub fn new(network: &Network, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Option<Self> {

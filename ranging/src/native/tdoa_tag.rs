@@ -19,7 +19,7 @@ use heapless::Vec;
 use positioning_core::Real;
 
 use super::anchor_table::{AnchorTable, Refused};
-use super::authentication::{Moment, SealedPoll};
+use super::authentication::SealedPoll;
 use super::pace::Meter;
 use super::plan::Rate;
 use super::sync::{Sync, SyncUpdate};
@@ -108,8 +108,7 @@ impl TdoaTag {
         let Some(told) = parsed.as_ref().ok().filter(|told| told.pan == self.config.network.pan) else { return };
         match &told.message {
             Message::SyncFrame(sync_frame) if told.destination == BROADCAST => {
-                let opened = self.config.network.open(frame.bytes, Moment::of_sync_frame(sync_frame));
-                if self.anchors.believe(opened).is_some() {
+                if self.anchors.believe(self.config.network.open_sync_frame(frame.bytes, sync_frame)).is_some() {
                     self.on_sync_frame(told.source, sync_frame, frame);
                 }
             }
@@ -136,12 +135,11 @@ impl TdoaTag {
             }
             Some(network) => network.receive(followed, sync_frame, frame.rx_time),
         };
-        match heard {
-            SyncUpdate::Ignored => return,
-            SyncUpdate::Refused => return self.anchors.refuse_coordinator(),
-            SyncUpdate::Followed => {}
-            SyncUpdate::Contradicted => self.anchors.refuse_list(),
-            SyncUpdate::Changed | SyncUpdate::Anew => self.link = Some(Link::Synchronised(sync_frame.coordinator)),
+        if !self.anchors.follows(heard) {
+            return;
+        }
+        if heard.is_another() {
+            self.link = Some(Link::Synchronised(sync_frame.coordinator));
         }
         self.anchors.on_sync_frame(source, sync_frame, frame.diagnostics.rx_power_dbm);
     }

@@ -30,7 +30,7 @@ pub(crate) fn room(air: &mut Air, anchors: u16, rounds: Option<Rate>) -> Vec<usi
 }
 
 /// A protocol on the air, and a handle to read what it refused.
-fn shared<M: Protocol + 'static>(machine: M) -> (Boxed, Rc<RefCell<M>>) {
+pub(crate) fn shared<M: Protocol + 'static>(machine: M) -> (Boxed, Rc<RefCell<M>>) {
     let handle = Rc::new(RefCell::new(machine));
     let inner = Rc::clone(&handle);
     let on_air = move |now, pace, event: Event<'_>| {

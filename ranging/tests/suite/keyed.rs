@@ -9,6 +9,7 @@ use rand_pcg::Pcg64;
 
 use crate::air::anchors::{self, corner, drift};
 use crate::air::{ANTENNA_DELAY, Air, Boxed, Flight, Owned, boxed, boxed_sleeper, moments};
+use crate::attack::shared;
 use ranging::exchange::{Event, Link, Protocol};
 use ranging::native::{
     Anchor, AnchorConfig, Network, NetworkKey, PollContent, Rate, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig,
@@ -44,13 +45,7 @@ fn room(air: &mut Air, anchors: u16, rounds: Option<Rate>, run: u64) -> Vec<usiz
 
 /// A tag, and a handle to read what it refused.
 fn tag(air: &mut Air, config: TagConfig) -> (usize, Rc<RefCell<Tag>>) {
-    let handle = Rc::new(RefCell::new(Tag::new(config)));
-    let inner = Rc::clone(&handle);
-    let machine: Boxed = Box::new(move |now, pace, event: Event<'_>| {
-        let mut tag = inner.borrow_mut();
-        tag.pace(pace);
-        tag.step(now, event).into()
-    });
+    let (machine, handle) = shared(Tag::new(config));
     (air.add([1.0, 2.0, 1.0], -20.0, machine), handle)
 }
 
@@ -337,13 +332,7 @@ fn an_anchor_counts_frames_without_its_code() {
         position_m: None,
         rounds: None,
     };
-    let handle = Rc::new(RefCell::new(Anchor::new(config)));
-    let inner = Rc::clone(&handle);
-    let machine: Boxed = Box::new(move |now, pace, event: Event<'_>| {
-        let mut anchor = inner.borrow_mut();
-        anchor.pace(pace);
-        anchor.step(now, event).into()
-    });
+    let (machine, handle) = shared(Anchor::new(config));
     let mut air = Air::new(PhyConfig::FAST, 10);
     air.add(corner(0, 4), 20.0, machine);
     let place = corner(1, 4);

@@ -97,7 +97,7 @@ impl Anchor {
         let network = &self.config.network;
         let moment = match message {
             Message::Response(_) => return network.open_response(frame.bytes, self.rounds.sealed()).map(|()| None),
-            Message::SyncFrame(sync_frame) => Moment::of_sync_frame(sync_frame),
+            Message::SyncFrame(sync_frame) => return network.open_sync_frame(frame.bytes, sync_frame),
             Message::Challenge(challenge) => Some(Moment::of_challenge(challenge)),
             // Polls, finals and requests count in the superframe in which they come.
             _ => self.network.as_ref().and_then(|network| network.course.moment_at(frame.rx_time)),
@@ -133,7 +133,7 @@ impl Anchor {
         }
         // One before the present superframe, as nodes need not agree on it to the tick.
         let told = Moment::of_sync_frame(sync_frame).zip(own);
-        told.is_none_or(|(told, own)| told.superframe + 1 >= own.superframe)
+        told.is_none_or(|(told, own)| told.superframe.saturating_add(1) >= own.superframe)
     }
 
     fn on_sync_frame(&mut self, source: u16, sync_frame: &SyncFrame, frame: &RxFrame<'_>) {

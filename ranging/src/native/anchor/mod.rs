@@ -80,9 +80,7 @@ pub struct Anchor {
     is_proven: bool,
     /// The sync frame of the slot before the own one.
     postponed: Option<PostponedFrame>,
-    /// When the RMARKER of the challenge that is due leaves.
-    challenge_at: RadioInstant,
-    /// The end of a window that leaves enough time for it.
+    /// The end of a window that leaves enough time for a challenge.
     asks_at: Option<RadioInstant>,
     /// Frames without the code that the network's key gives them.
     refused: u32,
@@ -157,7 +155,6 @@ impl Anchor {
             challenger: Challenger::default(),
             is_proven: false,
             postponed: None,
-            challenge_at: RadioInstant::default(),
             asks_at: None,
             refused: 0,
             answer: None,
@@ -186,7 +183,7 @@ impl Anchor {
         (self.network, self.found_at, self.answer) = (None, None, None);
         self.leases.clear();
         self.answered.clear();
-        (self.wake_at, self.pulse_at) = (None, None);
+        (self.wake_at, self.pulse_at, self.asks_at) = (None, None, None);
         self.rounds.restart();
         self.challenger.restart();
         (self.is_proven, self.postponed) = (false, None);
@@ -282,9 +279,8 @@ impl Anchor {
 
     /// How much time there is before a challenge, if one is due.
     fn spare_before_challenge(&mut self, present: RadioInstant) -> Option<RadioDuration> {
-        self.challenge_at = self.challenger.due()?;
         let to_rmarker = self.config.network.phy.time_to_rmarker().ticks();
-        let until_pulse = self.challenge_at.since(present).ticks() - to_rmarker;
+        let until_pulse = self.challenger.due()?.since(present).ticks() - to_rmarker;
         let spare = RadioDuration::from_ticks(until_pulse - self.meter.lead().ticks());
         if spare > SHORTEST_WAIT {
             self.asks_at = Some(present.plus(spare));
@@ -292,20 +288,19 @@ impl Anchor {
         Some(spare)
     }
 
-    /// Writes the challenge that is due, if there is still time for it.
+    /// Writes the challenge that is due, and returns when its RMARKER leaves; `None` if there is no time left for it.
     #[cold]
-    fn write_challenge(&mut self, present: RadioInstant) -> bool {
-        let to_rmarker = self.config.network.phy.time_to_rmarker();
-        let is_in_time = self.challenge_at.since(present) > to_rmarker;
-        let Some(challenge) = self.challenger.take().filter(|_| is_in_time) else {
+    fn write_challenge(&mut self, present: RadioInstant) -> Option<RadioInstant> {
+        let (challenge, at) = self.challenger.take()?;
+        if at.since(present) <= self.config.network.phy.time_to_rmarker() {
             if let Some(wake) = self.asks_at.take() {
                 self.meter.overslept(present.since(wake));
             }
-            return false;
-        };
+            return None;
+        }
         self.doing = Doing::Challenging;
         self.write_to_all(Message::Challenge(challenge), Some(Moment::of_challenge(&challenge)));
-        true
+        Some(at)
     }
 
     /// In the round slots: ranges to the other anchors in slots of its own, else listens.
@@ -432,9 +427,11 @@ impl Protocol for Anchor {
             return Action::Report(Report::Polled(&self.polled));
         }
         let spare = self.spare_before_challenge(present);
-        if spare.is_some_and(|spare| spare <= SHORTEST_WAIT) && self.write_challenge(present) {
-            let at = self.challenge_at.plus(RadioDuration::from_ticks(-self.stamps.antenna_delay.ticks()));
-            return Action::Transmit { frame: self.out.bytes(), start: Start::At(at), listen: true };
+        if spare.is_some_and(|spare| spare <= SHORTEST_WAIT)
+            && let Some(at) = self.write_challenge(present)
+        {
+            let start = Start::At(at.plus(RadioDuration::from_ticks(-self.stamps.antenna_delay.ticks())));
+            return Action::Transmit { frame: self.out.bytes(), start, listen: true };
         }
         match (self.schedule(present), spare) {
             (Action::Receive { start, window, keep_listening }, Some(spare)) if spare > SHORTEST_WAIT => {

@@ -4,7 +4,6 @@ use super::schedule::Followed;
 use super::{State, Tag};
 use crate::RxFrame;
 use crate::exchange::Link;
-use crate::native::authentication::Moment;
 use crate::native::search::Search;
 use crate::native::superframes::Superframes;
 use crate::native::sync::{Sync, SyncUpdate};
@@ -19,8 +18,7 @@ impl Tag {
         let Some(told) = parsed.as_ref().ok().filter(|told| told.pan == self.config.network.pan) else { return };
         match &told.message {
             Message::SyncFrame(sync_frame) if told.destination == BROADCAST => {
-                let opened = self.config.network.open(frame.bytes, Moment::of_sync_frame(sync_frame));
-                if self.anchors.believe(opened).is_some() {
+                if self.anchors.believe(self.config.network.open_sync_frame(frame.bytes, sync_frame)).is_some() {
                     self.on_sync_frame(told.source, sync_frame, frame);
                 }
             }
@@ -81,17 +79,12 @@ impl Tag {
                 }
             }
         };
-        match heard {
-            SyncUpdate::Ignored | SyncUpdate::Refused => {
-                self.slept = slept;
-                if heard == SyncUpdate::Refused {
-                    self.anchors.refuse_coordinator();
-                }
-                return;
-            }
-            SyncUpdate::Followed => {}
-            SyncUpdate::Contradicted => self.anchors.refuse_list(),
-            SyncUpdate::Changed | SyncUpdate::Anew => self.link = Some(Link::Synchronised(sync_frame.coordinator)),
+        if !self.anchors.follows(heard) {
+            self.slept = slept;
+            return;
+        }
+        if heard.is_another() {
+            self.link = Some(Link::Synchronised(sync_frame.coordinator));
         }
         self.aim = None;
         self.learn_leases(sync_frame);

@@ -107,7 +107,7 @@ pub enum Message {
     Challenge(Challenge),
 }
 
-/// An anchor asks an anchor of a session to repeat a number. So a recorded network is told from one that is there.
+/// An anchor asks an anchor of a session to repeat a number, which a recorded network does not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Challenge {
     /// The session.
