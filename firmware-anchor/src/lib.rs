@@ -41,6 +41,10 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Listener for TelemetrySink
         self.0.step(event);
     }
 
+    fn has_host(&self) -> bool {
+        self.0.host.is_there()
+    }
+
     fn refused(&mut self, frames: u32) {
         self.0.counts.refused.set(frames);
     }

@@ -13,6 +13,7 @@ pub mod build;
 pub mod counts;
 pub mod crash;
 pub mod event_log;
+pub mod host;
 pub mod lines;
 pub mod messages;
 #[cfg(feature = "node")]
@@ -25,6 +26,7 @@ pub mod supervision;
 
 pub use counts::Counts;
 pub use event_log::EventLog;
+pub use host::{Channel, Host};
 pub use protocol::{AnchorProtocol, TagProtocol};
 pub use reporter::Reporter;
 pub use settings::Settings;

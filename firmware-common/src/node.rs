@@ -10,9 +10,10 @@ use static_cell::StaticCell;
 use wire::config::{Board, Invalid, LoadError, Record};
 use wire::telemetry::{Condition, Crash, CrashReason, Hello, RecordError, ResetCause, Role};
 
+use crate::host::HostWatch;
 use crate::settings::Cipher;
 use crate::supervision::Lit;
-use crate::{Settings, introduce};
+use crate::{Channel, Settings, introduce};
 
 /// The mutex for data that tasks of two priorities share.
 pub type Guard = CriticalSectionRawMutex;
@@ -115,28 +116,34 @@ impl Node {
     pub async fn supervise<D: DelayNs + Clone>(
         self,
         delay: D,
-        write: impl FnMut(&[u8]) -> bool,
+        channel: impl Channel,
         show: impl FnMut(Lit),
         feed: impl FnMut(),
         leave: impl Fn(Crash),
     ) -> Infallible {
-        join(self.watch(delay.clone(), write, show, feed, leave), self.keep_telling(delay)).await.0
+        join(self.watch(delay.clone(), channel, show, feed, leave), self.keep_telling(delay)).await.0
     }
 
     async fn watch(
         &self,
         mut delay: impl DelayNs,
-        mut write: impl FnMut(&[u8]) -> bool,
+        mut channel: impl Channel,
         mut show: impl FnMut(Lit),
         mut feed: impl FnMut(),
         leave: impl Fn(Crash),
     ) -> Infallible {
         let reporter = self.reporter;
+        let mut host = HostWatch::default();
         loop {
             let mut is_quiet = true;
+            reporter.host.set(host.look(reporter.now_us(), channel.is_read()));
             reporter.event_log.drain(|frame| {
                 is_quiet = false;
-                write(frame)
+                let written = channel.write(frame);
+                if written {
+                    host.note_write();
+                }
+                written
             });
             show(reporter.event_log.lit(reporter.now_us()));
             match self.tasks.alive(reporter) {

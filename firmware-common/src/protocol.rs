@@ -202,6 +202,13 @@ impl Protocol for AnchorProtocol {
         }
     }
 
+    // No other mode passes on what it hears.
+    fn set_host(&mut self, has_host: bool) {
+        if let Self::Native(anchor) = self {
+            anchor.set_host(has_host);
+        }
+    }
+
     fn refused_frames(&self) -> u32 {
         match self {
             Self::Native(anchor) => anchor.refused_frames(),

@@ -13,7 +13,7 @@ use wire::uwb::native::PolledPosition;
 use crate::messages::range_message;
 
 use crate::supervision::{Heartbeat, all_alive};
-use crate::{Counts, EventLog};
+use crate::{Counts, EventLog, Host};
 
 /// The longest time without a heartbeat of a task that has not announced a rest: a receiver's window lasts 8 s at most.
 const PATIENCE_MS: u32 = 10_000;
@@ -25,6 +25,8 @@ pub struct Reporter<M: RawMutex, const BYTES: usize, C = fn() -> u64> {
     pub event_log: EventLog<M, BYTES>,
     /// The counters.
     pub counts: Counts,
+    /// Whether a host reads this.
+    pub host: Host,
     /// The heartbeat of the task that owns the radio.
     pub ranging: Heartbeat,
     /// The heartbeat of the task that computes positions. An anchor has no such task.
@@ -38,6 +40,7 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Reporter<M, BYTES, C> {
         Self {
             event_log: EventLog::new(),
             counts: Counts::new(),
+            host: Host::new(),
             ranging: Heartbeat::new(PATIENCE_MS),
             engine: Heartbeat::new(PATIENCE_MS),
             clock,
@@ -83,12 +86,13 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Reporter<M, BYTES, C> {
     /// Sends what a tag's poll carried for hosts.
     #[inline(never)]
     fn polled(&self, t_us: u64, polled: &Polled) {
-        let Polled { tag, round, asked, position, data } = *polled;
+        let Polled { tag, round, asked, age, position, data } = *polled;
+        let age_us = u32::try_from(age.as_micros()).unwrap_or(u32::MAX);
         if let Some(PolledPosition(position)) = position {
-            self.event_log.send(TagFix { t_us, tag, round, asked, position });
+            self.event_log.send(TagFix { t_us, tag, round, asked, age_us, position });
         }
         if let Some(data) = data {
-            self.event_log.send(TagData::new(t_us, tag, &data));
+            self.event_log.send(TagData::new(t_us, age_us, tag, &data));
         }
     }
 

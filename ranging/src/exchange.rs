@@ -92,7 +92,7 @@ pub enum Report<'m> {
     Link(Link),
 }
 
-/// What a tag's poll carries for hosts, as an anchor received it, asked or not.
+/// What a tag's poll carries for hosts, as an anchor received it, asked or not, or as other anchors passed it on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Polled {
@@ -102,6 +102,8 @@ pub struct Polled {
     pub round: u16,
     /// Anchors that were asked.
     pub asked: u8,
+    /// How long ago another anchor received it, which passed it on; zero of an own reception.
+    pub age: RadioDuration,
     /// The tag's position.
     pub position: Option<PolledPosition>,
     /// Data of the tag's user.
@@ -244,6 +246,11 @@ pub trait Protocol {
         let _ = data;
     }
 
+    /// Whether a host reads what the node reports: such an anchor is a gateway.
+    fn set_host(&mut self, has_host: bool) {
+        let _ = has_host;
+    }
+
     /// Frames that were received and refused since the start, wrapping: they contradicted what the protocol knew of the
     /// network, or had no code where the network has a key. More than a few are a sign of forged frames.
     fn refused_frames(&self) -> u32 {
@@ -285,6 +292,10 @@ impl<M: Protocol + ?Sized> Protocol for &mut M {
 
     fn carry(&mut self, data: Option<UserData>) {
         (**self).carry(data);
+    }
+
+    fn set_host(&mut self, has_host: bool) {
+        (**self).set_host(has_host);
     }
 
     fn refused_frames(&self) -> u32 {

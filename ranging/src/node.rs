@@ -53,6 +53,11 @@ pub trait Listener {
         let _ = frames;
     }
 
+    /// Whether a host reads what this node reports.
+    fn has_host(&self) -> bool {
+        false
+    }
+
     /// The present guidance, after a wait in which the node may have computed the last round. `None`: that of the last
     /// report is the newest.
     fn guidance(&mut self) -> Option<Guidance> {
@@ -109,6 +114,7 @@ async fn attempt<R: Restart>(
     let (mut now, mut event, mut refused) = (radio.now().await?, Event::Started, machine.refused_frames());
     loop {
         count_refused(&mut refused, machine, listener);
+        machine.set_host(listener.has_host());
         let action = machine.step(now, event);
         listener.observe(now, &event, &action);
         let wait = match action {

@@ -15,7 +15,7 @@ use ranging::Restart;
 use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 use ranging::radio::{Capabilities, MAX_FRAME, RangeBias, Sample, Sensors, StampModel};
 use ranging::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, RxFrame, Start, TransmitError};
-use wire::uwb::native::{Frame, IntegrityCode, Message, Nonce, UserData, software_code};
+use wire::uwb::native::{Frame, IntegrityCode, Message, Nonce, SyncFrame, UserData, software_code};
 
 const TABLE: &str = include_str!("costs.csv");
 
@@ -285,9 +285,8 @@ impl ProtocolCosts {
                     }
                     Message::Response(_) if reports_round => self.round_ended,
                     Message::Response(_) => self.response_received,
-                    Message::SyncFrame(_) | Message::Request(_) | Message::Final { .. } | Message::Challenge(_) => {
-                        self.beacon_received
-                    }
+                    Message::SyncFrame(sync_frame) => self.beacon_received + self.relaying(&sync_frame),
+                    Message::Request(_) | Message::Final { .. } | Message::Challenge(_) => self.beacon_received,
                 },
                 Err(_) if sent.is_some() => self.poll_answered,
                 Err(_) => self.response_received,
@@ -300,11 +299,19 @@ impl ProtocolCosts {
             | Event::Late
             | Event::Woken
             | Event::Reported => match sent {
-                Some(Some(Message::SyncFrame(_))) => self.beacon_made,
+                Some(Some(Message::SyncFrame(sync_frame))) => self.beacon_made + self.relaying(&sync_frame),
                 Some(_) => self.poll_made,
                 None => self.scheduled,
             },
         }
+    }
+}
+
+impl ProtocolCosts {
+    /// What the relayed entries of a sync frame cost, to take them or to make them. Each has less to do than a poll that is
+    /// overheard, and counts as one.
+    fn relaying(&self, sync_frame: &SyncFrame) -> u32 {
+        self.overheard * sync_frame.relay.as_ref().map_or(0, |relay| relay.entries.len() as u32)
     }
 }
 
@@ -343,6 +350,10 @@ impl<M: Protocol> Protocol for Charged<M> {
 
     fn guide(&mut self, guidance: Guidance) {
         self.inner.guide(guidance);
+    }
+
+    fn set_host(&mut self, has_host: bool) {
+        self.inner.set_host(has_host);
     }
 
     fn refused_frames(&self) -> u32 {

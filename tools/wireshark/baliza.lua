@@ -13,6 +13,7 @@ local MAX_DATA = 24
 local MAX_MEMBERS = 16
 local MAX_LEASES = 10
 local MAX_POLLS = 6
+local MAX_RELAYED = 2
 local MAX_PERIOD = 5120 -- superframes
 local WITH_CODE = 8 -- in a native message's code
 local CODE_BYTES = 8
@@ -71,7 +72,7 @@ field(ProtoField.uint8, "data_number", "Number of the user's data")
 field(ProtoField.bytes, "data", "Data of the tag's user", base.SPACE)
 field(ProtoField.uint8, "rounds_ago", "Measured this many rounds ago", base.DEC, nil, 0x7F)
 field(ProtoField.bool, "passes_request_on", "Passes a request on", 8, nil, 0x80)
-field(ProtoField.uint8, "members", "Members", base.DEC, nil, 0x7F)
+field(ProtoField.uint8, "members", "Members", base.DEC, nil, 0x1F)
 field(ProtoField.uint8, "leased", "Leased round slots")
 field(ProtoField.uint8, "leases", "Leases", base.DEC, nil, 0xF0)
 field(ProtoField.uint8, "polls", "Polls passed on", base.DEC, nil, 0x0F)
@@ -85,6 +86,13 @@ field(ProtoField.uint8, "lease.slot", "Round slot", base.DEC, nil, 0x3F)
 field(ProtoField.uint16, "lease.period", "Period (superframes)")
 field(ProtoField.uint16, "lease.phase", "Phase (superframes)")
 field(ProtoField.uint16, "polled_by", "Poll of tag", base.HEX)
+field(ProtoField.uint8, "gateway.hops", "Hops to a gateway", base.DEC, nil, 0xF0)
+field(ProtoField.uint8, "gateway.next", "Sync slot of the next anchor", base.DEC, nil, 0x0F)
+field(ProtoField.uint16, "gateway.taken", "Slots whose entries were taken", base.HEX)
+field(ProtoField.uint16, "relayed", "Relayed from tag", base.HEX)
+field(ProtoField.double, "relayed.at", "Received in superframe, modulo 256")
+field(ProtoField.uint8, "relayed.asked", "Anchors asked", base.DEC, nil, 0x0F)
+field(ProtoField.bool, "relayed.data", "Data of the tag's user", 8, nil, 0x80)
 field(ProtoField.uint32, "session", "Session", base.HEX)
 field(ProtoField.uint16, "epoch", "Superframe, high half")
 field(ProtoField.bool, "answers", "Answers a challenge", 8, nil, 0x08)
@@ -234,6 +242,16 @@ local function add_tag_position(tree, reader)
     tree:add(f.rounds_ago, last)
 end
 
+-- Data of a tag's user.
+local function add_data(tree, reader)
+    tree:add(f.data_number, reader:take(1))
+    local length = reader:take(1):uint()
+    if length == 0 or length > MAX_DATA then
+        error(length .. " bytes of data", 0)
+    end
+    tree:add(f.data, reader:take(length))
+end
+
 local function poll(tree, reader)
     tree:add_le(f.round, reader:take(2))
     local head = reader:take(1)
@@ -262,12 +280,7 @@ local function poll(tree, reader)
         add_tag_position(tree, reader)
     end
     if data then
-        tree:add(f.data_number, reader:take(1))
-        local length = reader:take(1):uint()
-        if length == 0 or length > MAX_DATA then
-            error(length .. " bytes of data", 0)
-        end
-        tree:add(f.data, reader:take(length))
+        add_data(tree, reader)
     end
     return " of " .. count
 end
@@ -325,6 +338,38 @@ local function add_lease(tree, reader)
     branch:add_le(f.lease_phase, phase)
 end
 
+-- What an anchor passes on to a gateway: what a tag told in a poll.
+local function add_relayed(tree, reader)
+    local branch = tree:add_le(f.relayed, reader:take(2))
+    branch:add_le(f.round, reader:take(2))
+    local at, what = reader:take(2), reader:take(1)
+    branch:add(f.relayed_at, at, at:le_uint() / 256)
+    branch:add(f.relayed_asked, what)
+    branch:add(f.relayed_data, what)
+    local kind = math.floor(what:uint() / 16)
+    if kind == 0 then
+        add_tag_position(branch, reader)
+    elseif kind == 8 then
+        add_data(branch, reader)
+    else
+        error("a relayed entry of kind " .. kind, 0)
+    end
+end
+
+-- The way to a gateway, and how many entries there are.
+local function add_relay(tree, reader, entries)
+    local way = reader:take(1)
+    tree:add(f.gateway_hops, way)
+    tree:add(f.gateway_next, way)
+    tree:add_le(f.gateway_taken, reader:take(2))
+    if entries > MAX_RELAYED then
+        error("more than " .. MAX_RELAYED .. " relayed entries", 0)
+    end
+    for _ = 1, entries do
+        add_relayed(tree, reader)
+    end
+end
+
 local function sync_frame(tree, reader, has_code)
     local superframe = reader:take(2)
     tree:add_le(f.superframe, superframe)
@@ -362,8 +407,12 @@ local function sync_frame(tree, reader, has_code)
             polls = polls - 8
         end
     end
+    local relays = math.floor(count:uint() / 32) % 4
+    if relays > 0 then
+        add_relay(tree, reader, relays - 1)
+    end
     local last, is_in_order = -1, true
-    for i = 1, count:uint() % 128 do
+    for i = 1, count:uint() % 32 do
         local range = reader:take(3)
         local tag = add_member(tree, f.member, range)
         if range(2, 1):uint() >= 128 then

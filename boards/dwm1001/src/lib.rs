@@ -174,9 +174,8 @@ pub struct Care {
 /// Runs the supervisor: see [`Node::supervise`].
 #[embassy_executor::task]
 pub async fn supervise(node: Node, care: Care) {
-    let Care { mut leds, mut watchdog, mut telemetry } = care;
-    let (write, feed) = (|frame: &[u8]| telemetry.write(frame), || watchdog.feed());
-    node.supervise(embassy_time::Delay, write, |lit| leds.show(lit), feed, crash::leave).await;
+    let Care { mut leds, mut watchdog, telemetry } = care;
+    node.supervise(embassy_time::Delay, telemetry, |lit| leds.show(lit), || watchdog.feed(), crash::leave).await;
 }
 
 /// The flash with the models of the beacons' RSSI, in the processor's address space: the models are read in place.

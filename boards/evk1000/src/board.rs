@@ -171,9 +171,8 @@ pub struct Care {
 /// Runs the supervisor: see [`Node::supervise`].
 #[embassy_executor::task]
 pub async fn supervise(node: Node, care: Care) {
-    let Care { mut leds, mut watchdog, mut telemetry } = care;
-    let (write, feed) = (|frame: &[u8]| telemetry.write(frame), || watchdog.feed());
-    node.supervise(Delay, write, |lit| leds.show(lit), feed, crash::leave).await;
+    let Care { mut leds, mut watchdog, telemetry } = care;
+    node.supervise(Delay, telemetry, |lit| leds.show(lit), || watchdog.feed(), crash::leave).await;
 }
 
 fn configuration() -> embassy_stm32::Config {

@@ -3,6 +3,7 @@
 #![no_std]
 #![cfg(target_os = "none")]
 
+use firmware_common::Channel;
 use rtt_target::{ChannelMode, UpChannel, rtt_init, set_defmt_channel};
 
 /// Some twenty log lines, bytes.
@@ -15,10 +16,13 @@ const _: () = assert!(wire::telemetry::MAX_FRAME < TELEMETRY_BYTES);
 /// The channel of telemetry: whole frames, one after the other.
 pub struct TelemetryChannel(UpChannel);
 
-impl TelemetryChannel {
-    /// Writes a whole frame, or nothing if the channel has no room now. Returns whether it was written.
-    pub fn write(&mut self, frame: &[u8]) -> bool {
+impl Channel for TelemetryChannel {
+    fn write(&mut self, frame: &[u8]) -> bool {
         self.0.write(frame) == frame.len()
+    }
+
+    fn is_read(&self) -> bool {
+        self.0.is_empty()
     }
 }
 

@@ -17,6 +17,7 @@ mod timers;
 use baliza_board_rtt::TelemetryChannel;
 use baliza_dw1000::driver::Dw1000;
 use embassy_executor::Spawner;
+use firmware_common::Channel;
 use firmware_common::node::{self, Node};
 use firmware_common::settings::Cipher;
 use qemu_link::{NodeStart, Request};
@@ -108,6 +109,8 @@ impl Care {
     /// Runs the spawned tasks until the simulated world ends. Then it ends the program and QEMU.
     pub fn run(mut self, node: Node) -> ! {
         let reporter = node.reporter;
+        // The world reads all telemetry.
+        reporter.host.set(true);
         self.background().spawn(keep_telling(node).unwrap());
         self.executors.run(|| {
             reporter.event_log.drain(|frame| {

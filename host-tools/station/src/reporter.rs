@@ -1,10 +1,11 @@
 //! From the messages of one node to reports of the station.
 
 use std::collections::{HashMap, VecDeque};
+use std::time::Duration;
 
 use station_core::model::{Doubt, NodeRole, RangeMeasurement};
 use station_core::{ReportKind, SolvedFrom, SourceReport, Utc};
-use wire::telemetry::{self, Address, BeaconId, Fix, Message, Range};
+use wire::telemetry::{self, Address, BeaconId, Fix, Message, Range, TagData, TagFix};
 use wire::uwb::native::PolledPosition;
 
 use super::NodeClock;
@@ -26,26 +27,39 @@ pub struct NodeReporter {
 /// The polls of a tag that an anchor received.
 #[derive(Clone, Debug, Default)]
 struct ReceivedPolls {
-    /// The last rounds and when their polls came, oldest first.
+    /// The last rounds and when their polls came, in the order of reports: those that other anchors passed on come later.
     rounds: VecDeque<(u16, Utc)>,
-    /// The round of the last position.
-    located: Option<u16>,
+    /// The rounds of the last positions and when they were measured.
+    located: VecDeque<(u16, Utc)>,
 }
+
+/// Positions of one round are two if they were measured this far apart: the tag has started again.
+const RESTARTED: Duration = Duration::from_secs(1);
 
 impl ReceivedPolls {
     /// Takes the poll of a round, received at `t`, with a position of the round `measured`. Returns when the position was
     /// measured, as far as the poll of its round was received, or nothing if an earlier poll has brought it.
     fn take(&mut self, round: u16, measured: u16, t: Utc) -> Option<Utc> {
-        if self.rounds.len() > PolledPosition::OLDEST.into() {
-            self.rounds.pop_front();
-        }
-        self.rounds.push_back((round, t));
-        if self.located.replace(measured) == Some(measured) {
+        keep(&mut self.rounds, (round, t));
+        let of_round = self.rounds.iter().rev().find(|(round, _)| *round == measured);
+        let measured_at = of_round.map_or(t, |(_, t)| *t);
+        let is_known = |&(known, at): &(u16, Utc)| {
+            known == measured && at.since(measured_at).max(measured_at.since(at)) < RESTARTED
+        };
+        if self.located.back().is_some_and(|(last, _)| *last == measured) || self.located.iter().any(is_known) {
             return None;
         }
-        let of_round = self.rounds.iter().rev().find(|(round, _)| *round == measured);
-        Some(of_round.map_or(t, |(_, t)| *t))
+        keep(&mut self.located, (measured, measured_at));
+        Some(measured_at)
     }
+}
+
+/// Adds a round to the last ones.
+fn keep(rounds: &mut VecDeque<(u16, Utc)>, of_round: (u16, Utc)) {
+    if rounds.len() > PolledPosition::OLDEST.into() {
+        rounds.pop_front();
+    }
+    rounds.push_back(of_round);
 }
 
 impl NodeReporter {
@@ -73,6 +87,7 @@ impl NodeReporter {
             self.is_tag = hello.role == telemetry::Role::Tag;
         }
         let Some(address) = self.address else { return Vec::new() };
+        let t = received(t, message);
         if let Message::TagFix(told) = message {
             let Some(fix) = told.fix() else { return Vec::new() };
             let Some(t) = self.polls.entry(told.tag).or_default().take(told.round, fix.round, t) else {
@@ -111,6 +126,15 @@ impl NodeReporter {
         };
         whats.into_iter().map(|what| SourceReport { t, site: self.site.clone(), what }).collect()
     }
+}
+
+/// When what a message of the time `t` says was received: another anchor may have passed it on.
+fn received(t: Utc, message: &Message) -> Utc {
+    let age_us = match message {
+        Message::TagFix(TagFix { age_us, .. }) | Message::TagData(TagData { age_us, .. }) => *age_us,
+        _ => 0,
+    };
+    t - Duration::from_micros(age_us.into())
 }
 
 fn fix_report(tag: String, fix: &Fix) -> ReportKind {
@@ -169,8 +193,6 @@ fn range_reports(tag: String, range: &Range) -> Vec<ReportKind> {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
-
     use wire::uwb::native::UserData;
 
     use wire::telemetry::{Outcome, Sighting, Solver};
@@ -215,12 +237,12 @@ mod tests {
         let position = PolledPosition::new([1.0, 2.0, 0.5], [[0.01, 0.0, 0.0]; 3], false).unwrap();
         // A poll each 100 ms. The first one's position is of a round whose poll was not received, and 7 brings that of 5
         // again.
-        let mut told = |round: u16, rounds_ago| {
+        let mut told_at = |tenths: u16, ago: u16, round: u16, rounds_ago| {
             let PolledPosition(position) = position.of_rounds_ago(rounds_ago);
-            let t_us = u64::from(round) * 100_000;
-            let message = telemetry::TagFix { t_us, tag: 0x1001, round, asked: 4, position }.into();
-            let stamp = Stamp { t_s: f64::from(round) / 10.0, epoch: 0 };
-            let reports = node.reports(stamp, &message, begin + Duration::from_millis(u64::from(round) * 100));
+            let (t_us, age_us) = (u64::from(tenths) * 100_000, u32::from(ago) * 100_000);
+            let message = telemetry::TagFix { t_us, tag: 0x1001, round, asked: 4, age_us, position }.into();
+            let stamp = Stamp { t_s: f64::from(tenths) / 10.0, epoch: 0 };
+            let reports = node.reports(stamp, &message, begin + Duration::from_millis(u64::from(tenths) * 100));
             let times = reports.iter().map(|report| (report.t.since(begin).as_millis() + 50) / 100);
             let tags = reports.iter().map(|report| match &report.what {
                 ReportKind::Position { tag, round, .. } => (tag.clone(), *round),
@@ -229,17 +251,24 @@ mod tests {
             times.zip(tags).collect::<Vec<_>>()
         };
         let tag = |round| ("0x1001".to_owned(), Some(round));
-        assert_eq!(told(5, 1), [(5, tag(4))]);
-        assert_eq!(told(6, 1), [(5, tag(5))]);
-        assert_eq!(told(7, 2), []);
-        assert_eq!(told(9, 2), [(7, tag(7))]);
+        assert_eq!(told_at(5, 0, 5, 1), [(5, tag(4))]);
+        assert_eq!(told_at(6, 0, 6, 1), [(5, tag(5))]);
+        assert_eq!(told_at(7, 0, 7, 2), []);
+        assert_eq!(told_at(9, 0, 9, 2), [(7, tag(7))]);
+        // Other anchors pass on the poll of 8, and that of 6 again, and one of 10 comes before theirs.
+        assert_eq!(told_at(11, 0, 11, 1), [(11, tag(10))]);
+        assert_eq!(told_at(12, 4, 8, 2), [(6, tag(6))]);
+        assert_eq!(told_at(13, 7, 6, 1), []);
+        // The tag starts again: the same numbers are other rounds.
+        assert_eq!(told_at(36, 0, 6, 1), []);
+        assert_eq!(told_at(37, 0, 7, 1), [(36, tag(6))]);
     }
 
     #[test]
     fn an_anchor_tells_data_of_the_tags_that_sent_them() {
         let mut node = NodeReporter::of("hall", 0x0101);
         let data = UserData::new(7, b"open").unwrap();
-        let message = telemetry::TagData::new(2, 0x1001, &data).into();
+        let message = telemetry::TagData::new(2, 0, 0x1001, &data).into();
         let reports = node.reports(Stamp { t_s: 0.0, epoch: 0 }, &message, Utc::now());
         let whats: Vec<_> = reports.into_iter().map(|report| report.what).collect();
         assert_eq!(whats, [ReportKind::Data { tag: "0x1001".to_owned(), number: 7, data: b"open".to_vec() }]);

@@ -37,10 +37,11 @@ use super::plan::most_leased;
 use super::spread;
 use super::superframes::Superframes;
 use super::timing::{HOLDOVER_SUPERFRAMES, Network, SHARED_SLOTS, Timing};
+use super::uplink::Uplink;
 use crate::RadioInstant;
 use crate::exchange::Link;
 use wire::uwb::layout::Layout;
-use wire::uwb::native::{Confirmation, Member, OWNED_SYNC_SLOTS, Position, Share, SyncFrame};
+use wire::uwb::native::{Confirmation, MAX_RELAYED, Member, OWNED_SYNC_SLOTS, Position, Share, SyncFrame};
 
 /// If the coordinator's last message is older than this many superframes, and two more for each hop, the coordinator is
 /// gone.
@@ -259,7 +260,7 @@ impl Coordinator {
     }
 
     /// Whether a sync frame came in a slot of its sender's own, which the sender had before.
-    fn is_known(&self, source: u16, sync_frame: &SyncFrame) -> bool {
+    pub fn is_known(&self, source: u16, sync_frame: &SyncFrame) -> bool {
         let owner = self.heard_owners.get(usize::from(sync_frame.slot));
         is_own_slot(source, sync_frame) && owner.is_some_and(|(owner, _)| *owner == hash(source))
     }
@@ -376,6 +377,11 @@ impl Coordinator {
         all.filter(free).nth(spread(self.address, self.course.phase.number, count).into())
     }
 
+    /// The sync slot of this anchor's own.
+    pub const fn own_slot(&self) -> Option<u8> {
+        self.slot
+    }
+
     /// The sync slot of this superframe, unless its sync frame is finished. An anchor transmits in a shared slot if it
     /// was too late for its own. An anchor without a slot of its own transmits in a shared slot now and then.
     pub fn due(&self) -> Option<u8> {
@@ -410,7 +416,7 @@ impl Coordinator {
     /// this anchor itself requests of the layout, `answer` the number of a challenge.
     pub fn compose(
         &mut self,
-        leases: &mut Leases,
+        (leases, uplink): (&mut Leases, &mut Uplink),
         slot: u8,
         position: Option<Position>,
         wish: Layout,
@@ -462,11 +468,19 @@ impl Coordinator {
             layout_is_new: membership.changes_layout(),
             position,
             leased: membership.newest().leased,
+            relay: None,
             members: membership.members().clone(),
             leases: Default::default(),
             polls: Default::default(),
         };
-        leases.fill(&mut sync_frame);
+        let is_own = usize::from(slot) < OWNED_SYNC_SLOTS;
+        // One entry has room in any case, the second behind the news.
+        for most in 1..=MAX_RELAYED {
+            if is_own {
+                uplink.fill(&mut sync_frame, most);
+            }
+            leases.fill(&mut sync_frame);
+        }
         (sync_frame, takes_over)
     }
 }

@@ -478,11 +478,11 @@ impl Leases {
 
     /// Fills a sync frame with what fits into it.
     pub fn fill(&mut self, sync_frame: &mut SyncFrame) {
-        for _ in 0..self.polls.len().min(sync_frame.room().1) {
+        for _ in 0..self.polls.len().min(sync_frame.room_for_news().1) {
             // As many as fit.
             let _ = self.polls.pop_front().map(|poll| sync_frame.polls.push(poll));
         }
-        for _ in 0..self.outgoing.len().min(sync_frame.room().0) {
+        for _ in 0..self.outgoing.len().min(sync_frame.room_for_news().0) {
             let Some((lease, times)) = self.outgoing.pop_front() else { return };
             let _ = sync_frame.leases.push(lease);
             if times > 1 {

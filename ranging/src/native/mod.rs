@@ -47,6 +47,7 @@ mod sync_schedule;
 mod tag;
 mod tdoa_tag;
 mod timing;
+mod uplink;
 mod wake_ups;
 
 pub use anchor::{Anchor, AnchorConfig};
@@ -102,6 +103,7 @@ fn blank_sync_frame() -> wire::uwb::native::SyncFrame {
         layout_is_new: false,
         position: None,
         leased: 0,
+        relay: None,
         members: Default::default(),
         leases: Default::default(),
         polls: Default::default(),

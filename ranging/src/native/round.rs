@@ -31,6 +31,8 @@ pub struct RoundState {
     scheme: Scheme,
     /// Places in the team whose response may still come.
     pending: u8,
+    /// The place in the team that changed with the first one, so that the anchor there relays what the poll carries.
+    relay: usize,
     /// How many anchors this round asks: the first ones of the team.
     asked: u8,
     /// The slot in which the first of them answers.
@@ -85,6 +87,7 @@ impl RoundState {
             turns: false,
             scheme: Scheme::SingleSided,
             pending: 0,
+            relay: 0,
             asked: 0,
             first_slot: 0,
             data: None,
@@ -99,7 +102,7 @@ impl RoundState {
 
     /// Sets the anchors of the next rounds, in the order of their slots.
     pub fn set_team(&mut self, team: Team) {
-        self.team = team;
+        (self.team, self.relay) = (team, 0);
         let turn = usize::from(self.number).checked_rem(self.team.len()).unwrap_or(0);
         if self.turns {
             self.team.rotate_left(turn);
@@ -166,11 +169,18 @@ impl RoundState {
         self.final_tx = None;
         self.number = self.number.wrapping_add(1);
         self.scheme = scheme;
-        if self.turns && !self.team.is_empty() {
-            self.team.rotate_left(1);
+        if !self.team.is_empty() {
+            self.team.swap(0, core::mem::take(&mut self.relay));
+            self.team.rotate_left(self.turns.into());
         }
         self.first_slot = self.data.is_some().into();
         self.asked = self.team.len().min(MAX_ROUND - self.slot_of(0)) as u8;
+        // Who is in the last slot in its turn stays there.
+        let candidates = usize::from(self.asked).saturating_sub(self.turns.into());
+        if let Some(relay) = self.team.get(..candidates).and_then(|team| anchors.relay_of(team, self.number)) {
+            self.team.swap(0, relay);
+            self.relay = relay;
+        }
         self.ranges.clear();
         self.pending = match usize::from(self.asked) {
             0 => 0,

@@ -111,6 +111,12 @@ impl Superframes {
         self.session.map(|number| Session { number, epoch: self.epoch, answer })
     }
 
+    /// An instant in this superframe or the one before, in 1/256 of a superframe, wrapping.
+    pub fn of_256th(&self, instant: RadioInstant) -> u16 {
+        let into = instant.since(self.phase.start).ticks() * 256;
+        (i64::from(self.phase.number) * 256 + into.div_euclid(self.timing.superframe.ticks())) as u16
+    }
+
     /// The superframe and the round slot of an instant in this superframe or the one before, if it is in a round slot.
     pub fn round_slot_at(&self, instant: RadioInstant) -> Option<(u16, u8)> {
         let Phase { number, start } = self.phase;

@@ -145,6 +145,7 @@ impl Outlet {
             let now = world.now();
             micros(processor.as_ref().map_or(now, |processor| processor.settle(now))).saturating_sub(boot_us)
         })));
+        reporter.host.set(self.has_cable);
         *self.life.borrow_mut() = Some((reporter.clone(), boot_us));
         *self.round.borrow_mut() = Round::default();
         self.log.borrow_mut().uplink.restart(self.node);

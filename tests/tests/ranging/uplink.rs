@@ -1,7 +1,9 @@
 //! The positions and data that anchors receive in tags' polls are those of the tags.
 
-use sim::scenario::{Record, Scenario, Simulation, What};
-use system_tests::{STAND, hall, tag};
+use std::collections::{HashMap, HashSet};
+
+use sim::scenario::{Record, Scenario, Simulation, Summary, What};
+use system_tests::{STAND, fault, hall, tag};
 use wire::telemetry::{Fix, Message, TagData, TagFix};
 
 /// What a tag with this record and four anchors in a hall report.
@@ -119,4 +121,85 @@ fn a_user_who_sends_more_than_fits_is_refused_and_the_tag_ranges_on() {
     assert!((0.03..0.07).contains(&share) && data.len() > 40, "{share}, {}", data.len());
     let (_, silent, _) = sends(6.0, 8, 5.5, "");
     assert!(fixes.len() as f64 > 0.97 * silent.len() as f64, "{} of {} rounds", fixes.len(), silent.len());
+}
+
+/// What became of the positions of the tags in the four halls of the example, of which one anchor has a cable, with more
+/// text and with these seconds.
+fn halls(seconds: f64, more: &str) -> (Scenario, Vec<Record>, Summary) {
+    let text = format!("{more}\n{}", include_str!("../../../examples/halls.toml"));
+    let scenario = Scenario { seconds, ..Scenario::parse(&text).expect("the example") };
+    let mut simulation = Simulation::new(scenario.clone());
+    let records = simulation.run_until(seconds);
+    (scenario, records, simulation.summary())
+}
+
+#[test]
+fn anchors_pass_positions_on_through_four_halls_to_the_one_with_a_cable() {
+    for key in ["", "[network]\nkey = \"8f3a11c20b6e4d57a9e0c1d2b3f40617\"\n"] {
+        let (scenario, records, summary) = halls(60.0, key);
+        // A tag tells its position a second later, in its next poll.
+        assert!(summary.uplink_share > Some(0.98) && summary.uplink_p99_s < Some(3.0), "{summary:?}");
+        let mut relayed = 0;
+        let mut reported = HashSet::new();
+        for record in records.iter().filter(|record| scenario.has_cable(record.node)) {
+            let What::Message(Message::TagFix(told)) = record.what else { continue };
+            assert!(reported.insert((told.tag, told.round)), "twice: {told:?}");
+            relayed += usize::from(told.age_us > 0);
+            // Of a poll in its own hall or in the next ones, up to five seconds ago.
+            assert!(told.age_us <= 5_200_000, "{told:?}");
+        }
+        assert!(relayed > reported.len() / 2, "{relayed} of {}", reported.len());
+    }
+}
+
+#[test]
+fn what_is_passed_on_has_the_time_of_its_poll() {
+    let (_, records, _) = halls(30.0, "");
+    // An anchor reports a poll when it has received it, and the one with a cable when it was passed on to it.
+    let told = |with_cable: bool| {
+        records.iter().filter_map(move |record| match record.what {
+            What::Message(Message::TagFix(told)) if (record.node == 2) == with_cable => {
+                Some(((told.tag, told.round), record.t_s - f64::from(told.age_us) / 1e6))
+            }
+            _ => None,
+        })
+    };
+    let received: HashMap<(u16, u16), f64> = told(false).collect();
+    let errors: Vec<f64> = told(true).filter_map(|(of, t_s)| Some((t_s - received.get(&of)?).abs())).collect();
+    // 1/256 of a superframe, a step of a node, and what a report takes.
+    let worst = errors.iter().copied().fold(0.0, f64::max);
+    assert!(errors.len() > 500 && worst < 0.003, "{} positions, {worst} s", errors.len());
+}
+
+#[test]
+fn another_anchor_with_a_cable_takes_over_within_two_seconds() {
+    // One more cable at the other end, and the first one's anchor fails.
+    let text = include_str!("../../../examples/halls.toml").to_owned() + &fault(30.0, 2, "off");
+    let mut scenario = Scenario::parse(&text).expect("the example");
+    scenario.anchors.last_mut().expect("anchors").gateway = true;
+    let last = scenario.anchors.last().map(|anchor| anchor.address);
+    let mut simulation = Simulation::new(Scenario { seconds: 60.0, ..scenario });
+    let records = simulation.run_until(60.0);
+    let found = records.iter().filter(|record| (33.0..57.0).contains(&record.t_s)).filter_map(|record| {
+        Some((record.node, record.epoch().filter(|epoch| epoch.fix.position_m().is_some())?.fix.round))
+    });
+    let found: Vec<_> = found.collect();
+    let told = records.iter().filter(|record| Some(record.node) == last).filter_map(|record| match record.what {
+        What::Message(Message::TagFix(told)) => Some((told.tag, told.fix()?.round)),
+        _ => None,
+    });
+    let told: HashSet<_> = told.collect();
+    let arrived = found.iter().filter(|of| told.contains(of)).count();
+    // From the third second on.
+    assert!(found.len() > 900 && arrived as f64 > 0.97 * found.len() as f64, "{arrived} of {}", found.len());
+}
+
+#[test]
+fn data_of_users_are_passed_on_too() {
+    let text = include_str!("../../../examples/halls.toml").replace("count = 40", "count = 20\ndata_every_s = 5");
+    let scenario = Scenario::parse(&text).expect("the example");
+    let mut simulation = Simulation::new(scenario);
+    simulation.run_until(60.0);
+    let summary = simulation.summary();
+    assert!(summary.data_share > Some(0.97) && summary.uplink_share > Some(0.98), "{summary:?}");
 }

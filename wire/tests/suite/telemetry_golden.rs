@@ -93,7 +93,7 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
     // 1234 and -5600 mm; (16 + 9) · 2⁷, (16 + 3) · 2⁸ and 16 · 2⁹ sixteenths of a millimetre; 42/127, 13/127; 0x81: of the
     // round before, suspect.
     let told = [0xD2, 4, 0, 0x20, 0xEA, 0xFF, 0, 0, 0, 0x79, 0x83, 0x90, 42, 13, 0, 0x81];
-    let tag_fix = TagFix { t_us: 12_345_600, tag: 0x1001, round: 300, asked: 4, position: told };
+    let tag_fix = TagFix { t_us: 12_345_600, tag: 0x1001, round: 300, asked: 4, age_us: 250_000, position: told };
     let hello = Hello {
         t_us: 1_500_000,
         eui: 0x1020_5F12_3456_7890,
@@ -290,15 +290,15 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
         (
             "tag-fix",
             Message::TagFix(tag_fix),
-            "0E 01 0A 80 C2 F1 05 81 20 AC 02 04 D2 04 04 20 EA FF 01 01 06 79 83 90 2A 0D 04 81 9C 77 00",
-            "{'type':'tag-fix','t_s':12.3456,'tag':'0x1001','round':299,'rounds_ago':1,'asked':4,'x_m':1.234,'y_m':-5.6,\
+            "11 01 0A 80 C2 F1 05 81 20 AC 02 04 90 A1 0F D2 04 04 20 EA FF 01 01 06 79 83 90 2A 0D 04 81 A7 CA 00",
+            "{'type':'tag-fix','t_s':12.3456,'tag':'0x1001','round':299,'rounds_ago':1,'asked':4,'age_s':0.25,'x_m':1.234,'y_m':-5.6,\
              'z_m':0.0,'sigma_x_m':0.2,'sigma_y_m':0.304,'sigma_z_m':0.512,'covariance_m2':[[0.04,0.020107087,0.01048189],[0.020107087,0.092416,0.0],[0.01048189,0.0,0.262144]],'flag':'suspect'}",
         ),
         (
             "tag-data",
-            Message::TagData(TagData::new(12_345_600, 0x1001, &UserData::new(7, b"door 3").unwrap())),
-            "11 01 0B 80 C2 F1 05 81 20 07 06 64 6F 6F 72 20 33 01 01 01 01 01 01 01 01 01 01 01 01 01 01 01 01 01 03 E7 B5 00",
-            "{'type':'tag-data','t_s':12.3456,'tag':'0x1001','number':7,'data':'646F6F722033'}",
+            Message::TagData(TagData::new(12_345_600, 0, 0x1001, &UserData::new(7, b"door 3").unwrap())),
+            "0A 01 0B 80 C2 F1 05 81 20 07 08 06 64 6F 6F 72 20 33 01 01 01 01 01 01 01 01 01 01 01 01 01 01 01 01 01 03 FC FB 00",
+            "{'type':'tag-data','t_s':12.3456,'tag':'0x1001','number':7,'age_s':0.0,'data':'646F6F722033'}",
         ),
         (
             "supply",

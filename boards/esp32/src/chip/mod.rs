@@ -80,7 +80,6 @@ pub struct Care {
 /// Runs the supervisor: see [`Node::supervise`]. No pin is known to have a light.
 #[embassy_executor::task]
 pub async fn supervise(node: Node, care: Care) {
-    let Care { mut watchdog, mut telemetry } = care;
-    let (write, feed) = (|frame: &[u8]| telemetry.write(frame), || watchdog.feed());
-    node.supervise(Delay, write, |_| (), feed, crash::leave).await;
+    let Care { mut watchdog, telemetry } = care;
+    node.supervise(Delay, telemetry, |_| (), || watchdog.feed(), crash::leave).await;
 }

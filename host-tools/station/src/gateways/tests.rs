@@ -239,7 +239,7 @@ fn an_anchors_gateway_tells_the_positions_of_tags() {
         build: [0; 8],
         keyed: false,
     };
-    let told = wire::telemetry::TagFix { t_us: 2, tag: 0x1001, round: 9, asked: 4, position };
+    let told = wire::telemetry::TagFix { t_us: 2, tag: 0x1001, round: 9, asked: 4, age_us: 0, position };
     let both = frames(&[hello.into(), told.into()]);
     let sent = Envelope { node: 0x0101, ..envelope(&gateways, 0, [0, 0], &both) };
     let (reports, _) = taken(&mut gateways, &bytes(&sent, None), NEAR, at(0));

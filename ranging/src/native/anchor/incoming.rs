@@ -146,10 +146,18 @@ impl Anchor {
         self.rounds.receive(source);
         let followed = &self.config.network;
         match &mut self.network {
-            Some(network) => match network.receive(followed, &mut self.leases, source, sync_frame, frame.rx_time) {
-                FollowUpdate::Ignored | FollowUpdate::Followed => {}
-                FollowUpdate::Changed(link) => self.link = Some(link),
-            },
+            Some(network) => {
+                // A frame in another's slot costs a stranger nothing.
+                let is_known = network.is_known(source, sync_frame);
+                match network.receive(followed, &mut self.leases, source, sync_frame, frame.rx_time) {
+                    FollowUpdate::Ignored => return,
+                    FollowUpdate::Followed => {}
+                    FollowUpdate::Changed(link) => self.link = Some(link),
+                }
+                if is_known {
+                    self.uplink.receive(source, sync_frame, network.own_slot());
+                }
+            }
             None => {
                 self.network = Coordinator::join(self.config.address, followed, source, sync_frame, frame.rx_time);
                 if followed.key.is_none() {
@@ -196,7 +204,8 @@ impl Anchor {
         let Poll { round, position, data, .. } = *poll;
         self.is_polled = position.is_some() || data.is_some();
         if self.is_polled {
-            self.polled = Polled { tag, round, asked, position, data };
+            self.polled = Polled { tag, round, asked, age: RadioDuration::ZERO, position, data };
+            self.uplink.on_poll(self.config.address, tag, poll, network.course.of_256th(frame.rx_time));
         }
         let named = |place: &usize| poll.anchors.get(*place).is_some_and(|asked| asked.address == self.config.address);
         let Some(place) = (0..poll.anchors.len()).find(named) else { return };

@@ -13,6 +13,7 @@ use super::leases::Leases;
 use super::pace::Meter;
 use super::plan::Rate;
 use super::timing::{Timing, end_of};
+use super::uplink::Uplink;
 use super::{Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS, spread};
 use crate::exchange::{Action, COMPENSATION, Event, Link, Polled, Protocol, Range, Report, Round};
 use crate::time::METRES_PER_TICK;
@@ -73,6 +74,7 @@ pub struct Anchor {
     position: Option<Position>,
     network: Option<Coordinator>,
     leases: Leases,
+    uplink: Uplink,
     /// Without a network: the instant at which to found one.
     found_at: Option<RadioInstant>,
     challenger: Challenger,
@@ -151,6 +153,7 @@ impl Anchor {
             position: config.position_m.and_then(Position::from_metres),
             network: None,
             leases: Leases::new(),
+            uplink: Uplink::new(),
             found_at: None,
             challenger: Challenger::default(),
             is_proven: false,
@@ -163,7 +166,7 @@ impl Anchor {
             compensation: Compensation::default(),
             link: None,
             told: None,
-            polled: Polled { tag: 0, round: 0, asked: 0, position: None, data: None },
+            polled: Polled { tag: 0, round: 0, asked: 0, age: RadioDuration::ZERO, position: None, data: None },
             is_polled: false,
             reported: None,
             doing: Doing::Nothing,
@@ -182,6 +185,7 @@ impl Anchor {
     fn restart(&mut self) {
         (self.network, self.found_at, self.answer) = (None, None, None);
         self.leases.clear();
+        self.uplink.clear();
         self.answered.clear();
         (self.wake_at, self.pulse_at, self.asks_at) = (None, None, None);
         self.rounds.restart();
@@ -267,7 +271,8 @@ impl Anchor {
         // Tags ask for the room for finals.
         let wish = self.meter.wish(Scheme::SingleSided);
         let answer = self.challenger.answer();
-        let (sync_frame, takes_over) = network.compose(&mut self.leases, slot, self.position, wish, answer);
+        let news = (&mut self.leases, &mut self.uplink);
+        let (sync_frame, takes_over) = network.compose(news, slot, self.position, wish, answer);
         let moment = network.course.moment();
         if takes_over {
             self.link = Some(Link::Coordinating);
@@ -342,6 +347,19 @@ impl Anchor {
         Action::Transmit { frame: self.out.bytes(), start: Start::At(rmarker), listen: true }
     }
 
+    /// A gateway takes what other anchors have passed on, unless its own sync frame is due soon.
+    fn takes_relayed(&mut self, present: RadioInstant) -> bool {
+        let Some(network) = self.network.as_ref().filter(|_| self.uplink.has_reports()) else { return false };
+        let Coordinator { course, .. } = network;
+        let timing = &course.timing;
+        let rest = network.due().map(|slot| course.phase.at(timing.sync_frame(slot.into())).since(present).ticks());
+        if rest.is_some_and(|rest| (0..2 * timing.sync_slot.ticks()).contains(&rest)) {
+            return false;
+        }
+        let relayed = self.uplink.report(course.of_256th(present), timing.superframe);
+        relayed.map(|relayed| self.polled = relayed).is_some()
+    }
+
     /// Learns from a late start if the radio did not measure it, and repeats what was missed.
     fn was_late(&mut self) {
         match (self.doing, self.was_measured) {
@@ -356,6 +374,10 @@ impl Anchor {
 }
 
 impl Protocol for Anchor {
+    fn set_host(&mut self, has_host: bool) {
+        self.uplink.set_host(has_host);
+    }
+
     fn refused_frames(&self) -> u32 {
         self.refused
     }
@@ -423,7 +445,7 @@ impl Protocol for Anchor {
             let ReportedRange { round, poll, range } = self.reported.insert(told);
             return Action::Report(Report::Round(Round { number: *round, poll: *poll, asked: 1, ranges: range }));
         }
-        if core::mem::take(&mut self.is_polled) {
+        if core::mem::take(&mut self.is_polled) || self.takes_relayed(present) {
             return Action::Report(Report::Polled(&self.polled));
         }
         let spare = self.spare_before_challenge(present);

@@ -13,12 +13,14 @@ use crate::uwb::native::UserData;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TagData {
-    /// When the poll was reported, since the anchor started, microseconds.
+    /// When they are reported, since the reporting anchor started, microseconds.
     pub t_us: u64,
     /// Short address of the tag.
     pub tag: u16,
     /// Counts the tag's data, wrapping.
     pub number: u8,
+    /// How long before that another anchor received the poll and passed it on, microseconds; 0 of an own reception.
+    pub age_us: u32,
     /// How many bytes there are.
     pub length: u8,
     /// The bytes, with zeros after the last.
@@ -26,11 +28,11 @@ pub struct TagData {
 }
 
 impl TagData {
-    /// Data that came at `t_us`.
-    pub fn new(t_us: u64, tag: u16, data: &UserData) -> Self {
+    /// Data that are reported at `t_us`, and were received `age_us` before.
+    pub fn new(t_us: u64, age_us: u32, tag: u16, data: &UserData) -> Self {
         let mut bytes = [0; UserData::MOST];
         bytes.iter_mut().zip(data.bytes()).for_each(|(to, from)| *to = *from);
-        Self { t_us, tag, number: data.number(), length: data.bytes().len() as u8, bytes }
+        Self { t_us, tag, number: data.number(), age_us, length: data.bytes().len() as u8, bytes }
     }
 
     /// The data. More bytes than there can be are all of them.
@@ -71,6 +73,7 @@ impl Body for TagData {
         serde_json::json!({
             "tag": std::format!("{}", Address(self.tag)),
             "number": self.number,
+            "age_s": f64::from(self.age_us) / 1e6,
             "data": std::format!("{}", Hexadecimal(self.data())),
         })
     }

@@ -16,7 +16,7 @@ use crate::uwb::native::PolledPosition;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TagFix {
-    /// When the poll was reported, since the anchor started, microseconds.
+    /// When it is reported, since the reporting anchor started, microseconds.
     pub t_us: u64,
     /// Short address of the tag.
     pub tag: u16,
@@ -24,6 +24,8 @@ pub struct TagFix {
     pub round: u16,
     /// Anchors that the poll asked.
     pub asked: u8,
+    /// How long before that another anchor received the poll and passed it on, microseconds; 0 of an own reception.
+    pub age_us: u32,
     /// The position as the poll carries it.
     pub position: [u8; PolledPosition::BYTES],
 }
@@ -41,8 +43,8 @@ impl TagFix {
         let outcome = position.outcome().ok()?;
         let round = self.round.wrapping_sub(position.rounds_ago().into());
         let doubt = if position.is_suspect() { Doubt::Suspect } else { Doubt::None };
-        let Self { t_us, asked, .. } = *self;
-        Some(Fix { t_us, round, age_us: 0, asked, outcome, solver: Solver::Unknown, doubt })
+        let Self { t_us, asked, age_us, .. } = *self;
+        Some(Fix { t_us, round, age_us, asked, outcome, solver: Solver::Unknown, doubt })
     }
 }
 
@@ -81,6 +83,7 @@ impl Body for TagFix {
             "tag",
             "round",
             "rounds_ago",
+            "age_s",
         ],
     });
 
@@ -97,6 +100,7 @@ impl Body for TagFix {
             "round": take("round"),
             "rounds_ago": self.rounds_ago(),
             "asked": self.asked,
+            "age_s": take("age_s"),
             "x_m": take("x_m"),
             "y_m": take("y_m"),
             "z_m": take("z_m"),
@@ -117,6 +121,7 @@ impl Body for TagFix {
             "tag" => Address(self.tag).to_string(),
             "round" => fix.map_or_else(String::new, |fix| fix.round.to_string()),
             "rounds_ago" => self.rounds_ago().to_string(),
+            "age_s" => fix.map_or_else(String::new, |fix| fix.age_s().to_string()),
             other => {
                 let place = Fix::POSITIONS.columns.iter().position(|column| *column == other);
                 place.and_then(|place| of_fix.get(place)).cloned().unwrap_or_default()
@@ -134,9 +139,10 @@ mod tests {
     fn a_row_has_the_columns_of_its_table() {
         // The poll of the wire format's examples, three rounds after the position.
         let position = [0xE8, 0x03, 0x00, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0x00, 0x69, 0xA0, 0x00, 0x40, 0x00, 0x00, 0x83];
-        let told = TagFix { t_us: 1, tag: 0x1001, round: 1, asked: 4, position };
+        let told = TagFix { t_us: 1, tag: 0x1001, round: 1, asked: 4, age_us: 250_000, position };
         let columns = TagFix::TABLE.map(|table| table.columns).unwrap_or_default();
-        let row = ["tag", "1.0000", "-0.0010", "8.3880", "0.1000", "1.0240", "", "suspect", "0x1001", "65534", "3"];
+        let row =
+            ["tag", "1.0000", "-0.0010", "8.3880", "0.1000", "1.0240", "", "suspect", "0x1001", "65534", "3", "0.25"];
         assert_eq!(told.fields(), row);
         assert_eq!(columns.len(), row.len());
         let torn = TagFix { position: [0xFF; 16], ..told };

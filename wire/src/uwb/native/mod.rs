@@ -11,9 +11,11 @@
 //!   RX − response TX (4).
 //! - 32, sync frame, anchor → all: superframe (2), term (1), age (1), hops (1), coordinator (2), slot (low five bits)
 //!   and countdown (high three) (1), slot owners (16), request for slots or request for the layout (3), heard (2),
-//!   version (1), layout (2), position (9), number of members, with the highest bit set if a request for slots is
-//!   passed on (1), leased round slots (1), numbers of leases (high nibble) and polls (1), members (3 each), leases (6
-//!   each), polls (3 each).
+//!   version (1), layout (2), position (9), number of members (low five bits), one more than the number of relayed
+//!   entries (next two bits; 0: the sender knows no gateway), with the highest bit set if a request for slots is passed
+//!   on (1), leased round slots (1), numbers of leases (high nibble) and polls (1); if the sender knows a gateway: hops
+//!   to it (high nibble) and the next anchor's slot (1), slots whose entries were taken (2), relayed entries (23 each,
+//!   or 10 to 33); members (3 each), leases (6 each), polls (3 each).
 //! - 33, request, tag → all: share (1), the tag's request for the layout (1).
 //! - 34, final, tag → all: round (2).
 //! - 35, challenge, anchor → all: session (4), number (4).
@@ -27,12 +29,15 @@
 //! (16 + c mod 16) · 2^⌊c / 16⌋ / 16 mm, at least the true one; a correlation is in 1/127, signed. A layout is the code of the answer (7 bits) and of receiving again (7
 //! bits), each (16 + c mod 16) · 2^⌊c / 16⌋ µs for the code c. The highest bit of the first byte is set if the layout
 //! is in force only with the list of members, and that of the second if rounds have a final. A tag's request contains
-//! only the second byte. A lease is the tag (2), the slot with the grant in its high two bits (1), the period (1) and the
+//! only the second byte. A relayed entry is the tag (2), the round of its poll (2), when the poll came in 1/256 of a
+//! superframe (2), the number of anchors asked, with the highest bit set for data (1), and the position (16) or the data as in the poll.
+//! A lease is the tag (2), the slot with the grant in its high two bits (1), the period (1) and the
 //! phase (2); a poll that is passed on is the tag (2) and its request for the layout (1).
 
 mod integrity;
 mod lease;
 mod poll;
+mod relay;
 mod table_aes;
 mod user_data;
 mod values;
@@ -48,6 +53,7 @@ use radio::{RadioDuration, RadioInstant};
 pub use integrity::{CODE_BYTES, IntegrityCode, Nonce, integrity_code, software_code, split_code};
 pub use lease::{Confirmation, Grant, Lease, LeasedPoll, Period, Turn};
 pub use poll::{Asked, Poll};
+pub use relay::{Carried, MAX_RELAYED, Relay, Relayed};
 pub use user_data::UserData;
 pub use values::{Distance, PolledPosition, Position, Share};
 
@@ -199,6 +205,8 @@ pub struct SyncFrame {
     pub position: Option<Position>,
     /// The first round slots of a superframe are leased, this many of them; the others are dealt to the members.
     pub leased: u8,
+    /// The way to a gateway, if the sender knows one.
+    pub relay: Option<Relay>,
     /// The tags that range more than once a superframe, by address.
     pub members: Vec<Member, MAX_MEMBERS>,
     /// News of leases.
@@ -314,6 +322,10 @@ const ANSWER_BYTES: usize = 4;
 
 /// In the byte with the number of members: the frame passes on a request for slots, and not one for the layout.
 const PASSES_REQUEST_ON: u8 = 0x80;
+/// In the same byte: one more than the number of relayed entries, or 0 if there is no way to a gateway.
+const RELAYS: u8 = 0x60;
+const RELAYS_SHIFT: u8 = 5;
+const MEMBERS: u8 = 0x1F;
 /// In the first byte of the layout: another layout is in force until the list of members is.
 const LAYOUT_IS_NEW: u8 = 0x80;
 /// Mask of the slot in the byte with slot and countdown.
@@ -375,6 +387,10 @@ impl SyncFrame {
         } else {
             (None, entries & 0x0F)
         };
+        let relay = match (count & RELAYS) >> RELAYS_SHIFT {
+            0 => None,
+            entries => Some(Relay::parse(&mut reader, entries - 1)?),
+        };
         let (request, wish) = if count & PASSES_REQUEST_ON == 0 {
             let [answer, tag, 0] = passed_on else { return Err(FrameError::Field) };
             (None, Layout::from_bytes([answer, tag]))
@@ -382,7 +398,7 @@ impl SyncFrame {
             (Some(Member::parse(&mut Reader(&passed_on))?), Layout::LEAST)
         };
         let mut members = Vec::new();
-        for _ in 0..count & !PASSES_REQUEST_ON {
+        for _ in 0..count & MEMBERS {
             let member = Member::parse(&mut reader)?;
             if matches!(member.share, Share::OneIn(_)) {
                 return Err(FrameError::Field);
@@ -419,18 +435,25 @@ impl SyncFrame {
             layout_is_new: layout[0] & LAYOUT_IS_NEW != 0,
             position,
             leased,
+            relay,
             members,
             leases,
             polls,
         })
     }
 
-    /// How many further leases fit, and how many polls if no lease is added.
-    pub fn room(&self) -> (usize, usize) {
+    /// Bytes that are left.
+    pub fn room(&self) -> usize {
         let session = self.session.map_or(0, |session| session.bytes());
-        let used =
-            session + 3 * self.members.len() + Lease::BYTES * self.leases.len() + LeasedPoll::BYTES * self.polls.len();
-        let room = usize::from(SYNC_FRAME_BYTES - SHORTEST_SYNC_FRAME_BYTES).saturating_sub(used);
+        let relay = self.relay.as_ref().map_or(0, Relay::bytes);
+        let news = Lease::BYTES * self.leases.len() + LeasedPoll::BYTES * self.polls.len();
+        let used = session + relay + Member::BYTES * self.members.len() + news;
+        usize::from(SYNC_FRAME_BYTES - SHORTEST_SYNC_FRAME_BYTES).saturating_sub(used)
+    }
+
+    /// How many further leases fit, and how many polls if no lease is added.
+    pub fn room_for_news(&self) -> (usize, usize) {
+        let room = self.room();
         let leases = (room / Lease::BYTES).min(MAX_LEASES - self.leases.len());
         (leases, (room / LeasedPoll::BYTES).min(MAX_POLLS - self.polls.len()))
     }
@@ -461,11 +484,16 @@ impl SyncFrame {
         out.put(&Position::bytes(self.position));
         let answers = self.session.is_some_and(|session| session.answer.is_some());
         let entries = (self.leases.len() as u8) << 4 | self.polls.len() as u8 | if answers { ANSWERS } else { 0 };
-        out.put(&[self.members.len() as u8 | passes_request_on, self.leased, entries]);
+        let relays = self.relay.as_ref().map_or(0, |relay| relay.entries.len() as u8 + 1);
+        let count = self.members.len() as u8 | relays << RELAYS_SHIFT | passes_request_on;
+        out.put(&[count, self.leased, entries]);
         if let Some(Session { number, epoch, answer }) = self.session {
             out.put(&number.to_le_bytes());
             out.put(&epoch.to_le_bytes());
             answer.into_iter().for_each(|answer| out.put(&answer.to_le_bytes()));
+        }
+        if let Some(relay) = &self.relay {
+            relay.emit(out);
         }
         self.members.iter().for_each(|member| member.emit(out));
         self.leases.iter().for_each(|lease| lease.emit(out));
@@ -486,6 +514,9 @@ impl Session {
 }
 
 impl Member {
+    /// Its length on the air.
+    const BYTES: usize = 3;
+
     #[inline]
     fn parse(reader: &mut Reader<'_>) -> Result<Self, FrameError> {
         Ok(Self { tag: reader.u16()?, share: Share::parse(reader.u8()?)? })
@@ -650,6 +681,7 @@ mod tests {
             layout_is_new: true,
             position: Position::from_metres([1.0, -0.001, 8.388]),
             leased: 17,
+            relay: None,
             members: (0..members as u16).map(|tag| Member { tag: 0x0400 + tag, share: Share::Greedy }).collect(),
             leases: Vec::new(),
             polls: Vec::new(),
@@ -698,6 +730,43 @@ mod tests {
     }
 
     #[test]
+    fn golden_sync_frame_that_relays() {
+        let data = UserData::new(0xFE, b"door 3").unwrap();
+        let entry = |at, content| Relayed { tag: 0x0809, round: 0x1234, at, asked: 5, content };
+        let entries = [
+            entry(
+                0xF080,
+                Carried::Position(PolledPosition([
+                    0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0, 0x69, 0xA0, 0, 0x40, 0, 0, 0x83,
+                ])),
+            ),
+            entry(0xF102, Carried::Data(data)),
+        ];
+        let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 0xE8];
+        golden.extend(0x10..0x20);
+        golden.extend([0x21, 0x43, 0, 0x0C, 0x0B, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
+        // Two members, and two entries and one: 2 + 3 · 32.
+        golden.extend([0x62, 17, 0]);
+        // Three hops, the next anchor in slot 12.
+        golden.extend([0x3C, 0x02, 0x81]);
+        golden.extend([0x09, 0x08, 0x34, 0x12, 0x80, 0xF0, 5, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
+        golden.extend([0x69, 0xA0, 0, 0x40, 0, 0, 0x83]);
+        golden.extend([0x09, 0x08, 0x34, 0x12, 0x02, 0xF1, 0x85, 0xFE, 6]);
+        golden.extend(b"door 3");
+        golden.extend([0x00, 0x04, 127, 0x01, 0x04, 127]);
+        let relay = Relay { hops: 3, next: 12, taken: 0x8102, entries: entries.into_iter().collect() };
+        // Two members (6), the way (3), a position (23), data (7 + 2 + 6).
+        let relaying = SyncFrame { relay: Some(relay), ..sync_frame(2) };
+        assert_eq!(relaying.room(), 63 - 6 - 3 - 23 - 15);
+        round_trip(Message::SyncFrame(relaying), &golden);
+        // A gateway with nothing to relay.
+        let relay = Relay { hops: 0, next: 8, taken: 1, entries: Vec::new() };
+        golden.truncate(42);
+        golden.extend([0x20, 17, 0, 8, 1, 0]);
+        round_trip(Message::SyncFrame(SyncFrame { relay: Some(relay), ..sync_frame(0) }), &golden);
+    }
+
+    #[test]
     fn a_lease_outside_its_period_or_with_no_period_is_refused() {
         let mut out = FrameBuffer::new();
         let leases = [lease(Grant::New)].into_iter().collect();
@@ -722,12 +791,12 @@ mod tests {
         };
         let mut longest = sync_frame(MAX_MEMBERS);
         // 16 members take 48 of the 63 bytes: two leases and a poll take the rest.
-        assert_eq!(longest.room(), (2, 5));
+        assert_eq!(longest.room_for_news(), (2, 5));
         longest.leases = [lease(Grant::New); 2].into_iter().collect();
-        assert_eq!(longest.room(), (0, 1));
+        assert_eq!(longest.room_for_news(), (0, 1));
         longest.polls = [LeasedPoll { tag: 0, wish: 0 }].into_iter().collect();
-        assert_eq!(longest.room(), (0, 0));
-        assert_eq!(sync_frame(0).room(), (MAX_LEASES, MAX_POLLS));
+        assert_eq!(longest.room_for_news(), (0, 0));
+        assert_eq!(sync_frame(0).room_for_news(), (MAX_LEASES, MAX_POLLS));
         let longest = length(Message::SyncFrame(longest));
         assert_eq!((longest + 2, longest + 8), (usize::from(SYNC_FRAME_BYTES), MAX_FRAME));
         for (distance, position) in [(Distance::Unknown, None), (Distance::Unsent, Some(a_position()))] {
@@ -782,7 +851,7 @@ mod tests {
         // 16 members take 48 of the 63 bytes, and session, epoch and answer 10.
         sync_frame.members = (0..16).map(|tag| Member { tag, share: Share::Greedy }).collect();
         sync_frame.polls.clear();
-        assert_eq!(sync_frame.room(), (0, 1));
+        assert_eq!(sync_frame.room_for_news(), (0, 1));
     }
 
     #[test]

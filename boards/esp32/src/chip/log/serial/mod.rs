@@ -12,6 +12,7 @@ use embassy_executor::Spawner;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embedded_io_async::Write;
+use firmware_common::Channel;
 
 use port::Opened;
 pub use port::Port;
@@ -27,6 +28,8 @@ const PACKET: usize = 64;
 
 struct Shared {
     frames: Frames<QUEUE>,
+    /// A host has read all frames of telemetry.
+    is_read: bool,
     encoder: defmt::Encoder,
     /// Set while a log line is being written: the critical section is then held.
     section: Option<RestoreState>,
@@ -34,8 +37,12 @@ struct Shared {
 
 /// No other symbol has this name: `_baliza_serial_log` shows that this image's log is on the serial port.
 #[unsafe(export_name = "_baliza_serial_log")]
-static SHARED: Mutex<RefCell<Shared>> =
-    Mutex::new(RefCell::new(Shared { frames: Frames::new(), encoder: defmt::Encoder::new(), section: None }));
+static SHARED: Mutex<RefCell<Shared>> = Mutex::new(RefCell::new(Shared {
+    frames: Frames::new(),
+    is_read: false,
+    encoder: defmt::Encoder::new(),
+    section: None,
+}));
 static NEWS: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 #[defmt::global_logger]
@@ -81,15 +88,19 @@ fn with<T>(f: impl FnOnce(&mut Shared) -> T) -> T {
 /// The channel of telemetry: frames between the lines of the log.
 pub struct TelemetryChannel(());
 
-impl TelemetryChannel {
-    /// Writes a whole frame, or nothing if the queue has no room now. Returns whether it was written.
-    pub fn write(&mut self, frame: &[u8]) -> bool {
+impl Channel for TelemetryChannel {
+    fn write(&mut self, frame: &[u8]) -> bool {
         let written = with(|shared| {
+            shared.is_read = false;
             shared.frames.write(frame);
             shared.frames.end()
         });
         NEWS.signal(());
         written
+    }
+
+    fn is_read(&self) -> bool {
+        with(|shared| shared.is_read)
     }
 }
 
@@ -106,15 +117,20 @@ pub fn start(spawner: Spawner, port: Port) -> TelemetryChannel {
 async fn empty(port: Port) {
     match port.open().await {
         #[cfg(not(feature = "esp32"))]
-        Opened::Usb(usb) => empty_into(usb).await,
-        Opened::Uart(uart) => empty_into(uart).await,
+        // USB takes a packet after the host has read the one before. Nobody knows who reads a UART.
+        Opened::Usb(usb) => empty_into(usb, true).await,
+        Opened::Uart(uart) => empty_into(uart, false).await,
     }
 }
 
-async fn empty_into(mut port: impl Write) {
+async fn empty_into(mut port: impl Write, shows_reader: bool) {
     let mut packet = [0; PACKET];
     loop {
-        let taken = with(|shared| shared.frames.take(&mut packet));
+        let taken = with(|shared| {
+            let taken = shared.frames.take(&mut packet);
+            shared.is_read |= shows_reader && taken == 0;
+            taken
+        });
         match packet.get(..taken) {
             None | Some([]) => NEWS.wait().await,
             // Bytes that the port loses are not repeated: the host resynchronises at the next 00.

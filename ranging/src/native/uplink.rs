@@ -1,0 +1,546 @@
+//! How what tags tell in their polls gets from anchor to anchor to a gateway: an anchor whose host reads what it reports.
+//!
+//! Each sync frame has the number of hops to the nearest gateway, and names the next anchor on the way by its sync slot.
+//! The anchor that a poll names first relays what it carries: the tag names one that answers, and that is near to a gateway.
+//! There are up to two entries in each of its sync frames, until the next anchor says that it has taken them. Each anchor keeps a short queue. It drops what is older
+//! than five seconds, the oldest entry when it is full, and a tag's older position when a newer one comes.
+//!
+//! If a gateway falls silent, or its host does not read any more, the hops grow from sync frame to sync frame until
+//! another way is shorter. Nobody goes through an anchor whose own way goes through itself. Nothing is repeated that was
+//! taken: an anchor that falls silent with entries in its queue loses these.
+
+use heapless::Vec;
+
+use super::spread;
+use crate::RadioDuration;
+use crate::exchange::Polled;
+use wire::serial_number::SerialNumber;
+use wire::uwb::native::{Carried, OWNED_SYNC_SLOTS, Poll, Relay, Relayed, SyncFrame};
+
+/// Entries that wait.
+const MAX_WAITING: usize = 32;
+/// An anchor takes entries of others as long as fewer than this wait. If it takes none, they go another way.
+const TAKES_BELOW: usize = 8;
+/// An entry is dropped after this many superframes: five seconds at 6.81 Mbit/s.
+const OLDEST_SUPERFRAMES: u8 = 50;
+/// A neighbour that was silent for this many superframes is no way.
+const FORGOTTEN_AFTER: u32 = 5;
+/// A neighbour is a good way if its sync frames came in this many of the last 16 superframes …
+const GOOD_RECEPTION: u32 = 13;
+/// … and a bad one for some superframes if it took entries less often than this, of the last eight times that it said so.
+/// Bad ways are for those who have no good one.
+const GOOD_TAKING: u32 = 5;
+const BAD_FOR: u8 = 50;
+/// A gateway's last entries: what comes by two ways is reported once.
+const REPORTED_SETS: usize = 64;
+const REPORTED_IN_SET: usize = 4;
+
+/// What an anchor knows of the way to a gateway, and what waits for it.
+#[derive(Clone, Debug)]
+pub struct Uplink {
+    has_host: bool,
+    /// The present superframe.
+    number: u16,
+    neighbours: Vec<Neighbour, OWNED_SYNC_SLOTS>,
+    /// The oldest first.
+    queue: Vec<Waiting, MAX_WAITING>,
+    /// Sync slots (bit i: slot i) whose entries were taken in this superframe, and in the one before.
+    taken: [u16; 2],
+    /// What a gateway has reported lately, each in a set that follows from tag and round, the newest first.
+    reported: [[Option<Reported>; REPORTED_IN_SET]; REPORTED_SETS],
+}
+
+/// What was reported: tag, round, and whether it was data.
+type Reported = (u16, u16, bool);
+
+/// An anchor that is received in a sync slot of its own.
+#[derive(Clone, Copy, Debug)]
+struct Neighbour {
+    address: u16,
+    slot: u8,
+    /// Its hops to a gateway, and the sync slot of the next anchor on its way; `None`: it knows no way.
+    way: Option<(u8, u8)>,
+    /// The last 16 superframes (bit 0: this one) with a sync frame of it.
+    heard: u16,
+    /// The last eight times that it has taken entries (bit 0: the last time), or has not.
+    took: u8,
+    /// Superframes for which it is a bad way.
+    bad_for: u8,
+}
+
+/// An entry that waits until the next anchor has taken it.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    entry: Relayed,
+    /// The anchor for which it was last sent, and the superframe, as long as that anchor may still say that it took it.
+    sent: Option<(u16, u16)>,
+}
+
+/// Whether an anchor in slot `own` has opened a frame of slot `other` before its own is made: that of the slot just before
+/// it may open afterwards.
+const fn comes_before(other: u8, own: u8) -> bool {
+    other + 1 < own
+}
+
+/// Superframes from when a poll came, in 1/256 of a superframe, to the beginning of the superframe `number`.
+const fn superframes_since(at: u16, number: u16) -> u8 {
+    (number as u8).wrapping_sub((at >> 8) as u8)
+}
+
+impl Neighbour {
+    /// Whether it is received well, and receives this anchor well.
+    fn is_good(&self) -> bool {
+        self.heard.count_ones() >= GOOD_RECEPTION && self.bad_for == 0
+    }
+}
+
+impl Uplink {
+    /// No neighbours, and nobody reads.
+    pub const fn new() -> Self {
+        Self {
+            has_host: false,
+            number: 0,
+            neighbours: Vec::new(),
+            queue: Vec::new(),
+            taken: [0; 2],
+            reported: [[None; REPORTED_IN_SET]; REPORTED_SETS],
+        }
+    }
+
+    /// Another network is followed, or the time is lost.
+    pub fn clear(&mut self) {
+        self.neighbours.clear();
+        self.queue.clear();
+        self.taken = [0; 2];
+    }
+
+    /// Whether a host reads what this anchor reports.
+    pub fn set_host(&mut self, has_host: bool) {
+        self.has_host = has_host;
+    }
+
+    /// Advances to a superframe.
+    pub fn advance(&mut self, number: u16) {
+        let begun = SerialNumber(number).steps_from(core::mem::replace(&mut self.number, number));
+        if begun == 0 {
+            return;
+        }
+        if begun > OLDEST_SUPERFRAMES.into() {
+            return self.clear();
+        }
+        let superframes = begun as u8;
+        self.taken = [0, if begun == 1 { self.taken[0] } else { 0 }];
+        for neighbour in &mut self.neighbours {
+            neighbour.heard = neighbour.heard.checked_shl(superframes.into()).unwrap_or(0);
+            neighbour.bad_for = neighbour.bad_for.saturating_sub(superframes);
+        }
+        self.neighbours.retain(|neighbour| neighbour.heard.trailing_zeros() <= FORGOTTEN_AFTER);
+        self.queue.retain(|waiting| superframes_since(waiting.entry.at, number) <= OLDEST_SUPERFRAMES);
+    }
+
+    /// Hops to a gateway from here, and the next anchor on the way, for an anchor with this sync slot.
+    fn way(&self, own: u8) -> Option<(u8, Option<&Neighbour>)> {
+        if self.has_host {
+            return Some((0, None));
+        }
+        let ways = |is_good: fn(&Neighbour) -> bool| {
+            self.neighbours.iter().filter_map(move |neighbour| {
+                let (hops, next) = neighbour.way.filter(|_| is_good(neighbour))?;
+                // Not through an anchor that comes back here.
+                (hops < Relay::MOST_HOPS && (hops == 0 || next != own)).then_some((hops + 1, neighbour))
+            })
+        };
+        let shortest = |is_good| ways(is_good).map(|(hops, _)| hops).min().map(|hops| (hops, is_good));
+        let (hops, is_good) = shortest(Neighbour::is_good).or_else(|| shortest(|_| true))?;
+        let nearest = || ways(is_good).filter(|(of, _)| *of == hops).map(|(_, neighbour)| neighbour);
+        // All of them in turn, in another order than other anchors: so each has as much to pass on.
+        let turn = usize::from(self.number.wrapping_add(own.into())) % nearest().count().max(1);
+        Some((hops, nearest().nth(turn)))
+    }
+
+    /// A sync frame came in its sender's own slot. This anchor sends its own in slot `own`.
+    pub fn receive(&mut self, source: u16, sync_frame: &SyncFrame, own: Option<u8>) {
+        self.advance(sync_frame.superframe);
+        let told = sync_frame.relay.as_ref();
+        let (slot, way) = (sync_frame.slot, told.map(|relay| (relay.hops, relay.next)));
+        match self.neighbours.iter_mut().find(|neighbour| neighbour.address == source) {
+            Some(known) => (known.slot, known.way, known.heard) = (slot, way, known.heard | 1),
+            None => {
+                let neighbour = Neighbour { address: source, slot, way, heard: 1, took: u8::MAX, bad_for: 0 };
+                // There are no more sync slots.
+                let _ = self.neighbours.push(neighbour);
+            }
+        }
+        let Some((relay, own)) = told.zip(own) else { return };
+        let is_late = !comes_before(own, slot);
+        let of = sync_frame.superframe.wrapping_sub(is_late.into());
+        self.settle((source, of), relay.taken >> own & 1 == 1);
+        let is_here = relay.next == own && relay.hops > 0 && self.way(own).is_some();
+        if relay.entries.is_empty() || !is_here || self.queue.len() >= TAKES_BELOW {
+            return;
+        }
+        self.taken[0] |= 1 << slot;
+        for entry in &relay.entries {
+            let is_there = self.queue.iter().any(|known| is_same(&known.entry, entry));
+            if !is_there && (!self.has_host || self.is_news(entry)) {
+                let _ = self.queue.push(Waiting { entry: *entry, sent: None });
+            }
+        }
+    }
+
+    /// The anchor has taken the entries that were sent to it in this superframe, or it has not: then they are sent again.
+    fn settle(&mut self, (next, superframe): (u16, u16), were_taken: bool) {
+        let is_of = |waiting: &Waiting| waiting.sent == Some((next, superframe));
+        if !self.queue.iter().any(is_of) {
+            return;
+        }
+        if were_taken {
+            self.queue.retain(|waiting| !is_of(waiting));
+        } else {
+            self.queue.iter_mut().filter(|waiting| is_of(waiting)).for_each(|waiting| waiting.sent = None);
+        }
+        let Some(neighbour) = self.neighbours.iter_mut().find(|neighbour| neighbour.address == next) else { return };
+        neighbour.took = neighbour.took << 1 | u8::from(were_taken);
+        // Perhaps it does not receive this anchor.
+        if neighbour.took.count_ones() < GOOD_TAKING {
+            (neighbour.took, neighbour.bad_for) = (u8::MAX, BAD_FOR);
+        }
+    }
+
+    /// A tag's poll came, in 1/256 of a superframe `at`, which names the anchor with this address first.
+    pub fn on_poll(&mut self, address: u16, tag: u16, poll: &Poll, at: u16) {
+        let entry = |content| Relayed { tag, round: poll.round, at, asked: poll.anchors.len() as u8, content };
+        let position = poll.position.map(|position| entry(Carried::Position(position)));
+        let is_first = poll.anchors.first().is_some_and(|asked| asked.address == address);
+        for entry in position.into_iter().chain(poll.data.map(|data| entry(Carried::Data(data)))) {
+            if self.has_host {
+                // The anchor reports it itself.
+                self.is_news(&entry);
+            } else if is_first {
+                self.push(entry);
+            }
+        }
+    }
+
+    /// An entry of this anchor's own waits. A newer position replaces an older one that was not sent yet.
+    fn push(&mut self, entry: Relayed) {
+        let waiting = Waiting { entry, sent: None };
+        let is_older = |known: &&mut Waiting| {
+            known.sent.is_none() && known.entry.tag == entry.tag && !is_data(&known.entry) && !is_data(&entry)
+        };
+        if let Some(older) = self.queue.iter_mut().find(is_older) {
+            *older = waiting;
+            return;
+        }
+        if self.queue.is_full() {
+            self.queue.remove(0);
+        }
+        let _ = self.queue.push(waiting);
+    }
+
+    /// Whether a gateway has not reported an entry lately. From now on it has.
+    fn is_news(&mut self, entry: &Relayed) -> bool {
+        let is = Some((entry.tag, entry.round, is_data(entry)));
+        let set = usize::from(spread(entry.tag, entry.round, REPORTED_SETS as u16));
+        let Some(set) = self.reported.get_mut(set).filter(|set| !set.contains(&is)) else { return false };
+        set.rotate_right(1);
+        set[0] = is;
+        true
+    }
+
+    /// Puts the way to a gateway into the sync frame of this anchor's own slot, and entries, up to `most` in all.
+    pub fn fill(&mut self, sync_frame: &mut SyncFrame, most: usize) {
+        let (number, own) = (sync_frame.superframe, sync_frame.slot);
+        self.advance(number);
+        let Some((hops, next)) = self.way(own) else { return };
+        let next = next.copied();
+        let mut room = sync_frame.room();
+        let relay = match &mut sync_frame.relay {
+            Some(relay) => relay,
+            none => {
+                // Frames of these slots were opened in this superframe.
+                let slots = (0..OWNED_SYNC_SLOTS as u8).filter(|slot| comes_before(*slot, own));
+                let now = slots.fold(0, |all, slot| all | 1 << slot);
+                let taken = self.taken[0] & now | self.taken[1] & !now;
+                room = room.saturating_sub(Relay::BYTES);
+                none.insert(Relay { hops, next: next.map_or(own, |next| next.slot), taken, entries: Vec::new() })
+            }
+        };
+        let Some(next) = next else { return };
+        // Of others the next anchor has said by now that it has taken them, or that was lost.
+        let is_awaited =
+            |sent: Option<(u16, u16)>| sent.is_some_and(|(_, of)| SerialNumber(number).steps_from(of) <= 1);
+        for waiting in self.queue.iter_mut().filter(|waiting| !is_awaited(waiting.sent)) {
+            let bytes = waiting.entry.bytes();
+            if relay.entries.len() >= most || bytes > room || relay.entries.push(waiting.entry).is_err() {
+                return;
+            }
+            room -= bytes;
+            waiting.sent = Some((next.address, number));
+        }
+    }
+
+    /// Whether a gateway has entries to report.
+    pub fn has_reports(&self) -> bool {
+        self.has_host && !self.queue.is_empty()
+    }
+
+    /// Takes the next entry that a gateway is to report, at `now` in 1/256 of a superframe of this length.
+    pub fn report(&mut self, now: u16, superframe: RadioDuration) -> Option<Polled> {
+        if !self.has_reports() {
+            return None;
+        }
+        let Relayed { tag, round, at, asked, content } = self.queue.remove(0).entry;
+        let (position, data) = match content {
+            Carried::Position(position) => (Some(position), None),
+            Carried::Data(data) => (None, Some(data)),
+        };
+        let age = RadioDuration::from_ticks(superframe.ticks() * i64::from(now.wrapping_sub(at)) / 256);
+        Some(Polled { tag, round, asked, age, position, data })
+    }
+}
+
+/// Whether an entry is data of a tag's user.
+const fn is_data(entry: &Relayed) -> bool {
+    matches!(entry.content, Carried::Data(_))
+}
+
+/// Whether two entries are of one poll.
+fn is_same(one: &Relayed, other: &Relayed) -> bool {
+    (one.tag, one.round, is_data(one)) == (other.tag, other.round, is_data(other))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{Rng, SeedableRng};
+    use rand_pcg::Pcg64;
+    use std::vec::Vec;
+    use wire::uwb::layout::Layout;
+    use wire::uwb::native::{Asked, Distance, MAX_RELAYED, PolledPosition, UserData};
+
+    /// Anchors 1, 2, … in these sync slots, in a row: each receives its neighbours only.
+    struct Row {
+        slots: Vec<u8>,
+        anchors: Vec<Uplink>,
+        number: u16,
+        rng: Pcg64,
+        loss: f64,
+        /// What gateways have reported: by which anchor, tag, round, and in 1/256 of a superframe how long ago it was received.
+        reported: Vec<(usize, u16, u16, i64)>,
+    }
+
+    impl Row {
+        /// The anchors at `gateways` have hosts.
+        fn new(slots: &[u8], gateways: &[usize]) -> Self {
+            let mut anchors: Vec<_> = slots.iter().map(|_| Uplink::new()).collect();
+            gateways.iter().for_each(|&at| anchors[at].set_host(true));
+            let rng = Pcg64::seed_from_u64(7);
+            let mut row = Self { slots: slots.to_vec(), anchors, number: 65_500, rng, loss: 0.0, reported: Vec::new() };
+            (0..20).for_each(|_| row.superframe());
+            row
+        }
+
+        fn superframe(&mut self) {
+            self.number = self.number.wrapping_add(1);
+            let mut order: Vec<usize> = (0..self.slots.len()).collect();
+            order.sort_by_key(|&at| self.slots[at]);
+            let mut last: Option<(usize, SyncFrame)> = None;
+            for from in order {
+                let slot = self.slots[from];
+                let blank = SyncFrame { superframe: self.number, slot, ..crate::native::blank_sync_frame() };
+                let mut sync_frame = blank;
+                (1..=MAX_RELAYED).for_each(|most| self.anchors[from].fill(&mut sync_frame, most));
+                // Each opens the frame of the slot before its own after its own.
+                if let Some((before, frame)) = last.take() {
+                    self.deliver(before, &frame, |slot_of| slot_of == slot);
+                }
+                self.deliver(from, &sync_frame, |slot_of| slot_of != slot + 1);
+                last = Some((from, sync_frame));
+            }
+            let length = RadioDuration::from_ticks(256);
+            for (at, anchor) in self.anchors.iter_mut().enumerate() {
+                while anchor.has_reports() {
+                    let Some(polled) = anchor.report(self.number << 8, length) else { break };
+                    self.reported.push((at, polled.tag, polled.round, polled.age.ticks()));
+                }
+            }
+        }
+
+        fn deliver(&mut self, from: usize, sync_frame: &SyncFrame, opens: impl Fn(u8) -> bool) {
+            for to in [from.wrapping_sub(1), from + 1] {
+                let Some(&slot) = self.slots.get(to).filter(|slot| opens(**slot)) else { continue };
+                if !self.rng.random_bool(self.loss) {
+                    self.anchors[to].receive(from as u16 + 1, sync_frame, Some(slot));
+                }
+            }
+        }
+
+        /// A poll that asks these anchors (their places) and that all of them receive.
+        fn poll(&mut self, tag: u16, round: u16, asked: &[usize]) {
+            let position = Some(PolledPosition([0; 16]));
+            let of = |at: &usize| Asked { address: *at as u16 + 1, distance: Distance::Unsent };
+            let anchors = asked.iter().map(of).collect();
+            let poll = Poll { round, wish: Layout::LEAST, anchors, position, data: None };
+            for &at in asked {
+                self.anchors[at].on_poll(at as u16 + 1, tag, &poll, self.number << 8);
+            }
+        }
+
+        fn rounds(&self) -> Vec<u16> {
+            self.reported.iter().map(|(_, _, round, _)| *round).collect()
+        }
+    }
+
+    #[test]
+    fn a_position_goes_from_anchor_to_anchor_whatever_the_order_of_their_slots() {
+        for slots in [[0, 1, 2, 3], [3, 2, 1, 0], [5, 9, 2, 7], [4, 5, 3, 2]] {
+            let mut row = Row::new(&slots, &[3]);
+            for round in 0..100 {
+                row.poll(0x1001, round, &[0]);
+                (0..10).for_each(|_| row.superframe());
+            }
+            assert_eq!(row.rounds(), (0..100).collect::<Vec<_>>(), "{slots:?}");
+            // Three hops, each in this superframe or the next, and reported in that of the last: ages in whole superframes.
+            assert!(
+                row.reported.iter().all(|&(at, tag, _, age)| (at, tag) == (3, 0x1001) && age <= 3 * 256),
+                "{slots:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_anchor_that_a_poll_names_first_relays_alone() {
+        let mut row = Row::new(&[0, 4, 8, 12], &[3]);
+        row.poll(0x1001, 1, &[2, 0, 1]);
+        assert_eq!(row.anchors.iter().map(|anchor| anchor.queue.len()).collect::<Vec<_>>(), [0, 0, 1, 0]);
+        // A gateway reports the poll itself, and what another anchor passes on of it is no news.
+        row.poll(0x1001, 2, &[3, 2]);
+        row.poll(0x1001, 2, &[1]);
+        (0..5).for_each(|_| row.superframe());
+        assert_eq!(row.rounds(), [1]);
+    }
+
+    #[test]
+    fn nothing_is_lost_or_doubled_if_a_third_of_the_sync_frames_is() {
+        for slots in [[0, 1, 2, 3], [3, 2, 1, 0], [4, 5, 3, 2]] {
+            let mut row = Row::new(&slots, &[3]);
+            row.loss = 0.3;
+            for round in 0..300 {
+                row.poll(0x1001 + round, round, &[0]);
+                (0..3).for_each(|_| row.superframe());
+            }
+            let mut rounds = row.rounds();
+            rounds.sort_unstable();
+            rounds.dedup();
+            assert_eq!(rounds.len(), row.reported.len(), "{slots:?}: each once");
+            // The last ones are on their way. A way may be lost for a while.
+            assert!(rounds.len() > 285, "{slots:?}: {}", rounds.len());
+        }
+    }
+
+    #[test]
+    fn each_anchor_passes_two_entries_on_in_a_superframe() {
+        for slots in [[6, 3], [1, 8], [7, 8], [8, 7]] {
+            let mut row = Row::new(&slots, &[1]);
+            for _ in 0..100 {
+                // Data are not replaced by newer ones.
+                for number in 0..4 {
+                    let data = UserData::new(number, b"1");
+                    let asked = Asked { address: 1, distance: Distance::Unsent };
+                    let anchors = core::iter::once(asked).collect();
+                    let round = row.number << 2 | u16::from(number);
+                    let poll = Poll { round, wish: Layout::LEAST, anchors, position: None, data };
+                    row.anchors[0].on_poll(1, 0x1001, &poll, row.number << 8);
+                }
+                row.superframe();
+            }
+            let rate = row.reported.len() as f64 / 100.0;
+            assert!((1.95..=2.0).contains(&rate), "{slots:?}: {rate}");
+        }
+    }
+
+    #[test]
+    fn a_gateway_that_falls_silent_is_replaced_by_another_within_two_seconds() {
+        // Gateways at both ends. The tag is nearer to the first one, whose host reads no more.
+        let mut row = Row::new(&[0, 2, 4, 6, 8], &[0, 4]);
+        row.poll(0x1001, 1, &[1]);
+        (0..3).for_each(|_| row.superframe());
+        assert_eq!(row.reported.last(), Some(&(0, 0x1001, 1, 256)));
+        row.anchors[0].set_host(false);
+        for round in 2..=21 {
+            row.poll(0x1001, round, &[1]);
+            row.superframe();
+        }
+        (0..10).for_each(|_| row.superframe());
+        let others: Vec<usize> = row.reported.iter().map(|(at, ..)| *at).filter(|at| *at != 0).collect();
+        // A newer position of the tag has replaced the older ones that waited.
+        assert!(others.len() >= 15 && others.iter().all(|at| *at == 4), "{others:?}");
+        // Without any gateway nobody knows a way, and nothing older than five seconds waits.
+        row.anchors[4].set_host(false);
+        (0..40).for_each(|_| row.superframe());
+        assert!(row.anchors.iter().all(|anchor| anchor.way(1).is_none()));
+        row.poll(0x1001, 30, &[1]);
+        assert_eq!(row.anchors.iter().map(|anchor| anchor.queue.len()).sum::<usize>(), 1);
+        (0..51).for_each(|_| row.superframe());
+        assert!(row.anchors.iter().all(|anchor| anchor.queue.is_empty()));
+    }
+
+    #[test]
+    fn a_full_queue_drops_its_oldest_entry_and_keeps_one_position_of_each_tag() {
+        let mut row = Row::new(&[0, 4], &[1]);
+        // No frame arrives any more.
+        row.loss = 1.0;
+        for (tag, round) in (0..40).map(|tag| (0x1000 + tag, 1)).chain([(0x1020, 2)]) {
+            row.poll(tag, round, &[0]);
+        }
+        let waiting: Vec<(u16, u16)> =
+            row.anchors[0].queue.iter().map(|waiting| (waiting.entry.tag, waiting.entry.round)).collect();
+        let expected: Vec<_> = (8..40).map(|tag| (0x1000 + tag, if tag == 0x20 { 2 } else { 1 })).collect();
+        assert_eq!(waiting, expected);
+        (0..6).for_each(|_| row.superframe());
+        // The gateway was silent for too long. Then it is there again.
+        assert_eq!(row.anchors[0].way(0).map(|(hops, _)| hops), None);
+        row.loss = 0.0;
+        (0..20).for_each(|_| row.superframe());
+        assert_eq!(row.reported.len(), 32);
+        // After five seconds nothing would be left.
+        row.poll(0x1001, 3, &[0]);
+        row.loss = 1.0;
+        (0..51).for_each(|_| row.superframe());
+        assert!(row.anchors[0].queue.is_empty());
+    }
+
+    #[test]
+    fn who_does_not_receive_this_anchor_is_a_bad_way_for_five_seconds() {
+        // The second anchor is between two gateways; the first one does not receive it.
+        let mut row = Row::new(&[0, 4, 8], &[0, 2]);
+        let towards_first = |row: &Row| {
+            (0..2).any(|more| {
+                let mut anchor = row.anchors[1].clone();
+                anchor.number += more;
+                anchor.way(4).and_then(|(_, next)| next).is_some_and(|next| next.address == 1)
+            })
+        };
+        for round in 0..40 {
+            row.poll(0x1001 + round, 1, &[1]);
+            row.superframe_to(1);
+        }
+        assert!(!towards_first(&row));
+        (0..51).for_each(|_| row.superframe_to(1));
+        assert!(towards_first(&row));
+    }
+
+    impl Row {
+        /// A superframe in which only the anchor at `place` receives anything.
+        fn superframe_to(&mut self, place: usize) {
+            let others: Vec<Uplink> = self.anchors.clone();
+            self.superframe();
+            for (at, other) in others.into_iter().enumerate().filter(|(at, _)| *at != place) {
+                self.anchors[at] = other;
+                self.anchors[at].advance(self.number);
+            }
+            self.reported.clear();
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! What tags told for hosts, on its way from anchor to anchor to one that has a host.
+
+use heapless::Vec;
+
+use super::{PolledPosition, UserData};
+use crate::uwb::{FrameBuffer, FrameError, Reader};
+
+/// The most entries in a sync frame.
+pub const MAX_RELAYED: usize = 2;
+
+/// What a sync frame says of the way to a gateway: an anchor with a host.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Relay {
+    /// Hops to the nearest gateway, at most [`Relay::MOST_HOPS`]; 0 is a gateway itself.
+    pub hops: u8,
+    /// The sync slot of the anchor for which the entries are: the next one on the way. That of a gateway is its own.
+    pub next: u8,
+    /// Sync slots (bit i: slot i) whose entries the sender has taken. Those of the slots up to the second before its own
+    /// came in this superframe, the others in the one before.
+    pub taken: u16,
+    /// The entries.
+    pub entries: Vec<Relayed, MAX_RELAYED>,
+}
+
+/// What a tag told in a poll, as an anchor passes it on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Relayed {
+    /// Short address of the tag.
+    pub tag: u16,
+    /// Number of the poll's round, as the tag counts it.
+    pub round: u16,
+    /// When the poll came, in 1⁄256 of a superframe: the low byte of the superframe's number, and the part of it.
+    pub at: u16,
+    /// Anchors that the poll asked, at most 15.
+    pub asked: u8,
+    /// What it carried.
+    pub content: Carried,
+}
+
+/// What a poll carries for hosts. One that carries both makes two entries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Carried {
+    /// The tag's position.
+    Position(PolledPosition),
+    /// Data of the tag's user.
+    Data(UserData),
+}
+
+impl Relay {
+    /// The most hops on the air.
+    pub const MOST_HOPS: u8 = 15;
+    /// Its length on the air without entries.
+    pub const BYTES: usize = 3;
+
+    #[inline]
+    pub(super) fn parse(reader: &mut Reader<'_>, count: u8) -> Result<Self, FrameError> {
+        let [way, low, high] = reader.take()?;
+        let mut entries = Vec::new();
+        for _ in 0..count {
+            entries.push(Relayed::parse(reader)?).map_err(|_| FrameError::Field)?;
+        }
+        Ok(Self { hops: way >> 4, next: way & 0x0F, taken: u16::from_le_bytes([low, high]), entries })
+    }
+
+    #[inline]
+    pub(super) fn emit(&self, out: &mut FrameBuffer) {
+        let [low, high] = self.taken.to_le_bytes();
+        out.put(&[self.hops.min(Self::MOST_HOPS) << 4 | self.next & 0x0F, low, high]);
+        self.entries.iter().for_each(|entry| entry.emit(out));
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        Self::BYTES + self.entries.iter().map(Relayed::bytes).sum::<usize>()
+    }
+}
+
+impl Relayed {
+    const IS_DATA: u8 = 0x80;
+    const ASKED: u8 = 0x0F;
+
+    #[inline]
+    fn parse(reader: &mut Reader<'_>) -> Result<Self, FrameError> {
+        let (tag, round, at, what) = (reader.u16()?, reader.u16()?, reader.u16()?, reader.u8()?);
+        let content = match what & !Self::ASKED {
+            0 => Carried::Position(PolledPosition(reader.take()?)),
+            Self::IS_DATA => Carried::Data(UserData::parse(reader)?),
+            _ => return Err(FrameError::Field),
+        };
+        Ok(Self { tag, round, at, asked: what & Self::ASKED, content })
+    }
+
+    #[inline]
+    fn emit(&self, out: &mut FrameBuffer) {
+        out.put(&self.tag.to_le_bytes());
+        out.put(&self.round.to_le_bytes());
+        out.put(&self.at.to_le_bytes());
+        let asked = self.asked.min(Self::ASKED);
+        match &self.content {
+            Carried::Position(position) => {
+                out.put(&[asked]);
+                out.put(&position.0);
+            }
+            Carried::Data(data) => {
+                out.put(&[asked | Self::IS_DATA]);
+                data.emit(out);
+            }
+        }
+    }
+
+    /// Its length on the air.
+    pub fn bytes(&self) -> usize {
+        let content = match &self.content {
+            Carried::Position(_) => PolledPosition::BYTES,
+            Carried::Data(data) => 2 + data.bytes().len(),
+        };
+        7 + content
+    }
+}
