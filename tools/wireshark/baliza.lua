@@ -86,8 +86,8 @@ field(ProtoField.uint8, "lease.slot", "Round slot", base.DEC, nil, 0x3F)
 field(ProtoField.uint16, "lease.period", "Period (superframes)")
 field(ProtoField.uint16, "lease.phase", "Phase (superframes)")
 field(ProtoField.uint16, "polled_by", "Poll of tag", base.HEX)
-field(ProtoField.uint8, "gateway.hops", "Hops to a gateway", base.DEC, nil, 0xF0)
-field(ProtoField.uint8, "gateway.next", "Sync slot of the next anchor", base.DEC, nil, 0x0F)
+field(ProtoField.uint8, "gateway.cost", "Cost of the way to a gateway")
+field(ProtoField.uint8, "gateway.next", "Sync slot of the next anchor")
 field(ProtoField.uint16, "gateway.taken", "Slots whose entries were taken", base.HEX)
 field(ProtoField.uint16, "relayed", "Relayed from tag", base.HEX)
 field(ProtoField.double, "relayed.at", "Received in superframe, modulo 256")
@@ -358,9 +358,12 @@ end
 
 -- The way to a gateway, and how many entries there are.
 local function add_relay(tree, reader, entries)
-    local way = reader:take(1)
-    tree:add(f.gateway_hops, way)
-    tree:add(f.gateway_next, way)
+    tree:add(f.gateway_cost, reader:take(1))
+    local next = reader:take(1)
+    tree:add(f.gateway_next, next)
+    if next:uint() >= 16 then
+        error("a next anchor in slot " .. next:uint(), 0)
+    end
     tree:add_le(f.gateway_taken, reader:take(2))
     if entries > MAX_RELAYED then
         error("more than " .. MAX_RELAYED .. " relayed entries", 0)

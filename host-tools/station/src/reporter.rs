@@ -260,6 +260,7 @@ mod tests {
         assert_eq!(told_at(12, 4, 8, 2), [(6, tag(6))]);
         assert_eq!(told_at(13, 7, 6, 1), []);
         // The tag starts again: the same numbers are other rounds.
+        assert_eq!(told_at(14, 0, 14, 1), [(14, tag(13))]);
         assert_eq!(told_at(36, 0, 6, 1), []);
         assert_eq!(told_at(37, 0, 7, 1), [(36, tag(6))]);
     }

@@ -189,7 +189,7 @@ impl AnchorRounds {
         let from = self.first;
         self.first = (from + MAX_ROUND).checked_rem(count).unwrap_or(0);
         let turn = self.heard.iter().cycle().skip(from).take(count.min(MAX_ROUND));
-        self.round.set_team(turn.map(|other| other.address).collect());
+        self.round.set_team(turn.map(|other| other.address).collect(), [None; 2]);
         let mut poll = self.round.begin(&mut self.anchors, Scheme::SingleSided, wish, true);
         for asked in &mut poll.anchors {
             let known = self.other(asked.address).filter(|other| other.ranges > 0);

@@ -14,7 +14,7 @@ use super::authentication::Forged;
 use super::clock::ClockModel;
 use super::sync::SyncUpdate;
 use crate::RadioInstant;
-use wire::uwb::native::SyncFrame;
+use wire::uwb::native::{Relay, SyncFrame};
 
 /// Anchors that a tag remembers.
 pub const MAX_NEIGHBOURS: usize = 24;
@@ -42,8 +42,8 @@ pub struct Neighbour {
     pub clock: ClockModel,
     /// The last distance, metres.
     pub distance_m: Option<f32>,
-    /// Its hops to a gateway, if it knows a way.
-    hops: Option<u8>,
+    /// How far a gateway is from it, if it knows a way.
+    cost: Option<u8>,
     /// Mean received power, dBm.
     power_dbm: f32,
     /// Share of polls that were answered.
@@ -129,7 +129,9 @@ impl AnchorTable {
     pub fn on_sync_frame(&mut self, source: u16, sync_frame: &SyncFrame, power_dbm: f32) {
         let is_own_slot = is_own_slot(source, sync_frame);
         let Some(anchor) = self.receive(source, power_dbm) else { return };
-        anchor.hops = sync_frame.relay.as_ref().map(|relay| relay.hops);
+        if is_own_slot {
+            anchor.cost = sync_frame.relay.as_ref().map(|relay| relay.cost);
+        }
         if !anchor.position.receive(sync_frame.position, is_own_slot) {
             self.refused.positions = self.refused.positions.saturating_add(1);
         }
@@ -164,7 +166,7 @@ impl AnchorTable {
                     position: AnchorPosition::default(),
                     clock: ClockModel::new(),
                     distance_m: None,
-                    hops: None,
+                    cost: None,
                     power_dbm,
                     answers: 1.0,
                     reliability: UNKNOWN_RELIABILITY,
@@ -252,17 +254,24 @@ impl AnchorTable {
         team
     }
 
-    /// Which of these anchors, by its place, is to pass on what a poll carries: it answers, and is nearest to a gateway. If
-    /// several are, they take turns. `None` if nobody knows a way.
-    pub fn relay_of(&self, asked: &[u16], turn: u16) -> Option<usize> {
-        let of_place = |(place, address): (usize, &u16)| {
-            let anchor = self.anchors.iter().find(|anchor| anchor.address == *address)?;
-            let order = (place + usize::from(turn)) % asked.len();
+    /// Which two of these anchors are to pass on what polls carry, the better one first: they answer, and are near to a
+    /// gateway. Of equals another one is first in each turn. None if nobody knows a way.
+    pub fn relays_of(&self, team: &Team, turn: u16) -> [Option<u16>; 2] {
+        let mut best = [None; 2];
+        for (place, address) in team.iter().enumerate() {
+            let Some(anchor) = self.anchors.iter().find(|anchor| anchor.address == *address) else { continue };
+            let Some(hops) = anchor.cost.map(|cost| cost / Relay::HOP) else { continue };
             let lost = ((1.0 - anchor.reliability) / RELIABILITY_STEP) as u8;
             let weak = ((AMPLE_DBM - anchor.power_dbm) / POWER_STEP_DB).clamp(0.0, 9.0) as u8;
-            Some((lost + weak, anchor.hops?, order, place))
-        };
-        asked.iter().enumerate().filter_map(of_place).min().map(|(.., place)| place)
+            let rank = Some((lost + weak, hops, (place + usize::from(turn)) % team.len(), *address));
+            let [first, second] = best;
+            if first.is_none() || rank < first {
+                best = [rank, first];
+            } else if second.is_none() || rank < second {
+                best[1] = rank;
+            }
+        }
+        best.map(|rank| rank.map(|(.., address)| address))
     }
 
     /// Adds an anchor with a position: for tests.
@@ -408,38 +417,45 @@ mod tests {
 
     #[test]
     fn what_polls_carry_goes_to_an_anchor_that_answers_near_to_a_gateway() {
-        use wire::uwb::native::Relay;
-        let relay = |hops| Some(Relay { hops, next: 0, taken: 0, entries: Vec::new() });
+        use super::super::anchor_position::hash;
+        let relay = |hops: u8| Some(Relay { cost: hops * Relay::HOP + 3, next: 0, taken: 0, entries: Vec::new() });
+        // In a slot of the anchor's own.
+        let own = |address, relay| SyncFrame {
+            slot: 0,
+            slot_owners: core::array::from_fn(|_| hash(address)),
+            relay,
+            ..crate::native::blank_sync_frame()
+        };
         let mut anchors = AnchorTable::new();
         for (address, hops) in [(1, Some(3)), (2, Some(1)), (3, Some(2)), (4, None)] {
-            let relay = hops.and_then(relay);
-            anchors.on_sync_frame(address, &SyncFrame { relay, ..crate::native::blank_sync_frame() }, -75.0);
+            anchors.on_sync_frame(address, &own(address, hops.and_then(relay)), -75.0);
+            // One in a shared slot has no way.
+            anchors.on_sync_frame(address, &SyncFrame { slot: 16, ..own(address, None) }, -75.0);
         }
-        assert_eq!(
-            [&[1, 2, 3, 4][..], &[4, 3, 1], &[4], &[9]].map(|asked| anchors.relay_of(asked, 0)),
-            [Some(1), Some(1), None, None]
-        );
+        let relays =
+            |anchors: &AnchorTable, team: &[u16], turn| anchors.relays_of(&team.iter().copied().collect(), turn);
+        assert_eq!(relays(&anchors, &[1, 2, 3, 4], 0), [Some(2), Some(3)]);
+        assert_eq!(relays(&anchors, &[4, 1], 0), [Some(1), None]);
+        assert_eq!(relays(&anchors, &[4, 9], 0), [None, None]);
         // All answer, but two of ten answers of the nearest one are lost.
         for address in [1, 2, 3] {
             (0..20).for_each(|_| anchors.asked(address, true));
         }
-        assert_eq!(anchors.relay_of(&[1, 2, 3, 4], 0), Some(1));
         (0..10).for_each(|i| anchors.asked(2, i % 5 > 0));
-        assert_eq!(anchors.relay_of(&[1, 2, 3, 4], 0), Some(2));
-        assert_eq!(anchors.relay_of(&[2], 0), Some(0), "the only one");
-        anchors.on_sync_frame(1, &SyncFrame { relay: relay(2), ..crate::native::blank_sync_frame() }, -75.0);
-        let turns = (0..4).map(|turn| anchors.relay_of(&[1, 4, 3], turn));
-        assert_eq!(turns.collect::<std::vec::Vec<_>>(), [Some(0), Some(2), Some(2), Some(0)]);
+        assert_eq!(relays(&anchors, &[1, 2, 3, 4], 0), [Some(3), Some(1)]);
+        assert_eq!(relays(&anchors, &[2], 0), [Some(2), None], "the only one");
+        let mut tell = |address, hops, power_dbm| {
+            anchors.on_sync_frame(address, &own(address, relay(hops)), power_dbm);
+        };
         // A gateway that is hardly received, and one that was never asked.
-        for (address, power_dbm) in [(5, -93.0), (6, -75.0)] {
-            anchors.on_sync_frame(
-                address,
-                &SyncFrame { relay: relay(0), ..crate::native::blank_sync_frame() },
-                power_dbm,
-            );
-        }
+        tell(5, 0, -93.0);
+        tell(6, 0, -75.0);
+        tell(1, 2, -75.0);
         (0..20).for_each(|_| anchors.asked(5, true));
-        assert_eq!(anchors.relay_of(&[5, 6, 3], 0), Some(2));
+        assert_eq!(relays(&anchors, &[5, 6, 3], 0), [Some(3), Some(5)]);
+        // Two that are as near take turns.
+        let turns = (0..4).map(|turn| relays(&anchors, &[1, 4, 3], turn)[0]);
+        assert_eq!(turns.collect::<std::vec::Vec<_>>(), [Some(1), Some(3), Some(3), Some(1)]);
     }
 
     #[test]

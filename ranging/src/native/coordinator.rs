@@ -348,6 +348,7 @@ impl Coordinator {
         let round_slots =
             if layout == timing.layout { timing.round_slots } else { Timing::of(network, layout).round_slots };
         let most = most_leased(round_slots);
+        self.enrolment.take_leases(|tag, period| leases.request(tag, period, phase.number, true));
         leases.grant(phase.number, membership.leased().unwrap_or(0), most);
         let others_use_them = !membership.members().is_empty() || self.enrolment.is_awaited();
         let leased = leases.wanted_slots(membership.newest().leased, most, others_use_them);

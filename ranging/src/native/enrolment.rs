@@ -14,7 +14,7 @@ use heapless::Vec;
 use super::plan::{Members, Membership};
 use super::spread;
 use wire::uwb::layout::Layout;
-use wire::uwb::native::{Grant, Lease, MAX_MEMBERS, Member, Share};
+use wire::uwb::native::{Grant, Lease, MAX_MEMBERS, Member, Period, Share};
 
 /// A member without a received poll for this many superframes loses its slots.
 const KEPT_UNHEARD: u16 = 10;
@@ -70,6 +70,15 @@ impl Enrolment {
                 *other = request;
             }
         }
+    }
+
+    /// Hands requests of leases over: an anchor that has become coordinator has kept them for the one before.
+    pub fn take_leases(&mut self, mut lease: impl FnMut(u16, Period)) {
+        self.requests.retain(|request| {
+            let Share::OneIn(period) = request.share else { return true };
+            lease(request.tag, period);
+            false
+        });
     }
 
     /// Whether a tag requests slots of the list.

@@ -31,8 +31,10 @@ pub struct RoundState {
     scheme: Scheme,
     /// Places in the team whose response may still come.
     pending: u8,
-    /// The place in the team that changed with the first one, so that the anchor there relays what the poll carries.
-    relay: usize,
+    /// The anchors that are to relay what polls carry, the better one first …
+    relays: [Option<u16>; 2],
+    /// … and the place in the team that one of them had before it changed with the first one.
+    relay_from: usize,
     /// How many anchors this round asks: the first ones of the team.
     asked: u8,
     /// The slot in which the first of them answers.
@@ -87,7 +89,8 @@ impl RoundState {
             turns: false,
             scheme: Scheme::SingleSided,
             pending: 0,
-            relay: 0,
+            relays: [None; 2],
+            relay_from: 0,
             asked: 0,
             first_slot: 0,
             data: None,
@@ -100,9 +103,10 @@ impl RoundState {
         }
     }
 
-    /// Sets the anchors of the next rounds, in the order of their slots.
-    pub fn set_team(&mut self, team: Team) {
-        (self.team, self.relay) = (team, 0);
+    /// Sets the anchors of the next rounds, in the order of their slots, and those of them that are to relay what polls
+    /// carry.
+    pub fn set_team(&mut self, team: Team, relays: [Option<u16>; 2]) {
+        (self.team, self.relays, self.relay_from) = (team, relays, 0);
         let turn = usize::from(self.number).checked_rem(self.team.len()).unwrap_or(0);
         if self.turns {
             self.team.rotate_left(turn);
@@ -170,16 +174,17 @@ impl RoundState {
         self.number = self.number.wrapping_add(1);
         self.scheme = scheme;
         if !self.team.is_empty() {
-            self.team.swap(0, core::mem::take(&mut self.relay));
+            self.team.swap(0, core::mem::take(&mut self.relay_from));
             self.team.rotate_left(self.turns.into());
         }
         self.first_slot = self.data.is_some().into();
         self.asked = self.team.len().min(MAX_ROUND - self.slot_of(0)) as u8;
         // Who is in the last slot in its turn stays there.
-        let candidates = usize::from(self.asked).saturating_sub(self.turns.into());
-        if let Some(relay) = self.team.get(..candidates).and_then(|team| anchors.relay_of(team, self.number)) {
-            self.team.swap(0, relay);
-            self.relay = relay;
+        let candidates = self.team.get(..usize::from(self.asked).saturating_sub(self.turns.into())).unwrap_or_default();
+        let place_of = |relay: &u16| candidates.iter().position(|asked| asked == relay);
+        if let Some(place) = self.relays.iter().flatten().find_map(place_of) {
+            self.team.swap(0, place);
+            self.relay_from = place;
         }
         self.ranges.clear();
         self.pending = match usize::from(self.asked) {
@@ -393,11 +398,30 @@ mod tests {
         exchange.set_turns(turns);
         let mut last = std::vec::Vec::new();
         for _ in 0..rounds {
-            exchange.set_team([5, 6, 7].into_iter().collect());
+            exchange.set_team([5, 6, 7].into_iter().collect(), [None; 2]);
             let poll = exchange.begin(&mut anchors, Scheme::SingleSided, Layout::LEAST, false);
             last.extend(poll.anchors.last().map(|asked| asked.address));
         }
         last
+    }
+
+    #[test]
+    fn who_relays_is_named_first_except_in_its_turn_in_the_last_slot() {
+        for turns in [false, true] {
+            let (mut exchange, mut anchors) = (RoundState::new(), AnchorTable::new());
+            exchange.set_turns(turns);
+            exchange.set_team([5, 6, 7, 8].into_iter().collect(), [Some(7), Some(6)]);
+            let mut last = std::vec::Vec::new();
+            for _ in 0..8 {
+                let poll = exchange.begin(&mut anchors, Scheme::SingleSided, Layout::LEAST, false);
+                let named: std::vec::Vec<u16> = poll.anchors.iter().map(|asked| asked.address).collect();
+                last.push(named[3]);
+                assert_eq!(named[0], if named[3] == 7 { 6 } else { 7 }, "{named:?}");
+                assert!([5, 6, 7, 8].iter().all(|anchor| named.contains(anchor)), "{named:?}");
+            }
+            let expected = if turns { [5, 6, 7, 8, 5, 6, 7, 8] } else { [8; 8] };
+            assert_eq!(last, expected);
+        }
     }
 
     #[test]
@@ -407,11 +431,11 @@ mod tests {
         // Several rounds in a superframe continue where the last one ended.
         let (mut exchange, mut anchors) = (RoundState::new(), AnchorTable::new());
         exchange.set_turns(true);
-        exchange.set_team([5, 6, 7].into_iter().collect());
+        exchange.set_team([5, 6, 7].into_iter().collect(), [None; 2]);
         let mut begin = || exchange.begin(&mut anchors, Scheme::SingleSided, Layout::LEAST, false);
         let firsts = [(); 4].map(|()| begin().anchors[0].address);
         assert_eq!(firsts, [6, 7, 5, 6]);
-        exchange.set_team(Team::new());
+        exchange.set_team(Team::new(), [None; 2]);
         let nobody = exchange.begin(&mut anchors, Scheme::SingleSided, Layout::LEAST, false);
         assert_eq!(nobody.anchors.len(), 0);
     }

@@ -1,13 +1,17 @@
 //! How what tags tell in their polls gets from anchor to anchor to a gateway: an anchor whose host reads what it reports.
 //!
-//! Each sync frame has the number of hops to the nearest gateway, and names the next anchor on the way by its sync slot.
+//! Each sync frame says how far the nearest gateway is, and names the next anchor on the way by its sync slot. A hop costs
+//! as many transmissions as it needs in the mean: 1/p² with a share p of sync frames that come, as an entry must arrive, and
+//! the word that it was taken (D. De Couto et al., A high-throughput path metric for multi-hop wireless routing, MobiCom
+//! 2003).
 //! The anchor that a poll names first relays what it carries: the tag names one that answers, and that is near to a gateway.
 //! There are up to two entries in each of its sync frames, until the next anchor says that it has taken them. Each anchor keeps a short queue. It drops what is older
 //! than five seconds, the oldest entry when it is full, and a tag's older position when a newer one comes.
 //!
-//! If a gateway falls silent, or its host does not read any more, the hops grow from sync frame to sync frame until
-//! another way is shorter. Nobody goes through an anchor whose own way goes through itself. Nothing is repeated that was
-//! taken: an anchor that falls silent with entries in its queue loses these.
+//! No way is a circle: an anchor goes only through neighbours that are nearer to a gateway than it has been itself since
+//! it found a way. If there is none any more, it says for some superframes that it knows no way, so that nobody goes
+//! through it, and looks for another one. Meanwhile entries wait. Nothing is repeated that was taken: an anchor that falls
+//! silent with entries in its queue loses these.
 
 use heapless::Vec;
 
@@ -19,18 +23,25 @@ use wire::uwb::native::{Carried, OWNED_SYNC_SLOTS, Poll, Relay, Relayed, SyncFra
 
 /// Entries that wait.
 const MAX_WAITING: usize = 32;
-/// An anchor takes entries of others as long as fewer than this wait. If it takes none, they go another way.
-const TAKES_BELOW: usize = 8;
+/// An anchor is busy if this many wait: it takes no entries of others, which go another way or wait.
+const BUSY: usize = 8;
 /// An entry is dropped after this many superframes: five seconds at 6.81 Mbit/s.
 const OLDEST_SUPERFRAMES: u8 = 50;
 /// A neighbour that was silent for this many superframes is no way.
 const FORGOTTEN_AFTER: u32 = 5;
-/// A neighbour is a good way if its sync frames came in this many of the last 16 superframes …
-const GOOD_RECEPTION: u32 = 13;
-/// … and a bad one for some superframes if it took entries less often than this, of the last eight times that it said so.
-/// Bad ways are for those who have no good one.
+/// A neighbour of whose last 16 sync frames fewer came is no way.
+const LEAST_HEARD: u32 = 4;
+/// What is added to the cost of a neighbour that took entries less often than this, of the last eight times that it said so,
+/// for some superframes: perhaps it does not receive this anchor.
 const GOOD_TAKING: u32 = 5;
+const BAD: u8 = 64;
 const BAD_FOR: u8 = 50;
+/// Ways that cost at most this much more than the best one are used in turn with it.
+const ALIKE: u8 = Relay::HOP / 2;
+/// The highest cost of a way.
+const MOST: u8 = u8::MAX;
+/// An anchor that has lost its way says so for this many superframes, until all neighbours know.
+const PAUSE: u8 = 7;
 /// A gateway's last entries: what comes by two ways is reported once.
 const REPORTED_SETS: usize = 64;
 const REPORTED_IN_SET: usize = 4;
@@ -41,6 +52,12 @@ pub struct Uplink {
     has_host: bool,
     /// The present superframe.
     number: u16,
+    /// The cost of the way to a gateway in this superframe.
+    cost: Option<u8>,
+    /// The least cost since the way was found.
+    least_cost: u8,
+    /// Superframes until another way is looked for.
+    pause: u8,
     neighbours: Vec<Neighbour, OWNED_SYNC_SLOTS>,
     /// The oldest first.
     queue: Vec<Waiting, MAX_WAITING>,
@@ -58,13 +75,15 @@ type Reported = (u16, u16, bool);
 struct Neighbour {
     address: u16,
     slot: u8,
-    /// Its hops to a gateway, and the sync slot of the next anchor on its way; `None`: it knows no way.
-    way: Option<(u8, u8)>,
+    /// The cost of its way; `None`: it knows none.
+    cost: Option<u8>,
+    /// It takes no entries now.
+    is_busy: bool,
     /// The last 16 superframes (bit 0: this one) with a sync frame of it.
     heard: u16,
     /// The last eight times that it has taken entries (bit 0: the last time), or has not.
     took: u8,
-    /// Superframes for which it is a bad way.
+    /// Superframes for which it costs more.
     bad_for: u8,
 }
 
@@ -88,9 +107,14 @@ const fn superframes_since(at: u16, number: u16) -> u8 {
 }
 
 impl Neighbour {
-    /// Whether it is received well, and receives this anchor well.
-    fn is_good(&self) -> bool {
-        self.heard.count_ones() >= GOOD_RECEPTION && self.bad_for == 0
+    /// What a way through it costs; `None`: none leads through it.
+    fn way(&self) -> Option<u8> {
+        let heard = self.heard.count_ones();
+        if heard < LEAST_HEARD {
+            return None;
+        }
+        let hop = u32::from(Relay::HOP) * 256 / (heard * heard) + if self.bad_for > 0 { BAD.into() } else { 0 };
+        u8::try_from(u32::from(self.cost?) + hop).ok().filter(|cost| *cost < MOST)
     }
 }
 
@@ -100,6 +124,9 @@ impl Uplink {
         Self {
             has_host: false,
             number: 0,
+            cost: None,
+            least_cost: MOST,
+            pause: 0,
             neighbours: Vec::new(),
             queue: Vec::new(),
             taken: [0; 2],
@@ -109,6 +136,7 @@ impl Uplink {
 
     /// Another network is followed, or the time is lost.
     pub fn clear(&mut self) {
+        (self.cost, self.least_cost, self.pause) = (None, MOST, 0);
         self.neighbours.clear();
         self.queue.clear();
         self.taken = [0; 2];
@@ -136,37 +164,57 @@ impl Uplink {
         }
         self.neighbours.retain(|neighbour| neighbour.heard.trailing_zeros() <= FORGOTTEN_AFTER);
         self.queue.retain(|waiting| superframes_since(waiting.entry.at, number) <= OLDEST_SUPERFRAMES);
+        self.pause = self.pause.saturating_sub(superframes);
+        self.find_way();
     }
 
-    /// Hops to a gateway from here, and the next anchor on the way, for an anchor with this sync slot.
-    fn way(&self, own: u8) -> Option<(u8, Option<&Neighbour>)> {
+    /// Finds what the way to a gateway costs.
+    fn find_way(&mut self) {
         if self.has_host {
-            return Some((0, None));
+            (self.cost, self.least_cost) = (Some(0), 0);
+            return;
         }
-        let ways = |is_good: fn(&Neighbour) -> bool| {
-            self.neighbours.iter().filter_map(move |neighbour| {
-                let (hops, next) = neighbour.way.filter(|_| is_good(neighbour))?;
-                // Not through an anchor that comes back here.
-                (hops < Relay::MOST_HOPS && (hops == 0 || next != own)).then_some((hops + 1, neighbour))
-            })
-        };
-        let shortest = |is_good| ways(is_good).map(|(hops, _)| hops).min().map(|hops| (hops, is_good));
-        let (hops, is_good) = shortest(Neighbour::is_good).or_else(|| shortest(|_| true))?;
-        let nearest = || ways(is_good).filter(|(of, _)| *of == hops).map(|(_, neighbour)| neighbour);
-        // All of them in turn, in another order than other anchors: so each has as much to pass on.
-        let turn = usize::from(self.number.wrapping_add(own.into())) % nearest().count().max(1);
-        Some((hops, nearest().nth(turn)))
+        let cost = self.ways().map(|(cost, _)| cost).min().filter(|_| self.pause == 0);
+        // A way that is no circle may have become much worse than another one.
+        let least = self.neighbours.iter().filter_map(Neighbour::way).min();
+        let cost = cost.filter(|cost| least.is_none_or(|least| *cost <= least.saturating_add(Relay::HOP)));
+        if cost.is_none() && self.cost.is_some() {
+            (self.least_cost, self.pause) = (MOST, PAUSE);
+        }
+        self.least_cost = self.least_cost.min(cost.unwrap_or(MOST));
+        self.cost = cost;
+    }
+
+    /// The neighbours that may be next on a way, and what it costs.
+    fn ways(&self) -> impl Iterator<Item = (u8, &Neighbour)> {
+        let nearer = self.neighbours.iter().filter(|of| of.cost.is_some_and(|cost| cost < self.least_cost));
+        nearer.filter_map(|neighbour| Some((neighbour.way()?, neighbour)))
+    }
+
+    /// The next anchor on the way, for an anchor with this sync slot. If there are several, it is another one in each
+    /// superframe, and another one than that of others: so each has as much to pass on.
+    fn next(&self, own: u8) -> Option<Neighbour> {
+        let most = self.cost.filter(|cost| *cost > 0)?.saturating_add(ALIKE);
+        let best = || self.ways().filter(|(cost, _)| *cost <= most).map(|(_, neighbour)| neighbour);
+        let all_are_busy = best().all(|neighbour| neighbour.is_busy);
+        let ready = || best().filter(|neighbour| !neighbour.is_busy || all_are_busy);
+        let turn = usize::from(self.number.wrapping_add(own.into())).checked_rem(ready().count())?;
+        ready().nth(turn).copied()
     }
 
     /// A sync frame came in its sender's own slot. This anchor sends its own in slot `own`.
     pub fn receive(&mut self, source: u16, sync_frame: &SyncFrame, own: Option<u8>) {
         self.advance(sync_frame.superframe);
         let told = sync_frame.relay.as_ref();
-        let (slot, way) = (sync_frame.slot, told.map(|relay| (relay.hops, relay.next)));
+        let (slot, cost) = (sync_frame.slot, told.map(|relay| relay.cost));
+        let is_busy = told.is_some_and(|relay| relay.taken >> slot & 1 == 1);
         match self.neighbours.iter_mut().find(|neighbour| neighbour.address == source) {
-            Some(known) => (known.slot, known.way, known.heard) = (slot, way, known.heard | 1),
+            Some(known) => {
+                (known.slot, known.cost, known.is_busy, known.heard) = (slot, cost, is_busy, known.heard | 1);
+            }
             None => {
-                let neighbour = Neighbour { address: source, slot, way, heard: 1, took: u8::MAX, bad_for: 0 };
+                let (heard, took, bad_for) = (1, u8::MAX, 0);
+                let neighbour = Neighbour { address: source, slot, cost, is_busy, heard, took, bad_for };
                 // There are no more sync slots.
                 let _ = self.neighbours.push(neighbour);
             }
@@ -174,9 +222,9 @@ impl Uplink {
         let Some((relay, own)) = told.zip(own) else { return };
         let is_late = !comes_before(own, slot);
         let of = sync_frame.superframe.wrapping_sub(is_late.into());
-        self.settle((source, of), relay.taken >> own & 1 == 1);
-        let is_here = relay.next == own && relay.hops > 0 && self.way(own).is_some();
-        if relay.entries.is_empty() || !is_here || self.queue.len() >= TAKES_BELOW {
+        self.settle((source, of), relay.taken >> own & 1 == 1, is_busy);
+        let is_here = relay.next == own && relay.cost > 0 && self.cost.is_some();
+        if relay.entries.is_empty() || !is_here || self.is_busy() {
             return;
         }
         self.taken[0] |= 1 << slot;
@@ -189,7 +237,7 @@ impl Uplink {
     }
 
     /// The anchor has taken the entries that were sent to it in this superframe, or it has not: then they are sent again.
-    fn settle(&mut self, (next, superframe): (u16, u16), were_taken: bool) {
+    fn settle(&mut self, (next, superframe): (u16, u16), were_taken: bool, is_busy: bool) {
         let is_of = |waiting: &Waiting| waiting.sent == Some((next, superframe));
         if !self.queue.iter().any(is_of) {
             return;
@@ -200,7 +248,9 @@ impl Uplink {
             self.queue.iter_mut().filter(|waiting| is_of(waiting)).for_each(|waiting| waiting.sent = None);
         }
         let Some(neighbour) = self.neighbours.iter_mut().find(|neighbour| neighbour.address == next) else { return };
-        neighbour.took = neighbour.took << 1 | u8::from(were_taken);
+        if were_taken || !is_busy {
+            neighbour.took = neighbour.took << 1 | u8::from(were_taken);
+        }
         // Perhaps it does not receive this anchor.
         if neighbour.took.count_ones() < GOOD_TAKING {
             (neighbour.took, neighbour.bad_for) = (u8::MAX, BAD_FOR);
@@ -252,8 +302,8 @@ impl Uplink {
     pub fn fill(&mut self, sync_frame: &mut SyncFrame, most: usize) {
         let (number, own) = (sync_frame.superframe, sync_frame.slot);
         self.advance(number);
-        let Some((hops, next)) = self.way(own) else { return };
-        let next = next.copied();
+        let Some(cost) = self.cost else { return };
+        let (next, is_busy) = (self.next(own), self.is_busy());
         let mut room = sync_frame.room();
         let relay = match &mut sync_frame.relay {
             Some(relay) => relay,
@@ -261,9 +311,9 @@ impl Uplink {
                 // Frames of these slots were opened in this superframe.
                 let slots = (0..OWNED_SYNC_SLOTS as u8).filter(|slot| comes_before(*slot, own));
                 let now = slots.fold(0, |all, slot| all | 1 << slot);
-                let taken = self.taken[0] & now | self.taken[1] & !now;
+                let taken = self.taken[0] & now | self.taken[1] & !now | u16::from(is_busy) << own;
                 room = room.saturating_sub(Relay::BYTES);
-                none.insert(Relay { hops, next: next.map_or(own, |next| next.slot), taken, entries: Vec::new() })
+                none.insert(Relay { cost, next: next.map_or(own, |next| next.slot), taken, entries: Vec::new() })
             }
         };
         let Some(next) = next else { return };
@@ -278,6 +328,11 @@ impl Uplink {
             room -= bytes;
             waiting.sent = Some((next.address, number));
         }
+    }
+
+    /// Whether so much waits that this anchor takes no more of others.
+    fn is_busy(&self) -> bool {
+        self.queue.len() >= BUSY
     }
 
     /// Whether a gateway has entries to report.
@@ -468,18 +523,22 @@ mod tests {
         (0..3).for_each(|_| row.superframe());
         assert_eq!(row.reported.last(), Some(&(0, 0x1001, 1, 256)));
         row.anchors[0].set_host(false);
+        let others = |row: &Row| {
+            let others = row.reported.iter().filter(|(at, ..)| *at != 0);
+            others.map(|(at, _, round, _)| (*at, *round)).collect::<Vec<_>>()
+        };
         for round in 2..=21 {
-            row.poll(0x1001, round, &[1]);
+            row.poll(0x1000 + round, round, &[1]);
             row.superframe();
         }
-        (0..10).for_each(|_| row.superframe());
-        let others: Vec<usize> = row.reported.iter().map(|(at, ..)| *at).filter(|at| *at != 0).collect();
-        // A newer position of the tag has replaced the older ones that waited.
-        assert!(others.len() >= 15 && others.iter().all(|at| *at == 4), "{others:?}");
+        assert!(!others(&row).is_empty(), "two seconds");
+        (0..20).for_each(|_| row.superframe());
+        // What has waited meanwhile is there, too.
+        assert_eq!(others(&row), (2..=21).map(|round| (4, round)).collect::<Vec<_>>());
         // Without any gateway nobody knows a way, and nothing older than five seconds waits.
         row.anchors[4].set_host(false);
         (0..40).for_each(|_| row.superframe());
-        assert!(row.anchors.iter().all(|anchor| anchor.way(1).is_none()));
+        assert!(row.anchors.iter().all(|anchor| anchor.cost.is_none()));
         row.poll(0x1001, 30, &[1]);
         assert_eq!(row.anchors.iter().map(|anchor| anchor.queue.len()).sum::<usize>(), 1);
         (0..51).for_each(|_| row.superframe());
@@ -500,9 +559,9 @@ mod tests {
         assert_eq!(waiting, expected);
         (0..6).for_each(|_| row.superframe());
         // The gateway was silent for too long. Then it is there again.
-        assert_eq!(row.anchors[0].way(0).map(|(hops, _)| hops), None);
+        assert_eq!(row.anchors[0].cost, None);
         row.loss = 0.0;
-        (0..20).for_each(|_| row.superframe());
+        (0..30).for_each(|_| row.superframe());
         assert_eq!(row.reported.len(), 32);
         // After five seconds nothing would be left.
         row.poll(0x1001, 3, &[0]);
@@ -518,8 +577,8 @@ mod tests {
         let towards_first = |row: &Row| {
             (0..2).any(|more| {
                 let mut anchor = row.anchors[1].clone();
-                anchor.number += more;
-                anchor.way(4).and_then(|(_, next)| next).is_some_and(|next| next.address == 1)
+                anchor.number = anchor.number.wrapping_add(more);
+                anchor.next(4).is_some_and(|next| next.address == 1)
             })
         };
         for round in 0..40 {

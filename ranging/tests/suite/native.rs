@@ -378,6 +378,26 @@ fn time_and_grants_pass_from_anchor_to_anchor() {
 }
 
 #[test]
+fn an_anchor_that_takes_over_while_tags_ask_for_turns_grants_them() {
+    let mut air = Air::new(NETWORK.phy, 27);
+    let anchors = room(&mut air, 6);
+    air.run_until(3.0);
+    let place = |i: u16| [f64::from(i % 5) - 2.0, f64::from(i % 7) - 3.0, 1.0];
+    let second = RadioDuration::from_micros(1_000_000);
+    let tags: Vec<usize> = (0..40).map(|i| air.add(place(i), 10.0, tag(0x100 + i, Rate::Every(second)))).collect();
+    let coordinates = |node: &&usize| air.links(**node).last().is_some_and(|(_, link)| *link == Link::Coordinating);
+    let coordinator = *anchors.iter().find(coordinates).expect("a coordinator");
+    // It fails just now.
+    air.switch_off(coordinator);
+    air.run_until(15.0);
+    for flight in &air.sent {
+        assert!(Frame::parse(&flight.bytes).is_ok(), "{:02X?}", flight.bytes);
+    }
+    let ranging = tags.iter().filter(|&&tag| !air.rounds(tag, 10.0).is_empty()).count();
+    assert_eq!(ranging, 40);
+}
+
+#[test]
 fn neighbouring_networks_are_apart_by_pan() {
     // The same addresses, at other positions, on the same air: ranges are to the tag's own anchors only.
     let mut air = Air::new(NETWORK.phy, 17);

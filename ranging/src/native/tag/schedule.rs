@@ -110,7 +110,9 @@ impl Tag {
         }
         if network.planned.replace(course.phase.number) != Some(course.phase.number) {
             network.rounds = 0;
-            self.round.set_team(self.anchors.choose(self.config.anchors.into(), self.position_m));
+            let team = self.anchors.choose(self.config.anchors.into(), self.position_m);
+            let relays = self.anchors.relays_of(&team, network.sync.course.phase.number);
+            self.round.set_team(team, relays);
             self.round.set_data(self.data);
         }
         // Who has slots asks for others among the sync frames only.

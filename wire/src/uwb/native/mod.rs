@@ -13,8 +13,8 @@
 //!   and countdown (high three) (1), slot owners (16), request for slots or request for the layout (3), heard (2),
 //!   version (1), layout (2), position (9), number of members (low five bits), one more than the number of relayed
 //!   entries (next two bits; 0: the sender knows no gateway), with the highest bit set if a request for slots is passed
-//!   on (1), leased round slots (1), numbers of leases (high nibble) and polls (1); if the sender knows a gateway: hops
-//!   to it (high nibble) and the next anchor's slot (1), slots whose entries were taken (2), relayed entries (23 each,
+//!   on (1), leased round slots (1), numbers of leases (high nibble) and polls (1); if the sender knows a gateway: cost
+//!   of the way to it (1), the next anchor's slot (1), slots whose entries were taken (2), relayed entries (23 each,
 //!   or 10 to 33); members (3 each), leases (6 each), polls (3 each).
 //! - 33, request, tag → all: share (1), the tag's request for the layout (1).
 //! - 34, final, tag → all: round (2).
@@ -747,22 +747,22 @@ mod tests {
         golden.extend([0x21, 0x43, 0, 0x0C, 0x0B, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
         // Two members, and two entries and one: 2 + 3 · 32.
         golden.extend([0x62, 17, 0]);
-        // Three hops, the next anchor in slot 12.
-        golden.extend([0x3C, 0x02, 0x81]);
+        // Cost 25, the next anchor in slot 12.
+        golden.extend([25, 12, 0x02, 0x81]);
         golden.extend([0x09, 0x08, 0x34, 0x12, 0x80, 0xF0, 5, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
         golden.extend([0x69, 0xA0, 0, 0x40, 0, 0, 0x83]);
         golden.extend([0x09, 0x08, 0x34, 0x12, 0x02, 0xF1, 0x85, 0xFE, 6]);
         golden.extend(b"door 3");
         golden.extend([0x00, 0x04, 127, 0x01, 0x04, 127]);
-        let relay = Relay { hops: 3, next: 12, taken: 0x8102, entries: entries.into_iter().collect() };
-        // Two members (6), the way (3), a position (23), data (7 + 2 + 6).
+        let relay = Relay { cost: 25, next: 12, taken: 0x8102, entries: entries.into_iter().collect() };
+        // Two members (6), the way (4), a position (23), data (7 + 2 + 6).
         let relaying = SyncFrame { relay: Some(relay), ..sync_frame(2) };
-        assert_eq!(relaying.room(), 63 - 6 - 3 - 23 - 15);
+        assert_eq!(relaying.room(), 63 - 6 - 4 - 23 - 15);
         round_trip(Message::SyncFrame(relaying), &golden);
         // A gateway with nothing to relay.
-        let relay = Relay { hops: 0, next: 8, taken: 1, entries: Vec::new() };
+        let relay = Relay { cost: 0, next: 8, taken: 1, entries: Vec::new() };
         golden.truncate(42);
-        golden.extend([0x20, 17, 0, 8, 1, 0]);
+        golden.extend([0x20, 17, 0, 0, 8, 1, 0]);
         round_trip(Message::SyncFrame(SyncFrame { relay: Some(relay), ..sync_frame(0) }), &golden);
     }
 

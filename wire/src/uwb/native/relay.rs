@@ -2,7 +2,7 @@
 
 use heapless::Vec;
 
-use super::{PolledPosition, UserData};
+use super::{OWNED_SYNC_SLOTS, PolledPosition, UserData};
 use crate::uwb::{FrameBuffer, FrameError, Reader};
 
 /// The most entries in a sync frame.
@@ -11,12 +11,12 @@ pub const MAX_RELAYED: usize = 2;
 /// What a sync frame says of the way to a gateway: an anchor with a host.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Relay {
-    /// Hops to the nearest gateway, at most [`Relay::MOST_HOPS`]; 0 is a gateway itself.
-    pub hops: u8,
+    /// How far the nearest gateway is: [`Relay::HOP`] for each hop without losses; 0 is a gateway itself.
+    pub cost: u8,
     /// The sync slot of the anchor for which the entries are: the next one on the way. That of a gateway is its own.
     pub next: u8,
     /// Sync slots (bit i: slot i) whose entries the sender has taken. Those of the slots up to the second before its own
-    /// came in this superframe, the others in the one before.
+    /// came in this superframe, the others in the one before. The bit of its own slot says that it takes none now.
     pub taken: u16,
     /// The entries.
     pub entries: Vec<Relayed, MAX_RELAYED>,
@@ -49,25 +49,28 @@ pub enum Carried {
 }
 
 impl Relay {
-    /// The most hops on the air.
-    pub const MOST_HOPS: u8 = 15;
+    /// The cost of a hop without losses.
+    pub const HOP: u8 = 8;
     /// Its length on the air without entries.
-    pub const BYTES: usize = 3;
+    pub const BYTES: usize = 4;
 
     #[inline]
     pub(super) fn parse(reader: &mut Reader<'_>, count: u8) -> Result<Self, FrameError> {
-        let [way, low, high] = reader.take()?;
+        let [cost, next, low, high] = reader.take()?;
+        if usize::from(next) >= OWNED_SYNC_SLOTS {
+            return Err(FrameError::Field);
+        }
         let mut entries = Vec::new();
         for _ in 0..count {
             entries.push(Relayed::parse(reader)?).map_err(|_| FrameError::Field)?;
         }
-        Ok(Self { hops: way >> 4, next: way & 0x0F, taken: u16::from_le_bytes([low, high]), entries })
+        Ok(Self { cost, next, taken: u16::from_le_bytes([low, high]), entries })
     }
 
     #[inline]
     pub(super) fn emit(&self, out: &mut FrameBuffer) {
         let [low, high] = self.taken.to_le_bytes();
-        out.put(&[self.hops.min(Self::MOST_HOPS) << 4 | self.next & 0x0F, low, high]);
+        out.put(&[self.cost, self.next, low, high]);
         self.entries.iter().for_each(|entry| entry.emit(out));
     }
 

@@ -169,6 +169,7 @@ fn sync_frame(slot: u8) -> FrameBuffer {
         layout_is_new: false,
         position: None,
         leased: 0,
+        relay: None,
         leases: Default::default(),
         polls: Default::default(),
         members: [Member { tag: TAG, share: Share::Greedy }].into_iter().collect(),
