@@ -22,7 +22,7 @@ use wire::serial_number::SerialNumber;
 use wire::uwb::native::{Carried, OWNED_SYNC_SLOTS, Poll, Relay, Relayed, SyncFrame};
 
 /// Entries that wait.
-const MAX_WAITING: usize = 32;
+const MAX_WAITING: usize = 20;
 /// An anchor is busy if this many wait: it takes no entries of others, which go another way or wait.
 const BUSY: usize = 8;
 /// An entry is dropped after this many superframes: five seconds at 6.81 Mbit/s.
@@ -43,7 +43,7 @@ const MOST: u8 = u8::MAX;
 /// An anchor that has lost its way says so for this many superframes, until all neighbours know.
 const PAUSE: u8 = 7;
 /// A gateway's last entries: what comes by two ways is reported once.
-const REPORTED_SETS: usize = 64;
+const REPORTED_SETS: usize = 24;
 const REPORTED_IN_SET: usize = 4;
 
 /// What an anchor knows of the way to a gateway, and what waits for it.
@@ -555,14 +555,14 @@ mod tests {
         }
         let waiting: Vec<(u16, u16)> =
             row.anchors[0].queue.iter().map(|waiting| (waiting.entry.tag, waiting.entry.round)).collect();
-        let expected: Vec<_> = (8..40).map(|tag| (0x1000 + tag, if tag == 0x20 { 2 } else { 1 })).collect();
+        let expected: Vec<_> = (20..40).map(|tag| (0x1000 + tag, if tag == 0x20 { 2 } else { 1 })).collect();
         assert_eq!(waiting, expected);
         (0..6).for_each(|_| row.superframe());
         // The gateway was silent for too long. Then it is there again.
         assert_eq!(row.anchors[0].cost, None);
         row.loss = 0.0;
         (0..30).for_each(|_| row.superframe());
-        assert_eq!(row.reported.len(), 32);
+        assert_eq!(row.reported.len(), 20);
         // After five seconds nothing would be left.
         row.poll(0x1001, 3, &[0]);
         row.loss = 1.0;
