@@ -3,7 +3,7 @@
 use core::sync::atomic::{AtomicBool, Ordering};
 
 /// A channel to a host. Writing never waits.
-pub trait Channel {
+pub trait HostChannel {
     /// Writes a whole frame, or nothing if there is no room now. Returns whether it was written.
     fn write(&mut self, frame: &[u8]) -> bool;
 

@@ -26,7 +26,7 @@ pub mod supervision;
 
 pub use counts::Counts;
 pub use event_log::EventLog;
-pub use host::{Channel, Host};
+pub use host::{Host, HostChannel};
 pub use protocol::{AnchorProtocol, TagProtocol};
 pub use reporter::Reporter;
 pub use settings::Settings;

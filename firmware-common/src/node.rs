@@ -13,7 +13,7 @@ use wire::telemetry::{Condition, Crash, CrashReason, Hello, RecordError, ResetCa
 use crate::host::HostWatch;
 use crate::settings::Cipher;
 use crate::supervision::Lit;
-use crate::{Channel, Settings, introduce};
+use crate::{HostChannel, Settings, introduce};
 
 /// The mutex for data that tasks of two priorities share.
 pub type Guard = CriticalSectionRawMutex;
@@ -116,7 +116,7 @@ impl Node {
     pub async fn supervise<D: DelayNs + Clone>(
         self,
         delay: D,
-        channel: impl Channel,
+        channel: impl HostChannel,
         show: impl FnMut(Lit),
         feed: impl FnMut(),
         leave: impl Fn(Crash),
@@ -127,7 +127,7 @@ impl Node {
     async fn watch(
         &self,
         mut delay: impl DelayNs,
-        mut channel: impl Channel,
+        mut channel: impl HostChannel,
         mut show: impl FnMut(Lit),
         mut feed: impl FnMut(),
         leave: impl Fn(Crash),

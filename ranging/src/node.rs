@@ -178,7 +178,6 @@ async fn attempt<R: Restart>(
         }
         event = if slept? { Event::Started } else { Event::Woken };
         now = radio.now().await?;
-        // The radio completed an action without an error.
         *failures = 0;
     }
 }

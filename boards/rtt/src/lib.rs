@@ -3,7 +3,7 @@
 #![no_std]
 #![cfg(target_os = "none")]
 
-use firmware_common::Channel;
+use firmware_common::HostChannel;
 use rtt_target::{ChannelMode, UpChannel, rtt_init, set_defmt_channel};
 
 /// Some twenty log lines, bytes.
@@ -16,7 +16,7 @@ const _: () = assert!(wire::telemetry::MAX_FRAME < TELEMETRY_BYTES);
 /// The channel of telemetry: whole frames, one after the other.
 pub struct TelemetryChannel(UpChannel);
 
-impl Channel for TelemetryChannel {
+impl HostChannel for TelemetryChannel {
     fn write(&mut self, frame: &[u8]) -> bool {
         self.0.write(frame) == frame.len()
     }

@@ -17,7 +17,7 @@ mod timers;
 use baliza_board_rtt::TelemetryChannel;
 use baliza_dw1000::driver::Dw1000;
 use embassy_executor::Spawner;
-use firmware_common::Channel;
+use firmware_common::HostChannel;
 use firmware_common::node::{self, Node};
 use firmware_common::settings::Cipher;
 use qemu_link::{NodeStart, Request};

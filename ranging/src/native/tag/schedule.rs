@@ -116,8 +116,7 @@ impl Tag {
             self.round.set_data(self.data);
         }
         // Who has slots asks for others among the sync frames only.
-        let asks = !is_seldom && !network.joined;
-        let due = if asks { self.due_request(sync_end) } else { None };
+        let due = if !is_seldom && !network.joined { self.due_request(sync_end) } else { None };
         match due.filter(|due| due.rmarker >= sync_end) {
             Some(due) => self.request_among_rounds(due, passed),
             None => self.among_rounds(passed),

@@ -1,38 +1,5 @@
 //! Frames of native mode. All are data frames with 16-bit addresses. The first byte of the payload is the message's
-//! code. The messages have these codes and this payload after the code, with numbers of bytes in parentheses:
-//!
-//! - 30, poll, tag → all: round (2), number of anchors (high nibble) and options (1), the tag's request for the layout
-//!   (1), anchors in slot order (2 each); with option 1, the last distance to each (2 each); with option 2, the tag's
-//!   last position (16): position (9), deviations (1 each), correlations xy, xz, yz (1 each), rounds ago with the highest
-//!   bit set if it is suspect (1); with option 4, data of the tag's user: number (1), length (1), bytes (1 to 24). Such
-//!   a poll names 7 anchors at most, and the first slot for responses stays free.
-//! - 31, response, anchor → tag: low byte of the round (1), the tag's lease (1: 1 renewed, 2 ended), poll RX (5),
-//!   response TX − poll RX (4); if the anchor received the final of an earlier round: low byte of that round (1), final
-//!   RX − response TX (4).
-//! - 32, sync frame, anchor → all: superframe (2), term (1), age (1), hops (1), coordinator (2), slot (low five bits)
-//!   and countdown (high three) (1), slot owners (16), request for slots or request for the layout (3), heard (2),
-//!   version (1), layout (2), position (9), number of members (low five bits), one more than the number of relayed
-//!   entries (next two bits; 0: the sender knows no gateway), with the highest bit set if a request for slots is passed
-//!   on (1), leased round slots (1), numbers of leases (high nibble) and polls (1); if the sender knows a gateway: cost
-//!   of the way to it (1), the next anchor's slot (1), slots whose entries were taken (2), relayed entries (23 each,
-//!   or 10 to 33); members (3 each), leases (6 each), polls (3 each).
-//! - 33, request, tag → all: share (1), the tag's request for the layout (1).
-//! - 34, final, tag → all: round (2).
-//! - 35, challenge, anchor → all: session (4), number (4).
-//!
-//! Frames of a network with a key have 8 more in their code and end with an integrity code (8), see [`integrity_code`].
-//! Their sync frames have the session (4) and the high half of the superframe's number (2) behind the numbers of entries;
-//! with 8 in the number of polls, the answer to a challenge (4) follows. A challenge has always an integrity code.
-//!
-//! Times are in ticks. A distance is in units of 4 mm, signed; 0x8000 is unknown. A position is three times 24 bits,
-//! millimetres, signed; (−2²³, 0, 0) is unknown. A deviation is 0, that of a given height, or the code c for
-//! (16 + c mod 16) · 2^⌊c / 16⌋ / 16 mm, at least the true one; a correlation is in 1/127, signed. A layout is the code of the answer (7 bits) and of receiving again (7
-//! bits), each (16 + c mod 16) · 2^⌊c / 16⌋ µs for the code c. The highest bit of the first byte is set if the layout
-//! is in force only with the list of members, and that of the second if rounds have a final. A tag's request contains
-//! only the second byte. A relayed entry is the tag (2), the round of its poll (2), when the poll came in 1/256 of a
-//! superframe (2), the number of anchors asked, with the highest bit set for data (1), and the position (16) or the data as in the poll.
-//! A lease is the tag (2), the slot with the grant in its high two bits (1), the period (1) and the
-//! phase (2); a poll that is passed on is the tag (2) and its request for the layout (1).
+//! code. `docs/reference/wire-format.md` has the bytes of each message, with the examples that the tests here have.
 
 mod integrity;
 mod lease;

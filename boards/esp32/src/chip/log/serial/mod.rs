@@ -12,7 +12,7 @@ use embassy_executor::Spawner;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embedded_io_async::Write;
-use firmware_common::Channel;
+use firmware_common::HostChannel;
 
 use port::Opened;
 pub use port::Port;
@@ -88,7 +88,7 @@ fn with<T>(f: impl FnOnce(&mut Shared) -> T) -> T {
 /// The channel of telemetry: frames between the lines of the log.
 pub struct TelemetryChannel(());
 
-impl Channel for TelemetryChannel {
+impl HostChannel for TelemetryChannel {
     fn write(&mut self, frame: &[u8]) -> bool {
         let written = with(|shared| {
             shared.is_read = false;
