@@ -1,12 +1,12 @@
 //! How what tags tell in their polls gets from anchor to anchor to a gateway: an anchor whose host reads what it reports.
 //!
-//! Each sync frame says how far the nearest gateway is, and names the next anchor on the way by its sync slot. A hop costs
-//! as many transmissions as it needs in the mean: 1/p² with a share p of sync frames that come, as an entry must arrive, and
-//! the word that it was taken (D. De Couto et al., A high-throughput path metric for multi-hop wireless routing, MobiCom
-//! 2003).
-//! The anchor that a poll names first relays what it carries: the tag names one that answers, and that is near to a gateway.
-//! There are up to two entries in each of its sync frames, until the next anchor says that it has taken them. Each anchor keeps a short queue. It drops what is older
-//! than five seconds, the oldest entry when it is full, and a tag's older position when a newer one comes.
+//! Each sync frame says how far the nearest gateway is, and names the next anchor on the way by its sync slot. A hop
+//! costs as many transmissions as it needs in the mean: 1/p² with a share p of sync frames that come, as an entry must
+//! arrive, and the word that it was taken (D. De Couto et al., A high-throughput path metric for multi-hop wireless
+//! routing, MobiCom 2003). The anchor that a poll names first relays what it carries: the tag names one that answers,
+//! and that is near to a gateway. There are up to two entries in each of its sync frames, until the next anchor says
+//! that it has taken them. Each anchor keeps a short queue. It drops what is older than five seconds, the oldest entry
+//! when it is full, and a tag's older position when a newer one comes.
 //!
 //! No way is a circle: an anchor goes only through neighbours that are nearer to a gateway than it has been itself since
 //! it found a way. If there is none any more, it says for some superframes that it knows no way, so that nobody goes

@@ -175,7 +175,7 @@ fn what_is_passed_on_has_the_time_of_its_poll() {
 }
 
 #[test]
-fn another_anchor_with_a_cable_takes_over_within_two_seconds() {
+fn another_anchor_with_a_cable_takes_over_within_three_seconds() {
     // One more cable at the other end, and the first one's anchor fails.
     let text = include_str!("../../../examples/halls.toml").to_owned() + &fault(30.0, 2, "off");
     let mut scenario = Scenario::parse(&text).expect("the example");
@@ -193,7 +193,7 @@ fn another_anchor_with_a_cable_takes_over_within_two_seconds() {
     });
     let told: HashSet<_> = told.collect();
     let arrived = found.iter().filter(|of| told.contains(of)).count();
-    // From the third second on.
+    // From three seconds on.
     assert!(found.len() > 650 && arrived as f64 > 0.97 * found.len() as f64, "{arrived} of {}", found.len());
 }
 
