@@ -12,6 +12,8 @@
 
 use core::fmt;
 
+use heapless::Vec;
+
 use super::Network;
 use crate::{RadioDuration, RadioInstant};
 use wire::uwb::FrameBuffer;
@@ -21,7 +23,9 @@ use wire::uwb::native::{Challenge, IntegrityCode, Nonce, Session, SyncFrame, spl
 /// with the AES of the board.
 pub type MakeCode = fn(key: &[u8; 16], nonce: &Nonce, parts: [&[u8]; 2]) -> IntegrityCode;
 
-/// The last byte of a nonce that draws a random number. That of a frame is 0.
+/// Senders of a superframe that are remembered: tags that poll in 64 round slots, and those that request some.
+const MAX_OPENED: usize = 96;
+/// The last byte of a nonce that draws a random number. That of a frame is 0, or more than this.
 const DRAWN: u8 = 1;
 
 /// The key of a network, and what a node needs to use it.
@@ -37,8 +41,10 @@ pub struct NetworkKey {
 pub struct Moment {
     /// The session.
     pub session: u32,
-    /// Number of the superframe; of a challenge the number that was drawn.
+    /// Number of the superframe; of a challenge this and the number that was drawn.
     pub superframe: u32,
+    /// Of a request its place in the superframe, of a round its leased slot, 2 and more; else 0.
+    pub place: u8,
 }
 
 /// A poll with a code, as its round refers to it.
@@ -95,6 +101,7 @@ impl NetworkKey {
         }
         nonce[2..6].copy_from_slice(&moment.session.to_le_bytes());
         nonce[6..10].copy_from_slice(&moment.superframe.to_le_bytes());
+        nonce[12] = moment.place;
         (self.make_code)(&self.key, &nonce, [poll, bytes])
     }
 }
@@ -130,7 +137,13 @@ impl Network {
 impl Moment {
     /// A superframe of a session, by the halves of its number.
     pub const fn new(session: u32, epoch: u16, superframe: u16) -> Self {
-        Self { session, superframe: (epoch as u32) << 16 | superframe as u32 }
+        Self { session, superframe: (epoch as u32) << 16 | superframe as u32, place: 0 }
+    }
+
+    /// The moment of a request at this place of the superframe, or of a round in this slot: it counts there only.
+    pub fn at_place(self, place: u16) -> Self {
+        // 0 and 1 are for other frames and for random numbers.
+        Self { place: u8::try_from(place).unwrap_or(u8::MAX).saturating_add(2), ..self }
     }
 
     /// The moment of a sync frame; `None` without a session.
@@ -139,9 +152,39 @@ impl Moment {
         Some(Self::new(number, epoch, sync_frame.superframe))
     }
 
-    /// The moment of a challenge.
-    pub fn of_challenge(challenge: &Challenge) -> Self {
-        Self { session: challenge.session, superframe: challenge.number }
+    /// The moment of a challenge that is sent in this superframe of its session.
+    pub fn of_challenge(challenge: &Challenge, superframe: u32) -> Self {
+        Self { session: challenge.session, superframe: challenge.number ^ superframe, place: 0 }
+    }
+}
+
+/// Who has sent frames with a right code in a superframe. A sender counts its frames: one that comes again, or after a later
+/// one, is recorded.
+#[derive(Clone, Debug, Default)]
+pub struct Opened {
+    moment: Option<Moment>,
+    /// Each sender and its last sequence number.
+    senders: Vec<(u16, u8), MAX_OPENED>,
+}
+
+impl Opened {
+    /// Whether a frame of this superframe comes again, or after a later one of its sender.
+    pub fn is_repeated(&mut self, moment: Moment, sender: u16, sequence: u8) -> bool {
+        if self.moment != Some(moment) {
+            self.moment = Some(moment);
+            self.senders.clear();
+        }
+        if let Some((_, last)) = self.senders.iter_mut().find(|(known, _)| *known == sender) {
+            let is_later = sequence.wrapping_sub(*last) as i8 > 0;
+            *last = if is_later { sequence } else { *last };
+            return !is_later;
+        }
+        if self.senders.is_full() {
+            self.senders.remove(0);
+        }
+        // There is a place now.
+        let _ = self.senders.push((sender, sequence));
+        false
     }
 }
 
@@ -183,8 +226,8 @@ pub struct Challenger {
     silent: Option<u32>,
     /// Other sessions were received since.
     others_wait: bool,
-    /// When the next challenge leaves.
-    due: Option<RadioInstant>,
+    /// When the next challenge leaves, and in which superframe of the session.
+    due: Option<(RadioInstant, u32)>,
     /// The session that has answered.
     live: Option<u32>,
     /// The number that this anchor is to repeat.
@@ -200,9 +243,9 @@ impl Challenger {
     }
 
     /// A sync frame of another session than the own one was received at `now`. Returns whether that session is there; if
-    /// this is not known, a challenge is due at `at`.
+    /// this is not known, a challenge is due at the instant `at`, in this superframe of the session.
     #[cold]
-    pub fn is_live(&mut self, key: &NetworkKey, session: &Session, now: RadioInstant, at: RadioInstant) -> bool {
+    pub fn is_live(&mut self, key: &NetworkKey, session: &Session, now: RadioInstant, at: (RadioInstant, u32)) -> bool {
         if self.live == Some(session.number) {
             return true;
         }
@@ -241,13 +284,13 @@ impl Challenger {
 
     /// When the next challenge leaves.
     pub fn due(&self) -> Option<RadioInstant> {
-        self.due
+        self.due.map(|(at, _)| at)
     }
 
-    /// The challenge that is due, and when it leaves. It is due no more.
-    pub fn take(&mut self) -> Option<(Challenge, RadioInstant)> {
-        let at = self.due.take()?;
-        self.asked.map(|(challenge, _)| (challenge, at))
+    /// The challenge that is due, when it leaves, and in which superframe of the session. It is due no more.
+    pub fn take(&mut self) -> Option<(Challenge, RadioInstant, u32)> {
+        let (at, superframe) = self.due.take()?;
+        self.asked.map(|(challenge, _)| (challenge, at, superframe))
     }
 
     /// Another anchor asks for the own session.
@@ -273,7 +316,7 @@ mod tests {
     use wire::uwb::BROADCAST;
     use wire::uwb::native::{Frame, Message, software_code};
 
-    const MOMENT: Moment = Moment { session: 0x0102_0304, superframe: 0x0506_0708 };
+    const MOMENT: Moment = Moment::new(0x0102_0304, 0x0506, 0x0708);
 
     fn network(key: u8) -> Network {
         let key = Some(NetworkKey::new([key; 16], 1, software_code));
@@ -337,33 +380,54 @@ mod tests {
     }
 
     #[test]
+    fn a_frame_counts_once_in_its_superframe() {
+        let mut opened = Opened::default();
+        let next = Moment { superframe: MOMENT.superframe + 1, ..MOMENT };
+        let frames = [(1, 5), (2, 255), (1, 7), (2, 0), (2, 0), (2, 255), (1, 6)];
+        let repeated = frames.map(|(sender, sequence)| opened.is_repeated(MOMENT, sender, sequence));
+        assert_eq!(repeated, [false, false, false, false, true, true, true]);
+        assert!(!opened.is_repeated(next, 2, 5));
+        // More than fit: the oldest are forgotten.
+        (0..MAX_OPENED as u16).for_each(|sender| assert!(!opened.is_repeated(next, 0x1000 + sender, 0)));
+        assert!(opened.is_repeated(next, 0x1000, 0) && !opened.is_repeated(next, 2, 5));
+        let network = network(7);
+        let challenge = Challenge { session: MOMENT.session, number: 0x0102_0304 };
+        let of = |superframe| Moment::of_challenge(&challenge, superframe);
+        let mut out = FrameBuffer::new();
+        let message = Message::Challenge(challenge);
+        Frame { sequence: 3, pan: 1, destination: BROADCAST, source: 0x0405, message }.emit(&mut out);
+        network.key.as_ref().unwrap().seal(&mut out, of(9));
+        assert!(network.open(out.bytes(), Some(of(9))).is_ok() && network.open(out.bytes(), Some(of(10))).is_err());
+    }
+
+    #[test]
     fn sessions_are_asked_one_after_the_other() {
         let key = NetworkKey::new([7; 16], 1, software_code);
         let session = |number, answer| Session { number, epoch: 0, answer };
         let at = |ms: u32| RadioInstant::from_ticks(0).plus(RadioDuration::from_micros(ms * 1_000));
         let mut challenger = Challenger::default();
-        assert!(!challenger.is_live(&key, &session(1, None), at(0), at(20)));
+        assert!(!challenger.is_live(&key, &session(1, None), at(0), (at(20), 7)));
         assert_eq!(challenger.due(), Some(at(20)));
-        let (first, first_at) = challenger.take().unwrap();
-        assert_eq!((first.session, first_at, challenger.due()), (1, at(20), None));
+        let (first, first_at, superframe) = challenger.take().unwrap();
+        assert_eq!((first.session, first_at, superframe, challenger.due()), (1, at(20), 7, None));
         // The other session waits, and a wrong number is no answer.
-        assert!(!challenger.is_live(&key, &session(2, None), at(50), at(70)));
-        assert!(!challenger.is_live(&key, &session(1, Some(first.number ^ 1)), at(100), at(120)));
+        assert!(!challenger.is_live(&key, &session(2, None), at(50), (at(70), 7)));
+        assert!(!challenger.is_live(&key, &session(1, Some(first.number ^ 1)), at(100), (at(120), 7)));
         assert!(challenger.is_waiting(at(1_900)) && !challenger.is_waiting(at(2_001)));
         // After two seconds it is the other's turn, and the first does not come between.
-        assert!(!challenger.is_live(&key, &session(1, None), at(2_100), at(2_120)));
-        assert!(!challenger.is_live(&key, &session(2, None), at(2_150), at(2_170)));
-        let (second, _) = challenger.take().unwrap();
+        assert!(!challenger.is_live(&key, &session(1, None), at(2_100), (at(2_120), 7)));
+        assert!(!challenger.is_live(&key, &session(2, None), at(2_150), (at(2_170), 7)));
+        let (second, ..) = challenger.take().unwrap();
         assert_eq!(second.session, 2);
         assert_ne!(second.number, first.number);
-        assert!(challenger.is_live(&key, &session(2, Some(second.number)), at(2_200), at(2_220)));
-        assert!(challenger.is_live(&key, &session(2, None), at(2_300), at(2_320)));
+        assert!(challenger.is_live(&key, &session(2, Some(second.number)), at(2_200), (at(2_220), 7)));
+        assert!(challenger.is_live(&key, &session(2, None), at(2_300), (at(2_320), 7)));
         // Who has been asked in vain before has less time.
-        assert!(!challenger.is_live(&key, &session(1, None), at(2_400), at(2_420)));
-        assert!(!challenger.is_live(&key, &session(3, None), at(2_500), at(2_520)));
-        assert!(!challenger.is_live(&key, &session(3, None), at(2_701), at(2_720)));
+        assert!(!challenger.is_live(&key, &session(1, None), at(2_400), (at(2_420), 7)));
+        assert!(!challenger.is_live(&key, &session(3, None), at(2_500), (at(2_520), 7)));
+        assert!(!challenger.is_live(&key, &session(3, None), at(2_701), (at(2_720), 7)));
         challenger.take();
-        assert!(!challenger.is_live(&key, &session(3, None), at(2_800), at(2_820)));
-        assert_eq!(challenger.take().map(|(challenge, _)| challenge.session), Some(3));
+        assert!(!challenger.is_live(&key, &session(3, None), at(2_800), (at(2_820), 7)));
+        assert_eq!(challenger.take().map(|(challenge, ..)| challenge.session), Some(3));
     }
 }

@@ -33,15 +33,14 @@ use super::election::{Choice, Election};
 use super::enrolment::Enrolment;
 use super::layout_requests::LayoutRequests;
 use super::leases::Leases;
-use super::plan::most_leased;
 use super::spread;
 use super::superframes::Superframes;
 use super::timing::{HOLDOVER_SUPERFRAMES, Network, SHARED_SLOTS, Timing};
 use super::uplink::Uplink;
-use crate::RadioInstant;
 use crate::exchange::Link;
+use crate::{RadioDuration, RadioInstant};
 use wire::uwb::layout::Layout;
-use wire::uwb::native::{Confirmation, MAX_RELAYED, Member, OWNED_SYNC_SLOTS, Position, Share, SyncFrame};
+use wire::uwb::native::{Confirmation, Member, OWNED_SYNC_SLOTS, Position, Share, SyncFrame};
 
 /// If the coordinator's last message is older than this many superframes, and two more for each hop, the coordinator is
 /// gone.
@@ -177,9 +176,14 @@ impl Coordinator {
     ) -> FollowUpdate {
         self.advance(network, leases, rx_time);
         let in_step = self.course.in_step(sync_frame, rx_time);
+        let is_deaf = u16::from(self.election.age) > HOLDOVER_SUPERFRAMES && !self.coordinates();
+        // A recorded one would give a wrong time. One that comes late for seconds is another's.
+        let may_be_recorded = is_deaf && self.election.age <= UNCONFIRMED;
+        if may_be_recorded && self.course.is_delayed(RadioDuration::ZERO, sync_frame, rx_time) {
+            return FollowUpdate::Ignored;
+        }
         let is_the_same = (sync_frame.term, sync_frame.coordinator) == (self.election.term, self.election.coordinator);
         if is_the_same && in_step.is_none() {
-            let is_deaf = u16::from(self.election.age) > HOLDOVER_SUPERFRAMES && !self.coordinates();
             let followed = is_deaf && self.begin_anew(network, leases, source, sync_frame, rx_time);
             return if followed { FollowUpdate::Followed } else { FollowUpdate::Ignored };
         }
@@ -347,10 +351,10 @@ impl Coordinator {
         let heard = core::mem::take(&mut self.heard_members);
         let round_slots =
             if layout == timing.layout { timing.round_slots } else { Timing::of(network, layout).round_slots };
-        let most = most_leased(round_slots);
         self.enrolment.take_leases(|tag, period| leases.request(tag, period, phase.number, true));
-        leases.grant(phase.number, membership.leased().unwrap_or(0), most);
         let others_use_them = !membership.members().is_empty() || self.enrolment.is_awaited();
+        let most = leases.most_slots(round_slots, others_use_them);
+        leases.grant(phase.number, membership.leased().unwrap_or(0), most);
         let leased = leases.wanted_slots(membership.newest().leased, most, others_use_them);
         self.enrolment.renew(membership, leased, layout, heard, begun, phase.number);
         if membership.layout() != before {
@@ -474,14 +478,11 @@ impl Coordinator {
             leases: Default::default(),
             polls: Default::default(),
         };
-        let is_own = usize::from(slot) < OWNED_SYNC_SLOTS;
-        // One entry has room in any case, the second behind the news.
-        for most in 1..=MAX_RELAYED {
-            if is_own {
-                uplink.fill(&mut sync_frame, most);
-            }
-            leases.fill(&mut sync_frame);
+        if usize::from(slot) < OWNED_SYNC_SLOTS {
+            uplink.fill(&mut sync_frame, self.coordinates());
         }
+        leases.news.fill(&mut sync_frame);
+        uplink.fill_rest(&mut sync_frame);
         (sync_frame, takes_over)
     }
 }

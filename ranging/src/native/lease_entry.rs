@@ -141,13 +141,15 @@ pub struct Waiting {
     pub insists: bool,
 }
 
-/// The phase of a turn in this slot that meets none of these leases, the first from superframe `from` on. Turns with the same
-/// remainder of ten, five or two as others come first: so remainders stay free for turns that come more often.
-pub fn free_phase(entries: &[Entry], slot: u8, period: Period, from: u16) -> Option<u16> {
+/// The phase of a tag's turn in this slot that meets none of these leases, but for one of its own with more turns; the
+/// first from superframe `from` on. Turns with the same remainder of ten, five or two as others come first: so remainders
+/// stay free for turns that come more often.
+pub fn free_phase(entries: &[Entry], (tag, slot): (u16, u8), period: Period, from: u16) -> Option<u16> {
     let mut taken = [0_u64; Period::MOST.div_ceil(u64::BITS as u16) as usize];
     let mut remainders = [(10, 0_u16), (5, 0), (2, 0), (1, 1)];
     let length = period.superframes();
-    for entry in entries.iter().filter(|entry| entry.turn.slot == slot) {
+    let is_replaced = |entry: &Entry| entry.tag == tag && entry.turn.period.superframes() < length;
+    for entry in entries.iter().filter(|entry| entry.turn.slot == slot && !is_replaced(entry)) {
         let step = period.common_with(entry.turn.period);
         for phase in (entry.turn.phase % step..length).step_by(step.into()) {
             taken[usize::from(phase / 64)] |= 1 << (phase % 64);

@@ -6,7 +6,8 @@
 //! gives its turns away, and no turn has two owners. A new lease is on probation until its first poll: a request costs a
 //! single frame, so tags that do not exist must not keep turns.
 //!
-//! A tag may have two leases, while it changes from one period to another. A lease that its tag gives back ends only if
+//! A tag may have two leases, while it changes from one period to another. The turns of the rarer one may be some of the
+//! other's: so it can give turns back in a full network, too. A lease that its tag gives back ends only if
 //! it does not poll in its turns any more: anybody can send a tag's request.
 //!
 //! A full network is shared in turn: while tags wait, up to one lease in eight is ended at a time, those that have lasted
@@ -16,11 +17,13 @@
 //! A new coordinator goes on with its replica. What it has missed it may grant twice: then polls collide, neither lease
 //! is renewed, and both tags ask again.
 
-use heapless::{Deque, Vec};
+use heapless::Vec;
 
 use super::lease_entry::{
     Entry, GRANTED_SUPERFRAMES, RELAYED_SUPERFRAMES, Standing, Survey, Waiting, free_phase, term,
 };
+use super::lease_news::LeaseNews;
+use super::plan::most_leased;
 use super::spread;
 use wire::uwb::layout::Layout;
 use wire::uwb::native::{Confirmation, Grant, Lease, LeasedPoll, Period, SyncFrame, Turn};
@@ -29,16 +32,11 @@ use wire::uwb::native::{Confirmation, Grant, Lease, LeasedPoll, Period, SyncFram
 const MAX_KNOWN: usize = 1024;
 /// From a grant to the first turn: the entry is repeated, and relayed.
 const NOTICE: u16 = 4;
-/// Sync frames that contain a new lease, one that is kept, a refusal, and the end of a lease.
-const REPETITIONS: [u8; 4] = [2, 1, 2, 3];
 /// Leases on probation at a time weigh no more than this. One of whole slots weighs 100, one of a slot in n superframes
 /// the n-th part, but at least 2: so 10, or 100 with a turn in ten superframes, or 500 with few turns.
 const MAX_ON_PROBATION: u16 = 1000;
 /// Tags that wait for a lease.
 const MAX_WAITING: usize = 128;
-/// Entries that wait for a sync frame, and polls that do.
-const MAX_OUTGOING: usize = 64;
-const MAX_PASSED_ON: usize = 32;
 /// Most polls are passed on within this many superframes.
 const PASSED_ON_WITHIN: u16 = 4;
 /// A superframe's work is bounded: leases that are looked over, and slots that are searched for a free turn.
@@ -55,9 +53,8 @@ pub struct Leases {
     /// By tag; a tag may have two.
     entries: Vec<Entry, MAX_KNOWN>,
     on_probation: u16,
-    /// Entries for the next sync frames, and how often.
-    outgoing: Deque<(Lease, u8), MAX_OUTGOING>,
-    polls: Deque<LeasedPoll, MAX_PASSED_ON>,
+    /// For the next sync frames.
+    pub news: LeaseNews,
     /// Those that have asked again come first: a request costs a single frame, and invented tags are many.
     waiting: Vec<Waiting, MAX_WAITING>,
     /// The one that waits for whom a turn is searched, the slot that is searched next, and how many were searched.
@@ -83,8 +80,7 @@ impl Leases {
         Self {
             entries: Vec::new(),
             on_probation: 0,
-            outgoing: Deque::new(),
-            polls: Deque::new(),
+            news: LeaseNews::new(),
             waiting: Vec::new(),
             turn_of: 0,
             cursor: 0,
@@ -101,8 +97,7 @@ impl Leases {
     /// Another network is followed. In place: the table is large.
     pub fn clear(&mut self) {
         self.entries.clear();
-        self.outgoing.clear();
-        self.polls.clear();
+        self.news.clear();
         self.waiting.clear();
         self.on_probation = 0;
         self.search_anew(0);
@@ -115,13 +110,25 @@ impl Leases {
         self.known.wish.max(self.survey.wish)
     }
 
+    /// How many of these round slots may be leased. As long as nobody is listed, one is left for requests. Else an eighth
+    /// is left to the list of members, unless there are leases in it already: these stay.
+    pub fn most_slots(&self, round_slots: u8, others_use_them: bool) -> u8 {
+        let all = round_slots.saturating_sub(1);
+        if others_use_them { most_leased(round_slots).max(self.used_slots()).min(all) } else { all }
+    }
+
+    /// Slots up to the highest one with a lease.
+    fn used_slots(&self) -> u8 {
+        self.known.slots.max(self.survey.slots)
+    }
+
     /// How many slots are to be leased of at most `most`: all that can be as long as no other tag uses them, else as
     /// many as are needed. `now` are leased.
     pub fn wanted_slots(&self, now: u8, most: u8, others_use_them: bool) -> u8 {
         if !others_use_them {
             return most;
         }
-        let needed = if self.is_cramped { now + 1 } else { self.known.slots.max(self.survey.slots) };
+        let needed = if self.is_cramped { now + 1 } else { self.used_slots() };
         needed.min(most)
     }
 
@@ -130,6 +137,13 @@ impl Leases {
         let begin = self.entries.partition_point(|entry| entry.tag < tag);
         let count = self.entries.iter().skip(begin).take_while(|entry| entry.tag == tag).count();
         begin..begin + count
+    }
+
+    /// The lease of a tag for which a poll counts that may have come in these turns: of two, one may be old, or made by a
+    /// forged request, and it is the one with fewer turns.
+    fn rarest(&self, tag: u16, is_in: impl Fn(Turn) -> bool) -> Option<usize> {
+        let candidates = self.range_of(tag).filter(|&place| is_in(self.entries[place].turn));
+        candidates.max_by_key(|&place| self.entries[place].turn.period.superframes())
     }
 
     /// Whether a tag has a lease.
@@ -178,22 +192,6 @@ impl Leases {
         }
     }
 
-    /// Puts an entry into the next sync frames. Returns false if there is no room.
-    fn announce(&mut self, lease: Lease) -> bool {
-        self.outgoing.push_back((lease, REPETITIONS[lease.grant as usize])).is_ok()
-    }
-
-    fn is_announced(&self, lease: &Lease) -> bool {
-        self.outgoing.iter().any(|(known, _)| known == lease)
-    }
-
-    /// The same, unless the next sync frames contain it already.
-    fn announce_once(&mut self, lease: Lease) {
-        if !self.is_announced(&lease) {
-            self.announce(lease);
-        }
-    }
-
     /// The coordinator knows of a poll. Returns whether it renews the lease.
     fn note_poll(&mut self, place: usize, number: u16) -> bool {
         let Some(entry) = self.entries.get_mut(place).filter(|entry| entry.is_due(number)) else { return false };
@@ -202,7 +200,7 @@ impl Leases {
             return false;
         }
         let lease = entry.lease(Grant::Kept);
-        let is_announced = self.announce(lease);
+        let is_announced = self.news.announce(lease);
         if is_announced {
             self.renew(place, number);
         }
@@ -212,10 +210,10 @@ impl Leases {
     /// A tag polled in this slot of superframe `number`. Returns what this anchor knows of its lease; the coordinator
     /// renews it now, other anchors pass the poll on.
     pub fn on_poll(&mut self, tag: u16, slot: u8, wish: u8, number: u16, coordinates: bool) -> Confirmation {
-        let range = self.range_of(tag);
-        let mut of_tag = self.entries.iter_mut().enumerate().take(range.end).skip(range.start);
-        let in_turn = of_tag.find(|(_, entry)| entry.turn.slot == slot && entry.turn.is_in(number));
-        let Some((place, entry)) = in_turn else { return Confirmation::None };
+        let in_turn = self.rarest(tag, |turn| turn.slot == slot && turn.is_in(number));
+        let Some((place, entry)) = in_turn.and_then(|place| Some((place, self.entries.get_mut(place)?))) else {
+            return Confirmation::None;
+        };
         (entry.wish, entry.is_heard) = (wish, true);
         let confirmation = match entry.standing {
             Standing::Proven if entry.age(number) <= term(entry.turn.period) => Confirmation::Renewed,
@@ -227,16 +225,9 @@ impl Leases {
             return Confirmation::Renewed;
         }
         if !coordinates && is_due {
-            self.pass_on(LeasedPoll { tag, wish });
+            self.news.pass_on(LeasedPoll { tag, wish });
         }
         confirmation
-    }
-
-    /// Without room for it the tag's next poll is passed on.
-    fn pass_on(&mut self, poll: LeasedPoll) {
-        if !self.polls.iter().any(|known| known.tag == poll.tag) {
-            let _ = self.polls.push_back(poll);
-        }
     }
 
     /// An anchor passes on a tag's poll.
@@ -246,16 +237,12 @@ impl Leases {
         if !coordinates {
             // Anybody can pass polls on that the coordinator does not need.
             if self.entries[range].iter().any(|entry| entry.is_due(number)) {
-                self.pass_on(poll);
+                self.news.pass_on(poll);
             }
             return;
         }
-        // One of two leases may be old, or made by a forged request. The poll counts for the one with fewer turns, if it
-        // came in one of them.
         let came_in = |turn: Turn| (0..=PASSED_ON_WITHIN).any(|ago| turn.is_in(number.wrapping_sub(ago)));
-        let candidates = range.clone().filter(|&place| came_in(self.entries[place].turn));
-        let rarest = candidates.max_by_key(|&place| self.entries[place].turn.period.superframes());
-        if let Some(place) = rarest.or(range.last()) {
+        if let Some(place) = self.rarest(poll.tag, came_in).or(range.last()) {
             self.entries[place].wish = poll.wish;
             self.note_poll(place, number);
         }
@@ -282,7 +269,7 @@ impl Leases {
                     self.set_standing(place, Standing::Ending);
                     is_news
                 }
-                (Grant::Refused, ..) => !self.is_announced(lease),
+                (Grant::Refused, ..) => !self.news.is_announced(lease),
                 (_, None, _) => {
                     self.forget_unproven(lease.tag);
                     self.make_room(lease.tag, number);
@@ -304,7 +291,7 @@ impl Leases {
                 (Grant::Kept, Some(_), None) => false,
             };
             if is_news {
-                let _ = self.announce(*lease);
+                let _ = self.news.announce(*lease);
             }
         }
     }
@@ -340,7 +327,7 @@ impl Leases {
             entry.made = number;
             // Anchors that missed a renewal, or were told of a false end, learn of it.
             let lease = entry.lease(if entry.standing == Standing::Proven { Grant::Kept } else { Grant::New });
-            self.announce_once(lease);
+            self.news.announce_once(lease);
             return;
         }
         self.wait(tag, period, number, is_passed_on);
@@ -415,7 +402,7 @@ impl Leases {
         };
         for place in self.range_of(tag) {
             let lease = self.entries[place].lease(Grant::Ended);
-            if self.entries[place].standing == Standing::Proven && self.announce(lease) {
+            if self.entries[place].standing == Standing::Proven && self.news.announce(lease) {
                 self.set_standing(place, Standing::Ending);
             }
         }
@@ -436,7 +423,7 @@ impl Leases {
                 self.turn_of = 0;
                 return;
             };
-            if self.on_probation >= MAX_ON_PROBATION || self.outgoing.is_full() {
+            if self.on_probation >= MAX_ON_PROBATION || self.news.is_full() {
                 self.is_cramped = false;
                 return;
             }
@@ -450,14 +437,14 @@ impl Leases {
                 return;
             }
             let slot = if self.cursor < slots { self.cursor } else { 0 };
-            match free_phase(&self.entries, slot, period, number.wrapping_add(NOTICE)) {
+            match free_phase(&self.entries, (tag, slot), period, number.wrapping_add(NOTICE)) {
                 Some(phase) => {
                     self.waiting.remove(self.turn_of);
                     (self.cursor, self.searched, self.is_cramped) = (slot, 0, false);
                     self.forget_unproven(tag);
                     let turn = Turn { slot, period, phase };
                     if self.insert(tag, turn, Standing::Probation, number).is_some() {
-                        self.announce(Lease { tag, turn, grant: Grant::New });
+                        self.news.announce(Lease { tag, turn, grant: Grant::New });
                     }
                 }
                 None => (self.cursor, self.searched) = (slot + 1, self.searched + 1),
@@ -472,22 +459,10 @@ impl Leases {
         self.announce_refusal(tag, period);
     }
 
+    /// A tag that is not told asks again.
     fn announce_refusal(&mut self, tag: u16, period: Period) {
-        self.announce_once(Lease { tag, turn: Turn { slot: 0, period, phase: 0 }, grant: Grant::Refused });
-    }
-
-    /// Fills a sync frame with what fits into it.
-    pub fn fill(&mut self, sync_frame: &mut SyncFrame) {
-        for _ in 0..self.polls.len().min(sync_frame.room_for_news().1) {
-            // As many as fit.
-            let _ = self.polls.pop_front().map(|poll| sync_frame.polls.push(poll));
-        }
-        for _ in 0..self.outgoing.len().min(sync_frame.room_for_news().0) {
-            let Some((lease, times)) = self.outgoing.pop_front() else { return };
-            let _ = sync_frame.leases.push(lease);
-            if times > 1 {
-                let _ = self.outgoing.push_back((lease, times - 1));
-            }
+        if self.news.has_room_for_refusals() {
+            self.news.announce_once(Lease { tag, turn: Turn { slot: 0, period, phase: 0 }, grant: Grant::Refused });
         }
     }
 }
@@ -525,10 +500,10 @@ mod tests {
             self.relay.look_over(self.number, self.slots);
             self.coordinator.grant(self.number, self.slots, self.slots);
             let mut sync_frame = self.at();
-            self.coordinator.fill(&mut sync_frame);
+            self.coordinator.news.fill(&mut sync_frame);
             self.relay.learn(&sync_frame);
             let mut relayed = self.at();
-            self.relay.fill(&mut relayed);
+            self.relay.news.fill(&mut relayed);
             self.coordinator.on_passed_polls(&relayed, true);
             sync_frame
         }
@@ -773,10 +748,67 @@ mod tests {
             leases.look_over(number, slots);
             leases.grant(number, slots, 26);
             slots = leases.wanted_slots(slots, 26, true);
-            leases.outgoing.clear();
+            leases.news.clear();
         }
         // 25 tenths.
         assert_eq!((slots, leases.entries.len()), (3, 25));
+    }
+
+    #[test]
+    fn one_round_slot_is_left_where_nobody_is_listed_and_an_eighth_where_somebody_is() {
+        let mut leases = Leases::new();
+        // 26 less 26 / 8, rounded up.
+        assert_eq!([false, true].map(|others| leases.most_slots(26, others)), [25, 22]);
+        // 24 slots of ten turns. A tag that is listed then takes none of them away.
+        (0..240).for_each(|tag| {
+            leases.request(tag, Period::at_most(10), 0, false);
+            (1..20).for_each(|number| {
+                leases.grant(number, 25, 25);
+                leases.news.clear();
+            });
+            leases.entries.iter_mut().for_each(|entry| entry.standing = Standing::Proven);
+            leases.on_probation = 0;
+        });
+        (0..20).for_each(|_| leases.look_over(20, 25));
+        assert_eq!(leases.entries.len(), 240);
+        assert_eq!([false, true].map(|others| leases.most_slots(26, others)), [25, 24]);
+        assert_eq!(leases.wanted_slots(25, leases.most_slots(26, true), true), 24);
+        assert_eq!([0, 1, 2].map(|slots| leases.most_slots(slots, true)), [0, 0, 1]);
+    }
+
+    #[test]
+    fn in_a_full_network_a_tag_gives_turns_back_within_its_own() {
+        // Tag 1 has every other turn of the only slot, five others have the rest, and three wait.
+        let mut network = Network::new(1);
+        network.request(1, 2);
+        let mut wanted = 2;
+        for since in 0..900 {
+            network.superframe();
+            if since == 20 {
+                (2..=9).for_each(|tag| network.request(tag, 10));
+            }
+            if since == 300 {
+                assert_eq!(network.turns().len(), 6);
+                wanted = 10;
+                network.request(1, 10);
+            }
+            let turns = network.turns();
+            let rarest =
+                |tag| turns.iter().filter(|(of, _)| *of == tag).map(|(_, turn)| turn.period.superframes()).max();
+            for &(tag, turn) in &turns {
+                let uses = tag != 1 || turn.period.superframes() == wanted || rarest(1) == Some(2);
+                if uses && turn.is_in(network.number) {
+                    network.coordinator.on_poll(tag, turn.slot, 0, network.number, true);
+                }
+            }
+            if since > 300 && since % 50 == 0 {
+                let without: Vec<u16> = (7..=9).filter(|tag| !network.coordinator.has(*tag)).collect();
+                without.into_iter().for_each(|tag| network.request(tag, 10));
+            }
+        }
+        let turns = network.turns();
+        assert_eq!(turns.iter().map(|(tag, _)| *tag).collect::<Vec<_>>(), (1..=9).collect::<Vec<_>>(), "{turns:?}");
+        assert!(turns.iter().all(|(_, turn)| turn.period.superframes() == 10), "{turns:?}");
     }
 
     #[test]

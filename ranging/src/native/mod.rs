@@ -35,6 +35,7 @@ mod election;
 mod enrolment;
 mod layout_requests;
 mod lease_entry;
+mod lease_news;
 mod leases;
 mod own_lease;
 mod pace;

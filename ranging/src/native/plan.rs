@@ -311,8 +311,9 @@ pub fn share_of(rate: Rate, timing: &Timing) -> Share {
         Rate::Greedy => Share::Greedy,
         Rate::Every(period) => {
             let (period, superframe) = (period.ticks().max(1), timing.superframe.ticks());
-            // At least as often as requested: slots rounded up, superframes down.
-            match u16::try_from(period / superframe).unwrap_or(u16::MAX) {
+            // At least as often as requested, but for a sixteenth: slots rounded up, superframes down. Superframes last
+            // somewhat longer while nodes measure how quick they are.
+            match u16::try_from((period + period / 16) / superframe).unwrap_or(u16::MAX) {
                 0 => Share::Slots(((superframe + period - 1) / period).min(126) as u8),
                 superframes => Share::OneIn(Period::at_most(superframes)),
             }

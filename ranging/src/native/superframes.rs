@@ -7,6 +7,9 @@ use crate::{RadioDuration, RadioInstant};
 use wire::uwb::layout::Layout;
 use wire::uwb::native::{Session, SyncFrame};
 
+/// Superframes after which instants cannot be ordered any more, or soon: 8.6 s of 100 ms.
+const LONG_AGO: i32 = 50;
+
 /// The course of superframes as a node knows it.
 #[derive(Clone, Debug)]
 pub struct Superframes {
@@ -101,9 +104,44 @@ impl Superframes {
 
     /// The same for the superframe of an instant in this superframe or the one before.
     pub fn moment_at(&self, instant: RadioInstant) -> Option<Moment> {
-        let Moment { session, superframe } = self.moment()?;
+        let moment = self.moment()?;
         let is_before = instant.since(self.phase.start) < RadioDuration::ZERO;
-        Some(Moment { session, superframe: superframe.wrapping_sub(is_before.into()) })
+        Some(Moment { superframe: moment.superframe.wrapping_sub(is_before.into()), ..moment })
+    }
+
+    /// The same for a frame of a round whose first pulse comes at this instant: in a leased slot it counts there only.
+    pub fn moment_of_round(&self, pulse: RadioInstant) -> Option<Moment> {
+        let moment = self.moment_at(pulse)?;
+        let leased = self.membership.in_force().map_or(0, |plan| plan.leased);
+        let slot = self.round_slot_at(pulse).map(|(_, slot)| slot).filter(|slot| *slot < leased);
+        Some(slot.map_or(moment, |slot| moment.at_place(slot.into())))
+    }
+
+    /// From which round slot on there are places for requests: nobody polls in those that are not leased if nobody is
+    /// listed.
+    pub fn requests_from(&self) -> u8 {
+        let plan = self.membership.in_force().filter(|plan| plan.members.is_empty());
+        plan.map_or(self.timing.round_slots, |plan| plan.leased.min(self.timing.round_slots))
+    }
+
+    /// The place of a request that arrived at an instant of this superframe or the one before: first those of the shared
+    /// sync slots, then those of round slots.
+    pub fn request_place_at(&self, rx_time: RadioInstant) -> Option<u16> {
+        let timing = &self.timing;
+        let passed = rx_time.since(self.phase.start).ticks();
+        let passed = if passed < 0 { passed + timing.superframe.ticks() } else { passed };
+        let (shared, begin) = (u16::from(timing.request_slots), self.requests_from());
+        let regions = [
+            (0, timing.request(0), shared),
+            (shared, timing.request_from_round_slot(begin, 0), timing.requests_from_round_slot(begin)),
+        ];
+        // The chip has no 64-bit division.
+        let slot = (timing.request_slot.ticks() >> 8) as i32;
+        regions.into_iter().find_map(|(before, first, places)| {
+            let after = ((passed - first.ticks()) >> 8) as i32 + slot / 2;
+            let place = u16::try_from(after.div_euclid(slot.max(1))).ok()?;
+            (place < places).then_some(before + place)
+        })
     }
 
     /// What a sync frame of this superframe says of the session. It repeats `answer`.
@@ -113,8 +151,10 @@ impl Superframes {
 
     /// An instant in this superframe or the one before, in 1/256 of a superframe, wrapping.
     pub fn of_256th(&self, instant: RadioInstant) -> u16 {
-        let into = instant.since(self.phase.start).ticks() * 256;
-        (i64::from(self.phase.number) * 256 + into.div_euclid(self.timing.superframe.ticks())) as u16
+        // The chip has no 64-bit division.
+        let into = (instant.since(self.phase.start).ticks() >> 8) as i32;
+        let superframe = (self.timing.superframe.ticks() >> 16) as i32;
+        (self.phase.number << 8).wrapping_add(into.div_euclid(superframe.max(1)) as u16)
     }
 
     /// The superframe and the round slot of an instant in this superframe or the one before, if it is in a round slot.
@@ -129,6 +169,22 @@ impl Superframes {
         let into = passed - self.timing.rounds().ticks();
         let slot = u8::try_from(into.div_euclid(self.timing.round_slot.ticks())).ok()?;
         Some((number, slot))
+    }
+
+    /// Whether a sync frame of the own session, which nobody can forge, comes later than by this clock, which may be off by
+    /// `uncertainty`: it was repeated.
+    pub fn is_delayed(&self, uncertainty: RadioDuration, sync_frame: &SyncFrame, rx_time: RadioInstant) -> bool {
+        let told = Moment::of_sync_frame(sync_frame).zip(self.moment());
+        let Some((told, own)) = told.filter(|(told, own)| told.session == own.session) else { return false };
+        let behind = own.superframe.wrapping_sub(told.superframe) as i32;
+        // With another layout it came at another time.
+        if behind < 0 || sync_frame.layout != self.timing.layout {
+            return false;
+        }
+        let sent =
+            self.timing.sync_frame(sync_frame.slot.into()).ticks() - i64::from(behind) * self.timing.superframe.ticks();
+        let late = rx_time.since(self.phase.at(RadioDuration::from_ticks(sent))).ticks();
+        behind > LONG_AGO || late > self.timing.guard.ticks().saturating_add(uncertainty.ticks())
     }
 
     /// The phase of a sync frame that arrived at `rx_time`, if its superframe has the same number and beginning as this
@@ -172,6 +228,55 @@ mod tests {
         assert_eq!(superframe(course.moment_at(course.phase.start)), Some(65_536));
         assert_eq!(course.session_now(Some(9)), Some(Session { number: 7, epoch: 1, answer: Some(9) }));
         assert_eq!(Superframes::begin(&network, Layout::LEAST, start, None).moment(), None);
+    }
+
+    #[test]
+    fn a_request_is_at_the_place_in_which_it_was_sent() {
+        let start = RadioInstant::from_ticks(1 << 39);
+        let course = Superframes::begin(&Network::new(1, PhyConfig::FAST), Layout::LEAST, start, Some(7));
+        let (timing, begin) = (course.timing, course.requests_from());
+        let shared = u16::from(timing.request_slots);
+        let all = shared + timing.requests_from_round_slot(begin);
+        assert!(shared > 5 && all > 3 * shared, "{shared} of {all}");
+        for place in 0..all {
+            let rmarker = match place.checked_sub(shared) {
+                Some(place) => timing.request_from_round_slot(begin, place.into()),
+                None => timing.request(place.into()),
+            };
+            // A microsecond early, on time and in the superframe before; half a place later it is another one, or none.
+            let at = |micros: i64| course.phase.at(rmarker).plus(RadioDuration::from_ticks(micros * 63_898));
+            assert_eq!([-1, 0, 3].map(|micros| course.request_place_at(at(micros))), [Some(place); 3]);
+            let before = at(0).plus(RadioDuration::from_ticks(-timing.superframe.ticks()));
+            assert_eq!(course.request_place_at(before), Some(place));
+            assert_ne!(course.request_place_at(at(timing.request_slot.as_micros() * 3 / 5)), Some(place));
+        }
+        assert_eq!(course.request_place_at(start), None);
+    }
+
+    #[test]
+    fn a_sync_frame_of_the_own_session_that_comes_late_was_repeated() {
+        let start = RadioInstant::from_ticks(1 << 39);
+        let mut course = Superframes::begin(&Network::new(1, PhyConfig::FAST), Layout::LEAST, start, Some(7));
+        (0..20).for_each(|_| course.next());
+        let told = |superframe, number| SyncFrame {
+            superframe,
+            session: Some(Session { number, epoch: 0, answer: None }),
+            layout: Layout::LEAST,
+            ..crate::native::blank_sync_frame()
+        };
+        // Slot 1 of superframe 18, two before.
+        let sent = course.timing.sync_frame(1).ticks() - 2 * course.timing.superframe.ticks();
+        let is_delayed = |micros: i64, sync_frame: &SyncFrame| {
+            let rx_time = course.phase.at(RadioDuration::from_ticks(sent + micros * 63_898));
+            course.is_delayed(RadioDuration::from_micros(10), sync_frame, rx_time)
+        };
+        // The guard is 3 · 100 ms · 40 ppm and 3 µs: 15 µs.
+        assert_eq!([-500, 24, 26, 500].map(|micros| is_delayed(micros, &told(18, 7))), [false, false, true, true]);
+        assert!(!is_delayed(500, &told(18, 8)) && !is_delayed(500, &told(21, 7)));
+        assert!(!is_delayed(500, &SyncFrame { session: None, ..told(18, 7) }));
+        // Of 4.1 s ago, whatever the time.
+        (0..31).for_each(|_| course.next());
+        assert!(course.is_delayed(RadioDuration::ZERO, &told(0, 7), start));
     }
 
     #[test]

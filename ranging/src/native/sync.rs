@@ -84,7 +84,9 @@ impl Sync {
             return self.leave_session(network, sync_frame, rx_time);
         }
         let newest = told.map_or(0, |told| told.superframe);
-        if newest < self.newest {
+        // After a doze the next one is of a later superframe.
+        let is_old = newest < self.newest || newest == self.newest && self.adrift.is_some();
+        if told.is_some() && is_old {
             return SyncUpdate::Ignored;
         }
         let is_the_same = (sync_frame.term, sync_frame.coordinator) == (self.election.term, self.election.coordinator);
@@ -92,6 +94,10 @@ impl Sync {
             self.advance(rx_time);
             let in_step = self.course.in_step_within(self.uncertainty, sync_frame, rx_time);
             let is_lost = self.silent() > HOLDOVER_SUPERFRAMES;
+            // One that comes late for seconds, and alone, is no recorded one.
+            if self.silent() <= UNPROVEN && self.course.is_delayed(self.uncertainty, sync_frame, rx_time) {
+                return SyncUpdate::Ignored;
+            }
             // A sync frame of the network that was repeated later gives no information about its coordinator.
             let choice = match in_step {
                 None if is_the_same => Choice::Older,

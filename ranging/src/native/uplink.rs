@@ -6,7 +6,8 @@
 //! routing, MobiCom 2003). The anchor that a poll names first relays what it carries: the tag names one that answers,
 //! and that is near to a gateway. There are up to two entries in each of its sync frames, until the next anchor says
 //! that it has taken them. Each anchor keeps a short queue. It drops what is older than five seconds, the oldest entry
-//! when it is full, and a tag's older position when a newer one comes.
+//! when it is full, and a tag's older position when a newer one comes. The coordinator's sync frames are full of news of
+//! leases while tags join: its entries come behind them, and a way through it costs more.
 //!
 //! No way is a circle: an anchor goes only through neighbours that are nearer to a gateway than it has been itself since
 //! it found a way. If there is none any more, it says for some superframes that it knows no way, so that nobody goes
@@ -19,7 +20,7 @@ use super::spread;
 use crate::RadioDuration;
 use crate::exchange::Polled;
 use wire::serial_number::SerialNumber;
-use wire::uwb::native::{Carried, OWNED_SYNC_SLOTS, Poll, Relay, Relayed, SyncFrame};
+use wire::uwb::native::{Carried, MAX_RELAYED, OWNED_SYNC_SLOTS, Relay, Relayed, SyncFrame};
 
 /// Entries that wait.
 const MAX_WAITING: usize = 20;
@@ -38,6 +39,9 @@ const BAD: u8 = 64;
 const BAD_FOR: u8 = 50;
 /// Ways that cost at most this much more than the best one are used in turn with it.
 const ALIKE: u8 = Relay::HOP / 2;
+/// What a way through the coordinator costs more: other ways are preferred, and less than a hop, so that nobody loses a
+/// way to an anchor that has become the coordinator.
+const TOLL: u8 = ALIKE + 1;
 /// The highest cost of a way.
 const MOST: u8 = u8::MAX;
 /// An anchor that has lost its way says so for this many superframes, until all neighbours know.
@@ -50,6 +54,8 @@ const REPORTED_IN_SET: usize = 4;
 #[derive(Clone, Debug)]
 pub struct Uplink {
     has_host: bool,
+    /// This anchor coordinates: its sync frames are for news of leases first.
+    coordinates: bool,
     /// The present superframe.
     number: u16,
     /// The cost of the way to a gateway in this superframe.
@@ -67,8 +73,19 @@ pub struct Uplink {
     reported: [[Option<Reported>; REPORTED_IN_SET]; REPORTED_SETS],
 }
 
-/// What was reported: tag, round, and whether it was data.
-type Reported = (u16, u16, bool);
+/// What tells an entry from others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Reported {
+    tag: u16,
+    round: u16,
+    is_data: bool,
+}
+
+impl Reported {
+    fn of(entry: &Relayed) -> Self {
+        Self { tag: entry.tag, round: entry.round, is_data: is_data(entry) }
+    }
+}
 
 /// An anchor that is received in a sync slot of its own.
 #[derive(Clone, Copy, Debug)]
@@ -123,6 +140,7 @@ impl Uplink {
     pub const fn new() -> Self {
         Self {
             has_host: false,
+            coordinates: false,
             number: 0,
             cost: None,
             least_cost: MOST,
@@ -181,8 +199,13 @@ impl Uplink {
         if cost.is_none() && self.cost.is_some() {
             (self.least_cost, self.pause) = (MOST, PAUSE);
         }
-        self.least_cost = self.least_cost.min(cost.unwrap_or(MOST));
+        self.least_cost = self.least_cost.min(cost.map_or(MOST, |cost| self.told_cost(cost)));
         self.cost = cost;
+    }
+
+    /// The cost of this anchor's way as others are told it.
+    fn told_cost(&self, cost: u8) -> u8 {
+        if self.coordinates && !self.has_host { cost.saturating_add(TOLL).min(MOST - 1) } else { cost }
     }
 
     /// The neighbours that may be next on a way, and what it costs.
@@ -229,7 +252,7 @@ impl Uplink {
         }
         self.taken[0] |= 1 << slot;
         for entry in &relay.entries {
-            let is_there = self.queue.iter().any(|known| is_same(&known.entry, entry));
+            let is_there = self.queue.iter().any(|known| Reported::of(&known.entry) == Reported::of(entry));
             if !is_there && (!self.has_host || self.is_news(entry)) {
                 let _ = self.queue.push(Waiting { entry: *entry, sent: None });
             }
@@ -257,12 +280,12 @@ impl Uplink {
         }
     }
 
-    /// A tag's poll came, in 1/256 of a superframe `at`, which names the anchor with this address first.
-    pub fn on_poll(&mut self, address: u16, tag: u16, poll: &Poll, at: u16) {
-        let entry = |content| Relayed { tag, round: poll.round, at, asked: poll.anchors.len() as u8, content };
-        let position = poll.position.map(|position| entry(Carried::Position(position)));
-        let is_first = poll.anchors.first().is_some_and(|asked| asked.address == address);
-        for entry in position.into_iter().chain(poll.data.map(|data| entry(Carried::Data(data)))) {
+    /// A tag's poll came, in 1/256 of a superframe `at`. `is_first`: it names this anchor first.
+    pub fn on_poll(&mut self, polled: &Polled, at: u16, is_first: bool) {
+        let Polled { tag, round, asked, position, data, .. } = *polled;
+        let entry = |content| Relayed { tag, round, at, asked, content };
+        let data = data.map(|data| entry(Carried::Data(data)));
+        for entry in position.map(|position| entry(Carried::Position(position))).into_iter().chain(data) {
             if self.has_host {
                 // The anchor reports it itself.
                 self.is_news(&entry);
@@ -290,7 +313,7 @@ impl Uplink {
 
     /// Whether a gateway has not reported an entry lately. From now on it has.
     fn is_news(&mut self, entry: &Relayed) -> bool {
-        let is = Some((entry.tag, entry.round, is_data(entry)));
+        let is = Some(Reported::of(entry));
         let set = usize::from(spread(entry.tag, entry.round, REPORTED_SETS as u16));
         let Some(set) = self.reported.get_mut(set).filter(|set| !set.contains(&is)) else { return false };
         set.rotate_right(1);
@@ -298,25 +321,30 @@ impl Uplink {
         true
     }
 
-    /// Puts the way to a gateway into the sync frame of this anchor's own slot, and entries, up to `most` in all.
-    pub fn fill(&mut self, sync_frame: &mut SyncFrame, most: usize) {
-        let (number, own) = (sync_frame.superframe, sync_frame.slot);
-        self.advance(number);
-        let Some(cost) = self.cost else { return };
-        let (next, is_busy) = (self.next(own), self.is_busy());
-        let mut room = sync_frame.room();
-        let relay = match &mut sync_frame.relay {
-            Some(relay) => relay,
-            none => {
-                // Frames of these slots were opened in this superframe.
-                let slots = (0..OWNED_SYNC_SLOTS as u8).filter(|slot| comes_before(*slot, own));
-                let now = slots.fold(0, |all, slot| all | 1 << slot);
-                let taken = self.taken[0] & now | self.taken[1] & !now | u16::from(is_busy) << own;
-                room = room.saturating_sub(Relay::BYTES);
-                none.insert(Relay { cost, next: next.map_or(own, |next| next.slot), taken, entries: Vec::new() })
-            }
-        };
-        let Some(next) = next else { return };
+    /// Puts the way to a gateway into the sync frame of this anchor's own slot, and the first entry, unless it is the
+    /// coordinator's.
+    pub fn fill(&mut self, sync_frame: &mut SyncFrame, coordinates: bool) {
+        let own = sync_frame.slot;
+        self.coordinates = coordinates;
+        self.advance(sync_frame.superframe);
+        let Some(cost) = self.cost.map(|cost| self.told_cost(cost)) else { return };
+        let next = self.next(own).map_or(own, |next| next.slot);
+        // Frames of these slots were opened in this superframe: those up to the second before the own one.
+        let now = 1_u16.wrapping_shl(own.saturating_sub(1).into()) - 1;
+        let taken = self.taken[0] & now | self.taken[1] & !now | u16::from(self.is_busy()) << own;
+        sync_frame.relay = Some(Relay { cost, next, taken, entries: Vec::new() });
+        self.add_entries(sync_frame, usize::from(!coordinates));
+    }
+
+    /// Puts further entries into a sync frame that says the way, behind its news.
+    pub fn fill_rest(&mut self, sync_frame: &mut SyncFrame) {
+        self.add_entries(sync_frame, MAX_RELAYED);
+    }
+
+    fn add_entries(&mut self, sync_frame: &mut SyncFrame, most: usize) {
+        let (number, mut room) = (sync_frame.superframe, sync_frame.room());
+        let Some(relay) = sync_frame.relay.as_mut().filter(|relay| relay.next != sync_frame.slot) else { return };
+        let Some(next) = self.neighbours.iter().find(|neighbour| neighbour.slot == relay.next) else { return };
         // Of others the next anchor has said by now that it has taken them, or that was lost.
         let is_awaited =
             |sent: Option<(u16, u16)>| sent.is_some_and(|(_, of)| SerialNumber(number).steps_from(of) <= 1);
@@ -360,19 +388,13 @@ const fn is_data(entry: &Relayed) -> bool {
     matches!(entry.content, Carried::Data(_))
 }
 
-/// Whether two entries are of one poll.
-fn is_same(one: &Relayed, other: &Relayed) -> bool {
-    (one.tag, one.round, is_data(one)) == (other.tag, other.round, is_data(other))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64;
     use std::vec::Vec;
-    use wire::uwb::layout::Layout;
-    use wire::uwb::native::{Asked, Distance, MAX_RELAYED, PolledPosition, UserData};
+    use wire::uwb::native::{PolledPosition, UserData};
 
     /// Anchors 1, 2, … in these sync slots, in a row: each receives its neighbours only.
     struct Row {
@@ -381,6 +403,7 @@ mod tests {
         number: u16,
         rng: Pcg64,
         loss: f64,
+        coordinator: Option<usize>,
         /// What gateways have reported: by which anchor, tag, round, and in 1/256 of a superframe how long ago it was received.
         reported: Vec<(usize, u16, u16, i64)>,
     }
@@ -391,7 +414,15 @@ mod tests {
             let mut anchors: Vec<_> = slots.iter().map(|_| Uplink::new()).collect();
             gateways.iter().for_each(|&at| anchors[at].set_host(true));
             let rng = Pcg64::seed_from_u64(7);
-            let mut row = Self { slots: slots.to_vec(), anchors, number: 65_500, rng, loss: 0.0, reported: Vec::new() };
+            let mut row = Self {
+                slots: slots.to_vec(),
+                anchors,
+                number: 65_500,
+                rng,
+                loss: 0.0,
+                coordinator: None,
+                reported: Vec::new(),
+            };
             (0..20).for_each(|_| row.superframe());
             row
         }
@@ -405,7 +436,8 @@ mod tests {
                 let slot = self.slots[from];
                 let blank = SyncFrame { superframe: self.number, slot, ..crate::native::blank_sync_frame() };
                 let mut sync_frame = blank;
-                (1..=MAX_RELAYED).for_each(|most| self.anchors[from].fill(&mut sync_frame, most));
+                self.anchors[from].fill(&mut sync_frame, self.coordinator == Some(from));
+                self.anchors[from].fill_rest(&mut sync_frame);
                 // Each opens the frame of the slot before its own after its own.
                 if let Some((before, frame)) = last.take() {
                     self.deliver(before, &frame, |slot_of| slot_of == slot);
@@ -434,11 +466,10 @@ mod tests {
         /// A poll that asks these anchors (their places) and that all of them receive.
         fn poll(&mut self, tag: u16, round: u16, asked: &[usize]) {
             let position = Some(PolledPosition([0; 16]));
-            let of = |at: &usize| Asked { address: *at as u16 + 1, distance: Distance::Unsent };
-            let anchors = asked.iter().map(of).collect();
-            let poll = Poll { round, wish: Layout::LEAST, anchors, position, data: None };
-            for &at in asked {
-                self.anchors[at].on_poll(at as u16 + 1, tag, &poll, self.number << 8);
+            let polled =
+                Polled { tag, round, asked: asked.len() as u8, age: RadioDuration::ZERO, position, data: None };
+            for (place, &at) in asked.iter().enumerate() {
+                self.anchors[at].on_poll(&polled, self.number << 8, place == 0);
             }
         }
 
@@ -502,11 +533,10 @@ mod tests {
                 // Data are not replaced by newer ones.
                 for number in 0..4 {
                     let data = UserData::new(number, b"1");
-                    let asked = Asked { address: 1, distance: Distance::Unsent };
-                    let anchors = core::iter::once(asked).collect();
                     let round = row.number << 2 | u16::from(number);
-                    let poll = Poll { round, wish: Layout::LEAST, anchors, position: None, data };
-                    row.anchors[0].on_poll(1, 0x1001, &poll, row.number << 8);
+                    let age = RadioDuration::ZERO;
+                    let polled = Polled { tag: 0x1001, round, asked: 1, age, position: None, data };
+                    row.anchors[0].on_poll(&polled, row.number << 8, true);
                 }
                 row.superframe();
             }
@@ -543,6 +573,26 @@ mod tests {
         assert_eq!(row.anchors.iter().map(|anchor| anchor.queue.len()).sum::<usize>(), 1);
         (0..51).for_each(|_| row.superframe());
         assert!(row.anchors.iter().all(|anchor| anchor.queue.is_empty()));
+    }
+
+    #[test]
+    fn a_way_through_the_coordinator_costs_more() {
+        let mut row = Row::new(&[0, 4, 8], &[2]);
+        let before = [0, 1].map(|at| row.anchors[at].cost.expect("a way"));
+        row.coordinator = Some(1);
+        // Half a hop of eight and one more, for the one behind it, without any pause.
+        for _ in 0..10 {
+            row.superframe();
+            assert!(row.anchors[0].cost.is_some());
+        }
+        assert_eq!([0, 1].map(|at| row.anchors[at].cost), [Some(before[0] + 5), Some(before[1])]);
+        row.poll(0x1001, 1, &[0]);
+        (0..5).for_each(|_| row.superframe());
+        assert_eq!(row.rounds(), [1]);
+        // Its own way is nobody's business if a host reads what it reports.
+        row.anchors[1].set_host(true);
+        (0..10).for_each(|_| row.superframe());
+        assert_eq!(row.anchors[0].cost, Some(before[1]));
     }
 
     #[test]

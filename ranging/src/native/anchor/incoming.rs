@@ -64,7 +64,8 @@ impl Anchor {
         if !is_own {
             return;
         }
-        let Ok(sealed) = self.open(&told.message, frame) else {
+        let opened = self.open(&told.message, frame);
+        let Some(sealed) = opened.ok().filter(|sealed| sealed.is_none() || self.is_first(told, frame.rx_time)) else {
             self.refused = self.refused.wrapping_add(1);
             return;
         };
@@ -98,11 +99,32 @@ impl Anchor {
         let moment = match message {
             Message::Response(_) => return network.open_response(frame.bytes, self.rounds.sealed()).map(|()| None),
             Message::SyncFrame(sync_frame) => return network.open_sync_frame(frame.bytes, sync_frame),
-            Message::Challenge(challenge) => Some(Moment::of_challenge(challenge)),
-            // Polls, finals and requests count in the superframe in which they come.
-            _ => self.network.as_ref().and_then(|network| network.course.moment_at(frame.rx_time)),
+            Message::Challenge(challenge) => {
+                self.moment_at(frame.rx_time).map(|at| Moment::of_challenge(challenge, at.superframe))
+            }
+            Message::Request(_) => {
+                let place = self.network.as_ref().and_then(|network| network.course.request_place_at(frame.rx_time));
+                self.moment_at(frame.rx_time).zip(place).map(|(moment, place)| moment.at_place(place))
+            }
+            // The final of a round in a leased slot comes in that slot, too.
+            Message::Poll(_) | Message::Final { .. } => self.network.as_ref().and_then(|network| {
+                let course = &network.course;
+                course.moment_of_round(frame.rx_time.plus(RadioDuration::from_ticks(-course.timing.to_rmarker.ticks())))
+            }),
         };
         network.open(frame.bytes, moment)
+    }
+
+    fn moment_at(&self, instant: RadioInstant) -> Option<Moment> {
+        self.network.as_ref().and_then(|network| network.course.moment_at(instant))
+    }
+
+    /// Whether a frame with a right code has not come before in its superframe. A sync frame says its superframe itself.
+    fn is_first(&mut self, told: &Frame, rx_time: RadioInstant) -> bool {
+        if matches!(told.message, Message::SyncFrame(_)) {
+            return true;
+        }
+        self.moment_at(rx_time).is_some_and(|moment| !self.opened.is_repeated(moment, told.source, told.sequence))
     }
 
     /// Whether a sync frame is to be followed: it is no older one of the own session, and another session is there.
@@ -119,10 +141,12 @@ impl Anchor {
             let phase = Phase::from_sync_frame(&timing, sync_frame.superframe, sync_frame.slot, rx_time);
             let place = spread(self.config.address, sync_frame.superframe, timing.request_slots.into());
             let mut at = phase.at(timing.request(place.into()));
+            let Moment { mut superframe, .. } = Moment::new(session.number, session.epoch, sync_frame.superframe);
             if at.since(rx_time) < timing.request_slot {
                 at = at.plus(timing.superframe);
+                superframe = superframe.wrapping_add(1);
             }
-            let is_live = self.challenger.is_live(key, session, rx_time, at);
+            let is_live = self.challenger.is_live(key, session, rx_time, (at, superframe));
             if moment.is_some() && own.is_none() {
                 return is_live;
             }
@@ -202,13 +226,12 @@ impl Anchor {
         let lease = network.on_poll(&mut self.leases, tag, poll.wish, pulse);
         let asked = poll.anchors.len() as u8;
         let Poll { round, position, data, .. } = *poll;
-        self.is_polled = position.is_some() || data.is_some();
-        if self.is_polled {
+        let place = poll.anchors.iter().position(|asked| asked.address == self.config.address);
+        if position.is_some() || data.is_some() {
             self.polled = Polled { tag, round, asked, age: RadioDuration::ZERO, position, data };
-            self.uplink.on_poll(self.config.address, tag, poll, network.course.of_256th(frame.rx_time));
+            self.polled_at = Some((frame.rx_time, place == Some(0)));
         }
-        let named = |place: &usize| poll.anchors.get(*place).is_some_and(|asked| asked.address == self.config.address);
-        let Some(place) = (0..poll.anchors.len()).find(named) else { return };
+        let Some(place) = place else { return };
         let slot = poll.first_slot() + place;
         let poll_rx = frame.rx_time;
         let antenna_delay = self.stamps.antenna_delay;

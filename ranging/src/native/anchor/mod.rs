@@ -6,7 +6,7 @@ use heapless::Vec;
 
 use self::incoming::PostponedFrame;
 use super::anchor_rounds::AnchorRounds;
-use super::authentication::{Challenger, Moment, SealedPoll};
+use super::authentication::{Challenger, Moment, Opened, SealedPoll};
 use super::compensation::Compensation;
 use super::coordinator::Coordinator;
 use super::leases::Leases;
@@ -19,8 +19,8 @@ use crate::exchange::{Action, COMPENSATION, Event, Link, Polled, Protocol, Range
 use crate::time::METRES_PER_TICK;
 use crate::{Pace, RadioDuration, RadioInstant, StampModel, Start};
 use wire::uwb::layout::Scheme;
-use wire::uwb::native::{FinalReceived, Frame, Message, Position, Response};
-use wire::uwb::{BROADCAST, FrameBuffer};
+use wire::uwb::native::{FinalReceived, Message, Position, Response};
+use wire::uwb::{Address, BROADCAST, FrameBuffer, Header};
 
 /// The configuration of an anchor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,8 +84,9 @@ pub struct Anchor {
     postponed: Option<PostponedFrame>,
     /// The end of a window that leaves enough time for a challenge.
     asks_at: Option<RadioInstant>,
-    /// Frames without the code that the network's key gives them.
+    /// Frames without the code that the network's key gives them, or that were here before.
     refused: u32,
+    opened: Opened,
     answer: Option<Answer>,
     /// The last response to each tag, and the final that followed the response.
     answered: Vec<Answered, MAX_ANSWERED>,
@@ -94,8 +95,8 @@ pub struct Anchor {
     link: Option<Link>,
     told: Option<ReportedRange>,
     polled: Polled,
-    /// The node has not taken it yet.
-    is_polled: bool,
+    /// The node has not taken it yet: when it came, and whether it names this anchor first.
+    polled_at: Option<(RadioInstant, bool)>,
     /// The one that the node is reading.
     reported: Option<ReportedRange>,
     doing: Doing,
@@ -160,6 +161,7 @@ impl Anchor {
             postponed: None,
             asks_at: None,
             refused: 0,
+            opened: Opened::default(),
             answer: None,
             answered: Vec::new(),
             rounds: AnchorRounds::new(config.rounds),
@@ -167,7 +169,7 @@ impl Anchor {
             link: None,
             told: None,
             polled: Polled { tag: 0, round: 0, asked: 0, age: RadioDuration::ZERO, position: None, data: None },
-            is_polled: false,
+            polled_at: None,
             reported: None,
             doing: Doing::Nothing,
             wake_at: None,
@@ -193,14 +195,15 @@ impl Anchor {
         (self.is_proven, self.postponed) = (false, None);
     }
 
-    fn write(&mut self, destination: u16, message: Message) {
+    fn write(&mut self, destination: u16, message: &Message) {
         self.sequence = self.sequence.wrapping_add(1);
-        let Network { pan, .. } = self.config.network;
-        Frame { sequence: self.sequence, pan, destination, source: self.config.address, message }.emit(&mut self.out);
+        let [destination, source] = [destination, self.config.address].map(Address::Short);
+        let header = Header { sequence: self.sequence, pan: self.config.network.pan, destination, source };
+        message.emit(&header, &mut self.out);
     }
 
     /// Writes a frame to all nodes, of this moment. Returns what its round refers to, in a network with a key.
-    fn write_to_all(&mut self, message: Message, moment: Option<Moment>) -> Option<SealedPoll> {
+    fn write_to_all(&mut self, message: &Message, moment: Option<Moment>) -> Option<SealedPoll> {
         self.write(BROADCAST, message);
         let key = self.config.network.key.as_ref()?;
         Some(key.seal(&mut self.out, moment?))
@@ -278,7 +281,7 @@ impl Anchor {
             self.link = Some(Link::Coordinating);
         }
         self.doing = Doing::Syncing;
-        self.write_to_all(Message::SyncFrame(sync_frame), moment);
+        self.write_to_all(&Message::SyncFrame(sync_frame), moment);
         Action::Transmit { frame: self.out.bytes(), start: Start::At(start), listen: true }
     }
 
@@ -296,7 +299,7 @@ impl Anchor {
     /// Writes the challenge that is due, and returns when its RMARKER leaves; `None` if there is no time left for it.
     #[cold]
     fn write_challenge(&mut self, present: RadioInstant) -> Option<RadioInstant> {
-        let (challenge, at) = self.challenger.take()?;
+        let (challenge, at, superframe) = self.challenger.take()?;
         if at.since(present) <= self.config.network.phy.time_to_rmarker() {
             if let Some(wake) = self.asks_at.take() {
                 self.meter.overslept(present.since(wake));
@@ -304,7 +307,7 @@ impl Anchor {
             return None;
         }
         self.doing = Doing::Challenging;
-        self.write_to_all(Message::Challenge(challenge), Some(Moment::of_challenge(&challenge)));
+        self.write_to_all(&Message::Challenge(challenge), Some(Moment::of_challenge(&challenge, superframe)));
         Some(at)
     }
 
@@ -339,12 +342,21 @@ impl Anchor {
         network.on_tag(self.config.address);
         let poll = self.rounds.poll(&timing, pulse_at, self.meter.reading(), self.meter.wish(Scheme::SingleSided));
         self.doing = Doing::Polling;
-        let moment = network.course.moment();
-        let sealed = self.write_to_all(Message::Poll(poll), moment);
+        let moment = network.course.moment_of_round(pulse_at);
+        let sealed = self.write_to_all(&Message::Poll(poll), moment);
         self.rounds.seal(sealed);
         // A start at once would be before the slot if the board is quicker than required. Listening tags rely on the
         // slot.
         Action::Transmit { frame: self.out.bytes(), start: Start::At(rmarker), listen: true }
+    }
+
+    /// What the last poll carried is reported, and passed on.
+    fn takes_polled(&mut self) -> bool {
+        let Some((at, is_first)) = self.polled_at.take() else { return false };
+        if let Some(network) = &self.network {
+            self.uplink.on_poll(&self.polled, network.course.of_256th(at), is_first);
+        }
+        true
     }
 
     /// A gateway takes what other anchors have passed on, unless its own sync frame is due soon.
@@ -432,7 +444,7 @@ impl Protocol for Anchor {
         self.doing = Doing::Nothing;
         if let Some(Answer { tag, polled, start, response, sealed }) = self.answer.take() {
             self.doing = Doing::Answering(polled);
-            self.write(tag, Message::Response(response));
+            self.write(tag, &Message::Response(response));
             if let Some((key, poll)) = self.config.network.key.as_ref().zip(sealed.as_ref()) {
                 key.seal_response(&mut self.out, poll);
             }
@@ -445,7 +457,7 @@ impl Protocol for Anchor {
             let ReportedRange { round, poll, range } = self.reported.insert(told);
             return Action::Report(Report::Round(Round { number: *round, poll: *poll, asked: 1, ranges: range }));
         }
-        if core::mem::take(&mut self.is_polled) || self.takes_relayed(present) {
+        if self.takes_polled() || self.takes_relayed(present) {
             return Action::Report(Report::Polled(&self.polled));
         }
         let spare = self.spare_before_challenge(present);

@@ -47,7 +47,6 @@ pub use self::config::TagConfig;
 use self::schedule::Followed;
 use self::seldom::{Aim, Awaited, Nap};
 use self::stopwatch::Stopwatch;
-use super::Network;
 use super::anchor_table::{AnchorTable, Refused};
 use super::authentication::{Moment, SealedPoll};
 use super::compensation::Compensation;
@@ -60,8 +59,8 @@ use super::timing::end_of;
 use super::wake_ups::{Slept, WakeUps};
 use crate::exchange::{Action, Event, Guidance, Link, Protocol, Report, RoundFix};
 use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel, Start};
-use wire::uwb::native::{Frame, Message, UserData};
-use wire::uwb::{BROADCAST, FrameBuffer};
+use wire::uwb::native::{Message, UserData};
+use wire::uwb::{Address, BROADCAST, FrameBuffer, Header};
 
 /// What the tag's last action was, and so the meaning of the next event.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -199,9 +198,9 @@ impl Tag {
     /// Writes a frame of this moment. Returns what its round refers to, in a network with a key.
     fn write(&mut self, message: Message, moment: Option<Moment>) -> Option<SealedPoll> {
         self.sequence = self.sequence.wrapping_add(1);
-        let Network { pan, .. } = self.config.network;
-        Frame { sequence: self.sequence, pan, destination: BROADCAST, source: self.config.address, message }
-            .emit(&mut self.out);
+        let [destination, source] = [BROADCAST, self.config.address].map(Address::Short);
+        let header = Header { sequence: self.sequence, pan: self.config.network.pan, destination, source };
+        message.emit(&header, &mut self.out);
         let key = self.config.network.key.as_ref()?;
         Some(key.seal(&mut self.out, moment?))
     }

@@ -214,7 +214,7 @@ impl Tag {
             let start = if at_once { Start::Now } else { Start::At(pulse_at.plus(timing.to_rmarker)) };
             network.rounds = network.rounds.saturating_add(1);
             let scheme = self.config.scheme.min(timing.layout.scheme);
-            return self.poll(scheme, start, at_once.then(|| phase.at(passed)));
+            return self.poll(scheme, (start, pulse_at), at_once.then(|| phase.at(passed)));
         }
         self.rest(passed)
     }
@@ -230,15 +230,21 @@ impl Tag {
         }
     }
 
-    /// Begins a round.
-    fn poll(&mut self, scheme: Scheme, start: Start, decided_at: Option<RadioInstant>) -> Action<'_> {
+    /// Begins a round, whose first pulse leaves at about the instant `pulse`.
+    fn poll(
+        &mut self,
+        scheme: Scheme,
+        (start, pulse): (Start, RadioInstant),
+        decided_at: Option<RadioInstant>,
+    ) -> Action<'_> {
         let wish = self.meter.wish(self.config.scheme);
         let mut poll = self.round.begin(&mut self.anchors, scheme, wish, self.config.tells == PollContent::Distances);
         poll.position = self.fix.filter(|_| self.config.tells == PollContent::Position).and_then(|fix| {
             let rounds_ago = u8::try_from(poll.round.wrapping_sub(fix.round)).ok()?;
             (rounds_ago <= PolledPosition::OLDEST).then_some(fix.position.of_rounds_ago(rounds_ago))
         });
-        let sealed = self.write(Message::Poll(poll), self.moment());
+        let moment = self.network.as_ref().and_then(|network| network.sync.course.moment_of_round(pulse));
+        let sealed = self.write(Message::Poll(poll), moment);
         self.round.seal(sealed);
         let is_off_after = self.is_off_after_poll(scheme);
         self.state = State::Polling { decided_at, is_off_after };

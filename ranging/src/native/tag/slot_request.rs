@@ -28,6 +28,8 @@ pub(super) struct DueRequest {
     share: Share,
     /// From the superframe's beginning to its RMARKER.
     pub(super) rmarker: RadioDuration,
+    /// Which place that is, those of the shared slots first.
+    place: u16,
     /// How many places for requests this superframe has.
     places: u16,
 }
@@ -105,7 +107,8 @@ impl Tag {
         network.requests = network.requests.saturating_add(1);
         self.state = State::Requesting;
         let wish = self.meter.wish(self.config.scheme);
-        self.write(Message::Request(Request { share: due.share, wish }), self.moment());
+        let moment = self.moment().map(|moment| moment.at_place(due.place));
+        self.write(Message::Request(Request { share: due.share, wish }), moment);
         Action::Transmit { frame: self.out.bytes(), start: Start::At(phase.at(due.rmarker)), listen: true }
     }
 }
@@ -119,15 +122,16 @@ impl Followed {
     fn place_request(&self, share: Share, timing: &Timing, address: u16, end: RadioDuration) -> DueRequest {
         let in_reach = |slot: &u8| timing.request(usize::from(*slot)) < end;
         let shared = (0..timing.request_slots).take_while(in_reach).count() as u16;
-        // Nobody polls in round slots that are not leased if nobody is listed.
-        let plan = self.sync.plan().filter(|plan| plan.members.is_empty() && !self.joined);
-        let begin = plan.map_or(timing.round_slots, |plan| plan.leased.min(timing.round_slots));
+        let is_free = !self.joined && self.sync.plan().is_some();
+        let begin = if is_free { self.sync.course.requests_from() } else { timing.round_slots };
         let places = shared + timing.requests_from_round_slot(begin);
-        let place = spread(address, self.sync.course.phase.number, places);
-        let rmarker = match place.checked_sub(shared) {
-            Some(place) => timing.request_from_round_slot(begin, place.into()),
-            None => timing.request(place.into()),
+        let drawn = spread(address, self.sync.course.phase.number, places);
+        let (rmarker, place) = match drawn.checked_sub(shared) {
+            Some(place) => {
+                (timing.request_from_round_slot(begin, place.into()), u16::from(timing.request_slots) + place)
+            }
+            None => (timing.request(drawn.into()), drawn),
         };
-        DueRequest { share, rmarker, places }
+        DueRequest { share, rmarker, place, places }
     }
 }
