@@ -238,18 +238,28 @@ pub struct Charged<T> {
     handover: u32,
     /// For a protocol: it ignores responses to other addresses than this one. `None`: it takes all responses.
     address: Option<u16>,
+    /// For a protocol: sees it before each step.
+    before: Option<Before<T>>,
 }
+
+/// Sees a protocol, the time and an event.
+type Before<T> = Box<dyn Fn(&T, RadioInstant, &Event<'_>)>;
 
 impl<T> Charged<T> {
     /// Charges the costs of `inner` to `processor`.
     pub fn new(inner: T, processor: &Processor) -> Self {
         let costs = Costs::of(processor.board().core);
-        Self { inner, processor: processor.clone(), costs, listens: false, handover: 0, address: None }
+        Self { inner, processor: processor.clone(), costs, listens: false, handover: 0, address: None, before: None }
     }
 
     /// For a protocol that ignores responses to other addresses than this one.
     pub fn with_address(self, address: u16) -> Self {
         Self { address: Some(address), ..self }
+    }
+
+    /// For a protocol that is seen before each of its steps.
+    pub fn seen(self, before: impl Fn(&T, RadioInstant, &Event<'_>) + 'static) -> Self {
+        Self { before: Some(Box::new(before)), ..self }
     }
 }
 
@@ -319,6 +329,11 @@ impl<M: Protocol> Protocol for Charged<M> {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         // The node's loop reads the clock before it hands a report over, so this is charged after the step that reports.
         let handover = core::mem::take(&mut self.handover);
+        if let Some(before) = &self.before {
+            before(&self.inner, now, &event);
+            // What it made for itself costs the node nothing.
+            BLOCKS.set(0);
+        }
         let action = self.inner.step(now, event);
         self.handover = match &action {
             Action::Report(Report::Round(_) | Report::Differences(_)) => self.costs.tag.handover,

@@ -22,8 +22,8 @@ pub use network::{HIDDEN, LISTENING, SIMULATED_NETWORK, mode_name};
 pub use node::{Node, NodeFiles, SIMULATED_UUID};
 pub use receivers::Receiver;
 pub use simulation::{
-    AirModel, Bluetooth, Carrier, Fault, FaultKind, Fidelity, Format, Material, NodeSimulation, Sensor, SimulatedBoard,
-    Simulation, Wall,
+    AirModel, Attacker, Bluetooth, Carrier, Fault, FaultKind, Fidelity, Format, Material, NodeSimulation, Sensor,
+    SimulatedBoard, Simulation, Wall,
 };
 
 /// An example file to start from: four anchors, a tag and a beacon, with comments.

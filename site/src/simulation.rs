@@ -44,8 +44,36 @@ pub struct Simulation {
     pub walls: Vec<Wall>,
     /// The faults with the numbers of their lines, in the order of the file.
     pub faults: Vec<(Fault, u64)>,
+    /// The attackers.
+    pub attackers: Vec<Attacker>,
     /// The Bluetooth air.
     pub bluetooth: Bluetooth,
+}
+
+/// `[[simulation.attacker]]`: it knows all of a network but its key, and sends recorded, changed and forged frames.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Attacker {
+    /// Where it is, metres.
+    #[serde(deserialize_with = "position")]
+    pub position_m: [f64; 3],
+    /// The network that it attacks: 0 is the site's own, 1 the first neighbour.
+    #[serde(default)]
+    pub network: usize,
+    /// How many frames it sends for each of the network's.
+    #[serde(default = "as_many", deserialize_with = "positive")]
+    pub rate: f64,
+    /// When it comes, seconds.
+    #[serde(default = "soon", deserialize_with = "not_negative")]
+    pub from_s: f64,
+}
+
+const fn as_many() -> f64 {
+    1.0
+}
+
+const fn soon() -> f64 {
+    5.0
 }
 
 /// What a node runs on.
@@ -312,6 +340,7 @@ pub(crate) struct SimulationTable {
     network: Vec<Spanned<NetworkTable>>,
     wall: Vec<Wall>,
     fault: Vec<Spanned<Fault>>,
+    attacker: Vec<Attacker>,
     bluetooth: Bluetooth,
 }
 
@@ -331,6 +360,7 @@ impl Default for SimulationTable {
             network: Vec::new(),
             wall: Vec::new(),
             fault: Vec::new(),
+            attacker: Vec::new(),
             bluetooth: Bluetooth::default(),
         }
     }
@@ -356,6 +386,7 @@ impl SimulationTable {
             networks: networks.collect::<Result<_, _>>()?,
             walls: self.wall,
             faults: self.fault.into_iter().map(|fault| document.with_line(fault)).collect(),
+            attackers: self.attacker,
             bluetooth: self.bluetooth,
         })
     }

@@ -46,6 +46,8 @@ pub enum Purpose {
     Survey = 13,
     /// What a node draws at its start, for frames with a key.
     Keys = 14,
+    /// What an attacker does.
+    Attacker = 15,
 }
 
 /// The stream of `purpose` number `index` in the simulation seeded with `seed`.

@@ -12,14 +12,14 @@ const RADIATED_DBM: f64 = -14.3;
 const BOOSTS: [(f64, f64); 3] = [(125.0, 9.0), (250.0, 6.0), (500.0, 3.0)];
 
 /// The power of a frame of some bytes on the air.
-pub(super) fn radiated_dbm(phy: &Phy, bytes: usize) -> f64 {
+pub(crate) fn radiated_dbm(phy: &Phy, bytes: usize) -> f64 {
     let micros = phy.frame_ticks(bytes) as f64 / TICKS_PER_PS * 1e-6;
     let boost = BOOSTS.iter().find(|(shorter_than, _)| phy.rate == Rate::Kbps6800 && micros < *shorter_than);
     RADIATED_DBM + boost.map_or(0.0, |(_, decibels)| *decibels)
 }
 
 /// The PHY of the driver's configuration, as the air has it.
-pub(super) fn air_phy(phy: &PhyConfig) -> Phy {
+pub(crate) fn air_phy(phy: &PhyConfig) -> Phy {
     let kind = match phy.sfd() {
         PhySfd::Standard => SfdKind::Ieee,
         PhySfd::Decawave => SfdKind::Decawave,

@@ -34,7 +34,8 @@ use crate::costs::Costs;
 use crate::random::{Purpose, gauss, stream};
 use crate::{Processor, TrueTime, World};
 
-use air_phy::{air_phy, radiated_dbm, settings};
+use air_phy::settings;
+pub(crate) use air_phy::{air_phy, radiated_dbm};
 use bus_load::{
     ARMED, CLOCK, FRAME_READ, FRAME_SEEN, LISTEN, LISTEN_AGAIN, LOAD_AT, LOAD_NOW, SENT_AT, SENT_NOW, STOP,
     STOP_AND_SEND, STOP_AND_SEND_AT, WINDOW_OVER,
@@ -277,6 +278,23 @@ impl Direct {
     }
 }
 
+/// Sends a frame from its beginning, now, to its end. `end` says when its last bit leaves, with this many bytes on the air.
+pub(crate) async fn emit(
+    world: &World,
+    sender: PortId,
+    sent: TxStart,
+    frame: &[u8],
+    end: impl FnOnce(usize) -> TrueTime,
+) {
+    let on_air = world.begin_frame(sender, sent);
+    world.sleep_until(sent.marker).await;
+    let mut bytes = frame.to_vec();
+    bytes.extend_from_slice(&CHECK.checksum(frame).to_le_bytes());
+    let end = end(bytes.len());
+    world.air().fill(on_air, Rc::from(bytes), end);
+    world.sleep_until(end).await;
+}
+
 impl Radio for Direct {
     type Error = Infallible;
 
@@ -341,13 +359,8 @@ impl Radio for Direct {
             power_dbm: radiated_dbm(&antenna.phy, frame.len() + 2),
             sender_ppm,
         };
-        let on_air = antenna.world.begin_frame(antenna.port, sent);
-        antenna.world.sleep_until(marked).await;
-        let mut bytes = frame.to_vec();
-        bytes.extend_from_slice(&CHECK.checksum(frame).to_le_bytes());
-        let end = antenna.time_of(marker + (antenna.phy.phr_ticks() + antenna.phy.payload_ticks(bytes.len())) as i64);
-        antenna.world.air().fill(on_air, Rc::from(bytes), end);
-        antenna.world.sleep_until(end).await;
+        let end = |bytes| antenna.time_of(marker + (antenna.phy.phr_ticks() + antenna.phy.payload_ticks(bytes)) as i64);
+        emit(&antenna.world, antenna.port, sent, frame, end).await;
         if listen {
             antenna.listen();
         }

@@ -78,6 +78,7 @@ impl Scenario {
             listed_anchors: Vec::new(),
             tags: Vec::new(),
             faults: Vec::new(),
+            attackers: Vec::new(),
         };
         let mut settings = TagSettings::default();
         settings.record.height_m = Some(TAG_HEIGHT_M);

@@ -76,6 +76,14 @@ impl<P: Protocol> Protocol for Inspected<P> {
         self.inner.guide(guidance);
     }
 
+    fn set_host(&mut self, has_host: bool) {
+        self.inner.set_host(has_host);
+    }
+
+    fn refused_frames(&self) -> u32 {
+        self.inner.refused_frames()
+    }
+
     fn carried(&mut self) -> Option<u8> {
         self.inner.carried()
     }

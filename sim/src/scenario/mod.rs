@@ -7,6 +7,7 @@
 
 mod air;
 mod airtime;
+mod attacker;
 mod beacon;
 mod beacon_survey;
 mod carrying;
@@ -34,6 +35,7 @@ use crate::bluetooth::BluetoothConfig;
 use crate::board::BoardProfile;
 use crate::lis2dh12;
 
+pub use attacker::Attacker;
 pub use beacon::Beacon;
 pub use beacon_survey::{SurveySample, survey};
 pub use draw::Charges;
@@ -84,6 +86,8 @@ pub struct Scenario {
     pub tags: Vec<Tag>,
     /// The faults, in the order of time.
     pub faults: Vec<Fault>,
+    /// The attackers.
+    pub attackers: Vec<Attacker>,
 }
 
 impl Scenario {

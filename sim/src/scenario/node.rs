@@ -58,6 +58,10 @@ impl App {
         Self { world: world.clone(), scenario: scenario.clone(), address, page, outlet }
     }
 
+    fn is_attacked(&self) -> bool {
+        !self.scenario.attackers.is_empty()
+    }
+
     fn record(&self) -> Result<Record, LoadError> {
         wire::config::decode(&self.page).map(|(record, _)| record)
     }
@@ -119,6 +123,7 @@ impl Firmware for AnchorApp {
                 let Some((_, settings)) = followed else { return pending().await };
                 let Role::Anchor { position_m } = settings.role else { return quiet(&reporter).await };
                 let machine = Charged::new(AnchorProtocol::new(&settings, position_m), &processor);
+                let machine = if self.0.is_attacked() { machine.seen(self.0.outlet.judge()) } else { machine };
                 let machine = match settings.protocol {
                     ProtocolConfig::Native | ProtocolConfig::Listening { .. } => machine.with_address(settings.address),
                     ProtocolConfig::DecaRanging(_) => machine,
@@ -248,6 +253,7 @@ impl TagApp {
         let App { scenario, world, address, .. } = &self.app;
         let background = delay.for_background();
         let machine = Charged::new(TagProtocol::new(settings, tag), processor);
+        let machine = if self.app.is_attacked() { machine.seen(self.app.outlet.judge()) } else { machine };
         let machine = match settings.protocol {
             ProtocolConfig::Native => machine.with_address(settings.address),
             ProtocolConfig::DecaRanging(_) | ProtocolConfig::Listening { .. } => machine,

@@ -64,6 +64,7 @@ impl Scenario {
             listed_anchors: site.listed_anchors.clone(),
             tags: Vec::new(),
             faults: Vec::new(),
+            attackers: simulation.attackers.clone(),
         };
         let has = |of: fn(&Role) -> bool| site.nodes.iter().any(|node| of(&node.record.role));
         let has_tag = has(|role| matches!(role, Role::Tag(_)));
@@ -317,7 +318,7 @@ mod tests {
     use wire::config::{Mode, Network, Phy, Scan, Scheme, Solver};
 
     use super::*;
-    use crate::scenario::{AirModel, Carrier, FaultKind, Fidelity, NETWORK, distance};
+    use crate::scenario::{AirModel, Attacker, Carrier, FaultKind, Fidelity, NETWORK, distance};
 
     const LEAST: &str = "[[node]]\nrole = \"anchor\"\nposition_m = [0, 0, 2]\n[[node]]\nrole = \"tag\"\n";
 
@@ -344,6 +345,8 @@ mod tests {
         let scan = Some(Scan { interval_ms: 1000, window_ms: 1000 });
         assert_eq!((tag.height_m, tag.rate_chz, tag.scan), (Some(1.2), Some(1000), scan));
         assert_eq!(scenario.anchors.iter().map(|a| a.address).collect::<Vec<_>>(), [1, 2, 3]);
+        let attacker = Attacker { position_m: [3.0, 2.0, 1.0], network: 0, rate: 1.0, from_s: 5.0 };
+        assert_eq!(scenario.attackers, [attacker]);
         assert_eq!(scenario.faults, [Fault { at_s: 10.0, node: 2, what: FaultKind::Off }]);
         // 6 m along the first side at 1 m/s, then 1 m along the second.
         assert!(distance(scenario.tags[0].walk.at(7.0), [7.0, 2.0, 1.2]) < 1e-9);

@@ -203,6 +203,11 @@ pub struct Summary {
     pub uplink_p99_s: Option<f64>,
     /// The share of the data of tags' users that an anchor with a cable reported. `None` without such data.
     pub data_share: Option<f64>,
+    /// Frames that attackers have sent. `None` without attackers.
+    pub forged_frames: Option<u64>,
+    /// How often a node has believed one of them: it was in another state afterwards, or did something else, than after a
+    /// frame that it cannot read.
+    pub forged_accepted: Option<u64>,
     /// Mean current of a tag from its supply, board and DW1000 together, milliamperes. It counts from the tag's first
     /// position on, or from the beginning if the tag found no position. `None` for radios directly on the air.
     pub tag_mean_current_ma: Option<f64>,
@@ -310,6 +315,8 @@ impl Summary {
             uplink_share: None,
             uplink_p99_s: None,
             data_share: None,
+            forged_frames: None,
+            forged_accepted: None,
             tag_mean_current_ma: None,
             charge_per_fix_uc: None,
             tag_currents_ma: None,

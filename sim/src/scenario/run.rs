@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::rc::Rc;
 
 use super::airtime::Airtime;
+use super::attacker;
 use super::beacon::BeaconNode;
 use super::carrying::Feeling;
 use super::draw::{Draw, Drawn};
@@ -102,11 +103,32 @@ impl Simulation {
         let port = |address: u16| nodes.get(&address).map(Hardware::port);
         let airtime =
             Airtime::of(&world, members.filter_map(|(address, network)| Some((port(address)?, network))).collect());
+        for attacker in scenario.attackers.iter().enumerate() {
+            attacker::start(&world, &scenario, attacker, &log.borrow().attack);
+        }
         let (nodes, sensors, beacons, outlets) = (Rc::new(nodes), Rc::new(sensors), Rc::new(beacons), Rc::new(outlets));
-        for &fault in &scenario.faults {
-            let (nodes, beacons, outlets) = (nodes.clone(), beacons.clone(), outlets.clone());
-            let sensors = sensors.clone();
-            world.at(TrueTime::from_secs_f64(fault.at_s), move |_| {
+        let simulation = Self {
+            world,
+            scenario,
+            log,
+            outlets,
+            addresses,
+            nodes,
+            sensors,
+            bluetooth,
+            airtime,
+            settled: HashMap::new(),
+        };
+        simulation.schedule_faults(&beacons);
+        simulation
+    }
+
+    /// Lets the faults happen at their times.
+    fn schedule_faults(&self, beacons: &Rc<HashMap<u16, BeaconNode>>) {
+        for &fault in &self.scenario.faults {
+            let (nodes, beacons, outlets) = (self.nodes.clone(), beacons.clone(), self.outlets.clone());
+            let sensors = self.sensors.clone();
+            self.world.at(TrueTime::from_secs_f64(fault.at_s), move |_| {
                 if let Some(outlet) = outlets.get(&fault.node) {
                     outlet.fault(fault.what);
                 }
@@ -126,7 +148,6 @@ impl Simulation {
                 }
             });
         }
-        Self { world, scenario, log, outlets, addresses, nodes, sensors, bluetooth, airtime, settled: HashMap::new() }
     }
 
     /// The scenario.
@@ -225,7 +246,9 @@ impl Simulation {
         let (uplink_share, uplink_p99_s) = log.uplink.figures().unzip();
         let uplink_p99_s = uplink_p99_s.flatten();
         let (data_share, bluetooth) = (log.uplink.data_share(), self.bluetooth.as_ref().map(of_beacons));
-        Summary { uplink_share, uplink_p99_s, data_share, bluetooth, ..summary }
+        let forged = (!self.scenario.attackers.is_empty()).then(|| log.attack.figures());
+        let (forged_frames, forged_accepted) = forged.unzip();
+        Summary { uplink_share, uplink_p99_s, data_share, forged_frames, forged_accepted, bluetooth, ..summary }
     }
 }
 

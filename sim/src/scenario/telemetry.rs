@@ -3,13 +3,16 @@
 
 use std::cell::RefCell;
 use std::collections::{HashMap, VecDeque};
+use std::fmt::Debug;
 use std::rc::Rc;
 
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_tag::{Measured, RoundOutcome, Sounding};
-use ranging::Diagnostics;
+use ranging::exchange::{Event, Protocol};
+use ranging::{Diagnostics, RadioInstant};
 use wire::telemetry::{Condition, Difference, Message, Range, State};
 
+use super::attacker::Attack;
 use super::record::{DifferenceRecord, PositionError, RangeRecord, Record, SimulatedEpoch, Source, Unrounded, What};
 use super::uplink::Uplink;
 use super::{FaultKind, Scenario, distance};
@@ -36,6 +39,8 @@ pub(super) struct Log {
     pub(super) errors: Vec<PositionError>,
     /// The positions that tags tell in their polls.
     pub(super) uplink: Uplink,
+    /// The frames of attackers.
+    pub(super) attack: Rc<Attack>,
 }
 
 impl Log {
@@ -134,6 +139,11 @@ impl Outlet {
             reported_s: RefCell::default(),
             round: RefCell::default(),
         })
+    }
+
+    /// Judges whether the node's protocol believes attackers.
+    pub(super) fn judge<P: Protocol + Clone + Debug>(&self) -> impl Fn(&P, RadioInstant, &Event<'_>) + use<P> {
+        self.log.borrow().attack.judge(&self.world)
     }
 
     /// The node starts: makes its reporter. The reporter's clock gives the time at which the processor has done the

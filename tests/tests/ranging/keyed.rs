@@ -33,6 +33,7 @@ fn tags_with_a_key_range_sleep_and_report() {
         (10.0, "", 300.0),
         (10.0, "scheme = \"double-sided\"", 200.0),
         (10.0, "rate_hz = 10\ntell_position = true", 9.8),
+        (10.0, "rate_hz = 10\nscheme = \"double-sided\"", 9.8),
         (90.0, "rate_hz = 0.5\nsleep = true\ntell_position = true", 0.48),
     ] {
         // Data go in two polls.
@@ -45,8 +46,10 @@ fn tags_with_a_key_range_sleep_and_report() {
         assert!(found as f64 >= least_hz * seconds / 2.0 - 1.0, "{record}: {found} in {} s", seconds / 2.0);
         let share = simulation.summary().data_share.expect("data");
         assert!(share > 0.9, "{record}: {share} of the data");
+        // Before a tag that sleeps has learned how long it takes to wake, a poll may come before its slot.
+        let most = u32::from(record.contains("sleep"));
         for node in [0x1001, 1, 2, 3, 4] {
-            assert_eq!(counters(&records, node).refused, 0, "{record}: node {node}");
+            assert!(counters(&records, node).refused <= most, "{record}: node {node}");
         }
     }
 }
@@ -94,4 +97,24 @@ fn two_sites_with_one_pan_and_different_keys_refuse_each_other() {
         // At least the sync frames of the others, less what collides.
         assert!(counters(&records, node).refused > 100, "node {node}: {}", counters(&records, node).refused);
     }
+}
+
+#[test]
+fn nobody_believes_an_attacker_who_knows_all_but_the_key() {
+    let attacked = |text: &str, seconds: f64| {
+        let scenario = Scenario::parse(text).expect("the example");
+        let mut simulation = Simulation::new(Scenario { seconds, ..scenario });
+        simulation.run_until(seconds);
+        simulation.summary()
+    };
+    let text = include_str!("../../../examples/attack.toml");
+    let summary = attacked(text, 40.0);
+    // As many as the network's: 40 sync frames and 4 · 10 rounds of five frames a second, and 5 s are quiet. One in a few comes
+    // while another is sent.
+    assert!(summary.forged_frames > Some(35 * 120) && summary.forged_accepted == Some(0), "{summary:?}");
+    assert!(summary.tags_joined == 4 && summary.slots_with_fix > Some(0.8), "{summary:?}");
+    // The judge is not blind: without a key forged frames are believed, some each second.
+    let (_, plain) = text.split_once("[[node]]").expect("a network and nodes");
+    let summary = attacked(&format!("[[node]]{plain}"), 15.0);
+    assert!(summary.forged_accepted > Some(10), "{summary:?}");
 }

@@ -155,6 +155,9 @@ pub(super) fn summary_text(summary: &Summary) -> String {
         let percent = 100.0 * share;
         let _ = writeln!(text, "data of users: {percent:.1} % reached an anchor with a cable");
     }
+    if let Some((forged, accepted)) = summary.forged_frames.zip(summary.forged_accepted) {
+        let _ = writeln!(text, "attack: {forged} frames; nodes believed {accepted}");
+    }
     if let Some(current_ma) = summary.tag_mean_current_ma {
         let charge = summary.charge_per_fix_uc.map_or_else(|| "-".to_owned(), |charge_uc| format!("{charge_uc:.1} µC"));
         let _ = writeln!(text, "supply of a tag: {current_ma:.3} mA in the mean, {charge} a position");
