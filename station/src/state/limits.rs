@@ -27,6 +27,24 @@ pub struct StateLimits {
     pub nodes: usize,
 }
 
+/// Probabilities at which a tag enters a room or a zone, and leaves it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Thresholds {
+    /// It enters from outside of all.
+    pub(super) enter: f64,
+    /// It goes from one room directly to another one, while the old one has at most the rest.
+    pub(super) changes: f64,
+    /// It leaves.
+    pub(super) leave: f64,
+}
+
+impl StateLimits {
+    /// Of positions by ranges. A change is clear halfway between ½ and the limit for entering.
+    pub(super) fn thresholds(&self) -> Thresholds {
+        Thresholds { enter: self.enter, changes: 0.5 * (0.5 + self.enter), leave: self.leave }
+    }
+}
+
 /// Which events are alarms, besides those of zones, which say so themselves
 /// ([`Zone::alarm`](crate::model::Zone::alarm)).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

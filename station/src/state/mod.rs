@@ -31,6 +31,7 @@ mod nodes;
 mod rate;
 mod recent;
 mod refusals;
+mod rooms;
 mod rounds;
 mod supply;
 mod tags;
@@ -212,6 +213,7 @@ impl LiveState {
                     gone.push((tag.clone(), tags::left(area, &inside, now)));
                     None
                 };
+                state.rooms.clear();
                 state.room = state.room.and_then(&mut stay);
                 state.zones = std::mem::take(&mut state.zones).into_iter().filter_map(stay).collect();
             }

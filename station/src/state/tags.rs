@@ -3,8 +3,10 @@
 use std::time::Duration;
 
 use super::containment::{Gaussian, Outline};
+use super::limits::Thresholds;
 use super::rate::Rate;
 use super::refusals::Refusals;
+use super::rooms::{self, RoomShares};
 use super::supply::Supply;
 use super::user_data::UserData;
 use super::{Alarms, NewEvent, StateLimits};
@@ -83,6 +85,8 @@ pub(super) struct TagState {
     pub(super) data: UserData,
     pub(super) room: Option<Inside>,
     pub(super) zones: Vec<Inside>,
+    /// While it is located by RSSI alone.
+    pub(super) rooms: RoomShares,
 }
 
 impl TagState {
@@ -102,6 +106,7 @@ impl TagState {
             data: UserData::default(),
             room: None,
             zones: Vec::new(),
+            rooms: RoomShares::default(),
         }
     }
 
@@ -166,7 +171,22 @@ impl TagState {
         };
         let share = greatest_sigma_m(covariance_m2) / greatest_m;
         self.check_certainty(position.t, share, &limits.alarms, happened);
-        self.enter_and_leave(position.t, &gaussian, areas, limits, happened);
+        let probabilities: Vec<f64> = areas.iter().map(|area| area.outline.probability(&gaussian)).collect();
+        self.enter_and_leave_zones(position.t, &probabilities, areas, limits.thresholds(), happened);
+        let of_rooms = areas.iter().zip(probabilities);
+        let of_rooms = of_rooms.map(|(area, of)| if area.zone.kind == ZoneKind::Room { of } else { 0.0 });
+        let mut of_rooms: Vec<f64> = of_rooms.collect();
+        let thresholds = match solved_from {
+            SolvedFrom::Ranges => {
+                self.rooms.clear();
+                limits.thresholds()
+            }
+            SolvedFrom::Rssi => {
+                of_rooms = self.rooms.take(position.t, &of_rooms).to_vec();
+                rooms::THRESHOLDS
+            }
+        };
+        self.change_room(position.t, &of_rooms, areas, thresholds, happened);
         position.room = self.room.and_then(|room| Some(areas.get(room.area)?.zone.name.clone()));
         self.last_position = Some(position.clone());
     }
@@ -187,48 +207,55 @@ impl TagState {
         };
     }
 
-    /// Rooms and zones are entered when they are probable and left when they are improbable. A tag goes from one room
-    /// directly to another when that one is clearly the more probable: halfway between ½ and the limit for entering,
-    /// while the old one has at most the rest.
-    fn enter_and_leave(
+    /// Zones are entered when they are probable and left when they are improbable. `probabilities` are those of all areas.
+    fn enter_and_leave_zones(
         &mut self,
         t: Utc,
-        at: &Gaussian,
+        probabilities: &[f64],
         areas: &[Area],
-        limits: &StateLimits,
+        thresholds: Thresholds,
         happened: &mut Vec<NewEvent>,
     ) {
-        let mut best = (0.0, None);
-        let mut stays = 0.0;
-        for (index, area) in areas.iter().enumerate() {
-            let probability = area.outline.probability(at);
-            match area.zone.kind {
-                ZoneKind::Room if self.room.is_some_and(|room| room.area == index) => stays = probability,
-                ZoneKind::Room if probability > best.0 => best = (probability, Some(index)),
-                ZoneKind::Room => {}
-                ZoneKind::Zone => match self.zones.iter().position(|inside| inside.area == index) {
-                    Some(place) if probability <= limits.leave => {
-                        let inside = self.zones.swap_remove(place);
-                        happened.push(left(area, &inside, t));
-                    }
-                    None if probability >= limits.enter => {
-                        self.zones.push(Inside { area: index, since: t });
-                        happened.push(entered(area));
-                    }
-                    Some(_) | None => {}
-                },
+        let zones =
+            areas.iter().zip(probabilities).enumerate().filter(|(_, (area, _))| area.zone.kind == ZoneKind::Zone);
+        for (index, (area, probability)) in zones {
+            match self.zones.iter().position(|inside| inside.area == index) {
+                Some(place) if *probability <= thresholds.leave => {
+                    let inside = self.zones.swap_remove(place);
+                    happened.push(left(area, &inside, t));
+                }
+                None if *probability >= thresholds.enter => {
+                    self.zones.push(Inside { area: index, since: t });
+                    happened.push(entered(area));
+                }
+                Some(_) | None => {}
             }
         }
-        let (probability, other) = best;
-        let changes = 0.5 * (0.5 + limits.enter);
-        let is_changed = self.room.is_some() && probability >= changes && stays <= 1.0 - changes;
-        if (is_changed || stays <= limits.leave)
+    }
+
+    /// So are rooms. A tag goes from one room directly to another when that one is clearly the more probable.
+    /// `probabilities` are those of all areas, 0 for zones.
+    fn change_room(
+        &mut self,
+        t: Utc,
+        probabilities: &[f64],
+        areas: &[Area],
+        thresholds: Thresholds,
+        happened: &mut Vec<NewEvent>,
+    ) {
+        let own = self.room.map(|room| room.area);
+        let stays = own.and_then(|own| probabilities.get(own)).copied().unwrap_or(0.0);
+        let others = probabilities.iter().copied().enumerate().filter(|(index, _)| Some(*index) != own);
+        let (other, probability) = others.max_by(|(_, a), (_, b)| a.total_cmp(b)).unzip();
+        let probability = probability.unwrap_or(0.0);
+        let is_changed = own.is_some() && probability >= thresholds.changes && stays <= 1.0 - thresholds.changes;
+        if (is_changed || stays <= thresholds.leave)
             && let Some(inside) = self.room.take()
             && let Some(area) = areas.get(inside.area)
         {
             happened.push(left(area, &inside, t));
         }
-        if (is_changed || (self.room.is_none() && probability >= limits.enter))
+        if (is_changed || (self.room.is_none() && probability >= thresholds.enter))
             && let Some(index) = other
             && let Some(area) = areas.get(index)
         {

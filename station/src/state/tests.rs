@@ -1,9 +1,15 @@
 //! The state as a whole: reports in, updates out.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
+
+use rand::{Rng, SeedableRng};
+use rand_distr::StandardNormal;
+use rand_pcg::Pcg64;
 
 use super::*;
 use crate::model::{Doubt, HealthFigures, RangeMeasurement};
+use crate::rssi::KnownNode;
 use crate::{ReportKind, SolvedFrom, SourceReport};
 
 const SITE: &str = "hall";
@@ -171,6 +177,97 @@ fn a_walk_through_a_door_changes_rooms_once() {
         (tags[0].zones.clone(), tags[0].last_position.clone().and_then(|at| at.room)),
         (vec!["danger".to_owned()], Some("attic".to_owned()))
     );
+}
+
+/// Rooms and receivers of a flat, metres.
+type Flat = (&'static [(&'static str, [f64; 4])], &'static [[f64; 3]]);
+/// The house of `examples/espresense`.
+const HOUSE: Flat = (
+    &[("Kitchen", [0.0, 0.0, 4.0, 6.0]), ("Living room", [4.0, 0.0, 9.0, 6.0])],
+    &[[0.2, 0.2, 1.0], [8.8, 0.3, 0.5], [4.5, 5.8, 1.2]],
+);
+/// Four rooms, a receiver near each corner of two walls.
+const FLAT: Flat = (
+    &[
+        ("A", [0.0, 0.0, 5.0, 4.0]),
+        ("B", [5.0, 0.0, 10.0, 4.0]),
+        ("C", [0.0, 4.0, 5.0, 8.0]),
+        ("D", [5.0, 4.0, 10.0, 8.0]),
+    ],
+    &[
+        [0.2, 0.2, 1.0],
+        [9.8, 0.2, 1.0],
+        [0.2, 7.8, 1.0],
+        [9.8, 7.8, 1.0],
+        [4.8, 0.2, 1.0],
+        [5.2, 7.8, 1.0],
+        [0.2, 4.2, 1.0],
+        [9.8, 3.8, 1.0],
+    ],
+);
+
+/// Devices at random places of a flat for eight seconds, and the shares of them of which the station says the right room,
+/// a wrong one and none, and which the receiver that receives them best is in one room with. `device_db` is how much
+/// devices differ.
+fn in_rooms((rooms, receivers): Flat, shadowing_db: f64, device_db: f64) -> [f64; 4] {
+    const DEVICES: usize = 400;
+    let mut live = LiveState::new(StateLimits::default());
+    let zone = |&(name, [x0, y0, x1, y1]): &(&str, [f64; 4])| Zone {
+        site: SITE.to_owned(),
+        name: name.to_owned(),
+        kind: ZoneKind::Room,
+        corners_m: vec![[x0, y0], [x1, y0], [x1, y1], [x0, y1]],
+        alarm: false,
+    };
+    live.set_zones(rooms.iter().map(zone).collect());
+    let room_at = |x: f64, y: f64| {
+        let is_in = |[x0, y0, x1, y1]: [f64; 4]| x0 <= x && x <= x1 && y0 <= y && y <= y1;
+        rooms.iter().find(|(_, room)| is_in(*room)).map(|(name, _)| *name)
+    };
+    let known: BTreeMap<String, KnownNode> = receivers
+        .iter()
+        .enumerate()
+        .map(|(i, &position_m)| (i.to_string(), KnownNode { position_m, rssi_1m_dbm: None, path_loss_exponent: None }))
+        .collect();
+    let mut random = Pcg64::seed_from_u64(29);
+    let mut normal = move |deviation: f64| deviation * random.sample::<f64, _>(StandardNormal);
+    let mut places = Pcg64::seed_from_u64(28);
+    let size = rooms.iter().fold([0.0_f64; 2], |size, (_, [.., x1, y1])| [size[0].max(*x1), size[1].max(*y1)]);
+    let mut counts = [0; 4];
+    for device in 0..DEVICES {
+        let [x, y] = size.map(|end| places.random_range(0.0..end));
+        let name = format!("device-{device}");
+        let own_db = normal(device_db);
+        let levels: Vec<f64> = receivers
+            .iter()
+            .map(|[rx, ry, _]| -59.0 - 27.0 * (rx - x).hypot(ry - y).max(0.3).log10() + own_db + normal(shadowing_db))
+            .collect();
+        let mut room = None;
+        for second in 0..8 {
+            let heard = levels.iter().map(|level| level + normal(2.0)).enumerate();
+            let heard: Vec<(String, f64)> = heard.map(|(i, rssi_dbm)| (i.to_string(), rssi_dbm)).collect();
+            let heard = heard.iter().map(|(receiver, rssi_dbm)| (receiver.as_str(), *rssi_dbm));
+            let found = crate::rssi::solve(&known, heard, Some(-59.0)).expect("a position");
+            room = room_of(&live.apply(&report(at(1_000 * second), found.of(name.clone()))));
+        }
+        let best = levels.iter().enumerate().max_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(i, _)| receivers[i]);
+        let [near_x, near_y, _] = best.expect("receivers");
+        let truth = room_at(x, y);
+        let place = if room.is_none() { 2 } else { usize::from(room.as_deref() != truth) };
+        counts[place] += 1;
+        counts[3] += usize::from(room_at(near_x, near_y) == truth);
+    }
+    counts.map(|count| count as f64 / DEVICES as f64)
+}
+
+#[test]
+fn a_device_that_receivers_receive_is_in_a_room_more_often_the_right_one_than_that_of_the_strongest() {
+    for (flat, shadowing_db, device_db) in [(HOUSE, 4.0, 0.0), (FLAT, 4.0, 0.0), (HOUSE, 6.0, 5.0), (FLAT, 6.0, 5.0)] {
+        let shares @ [right, wrong, none, strongest] = in_rooms(flat, shadowing_db, device_db);
+        assert!(right > strongest + 0.02 && right > 0.62 && none < 0.2, "{shadowing_db} dB: {shares:?}");
+        // Where none is likelier than all others together it says none, so what it says is right more often.
+        assert!(right / (right + wrong) > 0.76, "{shadowing_db} dB: {shares:?}");
+    }
 }
 
 #[test]
