@@ -57,32 +57,45 @@ fn beacons_beside_anchors_cost_nothing_and_give_no_epochs_of_their_own() {
     assert!(alone.summary.bluetooth.is_none());
 }
 
+/// The positions of a tag with times, sources, their own standard deviation in x, metres, and errors, metres.
+fn found(run: &Run) -> Vec<(f64, Source, f64, f64)> {
+    let epochs = run.epochs(TAG).filter_map(|(t_s, epoch)| {
+        let ([sigma_m, ..], [x_m, ..]) = (epoch.fix.deviation_m()?, epoch.fix.position_m()?);
+        // The variance of an ambiguous position has a part that reaches to the other place, which is no likelier: at most
+        // half the square of its distance. The rest is the position's own.
+        let apart_m = epoch.fix.doubt.alternative_m().map_or(0.0, |[other_x_m, ..]| other_x_m - x_m);
+        let own_sigma_m = (sigma_m * sigma_m - apart_m * apart_m / 2.0).max(0.0).sqrt();
+        Some((t_s, epoch.source(), own_sigma_m, epoch.error_m()?))
+    });
+    epochs.collect()
+}
+
 #[test]
 fn a_tag_goes_out_of_the_anchors_cover_into_the_beacons_and_back() {
-    let run = example(include_str!("../../../examples/leaving.toml"), 1);
-    let found: Vec<_> = run
-        .epochs(TAG)
-        .filter_map(|(t_s, epoch)| {
-            let ([sigma_m, ..], [x_m, ..]) = (epoch.fix.deviation_m()?, epoch.fix.position_m()?);
-            // The variance of an ambiguous position has a part that reaches to the other place, which is no likelier:
-            // at most half the square of its distance. The rest is the position's own.
-            let apart_m = epoch.fix.doubt.alternative_m().map_or(0.0, |[other_x_m, ..]| other_x_m - x_m);
-            let own_sigma_m = (sigma_m * sigma_m - apart_m * apart_m / 2.0).max(0.0).sqrt();
-            Some((t_s, epoch.source(), own_sigma_m, epoch.error_m()?))
-        })
-        .collect();
-    let gap = found.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(0.0, f64::max);
-    assert!(gap < 1.1, "{gap} s without a position");
+    let runs = [1, 2, 3].map(|seed| example(include_str!("../../../examples/leaving.toml"), seed));
     // The offset of the beacons' RSSI values is known where the anchors' range ends. The error begins with centimetres
     // and grows with the distance walked. Where the last rounds had only one or two anchors, the tag says that the place on
     // their other side fits as well.
-    let left = found.windows(2).filter(|pair| (pair[0].1, pair[1].1) == (Source::Anchors, Source::Beacons));
-    let first: Vec<_> = left.map(|pair| (pair[1].3, pair[1].2)).collect();
-    assert!(!first.is_empty() && first.iter().all(|(error_m, sigma_m)| *error_m < 1.0 && *sigma_m < 1.0), "{first:?}");
+    let mut first: Vec<(f64, f64)> = Vec::new();
+    for found in runs.iter().map(found) {
+        let gap = found.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(0.0, f64::max);
+        assert!(gap < 1.1, "{gap} s without a position");
+        let left = found.windows(2).filter(|pair| (pair[0].1, pair[1].1) == (Source::Anchors, Source::Beacons));
+        first.extend(left.map(|pair| (pair[1].3, pair[1].2)));
+    }
+    first.sort_by(|a, b| a.0.total_cmp(&b.0));
+    assert!(first.len() >= 6 && first[first.len() / 2].0 < 0.5, "{first:?}");
+    assert!(first.iter().all(|(error_m, sigma_m)| *sigma_m < 1.0 && *error_m < 2.5 * sigma_m), "{first:?}");
     // A track by beacons does not spoil the first ranges.
-    let by_anchors = found.iter().filter(|(t_s, source, ..)| *t_s > 5.0 && *source == Source::Anchors);
-    let greatest_m = by_anchors.map(|(.., error_m)| *error_m).fold(0.0, f64::max);
-    assert!(greatest_m < 0.6, "{greatest_m} m");
+    let mut greatest_m = runs.each_ref().map(|run| {
+        let found = found(run).into_iter();
+        let by_anchors = found.filter(|(t_s, source, ..)| *t_s > 5.0 && *source == Source::Anchors);
+        by_anchors.map(|(.., error_m)| error_m).fold(0.0, f64::max)
+    });
+    greatest_m.sort_by(f64::total_cmp);
+    assert!(greatest_m[1] < 0.6 && greatest_m[2] < 1.0, "{greatest_m:?}");
+    let [run, ..] = runs;
+    let found = found(&run);
     // Back among the anchors, the error is as before.
     let later = found.iter().filter(|(t_s, source, ..)| *t_s > 50.0 && *t_s < 60.0 && *source == Source::Anchors);
     let errors_m: Vec<f64> = later.map(|(.., error_m)| *error_m).collect();
