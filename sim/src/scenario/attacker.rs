@@ -20,8 +20,7 @@ use ranging::exchange::{Event, Protocol};
 use ranging::native::{Layout, MAX_ROUND, Network, NetworkKey, Timing};
 use ranging::{RadioDuration, RadioInstant, RxFrame};
 use wire::uwb::native::{
-    Challenge, Confirmation, Frame, Message, OWNED_SYNC_SLOTS, Poll, Request, Response, Session, Share, SyncFrame,
-    software_code,
+    Challenge, Confirmation, Frame, Message, OWNED_SYNC_SLOTS, Poll, Request, Response, Share, SyncFrame, software_code,
 };
 use wire::uwb::{BROADCAST, FrameBuffer};
 
@@ -49,7 +48,7 @@ const CODE_AT: usize = 9;
 pub(super) struct Attack {
     /// The end of the last one with these bytes (without check bytes).
     sent: RefCell<HashMap<Box<[u8]>, TrueTime>>,
-    /// Those of the last second, oldest first: the others are forgotten.
+    /// Those that a node may still handle, oldest first: the others are forgotten.
     order: RefCell<VecDeque<(TrueTime, Box<[u8]>)>>,
     frames: Cell<u64>,
     accepted: Cell<u64>,
@@ -134,9 +133,9 @@ impl AirClient for Deaf {
     fn on_air(&mut self, _: &World, _: TrueTime, _: ReceptionEvent) {}
 }
 
-/// A frame that the attacker has heard.
+/// A frame that the attacker has recorded.
 #[derive(Clone)]
-struct Heard {
+struct Recorded {
     marker: TrueTime,
     bytes: Rc<[u8]>,
 }
@@ -149,7 +148,7 @@ struct Striker {
     network: Network,
     attack: Rc<Attack>,
     random: Stream,
-    heard: VecDeque<Heard>,
+    recorded: VecDeque<Recorded>,
     /// The last sync frame of each anchor, and when it came.
     sync_frames: Vec<(u16, SyncFrame, TrueTime)>,
     superframe_ps: u64,
@@ -175,7 +174,7 @@ pub(super) fn start(world: &World, scenario: &Scenario, (number, attacker): (usi
         network: followed,
         attack: Rc::clone(attack),
         random: stream(world.seed(), Purpose::Attacker, number as u64),
-        heard: VecDeque::new(),
+        recorded: VecDeque::new(),
         sync_frames: Vec::new(),
         superframe_ps: 0,
         tags: Vec::new(),
@@ -185,7 +184,7 @@ pub(super) fn start(world: &World, scenario: &Scenario, (number, attacker): (usi
     let from = TrueTime::from_secs_f64(from_s);
     let mut owed = 0.0;
     world.sniff(move |frame| {
-        if frame.marker < from || !striker.hear(frame) {
+        if frame.marker < from || !striker.receive(frame) {
             return;
         }
         owed += rate;
@@ -197,17 +196,17 @@ pub(super) fn start(world: &World, scenario: &Scenario, (number, attacker): (usi
 }
 
 impl Striker {
-    /// Hears a frame. Returns whether it is one of the network's.
-    fn hear(&mut self, frame: &Sniffed) -> bool {
+    /// Receives a frame. Returns whether it is one of the network's.
+    fn receive(&mut self, frame: &Sniffed) -> bool {
         let bytes = frame.bytes.get(..frame.bytes.len().saturating_sub(2)).unwrap_or_default();
         let Ok(parsed) = Frame::parse(bytes) else { return false };
         if frame.sender == self.port || parsed.pan != self.network.pan || self.attack.has_sent(bytes, frame.end) {
             return false;
         }
-        if self.heard.len() >= REMEMBERED {
-            self.heard.pop_front();
+        if self.recorded.len() >= REMEMBERED {
+            self.recorded.pop_front();
         }
-        self.heard.push_back(Heard { marker: frame.marker, bytes: Rc::from(bytes) });
+        self.recorded.push_back(Recorded { marker: frame.marker, bytes: Rc::from(bytes) });
         match parsed.message {
             Message::SyncFrame(sync_frame) => {
                 let known = self.sync_frames.iter().position(|(source, ..)| *source == parsed.source);
@@ -230,11 +229,11 @@ impl Striker {
         true
     }
 
-    /// One of the last frames that were heard.
-    fn recent(&mut self, last: usize) -> Option<Heard> {
-        let count = self.heard.len();
+    /// One of the last recorded frames.
+    fn recent(&mut self, last: usize) -> Option<Recorded> {
+        let count = self.recorded.len();
         let place = self.random.random_range(count.saturating_sub(last)..count.max(1));
-        self.heard.get(place).cloned()
+        self.recorded.get(place).cloned()
     }
 
     /// A time soon.
@@ -244,36 +243,36 @@ impl Striker {
     }
 
     /// The place of a frame in a later superframe.
-    fn in_its_place(&mut self, heard: &Heard) -> TrueTime {
+    fn in_its_place(&mut self, recorded: &Recorded) -> TrueTime {
         let superframes = self.random.random_range(1..=3_u64);
-        heard.marker.plus_ps(superframes * self.superframe_ps)
+        recorded.marker.plus_ps(superframes * self.superframe_ps)
     }
 
     fn strike(&mut self) {
         match self.random.random_range(0..5) {
             0 => {
-                let Some(heard) = self.recent(REMEMBERED) else { return };
+                let Some(recorded) = self.recent(REMEMBERED) else { return };
                 let at = self.soon(6_000..30_000);
-                self.send(&heard.bytes, at);
+                self.send(&recorded.bytes, at);
             }
             1 => {
-                let Some(heard) = self.recent(8) else { return };
+                let Some(recorded) = self.recent(8) else { return };
                 let at = self.soon(6_000..20_000);
-                self.send(&heard.bytes, at);
+                self.send(&recorded.bytes, at);
             }
             2 => {
-                let Some(heard) = self.recent(64) else { return };
-                let at = self.in_its_place(&heard);
-                self.send(&heard.bytes, at);
+                let Some(recorded) = self.recent(64) else { return };
+                let at = self.in_its_place(&recorded);
+                self.send(&recorded.bytes, at);
             }
             3 => {
-                let Some(heard) = self.recent(64) else { return };
-                let mut bytes = heard.bytes.to_vec();
+                let Some(recorded) = self.recent(64) else { return };
+                let mut bytes = recorded.bytes.to_vec();
                 for _ in 0..self.random.random_range(1..=3) {
                     let bit = self.random.random_range(0..8 * bytes.len());
                     bytes[bit / 8] ^= 1 << (bit % 8);
                 }
-                let at = if self.random.random() { self.in_its_place(&heard) } else { self.soon(300..5_000) };
+                let at = if self.random.random() { self.in_its_place(&recorded) } else { self.soon(300..5_000) };
                 self.send(&bytes, at);
             }
             _ => {
@@ -337,7 +336,7 @@ impl Striker {
                 }
             }
             _ => {
-                let session = sync_frame.session.map_or(0, |session: Session| session.number);
+                let session = sync_frame.session.map_or(0, |session| session.number);
                 let challenge = Challenge { session, number: self.random.random() };
                 (anchor, BROADCAST, Message::Challenge(challenge), self.soon(300..5_000))
             }

@@ -6,7 +6,7 @@ use site::{NodeSimulation, Purpose, Sensor, SimulatedBoard, Site, SiteError};
 use wire::config::{Advertiser, Board, Identity, Role};
 
 use super::default_walk::Landmarks;
-use super::{Anchor, Beacon, Fault, Format, Motion, MotionSensor, Scenario, Tag, TagSettings, Walk};
+use super::{Anchor, Attacker, Beacon, Fault, Format, Motion, MotionSensor, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
 use crate::bluetooth::BluetoothConfig;
 use crate::board::BoardProfile;
@@ -14,6 +14,8 @@ use crate::lis2dh12::Condition;
 
 /// The address of the first beacon that is listed and is no node.
 const FIRST_LISTED_BEACON: u16 = 0x3001;
+/// The most frames that an attacker sends for each of the network's: then the air is never free.
+const MOST_ATTACKS: f64 = 100.0;
 /// The farthest that frames carry a coordinate, metres.
 const FARTHEST_M: f64 = 8388.0;
 /// What a beacon advertises that is listed and is no node.
@@ -64,7 +66,7 @@ impl Scenario {
             listed_anchors: site.listed_anchors.clone(),
             tags: Vec::new(),
             faults: Vec::new(),
-            attackers: simulation.attackers.clone(),
+            attackers: Vec::new(),
         };
         let has = |of: fn(&Role) -> bool| site.nodes.iter().any(|node| of(&node.record.role));
         let has_tag = has(|role| matches!(role, Role::Tag(_)));
@@ -91,6 +93,7 @@ impl Scenario {
             }
         }
         scenario.faults = faults(site)?;
+        scenario.add_attackers(simulation)?;
         scenario.validate().map_err(|(address, invalid)| {
             let node = site.nodes.iter().find(|node| node.record.identity.address == Some(address));
             node.map_or_else(|| SiteError::whole(invalid.to_string()), |node| node.wrong(&invalid))
@@ -218,6 +221,22 @@ impl Scenario {
         }
         Ok(())
     }
+
+    fn add_attackers(&mut self, simulation: &site::Simulation) -> Result<(), SiteError> {
+        for attacker in &simulation.attackers {
+            let Attacker { network, rate, .. } = *attacker;
+            if !self.anchors.iter().any(|anchor| anchor.network == network) {
+                let what = format!("[[simulation.attacker]]: network is {network}: there is no anchor in it");
+                return Err(SiteError::whole(what));
+            }
+            if rate > MOST_ATTACKS {
+                let what = format!("[[simulation.attacker]]: rate is {rate}: it must be at most {MOST_ATTACKS}");
+                return Err(SiteError::whole(what));
+            }
+            self.attackers.push(*attacker);
+        }
+        Ok(())
+    }
 }
 
 fn check_reach(position_m: [f64; 3]) -> Result<(), String> {
@@ -318,7 +337,7 @@ mod tests {
     use wire::config::{Mode, Network, Phy, Scan, Scheme, Solver};
 
     use super::*;
-    use crate::scenario::{AirModel, Attacker, Carrier, FaultKind, Fidelity, NETWORK, distance};
+    use crate::scenario::{AirModel, Carrier, FaultKind, Fidelity, NETWORK, distance};
 
     const LEAST: &str = "[[node]]\nrole = \"anchor\"\nposition_m = [0, 0, 2]\n[[node]]\nrole = \"tag\"\n";
 
@@ -375,6 +394,14 @@ mod tests {
         assert_eq!((scenario.seconds, scenario.clock_ppm, scenario.networks), (10.0, 20.0, vec![NETWORK]));
         let record = wire::config::Tag { scheme: None, ..TagSettings::default().record };
         assert_eq!((scenario.tags[0].address, scenario.tags[0].settings.record), (0x1001, record));
+    }
+
+    #[test]
+    fn an_attacker_needs_a_network_and_has_a_limit() {
+        let attacker = |keys: &str| format!("{LEAST}[[simulation.attacker]]\nposition_m = [1, 1, 1]\n{keys}\n");
+        assert_eq!(Scenario::parse(&attacker("rate = 100")).unwrap().attackers.len(), 1);
+        assert!(error(&attacker("network = 1")).to_string().contains("network is 1: there is no anchor in it"));
+        assert!(error(&attacker("rate = 1e300")).to_string().contains("it must be at most 100"));
     }
 
     #[test]

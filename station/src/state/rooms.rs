@@ -1,10 +1,8 @@
 //! In which room a tag is that is located by RSSI alone.
 //!
 //! Its position is vague: with a deviation of three metres no room of a flat holds half of it. But most of the rest is
-//! outside of all rooms, where the tag is not. So each room's probability is divided by that of all rooms. In flats
-//! with three to eight receivers, 4 to 6 dB of shadowing and devices that differ by up to 5 dB, the most probable room is
-//! the right one for 73 to 82 % of the places, that of the strongest receiver for 59 to 77 %, and the probabilities are
-//! about those shares. Fading passes: they are means over some seconds.
+//! outside of all rooms, where the tag is not. So each room's probability is divided by that of all rooms. Fading passes:
+//! these shares are means over some seconds. The tests compare the room with that of the strongest receiver.
 
 use std::time::Duration;
 

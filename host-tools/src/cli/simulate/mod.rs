@@ -138,8 +138,8 @@ pub struct Arguments {
     /// had slots for the first time), slots_with_fix (of tags with a fixed rate, since each joined), uplink_share (of the
     /// positions told in polls, those that an anchor with a cable reported), uplink_p99_s (how long 99 % of them took
     /// from the tag's report at most), data_share (of the data that tags' users sent), forged_frames (of attackers),
-    /// forged_accepted (how often a node believed one), tag_mean_current_ma, charge_per_fix_uc and tag_currents_ma (board and DW1000, from the first position on; none with --fidelity air);
-    /// with beacons also bluetooth
+    /// forged_accepted (how often a node believed one), tag_mean_current_ma, charge_per_fix_uc and tag_currents_ma
+    /// (board and DW1000, from the first position on; none with --fidelity air); with beacons also bluetooth
     #[arg(long)]
     json: bool,
 }
