@@ -1,8 +1,8 @@
 //! Telemetry messages with the results of ranging.
 
 use ranging::exchange;
-use wire::telemetry::quantised::{deviation, length, position};
-use wire::telemetry::{Difference, Range};
+use wire::telemetry::quantised::{deviation, hundredths, length, position};
+use wire::telemetry::{Arrival, Difference, Range};
 
 /// The message of a range, published at `t_us`, microseconds since the node started.
 pub fn range_message(t_us: u64, round: u16, range: &exchange::Range) -> Range {
@@ -14,6 +14,20 @@ pub fn range_message(t_us: u64, round: u16, range: &exchange::Range) -> Range {
         deviation_tenth_mm: deviation(range.deviation_m),
         position_tenth_mm: range.position_m.and_then(position),
         diagnostics: range.diagnostics.into(),
+    }
+}
+
+/// The message of an arrival, published at `t_us`, microseconds since the node started.
+pub fn arrival_message(t_us: u64, arrival: &exchange::Arrival) -> Arrival {
+    let exchange::Arrival { source, number, frame, instant, rx_power_dbm, first_path_power_dbm } = *arrival;
+    Arrival {
+        t_us,
+        source,
+        number,
+        frame,
+        ticks: instant.ticks(),
+        rx_power_cdbm: hundredths(rx_power_dbm),
+        first_path_power_cdbm: hundredths(first_path_power_dbm),
     }
 }
 

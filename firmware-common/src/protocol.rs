@@ -57,6 +57,7 @@ impl TagProtocol {
                     rate: rate(tag.rate_chz),
                     scheme: tag.scheme.map_or(native::Scheme::SingleSided, native::Scheme::from),
                     tells: tag.tells,
+                    blinks: settings.blinks,
                 });
                 if tag.sleep {
                     machine.doze();

@@ -10,7 +10,7 @@ use ranging::radio::Sensors;
 use wire::telemetry::{Hello, Supply, TagData, TagFix};
 use wire::uwb::native::PolledPosition;
 
-use crate::messages::range_message;
+use crate::messages::{arrival_message, range_message};
 
 use crate::supervision::{Heartbeat, all_alive};
 use crate::{Counts, EventLog, Host};
@@ -79,6 +79,7 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Reporter<M, BYTES, C> {
             // Only a tag listens to rounds of others, and it computes positions from them.
             Report::Differences(_) => {}
             Report::Polled(polled) => self.polled(now, polled),
+            Report::Arrival(arrival) => self.event_log.send(arrival_message(now, &arrival)),
             Report::Link(link) => self.event_log.link(now, link),
         }
     }

@@ -24,6 +24,8 @@ pub struct Settings {
     pub radio: Config,
     /// How the node's network ranges.
     pub protocol: ProtocolConfig,
+    /// Whether a tag blinks instead of ranging.
+    pub blinks: bool,
     /// The network's PAN and frames, and the turnaround where the record fixes one.
     pub network: Network,
     /// The least time from the start of one of this node's frames to the start of the next, by the rules of its region.
@@ -75,7 +77,7 @@ impl Settings {
         let key = record.network.key.map(|key| NetworkKey::new(key, cipher.seed, cipher.make_code));
         let network = Network { key, ..Network::try_from(record)? };
         let protocol = match record.network.mode {
-            Mode::Native => ProtocolConfig::Native,
+            Mode::Native | Mode::Blink => ProtocolConfig::Native,
             Mode::DecaRanging { fast: false } => ProtocolConfig::DecaRanging(Variant::Standard),
             Mode::DecaRanging { fast: true } => ProtocolConfig::DecaRanging(Variant::Fast),
             Mode::Listening { rounds_chz } => ProtocolConfig::Listening { period: protocol::period(rounds_chz) },
@@ -113,6 +115,7 @@ impl Settings {
             address,
             radio,
             protocol,
+            blinks: record.network.mode == Mode::Blink,
             network,
             frame_spacing: spaced.then(|| RadioDuration::from_micros(MEAN_POWER_US)),
             role: record.role,

@@ -273,8 +273,8 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
             Report::Differences(round) => {
                 self.channels.put_differences(&round, poll_us(round.poll), self.sounder.take())
             }
-            // Anchors report the polls of others.
-            Report::Polled(_) => 0,
+            // Anchors report the polls and the arrivals of others' frames.
+            Report::Polled(_) | Report::Arrival(_) => 0,
             Report::Link(link) => {
                 self.sink.link(link);
                 0

@@ -12,6 +12,8 @@ use crate::radio::Sensors;
 use crate::{Diagnostics, Pace, RadioDuration, RadioInstant, RxFrame, StampModel, Start};
 use wire::uwb::native::{PolledPosition, UserData};
 
+pub use wire::telemetry::ArrivedFrame;
+
 /// How long [`Action::Compensate`] takes at most: twice what a DWM1001 needs.
 pub(crate) const COMPENSATION: RadioDuration = RadioDuration::from_micros(3_000);
 
@@ -88,6 +90,8 @@ pub enum Report<'m> {
     Differences(Differences<'m>),
     /// A tag's poll was received, which carries what is for hosts.
     Polled(&'m Polled),
+    /// A frame has arrived at an anchor whose host computes the positions of tags.
+    Arrival(Arrival),
     /// A change of state.
     Link(Link),
 }
@@ -108,6 +112,24 @@ pub struct Polled {
     pub position: Option<PolledPosition>,
     /// Data of the tag's user.
     pub data: Option<UserData>,
+}
+
+/// When a frame arrived at an anchor: [`wire::telemetry::Arrival`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Arrival {
+    /// Short address of the sender.
+    pub source: u16,
+    /// Of a blink: its number, as the tag counts. Of a sync frame: its superframe.
+    pub number: u16,
+    /// What arrived.
+    pub frame: ArrivedFrame,
+    /// When, in this radio's clock, corrected for the bias by received power; of an own sync frame: when it left.
+    pub instant: RadioInstant,
+    /// Received power, dBm; NaN if it is not known.
+    pub rx_power_dbm: f32,
+    /// Power of the first path, dBm; NaN if it is not known.
+    pub first_path_power_dbm: f32,
 }
 
 /// One round of ranging.

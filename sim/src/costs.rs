@@ -278,7 +278,7 @@ impl ProtocolCosts {
         };
         let reports_round = match action {
             Action::Report(Report::Round(_) | Report::Differences(_)) => true,
-            Action::Report(Report::Polled(_) | Report::Link(_))
+            Action::Report(Report::Polled(_) | Report::Arrival(_) | Report::Link(_))
             | Action::Transmit { .. }
             | Action::Receive { .. }
             | Action::WaitUntil(_)
@@ -288,7 +288,8 @@ impl ProtocolCosts {
         match event {
             Event::Received(received) => match Frame::parse(received.bytes) {
                 Ok(frame) => match frame.message {
-                    Message::Poll(_) if sent.is_none() => self.overheard,
+                    Message::Poll(poll) if sent.is_none() && poll.part.is_none() => self.overheard,
+                    // Of a blink the arrival is noted; an answer is more work.
                     Message::Poll(_) => self.poll_answered,
                     Message::Response(_) if address.is_some_and(|address| frame.destination != address) => {
                         self.overheard
@@ -338,7 +339,7 @@ impl<M: Protocol> Protocol for Charged<M> {
         self.handover = match &action {
             Action::Report(Report::Round(_) | Report::Differences(_)) => self.costs.tag.handover,
             // A message of telemetry, as long as that of a range.
-            Action::Report(Report::Polled(_)) => self.costs.tag.publish_range,
+            Action::Report(Report::Polled(_) | Report::Arrival(_)) => self.costs.tag.publish_range,
             Action::Report(Report::Link(_))
             | Action::Transmit { .. }
             | Action::Receive { .. }

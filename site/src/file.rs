@@ -257,7 +257,8 @@ impl Site {
         };
         // A beacon sends no frames of the network.
         let key = network.key.filter(|_| !matches!(own.role, Role::Advertiser(_)));
-        let network = Network { key, ..network };
+        let mode = own.table.mode(network.mode, &own.lines)?;
+        let network = Network { key, mode, ..network };
         let mut role = own.role;
         if let Role::Tag(tag) = &mut role {
             tag.area = self.area;
@@ -334,7 +335,7 @@ fn tag_lists(mut lists: Lists, owns: &[Own], network: usize, mode: Mode) -> List
             let (Role::Anchor { position_m }, true) = (own.role, is_of_network) else { return None };
             Some((Anchor { address: own.identity.address?, position_m: position_m? }, own.lines.line))
         })),
-        Mode::Native | Mode::Listening { .. } => (),
+        Mode::Native | Mode::Blink | Mode::Listening { .. } => (),
     }
     lists.add_beacons(owns.iter().filter_map(|own| {
         let (Role::Advertiser(advertiser), true) = (own.role, own.table.simulation.listed) else { return None };

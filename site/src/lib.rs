@@ -19,7 +19,7 @@ pub use document::{KeyLines, SiteError};
 pub use file::{Purpose, Site, SiteFile};
 pub use lists::{Calibrated, Lists};
 pub use network::{HIDDEN, LISTENING, SIMULATED_NETWORK, mode_name};
-pub use node::{Node, NodeFiles, SIMULATED_UUID};
+pub use node::{BLINK, Node, NodeFiles, SIMULATED_UUID};
 pub use receivers::Receiver;
 pub use simulation::{
     AirModel, Attacker, Bluetooth, Carrier, Fault, FaultKind, Fidelity, Format, Material, NodeSimulation, Sensor,

@@ -26,7 +26,8 @@ const MODES: [Mode; 4] = [Mode::Native, Mode::DecaRanging { fast: false }, Mode:
 /// The name of a mode in the file.
 pub const fn mode_name(mode: Mode) -> &'static str {
     match mode {
-        Mode::Native => "native",
+        // A tag that blinks has a mode of its own in a native network.
+        Mode::Native | Mode::Blink => "native",
         Mode::DecaRanging { fast: false } => "decaranging",
         Mode::DecaRanging { fast: true } => "decaranging-fast",
         Mode::Listening { rounds_chz: _ } => "listening",
@@ -108,7 +109,7 @@ impl NetworkTable {
         };
         let mode = match (self.mode.unwrap_or(Mode::Native), self.rounds_hz) {
             (Mode::Listening { .. }, Some(hertz)) => Mode::Listening { rounds_chz: centihertz(hertz) },
-            (Mode::Native | Mode::DecaRanging { .. }, Some(_)) => {
+            (Mode::Native | Mode::Blink | Mode::DecaRanging { .. }, Some(_)) => {
                 let what = "rounds_hz is for mode = \"listening\": in others, anchors begin no rounds";
                 return Err(SiteError::at(lines.of("rounds_hz"), what));
             }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _, Unexpected};
 use wire::config::{
-    Advertiser, Board, Calibration, Identity, Invalid, Pins, PollContent, Record, Role, Scan, Scheme, Solver, Tag,
+    Advertiser, Board, Calibration, Identity, Invalid, Mode, Pins, PollContent, Record, Role, Scan, Scheme, Solver, Tag,
 };
 
 use crate::Purpose;
@@ -33,6 +33,7 @@ const ROLE_KEYS: [(RoleName, &[&str]); 3] = [
         &[
             "height_m",
             "height_sigma_m",
+            "mode",
             "solver",
             "scheme",
             "rate_hz",
@@ -80,6 +81,9 @@ const ROLE_KEYS: [(RoleName, &[&str]); 3] = [
         ],
     ),
 ];
+
+/// The mode of a tag that blinks.
+pub const BLINK: &str = "blink";
 
 /// The UUID of a simulated beacon whose table has none. Eddystone uses its first ten bytes as namespace.
 pub const SIMULATED_UUID: [u8; 16] = *b"baliza scenario\0";
@@ -133,6 +137,8 @@ pub(crate) struct NodeTable {
 
     height_m: Option<f32>,
     height_sigma_m: Option<f32>,
+    #[serde(rename = "mode", default, deserialize_with = "blinks")]
+    blinks: bool,
     #[serde(default, deserialize_with = "solver")]
     solver: Option<Solver>,
     #[serde(default, deserialize_with = "scheme")]
@@ -432,6 +438,18 @@ impl NodeTable {
         })
     }
 
+    /// The mode of its record, in a network with this one.
+    pub(crate) fn mode(&self, network: Mode, lines: &KeyLines) -> Result<Mode, SiteError> {
+        match (self.blinks, network) {
+            (false, mode) => Ok(mode),
+            (true, Mode::Native | Mode::Blink) => Ok(Mode::Blink),
+            (true, Mode::DecaRanging { .. } | Mode::Listening { .. }) => {
+                let what = "mode = \"blink\" in a network whose mode is not native: only its anchors report blinks";
+                Err(SiteError::at(lines.of("mode"), what))
+            }
+        }
+    }
+
     pub(crate) fn files(&self) -> NodeFiles {
         NodeFiles {
             nlos_model: self.nlos_model.clone(),
@@ -456,6 +474,11 @@ fn name<'de, D: Deserializer<'de>>(from: D) -> Result<Option<String>, D::Error> 
 
 fn board<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Board>, D::Error> {
     choice(from, &Board::HARDWARE, Board::name).map(Some)
+}
+
+/// `mode` of a tag: `blink`, or that of the network without the key.
+fn blinks<'de, D: Deserializer<'de>>(from: D) -> Result<bool, D::Error> {
+    choice(from, &[BLINK], |mode| mode).map(|mode| mode == BLINK)
 }
 
 fn solver<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Solver>, D::Error> {

@@ -1,5 +1,7 @@
 //! Input events: positions, ranges, sightings, nodes. A source makes them, the [`Hub`](crate::Hub) takes them.
 
+use wire::telemetry::Arrival;
+
 use crate::Utc;
 use crate::model::{Doubt, NodeRole, PlacedNode, RangeMeasurement};
 
@@ -93,6 +95,20 @@ pub enum ReportKind {
         tag: String,
         /// Frames since its start, wrapping.
         frames: u32,
+    },
+    /// A tag is carried at this height.
+    Height {
+        /// The tag.
+        tag: String,
+        /// Metres.
+        height_m: f64,
+    },
+    /// A frame arrived at an anchor: a tag's blink, or a sync frame, which tells how the clocks of anchors run.
+    Arrival {
+        /// The short address of the anchor.
+        anchor: u16,
+        /// As it reported it.
+        arrival: Arrival,
     },
     /// A tag received a beacon's advertisement.
     Sighting {

@@ -14,7 +14,8 @@ local MAX_MEMBERS = 16
 local MAX_LEASES = 10
 local MAX_POLLS = 6
 local MAX_RELAYED = 2
-local MAX_PERIOD = 5120 -- superframes
+local MAX_PERIOD = 5000 -- superframes
+local MAX_BLINKS = 7
 local WITH_CODE = 8 -- in a native message's code
 local CODE_BYTES = 8
 local UNKNOWN_MM = -8388608
@@ -33,6 +34,8 @@ local CONFIRMATIONS = { [0] = "none", [1] = "renewed", [2] = "ended" }
 field(ProtoField.uint8, "confirmation", "Lease", base.DEC, CONFIRMATIONS)
 field(ProtoField.uint8, "count", "Anchors", base.DEC, nil, 0xF0)
 field(ProtoField.bool, "with_distances", "With distances", 8, nil, 0x01)
+field(ProtoField.bool, "blink", "Blink", 8, nil, 0x08)
+field(ProtoField.uint8, "blink.part", "Blink of its slot")
 field(ProtoField.uint16, "anchor", "Anchor", base.HEX)
 field(ProtoField.double, "distance", "Distance (m)")
 field(ProtoField.string, "distance.unknown", "Distance")
@@ -85,6 +88,7 @@ field(ProtoField.uint8, "lease.grant", "Grant", base.DEC, GRANTS, 0xC0)
 field(ProtoField.uint8, "lease.slot", "Round slot", base.DEC, nil, 0x3F)
 field(ProtoField.uint16, "lease.period", "Period (superframes)")
 field(ProtoField.uint16, "lease.phase", "Phase (superframes)")
+field(ProtoField.uint8, "lease.part", "Blink of the slot (0: the whole slot)")
 field(ProtoField.uint16, "polled_by", "Poll of tag", base.HEX)
 field(ProtoField.uint8, "gateway.cost", "Cost of the way to a gateway")
 field(ProtoField.uint8, "gateway.next", "Sync slot of the next anchor")
@@ -170,9 +174,9 @@ end
 
 -- A period's code, in superframes.
 local function period_of(code)
-    local twos, fives = code % 16, math.floor(code / 16)
+    local twos, fives = code % 8, math.floor(code / 8)
     local period = math.floor(2 ^ twos * 5 ^ fives)
-    if twos > 10 or fives > 5 or period > MAX_PERIOD then
+    if fives > 5 or period > MAX_PERIOD then
         error(string.format("a period of code 0x%02X", code), 0)
     end
     return period
@@ -190,7 +194,7 @@ local function share_text(byte)
     elseif byte < 127 then
         return byte .. " a superframe"
     end
-    return period_text(period_of(byte - 128))
+    return (byte >= 192 and "a blink " or "") .. period_text(period_of(byte % 64))
 end
 
 local function add_share(tree, range)
@@ -256,14 +260,22 @@ local function poll(tree, reader)
     tree:add_le(f.round, reader:take(2))
     local head = reader:take(1)
     local count, options = math.floor(head:uint() / 16), head:uint() % 16
-    local data, content = options >= 4, options % 4
-    local most = data and MAX_ROUND - 1 or MAX_ROUND
-    if options > 6 or content > 2 or count == 0 or count > most then
+    local is_blink, data, content = options >= 8, options % 8 >= 4, options % 4
+    local most = is_blink and 1 or data and MAX_ROUND - 1 or MAX_ROUND
+    if content > (is_blink and 0 or 2) or count == 0 and not is_blink or count > most then
         error("options " .. options .. ", " .. count .. " anchors", 0)
     end
     tree:add(f.count, head)
     tree:add(f.with_distances, head)
+    tree:add(f.blink, head)
     add_tag_byte(tree, reader:take(1), "wish")
+    if is_blink then
+        local part = reader:take(1)
+        if part:uint() == 0 or part:uint() > MAX_BLINKS then
+            error("blink " .. part:uint() .. " of its slot", 0)
+        end
+        tree:add(f.blink_part, part)
+    end
     for _ = 1, count do
         tree:add_le(f.anchor, reader:take(2))
     end
@@ -282,7 +294,7 @@ local function poll(tree, reader)
     if data then
         add_data(tree, reader)
     end
-    return " of " .. count
+    return is_blink and " (blink)" or " of " .. count
 end
 
 local function response(tree, reader)
@@ -324,18 +336,21 @@ local function add_lease(tree, reader)
     local branch = tree:add_le(f.lease, reader:take(2))
     local slot, code = reader:take(1), reader:take(1)
     local period = period_of(code:uint())
-    local phase = reader:take(2)
+    local range = reader:take(2)
+    local phase, part = range:le_uint() % 8192, math.floor(range:le_uint() / 8192)
     local grant = GRANTS[math.floor(slot:uint() / 64)]
-    if phase:le_uint() >= period then
-        error("phase " .. phase:le_uint() .. " of a period of " .. period, 0)
+    if phase >= period then
+        error("phase " .. phase .. " of a period of " .. period, 0)
     end
     -- The slot and the phase of a refused lease say nothing.
-    local place = grant ~= "refused" and " from " .. phase:le_uint() .. ", slot " .. slot:uint() % 64 or ""
+    local place = grant ~= "refused" and " from " .. phase .. ", slot " .. slot:uint() % 64 or ""
+    place = place .. (part > 0 and ", blink " .. part or "")
     branch:append_text(", " .. grant .. ": " .. period_text(period) .. place)
     branch:add(f.lease_grant, slot)
     branch:add(f.lease_slot, slot)
     branch:add(f.lease_period, code, period)
-    branch:add_le(f.lease_phase, phase)
+    branch:add(f.lease_phase, range, phase)
+    branch:add(f.lease_part, range, part)
 end
 
 -- What an anchor passes on to a gateway: what a tag told in a poll.

@@ -66,9 +66,10 @@ impl Switches {
         };
         record.network.phy = self.phy();
         record.network.mode = match (self.native, record.network.mode) {
-            (true, mode @ (Mode::Native | Mode::Listening { .. })) | (false, mode @ Mode::DecaRanging { .. }) => mode,
+            (true, mode @ (Mode::Native | Mode::Blink | Mode::Listening { .. }))
+            | (false, mode @ Mode::DecaRanging { .. }) => mode,
             (true, Mode::DecaRanging { .. }) => Mode::Native,
-            (false, Mode::Native | Mode::Listening { .. }) => Mode::DecaRanging { fast: false },
+            (false, Mode::Native | Mode::Blink | Mode::Listening { .. }) => Mode::DecaRanging { fast: false },
         };
         record
     }

@@ -118,6 +118,7 @@ impl NodeReporter {
                 let (tag, data) = (Address(told.tag).to_string(), told.data().to_vec());
                 vec![ReportKind::Data { tag, number: told.number, data }]
             }
+            Message::Arrival(arrival) => vec![ReportKind::Arrival { anchor: address, arrival: *arrival }],
             Message::Supply(supply) => vec![ReportKind::Supply { node: tag, supply_v: supply.supply_v() }],
             // Anchors count nothing that they refuse, and must not become tags.
             Message::Counters(counters) if self.is_tag => vec![ReportKind::Refusals { tag, frames: counters.refused }],

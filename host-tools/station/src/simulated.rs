@@ -58,7 +58,11 @@ impl SimulatedSite {
                 [listed.rssi_1m_dbm, listed.path_loss_exponent].map(|value| value.map(f64::from));
             [place, ReportKind::PathLoss { node, rssi_1m_dbm, path_loss_exponent }]
         });
-        let nodes = anchors.chain(beacons).map(|what| SourceReport { t, site: name.to_owned(), what });
+        let heights = scenario.tags.iter().filter_map(|tag| {
+            let height_m = tag.settings.record.height_m?.into();
+            Some(ReportKind::Height { tag: Address(tag.address).to_string(), height_m })
+        });
+        let nodes = anchors.chain(heights).chain(beacons).map(|what| SourceReport { t, site: name.to_owned(), what });
         Self { site, zones: zones.collect(), nodes: nodes.collect() }
     }
 }
@@ -105,5 +109,56 @@ pub fn simulate(scenario: Scenario, site: &str, send: ReportSender<'_>) {
             // A processor that is too slow: the simulation goes on slower.
             begun += Duration::from_secs_f64(-ahead_s);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use station_core::state::StateLimits;
+    use station_core::{LiveState, Update};
+
+    use super::*;
+
+    #[test]
+    fn the_station_locates_tags_that_blink_by_what_anchors_report() {
+        const SITE: &str = "hall";
+        let text = include_str!("../../../examples/blinks.toml").replace("count = 1000", "count = 5");
+        let scenario = Scenario::parse(&text).expect("the example");
+        let walks: HashMap<String, _> =
+            scenario.tags.iter().map(|tag| (Address(tag.address).to_string(), tag.walk.clone())).collect();
+        let begin = Utc::clamped(1_000_000_000_000_000);
+        let at = |t_s: f64| begin + Duration::from_secs_f64(t_s);
+        let mut live = LiveState::new(StateLimits::default());
+        let site = SimulatedSite::of(&scenario, SITE, begin);
+        site.nodes.iter().for_each(|report| drop(live.apply(report)));
+        let mut nodes: HashMap<u16, (Timeline, NodeReporter)> = HashMap::new();
+        let mut simulation = Simulation::new(scenario);
+        let (mut positions, mut worst_m) = (HashMap::<String, usize>::new(), 0_f64);
+        for tenths in 1..=120 {
+            let mut updates = Vec::new();
+            for record in simulation.run_until(f64::from(tenths) / 10.0) {
+                let own = || (Timeline::default(), NodeReporter::of(SITE, record.node));
+                let (timeline, reporter) = nodes.entry(record.node).or_insert_with(own);
+                for message in record.messages() {
+                    let stamp = timeline.place(&message);
+                    for report in reporter.reports(stamp, &message, at(record.t_s)) {
+                        updates.extend(live.apply(&report));
+                    }
+                }
+            }
+            updates.extend(live.tick(at(f64::from(tenths) / 10.0)));
+            for update in updates {
+                let Update::Position(found) = update else { continue };
+                let true_m = walks[&found.tag].at(found.t.since(begin).as_secs_f64());
+                worst_m = worst_m.max((found.x_m - true_m[0]).hypot(found.y_m - true_m[1]));
+                assert_eq!(found.z_m, Some(f64::from(1.2_f32)));
+                assert!(found.used >= 4, "{found:?}");
+                *positions.entry(found.tag).or_default() += 1;
+            }
+        }
+        // From two seconds on, once a second.
+        assert!(positions.len() == 5 && positions.values().all(|count| (8..=11).contains(count)), "{positions:?}");
+        assert!(worst_m < 0.6, "{worst_m}");
+        assert_eq!(live.refused(), 0);
     }
 }

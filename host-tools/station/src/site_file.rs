@@ -12,7 +12,7 @@ pub fn nodes(site: &str, names: &SiteNames, t: Utc) -> Vec<SourceReport> {
 }
 
 fn reports(node: NamedNode<'_>) -> impl Iterator<Item = ReportKind> {
-    let NamedNode { key, name, role, position_m, rssi_1m_dbm, path_loss_exponent } = node;
+    let NamedNode { key, name, role, position_m, height_m, rssi_1m_dbm, path_loss_exponent } = node;
     let role = match role {
         NamedRole::Beacon => NodeRole::Beacon,
         NamedRole::Receiver => NodeRole::Receiver,
@@ -21,7 +21,9 @@ fn reports(node: NamedNode<'_>) -> impl Iterator<Item = ReportKind> {
     };
     let has_path_loss = rssi_1m_dbm.is_some() || path_loss_exponent.is_some();
     let path_loss = has_path_loss.then(|| ReportKind::PathLoss { node: key.clone(), rssi_1m_dbm, path_loss_exponent });
-    [ReportKind::Node { node: key, name: name.map(str::to_owned), role, position_m }].into_iter().chain(path_loss)
+    let height = height_m.map(|height_m| ReportKind::Height { tag: key.clone(), height_m });
+    let node = ReportKind::Node { node: key, name: name.map(str::to_owned), role, position_m };
+    [node].into_iter().chain(height).chain(path_loss)
 }
 
 /// The outlines of a file as the rooms of a site.

@@ -155,7 +155,7 @@ impl AnchorRounds {
         // Who listens must know the slots of anchors at once, from the list. An anchor that ranges less often than once a
         // superframe leaves its slot unused.
         let (share, every) = match share_of(rate, &timing) {
-            Share::OneIn(period) => (Share::Slots(1), period.superframes()),
+            Share::Leased(turns) => (Share::Slots(1), turns.period.superframes()),
             share => (share, 1),
         };
         network.request(leases, Member { tag: address, share }, false);

@@ -30,6 +30,8 @@ const UNKNOWN_RELIABILITY: f32 = 0.5;
 const RELIABILITY_STEP: f32 = 0.05;
 const AMPLE_DBM: f32 = -84.0;
 const POWER_STEP_DB: f32 = 4.0;
+/// An anchor that never answers counts as one that is received weaker by this.
+const WEAKNESS_DB: f32 = POWER_STEP_DB / RELIABILITY_STEP;
 
 /// An anchor that the tag receives.
 #[derive(Clone, Debug)]
@@ -252,6 +254,12 @@ impl AnchorTable {
             let _ = team.push(longest_unasked.address);
         }
         team
+    }
+
+    /// The anchor that answers most surely, and of equals the one that is received best.
+    pub fn surest(&self) -> Option<u16> {
+        let rank = |anchor: &Neighbour| anchor.power_dbm.min(AMPLE_DBM) - WEAKNESS_DB * (1.0 - anchor.reliability);
+        self.anchors.iter().max_by(|a, b| rank(a).total_cmp(&rank(b))).map(|anchor| anchor.address)
     }
 
     /// Which two of these anchors are to pass on what polls carry, the better one first: they answer, and are near to a

@@ -40,7 +40,7 @@ use super::uplink::Uplink;
 use crate::exchange::Link;
 use crate::{RadioDuration, RadioInstant};
 use wire::uwb::layout::Layout;
-use wire::uwb::native::{Confirmation, Member, OWNED_SYNC_SLOTS, Position, Share, SyncFrame};
+use wire::uwb::native::{Confirmation, Member, OWNED_SYNC_SLOTS, Poll, Position, Share, SyncFrame};
 
 /// If the coordinator's last message is older than this many superframes, and two more for each hop, the coordinator is
 /// gone.
@@ -279,8 +279,8 @@ impl Coordinator {
         let (members, number) = (self.course.membership.members(), self.course.phase.number);
         let Member { tag, share } = request;
         match share {
-            Share::OneIn(period) if self.coordinates() => {
-                leases.request(tag, period, number, is_passed_on);
+            Share::Leased(turns) if self.coordinates() => {
+                leases.request(tag, turns, number, is_passed_on);
                 self.enrolment.withdraw(tag, members, number);
             }
             _ => {
@@ -299,16 +299,16 @@ impl Coordinator {
         }
     }
 
-    /// A tag's poll was received, whose first pulse came at `pulse` and which requests this layout. Returns what
-    /// this anchor knows of its lease.
-    pub fn on_poll(&mut self, leases: &mut Leases, tag: u16, wish: Layout, pulse: RadioInstant) -> Confirmation {
+    /// A tag's poll was received, whose first pulse came at `pulse`. Returns what this anchor knows of its lease.
+    pub fn on_poll(&mut self, leases: &mut Leases, tag: u16, poll: &Poll, pulse: RadioInstant) -> Confirmation {
+        let wish = poll.wish;
         self.wish(tag, wish);
         let Some((number, slot)) = self.course.round_slot_at(pulse) else { return Confirmation::None };
         // Members poll in slots that are not leased. A forged request may have listed a tag that has a lease.
         if self.course.membership.in_force().is_none_or(|plan| slot >= plan.leased) {
             self.on_tag(tag);
         }
-        leases.on_poll(tag, slot, wish.tag_byte(), number, self.coordinates())
+        leases.on_poll(tag, (slot, poll.part.unwrap_or(0)), wish.tag_byte(), number, self.coordinates())
     }
 
     /// Advances to the superframe that contains `now`.
@@ -351,7 +351,7 @@ impl Coordinator {
         let heard = core::mem::take(&mut self.heard_members);
         let round_slots =
             if layout == timing.layout { timing.round_slots } else { Timing::of(network, layout).round_slots };
-        self.enrolment.take_leases(|tag, period| leases.request(tag, period, phase.number, true));
+        self.enrolment.take_leases(|tag, turns| leases.request(tag, turns, phase.number, true));
         let others_use_them = !membership.members().is_empty() || self.enrolment.is_awaited();
         let most = leases.most_slots(round_slots, others_use_them);
         leases.grant(phase.number, membership.leased().unwrap_or(0), most);

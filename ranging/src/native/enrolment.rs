@@ -14,7 +14,7 @@ use heapless::Vec;
 use super::plan::{Members, Membership};
 use super::spread;
 use wire::uwb::layout::Layout;
-use wire::uwb::native::{Grant, Lease, MAX_MEMBERS, Member, Period, Share};
+use wire::uwb::native::{Grant, Lease, MAX_MEMBERS, Member, Share, Turns};
 
 /// A member without a received poll for this many superframes loses its slots.
 const KEPT_UNHEARD: u16 = 10;
@@ -73,10 +73,10 @@ impl Enrolment {
     }
 
     /// Hands requests of leases over: an anchor that has become coordinator has kept them for the one before.
-    pub fn take_leases(&mut self, mut lease: impl FnMut(u16, Period)) {
+    pub fn take_leases(&mut self, mut lease: impl FnMut(u16, Turns)) {
         self.requests.retain(|request| {
-            let Share::OneIn(period) = request.share else { return true };
-            lease(request.tag, period);
+            let Share::Leased(turns) = request.share else { return true };
+            lease(request.tag, turns);
             false
         });
     }
@@ -100,7 +100,8 @@ impl Enrolment {
     /// The coordinator has answered requests of leases.
     pub fn answered(&mut self, leases: &[Lease]) {
         let answers = |lease: &Lease, request: &Member| {
-            lease.grant != Grant::Ended && (lease.tag, Share::OneIn(lease.turn.period)) == (request.tag, request.share)
+            lease.grant != Grant::Ended
+                && (lease.tag, Share::Leased(lease.turn.turns())) == (request.tag, request.share)
         };
         self.requests.retain(|request| !leases.iter().any(|lease| answers(lease, request)));
     }

@@ -20,16 +20,16 @@
 use heapless::Vec;
 
 use super::lease_entry::{
-    Entry, GRANTED_SUPERFRAMES, RELAYED_SUPERFRAMES, Standing, Survey, Waiting, free_phase, term,
+    Entry, GRANTED_SUPERFRAMES, RELAYED_SUPERFRAMES, Standing, Survey, TurnPlace, Waiting, free_turn, term,
 };
 use super::lease_news::LeaseNews;
 use super::plan::most_leased;
 use super::spread;
 use wire::uwb::layout::Layout;
-use wire::uwb::native::{Confirmation, Grant, Lease, LeasedPoll, Period, SyncFrame, Turn};
+use wire::uwb::native::{Confirmation, Grant, Lease, LeasedPoll, SyncFrame, Turn, Turns};
 
-/// Leases that an anchor knows, 12 bytes each.
-const MAX_KNOWN: usize = 1024;
+/// Leases that an anchor knows, 14 bytes each.
+const MAX_KNOWN: usize = 1536;
 /// From a grant to the first turn: the entry is repeated, and relayed.
 const NOTICE: u16 = 4;
 /// Leases on probation at a time weigh no more than this. One of whole slots weighs 100, one of a slot in n superframes
@@ -39,9 +39,11 @@ const MAX_ON_PROBATION: u16 = 1000;
 const MAX_WAITING: usize = 128;
 /// Most polls are passed on within this many superframes.
 const PASSED_ON_WITHIN: u16 = 4;
-/// A superframe's work is bounded: leases that are looked over, and slots that are searched for a free turn.
+/// A superframe's work is bounded: leases that are looked over, and places that are searched for a free turn.
 const LOOKED_OVER: usize = 32;
-const SEARCHED_SLOTS: usize = 4;
+const SEARCHED_PLACES: usize = 4;
+/// Slots that are leased although no lease is in them yet.
+const SPARE_SLOTS: u8 = 2;
 /// After all that wait were refused, they are looked at again after this many superframes, or when a lease ends.
 const PAUSE: u8 = 20;
 /// One in this many leases of a full network ends at a time.
@@ -57,10 +59,11 @@ pub struct Leases {
     pub news: LeaseNews,
     /// Those that have asked again come first: a request costs a single frame, and invented tags are many.
     waiting: Vec<Waiting, MAX_WAITING>,
-    /// The one that waits for whom a turn is searched, the slot that is searched next, and how many were searched.
+    /// The one that waits for whom a turn is searched, the place that is searched next for rounds and for blinks, and how
+    /// many were searched.
     turn_of: usize,
-    cursor: u8,
-    searched: u8,
+    cursors: [TurnPlace; 2],
+    searched: u16,
     /// Superframes until those that wait are looked at again, if no lease ends before.
     pause: u8,
     /// A tag found no turn in the slots that are leased now.
@@ -83,7 +86,7 @@ impl Leases {
             news: LeaseNews::new(),
             waiting: Vec::new(),
             turn_of: 0,
-            cursor: 0,
+            cursors: [TurnPlace::of_slot(0); 2],
             searched: 0,
             pause: 0,
             is_cramped: false,
@@ -122,13 +125,18 @@ impl Leases {
         self.known.slots.max(self.survey.slots)
     }
 
-    /// How many slots are to be leased of at most `most`: all that can be as long as no other tag uses them, else as
-    /// many as are needed. `now` are leased.
+    /// How many slots are to be leased of at most `most`: as many as are needed. As long as no other tag uses them, half as
+    /// many again, so that there are some for the next tags: the rest are places for requests. `now` are leased.
     pub fn wanted_slots(&self, now: u8, most: u8, others_use_them: bool) -> u8 {
-        if !others_use_them {
-            return most;
-        }
-        let needed = if self.is_cramped { now + 1 } else { self.used_slots() };
+        let used = self.used_slots();
+        let needed = match others_use_them {
+            true if self.is_cramped => now + 1,
+            true => used,
+            false if self.is_cramped => now + now / 2 + SPARE_SLOTS,
+            // A plan that takes slots away needs notice.
+            false if used < now / 4 => used + SPARE_SLOTS,
+            false => now.max(used + SPARE_SLOTS),
+        };
         needed.min(most)
     }
 
@@ -170,7 +178,8 @@ impl Leases {
 
     /// A turn in this slot is free again: for the one that has waited for longest.
     fn search_anew(&mut self, slot: u8) {
-        (self.turn_of, self.cursor, self.searched, self.pause) = (0, self.cursor.min(slot), 0, 0);
+        (self.turn_of, self.searched, self.pause) = (0, 0, 0);
+        self.cursors = self.cursors.map(|cursor| cursor.min(TurnPlace::of_slot(slot)));
     }
 
     /// A new lease. `None` if there are too many.
@@ -207,16 +216,23 @@ impl Leases {
         is_announced
     }
 
-    /// A tag polled in this slot of superframe `number`. Returns what this anchor knows of its lease; the coordinator
+    /// A tag polled in this slot of superframe `number`, or blinked in this part of it. Returns what this anchor knows of its lease; the coordinator
     /// renews it now, other anchors pass the poll on.
-    pub fn on_poll(&mut self, tag: u16, slot: u8, wish: u8, number: u16, coordinates: bool) -> Confirmation {
-        let in_turn = self.rarest(tag, |turn| turn.slot == slot && turn.is_in(number));
+    pub fn on_poll(
+        &mut self,
+        tag: u16,
+        (slot, part): (u8, u8),
+        wish: u8,
+        number: u16,
+        coordinates: bool,
+    ) -> Confirmation {
+        let in_turn = self.rarest(tag, |turn| (turn.slot, turn.part) == (slot, part) && turn.is_in(number));
         let Some((place, entry)) = in_turn.and_then(|place| Some((place, self.entries.get_mut(place)?))) else {
             return Confirmation::None;
         };
         (entry.wish, entry.is_heard) = (wish, true);
         let confirmation = match entry.standing {
-            Standing::Proven if entry.age(number) <= term(entry.turn.period) => Confirmation::Renewed,
+            Standing::Proven if entry.age(number) <= term(entry.turn.turns()) => Confirmation::Renewed,
             Standing::Ending | Standing::Told => Confirmation::Ended,
             Standing::Proven | Standing::Probation | Standing::Released => Confirmation::None,
         };
@@ -316,11 +332,11 @@ impl Leases {
         }
     }
 
-    /// To the coordinator: a tag requests turns with a period. `is_passed_on`: another anchor has received the request.
-    pub fn request(&mut self, tag: u16, period: Period, number: u16, is_passed_on: bool) {
+    /// To the coordinator: a tag requests turns. `is_passed_on`: another anchor has received the request.
+    pub fn request(&mut self, tag: u16, turns: Turns, number: u16, is_passed_on: bool) {
         let known = self.range_of(tag).find(|&place| {
             let entry = &self.entries[place];
-            entry.turn.period == period && !entry.has_ended() && !entry.is_over(number)
+            entry.turn.turns() == turns && !entry.has_ended() && !entry.is_over(number)
         });
         if let Some(place) = known {
             let entry = &mut self.entries[place];
@@ -330,28 +346,28 @@ impl Leases {
             self.news.announce_once(lease);
             return;
         }
-        self.wait(tag, period, number, is_passed_on);
+        self.wait(tag, turns, number, is_passed_on);
         if self.is_full {
-            self.announce_refusal(tag, period);
+            self.announce_refusal(tag, turns);
         }
     }
 
     /// A tag waits for turns, behind those that have asked again, as long as it has asked only once.
-    fn wait(&mut self, tag: u16, period: Period, number: u16, is_passed_on: bool) {
+    fn wait(&mut self, tag: u16, turns: Turns, number: u16, is_passed_on: bool) {
         let insistent = self.waiting.iter().take_while(|waiting| waiting.insists).count();
         if let Some(place) = self.waiting.iter().position(|waiting| waiting.tag == tag) {
-            self.waiting[place].period = period;
+            self.waiting[place].turns = turns;
             // Several anchors pass one request on. In a full network all tags ask again, and the order stays.
             if place >= insistent && !is_passed_on && !self.is_full {
                 self.waiting[place].insists = true;
                 self.waiting[insistent..=place].rotate_right(1);
                 self.searched = if insistent == self.turn_of { 0 } else { self.searched };
             }
-        } else if self.waiting.push(Waiting { tag, period, insists: false }).is_err() {
+        } else if self.waiting.push(Waiting { tag, turns, insists: false }).is_err() {
             // Too many wait. The new one replaces one of them, but not the first. That one asks again.
             let from = if insistent < MAX_WAITING { insistent.max(1) } else { 1 };
             let place = from + usize::from(spread(tag, number, (MAX_WAITING - from) as u16));
-            (self.waiting[place].tag, self.waiting[place].period) = (tag, period);
+            (self.waiting[place].tag, self.waiting[place].turns) = (tag, turns);
         }
     }
 
@@ -417,8 +433,8 @@ impl Leases {
         if self.pause > 0 {
             return;
         }
-        for _ in 0..SEARCHED_SLOTS {
-            let Some(&Waiting { tag, period, .. }) = self.waiting.get(self.turn_of) else {
+        for _ in 0..SEARCHED_PLACES {
+            let Some(&Waiting { tag, turns, .. }) = self.waiting.get(self.turn_of) else {
                 self.pause = if self.turn_of > 0 { PAUSE } else { 0 };
                 self.turn_of = 0;
                 return;
@@ -428,41 +444,43 @@ impl Leases {
                 return;
             }
             self.make_room(tag, number);
-            if self.searched >= slots || self.entries.is_full() {
+            let Turns { period, are_blinks } = turns;
+            if self.searched >= TurnPlace::count(are_blinks, slots) || self.entries.is_full() {
                 // More slots may be leased with notice. Until then this tag waits, and the others with it.
                 (self.is_cramped, self.searched) = (true, 0);
                 if slots >= most {
-                    self.refuse(tag, period);
+                    self.refuse(tag, turns);
                 }
                 return;
             }
-            let slot = if self.cursor < slots { self.cursor } else { 0 };
-            match free_phase(&self.entries, (tag, slot), period, number.wrapping_add(NOTICE)) {
-                Some(phase) => {
+            let cursor = &mut self.cursors[usize::from(are_blinks)];
+            let place = cursor.for_turns(are_blinks, slots);
+            match free_turn(&self.entries, tag, place, period, number.wrapping_add(NOTICE)) {
+                Some(turn) => {
                     self.waiting.remove(self.turn_of);
-                    (self.cursor, self.searched, self.is_cramped) = (slot, 0, false);
+                    (*cursor, self.searched, self.is_cramped) = (place, 0, false);
                     self.forget_unproven(tag);
-                    let turn = Turn { slot, period, phase };
                     if self.insert(tag, turn, Standing::Probation, number).is_some() {
                         self.news.announce(Lease { tag, turn, grant: Grant::New });
                     }
                 }
-                None => (self.cursor, self.searched) = (slot + 1, self.searched + 1),
+                None => (*cursor, self.searched) = (place.next(), self.searched + 1),
             }
         }
     }
 
     /// No turn is free: the tag is told so. Another one may want turns that are.
-    fn refuse(&mut self, tag: u16, period: Period) {
+    fn refuse(&mut self, tag: u16, turns: Turns) {
         (self.has_refused, self.is_full) = (true, true);
         self.turn_of += 1;
-        self.announce_refusal(tag, period);
+        self.announce_refusal(tag, turns);
     }
 
     /// A tag that is not told asks again.
-    fn announce_refusal(&mut self, tag: u16, period: Period) {
+    fn announce_refusal(&mut self, tag: u16, Turns { period, are_blinks }: Turns) {
         if self.news.has_room_for_refusals() {
-            self.news.announce_once(Lease { tag, turn: Turn { slot: 0, period, phase: 0 }, grant: Grant::Refused });
+            let turn = Turn { slot: 0, part: are_blinks.into(), period, phase: 0 };
+            self.news.announce_once(Lease { tag, turn, grant: Grant::Refused });
         }
     }
 }
@@ -471,6 +489,11 @@ impl Leases {
 mod tests {
     use super::*;
     use std::vec::Vec;
+    use wire::uwb::native::{MAX_BLINKS, Period};
+
+    fn every(superframes: u16) -> Turns {
+        Turns::rounds(Period::at_most(superframes))
+    }
 
     /// A coordinator and a relay that receives all its sync frames, and which tags poll where.
     struct Network {
@@ -486,7 +509,7 @@ mod tests {
         }
 
         fn request(&mut self, tag: u16, superframes: u16) {
-            self.coordinator.request(tag, Period::at_most(superframes), self.number, false);
+            self.coordinator.request(tag, every(superframes), self.number, false);
         }
 
         fn at(&self) -> SyncFrame {
@@ -519,7 +542,9 @@ mod tests {
             let due: Vec<_> = due.collect();
             let number = self.number;
             due.into_iter()
-                .filter(|(tag, turn)| self.relay.on_poll(*tag, turn.slot, 0, number, false) == Confirmation::Renewed)
+                .filter(|(tag, turn)| {
+                    self.relay.on_poll(*tag, (turn.slot, turn.part), 0, number, false) == Confirmation::Renewed
+                })
                 .map(|(tag, _)| tag)
                 .collect()
         }
@@ -537,7 +562,7 @@ mod tests {
         for _ in 0..200 {
             network.superframe();
             for (tag, turn) in network.turns() {
-                network.coordinator.on_poll(tag, turn.slot, 0, network.number, true);
+                network.coordinator.on_poll(tag, (turn.slot, turn.part), 0, network.number, true);
             }
         }
         let turns = network.turns();
@@ -583,7 +608,7 @@ mod tests {
             }
             let turn = network.turns().into_iter().find(|(tag, _)| *tag == 1);
             if let Some((_, turn)) = turn.filter(|_| since < stops && told.is_none()) {
-                match network.relay.on_poll(1, turn.slot, 0, network.number, false) {
+                match network.relay.on_poll(1, (turn.slot, turn.part), 0, network.number, false) {
                     Confirmation::Renewed => confirmed = since,
                     Confirmation::Ended => told = Some(since),
                     Confirmation::None => {}
@@ -616,7 +641,7 @@ mod tests {
             (0..6).for_each(|i| network.request(0x4000 + 6 * since + i, 5120));
             for (tag, turn) in network.turns().into_iter().filter(|(tag, _)| *tag < 20) {
                 if turn.is_in(network.number) {
-                    network.coordinator.on_poll(tag, turn.slot, 0, network.number, true);
+                    network.coordinator.on_poll(tag, (turn.slot, turn.part), 0, network.number, true);
                 }
             }
             network.superframe();
@@ -644,7 +669,8 @@ mod tests {
                         Some(Entry { turn, standing, .. })
                             if turn.is_in(network.number) && standing != Standing::Told =>
                         {
-                            let said = network.coordinator.on_poll(tag, turn.slot, 0, network.number, true);
+                            let said =
+                                network.coordinator.on_poll(tag, (turn.slot, turn.part), 0, network.number, true);
                             renewed += u32::from(since >= 1000 && said == Confirmation::Renewed);
                         }
                         None | Some(_) => {}
@@ -681,7 +707,7 @@ mod tests {
                 served[usize::from(tag)] += 1;
                 // One poll that is answered tells the tag that its lease has ended.
                 if turn.is_in(network.number) && !(standing == Standing::Told && is_told[usize::from(tag)]) {
-                    let said = network.coordinator.on_poll(tag, turn.slot, 0, network.number, true);
+                    let said = network.coordinator.on_poll(tag, (turn.slot, turn.part), 0, network.number, true);
                     is_told[usize::from(tag)] = said == Confirmation::Ended;
                 }
             }
@@ -723,7 +749,7 @@ mod tests {
             }
             for (tag, turn) in network.turns() {
                 if turn.period.superframes() == wanted && turn.is_in(network.number) {
-                    network.coordinator.on_poll(tag, turn.slot, 0, network.number, true);
+                    network.coordinator.on_poll(tag, (turn.slot, turn.part), 0, network.number, true);
                 }
             }
             let expected = match since {
@@ -741,9 +767,9 @@ mod tests {
     #[test]
     fn slots_are_leased_as_needed_where_others_use_them() {
         let mut leases = Leases::new();
-        assert_eq!((leases.wanted_slots(0, 26, false), leases.wanted_slots(26, 26, true)), (26, 0));
+        assert_eq!((leases.wanted_slots(0, 26, false), leases.wanted_slots(26, 26, true)), (SPARE_SLOTS, 0));
         let mut slots = 0;
-        (0..25).for_each(|tag| leases.request(tag, Period::at_most(10), 0, false));
+        (0..25).for_each(|tag| leases.request(tag, every(10), 0, false));
         for number in 1..60 {
             leases.look_over(number, slots);
             leases.grant(number, slots, 26);
@@ -755,13 +781,81 @@ mod tests {
     }
 
     #[test]
+    fn half_as_many_slots_again_are_leased_where_nobody_else_uses_them() {
+        let mut leases = Leases::new();
+        let mut slots = 0;
+        let mut grown = Vec::new();
+        for number in 0..300_u16 {
+            if number < 100 {
+                leases.request(number, every(10), number, false);
+            }
+            leases.look_over(number, slots);
+            leases.grant(number, slots, 26);
+            slots = leases.wanted_slots(slots, 26, false);
+            if grown.last() != Some(&slots) {
+                grown.push(slots);
+            }
+            leases.news.clear();
+            leases.entries.iter_mut().for_each(|entry| (entry.standing, entry.made) = (Standing::Proven, number));
+            leases.on_probation = 0;
+        }
+        // Ten slots for a hundred tenths, and two more.
+        assert_eq!((slots, leases.entries.len()), (12, 100), "{grown:?}");
+        assert!(grown.is_sorted());
+        // All but a few leave.
+        leases.entries.truncate(5);
+        (0..3).for_each(|_| leases.look_over(300, slots));
+        assert_eq!(leases.wanted_slots(slots, 26, false), 1 + SPARE_SLOTS);
+    }
+
+    #[test]
+    fn seven_blinks_share_each_turn_of_a_slot_and_rounds_have_slots_of_their_own() {
+        let mut leases = Leases::new();
+        let all = 10 * u16::from(MAX_BLINKS);
+        for tag in 0..all + 15 {
+            // Each tenth tag ranges.
+            let turns = if tag % 10 == 9 { every(10) } else { Turns::blinks(Period::at_most(10)) };
+            leases.request(tag, turns, 0, false);
+            for number in 1..20 {
+                leases.grant(number, 26, 26);
+            }
+            leases.news.clear();
+            leases.entries.iter_mut().for_each(|entry| entry.standing = Standing::Proven);
+            leases.on_probation = 0;
+        }
+        let turns: Vec<Turn> = leases.entries.iter().map(|entry| entry.turn).collect();
+        assert_eq!(turns.len(), usize::from(all) + 15);
+        for (place, turn) in turns.iter().enumerate() {
+            assert!(turns[..place].iter().all(|other| !other.meets(*turn)), "{turn:?}");
+        }
+        // 77 blinks of 70 a slot, and 8 rounds: the rounds take a phase of a slot from seven blinks.
+        let slots = turns.iter().map(|turn| turn.slot).max();
+        assert!(slots <= Some(2), "{slots:?}");
+        // A blink of the fifth part renews the lease of that part, and no other's.
+        let of_blink = leases.entries.iter().position(|entry| entry.turn.part == 5).unwrap();
+        let (tag, turn) = (leases.entries[of_blink].tag, leases.entries[of_blink].turn);
+        let number = 1000 + turn.phase;
+        leases.entries.iter_mut().for_each(|entry| entry.made = number.wrapping_sub(500));
+        assert_eq!(leases.on_poll(tag, (turn.slot, 4), 0, number, true), Confirmation::None);
+        assert_eq!(leases.on_poll(tag, (turn.slot, 5), 0, number, true), Confirmation::Renewed);
+        // A full network says so to tags that blink, too.
+        leases.request(999, Turns::blinks(Period::ONE), number, false);
+        (0..40).for_each(|after| leases.grant(number + after, 3, 3));
+        let mut sync_frame = crate::native::blank_sync_frame();
+        leases.news.fill(&mut sync_frame);
+        let refused =
+            sync_frame.leases.iter().find(|lease| lease.tag == 999).map(|lease| (lease.grant, lease.turn.turns()));
+        assert_eq!(refused, Some((Grant::Refused, Turns::blinks(Period::ONE))));
+    }
+
+    #[test]
     fn one_round_slot_is_left_where_nobody_is_listed_and_an_eighth_where_somebody_is() {
         let mut leases = Leases::new();
         // 26 less 26 / 8, rounded up.
         assert_eq!([false, true].map(|others| leases.most_slots(26, others)), [25, 22]);
         // 24 slots of ten turns. A tag that is listed then takes none of them away.
         (0..240).for_each(|tag| {
-            leases.request(tag, Period::at_most(10), 0, false);
+            leases.request(tag, every(10), 0, false);
             (1..20).for_each(|number| {
                 leases.grant(number, 25, 25);
                 leases.news.clear();
@@ -798,7 +892,7 @@ mod tests {
             for &(tag, turn) in &turns {
                 let uses = tag != 1 || turn.period.superframes() == wanted || rarest(1) == Some(2);
                 if uses && turn.is_in(network.number) {
-                    network.coordinator.on_poll(tag, turn.slot, 0, network.number, true);
+                    network.coordinator.on_poll(tag, (turn.slot, turn.part), 0, network.number, true);
                 }
             }
             if since > 300 && since % 50 == 0 {
@@ -822,7 +916,7 @@ mod tests {
                 if turn.is_in(network.number) && (tag == 1 || since < 100) {
                     network.coordinator.on_poll(
                         tag,
-                        turn.slot,
+                        (turn.slot, turn.part),
                         if tag == 2 { 0x40 } else { 0x10 },
                         network.number,
                         true,

@@ -10,7 +10,7 @@ use super::timing::{MAX_ROUND_SLOTS, Timing};
 use crate::RadioDuration;
 use wire::serial_number::SerialNumber;
 use wire::uwb::layout::Layout;
-use wire::uwb::native::{MAX_MEMBERS, Member, Period, Share, SyncFrame};
+use wire::uwb::native::{MAX_MEMBERS, Member, Period, Share, SyncFrame, Turns};
 
 /// A changed list is in force this many superframes after its first announcement.
 pub const NOTICE_SUPERFRAMES: u8 = 4;
@@ -237,7 +237,7 @@ fn owned_slots(members: &Members, tag: u16, superframe: u16, slots: u8) -> u64 {
     for member in members {
         let slots = match member.share {
             // A lease is not in the list.
-            Share::Release | Share::OneIn(_) => 0,
+            Share::Release | Share::Leased(_) => 0,
             Share::Slots(n) => n,
             Share::Greedy => u8::MAX,
         };
@@ -315,7 +315,7 @@ pub fn share_of(rate: Rate, timing: &Timing) -> Share {
             // somewhat longer while nodes measure how quick they are.
             match u16::try_from((period + period / 16) / superframe).unwrap_or(u16::MAX) {
                 0 => Share::Slots(((superframe + period - 1) / period).min(126) as u8),
-                superframes => Share::OneIn(Period::at_most(superframes)),
+                superframes => Share::Leased(Turns::rounds(Period::at_most(superframes))),
             }
         }
     }
@@ -386,7 +386,8 @@ mod tests {
 
     #[test]
     fn modest_tags_get_what_they_ask_for_and_greedy_ones_the_rest() {
-        let members = list(&[Share::Slots(2), Share::Greedy, Share::OneIn(Period::ONE), Share::Release]);
+        let members =
+            list(&[Share::Slots(2), Share::Greedy, Share::Leased(Turns::rounds(Period::ONE)), Share::Release]);
         let mut counts = [0u32; 4];
         for superframe in 0..40 {
             for (count, owned) in counts.iter_mut().zip(plan(&members, superframe, 37)) {

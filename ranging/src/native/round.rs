@@ -37,6 +37,8 @@ pub struct RoundState {
     relay_from: usize,
     /// How many anchors this round asks: the first ones of the team.
     asked: u8,
+    /// It is a blink.
+    is_blink: bool,
     /// The slot in which the first of them answers.
     first_slot: u8,
     /// Data for the next poll …
@@ -92,6 +94,7 @@ impl RoundState {
             relays: [None; 2],
             relay_from: 0,
             asked: 0,
+            is_blink: false,
             first_slot: 0,
             data: None,
             sent_data: None,
@@ -177,7 +180,7 @@ impl RoundState {
             self.team.swap(0, core::mem::take(&mut self.relay_from));
             self.team.rotate_left(self.turns.into());
         }
-        self.first_slot = self.data.is_some().into();
+        (self.first_slot, self.is_blink) = (self.data.is_some().into(), false);
         self.asked = self.team.len().min(MAX_ROUND - self.slot_of(0)) as u8;
         // Who is in the last slot in its turn stays there.
         let candidates = self.team.get(..usize::from(self.asked).saturating_sub(self.turns.into())).unwrap_or_default();
@@ -201,7 +204,22 @@ impl RoundState {
             Asked { address, distance }
         };
         let asked = self.team.iter().take(self.asked.into()).map(ask).collect();
-        Poll { round: self.number, wish, anchors: asked, position: None, data: self.data }
+        Poll { round: self.number, wish, anchors: asked, position: None, data: self.data, part: None }
+    }
+
+    /// The next blink, which is this part of its slot, and asks an anchor or nobody. It measures nothing.
+    pub fn begin_blink(&mut self, part: u8, asked: Option<u16>, wish: Layout) -> Poll {
+        self.former.forget();
+        self.answers.clear();
+        self.number = self.number.wrapping_add(1);
+        self.scheme = Scheme::SingleSided;
+        (self.team, self.relay_from) = (asked.into_iter().collect(), 0);
+        self.asked = self.team.len() as u8;
+        (self.pending, self.is_blink) = (self.asked, true);
+        let anchors = self.team.iter().map(|&address| Asked { address, distance: Distance::Unsent }).collect();
+        let blink = Poll { round: self.number, wish, anchors, position: None, data: self.data, part: Some(part) };
+        self.first_slot = blink.first_slot() as u8;
+        blink
     }
 
     /// The poll was written.
@@ -331,9 +349,9 @@ impl RoundState {
         self.ranges = answers.iter().map(|answer| answer.range).collect();
     }
 
-    /// Whether there is anything to report: the first double-sided round has nothing yet.
+    /// Whether there is anything to report: a blink has nothing, and the first double-sided round nothing yet.
     pub fn has_report(&self) -> bool {
-        self.report().asked > 0
+        self.report().asked > 0 && !self.is_blink
     }
 
     /// The result of the round; in double-sided ranging, of the round before.

@@ -157,7 +157,9 @@ impl Superframes {
         (self.phase.number << 8).wrapping_add(into.div_euclid(superframe.max(1)) as u16)
     }
 
-    /// The superframe and the round slot of an instant in this superframe or the one before, if it is in a round slot.
+    /// The superframe and the round slot of an instant in this superframe or the one before, if it is in a round slot. By a
+    /// clock that is wrong after a sleep, a poll comes up to half a response slot before its slot. No frame of a round
+    /// begins so late in its slot.
     pub fn round_slot_at(&self, instant: RadioInstant) -> Option<(u16, u8)> {
         let Phase { number, start } = self.phase;
         let passed = instant.since(start).ticks();
@@ -166,9 +168,17 @@ impl Superframes {
             true => (number.wrapping_sub(1), passed + self.timing.superframe.ticks()),
             false => (number, passed),
         };
-        let into = passed - self.timing.rounds().ticks();
+        let into = passed + self.timing.response_slot.ticks() / 2 - self.timing.rounds().ticks();
         let slot = u8::try_from(into.div_euclid(self.timing.round_slot.ticks())).ok()?;
         Some((number, slot))
+    }
+
+    /// Whether a blink whose first pulse came at this instant is this part of its slot.
+    pub fn is_in_part(&self, pulse: RadioInstant, part: u8) -> bool {
+        let Some((_, slot)) = self.round_slot_at(pulse) else { return false };
+        let passed = pulse.since(self.phase.start).ticks();
+        let passed = if passed < 0 { passed + self.timing.superframe.ticks() } else { passed };
+        (passed - self.timing.blink(slot, part).ticks()).abs() <= self.timing.response_slot.ticks() / 2
     }
 
     /// Whether a sync frame of the own session, which nobody can forge, comes later than by this clock, which may be off by

@@ -20,6 +20,8 @@ pub struct Sync {
     pub adrift: Option<RadioInstant>,
     /// The possible error of the phase, after naps, until the next sync frame.
     pub uncertainty: RadioDuration,
+    /// Sleeps to a next turn since the last received sync frame.
+    pub held: u8,
     /// The superframe of the last received sync frame.
     heard: u16,
     /// The same in a session. Sync frames from before are recorded ones.
@@ -64,7 +66,8 @@ impl Sync {
     fn in_course(course: Superframes, sync_frame: &SyncFrame) -> Self {
         let (heard, election) = (course.phase.number, Election::joined(sync_frame));
         let newest = course.moment().map_or(0, |moment| moment.superframe);
-        Self { course, election, adrift: None, uncertainty: RadioDuration::ZERO, heard, newest, unproven: Some(0) }
+        let uncertainty = RadioDuration::ZERO;
+        Self { course, election, adrift: None, uncertainty, held: 0, heard, newest, unproven: Some(0) }
     }
 
     /// This node awaits its turn, which will prove the session or not.
@@ -107,7 +110,8 @@ impl Sync {
                 (Choice::Same | Choice::Change, Some(phase)) => {
                     let followed = self.election.coordinator;
                     self.course.phase = phase;
-                    (self.heard, self.newest, self.uncertainty) = (phase.number, newest, RadioDuration::ZERO);
+                    (self.heard, self.newest, self.uncertainty, self.held) =
+                        (phase.number, newest, RadioDuration::ZERO, 0);
                     if choice == Choice::Change {
                         self.election.follow(sync_frame);
                         self.course.membership.adopt(sync_frame);
@@ -175,6 +179,7 @@ impl Sync {
         (0..superframes).for_each(|_| self.course.next());
         self.election.advance(superframes);
         self.heard = self.course.phase.number.wrapping_sub(1);
+        self.held = self.held.saturating_add(1);
     }
 
     /// The same, but afterwards the phase is unknown.

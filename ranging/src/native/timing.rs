@@ -276,6 +276,20 @@ impl Timing {
         sum(sum(begin, self.to_rmarker), times(self.request_slot, place as i64))
     }
 
+    /// From the beginning of the superframe to the first pulse of one of a round slot's blinks, counted from 1 on. They come
+    /// at the distance of responses.
+    pub const fn blink(&self, slot: u8, part: u8) -> RadioDuration {
+        let half_guard = RadioDuration::from_ticks(self.guard.ticks() / 2);
+        let before = times(self.response_slot, part.saturating_sub(1) as i64);
+        sum(sum(self.round_slot_begin(slot as usize), half_guard), before)
+    }
+
+    /// How wrong a tag's clock may be when it blinks. Anchors tell blinks apart up to here; a tag is usually wrong by an
+    /// eighth of it, and two that come too close to each other cost one blink.
+    pub const fn most_uncertain_blink(&self) -> RadioDuration {
+        RadioDuration::from_ticks(self.response_slot.ticks() / 2)
+    }
+
     /// From the beginning of the superframe to the end of its sync slots, where the round slots begin.
     pub const fn rounds(&self) -> RadioDuration {
         times(self.sync_slot, SYNC_SLOTS as i64)

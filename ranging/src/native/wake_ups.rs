@@ -5,6 +5,8 @@
 //! each time, and the drift of the processor's clock. Inputs are sleeps and such errors. Outputs are the expected error
 //! and the remaining uncertainty. The fit is by normalised least mean squares in both parameters.
 
+use positioning_core::Real;
+
 use crate::RadioDuration;
 use crate::time::TICKS_PER_SECOND;
 
@@ -43,6 +45,11 @@ impl Slept {
         self.times == 0
     }
 
+    /// How much more errors scatter than those of one sleep: each adds its own.
+    fn scatter(self) -> f32 {
+        Real::sqrt(f32::from(self.times.max(1)))
+    }
+
     fn weights(self) -> [f32; 2] {
         [f32::from(self.times), SECOND * self.ticks as f32 / TICKS_PER_SECOND as f32]
     }
@@ -54,7 +61,7 @@ pub struct WakeUps {
     /// Lateness of each waking, ticks, and ticks that each second of sleep adds, the latter divided by the weight of a
     /// second.
     late: [f32; 2],
-    /// Mean deviation of the errors from this estimate, ticks.
+    /// Mean deviation of the errors of one sleep from this estimate, ticks.
     deviation: f32,
 }
 
@@ -76,7 +83,7 @@ impl WakeUps {
         if slept.is_none() {
             return RadioDuration::ZERO;
         }
-        let measured = RadioDuration::from_ticks((DEVIATIONS * self.deviation) as i64);
+        let measured = RadioDuration::from_ticks((DEVIATIONS * self.deviation * slept.scatter()) as i64);
         RadioDuration::from_ticks(measured.ticks() + LEAST.ticks()).min(MOST)
     }
 
@@ -91,7 +98,7 @@ impl WakeUps {
             }
         }
         // A larger error counts half at once; smaller errors count slowly.
-        let above = error.abs() - self.deviation;
+        let above = error.abs() / slept.scatter() - self.deviation;
         self.deviation += above * if above > 0.0 { 0.5 } else { 0.3 };
     }
 

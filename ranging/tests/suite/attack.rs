@@ -13,7 +13,9 @@ use ranging::native::{
 };
 use ranging::{PhyConfig, RadioDuration, RadioInstant, Start};
 use wire::uwb::layout::Span;
-use wire::uwb::native::{Confirmation, Frame, Member, Message, Period, Position, Request, Response, Share, SyncFrame};
+use wire::uwb::native::{
+    Confirmation, Frame, Member, Message, Period, Position, Request, Response, Share, SyncFrame, Turns,
+};
 use wire::uwb::{BROADCAST, FrameBuffer};
 
 pub(crate) const NETWORK: Network = Network::new(0xBA1A, PhyConfig::FAST);
@@ -50,6 +52,7 @@ pub(crate) fn tag(air: &mut Air, address: u16, rate: Rate) -> (usize, Rc<RefCell
         rate,
         scheme: Scheme::SingleSided,
         tells: PollContent::Nothing,
+        blinks: false,
     };
     let (machine, handle) = shared(Tag::new(config));
     (air.add([1.0, 2.0, 1.0], -20.0, machine), handle)
@@ -558,7 +561,7 @@ fn a_stranger_who_requests_slots_and_the_slowest_layout_once_costs_a_tag_nothing
     let (node, _) = tag(&mut air, 0x100, Rate::Greedy);
     let armed = Rc::new(Cell::new(false));
     let wish = Layout { listen_again: Span::LONGEST, scheme: Scheme::DoubleSided, ..Layout::LEAST };
-    let request = Request { share: Share::OneIn(Period::at_most(100)), wish };
+    let request = Request { share: Share::Leased(Turns::rounds(Period::at_most(100))), wish };
     air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, request_once(0x300, request)));
     air.run_until(3.0);
     armed.set(true);

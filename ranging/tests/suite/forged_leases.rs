@@ -12,7 +12,7 @@ use ranging::exchange::Link;
 use ranging::native::{Layout, Rate, Timing};
 use wire::uwb::BROADCAST;
 use wire::uwb::native::{
-    Confirmation, Frame, Grant, Lease, LeasedPoll, Message, Period, Request, Share, SyncFrame, Turn,
+    Confirmation, Frame, Grant, Lease, LeasedPoll, Message, Period, Request, Share, SyncFrame, Turn, Turns,
 };
 
 /// Addresses of the tags, and how often they range, milliseconds. A superframe is 100 ms: periods of 1, 2 and 10.
@@ -236,7 +236,7 @@ fn who_was_granted_false_turns_has_true_ones_in_seconds() {
             let (mut air, _) = site.open(3);
             air.run_until(3.0);
             let forged = TAGS.iter().zip(slot..).map(|(&(tag, millis), slot)| {
-                let turn = Turn { slot, period: period(millis), phase: 0 };
+                let turn = Turn { slot, part: 0, period: period(millis), phase: 0 };
                 Lease { tag, turn, grant }
             });
             site.attack(&mut air, entries(SHARED, superframes, forged.collect()));
@@ -277,9 +277,9 @@ fn false_grants_of_another_tags_turns_cost_neither_tag_its_rounds() {
 
 #[test]
 fn requests_in_a_tags_name_cost_neither_the_tag_nor_others_their_slots() {
-    let other_period = Share::OneIn(Period::at_most(50));
+    let other_period = Share::Leased(Turns::rounds(Period::at_most(50)));
     for site in SITES {
-        for share in [Share::Release, other_period, Share::OneIn(Period::ONE), Share::Greedy] {
+        for share in [Share::Release, other_period, Share::Leased(Turns::rounds(Period::ONE)), Share::Greedy] {
             for superframes in [1, 400] {
                 let (mut air, _) = site.open(4);
                 let nodes = site.tags(&mut air);
@@ -322,7 +322,7 @@ fn invented_tags_neither_drive_tags_out_nor_keep_new_ones_from_leases() {
         air.run_until(6.0);
         let mut invented = 0x4000;
         let forge: Forge = Box::new(move |timing, _, _| {
-            let request = Request { share: Share::OneIn(Period::at_most(length)), wish: Layout::LEAST };
+            let request = Request { share: Share::Leased(Turns::rounds(Period::at_most(length))), wish: Layout::LEAST };
             let invent = |i: usize| {
                 invented += 1;
                 (timing.request(2 * i), bytes(invented, BROADCAST, Message::Request(request)))
@@ -387,7 +387,7 @@ fn invented_leases(superframes: usize, grant: Grant) -> Forge {
     let period = Period::at_most(Period::MOST);
     Box::new(move |timing, heard, known| {
         tag += 10;
-        let turn = |i: u16| Turn { slot: 5, period, phase: (heard.superframe + 5_000 + i) % Period::MOST };
+        let turn = |i: u16| Turn { slot: 5, part: 0, period, phase: (heard.superframe + 5_000 + i) % Period::MOST };
         let leases = (0..10).map(|i| Lease { tag: tag + i, turn: turn(i), grant }).collect();
         let mut forge = entries(FREE, usize::from(left > 0), leases);
         left = left.saturating_sub(1);

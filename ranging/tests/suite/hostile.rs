@@ -110,7 +110,10 @@ fn torment(mut machine: impl Protocol, seed: u64) {
             // The radio slept: its clock restarted.
             (Owned::Sleep { .. }, 0..9) => Event::Started,
             (Owned::WaitUntil(_) | Owned::Sleep { .. } | Owned::Compensate, _) => Event::Woken,
-            (Owned::Round { .. } | Owned::Differences { .. } | Owned::Polled | Owned::Link(_), _) => Event::Reported,
+            (
+                Owned::Round { .. } | Owned::Differences { .. } | Owned::Polled | Owned::Arrival(_) | Owned::Link(_),
+                _,
+            ) => Event::Reported,
             (Owned::Receive { .. }, 0) => Event::Timeout,
             (Owned::Receive { .. }, _) => {
                 frame = bytes(&mut rng);
@@ -143,7 +146,7 @@ fn torment(mut machine: impl Protocol, seed: u64) {
             }
             Owned::Round { ranges, .. } => assert!(ranges.len() <= 8),
             Owned::Differences { differences, .. } => assert!(differences.len() <= 8),
-            Owned::Polled | Owned::Link(_) | Owned::Compensate => {}
+            Owned::Polled | Owned::Arrival(_) | Owned::Link(_) | Owned::Compensate => {}
         }
     }
 }
@@ -161,6 +164,7 @@ fn a_native_tag_survives_anything() {
             rate,
             scheme: if seed < 3 { Scheme::DoubleSided } else { Scheme::SingleSided },
             tells,
+            blinks: seed > 2,
         });
         if seed > 1 {
             tag.doze();

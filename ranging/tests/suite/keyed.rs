@@ -26,7 +26,15 @@ fn network(key: [u8; 16], seed: u64) -> Network {
 }
 
 fn config(address: u16, rate: Rate, scheme: Scheme, seed: u64) -> TagConfig {
-    TagConfig { address, network: network(KEY, seed), anchors: 8, rate, scheme, tells: PollContent::Nothing }
+    TagConfig {
+        address,
+        network: network(KEY, seed),
+        anchors: 8,
+        rate,
+        scheme,
+        tells: PollContent::Nothing,
+        blinks: false,
+    }
 }
 
 /// Ten rounds a second.

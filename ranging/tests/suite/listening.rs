@@ -104,6 +104,7 @@ fn every_listener_hears_every_round_and_nothing_collides() {
         rate: Rate::Greedy,
         scheme: Scheme::SingleSided,
         tells: PollContent::Nothing,
+        blinks: false,
     };
     let ranging = air.add([2.0, 2.0, 1.0], 5.0, boxed(Tag::new(ranging)));
     air.run_until(3.0);

@@ -2,6 +2,7 @@
 
 mod air;
 mod attack;
+mod blinks;
 mod decaranging;
 mod forged_leases;
 mod hostile;

@@ -26,7 +26,15 @@ fn tag_of(network: Network, address: u16, rate: Rate) -> Boxed {
 }
 
 fn config_of(network: Network, address: u16, rate: Rate) -> TagConfig {
-    TagConfig { address, network, anchors: 8, rate, scheme: Scheme::SingleSided, tells: PollContent::Nothing }
+    TagConfig {
+        address,
+        network,
+        anchors: 8,
+        rate,
+        scheme: Scheme::SingleSided,
+        tells: PollContent::Nothing,
+        blinks: false,
+    }
 }
 
 /// Anchors 1, 2, … on a circle of 10 m, their drifts ±20 ppm in turn.
@@ -464,6 +472,7 @@ fn a_tag_gives_its_slots_back() {
         rate: Rate::Greedy,
         scheme: Scheme::SingleSided,
         tells: PollContent::Nothing,
+        blinks: false,
     })));
     let handle = Rc::clone(&shared);
     let mut air = Air::new(NETWORK.phy, 19);
@@ -552,6 +561,7 @@ fn anchors_are_told_their_distances() {
         rate: Rate::Greedy,
         scheme: Scheme::SingleSided,
         tells: PollContent::Distances,
+        blinks: false,
     };
     let node = air.add([1.0, 2.0, 1.0], 20.0, boxed(Tag::new(teller)));
     air.run_until(2.0);
@@ -649,8 +659,15 @@ fn a_board_that_becomes_slower_is_late_for_a_moment_only() {
 
 fn double_sided(address: u16) -> Boxed {
     let scheme = Scheme::DoubleSided;
-    let config =
-        TagConfig { address, network: NETWORK, anchors: 8, rate: Rate::Greedy, scheme, tells: PollContent::Nothing };
+    let config = TagConfig {
+        address,
+        network: NETWORK,
+        anchors: 8,
+        rate: Rate::Greedy,
+        scheme,
+        tells: PollContent::Nothing,
+        blinks: false,
+    };
     boxed(Tag::new(config))
 }
 
@@ -753,7 +770,8 @@ fn an_anchor_tells_the_departure_with_the_delay_that_its_radio_has_in_force() {
     assert!(matches!(anchor.step(now, Event::Reported), Action::Receive { .. }));
     let anchors = [Asked { address: 1, distance: Distance::Unsent }].into_iter().collect();
     let mut poll = FrameBuffer::new();
-    let message = Message::Poll(Poll { round: 3, wish: Layout::LEAST, anchors, position: None, data: None });
+    let message =
+        Message::Poll(Poll { round: 3, wish: Layout::LEAST, anchors, position: None, data: None, part: None });
     Frame { sequence: 1, pan: NETWORK.pan, destination: BROADCAST, source: 0x100, message }.emit(&mut poll);
     let heard = RxFrame { bytes: poll.bytes(), rx_time: now, diagnostics: Diagnostics::default() };
     let Action::Transmit { frame, start: Start::At(start), .. } = anchor.step(now, Event::Received(heard)) else {

@@ -23,7 +23,15 @@ fn room(air: &mut Air, anchors: u16) -> Vec<usize> {
 
 fn machine(address: u16, rate: Rate) -> Tag {
     let scheme = Scheme::SingleSided;
-    Tag::new(TagConfig { address, network: NETWORK, anchors: 8, rate, scheme, tells: PollContent::Nothing })
+    Tag::new(TagConfig {
+        address,
+        network: NETWORK,
+        anchors: 8,
+        rate,
+        scheme,
+        tells: PollContent::Nothing,
+        blinks: false,
+    })
 }
 
 fn every_ms(millis: u32) -> Rate {
@@ -108,7 +116,7 @@ fn an_anchor_that_is_gone_is_asked_no_more_and_the_others_sync_frames_serve() {
         assert!(rounds.iter().all(|(_, ranges)| ranges.len() == 4));
         let asked = air.reports.iter().rev().find_map(|report| match &report.what {
             crate::air::What::Round { asked, .. } if report.node == node => Some(*asked),
-            crate::air::What::Round { .. } | crate::air::What::Differences { .. } | crate::air::What::Link(_) => None,
+            _ => None,
         });
         assert_eq!(asked, Some(4), "the fifth is forgotten");
     }

@@ -19,6 +19,7 @@ fn rounds_and_spacing(anchors: u16, scheme: Scheme, is_spaced: bool) -> (usize, 
         rate: Rate::Greedy,
         scheme,
         tells: PollContent::Nothing,
+        blinks: false,
     };
     let mut tag = Tag::new(config);
     if is_spaced {

@@ -16,9 +16,10 @@ impl Scenario {
     /// record.
     pub fn tag_record(&self, tag: &Tag) -> Record {
         let network = self.network(tag.network);
+        let network = Network { mode: if tag.blinks { Mode::Blink } else { network.mode }, ..network };
         let settings = tag.settings.record;
         let still_rate_chz = match network.mode {
-            Mode::Native => settings.still_rate_chz,
+            Mode::Native | Mode::Blink => settings.still_rate_chz,
             Mode::DecaRanging { .. } | Mode::Listening { .. } => None,
         };
         let solver = self.solver(tag, network.mode);
@@ -26,7 +27,7 @@ impl Scenario {
         let told = self.listed_anchors.iter().copied().filter(|_| tag.network == 0);
         let is_told = |anchor: &&Anchor| told.clone().any(|listed| listed.address == anchor.address);
         let nodes: &[Anchor] = match network.mode {
-            Mode::Native | Mode::Listening { .. } => &[],
+            Mode::Native | Mode::Blink | Mode::Listening { .. } => &[],
             Mode::DecaRanging { .. } => &self.anchors,
         };
         let own = nodes.iter().filter(|anchor| anchor.network == tag.network && !is_told(anchor));
@@ -61,8 +62,8 @@ impl Scenario {
     fn solver(&self, tag: &Tag, mode: Mode) -> Solver {
         match (mode, self.method) {
             (Mode::Listening { .. }, _) => Solver::Track,
-            (Mode::Native | Mode::DecaRanging { .. }, None) => tag.settings.record.solver,
-            (Mode::Native | Mode::DecaRanging { .. }, Some(method)) => {
+            (Mode::Native | Mode::Blink | Mode::DecaRanging { .. }, None) => tag.settings.record.solver,
+            (Mode::Native | Mode::Blink | Mode::DecaRanging { .. }, Some(method)) => {
                 Solver::from_name(method.as_str()).unwrap_or(Solver::Track)
             }
         }

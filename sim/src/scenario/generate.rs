@@ -105,6 +105,7 @@ impl Scenario {
                     address,
                     network: room,
                     settings: settings.clone(),
+                    blinks: false,
                     walk: walk(corner, number),
                     board: None,
                     antenna_delay_ticks: None,

@@ -184,6 +184,8 @@ pub struct Tag {
     pub network: usize,
     /// What it has in its flash.
     pub settings: TagSettings,
+    /// Whether it blinks instead of ranging.
+    pub blinks: bool,
     /// Its path.
     pub walk: Walk,
     /// Its board, if it is not the default board.

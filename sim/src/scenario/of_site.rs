@@ -128,6 +128,7 @@ impl Scenario {
             address: address(node.record.identity),
             network,
             settings: TagSettings { record: settings, ..TagSettings::default() },
+            blinks: node.record.network.mode == wire::config::Mode::Blink,
             walk: walk.leaving_at(*leaves_s),
             board: own_board(node, simulation),
             antenna_delay_ticks: node.simulation.true_antenna_delay_ticks,

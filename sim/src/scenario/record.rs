@@ -29,10 +29,10 @@ impl Record {
         }
     }
 
-    /// The node's messages that the record is made of, in their order.
+    /// The node's messages that the record is made of, in their order: none of a position that a station has computed.
     pub fn messages(&self) -> impl Iterator<Item = Message> {
         let (epoch, message) = match &self.what {
-            What::Epoch(epoch) => (Some(epoch), None),
+            What::Epoch(epoch) => (Some(epoch).filter(|epoch| !epoch.is_of_station), None),
             What::Message(message) => (None, Some(*message)),
             What::Fault(_) => (None, None),
         };
@@ -74,6 +74,8 @@ pub struct SimulatedEpoch {
     pub truth_m: [f64; 3],
     /// The reported position, or the reason why there is none.
     pub fix: Fix,
+    /// Whether a station has computed it, of a tag's blink.
+    pub is_of_station: bool,
     /// The measured ranges.
     pub ranges: Vec<RangeRecord>,
     /// The measured differences, if the tag only listens; the reference is first.

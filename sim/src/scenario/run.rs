@@ -53,6 +53,12 @@ impl Simulation {
         let world = World::new(scenario.seed, scenario.air_config());
         let scenario = Rc::new(scenario);
         let log: Rc<RefCell<Log>> = Rc::default();
+        for anchor in &scenario.anchors {
+            log.borrow_mut().blinks.set_anchor(anchor.address, scenario.surveyed_m(anchor));
+        }
+        for tag in &scenario.tags {
+            log.borrow_mut().blinks.set_height(tag.address, tag.settings.record.height_m);
+        }
         let bluetooth =
             (!scenario.beacons.is_empty()).then(|| Bluetooth::new(&world, scenario.bluetooth.clone(), &scenario.walls));
         let mut outlets = BTreeMap::new();
@@ -176,6 +182,12 @@ impl Simulation {
             let next_s = seconds.min(self.now_s() + DRAIN_S);
             self.world.run_until(TrueTime::from_secs_f64(next_s));
             self.outlets.values().for_each(|outlet| outlet.drain());
+            let solved = self.log.borrow_mut().blinks.advance(next_s);
+            for solved in solved {
+                if let Some(outlet) = self.outlets.get(&solved.tag) {
+                    outlet.blinked(&solved);
+                }
+            }
             if next_s >= seconds {
                 return;
             }

@@ -6,6 +6,7 @@ use std::collections::{HashMap, VecDeque};
 use std::fmt::Debug;
 use std::rc::Rc;
 
+use blinks::{Multilateration, Solved};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_tag::{Measured, RoundOutcome, Sounding};
 use ranging::exchange::{Event, Protocol};
@@ -39,6 +40,8 @@ pub(super) struct Log {
     pub(super) errors: Vec<PositionError>,
     /// The positions that tags tell in their polls.
     pub(super) uplink: Uplink,
+    /// The station that computes the positions of tags that blink.
+    pub(super) blinks: Multilateration,
     /// The frames of attackers.
     pub(super) attack: Rc<Attack>,
 }
@@ -218,6 +221,7 @@ impl Outlet {
                     number: 0,
                     truth_m: truth.at_m,
                     fix,
+                    is_of_station: false,
                     ranges: std::mem::take(ranges).into_iter().filter_map(|range| self.range(range, &truth)).collect(),
                     differences: std::mem::take(differences)
                         .into_iter()
@@ -241,9 +245,23 @@ impl Outlet {
             Message::TagData(told) if self.has_cable => {
                 self.log.borrow_mut().uplink.data_arrived(told.tag, told.number);
             }
+            Message::Arrival(arrival) if self.has_cable => {
+                self.log.borrow_mut().blinks.take(t_s, t_s, self.node, &arrival);
+            }
             _ => {}
         }
         self.write(t_s, what);
+    }
+
+    /// The station has computed the position of this tag's blink, or found none.
+    pub(super) fn blinked(&self, solved: &Solved) {
+        let Some(tag) = self.scenario.tags.iter().find(|tag| tag.address == solved.tag) else { return };
+        let now = self.world.now();
+        let (fix, truth_m) = (solved.fix(micros(now)), tag.walk.at(solved.t_s));
+        let (ranges, differences) = (Vec::new(), Vec::new());
+        let epoch = SimulatedEpoch { number: 0, truth_m, fix, is_of_station: true, ranges, differences };
+        self.count(&epoch, now.as_secs_f64());
+        self.write(now.as_secs_f64(), What::Epoch(epoch));
     }
 
     fn count(&self, epoch: &SimulatedEpoch, t_s: f64) {

@@ -3,6 +3,8 @@
 
 use std::time::Duration;
 
+use wire::telemetry::Address;
+
 use super::rounds::RoundMeasurement;
 use super::tags::TagState;
 use super::user_data::UserData;
@@ -40,7 +42,7 @@ impl LiveState {
     }
 
     /// None where the report is refused.
-    fn take(&mut self, t: Utc, site: &str, kind: &ReportKind, updates: &mut Vec<Update>) -> Option<()> {
+    pub(super) fn take(&mut self, t: Utc, site: &str, kind: &ReportKind, updates: &mut Vec<Update>) -> Option<()> {
         match kind {
             ReportKind::Node { node, name, role, position_m } => {
                 self.describe(site, node, name.as_deref(), *role, *position_m)
@@ -56,6 +58,8 @@ impl LiveState {
                 self.data(t, site, tag, *number, data, updates)
             }
             ReportKind::Refusals { tag, frames } => self.refusals(t, site, tag, *frames, updates),
+            ReportKind::Height { tag, height_m } => self.height(site, tag, *height_m),
+            ReportKind::Arrival { anchor, arrival } => self.arrival(t, site, *anchor, arrival, updates),
             ReportKind::Sighting { tag, beacon, rssi_dbm } => self.sighting(t, site, tag, beacon, *rssi_dbm, updates),
             ReportKind::ReceiverSighting { receiver, device, rssi_dbm, rssi_1m_dbm } => {
                 self.receiver_sighting(t, site, receiver, device, *rssi_dbm, *rssi_1m_dbm)
@@ -97,11 +101,25 @@ impl LiveState {
             }
             NodeRole::Anchor | NodeRole::Beacon | NodeRole::Receiver => {
                 let index = self.node(site, node, role)?;
-                let is_new = self.sites.get_mut(site)?.nodes.describe(index, name, role, position_m);
+                let state = self.sites.get_mut(site)?;
+                let is_new = state.nodes.describe(index, name, role, position_m);
+                if let (NodeRole::Anchor, Some(position_m), Ok(Address(anchor))) = (role, position_m, node.parse()) {
+                    state.blinks.set_anchor(anchor, position_m);
+                }
                 self.is_changed |= is_new;
                 self.surveys += u64::from(is_new);
             }
         }
+        Some(())
+    }
+
+    /// A tag is carried at this height.
+    fn height(&mut self, site: &str, tag: &str, height_m: f64) -> Option<()> {
+        let Address(tag) = tag.parse().ok()?;
+        if !(is_name(site) && height_m.abs() <= FARTHEST_M) {
+            return None;
+        }
+        self.sites.entry(site.to_owned()).or_default().blinks.set_height(tag, Some(height_m as f32));
         Some(())
     }
 

@@ -6,6 +6,7 @@
 //! | module | what is in it |
 //! |---|---|
 //! | `apply` | a report to what it changes |
+//! | `blinks` | the positions of tags that blink |
 //! | `limits` | when something counts, and what is an alarm |
 //! | `rounds` | the measurements of a tag until its round ends |
 //! | `recent` | a sample of the rounds of the last minutes |
@@ -25,6 +26,7 @@
 //! that cannot be measurements, are refused and counted ([`LiveState::refused`]).
 
 mod apply;
+mod blinks;
 mod containment;
 mod limits;
 mod nodes;
@@ -39,6 +41,7 @@ mod user_data;
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
+use ::blinks::Multilateration;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -105,6 +108,7 @@ struct SiteState {
     areas: Vec<Area>,
     rounds: Rounds,
     recent: RecentRounds,
+    blinks: Multilateration,
 }
 
 /// The current state of all sites.
@@ -240,6 +244,8 @@ impl LiveState {
     pub fn tick(&mut self, now: Utc) -> Vec<Update> {
         self.clock = Some(now);
         let mut updates = std::mem::take(&mut self.waiting);
+        let sites: Vec<String> = self.sites.keys().cloned().collect();
+        sites.iter().for_each(|site| self.solve_blinks(site, now, &mut updates));
         for (name, site) in &mut self.sites {
             let SiteState { nodes, rounds, .. } = site;
             rounds.tick(|tag, ended| keep(&mut self.measurements, name, tag, nodes, Some(ended)));

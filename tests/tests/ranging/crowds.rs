@@ -58,3 +58,33 @@ fn two_hundred_and_fifty_tags_range_once_a_second_in_a_hall_and_any_anchor_tells
         assert!(told.len() as f64 > 0.98 * 250.0 * 20.0, "anchor {anchor}: {} positions", told.len());
     }
 }
+
+/// The example's hall, with this many tags that blink.
+fn blinking(tags: usize, seconds: f64, network: &str) -> Scenario {
+    let text = include_str!("../../../examples/blinks.toml").replace("count = 1000", &format!("count = {tags}"));
+    Scenario { seconds, ..Scenario::parse(&(network.to_owned() + &text)).expect("the example") }
+}
+
+#[test]
+fn tags_that_blink_are_located_by_a_station() {
+    let key = "[network]\nkey = \"8f3a11c20b6e4d57a9e0c1d2b3f40617\"\n";
+    for (network, seed) in [("", 1), (key, 2)] {
+        let summary = summary(Scenario { seed, ..blinking(150, 30.0, network) });
+        assert!(summary.tags_joined == 150 && summary.joined_s < Some(10.0), "{summary:?}");
+        // Of each tag the first blink comes up to a second after it has its turns, and the last one's position is not there
+        // yet: 0.8 of 24 seconds.
+        assert!(summary.slots_with_fix > Some(0.95), "{summary:?}");
+        assert!(summary.p50_m < Some(0.15) && summary.p90_m < Some(0.35), "{summary:?}");
+    }
+}
+
+#[test]
+fn tags_that_blink_and_sleep_draw_little() {
+    let scenario = blinking(4, 240.0, "");
+    let mut scenario = Scenario { fidelity: Fidelity::Spi, ..scenario };
+    scenario.change_tags(|tag| tag.sleep = true);
+    let summary = summary(scenario);
+    assert!(summary.slots_with_fix > Some(0.95), "{summary:?}");
+    // A coin cell of 225 mAh lasts four months. Of this, sending takes 0.014 mA.
+    assert!(summary.tag_mean_current_ma < Some(0.08), "{summary:?}");
+}

@@ -299,6 +299,9 @@ pub enum Mode {
         /// Rounds a second that each anchor begins, 0.01 Hz.
         rounds_chz: u32,
     },
+    /// Native mode; but a tag with this record blinks, and a station computes its positions. An image that does not know it
+    /// takes a record with it for a damaged one.
+    Blink,
 }
 
 /// The radio configuration of the frames, in the numbers of the standard.

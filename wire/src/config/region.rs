@@ -9,7 +9,8 @@ impl Record {
     pub fn transmits(&self) -> bool {
         match (&self.role, self.network.mode) {
             (Role::Advertiser(_), _) | (Role::Tag(_), Mode::Listening { rounds_chz: _ }) => false,
-            (Role::Tag(_), Mode::Native | Mode::DecaRanging { fast: _ }) | (Role::Anchor { position_m: _ }, _) => true,
+            (Role::Tag(_), Mode::Native | Mode::Blink | Mode::DecaRanging { fast: _ })
+            | (Role::Anchor { position_m: _ }, _) => true,
         }
     }
 

@@ -21,6 +21,8 @@ const SLOWEST_US: u16 = 20_000;
 struct Rates(core::ops::RangeInclusive<u32>, &'static str);
 /// In native mode, in which tags count superframes.
 const NATIVE_RATES: Rates = Rates(1..=100_000, "0.01 to 1000");
+/// Of a tag that blinks: once a superframe at most.
+const BLINK_RATES: Rates = Rates(1..=1_000, "0.01 to 10");
 /// In other modes: the radio's clock can order instants that are less than 8.6 s apart.
 const OTHER_RATES: Rates = Rates(13..=100_000, "0.13 to 1000");
 /// The first reserved short address: it means no node, and the next one means all nodes.
@@ -181,7 +183,7 @@ impl Record {
             "absent in mode decaranging, whose frames have no code",
         )?;
         match mode {
-            Mode::Native | Mode::DecaRanging { fast: _ } => Ok(()),
+            Mode::Native | Mode::Blink | Mode::DecaRanging { fast: _ } => Ok(()),
             Mode::Listening { rounds_chz } => OTHER_RATES.ensure(rounds_chz, "network.rounds_hz"),
         }
     }
@@ -190,6 +192,8 @@ impl Record {
         match &self.role {
             Role::Tag(tag) => {
                 tag.validate(&self.network.mode.rates())?;
+                let is_given = self.network.mode != Mode::Blink || tag.rate_chz.is_some();
+                ensure(is_given, "tag.rate_hz", Value::Absent, "given in mode \"blink\"")?;
                 self.validate_solver(tag.solver)
             }
             Role::Anchor { position_m: None } => Ok(()),
@@ -207,7 +211,8 @@ impl Record {
     /// Solvers work on ranges; a tag that only listens has none.
     fn validate_solver(&self, solver: Solver) -> Result<(), Invalid> {
         let fits = match (self.network.mode, solver) {
-            (Mode::Native | Mode::DecaRanging { fast: _ }, _) | (Mode::Listening { .. }, Solver::Track) => true,
+            (Mode::Native | Mode::Blink | Mode::DecaRanging { fast: _ }, _)
+            | (Mode::Listening { .. }, Solver::Track) => true,
             (Mode::Listening { .. }, Solver::Robust | Solver::BWls | Solver::BWlsR | Solver::BoundingBox) => false,
         };
         let must = "track in mode \"listening\": the others solve ranges, and there a tag has differences";
@@ -367,6 +372,7 @@ impl Mode {
     fn rates(self) -> Rates {
         match self {
             Self::Native => NATIVE_RATES,
+            Self::Blink => BLINK_RATES,
             Self::DecaRanging { fast: _ } | Self::Listening { rounds_chz: _ } => OTHER_RATES,
         }
     }

@@ -44,7 +44,7 @@ pub(crate) fn deviation_m(tenth_mm: u32) -> f64 {
 }
 
 /// Hundredths; NaN and infinities become [`UNKNOWN_POWER`], and no finite value does.
-pub(crate) fn hundredths(value: f32) -> i16 {
+pub fn hundredths(value: f32) -> i16 {
     if value.is_finite() { (nearest(value * HUNDREDTHS) as i16).max(-i16::MAX) } else { UNKNOWN_POWER }
 }
 

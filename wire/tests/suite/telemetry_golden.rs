@@ -301,6 +301,36 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
             "{'type':'tag-data','t_s':12.3456,'tag':'0x1001','number':7,'age_s':0.0,'data':'646F6F722033'}",
         ),
         (
+            "arrival of a blink",
+            Message::Arrival(Arrival {
+                t_us: 12_345_600,
+                source: 0x1001,
+                number: 300,
+                frame: ArrivedFrame::Blink,
+                ticks: 0xFF_0102_0304,
+                rx_power_cdbm: -7925,
+                first_path_power_cdbm: -8150,
+            }),
+            "0B 01 0C 80 C2 F1 05 81 20 AC 02 0D 84 86 88 88 F0 1F E9 7B AB 7F 0C 04 00",
+            "{'type':'arrival','t_s':12.3456,'frame':'blink','source':'0x1001','number':300,'ticks':1095233569540,\
+             'rx_power_dbm':-79.25,'first_path_power_dbm':-81.5}",
+        ),
+        (
+            "departure of an own sync frame",
+            Message::Arrival(Arrival {
+                t_us: 12_345_600,
+                source: 0x0107,
+                number: 65_535,
+                frame: ArrivedFrame::OwnSyncFrame,
+                ticks: 5,
+                rx_power_cdbm: i16::MIN,
+                first_path_power_cdbm: i16::MIN,
+            }),
+            "16 01 0C 80 C2 F1 05 87 02 FF FF 03 02 05 FF FF 03 FF FF 03 08 C2 00",
+            "{'type':'arrival','t_s':12.3456,'frame':'own-sync-frame','source':'0x0107','number':65535,'ticks':5,\
+             'rx_power_dbm':null,'first_path_power_dbm':null}",
+        ),
+        (
             "supply",
             Message::Supply(Supply { t_us: 60_000_000, supply_mv: 3300, temperature_centi_celsius: 2449 }),
             "0D 01 09 80 8E CE 1C E4 19 A2 26 E3 35 00",

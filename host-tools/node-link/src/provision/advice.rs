@@ -95,7 +95,7 @@ fn unplaced(site: &Site) -> Option<String> {
 
 fn is_own_mode(mode: Mode) -> bool {
     match mode {
-        Mode::Native | Mode::Listening { .. } => true,
+        Mode::Native | Mode::Blink | Mode::Listening { .. } => true,
         Mode::DecaRanging { .. } => false,
     }
 }

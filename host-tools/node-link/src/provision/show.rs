@@ -134,7 +134,7 @@ impl Text {
         self.text("mode", mode_name(network.mode));
         match network.mode {
             Mode::Listening { rounds_chz } => self.line("rounds_hz", hertz(rounds_chz)),
-            Mode::Native | Mode::DecaRanging { fast: _ } => (),
+            Mode::Native | Mode::Blink | Mode::DecaRanging { fast: _ } => (),
         }
         self.line("channel", network.phy.channel);
         self.line("prf_mhz", network.phy.prf_mhz);
@@ -182,7 +182,12 @@ impl Text {
             self.line("pins", format_args!("{{ {} }}", pins.join(", ")));
         }
         match &record.role {
-            Role::Tag(tag) => self.tag(tag),
+            Role::Tag(tag) => {
+                if record.network.mode == Mode::Blink {
+                    self.text("mode", site::BLINK);
+                }
+                self.tag(tag);
+            }
             Role::Anchor { position_m: Some(position_m) } => self.place(*position_m),
             Role::Anchor { position_m: None } => (),
             Role::Advertiser(beacon) => self.advertiser(beacon),

@@ -10,7 +10,7 @@ use std::{fs, io};
 use positioning_core::geodesy::GeographicOrigin;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use site::{Receiver, is_copy, read_toml};
-use wire::config::{Record, Role, decode_models};
+use wire::config::{Mode, Record, Role, decode_models};
 use wire::telemetry::{Address, BeaconEvidence, Condition, Message, RoomEstimate};
 
 use super::calibrated::numbers;
@@ -42,6 +42,8 @@ pub struct NamedNode<'a> {
     pub role: NamedRole,
     /// The position of an anchor, a beacon or a receiver, metres.
     pub position_m: Option<[f64; 3]>,
+    /// The height at which a tag that blinks is carried, metres.
+    pub height_m: Option<f64>,
     /// RSSI at one metre, dBm: of a beacon, or of devices at a receiver.
     pub rssi_1m_dbm: Option<f64>,
     /// The path-loss exponent of a beacon's signals, or of what a receiver receives.
@@ -77,6 +79,9 @@ struct Known {
     /// The position of an anchor, a beacon or a receiver, metres.
     #[serde(skip_serializing_if = "Option::is_none")]
     position_m: Option<[f64; 3]>,
+    /// The height at which a tag that blinks is carried, metres.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    height_m: Option<f64>,
     /// RSSI at one metre, dBm: of a beacon, or of devices at a receiver.
     #[serde(skip_serializing_if = "Option::is_none")]
     rssi_1m_dbm: Option<f64>,
@@ -183,9 +188,9 @@ impl SiteNames {
                 (None, Some(numbers)) => (numbers.clone(), NamedRole::Beacon),
                 (None, None) => (Address(node.address?).to_string(), NamedRole::Ranging),
             };
-            let &Known { position_m, rssi_1m_dbm, path_loss_exponent, .. } = node;
+            let &Known { position_m, height_m, rssi_1m_dbm, path_loss_exponent, .. } = node;
             let name = node.name.as_deref();
-            Some(NamedNode { key, name, role, position_m, rssi_1m_dbm, path_loss_exponent })
+            Some(NamedNode { key, name, role, position_m, height_m, rssi_1m_dbm, path_loss_exponent })
         })
     }
 
@@ -315,11 +320,13 @@ impl Known {
         let known = Self { name: Some(node.name.clone()), address: own_address(&node.record), ..Self::default() };
         match &node.record.role {
             Role::Anchor { position_m } => Self { position_m: position_m.map(|at| at.map(rounded)), ..known },
-            Role::Tag(_) => {
+            Role::Tag(tag) => {
+                // Whoever ranges knows its height itself.
+                let height_m = tag.height_m.filter(|_| node.record.network.mode == Mode::Blink).map(rounded);
                 let models = node.site_models.as_deref().and_then(|region| decode_models(region).ok());
                 let rooms =
                     models.map_or_else(Vec::new, |models| models.room_names.lines().map(str::to_owned).collect());
-                Self { rooms, ..known }
+                Self { rooms, height_m, ..known }
             }
             Role::Advertiser(beacon) => Self {
                 beacon: Some(format!("{}-{}", beacon.major, beacon.minor)),

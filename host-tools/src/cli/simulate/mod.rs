@@ -287,7 +287,7 @@ impl Arguments {
                 network.mode = match (mode, network.mode) {
                     (ModeName::Native, _) => Mode::Native,
                     (ModeName::Tdoa, mode @ Mode::Listening { .. }) => mode,
-                    (ModeName::Tdoa, Mode::Native | Mode::DecaRanging { .. }) => LISTENING,
+                    (ModeName::Tdoa, Mode::Native | Mode::Blink | Mode::DecaRanging { .. }) => LISTENING,
                 };
             }
         }

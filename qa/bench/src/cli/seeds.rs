@@ -156,7 +156,14 @@ mod tests {
         let covariance_m2 = [[0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.0]];
         let outcome = Outcome::position([2.0 + off_m, 3.0, 1.2], covariance_m2, 0b1111, 1.0);
         let fix = Fix { t_us: 0, round: 0, age_us: 0, asked: 4, outcome, solver: Solver::Track, doubt };
-        SimulatedEpoch { number: 0, truth_m: [2.0, 3.0, 1.2], fix, ranges: Vec::new(), differences: Vec::new() }
+        SimulatedEpoch {
+            number: 0,
+            truth_m: [2.0, 3.0, 1.2],
+            fix,
+            is_of_station: false,
+            ranges: Vec::new(),
+            differences: Vec::new(),
+        }
     }
 
     #[test]

@@ -43,7 +43,7 @@ pub fn tag(input: &[u8]) {
             anchors: 8,
             rate: if is_even(input) { Rate::Greedy } else { every },
             scheme,
-            tells: PollContent::Distances,
+            tells: PollContent::Distances, blinks: false,
         }),
         input,
     );

@@ -156,6 +156,7 @@ pub fn measure() -> MachineCosts {
             rate: Rate::Greedy,
             scheme: Scheme::SingleSided,
             tells: PollContent::Nothing,
+            blinks: false,
         };
         let machine = Measured { address: config.address, machine: Tag::new(config), costs: &costs, reported: None };
         let reporter = Reporter::<NoopRawMutex, 256, _>::new(|| world.now_us());

@@ -119,9 +119,10 @@ impl Anchor {
         self.network.as_ref().and_then(|network| network.course.moment_at(instant))
     }
 
-    /// Whether a frame with a right code has not come before in its superframe. A sync frame says its superframe itself.
+    /// Whether a frame with a right code has not come before in its superframe. A sync frame says its superframe itself, and a
+    /// blink counts in its part of its slot only.
     fn is_first(&mut self, told: &Frame, rx_time: RadioInstant) -> bool {
-        if matches!(told.message, Message::SyncFrame(_)) {
+        if matches!(told.message, Message::SyncFrame(_) | Message::Poll(Poll { part: Some(_), .. })) {
             return true;
         }
         self.moment_at(rx_time).is_some_and(|moment| !self.opened.is_repeated(moment, told.source, told.sequence))
@@ -178,6 +179,10 @@ impl Anchor {
                     FollowUpdate::Followed => {}
                     FollowUpdate::Changed(link) => self.link = Some(link),
                 }
+                if self.has_host {
+                    let (told, bias) = ((source, sync_frame.superframe), &self.stamps.range_bias);
+                    self.arrivals.sync_frame(told, frame.rx_time, &frame.diagnostics, bias);
+                }
                 if is_known {
                     self.uplink.receive(source, sync_frame, network.own_slot());
                 }
@@ -223,14 +228,25 @@ impl Anchor {
         let Some(network) = self.network.as_mut().filter(|_| takes_part) else { return };
         let timing = network.course.timing;
         let pulse = frame.rx_time.plus(RadioDuration::from_ticks(-timing.to_rmarker.ticks()));
-        let lease = network.on_poll(&mut self.leases, tag, poll.wish, pulse);
         let asked = poll.anchors.len() as u8;
         let Poll { round, position, data, .. } = *poll;
         let place = poll.anchors.iter().position(|asked| asked.address == self.config.address);
+        if let Some(part) = poll.part {
+            if !network.course.is_in_part(pulse, part) {
+                self.refused = self.refused.wrapping_add(1);
+                return;
+            }
+            if self.has_host {
+                let superframe = network.course.phase.number;
+                let (diagnostics, bias) = (&frame.diagnostics, &self.stamps.range_bias);
+                self.arrivals.blink((tag, round), superframe, frame.rx_time, diagnostics, bias);
+            }
+        }
         if position.is_some() || data.is_some() {
             self.polled = Polled { tag, round, asked, age: RadioDuration::ZERO, position, data };
             self.polled_at = Some((frame.rx_time, place == Some(0)));
         }
+        let lease = network.on_poll(&mut self.leases, tag, poll, pulse);
         let Some(place) = place else { return };
         let slot = poll.first_slot() + place;
         let poll_rx = frame.rx_time;
@@ -243,7 +259,7 @@ impl Anchor {
         let last_final = last_final.filter(|_| timing.layout.scheme == Scheme::DoubleSided);
         let reply = departure.since(poll_rx);
         let response = Response { round: poll.round as u8, lease, poll_rx, reply, last_final };
-        let polled = end_of(&self.config.network.phy, frame);
+        let polled = poll.part.is_none().then(|| end_of(&self.config.network.phy, frame));
         self.answer = Some(Answer { tag, polled, start, response, sealed });
         // The distances in another anchor's poll are for tags that only listen.
         let asked = poll.anchors.get(place).filter(|_| !self.rounds.knows(tag));

@@ -1,9 +1,12 @@
 //! The anchor in native mode: answers polls, keeps and relays time, and coordinates if no other anchor does.
 
+mod arrivals;
 mod incoming;
+mod reports;
 
 use heapless::Vec;
 
+use self::arrivals::Arrivals;
 use self::incoming::PostponedFrame;
 use super::anchor_rounds::AnchorRounds;
 use super::authentication::{Challenger, Moment, Opened, SealedPoll};
@@ -56,6 +59,8 @@ enum Doing {
     Nothing,
     /// Answers a poll that ended at this instant.
     Answering(RadioInstant),
+    /// Answers a blink, behind the other blinks of its slot: this shows nothing of the node's pace.
+    AnsweringBlink,
     /// Sends its sync frame.
     Syncing,
     /// Polls other anchors.
@@ -99,6 +104,8 @@ pub struct Anchor {
     polled_at: Option<(RadioInstant, bool)>,
     /// The one that the node is reading.
     reported: Option<ReportedRange>,
+    has_host: bool,
+    arrivals: Arrivals,
     doing: Doing,
     /// The end of a window that leaves enough time for a transmission.
     wake_at: Option<RadioInstant>,
@@ -118,8 +125,8 @@ pub struct Anchor {
 #[derive(Clone, Copy, Debug)]
 struct Answer {
     tag: u16,
-    /// The end of the poll.
-    polled: RadioInstant,
+    /// The end of the poll; `None` of a blink.
+    polled: Option<RadioInstant>,
     start: RadioInstant,
     response: Response,
     /// The poll, in a network with a key.
@@ -171,6 +178,8 @@ impl Anchor {
             polled: Polled { tag: 0, round: 0, asked: 0, age: RadioDuration::ZERO, position: None, data: None },
             polled_at: None,
             reported: None,
+            has_host: false,
+            arrivals: Arrivals::default(),
             doing: Doing::Nothing,
             wake_at: None,
             pulse_at: None,
@@ -188,6 +197,7 @@ impl Anchor {
         (self.network, self.found_at, self.answer) = (None, None, None);
         self.leases.clear();
         self.uplink.clear();
+        self.arrivals.clear();
         self.answered.clear();
         (self.wake_at, self.pulse_at, self.asks_at) = (None, None, None);
         self.rounds.restart();
@@ -281,8 +291,16 @@ impl Anchor {
             self.link = Some(Link::Coordinating);
         }
         self.doing = Doing::Syncing;
+        self.arrivals.own = sync_frame.superframe;
         self.write_to_all(&Message::SyncFrame(sync_frame), moment);
         Action::Transmit { frame: self.out.bytes(), start: Start::At(start), listen: true }
+    }
+
+    /// How much time there is before the answer to a blink: other blinks of its slot come before.
+    fn spare_before_answer(&self, present: RadioInstant) -> Option<RadioDuration> {
+        let answer = self.answer.as_ref().filter(|answer| answer.polled.is_none())?;
+        let until_pulse = answer.start.since(present).ticks() - self.config.network.phy.time_to_rmarker().ticks();
+        Some(RadioDuration::from_ticks(until_pulse - self.meter.lead().ticks()))
     }
 
     /// How much time there is before a challenge, if one is due.
@@ -350,34 +368,12 @@ impl Anchor {
         Action::Transmit { frame: self.out.bytes(), start: Start::At(rmarker), listen: true }
     }
 
-    /// What the last poll carried is reported, and passed on.
-    fn takes_polled(&mut self) -> bool {
-        let Some((at, is_first)) = self.polled_at.take() else { return false };
-        if let Some(network) = &self.network {
-            self.uplink.on_poll(&self.polled, network.course.of_256th(at), is_first);
-        }
-        true
-    }
-
-    /// A gateway takes what other anchors have passed on, unless its own sync frame is due soon.
-    fn takes_relayed(&mut self, present: RadioInstant) -> bool {
-        let Some(network) = self.network.as_ref().filter(|_| self.uplink.has_reports()) else { return false };
-        let Coordinator { course, .. } = network;
-        let timing = &course.timing;
-        let rest = network.due().map(|slot| course.phase.at(timing.sync_frame(slot.into())).since(present).ticks());
-        if rest.is_some_and(|rest| (0..2 * timing.sync_slot.ticks()).contains(&rest)) {
-            return false;
-        }
-        let relayed = self.uplink.report(course.of_256th(present), timing.superframe);
-        relayed.map(|relayed| self.polled = relayed).is_some()
-    }
-
     /// Learns from a late start if the radio did not measure it, and repeats what was missed.
     fn was_late(&mut self) {
         match (self.doing, self.was_measured) {
             (Doing::Answering(_), false) => self.meter.answer_was_late(),
             (Doing::Syncing | Doing::Polling | Doing::Challenging, false) => self.meter.lead_was_short(),
-            (Doing::Nothing, _) | (_, true) => {}
+            (Doing::Nothing | Doing::AnsweringBlink, _) | (_, true) => {}
         }
         if let Some(network) = self.network.as_mut().filter(|_| self.doing == Doing::Syncing) {
             network.was_late();
@@ -387,6 +383,7 @@ impl Anchor {
 
 impl Protocol for Anchor {
     fn set_host(&mut self, has_host: bool) {
+        self.has_host = has_host;
         self.uplink.set_host(has_host);
     }
 
@@ -406,7 +403,7 @@ impl Protocol for Anchor {
                     self.meter.led(armed.since(wake), self.was_awaited);
                 }
             }
-            (Doing::Syncing | Doing::Polling, None) | (Doing::Nothing, _) => {}
+            (Doing::Syncing | Doing::Polling, None) | (Doing::Nothing | Doing::AnsweringBlink, _) => {}
         }
     }
 
@@ -419,13 +416,16 @@ impl Protocol for Anchor {
         if self.doing == Doing::Syncing {
             self.catch_up();
         }
+        if event != Event::Reported {
+            self.arrivals.begin();
+        }
         match event {
             Event::Started => self.restart(),
-            Event::Sent(departure) => {
-                if self.doing == Doing::Polling {
-                    self.rounds.sent(departure);
-                }
-            }
+            Event::Sent(departure) => match self.doing {
+                Doing::Polling => self.rounds.sent(departure),
+                Doing::Syncing => self.arrivals.departure(self.config.address, departure),
+                Doing::Nothing | Doing::Answering(_) | Doing::AnsweringBlink | Doing::Challenging => {}
+            },
             Event::Received(frame) => {
                 self.take(&frame);
                 let ended = end_of(&self.config.network.phy, &frame);
@@ -442,8 +442,11 @@ impl Protocol for Anchor {
             Event::NotSent | Event::Corrupt | Event::Timeout | Event::Woken | Event::Reported => {}
         }
         self.doing = Doing::Nothing;
-        if let Some(Answer { tag, polled, start, response, sealed }) = self.answer.take() {
-            self.doing = Doing::Answering(polled);
+        let answer_in = self.spare_before_answer(present);
+        if answer_in.is_none_or(|spare| spare <= SHORTEST_WAIT)
+            && let Some(Answer { tag, polled, start, response, sealed }) = self.answer.take()
+        {
+            self.doing = polled.map_or(Doing::AnsweringBlink, Doing::Answering);
             self.write(tag, &Message::Response(response));
             if let Some((key, poll)) = self.config.network.key.as_ref().zip(sealed.as_ref()) {
                 key.seal_response(&mut self.out, poll);
@@ -460,6 +463,11 @@ impl Protocol for Anchor {
         if self.takes_polled() || self.takes_relayed(present) {
             return Action::Report(Report::Polled(&self.polled));
         }
+        if !self.is_syncing_soon(present)
+            && let Some(arrival) = self.arrivals.next()
+        {
+            return Action::Report(Report::Arrival(arrival));
+        }
         let spare = self.spare_before_challenge(present);
         if spare.is_some_and(|spare| spare <= SHORTEST_WAIT)
             && let Some(at) = self.write_challenge(present)
@@ -467,8 +475,9 @@ impl Protocol for Anchor {
             let start = Start::At(at.plus(RadioDuration::from_ticks(-self.stamps.antenna_delay.ticks())));
             return Action::Transmit { frame: self.out.bytes(), start, listen: true };
         }
+        let spare = [spare.filter(|spare| *spare > SHORTEST_WAIT), answer_in].into_iter().flatten().min();
         match (self.schedule(present), spare) {
-            (Action::Receive { start, window, keep_listening }, Some(spare)) if spare > SHORTEST_WAIT => {
+            (Action::Receive { start, window, keep_listening }, Some(spare)) => {
                 Action::Receive { start, window: window.min(spare), keep_listening }
             }
             (action, _) => action,

@@ -6,13 +6,13 @@ use super::{State, Tag, TagConfig};
 use crate::exchange::{Action, Link, Report};
 use crate::native::SHORTEST_WAIT;
 use crate::native::own_lease::OwnLease;
-use crate::native::plan::{Rate, last_round, lists, next_round, share_of};
+use crate::native::plan::{Rate, last_round, lists, next_round};
 use crate::native::sync::Sync;
 use crate::native::timing::{SUPERFRAME, Timing};
 use crate::{RadioDuration, RadioInstant, Start};
 use wire::config::PollContent;
 use wire::uwb::layout::Scheme;
-use wire::uwb::native::{MAX_MEMBERS, Message, PolledPosition, Share, SyncFrame};
+use wire::uwb::native::{MAX_MEMBERS, Message, Poll, PolledPosition, Share, SyncFrame};
 
 /// Without a sync frame for this many superframes the tag searches again.
 pub(super) const LOST_AFTER: u16 = 5;
@@ -87,7 +87,7 @@ impl Tag {
             }
         }
         let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
-        let share = self.rate.map_or(Share::Release, |rate| share_of(rate, &timing));
+        let share = self.config.share_of(self.rate, &timing);
         network.plan(&self.config, share, &timing);
         let course = &network.sync.course;
         let is_listed = course.membership.in_force().is_some_and(|plan| lists(&plan.members, self.config.address));
@@ -166,9 +166,13 @@ impl Tag {
         }
         // Rounds of few anchors are shorter than slots. A tag with a fixed rate makes as many rounds as it has slots.
         let has_enough = !is_greedy && network.rounds >= network.owned.count_ones();
-        let anchors = if has_enough { 0 } else { self.round.slots() };
+        let anchors = match self.config.blinks {
+            _ if has_enough => 0,
+            true => 1,
+            false => self.round.slots(),
+        };
         let after = |earliest: RadioDuration| {
-            next_round(network.owned, &timing, earliest, anchors, uncertainty).filter(|_| anchors > 0)
+            network.next_pulse(network.owned, earliest, anchors, uncertainty).filter(|_| anchors > 0)
         };
         let immediate = RadioDuration::from_ticks(passed.ticks() + self.meter.immediate().ticks());
         // A tag that must wait with its next frame sends it at an instant.
@@ -201,7 +205,7 @@ impl Tag {
         let planned = planned.filter(|pulse| anchors > 0 && network.owned != 0 && is_in_time(pulse));
         if let Some(pulse) = planned.or_else(|| after(in_time)) {
             let pulse_at = phase.at(pulse);
-            let at_once = planned.is_none() && spaced.is_none() && pulse == soonest;
+            let at_once = planned.is_none() && spaced.is_none() && pulse == soonest && !self.config.blinks;
             if !at_once && spare(pulse) > SHORTEST_WAIT {
                 if let Some(action) = self.nap_before(pulse, passed) {
                     return action;
@@ -213,6 +217,9 @@ impl Tag {
             self.stopwatch.wake_at = self.stopwatch.wake_at.filter(|_| planned.is_some());
             let start = if at_once { Start::Now } else { Start::At(pulse_at.plus(timing.to_rmarker)) };
             network.rounds = network.rounds.saturating_add(1);
+            if self.config.blinks {
+                return self.blink(start, pulse_at);
+            }
             let scheme = self.config.scheme.min(timing.layout.scheme);
             return self.poll(scheme, (start, pulse_at), at_once.then(|| phase.at(passed)));
         }
@@ -222,11 +229,9 @@ impl Tag {
     /// A sync frame of the followed network may have news of this tag's lease.
     pub(super) fn learn_leases(&mut self, sync_frame: &SyncFrame) {
         let Some(network) = &mut self.network else { return };
-        let Some(Share::OneIn(period)) = self.rate.map(|rate| share_of(rate, &network.sync.course.timing)) else {
-            return;
-        };
+        let Some(turns) = self.config.share_of(self.rate, &network.sync.course.timing).leased() else { return };
         for lease in sync_frame.leases.iter().filter(|lease| lease.tag == self.config.address) {
-            network.lease.receive(lease, period, sync_frame.superframe);
+            network.lease.receive(lease, turns, sync_frame.superframe);
         }
     }
 
@@ -243,12 +248,30 @@ impl Tag {
             let rounds_ago = u8::try_from(poll.round.wrapping_sub(fix.round)).ok()?;
             (rounds_ago <= PolledPosition::OLDEST).then_some(fix.position.of_rounds_ago(rounds_ago))
         });
-        let moment = self.network.as_ref().and_then(|network| network.sync.course.moment_of_round(pulse));
-        let sealed = self.write(Message::Poll(poll), moment);
-        self.round.seal(sealed);
+        self.send_poll(poll, pulse);
         let is_off_after = self.is_off_after_poll(scheme);
         self.state = State::Polling { decided_at, is_off_after };
         Action::Transmit { frame: self.out.bytes(), start, listen: !is_off_after }
+    }
+
+    /// A blink, whose first pulse leaves at the instant `pulse`. It asks an anchor only for a confirmation of its lease.
+    fn blink(&mut self, start: Start, pulse: RadioInstant) -> Action<'_> {
+        let Some(network) = &self.network else { return Self::listen(SUPERFRAME) };
+        let asks = network.lease.asks(network.sync.course.phase.number);
+        let part = network.lease.turn().map_or(1, |turn| turn.part);
+        let asked = if asks { self.anchors.surest() } else { None };
+        let wish = self.meter.wish(Scheme::SingleSided);
+        let blink = self.round.begin_blink(part, asked, wish);
+        self.send_poll(blink, pulse);
+        let is_off_after = asked.is_some() && self.is_off_after_poll(Scheme::SingleSided);
+        self.state = State::Polling { decided_at: None, is_off_after };
+        Action::Transmit { frame: self.out.bytes(), start, listen: asked.is_some() && !is_off_after }
+    }
+
+    fn send_poll(&mut self, poll: Poll, pulse: RadioInstant) {
+        let moment = self.network.as_ref().and_then(|network| network.sync.course.moment_of_round(pulse));
+        let sealed = self.write(Message::Poll(poll), moment);
+        self.round.seal(sealed);
     }
 }
 
@@ -304,7 +327,7 @@ impl Followed {
     pub(super) fn has(&self, tag: u16, share: Share) -> bool {
         let listed = self.sync.course.membership.members().iter().find(|member| member.tag == tag);
         match share {
-            Share::OneIn(period) => self.lease.has(period),
+            Share::Leased(turns) => self.lease.has(turns),
             Share::Release => listed.is_none() && self.lease.turn().is_none(),
             Share::Slots(_) | Share::Greedy => listed.is_some_and(|member| member.share == share),
         }
@@ -314,8 +337,28 @@ impl Followed {
     pub(super) fn is_full_for(&self, tag: u16, share: Share) -> bool {
         let members = self.sync.course.membership.members();
         match share {
-            Share::OneIn(_) => self.lease.is_refused,
+            Share::Leased(_) => self.lease.is_refused,
             Share::Release | Share::Slots(_) | Share::Greedy => members.len() == MAX_MEMBERS && !lists(members, tag),
+        }
+    }
+
+    /// From the superframe's beginning to the first pulse of the next round of `anchors` anchors, or of the blink, in
+    /// these slots of the tag, as [`next_round`].
+    pub(super) fn next_pulse(
+        &self,
+        owned: u64,
+        earliest: RadioDuration,
+        anchors: usize,
+        uncertainty: RadioDuration,
+    ) -> Option<RadioDuration> {
+        let timing = &self.sync.course.timing;
+        match self.lease.turn().filter(|turn| turn.part > 0) {
+            Some(turn) => {
+                let pulse = timing.blink(turn.slot, turn.part);
+                let fits = owned == turn.bit() && pulse >= earliest && uncertainty <= timing.most_uncertain_blink();
+                fits.then_some(pulse)
+            }
+            None => next_round(owned, timing, earliest, anchors, uncertainty),
         }
     }
 
@@ -331,7 +374,7 @@ impl Followed {
             self.owned = 0;
             return;
         };
-        let wants_lease = matches!(share, Share::OneIn(_));
+        let wants_lease = share.leased().is_some();
         if !wants_lease && lists(&plan.members, config.address) {
             self.lease.release();
         }

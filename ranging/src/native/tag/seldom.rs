@@ -3,12 +3,11 @@
 //! clock.
 
 use super::super::SHORTEST_WAIT;
-use super::super::plan::{next_round, share_of};
 use super::super::search::{Next, Search};
 use super::super::sync_schedule::{Listening, WatchedAnchor};
 use super::super::timing::{HOLDOVER_SUPERFRAMES, Network, SUPERFRAME, Timing};
 use super::super::wake_ups::Slept;
-use super::{Rate, State, Tag};
+use super::{Rate, State, Tag, TagConfig};
 use crate::exchange::{Action, COMPENSATION};
 use crate::time::TICKS_PER_SECOND;
 use crate::{RadioDuration, RadioInstant, Start};
@@ -22,6 +21,8 @@ const DOZE_FROM: u16 = 2;
 /// The tag makes a turn without a sync frame before it if it has slept for no longer than this: the set of ranging
 /// nodes may change meanwhile.
 const LONGEST_HOLDOVER: RadioDuration = RadioDuration::from_micros(20_000_000);
+/// A tag listens to a sync frame after this many blinks.
+const HELD_BLINKS: u8 = 8;
 /// Waits shorter than this are not worth a sleep, after which the node's time has an uncertainty.
 const NAP_FROM: RadioDuration = RadioDuration::from_micros(7_000);
 /// The tag listens to all sync frames for this many superframes before it listens to single ones: so it knows all
@@ -149,7 +150,7 @@ impl Tag {
         if network.followed < ACQUAINTING {
             return false;
         }
-        network.has(self.config.address, share_of(rate, &network.sync.course.timing))
+        network.has(self.config.address, self.config.share_of(Some(rate), &network.sync.course.timing))
     }
 
     /// Listens from `open` to `close`.
@@ -252,9 +253,9 @@ impl Tag {
             return None;
         }
         let network = self.network.as_ref()?;
-        let (timing, phase) = (network.sync.course.timing, network.sync.course.phase);
+        let phase = network.sync.course.phase;
         let uncertainty = self.wakes.uncertainty(Slept::once(wait));
-        let later = next_round(network.owned, &timing, pulse, self.round.most_slots(), uncertainty)?;
+        let later = network.next_pulse(network.owned, pulse, self.round.most_slots(), uncertainty)?;
         (self.stopwatch.wake_at, self.pulse_at) = (None, Some(phase.at(later)));
         let until = difference(later, sum(self.meter.lead(), uncertainty));
         Some(self.pause(phase.at(passed), difference(until, passed)))
@@ -277,9 +278,7 @@ impl Tag {
             return Self::listen(begin.since(present).max(SHORTEST_WAIT));
         }
         let Some(rate) = self.rate.filter(|_| is_seldom) else { return Action::WaitUntil(begin) };
-        if let Some(turns) =
-            network.next_turn(self.config.address, rate).filter(|turns| *turns >= DOZE_FROM && self.dozes)
-        {
+        if let Some(turns) = network.next_turn(&self.config, rate).filter(|turns| *turns >= DOZE_FROM && self.dozes) {
             if let Some(action) = self.hold_over(present, turns) {
                 return action;
             }
@@ -313,16 +312,20 @@ impl Tag {
         self.pause(present, next.plus(wake).since(present))
     }
 
-    /// Nothing more is to be done before the turn in `turns` superframes: the tag sleeps until its round, which it
-    /// makes without a sync frame before it. `None` if this turn had no sync frame either, if the list changes, or if
-    /// the round has no room for the uncertainty.
+    /// Nothing more is to be done before the turn in `turns` superframes: the tag sleeps until its round or blink, which it
+    /// makes without a sync frame before it. `None` if this turn had no sync frame either, or too many blinks had none; if
+    /// the list changes, or if there is no room for the uncertainty.
     fn hold_over(&mut self, present: RadioInstant, turns: u16) -> Option<Action<'static>> {
-        let (lead, uncertainty) = (self.meter.lead(), self.wakes.uncertainty(Slept::once(LONGEST_HOLDOVER)));
-        let network = self.network.as_mut().filter(|network| network.sync.silent() == 0)?;
+        let (lead, uncertainty) =
+            (self.meter.lead(), self.wakes.uncertainty(self.slept.and(Slept::once(LONGEST_HOLDOVER))));
+        let most = if self.config.blinks { HELD_BLINKS } else { 1 };
+        let silent = self.config.blinks.into();
+        let network = self.network.as_mut().filter(|network| network.sync.silent() <= silent)?;
         let (timing, phase) = (network.sync.course.timing, network.sync.course.phase);
         let pulse = network.round_in(turns, self.config.address, self.round.most_slots(), uncertainty)?;
         let begin = RadioDuration::from_ticks(i64::from(turns) * timing.superframe.ticks());
-        if begin > LONGEST_HOLDOVER {
+        let held = network.sync.held + 1;
+        if held > most || i64::from(held) * begin.ticks() > LONGEST_HOLDOVER.ticks() {
             return None;
         }
         (self.stopwatch.wake_at, self.pulse_at) = (None, Some(phase.at(sum(begin, pulse))));
@@ -391,21 +394,22 @@ impl super::schedule::Followed {
             Some(_) => 0,
             None => course.membership.settled()?.owned_slots(address, number, timing.round_slots),
         };
-        next_round(owned, timing, timing.rounds(), anchors, uncertainty)
+        self.next_pulse(owned, timing.rounds(), anchors, uncertainty)
     }
 
     /// The number of superframes until a tag's next turn, as far as that is settled.
-    fn next_turn(&self, address: u16, rate: Rate) -> Option<u16> {
+    fn next_turn(&self, config: &TagConfig, rate: Rate) -> Option<u16> {
         let course = &self.sync.course;
-        let share = share_of(rate, &course.timing);
-        let (Share::OneIn(every), Rate::Every(period)) = (share, rate) else {
+        let share = config.share_of(Some(rate), &course.timing);
+        let (Share::Leased(turns), Rate::Every(period)) = (share, rate) else {
             course.membership.settled()?;
-            return self.has(address, share).then_some(1);
+            return self.has(config.address, share).then_some(1);
         };
         course.membership.leased()?;
-        let next = self.lease.turn().filter(|_| self.has(address, share))?.next_after(course.phase.number);
-        let turn = i64::from(every.superframes()) * course.timing.superframe.ticks();
+        let every = turns.period.superframes();
+        let next = self.lease.turn().filter(|_| self.has(config.address, share))?.next_after(course.phase.number);
+        let turn = i64::from(every) * course.timing.superframe.ticks();
         let skipped = (period.ticks() / turn.max(1)).clamp(1, TURNS_A_POLL) - 1;
-        Some(next.saturating_add(skipped as u16 * every.superframes()))
+        Some(next.saturating_add(skipped as u16 * every))
     }
 }

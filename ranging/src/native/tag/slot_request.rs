@@ -2,9 +2,8 @@
 //! belong to nobody.
 
 use super::schedule::Followed;
-use super::{State, Tag};
+use super::{State, Tag, TagConfig};
 use crate::exchange::Action;
-use crate::native::plan::share_of;
 use crate::native::timing::Timing;
 use crate::native::{SHORTEST_WAIT, spread};
 use crate::{RadioDuration, Start};
@@ -15,9 +14,9 @@ const REQUEST_PATIENCE: u16 = 2;
 /// … and from there as many more as have this many places for requests, doubled after each request without effect, this
 /// often at most.
 const REQUEST_PLACES: u16 = 32;
-const MOST_DOUBLINGS: u8 = 4;
+const MOST_DOUBLINGS: u8 = 5;
 /// A tag waits for this many superframes at most.
-const MOST_PATIENCE: u16 = 32;
+const MOST_PATIENCE: u16 = 64;
 /// A tag without a place in a full network asks again after this many to twice as many superframes: its members give
 /// their places up in turn.
 const FULL_PATIENCE: u16 = 10;
@@ -49,11 +48,11 @@ impl Tag {
     /// The request that is due in this superframe, if this tag's share differs from the wanted one. In the sync slots
     /// there is time for requests before `end`.
     pub(super) fn due_request(&mut self, end: RadioDuration) -> Option<DueRequest> {
-        let (address, rate) = (self.config.address, self.rate);
+        let (TagConfig { address, .. }, rate) = (self.config, self.rate);
         let network = self.network.as_mut()?;
         let timing = network.sync.course.timing;
         let number = network.sync.course.phase.number;
-        let share = rate.map_or(Share::Release, |rate| share_of(rate, &timing));
+        let share = self.config.share_of(rate, &timing);
         if network.has(address, share) {
             network.requests = 0;
             return None;
@@ -101,7 +100,7 @@ impl Tag {
         match due.share {
             // If the request is lost, the lease ends because it is not renewed.
             Share::Release => network.lease.release(),
-            Share::OneIn(period) => network.lease.request(period),
+            Share::Leased(turns) => network.lease.request(turns),
             Share::Slots(_) | Share::Greedy => {}
         }
         network.requests = network.requests.saturating_add(1);

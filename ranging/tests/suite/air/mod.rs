@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use rand::{Rng, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
-use ranging::exchange::{Action, Difference, Event, Link, Protocol, Range, Report};
+use ranging::exchange::{Action, Arrival, Difference, Event, Link, Protocol, Range, Report};
 use ranging::{Diagnostics, Pace, PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel, Start};
 
 pub const TICKS: f64 = 63_897_600_000.0;
@@ -48,6 +48,7 @@ pub enum Owned {
     Round { asked: u8, ranges: Vec<Range> },
     Differences { reference: u16, differences: Vec<Difference> },
     Polled,
+    Arrival(Arrival),
     Link(Link),
 }
 
@@ -64,6 +65,7 @@ impl From<Action<'_>> for Owned {
                 Self::Differences { reference: round.reference, differences: round.differences.to_vec() }
             }
             Action::Report(Report::Polled(_)) => Self::Polled,
+            Action::Report(Report::Arrival(arrival)) => Self::Arrival(arrival),
             Action::Report(Report::Link(link)) => Self::Link(link),
         }
     }
@@ -151,6 +153,7 @@ pub struct Reported {
 pub enum What {
     Round { asked: u8, ranges: Vec<Range> },
     Differences { reference: u16, differences: Vec<Difference> },
+    Arrival(Arrival),
     Link(Link),
 }
 
@@ -438,6 +441,10 @@ impl Air {
                 State::Step(now, Plain::Reported)
             }
             Owned::Polled => State::Step(now, Plain::Reported),
+            Owned::Arrival(arrival) => {
+                self.reports.push(Reported { time: now, node, what: What::Arrival(arrival) });
+                State::Step(now, Plain::Reported)
+            }
             Owned::WaitUntil(instant) => {
                 self.nodes[node].listening = None;
                 self.nodes[node].heard.clear();
@@ -568,7 +575,7 @@ impl Air {
             What::Round { ranges, .. } if report.node == node && report.time >= from => {
                 Some((report.time, ranges.clone()))
             }
-            What::Round { .. } | What::Differences { .. } | What::Link(_) => None,
+            What::Round { .. } | What::Differences { .. } | What::Arrival(_) | What::Link(_) => None,
         };
         self.reports.iter().filter_map(of).collect()
     }
@@ -579,7 +586,7 @@ impl Air {
             What::Differences { reference, differences } if report.node == node && report.time >= from => {
                 Some((*reference, differences.clone()))
             }
-            What::Differences { .. } | What::Round { .. } | What::Link(_) => None,
+            What::Differences { .. } | What::Round { .. } | What::Arrival(_) | What::Link(_) => None,
         };
         self.reports.iter().filter_map(of).collect()
     }
@@ -593,7 +600,7 @@ impl Air {
     pub fn links(&self, node: usize) -> Vec<(f64, Link)> {
         let of = |report: &Reported| match report.what {
             What::Link(link) if report.node == node => Some((report.time, link)),
-            What::Link(_) | What::Round { .. } | What::Differences { .. } => None,
+            What::Link(_) | What::Arrival(_) | What::Round { .. } | What::Differences { .. } => None,
         };
         self.reports.iter().filter_map(of).collect()
     }

@@ -4,6 +4,7 @@
 //! Variants and fields are append-only: a variant's number is its index in the list, and never changes. An incompatible
 //! change takes another [`SCHEMA`](crate::telemetry::SCHEMA) number.
 
+mod arrival;
 mod counters;
 mod difference;
 mod fix;
@@ -26,6 +27,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use crate::telemetry::message::{Body, Tone, messages};
 
 pub use crate::config::Board;
+pub use arrival::{Arrival, ArrivedFrame};
 pub use counters::Counters;
 pub use difference::Difference;
 pub(crate) use fix::is_definite;
@@ -73,4 +75,6 @@ messages! {
     TagFix,
     /// Data of a tag's user, as an anchor received them in the tag's poll.
     TagData,
+    /// When a blink or a sync frame arrived at an anchor.
+    Arrival,
 }

@@ -1,6 +1,11 @@
 //! Leases: which tag owns which round slot, how often and when.
 
-use crate::uwb::{FrameBuffer, FrameError, Reader};
+use crate::uwb::{FrameBuffer, FrameError, MAX_ROUND, Reader};
+
+/// Blinks in a round slot. They come one after the other at the distance of responses, and leave the place of a round's
+/// last response free, for an answer to one of them.
+pub const MAX_BLINKS: u8 = MAX_ROUND as u8 - 1;
+const _: () = assert!(MAX_BLINKS < 8, "three bits");
 
 /// How often a leased slot is its owner's: once in 2ᵃ · 5ᵇ superframes, at most [`Period::MOST`].
 ///
@@ -13,10 +18,10 @@ pub struct Period(u8);
 impl Period {
     /// Every superframe.
     pub const ONE: Self = Self(0);
-    /// The longest, superframes: 512 s of superframes of 100 ms.
-    pub const MOST: u16 = 5120;
-    const FIVES_SHIFT: u8 = 4;
-    const MAX_TWOS: u8 = 10;
+    /// The longest, superframes: 500 s of superframes of 100 ms.
+    pub const MOST: u16 = 5000;
+    const FIVES_SHIFT: u8 = 3;
+    const MAX_TWOS: u8 = 7;
     const MAX_FIVES: u8 = 5;
 
     /// The longest that is not longer than this many superframes; at least one.
@@ -41,7 +46,7 @@ impl Period {
     }
 
     const fn twos(self) -> u8 {
-        self.0 & 0x0F
+        self.0 & Self::MAX_TWOS
     }
 
     const fn fives(self) -> u8 {
@@ -66,27 +71,50 @@ impl Period {
         Self(fives << Self::FIVES_SHIFT | twos).superframes()
     }
 
-    /// From seven bits.
+    /// From six bits.
     ///
     /// # Errors
     /// A period longer than [`Period::MOST`], or exponents beyond those of such periods.
     #[inline]
     pub(super) const fn from_code(code: u8) -> Result<Self, FrameError> {
         let period = Self(code);
-        if code > 0x7F || period.twos() > Self::MAX_TWOS || period.fives() > Self::MAX_FIVES {
+        if period.fives() > Self::MAX_FIVES || period.wide() > Self::MOST as u32 {
             return Err(FrameError::Field);
         }
-        if period.wide() > Self::MOST as u32 { Err(FrameError::Field) } else { Ok(period) }
+        Ok(period)
     }
 
-    /// Seven bits: b, then a in the low four.
+    /// Six bits: b, then a in the low three.
     #[inline]
     pub(super) const fn code(self) -> u8 {
         self.0
     }
 }
 
-/// The turns of a tag: a round slot in the superframes whose number is congruent to a phase, modulo a period.
+/// The turns that a tag requests.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Turns {
+    /// How often.
+    pub period: Period,
+    /// Whether they are for blinks, and not for rounds.
+    pub are_blinks: bool,
+}
+
+impl Turns {
+    /// Slots for rounds with this period.
+    pub const fn rounds(period: Period) -> Self {
+        Self { period, are_blinks: false }
+    }
+
+    /// Parts of slots for blinks with this period.
+    pub const fn blinks(period: Period) -> Self {
+        Self { period, are_blinks: true }
+    }
+}
+
+/// The turns of a tag: a round slot, or a part of one, in the superframes whose number is congruent to a phase, modulo a
+/// period.
 ///
 /// Numbers of superframes wrap after 65,536. A period that does not divide this has one shorter pause there, the same
 /// for all nodes.
@@ -95,6 +123,8 @@ impl Period {
 pub struct Turn {
     /// The round slot, below 64.
     pub slot: u8,
+    /// Which of the slot's [`MAX_BLINKS`] blinks is the tag's, from 1 on; 0: the whole slot, for rounds.
+    pub part: u8,
     /// How often.
     pub period: Period,
     /// The remainder of the superframe's number, below the period.
@@ -102,6 +132,12 @@ pub struct Turn {
 }
 
 impl Turn {
+    /// What a tag has requested to get it.
+    #[inline]
+    pub const fn turns(self) -> Turns {
+        Turns { period: self.period, are_blinks: self.part > 0 }
+    }
+
     /// Whether the slot is its owner's in this superframe.
     #[inline]
     pub const fn is_in(self, superframe: u16) -> bool {
@@ -123,7 +159,8 @@ impl Turn {
     #[inline]
     pub const fn meets(self, other: Self) -> bool {
         let common = self.period.common_with(other.period);
-        self.slot == other.slot && self.phase % common == other.phase % common
+        let share_air = self.part == 0 || other.part == 0 || self.part == other.part;
+        self.slot == other.slot && share_air && self.phase % common == other.phase % common
     }
 
     /// The bit of its slot.
@@ -191,13 +228,16 @@ impl Lease {
     const KEPT: u8 = 0x40;
     const REFUSED: u8 = 0x80;
     const ENDED: u8 = 0xC0;
+    /// The part of the slot is in the highest bits of the phase.
+    const PART_SHIFT: u16 = 13;
 
     #[inline]
     pub(super) fn parse(reader: &mut Reader<'_>) -> Result<Self, FrameError> {
         let tag = reader.u16()?;
         let [slot, period] = reader.take()?;
         let period = Period::from_code(period)?;
-        let phase = reader.u16()?;
+        let phase_and_part = reader.u16()?;
+        let [phase, part] = [phase_and_part & ((1 << Self::PART_SHIFT) - 1), phase_and_part >> Self::PART_SHIFT];
         let grant = match slot & !Self::SLOT {
             0 => Grant::New,
             Self::KEPT => Grant::Kept,
@@ -207,12 +247,12 @@ impl Lease {
         if phase >= period.superframes() {
             return Err(FrameError::Field);
         }
-        Ok(Self { tag, turn: Turn { slot: slot & Self::SLOT, period, phase }, grant })
+        Ok(Self { tag, turn: Turn { slot: slot & Self::SLOT, part: part as u8, period, phase }, grant })
     }
 
     #[inline]
     pub(super) fn emit(&self, out: &mut FrameBuffer) {
-        let Turn { slot, period, phase } = self.turn;
+        let Turn { slot, part, period, phase } = self.turn;
         let grant = match self.grant {
             Grant::New => 0,
             Grant::Kept => Self::KEPT,
@@ -221,7 +261,7 @@ impl Lease {
         };
         out.put(&self.tag.to_le_bytes());
         out.put(&[slot & Self::SLOT | grant, period.code()]);
-        out.put(&phase.to_le_bytes());
+        out.put(&(phase | u16::from(part) << Self::PART_SHIFT).to_le_bytes());
     }
 }
 
@@ -257,10 +297,11 @@ mod tests {
 
     #[test]
     fn periods_are_products_of_twos_and_fives_and_never_longer_than_asked_for() {
-        let lengths = [0, 1, 3, 7, 10, 99, 100, 127, 999, 5119, 5120, 6000, u16::MAX].map(Period::at_most);
-        let expected = [1, 1, 2, 5, 10, 80, 100, 125, 800, 5000, 5120, 5120, 5120];
+        let lengths = [0, 1, 3, 7, 10, 99, 100, 127, 999, 4999, 5000, 6000, u16::MAX].map(Period::at_most);
+        let expected = [1, 1, 2, 5, 10, 80, 100, 125, 800, 4000, 5000, 5000, 5000];
         assert_eq!(lengths.map(Period::superframes), expected);
-        // 1, 2, 4 … 4096: 13 without a five, but the exponent of two ends at ten.
+        // 256 would be 2^8: the exponent of two ends at seven.
+        assert_eq!(Period::at_most(256).superframes(), 250);
         let codes = (0..=u8::MAX).filter_map(|code| Period::from_code(code).ok());
         for period in codes {
             assert_eq!(Period::at_most(period.superframes()), period);
@@ -269,8 +310,8 @@ mod tests {
 
     #[test]
     fn the_next_turn_is_the_first_of_all_later_superframes_that_is_one() {
-        for (length, phase) in [(1, 0), (10, 3), (100, 99), (5120, 17)] {
-            let turn = Turn { slot: 0, period: Period::at_most(length), phase };
+        for (length, phase) in [(1, 0), (10, 3), (100, 99), (5000, 17)] {
+            let turn = Turn { slot: 0, part: 0, period: Period::at_most(length), phase };
             for number in [0, 3, 16, 17, 99, 5119, 60_000, 65_499, 65_530, u16::MAX] {
                 let counted = (1..).find(|&after| turn.is_in(number.wrapping_add(after)));
                 assert_eq!(Some(turn.next_after(number)), counted, "{turn:?} after {number}");
@@ -280,13 +321,18 @@ mod tests {
 
     #[test]
     fn turns_meet_as_a_count_of_their_superframes_says() {
-        let turn = |superframes, phase| Turn { slot: 3, period: Period::at_most(superframes), phase };
+        let turn = |superframes, phase| Turn { slot: 3, part: 0, period: Period::at_most(superframes), phase };
         for (a, b) in [(2, 5), (4, 10), (10, 100), (5, 25), (1, 8), (8, 20)] {
             for (of_a, of_b) in (0..a).flat_map(|of_a| (0..b).map(move |of_b| (of_a, of_b))) {
                 let (one, other) = (turn(a, of_a), turn(b, of_b));
                 let counted = (0..a * b).any(|number| one.is_in(number) && other.is_in(number));
                 assert_eq!(one.meets(other), counted, "{one:?} {other:?}");
                 assert!(!one.meets(Turn { slot: 4, ..other }));
+                // A blink shares its slot with other blinks, but not with rounds.
+                let blink = Turn { part: 1, ..one };
+                assert_eq!(blink.meets(other), counted);
+                assert_eq!(blink.meets(Turn { part: 1, ..other }), counted);
+                assert!(!blink.meets(Turn { part: 2, ..other }));
             }
         }
     }

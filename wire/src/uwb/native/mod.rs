@@ -17,7 +17,7 @@ use integrity::AUTHENTICATED;
 use radio::{RadioDuration, RadioInstant};
 
 pub use integrity::{CODE_BYTES, IntegrityCode, Nonce, integrity_code, software_code, split_code};
-pub use lease::{Confirmation, Grant, Lease, LeasedPoll, Period, Turn};
+pub use lease::{Confirmation, Grant, Lease, LeasedPoll, MAX_BLINKS, Period, Turn, Turns};
 pub use poll::{Asked, Poll};
 pub use relay::{Carried, MAX_RELAYED, Relay, Relayed};
 pub use sync_frame::{Member, Session, SyncFrame, slot_of};
@@ -282,6 +282,7 @@ mod tests {
             anchors: [asked(1), asked(0x0203)].into_iter().collect(),
             position: None,
             data: None,
+            part: None,
         };
         round_trip(Message::Poll(poll), &[0x30, 0x34, 0x12, 0x20, 0xA8, 1, 0, 3, 2]);
     }
@@ -291,7 +292,7 @@ mod tests {
         // 3.2 m are 800 units of 4 mm, 0x0320; −0.1 m are −25, 0xFFE7.
         let anchors = [(1, Distance::from_metres(3.2)), (2, Distance::Unknown), (3, Distance::from_metres(-0.1))];
         let anchors = anchors.into_iter().map(|(address, distance)| Asked { address, distance }).collect();
-        let poll = Poll { round: 1, wish: Layout::LEAST, anchors, position: None, data: None };
+        let poll = Poll { round: 1, wish: Layout::LEAST, anchors, position: None, data: None, part: None };
         round_trip(Message::Poll(poll), &[0x30, 1, 0, 0x31, 0, 1, 0, 2, 0, 3, 0, 0x20, 0x03, 0x00, 0x80, 0xE7, 0xFF]);
     }
 
@@ -304,7 +305,8 @@ mod tests {
     #[test]
     fn golden_poll_with_a_position() {
         let anchors = [Asked { address: 1, distance: Distance::Unsent }].into_iter().collect();
-        let poll = Poll { round: 1, wish: Layout::LEAST, anchors, position: Some(a_position()), data: None };
+        let poll =
+            Poll { round: 1, wish: Layout::LEAST, anchors, position: Some(a_position()), data: None, part: None };
         // 100 = (16 + 9) · 2⁶ / 16 mm: 9 + 6 · 16 = 0x69; 1024 = 16 · 2¹⁰ / 16 is the next after 992: 0xA0.
         // The half is 63.5/127, away from zero 64. 0x83 = 3 rounds ago and suspect.
         let golden =
@@ -318,13 +320,44 @@ mod tests {
     }
 
     #[test]
+    fn golden_blinks() {
+        let wish = Layout::from_tag_byte(0xA8);
+        let blink =
+            |part| Poll { round: 0x1234, wish, anchors: Vec::new(), position: None, data: None, part: Some(part) };
+        // Nobody is asked: 0, blink: 8.
+        round_trip(Message::Poll(blink(7)), &[0x30, 0x34, 0x12, 0x08, 0xA8, 7]);
+        let anchors: Vec<_, _> = [Asked { address: 0x0203, distance: Distance::Unsent }].into_iter().collect();
+        let asking = Poll { anchors: anchors.clone(), ..blink(3) };
+        // The third of the blinks is answered five places of responses later than a round's poll would be: in the eighth.
+        assert_eq!([1, 3, 7].map(|part| Poll { part: Some(part), ..asking.clone() }.first_slot()), [7, 5, 1]);
+        round_trip(Message::Poll(asking.clone()), &[0x30, 0x34, 0x12, 0x18, 0xA8, 3, 3, 2]);
+        let data = UserData::new(0xFE, b"door 3");
+        let golden = [0x30, 0x34, 0x12, 0x0C, 0xA8, 1, 0xFE, 6, 0x64, 0x6F, 0x6F, 0x72, 0x20, 0x33];
+        round_trip(Message::Poll(Poll { data, ..blink(1) }), &golden);
+        // A part that there is not, two anchors, or what belongs to rounds.
+        let mut out = FrameBuffer::new();
+        for (part, asked) in [(0, 0), (8, 0), (1, 2)] {
+            let anchors = core::iter::repeat_n(anchors[0], asked).collect();
+            let message = Message::Poll(Poll { anchors, ..blink(part) });
+            Frame { sequence: 0, pan: 0, destination: BROADCAST, source: 0, message }.emit(&mut out);
+            assert_eq!(Frame::parse(out.bytes()), Err(FrameError::Field), "{part} {asked}");
+        }
+        for options in [0x19, 0x1A] {
+            let mut bytes = out.bytes().to_vec();
+            bytes[12] = options;
+            assert_eq!(Frame::parse(&bytes), Err(FrameError::Field), "{options:#x}");
+        }
+    }
+
+    #[test]
     fn a_poll_with_data_names_seven_anchors_at_most() {
         let mut out = FrameBuffer::new();
         let mut parse = |anchors, data: &[u8], length| {
             let asked = Asked { address: 1, distance: Distance::Unknown };
             let anchors = core::iter::repeat_n(asked, anchors).collect();
             let data = UserData::new(0, data);
-            let message = Message::Poll(Poll { round: 0, wish: Layout::LEAST, anchors, position: None, data });
+            let message =
+                Message::Poll(Poll { round: 0, wish: Layout::LEAST, anchors, position: None, data, part: None });
             Frame { sequence: 0, pan: 0, destination: BROADCAST, source: 0, message }.emit(&mut out);
             let mut bytes = out.bytes().to_vec();
             // From the end: the data, their length.
@@ -376,8 +409,10 @@ mod tests {
     #[test]
     fn golden_requests() {
         let wish = Layout::from_tag_byte(0x12);
-        for (share, byte) in
-            [(Share::Release, 0), (Share::Slots(2), 2), (Share::Greedy, 127), (Share::OneIn(Period::at_most(10)), 0x91)]
+        // 10 = 2 · 5: code 9.
+        let period = Period::at_most(10);
+        let leased = [(Share::Leased(Turns::rounds(period)), 0x89), (Share::Leased(Turns::blinks(period)), 0xC9)];
+        for (share, byte) in [(Share::Release, 0), (Share::Slots(2), 2), (Share::Greedy, 127)].into_iter().chain(leased)
         {
             round_trip(Message::Request(Request { share, wish }), &[0x33, byte, 0x12]);
         }
@@ -409,9 +444,9 @@ mod tests {
         }
     }
 
-    /// A lease of slot 5, once in 100 superframes, 2² · 5²: code 22.
+    /// A lease of slot 5, once in 100 superframes, 2² · 5²: code 2 · 8 + 2.
     fn lease(grant: Grant) -> Lease {
-        Lease { tag: 0x0809, turn: Turn { slot: 5, period: Period::at_most(100), phase: 99 }, grant }
+        Lease { tag: 0x0809, turn: Turn { slot: 5, part: 0, period: Period::at_most(100), phase: 99 }, grant }
     }
 
     #[test]
@@ -437,14 +472,17 @@ mod tests {
 
     #[test]
     fn golden_sync_frame_with_leases_and_polls() {
-        let leases = [Grant::New, Grant::Kept, Grant::Refused, Grant::Ended].into_iter().map(lease).collect();
+        let mut leases: Vec<_, _> =
+            [Grant::New, Grant::Kept, Grant::Refused, Grant::Ended].map(lease).into_iter().collect();
+        // The fifth blink of the slot: 99 + 5 · 2¹³ = 0xA063.
+        leases[1].turn.part = 5;
         let polls = [LeasedPoll { tag: 0x0A0B, wish: 0xA8 }].into_iter().collect();
         let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 0xE8];
         golden.extend(0x10..0x20);
         golden.extend([0x21, 0x43, 0, 0x0C, 0x0B, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
         golden.extend([0, 17, 0x41]);
-        for slot in [0x05, 0x45, 0x85, 0xC5] {
-            golden.extend([0x09, 0x08, slot, 0x22, 99, 0]);
+        for (slot, part) in [(0x05, 0), (0x45, 0xA0), (0x85, 0), (0xC5, 0)] {
+            golden.extend([0x09, 0x08, slot, 0x12, 99, part]);
         }
         golden.extend([0x0B, 0x0A, 0xA8]);
         round_trip(Message::SyncFrame(SyncFrame { leases, polls, ..sync_frame(0) }), &golden);
@@ -495,8 +533,8 @@ mod tests {
         Frame { sequence: 0, pan: 0, destination: BROADCAST, source: 0, message }.emit(&mut out);
         let end = out.bytes().len();
         assert!(Frame::parse(out.bytes()).is_ok());
-        // From the end: phase (2), period. Period 0x0B is 2¹¹, 0x60 5⁶, 0x25 32 · 25 = 800, 0x57 128 · 3125.
-        for (place, value) in [(2, 100), (3, 0x0B), (3, 0x60), (3, 0x57), (3, 0x80)] {
+        // From the end: phase (2), period. Period 0x30 is 5⁶, 0x27 128 · 625, 0x2F 128 · 3125.
+        for (place, value) in [(2, 100), (3, 0x30), (3, 0x27), (3, 0x2F), (3, 0x40), (3, 0x80)] {
             let mut bytes = out.bytes().to_vec();
             bytes[end - place] = value;
             assert_eq!(Frame::parse(&bytes), Err(FrameError::Field), "{place}: {value}");
@@ -523,7 +561,7 @@ mod tests {
         for (distance, position) in [(Distance::Unknown, None), (Distance::Unsent, Some(a_position()))] {
             let asked = Asked { address: 1, distance };
             let anchors = core::iter::repeat_n(asked, MAX_ROUND).collect();
-            let poll = Poll { round: 0, wish: Layout::LEAST, anchors, position, data: None };
+            let poll = Poll { round: 0, wish: Layout::LEAST, anchors, position, data: None, part: None };
             assert_eq!(length(Message::Poll(poll)) + 2, usize::from(POLL_BYTES));
         }
     }

@@ -136,7 +136,7 @@ impl SyncFrame {
         let mut members = Vec::new();
         for _ in 0..count & MEMBERS {
             let member = Member::parse(&mut reader)?;
-            if matches!(member.share, Share::OneIn(_)) {
+            if member.share.leased().is_some() {
                 return Err(FrameError::Field);
             }
             members.push(member).map_err(|_| FrameError::Field)?;

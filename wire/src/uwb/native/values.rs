@@ -1,7 +1,7 @@
 //! Values in frames of native mode: distances, shares of the slots, positions. Each converts to and from its bytes on
 //! the air.
 
-use super::Period;
+use super::{Period, Turns};
 use crate::telemetry::{Outcome, is_definite};
 use crate::uwb::FrameError;
 
@@ -48,12 +48,13 @@ pub enum Share {
     Slots(u8),
     /// As many as a fair division allows: byte 127.
     Greedy,
-    /// One slot in each period, by a lease: the code of the period plus 128.
-    OneIn(Period),
+    /// Turns by a lease: the code of the period plus 128 for slots, plus 192 for blinks.
+    Leased(Turns),
 }
 
 impl Share {
     const GREEDY: u8 = 127;
+    const BLINKS: u8 = 192;
 
     #[inline]
     pub(super) fn parse(byte: u8) -> Result<Self, FrameError> {
@@ -61,7 +62,10 @@ impl Share {
             0 => Ok(Self::Release),
             1..Self::GREEDY => Ok(Self::Slots(byte)),
             Self::GREEDY => Ok(Self::Greedy),
-            0x80.. => Period::from_code(byte & 0x7F).map(Self::OneIn),
+            0x80.. => {
+                let period = Period::from_code(byte & 0x3F)?;
+                Ok(Self::Leased(Turns { period, are_blinks: byte >= Self::BLINKS }))
+            }
         }
     }
 
@@ -71,7 +75,16 @@ impl Share {
             Self::Release => 0,
             Self::Slots(slots) => slots.clamp(1, Self::GREEDY - 1),
             Self::Greedy => Self::GREEDY,
-            Self::OneIn(period) => 0x80 | period.code(),
+            Self::Leased(Turns { period, are_blinks }) => period.code() | if are_blinks { Self::BLINKS } else { 0x80 },
+        }
+    }
+
+    /// The turns of a lease; `None` of other shares.
+    #[inline]
+    pub const fn leased(self) -> Option<Turns> {
+        match self {
+            Self::Leased(turns) => Some(turns),
+            Self::Release | Self::Slots(_) | Self::Greedy => None,
         }
     }
 }

@@ -284,6 +284,7 @@ prop_compose! {
 fn a_mode() -> impl Strategy<Value = Mode> {
     prop_oneof![
         Just(Mode::Native),
+        Just(Mode::Blink),
         any::<bool>().prop_map(|fast| Mode::DecaRanging { fast }),
         (13..=100_000_u32).prop_map(|rounds_chz| Mode::Listening { rounds_chz }),
     ]

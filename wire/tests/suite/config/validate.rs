@@ -77,6 +77,16 @@ fn refusals_name_the_field_and_its_value() {
             refusal(anchor(), |r| r.network.mode = Mode::Listening { rounds_chz: 12 }),
             "network.rounds_hz is 0.12: it must be 0.13 to 1000",
         ),
+        (
+            refusal(tag(), |r| (r.network.mode, role_of(r).rate_chz) = (Mode::Blink, Some(1001))),
+            "tag.rate_hz is 10.01: it must be 0.01 to 10",
+        ),
+        (
+            refusal(tag(), |r| {
+                (r.network.mode, role_of(r).rate_chz, role_of(r).still_rate_chz) = (Mode::Blink, None, None)
+            }),
+            "tag.rate_hz is absent: it must be given",
+        ),
         (refusal(tag(), |r| role_of(r).rate_chz = Some(100_001)), "tag.rate_hz is 1000.01: "),
         (refusal(tag(), |r| role_of(r).still_rate_chz = Some(1001)), "tag.still_rate_hz is 10.01: "),
         (refusal(tag(), |r| role_of(r).anchors_per_round = 0), "tag.anchors_per_round is 0: "),

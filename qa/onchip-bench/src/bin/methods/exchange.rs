@@ -46,6 +46,7 @@ fn tag_in_network() -> (Tag, RadioInstant) {
         rate: Rate::Greedy,
         scheme: Scheme::SingleSided,
         tells: PollContent::Nothing,
+        blinks: false,
     });
     tag.calibrate(&STAMPS);
     let now = RadioInstant::from_ticks(1 << 39);
