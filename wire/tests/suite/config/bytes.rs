@@ -324,10 +324,13 @@ prop_compose! {
     ) -> Record {
         let anchors = anchors.into_iter().enumerate();
         let beacons = beacons.into_iter().enumerate();
+        // A tag blinks ten times a second at most.
+        let blinks = !matches!(role, Role::Tag(Tag { rate_chz: None | Some(1_001..), .. }));
+        let mode = if network.mode == Mode::Blink && !blinks { Mode::Native } else { network.mode };
         Record {
             identity: Identity { eui, address: Some(address) },
             role,
-            network,
+            network: Network { mode, ..network },
             calibration: Calibration { antenna_delay, crystal_trim, tx_power },
             pins: first_pin.map(|n| Pins { sck: n, mosi: n + 1, miso: n + 2, cs: n + 3, irq: n + 4, reset: n + 5 }),
             anchors: anchors.map(|(n, position_m)| Anchor { address: n as u16, position_m }).collect(),
