@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
+use analysis::survey::rooms::ModelFile;
+use analysis::train::Chosen;
 use node_link::provision::image::RecordImage;
 use node_link::provision::show::{self, Keys};
 use node_link::provision::{EXAMPLE, Site, SiteNames, oddities, site_models, warnings};
-use analysis::survey::rooms::ModelFile;
-use analysis::train::Chosen;
 use sim::scenario::Scenario;
 use wire::config::Board;
 
@@ -63,8 +63,7 @@ pub fn record_image(input: &[u8]) {
 pub fn record_image_seeds() -> Vec<Vec<u8>> {
     let site = Site::parse(Path::new("site.toml"), EXAMPLE).expect("the example is right");
     let contents = |node: &node_link::provision::Node| {
-        let contents =
-            node_link::provision::image::Contents { record: &node.record, model: None, site_models: None };
+        let contents = node_link::provision::image::Contents { record: &node.record, model: None, site_models: None };
         [contents.binary(Board::Dwm1001), contents.intel_hex(Board::Dwm1001).expect("Intel HEX").into_bytes()]
     };
     site.nodes.iter().skip(3).flat_map(contents).collect()

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use std::time::Duration;
 
 use node_link::decode::{Stream, row};
-use node_link::monitor::{NodeChannel, Demux, Event, Image, Item, Lines, Session, json, summary};
+use node_link::monitor::{Demux, Event, Image, Item, Lines, NodeChannel, Session, json, summary};
 use node_link::provision::SiteNames;
 use object::write::{Object, Symbol, SymbolSection};
 use object::{Architecture, BinaryFormat, Endianness, SectionKind, SymbolFlags, SymbolKind, SymbolScope};

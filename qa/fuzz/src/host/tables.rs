@@ -2,17 +2,17 @@
 
 use std::path::Path;
 
-use recording::beacons::{read_beacons, read_captures, read_stays, read_walls};
-use recording::{drop_repeats, positions, round_s, rounds};
 use analysis::check;
 use analysis::locate::advice;
 use analysis::locate::track::{Tracker, Weighting, settings, settings_of_single_epochs};
 use analysis::survey::campaign::read_points;
 use analysis::survey::presence::{follow, read_outlines};
 use analysis::train::{DEFAULT_PLACEMENT, Samples};
-use recording::{Files, Height, MeasurementMode, Recording, Solved, Space, Truths, UserError, read_anchors};
 use analysis::{Setup, Solver};
 use positioning_core::Method;
+use recording::beacons::{read_beacons, read_captures, read_stays, read_walls};
+use recording::{Files, Height, MeasurementMode, Recording, Solved, Space, Truths, UserError, read_anchors};
+use recording::{drop_repeats, positions, round_s, rounds};
 
 use super::folder;
 use crate::finite;

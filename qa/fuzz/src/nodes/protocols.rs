@@ -43,23 +43,23 @@ pub fn tag(input: &[u8]) {
             anchors: 8,
             rate: if is_even(input) { Rate::Greedy } else { every },
             scheme,
-            tells: PollContent::Distances, blinks: false,
+            tells: PollContent::Distances,
+            blinks: input.first().is_some_and(|byte| byte & 12 == 12),
         }),
         input,
     );
 }
 
 pub fn anchor(input: &[u8]) {
-    drive(
-        native::Anchor::new(native::AnchorConfig {
-            address: ADDRESS,
-            network: NETWORK,
-            antenna_delay: ANTENNA_DELAY,
-            position_m: Some([1.0, 2.0, 3.0]),
-            rounds: is_even(input).then_some(Rate::Greedy),
-        }),
-        input,
-    );
+    let mut anchor = native::Anchor::new(native::AnchorConfig {
+        address: ADDRESS,
+        network: NETWORK,
+        antenna_delay: ANTENNA_DELAY,
+        position_m: Some([1.0, 2.0, 3.0]),
+        rounds: is_even(input).then_some(Rate::Greedy),
+    });
+    anchor.set_host(input.first().is_some_and(|byte| byte & 4 != 0));
+    drive(anchor, input);
 }
 
 pub fn tdoa_tag(input: &[u8]) {
@@ -148,7 +148,7 @@ fn check(now: RadioInstant, action: Action<'_>) -> Last {
             }
             Last::Report
         }
-        Action::Report(Report::Link(_) | Report::Polled(_)) => Last::Report,
+        Action::Report(Report::Link(_) | Report::Polled(_) | Report::Arrival(_)) => Last::Report,
     }
 }
 

@@ -143,8 +143,15 @@ fn same_again(message: &Message) {
 }
 
 pub fn telemetry_seeds() -> Vec<Vec<u8>> {
-    let hello =
-        Hello { t_us: 1, eui: 2, address: 3, role: Role::Tag, board: wire::config::Board::Dwm1001, build: [4; 8], keyed: false };
+    let hello = Hello {
+        t_us: 1,
+        eui: 2,
+        address: 3,
+        role: Role::Tag,
+        board: wire::config::Board::Dwm1001,
+        build: [4; 8],
+        keyed: false,
+    };
     let mut buffer = [0; MAX_FRAME];
     let stream = [&[0][..], wire::telemetry::encode(&Message::Hello(hello), &mut buffer)].concat();
     // Bodies that begin with the number of each message.
