@@ -71,7 +71,7 @@ impl<L: Listener> Listener for Shown<L> {
         match report {
             Report::Round(round) => self.panel.measured(round.ranges.iter().map(|range| range.distance_m)),
             // An anchor does not listen to rounds of others. The panel shows the distances of tags, not their positions.
-            Report::Differences(_) | Report::Polled(_) => {}
+            Report::Differences(_) | Report::Polled(_) | Report::Arrival(_) => {}
             Report::Link(link) => self.panel.link(link),
         }
         self.listener.report(report, present).await

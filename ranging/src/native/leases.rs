@@ -43,7 +43,7 @@ const PASSED_ON_WITHIN: u16 = 4;
 const LOOKED_OVER: usize = 32;
 const SEARCHED_PLACES: usize = 4;
 /// Slots that are leased although no lease is in them yet.
-const SPARE_SLOTS: u8 = 2;
+const SPARE_SLOTS: u8 = 8;
 /// After all that wait were refused, they are looked at again after this many superframes, or when a lease ends.
 const PAUSE: u8 = 20;
 /// One in this many leases of a full network ends at a time.
@@ -125,8 +125,8 @@ impl Leases {
         self.known.slots.max(self.survey.slots)
     }
 
-    /// How many slots are to be leased of at most `most`: as many as are needed. As long as no other tag uses them, half as
-    /// many again, so that there are some for the next tags: the rest are places for requests. `now` are leased.
+    /// How many slots are to be leased of at most `most`: as many as are needed. As long as no other tag uses them, some
+    /// more, for the next tags: the rest are places for requests. `now` are leased.
     pub fn wanted_slots(&self, now: u8, most: u8, others_use_them: bool) -> u8 {
         let used = self.used_slots();
         let needed = match others_use_them {
@@ -781,7 +781,7 @@ mod tests {
     }
 
     #[test]
-    fn half_as_many_slots_again_are_leased_where_nobody_else_uses_them() {
+    fn more_slots_are_leased_than_are_used_where_nobody_else_uses_them() {
         let mut leases = Leases::new();
         let mut slots = 0;
         let mut grown = Vec::new();
@@ -799,8 +799,8 @@ mod tests {
             leases.entries.iter_mut().for_each(|entry| (entry.standing, entry.made) = (Standing::Proven, number));
             leases.on_probation = 0;
         }
-        // Ten slots for a hundred tenths, and two more.
-        assert_eq!((slots, leases.entries.len()), (12, 100), "{grown:?}");
+        // Ten slots for a hundred tenths, and the spare ones.
+        assert_eq!((slots, leases.entries.len()), (10 + SPARE_SLOTS, 100), "{grown:?}");
         assert!(grown.is_sorted());
         // All but a few leave.
         leases.entries.truncate(5);

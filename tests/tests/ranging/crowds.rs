@@ -85,6 +85,6 @@ fn tags_that_blink_and_sleep_draw_little() {
     scenario.change_tags(|tag| tag.sleep = true);
     let summary = summary(scenario);
     assert!(summary.slots_with_fix > Some(0.95), "{summary:?}");
-    // A coin cell of 225 mAh lasts four months. Of this, sending takes 0.014 mA.
-    assert!(summary.tag_mean_current_ma < Some(0.08), "{summary:?}");
+    // 0.065 mA in the long run; the first minute, in which it learns how it wakes, takes more. Sending alone takes 0.014.
+    assert!(summary.tag_mean_current_ma < Some(0.1), "{summary:?}");
 }
