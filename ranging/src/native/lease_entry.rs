@@ -25,6 +25,7 @@ const LEAST_WEIGHT: u16 = 2;
 const KEPT_TURNS: u32 = 60;
 
 /// A third of a lease, superframes.
+#[inline(never)]
 pub const fn term(turns: Turns) -> u16 {
     let periods = if turns.are_blinks { BLINK_TERM_PERIODS } else { TERM_PERIODS };
     let term = periods.saturating_mul(turns.period.superframes());
@@ -37,6 +38,7 @@ pub const fn term(turns: Turns) -> u16 {
 
 /// How long a tag without an answer may use its turns after the first one, superframes: in this time it asks at least
 /// twice.
+#[inline(never)]
 pub const fn unanswered(turns: Turns) -> u16 {
     let rotation = if turns.are_blinks { MAX_BLINKS as u16 } else { 0 };
     turns.period.superframes().saturating_mul(2 * rotation).saturating_add(GRANTED_SUPERFRAMES)
@@ -79,7 +81,7 @@ pub struct Entry {
 impl Entry {
     /// How much it counts if it is on probation.
     pub fn weight(&self) -> u16 {
-        let parts = if self.turn.part > 0 { MAX_BLINKS.into() } else { 1 };
+        let parts = if self.turn.part() > 0 { MAX_BLINKS.into() } else { 1 };
         (WHOLE_SLOT / self.turn.period.superframes() / parts).max(LEAST_WEIGHT)
     }
 
@@ -215,12 +217,13 @@ pub fn free_turn(entries: &[Entry], tag: u16, place: TurnPlace, period: Period, 
     for entry in entries.iter().filter(|entry| entry.turn.slot == slot && !is_replaced(entry)) {
         let step = period.common_with(entry.turn.period);
         for (of, used) in remainders.iter_mut().filter(|(of, _)| step.is_multiple_of(*of)) {
-            *used |= 1 << (entry.turn.phase % *of);
+            *used |= 1 << (entry.turn.phase() % *of);
         }
-        if part > 0 && entry.turn.part > 0 && part != entry.turn.part {
+        let other = entry.turn.part();
+        if part > 0 && other > 0 && part != other {
             continue;
         }
-        for phase in (entry.turn.phase % step..length).step_by(step.into()) {
+        for phase in (entry.turn.phase() % step..length).step_by(step.into()) {
             taken[usize::from(phase / 64)] |= 1 << (phase % 64);
         }
     }
@@ -229,5 +232,5 @@ pub fn free_turn(entries: &[Entry], tag: u16, place: TurnPlace, period: Period, 
     let phase = remainders.into_iter().find_map(|(of, used)| {
         (first..length).chain(0..first).find(|&phase| used >> (phase % of) & 1 == 1 && is_free(phase))
     })?;
-    Some(Turn { slot, part, period, phase })
+    Some(Turn::new(slot, part, period, phase))
 }

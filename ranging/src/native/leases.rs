@@ -28,8 +28,8 @@ use super::spread;
 use wire::uwb::layout::Layout;
 use wire::uwb::native::{Confirmation, Grant, Lease, LeasedPoll, SyncFrame, Turn, Turns};
 
-/// Leases that an anchor knows, 14 bytes each.
-const MAX_KNOWN: usize = 1536;
+/// Leases that an anchor knows, 12 bytes each.
+const MAX_KNOWN: usize = 1024;
 /// From a grant to the first turn: the entry is repeated, and relayed.
 const NOTICE: u16 = 4;
 /// Leases on probation at a time weigh no more than this. One of whole slots weighs 100, one of a slot in n superframes
@@ -226,7 +226,7 @@ impl Leases {
         number: u16,
         coordinates: bool,
     ) -> Confirmation {
-        let in_turn = self.rarest(tag, |turn| (turn.slot, turn.part) == (slot, part) && turn.is_in(number));
+        let in_turn = self.rarest(tag, |turn| (turn.slot, turn.part()) == (slot, part) && turn.is_in(number));
         let Some((place, entry)) = in_turn.and_then(|place| Some((place, self.entries.get_mut(place)?))) else {
             return Confirmation::None;
         };
@@ -479,7 +479,7 @@ impl Leases {
     /// A tag that is not told asks again.
     fn announce_refusal(&mut self, tag: u16, Turns { period, are_blinks }: Turns) {
         if self.news.has_room_for_refusals() {
-            let turn = Turn { slot: 0, part: are_blinks.into(), period, phase: 0 };
+            let turn = Turn::new(0, are_blinks.into(), period, 0);
             self.news.announce_once(Lease { tag, turn, grant: Grant::Refused });
         }
     }
@@ -543,7 +543,7 @@ mod tests {
             let number = self.number;
             due.into_iter()
                 .filter(|(tag, turn)| {
-                    self.relay.on_poll(*tag, (turn.slot, turn.part), 0, number, false) == Confirmation::Renewed
+                    self.relay.on_poll(*tag, (turn.slot, turn.part()), 0, number, false) == Confirmation::Renewed
                 })
                 .map(|(tag, _)| tag)
                 .collect()
@@ -562,7 +562,7 @@ mod tests {
         for _ in 0..200 {
             network.superframe();
             for (tag, turn) in network.turns() {
-                network.coordinator.on_poll(tag, (turn.slot, turn.part), 0, network.number, true);
+                network.coordinator.on_poll(tag, (turn.slot, turn.part()), 0, network.number, true);
             }
         }
         let turns = network.turns();
@@ -608,7 +608,7 @@ mod tests {
             }
             let turn = network.turns().into_iter().find(|(tag, _)| *tag == 1);
             if let Some((_, turn)) = turn.filter(|_| since < stops && told.is_none()) {
-                match network.relay.on_poll(1, (turn.slot, turn.part), 0, network.number, false) {
+                match network.relay.on_poll(1, (turn.slot, turn.part()), 0, network.number, false) {
                     Confirmation::Renewed => confirmed = since,
                     Confirmation::Ended => told = Some(since),
                     Confirmation::None => {}
@@ -641,7 +641,7 @@ mod tests {
             (0..6).for_each(|i| network.request(0x4000 + 6 * since + i, 5120));
             for (tag, turn) in network.turns().into_iter().filter(|(tag, _)| *tag < 20) {
                 if turn.is_in(network.number) {
-                    network.coordinator.on_poll(tag, (turn.slot, turn.part), 0, network.number, true);
+                    network.coordinator.on_poll(tag, (turn.slot, turn.part()), 0, network.number, true);
                 }
             }
             network.superframe();
@@ -670,7 +670,7 @@ mod tests {
                             if turn.is_in(network.number) && standing != Standing::Told =>
                         {
                             let said =
-                                network.coordinator.on_poll(tag, (turn.slot, turn.part), 0, network.number, true);
+                                network.coordinator.on_poll(tag, (turn.slot, turn.part()), 0, network.number, true);
                             renewed += u32::from(since >= 1000 && said == Confirmation::Renewed);
                         }
                         None | Some(_) => {}
@@ -707,7 +707,7 @@ mod tests {
                 served[usize::from(tag)] += 1;
                 // One poll that is answered tells the tag that its lease has ended.
                 if turn.is_in(network.number) && !(standing == Standing::Told && is_told[usize::from(tag)]) {
-                    let said = network.coordinator.on_poll(tag, (turn.slot, turn.part), 0, network.number, true);
+                    let said = network.coordinator.on_poll(tag, (turn.slot, turn.part()), 0, network.number, true);
                     is_told[usize::from(tag)] = said == Confirmation::Ended;
                 }
             }
@@ -749,7 +749,7 @@ mod tests {
             }
             for (tag, turn) in network.turns() {
                 if turn.period.superframes() == wanted && turn.is_in(network.number) {
-                    network.coordinator.on_poll(tag, (turn.slot, turn.part), 0, network.number, true);
+                    network.coordinator.on_poll(tag, (turn.slot, turn.part()), 0, network.number, true);
                 }
             }
             let expected = match since {
@@ -832,9 +832,9 @@ mod tests {
         let slots = turns.iter().map(|turn| turn.slot).max();
         assert!(slots <= Some(2), "{slots:?}");
         // A blink of the fifth part renews the lease of that part, and no other's.
-        let of_blink = leases.entries.iter().position(|entry| entry.turn.part == 5).unwrap();
+        let of_blink = leases.entries.iter().position(|entry| entry.turn.part() == 5).unwrap();
         let (tag, turn) = (leases.entries[of_blink].tag, leases.entries[of_blink].turn);
-        let number = 1000 + turn.phase;
+        let number = 1000 + turn.phase();
         leases.entries.iter_mut().for_each(|entry| entry.made = number.wrapping_sub(500));
         assert_eq!(leases.on_poll(tag, (turn.slot, 4), 0, number, true), Confirmation::None);
         assert_eq!(leases.on_poll(tag, (turn.slot, 5), 0, number, true), Confirmation::Renewed);
@@ -892,7 +892,7 @@ mod tests {
             for &(tag, turn) in &turns {
                 let uses = tag != 1 || turn.period.superframes() == wanted || rarest(1) == Some(2);
                 if uses && turn.is_in(network.number) {
-                    network.coordinator.on_poll(tag, (turn.slot, turn.part), 0, network.number, true);
+                    network.coordinator.on_poll(tag, (turn.slot, turn.part()), 0, network.number, true);
                 }
             }
             if since > 300 && since % 50 == 0 {
@@ -916,7 +916,7 @@ mod tests {
                 if turn.is_in(network.number) && (tag == 1 || since < 100) {
                     network.coordinator.on_poll(
                         tag,
-                        (turn.slot, turn.part),
+                        (turn.slot, turn.part()),
                         if tag == 2 { 0x40 } else { 0x10 },
                         network.number,
                         true,

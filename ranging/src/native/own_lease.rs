@@ -53,7 +53,7 @@ impl OwnLease {
         let turns = held.turn.turns();
         let turn = number / turns.period.superframes() % u16::from(MAX_BLINKS);
         let is_due = !held.is_answered || number.wrapping_sub(held.since) >= term(turns) / 2;
-        is_due && turn + 1 == u16::from(held.turn.part)
+        is_due && turn + 1 == u16::from(held.turn.part())
     }
 
     /// A sync frame of superframe `number` has an entry for this tag, which wants these turns. An entry that
@@ -122,7 +122,7 @@ mod tests {
     }
 
     fn lease(grant: Grant) -> Lease {
-        Lease { tag: 1, turn: Turn { slot: 3, part: 0, period: Period::at_most(10), phase: 4 }, grant }
+        Lease { tag: 1, turn: Turn::new(3, 0, Period::at_most(10), 4), grant }
     }
 
     fn requested() -> OwnLease {
@@ -170,7 +170,7 @@ mod tests {
     fn blinks_of_one_slot_ask_one_after_the_other_and_only_if_they_need_to() {
         let turns = Turns::blinks(Period::at_most(10));
         let mut tags = [1, 2, 7].map(|part| {
-            let turn = Turn { slot: 3, part, period: turns.period, phase: 4 };
+            let turn = Turn::new(3, part, turns.period, 4);
             let mut own = OwnLease::default();
             own.request(turns);
             own.receive(&Lease { tag: 1, turn, grant: Grant::New }, turns, 0);

@@ -160,6 +160,7 @@ impl Superframes {
     /// The superframe and the round slot of an instant in this superframe or the one before, if it is in a round slot. By a
     /// clock that is wrong after a sleep, a poll comes up to half a response slot before its slot. No frame of a round
     /// begins so late in its slot.
+    #[inline(never)]
     pub fn round_slot_at(&self, instant: RadioInstant) -> Option<(u16, u8)> {
         let Phase { number, start } = self.phase;
         let passed = instant.since(start).ticks();

@@ -236,7 +236,7 @@ fn who_was_granted_false_turns_has_true_ones_in_seconds() {
             let (mut air, _) = site.open(3);
             air.run_until(3.0);
             let forged = TAGS.iter().zip(slot..).map(|(&(tag, millis), slot)| {
-                let turn = Turn { slot, part: 0, period: period(millis), phase: 0 };
+                let turn = Turn::new(slot, 0, period(millis), 0);
                 Lease { tag, turn, grant }
             });
             site.attack(&mut air, entries(SHARED, superframes, forged.collect()));
@@ -387,7 +387,7 @@ fn invented_leases(superframes: usize, grant: Grant) -> Forge {
     let period = Period::at_most(Period::MOST);
     Box::new(move |timing, heard, known| {
         tag += 10;
-        let turn = |i: u16| Turn { slot: 5, part: 0, period, phase: (heard.superframe + 5_000 + i) % Period::MOST };
+        let turn = |i: u16| Turn::new(5, 0, period, (heard.superframe + 5_000 + i) % Period::MOST);
         let leases = (0..10).map(|i| Lease { tag: tag + i, turn: turn(i), grant }).collect();
         let mut forge = entries(FREE, usize::from(left > 0), leases);
         left = left.saturating_sub(1);

@@ -7,8 +7,8 @@ use crate::exchange::{Arrival, ArrivedFrame};
 use crate::time::METRES_PER_TICK;
 use crate::{Diagnostics, RadioDuration, RadioInstant, RangeBias};
 
-/// Arrivals that wait to be reported: those of two superframes' sync frames, or of two slots' blinks.
-const MAX_WAITING: usize = 32;
+/// Arrivals that wait to be reported: those of a superframe's sync frames, or of two slots' blinks.
+const MAX_WAITING: usize = 16;
 /// Sync frames are reported for this many superframes after a blink.
 const REPORTED_SUPERFRAMES: u16 = 100;
 /// Reports after each event: a report takes as long as a frame, and the receiver keeps two.

@@ -29,6 +29,7 @@ pub struct TagConfig {
 
 impl TagConfig {
     /// What the tag requests for this rate.
+    #[inline(never)]
     pub(super) fn share_of(&self, rate: Option<Rate>, timing: &Timing) -> Share {
         let Some(rate) = rate else { return Share::Release };
         match share_of(rate, timing) {

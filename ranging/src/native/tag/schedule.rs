@@ -258,7 +258,7 @@ impl Tag {
     fn blink(&mut self, start: Start, pulse: RadioInstant) -> Action<'_> {
         let Some(network) = &self.network else { return Self::listen(SUPERFRAME) };
         let asks = network.lease.asks(network.sync.course.phase.number);
-        let part = network.lease.turn().map_or(1, |turn| turn.part);
+        let part = network.lease.turn().map_or(1, |turn| turn.part());
         let asked = if asks { self.anchors.surest() } else { None };
         let wish = self.meter.wish(Scheme::SingleSided);
         let blink = self.round.begin_blink(part, asked, wish);
@@ -344,6 +344,7 @@ impl Followed {
 
     /// From the superframe's beginning to the first pulse of the next round of `anchors` anchors, or of the blink, in
     /// these slots of the tag, as [`next_round`].
+    #[inline(never)]
     pub(super) fn next_pulse(
         &self,
         owned: u64,
@@ -352,9 +353,9 @@ impl Followed {
         uncertainty: RadioDuration,
     ) -> Option<RadioDuration> {
         let timing = &self.sync.course.timing;
-        match self.lease.turn().filter(|turn| turn.part > 0) {
+        match self.lease.turn().filter(|turn| turn.part() > 0) {
             Some(turn) => {
-                let pulse = timing.blink(turn.slot, turn.part);
+                let pulse = timing.blink(turn.slot, turn.part());
                 let fits = owned == turn.bit() && pulse >= earliest && uncertainty <= timing.most_uncertain_blink();
                 fits.then_some(pulse)
             }

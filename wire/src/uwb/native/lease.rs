@@ -54,17 +54,19 @@ impl Period {
     }
 
     const fn wide(self) -> u32 {
-        5_u32.pow(self.fives() as u32) << self.twos()
+        const POWERS: [u32; 6] = [1, 5, 25, 125, 625, 3125];
+        let fives = if self.fives() > Self::MAX_FIVES { Self::MAX_FIVES } else { self.fives() };
+        POWERS[fives as usize] << self.twos()
     }
 
     /// In superframes.
-    #[inline]
+    #[inline(never)]
     pub const fn superframes(self) -> u16 {
         self.wide() as u16
     }
 
     /// The greatest common divisor of two periods, superframes: their turns meet if their phases agree modulo this.
-    #[inline]
+    #[inline(never)]
     pub const fn common_with(self, other: Self) -> u16 {
         let twos = if self.twos() < other.twos() { self.twos() } else { other.twos() };
         let fives = if self.fives() < other.fives() { self.fives() } else { other.fives() };
@@ -123,44 +125,64 @@ impl Turns {
 pub struct Turn {
     /// The round slot, below 64.
     pub slot: u8,
-    /// Which of the slot's [`MAX_BLINKS`] blinks is the tag's, from 1 on; 0: the whole slot, for rounds.
-    pub part: u8,
     /// How often.
     pub period: Period,
-    /// The remainder of the superframe's number, below the period.
-    pub phase: u16,
+    /// Both in one, as on the air: anchors keep a thousand of them.
+    pub phase_and_part: u16,
 }
 
 impl Turn {
+    /// The part is in the highest bits.
+    const PART_SHIFT: u16 = 13;
+
+    /// Turns in a slot or, as one of its blinks, in a part of it, with a phase below the period.
+    #[inline]
+    pub const fn new(slot: u8, part: u8, period: Period, phase: u16) -> Self {
+        Self { slot, period, phase_and_part: phase | (part as u16) << Self::PART_SHIFT }
+    }
+
+    /// The remainder of the superframe's number, below the period.
+    #[inline]
+    pub const fn phase(self) -> u16 {
+        self.phase_and_part & ((1 << Self::PART_SHIFT) - 1)
+    }
+
+    /// Which of the slot's [`MAX_BLINKS`] blinks is the tag's, from 1 on; 0: the whole slot, for rounds.
+    #[inline]
+    pub const fn part(self) -> u8 {
+        (self.phase_and_part >> Self::PART_SHIFT) as u8
+    }
+
     /// What a tag has requested to get it.
     #[inline]
     pub const fn turns(self) -> Turns {
-        Turns { period: self.period, are_blinks: self.part > 0 }
+        Turns { period: self.period, are_blinks: self.part() > 0 }
     }
 
     /// Whether the slot is its owner's in this superframe.
     #[inline]
     pub const fn is_in(self, superframe: u16) -> bool {
-        superframe % self.period.superframes() == self.phase
+        superframe % self.period.superframes() == self.phase()
     }
 
     /// Superframes from this one to the next that is its owner's, at least one.
-    #[inline]
+    #[inline(never)]
     pub const fn next_after(self, superframe: u16) -> u16 {
         let period = self.period.superframes();
         let at = superframe % period;
-        let ahead = if self.phase > at { self.phase - at } else { self.phase + period - at };
+        let ahead = if self.phase() > at { self.phase() - at } else { self.phase() + period - at };
         // From zero on, remainders begin anew.
         let to_wrap = 0x1_0000 - superframe as u32;
-        if (ahead as u32) < to_wrap { ahead } else { (to_wrap + self.phase as u32) as u16 }
+        if (ahead as u32) < to_wrap { ahead } else { (to_wrap + self.phase() as u32) as u16 }
     }
 
     /// Whether two turns ever meet.
     #[inline]
     pub const fn meets(self, other: Self) -> bool {
         let common = self.period.common_with(other.period);
-        let share_air = self.part == 0 || other.part == 0 || self.part == other.part;
-        self.slot == other.slot && share_air && self.phase % common == other.phase % common
+        let [part, of_other] = [self.part(), other.part()];
+        let share_air = part == 0 || of_other == 0 || part == of_other;
+        self.slot == other.slot && share_air && self.phase() % common == other.phase() % common
     }
 
     /// The bit of its slot.
@@ -228,31 +250,27 @@ impl Lease {
     const KEPT: u8 = 0x40;
     const REFUSED: u8 = 0x80;
     const ENDED: u8 = 0xC0;
-    /// The part of the slot is in the highest bits of the phase.
-    const PART_SHIFT: u16 = 13;
-
     #[inline]
     pub(super) fn parse(reader: &mut Reader<'_>) -> Result<Self, FrameError> {
         let tag = reader.u16()?;
         let [slot, period] = reader.take()?;
         let period = Period::from_code(period)?;
-        let phase_and_part = reader.u16()?;
-        let [phase, part] = [phase_and_part & ((1 << Self::PART_SHIFT) - 1), phase_and_part >> Self::PART_SHIFT];
+        let turn = Turn { slot: slot & Self::SLOT, period, phase_and_part: reader.u16()? };
         let grant = match slot & !Self::SLOT {
             0 => Grant::New,
             Self::KEPT => Grant::Kept,
             Self::REFUSED => Grant::Refused,
             _ => Grant::Ended,
         };
-        if phase >= period.superframes() {
+        if turn.phase() >= period.superframes() {
             return Err(FrameError::Field);
         }
-        Ok(Self { tag, turn: Turn { slot: slot & Self::SLOT, part: part as u8, period, phase }, grant })
+        Ok(Self { tag, turn, grant })
     }
 
     #[inline]
     pub(super) fn emit(&self, out: &mut FrameBuffer) {
-        let Turn { slot, part, period, phase } = self.turn;
+        let Turn { slot, period, phase_and_part } = self.turn;
         let grant = match self.grant {
             Grant::New => 0,
             Grant::Kept => Self::KEPT,
@@ -261,7 +279,7 @@ impl Lease {
         };
         out.put(&self.tag.to_le_bytes());
         out.put(&[slot & Self::SLOT | grant, period.code()]);
-        out.put(&(phase | u16::from(part) << Self::PART_SHIFT).to_le_bytes());
+        out.put(&phase_and_part.to_le_bytes());
     }
 }
 
@@ -311,7 +329,7 @@ mod tests {
     #[test]
     fn the_next_turn_is_the_first_of_all_later_superframes_that_is_one() {
         for (length, phase) in [(1, 0), (10, 3), (100, 99), (5000, 17)] {
-            let turn = Turn { slot: 0, part: 0, period: Period::at_most(length), phase };
+            let turn = Turn::new(0, 0, Period::at_most(length), phase);
             for number in [0, 3, 16, 17, 99, 5119, 60_000, 65_499, 65_530, u16::MAX] {
                 let counted = (1..).find(|&after| turn.is_in(number.wrapping_add(after)));
                 assert_eq!(Some(turn.next_after(number)), counted, "{turn:?} after {number}");
@@ -321,7 +339,7 @@ mod tests {
 
     #[test]
     fn turns_meet_as_a_count_of_their_superframes_says() {
-        let turn = |superframes, phase| Turn { slot: 3, part: 0, period: Period::at_most(superframes), phase };
+        let turn = |superframes, phase| Turn::new(3, 0, Period::at_most(superframes), phase);
         for (a, b) in [(2, 5), (4, 10), (10, 100), (5, 25), (1, 8), (8, 20)] {
             for (of_a, of_b) in (0..a).flat_map(|of_a| (0..b).map(move |of_b| (of_a, of_b))) {
                 let (one, other) = (turn(a, of_a), turn(b, of_b));
@@ -329,10 +347,10 @@ mod tests {
                 assert_eq!(one.meets(other), counted, "{one:?} {other:?}");
                 assert!(!one.meets(Turn { slot: 4, ..other }));
                 // A blink shares its slot with other blinks, but not with rounds.
-                let blink = Turn { part: 1, ..one };
+                let blink = Turn::new(one.slot, 1, one.period, one.phase());
                 assert_eq!(blink.meets(other), counted);
-                assert_eq!(blink.meets(Turn { part: 1, ..other }), counted);
-                assert!(!blink.meets(Turn { part: 2, ..other }));
+                assert_eq!(blink.meets(Turn::new(other.slot, 1, other.period, other.phase())), counted);
+                assert!(!blink.meets(Turn::new(other.slot, 2, other.period, other.phase())));
             }
         }
     }

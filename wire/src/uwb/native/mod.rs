@@ -446,7 +446,7 @@ mod tests {
 
     /// A lease of slot 5, once in 100 superframes, 2² · 5²: code 2 · 8 + 2.
     fn lease(grant: Grant) -> Lease {
-        Lease { tag: 0x0809, turn: Turn { slot: 5, part: 0, period: Period::at_most(100), phase: 99 }, grant }
+        Lease { tag: 0x0809, turn: Turn::new(5, 0, Period::at_most(100), 99), grant }
     }
 
     #[test]
@@ -475,7 +475,7 @@ mod tests {
         let mut leases: Vec<_, _> =
             [Grant::New, Grant::Kept, Grant::Refused, Grant::Ended].map(lease).into_iter().collect();
         // The fifth blink of the slot: 99 + 5 · 2¹³ = 0xA063.
-        leases[1].turn.part = 5;
+        leases[1].turn = Turn::new(5, 5, Period::at_most(100), 99);
         let polls = [LeasedPoll { tag: 0x0A0B, wish: 0xA8 }].into_iter().collect();
         let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 0xE8];
         golden.extend(0x10..0x20);
