@@ -186,7 +186,7 @@ const GOLDEN: [&str; 11] = [
      0210 7F 0310 02",
     "30010012 000100E8 0300FFFF FFC42000 69A00040 000083",
     "32 0201 03 04 05 0706 E8 101112131415161718191A1B1C1D1E1F 214300 0C0B 09 B590 E80300 FFFFFF C42000 00 11 41 \
-     0908 05 22 6300 0908 45 22 6300 0908 85 22 6300 0908 C5 22 6300 0B0A A8",
+     0908 05 12 6300 0908 45 12 63A0 0908 85 12 6300 0908 C5 12 6300 0B0A A8",
     "3C020108 EEF885D1 6B0008",
     "3D040302 01080706 05B0E06C C074A158 7E",
     "3A 0201 03 04 05 0706 E8 101112131415161718191A1B1C1D1E1F 214300 0C0B 09 B590 E80300 FFFFFF C42000 00 11 09      04030201 1009 08070605 0B0A A8 FAE2EC06 47840B80",
@@ -254,11 +254,15 @@ fn the_dissector_reads_what_the_page_of_the_wire_format_says() {
     assert_eq!(keyed[0], ["", "", "", "", "08 ee f8 85 d1 6b 00 08"]);
     assert_eq!(keyed[1][..3], ["0x01020304", "", "0x05060708"]);
     assert_eq!(keyed[2][..4], ["0x01020304", "2320", "0x05060708", "0x0a0b"]);
-    let fields = ["leased", "lease", "lease.grant", "lease.slot", "lease.period", "lease.phase", "polled_by"];
+    let fields =
+        ["leased", "lease", "lease.grant", "lease.slot", "lease.period", "lease.phase", "lease.part", "polled_by"];
     let fields = fields.map(|field| format!("baliza.{field}"));
     let leases = &fields_of(&golden()[7..], &fields.each_ref().map(String::as_str)).expect("tshark")[0];
     // 2² · 5² superframes.
-    assert_eq!(leases.join(" "), "17 0x0809;0x0809;0x0809;0x0809 0;1;2;3 5;5;5;5 100;100;100;100 99;99;99;99 0x0a0b");
+    assert_eq!(
+        leases.join(" "),
+        "17 0x0809;0x0809;0x0809;0x0809 0;1;2;3 5;5;5;5 100;100;100;100 99;99;99;99 0;5;0;0 0x0a0b"
+    );
     let fields = ["x", "y", "z", "sigma_x", "sigma_y", "sigma_z", "rho_xy", "rho_yz", "suspect", "rounds_ago"];
     let fields = fields.map(|field| format!("baliza.{field}"));
     let told = &fields_of(&golden()[6..], &fields.each_ref().map(String::as_str)).expect("tshark")[0];

@@ -127,7 +127,8 @@ fn a_user_who_sends_more_than_fits_is_refused_and_the_tag_ranges_on() {
 /// text and with these seconds.
 fn halls(seconds: f64, more: &str) -> (Scenario, Vec<Record>, Summary) {
     let text = format!("{more}\n{}", include_str!("../../../examples/halls.toml"));
-    let scenario = Scenario { seconds, ..Scenario::parse(&text).expect("the example") };
+    // How soon halls with a key find each other depends on the seed: the share of a minute is 0.94 to 0.98.
+    let scenario = Scenario { seconds, seed: 2, ..Scenario::parse(&text).expect("the example") };
     let mut simulation = Simulation::new(scenario.clone());
     let records = simulation.run_until(seconds);
     (scenario, records, simulation.summary())
