@@ -1,7 +1,7 @@
 //! Positions of tags that blink. Input: what anchors report of the arrivals of blinks and of sync frames, each in its own
 //! clock ([`wire::telemetry::Arrival`]). Output: a position for each blink that enough anchors have received.
 //!
-//! The sync frames tie the anchors' clocks together ([`clocks`]): no wires synchronise them. The differences of a blink's
+//! The sync frames tie the anchors' clocks together (`clocks.rs`): no wires synchronise them. The differences of a blink's
 //! arrivals go into the tag's track as those of a tag that listens do ([`positioning_core::locator`]), with the
 //! uncertainty of the clocks in their deviations. The station and the simulation call this one type.
 
