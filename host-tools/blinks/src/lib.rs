@@ -11,6 +11,7 @@ use std::collections::{HashMap, HashSet, VecDeque};
 use std::fmt;
 
 use positioning_core::engine::Tdoa;
+use positioning_core::linalg::distance_squared;
 use positioning_core::locator::{Locator, Position, Reception, Settings};
 use positioning_core::nlos::{Feature, Features};
 use positioning_core::{MAX_ANCHORS, SolveError};
@@ -91,6 +92,14 @@ struct Received {
     anchor: u16,
     at: RadioInstant,
     powers_dbm: [f64; 2],
+}
+
+/// A reception to which those at other anchors are compared.
+struct Reference {
+    received: Received,
+    position_m: [f64; 3],
+    /// When its anchor received or sent each sync frame.
+    sync_frames: HashMap<(u16, u16), RadioInstant>,
 }
 
 struct Tag {
@@ -253,11 +262,12 @@ impl Multilateration {
         received.truncate(MAX_RECEIVED);
         let mut best = (None, Vec::new());
         for reference in &received {
-            let others = received.iter().filter(|other| other.anchor != reference.anchor);
+            let Some(reference) = self.reference(*reference) else { continue };
+            let others = received.iter().filter(|other| other.anchor != reference.received.anchor);
             let differences: Vec<_> =
-                others.filter_map(|other| Some((*other, self.difference(reference, other)?))).collect();
+                others.filter_map(|other| Some((*other, self.difference(&reference, other)?))).collect();
             if differences.len() > best.1.len() {
-                best = (Some(*reference), differences);
+                best = (Some(reference.received), differences);
             }
             if best.1.len() >= ENOUGH {
                 break;
@@ -266,10 +276,18 @@ impl Multilateration {
         best
     }
 
-    fn difference(&self, reference: &Received, other: &Received) -> Option<Tdoa<f32>> {
-        let (from, to) = (self.anchors.get(&reference.anchor)?, self.anchors.get(&other.anchor)?);
-        let (reference_m, position_m) = (from.position_m?, to.position_m?);
-        let relation = self.relation((reference, from), (other, to))?;
+    /// A reception to which others are compared.
+    fn reference(&self, received: Received) -> Option<Reference> {
+        let Anchor { position_m, stamps } = self.anchors.get(&received.anchor)?;
+        let sync_frames = stamps.iter().map(|stamp| (stamp.frame, stamp.at)).collect();
+        Some(Reference { received, position_m: (*position_m)?, sync_frames })
+    }
+
+    /// How much farther the tag is from an anchor than from the reference.
+    fn difference(&self, reference: &Reference, other: &Received) -> Option<Tdoa<f32>> {
+        let to = self.anchors.get(&other.anchor)?;
+        let (reference_m, position_m) = (reference.position_m, to.position_m?);
+        let relation = self.relation(reference, (other, &to.stamps, position_m))?;
         // Clocks that agree at the blink show the same for a sync frame whose distances are counted.
         let difference_m = -relation.later_m;
         let apart_m = distance(reference_m, position_m);
@@ -278,7 +296,7 @@ impl Multilateration {
         (!is_degenerate).then(|| Tdoa {
             anchor: other.anchor,
             position_m: position_m.map(|metres| metres as f32),
-            reference: reference.anchor,
+            reference: reference.received.anchor,
             reference_m: reference_m.map(|metres| metres as f32),
             difference_m: difference_m as f32,
             deviations_m: [STAMP_M as f32, own_m as f32],
@@ -287,21 +305,22 @@ impl Multilateration {
     }
 
     /// How much later than the blink, by one anchor's clock and by another's, the sync frames came that both know.
-    fn relation(&self, (reference, from): (&Received, &Anchor), (other, to): (&Received, &Anchor)) -> Option<Relation> {
-        let at_reference: HashMap<(u16, u16), RadioInstant> =
-            from.stamps.iter().map(|stamp| (stamp.frame, stamp.at)).collect();
-        let mut common: Vec<Common> = to
-            .stamps
+    fn relation(
+        &self,
+        Reference { received, position_m: reference_m, sync_frames }: &Reference,
+        (other, stamps, other_m): (&Received, &VecDeque<Stamp>, [f64; 3]),
+    ) -> Option<Relation> {
+        let mut common: Vec<Common> = stamps
             .iter()
             .filter_map(|stamp| {
-                let at = *at_reference.get(&stamp.frame)?;
+                let at = *sync_frames.get(&stamp.frame)?;
                 let sender = stamp.frame.0;
                 let sender_m = self.anchors.get(&sender)?.position_m?;
-                let ways_m = distance(sender_m, to.position_m?) - distance(sender_m, from.position_m?);
-                let is_of_one = sender == reference.anchor || sender == other.anchor;
+                let ways_m = distance(sender_m, other_m) - distance(sender_m, *reference_m);
+                let is_of_one = sender == received.anchor || sender == other.anchor;
                 Some(Common {
-                    after_s: between_s(reference.at, at),
-                    later_m: between_m(other.at, stamp.at) - between_m(reference.at, at) - ways_m,
+                    after_s: between_s(received.at, at),
+                    later_m: between_m(other.at, stamp.at) - between_m(received.at, at) - ways_m,
                     receptions: if is_of_one { 1 } else { 2 },
                 })
             })
@@ -321,7 +340,7 @@ fn reception(received: &Received) -> Reception {
 }
 
 fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+    distance_squared(&a, &b).sqrt()
 }
 
 #[cfg(test)]
